@@ -1,0 +1,36 @@
+// An arm: an immutable serial chain of links.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "flexarm/link.hpp"
+
+namespace flexarm {
+
+class Arm {
+ public:
+  /// @param gravity world axes (m/s^2); the first joint sits at the world's origin, in its axes
+  /// @throws std::invalid_argument naming the field and the value, also for a coordinate without inertia
+  explicit Arm(std::vector<Link> links, const Eigen::Vector3d& gravity = Eigen::Vector3d::Zero());
+
+  const std::vector<Link>& links() const { return links_; }
+  std::size_t size() const { return links_.size(); }
+  const Link& link(std::size_t n) const { return links_[n]; }
+  const Eigen::Vector3d& gravity() const { return gravity_; }
+  int nq() const { return nv_; }
+  int nv() const { return nv_; }
+  int first(std::size_t n) const {
+    return first_[n];
+  }  ///< first coordinate of link n: joint, then elastic (Eq. 33)
+  /// A label per velocity coordinate, such as "link 0 bending_y 1".
+  std::vector<std::string> coordinates() const;
+
+ private:
+  std::vector<Link> links_;
+  Eigen::Vector3d gravity_;
+  std::vector<int> first_;
+  int nv_ = 0;
+};
+
+}  // namespace flexarm

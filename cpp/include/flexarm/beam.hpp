@@ -1,0 +1,70 @@
+// The elastic beam: shape functions, elastic and damping matrices, and the slices that stand for its inertia
+// (Sec. 3).
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "flexarm/section.hpp"
+#include "flexarm/shape.hpp"
+#include "flexarm/slice.hpp"
+
+namespace flexarm {
+
+/// A slice that carries inertia: a Gauss point of the beam.
+struct MassSlice {
+  SliceTable table;
+  double mass;              ///< rho A dX (kg)
+  Eigen::Vector3d inertia;  ///< rho I dX about the slice's axes (kg m^2); zero without rotary inertia
+};
+
+struct BeamOptions {
+  std::array<int, kStrains> modes{};  ///< shape functions of bending_y, bending_z, torsion, shear_y, shear_z
+  Basis basis = Basis::clamped_free;
+  int order = 2;               ///< of rotation (Eq. 26): 0 (the paper's simplified model), 1 or 2
+  bool rotary_inertia = true;  ///< of the slices
+  double damping_ratio = 0.0;  ///< modal, of every mode of the beam clamped at its base
+  int gauss_points = 0;        ///< 0: enough for the basis, see `enough_gauss_points`
+};
+
+/// Uniform beam along x, clamped to its link's hub at X = 0. Immutable.
+class Beam {
+ public:
+  /// @throws std::invalid_argument naming the field and the value
+  Beam(double length, const Section& section, const Material& material, const BeamOptions& options);
+
+  double length() const { return length_; }
+  const BeamOptions& options() const { return options_; }
+  int order() const { return options_.order; }
+  int ne() const { return ne_; }                          ///< elastic coordinates
+  int first(int strain) const { return first_[strain]; }  ///< first coordinate of a strain (Eq. 33)
+  double mass() const { return mass_; }
+
+  const Eigen::MatrixXd& stiffness() const { return stiffness_; }  ///< Eq. 62, ne x ne
+  const Eigen::MatrixXd& damping() const { return damping_; }      ///< ne x ne
+  const std::vector<MassSlice>& slices() const { return slices_; }
+  const SliceTable& tip() const { return tip_; }  ///< the slice at X = L
+
+  /// The slice at any X in [0, L]. @throws std::invalid_argument outside
+  SliceTable slice_at(double X) const;
+
+ private:
+  std::vector<SliceTable> tables(const std::vector<double>& stations) const;
+
+  double length_;
+  Section section_;
+  Material material_;
+  BeamOptions options_;
+  int ne_ = 0;
+  std::array<int, kStrains> first_{};
+  double mass_ = 0.0;
+  Eigen::MatrixXd stiffness_, damping_;
+  std::vector<MassSlice> slices_;
+  SliceTable tip_;
+};
+
+/// Gauss points that integrate the inertia of the beam's slices to about 1e-12: exactly what the polynomials
+/// of the Legendre basis need, and from the wave number of the highest mode for clamped-free modes.
+int enough_gauss_points(const BeamOptions& options);
+
+}  // namespace flexarm

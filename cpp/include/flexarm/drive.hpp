@@ -1,0 +1,37 @@
+// What drives the joints: forces and torques, or prescribed motions ("displacement driven", Sec. 5.2).
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <vector>
+
+namespace flexarm {
+
+struct MotionValue {
+  double q, v, a;  ///< rad or m, and its first two time derivatives
+};
+
+/// A smooth function of time in polynomial pieces: on [breaks_k, breaks_k+1] the sum of coefficients(i, k)
+/// (t - breaks_k)^(d - i), highest power d first.
+class PiecewisePolynomial {
+ public:
+  /// @throws std::invalid_argument when the sizes do not fit or the breaks do not increase
+  PiecewisePolynomial(Eigen::VectorXd breaks, Eigen::MatrixXd coefficients);
+  /// Value and derivatives at t; outside the breaks the first or last piece goes on.
+  MotionValue operator()(double t) const;
+  double begin() const { return breaks_[0]; }
+  double end() const { return breaks_[breaks_.size() - 1]; }
+
+ private:
+  Eigen::VectorXd breaks_;
+  Eigen::MatrixXd coefficients_;
+};
+
+/// A drive of one velocity coordinate: a motion, or a force or torque (N, N m).
+struct Drive {
+  int coordinate;
+  std::function<MotionValue(double)> motion;  ///< empty for a force-driven coordinate
+  std::function<double(double)> force;        ///< empty for a prescribed coordinate
+};
+
+}  // namespace flexarm

@@ -1,0 +1,110 @@
+// The link: joint, rigid hub, elastic beam, rigid tip; each body may be missing (Sec. 4.2). Its velocity
+// coordinates are [V; dqe]; a solver asks it for its mass matrix (Eq. 80) and its inertial force (Eq. 81) and
+// never looks inside.
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <optional>
+#include <vector>
+
+#include "flexarm/beam.hpp"
+#include "flexarm/joint.hpp"
+
+namespace flexarm {
+
+struct RigidBody {
+  double mass = 0.0;                                  ///< kg
+  Eigen::Vector3d com = Eigen::Vector3d::Zero();      ///< centre of mass, body axes (m)
+  Eigen::Matrix3d inertia = Eigen::Matrix3d::Zero();  ///< about the centre of mass, body axes (kg m^2)
+  Eigen::Vector3d end = Eigen::Vector3d::Zero();      ///< where the next body begins, body axes (m)
+
+  /// @throws std::invalid_argument naming the field and the value
+  void check() const;
+};
+
+/// Numbers of one link that change. All memory is taken by the constructor.
+template <class S>
+struct LinkState {
+  // positions and velocities
+  JointMotion<S> joint;
+  std::vector<Slice<S>> slices;  ///< Gauss points of the beam
+  Slice<S> hub;                  ///< the hub's centre of mass, at rest in the link
+  Slice<S> root, com, end;       ///< the beam's last slice, the tip body's centre of mass, the link's end
+  Slice<S> seat;                 ///< where the next link sits: `end` carried by the next joint
+  Phi<S> phi;                    ///< from the link below to this one (Eq. 68)
+  Mat6X<S> phi_e;                ///< elastic part of Phi_rfr from the link below (Eq. 73, 82)
+  Mat6X<S> H;                    ///< joint Jacobian, 6 x nj
+  Vec6<S> V, N, A;               ///< velocity; bias acceleration (Eq. 69, 75, 86); acceleration
+  VecX<S> qe, dqe;               ///< elastic coordinates
+  // forces and inertias
+  Vec6<S> F;   ///< force through the joint, on the link
+  VecX<S> Fe;  ///< elastic generalised forces
+  MatX<S> M;   ///< M_rfr, (6 + ne)^2 (Eq. 80)
+
+  LinkState(int nj, int ne, int ne_below, std::size_t n_slices)
+      : slices(n_slices, Slice<S>(ne)),
+        hub(0),
+        root(ne),
+        com(ne),
+        end(ne),
+        seat(ne),
+        phi_e(Mat6X<S>::Zero(6, ne_below)),
+        H(Mat6X<S>::Zero(6, nj)),
+        V(Vec6<S>::Zero()),
+        N(Vec6<S>::Zero()),
+        A(Vec6<S>::Zero()),
+        qe(VecX<S>::Zero(ne)),
+        dqe(VecX<S>::Zero(ne)),
+        F(Vec6<S>::Zero()),
+        Fe(VecX<S>::Zero(ne)),
+        M(MatX<S>::Zero(6 + ne, 6 + ne)) {}
+};
+
+class Link {
+ public:
+  /// @throws std::invalid_argument naming the field and the value
+  Link(Joint joint, std::optional<RigidBody> hub, std::optional<Beam> beam, std::optional<RigidBody> tip);
+
+  const Joint& joint() const { return joint_; }
+  const RigidBody& hub() const { return hub_; }
+  const RigidBody& tip() const { return tip_; }
+  const std::optional<Beam>& beam() const { return beam_; }
+  int nj() const { return joint_.nv(); }
+  int ne() const { return beam_ ? beam_->ne() : 0; }
+
+  /// Moves every slice from the elastic coordinates in `s` (qe, dqe).
+  template <class S>
+  void move(LinkState<S>& s) const;
+  /// M_rfr of Eq. 80 into s.M.
+  template <class S>
+  void mass_matrix(LinkState<S>& s) const;
+  /// M_rfr [A; ddqe] + N_rfr (Eq. 80, 81) into F and Fe, for s.V, `A` and `ddqe` (null: zero).
+  template <class S>
+  void inertial_force(const LinkState<S>& s, const Vec6<S>& A, const S* ddqe, Vec6<S>& F, VecX<S>& Fe) const;
+  /// Sum of mass times position, in link axes, for the energy of gravity.
+  template <class S>
+  Vec3<S> mass_moment(const LinkState<S>& s) const;
+  double mass() const;
+
+ private:
+  /// Order 0: kinetic energy cut at first order in (qe, dqe) together, plus dqe^T Mee(0) dqe / 2.
+  struct FirstOrderInertia {
+    double mass = 0.0;
+    Eigen::Vector3d S = Eigen::Vector3d::Zero();  ///< mass moment at rest
+    Eigen::Matrix3d J = Eigen::Matrix3d::Zero();  ///< second moment at rest
+    Eigen::Matrix3Xd L, C;                        ///< Mre: linear and angular rows; L is also dS/dqe
+    std::vector<Eigen::Matrix3d> dJ;              ///< dJ/dqe_i
+    Eigen::MatrixXd Mee;
+  };
+  void build_first_order();
+  /// visit(mass, inertia about the slice's own axes, slice) for the hub, the beam's slices and the tip body.
+  template <class S, class Visit>
+  void for_each_body(const LinkState<S>& s, const Visit& visit) const;
+
+  Joint joint_;
+  RigidBody hub_, tip_;
+  std::optional<Beam> beam_;
+  std::optional<FirstOrderInertia> cut_;  ///< order 0 only
+};
+
+}  // namespace flexarm

@@ -1,0 +1,63 @@
+// Workspaces hold every number that changes, and all memory; arms are constant. One workspace per thread.
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <vector>
+
+#include "flexarm/arm.hpp"
+#include "flexarm/dual.hpp"
+
+namespace flexarm {
+
+/// Scalar of exact derivatives: four directions at a time.
+using Tangent = Dual<4>;
+
+/// What the sweeps of positions, velocities and inverse dynamics need, for any scalar.
+template <class S>
+struct SweepWorkspace {
+  std::vector<LinkState<S>> links;
+  VecX<S> tau;  ///< result of inverse_dynamics
+
+  explicit SweepWorkspace(const Arm& arm) : tau(VecX<S>::Zero(arm.nv())) {
+    links.reserve(arm.size());
+    for (std::size_t n = 0; n < arm.size(); ++n) {
+      const Link& link = arm.link(n);
+      const int ne_below = n == 0 ? 0 : arm.link(n - 1).ne();
+      links.emplace_back(link.nj(), link.ne(), ne_below, link.beam() ? link.beam()->slices().size() : 0);
+    }
+  }
+};
+
+/// What the AB elimination keeps of one link (Eq. 92-96). Columns: the joint's free coordinates, then the
+/// elastic ones.
+struct ArticulatedLink {
+  std::vector<int> free;                       ///< joint columns that are not prescribed
+  Eigen::Matrix<double, 6, Eigen::Dynamic> U;  ///< articulated M H, the six rigid rows
+  Eigen::MatrixXd D;                           ///< H^T M H (Eq. 94)
+  Eigen::LLT<Eigen::MatrixXd> factor;
+  Eigen::MatrixXd W;     ///< L^-1 U^T, with D = L L^T
+  Eigen::VectorXd T;     ///< Eq. 93, then D^-1 T, then ddq
+  Eigen::VectorXd turn;  ///< D^-1 U^T Phi A-
+  Vec6<double> N;        ///< articulated bias (Eq. 95)
+  Eigen::VectorXd Ne;
+};
+
+class Workspace : public SweepWorkspace<double> {
+ public:
+  /// @param prescribed velocity coordinates whose acceleration is given (in `a`) and whose force is asked for
+  explicit Workspace(const Arm& arm, const std::vector<bool>& prescribed = {});
+
+  Eigen::VectorXd a;             ///< result of forward_dynamics; input where prescribed
+  Eigen::MatrixXd M;             ///< result of mass_matrix
+  std::vector<bool> prescribed;  ///< per velocity coordinate
+  std::vector<int> free;         ///< coordinates that are not prescribed
+  std::vector<ArticulatedLink> articulated;
+  Eigen::MatrixXd M_free;  ///< Eq. 90 on the free coordinates
+  Eigen::LLT<Eigen::MatrixXd> factor;
+  Eigen::VectorXd rhs;
+  Eigen::MatrixXd columns;  ///< 6 x n scratch of the CI method
+};
+
+enum class Status { ok, singular };
+
+}  // namespace flexarm

@@ -1,0 +1,94 @@
+#include "flexarm/arm.hpp"
+
+#include <cmath>
+
+#include "flexarm/ab.hpp"
+#include "flexarm/check.hpp"
+#include "flexarm/ci.hpp"
+
+namespace flexarm {
+
+Workspace::Workspace(const Arm& arm, const std::vector<bool>& given)
+    : SweepWorkspace<double>(arm),
+      a(Eigen::VectorXd::Zero(arm.nv())),
+      M(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())),
+      prescribed(given) {
+  prescribed.resize(static_cast<std::size_t>(arm.nv()), false);
+  Eigen::Index widest = 0;
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const Link& link = arm.link(n);
+    ArticulatedLink b;
+    for (int k = 0; k < link.nj() + link.ne(); ++k) {
+      const int i = arm.first(n) + k;
+      if (prescribed[static_cast<std::size_t>(i)]) {
+        if (k >= link.nj())
+          bad_value("prescribed", arm.coordinates()[static_cast<std::size_t>(i)], "must be a joint's");
+        continue;
+      }
+      free.push_back(i);
+      if (k < link.nj()) b.free.push_back(k);
+    }
+    const Eigen::Index width = static_cast<Eigen::Index>(b.free.size()) + link.ne();
+    b.U = Eigen::MatrixXd::Zero(6, width);
+    b.W = Eigen::MatrixXd::Zero(width, 6);
+    b.D = Eigen::MatrixXd::Identity(width, width);
+    b.factor.compute(b.D);
+    b.T = b.turn = Eigen::VectorXd::Zero(width);
+    b.N.setZero();
+    b.Ne = Eigen::VectorXd::Zero(link.ne());
+    articulated.push_back(std::move(b));
+    widest = std::max<Eigen::Index>(widest, link.nj() + link.ne());
+  }
+  const Eigen::Index nf = static_cast<Eigen::Index>(free.size());
+  M_free = Eigen::MatrixXd::Identity(nf, nf);
+  factor.compute(M_free);
+  rhs = Eigen::VectorXd::Zero(nf);
+  columns = Eigen::MatrixXd::Zero(6, widest);
+}
+
+Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
+    : links_(std::move(links)), gravity_(finite("gravity", gravity)) {
+  if (links_.empty()) bad_value("links", "[]", "an arm needs at least one link");
+  for (const Link& link : links_) {
+    first_.push_back(nv_);
+    nv_ += link.nj() + link.ne();
+  }
+  // Every coordinate must move some inertia, or no force law gives its acceleration. Tried at a place where
+  // no two joints line up: what is left of a coordinate's inertia after elimination, against what it was.
+  Workspace ws(*this);
+  Eigen::VectorXd q = Eigen::VectorXd::Zero(nv_), zero = q;
+  for (std::size_t n = 0; n < size(); ++n)
+    for (int k = 0; k < links_[n].nj(); ++k)
+      q[first_[n] + k] = 0.3 + 0.7 * std::sin(1.0 + 2.0 * (first_[n] + k));
+  const Status status = forward_dynamics_ab(*this, ws, q, zero, zero);
+  composite_mass_matrix(*this, ws);
+  for (std::size_t n = size(); n-- > 0;) {
+    const ArticulatedLink& b = ws.articulated[n];
+    for (Eigen::Index k = 0; k < b.D.rows(); ++k) {
+      const int i = first_[n] + static_cast<int>(k);
+      const double left =
+          b.factor.info() == Eigen::Success ? std::pow(b.factor.matrixLLT()(k, k), 2) : b.D(k, k);
+      if (!(ws.M(i, i) > 0.0) || !(left > 1e-14 * ws.M(i, i)))
+        bad_value("inertia of coordinate '" + coordinates()[static_cast<std::size_t>(i)] + "'", left,
+                  "must be positive; give the hub, beam or tip that moves with it a mass or an inertia");
+    }
+    if (b.factor.info() != Eigen::Success) break;
+  }
+  if (status != Status::ok)
+    bad_value("mass matrix", "singular", "its coordinates must move independent inertias");
+}
+
+std::vector<std::string> Arm::coordinates() const {
+  std::vector<std::string> names;
+  for (std::size_t n = 0; n < size(); ++n) {
+    const std::string prefix = "link " + std::to_string(n) + " ";
+    for (const std::string& c : links_[n].joint().coordinates()) names.push_back(prefix + c);
+    if (!links_[n].beam()) continue;
+    for (int s = 0; s < kStrains; ++s)
+      for (int i = 0; i < links_[n].beam()->options().modes[s]; ++i)
+        names.push_back(prefix + kStrainNames[s] + " " + std::to_string(i + 1));
+  }
+  return names;
+}
+
+}  // namespace flexarm

@@ -1,0 +1,109 @@
+#include "flexarm/kinematics.hpp"
+
+namespace flexarm {
+
+template <class S>
+void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v) {
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const Link& link = arm.link(n);
+    LinkState<S>& s = ws.links[n];
+    const int j = arm.first(n), e = j + link.nj();
+    link.joint().move(q.data() + j, v.data() + j, s.joint);
+    s.H = s.joint.H;
+    s.qe = q.segment(e, link.ne());
+    s.dqe = v.segment(e, link.ne());
+    link.move(s);
+
+    // V_n = Phi V_{n-1} + Phi_e dqe_{n-1} + H dq (Eq. 82, 85); N_n: the same with accelerations left out (Eq.
+    // 83, 86)
+    if (n == 0) {
+      s.phi.R = s.joint.R;
+      s.phi.r = s.joint.p;
+      s.V = s.joint.V;
+      s.N = s.joint.c;
+      continue;
+    }
+    LinkState<S>& below = ws.links[n - 1];
+    shift_slice(below.end, s.joint.p, below.seat);
+    below.seat.R = below.end.R * s.joint.R;
+    const Mat3<S> Rt = below.seat.R.transpose();
+    s.phi.R = below.seat.R;
+    s.phi.r = below.seat.x;
+    for (Eigen::Index k = 0; k < s.phi_e.cols(); ++k) {
+      s.phi_e.col(k).template head<3>() = Rt * below.seat.J.col(k).template head<3>();
+      s.phi_e.col(k).template tail<3>() = Rt * below.seat.J.col(k).template tail<3>();
+    }
+    const Vec6<S> carried = s.phi.outward(below.V);
+    s.V = carried + s.joint.V;
+    for (Eigen::Index k = 0; k < s.phi_e.cols(); ++k) s.V += s.phi_e.col(k) * below.dqe[k];
+
+    Vec3<S> a, dw;
+    slice_acceleration<S>(below.seat, below.V, Vec6<S>::Zero(), nullptr, a, dw);
+    const Vec3<S> v_rel = s.joint.V.template head<3>(), w_rel = s.joint.V.template tail<3>();
+    const Vec3<S> w = s.V.template tail<3>() - w_rel;
+    s.N.template head<3>() = Rt * a + 2.0 * w.cross(v_rel);
+    s.N.template tail<3>() = Rt * dw + w.cross(w_rel);
+    s.N += s.joint.c;
+  }
+}
+template void move_arm<double>(const Arm&, SweepWorkspace<double>&, const VecX<double>&, const VecX<double>&);
+template void move_arm<Tangent>(const Arm&, SweepWorkspace<Tangent>&, const VecX<Tangent>&,
+                                const VecX<Tangent>&);
+
+Pose link_pose(const Arm&, const Workspace& ws, std::size_t link) {
+  Pose pose;
+  for (std::size_t n = 0; n <= link; ++n) {
+    pose.p += pose.R * ws.links[n].phi.r;
+    pose.R *= ws.links[n].phi.R;
+  }
+  return pose;
+}
+
+Pose slice_pose(const Arm& arm, const Workspace& ws, std::size_t link, const Slice<double>& slice) {
+  Pose pose = link_pose(arm, ws, link);
+  pose.p += pose.R * slice.x;
+  pose.R *= slice.R;
+  return pose;
+}
+
+Eigen::Matrix<double, 6, Eigen::Dynamic> slice_jacobian(const Arm& arm, const Workspace& ws, std::size_t link,
+                                                        const Slice<double>& slice) {
+  Eigen::Matrix<double, 6, Eigen::Dynamic> J = Eigen::MatrixXd::Zero(6, arm.nv());
+  int used = 0;  // columns of the links passed so far
+  for (std::size_t n = 0; n <= link; ++n) {
+    const LinkState<double>& s = ws.links[n];
+    for (int k = 0; k < used; ++k) J.col(k) = s.phi.outward(J.col(k));
+    const auto ne_below = s.phi_e.cols();
+    J.middleCols(used - ne_below, ne_below) = s.phi_e;
+    J.middleCols(used, s.H.cols()) = s.H;
+    used += static_cast<int>(s.H.cols() + s.qe.size());
+  }
+  const Eigen::Index ne = slice.J.cols();
+  const Eigen::Matrix3d R = link_pose(arm, ws, link).R;
+  for (int k = 0; k < used; ++k) {
+    J.col(k).head<3>() += J.col(k).tail<3>().cross(slice.x);
+    if (k >= used - ne) J.col(k) = slice.J.col(k - (used - ne));
+    J.col(k).head<3>() = (R * J.col(k).head<3>()).eval();
+    J.col(k).tail<3>() = (R * J.col(k).tail<3>()).eval();
+  }
+  return J;
+}
+
+Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  move_arm(arm, ws, q, v);
+  Energy e{0.0, 0.0};
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const Link& link = arm.link(n);
+    LinkState<double>& s = ws.links[n];
+    link.mass_matrix(s);
+    Eigen::VectorXd nu(6 + link.ne());
+    nu << s.V, s.dqe;
+    e.kinetic += 0.5 * nu.dot(s.M * nu);
+    if (link.beam()) e.potential += 0.5 * s.qe.dot(link.beam()->stiffness() * s.qe);
+    const Pose pose = link_pose(arm, ws, n);
+    e.potential -= arm.gravity().dot(link.mass() * pose.p + pose.R * link.mass_moment(s));
+  }
+  return e;
+}
+
+}  // namespace flexarm

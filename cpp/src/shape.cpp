@@ -1,0 +1,97 @@
+#include "flexarm/shape.hpp"
+
+#include <cmath>
+
+#include "flexarm/check.hpp"
+
+namespace flexarm {
+
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+
+/// Root i = 0, 1, ... of cos(b) cosh(b) = -1, the Euler-Bernoulli clamped-free equation.
+double clamped_free_root(int i) {
+  double b = i == 0 ? 1.875104 : (i + 0.5) * kPi;
+  for (int it = 0; it < 8; ++it)
+    b -= (std::cos(b) + 1.0 / std::cosh(b)) / (-std::sin(b) - std::tanh(b) / std::cosh(b));
+  return b;
+}
+
+/// phi = cosh - cos - sigma (sinh - sin), written with sigma = 1 + eps so that cosh - sigma sinh = exp(-) -
+/// eps sinh keeps its digits in high modes. Scaled to 1 at the free end.
+void clamped_free_mode(int i, double length, double x, double& deflection, double& slope, double& curvature) {
+  const double b = clamped_free_root(i), k = b / length;
+  const double eps = (std::exp(-b) + std::cos(b) - std::sin(b)) / (std::sinh(b) + std::sin(b));
+  const auto phi = [&](double z, double& d0, double& d1, double& d2) {
+    const double e = std::exp(-z), sh = eps * std::sinh(z), ch = eps * std::cosh(z);
+    const double c = std::cos(z), s = std::sin(z), sigma = 1.0 + eps;
+    d0 = e - sh - c + sigma * s;
+    d1 = -e - ch + s + sigma * c;
+    d2 = e - sh + c - sigma * s;
+  };
+  double end, unused1, unused2;
+  phi(b, end, unused1, unused2);
+  phi(k * x, deflection, slope, curvature);
+  deflection /= end;
+  slope *= k / end;
+  curvature *= k * k / end;
+}
+
+/// Legendre polynomials P_0 .. P_{n-1} at s, and P_n.
+Eigen::VectorXd legendre(int n, double s) {
+  Eigen::VectorXd p = Eigen::VectorXd::Ones(n + 1);
+  if (n >= 1) p[1] = s;
+  for (int k = 2; k <= n; ++k) p[k] = ((2 * k - 1) * s * p[k - 1] - (k - 1) * p[k - 2]) / k;
+  return p;
+}
+
+/// From values f_0 .. f_n of a family with int f_k ~ (f_{k+1} - f_{k-1})/(2k + 1), the integrals from X = 0.
+/// P_{-1} is read as -P_0: so that the integral of P_0 vanishes at s = -1.
+Eigen::VectorXd integrate_legendre(const Eigen::VectorXd& f, double length) {
+  const Eigen::Index n = f.size() - 1;
+  Eigen::VectorXd out(n);
+  for (Eigen::Index k = 0; k < n; ++k)
+    out[k] = 0.5 * length * (f[k + 1] - (k == 0 ? -f[0] : f[k - 1])) / (2.0 * static_cast<double>(k) + 1.0);
+  return out;
+}
+
+}  // namespace
+
+Basis basis_from_name(const std::string& name) {
+  if (name == "clamped-free") return Basis::clamped_free;
+  if (name == "legendre") return Basis::legendre;
+  bad_value("basis", "\"" + name + "\"", "must be \"clamped-free\" or \"legendre\"");
+}
+
+ShapeValues bending_shapes(Basis basis, int n, double length, double x) {
+  ShapeValues v{Eigen::VectorXd(n), Eigen::VectorXd(n), Eigen::VectorXd(n)};
+  if (basis == Basis::clamped_free) {
+    for (int i = 0; i < n; ++i) clamped_free_mode(i, length, x, v.deflection[i], v.slope[i], v.strain[i]);
+  } else {
+    const Eigen::VectorXd p = legendre(n + 1, 2.0 * x / length - 1.0);
+    const Eigen::VectorXd p1 = integrate_legendre(p, length);
+    v.strain = p.head(n);
+    v.slope = p1.head(n);
+    v.deflection = integrate_legendre(p1, length);
+  }
+  return v;
+}
+
+ShapeValues simple_shapes(Basis basis, int n, double length, double x) {
+  ShapeValues v{Eigen::VectorXd(), Eigen::VectorXd(n), Eigen::VectorXd(n)};
+  if (basis == Basis::clamped_free) {  // sin((2i - 1) pi X / 2L), scaled to 1 at X = L
+    for (int i = 0; i < n; ++i) {
+      const double k = (2 * i + 1) * kPi / (2.0 * length), sign = i % 2 == 0 ? 1.0 : -1.0;
+      v.slope[i] = sign * std::sin(k * x);
+      v.strain[i] = sign * k * std::cos(k * x);
+    }
+  } else {
+    const Eigen::VectorXd p = legendre(n, 2.0 * x / length - 1.0);
+    v.strain = p.head(n);
+    v.slope = integrate_legendre(p, length);
+  }
+  return v;
+}
+
+}  // namespace flexarm

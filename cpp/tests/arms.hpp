@@ -1,0 +1,48 @@
+// Arms for the tests.
+#pragma once
+
+#include "flexarm/arm.hpp"
+
+namespace flexarm_test {
+
+inline flexarm::Material steel() { return {7850.0, 209e9, 0.3}; }
+
+inline flexarm::Beam beam(std::array<int, 5> modes, int order,
+                          flexarm::Basis basis = flexarm::Basis::legendre) {
+  flexarm::BeamOptions o;
+  o.modes = modes;
+  o.order = order;
+  o.basis = basis;
+  return {0.5, flexarm::Section::rectangle(0.004, 0.01), steel(), o};
+}
+
+inline flexarm::RigidBody body(double mass, const Eigen::Vector3d& end) {
+  flexarm::RigidBody b;
+  b.mass = mass;
+  b.com = {0.01, 0.02, -0.01};
+  b.inertia = mass * Eigen::Vector3d(1e-3, 2e-3, 1.5e-3).asDiagonal();
+  b.end = end;
+  return b;
+}
+
+/// Three links in space with every strain.
+inline flexarm::Arm spatial_arm(int order = 2) {
+  using flexarm::Joint;
+  std::vector<flexarm::Link> links;
+  links.emplace_back(Joint(Joint::Type::prismatic, {1, 0, 0}), body(1.0, {0.1, 0.05, 0}), std::nullopt,
+                     std::nullopt);
+  links.emplace_back(Joint(Joint::Type::revolute, {0, 0.6, 0.8}), body(0.5, {0.075, 0, 0}),
+                     beam({2, 2, 1, 1, 1}, order), body(0.2, {0.04, 0, 0.01}));
+  links.emplace_back(Joint(Joint::Type::revolute, {0, 1, 0}), std::nullopt, beam({2, 1, 1, 0, 0}, order),
+                     body(0.1, {0.02, 0, 0}));
+  return flexarm::Arm(std::move(links), {0, 0, -9.81});
+}
+
+/// Small reproducible numbers.
+inline Eigen::VectorXd wave(int n, double phase, double size = 0.05) {
+  Eigen::VectorXd x(n);
+  for (int i = 0; i < n; ++i) x[i] = size * std::sin(1.7 * i + phase);
+  return x;
+}
+
+}  // namespace flexarm_test

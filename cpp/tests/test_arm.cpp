@@ -1,0 +1,59 @@
+#include <doctest/doctest.h>
+
+#include "arms.hpp"
+#include "flexarm/ab.hpp"
+#include "flexarm/ci.hpp"
+
+using namespace flexarm;
+
+TEST_CASE("AB, CI and inverse dynamics agree at every order") {
+  for (int order : {0, 1, 2}) {
+    const Arm arm = flexarm_test::spatial_arm(order);
+    Workspace ws(arm);
+    const Eigen::VectorXd q = flexarm_test::wave(arm.nv(), 0.2, order == 0 ? 0.01 : 0.1),
+                          v = flexarm_test::wave(arm.nv(), 0.9, 0.5),
+                          tau = flexarm_test::wave(arm.nv(), 2.0, 1.0);
+    REQUIRE(forward_dynamics_ab(arm, ws, q, v, tau) == Status::ok);
+    const Eigen::VectorXd ab = ws.a;
+    REQUIRE(forward_dynamics_ci(arm, ws, q, v, tau) == Status::ok);
+    const Eigen::VectorXd ci = ws.a;
+    CHECK((ab - ci).norm() < 1e-9 * ab.norm());
+    inverse_dynamics<double>(arm, ws, q, v, ab);
+    composite_mass_matrix(arm, ws);
+    const Eigen::VectorXd size = ws.M.cwiseAbs() * ab.cwiseAbs();
+    CHECK(((ws.tau - tau).array().abs() < 1e-10 * (size.array() + 1.0)).all());
+  }
+}
+
+TEST_CASE("the kinetic energy is that of the mass matrix, and the same from any moving seat") {
+  const Arm arm = flexarm_test::spatial_arm();
+  Workspace ws(arm);
+  const Eigen::VectorXd q = flexarm_test::wave(arm.nv(), 0.2, 0.2),
+                        v = flexarm_test::wave(arm.nv(), 0.9, 1.0);
+  const Energy e = energy(arm, ws, q, v);
+  composite_mass_matrix(arm, ws);
+  CHECK(0.5 * v.dot(ws.M * v) == doctest::Approx(e.kinetic).epsilon(1e-13));
+}
+
+TEST_CASE("workspaces do not remember: a second evaluation elsewhere and back gives the same bits") {
+  const Arm arm = flexarm_test::spatial_arm();
+  Workspace ws(arm);
+  const Eigen::VectorXd q = flexarm_test::wave(arm.nv(), 0.2, 0.1), v = flexarm_test::wave(arm.nv(), 0.9),
+                        tau = flexarm_test::wave(arm.nv(), 2.0);
+  forward_dynamics(arm, ws, q, v, tau);
+  const Eigen::VectorXd first = ws.a;
+  forward_dynamics_ci(arm, ws, -3.0 * q, 2.0 * v, tau);
+  forward_dynamics(arm, ws, q, v, tau);
+  CHECK((ws.a.array() == first.array()).all());
+}
+
+TEST_CASE("an arm without inertia is refused, with the coordinate named") {
+  const Joint hinge(Joint::Type::revolute);
+  CHECK_THROWS_AS(Arm({Link(hinge, std::nullopt, std::nullopt, std::nullopt)}), std::invalid_argument);
+  CHECK_THROWS_AS(Arm({}), std::invalid_argument);
+  // two hinges on one axis, one inertia: only their sum is defined
+  const RigidBody wheel = flexarm_test::body(1.0, {0, 0, 0});
+  CHECK_THROWS_AS(Arm({Link(hinge, std::nullopt, std::nullopt, std::nullopt),
+                       Link(hinge, wheel, std::nullopt, std::nullopt)}),
+                  std::invalid_argument);
+}

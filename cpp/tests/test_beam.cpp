@@ -1,0 +1,127 @@
+#include <doctest/doctest.h>
+
+#include "arms.hpp"
+#include "flexarm/dual.hpp"
+#include "flexarm/quadrature.hpp"
+
+using namespace flexarm;
+
+TEST_CASE("Gauss-Legendre rules integrate polynomials of degree 2n - 1") {
+  for (int n : {1, 2, 5, 24, 64}) {
+    const GaussRule rule(n, 2.0);
+    for (int d = 0; d < 2 * n; ++d) {
+      double sum = 0.0;
+      for (int i = 0; i < n; ++i) sum += rule.weights[i] * std::pow(rule.points[i] / 2.0, d);
+      CHECK(sum == doctest::Approx(2.0 / (d + 1)).epsilon(1e-13));
+    }
+  }
+}
+
+TEST_CASE("shape functions are clamped, and each row is the derivative of the one above") {
+  const double L = 0.7, h = 1e-4;
+  for (Basis basis : {Basis::clamped_free, Basis::legendre})
+    for (int strain = 0; strain < kStrains; ++strain) {
+      const int n = 5;
+      const ShapeValues root = shapes(basis, strain, n, L, 0.0);
+      CHECK(root.slope.norm() < 1e-12);
+      if (is_bending(strain)) CHECK(root.deflection.norm() < 1e-12);
+      for (double x : {0.1, 0.35, 0.6}) {
+        const ShapeValues at = shapes(basis, strain, n, L, x), up = shapes(basis, strain, n, L, x + h),
+                          down = shapes(basis, strain, n, L, x - h);
+        const double size = at.strain.cwiseAbs().maxCoeff();
+        CHECK(((up.slope - down.slope) / (2 * h) - at.strain).norm() < 1e-4 * size);
+        if (is_bending(strain))
+          CHECK(((up.deflection - down.deflection) / (2 * h) - at.slope).norm() < 1e-4 * size);
+      }
+      if (basis == Basis::clamped_free) {
+        const ShapeValues tip = shapes(basis, strain, n, L, L);
+        const Eigen::VectorXd& end = is_bending(strain) ? tip.deflection : tip.slope;
+        CHECK((end - Eigen::VectorXd::Ones(n)).norm() < 1e-10);
+        CHECK(tip.strain.norm() < 1e-9 * root.strain.norm());  // free of moment
+      }
+    }
+}
+
+TEST_CASE("clamped-free modes keep their digits: orthogonal up to the fortieth") {
+  const GaussRule rule(200);
+  Eigen::MatrixXd G = Eigen::MatrixXd::Zero(40, 40);
+  for (int g = 0; g < 200; ++g) {
+    const Eigen::VectorXd d = bending_shapes(Basis::clamped_free, 40, 1.0, rule.points[g]).deflection;
+    G += rule.weights[g] * d * d.transpose();
+  }
+  CHECK((G - 0.25 * Eigen::MatrixXd::Identity(40, 40)).cwiseAbs().maxCoeff() < 1e-12);
+}
+
+TEST_CASE("a slice's Jacobians and convective terms are the derivatives of its motion (Eq. 35-40)") {
+  using D = Dual<1>;
+  for (int order : {1, 2}) {
+    const Beam b = flexarm_test::beam({2, 2, 2, 1, 1}, order);
+    const SliceTable table = b.slice_at(0.4);
+    const int ne = b.ne();
+    const Eigen::Vector3d origin(0.1, -0.2, 0.3);
+    const Eigen::VectorXd q = flexarm_test::wave(ne, 0.3, 0.4), dq = flexarm_test::wave(ne, 1.1, 0.6);
+    // along q + e dq, with constant dq: d/de of x is u_dot, of R gives Omega, of u_dot and Omega the
+    // convective terms
+    VecX<D> qd(ne), dqd(ne);
+    for (int i = 0; i < ne; ++i) {
+      qd[i] = D(q[i]);
+      qd[i].d[0] = dq[i];
+      dqd[i] = D(dq[i]);
+    }
+    Slice<D> s(ne);
+    move_slice(table, origin, qd.data(), dqd.data(), true, s);
+    Slice<double> p(ne);
+    move_slice(table, origin, q.data(), dq.data(), true, p);
+    Mat3<double> R_dot;
+    for (int i = 0; i < 3; ++i) {
+      CHECK(s.x[i].d[0] == doctest::Approx(p.u_dot[i]).epsilon(1e-12));
+      CHECK(s.u_dot[i].d[0] == doctest::Approx(p.u_bias[i]).epsilon(1e-12));
+      CHECK(s.Omega[i].d[0] == doctest::Approx(p.Omega_bias[i]).epsilon(1e-10));
+      for (int j = 0; j < 3; ++j) R_dot(i, j) = s.R(i, j).d[0];
+    }
+    CHECK((R_dot * p.R.transpose() - tilde(p.Omega)).norm() < 1e-13);
+    CHECK((p.J.topRows<3>() * dq - p.u_dot).norm() < 1e-14);
+    CHECK((p.J.bottomRows<3>() * dq - p.Omega).norm() < 1e-14);
+  }
+}
+
+TEST_CASE("position follows the strains: order 2 against the integral of R [1, phi12, phi13] (Eq. 22-27)") {
+  // fine Runge-Kutta integration of R' = R K~, x' = R [1, phi12, phi13]; the error of order 2 is of third
+  // order
+  const Beam b = flexarm_test::beam({2, 2, 2, 1, 1}, 2);
+  const Eigen::VectorXd shape = flexarm_test::wave(b.ne(), 0.3, 1.0);
+  double error[2], turn[2];
+  for (int run = 0; run < 2; ++run) {
+    const Eigen::VectorXd q = (run == 0 ? 0.2 : 0.1) * shape;
+    Eigen::Vector3d x = Eigen::Vector3d::Zero();
+    Eigen::Matrix3d R = Eigen::Matrix3d::Identity();
+    const int n = 4000;
+    const double h = b.length() / n;
+    for (int i = 0; i < n; ++i) {  // midpoint rule
+      const Eigen::VectorXd e = b.slice_at((i + 0.5) * h).strains * q;
+      const Eigen::Vector3d half = 0.5 * h * e.head<3>(), full = h * e.head<3>();
+      const Eigen::Matrix3d Rm = R * rotation(half, RotationCoefficients<double>(half.squaredNorm()));
+      x += h * Rm * Eigen::Vector3d(1.0, e[3], e[4]);
+      R = R * rotation(full, RotationCoefficients<double>(full.squaredNorm()));
+    }
+    Slice<double> tip(b.ne());
+    const Eigen::VectorXd still = Eigen::VectorXd::Zero(b.ne());
+    move_slice(b.tip(), Eigen::Vector3d::Zero(), q.data(), still.data(), true, tip);
+    error[run] = (tip.x - x).norm();
+    turn[run] = (tip.R - R).norm();
+  }
+  CHECK(error[0] / error[1] == doctest::Approx(8.0).epsilon(0.1));
+  CHECK(turn[0] / turn[1] == doctest::Approx(8.0).epsilon(0.1));
+  CHECK(error[0] < 1e-3);
+}
+
+TEST_CASE("bad numbers are named") {
+  CHECK_THROWS_WITH_AS(Section::rectangle(-0.001, 0.02), "y = -0.001: must be positive and finite",
+                       std::invalid_argument);
+  CHECK_THROWS_WITH_AS(Material(7850, 209e9, 0.7), "poisson_ratio = 0.7: must be above -1 and at most 0.5",
+                       std::invalid_argument);
+  CHECK_THROWS_AS(Material(7850, 209e9, 0.3, 80e9), std::invalid_argument);
+  CHECK_THROWS_AS(flexarm_test::beam({1, 0, 0, 0, 0}, 3), std::invalid_argument);
+  CHECK_THROWS_AS(flexarm_test::beam({-1, 0, 0, 0, 0}, 2), std::invalid_argument);
+  CHECK_THROWS_AS(flexarm_test::beam({1, 0, 0, 0, 0}, 2).slice_at(0.6), std::invalid_argument);
+}

@@ -1,0 +1,19 @@
+// Shared by the binding files, one per room of the C++ library.
+#pragma once
+
+#include <pybind11/eigen.h>
+#include <pybind11/functional.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "flexarm/arm.hpp"
+
+namespace py = pybind11;
+
+/// A batch of vectors, one per row; C-contiguous on the Python side.
+using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+void bind_model(py::module_& m);                    // section, shape, beam, joint, link, arm
+void bind_dynamics(py::class_<flexarm::Arm>& arm);  // ab, ci, inverse, kinematics
+void bind_time(py::module_& m);                     // drive, ida

@@ -1,0 +1,167 @@
+#include "bindings.hpp"
+#include "flexarm/ab.hpp"
+#include "flexarm/check.hpp"
+#include "flexarm/ci.hpp"
+
+using namespace flexarm;
+
+namespace {
+
+using Cube = py::array_t<double, py::array::c_style>;
+
+Cube cube(Eigen::Index n, Eigen::Index rows, Eigen::Index columns) { return Cube({n, rows, columns}); }
+Eigen::Map<Rows> page(Cube& c, Eigen::Index k) {
+  return {c.mutable_data(k, 0, 0), static_cast<Eigen::Index>(c.shape(1)),
+          static_cast<Eigen::Index>(c.shape(2))};
+}
+
+/// Accelerations of a batch. Columns of `a` that are prescribed are inputs.
+Rows forward(const Arm& arm, const Rows& q, const Rows& v, const Rows& tau, const std::string& method,
+             const std::vector<bool>& prescribed, Rows a) {
+  const bool ab = method == "ab";
+  if (!ab && method != "ci") bad_value("method", "\"" + method + "\"", "must be \"ab\" or \"ci\"");
+  Workspace ws(arm, prescribed);
+  for (Eigen::Index k = 0; k < q.rows(); ++k) {
+    ws.a = a.row(k);
+    const Status status = ab ? forward_dynamics_ab(arm, ws, q.row(k), v.row(k), tau.row(k))
+                             : forward_dynamics_ci(arm, ws, q.row(k), v.row(k), tau.row(k));
+    if (status != Status::ok || !ws.a.allFinite())
+      bad_value("mass matrix at q", q.row(k), "is singular in double precision; no acceleration follows");
+    a.row(k) = ws.a;
+  }
+  return a;
+}
+
+/// Runs visit(row, slice) for every row of q, with the slice of `link` at x metres along its beam, or its
+/// end.
+template <class Visit>
+void at_slice(const Arm& arm, const Rows& q, const Rows& v, std::size_t link, std::optional<double> x,
+              Workspace& ws, const Visit& visit) {
+  const Link& l = arm.link(link);
+  if (x && !l.beam())
+    bad_value("x", *x, "link " + std::to_string(link) + " has no beam; leave x out for its end");
+  SliceTable table;
+  Slice<double> slice(l.ne());
+  if (x) table = l.beam()->slice_at(*x);
+  for (Eigen::Index k = 0; k < q.rows(); ++k) {
+    move_arm<double>(arm, ws, q.row(k), v.row(k));
+    const LinkState<double>& s = ws.links[link];
+    if (x) move_slice(table, l.hub().end, s.qe.data(), s.dqe.data(), true, slice);
+    visit(k, x ? slice : s.end);
+  }
+}
+
+}  // namespace
+
+void bind_dynamics(py::class_<Arm>& arm) {
+  arm.def(
+      "forward_dynamics",
+      [](const Arm& self, const Rows& q, const Rows& v, const Rows& tau, const std::string& method,
+         const std::vector<bool>& prescribed, const Rows& a) {
+        py::gil_scoped_release release;
+        return forward(self, q, v, tau, method, prescribed, a);
+      },
+      py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("method"), py::arg("prescribed"), py::arg("a"));
+
+  arm.def(
+      "inverse_dynamics",
+      [](const Arm& self, const Rows& q, const Rows& v, const Rows& a) {
+        py::gil_scoped_release release;
+        SweepWorkspace<double> ws(self);
+        Rows tau(q.rows(), q.cols());
+        for (Eigen::Index k = 0; k < q.rows(); ++k) {
+          inverse_dynamics<double>(self, ws, q.row(k), v.row(k), a.row(k));
+          tau.row(k) = ws.tau;
+        }
+        return tau;
+      },
+      py::arg("q"), py::arg("v"), py::arg("a"));
+
+  arm.def(
+      "inverse_derivatives",
+      [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
+        InverseDerivatives d(self);
+        d(self, q, v, a);
+        return py::make_tuple(Rows(d.dq), Rows(d.dv));
+      },
+      py::arg("q"), py::arg("v"), py::arg("a"));
+
+  arm.def(
+      "mass_matrix",
+      [](const Arm& self, const Rows& q) {
+        Cube out = cube(q.rows(), self.nv(), self.nv());
+        Workspace ws(self);
+        const Eigen::VectorXd zero = Eigen::VectorXd::Zero(self.nv());
+        for (Eigen::Index k = 0; k < q.rows(); ++k) {
+          move_arm<double>(self, ws, q.row(k), zero);
+          composite_mass_matrix(self, ws);
+          page(out, k) = ws.M;
+        }
+        return out;
+      },
+      py::arg("q"));
+
+  arm.def(
+      "energy",
+      [](const Arm& self, const Rows& q, const Rows& v) {
+        py::gil_scoped_release release;
+        Workspace ws(self);
+        Rows out(q.rows(), 2);
+        for (Eigen::Index k = 0; k < q.rows(); ++k) {
+          const Energy e = energy(self, ws, q.row(k), v.row(k));
+          out.row(k) << e.kinetic, e.potential;
+        }
+        return out;
+      },
+      py::arg("q"), py::arg("v"));
+
+  arm.def(
+      "frame",
+      [](const Arm& self, const Rows& q, std::size_t link, std::optional<double> x) {
+        Rows p(q.rows(), 3);
+        Cube R = cube(q.rows(), 3, 3);
+        Workspace ws(self);
+        at_slice(self, q, Rows::Zero(q.rows(), q.cols()), link, x, ws,
+                 [&](Eigen::Index k, const auto& slice) {
+                   const Pose pose = slice_pose(self, ws, link, slice);
+                   p.row(k) = pose.p;
+                   page(R, k) = pose.R;
+                 });
+        return py::make_tuple(p, R);
+      },
+      py::arg("q"), py::arg("link"), py::arg("x"));
+
+  arm.def(
+      "jacobian",
+      [](const Arm& self, const Rows& q, std::size_t link, std::optional<double> x) {
+        Cube J = cube(q.rows(), 6, self.nv());
+        Workspace ws(self);
+        at_slice(
+            self, q, Rows::Zero(q.rows(), q.cols()), link, x, ws,
+            [&](Eigen::Index k, const auto& slice) { page(J, k) = slice_jacobian(self, ws, link, slice); });
+        return J;
+      },
+      py::arg("q"), py::arg("link"), py::arg("x"));
+
+  arm.def(
+      "deflection",
+      [](const Arm& self, const Rows& q, std::size_t link, double x) {
+        Rows u(q.rows(), 3);
+        Workspace ws(self);
+        const Eigen::Vector3d rest = self.link(link).hub().end + x * Eigen::Vector3d::UnitX();
+        at_slice(self, q, Rows::Zero(q.rows(), q.cols()), link, x, ws,
+                 [&](Eigen::Index k, const auto& slice) { u.row(k) = slice.x - rest; });
+        return u;
+      },
+      py::arg("q"), py::arg("link"), py::arg("x"));
+
+  arm.def(
+      "strain",
+      [](const Arm& self, const Rows& q, std::size_t link, double x) {
+        const Link& l = self.link(link);
+        if (!l.beam()) bad_value("link", link, "has no beam, so no strain");
+        const SliceTable table = l.beam()->slice_at(x);
+        return Rows(q.middleCols(self.first(link) + l.nj(), l.ne()) * table.strains.transpose());
+      },
+      py::arg("q"), py::arg("link"), py::arg("x"));
+}

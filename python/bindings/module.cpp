@@ -1,0 +1,8 @@
+#include "bindings.hpp"
+
+PYBIND11_MODULE(_core, m) {
+  m.doc() = "C++ core of flexarm. The documented face is the package `flexarm`.";
+  m.attr("__version__") = FLEXARM_VERSION;
+  bind_model(m);
+  bind_time(m);
+}

@@ -1,0 +1,97 @@
+#include <chrono>
+
+#include "bindings.hpp"
+#include "flexarm/check.hpp"
+#include "flexarm/ida.hpp"
+
+using namespace flexarm;
+
+namespace {
+
+/// A drive from Python: a piecewise polynomial, or a callable t -> force, t -> (q, v, a).
+Drive make_drive(int coordinate, bool is_motion, const py::object& law) {
+  Drive d{coordinate, {}, {}};
+  if (py::isinstance<PiecewisePolynomial>(law)) {
+    const auto p = law.cast<PiecewisePolynomial>();
+    if (is_motion) d.motion = p;
+    if (!is_motion) d.force = [p](double t) { return p(t).q; };
+    return d;
+  }
+  const auto shared = std::make_shared<py::object>(law);
+  if (is_motion) {
+    d.motion = [shared](double t) {
+      py::gil_scoped_acquire hold;
+      const auto m = (*shared)(t).cast<std::array<double, 3>>();
+      if (!std::isfinite(m[0]) || !std::isfinite(m[1]) || !std::isfinite(m[2]))
+        bad_value("Motion at t", t, "gave nan or inf; q, v and a must be finite");
+      return MotionValue{m[0], m[1], m[2]};
+    };
+  } else {
+    d.force = [shared](double t) {
+      py::gil_scoped_acquire hold;
+      const double f = (*shared)(t).cast<double>();
+      if (!std::isfinite(f)) bad_value("Torque at t", t, "gave nan or inf; it must be finite");
+      return f;
+    };
+  }
+  return d;
+}
+
+}  // namespace
+
+void bind_time(py::module_& m) {
+  py::class_<PiecewisePolynomial>(m, "PiecewisePolynomial")
+      .def(py::init<Eigen::VectorXd, Eigen::MatrixXd>(), py::arg("breaks"), py::arg("coefficients"))
+      .def(
+          "__call__",
+          [](const PiecewisePolynomial& p, double t) {
+            const MotionValue f = p(t);
+            return py::make_tuple(f.q, f.v, f.a);
+          },
+          py::arg("t"))
+      .def_property_readonly("begin", &PiecewisePolynomial::begin)
+      .def_property_readonly("end", &PiecewisePolynomial::end);
+
+  m.def(
+      "simulate_ida",
+      [](const Arm& arm, const std::vector<std::tuple<int, bool, py::object>>& drives,
+         const Eigen::VectorXd& t, const Eigen::VectorXd& q0, const Eigen::VectorXd& v0,
+         const Eigen::VectorXd& tau, double rtol, double atol, int max_order, bool composite,
+         const std::function<void(double)>& alive) {
+        std::vector<Drive> laws;
+        for (const auto& [coordinate, is_motion, law] : drives)
+          laws.push_back(make_drive(coordinate, is_motion, law));
+        auto last = std::chrono::steady_clock::now();
+        const auto look_around = [&](double now) {  // ten times a second: Ctrl-C, progress
+          const auto clock = std::chrono::steady_clock::now();
+          if (clock - last < std::chrono::milliseconds(100)) return;
+          last = clock;
+          py::gil_scoped_acquire hold;
+          if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+          if (alive) alive(now);
+        };
+        Trajectory r;
+        {
+          py::gil_scoped_release release;
+          r = simulate_ida(arm, laws, t, q0, v0, tau, {rtol, atol, max_order, composite}, look_around);
+        }
+        py::dict stats, out;
+        stats["steps"] = r.stats.steps;
+        stats["evaluations"] = r.stats.residuals;
+        stats["jacobians"] = r.stats.jacobians;
+        stats["newton_iterations"] = r.stats.newton_iterations;
+        stats["failed_steps"] = r.stats.failed_steps;
+        stats["wall_time"] = r.stats.wall_time;
+        const auto head = [&](const Rows& x) { return Rows(x.topRows(r.done)); };
+        out["q"] = head(r.q);
+        out["v"] = head(r.v);
+        out["a"] = head(r.a);
+        out["tau"] = head(r.tau);
+        out["reached"] = r.reached;
+        out["failure"] = r.failure;
+        out["stats"] = stats;
+        return out;
+      },
+      py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"),
+      py::arg("rtol"), py::arg("atol"), py::arg("max_order"), py::arg("composite"), py::arg("alive"));
+}

@@ -1,0 +1,78 @@
+"""Checks at the door: arrays of the right shape, finite numbers, and words for what is wrong."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def number(field: str, value: Any) -> float:
+    """A finite-or-not float; the sign and range are checked by the core."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise ValueError(f"{field} = {value!r}: must be a number")
+    return float(value)
+
+
+def whole(field: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise ValueError(f"{field} = {value!r}: must be a whole number")
+    return int(value)
+
+
+def array(field: str, value: ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
+    """A finite, C-contiguous float64 array, of the given shape if one is given."""
+    try:
+        out = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise ValueError(f"{field} = {value!r}: must be numbers") from None
+    if shape is not None and out.shape != shape:
+        want = f"{shape[0]} numbers" if len(shape) == 1 else f"shape {shape}"
+        raise ValueError(f"{field} has shape {out.shape}: must be {want}")
+    if not np.isfinite(out).all():
+        raise ValueError(f"{field} = {value!r}: must be finite, no nan or inf")
+    return out
+
+
+def batch(n: int, **named: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
+    """Arrays (..., n), broadcast over their leading axes: that leading shape, and each as (B, n)."""
+    arrays = []
+    for field, value in named.items():
+        a = array(field, value)
+        if a.ndim == 0 or a.shape[-1] != n:
+            raise ValueError(f"{field} has shape {a.shape}: the last axis must be {n} long")
+        arrays.append(a)
+    try:
+        lead = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+    except ValueError:
+        shapes = ", ".join(f"{k} {a.shape}" for k, a in zip(named, arrays))
+        raise ValueError(f"leading axes do not fit each other: {shapes}") from None
+    rows = math.prod(lead)  # not -1, which n = 0 leaves open
+    return lead, [np.ascontiguousarray(np.broadcast_to(a, (*lead, n)).reshape(rows, n)) for a in arrays]
+
+
+def known_keys(where: str, given: Mapping[str, Any], known: Iterable[str]) -> None:
+    """ValueError that names the nearest known key."""
+    if not isinstance(given, Mapping):
+        raise ValueError(f"{where} = {given!r}: must be a table")
+    known = list(known)
+    for key in given:
+        if key not in known:
+            near = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}"
+            raise ValueError(f"{where}: unknown key '{key}'; {hint}")
+
+
+def choice(field: str, value: Any, known: Iterable[str]) -> str:
+    known = list(known)
+    if value in known:
+        return str(value)
+    near = difflib.get_close_matches(str(value), known, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    raise ValueError(f"{field} = {value!r}: must be one of {', '.join(known)}{hint}")

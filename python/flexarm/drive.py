@@ -1,0 +1,109 @@
+"""What drives a joint: a prescribed motion or a force (torque)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import BPoly, PPoly, make_interp_spline
+
+from . import _core
+from ._check import Array, array
+
+
+def _times(t: ArrayLike) -> Array:
+    times = array("t", t)
+    if times.ndim != 1 or times.size < 2:
+        raise ValueError(f"t has shape {times.shape}: must be at least two times")
+    bad = np.flatnonzero(np.diff(times) <= 0)
+    if bad.size:
+        raise ValueError(f"t[{bad[0] + 1}] = {times[bad[0] + 1]}: t must increase")
+    return times
+
+
+class _Law:
+    """A function of time: samples turned into a piecewise polynomial that C++ evaluates, or a Python callable."""
+
+    law: Any
+
+    def _polynomial(self, pp: PPoly) -> None:
+        keep = np.flatnonzero(np.diff(pp.x) > 0)  # splines repeat their end knots
+        breaks = np.append(pp.x[keep], pp.x[-1])
+        self.law = _core.PiecewisePolynomial(breaks, np.ascontiguousarray(pp.c[:, keep]))
+
+    def check_span(self, where: str, t: Array) -> None:
+        """ValueError when the samples do not cover the simulated times."""
+        if isinstance(self.law, _core.PiecewisePolynomial):
+            slack = 1e-9 * (self.law.end - self.law.begin)
+            if t[0] < self.law.begin - slack or t[-1] > self.law.end + slack:
+                raise ValueError(
+                    f"{where}: samples cover t = {self.law.begin} to {self.law.end}, "
+                    f"the simulation asks for {t[0]} to {t[-1]}"
+                )
+
+
+class Motion(_Law):
+    """Prescribed motion of a joint ("displacement driven", paper Sec. 5.2); its reaction becomes an output.
+
+    `Motion(t, q)` interpolates positions (rad or m) by a spline of degree 5, `Motion(t, q, v, a)` fits position,
+    velocity and acceleration at every sample by quintic pieces; both have continuous accelerations and are evaluated in
+    C++. `Motion(f)` takes a callable t -> (q, v, a).
+    """
+
+    def __init__(
+        self,
+        t: ArrayLike | Callable[[float], Any],
+        q: ArrayLike | None = None,
+        v: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+    ) -> None:
+        if callable(t):
+            if q is not None or v is not None or a is not None:
+                raise ValueError("q: a callable t -> (q, v, a) stands alone, without samples")
+            self.law = t
+            return
+        times = _times(t)
+        if q is None:
+            raise ValueError("q = None: samples (t, q) or (t, q, v, a), or a callable, are needed")
+        if (v is None) != (a is None):
+            raise ValueError(f"{'v' if v is None else 'a'} = None: give both v and a, or neither")
+        position = array("q", q, times.shape)
+        if v is not None and a is not None:
+            rows = np.stack([position, array("v", v, times.shape), array("a", a, times.shape)], axis=1)
+            self._polynomial(PPoly.from_bernstein_basis(BPoly.from_derivatives(times, rows)))
+        else:
+            degree = min(5, times.size - 1)
+            degree -= 1 - degree % 2  # odd degrees need no extra end conditions
+            self._polynomial(PPoly.from_spline(make_interp_spline(times, position, k=degree)))
+
+    @staticmethod
+    def spin_up(speed: float, time: float) -> Motion:
+        """Smooth spin-up to `speed` (rad/s) within `time` (s), from rest at 0, then on at that speed (Kane et al. 1987)."""
+
+        def law(t: float) -> tuple[float, float, float]:
+            if t >= time:
+                return speed * (t - time / 2), speed, 0.0
+            w = 2 * np.pi / time
+            q = speed / time * (t * t / 2 + (np.cos(w * t) - 1) / w**2)
+            return q, speed / time * (t - np.sin(w * t) / w), speed / time * (1 - np.cos(w * t))
+
+        return Motion(law)
+
+
+class Torque(_Law):
+    """Force (N) or torque (N m) of a joint: `Torque(t, tau)` linear between samples, `Torque(f)` a callable, or a number."""
+
+    def __init__(self, t: ArrayLike | Callable[[float], float], tau: ArrayLike | None = None) -> None:
+        if callable(t):
+            self.law = t
+        elif tau is None:
+            value = array("tau", t, ()).item()
+            self.law = lambda _: value
+        else:
+            times = _times(t)
+            values = array("tau", tau, times.shape)
+            self._polynomial(PPoly(np.stack([np.diff(values) / np.diff(times), values[:-1]]), times))
+
+

@@ -1,0 +1,77 @@
+"""What a simulation returns."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ._check import Array
+from .arm import Arm
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass
+class Result:
+    """Trajectory of an arm; every array has one row per output time.
+
+    Attributes:
+        arm: the arm.
+        t: times (s), (nt,).
+        q, v, a: coordinates, rates and accelerations, (nt, nv).
+        tau: generalised forces (N, N m), (nt, nv): those applied, and the reactions of prescribed motions.
+        stats: steps, evaluations, jacobians, newton_iterations, failed_steps, wall_time (s).
+    """
+
+    arm: Arm
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    tau: Array
+    stats: dict[str, Any] = field(default_factory=dict)
+
+    def frame(self, link: int = -1, x: float | None = None) -> tuple[Array, Array]:
+        """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""
+        return self.arm.frame(self.q, link, x)
+
+    def strain(self, link: int = 0, x: float = 0.0) -> Array:
+        """K1, K2, K3 (1/m), phi12, phi13 (rad) at x metres along a link's beam, (nt, 5)."""
+        return self.arm.strain(self.q, link, x)
+
+    def energy(self) -> tuple[Array, Array]:
+        """Kinetic and potential energy (J), (nt,) each."""
+        return self.arm.energy(self.q, self.v)
+
+    def tip_deflection(self, link: int = 0) -> Array:
+        """Displacement (nt, 3) of the beam's tip from rest, in the axes of the link's hub (m)."""
+        return self.arm.deflection(self.q, link)
+
+    def plot(self) -> Figure:
+        """A figure of the joint coordinates and the tip deflections over time."""
+        from .plots import plot_result
+
+        return plot_result(self)
+
+    def save(self, path: str | Path) -> None:
+        """Writes everything, the arm included, to one .npz file that `Result.load` reads."""
+        text = json.dumps({"arm": self.arm.to_dict(), "stats": self.stats})
+        np.savez_compressed(path, t=self.t, q=self.q, v=self.v, a=self.a, tau=self.tau, about=np.array(text))
+
+    @staticmethod
+    def load(path: str | Path) -> Result:
+        """Reads what `save` wrote."""
+        try:
+            with np.load(path, allow_pickle=False) as f:
+                about = json.loads(str(f["about"]))
+                arrays = {k: f[k] for k in ("t", "q", "v", "a", "tau")}
+        except OSError as e:
+            raise ValueError(f"result {str(path)!r}: {e.strerror or e}") from None
+        except (KeyError, ValueError):
+            raise ValueError(f"result {str(path)!r}: is not a file that Result.save wrote") from None
+        return Result(Arm.from_dict(about["arm"]), **arrays, stats=about["stats"])

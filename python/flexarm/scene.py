@@ -1,0 +1,211 @@
+"""Scene files: an arm, what drives it and for how long, in TOML or in the same structure of dictionaries."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import model
+from ._check import Array, array, choice, known_keys, number, whole
+from .arm import METHODS, Arm
+from .drive import Motion, Torque
+from .result import Result
+from .simulation import INTEGRATORS, simulate
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+SCENES = Path(__file__).parent / "scenes"
+_SECTIONS = {"rectangle": model.Rectangle, "circle": model.Circle, "general": model.GeneralSection}
+_JOINTS = {"fixed": model.Fixed, "revolute": model.Revolute, "prismatic": model.Prismatic}
+
+
+def _make(where: str, cls: Callable[..., Any], table: Mapping[str, Any], known: tuple[str, ...]) -> Any:
+    """cls(**table), with errors that say where in the scene they are."""
+    known_keys(where, table, known)
+    try:
+        return cls(**table)
+    except ValueError as e:
+        raise ValueError(f"{where}.{e}") from None
+    except TypeError:
+        import inspect
+
+        needed = [p.name for p in inspect.signature(cls).parameters.values() if p.default is p.empty]
+        missing = [n for n in needed if n not in table]
+        raise ValueError(f"{where}: missing {', '.join(missing)}") from None
+
+
+def _names(cls: type) -> tuple[str, ...]:
+    import dataclasses
+
+    return tuple(f.name for f in dataclasses.fields(cls) if f.init)
+
+
+def _typed(where: str, table: Any, kinds: Mapping[str, Any]) -> Any:
+    """A table {type = "...", ...} of one of several kinds."""
+    if not isinstance(table, Mapping) or "type" not in table:
+        raise ValueError(f"{where} = {table!r}: must be a table with a type: {', '.join(kinds)}")
+    cls = kinds[choice(f"{where}.type", table["type"], kinds)]
+    rest = {k: v for k, v in table.items() if k != "type"}
+    return _make(where, cls, rest, _names(cls))
+
+
+def _beam(where: str, table: Any) -> model.Beam:
+    known_keys(where, table, _names(model.Beam))
+    t = dict(table)
+    if "section" in t:
+        t["section"] = _typed(f"{where}.section", t["section"], _SECTIONS)
+    if "material" in t:
+        t["material"] = _make(f"{where}.material", model.Material, t["material"], _names(model.Material))
+    return _make(where, model.Beam, t, _names(model.Beam))  # type: ignore[no-any-return]
+
+
+def _link(where: str, table: Any) -> model.Link:
+    known_keys(where, table, _names(model.Link))
+    t = dict(table)
+    if "joint" not in t:
+        raise ValueError(f"{where}: missing joint")
+    t["joint"] = _typed(f"{where}.joint", t["joint"], _JOINTS)
+    for body in ("hub", "tip"):
+        if body in t:
+            t[body] = _make(f"{where}.{body}", model.RigidBody, t[body], _names(model.RigidBody))
+    if "beam" in t:
+        t["beam"] = _beam(f"{where}.beam", t["beam"])
+    return _make(where, model.Link, t, _names(model.Link))  # type: ignore[no-any-return]
+
+
+def arm_from_dict(d: Mapping[str, Any]) -> Arm:
+    known_keys("scene", d, ("gravity", "link"))
+    links = d.get("link")
+    if not isinstance(links, (list, tuple)) or not links:
+        raise ValueError(f"link = {links!r}: must be a list of at least one table")
+    return Arm([_link(f"link[{k}]", t) for k, t in enumerate(links)], d.get("gravity", (0.0, 0.0, 0.0)))
+
+
+def _samples(where: str, table: Mapping[str, Any], columns: tuple[str, ...], base: Path) -> dict[str, Array]:
+    """Columns given in place or in a CSV file with a header line."""
+    known_keys(where, table, (*columns, "file"))
+    if "file" not in table:
+        return {k: array(f"{where}.{k}", v) for k, v in table.items()}
+    path = base / str(table["file"])
+    try:
+        with path.open(newline="") as f:
+            rows = list(csv.DictReader(f))
+    except OSError as e:
+        raise ValueError(f"{where}.file = {str(path)!r}: {e.strerror}") from None
+    if not rows:
+        raise ValueError(f"{where}.file = {str(path)!r}: has no rows")
+    known_keys(f"{where}.file", dict.fromkeys(rows[0]), columns)
+    return {k: array(f"{where}.file column {k}", [r[k] for r in rows]) for k in rows[0]}
+
+
+def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[int, Motion | Torque]:
+    known_keys(where, table, ("link", "motion", "spin_up", "torque"))
+    laws = [k for k in ("motion", "spin_up", "torque") if k in table]
+    if "link" not in table or len(laws) != 1:
+        raise ValueError(f"{where}: needs link and one of motion, spin_up, torque")
+    link, law, value = whole(f"{where}.link", table["link"]), laws[0], table[laws[0]]
+    if law == "spin_up":
+        return link, _make(f"{where}.spin_up", Motion.spin_up, value, ("speed", "time"))
+    if law == "torque" and not isinstance(value, Mapping):
+        return link, Torque(number(f"{where}.torque", value))
+    columns = ("t", "q", "v", "a") if law == "motion" else ("t", "tau")
+    samples = _samples(f"{where}.{law}", value, columns, base)
+    return link, _make(f"{where}.{law}", Motion if law == "motion" else Torque, samples, columns)
+
+
+@dataclass
+class Scene:
+    """An arm, its drives by link, and how to simulate it.
+
+    Attributes:
+        arm: the arm.
+        drive: Motion or Torque by link number.
+        t: output times (s).
+        q0, v0: initial state, or None for rest at zero.
+        options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order.
+    """
+
+    arm: Arm
+    drive: dict[int, Motion | Torque] = field(default_factory=dict)
+    t: Array = field(default_factory=lambda: np.linspace(0.0, 1.0, 1001))
+    q0: Array | None = None
+    v0: Array | None = None
+    options: dict[str, Any] = field(default_factory=dict)
+    name: str = "scene"
+
+    def run(self, progress: bool = False) -> Result:
+        """Simulates the scene."""
+        return simulate(self.arm, self.t, self.q0, self.v0, drive=self.drive, progress=progress, **self.options)
+
+
+_SIMULATION = ("duration", "interval", "q0", "v0", "method", "integrator", "rtol", "atol", "max_order")
+
+
+def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = "scene") -> Scene:
+    """A Scene from the structure of a scene file; `base` is the folder that file names in it are relative to."""
+    known_keys("scene", d, ("title", "gravity", "link", "drive", "simulation"))
+    base = base or Path()
+    arm = arm_from_dict({k: d[k] for k in ("gravity", "link") if k in d})
+    s = d.get("simulation", {})
+    known_keys("simulation", s, _SIMULATION)
+    duration, interval = (number(f"simulation.{k}", s.get(k, v)) for k, v in (("duration", 1.0), ("interval", 1e-3)))
+    for k, value in (("duration", duration), ("interval", interval)):
+        if not (value > 0 and np.isfinite(value)):
+            raise ValueError(f"simulation.{k} = {value}: must be positive and finite")
+    count = round(duration / interval)
+    if not (1 <= count <= 10_000_000) or abs(count * interval - duration) > 1e-6 * duration:
+        raise ValueError(f"simulation.interval = {interval}: must divide the duration, {duration}, into 1 to 1e7 parts")
+    if "method" in s:
+        choice("simulation.method", s["method"], METHODS)
+    if "integrator" in s:
+        choice("simulation.integrator", s["integrator"], INTEGRATORS)
+    drives = d.get("drive", [])
+    if not isinstance(drives, (list, tuple)):
+        raise ValueError(f"drive = {drives!r}: must be a list of tables")
+    drive: dict[int, Motion | Torque] = {}
+    for k, table in enumerate(drives):
+        link, law = _drive(f"drive[{k}]", table, base)
+        if link in drive:
+            raise ValueError(f"drive[{k}].link = {link}: is driven twice")
+        drive[link] = law
+    return Scene(
+        arm,
+        drive,
+        np.linspace(0.0, duration, count + 1),
+        array("simulation.q0", s["q0"], (arm.nq,)) if "q0" in s else None,
+        array("simulation.v0", s["v0"], (arm.nv,)) if "v0" in s else None,
+        {k: s[k] for k in ("method", "integrator", "rtol", "atol", "max_order") if k in s},
+        str(d.get("title", name)),
+    )
+
+
+def load(path: str | Path) -> Scene:
+    """Reads a scene file (TOML). A bare name such as "ist" means a scene shipped with the package.
+
+    Raises:
+        ValueError: unreadable file, bad TOML, unknown key (the nearest known one is named) or bad value.
+    """
+    p = Path(path)
+    if not p.exists() and (SCENES / f"{p.name}.toml").exists() and p.parent == Path():
+        p = SCENES / f"{p.name}.toml"
+    try:
+        with p.open("rb") as f:
+            d = tomllib.load(f)
+    except OSError as e:
+        shipped = ", ".join(sorted(s.stem for s in SCENES.glob("*.toml")))
+        raise ValueError(f"scene {str(path)!r}: {e.strerror}; shipped scenes are {shipped}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
+        raise ValueError(f"scene {str(path)!r}: {e}") from None
+    try:
+        return scene_from_dict(d, p.parent, p.stem)
+    except ValueError as e:
+        raise ValueError(f"scene {str(path)!r}: {e}") from None

@@ -1,0 +1,113 @@
+"""Simulation in time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _core
+from ._check import array, choice, number, whole
+from .arm import METHODS, Arm
+from .drive import Motion, Torque
+from .modal import link_numbers
+from .result import Result
+
+INTEGRATORS = ("ida",)
+
+
+class SimulationError(RuntimeError):
+    """A simulation that could not go on. `.time` is the time reached (s), `.result` what was computed up to there."""
+
+    def __init__(self, message: str, time: float, result: Result) -> None:
+        super().__init__(message)
+        self.time = time
+        self.result = result
+
+
+def simulate(
+    arm: Arm,
+    t: ArrayLike,
+    q0: ArrayLike | None = None,
+    v0: ArrayLike | None = None,
+    *,
+    tau: ArrayLike | None = None,
+    drive: Mapping[int, Motion | Torque] | None = None,
+    method: str = "ab",
+    integrator: str = "ida",
+    rtol: float = 1e-6,
+    atol: float = 1e-9,
+    max_order: int = 5,
+    progress: bool = False,
+) -> Result:
+    """Simulates an arm from t[0] and returns its state at every time of t.
+
+    Args:
+        arm: the arm.
+        t: output times (s), at least two, increasing.
+        q0, v0: initial coordinates and rates, (nv,); zero if None. Prescribed joints start where their motion does; a
+            q0 or v0 that says otherwise is an error.
+        tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
+        drive: by link number, what drives its joint: a Torque, or a Motion, whose reaction is then in `Result.tau`.
+        method: "ab" or "ci", for the accelerations at the output times.
+        integrator: "ida": SUNDIALS IDA on the residual of inverse dynamics, variable step and order.
+        rtol, atol: tolerances of every coordinate and rate, relative and absolute (in its unit).
+        max_order: of IDA's backward differentiation formulas, 1 to 5. 2 is best when fast modes are present but
+            quiet, because higher orders are unstable on undamped oscillation; 5 when they ring and must be followed.
+        progress: shows a progress bar on stderr.
+
+    Raises:
+        ValueError: bad arguments.
+        SimulationError: the integrator could not go on; it holds the time reached and the result so far.
+    """
+    choice("method", method, METHODS)
+    choice("integrator", integrator, INTEGRATORS)
+    times = array("t", t)
+    if times.ndim != 1:
+        raise ValueError(f"t has shape {times.shape}: must be one list of times")
+    state = {}
+    for name, value in (("q0", q0), ("v0", v0), ("tau", tau)):
+        state[name] = np.zeros(arm.nv) if value is None else array(name, value, (arm.nv,)).copy()
+    laws = []
+    for link, i, law in zip(drive or {}, link_numbers(arm, "drive", drive or ()), (drive or {}).values()):
+        where = f"drive[{link}]"
+        if not isinstance(law, (Motion, Torque)):
+            raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
+        law.check_span(where, times)
+        laws.append((i, isinstance(law, Motion), law.law))
+        if isinstance(law, Motion):
+            start = array(f"{where} at t = {times[0]}", law.law(float(times[0])), (3,))
+            for name, given, value in (("q0", q0, start[0]), ("v0", v0, start[1])):
+                if given is not None and abs(state[name][i] - value) > 1e-9 * max(1.0, abs(value)):
+                    raise ValueError(f"{name}[{i}] = {state[name][i]}: {where} prescribes {value} at t = {times[0]}")
+                state[name][i] = value
+    if len({i for i, _, _ in laws}) < len(laws):
+        raise ValueError("drive: a link is driven twice")
+    rtol, atol, max_order = number("rtol", rtol), number("atol", atol), whole("max_order", max_order)
+
+    def integrate(alive: Any = None) -> dict[str, Any]:
+        return _core.simulate_ida(
+            arm._core, laws, times, state["q0"], state["v0"], state["tau"], rtol, atol, max_order, method == "ci", alive
+        )
+
+    if progress:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        columns = (TextColumn("simulating"), BarColumn(), TextColumn("{task.fields[now]}"), TimeRemainingColumn())
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task("", total=float(times[-1] - times[0]), now="")
+
+            def show(now: float) -> None:
+                bar.update(task, completed=now - times[0], now=f"t = {now:.4g} of {times[-1]:.4g} s")
+
+            out = integrate(show)
+    else:
+        out = integrate()
+    done = len(out["q"])
+    result = Result(arm, times[:done], out["q"], out["v"], out["a"], out["tau"], out["stats"])
+    if out["failure"]:
+        raise SimulationError(f"stopped at t = {out['reached']:.9g} s: {out['failure']}", out["reached"], result)
+    return result

@@ -1,0 +1,128 @@
+#!/usr/bin/env bash
+# Everything from a bare Debian 12 or Ubuntu 24.04 to a running flexarm, in one command:
+#   ./setup.sh demo [ARGS]   install, then run `flexarm demo ARGS`
+#   ./setup.sh test [ARGS]   install, then run the C++ and Python tests (ARGS go to pytest) and the checks of lint
+#   ./setup.sh lint          ruff, mypy and clang-format alone
+#   ./setup.sh asan          the C++ tests under the address and undefined-behaviour sanitizers
+# Missing system packages come from apt (as root or through sudo); with nothing missing, apt is never called.
+# FLEXARM_VENV chooses where the virtual environment goes (.venv unless set).
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")"
+command=${1:-}
+case $command in
+  demo) extra='' ;;
+  test | lint | asan) extra='[test]' ;;
+  *) sed -n '2,8s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 2 ;;
+esac
+shift
+venv=${FLEXARM_VENV:-.venv}
+[[ $venv == /* ]] || venv=$PWD/$venv
+jobs=$(nproc 2>/dev/null || echo 2)
+export CMAKE_BUILD_PARALLEL_LEVEL=${CMAKE_BUILD_PARALLEL_LEVEL:-$jobs} PIP_DISABLE_PIP_VERSION_CHECK=1
+
+say() { printf '\n== %s\n' "$*"; }
+
+# --- What the system must offer. Each is probed by its effect, so that other ways to install it count too. ---
+python_has() { "$1" -c "$2" >/dev/null 2>&1; }
+new_enough='import sys; assert sys.version_info >= (3, 10)'
+has_venv='import ensurepip, venv'
+has_headers='import os, sysconfig as s; assert os.path.exists(os.path.join(s.get_path("include"), "Python.h"))'
+
+find_python() { # prints the first complete Python
+  local py
+  for py in python3 /usr/bin/python3 python3.{14,13,12,11,10}; do
+    if python_has "$py" "$new_enough; $has_venv; $has_headers"; then command -v "$py"; return; fi
+  done
+  return 1
+}
+
+has_cmake_package() { # FILE DIRECTORY: a CMake package in one of the usual prefixes
+  local prefixes prefix
+  IFS=':;' read -ra prefixes <<<"${CMAKE_PREFIX_PATH:-}"
+  for prefix in "${prefixes[@]}" ${CONDA_PREFIX:+"$CONDA_PREFIX"} /usr/local /usr; do
+    compgen -G "$prefix/lib*/cmake/$2/$1" || compgen -G "$prefix/lib/*/cmake/$2/$1" ||
+      compgen -G "$prefix/share/$2/cmake/$1" || compgen -G "$prefix/share/cmake/$2/$1" || continue
+    return
+  done >/dev/null
+  return 1
+}
+
+find_missing() { # fills the array missing with Debian's package names
+  missing=()
+  if ! find_python >/dev/null; then
+    local py=/usr/bin/python3  # the one apt can complete
+    python_has $py "$new_enough" || missing+=(python3)
+    python_has $py "$has_venv" || missing+=(python3-venv)
+    python_has $py "$has_headers" || missing+=(python3-dev)
+  fi
+  ${CXX:-c++} -std=c++17 -x c++ -o /dev/null - <<<'#include <optional>
+    int main() { if constexpr (true) return std::optional<int>(0).value(); }' 2>/dev/null || missing+=(g++)
+  has_cmake_package Eigen3Config.cmake eigen3 || missing+=(libeigen3-dev)
+  has_cmake_package SUNDIALSConfig.cmake sundials || missing+=(libsundials-dev)
+  [[ -z $extra ]] || has_cmake_package doctestConfig.cmake doctest || missing+=(doctest-dev)
+}
+
+install_missing() {
+  local root=() apt=(apt-get -qq -o DPkg::Lock::Timeout=120 -o Dpkg::Use-Pty=0) log
+  if ((EUID != 0)); then
+    if sudo -n true 2>/dev/null; then root=(sudo -n); elif [[ -t 0 ]] && command -v sudo >/dev/null; then root=(sudo); else root=(false); fi
+  fi
+  if [[ ${root[*]} == false ]] || ! command -v apt-get >/dev/null; then
+    echo "flexarm needs system packages that are missing here: ${missing[*]}" >&2
+    echo "On Debian or Ubuntu, as root:  apt-get install --no-install-recommends ${missing[*]}" >&2
+    echo "If they are in an unusual place, put its prefix into CMAKE_PREFIX_PATH." >&2
+    exit 1
+  fi
+  say "installing ${missing[*]} (apt)"
+  log=$(mktemp)
+  if ! { "${root[@]}" "${apt[@]}" update &&
+    "${root[@]}" env DEBIAN_FRONTEND=noninteractive "${apt[@]}" install -y --no-install-recommends "${missing[@]}"; } >"$log" 2>&1; then
+    tail -n 20 "$log" >&2
+    echo "apt could not install: ${missing[*]} (on Ubuntu, the component 'universe' must be enabled)" >&2
+    exit 1
+  fi
+  rm -f "$log"
+  find_missing
+  if ((${#missing[@]})); then echo "installed, but still not usable: ${missing[*]}" >&2; exit 1; fi
+}
+
+# --- The virtual environment. A stamp of all that goes into the package tells whether anything is to be done. ---
+install_flexarm() {
+  local now stamp=$venv/flexarm.stamp
+  now=$(find CMakeLists.txt pyproject.toml LICENSE README.md licenses cpp/include cpp/src python -type f \
+    ! -path '*/__pycache__/*' -print0 | LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum)
+  if "$venv/bin/python" -c 'import flexarm._core' 2>/dev/null && grep -qsF "$now$extra" "$stamp"; then return; fi
+  say "building and installing flexarm$extra into $venv"
+  python_has "$venv/bin/python" 'import pip' || "$(find_python)" -m venv "$venv"
+  rm -f "$stamp"
+  "$venv/bin/pip" install -q ".$extra"
+  printf '%s\n' "$now$extra" "$now" >"$stamp"
+}
+
+cpp_tests() { # PRESET; warnings are errors for us (CI), not for whoever has a newer compiler
+  say "C++ tests ($1)"
+  cmake --preset "$1" -DCMAKE_MAKE_PROGRAM="$venv/bin/ninja" -DFLEXARM_WERROR="${CI:+ON}" >build/"$1".log 2>&1 ||
+    { cat build/"$1".log >&2; return 1; }
+  cmake --build --preset "$1"
+  ctest --preset "$1" -j "$jobs"
+}
+
+lint() {
+  say "ruff, mypy, clang-format"
+  ruff check .
+  mypy
+  find cpp bench python/bindings \( -name '*.hpp' -o -name '*.cpp' \) -print0 | xargs -0r clang-format --dry-run -Werror
+  echo "all clean"
+}
+
+find_missing
+if ((${#missing[@]})); then install_missing; fi
+install_flexarm
+export PATH=$venv/bin:$PATH
+mkdir -p build
+case $command in
+  demo) flexarm demo "$@" ;;
+  test) cpp_tests release; say "Python tests"; pytest "$@"; lint ;;
+  lint) lint ;;
+  asan) cpp_tests asan ;;
+esac

@@ -1,0 +1,182 @@
+"""Frequencies against published tables (sources in each test)."""
+
+import flexarm as fa
+import numpy as np
+import pytest
+from arms import paper_link
+
+# Rotating Euler-Bernoulli cantilever: lambda = omega L^2 sqrt(rho A/EI) against gamma = Omega L^2 sqrt(rho A/EI), hub radius
+# alpha L. Flapwise, alpha = 0: Wright et al., J. Applied Mechanics 49 (1982); the rest computed independently.
+ROTATING = {
+    ("flap", 0.0): {
+        0: (3.516015, 22.034492, 61.697214),
+        1: (3.681647, 22.181011, 61.841763),
+        2: (4.137320, 22.614922, 62.273184),
+        4: (5.585001, 24.273349, 63.966760),
+        6: (7.360373, 26.809082, 66.683914),
+        8: (9.256838, 29.995382, 70.292962),
+        10: (11.202328, 33.640366, 74.649295),
+        12: (13.170151, 37.603112, 79.614479),
+    },
+    ("flap", 0.15): {
+        1: (3.713473, 22.210226, 61.872006),
+        2: (4.249207, 22.729267, 62.393102),
+        4: (5.908266, 24.695900, 64.430530),
+        6: (7.902350, 27.660171, 67.674415),
+        8: (10.013763, 31.331276, 71.941775),
+        10: (12.171921, 35.479616, 77.040151),
+        12: (14.351511, 39.946856, 82.793861),
+    },
+    ("chord", 0.0): {
+        1: (3.543236, 22.158458, 61.833677),
+        2: (3.621797, 22.526311, 62.241059),
+        4: (3.897722, 23.941501, 63.841573),
+        6: (4.263225, 26.129043, 66.413436),
+        8: (4.657150, 28.908873, 69.836241),
+        10: (5.048975, 32.119686, 73.976464),
+        12: (5.427049, 35.636976, 78.704925),
+    },
+    ("chord", 0.15): {
+        1: (3.576294, 22.187702, 61.863924),
+        2: (3.749101, 22.641104, 62.361039),
+        4: (4.348288, 24.369807, 64.306246),
+        6: (5.142677, 27.001575, 67.407911),
+        8: (6.022911, 30.292720, 71.495588),
+        10: (6.939427, 34.041198, 76.388381),
+        12: (7.871841, 38.101855, 81.919616),
+    },
+}
+
+
+def unit_beam(modes: dict[str, int], hub: float = 0.0, tip: fa.RigidBody | None = None, **beam) -> fa.Arm:
+    """L = EI = rho A = 1."""
+    section = fa.GeneralSection(1.0, 1.0, 1.0, 1.0)
+    options = {"basis": "legendre", "rotary_inertia": False} | beam
+    return fa.Arm(
+        [
+            fa.Link(
+                fa.Revolute("z"),
+                fa.RigidBody(end=(hub, 0, 0)),
+                fa.Beam(1.0, section, fa.Material(1.0, 1.0, 0.3), modes, **options),
+                tip,
+            )
+        ]
+    )
+
+
+@pytest.mark.parametrize("case", ROTATING)
+def test_rotating_cantilever_to_six_digits(case: tuple[str, float]) -> None:
+    direction, alpha = case
+    arm = unit_beam({"bending_z" if direction == "flap" else "bending_y": 12}, alpha)
+    for gamma, expected in ROTATING[case].items():
+        found = arm.modes(speed={0: gamma}, lock=[0])
+        np.testing.assert_allclose(found.frequencies[:3], expected, atol=1.5e-6)
+        np.testing.assert_array_equal(found.damping[:3], 0.0)
+
+
+def test_timoshenko_flap_of_this_kinematics() -> None:
+    """r_g/L = 1/30, E/kG = 3.059 (published.md's example): 4.096941 at gamma 2, and at rest the usual values."""
+    r2, k = 1 / 900, 2.6 / 3.059  # with E = 1/I and G = E/2.6: E/kG = 2.6/k
+    section = fa.GeneralSection(1.0, r2, r2, 1.0, shear_correction=k)
+    beam = fa.Beam(
+        1.0, section, fa.Material(1.0, 1 / r2, 0.3), {"bending_z": 12, "shear_z": 12}, "legendre", 2
+    )
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), beam=beam)])
+    np.testing.assert_allclose(
+        arm.modes(lock=[0]).frequencies[:3], (3.479841, 20.589156, 53.339811), atol=2e-6
+    )
+    assert arm.modes(speed={0: 2.0}, lock=[0]).frequencies[0] == pytest.approx(4.096941, abs=2e-6)
+
+
+def test_the_papers_link() -> None:
+    """Sec. 5.1: 20.95 131.28 367.6 rad/s at rest; order 2 +4.7 +1.9 +0.8 % at 10 rad/s; order 1 softens; order 0 stays."""
+    options = {"rotary_inertia": False}
+    converged = paper_link(2, 12, "legendre", **options)
+    table = {
+        0: (20.948766, 131.283672, 367.598084),
+        5: (21.202578, 131.927197, 368.297906),
+        10: (21.939613, 133.839190, 370.388432),
+    }
+    for speed, expected in table.items():
+        np.testing.assert_allclose(converged.modes(speed={0: speed}, lock=[0]).frequencies[:3], expected, atol=2e-6)
+    three = paper_link(2, **options).modes(speed={0: 10.0}, lock=[0]).frequencies
+    np.testing.assert_allclose(three, (21.939904, 133.840341, 370.389888), atol=2e-6)
+    rest = paper_link(2, **options).modes(lock=[0]).frequencies
+    np.testing.assert_array_equal(np.round(100 * (three / rest - 1), 1), (4.7, 1.9, 0.8))
+    for speed, first in ((0, 20.948766), (5, 20.343323), (10, 18.407900)):
+        found = paper_link(1, **options).modes(speed={0: speed}, lock=[0]).frequencies[0]
+        assert found == pytest.approx(first, abs=2e-6)
+    still, fast = (paper_link(0).modes(speed={0: w}, lock=[0]).frequencies for w in (0.0, 10.0))
+    np.testing.assert_allclose(still, fast, rtol=1e-12)
+
+
+def test_order_one_loses_its_first_mode() -> None:
+    arm = paper_link(1, rotary_inertia=False)
+    just_below = arm.modes(speed={0: 20.9487}, lock=[0])
+    assert just_below.stable and 0 < just_below.frequencies[0] < 0.1
+    above = arm.modes(speed={0: 21.0}, lock=[0])
+    assert not above.stable
+    assert above.frequencies[0] == 0.0 and above.damping[0] == -1.0 and above.eigenvalues[0].real > 1.0
+    assert (above.frequencies[1:] > 100).all()
+    assert paper_link(2).modes(speed={0: 21.0}, lock=[0]).stable
+
+
+@pytest.mark.parametrize(("mu", "expected"), [(0.1, 2.967838), (1.0, 1.557298), (10.0, 0.541375)])
+def test_tip_mass(mu: float, expected: float) -> None:
+    arm = unit_beam({"bending_y": 10}, tip=fa.RigidBody(mu))
+    assert arm.modes(lock=[0]).frequencies[0] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("eta", "expected"),
+    [(0.0, (15.418206, 49.964862)), (0.1, (6.963924, 22.980239)), (1.0, (4.040113, 22.125680))],
+)
+def test_pinned_beam_with_hub_inertia(eta: float, expected: tuple[float, float]) -> None:
+    beam = unit_beam({"bending_y": 12}).links[0].beam
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(inertia=(0, 0, eta)), beam)])
+    found = arm.modes()
+    assert found.frequencies[0] == 0.0  # turning as a rigid body
+    np.testing.assert_allclose(found.frequencies[1:3], expected, atol=1e-6)
+
+
+def test_torsion_and_shear_alone() -> None:
+    """Clamped-free rod in torsion: omega_i = (i - 1/2) pi sqrt(G J / rho Ip) / L; shear the same with k G A, rho A."""
+    section, steel, L = fa.Rectangle(0.004, 0.01), fa.Material(7850, 209e9, 0.3), 0.5
+    G = 209e9 / 2.6
+    polar = section.second_moment_y + section.second_moment_z
+    i = np.arange(1, 4) - 0.5
+    for strain, speed in (
+        ("torsion", np.sqrt(G * section.torsion_constant / (7850 * polar))),
+        ("shear_y", np.sqrt(5 / 6 * G / 7850)),
+        ("shear_z", np.sqrt(5 / 6 * G / 7850)),
+    ):
+        for basis, n in (("clamped-free", 3), ("legendre", 12)):
+            arm = fa.Arm([fa.Link(fa.Fixed(), beam=fa.Beam(L, section, steel, {strain: n}, basis))])
+            np.testing.assert_allclose(arm.modes().frequencies[:3], i * np.pi * speed / L, rtol=1e-9)
+
+
+def test_section_constants() -> None:
+    """Torsion constant of a square, 0.1405770 a^4 (Timoshenko & Goodier), and of a thin strip, b h^3 / 3."""
+    assert fa.Rectangle(1.0, 1.0).torsion_constant == pytest.approx(0.14057701, rel=1e-7)
+    assert fa.Rectangle(1e-4, 1.0).torsion_constant == pytest.approx(1e-12 / 3 * (1 - 0.630249e-4), rel=1e-9)
+    tube = fa.Circle(0.02, 0.01)
+    assert tube.torsion_constant == pytest.approx(np.pi / 2 * (0.02**4 - 0.01**4))
+    assert fa.Rectangle(0.001, 0.02).second_moment_z == pytest.approx(0.02 * 0.001**3 / 12)
+
+
+def test_modal_damping() -> None:
+    """The ratio asked for is the ratio found, for every mode of the clamped beam; whirling is gyroscopic and stable."""
+    found = paper_link(2, damping_ratio=0.03).modes(lock=[0])
+    np.testing.assert_allclose(found.damping, 0.03, rtol=1e-9)
+    np.testing.assert_allclose(found.frequencies, paper_link(2).modes(lock=[0]).frequencies, rtol=1e-9)
+
+
+def test_gyroscopic_modes_of_a_whirling_shaft() -> None:
+    """A round shaft along the spin axis, seen from axes that spin with it: s = i (omega0 -+ Omega), twice each."""
+    shaft = fa.Beam(1.0, fa.GeneralSection(1, 1, 1, 1), fa.Material(1, 1, 0.3), {"bending_y": 10, "bending_z": 10},
+                    "legendre", rotary_inertia=False)  # fmt: skip
+    arm = fa.Arm([fa.Link(fa.Revolute("x"), fa.RigidBody(1, inertia=(1, 1, 1)), shaft)])
+    found = arm.modes(speed={0: 1.5}, lock=[0])
+    rest = np.array([3.516015, 22.034492])
+    np.testing.assert_allclose(found.frequencies[:4], np.sort([rest - 1.5, rest + 1.5], axis=None), atol=1e-5)
+    assert np.abs(found.damping[:4]).max() < 1e-8

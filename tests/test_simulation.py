@@ -1,0 +1,196 @@
+"""Time: published manoeuvres, conservation, drives, failure, interruption."""
+
+import os
+import signal
+import threading
+import time
+
+import flexarm as fa
+import numpy as np
+import pytest
+from arms import paper_link, reference
+from scipy.integrate import solve_ivp
+
+
+def kane_beam(order: int) -> fa.Arm:
+    """L 10, EI 1.4e4, rho A 1.2, rho I 6e-4, GA 1e7 (Kane, Ryan & Banerjee 1987; Simo & Vu-Quoc 1986)."""
+    I = 6e-4 / 1.2  # noqa: E741
+    section = fa.GeneralSection(1.0, I, I, 1.0, shear_correction=1.0)
+    material = fa.Material(1.2, 1.4e4 / I, shear_modulus=1e7)
+    modes = {"bending_y": 5}
+    return fa.Arm([fa.Link(fa.Revolute("z"), beam=fa.Beam(10.0, section, material, modes, "legendre", order))])
+
+
+SPIN_UPS = [  # arm, speed, time, peak tip deflection of order 0, order 1, and order 2 with linear elastic equations
+    (kane_beam, 6.0, 15.0, -0.629158, None, -0.574367),
+    (lambda order: paper_link(order, 6, "legendre"), 7.6, 0.5, -0.070408, -0.072146, -0.069682),
+    (lambda order: paper_link(order, 6, "legendre"), 10.0, 1.0, -0.032604, -0.035444, -0.031594),
+]
+
+
+@pytest.mark.parametrize("case", SPIN_UPS, ids=["kane", "paper 7.6", "paper 10"])
+def test_spin_up_at_orders_zero_and_one(case) -> None:
+    make, speed, duration, *peaks, _ = case
+    for order, peak in enumerate(peaks):
+        if peak is None:
+            continue
+        r = fa.simulate(make(order), np.linspace(0, duration, 1501), drive={0: fa.Motion.spin_up(speed, duration)})
+        assert r.tip_deflection()[:, 1].min() == pytest.approx(peak, rel=3e-5)
+
+
+@pytest.mark.parametrize("case", SPIN_UPS, ids=["kane", "paper 7.6", "paper 10"])
+def test_spin_up_of_the_linearised_order_two(case) -> None:
+    """The published order-2 numbers keep the elastic equations linear: M ddq + K(Omega) q = -m dOmega. The exact
+    Jacobians along the motion give just that; the full order-2 model stays within half a per cent of it."""
+    make, speed, duration, *_, peak = case
+    arm = make(2)
+    law = fa.Motion.spin_up(speed, duration).law
+    n, zero = arm.nv, np.zeros(arm.nv)
+    M = arm.mass_matrix(zero)
+    invM = np.linalg.inv(M[1:, 1:])
+    hub = np.eye(n)[0]
+    rest, spin, thrust = (  # K = rest + Omega^2 spin + dOmega thrust
+        arm._core.inverse_derivatives(zero, w * hub, dw * hub)[0][1:, 1:] for w, dw in ((0, 0), (1, 0), (0, 1))
+    )
+
+    def rate(t: float, y: np.ndarray) -> np.ndarray:
+        _, w, dw = law(t)
+        K = rest + w**2 * (spin - rest) + dw * (thrust - rest)
+        return np.concatenate([y[n - 1 :], -invM @ (K @ y[: n - 1] + M[1:, 0] * dw)])
+
+    t = np.linspace(0, duration, 1501)
+    y = solve_ivp(rate, (0, duration), np.zeros(2 * n - 2), "DOP853", t, rtol=1e-8, atol=1e-10).y
+    q = np.hstack([np.zeros((len(t), 1)), y[: n - 1].T])
+    assert arm.deflection(q)[:, 1].min() == pytest.approx(peak, rel=3e-5)
+    full = fa.simulate(arm, t, drive={0: fa.Motion.spin_up(speed, duration)}, max_order=2).tip_deflection()[:, 1].min()
+    assert full == pytest.approx(peak, rel=6e-3)
+
+
+@pytest.mark.parametrize("rtol", [1e-5, 1e-7, 1e-9])
+@pytest.mark.parametrize("name", ["ist_order1", "ist_order2", "elbow_order2"])
+def test_energy_is_conserved_to_the_tolerance(name: str, rtol: float) -> None:
+    """Undamped, unforced: T + U stays within a small multiple of the tolerance."""
+    arm = fa.Arm.from_dict(reference(name)["scene"])
+    v0 = np.zeros(arm.nv)
+    v0[0] = 2.0
+    q0 = np.zeros(arm.nv)
+    q0[1] = 0.05
+    r = fa.simulate(arm, np.linspace(0, 0.05, 51), q0, v0, rtol=rtol, atol=1e-2 * rtol)
+    kinetic, potential = r.energy()
+    assert np.ptp(kinetic + potential) < 100 * rtol * np.ptp(kinetic)
+
+
+def test_tighter_tolerances_converge() -> None:
+    arm, t = paper_link(), np.linspace(0, 1, 101)
+    drive = {0: fa.Motion.spin_up(7.6, 0.5)}
+    truth = fa.simulate(arm, t, drive=drive, rtol=1e-11, atol=1e-13).q
+    errors = [np.abs(fa.simulate(arm, t, drive=drive, rtol=r, atol=r * 1e-2).q - truth).max() for r in (1e-4, 1e-6, 1e-8)]
+    assert errors[0] < 1e-3 and errors[1] < 1e-5 and errors[2] < 1e-7
+    assert errors[0] > 3 * errors[1] > 9 * errors[2]
+
+
+def test_motion_samples_and_callable_agree() -> None:
+    arm, t = paper_link(), np.linspace(0, 1, 51)
+    law = fa.Motion.spin_up(7.6, 0.5).law
+    s = np.linspace(0, 1, 401)
+    q, v, a = np.array([law(x) for x in s]).T
+    runs = [
+        fa.simulate(arm, t, drive={0: m}, rtol=1e-9, atol=1e-11)
+        for m in (fa.Motion(law), fa.Motion(s, q, v, a), fa.Motion(s, q))
+    ]
+    for r in runs[1:]:
+        assert np.abs(r.tip_deflection() - runs[0].tip_deflection()).max() < 1e-6
+    # the reaction is the torque that makes the motion
+    free = fa.simulate(arm, t, drive={0: fa.Torque(t_fine := np.linspace(0, 1, 2001), _reaction(arm, t_fine))}, rtol=1e-9)
+    assert np.abs(free.q[:, 0] - runs[0].q[:, 0]).max() < 1e-4
+
+
+def _reaction(arm: fa.Arm, t: np.ndarray) -> np.ndarray:
+    return fa.simulate(arm, t, drive={0: fa.Motion.spin_up(7.6, 0.5)}, rtol=1e-9, atol=1e-11).tau[:, 0]
+
+
+def test_torque_and_constant_force() -> None:
+    """A rigid hub under a constant, a sampled and a callable torque: closed forms."""
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(inertia=(0, 0, 2.0)))])
+    t = np.linspace(0, 2, 21)
+    constant = fa.simulate(arm, t, drive={0: fa.Torque(3.0)})
+    np.testing.assert_allclose(constant.q[:, 0], 0.75 * t**2, atol=1e-6)
+    np.testing.assert_allclose(constant.tau[:, 0], 3.0)
+    also = fa.simulate(arm, t, tau=[3.0])
+    np.testing.assert_array_equal(also.q, constant.q)
+    ramp = fa.simulate(arm, t, drive={0: fa.Torque([0, 2], [0, 6])})
+    np.testing.assert_allclose(ramp.q[:, 0], t**3 / 4, atol=1e-6)
+    called = fa.simulate(arm, t, drive={0: fa.Torque(lambda x: 3 * x)})
+    np.testing.assert_allclose(called.q, ramp.q, atol=1e-6)
+
+
+def test_everything_prescribed() -> None:
+    arm = fa.Arm([fa.Link(fa.Prismatic("x"), fa.RigidBody(2.0))])
+    t = np.linspace(0, 1, 11)
+    r = fa.simulate(arm, t, drive={0: fa.Motion(lambda x: (x**2, 2 * x, 2.0))})
+    np.testing.assert_allclose(r.q[:, 0], t**2)
+    np.testing.assert_allclose(r.tau, 4.0)
+
+
+def test_order_one_diverges_above_its_critical_speed() -> None:
+    t = np.linspace(0, 4, 101)
+    drive = {0: fa.Motion.spin_up(24.0, 1.0)}
+    tip = {}
+    for order in (1, 2):
+        try:
+            tip[order] = np.abs(fa.simulate(paper_link(order), t, drive=drive).tip_deflection()[:, 1]).max()
+        except fa.SimulationError as e:
+            tip[order] = np.abs(e.result.tip_deflection()[:, 1]).max()
+    assert tip[1] > 1e3 and tip[2] < 0.2
+
+
+def test_failure_returns_what_there_is() -> None:
+    """A torque that runs away: SimulationError with the time reached and the result up to there."""
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(inertia=(0, 0, 1.0)))])
+    runaway = fa.Torque(lambda t: 1.0 / max(1.0 - t, 1e-300) ** 3)
+    with pytest.raises(fa.SimulationError, match=r"stopped at t = ") as caught:
+        fa.simulate(arm, np.linspace(0, 2, 201), drive={0: runaway})
+    error = caught.value
+    assert 0.9 < error.time <= 1.01
+    assert len(error.result.t) == len(error.result.q) > 90
+    assert error.result.t[-1] <= error.time + 0.01 and np.isfinite(error.result.q).all()
+
+
+def test_errors_of_a_drive_come_through() -> None:
+    arm = paper_link()
+
+    def broken(t: float) -> float:
+        raise KeyError("no such torque")
+
+    with pytest.raises(KeyError, match="no such torque"):
+        fa.simulate(arm, [0, 1], drive={0: fa.Torque(broken)})
+    with pytest.raises(ValueError, match="nan"):
+        fa.simulate(arm, [0, 1], drive={0: fa.Torque(lambda t: float("nan"))})
+
+
+def test_ctrl_c_stops_a_long_run() -> None:
+    arm = paper_link()
+    q0 = [0, 0.1, 0, 0]
+    killer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    killer.start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        fa.simulate(arm, [0, 1e5], q0)
+    killer.join()
+    assert time.monotonic() - began < 60
+
+
+def test_result_saves_and_loads(tmp_path) -> None:
+    r = fa.simulate(paper_link(), np.linspace(0, 0.1, 11), [0, 0.05, 0, 0])
+    r.save(tmp_path / "run.npz")
+    s = fa.Result.load(tmp_path / "run.npz")
+    assert s.arm == r.arm and s.stats == r.stats
+    for k in ("t", "q", "v", "a", "tau"):
+        np.testing.assert_array_equal(getattr(s, k), getattr(r, k))
+    with pytest.raises(ValueError, match="nothing.npz"):
+        fa.Result.load(tmp_path / "nothing.npz")
+
+
+def test_progress_goes_to_stderr(capsys) -> None:
+    fa.simulate(paper_link(), [0, 0.1], [0, 0.05, 0, 0], progress=True)
+    assert capsys.readouterr().out == ""
