@@ -9,10 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import flexarm as fa
 import numpy as np
 import pytest
-
-import flexarm as fa
 from flexarm.cli import main
 
 PENDULUM = """

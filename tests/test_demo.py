@@ -7,10 +7,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+import flexarm as fa
 import numpy as np
 import pytest
-
-import flexarm as fa
 from flexarm import demo
 
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -116,7 +116,7 @@ def test_prescribed_joints() -> None:
     q, v, tau = random_state(rng, arm)
     driven = [k for k, link in enumerate(arm.links) if link.joint.nv][:2]
     index = [arm._core.first(k) for k in driven]
-    given_a = dict(zip(driven, (1.5, -0.7)))
+    given_a = dict(zip(driven, (1.5, -0.7), strict=True))
     for method in ("ab", "ci"):
         a = arm.forward_dynamics(q, v, tau, method, prescribed=given_a)
         np.testing.assert_array_equal(a[index], [1.5, -0.7])

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from arms import paper_link
 
-# Rotating Euler-Bernoulli cantilever: lambda = omega L^2 sqrt(rho A/EI) against gamma = Omega L^2 sqrt(rho A/EI), hub radius
-# alpha L. Flapwise, alpha = 0: Wright et al., J. Applied Mechanics 49 (1982); the rest computed independently.
+# Rotating Euler-Bernoulli cantilever: lambda = omega L^2 sqrt(rho A/EI) against gamma = Omega L^2 sqrt(rho A/EI), hub
+# radius alpha L. Flapwise, alpha = 0: Wright et al., J. Applied Mechanics 49 (1982); the rest computed independently.
 ROTATING = {
     ("flap", 0.0): {
         0: (3.516015, 22.034492, 61.697214),
@@ -78,18 +78,14 @@ def test_timoshenko_flap_of_this_kinematics() -> None:
     """r_g/L = 1/30, E/kG = 3.059 (published.md's example): 4.096941 at gamma 2, and at rest the usual values."""
     r2, k = 1 / 900, 2.6 / 3.059  # with E = 1/I and G = E/2.6: E/kG = 2.6/k
     section = fa.GeneralSection(1.0, r2, r2, 1.0, shear_correction=k)
-    beam = fa.Beam(
-        1.0, section, fa.Material(1.0, 1 / r2, 0.3), {"bending_z": 12, "shear_z": 12}, "legendre", 2
-    )
+    beam = fa.Beam(1.0, section, fa.Material(1.0, 1 / r2, 0.3), {"bending_z": 12, "shear_z": 12}, "legendre", 2)
     arm = fa.Arm([fa.Link(fa.Revolute("z"), beam=beam)])
-    np.testing.assert_allclose(
-        arm.modes(lock=[0]).frequencies[:3], (3.479841, 20.589156, 53.339811), atol=2e-6
-    )
+    np.testing.assert_allclose(arm.modes(lock=[0]).frequencies[:3], (3.479841, 20.589156, 53.339811), atol=2e-6)
     assert arm.modes(speed={0: 2.0}, lock=[0]).frequencies[0] == pytest.approx(4.096941, abs=2e-6)
 
 
 def test_the_papers_link() -> None:
-    """Sec. 5.1: 20.95 131.28 367.6 rad/s at rest; order 2 +4.7 +1.9 +0.8 % at 10 rad/s; order 1 softens; order 0 stays."""
+    """Sec. 5.1: 20.95 131.28 367.6 rad/s at rest; order 2 +4.7 +1.9 +0.8 % at 10 rad/s; order 1 softens."""
     options = {"rotary_inertia": False}
     converged = paper_link(2, 12, "legendre", **options)
     table = {

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 def kane_beam(order: int) -> fa.Arm:
     """L 10, EI 1.4e4, rho A 1.2, rho I 6e-4, GA 1e7 (Kane, Ryan & Banerjee 1987; Simo & Vu-Quoc 1986)."""
-    I = 6e-4 / 1.2  # noqa: E741
+    I = 6e-4 / 1.2
     section = fa.GeneralSection(1.0, I, I, 1.0, shear_correction=1.0)
     material = fa.Material(1.2, 1.4e4 / I, shear_modulus=1e7)
     modes = {"bending_y": 5}
@@ -84,7 +84,9 @@ def test_tighter_tolerances_converge() -> None:
     arm, t = paper_link(), np.linspace(0, 1, 101)
     drive = {0: fa.Motion.spin_up(7.6, 0.5)}
     truth = fa.simulate(arm, t, drive=drive, rtol=1e-11, atol=1e-13).q
-    errors = [np.abs(fa.simulate(arm, t, drive=drive, rtol=r, atol=r * 1e-2).q - truth).max() for r in (1e-4, 1e-6, 1e-8)]
+    errors = [
+        np.abs(fa.simulate(arm, t, drive=drive, rtol=r, atol=r * 1e-2).q - truth).max() for r in (1e-4, 1e-6, 1e-8)
+    ]
     assert errors[0] < 1e-3 and errors[1] < 1e-5 and errors[2] < 1e-7
     assert errors[0] > 3 * errors[1] > 9 * errors[2]
 
@@ -101,7 +103,9 @@ def test_motion_samples_and_callable_agree() -> None:
     for r in runs[1:]:
         assert np.abs(r.tip_deflection() - runs[0].tip_deflection()).max() < 1e-6
     # the reaction is the torque that makes the motion
-    free = fa.simulate(arm, t, drive={0: fa.Torque(t_fine := np.linspace(0, 1, 2001), _reaction(arm, t_fine))}, rtol=1e-9)
+    free = fa.simulate(
+        arm, t, drive={0: fa.Torque(t_fine := np.linspace(0, 1, 2001), _reaction(arm, t_fine))}, rtol=1e-9
+    )
     assert np.abs(free.q[:, 0] - runs[0].q[:, 0]).max() < 1e-4
 
 
@@ -187,7 +191,7 @@ def test_result_saves_and_loads(tmp_path) -> None:
     assert s.arm == r.arm and s.stats == r.stats
     for k in ("t", "q", "v", "a", "tau"):
         np.testing.assert_array_equal(getattr(s, k), getattr(r, k))
-    with pytest.raises(ValueError, match="nothing.npz"):
+    with pytest.raises(ValueError, match=r"nothing\.npz"):
         fa.Result.load(tmp_path / "nothing.npz")
 
 

@@ -75,8 +75,6 @@ void bind_model(py::module_& m) {
       .def_property_readonly("nq", &Arm::nq)
       .def_property_readonly("nv", &Arm::nv)
       .def_property_readonly("coordinates", &Arm::coordinates)
-      .def(
-          "first", [](const Arm& a, std::size_t link) { return a.first(link); }, py::arg("link"))
-      .def("joint_size", [](const Arm& a, std::size_t link) { return a.link(link).nj(); }, py::arg("link"));
+      .def("first", [](const Arm& a, std::size_t link) { return a.first(link); }, py::arg("link"));
   bind_dynamics(arm);
 }

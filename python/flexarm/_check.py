@@ -51,7 +51,7 @@ def batch(n: int, **named: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
     try:
         lead = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
     except ValueError:
-        shapes = ", ".join(f"{k} {a.shape}" for k, a in zip(named, arrays))
+        shapes = ", ".join(f"{k} {a.shape}" for k, a in zip(named, arrays, strict=True))
         raise ValueError(f"leading axes do not fit each other: {shapes}") from None
     rows = math.prod(lead)  # not -1, which n = 0 leaves open
     return lead, [np.ascontiguousarray(np.broadcast_to(a, (*lead, n)).reshape(rows, n)) for a in arrays]

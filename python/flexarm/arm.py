@@ -60,10 +60,11 @@ class Arm:
     def __repr__(self) -> str:
         return f"Arm({len(self.links)} links, {self.nv} coordinates: {', '.join(self.coordinates)})"
 
-    def _link(self, link: int) -> int:
-        if isinstance(link, bool) or not isinstance(link, (int, np.integer)) or not -len(self.links) <= link < len(self.links):
-            raise ValueError(f"link = {link!r}: must be from {-len(self.links)} to {len(self.links) - 1}")
-        return int(link) % len(self.links)
+    def _link(self, link: Any, field: str = "link") -> int:
+        n = len(self.links)
+        if isinstance(link, bool) or not isinstance(link, (int, np.integer)) or not -n <= link < n:
+            raise ValueError(f"{field} = {link!r}: must be from {-n} to {n - 1}")
+        return int(link) % n
 
     # -- dynamics ----------------------------------------------------------------------------------------------------
 
@@ -91,9 +92,10 @@ class Arm:
         lead, (q, v, tau) = batch(self.nv, q=q, v=v, tau=np.zeros(self.nv) if tau is None else tau)
         given = [False] * self.nv
         a = np.zeros_like(q)
-        for i, value in zip(modal.link_numbers(self, "prescribed", prescribed or ()), (prescribed or {}).values()):
+        for link, value in (prescribed or {}).items():
+            i = modal.joint_coordinate(self, "prescribed", link)
             given[i] = True
-            a[:, i] = array("prescribed", value, ())
+            a[:, i] = array(f"prescribed[{link}]", value, ())
         return self._core.forward_dynamics(q, v, tau, method, given, a).reshape(*lead, self.nv)
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
@@ -140,7 +142,7 @@ class Arm:
         return self._core.strain(q, self._link(link), x).reshape(*lead, 5)
 
     def deflection(self, q: ArrayLike, link: int = 0, x: float | None = None) -> Array:
-        """Displacement (..., 3) of the slice at x metres (None: the beam's tip) from rest, in the link's own axes (m)."""
+        """Displacement (..., 3) of the slice at x metres (None: the beam's tip) from rest, in the link's axes (m)."""
         lead, (q,) = batch(self.nv, q=q)
         n = self._link(link)
         beam = self.links[n].beam

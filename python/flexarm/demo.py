@@ -285,7 +285,7 @@ def write_csv(path: Path, header: Iterable[str], columns: Iterable[Array]) -> No
     with path.open("w", newline="", encoding="utf-8") as f:
         out = csv.writer(f, lineterminator="\n")
         out.writerow(header)
-        out.writerows([repr(float(x)) for x in row] for row in zip(*columns))
+        out.writerows([repr(float(x)) for x in row] for row in zip(*columns, strict=True))
 
 
 _FILES = {

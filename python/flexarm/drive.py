@@ -80,7 +80,7 @@ class Motion(_Law):
 
     @staticmethod
     def spin_up(speed: float, time: float) -> Motion:
-        """Smooth spin-up to `speed` (rad/s) within `time` (s), from rest at 0, then on at that speed (Kane et al. 1987)."""
+        """Smooth spin-up from rest at t = 0 to `speed` (rad/s) at `time` (s), then on at it (Kane et al. 1987)."""
 
         def law(t: float) -> tuple[float, float, float]:
             if t >= time:
@@ -93,7 +93,7 @@ class Motion(_Law):
 
 
 class Torque(_Law):
-    """Force (N) or torque (N m) of a joint: `Torque(t, tau)` linear between samples, `Torque(f)` a callable, or a number."""
+    """Force (N) or torque (N m) of a joint: samples (t, tau), linear in between; a callable t -> tau; or a number."""
 
     def __init__(self, t: ArrayLike | Callable[[float], float], tau: ArrayLike | None = None) -> None:
         if callable(t):
@@ -105,5 +105,3 @@ class Torque(_Law):
             times = _times(t)
             values = array("tau", tau, times.shape)
             self._polynomial(PPoly(np.stack([np.diff(values) / np.diff(times), values[:-1]]), times))
-
-

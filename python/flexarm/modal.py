@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg as la
 from numpy.typing import ArrayLike, NDArray
 
-from ._check import Array, array, number
+from ._check import Array, array
 
 if TYPE_CHECKING:
     from .arm import Arm
@@ -42,17 +42,12 @@ class Modes:
         return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues).max(initial=0.0)).all())
 
 
-def link_numbers(arm: Arm, name: str, keys: Iterable[Any]) -> list[int]:
-    """Coordinates of the one-coordinate joints of some links."""
-    out = []
-    for key in keys:
-        if isinstance(key, bool) or not isinstance(key, (int, np.integer)) or not -len(arm.links) <= key < len(arm.links):
-            raise ValueError(f"{name}: link {key!r} is not one of 0 to {len(arm.links) - 1}")
-        link = int(key) % len(arm.links)
-        if arm.links[link].joint.nv == 0:
-            raise ValueError(f"{name}: the joint of link {link} is fixed")
-        out.append(arm._core.first(link))
-    return out
+def joint_coordinate(arm: Arm, field: str, link: Any) -> int:
+    """The coordinate of a link's joint, which must have one."""
+    n = arm._link(link, f"{field}: link")
+    if arm.links[n].joint.nv == 0:
+        raise ValueError(f"{field}: link = {link}: its joint is fixed, it has no coordinate")
+    return arm._core.first(n)
 
 
 def steady_state(arm: Arm, q: Array, v: Array, joints: NDArray[np.bool_]) -> Array:
@@ -61,17 +56,15 @@ def steady_state(arm: Arm, q: Array, v: Array, joints: NDArray[np.bool_]) -> Arr
     elastic = np.flatnonzero(~joints)
     if elastic.size == 0:
         return q
-    scale = None
+    scale = 1.0 / np.sqrt(np.abs(np.diag(arm._core.inverse_derivatives(q, v, zero)[0]))[elastic] + 1e-300)
     for _ in range(50):
         force = arm._core.inverse_dynamics(q[None], v[None], zero[None])[0][elastic]
         stiffness = arm._core.inverse_derivatives(q, v, zero)[0][np.ix_(elastic, elastic)]
-        if scale is None:
-            scale = 1.0 / np.sqrt(np.abs(np.diag(stiffness)) + 1e-300)
         step = scale * la.lstsq(scale[:, None] * stiffness * scale, -scale * force)[0]
         q[elastic] += step
         if not np.isfinite(q).all():
             break
-        if np.linalg.norm(step / scale) <= 1e-13 * max(1e-6, np.linalg.norm(q[elastic] / scale)):
+        if np.linalg.norm(step / scale) <= 1e-13 * max(1e-6, float(np.linalg.norm(q[elastic] / scale))):
             return q
         if np.linalg.norm(scale * force) < 1e-14:
             return q
@@ -87,13 +80,13 @@ def modes(
     q0 = np.zeros(arm.nv) if q is None else array("q", q, (arm.nv,)).copy()
     v0 = np.zeros(arm.nv)
     joints = np.zeros(arm.nv, dtype=bool)
-    for k, link in enumerate(arm.links):
-        joints[arm._core.first(k) : arm._core.first(k) + link.joint.nv] = True
-    speeds = dict(speed or {})
-    for i, value in zip(link_numbers(arm, "speed", speeds), speeds.values()):
-        v0[i] = array("speed", number("speed", value), ())
+    for k, part in enumerate(arm.links):
+        joints[arm._core.first(k) : arm._core.first(k) + part.joint.nv] = True
+    for link, value in (speed or {}).items():
+        v0[joint_coordinate(arm, "speed", link)] = array(f"speed[{link}]", value, ())
     free = np.ones(arm.nv, dtype=bool)
-    free[link_numbers(arm, "lock", lock or ())] = False
+    for link in lock or ():
+        free[joint_coordinate(arm, "lock", link)] = False
     if not free.any():
         raise ValueError("lock: no coordinate is left to move")
     q0 = steady_state(arm, q0, v0, joints)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar, Union
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -57,10 +57,6 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _core_field() -> Any:
-    return field(init=False, repr=False, compare=False)
-
-
 @dataclass(frozen=True)
 class Material(_Part):
     """Linear elastic material. Torsion and shear need `poisson_ratio` or `shear_modulus` (Pa), not both."""
@@ -69,7 +65,7 @@ class Material(_Part):
     youngs_modulus: float  #: Pa
     poisson_ratio: float | None = None
     shear_modulus: float | None = None
-    _core: _core.Material = _core_field()
+    _core: _core.Material = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for f in ("density", "youngs_modulus", "poisson_ratio", "shear_modulus"):
@@ -117,7 +113,7 @@ class Rectangle(_Shape):
     z: float
     shear_correction: float = 5 / 6
     type: ClassVar[str] = "rectangle"
-    _core: _core.Section = _core_field()
+    _core: _core.Section = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for f in ("y", "z", "shear_correction"):
@@ -133,7 +129,7 @@ class Circle(_Shape):
     inner_radius: float = 0.0
     shear_correction: float = 9 / 10
     type: ClassVar[str] = "circle"
-    _core: _core.Section = _core_field()
+    _core: _core.Section = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for f in ("radius", "inner_radius", "shear_correction"):
@@ -151,7 +147,7 @@ class GeneralSection(_Section):
     torsion_constant: float
     shear_correction: float = 5 / 6
     type: ClassVar[str] = "general"
-    _core: _core.Section = _core_field()
+    _core: _core.Section = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         names = ("area", "second_moment_y", "second_moment_z", "torsion_constant", "shear_correction")
@@ -160,7 +156,7 @@ class GeneralSection(_Section):
         self._set("_core", _core.Section(*(getattr(self, f) for f in names)))
 
 
-Section = Union[Rectangle, Circle, GeneralSection]
+Section = Rectangle | Circle | GeneralSection
 
 
 @dataclass(frozen=True)
@@ -193,7 +189,7 @@ class Beam(_Part):
     rotary_inertia: bool = True
     damping_ratio: float = 0.0
     gauss_points: int | None = None
-    _core: _core.Beam = _core_field()
+    _core: _core.Beam = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self._set("length", number("length", self.length))
@@ -204,13 +200,13 @@ class Beam(_Part):
             raise ValueError(f"material = {self.material!r}: must be a Material")
         known_keys("modes", self.modes, STRAINS)
         counts = [whole(f"modes.{s}", self.modes.get(s, 0)) for s in STRAINS]
-        self._set("modes", {s: n for s, n in zip(STRAINS, counts) if n != 0})
+        self._set("modes", {s: n for s, n in zip(STRAINS, counts, strict=True) if n != 0})
         if not isinstance(self.rotary_inertia, bool):
             raise ValueError(f"rotary_inertia = {self.rotary_inertia!r}: must be true or false")
-        if isinstance(self.order, str) or isinstance(self.order, bool):
-            raise ValueError(f"order = {self.order!r}: must be 0, 1 or 2")
         if not isinstance(self.basis, str):
             raise ValueError(f'basis = {self.basis!r}: must be "clamped-free" or "legendre"')
+        if isinstance(self.order, bool) or self.order not in (0, 1, 2):
+            raise ValueError(f"order = {self.order!r}: must be 0, 1 or 2")
         points = 0
         if self.gauss_points is not None:
             points = whole("gauss_points", self.gauss_points)
@@ -222,7 +218,7 @@ class Beam(_Part):
             self.material._core,
             counts,
             self.basis,
-            whole("order", self.order),
+            self.order,
             self.rotary_inertia,
             self.damping_ratio,
             points,
@@ -274,7 +270,7 @@ class RigidBody(_Part):
     com: Vector = (0.0, 0.0, 0.0)
     inertia: Any = (0.0, 0.0, 0.0)
     end: Vector = (0.0, 0.0, 0.0)
-    _core: _core.RigidBody = _core_field()
+    _core: _core.RigidBody = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self._set("mass", number("mass", self.mass))
@@ -313,7 +309,7 @@ class Fixed(_Joint):
     """Rigid connection."""
 
     type: ClassVar[str] = "fixed"
-    _core: _core.Joint = _core_field()
+    _core: _core.Joint = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self._build("z")
@@ -325,7 +321,7 @@ class Revolute(_Joint):
 
     axis: str | Vector = "z"
     type: ClassVar[str] = "revolute"
-    _core: _core.Joint = _core_field()
+    _core: _core.Joint = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self._build(self.axis)
@@ -337,13 +333,13 @@ class Prismatic(_Joint):
 
     axis: str | Vector = "x"
     type: ClassVar[str] = "prismatic"
-    _core: _core.Joint = _core_field()
+    _core: _core.Joint = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self._build(self.axis)
 
 
-Joint = Union[Fixed, Revolute, Prismatic]
+Joint = Fixed | Revolute | Prismatic
 
 
 @dataclass(frozen=True)
@@ -358,7 +354,7 @@ class Link(_Part):
     hub: RigidBody | None = None
     beam: Beam | None = None
     tip: RigidBody | None = None
-    _core: _core.Link = _core_field()
+    _core: _core.Link = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.joint, _Joint):
@@ -367,8 +363,8 @@ class Link(_Part):
             part = getattr(self, name)
             if part is not None and not isinstance(part, kind):
                 raise ValueError(f"{name} = {part!r}: must be a {kind.__name__} or None")
-        core = [p._core if p is not None else None for p in (self.hub, self.beam, self.tip)]
-        self._set("_core", _core.Link(self.joint._core, *core))
+        hub, beam, tip = (p._core if p is not None else None for p in (self.hub, self.beam, self.tip))
+        self._set("_core", _core.Link(self.joint._core, hub, beam, tip))  # type: ignore[arg-type]
 
     @property
     def mass(self) -> float:

@@ -86,7 +86,7 @@ def plot_result(result: Result) -> Figure:
     fig = Figure(figsize=(9.0, 0.8 + 2.6 * len(panels)), layout="constrained")
     grid = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     marker = "o" if len(t) == 1 else None
-    for ax, (ylabel, curves) in zip(grid, panels):
+    for ax, (ylabel, curves) in zip(grid, panels, strict=True):
         for i, (label, y) in enumerate(curves):
             colour, dash = PALETTE[i % len(PALETTE)], ("-", "--", "-.", ":")[i // len(PALETTE) % 4]
             ax.plot(t, y, label=label, color=colour, linestyle=dash, marker=marker, linewidth=1.4)
@@ -179,7 +179,7 @@ def figure_9(m: Manoeuvre) -> Figure:
     fig = Figure(figsize=(9.0, 7.6), layout="constrained")
     axes = fig.subplots(3, 1, sharex=True)
     names = ("Hub position\n(rad)", "Hub velocity\n(rad/s)", "Hub acceleration\n(rad/s²)")
-    for ax, y, name in zip(axes, (r.q[:, 0], r.v[:, 0], r.a[:, 0]), names):
+    for ax, y, name in zip(axes, (r.q[:, 0], r.v[:, 0], r.a[:, 0]), names, strict=True):
         ax.plot(r.t, y, color=BLUE, linewidth=2.0)
         _axes(ax, name)
     axes[0].set_ylim(0, 5.3)
@@ -216,7 +216,7 @@ def _inset(ax: Axes, m: Manoeuvre, window: tuple[float, float], height: tuple[fl
     box.grid(True, color="#DDDDDD", linewidth=0.6)
     size = window[1] - window[0], height[1] - height[0]
     ax.add_patch(Rectangle((window[0], height[0]), *size, fill=False, edgecolor=INK, linewidth=1.0))
-    for here, there in zip(height, (0.0, 1.0)):
+    for here, there in zip(height, (0.0, 1.0), strict=True):
         line = ConnectionPatch(
             (window[0], here), (0.0, there), ax.transData, box.transAxes, color=INK, alpha=0.5
         )

@@ -158,9 +158,9 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
     s = d.get("simulation", {})
     known_keys("simulation", s, _SIMULATION)
     duration, interval = (number(f"simulation.{k}", s.get(k, v)) for k, v in (("duration", 1.0), ("interval", 1e-3)))
-    for k, value in (("duration", duration), ("interval", interval)):
+    for key, value in (("duration", duration), ("interval", interval)):
         if not (value > 0 and np.isfinite(value)):
-            raise ValueError(f"simulation.{k} = {value}: must be positive and finite")
+            raise ValueError(f"simulation.{key} = {value}: must be positive and finite")
     count = round(duration / interval)
     if not (1 <= count <= 10_000_000) or abs(count * interval - duration) > 1e-6 * duration:
         raise ValueError(f"simulation.interval = {interval}: must divide the duration, {duration}, into 1 to 1e7 parts")

@@ -12,7 +12,7 @@ from . import _core
 from ._check import array, choice, number, whole
 from .arm import METHODS, Arm
 from .drive import Motion, Torque
-from .modal import link_numbers
+from .modal import joint_coordinate
 from .result import Result
 
 INTEGRATORS = ("ida",)
@@ -71,8 +71,8 @@ def simulate(
     for name, value in (("q0", q0), ("v0", v0), ("tau", tau)):
         state[name] = np.zeros(arm.nv) if value is None else array(name, value, (arm.nv,)).copy()
     laws = []
-    for link, i, law in zip(drive or {}, link_numbers(arm, "drive", drive or ()), (drive or {}).values()):
-        where = f"drive[{link}]"
+    for link, law in (drive or {}).items():
+        where, i = f"drive[{link}]", joint_coordinate(arm, "drive", link)
         if not isinstance(law, (Motion, Torque)):
             raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
         law.check_span(where, times)
@@ -89,14 +89,29 @@ def simulate(
 
     def integrate(alive: Any = None) -> dict[str, Any]:
         return _core.simulate_ida(
-            arm._core, laws, times, state["q0"], state["v0"], state["tau"], rtol, atol, max_order, method == "ci", alive
+            arm._core,
+            laws,
+            times,
+            state["q0"],
+            state["v0"],
+            state["tau"],
+            rtol,
+            atol,
+            max_order,
+            method == "ci",
+            alive,
         )
 
     if progress:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-        columns = (TextColumn("simulating"), BarColumn(), TextColumn("{task.fields[now]}"), TimeRemainingColumn())
+        columns = (
+            TextColumn("simulating"),
+            BarColumn(),
+            TextColumn("{task.fields[now]}"),
+            TimeRemainingColumn(),
+        )
         with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task("", total=float(times[-1] - times[0]), now="")
 

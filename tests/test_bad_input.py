@@ -1,0 +1,187 @@
+"""Every bad input is a ValueError that names the field and the value."""
+
+import copy
+import pickle
+
+import flexarm as fa
+import numpy as np
+import pytest
+from arms import paper_link, random_arm, reference
+
+steel = fa.Material(7850, 209e9, 0.3)
+strip = fa.Rectangle(0.001, 0.02)
+
+
+def beam(**change) -> fa.Beam:
+    return fa.Beam(**({"length": 0.5, "section": strip, "material": steel, "modes": {"bending_y": 2}} | change))
+
+
+def hinged(*bodies: fa.RigidBody) -> fa.Arm:
+    return fa.Arm([fa.Link(fa.Revolute("z"), body) for body in bodies])
+
+
+PARTS = [
+    (lambda: beam(length=-0.5), r"length = -0.5: must be positive"),
+    (lambda: beam(length=0), r"length = 0: must be positive"),
+    (lambda: beam(length=float("nan")), r"length = nan"),
+    (lambda: beam(length="long"), r"length = 'long': must be a number"),
+    (lambda: beam(modes={"bending": 2}), r"modes: unknown key 'bending'; did you mean 'bending_[yz]'\?"),
+    (lambda: beam(modes={"bending_y": -1}), r"modes.bending_y = -1"),
+    (lambda: beam(modes={"bending_y": 1.5}), r"modes.bending_y = 1.5: must be a whole number"),
+    (lambda: beam(order=3), r"order = 3: must be 0, 1 or 2"),
+    (lambda: beam(basis="legendr"), r'basis = "legendr": must be "clamped-free" or "legendre"'),
+    (lambda: beam(damping_ratio=-0.1), r"damping_ratio = -0.1"),
+    (lambda: beam(gauss_points=0), r"gauss_points = 0"),
+    (lambda: beam(section=0.001), r"section = 0.001: must be a Rectangle"),
+    (lambda: beam(material=fa.Material(7850, 209e9), modes={"torsion": 1}), r"shear_modulus = not given"),
+    (lambda: fa.Rectangle(0.001, -0.02), r"z = -0.02: must be positive"),
+    (lambda: fa.Circle(0.01, 0.02), r"inner_radius = 0.02: must be smaller than the radius"),
+    (lambda: fa.GeneralSection(1.0, 1.0, 0.0, 1.0), r"second_moment_z = 0"),
+    (lambda: fa.Material(-1.0, 209e9), r"density = -1"),
+    (lambda: fa.Material(7850, 0.0), r"youngs_modulus = 0"),
+    (lambda: fa.Material(7850, 209e9, 0.6), r"poisson_ratio = 0.6"),
+    (lambda: fa.Material(7850, 209e9, 0.3, 80e9), r"shear_modulus = 8e\+10: give either"),
+    (lambda: fa.RigidBody(-1.0), r"mass = -1"),
+    (lambda: fa.RigidBody(1.0, (0, 0)), r"com has shape \(2,\): must be 3 numbers"),
+    (lambda: fa.RigidBody(1.0, (0, 0, np.inf)), r"com = .*must be finite"),
+    (lambda: fa.RigidBody(1.0, inertia=(1, 1, -1)), r"inertia = .*must not have a negative principal moment"),
+    (lambda: fa.RigidBody(1.0, inertia=np.arange(9).reshape(3, 3)), r"inertia = .*must be symmetric"),
+    (lambda: fa.RigidBody(1.0, inertia=(1, 1, 1, 9, 0, 0)), r"inertia = .*negative principal moment"),
+    (lambda: fa.RigidBody(1.0, inertia=(1, 2)), r"inertia has shape \(2,\)"),
+    (lambda: fa.Revolute("w"), r"axis = 'w'"),
+    (lambda: fa.Revolute((0, 0, 0)), r"axis = 0 0 0: must not be zero"),
+    (lambda: fa.Link("revolute"), r"joint = 'revolute'"),
+    (lambda: fa.Link(fa.Fixed(), beam=fa.RigidBody(1.0)), r"beam = RigidBody.*must be a Beam or None"),
+    (lambda: fa.Arm([]), r"links = \[\]"),
+    (lambda: fa.Arm([fa.Fixed()]), r"links\[0\] = Fixed\(\): must be a Link"),
+    (lambda: hinged(fa.RigidBody()), r"inertia of coordinate 'link 0 revolute' = 0: must be positive"),
+    (lambda: hinged(fa.RigidBody(1.0)), r"inertia of coordinate 'link 0 revolute' = 0"),
+    (lambda: hinged(fa.RigidBody(), fa.RigidBody(1.0, inertia=(1, 1, 1))), r"inertia of coordinate 'link 0 revolute'"),
+    (
+        lambda: fa.Arm([fa.Link(fa.Fixed(), beam=beam(modes={"torsion": 1}, rotary_inertia=False))]),
+        r"inertia of coordinate 'link 0 torsion 1' = 0",
+    ),
+    (lambda: fa.Arm([fa.Link(fa.Fixed(), fa.RigidBody(1.0))], gravity=(0, 0)), r"gravity has shape \(2,\)"),
+]
+
+
+@pytest.mark.parametrize(("make", "message"), PARTS)
+def test_parts(make, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+CALLS = [
+    (lambda a: a.forward_dynamics([0, 0, 0], np.zeros(4)), r"q has shape \(3,\): the last axis must be 4 long"),
+    (lambda a: a.forward_dynamics(np.zeros(4), [0, np.nan, 0, 0]), r"v = .*must be finite"),
+    (lambda a: a.forward_dynamics(np.zeros(4), np.zeros(4), method="abc"), r"method = 'abc': must be one of ab, ci"),
+    (lambda a: a.forward_dynamics(np.zeros((2, 4)), np.zeros((3, 4))), r"leading axes do not fit"),
+    (lambda a: a.forward_dynamics(np.zeros(4), np.zeros(4), prescribed={1: 0.0}), r"prescribed: link = 1"),
+    (lambda a: a.mass_matrix("abcd"), r"q = 'abcd': must be numbers"),
+    (lambda a: a.frame(np.zeros(4), link=1), r"link = 1: must be from -1 to 0"),
+    (lambda a: a.frame(np.zeros(4), x=0.6), r"x = 0.6: must be on the beam"),
+    (lambda a: a.strain(np.zeros(4), x=-0.1), r"x = -0.1"),
+    (lambda a: a.modes(speed={0: np.inf}), r"speed\[0\] = inf"),
+    (lambda a: a.modes(lock=[3]), r"lock: link = 3: must be from -1 to 0"),
+    (lambda a: fa.simulate(a, [0, 1, 1]), r"t\[2\] = 1: t must increase"),
+    (lambda a: fa.simulate(a, [0.0]), r"t = 1: needs at least two times"),
+    (lambda a: fa.simulate(a, [0, np.nan]), r"t = .*must be finite"),
+    (lambda a: fa.simulate(a, [0, 1], [0, 0]), r"q0 has shape \(2,\): must be 4 numbers"),
+    (lambda a: fa.simulate(a, [0, 1], rtol=0), r"rtol = 0: must be positive"),
+    (lambda a: fa.simulate(a, [0, 1], atol=-1e-9), r"atol = -1e-09: must be positive"),
+    (lambda a: fa.simulate(a, [0, 1], max_order=6), r"max_order = 6: must be from 1 to 5"),
+    (lambda a: fa.simulate(a, [0, 1], integrator="euler"), r"integrator = 'euler': must be one of ida"),
+    (lambda a: fa.simulate(a, [0, 1], drive={0: 1.0}), r"drive\[0\] = 1.0: must be a Motion or a Torque"),
+    (lambda a: fa.simulate(a, [0, 1], drive={2: fa.Torque(1.0)}), r"drive: link = 2"),
+    (lambda a: fa.simulate(a, [0, 1], drive={0: fa.Torque([0, 0.5], [0, 1])}), r"drive\[0\]: samples cover t = 0"),
+    (
+        lambda a: fa.simulate(a, [0, 1], [1, 0, 0, 0], drive={0: fa.Motion.spin_up(1, 1)}),
+        r"q0\[0\] = 1.0: drive\[0\] prescribes 0.0",
+    ),
+    (lambda a: fa.Motion([0, 1, 1], [0, 0, 0]), r"t\[2\] = 1.0: t must increase"),
+    (lambda a: fa.Motion([0, 1], [0, 0, 0]), r"q has shape \(3,\): must be 2 numbers"),
+    (lambda a: fa.Motion([0, 1], [0, 0], v=[0, 0]), r"a = None: give both v and a"),
+    (lambda a: fa.Torque([0, 1], [0, np.nan]), r"tau = .*must be finite"),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), CALLS)
+def test_calls(call, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        call(paper_link())
+
+
+def scene() -> dict:
+    return copy.deepcopy(reference("two_link_order2")["scene"])
+
+
+SCENES = [
+    (lambda d: d.update(gravty=1), r"scene: unknown key 'gravty'; did you mean 'gravity'\?"),
+    (lambda d: d.pop("link"), r"link = None: must be a list"),
+    (lambda d: d["link"][1].update(bean={}), r"link\[1\]: unknown key 'bean'; did you mean 'beam'\?"),
+    (lambda d: d["link"][1]["beam"].update(lenght=1), r"link\[1\].beam: unknown key 'lenght'; did you mean 'length'\?"),
+    (lambda d: d["link"][0]["beam"].update(length=-1), r"link\[0\].beam.length = -1: must be positive"),
+    (lambda d: d["link"][0]["beam"].pop("length"), r"link\[0\].beam: missing length"),
+    (lambda d: d["link"][0]["beam"]["section"].update(type="rectangel"), r"section.type = .*did you mean 'rectangle'"),
+    (
+        lambda d: d["link"][0]["beam"]["material"].update(densty=1),
+        r"material: unknown key 'densty'; did you mean 'dens",
+    ),
+    (lambda d: d["link"][0]["hub"].update(mass=-2), r"link\[0\].hub.mass = -2"),
+    (lambda d: d["link"][0]["joint"].update(type="revolution"), r"link\[0\].joint.type = .*did you mean 'revolute'"),
+    (lambda d: d["link"][0]["joint"].update(axis="q"), r"link\[0\].joint.axis = 'q'"),
+    (lambda d: d["link"][0].pop("joint"), r"link\[0\]: missing joint"),
+    (lambda d: d["link"].__setitem__(0, 7), r"link\[0\] = 7: must be a table"),
+]
+
+
+@pytest.mark.parametrize(("spoil", "message"), SCENES)
+def test_scenes(spoil, message: str) -> None:
+    d = scene()
+    spoil(d)
+    with pytest.raises(ValueError, match=message):
+        fa.Arm.from_dict(d)
+
+
+def test_scene_files(tmp_path) -> None:
+    path = tmp_path / "arm.toml"
+    with pytest.raises(ValueError, match=r"No such file.*shipped scenes are ist"):
+        fa.load(tmp_path / "none.toml")
+    path.write_text("gravity = [0, 0")
+    with pytest.raises(ValueError, match=r"arm.toml.*[Uu]nclosed array"):
+        fa.load(path)
+    text = """
+        [[link]]
+        joint = { type = "revolute" }
+        hub = { inertia = [0, 0, 1] }
+        [simulation]
+        duration = 0.5
+        interval = 0.01
+        rtol = 1e-8
+        [[drive]]
+        link = 0
+        """
+    path.write_text(text + 'torque = { file = "torque.csv" }')
+    with pytest.raises(ValueError, match=r"drive\[0\].torque.file = .*No such file"):
+        fa.load(path)
+    (tmp_path / "torque.csv").write_text("t,tau\n0,0\n1,2\n")
+    run = fa.load(path).run()
+    np.testing.assert_allclose(run.q[:, 0], run.t**3 / 3, atol=1e-7)
+    path.write_text(text + "spin_up = { speed = 2.0, tim = 1.0 }")
+    with pytest.raises(ValueError, match=r"drive\[0\].spin_up: unknown key 'tim'; did you mean 'time'"):
+        fa.load(path)
+    path.write_text(text + "torque = 1.0\n[[drive]]\nlink = 0\ntorque = 2.0")
+    with pytest.raises(ValueError, match=r"drive\[1\].link = 0: is driven twice"):
+        fa.load(path)
+    path.write_text(text.replace("0.01", "0.3") + "torque = 1.0")
+    with pytest.raises(ValueError, match=r"simulation.interval = 0.3: must divide the duration"):
+        fa.load(path)
+
+
+def test_arms_survive_dictionaries_and_pickles() -> None:
+    for seed in range(5):
+        arm = random_arm(np.random.default_rng(seed), 3)
+        for twin in (fa.Arm.from_dict(arm.to_dict()), pickle.loads(pickle.dumps(arm))):
+            assert twin == arm and twin.coordinates == arm.coordinates
+            q = np.full(arm.nv, 0.01)
+            np.testing.assert_array_equal(twin.mass_matrix(q), arm.mass_matrix(q))
