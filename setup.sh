@@ -2,7 +2,7 @@
 # Everything from a bare Debian 12 or Ubuntu 24.04 to a running flexarm, in one command:
 #   ./setup.sh demo [ARGS]   install, then run `flexarm demo ARGS`
 #   ./setup.sh test [ARGS]   install, then run the C++ and Python tests (ARGS go to pytest) and the checks of lint
-#   ./setup.sh lint          ruff, mypy and clang-format alone
+#   ./setup.sh lint          ruff, mypy, stubs and clang-format alone
 #   ./setup.sh asan          the C++ tests under the address and undefined-behaviour sanitizers
 # Missing system packages come from apt (as root or through sudo); with nothing missing, apt is never called.
 # FLEXARM_VENV chooses where the virtual environment goes (.venv unless set).
@@ -108,9 +108,11 @@ cpp_tests() { # PRESET; warnings are errors for us (CI), not for whoever has a n
 }
 
 lint() {
-  say "ruff, mypy, clang-format"
+  say "ruff, mypy, stubs against the binding, clang-format"
   ruff check .
   mypy
+  python -m mypy.stubtest flexarm._core --ignore-missing-stub --mypy-config-file pyproject.toml \
+    --allowlist <(echo 'flexarm\._core\.[A-Za-z]+')  # pybind11's metaclass, of the classes themselves
   find cpp bench python/bindings \( -name '*.hpp' -o -name '*.cpp' \) -print0 | xargs -0r clang-format --dry-run -Werror
   echo "all clean"
 }

@@ -68,14 +68,10 @@ def test_order_one_loses_its_first_mode(done: demo.Demo, table: dict[str, dict[s
     s = done.spectrum
     beyond = s.wide_speeds > s.loss
     assert beyond.any() and np.isnan(s.wide[1][beyond]).all() and not np.isnan(s.wide[1][~beyond]).any()
-    assert (
-        np.isfinite(s.wide[0]).all() and (np.diff(s.wide[2]) > 0).all() and (np.diff(s.wide[0]) < 1e-9).all()
-    )
+    assert np.isfinite(s.wide[0]).all() and (np.diff(s.wide[2]) > 0).all() and (np.diff(s.wide[0]) < 1e-9).all()
 
 
-def test_the_manoeuvre_meets_the_marks_of_figures_9_and_10(
-    done: demo.Demo, table: dict[str, dict[str, Any]]
-) -> None:
+def test_the_manoeuvre_meets_the_marks_of_figures_9_and_10(done: demo.Demo, table: dict[str, dict[str, Any]]) -> None:
     m = done.manoeuvre
     assert m.peak_speed == pytest.approx(7.6, abs=1e-9) and table["peak_speed"]["fitted"] is True
     r = m.results[2]

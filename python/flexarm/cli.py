@@ -74,12 +74,14 @@ def _table(title: str, *columns: str) -> Table:
 @contextlib.contextmanager
 def _progress(total: int) -> Iterator[Callable[[str], None]]:
     """A bar on stderr, gone when done; yields what moves it by one and tells what was done."""
+    if not sys.stderr.isatty():  # a log wants neither a bar nor the empty line that it leaves
+        yield lambda done: None
+        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 
     columns = (BarColumn(), TextColumn("{task.completed} of {task.total}  {task.description}"))
-    quiet = not sys.stderr.isatty()  # else a log gets an empty line
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=quiet) as bar:
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("frequencies", total=total)
         yield lambda done: bar.update(task, advance=1, description=done)
 

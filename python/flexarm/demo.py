@@ -239,16 +239,12 @@ def table_rows(s: Spectrum, m: Manoeuvre) -> list[Row]:
     softened = float(s.frequencies[1][-1, 0])
     rows.append(Row("order1_mode1", "Mode 1, order 1, 10 rad/s", "rad/s", softened, 2))
     rows.append(Row("order1_loss", "Order 1 loses mode 1 at", "rad/s", s.loss, 2))
-    rows.append(
-        Row("peak_speed", "Peak hub speed *", "rad/s", m.peak_speed, 1, PAPER_PEAK_SPEED, fitted=True)
-    )
+    rows.append(Row("peak_speed", "Peak hub speed *", "rad/s", m.peak_speed, 1, PAPER_PEAK_SPEED, fitted=True))
     for order in (0, 2):
         at, height = m.peak[order]
         name = f"Order {order} tip peak"
         rows.append(Row(f"peak_time_order{order}", f"{name} * at", "s", at, 4, INSET_TIME, fitted=True))
-        rows.append(
-            Row(f"peak_height_order{order}", f"{name} * height", "m", height, 4, INSET_HEIGHT, fitted=True)
-        )
+        rows.append(Row(f"peak_height_order{order}", f"{name} * height", "m", height, 4, INSET_HEIGHT, fitted=True))
     rows.append(Row("lead", "Order 2 peaks earlier by", "ms", 1e3 * m.lead, 2))
     for order in (0, 2):
         name = f"Period at cruise, order {order}"

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BPoly, PPoly, make_interp_spline
 
 from . import _core
-from ._check import Array, array
+from ._check import Array, array, number
 
 
 def _times(t: ArrayLike) -> Array:
@@ -81,6 +81,9 @@ class Motion(_Law):
     @staticmethod
     def spin_up(speed: float, time: float) -> Motion:
         """Smooth spin-up from rest at t = 0 to `speed` (rad/s) at `time` (s), then on at it (Kane et al. 1987)."""
+        speed, time = number("speed", speed), number("time", time)
+        if not (np.isfinite(speed) and 0 < time < np.inf):
+            raise ValueError(f"speed = {speed}, time = {time}: must be finite, and time positive")
 
         def law(t: float) -> tuple[float, float, float]:
             if t >= time:

@@ -168,7 +168,7 @@ def figure_8(
     handles, labels = axes[0].get_legend_handles_labels()
     rank = [2, 1, 0, 3]  # drawn 1, 0, 2, so that the stiffening one lies on top
     names = [labels[i] for i in rank]
-    fig.legend([handles[i] for i in rank], names, loc="outside lower center", ncols=4, frameon=False)
+    axes[0].legend([handles[i] for i in rank], names, loc="lower left", frameon=False)
     fig.suptitle("Fig. 8: effect of the centrifugal force on the natural frequencies", fontsize=13)
     return fig
 
@@ -190,9 +190,7 @@ def figure_9(m: Manoeuvre) -> Figure:
     axes[2].set_xlabel("Time (s)")
     axes[2].set_xlim(r.t[0], r.t[-1])
     fig.align_ylabels()
-    fig.suptitle(
-        "Fig. 9: joint manoeuvre, reconstructed from the paper's figures (not its data)", fontsize=13
-    )
+    fig.suptitle("Fig. 9: joint manoeuvre, reconstructed from the paper's figures (not its data)", fontsize=13)
     return fig
 
 
@@ -217,9 +215,7 @@ def _inset(ax: Axes, m: Manoeuvre, window: tuple[float, float], height: tuple[fl
     size = window[1] - window[0], height[1] - height[0]
     ax.add_patch(Rectangle((window[0], height[0]), *size, fill=False, edgecolor=INK, linewidth=1.0))
     for here, there in zip(height, (0.0, 1.0), strict=True):
-        line = ConnectionPatch(
-            (window[0], here), (0.0, there), ax.transData, box.transAxes, color=INK, alpha=0.5
-        )
+        line = ConnectionPatch((window[0], here), (0.0, there), ax.transData, box.transAxes, color=INK, alpha=0.5)
         line.set_in_layout(False)
         ax.add_artist(line)
 

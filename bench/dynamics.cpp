@@ -1,0 +1,79 @@
+// Time of one evaluation of forward dynamics (AB, CI) and inverse dynamics, by order and by number of links.
+//   cmake --preset release && cmake --build --preset release && build/release/bench_dynamics
+// Prints a CSV table; medians of several rounds, all algorithms in turn, so that ratios hold on a noisy
+// machine.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <stdexcept>
+#include <vector>
+
+#include "flexarm/ab.hpp"
+#include "flexarm/ci.hpp"
+
+using namespace flexarm;
+
+namespace {
+
+/// A chain of equal links with hinges along z and y in turn.
+Arm chain(int links, std::array<int, 5> modes, int order) {
+  std::vector<Link> parts;
+  for (int k = 0; k < links; ++k) {
+    RigidBody hub;
+    hub.mass = 0.3;
+    hub.inertia = Eigen::Vector3d(1e-4, 2e-4, 2e-4).asDiagonal();
+    hub.end = {0.075, 0, 0};
+    BeamOptions o;
+    o.modes = modes;
+    o.order = order;
+    const Joint joint(Joint::Type::revolute, k % 2 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitZ());
+    std::optional<Beam> beam;
+    if (*std::max_element(modes.begin(), modes.end()) > 0)
+      beam.emplace(0.5, Section::rectangle(0.004, 0.01), Material(7850, 209e9, 0.3), o);
+    parts.emplace_back(joint, hub, beam, std::nullopt);
+  }
+  return Arm(std::move(parts), {0, 0, -9.81});
+}
+
+double median(std::vector<double> x) {
+  std::nth_element(x.begin(), x.begin() + static_cast<long>(x.size() / 2), x.end());
+  return x[x.size() / 2];
+}
+
+template <class F>
+double microseconds(const F& f, int repeat) {
+  const auto start = std::chrono::steady_clock::now();
+  for (int k = 0; k < repeat; ++k) f();
+  return std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - start).count() / repeat;
+}
+
+}  // namespace
+
+int main() {
+  std::printf("links,modes,order,coordinates,ab_us,ci_us,inverse_us,ci/ab\n");
+  const std::array<int, 5> rigid{}, planar{3, 0, 0, 0, 0}, spatial{3, 3, 1, 0, 0};
+  for (const auto& modes : {rigid, planar, spatial})
+    for (int order : {0, 1, 2})
+      for (int links : {1, 2, 7, 20, 50}) {
+        if (modes == rigid && order != 2) continue;
+        const Arm arm = chain(links, modes, order);
+        Workspace ws(arm);
+        Eigen::VectorXd q(arm.nv()), v(arm.nv()), tau = Eigen::VectorXd::Zero(arm.nv());
+        for (int i = 0; i < arm.nv(); ++i) {
+          q[i] = 0.001 * std::sin(1.7 * i);
+          v[i] = 0.01 * std::cos(2.3 * i);
+        }
+        if (forward_dynamics_ab(arm, ws, q, v, tau) != Status::ok ||
+            forward_dynamics_ci(arm, ws, q, v, tau) != Status::ok)
+          throw std::runtime_error("singular mass matrix");
+        const int repeat = std::max(1, 2000 / (links * links));
+        std::vector<double> ab, ci, id;
+        for (int round = 0; round < 9; ++round) {
+          ab.push_back(microseconds([&] { forward_dynamics_ab(arm, ws, q, v, tau); }, repeat));
+          ci.push_back(microseconds([&] { forward_dynamics_ci(arm, ws, q, v, tau); }, repeat));
+          id.push_back(microseconds([&] { inverse_dynamics<double>(arm, ws, q, v, tau); }, repeat));
+        }
+        std::printf("%d,%d+%d+%d,%d,%d,%.3g,%.3g,%.3g,%.2f\n", links, modes[0], modes[1], modes[2], order,
+                    arm.nv(), median(ab), median(ci), median(id), median(ci) / median(ab));
+      }
+}
