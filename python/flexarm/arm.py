@@ -66,6 +66,13 @@ class Arm:
             raise ValueError(f"{field} = {link!r}: must be from {-n} to {n - 1}")
         return int(link) % n
 
+    def joint_coordinate(self, link: int, field: str = "link") -> int:
+        """Index in q and v of the coordinate of a link's joint; `field` is what an error calls the link."""
+        n = self._link(link, field)
+        if self.links[n].joint.nv == 0:
+            raise ValueError(f"{field} = {link}: its joint is fixed, it has no coordinate")
+        return self._core.first(n)
+
     # -- dynamics ----------------------------------------------------------------------------------------------------
 
     def forward_dynamics(
@@ -93,7 +100,7 @@ class Arm:
         given = [False] * self.nv
         a = np.zeros_like(q)
         for link, value in (prescribed or {}).items():
-            i = modal.joint_coordinate(self, "prescribed", link)
+            i = self.joint_coordinate(link, "prescribed: link")
             given[i] = True
             a[:, i] = array(f"prescribed[{link}]", value, ())
         return self._core.forward_dynamics(q, v, tau, method, given, a).reshape(*lead, self.nv)

@@ -248,11 +248,8 @@ def _place(scene: Scene) -> Any:
 
     q = np.zeros(scene.arm.nq) if scene.q0 is None else np.array(scene.q0)
     for link, law in scene.drive.items():
-        if isinstance(law, Motion) and -len(scene.arm.links) <= link < len(scene.arm.links):
-            link %= len(scene.arm.links)
-            label = f"link {link} {scene.arm.links[link].joint.type}"
-            if label in scene.arm.coordinates:
-                q[scene.arm.coordinates.index(label)] = law.law(float(scene.t[0]))[0]
+        if isinstance(law, Motion):
+            q[scene.arm.joint_coordinate(link, "drive: link")] = law(float(scene.t[0]))[0]
     return q
 
 

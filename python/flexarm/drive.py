@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import BPoly, PPoly, make_interp_spline
 
 from . import _core
 from ._check import Array, array, number
@@ -28,20 +27,14 @@ class _Law:
 
     law: Any
 
-    def _polynomial(self, pp: PPoly) -> None:
-        keep = np.flatnonzero(np.diff(pp.x) > 0)  # splines repeat their end knots
-        breaks = np.append(pp.x[keep], pp.x[-1])
-        self.law = _core.PiecewisePolynomial(breaks, np.ascontiguousarray(pp.c[:, keep]))
-
     def check_span(self, where: str, t: Array) -> None:
         """ValueError when the samples do not cover the simulated times."""
-        if isinstance(self.law, _core.PiecewisePolynomial):
-            slack = 1e-9 * (self.law.end - self.law.begin)
-            if t[0] < self.law.begin - slack or t[-1] > self.law.end + slack:
-                raise ValueError(
-                    f"{where}: samples cover t = {self.law.begin} to {self.law.end}, "
-                    f"the simulation asks for {t[0]} to {t[-1]}"
-                )
+        if not isinstance(self.law, _core.PiecewisePolynomial):
+            return
+        begin, end = self.law.begin, self.law.end
+        slack = 1e-9 * (end - begin)
+        if t[0] < begin - slack or t[-1] > end + slack:
+            raise ValueError(f"{where}: samples cover t = {begin} to {end}, the simulation asks for {t[0]} to {t[-1]}")
 
 
 class Motion(_Law):
@@ -69,14 +62,22 @@ class Motion(_Law):
             raise ValueError("q = None: samples (t, q) or (t, q, v, a), or a callable, are needed")
         if (v is None) != (a is None):
             raise ValueError(f"{'v' if v is None else 'a'} = None: give both v and a, or neither")
+        from scipy.interpolate import BPoly, PPoly, make_interp_spline  # slow to import
+
         position = array("q", q, times.shape)
         if v is not None and a is not None:
             rows = np.stack([position, array("v", v, times.shape), array("a", a, times.shape)], axis=1)
-            self._polynomial(PPoly.from_bernstein_basis(BPoly.from_derivatives(times, rows)))
+            pieces = PPoly.from_bernstein_basis(BPoly.from_derivatives(times, rows))
         else:
             degree = min(5, times.size - 1)
             degree -= 1 - degree % 2  # odd degrees need no extra end conditions
-            self._polynomial(PPoly.from_spline(make_interp_spline(times, position, k=degree)))
+            pieces = PPoly.from_spline(make_interp_spline(times, position, k=degree))
+        keep = np.flatnonzero(np.diff(pieces.x) > 0)  # splines repeat their end knots
+        self.law = _core.PiecewisePolynomial(np.append(pieces.x[keep], pieces.x[-1]), pieces.c[:, keep])
+
+    def __call__(self, t: float) -> Any:
+        """Position, rate and acceleration (q, v, a) at time t (s)."""
+        return self.law(t)
 
     @staticmethod
     def spin_up(speed: float, time: float) -> Motion:
@@ -107,4 +108,9 @@ class Torque(_Law):
         else:
             times = _times(t)
             values = array("tau", tau, times.shape)
-            self._polynomial(PPoly(np.stack([np.diff(values) / np.diff(times), values[:-1]]), times))
+            self.law = _core.PiecewisePolynomial(times, [np.diff(values) / np.diff(times), values[:-1]])
+
+    def __call__(self, t: float) -> float:
+        """Force (N) or torque (N m) at time t (s)."""
+        value = self.law(t)
+        return float(value[0] if isinstance(value, tuple) else value)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.linalg as la
 from numpy.typing import ArrayLike, NDArray
 
 from ._check import Array, array
@@ -42,16 +41,10 @@ class Modes:
         return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues).max(initial=0.0)).all())
 
 
-def joint_coordinate(arm: Arm, field: str, link: Any) -> int:
-    """The coordinate of a link's joint, which must have one."""
-    n = arm._link(link, f"{field}: link")
-    if arm.links[n].joint.nv == 0:
-        raise ValueError(f"{field}: link = {link}: its joint is fixed, it has no coordinate")
-    return arm._core.first(n)
-
-
 def steady_state(arm: Arm, q: Array, v: Array, joints: NDArray[np.bool_]) -> Array:
     """Elastic coordinates in balance at joint positions q and constant rates v, by Newton's iteration."""
+    import scipy.linalg as la  # slow to import
+
     q, zero = q.copy(), np.zeros(arm.nv)
     elastic = np.flatnonzero(~joints)
     if elastic.size == 0:
@@ -83,10 +76,10 @@ def modes(
     for k, part in enumerate(arm.links):
         joints[arm._core.first(k) : arm._core.first(k) + part.joint.nv] = True
     for link, value in (speed or {}).items():
-        v0[joint_coordinate(arm, "speed", link)] = array(f"speed[{link}]", value, ())
+        v0[arm.joint_coordinate(link, "speed: link")] = array(f"speed[{link}]", value, ())
     free = np.ones(arm.nv, dtype=bool)
     for link in lock or ():
-        free[joint_coordinate(arm, "lock", link)] = False
+        free[arm.joint_coordinate(link, "lock: link")] = False
     if not free.any():
         raise ValueError("lock: no coordinate is left to move")
     q0 = steady_state(arm, q0, v0, joints)
@@ -117,6 +110,8 @@ def modes(
 
 def _shift(M: Array, K: Array) -> float:
     """The least of a row of numbers sigma that makes K + sigma M positive definite; 0 if K is."""
+    import scipy.linalg as la  # slow to import
+
     sigma = 0.0
     for _ in range(60):
         try:
@@ -130,6 +125,8 @@ def _shift(M: Array, K: Array) -> float:
 def _conservative(M: Array, K: Array) -> tuple[NDArray[np.complex128], Array]:
     """s^2 M + K = 0. Solved as M x = mu (K + sigma M) x for the largest mu: eigh(K, M) loses digits of low modes when
     the highest eigenvalue is 1e10 times the lowest."""
+    import scipy.linalg as la  # slow to import
+
     K = 0.5 * (K + K.T)
     sigma = _shift(M, K)
     mu, vectors = la.eigh(M, K + sigma * M)
@@ -140,6 +137,8 @@ def _conservative(M: Array, K: Array) -> tuple[NDArray[np.complex128], Array]:
 
 def _general(M: Array, G: Array, K: Array) -> tuple[NDArray[np.complex128], NDArray[Any]]:
     """s^2 M + s G + K = 0, as an ordinary eigenvalue problem of w = 1/(s - sigma), for the same reason."""
+    import scipy.linalg as la  # slow to import
+
     n = len(M)
     sigma = np.sqrt(_shift(M, 0.5 * (K + K.T)))
     at_shift = la.lu_factor(M * sigma**2 + G * sigma + K)

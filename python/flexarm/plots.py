@@ -33,12 +33,12 @@ _ORDER_DASH = {0: "--", 1: "-.", 2: "-"}
 
 def joint_coordinates(arm: Arm) -> list[tuple[int, str, str]]:
     """(index into q, label, unit) of every joint coordinate of an arm; units are rad or m."""
-    kinds = {f"link {k} {link.joint.type}": link.joint.type for k, link in enumerate(arm.links)}
-    return [
-        (i, label, "m" if kinds[label] == "prismatic" else "rad")
-        for i, label in enumerate(arm.coordinates)
-        if label in kinds
-    ]
+    out = []
+    for k, link in enumerate(arm.links):
+        if link.joint.nv:
+            i = arm.joint_coordinate(k)
+            out.append((i, arm.coordinates[i], "m" if link.joint.type == "prismatic" else "rad"))
+    return out
 
 
 def deflections(arm: Arm) -> list[tuple[int, int, str]]:

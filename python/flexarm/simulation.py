@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +13,6 @@ from . import _core
 from ._check import array, choice, number, whole
 from .arm import METHODS, Arm
 from .drive import Motion, Torque
-from .modal import joint_coordinate
 from .result import Result
 
 INTEGRATORS = ("ida",)
@@ -56,7 +56,7 @@ def simulate(
         rtol, atol: tolerances of every coordinate and rate, relative and absolute (in its unit).
         max_order: of IDA's backward differentiation formulas, 1 to 5. 2 is best when fast modes are present but
             quiet, because higher orders are unstable on undamped oscillation; 5 when they ring and must be followed.
-        progress: shows a progress bar on stderr.
+        progress: shows a progress bar on stderr, where that is a terminal.
 
     Raises:
         ValueError: bad arguments.
@@ -72,13 +72,13 @@ def simulate(
         state[name] = np.zeros(arm.nv) if value is None else array(name, value, (arm.nv,)).copy()
     laws = []
     for link, law in (drive or {}).items():
-        where, i = f"drive[{link}]", joint_coordinate(arm, "drive", link)
+        where, i = f"drive[{link}]", arm.joint_coordinate(link, "drive: link")
         if not isinstance(law, (Motion, Torque)):
             raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
         law.check_span(where, times)
         laws.append((i, isinstance(law, Motion), law.law))
         if isinstance(law, Motion):
-            start = array(f"{where} at t = {times[0]}", law.law(float(times[0])), (3,))
+            start = array(f"{where} at t = {times[0]}", law(float(times[0])), (3,))
             for name, given, value in (("q0", q0, start[0]), ("v0", v0, start[1])):
                 if given is not None and abs(state[name][i] - value) > 1e-9 * max(1.0, abs(value)):
                     raise ValueError(f"{name}[{i}] = {state[name][i]}: {where} prescribes {value} at t = {times[0]}")
@@ -102,7 +102,7 @@ def simulate(
             alive,
         )
 
-    if progress:
+    if progress and sys.stderr.isatty():
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
