@@ -73,7 +73,7 @@ int main() {
           ci.push_back(microseconds([&] { forward_dynamics_ci(arm, ws, q, v, tau); }, repeat));
           id.push_back(microseconds([&] { inverse_dynamics<double>(arm, ws, q, v, tau); }, repeat));
         }
-        std::printf("%d,%d+%d+%d,%d,%d,%.3g,%.3g,%.3g,%.2f\n", links, modes[0], modes[1], modes[2], order,
-                    arm.nv(), median(ab), median(ci), median(id), median(ci) / median(ab));
+        std::printf("%d,%d+%d+%d,%d,%d,%.3g,%.3g,%.3g,%.2f\n", links, modes[0], modes[1], modes[2], order, arm.nv(),
+                    median(ab), median(ci), median(id), median(ci) / median(ab));
       }
 }

@@ -1,4 +1,4 @@
-"""The reference cases of tests/data that orders 0 to 2 can reach."""
+"""The reference cases of tests/data."""
 
 import flexarm as fa
 import numpy as np
@@ -8,6 +8,9 @@ from arms import reference
 CASES = [
     ("ist_order1", 1e-11),
     ("ist_order2", 1e-11),
+    ("ist_order3", 1e-10),
+    ("ist_exact", 1e-10),
+    ("two_link_exact", 5e-9),
     ("two_link_order2", 5e-9),  # the reference's torsion constant holds eight digits
     ("elbow_order2", 1e-10),
 ]
@@ -32,7 +35,7 @@ def test_states(name: str, limit: float) -> None:
         np.testing.assert_allclose(R, s["tip_rotation"], atol=1e-12)
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [1, 2, "exact"])
 def test_spin_up(order: int) -> None:
     case = reference(f"spinup_order_{order}")
     arm = fa.Arm.from_dict(case["scene"])

@@ -58,24 +58,21 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
   Workspace ws(*this);
   Eigen::VectorXd q = Eigen::VectorXd::Zero(nv_), zero = q;
   for (std::size_t n = 0; n < size(); ++n)
-    for (int k = 0; k < links_[n].nj(); ++k)
-      q[first_[n] + k] = 0.3 + 0.7 * std::sin(1.0 + 2.0 * (first_[n] + k));
+    for (int k = 0; k < links_[n].nj(); ++k) q[first_[n] + k] = 0.3 + 0.7 * std::sin(1.0 + 2.0 * (first_[n] + k));
   const Status status = forward_dynamics_ab(*this, ws, q, zero, zero);
   composite_mass_matrix(*this, ws);
   for (std::size_t n = size(); n-- > 0;) {
     const ArticulatedLink& b = ws.articulated[n];
     for (Eigen::Index k = 0; k < b.D.rows(); ++k) {
       const int i = first_[n] + static_cast<int>(k);
-      const double left =
-          b.factor.info() == Eigen::Success ? std::pow(b.factor.matrixLLT()(k, k), 2) : b.D(k, k);
+      const double left = b.factor.info() == Eigen::Success ? std::pow(b.factor.matrixLLT()(k, k), 2) : b.D(k, k);
       if (!(ws.M(i, i) > 0.0) || !(left > 1e-14 * ws.M(i, i)))
         bad_value("inertia of coordinate '" + coordinates()[static_cast<std::size_t>(i)] + "'", left,
                   "must be positive; give the hub, beam or tip that moves with it a mass or an inertia");
     }
     if (b.factor.info() != Eigen::Success) break;
   }
-  if (status != Status::ok)
-    bad_value("mass matrix", "singular", "its coordinates must move independent inertias");
+  if (status != Status::ok) bad_value("mass matrix", "singular", "its coordinates must move independent inertias");
 }
 
 std::vector<std::string> Arm::coordinates() const {

@@ -77,16 +77,17 @@ int enough_gauss_points(const BeamOptions& o) {
   const int bending = std::max(o.modes[bending_y], o.modes[bending_z]);
   const int simple = std::max({o.modes[torsion], o.modes[shear_y], o.modes[shear_z]});
   if (o.basis == Basis::legendre) {
-    // degree of a slice's position: deflection n + 1; shortening 2n + 1; alpha and gamma n; their products
-    // the sum
-    const int linear = std::max(bending + 1, simple);
-    const int quadratic = o.order < 2 ? linear : std::max(2 * bending + 1, bending + simple + 1);
-    return std::max(linear, quadratic) + 1 + (o.rotary_inertia ? 2 : 0);  // 2 for the rotation exp(theta)
+    // degree of a slice's position: deflection n + 1; shortening 2n + 1; alpha and gamma n; at order i products of i
+    const int linear = std::max(bending + 1, simple), m = std::max(bending, simple);
+    const int degree = o.order < 2    ? linear
+                       : o.order == 2 ? std::max({linear, 2 * bending + 1, bending + simple + 1})
+                                      : 3 * m + 1;
+    return degree + 1 + (o.order == kExact ? 8 : o.rotary_inertia ? 2 : 0);  // the rotation is no polynomial
   }
-  // The integrand holds products of two (order 2: four) modes of wave number beta ~ (n - 1/2) pi over the
+  // The integrand holds products of two (order i: 2 i) modes of wave number beta ~ (n - 1/2) pi over the
   // length. n points integrate cos(k X/L) to (e k / 8n)^2n.
   const double beta = 3.14159265358979323846 * std::max(bending - 0.5, simple - 0.5);
-  const double k = (o.order < 2 ? 2.0 : 4.0) * std::max(beta, 1.9);
+  const double k = 2.0 * std::clamp(o.order, 1, 3) * std::max(beta, 1.9);
   int n = 4;
   while (2.0 * n * std::log(std::exp(1.0) * k / (8.0 * n)) > std::log(1e-12)) ++n;
   return n;
@@ -100,36 +101,44 @@ Beam::Beam(double length, const Section& section, const Material& material, cons
     first_[s] = ne_;
     ne_ += n;
   }
-  if (options_.order < 0 || options_.order > 2) bad_value("order", options_.order, "must be 0, 1 or 2");
+  if (options_.order < 0 || options_.order > kExact)
+    bad_value("order", options_.order, "must be 0, 1, 2, 3 or \"exact\"");
   non_negative("damping_ratio", options_.damping_ratio);
   if (options_.gauss_points < 0 || options_.gauss_points > 400)
     bad_value("gauss_points", options_.gauss_points, "must be from 1 to 400, or 0 to let the basis choose");
   const bool needs_shear = options_.modes[torsion] + options_.modes[shear_y] + options_.modes[shear_z] > 0;
   if (needs_shear && material_.shear_modulus <= 0.0)
-    bad_value("shear_modulus", "not given",
-              "torsion and shear need the material's poisson_ratio or shear_modulus");
+    bad_value("shear_modulus", "not given", "torsion and shear need the material's poisson_ratio or shear_modulus");
 
   // Slices: the Gauss points and, last, the tip.
   const int n = options_.gauss_points > 0 ? options_.gauss_points : enough_gauss_points(options_);
-  const GaussRule rule(n, length_);
-  std::vector<double> stations(rule.points.data(), rule.points.data() + n);
+  rule_ = GaussRule(n, length_);
+  std::vector<double> stations(rule_.points.data(), rule_.points.data() + n);
   stations.push_back(length_);
   std::vector<SliceTable> all = tables(stations);
   const double rho = material_.density, iy = section_.second_moment_y, iz = section_.second_moment_z;
   mass_ = rho * section_.area * length_;
   for (int g = 0; g < n; ++g) {
-    const double w = rho * rule.weights[g];
+    const double w = rho * rule_.weights[g];
     const Eigen::Vector3d inertia =
         options_.rotary_inertia ? Eigen::Vector3d(w * (iy + iz), w * iy, w * iz) : Eigen::Vector3d::Zero();
     slices_.push_back({all[g], w * section_.area, inertia});
   }
   tip_ = all[n];
+  if (options_.order > 2) {
+    SeriesTables series{MatrixXd(n, n), {}};
+    for (int g = 0; g < n; ++g) {
+      series.cumulative.row(g) = all[g].weights;
+      series.strains.push_back(all[g].strains);
+    }
+    series_ = std::move(series);
+  }
 
   // Elastic forces (Eq. 62) and, for modal damping, the mass of the clamped beam at rest.
   const double G = material_.shear_modulus;
-  const double rigidity[kStrains] = {
-      material_.youngs_modulus * iz, material_.youngs_modulus * iy, G * section_.torsion_constant,
-      section_.shear_correction * G * section_.area, section_.shear_correction * G * section_.area};
+  const double rigidity[kStrains] = {material_.youngs_modulus * iz, material_.youngs_modulus * iy,
+                                     G * section_.torsion_constant, section_.shear_correction * G * section_.area,
+                                     section_.shear_correction * G * section_.area};
   stiffness_ = damping_ = MatrixXd::Zero(ne_, ne_);
   const GaussRule fine(2 * *std::max_element(options_.modes.begin(), options_.modes.end()) + 16, length_);
   for (Eigen::Index g = 0; g < fine.points.size(); ++g)
@@ -160,13 +169,12 @@ std::vector<SliceTable> Beam::tables(const std::vector<double>& stations) const 
     for (int i = 0; i < kStrains; ++i) s[i] = shapes(options_.basis, i, n[i], length_, X);
     return s;
   };
-  const double step =
-      length_ / (2.0 + 0.5 * *std::max_element(n.begin(), n.end()));  // the integrals' longest stride
+  const double step = length_ / (2.0 + 0.5 * *std::max_element(n.begin(), n.end()));  // the integrals' longest stride
   ProductIntegrals integrals(n);
   std::vector<SliceTable> out;
   double from = 0.0;
   for (double X : stations) {
-    if (options_.order >= 2 && X > from) {
+    if (options_.order == 2 && X > from) {
       const int strides = static_cast<int>(std::ceil((X - from) / step));
       for (int k = 0; k < strides; ++k)
         integrals.advance(from + (X - from) * k / strides, from + (X - from) * (k + 1) / strides, shapes_at);
@@ -192,7 +200,8 @@ std::vector<SliceTable> Beam::tables(const std::vector<double>& stations) const 
     fill(t.strains, 2, bending_y, s[bending_y].strain);
     fill(t.strains, 3, shear_y, s[shear_y].strain);
     fill(t.strains, 4, shear_z, s[shear_z].strain);
-    if (options_.order >= 2) t.products = second_order(integrals, first_);
+    if (options_.order == 2) t.products = second_order(integrals, first_);
+    if (options_.order > 2) t.weights = integral_weights(rule_, length_, X);
     out.push_back(std::move(t));
   }
   return out;

@@ -11,10 +11,8 @@ PiecewisePolynomial::PiecewisePolynomial(Eigen::VectorXd breaks, Eigen::MatrixXd
   if (breaks_.size() < 2 || coefficients_.cols() != breaks_.size() - 1 || coefficients_.rows() < 1)
     bad_value("breaks", breaks_.size(), "need one more break than columns of coefficients");
   for (Eigen::Index k = 0; k + 1 < breaks_.size(); ++k)
-    if (!(breaks_[k + 1] > breaks_[k]))
-      bad_value("t[" + std::to_string(k + 1) + "]", breaks_[k + 1], "must increase");
-  if (!breaks_.allFinite() || !coefficients_.allFinite())
-    bad_value("samples", "nan or inf", "must be finite");
+    if (!(breaks_[k + 1] > breaks_[k])) bad_value("t[" + std::to_string(k + 1) + "]", breaks_[k + 1], "must increase");
+  if (!breaks_.allFinite() || !coefficients_.allFinite()) bad_value("samples", "nan or inf", "must be finite");
 }
 
 MotionValue PiecewisePolynomial::operator()(double t) const {

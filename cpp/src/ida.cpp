@@ -98,8 +98,8 @@ int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
 }
 
 /// dF/dy + cj dF/dy'
-int jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vector, SUNMatrix J, void* data,
-             N_Vector, N_Vector, N_Vector) {
+int jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vector, SUNMatrix J, void* data, N_Vector,
+             N_Vector, N_Vector) {
   System& s = *static_cast<System*>(data);
   try {
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
@@ -128,9 +128,7 @@ int jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vector, S
 }
 
 #if SUNDIALS_VERSION_MAJOR < 7
-void keep_message(int, const char*, const char*, char* text, void* data) {
-  static_cast<System*>(data)->message = text;
-}
+void keep_message(int, const char*, const char*, char* text, void* data) { static_cast<System*>(data)->message = text; }
 #endif
 
 /// Owns what SUNDIALS allocates.
@@ -141,8 +139,8 @@ struct Solver {
   SUNLinearSolver linear = nullptr;
   void* memory = nullptr;
 
-  Solver(System& s, int n, const IdaOptions& o, double t0, const Eigen::VectorXd& y0,
-         const Eigen::VectorXd& yp0, double t_end) {
+  Solver(System& s, int n, const IdaOptions& o, double t0, const Eigen::VectorXd& y0, const Eigen::VectorXd& yp0,
+         double t_end) {
 #if SUNDIALS_VERSION_MAJOR < 7
     check(SUNContext_Create(nullptr, &context));
 #else
@@ -213,8 +211,7 @@ void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eig
   for (Eigen::Index k = 0; k + 1 < t.size(); ++k)
     if (!(t[k + 1] > t[k])) bad_value("t[" + std::to_string(k + 1) + "]", t[k + 1], "t must increase");
   const auto check_vector = [&](const char* name, const Eigen::VectorXd& x) {
-    if (x.size() != arm.nv())
-      bad_value(std::string(name) + " length", x.size(), "must be " + std::to_string(arm.nv()));
+    if (x.size() != arm.nv()) bad_value(std::string(name) + " length", x.size(), "must be " + std::to_string(arm.nv()));
     if (!x.allFinite()) bad_value(name, "nan or inf", "must be finite");
   };
   check_vector("q0", q0);

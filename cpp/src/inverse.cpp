@@ -3,8 +3,7 @@
 namespace flexarm {
 
 template <class S>
-void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v,
-                      const VecX<S>& a) {
+void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v, const VecX<S>& a) {
   move_arm(arm, ws, q, v);
   // outward: A = Phi A- + Phi_e ddqe- + H ddq + N (Eq. 86); the base accelerates against gravity
   for (std::size_t n = 0; n < arm.size(); ++n) {
@@ -46,18 +45,13 @@ void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, c
     ws.tau.segment(e, link.ne()) = s.Fe;
   }
 }
-template void inverse_dynamics<double>(const Arm&, SweepWorkspace<double>&, const VecX<double>&,
-                                       const VecX<double>&, const VecX<double>&);
+template void inverse_dynamics<double>(const Arm&, SweepWorkspace<double>&, const VecX<double>&, const VecX<double>&,
+                                       const VecX<double>&);
 template void inverse_dynamics<Tangent>(const Arm&, SweepWorkspace<Tangent>&, const VecX<Tangent>&,
                                         const VecX<Tangent>&, const VecX<Tangent>&);
 
 InverseDerivatives::InverseDerivatives(const Arm& arm)
-    : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())),
-      dv(dq),
-      ws_(arm),
-      q_(arm.nv()),
-      v_(arm.nv()),
-      a_(arm.nv()) {}
+    : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())), dv(dq), ws_(arm), q_(arm.nv()), v_(arm.nv()), a_(arm.nv()) {}
 
 void InverseDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                     const Eigen::VectorXd& a) {
@@ -70,8 +64,7 @@ void InverseDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, co
   }
   for (int first = 0; first < 2 * nv; first += W) {  // directions: q_0 .. q_nv-1, v_0 .. v_nv-1
     const int last = std::min(first + W, 2 * nv);
-    for (int k = first; k < last; ++k)
-      (k < nv ? q_[k] : v_[k - nv]).d[static_cast<std::size_t>(k - first)] = 1.0;
+    for (int k = first; k < last; ++k) (k < nv ? q_[k] : v_[k - nv]).d[static_cast<std::size_t>(k - first)] = 1.0;
     inverse_dynamics(arm, ws_, q_, v_, a_);
     for (int k = first; k < last; ++k) {
       (k < nv ? q_[k] : v_[k - nv]).d[static_cast<std::size_t>(k - first)] = 0.0;

@@ -47,8 +47,7 @@ void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const Vec
   }
 }
 template void move_arm<double>(const Arm&, SweepWorkspace<double>&, const VecX<double>&, const VecX<double>&);
-template void move_arm<Tangent>(const Arm&, SweepWorkspace<Tangent>&, const VecX<Tangent>&,
-                                const VecX<Tangent>&);
+template void move_arm<Tangent>(const Arm&, SweepWorkspace<Tangent>&, const VecX<Tangent>&, const VecX<Tangent>&);
 
 Pose link_pose(const Arm&, const Workspace& ws, std::size_t link) {
   Pose pose;

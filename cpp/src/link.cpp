@@ -46,8 +46,8 @@ void add_mass_matrix(double m, const Eigen::Matrix3d* inertia, const Slice<S>& a
 
 /// Adds the same operator transposed, times the slice's inertial force and moment.
 template <class S>
-void add_force(double m, const Eigen::Matrix3d* inertia, const Slice<S>& at, const Vec6<S>& V,
-               const Vec6<S>& A, const S* ddq, Vec6<S>& F, VecX<S>& Fe) {
+void add_force(double m, const Eigen::Matrix3d* inertia, const Slice<S>& at, const Vec6<S>& V, const Vec6<S>& A,
+               const S* ddq, Vec6<S>& F, VecX<S>& Fe) {
   Vec3<S> a, dw;
   slice_acceleration(at, V, A, ddq, a, dw);
   const Vec3<S> f = m * a;
@@ -94,14 +94,23 @@ Link::Link(Joint joint, std::optional<RigidBody> hub, std::optional<Beam> beam, 
 double Link::mass() const { return hub_.mass + (beam_ ? beam_->mass() : 0.0) + tip_.mass; }
 
 template <class S>
+void Link::move_slice(const SliceTable& table, const LinkState<S>& s, bool orient, Slice<S>& out) const {
+  if (beam_->series())
+    flexarm::move_slice(table, hub_.end, beam_->order(), s.series, out);
+  else
+    flexarm::move_slice(table, hub_.end, s.qe.data(), s.dqe.data(), orient, out);
+}
+
+template <class S>
 void Link::move(LinkState<S>& s) const {
   s.hub.x = hub_.com.template cast<S>();
   if (beam_) {
-    const S *q = s.qe.data(), *dq = s.dqe.data();
+    if (beam_->order() == 3) series_order_3(*beam_->series(), s.qe.data(), s.dqe.data(), s.series);
+    if (beam_->order() == kExact) series_exact(*beam_->series(), s.qe.data(), s.dqe.data(), s.series);
     if (!cut_)
       for (std::size_t k = 0; k < s.slices.size(); ++k)
-        move_slice(beam_->slices()[k].table, hub_.end, q, dq, beam_->options().rotary_inertia, s.slices[k]);
-    move_slice(beam_->tip(), hub_.end, q, dq, true, s.root);
+        move_slice(beam_->slices()[k].table, s, beam_->options().rotary_inertia, s.slices[k]);
+    move_slice(beam_->tip(), s, true, s.root);
   } else {
     s.root.x = hub_.end.template cast<S>();
   }
@@ -143,17 +152,15 @@ void Link::mass_matrix(LinkState<S>& s) const {
     s.M.block(6, 3, ne(), 3) = c.C.transpose().template cast<S>();
     s.M.bottomRightCorner(ne(), ne()) = c.Mee.template cast<S>();
   } else {
-    for_each_body(s, [&](double m, const Eigen::Matrix3d* inertia, const Slice<S>& at) {
-      add_mass_matrix(m, inertia, at, s.M);
-    });
+    for_each_body(
+        s, [&](double m, const Eigen::Matrix3d* inertia, const Slice<S>& at) { add_mass_matrix(m, inertia, at, s.M); });
   }
   for (Eigen::Index k = 0; k < s.M.cols(); ++k)
     for (Eigen::Index i = 0; i < k; ++i) s.M(i, k) = s.M(k, i);
 }
 
 template <class S>
-void Link::inertial_force(const LinkState<S>& s, const Vec6<S>& A, const S* ddqe, Vec6<S>& F,
-                          VecX<S>& Fe) const {
+void Link::inertial_force(const LinkState<S>& s, const Vec6<S>& A, const S* ddqe, Vec6<S>& F, VecX<S>& Fe) const {
   F.setZero();
   Fe.setZero();
   if (!cut_) {
@@ -204,7 +211,7 @@ Vec3<S> Link::mass_moment(const LinkState<S>& s) const {
 void Link::build_first_order() {
   // At rest the slices of order 1 give M(0); a body's second moment changes with x_i = J_T,i and the turn
   // J_R,i.
-  LinkState<double> s(nj(), ne(), 0, beam_->slices().size());
+  LinkState<double> s(nj(), &*beam_, 0);
   move(s);
   mass_matrix(s);
   FirstOrderInertia c;
@@ -227,11 +234,11 @@ void Link::build_first_order() {
   cut_ = std::move(c);
 }
 
-#define FLEXARM_INSTANTIATE(S)                                                                             \
-  template void Link::move<S>(LinkState<S>&) const;                                                        \
-  template void Link::mass_matrix<S>(LinkState<S>&) const;                                                 \
-  template void Link::inertial_force<S>(const LinkState<S>&, const Vec6<S>&, const S*, Vec6<S>&, VecX<S>&) \
-      const;                                                                                               \
+#define FLEXARM_INSTANTIATE(S)                                                                                    \
+  template void Link::move<S>(LinkState<S>&) const;                                                               \
+  template void Link::move_slice<S>(const SliceTable&, const LinkState<S>&, bool, Slice<S>&) const;               \
+  template void Link::mass_matrix<S>(LinkState<S>&) const;                                                        \
+  template void Link::inertial_force<S>(const LinkState<S>&, const Vec6<S>&, const S*, Vec6<S>&, VecX<S>&) const; \
   template Vec3<S> Link::mass_moment<S>(const LinkState<S>&) const;
 FLEXARM_INSTANTIATE(double)
 FLEXARM_INSTANTIATE(Tangent)

@@ -23,4 +23,28 @@ GaussRule::GaussRule(int n, double length) : points(n), weights(n) {
   }
 }
 
+Eigen::RowVectorXd integral_weights(const GaussRule& rule, double length, double x) {
+  // The polynomial's Legendre coefficients are c_k = (2k + 1)/L sum_j w_j P_k(s_j) f_j, and the integral of P_k from
+  // the left end is L/2 (P_{k+1} - P_{k-1})/(2k + 1), with P_{-1} = -1.
+  const Eigen::Index n = rule.points.size();
+  const auto legendre = [&](double s) {
+    Eigen::VectorXd p = Eigen::VectorXd::Ones(n + 1);
+    p[1] = s;
+    for (Eigen::Index k = 2; k <= n; ++k) {
+      const double d = static_cast<double>(k);
+      p[k] = ((2.0 * d - 1.0) * s * p[k - 1] - (d - 1.0) * p[k - 2]) / d;
+    }
+    return p;
+  };
+  const Eigen::VectorXd end = legendre(2.0 * x / length - 1.0);
+  Eigen::RowVectorXd weights(n);
+  for (Eigen::Index j = 0; j < n; ++j) {
+    const Eigen::VectorXd p = legendre(2.0 * rule.points[j] / length - 1.0);
+    double sum = 0.0;
+    for (Eigen::Index k = 0; k < n; ++k) sum += 0.5 * p[k] * (end[k + 1] - (k == 0 ? -1.0 : end[k - 1]));
+    weights[j] = rule.weights[j] * sum;
+  }
+  return weights;
+}
+
 }  // namespace flexarm

@@ -12,14 +12,10 @@ constexpr double kPi = 3.14159265358979323846;
 }
 
 Material::Material(double rho, double youngs, std::optional<double> poisson, std::optional<double> shear)
-    : density(non_negative("density", rho)),
-      youngs_modulus(positive("youngs_modulus", youngs)),
-      shear_modulus(0.0) {
-  if (poisson && shear)
-    bad_value("shear_modulus", *shear, "give either poisson_ratio or shear_modulus, not both");
+    : density(non_negative("density", rho)), youngs_modulus(positive("youngs_modulus", youngs)), shear_modulus(0.0) {
+  if (poisson && shear) bad_value("shear_modulus", *shear, "give either poisson_ratio or shear_modulus, not both");
   if (poisson) {
-    if (!(*poisson > -1.0 && *poisson <= 0.5))
-      bad_value("poisson_ratio", *poisson, "must be above -1 and at most 0.5");
+    if (!(*poisson > -1.0 && *poisson <= 0.5)) bad_value("poisson_ratio", *poisson, "must be above -1 and at most 0.5");
     shear_modulus = youngs_modulus / (2.0 * (1.0 + *poisson));
   }
   if (shear) shear_modulus = positive("shear_modulus", *shear);

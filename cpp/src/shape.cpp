@@ -13,8 +13,7 @@ constexpr double kPi = 3.14159265358979323846;
 /// Root i = 0, 1, ... of cos(b) cosh(b) = -1, the Euler-Bernoulli clamped-free equation.
 double clamped_free_root(int i) {
   double b = i == 0 ? 1.875104 : (i + 0.5) * kPi;
-  for (int it = 0; it < 8; ++it)
-    b -= (std::cos(b) + 1.0 / std::cosh(b)) / (-std::sin(b) - std::tanh(b) / std::cosh(b));
+  for (int it = 0; it < 8; ++it) b -= (std::cos(b) + 1.0 / std::cosh(b)) / (-std::sin(b) - std::tanh(b) / std::cosh(b));
   return b;
 }
 

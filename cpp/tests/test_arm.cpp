@@ -11,8 +11,7 @@ TEST_CASE("AB, CI and inverse dynamics agree at every order") {
     const Arm arm = flexarm_test::spatial_arm(order);
     Workspace ws(arm);
     const Eigen::VectorXd q = flexarm_test::wave(arm.nv(), 0.2, order == 0 ? 0.01 : 0.1),
-                          v = flexarm_test::wave(arm.nv(), 0.9, 0.5),
-                          tau = flexarm_test::wave(arm.nv(), 2.0, 1.0);
+                          v = flexarm_test::wave(arm.nv(), 0.9, 0.5), tau = flexarm_test::wave(arm.nv(), 2.0, 1.0);
     REQUIRE(forward_dynamics_ab(arm, ws, q, v, tau) == Status::ok);
     const Eigen::VectorXd ab = ws.a;
     REQUIRE(forward_dynamics_ci(arm, ws, q, v, tau) == Status::ok);
@@ -28,8 +27,7 @@ TEST_CASE("AB, CI and inverse dynamics agree at every order") {
 TEST_CASE("the kinetic energy is that of the mass matrix, and the same from any moving seat") {
   const Arm arm = flexarm_test::spatial_arm();
   Workspace ws(arm);
-  const Eigen::VectorXd q = flexarm_test::wave(arm.nv(), 0.2, 0.2),
-                        v = flexarm_test::wave(arm.nv(), 0.9, 1.0);
+  const Eigen::VectorXd q = flexarm_test::wave(arm.nv(), 0.2, 0.2), v = flexarm_test::wave(arm.nv(), 0.9, 1.0);
   const Energy e = energy(arm, ws, q, v);
   composite_mass_matrix(arm, ws);
   CHECK(0.5 * v.dot(ws.M * v) == doctest::Approx(e.kinetic).epsilon(1e-13));
@@ -53,7 +51,7 @@ TEST_CASE("an arm without inertia is refused, with the coordinate named") {
   CHECK_THROWS_AS(Arm({}), std::invalid_argument);
   // two hinges on one axis, one inertia: only their sum is defined
   const RigidBody wheel = flexarm_test::body(1.0, {0, 0, 0});
-  CHECK_THROWS_AS(Arm({Link(hinge, std::nullopt, std::nullopt, std::nullopt),
-                       Link(hinge, wheel, std::nullopt, std::nullopt)}),
-                  std::invalid_argument);
+  CHECK_THROWS_AS(
+      Arm({Link(hinge, std::nullopt, std::nullopt, std::nullopt), Link(hinge, wheel, std::nullopt, std::nullopt)}),
+      std::invalid_argument);
 }

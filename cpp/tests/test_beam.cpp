@@ -30,8 +30,7 @@ TEST_CASE("shape functions are clamped, and each row is the derivative of the on
                           down = shapes(basis, strain, n, L, x - h);
         const double size = at.strain.cwiseAbs().maxCoeff();
         CHECK(((up.slope - down.slope) / (2 * h) - at.strain).norm() < 1e-4 * size);
-        if (is_bending(strain))
-          CHECK(((up.deflection - down.deflection) / (2 * h) - at.slope).norm() < 1e-4 * size);
+        if (is_bending(strain)) CHECK(((up.deflection - down.deflection) / (2 * h) - at.slope).norm() < 1e-4 * size);
       }
       if (basis == Basis::clamped_free) {
         const ShapeValues tip = shapes(basis, strain, n, L, L);
@@ -121,7 +120,7 @@ TEST_CASE("bad numbers are named") {
   CHECK_THROWS_WITH_AS(Material(7850, 209e9, 0.7), "poisson_ratio = 0.7: must be above -1 and at most 0.5",
                        std::invalid_argument);
   CHECK_THROWS_AS(Material(7850, 209e9, 0.3, 80e9), std::invalid_argument);
-  CHECK_THROWS_AS(flexarm_test::beam({1, 0, 0, 0, 0}, 3), std::invalid_argument);
+  CHECK_THROWS_AS(flexarm_test::beam({1, 0, 0, 0, 0}, 5), std::invalid_argument);
   CHECK_THROWS_AS(flexarm_test::beam({-1, 0, 0, 0, 0}, 2), std::invalid_argument);
   CHECK_THROWS_AS(flexarm_test::beam({1, 0, 0, 0, 0}, 2).slice_at(0.6), std::invalid_argument);
 }

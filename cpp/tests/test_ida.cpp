@@ -6,9 +6,9 @@
 using namespace flexarm;
 
 TEST_CASE("IDA reaches a closed form and counts its work") {
-  const Arm arm({Link(Joint(Joint::Type::prismatic, {1, 0, 0}), flexarm_test::body(2.0, {0, 0, 0}),
-                      std::nullopt, std::nullopt)},
-                {3.0, 0.0, 0.0});
+  const Arm arm(
+      {Link(Joint(Joint::Type::prismatic, {1, 0, 0}), flexarm_test::body(2.0, {0, 0, 0}), std::nullopt, std::nullopt)},
+      {3.0, 0.0, 0.0});
   const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(11, 0.0, 1.0), zero = Eigen::VectorXd::Zero(1);
   const Drive push{0, {}, [](double time) { return -6.0 + 2.0 * time; }};
   const Trajectory r = simulate_ida(arm, {push}, t, zero, zero, zero, {1e-9, 1e-12});
@@ -27,10 +27,9 @@ TEST_CASE("what a drive throws comes through SUNDIALS") {
                        if (time > 0.01) throw std::domain_error("broken drive");
                        return 0.0;
                      }};
-  CHECK_THROWS_WITH_AS(simulate_ida(arm, {broken}, t, zero, zero, zero, {}), "broken drive",
-                       std::domain_error);
+  CHECK_THROWS_WITH_AS(simulate_ida(arm, {broken}, t, zero, zero, zero, {}), "broken drive", std::domain_error);
   IdaOptions bad;
   bad.rtol = 0.0;
-  CHECK_THROWS_WITH_AS(simulate_ida(arm, {}, t, zero, zero, zero, bad),
-                       "rtol = 0: must be positive and finite", std::invalid_argument);
+  CHECK_THROWS_WITH_AS(simulate_ida(arm, {}, t, zero, zero, zero, bad), "rtol = 0: must be positive and finite",
+                       std::invalid_argument);
 }

@@ -11,8 +11,7 @@ using Cube = py::array_t<double, py::array::c_style>;
 
 Cube cube(Eigen::Index n, Eigen::Index rows, Eigen::Index columns) { return Cube({n, rows, columns}); }
 Eigen::Map<Rows> page(Cube& c, Eigen::Index k) {
-  return {c.mutable_data(k, 0, 0), static_cast<Eigen::Index>(c.shape(1)),
-          static_cast<Eigen::Index>(c.shape(2))};
+  return {c.mutable_data(k, 0, 0), static_cast<Eigen::Index>(c.shape(1)), static_cast<Eigen::Index>(c.shape(2))};
 }
 
 /// Accelerations of a batch. Columns of `a` that are prescribed are inputs.
@@ -35,18 +34,17 @@ Rows forward(const Arm& arm, const Rows& q, const Rows& v, const Rows& tau, cons
 /// Runs visit(row, slice) for every row of q, with the slice of `link` at x metres along its beam, or its
 /// end.
 template <class Visit>
-void at_slice(const Arm& arm, const Rows& q, const Rows& v, std::size_t link, std::optional<double> x,
-              Workspace& ws, const Visit& visit) {
+void at_slice(const Arm& arm, const Rows& q, const Rows& v, std::size_t link, std::optional<double> x, Workspace& ws,
+              const Visit& visit) {
   const Link& l = arm.link(link);
-  if (x && !l.beam())
-    bad_value("x", *x, "link " + std::to_string(link) + " has no beam; leave x out for its end");
+  if (x && !l.beam()) bad_value("x", *x, "link " + std::to_string(link) + " has no beam; leave x out for its end");
   SliceTable table;
   Slice<double> slice(l.ne());
   if (x) table = l.beam()->slice_at(*x);
   for (Eigen::Index k = 0; k < q.rows(); ++k) {
     move_arm<double>(arm, ws, q.row(k), v.row(k));
     const LinkState<double>& s = ws.links[link];
-    if (x) move_slice(table, l.hub().end, s.qe.data(), s.dqe.data(), true, slice);
+    if (x) l.move_slice(table, s, true, slice);
     visit(k, x ? slice : s.end);
   }
 }
@@ -121,12 +119,11 @@ void bind_dynamics(py::class_<Arm>& arm) {
         Rows p(q.rows(), 3);
         Cube R = cube(q.rows(), 3, 3);
         Workspace ws(self);
-        at_slice(self, q, Rows::Zero(q.rows(), q.cols()), link, x, ws,
-                 [&](Eigen::Index k, const auto& slice) {
-                   const Pose pose = slice_pose(self, ws, link, slice);
-                   p.row(k) = pose.p;
-                   page(R, k) = pose.R;
-                 });
+        at_slice(self, q, Rows::Zero(q.rows(), q.cols()), link, x, ws, [&](Eigen::Index k, const auto& slice) {
+          const Pose pose = slice_pose(self, ws, link, slice);
+          p.row(k) = pose.p;
+          page(R, k) = pose.R;
+        });
         return py::make_tuple(p, R);
       },
       py::arg("q"), py::arg("link"), py::arg("x"));
@@ -136,9 +133,8 @@ void bind_dynamics(py::class_<Arm>& arm) {
       [](const Arm& self, const Rows& q, std::size_t link, std::optional<double> x) {
         Cube J = cube(q.rows(), 6, self.nv());
         Workspace ws(self);
-        at_slice(
-            self, q, Rows::Zero(q.rows(), q.cols()), link, x, ws,
-            [&](Eigen::Index k, const auto& slice) { page(J, k) = slice_jacobian(self, ws, link, slice); });
+        at_slice(self, q, Rows::Zero(q.rows(), q.cols()), link, x, ws,
+                 [&](Eigen::Index k, const auto& slice) { page(J, k) = slice_jacobian(self, ws, link, slice); });
         return J;
       },
       py::arg("q"), py::arg("link"), py::arg("x"));

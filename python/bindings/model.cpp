@@ -24,8 +24,7 @@ void bind_model(py::module_& m) {
       .def(py::init<double, double, double, double, double>(), py::arg("area"), py::arg("second_moment_y"),
            py::arg("second_moment_z"), py::arg("torsion_constant"), py::arg("shear_correction"))
       .def_static("rectangle", &Section::rectangle, py::arg("y"), py::arg("z"), py::arg("shear_correction"))
-      .def_static("circle", &Section::circle, py::arg("radius"), py::arg("inner_radius"),
-                  py::arg("shear_correction"))
+      .def_static("circle", &Section::circle, py::arg("radius"), py::arg("inner_radius"), py::arg("shear_correction"))
       .def_readonly("area", &Section::area)
       .def_readonly("second_moment_y", &Section::second_moment_y)
       .def_readonly("second_moment_z", &Section::second_moment_z)
@@ -34,8 +33,8 @@ void bind_model(py::module_& m) {
 
   py::class_<Beam>(m, "Beam")
       .def(py::init([](double length, const Section& section, const Material& material,
-                       const std::array<int, kStrains>& modes, const std::string& basis, int order,
-                       bool rotary_inertia, double damping_ratio, int gauss_points) {
+                       const std::array<int, kStrains>& modes, const std::string& basis, int order, bool rotary_inertia,
+                       double damping_ratio, int gauss_points) {
              BeamOptions o;
              o.modes = modes;
              o.basis = basis_from_name(basis);
@@ -53,12 +52,12 @@ void bind_model(py::module_& m) {
       .def_property_readonly("damping", &Beam::damping);
 
   py::class_<RigidBody>(m, "RigidBody")
-      .def(py::init([](double mass, const Eigen::Vector3d& com, const Eigen::Matrix3d& inertia,
-                       const Eigen::Vector3d& end) {
-             RigidBody body{mass, com, inertia, end};
-             body.check();
-             return body;
-           }),
+      .def(py::init(
+               [](double mass, const Eigen::Vector3d& com, const Eigen::Matrix3d& inertia, const Eigen::Vector3d& end) {
+                 RigidBody body{mass, com, inertia, end};
+                 body.check();
+                 return body;
+               }),
            py::arg("mass"), py::arg("com"), py::arg("inertia"), py::arg("end"));
 
   py::class_<Joint>(m, "Joint")
@@ -66,8 +65,8 @@ void bind_model(py::module_& m) {
       .def_property_readonly("nv", &Joint::nv);
 
   py::class_<Link>(m, "Link")
-      .def(py::init<Joint, std::optional<RigidBody>, std::optional<Beam>, std::optional<RigidBody>>(),
-           py::arg("joint"), py::arg("hub"), py::arg("beam"), py::arg("tip"))
+      .def(py::init<Joint, std::optional<RigidBody>, std::optional<Beam>, std::optional<RigidBody>>(), py::arg("joint"),
+           py::arg("hub"), py::arg("beam"), py::arg("tip"))
       .def_property_readonly("mass", &Link::mass);
 
   py::class_<Arm> arm(m, "Arm");

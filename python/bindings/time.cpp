@@ -54,13 +54,11 @@ void bind_time(py::module_& m) {
 
   m.def(
       "simulate_ida",
-      [](const Arm& arm, const std::vector<std::tuple<int, bool, py::object>>& drives,
-         const Eigen::VectorXd& t, const Eigen::VectorXd& q0, const Eigen::VectorXd& v0,
-         const Eigen::VectorXd& tau, double rtol, double atol, int max_order, bool composite,
-         const std::function<void(double)>& alive) {
+      [](const Arm& arm, const std::vector<std::tuple<int, bool, py::object>>& drives, const Eigen::VectorXd& t,
+         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol,
+         int max_order, bool composite, const std::function<void(double)>& alive) {
         std::vector<Drive> laws;
-        for (const auto& [coordinate, is_motion, law] : drives)
-          laws.push_back(make_drive(coordinate, is_motion, law));
+        for (const auto& [coordinate, is_motion, law] : drives) laws.push_back(make_drive(coordinate, is_motion, law));
         auto last = std::chrono::steady_clock::now();
         const auto look_around = [&](double now) {  // ten times a second: Ctrl-C, progress
           const auto clock = std::chrono::steady_clock::now();
@@ -92,6 +90,6 @@ void bind_time(py::module_& m) {
         out["stats"] = stats;
         return out;
       },
-      py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"),
-      py::arg("rtol"), py::arg("atol"), py::arg("max_order"), py::arg("composite"), py::arg("alive"));
+      py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("rtol"),
+      py::arg("atol"), py::arg("max_order"), py::arg("composite"), py::arg("alive"));
 }

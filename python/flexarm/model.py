@@ -171,7 +171,8 @@ class Beam(_Part):
         basis: "clamped-free" (Euler-Bernoulli clamped-free modes; sines for torsion and shear; each 1 at X = L) or
             "legendre" (Legendre polynomials as strains; well conditioned at any count).
         order: of the rotation of the sections (Eq. 26). 0 is the paper's simplified model, which neither stiffens nor
-            softens with speed; 1 softens; 2 has the right centrifugal stiffening.
+            softens with speed; 1 softens; 2 has the right centrifugal stiffening; 3 and
+            "exact" (no truncation) are for large bending and cost more.
         rotary_inertia: whether slices have rotary inertia.
         damping_ratio: modal, of every mode of the beam clamped at its base.
         gauss_points: slices that carry the inertia; None lets the basis choose enough for about 1e-12.
@@ -185,7 +186,7 @@ class Beam(_Part):
     material: Material
     modes: Mapping[str, int]
     basis: str = "clamped-free"
-    order: int = 2
+    order: int | str = 2
     rotary_inertia: bool = True
     damping_ratio: float = 0.0
     gauss_points: int | None = None
@@ -205,8 +206,8 @@ class Beam(_Part):
             raise ValueError(f"rotary_inertia = {self.rotary_inertia!r}: must be true or false")
         if not isinstance(self.basis, str):
             raise ValueError(f'basis = {self.basis!r}: must be "clamped-free" or "legendre"')
-        if isinstance(self.order, bool) or self.order not in (0, 1, 2):
-            raise ValueError(f"order = {self.order!r}: must be 0, 1 or 2")
+        if isinstance(self.order, bool) or self.order not in (0, 1, 2, 3, "exact"):
+            raise ValueError(f'order = {self.order!r}: must be 0, 1, 2, 3 or "exact"')
         points = 0
         if self.gauss_points is not None:
             points = whole("gauss_points", self.gauss_points)
@@ -218,7 +219,7 @@ class Beam(_Part):
             self.material._core,
             counts,
             self.basis,
-            self.order,
+            4 if self.order == "exact" else int(self.order),
             self.rotary_inertia,
             self.damping_ratio,
             points,

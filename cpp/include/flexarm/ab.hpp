@@ -11,8 +11,8 @@ Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
                            const Eigen::VectorXd& tau);
 
 /// The method of choice.
-inline Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q,
-                               const Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
+inline Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                               const Eigen::VectorXd& tau) {
   return forward_dynamics_ab(arm, ws, q, v, tau);
 }
 

@@ -20,9 +20,7 @@ class Arm {
   const Eigen::Vector3d& gravity() const { return gravity_; }
   int nq() const { return nv_; }
   int nv() const { return nv_; }
-  int first(std::size_t n) const {
-    return first_[n];
-  }  ///< first coordinate of link n: joint, then elastic (Eq. 33)
+  int first(std::size_t n) const { return first_[n]; }  ///< first coordinate of link n: joint, then elastic (Eq. 33)
   /// A label per velocity coordinate, such as "link 0 bending_y 1".
   std::vector<std::string> coordinates() const;
 

@@ -5,7 +5,9 @@
 #include <array>
 #include <vector>
 
+#include "flexarm/quadrature.hpp"
 #include "flexarm/section.hpp"
+#include "flexarm/series.hpp"
 #include "flexarm/shape.hpp"
 #include "flexarm/slice.hpp"
 
@@ -21,7 +23,7 @@ struct MassSlice {
 struct BeamOptions {
   std::array<int, kStrains> modes{};  ///< shape functions of bending_y, bending_z, torsion, shear_y, shear_z
   Basis basis = Basis::clamped_free;
-  int order = 2;               ///< of rotation (Eq. 26): 0 (the paper's simplified model), 1 or 2
+  int order = 2;               ///< of rotation (Eq. 26): 0 (the paper's simplified model), 1, 2, 3 or kExact
   bool rotary_inertia = true;  ///< of the slices
   double damping_ratio = 0.0;  ///< modal, of every mode of the beam clamped at its base
   int gauss_points = 0;        ///< 0: enough for the basis, see `enough_gauss_points`
@@ -42,6 +44,8 @@ class Beam {
 
   const Eigen::MatrixXd& stiffness() const { return stiffness_; }  ///< Eq. 62, ne x ne
   const Eigen::MatrixXd& damping() const { return damping_; }      ///< ne x ne
+  /// Beyond order 2, what the series needs; else null.
+  const SeriesTables* series() const { return series_ ? &*series_ : nullptr; }
   const std::vector<MassSlice>& slices() const { return slices_; }
   const SliceTable& tip() const { return tip_; }  ///< the slice at X = L
 
@@ -61,6 +65,8 @@ class Beam {
   Eigen::MatrixXd stiffness_, damping_;
   std::vector<MassSlice> slices_;
   SliceTable tip_;
+  std::optional<SeriesTables> series_;
+  GaussRule rule_{1};  ///< of the slices
 };
 
 /// Gauss points that integrate the inertia of the beam's slices to about 1e-12: exactly what the polynomials

@@ -9,16 +9,14 @@ namespace flexarm {
 /// O(N).
 /// @param q, v, a coordinates (rad, m), rates and accelerations, length nv
 template <class S>
-void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v,
-                      const VecX<S>& a);
+void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v, const VecX<S>& a);
 
 /// Exact Jacobians of inverse dynamics, by dual numbers through the same sweeps. O(N^2).
 class InverseDerivatives {
  public:
   explicit InverseDerivatives(const Arm& arm);
   /// dtau/dq and dtau/dv at (q, v, a): nv x nv each. (dtau/da is the mass matrix.)
-  void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                  const Eigen::VectorXd& a);
+  void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
   Eigen::MatrixXd dq, dv;
 
  private:

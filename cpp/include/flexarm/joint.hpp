@@ -16,7 +16,7 @@ struct JointMotion {
   Vec3<S> p = Vec3<S>::Zero();      ///< position of the link's origin, in the axes the joint sits on
   Eigen::Matrix<S, 6, Eigen::Dynamic, Eigen::ColMajor, 6, 6> H;  ///< V_rel = H dq, in link axes (Eq. 66, 67)
   Vec6<S> V = Vec6<S>::Zero();                                   ///< H dq
-  Vec6<S> c = Vec6<S>::Zero();  ///< (dH/dt) dq, and w_rel x v_rel in its linear rows
+  Vec6<S> c = Vec6<S>::Zero();                                   ///< (dH/dt) dq, and w_rel x v_rel in its linear rows
 };
 
 class Joint {

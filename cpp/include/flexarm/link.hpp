@@ -27,6 +27,7 @@ template <class S>
 struct LinkState {
   // positions and velocities
   JointMotion<S> joint;
+  Series<S> series;              ///< beyond order 2
   std::vector<Slice<S>> slices;  ///< Gauss points of the beam
   Slice<S> hub;                  ///< the hub's centre of mass, at rest in the link
   Slice<S> root, com, end;       ///< the beam's last slice, the tip body's centre of mass, the link's end
@@ -41,24 +42,21 @@ struct LinkState {
   VecX<S> Fe;  ///< elastic generalised forces
   MatX<S> M;   ///< M_rfr, (6 + ne)^2 (Eq. 80)
 
-  LinkState(int nj, int ne, int ne_below, std::size_t n_slices)
-      : slices(n_slices, Slice<S>(ne)),
-        hub(0),
-        root(ne),
-        com(ne),
-        end(ne),
-        seat(ne),
-        phi_e(Mat6X<S>::Zero(6, ne_below)),
-        H(Mat6X<S>::Zero(6, nj)),
-        V(Vec6<S>::Zero()),
-        N(Vec6<S>::Zero()),
-        A(Vec6<S>::Zero()),
-        qe(VecX<S>::Zero(ne)),
-        dqe(VecX<S>::Zero(ne)),
-        F(Vec6<S>::Zero()),
-        Fe(VecX<S>::Zero(ne)),
-        M(MatX<S>::Zero(6 + ne, 6 + ne)) {}
+  LinkState(int nj, const Beam* beam, int ne_below);
 };
+
+template <class S>
+LinkState<S>::LinkState(int nj, const Beam* beam, int ne_below) {
+  const int ne = beam ? beam->ne() : 0;
+  if (beam) slices.assign(beam->slices().size(), Slice<S>(ne));
+  if (beam && beam->series()) series = Series<S>(static_cast<int>(slices.size()), ne);
+  for (Slice<S>* slice : {&root, &com, &end, &seat}) *slice = Slice<S>(ne);
+  phi_e = Mat6X<S>::Zero(6, ne_below);
+  H = Mat6X<S>::Zero(6, nj);
+  for (Vec6<S>* v : {&V, &N, &A, &F}) v->setZero();
+  for (VecX<S>* v : {&qe, &dqe, &Fe}) *v = VecX<S>::Zero(ne);
+  M = MatX<S>::Zero(6 + ne, 6 + ne);
+}
 
 class Link {
  public:
@@ -75,6 +73,9 @@ class Link {
   /// Moves every slice from the elastic coordinates in `s` (qe, dqe).
   template <class S>
   void move(LinkState<S>& s) const;
+  /// Moves one slice of the beam, after `move`.
+  template <class S>
+  void move_slice(const SliceTable& table, const LinkState<S>& s, bool orient, Slice<S>& out) const;
   /// M_rfr of Eq. 80 into s.M.
   template <class S>
   void mass_matrix(LinkState<S>& s) const;

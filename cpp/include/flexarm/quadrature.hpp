@@ -11,4 +11,7 @@ struct GaussRule {
   explicit GaussRule(int n, double length = 1.0);
 };
 
+/// Weights of the integral from 0 to x of the polynomial through values at the points of a Gauss rule on [0, length].
+Eigen::RowVectorXd integral_weights(const GaussRule& rule, double length, double x);
+
 }  // namespace flexarm

@@ -17,15 +17,15 @@ struct Product {
   Eigen::MatrixXd C;
 };
 
-/// What a slice at X needs, built once at set-up: position x = x0 + L_x q + products (Eq. 24) and rotation
-/// vector theta = L_theta q + products (Magnus series), both cut at the beam's order. Blocks that a beam
-/// lacks are not stored.
+/// What a slice at X needs, built once at set-up. At order 0 to 2: position x = x0 + L_x q + products (Eq. 24) and
+/// rotation vector theta = L_theta q + products (Magnus series), both cut at the beam's order. Blocks that a beam lacks
+/// are not stored.
 struct SliceTable {
   double X = 0.0;
-  Eigen::Matrix<double, 6, Eigen::Dynamic> linear;  ///< [L_x; L_theta]
-  std::vector<Product> products;                    ///< second order; empty at order 0 and 1
-  Eigen::Matrix<double, 5, Eigen::Dynamic>
-      strains;  ///< K1 K2 K3 phi12 phi13 from the elastic coordinates (Eq. 28-32)
+  Eigen::Matrix<double, 6, Eigen::Dynamic> linear;   ///< [L_x; L_theta]
+  std::vector<Product> products;                     ///< second order; empty at order 0 and 1
+  Eigen::Matrix<double, 5, Eigen::Dynamic> strains;  ///< K1 K2 K3 phi12 phi13 per coordinate (Eq. 28-32)
+  Eigen::RowVectorXd weights;  ///< beyond order 2: of the integral from 0 to X over the Gauss points (series.hpp)
 };
 
 /// Motion of a slice relative to its link, in link axes.
@@ -42,8 +42,30 @@ struct Slice {
   explicit Slice(int ne = 0) : J(Mat6X<S>::Zero(6, ne)) {}
 };
 
-/// Moves a slice (Eq. 23-27, 34-40). `origin` is the beam's base in link axes; q, dq are the link's elastic
-/// coordinates and rates. Where nothing asks for the orientation (`orient` false), R, J_R and Omega are left
+/// Orientation from the rotation vector t, its rate and the convective part of its second rate; out.J holds dt/dq.
+/// R = exp(t), Omega = J_l(t) dt with the left Jacobian J_l = I + b t~ + c t~^2 (Eq. 35), and its rate
+/// dOmega/dt = J_l ddt + (dJ_l/dt) dt.
+template <class S>
+void turn_slice(const Vec3<S>& t, const Vec3<S>& t_dot, const Vec3<S>& t_bias, Slice<S>& out) {
+  const S s = t.dot(t);
+  const RotationCoefficients<S> k(s);
+  out.R = rotation(t, k);
+  const auto left_jacobian = [&](const Vec3<S>& y) {
+    const Vec3<S> ty = t.cross(y);
+    return Vec3<S>(y + k.b * ty + k.c * t.cross(ty));
+  };
+  out.Omega = left_jacobian(t_dot);
+  const Vec3<S> tt = t.cross(t_dot);
+  const S s_dot = 2.0 * t.dot(t_dot);
+  out.Omega_bias = left_jacobian(t_bias) + (k.db * s_dot) * tt + (k.dc * s_dot) * t.cross(tt) + k.c * t_dot.cross(tt);
+  for (Eigen::Index i = 0; i < out.J.cols(); ++i) {
+    const Vec3<S> column = out.J.col(i).template tail<3>();
+    out.J.col(i).template tail<3>() = left_jacobian(column);
+  }
+}
+
+/// Moves a slice at order 0 to 2 (Eq. 23-27, 34-40). `origin` is the beam's base in link axes; q, dq are the link's
+/// elastic coordinates and rates. Where nothing asks for the orientation (`orient` false), R, J_R and Omega are left
 /// alone.
 template <class S>
 void move_slice(const SliceTable& table, const Eigen::Vector3d& origin, const S* q, const S* dq, bool orient,
@@ -85,26 +107,8 @@ void move_slice(const SliceTable& table, const Eigen::Vector3d& origin, const S*
   out.u_bias = Vec3<S>(bias[0], bias[1], bias[2]);
   if (!orient) return;
 
-  // R = exp(theta), Omega = J_l(theta) dtheta with the left Jacobian J_l = I + b theta~ + c theta~^2 (Eq.
-  // 35), and its rate: dOmega/dt = J_l ddtheta + (dJ_l/dt) dtheta.
-  const Vec3<S> t(value[3], value[4], value[5]), t_dot(rate[3], rate[4], rate[5]),
-      t_bias(bias[3], bias[4], bias[5]);
-  const S s = t.dot(t);
-  const RotationCoefficients<S> k(s);
-  out.R = rotation(t, k);
-  const auto left_jacobian = [&](const Vec3<S>& y) {
-    const Vec3<S> ty = t.cross(y);
-    return Vec3<S>(y + k.b * ty + k.c * t.cross(ty));
-  };
-  out.Omega = left_jacobian(t_dot);
-  const Vec3<S> tt = t.cross(t_dot);
-  const S s_dot = 2.0 * t.dot(t_dot);
-  out.Omega_bias =
-      left_jacobian(t_bias) + (k.db * s_dot) * tt + (k.dc * s_dot) * t.cross(tt) + k.c * t_dot.cross(tt);
-  for (Eigen::Index i = 0; i < ne; ++i) {
-    const Vec3<S> column = out.J.col(i).template tail<3>();
-    out.J.col(i).template tail<3>() = left_jacobian(column);
-  }
+  turn_slice(Vec3<S>(value[3], value[4], value[5]), Vec3<S>(rate[3], rate[4], rate[5]),
+             Vec3<S>(bias[3], bias[4], bias[5]), out);
 }
 
 /// The point at `offset` in a slice's axes, moving with it: a centre of mass, the end of a tip body, the next
@@ -129,8 +133,7 @@ void shift_slice(const Slice<S>& at, const Vec3<S>& offset, Slice<S>& out) {
 /// Absolute acceleration of a slice, in link axes, when its link has V, A and elastic accelerations ddq (Eq.
 /// 45, 46).
 template <class S>
-void slice_acceleration(const Slice<S>& at, const Vec6<S>& V, const Vec6<S>& A, const S* ddq, Vec3<S>& a,
-                        Vec3<S>& dw) {
+void slice_acceleration(const Slice<S>& at, const Vec6<S>& V, const Vec6<S>& A, const S* ddq, Vec3<S>& a, Vec3<S>& dw) {
   const Vec3<S> w = V.template tail<3>(), w_dot = A.template tail<3>();
   const Vec3<S> sweep = w.cross(at.x) + 2.0 * at.u_dot;
   a = A.template head<3>() + w_dot.cross(at.x) + w.cross(sweep) + at.u_bias;

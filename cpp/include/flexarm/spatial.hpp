@@ -41,8 +41,7 @@ struct RotationCoefficients {
   S a, b, c, db, dc;
 
   explicit RotationCoefficients(const S& s) {
-    if (s <
-        1.0) {  // Taylor series: sum (-s)^k / (2k + 1)!, (2k + 2)!, (2k + 3)!; below 1e-17 after ten terms
+    if (s < 1.0) {  // Taylor series: sum (-s)^k / (2k + 1)!, (2k + 2)!, (2k + 3)!; below 1e-17 after ten terms
       a = b = c = db = dc = S(0);
       for (int k = 9; k >= 0; --k) {
         a = 1.0 - s * a / ((2.0 * k + 2.0) * (2.0 * k + 3.0));

@@ -23,7 +23,7 @@ struct SweepWorkspace {
     for (std::size_t n = 0; n < arm.size(); ++n) {
       const Link& link = arm.link(n);
       const int ne_below = n == 0 ? 0 : arm.link(n - 1).ne();
-      links.emplace_back(link.nj(), link.ne(), ne_below, link.beam() ? link.beam()->slices().size() : 0);
+      links.emplace_back(link.nj(), link.beam() ? &*link.beam() : nullptr, ne_below);
     }
   }
 };

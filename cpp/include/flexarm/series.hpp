@@ -1,0 +1,84 @@
+// The beam beyond order 2: its rotation and position as functions of X, by spectral integration over the Gauss points.
+//
+// Order 3 takes the paper's series term by term, R_i = int R_{i-1} K~ (Eq. 27), and the Magnus series for the rotation
+// vector. "Exact" does not truncate: R' = R K~ is solved to machine precision. Order 2 and below never come here.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "flexarm/slice.hpp"
+
+namespace flexarm {
+
+/// A scalar function of X at the Gauss points (rows), with what an elastic motion does to it. Columns: value, rate,
+/// convective part of the second rate, then the derivatives by the elastic coordinates.
+template <class S>
+using Jet = MatX<S>;
+template <class S>
+using JetVector = std::array<Jet<S>, 3>;
+enum JetColumn { value_column, rate_column, bias_column, first_derivative_column };
+
+/// Strains and integration at the Gauss points of one beam, built once.
+struct SeriesTables {
+  Eigen::MatrixXd cumulative;                                     ///< row i: weights of the integral from 0 to X_i
+  std::vector<Eigen::Matrix<double, 5, Eigen::Dynamic>> strains;  ///< at X_i: K1 K2 K3 phi12 phi13 per coordinate
+};
+
+/// The slopes of what a slice needs, at the Gauss points; integrated from 0 to X they give the slice at X.
+template <class S>
+struct Series {
+  JetVector<S> x;              ///< x'
+  JetVector<S> turn;           ///< theta' at order 3; Omega' when exact (its value column is not used)
+  std::vector<Mat3<S>> R, RK;  ///< exact only: R and R' = R K~
+  JetVector<S> K, phi;         ///< strains (phi has no first component)
+  std::array<JetVector<S>, 6> scratch;
+
+  Series() = default;
+  Series(int points, int ne) : R(static_cast<std::size_t>(points), Mat3<S>::Identity()), RK(R) {
+    const auto zero = [&](JetVector<S>& v) {
+      for (auto& c : v) c = MatX<S>::Zero(points, first_derivative_column + ne);
+    };
+    for (JetVector<S>* v : {&x, &turn, &K, &phi}) zero(*v);
+    for (JetVector<S>& v : scratch) zero(v);
+  }
+};
+
+/// Beam orders: 0, 1, 2, 3 and
+constexpr int kExact = 4;
+
+/// Fills a series from the elastic coordinates q and rates dq.
+template <class S>
+void series_order_3(const SeriesTables& tables, const S* q, const S* dq, Series<S>& s);
+template <class S>
+void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>& s);
+
+/// Moves a slice beyond order 2.
+template <class S>
+void move_slice(const SliceTable& table, const Eigen::Vector3d& origin, int order, const Series<S>& s, Slice<S>& out) {
+  const auto integral = [&](const JetVector<S>& slope, Eigen::Index column) {
+    Vec3<S> sum = Vec3<S>::Zero();
+    for (Eigen::Index j = 0; j < table.weights.size(); ++j)
+      for (std::size_t c = 0; c < 3; ++c) sum[static_cast<Eigen::Index>(c)] += table.weights[j] * slope[c](j, column);
+    return sum;
+  };
+  out.x = origin.template cast<S>() + integral(s.x, value_column);
+  out.u_dot = integral(s.x, rate_column);
+  out.u_bias = integral(s.x, bias_column);
+  for (Eigen::Index k = 0; k < out.J.cols(); ++k) {
+    out.J.col(k).template head<3>() = integral(s.x, first_derivative_column + k);
+    out.J.col(k).template tail<3>() = integral(s.turn, first_derivative_column + k);
+  }
+  if (order < kExact) {
+    turn_slice<S>(integral(s.turn, value_column), integral(s.turn, rate_column), integral(s.turn, bias_column), out);
+    return;
+  }
+  out.Omega = integral(s.turn, rate_column);
+  out.Omega_bias = integral(s.turn, bias_column);
+  Mat3<S> R = Mat3<S>::Identity();
+  for (Eigen::Index j = 0; j < table.weights.size(); ++j) R += table.weights[j] * s.RK[static_cast<std::size_t>(j)];
+  const Mat3<S> RtR = R.transpose() * R;  // one Newton step to the nearest rotation: takes off what integration left
+  out.R = 1.5 * R - 0.5 * (R * RtR);
+}
+
+}  // namespace flexarm

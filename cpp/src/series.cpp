@@ -1,0 +1,194 @@
+#include "flexarm/series.hpp"
+
+#include "flexarm/workspace.hpp"
+
+namespace flexarm {
+
+namespace {
+
+/// out += factor a b (product rule in every column)
+template <class S>
+void add_product(const Jet<S>& a, const Jet<S>& b, double factor, Jet<S>& out) {
+  for (Eigen::Index j = 0; j < out.rows(); ++j) {
+    const S fa = factor * a(j, value_column), fb = factor * b(j, value_column);
+    out(j, value_column) += fa * b(j, value_column);
+    out(j, rate_column) += fa * b(j, rate_column) + fb * a(j, rate_column);
+    out(j, bias_column) +=
+        fa * b(j, bias_column) + fb * a(j, bias_column) + (2.0 * factor) * (a(j, rate_column) * b(j, rate_column));
+    for (Eigen::Index k = first_derivative_column; k < out.cols(); ++k) out(j, k) += fa * b(j, k) + fb * a(j, k);
+  }
+}
+
+/// out += factor a x b
+template <class S>
+void add_cross(const JetVector<S>& a, const JetVector<S>& b, double factor, JetVector<S>& out) {
+  for (std::size_t c = 0; c < 3; ++c) {
+    const std::size_t d = (c + 1) % 3, e = (c + 2) % 3;
+    add_product(a[d], b[e], factor, out[c]);
+    add_product(a[e], b[d], -factor, out[c]);
+  }
+}
+
+template <class S>
+void set_zero(JetVector<S>& v) {
+  for (auto& c : v) c.setZero();
+}
+
+/// out = integral from 0 to X_i of f
+template <class S>
+void integrate(const Eigen::MatrixXd& cumulative, const Jet<S>& f, Jet<S>& out) {
+  for (Eigen::Index k = 0; k < f.cols(); ++k)
+    for (Eigen::Index i = 0; i < f.rows(); ++i) {
+      S sum(0);
+      for (Eigen::Index j = 0; j < f.rows(); ++j) sum += cumulative(i, j) * f(j, k);
+      out(i, k) = sum;
+    }
+}
+template <class S>
+void integrate(const Eigen::MatrixXd& cumulative, const JetVector<S>& f, JetVector<S>& out) {
+  for (std::size_t c = 0; c < 3; ++c) integrate(cumulative, f[c], out[c]);
+}
+
+/// Strains are linear in q: value B q, rate B dq, derivatives B.
+template <class S>
+void set_strains(const SeriesTables& tables, const S* q, const S* dq, Series<S>& s) {
+  for (std::size_t c = 0; c < 5; ++c) {
+    Jet<S>& out = c < 3 ? s.K[c] : s.phi[c - 2];
+    const Eigen::Index row = static_cast<Eigen::Index>(c);
+    for (Eigen::Index j = 0; j < out.rows(); ++j) {
+      const auto& B = tables.strains[static_cast<std::size_t>(j)];
+      S value(0), rate(0);
+      for (Eigen::Index k = 0; k < B.cols(); ++k) {
+        value += B(row, k) * q[k];
+        rate += B(row, k) * dq[k];
+        out(j, first_derivative_column + k) = S(B(row, k));
+      }
+      out(j, value_column) = value;
+      out(j, rate_column) = rate;
+    }
+  }
+}
+
+}  // namespace
+
+template <class S>
+void series_order_3(const SeriesTables& tables, const S* q, const S* dq, Series<S>& s) {
+  set_strains(tables, q, dq, s);
+  const Eigen::MatrixXd& A = tables.cumulative;
+  // A row r of R obeys r' = r x K; so R_1, R_2 row by row, and of R_3 the part that meets e1 (Eq. 27).
+  for (std::size_t m = 0; m < 3; ++m) {
+    JetVector<S>&unit = s.scratch[0], &slope = s.scratch[1], &r1 = s.scratch[2], &r2 = s.scratch[3], &r3 = s.scratch[4];
+    set_zero(unit);
+    unit[m].col(value_column).setConstant(S(1));
+    set_zero(slope);
+    add_cross(unit, s.K, 1.0, slope);
+    integrate(A, slope, r1);
+    set_zero(slope);
+    add_cross(r1, s.K, 1.0, slope);
+    integrate(A, slope, r2);
+    set_zero(slope);
+    add_cross(r2, s.K, 1.0, slope);
+    integrate(A, slope[0], r3[0]);
+    // x' = R [1, phi12, phi13]^T, to third order in all (Eq. 22-24)
+    Jet<S>& x = s.x[m];
+    x = unit[0] + r1[0] + r2[0] + r3[0];
+    for (std::size_t c : {1u, 2u}) {
+      add_product(unit[c], s.phi[c], 1.0, x);
+      add_product(r1[c], s.phi[c], 1.0, x);
+      add_product(r2[c], s.phi[c], 1.0, x);
+    }
+  }
+  // theta' = K + theta_1 x K / 2 + theta_2 x K / 2 + theta_1 x (theta_1 x K) / 12
+  JetVector<S>&theta_1 = s.scratch[0], &theta_2 = s.scratch[1], &twist = s.scratch[2];
+  integrate(A, s.K, theta_1);
+  set_zero(twist);
+  add_cross(theta_1, s.K, 1.0, twist);
+  for (std::size_t c = 0; c < 3; ++c) s.turn[c] = 0.5 * twist[c];
+  integrate(A, s.turn, theta_2);
+  for (std::size_t c = 0; c < 3; ++c) s.turn[c] += s.K[c];
+  add_cross(theta_2, s.K, 0.5, s.turn);
+  add_cross(theta_1, twist, 1.0 / 12.0, s.turn);
+}
+
+template <class S>
+void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>& s) {
+  set_strains(tables, q, dq, s);
+  const Eigen::MatrixXd& A = tables.cumulative;
+  const Eigen::Index n = A.rows();
+  const auto at = [](const JetVector<S>& f, Eigen::Index j, Eigen::Index column) {
+    return Vec3<S>(f[0](j, column), f[1](j, column), f[2](j, column));
+  };
+  const auto put = [](const Vec3<S>& v, Eigen::Index j, Eigen::Index column, JetVector<S>& f) {
+    for (std::size_t c = 0; c < 3; ++c) f[c](j, column) = v[static_cast<Eigen::Index>(c)];
+  };
+
+  // R as a unit quaternion, p' = p (0, K) / 2: its series of repeated integrals converges like (|theta|/2)^i / i!
+  MatX<S>&P = s.scratch[3][0], &T = s.scratch[3][1], &D = s.scratch[3][2];  // columns w x y z of sum, term, slope
+  T.setZero();
+  T.col(0).setConstant(S(1));
+  P = T;
+  int still = 0;
+  for (int i = 1; i < 400 && still < 3; ++i) {
+    for (Eigen::Index j = 0; j < n; ++j) {
+      const Vec3<S> v(T(j, 1), T(j, 2), T(j, 3)), K = 0.5 * at(s.K, j, value_column);
+      const Vec3<S> slope = T(j, 0) * K + v.cross(K);
+      D(j, 0) = -v.dot(K);
+      for (Eigen::Index c = 0; c < 3; ++c) D(j, 1 + c) = slope[c];
+    }
+    bool small = true;
+    for (Eigen::Index c = 0; c < 4; ++c)
+      for (Eigen::Index j = 0; j < n; ++j) {
+        S sum(0);
+        for (Eigen::Index k = 0; k < n; ++k) sum += A(j, k) * D(k, c);
+        T(j, c) = sum;
+        P(j, c) += sum;
+        small = small && sum < 1e-17 && -sum < 1e-17;
+      }
+    still = small ? still + 1 : 0;  // three more, for the sake of derivatives
+  }
+
+  JetVector<S>& Omega = s.scratch[4];
+  for (Eigen::Index j = 0; j < n; ++j) {
+    using std::sqrt;
+    const Vec3<S> v(P(j, 1), P(j, 2), P(j, 3));
+    const S norm = sqrt(P(j, 0) * P(j, 0) + v.dot(v)), w = P(j, 0) / norm;
+    const Mat3<S> vt = tilde(Vec3<S>(v / norm));
+    Mat3<S>& R = s.R[static_cast<std::size_t>(j)];
+    R = 2.0 * (vt * vt) + 2.0 * (w * vt);
+    R.diagonal().array() += S(1);
+    s.RK[static_cast<std::size_t>(j)] = R * tilde(at(s.K, j, value_column));
+    // Omega' = R dK, and J_R' = R dK/dq
+    put(R * at(s.K, j, rate_column), j, rate_column, s.turn);
+    for (Eigen::Index k = first_derivative_column; k < s.K[0].cols(); ++k) put(R * at(s.K, j, k), j, k, s.turn);
+  }
+  integrate(A, s.turn, Omega);
+  for (Eigen::Index j = 0; j < n; ++j)  // the convective part: (dR/dt) dK = Omega x R dK
+    put(at(Omega, j, rate_column).cross(at(s.turn, j, rate_column)), j, bias_column, s.turn);
+  for (std::size_t c = 0; c < 3; ++c)
+    for (Eigen::Index j = 0; j < n; ++j) {
+      S sum(0);
+      for (Eigen::Index k = 0; k < n; ++k) sum += A(j, k) * s.turn[c](k, bias_column);
+      Omega[c](j, bias_column) = sum;
+    }
+  // x' = R e, e = [1, phi12, phi13]^T
+  for (Eigen::Index j = 0; j < n; ++j) {
+    const Mat3<S>& R = s.R[static_cast<std::size_t>(j)];
+    Vec3<S> e = at(s.phi, j, value_column);
+    e[0] = S(1);
+    const Vec3<S> t = R * e, t_strain = R * at(s.phi, j, rate_column), w = at(Omega, j, rate_column);
+    const Vec3<S> swing = w.cross(t);
+    put(t, j, value_column, s.x);
+    put(swing + t_strain, j, rate_column, s.x);
+    put(at(Omega, j, bias_column).cross(t) + w.cross(Vec3<S>(swing + 2.0 * t_strain)), j, bias_column, s.x);
+    for (Eigen::Index k = first_derivative_column; k < s.x[0].cols(); ++k)
+      put(at(Omega, j, k).cross(t) + R * at(s.phi, j, k), j, k, s.x);
+  }
+}
+
+#define FLEXARM_INSTANTIATE(S)                                                          \
+  template void series_order_3<S>(const SeriesTables&, const S*, const S*, Series<S>&); \
+  template void series_exact<S>(const SeriesTables&, const S*, const S*, Series<S>&);
+FLEXARM_INSTANTIATE(double)
+FLEXARM_INSTANTIATE(Tangent)
+
+}  // namespace flexarm
