@@ -26,7 +26,7 @@ Arm chain(int links, std::array<int, 5> modes, int order) {
     BeamOptions o;
     o.modes = modes;
     o.order = order;
-    const Joint joint(Joint::Type::revolute, k % 2 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitZ());
+    const Joint joint = Joint::revolute(k % 2 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitZ());
     std::optional<Beam> beam;
     if (*std::max_element(modes.begin(), modes.end()) > 0)
       beam.emplace(0.5, Section::rectangle(0.004, 0.01), Material(7850, 209e9, 0.3), o);

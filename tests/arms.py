@@ -61,14 +61,36 @@ def random_arm(rng: np.random.Generator, links: int, orders=(0, 1, 2, 3, "exact"
             damping_ratio=float(rng.choice([0.0, 0.02])),
         )
 
+    def joint(first: bool) -> fa.Joint:
+        sides = {
+            side: fa.Placement(rng.uniform(-0.1, 0.1, 3), rng.normal(size=3))
+            for side in ("inboard", "outboard")
+            if rng.random() < 0.3
+        }
+        force = {}
+        if rng.random() < 0.3:
+            force = {"stiffness": 2.0, "rest": 0.1, "damping": 0.3, "lower": -0.5, "upper": 0.4}
+            force |= {"limit_stiffness": 50.0, "limit_damping": 0.5}
+        kinds = [
+            lambda: fa.Revolute(axis=rng.normal(size=3), **force, **sides),
+            lambda: fa.Prismatic(axis=rng.normal(size=3), **force, **sides),
+            lambda: fa.Cylindrical(axis=rng.normal(size=3), **force, **sides),
+            lambda: fa.Universal(**force, **sides),
+            lambda: fa.Planar(**force, **sides),
+            lambda: fa.Axes(axes=("tz", "rx", "ty", "rz"), **force, **sides),
+            lambda: fa.Spherical(damping=0.2, **sides),
+            lambda: fa.Free(**sides),
+            lambda: fa.Fixed(**sides),
+        ]
+        weights = np.array([4, 3, 1, 1, 1, 1, 2, 2 if first else 0, 0 if first else 2], dtype=float)
+        return kinds[rng.choice(len(kinds), p=weights / weights.sum())]()
+
     chain = []
     for k in range(links):
-        joint = [fa.Revolute(rng.normal(size=3)), fa.Prismatic(rng.normal(size=3)), fa.Fixed()][
-            int(rng.integers(0, 3 if k else 2))
-        ]
         elastic = beam() if rng.random() < 0.7 else None
         needs_hub = elastic is not None and elastic.order == 0
-        chain.append(fa.Link(joint, body() if needs_hub or rng.random() < 0.8 else None, elastic, body()))
+        hub = body() if needs_hub or rng.random() < 0.8 else None
+        chain.append(fa.Link(joint(k == 0), hub, elastic, body()))
     return fa.Arm(chain, rng.normal(size=3) * 5)
 
 
@@ -76,8 +98,13 @@ def random_state(rng: np.random.Generator, arm: fa.Arm) -> tuple[np.ndarray, np.
     """q, v, tau with deflections of a few per cent of a length; of a few thousandths where a beam has order 0, whose
     kinetic energy, cut at first order, is not positive further out."""
     small = any(link.beam and link.beam.order == 0 for link in arm.links)
-    joint = [" revolute" in c or " prismatic" in c for c in arm.coordinates]
-    scale = np.where(joint, 1.0, 0.003 if small else 0.05)
-    q = scale * rng.normal(size=arm.nv)
-    v = scale * rng.normal(size=arm.nv)
+    elastic = 0.003 if small else 0.05
+    strains = ("bending", "torsion", "shear")
+    q = np.array([elastic if any(s in c for s in strains) else 1.0 for c in arm.q_names]) * rng.normal(size=arm.nq)
+    v = np.array([elastic if any(s in c for s in strains) else 1.0 for c in arm.coordinates]) * rng.normal(size=arm.nv)
     return q, v, rng.normal(size=arm.nv)
+
+
+def rates(arm: fa.Arm, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """dq/dt: v, but for the quaternions of balls."""
+    return arm._core.rates(q, v)[0]

@@ -184,5 +184,5 @@ def test_arms_survive_dictionaries_and_pickles() -> None:
         arm = random_arm(np.random.default_rng(seed), 3)
         for twin in (fa.Arm.from_dict(arm.to_dict()), pickle.loads(pickle.dumps(arm))):
             assert twin == arm and twin.coordinates == arm.coordinates
-            q = np.full(arm.nv, 0.01)
+            q = np.full(arm.nq, 0.01)
             np.testing.assert_array_equal(twin.mass_matrix(q), arm.mass_matrix(q))

@@ -44,7 +44,7 @@ Status eliminate(const Arm& arm, Workspace& ws, const Eigen::VectorXd& tau) {
     for (int k = 0; k < nf; ++k) {
       const int column = b.free[static_cast<std::size_t>(k)];
       for (int i = 0; i < nf + ne; ++i) b.D(i, k) = b.D(k, i) = s.H.col(column).dot(b.U.col(i));
-      b.T[k] = tau[j + column] - s.H.col(column).dot(load);
+      b.T[k] = tau[j + column] - s.resistance[column] - s.H.col(column).dot(load);
     }
     b.D.bottomRightCorner(ne, ne) = s.M.bottomRightCorner(ne, ne);
     for (int k = 0; k < ne; ++k) b.T[nf + k] = tau[e + k] - b.Ne[k] - b.U.col(nf + k).dot(s.N);

@@ -51,15 +51,23 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
   if (links_.empty()) bad_value("links", "[]", "an arm needs at least one link");
   for (const Link& link : links_) {
     first_.push_back(nv_);
+    first_q_.push_back(nq_);
+    for (int k = 0; k < link.nj() + link.ne(); ++k) {
+      const bool ball = link.joint().has_ball() && k >= link.nj() - 3 && k < link.nj();
+      coordinate_of_.push_back(ball ? -1 : nq_ + k + (k < link.nj() ? 0 : link.joint().nq() - link.nj()));
+    }
     nv_ += link.nj() + link.ne();
+    nq_ += link.joint().nq() + link.ne();
   }
   // Every coordinate must move some inertia, or no force law gives its acceleration. Tried at a place where
   // no two joints line up: what is left of a coordinate's inertia after elimination, against what it was.
   Workspace ws(*this);
-  Eigen::VectorXd q = Eigen::VectorXd::Zero(nv_), zero = q;
+  const Eigen::VectorXd still = Eigen::VectorXd::Zero(nv_);
+  Eigen::VectorXd q = zero();
   for (std::size_t n = 0; n < size(); ++n)
-    for (int k = 0; k < links_[n].nj(); ++k) q[first_[n] + k] = 0.3 + 0.7 * std::sin(1.0 + 2.0 * (first_[n] + k));
-  const Status status = forward_dynamics_ab(*this, ws, q, zero, zero);
+    for (int k = first_[n]; k < first_[n] + links_[n].nj(); ++k)
+      if (coordinate_of(k) >= 0) q[coordinate_of(k)] = 0.3 + 0.7 * std::sin(1.0 + 2.0 * k);
+  const Status status = forward_dynamics_ab(*this, ws, q, still, still);
   composite_mass_matrix(*this, ws);
   for (std::size_t n = size(); n-- > 0;) {
     const ArticulatedLink& b = ws.articulated[n];
@@ -75,11 +83,20 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
   if (status != Status::ok) bad_value("mass matrix", "singular", "its coordinates must move independent inertias");
 }
 
+Eigen::VectorXd Arm::zero() const {
+  Eigen::VectorXd q = Eigen::VectorXd::Zero(nq_);
+  for (std::size_t n = 0; n < size(); ++n) {
+    const Eigen::VectorXd joint = links_[n].joint().zero();
+    q.segment(first_q_[n], joint.size()) = joint;
+  }
+  return q;
+}
+
 std::vector<std::string> Arm::coordinates() const {
   std::vector<std::string> names;
   for (std::size_t n = 0; n < size(); ++n) {
     const std::string prefix = "link " + std::to_string(n) + " ";
-    for (const std::string& c : links_[n].joint().coordinates()) names.push_back(prefix + c);
+    for (const std::string& c : links_[n].joint().labels()) names.push_back(prefix + c);
     if (!links_[n].beam()) continue;
     for (int s = 0; s < kStrains; ++s)
       for (int i = 0; i < links_[n].beam()->options().modes[s]; ++i)

@@ -18,6 +18,8 @@ void composite_mass_matrix(const Arm& arm, Workspace& ws) {
     F.leftCols(nj).noalias() = s.M.topLeftCorner<6, 6>() * s.H;
     F.rightCols(ne) = s.M.topRightCorner(6, ne);
     ws.M.block(j, j, nj, n_own).noalias() = s.H.transpose() * F;
+    for (int k = 0; k < nj; ++k)
+      for (int i = 0; i < k; ++i) ws.M(j + i, j + k) = ws.M(j + k, j + i);
     ws.M.block(e, j, ne, nj) = ws.M.block(j, e, nj, ne).transpose();
     ws.M.block(e, e, ne, ne) = s.M.bottomRightCorner(ne, ne);
     for (std::size_t m = n; m-- > 0;) {

@@ -13,6 +13,7 @@
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
+#include "flexarm/kinematics.hpp"
 
 namespace flexarm {
 
@@ -20,14 +21,16 @@ namespace {
 
 constexpr int kLook = 200;  // steps between two calls of `alive`
 
-/// The arm as IDA sees it: state y = [q; v] of the free coordinates.
+/// The arm as IDA sees it: state y = [q; v] of the free coordinates and rates.
 struct System {
   const Arm& arm;
   const std::vector<Drive>& drives;
   const Eigen::VectorXd& constant_tau;
   Workspace ws;
   InverseDerivatives derivatives;
-  Eigen::VectorXd q, v, a, tau;  // of all coordinates
+  std::vector<int> free_q;           // coordinates that are not prescribed
+  Eigen::VectorXd q, v, a, tau, dq;  // of all coordinates
+  Eigen::MatrixXd rate_by_q, rate_by_v;
   std::exception_ptr thrown;     // by a drive, inside a C callback
   std::string message;           // IDA's last word
 
@@ -37,10 +40,19 @@ struct System {
         constant_tau(tau_),
         ws(arm_, prescribed(arm_, drives_)),
         derivatives(arm_),
-        q(Eigen::VectorXd::Zero(arm_.nv())),
-        v(q),
-        a(q),
-        tau(tau_) {}
+        q(arm_.zero()),
+        v(Eigen::VectorXd::Zero(arm_.nv())),
+        a(v),
+        tau(tau_),
+        dq(q),
+        rate_by_q(arm_.nq(), arm_.nq()),
+        rate_by_v(arm_.nq(), arm_.nv()) {
+    std::vector<bool> given(static_cast<std::size_t>(arm.nq()), false);
+    for (const Drive& d : drives)
+      if (d.motion) given[static_cast<std::size_t>(arm.coordinate_of(d.coordinate))] = true;
+    for (int i = 0; i < arm.nq(); ++i)
+      if (!given[static_cast<std::size_t>(i)]) free_q.push_back(i);
+  }
 
   static std::vector<bool> prescribed(const Arm& arm, const std::vector<Drive>& drives) {
     std::vector<bool> given(static_cast<std::size_t>(arm.nv()), false);
@@ -48,7 +60,8 @@ struct System {
       if (d.motion) given[static_cast<std::size_t>(d.coordinate)] = true;
     return given;
   }
-  int n_free() const { return static_cast<int>(ws.free.size()); }
+  int n_q() const { return static_cast<int>(free_q.size()); }
+  int n_v() const { return static_cast<int>(ws.free.size()); }
 
   /// Prescribed coordinates and applied forces at time t.
   void drive(double t) {
@@ -56,7 +69,7 @@ struct System {
     for (const Drive& d : drives) {
       if (d.motion) {
         const MotionValue m = d.motion(t);
-        q[d.coordinate] = m.q;
+        q[arm.coordinate_of(d.coordinate)] = m.q;
         v[d.coordinate] = m.v;
         a[d.coordinate] = m.a;
       } else {
@@ -66,12 +79,11 @@ struct System {
   }
   void set(double t, const double* y, const double* yp) {
     drive(t);
-    const int n = n_free();
-    for (int k = 0; k < n; ++k) {
+    for (int k = 0; k < n_q(); ++k) q[free_q[static_cast<std::size_t>(k)]] = y[k];
+    for (int k = 0; k < n_v(); ++k) {
       const int i = ws.free[static_cast<std::size_t>(k)];
-      q[i] = y[k];
-      v[i] = y[n + k];
-      if (yp) a[i] = yp[n + k];
+      v[i] = y[n_q() + k];
+      if (yp) a[i] = yp[n_q() + k];
     }
   }
 };
@@ -83,12 +95,12 @@ int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
     double* pr = N_VGetArrayPointer(r);
     s.set(t, py, pyp);
     inverse_dynamics<double>(s.arm, s.ws, s.q, s.v, s.a);
-    const int n = s.n_free();
-    for (int k = 0; k < n; ++k) {
+    coordinate_rates(s.arm, s.q, s.v, s.dq);
+    for (int k = 0; k < s.n_q(); ++k) pr[k] = pyp[k] - s.dq[s.free_q[static_cast<std::size_t>(k)]];
+    for (int k = 0; k < s.n_v(); ++k) {
       const int i = s.ws.free[static_cast<std::size_t>(k)];
-      pr[k] = pyp[k] - py[n + k];
-      pr[n + k] = s.ws.tau[i] - s.tau[i];
-      if (!std::isfinite(pr[n + k])) return 1;  // IDA tries a smaller step
+      pr[s.n_q() + k] = s.ws.tau[i] - s.tau[i];
+      if (!std::isfinite(pr[s.n_q() + k])) return 1;  // IDA tries a smaller step
     }
     return 0;
   } catch (...) {
@@ -106,18 +118,22 @@ int jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vector, S
     s.derivatives(s.arm, s.q, s.v, s.a);
     move_arm<double>(s.arm, s.ws, s.q, s.v);
     composite_mass_matrix(s.arm, s.ws);
-    const int n = s.n_free();
-    for (int k = 0; k < n; ++k) {
+    coordinate_rate_jacobians(s.arm, s.q, s.v, s.rate_by_q, s.rate_by_v);
+    const int nq = s.n_q(), nv = s.n_v();
+    for (int k = 0; k < nq; ++k) {
+      const int j = s.free_q[static_cast<std::size_t>(k)];
+      double* column = SUNDenseMatrix_Column(J, k);
+      for (int l = 0; l < nq; ++l) column[l] = -s.rate_by_q(s.free_q[static_cast<std::size_t>(l)], j);
+      column[k] += cj;
+      for (int l = 0; l < nv; ++l) column[nq + l] = s.derivatives.dq(s.ws.free[static_cast<std::size_t>(l)], j);
+    }
+    for (int k = 0; k < nv; ++k) {
       const int j = s.ws.free[static_cast<std::size_t>(k)];
-      double *by_q = SUNDenseMatrix_Column(J, k), *by_v = SUNDenseMatrix_Column(J, n + k);
-      std::fill(by_q, by_q + n, 0.0);
-      std::fill(by_v, by_v + n, 0.0);
-      by_q[k] = cj;
-      by_v[k] = -1.0;
-      for (int l = 0; l < n; ++l) {
+      double* column = SUNDenseMatrix_Column(J, nq + k);
+      for (int l = 0; l < nq; ++l) column[l] = -s.rate_by_v(s.free_q[static_cast<std::size_t>(l)], j);
+      for (int l = 0; l < nv; ++l) {
         const int i = s.ws.free[static_cast<std::size_t>(l)];
-        by_q[n + l] = s.derivatives.dq(i, j);
-        by_v[n + l] = s.derivatives.dv(i, j) + cj * s.ws.M(i, j);
+        column[nq + l] = s.derivatives.dv(i, j) + cj * s.ws.M(i, j);
       }
     }
     return 0;
@@ -210,16 +226,19 @@ void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eig
   if (!t.allFinite()) bad_value("t", "nan or inf", "must be finite");
   for (Eigen::Index k = 0; k + 1 < t.size(); ++k)
     if (!(t[k + 1] > t[k])) bad_value("t[" + std::to_string(k + 1) + "]", t[k + 1], "t must increase");
-  const auto check_vector = [&](const char* name, const Eigen::VectorXd& x) {
-    if (x.size() != arm.nv()) bad_value(std::string(name) + " length", x.size(), "must be " + std::to_string(arm.nv()));
+  const auto check_vector = [&](const char* name, const Eigen::VectorXd& x, int n) {
+    if (x.size() != n) bad_value(std::string(name) + " length", x.size(), "must be " + std::to_string(n));
     if (!x.allFinite()) bad_value(name, "nan or inf", "must be finite");
   };
-  check_vector("q0", q0);
-  check_vector("v0", v0);
-  check_vector("tau", tau);
-  for (const Drive& d : drives)
+  check_vector("q0", q0, arm.nq());
+  check_vector("v0", v0, arm.nv());
+  check_vector("tau", tau, arm.nv());
+  for (const Drive& d : drives) {
     if (d.coordinate < 0 || d.coordinate >= arm.nv() || !d.motion == !d.force)
       bad_value("drive of coordinate", d.coordinate, "needs a coordinate of the arm and a motion or a force");
+    if (d.motion && arm.coordinate_of(d.coordinate) < 0)
+      bad_value("motion of coordinate", d.coordinate, "a ball's coordinates cannot be prescribed");
+  }
 }
 
 }  // namespace
@@ -230,7 +249,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   check_arguments(arm, drives, t, q0, v0, tau, options);
   const auto started = std::chrono::steady_clock::now();
   System s(arm, drives, tau);
-  const int n = s.n_free();
+  const int nq = s.n_q(), nv = s.n_v();
   const auto accelerate = [&] {
     s.ws.a = s.a;
     const Status status = options.composite ? forward_dynamics_ci(arm, s.ws, s.q, s.v, s.tau)
@@ -239,7 +258,8 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   };
 
   Trajectory out;
-  out.q = out.v = out.a = out.tau = Trajectory::Rows::Constant(t.size(), arm.nv(), std::nan(""));
+  out.q = Trajectory::Rows::Constant(t.size(), arm.nq(), std::nan(""));
+  out.v = out.a = out.tau = Trajectory::Rows::Constant(t.size(), arm.nv(), std::nan(""));
   out.reached = t[0];
   const auto record = [&] {  // accelerations and reactions at the current state
     if (!accelerate()) {
@@ -250,6 +270,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
     inverse_dynamics<double>(arm, s.ws, s.q, s.v, s.a);
     for (const Drive& d : drives)
       if (d.motion) s.tau[d.coordinate] = s.ws.tau[d.coordinate];
+    for (std::size_t k = 0; k < arm.size(); ++k) arm.link(k).joint().normalise(s.q.data() + arm.first_q(k));
     out.q.row(out.done) = s.q;
     out.v.row(out.done) = s.v;
     out.a.row(out.done) = s.a;
@@ -262,7 +283,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   s.v = v0;
   s.drive(t[0]);
   if (!record()) return out;
-  if (n == 0) {  // everything is prescribed: nothing to integrate
+  if (nq == 0) {  // everything is prescribed: nothing to integrate
     for (Eigen::Index k = 1; k < t.size(); ++k) {
       s.drive(t[k]);
       if (!record()) return out;
@@ -271,14 +292,17 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
     return out;
   }
 
-  Eigen::VectorXd y0(2 * n), yp0(2 * n);
-  for (int k = 0; k < n; ++k) {
-    const int i = s.ws.free[static_cast<std::size_t>(k)];
-    y0[k] = s.q[i];
-    y0[n + k] = yp0[k] = s.v[i];
-    yp0[n + k] = s.a[i];
+  Eigen::VectorXd y0(nq + nv), yp0(nq + nv);
+  coordinate_rates(arm, s.q, s.v, s.dq);
+  for (int k = 0; k < nq; ++k) {
+    y0[k] = s.q[s.free_q[static_cast<std::size_t>(k)]];
+    yp0[k] = s.dq[s.free_q[static_cast<std::size_t>(k)]];
   }
-  Solver solver(s, 2 * n, options, t[0], y0, yp0, t[t.size() - 1]);
+  for (int k = 0; k < nv; ++k) {
+    y0[nq + k] = s.v[s.ws.free[static_cast<std::size_t>(k)]];
+    yp0[nq + k] = s.a[s.ws.free[static_cast<std::size_t>(k)]];
+  }
+  Solver solver(s, nq + nv, options, t[0], y0, yp0, t[t.size() - 1]);
   while (out.done < t.size() && out.failure.empty()) {
     const double goal = t[out.done];
     sunrealtype now = out.reached;

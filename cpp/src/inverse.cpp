@@ -41,7 +41,7 @@ void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, c
       s.F += above.phi.inward(above.F);
       for (Eigen::Index k = 0; k < link.ne(); ++k) s.Fe[k] += above.phi_e.col(k).dot(above.F);
     }
-    for (Eigen::Index k = 0; k < s.H.cols(); ++k) ws.tau[j + k] = s.H.col(k).dot(s.F);
+    for (Eigen::Index k = 0; k < s.H.cols(); ++k) ws.tau[j + k] = s.H.col(k).dot(s.F) + s.resistance[k];
     ws.tau.segment(e, link.ne()) = s.Fe;
   }
 }
@@ -51,25 +51,30 @@ template void inverse_dynamics<Tangent>(const Arm&, SweepWorkspace<Tangent>&, co
                                         const VecX<Tangent>&, const VecX<Tangent>&);
 
 InverseDerivatives::InverseDerivatives(const Arm& arm)
-    : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())), dv(dq), ws_(arm), q_(arm.nv()), v_(arm.nv()), a_(arm.nv()) {}
+    : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nq())),
+      dv(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())),
+      ws_(arm), q_(arm.nq()), v_(arm.nv()), a_(arm.nv()) {}
 
 void InverseDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                     const Eigen::VectorXd& a) {
   constexpr int W = static_cast<int>(std::tuple_size<decltype(Tangent::d)>::value);
-  const int nv = arm.nv();
+  const int nq = arm.nq(), nv = arm.nv();
+  for (int i = 0; i < nq; ++i) q_[i] = q[i];
   for (int i = 0; i < nv; ++i) {
-    q_[i] = q[i];
     v_[i] = v[i];
     a_[i] = a[i];
   }
-  for (int first = 0; first < 2 * nv; first += W) {  // directions: q_0 .. q_nv-1, v_0 .. v_nv-1
-    const int last = std::min(first + W, 2 * nv);
-    for (int k = first; k < last; ++k) (k < nv ? q_[k] : v_[k - nv]).d[static_cast<std::size_t>(k - first)] = 1.0;
+  for (int first = 0; first < nq + nv; first += W) {  // directions: every coordinate, then every rate
+    const int last = std::min(first + W, nq + nv);
+    const auto direction = [&](int k) -> double& {
+      return (k < nq ? q_[k] : v_[k - nq]).d[static_cast<std::size_t>(k - first)];
+    };
+    for (int k = first; k < last; ++k) direction(k) = 1.0;
     inverse_dynamics(arm, ws_, q_, v_, a_);
     for (int k = first; k < last; ++k) {
-      (k < nv ? q_[k] : v_[k - nv]).d[static_cast<std::size_t>(k - first)] = 0.0;
+      direction(k) = 0.0;
       for (int i = 0; i < nv; ++i)
-        (k < nv ? dq(i, k) : dv(i, k - nv)) = ws_.tau[i].d[static_cast<std::size_t>(k - first)];
+        (k < nq ? dq(i, k) : dv(i, k - nq)) = ws_.tau[i].d[static_cast<std::size_t>(k - first)];
     }
   }
 }

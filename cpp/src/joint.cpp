@@ -1,19 +1,204 @@
 #include "flexarm/joint.hpp"
 
+#include <cmath>
+
 #include "flexarm/check.hpp"
+#include "flexarm/workspace.hpp"
 
 namespace flexarm {
 
-Joint::Joint(Type type, const Eigen::Vector3d& axis) : type_(type), axis_(finite("axis", axis)) {
-  if (type == Type::fixed) return;
+namespace {
+
+constexpr double kSoftEntry = 1e-3;  // rad or m past a stop over which its damping sets in, so that force is continuous
+constexpr double kPull = 1.0;        // 1/s, of a quaternion's length to 1
+
+Eigen::Vector3d unit(const Eigen::Vector3d& axis) {
+  finite("axis", axis);
   if (!(axis.norm() > 0.0)) bad_value("axis", axis.transpose(), "must not be zero");
-  axis_ = axis.normalized();
+  return axis.normalized();
 }
 
-std::vector<std::string> Joint::coordinates() const {
-  if (type_ == Type::revolute) return {"revolute"};
-  if (type_ == Type::prismatic) return {"prismatic"};
-  return {};
+void check_placement(const char* side, const Placement& place) {
+  finite(std::string(side) + ".position", place.position);
+  const Eigen::Matrix3d& R = place.rotation;
+  if (!R.allFinite() || (R * R.transpose() - Eigen::Matrix3d::Identity()).norm() > 1e-9 || R.determinant() < 0.0)
+    bad_value(std::string(side) + ".rotation", R.reshaped().transpose(), "must be a rotation matrix");
 }
+
+/// Moves what is known of the motion (V, c, H in the moving frame's axes) into a frame turned by R.
+template <class S>
+void turn(const Mat3<S>& R, JointMotion<S>& m) {
+  const Mat3<S> Rt = R.transpose();
+  const auto both = [&](auto&& x) {
+    const Vec3<S> a = Rt * x.template head<3>(), b = Rt * x.template tail<3>();
+    x.template head<3>() = a;
+    x.template tail<3>() = b;
+  };
+  both(m.V);
+  both(m.c);
+  for (Eigen::Index k = 0; k < m.H.cols(); ++k) both(m.H.col(k));
+  m.R = m.R * R;
+}
+
+/// Moves it to a point at d in the moving frame.
+template <class S>
+void shift(const Vec3<S>& d, JointMotion<S>& m) {
+  m.p += m.R * d;
+  const Vec3<S> w = m.V.template tail<3>(), wd = w.cross(d);
+  m.V.template head<3>() += wd;
+  m.c.template head<3>() += m.c.template tail<3>().cross(d) + w.cross(wd);
+  for (Eigen::Index k = 0; k < m.H.cols(); ++k) m.H.col(k).template head<3>() += m.H.col(k).template tail<3>().cross(d);
+}
+
+}  // namespace
+
+Joint::Joint(std::vector<ElementaryMotion> motions, bool ball, std::vector<std::string> labels,
+             std::vector<JointForce> forces, const Placement& inboard, const Placement& outboard)
+    : motions_(std::move(motions)), ball_(ball), labels_(std::move(labels)), forces_(std::move(forces)),
+      inboard_(inboard), outboard_(outboard) {
+  for (ElementaryMotion& m : motions_) m.axis = unit(m.axis);
+  if (nv() > 6) bad_value("axes", motions_.size(), "at most six freedoms, a ball counting three");
+  if (static_cast<int>(labels_.size()) != nv()) bad_value("labels", labels_.size(), "one for each freedom");
+  if (!forces_.empty() && static_cast<int>(forces_.size()) != nv())
+    bad_value("forces", forces_.size(), "one for each freedom");
+  for (std::size_t i = 0; i < forces_.size(); ++i) {
+    const JointForce& f = forces_[i];
+    const std::string at = "[" + std::to_string(i) + "]";
+    non_negative("stiffness" + at, f.stiffness);
+    non_negative("damping" + at, f.damping);
+    non_negative("limit_stiffness" + at, f.limit_stiffness);
+    non_negative("limit_damping" + at, f.limit_damping);
+    if (!std::isfinite(f.rest)) bad_value("rest" + at, f.rest, "must be finite");
+    if (!(f.lower < f.upper)) bad_value("lower" + at, f.lower, "must be below upper");
+    const bool stops = std::isfinite(f.lower) || std::isfinite(f.upper);
+    if (stops && !(f.limit_stiffness > 0.0))
+      bad_value("limit_stiffness" + at, f.limit_stiffness, "must be positive where there is a limit");
+    if (i >= motions_.size() && (f.stiffness > 0.0 || stops))
+      bad_value("stiffness" + at, f.stiffness, "a ball can have damping, but neither spring nor limits");
+  }
+  check_placement("inboard", inboard_);
+  check_placement("outboard", outboard_);
+}
+
+Joint Joint::fixed() { return Joint({}, false, {}); }
+Joint Joint::revolute(const Eigen::Vector3d& axis) { return Joint({{true, axis}}, false, {"revolute"}); }
+Joint Joint::prismatic(const Eigen::Vector3d& axis) { return Joint({{false, axis}}, false, {"prismatic"}); }
+
+template <class S>
+void Joint::move(const S* q, const S* v, JointMotion<S>& m) const {
+  m.R = inboard_.rotation.template cast<S>();
+  m.p = inboard_.position.template cast<S>();
+  m.V.setZero();
+  m.c.setZero();
+  m.H.resize(6, 0);
+  const auto append = [&](const Vec3<S>& linear, const Vec3<S>& angular) {
+    m.H.conservativeResize(6, m.H.cols() + 1);
+    m.H.col(m.H.cols() - 1) << linear, angular;
+  };
+  // Each motion acts like a joint on a massless link: V = Phi V + H dq and A = Phi A + H ddq + N (Eq. 68, 69).
+  const Vec3<S> zero = Vec3<S>::Zero();
+  for (std::size_t i = 0; i < motions_.size(); ++i) {
+    const Vec3<S> u = motions_[i].axis.template cast<S>(), rate = u * v[i];
+    if (motions_[i].rotation) {
+      turn(rotation(Vec3<S>(u * q[i]), RotationCoefficients<S>(q[i] * q[i])), m);
+      m.c.template tail<3>() += m.V.template tail<3>().cross(rate);
+      m.V.template tail<3>() += rate;
+      append(zero, u);
+    } else {
+      shift(Vec3<S>(u * q[i]), m);
+      m.c.template head<3>() += 2.0 * m.V.template tail<3>().cross(rate);
+      m.V.template head<3>() += rate;
+      append(u, zero);
+    }
+  }
+  if (ball_) {
+    const std::size_t n = motions_.size();
+    const Vec3<S> e(q[n + 1], q[n + 2], q[n + 3]), w(v[n], v[n + 1], v[n + 2]);
+    const S scale = 2.0 / (q[n] * q[n] + e.dot(e));
+    const Mat3<S> et = tilde(e);
+    Mat3<S> R = scale * (et * et) + (scale * q[n]) * et;
+    R.diagonal().array() += S(1);
+    turn(R, m);
+    m.c.template tail<3>() += m.V.template tail<3>().cross(w);
+    m.V.template tail<3>() += w;
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      Vec3<S> axis = zero;
+      axis[k] = S(1);
+      append(zero, axis);
+    }
+  }
+  shift(Vec3<S>(outboard_.position.template cast<S>()), m);
+  turn(Mat3<S>(outboard_.rotation.template cast<S>()), m);
+}
+
+void Joint::rates(const double* q, const double* v, double* dq) const {
+  const std::size_t n = motions_.size();
+  std::copy(v, v + n, dq);
+  if (!ball_) return;
+  const Eigen::Map<const Eigen::Vector3d> e(q + n + 1), w(v + n);
+  const double pull = kPull * (1.0 - q[n] * q[n] - e.squaredNorm());
+  dq[n] = -0.5 * e.dot(w) + pull * q[n];
+  Eigen::Map<Eigen::Vector3d>(dq + n + 1) = 0.5 * (q[n] * w + e.cross(w)) + pull * e;
+}
+
+void Joint::rate_jacobians(const double* q, const double* v, Eigen::Ref<Eigen::MatrixXd> by_q,
+                           Eigen::Ref<Eigen::MatrixXd> by_v) const {
+  by_q.setZero();
+  by_v.setZero();
+  const Eigen::Index n = static_cast<Eigen::Index>(motions_.size());
+  by_v.topLeftCorner(n, n).setIdentity();
+  if (!ball_) return;
+  const Eigen::Map<const Eigen::Vector4d> p(q + n);
+  const Eigen::Map<const Eigen::Vector3d> e(q + n + 1), w(v + n);
+  auto Q = by_q.block<4, 4>(n, n);
+  Q.block<1, 3>(0, 1) = -0.5 * w.transpose();
+  Q.block<3, 1>(1, 0) = 0.5 * w;
+  Q.block<3, 3>(1, 1) = -0.5 * tilde(w);
+  Q += kPull * ((1.0 - p.squaredNorm()) * Eigen::Matrix4d::Identity() - 2.0 * p * p.transpose());
+  auto E = by_v.block<4, 3>(n, n);
+  E.row(0) = -0.5 * e.transpose();
+  E.bottomRows<3>() = 0.5 * (p[0] * Eigen::Matrix3d::Identity() + tilde(e));
+}
+
+void Joint::normalise(double* q) const {
+  if (ball_) Eigen::Map<Eigen::Vector4d>(q + motions_.size()).normalize();
+}
+
+Eigen::VectorXd Joint::zero() const {
+  Eigen::VectorXd q = Eigen::VectorXd::Zero(nq());
+  if (ball_) q[static_cast<Eigen::Index>(motions_.size())] = 1.0;
+  return q;
+}
+
+template <class S>
+S Joint::resistance(int i, const S* q, const S* v) const {
+  const JointForce& f = forces_[static_cast<std::size_t>(i)];
+  S force = f.damping * v[i];
+  if (i >= static_cast<int>(motions_.size())) return force;
+  force += f.stiffness * (q[i] - f.rest);
+  const auto stop = [&](const S& depth) {  // continuous: the damping sets in over the first of the depth
+    const S entry = (depth < 0.0 ? -depth : depth) / kSoftEntry;
+    force += f.limit_stiffness * depth + f.limit_damping * (entry < 1.0 ? entry : S(1)) * v[i];
+  };
+  if (q[i] < f.lower) stop(q[i] - f.lower);
+  if (-q[i] < -f.upper) stop(q[i] - f.upper);
+  return force;
+}
+
+double Joint::potential(const double* q) const {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < forces_.size() && i < motions_.size(); ++i) {
+    const JointForce& f = forces_[i];
+    const double depth = std::max(0.0, q[i] - f.upper) + std::max(0.0, f.lower - q[i]);
+    sum += 0.5 * f.stiffness * std::pow(q[i] - f.rest, 2) + 0.5 * f.limit_stiffness * depth * depth;
+  }
+  return sum;
+}
+
+#define FLEXARM_INSTANTIATE(S)                                                   \
+  template void Joint::move<S>(const S*, const S*, JointMotion<S>&) const;       \
+  template S Joint::resistance<S>(int, const S*, const S*) const;
+FLEXARM_INSTANTIATE(double)
+FLEXARM_INSTANTIATE(Tangent)
 
 }  // namespace flexarm

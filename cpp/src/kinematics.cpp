@@ -7,11 +7,14 @@ void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const Vec
   for (std::size_t n = 0; n < arm.size(); ++n) {
     const Link& link = arm.link(n);
     LinkState<S>& s = ws.links[n];
-    const int j = arm.first(n), e = j + link.nj();
-    link.joint().move(q.data() + j, v.data() + j, s.joint);
+    const Joint& joint = link.joint();
+    const S *qj = q.data() + arm.first_q(n), *vj = v.data() + arm.first(n);
+    joint.move(qj, vj, s.joint);
     s.H = s.joint.H;
-    s.qe = q.segment(e, link.ne());
-    s.dqe = v.segment(e, link.ne());
+    if (joint.passive())
+      for (int k = 0; k < joint.nv(); ++k) s.resistance[k] = joint.resistance(k, qj, vj);
+    s.qe = q.segment(arm.first_q(n) + joint.nq(), link.ne());
+    s.dqe = v.segment(arm.first(n) + joint.nv(), link.ne());
     link.move(s);
 
     // V_n = Phi V_{n-1} + Phi_e dqe_{n-1} + H dq (Eq. 82, 85); N_n: the same with accelerations left out (Eq.
@@ -48,6 +51,27 @@ void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const Vec
 }
 template void move_arm<double>(const Arm&, SweepWorkspace<double>&, const VecX<double>&, const VecX<double>&);
 template void move_arm<Tangent>(const Arm&, SweepWorkspace<Tangent>&, const VecX<Tangent>&, const VecX<Tangent>&);
+
+void coordinate_rates(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::VectorXd& dq) {
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const Joint& joint = arm.link(n).joint();
+    const int i = arm.first_q(n), j = arm.first(n), ne = arm.link(n).ne();
+    joint.rates(q.data() + i, v.data() + j, dq.data() + i);
+    dq.segment(i + joint.nq(), ne) = v.segment(j + joint.nv(), ne);
+  }
+}
+
+void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::MatrixXd& by_q,
+                               Eigen::MatrixXd& by_v) {
+  by_q.setZero();
+  by_v.setZero();
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const Joint& joint = arm.link(n).joint();
+    const int i = arm.first_q(n), j = arm.first(n), nq = joint.nq(), nv = joint.nv(), ne = arm.link(n).ne();
+    joint.rate_jacobians(q.data() + i, v.data() + j, by_q.block(i, i, nq, nq), by_v.block(i, j, nq, nv));
+    by_v.block(i + nq, j + nv, ne, ne).setIdentity();
+  }
+}
 
 Pose link_pose(const Arm&, const Workspace& ws, std::size_t link) {
   Pose pose;
@@ -98,6 +122,7 @@ Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eig
     Eigen::VectorXd nu(6 + link.ne());
     nu << s.V, s.dqe;
     e.kinetic += 0.5 * nu.dot(s.M * nu);
+    e.potential += link.joint().potential(q.data() + arm.first_q(n));
     if (link.beam()) e.potential += 0.5 * s.qe.dot(link.beam()->stiffness() * s.qe);
     const Pose pose = link_pose(arm, ws, n);
     e.potential -= arm.gravity().dot(link.mass() * pose.p + pose.R * link.mass_moment(s));

@@ -46,7 +46,7 @@ TEST_CASE("workspaces do not remember: a second evaluation elsewhere and back gi
 }
 
 TEST_CASE("an arm without inertia is refused, with the coordinate named") {
-  const Joint hinge(Joint::Type::revolute);
+  const Joint hinge = Joint::revolute({0, 0, 1});
   CHECK_THROWS_AS(Arm({Link(hinge, std::nullopt, std::nullopt, std::nullopt)}), std::invalid_argument);
   CHECK_THROWS_AS(Arm({}), std::invalid_argument);
   // two hinges on one axis, one inertia: only their sum is defined

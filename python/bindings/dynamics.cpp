@@ -66,7 +66,7 @@ void bind_dynamics(py::class_<Arm>& arm) {
       [](const Arm& self, const Rows& q, const Rows& v, const Rows& a) {
         py::gil_scoped_release release;
         SweepWorkspace<double> ws(self);
-        Rows tau(q.rows(), q.cols());
+        Rows tau(v.rows(), v.cols());
         for (Eigen::Index k = 0; k < q.rows(); ++k) {
           inverse_dynamics<double>(self, ws, q.row(k), v.row(k), a.row(k));
           tau.row(k) = ws.tau;
@@ -83,6 +83,17 @@ void bind_dynamics(py::class_<Arm>& arm) {
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
       py::arg("q"), py::arg("v"), py::arg("a"));
+
+  arm.def(
+      "rates",
+      [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+        Eigen::VectorXd dq(self.nq());
+        Eigen::MatrixXd by_q(self.nq(), self.nq()), by_v(self.nq(), self.nv());
+        coordinate_rates(self, q, v, dq);
+        coordinate_rate_jacobians(self, q, v, by_q, by_v);
+        return py::make_tuple(dq, Rows(by_q), Rows(by_v));
+      },
+      py::arg("q"), py::arg("v"));
 
   arm.def(
       "mass_matrix",
@@ -119,7 +130,7 @@ void bind_dynamics(py::class_<Arm>& arm) {
         Rows p(q.rows(), 3);
         Cube R = cube(q.rows(), 3, 3);
         Workspace ws(self);
-        at_slice(self, q, Rows::Zero(q.rows(), q.cols()), link, x, ws, [&](Eigen::Index k, const auto& slice) {
+        at_slice(self, q, Rows::Zero(q.rows(), self.nv()), link, x, ws, [&](Eigen::Index k, const auto& slice) {
           const Pose pose = slice_pose(self, ws, link, slice);
           p.row(k) = pose.p;
           page(R, k) = pose.R;
@@ -133,7 +144,7 @@ void bind_dynamics(py::class_<Arm>& arm) {
       [](const Arm& self, const Rows& q, std::size_t link, std::optional<double> x) {
         Cube J = cube(q.rows(), 6, self.nv());
         Workspace ws(self);
-        at_slice(self, q, Rows::Zero(q.rows(), q.cols()), link, x, ws,
+        at_slice(self, q, Rows::Zero(q.rows(), self.nv()), link, x, ws,
                  [&](Eigen::Index k, const auto& slice) { page(J, k) = slice_jacobian(self, ws, link, slice); });
         return J;
       },
@@ -145,7 +156,7 @@ void bind_dynamics(py::class_<Arm>& arm) {
         Rows u(q.rows(), 3);
         Workspace ws(self);
         const Eigen::Vector3d rest = self.link(link).hub().end + x * Eigen::Vector3d::UnitX();
-        at_slice(self, q, Rows::Zero(q.rows(), q.cols()), link, x, ws,
+        at_slice(self, q, Rows::Zero(q.rows(), self.nv()), link, x, ws,
                  [&](Eigen::Index k, const auto& slice) { u.row(k) = slice.x - rest; });
         return u;
       },
@@ -157,7 +168,7 @@ void bind_dynamics(py::class_<Arm>& arm) {
         const Link& l = self.link(link);
         if (!l.beam()) bad_value("link", link, "has no beam, so no strain");
         const SliceTable table = l.beam()->slice_at(x);
-        return Rows(q.middleCols(self.first(link) + l.nj(), l.ne()) * table.strains.transpose());
+        return Rows(q.middleCols(self.first_q(link) + l.joint().nq(), l.ne()) * table.strains.transpose());
       },
       py::arg("q"), py::arg("link"), py::arg("x"));
 }

@@ -1,18 +1,6 @@
 #include "bindings.hpp"
-#include "flexarm/check.hpp"
 
 using namespace flexarm;
-
-namespace {
-
-Joint joint_from_name(const std::string& type, const Eigen::Vector3d& axis) {
-  if (type == "fixed") return Joint(Joint::Type::fixed);
-  if (type == "revolute") return Joint(Joint::Type::revolute, axis);
-  if (type == "prismatic") return Joint(Joint::Type::prismatic, axis);
-  bad_value("joint.type", "\"" + type + "\"", "must be \"fixed\", \"revolute\" or \"prismatic\"");
-}
-
-}  // namespace
 
 void bind_model(py::module_& m) {
   py::class_<Material>(m, "Material")
@@ -60,9 +48,25 @@ void bind_model(py::module_& m) {
                }),
            py::arg("mass"), py::arg("com"), py::arg("inertia"), py::arg("end"));
 
+  py::class_<JointForce>(m, "JointForce")
+      .def(py::init([](double stiffness, double rest, double damping, double lower, double upper, double limit_stiffness,
+                       double limit_damping) {
+             return JointForce{stiffness, rest, damping, lower, upper, limit_stiffness, limit_damping};
+           }),
+           py::arg("stiffness"), py::arg("rest"), py::arg("damping"), py::arg("lower"), py::arg("upper"),
+           py::arg("limit_stiffness"), py::arg("limit_damping"));
+
   py::class_<Joint>(m, "Joint")
-      .def(py::init(&joint_from_name), py::arg("type"), py::arg("axis"))
-      .def_property_readonly("nv", &Joint::nv);
+      .def(py::init([](const std::vector<std::pair<bool, Eigen::Vector3d>>& motions, bool ball,
+                       const std::vector<std::string>& labels, const std::vector<JointForce>& forces,
+                       const std::pair<Eigen::Vector3d, Eigen::Matrix3d>& inboard,
+                       const std::pair<Eigen::Vector3d, Eigen::Matrix3d>& outboard) {
+             std::vector<ElementaryMotion> list;
+             for (const auto& [rotation, axis] : motions) list.push_back({rotation, axis});
+             return Joint(list, ball, labels, forces, {inboard.first, inboard.second}, {outboard.first, outboard.second});
+           }),
+           py::arg("motions"), py::arg("ball"), py::arg("labels"), py::arg("forces"), py::arg("inboard"),
+           py::arg("outboard"));
 
   py::class_<Link>(m, "Link")
       .def(py::init<Joint, std::optional<RigidBody>, std::optional<Beam>, std::optional<RigidBody>>(), py::arg("joint"),
@@ -74,6 +78,9 @@ void bind_model(py::module_& m) {
       .def_property_readonly("nq", &Arm::nq)
       .def_property_readonly("nv", &Arm::nv)
       .def_property_readonly("coordinates", &Arm::coordinates)
-      .def("first", [](const Arm& a, std::size_t link) { return a.first(link); }, py::arg("link"));
+      .def_property_readonly("zero", &Arm::zero)
+      .def("first", &Arm::first, py::arg("link"))
+      .def("first_q", &Arm::first_q, py::arg("link"))
+      .def("coordinate_of", &Arm::coordinate_of, py::arg("rate"));
   bind_dynamics(arm);
 }

@@ -6,33 +6,42 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 from ._core import __version__
 from .arm import Arm
 from .drive import Motion, Torque
-from .modal import Modes
-from .model import (
-    Beam,
-    Circle,
+from .joints import (
+    Axes,
+    Cylindrical,
     Fixed,
-    GeneralSection,
-    Link,
-    Material,
+    Free,
+    Joint,
+    Placement,
+    Planar,
     Prismatic,
-    Rectangle,
     Revolute,
-    RigidBody,
+    Spherical,
+    Universal,
 )
+from .link import Link
+from .modal import Modes
+from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody
 from .result import Result
 from .scene import Scene, load
 from .simulation import SimulationError, simulate
 
 __all__ = [
     "Arm",
+    "Axes",
     "Beam",
     "Circle",
+    "Cylindrical",
     "Fixed",
+    "Free",
     "GeneralSection",
+    "Joint",
     "Link",
     "Material",
     "Modes",
     "Motion",
+    "Placement",
+    "Planar",
     "Prismatic",
     "Rectangle",
     "Result",
@@ -40,7 +49,9 @@ __all__ = [
     "RigidBody",
     "Scene",
     "SimulationError",
+    "Spherical",
     "Torque",
+    "Universal",
     "__version__",
     "load",
     "simulate",

@@ -40,11 +40,12 @@ def array(field: str, value: ArrayLike, shape: tuple[int, ...] | None = None) ->
     return out
 
 
-def batch(n: int, **named: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
+def batch(sizes: Mapping[str, int], **named: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
     """Arrays (..., n), broadcast over their leading axes: that leading shape, and each as (B, n)."""
     arrays = []
     for field, value in named.items():
         a = array(field, value)
+        n = sizes[field]
         if a.ndim == 0 or a.shape[-1] != n:
             raise ValueError(f"{field} has shape {a.shape}: the last axis must be {n} long")
         arrays.append(a)
@@ -54,7 +55,9 @@ def batch(n: int, **named: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
         shapes = ", ".join(f"{k} {a.shape}" for k, a in zip(named, arrays, strict=True))
         raise ValueError(f"leading axes do not fit each other: {shapes}") from None
     rows = math.prod(lead)  # not -1, which n = 0 leaves open
-    return lead, [np.ascontiguousarray(np.broadcast_to(a, (*lead, n)).reshape(rows, n)) for a in arrays]
+    return lead, [
+        np.ascontiguousarray(np.broadcast_to(a, (*lead, a.shape[-1])).reshape(rows, a.shape[-1])) for a in arrays
+    ]
 
 
 def known_keys(where: str, given: Mapping[str, Any], known: Iterable[str]) -> None:

@@ -64,10 +64,28 @@ class Beam:
 class RigidBody:
     def __init__(self, mass: float, com: ArrayLike, inertia: ArrayLike, end: ArrayLike) -> None: ...
 
+class JointForce:
+    def __init__(
+        self,
+        stiffness: float,
+        rest: float,
+        damping: float,
+        lower: float,
+        upper: float,
+        limit_stiffness: float,
+        limit_damping: float,
+    ) -> None: ...
+
 class Joint:
-    def __init__(self, type: str, axis: ArrayLike) -> None: ...
-    @property
-    def nv(self) -> int: ...
+    def __init__(
+        self,
+        motions: Sequence[tuple[bool, ArrayLike]],
+        ball: bool,
+        labels: Sequence[str],
+        forces: Sequence[JointForce],
+        inboard: tuple[ArrayLike, ArrayLike],
+        outboard: tuple[ArrayLike, ArrayLike],
+    ) -> None: ...
 
 class Link:
     def __init__(self, joint: Joint, hub: RigidBody | None, beam: Beam | None, tip: RigidBody | None) -> None: ...
@@ -82,7 +100,12 @@ class Arm:
     def nv(self) -> int: ...
     @property
     def coordinates(self) -> list[str]: ...
+    @property
+    def zero(self) -> _Array: ...
     def first(self, link: int) -> int: ...
+    def first_q(self, link: int) -> int: ...
+    def coordinate_of(self, rate: int) -> int: ...
+    def rates(self, q: ArrayLike, v: ArrayLike) -> tuple[_Array, _Array, _Array]: ...
     def forward_dynamics(
         self,
         q: ArrayLike,

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from . import _core, modal
 from ._check import Array, array, batch, choice
-from .model import Link, _plain
+from .link import Link
+from .model import _plain
 
 METHODS = ("ab", "ci")
 
@@ -19,8 +20,9 @@ class Arm:
     """A serial chain of links; the first joint sits at the world's origin, in its axes.
 
     Coordinates q are stacked link by link: the joint's, then the beam's elastic coordinates in the order bending_y,
-    bending_z, torsion, shear_y, shear_z (Eq. 33); `coordinates` names them. All methods take arrays (..., nv) and
-    broadcast over the leading axes; bad arguments raise ValueError.
+    bending_z, torsion, shear_y, shear_z (Eq. 33); `coordinates` names their rates. Ball joints have a quaternion, so
+    that nq is above nv. All methods take arrays q (..., nq) and v, a, tau (..., nv) and broadcast over the leading
+    axes; bad arguments raise ValueError.
 
     Args:
         links: from the base to the tip.
@@ -66,12 +68,51 @@ class Arm:
             raise ValueError(f"{field} = {link!r}: must be from {-n} to {n - 1}")
         return int(link) % n
 
-    def joint_coordinate(self, link: int, field: str = "link") -> int:
-        """Index in q and v of the coordinate of a link's joint; `field` is what an error calls the link."""
-        n = self._link(link, field)
-        if self.links[n].joint.nv == 0:
+    def joint_rates(self, link: Any, field: str = "link") -> list[int]:
+        """Indices in v of the rates of a link's joint, or of one of them when `link` is (link, freedom); `field` is
+        what an error calls the link."""
+        name, freedom = link if isinstance(link, tuple) and len(link) == 2 else (link, None)
+        n = self._link(name, field)
+        nv = self.links[n].joint.nv
+        if nv == 0:
             raise ValueError(f"{field} = {link}: its joint is fixed, it has no coordinate")
-        return self._core.first(n)
+        if freedom is None:
+            return list(range(self._core.first(n), self._core.first(n) + nv))
+        if isinstance(freedom, bool) or not isinstance(freedom, (int, np.integer)) or not 0 <= freedom < nv:
+            raise ValueError(f"{field} = {link}: its joint has freedoms 0 to {nv - 1}")
+        return [self._core.first(n) + int(freedom)]
+
+    def joint_rate(self, link: Any, field: str = "link") -> int:
+        """The index of one rate: of a joint with one freedom, or of (link, freedom)."""
+        rates = self.joint_rates(link, field)
+        if len(rates) > 1:
+            raise ValueError(f"{field} = {link}: its joint has {len(rates)} freedoms; name one as ({link}, 0)")
+        return rates[0]
+
+    def coordinate_of(self, rate: int) -> int:
+        """Index in q of the coordinate whose rate has index `rate` in v; -1 for the rates of a ball."""
+        return self._core.coordinate_of(rate)
+
+    @property
+    def q_names(self) -> tuple[str, ...]:
+        """A label per coordinate of q: as `coordinates`, but with the quaternions of balls; (nq,)."""
+        names = [""] * self.nq
+        for i, label in enumerate(self.coordinates):
+            if self.coordinate_of(i) >= 0:
+                names[self.coordinate_of(i)] = label
+        for k, link in enumerate(self.links):
+            if link.joint.ball:
+                first = self._core.first_q(k) + link.joint.nq - 4
+                names[first : first + 4] = [f"link {k} {link.joint.type} quaternion {c}" for c in "wxyz"]
+        return tuple(names)
+
+    @property
+    def zero(self) -> Array:
+        """All coordinates zero, but the quaternions of balls 1 0 0 0; (nq,)."""
+        return np.array(self._core.zero)
+
+    def _batch(self, **named: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
+        return batch({k: self.nq if k == "q" else self.nv for k in named}, **named)
 
     # -- dynamics ----------------------------------------------------------------------------------------------------
 
@@ -96,23 +137,23 @@ class Arm:
             ValueError: bad shapes or values, or a singular mass matrix.
         """
         choice("method", method, METHODS)
-        lead, (q, v, tau) = batch(self.nv, q=q, v=v, tau=np.zeros(self.nv) if tau is None else tau)
+        lead, (q, v, tau) = self._batch(q=q, v=v, tau=np.zeros(self.nv) if tau is None else tau)
         given = [False] * self.nv
-        a = np.zeros_like(q)
+        a = np.zeros_like(v)
         for link, value in (prescribed or {}).items():
-            i = self.joint_coordinate(link, "prescribed: link")
+            i = self.joint_rate(link, "prescribed: link")
             given[i] = True
             a[:, i] = array(f"prescribed[{link}]", value, ())
         return self._core.forward_dynamics(q, v, tau, method, given, a).reshape(*lead, self.nv)
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
         """Generalised forces tau = M(q) a + h(q, v), shape (..., nv), by the sweeps of Eq. 84-87. O(N)."""
-        lead, rows = batch(self.nv, q=q, v=v, a=a)
+        lead, rows = self._batch(q=q, v=v, a=a)
         return self._core.inverse_dynamics(*rows).reshape(*lead, self.nv)
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """Joint-space mass matrix of Eq. 90, shape (..., nv, nv)."""
-        lead, rows = batch(self.nv, q=q)
+        lead, rows = self._batch(q=q)
         return self._core.mass_matrix(*rows).reshape(*lead, self.nv, self.nv)
 
     def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
@@ -121,7 +162,7 @@ class Arm:
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> tuple[Any, Any]:
         """Kinetic and potential energy (J), each of shape (...): potential is elastic less sum of m g . p."""
-        lead, rows = batch(self.nv, q=q, v=v)
+        lead, rows = self._batch(q=q, v=v)
         e = self._core.energy(*rows)
         if lead == ():
             return float(e[0, 0]), float(e[0, 1])
@@ -134,23 +175,23 @@ class Arm:
 
         x = None is the link's end, where the next joint sits. The columns of R are the slice's axes.
         """
-        lead, (q,) = batch(self.nv, q=q)
+        lead, (q,) = self._batch(q=q)
         p, R = self._core.frame(q, self._link(link), x)
         return p.reshape(*lead, 3), R.reshape(*lead, 3, 3)
 
     def jacobian(self, q: ArrayLike, link: int = -1, x: float | None = None) -> Array:
         """Jacobian (..., 6, nv) of such a frame: [linear; angular] velocity in world axes (Phi H of Eq. 91)."""
-        lead, (q,) = batch(self.nv, q=q)
+        lead, (q,) = self._batch(q=q)
         return self._core.jacobian(q, self._link(link), x).reshape(*lead, 6, self.nv)
 
     def strain(self, q: ArrayLike, link: int = 0, x: float = 0.0) -> Array:
         """Strains K1, K2, K3 (1/m) and phi12, phi13 (rad) at x metres along a link's beam (Eq. 18-21), (..., 5)."""
-        lead, (q,) = batch(self.nv, q=q)
+        lead, (q,) = self._batch(q=q)
         return self._core.strain(q, self._link(link), x).reshape(*lead, 5)
 
     def deflection(self, q: ArrayLike, link: int = 0, x: float | None = None) -> Array:
         """Displacement (..., 3) of the slice at x metres (None: the beam's tip) from rest, in the link's axes (m)."""
-        lead, (q,) = batch(self.nv, q=q)
+        lead, (q,) = self._batch(q=q)
         n = self._link(link)
         beam = self.links[n].beam
         if beam is None:
@@ -171,8 +212,8 @@ class Arm:
         coordinates are in balance (found from q by Newton's iteration).
 
         Args:
-            q: (nv,).
-            speed: joint rates by link (rad/s, m/s).
+            q: (nq,).
+            speed: joint rates by link, or by (link, freedom) (rad/s, m/s).
             lock: links whose joints keep exactly to that motion; the others are free to vibrate about it.
 
         Returns:

@@ -149,7 +149,7 @@ def _write_run(folder: Path, result: Result, summary: dict[str, Any], table: Tab
     result.save(folder / "run.npz")
     names, columns = ["t"], [result.t]
     for kind, values in (("q", result.q), ("v", result.v), ("a", result.a), ("tau", result.tau)):
-        names += [f"{kind} {label}" for label in result.arm.coordinates]
+        names += [f"{kind} {label}" for label in (result.arm.q_names if kind == "q" else result.arm.coordinates)]
         columns += list(values.T)
     for link, component, label in plots.deflections(result.arm):
         names.append(f"{label} deflection")
@@ -246,10 +246,11 @@ def _place(scene: Scene) -> Any:
 
     from .drive import Motion
 
-    q = np.zeros(scene.arm.nq) if scene.q0 is None else np.array(scene.q0)
+    q = scene.arm.zero if scene.q0 is None else np.array(scene.q0)
     for link, law in scene.drive.items():
         if isinstance(law, Motion):
-            q[scene.arm.joint_coordinate(link, "drive: link")] = law(float(scene.t[0]))[0]
+            rate = scene.arm.joint_rate(link, "drive: link")
+            q[scene.arm.coordinate_of(rate)] = law(float(scene.t[0]))[0]
     return q
 
 

@@ -47,17 +47,18 @@ def steady_state(arm: Arm, q: Array, v: Array, joints: NDArray[np.bool_]) -> Arr
 
     q, zero = q.copy(), np.zeros(arm.nv)
     elastic = np.flatnonzero(~joints)
+    at = np.array([arm.coordinate_of(int(i)) for i in elastic], dtype=int)  # where the elastic coordinates stand in q
     if elastic.size == 0:
         return q
-    scale = 1.0 / np.sqrt(np.abs(np.diag(arm._core.inverse_derivatives(q, v, zero)[0]))[elastic] + 1e-300)
+    scale = 1.0 / np.sqrt(np.abs(np.diag(arm._core.inverse_derivatives(q, v, zero)[0][np.ix_(elastic, at)])) + 1e-300)
     for _ in range(50):
         force = arm._core.inverse_dynamics(q[None], v[None], zero[None])[0][elastic]
-        stiffness = arm._core.inverse_derivatives(q, v, zero)[0][np.ix_(elastic, elastic)]
+        stiffness = arm._core.inverse_derivatives(q, v, zero)[0][np.ix_(elastic, at)]
         step = scale * la.lstsq(scale[:, None] * stiffness * scale, -scale * force)[0]
-        q[elastic] += step
+        q[at] += step
         if not np.isfinite(q).all():
             break
-        if np.linalg.norm(step / scale) <= 1e-13 * max(1e-6, float(np.linalg.norm(q[elastic] / scale))):
+        if np.linalg.norm(step / scale) <= 1e-13 * max(1e-6, float(np.linalg.norm(q[at] / scale))):
             return q
         if np.linalg.norm(scale * force) < 1e-14:
             return q
@@ -70,23 +71,25 @@ def modes(
     speed: Mapping[int, float] | None = None,
     lock: Iterable[int] | None = None,
 ) -> Modes:
-    q0 = np.zeros(arm.nv) if q is None else array("q", q, (arm.nv,)).copy()
+    q0 = arm.zero if q is None else array("q", q, (arm.nq,))
     v0 = np.zeros(arm.nv)
     joints = np.zeros(arm.nv, dtype=bool)
     for k, part in enumerate(arm.links):
         joints[arm._core.first(k) : arm._core.first(k) + part.joint.nv] = True
     for link, value in (speed or {}).items():
-        v0[arm.joint_coordinate(link, "speed: link")] = array(f"speed[{link}]", value, ())
+        v0[arm.joint_rate(link, "speed: link")] = array(f"speed[{link}]", value, ())
     free = np.ones(arm.nv, dtype=bool)
     for link in lock or ():
-        free[arm.joint_coordinate(link, "lock: link")] = False
+        free[arm.joint_rates(link, "lock: link")] = False
     if not free.any():
         raise ValueError("lock: no coordinate is left to move")
     q0 = steady_state(arm, q0, v0, joints)
 
     # M dv + G v + K q = 0 for small motions; scaled so that M has a unit diagonal
     at = np.ix_(free, free)
-    K, G = (np.asarray(x)[at] for x in arm._core.inverse_derivatives(q0, v0, np.zeros(arm.nv)))
+    by_q, by_v = arm._core.inverse_derivatives(q0, v0, np.zeros(arm.nv))
+    _, _, E = arm._core.rates(q0, v0)  # dq = E v: small turns of a ball move its quaternion so
+    K, G = (by_q @ E)[at], by_v[at]
     M = np.asarray(arm._core.mass_matrix(q0[None])[0])[at]
     d = 1.0 / np.sqrt(np.diag(M))
     M, G, K = (d[:, None] * x * d for x in (M, G, K))

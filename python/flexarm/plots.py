@@ -33,11 +33,11 @@ _ORDER_DASH = {0: "--", 1: "-.", 2: "-"}
 
 def joint_coordinates(arm: Arm) -> list[tuple[int, str, str]]:
     """(index into q, label, unit) of every joint coordinate of an arm; units are rad or m."""
-    out = []
+    out, names = [], arm.q_names
     for k, link in enumerate(arm.links):
-        if link.joint.nv:
-            i = arm.joint_coordinate(k)
-            out.append((i, arm.coordinates[i], "m" if link.joint.type == "prismatic" else "rad"))
+        first = arm._core.first_q(k)
+        units = link.joint.units[:-3] + ("1",) * 4 if link.joint.ball else link.joint.units
+        out += [(first + n, names[first + n], unit) for n, unit in enumerate(units)]
     return out
 
 

@@ -23,7 +23,7 @@ class Result:
     Attributes:
         arm: the arm.
         t: times (s), (nt,).
-        q, v, a: coordinates, rates and accelerations, (nt, nv).
+        q: coordinates, (nt, nq). v, a: rates and accelerations, (nt, nv).
         tau: generalised forces (N, N m), (nt, nv): those applied, and the reactions of prescribed motions.
         stats: steps, evaluations, jacobians, newton_iterations, failed_steps, wall_time (s).
     """

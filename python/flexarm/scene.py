@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from . import model
+from . import joints, model
 from ._check import Array, array, choice, known_keys, number, whole
 from .arm import METHODS, Arm
 from .drive import Motion, Torque
+from .link import Link
 from .result import Result
 from .simulation import INTEGRATORS, simulate
 
@@ -25,7 +26,20 @@ else:
 
 SCENES = Path(__file__).parent / "scenes"
 _SECTIONS = {"rectangle": model.Rectangle, "circle": model.Circle, "general": model.GeneralSection}
-_JOINTS = {"fixed": model.Fixed, "revolute": model.Revolute, "prismatic": model.Prismatic}
+_JOINTS = {
+    j.type: j
+    for j in (
+        joints.Fixed,
+        joints.Revolute,
+        joints.Prismatic,
+        joints.Cylindrical,
+        joints.Universal,
+        joints.Spherical,
+        joints.Planar,
+        joints.Free,
+        joints.Axes,
+    )
+}
 
 
 def _make(where: str, cls: Callable[..., Any], table: Mapping[str, Any], known: tuple[str, ...]) -> Any:
@@ -68,18 +82,26 @@ def _beam(where: str, table: Any) -> model.Beam:
     return _make(where, model.Beam, t, _names(model.Beam))  # type: ignore[no-any-return]
 
 
-def _link(where: str, table: Any) -> model.Link:
-    known_keys(where, table, _names(model.Link))
+def _link(where: str, table: Any) -> Link:
+    known_keys(where, table, _names(Link))
     t = dict(table)
     if "joint" not in t:
         raise ValueError(f"{where}: missing joint")
-    t["joint"] = _typed(f"{where}.joint", t["joint"], _JOINTS)
+    joint = t["joint"]
+    if isinstance(joint, Mapping):
+        sides = {
+            side: _make(f"{where}.joint.{side}", joints.Placement, joint[side], _names(joints.Placement))
+            for side in ("inboard", "outboard")
+            if side in joint
+        }
+        joint = {**joint, **sides}
+    t["joint"] = _typed(f"{where}.joint", joint, _JOINTS)
     for body in ("hub", "tip"):
         if body in t:
             t[body] = _make(f"{where}.{body}", model.RigidBody, t[body], _names(model.RigidBody))
     if "beam" in t:
         t["beam"] = _beam(f"{where}.beam", t["beam"])
-    return _make(where, model.Link, t, _names(model.Link))  # type: ignore[no-any-return]
+    return _make(where, Link, t, _names(Link))  # type: ignore[no-any-return]
 
 
 def arm_from_dict(d: Mapping[str, Any]) -> Arm:
@@ -107,12 +129,15 @@ def _samples(where: str, table: Mapping[str, Any], columns: tuple[str, ...], bas
     return {k: array(f"{where}.file column {k}", [r[k] for r in rows]) for k in rows[0]}
 
 
-def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[int, Motion | Torque]:
-    known_keys(where, table, ("link", "motion", "spin_up", "torque"))
+def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Motion | Torque]:
+    known_keys(where, table, ("link", "freedom", "motion", "spin_up", "torque"))
     laws = [k for k in ("motion", "spin_up", "torque") if k in table]
     if "link" not in table or len(laws) != 1:
         raise ValueError(f"{where}: needs link and one of motion, spin_up, torque")
-    link, law, value = whole(f"{where}.link", table["link"]), laws[0], table[laws[0]]
+    link: Any = whole(f"{where}.link", table["link"])
+    if "freedom" in table:
+        link = (link, whole(f"{where}.freedom", table["freedom"]))
+    law, value = laws[0], table[laws[0]]
     if law == "spin_up":
         return link, _make(f"{where}.spin_up", Motion.spin_up, value, ("speed", "time"))
     if law == "torque" and not isinstance(value, Mapping):
@@ -124,18 +149,18 @@ def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[int, Motio
 
 @dataclass
 class Scene:
-    """An arm, its drives by link, and how to simulate it.
+    """An arm, its drives by link (or by (link, freedom)), and how to simulate it.
 
     Attributes:
         arm: the arm.
-        drive: Motion or Torque by link number.
+        drive: Motion or Torque by link number, or by (link, freedom).
         t: output times (s).
         q0, v0: initial state, or None for rest at zero.
         options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order.
     """
 
     arm: Arm
-    drive: dict[int, Motion | Torque] = field(default_factory=dict)
+    drive: dict[Any, Motion | Torque] = field(default_factory=dict)
     t: Array = field(default_factory=lambda: np.linspace(0.0, 1.0, 1001))
     q0: Array | None = None
     v0: Array | None = None
@@ -171,7 +196,7 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
     drives = d.get("drive", [])
     if not isinstance(drives, (list, tuple)):
         raise ValueError(f"drive = {drives!r}: must be a list of tables")
-    drive: dict[int, Motion | Torque] = {}
+    drive: dict[Any, Motion | Torque] = {}
     for k, table in enumerate(drives):
         link, law = _drive(f"drive[{k}]", table, base)
         if link in drive:

@@ -34,7 +34,7 @@ def simulate(
     v0: ArrayLike | None = None,
     *,
     tau: ArrayLike | None = None,
-    drive: Mapping[int, Motion | Torque] | None = None,
+    drive: Mapping[Any, Motion | Torque] | None = None,
     method: str = "ab",
     integrator: str = "ida",
     rtol: float = 1e-6,
@@ -47,10 +47,11 @@ def simulate(
     Args:
         arm: the arm.
         t: output times (s), at least two, increasing.
-        q0, v0: initial coordinates and rates, (nv,); zero if None. Prescribed joints start where their motion does; a
-            q0 or v0 that says otherwise is an error.
+        q0, v0: initial coordinates (nq,) and rates (nv,); `arm.zero` and zero if None. Prescribed
+            joints start where their motion does; a q0 or v0 that says otherwise is an error.
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
-        drive: by link number, what drives its joint: a Torque, or a Motion, whose reaction is then in `Result.tau`.
+        drive: by link number, or by (link, freedom), what drives that freedom of its joint: a Torque, or a Motion,
+            whose reaction is then in `Result.tau`.
         method: "ab" or "ci", for the accelerations at the output times.
         integrator: "ida": SUNDIALS IDA on the residual of inverse dynamics, variable step and order.
         rtol, atol: tolerances of every coordinate and rate, relative and absolute (in its unit).
@@ -68,21 +69,24 @@ def simulate(
     if times.ndim != 1:
         raise ValueError(f"t has shape {times.shape}: must be one list of times")
     state = {}
-    for name, value in (("q0", q0), ("v0", v0), ("tau", tau)):
-        state[name] = np.zeros(arm.nv) if value is None else array(name, value, (arm.nv,)).copy()
+    for name, value, zero in (("q0", q0, arm.zero), ("v0", v0, np.zeros(arm.nv)), ("tau", tau, np.zeros(arm.nv))):
+        state[name] = zero if value is None else array(name, value, zero.shape)
     laws = []
     for link, law in (drive or {}).items():
-        where, i = f"drive[{link}]", arm.joint_coordinate(link, "drive: link")
+        where, i = f"drive[{link}]", arm.joint_rate(link, "drive: link")
         if not isinstance(law, (Motion, Torque)):
             raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
         law.check_span(where, times)
         laws.append((i, isinstance(law, Motion), law.law))
         if isinstance(law, Motion):
             start = array(f"{where} at t = {times[0]}", law(float(times[0])), (3,))
-            for name, given, value in (("q0", q0, start[0]), ("v0", v0, start[1])):
-                if given is not None and abs(state[name][i] - value) > 1e-9 * max(1.0, abs(value)):
-                    raise ValueError(f"{name}[{i}] = {state[name][i]}: {where} prescribes {value} at t = {times[0]}")
-                state[name][i] = value
+            k = arm.coordinate_of(i)
+            if k < 0:
+                raise ValueError(f"{where}: the motion of a ball cannot be prescribed; use three rotations (Axes)")
+            for name, given, at, value in (("q0", q0, k, start[0]), ("v0", v0, i, start[1])):
+                if given is not None and abs(state[name][at] - value) > 1e-9 * max(1.0, abs(value)):
+                    raise ValueError(f"{name}[{at}] = {state[name][at]}: {where} prescribes {value} at t = {times[0]}")
+                state[name][at] = value
     if len({i for i, _, _ in laws}) < len(laws):
         raise ValueError("drive: a link is driven twice")
     rtol, atol, max_order = number("rtol", rtol), number("atol", atol), whole("max_order", max_order)

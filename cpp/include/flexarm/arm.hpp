@@ -18,17 +18,22 @@ class Arm {
   std::size_t size() const { return links_.size(); }
   const Link& link(std::size_t n) const { return links_[n]; }
   const Eigen::Vector3d& gravity() const { return gravity_; }
-  int nq() const { return nv_; }
+  int nq() const { return nq_; }  ///< nv, and one more for each ball
   int nv() const { return nv_; }
-  int first(std::size_t n) const { return first_[n]; }  ///< first coordinate of link n: joint, then elastic (Eq. 33)
-  /// A label per velocity coordinate, such as "link 0 bending_y 1".
+  int first(std::size_t n) const { return first_[n]; }      ///< first rate of link n: joint, then elastic (Eq. 33)
+  int first_q(std::size_t n) const { return first_q_[n]; }  ///< first coordinate of link n
+  /// Coordinate whose rate is rate i, or -1 for the rates of a ball.
+  int coordinate_of(int i) const { return coordinate_of_[static_cast<std::size_t>(i)]; }
+  /// All coordinates zero, balls at 1 0 0 0.
+  Eigen::VectorXd zero() const;
+  /// A label per rate, such as "link 0 bending_y 1".
   std::vector<std::string> coordinates() const;
 
  private:
   std::vector<Link> links_;
   Eigen::Vector3d gravity_;
-  std::vector<int> first_;
-  int nv_ = 0;
+  std::vector<int> first_, first_q_, coordinate_of_;
+  int nq_ = 0, nv_ = 0;
 };
 
 }  // namespace flexarm

@@ -15,7 +15,7 @@ void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, c
 class InverseDerivatives {
  public:
   explicit InverseDerivatives(const Arm& arm);
-  /// dtau/dq and dtau/dv at (q, v, a): nv x nv each. (dtau/da is the mass matrix.)
+  /// dtau/dq (nv x nq) and dtau/dv (nv x nv) at (q, v, a). (dtau/da is the mass matrix.)
   void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
   Eigen::MatrixXd dq, dv;
 

@@ -1,7 +1,8 @@
-// Joints (Sec. 4.1). A joint offers its motion, its Jacobian H and the rate term; no algorithm asks for its
-// type.
+// Joints (Sec. 4.1): a row of elementary motions, ended by a ball (unit quaternion) where freedom from singularity is
+// asked for. A joint offers its motion, its Jacobian H and the rate term; no algorithm asks for its type.
 #pragma once
 
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -14,43 +15,78 @@ template <class S>
 struct JointMotion {
   Mat3<S> R = Mat3<S>::Identity();  ///< orientation of the link
   Vec3<S> p = Vec3<S>::Zero();      ///< position of the link's origin, in the axes the joint sits on
-  Eigen::Matrix<S, 6, Eigen::Dynamic, Eigen::ColMajor, 6, 6> H;  ///< V_rel = H dq, in link axes (Eq. 66, 67)
-  Vec6<S> V = Vec6<S>::Zero();                                   ///< H dq
-  Vec6<S> c = Vec6<S>::Zero();                                   ///< (dH/dt) dq, and w_rel x v_rel in its linear rows
+  Eigen::Matrix<S, 6, Eigen::Dynamic, Eigen::ColMajor, 6, 6> H;  ///< V_rel = H v, in link axes (Eq. 66, 67)
+  Vec6<S> V = Vec6<S>::Zero();                                   ///< H v
+  Vec6<S> c = Vec6<S>::Zero();  ///< acceleration of the link relative to the seat, in link axes, when dv/dt = 0
+};
+
+/// One elementary motion: a translation along, or a rotation about, an axis of the frame that the motions before it
+/// have moved.
+struct ElementaryMotion {
+  bool rotation;
+  Eigen::Vector3d axis;  ///< unit vector
+};
+
+/// A place on one side of a joint.
+struct Placement {
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
+};
+
+/// Passive force of one joint coordinate: spring, damper and soft stops.
+struct JointForce {
+  double stiffness = 0.0, rest = 0.0, damping = 0.0;
+  double lower = -std::numeric_limits<double>::infinity(), upper = std::numeric_limits<double>::infinity();
+  double limit_stiffness = 0.0, limit_damping = 0.0;
 };
 
 class Joint {
  public:
-  enum class Type { fixed, revolute, prismatic };
-
-  /// @param axis in the axes the joint sits on; need not be a unit vector
+  /// @param motions  at most six freedoms together with the ball's three
+  /// @param ball     whether a ball follows them: four coordinates (unit quaternion w x y z), three rates (angular
+  ///                 velocity in link axes)
+  /// @param labels   one for each rate
+  /// @param forces   one for each rate, or none; a ball's may have damping only
   /// @throws std::invalid_argument naming the field and the value
-  explicit Joint(Type type, const Eigen::Vector3d& axis = Eigen::Vector3d::UnitZ());
+  Joint(std::vector<ElementaryMotion> motions, bool ball, std::vector<std::string> labels,
+        std::vector<JointForce> forces = {}, const Placement& inboard = {}, const Placement& outboard = {});
 
-  Type type() const { return type_; }
-  const Eigen::Vector3d& axis() const { return axis_; }
-  int nv() const { return type_ == Type::fixed ? 0 : 1; }
-  std::vector<std::string> coordinates() const;
+  static Joint fixed();
+  static Joint revolute(const Eigen::Vector3d& axis);
+  static Joint prismatic(const Eigen::Vector3d& axis);
 
+  int nq() const { return nv() + (ball_ ? 1 : 0); }
+  int nv() const { return static_cast<int>(motions_.size()) + (ball_ ? 3 : 0); }
+  bool has_ball() const { return ball_; }
+  const std::vector<std::string>& labels() const { return labels_; }
+
+  /// R, p, H, V and c at q (nq) and v (nv). A ball's quaternion need not be of unit length.
   template <class S>
-  void move(const S* q, const S* dq, JointMotion<S>& out) const {
-    out.H.setZero(6, nv());
-    if (type_ == Type::fixed) return;
-    const Vec3<S> u = axis_.template cast<S>();
-    if (type_ == Type::revolute) {
-      const Vec3<S> turn = u * q[0];
-      out.R = rotation(turn, RotationCoefficients<S>(q[0] * q[0]));
-      out.H.col(0).template tail<3>() = u;
-    } else {
-      out.p = u * q[0];
-      out.H.col(0).template head<3>() = u;
-    }
-    out.V = out.H.col(0) * dq[0];
-  }
+  void move(const S* q, const S* v, JointMotion<S>& out) const;
+
+  /// Rates of the coordinates, dq/dt = E(q) v; a quaternion that has drifted is drawn back to unit length.
+  void rates(const double* q, const double* v, double* dq) const;
+  /// d(dq/dt)/dq (nq x nq) and d(dq/dt)/dv (nq x nv) of `rates`.
+  void rate_jacobians(const double* q, const double* v, Eigen::Ref<Eigen::MatrixXd> by_q,
+                      Eigen::Ref<Eigen::MatrixXd> by_v) const;
+  /// Scales a ball's quaternion to unit length.
+  void normalise(double* q) const;
+  /// The zero position (a ball's: the unit quaternion 1 0 0 0).
+  Eigen::VectorXd zero() const;
+
+  bool passive() const { return !forces_.empty(); }
+  /// Generalised force that opposes coordinate i of the joint (to be added to the bias).
+  template <class S>
+  S resistance(int i, const S* q, const S* v) const;
+  /// Potential energy of springs and stops.
+  double potential(const double* q) const;
 
  private:
-  Type type_;
-  Eigen::Vector3d axis_;
+  std::vector<ElementaryMotion> motions_;
+  bool ball_;
+  std::vector<std::string> labels_;
+  std::vector<JointForce> forces_;
+  Placement inboard_, outboard_;
 };
 
 }  // namespace flexarm

@@ -10,6 +10,12 @@ namespace flexarm {
 template <class S>
 void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v);
 
+/// Rates of the coordinates, dq/dt = E(q) v, length nq; the same as v without balls.
+void coordinate_rates(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::VectorXd& dq);
+/// Their Jacobians by q (nq x nq) and v (nq x nv).
+void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::MatrixXd& by_q,
+                               Eigen::MatrixXd& by_v);
+
 struct Pose {
   Eigen::Vector3d p = Eigen::Vector3d::Zero();      ///< world axes (m)
   Eigen::Matrix3d R = Eigen::Matrix3d::Identity();  ///< columns: the frame's axes in world axes

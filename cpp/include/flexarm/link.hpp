@@ -36,6 +36,7 @@ struct LinkState {
   Mat6X<S> phi_e;                ///< elastic part of Phi_rfr from the link below (Eq. 73, 82)
   Mat6X<S> H;                    ///< joint Jacobian, 6 x nj
   Vec6<S> V, N, A;               ///< velocity; bias acceleration (Eq. 69, 75, 86); acceleration
+  VecX<S> resistance;            ///< of the joint: springs, dampers, stops
   VecX<S> qe, dqe;               ///< elastic coordinates
   // forces and inertias
   Vec6<S> F;   ///< force through the joint, on the link
@@ -53,6 +54,7 @@ LinkState<S>::LinkState(int nj, const Beam* beam, int ne_below) {
   for (Slice<S>* slice : {&root, &com, &end, &seat}) *slice = Slice<S>(ne);
   phi_e = Mat6X<S>::Zero(6, ne_below);
   H = Mat6X<S>::Zero(6, nj);
+  resistance = VecX<S>::Zero(nj);
   for (Vec6<S>* v : {&V, &N, &A, &F}) v->setZero();
   for (VecX<S>* v : {&qe, &dqe, &Fe}) *v = VecX<S>::Zero(ne);
   M = MatX<S>::Zero(6 + ne, 6 + ne);

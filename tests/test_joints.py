@@ -1,0 +1,175 @@
+"""Joints of several freedoms."""
+
+import flexarm as fa
+import numpy as np
+import pytest
+from arms import random_state
+from scipy.spatial.transform import Rotation
+
+BODY = fa.RigidBody(1.3, (0.1, -0.05, 0.02), (0.02, 0.03, 0.04, 0.002, 0.001, -0.003), (0.4, 0.1, 0.0))
+STRIP = fa.Beam(
+    0.5,
+    fa.Rectangle(0.004, 0.01),
+    fa.Material(7850, 1e9, 0.3),
+    {"bending_y": 2, "bending_z": 2, "torsion": 1},
+    "legendre",
+    2,
+)
+
+
+def two_links(first: fa.Joint, second: fa.Joint, gravity=(0.3, -9.81, 1.0)) -> fa.Arm:
+    return fa.Arm([fa.Link(first, BODY, STRIP), fa.Link(second, BODY, STRIP, BODY)], gravity)
+
+
+def unquaternion(q: np.ndarray) -> np.ndarray:
+    return Rotation.from_quat(q[..., [1, 2, 3, 0]]).as_matrix()
+
+
+def test_poses_are_the_products_of_the_motions() -> None:
+    u = np.array([0.6, 0.0, 0.8])
+    tip = (0.4, 0.1, 0.0)
+
+    def end(joint: fa.Joint, q) -> tuple[np.ndarray, np.ndarray]:
+        return fa.Arm([fa.Link(joint, BODY)]).frame(q)
+
+    def check(joint: fa.Joint, q, p, R: Rotation) -> None:
+        found = end(joint, q)
+        np.testing.assert_allclose(found[0], p + R.apply(tip), atol=1e-14)
+        np.testing.assert_allclose(found[1], R.as_matrix(), atol=1e-14)
+
+    turn = Rotation.from_rotvec
+    check(fa.Cylindrical(u), [0.3, 0.7], 0.3 * u, turn(0.7 * u))
+    check(fa.Universal(), [0.3, 0.7], np.zeros(3), turn([0.3, 0, 0]) * turn([0, 0.7, 0]))
+    check(fa.Planar(), [0.3, 0.7, 1.1], np.array([0.3, 0.7, 0]), turn([0, 0, 1.1]))
+    R1 = turn([0, 0, 0.5])
+    check(fa.Axes(axes=("rz", "tx", "ry")), [0.5, 0.2, 0.9], R1.apply([0.2, 0, 0]), R1 * turn([0, 0.9, 0]))
+    q = np.array([0.5, -0.1, 0.7, 0.3])
+    q /= np.linalg.norm(q)
+    R = Rotation.from_quat(q[[1, 2, 3, 0]])
+    check(fa.Spherical(), q, np.zeros(3), R)
+    check(fa.Free(), [1, 2, 3, *q], np.array([1.0, 2.0, 3.0]), R)
+    inboard, outboard = fa.Placement((1, 2, 3), (0.1, 0.2, 0.3)), fa.Placement((0.4, 0.5, 0.6), (0, 0, 0.5))
+    A, B, C = turn([0.1, 0.2, 0.3]), turn([0, 0, 0.7]), turn([0, 0, 0.5])
+    p = np.array([1, 2, 3]) + (A * B).apply([0.4, 0.5, 0.6])
+    check(fa.Revolute("z", inboard=inboard, outboard=outboard), [0.7], p, A * B * C)
+
+
+def test_a_ball_is_three_revolutes() -> None:
+    """Away from their singularity: the same accelerations of every slice, by either description."""
+    rng = np.random.default_rng(3)
+    ball = two_links(fa.Spherical(), fa.Revolute("y"))
+    euler = two_links(fa.Axes(axes=("rz", "ry", "rx")), fa.Revolute("y"))
+    q, v, _ = random_state(rng, euler)
+    quat = Rotation.from_euler("ZYX", q[:3]).as_quat()[[3, 0, 1, 2]]
+    J = euler.jacobian(q, link=0, x=0.0)[3:, :3]  # world angular velocity per Euler rate
+    R = euler.frame(q, link=0, x=0.0)[1]
+    H = R.T @ J
+    qb, vb = np.concatenate([quat, q[3:]]), np.concatenate([H @ v[:3], v[3:]])
+    a, ab = euler.forward_dynamics(q, v), ball.forward_dynamics(qb, vb)
+    h = 1e-5  # dH/dt along the motion
+    rate = [
+        (lambda x: x.T @ euler.jacobian(q + k * h * v, link=0, x=0.0)[3:, :3])(euler.frame(q + k * h * v, 0, 0.0)[1])
+        for k in (-1, 1)
+    ]
+    dH = (rate[1] - rate[0]) / (2 * h)
+    scale = np.abs(a).max()
+    np.testing.assert_allclose(ab[:3], H @ a[:3] + dH @ v[:3], atol=1e-8 * scale)
+    np.testing.assert_allclose(ab[3:], a[3:], atol=1e-9 * scale)
+    assert ball.energy(qb, vb) == pytest.approx(euler.energy(q, v), rel=1e-12)
+
+
+def test_a_turned_and_moving_seat_makes_no_difference() -> None:
+    """A free-flying arm seen from axes that are shifted and turned: the same motion of the same bodies."""
+    rng = np.random.default_rng(4)
+    arm = two_links(fa.Free(), fa.Universal(), gravity=(0, 0, 0))
+    q, v, tau = random_state(rng, arm)
+    q[3:7] /= np.linalg.norm(q[3:7])
+    tau[:6] = 0.0
+    turn = Rotation.from_rotvec([0.4, -1.0, 0.3])
+    p = turn.apply(q[:3]) + np.array([5.0, -2.0, 1.0])
+    quat = (turn * Rotation.from_quat(q[[4, 5, 6, 3]])).as_quat()[[3, 0, 1, 2]]
+    boost = np.array([3.0, 1.0, -7.0])
+    q2, v2 = np.concatenate([p, quat, q[7:]]), np.concatenate([turn.apply(v[:3]) + boost, v[3:]])
+    a, a2 = arm.forward_dynamics(q, v, tau), arm.forward_dynamics(q2, v2, tau)
+    scale = np.abs(a).max()
+    np.testing.assert_allclose(a2[:3], turn.apply(a[:3]), atol=1e-11 * scale)
+    np.testing.assert_allclose(a2[3:], a[3:], atol=1e-11 * scale)
+
+
+def test_free_flight_keeps_energy_and_momentum() -> None:
+    """A floating two-link flexible arm, undamped, over thousands of steps; its quaternion stays of unit length."""
+    arm = two_links(fa.Free(), fa.Spherical(), gravity=(0, 0, 0))
+    q0, v0 = arm.zero, np.zeros(arm.nv)
+    v0[:6] = (0.1, -0.2, 0.3, 0.5, 1.0, -0.7)
+    q0[7] = 0.1
+    r = fa.simulate(arm, np.linspace(0, 5, 101), q0, v0, rtol=1e-9, atol=1e-11)
+    assert r.stats["steps"] > 5000
+    kinetic, potential = r.energy()
+    assert np.ptp(kinetic + potential) < 1e-6 * np.ptp(potential)
+    # momentum of the whole arm in world axes: the free joint's rows of M v, turned from where they are measured
+    M = arm.mass_matrix(r.q)
+    p = np.einsum("tij,tj->ti", M[:, :6], r.v)
+    linear = p[:, :3]
+    angular = np.einsum("tij,tj->ti", unquaternion(r.q[:, 3:7]), p[:, 3:]) + np.cross(r.q[:, :3], linear)
+    np.testing.assert_allclose(linear, np.tile(linear[0], (101, 1)), atol=1e-7)
+    np.testing.assert_allclose(angular, np.tile(angular[0], (101, 1)), atol=1e-7)
+    for first in (3, arm._core.first_q(1)):
+        np.testing.assert_allclose(np.linalg.norm(r.q[:, first : first + 4], axis=1), 1.0, atol=1e-15)
+
+
+def test_spring_damper_and_stops() -> None:
+    wheel = fa.RigidBody(inertia=(0, 0, 2.0))
+    spring = fa.Arm([fa.Link(fa.Revolute("z", stiffness=8.0, damping=0.4, rest=0.3), wheel)])
+    modes = spring.modes(q=[0.3])
+    assert modes.frequencies[0] == pytest.approx(2.0)
+    assert modes.damping[0] == pytest.approx(0.4 / (2 * np.sqrt(8.0 * 2.0)))
+    assert spring.energy([0.8], [0.0])[1] == pytest.approx(0.5 * 8 * 0.25)
+    stop = fa.Revolute("z", lower=-1.0, upper=0.5, limit_stiffness=1e4)
+    arm = fa.Arm([fa.Link(stop, wheel)])
+    r = fa.simulate(arm, np.linspace(0, 5, 2001), [0.0], [1.0], rtol=1e-9, atol=1e-11, max_order=2)
+    depth = np.sqrt(2.0 / 1e4)  # 1/2 I w^2 = 1/2 k depth^2
+    assert r.q.max() == pytest.approx(0.5 + depth, rel=1e-3) and r.q.min() == pytest.approx(-1.0 - depth, rel=1e-3)
+    assert np.ptp(sum(r.energy())) < 1e-4
+    soft = fa.Arm([fa.Link(fa.Revolute("z", upper=0.5, limit_stiffness=1e4, limit_damping=100.0), wheel)])
+    back = fa.simulate(soft, np.linspace(0, 2, 201), [0.0], [1.0], rtol=1e-8, max_order=2).v[-1, 0]
+    assert -0.8 < back < -0.1  # comes back, but slower
+
+
+def test_drives_of_single_freedoms() -> None:
+    """Motion, torque and nothing, mixed within one joint; the reaction of the motion makes it."""
+    arm = fa.Arm([fa.Link(fa.Planar(), BODY)])
+    t = np.linspace(0, 1, 51)
+    drive = {(0, 0): fa.Motion(lambda x: (x**3, 3 * x * x, 6 * x)), (0, 2): fa.Torque(0.1)}
+    r = fa.simulate(arm, t, drive=drive, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(r.q[:, 0], t**3, atol=1e-12)
+    np.testing.assert_allclose(r.tau[:, 1:], np.tile([0.0, 0.1], (51, 1)), atol=1e-12)
+    again = fa.simulate(arm, t, drive={(0, 0): fa.Torque(t, r.tau[:, 0]), (0, 2): fa.Torque(0.1)}, rtol=1e-9)
+    np.testing.assert_allclose(again.q, r.q, atol=1e-3)
+    with pytest.raises(ValueError, match=r"drive: link = 0: its joint has 3 freedoms; name one as \(0, 0\)"):
+        fa.simulate(arm, t, drive={0: fa.Torque(1.0)})
+    with pytest.raises(ValueError, match=r"drive: link = \(0, 3\): its joint has freedoms 0 to 2"):
+        fa.simulate(arm, t, drive={(0, 3): fa.Torque(1.0)})
+    ball = fa.Arm([fa.Link(fa.Spherical(), BODY)])
+    with pytest.raises(ValueError, match="a ball cannot be prescribed"):
+        fa.simulate(ball, t, drive={(0, 1): fa.Motion.spin_up(1, 1)})
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: fa.Axes(axes=("tx",) * 7), r"axes = 7: at most six"),
+        (lambda: fa.Axes(axes=("tx", "rw")), r"'rw' must be one of tx"),
+        (lambda: fa.Revolute("z", stiffness=-1.0), r"stiffness\[0\] = -1"),
+        (lambda: fa.Revolute("z", lower=1.0, upper=0.0), r"lower\[0\] = 1: must be below upper"),
+        (lambda: fa.Revolute("z", upper=0.0), r"limit_stiffness\[0\] = 0: must be positive"),
+        (lambda: fa.Spherical(stiffness=1.0), r"stiffness\[0\] = 1: a ball can have damping"),
+        (lambda: fa.Planar(damping=(1.0, 2.0)), r"damping has shape \(2,\): must be 3 numbers"),
+        (lambda: fa.Fixed(inboard=(1, 2, 3)), r"inboard = \(1, 2, 3\): must be a Placement"),
+        (lambda: fa.Fixed(inboard=fa.Placement(rotation=2 * np.eye(3))), r"inboard.rotation"),
+        (lambda: fa.Arm.from_dict({"link": [{"joint": {"type": "axes", "axes": ["tx"], "inboard": {"positon": 1}}}]}),
+         r"link\[0\].joint.inboard: unknown key 'positon'; did you mean 'position'"),
+    ],
+)  # fmt: skip
+def test_bad_joints(make, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()
