@@ -76,6 +76,26 @@ void bind_dynamics(py::class_<Arm>& arm) {
       py::arg("q"), py::arg("v"), py::arg("a"));
 
   arm.def(
+      "joint_reaction",
+      [](const Arm& self, const Rows& q, const Rows& v, const Rows& a, std::size_t link, bool inboard) {
+        py::gil_scoped_release release;
+        SweepWorkspace<double> ws(self);
+        Rows out(q.rows(), 6);
+        for (Eigen::Index k = 0; k < q.rows(); ++k) {
+          inverse_dynamics<double>(self, ws, q.row(k), v.row(k), a.row(k));
+          const LinkState<double>& s = ws.links[link];
+          Phi<double> joint;
+          if (inboard) {
+            joint.R = s.joint.R;
+            joint.r = s.joint.p;
+          }
+          out.row(k) = joint.inward(s.F);
+        }
+        return out;
+      },
+      py::arg("q"), py::arg("v"), py::arg("a"), py::arg("link"), py::arg("inboard"));
+
+  arm.def(
       "inverse_derivatives",
       [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
         InverseDerivatives d(self);

@@ -151,6 +151,16 @@ class Arm:
         lead, rows = self._batch(q=q, v=v, a=a)
         return self._core.inverse_dynamics(*rows).reshape(*lead, self.nv)
 
+    def joint_reaction(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int = 0, side: str = "outboard") -> Array:
+        """Force and moment [f; m] (N, N m; (..., 6)) that a link's joint passes on to it, all six components.
+
+        side "outboard": at the link's origin, in the link's axes; "inboard": the same force at the end of the link
+        below, in that end's axes (it acts on the link below with the opposite sign).
+        """
+        choice("side", side, ("outboard", "inboard"))
+        lead, rows = self._batch(q=q, v=v, a=a)
+        return self._core.joint_reaction(*rows, self._link(link), side == "inboard").reshape(*lead, 6)
+
     def mass_matrix(self, q: ArrayLike) -> Array:
         """Joint-space mass matrix of Eq. 90, shape (..., nv, nv)."""
         lead, rows = self._batch(q=q)

@@ -48,6 +48,10 @@ class Result:
         """Kinetic and potential energy (J), (nt,) each."""
         return self.arm.energy(self.q, self.v)
 
+    def joint_reaction(self, link: int = 0, side: str = "outboard") -> Array:
+        """Force and moment (nt, 6) that a link's joint passes on to it (N, N m); see Arm.joint_reaction."""
+        return self.arm.joint_reaction(self.q, self.v, self.a, link, side)
+
     def tip_deflection(self, link: int = 0) -> Array:
         """Displacement (nt, 3) of the beam's tip from rest, in the axes of the link's hub (m)."""
         return self.arm.deflection(self.q, link)
