@@ -76,7 +76,8 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
       const double left = b.factor.info() == Eigen::Success ? std::pow(b.factor.matrixLLT()(k, k), 2) : b.D(k, k);
       if (!(ws.M(i, i) > 0.0) || !(left > 1e-14 * ws.M(i, i)))
         bad_value("inertia of coordinate '" + coordinates()[static_cast<std::size_t>(i)] + "'", left,
-                  "must be positive; give the hub, beam or tip that moves with it a mass or an inertia");
+                  "must be positive; give what moves with it a mass or an inertia (shear tells itself from bending by "
+                  "rotary inertia alone), and a beam enough gauss_points");
     }
     if (b.factor.info() != Eigen::Success) break;
   }

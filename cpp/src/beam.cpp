@@ -79,15 +79,17 @@ int enough_gauss_points(const BeamOptions& o) {
   if (o.basis == Basis::legendre) {
     // degree of a slice's position: deflection n + 1; shortening 2n + 1; alpha and gamma n; at order i products of i
     const int linear = std::max(bending + 1, simple), m = std::max(bending, simple);
-    const int degree = o.order < 2    ? linear
-                       : o.order == 2 ? std::max({linear, 2 * bending + 1, bending + simple + 1})
-                                      : 3 * m + 1;
-    return degree + 1 + (o.order == kExact ? 8 : o.rotary_inertia ? 2 : 0);  // the rotation is no polynomial
+    const int quadratic = std::max({linear, 2 * bending + 1, bending + simple + 1});
+    const int degree = o.order < 2 ? linear : o.order == 2 ? quadratic : 3 * m + 1;
+    // the rotation exp(theta) is no polynomial
+    if (o.order == kExact) return degree + 9;
+    return o.order > 0 && o.rotary_inertia ? std::max(degree, quadratic) + 3 + (bending + simple) / 2 : degree + 1;
   }
   // The integrand holds products of two (order i: 2 i) modes of wave number beta ~ (n - 1/2) pi over the
   // length. n points integrate cos(k X/L) to (e k / 8n)^2n.
   const double beta = 3.14159265358979323846 * std::max(bending - 0.5, simple - 0.5);
-  const double k = 2.0 * std::clamp(o.order, 1, 3) * std::max(beta, 1.9);
+  const int products = o.order == 1 && o.rotary_inertia ? 2 : std::clamp(o.order, 1, 3);
+  const double k = 2.0 * products * std::max(beta, 1.9);
   int n = 4;
   while (2.0 * n * std::log(std::exp(1.0) * k / (8.0 * n)) > std::log(1e-12)) ++n;
   return n;
@@ -208,7 +210,8 @@ std::vector<SliceTable> Beam::tables(const std::vector<double>& stations) const 
 }
 
 SliceTable Beam::slice_at(double X) const {
-  if (!(X >= 0.0 && X <= length_)) bad_value("x", X, "must be on the beam, from 0 to its length");
+  if (!(X >= 0.0 && X <= length_))
+    bad_value("x", X, "must be on the beam, from 0 to its length, " + std::to_string(length_) + " m");
   return tables({X}).front();
 }
 

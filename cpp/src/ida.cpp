@@ -6,6 +6,7 @@
 #include <sunlinsol/sunlinsol_dense.h>
 #include <sunmatrix/sunmatrix_dense.h>
 
+#include <algorithm>
 #include <chrono>
 #include <exception>
 #include <memory>
@@ -31,8 +32,8 @@ struct System {
   std::vector<int> free_q;           // coordinates that are not prescribed
   Eigen::VectorXd q, v, a, tau, dq;  // of all coordinates
   Eigen::MatrixXd rate_by_q, rate_by_v;
-  std::exception_ptr thrown;     // by a drive, inside a C callback
-  std::string message;           // IDA's last word
+  std::exception_ptr thrown;  // by a drive, inside a C callback
+  std::string message;        // IDA's last word
 
   System(const Arm& arm_, const std::vector<Drive>& drives_, const Eigen::VectorXd& tau_)
       : arm(arm_),
@@ -201,6 +202,8 @@ struct Solver {
 
 std::string reason(int flag, const System& s) {
   switch (flag) {
+    case IDA_ILL_INPUT:
+      return "the first step came out as zero: forces or tolerances are too extreme";
     case IDA_TOO_MUCH_ACC:
       return "the tolerances are too small for double precision";
     case IDA_ERR_FAIL:
@@ -220,6 +223,7 @@ void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eig
                      const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                      const IdaOptions& o) {
   positive("rtol", o.rtol);
+  if (o.rtol < 1e-14) bad_value("rtol", o.rtol, "must be at least 1e-14: double precision has no more");
   positive("atol", o.atol);
   if (o.max_order < 1 || o.max_order > 5) bad_value("max_order", o.max_order, "must be from 1 to 5");
   if (t.size() < 2) bad_value("t", t.size(), "needs at least two times");
@@ -239,6 +243,22 @@ void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eig
     if (d.motion && arm.coordinate_of(d.coordinate) < 0)
       bad_value("motion of coordinate", d.coordinate, "a ball's coordinates cannot be prescribed");
   }
+}
+
+/// Times that no step may pass over, or a driven arm at rest would sleep through a pulse: the samples of the drives,
+/// and the output times for drives that are functions.
+std::vector<double> stop_times(const std::vector<Drive>& drives, const Eigen::VectorXd& t) {
+  const double end = t[t.size() - 1];
+  std::vector<double> stops{end};
+  bool functions = false;
+  for (const Drive& d : drives) {
+    for (double b : d.breaks)
+      if (b > t[0] && b < end) stops.push_back(b);
+    functions = functions || d.breaks.size() == 0;
+  }
+  if (functions) stops.insert(stops.end(), t.begin() + 1, t.end());
+  std::sort(stops.begin(), stops.end());
+  return stops;
 }
 
 }  // namespace
@@ -303,8 +323,10 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
     yp0[nq + k] = s.a[s.ws.free[static_cast<std::size_t>(k)]];
   }
   Solver solver(s, nq + nv, options, t[0], y0, yp0, t[t.size() - 1]);
+  const std::vector<double> stops = stop_times(drives, t);
   while (out.done < t.size() && out.failure.empty()) {
     const double goal = t[out.done];
+    IDASetStopTime(solver.memory, *std::upper_bound(stops.begin(), stops.end() - 1, out.reached));
     sunrealtype now = out.reached;
     const int flag = IDASolve(solver.memory, goal, &now, solver.y, solver.yp, IDA_NORMAL);
     if (s.thrown) std::rethrow_exception(s.thrown);
@@ -316,7 +338,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
         out.failure = "the step size fell below 1e-12 of the time asked for: the solution changes too fast";
     } else if (flag < 0) {
       out.failure = reason(flag, s);
-    } else {
+    } else if (now >= goal) {
       s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
       record();
     }

@@ -53,7 +53,10 @@ template void inverse_dynamics<Tangent>(const Arm&, SweepWorkspace<Tangent>&, co
 InverseDerivatives::InverseDerivatives(const Arm& arm)
     : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nq())),
       dv(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())),
-      ws_(arm), q_(arm.nq()), v_(arm.nv()), a_(arm.nv()) {}
+      ws_(arm),
+      q_(arm.nq()),
+      v_(arm.nv()),
+      a_(arm.nv()) {}
 
 void InverseDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                     const Eigen::VectorXd& a) {

@@ -14,8 +14,8 @@ constexpr double kPull = 1.0;        // 1/s, of a quaternion's length to 1
 
 Eigen::Vector3d unit(const Eigen::Vector3d& axis) {
   finite("axis", axis);
-  if (!(axis.norm() > 0.0)) bad_value("axis", axis.transpose(), "must not be zero");
-  return axis.normalized();
+  if (!(axis.stableNorm() > 0.0)) bad_value("axis", axis.transpose(), "must not be zero");
+  return axis.stableNormalized();
 }
 
 void check_placement(const char* side, const Placement& place) {
@@ -54,8 +54,12 @@ void shift(const Vec3<S>& d, JointMotion<S>& m) {
 
 Joint::Joint(std::vector<ElementaryMotion> motions, bool ball, std::vector<std::string> labels,
              std::vector<JointForce> forces, const Placement& inboard, const Placement& outboard)
-    : motions_(std::move(motions)), ball_(ball), labels_(std::move(labels)), forces_(std::move(forces)),
-      inboard_(inboard), outboard_(outboard) {
+    : motions_(std::move(motions)),
+      ball_(ball),
+      labels_(std::move(labels)),
+      forces_(std::move(forces)),
+      inboard_(inboard),
+      outboard_(outboard) {
   for (ElementaryMotion& m : motions_) m.axis = unit(m.axis);
   if (nv() > 6) bad_value("axes", motions_.size(), "at most six freedoms, a ball counting three");
   if (static_cast<int>(labels_.size()) != nv()) bad_value("labels", labels_.size(), "one for each freedom");
@@ -195,8 +199,8 @@ double Joint::potential(const double* q) const {
   return sum;
 }
 
-#define FLEXARM_INSTANTIATE(S)                                                   \
-  template void Joint::move<S>(const S*, const S*, JointMotion<S>&) const;       \
+#define FLEXARM_INSTANTIATE(S)                                             \
+  template void Joint::move<S>(const S*, const S*, JointMotion<S>&) const; \
   template S Joint::resistance<S>(int, const S*, const S*) const;
 FLEXARM_INSTANTIATE(double)
 FLEXARM_INSTANTIATE(Tangent)

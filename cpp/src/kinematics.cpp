@@ -24,6 +24,7 @@ void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const Vec
       s.phi.r = s.joint.p;
       s.V = s.joint.V;
       s.N = s.joint.c;
+      s.g = s.phi.R.transpose() * arm.gravity().template cast<S>();
       continue;
     }
     LinkState<S>& below = ws.links[n - 1];
@@ -32,6 +33,7 @@ void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const Vec
     const Mat3<S> Rt = below.seat.R.transpose();
     s.phi.R = below.seat.R;
     s.phi.r = below.seat.x;
+    s.g = Rt * below.g;
     for (Eigen::Index k = 0; k < s.phi_e.cols(); ++k) {
       s.phi_e.col(k).template head<3>() = Rt * below.seat.J.col(k).template head<3>();
       s.phi_e.col(k).template tail<3>() = Rt * below.seat.J.col(k).template tail<3>();
@@ -61,8 +63,8 @@ void coordinate_rates(const Arm& arm, const Eigen::VectorXd& q, const Eigen::Vec
   }
 }
 
-void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::MatrixXd& by_q,
-                               Eigen::MatrixXd& by_v) {
+void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                               Eigen::MatrixXd& by_q, Eigen::MatrixXd& by_v) {
   by_q.setZero();
   by_v.setZero();
   for (std::size_t n = 0; n < arm.size(); ++n) {

@@ -194,6 +194,21 @@ void Link::inertial_force(const LinkState<S>& s, const Vec6<S>& A, const S* ddqe
   const Vec3<S> sweep = w.cross(moment) + 2.0 * rate, h = J * w + Cdq;
   F.template head<3>() = c.mass * a + dw.cross(moment) + w.cross(sweep) + Lddq;
   F.template tail<3>() = moment.cross(a) + J * dw + J_dot * w + w.cross(h) + Cddq;
+  // Only T is cut: gravity, which comes in as an acceleration -g, acts where the tip body really is.
+  const Vec3<S> beyond = beyond_first_order(s);
+  F.template tail<3>() -= beyond.cross(s.g);
+  for (Eigen::Index k = 0; k < ne(); ++k) {
+    const Vec3<S> first = c.tip.col(k).template cast<S>();
+    Fe[k] -= (tip_.mass * s.com.J.col(k).template head<3>() - first).dot(s.g);
+  }
+}
+
+template <class S>
+Vec3<S> Link::beyond_first_order(const LinkState<S>& s) const {
+  const Eigen::Vector3d rest = hub_.end + beam_->length() * Eigen::Vector3d::UnitX() + tip_.com;
+  Vec3<S> m = tip_.mass * (s.com.x - rest.template cast<S>());
+  for (Eigen::Index k = 0; k < ne(); ++k) m -= cut_->tip.col(k).template cast<S>() * s.qe[k];
+  return m;
 }
 
 template <class S>
@@ -202,6 +217,7 @@ Vec3<S> Link::mass_moment(const LinkState<S>& s) const {
   if (cut_) {
     sum = cut_->S.template cast<S>();
     for (Eigen::Index k = 0; k < ne(); ++k) sum += cut_->L.col(k).template cast<S>() * s.qe[k];
+    sum += beyond_first_order(s);
   } else {
     for_each_body(s, [&](double m, const Eigen::Matrix3d*, const Slice<S>& at) { sum += m * at.x; });
   }
@@ -216,11 +232,12 @@ void Link::build_first_order() {
   mass_matrix(s);
   FirstOrderInertia c;
   c.mass = s.M(0, 0);
-  c.S = mass_moment(s);
+  c.S = mass_moment(s);  // cut_ is not set yet: the exact one
   c.J = s.M.block<3, 3>(3, 3);
   c.L = s.M.block(0, 6, 3, ne());
   c.C = s.M.block(3, 6, 3, ne());
   c.Mee = s.M.bottomRightCorner(ne(), ne());
+  c.tip = tip_.mass * s.com.J.topRows<3>();
   c.dJ.assign(static_cast<std::size_t>(ne()), Eigen::Matrix3d::Zero());
   for_each_body(s, [&](double m, const Eigen::Matrix3d* inertia, const Slice<double>& at) {
     const Eigen::Matrix3d x = tilde(at.x);

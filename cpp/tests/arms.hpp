@@ -29,10 +29,9 @@ inline flexarm::Arm spatial_arm(int order = 2) {
   using flexarm::Joint;
   std::vector<flexarm::Link> links;
   links.emplace_back(Joint::prismatic({1, 0, 0}), body(1.0, {0.1, 0.05, 0}), std::nullopt, std::nullopt);
-  links.emplace_back(Joint::revolute({0, 0.6, 0.8}), body(0.5, {0.075, 0, 0}),
-                     beam({2, 2, 1, 1, 1}, order), body(0.2, {0.04, 0, 0.01}));
-  links.emplace_back(Joint::revolute({0, 1, 0}), std::nullopt, beam({2, 1, 1, 0, 0}, order),
-                     body(0.1, {0.02, 0, 0}));
+  links.emplace_back(Joint::revolute({0, 0.6, 0.8}), body(0.5, {0.075, 0, 0}), beam({2, 2, 1, 1, 1}, order),
+                     body(0.2, {0.04, 0, 0.01}));
+  links.emplace_back(Joint::revolute({0, 1, 0}), std::nullopt, beam({2, 1, 1, 0, 0}, order), body(0.1, {0.02, 0, 0}));
   return flexarm::Arm(std::move(links), {0, 0, -9.81});
 }
 

@@ -6,9 +6,8 @@
 using namespace flexarm;
 
 TEST_CASE("IDA reaches a closed form and counts its work") {
-  const Arm arm(
-      {Link(Joint::prismatic({1, 0, 0}), flexarm_test::body(2.0, {0, 0, 0}), std::nullopt, std::nullopt)},
-      {3.0, 0.0, 0.0});
+  const Arm arm({Link(Joint::prismatic({1, 0, 0}), flexarm_test::body(2.0, {0, 0, 0}), std::nullopt, std::nullopt)},
+                {3.0, 0.0, 0.0});
   const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(11, 0.0, 1.0), zero = Eigen::VectorXd::Zero(1);
   const Drive push{0, {}, [](double time) { return -6.0 + 2.0 * time; }};
   const Trajectory r = simulate_ida(arm, {push}, t, zero, zero, zero, {1e-9, 1e-12});

@@ -11,7 +11,8 @@ using Cube = py::array_t<double, py::array::c_style>;
 
 Cube cube(Eigen::Index n, Eigen::Index rows, Eigen::Index columns) { return Cube({n, rows, columns}); }
 Eigen::Map<Rows> page(Cube& c, Eigen::Index k) {
-  return {c.mutable_data(k, 0, 0), static_cast<Eigen::Index>(c.shape(1)), static_cast<Eigen::Index>(c.shape(2))};
+  return {c.mutable_data() + k * c.shape(1) * c.shape(2), static_cast<Eigen::Index>(c.shape(1)),
+          static_cast<Eigen::Index>(c.shape(2))};
 }
 
 /// Accelerations of a batch. Columns of `a` that are prescribed are inputs.
@@ -25,7 +26,9 @@ Rows forward(const Arm& arm, const Rows& q, const Rows& v, const Rows& tau, cons
     const Status status = ab ? forward_dynamics_ab(arm, ws, q.row(k), v.row(k), tau.row(k))
                              : forward_dynamics_ci(arm, ws, q.row(k), v.row(k), tau.row(k));
     if (status != Status::ok || !ws.a.allFinite())
-      bad_value("mass matrix at q", q.row(k), "is singular in double precision; no acceleration follows");
+      bad_value("mass matrix at q", q.row(k),
+                "is not positive definite in double precision (at order 0: deflected beyond what its cut kinetic "
+                "energy allows), or the forces overflow");
     a.row(k) = ws.a;
   }
   return a;

@@ -49,8 +49,8 @@ void bind_model(py::module_& m) {
            py::arg("mass"), py::arg("com"), py::arg("inertia"), py::arg("end"));
 
   py::class_<JointForce>(m, "JointForce")
-      .def(py::init([](double stiffness, double rest, double damping, double lower, double upper, double limit_stiffness,
-                       double limit_damping) {
+      .def(py::init([](double stiffness, double rest, double damping, double lower, double upper,
+                       double limit_stiffness, double limit_damping) {
              return JointForce{stiffness, rest, damping, lower, upper, limit_stiffness, limit_damping};
            }),
            py::arg("stiffness"), py::arg("rest"), py::arg("damping"), py::arg("lower"), py::arg("upper"),
@@ -63,7 +63,8 @@ void bind_model(py::module_& m) {
                        const std::pair<Eigen::Vector3d, Eigen::Matrix3d>& outboard) {
              std::vector<ElementaryMotion> list;
              for (const auto& [rotation, axis] : motions) list.push_back({rotation, axis});
-             return Joint(list, ball, labels, forces, {inboard.first, inboard.second}, {outboard.first, outboard.second});
+             return Joint(list, ball, labels, forces, {inboard.first, inboard.second},
+                          {outboard.first, outboard.second});
            }),
            py::arg("motions"), py::arg("ball"), py::arg("labels"), py::arg("forces"), py::arg("inboard"),
            py::arg("outboard"));

@@ -8,11 +8,23 @@ using namespace flexarm;
 
 namespace {
 
+/// What a callable answers at time t, as T.
+template <class T>
+T answer(const py::object& law, const char* name, double t, const char* right) {
+  const py::object value = law(t);
+  try {
+    return value.cast<T>();
+  } catch (const py::cast_error&) {
+    bad_value(std::string(name) + " at t = " + std::to_string(t), std::string(py::repr(value)), right);
+  }
+}
+
 /// A drive from Python: a piecewise polynomial, or a callable t -> force, t -> (q, v, a).
 Drive make_drive(int coordinate, bool is_motion, const py::object& law) {
-  Drive d{coordinate, {}, {}};
+  Drive d{coordinate, {}, {}, {}};
   if (py::isinstance<PiecewisePolynomial>(law)) {
     const auto p = law.cast<PiecewisePolynomial>();
+    d.breaks = p.breaks();
     if (is_motion) d.motion = p;
     if (!is_motion) d.force = [p](double t) { return p(t).q; };
     return d;
@@ -21,7 +33,7 @@ Drive make_drive(int coordinate, bool is_motion, const py::object& law) {
   if (is_motion) {
     d.motion = [shared](double t) {
       py::gil_scoped_acquire hold;
-      const auto m = (*shared)(t).cast<std::array<double, 3>>();
+      const auto m = answer<std::array<double, 3>>(*shared, "Motion", t, "must give three numbers (q, v, a)");
       if (!std::isfinite(m[0]) || !std::isfinite(m[1]) || !std::isfinite(m[2]))
         bad_value("Motion at t", t, "gave nan or inf; q, v and a must be finite");
       return MotionValue{m[0], m[1], m[2]};
@@ -29,7 +41,7 @@ Drive make_drive(int coordinate, bool is_motion, const py::object& law) {
   } else {
     d.force = [shared](double t) {
       py::gil_scoped_acquire hold;
-      const double f = (*shared)(t).cast<double>();
+      const double f = answer<double>(*shared, "Torque", t, "must give one number");
       if (!std::isfinite(f)) bad_value("Torque at t", t, "gave nan or inf; it must be finite");
       return f;
     };
@@ -49,8 +61,7 @@ void bind_time(py::module_& m) {
             return py::make_tuple(f.q, f.v, f.a);
           },
           py::arg("t"))
-      .def_property_readonly("begin", &PiecewisePolynomial::begin)
-      .def_property_readonly("end", &PiecewisePolynomial::end);
+      .def_property_readonly("breaks", &PiecewisePolynomial::breaks);
 
   m.def(
       "simulate_ida",

@@ -17,20 +17,27 @@ def number(field: str, value: Any) -> float:
     """A finite-or-not float; the sign and range are checked by the core."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise ValueError(f"{field} = {value!r}: must be a number")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueError(f"{field} = {value!r}: is too large") from None
 
 
 def whole(field: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise ValueError(f"{field} = {value!r}: must be a whole number")
+    if abs(int(value)) >= 2**31:
+        raise ValueError(f"{field} = {value!r}: is too large")
     return int(value)
 
 
 def array(field: str, value: ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
     """A finite, C-contiguous float64 array, of the given shape if one is given."""
     try:
+        if np.iscomplexobj(value):
+            raise TypeError
         out = np.array(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{field} = {value!r}: must be numbers") from None
     if shape is not None and out.shape != shape:
         want = f"{shape[0]} numbers" if len(shape) == 1 else f"shape {shape}"
@@ -38,6 +45,13 @@ def array(field: str, value: ArrayLike, shape: tuple[int, ...] | None = None) ->
     if not np.isfinite(out).all():
         raise ValueError(f"{field} = {value!r}: must be finite, no nan or inf")
     return out
+
+
+def finite(what: str, values: Array) -> Array:
+    """The result of a computation, unless it overflowed."""
+    if not np.isfinite(values).all():
+        raise ValueError(f"{what}: is not finite; the coordinates or rates are too large")
+    return values
 
 
 def batch(sizes: Mapping[str, int], **named: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
@@ -68,7 +82,7 @@ def known_keys(where: str, given: Mapping[str, Any], known: Iterable[str]) -> No
     for key in given:
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}"
+            hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known) or 'none'}"
             raise ValueError(f"{where}: unknown key '{key}'; {hint}")
 
 

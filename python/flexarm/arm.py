@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core, modal
-from ._check import Array, array, batch, choice
+from ._check import Array, array, batch, choice, finite, number
 from .link import Link
 from .model import _plain
 
@@ -30,6 +30,8 @@ class Arm:
     """
 
     def __init__(self, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        if not isinstance(links, Sequence):
+            raise ValueError(f"links = {links!r}: must be a list of links")
         self.links: tuple[Link, ...] = tuple(links)
         for k, link in enumerate(self.links):
             if not isinstance(link, Link):
@@ -89,6 +91,18 @@ class Arm:
             raise ValueError(f"{field} = {link}: its joint has {len(rates)} freedoms; name one as ({link}, 0)")
         return rates[0]
 
+    def by_rate(self, field: str, keyed: Mapping[Any, Any] | None) -> dict[int, Any]:
+        """What is keyed by link or (link, freedom), keyed by the index of that rate instead."""
+        if keyed is not None and not isinstance(keyed, Mapping):
+            raise ValueError(f"{field} = {keyed!r}: must be a dictionary, by link number")
+        out: dict[int, Any] = {}
+        for link, value in (keyed or {}).items():
+            i = self.joint_rate(link, f"{field}: link")
+            if i in out:
+                raise ValueError(f"{field}: link = {link}: is named twice")
+            out[i] = value
+        return out
+
     def coordinate_of(self, rate: int) -> int:
         """Index in q of the coordinate whose rate has index `rate` in v; -1 for the rates of a ball."""
         return self._core.coordinate_of(rate)
@@ -110,6 +124,10 @@ class Arm:
     def zero(self) -> Array:
         """All coordinates zero, but the quaternions of balls 1 0 0 0; (nq,)."""
         return np.array(self._core.zero)
+
+    @staticmethod
+    def _x(x: float | None) -> float | None:
+        return None if x is None else number("x", x)
 
     def _batch(self, **named: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
         return batch({k: self.nq if k == "q" else self.nv for k in named}, **named)
@@ -140,16 +158,15 @@ class Arm:
         lead, (q, v, tau) = self._batch(q=q, v=v, tau=np.zeros(self.nv) if tau is None else tau)
         given = [False] * self.nv
         a = np.zeros_like(v)
-        for link, value in (prescribed or {}).items():
-            i = self.joint_rate(link, "prescribed: link")
+        for i, value in self.by_rate("prescribed", prescribed).items():
             given[i] = True
-            a[:, i] = array(f"prescribed[{link}]", value, ())
+            a[:, i] = array("prescribed", value, ())
         return self._core.forward_dynamics(q, v, tau, method, given, a).reshape(*lead, self.nv)
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
         """Generalised forces tau = M(q) a + h(q, v), shape (..., nv), by the sweeps of Eq. 84-87. O(N)."""
         lead, rows = self._batch(q=q, v=v, a=a)
-        return self._core.inverse_dynamics(*rows).reshape(*lead, self.nv)
+        return finite("inverse dynamics", self._core.inverse_dynamics(*rows)).reshape(*lead, self.nv)
 
     def joint_reaction(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int = 0, side: str = "outboard") -> Array:
         """Force and moment [f; m] (N, N m; (..., 6)) that a link's joint passes on to it, all six components.
@@ -159,12 +176,14 @@ class Arm:
         """
         choice("side", side, ("outboard", "inboard"))
         lead, rows = self._batch(q=q, v=v, a=a)
-        return self._core.joint_reaction(*rows, self._link(link), side == "inboard").reshape(*lead, 6)
+        q, v, a = rows
+        F = self._core.joint_reaction(q, v, a, self._link(link), side == "inboard")
+        return finite("joint reaction", F).reshape(*lead, 6)
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """Joint-space mass matrix of Eq. 90, shape (..., nv, nv)."""
         lead, rows = self._batch(q=q)
-        return self._core.mass_matrix(*rows).reshape(*lead, self.nv, self.nv)
+        return finite("mass matrix", self._core.mass_matrix(*rows)).reshape(*lead, self.nv, self.nv)
 
     def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
         """h(q, v) of M a + h = tau, shape (..., nv): inertial, gravity, elastic and damping forces."""
@@ -173,7 +192,7 @@ class Arm:
     def energy(self, q: ArrayLike, v: ArrayLike) -> tuple[Any, Any]:
         """Kinetic and potential energy (J), each of shape (...): potential is elastic less sum of m g . p."""
         lead, rows = self._batch(q=q, v=v)
-        e = self._core.energy(*rows)
+        e = finite("energy", self._core.energy(*rows))
         if lead == ():
             return float(e[0, 0]), float(e[0, 1])
         return e[:, 0].reshape(lead), e[:, 1].reshape(lead)
@@ -186,18 +205,18 @@ class Arm:
         x = None is the link's end, where the next joint sits. The columns of R are the slice's axes.
         """
         lead, (q,) = self._batch(q=q)
-        p, R = self._core.frame(q, self._link(link), x)
-        return p.reshape(*lead, 3), R.reshape(*lead, 3, 3)
+        p, R = self._core.frame(q, self._link(link), self._x(x))
+        return finite("frame", p).reshape(*lead, 3), R.reshape(*lead, 3, 3)
 
     def jacobian(self, q: ArrayLike, link: int = -1, x: float | None = None) -> Array:
         """Jacobian (..., 6, nv) of such a frame: [linear; angular] velocity in world axes (Phi H of Eq. 91)."""
         lead, (q,) = self._batch(q=q)
-        return self._core.jacobian(q, self._link(link), x).reshape(*lead, 6, self.nv)
+        return finite("jacobian", self._core.jacobian(q, self._link(link), self._x(x))).reshape(*lead, 6, self.nv)
 
     def strain(self, q: ArrayLike, link: int = 0, x: float = 0.0) -> Array:
         """Strains K1, K2, K3 (1/m) and phi12, phi13 (rad) at x metres along a link's beam (Eq. 18-21), (..., 5)."""
         lead, (q,) = self._batch(q=q)
-        return self._core.strain(q, self._link(link), x).reshape(*lead, 5)
+        return finite("strain", self._core.strain(q, self._link(link), number("x", x))).reshape(*lead, 5)
 
     def deflection(self, q: ArrayLike, link: int = 0, x: float | None = None) -> Array:
         """Displacement (..., 3) of the slice at x metres (None: the beam's tip) from rest, in the link's axes (m)."""
@@ -206,7 +225,9 @@ class Arm:
         beam = self.links[n].beam
         if beam is None:
             raise ValueError(f"link = {link}: has no beam, so no deflection")
-        return self._core.deflection(q, n, beam.length if x is None else x).reshape(*lead, 3)
+        return finite("deflection", self._core.deflection(q, n, beam.length if x is None else number("x", x))).reshape(
+            *lead, 3
+        )
 
     # -- modes -------------------------------------------------------------------------------------------------------
 

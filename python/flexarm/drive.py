@@ -31,7 +31,7 @@ class _Law:
         """ValueError when the samples do not cover the simulated times."""
         if not isinstance(self.law, _core.PiecewisePolynomial):
             return
-        begin, end = self.law.begin, self.law.end
+        begin, end = self.law.breaks[[0, -1]].tolist()
         slack = 1e-9 * (end - begin)
         if t[0] < begin - slack or t[-1] > end + slack:
             raise ValueError(f"{where}: samples cover t = {begin} to {end}, the simulation asks for {t[0]} to {t[-1]}")

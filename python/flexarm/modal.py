@@ -20,12 +20,13 @@ class Modes:
     """Small free motions about a steady state, in ascending frequency.
 
     Attributes:
-        frequencies: undamped natural frequencies |s| (rad/s), shape (n,). Zero for a motion that does not oscillate:
-            a rigid-body motion, or a mode that is lost to divergence (then `damping` is -1).
+        frequencies: |s| (rad/s), shape (n,): undamped natural frequencies of what oscillates. Zero for a rigid-body
+            motion, or a mode that is lost to divergence (then `damping` is -1). An overdamped mode stands twice, once for
+            each of its real roots (damping 1): then n is above the number of free coordinates.
         damping: ratios -Re(s)/|s|, shape (n,); negative when unstable.
         shapes: one column a mode, shape (nv, n); locked coordinates are zero, the largest entry is 1. Complex when
             gyroscopic or damped.
-        eigenvalues: s (1/s), shape (n,), of each conjugate pair the one with Im(s) >= 0.
+        eigenvalues: s (1/s), shape (n,); of each conjugate pair the one with Im(s) > 0, and every real one.
         q: the steady state, shape (nv,).
     """
 
@@ -76,10 +77,12 @@ def modes(
     joints = np.zeros(arm.nv, dtype=bool)
     for k, part in enumerate(arm.links):
         joints[arm._core.first(k) : arm._core.first(k) + part.joint.nv] = True
-    for link, value in (speed or {}).items():
-        v0[arm.joint_rate(link, "speed: link")] = array(f"speed[{link}]", value, ())
+    for i, value in arm.by_rate("speed", speed).items():
+        v0[i] = array("speed", value, ())
     free = np.ones(arm.nv, dtype=bool)
-    for link in lock or ():
+    if lock is not None and not isinstance(lock, Iterable):
+        raise ValueError(f"lock = {lock!r}: must be a list of link numbers")
+    for link in () if lock is None else lock:
         free[arm.joint_rates(link, "lock: link")] = False
     if not free.any():
         raise ValueError("lock: no coordinate is left to move")
@@ -151,9 +154,10 @@ def _general(M: Array, G: Array, K: Array) -> tuple[NDArray[np.complex128], NDAr
     companion[n:, :n] = np.eye(n)
     w, vectors = la.eig(companion)
     s = sigma + 1.0 / w
-    tiny = 1e-9 * np.abs(s).max()
-    upper = np.flatnonzero(s.imag > tiny * 1e-3)
-    real = np.flatnonzero(np.abs(s.imag) <= tiny * 1e-3)
-    real = real[np.argsort(-s[real].real)][: n - upper.size]  # of a pair of real roots the less stable one
-    keep = np.concatenate([upper, real])
+    s[np.abs(s) < 1e-5 * sigma] = 0.0
+    tiny = 1e-12 * np.abs(s).max()
+    upper, real = np.flatnonzero(s.imag > tiny), np.flatnonzero((np.abs(s.imag) <= tiny) & (s != 0))
+    zero = np.flatnonzero(s == 0)  # two for each rigid-body motion; one stands for it
+    keep = np.concatenate([zero[: (zero.size + 1) // 2], real, upper])
+    s = np.where(np.abs(s.imag) <= tiny, s.real, s)
     return s[keep], vectors[n:, keep]

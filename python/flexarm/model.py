@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,7 +32,8 @@ class _Part:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.init}  # type: ignore[arg-type]
 
     def __reduce__(self) -> Any:
-        return _rebuild, (type(self), self._arguments())
+        plain = {k: dict(v) if isinstance(v, Mapping) else v for k, v in self._arguments().items()}
+        return _rebuild, (type(self), plain)
 
     def to_dict(self) -> dict[str, Any]:
         """The same structure as in a scene file."""
@@ -201,25 +203,28 @@ class Beam(_Part):
             raise ValueError(f"material = {self.material!r}: must be a Material")
         known_keys("modes", self.modes, STRAINS)
         counts = [whole(f"modes.{s}", self.modes.get(s, 0)) for s in STRAINS]
-        self._set("modes", {s: n for s, n in zip(STRAINS, counts, strict=True) if n != 0})
+        self._set("modes", MappingProxyType({s: n for s, n in zip(STRAINS, counts, strict=True) if n != 0}))
         if not isinstance(self.rotary_inertia, bool):
             raise ValueError(f"rotary_inertia = {self.rotary_inertia!r}: must be true or false")
         if not isinstance(self.basis, str):
             raise ValueError(f'basis = {self.basis!r}: must be "clamped-free" or "legendre"')
-        if isinstance(self.order, bool) or self.order not in (0, 1, 2, 3, "exact"):
+        order = self.order if isinstance(self.order, str) else whole("order", self.order)
+        if order not in (0, 1, 2, 3, "exact"):
             raise ValueError(f'order = {self.order!r}: must be 0, 1, 2, 3 or "exact"')
+        self._set("order", order)
         points = 0
         if self.gauss_points is not None:
             points = whole("gauss_points", self.gauss_points)
             if points < 1:
                 raise ValueError(f"gauss_points = {points}: must be from 1 to 400, or left out")
+            self._set("gauss_points", points)
         core = _core.Beam(
             self.length,
             self.section._core,
             self.material._core,
             counts,
             self.basis,
-            4 if self.order == "exact" else int(self.order),
+            4 if order == "exact" else int(order),
             self.rotary_inertia,
             self.damping_ratio,
             points,

@@ -63,9 +63,10 @@ class Result:
         return plot_result(self)
 
     def save(self, path: str | Path) -> None:
-        """Writes everything, the arm included, to one .npz file that `Result.load` reads."""
+        """Writes everything, the arm included, to one file (.npz) that `Result.load` reads."""
         text = json.dumps({"arm": self.arm.to_dict(), "stats": self.stats})
-        np.savez_compressed(path, t=self.t, q=self.q, v=self.v, a=self.a, tau=self.tau, about=np.array(text))
+        with Path(path).open("wb") as f:  # an open file keeps its name; numpy would append .npz
+            np.savez_compressed(f, t=self.t, q=self.q, v=self.v, a=self.a, tau=self.tau, about=np.array(text))
 
     @staticmethod
     def load(path: str | Path) -> Result:
@@ -74,8 +75,8 @@ class Result:
             with np.load(path, allow_pickle=False) as f:
                 about = json.loads(str(f["about"]))
                 arrays = {k: f[k] for k in ("t", "q", "v", "a", "tau")}
+            return Result(Arm.from_dict(about["arm"]), **arrays, stats=about["stats"])
         except OSError as e:
             raise ValueError(f"result {str(path)!r}: {e.strerror or e}") from None
-        except (KeyError, ValueError):
+        except (KeyError, ValueError, TypeError, EOFError, AttributeError):
             raise ValueError(f"result {str(path)!r}: is not a file that Result.save wrote") from None
-        return Result(Arm.from_dict(about["arm"]), **arrays, stats=about["stats"])

@@ -49,11 +49,13 @@ def _make(where: str, cls: Callable[..., Any], table: Mapping[str, Any], known: 
         return cls(**table)
     except ValueError as e:
         raise ValueError(f"{where}.{e}") from None
-    except TypeError:
+    except TypeError as e:
         import inspect
 
         needed = [p.name for p in inspect.signature(cls).parameters.values() if p.default is p.empty]
         missing = [n for n in needed if n not in table]
+        if not missing:
+            raise ValueError(f"{where}: {e}") from None
         raise ValueError(f"{where}: missing {', '.join(missing)}") from None
 
 
@@ -123,6 +125,10 @@ def _samples(where: str, table: Mapping[str, Any], columns: tuple[str, ...], bas
             rows = list(csv.DictReader(f))
     except OSError as e:
         raise ValueError(f"{where}.file = {str(path)!r}: {e.strerror}") from None
+    except UnicodeDecodeError as e:
+        raise ValueError(f"{where}.file = {str(path)!r}: {e}") from None
+    if any(None in row for row in rows):
+        raise ValueError(f"{where}.file = {str(path)!r}: a row has more columns than the header")
     if not rows:
         raise ValueError(f"{where}.file = {str(path)!r}: has no rows")
     known_keys(f"{where}.file", dict.fromkeys(rows[0]), columns)
@@ -219,6 +225,8 @@ def load(path: str | Path) -> Scene:
     Raises:
         ValueError: unreadable file, bad TOML, unknown key (the nearest known one is named) or bad value.
     """
+    if not isinstance(path, (str, Path)):
+        raise ValueError(f"scene = {path!r}: must be a path")
     p = Path(path)
     if not p.exists() and (SCENES / f"{p.name}.toml").exists() and p.parent == Path():
         p = SCENES / f"{p.name}.toml"

@@ -59,21 +59,26 @@ def simulate(
             quiet, because higher orders are unstable on undamped oscillation; 5 when they ring and must be followed.
         progress: shows a progress bar on stderr, where that is a terminal.
 
+    No step passes over a sample of a drive, nor over an output time where a drive is a callable: a pulse of a callable
+    that lies wholly between two output times can be missed.
+
     Raises:
         ValueError: bad arguments.
         SimulationError: the integrator could not go on; it holds the time reached and the result so far.
     """
     choice("method", method, METHODS)
     choice("integrator", integrator, INTEGRATORS)
+    if not isinstance(arm, Arm):
+        raise ValueError(f"arm = {arm!r}: must be an Arm")
     times = array("t", t)
-    if times.ndim != 1:
-        raise ValueError(f"t has shape {times.shape}: must be one list of times")
+    if times.ndim != 1 or times.size < 2:
+        raise ValueError(f"t has shape {times.shape}: must be one list of at least two times")
     state = {}
     for name, value, zero in (("q0", q0, arm.zero), ("v0", v0, np.zeros(arm.nv)), ("tau", tau, np.zeros(arm.nv))):
         state[name] = zero if value is None else array(name, value, zero.shape)
     laws = []
-    for link, law in (drive or {}).items():
-        where, i = f"drive[{link}]", arm.joint_rate(link, "drive: link")
+    for i, law in arm.by_rate("drive", drive).items():
+        where = f"drive of '{arm.coordinates[i]}'"
         if not isinstance(law, (Motion, Torque)):
             raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
         law.check_span(where, times)
@@ -87,8 +92,6 @@ def simulate(
                 if given is not None and abs(state[name][at] - value) > 1e-9 * max(1.0, abs(value)):
                     raise ValueError(f"{name}[{at}] = {state[name][at]}: {where} prescribes {value} at t = {times[0]}")
                 state[name][at] = value
-    if len({i for i, _, _ in laws}) < len(laws):
-        raise ValueError("drive: a link is driven twice")
     rtol, atol, max_order = number("rtol", rtol), number("atol", atol), whole("max_order", max_order)
 
     def integrate(alive: Any = None) -> dict[str, Any]:

@@ -19,8 +19,7 @@ class PiecewisePolynomial {
   PiecewisePolynomial(Eigen::VectorXd breaks, Eigen::MatrixXd coefficients);
   /// Value and derivatives at t; outside the breaks the first or last piece goes on.
   MotionValue operator()(double t) const;
-  double begin() const { return breaks_[0]; }
-  double end() const { return breaks_[breaks_.size() - 1]; }
+  const Eigen::VectorXd& breaks() const { return breaks_; }
 
  private:
   Eigen::VectorXd breaks_;
@@ -32,6 +31,7 @@ struct Drive {
   int coordinate;
   std::function<MotionValue(double)> motion;  ///< empty for a force-driven coordinate
   std::function<double(double)> force;        ///< empty for a prescribed coordinate
+  Eigen::VectorXd breaks = {};                ///< times that no step may pass over, such as those of samples
 };
 
 }  // namespace flexarm

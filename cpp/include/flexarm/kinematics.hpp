@@ -13,8 +13,8 @@ void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const Vec
 /// Rates of the coordinates, dq/dt = E(q) v, length nq; the same as v without balls.
 void coordinate_rates(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::VectorXd& dq);
 /// Their Jacobians by q (nq x nq) and v (nq x nv).
-void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::MatrixXd& by_q,
-                               Eigen::MatrixXd& by_v);
+void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                               Eigen::MatrixXd& by_q, Eigen::MatrixXd& by_v);
 
 struct Pose {
   Eigen::Vector3d p = Eigen::Vector3d::Zero();      ///< world axes (m)

@@ -38,6 +38,7 @@ struct LinkState {
   Vec6<S> V, N, A;               ///< velocity; bias acceleration (Eq. 69, 75, 86); acceleration
   VecX<S> resistance;            ///< of the joint: springs, dampers, stops
   VecX<S> qe, dqe;               ///< elastic coordinates
+  Vec3<S> g;                     ///< gravity in link axes
   // forces and inertias
   Vec6<S> F;   ///< force through the joint, on the link
   VecX<S> Fe;  ///< elastic generalised forces
@@ -56,6 +57,7 @@ LinkState<S>::LinkState(int nj, const Beam* beam, int ne_below) {
   H = Mat6X<S>::Zero(6, nj);
   resistance = VecX<S>::Zero(nj);
   for (Vec6<S>* v : {&V, &N, &A, &F}) v->setZero();
+  g.setZero();
   for (VecX<S>* v : {&qe, &dqe, &Fe}) *v = VecX<S>::Zero(ne);
   M = MatX<S>::Zero(6 + ne, 6 + ne);
 }
@@ -98,8 +100,12 @@ class Link {
     Eigen::Matrix3Xd L, C;                        ///< Mre: linear and angular rows; L is also dS/dqe
     std::vector<Eigen::Matrix3d> dJ;              ///< dJ/dqe_i
     Eigen::MatrixXd Mee;
+    Eigen::Matrix3Xd tip;  ///< the tip body's part of L
   };
   void build_first_order();
+  /// Order 0: mass times what the tip body's centre of mass moves beyond first order.
+  template <class S>
+  Vec3<S> beyond_first_order(const LinkState<S>& s) const;
   /// visit(mass, inertia about the slice's own axes, slice) for the hub, the beam's slices and the tip body.
   template <class S, class Visit>
   void for_each_body(const LinkState<S>& s, const Visit& visit) const;
