@@ -176,3 +176,24 @@ def test_gyroscopic_modes_of_a_whirling_shaft() -> None:
     rest = np.array([3.516015, 22.034492])
     np.testing.assert_allclose(found.frequencies[:4], np.sort([rest - 1.5, rest + 1.5], axis=None), atol=1e-5)
     assert np.abs(found.damping[:4]).max() < 1e-8
+
+
+def test_damped_modes() -> None:
+    """A rigid-body mode of a damped arm is zero, not growing; an overdamped mode shows both its roots."""
+    hub = fa.RigidBody(inertia=(0, 0, 1e-3), end=(0.075, 0, 0))
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), hub, paper_link(2, damping_ratio=0.01).links[0].beam)])
+    found = arm.modes()
+    assert found.stable and found.frequencies[0] == 0.0 and found.damping[0] == 0.0
+    rest = paper_link(2).modes(lock=[0]).frequencies
+    roots = paper_link(2, damping_ratio=2.0).modes(lock=[0]).eigenvalues.real
+    np.testing.assert_allclose(
+        np.sort(-roots), np.sort([w * (2 + s * np.sqrt(3)) for w in rest for s in (1, -1)]), rtol=1e-6
+    )
+
+
+def test_participation_names_the_coordinate_that_moves() -> None:
+    found = paper_link().modes(lock=[0])
+    np.testing.assert_allclose(found.participation.sum(axis=0), 1.0)
+    np.testing.assert_array_equal(found.participation.argmax(axis=0), [1, 2, 3])
+    with pytest.raises(ValueError, match="lock = 0: must be a list of link numbers"):
+        paper_link().modes(lock=0)  # type: ignore[arg-type]

@@ -1,6 +1,7 @@
 """Time: published manoeuvres, conservation, drives, failure, interruption."""
 
 import os
+import pickle
 import signal
 import threading
 import time
@@ -178,10 +179,12 @@ def test_ctrl_c_stops_a_long_run() -> None:
     killer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
     killer.start()
     began = time.monotonic()
-    with pytest.raises(KeyboardInterrupt):
-        fa.simulate(arm, [0, 1e5], q0)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        fa.simulate(arm, np.linspace(0, 1e4, 100_001), q0)
     killer.join()
     assert time.monotonic() - began < 60
+    kept = caught.value.result  # what was computed is not lost
+    assert len(kept.t) > 1 and kept.t[-1] <= caught.value.time and np.isfinite(kept.q).all()
 
 
 def test_result_saves_and_loads(tmp_path) -> None:
@@ -198,3 +201,48 @@ def test_result_saves_and_loads(tmp_path) -> None:
 def test_progress_goes_to_stderr(capsys) -> None:
     fa.simulate(paper_link(), [0, 0.1], [0, 0.05, 0, 0], progress=True)
     assert capsys.readouterr().out == ""
+
+
+def test_no_step_passes_over_a_pulse() -> None:
+    """An arm at rest must not sleep through a short torque or motion."""
+    hub = fa.RigidBody(inertia=(0, 0, 1e-2), end=(0.075, 0, 0))
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), hub, paper_link().links[0].beam)])
+    pulse = fa.Torque([0, 0.5, 0.5001, 0.6, 0.6001, 1], [0, 0, 1, 1, 0, 0])
+    coarse, fine = (fa.simulate(arm, np.linspace(0, 1, n), drive={0: pulse}).q[-1] for n in (3, 1001))
+    assert abs(coarse[0]) > 1
+    np.testing.assert_allclose(coarse, fine, rtol=1e-3, atol=1e-5)
+    t = np.linspace(0, 1, 101)
+    bump = fa.Motion(t, np.where(abs(t - 0.5) < 0.02, 0.05 * np.cos((t - 0.5) * np.pi / 0.04) ** 4, 0.0))
+    assert max(fa.simulate(paper_link(), [0, 1], drive={0: bump}).energy()[1]) > 1e-3
+    called = fa.simulate(arm, np.linspace(0, 1, 201), drive={0: fa.Torque(lambda x: float(0.5 <= x < 0.6))})
+    assert abs(called.q[-1, 0] - coarse[0]) < 0.02 * abs(coarse[0])
+
+
+def test_motions_that_start_and_end_at_rest() -> None:
+    t = np.linspace(0, 1, 11)
+    motion = fa.Motion(t, np.clip(t - 0.2, 0, 0.5), ends="rest")
+    np.testing.assert_allclose([motion(0.0), motion(1.0)], [[0, 0, 0], [0.5, 0, 0]], atol=1e-9)
+    few = fa.Motion([0, 0.5, 1], [0, 1, 0])  # the parabola
+    np.testing.assert_allclose(few(0.25), [0.75, 2.0, -8.0], atol=1e-12)
+    assert fa.Motion([0, 2], [0.4, 0.4])(1.0) == (0.4, 0.0, 0.0)
+
+
+def test_a_callable_motion_must_be_consistent() -> None:
+    with pytest.raises(ValueError, match="its v must be the derivative of its q"):
+        fa.simulate(paper_link(), [0, 1], drive={0: fa.Motion(lambda t: (t, 0.0, 0.0))})
+    with pytest.raises(ValueError, match="its a must be the derivative of its v"):
+        fa.simulate(paper_link(), [0, 1], drive={0: fa.Motion(lambda t: (t**2, 2 * t, 0.0))})
+    with pytest.raises(ValueError, match="must give one number"):
+        fa.simulate(paper_link(), [0, 1], drive={0: fa.Torque(lambda t: [1.0, 2.0])})
+
+
+def test_drives_errors_and_results_survive_pickling() -> None:
+    arm = paper_link()
+    t = np.linspace(0, 0.1, 11)
+    for law in (fa.Motion.spin_up(7.6, 0.5), fa.Motion(t, t**3), fa.Torque(0.1), fa.Torque(t, t)):
+        twin = pickle.loads(pickle.dumps(law))
+        assert twin(0.05) == law(0.05)
+    with pytest.raises(fa.SimulationError) as caught:
+        fa.simulate(arm, [0, 2], drive={0: fa.Torque(lambda t: 1.0 / max(1.0 - t, 1e-300) ** 3)}, q0=[0, 0.01, 0, 0])
+    twin = pickle.loads(pickle.dumps(caught.value))
+    assert str(twin) == str(caught.value) and twin.time == caught.value.time

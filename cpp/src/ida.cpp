@@ -265,7 +265,7 @@ std::vector<double> stop_times(const std::vector<Drive>& drives, const Eigen::Ve
 
 Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
-                        const IdaOptions& options, const std::function<void(double)>& alive) {
+                        const IdaOptions& options, const std::function<bool(double)>& alive) {
   check_arguments(arm, drives, t, q0, v0, tau, options);
   const auto started = std::chrono::steady_clock::now();
   System s(arm, drives, tau);
@@ -332,7 +332,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
     if (s.thrown) std::rethrow_exception(s.thrown);
     const double gained = now - out.reached;
     out.reached = now;
-    if (alive) alive(now);
+    const bool going = !alive || alive(now);
     if (flag == IDA_TOO_MUCH_WORK) {  // time to look around, no more, unless the steps have shrunk to nothing
       if (gained < kLook * 1e-12 * (t[t.size() - 1] - t[0]))
         out.failure = "the step size fell below 1e-12 of the time asked for: the solution changes too fast";
@@ -342,6 +342,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
       s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
       record();
     }
+    if (!going && out.failure.empty()) out.failure = kInterrupted;
   }
   IDAGetNumSteps(solver.memory, &out.stats.steps);
   IDAGetNumResEvals(solver.memory, &out.stats.residuals);

@@ -61,6 +61,16 @@ void bind_time(py::module_& m) {
             return py::make_tuple(f.q, f.v, f.a);
           },
           py::arg("t"))
+      .def("__repr__",
+           [](const PiecewisePolynomial& p) {
+             return "<" + std::to_string(p.breaks().size() - 1) +
+                    " polynomial pieces, t = " + std::to_string(p.breaks()[0]) + " to " +
+                    std::to_string(p.breaks().tail(1)[0]) + ">";
+           })
+      .def(py::pickle([](const PiecewisePolynomial& p) { return py::make_tuple(p.breaks(), Rows(p.coefficients())); },
+                      [](const py::tuple& t) {
+                        return PiecewisePolynomial(t[0].cast<Eigen::VectorXd>(), t[1].cast<Eigen::MatrixXd>());
+                      }))
       .def_property_readonly("breaks", &PiecewisePolynomial::breaks);
 
   m.def(
@@ -73,11 +83,16 @@ void bind_time(py::module_& m) {
         auto last = std::chrono::steady_clock::now();
         const auto look_around = [&](double now) {  // ten times a second: Ctrl-C, progress
           const auto clock = std::chrono::steady_clock::now();
-          if (clock - last < std::chrono::milliseconds(100)) return;
+          if (clock - last < std::chrono::milliseconds(100)) return true;
           last = clock;
           py::gil_scoped_acquire hold;
-          if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+          if (PyErr_CheckSignals() != 0) {
+            if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) throw py::error_already_set();
+            PyErr_Clear();  // the caller raises it again, with the result so far
+            return false;
+          }
           if (alive) alive(now);
+          return true;
         };
         Trajectory r;
         {

@@ -24,7 +24,7 @@ from .modal import Modes
 from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody
 from .result import Result
 from .scene import Scene, load
-from .simulation import SimulationError, simulate
+from .simulation import SimulationError, SimulationInterrupted, simulate
 
 __all__ = [
     "Arm",
@@ -49,6 +49,7 @@ __all__ = [
     "RigidBody",
     "Scene",
     "SimulationError",
+    "SimulationInterrupted",
     "Spherical",
     "Torque",
     "Universal",

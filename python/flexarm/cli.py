@@ -165,14 +165,14 @@ def _write_run(folder: Path, result: Result, summary: dict[str, Any], table: Tab
 
 def _run(args: argparse.Namespace) -> int:
     from .scene import load
-    from .simulation import SimulationError
+    from .simulation import SimulationError, SimulationInterrupted
 
     scene = load(args.scene)
     folder = _folder(args.output)
-    failure = None
+    failure: SimulationError | SimulationInterrupted | None = None
     try:
         result = scene.run(progress=sys.stderr.isatty())
-    except SimulationError as e:
+    except (SimulationError, SimulationInterrupted) as e:
         failure, result = e, e.result
     summary: dict[str, Any] = {
         "scene": scene.name,
@@ -202,7 +202,7 @@ def _run(args: argparse.Namespace) -> int:
     if failure is not None:
         kept = f"the result up to there is in {folder}{os.sep}" if len(result.t) else "nothing to save"
         _complain(f"{failure}; {kept}")
-        return 1
+        return 130 if isinstance(failure, KeyboardInterrupt) else 1
     return 0
 
 
@@ -266,7 +266,8 @@ def _mode_rows(modes: Modes, coordinates: Sequence[str], count: int) -> list[dic
                 "hertz": float(modes.frequencies[k] / (2 * np.pi)),
                 "damping": float(modes.damping[k]),
                 "eigenvalue": [float(modes.eigenvalues[k].real), float(modes.eigenvalues[k].imag)],
-                "largest_in": coordinates[int(np.abs(shape).argmax())],
+                "largest_in": coordinates[int(modes.participation[:, k].argmax())],
+                "share": float(modes.participation[:, k].max()),
                 "shape_real": np.real(shape).tolist(),
                 "shape_imag": np.imag(shape).tolist(),
             }
@@ -290,12 +291,13 @@ def _modes(args: argparse.Namespace) -> int:
         return 0
     spin = ", ".join(f"link {k} at {w:g}" for k, w in speed.items() if w) or "at rest"
     held = f", link {', '.join(map(str, lock))} locked" if lock else ""
-    table = _table(f"{scene.name}: {spin}{held}", "mode", "rad/s", "Hz", "damping ratio", "largest in")
+    table = _table(f"{scene.name}: {spin}{held}", "mode", "rad/s", "Hz", "damping ratio", "most of its energy in")
     for k, m in enumerate(rows):
         numbers = [f"{m['frequency']:.6g}", f"{m['hertz']:.6g}", f"{m['damping']:.4g}"]
         if m["frequency"] == 0:
             numbers[2] = "grows" if m["eigenvalue"][0] > 0 else "rigid"
-        table.add_row(str(k + 1), *numbers, m["largest_in"], style=None if m["damping"] >= 0 else "bold red")
+        where = f"{m['largest_in']} ({100 * m['share']:.0f} %)"
+        table.add_row(str(k + 1), *numbers, where, style=None if m["damping"] >= 0 else "bold red")
     _print_table(table)
     if not modes.stable:
         print("This steady state is not stable: at least one motion grows.")

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core
-from ._check import Array, array, number
+from ._check import Array, array, choice, number
 
 
 def _times(t: ArrayLike) -> Array:
@@ -40,9 +42,12 @@ class _Law:
 class Motion(_Law):
     """Prescribed motion of a joint ("displacement driven", paper Sec. 5.2); its reaction becomes an output.
 
-    `Motion(t, q)` interpolates positions (rad or m) by a spline of degree 5, `Motion(t, q, v, a)` fits position,
-    velocity and acceleration at every sample by quintic pieces; both have continuous accelerations and are evaluated in
-    C++. `Motion(f)` takes a callable t -> (q, v, a).
+    `Motion(t, q)` interpolates positions (rad or m) by a spline of degree 5 (fewer than six by the one polynomial
+    through them); with `ends="rest"` it starts and ends with zero velocity and acceleration. It goes through every
+    sample: smooth what is recorded with a quantised encoder first, or its second derivative is noise.
+    `Motion(t, q, v, a)` fits position, velocity and acceleration at every sample by quintic pieces. Both have continuous
+    accelerations and are evaluated in C++. `Motion(f)` takes a callable t -> (q, v, a), where v and a must be the
+    derivatives of q.
     """
 
     def __init__(
@@ -51,6 +56,7 @@ class Motion(_Law):
         q: ArrayLike | None = None,
         v: ArrayLike | None = None,
         a: ArrayLike | None = None,
+        ends: str = "free",
     ) -> None:
         if callable(t):
             if q is not None or v is not None or a is not None:
@@ -65,15 +71,39 @@ class Motion(_Law):
         from scipy.interpolate import BPoly, PPoly, make_interp_spline  # slow to import
 
         position = array("q", q, times.shape)
+        choice("ends", ends, ("free", "rest"))
         if v is not None and a is not None:
             rows = np.stack([position, array("v", v, times.shape), array("a", a, times.shape)], axis=1)
             pieces = PPoly.from_bernstein_basis(BPoly.from_derivatives(times, rows))
         else:
-            degree = min(5, times.size - 1)
-            degree -= 1 - degree % 2  # odd degrees need no extra end conditions
-            pieces = PPoly.from_spline(make_interp_spline(times, position, k=degree))
+            rest = [(1, 0.0), (2, 0.0)]
+            free = ends == "free"
+            degree = min(5, times.size - 1) if free else 5
+            spline = make_interp_spline(times, position, k=degree, bc_type=None if free else (rest, rest))
+            pieces = PPoly.from_spline(spline)
         keep = np.flatnonzero(np.diff(pieces.x) > 0)  # splines repeat their end knots
         self.law = _core.PiecewisePolynomial(np.append(pieces.x[keep], pieces.x[-1]), pieces.c[:, keep])
+
+    def check_rates(self, where: str, t: Array) -> None:
+        """ValueError when a callable's v and a are plainly not the derivatives of its q."""
+        if isinstance(self.law, _core.PiecewisePolynomial):
+            return
+        span = float(t[-1] - t[0])
+        times = t[0] + span * (0.03 + 0.94 * np.linspace(0, 1, 11))
+        h = 1e-5 * span
+        before, at, after = (np.array([array(f"{where} at t = {x}", self.law(x), (3,)) for x in times + d])
+                             for d in (-h, 0.0, h))  # fmt: skip
+        rate = (after - before)[:, :2] / (2 * h)
+        off = np.abs(rate - at[:, 1:]) > 1e-3 * (np.abs(rate) + np.abs(at[:, 1:])) + 1e-6 * np.abs(at).max(
+            initial=1e-12
+        )
+        for name, of, wrong in (("v", "q", off[:, 0]), ("a", "v", off[:, 1])):
+            if wrong.sum() > 5:  # at most of the times tried: a kink or two may be meant
+                k = int(np.flatnonzero(wrong)[0])
+                raise ValueError(
+                    f"{where}: its {name} must be the derivative of its {of}; at t = {times[k]:.6g} {name} is "
+                    f"{at[k, 1 + (name == 'a')]:.6g}, the derivative {rate[k, int(name == 'a')]:.6g}"
+                )
 
     def __call__(self, t: float) -> Any:
         """Position, rate and acceleration (q, v, a) at time t (s)."""
@@ -81,19 +111,37 @@ class Motion(_Law):
 
     @staticmethod
     def spin_up(speed: float, time: float) -> Motion:
-        """Smooth spin-up from rest at t = 0 to `speed` (rad/s) at `time` (s), then on at it (Kane et al. 1987)."""
+        """Smooth spin-up from rest at t = 0 to `speed` (rad/s, m/s) at `time` (s), then on at it (Kane et al. 1987)."""
         speed, time = number("speed", speed), number("time", time)
         if not (np.isfinite(speed) and 0 < time < np.inf):
             raise ValueError(f"speed = {speed}, time = {time}: must be finite, and time positive")
 
-        def law(t: float) -> tuple[float, float, float]:
-            if t >= time:
-                return speed * (t - time / 2), speed, 0.0
-            w = 2 * np.pi / time
-            q = speed / time * (t * t / 2 + (np.cos(w * t) - 1) / w**2)
-            return q, speed / time * (t - np.sin(w * t) / w), speed / time * (1 - np.cos(w * t))
+        return Motion(_SpinUp(speed, time))
 
-        return Motion(law)
+    def __repr__(self) -> str:
+        return f"Motion({self.law!r})"
+
+
+@dataclass(frozen=True)
+class _SpinUp:
+    speed: float
+    time: float
+
+    def __call__(self, t: float) -> tuple[float, float, float]:
+        speed, time = self.speed, self.time
+        if t >= time:
+            return speed * (t - time / 2), speed, 0.0
+        w = 2 * math.pi / time
+        q = speed / time * (t * t / 2 + (math.cos(w * t) - 1) / w**2)
+        return q, speed / time * (t - math.sin(w * t) / w), speed / time * (1 - math.cos(w * t))
+
+
+@dataclass(frozen=True)
+class _Constant:
+    value: float
+
+    def __call__(self, t: float) -> float:
+        return self.value
 
 
 class Torque(_Law):
@@ -103,8 +151,7 @@ class Torque(_Law):
         if callable(t):
             self.law = t
         elif tau is None:
-            value = array("tau", t, ()).item()
-            self.law = lambda _: value
+            self.law = _Constant(array("tau", t, ()).item())
         else:
             times = _times(t)
             values = array("tau", tau, times.shape)
@@ -114,3 +161,6 @@ class Torque(_Law):
         """Force (N) or torque (N m) at time t (s)."""
         value = self.law(t)
         return float(value[0] if isinstance(value, tuple) else value)
+
+    def __repr__(self) -> str:
+        return f"Torque({self.law!r})"

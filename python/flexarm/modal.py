@@ -21,11 +21,12 @@ class Modes:
 
     Attributes:
         frequencies: |s| (rad/s), shape (n,): undamped natural frequencies of what oscillates. Zero for a rigid-body
-            motion, or a mode that is lost to divergence (then `damping` is -1). An overdamped mode stands twice, once for
-            each of its real roots (damping 1): then n is above the number of free coordinates.
+            motion, or a mode that is lost to divergence (then `damping` is -1). An overdamped mode stands twice, once
+            for each of its real roots (damping 1): then n is above the number of free coordinates.
         damping: ratios -Re(s)/|s|, shape (n,); negative when unstable.
         shapes: one column a mode, shape (nv, n); locked coordinates are zero, the largest entry is 1. Complex when
             gyroscopic or damped.
+        participation: share of each coordinate in a mode's kinetic energy, shape (nv, n), columns adding up to 1.
         eigenvalues: s (1/s), shape (n,); of each conjugate pair the one with Im(s) > 0, and every real one.
         q: the steady state, shape (nv,).
     """
@@ -33,6 +34,7 @@ class Modes:
     frequencies: Array
     damping: Array
     shapes: NDArray[Any]
+    participation: Array
     eigenvalues: NDArray[np.complex128]
     q: Array
 
@@ -110,8 +112,11 @@ def modes(
     with np.errstate(invalid="ignore", divide="ignore"):
         damping = np.where(radius > 0, -s.real / radius, 0.0)
     damping[np.abs(damping) < 1e-12] = 0.0
-    order = np.lexsort((radius, frequencies))
-    return Modes(frequencies[order], damping[order], shapes[:, order], s[order], q0)
+    share = np.zeros(shapes.shape)
+    share[free] = np.abs(np.real(np.conj(vectors) * (M @ vectors)))
+    share /= share.sum(axis=0)
+    up = np.lexsort((radius, frequencies))
+    return Modes(frequencies[up], damping[up], shapes[:, up], share[:, up], s[up], q0)
 
 
 def _shift(M: Array, K: Array) -> float:

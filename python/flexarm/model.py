@@ -61,10 +61,11 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Material(_Part):
-    """Linear elastic material. Torsion and shear need `poisson_ratio` or `shear_modulus` (Pa), not both."""
+    """Linear elastic material: density (kg/m^3), youngs_modulus (Pa), and, for torsion and shear, poisson_ratio or
+    shear_modulus (Pa), not both."""
 
-    density: float  #: kg/m^3
-    youngs_modulus: float  #: Pa
+    density: float
+    youngs_modulus: float
     poisson_ratio: float | None = None
     shear_modulus: float | None = None
     _core: _core.Material = field(init=False, repr=False, compare=False)
@@ -125,7 +126,7 @@ class Rectangle(_Shape):
 
 @dataclass(frozen=True)
 class Circle(_Shape):
-    """Disc, or a tube when `inner_radius` (m) is above zero."""
+    """Disc of a radius (m), or a tube when `inner_radius` (m) is above zero."""
 
     radius: float
     inner_radius: float = 0.0
@@ -170,8 +171,10 @@ class Beam(_Part):
         section, material: see those classes.
         modes: number of shape functions of each strain, `bending_y`, `bending_z`, `torsion`, `shear_y`, `shear_z`;
             those left out are zero. The beam's elastic coordinates stand in that order (Eq. 33).
-        basis: "clamped-free" (Euler-Bernoulli clamped-free modes; sines for torsion and shear; each 1 at X = L) or
-            "legendre" (Legendre polynomials as strains; well conditioned at any count).
+        basis: "clamped-free" (Euler-Bernoulli clamped-free modes; sines for torsion and shear; each 1 at X = L, so that
+            a coordinate is its share of the tip's deflection in m, or of its twist in rad) or "legendre" (Legendre
+            polynomials as strains, so that a coordinate is a curvature or twist in 1/m, or a shear angle in rad; well
+            conditioned at any count).
         order: of the rotation of the sections (Eq. 26). 0 is the paper's simplified model, which neither stiffens nor
             softens with speed; 1 softens; 2 has the right centrifugal stiffening; 3 and
             "exact" (no truncation) are for large bending and cost more.

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass
+@dataclass(repr=False)
 class Result:
     """Trajectory of an arm; every array has one row per output time.
 
@@ -35,6 +35,10 @@ class Result:
     a: Array
     tau: Array
     stats: dict[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        span = f"t = {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no times"
+        return f"Result({len(self.t)} rows, {span}, {self.arm.nv} coordinates, {self.stats.get('steps', 0)} steps)"
 
     def frame(self, link: int = -1, x: float | None = None) -> tuple[Array, Array]:
         """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""

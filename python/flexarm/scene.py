@@ -121,8 +121,8 @@ def _samples(where: str, table: Mapping[str, Any], columns: tuple[str, ...], bas
         return {k: array(f"{where}.{k}", v) for k, v in table.items()}
     path = base / str(table["file"])
     try:
-        with path.open(newline="") as f:
-            rows = list(csv.DictReader(f))
+        with path.open(newline="", encoding="utf-8-sig") as f:
+            rows = list(csv.DictReader(f, skipinitialspace=True))
     except OSError as e:
         raise ValueError(f"{where}.file = {str(path)!r}: {e.strerror}") from None
     except UnicodeDecodeError as e:

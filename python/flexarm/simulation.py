@@ -26,6 +26,18 @@ class SimulationError(RuntimeError):
         self.time = time
         self.result = result
 
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.time, self.result)
+
+
+class SimulationInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a simulation. `.time` is the time reached (s), `.result` what was computed up to there."""
+
+    def __init__(self, message: str, time: float, result: Result) -> None:
+        super().__init__(message)
+        self.time = time
+        self.result = result
+
 
 def simulate(
     arm: Arm,
@@ -65,6 +77,7 @@ def simulate(
     Raises:
         ValueError: bad arguments.
         SimulationError: the integrator could not go on; it holds the time reached and the result so far.
+        SimulationInterrupted: (a KeyboardInterrupt) Ctrl-C; it holds the same.
     """
     choice("method", method, METHODS)
     choice("integrator", integrator, INTEGRATORS)
@@ -75,6 +88,8 @@ def simulate(
         raise ValueError(f"t has shape {times.shape}: must be one list of at least two times")
     state = {}
     for name, value, zero in (("q0", q0, arm.zero), ("v0", v0, np.zeros(arm.nv)), ("tau", tau, np.zeros(arm.nv))):
+        if name == "tau" and value is not None and np.ndim(value) > 1:
+            raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
         state[name] = zero if value is None else array(name, value, zero.shape)
     laws = []
     for i, law in arm.by_rate("drive", drive).items():
@@ -84,6 +99,7 @@ def simulate(
         law.check_span(where, times)
         laws.append((i, isinstance(law, Motion), law.law))
         if isinstance(law, Motion):
+            law.check_rates(where, times)
             start = array(f"{where} at t = {times[0]}", law(float(times[0])), (3,))
             k = arm.coordinate_of(i)
             if k < 0:
@@ -130,6 +146,8 @@ def simulate(
         out = integrate()
     done = len(out["q"])
     result = Result(arm, times[:done], out["q"], out["v"], out["a"], out["tau"], out["stats"])
+    if out["failure"] == "interrupted":
+        raise SimulationInterrupted(f"interrupted at t = {out['reached']:.9g} s", out["reached"], result)
     if out["failure"]:
         raise SimulationError(f"stopped at t = {out['reached']:.9g} s: {out['failure']}", out["reached"], result)
     return result

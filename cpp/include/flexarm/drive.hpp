@@ -20,6 +20,7 @@ class PiecewisePolynomial {
   /// Value and derivatives at t; outside the breaks the first or last piece goes on.
   MotionValue operator()(double t) const;
   const Eigen::VectorXd& breaks() const { return breaks_; }
+  const Eigen::MatrixXd& coefficients() const { return coefficients_; }
 
  private:
   Eigen::VectorXd breaks_;

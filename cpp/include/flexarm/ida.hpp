@@ -25,6 +25,9 @@ struct IdaStats {
   double wall_time = 0.0;  ///< s
 };
 
+/// Trajectory::failure when `alive` asked to stop.
+constexpr const char* kInterrupted = "interrupted";
+
 /// One row per output time. Rows from `done` on are not written when the integration stopped early.
 struct Trajectory {
   using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -37,10 +40,10 @@ struct Trajectory {
 
 /// Integrates from t[0] to the last of t, which must increase.
 /// @param tau    constant generalised forces, length nv, to which force drives are added
-/// @param alive  called now and then with the time reached; throw from it to stop
+/// @param alive  called now and then with the time reached; what is done is kept when it answers false
 /// @throws std::invalid_argument for bad arguments; what a drive or `alive` throws goes through
 Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
-                        const IdaOptions& options, const std::function<void(double)>& alive = {});
+                        const IdaOptions& options, const std::function<bool(double)>& alive = {});
 
 }  // namespace flexarm
