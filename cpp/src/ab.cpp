@@ -6,6 +6,11 @@ namespace flexarm {
 
 namespace {
 
+// In the paper's symbols, for link n (the rfr of every subscript left out; ~ for the breve of what is articulated):
+//   s.phi, s.phi_e  Phi_n,n-1          s.M    M, then M~ (Eq. 96)     b.N, b.Ne  N, then N~ (Eq. 95), rigid and elastic
+//   s.H             H_n                s.N    the bias of A (Eq. 86)  b.T        T~ (Eq. 93)
+//   b.U             M~ H, rigid rows   b.D    D (Eq. 94)              b.W        L^-1 U^T, with D = L L^T
+
 /// Inward sweep: articulated inertia and bias of every link (Eq. 93-96).
 Status eliminate(const Arm& arm, Workspace& ws, const Eigen::VectorXd& tau) {
   for (std::size_t n = arm.size(); n-- > 0;) {
@@ -33,16 +38,16 @@ Status eliminate(const Arm& arm, Workspace& ws, const Eigen::VectorXd& tau) {
       b.Ne.noalias() += up.phi_e.transpose() * Na;
     }
     for (int k = 0; k < link.nj(); ++k)  // a prescribed acceleration is part of the bias acceleration
-      if (ws.prescribed[static_cast<std::size_t>(j + k)]) s.N += s.H.col(k) * ws.a[j + k];
+      if (ws.prescribed[j + k]) s.N += s.H.col(k) * ws.a[j + k];
 
     // U = M H, D = H^T M H (Eq. 94), T = T - H^T (N + M N_acc) (Eq. 93)
     const auto Mrr = s.M.topLeftCorner<6, 6>();
-    for (int k = 0; k < nf; ++k) b.U.col(k).noalias() = Mrr * s.H.col(b.free[static_cast<std::size_t>(k)]);
+    for (int k = 0; k < nf; ++k) b.U.col(k).noalias() = Mrr * s.H.col(b.free[k]);
     b.U.rightCols(ne) = s.M.topRightCorner(6, ne);
     Vec6<double> load = b.N;
     load.noalias() += Mrr * s.N;
     for (int k = 0; k < nf; ++k) {
-      const int column = b.free[static_cast<std::size_t>(k)];
+      const int column = b.free[k];
       for (int i = 0; i < nf + ne; ++i) b.D(i, k) = b.D(k, i) = s.H.col(column).dot(b.U.col(i));
       b.T[k] = tau[j + column] - s.resistance[column] - s.H.col(column).dot(load);
     }
@@ -81,10 +86,10 @@ Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
     b.turn.noalias() = b.W * s.A;
     b.factor.matrixU().solveInPlace(b.turn);
     b.T -= b.turn;
-    for (int k = 0; k < nf; ++k) ws.a[j + b.free[static_cast<std::size_t>(k)]] = b.T[k];
+    for (int k = 0; k < nf; ++k) ws.a[j + b.free[k]] = b.T[k];
     ws.a.segment(e, s.qe.size()) = b.T.tail(s.qe.size());
     s.A += s.N;
-    for (int k = 0; k < nf; ++k) s.A += s.H.col(b.free[static_cast<std::size_t>(k)]) * b.T[k];
+    for (int k = 0; k < nf; ++k) s.A += s.H.col(b.free[k]) * b.T[k];
   }
   return Status::ok;
 }

@@ -20,9 +20,8 @@ Workspace::Workspace(const Arm& arm, const std::vector<bool>& given)
     ArticulatedLink b;
     for (int k = 0; k < link.nj() + link.ne(); ++k) {
       const int i = arm.first(n) + k;
-      if (prescribed[static_cast<std::size_t>(i)]) {
-        if (k >= link.nj())
-          bad_value("prescribed", arm.coordinates()[static_cast<std::size_t>(i)], "must be a joint's");
+      if (prescribed[i]) {
+        if (k >= link.nj()) bad_value("prescribed", arm.coordinates()[i], "must be a joint's");
         continue;
       }
       free.push_back(i);
@@ -75,7 +74,7 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
       const int i = first_[n] + static_cast<int>(k);
       const double left = b.factor.info() == Eigen::Success ? std::pow(b.factor.matrixLLT()(k, k), 2) : b.D(k, k);
       if (!(ws.M(i, i) > 0.0) || !(left > 1e-14 * ws.M(i, i)))
-        bad_value("inertia of coordinate '" + coordinates()[static_cast<std::size_t>(i)] + "'", left,
+        bad_value("inertia of coordinate '" + coordinates()[i] + "'", left,
                   "must be positive; give what moves with it a mass or an inertia (shear tells itself from bending by "
                   "rotary inertia alone), and a beam enough gauss_points");
     }

@@ -42,14 +42,14 @@ Status forward_dynamics_ci(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
   composite_mass_matrix(arm, ws);
   const Eigen::Index n = static_cast<Eigen::Index>(ws.free.size());
   for (Eigen::Index k = 0; k < n; ++k) {
-    const int i = ws.free[static_cast<std::size_t>(k)];
+    const int i = ws.free[k];
     ws.rhs[k] = tau[i] - ws.tau[i];
-    for (Eigen::Index l = 0; l < n; ++l) ws.M_free(k, l) = ws.M(i, ws.free[static_cast<std::size_t>(l)]);
+    for (Eigen::Index l = 0; l < n; ++l) ws.M_free(k, l) = ws.M(i, ws.free[l]);
   }
   ws.factor.compute(ws.M_free);
   if (ws.factor.info() != Eigen::Success) return Status::singular;
   ws.factor.solveInPlace(ws.rhs);
-  for (Eigen::Index k = 0; k < n; ++k) ws.a[ws.free[static_cast<std::size_t>(k)]] = ws.rhs[k];
+  for (Eigen::Index k = 0; k < n; ++k) ws.a[ws.free[k]] = ws.rhs[k];
   return Status::ok;
 }
 

@@ -52,13 +52,13 @@ struct System {
     for (const Drive& d : drives)
       if (d.motion) given[static_cast<std::size_t>(arm.coordinate_of(d.coordinate))] = true;
     for (int i = 0; i < arm.nq(); ++i)
-      if (!given[static_cast<std::size_t>(i)]) free_q.push_back(i);
+      if (!given[i]) free_q.push_back(i);
   }
 
   static std::vector<bool> prescribed(const Arm& arm, const std::vector<Drive>& drives) {
     std::vector<bool> given(static_cast<std::size_t>(arm.nv()), false);
     for (const Drive& d : drives)
-      if (d.motion) given[static_cast<std::size_t>(d.coordinate)] = true;
+      if (d.motion) given[d.coordinate] = true;
     return given;
   }
   int n_q() const { return static_cast<int>(free_q.size()); }
@@ -80,9 +80,9 @@ struct System {
   }
   void set(double t, const double* y, const double* yp) {
     drive(t);
-    for (int k = 0; k < n_q(); ++k) q[free_q[static_cast<std::size_t>(k)]] = y[k];
+    for (int k = 0; k < n_q(); ++k) q[free_q[k]] = y[k];
     for (int k = 0; k < n_v(); ++k) {
-      const int i = ws.free[static_cast<std::size_t>(k)];
+      const int i = ws.free[k];
       v[i] = y[n_q() + k];
       if (yp) a[i] = yp[n_q() + k];
     }
@@ -97,9 +97,9 @@ int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
     s.set(t, py, pyp);
     inverse_dynamics<double>(s.arm, s.ws, s.q, s.v, s.a);
     coordinate_rates(s.arm, s.q, s.v, s.dq);
-    for (int k = 0; k < s.n_q(); ++k) pr[k] = pyp[k] - s.dq[s.free_q[static_cast<std::size_t>(k)]];
+    for (int k = 0; k < s.n_q(); ++k) pr[k] = pyp[k] - s.dq[s.free_q[k]];
     for (int k = 0; k < s.n_v(); ++k) {
-      const int i = s.ws.free[static_cast<std::size_t>(k)];
+      const int i = s.ws.free[k];
       pr[s.n_q() + k] = s.ws.tau[i] - s.tau[i];
       if (!std::isfinite(pr[s.n_q() + k])) return 1;  // IDA tries a smaller step
     }
@@ -122,18 +122,18 @@ int jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vector, S
     coordinate_rate_jacobians(s.arm, s.q, s.v, s.rate_by_q, s.rate_by_v);
     const int nq = s.n_q(), nv = s.n_v();
     for (int k = 0; k < nq; ++k) {
-      const int j = s.free_q[static_cast<std::size_t>(k)];
+      const int j = s.free_q[k];
       double* column = SUNDenseMatrix_Column(J, k);
-      for (int l = 0; l < nq; ++l) column[l] = -s.rate_by_q(s.free_q[static_cast<std::size_t>(l)], j);
+      for (int l = 0; l < nq; ++l) column[l] = -s.rate_by_q(s.free_q[l], j);
       column[k] += cj;
-      for (int l = 0; l < nv; ++l) column[nq + l] = s.derivatives.dq(s.ws.free[static_cast<std::size_t>(l)], j);
+      for (int l = 0; l < nv; ++l) column[nq + l] = s.derivatives.dq(s.ws.free[l], j);
     }
     for (int k = 0; k < nv; ++k) {
-      const int j = s.ws.free[static_cast<std::size_t>(k)];
+      const int j = s.ws.free[k];
       double* column = SUNDenseMatrix_Column(J, nq + k);
-      for (int l = 0; l < nq; ++l) column[l] = -s.rate_by_v(s.free_q[static_cast<std::size_t>(l)], j);
+      for (int l = 0; l < nq; ++l) column[l] = -s.rate_by_v(s.free_q[l], j);
       for (int l = 0; l < nv; ++l) {
-        const int i = s.ws.free[static_cast<std::size_t>(l)];
+        const int i = s.ws.free[l];
         column[nq + l] = s.derivatives.dv(i, j) + cj * s.ws.M(i, j);
       }
     }
@@ -315,12 +315,12 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   Eigen::VectorXd y0(nq + nv), yp0(nq + nv);
   coordinate_rates(arm, s.q, s.v, s.dq);
   for (int k = 0; k < nq; ++k) {
-    y0[k] = s.q[s.free_q[static_cast<std::size_t>(k)]];
-    yp0[k] = s.dq[s.free_q[static_cast<std::size_t>(k)]];
+    y0[k] = s.q[s.free_q[k]];
+    yp0[k] = s.dq[s.free_q[k]];
   }
   for (int k = 0; k < nv; ++k) {
-    y0[nq + k] = s.v[s.ws.free[static_cast<std::size_t>(k)]];
-    yp0[nq + k] = s.a[s.ws.free[static_cast<std::size_t>(k)]];
+    y0[nq + k] = s.v[s.ws.free[k]];
+    yp0[nq + k] = s.a[s.ws.free[k]];
   }
   Solver solver(s, nq + nv, options, t[0], y0, yp0, t[t.size() - 1]);
   const std::vector<double> stops = stop_times(drives, t);

@@ -69,15 +69,12 @@ void InverseDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, co
   }
   for (int first = 0; first < nq + nv; first += W) {  // directions: every coordinate, then every rate
     const int last = std::min(first + W, nq + nv);
-    const auto direction = [&](int k) -> double& {
-      return (k < nq ? q_[k] : v_[k - nq]).d[static_cast<std::size_t>(k - first)];
-    };
+    const auto direction = [&](int k) -> double& { return (k < nq ? q_[k] : v_[k - nq]).d[k - first]; };
     for (int k = first; k < last; ++k) direction(k) = 1.0;
     inverse_dynamics(arm, ws_, q_, v_, a_);
     for (int k = first; k < last; ++k) {
       direction(k) = 0.0;
-      for (int i = 0; i < nv; ++i)
-        (k < nq ? dq(i, k) : dv(i, k - nq)) = ws_.tau[i].d[static_cast<std::size_t>(k - first)];
+      for (int i = 0; i < nv; ++i) (k < nq ? dq(i, k) : dv(i, k - nq)) = ws_.tau[i].d[k - first];
     }
   }
 }

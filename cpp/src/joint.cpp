@@ -176,7 +176,7 @@ Eigen::VectorXd Joint::zero() const {
 
 template <class S>
 S Joint::resistance(int i, const S* q, const S* v) const {
-  const JointForce& f = forces_[static_cast<std::size_t>(i)];
+  const JointForce& f = forces_[i];
   S force = f.damping * v[i];
   if (i >= static_cast<int>(motions_.size())) return force;
   force += f.stiffness * (q[i] - f.rest);

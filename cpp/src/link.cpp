@@ -243,7 +243,7 @@ void Link::build_first_order() {
     const Eigen::Matrix3d x = tilde(at.x);
     for (Eigen::Index k = 0; k < at.J.cols(); ++k) {
       const Eigen::Matrix3d xk = tilde(at.J.col(k).head<3>()), turn = tilde(at.J.col(k).tail<3>());
-      Eigen::Matrix3d& d = c.dJ[static_cast<std::size_t>(k)];
+      Eigen::Matrix3d& d = c.dJ[k];
       d -= m * (xk * x + x * xk);
       if (inertia) d += turn * *inertia - *inertia * turn;
     }

@@ -56,7 +56,7 @@ void set_strains(const SeriesTables& tables, const S* q, const S* dq, Series<S>&
     Jet<S>& out = c < 3 ? s.K[c] : s.phi[c - 2];
     const Eigen::Index row = static_cast<Eigen::Index>(c);
     for (Eigen::Index j = 0; j < out.rows(); ++j) {
-      const auto& B = tables.strains[static_cast<std::size_t>(j)];
+      const auto& B = tables.strains[j];
       S value(0), rate(0);
       for (Eigen::Index k = 0; k < B.cols(); ++k) {
         value += B(row, k) * q[k];
@@ -119,7 +119,7 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
     return Vec3<S>(f[0](j, column), f[1](j, column), f[2](j, column));
   };
   const auto put = [](const Vec3<S>& v, Eigen::Index j, Eigen::Index column, JetVector<S>& f) {
-    for (std::size_t c = 0; c < 3; ++c) f[c](j, column) = v[static_cast<Eigen::Index>(c)];
+    for (std::size_t c = 0; c < 3; ++c) f[c](j, column) = v[c];
   };
 
   // R as a unit quaternion, p' = p (0, K) / 2: its series of repeated integrals converges like (|theta|/2)^i / i!
@@ -153,10 +153,10 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
     const Vec3<S> v(P(j, 1), P(j, 2), P(j, 3));
     const S norm = sqrt(P(j, 0) * P(j, 0) + v.dot(v)), w = P(j, 0) / norm;
     const Mat3<S> vt = tilde(Vec3<S>(v / norm));
-    Mat3<S>& R = s.R[static_cast<std::size_t>(j)];
+    Mat3<S>& R = s.R[j];
     R = 2.0 * (vt * vt) + 2.0 * (w * vt);
     R.diagonal().array() += S(1);
-    s.RK[static_cast<std::size_t>(j)] = R * tilde(at(s.K, j, value_column));
+    s.RK[j] = R * tilde(at(s.K, j, value_column));
     // Omega' = R dK, and J_R' = R dK/dq
     put(R * at(s.K, j, rate_column), j, rate_column, s.turn);
     for (Eigen::Index k = first_derivative_column; k < s.K[0].cols(); ++k) put(R * at(s.K, j, k), j, k, s.turn);
@@ -172,7 +172,7 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
     }
   // x' = R e, e = [1, phi12, phi13]^T
   for (Eigen::Index j = 0; j < n; ++j) {
-    const Mat3<S>& R = s.R[static_cast<std::size_t>(j)];
+    const Mat3<S>& R = s.R[j];
     Vec3<S> e = at(s.phi, j, value_column);
     e[0] = S(1);
     const Vec3<S> t = R * e, t_strain = R * at(s.phi, j, rate_column), w = at(Omega, j, rate_column);

@@ -35,6 +35,21 @@ inline flexarm::Arm spatial_arm(int order = 2) {
   return flexarm::Arm(std::move(links), {0, 0, -9.81});
 }
 
+/// Two flexible links, the first floating, joined by a ball with damping.
+inline flexarm::Arm floating_arm() {
+  using flexarm::Joint;
+  const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), y = Eigen::Vector3d::UnitY(), z = Eigen::Vector3d::UnitZ();
+  const Joint free({{false, x}, {false, y}, {false, z}}, true, {"x", "y", "z", "wx", "wy", "wz"});
+  const flexarm::JointForce damper{0.0, 0.0, 0.1};
+  flexarm::Placement seat;
+  seat.position = {0.1, 0.2, 0.3};
+  const Joint ball({}, true, {"wx", "wy", "wz"}, {damper, damper, damper}, seat);
+  std::vector<flexarm::Link> links;
+  links.emplace_back(free, body(1.0, {0.1, 0.05, 0}), beam({2, 2, 1, 1, 1}, 2), body(0.2, {0.04, 0, 0.01}));
+  links.emplace_back(ball, std::nullopt, beam({2, 1, 1, 0, 0}, flexarm::kExact), body(0.1, {0.02, 0, 0}));
+  return flexarm::Arm(std::move(links), {0, 0, -9.81});
+}
+
 /// Small reproducible numbers.
 inline Eigen::VectorXd wave(int n, double phase, double size = 0.05) {
   Eigen::VectorXd x(n);

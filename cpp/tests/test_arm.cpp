@@ -6,11 +6,11 @@
 
 using namespace flexarm;
 
-TEST_CASE("AB, CI and inverse dynamics agree at every order") {
-  for (int order : {0, 1, 2}) {
-    const Arm arm = flexarm_test::spatial_arm(order);
+TEST_CASE("AB, CI and inverse dynamics agree at every order, and with balls") {
+  for (int order : {0, 1, 2, 3, kExact, -1}) {
+    const Arm arm = order < 0 ? flexarm_test::floating_arm() : flexarm_test::spatial_arm(order);
     Workspace ws(arm);
-    const Eigen::VectorXd q = flexarm_test::wave(arm.nv(), 0.2, order == 0 ? 0.01 : 0.1),
+    const Eigen::VectorXd q = arm.zero() + flexarm_test::wave(arm.nq(), 0.2, order == 0 ? 0.01 : 0.1),
                           v = flexarm_test::wave(arm.nv(), 0.9, 0.5), tau = flexarm_test::wave(arm.nv(), 2.0, 1.0);
     REQUIRE(forward_dynamics_ab(arm, ws, q, v, tau) == Status::ok);
     const Eigen::VectorXd ab = ws.a;

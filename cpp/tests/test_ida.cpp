@@ -32,3 +32,16 @@ TEST_CASE("what a drive throws comes through SUNDIALS") {
   CHECK_THROWS_WITH_AS(simulate_ida(arm, {}, t, zero, zero, zero, bad), "rtol = 0: must be positive and finite",
                        std::invalid_argument);
 }
+
+TEST_CASE("a floating arm flies: quaternions stay of unit length, and stopping keeps what is done") {
+  const Arm arm = flexarm_test::floating_arm();
+  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(5, 0.0, 0.01), zero = Eigen::VectorXd::Zero(arm.nv());
+  const Trajectory r = simulate_ida(arm, {}, t, arm.zero(), flexarm_test::wave(arm.nv(), 0.3, 0.5), zero, {});
+  REQUIRE(r.failure.empty());
+  for (Eigen::Index k = 0; k < r.done; ++k)
+    CHECK(r.q.row(k).segment(3, 4).norm() == doctest::Approx(1.0).epsilon(1e-14));
+  const Trajectory stopped = simulate_ida(arm, {}, t, arm.zero(), zero, zero, {}, [](double) { return false; });
+  CHECK(stopped.failure == kInterrupted);
+  CHECK(stopped.done >= 1);
+  CHECK(stopped.done < 5);
+}

@@ -46,8 +46,8 @@ class Motion(_Law):
     through them); with `ends="rest"` it starts and ends with zero velocity and acceleration. It goes through every
     sample: smooth what is recorded with a quantised encoder first, or its second derivative is noise.
     `Motion(t, q, v, a)` fits position, velocity and acceleration at every sample by quintic pieces. Both have
-    continuous accelerations and are evaluated in C++. `Motion(f)` takes a callable t -> (q, v, a), where v and a must be the
-    derivatives of q.
+    continuous accelerations and are evaluated in C++. `Motion(f)` takes a callable t -> (q, v, a), where v and a must
+    be the derivatives of q.
     """
 
     def __init__(

@@ -23,7 +23,7 @@ class Arm {
   int first(std::size_t n) const { return first_[n]; }      ///< first rate of link n: joint, then elastic (Eq. 33)
   int first_q(std::size_t n) const { return first_q_[n]; }  ///< first coordinate of link n
   /// Coordinate whose rate is rate i, or -1 for the rates of a ball.
-  int coordinate_of(int i) const { return coordinate_of_[static_cast<std::size_t>(i)]; }
+  int coordinate_of(int i) const { return coordinate_of_[i]; }
   /// All coordinates zero, balls at 1 0 0 0.
   Eigen::VectorXd zero() const;
   /// A label per rate, such as "link 0 bending_y 1".

@@ -59,7 +59,7 @@ void move_slice(const SliceTable& table, const Eigen::Vector3d& origin, int orde
   const auto integral = [&](const JetVector<S>& slope, Eigen::Index column) {
     Vec3<S> sum = Vec3<S>::Zero();
     for (Eigen::Index j = 0; j < table.weights.size(); ++j)
-      for (std::size_t c = 0; c < 3; ++c) sum[static_cast<Eigen::Index>(c)] += table.weights[j] * slope[c](j, column);
+      for (std::size_t c = 0; c < 3; ++c) sum[c] += table.weights[j] * slope[c](j, column);
     return sum;
   };
   out.x = origin.template cast<S>() + integral(s.x, value_column);
@@ -76,7 +76,7 @@ void move_slice(const SliceTable& table, const Eigen::Vector3d& origin, int orde
   out.Omega = integral(s.turn, rate_column);
   out.Omega_bias = integral(s.turn, bias_column);
   Mat3<S> R = Mat3<S>::Identity();
-  for (Eigen::Index j = 0; j < table.weights.size(); ++j) R += table.weights[j] * s.RK[static_cast<std::size_t>(j)];
+  for (Eigen::Index j = 0; j < table.weights.size(); ++j) R += table.weights[j] * s.RK[j];
   const Mat3<S> RtR = R.transpose() * R;  // one Newton step to the nearest rotation: takes off what integration left
   out.R = 1.5 * R - 0.5 * (R * RtR);
 }
