@@ -21,6 +21,7 @@ Status eliminate(const Arm& arm, Workspace& ws, const Eigen::VectorXd& tau) {
     const int nf = static_cast<int>(b.free.size());
     link.mass_matrix(s);
     link.inertial_force<double>(s, Vec6<double>::Zero(), nullptr, b.N, b.Ne);
+    if (!ws.loads.empty()) subtract_loads(arm, ws, n, b.N, b.Ne);
     if (link.beam()) {
       b.Ne.noalias() += link.beam()->stiffness() * s.qe;
       if (link.beam()->options().damping_ratio > 0.0) b.Ne.noalias() += link.beam()->damping() * s.dqe;

@@ -8,8 +8,8 @@
 
 namespace flexarm {
 
-Workspace::Workspace(const Arm& arm, const std::vector<bool>& given)
-    : SweepWorkspace<double>(arm),
+Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::vector<Load>& applied)
+    : SweepWorkspace<double>(arm, applied),
       a(Eigen::VectorXd::Zero(arm.nv())),
       M(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())),
       prescribed(given) {

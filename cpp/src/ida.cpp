@@ -26,6 +26,7 @@ constexpr int kLook = 200;  // steps between two calls of `alive`
 struct System {
   const Arm& arm;
   const std::vector<Drive>& drives;
+  const std::vector<LoadDrive>& loads;
   const Eigen::VectorXd& constant_tau;
   Workspace ws;
   InverseDerivatives derivatives;
@@ -35,12 +36,14 @@ struct System {
   std::exception_ptr thrown;  // by a drive, inside a C callback
   std::string message;        // IDA's last word
 
-  System(const Arm& arm_, const std::vector<Drive>& drives_, const Eigen::VectorXd& tau_)
+  System(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
+         const Eigen::VectorXd& tau_)
       : arm(arm_),
         drives(drives_),
+        loads(loads_),
         constant_tau(tau_),
-        ws(arm_, prescribed(arm_, drives_)),
-        derivatives(arm_),
+        ws(arm_, prescribed(arm_, drives_), places(loads_)),
+        derivatives(arm_, places(loads_)),
         q(arm_.zero()),
         v(Eigen::VectorXd::Zero(arm_.nv())),
         a(v),
@@ -61,12 +64,21 @@ struct System {
       if (d.motion) given[d.coordinate] = true;
     return given;
   }
+  static std::vector<Load> places(const std::vector<LoadDrive>& loads) {
+    std::vector<Load> out;
+    for (const LoadDrive& l : loads) out.push_back(l.load);
+    return out;
+  }
   int n_q() const { return static_cast<int>(free_q.size()); }
   int n_v() const { return static_cast<int>(ws.free.size()); }
 
   /// Prescribed coordinates and applied forces at time t.
   void drive(double t) {
     tau = constant_tau;
+    for (std::size_t k = 0; k < loads.size(); ++k) {
+      ws.loads[k].wrench = loads[k].wrench(t);
+      derivatives.set_wrench(k, ws.loads[k].wrench);
+    }
     for (const Drive& d : drives) {
       if (d.motion) {
         const MotionValue m = d.motion(t);
@@ -247,15 +259,18 @@ void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eig
 
 /// Times that no step may pass over, or a driven arm at rest would sleep through a pulse: the samples of the drives,
 /// and the output times for drives that are functions.
-std::vector<double> stop_times(const std::vector<Drive>& drives, const Eigen::VectorXd& t) {
+std::vector<double> stop_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
+                               const Eigen::VectorXd& t) {
   const double end = t[t.size() - 1];
   std::vector<double> stops{end};
   bool functions = false;
-  for (const Drive& d : drives) {
-    for (double b : d.breaks)
+  const auto add = [&](const Eigen::VectorXd& breaks) {
+    for (double b : breaks)
       if (b > t[0] && b < end) stops.push_back(b);
-    functions = functions || d.breaks.size() == 0;
-  }
+    functions = functions || breaks.size() == 0;
+  };
+  for (const Drive& d : drives) add(d.breaks);
+  for (const LoadDrive& l : loads) add(l.breaks);
   if (functions) stops.insert(stops.end(), t.begin() + 1, t.end());
   std::sort(stops.begin(), stops.end());
   return stops;
@@ -265,10 +280,11 @@ std::vector<double> stop_times(const std::vector<Drive>& drives, const Eigen::Ve
 
 Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
-                        const IdaOptions& options, const std::function<bool(double)>& alive) {
+                        const IdaOptions& options, const std::function<bool(double)>& alive,
+                        const std::vector<LoadDrive>& loads) {
   check_arguments(arm, drives, t, q0, v0, tau, options);
   const auto started = std::chrono::steady_clock::now();
-  System s(arm, drives, tau);
+  System s(arm, drives, loads, tau);
   const int nq = s.n_q(), nv = s.n_v();
   const auto accelerate = [&] {
     s.ws.a = s.a;
@@ -323,7 +339,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
     yp0[nq + k] = s.a[s.ws.free[k]];
   }
   Solver solver(s, nq + nv, options, t[0], y0, yp0, t[t.size() - 1]);
-  const std::vector<double> stops = stop_times(drives, t);
+  const std::vector<double> stops = stop_times(drives, loads, t);
   while (out.done < t.size() && out.failure.empty()) {
     const double goal = t[out.done];
     IDASetStopTime(solver.memory, *std::upper_bound(stops.begin(), stops.end() - 1, out.reached));

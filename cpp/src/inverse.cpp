@@ -27,6 +27,7 @@ void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, c
     LinkState<S>& s = ws.links[n];
     const int j = arm.first(n), e = j + link.nj();
     link.inertial_force(s, s.A, a.data() + e, s.F, s.Fe);
+    if (!ws.loads.empty()) subtract_loads(arm, ws, n, s.F, s.Fe);
     if (link.beam()) {  // elastic and damping forces (Eq. 62)
       const Eigen::MatrixXd &K = link.beam()->stiffness(), &D = link.beam()->damping();
       const bool damped = link.beam()->options().damping_ratio > 0.0;
@@ -50,10 +51,10 @@ template void inverse_dynamics<double>(const Arm&, SweepWorkspace<double>&, cons
 template void inverse_dynamics<Tangent>(const Arm&, SweepWorkspace<Tangent>&, const VecX<Tangent>&,
                                         const VecX<Tangent>&, const VecX<Tangent>&);
 
-InverseDerivatives::InverseDerivatives(const Arm& arm)
+InverseDerivatives::InverseDerivatives(const Arm& arm, const std::vector<Load>& loads)
     : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nq())),
       dv(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())),
-      ws_(arm),
+      ws_(arm, loads),
       q_(arm.nq()),
       v_(arm.nv()),
       a_(arm.nv()) {}

@@ -25,6 +25,7 @@ void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const Vec
       s.V = s.joint.V;
       s.N = s.joint.c;
       s.g = s.phi.R.transpose() * arm.gravity().template cast<S>();
+      s.attitude = s.phi.R;
       continue;
     }
     LinkState<S>& below = ws.links[n - 1];
@@ -34,6 +35,7 @@ void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const Vec
     s.phi.R = below.seat.R;
     s.phi.r = below.seat.x;
     s.g = Rt * below.g;
+    if (!ws.loads.empty()) s.attitude = below.attitude * s.phi.R;
     for (Eigen::Index k = 0; k < s.phi_e.cols(); ++k) {
       s.phi_e.col(k).template head<3>() = Rt * below.seat.J.col(k).template head<3>();
       s.phi_e.col(k).template tail<3>() = Rt * below.seat.J.col(k).template tail<3>();
@@ -53,6 +55,31 @@ void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const Vec
 }
 template void move_arm<double>(const Arm&, SweepWorkspace<double>&, const VecX<double>&, const VecX<double>&);
 template void move_arm<Tangent>(const Arm&, SweepWorkspace<Tangent>&, const VecX<Tangent>&, const VecX<Tangent>&);
+
+template <class S>
+void subtract_loads(const Arm& arm, SweepWorkspace<S>& ws, std::size_t link, Vec6<S>& F, VecX<S>& Fe) {
+  for (AppliedLoad<S>& applied : ws.loads) {
+    if (applied.load.link != link) continue;
+    const LinkState<S>& s = ws.links[link];
+    const auto act = [&](const Slice<S>& at, double weight) {
+      const Mat3<S> R = applied.load.world_axes ? Mat3<S>(s.attitude.transpose()) : at.R;
+      const Vec6<S> W = (weight * applied.wrench).template cast<S>();
+      const Vec3<S> f = R * W.template head<3>(), m = R * W.template tail<3>();
+      F.template head<3>() -= f;
+      F.template tail<3>() -= at.x.cross(f) + m;
+      for (Eigen::Index k = 0; k < at.J.cols(); ++k)
+        Fe[k] -= at.J.col(k).template head<3>().dot(f) + at.J.col(k).template tail<3>().dot(m);
+    };
+    if (applied.load.points.empty()) act(s.end, 1.0);
+    for (const Load::Point& point : applied.load.points) {
+      arm.link(link).move_slice(point.slice, s, true, applied.slice);
+      act(applied.slice, point.weight);
+    }
+  }
+}
+template void subtract_loads<double>(const Arm&, SweepWorkspace<double>&, std::size_t, Vec6<double>&, VecX<double>&);
+template void subtract_loads<Tangent>(const Arm&, SweepWorkspace<Tangent>&, std::size_t, Vec6<Tangent>&,
+                                      VecX<Tangent>&);
 
 void coordinate_rates(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::VectorXd& dq) {
   for (std::size_t n = 0; n < arm.size(); ++n) {

@@ -15,12 +15,24 @@ Eigen::Map<Rows> page(Cube& c, Eigen::Index k) {
           static_cast<Eigen::Index>(c.shape(2))};
 }
 
+/// Loads with their wrenches [f; m], one per row.
+struct Loads {
+  const std::vector<Load>& places;
+  const Rows& wrenches;
+
+  template <class S>
+  void set(SweepWorkspace<S>& ws) const {
+    for (std::size_t k = 0; k < places.size(); ++k) ws.loads[k].wrench = wrenches.row(static_cast<Eigen::Index>(k));
+  }
+};
+
 /// Accelerations of a batch. Columns of `a` that are prescribed are inputs.
 Rows forward(const Arm& arm, const Rows& q, const Rows& v, const Rows& tau, const std::string& method,
-             const std::vector<bool>& prescribed, Rows a) {
+             const std::vector<bool>& prescribed, Rows a, const Loads& loads) {
   const bool ab = method == "ab";
   if (!ab && method != "ci") bad_value("method", "\"" + method + "\"", "must be \"ab\" or \"ci\"");
-  Workspace ws(arm, prescribed);
+  Workspace ws(arm, prescribed, loads.places);
+  loads.set(ws);
   for (Eigen::Index k = 0; k < q.rows(); ++k) {
     ws.a = a.row(k);
     const Status status = ab ? forward_dynamics_ab(arm, ws, q.row(k), v.row(k), tau.row(k))
@@ -58,17 +70,20 @@ void bind_dynamics(py::class_<Arm>& arm) {
   arm.def(
       "forward_dynamics",
       [](const Arm& self, const Rows& q, const Rows& v, const Rows& tau, const std::string& method,
-         const std::vector<bool>& prescribed, const Rows& a) {
+         const std::vector<bool>& prescribed, const Rows& a, const std::vector<Load>& loads, const Rows& wrenches) {
         py::gil_scoped_release release;
-        return forward(self, q, v, tau, method, prescribed, a);
+        return forward(self, q, v, tau, method, prescribed, a, {loads, wrenches});
       },
-      py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("method"), py::arg("prescribed"), py::arg("a"));
+      py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("method"), py::arg("prescribed"), py::arg("a"),
+      py::arg("loads") = std::vector<Load>{}, py::arg("wrenches") = Rows(0, 6));
 
   arm.def(
       "inverse_dynamics",
-      [](const Arm& self, const Rows& q, const Rows& v, const Rows& a) {
+      [](const Arm& self, const Rows& q, const Rows& v, const Rows& a, const std::vector<Load>& loads,
+         const Rows& wrenches) {
         py::gil_scoped_release release;
-        SweepWorkspace<double> ws(self);
+        SweepWorkspace<double> ws(self, loads);
+        Loads{loads, wrenches}.set(ws);
         Rows tau(v.rows(), v.cols());
         for (Eigen::Index k = 0; k < q.rows(); ++k) {
           inverse_dynamics<double>(self, ws, q.row(k), v.row(k), a.row(k));
@@ -76,13 +91,16 @@ void bind_dynamics(py::class_<Arm>& arm) {
         }
         return tau;
       },
-      py::arg("q"), py::arg("v"), py::arg("a"));
+      py::arg("q"), py::arg("v"), py::arg("a"), py::arg("loads") = std::vector<Load>{},
+      py::arg("wrenches") = Rows(0, 6));
 
   arm.def(
       "joint_reaction",
-      [](const Arm& self, const Rows& q, const Rows& v, const Rows& a, std::size_t link, bool inboard) {
+      [](const Arm& self, const Rows& q, const Rows& v, const Rows& a, std::size_t link, bool inboard,
+         const std::vector<Load>& loads, const Rows& wrenches) {
         py::gil_scoped_release release;
-        SweepWorkspace<double> ws(self);
+        SweepWorkspace<double> ws(self, loads);
+        Loads{loads, wrenches}.set(ws);
         Rows out(q.rows(), 6);
         for (Eigen::Index k = 0; k < q.rows(); ++k) {
           inverse_dynamics<double>(self, ws, q.row(k), v.row(k), a.row(k));
@@ -96,16 +114,20 @@ void bind_dynamics(py::class_<Arm>& arm) {
         }
         return out;
       },
-      py::arg("q"), py::arg("v"), py::arg("a"), py::arg("link"), py::arg("inboard"));
+      py::arg("q"), py::arg("v"), py::arg("a"), py::arg("link"), py::arg("inboard"),
+      py::arg("loads") = std::vector<Load>{}, py::arg("wrenches") = Rows(0, 6));
 
   arm.def(
       "inverse_derivatives",
-      [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
-        InverseDerivatives d(self);
+      [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
+         const std::vector<Load>& loads, const Rows& wrenches) {
+        InverseDerivatives d(self, loads);
+        for (std::size_t k = 0; k < loads.size(); ++k) d.set_wrench(k, wrenches.row(static_cast<Eigen::Index>(k)));
         d(self, q, v, a);
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
-      py::arg("q"), py::arg("v"), py::arg("a"));
+      py::arg("q"), py::arg("v"), py::arg("a"), py::arg("loads") = std::vector<Load>{},
+      py::arg("wrenches") = Rows(0, 6));
 
   arm.def(
       "rates",

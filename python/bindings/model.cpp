@@ -1,4 +1,5 @@
 #include "bindings.hpp"
+#include "flexarm/load.hpp"
 
 using namespace flexarm;
 
@@ -75,6 +76,11 @@ void bind_model(py::module_& m) {
       .def_property_readonly("mass", &Link::mass);
 
   py::class_<Arm> arm(m, "Arm");
+  py::class_<Load>(m, "Load")
+      .def_static("at_end", &Load::at_end, py::arg("arm"), py::arg("link"), py::arg("world_axes"))
+      .def_static("at_slice", &Load::at_slice, py::arg("arm"), py::arg("link"), py::arg("x"), py::arg("world_axes"))
+      .def_static("along", &Load::along, py::arg("arm"), py::arg("link"), py::arg("a"), py::arg("b"),
+                  py::arg("world_axes"));
   arm.def(py::init<std::vector<Link>, const Eigen::Vector3d&>(), py::arg("links"), py::arg("gravity"))
       .def_property_readonly("nq", &Arm::nq)
       .def_property_readonly("nv", &Arm::nv)

@@ -49,6 +49,28 @@ Drive make_drive(int coordinate, bool is_motion, const py::object& law) {
   return d;
 }
 
+/// A load's value in time: six piecewise polynomials, or a callable t -> six numbers.
+LoadDrive make_load(const Load& load, const py::object& law) {
+  LoadDrive d{load, {}, {}};
+  if (py::isinstance<py::tuple>(law)) {
+    const auto parts = law.cast<std::vector<PiecewisePolynomial>>();
+    d.breaks = parts.at(0).breaks();
+    d.wrench = [parts](double t) {
+      Vec6<double> w;
+      for (std::size_t k = 0; k < 6; ++k) w[static_cast<Eigen::Index>(k)] = parts.at(k)(t).q;
+      return w;
+    };
+    return d;
+  }
+  const auto shared = std::make_shared<py::object>(law);
+  d.wrench = [shared](double t) {
+    py::gil_scoped_acquire hold;
+    const auto w = answer<std::array<double, 6>>(*shared, "Load", t, "must give six numbers");
+    return Vec6<double>(Eigen::Map<const Vec6<double>>(w.data()));
+  };
+  return d;
+}
+
 }  // namespace
 
 void bind_time(py::module_& m) {
@@ -77,9 +99,12 @@ void bind_time(py::module_& m) {
       "simulate_ida",
       [](const Arm& arm, const std::vector<std::tuple<int, bool, py::object>>& drives, const Eigen::VectorXd& t,
          const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol,
-         int max_order, bool composite, const std::function<void(double)>& alive) {
+         int max_order, bool composite, const std::function<void(double)>& alive,
+         const std::vector<std::pair<Load, py::object>>& loads) {
         std::vector<Drive> laws;
         for (const auto& [coordinate, is_motion, law] : drives) laws.push_back(make_drive(coordinate, is_motion, law));
+        std::vector<LoadDrive> wrenches;
+        for (const auto& [load, law] : loads) wrenches.push_back(make_load(load, law));
         auto last = std::chrono::steady_clock::now();
         const auto look_around = [&](double now) {  // ten times a second: Ctrl-C, progress
           const auto clock = std::chrono::steady_clock::now();
@@ -97,7 +122,7 @@ void bind_time(py::module_& m) {
         Trajectory r;
         {
           py::gil_scoped_release release;
-          r = simulate_ida(arm, laws, t, q0, v0, tau, {rtol, atol, max_order, composite}, look_around);
+          r = simulate_ida(arm, laws, t, q0, v0, tau, {rtol, atol, max_order, composite}, look_around, wrenches);
         }
         py::dict stats, out;
         stats["steps"] = r.stats.steps;
@@ -117,5 +142,5 @@ void bind_time(py::module_& m) {
         return out;
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("rtol"),
-      py::arg("atol"), py::arg("max_order"), py::arg("composite"), py::arg("alive"));
+      py::arg("atol"), py::arg("max_order"), py::arg("composite"), py::arg("alive"), py::arg("loads"));
 }

@@ -20,6 +20,7 @@ from .joints import (
     Universal,
 )
 from .link import Link
+from .load import Load
 from .modal import Modes
 from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody
 from .result import Result
@@ -37,6 +38,7 @@ __all__ = [
     "GeneralSection",
     "Joint",
     "Link",
+    "Load",
     "Material",
     "Modes",
     "Motion",

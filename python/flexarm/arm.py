@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from . import _core, modal
 from ._check import Array, array, batch, choice, finite, number
 from .link import Link
+from .load import Load, at_time
 from .model import _plain
 
 METHODS = ("ab", "ci")
@@ -140,7 +141,9 @@ class Arm:
         v: ArrayLike,
         tau: ArrayLike | None = None,
         method: str = "ab",
-        prescribed: Mapping[int, float] | None = None,
+        prescribed: Mapping[Any, float] | None = None,
+        loads: Sequence[Load] | None = None,
+        t: float = 0.0,
     ) -> Array:
         """Accelerations (..., nv) for generalised forces tau (N, N m; zero if None).
 
@@ -148,6 +151,7 @@ class Arm:
             q, v, tau: (..., nv).
             method: "ab", articulated bodies (Eq. 92-96), O(N); or "ci", composite inertia (Eq. 90), O(N^3), which
                 loses digits on long or badly scaled chains.
+            loads, t: external forces and moments, with their values at time t (s).
             prescribed: joint accelerations that are given, by link; tau of those joints is ignored, and
                 `inverse_dynamics` of the result tells their reactions.
 
@@ -161,23 +165,37 @@ class Arm:
         for i, value in self.by_rate("prescribed", prescribed).items():
             given[i] = True
             a[:, i] = array("prescribed", value, ())
-        return self._core.forward_dynamics(q, v, tau, method, given, a).reshape(*lead, self.nv)
+        return self._core.forward_dynamics(q, v, tau, method, given, a, *at_time(self, loads, t)).reshape(
+            *lead, self.nv
+        )
 
-    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-        """Generalised forces tau = M(q) a + h(q, v), shape (..., nv), by the sweeps of Eq. 84-87. O(N)."""
-        lead, rows = self._batch(q=q, v=v, a=a)
-        return finite("inverse dynamics", self._core.inverse_dynamics(*rows)).reshape(*lead, self.nv)
+    def inverse_dynamics(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, loads: Sequence[Load] | None = None, t: float = 0.0
+    ) -> Array:
+        """Generalised forces tau = M a + h - J^T loads(t), shape (..., nv), by the sweeps of Eq. 84-87. O(N)."""
+        lead, (q, v, a) = self._batch(q=q, v=v, a=a)
+        tau = self._core.inverse_dynamics(q, v, a, *at_time(self, loads, t))
+        return finite("inverse dynamics", tau).reshape(*lead, self.nv)
 
-    def joint_reaction(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int = 0, side: str = "outboard") -> Array:
+    def joint_reaction(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        link: int = 0,
+        side: str = "outboard",
+        loads: Sequence[Load] | None = None,
+        t: float = 0.0,
+    ) -> Array:
         """Force and moment [f; m] (N, N m; (..., 6)) that a link's joint passes on to it, all six components.
 
         side "outboard": at the link's origin, in the link's axes; "inboard": the same force at the end of the link
-        below, in that end's axes (it acts on the link below with the opposite sign).
+        below, in that end's axes (it acts on the link below with the opposite sign). The loads are those that act at
+        time t (s).
         """
         choice("side", side, ("outboard", "inboard"))
-        lead, rows = self._batch(q=q, v=v, a=a)
-        q, v, a = rows
-        F = self._core.joint_reaction(q, v, a, self._link(link), side == "inboard")
+        lead, (q, v, a) = self._batch(q=q, v=v, a=a)
+        F = self._core.joint_reaction(q, v, a, self._link(link), side == "inboard", *at_time(self, loads, t))
         return finite("joint reaction", F).reshape(*lead, 6)
 
     def mass_matrix(self, q: ArrayLike) -> Array:

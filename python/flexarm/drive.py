@@ -29,11 +29,14 @@ class _Law:
 
     law: Any
 
+    constant = False  # whether the samples stand for all times
+
     def check_span(self, where: str, t: Array) -> None:
         """ValueError when the samples do not cover the simulated times."""
-        if not isinstance(self.law, _core.PiecewisePolynomial):
+        part = self.law[0] if isinstance(self.law, tuple) else self.law
+        if self.constant or not isinstance(part, _core.PiecewisePolynomial):
             return
-        begin, end = self.law.breaks[[0, -1]].tolist()
+        begin, end = part.breaks[[0, -1]].tolist()
         slack = 1e-9 * (end - begin)
         if t[0] < begin - slack or t[-1] > end + slack:
             raise ValueError(f"{where}: samples cover t = {begin} to {end}, the simulation asks for {t[0]} to {t[-1]}")
@@ -136,14 +139,6 @@ class _SpinUp:
         return q, speed / time * (t - math.sin(w * t) / w), speed / time * (1 - math.cos(w * t))
 
 
-@dataclass(frozen=True)
-class _Constant:
-    value: float
-
-    def __call__(self, t: float) -> float:
-        return self.value
-
-
 class Torque(_Law):
     """Force (N) or torque (N m) of a joint: samples (t, tau), linear in between; a callable t -> tau; or a number."""
 
@@ -151,7 +146,8 @@ class Torque(_Law):
         if callable(t):
             self.law = t
         elif tau is None:
-            self.law = _Constant(array("tau", t, ()).item())
+            self.constant = True
+            self.law = _core.PiecewisePolynomial([0.0, 1.0], [[array("tau", t, ()).item()]])
         else:
             times = _times(t)
             values = array("tau", tau, times.shape)

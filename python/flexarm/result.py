@@ -11,6 +11,7 @@ import numpy as np
 
 from ._check import Array
 from .arm import Arm
+from .load import Load
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,6 +26,7 @@ class Result:
         t: times (s), (nt,).
         q: coordinates, (nt, nq). v, a: rates and accelerations, (nt, nv).
         tau: generalised forces (N, N m), (nt, nv): those applied, and the reactions of prescribed motions.
+        loads: the loads of the simulation; None when they were not kept (a file keeps none).
         stats: steps, evaluations, jacobians, newton_iterations, failed_steps, wall_time (s).
     """
 
@@ -35,6 +37,7 @@ class Result:
     a: Array
     tau: Array
     stats: dict[str, Any] = field(default_factory=dict)
+    loads: tuple[Load, ...] | None = ()
 
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no times"
@@ -54,7 +57,14 @@ class Result:
 
     def joint_reaction(self, link: int = 0, side: str = "outboard") -> Array:
         """Force and moment (nt, 6) that a link's joint passes on to it (N, N m); see Arm.joint_reaction."""
-        return self.arm.joint_reaction(self.q, self.v, self.a, link, side)
+        if self.loads is None:
+            raise ValueError(
+                "loads = None: the file does not keep the loads of this result, so its reactions are not known"
+            )
+        if not self.loads:
+            return self.arm.joint_reaction(self.q, self.v, self.a, link, side)
+        rows = zip(self.q, self.v, self.a, self.t, strict=True)
+        return np.array([self.arm.joint_reaction(q, v, a, link, side, self.loads, t) for q, v, a, t in rows])
 
     def tip_deflection(self, link: int = 0) -> Array:
         """Displacement (nt, 3) of the beam's tip from rest, in the axes of the link's hub (m)."""
@@ -68,7 +78,9 @@ class Result:
 
     def save(self, path: str | Path) -> None:
         """Writes everything, the arm included, to one file (.npz) that `Result.load` reads."""
-        text = json.dumps({"arm": self.arm.to_dict(), "stats": self.stats})
+        text = json.dumps(
+            {"arm": self.arm.to_dict(), "stats": self.stats, "loads": self.loads is None or len(self.loads)}
+        )
         with Path(path).open("wb") as f:  # an open file keeps its name; numpy would append .npz
             np.savez_compressed(f, t=self.t, q=self.q, v=self.v, a=self.a, tau=self.tau, about=np.array(text))
 
@@ -79,7 +91,9 @@ class Result:
             with np.load(path, allow_pickle=False) as f:
                 about = json.loads(str(f["about"]))
                 arrays = {k: f[k] for k in ("t", "q", "v", "a", "tau")}
-            return Result(Arm.from_dict(about["arm"]), **arrays, stats=about["stats"])
+            return Result(
+                Arm.from_dict(about["arm"]), **arrays, stats=about["stats"], loads=None if about["loads"] else ()
+            )
         except OSError as e:
             raise ValueError(f"result {str(path)!r}: {e.strerror or e}") from None
         except (KeyError, ValueError, TypeError, EOFError, AttributeError):

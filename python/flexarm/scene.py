@@ -16,6 +16,7 @@ from ._check import Array, array, choice, known_keys, number, whole
 from .arm import METHODS, Arm
 from .drive import Motion, Torque
 from .link import Link
+from .load import Load
 from .result import Result
 from .simulation import INTEGRATORS, simulate
 
@@ -160,6 +161,7 @@ class Scene:
     Attributes:
         arm: the arm.
         drive: Motion or Torque by link number, or by (link, freedom).
+        loads: forces and moments on slices.
         t: output times (s).
         q0, v0: initial state, or None for rest at zero.
         options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order.
@@ -167,6 +169,7 @@ class Scene:
 
     arm: Arm
     drive: dict[Any, Motion | Torque] = field(default_factory=dict)
+    loads: tuple[Load, ...] = ()
     t: Array = field(default_factory=lambda: np.linspace(0.0, 1.0, 1001))
     q0: Array | None = None
     v0: Array | None = None
@@ -175,7 +178,9 @@ class Scene:
 
     def run(self, progress: bool = False) -> Result:
         """Simulates the scene."""
-        return simulate(self.arm, self.t, self.q0, self.v0, drive=self.drive, progress=progress, **self.options)
+        return simulate(
+            self.arm, self.t, self.q0, self.v0, drive=self.drive, loads=self.loads, progress=progress, **self.options
+        )
 
 
 _SIMULATION = ("duration", "interval", "q0", "v0", "method", "integrator", "rtol", "atol", "max_order")
@@ -183,7 +188,7 @@ _SIMULATION = ("duration", "interval", "q0", "v0", "method", "integrator", "rtol
 
 def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = "scene") -> Scene:
     """A Scene from the structure of a scene file; `base` is the folder that file names in it are relative to."""
-    known_keys("scene", d, ("title", "gravity", "link", "drive", "simulation"))
+    known_keys("scene", d, ("title", "gravity", "link", "drive", "load", "simulation"))
     base = base or Path()
     arm = arm_from_dict({k: d[k] for k in ("gravity", "link") if k in d})
     s = d.get("simulation", {})
@@ -208,9 +213,20 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
         if link in drive:
             raise ValueError(f"drive[{k}].link = {link}: is driven twice")
         drive[link] = law
+    tables = d.get("load", [])
+    if not isinstance(tables, (list, tuple)):
+        raise ValueError(f"load = {tables!r}: must be a list of tables")
+    known = ("link", "x", "force", "moment", "t", "along", "axes")
+    loads = tuple(_make(f"load[{k}]", Load, table, known) for k, table in enumerate(tables))
+    for k, load in enumerate(loads):
+        try:
+            load.place(arm)
+        except ValueError as e:
+            raise ValueError(f"load[{k}]: {e}") from None
     return Scene(
         arm,
         drive,
+        loads,
         np.linspace(0.0, duration, count + 1),
         array("simulation.q0", s["q0"], (arm.nq,)) if "q0" in s else None,
         array("simulation.v0", s["v0"], (arm.nv,)) if "v0" in s else None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from . import _core
 from ._check import array, choice, number, whole
 from .arm import METHODS, Arm
 from .drive import Motion, Torque
+from .load import Load, at_time
 from .result import Result
 
 INTEGRATORS = ("ida",)
@@ -47,6 +48,7 @@ def simulate(
     *,
     tau: ArrayLike | None = None,
     drive: Mapping[Any, Motion | Torque] | None = None,
+    loads: Sequence[Load] | None = None,
     method: str = "ab",
     integrator: str = "ida",
     rtol: float = 1e-6,
@@ -64,6 +66,7 @@ def simulate(
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
         drive: by link number, or by (link, freedom), what drives that freedom of its joint: a Torque, or a Motion,
             whose reaction is then in `Result.tau`.
+        loads: external forces and moments.
         method: "ab" or "ci", for the accelerations at the output times.
         integrator: "ida": SUNDIALS IDA on the residual of inverse dynamics, variable step and order.
         rtol, atol: tolerances of every coordinate and rate, relative and absolute (in its unit).
@@ -108,6 +111,10 @@ def simulate(
                 if given is not None and abs(state[name][at] - value) > 1e-9 * max(1.0, abs(value)):
                     raise ValueError(f"{name}[{at}] = {state[name][at]}: {where} prescribes {value} at t = {times[0]}")
                 state[name][at] = value
+    places, _ = at_time(arm, loads, float(times[0]))
+    for k, load in enumerate(loads or ()):
+        load.check_span(f"loads[{k}]", times)
+    wrenches = [(place, load.law) for place, load in zip(places, loads or (), strict=True)]
     rtol, atol, max_order = number("rtol", rtol), number("atol", atol), whole("max_order", max_order)
 
     def integrate(alive: Any = None) -> dict[str, Any]:
@@ -123,6 +130,7 @@ def simulate(
             max_order,
             method == "ci",
             alive,
+            wrenches,
         )
 
     if progress and sys.stderr.isatty():
@@ -145,7 +153,7 @@ def simulate(
     else:
         out = integrate()
     done = len(out["q"])
-    result = Result(arm, times[:done], out["q"], out["v"], out["a"], out["tau"], out["stats"])
+    result = Result(arm, times[:done], out["q"], out["v"], out["a"], out["tau"], out["stats"], tuple(loads or ()))
     if out["failure"] == "interrupted":
         raise SimulationInterrupted(f"interrupted at t = {out['reached']:.9g} s", out["reached"], result)
     if out["failure"]:

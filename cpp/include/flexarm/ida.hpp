@@ -10,6 +10,7 @@
 
 #include "flexarm/arm.hpp"
 #include "flexarm/drive.hpp"
+#include "flexarm/load.hpp"
 
 namespace flexarm {
 
@@ -44,6 +45,7 @@ struct Trajectory {
 /// @throws std::invalid_argument for bad arguments; what a drive or `alive` throws goes through
 Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
-                        const IdaOptions& options, const std::function<bool(double)>& alive = {});
+                        const IdaOptions& options, const std::function<bool(double)>& alive = {},
+                        const std::vector<LoadDrive>& loads = {});
 
 }  // namespace flexarm

@@ -10,6 +10,11 @@ namespace flexarm {
 template <class S>
 void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v);
 
+/// Takes the workspace's loads on a link off its force F and elastic forces Fe, by the transposed Jacobians of the
+/// slices they act on (Eq. 53); after move_arm.
+template <class S>
+void subtract_loads(const Arm& arm, SweepWorkspace<S>& ws, std::size_t link, Vec6<S>& F, VecX<S>& Fe);
+
 /// Rates of the coordinates, dq/dt = E(q) v, length nq; the same as v without balls.
 void coordinate_rates(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::VectorXd& dq);
 /// Their Jacobians by q (nq x nq) and v (nq x nv).

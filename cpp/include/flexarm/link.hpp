@@ -27,18 +27,19 @@ template <class S>
 struct LinkState {
   // positions and velocities
   JointMotion<S> joint;
-  Series<S> series;              ///< beyond order 2
-  std::vector<Slice<S>> slices;  ///< Gauss points of the beam
-  Slice<S> hub;                  ///< the hub's centre of mass, at rest in the link
-  Slice<S> root, com, end;       ///< the beam's last slice, the tip body's centre of mass, the link's end
-  Slice<S> seat;                 ///< where the next link sits: `end` carried by the next joint
-  Phi<S> phi;                    ///< from the link below to this one (Eq. 68)
-  Mat6X<S> phi_e;                ///< elastic part of Phi_rfr from the link below (Eq. 73, 82)
-  Mat6X<S> H;                    ///< joint Jacobian, 6 x nj
-  Vec6<S> V, N, A;               ///< velocity; bias acceleration (Eq. 69, 75, 86); acceleration
-  VecX<S> resistance;            ///< of the joint: springs, dampers, stops
-  VecX<S> qe, dqe;               ///< elastic coordinates
-  Vec3<S> g;                     ///< gravity in link axes
+  Series<S> series;                        ///< beyond order 2
+  std::vector<Slice<S>> slices;            ///< Gauss points of the beam
+  Slice<S> hub;                            ///< the hub's centre of mass, at rest in the link
+  Slice<S> root, com, end;                 ///< the beam's last slice, the tip body's centre of mass, the link's end
+  Slice<S> seat;                           ///< where the next link sits: `end` carried by the next joint
+  Phi<S> phi;                              ///< from the link below to this one (Eq. 68)
+  Mat6X<S> phi_e;                          ///< elastic part of Phi_rfr from the link below (Eq. 73, 82)
+  Mat6X<S> H;                              ///< joint Jacobian, 6 x nj
+  Vec6<S> V, N, A;                         ///< velocity; bias acceleration (Eq. 69, 75, 86); acceleration
+  VecX<S> resistance;                      ///< of the joint: springs, dampers, stops
+  VecX<S> qe, dqe;                         ///< elastic coordinates
+  Vec3<S> g;                               ///< gravity in link axes
+  Mat3<S> attitude = Mat3<S>::Identity();  ///< of the link in the world; kept where a load asks for it
   // forces and inertias
   Vec6<S> F;   ///< force through the joint, on the link
   VecX<S> Fe;  ///< elastic generalised forces

@@ -6,6 +6,7 @@
 
 #include "flexarm/arm.hpp"
 #include "flexarm/dual.hpp"
+#include "flexarm/load.hpp"
 
 namespace flexarm {
 
@@ -16,9 +17,11 @@ using Tangent = Dual<4>;
 template <class S>
 struct SweepWorkspace {
   std::vector<LinkState<S>> links;
-  VecX<S> tau;  ///< result of inverse_dynamics
+  VecX<S> tau;                        ///< result of inverse_dynamics
+  std::vector<AppliedLoad<S>> loads;  ///< set their wrenches before an evaluation
 
-  explicit SweepWorkspace(const Arm& arm) : tau(VecX<S>::Zero(arm.nv())) {
+  explicit SweepWorkspace(const Arm& arm, const std::vector<Load>& applied = {}) : tau(VecX<S>::Zero(arm.nv())) {
+    for (const Load& load : applied) loads.emplace_back(load, arm.link(load.link).ne());
     links.reserve(arm.size());
     for (std::size_t n = 0; n < arm.size(); ++n) {
       const Link& link = arm.link(n);
@@ -45,7 +48,7 @@ struct ArticulatedLink {
 class Workspace : public SweepWorkspace<double> {
  public:
   /// @param prescribed velocity coordinates whose acceleration is given (in `a`) and whose force is asked for
-  explicit Workspace(const Arm& arm, const std::vector<bool>& prescribed = {});
+  explicit Workspace(const Arm& arm, const std::vector<bool>& prescribed = {}, const std::vector<Load>& loads = {});
 
   Eigen::VectorXd a;             ///< result of forward_dynamics; input where prescribed
   Eigen::MatrixXd M;             ///< result of mass_matrix
