@@ -95,7 +95,7 @@ install_flexarm() {
   say "building and installing flexarm$extra into $venv"
   python_has "$venv/bin/python" 'import pip' || "$(find_python)" -m venv "$venv"
   rm -f "$stamp"
-  "$venv/bin/pip" install -q ".$extra"
+  "$venv/bin/pip" install -q --config-settings=build-dir=build/setup ".$extra"  # an editable install has its own
   printf '%s\n' "$now$extra" "$now" >"$stamp"
 }
 

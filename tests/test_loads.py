@@ -126,3 +126,15 @@ def test_loads_in_scene_files_and_results(tmp_path) -> None:
     path.write_text(text + "forse = [1, 2, 3]\n")
     with pytest.raises(ValueError, match=r"load\[0\]: unknown key 'forse'; did you mean 'force'"):
         fa.load(path)
+
+
+def test_equilibrium_under_a_tip_force_is_the_elastica() -> None:
+    """P L^2/EI = 1: w/L 0.30172077, u/L 0.05643324, slope 0.46135195 [elastica]."""
+    section = fa.GeneralSection(1.0, 1.0, 1.0, 1.0)
+    beam = fa.Beam(1.0, section, fa.Material(1.0, 1.0), {"bending_y": 6}, "legendre", "exact", rotary_inertia=False)
+    arm = fa.Arm([fa.Link(fa.Fixed(), beam=beam)])
+    q = arm.equilibrium(loads=[fa.Load(force=(0, 1.0, 0))])
+    p, R = arm.frame(q)
+    np.testing.assert_allclose(
+        [p[1], 1 - p[0], np.arctan2(R[1, 0], R[0, 0])], [0.30172077, 0.05643324, 0.46135195], atol=2e-8
+    )

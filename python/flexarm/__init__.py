@@ -19,9 +19,10 @@ from .joints import (
     Spherical,
     Universal,
 )
+from .linear import Derivatives, LinearModel
 from .link import Link
 from .load import Load
-from .modal import Modes
+from .modal import Modes, ModeShapes
 from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody
 from .result import Result
 from .scene import Scene, load
@@ -33,13 +34,16 @@ __all__ = [
     "Beam",
     "Circle",
     "Cylindrical",
+    "Derivatives",
     "Fixed",
     "Free",
     "GeneralSection",
     "Joint",
+    "LinearModel",
     "Link",
     "Load",
     "Material",
+    "ModeShapes",
     "Modes",
     "Motion",
     "Placement",

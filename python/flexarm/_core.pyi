@@ -151,6 +151,7 @@ class Arm:
     def strain(self, q: ArrayLike, link: int, x: float) -> _Array: ...
 
 class Load:
+    def __init__(self, *args: Any, **kwargs: Any) -> None: ...  # raises TypeError; made by what follows
     @staticmethod
     def at_end(arm: Arm, link: int, world_axes: bool) -> Load: ...
     @staticmethod

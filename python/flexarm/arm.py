@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _core, modal
+from . import _core, balance, describe, linear, modal, motion
 from ._check import Array, array, batch, choice, finite, number
 from .link import Link
 from .load import Load, at_time
@@ -64,6 +64,15 @@ class Arm:
 
     def __repr__(self) -> str:
         return f"Arm({len(self.links)} links, {self.nv} coordinates: {', '.join(self.coordinates)})"
+
+    def __str__(self) -> str:
+        return self.describe()
+
+    def describe(self) -> str:
+        """A plain table, which `print(arm)` shows: of each link the joint, sizes, modes, masses and the lowest
+        frequencies of its beam clamped, without the tip; of the arm its mass, and its lowest frequencies with all
+        joints locked at zero, without gravity."""
+        return describe.describe(self)
 
     def _link(self, link: Any, field: str = "link") -> int:
         n = len(self.links)
@@ -231,6 +240,28 @@ class Arm:
         lead, (q,) = self._batch(q=q)
         return finite("jacobian", self._core.jacobian(q, self._link(link), self._x(x))).reshape(*lead, 6, self.nv)
 
+    def velocity(self, q: ArrayLike, v: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+        """Velocity (..., 6) of such a frame: [linear (m/s); angular (rad/s)] in world axes, J v (Eq. 85)."""
+        lead, (q, v) = self._batch(q=q, v=v)
+        J = finite("jacobian", self._core.jacobian(q, self._link(link), self._x(x)))
+        return np.asarray(np.einsum("bij,bj->bi", J, v).reshape(*lead, 6))
+
+    def acceleration(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int = -1) -> Array:
+        """Acceleration (..., 6) of a link's end: [linear (m/s^2); angular (rad/s^2)] in world axes (Eq. 86)."""
+        lead, rows = self._batch(q=q, v=v, a=a)
+        return motion.end_acceleration(self, rows[0], rows[1], rows[2], self._link(link)).reshape(*lead, 6)
+
+    def center_of_mass(self, q: ArrayLike) -> Array:
+        """Position (..., 3) of the whole arm's centre of mass in the world (m)."""
+        lead, (q,) = self._batch(q=q)
+        return motion.centre_of_mass(self, q).reshape(*lead, 3)
+
+    def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """The whole arm's momentum (..., 6): [linear (kg m/s); angular about the world's origin (kg m^2/s)], world
+        axes."""
+        lead, rows = self._batch(q=q, v=v)
+        return motion.momentum(self, *rows).reshape(*lead, 6)
+
     def strain(self, q: ArrayLike, link: int = 0, x: float = 0.0) -> Array:
         """Strains K1, K2, K3 (1/m) and phi12, phi13 (rad) at x metres along a link's beam (Eq. 18-21), (..., 5)."""
         lead, (q,) = self._batch(q=q)
@@ -272,3 +303,100 @@ class Arm:
             ValueError: bad arguments, or no steady state at this speed.
         """
         return modal.modes(self, q, speed, lock)
+
+    def mode_shapes(self, modes: modal.Modes, points: int = 21) -> modal.ModeShapes:
+        """Modes sampled along the arm: at `points` slices of every beam, from clamp to tip, and at every link's end.
+
+        Returns:
+            ModeShapes: `.link`, `.x`, `.position` (np, 3), `.displacement` (np, 3, n).
+
+        Raises:
+            ValueError: modes of another arm, or fewer than two points.
+        """
+        return modal.sample(self, modes, points)
+
+    # -- equilibrium and linear models -------------------------------------------------------------------------------
+
+    def equilibrium(
+        self,
+        q: ArrayLike | None = None,
+        tau: ArrayLike | None = None,
+        lock: Iterable[Any] | None = None,
+        loads: Sequence[Load] | None = None,
+        t: float = 0.0,
+    ) -> Array:
+        """Coordinates (nq,) at rest in balance with gravity, springs, loads and constant generalised forces.
+
+        Newton's iteration from q with exact Jacobians, damped, and downhill in potential energy: the equilibrium found
+        is stable, unless q is in balance already.
+
+        Args:
+            q: where to start, and where locked joints stay, (nq,); `zero` if None.
+            tau: generalised forces (N, N m), (nv,); zero if None. Those of locked joints are ignored: what they bear is
+                `inverse_dynamics(q, 0, 0)`.
+            lock: links, or (link, freedom), whose joints stay where they are.
+            loads, t: external forces and moments, with their values at time t (s).
+
+        Raises:
+            ValueError: bad arguments, or no equilibrium was found: a joint that nothing holds falls for ever.
+        """
+        return balance.equilibrium(self, q, tau, lock, at_time(self, loads, t))
+
+    def inverse_derivatives(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> tuple[Array, Array, Array]:
+        """Exact dtau/dq (nv, nq), dtau/dv (nv, nv) and dtau/da = M (nv, nv) of `inverse_dynamics`, for one q (nq,) and
+        v, a (nv,), by dual numbers through its sweeps. O(N^2)."""
+        q, v, a = self._single(q=q, v=v, a=a)
+        return (*self._core.inverse_derivatives(q, v, a), self.mass_matrix(q))
+
+    def forward_derivatives(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike | None = None) -> linear.Derivatives:
+        """Exact da/dq (nv, nq), da/dv and da/dtau (nv, nv) of `forward_dynamics`, as `.dq`, `.dv` and `.dtau`.
+
+        From those of inverse dynamics at the acceleration a: da/dq = -M^-1 dtau/dq, da/dv = -M^-1 dtau/dv. Columns of
+        a ball's quaternion do not depend on its length.
+
+        Args:
+            q: (nq,). v, tau: (nv,); tau is zero if None.
+
+        Raises:
+            ValueError: bad shapes or values, or a singular mass matrix.
+        """
+        q, v, tau = self._single(q=q, v=v, tau=np.zeros(self.nv) if tau is None else tau)
+        return linear.forward_derivatives(self, q, v, tau)
+
+    def _single(self, **named: ArrayLike) -> list[Array]:
+        return [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
+
+    def linearize(
+        self,
+        q: ArrayLike,
+        v: ArrayLike | None = None,
+        inputs: Sequence[Any] | None = None,
+        outputs: Sequence[Any] | None = None,
+        *,
+        tau: ArrayLike | None = None,
+        lock: Iterable[Any] | None = None,
+    ) -> linear.LinearModel:
+        """Linear model about a state, by exact Jacobians.
+
+        Args:
+            q, v: the state, (nq,) and (nv,); v is zero if None.
+            inputs: what drives it; None: the forces of all joints that are not locked. Each is
+                a link, or (link, freedom): the force (torque) of its joint;
+                ("acceleration", link) or ("acceleration", (link, freedom)): its acceleration, prescribed;
+                ("load", link) or ("load", link, x): a force on the link's end or a slice, three world components (N).
+            outputs: what is measured; None: the coordinates of all joints. Each is
+                ("joint", link), ("rate", link): coordinates and rates, link or (link, freedom);
+                ("tip", link) or ("tip", link, x): position of the link's end or a slice, world axes (m);
+                ("velocity", link), ("acceleration", link): of the link's end, world axes;
+                ("accelerometer", link): what one on the link's end reads, R^T (a - g), in the end's axes (m/s^2);
+                ("strain", link, x) or ("strain", link, x, "K3"): all strains, or one (1/m, rad; Eq. 18-21).
+            tau: generalised forces there, (nv,); zero if None. `bias(q, 0)` holds the arm at rest.
+            lock: links, or (link, freedom), whose joints keep their rates exactly; they leave the state.
+
+        Returns:
+            LinearModel: `.A`, `.B`, `.C`, `.D`, labels, the outputs `.y` at the state, and `.to_control()`.
+
+        Raises:
+            ValueError: bad arguments, naming the entry.
+        """
+        return linear.linearize(self, q, v, tau, inputs, outputs, lock)

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._check import Array, array
+from ._check import Array, array, whole
+from .balance import locked_rates, steady_state
+from .linear import turning
 
 if TYPE_CHECKING:
     from .arm import Arm
@@ -28,7 +30,7 @@ class Modes:
             gyroscopic or damped.
         participation: share of each coordinate in a mode's kinetic energy, shape (nv, n), columns adding up to 1.
         eigenvalues: s (1/s), shape (n,); of each conjugate pair the one with Im(s) > 0, and every real one.
-        q: the steady state, shape (nv,).
+        q: the steady state, shape (nq,).
     """
 
     frequencies: Array
@@ -44,28 +46,40 @@ class Modes:
         return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues).max(initial=0.0)).all())
 
 
-def steady_state(arm: Arm, q: Array, v: Array, joints: NDArray[np.bool_]) -> Array:
-    """Elastic coordinates in balance at joint positions q and constant rates v, by Newton's iteration."""
-    import scipy.linalg as la  # slow to import
+@dataclass(frozen=True)
+class ModeShapes:
+    """Modes as displacements of points along the arm, about the steady state.
 
-    q, zero = q.copy(), np.zeros(arm.nv)
-    elastic = np.flatnonzero(~joints)
-    at = np.array([arm.coordinate_of(int(i)) for i in elastic], dtype=int)  # where the elastic coordinates stand in q
-    if elastic.size == 0:
-        return q
-    scale = 1.0 / np.sqrt(np.abs(np.diag(arm._core.inverse_derivatives(q, v, zero)[0][np.ix_(elastic, at)])) + 1e-300)
-    for _ in range(50):
-        force = arm._core.inverse_dynamics(q[None], v[None], zero[None])[0][elastic]
-        stiffness = arm._core.inverse_derivatives(q, v, zero)[0][np.ix_(elastic, at)]
-        step = scale * la.lstsq(scale[:, None] * stiffness * scale, -scale * force)[0]
-        q[at] += step
-        if not np.isfinite(q).all():
-            break
-        if np.linalg.norm(step / scale) <= 1e-13 * max(1e-6, float(np.linalg.norm(q[at] / scale))):
-            return q
-        if np.linalg.norm(scale * force) < 1e-14:
-            return q
-    raise ValueError("speed: no steady state of the elastic coordinates was found at this speed, gravity and q")
+    Attributes:
+        link: the link of each point, (np,).
+        x: its place along that link's beam (m), (np,); nan for the end of a link.
+        position: of the points in the steady state, world axes (m), (np, 3).
+        displacement: of the points in each mode, world axes, (np, 3, n), to the scale of `Modes.shapes` (m per unit of
+            the largest coordinate); complex where those are. The motion is the real part of displacement e^(s t).
+    """
+
+    link: NDArray[np.int_]
+    x: Array
+    position: Array
+    displacement: NDArray[Any]
+
+
+def sample(arm: Arm, found: Modes, points: int = 21) -> ModeShapes:
+    """See Arm.mode_shapes."""
+    if not isinstance(found, Modes) or found.q.shape != (arm.nq,) or len(found.shapes) != arm.nv:
+        raise ValueError("modes: must be what this arm's `modes` returned")
+    if whole("points", points) < 2:
+        raise ValueError(f"points = {points}: must be at least 2")
+    places: list[tuple[int, float | None]] = []
+    for k, link in enumerate(arm.links):
+        if link.beam is not None:
+            places += [(k, float(x)) for x in np.linspace(0.0, link.beam.length, points)]
+        places.append((k, None))
+    position = np.array([arm.frame(found.q, k, x)[0] for k, x in places])
+    moved = np.array([arm.jacobian(found.q, k, x)[:3] @ found.shapes for k, x in places])
+    return ModeShapes(
+        np.array([k for k, _ in places]), np.array([np.nan if x is None else x for _, x in places]), position, moved
+    )
 
 
 def modes(
@@ -76,26 +90,21 @@ def modes(
 ) -> Modes:
     q0 = arm.zero if q is None else array("q", q, (arm.nq,))
     v0 = np.zeros(arm.nv)
-    joints = np.zeros(arm.nv, dtype=bool)
-    for k, part in enumerate(arm.links):
-        joints[arm._core.first(k) : arm._core.first(k) + part.joint.nv] = True
     for i, value in arm.by_rate("speed", speed).items():
         v0[i] = array("speed", value, ())
-    free = np.ones(arm.nv, dtype=bool)
-    if lock is not None and not isinstance(lock, Iterable):
-        raise ValueError(f"lock = {lock!r}: must be a list of link numbers")
-    for link in () if lock is None else lock:
-        free[arm.joint_rates(link, "lock: link")] = False
+    free = ~locked_rates(arm, lock)
     if not free.any():
         raise ValueError("lock: no coordinate is left to move")
-    q0 = steady_state(arm, q0, v0, joints)
+    q0 = steady_state(arm, q0, v0)
 
     # M dv + G v + K q = 0 for small motions; scaled so that M has a unit diagonal
     at = np.ix_(free, free)
     by_q, by_v = arm._core.inverse_derivatives(q0, v0, np.zeros(arm.nv))
     _, _, E = arm._core.rates(q0, v0)  # dq = E v: small turns of a ball move its quaternion so
-    K, G = (by_q @ E)[at], by_v[at]
-    M = np.asarray(arm._core.mass_matrix(q0[None])[0])[at]
+    M, W = np.asarray(arm._core.mass_matrix(q0[None])[0]), turning(arm, v0)
+    # dv = d(theta)/dt + W theta: a ball's turn theta is measured in axes that turn with it
+    K, G = (by_q @ E + by_v @ W)[at], (by_v + M @ W)[at]
+    M = M[at]
     d = 1.0 / np.sqrt(np.diag(M))
     M, G, K = (d[:, None] * x * d for x in (M, G, K))
     size = float(np.abs(K).max()) or 1.0

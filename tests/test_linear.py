@@ -1,0 +1,453 @@
+"""Derivatives, linear models, equilibria; motion of slices and of the whole arm."""
+
+import sys
+
+import flexarm as fa
+import numpy as np
+import pytest
+from arms import paper_link, random_arm, random_state, rates
+from scipy.spatial.transform import Rotation
+
+STEEL = fa.Material(7850, 209e9, 0.3)
+BODY = fa.RigidBody(1.3, (0.1, -0.05, 0.02), (0.02, 0.03, 0.04, 0.002, 0.001, -0.003), (0.4, 0.1, 0.0))
+STRIP = fa.Beam(
+    0.5,
+    fa.Rectangle(0.004, 0.01),
+    fa.Material(7850, 1e9, 0.3),
+    {"bending_y": 2, "bending_z": 2, "torsion": 1},
+    "legendre",
+    gauss_points=6,
+)
+G = 9.81
+
+
+def pendulum(**joint) -> fa.Arm:
+    """1 kg at 1 m, swinging in the x-y plane; weight along -y: it hangs at q = -pi/2."""
+    return fa.Arm([fa.Link(fa.Revolute("z", **joint), fa.RigidBody(1.0, com=(1, 0, 0)))], gravity=(0, -G, 0))
+
+
+def floating_arm(gravity=(0.3, -G, 1.0)) -> fa.Arm:
+    joints = (fa.Free(), fa.Spherical(damping=0.1), fa.Revolute("y"))
+    return fa.Arm([fa.Link(j, BODY, STRIP, BODY) for j in joints], gravity)
+
+
+def cantilever(tip: float, order: int | str = 2) -> fa.Arm:
+    beam = fa.Beam(0.5, fa.Rectangle(0.01, 0.02), STEEL, {"bending_y": 4}, "legendre", order)
+    return fa.Arm([fa.Link(fa.Fixed(), None, beam, fa.RigidBody(tip))], gravity=(0, -G, 0))
+
+
+def moved(arm: fa.Arm, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """q after small rates theta for unit time; quaternions need not be of unit length."""
+    return q + arm._core.rates(q, theta)[2] @ theta
+
+
+def unit_balls(arm: fa.Arm, q: np.ndarray) -> np.ndarray:
+    q = q.copy()
+    for k, link in enumerate(arm.links):
+        if link.joint.ball:
+            first = arm._core.first_q(k) + link.joint.nq - 4
+            q[first : first + 4] /= np.linalg.norm(q[first : first + 4])
+    return q
+
+
+def differences(f, n: int, h: float = 1e-4) -> np.ndarray:
+    """Jacobian at zero of f(small) by central differences of fourth order: truncation h^4, rounding 1e-16 / h, so about
+    1e-11 of f's size and derivatives where those are well scaled."""
+
+    def column(k: int) -> np.ndarray:
+        e = np.eye(n)[k] * h
+        return (8 * (f(e) - f(-e)) - (f(2 * e) - f(-2 * e))) / (12 * h)
+
+    return np.stack([column(k) for k in range(n)], axis=-1)
+
+
+def close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
+    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * max(1.0, np.abs(expected).max()))
+
+
+# -- derivatives -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_forward_derivatives_against_differences(seed: int) -> None:
+    """Steps of 1e-4 and stops met in the last 1e-3 m leave differences of 1e-6 of the largest entry."""
+    rng = np.random.default_rng(seed)
+    arm = random_arm(rng, 3)
+    q, v, tau = random_state(rng, arm)
+    found = arm.forward_derivatives(q, v, tau)
+    h = 1e-5
+    close(found.dq, differences(lambda e: arm.forward_dynamics(q + e, v, tau), arm.nq, h), 1e-6)
+    close(found.dv, differences(lambda e: arm.forward_dynamics(q, v + e, tau), arm.nv), 1e-6)
+    close(found.dtau @ arm.mass_matrix(q), np.eye(arm.nv), 1e-8)
+
+
+def test_forward_and_inverse_derivatives_are_inverse() -> None:
+    rng = np.random.default_rng(11)
+    arm = floating_arm()
+    q, v, tau = random_state(rng, arm)
+    forward = arm.forward_derivatives(q, v, tau)
+    by_q, by_v, M = arm.inverse_derivatives(q, v, arm.forward_dynamics(q, v, tau))
+    close(M @ forward.dq, -by_q, 1e-10)
+    close(M @ forward.dv, -by_v, 1e-10)
+    close(forward.dtau @ M, np.eye(arm.nv), 1e-10)
+
+
+# -- linear models ---------------------------------------------------------------------------------------------------
+
+INPUTS = [0, (1, 2), ("load", 1, 0.3), ("load", 2)]
+OUTPUTS = [
+    *(("joint", 0), ("rate", (1, 0)), ("tip", 1, 0.2), ("tip", 2), ("velocity", 1), ("acceleration", 2)),
+    *(("accelerometer", 1), ("strain", 1, 0.1), ("strain", 1, 0.0, "K3")),
+]
+
+
+def test_every_output_against_differences_of_its_value() -> None:
+    """At a state that moves and accelerates, with balls; velocities and accelerations are checked further down."""
+    rng = np.random.default_rng(5)
+    arm = floating_arm()
+    q, v, tau = random_state(rng, arm)
+    q = unit_balls(arm, q)
+    sys = arm.linearize(q, v, INPUTS, OUTPUTS, tau=tau)
+    assert sys.C.shape == (3 + 3 + 1 + 3 + 3 + 3 + 3 + 3 + 5 + 1, 2 * arm.nv) and sys.D.shape[1] == 6 + 1 + 3 + 3
+    loads = np.hstack([arm.jacobian(q, 1, 0.3)[:3].T, arm.jacobian(q, 2)[:3].T])
+    units = np.hstack([np.eye(arm.nv)[:, [*range(6), arm.joint_rate((1, 2))]], loads])
+    turns = [k for k, name in enumerate(sys.outputs) if name.startswith("joint") and " w" in name]
+    rows = np.setdiff1d(np.arange(len(sys.outputs)), turns)  # y holds no turn of a ball
+
+    none, no_u = np.zeros(arm.nv), np.zeros(13)
+
+    def y(theta: np.ndarray = none, dv: np.ndarray = none, u: np.ndarray = no_u) -> np.ndarray:
+        x, w = moved(arm, q, theta), v + dv
+        a = arm.forward_dynamics(x, w, tau + units @ u)
+        R = arm.frame(x, 1)[1]
+        g = np.array(arm.gravity)
+        slices = (arm.frame(x, 1, 0.2)[0], arm.frame(x, 2)[0], arm.velocity(x, w, 1)[:3])
+        accelerations = (arm.acceleration(x, w, a, 2)[:3], R.T @ (arm.acceleration(x, w, a, 1)[:3] - g))
+        strains = (arm.strain(x, 1, 0.1), arm.strain(x, 1)[2:3])
+        return np.concatenate([x[:3], w[arm.joint_rates((1, 0))], *slices, *accelerations, *strains])
+
+    np.testing.assert_allclose(sys.y[rows], y(), rtol=1e-12)
+    n = arm.nv
+    scale = np.maximum(1.0, np.abs(sys.C[rows]).max(axis=1, keepdims=True))
+    for found, expected in (
+        (sys.C[rows, :n], differences(lambda e: y(theta=e), n)),
+        (sys.C[rows, n:], differences(lambda e: y(dv=e), n)),
+        (sys.D[rows], np.stack([y(u=e) - y() for e in np.eye(13)], axis=-1)),  # affine in u
+    ):
+        np.testing.assert_allclose(found / scale, expected / scale, atol=1e-7)
+    np.testing.assert_array_equal(sys.C[turns, :n], np.eye(n)[3:6])
+
+
+def test_state_matrix_follows_the_motion() -> None:
+    """A with balls that turn: two motions a little apart, by a short step of each along its own turn."""
+    rng = np.random.default_rng(6)
+    arm = floating_arm()
+    q, v, tau = random_state(rng, arm)
+    q = unit_balls(arm, q)
+    sys = arm.linearize(q, v, tau=tau)
+    n, h, small = arm.nv, 1e-4, 1e-4
+    da = arm.forward_derivatives(q, v, tau)
+    E = arm._core.rates(q, v)[2]
+    close(sys.A[n:, :n], da.dq @ E, 1e-12)
+    close(sys.A[n:, n:], da.dv, 1e-12)
+    close(sys.B[n:], da.dtau[:, [*arm.joint_rates(0), *arm.joint_rates(1), *arm.joint_rates(2)]], 1e-12)
+    dx = small * rng.normal(size=2 * n)
+    w, dw, theta = v[3:6], dx[n + 3 : n + 6], dx[3:6]
+    turn = Rotation.from_rotvec
+    later = (turn(h * w).inv() * turn(theta) * turn(h * (w + dw))).as_rotvec()
+    earlier = (turn(-h * w).inv() * turn(theta) * turn(-h * (w + dw))).as_rotvec()
+    # second order in dx, fourth power of w h aside: 1e-4 of it
+    np.testing.assert_allclose((sys.A @ dx)[3:6], (later - earlier) / (2 * h), atol=1e-3 * small)
+
+
+def test_small_perturbation_follows_the_linear_model() -> None:
+    """Two-link arm hanging in balance: free and forced response of simulate() against exp(A t), at 1e-5 rad, where the
+    quadratic terms are 1e-5 of the linear ones."""
+    from scipy.linalg import expm
+
+    beam = fa.Beam(0.5, fa.Rectangle(0.004, 0.02), STEEL, {"bending_y": 2}, order=2, damping_ratio=0.02)
+    tip = fa.RigidBody(0.2, end=(0.02, 0, 0))
+    arm = fa.Arm([fa.Link(fa.Revolute("z", damping=0.01), BODY, beam, tip)] * 2, gravity=(0, -G, 0))
+    q = arm.equilibrium()
+    lin = arm.linearize(q, inputs=[1], outputs=[("joint", 0), ("accelerometer", 1), ("strain", 0, 0.0, "K3")])
+    rng = np.random.default_rng(1)
+    x0, u = 1e-5 * rng.normal(size=2 * arm.nv), 1e-4
+    x0[[1, 2, 4, 5]] *= 1e-2  # the tip, in metres
+    x0[arm.nv :] = 0.0
+    t = np.linspace(0, 1, 21)
+    run = fa.simulate(arm, t, q + x0[: arm.nv], drive={1: fa.Torque(u)}, rtol=1e-9, atol=1e-14)
+    n = 2 * arm.nv
+    whole = np.zeros((n + 1, n + 1))
+    whole[:n, :n], whole[:n, n:] = lin.A, lin.B
+    x = np.array([(expm(whole * s) @ [*x0, u])[:n] for s in t])
+    size = np.abs(x).max(axis=0)
+    np.testing.assert_allclose(np.hstack([run.q - q, run.v]) / size, x / size, atol=3e-3)
+    y = lin.y + x @ lin.C.T + u * lin.D[:, 0]
+    K3 = run.strain(0, 0.0)[:, 2]
+    np.testing.assert_allclose(K3, y[:, 4], atol=3e-3 * np.ptp(y[:, 4]))
+
+
+@pytest.mark.parametrize("speed", [0.0, 10.0])
+def test_eigenvalues_are_those_of_modes(speed: float) -> None:
+    arm = paper_link(2, damping_ratio=0.01)
+    modes = arm.modes(speed={0: speed}, lock=[0])
+    v = np.zeros(arm.nv)
+    v[0] = speed
+    found = arm.linearize(modes.q, v, lock=[0])
+    assert found.A.shape == (6, 6) and found.B.shape == (6, 0) and found.inputs == ()
+    s = found.eigenvalues
+    np.testing.assert_allclose(np.sort_complex(s[s.imag > 0]), np.sort_complex(modes.eigenvalues), rtol=1e-8)
+
+
+def test_gyroscopic_modes_are_the_eigenvalues_too() -> None:
+    shaft = fa.Beam(0.6, fa.Circle(0.004), STEEL, {"bending_y": 3, "bending_z": 3}, "legendre")
+    arm = fa.Arm([fa.Link(fa.Revolute("x"), fa.RigidBody(1, inertia=(1, 1, 1)), shaft, fa.RigidBody(0.2))])
+    modes = arm.modes(speed={0: 20.0}, lock=[0])
+    assert np.iscomplexobj(modes.shapes)
+    v = np.zeros(arm.nv)
+    v[0] = 20.0
+    s = arm.linearize(modes.q, v, lock=[0]).eigenvalues
+    np.testing.assert_allclose(np.sort(s.imag[s.imag > 0]), np.sort(modes.eigenvalues.imag), rtol=1e-8)
+
+
+def test_a_spinning_free_body() -> None:
+    """Euler: about its axis C at rate W a body nutates at W sqrt((C - A)(C - B)/(A B)), and its turns in its own axes
+    go round at W; the modes say the same."""
+    A, B, C, W = 1.0, 1.5, 2.0, 3.0
+    arm = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(A, B, C)))])
+    expected = np.sort([W * np.sqrt((C - A) * (C - B) / (A * B)), W])
+    s = arm.linearize(arm.zero, [0, 0, W]).eigenvalues
+    np.testing.assert_allclose(np.sort(s.imag[s.imag > 1e-6]), expected, rtol=1e-10)
+    modes = arm.modes(speed={(0, 2): W})
+    np.testing.assert_allclose(modes.frequencies[-2:], expected, rtol=1e-7)
+
+
+def test_prescribed_acceleration_as_input() -> None:
+    """The free coordinates answer a joint's acceleration as forward dynamics with that motion prescribed says."""
+    beam = fa.Beam(0.5, fa.Rectangle(0.004, 0.02), STEEL, {"bending_y": 2})
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), BODY, beam, BODY)] * 2, gravity=(0, -G, 0))
+    q = arm.equilibrium([0.3, *np.zeros(arm.nq - 1)], lock=[0])
+    sys = arm.linearize(q, inputs=[("acceleration", 0), 1], outputs=[("acceleration", 1), ("joint", 0)])
+    n = arm.nv
+    np.testing.assert_array_equal(sys.A[n], np.zeros(2 * n))
+    np.testing.assert_array_equal(sys.B[n], [1.0, 0.0])
+    still = arm.forward_dynamics(q, np.zeros(n), prescribed={0: 0.0})
+    a = arm.forward_dynamics(q, np.zeros(n), prescribed={0: 1.0})
+    np.testing.assert_allclose(sys.B[n:, 0], a - still, atol=1e-9 * np.abs(a).max())
+    np.testing.assert_allclose(sys.D[:3, 0], (arm.jacobian(q) @ (a - still))[:3], atol=1e-9)
+    assert sys.tau[0] == pytest.approx(arm.inverse_dynamics(q, np.zeros(n), sys.a)[0])
+    assert sys.inputs == ("acceleration link 0 revolute", "force link 1 revolute")
+    assert sys.outputs == ("acceleration link 1 x", "acceleration link 1 y", "acceleration link 1 z",
+                           "joint link 0 revolute")  # fmt: skip
+
+
+def test_to_control() -> None:
+    control = pytest.importorskip("control")
+    sys = paper_link().linearize(paper_link().zero, outputs=[("joint", 0), ("strain", 0, 0.05, "K3")])
+    other = sys.to_control()
+    assert isinstance(other, control.StateSpace)
+    for name in "ABCD":
+        np.testing.assert_array_equal(getattr(other, name), getattr(sys, name))
+    assert other.input_labels == ["force link 0 revolute"] and other.output_labels[0] == "joint link 0 revolute"
+    assert len(other.state_labels) == 8
+
+
+def test_to_control_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "control", None)
+    with pytest.raises(ImportError, match=r"pip install flexarm\[control\]"):
+        pendulum().linearize([0.0]).to_control()
+
+
+# -- equilibrium -----------------------------------------------------------------------------------------------------
+
+
+def test_sag_of_a_cantilever() -> None:
+    """PL^3/3EI + wL^4/8EI; at a sag of 1e-4 of the length the second order is 1e-8."""
+    P, L = 0.1, 0.5
+    arm = cantilever(P)
+    beam = arm.links[0].beam
+    EI, w = 209e9 * beam.section.second_moment_z, beam.mass * G / L
+    sag = P * G * L**3 / (3 * EI) + w * L**4 / (8 * EI)
+    assert arm.deflection(arm.equilibrium())[1] == pytest.approx(-sag, rel=1e-6)
+
+
+def test_a_large_sag_balances() -> None:
+    arm = cantilever(400.0, order="exact")  # two thirds of the length
+    q = arm.equilibrium()
+    assert np.abs(arm.bias(q, np.zeros(arm.nv))).max() < 1e-9 * 400 * G
+    assert arm.deflection(q)[1] < -0.1
+    assert arm.modes(q).stable
+
+
+def test_equilibrium_of_a_pendulum() -> None:
+    arm = pendulum()
+    for start in (0.0, 1.5, -3.0):  # level, where the stiffness is zero; almost upright
+        q = arm.equilibrium([start])
+        assert np.cos(q[0] + np.pi / 2) == pytest.approx(1.0, abs=1e-14)
+    assert arm.equilibrium([np.pi / 2])[0] == np.pi / 2  # in balance already
+    assert arm.equilibrium(tau=[0.5 * G])[0] == pytest.approx(-np.pi / 3)
+    assert arm.equilibrium([0.3], lock=[0])[0] == 0.3
+    held = pendulum(stiffness=20.0).equilibrium()[0]
+    assert 20.0 * held == pytest.approx(-G * np.cos(held), rel=1e-14)
+    with pytest.raises(ValueError, match=r"no equilibrium was found: .* Newton steps .* 'link 0 revolute'"):
+        arm.equilibrium(tau=[1.1 * G])
+    falls = fa.Arm([fa.Link(fa.Prismatic("y"), BODY)], gravity=(0, -G, 0))
+    with pytest.raises(ValueError, match="no equilibrium was found"):
+        falls.equilibrium()
+    assert falls.equilibrium(tau=[BODY.mass * G])[0] == 0.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_untruncated_arms_always_sag_to_rest(seed: int) -> None:
+    """Joints locked, order exact: the elastic energy outgrows that of any weight, however floppy the beams (E down to
+    1e7 Pa here), so there is an equilibrium. (Order 2 may have none: its shortening grows as deflection squared.)"""
+    arm = random_arm(np.random.default_rng(seed), 3, orders=("exact",))
+    q = arm.equilibrium(lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
+    elastic = [k for k, name in enumerate(arm.coordinates) if any(s in name for s in ("bending", "torsion", "shear"))]
+    weight = sum(link.mass for link in arm.links) * np.linalg.norm(arm.gravity)
+    assert np.abs(arm.bias(q, np.zeros(arm.nv))[elastic]).max(initial=0.0) < 1e-11 * weight
+
+
+def test_a_ball_hangs() -> None:
+    """A flexible two-link arm on balls: its centre of mass ends below the base, and it is stable."""
+    arm = fa.Arm([fa.Link(fa.Spherical(), BODY, STRIP, BODY)] * 2, gravity=(0, 0, -G))
+    q = arm.equilibrium()
+    np.testing.assert_allclose(arm.center_of_mass(q)[:2], 0.0, atol=1e-9)
+    assert arm.center_of_mass(q)[2] < -0.5
+    assert np.linalg.norm(q[:4]) == pytest.approx(1.0, abs=1e-15)
+    assert (arm.modes(q).eigenvalues.real < 1e-3).all()  # turning about the vertical is indifferent
+
+
+# -- motion ----------------------------------------------------------------------------------------------------------
+
+
+def test_velocities_and_accelerations_of_slices() -> None:
+    """Against differences of frames and velocities along the motion."""
+    rng = np.random.default_rng(7)
+    arm = floating_arm()
+    q, v, _ = random_state(rng, arm)
+    a = rng.normal(size=arm.nv)
+
+    def state(t: float, steps: int = 20) -> tuple[np.ndarray, np.ndarray]:
+        """v(t) = v + a t; q by Runge-Kutta."""
+        x, h = unit_balls(arm, q), t / steps
+        for k in range(steps):
+            s = k * h
+            k1 = rates(arm, x, v + a * s)
+            k2 = rates(arm, x + h / 2 * k1, v + a * (s + h / 2))
+            k3 = rates(arm, x + h / 2 * k2, v + a * (s + h / 2))
+            k4 = rates(arm, x + h * k3, v + a * (s + h))
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        return x, v + a * t
+
+    q = unit_balls(arm, q)
+    for link, x in ((0, None), (1, 0.2), (2, None)):
+        V = arm.velocity(q, v, link, x)
+        dp = differences(lambda t, k=link, x=x: arm.frame(state(t[0])[0], k, x)[0], 1, 1e-3)[:, 0]
+        np.testing.assert_allclose(V[:3], dp, atol=1e-7)
+        dR = differences(lambda t, k=link, x=x: arm.frame(state(t[0])[0], k, x)[1], 1, 1e-3)[..., 0]
+        wx = dR @ arm.frame(q, link, x)[1].T
+        np.testing.assert_allclose(V[3:], [wx[2, 1], wx[0, 2], wx[1, 0]], atol=1e-7)
+    for link in (0, 2):
+        dV = differences(lambda t, k=link: arm.velocity(*state(t[0]), k), 1, 1e-3)[:, 0]
+        np.testing.assert_allclose(arm.acceleration(q, v, a, link), dV, atol=1e-6)
+    lead = arm.acceleration(np.stack([q, q]), v, a)
+    assert lead.shape == (2, 6)
+
+
+def test_centre_of_mass_and_momentum() -> None:
+    rng = np.random.default_rng(8)
+    arm, heavy = floating_arm((0, 0, 0)), floating_arm((0, 0, -1.0))
+    q, v, _ = random_state(rng, arm)
+    q = unit_balls(arm, q)
+    mass = sum(link.mass for link in arm.links)
+    c, p = arm.center_of_mass(q), arm.momentum(q, v)
+    assert heavy.energy(q, v)[1] - arm.energy(q, v)[1] == pytest.approx(mass * c[2], rel=1e-12)
+    dc = differences(lambda e: arm.center_of_mass(q + e[0] * rates(arm, q, v)), 1)[:, 0]
+    np.testing.assert_allclose(p[:3], mass * dc, atol=1e-8)
+    # the free joint's rows of M v, turned from where they are measured
+    rows = arm.mass_matrix(q)[:6] @ v
+    R = Rotation.from_quat(q[[4, 5, 6, 3]]).as_matrix()
+    np.testing.assert_allclose(p[:3], rows[:3], atol=1e-12 * np.abs(p).max())
+    np.testing.assert_allclose(p[3:], R @ rows[3:] + np.cross(q[:3], rows[:3]), atol=1e-11 * np.abs(p).max())
+    assert arm.momentum(q, np.stack([v, -v])).shape == (2, 6)
+
+
+def test_mode_shapes_along_the_arm() -> None:
+    """Clamped-free bending is cosh - cos - s (sinh - sin); the hub's end does not move."""
+    arm = paper_link(2, 10, "legendre", rotary_inertia=False)
+    modes = arm.modes(lock=[0])
+    shapes = arm.mode_shapes(modes, 11)
+    assert shapes.position.shape == (12, 3) and shapes.displacement.shape == (12, 3, 10)
+    np.testing.assert_allclose(shapes.position[:11, 0], 0.075 + np.linspace(0, 0.5, 11))
+    assert np.isnan(shapes.x[-1]) and (shapes.link == 0).all()
+    for n, b in enumerate((1.875104068711961, 4.694091132974175)):
+        x = b * shapes.x[:11] / 0.5
+        s = (np.cosh(b) + np.cos(b)) / (np.sinh(b) + np.sin(b))
+        w = np.cosh(x) - np.cos(x) - s * (np.sinh(x) - np.sin(x))
+        found = shapes.displacement[:11, 1, n]
+        np.testing.assert_allclose(found / found[-1], w / w[-1], atol=1e-7)
+    with pytest.raises(ValueError, match="points = 1: must be at least 2"):
+        arm.mode_shapes(modes, 1)
+    with pytest.raises(ValueError, match="must be what this arm's"):
+        pendulum().mode_shapes(modes)
+
+
+def test_the_table() -> None:
+    text = str(paper_link())
+    assert text == paper_link().describe()
+    assert "revolute z" in text and "0.5, 0.001 x 0.02" in text and "bending_y 3" in text
+    assert "0.0785" in text and "20.95" in text
+    assert all(len(line) <= 160 for line in text.splitlines())
+    assert "the arm is rigid" in str(pendulum())
+    assert "spherical" in str(floating_arm())
+
+
+# -- bad input -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"inputs": 0}, r"inputs = 0: must be a list"),
+        ({"inputs": [7]}, r"inputs\[0\]: link = 7: must be from -3 to 2"),
+        ({"inputs": [2, 2]}, r"'force link 2 revolute' is named twice"),
+        ({"inputs": [2], "lock": [2]}, r"inputs\[0\] = 2: that joint is locked"),
+        ({"inputs": [("torque", 2)]}, r"inputs\[0\] = 'torque': must be one of force, acceleration, load"),
+        ({"inputs": [("load",)]}, r"inputs\[0\] = \('load',\): must be \(\"load\", link\)"),
+        ({"inputs": [("load", 1, 0.7)]}, r"0.7"),
+        ({"inputs": [("acceleration", (0, 4))]}, r"inputs: the three rotations of the ball of link 0"),
+        ({"outputs": "tip"}, r"outputs = 'tip': must be a list"),
+        ({"outputs": ["tip"]}, r"outputs\[0\] = 'tip': must be a tuple"),
+        ({"outputs": [("tips", 0)]}, r"outputs\[0\] = 'tips': .* did you mean 'tip'"),
+        ({"outputs": [("tip", 0), ("strain", 0, 0.1, "K4")]}, r"outputs\[1\]: strain = 'K4'"),
+        ({"outputs": [("strain", 0)]}, r"outputs\[0\] = \('strain', 0\): must be \(\"strain\", link, x\)"),
+        ({"outputs": [("strain", 0, "tip")]}, r"outputs\[0\]: x = 'tip': must be a number"),
+        ({"outputs": [("acceleration", 0, 0.2)]}, r"must be \(\"acceleration\", link\): of the link's end"),
+        ({"outputs": [("joint", (2, 1))]}, r"outputs\[0\]: link = \(2, 1\): its joint has freedoms 0 to 0"),
+        ({"lock": 0}, r"lock = 0: must be a list of link numbers"),
+        ({"lock": [(1, 0)]}, r"lock: the three rotations of the ball of link 1 go together"),
+        ({"v": [0.0]}, r"v has shape \(1,\)"),
+        ({"tau": np.full(29, np.nan)}, r"must be"),
+    ],
+)
+def test_bad_input(options: dict, message: str) -> None:
+    arm = floating_arm()
+    with pytest.raises(ValueError, match=message):
+        arm.linearize(arm.zero, **options)
+
+
+def test_more_bad_input() -> None:
+    arm = pendulum()
+    for call in (arm.forward_derivatives, arm.linearize):
+        with pytest.raises(ValueError, match=r"q has shape \(2,\)"):
+            call([0.0, 0.0], [0.0])
+    with pytest.raises(ValueError, match=r"q has shape \(2,\)"):
+        arm.equilibrium([0.0, 0.0])
+    with pytest.raises(ValueError, match="lock: link = 1"):
+        arm.equilibrium(lock=[1])
+    with pytest.raises(ValueError, match="link = 4"):
+        arm.acceleration([0.0], [0.0], [0.0], 4)
+    wheel = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(inertia=(1, 1, 1)))])
+    with pytest.raises(ValueError, match="no link has a mass"):
+        wheel.center_of_mass([0.0])
