@@ -167,6 +167,37 @@ def test_modal_damping() -> None:
     np.testing.assert_allclose(found.frequencies, paper_link(2).modes(lock=[0]).frequencies, rtol=1e-9)
 
 
+def test_kelvin_voigt_damping() -> None:
+    """Stress in proportion to the strain rate: a ratio of tau omega / 2, growing with the frequency; they add."""
+    tau = 1e-4
+    found = paper_link(2, kelvin_voigt=tau).modes(lock=[0])
+    np.testing.assert_allclose(found.damping, tau * found.frequencies / 2, rtol=1e-9)
+    both = paper_link(2, kelvin_voigt=tau, damping_ratio=0.01).modes(lock=[0])
+    np.testing.assert_allclose(both.damping, found.damping + 0.01, rtol=1e-9)
+
+
+@pytest.mark.parametrize("order", [2, "exact"])
+def test_a_split_beam_is_the_whole_beam(order: int | str) -> None:
+    """Beams joined by fixed joints make a longer one: frequencies at rest and at speed, and a spin-up, converge."""
+    whole = paper_link(order, 10, "legendre", rotary_inertia=False)
+    beam = whole.links[0].beam
+    drive = {0: fa.Motion.spin_up(7.6, 0.5)}
+    t = np.linspace(0, 0.5, 101)
+    tip = fa.simulate(whole, t, drive=drive, max_order=2).frame()[0]
+    for parts, n, limit in ((2, 7, 1e-6), (4, 5, 1e-6)):
+        piece = fa.Beam(beam.length / parts, beam.section, beam.material, {"bending_y": n}, "legendre", order, False)
+        links = [fa.Link(fa.Revolute("z"), whole.links[0].hub, piece)]
+        split = fa.Arm(links + [fa.Link(fa.Fixed(), beam=piece)] * (parts - 1))
+        for speed in (0.0, 10.0):
+            a, b = (arm.modes(speed={0: speed}, lock=[0]).frequencies[:3] for arm in (whole, split))
+            np.testing.assert_allclose(a, b, rtol=limit)
+        if parts > 2:
+            continue  # the spin-up of four says no more, and takes its time
+        # order 2 truncates the rotation of each piece anew, so the finer model is nearer the exact one
+        found = fa.simulate(split, t, drive=drive, max_order=2).frame()[0]
+        assert np.abs(found - tip).max() < (1e-4 if order == "exact" else 2e-3)
+
+
 def test_gyroscopic_modes_of_a_whirling_shaft() -> None:
     """A round shaft along the spin axis, seen from axes that spin with it: s = i (omega0 -+ Omega), twice each."""
     shaft = fa.Beam(1.0, fa.GeneralSection(1, 1, 1, 1), fa.Material(1, 1, 0.3), {"bending_y": 10, "bending_z": 10},

@@ -24,7 +24,7 @@ Status eliminate(const Arm& arm, Workspace& ws, const Eigen::VectorXd& tau) {
     if (!ws.loads.empty()) subtract_loads(arm, ws, n, b.N, b.Ne);
     if (link.beam()) {
       b.Ne.noalias() += link.beam()->stiffness() * s.qe;
-      if (link.beam()->options().damping_ratio > 0.0) b.Ne.noalias() += link.beam()->damping() * s.dqe;
+      if (link.beam()->damped()) b.Ne.noalias() += link.beam()->damping() * s.dqe;
     }
     if (n + 1 < arm.size()) {  // what the link above leaves after its elimination, through Phi^T (Eq. 95, 96)
       const LinkState<double>& up = ws.links[n + 1];

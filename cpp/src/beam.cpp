@@ -106,6 +106,7 @@ Beam::Beam(double length, const Section& section, const Material& material, cons
   if (options_.order < 0 || options_.order > kExact)
     bad_value("order", options_.order, "must be 0, 1, 2, 3 or \"exact\"");
   non_negative("damping_ratio", options_.damping_ratio);
+  non_negative("kelvin_voigt", options_.kelvin_voigt);
   if (options_.gauss_points < 0 || options_.gauss_points > 400)
     bad_value("gauss_points", options_.gauss_points, "must be from 1 to 400, or 0 to let the basis choose");
   const bool needs_shear = options_.modes[torsion] + options_.modes[shear_y] + options_.modes[shear_z] > 0;
@@ -149,6 +150,7 @@ Beam::Beam(double length, const Section& section, const Material& material, cons
       const Eigen::VectorXd e = shapes(options_.basis, s, ns, length_, fine.points[g]).strain;
       stiffness_.block(first_[s], first_[s], ns, ns) += fine.weights[g] * rigidity[s] * e * e.transpose();
     }
+  damping_ = options_.kelvin_voigt * stiffness_;
   if (options_.damping_ratio > 0.0 && ne_ > 0) {
     MatrixXd M = MatrixXd::Zero(ne_, ne_);
     for (const MassSlice& s : slices_) {
@@ -160,7 +162,7 @@ Beam::Beam(double length, const Section& section, const Material& material, cons
       bad_value("damping_ratio", options_.damping_ratio, "the clamped beam has a mode without inertia");
     const MatrixXd MV = M * modes.eigenvectors();
     const Eigen::VectorXd d = 2.0 * options_.damping_ratio * modes.eigenvalues().cwiseMax(0.0).cwiseSqrt();
-    damping_ = MV * d.asDiagonal() * MV.transpose();
+    damping_ += MV * d.asDiagonal() * MV.transpose();
   }
 }
 

@@ -30,7 +30,7 @@ void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, c
     if (!ws.loads.empty()) subtract_loads(arm, ws, n, s.F, s.Fe);
     if (link.beam()) {  // elastic and damping forces (Eq. 62)
       const Eigen::MatrixXd &K = link.beam()->stiffness(), &D = link.beam()->damping();
-      const bool damped = link.beam()->options().damping_ratio > 0.0;
+      const bool damped = link.beam()->damped();
       for (int k = 0; k < link.ne(); ++k)
         for (int i = 0; i < link.ne(); ++i) {
           s.Fe[k] += K(k, i) * s.qe[i];

@@ -23,18 +23,20 @@ void bind_model(py::module_& m) {
   py::class_<Beam>(m, "Beam")
       .def(py::init([](double length, const Section& section, const Material& material,
                        const std::array<int, kStrains>& modes, const std::string& basis, int order, bool rotary_inertia,
-                       double damping_ratio, int gauss_points) {
+                       double damping_ratio, double kelvin_voigt, int gauss_points) {
              BeamOptions o;
              o.modes = modes;
              o.basis = basis_from_name(basis);
              o.order = order;
              o.rotary_inertia = rotary_inertia;
              o.damping_ratio = damping_ratio;
+             o.kelvin_voigt = kelvin_voigt;
              o.gauss_points = gauss_points;
              return Beam(length, section, material, o);
            }),
            py::arg("length"), py::arg("section"), py::arg("material"), py::arg("modes"), py::arg("basis"),
-           py::arg("order"), py::arg("rotary_inertia"), py::arg("damping_ratio"), py::arg("gauss_points"))
+           py::arg("order"), py::arg("rotary_inertia"), py::arg("damping_ratio"), py::arg("kelvin_voigt"),
+           py::arg("gauss_points"))
       .def_property_readonly("mass", &Beam::mass)
       .def_property_readonly("gauss_points", [](const Beam& b) { return b.slices().size(); })
       .def_property_readonly("stiffness", &Beam::stiffness)

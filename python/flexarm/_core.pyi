@@ -50,6 +50,7 @@ class Beam:
         order: int,
         rotary_inertia: bool,
         damping_ratio: float,
+        kelvin_voigt: float,
         gauss_points: int,
     ) -> None: ...
     @property

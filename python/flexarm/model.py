@@ -180,6 +180,7 @@ class Beam(_Part):
             "exact" (no truncation) are for large bending and cost more.
         rotary_inertia: whether slices have rotary inertia.
         damping_ratio: modal, of every mode of the beam clamped at its base.
+        kelvin_voigt: retardation time (s) of the material: stress = E (strain + kelvin_voigt d(strain)/dt).
         gauss_points: slices that carry the inertia; None lets the basis choose enough for about 1e-12.
 
     Raises:
@@ -194,12 +195,14 @@ class Beam(_Part):
     order: int | str = 2
     rotary_inertia: bool = True
     damping_ratio: float = 0.0
+    kelvin_voigt: float = 0.0
     gauss_points: int | None = None
     _core: _core.Beam = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self._set("length", number("length", self.length))
-        self._set("damping_ratio", number("damping_ratio", self.damping_ratio))
+        for name in ("damping_ratio", "kelvin_voigt"):
+            self._set(name, number(name, getattr(self, name)))
         if not isinstance(self.section, _Section):
             raise ValueError(f"section = {self.section!r}: must be a Rectangle, Circle or GeneralSection")
         if not isinstance(self.material, Material):
@@ -230,6 +233,7 @@ class Beam(_Part):
             4 if order == "exact" else int(order),
             self.rotary_inertia,
             self.damping_ratio,
+            self.kelvin_voigt,
             points,
         )
         self._set("_core", core)

@@ -26,6 +26,7 @@ struct BeamOptions {
   int order = 2;               ///< of rotation (Eq. 26): 0 (the paper's simplified model), 1, 2, 3 or kExact
   bool rotary_inertia = true;  ///< of the slices
   double damping_ratio = 0.0;  ///< modal, of every mode of the beam clamped at its base
+  double kelvin_voigt = 0.0;   ///< retardation time (s): stress = E (strain + kelvin_voigt dstrain/dt)
   int gauss_points = 0;        ///< 0: enough for the basis, see `enough_gauss_points`
 };
 
@@ -46,6 +47,7 @@ class Beam {
   const Eigen::MatrixXd& damping() const { return damping_; }      ///< ne x ne
   /// Beyond order 2, what the series needs; else null.
   const SeriesTables* series() const { return series_ ? &*series_ : nullptr; }
+  bool damped() const { return options_.damping_ratio > 0.0 || options_.kelvin_voigt > 0.0; }
   const std::vector<MassSlice>& slices() const { return slices_; }
   const SliceTable& tip() const { return tip_; }  ///< the slice at X = L
 
