@@ -1,7 +1,7 @@
 // Time of one evaluation of forward dynamics (AB, CI) and inverse dynamics, by order and by number of links.
 //   cmake --preset release && cmake --build --preset release && build/release/bench_dynamics
-// Prints a CSV table; medians of several rounds, all algorithms in turn, so that ratios hold on a noisy
-// machine.
+// Prints a CSV table (order 4 stands for exact); medians of several rounds, all algorithms in turn, so that ratios hold
+// on a noisy machine.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -53,7 +53,7 @@ int main() {
   std::printf("links,modes,order,coordinates,ab_us,ci_us,inverse_us,ci/ab\n");
   const std::array<int, 5> rigid{}, planar{3, 0, 0, 0, 0}, spatial{3, 3, 1, 0, 0};
   for (const auto& modes : {rigid, planar, spatial})
-    for (int order : {0, 1, 2})
+    for (int order : {0, 1, 2, 3, kExact})
       for (int links : {1, 2, 7, 20, 50}) {
         if (modes == rigid && order != 2) continue;
         const Arm arm = chain(links, modes, order);

@@ -99,6 +99,42 @@ struct System {
       if (yp) a[i] = yp[n_q() + k];
     }
   }
+
+  /// y and dy/dt of the current coordinates, rates and accelerations.
+  std::pair<Eigen::VectorXd, Eigen::VectorXd> state() {
+    Eigen::VectorXd y(n_q() + n_v()), yp(n_q() + n_v());
+    coordinate_rates(arm, q, v, dq);
+    for (int k = 0; k < n_q(); ++k) {
+      y[k] = q[free_q[k]];
+      yp[k] = dq[free_q[k]];
+    }
+    for (int k = 0; k < n_v(); ++k) {
+      y[n_q() + k] = v[ws.free[k]];
+      yp[n_q() + k] = a[ws.free[k]];
+    }
+    return {y, yp};
+  }
+
+  /// Adds a row to the trajectory: the current state, its accelerations, the reactions of prescribed motions.
+  bool record(Trajectory& out, bool composite) {
+    ws.a = a;
+    const Status status = composite ? forward_dynamics_ci(arm, ws, q, v, tau) : forward_dynamics_ab(arm, ws, q, v, tau);
+    if (status != Status::ok || !ws.a.allFinite()) {
+      out.failure = "the mass matrix is singular";
+      return false;
+    }
+    a = ws.a;
+    inverse_dynamics<double>(arm, ws, q, v, a);
+    for (const Drive& d : drives)
+      if (d.motion) tau[d.coordinate] = ws.tau[d.coordinate];
+    for (std::size_t k = 0; k < arm.size(); ++k) arm.link(k).joint().normalise(q.data() + arm.first_q(k));
+    out.q.row(out.done) = q;
+    out.v.row(out.done) = v;
+    out.a.row(out.done) = a;
+    out.tau.row(out.done) = tau;
+    ++out.done;
+    return true;
+  }
 };
 
 int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
@@ -168,8 +204,9 @@ struct Solver {
   SUNLinearSolver linear = nullptr;
   void* memory = nullptr;
 
-  Solver(System& s, int n, const IdaOptions& o, double t0, const Eigen::VectorXd& y0, const Eigen::VectorXd& yp0,
+  Solver(System& s, const IdaOptions& o, double t0, const Eigen::VectorXd& y0, const Eigen::VectorXd& yp0,
          double t_end) {
+    const sunindextype n = y0.size();
 #if SUNDIALS_VERSION_MAJOR < 7
     check(SUNContext_Create(nullptr, &context));
 #else
@@ -285,60 +322,25 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   check_arguments(arm, drives, t, q0, v0, tau, options);
   const auto started = std::chrono::steady_clock::now();
   System s(arm, drives, loads, tau);
-  const int nq = s.n_q(), nv = s.n_v();
-  const auto accelerate = [&] {
-    s.ws.a = s.a;
-    const Status status = options.composite ? forward_dynamics_ci(arm, s.ws, s.q, s.v, s.tau)
-                                            : forward_dynamics_ab(arm, s.ws, s.q, s.v, s.tau);
-    return status == Status::ok && s.ws.a.allFinite();
-  };
-
   Trajectory out;
   out.q = Trajectory::Rows::Constant(t.size(), arm.nq(), std::nan(""));
   out.v = out.a = out.tau = Trajectory::Rows::Constant(t.size(), arm.nv(), std::nan(""));
   out.reached = t[0];
-  const auto record = [&] {  // accelerations and reactions at the current state
-    if (!accelerate()) {
-      out.failure = "the mass matrix is singular";
-      return false;
-    }
-    s.a = s.ws.a;
-    inverse_dynamics<double>(arm, s.ws, s.q, s.v, s.a);
-    for (const Drive& d : drives)
-      if (d.motion) s.tau[d.coordinate] = s.ws.tau[d.coordinate];
-    for (std::size_t k = 0; k < arm.size(); ++k) arm.link(k).joint().normalise(s.q.data() + arm.first_q(k));
-    out.q.row(out.done) = s.q;
-    out.v.row(out.done) = s.v;
-    out.a.row(out.done) = s.a;
-    out.tau.row(out.done) = s.tau;
-    ++out.done;
-    return true;
-  };
-
   s.q = q0;
   s.v = v0;
   s.drive(t[0]);
-  if (!record()) return out;
-  if (nq == 0) {  // everything is prescribed: nothing to integrate
+  if (!s.record(out, options.composite)) return out;
+  if (s.n_q() == 0) {  // everything is prescribed: nothing to integrate
     for (Eigen::Index k = 1; k < t.size(); ++k) {
       s.drive(t[k]);
-      if (!record()) return out;
+      if (!s.record(out, options.composite)) return out;
       out.reached = t[k];
     }
     return out;
   }
 
-  Eigen::VectorXd y0(nq + nv), yp0(nq + nv);
-  coordinate_rates(arm, s.q, s.v, s.dq);
-  for (int k = 0; k < nq; ++k) {
-    y0[k] = s.q[s.free_q[k]];
-    yp0[k] = s.dq[s.free_q[k]];
-  }
-  for (int k = 0; k < nv; ++k) {
-    y0[nq + k] = s.v[s.ws.free[k]];
-    yp0[nq + k] = s.a[s.ws.free[k]];
-  }
-  Solver solver(s, nq + nv, options, t[0], y0, yp0, t[t.size() - 1]);
+  const auto [y0, yp0] = s.state();
+  Solver solver(s, options, t[0], y0, yp0, t[t.size() - 1]);
   const std::vector<double> stops = stop_times(drives, loads, t);
   while (out.done < t.size() && out.failure.empty()) {
     const double goal = t[out.done];
@@ -356,7 +358,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
       out.failure = reason(flag, s);
     } else if (now >= goal) {
       s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
-      record();
+      s.record(out, options.composite);
     }
     if (!going && out.failure.empty()) out.failure = kInterrupted;
   }

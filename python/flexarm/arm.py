@@ -140,7 +140,17 @@ class Arm:
         return None if x is None else number("x", x)
 
     def _batch(self, **named: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
-        return batch({k: self.nq if k == "q" else self.nv for k in named}, **named)
+        lead, rows = batch({k: self.nq if k == "q" else self.nv for k in named}, **named)
+        if "q" in named:
+            self.check_balls("q", rows[list(named).index("q")])
+        return lead, rows
+
+    def check_balls(self, field: str, q: Array) -> None:
+        """ValueError when a quaternion in q (..., nq) has no length."""
+        for k, link in enumerate(self.links):
+            last = self._core.first_q(k) + link.joint.nq
+            if link.joint.ball and (np.abs(q[..., last - 4 : last]).max(axis=-1, initial=0.0) < 1e-100).any():
+                raise ValueError(f"{field}[{last - 4}:{last}] = 0 0 0 0: the quaternion of link {k} must have a length")
 
     # -- dynamics ----------------------------------------------------------------------------------------------------
 

@@ -94,6 +94,7 @@ def simulate(
         if name == "tau" and value is not None and np.ndim(value) > 1:
             raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
         state[name] = zero if value is None else array(name, value, zero.shape)
+    arm.check_balls("q0", state["q0"])
     laws = []
     for i, law in arm.by_rate("drive", drive).items():
         where = f"drive of '{arm.coordinates[i]}'"
