@@ -274,7 +274,7 @@ class Arm:
 
     def strain(self, q: ArrayLike, link: int = 0, x: float = 0.0) -> Array:
         """Strains K1, K2, K3 (1/m) and phi12, phi13 (rad) at x metres along a link's beam (Eq. 18-21), (..., 5)."""
-        lead, (q,) = self._batch(q=q)
+        lead, (q,) = batch({"q": self.nq}, q=q)  # strains do not ask for a ball's quaternion
         return finite("strain", self._core.strain(q, self._link(link), number("x", x))).reshape(*lead, 5)
 
     def deflection(self, q: ArrayLike, link: int = 0, x: float | None = None) -> Array:
