@@ -124,11 +124,14 @@ class Arm:
         for i, label in enumerate(self.coordinates):
             if self.coordinate_of(i) >= 0:
                 names[self.coordinate_of(i)] = label
-        for k, link in enumerate(self.links):
-            if link.joint.ball:
-                first = self._core.first_q(k) + link.joint.nq - 4
-                names[first : first + 4] = [f"link {k} {link.joint.type} quaternion {c}" for c in "wxyz"]
+        for k, at in self.quaternions():
+            names[at] = [f"link {k} {self.links[k].joint.type} quaternion {c}" for c in "wxyz"]
         return tuple(names)
+
+    def quaternions(self) -> list[tuple[int, slice]]:
+        """The links whose joints hold a ball, and where its quaternion (w, x, y, z) stands in q."""
+        ends = [self._core.first_q(k) + link.joint.nq for k, link in enumerate(self.links)]
+        return [(k, slice(end - 4, end)) for k, end in enumerate(ends) if self.links[k].joint.ball]
 
     @property
     def zero(self) -> Array:
@@ -147,10 +150,11 @@ class Arm:
 
     def check_balls(self, field: str, q: Array) -> None:
         """ValueError when a quaternion in q (..., nq) has no length."""
-        for k, link in enumerate(self.links):
-            last = self._core.first_q(k) + link.joint.nq
-            if link.joint.ball and (np.abs(q[..., last - 4 : last]).max(axis=-1, initial=0.0) < 1e-100).any():
-                raise ValueError(f"{field}[{last - 4}:{last}] = 0 0 0 0: the quaternion of link {k} must have a length")
+        for k, at in self.quaternions():
+            if (np.abs(q[..., at]).max(axis=-1, initial=0.0) < 1e-100).any():
+                raise ValueError(
+                    f"{field}[{at.start}:{at.stop}] = 0 0 0 0: the quaternion of link {k} must have a length"
+                )
 
     # -- dynamics ----------------------------------------------------------------------------------------------------
 

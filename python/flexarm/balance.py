@@ -20,10 +20,8 @@ _TRIES = 200
 def displaced(arm: Arm, q: Array, E: Array, step: Array) -> Array:
     """q moved by a step of its rates (nv,): q + E step, quaternions brought back to unit length."""
     out: Array = q + E @ step
-    for k, link in enumerate(arm.links):
-        if link.joint.ball:
-            quaternion = slice(arm._core.first_q(k) + link.joint.nq - 4, arm._core.first_q(k) + link.joint.nq)
-            out[quaternion] /= np.linalg.norm(out[quaternion])
+    for _, at in arm.quaternions():
+        out[at] /= np.linalg.norm(out[at])
     return out
 
 
