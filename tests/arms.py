@@ -9,6 +9,8 @@ import flexarm as fa
 import numpy as np
 
 DATA = Path(__file__).parent / "data"
+G = 9.81
+STEEL = fa.Material(7850, 209e9, 0.3)
 
 
 def reference(name: str) -> dict:
@@ -108,3 +110,51 @@ def random_state(rng: np.random.Generator, arm: fa.Arm) -> tuple[np.ndarray, np.
 def rates(arm: fa.Arm, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """dq/dt: v, but for the quaternions of balls."""
     return arm._core.rates(q, v)[0]
+
+
+BODY = fa.RigidBody(1.3, (0.1, -0.05, 0.02), (0.02, 0.03, 0.04, 0.002, 0.001, -0.003), (0.4, 0.1, 0.0))
+STRIP = fa.Beam(
+    0.5,
+    fa.Rectangle(0.004, 0.01),
+    fa.Material(7850, 1e9, 0.3),
+    {"bending_y": 2, "bending_z": 2, "torsion": 1},
+    "legendre",
+    gauss_points=6,
+)
+
+
+def pendulum(**joint) -> fa.Arm:
+    """1 kg at 1 m, swinging in the x-y plane; weight along -y: it hangs at q = -pi/2."""
+    return fa.Arm([fa.Link(fa.Revolute("z", **joint), fa.RigidBody(1.0, com=(1, 0, 0)))], gravity=(0, -G, 0))
+
+
+def floating_arm(gravity=(0.3, -G, 1.0)) -> fa.Arm:
+    joints = (fa.Free(), fa.Spherical(damping=0.1), fa.Revolute("y"))
+    return fa.Arm([fa.Link(j, BODY, STRIP, BODY) for j in joints], gravity)
+
+
+def moved(arm: fa.Arm, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """q after small rates theta for unit time; quaternions need not be of unit length."""
+    return q + arm._core.rates(q, theta)[2] @ theta
+
+
+def unit_balls(arm: fa.Arm, q: np.ndarray) -> np.ndarray:
+    q = q.copy()
+    for _, at in arm.quaternions():
+        q[at] /= np.linalg.norm(q[at])
+    return q
+
+
+def differences(f, n: int, h: float = 1e-4) -> np.ndarray:
+    """Jacobian at zero of f(small) by central differences of fourth order: truncation h^4, rounding 1e-16 / h, so about
+    1e-11 of f's size and derivatives where those are well scaled."""
+
+    def column(k: int) -> np.ndarray:
+        e = np.eye(n)[k] * h
+        return (8 * (f(e) - f(-e)) - (f(2 * e) - f(-2 * e))) / (12 * h)
+
+    return np.stack([column(k) for k in range(n)], axis=-1)
+
+
+def close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
+    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * max(1.0, np.abs(expected).max()))

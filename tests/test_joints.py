@@ -3,18 +3,8 @@
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import random_state
+from arms import BODY, STRIP, random_state
 from scipy.spatial.transform import Rotation
-
-BODY = fa.RigidBody(1.3, (0.1, -0.05, 0.02), (0.02, 0.03, 0.04, 0.002, 0.001, -0.003), (0.4, 0.1, 0.0))
-STRIP = fa.Beam(
-    0.5,
-    fa.Rectangle(0.004, 0.01),
-    fa.Material(7850, 1e9, 0.3),
-    {"bending_y": 2, "bending_z": 2, "torsion": 1},
-    "legendre",
-    2,
-)
 
 
 def two_links(first: fa.Joint, second: fa.Joint, gravity=(0.3, -9.81, 1.0)) -> fa.Arm:

@@ -1,69 +1,25 @@
-"""Derivatives, linear models, equilibria; motion of slices and of the whole arm."""
+"""Exact derivatives and linear models."""
 
 import sys
 
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import paper_link, random_arm, random_state, rates
-from scipy.spatial.transform import Rotation
-
-STEEL = fa.Material(7850, 209e9, 0.3)
-BODY = fa.RigidBody(1.3, (0.1, -0.05, 0.02), (0.02, 0.03, 0.04, 0.002, 0.001, -0.003), (0.4, 0.1, 0.0))
-STRIP = fa.Beam(
-    0.5,
-    fa.Rectangle(0.004, 0.01),
-    fa.Material(7850, 1e9, 0.3),
-    {"bending_y": 2, "bending_z": 2, "torsion": 1},
-    "legendre",
-    gauss_points=6,
+from arms import (
+    BODY,
+    STEEL,
+    G,
+    close,
+    differences,
+    floating_arm,
+    moved,
+    paper_link,
+    pendulum,
+    random_arm,
+    random_state,
+    unit_balls,
 )
-G = 9.81
-
-
-def pendulum(**joint) -> fa.Arm:
-    """1 kg at 1 m, swinging in the x-y plane; weight along -y: it hangs at q = -pi/2."""
-    return fa.Arm([fa.Link(fa.Revolute("z", **joint), fa.RigidBody(1.0, com=(1, 0, 0)))], gravity=(0, -G, 0))
-
-
-def floating_arm(gravity=(0.3, -G, 1.0)) -> fa.Arm:
-    joints = (fa.Free(), fa.Spherical(damping=0.1), fa.Revolute("y"))
-    return fa.Arm([fa.Link(j, BODY, STRIP, BODY) for j in joints], gravity)
-
-
-def cantilever(tip: float, order: int | str = 2) -> fa.Arm:
-    beam = fa.Beam(0.5, fa.Rectangle(0.01, 0.02), STEEL, {"bending_y": 4}, "legendre", order)
-    return fa.Arm([fa.Link(fa.Fixed(), None, beam, fa.RigidBody(tip))], gravity=(0, -G, 0))
-
-
-def moved(arm: fa.Arm, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """q after small rates theta for unit time; quaternions need not be of unit length."""
-    return q + arm._core.rates(q, theta)[2] @ theta
-
-
-def unit_balls(arm: fa.Arm, q: np.ndarray) -> np.ndarray:
-    q = q.copy()
-    for k, link in enumerate(arm.links):
-        if link.joint.ball:
-            first = arm._core.first_q(k) + link.joint.nq - 4
-            q[first : first + 4] /= np.linalg.norm(q[first : first + 4])
-    return q
-
-
-def differences(f, n: int, h: float = 1e-4) -> np.ndarray:
-    """Jacobian at zero of f(small) by central differences of fourth order: truncation h^4, rounding 1e-16 / h, so about
-    1e-11 of f's size and derivatives where those are well scaled."""
-
-    def column(k: int) -> np.ndarray:
-        e = np.eye(n)[k] * h
-        return (8 * (f(e) - f(-e)) - (f(2 * e) - f(-2 * e))) / (12 * h)
-
-    return np.stack([column(k) for k in range(n)], axis=-1)
-
-
-def close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * max(1.0, np.abs(expected).max()))
-
+from scipy.spatial.transform import Rotation
 
 # -- derivatives -----------------------------------------------------------------------------------------------------
 
@@ -74,10 +30,11 @@ def test_forward_derivatives_against_differences(seed: int) -> None:
     rng = np.random.default_rng(seed)
     arm = random_arm(rng, 3)
     q, v, tau = random_state(rng, arm)
-    found = arm.forward_derivatives(q, v, tau)
+    push = [fa.Load(1, None, (1.0, -2.0, 0.5), (0.1, 0.3, -0.2), axes="section")]
+    found = arm.forward_derivatives(q, v, tau, push)
     h = 1e-5
-    close(found.dq, differences(lambda e: arm.forward_dynamics(q + e, v, tau), arm.nq, h), 1e-6)
-    close(found.dv, differences(lambda e: arm.forward_dynamics(q, v + e, tau), arm.nv), 1e-6)
+    close(found.dq, differences(lambda e: arm.forward_dynamics(q + e, v, tau, loads=push), arm.nq, h), 1e-6)
+    close(found.dv, differences(lambda e: arm.forward_dynamics(q, v + e, tau, loads=push), arm.nv), 1e-6)
     close(found.dtau @ arm.mass_matrix(q), np.eye(arm.nv), 1e-8)
 
 
@@ -98,6 +55,7 @@ INPUTS = [0, (1, 2), ("load", 1, 0.3), ("load", 2)]
 OUTPUTS = [
     *(("joint", 0), ("rate", (1, 0)), ("tip", 1, 0.2), ("tip", 2), ("velocity", 1), ("acceleration", 2)),
     *(("accelerometer", 1), ("strain", 1, 0.1), ("strain", 1, 0.0, "K3")),
+    *(("velocity", 2, 0.1), ("acceleration", 1, 0.3), ("accelerometer", 2, 0.4)),
 ]
 
 
@@ -107,8 +65,9 @@ def test_every_output_against_differences_of_its_value() -> None:
     arm = floating_arm()
     q, v, tau = random_state(rng, arm)
     q = unit_balls(arm, q)
-    sys = arm.linearize(q, v, INPUTS, OUTPUTS, tau=tau)
-    assert sys.C.shape == (3 + 3 + 1 + 3 + 3 + 3 + 3 + 3 + 5 + 1, 2 * arm.nv) and sys.D.shape[1] == 6 + 1 + 3 + 3
+    push = [fa.Load(1, 0.25, (0.3, -0.4, 0.5), (0.1, 0.2, 0.3), axes="section"), fa.Load(2, None, (1.0, 0.5, -2.0))]
+    sys = arm.linearize(q, v, INPUTS, OUTPUTS, tau=tau, loads=push)
+    assert sys.C.shape == (3 + 3 + 1 + 3 + 3 + 3 + 3 + 3 + 5 + 1 + 9, 2 * arm.nv) and sys.D.shape[1] == 6 + 1 + 3 + 3
     loads = np.hstack([arm.jacobian(q, 1, 0.3)[:3].T, arm.jacobian(q, 2)[:3].T])
     units = np.hstack([np.eye(arm.nv)[:, [*range(6), arm.joint_rate((1, 2))]], loads])
     turns = [k for k, name in enumerate(sys.outputs) if name.startswith("joint") and " w" in name]
@@ -118,13 +77,15 @@ def test_every_output_against_differences_of_its_value() -> None:
 
     def y(theta: np.ndarray = none, dv: np.ndarray = none, u: np.ndarray = no_u) -> np.ndarray:
         x, w = moved(arm, q, theta), v + dv
-        a = arm.forward_dynamics(x, w, tau + units @ u)
+        a = arm.forward_dynamics(x, w, tau + units @ u, loads=push)
         R = arm.frame(x, 1)[1]
         g = np.array(arm.gravity)
         slices = (arm.frame(x, 1, 0.2)[0], arm.frame(x, 2)[0], arm.velocity(x, w, 1)[:3])
         accelerations = (arm.acceleration(x, w, a, 2)[:3], R.T @ (arm.acceleration(x, w, a, 1)[:3] - g))
         strains = (arm.strain(x, 1, 0.1), arm.strain(x, 1)[2:3])
-        return np.concatenate([x[:3], w[arm.joint_rates((1, 0))], *slices, *accelerations, *strains])
+        felt = arm.frame(x, 2, 0.4)[1].T @ (arm.acceleration(x, w, a, 2, 0.4)[:3] - g)
+        inner = (arm.velocity(x, w, 2, 0.1)[:3], arm.acceleration(x, w, a, 1, 0.3)[:3], felt)
+        return np.concatenate([x[:3], w[arm.joint_rates((1, 0))], *slices, *accelerations, *strains, *inner])
 
     np.testing.assert_allclose(sys.y[rows], y(), rtol=1e-12)
     n = arm.nv
@@ -258,154 +219,6 @@ def test_to_control_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
         pendulum().linearize([0.0]).to_control()
 
 
-# -- equilibrium -----------------------------------------------------------------------------------------------------
-
-
-def test_sag_of_a_cantilever() -> None:
-    """PL^3/3EI + wL^4/8EI; at a sag of 1e-4 of the length the second order is 1e-8."""
-    P, L = 0.1, 0.5
-    arm = cantilever(P)
-    beam = arm.links[0].beam
-    EI, w = 209e9 * beam.section.second_moment_z, beam.mass * G / L
-    sag = P * G * L**3 / (3 * EI) + w * L**4 / (8 * EI)
-    assert arm.deflection(arm.equilibrium())[1] == pytest.approx(-sag, rel=1e-6)
-
-
-def test_a_large_sag_balances() -> None:
-    arm = cantilever(400.0, order="exact")  # two thirds of the length
-    q = arm.equilibrium()
-    assert np.abs(arm.bias(q, np.zeros(arm.nv))).max() < 1e-9 * 400 * G
-    assert arm.deflection(q)[1] < -0.1
-    assert arm.modes(q).stable
-
-
-def test_equilibrium_of_a_pendulum() -> None:
-    arm = pendulum()
-    for start in (0.0, 1.5, -3.0):  # level, where the stiffness is zero; almost upright
-        q = arm.equilibrium([start])
-        assert np.cos(q[0] + np.pi / 2) == pytest.approx(1.0, abs=1e-14)
-    assert arm.equilibrium([np.pi / 2])[0] == np.pi / 2  # in balance already
-    assert arm.equilibrium(tau=[0.5 * G])[0] == pytest.approx(-np.pi / 3)
-    assert arm.equilibrium([0.3], lock=[0])[0] == 0.3
-    held = pendulum(stiffness=20.0).equilibrium()[0]
-    assert 20.0 * held == pytest.approx(-G * np.cos(held), rel=1e-14)
-    with pytest.raises(ValueError, match=r"no equilibrium was found: .* Newton steps .* 'link 0 revolute'"):
-        arm.equilibrium(tau=[1.1 * G])
-    falls = fa.Arm([fa.Link(fa.Prismatic("y"), BODY)], gravity=(0, -G, 0))
-    with pytest.raises(ValueError, match="no equilibrium was found"):
-        falls.equilibrium()
-    assert falls.equilibrium(tau=[BODY.mass * G])[0] == 0.0
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_untruncated_arms_always_sag_to_rest(seed: int) -> None:
-    """Joints locked, order exact: the elastic energy outgrows that of any weight, however floppy the beams (E down to
-    1e7 Pa here), so there is an equilibrium. (Order 2 may have none: its shortening grows as deflection squared.)"""
-    arm = random_arm(np.random.default_rng(seed), 3, orders=("exact",))
-    q = arm.equilibrium(lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
-    elastic = [k for k, name in enumerate(arm.coordinates) if any(s in name for s in ("bending", "torsion", "shear"))]
-    weight = sum(link.mass for link in arm.links) * np.linalg.norm(arm.gravity)
-    assert np.abs(arm.bias(q, np.zeros(arm.nv))[elastic]).max(initial=0.0) < 1e-11 * weight
-
-
-def test_a_ball_hangs() -> None:
-    """A flexible two-link arm on balls: its centre of mass ends below the base, and it is stable."""
-    arm = fa.Arm([fa.Link(fa.Spherical(), BODY, STRIP, BODY)] * 2, gravity=(0, 0, -G))
-    q = arm.equilibrium()
-    np.testing.assert_allclose(arm.center_of_mass(q)[:2], 0.0, atol=1e-9)
-    assert arm.center_of_mass(q)[2] < -0.5
-    assert np.linalg.norm(q[:4]) == pytest.approx(1.0, abs=1e-15)
-    assert (arm.modes(q).eigenvalues.real < 1e-3).all()  # turning about the vertical is indifferent
-
-
-# -- motion ----------------------------------------------------------------------------------------------------------
-
-
-def test_velocities_and_accelerations_of_slices() -> None:
-    """Against differences of frames and velocities along the motion."""
-    rng = np.random.default_rng(7)
-    arm = floating_arm()
-    q, v, _ = random_state(rng, arm)
-    a = rng.normal(size=arm.nv)
-
-    def state(t: float, steps: int = 20) -> tuple[np.ndarray, np.ndarray]:
-        """v(t) = v + a t; q by Runge-Kutta."""
-        x, h = unit_balls(arm, q), t / steps
-        for k in range(steps):
-            s = k * h
-            k1 = rates(arm, x, v + a * s)
-            k2 = rates(arm, x + h / 2 * k1, v + a * (s + h / 2))
-            k3 = rates(arm, x + h / 2 * k2, v + a * (s + h / 2))
-            k4 = rates(arm, x + h * k3, v + a * (s + h))
-            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        return x, v + a * t
-
-    q = unit_balls(arm, q)
-    for link, x in ((0, None), (1, 0.2), (2, None)):
-        V = arm.velocity(q, v, link, x)
-        dp = differences(lambda t, k=link, x=x: arm.frame(state(t[0])[0], k, x)[0], 1, 1e-3)[:, 0]
-        np.testing.assert_allclose(V[:3], dp, atol=1e-7)
-        dR = differences(lambda t, k=link, x=x: arm.frame(state(t[0])[0], k, x)[1], 1, 1e-3)[..., 0]
-        wx = dR @ arm.frame(q, link, x)[1].T
-        np.testing.assert_allclose(V[3:], [wx[2, 1], wx[0, 2], wx[1, 0]], atol=1e-7)
-    for link in (0, 2):
-        dV = differences(lambda t, k=link: arm.velocity(*state(t[0]), k), 1, 1e-3)[:, 0]
-        np.testing.assert_allclose(arm.acceleration(q, v, a, link), dV, atol=1e-6)
-    lead = arm.acceleration(np.stack([q, q]), v, a)
-    assert lead.shape == (2, 6)
-
-
-def test_centre_of_mass_and_momentum() -> None:
-    rng = np.random.default_rng(8)
-    arm, heavy = floating_arm((0, 0, 0)), floating_arm((0, 0, -1.0))
-    q, v, _ = random_state(rng, arm)
-    q = unit_balls(arm, q)
-    mass = sum(link.mass for link in arm.links)
-    c, p = arm.center_of_mass(q), arm.momentum(q, v)
-    assert heavy.energy(q, v)[1] - arm.energy(q, v)[1] == pytest.approx(mass * c[2], rel=1e-12)
-    dc = differences(lambda e: arm.center_of_mass(q + e[0] * rates(arm, q, v)), 1)[:, 0]
-    np.testing.assert_allclose(p[:3], mass * dc, atol=1e-8)
-    # the free joint's rows of M v, turned from where they are measured
-    rows = arm.mass_matrix(q)[:6] @ v
-    R = Rotation.from_quat(q[[4, 5, 6, 3]]).as_matrix()
-    np.testing.assert_allclose(p[:3], rows[:3], atol=1e-12 * np.abs(p).max())
-    np.testing.assert_allclose(p[3:], R @ rows[3:] + np.cross(q[:3], rows[:3]), atol=1e-11 * np.abs(p).max())
-    assert arm.momentum(q, np.stack([v, -v])).shape == (2, 6)
-
-
-def test_mode_shapes_along_the_arm() -> None:
-    """Clamped-free bending is cosh - cos - s (sinh - sin); the hub's end does not move."""
-    arm = paper_link(2, 10, "legendre", rotary_inertia=False)
-    modes = arm.modes(lock=[0])
-    shapes = arm.mode_shapes(modes, 11)
-    assert shapes.position.shape == (12, 3) and shapes.displacement.shape == (12, 3, 10)
-    np.testing.assert_allclose(shapes.position[:11, 0], 0.075 + np.linspace(0, 0.5, 11))
-    assert np.isnan(shapes.x[-1]) and (shapes.link == 0).all()
-    for n, b in enumerate((1.875104068711961, 4.694091132974175)):
-        x = b * shapes.x[:11] / 0.5
-        s = (np.cosh(b) + np.cos(b)) / (np.sinh(b) + np.sin(b))
-        w = np.cosh(x) - np.cos(x) - s * (np.sinh(x) - np.sin(x))
-        found = shapes.displacement[:11, 1, n]
-        np.testing.assert_allclose(found / found[-1], w / w[-1], atol=1e-7)
-    with pytest.raises(ValueError, match="points = 1: must be at least 2"):
-        arm.mode_shapes(modes, 1)
-    with pytest.raises(ValueError, match="must be what this arm's"):
-        pendulum().mode_shapes(modes)
-
-
-def test_the_table() -> None:
-    text = str(paper_link())
-    assert text == paper_link().describe()
-    assert "revolute z" in text and "0.5, 0.001 x 0.02" in text and "bending_y 3" in text
-    assert "0.0785" in text and "20.95" in text
-    assert all(len(line) <= 160 for line in text.splitlines())
-    assert "the arm is rigid" in str(pendulum())
-    assert "spherical" in str(floating_arm())
-
-
-# -- bad input -------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -423,7 +236,8 @@ def test_the_table() -> None:
         ({"outputs": [("tip", 0), ("strain", 0, 0.1, "K4")]}, r"outputs\[1\]: strain = 'K4'"),
         ({"outputs": [("strain", 0)]}, r"outputs\[0\] = \('strain', 0\): must be \(\"strain\", link, x\)"),
         ({"outputs": [("strain", 0, "tip")]}, r"outputs\[0\]: x = 'tip': must be a number"),
-        ({"outputs": [("acceleration", 0, 0.2)]}, r"must be \(\"acceleration\", link\): of the link's end"),
+        ({"outputs": [("acceleration", 0, 0.2, "x")]}, r"must be \(\"acceleration\", link\) or"),
+        ({"outputs": [("velocity", 0, 0.7)]}, r"x = 0.7: must be on the beam"),
         ({"outputs": [("joint", (2, 1))]}, r"outputs\[0\]: link = \(2, 1\): its joint has freedoms 0 to 0"),
         ({"lock": 0}, r"lock = 0: must be a list of link numbers"),
         ({"lock": [(1, 0)]}, r"lock: the three rotations of the ball of link 1 go together"),
@@ -435,19 +249,3 @@ def test_bad_input(options: dict, message: str) -> None:
     arm = floating_arm()
     with pytest.raises(ValueError, match=message):
         arm.linearize(arm.zero, **options)
-
-
-def test_more_bad_input() -> None:
-    arm = pendulum()
-    for call in (arm.forward_derivatives, arm.linearize):
-        with pytest.raises(ValueError, match=r"q has shape \(2,\)"):
-            call([0.0, 0.0], [0.0])
-    with pytest.raises(ValueError, match=r"q has shape \(2,\)"):
-        arm.equilibrium([0.0, 0.0])
-    with pytest.raises(ValueError, match="lock: link = 1"):
-        arm.equilibrium(lock=[1])
-    with pytest.raises(ValueError, match="link = 4"):
-        arm.acceleration([0.0], [0.0], [0.0], 4)
-    wheel = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(inertia=(1, 1, 1)))])
-    with pytest.raises(ValueError, match="no link has a mass"):
-        wheel.center_of_mass([0.0])

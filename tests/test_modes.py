@@ -228,3 +228,14 @@ def test_participation_names_the_coordinate_that_moves() -> None:
     np.testing.assert_array_equal(found.participation.argmax(axis=0), [1, 2, 3])
     with pytest.raises(ValueError, match="lock = 0: must be a list of link numbers"):
         paper_link().modes(lock=0)  # type: ignore[arg-type]
+
+
+def test_a_dead_load_buckles_a_clamped_beam() -> None:
+    """A clamped beam under a dead end load buckles at pi^2 EI / 4 L^2 (Euler)."""
+    beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), fa.Material(7850, 209e9), {"bending_y": 8}, "legendre")
+    arm = fa.Arm([fa.Link(fa.Fixed(), None, beam)])
+    critical = np.pi**2 * 209e9 * beam.section.second_moment_z / (4 * 0.5**2)
+    just_under, just_over = (
+        arm.modes(loads=[fa.Load(force=(-share * critical, 0, 0))]).eigenvalues for share in (0.9999, 1.0001)
+    )
+    assert just_under.real.max() < 1e-6 < just_over.real.max()

@@ -14,7 +14,7 @@
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
-#include "flexarm/kinematics.hpp"
+#include "flexarm/derivatives.hpp"
 
 namespace flexarm {
 

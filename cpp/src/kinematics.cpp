@@ -102,28 +102,62 @@ void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const E
   }
 }
 
-Pose link_pose(const Arm&, const Workspace& ws, std::size_t link) {
-  Pose pose;
+template <class S>
+void accelerate_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a, const Eigen::Vector3d& base) {
+  // A = Phi A- + Phi_e ddqe- + H ddq + N (Eq. 86)
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    LinkState<S>& s = ws.links[n];
+    const int j = arm.first(n);
+    Vec6<S> A;
+    if (n == 0) {
+      Vec6<S> world = Vec6<S>::Zero();
+      world.template head<3>() = base.template cast<S>();
+      A = s.phi.outward(world);
+    } else {
+      A = s.phi.outward(ws.links[n - 1].A);
+      for (Eigen::Index k = 0; k < s.phi_e.cols(); ++k) A += s.phi_e.col(k) * a[j - s.phi_e.cols() + k];
+    }
+    for (Eigen::Index k = 0; k < s.H.cols(); ++k) A += s.H.col(k) * a[j + k];
+    s.A = A + s.N;
+  }
+}
+
+template <class S>
+Pose<S> link_pose(const SweepWorkspace<S>& ws, std::size_t link) {
+  Pose<S> pose;
   for (std::size_t n = 0; n <= link; ++n) {
     pose.p += pose.R * ws.links[n].phi.r;
-    pose.R *= ws.links[n].phi.R;
+    pose.R = (pose.R * ws.links[n].phi.R).eval();
   }
   return pose;
 }
 
-Pose slice_pose(const Arm& arm, const Workspace& ws, std::size_t link, const Slice<double>& slice) {
-  Pose pose = link_pose(arm, ws, link);
+template <class S>
+Pose<S> slice_pose(const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice) {
+  Pose<S> pose = link_pose(ws, link);
   pose.p += pose.R * slice.x;
-  pose.R *= slice.R;
+  pose.R = (pose.R * slice.R).eval();
   return pose;
 }
 
-Eigen::Matrix<double, 6, Eigen::Dynamic> slice_jacobian(const Arm& arm, const Workspace& ws, std::size_t link,
-                                                        const Slice<double>& slice) {
-  Eigen::Matrix<double, 6, Eigen::Dynamic> J = Eigen::MatrixXd::Zero(6, arm.nv());
+namespace {
+
+/// [linear; angular] from link axes into world axes.
+template <class S, class Column>
+void turn_out(const Mat3<S>& R, Column&& x) {
+  const Vec3<S> linear = R * x.template head<3>(), angular = R * x.template tail<3>();
+  x.template head<3>() = linear;
+  x.template tail<3>() = angular;
+}
+
+}  // namespace
+
+template <class S>
+Mat6X<S> slice_jacobian(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice) {
+  Mat6X<S> J = Mat6X<S>::Zero(6, arm.nv());
   int used = 0;  // columns of the links passed so far
   for (std::size_t n = 0; n <= link; ++n) {
-    const LinkState<double>& s = ws.links[n];
+    const LinkState<S>& s = ws.links[n];
     for (int k = 0; k < used; ++k) J.col(k) = s.phi.outward(J.col(k));
     const auto ne_below = s.phi_e.cols();
     J.middleCols(used - ne_below, ne_below) = s.phi_e;
@@ -131,15 +165,41 @@ Eigen::Matrix<double, 6, Eigen::Dynamic> slice_jacobian(const Arm& arm, const Wo
     used += static_cast<int>(s.H.cols() + s.qe.size());
   }
   const Eigen::Index ne = slice.J.cols();
-  const Eigen::Matrix3d R = link_pose(arm, ws, link).R;
+  const Mat3<S> R = link_pose(ws, link).R;
   for (int k = 0; k < used; ++k) {
-    J.col(k).head<3>() += J.col(k).tail<3>().cross(slice.x);
+    J.col(k).template head<3>() += J.col(k).template tail<3>().cross(slice.x);
     if (k >= used - ne) J.col(k) = slice.J.col(k - (used - ne));
-    J.col(k).head<3>() = (R * J.col(k).head<3>()).eval();
-    J.col(k).tail<3>() = (R * J.col(k).tail<3>()).eval();
+    turn_out(R, J.col(k));
   }
   return J;
 }
+
+template <class S>
+SliceMotion<S> slice_motion(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice,
+                            const VecX<S>& a) {
+  const LinkState<S>& s = ws.links[link];
+  const Mat3<S> R = link_pose(ws, link).R;
+  SliceMotion<S> m;
+  const Vec3<S> w = s.V.template tail<3>();
+  m.velocity.template head<3>() = s.V.template head<3>() + w.cross(slice.x) + slice.u_dot;
+  m.velocity.template tail<3>() = w + slice.Omega;
+  Vec3<S> linear, angular;
+  slice_acceleration(slice, s.V, s.A, a.data() + arm.first(link) + s.H.cols(), linear, angular);
+  m.acceleration << linear, angular;
+  turn_out(R, m.velocity);
+  turn_out(R, m.acceleration);
+  return m;
+}
+
+#define FLEXARM_INSTANTIATE(S)                                                                                \
+  template void accelerate_arm<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&, const Eigen::Vector3d&);    \
+  template Pose<S> link_pose<S>(const SweepWorkspace<S>&, std::size_t);                                       \
+  template Pose<S> slice_pose<S>(const SweepWorkspace<S>&, std::size_t, const Slice<S>&);                     \
+  template Mat6X<S> slice_jacobian<S>(const Arm&, const SweepWorkspace<S>&, std::size_t, const Slice<S>&);    \
+  template SliceMotion<S> slice_motion<S>(const Arm&, const SweepWorkspace<S>&, std::size_t, const Slice<S>&, \
+                                          const VecX<S>&);
+FLEXARM_INSTANTIATE(double)
+FLEXARM_INSTANTIATE(Tangent)
 
 Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
   move_arm(arm, ws, q, v);
@@ -153,10 +213,30 @@ Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eig
     e.kinetic += 0.5 * nu.dot(s.M * nu);
     e.potential += link.joint().potential(q.data() + arm.first_q(n));
     if (link.beam()) e.potential += 0.5 * s.qe.dot(link.beam()->stiffness() * s.qe);
-    const Pose pose = link_pose(arm, ws, n);
+    const Pose<double> pose = link_pose<double>(ws, n);
     e.potential -= arm.gravity().dot(link.mass() * pose.p + pose.R * link.mass_moment(s));
   }
   return e;
+}
+
+Momentum momentum(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  move_arm(arm, ws, q, v);
+  Momentum sum{Vec6<double>::Zero(), 0.0, Eigen::Vector3d::Zero()};
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const Link& link = arm.link(n);
+    LinkState<double>& s = ws.links[n];
+    link.mass_matrix(s);
+    Vec6<double> P = s.M.topLeftCorner<6, 6>() * s.V;  // of the link, about its origin: the six rigid rows of Eq. 80
+    P += s.M.topRightCorner(6, link.ne()) * s.dqe;
+    const Pose<double> pose = link_pose<double>(ws, n);
+    turn_out(pose.R, P);
+    P.tail<3>() += pose.p.cross(P.head<3>());
+    sum.momentum += P;
+    sum.mass += link.mass();
+    sum.centre_of_mass += link.mass() * pose.p + pose.R * link.mass_moment(s);
+  }
+  sum.centre_of_mass /= sum.mass;
+  return sum;
 }
 
 }  // namespace flexarm

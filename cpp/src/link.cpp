@@ -93,6 +93,11 @@ Link::Link(Joint joint, std::optional<RigidBody> hub, std::optional<Beam> beam, 
 
 double Link::mass() const { return hub_.mass + (beam_ ? beam_->mass() : 0.0) + tip_.mass; }
 
+SliceTable Link::slice_at(double x) const {
+  if (!beam_) bad_value("x", x, "this link has no beam; leave x out for its end");
+  return beam_->slice_at(x);
+}
+
 template <class S>
 void Link::move_slice(const SliceTable& table, const LinkState<S>& s, bool orient, Slice<S>& out) const {
   if (beam_->series())

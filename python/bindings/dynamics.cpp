@@ -2,6 +2,7 @@
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
+#include "flexarm/derivatives.hpp"
 
 using namespace flexarm;
 
@@ -46,18 +47,19 @@ Rows forward(const Arm& arm, const Rows& q, const Rows& v, const Rows& tau, cons
   return a;
 }
 
-/// Runs visit(row, slice) for every row of q, with the slice of `link` at x metres along its beam, or its
-/// end.
+/// Runs visit(row, slice) for every row of q, the arm at rest or moving at v, with the slice of `link` at x metres
+/// along its beam, or its end.
 template <class Visit>
-void at_slice(const Arm& arm, const Rows& q, const Rows& v, std::size_t link, std::optional<double> x, Workspace& ws,
+void at_slice(const Arm& arm, const Rows& q, const Rows* v, std::size_t link, std::optional<double> x, Workspace& ws,
               const Visit& visit) {
   const Link& l = arm.link(link);
-  if (x && !l.beam()) bad_value("x", *x, "link " + std::to_string(link) + " has no beam; leave x out for its end");
   SliceTable table;
   Slice<double> slice(l.ne());
-  if (x) table = l.beam()->slice_at(*x);
+  if (x) table = l.slice_at(*x);
+  Eigen::VectorXd rates = Eigen::VectorXd::Zero(arm.nv());
   for (Eigen::Index k = 0; k < q.rows(); ++k) {
-    move_arm<double>(arm, ws, q.row(k), v.row(k));
+    if (v) rates = v->row(k);
+    move_arm<double>(arm, ws, q.row(k), rates);
     const LinkState<double>& s = ws.links[link];
     if (x) l.move_slice(table, s, true, slice);
     visit(k, x ? slice : s.end);
@@ -175,8 +177,8 @@ void bind_dynamics(py::class_<Arm>& arm) {
         Rows p(q.rows(), 3);
         Cube R = cube(q.rows(), 3, 3);
         Workspace ws(self);
-        at_slice(self, q, Rows::Zero(q.rows(), self.nv()), link, x, ws, [&](Eigen::Index k, const auto& slice) {
-          const Pose pose = slice_pose(self, ws, link, slice);
+        at_slice(self, q, nullptr, link, x, ws, [&](Eigen::Index k, const auto& slice) {
+          const Pose<double> pose = slice_pose<double>(ws, link, slice);
           p.row(k) = pose.p;
           page(R, k) = pose.R;
         });
@@ -189,11 +191,62 @@ void bind_dynamics(py::class_<Arm>& arm) {
       [](const Arm& self, const Rows& q, std::size_t link, std::optional<double> x) {
         Cube J = cube(q.rows(), 6, self.nv());
         Workspace ws(self);
-        at_slice(self, q, Rows::Zero(q.rows(), self.nv()), link, x, ws,
-                 [&](Eigen::Index k, const auto& slice) { page(J, k) = slice_jacobian(self, ws, link, slice); });
+        at_slice(self, q, nullptr, link, x, ws, [&](Eigen::Index k, const auto& slice) {
+          page(J, k) = slice_jacobian<double>(self, ws, link, slice);
+        });
         return J;
       },
       py::arg("q"), py::arg("link"), py::arg("x"));
+
+  arm.def(
+      "slice_motion",
+      [](const Arm& self, const Rows& q, const Rows& v, const Rows& a, std::size_t link, std::optional<double> x) {
+        Rows velocity(q.rows(), 6), acceleration(q.rows(), 6);
+        Workspace ws(self);
+        at_slice(self, q, &v, link, x, ws, [&](Eigen::Index k, const auto& slice) {
+          const Eigen::VectorXd ak = a.row(k);
+          accelerate_arm<double>(self, ws, ak, Eigen::Vector3d::Zero());
+          const SliceMotion<double> m = slice_motion<double>(self, ws, link, slice, ak);
+          velocity.row(k) = m.velocity;
+          acceleration.row(k) = m.acceleration;
+        });
+        return py::make_tuple(velocity, acceleration);
+      },
+      py::arg("q"), py::arg("v"), py::arg("a"), py::arg("link"), py::arg("x"));
+
+  arm.def(
+      "motion_derivatives",
+      [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
+         std::size_t link, std::optional<double> x) {
+        MotionDerivatives d(self, link, x);
+        d(self, q, v, a);
+        return py::make_tuple(Rows(d.dq), Rows(d.dv));
+      },
+      py::arg("q"), py::arg("v"), py::arg("a"), py::arg("link"), py::arg("x"));
+
+  arm.def(
+      "jacobian_rate",
+      [](const Arm& self, const Rows& q, const Rows& v, std::size_t link, std::optional<double> x) {
+        Cube out = cube(q.rows(), 6, self.nv());
+        MotionDerivatives d(self, link, x);
+        for (Eigen::Index k = 0; k < q.rows(); ++k) page(out, k) = d.jacobian_rate(self, q.row(k), v.row(k));
+        return out;
+      },
+      py::arg("q"), py::arg("v"), py::arg("link"), py::arg("x"));
+
+  arm.def(
+      "momentum",
+      [](const Arm& self, const Rows& q, const Rows& v) {
+        Rows out(q.rows(), 6), centre(q.rows(), 3);
+        Workspace ws(self);
+        for (Eigen::Index k = 0; k < q.rows(); ++k) {
+          const Momentum m = momentum(self, ws, q.row(k), v.row(k));
+          out.row(k) = m.momentum;
+          centre.row(k) = m.centre_of_mass;
+        }
+        return py::make_tuple(out, centre);
+      },
+      py::arg("q"), py::arg("v"));
 
   arm.def(
       "deflection",
@@ -201,8 +254,7 @@ void bind_dynamics(py::class_<Arm>& arm) {
         Rows u(q.rows(), 3);
         Workspace ws(self);
         const Eigen::Vector3d rest = self.link(link).hub().end + x * Eigen::Vector3d::UnitX();
-        at_slice(self, q, Rows::Zero(q.rows(), self.nv()), link, x, ws,
-                 [&](Eigen::Index k, const auto& slice) { u.row(k) = slice.x - rest; });
+        at_slice(self, q, nullptr, link, x, ws, [&](Eigen::Index k, const auto& slice) { u.row(k) = slice.x - rest; });
         return u;
       },
       py::arg("q"), py::arg("link"), py::arg("x"));

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _core, balance, describe, linear, modal, motion
+from . import _core, balance, describe, linear, modal
 from ._check import Array, array, batch, choice, finite, number
 from .link import Link
 from .load import Load, at_time
@@ -254,27 +254,37 @@ class Arm:
         lead, (q,) = self._batch(q=q)
         return finite("jacobian", self._core.jacobian(q, self._link(link), self._x(x))).reshape(*lead, 6, self.nv)
 
-    def velocity(self, q: ArrayLike, v: ArrayLike, link: int = -1, x: float | None = None) -> Array:
-        """Velocity (..., 6) of such a frame: [linear (m/s); angular (rad/s)] in world axes, J v (Eq. 85)."""
+    def jacobian_rate(self, q: ArrayLike, v: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+        """Time derivative (..., 6, nv) of that Jacobian at the rates v: acceleration = J a + dJ/dt v."""
         lead, (q, v) = self._batch(q=q, v=v)
-        J = finite("jacobian", self._core.jacobian(q, self._link(link), self._x(x)))
-        return np.asarray(np.einsum("bij,bj->bi", J, v).reshape(*lead, 6))
+        rate = self._core.jacobian_rate(q, v, self._link(link), self._x(x))
+        return finite("jacobian rate", rate).reshape(*lead, 6, self.nv)
 
-    def acceleration(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int = -1) -> Array:
-        """Acceleration (..., 6) of a link's end: [linear (m/s^2); angular (rad/s^2)] in world axes (Eq. 86)."""
-        lead, rows = self._batch(q=q, v=v, a=a)
-        return motion.end_acceleration(self, rows[0], rows[1], rows[2], self._link(link)).reshape(*lead, 6)
+    def velocity(self, q: ArrayLike, v: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+        """Velocity (..., 6) of such a frame: [linear (m/s); angular (rad/s)] in world axes (Eq. 85)."""
+        lead, (q, v) = self._batch(q=q, v=v)
+        velocity, _ = self._core.slice_motion(q, v, v, self._link(link), self._x(x))
+        return finite("velocity", velocity).reshape(*lead, 6)
+
+    def acceleration(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+        """Acceleration (..., 6) of such a frame: [linear (m/s^2); angular (rad/s^2)] in world axes (Eq. 86)."""
+        lead, (q, v, a) = self._batch(q=q, v=v, a=a)
+        _, acceleration = self._core.slice_motion(q, v, a, self._link(link), self._x(x))
+        return finite("acceleration", acceleration).reshape(*lead, 6)
 
     def center_of_mass(self, q: ArrayLike) -> Array:
         """Position (..., 3) of the whole arm's centre of mass in the world (m)."""
         lead, (q,) = self._batch(q=q)
-        return motion.centre_of_mass(self, q).reshape(*lead, 3)
+        if not any(link.mass for link in self.links):
+            raise ValueError("links: no link has a mass, so there is no centre of mass")
+        _, centre = self._core.momentum(q, np.zeros((len(q), self.nv)))
+        return finite("centre of mass", centre).reshape(*lead, 3)
 
     def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
         """The whole arm's momentum (..., 6): [linear (kg m/s); angular about the world's origin (kg m^2/s)], world
         axes."""
-        lead, rows = self._batch(q=q, v=v)
-        return motion.momentum(self, *rows).reshape(*lead, 6)
+        lead, (q, v) = self._batch(q=q, v=v)
+        return finite("momentum", self._core.momentum(q, v)[0]).reshape(*lead, 6)
 
     def strain(self, q: ArrayLike, link: int = 0, x: float = 0.0) -> Array:
         """Strains K1, K2, K3 (1/m) and phi12, phi13 (rad) at x metres along a link's beam (Eq. 18-21), (..., 5)."""
@@ -299,6 +309,8 @@ class Arm:
         q: ArrayLike | None = None,
         speed: Mapping[int, float] | None = None,
         lock: Iterable[int] | None = None,
+        loads: Sequence[Load] | None = None,
+        t: float = 0.0,
     ) -> modal.Modes:
         """Natural frequencies and modes about a steady state.
 
@@ -309,6 +321,7 @@ class Arm:
             q: (nq,).
             speed: joint rates by link, or by (link, freedom) (rad/s, m/s).
             lock: links whose joints keep exactly to that motion; the others are free to vibrate about it.
+            loads, t: external forces and moments, with their values at time t (s), which the elastic coordinates bear.
 
         Returns:
             Modes: `.frequencies` (rad/s), `.damping`, `.shapes`, `.eigenvalues`, `.q`.
@@ -316,7 +329,7 @@ class Arm:
         Raises:
             ValueError: bad arguments, or no steady state at this speed.
         """
-        return modal.modes(self, q, speed, lock)
+        return modal.modes(self, q, speed, lock, at_time(self, loads, t))
 
     def mode_shapes(self, modes: modal.Modes, points: int = 21) -> modal.ModeShapes:
         """Modes sampled along the arm: at `points` slices of every beam, from clamp to tip, and at every link's end.
@@ -356,13 +369,22 @@ class Arm:
         """
         return balance.equilibrium(self, q, tau, lock, at_time(self, loads, t))
 
-    def inverse_derivatives(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> tuple[Array, Array, Array]:
+    def inverse_derivatives(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, loads: Sequence[Load] | None = None, t: float = 0.0
+    ) -> tuple[Array, Array, Array]:
         """Exact dtau/dq (nv, nq), dtau/dv (nv, nv) and dtau/da = M (nv, nv) of `inverse_dynamics`, for one q (nq,) and
         v, a (nv,), by dual numbers through its sweeps. O(N^2)."""
         q, v, a = self._single(q=q, v=v, a=a)
-        return (*self._core.inverse_derivatives(q, v, a), self.mass_matrix(q))
+        return (*self._core.inverse_derivatives(q, v, a, *at_time(self, loads, t)), self.mass_matrix(q))
 
-    def forward_derivatives(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike | None = None) -> linear.Derivatives:
+    def forward_derivatives(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        tau: ArrayLike | None = None,
+        loads: Sequence[Load] | None = None,
+        t: float = 0.0,
+    ) -> linear.Derivatives:
         """Exact da/dq (nv, nq), da/dv and da/dtau (nv, nv) of `forward_dynamics`, as `.dq`, `.dv` and `.dtau`.
 
         From those of inverse dynamics at the acceleration a: da/dq = -M^-1 dtau/dq, da/dv = -M^-1 dtau/dv. Columns of
@@ -370,12 +392,13 @@ class Arm:
 
         Args:
             q: (nq,). v, tau: (nv,); tau is zero if None.
+            loads, t: external forces and moments, with their values at time t (s).
 
         Raises:
             ValueError: bad shapes or values, or a singular mass matrix.
         """
         q, v, tau = self._single(q=q, v=v, tau=np.zeros(self.nv) if tau is None else tau)
-        return linear.forward_derivatives(self, q, v, tau)
+        return linear.forward_derivatives(self, q, v, tau, at_time(self, loads, t))
 
     def _single(self, **named: ArrayLike) -> list[Array]:
         return [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
@@ -389,6 +412,8 @@ class Arm:
         *,
         tau: ArrayLike | None = None,
         lock: Iterable[Any] | None = None,
+        loads: Sequence[Load] | None = None,
+        t: float = 0.0,
     ) -> linear.LinearModel:
         """Linear model about a state, by exact Jacobians.
 
@@ -401,11 +426,12 @@ class Arm:
             outputs: what is measured; None: the coordinates of all joints. Each is
                 ("joint", link), ("rate", link): coordinates and rates, link or (link, freedom);
                 ("tip", link) or ("tip", link, x): position of the link's end or a slice, world axes (m);
-                ("velocity", link), ("acceleration", link): of the link's end, world axes;
-                ("accelerometer", link): what one on the link's end reads, R^T (a - g), in the end's axes (m/s^2);
+                ("velocity", link), ("acceleration", link), or with x: of the same, world axes;
+                ("accelerometer", link), or with x: what one there reads, R^T (a - g), in its own axes (m/s^2);
                 ("strain", link, x) or ("strain", link, x, "K3"): all strains, or one (1/m, rad; Eq. 18-21).
             tau: generalised forces there, (nv,); zero if None. `bias(q, 0)` holds the arm at rest.
             lock: links, or (link, freedom), whose joints keep their rates exactly; they leave the state.
+            loads, t: external forces and moments, with their values at time t (s).
 
         Returns:
             LinearModel: `.A`, `.B`, `.C`, `.D`, labels, the outputs `.y` at the state, and `.to_control()`.
@@ -413,4 +439,4 @@ class Arm:
         Raises:
             ValueError: bad arguments, naming the entry.
         """
-        return linear.linearize(self, q, v, tau, inputs, outputs, lock)
+        return linear.linearize(self, q, v, tau, inputs, outputs, lock, at_time(self, loads, t))

@@ -110,11 +110,13 @@ def elastic_rates(arm: Arm) -> NDArray[np.bool_]:
     return elastic
 
 
-def steady_state(arm: Arm, q: Array, v: Array) -> Array:
+def steady_state(arm: Arm, q: Array, v: Array, loads: Any = ()) -> Array:
     """Elastic coordinates in balance at joint positions q and constant rates v."""
-    q, wrong = balance(arm, q, v, np.zeros(arm.nv), elastic_rates(arm), descend=False)
+    q, wrong = balance(arm, q, v, np.zeros(arm.nv), elastic_rates(arm), descend=False, loads=loads)
     if wrong:
-        raise ValueError(f"speed: no steady state of the elastic coordinates at this speed, gravity and q: {wrong}")
+        raise ValueError(
+            f"speed: no steady state of the elastic coordinates at this speed, gravity, loads and q: {wrong}"
+        )
     return q
 
 

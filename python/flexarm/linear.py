@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._check import Array, array, choice, number
 from .balance import locked_rates
-from .motion import end_acceleration, end_acceleration_derivatives
 
 if TYPE_CHECKING:
     from .arm import Arm
@@ -56,10 +55,11 @@ def _solve(M: Array, right: Array) -> Array:
     return out
 
 
-def forward_derivatives(arm: Arm, q: Array, v: Array, tau: Array) -> Derivatives:
+def forward_derivatives(arm: Arm, q: Array, v: Array, tau: Array, loads: Any = ()) -> Derivatives:
     """See Arm.forward_derivatives: M da = dtau - (dh/dq + d(M a)/dq) dq - dh/dv dv."""
-    a = arm.forward_dynamics(q, v, tau)
-    by_q, by_v = arm._core.inverse_derivatives(q, v, a)
+    given, zero = [False] * arm.nv, np.zeros((1, arm.nv))
+    a = arm._core.forward_dynamics(q[None], v[None], tau[None], "ab", given, zero, *loads)[0]
+    by_q, by_v = arm._core.inverse_derivatives(q, v, a, *loads)
     by_all = _solve(arm.mass_matrix(q), np.hstack([-by_q, -by_v, np.eye(arm.nv)]))
     return Derivatives(by_all[:, : arm.nq], by_all[:, arm.nq : -arm.nv], by_all[:, -arm.nv :])
 
@@ -134,13 +134,6 @@ class _Point:
             out[:, nv : 2 * nv] += v
         return out if a is None else out + a @ self.X
 
-    def moving(self, link: int, rates: bool) -> tuple[Array, Array]:
-        """Derivatives of a link end's acceleration (velocity, if `rates`) by coordinates and rates at fixed a."""
-        zero = np.zeros(self.arm.nv)
-        at = (zero, self.v) if rates else (self.v, self.a)
-        by_q, by_v = end_acceleration_derivatives(self.arm, self.q, *at, link)
-        return by_q @ self.E, by_v
-
 
 class _Output(NamedTuple):
     labels: list[str]
@@ -185,19 +178,19 @@ def _tip_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
 
 def _motion_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
     kind = entry[0]
-    _need(field, entry, 2, f'("{kind}", link): of the link\'s end')
-    n, _, name = _slice_name(p.arm, field, entry[1], None)
+    _need(field, entry, 3, f'("{kind}", link) or ("{kind}", link, x)')
+    n, x, name = _slice_name(p.arm, field, entry[1], _where(entry, 2))
     labels = [f"{kind} {name} {axis}" for axis in "xyz"]
-    J = p.arm.jacobian(p.q, n)
-    by_q, by_v = p.moving(n, rates=kind == "velocity")
+    J = p.arm.jacobian(p.q, n, x)
+    by_q, by_v = p.arm._core.motion_derivatives(p.q, p.v, p.a, n, x)  # of [velocity; acceleration], six rows each
     if kind == "velocity":
-        return _Output(labels, J[:3] @ p.v, p.rows(by_q, J[:3]))
-    a = end_acceleration(p.arm, p.q[None], p.v[None], p.a[None], n)[0, :3]
-    rows = p.rows(by_q, by_v, J[:3])
+        return _Output(labels, p.arm.velocity(p.q, p.v, n, x)[:3], p.rows(by_q[:3] @ p.E, by_v[:3]))
+    a = p.arm.acceleration(p.q, p.v, p.a, n, x)[:3]
+    rows = p.rows(by_q[6:9] @ p.E, by_v[6:9], J[:3])
     if kind == "acceleration":
         return _Output(labels, a, rows)
     # accelerometer, f = R^T (a - g): with dR = (J_R theta)~ R, df = R^T (da + (a - g) x J_R theta)
-    R, f = p.arm.frame(p.q, n)[1], a - np.array(p.arm.gravity)
+    R, f = p.arm.frame(p.q, n, x)[1], a - np.array(p.arm.gravity)
     rows += p.rows(tilde(f) @ J[3:], None)
     return _Output(labels, R.T @ f, R.T @ rows)
 
@@ -283,10 +276,12 @@ def _check_balls(arm: Arm, fixed: NDArray[np.bool_], field: str) -> None:
                 raise ValueError(f"{field}: the three rotations of the ball of link {k} go together")
 
 
-def _about(arm: Arm, q: Array, v: Array, a: Array, columns: list[_Input], free: NDArray[np.bool_]) -> _Point:
+def _about(
+    arm: Arm, q: Array, v: Array, a: Array, columns: list[_Input], free: NDArray[np.bool_], loads: Any
+) -> _Point:
     """X from M_ff a_f + M_fg a_g + h_f = tau_f, f the free and g the given accelerations."""
     nv = arm.nv
-    by_q, by_v = arm._core.inverse_derivatives(q, v, a)
+    by_q, by_v = arm._core.inverse_derivatives(q, v, a, *loads)
     E = arm._core.rates(q, v)[2]
     M = arm.mass_matrix(q)
     right = np.hstack([-by_q @ E, -by_v, *(i.force[:, None] for i in columns)])
@@ -307,6 +302,7 @@ def linearize(
     inputs: Sequence[Any] | None,
     outputs: Sequence[Any] | None,
     lock: Iterable[Any] | None,
+    loads: Any = (),
 ) -> LinearModel:
     """See Arm.linearize."""
     nv, zero = arm.nv, np.zeros(arm.nv)
@@ -319,9 +315,9 @@ def linearize(
     given[[i.rate for i in columns if i.rate >= 0]] = True
     _check_balls(arm, given, "inputs")
     forces = zero if tau is None else array("tau", tau, (nv,))
-    a0 = arm._core.forward_dynamics(q0[None], v0[None], forces[None], "ab", list(given), zero[None])[0]
+    a0 = arm._core.forward_dynamics(q0[None], v0[None], forces[None], "ab", list(given), zero[None], *loads)[0]
 
-    point = _about(arm, q0, v0, a0, columns, ~given)
+    point = _about(arm, q0, v0, a0, columns, ~given, loads)
     if outputs is None:
         outputs = [("joint", k) for k, link in enumerate(arm.links) if link.joint.nv]
     read = _read_outputs(point, outputs)
@@ -329,7 +325,7 @@ def linearize(
     Y = np.vstack([np.zeros((0, point.X.shape[1])), *(o.rows for o in read)])
     keep = np.flatnonzero(np.tile(~locked, 2))
     F, u = np.vstack([turns, point.X])[keep], slice(2 * nv, None)
-    reaction = arm.inverse_dynamics(q0, v0, a0)
+    reaction = arm._core.inverse_dynamics(q0[None], v0[None], a0[None], *loads)[0]
     rates = np.array([*arm.coordinates, *(f"rate {c}" for c in arm.coordinates)])[keep]
     return LinearModel(
         *(F[:, keep], F[:, u], Y[:, keep], Y[:, u]),

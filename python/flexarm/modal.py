@@ -87,6 +87,7 @@ def modes(
     q: ArrayLike | None = None,
     speed: Mapping[int, float] | None = None,
     lock: Iterable[int] | None = None,
+    loads: Any = (),
 ) -> Modes:
     q0 = arm.zero if q is None else array("q", q, (arm.nq,))
     v0 = np.zeros(arm.nv)
@@ -95,11 +96,11 @@ def modes(
     free = ~locked_rates(arm, lock)
     if not free.any():
         raise ValueError("lock: no coordinate is left to move")
-    q0 = steady_state(arm, q0, v0)
+    q0 = steady_state(arm, q0, v0, loads)
 
     # M dv + G v + K q = 0 for small motions; scaled so that M has a unit diagonal
     at = np.ix_(free, free)
-    by_q, by_v = arm._core.inverse_derivatives(q0, v0, np.zeros(arm.nv))
+    by_q, by_v = arm._core.inverse_derivatives(q0, v0, np.zeros(arm.nv), *loads)
     _, _, E = arm._core.rates(q0, v0)  # dq = E v: small turns of a ball move its quaternion so
     M, W = np.asarray(arm._core.mass_matrix(q0[None])[0]), turning(arm, v0)
     # dv = d(theta)/dt + W theta: a ball's turn theta is measured in axes that turn with it

@@ -21,23 +21,49 @@ void coordinate_rates(const Arm& arm, const Eigen::VectorXd& q, const Eigen::Vec
 void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                Eigen::MatrixXd& by_q, Eigen::MatrixXd& by_v);
 
+/// Accelerations of every link, into s.A, for given coordinate accelerations and that of the base in world axes (Eq.
+/// 86); after move_arm. A base that accelerates against gravity stands for gravity.
+template <class S>
+void accelerate_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a, const Eigen::Vector3d& base);
+
+template <class S>
 struct Pose {
-  Eigen::Vector3d p = Eigen::Vector3d::Zero();      ///< world axes (m)
-  Eigen::Matrix3d R = Eigen::Matrix3d::Identity();  ///< columns: the frame's axes in world axes
+  Vec3<S> p = Vec3<S>::Zero();      ///< world axes (m)
+  Mat3<S> R = Mat3<S>::Identity();  ///< columns: the frame's axes in world axes
 };
 
 /// Pose in the world of a link's own frame, after move_arm.
-Pose link_pose(const Arm& arm, const Workspace& ws, std::size_t link);
+template <class S>
+Pose<S> link_pose(const SweepWorkspace<S>& ws, std::size_t link);
 /// Pose in the world of a slice (in link axes) of a link, after move_arm.
-Pose slice_pose(const Arm& arm, const Workspace& ws, std::size_t link, const Slice<double>& slice);
+template <class S>
+Pose<S> slice_pose(const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice);
 /// Jacobian of such a slice: 6 x nv, [linear; angular], world axes (Eq. 91: Phi H).
-Eigen::Matrix<double, 6, Eigen::Dynamic> slice_jacobian(const Arm& arm, const Workspace& ws, std::size_t link,
-                                                        const Slice<double>& slice);
+template <class S>
+Mat6X<S> slice_jacobian(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice);
+
+/// Velocity and acceleration [linear; angular] of a slice, world axes (Eq. 85, 86).
+template <class S>
+struct SliceMotion {
+  Vec6<S> velocity, acceleration;
+};
+/// After move_arm and accelerate_arm with the same a.
+template <class S>
+SliceMotion<S> slice_motion(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice,
+                            const VecX<S>& a);
 
 struct Energy {
   double kinetic;    ///< J
   double potential;  ///< elastic, less sum of m g . p from the world's origin (J)
 };
 Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
+
+/// Of the whole arm, world axes.
+struct Momentum {
+  Vec6<double> momentum;           ///< [linear (kg m/s); angular about the world's origin (kg m^2/s)]
+  double mass;                     ///< kg
+  Eigen::Vector3d centre_of_mass;  ///< m; not a number without mass
+};
+Momentum momentum(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
 
 }  // namespace flexarm

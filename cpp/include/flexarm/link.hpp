@@ -75,6 +75,9 @@ class Link {
   int nj() const { return joint_.nv(); }
   int ne() const { return beam_ ? beam_->ne() : 0; }
 
+  /// The slice at x metres along the beam. @throws std::invalid_argument without a beam, or outside it
+  SliceTable slice_at(double x) const;
+
   /// Moves every slice from the elastic coordinates in `s` (qe, dqe).
   template <class S>
   void move(LinkState<S>& s) const;
