@@ -1,0 +1,380 @@
+"""An oracle for the dynamics: Lagrange's equations of the energies, with nothing of flexarm's in it.
+
+From a scene (the dictionary that `flexarm.Arm.from_dict` takes) it writes down where all sections and bodies are,
+from that the kinetic energy T(q, v), the potential U(q) and Rayleigh's dissipation F(v), and lets automatic
+differentiation do the mechanics: tau = d/dt dT/dv - dT/dq + dU/dq + dF/dv, and its Jacobians. There are no sweeps, no
+angular velocities, no Jacobians of slices and no bias terms; a body's kinetic energy is that of its points.
+
+Beams: Legendre basis, order 1, 2, 3 or "exact". Joints: all, with springs, dampers and placements, without soft stops.
+Rates are those of flexarm. A ball's chart is centred at its present orientation, R0 exp(theta), where dtheta/dt is the
+angular velocity in link axes and d^2 theta/dt^2 its rate; "by q" of a ball means by a small rotation theta of R0.
+"""
+
+from __future__ import annotations
+
+from math import factorial
+
+import numpy as np
+from numpy.polynomial import legendre
+from scipy.linalg import block_diag
+
+RATE, VARY, TIME, SEEK = 1, 2, 4, 8  # the nilpotents: velocity, variation, passing of time, direction of a Jacobian
+LEVI = np.zeros((3, 3, 3))  # v @ LEVI is the matrix of v x
+for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    LEVI[k, i, j], LEVI[k, j, i] = -1.0, 1.0
+
+
+class Jet:
+    """An array with nilpotent parts: the sum over subsets s of the nilpotents e of parts[s] times the product of s.
+
+    e^2 = 0, so that a function of x + e d has the part df/dx d, and nested derivatives come out exact. All parts have
+    two leading axes: directions of VARY and of SEEK, of size 1 where there is none.
+    """
+
+    __array_ufunc__ = None  # array * jet asks the jet
+
+    def __init__(self, parts: dict[int, np.ndarray]) -> None:
+        self.parts = parts
+
+    def linear(self, f) -> Jet:
+        """A linear function of the array, applied to each part."""
+        return Jet({s: f(x) for s, x in self.parts.items()})
+
+    def product(self, other, f) -> Jet:
+        """A bilinear function of two arrays."""
+        if not isinstance(other, Jet):
+            return self.linear(lambda x: f(x, np.asarray(other)))
+        out: dict[int, np.ndarray] = {}
+        for s, x in self.parts.items():
+            for t, y in other.parts.items():
+                if not s & t:
+                    out[s | t] = out[s | t] + f(x, y) if s | t in out else f(x, y)
+        return Jet(out)
+
+    def __add__(self, other) -> Jet:
+        out = dict(self.parts)
+        for t, y in (other.parts if isinstance(other, Jet) else {0: np.asarray(other)[None, None]}).items():
+            out[t] = out[t] + y if t in out else y
+        return Jet(out)
+
+    def __neg__(self) -> Jet:
+        return self.linear(np.negative)
+
+    def __sub__(self, other) -> Jet:
+        return self + (-other)
+
+    def __mul__(self, other) -> Jet:
+        return self.product(other, np.multiply)
+
+    __rmul__ = __mul__
+
+    def __matmul__(self, other) -> Jet:
+        return self.product(other, np.matmul)
+
+    def __getitem__(self, index) -> Jet:
+        return self.linear(lambda x: x[index])
+
+    def sum(self, axes: int = 1) -> Jet:
+        return self.linear(lambda x: x.sum(tuple(range(-axes, 0))))
+
+    def part(self, bits: int) -> Jet:
+        """What stands with these nilpotents."""
+        return Jet({s ^ bits: x for s, x in self.parts.items() if s & bits == bits})
+
+    def without(self, bits: int) -> Jet:
+        """What stands without these nilpotents."""
+        return Jet({s: x for s, x in self.parts.items() if not s & bits})
+
+    def number(self, bits: int, *shape: int) -> np.ndarray:
+        """One part of a scalar jet, over its directions."""
+        return np.broadcast_to(self.parts.get(bits, np.zeros((1, 1))), shape).copy()
+
+
+def tilde(v: Jet) -> Jet:
+    """The matrix of v x."""
+    return v.linear(lambda x: (x @ LEVI.reshape(3, 9)).reshape(*x.shape[:-1], 3, 3))
+
+
+def turn(matrix, vector):
+    """matrix times vector."""
+    return (matrix @ vector.linear(lambda x: x[..., None]))[..., 0]
+
+
+def rotation(theta: Jet) -> Jet:
+    """exp of the rotation vector: I + sin|t|/|t| t~ + (1 - cos|t|)/|t|^2 t~^2, both factors as series in |t|^2."""
+    minus_square, b, c = -(theta * theta).sum(), None, None
+    for k in range(22, -1, -1):  # |t| up to 3
+        b = 1.0 / factorial(2 * k + 1) if b is None else minus_square * b + 1.0 / factorial(2 * k + 1)
+        c = 1.0 / factorial(2 * k + 2) if c is None else minus_square * c + 1.0 / factorial(2 * k + 2)
+    W = tilde(theta)
+    scale = [f.linear(lambda x: x[..., None, None]) for f in (b, c)]
+    return W * scale[0] + (W @ W) * scale[1] + np.eye(3)
+
+
+def constant_rotation(vector) -> np.ndarray:
+    return rotation(Jet({0: np.reshape(vector, (1, 1, 3)).astype(float)})).parts[0][0, 0]
+
+
+def from_quaternion(p) -> np.ndarray:
+    """The rotation of a quaternion w x y z: p u p*."""
+    w, x, y, z = np.asarray(p) / np.linalg.norm(p)
+    return np.array(
+        [
+            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+        ]
+    )
+
+
+def point_inertia(moments) -> np.ndarray:
+    """Integral of r r^T dm (kg m^2) from the inertia about the same point: 3 numbers, 6, or a matrix."""
+    m = np.asarray(moments, float)
+    if m.shape == (6,):
+        m = np.array([[m[0], m[3], m[4]], [m[3], m[1], m[5]], [m[4], m[5], m[2]]])
+    J = np.diag(m) if m.shape == (3,) else m
+    return 0.5 * np.trace(J) * np.eye(3) - J
+
+
+class Beam:
+    """Sections at Gauss points and, last, at the tip; functions of X are integrated through their polynomial there."""
+
+    strains = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
+
+    def __init__(self, beam: dict, points: int) -> None:
+        assert beam["basis"] == "legendre" and beam["order"] != 0 and not beam.get("damping_ratio")
+        section, material, length = beam["section"], beam["material"], beam["length"]
+        s, w = legendre.leggauss(points)
+        self.s, self.order = np.append(s, 1.0), beam["order"]
+        self.w = np.append(0.5 * length * w, 0.0)
+        coefficients = np.linalg.inv(legendre.legvander(s, points - 1))
+        integrals = legendre.legint(np.eye(points), lbnd=-1, axis=0)  # of P_0, P_1, ..., column by column
+        self.integrate = 0.5 * length * legendre.legval(self.s, integrals).T @ coefficients  # (points + 1, points)
+        # strains K1 K2 K3 phi12 phi13 at the points are B q: v2'' = K3, v3'' = -K2
+        counts = [beam["modes"].get(name, 0) for name in self.strains]
+        self.ne = sum(counts)
+        self.B = np.zeros((points + 1, 5, self.ne))
+        column = 0
+        for (row, sign), n in zip(((2, 1), (1, -1), (0, 1), (3, 1), (4, 1)), counts, strict=True):
+            for k in range(n):
+                self.B[:, row, column] = sign * legendre.legval(self.s, np.eye(n)[k])
+                column += 1
+        assert section["type"] == "general"
+        Iy, Iz, rho = section["second_moment_y"], section["second_moment_z"], material["density"]
+        E, G = material["youngs_modulus"], material["shear_modulus"]
+        kGA = section["shear_correction"] * G * section["area"]
+        self.mass = self.w * rho * section["area"]
+        self.inertia = self.w[:, None, None] * rho * np.diag([0, Iz, Iy]) * beam.get("rotary_inertia", True)
+        self.rigidity = np.array([G * section["torsion_constant"], E * Iy, E * Iz, kGA, kGA])
+        self.retardation = beam.get("kelvin_voigt", 0.0)
+
+    def strain(self, q: Jet) -> Jet:
+        return q.linear(lambda x: np.einsum("gcn,abn->abgc", self.B, x))
+
+    def elastic(self, q: Jet) -> Jet:
+        """Half the integral of rigidity times strain squared."""
+        e = self.strain(q)
+        return 0.5 * (e * e * (self.w[:, None] * self.rigidity)).sum(2)
+
+    def integral(self, f: Jet, axes: int) -> Jet:
+        """From 0 to each station, of what stands at the stations on the axis before the last `axes`."""
+        gauss = (..., slice(0, -1), *[slice(None)] * axes)
+        return f[gauss].linear(lambda x: np.moveaxis(np.tensordot(self.integrate, x, (1, 2)), 0, 2))
+
+    def sections(self, q: Jet) -> tuple[Jet, Jet]:
+        """Position (..., 3) and orientation (..., 3, 3) of the sections.
+
+        R' = R K~ is solved by the sum of R_i = int R_(i-1) K~, and x' = R [1, phi12, phi13] is cut at total order
+        `order`; when exact, at an order where nothing is left. Below, R is the exp of the Magnus series."""
+        strain = self.strain(q)
+        K = strain[..., :3]
+        phi = strain.linear(lambda x: np.concatenate([0 * x[..., :1], x[..., 3:]], -1))
+        W = tilde(K)
+        n = 28 if self.order == "exact" else self.order
+        R = Jet({0: np.eye(3) * np.ones((1, 1, self.s.size, 1, 1))})
+        total, slope = R, Jet({0: np.eye(3)[0] * np.ones((1, 1, self.s.size, 1))})
+        for _ in range(n):  # terms of the next total order
+            slope = slope + turn(R, phi)
+            R = self.integral(R @ W, 2)
+            slope = slope + R.linear(lambda x: x[..., 0])
+            total = total + R
+        x = self.integral(slope, 1)
+        return x, total if self.order == "exact" else rotation(self.magnus(K, W))
+
+    def magnus(self, K: Jet, W: Jet) -> Jet:
+        """The rotation vector, cut at the order; a x K = -K~ a."""
+        one = self.integral(K, 1)
+        if self.order == 1:
+            return one
+        one_K = -turn(W, one)
+        two = 0.5 * self.integral(one_K, 1)
+        if self.order == 2:
+            return one + two
+        one_one_K = -turn(tilde(one_K), one)
+        return one + two + self.integral(-0.5 * turn(W, two) + (1.0 / 12.0) * one_one_K, 1)
+
+
+def elementary(joint: dict) -> tuple[list[tuple[bool, np.ndarray]], bool]:
+    """(whether a rotation, axis) of each motion of a joint in turn, and whether a ball follows."""
+    unit = dict(zip("xyz", np.eye(3), strict=True))
+    axis = joint.get("axis")
+    axis = unit[axis] if isinstance(axis, str) else None if axis is None else np.divide(axis, np.linalg.norm(axis))
+    chains = {
+        "fixed": "",
+        "universal": "rx ry",
+        "planar": "tx ty rz",
+        "spherical": "",
+        "free": "tx ty tz",
+        "axes": " ".join(joint.get("axes", ())),
+    }
+    if joint["type"] in chains:
+        motions = [(m[0] == "r", unit[m[1]]) for m in chains[joint["type"]].split()]
+    else:
+        rotates = {"revolute": [True], "prismatic": [False], "cylindrical": [False, True]}[joint["type"]]
+        motions = [(r, axis) for r in rotates]
+    return motions, joint["type"] in ("spherical", "free")
+
+
+class Link:
+    """One table of a scene's `link`."""
+
+    def __init__(self, link: dict, points: int) -> None:
+        self.joint = link["joint"]
+        self.motions, self.ball = elementary(self.joint)
+        self.nj = len(self.motions) + 3 * self.ball
+        self.hub, self.tip = link.get("hub", {}), link.get("tip", {})
+        self.beam = Beam(link["beam"], points) if "beam" in link else None
+        self.nv = self.nj + (self.beam.ne if self.beam else 0)
+        self.spring, self.damping, self.rest = (
+            np.broadcast_to(self.joint.get(f, 0.0), self.nj) for f in ("stiffness", "damping", "rest")
+        )
+
+    def seat(self, p: Jet, R: Jet, q: np.ndarray, seek: Jet, motion: Jet) -> tuple[Jet, Jet]:
+        """The link's frame from the end of the link below, at q + seek + motion."""
+
+        def placed(p: Jet, R: Jet, side: str) -> tuple[Jet, Jet]:
+            place = self.joint.get(side, {})
+            p = p + turn(R, Jet({0: np.reshape(place.get("position", (0, 0, 0)), (1, 1, 3)).astype(float)}))
+            return p, R @ constant_rotation(place.get("rotation", (0, 0, 0)))
+
+        p, R = placed(p, R, "inboard")
+        for i, (rotates, axis) in enumerate(self.motions):
+            step = ((seek + motion)[..., i : i + 1] + q[i : i + 1]) * axis
+            p, R = (p, R @ rotation(step)) if rotates else (p + turn(R, step), R)
+        if self.ball:
+            n = len(self.motions)
+            R = R @ from_quaternion(q[n : n + 4]) @ rotation(seek[..., n : n + 3]) @ rotation(motion[..., n : n + 3])
+        return placed(p, R, "outboard")
+
+
+class Oracle:
+    """Energies of a scene's arm and what follows from them. `points`: sections along each beam."""
+
+    def __init__(self, scene: dict, points: int = 16) -> None:
+        self.links = [Link(link, points) for link in scene["link"]]
+        self.gravity = np.array(scene.get("gravity", (0.0, 0.0, 0.0)), float)
+        self.nv = sum(link.nv for link in self.links)
+
+    def energies(self, q: np.ndarray, seek: Jet, motion: Jet, rate: Jet) -> tuple[Jet, Jet, Jet]:
+        """Kinetic and potential energy and Rayleigh's dissipation (half the power lost) at q + seek + motion, where
+        `rate` is the part of `motion` that goes with RATE."""
+        T = U = F = Jet({0: np.zeros((1, 1))})
+        p, R = Jet({0: np.zeros((1, 1, 3))}), Jet({0: np.eye(3)[None, None]})
+
+        def add(mass, inertia, p: Jet, R: Jet) -> None:
+            nonlocal T, U
+            p_dot, R_dot = p.part(RATE), R.part(RATE)
+            stations = np.ndim(mass)
+            T = T + 0.5 * ((p_dot * p_dot).sum() * mass).sum(stations)
+            T = T + 0.5 * ((R_dot @ inertia) * R_dot).sum(2 + stations)
+            U = U - ((p.without(RATE) * self.gravity).sum() * mass).sum(stations)
+
+        def body(b: dict, p: Jet, R: Jet) -> Jet:
+            com, end = (np.reshape(b.get(k, (0, 0, 0)), (1, 1, 3)).astype(float) for k in ("com", "end"))
+            if b:
+                add(b.get("mass", 0.0), point_inertia(b.get("inertia", (0, 0, 0))), p + turn(R, Jet({0: com})), R)
+            return p + turn(R, Jet({0: end}))
+
+        at = at_q = 0
+        for link in self.links:
+            joint, elastic = slice(at, at + link.nj), slice(at + link.nj, at + link.nv)
+            q_link = q[at_q : at_q + link.nv + link.ball]
+            p, R = link.seat(p, R, q_link, seek[..., joint], motion[..., joint])
+            F = F + 0.5 * (rate[..., joint] * rate[..., joint] * link.damping).sum()
+            n = len(link.motions)  # a ball has no springs
+            stretch = (seek + motion)[..., at : at + n].without(RATE) + (q_link[:n] - link.rest[:n])
+            U = U + 0.5 * (stretch * stretch * link.spring[:n]).sum()
+            p = body(link.hub, p, R)
+            if link.beam:
+                qe = (seek + motion)[..., elastic] + q_link[link.nj + link.ball :]
+                x, turned = link.beam.sections(qe)
+                Rs = R.linear(lambda x: x[..., None, :, :])
+                x, turned = p.linear(lambda x: x[..., None, :]) + turn(Rs, x), Rs @ turned
+                add(link.beam.mass, link.beam.inertia, x, turned)
+                U = U + link.beam.elastic(qe.without(RATE))
+                F = F + link.beam.retardation * link.beam.elastic(rate[..., elastic])
+                p, R = x[..., -1, :], turned[..., -1, :, :]
+            p = body(link.tip, p, R)
+            at, at_q = at + link.nv, at_q + link.nv + link.ball
+        return T, U, F
+
+    def _jets(self, q, v, a, vary: str = "", jacobian: bool = False) -> tuple[Jet, Jet, Jet]:
+        """Energies at q, v with their rate of change along v, a (TIME; not where q is varied), their derivatives by
+        each v or q (VARY), and of all these the derivatives by each of q, v and a (SEEK)."""
+        n, eye = self.nv, np.eye(self.nv)
+        by_q, by_v, by_a = np.split(np.eye(3 * n)[None], 3, axis=-1)
+        row = {name: np.reshape(x, (1, 1, n)).astype(float) for name, x in (("v", v), ("a", a))}
+        rate = {0: row["v"], TIME: row["a"], SEEK: by_v, TIME | SEEK: by_a}
+        motion = {TIME: row["v"], TIME | SEEK: by_v}
+        if vary:
+            (rate if vary == "v" else motion)[VARY] = eye[:, None]
+        motion |= {RATE | s: x for s, x in rate.items()}
+        dropped = (TIME if vary == "q" else 0) | (0 if jacobian else SEEK)
+        jets = (Jet(x).without(dropped) for x in ({SEEK: by_q}, motion, rate))
+        return self.energies(np.asarray(q, float), *jets)
+
+    def energy(self, q, v) -> tuple[float, float]:
+        """Kinetic and potential energy (J)."""
+        T, U, _ = self._jets(q, v, np.zeros(self.nv))
+        return float(T.number(0, 1, 1)[0, 0]), float(U.number(0, 1, 1)[0, 0])
+
+    def power(self, q, v, a) -> tuple[float, float]:
+        """Rate of change of T + U along v, a; and what dampers take (W)."""
+        T, U, F = (x.number(s, 1, 1)[0, 0] for x, s in zip(self._jets(q, v, a), (TIME, TIME, 0), strict=True))
+        return float(T + U), float(2 * F)
+
+    def inverse(self, q, v, a) -> np.ndarray:
+        """Generalised forces d/dt dT/dv - dT/dq + dU/dq + dF/dv, (nv,)."""
+        return self._inverse(q, v, a, 0, 1)[:, 0]
+
+    def jacobians(self, q, v, a) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Those of `inverse` by q (a ball's: by a small rotation in its link's axes), v and a; each (nv, nv)."""
+        by_q, by_v, by_a = np.split(self._inverse(q, v, a, SEEK, 3 * self.nv), 3, axis=1)
+        return by_q, by_v, by_a
+
+    def _inverse(self, q, v, a, seek: int, directions: int) -> np.ndarray:
+        shape = (self.nv, directions)
+        T, _, F = self._jets(q, v, a, "v", seek > 0)
+        momentum = T.number(VARY | TIME | seek, *shape) + F.number(VARY | seek, *shape)
+        T, U, _ = self._jets(q, v, a, "q", seek > 0)
+        return momentum - T.number(VARY | seek, *shape) + U.number(VARY | seek, *shape)
+
+    def forward(self, q, v, tau) -> np.ndarray:
+        """Accelerations, (nv,): the forces are linear in them."""
+        a = np.zeros(self.nv)
+        T, _, _ = self._jets(q, v, a, "v", True)
+        M = T.number(VARY | SEEK, self.nv, 3 * self.nv)[:, self.nv : 2 * self.nv]
+        return np.linalg.solve(M, tau - self.inverse(q, v, a))
+
+    def small_turns(self, q) -> np.ndarray:
+        """Change of q (nq) per small motion of each rate (nv): a ball's quaternion changes by p (0, theta / 2)."""
+        blocks = []
+        for link in self.links:
+            n = len(link.motions)
+            first = sum(b.shape[0] for b in blocks)
+            blocks.append(np.eye(n))
+            if link.ball:
+                w, x, y, z = np.asarray(q)[first + n : first + n + 4]
+                blocks.append(0.5 * np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]]))
+            blocks.append(np.eye(link.nv - link.nj))
+        return block_diag(*blocks)

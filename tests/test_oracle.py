@@ -1,0 +1,205 @@
+"""Dynamics and their Jacobians against Lagrange's equations by automatic differentiation (oracle.py)."""
+
+import flexarm as fa
+import numpy as np
+import pytest
+from oracle import Beam, Jet, Oracle
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+SECTION = {
+    "type": "general",
+    "area": 2e-4,
+    "second_moment_y": 6e-9,
+    "second_moment_z": 2e-9,
+    "torsion_constant": 5e-9,
+    "shear_correction": 0.8,
+}
+SOFT = {"density": 3000.0, "youngs_modulus": 4e8, "shear_modulus": 1e8}  # so that inertia counts beside stiffness
+HUB = {
+    "mass": 0.4,
+    "com": [0.03, -0.02, 0.01],
+    "inertia": [2e-3, 3e-3, 4e-3, 2e-4, -3e-4, 1e-4],
+    "end": [0.06, 0.01, -0.02],
+}
+TIP = {
+    "mass": 0.3,
+    "com": [0.05, 0.04, -0.03],
+    "inertia": [1e-3, 2e-3, 1.5e-3, 1e-4, 2e-4, -2e-4],
+    "end": [0.1, -0.05, 0.02],
+}
+SPATIAL = {"bending_y": 2, "bending_z": 2, "torsion": 1, "shear_y": 1, "shear_z": 1}
+G = [1.0, -4.0, -8.0]
+ORDERS = (1, 2, 3, "exact")
+
+
+def beam(modes: dict, order: int | str = 2, length: float = 0.6, **more) -> dict:
+    return {
+        "length": length, "section": SECTION, "material": SOFT, "modes": modes, "basis": "legendre", "order": order,
+    } | more  # fmt: skip
+
+
+def link(joint: str, *bodies: dict, **more) -> dict:
+    """Bodies in order: hub, beam, tip; {} where there is none."""
+    return {"joint": {"type": joint, **more}} | {
+        k: b for k, b in zip(("hub", "beam", "tip"), bodies, strict=False) if b
+    }
+
+
+PLANE = {"bending_y": 2}
+SPRING = {"stiffness": 3.0, "rest": 0.2, "damping": 0.4}
+SIDES = {
+    "inboard": {"position": [0.02, -0.03, 0.05], "rotation": [0.3, -0.5, 0.4]},
+    "outboard": {"position": [-0.04, 0.01, 0.03], "rotation": [-0.7, 0.2, 0.6]},
+}
+SCENES = {
+    "two planar links": [link("revolute", {}, beam(PLANE), axis="z"), link("revolute", {}, beam(PLANE), axis="z")],
+    "revolute and universal": [
+        link("revolute", HUB, beam(SPATIAL), axis=[1.0, 2.0, 2.0], **SPRING),
+        link(
+            "universal", {}, beam({"bending_y": 1, "bending_z": 1, "torsion": 1}, kelvin_voigt=0.01), TIP, damping=0.1
+        ),
+    ],
+    "cart": [link("prismatic", HUB, beam(SPATIAL), TIP, axis="y", **SPRING)],
+    "tip body between links": [
+        link("cylindrical", {}, beam({"bending_z": 2, "torsion": 1}), TIP, axis="x"),
+        link("axes", HUB, beam({"bending_y": 2, "shear_y": 1}, rotary_inertia=False), {}, axes=["rz", "ty"], **SIDES),
+    ],
+    "free base and ball": [
+        link("free", HUB, beam({"bending_y": 1, "torsion": 1}), TIP),
+        link("spherical", {}, beam({"bending_z": 1}, 3), TIP, damping=0.2, **SIDES),
+    ],
+} | {f"order {n}": [link("revolute", HUB, beam(SPATIAL, n), TIP, axis="y")] for n in ORDERS}
+
+
+def state(scene: dict, arm: fa.Arm, elastic: float = 1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """q, v, a with tip deflections of a third of the length, where the orders differ."""
+
+    def scale(name: str) -> float:
+        return elastic if "bending" in name or "torsion" in name else 0.1 if "shear" in name else 1.0
+
+    rng = np.random.default_rng(len(arm.coordinates))
+    q, v, a = (rng.normal(size=n) for n in (arm.nq, arm.nv, arm.nv))
+    rates = np.array([scale(c) for c in arm.coordinates])
+    return q * [scale(c) for c in arm.q_names], 2 * v * rates, 5 * a * rates
+
+
+def both(name: str) -> tuple[Oracle, fa.Arm, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    scene = {"gravity": G, "link": SCENES[name]}
+    arm = fa.Arm.from_dict(scene)
+    return Oracle(scene), arm, state(scene, arm)
+
+
+def close(found: np.ndarray, expected: np.ndarray, rtol: float) -> None:
+    """Entry by entry, but for what is below rounding of the largest."""
+    np.testing.assert_allclose(found, expected, rtol=rtol, atol=1e-3 * rtol * np.abs(expected).max())
+
+
+# -- the oracle is to be trusted -------------------------------------------------------------------------------------
+
+
+def test_pendulum() -> None:
+    body = {"mass": 2.0, "com": [0.3, 0, 0], "inertia": [0, 0, 0.05]}
+    oracle = Oracle({"gravity": [0, -9.81, 0], "link": [link("revolute", body, axis="z", **SPRING)]})
+    q, v, a = 0.7, 1.3, -2.1
+    expected = (0.05 + 2.0 * 0.3**2) * a + 2.0 * 9.81 * 0.3 * np.cos(q) + 3.0 * (q - 0.2) + 0.4 * v
+    np.testing.assert_allclose(oracle.inverse([q], [v], [a]), expected, rtol=1e-13)
+
+
+def test_euler_top() -> None:
+    """A body turning about its centre of mass: J dw/dt + w x J w, in its own axes."""
+    oracle = Oracle({"link": [link("spherical", {"mass": 1.0, "inertia": HUB["inertia"]})]})
+    xx, yy, zz, xy, xz, yz = HUB["inertia"]
+    J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    w, dw = np.array([3.0, -1.0, 2.0]), np.array([0.5, 4.0, -2.0])
+    p = np.array([0.5, -0.1, 0.7, 0.2])
+    np.testing.assert_allclose(oracle.inverse(p, w, dw), J @ dw + np.cross(w, J @ w), rtol=1e-13)
+    by_q, by_v, by_a = oracle.jacobians(p, w, dw)
+    np.testing.assert_allclose(by_q, 0, atol=1e-15)
+    np.testing.assert_allclose(by_v, np.cross(w, J.T).T + np.cross(np.eye(3), J @ w).T, rtol=1e-13, atol=1e-16)
+    np.testing.assert_allclose(by_a, J, rtol=1e-13)
+
+
+def test_arc() -> None:
+    """Constant curvature bends an exact beam to a circle, constant twist and curvature to a helix."""
+    for K in ([0.0, 0.0, 3.0], [2.0, 0.0, 3.0]):
+        modes = {"bending_y": 1, "torsion": 1}
+        beam_ = Beam(beam(modes, "exact", length=0.8), 20)
+        x, R = beam_.sections(Jet({0: np.array([[[K[2], K[0]]]])}))
+        turned = Rotation.from_rotvec(0.8 * np.array(K)).as_matrix()
+        np.testing.assert_allclose(R.parts[0][0, 0, -1], turned, atol=1e-13)
+        k = np.linalg.norm(K)
+        n = np.array(K) / k  # x = int R e1: along the axis, and turning about it
+        e, s, c = np.eye(3)[0], np.sin(0.8 * k) / k, (1 - np.cos(0.8 * k)) / k
+        tip = 0.8 * n * n[0] + s * (e - n * n[0]) + c * np.cross(n, e)
+        np.testing.assert_allclose(x.parts[0][0, 0, -1], tip, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_power_balance(name: str) -> None:
+    """What the forces do is stored or goes into the dampers."""
+    oracle, _, (q, v, a) = both(name)
+    stored, lost = oracle.power(q, v, a)
+    np.testing.assert_allclose(stored + lost, v @ oracle.inverse(q, v, a), rtol=1e-11)
+
+
+def test_energy_is_conserved() -> None:
+    """A falling, bending arm left to itself for 0.1 s; the integrator's tolerance is 1e-8."""
+    modes = {"bending_y": 1, "bending_z": 1}
+    oracle = Oracle({"gravity": G, "link": [link("revolute", HUB, beam(modes, 1), TIP, axis=[0.0, 1.0, 1.0])]}, 6)
+    start = np.array([0.3, 1.5, 0.8, 2.0, -3.0, 4.0])
+
+    def rate(t: float, y: np.ndarray) -> np.ndarray:
+        return np.concatenate([y[3:], oracle.forward(y[:3], y[3:], np.zeros(3))])
+
+    end = solve_ivp(rate, (0.0, 0.1), start, method="DOP853", rtol=1e-8, atol=1e-8).y[:, -1]
+    before, after = (np.array(oracle.energy(y[:3], y[3:])) for y in (start, end))
+    assert abs(after[0] - before[0]) > 0.1  # J: much of it changes hands
+    assert abs((after - before).sum()) < 1e-6 * before[0]
+
+
+def test_orders_differ() -> None:
+    """At these states each order has its own Jacobian by v, so that agreement at one says something."""
+    answers = [o.jacobians(*s)[1] for o, _, s in (both(f"order {n}") for n in ORDERS)]
+    for i, x in enumerate(answers):
+        for y in answers[:i]:
+            assert np.linalg.norm(x - y) > 1e-3 * np.linalg.norm(x)
+
+
+# -- flexarm against the oracle --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_forces(name: str) -> None:
+    oracle, arm, (q, v, a) = both(name)
+    np.testing.assert_allclose(arm.energy(q, v), oracle.energy(q, v), rtol=1e-10)
+    close(arm.inverse_dynamics(q, v, a), oracle.inverse(q, v, a), 1e-10)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_jacobians(name: str) -> None:
+    """Of inverse dynamics, and of forward dynamics at the same motion."""
+    oracle, arm, (q, v, a) = both(name)
+    by_q, by_v, M = oracle.jacobians(q, v, a)
+    turns = oracle.small_turns(q)
+    inverse = arm.inverse_derivatives(q, v, a)
+    close(inverse[0] @ turns, by_q, 1e-9)
+    close(inverse[1], by_v, 1e-9)
+    close(inverse[2], M, 1e-9)
+    forward = arm.forward_derivatives(q, v, oracle.inverse(q, v, a))
+    close(forward.dq @ turns, -np.linalg.solve(M, by_q), 1e-8)
+    close(forward.dv, -np.linalg.solve(M, by_v), 1e-8)
+    close(forward.dtau, np.linalg.inv(M), 1e-8)
+
+
+def test_large_bending() -> None:
+    """An exact beam bent by more than a right angle."""
+    scene = {
+        "gravity": G,
+        "link": [link("revolute", HUB, beam({"bending_y": 2, "bending_z": 1}, "exact"), TIP, axis="z")],
+    }
+    oracle, arm = Oracle(scene, points=24), fa.Arm.from_dict(scene)
+    q, v, a = np.array([0.4, 3.5, 1.0, -1.5]), np.array([2.0, 3.0, -2.0, 1.0]), np.array([5.0, -4.0, 3.0, 2.0])
+    close(arm.inverse_dynamics(q, v, a), oracle.inverse(q, v, a), 1e-9)
+    for found, expected in zip(arm.inverse_derivatives(q, v, a), oracle.jacobians(q, v, a), strict=True):
+        close(found, expected, 1e-8)
