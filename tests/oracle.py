@@ -5,7 +5,8 @@ from that the kinetic energy T(q, v), the potential U(q) and Rayleigh's dissipat
 differentiation do the mechanics: tau = d/dt dT/dv - dT/dq + dU/dq + dF/dv, and its Jacobians. There are no sweeps, no
 angular velocities, no Jacobians of slices and no bias terms; a body's kinetic energy is that of its points.
 
-Beams: Legendre basis, order 1, 2, 3 or "exact". Joints: all, with springs, dampers and placements, without soft stops.
+Beams: both bases, order 1, 2, 3 or "exact", without modal damping. Joints: all, with springs, dampers and placements,
+without soft stops.
 Rates are those of flexarm. A ball's chart is centred at its present orientation, R0 exp(theta), where dtheta/dt is the
 angular velocity in link axes and d^2 theta/dt^2 its rate; "by q" of a ball means by a small rotation theta of R0.
 """
@@ -17,6 +18,7 @@ from math import factorial
 import numpy as np
 from numpy.polynomial import legendre
 from scipy.linalg import block_diag
+from scipy.optimize import brentq
 
 RATE, VARY, TIME, SEEK = 1, 2, 4, 8  # the nilpotents: velocity, variation, passing of time, direction of a Jacobian
 LEVI = np.zeros((3, 3, 3))  # v @ LEVI is the matrix of v x
@@ -142,7 +144,7 @@ class Beam:
     strains = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
 
     def __init__(self, beam: dict, points: int) -> None:
-        assert beam["basis"] == "legendre" and beam["order"] != 0 and not beam.get("damping_ratio")
+        assert beam["order"] != 0 and not beam.get("damping_ratio")
         section, material, length = beam["section"], beam["material"], beam["length"]
         s, w = legendre.leggauss(points)
         self.s, self.order = np.append(s, 1.0), beam["order"]
@@ -157,7 +159,7 @@ class Beam:
         column = 0
         for (row, sign), n in zip(((2, 1), (1, -1), (0, 1), (3, 1), (4, 1)), counts, strict=True):
             for k in range(n):
-                self.B[:, row, column] = sign * legendre.legval(self.s, np.eye(n)[k])
+                self.B[:, row, column] = sign * self.shape(beam["basis"], row in (1, 2), k, length)
                 column += 1
         assert section["type"] == "general"
         Iy, Iz, rho = section["second_moment_y"], section["second_moment_z"], material["density"]
@@ -167,6 +169,19 @@ class Beam:
         self.inertia = self.w[:, None, None] * rho * np.diag([0, Iz, Iy]) * beam.get("rotary_inertia", True)
         self.rigidity = np.array([G * section["torsion_constant"], E * Iy, E * Iz, kGA, kGA])
         self.retardation = beam.get("kelvin_voigt", 0.0)
+
+    def shape(self, basis: str, bending: bool, k: int, length: float) -> np.ndarray:
+        """Strain of shape k = 0, 1, ... at the stations."""
+        X = 0.5 * length * (1 + self.s)
+        if basis == "legendre":
+            return legendre.legval(self.s, np.eye(k + 1)[k])
+        if not bending:  # of sin((k + 1/2) pi X / L), 1 at the tip
+            return (-1) ** k * (k + 0.5) * np.pi / length * np.cos((k + 0.5) * np.pi * X / length)
+        b = brentq(lambda b: np.cos(b) * np.cosh(b) + 1, k * np.pi + 1, (k + 1) * np.pi, xtol=1e-15)
+        ratio = (np.cosh(b) + np.cos(b)) / (np.sinh(b) + np.sin(b))
+        tip = np.cosh(b) - np.cos(b) - ratio * (np.sinh(b) - np.sin(b))
+        z = b * X / length
+        return (b / length) ** 2 / tip * (np.cosh(z) + np.cos(z) - ratio * (np.sinh(z) + np.sin(z)))
 
     def strain(self, q: Jet) -> Jet:
         return q.linear(lambda x: np.einsum("gcn,abn->abgc", self.B, x))

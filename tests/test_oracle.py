@@ -69,10 +69,14 @@ SCENES = {
         link("free", HUB, beam({"bending_y": 1, "torsion": 1}), TIP),
         link("spherical", {}, beam({"bending_z": 1}, 3), TIP, damping=0.2, **SIDES),
     ],
+    "clamped-free": [
+        link("revolute", HUB, beam({"bending_y": 2, "bending_z": 1, "torsion": 1}, basis="clamped-free"), axis="z"),
+        link("planar", {}, beam({"bending_y": 1, "shear_y": 2}, 3, basis="clamped-free"), TIP),
+    ],
 } | {f"order {n}": [link("revolute", HUB, beam(SPATIAL, n), TIP, axis="y")] for n in ORDERS}
 
 
-def state(scene: dict, arm: fa.Arm, elastic: float = 1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def state(arm: fa.Arm, elastic: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q, v, a with tip deflections of a third of the length, where the orders differ."""
 
     def scale(name: str) -> float:
@@ -87,7 +91,7 @@ def state(scene: dict, arm: fa.Arm, elastic: float = 1.0) -> tuple[np.ndarray, n
 def both(name: str) -> tuple[Oracle, fa.Arm, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     scene = {"gravity": G, "link": SCENES[name]}
     arm = fa.Arm.from_dict(scene)
-    return Oracle(scene), arm, state(scene, arm)
+    return Oracle(scene, 20), arm, state(arm, 0.1 if name == "clamped-free" else 1.0)
 
 
 def close(found: np.ndarray, expected: np.ndarray, rtol: float) -> None:
@@ -187,9 +191,9 @@ def test_jacobians(name: str) -> None:
     close(inverse[1], by_v, 1e-9)
     close(inverse[2], M, 1e-9)
     forward = arm.forward_derivatives(q, v, oracle.inverse(q, v, a))
-    close(forward.dq @ turns, -np.linalg.solve(M, by_q), 1e-8)
-    close(forward.dv, -np.linalg.solve(M, by_v), 1e-8)
-    close(forward.dtau, np.linalg.inv(M), 1e-8)
+    close(forward.dq @ turns, -np.linalg.solve(M, by_q), 1e-7)
+    close(forward.dv, -np.linalg.solve(M, by_v), 1e-7)
+    close(forward.dtau, np.linalg.inv(M), 1e-7)
 
 
 def test_large_bending() -> None:
