@@ -3,7 +3,7 @@
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import BODY, STRIP, random_state
+from arms import BODY, STRIP, close, differences, random_state
 from scipy.spatial.transform import Rotation
 
 
@@ -151,6 +151,42 @@ def test_spring_damper_and_stops() -> None:
     assert -0.8 < back < -0.1  # comes back, but slower
 
 
+def test_spring_and_stop_of_a_ball() -> None:
+    """A ball's spring bears m g l sin(turn) about any horizontal axis, like a revolute's; past its largest angle the
+    stop takes over. The forces are those of the potential energy, their Jacobians exact, through zero turn too."""
+    k, m, length = 4.0, 1.3, 0.4
+    body = fa.RigidBody(m, (length, 0, 0), (0.1, 0.1, 0.1))
+    turns = []
+    for upper in (None, 0.5):
+        options = {"stiffness": k, "upper": upper, "limit_stiffness": 300.0 if upper else 0.0}
+        for axis, joint in (("y", fa.Revolute("y", **options)), (None, fa.Spherical(**options))):
+            if axis and upper:
+                options = {**options, "lower": -upper}
+            arm = fa.Arm([fa.Link(joint, body)], gravity=(0, 0, -9.81))
+            q = arm.equilibrium()
+            turns.append(q[0] if axis else 2 * np.arctan2(np.linalg.norm(q[1:]), q[0]))
+    assert turns[0] == pytest.approx(turns[1], rel=1e-9) and k * turns[0] == pytest.approx(
+        m * 9.81 * length * np.cos(turns[0]), rel=1e-9
+    )
+    assert turns[2] == pytest.approx(turns[3], rel=1e-9) and 0.5 < turns[2] < turns[0]
+
+    joint = fa.Spherical(stiffness=k, damping=0.1, upper=0.7, limit_stiffness=50.0, limit_damping=0.0)
+    arm = fa.Arm([fa.Link(joint, body)])
+    rng = np.random.default_rng(0)
+    for turn in (0.0, 1e-9, 1e-5, 0.3, 0.69, 0.9, 2.5):
+        axis = rng.normal(size=3)
+        q = np.roll(Rotation.from_rotvec(turn * axis / np.linalg.norm(axis)).as_quat(), 1)
+        v = rng.normal(size=3)
+        E = arm._core.rates(q, np.zeros(3))[2]
+        power = differences(lambda e, q=q, v=v, E=E: np.array([arm.energy(q + E @ v * e[0], 0 * v)[1]]), 1)[0, 0]
+        force = arm.inverse_dynamics(q, 0 * v, 0 * v)
+        assert v @ force == pytest.approx(power, rel=1e-8, abs=1e-9)
+        assert np.allclose(arm.inverse_dynamics(-3 * q, 0 * v, 0 * v), force, atol=1e-12)
+        by_q, by_v, _ = arm.inverse_derivatives(q, v, 0 * v)
+        close(by_q, differences(lambda e, q=q, v=v: arm.inverse_dynamics(q + e, v, 0 * v), 4), 1e-8)
+        close(by_v, differences(lambda e, q=q, v=v: arm.inverse_dynamics(q, v + e, 0 * v), 3), 1e-8)
+
+
 def test_drives_of_single_freedoms() -> None:
     """Motion, torque and nothing, mixed within one joint; the reaction of the motion makes it."""
     arm = fa.Arm([fa.Link(fa.Planar(), BODY)])
@@ -178,7 +214,10 @@ def test_drives_of_single_freedoms() -> None:
         (lambda: fa.Revolute("z", stiffness=-1.0), r"stiffness\[0\] = -1"),
         (lambda: fa.Revolute("z", lower=1.0, upper=0.0), r"lower\[0\] = 1: must be below upper"),
         (lambda: fa.Revolute("z", upper=0.0), r"limit_stiffness\[0\] = 0: must be positive"),
-        (lambda: fa.Spherical(stiffness=1.0), r"stiffness\[0\] = 1: a ball can have damping"),
+        (lambda: fa.Spherical(stiffness=(1, 2, 3)), r"stiffness\[1\] = 2: spring and limits of a ball"),
+        (lambda: fa.Spherical(rest=0.1), r"rest\[0\] = 0.1: a ball's spring is at rest where it is not turned"),
+        (lambda: fa.Spherical(upper=4.0, limit_stiffness=1.0), r"upper\[0\] = 4: of a ball, must be an angle"),
+        (lambda: fa.Spherical(lower=-1, upper=2, limit_stiffness=1.0), r"lower\[0\] = -1: of a ball"),
         (lambda: fa.Planar(damping=(1.0, 2.0)), r"damping has shape \(2,\): must be 3 numbers"),
         (lambda: fa.Fixed(inboard=(1, 2, 3)), r"inboard = \(1, 2, 3\): must be a Placement"),
         (lambda: fa.Fixed(inboard=fa.Placement(rotation=2 * np.eye(3))), r"inboard.rotation"),

@@ -239,3 +239,16 @@ def test_a_dead_load_buckles_a_clamped_beam() -> None:
         arm.modes(loads=[fa.Load(force=(-share * critical, 0, 0))]).eigenvalues for share in (0.9999, 1.0001)
     )
     assert just_under.real.max() < 1e-6 < just_over.real.max()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_rigid_motions_that_rounding_hides(seed: int) -> None:
+    """A stiffness with two zero eigenvalues that rounding makes +-1e-16: Cholesky alone can take it for definite."""
+    from flexarm.modal import _conservative
+
+    rng = np.random.default_rng(seed)
+    V = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    square = np.array([0.0, 0.0, 4.0, 5.0, 900.0, 1300.0])
+    s, _ = _conservative(np.eye(6), V @ np.diag(square) @ V.T)
+    np.testing.assert_allclose(np.sort(np.abs(s) ** 2), square, atol=1e-8)
+    assert (s.real == 0).all()

@@ -100,7 +100,7 @@ std::vector<std::string> Arm::coordinates() const {
     if (!links_[n].beam()) continue;
     for (int s = 0; s < kStrains; ++s)
       for (int i = 0; i < links_[n].beam()->options().modes[s]; ++i)
-        names.push_back(prefix + kStrainNames[s] + " " + std::to_string(i + 1));
+        names.push_back(prefix + kStrainFields[s].name + " " + std::to_string(i + 1));
   }
   return names;
 }

@@ -73,7 +73,64 @@ std::vector<Product> second_order(const ProductIntegrals& I, const std::array<in
 
 }  // namespace
 
-int enough_gauss_points(const BeamOptions& o) {
+namespace {
+
+/// For shapes of any form: by trial, until the Gram matrix of what the slices' motion is made of (deflections, slopes,
+/// and the running integrals of their products that shorten the beam) is right to 1e-12. Order 3 and above take half as
+/// many more, as clamped-free modes do.
+int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length) {
+  Eigen::Index terms = 0;
+  for (const ShapeSet& s : shapes) terms = std::max(terms, std::max<Eigen::Index>(s.terms(), s.size()));
+  const GaussRule fine(2 * static_cast<int>(terms) + 8, length);
+  const auto samples = [&](const Eigen::VectorXd& points) {  // one row for each function
+    std::vector<Eigen::VectorXd> rows;
+    const auto add = [&](const Eigen::MatrixXd& m) {
+      for (Eigen::Index k = 0; k < m.cols(); ++k) rows.push_back(m.col(k));
+    };
+    for (int strain = 0; strain < kStrains; ++strain) {
+      const ShapeSet& set = shapes[strain];
+      const auto slopes_at = [&](const Eigen::VectorXd& at) {
+        MatrixXd m(at.size(), set.size());
+        for (Eigen::Index g = 0; g < at.size(); ++g) m.row(g) = set.at(at[g]).slope.transpose();
+        return m;
+      };
+      add(slopes_at(points));
+      if (!is_bending(strain)) continue;
+      MatrixXd deflection(points.size(), set.size());
+      for (Eigen::Index g = 0; g < points.size(); ++g) deflection.row(g) = set.at(points[g]).deflection.transpose();
+      add(deflection);
+      if (o.order < 2) continue;
+      MatrixXd integral(points.size(), fine.points.size());
+      for (Eigen::Index g = 0; g < points.size(); ++g) integral.row(g) = integral_weights(fine, length, points[g]);
+      const MatrixXd slope = slopes_at(fine.points);
+      for (Eigen::Index i = 0; i < slope.cols(); ++i)
+        add(integral * (slope.rightCols(slope.cols() - i).array().colwise() * slope.col(i).array()).matrix());
+    }
+    MatrixXd all(static_cast<Eigen::Index>(rows.size()), points.size());
+    for (std::size_t k = 0; k < rows.size(); ++k) all.row(static_cast<Eigen::Index>(k)) = rows[k].transpose();
+    return all;
+  };
+  const auto gram = [&](const GaussRule& rule) -> MatrixXd {
+    const MatrixXd f = samples(rule.points);
+    return f * rule.weights.asDiagonal() * f.transpose();
+  };
+  const MatrixXd truth = gram(fine);
+  const Eigen::VectorXd size = truth.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const int most = static_cast<int>(fine.points.size());
+  for (int n = 4; n < most; n += 1 + n / 8) {
+    const MatrixXd wrong = gram(GaussRule(n, length)) - truth;
+    if ((size.asDiagonal() * wrong * size.asDiagonal()).cwiseAbs().maxCoeff() > 1e-12) continue;
+    const bool products_turn = o.order > 2 || (o.order == 1 && o.rotary_inertia);
+    return products_turn ? n + n / 2 + 2 : n;
+  }
+  return most;
+}
+
+}  // namespace
+
+int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length) {
+  for (const Eigen::MatrixXd& given : o.shapes)
+    if (given.size() > 0) return gauss_points_by_trial(o, shapes, length);
   const int bending = std::max(o.modes[bending_y], o.modes[bending_z]);
   const int simple = std::max({o.modes[torsion], o.modes[shear_y], o.modes[shear_z]});
   if (o.basis == Basis::legendre) {
@@ -95,61 +152,174 @@ int enough_gauss_points(const BeamOptions& o) {
   return n;
 }
 
+/// Mass per length (kg/m), and each strain's rigidity (N m^2, N) and inertia per length, along the beam.
+struct Beam::Profile {
+  SectionProfile section;
+  Material material;
+  bool uniform;
+
+  double mass(const Section& s) const { return material.density * s.area; }
+  /// Of rotation about x, y and z (kg m).
+  Eigen::Vector3d rotary(const Section& s) const {
+    const double iy = s.second_moment_y, iz = s.second_moment_z;
+    return material.density * Eigen::Vector3d(iy + iz, iy, iz);
+  }
+  /// EI_z, EI_y, GJ, kGA, kGA of Eq. 62.
+  double rigidity(int strain, const Section& s) const {
+    const double E = material.youngs_modulus, G = material.shear_modulus;
+    if (strain == bending_y) return E * s.second_moment_z;
+    if (strain == bending_z) return E * s.second_moment_y;
+    return strain == torsion ? G * s.torsion_constant : s.shear_correction * G * s.area;
+  }
+  /// What a clamped mode of one strain vibrates against (Euler-Bernoulli for bending).
+  double inertia(int strain, const Section& s) const { return strain == torsion ? rotary(s)[0] : mass(s); }
+  /// Many points, on each stretch where the section is smooth.
+  GaussRule fine(int n, double length) const { return GaussRule(n, length, section.breaks); }
+};
+
+namespace {
+
+void check_options(const BeamOptions& o, const Material& material) {
+  for (int s = 0; s < kStrains; ++s)
+    if (o.modes[s] < 0 || o.modes[s] > 40)
+      bad_value(std::string("modes.") + kStrainFields[s].name, o.modes[s], "must be from 0 to 40");
+  if (o.order < 0 || o.order > kExact) bad_value("order", o.order, "must be 0, 1, 2, 3 or \"exact\"");
+  non_negative("damping_ratio", o.damping_ratio);
+  non_negative("kelvin_voigt", o.kelvin_voigt);
+  if (o.gauss_points < 0 || o.gauss_points > 400)
+    bad_value("gauss_points", o.gauss_points, "must be from 1 to 400, or 0 to let the basis choose");
+  non_negative("basis_tip.mass", o.tip.mass);
+  if (!std::isfinite(o.tip.offset)) bad_value("basis_tip.com", o.tip.offset, "must be finite");
+  for (double moment : o.tip.inertia) non_negative("basis_tip.inertia", moment);
+  const bool needs_shear = o.modes[torsion] + o.modes[shear_y] + o.modes[shear_z] > 0;
+  if (needs_shear && material.shear_modulus <= 0.0)
+    bad_value("shear_modulus", "not given", "torsion and shear need the material's poisson_ratio or shear_modulus");
+}
+
+/// Modes 1..n of one strain of the clamped beam with a body on its end, as coefficients of Legendre strains, by Ritz;
+/// each scaled so that its largest deflection (or turn) is 1, positive at the end.
+template <class Profile>
+MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, int n, double length) {
+  const int terms = n + 14;
+  const ShapeSet ritz(strain, Basis::legendre, terms, length);
+  const auto moved = [&](const ShapeValues& v) { return is_bending(strain) ? v.deflection : v.slope; };
+  MatrixXd M = MatrixXd::Zero(terms, terms), K = M;
+  const GaussRule fine = profile.fine(terms + 16, length);
+  for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
+    const Section section = profile.section.at(fine.points[g]);
+    const ShapeValues v = ritz.at(fine.points[g]);
+    K += fine.weights[g] * profile.rigidity(strain, section) * v.strain * v.strain.transpose();
+    M += fine.weights[g] * profile.inertia(strain, section) * moved(v) * moved(v).transpose();
+  }
+  const ShapeValues end = ritz.at(length);
+  if (is_bending(strain)) {
+    const Eigen::VectorXd centre = end.deflection + tip.offset * end.slope;
+    M += tip.mass * centre * centre.transpose() +
+         tip.inertia[strain == bending_y ? 2 : 1] * end.slope * end.slope.transpose();
+  } else {
+    M += (strain == torsion ? tip.inertia[0] : tip.mass) * end.slope * end.slope.transpose();
+  }
+  // The largest mu of M x = mu K x: the lowest frequencies keep their digits so.
+  const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> modes(M, K);
+  if (modes.info() != Eigen::Success || !(modes.eigenvalues()[terms - 1] > 0.0))
+    bad_value("basis", "loaded", "the clamped beam has no mode: give it, or its basis_tip, a mass");
+  MatrixXd shapes = modes.eigenvectors().rowwise().reverse().leftCols(n);
+  Eigen::VectorXd largest = Eigen::VectorXd::Zero(n);
+  for (int k = 0; k <= 400; ++k)
+    largest = largest.cwiseMax((shapes.transpose() * moved(ritz.at(length * k / 400.0))).cwiseAbs());
+  const Eigen::VectorXd at_end = shapes.transpose() * moved(end);
+  for (int k = 0; k < n; ++k) shapes.col(k) *= (at_end[k] < 0.0 ? -1.0 : 1.0) / largest[k];
+  return shapes;
+}
+
+}  // namespace
+
 Beam::Beam(double length, const Section& section, const Material& material, const BeamOptions& options)
-    : length_(positive("length", length)), section_(section), material_(material), options_(options) {
+    : Beam(length, Profile{{[section](double) { return section; }, {}}, material, true}, material, options) {}
+
+Beam::Beam(double length, const SectionProfile& section, const Material& material, const BeamOptions& options)
+    : Beam(length, Profile{section, material, false}, material, options) {}
+
+Beam::Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options)
+    : length_(positive("length", length)), options_(options) {
+  double from = 0.0;
+  for (double b : profile.section.breaks) {
+    if (!(b > from && b < length_)) bad_value("section: break", b, "must increase, between 0 and the length");
+    from = b;
+  }
+  for (int s = 0; s < kStrains; ++s)
+    if (options_.shapes[s].size() > 0) options_.modes[s] = static_cast<int>(options_.shapes[s].cols());
+  check_options(options_, material);
   for (int s = 0; s < kStrains; ++s) {
     const int n = options_.modes[s];
-    if (n < 0 || n > 40) bad_value(std::string("modes.") + kStrainNames[s], n, "must be from 0 to 40");
+    if (options_.shapes[s].size() > 0)
+      shapes_.emplace_back(s, options_.shapes[s], length_);
+    else if (options_.basis == Basis::loaded && n > 0)
+      shapes_.emplace_back(s, loaded_modes(profile, options_.tip, s, n, length_), length_);
+    else
+      shapes_.emplace_back(s, options_.basis, n, length_);
     first_[s] = ne_;
     ne_ += n;
   }
-  if (options_.order < 0 || options_.order > kExact)
-    bad_value("order", options_.order, "must be 0, 1, 2, 3 or \"exact\"");
-  non_negative("damping_ratio", options_.damping_ratio);
-  non_negative("kelvin_voigt", options_.kelvin_voigt);
-  if (options_.gauss_points < 0 || options_.gauss_points > 400)
-    bad_value("gauss_points", options_.gauss_points, "must be from 1 to 400, or 0 to let the basis choose");
-  const bool needs_shear = options_.modes[torsion] + options_.modes[shear_y] + options_.modes[shear_z] > 0;
-  if (needs_shear && material_.shear_modulus <= 0.0)
-    bad_value("shear_modulus", "not given", "torsion and shear need the material's poisson_ratio or shear_modulus");
+  build_slices(profile);
+  build_stiffness(profile);
+}
 
-  // Slices: the Gauss points and, last, the tip.
-  const int n = options_.gauss_points > 0 ? options_.gauss_points : enough_gauss_points(options_);
+void Beam::build_slices(const Profile& profile) {
+  const int n = options_.gauss_points > 0 ? options_.gauss_points : enough_gauss_points(options_, shapes_, length_);
   rule_ = GaussRule(n, length_);
-  std::vector<double> stations(rule_.points.data(), rule_.points.data() + n);
+  // Where the section varies, points and masses are the Gauss rule of the mass along the beam, so that they are as few.
+  GaussRule masses = rule_;
+  if (profile.uniform) {
+    masses.weights *= profile.mass(profile.section.at(0.0));
+  } else {
+    GaussRule along = profile.fine(2 * n + 16, length_);
+    for (Eigen::Index g = 0; g < along.points.size(); ++g)
+      along.weights[g] *= profile.mass(profile.section.at(along.points[g]));
+    if (along.weights.sum() > 0.0)
+      masses = gauss_rule_of(along, n);
+    else
+      masses.weights.setZero();
+  }
+  std::vector<double> stations(masses.points.data(), masses.points.data() + n);
   stations.push_back(length_);
   std::vector<SliceTable> all = tables(stations);
-  const double rho = material_.density, iy = section_.second_moment_y, iz = section_.second_moment_z;
-  mass_ = rho * section_.area * length_;
+  mass_ = masses.weights.sum();
   for (int g = 0; g < n; ++g) {
-    const double w = rho * rule_.weights[g];
-    const Eigen::Vector3d inertia =
-        options_.rotary_inertia ? Eigen::Vector3d(w * (iy + iz), w * iy, w * iz) : Eigen::Vector3d::Zero();
-    slices_.push_back({all[g], w * section_.area, inertia});
+    const Section section = profile.section.at(masses.points[g]);
+    Eigen::Vector3d inertia = Eigen::Vector3d::Zero();
+    if (options_.rotary_inertia && mass_ > 0.0)
+      inertia = masses.weights[g] / profile.mass(section) * profile.rotary(section);
+    slices_.push_back({all[g], masses.weights[g], inertia});
   }
   tip_ = all[n];
   if (options_.order > 2) {
     SeriesTables series{MatrixXd(n, n), {}};
+    std::vector<SliceTable> at = tables({rule_.points.data(), rule_.points.data() + n});
     for (int g = 0; g < n; ++g) {
-      series.cumulative.row(g) = all[g].weights;
-      series.strains.push_back(all[g].strains);
+      series.cumulative.row(g) = at[g].weights;
+      series.strains.push_back(at[g].strains);
     }
     series_ = std::move(series);
   }
+}
 
+void Beam::build_stiffness(const Profile& profile) {
   // Elastic forces (Eq. 62) and, for modal damping, the mass of the clamped beam at rest.
-  const double G = material_.shear_modulus;
-  const double rigidity[kStrains] = {material_.youngs_modulus * iz, material_.youngs_modulus * iy,
-                                     G * section_.torsion_constant, section_.shear_correction * G * section_.area,
-                                     section_.shear_correction * G * section_.area};
   stiffness_ = damping_ = MatrixXd::Zero(ne_, ne_);
-  const GaussRule fine(2 * *std::max_element(options_.modes.begin(), options_.modes.end()) + 16, length_);
-  for (Eigen::Index g = 0; g < fine.points.size(); ++g)
+  int most = *std::max_element(options_.modes.begin(), options_.modes.end());
+  for (const ShapeSet& s : shapes_) most = std::max(most, static_cast<int>(s.terms()));
+  const GaussRule fine = profile.fine(2 * most + 16, length_);
+  for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
+    const Section section = profile.section.at(fine.points[g]);
     for (int s = 0; s < kStrains; ++s) {
       const int ns = options_.modes[s];
-      const Eigen::VectorXd e = shapes(options_.basis, s, ns, length_, fine.points[g]).strain;
-      stiffness_.block(first_[s], first_[s], ns, ns) += fine.weights[g] * rigidity[s] * e * e.transpose();
+      if (ns == 0) continue;
+      const Eigen::VectorXd e = shapes_[s].at(fine.points[g]).strain;
+      stiffness_.block(first_[s], first_[s], ns, ns) +=
+          fine.weights[g] * profile.rigidity(s, section) * e * e.transpose();
     }
+  }
   damping_ = options_.kelvin_voigt * stiffness_;
   if (options_.damping_ratio > 0.0 && ne_ > 0) {
     MatrixXd M = MatrixXd::Zero(ne_, ne_);
@@ -170,10 +340,12 @@ std::vector<SliceTable> Beam::tables(const std::vector<double>& stations) const 
   const std::array<int, kStrains>& n = options_.modes;
   const auto shapes_at = [&](double X) {
     std::array<ShapeValues, kStrains> s;
-    for (int i = 0; i < kStrains; ++i) s[i] = shapes(options_.basis, i, n[i], length_, X);
+    for (int i = 0; i < kStrains; ++i) s[i] = shapes_[i].at(X);
     return s;
   };
-  const double step = length_ / (2.0 + 0.5 * *std::max_element(n.begin(), n.end()));  // the integrals' longest stride
+  Eigen::Index most = *std::max_element(n.begin(), n.end());
+  for (const ShapeSet& s : shapes_) most = std::max(most, s.terms());
+  const double step = length_ / (2.0 + 0.5 * static_cast<double>(most));  // the integrals' longest stride
   ProductIntegrals integrals(n);
   std::vector<SliceTable> out;
   double from = 0.0;
@@ -189,21 +361,13 @@ std::vector<SliceTable> Beam::tables(const std::vector<double>& stations) const 
     t.linear = MatrixXd::Zero(6, ne_);
     t.strains = MatrixXd::Zero(5, ne_);
     const std::array<ShapeValues, kStrains> s = shapes_at(X);
-    const auto fill = [&](auto& rows, int row, int strain, const Eigen::VectorXd& v, double sign = 1.0) {
-      rows.block(row, first_[strain], 1, n[strain]) = sign * v.transpose();
-    };
-    fill(t.linear, 1, bending_y, s[bending_y].deflection);
-    fill(t.linear, 2, bending_z, s[bending_z].deflection);
-    fill(t.linear, 1, shear_y, s[shear_y].slope);
-    fill(t.linear, 2, shear_z, s[shear_z].slope);
-    fill(t.linear, 3, torsion, s[torsion].slope);
-    fill(t.linear, 4, bending_z, s[bending_z].slope, -1.0);
-    fill(t.linear, 5, bending_y, s[bending_y].slope);
-    fill(t.strains, 0, torsion, s[torsion].strain);
-    fill(t.strains, 1, bending_z, s[bending_z].strain, -1.0);
-    fill(t.strains, 2, bending_y, s[bending_y].strain);
-    fill(t.strains, 3, shear_y, s[shear_y].strain);
-    fill(t.strains, 4, shear_z, s[shear_z].strain);
+    for (int i = 0; i < kStrains; ++i) {
+      const StrainField& f = kStrainFields[i];
+      const auto columns = [&](auto& m, int row) { return m.block(row, first_[i], 1, n[i]); };
+      if (f.position >= 0) columns(t.linear, f.position) = (f.bending ? s[i].deflection : s[i].slope).transpose();
+      if (f.rotation >= 0) columns(t.linear, 3 + f.rotation) = f.sign * s[i].slope.transpose();
+      columns(t.strains, f.strain) = f.sign * s[i].strain.transpose();
+    }
     if (options_.order == 2) t.products = second_order(integrals, first_);
     if (options_.order > 2) t.weights = integral_weights(rule_, length_, X);
     out.push_back(std::move(t));

@@ -10,7 +10,8 @@ namespace flexarm {
 namespace {
 
 constexpr double kSoftEntry = 1e-3;  // rad or m past a stop over which its damping sets in, so that force is continuous
-constexpr double kPull = 1.0;        // 1/s, of a quaternion's length to 1
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kPull = 1.0;  // 1/s, of a quaternion's length to 1
 
 Eigen::Vector3d unit(const Eigen::Vector3d& axis) {
   finite("axis", axis);
@@ -50,6 +51,34 @@ void shift(const Vec3<S>& d, JointMotion<S>& m) {
   for (Eigen::Index k = 0; k < m.H.cols(); ++k) m.H.col(k).template head<3>() += m.H.col(k).template tail<3>().cross(d);
 }
 
+/// The turn of a ball, from its quaternion (of any length): rotation vector and angle, at most pi.
+template <class S>
+struct BallTurn {
+  Vec3<S> vector;
+  S angle;
+
+  explicit BallTurn(const S* q) : vector(q[1], q[2], q[3]) {
+    using std::atan2;
+    using std::sqrt;
+    S w = q[0];
+    if (w < 0.0) {  // the same rotation
+      w = -w;
+      vector = -vector;
+    }
+    const S square = vector.dot(vector);
+    if (square - 1e-8 * w * w < 0.0) {  // 2 atan(x) = 2 (x - x^3/3 + x^5/5 - ..)
+      const S x2 = square / (w * w);
+      vector *= 2.0 / w * (1.0 - x2 / 3.0 + x2 * x2 / 5.0);
+      angle = S(0);
+      if (-square < 0.0) angle = sqrt(vector.dot(vector));
+      return;
+    }
+    const S length = sqrt(square);
+    angle = 2.0 * atan2(length, w);
+    vector *= angle / length;
+  }
+};
+
 }  // namespace
 
 Joint::Joint(std::vector<ElementaryMotion> motions, bool ball, std::vector<std::string> labels,
@@ -77,11 +106,28 @@ Joint::Joint(std::vector<ElementaryMotion> motions, bool ball, std::vector<std::
     const bool stops = std::isfinite(f.lower) || std::isfinite(f.upper);
     if (stops && !(f.limit_stiffness > 0.0))
       bad_value("limit_stiffness" + at, f.limit_stiffness, "must be positive where there is a limit");
-    if (i >= motions_.size() && (f.stiffness > 0.0 || stops))
-      bad_value("stiffness" + at, f.stiffness, "a ball can have damping, but neither spring nor limits");
   }
+  if (ball_ && !forces_.empty()) check_ball_forces();
   check_placement("inboard", inboard_);
   check_placement("outboard", outboard_);
+}
+
+void Joint::check_ball_forces() const {
+  const JointForce& first = forces_[motions_.size()];
+  for (std::size_t i = motions_.size(); i < forces_.size(); ++i) {
+    const JointForce& f = forces_[i];
+    const std::string at = "[" + std::to_string(i) + "]";
+    if (f.rest != 0.0)
+      bad_value("rest" + at, f.rest, "a ball's spring is at rest where it is not turned; use outboard");
+    if (std::isfinite(f.lower) && f.lower != -f.upper)
+      bad_value("lower" + at, f.lower,
+                "of a ball, upper is the largest angle of its turn: lower must be left out or -upper");
+    if (std::isfinite(f.upper) && !(f.upper > 0.0 && f.upper < kPi))
+      bad_value("upper" + at, f.upper, "of a ball, must be an angle between 0 and pi");
+    if (f.stiffness != first.stiffness || f.upper != first.upper || f.limit_stiffness != first.limit_stiffness ||
+        f.limit_damping != first.limit_damping)
+      bad_value("stiffness" + at, f.stiffness, "spring and limits of a ball must be the same about all three axes");
+  }
 }
 
 Joint Joint::fixed() { return Joint({}, false, {}); }
@@ -178,23 +224,40 @@ template <class S>
 S Joint::resistance(int i, const S* q, const S* v) const {
   const JointForce& f = forces_[i];
   S force = f.damping * v[i];
-  if (i >= static_cast<int>(motions_.size())) return force;
-  force += f.stiffness * (q[i] - f.rest);
-  const auto stop = [&](const S& depth) {  // continuous: the damping sets in over the first of the depth
+  const auto stop = [&](const S& depth, const S& rate) -> S {  // the damping sets in over the first of the depth
     const S entry = (depth < 0.0 ? -depth : depth) / kSoftEntry;
-    force += f.limit_stiffness * depth + f.limit_damping * (entry < 1.0 ? entry : S(1)) * v[i];
+    return f.limit_stiffness * depth + f.limit_damping * (entry < 1.0 ? entry : S(1)) * rate;
   };
-  if (q[i] < f.lower) stop(q[i] - f.lower);
-  if (-q[i] < -f.upper) stop(q[i] - f.upper);
+  const int n = static_cast<int>(motions_.size());
+  if (i >= n) {
+    if (f.stiffness == 0.0 && !std::isfinite(f.upper)) return force;
+    const BallTurn<S> turn(q + n);
+    force += f.stiffness * turn.vector[i - n];
+    if (-turn.angle < -f.upper) {
+      const Vec3<S> axis = turn.vector / turn.angle;
+      force += axis[i - n] * stop(turn.angle - f.upper, axis.dot(Vec3<S>(v[n], v[n + 1], v[n + 2])));
+    }
+    return force;
+  }
+  force += f.stiffness * (q[i] - f.rest);
+  if (q[i] < f.lower) force += stop(q[i] - f.lower, v[i]);
+  if (-q[i] < -f.upper) force += stop(q[i] - f.upper, v[i]);
   return force;
 }
 
 double Joint::potential(const double* q) const {
   double sum = 0.0;
+  const auto add = [&](const JointForce& f, double stretch, double depth) {
+    sum += 0.5 * f.stiffness * stretch * stretch + 0.5 * f.limit_stiffness * depth * depth;
+  };
   for (std::size_t i = 0; i < forces_.size() && i < motions_.size(); ++i) {
     const JointForce& f = forces_[i];
-    const double depth = std::max(0.0, q[i] - f.upper) + std::max(0.0, f.lower - q[i]);
-    sum += 0.5 * f.stiffness * std::pow(q[i] - f.rest, 2) + 0.5 * f.limit_stiffness * depth * depth;
+    add(f, q[i] - f.rest, std::max(0.0, q[i] - f.upper) + std::max(0.0, f.lower - q[i]));
+  }
+  if (ball_ && !forces_.empty()) {
+    const double angle = BallTurn<double>(q + motions_.size()).angle;
+    const JointForce& f = forces_[motions_.size()];
+    add(f, angle, std::max(0.0, angle - f.upper));
   }
   return sum;
 }

@@ -1,5 +1,6 @@
 #include "flexarm/quadrature.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <cmath>
 
 namespace flexarm {
@@ -21,6 +22,44 @@ GaussRule::GaussRule(int n, double length) : points(n), weights(n) {
     points[i] = 0.5 * length * (1.0 + x);
     weights[i] = length / ((1.0 - x * x) * slope * slope);
   }
+}
+
+GaussRule::GaussRule(int n, double length, const std::vector<double>& breaks) : GaussRule(n, length) {
+  if (breaks.empty()) return;
+  std::vector<double> ends = breaks;
+  ends.push_back(length);
+  points.resize(n * static_cast<Eigen::Index>(ends.size()));
+  weights.resize(points.size());
+  double from = 0.0;
+  for (std::size_t k = 0; k < ends.size(); ++k) {
+    const GaussRule part(n, ends[k] - from);
+    points.segment(static_cast<Eigen::Index>(k) * n, n) = part.points.array() + from;
+    weights.segment(static_cast<Eigen::Index>(k) * n, n) = part.weights;
+    from = ends[k];
+  }
+}
+
+GaussRule gauss_rule_of(const GaussRule& measure, int n) {
+  // Lanczos on diag(points) from sqrt(weights), every vector made orthogonal to all before it: the matrix of the
+  // three-term recurrence of the measure's orthogonal polynomials.
+  Eigen::MatrixXd Q(measure.points.size(), n);
+  Eigen::VectorXd diagonal(n), beside = Eigen::VectorXd::Zero(std::max(n - 1, 0));
+  const double total = measure.weights.sum();
+  Q.col(0) = (measure.weights / total).cwiseSqrt();
+  for (int k = 0; k < n; ++k) {
+    Eigen::VectorXd next = measure.points.cwiseProduct(Q.col(k));
+    diagonal[k] = Q.col(k).dot(next);
+    if (k + 1 == n) break;
+    for (int twice = 0; twice < 2; ++twice) next -= Q.leftCols(k + 1) * (Q.leftCols(k + 1).transpose() * next);
+    beside[k] = next.norm();
+    Q.col(k + 1) = next / beside[k];
+  }
+  Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> nodes;
+  nodes.computeFromTridiagonal(diagonal, beside);
+  GaussRule rule(n);
+  rule.points = nodes.eigenvalues();
+  rule.weights = total * nodes.eigenvectors().row(0).cwiseAbs2().transpose();
+  return rule;
 }
 
 Eigen::RowVectorXd integral_weights(const GaussRule& rule, double length, double x) {

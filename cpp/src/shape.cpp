@@ -55,42 +55,74 @@ Eigen::VectorXd integrate_legendre(const Eigen::VectorXd& f, double length) {
   return out;
 }
 
+/// Strains P_0 .. P_{n-1}, and what they integrate to.
+ShapeValues legendre_shapes(bool bending, int n, double length, double x) {
+  const Eigen::VectorXd p = legendre(n + 1, 2.0 * x / length - 1.0);
+  ShapeValues v{{}, integrate_legendre(p, length), p.head(n)};
+  if (bending) v.deflection = integrate_legendre(v.slope, length);
+  v.slope.conservativeResize(n);
+  return v;
+}
+
+/// Bending: Euler-Bernoulli modes. Torsion and shear: sin((2i - 1) pi X / 2L), scaled to 1 at X = L.
+ShapeValues clamped_free_shapes(bool bending, int n, double length, double x) {
+  ShapeValues v{Eigen::VectorXd(bending ? n : 0), Eigen::VectorXd(n), Eigen::VectorXd(n)};
+  for (int i = 0; i < n; ++i) {
+    if (bending) {
+      clamped_free_mode(i, length, x, v.deflection[i], v.slope[i], v.strain[i]);
+      continue;
+    }
+    const double k = (2 * i + 1) * kPi / (2.0 * length), sign = i % 2 == 0 ? 1.0 : -1.0;
+    v.slope[i] = sign * std::sin(k * x);
+    v.strain[i] = sign * k * std::cos(k * x);
+  }
+  return v;
+}
+
 }  // namespace
 
 Basis basis_from_name(const std::string& name) {
   if (name == "clamped-free") return Basis::clamped_free;
   if (name == "legendre") return Basis::legendre;
-  bad_value("basis", "\"" + name + "\"", "must be \"clamped-free\" or \"legendre\"");
+  if (name == "loaded") return Basis::loaded;
+  bad_value("basis", "\"" + name + "\"", "must be \"clamped-free\", \"legendre\" or \"loaded\"");
 }
 
-ShapeValues bending_shapes(Basis basis, int n, double length, double x) {
-  ShapeValues v{Eigen::VectorXd(n), Eigen::VectorXd(n), Eigen::VectorXd(n)};
-  if (basis == Basis::clamped_free) {
-    for (int i = 0; i < n; ++i) clamped_free_mode(i, length, x, v.deflection[i], v.slope[i], v.strain[i]);
-  } else {
-    const Eigen::VectorXd p = legendre(n + 1, 2.0 * x / length - 1.0);
-    const Eigen::VectorXd p1 = integrate_legendre(p, length);
-    v.strain = p.head(n);
-    v.slope = p1.head(n);
-    v.deflection = integrate_legendre(p1, length);
+ShapeSet::ShapeSet(int strain, Basis basis, int n, double length)
+    : strain_(strain), basis_(basis), n_(n), length_(length) {}
+
+ShapeSet::ShapeSet(int strain, Eigen::MatrixXd coefficients, double length)
+    : strain_(strain),
+      basis_(Basis::legendre),
+      n_(static_cast<int>(coefficients.cols())),
+      length_(length),
+      legendre_(std::move(coefficients)) {
+  // Orthonormal in the mean square of the strain: what is left of each shape beside those before it.
+  Eigen::MatrixXd left = legendre_;
+  for (Eigen::Index k = 0; k < left.rows(); ++k) left.row(k) /= std::sqrt(2.0 * static_cast<double>(k) + 1.0);
+  for (Eigen::Index k = 0; k < left.cols(); ++k) {
+    const std::string shape = std::string("modes.") + kStrainFields[strain_].name + "[" + std::to_string(k) + "]";
+    const double size = left.col(k).norm();
+    if (!(size > 0.0) || !std::isfinite(size))
+      bad_value(shape, size, "its strain must be finite, and not zero throughout");
+    left.col(k) /= size;
+    for (int twice = 0; twice < 2; ++twice)
+      left.col(k) -= left.leftCols(k) * (left.leftCols(k).transpose() * left.col(k));
+    const double independent = left.col(k).norm();
+    if (independent < 1e-6)
+      bad_value(shape, independent, "is this share of it independent: it is a combination of the shapes before it");
+    left.col(k) /= independent;
   }
-  return v;
 }
 
-ShapeValues simple_shapes(Basis basis, int n, double length, double x) {
-  ShapeValues v{Eigen::VectorXd(), Eigen::VectorXd(n), Eigen::VectorXd(n)};
-  if (basis == Basis::clamped_free) {  // sin((2i - 1) pi X / 2L), scaled to 1 at X = L
-    for (int i = 0; i < n; ++i) {
-      const double k = (2 * i + 1) * kPi / (2.0 * length), sign = i % 2 == 0 ? 1.0 : -1.0;
-      v.slope[i] = sign * std::sin(k * x);
-      v.strain[i] = sign * k * std::cos(k * x);
-    }
-  } else {
-    const Eigen::VectorXd p = legendre(n, 2.0 * x / length - 1.0);
-    v.strain = p.head(n);
-    v.slope = integrate_legendre(p, length);
-  }
-  return v;
+ShapeValues ShapeSet::at(double x) const {
+  const bool bending = is_bending(strain_);
+  if (legendre_.size() == 0)
+    return basis_ == Basis::clamped_free ? clamped_free_shapes(bending, n_, length_, x)
+                                         : legendre_shapes(bending, n_, length_, x);
+  const ShapeValues p = legendre_shapes(bending, static_cast<int>(legendre_.rows()), length_, x);
+  const auto combine = [&](const Eigen::VectorXd& v) -> Eigen::VectorXd { return legendre_.transpose() * v; };
+  return {bending ? combine(p.deflection) : Eigen::VectorXd(), combine(p.slope), combine(p.strain)};
 }
 
 }  // namespace flexarm

@@ -22,18 +22,18 @@ TEST_CASE("shape functions are clamped, and each row is the derivative of the on
   for (Basis basis : {Basis::clamped_free, Basis::legendre})
     for (int strain = 0; strain < kStrains; ++strain) {
       const int n = 5;
-      const ShapeValues root = shapes(basis, strain, n, L, 0.0);
+      const ShapeSet set(strain, basis, n, L);
+      const ShapeValues root = set.at(0.0);
       CHECK(root.slope.norm() < 1e-12);
       if (is_bending(strain)) CHECK(root.deflection.norm() < 1e-12);
       for (double x : {0.1, 0.35, 0.6}) {
-        const ShapeValues at = shapes(basis, strain, n, L, x), up = shapes(basis, strain, n, L, x + h),
-                          down = shapes(basis, strain, n, L, x - h);
+        const ShapeValues at = set.at(x), up = set.at(x + h), down = set.at(x - h);
         const double size = at.strain.cwiseAbs().maxCoeff();
         CHECK(((up.slope - down.slope) / (2 * h) - at.strain).norm() < 1e-4 * size);
         if (is_bending(strain)) CHECK(((up.deflection - down.deflection) / (2 * h) - at.slope).norm() < 1e-4 * size);
       }
       if (basis == Basis::clamped_free) {
-        const ShapeValues tip = shapes(basis, strain, n, L, L);
+        const ShapeValues tip = set.at(L);
         const Eigen::VectorXd& end = is_bending(strain) ? tip.deflection : tip.slope;
         CHECK((end - Eigen::VectorXd::Ones(n)).norm() < 1e-10);
         CHECK(tip.strain.norm() < 1e-9 * root.strain.norm());  // free of moment
@@ -43,9 +43,10 @@ TEST_CASE("shape functions are clamped, and each row is the derivative of the on
 
 TEST_CASE("clamped-free modes keep their digits: orthogonal up to the fortieth") {
   const GaussRule rule(200);
+  const ShapeSet set(bending_y, Basis::clamped_free, 40, 1.0);
   Eigen::MatrixXd G = Eigen::MatrixXd::Zero(40, 40);
   for (int g = 0; g < 200; ++g) {
-    const Eigen::VectorXd d = bending_shapes(Basis::clamped_free, 40, 1.0, rule.points[g]).deflection;
+    const Eigen::VectorXd d = set.at(rule.points[g]).deflection;
     G += rule.weights[g] * d * d.transpose();
   }
   CHECK((G - 0.25 * Eigen::MatrixXd::Identity(40, 40)).cwiseAbs().maxCoeff() < 1e-12);

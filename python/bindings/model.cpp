@@ -20,23 +20,38 @@ void bind_model(py::module_& m) {
       .def_readonly("torsion_constant", &Section::torsion_constant)
       .def_readonly("shear_correction", &Section::shear_correction);
 
-  py::class_<Beam>(m, "Beam")
-      .def(py::init([](double length, const Section& section, const Material& material,
-                       const std::array<int, kStrains>& modes, const std::string& basis, int order, bool rotary_inertia,
-                       double damping_ratio, double kelvin_voigt, int gauss_points) {
+  py::class_<SectionProfile>(m, "SectionProfile")
+      .def(py::init([](std::function<Section(double)> at, std::vector<double> breaks) {
+             return SectionProfile{std::move(at), std::move(breaks)};
+           }),
+           py::arg("at"), py::arg("breaks"));
+
+  py::class_<BeamOptions>(m, "BeamOptions")
+      .def(py::init([](const std::array<int, kStrains>& modes, const std::string& basis,
+                       const std::array<Eigen::MatrixXd, kStrains>& shapes, int order, bool rotary_inertia,
+                       double damping_ratio, double kelvin_voigt, int gauss_points, double tip_mass, double tip_offset,
+                       const Eigen::Vector3d& tip_inertia) {
              BeamOptions o;
              o.modes = modes;
              o.basis = basis_from_name(basis);
+             o.shapes = shapes;
+             o.tip = {tip_mass, tip_offset, tip_inertia};
              o.order = order;
              o.rotary_inertia = rotary_inertia;
              o.damping_ratio = damping_ratio;
              o.kelvin_voigt = kelvin_voigt;
              o.gauss_points = gauss_points;
-             return Beam(length, section, material, o);
+             return o;
            }),
-           py::arg("length"), py::arg("section"), py::arg("material"), py::arg("modes"), py::arg("basis"),
-           py::arg("order"), py::arg("rotary_inertia"), py::arg("damping_ratio"), py::arg("kelvin_voigt"),
-           py::arg("gauss_points"))
+           py::arg("modes"), py::arg("basis"), py::arg("shapes"), py::arg("order"), py::arg("rotary_inertia"),
+           py::arg("damping_ratio"), py::arg("kelvin_voigt"), py::arg("gauss_points"), py::arg("tip_mass"),
+           py::arg("tip_offset"), py::arg("tip_inertia"));
+
+  py::class_<Beam>(m, "Beam")
+      .def(py::init<double, const Section&, const Material&, const BeamOptions&>(), py::arg("length"),
+           py::arg("section"), py::arg("material"), py::arg("options"))
+      .def(py::init<double, const SectionProfile&, const Material&, const BeamOptions&>(), py::arg("length"),
+           py::arg("section"), py::arg("material"), py::arg("options"))
       .def_property_readonly("mass", &Beam::mass)
       .def_property_readonly("gauss_points", [](const Beam& b) { return b.slices().size(); })
       .def_property_readonly("stiffness", &Beam::stiffness)

@@ -23,7 +23,7 @@ from .linear import Derivatives, LinearModel
 from .link import Link
 from .load import Load
 from .modal import Modes, ModeShapes
-from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody
+from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody, Taper
 from .result import Result
 from .scene import Scene, load
 from .simulation import SimulationError, SimulationInterrupted, simulate
@@ -57,6 +57,7 @@ __all__ = [
     "SimulationError",
     "SimulationInterrupted",
     "Spherical",
+    "Taper",
     "Torque",
     "Universal",
     "__version__",

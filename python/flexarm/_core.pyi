@@ -39,19 +39,28 @@ class Section:
     @property
     def shear_correction(self) -> float: ...
 
-class Beam:
+class SectionProfile:
+    def __init__(self, at: Callable[[float], Section], breaks: Sequence[float]) -> None: ...
+
+class BeamOptions:
     def __init__(
         self,
-        length: float,
-        section: Section,
-        material: Material,
         modes: Sequence[int],
         basis: str,
+        shapes: Sequence[ArrayLike],
         order: int,
         rotary_inertia: bool,
         damping_ratio: float,
         kelvin_voigt: float,
         gauss_points: int,
+        tip_mass: float,
+        tip_offset: float,
+        tip_inertia: ArrayLike,
+    ) -> None: ...
+
+class Beam:
+    def __init__(
+        self, length: float, section: Section | SectionProfile, material: Material, options: BeamOptions
     ) -> None: ...
     @property
     def mass(self) -> float: ...

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .joints import Fixed
-from .model import Beam, Circle, Rectangle
+from .model import Beam, Circle, Rectangle, Taper
 
 if TYPE_CHECKING:
     from .arm import Arm
@@ -22,6 +22,8 @@ def _size(beam: Beam) -> str:
     if isinstance(section, Circle):
         tube = f" bore {2 * section.inner_radius:.4g}" if section.inner_radius else ""
         return f"{beam.length:.4g}, round {2 * section.radius:.4g}{tube}"
+    if isinstance(section, Taper):
+        return f"{beam.length:.4g}, taper of {len(section.x)}"
     return f"{beam.length:.4g}, area {section.area:.4g} m^2"
 
 
@@ -43,7 +45,7 @@ def _row(k: int, arm: Arm) -> list[str]:
     masses = [f"{body.mass:.4g}" if body is not None else "-" for body in (link.hub, link.beam, link.tip)]
     if link.beam is None:
         return [str(k), joint.strip(), "-", "-", "-", *masses, "-"]
-    counts = ", ".join(f"{s} {n}" for s, n in link.beam.modes.items()) or "rigid"
+    counts = ", ".join(f"{s} {n}" for s, n in link.beam.counts.items()) or "rigid"
     # the beam alone, clamped: K x = omega^2 M x of this link without its tip
     alone = type(arm)([type(link)(Fixed(), link.hub, link.beam)])
     clamped = lowest_frequencies(alone, 2) if link.beam.ne else "-"

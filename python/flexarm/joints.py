@@ -61,7 +61,8 @@ class Joint(_Part):
         stiffness, rest: springs (N/m, N m/rad) and where they are at rest (m, rad).
         damping: viscous (N s/m, N m s/rad).
         lower, upper: soft stops (m, rad), with `limit_stiffness` and, setting in over the first 1e-3 m or rad of
-            penetration so that the force stays continuous, `limit_damping`.
+            penetration so that the force stays continuous, `limit_damping`. Of a ball, the spring pulls its whole turn
+            back to none, `upper` is the largest angle of that turn (below pi), and both are alike about all axes.
         inboard: where the joint sits on the link below, from that link's end.
         outboard: where the link's own frame sits, from the joint's moving side.
     """

@@ -130,16 +130,21 @@ def modes(
 
 
 def _shift(M: Array, K: Array) -> float:
-    """The least of a row of numbers sigma that makes K + sigma M positive definite; 0 if K is."""
+    """The least of a row of numbers sigma that makes K + sigma M positive definite beyond rounding; 0 if K is.
+
+    (Cholesky may pass a K whose rigid-body motion is 1e-16 off zero; its pivots tell.)
+    """
     import scipy.linalg as la  # slow to import
 
     sigma = 0.0
     for _ in range(60):
         try:
-            la.cholesky(K + sigma * M)
-            return sigma
+            moved = K + sigma * M
+            if (np.diag(la.cholesky(moved)) ** 2 > 1e-11 * np.diag(moved)).all():
+                return sigma
         except la.LinAlgError:
-            sigma = max(10.0 * sigma, 1e-6 * float(np.abs(np.diag(K)).min()), 1e-12 * float(np.abs(K).max()), 1e-30)
+            pass
+        sigma = max(10.0 * sigma, 1e-6 * float(np.abs(np.diag(K)).min()), 1e-12 * float(np.abs(K).max()), 1e-30)
     return sigma
 
 
@@ -152,7 +157,9 @@ def _conservative(M: Array, K: Array) -> tuple[NDArray[np.complex128], Array]:
     sigma = _shift(M, K)
     mu, vectors = la.eigh(M, K + sigma * M)
     square = 1.0 / mu - sigma
-    square[np.abs(square) < 1e-10 * max(sigma, 1e-300)] = 0.0
+    # x K x / x M x is zero as far as double precision tells
+    noise = 1e-13 * np.einsum("ik,ij,jk->k", np.abs(vectors), np.abs(K), np.abs(vectors)) / np.abs(mu)
+    square[np.abs(square) < np.maximum(noise, 1e-10 * sigma)] = 0.0
     return np.emath.sqrt(-square).astype(complex), vectors
 
 

@@ -14,7 +14,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from . import _core
-from ._check import array, known_keys, number, whole
+from ._check import array, choice, known_keys, number, whole
+from .shapes import coefficients, columns
 
 STRAINS = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
 Vector = Sequence[float]
@@ -32,8 +33,7 @@ class _Part:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.init}  # type: ignore[arg-type]
 
     def __reduce__(self) -> Any:
-        plain = {k: dict(v) if isinstance(v, Mapping) else v for k, v in self._arguments().items()}
-        return _rebuild, (type(self), plain)
+        return _rebuild, (type(self), {k: _unwrapped(v) for k, v in self._arguments().items()})
 
     def to_dict(self) -> dict[str, Any]:
         """The same structure as in a scene file."""
@@ -49,6 +49,13 @@ class _Part:
 
 def _rebuild(cls: type, arguments: dict[str, Any]) -> Any:
     return cls(**arguments)
+
+
+def _unwrapped(value: Any) -> Any:
+    """Read-only mappings as dictionaries, which pickle."""
+    if isinstance(value, Mapping):
+        return {k: _unwrapped(v) for k, v in value.items()}
+    return tuple(_unwrapped(v) for v in value) if isinstance(value, tuple) else value
 
 
 def _plain(value: Any) -> Any:
@@ -159,22 +166,69 @@ class GeneralSection(_Section):
         self._set("_core", _core.Section(*(getattr(self, f) for f in names)))
 
 
-Section = Rectangle | Circle | GeneralSection
+@dataclass(frozen=True)
+class Taper(_Part):
+    """A section that varies along the beam: samples from the clamp to the tip, linear in between.
+
+    Sections of one kind are interpolated by their sides or radii (so that a wedge or a cone is exact), or, if general,
+    by their integrals; sections of different kinds by their integrals.
+
+    Args:
+        x: places (m), increasing from 0 to the beam's length.
+        sections: one Rectangle, Circle or GeneralSection at each.
+    """
+
+    x: Sequence[float]
+    sections: Sequence[Rectangle | Circle | GeneralSection]
+    type: ClassVar[str] = "taper"
+    _core: _core.SectionProfile = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        x = array("x", self.x)
+        if x.ndim != 1 or x.size < 2 or x[0] != 0.0 or not (np.diff(x) > 0).all():
+            raise ValueError(f"x = {self.x!r}: must be two or more places, increasing from 0")
+        if not isinstance(self.sections, (list, tuple)) or len(self.sections) != x.size:
+            raise ValueError(f"sections = {self.sections!r}: must be one section for each of the {x.size} places of x")
+        for k, part in enumerate(self.sections):
+            if not isinstance(part, _Section):
+                raise ValueError(f"sections[{k}] = {part!r}: must be a Rectangle, Circle or GeneralSection")
+        kind = type(self.sections[0])
+        cls: Any = kind if all(type(part) is kind for part in self.sections) else GeneralSection
+        names = [f.name for f in fields(cls) if f.init]
+        table = np.array([[getattr(p if cls is kind else p._core, n) for n in names] for p in self.sections])
+        self._set("x", tuple(x.tolist()))
+        self._set("sections", tuple(self.sections))
+
+        def at(place: float) -> Any:
+            return cls(*(float(np.interp(place, x, column)) for column in table.T))._core
+
+        self._set("_core", _core.SectionProfile(at, x[1:-1].tolist()))
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"type": self.type, "x": list(self.x), "sections": [s.to_dict() for s in self.sections]}
+
+
+Section = Rectangle | Circle | GeneralSection | Taper
 
 
 @dataclass(frozen=True)
 class Beam(_Part):
-    """Uniform elastic beam along x, clamped to its link's hub at X = 0 (paper Sec. 3).
+    """Elastic beam along x, clamped to its link's hub at X = 0 (paper Sec. 3).
 
     Args:
         length: m.
-        section, material: see those classes.
-        modes: number of shape functions of each strain, `bending_y`, `bending_z`, `torsion`, `shear_y`, `shear_z`;
-            those left out are zero. The beam's elastic coordinates stand in that order (Eq. 33).
+        section: a Rectangle, Circle or GeneralSection, or a Taper.
+        material: a Material.
+        modes: for each strain, `bending_y`, `bending_z`, `torsion`, `shear_y`, `shear_z`, how many shape functions of
+            the basis, or a list of strain shapes of your own; those left out are zero. The beam's elastic coordinates
+            stand in that order (Eq. 33). Each shape of your own is a callable of x (m), samples at equal steps from
+            the clamp to the tip, {"x": ..., "strain": ...} or Legendre coefficients {"legendre": ...}; it is the strain
+            (Eq. 28-32): the curvature v'' of bending, not the deflection. They must be independent.
         basis: "clamped-free" (Euler-Bernoulli clamped-free modes; sines for torsion and shear; each 1 at X = L, so that
-            a coordinate is its share of the tip's deflection in m, or of its twist in rad) or "legendre" (Legendre
+            a coordinate is its share of the tip's deflection in m, or of its twist in rad), "legendre" (Legendre
             polynomials as strains, so that a coordinate is a curvature or twist in 1/m, or a shear angle in rad; well
-            conditioned at any count).
+            conditioned at any count), or "loaded" (modes of this beam, tapered or not, clamped, with `basis_tip` on its
+            end; each 1 at its largest deflection).
         order: of the rotation of the sections (Eq. 26). 0 is the paper's simplified model, which neither stiffens nor
             softens with speed; 1 softens; 2 has the right centrifugal stiffening; 3 and
             "exact" (no truncation) are for large bending and cost more.
@@ -182,6 +236,8 @@ class Beam(_Part):
         damping_ratio: modal, of every mode of the beam clamped at its base.
         kelvin_voigt: retardation time (s) of the material: stress = E (strain + kelvin_voigt d(strain)/dt).
         gauss_points: slices that carry the inertia; None lets the basis choose enough for about 1e-12.
+        basis_tip: what the modes of the loaded basis carry on the beam's end: its mass, its com along x and its
+            principal inertia are used. It shapes the basis and no more; the load itself is the link's `tip`.
 
     Raises:
         ValueError: naming the field and the value.
@@ -190,53 +246,79 @@ class Beam(_Part):
     length: float
     section: Section
     material: Material
-    modes: Mapping[str, int]
+    modes: Mapping[str, Any]
     basis: str = "clamped-free"
     order: int | str = 2
     rotary_inertia: bool = True
     damping_ratio: float = 0.0
     kelvin_voigt: float = 0.0
     gauss_points: int | None = None
+    basis_tip: RigidBody | None = None
+    #: number of shape functions of each strain that has any
+    counts: Mapping[str, int] = field(init=False, repr=False, compare=False)
     _core: _core.Beam = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        self._set("length", number("length", self.length))
-        for name in ("damping_ratio", "kelvin_voigt"):
+        for name in ("length", "damping_ratio", "kelvin_voigt"):
             self._set(name, number(name, getattr(self, name)))
-        if not isinstance(self.section, _Section):
-            raise ValueError(f"section = {self.section!r}: must be a Rectangle, Circle or GeneralSection")
+        if not isinstance(self.section, (_Section, Taper)):
+            raise ValueError(f"section = {self.section!r}: must be a Rectangle, Circle, GeneralSection or Taper")
+        if isinstance(self.section, Taper) and self.section.x[-1] != self.length:
+            raise ValueError(f"section.x = {self.section.x}: must end at the beam's length, {self.length} m")
         if not isinstance(self.material, Material):
             raise ValueError(f"material = {self.material!r}: must be a Material")
-        known_keys("modes", self.modes, STRAINS)
-        counts = [whole(f"modes.{s}", self.modes.get(s, 0)) for s in STRAINS]
-        self._set("modes", MappingProxyType({s: n for s, n in zip(STRAINS, counts, strict=True) if n != 0}))
         if not isinstance(self.rotary_inertia, bool):
             raise ValueError(f"rotary_inertia = {self.rotary_inertia!r}: must be true or false")
-        if not isinstance(self.basis, str):
-            raise ValueError(f'basis = {self.basis!r}: must be "clamped-free" or "legendre"')
+        choice("basis", self.basis, ("clamped-free", "legendre", "loaded"))
         order = self.order if isinstance(self.order, str) else whole("order", self.order)
         if order not in (0, 1, 2, 3, "exact"):
             raise ValueError(f'order = {self.order!r}: must be 0, 1, 2, 3 or "exact"')
         self._set("order", order)
-        points = 0
         if self.gauss_points is not None:
-            points = whole("gauss_points", self.gauss_points)
-            if points < 1:
-                raise ValueError(f"gauss_points = {points}: must be from 1 to 400, or left out")
-            self._set("gauss_points", points)
-        core = _core.Beam(
-            self.length,
-            self.section._core,
-            self.material._core,
+            self._set("gauss_points", whole("gauss_points", self.gauss_points))
+            if self.gauss_points < 1:
+                raise ValueError(f"gauss_points = {self.gauss_points}: must be from 1 to 400, or left out")
+        counts, own = self._read_modes()
+        tip = self._read_tip()
+        options = _core.BeamOptions(
             counts,
             self.basis,
+            [columns(shapes) for shapes in own],
             4 if order == "exact" else int(order),
             self.rotary_inertia,
             self.damping_ratio,
             self.kelvin_voigt,
-            points,
+            self.gauss_points or 0,
+            *tip,
         )
-        self._set("_core", core)
+        self._set("_core", _core.Beam(self.length, self.section._core, self.material._core, options))
+
+    def _read_modes(self) -> tuple[list[int], list[list[tuple[float, ...]]]]:
+        known_keys("modes", self.modes, STRAINS)
+        modes: dict[str, Any] = {}
+        own: list[list[tuple[float, ...]]] = [[] for _ in STRAINS]
+        for k, strain in enumerate(STRAINS):
+            value = self.modes.get(strain, 0)
+            if isinstance(value, (list, tuple)):
+                if not self.length > 0:
+                    raise ValueError(f"length = {self.length}: must be positive and finite")
+                own[k] = [coefficients(f"modes.{strain}[{i}]", v, self.length) for i, v in enumerate(value)]
+                modes[strain] = tuple(MappingProxyType({"legendre": c}) for c in own[k])
+            else:
+                modes[strain] = whole(f"modes.{strain}", value)
+        counts = [len(own[k]) if own[k] else modes[s] or 0 for k, s in enumerate(STRAINS)]
+        self._set("modes", MappingProxyType({s: m for s, m in modes.items() if m}))
+        self._set("counts", MappingProxyType({s: n for s, n in zip(STRAINS, counts, strict=True) if n}))
+        return counts, own
+
+    def _read_tip(self) -> tuple[float, float, Any]:
+        if self.basis_tip is None:
+            return 0.0, 0.0, np.zeros(3)
+        if not isinstance(self.basis_tip, RigidBody):
+            raise ValueError(f"basis_tip = {self.basis_tip!r}: must be a RigidBody")
+        if self.basis != "loaded":
+            raise ValueError(f"basis_tip: goes with basis = 'loaded', not {self.basis!r}")
+        return self.basis_tip.mass, self.basis_tip.com[0], np.diag(_inertia_matrix(self.basis_tip.inertia))
 
     @property
     def mass(self) -> float:
@@ -246,7 +328,7 @@ class Beam(_Part):
     @property
     def ne(self) -> int:
         """Number of elastic coordinates."""
-        return sum(self.modes.values())
+        return sum(self.counts.values())
 
 
 def _inertia_matrix(value: Any) -> Any:

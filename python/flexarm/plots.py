@@ -46,7 +46,7 @@ def deflections(arm: Arm) -> list[tuple[int, int, str]]:
     out = []
     for k, link in enumerate(arm.links):
         for component, axis in ((1, "y"), (2, "z")):
-            if link.beam and any(link.beam.modes.get(f"{strain}_{axis}") for strain in ("bending", "shear")):
+            if link.beam and any(link.beam.counts.get(f"{strain}_{axis}") for strain in ("bending", "shear")):
                 out.append((k, component, f"link {k} tip {axis}"))
     return out
 

@@ -27,6 +27,7 @@ else:
 
 SCENES = Path(__file__).parent / "scenes"
 _SECTIONS = {"rectangle": model.Rectangle, "circle": model.Circle, "general": model.GeneralSection}
+_ALONG = {**_SECTIONS, "taper": model.Taper}
 _JOINTS = {
     j.type: j
     for j in (
@@ -79,9 +80,15 @@ def _beam(where: str, table: Any) -> model.Beam:
     known_keys(where, table, _names(model.Beam))
     t = dict(table)
     if "section" in t:
-        t["section"] = _typed(f"{where}.section", t["section"], _SECTIONS)
+        section, at = t["section"], f"{where}.section"
+        if isinstance(section, Mapping) and isinstance(section.get("sections"), (list, tuple)):
+            parts = [_typed(f"{at}.sections[{k}]", s, _SECTIONS) for k, s in enumerate(section["sections"])]
+            section = {**section, "sections": parts}
+        t["section"] = _typed(at, section, _ALONG)
     if "material" in t:
         t["material"] = _make(f"{where}.material", model.Material, t["material"], _names(model.Material))
+    if "basis_tip" in t:
+        t["basis_tip"] = _make(f"{where}.basis_tip", model.RigidBody, t["basis_tip"], _names(model.RigidBody))
     return _make(where, model.Beam, t, _names(model.Beam))  # type: ignore[no-any-return]
 
 

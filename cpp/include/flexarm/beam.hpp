@@ -20,9 +20,20 @@ struct MassSlice {
   Eigen::Vector3d inertia;  ///< rho I dX about the slice's axes (kg m^2); zero without rotary inertia
 };
 
+/// What the modes of the loaded basis carry at their end.
+struct BasisTip {
+  double mass = 0.0;                                  ///< kg
+  double offset = 0.0;                                ///< of its centre of mass beyond the beam's end (m)
+  Eigen::Vector3d inertia = Eigen::Vector3d::Zero();  ///< about its centre of mass (kg m^2)
+};
+
 struct BeamOptions {
   std::array<int, kStrains> modes{};  ///< shape functions of bending_y, bending_z, torsion, shear_y, shear_z
   Basis basis = Basis::clamped_free;
+  /// User-given shapes of a strain, if any, in place of the basis: one column each, coefficients in P_0, P_1, ...
+  /// (see ShapeSet); `modes` is then their number.
+  std::array<Eigen::MatrixXd, kStrains> shapes{};
+  BasisTip tip{};              ///< of the loaded basis
   int order = 2;               ///< of rotation (Eq. 26): 0 (the paper's simplified model), 1, 2, 3 or kExact
   bool rotary_inertia = true;  ///< of the slices
   double damping_ratio = 0.0;  ///< modal, of every mode of the beam clamped at its base
@@ -30,11 +41,13 @@ struct BeamOptions {
   int gauss_points = 0;        ///< 0: enough for the basis, see `enough_gauss_points`
 };
 
-/// Uniform beam along x, clamped to its link's hub at X = 0. Immutable.
+/// Beam along x, clamped to its link's hub at X = 0. Immutable.
 class Beam {
  public:
   /// @throws std::invalid_argument naming the field and the value
   Beam(double length, const Section& section, const Material& material, const BeamOptions& options);
+  /// Tapered.
+  Beam(double length, const SectionProfile& section, const Material& material, const BeamOptions& options);
 
   double length() const { return length_; }
   const BeamOptions& options() const { return options_; }
@@ -55,12 +68,16 @@ class Beam {
   SliceTable slice_at(double X) const;
 
  private:
+  /// Mass per length (kg/m), and each strain's rigidity (N m^2, N) and inertia per length, along the beam.
+  struct Profile;
+  Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options);
+  void build_slices(const Profile& profile);
+  void build_stiffness(const Profile& profile);
   std::vector<SliceTable> tables(const std::vector<double>& stations) const;
 
   double length_;
-  Section section_;
-  Material material_;
   BeamOptions options_;
+  std::vector<ShapeSet> shapes_;  ///< one for each strain
   int ne_ = 0;
   std::array<int, kStrains> first_{};
   double mass_ = 0.0;
@@ -68,11 +85,12 @@ class Beam {
   std::vector<MassSlice> slices_;
   SliceTable tip_;
   std::optional<SeriesTables> series_;
-  GaussRule rule_{1};  ///< of the slices
+  GaussRule rule_{1};  ///< of the series' points, and of the slices of a uniform beam
 };
 
-/// Gauss points that integrate the inertia of the beam's slices to about 1e-12: exactly what the polynomials
-/// of the Legendre basis need, and from the wave number of the highest mode for clamped-free modes.
-int enough_gauss_points(const BeamOptions& options);
+/// Gauss points that integrate the inertia of the beam's slices to about 1e-12: exactly what the polynomials of the
+/// Legendre basis need, from the wave number of the highest mode for clamped-free and loaded modes, and by trial for
+/// user-given shapes.
+int enough_gauss_points(const BeamOptions& options, const std::vector<ShapeSet>& shapes, double length);
 
 }  // namespace flexarm

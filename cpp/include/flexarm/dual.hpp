@@ -77,6 +77,12 @@ struct Dual {
     const double s = std::sqrt(x.value);
     return x.chain(s, 0.5 / s);
   }
+  friend Dual atan2(const Dual& y, const Dual& x) {
+    Dual out(std::atan2(y.value, x.value));
+    const double square = y.value * y.value + x.value * x.value;
+    for (int k = 0; k < W; ++k) out.d[k] = (x.value * y.d[k] - y.value * x.d[k]) / square;
+    return out;
+  }
   friend Dual sin(const Dual& x) { return x.chain(std::sin(x.value), std::cos(x.value)); }
   friend Dual cos(const Dual& x) { return x.chain(std::cos(x.value), -std::sin(x.value)); }
 };

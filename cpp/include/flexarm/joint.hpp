@@ -33,7 +33,8 @@ struct Placement {
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
 };
 
-/// Passive force of one joint coordinate: spring, damper and soft stops.
+/// Passive force of one joint coordinate: spring, damper and soft stops. A ball's three are alike but for damping: the
+/// spring pulls its whole turn back to none, and `upper` is the largest angle of that turn.
 struct JointForce {
   double stiffness = 0.0, rest = 0.0, damping = 0.0;
   double lower = -std::numeric_limits<double>::infinity(), upper = std::numeric_limits<double>::infinity();
@@ -46,7 +47,7 @@ class Joint {
   /// @param ball     whether a ball follows them: four coordinates (unit quaternion w x y z), three rates (angular
   ///                 velocity in link axes)
   /// @param labels   one for each rate
-  /// @param forces   one for each rate, or none; a ball's may have damping only
+  /// @param forces   one for each rate, or none
   /// @throws std::invalid_argument naming the field and the value
   Joint(std::vector<ElementaryMotion> motions, bool ball, std::vector<std::string> labels,
         std::vector<JointForce> forces = {}, const Placement& inboard = {}, const Placement& outboard = {});
@@ -82,6 +83,8 @@ class Joint {
   double potential(const double* q) const;
 
  private:
+  void check_ball_forces() const;
+
   std::vector<ElementaryMotion> motions_;
   bool ball_;
   std::vector<std::string> labels_;

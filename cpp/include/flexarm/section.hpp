@@ -1,7 +1,9 @@
 // Materials and cross sections. Axes of a section: y and z, its principal axes; x is the beam's axis.
 #pragma once
 
+#include <functional>
 #include <optional>
+#include <vector>
 
 namespace flexarm {
 
@@ -32,6 +34,12 @@ struct Section {
   static Section rectangle(double y, double z, double shear_correction = 5.0 / 6.0);
   /// Disc or tube (m).
   static Section circle(double radius, double inner_radius = 0.0, double shear_correction = 9.0 / 10.0);
+};
+
+/// The section along a beam that is not uniform.
+struct SectionProfile {
+  std::function<Section(double)> at;  ///< at x metres from the clamp
+  std::vector<double> breaks;         ///< between 0 and the length: where it is not smooth
 };
 
 }  // namespace flexarm

@@ -9,10 +9,26 @@ namespace flexarm {
 /// The five generalised strains, in the order of Eq. 33.
 enum Strain { bending_y, bending_z, torsion, shear_y, shear_z };
 constexpr int kStrains = 5;
-constexpr const char* kStrainNames[kStrains] = {"bending_y", "bending_z", "torsion", "shear_y", "shear_z"};
-inline bool is_bending(int strain) { return strain <= bending_z; }
 
-enum class Basis { clamped_free, legendre };
+/// How a strain moves a slice to first order, and where it stands among K1 K2 K3 phi12 phi13 (Eq. 28-32).
+struct StrainField {
+  const char* name;
+  bool bending;  ///< integrated twice, to a slope and a deflection; else once, to an angle or a deflection
+  int position;  ///< row of the deflection among x, y, z; -1: none
+  int rotation;  ///< row of the slope or angle among turns about x, y, z; -1: none
+  int strain;    ///< row of the strain
+  double sign;   ///< of rotation and strain
+};
+constexpr StrainField kStrainFields[kStrains] = {
+    {"bending_y", true, 1, 2, 2, 1.0},   // v2'' = K3
+    {"bending_z", true, 2, 1, 1, -1.0},  // v3'' = -K2
+    {"torsion", false, -1, 0, 0, 1.0},   // alpha' = K1
+    {"shear_y", false, 1, -1, 3, 1.0},   // gamma2' = phi12
+    {"shear_z", false, 2, -1, 4, 1.0},   // gamma3' = phi13
+};
+inline bool is_bending(int strain) { return kStrainFields[strain].bending; }
+
+enum class Basis { clamped_free, legendre, loaded };
 /// @throws std::invalid_argument naming the known bases
 Basis basis_from_name(const std::string& name);
 
@@ -24,13 +40,27 @@ struct ShapeValues {
   Eigen::VectorXd strain;      ///< v2'', v3'', or alpha', gamma2', gamma3'
 };
 
-/// Shape functions 1..n of a bending strain at x on a beam of the given length.
-ShapeValues bending_shapes(Basis basis, int n, double length, double x);
-/// Shape functions 1..n of torsion or shear.
-ShapeValues simple_shapes(Basis basis, int n, double length, double x);
+/// The shape functions of one strain of a beam.
+class ShapeSet {
+ public:
+  /// Shape functions 1..n of the clamped-free or the Legendre basis.
+  ShapeSet(int strain, Basis basis, int n, double length);
+  /// Strains of any form: column k holds the coefficients of shape k + 1 in the Legendre polynomials P_0, P_1, ... of
+  /// 2X/L - 1.
+  /// @throws std::invalid_argument when a shape is zero or a combination of those before it
+  ShapeSet(int strain, Eigen::MatrixXd legendre, double length);
 
-inline ShapeValues shapes(Basis basis, int strain, int n, double length, double x) {
-  return is_bending(strain) ? bending_shapes(basis, n, length, x) : simple_shapes(basis, n, length, x);
-}
+  int size() const { return n_; }
+  /// Number of Legendre polynomials in user-given or loaded shapes; 0 for the bases that need none.
+  Eigen::Index terms() const { return legendre_.rows(); }
+  ShapeValues at(double x) const;
+
+ private:
+  int strain_;
+  Basis basis_;
+  int n_;
+  double length_;
+  Eigen::MatrixXd legendre_;
+};
 
 }  // namespace flexarm
