@@ -164,6 +164,20 @@ void Joint::rate_jacobians(const double* q, const double* v, Eigen::Ref<Eigen::M
   E.bottomRows<3>() = 0.5 * (p[0] * Eigen::Matrix3d::Identity() + tilde(e));
 }
 
+void Joint::displace(const double* q0, const double* u, double* q) const {
+  const std::size_t n = motions_.size();
+  for (std::size_t i = 0; i < n; ++i) q[i] = q0[i] + u[i];
+  if (!ball_) return;
+  const Eigen::Map<const Eigen::Vector3d> e(q0 + n + 1), turn(u + n);
+  const double angle = 0.5 * turn.norm();
+  const double c = std::cos(angle), sinc = angle > 1e-8 ? std::sin(angle) / angle : 1.0;
+  const Eigen::Vector3d s = 0.5 * sinc * turn;
+  const double w = q0[n];
+  q[n] = w * c - e.dot(s);
+  Eigen::Map<Eigen::Vector3d>(q + n + 1) = w * s + c * e + e.cross(s);
+  normalise(q);
+}
+
 void Joint::normalise(double* q) const {
   if (ball_) Eigen::Map<Eigen::Vector4d>(q + motions_.size()).normalize();
 }

@@ -69,6 +69,8 @@ class Joint {
   /// d(dq/dt)/dq (nq x nq) and d(dq/dt)/dv (nq x nv) of `rates`.
   void rate_jacobians(const double* q, const double* v, Eigen::Ref<Eigen::MatrixXd> by_q,
                       Eigen::Ref<Eigen::MatrixXd> by_v) const;
+  /// q0 (nq) moved by u (nv), rates times time: q0 + u, and a ball's quaternion times exp(u / 2), of unit length.
+  void displace(const double* q0, const double* u, double* q) const;
   /// Scales a ball's quaternion to unit length.
   void normalise(double* q) const;
   /// The zero position (a ball's: the unit quaternion 1 0 0 0).
