@@ -11,7 +11,6 @@ namespace flexarm {
 
 namespace {
 
-constexpr int kLook = 16;       // steps between two calls of `alive`
 constexpr double kSame = 1e-6;  // parts of a step by which two times are still one
 constexpr double kMostSteps = 1e10;
 
@@ -29,7 +28,7 @@ std::string reason(Status status, double h) {
       text << "the equations of a step of " << h << " s could not be solved: take a smaller step";
       break;
     case Status::not_finite:
-      text << "the numbers overflowed with steps of " << h
+      text << "the motion ran away in steps of " << h
            << " s: take a smaller step (rk4 is stable below 2.83 over the highest frequency), or an implicit method";
       break;
     default:
@@ -93,12 +92,13 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
       status = method.advance(now.h, s.ws, s.q, s.v, s.tau, given);
       if (status != Status::ok) break;
       out.reached = k + 1 == count ? stop : now.from + now.h;
-      if (++out.stats.steps % kLook == 0 && alive) going = alive(out.reached);
+      ++out.stats.steps;
+      going = !alive || alive(out.reached);
     }
     if (status != Status::ok) out.failure = reason(status, now.h);
     if (!going && out.reached < t[t.size() - 1]) out.failure = kInterrupted;
     if (!out.failure.empty() && out.reached != stop) break;
-    if (is_output && !s.record(out, composite)) break;
+    if (is_output && !s.record(out, composite)) out.failure = reason(Status::not_finite, now.h);
     if (!out.failure.empty()) break;
   }
   const Step::Counts& after = method.counts();

@@ -11,6 +11,8 @@ namespace {
 constexpr double kSlow = 0.3;        // contraction above which the matrix is made anew within a step
 constexpr double kRounding = 1e-14;  // parts of the applied forces: a residual below is noise
 constexpr double kFloor = 1e-7;      // parts of the motion: an iteration that stalls below is at the end of its digits
+constexpr double kGrown = 1.5;       // ratio of a step to the one before, above which nothing is extrapolated
+constexpr double kSame = 1e-9;       // of that ratio to 1
 constexpr double kForget = 0.99;     // per step, of the motion's scale
 
 }  // namespace
@@ -54,8 +56,12 @@ Status ImplicitStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen:
 
 /// Accelerations extrapolated, and the auxiliary ones that follow:
 ///   (1 - alpha_m) alpha + alpha_m alpha0 = (1 - alpha_f) a + alpha_f a0
+/// The auxiliary ones lag the true ones by (alpha_f - alpha_m) h: where h changes, so does the lag. Where it grows
+/// much, as behind a short pulse, they begin anew.
 void ImplicitStep::predict(double h, const Workspace& ws) {
-  const double ahead = h_before_ > 0.0 ? h / h_before_ : 0.0;
+  const double ratio = h_before_ > 0.0 ? h / h_before_ : 0.0, ahead = ratio > kGrown ? 0.0 : ratio;
+  if (std::abs(ratio - 1.0) > kSame)
+    for (int i : ws.free) alpha0_[i] = a0_[i] + ahead * (alpha0_[i] - a0_[i]);
   a_ = ws.a;  // where prescribed
   u_.setZero();
   for (int i : ws.free) {
@@ -93,7 +99,7 @@ Status ImplicitStep::iterate(double h, Workspace& ws, Eigen::VectorXd& q, Eigen:
     if (anew) {
       const Status status = factor_shifted(*arm_, ws, q, v, shift);
       ++counts_.factorisations;
-      if (status != Status::ok) return status;
+      if (status != Status::ok) return Status::not_converged;  // the iteration has gone where no arm can be
       scale_ = std::max(ws.twice_kinetic, kForget * scale_);
       scale = std::sqrt(scale_ + mass_ * fall * fall);
     }
@@ -181,6 +187,7 @@ Status Rk4Step::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
     q_sum_ += weights[stage] * dq_;
     v_sum_ += weights[stage] * ws.a;
   }
+  if (status == Status::singular) status = Status::not_finite;  // no arm is; the motion has run away
   q = q0_ + h / 6.0 * q_sum_;
   v = v0_ + h / 6.0 * v_sum_;
   if (given) given(1.0);

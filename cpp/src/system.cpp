@@ -67,6 +67,10 @@ bool System::record(Trajectory& out, bool composite) {
   }
   a = ws.a;
   inverse_dynamics<double>(arm, ws, q, v, a);
+  if (!ws.tau.allFinite()) {
+    out.failure = "the forces are no longer finite";
+    return false;
+  }
   for (const Drive& d : drives)
     if (d.motion) tau[d.coordinate] = ws.tau[d.coordinate];
   for (std::size_t k = 0; k < arm.size(); ++k) arm.link(k).joint().normalise(q.data() + arm.first_q(k));

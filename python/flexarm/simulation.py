@@ -71,16 +71,18 @@ def simulate(
         loads: external forces and moments.
         method: "ab" or "ci", for the accelerations at the output times.
         integrator: "ida": SUNDIALS IDA on the residual of inverse dynamics, variable step and order. "implicit":
-            generalised-alpha, fixed step, second order, stable however stiff the elastic coordinates are, cost linear in
-            the number of links. "rk4": classical Runge-Kutta, fixed step, fourth order, stable only while the step
-            is below 2.83 over the highest frequency.
+            generalised-alpha, fixed step, second order, stable however stiff the elastic coordinates are, cost linear
+            in the number of links; a soft stop that is to be hit needs steps below 0.3 sqrt(mass / limit_stiffness).
+            "rk4": classical Runge-Kutta, fixed step, fourth order, stable only while the step is below 2.83 over the
+            highest frequency.
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative and absolute (in its unit).
         max_order: of IDA's backward differentiation formulas, 1 to 5. 2 is best when fast modes are present but
             quiet, because higher orders are unstable on undamped oscillation; 5 when they ring and must be followed.
         step: of the fixed-step integrators (s): the longest step. Output times and samples of drives and loads are
             met exactly, by dividing what lies between two of them into equal steps, as few as `step` allows.
         spectral_radius: of "implicit": what is left after one step of a mode much too fast for the step, 0 to 1. 1
-            keeps the energy of every mode (trapezoidal rule); below 1, modes too fast for the step die out.
+            (trapezoidal rule) keeps the energy of every mode; but modes too fast for the step, once struck by a jump
+            of a force, ring on in the accelerations. At 0.9 they die out, at about the same accuracy.
         progress: shows a progress bar on stderr, where that is a terminal.
 
     No step passes over a sample of a drive, nor over an output time where a drive is a callable: a pulse of a callable
