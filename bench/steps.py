@@ -2,8 +2,8 @@
 
     python bench/steps.py [-o DIR]
 
-Writes steps.csv and steps.png into DIR (default: here). Time is CPU time, the best of five; error is the largest distance
-of the tip from IDA's at rtol 1e-12.
+Writes steps.csv and steps.png into DIR (default: here). Time is CPU time, the best of five; error is the largest
+distance of the tip from that of IDA at rtol 1e-12.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def spin_up(arm: fa.Arm) -> list[dict[str, object]]:
         choices.append(("ida, order 2", rtol, {"rtol": rtol, "atol": rtol * 1e-2, "max_order": 2}))
     for h in (5e-3, 2.5e-3, 1.25e-3, 6.25e-4, 3.125e-4, 1.5625e-4):
         for rho in (1.0, 0.9, 0.5):
-            choices.append((f"implicit, {rho:g}", h, {"integrator": "implicit", "step": h, "spectral_radius": rho}))
+            choices.append((f"implicit, ρ = {rho:g}", h, {"integrator": "implicit", "step": h, "spectral_radius": rho}))
         choices.append(("rk4", h, {"integrator": "rk4", "step": h}))
     rows = []
     for name, setting, options in choices:
