@@ -301,10 +301,10 @@ def test_arguments() -> None:
 
 def test_ctrl_c_and_stats() -> None:
     arm = paper_link()
-    killer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    killer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
     killer.start()
     with pytest.raises(fa.SimulationInterrupted) as caught:
-        fa.simulate(arm, np.linspace(0, 1e5, 1_000_001), [0, 0.1, 0, 0], integrator="implicit", step=1e-3)
+        fa.simulate(arm, np.linspace(0, 1e5, 100_001), [0, 0.1, 0, 0], integrator="implicit", step=1e-3)
     killer.join()
     kept = caught.value.result
     assert len(kept.t) > 1 and kept.t[-1] <= caught.value.time and np.isfinite(kept.q).all()
