@@ -11,6 +11,53 @@ namespace {
 //   s.H             H_n                s.N    the bias of A (Eq. 86)  b.T        T~ (Eq. 93)
 //   b.U             M~ H, rigid rows   b.D    D (Eq. 94)              b.W        L^-1 U^T, with D = L L^T
 
+/// M of link n with everything above it (Eq. 96), and its U and D (Eq. 94).
+void articulate(const Arm& arm, Workspace& ws, std::size_t n) {
+  const Link& link = arm.link(n);
+  LinkState<double>& s = ws.links[n];
+  ArticulatedLink& b = ws.articulated[n];
+  const int ne = link.ne(), nf = static_cast<int>(b.free.size());
+  if (n + 1 < arm.size()) {  // what the link above leaves after its elimination, through Phi^T
+    const LinkState<double>& up = ws.links[n + 1];
+    Mat6<double> Ma = up.M.topLeftCorner<6, 6>();
+    Ma.noalias() -= ws.articulated[n + 1].W.transpose() * ws.articulated[n + 1].W;
+    carry_inertia(up, Ma, s);
+  }
+  const auto Mrr = s.M.topLeftCorner<6, 6>();
+  for (int k = 0; k < nf; ++k) b.U.col(k).noalias() = Mrr * s.H.col(b.free[k]);
+  b.U.rightCols(ne) = s.M.topRightCorner(6, ne);
+  for (int k = 0; k < nf; ++k)
+    for (int i = 0; i < nf + ne; ++i) b.D(i, k) = b.D(k, i) = s.H.col(b.free[k]).dot(b.U.col(i));
+  b.D.bottomRightCorner(ne, ne) = s.M.bottomRightCorner(ne, ne);
+}
+
+/// D = L L^T and W = L^-1 U^T.
+bool factor(ArticulatedLink& b) {
+  b.factor.compute(b.D);
+  if (b.factor.info() != Eigen::Success) return false;
+  b.W = b.U.transpose();
+  b.factor.matrixL().solveInPlace(b.W);
+  return true;
+}
+
+/// Adds what the link above leaves of its bias (Eq. 95), through Phi^T.
+void carry_bias(const Arm& arm, Workspace& ws, std::size_t n) {
+  if (n + 1 >= arm.size()) return;
+  const LinkState<double>& up = ws.links[n + 1];
+  ArticulatedLink &b = ws.articulated[n], &ub = ws.articulated[n + 1];
+  ub.N.noalias() += ub.U * ub.T;
+  b.N += up.phi.inward(ub.N);
+  b.Ne.noalias() += up.phi_e.transpose() * ub.N;
+}
+
+/// T, which holds the applied forces, less the bias (Eq. 93), and through D^-1.
+void condense(const LinkState<double>& s, ArticulatedLink& b) {
+  const Eigen::Index nf = static_cast<Eigen::Index>(b.free.size());
+  for (Eigen::Index k = 0; k < nf; ++k) b.T[k] -= s.H.col(b.free[k]).dot(b.N);
+  b.T.tail(b.Ne.size()) -= b.Ne;
+  b.factor.solveInPlace(b.T);
+}
+
 /// Inward sweep: articulated inertia and bias of every link (Eq. 93-96).
 Status eliminate(const Arm& arm, Workspace& ws, const Eigen::VectorXd& tau) {
   for (std::size_t n = arm.size(); n-- > 0;) {
@@ -20,47 +67,63 @@ Status eliminate(const Arm& arm, Workspace& ws, const Eigen::VectorXd& tau) {
     const int j = arm.first(n), e = j + link.nj(), ne = link.ne();
     const int nf = static_cast<int>(b.free.size());
     link.mass_matrix(s);
+    articulate(arm, ws, n);
+    if (!factor(b)) return Status::singular;
     link.inertial_force<double>(s, Vec6<double>::Zero(), nullptr, b.N, b.Ne);
     if (!ws.loads.empty()) subtract_loads(arm, ws, n, b.N, b.Ne);
     if (link.beam()) {
       b.Ne.noalias() += link.beam()->stiffness() * s.qe;
       if (link.beam()->damped()) b.Ne.noalias() += link.beam()->damping() * s.dqe;
     }
-    if (n + 1 < arm.size()) {  // what the link above leaves after its elimination, through Phi^T (Eq. 95, 96)
-      const LinkState<double>& up = ws.links[n + 1];
-      const ArticulatedLink& ub = ws.articulated[n + 1];
-      Mat6<double> Ma = up.M.topLeftCorner<6, 6>();
-      Ma.noalias() -= ub.W.transpose() * ub.W;
-      Vec6<double> Na = ub.N;
-      Na.noalias() += up.M.topLeftCorner<6, 6>() * up.N;
-      Na.noalias() += ub.U * ub.T;
-      carry_inertia(up, Ma, s);
-      b.N += up.phi.inward(Na);
-      b.Ne.noalias() += up.phi_e.transpose() * Na;
-    }
+    carry_bias(arm, ws, n);
     for (int k = 0; k < link.nj(); ++k)  // a prescribed acceleration is part of the bias acceleration
       if (ws.prescribed[j + k]) s.N += s.H.col(k) * ws.a[j + k];
-
-    // U = M H, D = H^T M H (Eq. 94), T = T - H^T (N + M N_acc) (Eq. 93)
-    const auto Mrr = s.M.topLeftCorner<6, 6>();
-    for (int k = 0; k < nf; ++k) b.U.col(k).noalias() = Mrr * s.H.col(b.free[k]);
-    b.U.rightCols(ne) = s.M.topRightCorner(6, ne);
-    Vec6<double> load = b.N;
-    load.noalias() += Mrr * s.N;
-    for (int k = 0; k < nf; ++k) {
-      const int column = b.free[k];
-      for (int i = 0; i < nf + ne; ++i) b.D(i, k) = b.D(k, i) = s.H.col(column).dot(b.U.col(i));
-      b.T[k] = tau[j + column] - s.resistance[column] - s.H.col(column).dot(load);
-    }
-    b.D.bottomRightCorner(ne, ne) = s.M.bottomRightCorner(ne, ne);
-    for (int k = 0; k < ne; ++k) b.T[nf + k] = tau[e + k] - b.Ne[k] - b.U.col(nf + k).dot(s.N);
-    b.factor.compute(b.D);
-    if (b.factor.info() != Eigen::Success) return Status::singular;
-    b.W = b.U.transpose();
-    b.factor.matrixL().solveInPlace(b.W);
-    b.factor.solveInPlace(b.T);
+    b.N.noalias() += s.M.topLeftCorner<6, 6>() * s.N;
+    b.Ne.noalias() += b.U.rightCols(ne).transpose() * s.N;
+    for (int k = 0; k < nf; ++k) b.T[k] = tau[j + b.free[k]] - s.resistance[b.free[k]];
+    b.T.tail(ne) = tau.segment(e, ne);
+    condense(s, b);
   }
   return Status::ok;
+}
+
+/// Outward sweep: ddq = D^-1 (T - U^T Phi A-), A = Phi A- + H ddq + N (first rows of Eq. 92; Eq. 86), into `a`;
+/// with the bias accelerations N and gravity, or without.
+template <bool biased>
+void expand(const Arm& arm, Workspace& ws, Eigen::VectorXd& a) {
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    LinkState<double>& s = ws.links[n];
+    ArticulatedLink& b = ws.articulated[n];
+    const int j = arm.first(n), e = j + static_cast<int>(s.H.cols()), nf = static_cast<int>(b.free.size());
+    if (n == 0) {
+      Vec6<double> world = Vec6<double>::Zero();
+      if (biased) world.head<3>() = -arm.gravity();
+      s.A = s.phi.outward(world);
+    } else {
+      s.A = s.phi.outward(ws.links[n - 1].A);
+      s.A.noalias() += s.phi_e * a.segment(j - s.phi_e.cols(), s.phi_e.cols());
+    }
+    // T holds D^-1 T; the second part goes through the factor's halves: D^-1 U^T A = L^-T (W A)
+    b.turn.noalias() = b.W * s.A;
+    b.factor.matrixU().solveInPlace(b.turn);
+    b.T -= b.turn;
+    for (int k = 0; k < nf; ++k) a[j + b.free[k]] = b.T[k];
+    a.segment(e, s.qe.size()) = b.T.tail(s.qe.size());
+    if (biased) s.A += s.N;
+    for (int k = 0; k < nf; ++k) s.A += s.H.col(b.free[k]) * b.T[k];
+  }
+}
+
+/// v^T M v of one link, before anything is added to its M.
+double twice_kinetic(const LinkState<double>& s) {
+  const Eigen::Index ne = s.qe.size();
+  Vec6<double> p = s.M.topLeftCorner<6, 6>() * s.V;
+  double sum = 0.0;
+  for (Eigen::Index k = 0; k < ne; ++k) {
+    p += 2.0 * s.dqe[k] * s.M.block<6, 1>(0, 6 + k);
+    sum += s.dqe[k] * s.M.col(6 + k).tail(ne).dot(s.dqe);
+  }
+  return sum + s.V.dot(p);
 }
 
 }  // namespace
@@ -69,30 +132,50 @@ Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
                            const Eigen::VectorXd& tau) {
   move_arm(arm, ws, q, v);
   const Status status = eliminate(arm, ws, tau);
-  if (status != Status::ok) return status;
-  // outward: ddq = D^-1 (T - U^T Phi A-), A = Phi A- + H ddq + N (first rows of Eq. 92; Eq. 86)
-  for (std::size_t n = 0; n < arm.size(); ++n) {
+  if (status == Status::ok) expand<true>(arm, ws, ws.a);
+  return status;
+}
+
+Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                      const Shift& shift) {
+  ws.twice_kinetic = 0.0;
+  for (std::size_t n = arm.size(); n-- > 0;) {
+    const Link& link = arm.link(n);
     LinkState<double>& s = ws.links[n];
     ArticulatedLink& b = ws.articulated[n];
-    const int j = arm.first(n), e = j + static_cast<int>(s.H.cols()), nf = static_cast<int>(b.free.size());
-    if (n == 0) {
-      Vec6<double> world = Vec6<double>::Zero();
-      world.head<3>() = -arm.gravity();
-      s.A = s.phi.outward(world);
-    } else {
-      s.A = s.phi.outward(ws.links[n - 1].A);
-      s.A.noalias() += s.phi_e * ws.a.segment(j - s.phi_e.cols(), s.phi_e.cols());
+    const Eigen::Index ne = link.ne();
+    link.mass_matrix(s);
+    ws.twice_kinetic += twice_kinetic(s);
+    articulate(arm, ws, n);
+    if (link.joint().passive())
+      for (std::size_t k = 0; k < b.free.size(); ++k) {
+        const auto [by_q, by_v] =
+            link.joint().resistance_slopes(b.free[k], q.data() + arm.first_q(n), v.data() + arm.first(n));
+        b.D(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(k)) +=
+            shift.stiffness * by_q + shift.damping * by_v;
+      }
+    if (link.beam()) {
+      b.D.bottomRightCorner(ne, ne) += shift.stiffness * link.beam()->stiffness();
+      if (link.beam()->damped()) b.D.bottomRightCorner(ne, ne) += shift.damping * link.beam()->damping();
     }
-    // T holds D^-1 T; the second part goes through the factor's halves: D^-1 U^T A = L^-T (W A)
-    b.turn.noalias() = b.W * s.A;
-    b.factor.matrixU().solveInPlace(b.turn);
-    b.T -= b.turn;
-    for (int k = 0; k < nf; ++k) ws.a[j + b.free[k]] = b.T[k];
-    ws.a.segment(e, s.qe.size()) = b.T.tail(s.qe.size());
-    s.A += s.N;
-    for (int k = 0; k < nf; ++k) s.A += s.H.col(b.free[k]) * b.T[k];
+    if (!factor(b)) return Status::singular;
   }
   return Status::ok;
+}
+
+void solve_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& r, Eigen::VectorXd& x) {
+  for (std::size_t n = arm.size(); n-- > 0;) {
+    ArticulatedLink& b = ws.articulated[n];
+    const Eigen::Index j = arm.first(n), ne = b.Ne.size(), nf = static_cast<Eigen::Index>(b.free.size());
+    b.N.setZero();
+    b.Ne.setZero();
+    carry_bias(arm, ws, n);
+    for (Eigen::Index k = 0; k < nf; ++k) b.T[k] = r[j + b.free[k]];
+    b.T.tail(ne) = r.segment(j + arm.link(n).nj(), ne);
+    condense(ws.links[n], b);
+  }
+  x.setZero();
+  expand<false>(arm, ws, x);
 }
 
 }  // namespace flexarm

@@ -11,10 +11,10 @@
 #include <exception>
 #include <memory>
 
-#include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
 #include "flexarm/derivatives.hpp"
+#include "system.hpp"
 
 namespace flexarm {
 
@@ -23,73 +23,21 @@ namespace {
 constexpr int kLook = 200;  // steps between two calls of `alive`
 
 /// The arm as IDA sees it: state y = [q; v] of the free coordinates and rates.
-struct System {
-  const Arm& arm;
-  const std::vector<Drive>& drives;
-  const std::vector<LoadDrive>& loads;
-  const Eigen::VectorXd& constant_tau;
-  Workspace ws;
+struct IdaSystem : System {
   InverseDerivatives derivatives;
-  std::vector<int> free_q;           // coordinates that are not prescribed
-  Eigen::VectorXd q, v, a, tau, dq;  // of all coordinates
+  Eigen::VectorXd dq;
   Eigen::MatrixXd rate_by_q, rate_by_v;
   std::exception_ptr thrown;  // by a drive, inside a C callback
   std::string message;        // IDA's last word
 
-  System(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
-         const Eigen::VectorXd& tau_)
-      : arm(arm_),
-        drives(drives_),
-        loads(loads_),
-        constant_tau(tau_),
-        ws(arm_, prescribed(arm_, drives_), places(loads_)),
+  IdaSystem(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
+            const Eigen::VectorXd& tau_)
+      : System(arm_, drives_, loads_, tau_),
         derivatives(arm_, places(loads_)),
-        q(arm_.zero()),
-        v(Eigen::VectorXd::Zero(arm_.nv())),
-        a(v),
-        tau(tau_),
         dq(q),
         rate_by_q(arm_.nq(), arm_.nq()),
-        rate_by_v(arm_.nq(), arm_.nv()) {
-    std::vector<bool> given(static_cast<std::size_t>(arm.nq()), false);
-    for (const Drive& d : drives)
-      if (d.motion) given[static_cast<std::size_t>(arm.coordinate_of(d.coordinate))] = true;
-    for (int i = 0; i < arm.nq(); ++i)
-      if (!given[i]) free_q.push_back(i);
-  }
+        rate_by_v(arm_.nq(), arm_.nv()) {}
 
-  static std::vector<bool> prescribed(const Arm& arm, const std::vector<Drive>& drives) {
-    std::vector<bool> given(static_cast<std::size_t>(arm.nv()), false);
-    for (const Drive& d : drives)
-      if (d.motion) given[d.coordinate] = true;
-    return given;
-  }
-  static std::vector<Load> places(const std::vector<LoadDrive>& loads) {
-    std::vector<Load> out;
-    for (const LoadDrive& l : loads) out.push_back(l.load);
-    return out;
-  }
-  int n_q() const { return static_cast<int>(free_q.size()); }
-  int n_v() const { return static_cast<int>(ws.free.size()); }
-
-  /// Prescribed coordinates and applied forces at time t.
-  void drive(double t) {
-    tau = constant_tau;
-    for (std::size_t k = 0; k < loads.size(); ++k) {
-      ws.loads[k].wrench = loads[k].wrench(t);
-      derivatives.set_wrench(k, ws.loads[k].wrench);
-    }
-    for (const Drive& d : drives) {
-      if (d.motion) {
-        const MotionValue m = d.motion(t);
-        q[arm.coordinate_of(d.coordinate)] = m.q;
-        v[d.coordinate] = m.v;
-        a[d.coordinate] = m.a;
-      } else {
-        tau[d.coordinate] += d.force(t);
-      }
-    }
-  }
   void set(double t, const double* y, const double* yp) {
     drive(t);
     for (int k = 0; k < n_q(); ++k) q[free_q[k]] = y[k];
@@ -114,31 +62,10 @@ struct System {
     }
     return {y, yp};
   }
-
-  /// Adds a row to the trajectory: the current state, its accelerations, the reactions of prescribed motions.
-  bool record(Trajectory& out, bool composite) {
-    ws.a = a;
-    const Status status = composite ? forward_dynamics_ci(arm, ws, q, v, tau) : forward_dynamics_ab(arm, ws, q, v, tau);
-    if (status != Status::ok || !ws.a.allFinite()) {
-      out.failure = "the mass matrix is singular";
-      return false;
-    }
-    a = ws.a;
-    inverse_dynamics<double>(arm, ws, q, v, a);
-    for (const Drive& d : drives)
-      if (d.motion) tau[d.coordinate] = ws.tau[d.coordinate];
-    for (std::size_t k = 0; k < arm.size(); ++k) arm.link(k).joint().normalise(q.data() + arm.first_q(k));
-    out.q.row(out.done) = q;
-    out.v.row(out.done) = v;
-    out.a.row(out.done) = a;
-    out.tau.row(out.done) = tau;
-    ++out.done;
-    return true;
-  }
 };
 
 int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
-  System& s = *static_cast<System*>(data);
+  IdaSystem& s = *static_cast<IdaSystem*>(data);
   try {
     const double *py = N_VGetArrayPointer(y), *pyp = N_VGetArrayPointer(yp);
     double* pr = N_VGetArrayPointer(r);
@@ -161,9 +88,10 @@ int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
 /// dF/dy + cj dF/dy'
 int jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vector, SUNMatrix J, void* data, N_Vector,
              N_Vector, N_Vector) {
-  System& s = *static_cast<System*>(data);
+  IdaSystem& s = *static_cast<IdaSystem*>(data);
   try {
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
+    for (std::size_t k = 0; k < s.ws.loads.size(); ++k) s.derivatives.set_wrench(k, s.ws.loads[k].wrench);
     s.derivatives(s.arm, s.q, s.v, s.a);
     move_arm<double>(s.arm, s.ws, s.q, s.v);
     composite_mass_matrix(s.arm, s.ws);
@@ -193,7 +121,9 @@ int jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vector, S
 }
 
 #if SUNDIALS_VERSION_MAJOR < 7
-void keep_message(int, const char*, const char*, char* text, void* data) { static_cast<System*>(data)->message = text; }
+void keep_message(int, const char*, const char*, char* text, void* data) {
+  static_cast<IdaSystem*>(data)->message = text;
+}
 #endif
 
 /// Owns what SUNDIALS allocates.
@@ -204,7 +134,7 @@ struct Solver {
   SUNLinearSolver linear = nullptr;
   void* memory = nullptr;
 
-  Solver(System& s, const IdaOptions& o, double t0, const Eigen::VectorXd& y0, const Eigen::VectorXd& yp0,
+  Solver(IdaSystem& s, const IdaOptions& o, double t0, const Eigen::VectorXd& y0, const Eigen::VectorXd& yp0,
          double t_end) {
     const sunindextype n = y0.size();
 #if SUNDIALS_VERSION_MAJOR < 7
@@ -249,7 +179,7 @@ struct Solver {
   }
 };
 
-std::string reason(int flag, const System& s) {
+std::string reason(int flag, const IdaSystem& s) {
   switch (flag) {
     case IDA_ILL_INPUT:
       return "the first step came out as zero: forces or tolerances are too extreme";
@@ -268,46 +198,20 @@ std::string reason(int flag, const System& s) {
   }
 }
 
-void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
-                     const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
-                     const IdaOptions& o) {
+void check_options(const IdaOptions& o) {
   positive("rtol", o.rtol);
   if (o.rtol < 1e-14) bad_value("rtol", o.rtol, "must be at least 1e-14: double precision has no more");
   positive("atol", o.atol);
   if (o.max_order < 1 || o.max_order > 5) bad_value("max_order", o.max_order, "must be from 1 to 5");
-  if (t.size() < 2) bad_value("t", t.size(), "needs at least two times");
-  if (!t.allFinite()) bad_value("t", "nan or inf", "must be finite");
-  for (Eigen::Index k = 0; k + 1 < t.size(); ++k)
-    if (!(t[k + 1] > t[k])) bad_value("t[" + std::to_string(k + 1) + "]", t[k + 1], "t must increase");
-  const auto check_vector = [&](const char* name, const Eigen::VectorXd& x, int n) {
-    if (x.size() != n) bad_value(std::string(name) + " length", x.size(), "must be " + std::to_string(n));
-    if (!x.allFinite()) bad_value(name, "nan or inf", "must be finite");
-  };
-  check_vector("q0", q0, arm.nq());
-  check_vector("v0", v0, arm.nv());
-  check_vector("tau", tau, arm.nv());
-  for (const Drive& d : drives) {
-    if (d.coordinate < 0 || d.coordinate >= arm.nv() || !d.motion == !d.force)
-      bad_value("drive of coordinate", d.coordinate, "needs a coordinate of the arm and a motion or a force");
-    if (d.motion && arm.coordinate_of(d.coordinate) < 0)
-      bad_value("motion of coordinate", d.coordinate, "a ball's coordinates cannot be prescribed");
-  }
 }
 
 /// Times that no step may pass over, or a driven arm at rest would sleep through a pulse: the samples of the drives,
 /// and the output times for drives that are functions.
 std::vector<double> stop_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
                                const Eigen::VectorXd& t) {
-  const double end = t[t.size() - 1];
-  std::vector<double> stops{end};
   bool functions = false;
-  const auto add = [&](const Eigen::VectorXd& breaks) {
-    for (double b : breaks)
-      if (b > t[0] && b < end) stops.push_back(b);
-    functions = functions || breaks.size() == 0;
-  };
-  for (const Drive& d : drives) add(d.breaks);
-  for (const LoadDrive& l : loads) add(l.breaks);
+  std::vector<double> stops = sample_times(drives, loads, t, functions);
+  stops.push_back(t[t.size() - 1]);
   if (functions) stops.insert(stops.end(), t.begin() + 1, t.end());
   std::sort(stops.begin(), stops.end());
   return stops;
@@ -317,15 +221,12 @@ std::vector<double> stop_times(const std::vector<Drive>& drives, const std::vect
 
 Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
-                        const IdaOptions& options, const std::function<bool(double)>& alive,
-                        const std::vector<LoadDrive>& loads) {
-  check_arguments(arm, drives, t, q0, v0, tau, options);
+                        const IdaOptions& options, const Alive& alive, const std::vector<LoadDrive>& loads) {
+  check_arguments(arm, drives, t, q0, v0, tau);
+  check_options(options);
   const auto started = std::chrono::steady_clock::now();
-  System s(arm, drives, loads, tau);
-  Trajectory out;
-  out.q = Trajectory::Rows::Constant(t.size(), arm.nq(), std::nan(""));
-  out.v = out.a = out.tau = Trajectory::Rows::Constant(t.size(), arm.nv(), std::nan(""));
-  out.reached = t[0];
+  IdaSystem s(arm, drives, loads, tau);
+  Trajectory out = empty_trajectory(arm, t);
   s.q = q0;
   s.v = v0;
   s.drive(t[0]);

@@ -210,6 +210,20 @@ void Joint::rate_jacobians(const double* q, const double* v, Eigen::Ref<Eigen::M
   E.bottomRows<3>() = 0.5 * (p[0] * Eigen::Matrix3d::Identity() + tilde(e));
 }
 
+void Joint::displace(const double* q0, const double* u, double* q) const {
+  const std::size_t n = motions_.size();
+  for (std::size_t i = 0; i < n; ++i) q[i] = q0[i] + u[i];
+  if (!ball_) return;
+  const Eigen::Map<const Eigen::Vector3d> e(q0 + n + 1), turn(u + n);
+  const double angle = 0.5 * turn.norm();
+  const double c = std::cos(angle), sinc = angle > 1e-8 ? std::sin(angle) / angle : 1.0;
+  const Eigen::Vector3d s = 0.5 * sinc * turn;
+  const double w = q0[n];
+  q[n] = w * c - e.dot(s);
+  Eigen::Map<Eigen::Vector3d>(q + n + 1) = w * s + c * e + e.cross(s);
+  normalise(q);
+}
+
 void Joint::normalise(double* q) const {
   if (ball_) Eigen::Map<Eigen::Vector4d>(q + motions_.size()).normalize();
 }
@@ -243,6 +257,26 @@ S Joint::resistance(int i, const S* q, const S* v) const {
   if (q[i] < f.lower) force += stop(q[i] - f.lower, v[i]);
   if (-q[i] < -f.upper) force += stop(q[i] - f.upper, v[i]);
   return force;
+}
+
+std::pair<double, double> Joint::resistance_slopes(int i, const double* q, const double* v) const {
+  const JointForce& f = forces_[i];
+  double by_q = f.stiffness, by_v = f.damping;
+  const auto stop = [&](double depth, double rate) {
+    const double entry = std::abs(depth) / kSoftEntry;
+    by_q += f.limit_stiffness;
+    if (entry < 1.0) by_q += f.limit_damping * rate / std::copysign(kSoftEntry, depth);
+    by_v += f.limit_damping * std::min(entry, 1.0);
+  };
+  const int n = static_cast<int>(motions_.size());
+  if (i < n) {
+    if (q[i] < f.lower) stop(q[i] - f.lower, v[i]);
+    if (q[i] > f.upper) stop(q[i] - f.upper, v[i]);
+  } else if (std::isfinite(f.upper)) {
+    const double depth = BallTurn<double>(q + n).angle - f.upper;
+    if (depth > 0.0) stop(depth, 0.0);
+  }
+  return {std::max(by_q, 0.0), by_v};
 }
 
 double Joint::potential(const double* q) const {

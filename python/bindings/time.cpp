@@ -1,8 +1,10 @@
 #include <chrono>
+#include <memory>
 
 #include "bindings.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ida.hpp"
+#include "flexarm/simulate.hpp"
 
 using namespace flexarm;
 
@@ -71,6 +73,56 @@ LoadDrive make_load(const Load& load, const py::object& law) {
   return d;
 }
 
+/// (coordinate, is a motion, law) of each drive, and (place, law) of each load.
+using Laws = std::vector<std::tuple<int, bool, py::object>>;
+using LoadLaws = std::vector<std::pair<Load, py::object>>;
+
+/// Runs integrate(drives, loads, alive) -> Trajectory without the interpreter's lock, looking around ten times a
+/// second: Ctrl-C, progress.
+template <class Integrate>
+py::dict run(const Laws& drives, const LoadLaws& loads, const std::function<void(double)>& alive,
+             const Integrate& integrate) {
+  std::vector<Drive> laws;
+  for (const auto& [coordinate, is_motion, law] : drives) laws.push_back(make_drive(coordinate, is_motion, law));
+  std::vector<LoadDrive> wrenches;
+  for (const auto& [load, law] : loads) wrenches.push_back(make_load(load, law));
+  auto last = std::chrono::steady_clock::now();
+  const auto look_around = [&](double now) {
+    const auto clock = std::chrono::steady_clock::now();
+    if (clock - last < std::chrono::milliseconds(100)) return true;
+    last = clock;
+    py::gil_scoped_acquire hold;
+    if (PyErr_CheckSignals() != 0) {
+      if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) throw py::error_already_set();
+      PyErr_Clear();  // the caller raises it again, with the result so far
+      return false;
+    }
+    if (alive) alive(now);
+    return true;
+  };
+  Trajectory r;
+  {
+    py::gil_scoped_release release;
+    r = integrate(laws, wrenches, look_around);
+  }
+  py::dict stats, out;
+  stats["steps"] = r.stats.steps;
+  stats["evaluations"] = r.stats.residuals;
+  stats["jacobians"] = r.stats.jacobians;
+  stats["newton_iterations"] = r.stats.newton_iterations;
+  stats["failed_steps"] = r.stats.failed_steps;
+  stats["wall_time"] = r.stats.wall_time;
+  const auto head = [&](const Rows& x) { return Rows(x.topRows(r.done)); };
+  out["q"] = head(r.q);
+  out["v"] = head(r.v);
+  out["a"] = head(r.a);
+  out["tau"] = head(r.tau);
+  out["reached"] = r.reached;
+  out["failure"] = r.failure;
+  out["stats"] = stats;
+  return out;
+}
+
 }  // namespace
 
 void bind_time(py::module_& m) {
@@ -97,50 +149,31 @@ void bind_time(py::module_& m) {
 
   m.def(
       "simulate_ida",
-      [](const Arm& arm, const std::vector<std::tuple<int, bool, py::object>>& drives, const Eigen::VectorXd& t,
-         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol,
-         int max_order, bool composite, const std::function<void(double)>& alive,
-         const std::vector<std::pair<Load, py::object>>& loads) {
-        std::vector<Drive> laws;
-        for (const auto& [coordinate, is_motion, law] : drives) laws.push_back(make_drive(coordinate, is_motion, law));
-        std::vector<LoadDrive> wrenches;
-        for (const auto& [load, law] : loads) wrenches.push_back(make_load(load, law));
-        auto last = std::chrono::steady_clock::now();
-        const auto look_around = [&](double now) {  // ten times a second: Ctrl-C, progress
-          const auto clock = std::chrono::steady_clock::now();
-          if (clock - last < std::chrono::milliseconds(100)) return true;
-          last = clock;
-          py::gil_scoped_acquire hold;
-          if (PyErr_CheckSignals() != 0) {
-            if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) throw py::error_already_set();
-            PyErr_Clear();  // the caller raises it again, with the result so far
-            return false;
-          }
-          if (alive) alive(now);
-          return true;
-        };
-        Trajectory r;
-        {
-          py::gil_scoped_release release;
-          r = simulate_ida(arm, laws, t, q0, v0, tau, {rtol, atol, max_order, composite}, look_around, wrenches);
-        }
-        py::dict stats, out;
-        stats["steps"] = r.stats.steps;
-        stats["evaluations"] = r.stats.residuals;
-        stats["jacobians"] = r.stats.jacobians;
-        stats["newton_iterations"] = r.stats.newton_iterations;
-        stats["failed_steps"] = r.stats.failed_steps;
-        stats["wall_time"] = r.stats.wall_time;
-        const auto head = [&](const Rows& x) { return Rows(x.topRows(r.done)); };
-        out["q"] = head(r.q);
-        out["v"] = head(r.v);
-        out["a"] = head(r.a);
-        out["tau"] = head(r.tau);
-        out["reached"] = r.reached;
-        out["failure"] = r.failure;
-        out["stats"] = stats;
-        return out;
+      [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
+         const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol, int max_order, bool composite,
+         const std::function<void(double)>& alive, const LoadLaws& loads) {
+        return run(drives, loads, alive, [&](const auto& laws, const auto& wrenches, const auto& look_around) {
+          return simulate_ida(arm, laws, t, q0, v0, tau, {rtol, atol, max_order, composite}, look_around, wrenches);
+        });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("rtol"),
       py::arg("atol"), py::arg("max_order"), py::arg("composite"), py::arg("alive"), py::arg("loads"));
+
+  m.def(
+      "simulate_fixed",
+      [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
+         const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, const std::string& integrator, double step,
+         double spectral_radius, bool composite, const std::function<void(double)>& alive, const LoadLaws& loads) {
+        std::unique_ptr<Step> method;
+        if (integrator == "rk4")
+          method = std::make_unique<Rk4Step>(arm, step);
+        else
+          method = std::make_unique<ImplicitStep>(arm, step, ImplicitOptions{spectral_radius});
+        return run(drives, loads, alive, [&](const auto& laws, const auto& wrenches, const auto& look_around) {
+          return simulate_fixed(arm, laws, t, q0, v0, tau, *method, step, composite, look_around, wrenches);
+        });
+      },
+      py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"),
+      py::arg("integrator"), py::arg("step"), py::arg("spectral_radius"), py::arg("composite"), py::arg("alive"),
+      py::arg("loads"));
 }

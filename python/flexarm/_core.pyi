@@ -197,3 +197,17 @@ def simulate_ida(
     alive: Callable[[float], None] | None,
     loads: Sequence[tuple[Load, Any]],
 ) -> dict[str, Any]: ...
+def simulate_fixed(
+    arm: Arm,
+    drives: Sequence[tuple[int, bool, Any]],
+    t: ArrayLike,
+    q0: ArrayLike,
+    v0: ArrayLike,
+    tau: ArrayLike,
+    integrator: str,
+    step: float,
+    spectral_radius: float,
+    composite: bool,
+    alive: Callable[[float], None] | None,
+    loads: Sequence[tuple[Load, Any]],
+) -> dict[str, Any]: ...

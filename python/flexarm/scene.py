@@ -171,7 +171,8 @@ class Scene:
         loads: forces and moments on slices.
         t: output times (s).
         q0, v0: initial state, or None for rest at zero.
-        options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order.
+        options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order, step,
+            spectral_radius.
     """
 
     arm: Arm
@@ -190,7 +191,8 @@ class Scene:
         )
 
 
-_SIMULATION = ("duration", "interval", "q0", "v0", "method", "integrator", "rtol", "atol", "max_order")
+_OPTIONS = ("method", "integrator", "rtol", "atol", "max_order", "step", "spectral_radius")
+_SIMULATION = ("duration", "interval", "q0", "v0", *_OPTIONS)
 
 
 def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = "scene") -> Scene:
@@ -237,7 +239,7 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
         np.linspace(0.0, duration, count + 1),
         array("simulation.q0", s["q0"], (arm.nq,)) if "q0" in s else None,
         array("simulation.v0", s["v0"], (arm.nv,)) if "v0" in s else None,
-        {k: s[k] for k in ("method", "integrator", "rtol", "atol", "max_order") if k in s},
+        {k: s[k] for k in _OPTIONS if k in s},
         str(d.get("title", name)),
     )
 

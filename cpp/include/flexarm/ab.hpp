@@ -10,6 +10,22 @@ namespace flexarm {
 Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                            const Eigen::VectorXd& tau);
 
+/// What an implicit step adds to the mass matrix.
+struct Shift {
+  double damping = 0.0;    ///< s
+  double stiffness = 0.0;  ///< s^2
+};
+
+/// Factors S = M + shift.damping D + shift.stiffness K of the coordinates that are not prescribed, in O(N). D and K are
+/// the damping and stiffness of beams and of joints (springs, dampers, the stops they touch at q, v): they are
+/// block-diagonal by link, so that they enter the elimination for nothing. At the place where move_arm or
+/// inverse_dynamics left the workspace. Also sets ws.twice_kinetic.
+/// @return Status::singular when S is not positive definite
+Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                      const Shift& shift);
+/// x = S^-1 r (length nv) by the last factor_shifted, zero where prescribed; r and x are two vectors.
+void solve_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& r, Eigen::VectorXd& x);
+
 /// The method of choice.
 inline Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                const Eigen::VectorXd& tau) {

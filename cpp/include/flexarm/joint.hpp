@@ -4,6 +4,7 @@
 
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "flexarm/spatial.hpp"
@@ -70,6 +71,8 @@ class Joint {
   /// d(dq/dt)/dq (nq x nq) and d(dq/dt)/dv (nq x nv) of `rates`.
   void rate_jacobians(const double* q, const double* v, Eigen::Ref<Eigen::MatrixXd> by_q,
                       Eigen::Ref<Eigen::MatrixXd> by_v) const;
+  /// q0 (nq) moved by u (nv), rates times time: q0 + u, and a ball's quaternion times exp(u / 2), of unit length.
+  void displace(const double* q0, const double* u, double* q) const;
   /// Scales a ball's quaternion to unit length.
   void normalise(double* q) const;
   /// The zero position (a ball's: the unit quaternion 1 0 0 0).
@@ -79,6 +82,9 @@ class Joint {
   /// Generalised force that opposes coordinate i of the joint (to be added to the bias).
   template <class S>
   S resistance(int i, const S* q, const S* v) const;
+  /// Its slopes by coordinate and by rate, for an implicit step: none below zero, and of a ball those of its spring and
+  /// stop as if the turn were about that axis.
+  std::pair<double, double> resistance_slopes(int i, const double* q, const double* v) const;
   /// Potential energy of springs and stops.
   double potential(const double* q) const;
 

@@ -41,7 +41,7 @@ struct ArticulatedLink {
   Eigen::MatrixXd W;     ///< L^-1 U^T, with D = L L^T
   Eigen::VectorXd T;     ///< Eq. 93, then D^-1 T, then ddq
   Eigen::VectorXd turn;  ///< D^-1 U^T Phi A-
-  Vec6<double> N;        ///< articulated bias (Eq. 95)
+  Vec6<double> N;        ///< articulated bias (Eq. 95), M times the bias acceleration included
   Eigen::VectorXd Ne;
 };
 
@@ -55,12 +55,14 @@ class Workspace : public SweepWorkspace<double> {
   std::vector<bool> prescribed;  ///< per velocity coordinate
   std::vector<int> free;         ///< coordinates that are not prescribed
   std::vector<ArticulatedLink> articulated;
-  Eigen::MatrixXd M_free;  ///< Eq. 90 on the free coordinates
+  double twice_kinetic = 0.0;  ///< v^T M v (J), set by factor_shifted
+  Eigen::MatrixXd M_free;      ///< Eq. 90 on the free coordinates
   Eigen::LLT<Eigen::MatrixXd> factor;
   Eigen::VectorXd rhs;
   Eigen::MatrixXd columns;  ///< 6 x n scratch of the CI method
 };
 
-enum class Status { ok, singular };
+/// singular: a coordinate has no inertia. not_converged: an implicit step found no solution. not_finite: nan or inf.
+enum class Status { ok, singular, not_converged, not_finite };
 
 }  // namespace flexarm

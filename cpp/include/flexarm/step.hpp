@@ -1,0 +1,113 @@
+// One step in time: methods that advance an arm from t to t + h. After construction and `start` nothing is allocated or
+// thrown.
+#pragma once
+
+#include <functional>
+
+#include "flexarm/ab.hpp"
+
+namespace flexarm {
+
+/// A fixed-step method. It remembers what it needs from one step to the next: one object per arm in motion.
+class Step {
+ public:
+  /// Sets what is given at the time t + c h of the step (0 <= c <= 1), in place: the prescribed entries of q, v and
+  /// ws.a, the forces tau, the loads of the workspace.
+  using Given = std::function<void(double c)>;
+  struct Counts {
+    long evaluations = 0;     ///< of inverse or forward dynamics
+    long factorisations = 0;  ///< of iteration matrices
+    long iterations = 0;      ///< linear solves
+  };
+
+  virtual ~Step() = default;
+  /// Begins at a state, and forgets what was before.
+  virtual Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                       const Eigen::VectorXd& tau) = 0;
+  /// Advances q (nq) and v (nv) by h seconds.
+  /// @param tau    generalised forces (nv)
+  /// @param given  or empty, when tau and loads are constant, and the prescribed entries of q, v and ws.a are already
+  ///               those of the step's end
+  /// @return when not ok, q and v are those of the step's beginning
+  virtual Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+                         const Given& given) = 0;
+  const Counts& counts() const { return counts_; }
+
+ protected:
+  Counts counts_;
+};
+
+struct ImplicitOptions {
+  /// What is left after one step of a mode too fast for the step: 1 keeps the energy of every mode (trapezoidal rule),
+  /// below 1 fast modes die out and slow ones hardly do; 0 to 1.
+  double spectral_radius = 1.0;
+  /// Of the iteration: error of the velocities, as a part of those of the motion, both in the norm of kinetic energy.
+  double tolerance = 1e-9;
+  int max_iterations = 20;
+};
+
+/// Generalised-alpha method (Chung & Hulbert 1993; with the rotations of balls by exponentials, Bruels & Cardona 2010,
+/// Arnold & Bruels 2007): second order, unconditionally stable on linear vibration, O(N). Its equations
+///   residual of inverse dynamics at t + h = 0
+/// are solved by Newton's iteration with the matrix of factor_shifted, which leaves out gyroscopic and geometric terms:
+/// they cost convergence of order h, not stability.
+class ImplicitStep final : public Step {
+ public:
+  /// @param h  step of operator() (s)
+  /// @throws std::invalid_argument naming the field and the value
+  ImplicitStep(const Arm& arm, double h, const ImplicitOptions& options = {});
+
+  /// Advances by the step of the constructor; `start`s by itself the first time. tau is the force at the step's end.
+  Status operator()(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
+    return advance(h_, ws, q, v, tau, {});
+  }
+  Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
+  Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+                 const Given& given) override;
+  /// Iterations of the last step.
+  int iterations() const { return iterations_; }
+
+ private:
+  void predict(double h, const Workspace& ws);
+  void place(double h, const Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v);
+  Status iterate(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau);
+
+  const Arm* arm_;
+  double h_;
+  ImplicitOptions options_;
+  double alpha_m_, alpha_f_, beta_, gamma_;
+  double mass_ = 0.0;  ///< of the arm (kg)
+  bool started_ = false;
+  int iterations_ = 0;
+  double contraction_ = 1.0;          ///< of the iteration, as last measured
+  double scale_ = 0.0;                ///< v^T M v of the motion (J), its peaks remembered for a while
+  double h_before_ = 0.0;             ///< of the step before
+  Eigen::VectorXd q0_, v0_;           ///< at the step's beginning
+  Eigen::VectorXd a0_, a_before_;     ///< accelerations there and one step before
+  Eigen::VectorXd alpha0_, alpha_;    ///< the method's auxiliary accelerations
+  Eigen::VectorXd a_, u_, r_, turn_;  ///< accelerations at the end, displacement, residual, correction
+};
+
+/// The classical Runge-Kutta method: fourth order, four forward dynamics (AB) per step; stable only while h times the
+/// highest frequency is below 2.83.
+class Rk4Step final : public Step {
+ public:
+  /// @param h  step of operator() (s)
+  Rk4Step(const Arm& arm, double h);
+  /// Advances by the step of the constructor. tau and prescribed accelerations are constant over the step.
+  Status operator()(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
+    return advance(h_, ws, q, v, tau, {});
+  }
+  Status start(Workspace&, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&) override {
+    return Status::ok;
+  }
+  Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+                 const Given& given) override;
+
+ private:
+  const Arm* arm_;
+  double h_;
+  Eigen::VectorXd q0_, v0_, dq_, q_sum_, v_sum_;
+};
+
+}  // namespace flexarm

@@ -1,0 +1,35 @@
+// What a simulation gives, whatever the integrator.
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <string>
+
+namespace flexarm {
+
+struct SimulationStats {
+  long steps = 0;
+  long residuals = 0;          ///< evaluations of inverse dynamics, or of forward dynamics (rk4)
+  long jacobians = 0;          ///< factorised iteration matrices
+  long newton_iterations = 0;  ///< linear solves
+  long failed_steps = 0;
+  double wall_time = 0.0;  ///< s
+};
+
+/// Trajectory::failure when `alive` asked to stop.
+constexpr const char* kInterrupted = "interrupted";
+
+/// Called now and then with the time reached; the integration stops, and what is done is kept, when it answers false.
+using Alive = std::function<bool(double)>;
+
+/// One row per output time. Rows from `done` on are not written when the integration stopped early.
+struct Trajectory {
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  Rows q, v, a, tau;  ///< tau: applied forces, and the reactions of prescribed motions
+  Eigen::Index done = 0;
+  double reached = 0.0;  ///< time reached (s)
+  std::string failure;   ///< empty when all is done
+  SimulationStats stats;
+};
+
+}  // namespace flexarm

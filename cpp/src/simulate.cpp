@@ -1,0 +1,112 @@
+#include "flexarm/simulate.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "flexarm/check.hpp"
+#include "system.hpp"
+
+namespace flexarm {
+
+namespace {
+
+constexpr double kSame = 1e-6;  // parts of a step by which two times are still one
+constexpr double kMostSteps = 1e10;
+
+void check_step(double step, const Eigen::VectorXd& t) {
+  positive("step", step);
+  const double span = t[t.size() - 1] - t[0];
+  if (step > span) bad_value("step", step, "must be at most the time simulated, " + std::to_string(span) + " s");
+  if (span / step > kMostSteps) bad_value("step", step, "is too small: it would take more than 1e10 steps");
+}
+
+std::string reason(Status status, double h) {
+  std::ostringstream text;
+  switch (status) {
+    case Status::not_converged:
+      text << "the equations of a step of " << h << " s could not be solved: take a smaller step";
+      break;
+    case Status::not_finite:
+      text << "the motion ran away in steps of " << h
+           << " s: take a smaller step (rk4 is stable below 2.83 over the highest frequency), or an implicit method";
+      break;
+    default:
+      text << "the mass matrix is singular";
+  }
+  return text.str();
+}
+
+/// Output times and samples, each once; true: an output time.
+std::vector<std::pair<double, bool>> stops(const std::vector<double>& samples, const Eigen::VectorXd& t, double step) {
+  std::vector<std::pair<double, bool>> out;
+  std::size_t next = 0;
+  double last = t[0];
+  for (Eigen::Index k = 1; k < t.size(); ++k) {
+    for (; next < samples.size() && samples[next] < t[k]; ++next) {
+      if (samples[next] < last + kSame * step || samples[next] > t[k] - kSame * step) continue;
+      last = samples[next];
+      out.emplace_back(last, false);
+    }
+    last = t[k];
+    out.emplace_back(last, true);
+  }
+  return out;
+}
+
+}  // namespace
+
+Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
+                          const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
+                          Step& method, double step, bool composite, const Alive& alive,
+                          const std::vector<LoadDrive>& loads) {
+  check_arguments(arm, drives, t, q0, v0, tau);
+  check_step(step, t);
+  const auto started = std::chrono::steady_clock::now();
+  const Step::Counts before = method.counts();
+  System s(arm, drives, loads, tau);
+  Trajectory out = empty_trajectory(arm, t);
+  s.q = q0;
+  s.v = v0;
+  s.drive(t[0]);
+  if (!s.record(out, composite)) return out;
+
+  struct {
+    System& system;
+    double from, h, last;  // of the step; `last`: the next stop when the step ends there, so that it is met exactly
+  } now{s, t[0], step, std::nan("")};
+  const Step::Given given = [&now](double c) {
+    now.system.drive(c == 1.0 && !std::isnan(now.last) ? now.last : now.from + c * now.h);
+  };
+  bool functions = false;
+  s.drive(t[0]);  // `record` put the reactions into tau
+  Status status = method.start(s.ws, s.q, s.v, s.tau);
+  bool going = true;
+  for (const auto& [stop, is_output] : stops(sample_times(drives, loads, t, functions), t, step)) {
+    const double start = out.reached;
+    const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step * (1.0 - kSame))));
+    now.h = (stop - start) / static_cast<double>(count);
+    for (long k = 0; k < count && status == Status::ok && going; ++k) {
+      now.from = start + static_cast<double>(k) * now.h;
+      now.last = k + 1 == count ? stop : std::nan("");
+      status = method.advance(now.h, s.ws, s.q, s.v, s.tau, given);
+      if (status != Status::ok) break;
+      out.reached = k + 1 == count ? stop : now.from + now.h;
+      ++out.stats.steps;
+      going = !alive || alive(out.reached);
+    }
+    if (status != Status::ok) out.failure = reason(status, now.h);
+    if (!going && out.reached < t[t.size() - 1]) out.failure = kInterrupted;
+    if (!out.failure.empty() && out.reached != stop) break;
+    if (is_output && !s.record(out, composite)) out.failure = reason(Status::not_finite, now.h);
+    if (!out.failure.empty()) break;
+  }
+  const Step::Counts& after = method.counts();
+  out.stats.residuals = after.evaluations - before.evaluations;
+  out.stats.jacobians = after.factorisations - before.factorisations;
+  out.stats.newton_iterations = after.iterations - before.iterations;
+  out.stats.wall_time = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+  return out;
+}
+
+}  // namespace flexarm

@@ -1,0 +1,129 @@
+#include "system.hpp"
+
+#include <algorithm>
+
+#include "flexarm/ab.hpp"
+#include "flexarm/check.hpp"
+#include "flexarm/ci.hpp"
+
+namespace flexarm {
+
+namespace {
+
+std::vector<bool> prescribed(const Arm& arm, const std::vector<Drive>& drives) {
+  std::vector<bool> given(static_cast<std::size_t>(arm.nv()), false);
+  for (const Drive& d : drives)
+    if (d.motion) given[d.coordinate] = true;
+  return given;
+}
+
+}  // namespace
+
+std::vector<Load> places(const std::vector<LoadDrive>& loads) {
+  std::vector<Load> out;
+  for (const LoadDrive& l : loads) out.push_back(l.load);
+  return out;
+}
+
+System::System(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
+               const Eigen::VectorXd& tau_)
+    : arm(arm_),
+      drives(drives_),
+      loads(loads_),
+      constant_tau(tau_),
+      ws(arm_, prescribed(arm_, drives_), places(loads_)),
+      q(arm_.zero()),
+      v(Eigen::VectorXd::Zero(arm_.nv())),
+      a(v),
+      tau(tau_) {
+  std::vector<bool> given(static_cast<std::size_t>(arm.nq()), false);
+  for (const Drive& d : drives)
+    if (d.motion) given[static_cast<std::size_t>(arm.coordinate_of(d.coordinate))] = true;
+  for (int i = 0; i < arm.nq(); ++i)
+    if (!given[i]) free_q.push_back(i);
+}
+
+void System::drive(double t) {
+  tau = constant_tau;
+  for (std::size_t k = 0; k < loads.size(); ++k) ws.loads[k].wrench = loads[k].wrench(t);
+  for (const Drive& d : drives) {
+    if (d.motion) {
+      const MotionValue m = d.motion(t);
+      q[arm.coordinate_of(d.coordinate)] = m.q;
+      v[d.coordinate] = m.v;
+      a[d.coordinate] = ws.a[d.coordinate] = m.a;
+    } else {
+      tau[d.coordinate] += d.force(t);
+    }
+  }
+}
+
+bool System::record(Trajectory& out, bool composite) {
+  ws.a = a;
+  const Status status = composite ? forward_dynamics_ci(arm, ws, q, v, tau) : forward_dynamics_ab(arm, ws, q, v, tau);
+  if (status != Status::ok || !ws.a.allFinite()) {
+    out.failure = "the mass matrix is singular";
+    return false;
+  }
+  a = ws.a;
+  inverse_dynamics<double>(arm, ws, q, v, a);
+  if (!ws.tau.allFinite()) {
+    out.failure = "the forces are no longer finite";
+    return false;
+  }
+  for (const Drive& d : drives)
+    if (d.motion) tau[d.coordinate] = ws.tau[d.coordinate];
+  for (std::size_t k = 0; k < arm.size(); ++k) arm.link(k).joint().normalise(q.data() + arm.first_q(k));
+  out.q.row(out.done) = q;
+  out.v.row(out.done) = v;
+  out.a.row(out.done) = a;
+  out.tau.row(out.done) = tau;
+  ++out.done;
+  return true;
+}
+
+Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t) {
+  Trajectory out;
+  out.q = Trajectory::Rows::Constant(t.size(), arm.nq(), std::nan(""));
+  out.v = out.a = out.tau = Trajectory::Rows::Constant(t.size(), arm.nv(), std::nan(""));
+  out.reached = t[0];
+  return out;
+}
+
+void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
+                     const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau) {
+  if (t.size() < 2) bad_value("t", t.size(), "needs at least two times");
+  if (!t.allFinite()) bad_value("t", "nan or inf", "must be finite");
+  for (Eigen::Index k = 0; k + 1 < t.size(); ++k)
+    if (!(t[k + 1] > t[k])) bad_value("t[" + std::to_string(k + 1) + "]", t[k + 1], "t must increase");
+  const auto check_vector = [&](const char* name, const Eigen::VectorXd& x, int n) {
+    if (x.size() != n) bad_value(std::string(name) + " length", x.size(), "must be " + std::to_string(n));
+    if (!x.allFinite()) bad_value(name, "nan or inf", "must be finite");
+  };
+  check_vector("q0", q0, arm.nq());
+  check_vector("v0", v0, arm.nv());
+  check_vector("tau", tau, arm.nv());
+  for (const Drive& d : drives) {
+    if (d.coordinate < 0 || d.coordinate >= arm.nv() || !d.motion == !d.force)
+      bad_value("drive of coordinate", d.coordinate, "needs a coordinate of the arm and a motion or a force");
+    if (d.motion && arm.coordinate_of(d.coordinate) < 0)
+      bad_value("motion of coordinate", d.coordinate, "a ball's coordinates cannot be prescribed");
+  }
+}
+
+std::vector<double> sample_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
+                                 const Eigen::VectorXd& t, bool& functions) {
+  std::vector<double> times;
+  functions = false;
+  const auto add = [&](const Eigen::VectorXd& breaks) {
+    for (double b : breaks)
+      if (b > t[0] && b < t[t.size() - 1]) times.push_back(b);
+    functions = functions || breaks.size() == 0;
+  };
+  for (const Drive& d : drives) add(d.breaks);
+  for (const LoadDrive& l : loads) add(l.breaks);
+  std::sort(times.begin(), times.end());
+  return times;
+}
+
+}  // namespace flexarm

@@ -1,0 +1,47 @@
+// An arm with its drives and loads: what every integrator in time shares.
+#pragma once
+
+#include <vector>
+
+#include "flexarm/drive.hpp"
+#include "flexarm/trajectory.hpp"
+#include "flexarm/workspace.hpp"
+
+namespace flexarm {
+
+struct System {
+  const Arm& arm;
+  const std::vector<Drive>& drives;
+  const std::vector<LoadDrive>& loads;
+  const Eigen::VectorXd& constant_tau;
+  Workspace ws;
+  std::vector<int> free_q;       // coordinates that are not prescribed
+  Eigen::VectorXd q, v, a, tau;  // of all coordinates
+
+  System(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
+         const Eigen::VectorXd& tau_);
+  int n_q() const { return static_cast<int>(free_q.size()); }
+  int n_v() const { return static_cast<int>(ws.free.size()); }
+
+  /// Prescribed coordinates and applied forces at time t.
+  void drive(double t);
+  /// Adds a row to the trajectory: the current state, its accelerations, the reactions of prescribed motions.
+  bool record(Trajectory& out, bool composite);
+};
+
+/// The force law's places, without their values.
+std::vector<Load> places(const std::vector<LoadDrive>& loads);
+
+/// A trajectory of no rows yet, for the times t.
+Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t);
+
+/// @throws std::invalid_argument naming the argument and the value
+void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
+                     const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau);
+
+/// The samples of drives and loads between the first and the last of t, sorted; `functions` says whether any is a
+/// function without samples.
+std::vector<double> sample_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
+                                 const Eigen::VectorXd& t, bool& functions);
+
+}  // namespace flexarm

@@ -1,0 +1,166 @@
+#include <doctest/doctest.h>
+
+#include "arms.hpp"
+#include "flexarm/ci.hpp"
+#include "flexarm/simulate.hpp"
+
+using namespace flexarm;
+
+namespace {
+
+/// M + shift.damping D + shift.stiffness K, written down in full; `passive`: slopes by q and by v of joint coordinates.
+Eigen::MatrixXd dense(const Arm& arm, Workspace& ws, const Shift& shift,
+                      const std::vector<std::tuple<int, double, double>>& passive) {
+  composite_mass_matrix(arm, ws);
+  Eigen::MatrixXd S = ws.M;
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const Link& link = arm.link(n);
+    if (!link.beam()) continue;
+    auto block = S.block(arm.first(n) + link.nj(), arm.first(n) + link.nj(), link.ne(), link.ne());
+    block += shift.damping * link.beam()->damping() + shift.stiffness * link.beam()->stiffness();
+  }
+  for (const auto& [i, by_q, by_v] : passive) S(i, i) += shift.stiffness * by_q + shift.damping * by_v;
+  return S;
+}
+
+void check_solve(const Arm& arm, const Eigen::VectorXd& q, const std::vector<bool>& prescribed,
+                 const std::vector<std::tuple<int, double, double>>& passive) {
+  const Eigen::VectorXd v = flexarm_test::wave(arm.nv(), 0.4);
+  for (double h : {0.0, 1e-3, 1.0}) {
+    const Shift shift{0.5 * h, 0.25 * h * h};
+    Workspace ws(arm, prescribed), other(arm);
+    move_arm<double>(arm, ws, q, v);
+    move_arm<double>(arm, other, q, v);
+    const Eigen::MatrixXd S = dense(arm, other, shift, passive);
+    REQUIRE(factor_shifted(arm, ws, q, v, shift) == Status::ok);
+    CHECK(ws.twice_kinetic == doctest::Approx(v.dot(other.M * v)).epsilon(1e-12));
+    for (double phase : {0.0, 1.0}) {  // two right sides, one factorisation
+      const Eigen::VectorXd r = flexarm_test::wave(arm.nv(), phase, 1.0);
+      Eigen::VectorXd x = Eigen::VectorXd::Constant(arm.nv(), 7.0);
+      solve_shifted(arm, ws, r, x);
+      const Eigen::VectorXd back = S * x;
+      for (int i = 0; i < arm.nv(); ++i) {
+        if (ws.prescribed[i])
+          CHECK(x[i] == 0.0);
+        else
+          CHECK(std::abs(back[i] - r[i]) < 1e-9 * S.row(i).cwiseAbs().dot(x.cwiseAbs()));
+      }
+    }
+  }
+}
+
+Arm swinging(double spring) {  // a slider with spring, damper and a stop at 0.1 m, and a pendulum on it
+  const JointForce f{spring, 0.0, 0.4, -1.0, 0.1, 900.0, 0.0};
+  const Joint slider({{false, Eigen::Vector3d::UnitX()}}, false, {"prismatic"}, {f});
+  std::vector<Link> links;
+  links.emplace_back(slider, flexarm_test::body(1.0, {0.1, 0, 0}), std::nullopt, std::nullopt);
+  links.emplace_back(Joint::revolute({0, 1, 0}), flexarm_test::body(0.5, {0.1, 0, 0}),
+                     flexarm_test::beam({2, 1, 0, 1, 0}, 2), std::nullopt);
+  return Arm(std::move(links), {0, 0, -9.81});
+}
+
+}  // namespace
+
+TEST_CASE("the shifted solve is that of the dense matrix, with prescribed coordinates left out") {
+  const Arm spatial = flexarm_test::spatial_arm(), floating = flexarm_test::floating_arm();
+  std::vector<bool> some(static_cast<std::size_t>(spatial.nv()), false);
+  check_solve(spatial, flexarm_test::wave(spatial.nq(), 0.1), some, {});
+  some[1] = some[static_cast<std::size_t>(spatial.first(2))] = true;
+  check_solve(spatial, flexarm_test::wave(spatial.nq(), 0.1), some, {});
+  const int ball = floating.first(1);
+  check_solve(floating, floating.zero() + flexarm_test::wave(floating.nq(), 0.1), {},
+              {{ball, 0.0, 0.1}, {ball + 1, 0.0, 0.1}, {ball + 2, 0.0, 0.1}});
+  const Arm spring = swinging(30.0);
+  Eigen::VectorXd q = flexarm_test::wave(spring.nq(), 0.1);
+  check_solve(spring, q, {}, {{0, 30.0, 0.4}});
+  q[0] = 0.2;  // in the stop
+  check_solve(spring, q, {}, {{0, 930.0, 0.4}});
+}
+
+TEST_CASE("an implicit step as in the README: a stiff arm swings at a step far above its fast periods") {
+  const Arm arm = swinging(0.0);
+  Workspace ws(arm);
+  ImplicitStep step(arm, 1e-3);
+  Eigen::VectorXd q = arm.zero(), v = Eigen::VectorXd::Zero(arm.nv());
+  const Eigen::VectorXd tau = v;
+  const Energy before = energy(arm, ws, q, v);
+  double swing = 0.0;
+  for (int k = 0; k < 500; ++k) {
+    REQUIRE(step(ws, q, v, tau) == Status::ok);
+    CHECK(step.iterations() <= 6);
+    swing = std::max(swing, std::abs(q[1]));
+  }
+  CHECK(swing > 1.0);
+  const Energy after = energy(arm, ws, q, v);  // the slider's damper takes some
+  CHECK(after.kinetic + after.potential < before.kinetic + before.potential + 1e-4);
+}
+
+TEST_CASE("a step that fails leaves the state as it was") {
+  const Arm arm = swinging(0.0);
+  Workspace ws(arm);
+  const Eigen::VectorXd q0 = flexarm_test::wave(arm.nq(), 0.2), v0 = flexarm_test::wave(arm.nv(), 0.5);
+  Eigen::VectorXd q = q0, v = v0, tau = Eigen::VectorXd::Zero(arm.nv());
+  ImplicitStep implicit(arm, 1e-3);
+  REQUIRE(implicit.start(ws, q, v, tau) == Status::ok);
+  tau[1] = std::nan("");
+  CHECK(implicit(ws, q, v, tau) == Status::not_finite);
+  CHECK(q == q0);
+  CHECK(v == v0);
+  Rk4Step rk4(arm, 1e-3);
+  CHECK(rk4(ws, q, v, tau) == Status::not_finite);
+  CHECK(q == q0);
+  CHECK(v == v0);
+  ImplicitOptions impatient;
+  impatient.max_iterations = 1;
+  ImplicitStep once(arm, 0.1, impatient);
+  tau[1] = 5.0;
+  CHECK(once(ws, q, v, tau) == Status::not_converged);
+  CHECK(q == q0);
+}
+
+TEST_CASE("bad steps are refused by name and value") {
+  const Arm arm = swinging(0.0);
+  CHECK_THROWS_WITH_AS(ImplicitStep(arm, 0.0), "step = 0: must be positive and finite", std::invalid_argument);
+  CHECK_THROWS_WITH_AS(Rk4Step(arm, -1.0), "step = -1: must be positive and finite", std::invalid_argument);
+  ImplicitOptions bad;
+  bad.spectral_radius = 1.5;
+  CHECK_THROWS_WITH_AS(ImplicitStep(arm, 1e-3, bad), "spectral_radius = 1.5: must be from 0 to 1",
+                       std::invalid_argument);
+}
+
+TEST_CASE("quaternions stay of unit length, at the exact angle of a steady turn") {
+  const Arm arm(
+      {Link(Joint({}, true, {"wx", "wy", "wz"}), flexarm_test::body(1.0, {0, 0, 0}), std::nullopt, std::nullopt)});
+  Workspace ws(arm);
+  ImplicitStep step(arm, 0.01);
+  Eigen::VectorXd q = arm.zero(), v = flexarm_test::wave(3, 0.3, 5.0);
+  for (int k = 0; k < 10000; ++k) REQUIRE(step(ws, q, v, Eigen::VectorXd::Zero(3)) == Status::ok);
+  CHECK(std::abs(q.norm() - 1.0) < 1e-15 * 4);
+  Eigen::Vector4d turned;
+  const double u[] = {0.0, 0.0, 0.6}, from[] = {std::cos(0.2), 0.0, 0.0, std::sin(0.2)};
+  arm.link(0).joint().displace(from, u, turned.data());
+  CHECK((turned - Eigen::Vector4d(std::cos(0.5), 0.0, 0.0, std::sin(0.5))).norm() < 1e-15);
+}
+
+TEST_CASE("the time loop meets outputs and samples exactly and counts its work") {
+  const Arm arm = swinging(0.0);
+  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(4, 0.0, 0.3), zero = Eigen::VectorXd::Zero(arm.nv());
+  std::vector<double> seen;
+  Drive push{0, {}, [&seen](double time) {
+               seen.push_back(time);
+               return 0.0;
+             }};
+  push.breaks = Eigen::Vector3d(0.05, 0.1 + 1e-17, 0.25);
+  ImplicitStep step(arm, 0.03);
+  const Trajectory r = simulate_fixed(arm, {push}, t, arm.zero(), zero, zero, step, 0.03);
+  REQUIRE(r.failure.empty());
+  CHECK(r.done == 4);
+  CHECK(r.stats.steps == 2 + 2 + 4 + 2 + 2);
+  for (double stop : {0.05, t[1], t[2], 0.25, 0.3}) CHECK(std::count(seen.begin(), seen.end(), stop) > 0);
+  CHECK(r.stats.residuals >= r.stats.steps);
+  const Trajectory stopped =
+      simulate_fixed(arm, {}, t, arm.zero(), zero, zero, step, 1e-4, false, [](double) { return false; });
+  CHECK(stopped.failure == kInterrupted);
+  CHECK(stopped.reached < 0.01);
+  CHECK(stopped.done == 1);
+}
