@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "flexarm/check.hpp"
-#include "system.hpp"
+#include "events.hpp"
 
 namespace flexarm {
 
@@ -59,13 +59,13 @@ std::vector<std::pair<double, bool>> stops(const std::vector<double>& samples, c
 Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                           const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                           Step& method, double step, bool composite, const Alive& alive,
-                          const std::vector<LoadDrive>& loads) {
+                          const std::vector<LoadDrive>& loads, const std::vector<Event>& events) {
   check_arguments(arm, drives, t, q0, v0, tau);
   check_step(step, t);
   const auto started = std::chrono::steady_clock::now();
   const Step::Counts before = method.counts();
   System s(arm, drives, loads, tau);
-  Trajectory out = empty_trajectory(arm, t);
+  Trajectory out = empty_trajectory(arm, t, events);
   s.q = q0;
   s.v = v0;
   s.drive(t[0]);
@@ -81,25 +81,28 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
   bool functions = false;
   s.drive(t[0]);  // `record` put the reactions into tau
   Status status = method.start(s.ws, s.q, s.v, s.tau);
+  StepEvents seen(s, events, out);
+  seen.start(t[0]);
   bool going = true;
   for (const auto& [stop, is_output] : stops(sample_times(drives, loads, t, functions), t, step)) {
     const double start = out.reached;
     const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step * (1.0 - kSame))));
     now.h = (stop - start) / static_cast<double>(count);
-    for (long k = 0; k < count && status == Status::ok && going; ++k) {
+    for (long k = 0; k < count && status == Status::ok && going && !out.terminated; ++k) {
       now.from = start + static_cast<double>(k) * now.h;
       now.last = k + 1 == count ? stop : std::nan("");
       status = method.advance(now.h, s.ws, s.q, s.v, s.tau, given);
       if (status != Status::ok) break;
       out.reached = k + 1 == count ? stop : now.from + now.h;
       ++out.stats.steps;
+      seen.look(out.reached);
       going = !alive || alive(out.reached);
     }
     if (status != Status::ok) out.failure = reason(status, now.h);
-    if (!going && out.reached < t[t.size() - 1]) out.failure = kInterrupted;
-    if (!out.failure.empty() && out.reached != stop) break;
+    if (!going && !out.terminated && out.reached < t[t.size() - 1]) out.failure = kInterrupted;
+    if ((!out.failure.empty() || out.terminated) && out.reached != stop) break;
     if (is_output && !s.record(out, composite)) out.failure = reason(Status::not_finite, now.h);
-    if (!out.failure.empty()) break;
+    if (!out.failure.empty() || out.terminated) break;
   }
   const Step::Counts& after = method.counts();
   out.stats.residuals = after.evaluations - before.evaluations;
