@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <chrono>
 
-#include "flexarm/check.hpp"
 #include "events.hpp"
+#include "flexarm/check.hpp"
 #include "ida_linear.hpp"
 
 namespace flexarm {
@@ -12,9 +12,6 @@ namespace flexarm {
 namespace {
 
 constexpr int kLook = 200;  // steps between two calls of `alive`
-
-/// Numbers of unknowns from which the chain's elimination pays.
-constexpr int kManyUnknowns = 100;
 
 int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
   IdaSystem& s = *static_cast<IdaSystem*>(data);
@@ -162,10 +159,8 @@ void count_work(void* memory, const IdaSystem& s, SimulationStats& stats) {
   }
 }
 
-/// The linear solver asked for, or the one that pays.
+/// The linear solver asked for; the chain's is the faster one from a single link on (bench/scaling.py).
 void choose_solver(IdaSystem& s, LinearSolver wanted) {
-  if (wanted == LinearSolver::automatic)
-    wanted = s.size() < kManyUnknowns ? LinearSolver::dense : LinearSolver::chain;
   if (wanted == LinearSolver::dense)
     s.dense.emplace(s.arm, places(s.loads));
   else

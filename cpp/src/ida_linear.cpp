@@ -4,7 +4,6 @@
 #include <sunlinsol/sunlinsol_spgmr.h>
 #include <sunmatrix/sunmatrix_dense.h>
 
-#include <cstdlib>
 #include <new>
 
 #include "flexarm/ci.hpp"
@@ -13,7 +12,8 @@ namespace flexarm {
 
 namespace {
 
-constexpr int kKrylov = 10;  // vectors
+constexpr int kKrylov = 10;    // vectors
+constexpr double kGood = 0.3;  // error of the preconditioner alone, in parts of the solution
 
 /// dF/dy + cj dF/dy'
 int dense_jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vector, SUNMatrix J, void* data, N_Vector,
@@ -100,36 +100,101 @@ int chain_solve(sunrealtype, N_Vector, N_Vector, N_Vector, N_Vector r, N_Vector 
   return 0;
 }
 
-struct Sweep { void* data = nullptr; SUNPSetupFn setup = nullptr; SUNPSolveFn solve = nullptr; };
-SUNLinearSolver sweep_solver(SUNContext context) {
-  SUNLinearSolver S = SUNLinSolNewEmpty(context);
-  S->content = new Sweep;
-  S->ops->gettype = [](SUNLinearSolver) { return SUNLINEARSOLVER_ITERATIVE; };
-  S->ops->getid = [](SUNLinearSolver) { return SUNLINEARSOLVER_CUSTOM; };
-  S->ops->setatimes = [](SUNLinearSolver, void*, SUNATimesFn) { return 0; };
-  S->ops->setpreconditioner = [](SUNLinearSolver L, void* d, SUNPSetupFn a, SUNPSolveFn b) {
-    *static_cast<Sweep*>(L->content) = {d, a, b}; return 0; };
-  S->ops->initialize = [](SUNLinearSolver) { return 0; };
-  S->ops->setup = [](SUNLinearSolver L, SUNMatrix) { auto* w = static_cast<Sweep*>(L->content); return w->setup(w->data); };
-  S->ops->solve = [](SUNLinearSolver L, SUNMatrix, N_Vector x, N_Vector b, sunrealtype tol) {
-    auto* w = static_cast<Sweep*>(L->content); return w->solve(w->data, b, x, tol, 1); };
-  S->ops->numiters = [](SUNLinearSolver) { return 1; };
-  S->ops->resnorm = [](SUNLinearSolver) { return 0.0; };
-  S->ops->resid = [](SUNLinearSolver) -> N_Vector { return nullptr; };
-  S->ops->setscalingvectors = [](SUNLinearSolver, N_Vector, N_Vector) { return 0; };
-  S->ops->free = [](SUNLinearSolver L) { delete static_cast<Sweep*>(L->content); SUNLinSolFreeEmpty(L); return 0; };
-  return S;
+/// GMRES, or its preconditioner alone, which is a third cheaper in all and mostly as good: then Newton's own iterations
+/// do the rest. Which of the two is decided after each setup, by the error that the preconditioner alone would make.
+struct ChainSolver {
+  SUNLinearSolver gmres = nullptr;
+  N_Vector alone = nullptr, weights = nullptr;
+  IdaSystem* system = nullptr;
+  void* data = nullptr;  // of `precondition`
+  SUNPSolveFn precondition = nullptr;
+  enum { unknown, good, poor } alone_is = unknown;
+  double setup_at = 0.0;
+
+  static ChainSolver& of(SUNLinearSolver solver) { return *static_cast<ChainSolver*>(solver->content); }
+  ~ChainSolver() {
+    if (gmres) SUNLinSolFree(gmres);
+    if (alone) N_VDestroy(alone);
+  }
+  int setup() {
+    // a second setup at one time: Newton's iteration failed there with the preconditioner alone, or the step was cut
+    alone_is = system->driven == setup_at ? poor : unknown;
+    setup_at = system->driven;
+    return SUNLinSolSetup(gmres, nullptr);
+  }
+  int solve(N_Vector x, N_Vector b, double tolerance) {
+    if (alone_is == good) return precondition(data, b, x, tolerance, SUN_PREC_LEFT);
+    if (alone_is == unknown) {
+      const int flag = precondition(data, b, alone, tolerance, SUN_PREC_LEFT);
+      if (flag != 0) return flag;
+    }
+    const int flag = SUNLinSolSolve(gmres, nullptr, x, b, tolerance);
+    if (alone_is == unknown && flag >= 0) {
+      const double size = N_VWrmsNorm(x, weights);
+      N_VLinearSum(1.0, x, -1.0, alone, alone);
+      if (size > 0.0) alone_is = N_VWrmsNorm(alone, weights) <= kGood * size ? good : poor;
+    }
+    return flag;
+  }
+};
+
+SUNLinearSolver chain_solver(IdaSystem& s, N_Vector y, SUNContext context) {
+  SUNLinearSolver out = SUNLinSolNewEmpty(context);
+  if (!out) throw std::bad_alloc();
+  ChainSolver* c = new ChainSolver;
+  out->content = c;
+  c->system = &s;
+  c->gmres = SUNLinSol_SPGMR(y, SUN_PREC_LEFT, kKrylov, context);
+  c->alone = N_VClone(y);
+  SUNLinearSolver_Ops ops = out->ops;
+  ops->gettype = [](SUNLinearSolver) { return SUNLINEARSOLVER_ITERATIVE; };
+  ops->getid = [](SUNLinearSolver) { return SUNLINEARSOLVER_CUSTOM; };
+  ops->setatimes = [](SUNLinearSolver l, void* data, SUNATimesFn f) {
+    return SUNLinSolSetATimes(ChainSolver::of(l).gmres, data, f);
+  };
+  ops->setpreconditioner = [](SUNLinearSolver l, void* data, SUNPSetupFn setup, SUNPSolveFn solve) {
+    ChainSolver::of(l).data = data;
+    ChainSolver::of(l).precondition = solve;
+    return SUNLinSolSetPreconditioner(ChainSolver::of(l).gmres, data, setup, solve);
+  };
+  ops->setscalingvectors = [](SUNLinearSolver l, N_Vector left, N_Vector right) {
+    ChainSolver::of(l).weights = left;
+    return SUNLinSolSetScalingVectors(ChainSolver::of(l).gmres, left, right);
+  };
+  ops->setzeroguess = [](SUNLinearSolver l, auto on) {
+    return SUNLinSolSetZeroGuess(ChainSolver::of(l).gmres, on);
+  };
+  ops->initialize = [](SUNLinearSolver l) { return SUNLinSolInitialize(ChainSolver::of(l).gmres); };
+  ops->setup = [](SUNLinearSolver l, SUNMatrix) { return ChainSolver::of(l).setup(); };
+  ops->solve = [](SUNLinearSolver l, SUNMatrix, N_Vector x, N_Vector b, sunrealtype tolerance) {
+    return ChainSolver::of(l).solve(x, b, tolerance);
+  };
+  ops->numiters = [](SUNLinearSolver l) {
+    return ChainSolver::of(l).alone_is == ChainSolver::good ? 1 : SUNLinSolNumIters(ChainSolver::of(l).gmres);
+  };
+  ops->resnorm = [](SUNLinearSolver l) { return SUNLinSolResNorm(ChainSolver::of(l).gmres); };
+  ops->resid = [](SUNLinearSolver l) { return SUNLinSolResid(ChainSolver::of(l).gmres); };
+  ops->free = [](SUNLinearSolver l) {
+    delete static_cast<ChainSolver*>(l->content);
+    SUNLinSolFreeEmpty(l);
+    return 0;
+  };
+  if (!c->gmres || !c->alone) {
+    SUNLinSolFree(out);
+    throw std::bad_alloc();
+  }
+  return out;
 }
 
 }  // namespace
 
-void LinearPart::attach(void* memory, const IdaSystem& s, N_Vector y, SUNContext context) {
+void LinearPart::attach(void* memory, IdaSystem& s, N_Vector y, SUNContext context) {
   if (s.dense) {
     matrix_ = SUNDenseMatrix(s.size(), s.size(), context);
     if (!matrix_) throw std::bad_alloc();
     solver_ = SUNLinSol_Dense(y, matrix_, context);
   } else {
-    solver_ = getenv("SWEEP") ? sweep_solver(context) : SUNLinSol_SPGMR(y, SUN_PREC_LEFT, kKrylov, context);
+    solver_ = chain_solver(s, y, context);
   }
   if (!solver_) throw std::bad_alloc();
   check_flag(IDASetLinearSolver(memory, solver_, matrix_));
@@ -138,7 +203,6 @@ void LinearPart::attach(void* memory, const IdaSystem& s, N_Vector y, SUNContext
   } else {
     check_flag(IDASetPreconditioner(memory, chain_setup, chain_solve));
     check_flag(IDASetJacTimes(memory, nullptr, chain_times));
-    if (getenv("EPSLIN")) IDASetEpsLin(memory, atof(getenv("EPSLIN")));
   }
 }
 

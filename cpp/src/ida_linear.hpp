@@ -23,7 +23,7 @@ class LinearPart {
   LinearPart& operator=(const LinearPart&) = delete;
 
   /// Attaches the solver of s.dense or of s.chain, whichever there is, to IDA's memory.
-  void attach(void* memory, const IdaSystem& s, N_Vector y, SUNContext context);
+  void attach(void* memory, IdaSystem& s, N_Vector y, SUNContext context);
 
  private:
   SUNMatrix matrix_ = nullptr;

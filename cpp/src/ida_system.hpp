@@ -21,9 +21,9 @@ struct DenseJacobian {
       : derivatives(arm, loads), rate_by_q(arm.nq(), arm.nq()), rate_by_v(arm.nq(), arm.nv()) {}
 };
 
-/// The approximate inverse of dF/dy + cj dF/dy' = [cj - dE, -E; K, cj M + C] in O(N): elastic and joint forces alone are
-/// kept of K and C, and nothing of dE. Then dq = (r1 + E dv) / cj leaves S cj dv = r2 - K r1 / cj, with
-/// S = M + C / cj + K / cj^2, which factor_shifted eliminates. Its own workspace keeps the place where it was made.
+/// The approximate inverse of dF/dy + cj dF/dy' = [cj - dE, -E; K, cj M + C] in O(N): elastic and joint forces alone
+/// are kept of K and C, and nothing of dE. Then dq = (r1 + E dv) / cj leaves S cj dv = r2 - K r1 / cj, with S = M + C /
+/// cj + K / cj^2, which factor_shifted eliminates. Its own workspace keeps the place where it was made.
 class ChainInverse {
  public:
   ChainInverse(const Arm& arm, const std::vector<bool>& prescribed);
@@ -43,14 +43,14 @@ class ChainInverse {
 
 /// State y = [q; v] of the free coordinates and rates.
 struct IdaSystem : System {
-  Eigen::VectorXd dq;                    // rates of all coordinates
-  std::optional<DenseJacobian> dense;    // one of the two
+  Eigen::VectorXd dq;                  // rates of all coordinates
+  std::optional<DenseJacobian> dense;  // one of the two
   std::optional<ChainInverse> chain;
-  Eigen::VectorXd r1, r2, x1, x2;        // of all coordinates, for the chain
+  Eigen::VectorXd r1, r2, x1, x2;                            // of all coordinates, for the chain
   double driven = std::numeric_limits<double>::quiet_NaN();  // time of the drives' present values
-  std::exception_ptr thrown;             // by a drive or an event, inside a C callback
-  std::string message;                   // IDA's last word
-  void* memory = nullptr;                // IDA's
+  std::exception_ptr thrown;                                 // by a drive or an event, inside a C callback
+  std::string message;                                       // IDA's last word
+  void* memory = nullptr;                                    // IDA's
   const std::vector<Event>* events = nullptr;
 
   IdaSystem(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,

@@ -4,8 +4,8 @@
 #include <chrono>
 #include <cmath>
 
-#include "flexarm/check.hpp"
 #include "events.hpp"
+#include "flexarm/check.hpp"
 
 namespace flexarm {
 

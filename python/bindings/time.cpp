@@ -111,11 +111,11 @@ py::list event_rows(const Trajectory& r) {
 using Laws = std::vector<std::tuple<int, bool, py::object>>;
 using LoadLaws = std::vector<std::pair<Load, py::object>>;
 
-/// Runs integrate(drives, loads, events, alive) -> Trajectory without the interpreter's lock, looking around ten times a
-/// second: Ctrl-C, progress.
+/// Runs integrate(drives, loads, events, alive) -> Trajectory without the interpreter's lock, looking around ten times
+/// a second: Ctrl-C, progress.
 template <class Integrate>
-py::dict run(const Laws& drives, const LoadLaws& loads, const EventLaws& events, const std::function<void(double)>& alive,
-             const Integrate& integrate) {
+py::dict run(const Laws& drives, const LoadLaws& loads, const EventLaws& events,
+             const std::function<void(double)>& alive, const Integrate& integrate) {
   std::vector<Drive> laws;
   for (const auto& [coordinate, is_motion, law] : drives) laws.push_back(make_drive(coordinate, is_motion, law));
   std::vector<LoadDrive> wrenches;
@@ -190,8 +190,9 @@ void bind_time(py::module_& m) {
   m.def(
       "simulate_ida",
       [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
-         const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol, int max_order, const std::string& linear_solver,
-         bool composite, const std::function<void(double)>& alive, const LoadLaws& loads, const EventLaws& events) {
+         const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol, int max_order,
+         const std::string& linear_solver, bool composite, const std::function<void(double)>& alive,
+         const LoadLaws& loads, const EventLaws& events) {
         const LinearSolver solver = linear_solver == "dense"   ? LinearSolver::dense
                                     : linear_solver == "chain" ? LinearSolver::chain
                                                                : LinearSolver::automatic;

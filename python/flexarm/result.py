@@ -88,9 +88,7 @@ class Result:
         """Writes everything, the arm included, to one file (.npz) that `Result.load` reads."""
         kept = None if self.loads is None else len(self.loads)
         occurred = {
-            f"{name}_events_{k}": x
-            for name in "tqv"
-            for k, x in enumerate(getattr(self, f"{name}_events") or ())
+            f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())
         }
         about = {"arm": self.arm.to_dict(), "stats": self.stats, "loads": kept is None or kept, "status": self.status}
         about["events"] = None if self.t_events is None else len(self.t_events)
@@ -107,7 +105,7 @@ class Result:
                 about = json.loads(str(f["about"]))
                 arrays = {k: f[k] for k in ("t", "q", "v", "a", "tau")}
                 count = about.get("events")
-                events = {
+                events: dict[str, Any] = {
                     f"{name}_events": None if count is None else [f[f"{name}_events_{k}"] for k in range(count)]
                     for name in "tqv"
                 }

@@ -104,9 +104,9 @@ def simulate(
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative and absolute (in its unit).
         max_order: of IDA's backward differentiation formulas, 1 to 5. 2 is best when fast modes are present but
             quiet, because higher orders are unstable on undamped oscillation; 5 when they ring and must be followed.
-        linear_solver: of IDA: "dense" factors the exact Jacobian, O(N³) once in several steps; "chain" solves by GMRES
-            preconditioned with the elimination of articulated bodies, O(N); "auto" takes the one that is faster at
-            the arm's number of coordinates.
+        linear_solver: of IDA: "dense" factors the exact Jacobian, O(N³) once in several steps; "chain" eliminates like
+            articulated bodies, O(N), which leaves out gyroscopic and geometric stiffness, and repeats that within
+            GMRES where they matter; "auto" is "chain", the faster one at any number of links.
         step: of the fixed-step integrators (s): the longest step. Output times and samples of drives and loads are
             met exactly, by dividing what lies between two of them into equal steps, as few as `step` allows.
         spectral_radius: of "implicit": what is left after one step of a mode much too fast for the step, 0 to 1. 1

@@ -1,7 +1,7 @@
 // Variable-step, variable-order integration by SUNDIALS IDA on the inverse-dynamics residual
 //   [dq/dt - v; M(q) dv/dt + h(q, v) - tau] = 0
-// of the coordinates that are not prescribed. Its linear systems are solved with the exact Jacobian, or, on long arms, in
-// O(N) by GMRES preconditioned with AB's elimination.
+// of the coordinates that are not prescribed. Its linear systems are solved with the exact Jacobian, or, on long arms,
+// in O(N) by GMRES preconditioned with AB's elimination.
 #pragma once
 
 #include <vector>
@@ -15,9 +15,9 @@
 namespace flexarm {
 
 enum class LinearSolver {
-  automatic,  ///< by the number of coordinates
+  automatic,  ///< chain, which is the faster one at any number of links
   dense,      ///< exact Jacobian, factored: O(N^3) once in several steps
-  chain       ///< GMRES with the chain's own elimination as its preconditioner: O(N)
+  chain       ///< AB's elimination of M + C/cj + K/cj^2, within GMRES where it is not enough by itself: O(N)
 };
 
 struct IdaOptions {

@@ -31,8 +31,8 @@ struct Trajectory {
   using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   Rows q, v, a, tau;  ///< tau: applied forces, and the reactions of prescribed motions
   Eigen::Index done = 0;
-  double reached = 0.0;  ///< time reached (s)
-  std::string failure;   ///< empty when all is done
+  double reached = 0.0;          ///< time reached (s)
+  std::string failure;           ///< empty when all is done
   bool terminated = false;       ///< by a terminal event, at `reached`
   std::vector<EventLog> events;  ///< one per event
   SimulationStats stats;
