@@ -11,7 +11,8 @@ namespace flexarm {
 
 namespace {
 
-constexpr int kLook = 200;  // steps between two calls of `alive`
+constexpr int kLook = 200;          // steps between two calls of `alive`
+constexpr double kOneTime = 1e-13;  // parts of the time by which two zeros of one event are still one
 
 int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
   IdaSystem& s = *static_cast<IdaSystem*>(data);
@@ -140,7 +141,8 @@ void occurred(const Solver& solver, IdaSystem& s, double t, std::vector<int>& fo
   s.set(t, N_VGetArrayPointer(solver.y), nullptr);
   for (std::size_t k = 0; k < s.arm.size(); ++k) s.arm.link(k).joint().normalise(s.q.data() + s.arm.first_q(k));
   for (std::size_t k = 0; k < found.size(); ++k)
-    if (found[k] != 0) s.log(*s.events, k, t, out);
+    if (found[k] != 0 && (out.events[k].t.empty() || t - out.events[k].t.back() > kOneTime * std::abs(t)))
+      s.log(*s.events, k, t, out);
 }
 
 void count_work(void* memory, const IdaSystem& s, SimulationStats& stats) {
@@ -222,7 +224,8 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
       out.failure = reason(flag, s);
     } else {
       if (flag == IDA_ROOT_RETURN) occurred(solver, s, now, found, out);
-      if (now >= goal && (flag != IDA_ROOT_RETURN || out.terminated)) {
+      // a zero at an output time would be found again and again if that were asked for once more
+      if (now >= goal - (flag == IDA_ROOT_RETURN ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
         s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
         s.record(out, options.composite);
       }
