@@ -50,7 +50,8 @@ struct ImplicitOptions {
 /// Arnold & Bruels 2007): second order, unconditionally stable on linear vibration, O(N). Its equations
 ///   residual of inverse dynamics at t + h = 0
 /// are solved by Newton's iteration with the matrix of factor_shifted, which leaves out gyroscopic and geometric terms:
-/// they cost convergence of order h, not stability.
+/// it contracts by a factor of order h. Modes too fast for the step may be quiet or ring softly; where they are loud,
+/// with (h omega)^2 times their share of the bending not small, the iteration fails, and a smaller step is needed.
 class ImplicitStep final : public Step {
  public:
   /// @param h  step of operator() (s)
