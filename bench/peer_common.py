@@ -1,4 +1,4 @@
-"""The cases of bench/peers.py, and how its workers measure and report. Needs NumPy only: every peer's environment has it.
+"""The cases of bench/peers.py, and how its workers measure and report. Needs NumPy only, which every peer has.
 
 All cases are planar: joints turn about z, the tip's path is (x, y) in the world (m) at `Case.times`.
 """
@@ -124,8 +124,14 @@ def measure(simulate: Callable[[], Any], repeats: int = REPEATS) -> tuple[float,
 
 
 def report(kind: str, case: Case, method: str, setting: str, truth: str, path: Any, **more: Any) -> None:
-    """One line of JSON on stdout. `kind`: "run", or "truth", a converged path; `truth` names the mechanics that the path
-    is an answer of, `path` (outputs + 1, 2) may be None when the run failed."""
+    """One line of JSON on stdout.
+
+    Args:
+        kind: "run", or "truth" for a converged path.
+        truth: names the mechanics that the path is an answer of.
+        path: the tip's (outputs + 1, 2) in m; None when the run failed.
+        more: cpu_s, setup_s, converged (m), note.
+    """
     rows = None if path is None else np.asarray(path, dtype=float)
     if rows is not None and (rows.shape != (case.outputs + 1, 2) or not np.isfinite(rows).all()):
         rows = None

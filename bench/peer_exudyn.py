@@ -1,9 +1,9 @@
 """Worker of bench/peers.py: Exudyn's planar geometrically exact beam (quadratic elements) and its planar ANCF cable.
 
-Generalised-alpha, spectral radius 0.95, index 3, sparse solver, modified Newton with a loosened absolute tolerance: with
-the default, 1e-10, Newton fails on thin steel, and with 1e-6 on the 10 m beam. A driven beam has its first node's coordinates prescribed; motions and torques
-are Exudyn's symbolic functions, so that no step enters Python. Two links are made with geometrically exact beams only:
-ANCF nodes have no angle that a torque or an inertia could act on.
+Generalised-alpha, spectral radius 0.95, index 3, sparse solver, modified Newton with a loosened absolute tolerance:
+with the default, 1e-10, Newton fails on thin steel, and with 1e-6 on the 10 m beam. A driven beam has its first node's
+coordinates prescribed; motions and torques are Exudyn's symbolic functions, so that no step enters Python. Two links
+are made with geometrically exact beams only: ANCF nodes have no angle that a torque or an inertia could act on.
 """
 
 from __future__ import annotations
@@ -98,9 +98,7 @@ class Model:
         for k in range(elements):
             shared = dict(massPerLength=s.rhoA, crossSectionInertia=s.rhoI, bendingStiffness=s.EI)
             stiff = dict(axialStiffness=s.EA, shearStiffness=s.GA)
-            add(
-                eu.ObjectBeamGeometricallyExact2D(nodeNumbers=nodes[2 * k : 2 * k + 3], length=l, **shared, **stiff)
-            )
+            add(eu.ObjectBeamGeometricallyExact2D(nodeNumbers=nodes[2 * k : 2 * k + 3], length=l, **shared, **stiff))
         return nodes
 
     def _marker(self, node: int, coordinate: int) -> Any:
