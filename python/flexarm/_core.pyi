@@ -207,6 +207,7 @@ def simulate_fixed(
     integrator: str,
     step: float,
     spectral_radius: float,
+    stages: int,
     composite: bool,
     alive: Callable[[float], None] | None,
     loads: Sequence[tuple[Load, Any]],

@@ -16,7 +16,7 @@ from .drive import Motion, Torque
 from .load import Load, at_time
 from .result import Result
 
-INTEGRATORS = ("ida", "implicit", "rk4")
+INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
 
 
 class SimulationError(RuntimeError):
@@ -56,6 +56,7 @@ def simulate(
     max_order: int = 5,
     step: float | None = None,
     spectral_radius: float = 1.0,
+    stages: int = 4,
     progress: bool = False,
 ) -> Result:
     """Simulates an arm from t[0] and returns its state at every time of t.
@@ -73,16 +74,20 @@ def simulate(
         integrator: "ida": SUNDIALS IDA on the residual of inverse dynamics, variable step and order. "implicit":
             generalised-alpha, fixed step, second order, stable however stiff the elastic coordinates are, cost linear
             in the number of links; a soft stop that is to be hit needs steps below 0.3 sqrt(mass / limit_stiffness).
-            "rk4": classical Runge-Kutta, fixed step, fourth order, stable only while the step is below 2.83 over the
+            "gauss": Gauss collocation, fixed step, order 2 `stages`, as stable, symmetric in time; the most accurate
+            for its cost, and the state between its steps is interpolated, so that output times do not shorten them;
+            its matrices are dense, for arms of up to some tens of coordinates. "rk4": classical Runge-Kutta, fixed step, fourth order, stable only while the step is below 2.83 over the
             highest frequency.
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative and absolute (in its unit).
         max_order: of IDA's backward differentiation formulas, 1 to 5. 2 is best when fast modes are present but
             quiet, because higher orders are unstable on undamped oscillation; 5 when they ring and must be followed.
-        step: of the fixed-step integrators (s): the longest step. Output times and samples of drives and loads are
-            met exactly, by dividing what lies between two of them into equal steps, as few as `step` allows.
+        step: of the fixed-step integrators (s): the longest step. Samples of drives and loads, and but for "gauss"
+            output times, are met exactly, by dividing what lies between two of them into equal steps, as few as
+            `step` allows.
         spectral_radius: of "implicit": what is left after one step of a mode much too fast for the step, 0 to 1. 1
             (trapezoidal rule) keeps the energy of every mode; but modes too fast for the step, once struck by a jump
             of a force, ring on in the accelerations. At 0.9 they die out, at about the same accuracy.
+        stages: of "gauss", 1 to 4.
         progress: shows a progress bar on stderr, where that is a terminal.
 
     No step passes over a sample of a drive, nor over an output time where a drive is a callable: a pulse of a callable
@@ -96,7 +101,7 @@ def simulate(
     choice("method", method, METHODS)
     choice("integrator", integrator, INTEGRATORS)
     if integrator == "ida" and step is not None:
-        raise ValueError(f'step = {step}: is for integrator="implicit" or "rk4"; "ida" chooses its own steps')
+        raise ValueError(f'step = {step}: is for integrator="implicit", "gauss" or "rk4"; "ida" chooses its own steps')
     if integrator != "ida" and step is None:
         raise ValueError(f'step: integrator="{integrator}" needs it, in seconds, such as step=1e-3')
     if not isinstance(arm, Arm):
@@ -133,13 +138,14 @@ def simulate(
     wrenches = [(place, load.law) for place, load in zip(places, loads or (), strict=True)]
     rtol, atol, max_order = number("rtol", rtol), number("atol", atol), whole("max_order", max_order)
     h, spectral_radius = number("step", 0.0 if step is None else step), number("spectral_radius", spectral_radius)
+    stages = whole("stages", stages)
 
     def integrate(alive: Any = None) -> dict[str, Any]:
         motion = (arm._core, laws, times, state["q0"], state["v0"], state["tau"])
         ci = method == "ci"
         if integrator == "ida":
             return _core.simulate_ida(*motion, rtol, atol, max_order, ci, alive, wrenches)
-        return _core.simulate_fixed(*motion, integrator, h, spectral_radius, ci, alive, wrenches)
+        return _core.simulate_fixed(*motion, integrator, h, spectral_radius, stages, ci, alive, wrenches)
 
     if progress and sys.stderr.isatty():
         from rich.console import Console

@@ -31,6 +31,10 @@ class Step {
   /// @return when not ok, q and v are those of the step's beginning
   virtual Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                          const Given& given) = 0;
+  /// Whether `inside` knows the state within the last step; if not, steps must end where it is asked for.
+  virtual bool interpolates() const { return false; }
+  /// The state c h after the last step's beginning, 0 <= c <= 1, but for what is prescribed.
+  virtual void inside(double, Eigen::VectorXd&, Eigen::VectorXd&) const {}
   const Counts& counts() const { return counts_; }
 
  protected:
