@@ -6,7 +6,7 @@ import pytest
 from stability import chain
 
 # published.md, "Formulation stiffness": relative error of CI and of AB, at a state it does not tell. CI is met within
-# a factor of ten; so is AB but for the last link x 1e9, where this program's AB is some 50 times above the mark.
+# a factor of ten; so is AB, but for the last link x 1e9, where it is some 50 times above the mark: why is not known.
 PUBLISHED = [
     ("uniform", 64, 3.5e-11, 1.3e-14),
     ("last link x 1e6", 16, 2.3e-7, 7.4e-11),
