@@ -198,7 +198,6 @@ class Beam(_Part):
     kelvin_voigt: float = 0.0
     gauss_points: int | None = None
     _core: _core.Beam = field(init=False, repr=False, compare=False)
-    _turns: Any = field(default=None, init=False, repr=False, compare=False)  # of validity.py, when first asked for
 
     def __post_init__(self) -> None:
         self._set("length", number("length", self.length))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,30 +36,20 @@ class RangeWarning(UserWarning):
         return type(self), (str(self), self.link, self.time, self.rotation, self.limit)
 
 
-def _turns(beam: Beam, arm: Arm, link: int, first: int) -> Array:
-    """Rotation vector, integral of K from 0 to X, of a unit of each elastic coordinate, at places X: (nx, 3, ne)."""
-    if beam._turns is None:
-        pieces = max(8, 2 * max(beam.modes.values()))
-        edge = np.linspace(0.0, beam.length, pieces + 1)
-        unit = np.zeros((beam.ne, arm.nq))
-        unit[:, first : first + beam.ne] = np.eye(beam.ne)
-        shift = 0.5 / np.sqrt(3.0)  # Gauss's two points
-        K = [
-            sum(arm._core.strain(unit, link, float(a + (b - a) * s)) for s in (0.5 - shift, 0.5 + shift)) * (b - a) / 2
-            for a, b in itertools.pairwise(edge)
-        ]
-        beam._set("_turns", np.cumsum(K, axis=0)[:, :, :3].transpose(0, 2, 1))
-    turns: Array = beam._turns
+def _turns(beam: Beam) -> Array:
+    """Rotation vector, integral of K from 0 to X, of a unit of each elastic coordinate, at places X: (3 nx, ne)."""
+    places = max(8, 2 * max(beam.modes.values()))
+    turns: Array = beam._core.turns(np.linspace(0.0, beam.length, places + 1)[1:])
     return turns
 
 
-def _rotation(beam: Beam, turns: Array, qe: Array) -> Array:
+def rotation(beam: Beam, qe: Array, turns: Array | None = None) -> Array:
     """What LIMITS limits, at each row of qe (nt, ne): the largest rotation, b = a in a plane; with torsion, which moves
     nothing by itself, (b a^n)^(1/(n+1)) of the angle b of bending and the whole angle a, as the terms that order n
     leaves out have it."""
-    angles = (qe @ turns.reshape(-1, beam.ne).T).reshape(len(qe), -1, 3)
+    angles = (qe @ (_turns(beam) if turns is None else turns).T).reshape(len(qe), -1, 3)
     whole, bending = np.linalg.norm(angles, axis=2), np.linalg.norm(angles[:, :, 1:], axis=2)
-    n = max(int(beam.order), 1)
+    n = 1 if beam.order in (0, "exact") else int(beam.order)
     out: Array = ((bending * whole**n) ** (1.0 / (n + 1))).max(axis=1)
     return out
 
@@ -74,14 +63,17 @@ def out_of_range(arm: Arm, t: Array, q: Array) -> RangeWarning | None:
             continue
         first = arm._core.first_q(k) + link.joint.nq
         qe, limit = q[:, first : first + beam.ne], LIMITS[int(beam.order)]
-        turns = _turns(beam, arm, k, first)
-        if np.abs(qe).max(axis=0, initial=0.0) @ np.linalg.norm(turns, axis=1).max(axis=0) <= limit:
+        turns = _turns(beam)
+        if (
+            np.abs(qe).max(axis=0, initial=0.0) @ np.linalg.norm(turns.reshape(-1, 3, beam.ne), axis=1).max(axis=0)
+            <= limit
+        ):
             continue
-        rotation = _rotation(beam, turns, qe)
-        past = np.flatnonzero(~(rotation <= limit))
+        angle = rotation(beam, qe, turns)
+        past = np.flatnonzero(~(angle <= limit))
         if past.size:
             others += 1
-            found = (float(rotation.max()) / limit, k, float(t[past[0]]), float(rotation.max()), limit, beam.order)
+            found = (float(angle.max()) / limit, k, float(t[past[0]]), float(angle.max()), limit, beam.order)
             worst = found if worst is None else max(worst, found)
     if worst is None:
         return None

@@ -11,6 +11,7 @@ import flexarm as fa
 import mpmath
 import numpy as np
 from arms import paper_link
+from flexarm.validity import rotation
 from scipy import linalg
 
 CRITICAL = 20.948766  # rad/s: the first clamped-free frequency of the paper's link, without rotary inertia
@@ -50,15 +51,12 @@ def growth_at_speed(order: int | str, speed: float, time: float = 1.0) -> tuple[
 def spin_up(order: int | str, speed: float, time: float = 0.5, samples: int = 201) -> tuple[np.ndarray, float]:
     """Path of the tip (nt, 3) of the paper's link in a spin-up, by its length, and the largest rotation of a section
     (rad) that RangeWarning's measure finds."""
-    from flexarm.validity import _rotation, _turns
-
     arm = paper_link(order, 5, "legendre")
     beam = arm.links[0].beam
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fa.RangeWarning)
         r = fa.simulate(arm, np.linspace(0, time, samples), drive={0: fa.Motion.spin_up(speed, time)}, max_order=2)
-    measured = paper_link(1, 5, "legendre").links[0].beam  # in a plane the measure is the same at every order
-    return r.tip_deflection() / beam.length, float(_rotation(measured, _turns(measured, arm, 0, 1), r.q[:, 1:]).max())
+    return r.tip_deflection() / beam.length, float(rotation(beam, r.q[:, 1:]).max())
 
 
 # -- shape functions and eigenvalues ----------------------------------------------------------------------------------
@@ -154,8 +152,6 @@ LOADS = {  # static loads of size P on the unit beam
 def static_error(order: int, load: str, sizes: np.ndarray) -> np.ndarray:
     """Rows (rotation (rad) that RangeWarning's measure finds, distance of the tip from where "exact" has it, by the
     length) for loads of these sizes; shorter where an order finds no equilibrium."""
-    from flexarm.validity import _rotation, _turns
-
     arm, exact = clamped({"bending_y": 8}, order, fa.RigidBody(1e-9)), clamped({"bending_y": 8}, "exact")
     beam = arm.links[0].beam
     q, truth, rows = arm.zero, exact.zero, []
@@ -164,6 +160,5 @@ def static_error(order: int, load: str, sizes: np.ndarray) -> np.ndarray:
             q, truth = arm.equilibrium(q, loads=LOADS[load](P)), exact.equilibrium(truth, loads=LOADS[load](P))
         except ValueError:
             break
-        angle = _rotation(beam, _turns(beam, arm, 0, 0), q[None])[0]
-        rows.append((angle, np.linalg.norm(arm.frame(q)[0] - exact.frame(truth)[0])))
+        rows.append((rotation(beam, q[None])[0], np.linalg.norm(arm.frame(q)[0] - exact.frame(truth)[0])))
     return np.array(rows).reshape(-1, 2)

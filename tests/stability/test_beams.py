@@ -148,3 +148,12 @@ def test_the_check_costs_next_to_nothing() -> None:
         assert out_of_range(r.arm, r.t, r.q) is None
         least = min(least, perf_counter() - began)
     assert least < 0.05 * r.stats["wall_time"]
+
+
+def test_the_rotation_is_the_integral_of_the_strains() -> None:
+    modes = {"bending_y": 2, "bending_z": 3, "torsion": 2, "shear_y": 1}
+    arm = beams.clamped(modes, 1, rotary_inertia=True)
+    x, w = np.polynomial.legendre.leggauss(12)
+    at = 0.4
+    K = sum(at / 2 * w_ * arm.strain(np.eye(arm.nq), 0, at * (x_ + 1) / 2)[:, :3] for x_, w_ in zip(x, w, strict=True))
+    np.testing.assert_allclose(arm.links[0].beam._core.turns([at]), K.T, atol=1e-14)
