@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,6 +16,7 @@ from .arm import METHODS, Arm
 from .drive import Motion, Torque
 from .load import Load, at_time
 from .result import Result
+from .validity import out_of_range
 
 INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
 
@@ -97,6 +99,9 @@ def simulate(
         ValueError: bad arguments.
         SimulationError: the integrator could not go on; it holds the time reached and the result so far.
         SimulationInterrupted: (a KeyboardInterrupt) Ctrl-C; it holds the same.
+
+    Warns:
+        RangeWarning: a beam bent further than its order is good for, at the output times.
     """
     choice("method", method, METHODS)
     choice("integrator", integrator, INTEGRATORS)
@@ -170,6 +175,10 @@ def simulate(
     result = Result(arm, times[:done], out["q"], out["v"], out["a"], out["tau"], out["stats"], tuple(loads or ()))
     if out["failure"] == "interrupted":
         raise SimulationInterrupted(f"interrupted at t = {out['reached']:.9g} s", out["reached"], result)
+    beyond = out_of_range(arm, result.t, result.q)
     if out["failure"]:
-        raise SimulationError(f"stopped at t = {out['reached']:.9g} s: {out['failure']}", out["reached"], result)
+        message = f"stopped at t = {out['reached']:.9g} s: {out['failure']}"
+        raise SimulationError(f"{message} ({beyond})" if beyond else message, out["reached"], result)
+    if beyond:
+        warnings.warn(beyond, stacklevel=2)
     return result
