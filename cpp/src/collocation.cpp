@@ -148,6 +148,7 @@ bool CollocationStep::factor(double h) {
 
 Status CollocationStep::iterate(double h, Workspace& ws) {
   const Eigen::Index n = M_.rows();
+  if (n == 0) return Status::ok;  // everything is prescribed
   const double fall = h * arm_->gravity().norm();
   double last = 0.0;
   bool anew = !fresh_ || contraction_ > kSlow;

@@ -58,14 +58,14 @@ void bind_model(py::module_& m) {
       .def(
           "turns",  // integral of K1, K2, K3 from 0 to each place, by coordinate: 3 rows a place
           [](const Beam& b, const Eigen::VectorXd& x) {
-            const auto& modes = b.options().modes;
             Rows out = Rows::Zero(3 * x.size(), b.ne());
-            for (Eigen::Index p = 0; p < x.size(); ++p) {
-              const auto slope = [&](int s) { return shapes(b.options().basis, s, modes[s], b.length(), x[p]).slope; };
-              out.row(3 * p + 2).segment(0, modes[bending_y]) = slope(bending_y);
-              out.row(3 * p + 1).segment(modes[bending_y], modes[bending_z]) = -slope(bending_z);
-              out.row(3 * p).segment(modes[bending_y] + modes[bending_z], modes[torsion]) = slope(torsion);
-            }
+            for (Eigen::Index p = 0; p < x.size(); ++p)
+              for (int s = 0; s < kStrains; ++s) {
+                const StrainField& f = kStrainFields[s];
+                if (f.rotation < 0) continue;
+                const Eigen::VectorXd slope = b.shapes(s).at(x[p]).slope;
+                out.row(3 * p + f.rotation).segment(b.first(s), slope.size()) = f.sign * slope.transpose();
+              }
             return out;
           },
           py::arg("x"))

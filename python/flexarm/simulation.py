@@ -78,8 +78,8 @@ def simulate(
             in the number of links; a soft stop that is to be hit needs steps below 0.3 sqrt(mass / limit_stiffness).
             "gauss": Gauss collocation, fixed step, order 2 `stages`, as stable, symmetric in time; the most accurate
             for its cost, and the state between its steps is interpolated, so that output times do not shorten them;
-            its matrices are dense, for arms of up to some tens of coordinates. "rk4": classical Runge-Kutta, fixed step, fourth order, stable only while the step is below 2.83 over the
-            highest frequency.
+            its matrices are dense, for arms of up to some tens of coordinates. "rk4": classical Runge-Kutta, fixed
+            step, fourth order, stable only while the step is below 2.83 over the highest frequency.
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative and absolute (in its unit).
         max_order: of IDA's backward differentiation formulas, 1 to 5. 2 is best when fast modes are present but
             quiet, because higher orders are unstable on undamped oscillation; 5 when they ring and must be followed.

@@ -38,7 +38,7 @@ class RangeWarning(UserWarning):
 
 def _turns(beam: Beam) -> Array:
     """Rotation vector, integral of K from 0 to X, of a unit of each elastic coordinate, at places X: (3 nx, ne)."""
-    places = max(8, 2 * max(beam.modes.values()))
+    places = max(8, 2 * max(beam.counts.values()))
     turns: Array = beam._core.turns(np.linspace(0.0, beam.length, places + 1)[1:])
     return turns
 
