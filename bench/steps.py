@@ -43,6 +43,9 @@ def spin_up(arm: fa.Arm) -> list[dict[str, object]]:
         for rho in (1.0, 0.9, 0.5):
             choices.append((f"implicit, ρ = {rho:g}", h, {"integrator": "implicit", "step": h, "spectral_radius": rho}))
         choices.append(("rk4", h, {"integrator": "rk4", "step": h}))
+    for h in (0.1, 0.05, 0.025, 0.0125, 6.25e-3, 3.125e-3):
+        for n in (2, 3, 4):
+            choices.append((f"gauss, {n} stages", h, {"integrator": "gauss", "step": h, "stages": n}))
     rows = []
     for name, setting, options in choices:
         best = np.inf
