@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 
 _MARKERS, _DASHES = ("o", "s", "^", "D", "v", "P", "*"), ("-", "--", "-.", ":")
 _COLOURS = (*PALETTE, "#8C564B", "#6B6B6B", "#17A2A2", "#A0A000")
+
+
+def _style(choice: str) -> dict[str, Any]:
+    k = list(CHOICES).index(choice)
+    return {"marker": _MARKERS[k % len(_MARKERS)], "linestyle": _DASHES[k % len(_DASHES)], "lw": 1.2, "ms": 5}
 
 
 def _lines(chart: Chart) -> dict[tuple[str, str, str], list[Row]]:
@@ -41,16 +46,13 @@ def plot_chart(chart: Chart) -> Figure:
     busy = [m for m in dict.fromkeys(k[0] for k in lines) if sum(len(v) for k, v in lines.items() if k[0] == m) > 1]
     quick = sorted(busy, key=lambda m: min(r.time for k, v in lines.items() for r in v if k[0] == m))
     colours = {m: _COLOURS[i % len(_COLOURS)] for i, m in enumerate(quick)}
-    names = list(CHOICES)
     for (model, choice, method), rows in lines.items():
         if method != "ab" and all(d <= 1e-9 for d, _ in chart.methods.values()):
             continue
-        k = names.index(choice)
         y = [max(r.error or 0.0, floor) for r in rows]
-        style = {"marker": _MARKERS[k % len(_MARKERS)], "linestyle": _DASHES[k % len(_DASHES)]}
         colour = colours.get(model, "#AAAAAA")
         face = colour if method == "ab" else "white"
-        ax.plot([r.time for r in rows], y, color=colour, lw=1.2, ms=5, mfc=face, alpha=0.85, **style)
+        ax.plot([r.time for r in rows], y, color=colour, mfc=face, alpha=0.85, **_style(choice))
     front = chart.front
     x, y = [r.time for r in front], [max(r.error or 0.0, floor) for r in front]
     ax.plot(x, y, color=INK, lw=2.2, drawstyle="steps-post", zorder=1, alpha=0.55)
@@ -73,10 +75,8 @@ def plot_chart(chart: Chart) -> Figure:
     handles = [Line2D([], [], color=c, lw=3, label=m) for m, c in colours.items()]
     if any(k[0] not in colours for k in lines):
         handles.append(Line2D([], [], color="#AAAAAA", marker=".", ls="", ms=10, label="beaten models"))
-    for k, name in enumerate(names):
-        if any(key[1] == name for key in lines):
-            style = {"marker": _MARKERS[k % len(_MARKERS)], "linestyle": _DASHES[k % len(_DASHES)]}
-            handles.append(Line2D([], [], color=INK, lw=1.2, ms=5, label=name, **style))
+    used = {choice for _, choice, _ in lines}
+    handles += [Line2D([], [], color=INK, label=name, **_style(name)) for name in CHOICES if name in used]
     handles.append(Line2D([], [], color=INK, marker="o", ms=10, mfc="none", lw=2.2, alpha=0.7, label="Pareto front"))
     ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=9)
     partial = "" if chart.complete else " (partial: interrupted)"

@@ -14,7 +14,7 @@ from .link import Link
 from .model import Beam
 from .result import Result
 from .scene import Scene
-from .simulation import INTEGRATORS, SimulationError, SimulationInterrupted, simulate
+from .simulation import INTEGRATORS, SimulationError, simulate
 
 ORDERS: tuple[int | str, ...] = (0, 1, 2, 3, "exact")  # from poor to rich
 QUANTITIES = ("tip", "joint", "strain")
@@ -240,8 +240,6 @@ def timed(scene: Scene, row: Row, quantity: str, deadline: float, tell: Any) -> 
         assert result is not None
         with np.errstate(all="ignore"):
             row.values = quantity_of(scene, result, quantity)
-    except SimulationInterrupted as e:
-        raise KeyboardInterrupt from e
     except OutOfTime:
         row.status, row.reason = "skipped", "ran out of its share of the budget"
         return
