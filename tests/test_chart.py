@@ -132,7 +132,7 @@ def test_rk4_beyond_its_limit_is_a_row_with_a_reason(chart: fa.Chart) -> None:
     failed = chart.with_status("failed")
     assert failed and all(r.choice == "rk4" and "ran away" in r.reason and r.error is None for r in failed)
     assert any(r.choice == "rk4" and r.value < min(f.value for f in failed) for r in chart.with_status("ok"))
-    assert failed[0].label in chart.table()
+    assert f"{failed[0].label.removesuffix(' s')}" in chart.table()
 
 
 def test_ab_and_ci_are_compared_once(chart: fa.Chart) -> None:
@@ -168,7 +168,7 @@ def test_the_budget_is_kept(path: Path) -> None:
     chart = fa.chart(path, budget=0.3)
     assert time.perf_counter() - start < 1.0
     skipped = chart.with_status("skipped")
-    assert skipped and all(r.reason and r.error is None for r in skipped) and "skipped for the budget" in str(chart)
+    assert skipped and all(r.reason and r.error is None for r in skipped) and "for the budget" in str(chart)
     assert chart.complete and chart.truth is not None and chart.front
 
 
@@ -177,7 +177,7 @@ def test_a_run_longer_than_the_budget_is_given_up() -> None:
     start = time.perf_counter()
     chart = fa.chart(fa.Scene(arm, t=np.linspace(0, 1e4, 1001)), budget=0.5)
     assert time.perf_counter() - start < 3.0 and chart.truth is None and "No truth" in str(chart)
-    assert chart.with_status("skipped") and not chart.with_status("ok")
+    assert chart.with_status("cut") and not chart.with_status("ok")
 
 
 @pytest.mark.parametrize("calls", [2, 12])

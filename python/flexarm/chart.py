@@ -6,6 +6,7 @@ import contextlib
 import csv
 import json
 import math
+import platform
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ._check import choice, number
+from ._core import __version__
 from .ladder import QUANTITIES, Row, scene_of
 from .scene import Scene, load
 from .walk import Walk, best
@@ -60,7 +62,7 @@ class Chart:
     Attributes:
         scene: the scene.
         quantity: "tip", "joint" or "strain".
-        rows: every run, also those that failed or were skipped, with the reason.
+        rows: every run, also those that failed, were skipped or cut off, with the reason.
         truth: the truth, or None if no run came to an end.
         methods: by integrator, distance of method "ci" from "ab", and its time over that of "ab".
         complete: False after Ctrl-C.
@@ -83,7 +85,7 @@ class Chart:
         return self.table()
 
     def with_status(self, status: str) -> list[Row]:
-        """The rows that are "ok", "failed" or "skipped"."""
+        """The rows that are "ok", "failed", "skipped" or "cut"."""
         return [r for r in self.rows if r.status == status]
 
     @property
@@ -141,6 +143,7 @@ class Chart:
         return {
             "scene": self.scene.name,
             "quantity": self.quantity,
+            "made_with": f"flexarm {__version__}, {platform.machine()}, Python {platform.python_version()}",
             "complete": self.complete,
             "budget": self.budget,
             "used": self.used,

@@ -42,6 +42,8 @@ def _truth(truth: Truth) -> list[str]:
         else:
             cut = "; exact cuts nothing off" if name == "order" and row.model.order == "exact" else ""
             lines.append(f"  {d:7.1e}  from the next in {word} ({truth.poorer[name]}{cut})")
+    if truth.uncertainty > 1e-2:
+        lines.append("It is NOT CONVERGED: errors below say little. Give more budget, a shorter scene, or more modes.")
     return lines
 
 
@@ -96,18 +98,24 @@ def _methods(chart: Chart) -> list[str]:
 
 
 def _left_out(rows: list[Row], word: str) -> list[str]:
-    if not rows:
-        return []
-    lines = [f"{len(rows)} {word}:"]
-    lines += [f"  {r.label}: {r.reason}" for r in rows[:_SHOWN]]
-    if len(rows) > _SHOWN:
-        lines.append(f"  and {len(rows) - _SHOWN} more, in chart.csv")
+    """One line for each model and integrator, its settings together."""
+    groups: dict[tuple[str, str, str], list[Row]] = {}
+    for r in rows:
+        groups.setdefault((r.model.label, r.choice, r.setting), []).append(r)
+    lines = [f"{len(rows)} {word}:"] if rows else []
+    for (model, choice, setting), some in list(groups.items())[:_SHOWN]:
+        reason = some[0].reason
+        short = reason if len(reason) <= 80 else reason[:78].rsplit(" ", 1)[0] + " ..."
+        values = ", ".join(f"{r.value:.3g}" for r in some)
+        lines.append(f"  {model}, {choice}, {setting} {values}{' s' * (setting == 'step')}: {short}")
+    if len(groups) > _SHOWN:
+        lines.append(f"  and {sum(map(len, list(groups.values())[_SHOWN:]))} more, in chart.csv")
     return lines
 
 
 def table(chart: Chart) -> str:
     """See Chart.table."""
-    done, failed, skipped = (chart.with_status(s) for s in ("ok", "failed", "skipped"))
+    done, failed, skipped, cut = (chart.with_status(s) for s in ("ok", "failed", "skipped", "cut"))
     lines = []
     if not chart.complete:
         lines.append("PARTIAL: interrupted; this is what was done until then.")
@@ -129,5 +137,5 @@ def table(chart: Chart) -> str:
     if beaten:
         lines.append(f"{len(beaten)} lines ended where another choice has no more error in a third of the time.")
     lines += _left_out(failed, "failed")
-    lines += _left_out([r for r in skipped if r not in beaten], "skipped for the budget")
+    lines += _left_out([*cut, *(r for r in skipped if r not in beaten)], "skipped or cut off for the budget")
     return "\n".join(lines)

@@ -65,15 +65,15 @@ class Model:
 
 @dataclass(eq=False)
 class Row:
-    """One run, or one that failed or was skipped.
+    """One run, or one that failed, was skipped or was cut off.
 
     Attributes:
         model: the model; `order`, `modes` and `shift` are its.
         choice: the integrator's line in the chart, a key of CHOICES.
         value: its rtol, or its step (s).
         method: "ab" or "ci", for the accelerations at the output times.
-        status: "ok", "failed" or "skipped"; `reason` says why.
-        time: wall time of the integration (s), best of `runs`; predicted if skipped.
+        status: "ok", "failed", "skipped" (not begun) or "cut" (given up for the budget); `reason` says why.
+        time: wall time of the integration (s), best of `runs`; predicted if skipped, spent if cut.
         error: largest distance from the truth over the quantity's span; None if not known.
         absolute: the same by unit, such as {"m": 1e-5}.
         steps, evaluations: of the integrator.
@@ -228,6 +228,7 @@ def timed(scene: Scene, row: Row, quantity: str, deadline: float, tell: Any) -> 
             raise OutOfTime
 
     s = scene_of(scene, row)
+    started = time.perf_counter()
     spent, best, result = 0.0, np.inf, None
     try:
         while row.runs < _REPEATS and spent < _LONG and (result is None or time.perf_counter() + best < deadline):
@@ -241,7 +242,8 @@ def timed(scene: Scene, row: Row, quantity: str, deadline: float, tell: Any) -> 
         with np.errstate(all="ignore"):
             row.values = quantity_of(scene, result, quantity)
     except OutOfTime:
-        row.status, row.reason = "skipped", "ran out of its share of the budget"
+        row.status, row.time = "cut", time.perf_counter() - started
+        row.reason = f"given up after {row.time:.2g} s, its share of the budget"
         return
     except (SimulationError, ValueError) as e:
         row.status, row.reason = "failed", str(e)

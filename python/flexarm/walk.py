@@ -96,25 +96,30 @@ class Walk:
 
     def predict(self, row: Row) -> float:
         """Wall time (s) of a run, from those like it; 0 if there are none."""
-        done = [r for r in self.rows if r.status == "ok" and r.choice == row.choice]
+        nv = row.model.arm.nv
+        like = [r for r in self.rows if r.choice == row.choice]
+        # where an easier one was cut off, this one takes at least as long
+        cut = [r.time for r in like if r.status == "cut" and r.value >= row.value and r.model.arm.nv <= nv]
+        done = [r for r in like if r.status == "ok"]
         own = [r for r in done if r.model is row.model]
         if own:
             near = min(own, key=lambda r: abs(np.log(r.value / row.value)))
             growth = near.value / row.value  # as the number of steps, but for a method of order p by its 1 / (p + 1)
             order = row.options(self.scene).get("max_order", 5) if row.setting == "rtol" else 0
-            return float(near.time * growth ** (1 / (1 + order)))
-        same = [r.time * (row.model.arm.nv / max(1, r.model.arm.nv)) ** 2 for r in done if r.value == row.value]
-        return max(same, default=0.0)
+            return max([*cut, float(near.time * growth ** (1 / (1 + order)))])
+        rank = self.orders.index(row.model.order)
+        above = [r for r in done if r.value == row.value and self.orders.index(r.model.order) >= rank]
+        return max([*cut, min((r.time * (nv / max(1, r.model.arm.nv)) ** 2 for r in above), default=0.0)])
 
     def find(self, model: Model, choice: str, value: float, method: str) -> Row | None:
         """This run, if it was made before."""
         for row in self.rows:
             same = row.model is model and row.choice == choice and row.value == value and row.method == method
-            if same and row.status != "skipped":
+            if same and row.status in ("ok", "failed"):
                 return row
         return None
 
-    def run(self, model: Model, choice: str, value: float, share: float = 1.0, method: str = "ab") -> Row:
+    def run(self, model: Model, choice: str, value: float, share: float, method: str = "ab") -> Row:
         """This run, made now unless it was made before, or is predicted to take more than its share of the budget."""
         known = self.find(model, choice, value, method)
         if known is not None:
@@ -124,7 +129,11 @@ class Walk:
         guess = self.predict(row)
         if allowed <= 0 or guess > allowed:
             row.status, row.time = "skipped", guess
-            row.reason = "the budget is used up" if allowed <= 0 else f"predicted {guess:.2g} s of {allowed:.2g} s left"
+            row.reason = (
+                "the budget is used up"
+                if allowed <= 0
+                else f"predicted {guess:.2g} s, of {allowed:.2g} s that it may take"
+            )
         else:
             self.tell(self.used, row.label)
             deadline = time.perf_counter() + allowed
@@ -163,7 +172,7 @@ class Walk:
             failures = 0
             for value in self.settings(choice, _REFERENCE):
                 row = self.run(model, choice, value, _FIRST if before is None else _NEXT)
-                if row.status == "skipped":
+                if row.status in ("skipped", "cut"):
                     break
                 if row.values is None:
                     failures += 1
@@ -194,13 +203,13 @@ class Walk:
         choice, value, rich = self.truth.choice, self.truth.value, self.truth.model
         orders = self.orders[: self.orders.index(rich.order) + 1]
         shifts = self.shifts[: self.shifts.index(rich.shift) + 1]
-        at_order = [self.run(self.model(order, rich.shift), choice, value) for order in reversed(orders)]
+        at_order = [self.run(self.model(order, rich.shift), choice, value, _FIRST) for order in reversed(orders)]
         if len(at_order) > 1:
             self.poorer["order"] = at_order[1]
         rows = list(at_order)
         for row in best(r for r in at_order if r.status == "ok"):
             for shift in reversed(shifts[:-1]):
-                fewer = self.run(self.model(row.model.order, shift), choice, value)
+                fewer = self.run(self.model(row.model.order, shift), choice, value, _FIRST)
                 rows.append(fewer)
                 if row.model is rich and shift == shifts[-2]:
                     self.poorer["modes"] = fewer
@@ -208,7 +217,7 @@ class Walk:
                     break
         own = self.own_model()
         if own is not None:
-            rows.append(self.run(own, choice, value))
+            rows.append(self.run(own, choice, value, _FIRST))
         found = {r.model: r for r in best(rows) if r.error is not None and r.error <= _WORST}
         found |= {r.model: r for r in rows if r.model is own and r.error is not None}
         by_time = sorted(found.values(), key=lambda r: r.time)
@@ -257,8 +266,10 @@ class Walk:
                 )
                 self.rows.append(row)
                 return
-            row = self.run(model, choice, float(value), method=method)
-            if row.status == "skipped":
+            good = min((r.time for r in self.rows if r.error is not None and r.error <= floor), default=np.inf)
+            enough = (patience * good + 0.1) / self.budget  # what takes longer than that would be beaten, too
+            row = self.run(model, choice, float(value), min(_NEXT, enough), method)
+            if row.status in ("skipped", "cut"):
                 return
             if row.error is None:
                 failures += 1
