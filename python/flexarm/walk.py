@@ -69,7 +69,7 @@ class Walk:
         return time.perf_counter() - self.started
 
     def __call__(self) -> None:
-        """The whole walk: truth, orders, modes, then integrators and their settings."""
+        """The whole walk: truth, orders, modes, integrators and their settings, and the close calls again."""
         if not self.reference():
             return
         survivors = self.rank()
@@ -78,6 +78,7 @@ class Walk:
             for choice in CHOICES:
                 for method in methods.get(choice, ("ab",)):
                     self.line(model, choice, floor, method)
+        self.settle()
 
     def model(self, order: int | str, shift: int) -> Model:
         key = order, shift
@@ -151,6 +152,15 @@ class Walk:
         if not row.error < _AWAY:
             row.status, row.reason = "failed", f"the motion ran away, to {row.error:.1e} times the span"
             row.error, row.absolute = None, {}
+
+    def again(self, row: Row) -> None:
+        """Times a row once more and keeps its best time, if the budget allows."""
+        left = self.budget - self.used
+        if 1.5 * row.time < left:
+            other = Row(row.model, row.choice, row.value, row.method)
+            ladder.timed(self.scene, other, self.quantity, time.perf_counter() + left, lambda: None)
+            if other.status == "ok":
+                row.time, row.runs = min(row.time, other.time), row.runs + other.runs
 
     # -- stages ------------------------------------------------------------------------------------------------------
 
@@ -243,9 +253,7 @@ class Walk:
                 break
             d = ladder.distance(ci.values, ab.values, self.span)[0]
             for row in (ab, ci):  # once more in turn, so that a busy moment does not pass for a difference
-                again = Row(model, choice, value, row.method)
-                ladder.timed(self.scene, again, self.quantity, time.perf_counter() + 2 * row.time + 1, lambda: None)
-                row.time = min(row.time, again.time) if again.status == "ok" else row.time
+                self.again(row)
             self.methods[choice] = d, ci.time / ab.time
             return ("ab", "ci") if d > 1e-9 else ("ab",)
         return ("ab",)
@@ -280,3 +288,11 @@ class Walk:
             lowest = min(lowest, row.error)
             if row.error <= floor or stale == 3:
                 return
+
+    def settle(self) -> None:
+        """Times the rows on or near the front once more, so that a busy moment does not decide between them."""
+        graded = [(r, r.error) for r in self.rows if r.error is not None and r is not self.truth]
+        for row, error in graded:
+            if not any(e <= error and 1.5 * r.time < row.time for r, e in graded):
+                self.tell(self.used, f"again: {row.label}")
+                self.again(row)
