@@ -23,7 +23,7 @@ joint = { type = "revolute", axis = "z" }
 tip = { mass = 0.05 }
 [link.beam]
 length = 0.5
-section = { type = "rectangle", y = 0.002, z = 0.02 }
+section = { type = "rectangle", y = 0.001, z = 0.02 }
 material = { density = 7850, youngs_modulus = 209e9, poisson_ratio = 0.3 }
 modes = { bending_y = 1 }
 [simulation]

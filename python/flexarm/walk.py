@@ -291,7 +291,7 @@ class Walk:
 
     def settle(self) -> None:
         """Times the rows on or near the front once more, so that a busy moment does not decide between them."""
-        graded = [(r, r.error) for r in self.rows if r.error is not None and r is not self.truth]
+        graded = [(r, max(r.error, _FINEST)) for r in self.rows if r.error is not None and r is not self.truth]
         for row, error in graded:
             if not any(e <= error and 1.5 * r.time < row.time for r, e in graded):
                 self.tell(self.used, f"again: {row.label}")
