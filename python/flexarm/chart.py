@@ -33,7 +33,7 @@ class Truth:
         row: the run: the richest model, at a tolerance that no longer matters.
         span: by unit, the largest range of any one component of the quantity.
         modes, order, tolerance: distance over the span between this run and the next-richest in modes (one less
-            for each strain), in order, and in tolerance (or step); None where there is none.
+            for each strain), in order, and in tolerance (or step); None where there is none, inf if it was not run.
         poorer: what those next-richest runs are, in words.
     """
 
@@ -41,7 +41,7 @@ class Truth:
     span: dict[str, float]
     modes: float | None
     order: float | None
-    tolerance: float | None
+    tolerance: float
     poorer: dict[str, str]
 
     @property
@@ -99,7 +99,7 @@ class Chart:
 
     @property
     def _least(self) -> float:
-        return (self.truth.tolerance or 0.0) if self.truth else 0.0
+        return self.truth.tolerance if self.truth and math.isfinite(self.truth.tolerance) else 0.0
 
     @property
     def front(self) -> list[Row]:
@@ -240,10 +240,12 @@ def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "t
         raise ValueError(f"scene: cannot be run at any order, with any integrator: {failed[0].reason}")
     truth = None
     if walk.truth is not None:
-        poorer = {name: row.model.label for name, row in walk.poorer.items()}
+        poorer = {name: row.model.label for name, row in walk.poorer.items() if row.error is not None}
         if walk.looser is not None:
             poorer["tolerance"] = f"{walk.looser.setting} {walk.looser.value:.3g}"
-        found = {name: row.error for name, row in walk.poorer.items()}
-        tolerance = walk.tolerance if walk.looser is not None else None
-        truth = Truth(walk.truth, walk.span, found.get("modes"), found.get("order"), tolerance, poorer)
+        modes, order = (
+            None if len(ladder) == 1 else walk.poorer[name].error if name in poorer else math.inf
+            for name, ladder in (("modes", walk.shifts), ("order", walk.orders))
+        )
+        truth = Truth(walk.truth, walk.span, modes, order, walk.tolerance, poorer)
     return Chart(scene, quantity, walk.rows, truth, walk.methods, complete, budget, walk.used)

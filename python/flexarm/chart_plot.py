@@ -57,11 +57,12 @@ def plot_chart(chart: Chart) -> Figure:
     x, y = [r.time for r in front], [max(r.error or 0.0, floor) for r in front]
     ax.plot(x, y, color=INK, lw=2.2, drawstyle="steps-post", zorder=1, alpha=0.55)
     ax.plot(x, y, "o", ms=11, mfc="none", mec=INK, mew=1.4, zorder=5)
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylim(top=min(10.0, ax.get_ylim()[1]))
-    unsure = chart.truth.uncertainty if chart.truth else 0.0
-    if unsure > ax.get_ylim()[0]:
+    if lines:
+        ax.set_xscale("log")
+        ax.set_yscale("log")
+        ax.set_ylim(top=min(10.0, ax.get_ylim()[1]))
+    unsure = chart.truth.uncertainty if chart.truth else np.inf
+    if lines and ax.get_ylim()[0] < unsure < np.inf:
         ax.axhspan(ax.get_ylim()[0], unsure, color="#EEEEEE", zorder=0)
         note = f"the truth is known to {unsure:.1e}"
         ax.text(0.01, unsure, note, transform=ax.get_yaxis_transform(), va="top", fontsize=9, color=INK)
@@ -82,6 +83,6 @@ def plot_chart(chart: Chart) -> Figure:
     partial = "" if chart.complete else " (partial: interrupted)"
     spans = ", ".join(f"{s:.3g} {u}" for u, s in chart.truth.span.items()) if chart.truth else ""
     ax.set_title(f"{chart.scene.name}: {chart.quantity}, span {spans}{partial}", fontsize=11, fontweight="bold")
-    if not len(front) or not np.isfinite(y).all():
+    if not lines:
         ax.text(0.5, 0.5, "nothing to compare yet", transform=ax.transAxes, ha="center", color=INK)
     return fig

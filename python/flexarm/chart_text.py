@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -37,8 +38,9 @@ def _truth(truth: Truth) -> list[str]:
     lines = [f"Truth: {row.label}. Over the span, it is"]
     for name, word in (("modes", "fewer modes"), ("order", "lower order"), ("tolerance", "looser " + row.setting)):
         d = getattr(truth, name)
-        if d is None:
-            lines.append(f"  {'?':>7}  from the next in {word}: there is none, or it was not run")
+        if d is None or d == math.inf:
+            why = "it was not run" if d else "there is none"
+            lines.append(f"  {'?' if d else '-':>7}  from the next in {word}: {why}")
         else:
             cut = "; exact cuts nothing off" if name == "order" and row.model.order == "exact" else ""
             lines.append(f"  {d:7.1e}  from the next in {word} ({truth.poorer[name]}{cut})")
@@ -121,9 +123,8 @@ def table(chart: Chart) -> str:
         lines.append("PARTIAL: interrupted; this is what was done until then.")
     truth = chart.truth
     span = "" if truth is None else ", span " + ", ".join(f"{s:.4g} {u}" for u, s in truth.span.items())
-    lines.append(
-        f"{chart.scene.name}: {chart.quantity}{span}; {len(done)} runs in {chart.used:.1f} s of {chart.budget:g} s"
-    )
+    runs = f"{len(done)} run{'s' * (len(done) != 1)} in {chart.used:.1f} s of {chart.budget:g} s"
+    lines.append(f"{chart.scene.name}: {chart.quantity}{span}; {runs}")
     if truth is None:
         lines.append("No truth: no run of a rich model came to an end. Give more budget, or a shorter scene.")
     else:

@@ -16,7 +16,7 @@ _REFERENCE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)  # rtol of the truth, until two ag
 _AGREE = 1e-8
 _FINEST = 3e-7  # no line goes below this error
 _WORST = 0.1  # models further off are not timed at other settings
-_FIRST, _NEXT = 0.25, 0.1  # share of the budget that a run for the truth may take
+_FIRST, _NEXT = 0.2, 0.1  # share of the budget that a run for the truth may take
 _AWAY = 100.0  # an error that counts as a failure
 _FAILURES = 8  # halvings (decades) in a row that may fail
 
@@ -113,27 +113,26 @@ class Walk:
         return max([*cut, min((r.time * (nv / max(1, r.model.arm.nv)) ** 2 for r in above), default=0.0)])
 
     def find(self, model: Model, choice: str, value: float, method: str) -> Row | None:
-        """This run, if it was made before."""
+        """This run, if it was made or thought of before."""
         for row in self.rows:
-            same = row.model is model and row.choice == choice and row.value == value and row.method == method
-            if same and row.status in ("ok", "failed"):
+            if row.model is model and row.choice == choice and row.value == value and row.method == method:
                 return row
         return None
 
     def run(self, model: Model, choice: str, value: float, share: float, method: str = "ab") -> Row:
         """This run, made now unless it was made before, or is predicted to take more than its share of the budget."""
-        known = self.find(model, choice, value, method)
-        if known is not None:
-            return known
-        row = Row(model, choice, float(value), method)
         allowed = min(share * self.budget, self.budget - self.used)
+        known = self.find(model, choice, value, method)
+        if known is not None and (known.status in ("ok", "failed") or known.time >= allowed):
+            return known
+        if known is not None:
+            self.rows.remove(known)
+        row = Row(model, choice, float(value), method)
         guess = self.predict(row)
         if allowed <= 0 or guess > allowed:
             row.status, row.time = "skipped", guess
             row.reason = (
-                "the budget is used up"
-                if allowed <= 0
-                else f"predicted {guess:.2g} s, of {allowed:.2g} s that it may take"
+                "the budget is used up" if allowed <= 0 else f"predicted {guess:.2g} s, with {allowed:.2g} s left to it"
             )
         else:
             self.tell(self.used, row.label)
@@ -213,9 +212,10 @@ class Walk:
         choice, value, rich = self.truth.choice, self.truth.value, self.truth.model
         orders = self.orders[: self.orders.index(rich.order) + 1]
         shifts = self.shifts[: self.shifts.index(rich.shift) + 1]
-        at_order = [self.run(self.model(order, rich.shift), choice, value, _FIRST) for order in reversed(orders)]
-        if len(at_order) > 1:
-            self.poorer["order"] = at_order[1]
+        dear = sorted(reversed(orders), key=lambda order: order == 3)  # last: it costs most, more than exact
+        at_order = [self.run(self.model(order, rich.shift), choice, value, _FIRST) for order in dear]
+        if len(orders) > 1:
+            self.poorer["order"] = next(r for r in at_order if r.model.order == orders[-2])
         rows = list(at_order)
         for row in best(r for r in at_order if r.status == "ok"):
             for shift in reversed(shifts[:-1]):
@@ -267,7 +267,8 @@ class Walk:
         for value in self.settings(choice):
             guess = self.predict(Row(model, choice, float(value), method))
             beaten = [r for r in self.rows if r.error is not None and r.error <= floor and patience * r.time < guess]
-            if beaten and self.find(model, choice, float(value), method) is None:
+            known = self.find(model, choice, float(value), method)
+            if beaten and known is None:
                 row = Row(model, choice, float(value), method, "skipped", time=guess)
                 row.reason = (
                     f"predicted {guess:.2g} s, where {min(beaten, key=lambda r: r.time).label} has no more error"
