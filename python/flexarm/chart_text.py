@@ -65,9 +65,8 @@ def _advice(chart: Chart, truth: Truth) -> list[str]:
             rows.append([*head, row.label, seconds(row.time), f"{row.error:.1e}", flag])
     lines = _columns(rows, frozenset({3, 4}))
     if unsure:
-        lines.append(
-            f"* finer than the truth is known ({truth.uncertainty:.1e}): near the truth's model, not near the arm"
-        )
+        known = "not known how far" if truth.uncertainty == math.inf else f"{truth.uncertainty:.1e}"
+        lines.append(f"* finer than the truth is known ({known}): near the truth's model, not near the arm")
     return lines
 
 
