@@ -96,12 +96,12 @@ def main() -> None:
         writer.writerows(rows)
     for row in rows:
         print("  ".join(f"{v:>14}" for v in row.values()))
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.8), layout="constrained")
     for name in dict.fromkeys(row["integrator"] for row in rows):
         x, y = ([float(str(r[k])) for r in rows if r["integrator"] == name] for k in ("cpu (ms)", "error (m)"))
         left.loglog(x, y, "o-", ms=4, lw=1, label=name)
     left.set(xlabel="CPU time (ms)", ylabel="largest tip error (m)", title="The paper's spin-up, 2 s")
-    left.legend(fontsize=8)
+    left.legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.1, -0.15), ncols=3, frameon=False)
     left.grid(alpha=0.3)
     drift(paper_arm(), right)
     figure.savefig(out / "steps.png", dpi=130)

@@ -5,6 +5,7 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 
 from ._core import __version__
 from .arm import Arm
+from .chart import Chart, chart
 from .drive import Motion, Torque
 from .joints import (
     Axes,
@@ -33,6 +34,7 @@ __all__ = [
     "Arm",
     "Axes",
     "Beam",
+    "Chart",
     "Circle",
     "Cylindrical",
     "Derivatives",
@@ -63,6 +65,7 @@ __all__ = [
     "Torque",
     "Universal",
     "__version__",
+    "chart",
     "load",
     "simulate",
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -59,7 +59,7 @@ def simulate(
     step: float | None = None,
     spectral_radius: float = 1.0,
     stages: int = 4,
-    progress: bool = False,
+    progress: bool | Callable[[float], None] = False,
 ) -> Result:
     """Simulates an arm from t[0] and returns its state at every time of t.
 
@@ -90,7 +90,8 @@ def simulate(
             (trapezoidal rule) keeps the energy of every mode; but modes too fast for the step, once struck by a jump
             of a force, ring on in the accelerations. At 0.9 they die out, at about the same accuracy.
         stages: of "gauss", 1 to 4.
-        progress: shows a progress bar on stderr, where that is a terminal.
+        progress: shows a progress bar on stderr, where that is a terminal; or a callable, which is given the time
+            reached (s) about ten times a second, and may raise to give the simulation up.
 
     No step passes over a sample of a drive, nor over an output time where a drive is a callable: a pulse of a callable
     that lies wholly between two output times can be missed.
@@ -152,7 +153,9 @@ def simulate(
             return _core.simulate_ida(*motion, rtol, atol, max_order, ci, alive, wrenches)
         return _core.simulate_fixed(*motion, integrator, h, spectral_radius, stages, ci, alive, wrenches)
 
-    if progress and sys.stderr.isatty():
+    if callable(progress):
+        out = integrate(progress)
+    elif progress and sys.stderr.isatty():
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
