@@ -12,6 +12,8 @@ namespace {
 
 constexpr double kSlow = 0.25;   // contraction above which the Jacobians are made anew
 constexpr double kFails = 0.7;   // contraction at which even new ones are made anew, where the iteration now is
+constexpr double kBest = 0.02;   // contraction that is believed without having been measured in the same step
+constexpr int kGivenUp = 3;      // corrections that grew, after which an iteration is given up
 constexpr double kFloor = 1e-8;  // parts of the motion: an iteration that stalls below is at the end of its digits
 constexpr double kGrown = 1.5;   // ratio of a step to the one before, above which nothing is extrapolated
 constexpr double kForget = 0.99;
@@ -152,10 +154,13 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
   if (n == 0) return Status::ok;  // everything is prescribed
   const double fall = h * arm_->gravity().norm();
   double last = 0.0;
-  const auto tired = [&] { return contraction_ > std::max(kSlow, 1.5 * best_); };  // new Jacobians would do better
+  int grown = 0;
+  const auto tired = [&] {  // new Jacobians would do better
+    return !(contraction_ <= std::max(kSlow, std::min(1.5 * best_, kFails)));
+  };
   bool anew = !fresh_ || tired();
   bool renewed = false;
-  contraction_ = std::pow(contraction_, 0.8);  // old knowledge, doubted more with every step
+  contraction_ = std::max(kBest, std::pow(contraction_, 0.8));  // old knowledge, doubted more with every step
   for (int iteration = 1; iteration <= options_.max_iterations; ++iteration) {
     place(h, ws);
     if (anew) {
@@ -189,6 +194,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     const double scale = std::sqrt(std::max(kForget * scale_, motion) + mass_ * fall * fall);
     const double moved = h * std::sqrt(std::max(work, 0.0));
     if (iteration > 1) contraction_ = moved < last ? moved / last : 1.0;
+    if (iteration > 1 && moved > last && ++grown == kGivenUp) return Status::not_converged;
     const bool stalled = iteration > 2 && contraction_ > 0.5 && moved <= kFloor * scale;
     last = moved;
     const double left = std::min(1.0, contraction_ / std::max(1.0 - contraction_, 1e-3)) * moved;

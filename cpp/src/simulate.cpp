@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "flexarm/check.hpp"
+#include "flexarm/quadrature.hpp"
 #include "system.hpp"
 
 namespace flexarm {
@@ -13,7 +14,11 @@ namespace {
 
 constexpr double kSame = 1e-6;  // parts of a step by which two times are still one
 constexpr double kMostSteps = 1e10;
-constexpr int kSplits = 8;  // halvings of a step whose equations cannot be solved
+constexpr double kResolved = 1e-6;   // parts of a motion's velocity that a step may miss
+constexpr double kStill = 1e-3;      // parts of a motion's largest speed: what is slower counts as that fast
+constexpr double kInBetween = 1e-4;  // the same, at its samples
+constexpr int kLooks = 5;            // halvings of a step that does not see the motion; then it is taken to jump
+constexpr int kSplits = 8;           // halvings of a step whose equations cannot be solved
 
 void check_step(double step, const Eigen::VectorXd& t) {
   positive("step", step);
@@ -53,6 +58,60 @@ std::vector<std::pair<double, bool>> stops(const std::vector<double>& samples, c
     }
     last = t[k];
     out.emplace_back(last, true);
+  }
+  return out;
+}
+
+/// Whether the Gauss points of a step see a prescribed motion for what it is: what they make of its acceleration and
+/// velocity is its change of velocity and place, and at its samples in between (some of them, if they are many) its
+/// velocity is the polynomial through theirs. A motion whose samples lie closer than the steps is looked at so, instead
+/// of stopping at each.
+/// @param speeds  of each motion, as its samples tell: what is far below is no motion
+bool resolved(const std::vector<Drive>& drives, const std::vector<double>& speeds, double from, double h) {
+  static const GaussRule rule(4);
+  constexpr int kNodes = 6, kSamples = 8;
+  const double x[kNodes] = {0.0, rule.points[0], rule.points[1], rule.points[2], rule.points[3], 1.0};
+  for (std::size_t n = 0; n < drives.size(); ++n) {
+    const Drive& d = drives[n];
+    if (!d.motion) continue;
+    MotionValue at[kNodes];
+    double speed = 0.0, turn = 0.0, size = kStill * speeds[n];
+    for (int i = 0; i < kNodes; ++i) {
+      at[i] = d.motion(from + h * x[i]);
+      size = std::max({size, std::abs(at[i].v), h * std::abs(at[i].a)});
+      if (i == 0 || i + 1 == kNodes) continue;
+      speed += h * rule.weights[i - 1] * at[i].a;
+      turn += h * rule.weights[i - 1] * at[i].v;
+    }
+    const double missed =
+        std::max(std::abs(at[kNodes - 1].v - at[0].v - speed), std::abs(at[kNodes - 1].q - at[0].q - turn) / h);
+    if (!(missed <= kResolved * size + 1e-12 * std::abs(at[0].q) / h)) return false;
+    const double *begin = d.breaks.data(), *end = begin + d.breaks.size();
+    const double *first = std::upper_bound(begin, end, from), *last = std::lower_bound(first, end, from + h);
+    for (int k = 0; k < kSamples && last > first; ++k) {
+      const double t = first[(last - first) * (2 * k + 1) / (2 * kSamples)];
+      double through = 0.0;
+      for (int i = 0; i < kNodes; ++i) {
+        double lagrange = at[i].v;
+        for (int j = 0; j < kNodes; ++j)
+          if (j != i) lagrange *= ((t - from) / h - x[j]) / (x[i] - x[j]);
+        through += lagrange;
+      }
+      if (!(std::abs(through - d.motion(t).v) <= kInBetween * size)) return false;
+    }
+  }
+  return true;
+}
+
+/// Largest speed of each motion, from some of its samples and of the output times.
+std::vector<double> speeds(const std::vector<Drive>& drives, const Eigen::VectorXd& t) {
+  std::vector<double> out;
+  for (const Drive& d : drives) {
+    double largest = 0.0;
+    for (const Eigen::VectorXd* times : {&d.breaks, &t})
+      for (Eigen::Index k = 0; d.motion && k < times->size(); k += 1 + times->size() / 500)
+        largest = std::max(largest, std::abs(d.motion((*times)[k]).v));
+    out.push_back(largest);
   }
   return out;
 }
@@ -98,11 +157,15 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
     now.system.drive(c == 1.0 && !std::isnan(now.last) ? now.last : now.from + c * now.h);
   };
   bool functions = false;
+  const std::vector<double> motion_speeds = method.interpolates() ? speeds(drives, t) : std::vector<double>{};
+  std::vector<Drive> sampled;  // whose samples steps must end at
+  for (const Drive& d : drives)
+    if (!d.motion || !method.interpolates()) sampled.push_back(d);
   s.drive(t[0]);  // `record` put the reactions into tau
   Status status = method.start(s.ws, s.q, s.v, s.tau);
   bool going = true;
   for (const auto& [stop, is_output] :
-       stops(sample_times(drives, loads, t, functions), t, step, method.interpolates())) {
+       stops(sample_times(sampled, loads, t, functions), t, step, method.interpolates())) {
     const double start = out.reached;
     const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step * (1.0 - kSame))));
     // One step, or, where its equations cannot be solved, two of half its length, and so on.
@@ -110,7 +173,8 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
       now.from = from;
       now.h = h;
       now.last = last;
-      const Status found = method.advance(h, s.ws, s.q, s.v, s.tau, given);
+      const bool seen = !method.interpolates() || level >= kLooks || resolved(drives, motion_speeds, from, h);
+      const Status found = seen ? method.advance(h, s.ws, s.q, s.v, s.tau, given) : Status::not_converged;
       if (found == Status::ok) {
         out.reached = std::isnan(last) ? from + h : last;
         ++out.stats.steps;

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from .ladder import Row
+from .ladder import BETWEEN_OUTPUTS, CHOICES, Row
 
 if TYPE_CHECKING:
     from .chart import Chart, Truth
@@ -129,7 +129,10 @@ def table(chart: Chart) -> str:
     else:
         lines += ["", *_truth(truth), "", *_advice(chart, truth), "", *_models(chart, truth)]
         gap = max(b - a for a, b in zip(chart.scene.t[:-1], chart.scene.t[1:], strict=True))
-        if any(r.setting == "step" and r.value > 0.99 * gap for r in chart.front):
+        if any(
+            r.setting == "step" and CHOICES[r.choice]["integrator"] not in BETWEEN_OUTPUTS and r.value > 0.99 * gap
+            for r in chart.front
+        ):
             lines.append("")
             lines.append(f"No step is longer than the {gap:.3g} s between output times: fewer outputs may be faster.")
     lines += ["", *_methods(chart)] if chart.methods else []
