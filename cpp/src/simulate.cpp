@@ -37,12 +37,14 @@ std::string reason(Status status, double h) {
   return text.str();
 }
 
-/// Output times and samples, each once; true: an output time.
-std::vector<std::pair<double, bool>> stops(const std::vector<double>& samples, const Eigen::VectorXd& t, double step) {
+/// Times that steps end at, each once: the samples and the output times (the last alone, if `inside` tells the rest);
+/// true: an output time.
+std::vector<std::pair<double, bool>> stops(const std::vector<double>& samples, const Eigen::VectorXd& t, double step,
+                                           bool interpolates) {
   std::vector<std::pair<double, bool>> out;
   std::size_t next = 0;
   double last = t[0];
-  for (Eigen::Index k = 1; k < t.size(); ++k) {
+  for (Eigen::Index k = interpolates ? t.size() - 1 : 1; k < t.size(); ++k) {
     for (; next < samples.size() && samples[next] < t[k]; ++next) {
       if (samples[next] < last + kSame * step || samples[next] > t[k] - kSame * step) continue;
       last = samples[next];
@@ -52,6 +54,22 @@ std::vector<std::pair<double, bool>> stops(const std::vector<double>& samples, c
     out.emplace_back(last, true);
   }
   return out;
+}
+
+/// Records the output times inside the step of h from `from`, and leaves the state as it was.
+bool record_inside(System& s, const Step& method, double from, double h, Trajectory& out, const Eigen::VectorXd& t,
+                   bool composite) {
+  const Eigen::VectorXd q = s.q, v = s.v;
+  bool good = true;
+  for (; good && out.done + 1 < t.size() && t[out.done] <= out.reached;) {
+    const double at = t[out.done];
+    method.inside((at - from) / h, s.q, s.v);
+    s.drive(at);
+    good = s.record(out, composite);
+  }
+  s.q = q;
+  s.v = v;
+  return good;
 }
 
 }  // namespace
@@ -82,7 +100,8 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
   s.drive(t[0]);  // `record` put the reactions into tau
   Status status = method.start(s.ws, s.q, s.v, s.tau);
   bool going = true;
-  for (const auto& [stop, is_output] : stops(sample_times(drives, loads, t, functions), t, step)) {
+  for (const auto& [stop, is_output] :
+       stops(sample_times(drives, loads, t, functions), t, step, method.interpolates())) {
     const double start = out.reached;
     const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step * (1.0 - kSame))));
     now.h = (stop - start) / static_cast<double>(count);
@@ -93,6 +112,10 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
       if (status != Status::ok) break;
       out.reached = k + 1 == count ? stop : now.from + now.h;
       ++out.stats.steps;
+      if (method.interpolates() && !record_inside(s, method, now.from, now.h, out, t, composite)) {
+        out.failure = reason(Status::not_finite, now.h);
+        break;
+      }
       going = !alive || alive(out.reached);
     }
     if (status != Status::ok) out.failure = reason(status, now.h);

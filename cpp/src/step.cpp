@@ -116,7 +116,8 @@ Status ImplicitStep::iterate(double h, Workspace& ws, Eigen::VectorXd& q, Eigen:
       a_[i] += turn_[i];
       alpha_[i] += by_a * turn_[i];
     }
-    if (!std::isfinite(work) || !std::isfinite(scale)) return Status::not_finite;
+    if (!std::isfinite(work) || !std::isfinite(scale))
+      return tau.allFinite() ? Status::not_converged : Status::not_finite;
     const double moved = shift.damping * std::sqrt(std::abs(work));  // of the velocities, in the norm of energy
     if (iterations_ > 1) contraction_ = moved < last ? moved / last : 1.0;
     const bool stalled = contraction_ > 0.5 && moved <= kFloor * scale;

@@ -28,6 +28,7 @@ from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody,
 from .result import Result
 from .scene import Scene, load
 from .simulation import SimulationError, SimulationInterrupted, simulate
+from .validity import RangeWarning
 
 __all__ = [
     "Arm",
@@ -51,6 +52,7 @@ __all__ = [
     "Placement",
     "Planar",
     "Prismatic",
+    "RangeWarning",
     "Rectangle",
     "Result",
     "Revolute",

@@ -365,6 +365,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = _parser().parse_args(argv)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, beside our one line
+            warnings.showwarning = lambda message, *_, **__: _complain(f"warning: {message}")
             code = int(args.does(args))
         sys.stdout.flush()
         return code

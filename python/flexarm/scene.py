@@ -191,7 +191,7 @@ class Scene:
         )
 
 
-_OPTIONS = ("method", "integrator", "rtol", "atol", "max_order", "step", "spectral_radius")
+_OPTIONS = ("method", "integrator", "rtol", "atol", "max_order", "step", "spectral_radius", "stages")
 _SIMULATION = ("duration", "interval", "q0", "v0", *_OPTIONS)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -15,8 +16,9 @@ from .arm import METHODS, Arm
 from .drive import Motion, Torque
 from .load import Load, at_time
 from .result import Result
+from .validity import out_of_range
 
-INTEGRATORS = ("ida", "implicit", "rk4")
+INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
 
 
 class SimulationError(RuntimeError):
@@ -56,6 +58,7 @@ def simulate(
     max_order: int = 5,
     step: float | None = None,
     spectral_radius: float = 1.0,
+    stages: int = 4,
     progress: bool | Callable[[float], None] = False,
 ) -> Result:
     """Simulates an arm from t[0] and returns its state at every time of t.
@@ -73,16 +76,20 @@ def simulate(
         integrator: "ida": SUNDIALS IDA on the residual of inverse dynamics, variable step and order. "implicit":
             generalised-alpha, fixed step, second order, stable however stiff the elastic coordinates are, cost linear
             in the number of links; a soft stop that is to be hit needs steps below 0.3 sqrt(mass / limit_stiffness).
-            "rk4": classical Runge-Kutta, fixed step, fourth order, stable only while the step is below 2.83 over the
-            highest frequency.
+            "gauss": Gauss collocation, fixed step, order 2 `stages`, as stable, symmetric in time; the most accurate
+            for its cost, and the state between its steps is interpolated, so that output times do not shorten them;
+            its matrices are dense, for arms of up to some tens of coordinates. "rk4": classical Runge-Kutta, fixed
+            step, fourth order, stable only while the step is below 2.83 over the highest frequency.
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative and absolute (in its unit).
         max_order: of IDA's backward differentiation formulas, 1 to 5. 2 is best when fast modes are present but
             quiet, because higher orders are unstable on undamped oscillation; 5 when they ring and must be followed.
-        step: of the fixed-step integrators (s): the longest step. Output times and samples of drives and loads are
-            met exactly, by dividing what lies between two of them into equal steps, as few as `step` allows.
+        step: of the fixed-step integrators (s): the longest step. Samples of drives and loads, and but for "gauss"
+            output times, are met exactly, by dividing what lies between two of them into equal steps, as few as
+            `step` allows.
         spectral_radius: of "implicit": what is left after one step of a mode much too fast for the step, 0 to 1. 1
             (trapezoidal rule) keeps the energy of every mode; but modes too fast for the step, once struck by a jump
             of a force, ring on in the accelerations. At 0.9 they die out, at about the same accuracy.
+        stages: of "gauss", 1 to 4.
         progress: shows a progress bar on stderr, where that is a terminal; or a callable, which is given the time
             reached (s) about ten times a second, and may raise to give the simulation up.
 
@@ -93,11 +100,14 @@ def simulate(
         ValueError: bad arguments.
         SimulationError: the integrator could not go on; it holds the time reached and the result so far.
         SimulationInterrupted: (a KeyboardInterrupt) Ctrl-C; it holds the same.
+
+    Warns:
+        RangeWarning: a beam bent further than its order is good for, at the output times.
     """
     choice("method", method, METHODS)
     choice("integrator", integrator, INTEGRATORS)
     if integrator == "ida" and step is not None:
-        raise ValueError(f'step = {step}: is for integrator="implicit" or "rk4"; "ida" chooses its own steps')
+        raise ValueError(f'step = {step}: is for integrator="implicit", "gauss" or "rk4"; "ida" chooses its own steps')
     if integrator != "ida" and step is None:
         raise ValueError(f'step: integrator="{integrator}" needs it, in seconds, such as step=1e-3')
     if not isinstance(arm, Arm):
@@ -134,13 +144,14 @@ def simulate(
     wrenches = [(place, load.law) for place, load in zip(places, loads or (), strict=True)]
     rtol, atol, max_order = number("rtol", rtol), number("atol", atol), whole("max_order", max_order)
     h, spectral_radius = number("step", 0.0 if step is None else step), number("spectral_radius", spectral_radius)
+    stages = whole("stages", stages)
 
     def integrate(alive: Any = None) -> dict[str, Any]:
         motion = (arm._core, laws, times, state["q0"], state["v0"], state["tau"])
         ci = method == "ci"
         if integrator == "ida":
             return _core.simulate_ida(*motion, rtol, atol, max_order, ci, alive, wrenches)
-        return _core.simulate_fixed(*motion, integrator, h, spectral_radius, ci, alive, wrenches)
+        return _core.simulate_fixed(*motion, integrator, h, spectral_radius, stages, ci, alive, wrenches)
 
     if callable(progress):
         out = integrate(progress)
@@ -167,6 +178,10 @@ def simulate(
     result = Result(arm, times[:done], out["q"], out["v"], out["a"], out["tau"], out["stats"], tuple(loads or ()))
     if out["failure"] == "interrupted":
         raise SimulationInterrupted(f"interrupted at t = {out['reached']:.9g} s", out["reached"], result)
+    beyond = out_of_range(arm, result.t, result.q)
     if out["failure"]:
-        raise SimulationError(f"stopped at t = {out['reached']:.9g} s: {out['failure']}", out["reached"], result)
+        message = f"stopped at t = {out['reached']:.9g} s: {out['failure']}"
+        raise SimulationError(f"{message} ({beyond})" if beyond else message, out["reached"], result)
+    if beyond:
+        warnings.warn(beyond, stacklevel=2)
     return result

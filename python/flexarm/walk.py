@@ -87,11 +87,13 @@ class Walk:
         return self._models[key]
 
     def settings(self, choice: str, rtols: Sequence[float] = ()) -> Iterator[float]:
-        """From loose to tight. No step is longer than the gap between output times, which are all met."""
+        """From loose to tight; no step is longer than the gap between output times, where those are all met."""
         if CHOICES[choice]["integrator"] in ladder.BY_TOLERANCE:
             yield from rtols or 10.0 ** -np.arange(2, 12)
         else:
-            yield from self.gap / 2.0 ** np.arange(16)
+            over = CHOICES[choice]["integrator"] in ladder.OVER_OUTPUTS
+            longest = max(self.gap, float(np.ptp(self.scene.t)) / 32) if over else self.gap
+            yield from longest / 2.0 ** np.arange(16)
 
     # -- one run -----------------------------------------------------------------------------------------------------
 
