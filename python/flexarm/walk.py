@@ -92,7 +92,7 @@ class Walk:
             yield from rtols or 10.0 ** -np.arange(2, 12)
         else:
             over = CHOICES[choice]["integrator"] in ladder.OVER_OUTPUTS
-            longest = max(self.gap, float(np.ptp(self.scene.t)) / 32) if over else self.gap
+            longest = max(self.gap, float(np.ptp(self.scene.t)) / 16) if over else self.gap
             yield from longest / 2.0 ** np.arange(16)
 
     # -- one run -----------------------------------------------------------------------------------------------------
@@ -214,7 +214,7 @@ class Walk:
         choice, value, rich = self.truth.choice, self.truth.value, self.truth.model
         orders = self.orders[: self.orders.index(rich.order) + 1]
         shifts = self.shifts[: self.shifts.index(rich.shift) + 1]
-        dear = sorted(reversed(orders), key=lambda order: order == 3)  # last: it costs most, more than exact
+        dear = sorted(reversed(orders), key=lambda order: order == 3)  # last: in space it costs most, more than exact
         at_order = [self.run(self.model(order, rich.shift), choice, value, _FIRST) for order in dear]
         if len(orders) > 1:
             self.poorer["order"] = next(r for r in at_order if r.model.order == orders[-2])
