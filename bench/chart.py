@@ -2,8 +2,8 @@
 
     python bench/chart.py [-o DIR] [--budget SECONDS]
 
-Writes chart_ist.png and chart_ist.csv into DIR/figures (DIR: docs by default) and puts the table between the marks in DIR/chart.md.
-The same as `flexarm chart ist`.
+Writes chart_ist.png and chart_ist.csv into DIR/figures (DIR: docs by default) and puts the table between the marks in
+DIR/chart.md. The same as `flexarm chart ist`.
 """
 
 from __future__ import annotations

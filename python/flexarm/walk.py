@@ -178,7 +178,8 @@ class Walk:
         return False
 
     def _converge(self, model: Model) -> bool:
-        for choice in INTEGRATORS:
+        high = ladder.BY_TOLERANCE | ladder.OVER_OUTPUTS  # of high order, so first
+        for choice in sorted(INTEGRATORS, key=lambda choice: choice not in high):
             before: Row | None = None
             failures = 0
             for value in self.settings(choice, _REFERENCE):
