@@ -42,7 +42,13 @@ def fixed(case: Case, modes: int) -> Iterator[list[Setting]]:
     yield [(f"dt {h:.3g} s", {"step": h}) for h in steps]
 
 
-ADJUST = {"ida": ida, "implicit": fixed, "rk4": fixed}
+def gauss(case: Case, modes: int) -> Iterator[list[Setting]]:
+    """Steps from long to short, which need not divide the output times."""
+    steps = [case.end / n for n in (12, 25, 50, 100, 200, 400, 800, 1600)]
+    yield [(f"dt {h:.3g} s", {"step": h}) for h in steps]
+
+
+ADJUST = {"ida": ida, "implicit": fixed, "gauss": gauss, "rk4": fixed}
 
 
 def section(s: Section) -> tuple[fa.GeneralSection, fa.Material]:

@@ -52,6 +52,16 @@ def test_outputs_between_steps() -> None:
     assert np.abs(r.a - truth.a).max() < 1e-3 * np.abs(truth.a).max()
 
 
+def test_steps_that_newton_cannot_solve_are_halved() -> None:
+    """Half a second period of the stiffest mode in one step: it becomes several, and the motion is right."""
+    arm, laws, start = spatial_case()
+    t = np.linspace(0, 0.2, 21)
+    truth = fa.simulate(arm, t, **start, **laws, rtol=1e-11, atol=1e-13)
+    r = run(arm, t, 0.1, **start, **laws)
+    assert r.stats["failed_steps"] > 0 and r.stats["steps"] > 2
+    assert np.abs(r.q - truth.q).max() < 1e-3
+
+
 def test_motions_and_balls() -> None:
     arm, t = paper_link(), np.linspace(0, 1, 101)
     law = fa.Motion.spin_up(7.6, 0.5)

@@ -11,6 +11,7 @@ namespace flexarm {
 namespace {
 
 constexpr double kSlow = 0.25;   // contraction above which the Jacobians are made anew
+constexpr double kFails = 0.7;   // contraction at which even new ones are made anew, where the iteration now is
 constexpr double kFloor = 1e-8;  // parts of the motion: an iteration that stalls below is at the end of its digits
 constexpr double kGrown = 1.5;   // ratio of a step to the one before, above which nothing is extrapolated
 constexpr double kForget = 0.99;
@@ -64,7 +65,7 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
   M_ = C_ = K_ = Eigen::MatrixXd::Zero(n, n);
   newton_ = Eigen::MatrixXd::Identity(s_ * n, s_ * n);
   residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
-  contraction_ = 1.0;
+  contraction_ = best_ = 1.0;
   h_ = h_factored_ = scale_ = 0.0;
   fresh_ = false;
   return Status::ok;
@@ -72,8 +73,8 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
 
 /// Accelerations of the step before, continued; where the step grows much they begin with the last.
 void CollocationStep::predict(double ratio, const Workspace& ws) {
-  if (ratio == 0.0) return;
   a_before_ = a_;
+  if (ratio == 0.0) return;
   for (int i = 0; i < s_; ++i) {
     const double x = ratio > kGrown ? 1.0 : 1.0 + ratio * c_[i];
     for (int row : ws.free) {
@@ -151,12 +152,17 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
   if (n == 0) return Status::ok;  // everything is prescribed
   const double fall = h * arm_->gravity().norm();
   double last = 0.0;
-  bool anew = !fresh_ || contraction_ > kSlow;
+  const auto tired = [&] { return contraction_ > std::max(kSlow, 1.5 * best_); };  // new Jacobians would do better
+  bool anew = !fresh_ || tired();
+  bool renewed = false;
   contraction_ = std::pow(contraction_, 0.8);  // old knowledge, doubted more with every step
   for (int iteration = 1; iteration <= options_.max_iterations; ++iteration) {
     place(h, ws);
-    if (anew) differentiate(ws);
-    if (h != h_factored_ && !factor(h)) return Status::not_finite;
+    if (anew) {
+      differentiate(ws);
+      renewed = true;
+    }
+    if (h != h_factored_ && !factor(h)) return Status::not_converged;
     for (int i = 0; i < s_; ++i) {
       qs_ = q_.col(i);
       vs_ = v_.col(i);
@@ -178,10 +184,9 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
       work += b_[i] * turn.dot(M_ * turn);
       motion += b_[i] * (v_.col(i).dot(M_all_ * v_.col(i)) + h * h * a_.col(i).dot(M_all_ * a_.col(i)));
     }
-    if (!std::isfinite(work) || !std::isfinite(motion)) return Status::not_finite;
-    if (iteration == 1) scale_ *= kForget;
-    scale_ = std::max(scale_, motion);
-    const double scale = std::sqrt(scale_ + mass_ * fall * fall);
+    if (!std::isfinite(work) || !std::isfinite(motion))  // at once: the state is at fault; later: the iteration
+      return iteration == 1 && !fresh_ ? Status::not_finite : Status::not_converged;
+    const double scale = std::sqrt(std::max(kForget * scale_, motion) + mass_ * fall * fall);
     const double moved = h * std::sqrt(std::max(work, 0.0));
     if (iteration > 1) contraction_ = moved < last ? moved / last : 1.0;
     const bool stalled = iteration > 2 && contraction_ > 0.5 && moved <= kFloor * scale;
@@ -189,10 +194,12 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     const double left = std::min(1.0, contraction_ / std::max(1.0 - contraction_, 1e-3)) * moved;
     if (left <= options_.tolerance * scale || stalled) {
       place(h, ws);
+      scale_ = std::max(kForget * scale_, motion);
       if (stalled) contraction_ = kSlow;
+      if (renewed) best_ = contraction_;
       return Status::ok;
     }
-    anew = iteration > 1 && contraction_ > kSlow && (iteration < 6 || iteration % 4 == 0);
+    anew = iteration > 2 && iteration % 3 == 0 && (renewed ? contraction_ > kFails : tired());
   }
   return Status::not_converged;
 }
@@ -218,6 +225,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   v = v0_;
   if (status != Status::ok) {
     fresh_ = false;
+    a_ = a_before_;  // what a shorter step will continue
     return status;
   }
   h_ = h;

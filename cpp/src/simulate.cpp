@@ -13,6 +13,7 @@ namespace {
 
 constexpr double kSame = 1e-6;  // parts of a step by which two times are still one
 constexpr double kMostSteps = 1e10;
+constexpr int kSplits = 8;  // halvings of a step whose equations cannot be solved
 
 void check_step(double step, const Eigen::VectorXd& t) {
   positive("step", step);
@@ -104,18 +105,29 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
        stops(sample_times(drives, loads, t, functions), t, step, method.interpolates())) {
     const double start = out.reached;
     const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step * (1.0 - kSame))));
-    now.h = (stop - start) / static_cast<double>(count);
-    for (long k = 0; k < count && status == Status::ok && going; ++k) {
-      now.from = start + static_cast<double>(k) * now.h;
-      now.last = k + 1 == count ? stop : std::nan("");
-      status = method.advance(now.h, s.ws, s.q, s.v, s.tau, given);
-      if (status != Status::ok) break;
-      out.reached = k + 1 == count ? stop : now.from + now.h;
-      ++out.stats.steps;
-      if (method.interpolates() && !record_inside(s, method, now.from, now.h, out, t, composite)) {
-        out.failure = reason(Status::not_finite, now.h);
-        break;
+    // One step, or, where its equations cannot be solved, two of half its length, and so on.
+    const auto advance = [&](const auto& again, double from, double h, double last, int level) -> Status {
+      now.from = from;
+      now.h = h;
+      now.last = last;
+      const Status found = method.advance(h, s.ws, s.q, s.v, s.tau, given);
+      if (found == Status::ok) {
+        out.reached = std::isnan(last) ? from + h : last;
+        ++out.stats.steps;
+        return !method.interpolates() || record_inside(s, method, from, h, out, t, composite) ? found
+                                                                                              : Status::not_finite;
       }
+      if (found != Status::not_converged || level == kSplits) return found;
+      ++out.stats.failed_steps;
+      s.drive(from);
+      const Status half = again(again, from, 0.5 * h, std::nan(""), level + 1);
+      return half == Status::ok ? again(again, from + 0.5 * h, 0.5 * h, last, level + 1) : half;
+    };
+    const double step_now = (stop - start) / static_cast<double>(count);
+    for (long k = 0; k < count && status == Status::ok && going; ++k) {
+      const double from = start + static_cast<double>(k) * step_now;
+      status = advance(advance, from, step_now, k + 1 == count ? stop : std::nan(""), 0);
+      if (status != Status::ok) break;
       going = !alive || alive(out.reached);
     }
     if (status != Status::ok) out.failure = reason(status, now.h);

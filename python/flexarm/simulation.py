@@ -85,7 +85,7 @@ def simulate(
             quiet, because higher orders are unstable on undamped oscillation; 5 when they ring and must be followed.
         step: of the fixed-step integrators (s): the longest step. Samples of drives and loads, and but for "gauss"
             output times, are met exactly, by dividing what lies between two of them into equal steps, as few as
-            `step` allows.
+            `step` allows; a step whose equations cannot be solved is halved, up to eight times.
         spectral_radius: of "implicit": what is left after one step of a mode much too fast for the step, 0 to 1. 1
             (trapezoidal rule) keeps the energy of every mode; but modes too fast for the step, once struck by a jump
             of a force, ring on in the accelerations. At 0.9 they die out, at about the same accuracy.

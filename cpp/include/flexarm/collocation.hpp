@@ -57,9 +57,12 @@ class CollocationStep final : public Step {
   Eigen::PartialPivLU<Eigen::MatrixXd> lu_;
   Eigen::VectorXd residual_, correction_;
   bool fresh_ = false;
-  double h_ = 0.0;         ///< of the last step
-  double h_factored_ = 0;  ///< of the matrix
-  double contraction_ = 1.0, scale_ = 0.0, mass_ = 0.0;
+  double h_ = 0.0;            ///< of the last step
+  double h_factored_ = 0;     ///< of the matrix
+  double contraction_ = 1.0;  ///< of the iteration, as last measured
+  double best_ = 1.0;         ///< with Jacobians of the same step
+  double scale_ = 0.0;        ///< v^T M v of the motion (J), its peaks remembered for a while
+  double mass_ = 0.0;         ///< of the arm (kg)
 };
 
 }  // namespace flexarm
