@@ -2,8 +2,8 @@
 
     python bench/chart.py [-o DIR] [--budget SECONDS]
 
-Writes chart_ist.png and chart_ist.csv into DIR (default: docs) and puts the table between the marks in DIR/chart.md.
-The same as `flexarm chart ist`.
+Writes chart_ist.png and chart_ist.csv into DIR/figures (DIR: docs by default) and puts the table between the marks in
+DIR/chart.md. The same as `flexarm chart ist`.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ def main() -> None:
     parser.add_argument("-o", type=Path, default=Path(__file__).parent.parent / "docs")
     parser.add_argument("--budget", type=float, default=60.0)
     args = parser.parse_args()
-    args.o.mkdir(parents=True, exist_ok=True)
+    figures = args.o / "figures"
+    figures.mkdir(parents=True, exist_ok=True)
     chart = fa.chart("ist", budget=args.budget, progress=True)
     print(chart)
     with tempfile.TemporaryDirectory() as folder:
         chart.save(folder)
         for name in ("chart.png", "chart.csv"):
-            shutil.copy(Path(folder) / name, args.o / name.replace("chart", "chart_ist"))
+            shutil.copy(Path(folder) / name, figures / name.replace("chart", "chart_ist"))
     page = args.o / "chart.md"
     before, _, rest = page.read_text().partition(BEGIN) if page.exists() else ("", "", "")
     after = rest.partition(END)[2] or "\n"

@@ -16,7 +16,7 @@ from .plots import INK, PALETTE
 if TYPE_CHECKING:
     from .chart import Chart
 
-_MARKERS, _DASHES = ("o", "s", "^", "D", "v", "P", "*"), ("-", "--", "-.", ":")
+_MARKERS, _DASHES = ("o", "s", "^", "D", "v", "P", "*"), ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
 _COLOURS = (*PALETTE, "#8C564B", "#6B6B6B", "#17A2A2", "#A0A000")
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from .ladder import BETWEEN_OUTPUTS, CHOICES, Row
+from .ladder import OVER_OUTPUTS, Row
 
 if TYPE_CHECKING:
     from .chart import Chart, Truth
@@ -76,10 +76,11 @@ def _models(chart: Chart, truth: Truth) -> list[str]:
     same = [r for r in chart.rows if r.choice == it.choice and r.value == it.value and r.method == "ab"]
     orders = [r for r in same if r.model.shift == it.model.shift]
     modes = [r for r in same if r.model.order == it.model.order and r is not it]
-    rows = [["model", "time", "error"]]
+    rows = [["model", "time", "error", ""]]
     for r in [*orders, *modes]:
         error = "truth" if r is it else f"{r.error:.1e}" if r.error is not None else r.status
-        rows.append([r.model.label, seconds(r.time) if r.status == "ok" else "", error])
+        far = "bent beyond its range (RangeWarning)" if r.warning else ""
+        rows.append([r.model.label, seconds(r.time) if r.status == "ok" else "", error, far])
     return [f"Models, by {it.choice} at {it.setting} {it.value:.3g}:", *_columns(rows, frozenset({1, 2}))]
 
 
@@ -129,12 +130,9 @@ def table(chart: Chart) -> str:
     else:
         lines += ["", *_truth(truth), "", *_advice(chart, truth), "", *_models(chart, truth)]
         gap = max(b - a for a, b in zip(chart.scene.t[:-1], chart.scene.t[1:], strict=True))
-        if any(
-            r.setting == "step" and CHOICES[r.choice]["integrator"] not in BETWEEN_OUTPUTS and r.value > 0.99 * gap
-            for r in chart.front
-        ):
+        if any(r.setting == "step" and r.choice not in OVER_OUTPUTS and r.value > 0.99 * gap for r in chart.front):
             lines.append("")
-            lines.append(f"No step is longer than the {gap:.3g} s between output times: fewer outputs may be faster.")
+            lines.append(f"But for gauss, no step is longer than the {gap:.3g} s between output times.")
     lines += ["", *_methods(chart)] if chart.methods else []
     beaten = [r for r in skipped if "has no more error" in r.reason]
     if beaten:

@@ -16,15 +16,15 @@ from .model import Beam
 from .result import Result
 from .scene import Scene
 from .simulation import INTEGRATORS, SimulationError, simulate
-from .validity import RangeWarning
 
 ORDERS: tuple[int | str, ...] = (0, 1, 2, 3, "exact")  # from poor to rich
 QUANTITIES = ("tip", "joint", "strain")
 
 #: The integrators that choose their own steps for a tolerance; every other one takes `step`.
 BY_TOLERANCE = frozenset({"ida"})
-#: Those whose steps need not end at output times.
-BETWEEN_OUTPUTS = frozenset({"gauss"})
+
+#: The fixed-step integrators that step over output times.
+OVER_OUTPUTS = frozenset({"gauss"})
 
 #: What the chart draws a line for, by name: arguments of `simulate`. A new integrator joins by itself.
 CHOICES: dict[str, dict[str, Any]] = {
@@ -81,6 +81,7 @@ class Row:
         error: largest distance from the truth over the quantity's span; None if not known.
         absolute: the same by unit, such as {"m": 1e-5}.
         steps, evaluations: of the integrator.
+        warning: what RangeWarning said, if a beam bent further than its order is good for.
     """
 
     model: Model
@@ -95,6 +96,7 @@ class Row:
     absolute: dict[str, float] = field(default_factory=dict)
     steps: int = 0
     evaluations: int = 0
+    warning: str = ""
     values: dict[str, Array] | None = field(default=None, repr=False)
 
     @property
@@ -118,7 +120,7 @@ class Row:
     def to_dict(self) -> dict[str, Any]:
         keep = ("choice", "setting", "value", "method", "status", "reason", "time", "runs", "error", "absolute")
         about = {"order": self.model.order, "modes": self.model.modes, "shift": self.model.shift}
-        return {**about, **{k: getattr(self, k) for k in (*keep, "steps", "evaluations")}}
+        return {**about, **{k: getattr(self, k) for k in (*keep, "steps", "evaluations", "warning")}}
 
 
 def is_elastic(arm: Arm) -> bool:
@@ -236,11 +238,12 @@ def timed(scene: Scene, row: Row, quantity: str, deadline: float, tell: Any) -> 
     spent, best, result = 0.0, np.inf, None
     try:
         while row.runs < _REPEATS and spent < _LONG and (result is None or time.perf_counter() + best < deadline):
-            with warnings.catch_warnings():  # the chart shows what lies out of range
-                warnings.simplefilter("ignore", RangeWarning)
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always")
                 result = simulate(
                     s.arm, s.t, s.q0, s.v0, drive=s.drive, loads=s.loads, progress=look, **s.options
                 )  # fmt: skip
+            row.warning = "; ".join(str(w.message) for w in said)
             row.runs += 1
             spent += result.stats["wall_time"]
             best = min(best, result.stats["wall_time"])

@@ -87,13 +87,13 @@ class Walk:
         return self._models[key]
 
     def settings(self, choice: str, rtols: Sequence[float] = ()) -> Iterator[float]:
-        """From loose to tight. Steps that end at every output time are no longer than the gap between those."""
+        """From loose to tight; no step is longer than the gap between output times, where those are all met."""
         if CHOICES[choice]["integrator"] in ladder.BY_TOLERANCE:
             yield from rtols or 10.0 ** -np.arange(2, 12)
-        elif CHOICES[choice]["integrator"] in ladder.BETWEEN_OUTPUTS:
-            yield from (self.scene.t[-1] - self.scene.t[0]) / 16.0 / 2.0 ** np.arange(16)
         else:
-            yield from self.gap / 2.0 ** np.arange(16)
+            over = CHOICES[choice]["integrator"] in ladder.OVER_OUTPUTS
+            longest = max(self.gap, float(np.ptp(self.scene.t)) / 16) if over else self.gap
+            yield from longest / 2.0 ** np.arange(16)
 
     # -- one run -----------------------------------------------------------------------------------------------------
 
@@ -178,7 +178,8 @@ class Walk:
         return False
 
     def _converge(self, model: Model) -> bool:
-        for choice in INTEGRATORS:
+        high = ladder.BY_TOLERANCE | ladder.OVER_OUTPUTS  # of high order, so first
+        for choice in sorted(INTEGRATORS, key=lambda choice: choice not in high):
             before: Row | None = None
             failures = 0
             for value in self.settings(choice, _REFERENCE):
@@ -214,7 +215,7 @@ class Walk:
         choice, value, rich = self.truth.choice, self.truth.value, self.truth.model
         orders = self.orders[: self.orders.index(rich.order) + 1]
         shifts = self.shifts[: self.shifts.index(rich.shift) + 1]
-        dear = sorted(reversed(orders), key=lambda order: order == 3)  # last: it costs most, more than exact
+        dear = sorted(reversed(orders), key=lambda order: order == 3)  # last: in space it costs most, more than exact
         at_order = [self.run(self.model(order, rich.shift), choice, value, _FIRST) for order in dear]
         if len(orders) > 1:
             self.poorer["order"] = next(r for r in at_order if r.model.order == orders[-2])
