@@ -2,7 +2,7 @@
 
     python bench/failures.py [ENTRY ...]     all of them, or those named
 
-Each entry is one function, in failure_models.py or failure_integrators.py: it returns its figure and the rows of its
+Each entry is one function, in a failure_*.py beside this file: it returns its figure and the rows of its
 table. The figures go to docs/figures/failure_NAME.png, the rows into docs/failures.md between the entry's marks, and
 both rows and where they were measured to docs/figures/failures.json. The measures are in tests/stability, where
 they are judged.
@@ -17,6 +17,7 @@ import sys
 
 import failure_integrators  # noqa: F401  registers its entries
 import failure_models  # noqa: F401
+import failure_steps  # noqa: F401
 import flexarm as fa
 import numpy as np
 from failure_common import ENTRIES, ROOT, Rows
