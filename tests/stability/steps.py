@@ -11,13 +11,17 @@ from arms import paper_link, pendulum, reference
 from test_steps import amplification, slider
 
 LIMIT = 2 * np.sqrt(2)  # of h omega, for classical RK4 on undamped oscillation
-SAME = 1.0 + 1e-9  # of a step to one that divides the outputs: rounding must not add a step
 
 
 def rk4_growth(phase: np.ndarray | float) -> np.ndarray:
     """Growth of an undamped oscillation in one step of classical RK4 with h omega = phase: |sum_k (i x)^k / k!|."""
     x = np.asarray(phase, dtype=float)
     return np.hypot(1 - x**2 / 2 + x**4 / 24, x - x**3 / 6)
+
+
+def dividing(time: float, count: int) -> float:
+    """A step that makes `count` of a time exactly, also where simulate's tolerance of 1e-6 is more than a step."""
+    return time * (1 - 1e-6) / (count - 0.5)
 
 
 def alpha_growth(radius: float, phase: float) -> float:
@@ -53,7 +57,7 @@ def fastest_mode(shear: int, phase: float, steps: int, size: float = 1e-10, **op
     omega, shapes = modes.frequencies[-1], np.real(modes.shapes)
     h = phase / omega
     q0 = shapes[:, -1] * size / np.abs(shapes[:, -1]).max()
-    r = fa.simulate(arm, np.arange(steps + 1) * h, q0, step=SAME * h, **options)
+    r = fa.simulate(arm, np.arange(steps + 1) * h, q0, step=dividing(steps * h, steps), **options)
     part = np.linalg.inv(shapes)[-1]
     amplitude = np.hypot(omega * (r.q @ part), r.v @ part)
     return amplitude / amplitude[0]
@@ -84,7 +88,7 @@ def oscillator(cycles: np.ndarray, per_period: int, swinging: bool = False, **op
         arm, q0, period = pendulum(), [1.0 - np.pi / 2], 2.0
     t = np.concatenate([[0.0], cycles]) * period
     if options.get("integrator", "ida") != "ida":
-        options["step"] = SAME * period / per_period
+        options["step"] = dividing(t[-1], int(cycles[-1]) * per_period)
     energy = np.sum(fa.simulate(arm, t, q0, **options).energy(), axis=0)
     lowest = -9.81 if swinging else 0.0
     return (energy - energy[0])[1:] / (energy[0] - lowest)
@@ -98,7 +102,7 @@ def free_arm(steps: int, h: float, outputs: int = 1000, **options) -> dict:
     q0[1], v0[0] = 0.05, 2.0
     at = np.arange(outputs + 1) * (steps // outputs)
     if options.get("integrator", "ida") != "ida":
-        options["step"] = SAME * h
+        options["step"] = dividing(steps * h, steps)
     r = fa.simulate(arm, at * h, q0, v0, **options)
     energy = np.sum(r.energy(), axis=0)
     error = energy / energy[0] - 1
