@@ -52,3 +52,13 @@ def test_a_divergence_is_reported_with_its_cause() -> None:
     assert np.log(1e151 / 1e-6) / rate < found["time"] < np.log(1e155 / 1e-6) / rate
     assert "stopped at t = 3.7" in found["message"] and "link 0: at order 1" in found["message"]
     assert found["wall"] < 10
+
+
+@pytest.mark.parametrize("integrator", ["implicit", "gauss", "rk4"])
+def test_fixed_steps_report_a_divergence_of_several_modes_at_once(integrator: str) -> None:
+    """Three modes, of which one grows: no step becomes small, so the end comes when it must, and quickly."""
+    found = integrators.overflow(modes=3, integrator=integrator, step=1e-3)
+    rate = np.sqrt(100**2 - 20.948766**2)
+    assert np.log(1e145 / 1e-6) / rate < found["time"] < np.log(1e157 / 1e-6) / rate
+    assert "take a smaller step" in found["message"] and "link 0: at order 1" in found["message"]
+    assert found["wall"] < 5
