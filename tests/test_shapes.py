@@ -253,6 +253,7 @@ def beam(**change) -> fa.Beam:
             r"modes.bending_y\[1\] = .*combination of the shapes",
         ),
         ({"modes": {"bending_y": [lambda x: x, lambda x: 1.0, lambda x: 3 - x]}}, r"modes.bending_y\[2\] = "),
+        ({"modes": {"bending_y": [lambda x: 0.0]}}, r"modes.bending_y\[0\]: its strain must not be zero throughout"),
         ({"modes": {"torsion": [[0.0, 0.0]]}}, r"modes.torsion\[0\] = 0: its strain must be finite, and not zero"),
         ({"modes": {"bending_y": [lambda x: abs(x - 0.5)]}}, r"modes.bending_y\[0\]: is not smooth enough"),
         ({"modes": {"bending_y": [lambda x: np.nan]}}, r"modes.bending_y\[0\].* must be finite"),
