@@ -83,6 +83,12 @@ def test_a_heavy_tip_needs_fewer_loaded_modes() -> None:
     assert abs(free.modes().frequencies[1] / expected[1] - 1) > 0.05
 
 
+def test_all_of_many_loaded_modes_are_modes() -> None:
+    beam = fa.Beam(1.0, SQUARE, UNIT, {"bending_y": 30}, "loaded", order=1, rotary_inertia=False)
+    expected = [((k + 0.5) * np.pi) ** 2 * np.sqrt(SQUARE.second_moment_z / SQUARE.area) for k in range(2, 30)]
+    np.testing.assert_allclose(clamped(beam).modes().frequencies[2:], expected, rtol=1e-3)
+
+
 # -- the user's own shapes -------------------------------------------------------------------------------------------
 
 
