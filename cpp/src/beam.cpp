@@ -201,7 +201,7 @@ void check_options(const BeamOptions& o, const Material& material) {
 /// each scaled so that its largest deflection (or turn) is 1, positive at the end.
 template <class Profile>
 MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, int n, double length) {
-  const int terms = n + 14;
+  const int terms = 2 * n + 14;  // mode n has up to n/2 waves, and a polynomial takes pi degrees for each, and some
   const ShapeSet ritz(strain, Basis::legendre, terms, length);
   const auto moved = [&](const ShapeValues& v) { return is_bending(strain) ? v.deflection : v.slope; };
   MatrixXd M = MatrixXd::Zero(terms, terms), K = M;

@@ -29,7 +29,9 @@ def _from_function(field: str, f: Callable[[float], float], length: float) -> Ar
     for points in (16, 32, 64, 128):
         c = _project(values, length, points)
         size = np.abs(c) / np.sqrt(2 * np.arange(len(c)) + 1)
-        tail = float(size[-len(c) // 4 :].max()) / max(float(size.max()), 1e-300)
+        if not size.max() > 0.0:
+            raise ValueError(f"{field}: its strain must not be zero throughout")
+        tail = float(size[-len(c) // 4 :].max()) / float(size.max())
         if tail < 1e-13:
             break
     if tail > 1e-6:
