@@ -262,6 +262,7 @@ def beam(**change) -> fa.Beam:
         ({"modes": {"bending_y": [lambda x: 0.0]}}, r"modes.bending_y\[0\]: its strain must not be zero throughout"),
         ({"modes": {"torsion": [[0.0, 0.0]]}}, r"modes.torsion\[0\] = 0: its strain must be finite, and not zero"),
         ({"modes": {"bending_y": [lambda x: abs(x - 0.5)]}}, r"modes.bending_y\[0\]: is not smooth enough"),
+        ({"modes": {"bending_y": lambda x: 1.0}}, r"modes.bending_y = .*: must be a whole number, or a list of strain"),
         ({"modes": {"bending_y": [lambda x: np.nan]}}, r"modes.bending_y\[0\].* must be finite"),
         ({"modes": {"bending_y": [lambda x: "no"]}}, r"modes.bending_y\[0\].* must be numbers"),
         ({"modes": {"bending_y": [[1.0]]}}, r"modes.bending_y\[0\] has shapes .*two or more"),

@@ -270,7 +270,7 @@ def test_large_steps_that_newton_cannot_solve_are_reported() -> None:
     v0 = np.zeros(arm.nv)
     v0[:3] = 60.0
     with pytest.raises(
-        fa.SimulationError, match=r"a step of 0\.00039\d* s could not be solved: take a smaller step"
+        fa.SimulationError, match=r"a step of 0\.1 s could not be solved: take a smaller step"
     ) as caught:
         fa.simulate(arm, np.linspace(0, 10, 101), v0=v0, integrator="implicit", step=0.1)
     assert np.isfinite(caught.value.result.q).all()

@@ -167,8 +167,9 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
   for (const auto& [stop, is_output] :
        stops(sample_times(sampled, loads, t, functions), t, step, method.interpolates())) {
     const double start = out.reached;
-    const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step * (1.0 - kSame))));
-    // One step, or, where its equations cannot be solved, two of half its length, and so on.
+    const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step - kSame)));
+    // One step, or, where its equations cannot be solved, two of half its length, and so on. (Not of the implicit
+    // method: an iteration that fails on modes too fast for the step, and loud, may find a solution that is none.)
     const auto advance = [&](const auto& again, double from, double h, double last, int level) -> Status {
       now.from = from;
       now.h = h;
@@ -181,7 +182,7 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
         return !method.interpolates() || record_inside(s, method, from, h, out, t, composite) ? found
                                                                                               : Status::not_finite;
       }
-      if (found != Status::not_converged || level == kSplits) return found;
+      if (found != Status::not_converged || level == kSplits || !method.interpolates()) return found;
       ++out.stats.failed_steps;
       s.drive(from);
       const Status half = again(again, from, 0.5 * h, std::nan(""), level + 1);

@@ -78,15 +78,18 @@ def simulate(
             in the number of links; a soft stop that is to be hit needs steps below 0.3 sqrt(mass / limit_stiffness).
             "gauss": Gauss collocation, fixed step, order 2 `stages`, as stable, symmetric in time; the most accurate
             for its cost, and the state between its steps is interpolated, so that output times do not shorten them;
-            its matrices are dense, for arms of up to some tens of coordinates. "rk4": classical Runge-Kutta, fixed
-            step, fourth order, stable only while the step is below 2.83 over the highest frequency.
+            its matrices are dense, for arms of up to some tens of coordinates. Its equations are solved to 1e-12 of the
+            motion in the norm of kinetic energy, so that coordinates of very small inertia are known to about 1e-8;
+            jumps of a force belong into samples, which its steps end at, and stops that are hit want short steps.
+            "rk4": classical Runge-Kutta, fixed step, fourth order, stable only while the step is below 2.83 over the
+            highest frequency.
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative and absolute (in its unit).
         max_order: of IDA's backward differentiation formulas, 1 to 5. 2 is best when fast modes are present but
             quiet, because higher orders are unstable on undamped oscillation; 5 when they ring and must be followed.
         step: of the fixed-step integrators (s): the longest step. Output times and samples of drives and loads are
             met exactly, by dividing what lies between two of them into equal steps, as few as `step` allows; "gauss"
-            ends its steps at samples of torques and loads alone, and halves those that would miss some of a motion. A
-            step whose equations cannot be solved is halved, up to eight times.
+            ends its steps at samples of torques and loads alone, and halves those that would miss some of a motion, or
+            whose equations cannot be solved.
         spectral_radius: of "implicit": what is left after one step of a mode much too fast for the step, 0 to 1. 1
             (trapezoidal rule) keeps the energy of every mode; but modes too fast for the step, once struck by a jump
             of a force, ring on in the accelerations. At 0.9 they die out, at about the same accuracy.
