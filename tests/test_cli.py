@@ -239,7 +239,9 @@ def test_interrupt(
 # -- the program ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("argv", [["--help"], ["demo", "--help"], ["run", "--help"], ["modes", "--help"]])
+@pytest.mark.parametrize(
+    "argv", [["--help"], ["demo", "--help"], ["run", "--help"], ["modes", "--help"], ["chart", "--help"]]
+)
 def test_help(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as done:
         main(argv)

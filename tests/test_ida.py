@@ -9,8 +9,8 @@ from arms import BODY, STEEL, G, pendulum, random_arm, random_state, unit_balls
 from scipy.special import ellipk
 
 INTEGRATORS = [{"rtol": 1e-9, "atol": 1e-11}, {"integrator": "implicit", "step": 1e-3}]
-INTEGRATORS += [{"integrator": "rk4", "step": 1e-2}]
-NAMES = ["ida", "implicit", "rk4"]
+INTEGRATORS += [{"integrator": "rk4", "step": 1e-2}, {"integrator": "gauss", "step": 0.1}]
+NAMES = ["ida", "implicit", "rk4", "gauss"]
 
 
 def event(f, terminal=False, direction=0):
@@ -29,6 +29,7 @@ def both(arm: fa.Arm, t, **options) -> tuple[fa.Result, fa.Result]:
     return chain, dense
 
 
+@pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
 @pytest.mark.parametrize("seed", range(6))
 def test_chain_and_dense_agree_on_random_arms(seed: int) -> None:
     """Every joint, springs, stops, damping, loads, a motion: the same solution, at about the same number of steps."""

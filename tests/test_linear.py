@@ -249,3 +249,10 @@ def test_bad_input(options: dict, message: str) -> None:
     arm = floating_arm()
     with pytest.raises(ValueError, match=message):
         arm.linearize(arm.zero, **options)
+
+
+def test_loads_must_be_a_list() -> None:
+    arm, load = paper_link(), fa.Load(force=(0, 1, 0))
+    for call in (lambda: arm.modes(loads=load), lambda: fa.simulate(arm, [0, 1], loads=load)):
+        with pytest.raises(ValueError, match=r"loads = Load\(.*must be a list of Load"):
+            call()

@@ -252,3 +252,13 @@ def test_rigid_motions_that_rounding_hides(seed: int) -> None:
     s, _ = _conservative(np.eye(6), V @ np.diag(square) @ V.T)
     np.testing.assert_allclose(np.sort(np.abs(s) ** 2), square, atol=1e-8)
     assert (s.real == 0).all()
+
+
+def test_nearly_dependent_shapes_keep_their_modes() -> None:
+    """1 and 1 + 1e-5 x: the mass matrix is as ill-conditioned as the stiffness, and no shift can help."""
+    beam = fa.Beam(
+        1.0, fa.Rectangle(0.01, 0.02), fa.Material(2000, 1e9), {"bending_y": [lambda x: 1.0, lambda x: 1 + 1e-5 * x]}
+    )
+    clean = fa.Beam(1.0, fa.Rectangle(0.01, 0.02), fa.Material(2000, 1e9), {"bending_y": 2}, "legendre")
+    one, two = (fa.Arm([fa.Link(fa.Fixed(), None, b)]).modes().frequencies for b in (beam, clean))
+    np.testing.assert_allclose(one, two, rtol=1e-4)

@@ -83,6 +83,12 @@ def test_a_heavy_tip_needs_fewer_loaded_modes() -> None:
     assert abs(free.modes().frequencies[1] / expected[1] - 1) > 0.05
 
 
+def test_all_of_many_loaded_modes_are_modes() -> None:
+    beam = fa.Beam(1.0, SQUARE, UNIT, {"bending_y": 30}, "loaded", order=1, rotary_inertia=False)
+    expected = [((k + 0.5) * np.pi) ** 2 * np.sqrt(SQUARE.second_moment_z / SQUARE.area) for k in range(2, 30)]
+    np.testing.assert_allclose(clamped(beam).modes().frequencies[2:], expected, rtol=1e-3)
+
+
 # -- the user's own shapes -------------------------------------------------------------------------------------------
 
 
@@ -253,8 +259,10 @@ def beam(**change) -> fa.Beam:
             r"modes.bending_y\[1\] = .*combination of the shapes",
         ),
         ({"modes": {"bending_y": [lambda x: x, lambda x: 1.0, lambda x: 3 - x]}}, r"modes.bending_y\[2\] = "),
+        ({"modes": {"bending_y": [lambda x: 0.0]}}, r"modes.bending_y\[0\]: its strain must not be zero throughout"),
         ({"modes": {"torsion": [[0.0, 0.0]]}}, r"modes.torsion\[0\] = 0: its strain must be finite, and not zero"),
         ({"modes": {"bending_y": [lambda x: abs(x - 0.5)]}}, r"modes.bending_y\[0\]: is not smooth enough"),
+        ({"modes": {"bending_y": lambda x: 1.0}}, r"modes.bending_y = .*: must be a whole number, or a list of strain"),
         ({"modes": {"bending_y": [lambda x: np.nan]}}, r"modes.bending_y\[0\].* must be finite"),
         ({"modes": {"bending_y": [lambda x: "no"]}}, r"modes.bending_y\[0\].* must be numbers"),
         ({"modes": {"bending_y": [[1.0]]}}, r"modes.bending_y\[0\] has shapes .*two or more"),

@@ -181,8 +181,9 @@ namespace {
 
 void check_options(const BeamOptions& o, const Material& material) {
   for (int s = 0; s < kStrains; ++s)
-    if (o.modes[s] < 0 || o.modes[s] > 40)
-      bad_value(std::string("modes.") + kStrainFields[s].name, o.modes[s], "must be from 0 to 40");
+    if (o.modes[s] < 0 || o.modes[s] > kMostModes)
+      bad_value(std::string("modes.") + kStrainFields[s].name, o.modes[s],
+                "must be from 0 to " + std::to_string(kMostModes));
   if (o.order < 0 || o.order > kExact) bad_value("order", o.order, "must be 0, 1, 2, 3 or \"exact\"");
   non_negative("damping_ratio", o.damping_ratio);
   non_negative("kelvin_voigt", o.kelvin_voigt);
@@ -200,7 +201,7 @@ void check_options(const BeamOptions& o, const Material& material) {
 /// each scaled so that its largest deflection (or turn) is 1, positive at the end.
 template <class Profile>
 MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, int n, double length) {
-  const int terms = n + 14;
+  const int terms = 2 * n + 14;  // mode n has up to n/2 waves, and a polynomial takes pi degrees for each, and some
   const ShapeSet ritz(strain, Basis::legendre, terms, length);
   const auto moved = [&](const ShapeValues& v) { return is_bending(strain) ? v.deflection : v.slope; };
   MatrixXd M = MatrixXd::Zero(terms, terms), K = M;
@@ -261,6 +262,9 @@ Beam::Beam(double length, const Profile& profile, const Material& material, cons
     first_[s] = ne_;
     ne_ += n;
   }
+  const std::array<int, kStrains>& m = options_.modes;
+  const bool y = m[bending_y] + m[shear_y] > 0, z = m[bending_z] + m[shear_z] > 0;
+  if (m[torsion] == 0 && y != z) plane_ = y ? Plane::xy : Plane::xz;
   build_slices(profile);
   build_stiffness(profile);
 }
@@ -294,13 +298,7 @@ void Beam::build_slices(const Profile& profile) {
   }
   tip_ = all[n];
   if (options_.order > 2) {
-    SeriesTables series{MatrixXd(n, n), {}};
-    std::vector<SliceTable> at = tables({rule_.points.data(), rule_.points.data() + n});
-    for (int g = 0; g < n; ++g) {
-      series.cumulative.row(g) = at[g].weights;
-      series.strains.push_back(at[g].strains);
-    }
-    series_ = std::move(series);
+    series_.emplace(options_.order, plane_, tables({rule_.points.data(), rule_.points.data() + n}));
   }
 }
 
@@ -358,6 +356,7 @@ std::vector<SliceTable> Beam::tables(const std::vector<double>& stations) const 
     }
     SliceTable t;
     t.X = X;
+    t.plane = plane_;
     t.linear = MatrixXd::Zero(6, ne_);
     t.strains = MatrixXd::Zero(5, ne_);
     const std::array<ShapeValues, kStrains> s = shapes_at(X);

@@ -161,9 +161,7 @@ SUNLinearSolver chain_solver(IdaSystem& s, N_Vector y, SUNContext context) {
     ChainSolver::of(l).weights = left;
     return SUNLinSolSetScalingVectors(ChainSolver::of(l).gmres, left, right);
   };
-  ops->setzeroguess = [](SUNLinearSolver l, auto on) {
-    return SUNLinSolSetZeroGuess(ChainSolver::of(l).gmres, on);
-  };
+  ops->setzeroguess = [](SUNLinearSolver l, auto on) { return SUNLinSolSetZeroGuess(ChainSolver::of(l).gmres, on); };
   ops->initialize = [](SUNLinearSolver l) { return SUNLinSolInitialize(ChainSolver::of(l).gmres); };
   ops->setup = [](SUNLinearSolver l, SUNMatrix) { return ChainSolver::of(l).setup(); };
   ops->solve = [](SUNLinearSolver l, SUNMatrix, N_Vector x, N_Vector b, sunrealtype tolerance) {

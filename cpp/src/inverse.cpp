@@ -6,6 +6,11 @@ template <class S>
 void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v, const VecX<S>& a) {
   move_arm(arm, ws, q, v);
   accelerate_arm<S>(arm, ws, a, -arm.gravity());  // the base accelerates against gravity
+  joint_forces(arm, ws, a);
+}
+
+template <class S>
+void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a) {
   // inward: F = M_rfr A_rfr + N_rfr + Phi^T F+ (Eq. 84); T = H_rfr^T F_rfr (Eq. 87)
   for (std::size_t n = arm.size(); n-- > 0;) {
     const Link& link = arm.link(n);
@@ -31,9 +36,10 @@ void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, c
     ws.tau.segment(e, link.ne()) = s.Fe;
   }
 }
-template void inverse_dynamics<double>(const Arm&, SweepWorkspace<double>&, const VecX<double>&, const VecX<double>&,
-                                       const VecX<double>&);
-template void inverse_dynamics<Tangent>(const Arm&, SweepWorkspace<Tangent>&, const VecX<Tangent>&,
-                                        const VecX<Tangent>&, const VecX<Tangent>&);
+#define FLEXARM_INSTANTIATE(S)                                                                                       \
+  template void inverse_dynamics<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&, const VecX<S>&, const VecX<S>&); \
+  template void joint_forces<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&);
+FLEXARM_INSTANTIATE(double)
+FLEXARM_INSTANTIATE(Tangent)
 
 }  // namespace flexarm

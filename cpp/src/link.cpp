@@ -100,7 +100,10 @@ SliceTable Link::slice_at(double x) const {
 
 template <class S>
 void Link::move_slice(const SliceTable& table, const LinkState<S>& s, bool orient, Slice<S>& out) const {
-  if (beam_->series())
+  const SeriesTables* series = beam_->series();
+  if (series && series->plane != Plane::none)
+    move_planar_slice(table, hub_.end, s.series, s.qe.data(), s.dqe.data(), orient, out);
+  else if (series)
     flexarm::move_slice(table, hub_.end, beam_->order(), s.series, out);
   else
     flexarm::move_slice(table, hub_.end, s.qe.data(), s.dqe.data(), orient, out);
@@ -110,8 +113,7 @@ template <class S>
 void Link::move(LinkState<S>& s) const {
   s.hub.x = hub_.com.template cast<S>();
   if (beam_) {
-    if (beam_->order() == 3) series_order_3(*beam_->series(), s.qe.data(), s.dqe.data(), s.series);
-    if (beam_->order() == kExact) series_exact(*beam_->series(), s.qe.data(), s.dqe.data(), s.series);
+    if (beam_->series()) fill_series(*beam_->series(), s.qe.data(), s.dqe.data(), s.series);
     if (!cut_)
       for (std::size_t k = 0; k < s.slices.size(); ++k)
         move_slice(beam_->slices()[k].table, s, beam_->options().rotary_inertia, s.slices[k]);

@@ -69,7 +69,66 @@ void set_strains(const SeriesTables& tables, const S* q, const S* dq, Series<S>&
   }
 }
 
-}  // namespace
+/// x' = [f, g] of slope b and shear p, and its slopes.
+template <class S>
+struct PlanarTangent {
+  S f, g, f_b, g_b, f_p, g_p, f_bb, g_bb, f_bp, g_bp;
+
+  PlanarTangent(int order, const S& b, const S& p) {
+    if (order == kExact) {
+      using std::cos;
+      using std::sin;
+      const S c = cos(b), s = sin(b);
+      f = c - p * s;
+      g = s + p * c;
+      f_p = -s;
+      g_p = c;
+      f_b = -g;
+      g_b = f;
+      f_bb = -f;
+      g_bb = -g;
+      f_bp = -c;
+      g_bp = -s;
+      return;
+    }
+    const S half = 1.0 - 0.5 * (b * b);  // to third order in all (Eq. 24-27)
+    f = half - p * b;
+    g = b * (1.0 - (b * b) / 6.0) + p * half;
+    f_p = -b;
+    g_p = half;
+    f_b = -b - p;
+    g_b = f;
+    f_bb = S(-1.0);
+    g_bb = f_b;
+    f_bp = S(-1.0);
+    g_bp = -b;
+  }
+};
+
+template <class S>
+void series_planar(const SeriesTables& tables, const S* q, const S* dq, Series<S>& s) {
+  const Eigen::Index n = tables.slope.rows(), ne = tables.slope.cols(), up = first_derivative_column + ne;
+  for (Eigen::Index j = 0; j < n; ++j) {
+    S b(0), p(0), b_dot(0), p_dot(0);
+    for (Eigen::Index k = 0; k < ne; ++k) {
+      b += tables.slope(j, k) * q[k];
+      p += tables.shear(j, k) * q[k];
+      b_dot += tables.slope(j, k) * dq[k];
+      p_dot += tables.shear(j, k) * dq[k];
+    }
+    const PlanarTangent<S> t(tables.order, b, p);
+    s.plane(j, value_column) = t.f;
+    s.plane(j, up + value_column) = t.g;
+    s.plane(j, rate_column) = t.f_b * b_dot + t.f_p * p_dot;
+    s.plane(j, up + rate_column) = t.g_b * b_dot + t.g_p * p_dot;
+    s.plane(j, bias_column) = (t.f_bb * b_dot + 2.0 * (t.f_bp * p_dot)) * b_dot;
+    s.plane(j, up + bias_column) = (t.g_bb * b_dot + 2.0 * (t.g_bp * p_dot)) * b_dot;
+    for (Eigen::Index k = 0; k < ne; ++k) {
+      s.plane(j, first_derivative_column + k) = t.f_b * tables.slope(j, k) + t.f_p * tables.shear(j, k);
+      s.plane(j, up + first_derivative_column + k) = t.g_b * tables.slope(j, k) + t.g_p * tables.shear(j, k);
+    }
+  }
+}
 
 template <class S>
 void series_order_3(const SeriesTables& tables, const S* q, const S* dq, Series<S>& s) {
@@ -185,10 +244,40 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
   }
 }
 
-#define FLEXARM_INSTANTIATE(S)                                                          \
-  template void series_order_3<S>(const SeriesTables&, const S*, const S*, Series<S>&); \
-  template void series_exact<S>(const SeriesTables&, const S*, const S*, Series<S>&);
-FLEXARM_INSTANTIATE(double)
-FLEXARM_INSTANTIATE(Tangent)
+}  // namespace
+
+SeriesTables::SeriesTables(int order_, Plane plane_, const std::vector<SliceTable>& at) : order(order_), plane(plane_) {
+  const Eigen::Index n = static_cast<Eigen::Index>(at.size()), ne = at.front().linear.cols();
+  if (plane == Plane::none) {
+    cumulative.resize(n, n);
+    for (Eigen::Index g = 0; g < n; ++g) cumulative.row(g) = at[static_cast<std::size_t>(g)].weights;
+    for (const SliceTable& slice : at) strains.push_back(slice.strains);
+    return;
+  }
+  slope.resize(n, ne);
+  shear.resize(n, ne);
+  for (Eigen::Index g = 0; g < n; ++g) {
+    const SliceTable& slice = at[static_cast<std::size_t>(g)];
+    if (plane == Plane::xy) {
+      slope.row(g) = slice.linear.row(5);
+      shear.row(g) = slice.strains.row(3);
+    } else {
+      slope.row(g) = -slice.linear.row(4);
+      shear.row(g) = slice.strains.row(4);
+    }
+  }
+}
+
+template <class S>
+void fill_series(const SeriesTables& tables, const S* q, const S* dq, Series<S>& s) {
+  if (tables.plane != Plane::none)
+    series_planar(tables, q, dq, s);
+  else if (tables.order == 3)
+    series_order_3(tables, q, dq, s);
+  else
+    series_exact(tables, q, dq, s);
+}
+template void fill_series<double>(const SeriesTables&, const double*, const double*, Series<double>&);
+template void fill_series<Tangent>(const SeriesTables&, const Tangent*, const Tangent*, Series<Tangent>&);
 
 }  // namespace flexarm

@@ -6,6 +6,7 @@
 
 #include "events.hpp"
 #include "flexarm/check.hpp"
+#include "flexarm/quadrature.hpp"
 
 namespace flexarm {
 
@@ -13,6 +14,11 @@ namespace {
 
 constexpr double kSame = 1e-6;  // parts of a step by which two times are still one
 constexpr double kMostSteps = 1e10;
+constexpr double kResolved = 1e-6;   // parts of a motion's velocity that a step may miss
+constexpr double kStill = 1e-3;      // parts of a motion's largest speed: what is slower counts as that fast
+constexpr double kInBetween = 1e-4;  // the same, at its samples
+constexpr int kLooks = 5;            // halvings of a step that does not see the motion; then it is taken to jump
+constexpr int kSplits = 8;           // halvings of a step whose equations cannot be solved
 
 void check_step(double step, const Eigen::VectorXd& t) {
   positive("step", step);
@@ -37,12 +43,14 @@ std::string reason(Status status, double h) {
   return text.str();
 }
 
-/// Output times and samples, each once; true: an output time.
-std::vector<std::pair<double, bool>> stops(const std::vector<double>& samples, const Eigen::VectorXd& t, double step) {
+/// Times that steps end at, each once: the samples and the output times (the last alone, if `inside` tells the rest);
+/// true: an output time.
+std::vector<std::pair<double, bool>> stops(const std::vector<double>& samples, const Eigen::VectorXd& t, double step,
+                                           bool interpolates) {
   std::vector<std::pair<double, bool>> out;
   std::size_t next = 0;
   double last = t[0];
-  for (Eigen::Index k = 1; k < t.size(); ++k) {
+  for (Eigen::Index k = interpolates ? t.size() - 1 : 1; k < t.size(); ++k) {
     for (; next < samples.size() && samples[next] < t[k]; ++next) {
       if (samples[next] < last + kSame * step || samples[next] > t[k] - kSame * step) continue;
       last = samples[next];
@@ -52,6 +60,76 @@ std::vector<std::pair<double, bool>> stops(const std::vector<double>& samples, c
     out.emplace_back(last, true);
   }
   return out;
+}
+
+/// Whether the Gauss points of a step see a prescribed motion for what it is: what they make of its acceleration and
+/// velocity is its change of velocity and place, and at its samples in between (some of them, if they are many) its
+/// velocity is the polynomial through theirs. A motion whose samples lie closer than the steps is looked at so, instead
+/// of stopping at each.
+/// @param speeds  of each motion, as its samples tell: what is far below is no motion
+bool resolved(const std::vector<Drive>& drives, const std::vector<double>& speeds, double from, double h) {
+  static const GaussRule rule(4);
+  constexpr int kNodes = 6, kSamples = 8;
+  const double x[kNodes] = {0.0, rule.points[0], rule.points[1], rule.points[2], rule.points[3], 1.0};
+  for (std::size_t n = 0; n < drives.size(); ++n) {
+    const Drive& d = drives[n];
+    if (!d.motion) continue;
+    MotionValue at[kNodes];
+    double speed = 0.0, turn = 0.0, size = kStill * speeds[n];
+    for (int i = 0; i < kNodes; ++i) {
+      at[i] = d.motion(from + h * x[i]);
+      size = std::max({size, std::abs(at[i].v), h * std::abs(at[i].a)});
+      if (i == 0 || i + 1 == kNodes) continue;
+      speed += h * rule.weights[i - 1] * at[i].a;
+      turn += h * rule.weights[i - 1] * at[i].v;
+    }
+    const double missed =
+        std::max(std::abs(at[kNodes - 1].v - at[0].v - speed), std::abs(at[kNodes - 1].q - at[0].q - turn) / h);
+    if (!(missed <= kResolved * size + 1e-12 * std::abs(at[0].q) / h)) return false;
+    const double *begin = d.breaks.data(), *end = begin + d.breaks.size();
+    const double *first = std::upper_bound(begin, end, from), *last = std::lower_bound(first, end, from + h);
+    for (int k = 0; k < kSamples && last > first; ++k) {
+      const double t = first[(last - first) * (2 * k + 1) / (2 * kSamples)];
+      double through = 0.0;
+      for (int i = 0; i < kNodes; ++i) {
+        double lagrange = at[i].v;
+        for (int j = 0; j < kNodes; ++j)
+          if (j != i) lagrange *= ((t - from) / h - x[j]) / (x[i] - x[j]);
+        through += lagrange;
+      }
+      if (!(std::abs(through - d.motion(t).v) <= kInBetween * size)) return false;
+    }
+  }
+  return true;
+}
+
+/// Largest speed of each motion, from some of its samples and of the output times.
+std::vector<double> speeds(const std::vector<Drive>& drives, const Eigen::VectorXd& t) {
+  std::vector<double> out;
+  for (const Drive& d : drives) {
+    double largest = 0.0;
+    for (const Eigen::VectorXd* times : {&d.breaks, &t})
+      for (Eigen::Index k = 0; d.motion && k < times->size(); k += 1 + times->size() / 500)
+        largest = std::max(largest, std::abs(d.motion((*times)[k]).v));
+    out.push_back(largest);
+  }
+  return out;
+}
+
+/// Records the output times inside the step of h from `from`, and leaves the state as it was.
+bool record_inside(System& s, const Step& method, double from, double h, Trajectory& out, const Eigen::VectorXd& t,
+                   bool composite) {
+  const Eigen::VectorXd q = s.q, v = s.v;
+  bool good = true;
+  for (; good && out.done + 1 < t.size() && t[out.done] <= out.reached;) {
+    const double at = t[out.done];
+    method.inside((at - from) / h, s.q, s.v);
+    s.drive(at);
+    good = s.record(out, composite);
+  }
+  s.q = q;
+  s.v = v;
+  return good;
 }
 
 }  // namespace
@@ -79,23 +157,48 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
     now.system.drive(c == 1.0 && !std::isnan(now.last) ? now.last : now.from + c * now.h);
   };
   bool functions = false;
+  const std::vector<double> motion_speeds = method.interpolates() ? speeds(drives, t) : std::vector<double>{};
+  std::vector<Drive> sampled;  // whose samples steps must end at
+  for (const Drive& d : drives)
+    if (!d.motion || !method.interpolates()) sampled.push_back(d);
   s.drive(t[0]);  // `record` put the reactions into tau
   Status status = method.start(s.ws, s.q, s.v, s.tau);
-  StepEvents seen(s, events, out);
-  seen.start(t[0]);
+  StepEvents watched(s, events, out);
+  watched.start(t[0]);
+  const StepEvents::Inside inside = [&method](double x, Eigen::VectorXd& q, Eigen::VectorXd& v) {
+    method.inside(x, q, v);
+  };
   bool going = true;
-  for (const auto& [stop, is_output] : stops(sample_times(drives, loads, t, functions), t, step)) {
+  for (const auto& [stop, is_output] :
+       stops(sample_times(sampled, loads, t, functions), t, step, method.interpolates())) {
     const double start = out.reached;
-    const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step * (1.0 - kSame))));
-    now.h = (stop - start) / static_cast<double>(count);
+    const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step - kSame)));
+    // One step, or, where its equations cannot be solved, two of half its length, and so on. (Not of the implicit
+    // method: an iteration that fails on modes too fast for the step, and loud, may find a solution that is none.)
+    const auto advance = [&](const auto& again, double from, double h, double last, int level) -> Status {
+      now.from = from;
+      now.h = h;
+      now.last = last;
+      const bool seen = !method.interpolates() || level >= kLooks || resolved(drives, motion_speeds, from, h);
+      const Status found = seen ? method.advance(h, s.ws, s.q, s.v, s.tau, given) : Status::not_converged;
+      if (found == Status::ok) {
+        out.reached = std::isnan(last) ? from + h : last;
+        ++out.stats.steps;
+        watched.look(out.reached, method.interpolates() ? &inside : nullptr);
+        return !method.interpolates() || record_inside(s, method, from, h, out, t, composite) ? found
+                                                                                              : Status::not_finite;
+      }
+      if (found != Status::not_converged || level == kSplits || !method.interpolates()) return found;
+      ++out.stats.failed_steps;
+      s.drive(from);
+      const Status half = again(again, from, 0.5 * h, std::nan(""), level + 1);
+      return half == Status::ok && !out.terminated ? again(again, from + 0.5 * h, 0.5 * h, last, level + 1) : half;
+    };
+    const double step_now = (stop - start) / static_cast<double>(count);
     for (long k = 0; k < count && status == Status::ok && going && !out.terminated; ++k) {
-      now.from = start + static_cast<double>(k) * now.h;
-      now.last = k + 1 == count ? stop : std::nan("");
-      status = method.advance(now.h, s.ws, s.q, s.v, s.tau, given);
+      const double from = start + static_cast<double>(k) * step_now;
+      status = advance(advance, from, step_now, k + 1 == count ? stop : std::nan(""), 0);
       if (status != Status::ok) break;
-      out.reached = k + 1 == count ? stop : now.from + now.h;
-      ++out.stats.steps;
-      seen.look(out.reached);
       going = !alive || alive(out.reached);
     }
     if (status != Status::ok) out.failure = reason(status, now.h);

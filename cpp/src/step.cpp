@@ -9,6 +9,7 @@ namespace flexarm {
 namespace {
 
 constexpr double kSlow = 0.3;        // contraction above which the matrix is made anew within a step
+constexpr double kBest = 1e-4;       // contraction that is believed without having been measured in the same step
 constexpr double kRounding = 1e-14;  // parts of the applied forces: a residual below is noise
 constexpr double kFloor = 1e-7;      // parts of the motion: an iteration that stalls below is at the end of its digits
 constexpr double kGrown = 1.5;       // ratio of a step to the one before, above which nothing is extrapolated
@@ -89,7 +90,7 @@ Status ImplicitStep::iterate(double h, Workspace& ws, Eigen::VectorXd& q, Eigen:
   const double by_a = (1.0 - alpha_f_) / (1.0 - alpha_m_);  // d alpha / d a
   const Shift shift{h * gamma_ * by_a, h * h * beta_ * by_a};
   const double fall = h * arm_->gravity().norm();
-  contraction_ = std::pow(contraction_, 0.8);  // old knowledge, doubted more with every step
+  contraction_ = std::max(kBest, std::pow(contraction_, 0.8));  // old knowledge, doubted more with every step
   double last = 0.0, scale = 0.0;
   bool anew = true;
   for (iterations_ = 1; iterations_ <= options_.max_iterations; ++iterations_) {
@@ -116,7 +117,8 @@ Status ImplicitStep::iterate(double h, Workspace& ws, Eigen::VectorXd& q, Eigen:
       a_[i] += turn_[i];
       alpha_[i] += by_a * turn_[i];
     }
-    if (!std::isfinite(work) || !std::isfinite(scale)) return Status::not_finite;
+    if (!std::isfinite(work) || !std::isfinite(scale))
+      return tau.allFinite() ? Status::not_converged : Status::not_finite;
     const double moved = shift.damping * std::sqrt(std::abs(work));  // of the velocities, in the norm of energy
     if (iterations_ > 1) contraction_ = moved < last ? moved / last : 1.0;
     const bool stalled = contraction_ > 0.5 && moved <= kFloor * scale;

@@ -66,7 +66,8 @@ bool System::record(Trajectory& out, bool composite) {
     return false;
   }
   a = ws.a;
-  inverse_dynamics<double>(arm, ws, q, v, a);
+  if (composite) accelerate_arm<double>(arm, ws, a, -arm.gravity());
+  joint_forces<double>(arm, ws, a);
   if (!ws.tau.allFinite()) {
     out.failure = "the forces are no longer finite";
     return false;

@@ -58,12 +58,24 @@ TEST_CASE("a slice's Jacobians and convective terms are the derivatives of its m
                        const auto* dq, auto& out) {
     using S = std::decay_t<decltype(*q)>;
     if (!b.series()) return move_slice(table, origin, q, dq, true, out);
-    Series<S> series(static_cast<int>(b.slices().size()), b.ne());
-    b.order() == 3 ? series_order_3(*b.series(), q, dq, series) : series_exact(*b.series(), q, dq, series);
-    move_slice(table, origin, b.order(), series, out);
+    Series<S> series(*b.series(), static_cast<int>(b.slices().size()), b.ne());
+    fill_series(*b.series(), q, dq, series);
+    if (table.plane == Plane::none) return move_slice(table, origin, b.order(), series, out);
+    move_planar_slice(table, origin, series, q, dq, true, out);
   };
-  for (int order : {1, 2, 3, kExact}) {
-    const Beam b = flexarm_test::beam({2, 2, 2, 1, 1}, order);
+  using Modes = std::array<int, kStrains>;
+  for (const auto& [order, modes] : std::vector<std::pair<int, Modes>>{{1, {2, 2, 2, 1, 1}},
+                                                                       {2, {2, 2, 2, 1, 1}},
+                                                                       {1, {0, 3, 0, 0, 2}},
+                                                                       {2, {3, 0, 0, 2, 0}},
+                                                                       {2, {0, 3, 0, 0, 2}},
+                                                                       {3, {2, 2, 2, 1, 1}},
+                                                                       {kExact, {2, 2, 2, 1, 1}},
+                                                                       {3, {3, 0, 0, 2, 0}},
+                                                                       {3, {0, 3, 0, 0, 2}},
+                                                                       {kExact, {3, 0, 0, 2, 0}},
+                                                                       {kExact, {0, 3, 0, 0, 2}}}) {
+    const Beam b = flexarm_test::beam(modes, order);
     const SliceTable table = b.slice_at(0.4);
     const int ne = b.ne();
     const Eigen::Vector3d origin(0.1, -0.2, 0.3);

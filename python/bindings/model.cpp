@@ -55,6 +55,20 @@ void bind_model(py::module_& m) {
       .def_property_readonly("mass", &Beam::mass)
       .def_property_readonly("gauss_points", [](const Beam& b) { return b.slices().size(); })
       .def_property_readonly("stiffness", &Beam::stiffness)
+      .def(
+          "turns",  // integral of K1, K2, K3 from 0 to each place, by coordinate: 3 rows a place
+          [](const Beam& b, const Eigen::VectorXd& x) {
+            Rows out = Rows::Zero(3 * x.size(), b.ne());
+            for (Eigen::Index p = 0; p < x.size(); ++p)
+              for (int s = 0; s < kStrains; ++s) {
+                const StrainField& f = kStrainFields[s];
+                if (f.rotation < 0) continue;
+                const Eigen::VectorXd slope = b.shapes(s).at(x[p]).slope;
+                out.row(3 * p + f.rotation).segment(b.first(s), slope.size()) = f.sign * slope.transpose();
+              }
+            return out;
+          },
+          py::arg("x"))
       .def_property_readonly("damping", &Beam::damping);
 
   py::class_<RigidBody>(m, "RigidBody")

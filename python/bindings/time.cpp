@@ -3,6 +3,7 @@
 
 #include "bindings.hpp"
 #include "flexarm/check.hpp"
+#include "flexarm/collocation.hpp"
 #include "flexarm/ida.hpp"
 #include "flexarm/simulate.hpp"
 
@@ -210,11 +211,13 @@ void bind_time(py::module_& m) {
       "simulate_fixed",
       [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
          const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, const std::string& integrator, double step,
-         double spectral_radius, bool composite, const std::function<void(double)>& alive, const LoadLaws& loads,
-         const EventLaws& events) {
+         double spectral_radius, int stages, bool composite, const std::function<void(double)>& alive,
+         const LoadLaws& loads, const EventLaws& events) {
         std::unique_ptr<Step> method;
         if (integrator == "rk4")
           method = std::make_unique<Rk4Step>(arm, step);
+        else if (integrator == "gauss")
+          method = std::make_unique<CollocationStep>(arm, CollocationOptions{stages});
         else
           method = std::make_unique<ImplicitStep>(arm, step, ImplicitOptions{spectral_radius});
         return run(drives, loads, events, alive, [&](const auto& laws, const auto&... rest) {
@@ -223,6 +226,6 @@ void bind_time(py::module_& m) {
         });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"),
-      py::arg("integrator"), py::arg("step"), py::arg("spectral_radius"), py::arg("composite"), py::arg("alive"),
-      py::arg("loads"), py::arg("events"));
+      py::arg("integrator"), py::arg("step"), py::arg("spectral_radius"), py::arg("stages"), py::arg("composite"),
+      py::arg("alive"), py::arg("loads"), py::arg("events"));
 }

@@ -5,6 +5,7 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 
 from ._core import __version__
 from .arm import Arm
+from .chart import Chart, chart
 from .drive import Motion, Torque
 from .joints import (
     Axes,
@@ -27,11 +28,13 @@ from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody,
 from .result import Result
 from .scene import Scene, load
 from .simulation import SimulationError, SimulationInterrupted, simulate
+from .validity import RangeWarning
 
 __all__ = [
     "Arm",
     "Axes",
     "Beam",
+    "Chart",
     "Circle",
     "Cylindrical",
     "Derivatives",
@@ -49,6 +52,7 @@ __all__ = [
     "Placement",
     "Planar",
     "Prismatic",
+    "RangeWarning",
     "Rectangle",
     "Result",
     "Revolute",
@@ -61,6 +65,7 @@ __all__ = [
     "Torque",
     "Universal",
     "__version__",
+    "chart",
     "load",
     "simulate",
 ]

@@ -68,6 +68,7 @@ class Beam:
     def gauss_points(self) -> int: ...
     @property
     def stiffness(self) -> _Array: ...
+    def turns(self, x: ArrayLike) -> _Array: ...
     @property
     def damping(self) -> _Array: ...
 
@@ -209,6 +210,7 @@ def simulate_fixed(
     integrator: str,
     step: float,
     spectral_radius: float,
+    stages: int,
     composite: bool,
     alive: Callable[[float], None] | None,
     loads: Sequence[tuple[Load, Any]],

@@ -282,7 +282,7 @@ class Arm:
 
     def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
         """The whole arm's momentum (..., 6): [linear (kg m/s); angular about the world's origin (kg m^2/s)], world
-        axes."""
+        axes. At order 0 it is that of the cut kinetic energy, a little off mass times the centre of mass's velocity."""
         lead, (q, v) = self._batch(q=q, v=v)
         return finite("momentum", self._core.momentum(q, v)[0]).reshape(*lead, 6)
 

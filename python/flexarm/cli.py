@@ -1,4 +1,4 @@
-"""The command line: `flexarm demo`, `flexarm run SCENE`, `flexarm modes SCENE`.
+"""The command line: `flexarm demo`, `run SCENE`, `modes SCENE`, `chart SCENE`.
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
 2 bad input, one line says which; 130 interrupted.
@@ -311,7 +311,7 @@ _Command = Callable[[argparse.Namespace], int]
 
 
 def _parser() -> _Parser:
-    from . import __version__
+    from . import __version__, cli_chart
 
     top = _Parser(
         prog="flexarm",
@@ -353,6 +353,9 @@ def _parser() -> _Parser:
     p.add_argument("--lock", metavar="LINK", action="append", help=lock)
     count = "show the lowest COUNT (%(default)s)"
     p.add_argument("-n", dest="count", metavar="COUNT", type=int, default=10, help=count)
+
+    p = command("chart", cli_chart.run, "speed against accuracy of models and integrators on a scene", cli_chart.TEXT)
+    cli_chart.options(p, scene, output)
     return top
 
 
@@ -362,6 +365,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = _parser().parse_args(argv)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, beside our one line
+            warnings.showwarning = lambda message, *_, **__: _complain(f"warning: {message}")
             code = int(args.does(args))
         sys.stdout.flush()
         return code

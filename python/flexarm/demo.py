@@ -10,6 +10,7 @@ import csv
 import json
 import shutil
 import textwrap
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -23,6 +24,7 @@ from ._check import Array
 from .arm import Arm
 from .result import Result
 from .scene import SCENES, Scene, load
+from .validity import RangeWarning
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -209,9 +211,11 @@ def _peak(t: Array, y: Array, cruise: tuple[float, float]) -> tuple[float, float
 def manoeuvre(scene: Scene, tick: Callable[[], None] = lambda: None) -> Manoeuvre:
     """Runs the scene with orders 0 and 2 (Sec. 5.2); calls `tick` after each."""
     results = {}
-    for order in (0, 2):
-        results[order] = replace(scene, arm=with_order(scene.arm, order)).run()
-        tick()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RangeWarning)  # the two are run to be held against each other
+        for order in (0, 2):
+            results[order] = replace(scene, arm=with_order(scene.arm, order)).run()
+            tick()
     r = results[2]
     steady = r.t[r.v[:, 0] > (1 - 1e-9) * r.v[:, 0].max()]
     cruise = float(steady[0]), float(steady[-1])

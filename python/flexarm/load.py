@@ -108,6 +108,8 @@ def _component(name: str, value: Any) -> Callable[[float], Array]:
 
 def at_time(arm: Arm, loads: Sequence[Load] | None, t: float) -> tuple[list[_core.Load], Array]:
     """Places and wrenches (n, 6) of loads at time t."""
+    if loads is not None and not isinstance(loads, (list, tuple)):
+        raise ValueError(f"loads = {loads!r}: must be a list of Load")
     for k, load in enumerate(loads or ()):
         if not isinstance(load, Load):
             raise ValueError(f"loads[{k}] = {load!r}: must be a Load")

@@ -136,16 +136,19 @@ def _shift(M: Array, K: Array) -> float:
     """
     import scipy.linalg as la  # slow to import
 
-    sigma = 0.0
-    for _ in range(60):
+    sigma, most, definite = 0.0, 1e3 * float(np.abs(K).max()), -1.0
+    while sigma <= most:
+        moved = K + sigma * M
         try:
-            moved = K + sigma * M
-            if (np.diag(la.cholesky(moved)) ** 2 > 1e-11 * np.diag(moved)).all():
+            pivots = np.diag(la.cholesky(moved)) ** 2 / np.diag(moved)
+            definite = sigma if definite < 0 else definite
+            if (pivots > 1e-11).all():
                 return sigma
         except la.LinAlgError:
             pass
         sigma = max(10.0 * sigma, 1e-6 * float(np.abs(np.diag(K)).min()), 1e-12 * float(np.abs(K).max()), 1e-30)
-    return sigma
+    # shapes so nearly dependent that no shift helps: the mass matrix is as ill-conditioned as the stiffness
+    return max(definite, 0.0)
 
 
 def _conservative(M: Array, K: Array) -> tuple[NDArray[np.complex128], Array]:
@@ -155,7 +158,12 @@ def _conservative(M: Array, K: Array) -> tuple[NDArray[np.complex128], Array]:
 
     K = 0.5 * (K + K.T)
     sigma = _shift(M, K)
-    mu, vectors = la.eigh(M, K + sigma * M)
+    try:
+        mu, vectors = la.eigh(M, K + sigma * M)
+    except la.LinAlgError:
+        raise ValueError(
+            "modes: the stiffness is singular in double precision; the beams' shape functions are too nearly dependent"
+        ) from None
     square = 1.0 / mu - sigma
     # x K x / x M x is zero as far as double precision tells
     noise = 1e-13 * np.einsum("ik,ij,jk->k", np.abs(vectors), np.abs(K), np.abs(vectors)) / np.abs(mu)

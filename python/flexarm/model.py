@@ -263,7 +263,7 @@ class Beam(_Part):
             self._set(name, number(name, getattr(self, name)))
         if not isinstance(self.section, (_Section, Taper)):
             raise ValueError(f"section = {self.section!r}: must be a Rectangle, Circle, GeneralSection or Taper")
-        if isinstance(self.section, Taper) and self.section.x[-1] != self.length:
+        if isinstance(self.section, Taper) and not abs(self.section.x[-1] - self.length) <= 1e-9 * self.length:
             raise ValueError(f"section.x = {self.section.x}: must end at the beam's length, {self.length} m")
         if not isinstance(self.material, Material):
             raise ValueError(f"material = {self.material!r}: must be a Material")
@@ -304,6 +304,8 @@ class Beam(_Part):
                     raise ValueError(f"length = {self.length}: must be positive and finite")
                 own[k] = [coefficients(f"modes.{strain}[{i}]", v, self.length) for i, v in enumerate(value)]
                 modes[strain] = tuple(MappingProxyType({"legendre": c}) for c in own[k])
+            elif callable(value) or np.ndim(value):
+                raise ValueError(f"modes.{strain} = {value!r}: must be a whole number, or a list of strain shapes")
             else:
                 modes[strain] = whole(f"modes.{strain}", value)
         counts = [len(own[k]) if own[k] else modes[s] or 0 for k, s in enumerate(STRAINS)]

@@ -172,7 +172,7 @@ class Scene:
         t: output times (s).
         q0, v0: initial state, or None for rest at zero.
         options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order, linear_solver,
-            step, spectral_radius.
+            step, spectral_radius, stages.
     """
 
     arm: Arm
@@ -191,7 +191,17 @@ class Scene:
         )
 
 
-_OPTIONS = ("method", "integrator", "rtol", "atol", "max_order", "linear_solver", "step", "spectral_radius")
+_OPTIONS = (
+    "method",
+    "integrator",
+    "rtol",
+    "atol",
+    "max_order",
+    "linear_solver",
+    "step",
+    "spectral_radius",
+    "stages",
+)
 _SIMULATION = ("duration", "interval", "q0", "v0", *_OPTIONS)
 
 

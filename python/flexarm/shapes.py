@@ -29,13 +29,15 @@ def _from_function(field: str, f: Callable[[float], float], length: float) -> Ar
     for points in (16, 32, 64, 128):
         c = _project(values, length, points)
         size = np.abs(c) / np.sqrt(2 * np.arange(len(c)) + 1)
-        tail = float(size[-len(c) // 4 :].max()) / max(float(size.max()), 1e-300)
+        if not size.max() > 0.0:
+            raise ValueError(f"{field}: its strain must not be zero throughout")
+        tail = float(size[-len(c) // 4 :].max()) / float(size.max())
         if tail < 1e-13:
             break
     if tail > 1e-6:
         raise ValueError(
             f"{field}: is not smooth enough along the beam: {len(c)} Legendre polynomials leave {tail:.1g} of it; "
-            "split the beam where it kinks"
+            "it has too many waves, or kinks (split the beam there)"
         )
     return np.trim_zeros(np.where(size > 1e-15 * size.max(), c, 0.0), "b")
 
@@ -48,7 +50,9 @@ def _from_samples(field: str, x: Array, strain: Array, length: float) -> Array:
     if x.ndim != 1 or x.size < 2 or strain.shape != x.shape:
         raise ValueError(f"{field} has shapes x {x.shape}, strain {strain.shape}: must be two or more samples of each")
     if not (np.diff(x) > 0).all() or abs(x[0]) > 1e-9 * length or abs(x[-1] - length) > 1e-9 * length:
-        raise ValueError(f"{field}: x must increase from 0 to the length, {length} m; it goes from {x[0]} to {x[-1]}")
+        raise ValueError(
+            f"{field}: x must increase from 0 to the length, {length} m, no place twice; it goes from {x[0]} to {x[-1]}"
+        )
     through = CubicSpline(x, strain) if x.size > 3 else lagrange(x, strain)
     c = _project(lambda at: np.asarray(through(at)), length, 512)
     power = c**2 / (2 * np.arange(len(c)) + 1)

@@ -60,6 +60,7 @@ class Beam {
   const Eigen::MatrixXd& damping() const { return damping_; }      ///< ne x ne
   /// Beyond order 2, what the series needs; else null.
   const SeriesTables* series() const { return series_ ? &*series_ : nullptr; }
+  const ShapeSet& shapes(int strain) const { return shapes_[strain]; }
   bool damped() const { return options_.damping_ratio > 0.0 || options_.kelvin_voigt > 0.0; }
   const std::vector<MassSlice>& slices() const { return slices_; }
   const SliceTable& tip() const { return tip_; }  ///< the slice at X = L
@@ -78,6 +79,7 @@ class Beam {
   double length_;
   BeamOptions options_;
   std::vector<ShapeSet> shapes_;  ///< one for each strain
+  Plane plane_ = Plane::none;
   int ne_ = 0;
   std::array<int, kStrains> first_{};
   double mass_ = 0.0;

@@ -11,4 +11,9 @@ namespace flexarm {
 template <class S>
 void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v, const VecX<S>& a);
 
+/// Its inward half alone: the forces of a motion whose accelerations are in the workspace already, after
+/// forward_dynamics_ab or accelerate_arm.
+template <class S>
+void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a);
+
 }  // namespace flexarm

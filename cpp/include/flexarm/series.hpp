@@ -7,6 +7,7 @@
 #include <array>
 #include <vector>
 
+#include "flexarm/shape.hpp"
 #include "flexarm/slice.hpp"
 
 namespace flexarm {
@@ -21,8 +22,14 @@ enum JetColumn { value_column, rate_column, bias_column, first_derivative_column
 
 /// Strains and integration at the Gauss points of one beam, built once.
 struct SeriesTables {
-  Eigen::MatrixXd cumulative;                                     ///< row i: weights of the integral from 0 to X_i
+  int order;                   ///< 3 or kExact
+  Plane plane;                 ///< if any, then only `slope` and `shear` are kept of what follows
+  Eigen::MatrixXd cumulative;  ///< row i: weights of the integral from 0 to X_i
   std::vector<Eigen::Matrix<double, 5, Eigen::Dynamic>> strains;  ///< at X_i: K1 K2 K3 phi12 phi13 per coordinate
+  Eigen::MatrixXd slope, shear;                                   ///< row i: v' and phi at X_i per coordinate
+
+  /// From the slices at the Gauss points.
+  SeriesTables(int order, Plane plane, const std::vector<SliceTable>& at);
 };
 
 /// The slopes of what a slice needs, at the Gauss points; integrated from 0 to X they give the slice at X.
@@ -33,9 +40,17 @@ struct Series {
   std::vector<Mat3<S>> R, RK;  ///< exact only: R and R' = R K~
   JetVector<S> K, phi;         ///< strains (phi has no first component)
   std::array<JetVector<S>, 6> scratch;
+  /// Of a planar beam alone: columns of x', then those of y' (or z'). By rows, which a slice sums with its weights.
+  Eigen::Matrix<S, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> plane;
 
   Series() = default;
-  Series(int points, int ne) : R(static_cast<std::size_t>(points), Mat3<S>::Identity()), RK(R) {
+  Series(const SeriesTables& tables, int points, int ne) {
+    if (tables.plane != Plane::none) {
+      plane.setZero(points, 2 * (first_derivative_column + ne));
+      return;
+    }
+    R.assign(static_cast<std::size_t>(points), Mat3<S>::Identity());
+    RK = R;
     const auto zero = [&](JetVector<S>& v) {
       for (auto& c : v) c = MatX<S>::Zero(points, first_derivative_column + ne);
     };
@@ -49,9 +64,43 @@ constexpr int kExact = 4;
 
 /// Fills a series from the elastic coordinates q and rates dq.
 template <class S>
-void series_order_3(const SeriesTables& tables, const S* q, const S* dq, Series<S>& s);
+void fill_series(const SeriesTables& tables, const S* q, const S* dq, Series<S>& s);
+
+/// Moves a slice of a planar beam beyond order 2.
 template <class S>
-void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>& s);
+void move_planar_slice(const SliceTable& table, const Eigen::Vector3d& origin, const Series<S>& s, const S* q,
+                       const S* dq, bool orient, Slice<S>& out) {
+  const Eigen::Index up = row_across(table.plane), about = row_of_turn(table.plane);
+  const Eigen::Index ne = out.J.cols(), columns = first_derivative_column + ne, all = 2 * columns;
+  S sum[2 * (first_derivative_column + kStrains * kMostModes)];
+  for (Eigen::Index c = 0; c < all; ++c) sum[c] = S(0);
+  for (Eigen::Index j = 0; j < table.weights.size(); ++j) {
+    const double w = table.weights[j];
+    const S* row = s.plane.data() + j * all;
+    for (Eigen::Index c = 0; c < all; ++c) sum[c] += w * row[c];
+  }
+  const S *along = sum, *across = sum + columns;
+  out.x = origin.template cast<S>();
+  out.x[0] += along[value_column];
+  out.x[up] += across[value_column];
+  out.u_dot[0] = along[rate_column];
+  out.u_dot[up] = across[rate_column];
+  out.u_bias[0] = along[bias_column];
+  out.u_bias[up] = across[bias_column];
+  for (Eigen::Index k = 0; k < ne; ++k) {
+    out.J(0, k) = along[first_derivative_column + k];
+    out.J(up, k) = across[first_derivative_column + k];
+  }
+  if (!orient) return;
+  S turn(0), rate(0);
+  for (Eigen::Index k = 0; k < ne; ++k) {
+    const double l = table.linear(about, k);
+    out.J(about, k) = S(l);
+    turn += l * q[k];
+    rate += l * dq[k];
+  }
+  turn_planar_slice(table.plane, turn, rate, out);
+}
 
 /// Moves a slice beyond order 2.
 template <class S>

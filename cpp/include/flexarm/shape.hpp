@@ -9,6 +9,7 @@ namespace flexarm {
 /// The five generalised strains, in the order of Eq. 33.
 enum Strain { bending_y, bending_z, torsion, shear_y, shear_z };
 constexpr int kStrains = 5;
+constexpr int kMostModes = 40;  ///< of one strain
 
 /// How a strain moves a slice to first order, and where it stands among K1 K2 K3 phi12 phi13 (Eq. 28-32).
 struct StrainField {

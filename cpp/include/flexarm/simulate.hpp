@@ -12,7 +12,8 @@ namespace flexarm {
 
 /// Integrates from t[0] to the last of t, which must increase, by any fixed-step method. Output times and the samples
 /// of drives and loads are met exactly: what lies between two of them is divided into equal steps, as few as `step`
-/// allows.
+/// allows. A method that interpolates ends its steps at the samples of forces and loads alone, and halves those that
+/// would miss some of a motion, or whose equations cannot be solved.
 /// @param step   longest step (s)
 /// @param tau    constant generalised forces, length nv, to which force drives are added
 /// @param composite  accelerations at the output times by CI instead of AB

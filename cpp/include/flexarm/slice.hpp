@@ -17,11 +17,17 @@ struct Product {
   Eigen::MatrixXd C;
 };
 
+/// A beam that bends and shears in one plane alone: the rotations of its sections add, about one axis.
+enum class Plane { none, xy, xz };
+inline int row_across(Plane plane) { return plane == Plane::xy ? 1 : 2; }  ///< of the position, besides row 0
+inline int row_of_turn(Plane plane) { return plane == Plane::xy ? 5 : 4; }
+
 /// What a slice at X needs, built once at set-up. At order 0 to 2: position x = x0 + L_x q + products (Eq. 24) and
 /// rotation vector theta = L_theta q + products (Magnus series), both cut at the beam's order. Blocks that a beam lacks
 /// are not stored.
 struct SliceTable {
   double X = 0.0;
+  Plane plane = Plane::none;
   Eigen::Matrix<double, 6, Eigen::Dynamic> linear;   ///< [L_x; L_theta]
   std::vector<Product> products;                     ///< second order; empty at order 0 and 1
   Eigen::Matrix<double, 5, Eigen::Dynamic> strains;  ///< K1 K2 K3 phi12 phi13 per coordinate (Eq. 28-32)
@@ -64,24 +70,44 @@ void turn_slice(const Vec3<S>& t, const Vec3<S>& t_dot, const Vec3<S>& t_bias, S
   }
 }
 
+/// The same in a plane, where the axis stands still and there is no convective term.
+template <class S>
+void turn_planar_slice(Plane plane, const S& turn, const S& rate, Slice<S>& out) {
+  using std::cos;
+  using std::sin;
+  const S c = cos(turn), s = sin(turn);
+  const int from = plane == Plane::xy ? 0 : 2, to = plane == Plane::xy ? 1 : 0;  // about z, or about y
+  out.R(from, from) = out.R(to, to) = c;
+  out.R(to, from) = s;
+  out.R(from, to) = -s;
+  out.Omega[row_of_turn(plane) - 3] = rate;
+}
+
 /// Moves a slice at order 0 to 2 (Eq. 23-27, 34-40). `origin` is the beam's base in link axes; q, dq are the link's
 /// elastic coordinates and rates. Where nothing asks for the orientation (`orient` false), R, J_R and Omega are left
 /// alone.
 template <class S>
 void move_slice(const SliceTable& table, const Eigen::Vector3d& origin, const S* q, const S* dq, bool orient,
                 Slice<S>& out) {
-  const int rows = orient ? 6 : 3;
+  // rows of position and rotation vector that move
+  int rows[6] = {0, 1, 2, 3, 4, 5}, moving = orient ? 6 : 3;
+  if (table.plane != Plane::none) {
+    rows[1] = row_across(table.plane);
+    rows[2] = row_of_turn(table.plane);
+    moving = orient ? 3 : 2;
+  }
   const Eigen::Index ne = table.linear.cols();
-  S value[6] = {origin[0] + table.X, origin[1], origin[2], S(0), S(0), S(0)};
+  S value[6] = {origin[0] + table.X, S(origin[1]), S(origin[2]), S(0), S(0), S(0)};
   S rate[6], bias[6] = {S(0), S(0), S(0), S(0), S(0), S(0)};
   for (Eigen::Index k = 0; k < ne; ++k)
-    for (int r = 0; r < rows; ++r) {
+    for (int m = 0; m < moving; ++m) {
+      const int r = rows[m];
       const double l = table.linear(r, k);
       out.J(r, k) = S(l);
       value[r] += l * q[k];
     }
   for (const Product& p : table.products) {
-    if (p.row >= rows) continue;
+    if (p.row >= 3 && !orient) continue;
     const bool square = p.i == p.j;
     const Eigen::Index ni = p.C.rows(), nj = p.C.cols();
     for (Eigen::Index b = 0; b < nj; ++b) {
@@ -98,17 +124,18 @@ void move_slice(const SliceTable& table, const Eigen::Vector3d& origin, const S*
       bias[p.row] += square ? left_dot * db : 2.0 * (left_dot * db);
     }
   }
-  for (int r = 0; r < rows; ++r) {
-    rate[r] = S(0);
-    for (Eigen::Index k = 0; k < ne; ++k) rate[r] += out.J(r, k) * dq[k];
-  }
+  for (S& r : rate) r = S(0);
+  for (int m = 0; m < moving; ++m)
+    for (Eigen::Index k = 0; k < ne; ++k) rate[rows[m]] += out.J(rows[m], k) * dq[k];
   out.x = Vec3<S>(value[0], value[1], value[2]);
   out.u_dot = Vec3<S>(rate[0], rate[1], rate[2]);
   out.u_bias = Vec3<S>(bias[0], bias[1], bias[2]);
   if (!orient) return;
-
-  turn_slice(Vec3<S>(value[3], value[4], value[5]), Vec3<S>(rate[3], rate[4], rate[5]),
-             Vec3<S>(bias[3], bias[4], bias[5]), out);
+  if (table.plane != Plane::none)
+    turn_planar_slice(table.plane, value[rows[2]], rate[rows[2]], out);
+  else
+    turn_slice(Vec3<S>(value[3], value[4], value[5]), Vec3<S>(rate[3], rate[4], rate[5]),
+               Vec3<S>(bias[3], bias[4], bias[5]), out);
 }
 
 /// The point at `offset` in a slice's axes, moving with it: a centre of mass, the end of a tip body, the next

@@ -31,6 +31,10 @@ class Step {
   /// @return when not ok, q and v are those of the step's beginning
   virtual Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                          const Given& given) = 0;
+  /// Whether `inside` knows the state within the last step; if not, steps must end where it is asked for.
+  virtual bool interpolates() const { return false; }
+  /// The state c h after the last step's beginning, 0 <= c <= 1, but for what is prescribed.
+  virtual void inside(double, Eigen::VectorXd&, Eigen::VectorXd&) const {}
   const Counts& counts() const { return counts_; }
 
  protected:
@@ -50,7 +54,8 @@ struct ImplicitOptions {
 /// Arnold & Bruels 2007): second order, unconditionally stable on linear vibration, O(N). Its equations
 ///   residual of inverse dynamics at t + h = 0
 /// are solved by Newton's iteration with the matrix of factor_shifted, which leaves out gyroscopic and geometric terms:
-/// they cost convergence of order h, not stability.
+/// it contracts by a factor of order h. Modes too fast for the step may be quiet or ring softly; where they are loud,
+/// with (h omega)^2 times their share of the bending not small, the iteration fails, and a smaller step is needed.
 class ImplicitStep final : public Step {
  public:
   /// @param h  step of operator() (s)

@@ -1,0 +1,68 @@
+// Gauss collocation: implicit Runge-Kutta steps of high order.
+#pragma once
+
+#include <Eigen/LU>
+#include <optional>
+
+#include "flexarm/derivatives.hpp"
+#include "flexarm/step.hpp"
+
+namespace flexarm {
+
+struct CollocationOptions {
+  int stages = 4;  ///< 1 to 4; the order is twice that
+  /// Of the iteration: error of the velocities, as a part of those of the motion, both in the norm of kinetic energy.
+  double tolerance = 1e-12;
+  int max_iterations = 30;
+};
+
+/// Gauss-Legendre collocation (Hairer & Wanner, Solving ODEs II, IV.5): the accelerations at s points of the step are
+///   residual of inverse dynamics at (q_i, v_i, a_i) = 0,  v_i = v0 + h sum A_ij a_j,  q_i = q0 + h sum A_ij (dq/dt)_j
+/// Order 2s, symmetric in time, unconditionally stable on linear vibration, whose energy it keeps: it steps over modes
+/// that are fast but quiet, and stays accurate. Newton's iteration with exact Jacobians, kept as long as they serve;
+/// its matrix is dense, (s n)^2: for arms of up to some tens of coordinates.
+class CollocationStep final : public Step {
+ public:
+  /// @throws std::invalid_argument naming the field and the value
+  explicit CollocationStep(const Arm& arm, const CollocationOptions& options = {});
+  Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
+  Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+                 const Given& given) override;
+  bool interpolates() const override { return true; }
+  void inside(double c, Eigen::VectorXd& q, Eigen::VectorXd& v) const override;
+
+ private:
+  void place(double h, const Workspace& ws);
+  void predict(double ratio, const Workspace& ws);
+  void differentiate(Workspace& ws);
+  bool factor(double h);
+  Status iterate(double h, Workspace& ws);
+
+  const Arm* arm_;
+  CollocationOptions options_;
+  int s_;
+  Eigen::VectorXd c_, b_;        ///< points and weights of the step
+  Eigen::MatrixXd A_, A2_;       ///< integrals to the points, once and twice
+  Eigen::MatrixXd monomials_;    ///< column j: the Lagrange polynomial of point j, lowest power first
+  std::vector<bool> free_q_;     ///< coordinates that are not prescribed
+  std::vector<bool> turned_;     ///< coordinates of balls, whose rates are not the velocities
+  Eigen::MatrixXd q_, v_, a_;    ///< at the points, one column each
+  Eigen::MatrixXd tau_, rates_;  ///< forces and dq/dt there
+  Eigen::MatrixXd a_before_;
+  std::vector<std::vector<Vec6<double>>> wrenches_;  ///< of the loads at the points
+  Eigen::VectorXd q0_, v0_, qs_, vs_, as_, dq_;
+  std::optional<InverseDerivatives> derivatives_;
+  Eigen::MatrixXd M_, C_, K_, M_all_, rate_by_q_, rate_by_v_, K_full_;
+  Eigen::MatrixXd newton_;
+  Eigen::PartialPivLU<Eigen::MatrixXd> lu_;
+  Eigen::VectorXd residual_, correction_;
+  bool fresh_ = false;
+  double h_ = 0.0;            ///< of the last step
+  double h_factored_ = 0;     ///< of the matrix
+  double contraction_ = 1.0;  ///< of the iteration, as last measured
+  double best_ = 1.0;         ///< with Jacobians of the same step
+  double scale_ = 0.0;        ///< v^T M v of the motion (J), its peaks remembered for a while
+  double mass_ = 0.0;         ///< of the arm (kg)
+};
+
+}  // namespace flexarm

@@ -1,0 +1,294 @@
+"""`flexarm chart`: the walk over models and settings, what it concludes, and what it says when it cannot go on."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import flexarm as fa
+import numpy as np
+import pytest
+from arms import STEEL, pendulum
+from flexarm import ladder
+from flexarm.cli import main
+
+SWING = """
+gravity = [0, -9.81, 0]
+[[link]]
+joint = { type = "revolute", axis = "z" }
+tip = { mass = 0.05 }
+[link.beam]
+length = 0.5
+section = { type = "rectangle", y = 0.001, z = 0.02 }
+material = { density = 7850, youngs_modulus = 209e9, poisson_ratio = 0.3 }
+modes = { bending_y = 1 }
+[simulation]
+duration = 0.1
+interval = 0.01
+"""
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "swing.toml"
+    path.write_text(SWING)
+    return path
+
+
+@pytest.fixture(scope="module")
+def chart(path: Path) -> fa.Chart:
+    """A heavy steel pendulum let go, with bending along y; rk4 cannot take steps as long as its output interval."""
+    return fa.chart(path, budget=15.0)
+
+
+def off(chart: fa.Chart, result: fa.Result) -> float:
+    """Largest distance of the tip from the truth's, over the truth's largest range in x, y or z."""
+    assert chart.truth is not None
+    if not hasattr(chart, "tip_run_again"):
+        chart.tip_run_again = chart.scene_of(chart.truth.row).run().frame()[0]  # type: ignore[attr-defined]
+    truth = chart.tip_run_again  # type: ignore[attr-defined]
+    return float(np.linalg.norm(result.frame()[0] - truth, axis=1).max() / np.ptp(truth, axis=0).max())
+
+
+def rerun(chart: fa.Chart, **change: object) -> fa.Result:
+    """The scene at the truth's setting, but with another order, shift or value."""
+    assert chart.truth is not None
+    it = chart.truth.row
+    model = ladder.build(chart.scene.arm, change.get("order", it.model.order), change.get("shift", it.model.shift))
+    return chart.scene_of(ladder.Row(model, it.choice, change.get("value", it.value))).run()
+
+
+# -- the truth -----------------------------------------------------------------------------------------------
+
+
+def test_the_truth_is_the_richest_model_and_says_how_converged_it_is(chart: fa.Chart) -> None:
+    truth = chart.truth
+    assert truth is not None and truth.row.model.order == "exact" and truth.row.model.modes == "3"
+    assert truth.tolerance == pytest.approx(off(chart, rerun(chart, value=truth.row.value * 100)), rel=1e-6)
+    assert truth.modes == pytest.approx(off(chart, rerun(chart, shift=1)), rel=1e-6)
+    assert truth.order == pytest.approx(off(chart, rerun(chart, order=3)), rel=1e-6)
+    assert truth.tolerance < 1e-8 < truth.modes < 1e-3
+    assert truth.uncertainty == max(truth.modes, truth.tolerance)
+    assert truth.span == {"m": pytest.approx(np.ptp(rerun(chart).frame()[0], axis=0).max())}
+
+
+def test_the_truth_agrees_with_another_integrator(chart: fa.Chart) -> None:
+    assert chart.truth is not None
+    scene = chart.scene_of(chart.truth.row)
+    other = replace(scene, options={"integrator": "rk4", "step": 1e-4}).run()
+    assert off(chart, other) < 1e-7
+
+
+def test_errors_are_those_of_the_runs(chart: fa.Chart) -> None:
+    for row in [r for r in chart.rows if r.status == "ok"][::7]:
+        assert row.error == pytest.approx(off(chart, chart.scene_of(row).run()), rel=1e-5, abs=1e-13)
+        assert row.absolute["m"] == pytest.approx(row.error * chart.truth.span["m"]) and row.time > 0
+
+
+# -- what it concludes ---------------------------------------------------------------------------------------
+
+
+def test_nothing_beats_the_front(chart: fa.Chart) -> None:
+    front = chart.front
+    assert len(front) >= 3
+    for row in front:
+        assert not [r for r in chart.rows if r.time < row.time and r.error and r.error < row.error and r.runs]
+    assert [r.time for r in front] == sorted(r.time for r in front)
+    assert [r.error for r in front] == sorted((r.error for r in front), reverse=True)
+
+
+def test_best_on_known_points(chart: fa.Chart) -> None:
+    model = chart.rows[0].model
+    points = [(1, 5), (2, 6), (3, 1), (0.5, 9), (3, 0.9), (4, 0.9), (9, 1e-9)]
+    rows = [ladder.Row(model, "ida", 1.0, time=float(t), error=float(e)) for t, e in points]
+    chosen = replace(chart, rows=rows).front
+    assert [(r.time, r.error) for r in chosen] == [(0.5, 9), (1, 5), (3, 0.9), (9, 1e-9)]
+
+
+def test_recommendations_keep_their_tolerance(chart: fa.Chart) -> None:
+    times = []
+    for tol in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
+        row = chart.recommend(tol)
+        assert row is not None and off(chart, chart.scene_of(row).run()) <= tol
+        times.append(row.time)
+    assert times == sorted(times)
+    assert chart.recommend(1e-12) is None  # finer than the truth's own tolerance
+    with pytest.raises(ValueError, match="tol = 0"):
+        chart.recommend(0)
+
+
+def test_poor_models_are_poor_and_kept(chart: fa.Chart) -> None:
+    assert chart.truth is not None
+    rich = {r.model.order: r.error for r in chart.rows if r.model.shift == 2 and r.value == chart.truth.row.value}
+    assert rich[0] > 10 * rich[2] and rich["exact"] == 0
+    assert {r.choice for r in chart.rows if r.status == "ok"} == set(ladder.CHOICES)
+
+
+def test_rk4_beyond_its_limit_is_a_row_with_a_reason(chart: fa.Chart) -> None:
+    failed = chart.with_status("failed")
+    assert failed and all(r.choice == "rk4" and "ran away" in r.reason and r.error is None for r in failed)
+    assert any(r.choice == "rk4" and r.value < min(f.value for f in failed) for r in chart.with_status("ok"))
+    assert f"{failed[0].label.removesuffix(' s')}" in chart.table()
+
+
+def test_ab_and_ci_are_compared_once(chart: fa.Chart) -> None:
+    assert set(chart.methods) == set(fa.simulation.INTEGRATORS)
+    assert all(d < 1e-9 and ratio > 0 for d, ratio in chart.methods.values())
+    assert sum(r.method == "ci" for r in chart.rows) == len(chart.methods)
+    assert chart.table().count("AB or CI") == 1
+
+
+def test_the_table_reads_for_this_take_that(chart: fa.Chart) -> None:
+    lines = str(chart).splitlines()
+    row = chart.recommend(1e-3)
+    assert row is not None and row.error is not None and chart.truth is not None
+    line = next(s for s in lines if s.startswith("1e-3"))
+    assert row.label in line and f"{row.error:.1e}" in line and f"{1e-3 * chart.truth.span['m']:.2g} m" in line
+    starred = {s.split()[0] for s in lines if s.endswith("*") and s[:3] == "1e-"}
+    assert starred == {f"1e-{k}" for k in range(2, 7) if 10.0**-k < chart.truth.uncertainty}
+
+
+def test_the_picture(chart: fa.Chart) -> None:
+    ax = chart.plot().axes[0]
+    assert ax.get_xscale() == ax.get_yscale() == "log"
+    drawn = np.concatenate([line.get_xydata() for line in ax.lines])
+    for row in chart.front:
+        assert np.isclose(drawn[:, 0], row.time, rtol=1e-12).any()
+
+
+# -- budget, Ctrl-C, failures --------------------------------------------------------------------------------
+
+
+def test_the_budget_is_kept(path: Path) -> None:
+    start = time.perf_counter()
+    chart = fa.chart(path, budget=0.3)
+    assert time.perf_counter() - start < 1.0
+    skipped = chart.with_status("skipped")
+    assert skipped and all(r.reason and r.error is None for r in skipped) and "for the budget" in str(chart)
+    assert chart.complete and chart.truth is not None and chart.front
+
+
+def test_a_run_longer_than_the_budget_is_given_up() -> None:
+    arm = fa.Arm([fa.Link(fa.Revolute("y"), None, fa.Beam(1.0, fa.Circle(0.01), STEEL, {"bending_z": 2}))], (0, 0, -10))
+    start = time.perf_counter()
+    chart = fa.chart(fa.Scene(arm, t=np.linspace(0, 1e4, 1001)), budget=0.5)
+    assert time.perf_counter() - start < 3.0 and chart.truth is None and "No truth" in str(chart)
+    assert chart.with_status("cut") and not chart.with_status("ok")
+
+
+@pytest.mark.parametrize("calls", [1, 2, 12])
+def test_ctrl_c_keeps_what_was_done(calls: int, path: Path, tmp_path: Path) -> None:
+    """In a run of the search for a truth, and in a later one."""
+    code = f"""
+import os, signal, sys, threading
+import flexarm as fa
+from flexarm import cli, ladder
+timed, calls = ladder.timed, []
+def slow(*args):
+    calls.append(1)
+    if len(calls) <= {calls}:
+        return timed(*args)
+    threading.Timer(0.2, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, (1, 0, 0)))])
+    fa.simulate(arm, [0, 1e6], v0=[1], integrator="rk4", step=1e-3)
+ladder.timed = slow
+sys.exit(cli.main(["chart", {str(path)!r}, "-o", {str(tmp_path)!r}]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 130 and "interrupted" in done.stderr and done.stdout.startswith("PARTIAL")
+    told = json.loads((tmp_path / "chart.json").read_text())
+    assert told["complete"] is False and len(told["rows"]) == calls and told["truth"] is not None
+    assert {p.name for p in tmp_path.iterdir()} == {"chart.png", "chart.txt", "chart.csv", "chart.json"}
+    assert all(r["error"] is not None for r in told["rows"]) and "Warning" not in done.stderr
+    assert calls == 12 or told["truth"]["uncertainty"] is None  # fewer modes were not run: nothing is known
+
+
+def test_a_scene_that_nothing_can_run_is_an_error(path: Path) -> None:
+    scene = replace(fa.load(path), drive={0: fa.Torque([0, 0.05], [0, 0])})  # ends before the simulation
+    with pytest.raises(ValueError, match="samples cover"):
+        fa.chart(scene, budget=2.0)
+
+
+# -- other scenes and quantities -----------------------------------------------------------------------------
+
+
+def test_a_rigid_arm_has_no_orders_and_no_modes() -> None:
+    q0 = np.array([0.3])
+    chart = fa.chart(fa.Scene(pendulum(), t=np.linspace(0, 1, 51), q0=q0), budget=5.0, quantity="joint")
+    assert chart.truth is not None and chart.truth.modes is None and chart.truth.order is None
+    assert chart.truth.span.keys() == {"rad"} and {r.model.label for r in chart.rows} == {"the rigid arm"}
+    assert chart.recommend(1e-4) is not None and chart.plot() is not None
+
+
+def test_strains_have_their_units_and_initial_bending_is_carried(path: Path) -> None:
+    scene = replace(fa.load(path), q0=np.array([0.0, 0.01]))
+    chart = fa.chart(scene, budget=2.0, quantity="strain")
+    assert chart.truth is not None and chart.truth.span.keys() == {"1/m"}
+    q = chart.scene_of(chart.truth.row).q0
+    assert q is not None and list(q) == [0.0, 0.01, 0.0, 0.0]
+
+
+def test_shapes_of_ones_own_are_not_added_to() -> None:
+    beam = fa.Beam(1.0, fa.Circle(0.01), STEEL, {"bending_y": [lambda x: 1 - x, lambda x: (1 - x) ** 2], "torsion": 1})
+    own = fa.Arm([fa.Link(fa.Revolute("z"), None, replace(beam, modes={"bending_y": beam.modes["bending_y"]}))])
+    assert ladder.models(own)[0] == [-1, 0]
+    both = fa.Arm([fa.Link(fa.Revolute("z"), None, beam)])
+    assert ladder.models(both)[0] == [-1, 0, 1, 2]
+    assert [ladder.build(both, 2, s).modes for s in (-1, 0, 2)] == ["1+1", "2+1", "2+3"]
+
+
+# -- the command ---------------------------------------------------------------------------------------------
+
+
+def test_json(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["chart", str(path), "-o", str(tmp_path), "--budget", "1", "--quantity", "joint", "--json"]) == 0
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert err == "" and told["quantity"] == "joint" and list(told["truth"]["span"]) == ["rad"]
+    assert [a["tolerance"] for a in told["recommend"]] == [1e-2, 1e-3, 1e-4, 1e-5, 1e-6]
+    take = told["recommend"][1]
+    assert told["rows"][take["row"]]["error"] <= 1e-3 and take["absolute"]["rad"] > 0
+    with (tmp_path / "chart.csv").open() as f:
+        assert sum(1 for _ in f) == 1 + len(told["rows"])
+
+
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        (["nope.toml"], "shipped scenes are"),
+        (["ist", "--budget", "0"], "budget = 0"),
+        (["ist", "--budget", "nan"], "budget = nan"),
+        (["ist", "--budget", "soon"], "soon"),
+        (["ist", "--quantity", "tips"], "did you mean 'tip'?"),
+        (["ist", "--quantity", "joint", "--budget", "5"], "none that is not prescribed"),
+    ],
+)
+def test_bad_arguments(argv: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["chart", *argv, "-o", str(tmp_path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("flexarm: ") and err.count("\n") == 1 and says in err
+
+
+def test_bad_arguments_in_python(path: Path) -> None:
+    with pytest.raises(ValueError, match="scene = 3"):
+        fa.chart(3)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="budget = 'long'"):
+        fa.chart(path, budget="long")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="there is none"):
+        fa.chart(fa.Scene(pendulum(), q0=np.array([-np.pi / 2])), quantity="strain", budget=1.0)
+
+
+def test_progress_may_be_a_callable_that_gives_up() -> None:
+    seen = []
+
+    def enough(t: float) -> None:
+        seen.append(t)
+        raise LookupError
+
+    with pytest.raises(LookupError):
+        fa.simulate(pendulum(), [0, 1e4], integrator="rk4", step=1e-4, progress=enough)
+    assert len(seen) == 1 and 0 < seen[0] < 1e4
