@@ -80,6 +80,25 @@ void row(const char* kind, int links, const std::array<int, 5>& modes, Column& a
   std::fflush(stdout);
 }
 
+/// AB on 1000 links as one arm, and as 20 arms of 50 in turn, which is as much memory but no longer chain (us).
+void apart(const char* kind, const std::array<int, 5>& modes) {
+  std::vector<double> times;
+  for (int links : {1000, 50}) {
+    std::vector<Arm> arms;
+    std::vector<Workspace> workspaces;
+    for (int k = 0; k < 1000 / links; ++k) arms.push_back(chain(links, modes, 2));
+    for (const Arm& arm : arms) workspaces.emplace_back(arm);
+    const Eigen::VectorXd q = Eigen::VectorXd::Constant(arms[0].nv(), 1e-4), tau = Eigen::VectorXd::Zero(q.size());
+    std::vector<double> rounds;
+    const auto all = [&] {
+      for (std::size_t k = 0; k < arms.size(); ++k) must(forward_dynamics_ab(arms[k], workspaces[k], q, q, tau));
+    };
+    for (int round = 0; round < 15; ++round) rounds.push_back(microseconds(all, 1));
+    times.push_back(median(rounds));
+  }
+  std::printf("# %s, 1000 links: %.4g us as one arm, %.4g us as 20 arms of 50\n", kind, times[0], times[1]);
+}
+
 }  // namespace
 
 int main() {
@@ -89,5 +108,6 @@ int main() {
     Column ab, ci, dense, chained, implicit;
     for (int links : {1, 2, 3, 5, 7, 10, 20, 50, 100, 200, 300, 500, 1000})
       row(kind, links, modes, ab, ci, dense, chained, implicit);
+    apart(kind, modes);
   }
 }

@@ -110,8 +110,10 @@ def simulate(
             "rk4": classical Runge-Kutta, fixed step, fourth order, stable only while the step is below 2.83 over the
             highest frequency.
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative and absolute (in its unit).
-        max_order: of IDA's backward differentiation formulas, 1 to 5. 2 is best when fast modes are present but
-            quiet, because higher orders are unstable on undamped oscillation; 5 when they ring and must be followed.
+        max_order: of IDA's backward differentiation formulas, 1 to 5. 5 needs the fewest steps wherever what moves must
+            be followed (bench/ida_order.py: 6 times fewer than 2 at rtol 1e-6 and 30 to 100 times closer); 2 needs
+            fewer, 3 times at rtol 1e-5, where fast undamped modes are present but quiet and the tolerance is loose,
+            because higher orders are unstable on undamped oscillation. 3 is the worst there.
         linear_solver: of IDA: "dense" factors the exact Jacobian, O(N³) once in several steps; "chain" eliminates like
             articulated bodies, O(N), which leaves out gyroscopic and geometric stiffness, and repeats that within
             GMRES where they matter; "auto" is "chain", the faster one at any number of links.
