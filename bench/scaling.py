@@ -101,8 +101,8 @@ factorisations, Newton iterations and failed steps.
 {chr(10).join(lines)}
 
 AB's and the implicit step's operations are linear in N (and so are those of an iteration of IDA); exponents above 1 are
-the processor's caches, which short arms fit into and long ones do not. The same number of links as many short arms, one
-after the other, needs as much memory, and no longer a chain:
+mostly the processor's caches, which short arms fit into and long ones do not; IDA's also more iterations per step.
+The same number of links as many short arms, one after the other, needs as much memory, and no longer a chain:
 
 {chr(10).join(apart)}
 

@@ -111,7 +111,7 @@ def simulate(
             highest frequency.
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative and absolute (in its unit).
         max_order: of IDA's backward differentiation formulas, 1 to 5. 5 needs the fewest steps wherever what moves must
-            be followed (bench/ida_order.py: 6 times fewer than 2 at rtol 1e-6 and 30 to 100 times closer); 2 needs
+            be followed (bench/ida_order.py: 4 to 8 times fewer than 2 at rtol 1e-6, 100 times closer or more); 2 needs
             fewer, 3 times at rtol 1e-5, where fast undamped modes are present but quiet and the tolerance is loose,
             because higher orders are unstable on undamped oscillation. 3 is the worst there.
         linear_solver: of IDA: "dense" factors the exact Jacobian, O(N³) once in several steps; "chain" eliminates like
