@@ -1,118 +1,35 @@
 #include "flexarm/ida.hpp"
 
-#include <ida/ida.h>
-#include <nvector/nvector_serial.h>
-#include <sundials/sundials_config.h>
-#include <sunlinsol/sunlinsol_dense.h>
-#include <sunmatrix/sunmatrix_dense.h>
-
 #include <algorithm>
 #include <chrono>
-#include <exception>
-#include <memory>
 
+#include "events.hpp"
 #include "flexarm/check.hpp"
-#include "flexarm/ci.hpp"
-#include "flexarm/derivatives.hpp"
-#include "system.hpp"
+#include "ida_linear.hpp"
 
 namespace flexarm {
 
 namespace {
 
-constexpr int kLook = 200;  // steps between two calls of `alive`
-
-/// The arm as IDA sees it: state y = [q; v] of the free coordinates and rates.
-struct IdaSystem : System {
-  InverseDerivatives derivatives;
-  Eigen::VectorXd dq;
-  Eigen::MatrixXd rate_by_q, rate_by_v;
-  std::exception_ptr thrown;  // by a drive, inside a C callback
-  std::string message;        // IDA's last word
-
-  IdaSystem(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
-            const Eigen::VectorXd& tau_)
-      : System(arm_, drives_, loads_, tau_),
-        derivatives(arm_, places(loads_)),
-        dq(q),
-        rate_by_q(arm_.nq(), arm_.nq()),
-        rate_by_v(arm_.nq(), arm_.nv()) {}
-
-  void set(double t, const double* y, const double* yp) {
-    drive(t);
-    for (int k = 0; k < n_q(); ++k) q[free_q[k]] = y[k];
-    for (int k = 0; k < n_v(); ++k) {
-      const int i = ws.free[k];
-      v[i] = y[n_q() + k];
-      if (yp) a[i] = yp[n_q() + k];
-    }
-  }
-
-  /// y and dy/dt of the current coordinates, rates and accelerations.
-  std::pair<Eigen::VectorXd, Eigen::VectorXd> state() {
-    Eigen::VectorXd y(n_q() + n_v()), yp(n_q() + n_v());
-    coordinate_rates(arm, q, v, dq);
-    for (int k = 0; k < n_q(); ++k) {
-      y[k] = q[free_q[k]];
-      yp[k] = dq[free_q[k]];
-    }
-    for (int k = 0; k < n_v(); ++k) {
-      y[n_q() + k] = v[ws.free[k]];
-      yp[n_q() + k] = a[ws.free[k]];
-    }
-    return {y, yp};
-  }
-};
+constexpr int kLook = 200;          // steps between two calls of `alive`
+constexpr double kOneTime = 1e-13;  // parts of the time by which two zeros of one event are still one
 
 int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
   IdaSystem& s = *static_cast<IdaSystem*>(data);
   try {
-    const double *py = N_VGetArrayPointer(y), *pyp = N_VGetArrayPointer(yp);
-    double* pr = N_VGetArrayPointer(r);
-    s.set(t, py, pyp);
-    inverse_dynamics<double>(s.arm, s.ws, s.q, s.v, s.a);
-    coordinate_rates(s.arm, s.q, s.v, s.dq);
-    for (int k = 0; k < s.n_q(); ++k) pr[k] = pyp[k] - s.dq[s.free_q[k]];
-    for (int k = 0; k < s.n_v(); ++k) {
-      const int i = s.ws.free[k];
-      pr[s.n_q() + k] = s.ws.tau[i] - s.tau[i];
-      if (!std::isfinite(pr[s.n_q() + k])) return 1;  // IDA tries a smaller step
-    }
-    return 0;
+    s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
+    return s.residual(N_VGetArrayPointer(yp), N_VGetArrayPointer(r)) ? 0 : 1;  // 1: IDA tries a smaller step
   } catch (...) {
     s.thrown = std::current_exception();
     return -1;
   }
 }
 
-/// dF/dy + cj dF/dy'
-int jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vector, SUNMatrix J, void* data, N_Vector,
-             N_Vector, N_Vector) {
+int event_values(sunrealtype t, N_Vector y, N_Vector, sunrealtype* values, void* data) {
   IdaSystem& s = *static_cast<IdaSystem*>(data);
   try {
-    s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
-    for (std::size_t k = 0; k < s.ws.loads.size(); ++k) s.derivatives.set_wrench(k, s.ws.loads[k].wrench);
-    s.derivatives(s.arm, s.q, s.v, s.a);
-    move_arm<double>(s.arm, s.ws, s.q, s.v);
-    composite_mass_matrix(s.arm, s.ws);
-    coordinate_rate_jacobians(s.arm, s.q, s.v, s.rate_by_q, s.rate_by_v);
-    const int nq = s.n_q(), nv = s.n_v();
-    for (int k = 0; k < nq; ++k) {
-      const int j = s.free_q[k];
-      double* column = SUNDenseMatrix_Column(J, k);
-      for (int l = 0; l < nq; ++l) column[l] = -s.rate_by_q(s.free_q[l], j);
-      column[k] += cj;
-      for (int l = 0; l < nv; ++l) column[nq + l] = s.derivatives.dq(s.ws.free[l], j);
-    }
-    for (int k = 0; k < nv; ++k) {
-      const int j = s.ws.free[k];
-      double* column = SUNDenseMatrix_Column(J, nq + k);
-      for (int l = 0; l < nq; ++l) column[l] = -s.rate_by_v(s.free_q[l], j);
-      for (int l = 0; l < nv; ++l) {
-        const int i = s.ws.free[l];
-        column[nq + l] = s.derivatives.dv(i, j) + cj * s.ws.M(i, j);
-      }
-    }
+    s.set(t, N_VGetArrayPointer(y), nullptr);
+    s.evaluate(*s.events, t, values);
     return 0;
   } catch (...) {
     s.thrown = std::current_exception();
@@ -130,53 +47,44 @@ void keep_message(int, const char*, const char*, char* text, void* data) {
 struct Solver {
   SUNContext context = nullptr;
   N_Vector y = nullptr, yp = nullptr;
-  SUNMatrix matrix = nullptr;
-  SUNLinearSolver linear = nullptr;
+  std::optional<LinearPart> linear;
   void* memory = nullptr;
 
   Solver(IdaSystem& s, const IdaOptions& o, double t0, const Eigen::VectorXd& y0, const Eigen::VectorXd& yp0,
          double t_end) {
     const sunindextype n = y0.size();
 #if SUNDIALS_VERSION_MAJOR < 7
-    check(SUNContext_Create(nullptr, &context));
+    check_flag(SUNContext_Create(nullptr, &context));
 #else
-    check(SUNContext_Create(SUN_COMM_NULL, &context));
+    check_flag(SUNContext_Create(SUN_COMM_NULL, &context));
     SUNContext_ClearErrHandlers(context);
 #endif
     y = N_VNew_Serial(n, context);
     yp = N_VNew_Serial(n, context);
-    matrix = SUNDenseMatrix(n, n, context);
-    linear = SUNLinSol_Dense(y, matrix, context);
-    memory = IDACreate(context);
-    if (!y || !yp || !matrix || !linear || !memory) throw std::bad_alloc();
+    memory = s.memory = IDACreate(context);
+    if (!y || !yp || !memory) throw std::bad_alloc();
     Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(y), n) = y0;
     Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(yp), n) = yp0;
-    check(IDASetUserData(memory, &s));
+    check_flag(IDASetUserData(memory, &s));
 #if SUNDIALS_VERSION_MAJOR < 7
-    check(IDASetErrHandlerFn(memory, keep_message, &s));
+    check_flag(IDASetErrHandlerFn(memory, keep_message, &s));
 #endif
-    check(IDAInit(memory, residual, t0, y, yp));
-    check(IDASStolerances(memory, o.rtol, o.atol));
-    check(IDASetLinearSolver(memory, linear, matrix));
-    check(IDASetJacFn(memory, jacobian));
-    check(IDASetMaxOrd(memory, o.max_order));
-    check(IDASetMaxNumSteps(memory, kLook));
-    check(IDASetStopTime(memory, t_end));
+    check_flag(IDAInit(memory, residual, t0, y, yp));
+    check_flag(IDASStolerances(memory, o.rtol, o.atol));
+    linear.emplace().attach(memory, s, y, context);
+    check_flag(IDASetMaxOrd(memory, o.max_order));
+    check_flag(IDASetMaxNumSteps(memory, kLook));
+    check_flag(IDASetStopTime(memory, t_end));
   }
   ~Solver() {
     if (memory) IDAFree(&memory);
-    if (linear) SUNLinSolFree(linear);
-    if (matrix) SUNMatDestroy(matrix);
+    linear.reset();
     if (yp) N_VDestroy(yp);
     if (y) N_VDestroy(y);
     if (context) SUNContext_Free(&context);
   }
   Solver(const Solver&) = delete;
   Solver& operator=(const Solver&) = delete;
-
-  static void check(int flag) {
-    if (flag < 0) throw std::runtime_error("SUNDIALS set-up failed, flag " + std::to_string(flag));
-  }
 };
 
 std::string reason(int flag, const IdaSystem& s) {
@@ -217,33 +125,90 @@ std::vector<double> stop_times(const std::vector<Drive>& drives, const std::vect
   return stops;
 }
 
+/// Finds events from now on.
+void watch(void* memory, const std::vector<Event>& events) {
+  if (events.empty()) return;
+  std::vector<int> directions;
+  for (const Event& e : events) directions.push_back(e.direction);
+  check_flag(IDARootInit(memory, static_cast<int>(events.size()), event_values));
+  check_flag(IDASetRootDirection(memory, directions.data()));
+  check_flag(IDASetNoInactiveRootWarn(memory));
+}
+
+/// Logs the events that IDA has found at time t.
+void occurred(const Solver& solver, IdaSystem& s, double t, std::vector<int>& found, Trajectory& out) {
+  IDAGetRootInfo(solver.memory, found.data());
+  s.set(t, N_VGetArrayPointer(solver.y), nullptr);
+  for (std::size_t k = 0; k < s.arm.size(); ++k) s.arm.link(k).joint().normalise(s.q.data() + s.arm.first_q(k));
+  for (std::size_t k = 0; k < found.size(); ++k)
+    if (found[k] != 0 && (out.events[k].t.empty() || t - out.events[k].t.back() > kOneTime * std::abs(t)))
+      s.log(*s.events, k, t, out);
+}
+
+void count_work(void* memory, const IdaSystem& s, SimulationStats& stats) {
+  long products = 0;
+  IDAGetNumSteps(memory, &stats.steps);
+  IDAGetNumResEvals(memory, &stats.residuals);
+  IDAGetNumNonlinSolvIters(memory, &stats.newton_iterations);
+  IDAGetNumErrTestFails(memory, &stats.failed_steps);
+  if (s.dense) {
+    IDAGetNumJacEvals(memory, &stats.jacobians);
+  } else {
+    IDAGetNumPrecEvals(memory, &stats.jacobians);
+    IDAGetNumLinIters(memory, &stats.linear_iterations);
+    IDAGetNumJtimesEvals(memory, &products);
+    stats.residuals += products;
+  }
+}
+
+/// The linear solver asked for; the chain's is the faster one from a single link on (bench/scaling.py).
+void choose_solver(IdaSystem& s, LinearSolver wanted) {
+  if (wanted == LinearSolver::dense)
+    s.dense.emplace(s.arm, places(s.loads));
+  else
+    s.chain.emplace(s.arm, s.ws.prescribed);
+}
+
+/// Everything is prescribed: nothing to integrate.
+void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::vector<Event>& events, Trajectory& out) {
+  StepEvents seen(s, events, out);
+  seen.start(t[0]);
+  for (Eigen::Index k = 1; k < t.size(); ++k) {
+    s.drive(t[k]);
+    if (seen.look(t[k]) && out.reached < t[k]) return;
+    out.reached = t[k];
+    if (!s.record(out, composite) || out.terminated) return;
+  }
+}
+
 }  // namespace
 
 Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
-                        const IdaOptions& options, const Alive& alive, const std::vector<LoadDrive>& loads) {
+                        const IdaOptions& options, const Alive& alive, const std::vector<LoadDrive>& loads,
+                        const std::vector<Event>& events) {
   check_arguments(arm, drives, t, q0, v0, tau);
   check_options(options);
   const auto started = std::chrono::steady_clock::now();
   IdaSystem s(arm, drives, loads, tau);
-  Trajectory out = empty_trajectory(arm, t);
+  s.events = &events;
+  Trajectory out = empty_trajectory(arm, t, events);
   s.q = q0;
   s.v = v0;
   s.drive(t[0]);
   if (!s.record(out, options.composite)) return out;
-  if (s.n_q() == 0) {  // everything is prescribed: nothing to integrate
-    for (Eigen::Index k = 1; k < t.size(); ++k) {
-      s.drive(t[k]);
-      if (!s.record(out, options.composite)) return out;
-      out.reached = t[k];
-    }
+  if (s.size() == 0) {
+    follow(s, t, options.composite, events, out);
     return out;
   }
 
+  choose_solver(s, options.linear_solver);
   const auto [y0, yp0] = s.state();
   Solver solver(s, options, t[0], y0, yp0, t[t.size() - 1]);
+  watch(solver.memory, events);
   const std::vector<double> stops = stop_times(drives, loads, t);
-  while (out.done < t.size() && out.failure.empty()) {
+  std::vector<int> found(events.size());
+  while (out.done < t.size() && out.failure.empty() && !out.terminated) {
     const double goal = t[out.done];
     IDASetStopTime(solver.memory, *std::upper_bound(stops.begin(), stops.end() - 1, out.reached));
     sunrealtype now = out.reached;
@@ -257,17 +222,17 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
         out.failure = "the step size fell below 1e-12 of the time asked for: the solution changes too fast";
     } else if (flag < 0) {
       out.failure = reason(flag, s);
-    } else if (now >= goal) {
-      s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
-      s.record(out, options.composite);
+    } else {
+      if (flag == IDA_ROOT_RETURN) occurred(solver, s, now, found, out);
+      // a zero at an output time would be found again and again if that were asked for once more
+      if (now >= goal - (flag == IDA_ROOT_RETURN ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
+        s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
+        s.record(out, options.composite);
+      }
     }
-    if (!going && out.failure.empty()) out.failure = kInterrupted;
+    if (!going && out.failure.empty() && !out.terminated) out.failure = kInterrupted;
   }
-  IDAGetNumSteps(solver.memory, &out.stats.steps);
-  IDAGetNumResEvals(solver.memory, &out.stats.residuals);
-  IDAGetNumJacEvals(solver.memory, &out.stats.jacobians);
-  IDAGetNumNonlinSolvIters(solver.memory, &out.stats.newton_iterations);
-  IDAGetNumErrTestFails(solver.memory, &out.stats.failed_steps);
+  count_work(solver.memory, s, out.stats);
   out.stats.wall_time = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   return out;
 }

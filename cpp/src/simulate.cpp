@@ -4,9 +4,9 @@
 #include <chrono>
 #include <cmath>
 
+#include "events.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/quadrature.hpp"
-#include "system.hpp"
 
 namespace flexarm {
 
@@ -18,6 +18,7 @@ constexpr double kResolved = 1e-6;   // parts of a motion's velocity that a step
 constexpr double kStill = 1e-3;      // parts of a motion's largest speed: what is slower counts as that fast
 constexpr double kInBetween = 1e-4;  // the same, at its samples
 constexpr int kLooks = 5;            // halvings of a step that does not see the motion; then it is taken to jump
+constexpr int kLooksInside = 8;      // places of an interpolated step at which events are looked at
 constexpr int kSplits = 8;           // halvings of a step whose equations cannot be solved
 
 void check_step(double step, const Eigen::VectorXd& t) {
@@ -132,18 +133,34 @@ bool record_inside(System& s, const Step& method, double from, double h, Traject
   return good;
 }
 
+/// Looks for events at several places of a step, as it may hold more than one zero, and leaves the state at its end.
+void look_inside(System& s, const Step& method, double from, double h, Trajectory& out, StepEvents& seen) {
+  const Eigen::VectorXd q = s.q, v = s.v;
+  const double end = out.reached;
+  for (int k = 1; k < kLooksInside && !out.terminated; ++k) {
+    const double c = static_cast<double>(k) / kLooksInside;
+    method.inside(c, s.q, s.v);
+    s.drive(from + c * h);
+    seen.look(from + c * h);
+  }
+  s.q = q;
+  s.v = v;
+  s.drive(end);
+  if (!out.terminated) seen.look(end);
+}
+
 }  // namespace
 
 Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                           const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                           Step& method, double step, bool composite, const Alive& alive,
-                          const std::vector<LoadDrive>& loads) {
+                          const std::vector<LoadDrive>& loads, const std::vector<Event>& events) {
   check_arguments(arm, drives, t, q0, v0, tau);
   check_step(step, t);
   const auto started = std::chrono::steady_clock::now();
   const Step::Counts before = method.counts();
   System s(arm, drives, loads, tau);
-  Trajectory out = empty_trajectory(arm, t);
+  Trajectory out = empty_trajectory(arm, t, events);
   s.q = q0;
   s.v = v0;
   s.drive(t[0]);
@@ -163,6 +180,8 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
     if (!d.motion || !method.interpolates()) sampled.push_back(d);
   s.drive(t[0]);  // `record` put the reactions into tau
   Status status = method.start(s.ws, s.q, s.v, s.tau);
+  StepEvents seen(s, events, out);
+  seen.start(t[0]);
   bool going = true;
   for (const auto& [stop, is_output] :
        stops(sample_times(sampled, loads, t, functions), t, step, method.interpolates())) {
@@ -174,32 +193,36 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
       now.from = from;
       now.h = h;
       now.last = last;
-      const bool seen = !method.interpolates() || level >= kLooks || resolved(drives, motion_speeds, from, h);
-      const Status found = seen ? method.advance(h, s.ws, s.q, s.v, s.tau, given) : Status::not_converged;
+      const bool visible = !method.interpolates() || level >= kLooks || resolved(drives, motion_speeds, from, h);
+      const Status found = visible ? method.advance(h, s.ws, s.q, s.v, s.tau, given) : Status::not_converged;
       if (found == Status::ok) {
         out.reached = std::isnan(last) ? from + h : last;
         ++out.stats.steps;
-        return !method.interpolates() || record_inside(s, method, from, h, out, t, composite) ? found
-                                                                                              : Status::not_finite;
+        if (!method.interpolates()) {
+          seen.look(out.reached);
+          return found;
+        }
+        if (!events.empty()) look_inside(s, method, from, h, out, seen);
+        return record_inside(s, method, from, h, out, t, composite) ? found : Status::not_finite;
       }
       if (found != Status::not_converged || level == kSplits || !method.interpolates()) return found;
       ++out.stats.failed_steps;
       s.drive(from);
       const Status half = again(again, from, 0.5 * h, std::nan(""), level + 1);
-      return half == Status::ok ? again(again, from + 0.5 * h, 0.5 * h, last, level + 1) : half;
+      return half == Status::ok && !out.terminated ? again(again, from + 0.5 * h, 0.5 * h, last, level + 1) : half;
     };
     const double step_now = (stop - start) / static_cast<double>(count);
-    for (long k = 0; k < count && status == Status::ok && going; ++k) {
+    for (long k = 0; k < count && status == Status::ok && going && !out.terminated; ++k) {
       const double from = start + static_cast<double>(k) * step_now;
       status = advance(advance, from, step_now, k + 1 == count ? stop : std::nan(""), 0);
       if (status != Status::ok) break;
       going = !alive || alive(out.reached);
     }
     if (status != Status::ok) out.failure = reason(status, now.h);
-    if (!going && out.reached < t[t.size() - 1]) out.failure = kInterrupted;
-    if (!out.failure.empty() && out.reached != stop) break;
+    if (!going && !out.terminated && out.reached < t[t.size() - 1]) out.failure = kInterrupted;
+    if ((!out.failure.empty() || out.terminated) && out.reached != stop) break;
     if (is_output && !s.record(out, composite)) out.failure = reason(Status::not_finite, now.h);
-    if (!out.failure.empty()) break;
+    if (!out.failure.empty() || out.terminated) break;
   }
   const Step::Counts& after = method.counts();
   out.stats.residuals = after.evaluations - before.evaluations;

@@ -83,8 +83,29 @@ bool System::record(Trajectory& out, bool composite) {
   return true;
 }
 
-Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t) {
+void System::evaluate(const std::vector<Event>& events, double t, double* values) {
+  for (std::size_t k = 0; k < arm.size(); ++k) arm.link(k).joint().normalise(q.data() + arm.first_q(k));
+  for (std::size_t k = 0; k < events.size(); ++k) {
+    values[k] = events[k].value(t, q, v);
+    if (!std::isfinite(values[k]))
+      bad_value("events[" + std::to_string(k) + "] at t = " + std::to_string(t), values[k], "must be finite");
+  }
+}
+
+bool System::log(const std::vector<Event>& events, std::size_t k, double t, Trajectory& out) const {
+  EventLog& log = out.events[k];
+  log.t.push_back(t);
+  log.q.push_back(q);
+  log.v.push_back(v);
+  if (events[k].terminal == 0 || static_cast<int>(log.t.size()) < events[k].terminal) return false;
+  out.terminated = true;
+  out.reached = t;
+  return true;
+}
+
+Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std::vector<Event>& events) {
   Trajectory out;
+  out.events.resize(events.size());
   out.q = Trajectory::Rows::Constant(t.size(), arm.nq(), std::nan(""));
   out.v = out.a = out.tau = Trajectory::Rows::Constant(t.size(), arm.nv(), std::nan(""));
   out.reached = t[0];

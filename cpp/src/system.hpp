@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "flexarm/drive.hpp"
+#include "flexarm/event.hpp"
 #include "flexarm/trajectory.hpp"
 #include "flexarm/workspace.hpp"
 
@@ -27,13 +28,19 @@ struct System {
   void drive(double t);
   /// Adds a row to the trajectory: the current state, its accelerations, the reactions of prescribed motions.
   bool record(Trajectory& out, bool composite);
+  /// Values of events at the current state, whose quaternions it scales to unit length.
+  /// @throws std::invalid_argument for nan or inf
+  void evaluate(const std::vector<Event>& events, double t, double* values);
+  /// Adds the current state to the occurrences of event k.
+  /// @return whether that ends the run: `out` then says so, and out.reached is t
+  bool log(const std::vector<Event>& events, std::size_t k, double t, Trajectory& out) const;
 };
 
 /// The force law's places, without their values.
 std::vector<Load> places(const std::vector<LoadDrive>& loads);
 
 /// A trajectory of no rows yet, for the times t.
-Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t);
+Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std::vector<Event>& events);
 
 /// @throws std::invalid_argument naming the argument and the value
 void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,

@@ -74,19 +74,56 @@ LoadDrive make_load(const Load& load, const py::object& law) {
   return d;
 }
 
+/// An event from Python: a callable (t, q, v) -> number.
+Event make_event(std::size_t k, const py::object& law, int terminal, int direction) {
+  const auto shared = std::make_shared<py::object>(law);
+  const std::string name = "events[" + std::to_string(k) + "]";
+  const auto value = [shared, name](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+    py::gil_scoped_acquire hold;
+    const py::object g = (*shared)(t, q, v);
+    try {
+      return g.cast<double>();
+    } catch (const py::cast_error&) {
+      bad_value(name + " at t = " + std::to_string(t), std::string(py::repr(g)), "must give one number");
+    }
+  };
+  return {value, terminal, direction};
+}
+
+/// (value, terminal, direction) of each event.
+using EventLaws = std::vector<std::tuple<py::object, int, int>>;
+
+/// t (n), q (n, nq), v (n, nv) of each event.
+py::list event_rows(const Trajectory& r) {
+  py::list out;
+  for (const EventLog& log : r.events) {
+    const auto n = static_cast<Eigen::Index>(log.t.size());
+    Rows q(n, r.q.cols()), v(n, r.v.cols());
+    for (Eigen::Index i = 0; i < n; ++i) {
+      q.row(i) = log.q[static_cast<std::size_t>(i)];
+      v.row(i) = log.v[static_cast<std::size_t>(i)];
+    }
+    out.append(py::make_tuple(Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(log.t.data(), n)), q, v));
+  }
+  return out;
+}
+
 /// (coordinate, is a motion, law) of each drive, and (place, law) of each load.
 using Laws = std::vector<std::tuple<int, bool, py::object>>;
 using LoadLaws = std::vector<std::pair<Load, py::object>>;
 
-/// Runs integrate(drives, loads, alive) -> Trajectory without the interpreter's lock, looking around ten times a
-/// second: Ctrl-C, progress.
+/// Runs integrate(drives, loads, events, alive) -> Trajectory without the interpreter's lock, looking around ten times
+/// a second: Ctrl-C, progress.
 template <class Integrate>
-py::dict run(const Laws& drives, const LoadLaws& loads, const std::function<void(double)>& alive,
-             const Integrate& integrate) {
+py::dict run(const Laws& drives, const LoadLaws& loads, const EventLaws& events,
+             const std::function<void(double)>& alive, const Integrate& integrate) {
   std::vector<Drive> laws;
   for (const auto& [coordinate, is_motion, law] : drives) laws.push_back(make_drive(coordinate, is_motion, law));
   std::vector<LoadDrive> wrenches;
   for (const auto& [load, law] : loads) wrenches.push_back(make_load(load, law));
+  std::vector<Event> watched;
+  for (std::size_t k = 0; k < events.size(); ++k)
+    std::apply([&](const auto&... parts) { watched.push_back(make_event(k, parts...)); }, events[k]);
   auto last = std::chrono::steady_clock::now();
   const auto look_around = [&](double now) {
     const auto clock = std::chrono::steady_clock::now();
@@ -104,13 +141,14 @@ py::dict run(const Laws& drives, const LoadLaws& loads, const std::function<void
   Trajectory r;
   {
     py::gil_scoped_release release;
-    r = integrate(laws, wrenches, look_around);
+    r = integrate(laws, wrenches, watched, look_around);
   }
   py::dict stats, out;
   stats["steps"] = r.stats.steps;
   stats["evaluations"] = r.stats.residuals;
   stats["jacobians"] = r.stats.jacobians;
   stats["newton_iterations"] = r.stats.newton_iterations;
+  stats["linear_iterations"] = r.stats.linear_iterations;
   stats["failed_steps"] = r.stats.failed_steps;
   stats["wall_time"] = r.stats.wall_time;
   const auto head = [&](const Rows& x) { return Rows(x.topRows(r.done)); };
@@ -120,6 +158,8 @@ py::dict run(const Laws& drives, const LoadLaws& loads, const std::function<void
   out["tau"] = head(r.tau);
   out["reached"] = r.reached;
   out["failure"] = r.failure;
+  out["terminated"] = r.terminated;
+  out["events"] = event_rows(r);
   out["stats"] = stats;
   return out;
 }
@@ -151,21 +191,28 @@ void bind_time(py::module_& m) {
   m.def(
       "simulate_ida",
       [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
-         const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol, int max_order, bool composite,
-         const std::function<void(double)>& alive, const LoadLaws& loads) {
-        return run(drives, loads, alive, [&](const auto& laws, const auto& wrenches, const auto& look_around) {
-          return simulate_ida(arm, laws, t, q0, v0, tau, {rtol, atol, max_order, composite}, look_around, wrenches);
+         const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol, int max_order,
+         const std::string& linear_solver, bool composite, const std::function<void(double)>& alive,
+         const LoadLaws& loads, const EventLaws& events) {
+        const LinearSolver solver = linear_solver == "dense"   ? LinearSolver::dense
+                                    : linear_solver == "chain" ? LinearSolver::chain
+                                                               : LinearSolver::automatic;
+        const IdaOptions options{rtol, atol, max_order, composite, solver};
+        return run(drives, loads, events, alive, [&](const auto& laws, const auto&... rest) {
+          const auto& [wrenches, watched, look_around] = std::tie(rest...);
+          return simulate_ida(arm, laws, t, q0, v0, tau, options, look_around, wrenches, watched);
         });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("rtol"),
-      py::arg("atol"), py::arg("max_order"), py::arg("composite"), py::arg("alive"), py::arg("loads"));
+      py::arg("atol"), py::arg("max_order"), py::arg("linear_solver"), py::arg("composite"), py::arg("alive"),
+      py::arg("loads"), py::arg("events"));
 
   m.def(
       "simulate_fixed",
       [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
          const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, const std::string& integrator, double step,
          double spectral_radius, int stages, bool composite, const std::function<void(double)>& alive,
-         const LoadLaws& loads) {
+         const LoadLaws& loads, const EventLaws& events) {
         std::unique_ptr<Step> method;
         if (integrator == "rk4")
           method = std::make_unique<Rk4Step>(arm, step);
@@ -173,11 +220,12 @@ void bind_time(py::module_& m) {
           method = std::make_unique<CollocationStep>(arm, CollocationOptions{stages});
         else
           method = std::make_unique<ImplicitStep>(arm, step, ImplicitOptions{spectral_radius});
-        return run(drives, loads, alive, [&](const auto& laws, const auto& wrenches, const auto& look_around) {
-          return simulate_fixed(arm, laws, t, q0, v0, tau, *method, step, composite, look_around, wrenches);
+        return run(drives, loads, events, alive, [&](const auto& laws, const auto&... rest) {
+          const auto& [wrenches, watched, look_around] = std::tie(rest...);
+          return simulate_fixed(arm, laws, t, q0, v0, tau, *method, step, composite, look_around, wrenches, watched);
         });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"),
       py::arg("integrator"), py::arg("step"), py::arg("spectral_radius"), py::arg("stages"), py::arg("composite"),
-      py::arg("alive"), py::arg("loads"));
+      py::arg("alive"), py::arg("loads"), py::arg("events"));
 }

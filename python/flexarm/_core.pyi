@@ -194,9 +194,11 @@ def simulate_ida(
     rtol: float,
     atol: float,
     max_order: int,
+    linear_solver: str,
     composite: bool,
     alive: Callable[[float], None] | None,
     loads: Sequence[tuple[Load, Any]],
+    events: Sequence[tuple[Any, int, int]],
 ) -> dict[str, Any]: ...
 def simulate_fixed(
     arm: Arm,
@@ -212,4 +214,5 @@ def simulate_fixed(
     composite: bool,
     alive: Callable[[float], None] | None,
     loads: Sequence[tuple[Load, Any]],
+    events: Sequence[tuple[Any, int, int]],
 ) -> dict[str, Any]: ...

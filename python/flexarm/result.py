@@ -27,7 +27,11 @@ class Result:
         q: coordinates, (nt, nq). v, a: rates and accelerations, (nt, nv).
         tau: generalised forces (N, N m), (nt, nv): those applied, and the reactions of prescribed motions.
         loads: the loads of the simulation; None when they were not kept (a file keeps none).
-        stats: steps, evaluations, jacobians, newton_iterations, failed_steps, wall_time (s).
+        stats: steps, evaluations, jacobians, newton_iterations, linear_iterations (of GMRES), failed_steps,
+            wall_time (s).
+        t_events, q_events, v_events: per event, the times (n,), coordinates (n, nq) and rates (n, nv) of its
+            occurrences; None without events.
+        status: 0: the last output time was reached, or the run failed; 1: a terminal event ended it.
     """
 
     arm: Arm
@@ -38,6 +42,10 @@ class Result:
     tau: Array
     stats: dict[str, Any] = field(default_factory=dict)
     loads: tuple[Load, ...] | None = ()
+    t_events: list[Array] | None = None
+    q_events: list[Array] | None = None
+    v_events: list[Array] | None = None
+    status: int = 0
 
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no times"
@@ -78,11 +86,16 @@ class Result:
 
     def save(self, path: str | Path) -> None:
         """Writes everything, the arm included, to one file (.npz) that `Result.load` reads."""
-        text = json.dumps(
-            {"arm": self.arm.to_dict(), "stats": self.stats, "loads": self.loads is None or len(self.loads)}
-        )
+        kept = None if self.loads is None else len(self.loads)
+        occurred = {
+            f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())
+        }
+        about = {"arm": self.arm.to_dict(), "stats": self.stats, "loads": kept is None or kept, "status": self.status}
+        about["events"] = None if self.t_events is None else len(self.t_events)
         with Path(path).open("wb") as f:  # an open file keeps its name; numpy would append .npz
-            np.savez_compressed(f, t=self.t, q=self.q, v=self.v, a=self.a, tau=self.tau, about=np.array(text))
+            np.savez_compressed(
+                f, t=self.t, q=self.q, v=self.v, a=self.a, tau=self.tau, about=np.array(json.dumps(about)), **occurred
+            )
 
     @staticmethod
     def load(path: str | Path) -> Result:
@@ -91,8 +104,18 @@ class Result:
             with np.load(path, allow_pickle=False) as f:
                 about = json.loads(str(f["about"]))
                 arrays = {k: f[k] for k in ("t", "q", "v", "a", "tau")}
+                count = about.get("events")
+                events: dict[str, Any] = {
+                    f"{name}_events": None if count is None else [f[f"{name}_events_{k}"] for k in range(count)]
+                    for name in "tqv"
+                }
             return Result(
-                Arm.from_dict(about["arm"]), **arrays, stats=about["stats"], loads=None if about["loads"] else ()
+                Arm.from_dict(about["arm"]),
+                **arrays,
+                **events,
+                stats=about["stats"],
+                loads=None if about["loads"] else (),
+                status=about.get("status", 0),
             )
         except OSError as e:
             raise ValueError(f"result {str(path)!r}: {e.strerror or e}") from None

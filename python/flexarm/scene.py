@@ -171,8 +171,8 @@ class Scene:
         loads: forces and moments on slices.
         t: output times (s).
         q0, v0: initial state, or None for rest at zero.
-        options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order, step,
-            spectral_radius.
+        options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order, linear_solver,
+            step, spectral_radius.
     """
 
     arm: Arm
@@ -191,7 +191,7 @@ class Scene:
         )
 
 
-_OPTIONS = ("method", "integrator", "rtol", "atol", "max_order", "step", "spectral_radius", "stages")
+_OPTIONS = ("method", "integrator", "rtol", "atol", "max_order", "linear_solver", "step", "spectral_radius", "stages")
 _SIMULATION = ("duration", "interval", "q0", "v0", *_OPTIONS)
 
 

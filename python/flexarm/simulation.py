@@ -19,6 +19,7 @@ from .result import Result
 from .validity import out_of_range
 
 INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
+LINEAR_SOLVERS = ("auto", "dense", "chain")
 
 
 class SimulationError(RuntimeError):
@@ -42,6 +43,25 @@ class SimulationInterrupted(KeyboardInterrupt):
         self.result = result
 
 
+def _events(events: Any) -> list[tuple[Any, int, int]]:
+    """(callable, occurrence that ends the run or 0, direction) of each event."""
+    given = [] if events is None else [events] if callable(events) else events
+    if not isinstance(given, (list, tuple)):
+        raise ValueError(f"events = {events!r}: must be a callable (t, q, v) -> float, or a list of them")
+    out = []
+    for k, f in enumerate(given):
+        if not callable(f):
+            raise ValueError(f"events[{k}] = {f!r}: must be a callable (t, q, v) -> float")
+        terminal, direction = getattr(f, "terminal", False), getattr(f, "direction", 0)
+        count = int(terminal) if isinstance(terminal, (bool, np.bool_)) else whole(f"events[{k}].terminal", terminal)
+        if count < 0:
+            raise ValueError(f"events[{k}].terminal = {terminal}: must be True, False or a number of occurrences")
+        if number(f"events[{k}].direction", direction) not in (-1, 0, 1):
+            raise ValueError(f"events[{k}].direction = {direction}: must be -1, 0 or 1")
+        out.append((f, count, int(direction)))
+    return out
+
+
 def simulate(
     arm: Arm,
     t: ArrayLike,
@@ -51,11 +71,13 @@ def simulate(
     tau: ArrayLike | None = None,
     drive: Mapping[Any, Motion | Torque] | None = None,
     loads: Sequence[Load] | None = None,
+    events: Callable[..., float] | Sequence[Callable[..., float]] | None = None,
     method: str = "ab",
     integrator: str = "ida",
     rtol: float = 1e-6,
     atol: float = 1e-9,
     max_order: int = 5,
+    linear_solver: str = "auto",
     step: float | None = None,
     spectral_radius: float = 1.0,
     stages: int = 4,
@@ -72,6 +94,10 @@ def simulate(
         drive: by link number, or by (link, freedom), what drives that freedom of its joint: a Torque, or a Motion,
             whose reaction is then in `Result.tau`.
         loads: external forces and moments.
+        events: one or several callables (t, q, v) -> float whose zeros are sought, as in SciPy's solve_ivp: the run
+            ends at the first zero of one with the attribute `terminal` = True (at the n-th where it is a number n);
+            `direction` = 1 or -1 counts only zeros where the value rises, or falls. A value that is zero at the start
+            is no event. Zeros are seen where the sign changes between two steps.
         method: "ab" or "ci", for the accelerations at the output times.
         integrator: "ida": SUNDIALS IDA on the residual of inverse dynamics, variable step and order. "implicit":
             generalised-alpha, fixed step, second order, stable however stiff the elastic coordinates are, cost linear
@@ -86,6 +112,9 @@ def simulate(
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative and absolute (in its unit).
         max_order: of IDA's backward differentiation formulas, 1 to 5. 2 is best when fast modes are present but
             quiet, because higher orders are unstable on undamped oscillation; 5 when they ring and must be followed.
+        linear_solver: of IDA: "dense" factors the exact Jacobian, O(N³) once in several steps; "chain" eliminates like
+            articulated bodies, O(N), which leaves out gyroscopic and geometric stiffness, and repeats that within
+            GMRES where they matter; "auto" is "chain", the faster one at any number of links.
         step: of the fixed-step integrators (s): the longest step. Output times and samples of drives and loads are
             met exactly, by dividing what lies between two of them into equal steps, as few as `step` allows; "gauss"
             ends its steps at samples of torques and loads alone, and halves those that would miss some of a motion, or
@@ -100,8 +129,12 @@ def simulate(
     No step passes over a sample of a drive, nor over an output time where a drive is a callable: a pulse of a callable
     that lies wholly between two output times can be missed.
 
+    Returns:
+        Its `t_events`, `q_events` and `v_events` hold what occurred. When a terminal event ended the run, that is no
+        error: the rows end at the last output time up to the event, and `status` is 1.
+
     Raises:
-        ValueError: bad arguments.
+        ValueError: bad arguments, an event that gives nan.
         SimulationError: the integrator could not go on; it holds the time reached and the result so far.
         SimulationInterrupted: (a KeyboardInterrupt) Ctrl-C; it holds the same.
 
@@ -146,6 +179,8 @@ def simulate(
     for k, load in enumerate(loads or ()):
         load.check_span(f"loads[{k}]", times)
     wrenches = [(place, load.law) for place, load in zip(places, loads or (), strict=True)]
+    watched = _events(events)
+    choice("linear_solver", linear_solver, LINEAR_SOLVERS)
     rtol, atol, max_order = number("rtol", rtol), number("atol", atol), whole("max_order", max_order)
     h, spectral_radius = number("step", 0.0 if step is None else step), number("spectral_radius", spectral_radius)
     stages = whole("stages", stages)
@@ -154,8 +189,8 @@ def simulate(
         motion = (arm._core, laws, times, state["q0"], state["v0"], state["tau"])
         ci = method == "ci"
         if integrator == "ida":
-            return _core.simulate_ida(*motion, rtol, atol, max_order, ci, alive, wrenches)
-        return _core.simulate_fixed(*motion, integrator, h, spectral_radius, stages, ci, alive, wrenches)
+            return _core.simulate_ida(*motion, rtol, atol, max_order, linear_solver, ci, alive, wrenches, watched)
+        return _core.simulate_fixed(*motion, integrator, h, spectral_radius, stages, ci, alive, wrenches, watched)
 
     if callable(progress):
         out = integrate(progress)
@@ -180,6 +215,9 @@ def simulate(
         out = integrate()
     done = len(out["q"])
     result = Result(arm, times[:done], out["q"], out["v"], out["a"], out["tau"], out["stats"], tuple(loads or ()))
+    result.status = int(out["terminated"])
+    if watched:
+        result.t_events, result.q_events, result.v_events = (list(x) for x in zip(*out["events"], strict=True))
     if out["failure"] == "interrupted":
         raise SimulationInterrupted(f"interrupted at t = {out['reached']:.9g} s", out["reached"], result)
     beyond = out_of_range(arm, result.t, result.q)

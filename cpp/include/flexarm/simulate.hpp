@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "flexarm/drive.hpp"
+#include "flexarm/event.hpp"
 #include "flexarm/step.hpp"
 #include "flexarm/trajectory.hpp"
 
@@ -16,10 +17,11 @@ namespace flexarm {
 /// @param step   longest step (s)
 /// @param tau    constant generalised forces, length nv, to which force drives are added
 /// @param composite  accelerations at the output times by CI instead of AB
-/// @throws std::invalid_argument for bad arguments; what a drive or `alive` throws goes through
+/// @param events  seen where their sign differs between the ends of a step, and located on cubic interpolants
+/// @throws std::invalid_argument for bad arguments; what a drive, an event or `alive` throws goes through
 Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                           const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                           Step& method, double step, bool composite = false, const Alive& alive = {},
-                          const std::vector<LoadDrive>& loads = {});
+                          const std::vector<LoadDrive>& loads = {}, const std::vector<Event>& events = {});
 
 }  // namespace flexarm

@@ -4,6 +4,9 @@
 #include <Eigen/Core>
 #include <functional>
 #include <string>
+#include <vector>
+
+#include "flexarm/event.hpp"
 
 namespace flexarm {
 
@@ -12,6 +15,7 @@ struct SimulationStats {
   long residuals = 0;          ///< evaluations of inverse dynamics, or of forward dynamics (rk4)
   long jacobians = 0;          ///< factorised iteration matrices
   long newton_iterations = 0;  ///< linear solves
+  long linear_iterations = 0;  ///< of the Krylov solver
   long failed_steps = 0;
   double wall_time = 0.0;  ///< s
 };
@@ -27,8 +31,10 @@ struct Trajectory {
   using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   Rows q, v, a, tau;  ///< tau: applied forces, and the reactions of prescribed motions
   Eigen::Index done = 0;
-  double reached = 0.0;  ///< time reached (s)
-  std::string failure;   ///< empty when all is done
+  double reached = 0.0;          ///< time reached (s)
+  std::string failure;           ///< empty when all is done
+  bool terminated = false;       ///< by a terminal event, at `reached`
+  std::vector<EventLog> events;  ///< one per event
   SimulationStats stats;
 };
 

@@ -1,0 +1,109 @@
+#include "events.hpp"
+
+#include <algorithm>
+
+#include "flexarm/ab.hpp"
+
+namespace flexarm {
+
+StepEvents::StepEvents(System& system, const std::vector<Event>& events, Trajectory& out)
+    : s_(system),
+      events_(events),
+      out_(out),
+      values0_(static_cast<Eigen::Index>(events.size())),
+      values1_(values0_),
+      values_(values0_),
+      q0_(s_.q),
+      q1_(q0_),
+      dq0_(q0_),
+      dq1_(q0_),
+      v0_(s_.v),
+      v1_(v0_),
+      a0_(v0_),
+      a1_(v0_) {
+  found_.reserve(events.size());
+}
+
+void StepEvents::start(double t) {
+  if (events_.empty()) return;
+  s_.evaluate(events_, t, values0_.data());
+  t0_ = t;
+  q0_ = s_.q;
+  v0_ = s_.v;
+}
+
+bool StepEvents::look(double t) {
+  if (events_.empty()) return false;
+  t1_ = t;
+  s_.evaluate(events_, t, values1_.data());
+  found_.clear();
+  for (std::size_t k = 0; k < events_.size(); ++k) {
+    const double from = values0_[static_cast<Eigen::Index>(k)], to = values1_[static_cast<Eigen::Index>(k)];
+    const bool up = from < 0.0 && to >= 0.0, down = from > 0.0 && to <= 0.0;
+    if ((up && events_[k].direction >= 0) || (down && events_[k].direction <= 0)) found_.emplace_back(t, k);
+  }
+  bool ended = false;
+  if (!found_.empty()) {
+    prepare(t);
+    for (auto& [time, k] : found_) time = locate(k);
+    std::sort(found_.begin(), found_.end());
+    for (const auto& [time, k] : found_) {
+      if (ended && time > out_.reached) break;
+      place(time);
+      ended = s_.log(events_, k, time, out_) || ended;
+    }
+    place(t);
+  }
+  values0_.swap(values1_);
+  t0_ = t;
+  q0_ = s_.q;
+  v0_ = s_.v;
+  return ended;
+}
+
+/// Rates and accelerations at both ends of the step.
+void StepEvents::prepare(double t) {
+  q1_ = s_.q;
+  v1_ = s_.v;
+  const auto slopes = [&](double time, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::VectorXd& dq,
+                          Eigen::VectorXd& a) {
+    s_.q = q;
+    s_.v = v;
+    s_.drive(time);
+    coordinate_rates(s_.arm, s_.q, s_.v, dq);
+    forward_dynamics_ab(s_.arm, s_.ws, s_.q, s_.v, s_.tau);
+    a = s_.ws.a;
+  };
+  slopes(t0_, q0_, v0_, dq0_, a0_);
+  slopes(t, q1_, v1_, dq1_, a1_);
+}
+
+/// The system's state at a time within the step.
+void StepEvents::place(double t) {
+  const double h = t1_ - t0_, x = (t - t0_) / h, y = 1.0 - x;
+  if (t < t1_) {
+    s_.q = y * y * ((1.0 + 2.0 * x) * q0_ + x * h * dq0_) + x * x * ((1.0 + 2.0 * y) * q1_ - y * h * dq1_);
+    s_.v = y * y * ((1.0 + 2.0 * x) * v0_ + x * h * a0_) + x * x * ((1.0 + 2.0 * y) * v1_ - y * h * a1_);
+  } else {
+    s_.q = q1_;
+    s_.v = v1_;
+  }
+  s_.drive(t);
+  for (std::size_t n = 0; n < s_.arm.size(); ++n) s_.arm.link(n).joint().normalise(s_.q.data() + s_.arm.first_q(n));
+}
+
+/// By bisection, to the last digit: the end after the zero.
+double StepEvents::locate(std::size_t k) {
+  const Eigen::Index i = static_cast<Eigen::Index>(k);
+  const bool rising = values0_[i] < 0.0;
+  double low = t0_, high = t1_;
+  for (;;) {
+    const double middle = 0.5 * (low + high);
+    if (!(middle > low && middle < high)) return high;
+    place(middle);
+    s_.evaluate(events_, middle, values_.data());
+    ((rising ? values_[i] >= 0.0 : values_[i] <= 0.0) ? high : low) = middle;
+  }
+}
+
+}  // namespace flexarm

@@ -1,0 +1,99 @@
+#include "ida_system.hpp"
+
+#include <cmath>
+
+namespace flexarm {
+
+ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed)
+    : arm_(&arm),
+      ws_(arm, prescribed),
+      spring_(Eigen::VectorXd::Zero(arm.nv())),
+      turn_(spring_),
+      rhs_(spring_),
+      by_q_(arm.size()),
+      by_v_(arm.size()) {
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const Joint& joint = arm.link(n).joint();
+    if (!joint.has_ball()) continue;
+    by_q_[n].setZero(joint.nq(), joint.nq());
+    by_v_[n].setZero(joint.nq(), joint.nv());
+  }
+}
+
+bool ChainInverse::factor(const Eigen::VectorXd& q, const Eigen::VectorXd& v, double cj) {
+  move_arm<double>(*arm_, ws_, q, v);
+  for (std::size_t n = 0; n < arm_->size(); ++n) {
+    const Joint& joint = arm_->link(n).joint();
+    const double *qn = q.data() + arm_->first_q(n), *vn = v.data() + arm_->first(n);
+    if (joint.has_ball()) joint.rate_jacobians(qn, vn, by_q_[n], by_v_[n]);
+    if (joint.passive())
+      for (int k = 0; k < joint.nv(); ++k) spring_[arm_->first(n) + k] = joint.resistance_slopes(k, qn, vn).first;
+  }
+  return factor_shifted(*arm_, ws_, q, v, {1.0 / cj, 1.0 / (cj * cj)}) == Status::ok;
+}
+
+void ChainInverse::solve(const Eigen::VectorXd& r1, const Eigen::VectorXd& r2, double cj, Eigen::VectorXd& dq,
+                         Eigen::VectorXd& dv) {
+  for (std::size_t n = 0; n < arm_->size(); ++n) {
+    const Link& link = arm_->link(n);
+    const int i = arm_->first_q(n), j = arm_->first(n), nq = link.joint().nq(), nj = link.nj(), ne = link.ne();
+    turn_.segment(j, nj) = r1.segment(i, nj);
+    if (link.joint().has_ball())  // E^T E is a quarter of the unit matrix
+      turn_.segment<3>(j + nj - 3).noalias() =
+          4.0 * by_v_[n].bottomRightCorner<4, 3>().transpose() * r1.segment<4>(i + nq - 4);
+    rhs_.segment(j, nj) = spring_.segment(j, nj).cwiseProduct(turn_.segment(j, nj));
+    if (ne > 0) rhs_.segment(j + nj, ne).noalias() = link.beam()->stiffness() * r1.segment(i + nq, ne);
+  }
+  rhs_ = (r2 - rhs_ / cj) / cj;
+  solve_shifted(*arm_, ws_, rhs_, dv);
+  for (std::size_t n = 0; n < arm_->size(); ++n) {
+    const Link& link = arm_->link(n);
+    const int i = arm_->first_q(n), j = arm_->first(n), nq = link.joint().nq(), nj = link.nj(), ne = link.ne();
+    if (link.joint().has_ball())
+      dq.segment(i, nq).noalias() = by_v_[n] * dv.segment(j, nj);
+    else
+      dq.segment(i, nq) = dv.segment(j, nj);
+    dq.segment(i + nq, ne) = dv.segment(j + nj, ne);
+  }
+  dq = (dq + r1) / cj;
+}
+
+void IdaSystem::set(double t, const double* y, const double* yp) {
+  if (t != driven) drive(t);
+  driven = t;
+  for (int k = 0; k < n_q(); ++k) q[free_q[k]] = y[k];
+  for (int k = 0; k < n_v(); ++k) {
+    const int i = ws.free[k];
+    v[i] = y[n_q() + k];
+    if (yp) a[i] = yp[n_q() + k];
+  }
+}
+
+std::pair<Eigen::VectorXd, Eigen::VectorXd> IdaSystem::state() {
+  Eigen::VectorXd y(size()), yp(size());
+  coordinate_rates(arm, q, v, dq);
+  for (int k = 0; k < n_q(); ++k) {
+    y[k] = q[free_q[k]];
+    yp[k] = dq[free_q[k]];
+  }
+  for (int k = 0; k < n_v(); ++k) {
+    y[n_q() + k] = v[ws.free[k]];
+    yp[n_q() + k] = a[ws.free[k]];
+  }
+  return {y, yp};
+}
+
+bool IdaSystem::residual(const double* yp, double* r) {
+  inverse_dynamics<double>(arm, ws, q, v, a);
+  coordinate_rates(arm, q, v, dq);
+  for (int k = 0; k < n_q(); ++k) r[k] = yp[k] - dq[free_q[k]];
+  double sum = 0.0;
+  for (int k = 0; k < n_v(); ++k) {
+    const int i = ws.free[k];
+    r[n_q() + k] = ws.tau[i] - tau[i];
+    sum += std::abs(r[n_q() + k]);
+  }
+  return std::isfinite(sum);
+}
+
+}  // namespace flexarm

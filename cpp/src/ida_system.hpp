@@ -1,0 +1,75 @@
+// The arm as IDA sees it, and the two ways to solve its linear systems. No SUNDIALS header but in the .cpp files.
+#pragma once
+
+#include <exception>
+#include <limits>
+#include <optional>
+
+#include "flexarm/ab.hpp"
+#include "flexarm/derivatives.hpp"
+#include "flexarm/event.hpp"
+#include "flexarm/ida.hpp"
+#include "system.hpp"
+
+namespace flexarm {
+
+/// What the dense Jacobian needs beyond the residual.
+struct DenseJacobian {
+  InverseDerivatives derivatives;
+  Eigen::MatrixXd rate_by_q, rate_by_v;
+  DenseJacobian(const Arm& arm, const std::vector<Load>& loads)
+      : derivatives(arm, loads), rate_by_q(arm.nq(), arm.nq()), rate_by_v(arm.nq(), arm.nv()) {}
+};
+
+/// The approximate inverse of dF/dy + cj dF/dy' = [cj - dE, -E; K, cj M + C] in O(N): elastic and joint forces alone
+/// are kept of K and C, and nothing of dE. Then dq = (r1 + E dv) / cj leaves S cj dv = r2 - K r1 / cj, with S = M + C /
+/// cj + K / cj^2, which factor_shifted eliminates. Its own workspace keeps the place where it was made.
+class ChainInverse {
+ public:
+  ChainInverse(const Arm& arm, const std::vector<bool>& prescribed);
+  /// @return whether S is positive definite
+  bool factor(const Eigen::VectorXd& q, const Eigen::VectorXd& v, double cj);
+  /// dq (nq) and dv (nv) of r1 (nq) and r2 (nv); zero in prescribed coordinates where r1 and r2 are.
+  void solve(const Eigen::VectorXd& r1, const Eigen::VectorXd& r2, double cj, Eigen::VectorXd& dq, Eigen::VectorXd& dv);
+
+ private:
+  const Arm* arm_;
+  Workspace ws_;
+  Eigen::VectorXd spring_;  ///< slopes of the joints' forces by their coordinates (nv)
+  Eigen::VectorXd turn_;    ///< r1 as rates times time (nv)
+  Eigen::VectorXd rhs_;
+  std::vector<Eigen::MatrixXd> by_q_, by_v_;  ///< of each link's rates: of balls only
+};
+
+/// State y = [q; v] of the free coordinates and rates.
+struct IdaSystem : System {
+  Eigen::VectorXd dq;                  // rates of all coordinates
+  std::optional<DenseJacobian> dense;  // one of the two
+  std::optional<ChainInverse> chain;
+  Eigen::VectorXd r1, r2, x1, x2;                            // of all coordinates, for the chain
+  double driven = std::numeric_limits<double>::quiet_NaN();  // time of the drives' present values
+  std::exception_ptr thrown;                                 // by a drive or an event, inside a C callback
+  std::string message;                                       // IDA's last word
+  void* memory = nullptr;                                    // IDA's
+  const std::vector<Event>* events = nullptr;
+
+  IdaSystem(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
+            const Eigen::VectorXd& tau_)
+      : System(arm_, drives_, loads_, tau_),
+        dq(q),
+        r1(Eigen::VectorXd::Zero(arm_.nq())),
+        r2(Eigen::VectorXd::Zero(arm_.nv())),
+        x1(r1),
+        x2(r2) {}
+
+  int size() const { return n_q() + n_v(); }
+  /// Current coordinates and rates from y, accelerations from yp if given, and the drives at time t.
+  void set(double t, const double* y, const double* yp);
+  /// y and dy/dt of the current coordinates, rates and accelerations.
+  std::pair<Eigen::VectorXd, Eigen::VectorXd> state();
+  /// F(t, y, y') of what `set` set.
+  /// @return whether it is finite
+  bool residual(const double* yp, double* r);
+};
+
+}  // namespace flexarm
