@@ -141,6 +141,10 @@ def test_terminal_counts_and_output_times(options: dict) -> None:
     np.testing.assert_allclose(r.q_events[0][:, 0], [0.2, 0.7, 1.2], atol=1e-8)
     np.testing.assert_allclose(r.t_events[1], [0.5], atol=1e-9)
     assert r.status == 1 and len(r.t) in (6, 7)  # 0.6 is a row when it is not later than the zero, to the last digit
+    third.terminal = False  # zeros at output times must not be found again and again
+    r = fa.simulate(arm, np.linspace(0, 1, 21), v0=[2.0], events=third, **options)
+    np.testing.assert_allclose(r.t_events[0], [0.1, 0.35, 0.6, 0.85], atol=1e-9)
+    assert r.status == 0 and len(r.t) == 21
     never = fa.simulate(arm, [0, 1], v0=[2.0], events=[lambda t, q, v: q[0] + 1], **options)
     assert never.status == 0 and [x.shape for x in never.t_events + never.q_events] == [(0,), (0, 1)]
     none = fa.simulate(arm, [0, 1], v0=[2.0], **options)

@@ -8,6 +8,7 @@
 
 #include "arms.hpp"
 #include "flexarm/ci.hpp"
+#include "flexarm/ida.hpp"
 #include "flexarm/step.hpp"
 
 #if defined(__has_feature)
@@ -114,6 +115,29 @@ TEST_CASE("dynamics and steps allocate nothing") {
   many.emplace_back(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.075, 0, 0}),
                     flexarm_test::beam({12, 12, 8, 4, 4}, 2), flexarm_test::body(0.2, {0.04, 0, 0.01}));
   check_arm(Arm(std::move(many)), {});
+}
+
+TEST_CASE("a step of IDA allocates nothing: longer runs allocate no more") {
+  const Arm arm = flexarm_test::floating_arm();
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(arm.nv()), v0 = flexarm_test::wave(arm.nv(), 0.3, 0.5);
+  for (LinearSolver solver : {LinearSolver::dense, LinearSolver::chain}) {
+    IdaOptions options;
+    options.linear_solver = solver;
+    const Event event{[](double, const Eigen::VectorXd&, const Eigen::VectorXd&) { return 1.0; }};
+    long steps = 0;
+    const auto run = [&](double end) {
+      const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(3, 0.0, end);
+      const long count = allocated_by([&] {
+        const Trajectory r = simulate_ida(arm, {}, t, arm.zero(), v0, zero, options, {}, {}, {event});
+        steps = r.stats.steps;
+        CHECK(r.failure.empty());
+      });
+      return count;
+    };
+    const long few = run(1e-3), few_steps = steps, many = run(4e-3);
+    CHECK(steps > 2 * few_steps);
+    CHECK(many == few);
+  }
 }
 
 #else
