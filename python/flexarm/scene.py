@@ -28,20 +28,7 @@ else:
 SCENES = Path(__file__).parent / "scenes"
 _SECTIONS = {"rectangle": model.Rectangle, "circle": model.Circle, "general": model.GeneralSection}
 _ALONG = {**_SECTIONS, "taper": model.Taper}
-_JOINTS = {
-    j.type: j
-    for j in (
-        joints.Fixed,
-        joints.Revolute,
-        joints.Prismatic,
-        joints.Cylindrical,
-        joints.Universal,
-        joints.Spherical,
-        joints.Planar,
-        joints.Free,
-        joints.Axes,
-    )
-}
+_JOINTS = {j.type: j for j in joints.Joint.__subclasses__()}
 
 
 def _make(where: str, cls: Callable[..., Any], table: Mapping[str, Any], known: tuple[str, ...]) -> Any:
