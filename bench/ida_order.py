@@ -2,8 +2,8 @@
 
     python bench/ida_order.py [-o DIR]
 
-(a) the paper's spin-up; (b) a two-link arm with shear and torsion, stiff modes that stay quiet; (c) an undamped beam
-that rings in its third mode. Writes ida_order.csv and ida_order.png into DIR (default: here). Error is the largest
+(a) the paper's spin-up; (b) a two-link arm with shear and torsion, stiff modes that stay quiet; (c) an undamped
+beam that rings in its third mode. Writes ida_order.csv and ida_order.png into DIR (default: here). Error is the largest
 distance of the tip from the truth: Gauss collocation of order 8, converged as the table says. A run that takes more
 than 20 s is left out.
 """

@@ -176,3 +176,26 @@ def test_planar_kernels_are_the_spatial_ones(order, plane: str) -> None:
         np.testing.assert_allclose(found, full, atol=1e-9 * np.abs(full).max())
     for x in (0.2, None):
         np.testing.assert_allclose(one.acceleration(q, v, a, 0, x), two.acceleration(*wide, 0, x), atol=1e-9)
+
+
+def test_events_inside_long_steps() -> None:
+    """A pendulum of 1 rad: its period is 4 K(sin(1/2)) sqrt(l/g); several zeros lie in one step of a third of it. A
+    terminal event ends the rows."""
+    from scipy.special import ellipk
+
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, (1, 0, 0)))], gravity=(9.81, 0, 0))
+    period = 4 * ellipk(np.sin(0.5) ** 2) / np.sqrt(9.81)
+
+    def level(t: float, q: np.ndarray, v: np.ndarray) -> float:
+        return float(q[0])
+
+    t = np.linspace(0, 20, 201)
+    r = run(arm, t, 0.5, q0=[1.0], events=[level])
+    expected = period * (0.25 + 0.5 * np.arange(len(r.t_events[0])))
+    assert len(expected) == int(np.floor(20 / period * 2 + 0.5))
+    np.testing.assert_allclose(r.t_events[0], expected, atol=2e-4)
+    level.terminal = 3
+    stopped = run(arm, t, 0.5, q0=[1.0], events=[level])
+    assert stopped.status == 1 and len(stopped.t_events[0]) == 3
+    np.testing.assert_array_equal(stopped.t, t[t <= stopped.t_events[0][-1]])
+    np.testing.assert_allclose(stopped.q, r.q[: len(stopped.t)], atol=1e-12)

@@ -6,12 +6,6 @@
 
 namespace flexarm {
 
-namespace {
-
-constexpr int kParts = 8;  // places looked at in a step with an interpolant: such steps are long
-
-}  // namespace
-
 StepEvents::StepEvents(System& system, const std::vector<Event>& events, Trajectory& out)
     : s_(system),
       events_(events),
@@ -38,37 +32,29 @@ void StepEvents::start(double t) {
   v0_ = s_.v;
 }
 
-bool StepEvents::look(double t, const Inside* inside) {
+bool StepEvents::look(double t) {
   if (events_.empty()) return false;
-  inside_ = inside;
-  prepared_ = false;
   t1_ = t;
-  q1_ = s_.q;
-  v1_ = s_.v;
-  bool ended = false, moved = false;
-  double from = t0_;
-  for (int part = 1, parts = inside ? kParts : 1; part <= parts && !ended; ++part) {
-    const double to = part == parts ? t : t0_ + (t - t0_) * part / parts;
-    if (parts > 1 || moved) place(to);
-    s_.evaluate(events_, to, values1_.data());
-    found_.clear();
-    for (std::size_t k = 0; k < events_.size(); ++k) {
-      const double before = values0_[static_cast<Eigen::Index>(k)], after = values1_[static_cast<Eigen::Index>(k)];
-      const bool up = before < 0.0 && after >= 0.0, down = before > 0.0 && after <= 0.0;
-      if ((up && events_[k].direction >= 0) || (down && events_[k].direction <= 0)) found_.emplace_back(to, k);
-    }
-    for (auto& [time, k] : found_) time = locate(k, from, to);
+  s_.evaluate(events_, t, values1_.data());
+  found_.clear();
+  for (std::size_t k = 0; k < events_.size(); ++k) {
+    const double from = values0_[static_cast<Eigen::Index>(k)], to = values1_[static_cast<Eigen::Index>(k)];
+    const bool up = from < 0.0 && to >= 0.0, down = from > 0.0 && to <= 0.0;
+    if ((up && events_[k].direction >= 0) || (down && events_[k].direction <= 0)) found_.emplace_back(t, k);
+  }
+  bool ended = false;
+  if (!found_.empty()) {
+    prepare(t);
+    for (auto& [time, k] : found_) time = locate(k);
     std::sort(found_.begin(), found_.end());
     for (const auto& [time, k] : found_) {
       if (ended && time > out_.reached) break;
       place(time);
       ended = s_.log(events_, k, time, out_) || ended;
     }
-    moved = moved || parts > 1 || !found_.empty();
-    values0_.swap(values1_);
-    from = to;
+    place(t);
   }
-  if (moved) place(t);
+  values0_.swap(values1_);
   t0_ = t;
   q0_ = s_.q;
   v0_ = s_.v;
@@ -76,8 +62,9 @@ bool StepEvents::look(double t, const Inside* inside) {
 }
 
 /// Rates and accelerations at both ends of the step.
-void StepEvents::prepare() {
-  prepared_ = true;
+void StepEvents::prepare(double t) {
+  q1_ = s_.q;
+  v1_ = s_.v;
   const auto slopes = [&](double time, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::VectorXd& dq,
                           Eigen::VectorXd& a) {
     s_.q = q;
@@ -88,16 +75,13 @@ void StepEvents::prepare() {
     a = s_.ws.a;
   };
   slopes(t0_, q0_, v0_, dq0_, a0_);
-  slopes(t1_, q1_, v1_, dq1_, a1_);
+  slopes(t, q1_, v1_, dq1_, a1_);
 }
 
 /// The system's state at a time within the step.
 void StepEvents::place(double t) {
   const double h = t1_ - t0_, x = (t - t0_) / h, y = 1.0 - x;
-  if (t < t1_ && inside_) {
-    (*inside_)(x, s_.q, s_.v);
-  } else if (t < t1_) {
-    if (!prepared_) prepare();
+  if (t < t1_) {
     s_.q = y * y * ((1.0 + 2.0 * x) * q0_ + x * h * dq0_) + x * x * ((1.0 + 2.0 * y) * q1_ - y * h * dq1_);
     s_.v = y * y * ((1.0 + 2.0 * x) * v0_ + x * h * a0_) + x * x * ((1.0 + 2.0 * y) * v1_ - y * h * a1_);
   } else {
@@ -109,9 +93,10 @@ void StepEvents::place(double t) {
 }
 
 /// By bisection, to the last digit: the end after the zero.
-double StepEvents::locate(std::size_t k, double low, double high) {
+double StepEvents::locate(std::size_t k) {
   const Eigen::Index i = static_cast<Eigen::Index>(k);
   const bool rising = values0_[i] < 0.0;
+  double low = t0_, high = t1_;
   for (;;) {
     const double middle = 0.5 * (low + high);
     if (!(middle > low && middle < high)) return high;

@@ -18,6 +18,7 @@ constexpr double kResolved = 1e-6;   // parts of a motion's velocity that a step
 constexpr double kStill = 1e-3;      // parts of a motion's largest speed: what is slower counts as that fast
 constexpr double kInBetween = 1e-4;  // the same, at its samples
 constexpr int kLooks = 5;            // halvings of a step that does not see the motion; then it is taken to jump
+constexpr int kLooksInside = 8;      // places of an interpolated step at which events are looked at
 constexpr int kSplits = 8;           // halvings of a step whose equations cannot be solved
 
 void check_step(double step, const Eigen::VectorXd& t) {
@@ -132,6 +133,22 @@ bool record_inside(System& s, const Step& method, double from, double h, Traject
   return good;
 }
 
+/// Looks for events at several places of a step, as it may hold more than one zero, and leaves the state at its end.
+void look_inside(System& s, const Step& method, double from, double h, Trajectory& out, StepEvents& seen) {
+  const Eigen::VectorXd q = s.q, v = s.v;
+  const double end = out.reached;
+  for (int k = 1; k < kLooksInside && !out.terminated; ++k) {
+    const double c = static_cast<double>(k) / kLooksInside;
+    method.inside(c, s.q, s.v);
+    s.drive(from + c * h);
+    seen.look(from + c * h);
+  }
+  s.q = q;
+  s.v = v;
+  s.drive(end);
+  if (!out.terminated) seen.look(end);
+}
+
 }  // namespace
 
 Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
@@ -163,11 +180,8 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
     if (!d.motion || !method.interpolates()) sampled.push_back(d);
   s.drive(t[0]);  // `record` put the reactions into tau
   Status status = method.start(s.ws, s.q, s.v, s.tau);
-  StepEvents watched(s, events, out);
-  watched.start(t[0]);
-  const StepEvents::Inside inside = [&method](double x, Eigen::VectorXd& q, Eigen::VectorXd& v) {
-    method.inside(x, q, v);
-  };
+  StepEvents seen(s, events, out);
+  seen.start(t[0]);
   bool going = true;
   for (const auto& [stop, is_output] :
        stops(sample_times(sampled, loads, t, functions), t, step, method.interpolates())) {
@@ -179,14 +193,17 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
       now.from = from;
       now.h = h;
       now.last = last;
-      const bool seen = !method.interpolates() || level >= kLooks || resolved(drives, motion_speeds, from, h);
-      const Status found = seen ? method.advance(h, s.ws, s.q, s.v, s.tau, given) : Status::not_converged;
+      const bool visible = !method.interpolates() || level >= kLooks || resolved(drives, motion_speeds, from, h);
+      const Status found = visible ? method.advance(h, s.ws, s.q, s.v, s.tau, given) : Status::not_converged;
       if (found == Status::ok) {
         out.reached = std::isnan(last) ? from + h : last;
         ++out.stats.steps;
-        watched.look(out.reached, method.interpolates() ? &inside : nullptr);
-        return !method.interpolates() || record_inside(s, method, from, h, out, t, composite) ? found
-                                                                                              : Status::not_finite;
+        if (!method.interpolates()) {
+          seen.look(out.reached);
+          return found;
+        }
+        if (!events.empty()) look_inside(s, method, from, h, out, seen);
+        return record_inside(s, method, from, h, out, t, composite) ? found : Status::not_finite;
       }
       if (found != Status::not_converged || level == kSplits || !method.interpolates()) return found;
       ++out.stats.failed_steps;

@@ -28,20 +28,7 @@ else:
 SCENES = Path(__file__).parent / "scenes"
 _SECTIONS = {"rectangle": model.Rectangle, "circle": model.Circle, "general": model.GeneralSection}
 _ALONG = {**_SECTIONS, "taper": model.Taper}
-_JOINTS = {
-    j.type: j
-    for j in (
-        joints.Fixed,
-        joints.Revolute,
-        joints.Prismatic,
-        joints.Cylindrical,
-        joints.Universal,
-        joints.Spherical,
-        joints.Planar,
-        joints.Free,
-        joints.Axes,
-    )
-}
+_JOINTS = {j.type: j for j in joints.Joint.__subclasses__()}
 
 
 def _make(where: str, cls: Callable[..., Any], table: Mapping[str, Any], known: tuple[str, ...]) -> Any:
@@ -172,7 +159,7 @@ class Scene:
         t: output times (s).
         q0, v0: initial state, or None for rest at zero.
         options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order, linear_solver,
-            step, spectral_radius, stages.
+            step, spectral_radius.
     """
 
     arm: Arm
@@ -191,17 +178,7 @@ class Scene:
         )
 
 
-_OPTIONS = (
-    "method",
-    "integrator",
-    "rtol",
-    "atol",
-    "max_order",
-    "linear_solver",
-    "step",
-    "spectral_radius",
-    "stages",
-)
+_OPTIONS = ("method", "integrator", "rtol", "atol", "max_order", "linear_solver", "step", "spectral_radius", "stages")
 _SIMULATION = ("duration", "interval", "q0", "v0", *_OPTIONS)
 
 
