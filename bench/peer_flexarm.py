@@ -43,9 +43,13 @@ def fixed(case: Case, modes: int) -> Iterator[list[Setting]]:
 
 
 def gauss(case: Case, modes: int) -> Iterator[list[Setting]]:
-    """Steps from long to short, which need not divide the output times."""
+    """Steps from long to short, which need not divide the output times; of each the order, and how far it is solved."""
     steps = [case.end / n for n in (12, 25, 50, 100, 200, 400, 800, 1600)]
-    yield [(f"dt {h:.3g} s", {"step": h}) for h in steps]
+    for stages, rtol in ((4, 1e-6), (4, 1e-12), (3, 1e-6), (2, 1e-6)):
+        yield [
+            (f"{stages} stages, dt {h:.3g} s, rtol {rtol:.0e}", {"step": h, "stages": stages, "rtol": rtol})
+            for h in steps
+        ]
 
 
 ADJUST = {"ida": ida, "implicit": fixed, "gauss": gauss, "rk4": fixed}

@@ -23,7 +23,7 @@ constexpr double kForget = 0.99;
 CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& options)
     : arm_(&arm), options_(options), s_(options.stages), q0_(arm.zero()), v0_(Eigen::VectorXd::Zero(arm.nv())) {
   if (s_ < 1 || s_ > 4) bad_value("stages", s_, "must be from 1 to 4");
-  positive("tolerance", options.tolerance);
+  positive("rtol", options.rtol);
   if (options.max_iterations < 1) bad_value("max_iterations", options.max_iterations, "must be at least 1");
   const GaussRule rule(s_);
   c_ = rule.points;
@@ -198,7 +198,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     const bool stalled = iteration > 2 && contraction_ > 0.5 && moved <= kFloor * scale;
     last = moved;
     const double left = std::min(1.0, contraction_ / std::max(1.0 - contraction_, 1e-3)) * moved;
-    if (left <= options_.tolerance * scale || stalled) {
+    if (left <= options_.rtol * scale || stalled) {
       place(h, ws);
       scale_ = std::max(kForget * scale_, motion);
       if (stalled) contraction_ = kSlow;

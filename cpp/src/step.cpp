@@ -34,7 +34,7 @@ ImplicitStep::ImplicitStep(const Arm& arm, double h, const ImplicitOptions& opti
       turn_(v0_) {
   const double rho = options.spectral_radius;
   if (!(rho >= 0.0 && rho <= 1.0)) bad_value("spectral_radius", rho, "must be from 0 to 1");
-  positive("tolerance", options.tolerance);
+  positive("rtol", options.rtol);
   if (options.max_iterations < 1) bad_value("max_iterations", options.max_iterations, "must be at least 1");
   alpha_m_ = (2.0 * rho - 1.0) / (rho + 1.0);
   alpha_f_ = rho / (rho + 1.0);
@@ -124,7 +124,7 @@ Status ImplicitStep::iterate(double h, Workspace& ws, Eigen::VectorXd& q, Eigen:
     const bool stalled = contraction_ > 0.5 && moved <= kFloor * scale;
     last = moved;
     const double left = std::min(1.0, contraction_ / std::max(1.0 - contraction_, 1e-3)) * moved;
-    if (left <= options_.tolerance * scale || residual <= kRounding * force || (iterations_ > 2 && stalled)) {
+    if (left <= options_.rtol * scale || residual <= kRounding * force || (iterations_ > 2 && stalled)) {
       place(h, ws, q, v);
       return Status::ok;
     }

@@ -210,22 +210,22 @@ void bind_time(py::module_& m) {
   m.def(
       "simulate_fixed",
       [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
-         const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, const std::string& integrator, double step,
+         const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, const std::string& integrator, double step, double rtol,
          double spectral_radius, int stages, bool composite, const std::function<void(double)>& alive,
          const LoadLaws& loads, const EventLaws& events) {
         std::unique_ptr<Step> method;
         if (integrator == "rk4")
           method = std::make_unique<Rk4Step>(arm, step);
         else if (integrator == "gauss")
-          method = std::make_unique<CollocationStep>(arm, CollocationOptions{stages});
+          method = std::make_unique<CollocationStep>(arm, CollocationOptions{stages, rtol});
         else
-          method = std::make_unique<ImplicitStep>(arm, step, ImplicitOptions{spectral_radius});
+          method = std::make_unique<ImplicitStep>(arm, step, ImplicitOptions{spectral_radius, rtol});
         return run(drives, loads, events, alive, [&](const auto& laws, const auto&... rest) {
           const auto& [wrenches, watched, look_around] = std::tie(rest...);
           return simulate_fixed(arm, laws, t, q0, v0, tau, *method, step, composite, look_around, wrenches, watched);
         });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"),
-      py::arg("integrator"), py::arg("step"), py::arg("spectral_radius"), py::arg("stages"), py::arg("composite"),
-      py::arg("alive"), py::arg("loads"), py::arg("events"));
+      py::arg("integrator"), py::arg("step"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("stages"),
+      py::arg("composite"), py::arg("alive"), py::arg("loads"), py::arg("events"));
 }

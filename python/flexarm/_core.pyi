@@ -209,6 +209,7 @@ def simulate_fixed(
     tau: ArrayLike,
     integrator: str,
     step: float,
+    rtol: float,
     spectral_radius: float,
     stages: int,
     composite: bool,

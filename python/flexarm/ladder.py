@@ -15,7 +15,7 @@ from .link import Link
 from .model import Beam
 from .result import Result
 from .scene import Scene
-from .simulation import INTEGRATORS, SimulationError, simulate
+from .simulation import INTEGRATORS, OPTION_OF, SimulationError, simulate
 
 ORDERS: tuple[int | str, ...] = (0, 1, 2, 3, "exact")  # from poor to rich
 QUANTITIES = ("tip", "joint", "strain")
@@ -111,7 +111,8 @@ class Row:
 
     def options(self, scene: Scene) -> dict[str, Any]:
         """Arguments of `simulate`: the scene's, with this row's choice."""
-        out = {k: v for k, v in scene.options.items() if k not in ("integrator", "method", "step", "rtol", "atol")}
+        integrator = CHOICES[self.choice]["integrator"]
+        out = {k: v for k, v in scene.options.items() if OPTION_OF.get(k) == integrator}
         out |= {**CHOICES[self.choice], "method": self.method, self.setting: self.value}
         if self.setting == "rtol":
             out["atol"] = self.value * scene.options.get("atol", 1e-9) / scene.options.get("rtol", 1e-6)

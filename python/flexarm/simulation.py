@@ -20,6 +20,9 @@ from .validity import out_of_range
 
 INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
 LINEAR_SOLVERS = ("auto", "dense", "chain")
+_RTOL = {"ida": 1e-6, "implicit": 1e-9, "gauss": 1e-12, "rk4": 1e-6}
+#: The integrator that an option belongs to.
+OPTION_OF = {"max_order": "ida", "linear_solver": "ida", "spectral_radius": "implicit", "stages": "gauss"}
 
 
 class SimulationError(RuntimeError):
@@ -62,6 +65,18 @@ def _events(events: Any) -> list[tuple[Any, int, int]]:
     return out
 
 
+def _check_options(integrator: str, step: float | None, **options: Any) -> None:
+    """Raises ValueError where an option is given to an integrator that does not have it, or a step is missing."""
+    choice("integrator", integrator, INTEGRATORS)
+    for name, value in options.items():
+        if value is not None and OPTION_OF[name] != integrator:
+            raise ValueError(f'{name} = {value}: is for integrator="{OPTION_OF[name]}", not for "{integrator}"')
+    if integrator == "ida" and step is not None:
+        raise ValueError(f'step = {step}: is for integrator="implicit", "gauss" or "rk4"; "ida" chooses its own steps')
+    if integrator != "ida" and step is None:
+        raise ValueError(f'step: integrator="{integrator}" needs it, in seconds, such as step=1e-3')
+
+
 def simulate(
     arm: Arm,
     t: ArrayLike,
@@ -74,13 +89,13 @@ def simulate(
     events: Callable[..., float] | Sequence[Callable[..., float]] | None = None,
     method: str = "ab",
     integrator: str = "ida",
-    rtol: float = 1e-6,
+    rtol: float | None = None,
     atol: float = 1e-9,
-    max_order: int = 5,
-    linear_solver: str = "auto",
+    max_order: int | None = None,
+    linear_solver: str | None = None,
     step: float | None = None,
-    spectral_radius: float = 1.0,
-    stages: int = 4,
+    spectral_radius: float | None = None,
+    stages: int | None = None,
     progress: bool | Callable[[float], None] = False,
 ) -> Result:
     """Simulates an arm from t[0] and returns its state at every time of t.
@@ -104,27 +119,29 @@ def simulate(
             in the number of links; a soft stop that is to be hit needs steps below 0.3 sqrt(mass / limit_stiffness).
             "gauss": Gauss collocation, fixed step, order 2 `stages`, as stable, symmetric in time; the most accurate
             for its cost, and the state between its steps is interpolated, so that output times do not shorten them;
-            its matrices are dense, for arms of up to some tens of coordinates. Its equations are solved to 1e-12 of the
-            motion in the norm of kinetic energy, so that coordinates of very small inertia are known to about 1e-8;
-            jumps of a force belong into samples, which its steps end at, and stops that are hit want short steps.
+            its matrices are dense, for arms of up to some tens of coordinates; jumps of a force belong into samples,
+            which its steps end at, and stops that are hit want short steps.
             "rk4": classical Runge-Kutta, fixed step, fourth order, stable only while the step is below 2.83 over the
             highest frequency.
-        rtol, atol: of IDA: tolerances of every coordinate and rate, relative and absolute (in its unit).
-        max_order: of IDA's backward differentiation formulas, 1 to 5. 5 needs the fewest steps wherever what moves must
-            be followed (bench/ida_order.py: 4 to 8 times fewer than 2 at rtol 1e-6, 100 times closer or more); 2 needs
-            fewer, 3 times at rtol 1e-5, where fast undamped modes are present but quiet and the tolerance is loose,
-            because higher orders are unstable on undamped oscillation. 3 is the worst there.
+        rtol, atol: of IDA: tolerances of every coordinate and rate, relative (1e-6 if None) and absolute (in its unit).
+            Of "gauss" and "implicit", rtol alone is how far the equations of a step are solved, as a part of the
+            motion, in the norm of kinetic energy (if None 1e-12, where coordinates of very small inertia are known to
+            about 1e-8, and 1e-9); a tolerance near the error that the step leaves saves a third of the time.
+        max_order: of IDA's backward differentiation formulas, 1 to 5 (if None). 5 needs the fewest steps wherever
+            what moves must be followed (bench/ida_order.py: 4 to 8 times fewer than 2 at rtol 1e-6, 100 times closer or
+            more); 2 needs fewer, 3 times at rtol 1e-5, where fast undamped modes are present but quiet and the
+            tolerance is loose, because higher orders are unstable on undamped oscillation. 3 is the worst there.
         linear_solver: of IDA: "dense" factors the exact Jacobian, O(N³) once in several steps; "chain" eliminates like
             articulated bodies, O(N), which leaves out gyroscopic and geometric stiffness, and repeats that within
-            GMRES where they matter; "auto" is "chain", the faster one at any number of links.
+            GMRES where they matter; "auto" (if None) is "chain", the faster one at any number of links.
         step: of the fixed-step integrators (s): the longest step. Output times and samples of drives and loads are
             met exactly, by dividing what lies between two of them into equal steps, as few as `step` allows; "gauss"
             ends its steps at samples of torques and loads alone, and halves those that would miss some of a motion, or
             whose equations cannot be solved.
         spectral_radius: of "implicit": what is left after one step of a mode much too fast for the step, 0 to 1. 1
-            (trapezoidal rule) keeps the energy of every mode; but modes too fast for the step, once struck by a jump
-            of a force, ring on in the accelerations. At 0.9 they die out, at about the same accuracy.
-        stages: of "gauss", 1 to 4.
+            (if None; trapezoidal rule) keeps the energy of every mode; but modes too fast for the step, once struck by
+            a jump of a force, ring on in the accelerations. At 0.9 they die out, at about the same accuracy.
+        stages: of "gauss", 1 to 4 (if None).
         progress: shows a progress bar on stderr, where that is a terminal; or a callable, which is given the time
             reached (s) about ten times a second, and may raise to give the simulation up.
 
@@ -144,11 +161,14 @@ def simulate(
         RangeWarning: a beam bent further than its order is good for, at the output times.
     """
     choice("method", method, METHODS)
-    choice("integrator", integrator, INTEGRATORS)
-    if integrator == "ida" and step is not None:
-        raise ValueError(f'step = {step}: is for integrator="implicit", "gauss" or "rk4"; "ida" chooses its own steps')
-    if integrator != "ida" and step is None:
-        raise ValueError(f'step: integrator="{integrator}" needs it, in seconds, such as step=1e-3')
+    _check_options(
+        integrator,
+        step,
+        max_order=max_order,
+        linear_solver=linear_solver,
+        spectral_radius=spectral_radius,
+        stages=stages,
+    )
     if not isinstance(arm, Arm):
         raise ValueError(f"arm = {arm!r}: must be an Arm")
     times = array("t", t)
@@ -182,17 +202,21 @@ def simulate(
         load.check_span(f"loads[{k}]", times)
     wrenches = [(place, load.law) for place, load in zip(places, loads or (), strict=True)]
     watched = _events(events)
-    choice("linear_solver", linear_solver, LINEAR_SOLVERS)
-    rtol, atol, max_order = number("rtol", rtol), number("atol", atol), whole("max_order", max_order)
-    h, spectral_radius = number("step", 0.0 if step is None else step), number("spectral_radius", spectral_radius)
-    stages = whole("stages", stages)
+    linear_solver = choice("linear_solver", linear_solver or "auto", LINEAR_SOLVERS)
+    rtol, atol = number("rtol", _RTOL[integrator] if rtol is None else rtol), number("atol", atol)
+    order, stages = (
+        whole("max_order", 5 if max_order is None else max_order),
+        whole("stages", 4 if stages is None else stages),
+    )
+    radius = number("spectral_radius", 1.0 if spectral_radius is None else spectral_radius)
+    h = number("step", 0.0 if step is None else step)
 
     def integrate(alive: Any = None) -> dict[str, Any]:
         motion = (arm._core, laws, times, state["q0"], state["v0"], state["tau"])
         ci = method == "ci"
         if integrator == "ida":
-            return _core.simulate_ida(*motion, rtol, atol, max_order, linear_solver, ci, alive, wrenches, watched)
-        return _core.simulate_fixed(*motion, integrator, h, spectral_radius, stages, ci, alive, wrenches, watched)
+            return _core.simulate_ida(*motion, rtol, atol, order, linear_solver, ci, alive, wrenches, watched)
+        return _core.simulate_fixed(*motion, integrator, h, rtol, radius, stages, ci, alive, wrenches, watched)
 
     if callable(progress):
         out = integrate(progress)

@@ -12,7 +12,7 @@ namespace flexarm {
 struct CollocationOptions {
   int stages = 4;  ///< 1 to 4; the order is twice that
   /// Of the iteration: error of the velocities, as a part of those of the motion, both in the norm of kinetic energy.
-  double tolerance = 1e-12;
+  double rtol = 1e-12;
   int max_iterations = 30;
 };
 

@@ -46,7 +46,7 @@ struct ImplicitOptions {
   /// below 1 fast modes die out and slow ones hardly do; 0 to 1.
   double spectral_radius = 1.0;
   /// Of the iteration: error of the velocities, as a part of those of the motion, both in the norm of kinetic energy.
-  double tolerance = 1e-9;
+  double rtol = 1e-9;
   int max_iterations = 20;
 };
 
