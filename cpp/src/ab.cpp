@@ -133,7 +133,11 @@ double twice_kinetic(const LinkState<double>& s) {
 Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                            const Eigen::VectorXd& tau) {
   move_arm(arm, ws, q, v);
-  const Status status = eliminate(arm, ws, tau);
+  if (!ws.feedback.empty()) {
+    ws.total = tau;
+    add_feedback(ws.feedback, q, v, 1.0, ws.total);
+  }
+  const Status status = eliminate(arm, ws, ws.feedback.empty() ? tau : ws.total);
   if (status == Status::ok) expand<true>(arm, ws, ws.a);
   return status;
 }
@@ -157,6 +161,12 @@ Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, c
             link.joint().resistance_slopes(b.free[k], q.data() + arm.first_q(n), v.data() + arm.first(n));
         b.D(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(k)) +=
             shift.stiffness * by_q + shift.damping * by_v;
+      }
+    for (const AppliedFeedback& f : ws.feedback)  // of each joint by itself
+      for (std::size_t k = 0; k < b.free.size(); ++k) {
+        const int i = arm.first(n) + b.free[k], at = arm.coordinate_of(i);
+        const double slope = f.law->by_v[i] * shift.damping + (at < 0 ? 0.0 : f.law->by_q[at] * shift.stiffness);
+        b.D(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(k)) += std::max(0.0, f.law->column[i] * slope);
       }
     if (link.beam()) {
       b.D.bottomRightCorner(ne, ne) += shift.stiffness * link.beam()->stiffness();

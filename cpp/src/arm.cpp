@@ -42,6 +42,7 @@ Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::
   M_free = Eigen::MatrixXd::Identity(nf, nf);
   factor.compute(M_free);
   rhs = Eigen::VectorXd::Zero(nf);
+  total = Eigen::VectorXd::Zero(arm.nv());
   columns = Eigen::MatrixXd::Zero(6, widest);
 }
 

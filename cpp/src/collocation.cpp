@@ -59,6 +59,7 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
   std::vector<Load> loads;
   for (const AppliedLoad<double>& l : ws.loads) loads.push_back(l.load);
   derivatives_.emplace(*arm_, loads);
+  offsets_.setZero(static_cast<Eigen::Index>(ws.feedback.size()), s_);
   wrenches_.assign(static_cast<std::size_t>(s_), std::vector<Vec6<double>>(loads.size(), Vec6<double>::Zero()));
   free_q_.assign(static_cast<std::size_t>(arm_->nq()), true);
   for (int i = 0; i < arm_->nv(); ++i)
@@ -116,6 +117,9 @@ void CollocationStep::differentiate(Workspace& ws) {
   for (std::size_t k = 0; k < ws.loads.size(); ++k)
     derivatives_->set_wrench(k, wrenches_[static_cast<std::size_t>(middle)][k]);
   (*derivatives_)(*arm_, qs_, vs_, as_);
+  for (std::size_t k = 0; k < ws.feedback.size(); ++k)
+    ws.feedback[k].offset = offsets_(static_cast<Eigen::Index>(k), middle);
+  add_feedback_slopes(ws.feedback, qs_, vs_, derivatives_->dq, derivatives_->dv);
   coordinate_rate_jacobians(*arm_, qs_, vs_, rate_by_q_, rate_by_v_);
   K_full_.noalias() = derivatives_->dq * rate_by_v_;
   move_arm<double>(*arm_, ws, qs_, vs_);
@@ -173,6 +177,8 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
       vs_ = v_.col(i);
       as_ = a_.col(i);
       for (std::size_t k = 0; k < ws.loads.size(); ++k) ws.loads[k].wrench = wrenches_[static_cast<std::size_t>(i)][k];
+      for (std::size_t k = 0; k < ws.feedback.size(); ++k)
+        ws.feedback[k].offset = offsets_(static_cast<Eigen::Index>(k), i);
       inverse_dynamics<double>(*arm_, ws, qs_, vs_, as_);
       ++counts_.evaluations;
       for (Eigen::Index k = 0; k < n; ++k) {
@@ -225,6 +231,8 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
         a_(static_cast<Eigen::Index>(k), i) = ws.a[static_cast<Eigen::Index>(k)];
       }
     for (std::size_t k = 0; k < ws.loads.size(); ++k) wrenches_[static_cast<std::size_t>(i)][k] = ws.loads[k].wrench;
+    for (std::size_t k = 0; k < ws.feedback.size(); ++k)
+      offsets_(static_cast<Eigen::Index>(k), i) = ws.feedback[k].offset;
   }
   const Status status = iterate(h, ws);
   q = q0_;

@@ -38,9 +38,8 @@ bool StepEvents::look(double t) {
   s_.evaluate(events_, t, values1_.data());
   found_.clear();
   for (std::size_t k = 0; k < events_.size(); ++k) {
-    const double from = values0_[static_cast<Eigen::Index>(k)], to = values1_[static_cast<Eigen::Index>(k)];
-    const bool up = from < 0.0 && to >= 0.0, down = from > 0.0 && to <= 0.0;
-    if ((up && events_[k].direction >= 0) || (down && events_[k].direction <= 0)) found_.emplace_back(t, k);
+    const auto i = static_cast<Eigen::Index>(k);
+    if (crosses(values0_[i], values1_[i], events_[k].direction)) found_.emplace_back(t, k);
   }
   bool ended = false;
   if (!found_.empty()) {

@@ -5,6 +5,11 @@
 
 namespace flexarm {
 
+/// Whether a value that goes from one to the other passes zero in a direction that counts.
+inline bool crosses(double from, double to, int direction) {
+  return (from < 0.0 && to >= 0.0 && direction >= 0) || (from > 0.0 && to <= 0.0 && direction <= 0);
+}
+
 /// Finds sign changes of events over a step, and where in it, on the cubic Hermite interpolants of q and v.
 class StepEvents {
  public:

@@ -5,6 +5,7 @@
 
 #include "flexarm/ab.hpp"
 #include "flexarm/inverse.hpp"
+#include "sweeps.hpp"
 #include "system.hpp"
 
 namespace flexarm {
@@ -40,10 +41,20 @@ std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) 
 class Sliding {
  public:
   Sliding(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& tau,
-          const std::vector<LoadDrive>& loads)
-      : contacts_(contacts(arm, drives)), arm_(arm), drives_(drives), loads_(loads), applied_(tau) {}
+          const std::vector<LoadDrive>& loads, Control* control)
+      : contacts_(contacts(arm, drives)), arm_(arm), drives_(drives), loads_(loads), applied_(tau), control_(control) {}
 
   bool none() const { return contacts_.empty(); }
+
+  /// Lets the sampled controllers do what is due at time t.
+  void sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+    if (!control_) return;
+    System s(arm_, drives_, loads_, applied_, control_);
+    s.q = q;
+    s.v = v;
+    s.drive(t);
+    s.sample(t);
+  }
 
   /// Which freedoms stick and which slide, from t on; the speeds of those that stick become zero. All that are still
   /// are held; then, one after the other, the one that this takes most of what it may is let go.
@@ -106,21 +117,17 @@ class Sliding {
     return probe_->record(out, composite);
   }
 
-  /// Takes the friction out of a row of tau.
-  void separate(double t, Trajectory& out, Eigen::Index row) const {
+  /// Takes the friction of what slides out of a row of tau.
+  void separate(Trajectory& out, Eigen::Index row) const {
     for (const Contact& c : contacts_) {
-      double& force = out.friction(row, c.coordinate);
       const double speed = out.v(row, c.coordinate);
-      if (c.given) {
+      double& force = out.friction(row, c.coordinate);
+      if (c.given)
         force = speed == 0.0 ? 0.0 : -std::copysign(c.coulomb, speed);
-      } else if (c.sense != 0) {
+      else if (c.sense != 0)
         force = -c.sense * c.coulomb;
-      } else {
-        double applied = applied_[c.coordinate];
-        for (const Drive& d : drives_)
-          if (d.force && d.coordinate == c.coordinate) applied += d.force(t);
-        force = out.tau(row, c.coordinate) - applied;
-      }
+      else
+        continue;
       out.tau(row, c.coordinate) -= force;
     }
   }
@@ -135,12 +142,11 @@ class Sliding {
       tau_[c.coordinate] -= c.sense * c.coulomb;
       const double place = q[arm_.coordinate_of(c.coordinate)];
       if (c.sense == 0) {
-        Drive still{c.coordinate, [place](double) { return MotionValue{place, 0.0, 0.0}; }, {}, {}};
-        still.breaks = Eigen::Vector2d(-1e300, 1e300);
-        all_drives_.push_back(still);
+        const auto still = [place](double) { return MotionValue{place, 0.0, 0.0}; };
+        all_drives_.push_back({c.coordinate, still, {}, Eigen::Vector2d(-1e300, 1e300), true});
       }
     }
-    probe_ = std::make_unique<System>(arm_, all_drives_, loads_, tau_);
+    probe_ = std::make_unique<System>(arm_, all_drives_, loads_, tau_, control_);
   }
 
   /// Force on each sticking freedom that holds it (of all coordinates).
@@ -151,6 +157,7 @@ class Sliding {
     s.drive(t);
     forward_dynamics_ab(arm_, s.ws, s.q, s.v, s.tau);
     joint_forces<double>(arm_, s.ws, s.ws.a);
+    add_feedback(s.ws.feedback, s.q, s.v, 1.0, s.tau);
     return s.ws.tau - s.tau;
   }
 
@@ -161,6 +168,7 @@ class Sliding {
   const Eigen::VectorXd& applied_;
   std::vector<Drive> all_drives_;
   Eigen::VectorXd tau_;
+  Control* control_;
   std::unique_ptr<System> probe_;
   std::vector<const Contact*> switching_;
 };
@@ -189,7 +197,8 @@ void append(const Trajectory& part, const Sliding& sliding, const Eigen::VectorX
     out.v.row(out.done) = part.v.row(k);
     out.a.row(out.done) = part.a.row(k);
     out.tau.row(out.done) = part.tau.row(k);
-    sliding.separate(t[out.done], out, out.done);
+    out.friction.row(out.done) = part.friction.row(k);
+    sliding.separate(out, out.done);
   }
   for (std::size_t k = 0; k < out.events.size(); ++k) {
     EventLog &all = out.events[k], log = part.events[k];
@@ -207,19 +216,20 @@ void append(const Trajectory& part, const Sliding& sliding, const Eigen::VectorX
 Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                                   const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                                   const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,
-                                  const Integrate& integrate) {
-  Sliding sliding(arm, drives, tau, loads);
+                                  const Integrate& integrate, Control* control) {
+  Sliding sliding(arm, drives, tau, loads, control);
   if (sliding.none()) return integrate(drives, t, q0, v0, tau, events);
   check_arguments(arm, drives, t, q0, v0, tau);
   const double instant = kOneTime * (t[t.size() - 1] - t[0]);
   Trajectory out = empty_trajectory(arm, t, events);
-  out.friction = Trajectory::Rows::Zero(t.size(), arm.nv());
+  out.rubs = true;
   Eigen::VectorXd q = q0, v = v0;
   const Contact* switched = nullptr;
   for (int at_once = 0; at_once < kMostAtOnce;) {
     const double now = out.reached;
+    sliding.sample(now, q, v);
     sliding.settle(now, q, v, switched);
-    for (; out.done < t.size() && t[out.done] <= now + instant; sliding.separate(now, out, out.done - 1))
+    for (; out.done < t.size() && t[out.done] <= now + instant; sliding.separate(out, out.done - 1))
       if (!sliding.record(now, q, v, composite, out)) return out;
     if (out.done == t.size()) return out;
     Eigen::VectorXd times(1 + t.size() - out.done);

@@ -116,9 +116,9 @@ void check_options(const IdaOptions& o) {
 /// Times that no step may pass over, or a driven arm at rest would sleep through a pulse: the samples of the drives,
 /// and the output times for drives that are functions.
 std::vector<double> stop_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
-                               const Eigen::VectorXd& t) {
+                               const Control* control, const Eigen::VectorXd& t) {
   bool functions = false;
-  std::vector<double> stops = sample_times(drives, loads, t, functions);
+  std::vector<double> stops = sample_times(drives, loads, control, t, functions);
   stops.push_back(t[t.size() - 1]);
   if (functions) stops.insert(stops.end(), t.begin() + 1, t.end());
   std::sort(stops.begin(), stops.end());
@@ -145,20 +145,48 @@ void occurred(const Solver& solver, IdaSystem& s, double t, std::vector<int>& fo
       s.log(*s.events, k, t, out);
 }
 
+/// Adds what has been done since the solver began, or began anew.
 void count_work(void* memory, const IdaSystem& s, SimulationStats& stats) {
-  long products = 0;
-  IDAGetNumSteps(memory, &stats.steps);
-  IDAGetNumResEvals(memory, &stats.residuals);
-  IDAGetNumNonlinSolvIters(memory, &stats.newton_iterations);
-  IDAGetNumErrTestFails(memory, &stats.failed_steps);
+  const auto count = [memory](int (*get)(void*, long*), long& sum) {
+    long n = 0;
+    get(memory, &n);
+    sum += n;
+  };
+  count(IDAGetNumSteps, stats.steps);
+  count(IDAGetNumResEvals, stats.residuals);
+  count(IDAGetNumNonlinSolvIters, stats.newton_iterations);
+  count(IDAGetNumErrTestFails, stats.failed_steps);
   if (s.dense) {
-    IDAGetNumJacEvals(memory, &stats.jacobians);
+    count(IDAGetNumJacEvals, stats.jacobians);
   } else {
-    IDAGetNumPrecEvals(memory, &stats.jacobians);
-    IDAGetNumLinIters(memory, &stats.linear_iterations);
-    IDAGetNumJtimesEvals(memory, &products);
-    stats.residuals += products;
+    count(IDAGetNumPrecEvals, stats.jacobians);
+    count(IDAGetNumLinIters, stats.linear_iterations);
+    count(IDAGetNumJtimesEvals, stats.residuals);
   }
+}
+
+/// Lets the sampled controllers do what is due at time t; where a force jumps, the solver begins anew, and what events
+/// jump with it over zero is logged.
+/// @return whether it has jumped
+bool sample(const Solver& solver, IdaSystem& s, double t, Trajectory& out) {
+  const double about = t + kOneTime * std::abs(t);
+  if (!s.control || !s.control->due(about)) return false;
+  s.driven = std::nan("");
+  s.set(t, N_VGetArrayPointer(solver.y), N_VGetArrayPointer(solver.yp));
+  const std::vector<Event>& events = *s.events;
+  std::vector<double> before(events.size()), after(events.size());
+  s.evaluate(events, t, before.data());
+  if (!s.sample(about) || forward_dynamics_ab(s.arm, s.ws, s.q, s.v, s.tau) != Status::ok) return false;
+  s.a = s.ws.a;
+  const auto [y, yp] = s.state();
+  Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(solver.y), y.size()) = y;
+  Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(solver.yp), y.size()) = yp;
+  count_work(solver.memory, s, out.stats);
+  check_flag(IDAReInit(solver.memory, t, solver.y, solver.yp));
+  s.evaluate(events, t, after.data());
+  for (std::size_t k = 0; k < events.size(); ++k)
+    if (crosses(before[k], after[k], events[k].direction)) s.log(events, k, t, out);
+  return true;
 }
 
 /// The linear solver asked for; the chain's is the faster one from a single link on (bench/scaling.py).
@@ -166,7 +194,7 @@ void choose_solver(IdaSystem& s, LinearSolver wanted) {
   if (wanted == LinearSolver::dense)
     s.dense.emplace(s.arm, places(s.loads));
   else
-    s.chain.emplace(s.arm, s.ws.prescribed);
+    s.chain.emplace(s.arm, s.ws.prescribed, s.ws.feedback);
 }
 
 /// Everything is prescribed: nothing to integrate.
@@ -174,7 +202,7 @@ void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::v
   StepEvents seen(s, events, out);
   seen.start(t[0]);
   bool functions = false;
-  const std::vector<double> samples = sample_times(s.drives, s.loads, t, functions);
+  const std::vector<double> samples = sample_times(s.drives, s.loads, s.control, t, functions);
   std::size_t next = 0;
   for (Eigen::Index k = 1; k < t.size(); ++k) {
     for (; next < samples.size() && samples[next] < t[k]; ++next) {  // events between the samples of drives
@@ -182,9 +210,11 @@ void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::v
       s.drive(samples[next]);
       if (seen.look(samples[next])) return;
       out.reached = samples[next];
+      s.sample(out.reached);
     }
     s.drive(t[k]);
     if (seen.look(t[k]) && out.reached < t[k]) return;
+    s.sample(t[k]);
     out.reached = t[k];
     if (!s.record(out, composite) || out.terminated) return;
   }
@@ -195,16 +225,17 @@ void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::v
 Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                         const IdaOptions& options, const Alive& alive, const std::vector<LoadDrive>& loads,
-                        const std::vector<Event>& events) {
+                        const std::vector<Event>& events, Control* control) {
   check_arguments(arm, drives, t, q0, v0, tau);
   check_options(options);
   const auto started = std::chrono::steady_clock::now();
-  IdaSystem s(arm, drives, loads, tau);
+  IdaSystem s(arm, drives, loads, tau, control);
   s.events = &events;
   Trajectory out = empty_trajectory(arm, t, events);
   s.q = q0;
   s.v = v0;
   s.drive(t[0]);
+  s.sample(t[0]);
   if (!s.record(out, options.composite)) return out;
   if (s.size() == 0) {
     follow(s, t, options.composite, events, out);
@@ -215,11 +246,12 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   const auto [y0, yp0] = s.state();
   Solver solver(s, options, t[0], y0, yp0, t[t.size() - 1]);
   watch(solver.memory, events);
-  const std::vector<double> stops = stop_times(drives, loads, t);
+  const std::vector<double> stops = stop_times(drives, loads, control, t);
   std::vector<int> found(events.size());
   while (out.done < t.size() && out.failure.empty() && !out.terminated) {
     const double goal = t[out.done];
-    IDASetStopTime(solver.memory, *std::upper_bound(stops.begin(), stops.end() - 1, out.reached));
+    IDASetStopTime(solver.memory,
+                   *std::upper_bound(stops.begin(), stops.end() - 1, out.reached + kOneTime * std::abs(out.reached)));
     sunrealtype now = out.reached;
     const int flag = IDASolve(solver.memory, goal, &now, solver.y, solver.yp, IDA_NORMAL);
     if (s.thrown) std::rethrow_exception(s.thrown);
@@ -233,8 +265,9 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
       out.failure = reason(flag, s);
     } else {
       if (flag == IDA_ROOT_RETURN) occurred(solver, s, now, found, out);
+      const bool jumped = !out.terminated && sample(solver, s, now, out);
       // a zero at an output time would be found again and again if that were asked for once more
-      if (now >= goal - (flag == IDA_ROOT_RETURN ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
+      if (now >= goal - (flag == IDA_ROOT_RETURN || jumped ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
         s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
         s.record(out, options.composite);
       }

@@ -4,7 +4,8 @@
 
 namespace flexarm {
 
-ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed)
+ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed,
+                           const std::vector<AppliedFeedback>& feedback)
     : arm_(&arm),
       ws_(arm, prescribed),
       spring_(Eigen::VectorXd::Zero(arm.nv())),
@@ -12,6 +13,7 @@ ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed)
       rhs_(spring_),
       by_q_(arm.size()),
       by_v_(arm.size()) {
+  ws_.feedback = feedback;
   for (std::size_t n = 0; n < arm.size(); ++n) {
     const Joint& joint = arm.link(n).joint();
     if (!joint.has_ball()) continue;

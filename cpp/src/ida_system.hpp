@@ -26,7 +26,7 @@ struct DenseJacobian {
 /// cj + K / cj^2, which factor_shifted eliminates. Its own workspace keeps the place where it was made.
 class ChainInverse {
  public:
-  ChainInverse(const Arm& arm, const std::vector<bool>& prescribed);
+  ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const std::vector<AppliedFeedback>& feedback);
   /// @return whether S is positive definite
   bool factor(const Eigen::VectorXd& q, const Eigen::VectorXd& v, double cj);
   /// dq (nq) and dv (nv) of r1 (nq) and r2 (nv); zero in prescribed coordinates where r1 and r2 are.
@@ -54,8 +54,8 @@ struct IdaSystem : System {
   const std::vector<Event>* events = nullptr;
 
   IdaSystem(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
-            const Eigen::VectorXd& tau_)
-      : System(arm_, drives_, loads_, tau_),
+            const Eigen::VectorXd& tau_, Control* control_)
+      : System(arm_, drives_, loads_, tau_, control_),
         dq(q),
         r1(Eigen::VectorXd::Zero(arm_.nq())),
         r2(Eigen::VectorXd::Zero(arm_.nv())),

@@ -1,5 +1,9 @@
 #include "flexarm/inverse.hpp"
 
+#include <type_traits>
+
+#include "sweeps.hpp"
+
 namespace flexarm {
 
 template <class S>
@@ -7,6 +11,7 @@ void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, c
   move_arm(arm, ws, q, v);
   accelerate_arm<S>(arm, ws, a, -arm.gravity());  // the base accelerates against gravity
   joint_forces(arm, ws, a);
+  if constexpr (std::is_same_v<S, double>) add_feedback(ws.feedback, q, v, -1.0, ws.tau);
 }
 
 template <class S>

@@ -44,21 +44,20 @@ std::string reason(Status status, double h) {
   return text.str();
 }
 
-/// Times that steps end at, each once: the samples and the output times (the last alone, if `inside` tells the rest);
-/// true: an output time.
-std::vector<std::pair<double, bool>> stops(const std::vector<double>& samples, const Eigen::VectorXd& t, double step,
-                                           bool interpolates) {
-  std::vector<std::pair<double, bool>> out;
+/// Times that steps end at, each once: the samples and the output times (the last alone, if `inside` tells the rest).
+std::vector<double> stops(const std::vector<double>& samples, const Eigen::VectorXd& t, double step,
+                          bool interpolates) {
+  std::vector<double> out;
   std::size_t next = 0;
   double last = t[0];
   for (Eigen::Index k = interpolates ? t.size() - 1 : 1; k < t.size(); ++k) {
     for (; next < samples.size() && samples[next] < t[k]; ++next) {
       if (samples[next] < last + kSame * step || samples[next] > t[k] - kSame * step) continue;
       last = samples[next];
-      out.emplace_back(last, false);
+      out.push_back(last);
     }
     last = t[k];
-    out.emplace_back(last, true);
+    out.push_back(last);
   }
   return out;
 }
@@ -122,7 +121,8 @@ bool record_inside(System& s, const Step& method, double from, double h, Traject
                    bool composite) {
   const Eigen::VectorXd q = s.q, v = s.v;
   bool good = true;
-  for (; good && out.done + 1 < t.size() && t[out.done] <= out.reached;) {
+  for (; good && out.done + 1 < t.size() &&
+         (t[out.done] < out.reached || (out.terminated && t[out.done] == out.reached));) {
     const double at = t[out.done];
     method.inside((at - from) / h, s.q, s.v);
     s.drive(at);
@@ -154,16 +154,17 @@ void look_inside(System& s, const Step& method, double from, double h, Trajector
 Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                           const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                           Step& method, double step, bool composite, const Alive& alive,
-                          const std::vector<LoadDrive>& loads, const std::vector<Event>& events) {
+                          const std::vector<LoadDrive>& loads, const std::vector<Event>& events, Control* control) {
   check_arguments(arm, drives, t, q0, v0, tau);
   check_step(step, t);
   const auto started = std::chrono::steady_clock::now();
   const Step::Counts before = method.counts();
-  System s(arm, drives, loads, tau);
+  System s(arm, drives, loads, tau, control);
   Trajectory out = empty_trajectory(arm, t, events);
   s.q = q0;
   s.v = v0;
   s.drive(t[0]);
+  s.sample(t[0] + kSame * step);
   if (!s.record(out, composite)) return out;
 
   struct {
@@ -178,13 +179,11 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
   std::vector<Drive> sampled;  // whose samples steps must end at
   for (const Drive& d : drives)
     if (!d.motion || !method.interpolates()) sampled.push_back(d);
-  s.drive(t[0]);  // `record` put the reactions into tau
   Status status = method.start(s.ws, s.q, s.v, s.tau);
   StepEvents seen(s, events, out);
   seen.start(t[0]);
   bool going = true;
-  for (const auto& [stop, is_output] :
-       stops(sample_times(sampled, loads, t, functions), t, step, method.interpolates())) {
+  for (const double stop : stops(sample_times(sampled, loads, control, t, functions), t, step, method.interpolates())) {
     const double start = out.reached;
     const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step - kSame)));
     // One step, or, where its equations cannot be solved, two of half its length, and so on. (Not of the implicit
@@ -221,7 +220,11 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
     if (status != Status::ok) out.failure = reason(status, now.h);
     if (!going && !out.terminated && out.reached < t[t.size() - 1]) out.failure = kInterrupted;
     if ((!out.failure.empty() || out.terminated) && out.reached != stop) break;
-    if (is_output && !s.record(out, composite)) out.failure = reason(Status::not_finite, now.h);
+    const bool jumps = s.sample(stop + kSame * step);
+    if (jumps) status = method.jump(s.ws, s.q, s.v, s.tau);
+    while (out.done < t.size() && t[out.done] <= stop && out.failure.empty())
+      if (!s.record(out, composite)) out.failure = reason(Status::not_finite, now.h);
+    if (status != Status::ok) out.failure = reason(status, now.h);
     if (!out.failure.empty() || out.terminated) break;
   }
   const Step::Counts& after = method.counts();

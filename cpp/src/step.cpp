@@ -45,13 +45,21 @@ ImplicitStep::ImplicitStep(const Arm& arm, double h, const ImplicitOptions& opti
 
 Status ImplicitStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                            const Eigen::VectorXd& tau) {
+  const Status status = jump(ws, q, v, tau);
+  if (status != Status::ok) return status;
+  contraction_ = 1.0;
+  scale_ = 0.0;
+  started_ = true;
+  return Status::ok;
+}
+
+Status ImplicitStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                          const Eigen::VectorXd& tau) {
   const Status status = forward_dynamics_ab(*arm_, ws, q, v, tau);
   if (status != Status::ok) return status;
   if (!ws.a.allFinite()) return Status::not_finite;
   a0_ = a_before_ = alpha0_ = ws.a;
-  contraction_ = 1.0;
-  scale_ = h_before_ = 0.0;
-  started_ = true;
+  h_before_ = 0.0;
   return Status::ok;
 }
 

@@ -21,4 +21,10 @@ inline void carry_inertia(const LinkState<double>& above, const Mat6<double>& Ma
   }
 }
 
+/// Adds sign times the generalised forces of feedback at q and v.
+inline void add_feedback(const std::vector<AppliedFeedback>& feedback, const Eigen::VectorXd& q,
+                         const Eigen::VectorXd& v, double sign, Eigen::VectorXd& tau) {
+  for (const AppliedFeedback& f : feedback) tau += sign * (*f.law)(f.offset, q, v) * f.law->column;
+}
+
 }  // namespace flexarm

@@ -5,6 +5,7 @@
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
+#include "sweeps.hpp"
 
 namespace flexarm {
 
@@ -26,11 +27,12 @@ std::vector<Load> places(const std::vector<LoadDrive>& loads) {
 }
 
 System::System(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
-               const Eigen::VectorXd& tau_)
+               const Eigen::VectorXd& tau_, Control* control_)
     : arm(arm_),
       drives(drives_),
       loads(loads_),
       constant_tau(tau_),
+      control(control_),
       ws(arm_, prescribed(arm_, drives_), places(loads_)),
       q(arm_.zero()),
       v(Eigen::VectorXd::Zero(arm_.nv())),
@@ -41,10 +43,15 @@ System::System(const Arm& arm_, const std::vector<Drive>& drives_, const std::ve
     if (d.motion) given[static_cast<std::size_t>(arm.coordinate_of(d.coordinate))] = true;
   for (int i = 0; i < arm.nq(); ++i)
     if (!given[i]) free_q.push_back(i);
+  if (control)
+    for (const Feedback& f : control->feedback()) ws.feedback.push_back({&f});
 }
 
 void System::drive(double t) {
   tau = constant_tau;
+  if (control) tau += control->held();
+  for (AppliedFeedback& f : ws.feedback)
+    if (f.law->reference) f.offset = f.law->reference(t);
   for (std::size_t k = 0; k < loads.size(); ++k) ws.loads[k].wrench = loads[k].wrench(t);
   for (const Drive& d : drives) {
     if (d.motion) {
@@ -56,6 +63,15 @@ void System::drive(double t) {
       tau[d.coordinate] += d.force(t);
     }
   }
+}
+
+bool System::sample(double t) {
+  if (!control || !control->due(t)) return false;
+  if (control->due_by_acceleration(t) && forward_dynamics_ab(arm, ws, q, v, tau) == Status::ok) a = ws.a;
+  const Eigen::VectorXd before = control->held();
+  if (!control->run(t, q, v, a)) return false;
+  tau += control->held() - before;
+  return true;
 }
 
 bool System::record(Trajectory& out, bool composite) {
@@ -72,13 +88,18 @@ bool System::record(Trajectory& out, bool composite) {
     out.failure = "the forces are no longer finite";
     return false;
   }
-  for (const Drive& d : drives)
-    if (d.motion) tau[d.coordinate] = ws.tau[d.coordinate];
+  ws.total = tau;
+  add_feedback(ws.feedback, q, v, 1.0, ws.total);
+  for (const Drive& d : drives) {
+    double& force = ws.total[d.coordinate];
+    if (d.holds) out.friction(out.done, d.coordinate) = ws.tau[d.coordinate] - force;
+    if (d.motion && !d.holds) force = ws.tau[d.coordinate];
+  }
   for (std::size_t k = 0; k < arm.size(); ++k) arm.link(k).joint().normalise(q.data() + arm.first_q(k));
   out.q.row(out.done) = q;
   out.v.row(out.done) = v;
   out.a.row(out.done) = a;
-  out.tau.row(out.done) = tau;
+  out.tau.row(out.done) = ws.total;
   ++out.done;
   return true;
 }
@@ -108,6 +129,7 @@ Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std:
   out.events.resize(events.size());
   out.q = Trajectory::Rows::Constant(t.size(), arm.nq(), std::nan(""));
   out.v = out.a = out.tau = Trajectory::Rows::Constant(t.size(), arm.nv(), std::nan(""));
+  out.friction.setZero(t.size(), arm.nv());
   out.reached = t[0];
   return out;
 }
@@ -134,7 +156,7 @@ void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eig
 }
 
 std::vector<double> sample_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
-                                 const Eigen::VectorXd& t, bool& functions) {
+                                 const Control* control, const Eigen::VectorXd& t, bool& functions) {
   std::vector<double> times;
   functions = false;
   const auto add = [&](const Eigen::VectorXd& breaks) {
@@ -144,6 +166,11 @@ std::vector<double> sample_times(const std::vector<Drive>& drives, const std::ve
   };
   for (const Drive& d : drives) add(d.breaks);
   for (const LoadDrive& l : loads) add(l.breaks);
+  if (control) {
+    control->add_times(t[0], t[t.size() - 1], times);
+    for (const Feedback& f : control->feedback())
+      if (f.reference) add(f.breaks);
+  }
   std::sort(times.begin(), times.end());
   return times;
 }

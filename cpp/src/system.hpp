@@ -15,17 +15,21 @@ struct System {
   const std::vector<Drive>& drives;
   const std::vector<LoadDrive>& loads;
   const Eigen::VectorXd& constant_tau;
+  Control* control;  // or null
   Workspace ws;
   std::vector<int> free_q;       // coordinates that are not prescribed
   Eigen::VectorXd q, v, a, tau;  // of all coordinates
 
   System(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
-         const Eigen::VectorXd& tau_);
+         const Eigen::VectorXd& tau_, Control* control_ = nullptr);
   int n_q() const { return static_cast<int>(free_q.size()); }
   int n_v() const { return static_cast<int>(ws.free.size()); }
 
   /// Prescribed coordinates and applied forces at time t.
   void drive(double t);
+  /// Lets the sampled controllers do what is due up to time t, at the current state.
+  /// @return whether the forces have changed: then tau is what it is behind that
+  bool sample(double t);
   /// Adds a row to the trajectory: the current state, its accelerations, the reactions of prescribed motions.
   bool record(Trajectory& out, bool composite);
   /// Values of events at the current state, whose quaternions it scales to unit length.
@@ -46,9 +50,9 @@ Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std:
 void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                      const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau);
 
-/// The samples of drives and loads between the first and the last of t, sorted; `functions` says whether any is a
-/// function without samples.
+/// The samples of drives, loads and controllers between the first and the last of t, sorted; `functions` says whether
+/// any is a function without samples.
 std::vector<double> sample_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
-                                 const Eigen::VectorXd& t, bool& functions);
+                                 const Control* control, const Eigen::VectorXd& t, bool& functions);
 
 }  // namespace flexarm

@@ -4,6 +4,7 @@
 #include "bindings.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/collocation.hpp"
+#include "flexarm/control.hpp"
 #include "flexarm/friction.hpp"
 #include "flexarm/ida.hpp"
 #include "flexarm/simulate.hpp"
@@ -25,7 +26,7 @@ T answer(const py::object& law, const char* name, double t, const char* right) {
 
 /// A drive from Python: a piecewise polynomial, or a callable t -> force, t -> (q, v, a).
 Drive make_drive(int coordinate, bool is_motion, const py::object& law) {
-  Drive d{coordinate, {}, {}, {}};
+  Drive d{coordinate, {}, {}, {}, false};
   if (py::isinstance<PiecewisePolynomial>(law)) {
     const auto p = law.cast<PiecewisePolynomial>();
     d.breaks = p.breaks();
@@ -113,18 +114,65 @@ py::list event_rows(const Trajectory& r) {
 using Laws = std::vector<std::tuple<int, bool, py::object>>;
 using LoadLaws = std::vector<std::pair<Load, py::object>>;
 
-/// Runs integrate(drives, loads, events, alive) -> Trajectory without the interpreter's lock, looking around ten times
-/// a second: Ctrl-C, progress.
+/// (column, by_q, by_v, reference or None, limit) of each law without memory.
+using FeedbackLaws = std::vector<std::tuple<Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, py::object, double>>;
+/// (first, period, delay, asks for accelerations, law) of each sampled one.
+using SampledLaws = std::vector<std::tuple<double, double, double, bool, py::object>>;
+
+Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, int nv) {
+  std::vector<Feedback> laws;
+  for (const auto& [column, by_q, by_v, reference, limit] : feedback) {
+    Feedback f{column, by_q, by_v};
+    f.limit = limit;
+    if (!reference.is_none()) {
+      const Drive d = make_drive(0, false, reference);
+      f.reference = d.force;
+      f.breaks = d.breaks;
+    }
+    laws.push_back(f);
+  }
+  std::vector<Sampler> samplers;
+  for (const auto& [first, period, delay, by_acceleration, law] : sampled) {
+    const auto shared = std::make_shared<py::object>(law);
+    const auto call = [shared, nv](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                                   const Eigen::VectorXd& a) {
+      py::gil_scoped_acquire hold;
+      const auto force = (*shared)(t, q, v, a).cast<Eigen::VectorXd>();
+      if (force.size() != nv || !force.allFinite())
+        bad_value("control at t = " + std::to_string(t), "nan, inf or a wrong length", "must give finite numbers");
+      return force;
+    };
+    samplers.push_back({first, period, delay, by_acceleration, call});
+  }
+  return Control(std::move(laws), std::move(samplers), nv);
+}
+
+/// What a run is given beside its integrator.
+struct Given {
+  const Arm& arm;
+  const Laws& drives;
+  const Eigen::VectorXd &t, &q0, &v0, &tau;
+  bool composite;
+  const std::function<void(double)>& alive;
+  const LoadLaws& loads;
+  const EventLaws& events;
+  const FeedbackLaws& feedback;
+  const SampledLaws& sampled;
+};
+
+/// Runs integrate(drives, t, q, v, tau, alive, loads, events, control) -> Trajectory, from one switch of dry friction
+/// to the next, without the interpreter's lock, looking around ten times a second: Ctrl-C, progress.
 template <class Integrate>
-py::dict run(const Laws& drives, const LoadLaws& loads, const EventLaws& events,
-             const std::function<void(double)>& alive, const Integrate& integrate) {
+py::dict run(const Given& given, const Integrate& integrate) {
+  const auto& alive = given.alive;
+  Control control = make_control(given.feedback, given.sampled, given.arm.nv());
   std::vector<Drive> laws;
-  for (const auto& [coordinate, is_motion, law] : drives) laws.push_back(make_drive(coordinate, is_motion, law));
+  for (const auto& [coordinate, is_motion, law] : given.drives) laws.push_back(make_drive(coordinate, is_motion, law));
   std::vector<LoadDrive> wrenches;
-  for (const auto& [load, law] : loads) wrenches.push_back(make_load(load, law));
+  for (const auto& [load, law] : given.loads) wrenches.push_back(make_load(load, law));
   std::vector<Event> watched;
-  for (std::size_t k = 0; k < events.size(); ++k)
-    std::apply([&](const auto&... parts) { watched.push_back(make_event(k, parts...)); }, events[k]);
+  for (std::size_t k = 0; k < given.events.size(); ++k)
+    std::apply([&](const auto&... parts) { watched.push_back(make_event(k, parts...)); }, given.events[k]);
   auto last = std::chrono::steady_clock::now();
   const auto look_around = [&](double now) {
     const auto clock = std::chrono::steady_clock::now();
@@ -142,7 +190,12 @@ py::dict run(const Laws& drives, const LoadLaws& loads, const EventLaws& events,
   Trajectory r;
   {
     py::gil_scoped_release release;
-    r = integrate(laws, wrenches, watched, look_around);
+    r = simulate_with_friction(
+        given.arm, laws, given.t, given.q0, given.v0, given.tau, wrenches, watched, given.composite,
+        [&](const auto& drives, const auto& t, const auto& q, const auto& v, const auto& tau, const auto& events) {
+          return integrate(drives, t, q, v, tau, look_around, wrenches, events, control);
+        },
+        &control);
   }
   py::dict stats, out;
   stats["steps"] = r.stats.steps;
@@ -151,14 +204,14 @@ py::dict run(const Laws& drives, const LoadLaws& loads, const EventLaws& events,
   stats["newton_iterations"] = r.stats.newton_iterations;
   stats["linear_iterations"] = r.stats.linear_iterations;
   stats["failed_steps"] = r.stats.failed_steps;
-  if (r.friction.size() > 0) stats["switches"] = r.stats.switches;
+  if (r.rubs) stats["switches"] = r.stats.switches;
   stats["wall_time"] = r.stats.wall_time;
   const auto head = [&](const Rows& x) { return Rows(x.topRows(r.done)); };
   out["q"] = head(r.q);
   out["v"] = head(r.v);
   out["a"] = head(r.a);
   out["tau"] = head(r.tau);
-  out["friction"] = r.friction.size() > 0 ? py::cast(head(r.friction)) : py::none();
+  out["friction"] = r.rubs ? py::cast(head(r.friction)) : py::none();
   out["reached"] = r.reached;
   out["failure"] = r.failure;
   out["terminated"] = r.terminated;
@@ -189,38 +242,36 @@ void bind_time(py::module_& m) {
                       [](const py::tuple& t) {
                         return PiecewisePolynomial(t[0].cast<Eigen::VectorXd>(), t[1].cast<Eigen::MatrixXd>());
                       }))
-      .def_property_readonly("breaks", &PiecewisePolynomial::breaks);
+      .def_property_readonly("breaks", &PiecewisePolynomial::breaks)
+      .def_property_readonly("coefficients", [](const PiecewisePolynomial& p) { return Rows(p.coefficients()); });
 
   m.def(
       "simulate_ida",
       [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
          const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol, int max_order,
          const std::string& linear_solver, bool composite, const std::function<void(double)>& alive,
-         const LoadLaws& loads, const EventLaws& events) {
+         const LoadLaws& loads, const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled) {
         const LinearSolver solver = linear_solver == "dense"   ? LinearSolver::dense
                                     : linear_solver == "chain" ? LinearSolver::chain
                                                                : LinearSolver::automatic;
         const IdaOptions options{rtol, atol, max_order, composite, solver};
-        return run(drives, loads, events, alive, [&](const auto& laws, const auto&... rest) {
-          const auto& [wrenches, watched, look_around] = std::tie(rest...);
-          return simulate_with_friction(arm, laws, t, q0, v0, tau, wrenches, watched, composite,
-                                        [&](const auto& drives_now, const auto& t_now, const auto& q, const auto& v,
-                                            const auto& forces, const auto& events_now) {
-                                          return simulate_ida(arm, drives_now, t_now, q, v, forces, options,
-                                                              look_around, wrenches, events_now);
-                                        });
-        });
+        return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled},
+                   [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
+                       const auto& look_around, const auto& wrenches, const auto& watched, Control& control) {
+                     return simulate_ida(arm, laws, times, q, v, forces, options, look_around, wrenches, watched,
+                                         &control);
+                   });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("rtol"),
       py::arg("atol"), py::arg("max_order"), py::arg("linear_solver"), py::arg("composite"), py::arg("alive"),
-      py::arg("loads"), py::arg("events"));
+      py::arg("loads"), py::arg("events"), py::arg("feedback"), py::arg("sampled"));
 
   m.def(
       "simulate_fixed",
       [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
          const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, const std::string& integrator, double step, double rtol,
          double spectral_radius, int stages, bool composite, const std::function<void(double)>& alive,
-         const LoadLaws& loads, const EventLaws& events) {
+         const LoadLaws& loads, const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled) {
         std::unique_ptr<Step> method;
         if (integrator == "rk4")
           method = std::make_unique<Rk4Step>(arm, step);
@@ -228,20 +279,18 @@ void bind_time(py::module_& m) {
           method = std::make_unique<CollocationStep>(arm, CollocationOptions{stages, rtol});
         else
           method = std::make_unique<ImplicitStep>(arm, step, ImplicitOptions{spectral_radius, rtol});
-        return run(drives, loads, events, alive, [&](const auto& laws, const auto&... rest) {
-          const auto& [wrenches, watched, look_around] = std::tie(rest...);
-          return simulate_with_friction(
-              arm, laws, t, q0, v0, tau, wrenches, watched, composite,
-              [&](const auto& drives_now, const auto& t_now, const auto& q, const auto& v, const auto& forces,
-                  const auto& events_now) {
-                // what is left after a switch may be shorter than a step
-                const double h = t_now[0] > t[0] ? std::min(step, t_now[t_now.size() - 1] - t_now[0]) : step;
-                return simulate_fixed(arm, drives_now, t_now, q, v, forces, *method, h, composite, look_around,
-                                      wrenches, events_now);
-              });
-        });
+        return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled},
+                   [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
+                       const auto& look_around, const auto& wrenches, const auto& watched, Control& control) {
+                     // what is left after a switch may be shorter than a step
+                     const double left = times[times.size() - 1] - times[0];
+                     return simulate_fixed(arm, laws, times, q, v, forces, *method,
+                                           times[0] > t[0] ? std::min(step, left) : step, composite, look_around,
+                                           wrenches, watched, &control);
+                   });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"),
       py::arg("integrator"), py::arg("step"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("stages"),
-      py::arg("composite"), py::arg("alive"), py::arg("loads"), py::arg("events"));
+      py::arg("composite"), py::arg("alive"), py::arg("loads"), py::arg("events"), py::arg("feedback"),
+      py::arg("sampled"));
 }

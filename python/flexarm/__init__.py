@@ -6,6 +6,7 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 from ._core import __version__
 from .arm import Arm
 from .chart import Chart, chart
+from .control import PD, Controller, LinearController, Motor, Sampled, StateFeedback, StrainFeedback
 from .drive import Motion, Torque
 from .joints import (
     Axes,
@@ -31,17 +32,20 @@ from .simulation import SimulationError, SimulationInterrupted, simulate
 from .validity import RangeWarning
 
 __all__ = [
+    "PD",
     "Arm",
     "Axes",
     "Beam",
     "Chart",
     "Circle",
+    "Controller",
     "Cylindrical",
     "Derivatives",
     "Fixed",
     "Free",
     "GeneralSection",
     "Joint",
+    "LinearController",
     "LinearModel",
     "Link",
     "Load",
@@ -49,6 +53,7 @@ __all__ = [
     "ModeShapes",
     "Modes",
     "Motion",
+    "Motor",
     "Placement",
     "Planar",
     "Prismatic",
@@ -57,10 +62,13 @@ __all__ = [
     "Result",
     "Revolute",
     "RigidBody",
+    "Sampled",
     "Scene",
     "SimulationError",
     "SimulationInterrupted",
     "Spherical",
+    "StateFeedback",
+    "StrainFeedback",
     "Taper",
     "Torque",
     "Universal",

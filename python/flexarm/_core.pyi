@@ -186,6 +186,8 @@ class PiecewisePolynomial:
     def __call__(self, t: float) -> tuple[float, float, float]: ...
     @property
     def breaks(self) -> _Array: ...
+    @property
+    def coefficients(self) -> _Array: ...
 
 def simulate_ida(
     arm: Arm,
@@ -202,6 +204,8 @@ def simulate_ida(
     alive: Callable[[float], None] | None,
     loads: Sequence[tuple[Load, Any]],
     events: Sequence[tuple[Any, int, int]],
+    feedback: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike, Any, float]],
+    sampled: Sequence[tuple[float, float, float, bool, Any]],
 ) -> dict[str, Any]: ...
 def simulate_fixed(
     arm: Arm,
@@ -219,4 +223,6 @@ def simulate_fixed(
     alive: Callable[[float], None] | None,
     loads: Sequence[tuple[Load, Any]],
     events: Sequence[tuple[Any, int, int]],
+    feedback: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike, Any, float]],
+    sampled: Sequence[tuple[float, float, float, bool, Any]],
 ) -> dict[str, Any]: ...

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from . import _core
 from ._check import array, choice, number, whole
 from .arm import METHODS, Arm
+from .control import Controller, control_laws
 from .drive import Motion, Torque
 from .load import Load, at_time
 from .result import Result
@@ -86,6 +87,7 @@ def simulate(
     tau: ArrayLike | None = None,
     drive: Mapping[Any, Motion | Torque] | None = None,
     loads: Sequence[Load] | None = None,
+    control: Controller | Sequence[Controller] | None = None,
     events: Callable[..., float] | Sequence[Callable[..., float]] | None = None,
     method: str = "ab",
     integrator: str = "ida",
@@ -109,6 +111,10 @@ def simulate(
         drive: by link number, or by (link, freedom), what drives that freedom of its joint: a Torque, or a Motion,
             whose reaction is then in `Result.tau`.
         loads: external forces and moments.
+        control: controllers, whose forces are added to the torques: continuous ones (PD, StrainFeedback,
+            StateFeedback) are part of the equations, sampled ones (Sampled, LinearController) hold their force from
+            sample to sample. `Result.tau` has them. Samples are met exactly; behind each the fixed-step integrators go
+            on, while "ida" begins anew.
         events: one or several callables (t, q, v) -> float whose zeros are sought, as in SciPy's solve_ivp: the run
             ends at the first zero of one with the attribute `terminal` = True (at the n-th where it is a number n);
             `direction` = 1 or -1 counts only zeros where the value rises, or falls. A value that is zero at the start
@@ -203,6 +209,7 @@ def simulate(
     places, _ = at_time(arm, loads, float(times[0]))
     for k, load in enumerate(loads or ()):
         load.check_span(f"loads[{k}]", times)
+    laws_of_control = control_laws(arm, control, times)
     wrenches = [(place, load.law) for place, load in zip(places, loads or (), strict=True)]
     watched = _events(events)
     linear_solver = choice("linear_solver", linear_solver or "auto", LINEAR_SOLVERS)
@@ -216,10 +223,10 @@ def simulate(
 
     def integrate(alive: Any = None) -> dict[str, Any]:
         motion = (arm._core, laws, times, state["q0"], state["v0"], state["tau"])
-        ci = method == "ci"
+        ci, rest = method == "ci", (wrenches, watched, *laws_of_control)
         if integrator == "ida":
-            return _core.simulate_ida(*motion, rtol, atol, order, linear_solver, ci, alive, wrenches, watched)
-        return _core.simulate_fixed(*motion, integrator, h, rtol, radius, stages, ci, alive, wrenches, watched)
+            return _core.simulate_ida(*motion, rtol, atol, order, linear_solver, ci, alive, *rest)
+        return _core.simulate_fixed(*motion, integrator, h, rtol, radius, stages, ci, alive, *rest)
 
     if callable(progress):
         out = integrate(progress)

@@ -28,6 +28,10 @@ class CollocationStep final : public Step {
   Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
   Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                  const Given& given) override;
+  Status jump(Workspace&, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&) override {
+    h_ = 0.0;  // nothing to extrapolate
+    return Status::ok;
+  }
   bool interpolates() const override { return true; }
   void inside(double c, Eigen::VectorXd& q, Eigen::VectorXd& v) const override;
 
@@ -49,6 +53,7 @@ class CollocationStep final : public Step {
   Eigen::MatrixXd q_, v_, a_;    ///< at the points, one column each
   Eigen::MatrixXd tau_, rates_;  ///< forces and dq/dt there
   Eigen::MatrixXd a_before_;
+  Eigen::MatrixXd offsets_;                          ///< of feedback at the points
   std::vector<std::vector<Vec6<double>>> wrenches_;  ///< of the loads at the points
   Eigen::VectorXd q0_, v0_, qs_, vs_, as_, dq_;
   std::optional<InverseDerivatives> derivatives_;

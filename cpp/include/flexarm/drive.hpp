@@ -33,6 +33,7 @@ struct Drive {
   std::function<MotionValue(double)> motion;  ///< empty for a force-driven coordinate
   std::function<double(double)> force;        ///< empty for a prescribed coordinate
   Eigen::VectorXd breaks = {};                ///< times that no step may pass over, such as those of samples
+  bool holds = false;                         ///< a motion that is rest, held by dry friction
 };
 
 }  // namespace flexarm

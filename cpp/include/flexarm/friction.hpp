@@ -4,6 +4,7 @@
 // keeps its order and none meets a sign function; the times of switching are found as events.
 #pragma once
 
+#include "flexarm/control.hpp"
 #include "flexarm/drive.hpp"
 #include "flexarm/load.hpp"
 #include "flexarm/trajectory.hpp"
@@ -20,6 +21,6 @@ using Integrate =
 Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                                   const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                                   const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,
-                                  const Integrate& integrate);
+                                  const Integrate& integrate, Control* control = nullptr);
 
 }  // namespace flexarm

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "flexarm/arm.hpp"
+#include "flexarm/control.hpp"
 #include "flexarm/drive.hpp"
 #include "flexarm/event.hpp"
 #include "flexarm/load.hpp"
@@ -35,6 +36,6 @@ struct IdaOptions {
 Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                         const IdaOptions& options, const Alive& alive = {}, const std::vector<LoadDrive>& loads = {},
-                        const std::vector<Event>& events = {});
+                        const std::vector<Event>& events = {}, Control* control = nullptr);
 
 }  // namespace flexarm

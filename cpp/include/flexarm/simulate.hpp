@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "flexarm/control.hpp"
 #include "flexarm/drive.hpp"
 #include "flexarm/event.hpp"
 #include "flexarm/step.hpp"
@@ -22,6 +23,7 @@ namespace flexarm {
 Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                           const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                           Step& method, double step, bool composite = false, const Alive& alive = {},
-                          const std::vector<LoadDrive>& loads = {}, const std::vector<Event>& events = {});
+                          const std::vector<LoadDrive>& loads = {}, const std::vector<Event>& events = {},
+                          Control* control = nullptr);
 
 }  // namespace flexarm

@@ -24,6 +24,10 @@ class Step {
   /// Begins at a state, and forgets what was before.
   virtual Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                        const Eigen::VectorXd& tau) = 0;
+  /// Goes on from here under other forces than a moment ago: what is remembered of accelerations no longer holds.
+  virtual Status jump(Workspace&, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&) {
+    return Status::ok;
+  }
   /// Advances q (nq) and v (nv) by h seconds.
   /// @param tau    generalised forces (nv)
   /// @param given  or empty, when tau and loads are constant, and the prescribed entries of q, v and ws.a are already
@@ -67,6 +71,7 @@ class ImplicitStep final : public Step {
     return advance(h_, ws, q, v, tau, {});
   }
   Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
+  Status jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
   Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                  const Given& given) override;
   /// Iterations of the last step.

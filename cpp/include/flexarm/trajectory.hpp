@@ -31,7 +31,8 @@ using Alive = std::function<bool(double)>;
 struct Trajectory {
   using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   Rows q, v, a, tau;  ///< tau: applied forces, and the reactions of prescribed motions
-  Rows friction;      ///< Coulomb friction's forces; empty without
+  Rows friction;      ///< forces of dry friction
+  bool rubs = false;  ///< whether there is any
   Eigen::Index done = 0;
   double reached = 0.0;          ///< time reached (s)
   std::string failure;           ///< empty when all is done

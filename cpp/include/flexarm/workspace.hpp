@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "flexarm/arm.hpp"
+#include "flexarm/control.hpp"
 #include "flexarm/dual.hpp"
 #include "flexarm/load.hpp"
 
@@ -17,8 +18,9 @@ using Tangent = Dual<4>;
 template <class S>
 struct SweepWorkspace {
   std::vector<LinkState<S>> links;
-  VecX<S> tau;                        ///< result of inverse_dynamics
-  std::vector<AppliedLoad<S>> loads;  ///< set their wrenches before an evaluation
+  VecX<S> tau;                            ///< result of inverse_dynamics
+  std::vector<AppliedLoad<S>> loads;      ///< set their wrenches before an evaluation
+  std::vector<AppliedFeedback> feedback;  ///< set their offsets before an evaluation; of doubles only
 
   explicit SweepWorkspace(const Arm& arm, const std::vector<Load>& applied = {}) : tau(VecX<S>::Zero(arm.nv())) {
     for (const Load& load : applied) loads.emplace_back(load, arm.link(load.link).ne());
@@ -59,6 +61,7 @@ class Workspace : public SweepWorkspace<double> {
   Eigen::MatrixXd M_free;      ///< Eq. 90 on the free coordinates
   Eigen::LLT<Eigen::MatrixXd> factor;
   Eigen::VectorXd rhs;
+  Eigen::VectorXd total;    ///< forces with those of feedback
   Eigen::MatrixXd columns;  ///< 6 x n scratch of the CI method
 };
 

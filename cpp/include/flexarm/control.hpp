@@ -1,0 +1,73 @@
+// Controllers: what turns the state into forces, continuously or at a rate.
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <limits>
+#include <utility>
+#include <vector>
+
+namespace flexarm {
+
+/// A continuous law without memory, such as Eq. 97: u = reference(t) - by_q . q - by_v . v, kept within -limit ..
+/// limit, is the generalised force column * u. It is part of the equations that the integrators solve.
+struct Feedback {
+  Eigen::VectorXd column;                        ///< generalised force per unit of u (nv)
+  Eigen::VectorXd by_q, by_v;                    ///< gains (nq), (nv)
+  std::function<double(double)> reference = {};  ///< of time (s), gains included; empty: zero
+  Eigen::VectorXd breaks = {};                   ///< times that no step may pass over
+  double limit = std::numeric_limits<double>::infinity();
+
+  double operator()(double offset, const Eigen::VectorXd& q, const Eigen::VectorXd& v) const {
+    const double u = offset - by_q.dot(q) - by_v.dot(v);
+    return u > limit ? limit : u < -limit ? -limit : u;
+  }
+};
+
+/// Adds the slopes of -column * u, of laws that are not at their limits, to those of inverse dynamics.
+void add_feedback_slopes(const std::vector<struct AppliedFeedback>& feedback, const Eigen::VectorXd& q,
+                         const Eigen::VectorXd& v, Eigen::MatrixXd& dq, Eigen::MatrixXd& dv);
+
+/// A law with the value of its reference now.
+struct AppliedFeedback {
+  const Feedback* law;
+  double offset = 0.0;
+};
+
+/// A law that looks at the state now and then, and holds its force until it has looked again.
+struct Sampler {
+  double first, period, delay;  ///< first sample; between samples; from a sample to its force (s)
+  bool by_acceleration;         ///< whether it asks for a
+  /// Generalised forces (nv) from t, q, v and a.
+  std::function<Eigen::VectorXd(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a)>
+      law;
+};
+
+/// The controllers of one run: it remembers what has been sampled.
+class Control {
+ public:
+  Control(std::vector<Feedback> feedback, std::vector<Sampler> samplers, int nv);
+  const std::vector<Feedback>& feedback() const { return feedback_; }
+  /// Forces held now (nv).
+  const Eigen::VectorXd& held() const { return held_; }
+  /// Times in (from, to) at which something is sampled or changes.
+  void add_times(double from, double to, std::vector<double>& times) const;
+  /// Whether anything happens up to time t; whether that asks for accelerations.
+  bool due(double t) const;
+  bool due_by_acceleration(double t) const;
+  /// Samples, and lets pass what is due, up to time t. @return whether the forces have changed
+  bool run(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
+
+ private:
+  struct Line {
+    Sampler sampler;
+    long sampled = 0;                                        ///< how many
+    std::vector<std::pair<double, Eigen::VectorXd>> coming;  ///< time and force of samples on their way
+    Eigen::VectorXd force;
+  };
+  std::vector<Feedback> feedback_;
+  std::vector<Line> lines_;
+  Eigen::VectorXd held_;
+};
+
+}  // namespace flexarm

@@ -1,0 +1,72 @@
+#include "flexarm/control.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "flexarm/check.hpp"
+
+namespace flexarm {
+
+void add_feedback_slopes(const std::vector<AppliedFeedback>& feedback, const Eigen::VectorXd& q,
+                         const Eigen::VectorXd& v, Eigen::MatrixXd& dq, Eigen::MatrixXd& dv) {
+  for (const AppliedFeedback& f : feedback) {
+    if (!(std::abs((*f.law)(f.offset, q, v)) < f.law->limit)) continue;
+    dq += f.law->column * f.law->by_q.transpose();
+    dv += f.law->column * f.law->by_v.transpose();
+  }
+}
+
+Control::Control(std::vector<Feedback> feedback, std::vector<Sampler> samplers, int nv)
+    : feedback_(std::move(feedback)), held_(Eigen::VectorXd::Zero(nv)) {
+  for (Sampler& s : samplers) {
+    positive("period", s.period);
+    if (!(s.delay >= 0.0)) bad_value("delay", s.delay, "must be zero or positive");
+    lines_.push_back({std::move(s), 0, {}, held_});
+  }
+}
+
+void Control::add_times(double from, double to, std::vector<double>& times) const {
+  for (const Line& l : lines_)
+    for (double shift : {0.0, l.sampler.delay}) {
+      const long k0 = std::max(0L, static_cast<long>(std::floor((from - shift - l.sampler.first) / l.sampler.period)));
+      for (long k = k0;; ++k) {
+        const double t = l.sampler.first + static_cast<double>(k) * l.sampler.period + shift;
+        if (t >= to) break;
+        if (t > from) times.push_back(t);
+      }
+      if (l.sampler.delay == 0.0) break;
+    }
+}
+
+bool Control::due(double t) const {
+  return std::any_of(lines_.begin(), lines_.end(), [t](const Line& l) {
+    return l.sampler.first + static_cast<double>(l.sampled) * l.sampler.period <= t ||
+           (!l.coming.empty() && l.coming.front().first <= t);
+  });
+}
+
+bool Control::due_by_acceleration(double t) const {
+  return std::any_of(lines_.begin(), lines_.end(), [t](const Line& l) {
+    return l.sampler.by_acceleration && l.sampler.first + static_cast<double>(l.sampled) * l.sampler.period <= t;
+  });
+}
+
+bool Control::run(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
+  bool changed = false;
+  for (Line& l : lines_) {
+    while (l.sampler.first + static_cast<double>(l.sampled) * l.sampler.period <= t) {
+      const double at = l.sampler.first + static_cast<double>(l.sampled) * l.sampler.period;
+      l.coming.emplace_back(at + l.sampler.delay, l.sampler.law(at, q, v, a));
+      ++l.sampled;
+    }
+    while (!l.coming.empty() && l.coming.front().first <= t) {
+      held_ += l.coming.front().second - l.force;
+      l.force = l.coming.front().second;
+      l.coming.erase(l.coming.begin());
+      changed = true;
+    }
+  }
+  return changed;
+}
+
+}  // namespace flexarm

@@ -1,0 +1,243 @@
+"""Controllers in the loop, continuous and sampled."""
+
+from __future__ import annotations
+
+import flexarm as fa
+import numpy as np
+import pytest
+from arms import paper_link
+
+INTEGRATORS = (
+    {"rtol": 1e-9, "atol": 1e-12},
+    {"integrator": "implicit", "step": 2.5e-4},
+    {"integrator": "gauss", "step": 0.02},
+    {"integrator": "rk4", "step": 1e-3},
+)
+names = pytest.mark.parametrize("options", INTEGRATORS, ids=lambda o: o.get("integrator", "ida"))
+
+
+def mass(m: float = 2.0, **joint) -> fa.Arm:
+    return fa.Arm([fa.Link(fa.Prismatic("x", **joint), fa.RigidBody(m))])
+
+
+def hub_arm(order: int = 2, **joint) -> fa.Arm:
+    """The paper's link on a hub of its own inertia."""
+    hub = fa.RigidBody(0.5, inertia=(1e-3, 1e-3, 2e-3), end=(0.075, 0, 0))
+    return fa.Arm([fa.Link(fa.Revolute("z", **joint), hub, paper_link(order=order).links[0].beam)])
+
+
+@names
+def test_pd_on_a_mass(options: dict) -> None:
+    """m q'' = kp (r - q) - kv q': closed form, and tau is the controller's force."""
+    m, kp, kv, r = 2.0, 50.0, 4.0, 0.3
+    t = np.linspace(0, 2, 101)
+    out = fa.simulate(mass(m), t, control=fa.PD(kp, kv, reference=r), **options)
+    s, w = kv / (2 * m), np.sqrt(kp / m - (kv / (2 * m)) ** 2)
+    q = r * (1 - np.exp(-s * t) * (np.cos(w * t) + s / w * np.sin(w * t)))
+    np.testing.assert_allclose(out.q[:, 0], q, atol=2e-7)
+    np.testing.assert_allclose(out.tau[:, 0], kp * (r - out.q[:, 0]) - kv * out.v[:, 0], atol=1e-12)
+    np.testing.assert_allclose(out.a[:, 0], out.tau[:, 0] / m, atol=1e-12)
+
+
+@names
+def test_reference_in_samples_and_callables(options: dict) -> None:
+    """A ramp, as samples and as a callable; a stiff loop follows it with the lag kv/kp."""
+    t = np.linspace(0, 1, 51)
+    runs = [
+        fa.simulate(mass(), t, control=fa.PD(800.0, 80.0, reference=r), **options)
+        for r in (([0, 1], [0, 0.5]), fa.Torque([0, 1], [0, 0.5]), lambda t: 0.5 * t)
+    ]
+    for run in runs[1:]:
+        np.testing.assert_allclose(run.q, runs[0].q, atol=1e-8)
+    assert runs[0].q[-1, 0] == pytest.approx(0.5 - 0.5 * 80 / 800, abs=1e-6)
+
+
+@names
+def test_strain_feedback_decays_as_its_linear_model_says(options: dict) -> None:
+    """Eq. 97 on the paper's link: closed-loop eigenvalues of A - B K, and the simulated ringing between two times."""
+    arm = hub_arm()
+    kp, kv, ks = 0.8, 0.08, -0.05
+    model = arm.linearize(np.zeros(4), outputs=[("joint", 0), ("rate", 0), ("strain", 0, 0.0, "K3")])
+    closed = model.A - model.B @ (np.array([[kp, kv, ks]]) @ model.C)
+    w = np.linalg.eigvals(closed)
+    assert w.real.max() < 0
+    import scipy.linalg as la
+
+    q0 = np.array([0.0, 1e-4, 0.0, 0.0])
+    t = np.linspace(0, 0.5, 26)
+    law = fa.StrainFeedback(kp, kv, ks, x=0.0)
+    r = fa.simulate(arm, t, q0, control=law, **options)
+    x0 = np.concatenate([q0, np.zeros(4)])
+    expected = np.array([la.expm(closed * s) @ x0 for s in t])
+    np.testing.assert_allclose(r.q[:, 0], expected[:, 0], atol=2e-3 * np.abs(expected[:, 0]).max())
+    np.testing.assert_allclose(r.q[:, 1], expected[:, 1], atol=2e-3 * 1e-4)
+    strain = r.strain(0, 0.0)[:, 2]
+    np.testing.assert_allclose(r.tau[:, 0], -kp * r.q[:, 0] - kv * r.v[:, 0] - ks * strain, atol=1e-12)
+
+
+def test_strain_feedback_of_published_md() -> None:
+    """The hub moved so that its rate is k times the curvature at the root: Re(s) = -2k/L of every mode, to first
+    order; published.md's -0.2000 + 20.9479j and -0.2000 + 131.2830j for k = 0.05."""
+    beam = fa.Beam(0.5, *(getattr(paper_link().links[0].beam, n) for n in ("section", "material")), {"bending_y": 8},
+                   basis="legendre", rotary_inertia=False)  # fmt: skip
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), beam=beam)])
+    model = arm.linearize(np.zeros(9), inputs=[("acceleration", 0)], outputs=[("strain", 0, 0.0, "K3")])
+    rate = np.hstack([np.zeros((1, 9)), model.C[:, :9]])  # of the strain: by the rates
+    s = np.linalg.eigvals(model.A + 0.05 * model.B @ rate)
+    s = s[s.imag > 1][np.argsort(s[s.imag > 1].imag)]
+    np.testing.assert_allclose(s[:2], [-0.2 + 20.9479j, -0.2 + 131.283j], atol=6e-5)
+
+
+@names
+def test_passive_loop_never_gains_energy(options: dict) -> None:
+    arm = hub_arm()
+    t = np.linspace(0, 1, 401)
+    r = fa.simulate(arm, t, np.array([0.5, 0.02, 0, 0]), control=fa.PD(1.0, 0.01), **options)
+    energy = np.sum(r.energy(), axis=0) + 0.5 * r.q[:, 0] ** 2
+    assert np.diff(energy).max() < 1e-4 * energy[0] and energy[-1] < 0.9 * energy[0]
+
+
+@names
+@pytest.mark.parametrize("delay", [0.0, 0.02, 0.05, 0.08])
+def test_sampled_loop_by_hand(options: dict, delay: float) -> None:
+    """A mass under a sampled, delayed and saturated law: between its jumps the force is constant, so that the motion
+    is a parabola. Sampled every 50 ms, here for one second."""
+    m, period = 2.0, 0.05
+    seen: list[tuple[float, float]] = []
+
+    def law(t: float, y: np.ndarray) -> float:
+        seen.append((t, float(y[0])))
+        return 40.0 * (1.0 - y[0]) - 8.0 * y[1]
+
+    control = fa.Sampled(law, 20.0, [("joint", 0), ("rate", 0)], delay=delay, limit=15.0)
+    times = np.arange(21) * period
+    r = fa.simulate(mass(m), times, control=control, **options)
+    q, v, u, coming = 0.0, 0.0, 0.0, []
+    for k in range(20):
+        assert r.q[k, 0] == pytest.approx(q, abs=1e-7) and seen[k] == pytest.approx((k * period, q), abs=1e-7)
+        coming.append((k * period + delay, np.clip(40 * (1 - q) - 8 * v, -15, 15)))
+        at = k * period
+        for change, force in [*(c for c in coming if at - 1e-9 <= c[0] < at + period - 1e-9), (at + period, None)]:
+            dt = change - at if change > at else 0.0
+            at = max(at, change)
+            q, v = q + v * dt + u / m * dt**2 / 2, v + u / m * dt
+            u = u if force is None else float(force)
+    if delay == 0.0:
+        assert r.tau[0, 0] == 15.0  # what is held from the first sample on
+    assert len(seen) == 21
+
+
+def test_samples_do_not_cost_the_fixed_step_a_restart() -> None:
+    """A 1 kHz loop takes one implicit step a sample; IDA begins anew a thousand times."""
+    arm = hub_arm()
+    t = np.linspace(0, 0.2, 21)
+    control = fa.Sampled(lambda t, y: 0.8 * (0.2 - y[0]) - 0.08 * y[1], 1000.0, [("joint", 0), ("rate", 0)])
+    implicit = fa.simulate(arm, t, control=control, integrator="implicit", step=1e-3)
+    assert implicit.stats["steps"] == 200 and implicit.stats["evaluations"] < 1500
+    ida = fa.simulate(arm, t, control=control)
+    assert ida.stats["steps"] > 1000
+    gauss = fa.simulate(arm, t, control=control, integrator="gauss", step=1e-3)
+    assert gauss.stats["steps"] == 200
+    np.testing.assert_allclose(gauss.q[:, 0], ida.q[:, 0], atol=2e-6)
+    np.testing.assert_allclose(implicit.q[:, 0], ida.q[:, 0], atol=2e-4)
+
+
+@names
+def test_pid_holds_a_weight(options: dict) -> None:
+    """The integral carries the weight: no error is left; PD alone sags by m g / kp."""
+    arm = fa.Arm([fa.Link(fa.Prismatic("z"), fa.RigidBody(1.5))], gravity=(0, 0, -9.81))
+    options = options | ({"integrator": "implicit", "step": 2e-3} if options.get("integrator") == "implicit" else {})
+    t = np.linspace(0, 4, 41)
+    pd = fa.simulate(arm, t, control=fa.PD(200.0, 30.0), **options)
+    assert pd.q[-1, 0] == pytest.approx(-1.5 * 9.81 / 200, rel=1e-3)
+    law = fa.LinearController.pid(200.0, 400.0, 30.0, rate=250.0, reference=0.1)
+    r = fa.simulate(arm, t, control=law, **options)
+    assert r.q[-1, 0] == pytest.approx(0.1, abs=2e-4)
+    assert len(law.states) == 1001 and law.states[-1][0] * 400 == pytest.approx(1.5 * 9.81, rel=2e-2)
+
+
+def test_lqr_of_the_linear_model_on_the_nonlinear_arm() -> None:
+    """LQR by python-control on `linearize`, run on the nonlinear arm as continuous state feedback, and the same with an
+    observer from angle and strain, sampled."""
+    control = pytest.importorskip("control")
+    arm = hub_arm()
+    measured = [("joint", 0), ("strain", 0, 0.0, "K3")]
+    model = arm.linearize(np.zeros(4), outputs=measured)
+    Q = np.diag([50.0, 10, 10, 10, 1e-3, 1e-2, 1e-3, 1e-3])
+    K, _, poles = control.lqr(model.A, model.B, Q, np.array([[1.0]]))
+    t = np.linspace(0, 3, 301)
+    q0 = np.array([-0.1, 0, 0, 0])
+    r = fa.simulate(arm, t, q0, control=fa.StateFeedback(K), integrator="gauss", step=0.01)
+    assert np.abs(r.q[-1]).max() < 1e-3 and np.abs(r.q[150, 0]) < 0.02
+    L, _, _ = control.lqe(model.A, np.eye(8), model.C, 10.0 * np.eye(8), np.diag([1e-6, 1e-4]))
+    observer = (model.A - model.B @ K - L @ model.C, L, K, np.zeros((1, 2)))  # e = reference - y, so u = K x^ of -y
+    law = fa.LinearController(observer, rate=1000.0, measure=measured, method="zoh")
+    s = fa.simulate(arm, t, q0, control=law, integrator="implicit", step=1e-3)
+    assert np.abs(s.q[-1, 0]) < 4e-3 and np.abs(s.q[-1, 1]) < 4e-4
+    assert poles.real.max() < 0
+
+
+def test_motor() -> None:
+    """Current mode: k_t n a ampere, limited. Voltage mode: it runs up to V/(k_t n) with the time constant of its
+    back-EMF."""
+    current = fa.Motor(0.05, 100.0, limit=2.0, rotor_inertia=1e-5)
+    assert current.gain == pytest.approx(5.0) and current.reflected_inertia == pytest.approx(0.1)
+    arm = fa.Arm([fa.Link(fa.Revolute("z", reflected_inertia=current.reflected_inertia))])
+    t = np.linspace(0, 1, 11)
+    r = fa.simulate(arm, t, control=fa.Sampled(lambda t, y: 50.0, 10.0, motor=current), rtol=1e-9)
+    np.testing.assert_allclose(r.tau[:, 0], 10.0)
+    volts = fa.Motor(0.05, 100.0, limit=12.0, resistance=1.5)
+    for law in (fa.Sampled(lambda t, y: 50.0, 10.0, motor=volts), fa.PD(1e6, 0.0, reference=1e3, motor=volts)):
+        r = fa.simulate(arm, t, control=law, integrator="gauss", step=0.01)
+        free, rate = 12 / 5.0, (5.0**2 / 1.5) / 0.1
+        np.testing.assert_allclose(r.v[:, 0], free * (1 - np.exp(-rate * t)), atol=1e-6)
+
+
+def test_friction_and_controller() -> None:
+    """Dry friction holds a controlled joint off its reference; friction and force are told apart."""
+    arm = mass(1.0, coulomb=2.0)
+    t = np.linspace(0, 3, 301)
+    for control in (
+        fa.PD(20.0, 4.0, reference=1.0),
+        fa.Sampled(lambda t, y: 20 * (1 - y[0]) - 4 * y[1], 500.0, [("joint", 0), ("rate", 0)]),
+    ):
+        for options in ({"integrator": "gauss", "step": 0.02}, {"integrator": "implicit", "step": 1e-3}, {}):
+            r = fa.simulate(arm, t, control=control, **options)
+            assert r.v[-1, 0] == 0.0 and 0.0 < abs(1 - r.q[-1, 0]) <= 0.1
+            assert r.tau[-1, 0] == pytest.approx(20 * (1 - r.q[-1, 0]), abs=1e-6)
+            assert r.friction[-1, 0] == pytest.approx(-r.tau[-1, 0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: fa.PD("a", 1.0), "kp"),
+        (lambda: fa.PD(1.0, 1.0, limit=-1.0), "limit = -1.0: must be positive"),
+        (lambda: fa.simulate(mass(), [0, 1], control=fa.PD(1.0, 1.0, link=3)), "link"),
+        (lambda: fa.simulate(mass(), [0, 1], control=lambda t: 0), "control = .*must be a controller"),
+        (lambda: fa.Sampled(1.0, 10.0), "law = 1.0"),
+        (lambda: fa.Sampled(lambda t, y: 0.0, 0.0), "rate = 0.0: must be positive"),
+        (lambda: fa.Sampled(lambda t, y: 0.0, 10.0, delay=-1.0), "delay = -1.0"),
+        (
+            lambda: fa.simulate(mass(), [0, 1], control=fa.Sampled(lambda t, y: np.nan, 10.0)),
+            r"control at t = 0.0: the law gave \[nan\]",
+        ),
+        (
+            lambda: fa.simulate(mass(), [0, 1], control=fa.Sampled(lambda t, y: 0.0, 10.0, ["joint"])),
+            r"measure\[0\] = 'joint'",
+        ),
+        (lambda: fa.simulate(mass(), [0, 1], control=fa.StateFeedback([[1.0]])), "K"),
+        (lambda: fa.LinearController([[1.0]], [[1.0]], [[1.0]], [[1.0, 2.0]], rate=1.0, measure=[]), "do not fit"),
+        (lambda: fa.Motor(0.0), "torque_constant = 0.0"),
+        (lambda: fa.PD(1.0, 1.0, motor=3), "motor = 3"),
+        (
+            lambda: fa.simulate(
+                fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1, inertia=(1, 1, 1)))]), [0, 1], control=fa.PD(1.0, 1.0)
+            ),
+            "a ball has no angle",
+        ),
+    ],
+)
+def test_bad_controllers(make, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()
