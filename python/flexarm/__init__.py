@@ -25,20 +25,28 @@ from .link import Link
 from .load import Load
 from .modal import Modes, ModeShapes
 from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody, Taper
+from .reading import PowerSpectrum, Reading, psd
 from .result import Result
 from .scene import Scene, load
+from .sensor import Sampler, Sensor
+from .sensors import Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, Tachometer
+from .shaping import Shaper, input_shaper
 from .simulation import SimulationError, SimulationInterrupted, simulate
 from .validity import RangeWarning
 
 __all__ = [
+    "Accelerometer",
     "Arm",
     "Axes",
     "Beam",
+    "Camera",
     "Chart",
     "Circle",
     "Cylindrical",
     "Derivatives",
+    "Encoder",
     "Fixed",
+    "ForceTorque",
     "Free",
     "GeneralSection",
     "Joint",
@@ -51,21 +59,30 @@ __all__ = [
     "Motion",
     "Placement",
     "Planar",
+    "PowerSpectrum",
     "Prismatic",
     "RangeWarning",
+    "Reading",
     "Rectangle",
     "Result",
     "Revolute",
     "RigidBody",
+    "Sampler",
     "Scene",
+    "Sensor",
+    "Shaper",
     "SimulationError",
     "SimulationInterrupted",
     "Spherical",
+    "StrainGauge",
+    "Tachometer",
     "Taper",
     "Torque",
     "Universal",
     "__version__",
     "chart",
+    "input_shaper",
     "load",
+    "psd",
     "simulate",
 ]
