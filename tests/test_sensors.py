@@ -196,7 +196,9 @@ def test_turning_balls_are_read_between_the_output_times() -> None:
         assert np.abs(sensor.read(coarse).y - y).max() < 2e-3 * np.ptp(y, axis=0).max()
 
 
-@pytest.mark.parametrize("options", [{}, {"rate": 250.0}, {"delay": 0.008}, {"rate": 500.0, "delay": 0.004}])
+@pytest.mark.parametrize(
+    "options", [{}, {"rate": 250.0}, {"rate": 2000.0}, {"delay": 0.008}, {"rate": 500.0, "delay": 0.004}]
+)
 def test_a_sampler_gives_what_a_reading_gives(options: dict) -> None:
     arm = paper_link()
     run = fa.simulate(arm, np.arange(301) / 1000, drive={0: fa.Motion.spin_up(2.0, 0.25)})
