@@ -26,22 +26,30 @@ from .link import Link
 from .load import Load
 from .modal import Modes, ModeShapes
 from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody, Taper
+from .reading import PowerSpectrum, Reading, psd
 from .result import Result
 from .scene import Scene, load
+from .sensor import Sampler, Sensor
+from .sensors import Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, Tachometer
+from .shaping import Shaper, input_shaper
 from .simulation import SimulationError, SimulationInterrupted, simulate
 from .validity import RangeWarning
 
 __all__ = [
     "PD",
+    "Accelerometer",
     "Arm",
     "Axes",
     "Beam",
+    "Camera",
     "Chart",
     "Circle",
     "Controller",
     "Cylindrical",
     "Derivatives",
+    "Encoder",
     "Fixed",
+    "ForceTorque",
     "Free",
     "GeneralSection",
     "Joint",
@@ -56,24 +64,33 @@ __all__ = [
     "Motor",
     "Placement",
     "Planar",
+    "PowerSpectrum",
     "Prismatic",
     "RangeWarning",
+    "Reading",
     "Rectangle",
     "Result",
     "Revolute",
     "RigidBody",
     "Sampled",
+    "Sampler",
     "Scene",
+    "Sensor",
+    "Shaper",
     "SimulationError",
     "SimulationInterrupted",
     "Spherical",
     "StateFeedback",
     "StrainFeedback",
+    "StrainGauge",
+    "Tachometer",
     "Taper",
     "Torque",
     "Universal",
     "__version__",
     "chart",
+    "input_shaper",
     "load",
+    "psd",
     "simulate",
 ]

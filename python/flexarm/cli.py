@@ -189,6 +189,9 @@ def _run(args: argparse.Namespace) -> int:
     if len(result.t):
         summary["quantities"] = _quantities(result)
         summary["files"] = ["run.npz", "run.csv", "run.png", "summary.txt", "summary.json"]
+        for name, reading in scene.readings(result).items():
+            reading.save(folder / f"{name}.csv")
+            summary["files"].append(f"{name}.csv")
         for c in summary["quantities"]:
             table.add_row(c["name"], c["unit"], *(f"{c[k]:.6g}" for k in ("minimum", "maximum", "final")))
         _write_run(folder, result, summary, table)
@@ -338,7 +341,8 @@ def _parser() -> _Parser:
     p = command("demo", _demo, "the paper's single-link experiment, held against its numbers", text)
     p.add_argument("-o", "--output", default="flexarm-demo", **output)
 
-    text = "Writes run.npz (for flexarm.Result.load), run.csv, run.png, summary.txt and summary.json."
+    text = "Writes run.npz (for flexarm.Result.load), run.csv, run.png, summary.txt and summary.json, "
+    text += "and for each [[sensor]] of the scene what it reads, sensor-K-TYPE.csv."
     p = command("run", _run, "simulate a scene", text)
     p.add_argument("scene", **scene)
     p.add_argument("-o", "--output", default="flexarm-run", **output)

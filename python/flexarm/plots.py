@@ -14,6 +14,7 @@ from ._check import Array
 if TYPE_CHECKING:
     from .arm import Arm
     from .demo import Manoeuvre, Spectrum
+    from .reading import Reading
     from .result import Result
 
 #: Okabe and Ito's colours, told apart by colour-blind readers too.
@@ -235,4 +236,21 @@ def figure_10(m: Manoeuvre, window: tuple[float, float], height: tuple[float, fl
     _inset(ax, m, window, height)
     ax.legend(loc="upper left", frameon=False)
     fig.suptitle("Fig. 10: tip displacement during the reconstructed manoeuvre", fontsize=13)
+    return fig
+
+
+def plot_reading(reading: Reading) -> Figure:
+    """The samples of a sensor over time (s), each held until the next; a panel for each unit."""
+    units = list(dict.fromkeys(reading.units))
+    fig = Figure(figsize=(9.0, 1.0 + 2.8 * len(units)), layout="constrained")
+    panels = fig.subplots(len(units), 1, squeeze=False, sharex=True)[:, 0]
+    for ax, unit in zip(panels, units, strict=True):
+        own = [k for k, u in enumerate(reading.units) if u == unit]
+        for k, colour in zip(own, PALETTE, strict=False):
+            line = {"color": colour, "linewidth": 1.2, "drawstyle": "steps-post"}
+            ax.plot(reading.t, reading.y[:, k], label=reading.labels[k], **line)
+        name = reading.labels[own[0]] if len(own) == 1 else reading.labels[own[0]].rsplit(" ", 1)[0]
+        _axes(ax, f"{name} ({unit})" if unit != "1" else name, "Time (s)" if ax is panels[-1] else "")
+        _legend(ax, len(own) if len(own) > 1 else 0)
+    fig.suptitle(reading.name, fontsize=12)
     return fig

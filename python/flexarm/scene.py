@@ -11,13 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from . import joints, model
+from . import joints, model, sensors
 from ._check import Array, array, choice, known_keys, number, whole
 from .arm import METHODS, Arm
 from .drive import Motion, Torque
 from .link import Link
 from .load import Load
+from .reading import Reading
 from .result import Result
+from .sensor import Sensor
 from .simulation import INTEGRATORS, simulate
 
 if sys.version_info >= (3, 11):
@@ -29,6 +31,7 @@ SCENES = Path(__file__).parent / "scenes"
 _SECTIONS = {"rectangle": model.Rectangle, "circle": model.Circle, "general": model.GeneralSection}
 _ALONG = {**_SECTIONS, "taper": model.Taper}
 _JOINTS = {j.type: j for j in joints.Joint.__subclasses__()}
+_SENSORS = {s.type: s for s in sensors.KINDS}
 
 
 def _make(where: str, cls: Callable[..., Any], table: Mapping[str, Any], known: tuple[str, ...]) -> Any:
@@ -160,6 +163,8 @@ class Scene:
         q0, v0: initial state, or None for rest at zero.
         options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order, linear_solver,
             step, spectral_radius.
+        name: the scene's title.
+        sensors: what `flexarm run` reads; `sensor.read(scene.run())` does in Python.
     """
 
     arm: Arm
@@ -170,12 +175,31 @@ class Scene:
     v0: Array | None = None
     options: dict[str, Any] = field(default_factory=dict)
     name: str = "scene"
+    sensors: tuple[Sensor, ...] = ()
 
     def run(self, progress: bool = False) -> Result:
         """Simulates the scene."""
         return simulate(
             self.arm, self.t, self.q0, self.v0, drive=self.drive, loads=self.loads, progress=progress, **self.options
         )
+
+    def readings(self, result: Result) -> dict[str, Reading]:
+        """What the scene's sensors read of a result, by names such as "sensor-0-encoder"; none of a single row."""
+        sensors = self.sensors if len(result.t) > 1 else ()
+        return {f"sensor-{k}-{sensor.type}": sensor.read(result) for k, sensor in enumerate(sensors)}
+
+
+def _sensors(tables: Any, arm: Arm, t: Array) -> tuple[Sensor, ...]:
+    if not isinstance(tables, (list, tuple)):
+        raise ValueError(f"sensor = {tables!r}: must be a list of tables")
+    found: list[Sensor] = []
+    for k, table in enumerate(tables):
+        found.append(_typed(f"sensor[{k}]", table, _SENSORS))
+        try:
+            found[k].check(arm, t)
+        except ValueError as e:
+            raise ValueError(f"sensor[{k}]: {e}") from None
+    return tuple(found)
 
 
 _OPTIONS = ("method", "integrator", "rtol", "atol", "max_order", "linear_solver", "step", "spectral_radius", "stages")
@@ -184,7 +208,7 @@ _SIMULATION = ("duration", "interval", "q0", "v0", *_OPTIONS)
 
 def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = "scene") -> Scene:
     """A Scene from the structure of a scene file; `base` is the folder that file names in it are relative to."""
-    known_keys("scene", d, ("title", "gravity", "link", "drive", "load", "simulation"))
+    known_keys("scene", d, ("title", "gravity", "link", "drive", "load", "sensor", "simulation"))
     base = base or Path()
     arm = arm_from_dict({k: d[k] for k in ("gravity", "link") if k in d})
     s = d.get("simulation", {})
@@ -209,6 +233,7 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
         if link in drive:
             raise ValueError(f"drive[{k}].link = {link}: is driven twice")
         drive[link] = law
+    t = np.linspace(0.0, duration, count + 1)
     tables = d.get("load", [])
     if not isinstance(tables, (list, tuple)):
         raise ValueError(f"load = {tables!r}: must be a list of tables")
@@ -223,11 +248,12 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
         arm,
         drive,
         loads,
-        np.linspace(0.0, duration, count + 1),
+        t,
         array("simulation.q0", s["q0"], (arm.nq,)) if "q0" in s else None,
         array("simulation.v0", s["v0"], (arm.nv,)) if "v0" in s else None,
         {k: s[k] for k in _OPTIONS if k in s},
         str(d.get("title", name)),
+        _sensors(d.get("sensor", []), arm, t),
     )
 
 
