@@ -133,6 +133,10 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
   }
   std::vector<Sampler> samplers;
   for (const auto& [first, period, delay, by_acceleration, law] : sampled) {
+    if (py::isinstance<LinearLaw>(law)) {
+      samplers.push_back({first, period, delay, by_acceleration, law.cast<LinearLaw>()});
+      continue;
+    }
     const auto shared = std::make_shared<py::object>(law);
     const auto call = [shared, nv](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                    const Eigen::VectorXd& a) {
@@ -244,6 +248,22 @@ void bind_time(py::module_& m) {
                       }))
       .def_property_readonly("breaks", &PiecewisePolynomial::breaks)
       .def_property_readonly("coefficients", [](const PiecewisePolynomial& p) { return Rows(p.coefficients()); });
+
+  py::class_<LinearLaw>(m, "LinearLaw")
+      .def(py::init([](const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, const Eigen::MatrixXd& C,
+                       const Eigen::MatrixXd& D, const Eigen::MatrixXd& columns, const Eigen::MatrixXd& by_q,
+                       const Eigen::MatrixXd& by_v, double limit, const py::object& reference,
+                       const std::function<Eigen::VectorXd(double, const Eigen::VectorXd&, const Eigen::VectorXd&,
+                                                           const Eigen::VectorXd&)>& read) {
+             std::function<Eigen::VectorXd(double)> at;
+             if (py::isinstance<py::function>(reference))
+               at = reference.cast<std::function<Eigen::VectorXd(double)>>();
+             else
+               at = [r = reference.cast<Eigen::VectorXd>()](double) { return r; };
+             return LinearLaw{A, B, C, D, columns, by_q, by_v, limit, at, read};
+           }),
+           py::arg("A"), py::arg("B"), py::arg("C"), py::arg("D"), py::arg("columns"), py::arg("by_q"), py::arg("by_v"),
+           py::arg("limit"), py::arg("reference"), py::arg("read"));
 
   m.def(
       "simulate_ida",

@@ -189,6 +189,21 @@ class PiecewisePolynomial:
     @property
     def coefficients(self) -> _Array: ...
 
+class LinearLaw:
+    def __init__(
+        self,
+        A: ArrayLike,
+        B: ArrayLike,
+        C: ArrayLike,
+        D: ArrayLike,
+        columns: ArrayLike,
+        by_q: ArrayLike,
+        by_v: ArrayLike,
+        limit: float,
+        reference: Any,
+        read: Callable[[float, _Array, _Array, _Array], _Array] | None,
+    ) -> None: ...
+
 def simulate_ida(
     arm: Arm,
     drives: Sequence[tuple[int, bool, Any]],

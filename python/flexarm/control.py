@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from . import _core
 from ._check import Array, array, number
 from .drive import Torque
 
@@ -150,8 +151,6 @@ class _JointLaw(Controller):
 
 
 def _scaled(law: Any, factor: float) -> Any:
-    from . import _core
-
     if isinstance(law, _core.PiecewisePolynomial):
         return _core.PiecewisePolynomial(law.breaks, factor * law.coefficients)
     return lambda t: factor * float(law(t))
@@ -318,10 +317,6 @@ class Sampled(Controller):
         if motor is not None and motor.limit is not None:
             self.limit = min(self.limit, motor.limit)
 
-    def _begin(self) -> Callable[[float, Array], Any]:
-        """The law of one run."""
-        return self.law
-
     def _reader(self, arm: Arm) -> tuple[_Reader, bool]:
         """(t, q, v, a) -> y of one run, and whether it asks for a."""
         if self.measure is None:
@@ -331,11 +326,10 @@ class Sampled(Controller):
         by_acceleration = any(getattr(e, "needs_acceleration", False) for e in self.measure)
         return lambda t, q, v, a: np.concatenate([r(t, q, v, a) for r in readers]), by_acceleration
 
-    def _laws(self, arm: Arm, times: Array) -> tuple[list[_Feedback], list[_Sampler]]:
-        columns = np.array(_columns(arm, self.actuate)).T
-        gain = 1.0 if self.motor is None else self.motor.gain
+    def _law(self, arm: Arm, columns: Array) -> tuple[Any, bool]:
+        """What the core asks for forces, once a sample, and whether it wants accelerations."""
         read, by_acceleration = self._reader(arm)
-        law, limit = self._begin(), self.limit
+        law, limit = self.law, self.limit
 
         def force(t: float, q: Array, v: Array, a: Array) -> Array:
             u = np.atleast_1d(np.asarray(law(t, read(t, q, v, a)), dtype=float))
@@ -343,12 +337,21 @@ class Sampled(Controller):
                 raise ValueError(
                     f"control at t = {t}: the law gave {u.tolist()}; must be {columns.shape[1]} finite numbers"
                 )
-            return np.asarray(columns @ (gain * np.clip(u, -limit, limit)))
+            return np.asarray(columns @ np.clip(u, -limit, limit))
 
+        return force, by_acceleration
+
+    def _laws(self, arm: Arm, times: Array) -> tuple[list[_Feedback], list[_Sampler]]:
+        units = np.array(_columns(arm, self.actuate)).T
+        law, by_acceleration = self._law(arm, units if self.motor is None else self.motor.gain * units)
         braking: list[_Feedback] = []
         if self.motor is not None and self.motor.braking > 0.0:
-            braking = [(c, np.zeros(arm.nq), self.motor.braking * c, None, np.inf) for c in columns.T]
-        return braking, [(float(times[0]), 1.0 / self.rate, self.delay, by_acceleration, force)]
+            braking = [(c, np.zeros(arm.nq), self.motor.braking * c, None, np.inf) for c in units.T]
+        return braking, [(float(times[0]), 1.0 / self.rate, self.delay, by_acceleration, law)]
+
+
+def _no_law(t: float, y: Array) -> float:
+    return 0.0
 
 
 class LinearController(Sampled):
@@ -362,7 +365,7 @@ class LinearController(Sampled):
         reference: of y (a number, an array (ny,), or a callable t -> (ny,)): e = reference - y.
         method: of SciPy's cont2discrete, for continuous systems: "bilinear" (Tustin), "zoh", ...
 
-    The controller's state is `states` after a run: one row a sample.
+    It begins each run with x = 0, and runs in C++ unless it reads sensors or a callable.
     """
 
     def __init__(
@@ -370,7 +373,7 @@ class LinearController(Sampled):
         rate: float, measure: Sequence[Any], actuate: Sequence[Any] = (0,), reference: Any = 0.0, delay: float = 0.0,
         limit: float | None = None, motor: Motor | None = None, method: str = "bilinear",
     ) -> None:  # fmt: skip
-        super().__init__(lambda t, y: 0.0, rate, measure, actuate, delay=delay, limit=limit, motor=motor)
+        super().__init__(_no_law, rate, measure, actuate, delay=delay, limit=limit, motor=motor)
         self.reference = reference
         self.A, self.B, self.C, self.D = _discrete(A, B, C, D, 1.0 / self.rate, method)
 
@@ -393,21 +396,27 @@ class LinearController(Sampled):
             limit=limit, motor=motor,
         )  # fmt: skip
 
-    def _begin(self) -> Callable[[float, Array], Any]:
-        x = np.zeros(self.A.shape[0])
-        self.states: list[Array] = []
-
-        def law(t: float, y: Array) -> Array:
-            nonlocal x
-            e = np.asarray(self.reference(t) if callable(self.reference) else self.reference) - y
-            if e.shape != (self.B.shape[1],):
-                raise ValueError(f"measure: gives {e.size} numbers; B has {self.B.shape[1]} columns")
-            self.states.append(x)
-            u = self.C @ x + self.D @ e
-            x = self.A @ x + self.B @ e
-            return np.asarray(u)
-
-        return law
+    def _law(self, arm: Arm, columns: Array) -> tuple[Any, bool]:
+        ny, nu = self.B.shape[1], self.C.shape[0]
+        if columns.shape[1] != nu:
+            raise ValueError(f"actuate: names {columns.shape[1]}; the controller has {nu} outputs")
+        read, by_acceleration = self._reader(arm)
+        rows = np.zeros((0, arm.nq)), np.zeros((0, arm.nv))
+        if self.measure is not None and not any(hasattr(e, "sampler") for e in self.measure):
+            rows = _rows(arm, self.measure)
+            if len(rows[0]) != ny:
+                raise ValueError(f"measure: gives {len(rows[0])} numbers; B has {ny} columns")
+        reference = (
+            self.reference if callable(self.reference) else np.broadcast_to(array("reference", self.reference), (ny,))
+        )
+        law = _core.LinearLaw(
+            *(self.A, self.B, self.C, self.D, columns, *rows, self.limit),
+            (lambda t: np.broadcast_to(np.asarray(reference(t), dtype=float), (ny,)))
+            if callable(reference)
+            else reference,
+            None if len(rows[0]) else read,
+        )
+        return law, by_acceleration
 
 
 def _discrete(A: Any, B: Any, C: Any, D: Any, dt: float, method: str) -> tuple[Array, Array, Array, Array]:
