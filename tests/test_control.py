@@ -278,3 +278,55 @@ def test_friction_and_controller() -> None:
 def test_bad_controllers(make, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make()
+
+
+SCENE = """
+[[link]]
+[link.joint]
+type = "revolute"
+coulomb = 0.01
+reflected_inertia = 1e-3
+[link.hub]
+mass = 0.5
+inertia = [1e-3, 1e-3, 2e-3]
+end = [0.075, 0, 0]
+[link.beam]
+length = 0.5
+section = { type = "rectangle", y = 0.001, z = 0.02 }
+material = { density = 7850, youngs_modulus = 209e9, poisson_ratio = 0.3 }
+modes = { bending_y = 2 }
+
+[[control]]
+type = "strain_feedback"
+kp = 0.8
+kv = 0.08
+ks = -0.05
+reference = { t = [0, 0.1, 1], r = [0, 0.3, 0.3] }
+motor = { torque_constant = 0.5, limit = 3.0 }
+
+[simulation]
+duration = 1.0
+integrator = "gauss"
+step = 0.02
+"""
+
+
+def test_control_in_scene_files(tmp_path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text(SCENE)
+    scene = fa.load(path)
+    motor = fa.Motor(0.5, limit=3.0)
+    law = fa.StrainFeedback(0.8, 0.08, -0.05, reference=([0, 0.1, 1], [0, 0.3, 0.3]), motor=motor)
+    expected = fa.simulate(scene.arm, scene.t, control=law, integrator="gauss", step=0.02)
+    np.testing.assert_array_equal(scene.run().q, expected.q)
+    for old, new, message in (
+        ("strain_feedback", "strain_feedbak", r"control\[0\].type = 'strain_feedbak'.*did you mean 'strain_feedback'"),
+        ("kv = 0.08", "kw = 0.08", r"control.0.: unknown key 'kw'"),
+        ("kv = 0.08", "", r"control\[0\]: missing kv"),
+        ("kv = 0.08", "kv = 0.08\nlink = 3", r"control\[0\]: .*link"),
+        ("r = [0, 0.3, 0.3]", "s = [0, 0.3, 0.3]", r"control\[0\].reference"),
+        ("limit = 3.0", "limit = -3.0", r"control\[0\].motor.limit = -3.0: must be positive"),
+    ):
+        path.write_text(SCENE.replace(old, new))
+        with pytest.raises(ValueError, match=message):
+            fa.load(path)

@@ -14,6 +14,7 @@ import numpy as np
 from . import joints, model, sensors
 from ._check import Array, array, choice, known_keys, number, whole
 from .arm import METHODS, Arm
+from .control import PD, Controller, LinearController, Motor, StateFeedback, StrainFeedback, control_laws
 from .drive import Motion, Torque
 from .link import Link
 from .load import Load
@@ -31,6 +32,12 @@ SCENES = Path(__file__).parent / "scenes"
 _SECTIONS = {"rectangle": model.Rectangle, "circle": model.Circle, "general": model.GeneralSection}
 _ALONG = {**_SECTIONS, "taper": model.Taper}
 _JOINTS = {j.type: j for j in joints.Joint.__subclasses__()}
+_CONTROLS: dict[str, Callable[..., Controller]] = {
+    "pd": PD,
+    "strain_feedback": StrainFeedback,
+    "state_feedback": StateFeedback,
+    "pid": LinearController.pid,
+}
 _SENSORS = {s.type: s for s in sensors.KINDS}
 
 
@@ -151,6 +158,41 @@ def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Motio
     return link, _make(f"{where}.{law}", Motion if law == "motion" else Torque, samples, columns)
 
 
+def _control(where: str, table: Any, base: Path) -> Controller:
+    if not isinstance(table, Mapping) or "type" not in table:
+        raise ValueError(f"{where} = {table!r}: must be a table with a type: {', '.join(_CONTROLS)}")
+    make = _CONTROLS[choice(f"{where}.type", table["type"], _CONTROLS)]
+    t = {k: v for k, v in table.items() if k != "type"}
+    if isinstance(t.get("reference"), Mapping):
+        samples = _samples(f"{where}.reference", t["reference"], ("t", "r"), base)
+        missing = [k for k in ("t", "r") if k not in samples]
+        if missing:
+            raise ValueError(f"{where}.reference: missing {', '.join(missing)}")
+        t["reference"] = (samples["t"], samples["r"])
+    if "motor" in t:
+        t["motor"] = _make(f"{where}.motor", Motor, t["motor"], _parameters(Motor))
+    return _make(where, make, t, _parameters(make))  # type: ignore[no-any-return]
+
+
+def _parameters(function: Callable[..., Any]) -> tuple[str, ...]:
+    import inspect
+
+    return tuple(inspect.signature(function).parameters)
+
+
+def _controls(tables: Any, arm: Arm, t: Array, base: Path) -> tuple[Controller, ...]:
+    if not isinstance(tables, (list, tuple)):
+        raise ValueError(f"control = {tables!r}: must be a list of tables")
+    found = []
+    for k, table in enumerate(tables):
+        found.append(_control(f"control[{k}]", table, base))
+        try:
+            control_laws(arm, found[k], t)
+        except ValueError as e:
+            raise ValueError(f"control[{k}]: {e}") from None
+    return tuple(found)
+
+
 @dataclass
 class Scene:
     """An arm, its drives by link (or by (link, freedom)), and how to simulate it.
@@ -165,6 +207,7 @@ class Scene:
             step, spectral_radius.
         name: the scene's title.
         sensors: what `flexarm run` reads; `sensor.read(scene.run())` does in Python.
+        control: its controllers.
     """
 
     arm: Arm
@@ -176,12 +219,12 @@ class Scene:
     options: dict[str, Any] = field(default_factory=dict)
     name: str = "scene"
     sensors: tuple[Sensor, ...] = ()
+    control: tuple[Controller, ...] = ()
 
     def run(self, progress: bool = False) -> Result:
         """Simulates the scene."""
-        return simulate(
-            self.arm, self.t, self.q0, self.v0, drive=self.drive, loads=self.loads, progress=progress, **self.options
-        )
+        given = {"drive": self.drive, "loads": self.loads, "control": self.control}
+        return simulate(self.arm, self.t, self.q0, self.v0, **given, progress=progress, **self.options)  # type: ignore
 
     def readings(self, result: Result) -> dict[str, Reading]:
         """What the scene's sensors read of a result, by names such as "sensor-0-encoder"; none of a single row."""
@@ -208,7 +251,7 @@ _SIMULATION = ("duration", "interval", "q0", "v0", *_OPTIONS)
 
 def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = "scene") -> Scene:
     """A Scene from the structure of a scene file; `base` is the folder that file names in it are relative to."""
-    known_keys("scene", d, ("title", "gravity", "link", "drive", "load", "sensor", "simulation"))
+    known_keys("scene", d, ("title", "gravity", "link", "drive", "load", "control", "sensor", "simulation"))
     base = base or Path()
     arm = arm_from_dict({k: d[k] for k in ("gravity", "link") if k in d})
     s = d.get("simulation", {})
@@ -254,6 +297,7 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
         {k: s[k] for k in _OPTIONS if k in s},
         str(d.get("title", name)),
         _sensors(d.get("sensor", []), arm, t),
+        _controls(d.get("control", []), arm, t, base),
     )
 
 
