@@ -11,10 +11,21 @@ using namespace flexarm;
 
 namespace {
 
+/// Calls what the user gave; Ctrl-C meanwhile ends the run, with what is done.
+template <class... Args>
+py::object call(const py::object& law, Args&&... args) {
+  try {
+    return law(std::forward<Args>(args)...);
+  } catch (const py::error_already_set& e) {
+    if (e.matches(PyExc_KeyboardInterrupt)) throw Interrupted();
+    throw;
+  }
+}
+
 /// What a callable answers at time t, as T.
 template <class T>
 T answer(const py::object& law, const char* name, double t, const char* right) {
-  const py::object value = law(t);
+  const py::object value = call(law, t);
   try {
     return value.cast<T>();
   } catch (const py::cast_error&) {
@@ -80,7 +91,7 @@ Event make_event(std::size_t k, const py::object& law, int terminal, int directi
   const std::string name = "events[" + std::to_string(k) + "]";
   const auto value = [shared, name](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
     py::gil_scoped_acquire hold;
-    const py::object g = (*shared)(t, q, v);
+    const py::object g = call(*shared, t, q, v);
     try {
       return g.cast<double>();
     } catch (const py::cast_error&) {
@@ -135,13 +146,22 @@ py::dict run(const Laws& drives, const LoadLaws& loads, const EventLaws& events,
       PyErr_Clear();  // the caller raises it again, with the result so far
       return false;
     }
-    if (alive) alive(now);
+    if (!alive) return true;
+    try {
+      alive(now);
+    } catch (const py::error_already_set& e) {
+      if (!e.matches(PyExc_KeyboardInterrupt)) throw;
+      return false;
+    }
     return true;
   };
   Trajectory r;
-  {
+  try {
     py::gil_scoped_release release;
     r = integrate(laws, wrenches, watched, look_around);
+  } catch (const Interrupted&) {  // before the first step
+    PyErr_SetNone(PyExc_KeyboardInterrupt);
+    throw py::error_already_set();
   }
   py::dict stats, out;
   stats["steps"] = r.stats.steps;

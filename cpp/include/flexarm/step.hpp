@@ -36,6 +36,8 @@ class Step {
   /// The state c h after the last step's beginning, 0 <= c <= 1, but for what is prescribed.
   virtual void inside(double, Eigen::VectorXd&, Eigen::VectorXd&) const {}
   const Counts& counts() const { return counts_; }
+  /// What to do where the motion ran away, as the end of a sentence.
+  virtual const char* remedy() const { return "take a smaller step, or look for what drives it"; }
 
  protected:
   Counts counts_;
@@ -105,6 +107,9 @@ class Rk4Step final : public Step {
   }
   Status start(Workspace&, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&) override {
     return Status::ok;
+  }
+  const char* remedy() const override {
+    return "take a smaller step (rk4 is stable below 2.83 over the highest frequency), or an implicit method";
   }
   Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                  const Given& given) override;
