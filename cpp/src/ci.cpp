@@ -11,15 +11,15 @@ void take_composite(const Arm& arm, Workspace& ws) {
   ws.factor.compute(ws.M_free);
 }
 
-void composite_inertias(const Arm& arm, Workspace& ws) {
+void composite_inertias(const Arm& arm, Workspace& ws, bool have_masses) {
   for (std::size_t n = arm.size(); n-- > 0;) {
-    arm.link(n).mass_matrix(ws.links[n]);
+    if (!have_masses) arm.link(n).mass_matrix(ws.links[n]);
     if (n + 1 < arm.size()) carry_inertia(ws.links[n + 1], ws.links[n + 1].M.topLeftCorner<6, 6>(), ws.links[n]);
   }
 }
 
-void composite_mass_matrix(const Arm& arm, Workspace& ws) {
-  composite_inertias(arm, ws);
+void composite_mass_matrix(const Arm& arm, Workspace& ws, bool have_masses) {
+  composite_inertias(arm, ws, have_masses);
   ws.M.setZero(arm.nv(), arm.nv());
   for (std::size_t n = arm.size(); n-- > 0;) {
     const Link& link = arm.link(n);
@@ -51,8 +51,8 @@ Status forward_dynamics_ci(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
                            const Eigen::VectorXd& tau) {
   // tau - H^T Phi^T (M Phi N + N) of Eq. 90: inverse dynamics with the free accelerations at zero
   for (int i : ws.free) ws.a[i] = 0.0;
-  inverse_dynamics<double>(arm, ws, q, v, ws.a);
-  composite_mass_matrix(arm, ws);
+  inverse_dynamics<double>(arm, ws, q, v, ws.a, true);
+  composite_mass_matrix(arm, ws, true);
   const Eigen::Index n = static_cast<Eigen::Index>(ws.free.size());
   ws.M_free.resize(n, n);
   for (Eigen::Index k = 0; k < n; ++k) {
