@@ -68,8 +68,13 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
     for (Eigen::Index k = 0; k < b.D.rows(); ++k) {
       const int i = first_[n] + static_cast<int>(k);
       const Eigen::Index elastic = k - links_[n].nj();
-      const double whole = elastic < 0 ? s.H.col(k).dot(s.M.topLeftCorner<6, 6>() * s.H.col(k))  // diagonal of M
-                                       : s.M(6 + elastic, 6 + elastic);
+      double whole = 0.0;  // diagonal of M
+      if (elastic >= 0)
+        whole = s.M(6 + elastic, 6 + elastic);
+      else
+        whole = s.H.col(k).dot(s.M.topLeftCorner<6, 6>() * s.H.col(k));
+      if (elastic < 0 && links_[n].joint().passive())
+        whole += links_[n].joint().forces()[static_cast<std::size_t>(k)].reflected_inertia;
       const double left = b.factor.info() == Eigen::Success ? std::pow(b.factor.matrixLLT()(k, k), 2) : b.D(k, k);
       if (!(whole > 0.0) || !(left > 1e-14 * whole))
         bad_value("inertia of coordinate '" + coordinates()[i] + "'", left,
