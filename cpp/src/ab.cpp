@@ -68,10 +68,9 @@ Status eliminate(const Arm& arm, Workspace& ws, const Eigen::VectorXd& tau) {
     ArticulatedLink& b = ws.articulated[n];
     const int j = arm.first(n), e = j + link.nj(), ne = link.ne();
     const int nf = static_cast<int>(b.free.size());
-    link.mass_matrix(s);
+    link.mass_matrix_and_force<double>(s, Vec6<double>::Zero(), nullptr, b.N, b.Ne);
     articulate(arm, ws, n);
     if (!factor(b)) return Status::singular;
-    link.inertial_force<double>(s, Vec6<double>::Zero(), nullptr, b.N, b.Ne);
     if (!ws.loads.empty()) subtract_loads(arm, ws, n, b.N, b.Ne);
     if (link.beam()) {
       b.Ne.noalias() += link.beam()->stiffness() * s.qe;
@@ -143,14 +142,14 @@ Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
 }
 
 Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                      const Shift& shift) {
+                      const Shift& shift, bool have_masses) {
   ws.twice_kinetic = 0.0;
   for (std::size_t n = arm.size(); n-- > 0;) {
     const Link& link = arm.link(n);
     LinkState<double>& s = ws.links[n];
     ArticulatedLink& b = ws.articulated[n];
     const Eigen::Index ne = link.ne();
-    link.mass_matrix(s);
+    if (!have_masses) link.mass_matrix(s);
     ws.twice_kinetic += twice_kinetic(s);
     articulate(arm, ws, n);
     if (link.joint().passive())

@@ -289,17 +289,19 @@ void Beam::build_slices(const Profile& profile) {
   stations.push_back(length_);
   std::vector<SliceTable> all = tables(stations);
   mass_ = masses.weights.sum();
+  std::vector<MassSlice> slices;
   for (int g = 0; g < n; ++g) {
     const Section section = profile.section.at(masses.points[g]);
     Eigen::Vector3d inertia = Eigen::Vector3d::Zero();
     if (options_.rotary_inertia && mass_ > 0.0)
       inertia = masses.weights[g] / profile.mass(section) * profile.rotary(section);
-    slices_.push_back({all[g], masses.weights[g], inertia});
+    slices.push_back({all[g], masses.weights[g], inertia});
   }
+  slices_ = std::make_shared<const std::vector<MassSlice>>(std::move(slices));
   tip_ = all[n];
-  if (options_.order > 2) {
-    series_.emplace(options_.order, plane_, tables({rule_.points.data(), rule_.points.data() + n}));
-  }
+  if (options_.order > 2)
+    series_ = std::make_shared<const SeriesTables>(options_.order, plane_,
+                                                   tables({rule_.points.data(), rule_.points.data() + n}));
 }
 
 void Beam::build_stiffness(const Profile& profile) {
@@ -321,7 +323,7 @@ void Beam::build_stiffness(const Profile& profile) {
   damping_ = options_.kelvin_voigt * stiffness_;
   if (options_.damping_ratio > 0.0 && ne_ > 0) {
     MatrixXd M = MatrixXd::Zero(ne_, ne_);
-    for (const MassSlice& s : slices_) {
+    for (const MassSlice& s : *slices_) {
       const auto Jx = s.table.linear.topRows<3>(), Jt = s.table.linear.bottomRows<3>();
       M += s.mass * Jx.transpose() * Jx + Jt.transpose() * s.inertia.asDiagonal() * Jt;
     }

@@ -225,7 +225,7 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
   out.rubs = true;
   Eigen::VectorXd q = q0, v = v0;
   const Contact* switched = nullptr;
-  for (int at_once = 0; at_once < kMostAtOnce;) {
+  for (int at_once = 0; at_once < kMostAtOnce;) try {
     const double now = out.reached;
     sliding.sample(now, q, v);
     sliding.settle(now, q, v, switched);
@@ -251,6 +251,9 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
     }
     ++out.stats.switches;
     at_once = out.reached > now + instant ? 0 : at_once + 1;
+  } catch (const Interrupted&) {
+    out.failure = kInterrupted;
+    return out;
   }
   out.failure = "the friction of joint coordinate '" + arm.coordinates()[switched->coordinate] +
                 "' switches without end: no state of sticking and sliding satisfies it";

@@ -13,10 +13,21 @@ using namespace flexarm;
 
 namespace {
 
+/// Calls what the user gave; Ctrl-C meanwhile ends the run, with what is done.
+template <class... Args>
+py::object call(const py::object& law, Args&&... args) {
+  try {
+    return law(std::forward<Args>(args)...);
+  } catch (const py::error_already_set& e) {
+    if (e.matches(PyExc_KeyboardInterrupt)) throw Interrupted();
+    throw;
+  }
+}
+
 /// What a callable answers at time t, as T.
 template <class T>
 T answer(const py::object& law, const char* name, double t, const char* right) {
-  const py::object value = law(t);
+  const py::object value = call(law, t);
   try {
     return value.cast<T>();
   } catch (const py::cast_error&) {
@@ -82,7 +93,7 @@ Event make_event(std::size_t k, const py::object& law, int terminal, int directi
   const std::string name = "events[" + std::to_string(k) + "]";
   const auto value = [shared, name](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
     py::gil_scoped_acquire hold;
-    const py::object g = (*shared)(t, q, v);
+    const py::object g = call(*shared, t, q, v);
     try {
       return g.cast<double>();
     } catch (const py::cast_error&) {
@@ -138,15 +149,15 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
       continue;
     }
     const auto shared = std::make_shared<py::object>(law);
-    const auto call = [shared, nv](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+    const auto ask = [shared, nv](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                    const Eigen::VectorXd& a) {
       py::gil_scoped_acquire hold;
-      const auto force = (*shared)(t, q, v, a).cast<Eigen::VectorXd>();
+      const auto force = call(*shared, t, q, v, a).cast<Eigen::VectorXd>();
       if (force.size() != nv || !force.allFinite())
         bad_value("control at t = " + std::to_string(t), "nan, inf or a wrong length", "must give finite numbers");
       return force;
     };
-    samplers.push_back({first, period, delay, by_acceleration, call});
+    samplers.push_back({first, period, delay, by_acceleration, ask});
   }
   return Control(std::move(laws), std::move(samplers), nv);
 }
@@ -188,11 +199,17 @@ py::dict run(const Given& given, const Integrate& integrate) {
       PyErr_Clear();  // the caller raises it again, with the result so far
       return false;
     }
-    if (alive) alive(now);
+    if (!alive) return true;
+    try {
+      alive(now);
+    } catch (const py::error_already_set& e) {
+      if (!e.matches(PyExc_KeyboardInterrupt)) throw;
+      return false;
+    }
     return true;
   };
   Trajectory r;
-  {
+  try {
     py::gil_scoped_release release;
     r = simulate_with_friction(
         given.arm, laws, given.t, given.q0, given.v0, given.tau, wrenches, watched, given.composite,
@@ -200,6 +217,9 @@ py::dict run(const Given& given, const Integrate& integrate) {
           return integrate(drives, t, q, v, tau, look_around, wrenches, events, control);
         },
         &control);
+  } catch (const Interrupted&) {  // before the first step
+    PyErr_SetNone(PyExc_KeyboardInterrupt);
+    throw py::error_already_set();
   }
   py::dict stats, out;
   stats["steps"] = r.stats.steps;

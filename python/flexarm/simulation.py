@@ -21,7 +21,7 @@ from .validity import out_of_range
 
 INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
 LINEAR_SOLVERS = ("auto", "dense", "chain")
-_RTOL = {"ida": 1e-6, "implicit": 1e-9, "gauss": 1e-12, "rk4": 1e-6}
+_RTOL = {"ida": 1e-6, "implicit": 1e-10, "gauss": 1e-12, "rk4": 1e-6}
 #: The integrator that an option belongs to.
 OPTION_OF = {"max_order": "ida", "linear_solver": "ida", "spectral_radius": "implicit", "stages": "gauss"}
 
@@ -132,7 +132,7 @@ def simulate(
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative (1e-6 if None) and absolute (in its unit).
             Of "gauss" and "implicit", rtol alone is how far the equations of a step are solved, as a part of the
             motion, in the norm of kinetic energy (if None 1e-12, where coordinates of very small inertia are known to
-            about 1e-8, and 1e-9); a tolerance near the error that the step leaves saves a third of the time.
+            about 1e-8, and 1e-10); a tolerance near the error that the step leaves saves a third of the time.
         max_order: of IDA's backward differentiation formulas, 1 to 5 (if None). 5 needs the fewest steps wherever
             what moves must be followed (bench/ida_order.py: 4 to 8 times fewer than 2 at rtol 1e-6, 100 times closer or
             more); 2 needs fewer, 3 times at rtol 1e-5, where fast undamped modes are present but quiet and the

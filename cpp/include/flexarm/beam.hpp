@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <memory>
 #include <vector>
 
 #include "flexarm/quadrature.hpp"
@@ -41,7 +42,7 @@ struct BeamOptions {
   int gauss_points = 0;        ///< 0: enough for the basis, see `enough_gauss_points`
 };
 
-/// Beam along x, clamped to its link's hub at X = 0. Immutable.
+/// Beam along x, clamped to its link's hub at X = 0. Immutable; copies share their tables.
 class Beam {
  public:
   /// @throws std::invalid_argument naming the field and the value
@@ -59,10 +60,10 @@ class Beam {
   const Eigen::MatrixXd& stiffness() const { return stiffness_; }  ///< Eq. 62, ne x ne
   const Eigen::MatrixXd& damping() const { return damping_; }      ///< ne x ne
   /// Beyond order 2, what the series needs; else null.
-  const SeriesTables* series() const { return series_ ? &*series_ : nullptr; }
+  const SeriesTables* series() const { return series_.get(); }
   const ShapeSet& shapes(int strain) const { return shapes_[strain]; }
   bool damped() const { return options_.damping_ratio > 0.0 || options_.kelvin_voigt > 0.0; }
-  const std::vector<MassSlice>& slices() const { return slices_; }
+  const std::vector<MassSlice>& slices() const { return *slices_; }
   const SliceTable& tip() const { return tip_; }  ///< the slice at X = L
 
   /// The slice at any X in [0, L]. @throws std::invalid_argument outside
@@ -84,9 +85,10 @@ class Beam {
   std::array<int, kStrains> first_{};
   double mass_ = 0.0;
   Eigen::MatrixXd stiffness_, damping_;
-  std::vector<MassSlice> slices_;
   SliceTable tip_;
-  std::optional<SeriesTables> series_;
+  // what is large is shared by copies: a chain of equal beams reads one table, which stays in the processor's cache
+  std::shared_ptr<const std::vector<MassSlice>> slices_;
+  std::shared_ptr<const SeriesTables> series_;
   GaussRule rule_{1};  ///< of the series' points, and of the slices of a uniform beam
 };
 
