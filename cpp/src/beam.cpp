@@ -128,7 +128,7 @@ int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& sha
 
 }  // namespace
 
-int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length) {
+int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, double part) {
   for (const Eigen::MatrixXd& given : o.shapes)
     if (given.size() > 0) return gauss_points_by_trial(o, shapes, length);
   const int bending = std::max(o.modes[bending_y], o.modes[bending_z]);
@@ -146,7 +146,7 @@ int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shape
   // length. n points integrate cos(k X/L) to (e k / 8n)^2n.
   const double beta = 3.14159265358979323846 * std::max(bending - 0.5, simple - 0.5);
   const int products = o.order == 1 && o.rotary_inertia ? 2 : std::clamp(o.order, 1, 3);
-  const double k = 2.0 * products * std::max(beta, 1.9);
+  const double k = 2.0 * products * std::max(beta, 1.9) * part;
   int n = 4;
   while (2.0 * n * std::log(std::exp(1.0) * k / (8.0 * n)) > std::log(1e-12)) ++n;
   return n;
@@ -235,13 +235,16 @@ MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, i
 
 }  // namespace
 
-Beam::Beam(double length, const Section& section, const Material& material, const BeamOptions& options)
-    : Beam(length, Profile{{[section](double) { return section; }, {}}, material, true}, material, options) {}
+Beam::Beam(double length, const Section& section, const Material& material, const BeamOptions& options,
+           const std::vector<Patch>& patches)
+    : Beam(length, Profile{{[section](double) { return section; }, {}}, material, true}, material, options, patches) {}
 
-Beam::Beam(double length, const SectionProfile& section, const Material& material, const BeamOptions& options)
-    : Beam(length, Profile{section, material, false}, material, options) {}
+Beam::Beam(double length, const SectionProfile& section, const Material& material, const BeamOptions& options,
+           const std::vector<Patch>& patches)
+    : Beam(length, Profile{section, material, false}, material, options, patches) {}
 
-Beam::Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options)
+Beam::Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options,
+           const std::vector<Patch>& patches)
     : length_(positive("length", length)), options_(options) {
   double from = 0.0;
   for (double b : profile.section.breaks) {
@@ -266,7 +269,14 @@ Beam::Beam(double length, const Profile& profile, const Material& material, cons
   const bool y = m[bending_y] + m[shear_y] > 0, z = m[bending_z] + m[shear_z] > 0;
   if (m[torsion] == 0 && y != z) plane_ = y ? Plane::xy : Plane::xz;
   build_slices(profile);
-  build_stiffness(profile);
+  patch_forces_.resize(ne_, static_cast<Eigen::Index>(patches.size()));
+  patch_capacitances_.resize(patch_forces_.cols());
+  for (Eigen::Index k = 0; k < patch_forces_.cols(); ++k) {
+    const Patch& p = patches[static_cast<std::size_t>(k)];
+    patch_forces_.col(k) = patch_force(p, &patch_capacitances_[k]);
+    if (p.mass) add_patch_slices(p);
+  }
+  build_stiffness(profile, patches);
 }
 
 void Beam::build_slices(const Profile& profile) {
@@ -302,7 +312,7 @@ void Beam::build_slices(const Profile& profile) {
   }
 }
 
-void Beam::build_stiffness(const Profile& profile) {
+void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& patches) {
   // Elastic forces (Eq. 62) and, for modal damping, the mass of the clamped beam at rest.
   stiffness_ = damping_ = MatrixXd::Zero(ne_, ne_);
   int most = *std::max_element(options_.modes.begin(), options_.modes.end());
@@ -318,6 +328,8 @@ void Beam::build_stiffness(const Profile& profile) {
           fine.weights[g] * profile.rigidity(s, section) * e * e.transpose();
     }
   }
+  for (const Patch& p : patches)
+    if (p.stiffness) stiffness_ += patch_stiffness(p);
   damping_ = options_.kelvin_voigt * stiffness_;
   if (options_.damping_ratio > 0.0 && ne_ > 0) {
     MatrixXd M = MatrixXd::Zero(ne_, ne_);
@@ -358,14 +370,13 @@ std::vector<SliceTable> Beam::tables(const std::vector<double>& stations) const 
     t.X = X;
     t.plane = plane_;
     t.linear = MatrixXd::Zero(6, ne_);
-    t.strains = MatrixXd::Zero(5, ne_);
+    t.strains = strains_at(X);
     const std::array<ShapeValues, kStrains> s = shapes_at(X);
     for (int i = 0; i < kStrains; ++i) {
       const StrainField& f = kStrainFields[i];
       const auto columns = [&](auto& m, int row) { return m.block(row, first_[i], 1, n[i]); };
       if (f.position >= 0) columns(t.linear, f.position) = (f.bending ? s[i].deflection : s[i].slope).transpose();
       if (f.rotation >= 0) columns(t.linear, 3 + f.rotation) = f.sign * s[i].slope.transpose();
-      columns(t.strains, f.strain) = f.sign * s[i].strain.transpose();
     }
     if (options_.order == 2) t.products = second_order(integrals, first_);
     if (options_.order > 2) t.weights = integral_weights(rule_, length_, X);

@@ -23,8 +23,8 @@ T answer(const py::object& law, const char* name, double t, const char* right) {
 }
 
 /// A drive from Python: a piecewise polynomial, or a callable t -> force, t -> (q, v, a).
-Drive make_drive(int coordinate, bool is_motion, const py::object& law) {
-  Drive d{coordinate, {}, {}, {}};
+Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Eigen::VectorXd& column) {
+  Drive d{coordinate, {}, {}, {}, column};
   if (py::isinstance<PiecewisePolynomial>(law)) {
     const auto p = law.cast<PiecewisePolynomial>();
     d.breaks = p.breaks();
@@ -42,10 +42,11 @@ Drive make_drive(int coordinate, bool is_motion, const py::object& law) {
       return MotionValue{m[0], m[1], m[2]};
     };
   } else {
-    d.force = [shared](double t) {
+    const std::string name = column.size() > 0 ? "Voltage" : "Torque";
+    d.force = [shared, name](double t) {
       py::gil_scoped_acquire hold;
-      const double f = answer<double>(*shared, "Torque", t, "must give one number");
-      if (!std::isfinite(f)) bad_value("Torque at t", t, "gave nan or inf; it must be finite");
+      const double f = answer<double>(*shared, name.c_str(), t, "must give one number");
+      if (!std::isfinite(f)) bad_value(name + " at t", t, "gave nan or inf; it must be finite");
       return f;
     };
   }
@@ -108,8 +109,8 @@ py::list event_rows(const Trajectory& r) {
   return out;
 }
 
-/// (coordinate, is a motion, law) of each drive, and (place, law) of each load.
-using Laws = std::vector<std::tuple<int, bool, py::object>>;
+/// (coordinate, is a motion, law, column or none) of each drive, and (place, law) of each load.
+using Laws = std::vector<std::tuple<int, bool, py::object, Eigen::VectorXd>>;
 using LoadLaws = std::vector<std::pair<Load, py::object>>;
 
 /// Runs integrate(drives, loads, events, alive) -> Trajectory without the interpreter's lock, looking around ten times
@@ -118,7 +119,8 @@ template <class Integrate>
 py::dict run(const Laws& drives, const LoadLaws& loads, const EventLaws& events,
              const std::function<void(double)>& alive, const Integrate& integrate) {
   std::vector<Drive> laws;
-  for (const auto& [coordinate, is_motion, law] : drives) laws.push_back(make_drive(coordinate, is_motion, law));
+  for (const auto& [coordinate, is_motion, law, column] : drives)
+    laws.push_back(make_drive(coordinate, is_motion, law, column));
   std::vector<LoadDrive> wrenches;
   for (const auto& [load, law] : loads) wrenches.push_back(make_load(load, law));
   std::vector<Event> watched;

@@ -25,6 +25,8 @@ from .link import Link
 from .load import Load
 from .modal import Modes, ModeShapes
 from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody, Taper
+from .patch import Patch, Piezo, Voltage
+from .placement import PatchPlacement, placement
 from .result import Result
 from .scene import Scene, load
 from .simulation import SimulationError, SimulationInterrupted, simulate
@@ -49,6 +51,9 @@ __all__ = [
     "ModeShapes",
     "Modes",
     "Motion",
+    "Patch",
+    "PatchPlacement",
+    "Piezo",
     "Placement",
     "Planar",
     "Prismatic",
@@ -64,8 +69,10 @@ __all__ = [
     "Taper",
     "Torque",
     "Universal",
+    "Voltage",
     "__version__",
     "chart",
     "load",
+    "placement",
     "simulate",
 ]
