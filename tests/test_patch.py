@@ -29,13 +29,7 @@ def strip(*patches, modes=None, joint=None, length=L, **beam) -> fa.Arm:
 
 def split(patch: fa.Patch, n: int = 8, **beam) -> fa.Arm:
     """The strip in three beams, so that no shape function has to follow a jump of the curvature."""
-    ends = (0.0, patch.start, patch.end, L)
-    whole = replace(patch, start=0.0, end=patch.end - patch.start)
-    parts = [
-        strip(*([whole] if k == 1 else []), length=ends[k + 1] - ends[k], modes={"bending_y": n}, **beam).links[0]
-        for k in range(3)
-    ]
-    return fa.Arm(parts)
+    return fa.Arm(fa.split(strip(patch, **beam).links[0], n))
 
 
 def clamped_free(k: int, x: np.ndarray, derivative: int) -> np.ndarray:
@@ -296,6 +290,32 @@ def test_energy_is_the_voltage_s_work(order) -> None:
     np.testing.assert_allclose(stored - stored[0], work, rtol=0, atol=1e-7 * stored.max())
 
 
+def test_split_is_the_same_link() -> None:
+    """Rigidly the same mass, place and force; elastically the limit of more and more shape functions."""
+    taper = fa.Taper([0, 0.05, L], [fa.Rectangle(2e-3, 0.03), fa.Rectangle(1.5e-3, 0.025), fa.Rectangle(1e-3, 0.02)])
+    ghosts = [replace(GHOST, profile=[1, 0.2, 0.8]), replace(GHOST, start=0.2, end=0.4, profile=np.cos)]
+    link = strip(*ghosts, section=taper, modes={"bending_y": 16}, rotary_inertia=False).links[0]
+    link = replace(link, joint=fa.Revolute("z"), hub=fa.RigidBody(0.1, end=(0.1, 0, 0)), tip=fa.RigidBody(0.02))
+    whole, parts = fa.Arm([link]), fa.Arm(fa.split(link, 5, places=[0.02, 0.05, 0.07, 0.2, 0.3, 0.4]))
+    assert parts.patches == [(1, 0), (2, 0), (4, 0), (5, 0)]
+    above = whole.modes().frequencies[1:4] / parts.modes().frequencies[1:4] - 1
+    assert (above > 0).all()
+    assert (above < 2e-4).all()
+    x, tip = np.linspace(0, L, 500001), 0.0
+    x = (x[1:] + x[:-1]) / 2
+    depth, width = (np.interp(x, [0, 0.05, L], sides) for sides in ([2e-3, 1.5e-3, 1e-3], [0.03, 0.025, 0.02]))
+    for V, a, b, share in ((1.0, 0.02, 0.07, np.interp(x, [0.02, 0.045, 0.07], [1, 0.2, 0.8])),
+                           (-2.0, 0.2, 0.4, np.cos(x))):  # fmt: skip
+        curvature = V * E * -D31 * B * (depth + T) * share / (209e9 * width * depth**3 / 12)
+        tip += ((x > a) & (x < b)) * curvature @ (L - x) * L / len(x)
+    q = parts.equilibrium(lock=[0], voltages=[1.0, 1.0, -2.0, -2.0])
+    assert parts.frame(q)[0][1] == pytest.approx(tip, rel=2e-6)
+    assert [k.joint.nv for k in parts.links] == [1] + 6 * [0]
+    assert sum(k.mass for k in parts.links) == pytest.approx(link.mass, rel=1e-12)
+    assert [k.hub is None for k in parts.links] == [False] + 6 * [True]
+    assert len(fa.split(strip().links[0])) == 1
+
+
 # -- drives, sensors, linear models ----------------------------------------------------------------------------------
 
 
@@ -505,6 +525,9 @@ BAD = [
     (lambda: fa.placement(paper_link(), patch=PAIR, weights=[1, 1]), r"weights has shape \(2,\): must be 3 numbers"),
     (lambda: fa.placement(paper_link(), patch=PAIR, modes=4), r"modes = 4: the arm has 3 that bend this beam"),
     (lambda: fa.placement(paper_link(), patch=replace(PAIR, face="z", width=1e-3)), r"face 'z' .* moves none"),
+    (lambda: fa.split(strip(PAIR, damping_ratio=0.1).links[0]), r"damping_ratio = 0.1: is of the whole beam's modes"),
+    (lambda: fa.split(strip(PAIR).links[0], places=[0.7]), r"places = \[0.7\]: must be a list of places from 0 to"),
+    (lambda: fa.split(fa.Link(fa.Fixed())), r"link = .*must be a Link with a beam"),
     (lambda: fa.placement(paper_link(), patch="pzt"), r"patch = 'pzt': must be a Patch"),
 ]  # fmt: skip
 

@@ -30,6 +30,7 @@ from .placement import PatchPlacement, placement
 from .result import Result
 from .scene import Scene, load
 from .simulation import SimulationError, SimulationInterrupted, simulate
+from .split import split
 from .validity import RangeWarning
 
 __all__ = [
@@ -75,4 +76,5 @@ __all__ = [
     "load",
     "placement",
     "simulate",
+    "split",
 ]
