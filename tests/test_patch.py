@@ -1,5 +1,6 @@
 """Piezo patches, against numbers made without them: published ones, closed forms, other series, a transfer matrix."""
 
+import json
 import pickle
 from dataclasses import replace
 
@@ -7,6 +8,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, close, paper_link
+from flexarm.cli import main
 from numpy.polynomial import legendre
 from scipy.linalg import expm
 from scipy.optimize import brentq
@@ -470,6 +472,22 @@ def test_scene_file_and_copies(tmp_path) -> None:
     curved = replace(GHOST, profile=np.cos)
     assert pickle.loads(pickle.dumps(curved)) == curved
     assert curved.share(0.05) == pytest.approx(np.cos(0.05), rel=1e-13)
+
+
+def test_place_on_the_command_line(tmp_path, capsys) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    assert main(["place", str(path), "-o", str(tmp_path / "out"), "-n", "1"]) == 0
+    assert "best place: from 0 to 0.05 m" in capsys.readouterr().out
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {f"placement.{end}" for end in ("txt", "csv", "png")}
+    weights = ["--weight", "0", "--weight", "1"]
+    assert main(["place", str(path), "-o", str(tmp_path / "out"), "-n", "2", *weights, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    bare = strip(modes={"bending_y": 2}, basis="clamped-free", joint=fa.Revolute("z"))
+    patch = fa.load(path).arm.links[0].beam.patches[0]
+    assert found["best"] == pytest.approx(fa.placement(bare, patch=patch, modes=2, weights=[0, 1]).best, abs=1e-8)
+    assert main(["place", "ist"]) == 2
+    assert "link = 0: has no patches" in capsys.readouterr().err
 
 
 def bad(**change) -> fa.Arm:
