@@ -428,6 +428,23 @@ def test_placement_of_a_free_arm_and_of_a_profile() -> None:
     )
 
 
+def test_ab_and_ci_agree_in_space() -> None:
+    rng = np.random.default_rng(3)
+    strains = {"bending_y": 2, "bending_z": 2, "torsion": 1, "shear_y": 1, "shear_z": 1}
+    patch = replace(PAIR, face="+y", angle=0.5, material=FIBRE)
+    for order in (1, 2, 3, "exact"):
+        link = strip(patch, replace(patch, start=0.2, end=0.3, width=8e-4, face="z"), modes=strains, order=order).links[
+            0
+        ]
+        arm = fa.Arm([replace(link, joint=fa.Spherical()), replace(link, joint=fa.Revolute("y"))], (0, 0, -9.81))
+        q = arm.zero + 0.01 * rng.normal(size=arm.nq)
+        v, tau = 0.1 * rng.normal(size=arm.nv), arm.patch_matrix @ [50.0, -20.0, 10.0, 5.0]
+        a = arm.forward_dynamics(q, v, tau)
+        np.testing.assert_allclose(arm.forward_dynamics(q, v, tau, method="ci"), a, rtol=0, atol=1e-8 * np.abs(a).max())
+        close(arm.inverse_dynamics(q, v, a), tau, 1e-11 * np.abs(arm.bias(q, v)).max())
+        assert arm.patches == [(0, 0), (0, 1), (1, 0), (1, 1)]
+
+
 # -- scenes, pickling, errors ----------------------------------------------------------------------------------------
 
 SCENE = """

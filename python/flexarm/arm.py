@@ -44,6 +44,7 @@ class Arm:
         self.nv: int = self._core.nv
         self.coordinates: tuple[str, ...] = tuple(self._core.coordinates)
         self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
+        self.patch_matrix.flags.writeable = False
         self.patches: list[tuple[int, int]] = _patch.patch_list(self)  #: (link, patch) of each of its columns
 
     @staticmethod
