@@ -28,6 +28,8 @@ void articulate(const Arm& arm, Workspace& ws, std::size_t n) {
   b.U.rightCols(ne) = s.M.topRightCorner(6, ne);
   for (int k = 0; k < nf; ++k)
     for (int i = 0; i < nf + ne; ++i) b.D(i, k) = b.D(k, i) = s.H.col(b.free[k]).dot(b.U.col(i));
+  if (link.joint().passive())
+    for (int k = 0; k < nf; ++k) b.D(k, k) += link.joint().forces()[b.free[k]].reflected_inertia;
   b.D.bottomRightCorner(ne, ne) = s.M.bottomRightCorner(ne, ne);
 }
 
@@ -149,6 +151,8 @@ Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, c
     articulate(arm, ws, n);
     if (link.joint().passive())
       for (std::size_t k = 0; k < b.free.size(); ++k) {
+        const double rate = v[arm.first(n) + b.free[k]];
+        ws.twice_kinetic += link.joint().forces()[b.free[k]].reflected_inertia * rate * rate;
         const auto [by_q, by_v] =
             link.joint().resistance_slopes(b.free[k], q.data() + arm.first_q(n), v.data() + arm.first(n));
         b.D(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(k)) +=

@@ -20,6 +20,8 @@ void composite_mass_matrix(const Arm& arm, Workspace& ws) {
     ws.M.block(j, j, nj, n_own).noalias() = s.H.transpose() * F;
     for (int k = 0; k < nj; ++k)
       for (int i = 0; i < k; ++i) ws.M(j + i, j + k) = ws.M(j + k, j + i);
+    if (link.joint().passive())
+      for (int k = 0; k < nj; ++k) ws.M(j + k, j + k) += link.joint().forces()[k].reflected_inertia;
     ws.M.block(e, j, ne, nj) = ws.M.block(j, e, nj, ne).transpose();
     ws.M.block(e, e, ne, ne) = s.M.bottomRightCorner(ne, ne);
     for (std::size_t m = n; m-- > 0;) {

@@ -173,7 +173,16 @@ void choose_solver(IdaSystem& s, LinearSolver wanted) {
 void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::vector<Event>& events, Trajectory& out) {
   StepEvents seen(s, events, out);
   seen.start(t[0]);
+  bool functions = false;
+  const std::vector<double> samples = sample_times(s.drives, s.loads, t, functions);
+  std::size_t next = 0;
   for (Eigen::Index k = 1; k < t.size(); ++k) {
+    for (; next < samples.size() && samples[next] < t[k]; ++next) {  // events between the samples of drives
+      if (samples[next] <= out.reached) continue;
+      s.drive(samples[next]);
+      if (seen.look(samples[next])) return;
+      out.reached = samples[next];
+    }
     s.drive(t[k]);
     if (seen.look(t[k]) && out.reached < t[k]) return;
     out.reached = t[k];

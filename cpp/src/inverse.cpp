@@ -33,6 +33,8 @@ void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a) {
       for (Eigen::Index k = 0; k < link.ne(); ++k) s.Fe[k] += above.phi_e.col(k).dot(above.F);
     }
     for (Eigen::Index k = 0; k < s.H.cols(); ++k) ws.tau[j + k] = s.H.col(k).dot(s.F) + s.resistance[k];
+    if (link.joint().passive())
+      for (int k = 0; k < link.nj(); ++k) ws.tau[j + k] += link.joint().forces()[k].reflected_inertia * a[j + k];
     ws.tau.segment(e, link.ne()) = s.Fe;
   }
 }

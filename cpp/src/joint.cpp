@@ -101,6 +101,10 @@ Joint::Joint(std::vector<ElementaryMotion> motions, bool ball, std::vector<std::
     non_negative("damping" + at, f.damping);
     non_negative("limit_stiffness" + at, f.limit_stiffness);
     non_negative("limit_damping" + at, f.limit_damping);
+    non_negative("coulomb" + at, f.coulomb);
+    non_negative("reflected_inertia" + at, f.reflected_inertia);
+    if (!(f.stiction >= f.coulomb && std::isfinite(f.stiction)))
+      bad_value("stiction" + at, f.stiction, "must be finite, and at least coulomb");
     if (!std::isfinite(f.rest)) bad_value("rest" + at, f.rest, "must be finite");
     if (!(f.lower < f.upper)) bad_value("lower" + at, f.lower, "must be below upper");
     const bool stops = std::isfinite(f.lower) || std::isfinite(f.upper);
@@ -117,6 +121,8 @@ void Joint::check_ball_forces() const {
   for (std::size_t i = motions_.size(); i < forces_.size(); ++i) {
     const JointForce& f = forces_[i];
     const std::string at = "[" + std::to_string(i) + "]";
+    if (f.stiction > 0.0)
+      bad_value("coulomb" + at, f.coulomb, "a ball has no dry friction; use three rotations (Axes)");
     if (f.rest != 0.0)
       bad_value("rest" + at, f.rest, "a ball's spring is at rest where it is not turned; use outboard");
     if (std::isfinite(f.lower) && f.lower != -f.upper)

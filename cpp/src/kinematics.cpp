@@ -1,5 +1,7 @@
 #include "flexarm/kinematics.hpp"
 
+#include <cmath>
+
 namespace flexarm {
 
 template <class S>
@@ -211,6 +213,9 @@ Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eig
     Eigen::VectorXd nu(6 + link.ne());
     nu << s.V, s.dqe;
     e.kinetic += 0.5 * nu.dot(s.M * nu);
+    if (link.joint().passive())
+      for (int k = 0; k < link.nj(); ++k)
+        e.kinetic += 0.5 * link.joint().forces()[k].reflected_inertia * std::pow(v[arm.first(n) + k], 2);
     e.potential += link.joint().potential(q.data() + arm.first_q(n));
     if (link.beam()) e.potential += 0.5 * s.qe.dot(link.beam()->stiffness() * s.qe);
     const Pose<double> pose = link_pose<double>(ws, n);

@@ -118,12 +118,15 @@ void bind_model(py::module_& m) {
            py::arg("mass"), py::arg("com"), py::arg("inertia"), py::arg("end"));
 
   py::class_<JointForce>(m, "JointForce")
-      .def(py::init([](double stiffness, double rest, double damping, double lower, double upper,
-                       double limit_stiffness, double limit_damping) {
-             return JointForce{stiffness, rest, damping, lower, upper, limit_stiffness, limit_damping};
-           }),
-           py::arg("stiffness"), py::arg("rest"), py::arg("damping"), py::arg("lower"), py::arg("upper"),
-           py::arg("limit_stiffness"), py::arg("limit_damping"));
+      .def(
+          py::init([](double stiffness, double rest, double damping, double lower, double upper, double limit_stiffness,
+                      double limit_damping, double coulomb, double stiction, double reflected_inertia) {
+            return JointForce{stiffness,       rest,          damping, lower,    upper,
+                              limit_stiffness, limit_damping, coulomb, stiction, reflected_inertia};
+          }),
+          py::arg("stiffness"), py::arg("rest"), py::arg("damping"), py::arg("lower"), py::arg("upper"),
+          py::arg("limit_stiffness"), py::arg("limit_damping"), py::arg("coulomb"), py::arg("stiction"),
+          py::arg("reflected_inertia"));
 
   py::class_<Joint>(m, "Joint")
       .def(py::init([](const std::vector<std::pair<bool, Eigen::Vector3d>>& motions, bool ball,

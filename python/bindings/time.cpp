@@ -4,6 +4,7 @@
 #include "bindings.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/collocation.hpp"
+#include "flexarm/friction.hpp"
 #include "flexarm/ida.hpp"
 #include "flexarm/simulate.hpp"
 
@@ -152,12 +153,14 @@ py::dict run(const Laws& drives, const LoadLaws& loads, const EventLaws& events,
   stats["newton_iterations"] = r.stats.newton_iterations;
   stats["linear_iterations"] = r.stats.linear_iterations;
   stats["failed_steps"] = r.stats.failed_steps;
+  if (r.friction.size() > 0) stats["switches"] = r.stats.switches;
   stats["wall_time"] = r.stats.wall_time;
   const auto head = [&](const Rows& x) { return Rows(x.topRows(r.done)); };
   out["q"] = head(r.q);
   out["v"] = head(r.v);
   out["a"] = head(r.a);
   out["tau"] = head(r.tau);
+  out["friction"] = r.friction.size() > 0 ? py::cast(head(r.friction)) : py::none();
   out["reached"] = r.reached;
   out["failure"] = r.failure;
   out["terminated"] = r.terminated;
@@ -202,7 +205,12 @@ void bind_time(py::module_& m) {
         const IdaOptions options{rtol, atol, max_order, composite, solver};
         return run(drives, loads, events, alive, [&](const auto& laws, const auto&... rest) {
           const auto& [wrenches, watched, look_around] = std::tie(rest...);
-          return simulate_ida(arm, laws, t, q0, v0, tau, options, look_around, wrenches, watched);
+          return simulate_with_friction(arm, laws, t, q0, v0, tau, wrenches, watched, composite,
+                                        [&](const auto& drives_now, const auto& t_now, const auto& q, const auto& v,
+                                            const auto& forces, const auto& events_now) {
+                                          return simulate_ida(arm, drives_now, t_now, q, v, forces, options,
+                                                              look_around, wrenches, events_now);
+                                        });
         });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("rtol"),
@@ -224,7 +232,15 @@ void bind_time(py::module_& m) {
           method = std::make_unique<ImplicitStep>(arm, step, ImplicitOptions{spectral_radius, rtol});
         return run(drives, loads, events, alive, [&](const auto& laws, const auto&... rest) {
           const auto& [wrenches, watched, look_around] = std::tie(rest...);
-          return simulate_fixed(arm, laws, t, q0, v0, tau, *method, step, composite, look_around, wrenches, watched);
+          return simulate_with_friction(
+              arm, laws, t, q0, v0, tau, wrenches, watched, composite,
+              [&](const auto& drives_now, const auto& t_now, const auto& q, const auto& v, const auto& forces,
+                  const auto& events_now) {
+                // what is left after a switch may be shorter than a step
+                const double h = t_now[0] > t[0] ? std::min(step, t_now[t_now.size() - 1] - t_now[0]) : step;
+                return simulate_fixed(arm, drives_now, t_now, q, v, forces, *method, h, composite, look_around,
+                                      wrenches, events_now);
+              });
         });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"),

@@ -146,6 +146,9 @@ class JointForce:
         upper: float,
         limit_stiffness: float,
         limit_damping: float,
+        coulomb: float,
+        stiction: float,
+        reflected_inertia: float,
     ) -> None: ...
 
 class Joint:

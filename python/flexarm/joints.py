@@ -14,7 +14,8 @@ from ._part import _Part
 from .model import Vector, _numbers
 
 _UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-_FORCES = ("stiffness", "rest", "damping", "lower", "upper", "limit_stiffness", "limit_damping")
+_SPRINGS = ("stiffness", "rest", "damping", "lower", "upper", "limit_stiffness", "limit_damping")
+_FORCES = (*_SPRINGS, "coulomb", "stiction", "reflected_inertia")
 _Freedom = tuple[str, bool, Vector]  # label, whether a rotation, axis
 
 
@@ -64,6 +65,12 @@ class Joint(_Part):
         lower, upper: soft stops (m, rad), with `limit_stiffness` and, setting in over the first 1e-3 m or rad of
             penetration so that the force stays continuous, `limit_damping`. Of a ball, the spring pulls its whole turn
             back to none, `upper` is the largest angle of that turn (below pi), and both are alike about all axes.
+        coulomb: dry friction (N, N m): the force that opposes sliding, whatever its speed. It acts in `simulate`, where
+            a freedom that comes to rest sticks, exactly still, until more than `stiction` is needed to hold it; what
+            is computed for one instant (`forward_dynamics`, `inverse_dynamics`, `linearize`) leaves it out.
+        stiction: the most that holds a sticking freedom (N, N m), at least `coulomb`; None: as much as `coulomb`.
+        reflected_inertia: of the drive's rotor, as the joint feels it: gear ratio squared times rotor inertia (kg,
+            kg m²). The rotor's own gyroscopic moments are left out.
         inboard: where the joint sits on the link below, from that link's end.
         outboard: where the link's own frame sits, from the joint's moving side.
     """
@@ -75,6 +82,9 @@ class Joint(_Part):
     upper: Any = field(default=None, kw_only=True)
     limit_stiffness: Any = field(default=0.0, kw_only=True)
     limit_damping: Any = field(default=0.0, kw_only=True)
+    coulomb: Any = field(default=0.0, kw_only=True)
+    stiction: Any = field(default=None, kw_only=True)
+    reflected_inertia: Any = field(default=0.0, kw_only=True)
     inboard: Placement | None = field(default=None, kw_only=True)
     outboard: Placement | None = field(default=None, kw_only=True)
     #: one label and one unit ("rad" or "m") for each rate
@@ -90,6 +100,8 @@ class Joint(_Part):
 
     def _per_freedom(self, name: str, n: int) -> list[float]:
         value = getattr(self, name)
+        if value is None and name == "stiction":
+            return self._per_freedom("coulomb", n)
         if value is None:
             return [np.inf if name == "upper" else -np.inf] * n
         if np.ndim(value) == 0:

@@ -26,9 +26,11 @@ class Result:
         t: times (s), (nt,).
         q: coordinates, (nt, nq). v, a: rates and accelerations, (nt, nv).
         tau: generalised forces (N, N m), (nt, nv): those applied, and the reactions of prescribed motions.
+        friction: dry friction of the joints (N, N m), (nt, nv): what opposes sliding, or holds what sticks; None where
+            no joint has any.
         loads: the loads of the simulation; None when they were not kept (a file keeps none).
         stats: steps, evaluations, jacobians, newton_iterations, linear_iterations (of GMRES), failed_steps,
-            wall_time (s).
+            switches (of joints between sticking and sliding), wall_time (s).
         t_events, q_events, v_events: per event, the times (n,), coordinates (n, nq) and rates (n, nv) of its
             occurrences; None without events.
         status: 0: the last output time was reached, or the run failed; 1: a terminal event ended it.
@@ -46,6 +48,7 @@ class Result:
     q_events: list[Array] | None = None
     v_events: list[Array] | None = None
     status: int = 0
+    friction: Array | None = None
 
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no times"
@@ -95,14 +98,14 @@ class Result:
     def save(self, path: str | Path) -> None:
         """Writes everything, the arm included, to one file (.npz) that `Result.load` reads."""
         kept = None if self.loads is None else len(self.loads)
-        occurred = {
-            f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())
-        }
+        more = {f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())}
+        if self.friction is not None:
+            more["friction"] = self.friction
         about = {"arm": self.arm.to_dict(), "stats": self.stats, "loads": kept is None or kept, "status": self.status}
         about["events"] = None if self.t_events is None else len(self.t_events)
         with Path(path).open("wb") as f:  # an open file keeps its name; numpy would append .npz
             np.savez_compressed(
-                f, t=self.t, q=self.q, v=self.v, a=self.a, tau=self.tau, about=np.array(json.dumps(about)), **occurred
+                f, t=self.t, q=self.q, v=self.v, a=self.a, tau=self.tau, about=np.array(json.dumps(about)), **more
             )
 
     @staticmethod
@@ -111,7 +114,7 @@ class Result:
         try:
             with np.load(path, allow_pickle=False) as f:
                 about = json.loads(str(f["about"]))
-                arrays = {k: f[k] for k in ("t", "q", "v", "a", "tau")}
+                arrays = {k: f[k] for k in ("t", "q", "v", "a", "tau", "friction") if k in f or k != "friction"}
                 count = about.get("events")
                 events: dict[str, Any] = {
                     f"{name}_events": None if count is None else [f[f"{name}_events_{k}"] for k in range(count)]

@@ -146,6 +146,9 @@ def simulate(
         progress: shows a progress bar on stderr, where that is a terminal; or a callable, which is given the time
             reached (s) about ten times a second, and may raise to give the simulation up.
 
+    Joints with dry friction (`coulomb`, `stiction`) stick and slide: the times of switching are found as events are,
+    and the integrator begins anew behind them. What sticks is exactly still.
+
     No step passes over a sample of a drive, nor over an output time where a drive is a callable: a pulse of a callable
     that lies wholly between two output times can be missed.
 
@@ -243,7 +246,7 @@ def simulate(
         out = integrate()
     done = len(out["q"])
     result = Result(arm, times[:done], out["q"], out["v"], out["a"], out["tau"], out["stats"], tuple(loads or ()))
-    result.status = int(out["terminated"])
+    result.status, result.friction = int(out["terminated"]), out["friction"]
     if watched:
         result.t_events, result.q_events, result.v_events = (list(x) for x in zip(*out["events"], strict=True))
     if out["failure"] == "interrupted":

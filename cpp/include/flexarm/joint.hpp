@@ -40,6 +40,8 @@ struct JointForce {
   double stiffness = 0.0, rest = 0.0, damping = 0.0;
   double lower = -std::numeric_limits<double>::infinity(), upper = std::numeric_limits<double>::infinity();
   double limit_stiffness = 0.0, limit_damping = 0.0;
+  double coulomb = 0.0, stiction = 0.0;  ///< Coulomb friction (friction.hpp): sliding, and the most when sticking
+  double reflected_inertia = 0.0;        ///< of the rotor, seen at the joint: gear ratio squared times its own
 };
 
 class Joint {
@@ -79,6 +81,8 @@ class Joint {
   Eigen::VectorXd zero() const;
 
   bool passive() const { return !forces_.empty(); }
+  /// One for each rate, or none.
+  const std::vector<JointForce>& forces() const { return forces_; }
   /// Generalised force that opposes coordinate i of the joint (to be added to the bias).
   template <class S>
   S resistance(int i, const S* q, const S* v) const;

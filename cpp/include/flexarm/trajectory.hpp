@@ -17,6 +17,7 @@ struct SimulationStats {
   long newton_iterations = 0;  ///< linear solves
   long linear_iterations = 0;  ///< of the Krylov solver
   long failed_steps = 0;
+  long switches = 0;       ///< of joints between sticking and sliding
   double wall_time = 0.0;  ///< s
 };
 
@@ -30,6 +31,7 @@ using Alive = std::function<bool(double)>;
 struct Trajectory {
   using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   Rows q, v, a, tau;  ///< tau: applied forces, and the reactions of prescribed motions
+  Rows friction;      ///< Coulomb friction's forces; empty without
   Eigen::Index done = 0;
   double reached = 0.0;          ///< time reached (s)
   std::string failure;           ///< empty when all is done

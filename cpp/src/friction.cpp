@@ -1,0 +1,250 @@
+#include "flexarm/friction.hpp"
+
+#include <cmath>
+#include <memory>
+
+#include "flexarm/ab.hpp"
+#include "flexarm/inverse.hpp"
+#include "system.hpp"
+
+namespace flexarm {
+
+namespace {
+
+constexpr double kStill = 1e-10;    // speed (rad/s, m/s) below which a freedom may stick
+constexpr double kOneTime = 1e-12;  // parts of the time simulated that are no time at all
+constexpr int kMostAtOnce = 100;    // switches at one time, after which there is no solution
+
+/// A freedom with friction, and what it does now.
+struct Contact {
+  int coordinate;
+  double coulomb, stiction;
+  bool given;  // its motion is prescribed
+  int sense;   // of sliding: 1, -1; 0: it sticks
+};
+
+std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) {
+  std::vector<Contact> out;
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const auto& forces = arm.link(n).joint().forces();
+    for (std::size_t k = 0; k < forces.size(); ++k)
+      if (forces[k].stiction > 0.0)
+        out.push_back({arm.first(n) + static_cast<int>(k), forces[k].coulomb, forces[k].stiction, false, 0});
+  }
+  for (Contact& c : out)
+    for (const Drive& d : drives) c.given = c.given || (d.motion && d.coordinate == c.coordinate);
+  return out;
+}
+
+/// The run: its contacts, and what the integrator is given between two switches.
+class Sliding {
+ public:
+  Sliding(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& tau,
+          const std::vector<LoadDrive>& loads)
+      : contacts_(contacts(arm, drives)), arm_(arm), drives_(drives), loads_(loads), applied_(tau) {}
+
+  bool none() const { return contacts_.empty(); }
+
+  /// Which freedoms stick and which slide, from t on; the speeds of those that stick become zero. All that are still
+  /// are held; then, one after the other, the one that this takes most of what it may is let go.
+  /// @param switched  the contact that has come to rest or has been torn loose, or null
+  void settle(double t, const Eigen::VectorXd& q, Eigen::VectorXd& v, const Contact* switched) {
+    const Contact* loose = switched && switched->sense == 0 ? switched : nullptr;
+    for (Contact& c : contacts_) {
+      if (c.given) continue;
+      double& speed = v[c.coordinate];
+      const bool still = &c == switched || std::abs(speed) <= kStill;
+      c.sense = still ? 0 : speed > 0.0 ? 1 : -1;
+      if (still) speed = 0.0;
+    }
+    for (;;) {
+      prepare(q);
+      const Eigen::VectorXd held = holding(t, q, v);
+      Contact* worst = nullptr;
+      double most = 1.0;
+      for (Contact& c : contacts_) {
+        if (c.given || c.sense != 0) continue;
+        const double share =
+            &c == loose ? std::numeric_limits<double>::infinity() : std::abs(held[c.coordinate]) / c.stiction;
+        if (!(share > most)) continue;
+        most = share;
+        worst = &c;
+      }
+      if (!worst) return;
+      worst->sense = held[worst->coordinate] > 0.0 ? -1 : 1;
+    }
+  }
+
+  const std::vector<Drive>& drives() const { return all_drives_; }
+  const Eigen::VectorXd& tau() const { return tau_; }
+
+  /// The events of the run, and after them one for each contact that may switch.
+  std::vector<Event> watch(std::vector<Event> events) {
+    switching_.clear();
+    for (const Contact& c : contacts_) {
+      if (c.given) continue;
+      switching_.push_back(&c);
+      const int i = c.coordinate, sense = c.sense;
+      const double most = c.stiction;
+      if (sense != 0)
+        events.push_back({[i, sense](double, const auto&, const auto& v) { return sense * v[i] + kStill; }, 1, -1});
+      else
+        events.push_back(
+            {[this, i, most](double t, const auto& q, const auto& v) { return most - std::abs(holding(t, q, v)[i]); },
+             1, -1});
+    }
+    return events;
+  }
+  /// The contacts of the events that `watch` has added.
+  const std::vector<const Contact*>& switching() const { return switching_; }
+
+  /// Adds a row at a state where no integrator has been.
+  bool record(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, bool composite, Trajectory& out) {
+    probe_->q = q;
+    probe_->v = v;
+    probe_->drive(t);
+    return probe_->record(out, composite);
+  }
+
+  /// Takes the friction out of a row of tau.
+  void separate(double t, Trajectory& out, Eigen::Index row) const {
+    for (const Contact& c : contacts_) {
+      double& force = out.friction(row, c.coordinate);
+      const double speed = out.v(row, c.coordinate);
+      if (c.given) {
+        force = speed == 0.0 ? 0.0 : -std::copysign(c.coulomb, speed);
+      } else if (c.sense != 0) {
+        force = -c.sense * c.coulomb;
+      } else {
+        double applied = applied_[c.coordinate];
+        for (const Drive& d : drives_)
+          if (d.force && d.coordinate == c.coordinate) applied += d.force(t);
+        force = out.tau(row, c.coordinate) - applied;
+      }
+      out.tau(row, c.coordinate) -= force;
+    }
+  }
+
+ private:
+  /// Sticking freedoms are prescribed; sliding ones carry a constant force.
+  void prepare(const Eigen::VectorXd& q) {
+    all_drives_ = drives_;
+    tau_ = applied_;
+    for (const Contact& c : contacts_) {
+      if (c.given) continue;
+      tau_[c.coordinate] -= c.sense * c.coulomb;
+      const double place = q[arm_.coordinate_of(c.coordinate)];
+      if (c.sense == 0) {
+        Drive still{c.coordinate, [place](double) { return MotionValue{place, 0.0, 0.0}; }, {}, {}};
+        still.breaks = Eigen::Vector2d(-1e300, 1e300);
+        all_drives_.push_back(still);
+      }
+    }
+    probe_ = std::make_unique<System>(arm_, all_drives_, loads_, tau_);
+  }
+
+  /// Force on each sticking freedom that holds it (of all coordinates).
+  Eigen::VectorXd holding(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) const {
+    System& s = *probe_;
+    s.q = q;
+    s.v = v;
+    s.drive(t);
+    forward_dynamics_ab(arm_, s.ws, s.q, s.v, s.tau);
+    joint_forces<double>(arm_, s.ws, s.ws.a);
+    return s.ws.tau - s.tau;
+  }
+
+  std::vector<Contact> contacts_;
+  const Arm& arm_;
+  const std::vector<Drive>& drives_;
+  const std::vector<LoadDrive>& loads_;
+  const Eigen::VectorXd& applied_;
+  std::vector<Drive> all_drives_;
+  Eigen::VectorXd tau_;
+  std::unique_ptr<System> probe_;
+  std::vector<const Contact*> switching_;
+};
+
+/// The events of the run with as many occurrences as are left to their ends.
+std::vector<Event> remaining(std::vector<Event> events, const Trajectory& out) {
+  for (std::size_t k = 0; k < events.size(); ++k)
+    if (events[k].terminal > 0) events[k].terminal -= static_cast<int>(out.events[k].t.size());
+  return events;
+}
+
+void add(const SimulationStats& part, SimulationStats& sum) {
+  sum.steps += part.steps;
+  sum.residuals += part.residuals;
+  sum.jacobians += part.jacobians;
+  sum.newton_iterations += part.newton_iterations;
+  sum.linear_iterations += part.linear_iterations;
+  sum.failed_steps += part.failed_steps;
+  sum.wall_time += part.wall_time;
+}
+
+/// Adds a part of the run: all its rows but the first, and the occurrences of the run's events.
+void append(const Trajectory& part, const Sliding& sliding, const Eigen::VectorXd& t, Trajectory& out) {
+  for (Eigen::Index k = 1; k < part.done; ++k, ++out.done) {
+    out.q.row(out.done) = part.q.row(k);
+    out.v.row(out.done) = part.v.row(k);
+    out.a.row(out.done) = part.a.row(k);
+    out.tau.row(out.done) = part.tau.row(k);
+    sliding.separate(t[out.done], out, out.done);
+  }
+  for (std::size_t k = 0; k < out.events.size(); ++k) {
+    EventLog &all = out.events[k], log = part.events[k];
+    all.t.insert(all.t.end(), log.t.begin(), log.t.end());
+    all.q.insert(all.q.end(), log.q.begin(), log.q.end());
+    all.v.insert(all.v.end(), log.v.begin(), log.v.end());
+  }
+  add(part.stats, out.stats);
+  out.reached = part.reached;
+  out.failure = part.failure;
+}
+
+}  // namespace
+
+Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
+                                  const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
+                                  const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,
+                                  const Integrate& integrate) {
+  Sliding sliding(arm, drives, tau, loads);
+  if (sliding.none()) return integrate(drives, t, q0, v0, tau, events);
+  check_arguments(arm, drives, t, q0, v0, tau);
+  const double instant = kOneTime * (t[t.size() - 1] - t[0]);
+  Trajectory out = empty_trajectory(arm, t, events);
+  out.friction = Trajectory::Rows::Zero(t.size(), arm.nv());
+  Eigen::VectorXd q = q0, v = v0;
+  const Contact* switched = nullptr;
+  for (int at_once = 0; at_once < kMostAtOnce;) {
+    const double now = out.reached;
+    sliding.settle(now, q, v, switched);
+    for (; out.done < t.size() && t[out.done] <= now + instant; sliding.separate(now, out, out.done - 1))
+      if (!sliding.record(now, q, v, composite, out)) return out;
+    if (out.done == t.size()) return out;
+    Eigen::VectorXd times(1 + t.size() - out.done);
+    times << now, t.tail(t.size() - out.done);
+    const Trajectory part =
+        integrate(sliding.drives(), times, q, v, sliding.tau(), sliding.watch(remaining(events, out)));
+    append(part, sliding, t, out);
+    if (!part.terminated || !out.failure.empty()) return out;
+    for (std::size_t k = 0; k < events.size(); ++k)
+      if (events[k].terminal > 0 && static_cast<int>(out.events[k].t.size()) == events[k].terminal)
+        out.terminated = true;
+    if (out.terminated) return out;
+    for (std::size_t k = 0; k < sliding.switching().size(); ++k) {
+      const EventLog& log = part.events[events.size() + k];
+      if (log.t.empty()) continue;
+      switched = sliding.switching()[k];
+      q = log.q.back();
+      v = log.v.back();
+    }
+    ++out.stats.switches;
+    at_once = out.reached > now + instant ? 0 : at_once + 1;
+  }
+  out.failure = "the friction of joint coordinate '" + arm.coordinates()[switched->coordinate] +
+                "' switches without end: no state of sticking and sliding satisfies it";
+  return out;
+}
+
+}  // namespace flexarm

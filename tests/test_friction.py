@@ -1,0 +1,190 @@
+"""Dry friction with stiction, and the rotor's reflected inertia."""
+
+from __future__ import annotations
+
+import flexarm as fa
+import numpy as np
+import pytest
+from arms import paper_link
+
+INTEGRATORS = (
+    {"rtol": 1e-9, "atol": 1e-12},
+    {"integrator": "implicit", "step": 5e-4},
+    {"integrator": "gauss", "step": 0.02},
+    {"integrator": "rk4", "step": 2e-3},
+)
+names = pytest.mark.parametrize("options", INTEGRATORS, ids=lambda o: o.get("integrator", "ida"))
+
+
+def block(stiffness: float = 0.0, coulomb: float = 2.0, stiction: float | None = 3.0, mass: float = 1.0) -> fa.Arm:
+    """A block of 1 kg on a rough line, on a spring."""
+    joint = fa.Prismatic("x", stiffness=stiffness, coulomb=coulomb, stiction=stiction)
+    return fa.Arm([fa.Link(joint, fa.RigidBody(mass))])
+
+
+@names
+def test_spring_pulls_a_block_to_rest(options: dict) -> None:
+    """Half a cycle about k x = -/+ F_c each: turning points fall by 2 F_c/k, until the spring pulls less than the
+    stiction; then it is exactly still (den Hartog, Mechanical Vibrations, 1934)."""
+    t = np.linspace(0, 3, 301)
+    r = fa.simulate(block(100.0), t, [0.25], **options)
+    half = np.pi / 10
+    tight = options.get("integrator") in (None, "rk4")
+    for k, x in enumerate((-0.21, 0.17, -0.13, 0.09, -0.05, 0.01), start=1):
+        turn = fa.simulate(block(100.0), [0, k * half], [0.25], **options)
+        assert turn.q[-1, 0] == pytest.approx(x, abs=1e-6 if tight else 1e-5)
+    still = t > 6 * half + 0.01
+    assert np.all(r.v[still] == 0.0) and np.ptp(r.q[still]) == 0.0 and np.all(r.a[still] == 0.0)
+    np.testing.assert_allclose(r.friction[still], 100 * r.q[still], rtol=1e-12)
+    assert r.stats["switches"] == 6
+    first = (t > 0) & (t < half - 0.01)
+    assert np.all(r.friction[first] == 2.0) and np.all(r.tau == 0.0)
+
+
+@names
+def test_torn_loose_by_a_growing_force(options: dict) -> None:
+    """Force t (N) on 1 kg: still until it is the stiction, at 3 s, then a = t - 2: exact cubic."""
+    t = np.linspace(0, 5, 51)
+    r = fa.simulate(block(), t, drive={0: fa.Torque([0, 5], [0, 5])}, **options)
+    held, s = t < 3.0, t[t > 3.0] - 3
+    assert np.all(r.q[held] == 0.0) and np.all(r.v[held] == 0.0)
+    np.testing.assert_allclose(r.friction[held, 0], -t[held], atol=1e-12)
+    np.testing.assert_allclose(r.tau[:, 0], t, atol=1e-12)
+    np.testing.assert_allclose(r.q[t > 3.0, 0], s**2 / 2 + s**3 / 6, atol=1e-5)
+    np.testing.assert_allclose(r.a[t > 3.0, 0], 1 + s, atol=1e-5)
+
+
+@names
+def test_through_zero_without_stopping(options: dict) -> None:
+    """A constant force of 10 N against a speed of -1: it stops, turns at once, and friction turns with it."""
+    arm = block(coulomb=2.0, stiction=None)
+    r = fa.simulate(arm, [0, 1 / 12, 1.0], v0=[-1.0], tau=[10.0], **options)
+    rest = 1 - 1 / 12
+    np.testing.assert_allclose(r.q[:, 0], [0, -1 / 24, -1 / 24 + 4 * rest**2], atol=1e-6)
+    np.testing.assert_allclose(r.friction[[0, 2], 0], [2.0, -2.0])
+    assert r.stats["switches"] == 1
+
+
+@names
+def test_smaller_torque_holds_a_flexible_arm_exactly_still_while_it_rings(options: dict) -> None:
+    """The paper's arm, struck at its tip: the clamping moment stays below the stiction. The joint does not move by one
+    bit, the link rings at its clamped frequency (Sec. 5.3), and the friction is the moment at the joint."""
+    joint = fa.Revolute("z", coulomb=1.0)
+    arm = fa.Arm([fa.Link(joint, fa.RigidBody(0.1, end=(0.075, 0, 0)), paper_link().links[0].beam)])
+    clamped = fa.Arm([fa.Link(fa.Fixed(), fa.RigidBody(0.1, end=(0.075, 0, 0)), paper_link().links[0].beam)])
+    t, v0 = np.linspace(0, 0.6, 301), np.array([0.0, 0.1, 0.0, 0.0])
+    r, other = fa.simulate(arm, t, v0=v0, **options), fa.simulate(clamped, t, v0=v0[1:], **options)
+    assert np.all(r.q[:, 0] == 0.0) and np.all(r.v[:, 0] == 0.0) and r.stats["switches"] == 0
+    np.testing.assert_allclose(r.q[:, 1:], other.q, atol=1e-7)
+    moment = other.joint_reaction(0)[:, 5]
+    np.testing.assert_allclose(r.friction[:, 0], moment, atol=2e-3 * np.abs(moment).max())
+
+
+def test_energy_is_lost_to_friction_alone() -> None:
+    """Work of friction = loss of energy, over stick and slip of two joints at once."""
+    rod = fa.RigidBody(1.0, com=(0.3, 0, 0), inertia=(0, 0.03, 0.03), end=(0.6, 0, 0))
+    links = [fa.Link(fa.Revolute("z", coulomb=c, stiction=s), rod) for c, s in ((0.6, 0.9), (0.3, None))]
+    arm = fa.Arm(links, gravity=(0, -9.81, 0))
+    t = np.linspace(0, 16, 16001)
+    r = fa.simulate(arm, t, integrator="gauss", step=0.02)
+    energy = np.sum(r.energy(), axis=0)
+    work = np.sum(r.friction * r.v, axis=1)
+    lost = np.concatenate([[0], np.cumsum((work[1:] + work[:-1]) / 2 * np.diff(t))])
+    assert r.stats["switches"] > 8
+    np.testing.assert_allclose(energy - energy[0], lost, atol=5e-4)
+    ida = fa.simulate(arm, t, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(r.q, ida.q, atol=1e-6)
+    assert np.all(r.v[-1] == 0.0) and np.all(np.abs(r.friction[-1]) <= [0.9, 0.3])
+
+
+def test_stick_slip_on_a_belt() -> None:
+    """A block drawn by a spring whose other end moves at V: it sticks until k V t = F_s, then slips; the longest
+    spring is F_s/k, the period 2 (F_s - F_c)/(k V) + 2 (pi - atan((F_s - F_c)/(V sqrt(k m))))/sqrt(k/m)."""
+    k, speed, fc, fs = 50.0, 0.05, 1.0, 2.0
+    arm = block(k, fc, fs)
+    t = np.linspace(0, 6, 6001)
+    drive = {0: fa.Torque(t, k * speed * t)}
+    jump = lambda t, q, v: v[0] - 1e-6  # noqa: E731
+    jump.direction = 1
+    r = fa.simulate(arm, t, drive=drive, integrator="gauss", step=0.02, events=jump)
+    w, d = np.sqrt(k), fs - fc
+    period = 2 * d / (k * speed) + 2 * (np.pi - np.arctan(d / (speed * w))) / w
+    np.testing.assert_allclose(np.diff(r.t_events[0])[1:], period, rtol=1e-5)
+    assert r.t_events[0][0] == pytest.approx(fs / (k * speed), rel=1e-3)
+
+
+def test_prescribed_joint_tells_what_the_drive_must_overcome() -> None:
+    arm = block(0.0)
+    r = fa.simulate(arm, [0, 0.5, 1.0], drive={0: fa.Motion(lambda t: (t**2, 2 * t, 2.0))}, rtol=1e-8)
+    np.testing.assert_allclose(r.tau[1:, 0], 2.0 + 2.0)
+    np.testing.assert_allclose(r.friction[1:, 0], -2.0)
+    assert r.friction[0, 0] == 0.0
+
+
+def test_events_and_files_beside_friction(tmp_path) -> None:
+    """A user's terminal event counts over the switches, and the file keeps the friction."""
+    passes = lambda t, q, v: q[0]  # noqa: E731
+    passes.terminal = 3
+    r = fa.simulate(block(100.0), np.linspace(0, 3, 301), [0.25], events=passes, rtol=1e-9)
+    assert len(r.t_events[0]) == 3 and r.status == 1
+    back = fa.Result.load(r.save(tmp_path / "r.npz") or tmp_path / "r.npz")
+    np.testing.assert_array_equal(back.friction, r.friction)
+    assert back.arm.to_dict() == r.arm.to_dict()
+    frictionless = fa.simulate(block(100.0, 0.0, None), [0, 1], [0.25])
+    assert frictionless.friction is None and "switches" not in frictionless.stats
+
+
+def test_reflected_inertia_is_inertia_at_the_joint_alone() -> None:
+    """A rotor of J at gear ratio n is n² J on the diagonal of M: all algorithms agree, the energy counts it, and a
+    sprung joint's frequency follows."""
+    geared = fa.Revolute("z", stiffness=3.0, reflected_inertia=0.05)
+    rod = fa.RigidBody(0.2, com=(0.1, 0, 0), inertia=(0, 1e-3, 1e-3), end=(0.2, 0, 0))
+    beam = paper_link().links[0].beam
+    arm, plain = (
+        fa.Arm([fa.Link(j, rod, beam), fa.Link(j, rod, beam)]) for j in (geared, fa.Revolute("z", stiffness=3.0))
+    )
+    rng = np.random.default_rng(1)
+    q, v, tau = rng.normal(size=(3, arm.nv)) * 0.05
+    expected = plain.mass_matrix(q) + np.diag([0.05 if "revolute" in c else 0.0 for c in arm.coordinates])
+    np.testing.assert_allclose(arm.mass_matrix(q), expected, atol=1e-15)
+    a = np.linalg.solve(expected, tau - plain.bias(q, v))
+    for method in ("ab", "ci"):
+        np.testing.assert_allclose(arm.forward_dynamics(q, v, tau, method=method), a, rtol=1e-9)
+    np.testing.assert_allclose(arm.inverse_dynamics(q, v, a), tau, atol=1e-9 * np.abs(a).max())
+    assert arm.energy(q, v)[0] == pytest.approx(0.5 * v @ expected @ v)
+    rotor = fa.Arm([fa.Link(geared, fa.RigidBody(0.0))])
+    np.testing.assert_allclose(rotor.modes().frequencies, np.sqrt(3.0 / 0.05))
+    q0 = np.array([0.02 if "revolute" in c else 0.0 for c in arm.coordinates])
+    r = fa.simulate(arm, np.linspace(0, 1, 101), q0, integrator="gauss", step=5e-3)
+    np.testing.assert_allclose(np.sum(r.energy(), axis=0), np.sum(r.energy(), axis=0)[0], rtol=1e-9)
+    for other in ({"integrator": "implicit", "step": 1e-4}, {"rtol": 1e-8, "atol": 1e-11}):
+        again = fa.simulate(arm, np.linspace(0, 1, 101), q0, **other)
+        np.testing.assert_allclose(again.q, r.q, atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: fa.Revolute("z", coulomb=-1.0), r"coulomb\[0\] = -1"),
+        (lambda: fa.Revolute("z", coulomb=2.0, stiction=1.0), r"stiction\[0\] = 1.*at least coulomb"),
+        (lambda: fa.Revolute("z", stiction=np.inf), "stiction"),
+        (lambda: fa.Revolute("z", reflected_inertia=-1e-3), r"reflected_inertia\[0\]"),
+        (lambda: fa.Spherical(coulomb=1.0), "a ball has no dry friction"),
+        (lambda: fa.Planar(coulomb=[1.0, 2.0]), "coulomb"),
+    ],
+)
+def test_bad_friction(make, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_friction_in_scene_files() -> None:
+    arm = fa.Arm(
+        [
+            fa.Link(
+                fa.Planar(coulomb=[1.0, 2.0, 0.5], stiction=[1.5, 2.0, 0.6]), fa.RigidBody(1, inertia=(0.1, 0.1, 0.1))
+            )
+        ]
+    )
+    again = fa.Arm.from_dict(arm.to_dict())
+    assert again.to_dict() == arm.to_dict() and "stiction" in repr(again.links[0].joint)
