@@ -52,7 +52,7 @@ template <class S>
 LinkState<S>::LinkState(int nj, const Beam* beam, int ne_below) {
   const int ne = beam ? beam->ne() : 0;
   if (beam) slices.assign(beam->slices().size(), Slice<S>(ne));
-  if (beam && beam->series()) series = Series<S>(*beam->series(), static_cast<int>(slices.size()), ne);
+  if (beam && beam->series()) series = Series<S>(*beam->series(), ne);
   for (Slice<S>* slice : {&root, &com, &end, &seat}) *slice = Slice<S>(ne);
   phi_e = Mat6X<S>::Zero(6, ne_below);
   H = Mat6X<S>::Zero(6, nj);
