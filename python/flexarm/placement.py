@@ -73,7 +73,7 @@ class PatchPlacement:
         top, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         half = (self.patch.end - self.patch.start) / 2
         for k, w in enumerate(self.frequencies):
-            relative = self.authority[:, k] / np.abs(self.authority[:, k]).max()
+            relative = self.authority[:, k] / (np.abs(self.authority[:, k]).max() or 1.0)
             colour = PALETTE[k % len(PALETTE)]
             top.plot(self.x, relative, color=colour, label=f"mode {k + 1}, {w:.4g} rad/s")
         top.axhline(0.0, color=INK, linewidth=0.6)
