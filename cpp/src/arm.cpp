@@ -109,4 +109,17 @@ std::vector<std::string> Arm::coordinates() const {
   return names;
 }
 
+Eigen::MatrixXd Arm::patch_matrix() const {
+  Eigen::Index n = 0, k = 0;
+  for (const Link& link : links_) n += link.beam() ? link.beam()->patch_forces().cols() : 0;
+  Eigen::MatrixXd B = Eigen::MatrixXd::Zero(nv_, n);
+  for (std::size_t i = 0; i < links_.size(); ++i) {
+    if (!links_[i].beam()) continue;
+    const Eigen::MatrixXd& forces = links_[i].beam()->patch_forces();
+    B.block(first_[i] + links_[i].nj(), k, forces.rows(), forces.cols()) = forces;
+    k += forces.cols();
+  }
+  return B;
+}
+
 }  // namespace flexarm

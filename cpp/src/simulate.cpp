@@ -129,6 +129,7 @@ bool record_inside(System& s, const Step& method, double from, double h, Traject
   }
   s.q = q;
   s.v = v;
+  s.drive(out.reached);  // the forces of the end again, which the row of the last output time has
   return good;
 }
 

@@ -59,6 +59,8 @@ void System::drive(double t) {
       q[arm.coordinate_of(d.coordinate)] = m.q;
       v[d.coordinate] = m.v;
       a[d.coordinate] = ws.a[d.coordinate] = m.a;
+    } else if (d.column.size() > 0) {
+      tau += d.force(t) * d.column;
     } else {
       tau[d.coordinate] += d.force(t);
     }
@@ -148,6 +150,7 @@ void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eig
   check_vector("v0", v0, arm.nv());
   check_vector("tau", tau, arm.nv());
   for (const Drive& d : drives) {
+    if (d.column.size() > 0 && d.column.size() == arm.nv() && d.force && !d.motion) continue;
     if (d.coordinate < 0 || d.coordinate >= arm.nv() || !d.motion == !d.force)
       bad_value("drive of coordinate", d.coordinate, "needs a coordinate of the arm and a motion or a force");
     if (d.motion && arm.coordinate_of(d.coordinate) < 0)

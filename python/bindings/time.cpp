@@ -36,8 +36,8 @@ T answer(const py::object& law, const char* name, double t, const char* right) {
 }
 
 /// A drive from Python: a piecewise polynomial, or a callable t -> force, t -> (q, v, a).
-Drive make_drive(int coordinate, bool is_motion, const py::object& law) {
-  Drive d{coordinate, {}, {}, {}, false};
+Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Eigen::VectorXd& column) {
+  Drive d{coordinate, {}, {}, {}, column};
   if (py::isinstance<PiecewisePolynomial>(law)) {
     const auto p = law.cast<PiecewisePolynomial>();
     d.breaks = p.breaks();
@@ -55,10 +55,11 @@ Drive make_drive(int coordinate, bool is_motion, const py::object& law) {
       return MotionValue{m[0], m[1], m[2]};
     };
   } else {
-    d.force = [shared](double t) {
+    const std::string name = column.size() > 0 ? "Voltage" : "Torque";
+    d.force = [shared, name](double t) {
       py::gil_scoped_acquire hold;
-      const double f = answer<double>(*shared, "Torque", t, "must give one number");
-      if (!std::isfinite(f)) bad_value("Torque at t", t, "gave nan or inf; it must be finite");
+      const double f = answer<double>(*shared, name.c_str(), t, "must give one number");
+      if (!std::isfinite(f)) bad_value(name + " at t", t, "gave nan or inf; it must be finite");
       return f;
     };
   }
@@ -121,8 +122,8 @@ py::list event_rows(const Trajectory& r) {
   return out;
 }
 
-/// (coordinate, is a motion, law) of each drive, and (place, law) of each load.
-using Laws = std::vector<std::tuple<int, bool, py::object>>;
+/// (coordinate, is a motion, law, column or none) of each drive, and (place, law) of each load.
+using Laws = std::vector<std::tuple<int, bool, py::object, Eigen::VectorXd>>;
 using LoadLaws = std::vector<std::pair<Load, py::object>>;
 
 /// (column, by_q, by_v, reference or None, limit) of each law without memory.
@@ -136,7 +137,7 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
     Feedback f{column, by_q, by_v};
     f.limit = limit;
     if (!reference.is_none()) {
-      const Drive d = make_drive(0, false, reference);
+      const Drive d = make_drive(0, false, reference, {});
       f.reference = d.force;
       f.breaks = d.breaks;
     }
@@ -150,7 +151,7 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
     }
     const auto shared = std::make_shared<py::object>(law);
     const auto ask = [shared, nv](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                                   const Eigen::VectorXd& a) {
+                                  const Eigen::VectorXd& a) {
       py::gil_scoped_acquire hold;
       const auto force = call(*shared, t, q, v, a).cast<Eigen::VectorXd>();
       if (force.size() != nv || !force.allFinite())
@@ -182,7 +183,8 @@ py::dict run(const Given& given, const Integrate& integrate) {
   const auto& alive = given.alive;
   Control control = make_control(given.feedback, given.sampled, given.arm.nv());
   std::vector<Drive> laws;
-  for (const auto& [coordinate, is_motion, law] : given.drives) laws.push_back(make_drive(coordinate, is_motion, law));
+  for (const auto& [coordinate, is_motion, law, column] : given.drives)
+    laws.push_back(make_drive(coordinate, is_motion, law, column));
   std::vector<LoadDrive> wrenches;
   for (const auto& [load, law] : given.loads) wrenches.push_back(make_load(load, law));
   std::vector<Event> watched;

@@ -26,6 +26,8 @@ from .link import Link
 from .load import Load
 from .modal import Modes, ModeShapes
 from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody, Taper
+from .patch import Patch, Piezo, Voltage
+from .placement import PatchPlacement, placement
 from .reading import PowerSpectrum, Reading, psd
 from .result import Result
 from .scene import Scene, load
@@ -33,6 +35,7 @@ from .sensor import Sampler, Sensor
 from .sensors import Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, Tachometer
 from .shaping import Shaper, input_shaper
 from .simulation import SimulationError, SimulationInterrupted, simulate
+from .split import split
 from .validity import RangeWarning
 
 __all__ = [
@@ -62,6 +65,9 @@ __all__ = [
     "Modes",
     "Motion",
     "Motor",
+    "Patch",
+    "PatchPlacement",
+    "Piezo",
     "Placement",
     "Planar",
     "PowerSpectrum",
@@ -87,10 +93,13 @@ __all__ = [
     "Taper",
     "Torque",
     "Universal",
+    "Voltage",
     "__version__",
     "chart",
     "input_shaper",
     "load",
+    "placement",
     "psd",
     "simulate",
+    "split",
 ]

@@ -18,6 +18,7 @@ from .control import PD, Controller, LinearController, Motor, StateFeedback, Str
 from .drive import Motion, Torque
 from .link import Link
 from .load import Load
+from .patch import Patch, Piezo, Voltage
 from .reading import Reading
 from .result import Result
 from .sensor import Sensor
@@ -86,7 +87,19 @@ def _beam(where: str, table: Any) -> model.Beam:
         t["material"] = _make(f"{where}.material", model.Material, t["material"], _names(model.Material))
     if "basis_tip" in t:
         t["basis_tip"] = _make(f"{where}.basis_tip", model.RigidBody, t["basis_tip"], _names(model.RigidBody))
+    if "patches" in t:
+        if not isinstance(t["patches"], (list, tuple)):
+            raise ValueError(f"{where}.patches = {t['patches']!r}: must be a list of tables")
+        t["patches"] = [_patch(f"{where}.patches[{k}]", p) for k, p in enumerate(t["patches"])]
     return _make(where, model.Beam, t, _names(model.Beam))  # type: ignore[no-any-return]
+
+
+def _patch(where: str, table: Any) -> Patch:
+    known_keys(where, table, _names(Patch))
+    t = dict(table)
+    if "material" in t:
+        t["material"] = _make(f"{where}.material", Piezo, t["material"], _names(Piezo))
+    return _make(where, Patch, t, _names(Patch))  # type: ignore[no-any-return]
 
 
 def _link(where: str, table: Any) -> Link:
@@ -140,7 +153,9 @@ def _samples(where: str, table: Mapping[str, Any], columns: tuple[str, ...], bas
     return {k: array(f"{where}.file column {k}", [r[k] for r in rows]) for k in rows[0]}
 
 
-def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Motion | Torque]:
+def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Motion | Torque | Voltage]:
+    if isinstance(table, Mapping) and "patch" in table:
+        return _voltage(where, table, base)
     known_keys(where, table, ("link", "freedom", "motion", "spin_up", "torque"))
     laws = [k for k in ("motion", "spin_up", "torque") if k in table]
     if "link" not in table or len(laws) != 1:
@@ -193,13 +208,26 @@ def _controls(tables: Any, arm: Arm, t: Array, base: Path) -> tuple[Controller, 
     return tuple(found)
 
 
+def _voltage(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Voltage]:
+    """Of a piezo patch: {link, patch, voltage}."""
+    known_keys(where, table, ("link", "patch", "voltage"))
+    for name in ("link", "voltage"):
+        if name not in table:
+            raise ValueError(f"{where}: missing {name}")
+    key, value = ("patch", *(whole(f"{where}.{k}", table[k]) for k in ("link", "patch"))), table["voltage"]
+    if not isinstance(value, Mapping):
+        return key, Voltage(number(f"{where}.voltage", value))
+    samples = _samples(f"{where}.voltage", value, ("t", "V"), base)
+    return key, _make(f"{where}.voltage", Voltage, samples, ("t", "V"))
+
+
 @dataclass
 class Scene:
     """An arm, its drives by link (or by (link, freedom)), and how to simulate it.
 
     Attributes:
         arm: the arm.
-        drive: Motion or Torque by link number, or by (link, freedom).
+        drive: Motion or Torque by link number, or by (link, freedom); Voltage by ("patch", link, patch).
         loads: forces and moments on slices.
         t: output times (s).
         q0, v0: initial state, or None for rest at zero.
@@ -211,7 +239,7 @@ class Scene:
     """
 
     arm: Arm
-    drive: dict[Any, Motion | Torque] = field(default_factory=dict)
+    drive: dict[Any, Motion | Torque | Voltage] = field(default_factory=dict)
     loads: tuple[Load, ...] = ()
     t: Array = field(default_factory=lambda: np.linspace(0.0, 1.0, 1001))
     q0: Array | None = None
@@ -270,7 +298,7 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
     drives = d.get("drive", [])
     if not isinstance(drives, (list, tuple)):
         raise ValueError(f"drive = {drives!r}: must be a list of tables")
-    drive: dict[Any, Motion | Torque] = {}
+    drive: dict[Any, Motion | Torque | Voltage] = {}
     for k, table in enumerate(drives):
         link, law = _drive(f"drive[{k}]", table, base)
         if link in drive:

@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 from ._check import Array, array, number, whole
 from .arm import Arm
 from .load import Load
-from .model import _numbers, _Part
+from .model import _numbers
+from ._part import _Part
 from .reading import Reading
 from .result import Result
 

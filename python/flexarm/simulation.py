@@ -16,6 +16,7 @@ from .arm import METHODS, Arm
 from .control import Controller, control_laws
 from .drive import Motion, Torque
 from .load import Load, at_time
+from .patch import Voltage, patch_laws, split_drives
 from .result import Result
 from .validity import out_of_range
 
@@ -85,7 +86,7 @@ def simulate(
     v0: ArrayLike | None = None,
     *,
     tau: ArrayLike | None = None,
-    drive: Mapping[Any, Motion | Torque] | None = None,
+    drive: Mapping[Any, Motion | Torque | Voltage] | None = None,
     loads: Sequence[Load] | None = None,
     control: Controller | Sequence[Controller] | None = None,
     events: Callable[..., float] | Sequence[Callable[..., float]] | None = None,
@@ -109,7 +110,7 @@ def simulate(
             joints start where their motion does; a q0 or v0 that says otherwise is an error.
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
         drive: by link number, or by (link, freedom), what drives that freedom of its joint: a Torque, or a Motion,
-            whose reaction is then in `Result.tau`.
+            whose reaction is then in `Result.tau`. By ("patch", link, patch): a piezo patch's Voltage.
         loads: external forces and moments.
         control: controllers, whose forces are added to the torques: continuous ones (PD, StrainFeedback,
             StateFeedback) are part of the equations, sampled ones (Sampled, LinearController) hold their force from
@@ -189,13 +190,14 @@ def simulate(
             raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
         state[name] = zero if value is None else array(name, value, zero.shape)
     arm.check_balls("q0", state["q0"])
-    laws = []
-    for i, law in arm.by_rate("drive", drive).items():
+    joints, patches = split_drives(drive)
+    laws = patch_laws(arm, patches, times)
+    for i, law in arm.by_rate("drive", joints).items():
         where = f"drive of '{arm.coordinates[i]}'"
         if not isinstance(law, (Motion, Torque)):
             raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
         law.check_span(where, times)
-        laws.append((i, isinstance(law, Motion), law.law))
+        laws.append((i, isinstance(law, Motion), law.law, np.zeros(0)))
         if isinstance(law, Motion):
             law.check_rates(where, times)
             start = array(f"{where} at t = {times[0]}", law(float(times[0])), (3,))

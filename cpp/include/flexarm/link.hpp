@@ -51,7 +51,7 @@ struct LinkState {
 template <class S>
 LinkState<S>::LinkState(int nj, const Beam* beam, int ne_below) {
   const int ne = beam ? beam->ne() : 0;
-  if (beam && beam->series()) series = Series<S>(*beam->series(), static_cast<int>(beam->slices().size()), ne);
+  if (beam && beam->series()) series = Series<S>(*beam->series(), ne);
   for (Slice<S>* at : {&slice, &root, &com, &end, &seat}) *at = Slice<S>(ne);
   phi_e = Mat6X<S>::Zero(6, ne_below);
   H = Mat6X<S>::Zero(6, nj);
