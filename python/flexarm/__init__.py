@@ -6,7 +6,7 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 from ._core import __version__
 from .arm import Arm
 from .chart import Chart, chart
-from .control import PD, Controller, LinearController, Motor, Sampled, StateFeedback, StrainFeedback
+from .control import PD, Controller, LinearController, Sampled, StateFeedback, StrainFeedback
 from .drive import Motion, Torque
 from .joints import (
     Axes,
@@ -26,6 +26,7 @@ from .link import Link
 from .load import Load
 from .modal import Modes, ModeShapes
 from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody, Taper
+from .motor import Motor
 from .patch import Patch, Piezo, Voltage
 from .placement import PatchPlacement, placement
 from .reading import PowerSpectrum, Reading, psd

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from . import _core
 from ._check import Array, array, number
 from .drive import Torque
+from .motor import Motor, positive
 
 if TYPE_CHECKING:
     from .arm import Arm
@@ -24,76 +25,8 @@ _Feedback = tuple[Array, Array, Array, Any, float]
 _Sampler = tuple[float, float, float, bool, Any]
 
 
-class Motor:
-    """A geared electric motor between a controller and its joint.
-
-    With `resistance`, the controller's output is a voltage and the back-EMF brakes; without, it is a current (an
-    amplifier in current mode, as the paper's).
-
-    Args:
-        torque_constant: k_t (N m/A), which is the back-EMF constant (V s/rad) too.
-        gear_ratio: n, motor turns for one of the joint.
-        efficiency: of the gear, 0 to 1.
-        limit: largest current (A), or voltage (V) with `resistance`; None: no limit.
-        resistance: R of the winding (ohm); None: current mode.
-        rotor_inertia: J_r (kg m²); give `reflected_inertia` = n² J_r to the joint.
-    """
-
-    def __init__(
-        self,
-        torque_constant: float = 1.0,
-        gear_ratio: float = 1.0,
-        *,
-        efficiency: float = 1.0,
-        limit: float | None = None,
-        resistance: float | None = None,
-        rotor_inertia: float = 0.0,
-    ) -> None:
-        self.torque_constant, self.gear_ratio = (
-            _positive("torque_constant", torque_constant),
-            number("gear_ratio", gear_ratio),
-        )
-        if self.gear_ratio == 0.0:
-            raise ValueError("gear_ratio = 0.0: must not be zero")
-        self.efficiency = _positive("efficiency", efficiency)
-        if self.efficiency > 1.0:
-            raise ValueError(f"efficiency = {efficiency}: must be at most 1")
-        self.limit = None if limit is None else _positive("limit", limit)
-        self.resistance = None if resistance is None else _positive("resistance", resistance)
-        self.rotor_inertia = number("rotor_inertia", rotor_inertia)
-        if self.rotor_inertia < 0.0:
-            raise ValueError(f"rotor_inertia = {rotor_inertia}: must be zero or positive")
-
-    @property
-    def reflected_inertia(self) -> float:
-        """n² J_r (kg m²), what the joint feels of the rotor."""
-        return self.gear_ratio**2 * self.rotor_inertia
-
-    @property
-    def gain(self) -> float:
-        """Torque of the joint for a unit of the controller's output (N m/A, or N m/V at rest)."""
-        per_ampere = self.torque_constant * self.gear_ratio * self.efficiency
-        return per_ampere if self.resistance is None else per_ampere / self.resistance
-
-    @property
-    def braking(self) -> float:
-        """Of the back-EMF, at the joint (N m s/rad); zero in current mode."""
-        return 0.0 if self.resistance is None else self.gain * self.torque_constant * self.gear_ratio
-
-    def __repr__(self) -> str:
-        unit = "A" if self.resistance is None else "V"
-        return f"Motor({self.gain:.4g} N m/{unit}, limit={self.limit})"
-
-
-def _positive(name: str, value: Any) -> float:
-    x = number(name, value)
-    if not 0.0 < x < np.inf:
-        raise ValueError(f"{name} = {value}: must be positive and finite")
-    return x
-
-
 def _limit(value: Any) -> float:
-    return np.inf if value is None else _positive("limit", value)
+    return np.inf if value is None else positive("limit", value)
 
 
 class Controller:
@@ -309,7 +242,7 @@ class Sampled(Controller):
     ) -> None:  # fmt: skip
         if not callable(law):
             raise ValueError(f"law = {law!r}: must be a callable (t, y) -> u")
-        self.law, self.rate, self.delay = law, _positive("rate", rate), number("delay", delay)
+        self.law, self.rate, self.delay = law, positive("rate", rate), number("delay", delay)
         if not 0.0 <= self.delay < np.inf:
             raise ValueError(f"delay = {delay}: must be zero or positive, in seconds")
         self.measure, self.actuate = None if measure is None else list(measure), list(actuate)
@@ -384,8 +317,8 @@ class LinearController(Sampled):
     ) -> LinearController:  # fmt: skip
         """PID on a joint's angle: u = kp e + ki int e dt + kd de/dt, with e = reference - q, integral and derivative by
         Tustin's rule, the derivative behind a low pass of `filter_time` (s; None: two samples)."""
-        h = 1.0 / _positive("rate", rate)
-        tf = 2.0 * h if filter_time is None else _positive("filter_time", filter_time)
+        h = 1.0 / positive("rate", rate)
+        tf = 2.0 * h if filter_time is None else positive("filter_time", filter_time)
         # s-domain: states: integral of e; low-passed e
         A = np.array([[0.0, 0.0], [0.0, -1.0 / tf]])
         B = np.array([[1.0], [1.0 / tf]])
