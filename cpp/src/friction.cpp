@@ -191,7 +191,7 @@ void add(const SimulationStats& part, SimulationStats& sum) {
 }
 
 /// Adds a part of the run: all its rows but the first, and the occurrences of the run's events.
-void append(const Trajectory& part, const Sliding& sliding, const Eigen::VectorXd& t, Trajectory& out) {
+void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
   for (Eigen::Index k = 1; k < part.done; ++k, ++out.done) {
     out.q.row(out.done) = part.q.row(k);
     out.v.row(out.done) = part.v.row(k);
@@ -201,7 +201,8 @@ void append(const Trajectory& part, const Sliding& sliding, const Eigen::VectorX
     sliding.separate(out, out.done);
   }
   for (std::size_t k = 0; k < out.events.size(); ++k) {
-    EventLog &all = out.events[k], log = part.events[k];
+    EventLog& all = out.events[k];
+    const EventLog& log = part.events[k];
     all.t.insert(all.t.end(), log.t.begin(), log.t.end());
     all.q.insert(all.q.end(), log.q.begin(), log.q.end());
     all.v.insert(all.v.end(), log.v.begin(), log.v.end());
@@ -236,7 +237,7 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
       times << now, t.tail(t.size() - out.done);
       const Trajectory part =
           integrate(sliding.drives(), times, q, v, sliding.tau(), sliding.watch(remaining(events, out)));
-      append(part, sliding, t, out);
+      append(part, sliding, out);
       if (!part.terminated || !out.failure.empty()) return out;
       for (std::size_t k = 0; k < events.size(); ++k)
         if (events[k].terminal > 0 && static_cast<int>(out.events[k].t.size()) == events[k].terminal)

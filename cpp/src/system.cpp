@@ -92,6 +92,7 @@ bool System::record(Trajectory& out, bool composite) {
   }
   ws.total = tau;
   add_feedback(ws.feedback, q, v, 1.0, ws.total);
+  out.friction.row(out.done).setZero();
   for (const Drive& d : drives) {
     double& force = ws.total[d.coordinate];
     if (d.holds) out.friction(out.done, d.coordinate) = ws.tau[d.coordinate] - force;
@@ -129,9 +130,8 @@ bool System::log(const std::vector<Event>& events, std::size_t k, double t, Traj
 Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std::vector<Event>& events) {
   Trajectory out;
   out.events.resize(events.size());
-  out.q = Trajectory::Rows::Constant(t.size(), arm.nq(), std::nan(""));
-  out.v = out.a = out.tau = Trajectory::Rows::Constant(t.size(), arm.nv(), std::nan(""));
-  out.friction.setZero(t.size(), arm.nv());
+  out.q.resize(t.size(), arm.nq());
+  for (Trajectory::Rows* rows : {&out.v, &out.a, &out.tau, &out.friction}) rows->resize(t.size(), arm.nv());
   out.reached = t[0];
   return out;
 }
