@@ -54,7 +54,9 @@ TEST_CASE("a drive with a column pushes every coordinate in proportion") {
   const Eigen::MatrixXd B = arm.patch_matrix();
   REQUIRE(B.rows() == arm.nv());
   CHECK(B(0, 0) == 0.0);
-  Drive volts{-1, {}, [](double) { return 5.0; }, {}, B.col(0)};
+  Drive volts{};
+  volts.force = [](double) { return 5.0; };
+  volts.column = B.col(0);
   Rk4Step step(arm, 1e-6);
   const Eigen::VectorXd t = Eigen::Vector2d(0.0, 1e-5), zero = Eigen::VectorXd::Zero(arm.nv());
   const Trajectory out = simulate_fixed(arm, {volts}, t, arm.zero(), zero, zero, step, 1e-6);
