@@ -150,7 +150,12 @@ void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eig
   check_vector("v0", v0, arm.nv());
   check_vector("tau", tau, arm.nv());
   for (const Drive& d : drives) {
-    if (d.column.size() > 0 && d.column.size() == arm.nv() && d.force && !d.motion) continue;
+    if (d.column.size() > 0) {
+      if (d.column.size() != arm.nv() || !d.force || d.motion)
+        bad_value("length of a drive's column", d.column.size(),
+                  "must be " + std::to_string(arm.nv()) + ", with a force");
+      continue;
+    }
     if (d.coordinate < 0 || d.coordinate >= arm.nv() || !d.motion == !d.force)
       bad_value("drive of coordinate", d.coordinate, "needs a coordinate of the arm and a motion or a force");
     if (d.motion && arm.coordinate_of(d.coordinate) < 0)
