@@ -280,6 +280,34 @@ def test_bad_controllers(make, message: str) -> None:
         make()
 
 
+def test_piezo_patches_in_the_loop() -> None:
+    """One pair of patches senses, another, by it, is driven by the rate of its charge: the first mode's decay is that
+    of the linear model; the joint is held."""
+    steel, pzt = fa.Material(7850, 209e9, 0.3), fa.Piezo(60.6e9, 0.3, 7500, -274e-12, permittivity=1.5e-8)
+    patches = [fa.Patch(0.02, 0.07, 0.02, 2e-4, pzt, face="y"), fa.Patch(0.08, 0.1, 0.02, 2e-4, pzt, face="y")]
+    beam = fa.Beam(0.5, fa.Rectangle(0.001, 0.02), steel, {"bending_y": 2}, patches=patches)
+    arm = fa.Arm([fa.Link(fa.Fixed(), beam=beam)])
+    model = arm.linearize(np.zeros(2), inputs=[("patch", 0, 0)], outputs=[("charge", 0, 1)])
+    rate = 2000.0
+    gain = 1e6  # V per A
+    h = 1 / rate
+    law = fa.LinearController([[0.0]], [[1.0]], [[-gain / h]], [[gain / h]], rate=rate, actuate=[("patch", 0, 0)],
+                              measure=[("charge", 0, 1)])  # fmt: skip
+    t = np.linspace(0, 1, 2001)
+    q0 = np.array([1e-3, 0])
+    r = fa.simulate(arm, t, q0, control=law, integrator="implicit", step=h)
+    closed = model.A - gain * model.B @ np.hstack([np.zeros((1, 2)), model.C[:, :2]])
+    slow = np.linalg.eigvals(closed)
+    slow = slow[np.argmin(np.abs(slow.imag - 21.0))]
+    assert slow.real < -0.3
+    size = np.hypot(r.q[:, 0], r.v[:, 0] / slow.imag)
+    assert np.log(size[1900] / size[800]) / (t[1900] - t[800]) == pytest.approx(slow.real, rel=0.03)
+    column = fa.LinearController([[0.0]], [[1.0]], [[-gain / h]], [[gain / h]], rate=rate,
+                                 actuate=[arm.patch_matrix[:, 0]], measure=[("charge", 0, 1)])  # fmt: skip
+    again = fa.simulate(arm, t, q0, control=column, integrator="implicit", step=h)
+    np.testing.assert_array_equal(again.q, r.q)
+
+
 SCENE = """
 [[link]]
 [link.joint]

@@ -16,6 +16,7 @@ from . import _core
 from ._check import Array, array, number
 from .drive import Torque
 from .motor import Motor, positive
+from .patch import column_of
 
 if TYPE_CHECKING:
     from .arm import Arm
@@ -138,7 +139,8 @@ class StateFeedback(Controller):
     Args:
         K: gains (nu, 2 nv): by all coordinates, then by all rates, in the order of LinearModel.states of a model that
             locks nothing. For arms without balls.
-        actuate: nu links, or (link, freedom), or columns (nv,) of generalised forces per unit of u.
+        actuate: nu links, (link, freedom), ("patch", link, patch), or columns (nv,) of generalised forces per unit
+            of u.
         q0, v0, u0: the state about which, and the forces there; None: zero.
         limit: of each |u|; None: none.
     """
@@ -175,6 +177,11 @@ def _columns(arm: Arm, actuate: Sequence[Any]) -> list[Array]:
         if isinstance(entry, (np.ndarray, list)):
             out.append(array(f"actuate[{k}]", entry, (arm.nv,)))
             continue
+        if isinstance(entry, tuple) and entry and entry[0] == "patch":
+            if len(entry) != 3:
+                raise ValueError(f'actuate[{k}] = {entry!r}: must be ("patch", link, patch)')
+            out.append(arm.patch_matrix[:, column_of(arm, arm._link(entry[1], f"actuate[{k}]: link"), entry[2])])
+            continue
         out.append(np.eye(arm.nv)[arm.joint_rate(entry, f"actuate[{k}]: link")])
     return out
 
@@ -202,9 +209,13 @@ def _rows(arm: Arm, measure: Sequence[Any], first: int = 0) -> tuple[Array, Arra
             )
             by_q.append(rows[:, STRAIN_NAMES.index(entry[3])])
             by_v.append(np.zeros(arm.nv))
+        elif kind in ("charge", "patch_voltage") and len(entry) == 3:
+            by_q.append(getattr(arm, kind)(np.eye(arm.nq), entry[1], entry[2]))
+            by_v.append(np.zeros(arm.nv))
         else:
             raise ValueError(
-                f'{field} = {entry!r}: must be ("joint", link), ("rate", link), ("strain", link, x, "K3"), or a sensor'
+                f'{field} = {entry!r}: must be ("joint", link), ("rate", link), ("strain", link, x, "K3"), '
+                '("charge", link, patch), ("patch_voltage", link, patch), or a sensor'
             )
     return np.array(by_q).reshape(-1, arm.nq), np.array(by_v).reshape(-1, arm.nv)
 
@@ -228,9 +239,10 @@ class Sampled(Controller):
     Args:
         law: a callable (t, y) -> u: time (s), what is measured (ny,), and the outputs (nu,) or one number.
         rate: samples a second (Hz).
-        measure: what y is: entries ("joint", link), ("rate", link), ("strain", link, x, "K3"), or sensors, in order;
-            None: the whole state [q; v].
-        actuate: nu links, or (link, freedom), or columns (nv,) of generalised forces per unit of u.
+        measure: what y is: entries ("joint", link), ("rate", link), ("strain", link, x, "K3"), ("charge", link, patch),
+            ("patch_voltage", link, patch), or sensors, in order; None: the whole state [q; v].
+        actuate: nu links, (link, freedom), ("patch", link, patch), or columns (nv,) of generalised forces per unit
+            of u.
         delay: from a sample to its force (s): what computing and the bus take.
         limit: of each |u|; None: the motor's.
         motor: turns u into torques; None: u are torques.
