@@ -45,6 +45,8 @@ struct ArticulatedLink {
   Eigen::VectorXd turn;  ///< D^-1 U^T Phi A-
   Vec6<double> N;        ///< articulated bias (Eq. 95), M times the bias acceleration included
   Eigen::VectorXd Ne;
+  bool lone = false;     ///< one free joint coordinate, no elastic one, no inertia, spring or damper of its own
+  double applied = 0.0;  ///< the force on it
 };
 
 /// All memory of what costs O(N) is taken by the constructor; of CI, which takes O(N^2), see below.
