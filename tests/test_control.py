@@ -210,6 +210,71 @@ def test_linear_controller_is_its_difference_equation() -> None:
     np.testing.assert_allclose(fa.simulate(arm_that_turns(), t, control=seen, **options).v.max(), 0.1, rtol=0.5)
 
 
+@names
+def test_continuous_controllers_with_memory(options: dict) -> None:
+    """A lead-lag and an integrator around a mass: the matrix exponential of the closed loop. The controller's states do
+    not show in the result."""
+    import scipy.linalg as la
+
+    m, t = 2.0, np.linspace(0, 1, 21)
+    A, B, C, D = (
+        np.array([[0.0, 0], [0, -20]]),
+        np.array([[1.0, 0], [0, 5]]),
+        np.array([[40.0, 8]]),
+        np.array([[90.0, 30]]),
+    )
+    law = fa.LinearController(A, B, C, D, measure=[("joint", 0), ("rate", 0)], reference=[0.2, 0.0])
+    hits = lambda t, q, v: q[0] - 0.1 + 0 * q.size  # noqa: E731
+    r = fa.simulate(mass(m), t, control=law, events=hits, **options)
+    # x = [q, v, x1, x2], e = r - [q, v]
+    F = np.zeros((4, 4))
+    F[0, 1] = 1.0
+    F[1] = np.concatenate([-D[0], C[0]]) / m
+    F[2:, :2], F[2:, 2:] = -B, A
+    g = np.concatenate([[0.0], D @ [0.2, 0] / m, B @ [0.2, 0]])
+    rest = np.linalg.solve(F, -g)
+    x = np.array([rest + la.expm(F * s) @ -rest for s in t])
+    np.testing.assert_allclose(r.q[:, 0], x[:, 0], atol=3e-7)
+    np.testing.assert_allclose(r.v[:, 0], x[:, 1], atol=3e-6)
+    np.testing.assert_allclose(r.tau[:, 0], D @ [0.2, 0] + x @ (np.concatenate([-D[0], C[0]])), atol=3e-4)
+    assert r.q.shape == (21, 1) and r.a.shape == (21, 1) and r.q_events[0].shape[1] == 1 and r.arm.nv == 1
+    again = fa.simulate(mass(m), t, control=[law, fa.PD(0.0, 0.0)], **options)
+    np.testing.assert_array_equal(again.q, r.q)
+
+
+def test_continuous_observer_and_reference_on_the_flexible_arm() -> None:
+    """Beside a sampled law, with friction, loads at the last link and a moving reference; continuous and sampled at
+    10 kHz agree."""
+    arm = hub_arm(coulomb=1e-3)
+    measured = [("joint", 0), ("strain", 0, 0.0, "K3")]
+    model = arm.linearize(np.zeros(4), outputs=measured)
+    import scipy.linalg as la
+
+    weights = np.diag([50.0, 10, 10, 10, 1e-3, 1e-2, 1e-3, 1e-3])
+    K = model.B.T @ la.solve_continuous_are(model.A, model.B, weights, np.eye(1))
+    noise = np.diag([1e-6, 1e-4])
+    P = la.solve_continuous_are(model.A.T, model.C.T, 10.0 * np.eye(8), noise)
+    L = P @ model.C.T @ np.linalg.inv(noise)
+    observer = (model.A - model.B @ K - L @ model.C, L, K, np.zeros((1, 2)))
+    t = np.linspace(0, 1.0, 101)
+    given = {
+        "loads": [fa.Load(force=(0, 0.01, 0))],
+        "drive": {0: fa.Torque(1e-3)},
+        "q0": [-0.05, 0, 0, 0],
+    }
+    kick = fa.Sampled(lambda t, y: 1e-3 * np.sin(20 * t), 100.0, [fa.Encoder(0), ("rate", 0)])
+
+    def reference(t: float) -> np.ndarray:
+        return np.array([0.05 * t, 0.0])
+
+    law = fa.LinearController(observer, measure=measured, reference=reference)
+    r = fa.simulate(arm, t, control=[kick, law], integrator="gauss", step=2e-3, **given)
+    fast = fa.LinearController(observer, rate=1e4, measure=measured, reference=reference)
+    other = fa.simulate(arm, t, control=[kick, fast], integrator="implicit", step=1e-4, **given)
+    np.testing.assert_allclose(r.q[:, 0], other.q[:, 0], atol=2e-4)
+    assert r.stats["switches"] > 0 and np.ptp(r.q[:, 0]) > 0.03
+
+
 def arm_that_turns() -> fa.Arm:
     return fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(2.0, 2.0, 2.0)))])
 
@@ -265,6 +330,12 @@ def test_friction_and_controller() -> None:
         ),
         (lambda: fa.simulate(mass(), [0, 1], control=fa.StateFeedback([[1.0]])), "K"),
         (lambda: fa.LinearController([[1.0]], [[1.0]], [[1.0]], [[1.0, 2.0]], rate=1.0, measure=[]), "do not fit"),
+        (
+            lambda: fa.LinearController(*[[[1.0]]] * 4, measure=[fa.Encoder(0)]),
+            "measure: sensors are sampled; give a rate",
+        ),
+        (lambda: fa.LinearController(*[[[1.0]]] * 4, measure=[("joint", 0)], delay=1.0), "delay = 1.0: needs a rate"),
+        (lambda: fa.LinearController.pid(1.0, 1.0, 1.0), "filter_time = None"),
         (lambda: fa.Motor(0.0), "torque_constant = 0.0"),
         (lambda: fa.PD(1.0, 1.0, motor=3), "motor = 3"),
         (

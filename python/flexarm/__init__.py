@@ -6,7 +6,7 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 from ._core import __version__
 from .arm import Arm
 from .chart import Chart, chart
-from .control import PD, Controller, LinearController, Sampled, StateFeedback, StrainFeedback
+from .control import PD, Controller, StateFeedback, StrainFeedback
 from .drive import Motion, Torque
 from .joints import (
     Axes,
@@ -31,6 +31,7 @@ from .patch import Patch, Piezo, Voltage
 from .placement import PatchPlacement, placement
 from .reading import PowerSpectrum, Reading, psd
 from .result import Result
+from .sampled import LinearController, Sampled
 from .scene import Scene, load
 from .sensor import Sampler, Sensor
 from .sensors import Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, Tachometer

@@ -14,7 +14,7 @@ import numpy as np
 from . import joints, model, sensors
 from ._check import Array, array, choice, known_keys, number, whole
 from .arm import METHODS, Arm
-from .control import PD, Controller, LinearController, StateFeedback, StrainFeedback, control_laws
+from .control import PD, Controller, StateFeedback, StrainFeedback, control_laws
 from .drive import Motion, Torque
 from .link import Link
 from .load import Load
@@ -22,6 +22,7 @@ from .motor import Motor
 from .patch import Patch, Piezo, Voltage
 from .reading import Reading
 from .result import Result
+from .sampled import LinearController
 from .sensor import Sensor
 from .simulation import INTEGRATORS, simulate
 

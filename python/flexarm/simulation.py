@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from . import _core
 from ._check import array, choice, number, whole
 from .arm import METHODS, Arm
-from .control import Controller, control_laws
+from .control import Controller, control_laws, extended, padded
 from .drive import Motion, Torque
 from .load import Load, at_time
 from .patch import Voltage, patch_laws, split_drives
@@ -79,6 +79,38 @@ def _check_options(integrator: str, step: float | None, **options: Any) -> None:
         raise ValueError(f'step: integrator="{integrator}" needs it, in seconds, such as step=1e-3')
 
 
+def _with_progress(integrate: Callable[..., dict[str, Any]], progress: Any, times: Any) -> dict[str, Any]:
+    """integrate(alive), showing how far it is."""
+    if callable(progress):
+        return integrate(progress)
+    if not (progress and sys.stderr.isatty()):
+        return integrate()
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("simulating"), BarColumn(), TextColumn("{task.fields[now]}"), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=float(times[-1] - times[0]), now="")
+
+        def show(now: float) -> None:
+            bar.update(task, completed=now - times[0], now=f"t = {now:.4g} of {times[-1]:.4g} s")
+
+        return integrate(show)
+
+
+def _of_arm(event: Callable[..., Any], arm: Arm) -> Callable[..., Any]:
+    """The event, of the arm's part of q and v."""
+    return lambda t, q, v: event(t, q[: arm.nq], v[: arm.nv])
+
+
+def _leave_out_memory(out: dict[str, Any], arm: Arm) -> None:
+    """Takes the controllers' states out of what the core gives."""
+    for name, n in (("q", arm.nq), ("v", arm.nv), ("a", arm.nv), ("tau", arm.nv), ("friction", arm.nv)):
+        if out[name] is not None:
+            out[name] = np.ascontiguousarray(out[name][:, :n])
+    out["events"] = [(t, q[:, : arm.nq], v[:, : arm.nv]) for t, q, v in out["events"]]
+
+
 def simulate(
     arm: Arm,
     t: ArrayLike,
@@ -112,10 +144,10 @@ def simulate(
         drive: by link number, or by (link, freedom), what drives that freedom of its joint: a Torque, or a Motion,
             whose reaction is then in `Result.tau`. By ("patch", link, patch): a piezo patch's Voltage.
         loads: external forces and moments.
-        control: controllers, whose forces are added to the torques: continuous ones (PD, StrainFeedback,
-            StateFeedback) are part of the equations, sampled ones (Sampled, LinearController) hold their force from
-            sample to sample. `Result.tau` has them. Samples are met exactly; behind each the fixed-step integrators go
-            on, while "ida" begins anew.
+        control: controllers, whose forces add up with the torques. Continuous ones (PD, StrainFeedback, StateFeedback,
+            LinearController) are part of the equations; those with a rate (Sampled, LinearController) hold their force
+            from sample to sample. `Result.tau` has them. Samples are met exactly; behind each the fixed-step
+            integrators go on, while "ida" begins anew.
         events: one or several callables (t, q, v) -> float whose zeros are sought, as in SciPy's solve_ivp: the run
             ends at the first zero of one with the attribute `terminal` = True (at the n-th where it is a number n);
             `direction` = 1 or -1 counts only zeros where the value rises, or falls. A value that is zero at the start
@@ -211,9 +243,11 @@ def simulate(
     places, _ = at_time(arm, loads, float(times[0]))
     for k, load in enumerate(loads or ()):
         load.check_span(f"loads[{k}]", times)
-    laws_of_control = control_laws(arm, control, times)
+    feedback, sampled, memory = control_laws(arm, control, times)
+    both = extended(arm, memory) if memory else arm
+    laws = [(i, moves, law, padded(column, both.nv) if column.size else column) for i, moves, law, column in laws]
     wrenches = [(place, load.law) for place, load in zip(places, loads or (), strict=True)]
-    watched = _events(events)
+    watched = [(_of_arm(f, arm), n, direction) for f, n, direction in _events(events)]
     linear_solver = choice("linear_solver", linear_solver or "auto", LINEAR_SOLVERS)
     rtol, atol = number("rtol", _RTOL[integrator] if rtol is None else rtol), number("atol", atol)
     order, stages = (
@@ -224,33 +258,16 @@ def simulate(
     h = number("step", 0.0 if step is None else step)
 
     def integrate(alive: Any = None) -> dict[str, Any]:
-        motion = (arm._core, laws, times, state["q0"], state["v0"], state["tau"])
-        ci, rest = method == "ci", (wrenches, watched, *laws_of_control)
+        start = (padded(state["q0"], both.nq), padded(state["v0"], both.nv), padded(state["tau"], both.nv))
+        motion = (both._core, laws, times, *start)
+        ci, rest = method == "ci", (wrenches, watched, feedback, sampled)
         if integrator == "ida":
             return _core.simulate_ida(*motion, rtol, atol, order, linear_solver, ci, alive, *rest)
         return _core.simulate_fixed(*motion, integrator, h, rtol, radius, stages, ci, alive, *rest)
 
-    if callable(progress):
-        out = integrate(progress)
-    elif progress and sys.stderr.isatty():
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-        columns = (
-            TextColumn("simulating"),
-            BarColumn(),
-            TextColumn("{task.fields[now]}"),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task("", total=float(times[-1] - times[0]), now="")
-
-            def show(now: float) -> None:
-                bar.update(task, completed=now - times[0], now=f"t = {now:.4g} of {times[-1]:.4g} s")
-
-            out = integrate(show)
-    else:
-        out = integrate()
+    out = _with_progress(integrate, progress, times)
+    if memory:
+        _leave_out_memory(out, arm)
     done = len(out["q"])
     result = Result(arm, times[:done], out["q"], out["v"], out["a"], out["tau"], out["stats"], tuple(loads or ()))
     result.status, result.friction = int(out["terminated"]), out["friction"]

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from stability import chain
 
-# published.md, "Formulation stiffness": relative error of CI and of AB, at a state it does not tell. Both are met within
-# a factor of ten; AB also because ab.cpp leaves nothing along a free coordinate but what is applied to it (without that,
-# the last link x 1e9 was 50 times above the mark).
+# published.md, "Formulation stiffness": relative error of CI and of AB, at a state it does not tell. Both are met
+# within a factor of ten; AB also because ab.cpp leaves nothing along a free coordinate but what is applied to it
+# (without that, the last link x 1e9 was 50 times above the mark).
 PUBLISHED = [
     ("uniform", 64, 3.5e-11, 1.3e-14),
     ("last link x 1e6", 16, 2.3e-7, 7.4e-11),
