@@ -1,0 +1,66 @@
+"""The paper's Fig. 7, 12 and 13: the identified arm meets what the paper says of PD, and strain feedback damps it."""
+
+from __future__ import annotations
+
+import flexarm as fa
+import numpy as np
+import pytest
+from flexarm import demo_control as dc
+
+
+@pytest.fixture(scope="module")
+def control() -> dc.Control:
+    return dc.compute()
+
+
+def test_pd_shows_the_papers_numbers(control: dc.Control) -> None:
+    """0.098 s, 0.143 s, 2.2 %, 50 m/s^2, as printed; and the joint is held while the link rings on."""
+    m = control.marks[0.0]
+    assert m.rise == pytest.approx(0.098, abs=5e-4)
+    assert m.settling == pytest.approx(0.143, abs=5e-4)
+    assert m.overshoot == pytest.approx(2.2, abs=0.05)
+    assert m.ringing == pytest.approx(50.0, abs=0.5)
+    assert m.held < 1.5 and np.isnan(m.quiet)
+    r = control.runs[0.0]
+    assert not r.v[r.t > 1.5, 0].any()  # exactly still
+
+
+def test_marks_do_not_depend_on_the_integrator(control: dc.Control) -> None:
+    arm = fa.load("ist_control").arm
+    law = fa.StrainFeedback(dc.KP, dc.KV, 0.0, reference=dc.STEP, motor=fa.Motor(dc.DRIVE_GAIN))
+    t = control.runs[0.0].t
+    m = dc.marks(fa.simulate(arm, t, control=law, rtol=1e-8), dc.STEP)
+    for name, tolerance in (("rise", 1e-5), ("settling", 1e-5), ("overshoot", 1e-3), ("ringing", 0.1), ("held", 2e-3)):
+        assert getattr(m, name) == pytest.approx(getattr(control.marks[0.0], name), abs=tolerance), name
+
+
+def test_strain_feedback_damps_and_costs_the_joint(control: dc.Control) -> None:
+    pd, strain = control.marks[0.0], control.marks[dc.KS]
+    assert strain.ringing < pd.ringing / 7 and 3.0 < strain.quiet < 4.0
+    assert strain.decay > 4 * pd.decay
+    assert 20 < strain.overshoot < 30 and strain.rise == pytest.approx(0.163, abs=2e-3)
+    other = dc.marks(dc.respond(fa.load("ist_control").arm, -dc.KS, duration=1.0), dc.STEP)
+    assert other.ringing > 200  # the other sign drives the vibration
+
+
+def test_peaks_of_the_gauge(control: dc.Control) -> None:
+    bare = control.fine[dc.STEEL].peaks(3)
+    np.testing.assert_allclose(bare, np.array([20.948766, 131.283672, 367.598084]) / (2 * np.pi), atol=0.02)
+    heavy = next(s for density, s in control.fine.items() if density != dc.STEEL).peaks(3)
+    np.testing.assert_allclose(heavy / bare, np.sqrt(7850 / 8533), rtol=2e-3)
+    assert [f"{x:.1f}" for x in control.peaks] == ["2.9", "20.5", "55.7"]
+
+
+def test_marks_of_a_known_response() -> None:
+    """A massless-looking case by hand: the joint prescribed as a ramp to 1.1 and back to 1."""
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(1, 1, 1), end=(0.5, 0, 0)))])
+    t = np.linspace(0, 4, 4001)
+    q = np.interp(t, [0, 1, 1.1, 1.3, 4], [0, 1, 1.1, 1.0, 1.0])[:, None]
+    a = np.zeros((t.size, 1))
+    a[t < 1.0] = 80.0 * np.exp(-t[t < 1.0, None])
+    v = np.gradient(q[:, 0], t)[:, None] * (t[:, None] < 1.3)
+    m = dc.marks(fa.Result(arm, t, q, v, a, 0 * a), 1.0)
+    assert m.rise == pytest.approx(0.8, abs=1e-9) and m.overshoot == pytest.approx(10.0)
+    assert m.settling == pytest.approx(1.2, abs=1e-9) and m.error == pytest.approx(0.0, abs=1e-9)
+    assert m.held == pytest.approx(1.3, abs=2e-3) and m.ringing == 0.0
+    assert m.quiet == pytest.approx(1.0, abs=2e-3)  # 0.5 m off the axis: 40 exp(-t), cut off at 1 s
