@@ -3,21 +3,23 @@
     python bench/ringing_feedback.py [-o DIR]
 
 A knock on the tip, half a sine of 20 ms and 3 N, while the controller holds the joint: PD alone; strain feedback
-(Eq. 97), continuous, and sampled at 500 Hz from an encoder and a noisy gauge; and state feedback, LQR by
-python-control on the linear model. Writes ringing-feedback.csv and ringing-feedback.png into DIR (default: here).
+(Eq. 97), continuous, and sampled at 500 Hz from an encoder and a noisy gauge; state feedback, LQR by python-control on
+the linear model; and PD alone on a joint without dry friction. Writes ringing-feedback.csv and ringing-feedback.png
+into DIR (default: here).
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import control
 import flexarm as fa
 import numpy as np
 from flexarm.demo_control import DRIVE_GAIN, KP, KV
-from flexarm.plots import BLUE, INK, ORANGE, RED
+from flexarm.plots import BLUE, GREEN, INK, ORANGE, RED
 from matplotlib.figure import Figure
 
 KS = -0.05
@@ -59,6 +61,11 @@ def struck(arm: fa.Arm, law: fa.Controller) -> fa.Result:
     return fa.simulate(arm, T, control=law, loads=[knock()], integrator="gauss", step=0.01)
 
 
+def frictionless(arm: fa.Arm) -> fa.Arm:
+    link = arm.links[0]
+    return fa.Arm([replace(link, joint=replace(link.joint, coulomb=0.0))])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", type=Path, default=Path(), help="folder for the table and the figure")
@@ -68,9 +75,10 @@ def main() -> None:
     rows = []
     fig = Figure(figsize=(10.0, 5.6), layout="constrained")
     top, bottom = fig.subplots(2, 1, sharex=True)
-    looks = ((INK, "-", 1.0), (BLUE, "-", 2.0), (ORANGE, "--", 1.2), (RED, "-", 1.2))
-    for (name, law), (colour, dash, width) in zip(laws(arm).items(), looks, strict=True):
-        r = struck(arm, law)
+    looks = ((INK, "-", 1.0), (BLUE, "-", 2.0), (ORANGE, "--", 1.2), (RED, "-", 1.2), (GREEN, ":", 1.2))
+    runs = {name: struck(arm, law) for name, law in laws(arm).items()}
+    runs["PD, were there no dry friction"] = struck(frictionless(arm), laws(arm)["PD"])
+    for (name, r), (colour, dash, width) in zip(runs.items(), looks, strict=True):
         tip, joint = 1e3 * r.tip_deflection()[:, 1], np.degrees(r.q[:, 0])
         top.plot(T, tip, dash, color=colour, lw=width, label=name)
         bottom.plot(T, joint, dash, color=colour, lw=width, label=name)
@@ -83,8 +91,8 @@ def main() -> None:
     for ax in (top, bottom):
         ax.grid(alpha=0.3)
         ax.spines[["top", "right"]].set_visible(False)
-    top.set_ylim(-125, 160)
-    top.legend(frameon=False, fontsize=9, ncols=4, loc="upper right")
+    top.set_ylim(-125, 190)
+    top.legend(frameon=False, fontsize=9, ncols=3, loc="upper right")
     fig.savefig(out / "ringing-feedback.png", dpi=110)
     with (out / "ringing-feedback.csv").open("w", newline="") as f:
         writer = csv.writer(f)

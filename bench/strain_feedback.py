@@ -106,14 +106,15 @@ def draw(loop: Loop, margins: list[tuple[str, float | None, float | None]], path
         c.plot(sizes[1:], growth, color=colour, label=f"{rate:g} Hz")
     c.plot(sizes[1:], [loop.growth(-k, None) for k in sizes[1:]], "--", color=INK, label="continuous")
     c.axhline(0, color=INK, lw=1)
-    c.set(xlabel="−Ks", ylabel="growth of the least stable mode (1/s)", xscale="log", ylim=(-1.2, 2))
+    c.set(xlabel="−Ks", ylabel="growth of the least stable mode (1/s)", xscale="log", ylim=(-2, 2))
     for ax in (b, c):
         ax.axvline(-KS, color=INK, ls=":", lw=1)
     for ax, title in ((a, "a: root locus"), (b, "b: damping, continuous"), (c, "c: sampled, with a hold")):
         ax.set_title(title, fontsize=10, loc="left")
         ax.grid(alpha=0.3)
         ax.spines[["top", "right"]].set_visible(False)
-        ax.legend(frameon=False, fontsize=8, loc="lower left" if ax is b else "upper left")
+        where = {a: (0.02, 0.46), b: (0.02, 0.42), c: (0.02, 0.68)}[ax]
+        ax.legend(frameon=False, fontsize=8, loc=where)
     fig.savefig(path, dpi=110)
 
 
