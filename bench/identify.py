@@ -56,17 +56,19 @@ def response(p: np.ndarray, ks: float = 0.0, duration: float = 4.0) -> fa.Result
     return dc.respond(arm_with(inertia, viscous, dry), ks, gain=gain, step=step, duration=duration)
 
 
-def told(p: np.ndarray) -> np.ndarray:
-    """Rise (s), settling (s), overshoot (%), ringing (m/s^2)."""
-    m = dc.marks(response(p), float(p[4]))
+def told(p: np.ndarray, band: float = dc.BAND) -> np.ndarray:
+    """Rise (s), settling to a band (s), overshoot (%), ringing (m/s^2)."""
+    m = dc.marks(response(p), float(p[4]), band)
     return np.nan_to_num(np.array([m.rise, m.settling, m.overshoot, m.ringing]), nan=10.0)
 
 
-def fit_marks(inertia: float, start: np.ndarray, goal: np.ndarray = TOLD, most: int = 25) -> tuple[np.ndarray, float]:
+def fit_marks(
+    inertia: float, start: np.ndarray, goal: np.ndarray = TOLD, band: float = dc.BAND, most: int = 25
+) -> tuple[np.ndarray, float]:
     """The five values for a chosen inertia, and the largest miss, in units of the printed rounding."""
 
     def miss(logs: np.ndarray) -> np.ndarray:
-        return (told(np.array([inertia, *np.exp(logs)])) - goal) / ROUNDING
+        return (told(np.array([inertia, *np.exp(logs)]), band) - goal) / ROUNDING
 
     found = least_squares(miss, np.log(start), diff_step=1e-5, x_scale=0.1, max_nfev=most)
     return np.array([inertia, *np.exp(found.x)]), float(np.abs(found.fun).max())
@@ -250,6 +252,9 @@ def main() -> None:
             marks += [strain.overshoot, strain.ringing]
             writer.writerow([kind, f"{miss:.3g}", *(f"{x:.5g}" for x in (*p, *marks))])
             say(f"  {kind} {miss:6.2f} " + " ".join(f"{x:9.4g}" for x in (*p, *marks)))
+    tries = [fit_marks(p[0], p[1:], band=0.02) for kind, p, _ in found if p[0] in (0.025, 0.04, 0.05, 0.2)]
+    p, miss = min(tries, key=lambda x: x[1])
+    say(f"\nsettling read as 2 %, from {len(tries)} starts: the best misses by {miss:.0f} roundings: {told(p, 0.02)}")
     determined(next(p for kind, p, _ in found if kind == "sticks" and p[0] == 0.03), say)
     (out / "identify.txt").write_text("\n".join(lines) + "\n")
     draw(found, costs, out / "identify.png")

@@ -4,8 +4,9 @@
 
 The linear model has the joint's viscous friction, but no dry friction. Poles against Ks, continuous; the largest Ks of
 either sign that is stable, continuous and sampled with a hold (the linear model discretised exactly); and the same
-limit found in nonlinear simulation: sampled at 100 Hz, 3 % below and above. Writes strain-feedback.csv,
-strain-feedback-margins.csv and strain-feedback.png into DIR (default: here).
+limit found in nonlinear simulation: sampled at 100 Hz, 3 % below and above. Last, the step of Fig. 12 and 13, nonlinear
+and with dry friction, against Ks. Writes strain-feedback.csv (poles), -margins.csv, -steps.csv and strain-feedback.png
+into DIR (default: here).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from pathlib import Path
 
 import flexarm as fa
 import numpy as np
-from flexarm.demo_control import DRIVE_GAIN, KP, KS, KV
+from flexarm.demo_control import DRIVE_GAIN, KP, KS, KV, STEP, marks, respond
 from flexarm.plots import BLUE, GREEN, INK, ORANGE, PURPLE, RED
 from matplotlib.figure import Figure
 from scipy.linalg import expm
@@ -118,6 +119,19 @@ def draw(loop: Loop, margins: list[tuple[str, float | None, float | None]], path
     fig.savefig(path, dpi=110)
 
 
+def steps(arm: fa.Arm, path: Path) -> None:
+    """The step response against Ks, as a table."""
+    names = ("rise", "settling", "overshoot", "ringing", "quiet", "held", "error")
+    with path.open("w", newline="") as f:
+        writer = csv.writer(f)
+        writer.writerow(["Ks", *names])
+        for ks in (0.0, -0.002, -0.005, -0.01, -0.015, -0.02, -0.03, -0.05):
+            m = marks(respond(arm, ks), STEP)
+            row = [ks, *(f"{getattr(m, name):.3f}" for name in names)]
+            writer.writerow(row)
+            print(*row, sep="  ")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables and the figure")
@@ -156,6 +170,7 @@ def main() -> None:
         ks, rate = factor * low, RATES[-1]
         print(f"100 Hz, Ks = {ks:.5f}: growth {loop.growth(ks, rate):+.3f} 1/s by the linear model, "
               f"{simulated_growth(arm, ks, rate):+.3f} in simulation")  # fmt: skip
+    steps(arm, out / "strain-feedback-steps.csv")
     draw(loop, margins, out / "strain-feedback.png")
 
 

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
 import flexarm as fa
 import numpy as np
 import pytest
@@ -65,3 +70,36 @@ def test_marks_of_a_known_response() -> None:
     assert m.settling == pytest.approx(1.2, abs=1e-9) and m.error == pytest.approx(0.0, abs=1e-9)
     assert m.held == pytest.approx(1.3, abs=2e-3) and m.ringing == 0.0
     assert m.quiet == pytest.approx(1.0, abs=2e-3)  # 0.5 m off the axis: 40 exp(-t), cut off at 1 s
+
+
+def test_the_example_of_ringing_md_runs() -> None:
+    """Its controllers, designed on the linear model, still the nonlinear arm that PD leaves ringing."""
+    pytest.importorskip("control")
+    text = (Path(__file__).parents[1] / "docs" / "ringing.md").read_text(encoding="utf-8")
+    code = next(block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "control.lqr" in block)
+    names: dict[str, Any] = {}
+    exec(code, names)
+    arm, t, knock = names["arm"], names["t"], names["knock"]
+    pd = fa.simulate(arm, t, control=fa.PD(13.8, 0.063), loads=[knock], integrator="gauss", step=0.01)
+    left = {k: np.abs(r.tip_deflection()[t > 1, 1]).max() for k, r in (names | {"pd": pd}).items() if k in RUNS}
+    assert left["pd"] > 0.05 and left["lqr"] < 0.005 and left["strain"] < 0.005
+    assert names["poles"].real.max() < -1
+
+
+RUNS = ("pd", "lqr", "strain")
+
+
+def test_the_loop_is_lost_where_the_linear_model_says() -> None:
+    """Strain feedback sampled at 100 Hz, 3 % below and above the discretised model's limit, without dry friction."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
+    import strain_feedback as sf
+
+    arm = fa.load("ist_control").arm
+    loop = sf.Loop(arm)
+    assert sf.limit(lambda k: loop.growth(k, None), -1) is None
+    low, high = (sf.limit(lambda k: loop.growth(k, 100.0), sign) for sign in (-1, 1))
+    assert low == pytest.approx(-0.01332, rel=1e-3) and high == pytest.approx(0.00668, rel=2e-3)
+    for factor in (0.97, 1.03):
+        expected = loop.growth(factor * low, 100.0)
+        assert np.sign(expected) == np.sign(factor - 1)
+        assert sf.simulated_growth(arm, factor * low, 100.0) == pytest.approx(expected, abs=0.003)

@@ -32,7 +32,7 @@ PAPER_PEAKS = (2.9, 20.5, 55.7)  #: Hz
 # Not published
 DRIVE_GAIN = 62.584  #: N m per unit of u; identified with the scene's values
 STEP = 0.34461  #: rad; identified with them
-KS = -0.015  #: per 1/m; chosen: see `StrainFeedback run` in docs/strain-feedback.md
+KS = -0.015  #: per 1/m; chosen: the smallest, in steps of 0.005, that has the tip below QUIET within 4 s
 BAND = 0.05  #: of the step, about it, that counts as settled
 QUIET = 5.0  #: m/s^2, a tenth of the paper's ringing
 RATE, SAMPLES = 1000.0, 1024  #: of a spectrum in whose bins the paper's three peaks fall (Hz, 1)
@@ -99,14 +99,14 @@ def _largest(t: Array, y: Array, start: float, end: float) -> float:
     return float(np.abs(y[(t >= start) & (t <= end)]).max(initial=0.0))
 
 
-def marks(result: Result, step: float) -> Marks:
-    """Of the response of joint 0 to a step from 0 (rad)."""
+def marks(result: Result, step: float, band: float = BAND) -> Marks:
+    """Of the response of joint 0 to a step from 0 (rad), settled within `band` of it."""
     t, q, a = result.t, result.q[:, 0] / step, tip_acceleration(result)
     moving = np.flatnonzero(result.v[:, 0])
     early, late = _largest(t, a, 0.25, 0.75), _largest(t, a, 1.25, 1.75)
     return Marks(
         rise=_crossing(t, q, 0.9) - _crossing(t, q, 0.1),
-        settling=_last(t, q - 1.0, BAND),
+        settling=_last(t, q - 1.0, band),
         overshoot=100.0 * (float(q.max()) - 1.0),
         ringing=_largest(t, a, 0.75 * t[-1], t[-1]),
         decay=float(np.log(early / late)) if early > 0 < late else float("nan"),
