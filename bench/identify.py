@@ -8,7 +8,7 @@ others are fitted for it, and three families of solutions are followed: the join
 "yields", rocked by the beam to the end, or "holds" from its first stop, which misses the marks by some 2 ms. Then: how
 the marks depend on the unknowns; what a recording of joint and gauge would determine; what strain feedback costs each
 solution; and which masses explain Fig. 7.
-Writes identify.csv, identify.txt and identify.png into DIR (default: here). Takes some two minutes.
+Writes identify.csv, identify.txt and identify.png into DIR (default: here). Takes some three minutes.
 """
 
 from __future__ import annotations
