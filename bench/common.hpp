@@ -12,19 +12,19 @@ namespace flexarm {
 
 /// A chain of equal links with hinges along z and y in turn.
 inline Arm chain(int links, std::array<int, 5> modes, int order) {
+  BeamOptions o;
+  o.modes = modes;
+  o.order = order;
+  std::optional<Beam> beam;
+  if (*std::max_element(modes.begin(), modes.end()) > 0)
+    beam.emplace(0.5, Section::rectangle(0.004, 0.01), Material(7850, 209e9, 0.3), o);
   std::vector<Link> parts;
   for (int k = 0; k < links; ++k) {
     RigidBody hub;
     hub.mass = 0.3;
     hub.inertia = Eigen::Vector3d(1e-4, 2e-4, 2e-4).asDiagonal();
     hub.end = {0.075, 0, 0};
-    BeamOptions o;
-    o.modes = modes;
-    o.order = order;
     const Joint joint = Joint::revolute(k % 2 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitZ());
-    std::optional<Beam> beam;
-    if (*std::max_element(modes.begin(), modes.end()) > 0)
-      beam.emplace(0.5, Section::rectangle(0.004, 0.01), Material(7850, 209e9, 0.3), o);
     parts.emplace_back(joint, hub, beam, std::nullopt);
   }
   return Arm(std::move(parts), {0, 0, -9.81});

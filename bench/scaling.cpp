@@ -4,7 +4,11 @@
 // Medians of several rounds, all algorithms in turn, so that ratios hold on a noisy machine. The chain falls from rest.
 #include <cmath>
 #include <cstdio>
+#include <optional>
 #include <string>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 
 #include "common.hpp"
 #include "flexarm/ci.hpp"
@@ -99,6 +103,30 @@ void apart(const char* kind, const std::array<int, 5>& modes) {
   std::printf("# %s, 1000 links: %.4g us as one arm, %.4g us as 20 arms of 50\n", kind, times[0], times[1]);
 }
 
+/// Bytes that are allocated now, where the C library tells.
+double allocated() {
+#if defined(__GLIBC__) && (__GLIBC__ > 2 || __GLIBC_MINOR__ >= 33)
+  const struct mallinfo2 m = mallinfo2();
+  return static_cast<double>(m.uordblks + m.hblkhd);
+#else
+  return std::nan("");
+#endif
+}
+
+/// What it takes to make an arm of 1000 links, and the workspace of AB, inverse dynamics and steps.
+void set_up(const char* kind, const std::array<int, 5>& modes) {
+  const Arm links = chain(1000, modes, 2);
+  std::optional<Arm> arm;
+  std::optional<Workspace> ws;
+  double at = allocated();
+  const double arm_us = microseconds([&] { arm.emplace(links.links(), links.gravity()); }, 1);
+  const double arm_bytes = allocated() - at;
+  at = allocated();
+  const double ws_us = microseconds([&] { ws.emplace(*arm); }, 1);
+  std::printf("# %s, 1000 links, set-up: %.3g ms and %.3g MB for the arm, %.3g ms and %.3g MB for a workspace\n", kind,
+              1e-3 * arm_us, 1e-6 * arm_bytes, 1e-3 * ws_us, 1e-6 * (allocated() - at));
+}
+
 }  // namespace
 
 int main() {
@@ -109,5 +137,6 @@ int main() {
     for (int links : {1, 2, 3, 5, 7, 10, 20, 50, 100, 200, 300, 500, 1000})
       row(kind, links, modes, ab, ci, dense, chained, implicit);
     apart(kind, modes);
+    set_up(kind, modes);
   }
 }

@@ -74,7 +74,8 @@ def draw(rows: Rows, path: Path) -> None:
     figure.savefig(path, dpi=100)
 
 
-def page(rows: Rows, apart: list[str], about: str) -> str:
+def page(rows: Rows, remarks: list[str], about: str) -> str:
+    apart, set_up = ([f"- {x}" for x in remarks if ("set-up" in x) == wanted] for wanted in (False, True))
     lines = ["| | rigid links | flexible links |", "| - | - | - |"]
     for column, (label, _, _) in COLUMNS.items():
         slopes = [exponent(rows, kind, column) for kind in ("rigid", "flexible")]
@@ -101,10 +102,15 @@ factorisations, Newton iterations and failed steps.
 {chr(10).join(lines)}
 
 AB's and the implicit step's operations are linear in N (and so are those of an iteration of IDA); exponents above 1 are
-mostly the processor's caches, which short arms fit into and long ones do not; IDA's also more iterations per step.
-The same number of links as many short arms, one after the other, needs as much memory, and no longer a chain:
+mostly the processor's caches, which short arms fit into and long ones do not; IDA's also more iterations per step. The
+beams here are copies of one and share its tables; beams that differ have each its own, and leave the caches sooner.
+The same number of links as many short arms, one after the other, needs as much memory, and no longer a chain (AB):
 
 {chr(10).join(apart)}
+
+CI's three matrices of nv² numbers are taken where CI is asked for; what it takes to begin is linear in N, too:
+
+{chr(10).join(set_up)}
 
 CI was not asked again once an evaluation took longer than half a second, nor the dense solver after such a run.
 
@@ -126,10 +132,10 @@ def main() -> None:
     commit = subprocess.run(["git", "-C", ROOT, "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
     about = f"flexarm {fa.__version__} at {commit.stdout.strip() or 'no commit'}, {platform.machine()}"
     rows = list(csv.DictReader(line for line in io.StringIO(text) if not line.startswith("#")))
-    apart = [f"- AB, {line[2:]}" for line in text.splitlines() if line.startswith("#")]
+    remarks = [line[2:] for line in text.splitlines() if line.startswith("#")]
     (out / "scaling.csv").write_text(f"# {about}\n{text}")
     draw(rows, out / "scaling.png")
-    words = page(rows, apart, about)
+    words = page(rows, remarks, about)
     print(words)
     if options.docs:
         (ROOT / "docs/scaling.md").write_text(words)

@@ -240,7 +240,7 @@ def test_interrupt(
 
 
 @pytest.mark.parametrize(
-    "argv", [["--help"], ["demo", "--help"], ["run", "--help"], ["modes", "--help"], ["chart", "--help"]]
+    "argv", [["--help"], *([command, "--help"] for command in ("demo", "run", "modes", "chart", "place"))]
 )
 def test_help(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as done:

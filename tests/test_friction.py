@@ -188,3 +188,25 @@ def test_friction_in_scene_files() -> None:
     )
     again = fa.Arm.from_dict(arm.to_dict())
     assert again.to_dict() == arm.to_dict() and "stiction" in repr(again.links[0].joint)
+
+
+def geared(**gear) -> fa.Arm:
+    """A rotor of 0.05 kg m² at the joint, a gear, a load of 0.2 kg m²."""
+    load = fa.RigidBody(1.0, inertia=(0.2, 0.2, 0.2))
+    return fa.Arm([fa.Link(fa.Revolute("z", reflected_inertia=0.05)), fa.Link(fa.Revolute("z", **gear), load)])
+
+
+def test_elastic_gear() -> None:
+    """Rotor and load on a spring: one free turn, and sqrt(k (1/J1 + 1/J2))."""
+    np.testing.assert_allclose(geared(stiffness=80.0).modes().frequencies, [0.0, np.sqrt(80 * (20 + 5))], atol=1e-6)
+
+
+def test_backlash() -> None:
+    """A gap of 0.1 rad: the rotor turns alone until it is closed, then both, with their angular momentum kept."""
+    arm = geared(lower=-0.05, upper=0.05, limit_stiffness=1e4, limit_damping=3.0)
+    t = np.linspace(0, 0.5, 501)
+    r = fa.simulate(arm, t, [0.0, 0.05], [1.0, -1.0], integrator="implicit", step=2e-4)
+    load = r.v.sum(axis=1)
+    np.testing.assert_allclose(load[t < 0.095], 0.0, atol=1e-9)
+    np.testing.assert_allclose(0.05 * r.v[:, 0] + 0.2 * load, 0.05, rtol=1e-7)
+    assert r.q[:, 1].min() > -0.06 and load[-1] > 0.1

@@ -199,3 +199,12 @@ def test_events_inside_long_steps() -> None:
     assert stopped.status == 1 and len(stopped.t_events[0]) == 3
     np.testing.assert_array_equal(stopped.t, t[t <= stopped.t_events[0][-1]])
     np.testing.assert_allclose(stopped.q, r.q[: len(stopped.t)], atol=1e-12)
+
+
+def test_the_last_row_has_the_forces_of_its_time() -> None:
+    """Not those of the last output time inside the step that ends there."""
+    arm, law = paper_link(), fa.Torque(lambda t: np.sin(25 * t))
+    run = fa.simulate(arm, np.linspace(0, 0.01, 51), drive={0: law}, integrator="gauss", step=1e-3)
+    a = arm.forward_dynamics(run.q[-1], run.v[-1], [law(0.01), 0, 0, 0])
+    np.testing.assert_allclose(run.tau[-1, 0], law(0.01), rtol=1e-14)
+    np.testing.assert_allclose(run.a[-1], a, rtol=1e-10)

@@ -11,6 +11,12 @@ namespace {
 //   s.H             H_n                s.N    the bias of A (Eq. 86)  b.T        T~ (Eq. 93)
 //   b.U             M~ H, rigid rows   b.D    D (Eq. 94)              b.W        L^-1 U^T, with D = L L^T
 
+/// Adds what belongs to joint coordinate k alone to D.
+void add_to_joint(ArticulatedLink& b, Eigen::Index k, double inertia) {
+  b.D(k, k) += inertia;
+  b.lone = b.lone && inertia == 0.0;
+}
+
 /// M of link n with everything above it (Eq. 96), and its U and D (Eq. 94).
 void articulate(const Arm& arm, Workspace& ws, std::size_t n) {
   const Link& link = arm.link(n);
@@ -21,6 +27,15 @@ void articulate(const Arm& arm, Workspace& ws, std::size_t n) {
     const LinkState<double>& up = ws.links[n + 1];
     Mat6<double> Ma = up.M.topLeftCorner<6, 6>();
     Ma.noalias() -= ws.articulated[n + 1].W.transpose() * ws.articulated[n + 1].W;
+    if (ws.articulated[n + 1].lone) {
+      // M~ H = 0: nothing is left along the free coordinate of a rigid link, not even rounding, of which a heavy one
+      // leaves much
+      const Vec6<double> h = up.H.col(ws.articulated[n + 1].free[0]).normalized();
+      Vec6<double> rest = Ma * h;
+      rest -= (0.5 * h.dot(rest)) * h;
+      Ma.noalias() -= rest * h.transpose();
+      Ma.noalias() -= h * rest.transpose();
+    }
     carry_inertia(up, Ma, s);
   }
   const auto Mrr = s.M.topLeftCorner<6, 6>();
@@ -28,8 +43,9 @@ void articulate(const Arm& arm, Workspace& ws, std::size_t n) {
   b.U.rightCols(ne) = s.M.topRightCorner(6, ne);
   for (int k = 0; k < nf; ++k)
     for (int i = 0; i < nf + ne; ++i) b.D(i, k) = b.D(k, i) = s.H.col(b.free[k]).dot(b.U.col(i));
+  b.lone = nf == 1 && ne == 0;
   if (link.joint().passive())
-    for (int k = 0; k < nf; ++k) b.D(k, k) += link.joint().forces()[b.free[k]].reflected_inertia;
+    for (int k = 0; k < nf; ++k) add_to_joint(b, k, link.joint().forces()[b.free[k]].reflected_inertia);
   b.D.bottomRightCorner(ne, ne) = s.M.bottomRightCorner(ne, ne);
 }
 
@@ -48,6 +64,10 @@ void carry_bias(const Arm& arm, Workspace& ws, std::size_t n) {
   const LinkState<double>& up = ws.links[n + 1];
   ArticulatedLink &b = ws.articulated[n], &ub = ws.articulated[n + 1];
   ub.N.noalias() += ub.U * ub.T;
+  if (ub.lone) {  // along a free coordinate, what is applied to it and no rounding
+    const auto h = up.H.col(ub.free[0]);
+    ub.N += h * ((ub.applied - h.dot(ub.N)) / h.squaredNorm());
+  }
   b.N += up.phi.inward(ub.N);
   b.Ne.noalias() += up.phi_e.transpose() * ub.N;
 }
@@ -55,6 +75,7 @@ void carry_bias(const Arm& arm, Workspace& ws, std::size_t n) {
 /// T, which holds the applied forces, less the bias (Eq. 93), and through D^-1.
 void condense(const LinkState<double>& s, ArticulatedLink& b) {
   const Eigen::Index nf = static_cast<Eigen::Index>(b.free.size());
+  if (b.lone) b.applied = b.T[0];
   for (Eigen::Index k = 0; k < nf; ++k) b.T[k] -= s.H.col(b.free[k]).dot(b.N);
   b.T.tail(b.Ne.size()) -= b.Ne;
   b.factor.solveInPlace(b.T);
@@ -68,10 +89,9 @@ Status eliminate(const Arm& arm, Workspace& ws, const Eigen::VectorXd& tau) {
     ArticulatedLink& b = ws.articulated[n];
     const int j = arm.first(n), e = j + link.nj(), ne = link.ne();
     const int nf = static_cast<int>(b.free.size());
-    link.mass_matrix(s);
+    link.mass_matrix_and_force<double>(s, Vec6<double>::Zero(), nullptr, b.N, b.Ne);
     articulate(arm, ws, n);
     if (!factor(b)) return Status::singular;
-    link.inertial_force<double>(s, Vec6<double>::Zero(), nullptr, b.N, b.Ne);
     if (!ws.loads.empty()) subtract_loads(arm, ws, n, b.N, b.Ne);
     if (link.beam()) {
       b.Ne.noalias() += link.beam()->stiffness() * s.qe;
@@ -143,14 +163,14 @@ Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
 }
 
 Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                      const Shift& shift) {
+                      const Shift& shift, bool have_masses) {
   ws.twice_kinetic = 0.0;
   for (std::size_t n = arm.size(); n-- > 0;) {
     const Link& link = arm.link(n);
     LinkState<double>& s = ws.links[n];
     ArticulatedLink& b = ws.articulated[n];
     const Eigen::Index ne = link.ne();
-    link.mass_matrix(s);
+    if (!have_masses) link.mass_matrix(s);
     ws.twice_kinetic += twice_kinetic(s);
     articulate(arm, ws, n);
     if (link.joint().passive())
@@ -159,14 +179,13 @@ Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, c
         ws.twice_kinetic += link.joint().forces()[b.free[k]].reflected_inertia * rate * rate;
         const auto [by_q, by_v] =
             link.joint().resistance_slopes(b.free[k], q.data() + arm.first_q(n), v.data() + arm.first(n));
-        b.D(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(k)) +=
-            shift.stiffness * by_q + shift.damping * by_v;
+        add_to_joint(b, static_cast<Eigen::Index>(k), shift.stiffness * by_q + shift.damping * by_v);
       }
     for (const AppliedFeedback& f : ws.feedback)  // of each joint by itself
       for (std::size_t k = 0; k < b.free.size(); ++k) {
         const int i = arm.first(n) + b.free[k], at = arm.coordinate_of(i);
         const double slope = f.law->by_v[i] * shift.damping + (at < 0 ? 0.0 : f.law->by_q[at] * shift.stiffness);
-        b.D(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(k)) += std::max(0.0, f.law->column[i] * slope);
+        add_to_joint(b, static_cast<Eigen::Index>(k), std::max(0.0, f.law->column[i] * slope));
       }
     if (link.beam()) {
       b.D.bottomRightCorner(ne, ne) += shift.stiffness * link.beam()->stiffness();

@@ -9,10 +9,7 @@
 namespace flexarm {
 
 Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::vector<Load>& applied)
-    : SweepWorkspace<double>(arm, applied),
-      a(Eigen::VectorXd::Zero(arm.nv())),
-      M(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())),
-      prescribed(given) {
+    : SweepWorkspace<double>(arm, applied), a(Eigen::VectorXd::Zero(arm.nv())), prescribed(given) {
   prescribed.resize(static_cast<std::size_t>(arm.nv()), false);
   Eigen::Index widest = 0;
   for (std::size_t n = 0; n < arm.size(); ++n) {
@@ -38,10 +35,7 @@ Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::
     articulated.push_back(std::move(b));
     widest = std::max<Eigen::Index>(widest, link.nj() + link.ne());
   }
-  const Eigen::Index nf = static_cast<Eigen::Index>(free.size());
-  M_free = Eigen::MatrixXd::Identity(nf, nf);
-  factor.compute(M_free);
-  rhs = Eigen::VectorXd::Zero(nf);
+  rhs = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(free.size()));
   total = Eigen::VectorXd::Zero(arm.nv());
   columns = Eigen::MatrixXd::Zero(6, widest);
 }
@@ -68,13 +62,22 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
     for (int k = first_[n]; k < first_[n] + links_[n].nj(); ++k)
       if (coordinate_of(k) >= 0) q[coordinate_of(k)] = 0.3 + 0.7 * std::sin(1.0 + 2.0 * k);
   const Status status = forward_dynamics_ab(*this, ws, q, still, still);
-  composite_mass_matrix(*this, ws);
+  composite_inertias(*this, ws);
   for (std::size_t n = size(); n-- > 0;) {
     const ArticulatedLink& b = ws.articulated[n];
+    const LinkState<double>& s = ws.links[n];
     for (Eigen::Index k = 0; k < b.D.rows(); ++k) {
       const int i = first_[n] + static_cast<int>(k);
+      const Eigen::Index elastic = k - links_[n].nj();
+      double whole = 0.0;  // diagonal of M
+      if (elastic >= 0)
+        whole = s.M(6 + elastic, 6 + elastic);
+      else
+        whole = s.H.col(k).dot(s.M.topLeftCorner<6, 6>() * s.H.col(k));
+      if (elastic < 0 && links_[n].joint().passive())
+        whole += links_[n].joint().forces()[static_cast<std::size_t>(k)].reflected_inertia;
       const double left = b.factor.info() == Eigen::Success ? std::pow(b.factor.matrixLLT()(k, k), 2) : b.D(k, k);
-      if (!(ws.M(i, i) > 0.0) || !(left > 1e-14 * ws.M(i, i)))
+      if (!(whole > 0.0) || !(left > 1e-14 * whole))
         bad_value("inertia of coordinate '" + coordinates()[i] + "'", left,
                   "must be positive; give what moves with it a mass or an inertia (shear tells itself from bending by "
                   "rotary inertia alone), and a beam enough gauss_points");
@@ -104,6 +107,19 @@ std::vector<std::string> Arm::coordinates() const {
         names.push_back(prefix + kStrainFields[s].name + " " + std::to_string(i + 1));
   }
   return names;
+}
+
+Eigen::MatrixXd Arm::patch_matrix() const {
+  Eigen::Index n = 0, k = 0;
+  for (const Link& link : links_) n += link.beam() ? link.beam()->patch_forces().cols() : 0;
+  Eigen::MatrixXd B = Eigen::MatrixXd::Zero(nv_, n);
+  for (std::size_t i = 0; i < links_.size(); ++i) {
+    if (!links_[i].beam()) continue;
+    const Eigen::MatrixXd& forces = links_[i].beam()->patch_forces();
+    B.block(first_[i] + links_[i].nj(), k, forces.rows(), forces.cols()) = forces;
+    k += forces.cols();
+  }
+  return B;
 }
 
 }  // namespace flexarm

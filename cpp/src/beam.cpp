@@ -128,7 +128,7 @@ int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& sha
 
 }  // namespace
 
-int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length) {
+int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, double part) {
   for (const Eigen::MatrixXd& given : o.shapes)
     if (given.size() > 0) return gauss_points_by_trial(o, shapes, length);
   const int bending = std::max(o.modes[bending_y], o.modes[bending_z]);
@@ -146,7 +146,7 @@ int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shape
   // length. n points integrate cos(k X/L) to (e k / 8n)^2n.
   const double beta = 3.14159265358979323846 * std::max(bending - 0.5, simple - 0.5);
   const int products = o.order == 1 && o.rotary_inertia ? 2 : std::clamp(o.order, 1, 3);
-  const double k = 2.0 * products * std::max(beta, 1.9);
+  const double k = 2.0 * products * std::max(beta, 1.9) * part;
   int n = 4;
   while (2.0 * n * std::log(std::exp(1.0) * k / (8.0 * n)) > std::log(1e-12)) ++n;
   return n;
@@ -235,13 +235,16 @@ MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, i
 
 }  // namespace
 
-Beam::Beam(double length, const Section& section, const Material& material, const BeamOptions& options)
-    : Beam(length, Profile{{[section](double) { return section; }, {}}, material, true}, material, options) {}
+Beam::Beam(double length, const Section& section, const Material& material, const BeamOptions& options,
+           const std::vector<Patch>& patches)
+    : Beam(length, Profile{{[section](double) { return section; }, {}}, material, true}, material, options, patches) {}
 
-Beam::Beam(double length, const SectionProfile& section, const Material& material, const BeamOptions& options)
-    : Beam(length, Profile{section, material, false}, material, options) {}
+Beam::Beam(double length, const SectionProfile& section, const Material& material, const BeamOptions& options,
+           const std::vector<Patch>& patches)
+    : Beam(length, Profile{section, material, false}, material, options, patches) {}
 
-Beam::Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options)
+Beam::Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options,
+           const std::vector<Patch>& patches)
     : length_(positive("length", length)), options_(options) {
   double from = 0.0;
   for (double b : profile.section.breaks) {
@@ -265,11 +268,19 @@ Beam::Beam(double length, const Profile& profile, const Material& material, cons
   const std::array<int, kStrains>& m = options_.modes;
   const bool y = m[bending_y] + m[shear_y] > 0, z = m[bending_z] + m[shear_z] > 0;
   if (m[torsion] == 0 && y != z) plane_ = y ? Plane::xy : Plane::xz;
-  build_slices(profile);
-  build_stiffness(profile);
+  std::vector<MassSlice> slices = build_slices(profile);
+  patch_forces_.resize(ne_, static_cast<Eigen::Index>(patches.size()));
+  patch_capacitances_.resize(patch_forces_.cols());
+  for (Eigen::Index k = 0; k < patch_forces_.cols(); ++k) {
+    const Patch& p = patches[static_cast<std::size_t>(k)];
+    patch_forces_.col(k) = patch_force(p, &patch_capacitances_[k]);
+    if (p.mass) add_patch_slices(p, slices);
+  }
+  slices_ = std::make_shared<const std::vector<MassSlice>>(std::move(slices));
+  build_stiffness(profile, patches);
 }
 
-void Beam::build_slices(const Profile& profile) {
+std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
   const int n = options_.gauss_points > 0 ? options_.gauss_points : enough_gauss_points(options_, shapes_, length_);
   rule_ = GaussRule(n, length_);
   // Where the section varies, points and masses are the Gauss rule of the mass along the beam, so that they are as few.
@@ -289,20 +300,22 @@ void Beam::build_slices(const Profile& profile) {
   stations.push_back(length_);
   std::vector<SliceTable> all = tables(stations);
   mass_ = masses.weights.sum();
+  std::vector<MassSlice> slices;
   for (int g = 0; g < n; ++g) {
     const Section section = profile.section.at(masses.points[g]);
     Eigen::Vector3d inertia = Eigen::Vector3d::Zero();
     if (options_.rotary_inertia && mass_ > 0.0)
       inertia = masses.weights[g] / profile.mass(section) * profile.rotary(section);
-    slices_.push_back({all[g], masses.weights[g], inertia});
+    slices.push_back({all[g], masses.weights[g], inertia});
   }
   tip_ = all[n];
-  if (options_.order > 2) {
-    series_.emplace(options_.order, plane_, tables({rule_.points.data(), rule_.points.data() + n}));
-  }
+  if (options_.order > 2)
+    series_ = std::make_shared<const SeriesTables>(options_.order, plane_,
+                                                   tables({rule_.points.data(), rule_.points.data() + n}));
+  return slices;
 }
 
-void Beam::build_stiffness(const Profile& profile) {
+void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& patches) {
   // Elastic forces (Eq. 62) and, for modal damping, the mass of the clamped beam at rest.
   stiffness_ = damping_ = MatrixXd::Zero(ne_, ne_);
   int most = *std::max_element(options_.modes.begin(), options_.modes.end());
@@ -318,10 +331,12 @@ void Beam::build_stiffness(const Profile& profile) {
           fine.weights[g] * profile.rigidity(s, section) * e * e.transpose();
     }
   }
+  for (const Patch& p : patches)
+    if (p.stiffness) stiffness_ += patch_stiffness(p);
   damping_ = options_.kelvin_voigt * stiffness_;
   if (options_.damping_ratio > 0.0 && ne_ > 0) {
     MatrixXd M = MatrixXd::Zero(ne_, ne_);
-    for (const MassSlice& s : slices_) {
+    for (const MassSlice& s : *slices_) {
       const auto Jx = s.table.linear.topRows<3>(), Jt = s.table.linear.bottomRows<3>();
       M += s.mass * Jx.transpose() * Jx + Jt.transpose() * s.inertia.asDiagonal() * Jt;
     }
@@ -358,14 +373,13 @@ std::vector<SliceTable> Beam::tables(const std::vector<double>& stations) const 
     t.X = X;
     t.plane = plane_;
     t.linear = MatrixXd::Zero(6, ne_);
-    t.strains = MatrixXd::Zero(5, ne_);
+    t.strains = strains_at(X);
     const std::array<ShapeValues, kStrains> s = shapes_at(X);
     for (int i = 0; i < kStrains; ++i) {
       const StrainField& f = kStrainFields[i];
       const auto columns = [&](auto& m, int row) { return m.block(row, first_[i], 1, n[i]); };
       if (f.position >= 0) columns(t.linear, f.position) = (f.bending ? s[i].deflection : s[i].slope).transpose();
       if (f.rotation >= 0) columns(t.linear, 3 + f.rotation) = f.sign * s[i].slope.transpose();
-      columns(t.strains, f.strain) = f.sign * s[i].strain.transpose();
     }
     if (options_.order == 2) t.products = second_order(integrals, first_);
     if (options_.order > 2) t.weights = integral_weights(rule_, length_, X);

@@ -4,14 +4,27 @@
 
 namespace flexarm {
 
-void composite_mass_matrix(const Arm& arm, Workspace& ws) {
-  ws.M.setZero();
+void take_composite(const Arm& arm, Workspace& ws) {
+  const Eigen::Index n = static_cast<Eigen::Index>(ws.free.size());
+  ws.M.resize(arm.nv(), arm.nv());  // resize does nothing where the size is right
+  ws.M_free.setIdentity(n, n);
+  ws.factor.compute(ws.M_free);
+}
+
+void composite_inertias(const Arm& arm, Workspace& ws, bool have_masses) {
+  for (std::size_t n = arm.size(); n-- > 0;) {
+    if (!have_masses) arm.link(n).mass_matrix(ws.links[n]);
+    if (n + 1 < arm.size()) carry_inertia(ws.links[n + 1], ws.links[n + 1].M.topLeftCorner<6, 6>(), ws.links[n]);
+  }
+}
+
+void composite_mass_matrix(const Arm& arm, Workspace& ws, bool have_masses) {
+  composite_inertias(arm, ws, have_masses);
+  ws.M.setZero(arm.nv(), arm.nv());
   for (std::size_t n = arm.size(); n-- > 0;) {
     const Link& link = arm.link(n);
-    LinkState<double>& s = ws.links[n];
+    const LinkState<double>& s = ws.links[n];
     const int j = arm.first(n), nj = link.nj(), ne = link.ne(), e = j + nj;
-    link.mass_matrix(s);
-    if (n + 1 < arm.size()) carry_inertia(ws.links[n + 1], ws.links[n + 1].M.topLeftCorner<6, 6>(), s);
     // H^T M H of this link, then M H carried inward by Phi^T to every link below
     const int n_own = nj + ne;
     auto F = ws.columns.leftCols(n_own);
@@ -40,9 +53,10 @@ Status forward_dynamics_ci(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
                            const Eigen::VectorXd& tau) {
   // tau - H^T Phi^T (M Phi N + N) of Eq. 90: inverse dynamics with the free accelerations at zero
   for (int i : ws.free) ws.a[i] = 0.0;
-  inverse_dynamics<double>(arm, ws, q, v, ws.a);
-  composite_mass_matrix(arm, ws);
+  inverse_dynamics<double>(arm, ws, q, v, ws.a, true);
+  composite_mass_matrix(arm, ws, true);
   const Eigen::Index n = static_cast<Eigen::Index>(ws.free.size());
+  ws.M_free.resize(n, n);
   for (Eigen::Index k = 0; k < n; ++k) {
     const int i = ws.free[k];
     ws.rhs[k] = tau[i] - ws.tau[i];

@@ -16,6 +16,18 @@ void add_feedback_slopes(const std::vector<AppliedFeedback>& feedback, const Eig
   }
 }
 
+Eigen::VectorXd LinearLaw::operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                                      const Eigen::VectorXd& a) {
+  Eigen::VectorXd e = reference(t), y = read ? read(t, q, v, a) : Eigen::VectorXd(by_q * q + by_v * v);
+  if (y.size() != B.cols()) bad_value("measure", y.size(), "numbers; B has " + std::to_string(B.cols()) + " columns");
+  if (e.size() != y.size()) bad_value("reference", e.size(), "numbers; must be " + std::to_string(y.size()));
+  e -= y;
+  const Eigen::VectorXd u = (C * x + D * e).cwiseMax(-limit).cwiseMin(limit);
+  if (!u.allFinite()) bad_value("control at t = " + std::to_string(t), "nan or inf", "must give finite numbers");
+  x = A * x + B * e;
+  return columns * u;
+}
+
 Control::Control(std::vector<Feedback> feedback, std::vector<Sampler> samplers, int nv)
     : feedback_(std::move(feedback)), held_(Eigen::VectorXd::Zero(nv)) {
   for (Sampler& s : samplers) {

@@ -143,7 +143,7 @@ class Sliding {
       const double place = q[arm_.coordinate_of(c.coordinate)];
       if (c.sense == 0) {
         const auto still = [place](double) { return MotionValue{place, 0.0, 0.0}; };
-        all_drives_.push_back({c.coordinate, still, {}, Eigen::Vector2d(-1e300, 1e300), true});
+        all_drives_.push_back({c.coordinate, still, {}, Eigen::Vector2d(-1e300, 1e300), {}, true});
       }
     }
     probe_ = std::make_unique<System>(arm_, all_drives_, loads_, tau_, control_);
@@ -191,7 +191,7 @@ void add(const SimulationStats& part, SimulationStats& sum) {
 }
 
 /// Adds a part of the run: all its rows but the first, and the occurrences of the run's events.
-void append(const Trajectory& part, const Sliding& sliding, const Eigen::VectorXd& t, Trajectory& out) {
+void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
   for (Eigen::Index k = 1; k < part.done; ++k, ++out.done) {
     out.q.row(out.done) = part.q.row(k);
     out.v.row(out.done) = part.v.row(k);
@@ -201,7 +201,8 @@ void append(const Trajectory& part, const Sliding& sliding, const Eigen::VectorX
     sliding.separate(out, out.done);
   }
   for (std::size_t k = 0; k < out.events.size(); ++k) {
-    EventLog &all = out.events[k], log = part.events[k];
+    EventLog& all = out.events[k];
+    const EventLog& log = part.events[k];
     all.t.insert(all.t.end(), log.t.begin(), log.t.end());
     all.q.insert(all.q.end(), log.q.begin(), log.q.end());
     all.v.insert(all.v.end(), log.v.begin(), log.v.end());
@@ -225,33 +226,36 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
   out.rubs = true;
   Eigen::VectorXd q = q0, v = v0;
   const Contact* switched = nullptr;
-  for (int at_once = 0; at_once < kMostAtOnce;) {
-    const double now = out.reached;
-    sliding.sample(now, q, v);
-    sliding.settle(now, q, v, switched);
-    for (; out.done < t.size() && t[out.done] <= now + instant; sliding.separate(out, out.done - 1))
-      if (!sliding.record(now, q, v, composite, out)) return out;
-    if (out.done == t.size()) return out;
-    Eigen::VectorXd times(1 + t.size() - out.done);
-    times << now, t.tail(t.size() - out.done);
-    const Trajectory part =
-        integrate(sliding.drives(), times, q, v, sliding.tau(), sliding.watch(remaining(events, out)));
-    append(part, sliding, t, out);
-    if (!part.terminated || !out.failure.empty()) return out;
-    for (std::size_t k = 0; k < events.size(); ++k)
-      if (events[k].terminal > 0 && static_cast<int>(out.events[k].t.size()) == events[k].terminal)
-        out.terminated = true;
-    if (out.terminated) return out;
-    for (std::size_t k = 0; k < sliding.switching().size(); ++k) {
-      const EventLog& log = part.events[events.size() + k];
-      if (log.t.empty()) continue;
-      switched = sliding.switching()[k];
-      q = log.q.back();
-      v = log.v.back();
+  for (int at_once = 0; at_once < kMostAtOnce;) try {
+      const double now = out.reached;
+      sliding.sample(now, q, v);
+      sliding.settle(now, q, v, switched);
+      for (; out.done < t.size() && t[out.done] <= now + instant; sliding.separate(out, out.done - 1))
+        if (!sliding.record(now, q, v, composite, out)) return out;
+      if (out.done == t.size()) return out;
+      Eigen::VectorXd times(1 + t.size() - out.done);
+      times << now, t.tail(t.size() - out.done);
+      const Trajectory part =
+          integrate(sliding.drives(), times, q, v, sliding.tau(), sliding.watch(remaining(events, out)));
+      append(part, sliding, out);
+      if (!part.terminated || !out.failure.empty()) return out;
+      for (std::size_t k = 0; k < events.size(); ++k)
+        if (events[k].terminal > 0 && static_cast<int>(out.events[k].t.size()) == events[k].terminal)
+          out.terminated = true;
+      if (out.terminated) return out;
+      for (std::size_t k = 0; k < sliding.switching().size(); ++k) {
+        const EventLog& log = part.events[events.size() + k];
+        if (log.t.empty()) continue;
+        switched = sliding.switching()[k];
+        q = log.q.back();
+        v = log.v.back();
+      }
+      ++out.stats.switches;
+      at_once = out.reached > now + instant ? 0 : at_once + 1;
+    } catch (const Interrupted&) {
+      out.failure = kInterrupted;
+      return out;
     }
-    ++out.stats.switches;
-    at_once = out.reached > now + instant ? 0 : at_once + 1;
-  }
   out.failure = "the friction of joint coordinate '" + arm.coordinates()[switched->coordinate] +
                 "' switches without end: no state of sticking and sliding satisfies it";
   return out;

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <chrono>
+#include <sstream>
+#include <utility>
 
 #include "events.hpp"
 #include "flexarm/check.hpp"
@@ -11,8 +13,11 @@ namespace flexarm {
 
 namespace {
 
-constexpr int kLook = 200;          // steps between two calls of `alive`
-constexpr double kOneTime = 1e-13;  // parts of the time by which two zeros of one event are still one
+constexpr int kLook = 200;            // most steps between two calls of `alive`
+constexpr double kLookTime = 0.02;    // s: about the longest time between them
+constexpr double kAbsurd = 1e4;       // rad: no beam is turned so far
+constexpr long kAbsurdSteps = 20000;  // steps with such a beam, after which they are known to lead nowhere
+constexpr double kOneTime = 1e-13;    // parts of the time by which two zeros of one event are still one
 
 int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
   IdaSystem& s = *static_cast<IdaSystem*>(data);
@@ -69,11 +74,11 @@ struct Solver {
 #if SUNDIALS_VERSION_MAJOR < 7
     check_flag(IDASetErrHandlerFn(memory, keep_message, &s));
 #endif
+    s.message.reserve(500);  // no step allocates
     check_flag(IDAInit(memory, residual, t0, y, yp));
     check_flag(IDASStolerances(memory, o.rtol, o.atol));
     linear.emplace().attach(memory, s, y, context);
     check_flag(IDASetMaxOrd(memory, o.max_order));
-    check_flag(IDASetMaxNumSteps(memory, kLook));
     check_flag(IDASetStopTime(memory, t_end));
   }
   ~Solver() {
@@ -134,6 +139,53 @@ void watch(void* memory, const std::vector<Event>& events) {
   check_flag(IDASetRootDirection(memory, directions.data()));
   check_flag(IDASetNoInactiveRootWarn(memory));
 }
+
+/// Watches how the steps get on.
+class Watch {
+ public:
+  Watch(double t0, double span) : since_(t0), least_(kLook * 1e-12 * span) {}
+
+  /// Steps until the next look around, by the time that the last ones took (s).
+  int next(long steps, double took) const {
+    return static_cast<int>(
+        std::clamp(static_cast<double>(steps) * kLookTime / std::max(took, 1e-9), 1.0, 1.0 * kLook));
+  }
+
+  /// After some steps, of which the last ended at t: why there is no point in going on, or nothing.
+  std::string judge(const IdaSystem& s, long steps, double t) {
+    steps_ += steps;
+    if (steps_ < kLook) return {};
+    const double gained = t - since_;
+    if (gained < least_) return "the step size fell below 1e-12 of the time asked for: the solution changes too fast";
+    since_ = t;
+    const auto [link, turn] = largest_turn(s);
+    absurd_ = turn < kAbsurd ? 0 : absurd_ + steps_;
+    const double step = gained / static_cast<double>(std::exchange(steps_, 0));
+    if (absurd_ < kAbsurdSteps) return {};
+    std::ostringstream text;
+    text << "the motion runs away in steps of " << step << " s: the beam of link " << link << " turns by " << turn
+         << " rad";
+    return text.str();
+  }
+
+ private:
+  /// Link of the beam that is bent and twisted most, and an upper bound of its tip's angle (rad).
+  static std::pair<std::size_t, double> largest_turn(const IdaSystem& s) {
+    std::pair<std::size_t, double> found{0, 0.0};
+    for (std::size_t n = 0; n < s.arm.size(); ++n) {
+      const Link& link = s.arm.link(n);
+      const double* q = s.q.data() + s.arm.first_q(n) + link.joint().nq();
+      double turn = 0.0;
+      for (int k = 0; k < link.ne(); ++k)
+        turn += std::abs(q[k]) * link.beam()->tip().linear.col(k).tail<3>().cwiseAbs().maxCoeff();
+      if (turn > found.second) found = {n, turn};
+    }
+    return found;
+  }
+
+  double since_, least_;
+  long steps_ = 0, absurd_ = 0;
+};
 
 /// Logs the events that IDA has found at time t.
 void occurred(const Solver& solver, IdaSystem& s, double t, std::vector<int>& found, Trajectory& out) {
@@ -220,6 +272,47 @@ void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::v
   }
 }
 
+double seconds_since(std::chrono::steady_clock::time_point clock) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - clock).count();
+}
+
+/// From the state in `solver` to the last of t, or until something stops it.
+void integrate(const Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std::vector<double>& stops,
+               bool composite, const Alive& alive, Trajectory& out) {
+  std::vector<int> found(s.events->size());
+  Watch pace(t[0], t[t.size() - 1] - t[0]);
+  int look = 1;
+  while (out.done < t.size() && out.failure.empty()) {
+    const double goal = t[out.done];
+    IDASetStopTime(solver.memory,
+                   *std::upper_bound(stops.begin(), stops.end() - 1, out.reached + kOneTime * std::abs(out.reached)));
+    check_flag(IDASetMaxNumSteps(solver.memory, look));
+    sunrealtype now = out.reached;
+    long before = 0, after = 0;
+    IDAGetNumSteps(solver.memory, &before);
+    const auto clock = std::chrono::steady_clock::now();
+    const int flag = IDASolve(solver.memory, goal, &now, solver.y, solver.yp, IDA_NORMAL);
+    out.reached = now;
+    if (s.thrown) std::rethrow_exception(s.thrown);
+    IDAGetNumSteps(solver.memory, &after);
+    if (after > before) look = pace.next(after - before, seconds_since(clock));
+    const bool going = !alive || alive(now);
+    if (flag < 0 && flag != IDA_TOO_MUCH_WORK) {  // that one: time to look around, no more
+      out.failure = reason(flag, s);
+    } else if (flag >= 0) {
+      if (flag == IDA_ROOT_RETURN) occurred(solver, s, now, found, out);
+      const bool jumped = !out.terminated && sample(solver, s, now, out);
+      // a zero at an output time would be found again and again if that were asked for once more
+      if (now >= goal - (flag == IDA_ROOT_RETURN || jumped ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
+        s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
+        s.record(out, composite);
+      }
+    }
+    if (out.done == t.size() || out.terminated || !out.failure.empty()) break;
+    out.failure = going ? pace.judge(s, after - before, now) : kInterrupted;
+  }
+}
+
 }  // namespace
 
 Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
@@ -247,35 +340,13 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   Solver solver(s, options, t[0], y0, yp0, t[t.size() - 1]);
   watch(solver.memory, events);
   const std::vector<double> stops = stop_times(drives, loads, control, t);
-  std::vector<int> found(events.size());
-  while (out.done < t.size() && out.failure.empty() && !out.terminated) {
-    const double goal = t[out.done];
-    IDASetStopTime(solver.memory,
-                   *std::upper_bound(stops.begin(), stops.end() - 1, out.reached + kOneTime * std::abs(out.reached)));
-    sunrealtype now = out.reached;
-    const int flag = IDASolve(solver.memory, goal, &now, solver.y, solver.yp, IDA_NORMAL);
-    if (s.thrown) std::rethrow_exception(s.thrown);
-    const double gained = now - out.reached;
-    out.reached = now;
-    const bool going = !alive || alive(now);
-    if (flag == IDA_TOO_MUCH_WORK) {  // time to look around, no more, unless the steps have shrunk to nothing
-      if (gained < kLook * 1e-12 * (t[t.size() - 1] - t[0]))
-        out.failure = "the step size fell below 1e-12 of the time asked for: the solution changes too fast";
-    } else if (flag < 0) {
-      out.failure = reason(flag, s);
-    } else {
-      if (flag == IDA_ROOT_RETURN) occurred(solver, s, now, found, out);
-      const bool jumped = !out.terminated && sample(solver, s, now, out);
-      // a zero at an output time would be found again and again if that were asked for once more
-      if (now >= goal - (flag == IDA_ROOT_RETURN || jumped ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
-        s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
-        s.record(out, options.composite);
-      }
-    }
-    if (!going && out.failure.empty() && !out.terminated) out.failure = kInterrupted;
+  try {
+    integrate(solver, s, t, stops, options.composite, alive, out);
+  } catch (const Interrupted&) {
+    out.failure = kInterrupted;
   }
   count_work(solver.memory, s, out.stats);
-  out.stats.wall_time = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+  out.stats.wall_time = seconds_since(started);
   return out;
 }
 

@@ -7,21 +7,25 @@
 namespace flexarm {
 
 template <class S>
-void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v, const VecX<S>& a) {
+void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v, const VecX<S>& a,
+                      bool with_masses) {
   move_arm(arm, ws, q, v);
   accelerate_arm<S>(arm, ws, a, -arm.gravity());  // the base accelerates against gravity
-  joint_forces(arm, ws, a);
+  joint_forces(arm, ws, a, with_masses);
   if constexpr (std::is_same_v<S, double>) add_feedback(ws.feedback, q, v, -1.0, ws.tau);
 }
 
 template <class S>
-void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a) {
+void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a, bool with_masses) {
   // inward: F = M_rfr A_rfr + N_rfr + Phi^T F+ (Eq. 84); T = H_rfr^T F_rfr (Eq. 87)
   for (std::size_t n = arm.size(); n-- > 0;) {
     const Link& link = arm.link(n);
     LinkState<S>& s = ws.links[n];
     const int j = arm.first(n), e = j + link.nj();
-    link.inertial_force(s, s.A, a.data() + e, s.F, s.Fe);
+    if (with_masses)
+      link.mass_matrix_and_force(s, s.A, a.data() + e, s.F, s.Fe);
+    else
+      link.inertial_force(s, s.A, a.data() + e, s.F, s.Fe);
     if (!ws.loads.empty()) subtract_loads(arm, ws, n, s.F, s.Fe);
     if (link.beam()) {  // elastic and damping forces (Eq. 62)
       const Eigen::MatrixXd &K = link.beam()->stiffness(), &D = link.beam()->damping();
@@ -43,9 +47,10 @@ void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a) {
     ws.tau.segment(e, link.ne()) = s.Fe;
   }
 }
-#define FLEXARM_INSTANTIATE(S)                                                                                       \
-  template void inverse_dynamics<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&, const VecX<S>&, const VecX<S>&); \
-  template void joint_forces<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&);
+#define FLEXARM_INSTANTIATE(S)                                                                                      \
+  template void inverse_dynamics<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&, const VecX<S>&, const VecX<S>&, \
+                                    bool);                                                                          \
+  template void joint_forces<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&, bool);
 FLEXARM_INSTANTIATE(double)
 FLEXARM_INSTANTIATE(Tangent)
 

@@ -114,9 +114,6 @@ void Link::move(LinkState<S>& s) const {
   s.hub.x = hub_.com.template cast<S>();
   if (beam_) {
     if (beam_->series()) fill_series(*beam_->series(), s.qe.data(), s.dqe.data(), s.series);
-    if (!cut_)
-      for (std::size_t k = 0; k < s.slices.size(); ++k)
-        move_slice(beam_->slices()[k].table, s, beam_->options().rotary_inertia, s.slices[k]);
     move_slice(beam_->tip(), s, true, s.root);
   } else {
     s.root.x = hub_.end.template cast<S>();
@@ -129,16 +126,40 @@ template <class S, class Visit>
 void Link::for_each_body(const LinkState<S>& s, const Visit& visit) const {
   visit(hub_.mass, &hub_.inertia, s.hub);
   if (beam_)
-    for (std::size_t k = 0; k < s.slices.size(); ++k) {
-      const MassSlice& g = beam_->slices()[k];
-      if (beam_->options().rotary_inertia) {
-        const Eigen::Matrix3d inertia = g.inertia.asDiagonal();
-        visit(g.mass, &inertia, s.slices[k]);
-      } else {
-        visit(g.mass, static_cast<const Eigen::Matrix3d*>(nullptr), s.slices[k]);
-      }
+    for (const MassSlice& g : beam_->slices()) {
+      const bool rotary = beam_->options().rotary_inertia;
+      const Eigen::Matrix3d inertia = g.inertia.asDiagonal();
+      move_slice(g.table, s, rotary, s.slice);
+      visit(g.mass, rotary ? &inertia : nullptr, s.slice);
     }
   visit(tip_.mass, &tip_.inertia, s.com);
+}
+
+namespace {
+
+template <class S>
+void mirror(MatX<S>& M) {
+  for (Eigen::Index k = 0; k < M.cols(); ++k)
+    for (Eigen::Index i = 0; i < k; ++i) M(i, k) = M(k, i);
+}
+
+}  // namespace
+
+template <class S>
+void Link::mass_matrix_and_force(LinkState<S>& s, const Vec6<S>& A, const S* ddqe, Vec6<S>& F, VecX<S>& Fe) const {
+  if (cut_) {
+    mass_matrix(s);
+    inertial_force(s, A, ddqe, F, Fe);
+    return;
+  }
+  s.M.setZero();
+  F.setZero();
+  Fe.setZero();
+  for_each_body(s, [&](double m, const Eigen::Matrix3d* inertia, const Slice<S>& at) {
+    add_mass_matrix(m, inertia, at, s.M);
+    add_force(m, inertia, at, s.V, A, ddqe, F, Fe);
+  });
+  mirror(s.M);
 }
 
 template <class S>
@@ -162,8 +183,7 @@ void Link::mass_matrix(LinkState<S>& s) const {
     for_each_body(
         s, [&](double m, const Eigen::Matrix3d* inertia, const Slice<S>& at) { add_mass_matrix(m, inertia, at, s.M); });
   }
-  for (Eigen::Index k = 0; k < s.M.cols(); ++k)
-    for (Eigen::Index i = 0; i < k; ++i) s.M(i, k) = s.M(k, i);
+  mirror(s.M);
 }
 
 template <class S>
@@ -258,11 +278,12 @@ void Link::build_first_order() {
   cut_ = std::move(c);
 }
 
-#define FLEXARM_INSTANTIATE(S)                                                                                    \
-  template void Link::move<S>(LinkState<S>&) const;                                                               \
-  template void Link::move_slice<S>(const SliceTable&, const LinkState<S>&, bool, Slice<S>&) const;               \
-  template void Link::mass_matrix<S>(LinkState<S>&) const;                                                        \
-  template void Link::inertial_force<S>(const LinkState<S>&, const Vec6<S>&, const S*, Vec6<S>&, VecX<S>&) const; \
+#define FLEXARM_INSTANTIATE(S)                                                                                     \
+  template void Link::move<S>(LinkState<S>&) const;                                                                \
+  template void Link::move_slice<S>(const SliceTable&, const LinkState<S>&, bool, Slice<S>&) const;                \
+  template void Link::mass_matrix<S>(LinkState<S>&) const;                                                         \
+  template void Link::mass_matrix_and_force<S>(LinkState<S>&, const Vec6<S>&, const S*, Vec6<S>&, VecX<S>&) const; \
+  template void Link::inertial_force<S>(const LinkState<S>&, const Vec6<S>&, const S*, Vec6<S>&, VecX<S>&) const;  \
   template Vec3<S> Link::mass_moment<S>(const LinkState<S>&) const;
 FLEXARM_INSTANTIATE(double)
 FLEXARM_INSTANTIATE(Tangent)

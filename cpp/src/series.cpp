@@ -246,7 +246,8 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
 
 }  // namespace
 
-SeriesTables::SeriesTables(int order_, Plane plane_, const std::vector<SliceTable>& at) : order(order_), plane(plane_) {
+SeriesTables::SeriesTables(int order_, Plane plane_, const std::vector<SliceTable>& at)
+    : order(order_), points(static_cast<int>(at.size())), plane(plane_) {
   const Eigen::Index n = static_cast<Eigen::Index>(at.size()), ne = at.front().linear.cols();
   if (plane == Plane::none) {
     cumulative.resize(n, n);

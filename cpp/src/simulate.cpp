@@ -28,15 +28,14 @@ void check_step(double step, const Eigen::VectorXd& t) {
   if (span / step > kMostSteps) bad_value("step", step, "is too small: it would take more than 1e10 steps");
 }
 
-std::string reason(Status status, double h) {
+std::string reason(Status status, double h, const Step& method) {
   std::ostringstream text;
   switch (status) {
     case Status::not_converged:
       text << "the equations of a step of " << h << " s could not be solved: take a smaller step";
       break;
     case Status::not_finite:
-      text << "the motion ran away in steps of " << h
-           << " s: take a smaller step (rk4 is stable below 2.83 over the highest frequency), or an implicit method";
+      text << "the motion ran away in steps of " << h << " s: " << method.remedy();
       break;
     default:
       text << "the mass matrix is singular";
@@ -130,6 +129,7 @@ bool record_inside(System& s, const Step& method, double from, double h, Traject
   }
   s.q = q;
   s.v = v;
+  s.drive(out.reached);  // the forces of the end again, which the row of the last output time has
   return good;
 }
 
@@ -213,18 +213,23 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
     const double step_now = (stop - start) / static_cast<double>(count);
     for (long k = 0; k < count && status == Status::ok && going && !out.terminated; ++k) {
       const double from = start + static_cast<double>(k) * step_now;
-      status = advance(advance, from, step_now, k + 1 == count ? stop : std::nan(""), 0);
+      try {
+        status = advance(advance, from, step_now, k + 1 == count ? stop : std::nan(""), 0);
+      } catch (const Interrupted&) {
+        going = false;
+        break;
+      }
       if (status != Status::ok) break;
       going = !alive || alive(out.reached);
     }
-    if (status != Status::ok) out.failure = reason(status, now.h);
+    if (status != Status::ok) out.failure = reason(status, now.h, method);
     if (!going && !out.terminated && out.reached < t[t.size() - 1]) out.failure = kInterrupted;
     if ((!out.failure.empty() || out.terminated) && out.reached != stop) break;
     const bool jumps = s.sample(stop + kSame * step);
     if (jumps) status = method.jump(s.ws, s.q, s.v, s.tau);
     while (out.done < t.size() && t[out.done] <= stop && out.failure.empty())
-      if (!s.record(out, composite)) out.failure = reason(Status::not_finite, now.h);
-    if (status != Status::ok) out.failure = reason(status, now.h);
+      if (!s.record(out, composite)) out.failure = reason(Status::not_finite, now.h, method);
+    if (status != Status::ok) out.failure = reason(status, now.h, method);
     if (!out.failure.empty() || out.terminated) break;
   }
   const Step::Counts& after = method.counts();

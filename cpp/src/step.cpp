@@ -103,10 +103,10 @@ Status ImplicitStep::iterate(double h, Workspace& ws, Eigen::VectorXd& q, Eigen:
   bool anew = true;
   for (iterations_ = 1; iterations_ <= options_.max_iterations; ++iterations_) {
     place(h, ws, q, v);
-    inverse_dynamics<double>(*arm_, ws, q, v, a_);
+    inverse_dynamics<double>(*arm_, ws, q, v, a_, anew);
     ++counts_.evaluations;
     if (anew) {
-      const Status status = factor_shifted(*arm_, ws, q, v, shift);
+      const Status status = factor_shifted(*arm_, ws, q, v, shift, true);
       ++counts_.factorisations;
       if (status != Status::ok) return Status::not_converged;  // the iteration has gone where no arm can be
       scale_ = std::max(ws.twice_kinetic, kForget * scale_);

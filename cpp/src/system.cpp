@@ -59,6 +59,8 @@ void System::drive(double t) {
       q[arm.coordinate_of(d.coordinate)] = m.q;
       v[d.coordinate] = m.v;
       a[d.coordinate] = ws.a[d.coordinate] = m.a;
+    } else if (d.column.size() > 0) {
+      tau += d.force(t) * d.column;
     } else {
       tau[d.coordinate] += d.force(t);
     }
@@ -90,6 +92,7 @@ bool System::record(Trajectory& out, bool composite) {
   }
   ws.total = tau;
   add_feedback(ws.feedback, q, v, 1.0, ws.total);
+  out.friction.row(out.done).setZero();
   for (const Drive& d : drives) {
     double& force = ws.total[d.coordinate];
     if (d.holds) out.friction(out.done, d.coordinate) = ws.tau[d.coordinate] - force;
@@ -127,9 +130,8 @@ bool System::log(const std::vector<Event>& events, std::size_t k, double t, Traj
 Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std::vector<Event>& events) {
   Trajectory out;
   out.events.resize(events.size());
-  out.q = Trajectory::Rows::Constant(t.size(), arm.nq(), std::nan(""));
-  out.v = out.a = out.tau = Trajectory::Rows::Constant(t.size(), arm.nv(), std::nan(""));
-  out.friction.setZero(t.size(), arm.nv());
+  out.q.resize(t.size(), arm.nq());
+  for (Trajectory::Rows* rows : {&out.v, &out.a, &out.tau, &out.friction}) rows->resize(t.size(), arm.nv());
   out.reached = t[0];
   return out;
 }
@@ -148,6 +150,12 @@ void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eig
   check_vector("v0", v0, arm.nv());
   check_vector("tau", tau, arm.nv());
   for (const Drive& d : drives) {
+    if (d.column.size() > 0) {
+      if (d.column.size() != arm.nv() || !d.force || d.motion)
+        bad_value("length of a drive's column", d.column.size(),
+                  "must be " + std::to_string(arm.nv()) + ", with a force");
+      continue;
+    }
     if (d.coordinate < 0 || d.coordinate >= arm.nv() || !d.motion == !d.force)
       bad_value("drive of coordinate", d.coordinate, "needs a coordinate of the arm and a motion or a force");
     if (d.motion && arm.coordinate_of(d.coordinate) < 0)

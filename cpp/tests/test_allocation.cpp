@@ -24,9 +24,11 @@
 
 namespace {
 thread_local bool counting = false;
-thread_local long allocations = 0;
-void note() {
-  if (counting) ++allocations;
+thread_local long allocations = 0, bytes = 0;
+void note(std::size_t n) {
+  if (!counting) return;
+  ++allocations;
+  bytes += static_cast<long>(n);
 }
 }  // namespace
 
@@ -37,23 +39,23 @@ void* __libc_realloc(void*, std::size_t);
 void* __libc_memalign(std::size_t, std::size_t);
 #define FLEXARM_EXPORTED __attribute__((visibility("default")))
 FLEXARM_EXPORTED void* malloc(std::size_t n) noexcept {
-  note();
+  note(n);
   return __libc_malloc(n);
 }
 FLEXARM_EXPORTED void* calloc(std::size_t n, std::size_t size) noexcept {
-  note();
+  note(n * size);
   return __libc_calloc(n, size);
 }
 FLEXARM_EXPORTED void* realloc(void* p, std::size_t n) noexcept {
-  note();
+  note(n);
   return __libc_realloc(p, n);
 }
 FLEXARM_EXPORTED void* aligned_alloc(std::size_t alignment, std::size_t n) noexcept {
-  note();
+  note(n);
   return __libc_memalign(alignment, n);
 }
 FLEXARM_EXPORTED int posix_memalign(void** out, std::size_t alignment, std::size_t n) noexcept {
-  note();
+  note(n);
   *out = __libc_memalign(alignment, n);
   return *out ? 0 : ENOMEM;
 }
@@ -65,7 +67,7 @@ namespace {
 
 template <class F>
 long allocated_by(const F& f) {
-  allocations = 0;
+  allocations = bytes = 0;
   counting = true;
   f();
   counting = false;
@@ -77,11 +79,18 @@ void check_arm(const Arm& arm, const std::vector<bool>& prescribed) {
   const std::vector<Load> loads{Load::at_end(arm, arm.size() - 1, true)};
   Workspace ws(arm, prescribed, loads);
   ws.loads[0].wrench << 0.1, 0.2, 0.3, 0.01, 0.02, 0.03;
+  Feedback law;
+  law.column = Eigen::VectorXd::Unit(arm.nv(), 0);
+  law.by_q = flexarm_test::wave(arm.nq(), 0.1);
+  law.by_v = flexarm_test::wave(arm.nv(), 0.2);
+  ws.feedback.push_back({&law, 0.1});
   Eigen::VectorXd q = arm.zero(), v = flexarm_test::wave(arm.nv(), 0.4);
   const Eigen::VectorXd tau = flexarm_test::wave(arm.nv(), 0.7);
   CHECK(allocated_by([&] { forward_dynamics_ab(arm, ws, q, v, tau); }) == 0);
   CHECK(allocated_by([&] { inverse_dynamics<double>(arm, ws, q, v, ws.a); }) == 0);
+  take_composite(arm, ws);
   CHECK(allocated_by([&] { composite_mass_matrix(arm, ws); }) == 0);
+  CHECK(allocated_by([&] { forward_dynamics_ci(arm, ws, q, v, tau); }) == 0);
   ImplicitStep implicit(arm, 1e-5);
   Rk4Step rk4(arm, 1e-7);
   Status status = Status::ok;
@@ -115,6 +124,25 @@ TEST_CASE("dynamics and steps allocate nothing") {
   many.emplace_back(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.075, 0, 0}),
                     flexarm_test::beam({12, 12, 8, 4, 4}, 2), flexarm_test::body(0.2, {0.04, 0, 0.01}));
   check_arm(Arm(std::move(many)), {});
+}
+
+TEST_CASE("an arm and what AB, inverse dynamics and steps need take memory in proportion to its links") {
+  const auto taken = [](std::size_t links) {
+    std::vector<Link> parts;
+    for (std::size_t k = 0; k < links; ++k)
+      parts.emplace_back(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.1, 0, 0}), std::nullopt, std::nullopt);
+    allocated_by([&] {
+      const Arm arm(std::move(parts));
+      Workspace ws(arm);
+      ImplicitStep implicit(arm, 1e-3);
+      Rk4Step rk4(arm, 1e-3);
+      Eigen::VectorXd q = arm.zero(), v = q, tau = q;
+      implicit(ws, q, v, tau);
+      rk4(ws, q, v, tau);
+    });
+    return bytes;
+  };
+  CHECK(taken(800) < 2.1 * static_cast<double>(taken(400)));
 }
 
 TEST_CASE("a step of IDA allocates nothing: longer runs allocate no more") {

@@ -58,7 +58,7 @@ TEST_CASE("a slice's Jacobians and convective terms are the derivatives of its m
                        const auto* dq, auto& out) {
     using S = std::decay_t<decltype(*q)>;
     if (!b.series()) return move_slice(table, origin, q, dq, true, out);
-    Series<S> series(*b.series(), static_cast<int>(b.slices().size()), b.ne());
+    Series<S> series(*b.series(), b.ne());
     fill_series(*b.series(), q, dq, series);
     if (table.plane == Plane::none) return move_slice(table, origin, b.order(), series, out);
     move_planar_slice(table, origin, series, q, dq, true, out);

@@ -47,11 +47,48 @@ void bind_model(py::module_& m) {
            py::arg("damping_ratio"), py::arg("kelvin_voigt"), py::arg("gauss_points"), py::arg("tip_mass"),
            py::arg("tip_offset"), py::arg("tip_inertia"));
 
+  py::class_<Piezo>(m, "Piezo")
+      .def(py::init<double, double, double, double, double, double, double>(), py::arg("youngs_modulus"),
+           py::arg("poisson_ratio"), py::arg("density"), py::arg("d31"), py::arg("d32"), py::arg("d15"),
+           py::arg("permittivity"));
+
+  py::class_<PatchSection>(m, "PatchSection")
+      .def(py::init([](const Piezo& material, int across, bool plus, bool minus, bool opposed, double angle,
+                       double width, double thickness, double inner, double electrode, double twist) {
+             return patch_section(material,
+                                  {across, plus, minus, opposed, angle, width, thickness, inner, electrode, twist});
+           }),
+           py::arg("material"), py::arg("across"), py::arg("plus"), py::arg("minus"), py::arg("opposed"),
+           py::arg("angle"), py::arg("width"), py::arg("thickness"), py::arg("inner"), py::arg("electrode"),
+           py::arg("twist"))
+      .def_readonly("rigidity", &PatchSection::rigidity)
+      .def_readonly("force", &PatchSection::force)
+      .def_readonly("capacitance", &PatchSection::capacitance)
+      .def_readonly("mass", &PatchSection::mass)
+      .def_readonly("inertia", &PatchSection::inertia);
+  m.def("surface_twist", &surface_twist, py::arg("depth"), py::arg("breadth"), py::arg("width"));
+
+  py::class_<Patch>(m, "Patch")
+      .def(py::init([](double start, double end, std::function<PatchSection(double)> at, std::vector<double> breaks,
+                       bool stiffness,
+                       bool mass) { return Patch{start, end, std::move(at), std::move(breaks), stiffness, mass}; }),
+           py::arg("start"), py::arg("end"), py::arg("at"), py::arg("breaks"), py::arg("stiffness"), py::arg("mass"));
+
   py::class_<Beam>(m, "Beam")
-      .def(py::init<double, const Section&, const Material&, const BeamOptions&>(), py::arg("length"),
-           py::arg("section"), py::arg("material"), py::arg("options"))
-      .def(py::init<double, const SectionProfile&, const Material&, const BeamOptions&>(), py::arg("length"),
-           py::arg("section"), py::arg("material"), py::arg("options"))
+      .def(py::init<double, const Section&, const Material&, const BeamOptions&, const std::vector<Patch>&>(),
+           py::arg("length"), py::arg("section"), py::arg("material"), py::arg("options"), py::arg("patches"))
+      .def(py::init<double, const SectionProfile&, const Material&, const BeamOptions&, const std::vector<Patch>&>(),
+           py::arg("length"), py::arg("section"), py::arg("material"), py::arg("options"), py::arg("patches"))
+      .def_property_readonly("patch_forces", &Beam::patch_forces)
+      .def_property_readonly("patch_capacitances", &Beam::patch_capacitances)
+      .def(
+          "patch_force",
+          [](const Beam& b, const Patch& patch) {
+            double capacitance = 0.0;
+            Eigen::VectorXd force = b.patch_force(patch, &capacitance);
+            return py::make_tuple(force, capacitance);
+          },
+          py::arg("patch"))
       .def_property_readonly("mass", &Beam::mass)
       .def_property_readonly("gauss_points", [](const Beam& b) { return b.slices().size(); })
       .def_property_readonly("stiffness", &Beam::stiffness)
@@ -120,6 +157,7 @@ void bind_model(py::module_& m) {
       .def_property_readonly("nv", &Arm::nv)
       .def_property_readonly("coordinates", &Arm::coordinates)
       .def_property_readonly("zero", &Arm::zero)
+      .def("patch_matrix", [](const Arm& a) { return Rows(a.patch_matrix()); })
       .def("first", &Arm::first, py::arg("link"))
       .def("first_q", &Arm::first_q, py::arg("link"))
       .def("coordinate_of", &Arm::coordinate_of, py::arg("rate"));

@@ -13,10 +13,21 @@ using namespace flexarm;
 
 namespace {
 
+/// Calls what the user gave; Ctrl-C meanwhile ends the run, with what is done.
+template <class... Args>
+py::object call(const py::object& law, Args&&... args) {
+  try {
+    return law(std::forward<Args>(args)...);
+  } catch (const py::error_already_set& e) {
+    if (e.matches(PyExc_KeyboardInterrupt)) throw Interrupted();
+    throw;
+  }
+}
+
 /// What a callable answers at time t, as T.
 template <class T>
 T answer(const py::object& law, const char* name, double t, const char* right) {
-  const py::object value = law(t);
+  const py::object value = call(law, t);
   try {
     return value.cast<T>();
   } catch (const py::cast_error&) {
@@ -25,8 +36,8 @@ T answer(const py::object& law, const char* name, double t, const char* right) {
 }
 
 /// A drive from Python: a piecewise polynomial, or a callable t -> force, t -> (q, v, a).
-Drive make_drive(int coordinate, bool is_motion, const py::object& law) {
-  Drive d{coordinate, {}, {}, {}, false};
+Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Eigen::VectorXd& column) {
+  Drive d{coordinate, {}, {}, {}, column};
   if (py::isinstance<PiecewisePolynomial>(law)) {
     const auto p = law.cast<PiecewisePolynomial>();
     d.breaks = p.breaks();
@@ -44,10 +55,11 @@ Drive make_drive(int coordinate, bool is_motion, const py::object& law) {
       return MotionValue{m[0], m[1], m[2]};
     };
   } else {
-    d.force = [shared](double t) {
+    const std::string name = column.size() > 0 ? "Voltage" : "Torque";
+    d.force = [shared, name](double t) {
       py::gil_scoped_acquire hold;
-      const double f = answer<double>(*shared, "Torque", t, "must give one number");
-      if (!std::isfinite(f)) bad_value("Torque at t", t, "gave nan or inf; it must be finite");
+      const double f = answer<double>(*shared, name.c_str(), t, "must give one number");
+      if (!std::isfinite(f)) bad_value(name + " at t", t, "gave nan or inf; it must be finite");
       return f;
     };
   }
@@ -82,7 +94,7 @@ Event make_event(std::size_t k, const py::object& law, int terminal, int directi
   const std::string name = "events[" + std::to_string(k) + "]";
   const auto value = [shared, name](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
     py::gil_scoped_acquire hold;
-    const py::object g = (*shared)(t, q, v);
+    const py::object g = call(*shared, t, q, v);
     try {
       return g.cast<double>();
     } catch (const py::cast_error&) {
@@ -110,8 +122,8 @@ py::list event_rows(const Trajectory& r) {
   return out;
 }
 
-/// (coordinate, is a motion, law) of each drive, and (place, law) of each load.
-using Laws = std::vector<std::tuple<int, bool, py::object>>;
+/// (coordinate, is a motion, law, column or none) of each drive, and (place, law) of each load.
+using Laws = std::vector<std::tuple<int, bool, py::object, Eigen::VectorXd>>;
 using LoadLaws = std::vector<std::pair<Load, py::object>>;
 
 /// (column, by_q, by_v, reference or None, limit) of each law without memory.
@@ -125,7 +137,7 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
     Feedback f{column, by_q, by_v};
     f.limit = limit;
     if (!reference.is_none()) {
-      const Drive d = make_drive(0, false, reference);
+      const Drive d = make_drive(0, false, reference, {});
       f.reference = d.force;
       f.breaks = d.breaks;
     }
@@ -133,16 +145,20 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
   }
   std::vector<Sampler> samplers;
   for (const auto& [first, period, delay, by_acceleration, law] : sampled) {
+    if (py::isinstance<LinearLaw>(law)) {
+      samplers.push_back({first, period, delay, by_acceleration, law.cast<LinearLaw>()});
+      continue;
+    }
     const auto shared = std::make_shared<py::object>(law);
-    const auto call = [shared, nv](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                                   const Eigen::VectorXd& a) {
+    const auto ask = [shared, nv](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                                  const Eigen::VectorXd& a) {
       py::gil_scoped_acquire hold;
-      const auto force = (*shared)(t, q, v, a).cast<Eigen::VectorXd>();
+      const auto force = call(*shared, t, q, v, a).cast<Eigen::VectorXd>();
       if (force.size() != nv || !force.allFinite())
         bad_value("control at t = " + std::to_string(t), "nan, inf or a wrong length", "must give finite numbers");
       return force;
     };
-    samplers.push_back({first, period, delay, by_acceleration, call});
+    samplers.push_back({first, period, delay, by_acceleration, ask});
   }
   return Control(std::move(laws), std::move(samplers), nv);
 }
@@ -167,7 +183,8 @@ py::dict run(const Given& given, const Integrate& integrate) {
   const auto& alive = given.alive;
   Control control = make_control(given.feedback, given.sampled, given.arm.nv());
   std::vector<Drive> laws;
-  for (const auto& [coordinate, is_motion, law] : given.drives) laws.push_back(make_drive(coordinate, is_motion, law));
+  for (const auto& [coordinate, is_motion, law, column] : given.drives)
+    laws.push_back(make_drive(coordinate, is_motion, law, column));
   std::vector<LoadDrive> wrenches;
   for (const auto& [load, law] : given.loads) wrenches.push_back(make_load(load, law));
   std::vector<Event> watched;
@@ -184,11 +201,17 @@ py::dict run(const Given& given, const Integrate& integrate) {
       PyErr_Clear();  // the caller raises it again, with the result so far
       return false;
     }
-    if (alive) alive(now);
+    if (!alive) return true;
+    try {
+      alive(now);
+    } catch (const py::error_already_set& e) {
+      if (!e.matches(PyExc_KeyboardInterrupt)) throw;
+      return false;
+    }
     return true;
   };
   Trajectory r;
-  {
+  try {
     py::gil_scoped_release release;
     r = simulate_with_friction(
         given.arm, laws, given.t, given.q0, given.v0, given.tau, wrenches, watched, given.composite,
@@ -196,6 +219,9 @@ py::dict run(const Given& given, const Integrate& integrate) {
           return integrate(drives, t, q, v, tau, look_around, wrenches, events, control);
         },
         &control);
+  } catch (const Interrupted&) {  // before the first step
+    PyErr_SetNone(PyExc_KeyboardInterrupt);
+    throw py::error_already_set();
   }
   py::dict stats, out;
   stats["steps"] = r.stats.steps;
@@ -244,6 +270,22 @@ void bind_time(py::module_& m) {
                       }))
       .def_property_readonly("breaks", &PiecewisePolynomial::breaks)
       .def_property_readonly("coefficients", [](const PiecewisePolynomial& p) { return Rows(p.coefficients()); });
+
+  py::class_<LinearLaw>(m, "LinearLaw")
+      .def(py::init([](const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, const Eigen::MatrixXd& C,
+                       const Eigen::MatrixXd& D, const Eigen::MatrixXd& columns, const Eigen::MatrixXd& by_q,
+                       const Eigen::MatrixXd& by_v, double limit, const py::object& reference,
+                       const std::function<Eigen::VectorXd(double, const Eigen::VectorXd&, const Eigen::VectorXd&,
+                                                           const Eigen::VectorXd&)>& read) {
+             std::function<Eigen::VectorXd(double)> at;
+             if (py::isinstance<py::function>(reference))
+               at = reference.cast<std::function<Eigen::VectorXd(double)>>();
+             else
+               at = [r = reference.cast<Eigen::VectorXd>()](double) { return r; };
+             return LinearLaw{A, B, C, D, columns, by_q, by_v, limit, at, read};
+           }),
+           py::arg("A"), py::arg("B"), py::arg("C"), py::arg("D"), py::arg("columns"), py::arg("by_q"), py::arg("by_v"),
+           py::arg("limit"), py::arg("reference"), py::arg("read"));
 
   m.def(
       "simulate_ida",

@@ -6,7 +6,7 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 from ._core import __version__
 from .arm import Arm
 from .chart import Chart, chart
-from .control import PD, Controller, LinearController, Motor, Sampled, StateFeedback, StrainFeedback
+from .control import PD, Controller, LinearController, Sampled, StateFeedback, StrainFeedback
 from .drive import Motion, Torque
 from .joints import (
     Axes,
@@ -26,6 +26,9 @@ from .link import Link
 from .load import Load
 from .modal import Modes, ModeShapes
 from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody, Taper
+from .motor import Motor
+from .patch import Patch, Piezo, Voltage
+from .placement import PatchPlacement, placement
 from .reading import PowerSpectrum, Reading, psd
 from .result import Result
 from .scene import Scene, load
@@ -33,6 +36,7 @@ from .sensor import Sampler, Sensor
 from .sensors import Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, Tachometer
 from .shaping import Shaper, input_shaper
 from .simulation import SimulationError, SimulationInterrupted, simulate
+from .split import split
 from .validity import RangeWarning
 
 __all__ = [
@@ -62,6 +66,9 @@ __all__ = [
     "Modes",
     "Motion",
     "Motor",
+    "Patch",
+    "PatchPlacement",
+    "Piezo",
     "Placement",
     "Planar",
     "PowerSpectrum",
@@ -87,10 +94,13 @@ __all__ = [
     "Taper",
     "Torque",
     "Universal",
+    "Voltage",
     "__version__",
     "chart",
     "input_shaper",
     "load",
+    "placement",
     "psd",
     "simulate",
+    "split",
 ]

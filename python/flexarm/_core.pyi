@@ -58,10 +58,71 @@ class BeamOptions:
         tip_inertia: ArrayLike,
     ) -> None: ...
 
+class Piezo:
+    def __init__(
+        self,
+        youngs_modulus: float,
+        poisson_ratio: float,
+        density: float,
+        d31: float,
+        d32: float,
+        d15: float,
+        permittivity: float,
+    ) -> None: ...
+
+class PatchSection:
+    def __init__(
+        self,
+        material: Piezo,
+        across: int,
+        plus: bool,
+        minus: bool,
+        opposed: bool,
+        angle: float,
+        width: float,
+        thickness: float,
+        inner: float,
+        electrode: float,
+        twist: float,
+    ) -> None: ...
+    @property
+    def rigidity(self) -> _Array: ...
+    @property
+    def force(self) -> _Array: ...
+    @property
+    def capacitance(self) -> float: ...
+    @property
+    def mass(self) -> float: ...
+    @property
+    def inertia(self) -> _Array: ...
+
+def surface_twist(depth: float, breadth: float, width: float) -> float: ...
+
+class Patch:
+    def __init__(
+        self,
+        start: float,
+        end: float,
+        at: Callable[[float], PatchSection],
+        breaks: Sequence[float],
+        stiffness: bool,
+        mass: bool,
+    ) -> None: ...
+
 class Beam:
     def __init__(
-        self, length: float, section: Section | SectionProfile, material: Material, options: BeamOptions
+        self,
+        length: float,
+        section: Section | SectionProfile,
+        material: Material,
+        options: BeamOptions,
+        patches: Sequence[Patch],
     ) -> None: ...
+    @property
+    def patch_forces(self) -> _Array: ...
+    @property
+    def patch_capacitances(self) -> _Array: ...
+    def patch_force(self, patch: Patch) -> tuple[_Array, float]: ...
     @property
     def mass(self) -> float: ...
     @property
@@ -116,6 +177,7 @@ class Arm:
     def coordinates(self) -> list[str]: ...
     @property
     def zero(self) -> _Array: ...
+    def patch_matrix(self) -> _Array: ...
     def first(self, link: int) -> int: ...
     def first_q(self, link: int) -> int: ...
     def coordinate_of(self, rate: int) -> int: ...
@@ -189,9 +251,24 @@ class PiecewisePolynomial:
     @property
     def coefficients(self) -> _Array: ...
 
+class LinearLaw:
+    def __init__(
+        self,
+        A: ArrayLike,
+        B: ArrayLike,
+        C: ArrayLike,
+        D: ArrayLike,
+        columns: ArrayLike,
+        by_q: ArrayLike,
+        by_v: ArrayLike,
+        limit: float,
+        reference: Any,
+        read: Callable[[float, _Array, _Array, _Array], _Array] | None,
+    ) -> None: ...
+
 def simulate_ida(
     arm: Arm,
-    drives: Sequence[tuple[int, bool, Any]],
+    drives: Sequence[tuple[int, bool, Any, ArrayLike]],
     t: ArrayLike,
     q0: ArrayLike,
     v0: ArrayLike,
@@ -209,7 +286,7 @@ def simulate_ida(
 ) -> dict[str, Any]: ...
 def simulate_fixed(
     arm: Arm,
-    drives: Sequence[tuple[int, bool, Any]],
+    drives: Sequence[tuple[int, bool, Any, ArrayLike]],
     t: ArrayLike,
     q0: ArrayLike,
     v0: ArrayLike,

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core, balance, describe, linear, modal
+from . import patch as _patch
 from ._check import Array, array, batch, choice, finite, number
+from ._part import _plain
 from .link import Link
 from .load import Load, at_time
-from .model import _plain
 
 METHODS = ("ab", "ci")
 
@@ -42,6 +43,9 @@ class Arm:
         self.nq: int = self._core.nq
         self.nv: int = self._core.nv
         self.coordinates: tuple[str, ...] = tuple(self._core.coordinates)
+        self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
+        self.patch_matrix.flags.writeable = False
+        self.patches: list[tuple[int, int]] = _patch.patch_list(self)  #: (link, patch) of each of its columns
 
     @staticmethod
     def from_dict(d: Mapping[str, Any]) -> Arm:
@@ -174,6 +178,7 @@ class Arm:
             q, v, tau: (..., nv).
             method: "ab", articulated bodies (Eq. 92-96), O(N); or "ci", composite inertia (Eq. 90), O(N^3), which
                 loses digits on long or badly scaled chains.
+                Voltages V of patches are tau = patch_matrix @ V.
             loads, t: external forces and moments, with their values at time t (s).
             prescribed: joint accelerations that are given, by link; tau of those joints is ignored, and
                 `inverse_dynamics` of the result tells their reactions.
@@ -302,6 +307,25 @@ class Arm:
             *lead, 3
         )
 
+    def charge(self, q: ArrayLike, link: int = 0, patch: int = 0) -> Array:
+        """Charge (C) that strain brings onto the electrodes of a link's patch when they are short-circuited, (...): by
+        reciprocity, the patch's forces per volt (Eq. 61) times the elastic coordinates."""
+        lead, (q,) = batch({"q": self.nq}, q=q)
+        return _patch.charge(self, q, link, patch).reshape(lead)
+
+    def patch_voltage(self, q: ArrayLike, link: int = 0, patch: int = 0) -> Array:
+        """Voltage (V) of a link's patch when its electrodes are open, (...): -charge / capacitance, so that one that
+        shrinks under a voltage shows it when stretched. What that voltage does to the motion is not in it."""
+        return -self.charge(q, link, patch) / self.capacitance(link, patch)
+
+    def capacitance(self, link: int = 0, patch: int = 0) -> float:
+        """Capacitance (F) of a link's patch, of a pair in parallel, with all strains held.
+
+        Raises:
+            ValueError: no such patch, or its material has no permittivity.
+        """
+        return _patch.capacitance(self, self._link(link), patch)
+
     # -- modes -------------------------------------------------------------------------------------------------------
 
     def modes(
@@ -351,6 +375,7 @@ class Arm:
         lock: Iterable[Any] | None = None,
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
+        voltages: Any = None,
     ) -> Array:
         """Coordinates (nq,) at rest in balance with gravity, springs, loads and constant generalised forces.
 
@@ -363,10 +388,14 @@ class Arm:
                 `inverse_dynamics(q, 0, 0)`.
             lock: links, or (link, freedom), whose joints stay where they are.
             loads, t: external forces and moments, with their values at time t (s).
+            voltages: of the patches (V), (n_patches,) in the order of `patches`, or by (link, patch).
 
         Raises:
             ValueError: bad arguments, or no equilibrium was found: a joint that nothing holds falls for ever.
         """
+        if voltages is not None:
+            zero = np.zeros(self.nv) if tau is None else array("tau", tau, (self.nv,))
+            tau = zero + _patch.voltage_forces(self, voltages)
         return balance.equilibrium(self, q, tau, lock, at_time(self, loads, t))
 
     def inverse_derivatives(
@@ -422,13 +451,15 @@ class Arm:
             inputs: what drives it; None: the forces of all joints that are not locked. Each is
                 a link, or (link, freedom): the force (torque) of its joint;
                 ("acceleration", link) or ("acceleration", (link, freedom)): its acceleration, prescribed;
-                ("load", link) or ("load", link, x): a force on the link's end or a slice, three world components (N).
+                ("load", link) or ("load", link, x): a force on the link's end or a slice, three world components (N);
+                ("patch", link, patch): a piezo patch's voltage (V).
             outputs: what is measured; None: the coordinates of all joints. Each is
                 ("joint", link), ("rate", link): coordinates and rates, link or (link, freedom);
                 ("tip", link) or ("tip", link, x): position of the link's end or a slice, world axes (m);
                 ("velocity", link), ("acceleration", link), or with x: of the same, world axes;
                 ("accelerometer", link), or with x: what one there reads, R^T (a - g), in its own axes (m/s^2);
-                ("strain", link, x) or ("strain", link, x, "K3"): all strains, or one (1/m, rad; Eq. 18-21).
+                ("strain", link, x) or ("strain", link, x, "K3"): all strains, or one (1/m, rad; Eq. 18-21);
+                ("charge", link, patch), ("patch_voltage", link, patch): of a piezo patch (C, V).
             tau: generalised forces there, (nv,); zero if None. `bias(q, 0)` holds the arm at rest.
             lock: links, or (link, freedom), whose joints keep their rates exactly; they leave the state.
             loads, t: external forces and moments, with their values at time t (s).

@@ -12,8 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from . import _core
 from ._check import Array, array, number
 from .drive import Torque
+from .motor import Motor, positive
+from .patch import column_of
 
 if TYPE_CHECKING:
     from .arm import Arm
@@ -23,76 +26,8 @@ _Feedback = tuple[Array, Array, Array, Any, float]
 _Sampler = tuple[float, float, float, bool, Any]
 
 
-class Motor:
-    """A geared electric motor between a controller and its joint.
-
-    With `resistance`, the controller's output is a voltage and the back-EMF brakes; without, it is a current (an
-    amplifier in current mode, as the paper's).
-
-    Args:
-        torque_constant: k_t (N m/A), which is the back-EMF constant (V s/rad) too.
-        gear_ratio: n, motor turns for one of the joint.
-        efficiency: of the gear, 0 to 1.
-        limit: largest current (A), or voltage (V) with `resistance`; None: no limit.
-        resistance: R of the winding (ohm); None: current mode.
-        rotor_inertia: J_r (kg m²); give `reflected_inertia` = n² J_r to the joint.
-    """
-
-    def __init__(
-        self,
-        torque_constant: float = 1.0,
-        gear_ratio: float = 1.0,
-        *,
-        efficiency: float = 1.0,
-        limit: float | None = None,
-        resistance: float | None = None,
-        rotor_inertia: float = 0.0,
-    ) -> None:
-        self.torque_constant, self.gear_ratio = (
-            _positive("torque_constant", torque_constant),
-            number("gear_ratio", gear_ratio),
-        )
-        if self.gear_ratio == 0.0:
-            raise ValueError("gear_ratio = 0.0: must not be zero")
-        self.efficiency = _positive("efficiency", efficiency)
-        if self.efficiency > 1.0:
-            raise ValueError(f"efficiency = {efficiency}: must be at most 1")
-        self.limit = None if limit is None else _positive("limit", limit)
-        self.resistance = None if resistance is None else _positive("resistance", resistance)
-        self.rotor_inertia = number("rotor_inertia", rotor_inertia)
-        if self.rotor_inertia < 0.0:
-            raise ValueError(f"rotor_inertia = {rotor_inertia}: must be zero or positive")
-
-    @property
-    def reflected_inertia(self) -> float:
-        """n² J_r (kg m²), what the joint feels of the rotor."""
-        return self.gear_ratio**2 * self.rotor_inertia
-
-    @property
-    def gain(self) -> float:
-        """Torque of the joint for a unit of the controller's output (N m/A, or N m/V at rest)."""
-        per_ampere = self.torque_constant * self.gear_ratio * self.efficiency
-        return per_ampere if self.resistance is None else per_ampere / self.resistance
-
-    @property
-    def braking(self) -> float:
-        """Of the back-EMF, at the joint (N m s/rad); zero in current mode."""
-        return 0.0 if self.resistance is None else self.gain * self.torque_constant * self.gear_ratio
-
-    def __repr__(self) -> str:
-        unit = "A" if self.resistance is None else "V"
-        return f"Motor({self.gain:.4g} N m/{unit}, limit={self.limit})"
-
-
-def _positive(name: str, value: Any) -> float:
-    x = number(name, value)
-    if not 0.0 < x < np.inf:
-        raise ValueError(f"{name} = {value}: must be positive and finite")
-    return x
-
-
 def _limit(value: Any) -> float:
-    return np.inf if value is None else _positive("limit", value)
+    return np.inf if value is None else positive("limit", value)
 
 
 class Controller:
@@ -150,8 +85,6 @@ class _JointLaw(Controller):
 
 
 def _scaled(law: Any, factor: float) -> Any:
-    from . import _core
-
     if isinstance(law, _core.PiecewisePolynomial):
         return _core.PiecewisePolynomial(law.breaks, factor * law.coefficients)
     return lambda t: factor * float(law(t))
@@ -206,7 +139,8 @@ class StateFeedback(Controller):
     Args:
         K: gains (nu, 2 nv): by all coordinates, then by all rates, in the order of LinearModel.states of a model that
             locks nothing. For arms without balls.
-        actuate: nu links, or (link, freedom), or columns (nv,) of generalised forces per unit of u.
+        actuate: nu links, (link, freedom), ("patch", link, patch), or columns (nv,) of generalised forces per unit
+            of u.
         q0, v0, u0: the state about which, and the forces there; None: zero.
         limit: of each |u|; None: none.
     """
@@ -243,6 +177,11 @@ def _columns(arm: Arm, actuate: Sequence[Any]) -> list[Array]:
         if isinstance(entry, (np.ndarray, list)):
             out.append(array(f"actuate[{k}]", entry, (arm.nv,)))
             continue
+        if isinstance(entry, tuple) and entry and entry[0] == "patch":
+            if len(entry) != 3:
+                raise ValueError(f'actuate[{k}] = {entry!r}: must be ("patch", link, patch)')
+            out.append(arm.patch_matrix[:, column_of(arm, arm._link(entry[1], f"actuate[{k}]: link"), entry[2])])
+            continue
         out.append(np.eye(arm.nv)[arm.joint_rate(entry, f"actuate[{k}]: link")])
     return out
 
@@ -270,9 +209,13 @@ def _rows(arm: Arm, measure: Sequence[Any], first: int = 0) -> tuple[Array, Arra
             )
             by_q.append(rows[:, STRAIN_NAMES.index(entry[3])])
             by_v.append(np.zeros(arm.nv))
+        elif kind in ("charge", "patch_voltage") and len(entry) == 3:
+            by_q.append(getattr(arm, kind)(np.eye(arm.nq), entry[1], entry[2]))
+            by_v.append(np.zeros(arm.nv))
         else:
             raise ValueError(
-                f'{field} = {entry!r}: must be ("joint", link), ("rate", link), ("strain", link, x, "K3"), or a sensor'
+                f'{field} = {entry!r}: must be ("joint", link), ("rate", link), ("strain", link, x, "K3"), '
+                '("charge", link, patch), ("patch_voltage", link, patch), or a sensor'
             )
     return np.array(by_q).reshape(-1, arm.nq), np.array(by_v).reshape(-1, arm.nv)
 
@@ -296,9 +239,10 @@ class Sampled(Controller):
     Args:
         law: a callable (t, y) -> u: time (s), what is measured (ny,), and the outputs (nu,) or one number.
         rate: samples a second (Hz).
-        measure: what y is: entries ("joint", link), ("rate", link), ("strain", link, x, "K3"), or sensors, in order;
-            None: the whole state [q; v].
-        actuate: nu links, or (link, freedom), or columns (nv,) of generalised forces per unit of u.
+        measure: what y is: entries ("joint", link), ("rate", link), ("strain", link, x, "K3"), ("charge", link, patch),
+            ("patch_voltage", link, patch), or sensors, in order; None: the whole state [q; v].
+        actuate: nu links, (link, freedom), ("patch", link, patch), or columns (nv,) of generalised forces per unit
+            of u.
         delay: from a sample to its force (s): what computing and the bus take.
         limit: of each |u|; None: the motor's.
         motor: turns u into torques; None: u are torques.
@@ -310,17 +254,13 @@ class Sampled(Controller):
     ) -> None:  # fmt: skip
         if not callable(law):
             raise ValueError(f"law = {law!r}: must be a callable (t, y) -> u")
-        self.law, self.rate, self.delay = law, _positive("rate", rate), number("delay", delay)
+        self.law, self.rate, self.delay = law, positive("rate", rate), number("delay", delay)
         if not 0.0 <= self.delay < np.inf:
             raise ValueError(f"delay = {delay}: must be zero or positive, in seconds")
         self.measure, self.actuate = None if measure is None else list(measure), list(actuate)
         self.motor, self.limit = motor, _limit(limit)
         if motor is not None and motor.limit is not None:
             self.limit = min(self.limit, motor.limit)
-
-    def _begin(self) -> Callable[[float, Array], Any]:
-        """The law of one run."""
-        return self.law
 
     def _reader(self, arm: Arm) -> tuple[_Reader, bool]:
         """(t, q, v, a) -> y of one run, and whether it asks for a."""
@@ -331,11 +271,10 @@ class Sampled(Controller):
         by_acceleration = any(getattr(e, "needs_acceleration", False) for e in self.measure)
         return lambda t, q, v, a: np.concatenate([r(t, q, v, a) for r in readers]), by_acceleration
 
-    def _laws(self, arm: Arm, times: Array) -> tuple[list[_Feedback], list[_Sampler]]:
-        columns = np.array(_columns(arm, self.actuate)).T
-        gain = 1.0 if self.motor is None else self.motor.gain
+    def _law(self, arm: Arm, columns: Array) -> tuple[Any, bool]:
+        """What the core asks for forces, once a sample, and whether it wants accelerations."""
         read, by_acceleration = self._reader(arm)
-        law, limit = self._begin(), self.limit
+        law, limit = self.law, self.limit
 
         def force(t: float, q: Array, v: Array, a: Array) -> Array:
             u = np.atleast_1d(np.asarray(law(t, read(t, q, v, a)), dtype=float))
@@ -343,12 +282,21 @@ class Sampled(Controller):
                 raise ValueError(
                     f"control at t = {t}: the law gave {u.tolist()}; must be {columns.shape[1]} finite numbers"
                 )
-            return np.asarray(columns @ (gain * np.clip(u, -limit, limit)))
+            return np.asarray(columns @ np.clip(u, -limit, limit))
 
+        return force, by_acceleration
+
+    def _laws(self, arm: Arm, times: Array) -> tuple[list[_Feedback], list[_Sampler]]:
+        units = np.array(_columns(arm, self.actuate)).T
+        law, by_acceleration = self._law(arm, units if self.motor is None else self.motor.gain * units)
         braking: list[_Feedback] = []
         if self.motor is not None and self.motor.braking > 0.0:
-            braking = [(c, np.zeros(arm.nq), self.motor.braking * c, None, np.inf) for c in columns.T]
-        return braking, [(float(times[0]), 1.0 / self.rate, self.delay, by_acceleration, force)]
+            braking = [(c, np.zeros(arm.nq), self.motor.braking * c, None, np.inf) for c in units.T]
+        return braking, [(float(times[0]), 1.0 / self.rate, self.delay, by_acceleration, law)]
+
+
+def _no_law(t: float, y: Array) -> float:
+    return 0.0
 
 
 class LinearController(Sampled):
@@ -362,7 +310,7 @@ class LinearController(Sampled):
         reference: of y (a number, an array (ny,), or a callable t -> (ny,)): e = reference - y.
         method: of SciPy's cont2discrete, for continuous systems: "bilinear" (Tustin), "zoh", ...
 
-    The controller's state is `states` after a run: one row a sample.
+    It begins each run with x = 0, and runs in C++ unless it reads sensors or a callable.
     """
 
     def __init__(
@@ -370,7 +318,7 @@ class LinearController(Sampled):
         rate: float, measure: Sequence[Any], actuate: Sequence[Any] = (0,), reference: Any = 0.0, delay: float = 0.0,
         limit: float | None = None, motor: Motor | None = None, method: str = "bilinear",
     ) -> None:  # fmt: skip
-        super().__init__(lambda t, y: 0.0, rate, measure, actuate, delay=delay, limit=limit, motor=motor)
+        super().__init__(_no_law, rate, measure, actuate, delay=delay, limit=limit, motor=motor)
         self.reference = reference
         self.A, self.B, self.C, self.D = _discrete(A, B, C, D, 1.0 / self.rate, method)
 
@@ -381,8 +329,8 @@ class LinearController(Sampled):
     ) -> LinearController:  # fmt: skip
         """PID on a joint's angle: u = kp e + ki int e dt + kd de/dt, with e = reference - q, integral and derivative by
         Tustin's rule, the derivative behind a low pass of `filter_time` (s; None: two samples)."""
-        h = 1.0 / _positive("rate", rate)
-        tf = 2.0 * h if filter_time is None else _positive("filter_time", filter_time)
+        h = 1.0 / positive("rate", rate)
+        tf = 2.0 * h if filter_time is None else positive("filter_time", filter_time)
         # s-domain: states: integral of e; low-passed e
         A = np.array([[0.0, 0.0], [0.0, -1.0 / tf]])
         B = np.array([[1.0], [1.0 / tf]])
@@ -393,21 +341,27 @@ class LinearController(Sampled):
             limit=limit, motor=motor,
         )  # fmt: skip
 
-    def _begin(self) -> Callable[[float, Array], Any]:
-        x = np.zeros(self.A.shape[0])
-        self.states: list[Array] = []
-
-        def law(t: float, y: Array) -> Array:
-            nonlocal x
-            e = np.asarray(self.reference(t) if callable(self.reference) else self.reference) - y
-            if e.shape != (self.B.shape[1],):
-                raise ValueError(f"measure: gives {e.size} numbers; B has {self.B.shape[1]} columns")
-            self.states.append(x)
-            u = self.C @ x + self.D @ e
-            x = self.A @ x + self.B @ e
-            return np.asarray(u)
-
-        return law
+    def _law(self, arm: Arm, columns: Array) -> tuple[Any, bool]:
+        ny, nu = self.B.shape[1], self.C.shape[0]
+        if columns.shape[1] != nu:
+            raise ValueError(f"actuate: names {columns.shape[1]}; the controller has {nu} outputs")
+        read, by_acceleration = self._reader(arm)
+        rows = np.zeros((0, arm.nq)), np.zeros((0, arm.nv))
+        if self.measure is not None and not any(hasattr(e, "sampler") for e in self.measure):
+            rows = _rows(arm, self.measure)
+            if len(rows[0]) != ny:
+                raise ValueError(f"measure: gives {len(rows[0])} numbers; B has {ny} columns")
+        reference = (
+            self.reference if callable(self.reference) else np.broadcast_to(array("reference", self.reference), (ny,))
+        )
+        law = _core.LinearLaw(
+            *(self.A, self.B, self.C, self.D, columns, *rows, self.limit),
+            (lambda t: np.broadcast_to(np.asarray(reference(t), dtype=float), (ny,)))
+            if callable(reference)
+            else reference,
+            None if len(rows[0]) else read,
+        )
+        return law, by_acceleration
 
 
 def _discrete(A: Any, B: Any, C: Any, D: Any, dt: float, method: str) -> tuple[Array, Array, Array, Array]:

@@ -139,24 +139,31 @@ class _SpinUp:
         return q, speed / time * (t - math.sin(w * t) / w), speed / time * (1 - math.cos(w * t))
 
 
-class Torque(_Law):
-    """Force (N) or torque (N m) of a joint: samples (t, tau), linear in between; a callable t -> tau; or a number."""
+class Scalar(_Law):
+    """One number that changes with time: samples, linear in between, a callable, or a constant."""
 
-    def __init__(self, t: ArrayLike | Callable[[float], float], tau: ArrayLike | None = None) -> None:
+    def _read(self, name: str, t: Any, values: ArrayLike | None) -> None:
         if callable(t):
             self.law = t
-        elif tau is None:
+        elif values is None:
             self.constant = True
-            self.law = _core.PiecewisePolynomial([0.0, 1.0], [[array("tau", t, ()).item()]])
+            self.law = _core.PiecewisePolynomial([0.0, 1.0], [[array(name, t, ()).item()]])
         else:
             times = _times(t)
-            values = array("tau", tau, times.shape)
-            self.law = _core.PiecewisePolynomial(times, [np.diff(values) / np.diff(times), values[:-1]])
+            at = array(name, values, times.shape)
+            self.law = _core.PiecewisePolynomial(times, [np.diff(at) / np.diff(times), at[:-1]])
 
     def __call__(self, t: float) -> float:
-        """Force (N) or torque (N m) at time t (s)."""
+        """Its value (N, N m, V) at time t (s)."""
         value = self.law(t)
         return float(value[0] if isinstance(value, tuple) else value)
 
     def __repr__(self) -> str:
-        return f"Torque({self.law!r})"
+        return f"{type(self).__name__}({self.law!r})"
+
+
+class Torque(Scalar):
+    """Force (N) or torque (N m) of a joint: samples (t, tau), linear in between; a callable t -> tau; or a number."""
+
+    def __init__(self, t: ArrayLike | Callable[[float], float], tau: ArrayLike | None = None) -> None:
+        self._read("tau", t, tau)

@@ -10,7 +10,8 @@ import numpy as np
 
 from . import _core
 from ._check import Array, array, number
-from .model import Vector, _numbers, _Part
+from ._part import _Part
+from .model import Vector, _numbers
 
 _UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SPRINGS = ("stiffness", "rest", "damping", "lower", "upper", "limit_stiffness", "limit_damping")

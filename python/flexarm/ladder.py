@@ -188,8 +188,10 @@ def quantity_of(scene: Scene, result: Result, quantity: str) -> dict[str, Array]
         return {"m": arm.frame(q)[0][:, None, :]}
     if quantity == "joint":
         from .drive import Motion
+        from .patch import split_drives
 
-        held = {i for i, law in arm.by_rate("drive", scene.drive).items() if isinstance(law, Motion)}
+        joints = split_drives(scene.drive)[0]
+        held = {i for i, law in arm.by_rate("drive", joints).items() if isinstance(law, Motion)}
         prescribed = {arm.coordinate_of(i) for i in held}
         units: dict[str, list[int]] = {}
         for k, link in enumerate(arm.links):

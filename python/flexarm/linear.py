@@ -11,13 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._check import Array, array, choice, number
 from .balance import locked_rates
+from .patch import capacitance, column_of
 
 if TYPE_CHECKING:
     from .arm import Arm
 
 STRAIN_NAMES = ("K1", "K2", "K3", "phi12", "phi13")
-INPUTS = ("force", "acceleration", "load")
-OUTPUTS = ("joint", "rate", "tip", "velocity", "acceleration", "accelerometer", "strain")
+INPUTS = ("force", "acceleration", "load", "patch")
+OUTPUTS = (
+    *("joint", "rate", "tip", "velocity", "acceleration", "accelerometer", "strain"),
+    *("charge", "patch_voltage"),
+)
 
 
 class Derivatives(NamedTuple):
@@ -205,6 +209,16 @@ def _strain_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
     return _Output(labels, p.arm.strain(p.q, n, x)[keep], p.rows(rows, None))
 
 
+def _patch_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
+    _need(field, entry, 3, f'("{entry[0]}", link, patch)', least=3)
+    n = p.arm._link(entry[1], f"{field}: link")
+    row = p.arm.patch_matrix[:, column_of(p.arm, n, entry[2], f"{field}: ")][None]
+    if entry[0] == "patch_voltage":
+        row = -row / capacitance(p.arm, n, entry[2])
+    y = row @ (p.E.T @ p.q)  # E is the identity on elastic coordinates
+    return _Output([f"{entry[0]} link {n} patch {entry[2]}"], y, p.rows(row, None))
+
+
 _OUTPUT: dict[str, Callable[[_Point, str, tuple[Any, ...]], _Output]] = {
     "joint": _joint_output,
     "rate": _joint_output,
@@ -213,6 +227,8 @@ _OUTPUT: dict[str, Callable[[_Point, str, tuple[Any, ...]], _Output]] = {
     "acceleration": _motion_output,
     "accelerometer": _motion_output,
     "strain": _strain_output,
+    "charge": _patch_output,
+    "patch_voltage": _patch_output,
 }
 
 
@@ -237,6 +253,11 @@ def _read_inputs(arm: Arm, q: Array, inputs: Sequence[Any] | None, locked: NDArr
             n, x, name = _slice_name(arm, field, entry[1], _where(entry, 2))
             J = arm.jacobian(q, n, x)
             out += [_Input(f"load {name} {axis}", J[i]) for i, axis in enumerate("xyz")]
+            continue
+        if kind == "patch":
+            _need(field, entry, 3, '("patch", link, patch)', least=3)
+            k = column_of(arm, entry[1], _where(entry, 2), f"{field}: ")
+            out.append(_Input(f"patch link {entry[1]} patch {_where(entry, 2)}", arm.patch_matrix[:, k]))
             continue
         _need(field, entry, 2, f'a link, (link, freedom), or ("{kind}", link)')
         for i in arm.joint_rates(entry[1], f"{field}: link"):

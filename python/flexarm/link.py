@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from . import _core
+from ._part import _Part
 from .joints import Joint
-from .model import Beam, RigidBody, _Part
+from .model import Beam, RigidBody
 
 
 @dataclass(frozen=True)

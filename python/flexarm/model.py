@@ -6,7 +6,7 @@ Pa, rad. Axes of a beam: x along the undeformed neutral axis, y and z the princi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -15,55 +15,12 @@ import numpy as np
 
 from . import _core
 from ._check import array, choice, known_keys, number, whole
+from ._part import _Part
+from .patch import Patch, core_patches
 from .shapes import coefficients, columns
 
 STRAINS = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
 Vector = Sequence[float]
-
-
-class _Part:
-    """Holds the core's counterpart in `_core`, outside equality, printing and pickling."""
-
-    _core: Any
-
-    def _set(self, name: str, value: Any) -> None:
-        object.__setattr__(self, name, value)  # dataclasses here are frozen
-
-    def _arguments(self) -> dict[str, Any]:
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.init}  # type: ignore[arg-type]
-
-    def __reduce__(self) -> Any:
-        return _rebuild, (type(self), {k: _unwrapped(v) for k, v in self._arguments().items()})
-
-    def to_dict(self) -> dict[str, Any]:
-        """The same structure as in a scene file."""
-        out: dict[str, Any] = {}
-        kind = getattr(self, "type", None)
-        if kind is not None:
-            out["type"] = kind
-        for name, value in self._arguments().items():
-            if value is not None:
-                out[name] = value.to_dict() if isinstance(value, _Part) else _plain(value)
-        return out
-
-
-def _rebuild(cls: type, arguments: dict[str, Any]) -> Any:
-    return cls(**arguments)
-
-
-def _unwrapped(value: Any) -> Any:
-    """Read-only mappings as dictionaries, which pickle."""
-    if isinstance(value, Mapping):
-        return {k: _unwrapped(v) for k, v in value.items()}
-    return tuple(_unwrapped(v) for v in value) if isinstance(value, tuple) else value
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(v) for v in value]
-    return value
 
 
 @dataclass(frozen=True)
@@ -89,6 +46,11 @@ class Material(_Part):
 
 class _Section(_Part):
     _core: _core.Section
+
+    def _face(self, axis: str) -> tuple[float, float, bool] | None:
+        """Of the faces across an axis: their distance from the neutral axis and their breadth (m), and whether the
+        section warps in torsion as a rectangle does; None where there are no such faces."""
+        return None
 
 
 class _Shape(_Section):
@@ -130,6 +92,10 @@ class Rectangle(_Shape):
             self._set(f, number(f, getattr(self, f)))
         self._set("_core", _core.Section.rectangle(self.y, self.z, self.shear_correction))
 
+    def _face(self, axis: str) -> tuple[float, float, bool]:
+        depth, breadth = (self.y, self.z) if axis == "y" else (self.z, self.y)
+        return depth / 2, breadth, True
+
 
 @dataclass(frozen=True)
 class Circle(_Shape):
@@ -145,6 +111,9 @@ class Circle(_Shape):
         for f in ("radius", "inner_radius", "shear_correction"):
             self._set(f, number(f, getattr(self, f)))
         self._set("_core", _core.Section.circle(self.radius, self.inner_radius, self.shear_correction))
+
+    def _face(self, axis: str) -> tuple[float, float, bool]:
+        return self.radius, 2 * self.radius, False
 
 
 @dataclass(frozen=True)
@@ -181,6 +150,8 @@ class Taper(_Part):
     x: Sequence[float]
     sections: Sequence[Rectangle | Circle | GeneralSection]
     type: ClassVar[str] = "taper"
+    #: the section at x metres
+    at: Callable[[float], Any] = field(init=False, repr=False, compare=False)
     _core: _core.SectionProfile = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -200,9 +171,10 @@ class Taper(_Part):
         self._set("sections", tuple(self.sections))
 
         def at(place: float) -> Any:
-            return cls(*(float(np.interp(place, x, column)) for column in table.T))._core
+            return cls(*(float(np.interp(place, x, column)) for column in table.T))
 
-        self._set("_core", _core.SectionProfile(at, x[1:-1].tolist()))
+        self._set("at", at)
+        self._set("_core", _core.SectionProfile(lambda place: at(place)._core, x[1:-1].tolist()))
 
     def to_dict(self) -> dict[str, Any]:
         return {"type": self.type, "x": list(self.x), "sections": [s.to_dict() for s in self.sections]}
@@ -238,6 +210,7 @@ class Beam(_Part):
         gauss_points: slices that carry the inertia; None lets the basis choose enough for about 1e-12.
         basis_tip: what the modes of the loaded basis carry on the beam's end: its mass, its com along x and its
             principal inertia are used. It shapes the basis and no more; the load itself is the link's `tip`.
+        patches: piezoelectric patches; see Patch. The loaded basis does not feel them.
 
     Raises:
         ValueError: naming the field and the value.
@@ -254,6 +227,7 @@ class Beam(_Part):
     kelvin_voigt: float = 0.0
     gauss_points: int | None = None
     basis_tip: RigidBody | None = None
+    patches: Sequence[Patch] = ()
     #: number of shape functions of each strain that has any
     counts: Mapping[str, int] = field(init=False, repr=False, compare=False)
     _core: _core.Beam = field(init=False, repr=False, compare=False)
@@ -291,7 +265,11 @@ class Beam(_Part):
             self.gauss_points or 0,
             *tip,
         )
-        self._set("_core", _core.Beam(self.length, self.section._core, self.material._core, options))
+        if not isinstance(self.patches, (list, tuple)) or not all(isinstance(p, Patch) for p in self.patches):
+            raise ValueError(f"patches = {self.patches!r}: must be a list of Patch")
+        self._set("patches", tuple(self.patches))
+        glued = core_patches(self.patches, self.section, self.length)
+        self._set("_core", _core.Beam(self.length, self.section._core, self.material._core, options, glued))
 
     def _read_modes(self) -> tuple[list[int], list[list[tuple[float, ...]]]]:
         known_keys("modes", self.modes, STRAINS)

@@ -81,6 +81,14 @@ class Result:
         """Displacement (nt, 3) of the beam's tip from rest, in the axes of the link's hub (m)."""
         return self.arm.deflection(self.q, link)
 
+    def charge(self, link: int = 0, patch: int = 0) -> Array:
+        """Short-circuit charge of a link's patch (C), (nt,); see Arm.charge. A driven patch has capacitance V more."""
+        return self.arm.charge(self.q, link, patch)
+
+    def patch_voltage(self, link: int = 0, patch: int = 0) -> Array:
+        """Open-circuit voltage of a link's patch (V), (nt,); see Arm.patch_voltage."""
+        return self.arm.patch_voltage(self.q, link, patch)
+
     def plot(self) -> Figure:
         """A figure of the joint coordinates and the tip deflections over time."""
         from .plots import plot_result

@@ -14,9 +14,12 @@ import numpy as np
 from . import joints, model, sensors
 from ._check import Array, array, choice, known_keys, number, whole
 from .arm import METHODS, Arm
+from .control import PD, Controller, LinearController, StateFeedback, StrainFeedback, control_laws
 from .drive import Motion, Torque
 from .link import Link
 from .load import Load
+from .motor import Motor
+from .patch import Patch, Piezo, Voltage
 from .reading import Reading
 from .result import Result
 from .sensor import Sensor
@@ -31,6 +34,12 @@ SCENES = Path(__file__).parent / "scenes"
 _SECTIONS = {"rectangle": model.Rectangle, "circle": model.Circle, "general": model.GeneralSection}
 _ALONG = {**_SECTIONS, "taper": model.Taper}
 _JOINTS = {j.type: j for j in joints.Joint.__subclasses__()}
+_CONTROLS: dict[str, Callable[..., Controller]] = {
+    "pd": PD,
+    "strain_feedback": StrainFeedback,
+    "state_feedback": StateFeedback,
+    "pid": LinearController.pid,
+}
 _SENSORS = {s.type: s for s in sensors.KINDS}
 
 
@@ -79,7 +88,19 @@ def _beam(where: str, table: Any) -> model.Beam:
         t["material"] = _make(f"{where}.material", model.Material, t["material"], _names(model.Material))
     if "basis_tip" in t:
         t["basis_tip"] = _make(f"{where}.basis_tip", model.RigidBody, t["basis_tip"], _names(model.RigidBody))
+    if "patches" in t:
+        if not isinstance(t["patches"], (list, tuple)):
+            raise ValueError(f"{where}.patches = {t['patches']!r}: must be a list of tables")
+        t["patches"] = [_patch(f"{where}.patches[{k}]", p) for k, p in enumerate(t["patches"])]
     return _make(where, model.Beam, t, _names(model.Beam))  # type: ignore[no-any-return]
+
+
+def _patch(where: str, table: Any) -> Patch:
+    known_keys(where, table, _names(Patch))
+    t = dict(table)
+    if "material" in t:
+        t["material"] = _make(f"{where}.material", Piezo, t["material"], _names(Piezo))
+    return _make(where, Patch, t, _names(Patch))  # type: ignore[no-any-return]
 
 
 def _link(where: str, table: Any) -> Link:
@@ -133,7 +154,9 @@ def _samples(where: str, table: Mapping[str, Any], columns: tuple[str, ...], bas
     return {k: array(f"{where}.file column {k}", [r[k] for r in rows]) for k in rows[0]}
 
 
-def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Motion | Torque]:
+def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Motion | Torque | Voltage]:
+    if isinstance(table, Mapping) and "patch" in table:
+        return _voltage(where, table, base)
     known_keys(where, table, ("link", "freedom", "motion", "spin_up", "torque"))
     laws = [k for k in ("motion", "spin_up", "torque") if k in table]
     if "link" not in table or len(laws) != 1:
@@ -151,13 +174,61 @@ def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Motio
     return link, _make(f"{where}.{law}", Motion if law == "motion" else Torque, samples, columns)
 
 
+def _control(where: str, table: Any, base: Path) -> Controller:
+    if not isinstance(table, Mapping) or "type" not in table:
+        raise ValueError(f"{where} = {table!r}: must be a table with a type: {', '.join(_CONTROLS)}")
+    make = _CONTROLS[choice(f"{where}.type", table["type"], _CONTROLS)]
+    t = {k: v for k, v in table.items() if k != "type"}
+    if isinstance(t.get("reference"), Mapping):
+        samples = _samples(f"{where}.reference", t["reference"], ("t", "r"), base)
+        missing = [k for k in ("t", "r") if k not in samples]
+        if missing:
+            raise ValueError(f"{where}.reference: missing {', '.join(missing)}")
+        t["reference"] = (samples["t"], samples["r"])
+    if "motor" in t:
+        t["motor"] = _make(f"{where}.motor", Motor, t["motor"], _parameters(Motor))
+    return _make(where, make, t, _parameters(make))  # type: ignore[no-any-return]
+
+
+def _parameters(function: Callable[..., Any]) -> tuple[str, ...]:
+    import inspect
+
+    return tuple(inspect.signature(function).parameters)
+
+
+def _controls(tables: Any, arm: Arm, t: Array, base: Path) -> tuple[Controller, ...]:
+    if not isinstance(tables, (list, tuple)):
+        raise ValueError(f"control = {tables!r}: must be a list of tables")
+    found = []
+    for k, table in enumerate(tables):
+        found.append(_control(f"control[{k}]", table, base))
+        try:
+            control_laws(arm, found[k], t)
+        except ValueError as e:
+            raise ValueError(f"control[{k}]: {e}") from None
+    return tuple(found)
+
+
+def _voltage(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Voltage]:
+    """Of a piezo patch: {link, patch, voltage}."""
+    known_keys(where, table, ("link", "patch", "voltage"))
+    for name in ("link", "voltage"):
+        if name not in table:
+            raise ValueError(f"{where}: missing {name}")
+    key, value = ("patch", *(whole(f"{where}.{k}", table[k]) for k in ("link", "patch"))), table["voltage"]
+    if not isinstance(value, Mapping):
+        return key, Voltage(number(f"{where}.voltage", value))
+    samples = _samples(f"{where}.voltage", value, ("t", "V"), base)
+    return key, _make(f"{where}.voltage", Voltage, samples, ("t", "V"))
+
+
 @dataclass
 class Scene:
     """An arm, its drives by link (or by (link, freedom)), and how to simulate it.
 
     Attributes:
         arm: the arm.
-        drive: Motion or Torque by link number, or by (link, freedom).
+        drive: Motion or Torque by link number, or by (link, freedom); Voltage by ("patch", link, patch).
         loads: forces and moments on slices.
         t: output times (s).
         q0, v0: initial state, or None for rest at zero.
@@ -165,10 +236,11 @@ class Scene:
             step, spectral_radius.
         name: the scene's title.
         sensors: what `flexarm run` reads; `sensor.read(scene.run())` does in Python.
+        control: its controllers.
     """
 
     arm: Arm
-    drive: dict[Any, Motion | Torque] = field(default_factory=dict)
+    drive: dict[Any, Motion | Torque | Voltage] = field(default_factory=dict)
     loads: tuple[Load, ...] = ()
     t: Array = field(default_factory=lambda: np.linspace(0.0, 1.0, 1001))
     q0: Array | None = None
@@ -176,12 +248,12 @@ class Scene:
     options: dict[str, Any] = field(default_factory=dict)
     name: str = "scene"
     sensors: tuple[Sensor, ...] = ()
+    control: tuple[Controller, ...] = ()
 
     def run(self, progress: bool = False) -> Result:
         """Simulates the scene."""
-        return simulate(
-            self.arm, self.t, self.q0, self.v0, drive=self.drive, loads=self.loads, progress=progress, **self.options
-        )
+        given = {"drive": self.drive, "loads": self.loads, "control": self.control}
+        return simulate(self.arm, self.t, self.q0, self.v0, **given, progress=progress, **self.options)  # type: ignore
 
     def readings(self, result: Result) -> dict[str, Reading]:
         """What the scene's sensors read of a result, by names such as "sensor-0-encoder"; none of a single row."""
@@ -208,7 +280,7 @@ _SIMULATION = ("duration", "interval", "q0", "v0", *_OPTIONS)
 
 def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = "scene") -> Scene:
     """A Scene from the structure of a scene file; `base` is the folder that file names in it are relative to."""
-    known_keys("scene", d, ("title", "gravity", "link", "drive", "load", "sensor", "simulation"))
+    known_keys("scene", d, ("title", "gravity", "link", "drive", "load", "control", "sensor", "simulation"))
     base = base or Path()
     arm = arm_from_dict({k: d[k] for k in ("gravity", "link") if k in d})
     s = d.get("simulation", {})
@@ -227,7 +299,7 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
     drives = d.get("drive", [])
     if not isinstance(drives, (list, tuple)):
         raise ValueError(f"drive = {drives!r}: must be a list of tables")
-    drive: dict[Any, Motion | Torque] = {}
+    drive: dict[Any, Motion | Torque | Voltage] = {}
     for k, table in enumerate(drives):
         link, law = _drive(f"drive[{k}]", table, base)
         if link in drive:
@@ -254,6 +326,7 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
         {k: s[k] for k in _OPTIONS if k in s},
         str(d.get("title", name)),
         _sensors(d.get("sensor", []), arm, t),
+        _controls(d.get("control", []), arm, t, base),
     )
 
 

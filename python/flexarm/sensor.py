@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ._check import Array, array, number, whole
+from ._part import _Part
 from .arm import Arm
 from .load import Load
-from .model import _numbers, _Part
+from .model import _numbers
 from .reading import Reading
 from .result import Result
 

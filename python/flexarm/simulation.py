@@ -16,12 +16,13 @@ from .arm import METHODS, Arm
 from .control import Controller, control_laws
 from .drive import Motion, Torque
 from .load import Load, at_time
+from .patch import Voltage, patch_laws, split_drives
 from .result import Result
 from .validity import out_of_range
 
 INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
 LINEAR_SOLVERS = ("auto", "dense", "chain")
-_RTOL = {"ida": 1e-6, "implicit": 1e-9, "gauss": 1e-12, "rk4": 1e-6}
+_RTOL = {"ida": 1e-6, "implicit": 1e-10, "gauss": 1e-12, "rk4": 1e-6}
 #: The integrator that an option belongs to.
 OPTION_OF = {"max_order": "ida", "linear_solver": "ida", "spectral_radius": "implicit", "stages": "gauss"}
 
@@ -85,7 +86,7 @@ def simulate(
     v0: ArrayLike | None = None,
     *,
     tau: ArrayLike | None = None,
-    drive: Mapping[Any, Motion | Torque] | None = None,
+    drive: Mapping[Any, Motion | Torque | Voltage] | None = None,
     loads: Sequence[Load] | None = None,
     control: Controller | Sequence[Controller] | None = None,
     events: Callable[..., float] | Sequence[Callable[..., float]] | None = None,
@@ -109,7 +110,7 @@ def simulate(
             joints start where their motion does; a q0 or v0 that says otherwise is an error.
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
         drive: by link number, or by (link, freedom), what drives that freedom of its joint: a Torque, or a Motion,
-            whose reaction is then in `Result.tau`.
+            whose reaction is then in `Result.tau`. By ("patch", link, patch): a piezo patch's Voltage.
         loads: external forces and moments.
         control: controllers, whose forces are added to the torques: continuous ones (PD, StrainFeedback,
             StateFeedback) are part of the equations, sampled ones (Sampled, LinearController) hold their force from
@@ -132,7 +133,7 @@ def simulate(
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative (1e-6 if None) and absolute (in its unit).
             Of "gauss" and "implicit", rtol alone is how far the equations of a step are solved, as a part of the
             motion, in the norm of kinetic energy (if None 1e-12, where coordinates of very small inertia are known to
-            about 1e-8, and 1e-9); a tolerance near the error that the step leaves saves a third of the time.
+            about 1e-8, and 1e-10); a tolerance near the error that the step leaves saves a third of the time.
         max_order: of IDA's backward differentiation formulas, 1 to 5 (if None). 5 needs the fewest steps wherever
             what moves must be followed (bench/ida_order.py: 4 to 8 times fewer than 2 at rtol 1e-6, 100 times closer or
             more); 2 needs fewer, 3 times at rtol 1e-5, where fast undamped modes are present but quiet and the
@@ -189,13 +190,14 @@ def simulate(
             raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
         state[name] = zero if value is None else array(name, value, zero.shape)
     arm.check_balls("q0", state["q0"])
-    laws = []
-    for i, law in arm.by_rate("drive", drive).items():
+    joints, patches = split_drives(drive)
+    laws = patch_laws(arm, patches, times)
+    for i, law in arm.by_rate("drive", joints).items():
         where = f"drive of '{arm.coordinates[i]}'"
         if not isinstance(law, (Motion, Torque)):
             raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
         law.check_span(where, times)
-        laws.append((i, isinstance(law, Motion), law.law))
+        laws.append((i, isinstance(law, Motion), law.law, np.zeros(0)))
         if isinstance(law, Motion):
             law.check_rates(where, times)
             start = array(f"{where} at t = {times[0]}", law(float(times[0])), (3,))

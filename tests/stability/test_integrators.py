@@ -54,6 +54,17 @@ def test_a_divergence_is_reported_with_its_cause() -> None:
     assert found["wall"] < 10
 
 
+@pytest.mark.parametrize(("speed", "modes"), [(30.0, 3), (100.0, 3), (1000.0, 2)])
+def test_ida_reports_a_divergence_of_several_modes_at_once(speed: float, modes: int) -> None:
+    """The growing mode's rounding errors are felt by the other modes, and IDA's steps shrink in proportion to its
+    growth: what would take hours is given up, after the linear solution has grown to 1e4 rad and more."""
+    found = integrators.overflow(speed, modes)
+    assert "the motion runs away in steps of" in found["message"] and "link 0: at order 1" in found["message"]
+    rate = np.sqrt(speed**2 - 20.948766**2)
+    assert np.log(1e2 / 1e-6) / rate < found["time"] < np.log(1e12 / 1e-6) / rate
+    assert found["wall"] < 5
+
+
 @pytest.mark.parametrize("integrator", ["implicit", "gauss", "rk4"])
 def test_fixed_steps_report_a_divergence_of_several_modes_at_once(integrator: str) -> None:
     """Three modes, of which one grows: no step becomes small, so the end comes when it must, and quickly."""
@@ -61,4 +72,5 @@ def test_fixed_steps_report_a_divergence_of_several_modes_at_once(integrator: st
     rate = np.sqrt(100**2 - 20.948766**2)
     assert np.log(1e145 / 1e-6) / rate < found["time"] < np.log(1e157 / 1e-6) / rate
     assert "take a smaller step" in found["message"] and "link 0: at order 1" in found["message"]
+    assert ("rk4" in found["message"]) == (integrator == "rk4")  # to each its own advice
     assert found["wall"] < 5

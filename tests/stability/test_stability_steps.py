@@ -81,7 +81,7 @@ def test_energy_of_a_pendulum_over_many_periods() -> None:
         error = steps.oscillator(cycles, per_period, swinging=True, **options)
         first, last = np.abs(error[:200]).max(), np.abs(error[200:]).max()
         assert 1e-7 < first < 0.02 and 0.9 < last / first < 1.1
-        assert abs(np.mean(error[200:]) - np.mean(error[:200])) < 0.05 * first
+        assert abs(np.mean(error[200:]) - np.mean(error[:200])) < 0.005 * first
     for options in ({"integrator": "implicit", "spectral_radius": 0.9}, {"integrator": "rk4"}):
         assert steps.oscillator(np.array([n]), 16, swinging=True, **options)[0] < -0.3
 

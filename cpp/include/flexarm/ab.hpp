@@ -20,9 +20,10 @@ struct Shift {
 /// the damping and stiffness of beams and of joints (springs, dampers, the stops they touch at q, v): they are
 /// block-diagonal by link, so that they enter the elimination for nothing. At the place where move_arm or
 /// inverse_dynamics left the workspace. Also sets ws.twice_kinetic.
+/// @param have_masses  after inverse_dynamics(..., with_masses = true)
 /// @return Status::singular when S is not positive definite
 Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                      const Shift& shift);
+                      const Shift& shift, bool have_masses = false);
 /// x = S^-1 r (length nv) by the last factor_shifted, zero where prescribed; r and x are two vectors.
 void solve_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& r, Eigen::VectorXd& x);
 

@@ -26,6 +26,8 @@ class Arm {
   int coordinate_of(int i) const { return coordinate_of_[i]; }
   /// All coordinates zero, balls at 1 0 0 0.
   Eigen::VectorXd zero() const;
+  /// Generalised forces of all patches per volt (Eq. 61), nv x their number, in the order of links and patches.
+  Eigen::MatrixXd patch_matrix() const;
   /// A label per rate, such as "link 0 bending_y 1".
   std::vector<std::string> coordinates() const;
 

@@ -3,8 +3,10 @@
 #pragma once
 
 #include <array>
+#include <memory>
 #include <vector>
 
+#include "flexarm/patch.hpp"
 #include "flexarm/quadrature.hpp"
 #include "flexarm/section.hpp"
 #include "flexarm/series.hpp"
@@ -41,13 +43,15 @@ struct BeamOptions {
   int gauss_points = 0;        ///< 0: enough for the basis, see `enough_gauss_points`
 };
 
-/// Beam along x, clamped to its link's hub at X = 0. Immutable.
+/// Beam along x, clamped to its link's hub at X = 0. Immutable; copies share their tables.
 class Beam {
  public:
   /// @throws std::invalid_argument naming the field and the value
-  Beam(double length, const Section& section, const Material& material, const BeamOptions& options);
+  Beam(double length, const Section& section, const Material& material, const BeamOptions& options,
+       const std::vector<Patch>& patches = {});
   /// Tapered.
-  Beam(double length, const SectionProfile& section, const Material& material, const BeamOptions& options);
+  Beam(double length, const SectionProfile& section, const Material& material, const BeamOptions& options,
+       const std::vector<Patch>& patches = {});
 
   double length() const { return length_; }
   const BeamOptions& options() const { return options_; }
@@ -59,11 +63,18 @@ class Beam {
   const Eigen::MatrixXd& stiffness() const { return stiffness_; }  ///< Eq. 62, ne x ne
   const Eigen::MatrixXd& damping() const { return damping_; }      ///< ne x ne
   /// Beyond order 2, what the series needs; else null.
-  const SeriesTables* series() const { return series_ ? &*series_ : nullptr; }
+  const SeriesTables* series() const { return series_.get(); }
   const ShapeSet& shapes(int strain) const { return shapes_[strain]; }
   bool damped() const { return options_.damping_ratio > 0.0 || options_.kelvin_voigt > 0.0; }
-  const std::vector<MassSlice>& slices() const { return slices_; }
+  const std::vector<MassSlice>& slices() const { return *slices_; }
   const SliceTable& tip() const { return tip_; }  ///< the slice at X = L
+
+  /// Generalised forces of the patches per volt (Eq. 61), ne x their number, and their capacitances with the beam's
+  /// coordinates held (F).
+  const Eigen::MatrixXd& patch_forces() const { return patch_forces_; }
+  const Eigen::VectorXd& patch_capacitances() const { return patch_capacitances_; }
+  /// The same of a patch that need not be there. @throws std::invalid_argument naming the field and the value
+  Eigen::VectorXd patch_force(const Patch& patch, double* capacitance = nullptr) const;
 
   /// The slice at any X in [0, L]. @throws std::invalid_argument outside
   SliceTable slice_at(double X) const;
@@ -71,9 +82,16 @@ class Beam {
  private:
   /// Mass per length (kg/m), and each strain's rigidity (N m^2, N) and inertia per length, along the beam.
   struct Profile;
-  Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options);
-  void build_slices(const Profile& profile);
-  void build_stiffness(const Profile& profile);
+  Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options,
+       const std::vector<Patch>& patches);
+  std::vector<MassSlice> build_slices(const Profile& profile);
+  void build_stiffness(const Profile& profile, const std::vector<Patch>& patches);
+  void check_patch(const Patch& patch) const;
+  void add_patch_slices(const Patch& patch, std::vector<MassSlice>& slices);
+  Eigen::MatrixXd patch_stiffness(const Patch& patch) const;
+  int points_for_strains() const;
+  /// K1 K2 K3 phi12 phi13 per coordinate (Eq. 28-32).
+  Eigen::Matrix<double, 5, Eigen::Dynamic> strains_at(double X) const;
   std::vector<SliceTable> tables(const std::vector<double>& stations) const;
 
   double length_;
@@ -83,16 +101,19 @@ class Beam {
   int ne_ = 0;
   std::array<int, kStrains> first_{};
   double mass_ = 0.0;
-  Eigen::MatrixXd stiffness_, damping_;
-  std::vector<MassSlice> slices_;
+  Eigen::MatrixXd stiffness_, damping_, patch_forces_;
+  Eigen::VectorXd patch_capacitances_;
   SliceTable tip_;
-  std::optional<SeriesTables> series_;
+  // what is large is shared by copies: a chain of equal beams reads one table, which stays in the processor's cache
+  std::shared_ptr<const std::vector<MassSlice>> slices_;
+  std::shared_ptr<const SeriesTables> series_;
   GaussRule rule_{1};  ///< of the series' points, and of the slices of a uniform beam
 };
 
 /// Gauss points that integrate the inertia of the beam's slices to about 1e-12: exactly what the polynomials of the
 /// Legendre basis need, from the wave number of the highest mode for clamped-free and loaded modes, and by trial for
-/// user-given shapes.
-int enough_gauss_points(const BeamOptions& options, const std::vector<ShapeSet>& shapes, double length);
+/// user-given shapes. For slices on a part of the length alone, clamped-free modes need fewer.
+int enough_gauss_points(const BeamOptions& options, const std::vector<ShapeSet>& shapes, double length,
+                        double part = 1.0);
 
 }  // namespace flexarm

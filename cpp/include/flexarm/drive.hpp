@@ -27,13 +27,14 @@ class PiecewisePolynomial {
   Eigen::MatrixXd coefficients_;
 };
 
-/// A drive of one velocity coordinate: a motion, or a force or torque (N, N m).
+/// A drive of one velocity coordinate: a motion, or a force or torque (N, N m). Or of several at once, in proportion.
 struct Drive {
-  int coordinate;
+  int coordinate;                             ///< not used with a `column`
   std::function<MotionValue(double)> motion;  ///< empty for a force-driven coordinate
   std::function<double(double)> force;        ///< empty for a prescribed coordinate
   Eigen::VectorXd breaks = {};                ///< times that no step may pass over, such as those of samples
-  bool holds = false;                         ///< a motion that is rest, held by dry friction
+  Eigen::VectorXd column = {};  ///< generalised force per unit of `force`, (nv), such as a patch's per volt
+  bool holds = false;           ///< a motion that is rest, held by dry friction
 };
 
 }  // namespace flexarm

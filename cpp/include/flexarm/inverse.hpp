@@ -8,12 +8,14 @@ namespace flexarm {
 /// Generalised forces for given accelerations, into ws.tau. h holds gravity, elastic and damping forces.
 /// O(N).
 /// @param q, v, a coordinates (rad, m), rates and accelerations, length nv
+/// @param with_masses  leaves each link's own mass matrix (Eq. 80) in its M, for little
 template <class S>
-void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v, const VecX<S>& a);
+void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v, const VecX<S>& a,
+                      bool with_masses = false);
 
 /// Its inward half alone: the forces of a motion whose accelerations are in the workspace already, after
 /// forward_dynamics_ab or accelerate_arm.
 template <class S>
-void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a);
+void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a, bool with_masses = false);
 
 }  // namespace flexarm

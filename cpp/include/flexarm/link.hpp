@@ -28,7 +28,7 @@ struct LinkState {
   // positions and velocities
   JointMotion<S> joint;
   Series<S> series;                        ///< beyond order 2
-  std::vector<Slice<S>> slices;            ///< Gauss points of the beam
+  mutable Slice<S> slice;                  ///< a Gauss point of the beam: scratch, so that long arms stay small
   Slice<S> hub;                            ///< the hub's centre of mass, at rest in the link
   Slice<S> root, com, end;                 ///< the beam's last slice, the tip body's centre of mass, the link's end
   Slice<S> seat;                           ///< where the next link sits: `end` carried by the next joint
@@ -51,9 +51,8 @@ struct LinkState {
 template <class S>
 LinkState<S>::LinkState(int nj, const Beam* beam, int ne_below) {
   const int ne = beam ? beam->ne() : 0;
-  if (beam) slices.assign(beam->slices().size(), Slice<S>(ne));
-  if (beam && beam->series()) series = Series<S>(*beam->series(), static_cast<int>(slices.size()), ne);
-  for (Slice<S>* slice : {&root, &com, &end, &seat}) *slice = Slice<S>(ne);
+  if (beam && beam->series()) series = Series<S>(*beam->series(), ne);
+  for (Slice<S>* at : {&slice, &root, &com, &end, &seat}) *at = Slice<S>(ne);
   phi_e = Mat6X<S>::Zero(6, ne_below);
   H = Mat6X<S>::Zero(6, nj);
   resistance = VecX<S>::Zero(nj);
@@ -78,7 +77,8 @@ class Link {
   /// The slice at x metres along the beam. @throws std::invalid_argument without a beam, or outside it
   SliceTable slice_at(double x) const;
 
-  /// Moves every slice from the elastic coordinates in `s` (qe, dqe).
+  /// Moves the link's end and the tip body's slice from the elastic coordinates in `s` (qe, dqe). What follows moves
+  /// the beam's Gauss points one after the other, each time: that costs less than to fetch them again from memory.
   template <class S>
   void move(LinkState<S>& s) const;
   /// Moves one slice of the beam, after `move`.
@@ -90,6 +90,9 @@ class Link {
   /// M_rfr [A; ddqe] + N_rfr (Eq. 80, 81) into F and Fe, for s.V, `A` and `ddqe` (null: zero).
   template <class S>
   void inertial_force(const LinkState<S>& s, const Vec6<S>& A, const S* ddqe, Vec6<S>& F, VecX<S>& Fe) const;
+  /// Both in one pass over the slices.
+  template <class S>
+  void mass_matrix_and_force(LinkState<S>& s, const Vec6<S>& A, const S* ddqe, Vec6<S>& F, VecX<S>& Fe) const;
   /// Sum of mass times position, in link axes, for the energy of gravity.
   template <class S>
   Vec3<S> mass_moment(const LinkState<S>& s) const;

@@ -23,6 +23,7 @@ enum JetColumn { value_column, rate_column, bias_column, first_derivative_column
 /// Strains and integration at the Gauss points of one beam, built once.
 struct SeriesTables {
   int order;                   ///< 3 or kExact
+  int points;                  ///< the beam may have more slices: those of its patches
   Plane plane;                 ///< if any, then only `slope` and `shear` are kept of what follows
   Eigen::MatrixXd cumulative;  ///< row i: weights of the integral from 0 to X_i
   std::vector<Eigen::Matrix<double, 5, Eigen::Dynamic>> strains;  ///< at X_i: K1 K2 K3 phi12 phi13 per coordinate
@@ -44,7 +45,8 @@ struct Series {
   Eigen::Matrix<S, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> plane;
 
   Series() = default;
-  Series(const SeriesTables& tables, int points, int ne) {
+  Series(const SeriesTables& tables, int ne) {
+    const int points = tables.points;
     if (tables.plane != Plane::none) {
       plane.setZero(points, 2 * (first_derivative_column + ne));
       return;

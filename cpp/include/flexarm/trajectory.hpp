@@ -24,6 +24,9 @@ struct SimulationStats {
 /// Trajectory::failure when `alive` asked to stop.
 constexpr const char* kInterrupted = "interrupted";
 
+/// What a drive, a load or an event may throw to stop the integration as `alive` does.
+struct Interrupted {};
+
 /// Called now and then with the time reached; the integration stops, and what is done is kept, when it answers false.
 using Alive = std::function<bool(double)>;
 

@@ -45,24 +45,29 @@ struct ArticulatedLink {
   Eigen::VectorXd turn;  ///< D^-1 U^T Phi A-
   Vec6<double> N;        ///< articulated bias (Eq. 95), M times the bias acceleration included
   Eigen::VectorXd Ne;
+  bool lone = false;     ///< one free joint coordinate, no elastic one, no inertia, spring or damper of its own
+  double applied = 0.0;  ///< the force on it
 };
 
+/// All memory of what costs O(N) is taken by the constructor; of CI, which takes O(N^2), see below.
 class Workspace : public SweepWorkspace<double> {
  public:
   /// @param prescribed velocity coordinates whose acceleration is given (in `a`) and whose force is asked for
   explicit Workspace(const Arm& arm, const std::vector<bool>& prescribed = {}, const std::vector<Load>& loads = {});
 
   Eigen::VectorXd a;             ///< result of forward_dynamics; input where prescribed
-  Eigen::MatrixXd M;             ///< result of mass_matrix
   std::vector<bool> prescribed;  ///< per velocity coordinate
   std::vector<int> free;         ///< coordinates that are not prescribed
   std::vector<ArticulatedLink> articulated;
   double twice_kinetic = 0.0;  ///< v^T M v (J), set by factor_shifted
-  Eigen::MatrixXd M_free;      ///< Eq. 90 on the free coordinates
+
+  // Of the CI method; the matrices of nv^2 are empty until `take_composite` (ci.hpp) or CI's first call.
+  Eigen::MatrixXd M;       ///< result of composite_mass_matrix
+  Eigen::MatrixXd M_free;  ///< Eq. 90 on the free coordinates
   Eigen::LLT<Eigen::MatrixXd> factor;
   Eigen::VectorXd rhs;
   Eigen::VectorXd total;    ///< forces with those of feedback
-  Eigen::MatrixXd columns;  ///< 6 x n scratch of the CI method
+  Eigen::MatrixXd columns;  ///< 6 x n scratch
 };
 
 /// singular: a coordinate has no inertia. not_converged: an implicit step found no solution. not_finite: nan or inf.

@@ -1,0 +1,126 @@
+#include <doctest/doctest.h>
+
+#include "arms.hpp"
+#include "flexarm/ci.hpp"
+#include "flexarm/collocation.hpp"
+#include "flexarm/friction.hpp"
+#include "flexarm/ida.hpp"
+#include "flexarm/simulate.hpp"
+
+using namespace flexarm;
+
+namespace {
+
+/// A block of 1 kg on a rough line.
+Arm block(double coulomb, double stiction) {
+  JointForce force;
+  force.coulomb = coulomb;
+  force.stiction = stiction;
+  std::vector<Link> links;
+  links.emplace_back(Joint({{false, {1, 0, 0}}}, false, {"x"}, {force}), RigidBody{1.0}, std::nullopt, std::nullopt);
+  return Arm(std::move(links));
+}
+
+/// Feedback of everything on the first joint, that does not reach its limit.
+Feedback feedback_of(const Arm& arm) {
+  Feedback f;
+  f.column = Eigen::VectorXd::Unit(arm.nv(), 0);
+  f.by_q = flexarm_test::wave(arm.nq(), 0.2, 3.0);
+  f.by_v = flexarm_test::wave(arm.nv(), 0.9, 0.4);
+  f.limit = 1e6;
+  return f;
+}
+
+}  // namespace
+
+TEST_CASE("feedback is a force: every algorithm agrees with the same force applied") {
+  const Arm arm = flexarm_test::spatial_arm(2);
+  const Feedback law = feedback_of(arm);
+  const Eigen::VectorXd q = flexarm_test::wave(arm.nq(), 0.1, 0.05), v = flexarm_test::wave(arm.nv(), 0.3, 0.2);
+  const Eigen::VectorXd tau = flexarm_test::wave(arm.nv(), 0.7);
+  Workspace with(arm), without(arm);
+  with.feedback.push_back({&law, 0.3});
+  const Eigen::VectorXd total = tau + law(0.3, q, v) * law.column;
+  forward_dynamics_ab(arm, without, q, v, total);
+  forward_dynamics_ab(arm, with, q, v, tau);
+  CHECK((with.a - without.a).norm() <= 1e-12 * without.a.norm());
+  forward_dynamics_ci(arm, with, q, v, tau);
+  CHECK((with.a - without.a).norm() <= 1e-9 * without.a.norm());
+  const Eigen::VectorXd a = without.a;
+  inverse_dynamics<double>(arm, without, q, v, a);
+  inverse_dynamics<double>(arm, with, q, v, a);
+  CHECK((without.tau - law(0.3, q, v) * law.column - with.tau).norm() <= 1e-14 * without.tau.norm());
+}
+
+TEST_CASE("slopes of feedback are those of the force, and none at the limit") {
+  const Arm arm = flexarm_test::spatial_arm(1);
+  Feedback law = feedback_of(arm);
+  const Eigen::VectorXd q = flexarm_test::wave(arm.nq(), 0.1, 0.05), v = flexarm_test::wave(arm.nv(), 0.3, 0.2);
+  std::vector<AppliedFeedback> applied{{&law, 0.1}};
+  Eigen::MatrixXd dq = Eigen::MatrixXd::Zero(arm.nv(), arm.nq()), dv = Eigen::MatrixXd::Zero(arm.nv(), arm.nv());
+  add_feedback_slopes(applied, q, v, dq, dv);
+  for (int k = 0; k < arm.nq(); ++k) {
+    const Eigen::VectorXd step = Eigen::VectorXd::Unit(arm.nq(), k);
+    CHECK(dq(0, k) == doctest::Approx(law(0.1, q, v) - law(0.1, q + step, v)));
+  }
+  for (int k = 0; k < arm.nv(); ++k) {
+    const Eigen::VectorXd step = Eigen::VectorXd::Unit(arm.nv(), k);
+    CHECK(dv(0, k) == doctest::Approx(law(0.1, q, v) - law(0.1, q, v + step)));
+  }
+  law.limit = 1e-6;
+  const Eigen::MatrixXd before = dq;
+  add_feedback_slopes(applied, q, v, dq, dv);
+  CHECK(dq == before);
+}
+
+TEST_CASE("samples come at their times, and their forces after the delay") {
+  std::vector<double> asked;
+  const auto law = [&asked](double t, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&) {
+    asked.push_back(t);
+    return Eigen::VectorXd(Eigen::VectorXd::Constant(1, 1.0 + static_cast<double>(asked.size())));
+  };
+  Control control({}, {{0.0, 0.1, 0.15, false, law}}, 1);
+  std::vector<double> times;
+  control.add_times(0.0, 0.35, times);
+  std::sort(times.begin(), times.end());
+  const std::vector<double> expected{0.1, 0.15, 0.2, 0.25, 0.3};
+  REQUIRE(times.size() == expected.size());
+  for (std::size_t k = 0; k < times.size(); ++k) CHECK(times[k] == doctest::Approx(expected[k]));
+  const Eigen::VectorXd none = Eigen::VectorXd::Zero(1);
+  CHECK_FALSE(control.run(0.0, none, none, none));  // asked, and the force on its way
+  CHECK(asked.size() == 1);
+  CHECK_FALSE(control.run(0.1, none, none, none));
+  CHECK(control.held()[0] == 0.0);
+  CHECK(control.run(0.16, none, none, none));
+  CHECK(control.held()[0] == 2.0);
+  CHECK_FALSE(control.due(0.19));
+  CHECK_THROWS_WITH_AS(Control({}, {{0.0, 0.0, 0.0, false, law}}, 1), "period = 0: must be positive and finite",
+                       std::invalid_argument);
+}
+
+TEST_CASE("friction: a block pushed by less than the stiction does not move; by more, it slides") {
+  const Arm arm = block(1.0, 1.5);
+  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(5, 0.0, 1.0), zero = Eigen::VectorXd::Zero(1);
+  for (double push : {1.4, -1.4, 2.0, -2.0}) {
+    CAPTURE(push);
+    const Eigen::VectorXd tau = Eigen::VectorXd::Constant(1, push);
+    CollocationStep gauss(arm);
+    const auto fixed = [&](const auto& drives, const auto& times, const auto& q, const auto& v, const auto& forces,
+                           const auto& events) {
+      return simulate_fixed(arm, drives, times, q, v, forces, gauss, 0.1, false, {}, {}, events);
+    };
+    const auto ida = [&](const auto& drives, const auto& times, const auto& q, const auto& v, const auto& forces,
+                         const auto& events) {
+      return simulate_ida(arm, drives, times, q, v, forces, {}, {}, {}, events);
+    };
+    const bool moves = std::abs(push) > 1.5;
+    for (const Integrate& integrate : {Integrate(fixed), Integrate(ida)}) {
+      const Trajectory r = simulate_with_friction(arm, {}, t, zero, zero, tau, {}, {}, false, integrate);
+      REQUIRE(r.failure.empty());
+      REQUIRE(r.done == 5);
+      CHECK(r.q(4, 0) == doctest::Approx(moves ? std::copysign(0.5, push) : 0.0));
+      CHECK(r.friction(4, 0) == doctest::Approx(moves ? -std::copysign(1.0, push) : -push));
+      CHECK(r.tau(4, 0) == push);
+    }
+  }
+}
