@@ -30,6 +30,11 @@ def test_pd_shows_the_papers_numbers(control: dc.Control) -> None:
     assert not r.v[r.t > 1.5, 0].any()  # exactly still
 
 
+def test_the_scene_runs_fig_12(control: dc.Control) -> None:
+    r = fa.load("ist_control").run()
+    np.testing.assert_allclose(r.q, control.runs[0.0].q, atol=1e-9)
+
+
 def test_marks_do_not_depend_on_the_integrator(control: dc.Control) -> None:
     arm = fa.load("ist_control").arm
     law = fa.StrainFeedback(dc.KP, dc.KV, 0.0, reference=dc.STEP, motor=fa.Motor(dc.DRIVE_GAIN))

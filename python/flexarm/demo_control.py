@@ -14,9 +14,10 @@ import numpy as np
 
 from ._check import Array
 from .arm import Arm
-from .control import Motor, StrainFeedback
+from .control import StrainFeedback
 from .demo_table import Row
 from .load import Load
+from .motor import Motor
 from .reading import PowerSpectrum, psd
 from .result import Result
 from .scene import load
