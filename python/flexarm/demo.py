@@ -1,7 +1,8 @@
-"""The paper's single-link experiment (Sec. 5.1, 5.2), computed, plotted and held against its numbers.
+"""The paper's single-link experiment (Sec. 5), computed, plotted and held against its numbers.
 
 Everything comes from the scene "ist": the arm, its order-2 beam and the hub motion. The paper does not
 publish the hub motion it recorded; the scene's is reconstructed from its text and the axes of Fig. 9 and 10.
+Fig. 7, 12 and 13 are in demo_control.py.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
+from . import demo_control
 from ._check import Array
 from .arm import Arm
+from .demo_table import COLUMNS, Row
 from .result import Result
 from .scene import SCENES, Scene, load
 from .validity import RangeWarning
@@ -102,54 +105,12 @@ class Manoeuvre:
 
 
 @dataclass(frozen=True)
-class Row:
-    """One line of the table: a number of this program, and what the paper says of it.
-
-    `paper` is a number, or a range read from a figure's axes; `digits` after the point are as it prints them.
-    `fitted`: the scene's motion was chosen to meet it, so that it proves nothing.
-    `agrees`: whether the value, rounded to those digits, is the paper's; None where nothing is published.
-    """
-
-    key: str
-    name: str
-    unit: str
-    value: float
-    digits: int
-    paper: float | tuple[float, float] | None = None
-    measured: float | None = None
-    fitted: bool = False
-
-    @property
-    def agrees(self) -> bool | None:
-        if self.paper is None:
-            return None
-        if isinstance(self.paper, tuple):
-            return self.paper[0] <= self.value <= self.paper[1]
-        return f"{self.value:.{self.digits}f}" == f"{self.paper:.{self.digits}f}"
-
-    def cells(self) -> list[str]:
-        """Text of every column of the table."""
-
-        def text(x: float | None) -> str:
-            if x is None:
-                return ""
-            return f"{x:+.{self.digits}f}" if self.unit == "%" else f"{x:.{self.digits}f}"
-
-        paper = "{:g} to {:g}".format(*self.paper) if isinstance(self.paper, tuple) else text(self.paper)
-        verdict = {None: "", True: "fitted" if self.fitted else "yes", False: "NO"}[self.agrees]
-        measured = "" if self.measured is None else f"{self.measured:.1f}"
-        return [self.name, self.unit, text(self.value), paper, measured, verdict]
-
-
-COLUMNS = ("", "unit", "flexarm", "paper", "measured", "agrees")
-
-
-@dataclass(frozen=True)
 class Demo:
     """What the demo computed, and the files it wrote."""
 
     spectrum: Spectrum
     manoeuvre: Manoeuvre
+    control: demo_control.Control
     rows: list[Row]
     folder: Path
     files: list[str]
@@ -167,6 +128,7 @@ class Demo:
             "table": rows,
             "frequencies": frequencies,
             "note": RECONSTRUCTED,
+            "note_control": demo_control.IDENTIFIED,
             "folder": str(self.folder),
             "files": self.files,
         }
@@ -263,7 +225,7 @@ def rich_table(rows: Iterable[Row]) -> Table:
     from rich import box
     from rich.table import Table
 
-    title = "The paper's single flexible link (Sec. 5.1, 5.2)"
+    title = "The paper's single flexible link (Sec. 5)"
     table = Table(box=box.SIMPLE_HEAD, title=title, pad_edge=False, padding=(0, 1, 0, 0))
     for name in COLUMNS:
         table.add_column(name, justify="left" if name in ("", "unit") else "right", no_wrap=True)
@@ -300,7 +262,8 @@ _FILES = {
     "manoeuvre.csv": "data of Fig. 9 and 10: s, rad, rad/s, rad/s^2, m",
     "order0.npz": "the simulation of order 0, for flexarm.Result.load",
     "order2.npz": "the simulation of order 2",
-    "ist.toml": "the scene that all of it was computed from; change it and `flexarm run ist.toml`",
+    "ist.toml": "the scene that Fig. 8, 9 and 10 were computed from; change it and `flexarm run ist.toml`",
+    **demo_control.FILES,
 }
 
 
@@ -322,16 +285,17 @@ def _write_data(folder: Path, s: Spectrum, m: Manoeuvre, rows: list[Row]) -> Non
     write_csv(folder / "manoeuvre.csv", header, columns)
     for order, result in m.results.items():
         result.save(folder / f"order{order}.npz")
-    shutil.copyfile(SCENES / "ist.toml", folder / "ist.toml")
-    listing = "\n".join(f"  {name:22s} {what}" for name, what in _FILES.items())
-    head = "flexarm demo: the single flexible link of Martins, Sa da Costa and Ayala Botto, Sec. 5.1 and 5.2."
+    for name in ("ist.toml", "ist_control.toml"):
+        shutil.copyfile(SCENES / name, folder / name)
+    listing = "\n".join(f"  {name:25s} {what}" for name, what in _FILES.items())
+    head = "flexarm demo: the single flexible link of Martins, Sa da Costa and Ayala Botto, Sec. 5."
     body = f"{head}\n\n{note()}\n\n{listing}\n"
     (folder / "README.txt").write_text(body, encoding="utf-8")
 
 
 def note() -> str:
     """What the stars in the table mean, in lines for a terminal."""
-    return textwrap.fill("* " + RECONSTRUCTED, 80)
+    return "\n".join(textwrap.fill(text, 80) for text in ("* " + RECONSTRUCTED, "** " + demo_control.IDENTIFIED))
 
 
 def run(folder: str | Path, tick: Callable[[str], None] = lambda _: None) -> Demo:
@@ -346,23 +310,28 @@ def run(folder: str | Path, tick: Callable[[str], None] = lambda _: None) -> Dem
     scene = load("ist")
     s = spectrum(scene.arm, lambda: tick("frequencies"))
     m = manoeuvre(scene, lambda: tick("manoeuvre"))
-    rows = table_rows(s, m)
+    c = demo_control.compute(lambda: tick("control"))
+    rows = table_rows(s, m) + demo_control.table_rows(c)
     _write_data(folder, s, m, rows)
+    demo_control.write_data(folder, c)
     tick("data")
 
-    from . import plots
+    from . import plots, plots_control
 
     figures: dict[str, Callable[[], Figure]] = {
         "fig8-frequencies.png": lambda: plots.figure_8(s, PAPER_FREQUENCIES, PAPER_CHANGE, MEASURED_HERTZ),
         "fig9-manoeuvre.png": lambda: plots.figure_9(m),
         "fig10-tip.png": lambda: plots.figure_10(m, INSET_TIME, INSET_HEIGHT),
+        "fig7-spectrum.png": lambda: plots_control.figure_7(c),
+        "fig12-pd.png": lambda: plots_control.figure_12(c),
+        "fig13-strain-feedback.png": lambda: plots_control.figure_13(c),
     }
     for name, draw in figures.items():
         draw().savefig(folder / name, dpi=plots.DPI)
         tick(name)
-    out = Demo(s, m, rows, folder, list(_FILES))
+    out = Demo(s, m, c, rows, folder, list(_FILES))
     (folder / "demo.json").write_text(json.dumps(out.to_dict(), indent=1) + "\n", encoding="utf-8")
     return out
 
 
-STEPS = len(ORDERS) + 2 + 1 + 3  #: how many times `run` calls its `tick`
+STEPS = len(ORDERS) + 2 + 2 + 1 + 6  #: how many times `run` calls its `tick`

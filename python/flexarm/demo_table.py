@@ -1,0 +1,47 @@
+"""The table of `flexarm demo`: this program's numbers beside the paper's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+COLUMNS = ("", "unit", "flexarm", "paper", "measured", "agrees")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: a number of this program, and what the paper says of it.
+
+    `paper` is a number, or a range read from a figure's axes; `digits` after the point are as it prints them.
+    `fitted`: the scene's motion was chosen to meet it, so that it proves nothing.
+    `agrees`: whether the value, rounded to those digits, is the paper's; None where nothing is published.
+    """
+
+    key: str
+    name: str
+    unit: str
+    value: float
+    digits: int
+    paper: float | tuple[float, float] | None = None
+    measured: float | None = None
+    fitted: bool = False
+
+    @property
+    def agrees(self) -> bool | None:
+        if self.paper is None:
+            return None
+        if isinstance(self.paper, tuple):
+            return self.paper[0] <= self.value <= self.paper[1]
+        return f"{self.value:.{self.digits}f}" == f"{self.paper:.{self.digits}f}"
+
+    def cells(self) -> list[str]:
+        """Text of every column of the table."""
+
+        def text(x: float | None) -> str:
+            if x is None:
+                return ""
+            return f"{x:+.{self.digits}f}" if self.unit == "%" else f"{x:.{self.digits}f}"
+
+        paper = "{:g} to {:g}".format(*self.paper) if isinstance(self.paper, tuple) else text(self.paper)
+        verdict = {None: "", True: "fitted" if self.fitted else "yes", False: "NO"}[self.agrees]
+        measured = "" if self.measured is None else f"{self.measured:.1f}"
+        return [self.name, self.unit, text(self.value), paper, measured, verdict]
