@@ -314,6 +314,29 @@ def test_friction_and_controller() -> None:
     ("make", "message"),
     [
         (lambda: fa.PD("a", 1.0), "kp"),
+        (lambda: fa.PD(np.nan, 1.0), "kp = nan: must be finite"),
+        (lambda: fa.PD(1.0, 1.0, reference=np.nan), "reference = nan: must be finite"),
+        (lambda: fa.PD(1.0, 1.0, reference=fa.Motion([0, 1], [0, 1])), "reference: is of q alone"),
+        (lambda: fa.StrainFeedback(1.0, 1.0, 1.0, strain="K9"), "strain = 'K9'"),
+        (lambda: fa.Motor(1.0, np.nan), "gear_ratio = nan"),
+        (lambda: fa.LinearController.pid(1.0, np.nan, 1.0, rate=10.0), "ki = nan"),
+        (lambda: fa.Sampled(lambda t, y: 0.0, 10.0, actuate=[]), r"actuate = \[\]: must be a list of at least one"),
+        (lambda: fa.Sampled(lambda t, y: 0.0, 10.0, measure=[]), r"measure = \[\]: must be a list of at least one"),
+        (lambda: fa.StateFeedback([[1.0, 1.0]], actuate=0), "actuate = 0: must be a list"),
+        (
+            lambda: fa.simulate(mass(), [0, 1], control=fa.Sampled(lambda t, y: 0.0, 1e9)),
+            "rate = 1000000000.0: asks for",
+        ),
+        (
+            lambda: fa.simulate(mass(), [0, 1], control=fa.PD(1, 1), drive={0: fa.Motion([0, 1], [0, 1])}),
+            r"control\[0\]: acts on 'link 0 prismatic', whose motion is prescribed",
+        ),
+        (
+            lambda: fa.simulate(
+                fa.Arm([fa.Link(fa.Universal(), fa.RigidBody(1, inertia=(1, 1, 1)))]), [0, 1], control=fa.PD(1, 1)
+            ),
+            "its joint has 2 freedoms",
+        ),
         (lambda: fa.PD(1.0, 1.0, limit=-1.0), "limit = -1.0: must be positive"),
         (lambda: fa.simulate(mass(), [0, 1], control=fa.PD(1.0, 1.0, link=3)), "link"),
         (lambda: fa.simulate(mass(), [0, 1], control=lambda t: 0), "control = .*must be a controller"),
@@ -329,7 +352,10 @@ def test_friction_and_controller() -> None:
             r"measure\[0\] = 'joint'",
         ),
         (lambda: fa.simulate(mass(), [0, 1], control=fa.StateFeedback([[1.0]])), "K"),
-        (lambda: fa.LinearController([[1.0]], [[1.0]], [[1.0]], [[1.0, 2.0]], rate=1.0, measure=[]), "do not fit"),
+        (
+            lambda: fa.LinearController([[1.0]], [[1.0]], [[1.0]], [[1.0, 2.0]], rate=1.0, measure=[("joint", 0)]),
+            "do not fit",
+        ),
         (
             lambda: fa.LinearController(*[[[1.0]]] * 4, measure=[fa.Encoder(0)]),
             "measure: sensors are sampled; give a rate",
@@ -340,7 +366,9 @@ def test_friction_and_controller() -> None:
         (lambda: fa.PD(1.0, 1.0, motor=3), "motor = 3"),
         (
             lambda: fa.simulate(
-                fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1, inertia=(1, 1, 1)))]), [0, 1], control=fa.PD(1.0, 1.0)
+                fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1, inertia=(1, 1, 1)))]),
+                [0, 1],
+                control=fa.PD(1.0, 1.0, link=(0, 1)),
             ),
             "a ball has no angle",
         ),
@@ -377,6 +405,92 @@ def test_piezo_patches_in_the_loop() -> None:
                                  actuate=[arm.patch_matrix[:, 0]], measure=[("charge", 0, 1)])  # fmt: skip
     again = fa.simulate(arm, t, q0, control=column, integrator="implicit", step=h)
     np.testing.assert_array_equal(again.q, r.q)
+
+
+@names
+def test_sensors_in_the_loop_see_now(options: dict) -> None:
+    """An accelerometer and a force sensor, sampled while the arm moves under gravity, a load and friction: what they
+    read of the result at the same times."""
+    rod = fa.RigidBody(1.0, com=(0.3, 0, 0), inertia=(0, 0.03, 0.03), end=(0.6, 0, 0))
+    arm = fa.Arm([fa.Link(fa.Revolute("z", coulomb=8.0), rod)], gravity=(0, -9.81, 0))
+    sensors = [fa.Accelerometer(0, axis="y"), fa.ForceTorque(0)]
+    seen: list[tuple[float, np.ndarray]] = []
+
+    def law(t: float, y: np.ndarray) -> float:
+        seen.append((t, y))
+        return 12.0 * np.sin(5 * t)
+
+    t = np.linspace(0, 1, 101)
+    load = [fa.Load(force=(0.0, -1.0, 0.0))]
+    r = fa.simulate(arm, t, control=fa.Sampled(law, 100.0, sensors), loads=load, **options)
+    assert r.stats["switches"] >= 1
+    y = np.array([s[1] for s in seen])
+    held = np.concatenate([[0.0], 12.0 * np.sin(5 * t[:-1])])  # what acts when the sample is taken
+    for k in range(1, len(t)):  # the result's row has the new force, the sample the old one
+        a = arm.forward_dynamics(r.q[k], r.v[k], held[k : k + 1] + r.friction[k])
+        if r.v[k, 0] == 0.0:
+            continue
+        expected = np.concatenate([
+            np.atleast_1d(sensors[0].measure(arm, t[k], r.q[k], r.v[k], a)),
+            sensors[1].measure(arm, t[k], r.q[k], r.v[k], a, loads=load),
+        ])  # fmt: skip
+        if np.sign(r.v[k]) == -np.sign(r.friction[k]):
+            J = arm.jacobian(r.q[k])[:3].T @ [0.0, -1.0, 0.0]
+            a = arm.forward_dynamics(r.q[k], r.v[k], held[k : k + 1] + r.friction[k] + J)
+            expected = np.concatenate([
+                np.atleast_1d(sensors[0].measure(arm, t[k], r.q[k], r.v[k], a)),
+                sensors[1].measure(arm, t[k], r.q[k], r.v[k], a, loads=load),
+            ])  # fmt: skip
+        np.testing.assert_allclose(y[k], expected, atol=1e-6 * np.abs(y).max())
+    assert y[0, 0] == pytest.approx(9.81)  # at rest, held by friction
+
+
+def test_implicit_solves_strong_continuous_feedback() -> None:
+    """LQR whose fastest pole is well beyond the step, and that couples the joint to every coordinate."""
+    control = pytest.importorskip("control")
+    arm = hub_arm()
+    model = arm.linearize(np.zeros(4))
+    K, _, poles = control.lqr(model.A, model.B, np.diag([1e4, 1e3, 1e3, 1e3, 1, 1, 1, 1]), np.array([[1.0]]))
+    t = np.linspace(0, 0.5, 51)
+    runs = [
+        fa.simulate(arm, t, [-0.01, 0, 0, 0], control=fa.StateFeedback(K), integrator=i, step=1e-3)
+        for i in ("implicit", "gauss")
+    ]
+    assert poles.real.min() < -500
+    assert np.abs(runs[0].q[-1] - runs[1].q[-1]).max() < 1e-4
+    assert runs[0].stats["newton_iterations"] < 8 * runs[0].stats["steps"]
+
+
+def test_interrupted_inside_a_law() -> None:
+    """Ctrl-C in a sampled law, in what a linear one reads, and in its reference: the result so far is kept."""
+
+    def interrupted(t: float, y: object = None) -> float:
+        if t > 0.5:
+            raise KeyboardInterrupt
+        return 0.0
+
+    class Broken(fa.Tachometer):
+        def sampler(self, arm, loads=None):
+            inside = super().sampler(arm, loads)
+
+            class Late:
+                def sample(self, t, q, v, a):
+                    interrupted(t)
+                    return inside.sample(t, q, v, a)
+
+            return Late()
+
+    one = [[1.0]]
+    for law in (
+        fa.Sampled(interrupted, 100.0),
+        fa.LinearController(one, one, one, one, rate=100.0, measure=[("joint", 0)], reference=interrupted),
+        fa.LinearController(one, one, one, one, rate=100.0, measure=[Broken(0)]),
+        fa.LinearController([[-1.0]], one, one, one, measure=[("joint", 0)], reference=interrupted),
+    ):
+        for options in ({"integrator": "implicit", "step": 1e-2}, {}):
+            with pytest.raises(fa.SimulationInterrupted) as caught:
+                fa.simulate(arm_that_turns(), np.linspace(0, 1, 11), control=law, **options)
+            assert len(caught.value.result.t) >= 5
 
 
 SCENE = """

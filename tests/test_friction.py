@@ -210,3 +210,61 @@ def test_backlash() -> None:
     np.testing.assert_allclose(load[t < 0.095], 0.0, atol=1e-9)
     np.testing.assert_allclose(0.05 * r.v[:, 0] + 0.2 * load, 0.05, rtol=1e-7)
     assert r.q[:, 1].min() > -0.06 and load[-1] > 0.1
+
+
+@names
+def test_a_force_that_meets_the_stiction_exactly_and_grows(options: dict) -> None:
+    """Held with all of the stiction at the start: it breaks loose at once; two equal joints, both."""
+    slide = fa.Prismatic("x", coulomb=0.5, stiction=1.0)
+    table = fa.Axes(["tx", "ty"], coulomb=0.5, stiction=1.0)
+    ramp = fa.Torque([0, 2], [1.0, 3.0])
+    t = np.linspace(0, 2, 21)
+    one = fa.simulate(fa.Arm([fa.Link(slide, fa.RigidBody(1.0))]), t, drive={0: ramp}, **options)
+    both = fa.simulate(fa.Arm([fa.Link(table, fa.RigidBody(1.0))]), t, drive={(0, 0): ramp, (0, 1): ramp}, **options)
+    np.testing.assert_allclose(one.q[:, 0], t**2 / 4 + t**3 / 6, atol=1e-5)
+    np.testing.assert_allclose(both.q, np.stack([one.q[:, 0]] * 2, axis=1), atol=1e-5)
+    for r in (one, both):
+        assert np.abs(r.friction).max() <= 1.0 + 1e-8
+
+
+def test_what_sticks_and_what_slides_is_consistent_at_once() -> None:
+    """Random chains at rest under constant torques. In the first row every joint that is held takes no more than its
+    stiction, and every one that slides is opposed by its friction."""
+    rng = np.random.default_rng(11)
+    for _ in range(200):
+        n = int(rng.integers(2, 5))
+        coulomb = rng.uniform(0.2, 1.0, n)
+        rod = [
+            fa.RigidBody(m, com=(0.25, 0, 0), inertia=(0, 0.02, 0.02), end=(0.5, 0, 0)) for m in rng.uniform(0.2, 2, n)
+        ]
+        arm = fa.Arm([fa.Link(fa.Revolute("z", coulomb=c), b) for c, b in zip(coulomb, rod, strict=True)])
+        q0, tau = rng.uniform(-2, 2, n), rng.uniform(-3, 3, n)
+        r = fa.simulate(arm, [0, 1e-3], q0, tau=tau, integrator="gauss", step=1e-3)
+        a, f = r.a[0], r.friction[0]
+        assert np.all(np.abs(f) <= coulomb * (1 + 1e-8))
+        slides = a != 0.0
+        np.testing.assert_allclose(f[slides], -np.sign(a[slides]) * coulomb[slides])
+        np.testing.assert_allclose(arm.inverse_dynamics(q0, 0 * q0, a), tau + f, atol=1e-10)
+
+
+def test_all_that_sticks_breaks_loose_between_two_output_times() -> None:
+    """A torque that is a function, and outputs seldom: IDA has nothing to integrate until the joint slides."""
+    arm = fa.Arm([fa.Link(fa.Revolute("z", coulomb=0.2), fa.RigidBody(1.0, inertia=(0.1, 0.1, 0.1)))])
+    drive = {0: fa.Torque(lambda t: 0.4 * np.sin(2 * np.pi * t))}
+    ends = [fa.simulate(arm, np.linspace(0, 10, n), drive=drive, rtol=1e-8).q[-1, 0] for n in (11, 201)]
+    assert ends[0] == pytest.approx(ends[1], abs=1e-5) and abs(ends[0]) > 0.01
+
+
+@pytest.mark.parametrize("options", [{"integrator": "rk4", "step": 1e-4}, {}], ids=["rk4", "ida"])
+def test_interrupted_while_it_sticks_and_slips(options: dict) -> None:
+    arm = block(50.0, 1.0, 2.0)
+    t = np.linspace(0, 20_000, 101)
+    drive = {0: fa.Torque(t, 50 * 0.05 * t)}
+
+    def stop(now: float) -> None:
+        if now > 1.0:
+            raise KeyboardInterrupt
+
+    with pytest.raises(fa.SimulationInterrupted) as caught:
+        fa.simulate(arm, t, drive=drive, progress=stop, **options)
+    assert caught.value.time < 15_000

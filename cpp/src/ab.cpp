@@ -162,6 +162,47 @@ Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
   return status;
 }
 
+namespace {
+
+/// x = S^-1 r, without feedback.
+void solve_chain(const Arm& arm, Workspace& ws, const Eigen::VectorXd& r, Eigen::VectorXd& x) {
+  for (std::size_t n = arm.size(); n-- > 0;) {
+    ArticulatedLink& b = ws.articulated[n];
+    const Eigen::Index j = arm.first(n), ne = b.Ne.size(), nf = static_cast<Eigen::Index>(b.free.size());
+    b.N.setZero();
+    b.Ne.setZero();
+    carry_bias(arm, ws, n);
+    for (Eigen::Index k = 0; k < nf; ++k) b.T[k] = r[j + b.free[k]];
+    b.T.tail(ne) = r.segment(j + arm.link(n).nj(), ne);
+    condense(ws.links[n], b);
+  }
+  x.setZero();
+  expand<false>(arm, ws, x);
+}
+
+/// Slopes of feedback for Woodbury's formula.
+void factor_feedback(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                     const Shift& shift) {
+  const Eigen::Index n = static_cast<Eigen::Index>(ws.feedback.size());
+  for (Eigen::Index l = 0; l < n; ++l) {
+    const AppliedFeedback& f = ws.feedback[static_cast<std::size_t>(l)];
+    auto slopes = ws.feedback_slopes.col(l);
+    slopes.setZero();
+    if (std::abs((*f.law)(f.offset, q, v)) < f.law->limit)
+      for (int i : ws.free) {
+        const int at = arm.coordinate_of(i);
+        slopes[i] = f.law->by_v[i] * shift.damping + (at < 0 ? 0.0 : f.law->by_q[at] * shift.stiffness);
+      }
+    solve_chain(arm, ws, f.law->column, ws.feedback_x);
+    ws.feedback_columns.col(l) = ws.feedback_x;
+  }
+  ws.feedback_matrix.noalias() = ws.feedback_slopes.transpose() * ws.feedback_columns;
+  ws.feedback_matrix.diagonal().array() += 1.0;
+  ws.feedback_factor.compute(ws.feedback_matrix);
+}
+
+}  // namespace
+
 Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                       const Shift& shift, bool have_masses) {
   ws.twice_kinetic = 0.0;
@@ -181,34 +222,23 @@ Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, c
             link.joint().resistance_slopes(b.free[k], q.data() + arm.first_q(n), v.data() + arm.first(n));
         add_to_joint(b, static_cast<Eigen::Index>(k), shift.stiffness * by_q + shift.damping * by_v);
       }
-    for (const AppliedFeedback& f : ws.feedback)  // of each joint by itself
-      for (std::size_t k = 0; k < b.free.size(); ++k) {
-        const int i = arm.first(n) + b.free[k], at = arm.coordinate_of(i);
-        const double slope = f.law->by_v[i] * shift.damping + (at < 0 ? 0.0 : f.law->by_q[at] * shift.stiffness);
-        add_to_joint(b, static_cast<Eigen::Index>(k), std::max(0.0, f.law->column[i] * slope));
-      }
     if (link.beam()) {
       b.D.bottomRightCorner(ne, ne) += shift.stiffness * link.beam()->stiffness();
       if (link.beam()->damped()) b.D.bottomRightCorner(ne, ne) += shift.damping * link.beam()->damping();
     }
     if (!factor(b)) return Status::singular;
   }
+  if (!ws.feedback.empty()) factor_feedback(arm, ws, q, v, shift);
   return Status::ok;
 }
 
 void solve_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& r, Eigen::VectorXd& x) {
-  for (std::size_t n = arm.size(); n-- > 0;) {
-    ArticulatedLink& b = ws.articulated[n];
-    const Eigen::Index j = arm.first(n), ne = b.Ne.size(), nf = static_cast<Eigen::Index>(b.free.size());
-    b.N.setZero();
-    b.Ne.setZero();
-    carry_bias(arm, ws, n);
-    for (Eigen::Index k = 0; k < nf; ++k) b.T[k] = r[j + b.free[k]];
-    b.T.tail(ne) = r.segment(j + arm.link(n).nj(), ne);
-    condense(ws.links[n], b);
-  }
-  x.setZero();
-  expand<false>(arm, ws, x);
+  solve_chain(arm, ws, r, x);
+  if (ws.feedback.empty()) return;
+  // (S + c g^T)^-1 r = x - S^-1 c (1 + g^T S^-1 c)^-1 g^T x, with x = S^-1 r
+  ws.feedback_rhs.noalias() = ws.feedback_slopes.transpose() * x;
+  ws.feedback_share = ws.feedback_factor.solve(ws.feedback_rhs);
+  x.noalias() -= ws.feedback_columns * ws.feedback_share;
 }
 
 }  // namespace flexarm

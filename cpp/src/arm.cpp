@@ -40,6 +40,17 @@ Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::
   columns = Eigen::MatrixXd::Zero(6, widest);
 }
 
+void Workspace::feed_back(const std::vector<Feedback>& laws) {
+  feedback.clear();
+  for (const Feedback& law : laws) feedback.push_back({&law});
+  const Eigen::Index n = static_cast<Eigen::Index>(laws.size()), nv = a.size();
+  feedback_slopes = feedback_columns = Eigen::MatrixXd::Zero(nv, n);
+  feedback_matrix = Eigen::MatrixXd::Identity(n, n);
+  feedback_x = Eigen::VectorXd::Zero(nv);
+  feedback_rhs = feedback_share = Eigen::VectorXd::Zero(n);
+  feedback_factor = Eigen::PartialPivLU<Eigen::MatrixXd>(n);
+}
+
 Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
     : links_(std::move(links)), gravity_(finite("gravity", gravity)) {
   if (links_.empty()) bad_value("links", "[]", "an arm needs at least one link");

@@ -57,12 +57,6 @@ bool Control::due(double t) const {
   });
 }
 
-bool Control::due_by_acceleration(double t) const {
-  return std::any_of(lines_.begin(), lines_.end(), [t](const Line& l) {
-    return l.sampler.by_acceleration && l.sampler.first + static_cast<double>(l.sampled) * l.sampler.period <= t;
-  });
-}
-
 bool Control::run(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
   bool changed = false;
   for (Line& l : lines_) {
@@ -74,7 +68,7 @@ bool Control::run(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, 
     while (!l.coming.empty() && l.coming.front().first <= t) {
       held_ += l.coming.front().second - l.force;
       l.force = l.coming.front().second;
-      l.coming.erase(l.coming.begin());
+      l.coming.pop_front();
       changed = true;
     }
   }

@@ -1,6 +1,7 @@
 #include "flexarm/friction.hpp"
 
 #include <cmath>
+#include <deque>
 #include <memory>
 
 #include "flexarm/ab.hpp"
@@ -14,7 +15,10 @@ namespace {
 
 constexpr double kStill = 1e-10;    // speed (rad/s, m/s) below which a freedom may stick
 constexpr double kOneTime = 1e-12;  // parts of the time simulated that are no time at all
-constexpr int kMostAtOnce = 100;    // switches at one time, after which there is no solution
+constexpr double kSlack = 1e-9;     // parts of its stiction by which a contact may be held beyond it
+constexpr std::size_t kRounds = 8;  // tries for each contact to find what sticks and what slides
+constexpr std::size_t kMany = 100;  // so many switches
+constexpr double kShort = 1e-6;     // in so small a part of the time simulated are no motion
 
 /// A freedom with friction, and what it does now.
 struct Contact {
@@ -46,18 +50,17 @@ class Sliding {
 
   bool none() const { return contacts_.empty(); }
 
-  /// Lets the sampled controllers do what is due at time t.
-  void sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-    if (!control_) return;
-    System s(arm_, drives_, loads_, applied_, control_);
-    s.q = q;
-    s.v = v;
-    s.drive(t);
-    s.sample(t);
+  /// Lets the sampled controllers do what is due at time t, after `settle`. @return whether the forces have changed
+  bool sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+    probe_->q = q;
+    probe_->v = v;
+    probe_->drive(t);
+    return probe_->sample(t);
   }
 
   /// Which freedoms stick and which slide, from t on; the speeds of those that stick become zero. All that are still
-  /// are held; then, one after the other, the one that this takes most of what it may is let go.
+  /// are held; then, one after the other, the one that this takes most of what it may is let go; and those that would
+  /// then move against their own friction are held again.
   /// @param switched  the contact that has come to rest or has been torn loose, or null
   void settle(double t, const Eigen::VectorXd& q, Eigen::VectorXd& v, const Contact* switched) {
     const Contact* loose = switched && switched->sense == 0 ? switched : nullptr;
@@ -68,22 +71,17 @@ class Sliding {
       c.sense = still ? 0 : speed > 0.0 ? 1 : -1;
       if (still) speed = 0.0;
     }
-    for (;;) {
+    for (std::size_t round = 0; round < kRounds * contacts_.size(); ++round) {
       prepare(q);
       const Eigen::VectorXd held = holding(t, q, v);
-      Contact* worst = nullptr;
-      double most = 1.0;
-      for (Contact& c : contacts_) {
-        if (c.given || c.sense != 0) continue;
-        const double share =
-            &c == loose ? std::numeric_limits<double>::infinity() : std::abs(held[c.coordinate]) / c.stiction;
-        if (!(share > most)) continue;
-        most = share;
-        worst = &c;
+      if (Contact* worst = overburdened(held, loose)) {
+        worst->sense = held[worst->coordinate] > 0.0 ? -1 : 1;
+      } else if (!hold_again(v)) {
+        return;
       }
-      if (!worst) return;
-      worst->sense = held[worst->coordinate] > 0.0 ? -1 : 1;
+      loose = nullptr;
     }
+    prepare(q);
   }
 
   const std::vector<Drive>& drives() const { return all_drives_; }
@@ -96,7 +94,7 @@ class Sliding {
       if (c.given) continue;
       switching_.push_back(&c);
       const int i = c.coordinate, sense = c.sense;
-      const double most = c.stiction;
+      const double most = c.stiction * (1.0 + kSlack);
       if (sense != 0)
         events.push_back({[i, sense](double, const auto&, const auto& v) { return sense * v[i] + kStill; }, 1, -1});
       else
@@ -133,6 +131,32 @@ class Sliding {
   }
 
  private:
+  /// The sticking contact whose hold takes more than its stiction, and most by that; or the loose one.
+  Contact* overburdened(const Eigen::VectorXd& held, const Contact* loose) {
+    Contact* worst = nullptr;
+    double most = 1.0;
+    for (Contact& c : contacts_) {
+      if (c.given || c.sense != 0) continue;
+      if (&c == loose) return &c;
+      const double share = std::abs(held[c.coordinate]) / c.stiction;
+      if (!(share > most)) continue;
+      most = share;
+      worst = &c;
+    }
+    return worst;
+  }
+
+  /// Contacts at rest that were let go, but would be moved against their sense, are held. @return whether there are any
+  bool hold_again(const Eigen::VectorXd& v) {
+    bool any = false;
+    for (Contact& c : contacts_) {
+      if (c.given || v[c.coordinate] != 0.0 || !(probe_->ws.a[c.coordinate] * c.sense < 0.0)) continue;
+      c.sense = 0;
+      any = true;
+    }
+    return any;
+  }
+
   /// Sticking freedoms are prescribed; sliding ones carry a constant force.
   void prepare(const Eigen::VectorXd& q) {
     all_drives_ = drives_;
@@ -156,6 +180,7 @@ class Sliding {
     s.v = v;
     s.drive(t);
     forward_dynamics_ab(arm_, s.ws, s.q, s.v, s.tau);
+    s.a = s.ws.a;
     joint_forces<double>(arm_, s.ws, s.ws.a);
     add_feedback(s.ws.feedback, s.q, s.v, 1.0, s.tau);
     return s.ws.tau - s.tau;
@@ -226,10 +251,12 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
   out.rubs = true;
   Eigen::VectorXd q = q0, v = v0;
   const Contact* switched = nullptr;
-  for (int at_once = 0; at_once < kMostAtOnce;) try {
+  std::deque<double> switches;
+  try {
+    for (;;) {
       const double now = out.reached;
-      sliding.sample(now, q, v);
       sliding.settle(now, q, v, switched);
+      if (sliding.sample(now, q, v)) sliding.settle(now, q, v, nullptr);
       for (; out.done < t.size() && t[out.done] <= now + instant; sliding.separate(out, out.done - 1))
         if (!sliding.record(now, q, v, composite, out)) return out;
       if (out.done == t.size()) return out;
@@ -251,14 +278,18 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
         v = log.v.back();
       }
       ++out.stats.switches;
-      at_once = out.reached > now + instant ? 0 : at_once + 1;
-    } catch (const Interrupted&) {
-      out.failure = kInterrupted;
+      switches.push_back(out.reached);
+      if (switches.size() <= kMany) continue;
+      switches.pop_front();
+      if (switches.back() - switches.front() > kShort * (t[t.size() - 1] - t[0])) continue;
+      out.failure = "the friction of joint coordinate '" + arm.coordinates()[switched->coordinate] +
+                    "' switches without end: no state of sticking and sliding lasts";
       return out;
     }
-  out.failure = "the friction of joint coordinate '" + arm.coordinates()[switched->coordinate] +
-                "' switches without end: no state of sticking and sliding satisfies it";
-  return out;
+  } catch (const Interrupted&) {
+    out.failure = kInterrupted;
+    return out;
+  }
 }
 
 }  // namespace flexarm

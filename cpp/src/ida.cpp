@@ -16,6 +16,7 @@ namespace {
 constexpr int kLook = 200;            // most steps between two calls of `alive`
 constexpr double kLookTime = 0.02;    // s: about the longest time between them
 constexpr double kAbsurd = 1e4;       // rad: no beam is turned so far
+constexpr int kFollow = 1000;         // times in a run at which events are looked at where nothing is integrated
 constexpr long kAbsurdSteps = 20000;  // steps with such a beam, after which they are known to lead nowhere
 constexpr double kOneTime = 1e-13;    // parts of the time by which two zeros of one event are still one
 
@@ -246,22 +247,27 @@ void choose_solver(IdaSystem& s, LinearSolver wanted) {
   if (wanted == LinearSolver::dense)
     s.dense.emplace(s.arm, places(s.loads));
   else
-    s.chain.emplace(s.arm, s.ws.prescribed, s.ws.feedback);
+    s.chain.emplace(s.arm, s.ws.prescribed, s.control);
 }
 
-/// Everything is prescribed: nothing to integrate.
+/// Everything is prescribed: nothing to integrate. Events are looked at at the samples of drives, the output times,
+/// and in between where a drive is a function.
 void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::vector<Event>& events, Trajectory& out) {
   StepEvents seen(s, events, out);
   seen.start(t[0]);
   bool functions = false;
-  const std::vector<double> samples = sample_times(s.drives, s.loads, s.control, t, functions);
+  std::vector<double> looks = sample_times(s.drives, s.loads, s.control, t, functions);
+  const double span = t[t.size() - 1] - t[0];
+  if (!events.empty())
+    for (int k = 1; k < kFollow; ++k) looks.push_back(t[0] + span * k / kFollow);
+  std::sort(looks.begin(), looks.end());
   std::size_t next = 0;
   for (Eigen::Index k = 1; k < t.size(); ++k) {
-    for (; next < samples.size() && samples[next] < t[k]; ++next) {  // events between the samples of drives
-      if (samples[next] <= out.reached) continue;
-      s.drive(samples[next]);
-      if (seen.look(samples[next])) return;
-      out.reached = samples[next];
+    for (; next < looks.size() && looks[next] < t[k]; ++next) {
+      if (looks[next] <= out.reached) continue;
+      s.drive(looks[next]);
+      if (seen.look(looks[next])) return;
+      out.reached = looks[next];
       s.sample(out.reached);
     }
     s.drive(t[k]);
@@ -308,8 +314,10 @@ void integrate(const Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, con
         s.record(out, composite);
       }
     }
-    if (out.done == t.size() || out.terminated || !out.failure.empty()) break;
-    out.failure = going ? pace.judge(s, after - before, now) : kInterrupted;
+    if (out.done == t.size() || !out.failure.empty()) break;
+    if (!going) out.failure = kInterrupted;
+    if (!going || out.terminated) break;
+    out.failure = pace.judge(s, after - before, now);
   }
 }
 

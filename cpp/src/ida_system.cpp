@@ -4,8 +4,7 @@
 
 namespace flexarm {
 
-ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed,
-                           const std::vector<AppliedFeedback>& feedback)
+ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control* control)
     : arm_(&arm),
       ws_(arm, prescribed),
       spring_(Eigen::VectorXd::Zero(arm.nv())),
@@ -13,7 +12,7 @@ ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed,
       rhs_(spring_),
       by_q_(arm.size()),
       by_v_(arm.size()) {
-  ws_.feedback = feedback;
+  if (control) ws_.feed_back(control->feedback());
   for (std::size_t n = 0; n < arm.size(); ++n) {
     const Joint& joint = arm.link(n).joint();
     if (!joint.has_ball()) continue;

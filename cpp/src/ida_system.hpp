@@ -26,7 +26,7 @@ struct DenseJacobian {
 /// cj + K / cj^2, which factor_shifted eliminates. Its own workspace keeps the place where it was made.
 class ChainInverse {
  public:
-  ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const std::vector<AppliedFeedback>& feedback);
+  ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control* control);
   /// @return whether S is positive definite
   bool factor(const Eigen::VectorXd& q, const Eigen::VectorXd& v, double cj);
   /// dq (nq) and dv (nv) of r1 (nq) and r2 (nv); zero in prescribed coordinates where r1 and r2 are.

@@ -223,10 +223,13 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
       going = !alive || alive(out.reached);
     }
     if (status != Status::ok) out.failure = reason(status, now.h, method);
-    if (!going && !out.terminated && out.reached < t[t.size() - 1]) out.failure = kInterrupted;
+    if (!going && out.reached < t[t.size() - 1]) out.failure = kInterrupted;
     if ((!out.failure.empty() || out.terminated) && out.reached != stop) break;
-    const bool jumps = s.sample(stop + kSame * step);
-    if (jumps) status = method.jump(s.ws, s.q, s.v, s.tau);
+    try {
+      if (s.sample(stop + kSame * step)) status = method.jump(s.ws, s.q, s.v, s.tau);
+    } catch (const Interrupted&) {
+      out.failure = kInterrupted;
+    }
     while (out.done < t.size() && t[out.done] <= stop && out.failure.empty())
       if (!s.record(out, composite)) out.failure = reason(Status::not_finite, now.h, method);
     if (status != Status::ok) out.failure = reason(status, now.h, method);

@@ -43,8 +43,7 @@ System::System(const Arm& arm_, const std::vector<Drive>& drives_, const std::ve
     if (d.motion) given[static_cast<std::size_t>(arm.coordinate_of(d.coordinate))] = true;
   for (int i = 0; i < arm.nq(); ++i)
     if (!given[i]) free_q.push_back(i);
-  if (control)
-    for (const Feedback& f : control->feedback()) ws.feedback.push_back({&f});
+  if (control) ws.feed_back(control->feedback());
 }
 
 void System::drive(double t) {
@@ -69,7 +68,7 @@ void System::drive(double t) {
 
 bool System::sample(double t) {
   if (!control || !control->due(t)) return false;
-  if (control->due_by_acceleration(t) && forward_dynamics_ab(arm, ws, q, v, tau) == Status::ok) a = ws.a;
+  if (forward_dynamics_ab(arm, ws, q, v, tau) == Status::ok) a = ws.a;
   const Eigen::VectorXd before = control->held();
   if (!control->run(t, q, v, a)) return false;
   tau += control->held() - before;

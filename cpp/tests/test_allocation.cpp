@@ -79,11 +79,12 @@ void check_arm(const Arm& arm, const std::vector<bool>& prescribed) {
   const std::vector<Load> loads{Load::at_end(arm, arm.size() - 1, true)};
   Workspace ws(arm, prescribed, loads);
   ws.loads[0].wrench << 0.1, 0.2, 0.3, 0.01, 0.02, 0.03;
-  Feedback law;
+  std::vector<Feedback> laws(1);
+  Feedback& law = laws[0];
   law.column = Eigen::VectorXd::Unit(arm.nv(), 0);
   law.by_q = flexarm_test::wave(arm.nq(), 0.1);
   law.by_v = flexarm_test::wave(arm.nv(), 0.2);
-  ws.feedback.push_back({&law, 0.1});
+  ws.feed_back(laws);
   Eigen::VectorXd q = arm.zero(), v = flexarm_test::wave(arm.nv(), 0.4);
   const Eigen::VectorXd tau = flexarm_test::wave(arm.nv(), 0.7);
   CHECK(allocated_by([&] { forward_dynamics_ab(arm, ws, q, v, tau); }) == 0);

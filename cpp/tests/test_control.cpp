@@ -73,13 +73,38 @@ TEST_CASE("slopes of feedback are those of the force, and none at the limit") {
   CHECK(dq == before);
 }
 
+TEST_CASE("the implicit step's matrix has the slopes of feedback, whatever joins they couple") {
+  const Arm arm = flexarm_test::spatial_arm(2);
+  std::vector<Feedback> laws{feedback_of(arm), feedback_of(arm)};
+  laws[1].column = flexarm_test::wave(arm.nv(), 0.5);
+  const Eigen::VectorXd q = flexarm_test::wave(arm.nq(), 0.1, 0.05), v = flexarm_test::wave(arm.nv(), 0.3, 0.2);
+  const Shift shift{1e-3, 1e-6};
+  std::vector<bool> given(static_cast<std::size_t>(arm.nv()), false);
+  given[1] = true;
+  for (const std::vector<bool>& prescribed : {std::vector<bool>{}, given}) {
+    Workspace without(arm, prescribed), with(arm, prescribed);
+    with.feed_back(laws);
+    for (Workspace* ws : {&without, &with}) {
+      move_arm<double>(arm, *ws, q, v);
+      REQUIRE(factor_shifted(arm, *ws, q, v, shift) == Status::ok);
+    }
+    const Eigen::VectorXd r = flexarm_test::wave(arm.nv(), 0.8);
+    Eigen::VectorXd x = Eigen::VectorXd::Zero(arm.nv()), y = x;
+    solve_shifted(arm, with, r, x);
+    Eigen::VectorXd left = r;  // r - columns slopes^T x, solved without feedback, is x again
+    for (const Feedback& f : laws) left -= f.column * (shift.stiffness * f.by_q.dot(x) + shift.damping * f.by_v.dot(x));
+    solve_shifted(arm, without, left, y);
+    CHECK((x - y).norm() <= 1e-11 * x.norm());
+  }
+}
+
 TEST_CASE("samples come at their times, and their forces after the delay") {
   std::vector<double> asked;
   const auto law = [&asked](double t, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&) {
     asked.push_back(t);
     return Eigen::VectorXd(Eigen::VectorXd::Constant(1, 1.0 + static_cast<double>(asked.size())));
   };
-  Control control({}, {{0.0, 0.1, 0.15, false, law}}, 1);
+  Control control({}, {{0.0, 0.1, 0.15, law}}, 1);
   std::vector<double> times;
   control.add_times(0.0, 0.35, times);
   std::sort(times.begin(), times.end());
@@ -94,7 +119,7 @@ TEST_CASE("samples come at their times, and their forces after the delay") {
   CHECK(control.run(0.16, none, none, none));
   CHECK(control.held()[0] == 2.0);
   CHECK_FALSE(control.due(0.19));
-  CHECK_THROWS_WITH_AS(Control({}, {{0.0, 0.0, 0.0, false, law}}, 1), "period = 0: must be positive and finite",
+  CHECK_THROWS_WITH_AS(Control({}, {{0.0, 0.0, 0.0, law}}, 1), "period = 0: must be positive and finite",
                        std::invalid_argument);
 }
 

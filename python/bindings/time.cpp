@@ -128,8 +128,8 @@ using LoadLaws = std::vector<std::pair<Load, py::object>>;
 
 /// (column, by_q, by_v, reference or None, limit) of each law without memory.
 using FeedbackLaws = std::vector<std::tuple<Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, py::object, double>>;
-/// (first, period, delay, asks for accelerations, law) of each sampled one.
-using SampledLaws = std::vector<std::tuple<double, double, double, bool, py::object>>;
+/// (first, period, delay, law) of each sampled one.
+using SampledLaws = std::vector<std::tuple<double, double, double, py::object>>;
 
 Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, int nv) {
   std::vector<Feedback> laws;
@@ -144,9 +144,9 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
     laws.push_back(f);
   }
   std::vector<Sampler> samplers;
-  for (const auto& [first, period, delay, by_acceleration, law] : sampled) {
+  for (const auto& [first, period, delay, law] : sampled) {
     if (py::isinstance<LinearLaw>(law)) {
-      samplers.push_back({first, period, delay, by_acceleration, law.cast<LinearLaw>()});
+      samplers.push_back({first, period, delay, law.cast<LinearLaw>()});
       continue;
     }
     const auto shared = std::make_shared<py::object>(law);
@@ -158,7 +158,7 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
         bad_value("control at t = " + std::to_string(t), "nan, inf or a wrong length", "must give finite numbers");
       return force;
     };
-    samplers.push_back({first, period, delay, by_acceleration, ask});
+    samplers.push_back({first, period, delay, ask});
   }
   return Control(std::move(laws), std::move(samplers), nv);
 }
@@ -191,7 +191,9 @@ py::dict run(const Given& given, const Integrate& integrate) {
   for (std::size_t k = 0; k < given.events.size(); ++k)
     std::apply([&](const auto&... parts) { watched.push_back(make_event(k, parts...)); }, given.events[k]);
   auto last = std::chrono::steady_clock::now();
+  bool stopped = false;  // once asked to stop, for good
   const auto look_around = [&](double now) {
+    if (stopped) return false;
     const auto clock = std::chrono::steady_clock::now();
     if (clock - last < std::chrono::milliseconds(100)) return true;
     last = clock;
@@ -199,6 +201,7 @@ py::dict run(const Given& given, const Integrate& integrate) {
     if (PyErr_CheckSignals() != 0) {
       if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) throw py::error_already_set();
       PyErr_Clear();  // the caller raises it again, with the result so far
+      stopped = true;
       return false;
     }
     if (!alive) return true;
@@ -206,6 +209,7 @@ py::dict run(const Given& given, const Integrate& integrate) {
       alive(now);
     } catch (const py::error_already_set& e) {
       if (!e.matches(PyExc_KeyboardInterrupt)) throw;
+      stopped = true;
       return false;
     }
     return true;
@@ -274,15 +278,22 @@ void bind_time(py::module_& m) {
   py::class_<LinearLaw>(m, "LinearLaw")
       .def(py::init([](const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, const Eigen::MatrixXd& C,
                        const Eigen::MatrixXd& D, const Eigen::MatrixXd& columns, const Eigen::MatrixXd& by_q,
-                       const Eigen::MatrixXd& by_v, double limit, const py::object& reference,
-                       const std::function<Eigen::VectorXd(double, const Eigen::VectorXd&, const Eigen::VectorXd&,
-                                                           const Eigen::VectorXd&)>& read) {
-             std::function<Eigen::VectorXd(double)> at;
+                       const Eigen::MatrixXd& by_v, double limit, const py::object& reference, const py::object& read) {
+             LinearLaw law{A, B, C, D, columns, by_q, by_v, limit, {}, {}};
              if (py::isinstance<py::function>(reference))
-               at = reference.cast<std::function<Eigen::VectorXd(double)>>();
+               law.reference = [r = std::make_shared<py::object>(reference)](double t) {
+                 py::gil_scoped_acquire hold;
+                 return call(*r, t).cast<Eigen::VectorXd>();
+               };
              else
-               at = [r = reference.cast<Eigen::VectorXd>()](double) { return r; };
-             return LinearLaw{A, B, C, D, columns, by_q, by_v, limit, at, read};
+               law.reference = [r = reference.cast<Eigen::VectorXd>()](double) { return r; };
+             if (!read.is_none())
+               law.read = [r = std::make_shared<py::object>(read)](double t, const Eigen::VectorXd& q,
+                                                                   const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
+                 py::gil_scoped_acquire hold;
+                 return call(*r, t, q, v, a).cast<Eigen::VectorXd>();
+               };
+             return law;
            }),
            py::arg("A"), py::arg("B"), py::arg("C"), py::arg("D"), py::arg("columns"), py::arg("by_q"), py::arg("by_v"),
            py::arg("limit"), py::arg("reference"), py::arg("read"));

@@ -282,7 +282,7 @@ def simulate_ida(
     loads: Sequence[tuple[Load, Any]],
     events: Sequence[tuple[Any, int, int]],
     feedback: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike, Any, float]],
-    sampled: Sequence[tuple[float, float, float, bool, Any]],
+    sampled: Sequence[tuple[float, float, float, Any]],
 ) -> dict[str, Any]: ...
 def simulate_fixed(
     arm: Arm,
@@ -301,5 +301,5 @@ def simulate_fixed(
     loads: Sequence[tuple[Load, Any]],
     events: Sequence[tuple[Any, int, int]],
     feedback: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike, Any, float]],
-    sampled: Sequence[tuple[float, float, float, bool, Any]],
+    sampled: Sequence[tuple[float, float, float, Any]],
 ) -> dict[str, Any]: ...

@@ -13,26 +13,37 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core
-from ._check import Array, array, number
-from .drive import Torque
-from .motor import Motor, positive
+from ._check import Array, array, choice, number
+from .drive import Motion, Torque
+from .motor import Motor, finite, positive
 from .patch import column_of
 
 if TYPE_CHECKING:
     from .arm import Arm
 
-#: (column, by_q, by_v, reference, limit) and (first, period, delay, by_acceleration, law): see flexarm/control.hpp
+STRAIN_NAMES = ("K1", "K2", "K3", "phi12", "phi13")
+
+#: (column, by_q, by_v, reference, limit) and (first, period, delay, law): see flexarm/control.hpp
 _Feedback = tuple[Array, Array, Array, Any, float]
-_Sampler = tuple[float, float, float, bool, Any]
+_Sampler = tuple[float, float, float, Any]
+
+
+def _list(name: str, value: Any) -> list[Any]:
+    if not isinstance(value, (list, tuple)) or not value:
+        raise ValueError(f"{name} = {value!r}: must be a list of at least one entry")
+    return list(value)
 
 
 def _limit(value: Any) -> float:
     return np.inf if value is None else positive("limit", value)
 
 
-class Memory(NamedTuple):
-    """Where a controller's states stand among the rates of the extended arm (`extended`), and how many all have."""
+class Run(NamedTuple):
+    """What controllers are told of a run: its times and loads; where a controller's states stand among the rates of
+    the extended arm (`extended`), and how many all have."""
 
+    times: Array
+    loads: Any
     first: int
     total: int
 
@@ -43,18 +54,28 @@ class Controller:
     #: how many states of its own a continuous law integrates
     memory = 0
 
-    def _laws(self, arm: Arm, times: Array, memory: Memory) -> tuple[list[_Feedback], list[_Sampler]]:
+    def _laws(self, arm: Arm, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
         raise NotImplementedError
+
+    def _columns(self, arm: Arm) -> list[Array]:
+        """Generalised forces (nv,) per unit of each output."""
+        return _columns(arm, self.actuate)  # type: ignore[attr-defined]
 
 
 class _JointLaw(Controller):
     """u = k_p (r - q) - k_v dq/dt - k_s K at one freedom of a joint."""
 
-    def __init__(self, kp: float, kv: float, link: int, freedom: int, reference: Any, limit: Any, motor: Motor | None):
-        self.kp, self.kv = number("kp", kp), number("kv", kv)
-        self.link, self.freedom = link, freedom
+    def __init__(
+        self, kp: float, kv: float, link: Any, freedom: int | None, reference: Any, limit: Any, motor: Motor | None
+    ) -> None:
+        self.kp, self.kv = finite("kp", kp), finite("kv", kv)
+        self.link, self.freedom = link if freedom is None and isinstance(link, tuple) else (link, freedom)
+        if isinstance(reference, Motion):
+            raise ValueError("reference: is of q alone: samples (t, r) or a callable t -> r, not a Motion")
         if not isinstance(reference, Torque) and (callable(reference) or np.ndim(reference) == 0):
-            reference = Torque(reference)  # a law of time like a torque's: samples, a callable, or a number
+            reference = Torque(
+                reference if callable(reference) else finite("reference", reference)
+            )  # a law of time like a torque's: samples, a callable, or a number
         elif not isinstance(reference, Torque):
             try:
                 t, r = reference
@@ -70,17 +91,23 @@ class _JointLaw(Controller):
         if motor is not None and motor.limit is not None:
             self.limit = min(self.limit, motor.limit)
 
+    def _rate(self, arm: Arm) -> int:
+        return arm.joint_rate(self.link if self.freedom is None else (self.link, self.freedom), "link")
+
+    def _columns(self, arm: Arm) -> list[Array]:
+        return [np.eye(arm.nv)[self._rate(arm)]]
+
     def _strain(self, arm: Arm) -> Array:
         return np.zeros(arm.nq)
 
-    def _laws(self, arm: Arm, times: Array, memory: Memory) -> tuple[list[_Feedback], list[_Sampler]]:
-        i = arm.joint_rates((self.link, self.freedom), "control: link")[0]
+    def _laws(self, arm: Arm, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
+        i = self._rate(arm)
         at = arm.coordinate_of(i)
         if at < 0:
             raise ValueError(
                 f"control of '{arm.coordinates[i]}': a ball has no angle to control; use three rotations (Axes)"
             )
-        self.reference.check_span("reference", times)
+        self.reference.check_span("reference", run.times)
         law = self.reference.law
         scaled = _scaled(law, self.kp)
         column, by_q, by_v = np.zeros(arm.nv), self._strain(arm), np.zeros(arm.nv)
@@ -105,14 +132,14 @@ class PD(_JointLaw):
 
     Args:
         kp, kv: gains, per rad (m) and per rad/s (m/s); of a torque (N m, N), or of the motor's current or voltage.
-        link, freedom: which joint, and which of its freedoms.
+        link, freedom: which joint, and which of its freedoms, where it has several; or link = (link, freedom).
         reference: of q (rad, m): a number, samples (t, r) with straight lines between, or a callable t -> r.
         limit: u is kept within -limit .. limit; None: the motor's.
         motor: turns u into a torque; None: u is the torque.
     """
 
     def __init__(
-        self, kp: float, kv: float, link: int = 0, freedom: int = 0, *, reference: Any = 0.0,
+        self, kp: float, kv: float, link: Any = 0, freedom: int | None = None, *, reference: Any = 0.0,
         limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
         super().__init__(kp, kv, link, freedom, reference, limit, motor)
@@ -130,12 +157,13 @@ class StrainFeedback(_JointLaw):
     """
 
     def __init__(
-        self, kp: float, kv: float, ks: float, link: int = 0, freedom: int = 0, *, x: float = 0.0,
+        self, kp: float, kv: float, ks: float, link: Any = 0, freedom: int | None = None, *, x: float = 0.0,
         strain: str = "K3", beam: int | None = None, reference: Any = 0.0, limit: float | None = None,
         motor: Motor | None = None,
     ) -> None:  # fmt: skip
         super().__init__(kp, kv, link, freedom, reference, limit, motor)
-        self.ks, self.x, self.strain, self.beam = number("ks", ks), number("x", x), strain, beam
+        self.ks, self.x, self.beam = finite("ks", ks), finite("x", x), beam
+        self.strain = choice("strain", strain, STRAIN_NAMES)
 
     def _strain(self, arm: Arm) -> Array:
         beam = self.link if self.beam is None else self.beam
@@ -159,10 +187,10 @@ class StateFeedback(Controller):
         self, K: ArrayLike, actuate: Sequence[Any] = (0,), *, q0: ArrayLike | None = None, v0: ArrayLike | None = None,
         u0: ArrayLike | None = None, limit: float | None = None,
     ) -> None:  # fmt: skip
-        self.K, self.actuate = np.atleast_2d(array("K", K)), list(actuate)
+        self.K, self.actuate = np.atleast_2d(array("K", K)), _list("actuate", actuate)
         self.q0, self.v0, self.u0, self.limit = q0, v0, u0, _limit(limit)
 
-    def _laws(self, arm: Arm, times: Array, memory: Memory) -> tuple[list[_Feedback], list[_Sampler]]:
+    def _laws(self, arm: Arm, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
         if arm.nq != arm.nv:
             raise ValueError(
                 "StateFeedback: is for arms without balls, whose coordinates are not those of a linear model"
@@ -182,6 +210,8 @@ class StateFeedback(Controller):
 
 def _columns(arm: Arm, actuate: Sequence[Any]) -> list[Array]:
     """A column of generalised forces (nv,) for each entry of `actuate`."""
+    if not isinstance(actuate, (list, tuple)) or not actuate:
+        raise ValueError(f"actuate = {actuate!r}: must be a list of at least one link, (link, freedom) or column")
     out = []
     for k, entry in enumerate(actuate):
         if isinstance(entry, (np.ndarray, list)):
@@ -198,8 +228,6 @@ def _columns(arm: Arm, actuate: Sequence[Any]) -> list[Array]:
 
 def _rows(arm: Arm, measure: Sequence[Any], first: int = 0) -> tuple[Array, Array]:
     """by_q (ny, nq) and by_v (ny, nv) of measurements that are linear in the state: "joint", "rate", "strain"."""
-    from .linear import STRAIN_NAMES
-
     by_q, by_v = [], []
     for k, entry in enumerate(measure, first):
         field = f"measure[{k}]"
@@ -230,15 +258,21 @@ def _rows(arm: Arm, measure: Sequence[Any], first: int = 0) -> tuple[Array, Arra
     return np.array(by_q).reshape(-1, arm.nq), np.array(by_v).reshape(-1, arm.nv)
 
 
-def control_laws(arm: Arm, control: Any, times: Array) -> tuple[list[_Feedback], list[_Sampler], int]:
-    """What the core needs of all controllers of a run, for the arm extended by so many states of theirs."""
-    given = [] if control is None else [control] if isinstance(control, Controller) else control
-    if not isinstance(given, (list, tuple)) or not all(isinstance(c, Controller) for c in given):
+def control_laws(
+    arm: Arm, control: Any, times: Array, loads: Any = (), given: Sequence[int] = ()
+) -> tuple[list[_Feedback], list[_Sampler], int]:
+    """What the core needs of all controllers of a run, for the arm extended by so many states of theirs. `given`: the
+    rates whose motion is prescribed."""
+    laws_given = [] if control is None else [control] if isinstance(control, Controller) else control
+    if not isinstance(laws_given, (list, tuple)) or not all(isinstance(c, Controller) for c in laws_given):
         raise ValueError(f"control = {control!r}: must be a controller, such as PD(...), or a list of them")
-    total, first = sum(c.memory for c in given), 0
+    total, first = sum(c.memory for c in laws_given), 0
     feedback, sampled = [], []
-    for c in given:
-        laws, samplers = c._laws(arm, times, Memory(first, total))
+    for k, c in enumerate(laws_given):
+        for i in given:
+            if any(column[i] != 0.0 for column in c._columns(arm)):
+                raise ValueError(f"control[{k}]: acts on '{arm.coordinates[i]}', whose motion is prescribed")
+        laws, samplers = c._laws(arm, Run(times, loads, first, total))
         first += c.memory
         nq, nv = arm.nq + total, arm.nv + total
         feedback += [(padded(c, nv), padded(by_q, nq), padded(by_v, nv), *rest) for c, by_q, by_v, *rest in laws]

@@ -244,7 +244,7 @@ def timed(scene: Scene, row: Row, quantity: str, deadline: float, tell: Any) -> 
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always")
                 result = simulate(
-                    s.arm, s.t, s.q0, s.v0, drive=s.drive, loads=s.loads, progress=look, **s.options
+                    s.arm, s.t, s.q0, s.v0, drive=s.drive, loads=s.loads, control=s.control, progress=look, **s.options
                 )  # fmt: skip
             row.warning = "; ".join(str(w.message) for w in said)
             row.runs += 1

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._check import Array, array, choice, number
 from .balance import locked_rates
+from .control import STRAIN_NAMES
 from .patch import capacitance, column_of
 
 if TYPE_CHECKING:
     from .arm import Arm
 
-STRAIN_NAMES = ("K1", "K2", "K3", "phi12", "phi13")
 INPUTS = ("force", "acceleration", "load", "patch")
 OUTPUTS = (
     *("joint", "rate", "tip", "velocity", "acceleration", "accelerometer", "strain"),

@@ -9,6 +9,13 @@ import numpy as np
 from ._check import number
 
 
+def finite(name: str, value: Any) -> float:
+    x = number(name, value)
+    if not np.isfinite(x):
+        raise ValueError(f"{name} = {value}: must be finite")
+    return x
+
+
 def positive(name: str, value: Any) -> float:
     x = number(name, value)
     if not 0.0 < x < np.inf:
@@ -43,7 +50,7 @@ class Motor:
     ) -> None:
         self.torque_constant, self.gear_ratio = (
             positive("torque_constant", torque_constant),
-            number("gear_ratio", gear_ratio),
+            finite("gear_ratio", gear_ratio),
         )
         if self.gear_ratio == 0.0:
             raise ValueError("gear_ratio = 0.0: must not be zero")
@@ -52,7 +59,7 @@ class Motor:
             raise ValueError(f"efficiency = {efficiency}: must be at most 1")
         self.limit = None if limit is None else positive("limit", limit)
         self.resistance = None if resistance is None else positive("resistance", resistance)
-        self.rotor_inertia = number("rotor_inertia", rotor_inertia)
+        self.rotor_inertia = finite("rotor_inertia", rotor_inertia)
         if self.rotor_inertia < 0.0:
             raise ValueError(f"rotor_inertia = {rotor_inertia}: must be zero or positive")
 

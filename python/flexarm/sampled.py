@@ -10,18 +10,20 @@ from numpy.typing import ArrayLike
 
 from . import _core
 from ._check import Array, array, number
-from .control import Controller, Memory, _columns, _Feedback, _limit, _rows, _Sampler, padded
+from .control import Controller, Run, _columns, _Feedback, _limit, _list, _rows, _Sampler, padded
 from .drive import Torque
-from .motor import Motor, positive
+from .motor import Motor, finite, positive
 
 if TYPE_CHECKING:
     from .arm import Arm
 
+_MOST = 1e8  # samples of a run
+
 _Reader = Callable[[float, Array, Array, Array], Array]  # (t, q, v, a) -> y
 
 
-def _sensor_reader(sensor: Any, arm: Arm) -> _Reader:
-    sampler = sensor.sampler(arm)
+def _sensor_reader(sensor: Any, arm: Arm, loads: Any) -> _Reader:
+    sampler = sensor.sampler(arm, loads)
     return lambda t, q, v, a: np.atleast_1d(sampler.sample(t, q, v, a))
 
 
@@ -54,24 +56,24 @@ class Sampled(Controller):
         self.law, self.rate, self.delay = law, positive("rate", rate), number("delay", delay)
         if not 0.0 <= self.delay < np.inf:
             raise ValueError(f"delay = {delay}: must be zero or positive, in seconds")
-        self.measure, self.actuate = None if measure is None else list(measure), list(actuate)
+        self.measure = None if measure is None else _list("measure", measure)
+        self.actuate = _list("actuate", actuate)
         self.motor, self.limit = motor, _limit(limit)
         if motor is not None and motor.limit is not None:
             self.limit = min(self.limit, motor.limit)
 
-    def _reader(self, arm: Arm) -> tuple[_Reader, bool]:
-        """(t, q, v, a) -> y of one run, and whether it asks for a."""
+    def _reader(self, arm: Arm, loads: Any) -> _Reader:
+        """(t, q, v, a) -> y of one run."""
         nq, nv = arm.nq, arm.nv  # behind them, q, v and a may have states of other controllers
         if self.measure is None:
-            return lambda t, q, v, a: np.concatenate([q[:nq], v[:nv]]), False
-        readers = [_sensor_reader(e, arm) if hasattr(e, "sampler") else _row_reader(e, arm, k)
+            return lambda t, q, v, a: np.concatenate([q[:nq], v[:nv]])
+        readers = [_sensor_reader(e, arm, loads) if hasattr(e, "sampler") else _row_reader(e, arm, k)
                    for k, e in enumerate(self.measure)]  # fmt: skip
-        by_acceleration = any(getattr(e, "needs_acceleration", False) for e in self.measure)
-        return lambda t, q, v, a: np.concatenate([r(t, q[:nq], v[:nv], a[:nv]) for r in readers]), by_acceleration
+        return lambda t, q, v, a: np.concatenate([r(t, q[:nq], v[:nv], a[:nv]) for r in readers])
 
-    def _law(self, arm: Arm, columns: Array, extra: int) -> tuple[Any, bool]:
-        """What the core asks for forces, once a sample, and whether it wants accelerations."""
-        read, by_acceleration = self._reader(arm)
+    def _law(self, arm: Arm, columns: Array, run: Run) -> Any:
+        """What the core asks for forces, once a sample."""
+        read = self._reader(arm, run.loads)
         law, limit = self.law, self.limit
 
         def force(t: float, q: Array, v: Array, a: Array) -> Array:
@@ -80,14 +82,19 @@ class Sampled(Controller):
                 raise ValueError(
                     f"control at t = {t}: the law gave {u.tolist()}; must be {columns.shape[1]} finite numbers"
                 )
-            return padded(columns @ np.clip(u, -limit, limit), arm.nv + extra)
+            return padded(columns @ np.clip(u, -limit, limit), arm.nv + run.total)
 
-        return force, by_acceleration
+        return force
 
-    def _laws(self, arm: Arm, times: Array, memory: Memory) -> tuple[list[_Feedback], list[_Sampler]]:
+    def _laws(self, arm: Arm, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
         units = np.array(_columns(arm, self.actuate)).T
-        law, by_acceleration = self._law(arm, units if self.motor is None else self.motor.gain * units, memory.total)
-        return _braking(arm, self.motor, units), [(float(times[0]), 1.0 / self.rate, self.delay, by_acceleration, law)]
+        span = float(run.times[-1] - run.times[0])
+        if self.rate * span > _MOST:
+            raise ValueError(
+                f"rate = {self.rate}: asks for {self.rate * span:.3g} samples in {span} s; at most {_MOST:g}"
+            )
+        law = self._law(arm, units if self.motor is None else self.motor.gain * units, run)
+        return _braking(arm, self.motor, units), [(float(run.times[0]), 1.0 / self.rate, self.delay, law)]
 
 
 def _braking(arm: Arm, motor: Motor | None, units: Array) -> list[_Feedback]:
@@ -149,8 +156,8 @@ class LinearController(Sampled):
         # states: integral of e; low-passed e
         A = np.array([[0.0, 0.0], [0.0, -1.0 / tf]])
         B = np.array([[1.0], [1.0 / tf]])
-        C = np.array([[number("ki", ki), -number("kd", kd) / tf]])
-        D = np.array([[number("kp", kp) + kd / tf]])
+        C = np.array([[finite("ki", ki), -finite("kd", kd) / tf]])
+        D = np.array([[finite("kp", kp) + kd / tf]])
         return LinearController(
             (A, B, C, D), rate=rate, measure=[("joint", link)], actuate=[link], reference=reference, delay=delay,
             limit=limit, motor=motor,
@@ -168,35 +175,39 @@ class LinearController(Sampled):
         ny, reference = self.B.shape[1], self.reference
         if callable(reference):
             return lambda t: np.broadcast_to(np.asarray(reference(t), dtype=float), (ny,))
-        return np.broadcast_to(array("reference", reference), (ny,))
+        given = array("reference", reference)
+        if given.shape not in ((), (ny,)):
+            raise ValueError(f"reference has shape {given.shape}: must be one number, or {ny}, one for each of y")
+        return np.broadcast_to(given, (ny,))
 
     def _check_outputs(self, count: int) -> None:
         if count != self.C.shape[0]:
             raise ValueError(f"actuate: names {count}; the controller has {self.C.shape[0]} outputs")
 
-    def _law(self, arm: Arm, columns: Array, extra: int) -> tuple[Any, bool]:
+    def _law(self, arm: Arm, columns: Array, run: Run) -> Any:
         self._check_outputs(columns.shape[1])
-        read, by_acceleration = self._reader(arm)
+        extra = run.total
         rows = np.zeros((0, arm.nq)), np.zeros((0, arm.nv))
         sensed = any(hasattr(e, "sampler") for e in self.measure or [])
         if not sensed:
             by_q, by_v = self._linear_rows(arm)
             rows = np.pad(by_q, ((0, 0), (0, extra))), np.pad(by_v, ((0, 0), (0, extra)))
         matrices = (self.A, self.B, self.C, self.D, np.pad(columns, ((0, extra), (0, 0))))
-        return _core.LinearLaw(*matrices, *rows, self.limit, self._given(), read if sensed else None), by_acceleration
+        read = self._reader(arm, run.loads) if sensed else None
+        return _core.LinearLaw(*matrices, *rows, self.limit, self._given(), read)
 
-    def _laws(self, arm: Arm, times: Array, memory: Memory) -> tuple[list[_Feedback], list[_Sampler]]:
+    def _laws(self, arm: Arm, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
         if not self.continuous:
-            return super()._laws(arm, times, memory)
+            return super()._laws(arm, run)
         units = np.array(_columns(arm, self.actuate)).T
         self._check_outputs(units.shape[1])
         by_q, by_v = self._linear_rows(arm)
         given, n = self._given(), self.A.shape[0]
-        states = np.eye(arm.nv + memory.total)[arm.nv + memory.first :][:n]
+        states = np.eye(arm.nv + run.total)[arm.nv + run.first :][:n]
 
         def law(column: Array, by_x: Array, by_e: Array, limit: float) -> _Feedback:
             """by_x x + by_e (reference - y), as -(by_q q + by_v v) and an offset."""
-            rates = padded(by_e @ by_v, arm.nv + memory.total) - by_x @ states
+            rates = padded(by_e @ by_v, arm.nv + run.total) - by_x @ states
             offset = (lambda t: float(by_e @ given(t))) if callable(given) else Torque(float(by_e @ given)).law
             return column, by_e @ by_q, rates, offset, limit
 
@@ -211,6 +222,8 @@ def _matrices(A: Any, B: Any, C: Any, D: Any, dt: float | None, method: str) -> 
     continuous = B is None
     if continuous:
         if isinstance(A, tuple):
+            if len(A) != 4:
+                raise ValueError(f"A: a tuple of {len(A)}; must be (A, B, C, D)")
             A, B, C, D = A
         elif all(hasattr(A, name) for name in "ABCD"):
             given = getattr(A, "dt", None)

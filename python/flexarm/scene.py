@@ -234,7 +234,7 @@ class Scene:
         t: output times (s).
         q0, v0: initial state, or None for rest at zero.
         options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order, linear_solver,
-            step, spectral_radius.
+            step, spectral_radius, stages.
         name: the scene's title.
         sensors: what `flexarm run` reads; `sensor.read(scene.run())` does in Python.
         control: its controllers.

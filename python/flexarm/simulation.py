@@ -243,7 +243,8 @@ def simulate(
     places, _ = at_time(arm, loads, float(times[0]))
     for k, load in enumerate(loads or ()):
         load.check_span(f"loads[{k}]", times)
-    feedback, sampled, memory = control_laws(arm, control, times)
+    prescribed = [i for i, moves, *_ in laws if moves]
+    feedback, sampled, memory = control_laws(arm, control, times, loads, prescribed)
     both = extended(arm, memory) if memory else arm
     laws = [(i, moves, law, padded(column, both.nv) if column.size else column) for i, moves, law, column in laws]
     wrenches = [(place, load.law) for place, load in zip(places, loads or (), strict=True)]

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <deque>
 #include <functional>
 #include <limits>
 #include <utility>
@@ -24,20 +25,19 @@ struct Feedback {
   }
 };
 
-/// Adds the slopes of -column * u, of laws that are not at their limits, to those of inverse dynamics.
-void add_feedback_slopes(const std::vector<struct AppliedFeedback>& feedback, const Eigen::VectorXd& q,
-                         const Eigen::VectorXd& v, Eigen::MatrixXd& dq, Eigen::MatrixXd& dv);
-
 /// A law with the value of its reference now.
 struct AppliedFeedback {
   const Feedback* law;
   double offset = 0.0;
 };
 
+/// Adds the slopes of -column * u, of laws that are not at their limits, to those of inverse dynamics.
+void add_feedback_slopes(const std::vector<AppliedFeedback>& feedback, const Eigen::VectorXd& q,
+                         const Eigen::VectorXd& v, Eigen::MatrixXd& dq, Eigen::MatrixXd& dv);
+
 /// A law that looks at the state now and then, and holds its force until it has looked again.
 struct Sampler {
   double first, period, delay;  ///< first sample; between samples; from a sample to its force (s)
-  bool by_acceleration;         ///< whether it asks for a
   /// Generalised forces (nv) from t, q, v and a.
   std::function<Eigen::VectorXd(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a)>
       law;
@@ -65,17 +65,16 @@ class Control {
   const Eigen::VectorXd& held() const { return held_; }
   /// Times in (from, to) at which something is sampled or changes.
   void add_times(double from, double to, std::vector<double>& times) const;
-  /// Whether anything happens up to time t; whether that asks for accelerations.
+  /// Whether anything happens up to time t.
   bool due(double t) const;
-  bool due_by_acceleration(double t) const;
   /// Samples, and lets pass what is due, up to time t. @return whether the forces have changed
   bool run(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
 
  private:
   struct Line {
     Sampler sampler;
-    long sampled = 0;                                        ///< how many
-    std::vector<std::pair<double, Eigen::VectorXd>> coming;  ///< time and force of samples on their way
+    long sampled = 0;                                       ///< how many
+    std::deque<std::pair<double, Eigen::VectorXd>> coming;  ///< time and force of samples on their way
     Eigen::VectorXd force;
   };
   std::vector<Feedback> feedback_;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <vector>
 
 #include "flexarm/arm.hpp"
@@ -66,6 +67,13 @@ class Workspace : public SweepWorkspace<double> {
   Eigen::MatrixXd M_free;  ///< Eq. 90 on the free coordinates
   Eigen::LLT<Eigen::MatrixXd> factor;
   Eigen::VectorXd rhs;
+  /// Laws without memory that every evaluation takes into account from now on; they must outlive the workspace.
+  void feed_back(const std::vector<Feedback>& laws);
+  // Feedback in factor_shifted, by Woodbury's formula for S + columns slopes^T
+  Eigen::MatrixXd feedback_slopes, feedback_columns;  ///< slopes; S^-1 columns (nv x laws)
+  Eigen::MatrixXd feedback_matrix;                    ///< 1 + slopes^T S^-1 columns
+  Eigen::PartialPivLU<Eigen::MatrixXd> feedback_factor;
+  Eigen::VectorXd feedback_x, feedback_rhs, feedback_share;
   Eigen::VectorXd total;    ///< forces with those of feedback
   Eigen::MatrixXd columns;  ///< 6 x n scratch
 };
