@@ -6,7 +6,7 @@ state at a rate and hold what they answer until the next sample (zero-order hold
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,13 +15,12 @@ from numpy.typing import ArrayLike
 from . import _core
 from ._check import Array, array, choice, number
 from .drive import Motion, Torque
+from .model import STRAIN_NAMES
 from .motor import Motor, finite, positive
-from .patch import column_of
+from .patch import column_of, is_patch
 
 if TYPE_CHECKING:
     from .arm import Arm
-
-STRAIN_NAMES = ("K1", "K2", "K3", "phi12", "phi13")
 
 #: (column, by_q, by_v, reference, limit) and (first, period, delay, law): see flexarm/control.hpp
 _Feedback = tuple[Array, Array, Array, Any, float]
@@ -34,8 +33,24 @@ def _list(name: str, value: Any) -> list[Any]:
     return list(value)
 
 
-def _limit(value: Any) -> float:
-    return np.inf if value is None else positive("limit", value)
+def _limit(value: Any, motor: Any = None) -> float:
+    """What |u| is kept within: the limit, and the motor's."""
+    if motor is not None and not isinstance(motor, Motor):
+        raise ValueError(f"motor = {motor!r}: must be a Motor or None")
+    limit = np.inf if value is None else positive("limit", value)
+    return limit if motor is None or motor.limit is None else min(limit, motor.limit)
+
+
+def _gain(motor: Motor | None) -> float:
+    """Force per unit of u."""
+    return 1.0 if motor is None else motor.gain
+
+
+def _braking(arm: Arm, motor: Motor | None, units: Iterable[Array]) -> list[_Feedback]:
+    """Of back-EMF, at joints given by unit columns (nv,)."""
+    if motor is None or motor.braking == 0.0:
+        return []
+    return [(unit, np.zeros(arm.nq), motor.braking * unit, None, np.inf) for unit in units]
 
 
 class Run(NamedTuple):
@@ -73,9 +88,8 @@ class _JointLaw(Controller):
         if isinstance(reference, Motion):
             raise ValueError("reference: is of q alone: samples (t, r) or a callable t -> r, not a Motion")
         if not isinstance(reference, Torque) and (callable(reference) or np.ndim(reference) == 0):
-            reference = Torque(
-                reference if callable(reference) else finite("reference", reference)
-            )  # a law of time like a torque's: samples, a callable, or a number
+            # a law of time like a torque's: samples, a callable, or a number
+            reference = Torque(reference if callable(reference) else finite("reference", reference))
         elif not isinstance(reference, Torque):
             try:
                 t, r = reference
@@ -84,12 +98,7 @@ class _JointLaw(Controller):
                     f"reference = {reference!r}: must be a number, samples (t, r), or a callable t -> r"
                 ) from None
             reference = Torque(t, r)
-        self.reference, self.motor = reference, motor
-        self.limit = _limit(limit)
-        if motor is not None and not isinstance(motor, Motor):
-            raise ValueError(f"motor = {motor!r}: must be a Motor or None")
-        if motor is not None and motor.limit is not None:
-            self.limit = min(self.limit, motor.limit)
+        self.reference, self.motor, self.limit = reference, motor, _limit(limit, motor)
 
     def _rate(self, arm: Arm) -> int:
         return arm.joint_rate(self.link if self.freedom is None else (self.link, self.freedom), "link")
@@ -108,17 +117,10 @@ class _JointLaw(Controller):
                 f"control of '{arm.coordinates[i]}': a ball has no angle to control; use three rotations (Axes)"
             )
         self.reference.check_span("reference", run.times)
-        law = self.reference.law
-        scaled = _scaled(law, self.kp)
-        column, by_q, by_v = np.zeros(arm.nv), self._strain(arm), np.zeros(arm.nv)
-        column[i] = 1.0 if self.motor is None else self.motor.gain
+        unit, by_q = np.eye(arm.nv)[i], self._strain(arm)
         by_q[at] += self.kp
-        by_v[i] = self.kv
-        out = [(column, by_q, by_v, scaled, self.limit)]
-        if self.motor is not None and self.motor.braking > 0.0:
-            unit = np.eye(arm.nv)[i]
-            out.append((unit, np.zeros(arm.nq), self.motor.braking * unit, None, np.inf))
-        return out, []
+        law = (_gain(self.motor) * unit, by_q, self.kv * unit, _scaled(self.reference.law, self.kp), self.limit)
+        return [law, *_braking(arm, self.motor, [unit])], []
 
 
 def _scaled(law: Any, factor: float) -> Any:
@@ -210,14 +212,12 @@ class StateFeedback(Controller):
 
 def _columns(arm: Arm, actuate: Sequence[Any]) -> list[Array]:
     """A column of generalised forces (nv,) for each entry of `actuate`."""
-    if not isinstance(actuate, (list, tuple)) or not actuate:
-        raise ValueError(f"actuate = {actuate!r}: must be a list of at least one link, (link, freedom) or column")
     out = []
     for k, entry in enumerate(actuate):
         if isinstance(entry, (np.ndarray, list)):
             out.append(array(f"actuate[{k}]", entry, (arm.nv,)))
             continue
-        if isinstance(entry, tuple) and entry and entry[0] == "patch":
+        if is_patch(entry):
             if len(entry) != 3:
                 raise ValueError(f'actuate[{k}] = {entry!r}: must be ("patch", link, patch)')
             out.append(arm.patch_matrix[:, column_of(arm, arm._link(entry[1], f"actuate[{k}]: link"), entry[2])])
@@ -240,12 +240,9 @@ def _rows(arm: Arm, measure: Sequence[Any], first: int = 0) -> tuple[Array, Arra
                 by_q.append(np.eye(arm.nq)[at] if kind == "joint" else np.zeros(arm.nq))
                 by_v.append(np.eye(arm.nv)[i] if kind == "rate" else np.zeros(arm.nv))
         elif kind == "strain" and len(entry) == 4:
-            if entry[3] not in STRAIN_NAMES:
-                raise ValueError(f"{field} = {entry!r}: the strain must be one of {', '.join(STRAIN_NAMES)}")
-            rows = arm.strain(np.eye(arm.nq), entry[1], number(f"{field}: x", entry[2])) - arm.strain(
-                np.zeros(arm.nq), entry[1], entry[2]
-            )
-            by_q.append(rows[:, STRAIN_NAMES.index(entry[3])])
+            strain = STRAIN_NAMES.index(choice(f"{field}: strain", entry[3], STRAIN_NAMES))
+            # strains are linear in the coordinates (Eq. 28-32)
+            by_q.append(arm.strain(np.eye(arm.nq), entry[1], number(f"{field}: x", entry[2]))[:, strain])
             by_v.append(np.zeros(arm.nv))
         elif kind in ("charge", "patch_voltage") and len(entry) == 3:
             by_q.append(getattr(arm, kind)(np.eye(arm.nq), entry[1], entry[2]))
@@ -259,18 +256,19 @@ def _rows(arm: Arm, measure: Sequence[Any], first: int = 0) -> tuple[Array, Arra
 
 
 def control_laws(
-    arm: Arm, control: Any, times: Array, loads: Any = (), given: Sequence[int] = ()
+    arm: Arm, control: Any, times: Array, loads: Any = (), prescribed: Sequence[int] = ()
 ) -> tuple[list[_Feedback], list[_Sampler], int]:
-    """What the core needs of all controllers of a run, for the arm extended by so many states of theirs. `given`: the
-    rates whose motion is prescribed."""
-    laws_given = [] if control is None else [control] if isinstance(control, Controller) else control
-    if not isinstance(laws_given, (list, tuple)) or not all(isinstance(c, Controller) for c in laws_given):
+    """What the core needs of all controllers of a run, for the arm extended by so many states of theirs.
+    `prescribed`: the rates whose motion is given."""
+    all_given = [] if control is None else [control] if isinstance(control, Controller) else control
+    if not isinstance(all_given, (list, tuple)) or not all(isinstance(c, Controller) for c in all_given):
         raise ValueError(f"control = {control!r}: must be a controller, such as PD(...), or a list of them")
-    total, first = sum(c.memory for c in laws_given), 0
+    total, first = sum(c.memory for c in all_given), 0
     feedback, sampled = [], []
-    for k, c in enumerate(laws_given):
-        for i in given:
-            if any(column[i] != 0.0 for column in c._columns(arm)):
+    for k, c in enumerate(all_given):
+        columns = c._columns(arm)
+        for i in prescribed:
+            if any(column[i] != 0.0 for column in columns):
                 raise ValueError(f"control[{k}]: acts on '{arm.coordinates[i]}', whose motion is prescribed")
         laws, samplers = c._laws(arm, Run(times, loads, first, total))
         first += c.memory

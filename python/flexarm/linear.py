@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._check import Array, array, choice, number
 from .balance import locked_rates
-from .control import STRAIN_NAMES
+from .model import STRAIN_NAMES
 from .patch import capacitance, column_of
 
 if TYPE_CHECKING:

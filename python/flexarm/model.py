@@ -20,6 +20,7 @@ from .patch import Patch, core_patches
 from .shapes import coefficients, columns
 
 STRAINS = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
+STRAIN_NAMES = ("K1", "K2", "K3", "phi12", "phi13")  # of a section, as Arm.strain orders them
 Vector = Sequence[float]
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from . import _core
 from ._check import Array, array, number
-from .control import Controller, Run, _columns, _Feedback, _limit, _list, _rows, _Sampler, padded
+from .control import Controller, Run, _braking, _columns, _Feedback, _gain, _limit, _list, _rows, _Sampler, padded
 from .drive import Torque
 from .motor import Motor, finite, positive
 
@@ -58,9 +58,7 @@ class Sampled(Controller):
             raise ValueError(f"delay = {delay}: must be zero or positive, in seconds")
         self.measure = None if measure is None else _list("measure", measure)
         self.actuate = _list("actuate", actuate)
-        self.motor, self.limit = motor, _limit(limit)
-        if motor is not None and motor.limit is not None:
-            self.limit = min(self.limit, motor.limit)
+        self.motor, self.limit = motor, _limit(limit, motor)
 
     def _reader(self, arm: Arm, loads: Any) -> _Reader:
         """(t, q, v, a) -> y of one run."""
@@ -93,15 +91,8 @@ class Sampled(Controller):
             raise ValueError(
                 f"rate = {self.rate}: asks for {self.rate * span:.3g} samples in {span} s; at most {_MOST:g}"
             )
-        law = self._law(arm, units if self.motor is None else self.motor.gain * units, run)
-        return _braking(arm, self.motor, units), [(float(run.times[0]), 1.0 / self.rate, self.delay, law)]
-
-
-def _braking(arm: Arm, motor: Motor | None, units: Array) -> list[_Feedback]:
-    """Of back-EMF."""
-    if motor is None or motor.braking == 0.0:
-        return []
-    return [(c, np.zeros(arm.nq), motor.braking * c, None, np.inf) for c in units.T]
+        law = self._law(arm, _gain(self.motor) * units, run)
+        return _braking(arm, self.motor, units.T), [(float(run.times[0]), 1.0 / self.rate, self.delay, law)]
 
 
 def _no_law(t: float, y: Array) -> float:
@@ -211,10 +202,10 @@ class LinearController(Sampled):
             offset = (lambda t: float(by_e @ given(t))) if callable(given) else Torque(float(by_e @ given)).law
             return column, by_e @ by_q, rates, offset, limit
 
-        gain = 1.0 if self.motor is None else self.motor.gain
+        gain = _gain(self.motor)
         outputs = [law(gain * u, c, d, self.limit) for u, c, d in zip(units.T, self.C, self.D, strict=True)]
         inside = [law(x, a, b, np.inf) for x, a, b in zip(states, self.A, self.B, strict=True)]
-        return [*outputs, *inside, *_braking(arm, self.motor, units)], []
+        return [*outputs, *inside, *_braking(arm, self.motor, units.T)], []
 
 
 def _matrices(A: Any, B: Any, C: Any, D: Any, dt: float | None, method: str) -> tuple[Array, Array, Array, Array]:
