@@ -1,12 +1,17 @@
 // An arm: an immutable serial chain of links.
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "flexarm/link.hpp"
 
 namespace flexarm {
+
+namespace lanes {
+class Plan;
+}
 
 class Arm {
  public:
@@ -30,12 +35,15 @@ class Arm {
   Eigen::MatrixXd patch_matrix() const;
   /// A label per rate, such as "link 0 bending_y 1".
   std::vector<std::string> coordinates() const;
+  /// What the fast kernels run on, or null: arms with balls, or with beams of order 0, 3 or exact.
+  const lanes::Plan* plan() const { return plan_.get(); }
 
  private:
   std::vector<Link> links_;
   Eigen::Vector3d gravity_;
   std::vector<int> first_, first_q_, coordinate_of_;
   int nq_ = 0, nv_ = 0;
+  std::shared_ptr<const lanes::Plan> plan_;
 };
 
 }  // namespace flexarm
