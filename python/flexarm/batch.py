@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,7 @@ from .validity import RangeWarning, out_of_range
 from .variation import Setup, Variation
 
 OUTPUTS = ("q", "v", "a", "tau")
-_CHUNK, _CHUNK_BYTES = 1024, 1 << 26  # scenarios at once, and what a file is written in
+_CHUNK_BYTES = 1 << 26  # what a file is written in
 
 
 @dataclass(repr=False)
@@ -102,7 +103,7 @@ class BatchResult:
 
 def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = ("q", "v")) -> int:
     """Bytes of a batch's result: 8 B nt (nq + nv) for q and v. Beside it each worker takes some 100 kB, and, where
-    parameters change the arm, a thousand arms at a time are held."""
+    parameters change the arm, some hundred arms at a time are held."""
     return 8 * scenarios * rows * sum(arm.nq if k == "q" else arm.nv for k in outputs)
 
 
@@ -203,7 +204,9 @@ def simulate_batch(
             refused.
         resume: whether to go on with such a file; if not, it is written over.
         executor: not there yet.
-        batch: scenarios at once; None: 1024 where arms differ, and what 64 MB hold where there is a file.
+        batch: scenarios at once, in memory together and written to a file together. None: 256, or 16 for each worker,
+            whichever is more, and at most what 64 MB hold where there is a file; all, where nothing but the start and
+            the forces differ.
 
     Returns:
         BatchResult; `batch_memory` tells its bytes beforehand.
@@ -260,6 +263,10 @@ class _Runner:
     beyond: RangeWarning | None = None
     out_of_range: int = 0
 
+    def _most(self) -> int:
+        """Scenarios whose arms are held at once."""
+        return max(256, 16 * self.workers)
+
     def _chunk(self, default: int) -> int:
         if self.batch is None:
             return default
@@ -267,16 +274,18 @@ class _Runner:
             raise ValueError(f"batch = {self.batch}: must be at least 1")
         return self.batch
 
-    def _run(self, indices: NDArray[np.int64], blocks: Mapping[str, Any], alive: Any) -> tuple[list[Failure], bool]:
-        failures, stats = self.job.run(self.engine, indices, blocks, self.workers, alive)
+    def _run(
+        self, indices: NDArray[np.int64], setups: list[Setup], blocks: Mapping[str, Any], alive: Any
+    ) -> tuple[list[Failure], bool]:
+        failures, stats = self.job.run(self.engine, setups, indices, blocks, self.workers, alive)
         interrupted = bool(stats.pop("interrupted"))
         for k, n in stats.items():
             self.stats[k] = max(self.stats.get(k, 0), n) if k == "workers" else self.stats.get(k, 0) + n
         if self.engine == "steps" and "q" in blocks:
-            self._check_range(indices, blocks["q"])
+            self._check_range(indices, setups, blocks["q"])
         return failures, interrupted
 
-    def _check_range(self, indices: NDArray[np.int64], q: Array) -> None:
+    def _check_range(self, indices: NDArray[np.int64], setups: list[Setup], q: Array) -> None:
         """Looks for beams bent beyond their order's range; the first is told of."""
         variation, t = self.job.variation, self.job.t[:: self.job.every]
         alike = not variation.varies_arm
@@ -285,7 +294,7 @@ class _Runner:
             if out_of_range(arm, np.zeros(len(flat)), flat) is None:
                 return
         for k, i in enumerate(indices.tolist()):
-            arm = variation.setup.arm if alike else variation.scenario(i).arm
+            arm = setups[k % len(setups)].arm
             here = ~np.isnan(q[k, :, 0])
             found = out_of_range(arm, t[here], q[k, here])
             if found is not None:
@@ -294,8 +303,16 @@ class _Runner:
                     told = (found.link, found.time, found.rotation, found.limit)
                     self.beyond = RangeWarning(f"scenario {i}: {found}", *told)
 
-    def _chunks(self, indices: NDArray[np.int64], size: int) -> list[NDArray[np.int64]]:
-        return [indices[k : k + size] for k in range(0, len(indices), size)]
+    def _chunks(self, indices: NDArray[np.int64], size: int) -> Iterator[tuple[NDArray[np.int64], list[Setup]]]:
+        """Pieces of the indices with what they are made of, the next being built while one runs."""
+        parts = [indices[k : k + size] for k in range(0, len(indices), size)]
+        with ThreadPoolExecutor(1) as ahead:
+            coming = [ahead.submit(self.job.variation.scenarios, part, self.workers) for part in parts[:1]]
+            for k, part in enumerate(parts):
+                setups = coming.pop().result()
+                if k + 1 < len(parts):
+                    coming.append(ahead.submit(self.job.variation.scenarios, parts[k + 1], self.workers))
+                yield part, setups
 
     def in_memory(self, out: Mapping[str, Array] | None, progress: Any) -> tuple[BatchResult, bool]:
         job, n = self.job, self.count
@@ -304,15 +321,19 @@ class _Runner:
         failures: list[Failure] = []
         interrupted, done = False, 0
         with show_progress(progress, "simulating") as show:
-            for part in self._chunks(np.arange(n), self._chunk(n if job.variation.one_setup else _CHUNK)):
-                here = {k: x[part[0] : part[-1] + 1] for k, x in blocks.items()}
-                if interrupted:
-                    for k in job.outputs:
-                        here[k][:] = np.nan
-                    continue
-                found, interrupted = self._run(part, here, _scaled(show, done / n, len(part) / n))
-                failures += found
-                done += len(part)
+            size = self._chunk(n if job.variation.one_setup else self._most())
+            try:
+                for part, setups in self._chunks(np.arange(n), size):
+                    here = {k: x[done : done + len(part)] for k, x in blocks.items()}
+                    found, interrupted = self._run(part, setups, here, _scaled(show, done / n, len(part) / n))
+                    failures += found
+                    done += len(part)
+                    if interrupted:
+                        break
+            except KeyboardInterrupt:  # between two chunks
+                interrupted = True
+        for k in job.outputs:
+            blocks[k][done:] = np.nan
         return self._result(blocks, failures), interrupted
 
     def in_file(self, path: Path, resume: bool, progress: Any) -> tuple[BatchResult, bool]:
@@ -324,18 +345,20 @@ class _Runner:
             missing = file.missing()
             done = n - len(missing)
             self.stats["resumed"] = done
-            size = self._chunk(int(np.clip(_CHUNK_BYTES // row, self.workers, _CHUNK)))
+            size = self._chunk(int(np.clip(_CHUNK_BYTES // row, self.workers, self._most())))
             with show_progress(progress, "simulating") as show:
-                for part in self._chunks(missing, size):
+                for part, setups in self._chunks(missing, size):
                     shape = {k: (len(part), job.rows, width) for k, width in job.sizes().items()}
                     blocks: dict[str, Any] = {k: np.empty(s) for k, s in shape.items()}
                     blocks["status"], blocks["reached"] = np.empty(len(part), np.int32), np.empty(len(part))
-                    found, interrupted = self._run(part, blocks, _scaled(show, done / n, len(part) / n))
+                    found, interrupted = self._run(part, setups, blocks, _scaled(show, done / n, len(part) / n))
                     whole = blocks["status"] != NOT_DONE
                     file.write(part[whole], {k: x[whole] for k, x in blocks.items()}, found)
                     done += len(part)
                     if interrupted:
                         break
+        except KeyboardInterrupt:  # between two chunks
+            interrupted = True
         finally:
             left = file.missing()
             held, failures = file.close()

@@ -102,14 +102,19 @@ class Job:
         return "steps" if all(schedule.meets(breaks_of(law)) for law in laws) else "simulate"
 
     def run(
-        self, engine: str, indices: NDArray[np.int64], blocks: Mapping[str, Any], workers: int, alive: Any
+        self,
+        engine: str,
+        setups: Sequence[Setup],
+        indices: NDArray[np.int64],
+        blocks: Mapping[str, Any],
+        workers: int,
+        alive: Any,
     ) -> tuple[list[Failure], dict[str, Any]]:
-        """Runs these scenarios into the blocks, (n, rows, size) and status (n,), reached (n,).
+        """Runs these scenarios, made of these setups, into the blocks, (n, rows, size) and status (n,), reached (n,).
 
         Returns:
             What failed, and counts; counts["interrupted"] after Ctrl-C.
         """
-        setups = self.variation.scenarios(indices)
         if engine == "steps":
             found, stats = self._steps(setups, indices, blocks, workers, alive)
         else:
