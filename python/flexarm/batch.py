@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from ._check import Array, array, choice, number, whole
 from .arm import Arm
 from .batch_file import BatchFile
+from .batch_result import OUTPUTS, BatchResult
 from .batch_run import Job
 from .control import Controller
 from .load import Load
-from .result import Result
 from .rollout import (
     NOT_DONE,
     BatchInterrupted,
@@ -37,68 +37,7 @@ from .tables import check_every
 from .validity import RangeWarning, out_of_range
 from .variation import Setup, Variation
 
-OUTPUTS = ("q", "v", "a", "tau")
 _CHUNK_BYTES = 1 << 26  # what a file is written in
-
-
-@dataclass(repr=False)
-class BatchResult:
-    """What a batch gives: B scenarios, nt rows each.
-
-    Attributes:
-        t: times (s), (nt,). q: (B, nt, nq). v, a, tau: (B, nt, nv). Those not asked for are None; rows after a
-            failure are nan. Of a batch with a file they are mapped from it, not read.
-        status: (B,): 0 where the scenario was done; 4 where Ctrl-C came first; else it failed.
-        reached: (B,), time reached (s).
-        failures: index, time and reason of each scenario that failed.
-        variation: what the scenarios are made of.
-        stats: engine ("scalar": all steps in the core; "simulate": one `simulate` for each scenario), workers, steps,
-            resumed (scenarios that the file held already), wall_time (s).
-    """
-
-    t: Array
-    q: Array | None
-    v: Array | None
-    a: Array | None
-    tau: Array | None
-    status: NDArray[np.int32]
-    reached: Array
-    variation: Variation
-    failures: list[Failure] = field(default_factory=list)
-    stats: dict[str, Any] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.status)
-
-    def __repr__(self) -> str:
-        return f"BatchResult({len(self)} scenarios, {len(self.t)} rows, {len(self.failures)} failed)"
-
-    def arm(self, i: int) -> Arm:
-        """The arm of scenario i, with its parameters."""
-        return self.variation.scenario(range(len(self))[i]).arm
-
-    def __getitem__(self, i: int) -> Result:
-        """Scenario i, with its own arm: the rows up to where it got. What was not asked for is nan."""
-        i = range(len(self))[i]
-        setup = self.variation.scenario(i)
-        n = int((self.t <= self.reached[i] + 1e-9 * (self.t[-1] - self.t[0])).sum())
-        held = {k: getattr(self, k) for k in OUTPUTS}
-        sizes = {k: setup.arm.nq if k == "q" else setup.arm.nv for k in OUTPUTS}
-        arrays: dict[str, Any] = {
-            k: np.full((n, sizes[k]), np.nan) if x is None else np.array(x[i, :n]) for k, x in held.items()
-        }
-        return Result(setup.arm, self.t[:n], **arrays, loads=setup.loads)
-
-    def map(self, f: Callable[[Result], Any]) -> Array:
-        """f(result) of every scenario, such as `lambda r: r.tip_deflection()[-1]`, (B, ...)."""
-        return np.array([f(self[i]) for i in range(len(self))])
-
-    def save(self, path: str | Path) -> None:
-        """Writes times, arrays, status and parameters to one file (.npz), for NumPy to read."""
-        kept: dict[str, Any] = {k: getattr(self, k) for k in OUTPUTS if getattr(self, k) is not None}
-        kept |= {f"parameters/{k}": v for k, v in self.variation.values.items()}
-        with Path(path).open("wb") as f:  # an open file keeps its name; numpy would append .npz
-            np.savez_compressed(f, t=self.t, status=self.status, reached=self.reached, **kept)
 
 
 def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = ("q", "v")) -> int:
@@ -306,6 +245,9 @@ class _Runner:
     def _chunks(self, indices: NDArray[np.int64], size: int) -> Iterator[tuple[NDArray[np.int64], list[Setup]]]:
         """Pieces of the indices with what they are made of, the next being built while one runs."""
         parts = [indices[k : k + size] for k in range(0, len(indices), size)]
+        if len(parts) == 1:
+            yield parts[0], self.job.variation.scenarios(parts[0], self.workers)
+            return
         with ThreadPoolExecutor(1) as ahead:
             coming = [ahead.submit(self.job.variation.scenarios, part, self.workers) for part in parts[:1]]
             for k, part in enumerate(parts):
@@ -367,7 +309,7 @@ class _Runner:
 
     def _result(self, held: Mapping[str, Any], failures: list[Failure]) -> BatchResult:
         job = self.job
-        arrays = {k: held.get(k) for k in OUTPUTS}
+        arrays: dict[str, Any] = {k: held.get(k) for k in OUTPUTS}
         stats = {**self.stats, **({"out_of_range": self.out_of_range} if self.out_of_range else {})}
         return BatchResult(job.t[:: job.every], **arrays, status=held["status"], reached=held["reached"],
                            variation=job.variation, failures=failures, stats=stats)  # fmt: skip
