@@ -41,7 +41,7 @@ _CHUNK_BYTES = 1 << 26  # what a file is written in
 
 
 def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = ("q", "v")) -> int:
-    """Bytes of a batch's result: 8 B nt (nq + nv) for q and v. Beside it each worker takes some 100 kB, and, where
+    """Bytes of a batch's result: 8 B nt (nq + nv) for q and v. Beside it each worker has one workspace, and, where
     parameters change the arm, some hundred arms at a time are held."""
     return 8 * scenarios * rows * sum(arm.nq if k == "q" else arm.nv for k in outputs)
 
@@ -281,13 +281,13 @@ class _Runner:
     def in_file(self, path: Path, resume: bool, progress: Any) -> tuple[BatchResult, bool]:
         job, n = self.job, self.count
         row = max(1, batch_memory(job.variation.setup.arm, 1, job.rows, job.outputs))
+        size = self._chunk(int(np.clip(_CHUNK_BYTES // row, self.workers, self._most())))
         file = BatchFile(path, job, n, resume)
         interrupted = False
         try:
             missing = file.missing()
             done = n - len(missing)
             self.stats["resumed"] = done
-            size = self._chunk(int(np.clip(_CHUNK_BYTES // row, self.workers, self._most())))
             with show_progress(progress, "simulating") as show:
                 for part, setups in self._chunks(missing, size):
                     shape = {k: (len(part), job.rows, width) for k, width in job.sizes().items()}
