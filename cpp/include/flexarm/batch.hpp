@@ -53,6 +53,7 @@ struct BatchProblem {
   bool rk4 = false;              ///< or ImplicitStep
   double spectral_radius = 1.0;  ///< of ImplicitStep
   double rtol = 1e-10;           ///< of ImplicitStep
+  bool lanes = true;             ///< whether scenarios may run side by side in the lanes of a pack
 };
 
 /// How a scenario ended. The first four are those of Status.
@@ -69,6 +70,7 @@ struct BatchOutput {
 struct BatchStats {
   long long steps = 0, evaluations = 0, factorisations = 0, iterations = 0;
   int workers = 1;
+  int lanes = 1;  ///< scenarios side by side
   bool interrupted = false;
 };
 
