@@ -133,7 +133,9 @@ class Vary:
 
 def _equal(what: str, sizes: Mapping[str, int]) -> None:
     if len(set(sizes.values())) > 1:
-        raise ValueError(f"{what} needs as many values of each; there are {', '.join(f'{v} of {k}' for k, v in sizes.items())}")
+        raise ValueError(
+            f"{what} needs as many values of each; there are {', '.join(f'{v} of {k}' for k, v in sizes.items())}"
+        )
 
 
 def _product(blocks: Sequence[Mapping[str, Array]]) -> dict[str, Array]:

@@ -99,7 +99,9 @@ def _of_joint(name: str) -> Callable[[Result, int, float], Array]:
 
 
 def _state_columns(arm: Arm, link: int) -> list[tuple[str, str]]:
-    return [(f"{kind} {label}", "") for kind, labels in (("q", arm.q_names), ("v", arm.coordinates)) for label in labels]
+    return [
+        (f"{kind} {label}", "") for kind, labels in (("q", arm.q_names), ("v", arm.coordinates)) for label in labels
+    ]
 
 
 #: by name, what a sweep can note
@@ -121,7 +123,9 @@ QUANTITIES: dict[str, Quantity] = {
         "nan where that is in the last tenth of the run",
     ),
     "strain": Quantity(
-        _one("strain", "1"), _strain, "greatest strain of the beam's faces in bending, at the worst of 17 places along it"
+        _one("strain", "1"),
+        _strain,
+        "greatest strain of the beam's faces in bending, at the worst of 17 places along it",
     ),
     "speed": Quantity(_joint_columns("speed", "rad/s", "m/s"), _of_joint("v"), "greatest rate of the link's joint"),
     "torque": Quantity(
