@@ -107,10 +107,12 @@ def gather(
     parts: Sequence[range],
     executor: Executor | Callable[[], Executor],
     retries: int = RETRIES,
+    again: Callable[[range], None] = lambda part: None,
 ) -> Iterator[tuple[range, Any]]:
     """Yields each part with function(**arguments(part)), as they get done: each once, in any order.
 
-    A part whose worker died (a broken pool, a cancelled future, dask's KilledWorker) is sent again, `retries` times.
+    A part whose worker died (a broken pool, a cancelled future, dask's KilledWorker) is sent again, `retries` times,
+    and `again` is told.
 
     Raises:
         ValueError: no executor; or what cannot be pickled.
@@ -127,6 +129,7 @@ def gather(
         if tries[k] > retries:
             of = f"scenarios {parts[k].start} to {parts[k].stop - 1}"
             raise RuntimeError(f"executor: the workers that computed {of} died {tries[k]} times ({error})") from error
+        again(parts[k])
         if isinstance(error, BrokenExecutor) and generation == workers.generation:
             workers.renew(error)
 

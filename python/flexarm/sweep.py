@@ -43,7 +43,7 @@ class SweepResult:
         done: (B,), whether that scenario was run.
         failures: (index, time reached (s), reason) of each that could not go on.
         beyond: (index, text, link, time, rotation, limit) of each that bent a beam further than its order is good for (RangeWarning).
-        stats: scenarios, computed (now, not resumed), wall_time (s).
+        stats: scenarios, computed (now, not resumed), redone (shares whose worker died), wall_time (s).
         folder: where it was written, or None.
     """
 
@@ -360,10 +360,11 @@ def sweep(
     computed = int((~result.done).sum())
     todo = _missing(result.done, _size(scene, plan, count, batch))
     stop: BaseException | None = None
+    again: list[range] = []
     with _shown(progress, count) as show:
         show(count - computed)
         try:
-            for part, found in _computed(scene, plan, parameters, todo, workers, executor):
+            for part, found in _computed(scene, plan, parameters, todo, workers, executor, again.append):
                 if kept is not None:
                     kept.write(part, found)
                 _enter(result, part, found)
@@ -372,7 +373,7 @@ def sweep(
             stop = e
     result.failures.sort()
     result.beyond.sort()
-    result.stats = {"scenarios": count, "computed": computed - int((~result.done).sum())}
+    result.stats = {"scenarios": count, "computed": computed - int((~result.done).sum()), "redone": len(again)}
     if kept is not None and result.folder is not None and result.done.any():
         if result.complete and result.stats["computed"]:
             if plan.trajectories:
@@ -407,14 +408,20 @@ def _enter(result: SweepResult, part: range, found: Mapping[str, Any]) -> None:
 
 
 def _computed(
-    scene: Scene, plan: Sweep, parameters: Mapping[str, Array], todo: list[range], workers: int | None, executor: Any
+    scene: Scene,
+    plan: Sweep,
+    parameters: Mapping[str, Array],
+    todo: list[range],
+    workers: int | None,
+    executor: Any,
+    again: Callable[[range], None],
 ) -> Iterable[tuple[range, dict[str, Any]]]:
     def arguments(part: range) -> dict[str, Any]:
         return {"first": part.start, "scene": scene, "parameters": _part(parameters, part), "plan": plan}
 
     if executor is not None:
         per = 1 if workers is None else workers
-        yield from gather(run_share, lambda part: {**arguments(part), "workers": per}, todo, executor)
+        yield from gather(run_share, lambda part: {**arguments(part), "workers": per}, todo, executor, again=again)
         return
     for part in todo:
         yield part, run_share(**arguments(part), workers=workers)

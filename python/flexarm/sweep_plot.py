@@ -39,8 +39,14 @@ def _map(figure: Figure, ax: Axes, axes: dict[str, Array], values: Array, label:
     found = ax.pcolormesh(x[order[1]], y[order[0]], z, shading="nearest", cmap="viridis", norm=norm)
     figure.colorbar(found, ax=ax, label=label)
     ax.set(xlabel=x_name, ylabel=y_name)
+    _scales(ax, x, y)
+
+
+def _scales(ax: Axes, x: Array, y: Array) -> None:
     if _log(x):
         ax.set_xscale("log")
+    else:
+        ax.locator_params(axis="x", nbins=5)
     if _log(y):
         ax.set_yscale("log")
 
@@ -53,10 +59,7 @@ def _points(ax: Axes, x: Array, y: Array, labels: tuple[str, str], joined: bool)
         size = float(np.clip(2000 / max(1, y.size), 2, 14))
         ax.scatter(x, y, s=size, color=BLUE, alpha=0.7, linewidths=0)
     _axes(ax, labels[1], labels[0])
-    if _log(x):
-        ax.set_xscale("log")
-    if _log(y):
-        ax.set_yscale("log")
+    _scales(ax, x, y)
 
 
 def plot_sweep(result: SweepResult) -> Figure:
