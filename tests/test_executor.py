@@ -13,10 +13,9 @@ from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
+import flexarm as fa
 import numpy as np
 import pytest
-
-import flexarm as fa
 from flexarm.shares import gather, shares
 
 LENGTH = "link.0.beam.length"
@@ -92,9 +91,12 @@ class KilledWorker(Exception):
 def test_lost_shares_are_redone_each_once(how):
     calls, again = [], []
     parts = shares(10, 2)
-    found = dict(
-        gather(lambda part: calls.append(part) or sum(part), lambda part: {"part": part}, parts, Flaky({0, 3, 5}, how), again=again.append)
-    )  # fmt: skip
+
+    def work(part):
+        calls.append(part)
+        return sum(part)
+
+    found = dict(gather(work, lambda part: {"part": part}, parts, Flaky({0, 3, 5}, how), again=again.append))
     assert found == {part: sum(part) for part in parts} and len(calls) == 5 and len(again) == 3
 
 

@@ -6,7 +6,8 @@ gymnasium.make("flexarm.env:flexarm/VibrationSuppression-v0")
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,17 +34,16 @@ _Bools = NDArray[np.bool_]
 
 def _task(task: str | Task, randomize: Mapping[str, tuple[float, float]] | None) -> Task:
     if isinstance(task, str):
-        task = TASKS[choice("task", task, TASKS)]()
+        made: Callable[[], Task] = TASKS[choice("task", task, TASKS)]
+        task = made()
     if not isinstance(task, Task):
         raise ValueError(f"task = {task!r}: must be a flexarm.tasks.Task, or one of {', '.join(TASKS)}")
     if randomize is None:
         return task
-    from dataclasses import replace
-
     return replace(task, randomize=dict(randomize))
 
 
-class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Array]):
+class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any]):
     """num_envs environments of one task, stepped together in C++.
 
     A step holds each action for a control period of the task. Observations are what the task measures and observes, in
@@ -181,7 +181,8 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Array
         if begun.any():
             self._begin(begun)
             reward[begun], terminated[begun], truncated[begun] = 0.0, False, False
-        observation, info = self._observation(), {}
+        observation = self._observation()
+        info: dict[str, Any] = {}
         self._over = terminated | truncated
         if self._mode == AutoresetMode.SAME_STEP and self._over.any():
             over = self._over
@@ -257,7 +258,7 @@ class FlexarmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 for _name, _kind in TASKS.items():
     gym.register(
         id=f"flexarm/{_kind.__name__}-v0",
-        entry_point=FlexarmEnv,
-        vector_entry_point=FlexarmVectorEnv,
+        entry_point=f"{__name__}:FlexarmEnv",
+        vector_entry_point=f"{__name__}:FlexarmVectorEnv",
         kwargs={"task": _name},
     )

@@ -60,7 +60,7 @@ class Workers:
             # the standard library's own fields, unchanged from Python 3.7 on
             kept = {k: getattr(broken, f"_{k}", None) for k in ("mp_context", "initializer")}
             workers, args = getattr(broken, "_max_workers", None), getattr(broken, "_initargs", ())
-            self._make = lambda: ProcessPoolExecutor(workers, initargs=args, **kept)  # type: ignore[arg-type]
+            self._make = lambda: ProcessPoolExecutor(workers, initargs=args, **kept)
         if self._make is None:
             raise RuntimeError(
                 f"executor: {type(broken).__name__} broke ({cause}) and takes no more work; give a callable that makes "

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import hashlib
-import json
-import os
-import pickle
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -23,6 +18,7 @@ from .plan import Sweep, load_sweep
 from .quantities import QUANTITIES, check_quantities
 from .scene import Scene, load
 from .shares import gather, shares
+from .sweep_store import Kept, fingerprint, h5py, write_table, write_trajectories
 from .validity import RangeWarning, out_of_range
 
 if TYPE_CHECKING:
@@ -42,7 +38,8 @@ class SweepResult:
         units: of each column.
         done: (B,), whether that scenario was run.
         failures: (index, time reached (s), reason) of each that could not go on.
-        beyond: (index, text, link, time, rotation, limit) of each that bent a beam further than its order is good for (RangeWarning).
+        beyond: (index, text, link, time, rotation, limit) of each that bent a beam further than its
+            order is good for (RangeWarning).
         stats: scenarios, computed (now, not resumed), redone (shares whose worker died), wall_time (s).
         folder: where it was written, or None.
     """
@@ -79,15 +76,14 @@ class SweepResult:
         """t (nt,), q (nt, nq) and v (nt, nv) of scenario i, where the plan keeps them."""
         if self.folder is None or not self.plan.trajectories:
             raise ValueError("trajectories = false: this sweep did not keep them")
-        h5py = _h5py()
-        with h5py.File(self.folder / "trajectories.h5", "r") as f:
+        with h5py().File(self.folder / "trajectories.h5", "r") as f:
             return f["t"][:], f["q"][i], f["v"][i]
 
     def save(self, folder: str | Path) -> list[str]:
         """Writes sweep.csv and sweep.png there; their names."""
         path = Path(folder)
         path.mkdir(parents=True, exist_ok=True)
-        _write_table(path / "sweep.csv", self)
+        write_table(path / "sweep.csv", self)
         from . import plots
 
         self.plot().savefig(path / "sweep.png", dpi=plots.DPI)
@@ -108,14 +104,6 @@ class SweepInterrupted(KeyboardInterrupt):
         self.result = result
 
 
-def _h5py() -> Any:
-    try:
-        import h5py
-    except ImportError:
-        raise ValueError("trajectories = true: needs h5py; pip install 'flexarm[batch]'") from None
-    return h5py
-
-
 # -- one share ----------------------------------------------------------------------------------------------
 
 
@@ -127,16 +115,16 @@ def run_share(
     Returns:
         rows (n, columns), failures, and, where the plan keeps them, q and v.
     """
-    options = {"integrator": "ida", **scene.options}  # what Scene.run takes
+    options: dict[str, Any] = {"integrator": "ida", **scene.options}  # what Scene.run takes
     noted = [QUANTITIES[name] for name in plan.outputs]
     outputs = ("q", "v", "tau") if any(x.forces for x in noted) else ("q", "v")
-    given = {"drive": scene.drive, "loads": scene.loads, "control": scene.control}
+    given: dict[str, Any] = {"drive": scene.drive, "loads": scene.loads, "control": scene.control}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RangeWarning)  # told once, for all
         found = simulate_batch(
             scene.arm, scene.t, scene.q0, scene.v0, parameters=parameters, outputs=outputs, workers=workers,
             **given, **options,
-        )  # type: ignore[arg-type]  # fmt: skip
+        )  # fmt: skip
     link = scene.arm._link(plan.link)
     width = len(check_quantities(scene.arm, list(plan.outputs), link))
     rows = np.full((len(found), width), np.nan)
@@ -159,138 +147,6 @@ def run_share(
 
 def _part(values: Mapping[str, Array], part: range) -> dict[str, Array]:
     return {path: v[part.start : part.stop] for path, v in values.items()}
-
-
-# -- what is kept on disk -----------------------------------------------------------------------------------
-
-
-def _write_table(path: Path, result: SweepResult) -> None:
-    """One line for each scenario that was run."""
-    names, numbers = _parameter_columns(result.parameters)
-    reasons = {i: reason for i, _, reason in result.failures}
-    header = ["scenario", *names, *(_headed(n, result.units[n]) for n in result.columns), "failure"]
-    columns = [*numbers, *result.columns.values()]
-    temporary = path.with_suffix(".part")
-    with temporary.open("w", newline="", encoding="utf-8") as f:
-        out = csv.writer(f, lineterminator="\n")
-        out.writerow(header)
-        for i in np.flatnonzero(result.done):
-            out.writerow([int(i), *(repr(float(c[i])) for c in columns), reasons.get(int(i), "")])
-    os.replace(temporary, path)
-
-
-def _headed(name: str, unit: str) -> str:
-    return f"{name} ({unit})" if unit else name
-
-
-def _parameter_columns(parameters: Mapping[str, Array]) -> tuple[list[str], list[Array]]:
-    names, columns = [], []
-    for path, v in parameters.items():
-        names += [path] if v.ndim == 1 else [f"{path}.{k}" for k in range(v.shape[1])]
-        columns += [v] if v.ndim == 1 else list(v.T)
-    return names, columns
-
-
-def _fingerprint(scene: Scene, plan: Sweep, parameters: Mapping[str, Array]) -> str:
-    """What tells one sweep from another: the scene, the values, and what is noted."""
-    h = hashlib.sha256()
-    given = [scene.drive, scene.loads, [type(c).__name__ for c in scene.control], [vars(c) for c in scene.control]]
-    h.update(json.dumps([scene.arm.to_dict(), sorted(scene.options.items())], sort_keys=True).encode())
-    try:
-        h.update(pickle.dumps(given))
-    except (pickle.PicklingError, AttributeError, TypeError):  # callables that only this process knows
-        h.update(str(len(scene.drive)).encode())
-    h.update(json.dumps([list(plan.outputs), plan.link, plan.band, plan.trajectories, plan.every]).encode())
-    for path, v in sorted(parameters.items()):
-        h.update(path.encode() + str(v.shape).encode() + np.ascontiguousarray(v).tobytes())
-    for x in (scene.t, scene.q0, scene.v0):
-        h.update(b"-" if x is None else np.ascontiguousarray(x).tobytes())
-    return h.hexdigest()
-
-
-class _Kept:
-    """The shares that are done, in a folder: each in its own file, which appears whole or not at all, so that a sweep
-    that is killed at any moment goes on from there; when all are done, one file."""
-
-    def __init__(self, folder: Path, fingerprint: str, resume: bool) -> None:
-        self.folder, self.whole, self.fingerprint = folder / "sweep.parts", folder / "sweep.npz", fingerprint
-        mark = self.folder / "fingerprint"
-        if not resume:
-            self.remove()
-            self.whole.unlink(missing_ok=True)
-        if mark.exists() and mark.read_text() != fingerprint:
-            raise ValueError(
-                f"output folder {str(folder)!r}: holds the unfinished parts of another sweep; take another folder, or "
-                "start anew there with resume=False (--fresh)"
-            )
-
-    def write(self, part: range, found: Mapping[str, Any]) -> None:
-        mark = self.folder / "fingerprint"
-        if not mark.exists():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            _write_whole(mark, lambda f: f.write(self.fingerprint.encode()))
-        path = self.folder / f"{part.start:09d}-{part.stop:09d}.npz"
-        _write_whole(path, lambda f: np.savez(f, **_packed(found)))
-
-    def read(self) -> Iterator[tuple[range, dict[str, Any]]]:
-        if self.whole.exists():
-            found = _unpacked(self.whole)
-            if found.pop("fingerprint", None) == self.fingerprint:
-                yield range(len(found["rows"])), found
-                return
-        for path in sorted(self.folder.glob("*.npz")):
-            first, last = path.stem.split("-")
-            yield range(int(first), int(last)), _unpacked(path)
-
-    def finish(self, result: SweepResult) -> None:
-        """One file in place of the parts."""
-        found = {"rows": np.column_stack(list(result.columns.values())), "fingerprint": self.fingerprint}
-        found |= {"failures": result.failures, "beyond": result.beyond}
-        _write_whole(self.whole, lambda f: np.savez(f, **_packed(found)))
-        self.remove()
-
-    def remove(self) -> None:
-        if self.folder.exists():
-            for path in self.folder.iterdir():
-                path.unlink()
-            self.folder.rmdir()
-
-
-def _packed(found: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: v if isinstance(v, np.ndarray) else np.array(json.dumps(v)) for k, v in found.items()}
-
-
-def _unpacked(path: Path) -> dict[str, Any]:
-    with np.load(path, allow_pickle=False) as f:
-        return {k: f[k] if f[k].dtype.kind == "f" else json.loads(str(f[k])) for k in f.files}
-
-
-def _write_whole(path: Path, write: Callable[[Any], Any]) -> None:
-    """A file that appears whole or not at all."""
-    temporary = path.with_suffix(".new")
-    with temporary.open("wb") as f:
-        write(f)
-        f.flush()
-        os.fsync(f.fileno())
-    os.replace(temporary, path)
-
-
-def _trajectories(kept: _Kept, path: Path, result: SweepResult, times: Array, parameters: Mapping[str, Array]) -> None:
-    """All q and v in one HDF5 file, from those of the shares."""
-    temporary = path.with_suffix(".new")
-    with _h5py().File(temporary, "w") as f:
-        f["t"] = times
-        for name, v in parameters.items():
-            f[f"parameters/{name}"] = v
-        for name, v in result.columns.items():
-            f[f"columns/{name}"] = v
-        for part, found in kept.read():
-            for name in ("q", "v"):
-                x = found[name]
-                if name not in f:
-                    f.create_dataset(name, (len(result), *x.shape[1:]), fillvalue=np.nan, dtype="f8")
-                f[name][part.start : part.stop] = x
-    os.replace(temporary, path)
 
 
 # -- the sweep ----------------------------------------------------------------------------------------------
@@ -344,17 +200,17 @@ def sweep(
     parameters = plan.parameters()
     count = len(next(iter(parameters.values())))
     if plan.trajectories:
-        _h5py()
+        h5py()
         if out is None:
             raise ValueError("trajectories = true: needs a folder to write them to, out=")
     columns = check_quantities(scene.arm, list(plan.outputs), plan.link)
     blank = {name: np.full(count, np.nan) for name, _ in columns}
     result = SweepResult(plan, parameters, blank, dict(columns), np.zeros(count, bool))
-    kept: _Kept | None = None
+    kept: Kept | None = None
     if out is not None:
         result.folder = Path(out)
         result.folder.mkdir(parents=True, exist_ok=True)
-        kept = _Kept(result.folder, _fingerprint(scene, plan, parameters), resume)
+        kept = Kept(result.folder, fingerprint(scene, plan, parameters), resume)
         for part, found in kept.read():
             _enter(result, part, found)
     computed = int((~result.done).sum())
@@ -377,7 +233,7 @@ def sweep(
     if kept is not None and result.folder is not None and result.done.any():
         if result.complete and result.stats["computed"]:
             if plan.trajectories:
-                _trajectories(kept, result.folder / "trajectories.h5", result, scene.t[:: plan.every], parameters)
+                write_trajectories(kept, result.folder / "trajectories.h5", result, scene.t[:: plan.every], parameters)
             kept.finish(result)
         result.save(result.folder)
     result.stats["wall_time"] = time.perf_counter() - started

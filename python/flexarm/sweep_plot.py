@@ -66,9 +66,9 @@ def plot_sweep(result: SweepResult) -> Figure:
     """See SweepResult.plot."""
     from matplotlib.figure import Figure
 
-    from .sweep import _parameter_columns
+    from .sweep_store import parameter_columns
 
-    names, numbers = _parameter_columns(result.parameters)
+    names, numbers = parameter_columns(result.parameters)
     shown = [(n, _label(n, result.units[n]), result.columns[n]) for n in list(result.columns)[:_MOST]]
     grid = result.plan.grid()
     axes: Any

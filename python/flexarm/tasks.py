@@ -85,7 +85,8 @@ class Task:
 def _ist_arm() -> Arm:
     """The paper's link on a hub of 0.03 kg m^2, with 30 g at its tip; the gauge at its clamp measures how it bends."""
     steel = Material(density=7850.0, youngs_modulus=209e9, poisson_ratio=0.3)
-    beam = Beam(length=0.5, section=Rectangle(y=0.001, z=0.02), material=steel, modes={"bending_y": 3}, damping_ratio=0.005)  # fmt: skip
+    beam = Beam(length=0.5, section=Rectangle(y=0.001, z=0.02), material=steel, modes={"bending_y": 3},
+                damping_ratio=0.005)  # fmt: skip
     joint = Revolute("z", reflected_inertia=0.03)
     return Arm([Link(joint=joint, hub=RigidBody(end=(0.075, 0, 0)), beam=beam, tip=RigidBody(mass=0.03))])
 
@@ -137,7 +138,7 @@ def _two_links() -> Arm:
             material=aluminium,
             modes={"bending_y": 2},
             damping_ratio=0.01,
-        )  # fmt: skip
+        )
         for length, y in ((0.5, 0.004), (0.4, 0.003))
     ]
     shoulder, elbow = (Revolute("z", reflected_inertia=x) for x in (0.02, 0.005))
@@ -152,8 +153,8 @@ class TipTracking(Task):
     Observation (10): angles of both joints (rad) and rates (rad/s), curvature at both clamps (1/m); from the end to
     the target, x and y (m); the target's velocity, x and y (m/s).
     Action (2): torques of shoulder and elbow, 1 stands for 3 and 1 N m; held for 10 ms; 400 periods are an episode.
-    Start: at rest, on the target where the links are straight; the circle's radius is 0.1 to 0.2 m, its centre 0.6 m from the
-    shoulder in any direction within 0.5 rad of x, a round takes 3 to 6 s either way.
+    Start: at rest, on the target where the links are straight; the circle's radius is 0.1 to 0.2 m, its centre 0.6 m
+    from the shoulder in any direction within 0.5 rad of x, a round takes 3 to 6 s either way.
     Reward: 1 / (1 + (x / 0.05)^2) - 0.01 |u|^2, x the distance from the target (m); ended early, with -1, where it is
     above 0.5 m.
     """
