@@ -5,7 +5,7 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 
 from ._core import __version__
 from .arm import Arm
-from .batch import BatchResult, simulate_batch
+from .batch import BatchResult, batch_memory, simulate_batch
 from .chart import Chart, chart
 from .control import PD, Controller, StateFeedback, StrainFeedback
 from .drive import Motion, Torque
@@ -109,6 +109,7 @@ __all__ = [
     "Vary",
     "Voltage",
     "__version__",
+    "batch_memory",
     "chart",
     "input_shaper",
     "load",

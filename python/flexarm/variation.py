@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import difflib
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -43,7 +43,7 @@ def _numeric(value: Any) -> bool:
     if isinstance(value, (float, np.floating)):
         return True
     if isinstance(value, np.ndarray):
-        return value.dtype.kind == "f"
+        return bool(value.dtype.kind == "f")
     return isinstance(value, tuple) and bool(value) and all(_numeric(x) for x in value)
 
 
@@ -129,10 +129,8 @@ class Variation:
                     raise ValueError(f"parameters: '{other}' is a part of '{path}'; give one of them")
         self._trees = {root: self._tree(root) for root in ("link", "drive", "load", "control", "gravity")}
         self._parts: dict[str, OrderedDict[bytes, Any]] = {}
-        for path in self.values:  # one of each kind is built at once, so that bad values are named at the door
-            if path.split(".")[0] not in ("q0", "v0"):
-                self.scenario(0)
-                break
+        if not self.one_setup:
+            self.scenario(0)  # so that what is wrong with all is named at the door
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -171,6 +169,18 @@ class Variation:
         loads = self._rebuilt("load", base.loads, self._trees["load"], i)
         control = self._rebuilt("control", base.control, self._trees["control"], i)
         return Setup(arm, drive, loads, control)
+
+    @property
+    def one_setup(self) -> bool:
+        """Whether all scenarios are made of the same, and differ at most in their start."""
+        return not any(len(tree) for tree in self._trees.values())
+
+    def scenarios(self, indices: Iterable[int]) -> list[Setup]:
+        """What these scenarios are made of: one for each, or one that is that of all."""
+        return [self.setup] if self.one_setup else [self.scenario(int(i)) for i in indices]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_parts": {}}  # what is kept for speed stays behind
 
     def _arm(self, i: int) -> Arm:
         base = self.setup.arm
@@ -256,11 +266,11 @@ def _replaced(part: Any, new: dict[str, Any]) -> Any:
         return Motor(**{**_fields(part), **new})
     if isinstance(part, Load):
         scale = new.pop("scale", None)
-        changed = Load(**{**part.given, **new}) if new else part
-        return changed if scale is None else changed.scaled(scale)
+        load = Load(**{**part.given, **new}) if new else part
+        return load if scale is None else load.scaled(scale)
     if isinstance(part, (Motion, Torque, Voltage)):
-        changed = type(part)(new["value"]) if "value" in new else part
-        return changed.scaled(new["scale"]) if "scale" in new else changed
+        law = type(part)(new["value"]) if "value" in new else part
+        return law.scaled(new["scale"]) if "scale" in new else law
     made = copy.copy(part)
     for name, value in new.items():
         setattr(made, name, _limit(value) if name == "limit" else value)
