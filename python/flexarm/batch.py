@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from .rollout import (
     scenario_count,
     show_progress,
 )
+from .shares import gather
 from .simulation import INTEGRATORS, _check_options
 from .tables import check_every
 from .validity import RangeWarning, out_of_range
@@ -202,8 +204,11 @@ def simulate_batch(
             scenarios are done: the same call again does what is missing, whatever stopped it. Another batch's file is
             refused.
         resume: whether to go on with such a file; if not, it is written over.
-        executor: not there yet.
-        batch: scenarios at once; None: 1024 where arms differ, and what 64 MB hold where there is a file.
+        executor: a concurrent.futures.Executor, or a callable that makes one, whose workers take shares of the batch:
+            a ProcessPoolExecutor, Dask's client.get_executor(), mpi4py's MPIPoolExecutor(). Shares of workers that
+            die are computed again; docs/sweeps.md. `workers` are then the threads in each (1 if None).
+        batch: scenarios at once, or in a share; None: 1024 where arms differ, what 64 MB hold where there is a file,
+            and with an executor a 64th of all.
 
     Returns:
         BatchResult; `batch_memory` tells its bytes beforehand.
@@ -215,13 +220,11 @@ def simulate_batch(
     Warns:
         RangeWarning: a beam bent further than its order is good for, in at least one scenario.
     """
-    if executor is not None:
-        raise ValueError("executor: is not there yet; leave it out")
     controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)
     setup = {"drive": dict(drive or {}), "loads": tuple(loads or ()), "control": controls}
     options = {"rtol": rtol, "spectral_radius": spectral_radius, **options}
     job, count = _make_job(arm, t, q0, v0, tau, setup, parameters, outputs, every, integrator, step, options)
-    workers = default_workers(workers)
+    workers = default_workers(1 if workers is None and executor is not None else workers)
     path = Path(out) if isinstance(out, (str, Path)) else None
     need, there = batch_memory(arm, count, job.rows, job.outputs), _physical_memory()
     if path is None and not out and need > there:
@@ -231,7 +234,7 @@ def simulate_batch(
         )
     started = time.perf_counter()
     engine = job.engine()
-    runner = _Runner(job, count, engine, workers, batch)
+    runner = _Runner(job, count, engine, workers, batch, executor)
     if path is None:
         arrays = None if isinstance(out, (str, Path)) else out
         result, interrupted = runner.in_memory(arrays, progress)
@@ -256,8 +259,11 @@ class _Runner:
     engine: str
     workers: int
     batch: int | None
+    executor: Any = None
+    names: Any = None  # of its scenarios in the whole batch, where it is a share of one
     stats: dict[str, Any] = field(default_factory=dict)
     beyond: RangeWarning | None = None
+    beyond_at: int = -1
     out_of_range: int = 0
 
     def _chunk(self, default: int) -> int:
@@ -270,11 +276,19 @@ class _Runner:
     def _run(self, indices: NDArray[np.int64], blocks: Mapping[str, Any], alive: Any) -> tuple[list[Failure], bool]:
         failures, stats = self.job.run(self.engine, indices, blocks, self.workers, alive)
         interrupted = bool(stats.pop("interrupted"))
-        for k, n in stats.items():
-            self.stats[k] = max(self.stats.get(k, 0), n) if k == "workers" else self.stats.get(k, 0) + n
+        self._count(stats)
         if self.engine == "steps" and "q" in blocks:
             self._check_range(indices, blocks["q"])
         return failures, interrupted
+
+    def _count(self, stats: Mapping[str, int]) -> None:
+        for k, n in stats.items():
+            self.stats[k] = max(self.stats.get(k, 0), n) if k == "workers" else self.stats.get(k, 0) + n
+
+    def _tell(self, i: int, found: RangeWarning) -> None:
+        """Keeps the warning of the first scenario that deserves one."""
+        if self.beyond is None or i < self.beyond_at:
+            self.beyond, self.beyond_at = found, i
 
     def _check_range(self, indices: NDArray[np.int64], q: Array) -> None:
         """Looks for beams bent beyond their order's range; the first is told of."""
@@ -290,52 +304,102 @@ class _Runner:
             found = out_of_range(arm, t[here], q[k, here])
             if found is not None:
                 self.out_of_range += 1
-                if self.beyond is None:
-                    told = (found.link, found.time, found.rotation, found.limit)
-                    self.beyond = RangeWarning(f"scenario {i}: {found}", *told)
+                name = i if self.names is None else int(self.names[i])
+                told = (found.link, found.time, found.rotation, found.limit)
+                self._tell(name, RangeWarning(f"scenario {name}: {found}", *told))
 
     def _chunks(self, indices: NDArray[np.int64], size: int) -> list[NDArray[np.int64]]:
         return [indices[k : k + size] for k in range(0, len(indices), size)]
+
+    def _done(
+        self, parts: list[NDArray[np.int64]], into: Callable[[NDArray[np.int64]], dict[str, Any]], show: Any, first: int
+    ) -> Iterator[tuple[NDArray[np.int64], dict[str, Any], list[Failure], bool]]:
+        """The parts as they get done, here or in an executor's workers: their blocks, failures, and whether Ctrl-C
+        ended it there; `first` scenarios are done already."""
+        if self.executor is None:
+            for part in parts:
+                blocks = into(part)
+                failures, interrupted = self._run(
+                    part, blocks, _scaled(show, first / self.count, len(part) / self.count)
+                )
+                first += len(part)
+                yield part, blocks, failures, interrupted
+                if interrupted:
+                    return
+            return
+        again: list[Any] = []
+        empty: NDArray[np.int64] = np.zeros(0, np.int64)
+        try:
+            for part, found in gather(_run_share, self._share, parts, self.executor, again=again.append):
+                self._count(found["stats"])
+                self.stats["redone"] = len(again)
+                self.out_of_range += found["out_of_range"]
+                if found["beyond"] is not None:
+                    self._tell(found["beyond_at"], found["beyond"])
+                blocks = into(part)
+                for k, block in found["blocks"].items():
+                    blocks[k][:] = block
+                first += len(part)
+                if show is not None:
+                    show(first / self.count)
+                failures = [replace(f, index=int(part[f.index])) for f in found["failures"]]
+                yield part, blocks, failures, False
+        except KeyboardInterrupt:
+            yield empty, into(empty), [], True
+
+    def _share(self, part: NDArray[np.int64]) -> dict[str, Any]:
+        return {"job": self.job.taken(part), "names": part, "engine": self.engine, "workers": self.workers}
+
+    def _share_size(self, row: int) -> int:
+        """Scenarios of a share: a 64th of all, unless that is more than a share should send."""
+        return int(np.clip(-(-self.count // 64), 1, max(1, _CHUNK_BYTES // row)))
 
     def in_memory(self, out: Mapping[str, Array] | None, progress: Any) -> tuple[BatchResult, bool]:
         job, n = self.job, self.count
         blocks: dict[str, Any] = prepared(out, {k: (n, job.rows, size) for k, size in job.sizes().items()})
         blocks["status"], blocks["reached"] = np.full(n, NOT_DONE, np.int32), np.full(n, job.t[0])
         failures: list[Failure] = []
-        interrupted, done = False, 0
+        interrupted, touched = False, np.zeros(n, bool)
+        size = n if job.variation.one_setup else _CHUNK
+        if self.executor is not None:
+            size = self._share_size(self._row())
+
+        def into(part: NDArray[np.int64]) -> dict[str, Any]:
+            return {k: x[part[0] : part[-1] + 1] if len(part) else x[:0] for k, x in blocks.items()}
+
         with show_progress(progress, "simulating") as show:
-            for part in self._chunks(np.arange(n), self._chunk(n if job.variation.one_setup else _CHUNK)):
-                here = {k: x[part[0] : part[-1] + 1] for k, x in blocks.items()}
-                if interrupted:
-                    for k in job.outputs:
-                        here[k][:] = np.nan
-                    continue
-                found, interrupted = self._run(part, here, _scaled(show, done / n, len(part) / n))
+            for part, _, found, interrupted in self._done(self._chunks(np.arange(n), self._chunk(size)), into, show, 0):
                 failures += found
-                done += len(part)
-        return self._result(blocks, failures), interrupted
+                touched[part] = True
+        for k in job.outputs:
+            blocks[k][~touched] = np.nan
+        return self._result(blocks, sorted(failures, key=lambda f: f.index)), interrupted
+
+    def _row(self) -> int:
+        """Bytes of a scenario."""
+        return max(1, batch_memory(self.job.variation.setup.arm, 1, self.job.rows, self.job.outputs))
 
     def in_file(self, path: Path, resume: bool, progress: Any) -> tuple[BatchResult, bool]:
         job, n = self.job, self.count
-        row = max(1, batch_memory(job.variation.setup.arm, 1, job.rows, job.outputs))
         file = BatchFile(path, job, n, resume)
         interrupted = False
         try:
             missing = file.missing()
             done = n - len(missing)
             self.stats["resumed"] = done
-            size = self._chunk(int(np.clip(_CHUNK_BYTES // row, self.workers, _CHUNK)))
+            size = int(np.clip(_CHUNK_BYTES // self._row(), self.workers, _CHUNK))
+            if self.executor is not None:
+                size = self._share_size(self._row())
+
+            def into(part: NDArray[np.int64]) -> dict[str, Any]:
+                blocks: dict[str, Any] = {k: np.empty((len(part), job.rows, w)) for k, w in job.sizes().items()}
+                return {**blocks, "status": np.empty(len(part), np.int32), "reached": np.empty(len(part))}
+
             with show_progress(progress, "simulating") as show:
-                for part in self._chunks(missing, size):
-                    shape = {k: (len(part), job.rows, width) for k, width in job.sizes().items()}
-                    blocks: dict[str, Any] = {k: np.empty(s) for k, s in shape.items()}
-                    blocks["status"], blocks["reached"] = np.empty(len(part), np.int32), np.empty(len(part))
-                    found, interrupted = self._run(part, blocks, _scaled(show, done / n, len(part) / n))
+                parts = self._chunks(missing, self._chunk(size))
+                for part, blocks, found, interrupted in self._done(parts, into, show, done):
                     whole = blocks["status"] != NOT_DONE
                     file.write(part[whole], {k: x[whole] for k, x in blocks.items()}, found)
-                    done += len(part)
-                    if interrupted:
-                        break
         finally:
             left = file.missing()
             held, failures = file.close()
@@ -348,6 +412,23 @@ class _Runner:
         stats = {**self.stats, **({"out_of_range": self.out_of_range} if self.out_of_range else {})}
         return BatchResult(job.t[:: job.every], **arrays, status=held["status"], reached=held["reached"],
                            variation=job.variation, failures=failures, stats=stats)  # fmt: skip
+
+
+def _run_share(job: Job, names: NDArray[np.int64], engine: str, workers: int) -> dict[str, Any]:
+    """What a worker of an executor does with its share; scenarios are named as in the whole batch."""
+    runner = _Runner(job, len(names), engine, workers, None, None, names)
+    try:
+        result, interrupted = runner.in_memory(None, None)
+    except ValueError as e:
+        message = re.sub(r"^((?:parameters of )?scenario) (\d+):", lambda m: f"{m[1]} {names[int(m[2])]}:", str(e))
+        raise ValueError(message) from None
+    if interrupted:
+        raise KeyboardInterrupt
+    blocks = {k: getattr(result, k) for k in (*job.outputs, "status", "reached")}
+    return {
+        "blocks": blocks, "failures": result.failures, "stats": runner.stats, "beyond": runner.beyond,
+        "beyond_at": runner.beyond_at, "out_of_range": runner.out_of_range,
+    }  # fmt: skip
 
 
 def _scaled(show: Any, first: float, share: float) -> Any:

@@ -103,13 +103,13 @@ def _explained(error: BaseException) -> BaseException:
 
 def gather(
     function: Callable[..., Any],
-    arguments: Callable[[range], dict[str, Any]],
-    parts: Sequence[range],
+    arguments: Callable[[Any], dict[str, Any]],
+    parts: Sequence[Any],
     executor: Executor | Callable[[], Executor],
     retries: int = RETRIES,
-    again: Callable[[range], None] = lambda part: None,
-) -> Iterator[tuple[range, Any]]:
-    """Yields each part with function(**arguments(part)), as they get done: each once, in any order.
+    again: Callable[[Any], None] = lambda part: None,
+) -> Iterator[tuple[Any, Any]]:
+    """Yields each part (a range or an array of indices) with function(**arguments(part)), as they get done: each once, in any order.
 
     A part whose worker died (a broken pool, a cancelled future, dask's KilledWorker) is sent again, `retries` times,
     and `again` is told.
@@ -127,7 +127,7 @@ def gather(
         tries[k] += 1
         waiting.appendleft(k)
         if tries[k] > retries:
-            of = f"scenarios {parts[k].start} to {parts[k].stop - 1}"
+            of = f"scenarios {parts[k][0]} to {parts[k][-1]}"
             raise RuntimeError(f"executor: the workers that computed {of} died {tries[k]} times ({error})") from error
         again(parts[k])
         if isinstance(error, BrokenExecutor) and generation == workers.generation:
