@@ -404,6 +404,12 @@ def test_a_file_holds_what_memory_would(tmp_path):
     again = fa.simulate_batch(two_links(), TIMES, out=path, **SWEEP)
     assert again.stats["resumed"] == 40 and "steps" not in again.stats
     np.testing.assert_array_equal(again.v, plain.v)
+    plain.save(tmp_path / "sweep.npz")
+    for file in (path, tmp_path / "sweep.npz"):
+        kept = fa.BatchResult.load(file)
+        np.testing.assert_array_equal(kept.q, plain.q)
+        np.testing.assert_array_equal(kept.parameters["link.0.tip.mass"], SWEEP["parameters"]["link.0.tip.mass"])
+        assert kept.arm(7) == plain.arm(7) and kept.failures == [] and not kept.status.any()
     with pytest.raises(ValueError, match="holds another batch"):
         fa.simulate_batch(two_links(0.06), TIMES, out=path, **SWEEP)
     over = fa.simulate_batch(two_links(0.06), TIMES, out=path, resume=False, **SWEEP)
@@ -411,6 +417,8 @@ def test_a_file_holds_what_memory_would(tmp_path):
     (tmp_path / "no.h5").write_text("something else")
     with pytest.raises(ValueError, match="is not a file of a batch"):
         fa.simulate_batch(two_links(), TIMES, out=tmp_path / "no.h5", **SWEEP)
+    with pytest.raises(ValueError, match=r"batch '.*no.h5': (is not|Unable)"):
+        fa.BatchResult.load(tmp_path / "no.h5")
 
 
 @pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
@@ -419,7 +427,10 @@ def test_a_file_remembers_failures(tmp_path):
     v0[1, 2] = 1e200
     runs = [fa.simulate_batch(arm, [0, 1e-3, 2e-3], v0=v0, out=tmp_path / "x.h5", integrator="rk4") for _ in "ab"]
     for run in runs:
-        assert [f.index for f in run.failures] == [1] and "ran away" in run.failures[0].reason and run.status[1] == 3
+        run.save(tmp_path / "x.npz")
+        for kept in (run, *(fa.BatchResult.load(tmp_path / name) for name in ("x.h5", "x.npz"))):
+            assert kept.failures == runs[0].failures and kept.status.tolist() == [0, 3, 0]
+        assert [f.index for f in run.failures] == [1] and "ran away" in run.failures[0].reason
 
 
 KILLED = """

@@ -18,8 +18,9 @@ namespace {
 
 using Index = Eigen::Index;
 
-constexpr Index kGroup = 1;       // scenarios that a worker takes at once
-constexpr long kLookAround = 32;  // steps between two looks at the clock
+constexpr Index kGroup = 1;         // scenarios that a worker takes at once
+constexpr long kLookAround = 32;    // steps between two looks at the clock
+constexpr Index kWorthThread = 32;  // steps that are worth a thread
 
 /// What the workers share.
 struct Shared {
@@ -274,7 +275,8 @@ BatchStats run_batch(const BatchProblem& problem, const BatchOutput& out, int wo
   check(problem, out, workers);
   std::fill_n(out.status, problem.scenarios, static_cast<int>(BatchStatus::not_done));
   Shared shared{problem, out, alive};
-  const Index useful = std::max<Index>(1, (problem.scenarios + kGroup - 1) / kGroup);
+  const Index steps = problem.scenarios * static_cast<Index>(problem.lengths.size());
+  const Index useful = std::max<Index>(1, std::min((problem.scenarios + kGroup - 1) / kGroup, steps / kWorthThread));
   const int count = static_cast<int>(std::min<Index>(workers, useful));
   std::vector<std::unique_ptr<Worker>> all;
   for (int k = 0; k < count; ++k) all.push_back(std::make_unique<Worker>(shared, k == 0));

@@ -5,7 +5,8 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 
 from ._core import __version__
 from .arm import Arm
-from .batch import BatchResult, batch_memory, simulate_batch
+from .batch import batch_memory, simulate_batch
+from .batch_result import BatchResult
 from .chart import Chart, chart
 from .control import PD, Controller, StateFeedback, StrainFeedback
 from .drive import Motion, Torque

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from . import _core
 from .batch_run import Job
-from .rollout import Failure
+from .rollout import NOT_DONE, Failure
+from .variation import Variation
 
 _REASON = 200  # bytes
 
@@ -65,6 +66,41 @@ def fingerprint(job: Job) -> str:
     return h.hexdigest()
 
 
+def about(variation: Variation) -> dict[str, Any]:
+    """What a saved batch says of itself, beside its arrays."""
+    setup = variation.setup
+    return {"flexarm": _core.__version__, "arm": setup.arm.to_dict(), "loads": len(setup.loads)}
+
+
+def read(path: Path, outputs: tuple[str, ...]) -> dict[str, Any]:
+    """All arrays of a saved batch by name (those of HDF5 mapped, not read), "about", "parameters" and "reason".
+
+    Raises:
+        ValueError: no such file, or another kind of file.
+    """
+    try:
+        with path.open("rb") as f:
+            zipped = f.read(2) == b"PK"
+        if zipped:
+            with np.load(path, allow_pickle=False) as z:
+                held: dict[str, Any] = {k: z[k] for k in z.files}
+            held["about"] = json.loads(str(held["about"]))
+            values = {k.partition("/")[2]: held.pop(k) for k in list(held) if k.startswith("parameters/")}
+            return {**held, "parameters": values}
+        with _h5py().File(path, "r") as f5:
+            small = {k: f5[k][:] for k in ("t", "status", "reached", "reason")}
+            places = {k: (f5[k].id.get_offset(), f5[k].shape) for k in outputs if k in f5}
+            values = {k: f5["parameters"][k][:] for k in f5.get("parameters", {})}
+            words, left = json.loads(f5["about"][()]), f5["done"][:] == 0
+        small["status"][left], small["reached"][left] = NOT_DONE, small["t"][0]
+        large = {k: np.memmap(path, np.float64, "r", offset, shape) for k, (offset, shape) in places.items()}
+        return {**small, **large, "about": words, "parameters": values}
+    except OSError as e:
+        raise ValueError(f"batch {str(path)!r}: {e.strerror or e}") from None
+    except (KeyError, ValueError, TypeError, EOFError):
+        raise ValueError(f"batch {str(path)!r}: is not a file of a batch") from None
+
+
 class BatchFile:
     """An open file of a batch. ValueError when it is another batch's."""
 
@@ -95,7 +131,7 @@ class BatchFile:
 
     def _make(self, h5py: Any, f: Any, mark: str) -> None:
         f.attrs["fingerprint"] = mark
-        f.attrs["about"] = json.dumps({"parameters": list(self._job.variation.values), "flexarm": _core.__version__})
+        f["about"] = json.dumps(about(self._job.variation))
         f["t"] = self._job.t[:: self._job.every]
         for path, values in self._job.variation.values.items():
             f[f"parameters/{path}"] = values

@@ -85,6 +85,11 @@ class Job:
     def rows(self) -> int:
         return len(self.t[:: self.every])
 
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a scenario's result."""
+        return max(1, 8 * self.rows * sum(self.sizes().values()))
+
     def sizes(self) -> dict[str, int]:
         """Numbers in a row of each output."""
         arm = self.variation.setup.arm
@@ -112,14 +117,19 @@ class Job:
         return "steps" if all(schedule.meets(breaks_of(law)) for law in laws) else "simulate"
 
     def run(
-        self, engine: str, indices: NDArray[np.int64], blocks: Mapping[str, Any], workers: int, alive: Any
+        self,
+        engine: str,
+        setups: Sequence[Setup],
+        indices: NDArray[np.int64],
+        blocks: Mapping[str, Any],
+        workers: int,
+        alive: Any,
     ) -> tuple[list[Failure], dict[str, Any]]:
-        """Runs these scenarios into the blocks, (n, rows, size) and status (n,), reached (n,).
+        """Runs these scenarios, made of these setups, into the blocks, (n, rows, size) and status (n,), reached (n,).
 
         Returns:
             What failed, and counts; counts["interrupted"] after Ctrl-C.
         """
-        setups = self.variation.scenarios(indices)
         if engine == "steps":
             found, stats = self._steps(setups, indices, blocks, workers, alive)
         else:

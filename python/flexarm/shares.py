@@ -109,7 +109,8 @@ def gather(
     retries: int = RETRIES,
     again: Callable[[Any], None] = lambda part: None,
 ) -> Iterator[tuple[Any, Any]]:
-    """Yields each part (a range or an array of indices) with function(**arguments(part)), as they get done: each once, in any order.
+    """Yields each part (a range or an array of indices) with function(**arguments(part)), as they get done: each once,
+    in any order.
 
     A part whose worker died (a broken pool, a cancelled future, dask's KilledWorker) is sent again, `retries` times,
     and `again` is told.

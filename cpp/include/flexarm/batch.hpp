@@ -69,7 +69,7 @@ struct BatchStats {
 /// Runs all scenarios. What one gives depends on nothing but its own numbers: not on the workers, nor on the others.
 /// A scenario that fails is reported and spoils no other. Each worker has one workspace: memory does not grow with the
 /// number of scenarios.
-/// @param workers  threads, the calling one included
+/// @param workers  threads, the calling one included; fewer where there is little to do
 /// @param alive    called by the calling thread about ten times a second with the share of steps done; answers false
 ///                 to end the batch: what is not done then has status not_done
 /// @throws std::invalid_argument for bad arguments; what `alive` throws goes through, all workers joined
