@@ -104,13 +104,14 @@ def test_pd_stills_the_link_and_nothing_does_not():
     def late(kp, kv):
         envs = FlexarmVectorEnv(4, "vibration-suppression")
         o, _ = envs.reset(seed=2)
-        first, last = np.abs(o[:, 2]), []
+        last = []
         for _ in range(200):
             o, *_ = envs.step((-kp * o[:, :1] - kv * o[:, 1:2]) / 0.5)
             last.append(np.abs(o[:, 2]))
-        return np.max(last[150:], axis=0) / first
+        return np.max(last[150:], axis=0)  # of the curvature at the clamp, 1/m
 
-    assert (late(4.0, 0.5) < 0.2).all() and (late(0.0, 0.0) > 0.5).all()
+    still, ringing = late(4.0, 0.5), late(0.0, 0.0)
+    assert still.max() < 0.015 and (ringing > 5 * still)[ringing > 0.05].all() and ringing.max() > 0.1
 
 
 # -- the ends of episodes -----------------------------------------------------------------------------------
@@ -175,7 +176,7 @@ def test_what_is_lost_ends_with_minus_one():
 def test_a_simulation_that_fails_ends_its_episode_and_no_other():
     envs = FlexarmVectorEnv(2, "vibration-suppression")
     envs.reset(seed=0)
-    envs._q[0, 0], envs._v[0] = np.inf, 0.0
+    envs._v[0] = 1e30  # no step from there
     o, r, terminated, _, _ = envs.step(np.zeros((2, 1)))
     assert terminated.tolist() == [True, False] and r[0] == -1
     o, r, terminated, _, _ = envs.step(np.zeros((2, 1)))

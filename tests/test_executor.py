@@ -121,7 +121,11 @@ def test_errors_of_the_work_itself_are_not_tried_again():
 
 def test_a_broken_executor_without_successor_says_what_to_give():
     with pytest.raises(RuntimeError, match="give a callable that makes one"):
-        dict(gather(sum, lambda part: {"part": part}, shares(4, 2), Flaky({0}, BrokenExecutor("gone"))))
+        dict(
+            gather(
+                lambda part: sum(part), lambda part: {"part": part}, shares(4, 2), Flaky({0}, BrokenExecutor("gone"))
+            )
+        )
     made = []
 
     def make():
@@ -234,7 +238,7 @@ def main():
     with MPIPoolExecutor() as executor:
         victim = executor.submit(os.getpid).result()
         found = t.fa.sweep(t.SCENE, t.PLAN, executor=executor, batch=2, out=sys.argv[1], progress=show)
-        assert victim != os.getpid() and executor.num_workers == 2
+        assert victim != os.getpid() and executor.num_workers >= 1
         assert t.same(found, t.fa.sweep(t.SCENE, t.PLAN))
         here, there = t.batch(), t.batch(executor, batch=2)
         assert t.np.array_equal(here.q, there.q)
@@ -245,25 +249,25 @@ if __name__ == "__main__":
 """
 
 
-def mpi(folder, how):
-    """This script under mpiexec: one that hands out, two that work."""
+def mpi(folder, how, ranks):
+    """This script under mpiexec: one rank that hands out, the others work."""
     pytest.importorskip("mpi4py")
     mpiexec = shutil.which("mpiexec", path=sysconfig.get_path("scripts")) or shutil.which("mpiexec")
     if mpiexec is None:
         pytest.skip("no mpiexec here; pip install mpich")
     script = Path(folder) / "script.py"
     script.write_text(MPI)
-    command = [mpiexec, "-n", "3", sys.executable, "-m", "mpi4py.futures", str(script), str(folder), how]
+    command = [mpiexec, "-n", str(ranks), sys.executable, "-m", "mpi4py.futures", str(script), str(folder), how]
     path = os.pathsep.join([os.path.dirname(__file__), *filter(None, [os.environ.get("PYTHONPATH")])])
     env = {**os.environ, "PYTHONPATH": path}
     return subprocess.run(command, timeout=60, check=False, capture_output=True, text=True, env=env)
 
 
 def test_mpi_and_after_a_killed_rank_the_rest(tmp_path):
-    dead = mpi(tmp_path, "kill")  # MPI ends all ranks when one dies; what was done is in the folder
+    dead = mpi(tmp_path, "kill", 2)  # MPI ends all ranks when one dies; what was done is in the folder
     assert dead.returncode != 0 and "computed" not in dead.stdout
     assert len(list((tmp_path / "sweep.parts").glob("*.npz"))) >= 3, dead.stderr
-    rest = mpi(tmp_path, "run")
+    rest = mpi(tmp_path, "run", 3)
     assert rest.returncode == 0, rest.stderr
     done = int(rest.stdout.split()[1])
     assert 0 < done <= 18  # at least 6 of 24 were kept

@@ -144,7 +144,7 @@ def gather(
                     lose(k, workers.generation, e)
                 else:
                     running[future] = (k, workers.generation)
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            for future in sorted(wait(running, return_when=FIRST_COMPLETED).done, key=lambda f: running[f]):
                 k, generation = running.pop(future)
                 try:
                     found = future.result()
