@@ -193,6 +193,40 @@ def test_pool_with_a_killed_process(truth, given):
         pool.shutdown()
 
 
+def test_batch_into_a_file_with_a_killed_process(tmp_path):
+    pytest.importorskip("h5py")
+    here, pool = batch(), ProcessPoolExecutor(2, mp_context=get_context("spawn"))
+    show = killer(lambda: list(pool._processes))
+    path = tmp_path / "batch.h5"
+    there = batch(pool, batch=1, out=path, progress=lambda share: show(share, 1.0))
+    pool.shutdown()
+    assert show.dead and there.stats["redone"] >= 1 and not there.failures
+    assert np.array_equal(here.q, there.q) and np.array_equal(here.v, there.v) and (there.status == 0).all()
+    again = batch(out=path)
+    assert again.stats["resumed"] == 9 and np.array_equal(here.q, again.q)
+
+
+def test_failures_keep_their_number_in_the_whole_batch():
+    arm, t = fa.load("ist").arm, [0.0, 0.1, 0.2]
+    hubs = fa.Arm([replace(link, joint=fa.Revolute("z", reflected_inertia=0.03)) for link in arm.links])
+    stiff = np.full(6, 209e9)
+    stiff[4] = 1e14  # far too fast for this step of rk4
+    q0 = np.zeros(arm.nq)
+    q0[1] = 0.01
+
+    def run(**more):
+        parameters = {"link.0.beam.material.youngs_modulus": stiff}
+        return fa.simulate_batch(hubs, t, q0, parameters=parameters, integrator="rk4", step=2e-3, **more)
+
+    with ThreadPoolExecutor(2) as threads:
+        here, there = run(), run(executor=threads, batch=2)
+    assert [f.index for f in here.failures] == [4] and here.failures == there.failures
+    assert np.array_equal(here.q, there.q, equal_nan=True) and np.array_equal(here.status, there.status)
+    with ThreadPoolExecutor(2) as threads, pytest.raises(ValueError, match="scenario 5"):
+        stiff[5] = -1.0
+        run(executor=threads, batch=2)
+
+
 def test_what_cannot_be_sent_is_explained():
     scene = replace(SCENE, drive={0: fa.Torque(lambda t: 0.0)})
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool, pytest.raises(ValueError, match="lambda"):

@@ -6,7 +6,6 @@ import csv
 import hashlib
 import json
 import os
-import pickle
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ._check import Array
+from .batch_file import _digest as digest
 
 if TYPE_CHECKING:
     from .plan import Sweep
@@ -60,17 +60,8 @@ def parameter_columns(parameters: Mapping[str, Array]) -> tuple[list[str], list[
 def fingerprint(scene: Scene, plan: Sweep, parameters: Mapping[str, Array]) -> str:
     """What tells one sweep from another: the scene, the values, and what is noted."""
     h = hashlib.sha256()
-    given = [scene.drive, scene.loads, [type(c).__name__ for c in scene.control], [vars(c) for c in scene.control]]
-    h.update(json.dumps([scene.arm.to_dict(), sorted(scene.options.items())], sort_keys=True).encode())
-    try:
-        h.update(pickle.dumps(given))
-    except (pickle.PicklingError, AttributeError, TypeError):  # callables that only this process knows
-        h.update(str(len(scene.drive)).encode())
-    h.update(json.dumps([list(plan.outputs), plan.link, plan.band, plan.trajectories, plan.every]).encode())
-    for path, v in sorted(parameters.items()):
-        h.update(path.encode() + str(v.shape).encode() + np.ascontiguousarray(v).tobytes())
-    for x in (scene.t, scene.q0, scene.v0):
-        h.update(b"-" if x is None else np.ascontiguousarray(x).tobytes())
+    digest(h, [scene.arm, scene.drive, scene.loads, scene.control, scene.options, scene.t, scene.q0, scene.v0])
+    digest(h, [list(plan.outputs), plan.link, plan.band, plan.trajectories, plan.every, dict(parameters)])
     return h.hexdigest()
 
 
