@@ -108,8 +108,8 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
             end[i] = self._arms[i].frame(self._q[i])[0]
         return State(self._count * self.task.period, self._q, self._v, y, end, self._goal)
 
-    def _observation(self) -> NDArray[np.float32]:
-        state = self.state
+    def _observation(self, state: State | None = None) -> NDArray[np.float32]:
+        state = self.state if state is None else state
         return np.concatenate([state.y, self.task.observe(state)], axis=1).astype(np.float32)
 
     def reset(
@@ -181,7 +181,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         if begun.any():
             self._begin(begun)
             reward[begun], terminated[begun], truncated[begun] = 0.0, False, False
-        observation = self._observation()
+        observation = self._observation(None if begun.any() else state)
         info: dict[str, Any] = {}
         self._over = terminated | truncated
         if self._mode == AutoresetMode.SAME_STEP and self._over.any():
