@@ -421,6 +421,25 @@ def test_a_file_holds_what_memory_would(tmp_path):
         fa.BatchResult.load(tmp_path / "no.h5")
 
 
+def test_a_file_knows_its_batch(tmp_path):
+    def ramp(a):
+        return fa.Torque(lambda t: a * t)
+
+    arm, force = two_links(), (0, 1.0, 0)
+    base = {"drive": {0: ramp(1.0)}, "control": fa.PD(1.0, 0.1, 1), "tau": np.zeros((1, 6)), "v0": np.zeros((2, 6))}
+    others = [
+        {"drive": {0: ramp(2.0)}}, {"drive": {1: ramp(1.0)}}, {"control": fa.PD(1.0, 0.2, 1)}, {"every": 2},
+        {"tau": np.ones((1, 6))}, {"v0": np.ones((2, 6))}, {"loads": [fa.Load(force=force)]}, {"outputs": ["q"]},
+        {"integrator": "gauss"}, {"step": 5e-4}, {"rtol": 1e-9}, {"parameters": {"q0.0": [0.0, 0.0]}},
+    ]  # fmt: skip
+    fa.simulate_batch(arm, [0, 1e-3, 2e-3], out=tmp_path / "x.h5", **base)
+    again = fa.simulate_batch(two_links(), [0, 1e-3, 2e-3], out=tmp_path / "x.h5", **{**base, "drive": {0: ramp(1.0)}})
+    assert again.stats["resumed"] == 2
+    for other in others:
+        with pytest.raises(ValueError, match="holds another batch"):
+            fa.simulate_batch(arm, [0, 1e-3, 2e-3], out=tmp_path / "x.h5", **{**base, **other})
+
+
 @pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
 def test_a_file_remembers_failures(tmp_path):
     arm, v0 = paper_link(), np.zeros((3, 4))

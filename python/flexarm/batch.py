@@ -33,7 +33,7 @@ from .variation import Setup, Variation
 
 
 def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = ("q", "v")) -> int:
-    """Bytes of a batch's result: 8 B nt (nq + nv) for q and v. Beside it each worker takes some 100 kB, and, where
+    """Bytes of a batch's result: 8 B nt (nq + nv) for q and v. Beside it each worker has one workspace, and, where
     parameters change the arm, some hundred arms at a time are held."""
     return 8 * scenarios * rows * sum(arm.nq if k == "q" else arm.nv for k in outputs)
 

@@ -11,6 +11,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -32,30 +33,47 @@ def _h5py() -> Any:
     return h5py
 
 
-def _digest(h: Any, value: Any) -> None:
+def _parts(value: Any) -> Any:
+    """What an object's meaning follows from, in simpler objects."""
+    if isinstance(value, _core.PiecewisePolynomial):
+        return value.breaks, value.coefficients
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
+    if isinstance(value, CodeType):
+        return value.co_name, value.co_code, value.co_consts, value.co_names
+    if isinstance(value, FunctionType):
+        held = tuple(cell.cell_contents for cell in value.__closure__ or ())
+        return value.__code__, value.__defaults__, value.__kwdefaults__, held
+    if isinstance(value, (type, ModuleType, BuiltinFunctionType)):
+        return value.__name__
+    try:
+        return value.__reduce_ex__(4)[1:3]
+    except TypeError:
+        return None
+
+
+def _digest(h: Any, value: Any, inside: tuple[int, ...] = ()) -> None:
     """Feeds a value to a hash: numbers bit by bit, objects by what they hold, functions by their code."""
     h.update(type(value).__name__.encode())
-    if isinstance(value, _core.PiecewisePolynomial):
-        value = (value.breaks, value.coefficients)
-    if hasattr(value, "to_dict"):
-        value = value.to_dict()
-    if isinstance(value, np.ndarray):
+    if id(value) in inside:
+        return
+    inside = (*inside, id(value))
+    if value is None or isinstance(value, (bool, int, float, complex, str, bytes, np.generic)):
+        h.update(repr(value).encode())
+    elif isinstance(value, np.ndarray) and value.dtype != object:
         h.update(str(value.shape).encode())
         h.update(np.ascontiguousarray(value))
     elif isinstance(value, Mapping):
+        h.update(str(len(value)).encode())
         for k, v in value.items():
-            _digest(h, k)
-            _digest(h, v)
+            _digest(h, k, inside)
+            _digest(h, v, inside)
     elif isinstance(value, (tuple, list)):
         h.update(str(len(value)).encode())
         for v in value:
-            _digest(h, v)
-    elif hasattr(value, "__code__"):
-        h.update(value.__code__.co_code + repr(value.__code__.co_consts).encode() + value.__qualname__.encode())
-    elif hasattr(value, "__dict__") and not isinstance(value, type):
-        _digest(h, {k: v for k, v in vars(value).items() if not k.startswith("_")})
+            _digest(h, v, inside)
     else:
-        h.update(repr(value).encode())
+        _digest(h, _parts(value), inside)
 
 
 def fingerprint(job: Job) -> str:

@@ -118,10 +118,10 @@ class Runner:
                     coming.append(ahead.submit(self.job.variation.scenarios, parts[k + 1], self.workers))
                 yield part, setups
 
-    def _done(self, indices: NDArray[np.int64], default: int, into: _Into, show: Any) -> Iterator[_Done]:
+    def _done(self, indices: NDArray[np.int64], size: int, into: _Into, show: Any) -> Iterator[_Done]:
         """Pieces of the indices as they get done: their blocks, what failed, and whether Ctrl-C ended it there. In a
         worker elsewhere in any order, each once."""
-        done, size = self.count - len(indices), self._chunk(default)
+        done = self.count - len(indices)
         if self.executor is None:
             for part, setups in self._chunks(indices, size):
                 blocks = into(part)
@@ -159,15 +159,14 @@ class Runner:
         blocks["status"], blocks["reached"] = np.full(n, NOT_DONE, np.int32), np.full(n, job.t[0])
         failures: list[Failure] = []
         interrupted, touched = False, np.zeros(n, bool)
+        size = self._chunk(n if job.variation.one_setup else self._most())
 
         def into(part: NDArray[np.int64]) -> dict[str, Any]:
             return {k: x[part[0] : part[-1] + 1] for k, x in blocks.items()}
 
         with show_progress(progress, "simulating") as show:
             try:
-                for part, _, found, stopped in self._done(
-                    np.arange(n), n if job.variation.one_setup else self._most(), into, show
-                ):
+                for part, _, found, stopped in self._done(np.arange(n), size, into, show):
                     failures += found
                     touched[part], interrupted = True, stopped
             except KeyboardInterrupt:  # between two chunks
@@ -179,6 +178,7 @@ class Runner:
     def in_file(self, path: Path, resume: bool, progress: Any) -> tuple[BatchResult, bool]:
         """The result, mapped from the file, and whether Ctrl-C came first."""
         job, n = self.job, self.count
+        size = self._chunk(int(np.clip(CHUNK_BYTES // job.row_bytes, self.workers, self._most())))
         file = BatchFile(path, job, n, resume)
         interrupted = False
 
@@ -189,7 +189,6 @@ class Runner:
         try:
             missing = file.missing()
             self.stats["resumed"] = n - len(missing)
-            size = int(np.clip(CHUNK_BYTES // job.row_bytes, self.workers, self._most()))
             with show_progress(progress, "simulating") as show:
                 for part, blocks, found, stopped in self._done(missing, size, into, show):
                     whole, interrupted = blocks["status"] != NOT_DONE, stopped

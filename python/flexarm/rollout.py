@@ -246,7 +246,7 @@ def rollout(
             taken about ten times a second, and may raise to give up.
 
     Returns:
-        Rollout: 8 (nq + nv) B nout bytes, beside some 100 kB for each worker. No RangeWarning is looked for.
+        Rollout: 8 (nq + nv) B nout bytes, beside one workspace for each worker. No RangeWarning is looked for.
 
     Raises:
         ValueError: bad arguments.

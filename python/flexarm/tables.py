@@ -140,24 +140,31 @@ def feedback_tables(
         return []
     count = max(len(arms), len(controls))
     made: dict[tuple[int, int], list[list[Array]]] = {}
+    references: dict[int, list[Array]] = {}  # of each controller, whatever the arm
     found = []
     for i in range(count):
         arm, control = arms[i % len(arms)], controls[i % len(controls)]
         key = (id(arm), id(control))
         if key not in made:
-            made[key] = _law_tables(arm, control, schedule, prescribed)
+            made[key] = _law_tables(arm, control, schedule, prescribed, references)
         found.append(made[key])
         if len(found[i]) != len(found[0]):
             raise ValueError(f"control of scenario {i}: has {len(found[i])} laws; must have {len(found[0])}, as others")
     return [tuple(stacked([f[k][j] for f in found]) for j in range(5)) for k in range(len(found[0]))]
 
 
-def _law_tables(arm: Arm, control: Any, schedule: Schedule, prescribed: list[int]) -> list[list[Array]]:
+def _law_tables(
+    arm: Arm, control: Any, schedule: Schedule, prescribed: list[int], references: dict[int, list[Array]]
+) -> list[list[Array]]:
     feedback, samplers, memory = control_laws(arm, control, schedule.ends, (), prescribed)
     if samplers or memory:
         raise ValueError("feedback: must be continuous and without memory (PD, StrainFeedback, StateFeedback)")
-    out = []
-    for column, by_q, by_v, law, limit in feedback:
-        reference = np.zeros((1, 1)) if law is None else sampled("reference", law, schedule.halves, 1)
-        out.append([column[None], by_q[None], by_v[None], reference, np.array([[limit]])])
-    return out
+    if id(control) not in references:
+        laws = [law for *_, law, _ in feedback]
+        references[id(control)] = [
+            np.zeros((1, 1)) if law is None else sampled("reference", law, schedule.halves, 1) for law in laws
+        ]
+    return [
+        [column[None], by_q[None], by_v[None], reference, np.array([[limit]])]
+        for (column, by_q, by_v, _, limit), reference in zip(feedback, references[id(control)], strict=True)
+    ]

@@ -7,7 +7,7 @@ import difflib
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -130,7 +130,7 @@ class Variation:
                 if other.startswith(path + "."):
                     raise ValueError(f"parameters: '{other}' is a part of '{path}'; give one of them")
         self._trees = {root: self._tree(root) for root in ("link", "drive", "load", "control", "gravity")}
-        self._parts: dict[str, OrderedDict[bytes, Any]] = {}
+        self._parts: dict[str, OrderedDict[bytes, Future[Any]]] = {}
         self._lock = threading.Lock()
         if not self.one_setup:
             self.scenario(0)  # so that what is wrong with all is named at the door
@@ -226,14 +226,18 @@ class Variation:
         key = b"".join(_values_at(tree, i))
         with self._lock:
             kept = self._parts.setdefault(where, OrderedDict())
-            if key in kept:
-                return kept[key]
-        made = build(i)
-        with self._lock:
-            kept[key] = made
+            made = kept.get(key)
+            mine = made is None
+            if made is None:
+                made = kept[key] = Future()
             if len(kept) > _KEPT:
                 kept.popitem(last=False)
-        return made
+        if mine:
+            try:
+                made.set_result(build(i))
+            except BaseException as e:
+                made.set_exception(e)
+        return made.result()  # of another thread, where that builds it
 
     def _rebuilt(self, where: str, part: Any, tree: Any, i: int) -> Any:
         if isinstance(tree, np.ndarray):

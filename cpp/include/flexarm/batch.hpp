@@ -1,6 +1,7 @@
 // Batches: many scenarios of one structure through the same fixed steps, from arrays to arrays, over threads.
 #pragma once
 
+#include <cstddef>
 #include <functional>
 #include <vector>
 
