@@ -7,12 +7,13 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.cli import main
-from flexarm.plan import Sweep, Vary, sweep_from_dict
+from flexarm.plan import Sweep, Vary, sweep_from_dict, tomllib
 from flexarm.quantities import QUANTITIES, settling_time
 from flexarm.sweep import SweepInterrupted, sweep
 from scipy import stats
@@ -273,3 +274,12 @@ def test_command_names_a_parameter_that_is_not_there(files, capsys):
 def test_the_shipped_sweep_is_one():
     p = fa.load_sweep("ist")
     assert len(p.parameters()[LENGTH]) == 135 and p.grid() is not None
+
+
+def test_the_sweep_of_the_documentation_is_one():
+    text = (Path(__file__).parent.parent / "docs" / "sweeps.md").read_text()
+    found = sweep_from_dict(tomllib.loads(text.split("```toml")[1].split("```")[0])).parameters()
+    assert {k: v.shape for k, v in found.items()} == {
+        "link.0.tip.mass": (1000,), "gravity": (1000, 3), STIFF: (1000,), LENGTH: (1000,),
+    }  # fmt: skip
+    assert all(f"| `{name}`" in text or f"`{name}`" in text for name in QUANTITIES)
