@@ -1,6 +1,6 @@
 """A search without gradients for feedback gains, in the vectorised environment.
 
-    python bench/search.py [-o DIR] [--generations 8] [--candidates 32]
+    python bench/search.py [-o DIR] [--generations 6] [--candidates 24]
 
 The task is flexarm.tasks.VibrationSuppression with a tip mass drawn from 10 to 60 g for every episode: u is linear in
 what is observed, u = -(k1 angle + k2 rate + k3 curvature + k4 its rate), and the cross-entropy method seeks k for the
@@ -110,8 +110,8 @@ def draw(found: dict[str, Any], path: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", dest="folder", type=Path, default=Path())
-    parser.add_argument("--generations", type=int, default=8)
-    parser.add_argument("--candidates", type=int, default=32)
+    parser.add_argument("--generations", type=int, default=6)
+    parser.add_argument("--candidates", type=int, default=24)
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
     rows: list[tuple[str, str]] = []

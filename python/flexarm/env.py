@@ -147,9 +147,12 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
     def _begin(self, which: _Bools) -> None:
         """New episodes there."""
         ranges = array("randomize", list(self.task.randomize.values())).reshape(-1, 2)
-        for i in np.flatnonzero(which):
-            if len(ranges):
-                self._take(int(i), _drawn_arms(self.task, self._rngs[i].random((1, len(ranges))))[0])
+        indices = [int(i) for i in np.flatnonzero(which)]
+        if len(ranges) and indices:
+            shares = np.array([self._rngs[i].random(len(ranges)) for i in indices])
+            for i, arm in zip(indices, _drawn_arms(self.task, shares), strict=True):
+                self._take(i, arm)
+        for i in indices:
             self._q[i], self._v[i], self._goal[i] = self.task.start(self._rngs[i])
         self._count[which], self._over[which] = 0, False
 
