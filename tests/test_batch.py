@@ -240,11 +240,20 @@ def test_parameters_are_what_they_say(integrator):
 def test_loads_voltages_and_friction():
     t = np.linspace(0, 0.02, 21)
     force = np.array([[0, 1.0, 0], [0, -2.0, 0]])
-    run = fa.simulate_batch(two_links(), t, loads=[fa.Load(force=(0, 0, 0))], parameters={"load.0.force": force})
-    assert run.stats["engine"] == "simulate"
-    for i in range(2):
-        one = fa.simulate(two_links(), t, loads=[fa.Load(force=force[i])], integrator="implicit", step=1e-3)
-        np.testing.assert_array_equal(run.q[i], one.q)
+    others = [
+        fa.Load(0, 0.2, moment=lambda t: (0, 0, np.sin(50 * t)), axes="section"),
+        fa.Load(1, along=(0.1, 0.3), t=[0, 0.01, 0.02], force=[[0, 0, 0], [3, 5, 0], [0, 0, 0]]),
+    ]
+    given = {"load.0.force": force, "link.0.beam.length": [0.3, 0.4], "load.2.scale": [1.0, -1.0]}
+    for name, step in (("implicit", 1e-3), ("rk4", 1e-4)):
+        run = fa.simulate_batch(
+            two_links(), t, loads=[fa.Load(force=(0, 0, 0)), *others], parameters=given, integrator=name, step=step
+        )
+        assert run.stats["engine"] == "scalar"
+        for i, scale in enumerate((1.0, -1.0)):
+            loads = [fa.Load(force=force[i]), others[0], others[1].scaled(scale)]
+            one = fa.simulate(run.arm(i), t, loads=loads, integrator=name, step=step)
+            np.testing.assert_allclose(run.q[i], one.q, rtol=0, atol=1e-14)
     arm = patched()
     key = ("patch", 0, 0)
     given = {"drive.patch.0.0.value": [10.0, 50.0], "link.0.beam.patches.0.thickness": [5e-4, 4e-4]}

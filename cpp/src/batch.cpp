@@ -64,6 +64,10 @@ class Worker {
       own_laws_ = own_laws_ || differs(f.column);
       varies_ = varies_ || changes(f.value);
     }
+    for (const BatchLoad& l : p_.loads) {
+      own_laws_ = own_laws_ || l.places.size() > 1;
+      varies_ = varies_ || changes(l.wrench);
+    }
     for (const BatchMotion& m : p_.motions) varies_ = varies_ || changes(m.value);
     for (const BatchFeedback& f : p_.feedback) {
       own_laws_ = own_laws_ || differs(f.column) || differs(f.by_q) || differs(f.by_v) || differs(f.limit);
@@ -123,6 +127,10 @@ class Worker {
       d.column = vector(f.column, nv);
       drives_.push_back(std::move(d));
     }
+    loads_.clear();
+    for (const BatchLoad& l : p_.loads)
+      loads_.push_back({l.places[l.places.size() == 1 ? 0 : static_cast<std::size_t>(b_)],
+                        [this, &l](double) { return Vec6<double>(l.wrench.at(b_, half_)); }});
     control_ = std::make_unique<Control>(std::move(laws), std::vector<Sampler>{}, nv);
     system_ = std::make_unique<System>(*arm, drives_, loads_, tau_, control_.get());
     if (arm != arm_) {
@@ -249,6 +257,9 @@ void check(const BatchProblem& p, const BatchOutput& out, int workers) {
   for (std::size_t k = 0; k < p.rows.size(); ++k)
     if (p.rows[k] < 0 || p.rows[k] > static_cast<Index>(steps) || (k > 0 && p.rows[k] <= p.rows[k - 1]))
       bad_value("rows", p.rows[k], "must increase, from 0 to the number of steps");
+  for (const BatchLoad& l : p.loads)
+    if (l.places.size() != 1 && static_cast<Index>(l.places.size()) != p.scenarios)
+      bad_value("places of a load", l.places.size(), "must be one, or one for each scenario");
   if (!p.q0.data || !p.v0.data || !p.tau.data) bad_value("q0, v0, tau", "null", "must be given");
   if (!out.status) bad_value("status", "null", "must be given");
   if (workers < 1) bad_value("workers", workers, "must be at least 1");

@@ -315,6 +315,7 @@ def batch(
     tau: _Array,
     motions: Sequence[tuple[int, _Array]],
     forces: Sequence[tuple[_Array, _Array]],
+    loads: Sequence[tuple[Sequence[Load], _Array]],
     laws: Sequence[tuple[_Array, _Array, _Array, _Array, _Array]],
     integrator: str,
     spectral_radius: float,

@@ -155,14 +155,14 @@ def check_balls(arm: Arm, q: Array, field_name: str = "q0") -> None:
 
 def take_steps(
     arms: Sequence[Arm], count: int, schedule: Schedule, q0: Array, v0: Array, tau: Array, motions: Sequence[Any],
-    pushes: Sequence[Any], laws: Sequence[Any], integrator: str, spectral_radius: float | None, rtol: float | None,
-    blocks: Mapping[str, Array], workers: int, alive: Any = None,
+    pushes: Sequence[Any], loads: Sequence[Any], laws: Sequence[Any], integrator: str, spectral_radius: float | None,
+    rtol: float | None, blocks: Mapping[str, Array], workers: int, alive: Any = None,
 ) -> dict[str, Any]:  # fmt: skip
     """The core's run of a batch: writes into `blocks` (q, v, a, tau of those wanted, status, reached), and gives its
     counts. What is prescribed must be in q0 and v0."""
     return _core.batch(
         [a._core for a in arms], count, schedule.lengths, schedule.ends, schedule.hold, schedule.rows,
-        q0[:, None], v0[:, None], tau, motions, pushes, laws, integrator,
+        q0[:, None], v0[:, None], tau, motions, pushes, loads, laws, integrator,
         1.0 if spectral_radius is None else number("spectral_radius", spectral_radius),
         1e-10 if rtol is None else number("rtol", rtol), dict(blocks), workers, alive,
     )  # fmt: skip
@@ -280,7 +280,7 @@ def rollout(
     workers = default_workers(workers)
     started = time.perf_counter()
     with show_progress(progress, "rolling out") as alive:
-        stats = take_steps(arms, count, schedule, q, v, force, list(moved.items()), [], laws, integrator,
+        stats = take_steps(arms, count, schedule, q, v, force, list(moved.items()), [], [], laws, integrator,
                            spectral_radius, rtol, blocks, workers, alive)  # fmt: skip
     interrupted = stats.pop("interrupted")
     stats = {"engine": "scalar", **stats, "wall_time": time.perf_counter() - started}

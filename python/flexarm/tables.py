@@ -14,6 +14,7 @@ from ._check import Array, array, number, whole
 from .arm import Arm
 from .control import control_laws
 from .drive import Motion
+from .load import Load
 
 _SAME = 1e-6  # parts of a step by which two times are still one, as the integrators have it
 _MOST = 100_000_000  # steps
@@ -106,7 +107,18 @@ def sampled(where: str, law: Any, t: Array, width: int) -> Array:
     return np.array(values).reshape(-1, width)
 
 
+def wrench_table(where: str, load: Load, t: Array) -> Array:
+    """(n, 6) values of a load at the times t; (1, 6) of one that is constant."""
+    t = t[:1] if load.constant else t
+    if isinstance(load.law, tuple):
+        return np.stack([_pieces(part, t)[:, 0] for part in load.law], axis=1)
+    return np.array([array(f"{where} at t = {x}", load.law(x), (6,)) for x in t.tolist()])
+
+
 def breaks_of(law: Any) -> Array:
+    """Times that no step may pass over."""
+    if isinstance(law, Load):
+        return np.zeros(0) if law.constant or not isinstance(law.law, tuple) else law.law[0].breaks
     if isinstance(law, _core.PiecewisePolynomial):
         return np.zeros(0) if law.coefficients.shape == (1, 1) else law.breaks
     return np.zeros(0)

@@ -236,6 +236,8 @@ class Variation:
             try:
                 made.set_result(build(i))
             except BaseException as e:
+                with self._lock:
+                    kept.pop(key, None)
                 made.set_exception(e)
         return made.result()  # of another thread, where that builds it
 

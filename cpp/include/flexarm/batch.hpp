@@ -5,7 +5,7 @@
 #include <functional>
 #include <vector>
 
-#include "flexarm/arm.hpp"
+#include "flexarm/load.hpp"
 
 namespace flexarm {
 
@@ -27,6 +27,10 @@ struct BatchForce {
   BatchTable column;  ///< generalised force per unit (nv)
   BatchTable value;   ///< one number at half steps
 };
+struct BatchLoad {
+  std::vector<Load> places;  ///< one, or one for each scenario
+  BatchTable wrench;         ///< [f; m] (N, N m) at half steps
+};
 /// See Feedback.
 struct BatchFeedback {
   BatchTable column, by_q, by_v;  ///< (nv), (nq), (nv)
@@ -44,6 +48,7 @@ struct BatchProblem {
   BatchTable q0, v0, tau;          ///< (nq), (nv), (nv); tau's times are rows that `hold` names
   std::vector<BatchMotion> motions = {};
   std::vector<BatchForce> forces = {};
+  std::vector<BatchLoad> loads = {};
   std::vector<BatchFeedback> feedback = {};
   bool rk4 = false;              ///< or ImplicitStep
   double spectral_radius = 1.0;  ///< of ImplicitStep
