@@ -49,7 +49,7 @@ def _executor(where: str, workers: int | None) -> Any:
             import distributed
 
             client: Any = distributed.Client  # no type stubs
-            return client(where).get_executor()
+            return client(where, timeout=10).get_executor()
     except ImportError as e:
         extra = "mpi" if where == "mpi" else "dask"
         raise ValueError(f"--on {where}: {e}; pip install 'flexarm[{extra}]'") from None
