@@ -106,7 +106,8 @@ def page(rows: list[Row]) -> str:
     ways = list(dict.fromkeys(str(r["way"]) for r in rows if r["kind"] == "steps"))
     lengths = sorted({int(r["n"]) for r in rows if r["kind"] == "steps"})
     at = {(r["way"], r["n"]): float(r["value"]) for r in rows}
-    lines = ["| steps of a scenario | " + " | ".join(ways) + " |", "| - " * (len(ways) + 1) + "|"]
+    lines = ["![Steps a second](figures/batch.png)", ""]
+    lines += ["| steps of a scenario | " + " | ".join(ways) + " |", "| - " * (len(ways) + 1) + "|"]
     lines += [f"| {n} | " + " | ".join(f"{at[w, n]:.3g}" for w in ways) + " |" for n in lengths]
     lines += ["", "Steps a second; behind a comma the workers.", ""]
     lines += ["| what differs | µs of one core for each scenario's arm |", "| - | - |"]
