@@ -160,6 +160,26 @@ def test_batch_in_an_executor_is_the_batch_here():
     assert here.arm(3) == there.arm(3) and len(there) == 9 and not there.failures
 
 
+def test_ctrl_c_keeps_the_shares_that_are_done(tmp_path):
+    pytest.importorskip("h5py")
+
+    def stop(share):
+        if share > 0.4:
+            raise KeyboardInterrupt
+
+    here = batch()
+    for out in (None, tmp_path / "batch.h5"):
+        with ThreadPoolExecutor(2) as threads, pytest.raises(fa.BatchInterrupted) as e:
+            batch(threads, batch=1, progress=stop, out=out)
+        part = e.value.result
+        done = part.status == 0
+        assert 4 <= done.sum() < 9 and np.array_equal(part.q[done], here.q[done])
+        assert out is not None or np.isnan(part.q[~done]).all()
+    with ThreadPoolExecutor(2) as threads:
+        rest = batch(threads, batch=2, out=tmp_path / "batch.h5")
+    assert rest.stats["resumed"] == done.sum() and np.array_equal(rest.q, here.q)
+
+
 # -- processes ----------------------------------------------------------------------------------------------
 
 

@@ -127,6 +127,26 @@ def test_every_quantity_is_that_of_the_run_alone():
         assert found["link 0 revolute force"][i] == pytest.approx(np.abs(run.tau[:, 0]).max(), rel=1e-9)
 
 
+def swing(result):
+    """Of the hub (rad)."""
+    return np.ptp(result.q[:, 0])
+
+
+def test_a_function_can_be_noted():
+    found = sweep(scene(), plan(3, outputs=[swing, "energy"]))
+    np.testing.assert_allclose(found["swing"], np.ptp(scene().run().q[:, 0]), rtol=1e-9)
+    with pytest.raises(ValueError, match="'swing' is noted twice"):
+        sweep(scene(), plan(3, outputs=[swing, swing]))
+    with pytest.raises(ValueError, match="outputs = 'swing'"):
+        plan(3, outputs=["swing"])
+
+
+def test_a_value_that_cannot_be_is_named_with_its_scenario():
+    p = Sweep([Vary("list", {LENGTH: [0.3, 0.3, 0.4, 0.3, -0.1]})])
+    with pytest.raises(ValueError, match=r"parameters of scenario 4: link\.0\.beam\.length"):
+        sweep(scene(), p, batch=2)
+
+
 def test_settling_time():
     t = np.linspace(0, 10, 1001)
     assert settling_time(t, np.exp(-t), 0.02) == pytest.approx(-np.log(0.02), abs=1e-4)

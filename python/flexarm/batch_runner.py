@@ -213,14 +213,18 @@ def _scaled(show: Any, first: float, share: float) -> Any:
     return None if show is None else lambda part: show(first + share * part)
 
 
+def renamed(message: str, names: Any) -> str:
+    """A message about a scenario of a share, with the number (of `names`) that it has in the whole batch."""
+    return re.sub(r"^((?:parameters of )?scenario) (\d+):", lambda m: f"{m[1]} {names[int(m[2])]}:", message)
+
+
 def run_share(job: Job, names: NDArray[np.int64], engine: str, workers: int) -> dict[str, Any]:
     """What a worker of an executor does with its share of a batch, whose scenarios have these names there."""
     runner = Runner(job, len(names), engine, workers, None, None, names)
     try:
         result, interrupted = runner.in_memory(None, None)
     except ValueError as e:
-        message = re.sub(r"^((?:parameters of )?scenario) (\d+):", lambda m: f"{m[1]} {names[int(m[2])]}:", str(e))
-        raise ValueError(message) from None
+        raise ValueError(renamed(str(e), names)) from None
     if interrupted:
         raise KeyboardInterrupt
     blocks = {k: getattr(result, k) for k in (*job.outputs, "status", "reached")}

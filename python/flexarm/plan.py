@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -156,7 +156,8 @@ class Sweep:
         vary: blocks of parameters.
         combine: "product": every scenario of a block with every one of the others, the last fastest; "zip": the first
             of all, then the second, ...
-        outputs: names of what is noted of each run (flexarm.sweep.QUANTITIES).
+        outputs: what is noted of each run: names of flexarm.quantities.QUANTITIES, or functions of a Result that give
+            one number.
         link: whose beam is meant.
         band: of "settling": the part of the whole way.
         trajectories: whether q and v are kept too; every: of which output times.
@@ -165,7 +166,7 @@ class Sweep:
 
     vary: Sequence[Vary]
     combine: str = "product"
-    outputs: Sequence[str] = ("tip_deflection", "settling", "strain")
+    outputs: Sequence[str | Callable[[Any], float]] = ("tip_deflection", "settling", "strain")
     link: int = 0
     band: float = 0.02
     trajectories: bool = False
@@ -173,13 +174,13 @@ class Sweep:
     title: str = "sweep"
 
     def __post_init__(self) -> None:
-        from .quantities import QUANTITIES
+        from .quantities import QUANTITIES, quantity
 
         choice("combine", self.combine, ("product", "zip"))
         if isinstance(self.outputs, str) or not self.outputs:
             raise ValueError(f"outputs = {self.outputs!r}: must be a list of names: {', '.join(QUANTITIES)}")
-        for name in self.outputs:
-            choice("outputs", name, QUANTITIES)
+        for output in self.outputs:
+            quantity(output)
         if not self.vary:
             raise ValueError("vary: a sweep needs at least one block")
         if not 0 < number("band", self.band) < 1:

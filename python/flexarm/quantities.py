@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ._check import Array, known_keys
+from ._check import Array, array, choice
 from .arm import Arm
 from .result import Result
 from .sensors import _half
@@ -152,13 +153,26 @@ QUANTITIES: dict[str, Quantity] = {
 }
 
 
-def check_quantities(arm: Arm, names: list[str], link: int) -> list[tuple[str, str]]:
+def quantity(output: str | Callable[[Result], float]) -> Quantity:
+    """Of that name, or what a function of a Result says: one number, in a column with the function's name."""
+    if isinstance(output, str):
+        return QUANTITIES[choice("outputs", output, QUANTITIES)]
+    if not callable(output):
+        raise ValueError(f"outputs: {output!r}: must be one of {', '.join(QUANTITIES)}, or a function of a Result")
+    name = getattr(output, "__name__", type(output).__name__)
+    return Quantity(_one(name, ""), lambda r, link, band: array(name, [output(r)], (1,)), "a function of yours")
+
+
+def check_quantities(arm: Arm, names: Sequence[Any], link: int) -> list[tuple[str, str]]:
     """The columns (name, unit) of these quantities; ValueError where this arm does not have one."""
-    known_keys("outputs", dict.fromkeys(names), QUANTITIES)
     beam = arm.links[arm._link(link)].beam
     for name in names:
         if name in ("tip_deflection", "residual", "strain") and beam is None:
             raise ValueError(f"outputs: {name}: link {link} has no beam; choose another link, or other outputs")
         if name == "strain" and beam is not None and _half(beam.section, "y", 0.0) is None:
             raise ValueError(f"outputs: strain: the section of link {link} does not tell how far its faces are")
-    return [column for name in names for column in QUANTITIES[name].columns(arm, arm._link(link))]
+    columns = [column for name in names for column in quantity(name).columns(arm, arm._link(link))]
+    twice = {name for name, _ in columns if [n for n, _ in columns].count(name) > 1}
+    if twice:
+        raise ValueError(f"outputs: {sorted(twice)[0]!r} is noted twice")
+    return columns

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._check import Array, number
+from ._check import Array, whole
 from .batch import simulate_batch
+from .batch_runner import renamed
 from .plan import Sweep, load_sweep
-from .quantities import QUANTITIES, check_quantities
+from .quantities import check_quantities, quantity
+from .rollout import default_workers
 from .scene import Scene, load
 from .shares import gather, shares
 from .sweep_store import Kept, fingerprint, h5py, write_table, write_trajectories
@@ -24,7 +26,7 @@ from .validity import RangeWarning, out_of_range
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MOST_ROWS = 4_000_000  # numbers in the trajectories of one share
+_MOST_NUMBERS = 4_000_000  # numbers in the trajectories of one share
 
 
 @dataclass(repr=False)
@@ -107,24 +109,25 @@ class SweepInterrupted(KeyboardInterrupt):
 # -- one share ----------------------------------------------------------------------------------------------
 
 
-def run_share(
-    first: int, scene: Scene, parameters: Mapping[str, Array], plan: Sweep, workers: int | None
-) -> dict[str, Any]:
+def run_share(first: int, scene: Scene, parameters: Mapping[str, Array], plan: Sweep, workers: int) -> dict[str, Any]:
     """What a worker does: simulates the scenarios of these parameters and sums them up.
 
     Returns:
         rows (n, columns), failures, and, where the plan keeps them, q and v.
     """
     options: dict[str, Any] = {"integrator": "ida", **scene.options}  # what Scene.run takes
-    noted = [QUANTITIES[name] for name in plan.outputs]
+    noted = [quantity(x) for x in plan.outputs]
     outputs = ("q", "v", "tau") if any(x.forces for x in noted) else ("q", "v")
     given: dict[str, Any] = {"drive": scene.drive, "loads": scene.loads, "control": scene.control}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RangeWarning)  # told once, for all
-        found = simulate_batch(
-            scene.arm, scene.t, scene.q0, scene.v0, parameters=parameters, outputs=outputs, workers=workers,
-            **given, **options,
-        )  # fmt: skip
+        try:
+            found = simulate_batch(
+                scene.arm, scene.t, scene.q0, scene.v0, parameters=parameters, outputs=outputs, workers=workers,
+                **given, **options,
+            )  # fmt: skip
+        except ValueError as e:
+            raise ValueError(renamed(str(e), range(first, first + len(next(iter(parameters.values())))))) from None
     link = scene.arm._link(plan.link)
     width = len(check_quantities(scene.arm, list(plan.outputs), link))
     rows = np.full((len(found), width), np.nan)
@@ -145,21 +148,18 @@ def run_share(
     return out
 
 
-def _part(values: Mapping[str, Array], part: range) -> dict[str, Array]:
-    return {path: v[part.start : part.stop] for path, v in values.items()}
-
-
 # -- the sweep ----------------------------------------------------------------------------------------------
 
 
-def _size(scene: Scene, plan: Sweep, count: int, batch: int | None) -> int:
-    """Scenarios in a share: 64 shares, unless their trajectories would take more memory than they should."""
+def _size(scene: Scene, count: int, batch: int | None, threads: int) -> int:
+    """Scenarios in a share: 64 shares, but a few for each thread, unless their trajectories would take more memory than
+    they should."""
     if batch is not None:
-        if not 1 <= number("batch", batch):
+        if whole("batch", batch) < 1:
             raise ValueError(f"batch = {batch}: must be at least 1")
         return batch
-    most = max(1, _MOST_ROWS // (len(scene.t) * (scene.arm.nq + 3 * scene.arm.nv)))
-    return int(min(most, max(1, -(-count // 64))))
+    most = max(threads, _MOST_NUMBERS // (len(scene.t) * (scene.arm.nq + 3 * scene.arm.nv)))
+    return int(min(most, max(4 * threads if threads > 1 else 1, -(-count // 64))))
 
 
 def sweep(
@@ -214,7 +214,8 @@ def sweep(
         for part, found in kept.read():
             _enter(result, part, found)
     computed = int((~result.done).sum())
-    todo = _missing(result.done, _size(scene, plan, count, batch))
+    workers = default_workers(1 if workers is None and executor is not None else workers)
+    todo = _missing(result.done, _size(scene, count, batch, workers))
     stop: BaseException | None = None
     again: list[range] = []
     with _shown(progress, count) as show:
@@ -230,12 +231,8 @@ def sweep(
     result.failures.sort()
     result.beyond.sort()
     result.stats = {"scenarios": count, "computed": computed - int((~result.done).sum()), "redone": len(again)}
-    if kept is not None and result.folder is not None and result.done.any():
-        if result.complete and result.stats["computed"]:
-            if plan.trajectories:
-                write_trajectories(kept, result.folder / "trajectories.h5", result, scene.t[:: plan.every], parameters)
-            kept.finish(result)
-        result.save(result.folder)
+    if kept is not None:
+        _write(result, kept, scene)
     result.stats["wall_time"] = time.perf_counter() - started
     if stop is not None:
         raise SweepInterrupted(f"interrupted after {result.done.sum()} of {count} scenarios", result) from stop
@@ -244,6 +241,18 @@ def sweep(
         others = f"; so do {len(result.beyond) - 1} others" if len(result.beyond) > 1 else ""
         warnings.warn(RangeWarning(f"scenario {i}: {text}{others}", *rest), stacklevel=2)
     return result
+
+
+def _write(result: SweepResult, kept: Kept, scene: Scene) -> None:
+    """What the folder shall hold."""
+    assert result.folder is not None
+    if result.complete and result.stats["computed"]:
+        plan, path = result.plan, result.folder / "trajectories.h5"
+        if plan.trajectories:
+            write_trajectories(kept, path, result, scene.t[:: plan.every], result.parameters)
+        kept.finish(result)
+    if result.done.any():
+        result.save(result.folder)
 
 
 def _missing(done: Any, size: int) -> list[range]:
@@ -268,19 +277,19 @@ def _computed(
     plan: Sweep,
     parameters: Mapping[str, Array],
     todo: list[range],
-    workers: int | None,
+    workers: int,
     executor: Any,
     again: Callable[[range], None],
 ) -> Iterable[tuple[range, dict[str, Any]]]:
     def arguments(part: range) -> dict[str, Any]:
-        return {"first": part.start, "scene": scene, "parameters": _part(parameters, part), "plan": plan}
+        values = {path: v[part.start : part.stop] for path, v in parameters.items()}
+        return {"first": part.start, "scene": scene, "parameters": values, "plan": plan, "workers": workers}
 
     if executor is not None:
-        per = 1 if workers is None else workers
-        yield from gather(run_share, lambda part: {**arguments(part), "workers": per}, todo, executor, again=again)
-        return
-    for part in todo:
-        yield part, run_share(**arguments(part), workers=workers)
+        yield from gather(run_share, arguments, todo, executor, again=again)
+    else:
+        for part in todo:
+            yield part, run_share(**arguments(part))
 
 
 def _shown(progress: Any, total: int) -> Any:
