@@ -31,6 +31,7 @@ from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody,
 from .motor import Motor
 from .patch import Patch, Piezo, Voltage
 from .placement import PatchPlacement, placement
+from .plan import Sweep, Vary, load_sweep
 from .reading import PowerSpectrum, Reading, psd
 from .result import Result
 from .rollout import BatchInterrupted, Failure, Rollout, rollout
@@ -41,6 +42,7 @@ from .sensors import Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, T
 from .shaping import Shaper, input_shaper
 from .simulation import SimulationError, SimulationInterrupted, simulate
 from .split import split
+from .sweep import SweepInterrupted, SweepResult, sweep
 from .validity import RangeWarning
 
 __all__ = [
@@ -98,20 +100,26 @@ __all__ = [
     "StateFeedback",
     "StrainFeedback",
     "StrainGauge",
+    "Sweep",
+    "SweepInterrupted",
+    "SweepResult",
     "Tachometer",
     "Taper",
     "Torque",
     "Universal",
+    "Vary",
     "Voltage",
     "__version__",
     "batch_memory",
     "chart",
     "input_shaper",
     "load",
+    "load_sweep",
     "placement",
     "psd",
     "rollout",
     "simulate",
     "simulate_batch",
     "split",
+    "sweep",
 ]

@@ -4,40 +4,32 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ._check import Array, array, choice, number, whole
 from .arm import Arm
-from .batch_file import BatchFile
 from .batch_result import OUTPUTS, BatchResult
 from .batch_run import Job
+from .batch_runner import Runner
 from .control import Controller
 from .load import Load
 from .rollout import (
     NOT_DONE,
     BatchInterrupted,
-    Failure,
     check_options,
     default_workers,
     forces,
-    prepared,
     rows,
     scenario_count,
-    show_progress,
 )
 from .simulation import INTEGRATORS, _check_options
 from .tables import check_every
-from .validity import RangeWarning, out_of_range
 from .variation import Setup, Variation
-
-_CHUNK_BYTES = 1 << 26  # what a file is written in
 
 
 def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = ("q", "v")) -> int:
@@ -142,10 +134,12 @@ def simulate_batch(
             scenarios are done: the same call again does what is missing, whatever stopped it. Another batch's file is
             refused.
         resume: whether to go on with such a file; if not, it is written over.
-        executor: not there yet.
+        executor: a concurrent.futures.Executor, or a callable that makes one, whose workers take shares of the batch:
+            a ProcessPoolExecutor, Dask's client.get_executor(), mpi4py's MPIPoolExecutor(). Shares of workers that
+            die are computed again; docs/sweeps.md. `workers` are then the threads in each (1 if None).
         batch: scenarios at once, in memory together and written to a file together. None: 256, or 16 for each worker,
             whichever is more, and at most what 64 MB hold where there is a file; all, where nothing but the start and
-            the forces differ.
+            the forces differ; with an executor a 64th of all.
 
     Returns:
         BatchResult; `batch_memory` tells its bytes beforehand.
@@ -157,13 +151,11 @@ def simulate_batch(
     Warns:
         RangeWarning: a beam bent further than its order is good for, in at least one scenario.
     """
-    if executor is not None:
-        raise ValueError("executor: is not there yet; leave it out")
     controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)
     setup = {"drive": dict(drive or {}), "loads": tuple(loads or ()), "control": controls}
     options = {"rtol": rtol, "spectral_radius": spectral_radius, **options}
     job, count = _make_job(arm, t, q0, v0, tau, setup, parameters, outputs, every, integrator, step, options)
-    workers = default_workers(workers)
+    workers = default_workers(1 if workers is None and executor is not None else workers)
     path = Path(out) if isinstance(out, (str, Path)) else None
     need, there = batch_memory(arm, count, job.rows, job.outputs), _physical_memory()
     if path is None and not out and need > there:
@@ -173,7 +165,7 @@ def simulate_batch(
         )
     started = time.perf_counter()
     engine = job.engine()
-    runner = _Runner(job, count, engine, workers, batch)
+    runner = Runner(job, count, engine, workers, batch, executor)
     if path is None:
         arrays = None if isinstance(out, (str, Path)) else out
         result, interrupted = runner.in_memory(arrays, progress)
@@ -187,133 +179,3 @@ def simulate_batch(
     if runner.beyond:
         warnings.warn(runner.beyond, stacklevel=2)
     return result
-
-
-@dataclass
-class _Runner:
-    """Runs a batch, chunk by chunk."""
-
-    job: Job
-    count: int
-    engine: str
-    workers: int
-    batch: int | None
-    stats: dict[str, Any] = field(default_factory=dict)
-    beyond: RangeWarning | None = None
-    out_of_range: int = 0
-
-    def _most(self) -> int:
-        """Scenarios whose arms are held at once."""
-        return max(256, 16 * self.workers)
-
-    def _chunk(self, default: int) -> int:
-        if self.batch is None:
-            return default
-        if whole("batch", self.batch) < 1:
-            raise ValueError(f"batch = {self.batch}: must be at least 1")
-        return self.batch
-
-    def _run(
-        self, indices: NDArray[np.int64], setups: list[Setup], blocks: Mapping[str, Any], alive: Any
-    ) -> tuple[list[Failure], bool]:
-        failures, stats = self.job.run(self.engine, setups, indices, blocks, self.workers, alive)
-        interrupted = bool(stats.pop("interrupted"))
-        for k, n in stats.items():
-            self.stats[k] = max(self.stats.get(k, 0), n) if k == "workers" else self.stats.get(k, 0) + n
-        if self.engine == "steps" and "q" in blocks:
-            self._check_range(indices, setups, blocks["q"])
-        return failures, interrupted
-
-    def _check_range(self, indices: NDArray[np.int64], setups: list[Setup], q: Array) -> None:
-        """Looks for beams bent beyond their order's range; the first is told of."""
-        variation, t = self.job.variation, self.job.t[:: self.job.every]
-        alike = not variation.varies_arm
-        if alike:  # a look at all at once, which mostly is enough
-            arm, flat = variation.setup.arm, np.nan_to_num(q).reshape(-1, q.shape[2])
-            if out_of_range(arm, np.zeros(len(flat)), flat) is None:
-                return
-        for k, i in enumerate(indices.tolist()):
-            arm = setups[k % len(setups)].arm
-            here = ~np.isnan(q[k, :, 0])
-            found = out_of_range(arm, t[here], q[k, here])
-            if found is not None:
-                self.out_of_range += 1
-                if self.beyond is None:
-                    told = (found.link, found.time, found.rotation, found.limit)
-                    self.beyond = RangeWarning(f"scenario {i}: {found}", *told)
-
-    def _chunks(self, indices: NDArray[np.int64], size: int) -> Iterator[tuple[NDArray[np.int64], list[Setup]]]:
-        """Pieces of the indices with what they are made of, the next being built while one runs."""
-        parts = [indices[k : k + size] for k in range(0, len(indices), size)]
-        if len(parts) == 1:
-            yield parts[0], self.job.variation.scenarios(parts[0], self.workers)
-            return
-        with ThreadPoolExecutor(1) as ahead:
-            coming = [ahead.submit(self.job.variation.scenarios, part, self.workers) for part in parts[:1]]
-            for k, part in enumerate(parts):
-                setups = coming.pop().result()
-                if k + 1 < len(parts):
-                    coming.append(ahead.submit(self.job.variation.scenarios, parts[k + 1], self.workers))
-                yield part, setups
-
-    def in_memory(self, out: Mapping[str, Array] | None, progress: Any) -> tuple[BatchResult, bool]:
-        job, n = self.job, self.count
-        blocks: dict[str, Any] = prepared(out, {k: (n, job.rows, size) for k, size in job.sizes().items()})
-        blocks["status"], blocks["reached"] = np.full(n, NOT_DONE, np.int32), np.full(n, job.t[0])
-        failures: list[Failure] = []
-        interrupted, done = False, 0
-        with show_progress(progress, "simulating") as show:
-            size = self._chunk(n if job.variation.one_setup else self._most())
-            try:
-                for part, setups in self._chunks(np.arange(n), size):
-                    here = {k: x[done : done + len(part)] for k, x in blocks.items()}
-                    found, interrupted = self._run(part, setups, here, _scaled(show, done / n, len(part) / n))
-                    failures += found
-                    done += len(part)
-                    if interrupted:
-                        break
-            except KeyboardInterrupt:  # between two chunks
-                interrupted = True
-        for k in job.outputs:
-            blocks[k][done:] = np.nan
-        return self._result(blocks, failures), interrupted
-
-    def in_file(self, path: Path, resume: bool, progress: Any) -> tuple[BatchResult, bool]:
-        job, n = self.job, self.count
-        row = max(1, batch_memory(job.variation.setup.arm, 1, job.rows, job.outputs))
-        size = self._chunk(int(np.clip(_CHUNK_BYTES // row, self.workers, self._most())))
-        file = BatchFile(path, job, n, resume)
-        interrupted = False
-        try:
-            missing = file.missing()
-            done = n - len(missing)
-            self.stats["resumed"] = done
-            with show_progress(progress, "simulating") as show:
-                for part, setups in self._chunks(missing, size):
-                    shape = {k: (len(part), job.rows, width) for k, width in job.sizes().items()}
-                    blocks: dict[str, Any] = {k: np.empty(s) for k, s in shape.items()}
-                    blocks["status"], blocks["reached"] = np.empty(len(part), np.int32), np.empty(len(part))
-                    found, interrupted = self._run(part, setups, blocks, _scaled(show, done / n, len(part) / n))
-                    whole = blocks["status"] != NOT_DONE
-                    file.write(part[whole], {k: x[whole] for k, x in blocks.items()}, found)
-                    done += len(part)
-                    if interrupted:
-                        break
-        except KeyboardInterrupt:  # between two chunks
-            interrupted = True
-        finally:
-            left = file.missing()
-            held, failures = file.close()
-        held["status"][left], held["reached"][left] = NOT_DONE, job.t[0]
-        return self._result(held, failures), interrupted
-
-    def _result(self, held: Mapping[str, Any], failures: list[Failure]) -> BatchResult:
-        job = self.job
-        arrays: dict[str, Any] = {k: held.get(k) for k in OUTPUTS}
-        stats = {**self.stats, **({"out_of_range": self.out_of_range} if self.out_of_range else {})}
-        return BatchResult(job.t[:: job.every], **arrays, status=held["status"], reached=held["reached"],
-                           variation=job.variation, failures=failures, stats=stats)  # fmt: skip
-
-
-def _scaled(show: Any, first: float, share: float) -> Any:
-    return None if show is None else lambda part: show(first + share * part)

@@ -72,9 +72,24 @@ class Job:
     step: float | None
     options: dict[str, Any] = field(default_factory=dict)
 
+    def taken(self, indices: NDArray[np.int64]) -> Job:
+        """The batch of these scenarios alone."""
+
+        def part(x: Array | None) -> Array | None:
+            return x if x is None or len(x) == 1 else np.ascontiguousarray(x[indices])
+
+        values = {path: part(v) for path, v in self.variation.values.items()}
+        variation = Variation(self.variation.setup, values)  # type: ignore[arg-type]
+        return replace(self, variation=variation, q0=part(self.q0), v0=part(self.v0), tau=part(self.tau))
+
     @property
     def rows(self) -> int:
         return len(self.t[:: self.every])
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a scenario's result."""
+        return max(1, 8 * self.rows * sum(self.sizes().values()))
 
     def sizes(self) -> dict[str, int]:
         """Numbers in a row of each output."""

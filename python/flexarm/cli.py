@@ -1,4 +1,4 @@
-"""The command line: `flexarm demo`, `run SCENE`, `modes SCENE`, `chart SCENE`, `place SCENE`.
+"""The command line: `flexarm demo`, `run SCENE`, `modes SCENE`, `chart SCENE`, `place SCENE`, `batch`.
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
 2 bad input, one line says which; 130 interrupted.
@@ -314,7 +314,7 @@ _Command = Callable[[argparse.Namespace], int]
 
 
 def _parser() -> _Parser:
-    from . import __version__, cli_chart, cli_place
+    from . import __version__, cli_batch, cli_chart, cli_place
 
     top = _Parser(
         prog="flexarm",
@@ -363,6 +363,10 @@ def _parser() -> _Parser:
 
     p = command("place", cli_place.run, "where to bond a piezo patch", cli_place.TEXT)
     cli_place.options(p, scene, output)
+
+    summary = "simulate a scene many times over, its parameters varied"
+    p = command("batch", cli_batch.run, summary, cli_batch.TEXT)
+    cli_batch.options(p, scene, output)
     return top
 
 
