@@ -55,7 +55,7 @@ py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const
                const std::vector<double>& times, const std::vector<Eigen::Index>& hold,
                const std::vector<Eigen::Index>& rows, const Table& q0, const Table& v0, const Table& tau,
                const Motions& motions, const Forces& forces, const Loads& loads, const Laws& laws,
-               const std::string& integrator, double spectral_radius, double rtol, py::dict& out, int workers,
+               const std::string& integrator, double spectral_radius, double rtol, bool lanes, py::dict& out, int workers,
                const std::function<void(double)>& alive) {
   if (arms.empty()) bad_value("arms", "[]", "must be one, or one for each scenario");
   BatchProblem p{arms, scenarios, lengths, times, hold, rows, {}, {}, {}};
@@ -69,6 +69,7 @@ py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const
   p.rk4 = integrator == "rk4";
   p.spectral_radius = spectral_radius;
   p.rtol = rtol;
+  p.lanes = lanes;
   const py::ssize_t all = scenarios * static_cast<py::ssize_t>(rows.size());
   BatchOutput o;
   o.q = block<double>(out, "q", all * nq);
@@ -104,6 +105,7 @@ py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const
   stats["factorisations"] = s.factorisations;
   stats["newton_iterations"] = s.iterations;
   stats["workers"] = s.workers;
+  stats["lanes"] = s.lanes;
   stats["interrupted"] = s.interrupted;
   return stats;
 }
@@ -114,5 +116,5 @@ void bind_batch(py::module_& m) {
   m.def("batch", &batch, py::arg("arms"), py::arg("scenarios"), py::arg("lengths"), py::arg("times"), py::arg("hold"),
         py::arg("rows"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("motions"), py::arg("forces"),
         py::arg("loads"), py::arg("laws"), py::arg("integrator"), py::arg("spectral_radius"), py::arg("rtol"),
-        py::arg("out"), py::arg("workers"), py::arg("alive"));
+        py::arg("lanes"), py::arg("out"), py::arg("workers"), py::arg("alive"));
 }

@@ -320,6 +320,7 @@ def batch(
     integrator: str,
     spectral_radius: float,
     rtol: float,
+    lanes: bool,
     out: dict[str, Any],
     workers: int,
     alive: Callable[[float], None] | None,
