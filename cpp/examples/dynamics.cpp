@@ -19,7 +19,7 @@ Eigen::VectorXd read(int n, const char* name) {
   return x;
 }
 
-void print(const Eigen::VectorXd& x) {
+void print_row(const Eigen::VectorXd& x) {
   for (const double value : x) std::printf("%.17g ", value);
   std::printf("\n");
 }
@@ -33,10 +33,10 @@ void run(const char* path) {
   flexarm::move_arm(arm, ws, q, v);
   flexarm::composite_mass_matrix(arm, ws);
   std::printf("%d %d\n", arm.nq(), arm.nv());
-  for (int i = 0; i < arm.nv(); ++i) print(ws.M.row(i));
+  for (int i = 0; i < arm.nv(); ++i) print_row(ws.M.row(i));
   if (flexarm::forward_dynamics(arm, ws, q, v, tau) != flexarm::Status::ok)
     throw std::invalid_argument("the mass matrix is singular at q");
-  print(ws.a);
+  print_row(ws.a);
 #else
   throw std::invalid_argument(std::string(path) + ": this flexarm was built without toml++, and reads no scenes");
 #endif
