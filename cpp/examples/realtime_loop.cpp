@@ -335,13 +335,13 @@ Arguments read(int argc, char** argv) {
       throw std::invalid_argument(name + " = " + value + ": must be a number");
     if (name == "--seconds" && number >= 0.01 && number <= 3600.0)
       a.seconds = number;
-    else if (name == "--links" && number >= 1 && number <= 12 && number == std::floor(number))
+    else if (name == "--links" && number >= 1 && number <= 8 && number == std::floor(number))
       a.links = static_cast<int>(number);
     else if (name == "--strain" && number >= 0.0)
       a.strain = number;
     else
       throw std::invalid_argument(name + " = " + value +
-                                  ": known are --seconds 0.01 to 3600, --links 1 to 12, --scene FILE, --strain 0 or "
+                                  ": known are --seconds 0.01 to 3600, --links 1 to 8, --scene FILE, --strain 0 or "
                                   "more, --free");
   }
   return a;
