@@ -185,7 +185,7 @@ BAD = [  # a link's lines, or all of a scene; what both readers must name
     (JOINT + "\nhub = {mass = 1, inertia = [1, 1]}", ["link[0].hub.inertia"]),
     (JOINT, ["coordinate 'link 0 revolute'"]),
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("radius", "raduis"), ["link[0].beam.section", "did you mean 'radius'?"]),
-    (f"{JOINT}\n{HUB}\n{BEAM}".replace("radius = 0.01", ""), ["link[0].beam.section", "missing radius"]),
+    (f"{JOINT}\n{HUB}\n{BEAM}".replace(", radius = 0.01", ""), ["link[0].beam.section", "missing radius"]),
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("0.01", "-1"), ["link[0].beam.section.radius"]),
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("1e9", '"steel"'), ["link[0].beam.material.youngs_modulus"]),
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("0.5", "-0.5"), ["link[0].beam.length"]),
