@@ -219,6 +219,16 @@ double now() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
+/// Until a millisecond after the last time due, however long the work took.
+void sleep_a_period(timespec& due) {
+  due.tv_nsec += 1000000;
+  if (due.tv_nsec >= 1000000000) {
+    due.tv_nsec -= 1000000000;
+    ++due.tv_sec;
+  }
+  clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, nullptr);
+}
+
 /// What the kernel grants, said on stdout.
 void ask_for_real_time(bool free) {
   const auto granted = [](bool yes) { return yes ? "yes" : std::strerror(errno); };
@@ -271,14 +281,7 @@ int run(const Arguments& a) {
   clock_gettime(CLOCK_MONOTONIC, &next);
   counting_allocations = true;
   for (; done < cycles && status == flexarm::Status::ok; ++done) {
-    if (!a.free) {
-      next.tv_nsec += 1000000;
-      if (next.tv_nsec >= 1000000000) {
-        next.tv_nsec -= 1000000000;
-        ++next.tv_sec;
-      }
-      clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, nullptr);
-    }
+    if (!a.free) sleep_a_period(next);
     const double begin = now(), due = static_cast<double>(next.tv_sec) + 1e-9 * static_cast<double>(next.tv_nsec);
     const double t = kPeriod * static_cast<double>(done);
     const bool knocked = t >= 0.5 * a.seconds && t < 0.5 * a.seconds + kKnock;

@@ -192,13 +192,12 @@ SliceMotion<S> slice_motion(const Arm& arm, const SweepWorkspace<S>& ws, std::si
   return m;
 }
 
-#define FLEXARM_INSTANTIATE(S)                                                                                \
-  template void accelerate_arm<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&, const Eigen::Vector3d&);    \
-  template Pose<S> link_pose<S>(const SweepWorkspace<S>&, std::size_t);                                       \
-  template Pose<S> slice_pose<S>(const SweepWorkspace<S>&, std::size_t, const Slice<S>&);                     \
-  template void slice_jacobian<S>(const Arm&, const SweepWorkspace<S>&, std::size_t, const Slice<S>&,         \
-                                  Mat6X<S>&);                                                                 \
-  template SliceMotion<S> slice_motion<S>(const Arm&, const SweepWorkspace<S>&, std::size_t, const Slice<S>&, \
+#define FLEXARM_INSTANTIATE(S)                                                                                    \
+  template void accelerate_arm<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&, const Eigen::Vector3d&);        \
+  template Pose<S> link_pose<S>(const SweepWorkspace<S>&, std::size_t);                                           \
+  template Pose<S> slice_pose<S>(const SweepWorkspace<S>&, std::size_t, const Slice<S>&);                         \
+  template void slice_jacobian<S>(const Arm&, const SweepWorkspace<S>&, std::size_t, const Slice<S>&, Mat6X<S>&); \
+  template SliceMotion<S> slice_motion<S>(const Arm&, const SweepWorkspace<S>&, std::size_t, const Slice<S>&,     \
                                           const VecX<S>&);
 FLEXARM_INSTANTIATE(double)
 FLEXARM_INSTANTIATE(Tangent)
