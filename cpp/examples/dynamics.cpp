@@ -24,9 +24,16 @@ void print_row(const Eigen::VectorXd& x) {
   std::printf("\n");
 }
 
-void run(const char* path) {
+flexarm::Arm load(const char* path) {
 #ifdef FLEXARM_SCENES
-  const flexarm::Arm arm = flexarm::load_arm(path);
+  return flexarm::load_arm(path);
+#else
+  throw std::invalid_argument(std::string(path) + ": this flexarm was built without toml++, and reads no scenes");
+#endif
+}
+
+void run(const char* path) {
+  const flexarm::Arm arm = load(path);
   flexarm::Workspace ws(arm);
   flexarm::take_composite(arm, ws);
   const Eigen::VectorXd q = read(arm.nq(), "q"), v = read(arm.nv(), "v"), tau = read(arm.nv(), "tau");
@@ -37,9 +44,6 @@ void run(const char* path) {
   if (flexarm::forward_dynamics(arm, ws, q, v, tau) != flexarm::Status::ok)
     throw std::invalid_argument("the mass matrix is singular at q");
   print_row(ws.a);
-#else
-  throw std::invalid_argument(std::string(path) + ": this flexarm was built without toml++, and reads no scenes");
-#endif
 }
 
 }  // namespace
