@@ -9,6 +9,8 @@
 
 namespace flexarm {
 
+const char this_file_has_other_vector_flags_than_the_flexarm_library::FLEXARM_SAME_FLAGS = 0;
+
 Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::vector<Load>& applied)
     : SweepWorkspace<double>(arm, applied), a(Eigen::VectorXd::Zero(arm.nv())), prescribed(given) {
   prescribed.resize(static_cast<std::size_t>(arm.nv()), false);

@@ -314,7 +314,7 @@ _Command = Callable[[argparse.Namespace], int]
 
 
 def _parser() -> _Parser:
-    from . import __version__, cli_batch, cli_chart, cli_place
+    from . import __version__, cli_batch, cli_chart, cli_place, cmake
 
     top = _Parser(
         prog="flexarm",
@@ -322,6 +322,8 @@ def _parser() -> _Parser:
         epilog="Start with 'flexarm demo'. SCENE is a TOML file, or the name of a shipped scene such as ist.",
     )
     top.add_argument("--version", action="version", version=f"flexarm {__version__}")
+    folder = "print where CMake's find_package(flexarm) looks, for C++ users"
+    top.add_argument("--cmakedir", action=cmake.PrintCMakeDir, help=folder)
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=_Parser)
 
     def command(name: str, does: _Command, summary: str, text: str) -> argparse.ArgumentParser:

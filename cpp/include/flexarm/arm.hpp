@@ -9,6 +9,19 @@
 
 namespace flexarm {
 
+// Eigen takes memory, and lays out what it packs, as the vector flags (-mavx, -march=native) and sanitizers of a file
+// have it. A program whose files disagree with the library on that crashes; by this name it does not link instead.
+// Then compile the library with the flags of the program: as a part of its project, or by -DCMAKE_CXX_FLAGS=.
+#define FLEXARM_JOIN_(a, b, c, d) a##b##c##d
+#define FLEXARM_JOIN(a, b, c, d) FLEXARM_JOIN_(a, b, c, d)
+#define FLEXARM_SAME_FLAGS FLEXARM_JOIN(aligned_to_, EIGEN_DEFAULT_ALIGN_BYTES, _malloc_, EIGEN_MALLOC_ALREADY_ALIGNED)
+namespace this_file_has_other_vector_flags_than_the_flexarm_library {
+extern const char FLEXARM_SAME_FLAGS;
+#if defined(__GNUC__)
+[[gnu::used]] static const char* const checked = &FLEXARM_SAME_FLAGS;
+#endif
+}  // namespace this_file_has_other_vector_flags_than_the_flexarm_library
+
 namespace lanes {
 class Plan;
 }
