@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -20,10 +20,15 @@ from .trial import OutOfTime, Trial, Trials
 
 _GOAL = 0.8  # of the tolerance: what the walk may use up; the rest is for what the reference does not know
 _SMALL = 1 / 30  # of the tolerance: what is estimated to do less is left out of the reference
-_HOPELESS = 20.0  # times the tolerance: what is estimated to do more is not tried
+_HOPELESS = 20.0  # times the tolerance: coordinates that are estimated to do more are not left out
+_UNLIKELY = 2.5  # times the tolerance: orders that are estimated to be off by more are not tried
 _AGREE = 1 / 3  # of the tolerance: how close reference and check must be
 _ROUNDS = 3  # references, at most
 _SPIN = 0.5  # of the first frequency: no order 1, which softens, above it
+
+
+#: By (link, strain, number of the mode, from 1), how far a coordinate moves the quantity, over its span.
+Sizes: TypeAlias = dict[tuple[int, int, int], float]
 
 
 @dataclass
@@ -147,14 +152,16 @@ class Economy:
         self.share.pop((-1, -1, -1), None)
         exact = tuple(r and replace(r, order="exact", rotary=True, gauss=None) for r in base.model)
         if any(sum(self._counts(r)) for r in exact):
-            variants: dict[Any, Arm] = {"rotary": self.rungs.arm(tuple(r and replace(r, rotary=False) for r in exact))}
-            for order in ORDERS[:-1]:
+            poorer: dict[Any, Model] = {o: tuple(r and replace(r, order=o) for r in exact) for o in ORDERS[:-1]}
+            poorer["rotary"] = tuple(r and replace(r, rotary=False) for r in exact)
+            variants: dict[Any, Arm] = {}
+            for name, model in poorer.items():
                 try:
-                    variants[order] = self.rungs.arm(tuple(r and replace(r, order=order) for r in exact))
+                    variants[name] = self.rungs.arm(model)
                 except ValueError:
-                    continue  # order 0 asks for inertia that an arm may not have
+                    continue  # torsion and shear need rotary inertia, order 0 inertia that an arm may not have
             about = Indicators(self.trials.scene(exact, {}), base.result, self.quantity, variants).variants
-            self.rotary = about.pop("rotary")
+            self.rotary = about.pop("rotary", np.inf)
             self.by_order = {**about, "exact": 0.0}
         else:
             self.by_order, self.rotary = {}, np.inf
@@ -217,28 +224,42 @@ class Economy:
     def allowed(self, order: int | str) -> bool:
         return order != 1 or max(self.spin.values(), default=0.0) < _SPIN
 
-    def orders(self, reference: Trial) -> Iterator[Model]:
-        """The reference with poorer orders that still meet the goal, the poorest first; at most two."""
-        given = 0
-        top = max((ORDERS.index(r.order) for r in reference.model if r is not None), default=0)
-        for order in ORDERS[:top]:
-            hopeless = self.by_order.get(order, 0.0) > _HOPELESS * self.tol
-            model = tuple(r and replace(r, order=order) for r in reference.model)
-            if hopeless or not self.allowed(order):
+    def likely(self, reference: Trial) -> Model:
+        """The reference, of the poorest order that is estimated to be good enough and is; runs are cheaper there."""
+        for order in (2, 3):
+            if self.by_order.get(order, np.inf) > _GOAL / 2 * self.tol:
                 continue
+            model = tuple(r and replace(r, order=order) for r in reference.model)
+            if order == 3 and self.trials.cost(model) > self.trials.cost(reference.model):
+                continue
+            if self.error(model, reference) <= _GOAL * self.tol:
+                return model
+        return reference.model
+
+    def orders(self, start: Model, few: Model, reference: Trial, sizes: Sizes) -> Iterator[Model]:
+        """The reduced model with poorer orders that still meet the goal, the poorest first; at most two. Where that
+        order leaves no room for so few modes, they are chosen anew."""
+        given, goal = 0, _GOAL * self.tol
+        top = max((ORDERS.index(r.order) for r in few if r is not None), default=0)
+        for order in ORDERS[:top]:
+            if self.by_order.get(order, 0.0) > _UNLIKELY * self.tol or not self.allowed(order):
+                continue
+            model, full = (tuple(r and replace(r, order=order) for r in m) for m in (few, start))
             try:
-                dear = order == 3 and self.trials.cost(model) > self.trials.cost(reference.model)
+                dear = order == 3 and self.trials.cost(model) > self.trials.cost(few)
             except ValueError:
                 continue
-            error = np.inf if dear else self.error(model, reference)
-            if error <= _GOAL * self.tol:
+            if not dear and self.error(model, reference) <= goal:
                 yield model
-                given += 1
-                if given == 2 or error < 0.3 * self.tol:
-                    return
-        yield reference.model
+            elif not dear and self.by_order.get(order, 0.0) <= goal and self.error(full, reference) <= goal:
+                yield self.fewer(full, reference, sizes)
+            else:
+                continue
+            given += 1
+            if given == 2:
+                return
 
-    def sizes(self, reference: Trial) -> dict[tuple[int, int, int], float]:
+    def sizes(self, reference: Trial) -> Sizes:
         """By (first link of the group, strain, number), how far that coordinate alone moves the quantity."""
         assert reference.arm is not None and reference.result is not None
         arm, r = reference.arm, reference.result
@@ -261,7 +282,7 @@ class Economy:
                     out[group[0], s, n] = sense.size(x)
         return out
 
-    def fewer(self, start: Model, reference: Trial, sizes: dict[tuple[int, int, int], float]) -> Model:
+    def fewer(self, start: Model, reference: Trial, sizes: Sizes) -> Model:
         """Leaves out coordinates, those that move the quantity least first, as many as the goal allows; by bisection,
         each step verified."""
         tails = []
@@ -293,7 +314,7 @@ class Economy:
             guess = (low + high + 1) // 2
         return without(low)
 
-    def polish(self, model: Model, reference: Trial, sizes: dict[tuple[int, int, int], float]) -> Model:
+    def polish(self, model: Model, reference: Trial, sizes: Sizes) -> Model:
         """Single steps down, as long as one meets the goal."""
         goal = _GOAL * self.tol
         failed: set[Any] = set()
@@ -309,7 +330,7 @@ class Economy:
                 failed.add(name)
         return model
 
-    def moves(self, model: Model, sizes: dict[tuple[int, int, int], float]) -> Iterator[tuple[Any, Model, float]]:
+    def moves(self, model: Model, sizes: Sizes) -> Iterator[tuple[Any, Model, float]]:
         """(name, model, estimated error) of all single steps down that save time."""
         if not self.rungs.pinned:
             for group, s, n in self.rungs.items(model):
@@ -333,7 +354,8 @@ class Economy:
                 except ValueError:
                     continue
                 if cheaper:
-                    yield ("order", group[0], order), lower, min(self.by_order.get(order, 0.0), self.tol)
+                    about = self.by_order.get(order, 0.0)
+                    yield ("order", group[0], order), lower, about if about < _UNLIKELY * self.tol else np.inf
                     break
 
     def slices(self, model: Model, reference: Trial) -> Model:
@@ -359,25 +381,24 @@ class Economy:
     def reduce(self, reference: Trial) -> Model:
         """The cheapest model within the goal that the walk finds."""
         sizes = self.sizes(reference)
-        found = []
-        for start in self.orders(reference):
-            self.tell("fewer coordinates")
-            few = self.polish(self.fewer(start, reference, sizes), reference, sizes)
-            found.append(tuple(r and (r if sum(r.counts) else replace(r, order=1)) for r in few))
+        self.tell("fewer coordinates")
+        start = self.likely(reference)
+        few = self.fewer(start, reference, sizes)
+        found = [self.polish(m, reference, sizes) for m in self.orders(start, few, reference, sizes)]
+        found = found or [self.polish(few, reference, sizes)]
         model = min(dict.fromkeys(found), key=self.trials.cost)
         return self.slices(model, reference)
 
     # -- the integrator ----------------------------------------------------------------------------------------------
 
     def settings(self, model: Model) -> Iterator[list[dict[str, Any]]]:
-        """Of each integrator, settings from tight to loose."""
+        """Of each integrator, settings in the order of trying: steps from short to long, tolerances from loose."""
         span, gap = float(np.ptp(self.scene.t)), float(np.diff(self.scene.t).max())
         step = float(self.trials.walk.get("step", gap))
         if self.rungs.arm(model).nv <= 60:
             longer = [step * 2.0**k for k in range(6) if step * 2.0**k <= span]
             yield [{"integrator": "gauss", "step": h} for h in longer or [step]]
-            yield [{"integrator": "gauss", "stages": 2, "step": h / 4} for h in longer[:3]]
-        yield [{"integrator": "ida", "rtol": r, "atol": r * 1e-3} for r in (1e-5, 1e-4, 1e-3)]
+        yield [{"integrator": "ida", "rtol": r, "atol": r * 1e-3} for r in (1e-3, 1e-4, 1e-5)]
         yield [{"integrator": "implicit", "step": gap}]
         yield [{"integrator": "rk4", "step": gap}]
 
@@ -387,13 +408,15 @@ class Economy:
         for line in self.settings(model):
             for options in line:
                 best = min((x.time for x in tried if self._good(x, reference)), default=np.inf)
+                if options["integrator"] in ("implicit", "rk4"):  # four evaluations a step at least
+                    steps = float(np.ptp(self.scene.t)) / options["step"]
+                    if 4 * steps * self.trials.cost(model) > best:
+                        break
                 trial = self.trials.run(model, options, whole=True, most=max(0.2, 3 * best))
                 tried.append(trial)
-                if not self._good(trial, reference):
-                    if options["integrator"] == "ida" and trial.values is not None and options["rtol"] > 1e-6:
-                        break
-                    if trial.values is not None or options["integrator"] != "gauss":
-                        break
+                good = self._good(trial, reference)
+                if good == (options["integrator"] == "ida") or trial.time > 1.5 * best:
+                    break  # a longer step is worse still, a tighter tolerance dearer
         good = sorted((x for x in tried if self._good(x, reference)), key=lambda x: x.time)
         if not good:
             trial = self.trials.run(model, self.trials.walk, whole=True)

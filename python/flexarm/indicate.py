@@ -24,7 +24,7 @@ from .patch import column_of, split_drives
 from .result import Result
 from .scene import Scene
 
-_ROWS = 201  # of a run, at which residuals are taken
+_ROWS = 121  # of a run, at which residuals are taken
 
 
 def prescribed_rates(scene: Scene) -> list[int]:
@@ -70,22 +70,33 @@ def _driven(scene: Scene) -> Array:
     return active
 
 
+def _acting(scene: Scene) -> tuple[list[Any], Array]:
+    """Places of the loads, and by how much each of their components ever acts, (n, 6)."""
+    most = []
+    for load in scene.loads:
+        breaks = load.law[0].breaks if isinstance(load.law, tuple) else []
+        times = np.union1d(scene.t, np.clip(breaks, scene.t[0], scene.t[-1]))
+        most.append(np.abs([load(float(t)) for t in times]).max(axis=0))
+    return [load.place(scene.arm) for load in scene.loads], np.array(most).reshape(-1, 6)
+
+
 def excited(scene: Scene, seed: int = 1) -> Array:
     """Which rates of the scene's arm move at all, (nv,): those that are driven, and those that random motions of these
     push. Where a scene is symmetric, as one in a plane is, the others have no force, not a small one."""
     rng, arm, active = np.random.default_rng(seed), scene.arm, _driven(scene)
     start = arm.zero if scene.q0 is None else scene.q0
     reach = np.where([any(s in name for s in STRAINS) for name in arm.coordinates], 0.01, 0.5)
+    places, wrenches = _acting(scene)
     while not active.all():
         more = active.copy()
         for _ in range(3):
-            t = float(rng.choice(scene.t))
             theta, v, a = (reach * rng.normal(size=arm.nv) for _ in range(3))
             q = start + np.asarray(arm._core.rates(start, theta)[2]) @ np.where(active, theta, 0.0)
             for _, at in arm.quaternions():
                 q[at] /= np.linalg.norm(q[at])
             rows = np.array([np.where(active, v, 0.0), v]), np.array([np.where(active, a, 0.0), a])
-            r = np.abs(arm._core.inverse_dynamics(np.tile(q, (2, 1)), *rows, *at_time(arm, scene.loads, t)))
+            pushed = wrenches * rng.uniform(0.5, 1.0, wrenches.shape)
+            r = np.abs(arm._core.inverse_dynamics(np.tile(q, (2, 1)), *rows, places, pushed))
             more |= r[0] > 1e-9 * np.maximum(r[1], 1e-12 * r[1].max())
         if (more == active).all():
             break
@@ -138,18 +149,16 @@ def _forces(scene: Scene, arm: Arm, run: Embedded) -> Array:
 def _stepped(M: Array, D: Array, K: Array, dt: float, forces: Array) -> Array:
     """x (nt, n, m) of M x'' + D x' + K x = f from rest, f (nt, n, m), by Newmark's steps with some damping of what is
     too fast for them: those coordinates follow f at once, as they should."""
-    import scipy.linalg as la  # slow to import
-
     gamma, beta = 0.55, 0.276
     size = 1.0 / np.sqrt(np.diag(M) + beta * dt**2 * np.abs(np.diag(K)))
     S = size[:, None] * (M + gamma * dt * D + beta * dt**2 * K) * size
-    solve = la.lu_factor(S)
+    inverse = size[:, None] * np.linalg.inv(S) * size  # scaled and small; used for every step
     x, v, a = (np.zeros(forces.shape[1:]) for _ in range(3))
     out = np.zeros(forces.shape)
     for k in range(1, len(forces)):
         x = x + dt * v + dt**2 * (0.5 - beta) * a
         v = v + dt * (1 - gamma) * a
-        a = size[:, None] * la.lu_solve(solve, size[:, None] * (forces[k] - D @ v - K @ x), check_finite=False)
+        a = inverse @ (forces[k] - D @ v - K @ x)
         x, v = x + beta * dt**2 * a, v + gamma * dt * a
         out[k] = x
     return out

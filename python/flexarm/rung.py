@@ -36,6 +36,11 @@ class Rung:
     rotary: bool
     gauss: int | None = None
 
+    def __post_init__(self) -> None:
+        if not any(self.counts):  # nothing turns in a rigid beam: all orders are the same
+            object.__setattr__(self, "order", 1)
+            object.__setattr__(self, "gauss", None)
+
     @property
     def label(self) -> str:
         """Such as "order 2, bending_y 3, torsion 1"."""
@@ -65,8 +70,8 @@ def beam_at(beam: Beam, rung: Rung) -> Beam:
         if n:
             modes[strain] = list(own[:n]) if isinstance(own, tuple) else n
     given = {f.name: getattr(beam, f.name) for f in fields(beam) if f.init}
-    gauss = rung.gauss if rung.gauss else None
-    return Beam(**{**given, "modes": modes, "order": rung.order, "rotary_inertia": rung.rotary, "gauss_points": gauss})
+    choice = {"modes": modes, "order": rung.order, "rotary_inertia": rung.rotary, "gauss_points": rung.gauss}
+    return Beam(**{**given, **choice})
 
 
 class Rungs:

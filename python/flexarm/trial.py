@@ -185,17 +185,17 @@ class Trials:
     # -- the step of the walk ----------------------------------------------------------------------------------------
 
     def settle(self, model: Model, tol: float) -> Trial | None:
-        """Finds the integrator and its setting whose own error no longer matters (tol / 20) with this model, for all
+        """Finds the integrator and its setting whose own error no longer matters (tol / 10) with this model, for all
         runs that are compared; the run with it, or None."""
         span = float(self.t[-1] - self.t[0])
         if self.rungs.arm(model).nv <= _DENSE:
             before: Trial | None = None
-            for step in span / 8 / 2.0 ** np.arange(10):
+            for step in span / 4 / 2.0 ** np.arange(10):
                 options = {"integrator": "gauss", "step": float(step)}
                 trial = self.run(model, options)
                 if before is not None and self._close(trial, before, tol):
-                    self.walk = options
-                    return trial
+                    self.walk = before.options
+                    return before
                 before = trial if trial.values is not None else before
         before = None
         for rtol in 10.0 ** -np.arange(4, 10):
@@ -212,7 +212,7 @@ class Trials:
             return False
         if not self.quantity.span:
             self.quantity.set_span(a.values)
-        return self.quantity.distance(a.values, b.values) < tol / 20
+        return self.quantity.distance(a.values, b.values) < tol / 10
 
     def finer(self, factor: float = 2.0) -> dict[str, Any]:
         """The walk's setting, so many times finer."""
