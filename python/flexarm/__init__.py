@@ -8,6 +8,7 @@ from .arm import Arm
 from .chart import Chart, chart
 from .control import PD, Controller, StateFeedback, StrainFeedback
 from .drive import Motion, Torque
+from .economize import Plan, economize
 from .joints import (
     Axes,
     Cylindrical,
@@ -39,6 +40,7 @@ from .shaping import Shaper, input_shaper
 from .simulation import SimulationError, SimulationInterrupted, simulate
 from .split import split
 from .validity import RangeWarning
+from .watch import Watch, WatchWarning
 
 __all__ = [
     "PD",
@@ -71,6 +73,7 @@ __all__ = [
     "PatchPlacement",
     "Piezo",
     "Placement",
+    "Plan",
     "Planar",
     "PowerSpectrum",
     "Prismatic",
@@ -96,8 +99,11 @@ __all__ = [
     "Torque",
     "Universal",
     "Voltage",
+    "Watch",
+    "WatchWarning",
     "__version__",
     "chart",
+    "economize",
     "input_shaper",
     "load",
     "placement",

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ._check import Array
 from .arm import Arm
@@ -49,7 +50,7 @@ def _feedback(scene: Scene) -> list[Any]:
     return list(control_laws(scene.arm, scene.control, scene.t, scene.loads)[0])
 
 
-def _driven(scene: Scene) -> Array:
+def _driven(scene: Scene) -> NDArray[np.bool_]:
     """Rates that something acts on, or that do not start at rest."""
     arm = scene.arm
     active = np.zeros(arm.nv, dtype=bool)
@@ -63,7 +64,7 @@ def _driven(scene: Scene) -> Array:
             active[i] |= arm.coordinate_of(i) >= 0 and moved[arm.coordinate_of(i)]
         # a ball that starts turned: its quaternion stays, the others move about it
     if patches:
-        active |= (arm.patch_matrix != 0.0).any(axis=1)
+        active = active | (arm.patch_matrix != 0.0).any(axis=1)
     for c in scene.control:
         for column in c._columns(arm):
             active |= column != 0.0
@@ -80,7 +81,7 @@ def _acting(scene: Scene) -> tuple[list[Any], Array]:
     return [load.place(scene.arm) for load in scene.loads], np.array(most).reshape(-1, 6)
 
 
-def excited(scene: Scene, seed: int = 1) -> Array:
+def excited(scene: Scene, seed: int = 1) -> NDArray[np.bool_]:
     """Which rates of the scene's arm move at all, (nv,): those that are driven, and those that random motions of these
     push. Where a scene is symmetric, as one in a plane is, the others have no force, not a small one."""
     rng, arm, active = np.random.default_rng(seed), scene.arm, _driven(scene)

@@ -72,7 +72,9 @@ class Trials:
     def scene(self, model: Model, options: dict[str, Any]) -> Scene:
         return self.rungs.at(model, options)
 
-    def run(self, model: Model, options: dict[str, Any] | None = None, whole: bool = False, most: float = np.inf) -> Trial:
+    def run(
+        self, model: Model, options: dict[str, Any] | None = None, whole: bool = False, most: float = np.inf
+    ) -> Trial:
         """This run, made now unless it was made before.
 
         Args:
