@@ -14,6 +14,7 @@ from .arm import Arm
 from .indicate import Indicators, embed, excited
 from .measure import Quantity
 from .model import STRAINS
+from .patch import split_drives
 from .rung import ORDERS, Model, Rung, Rungs
 from .scene import Scene
 from .trial import OutOfTime, Trial, Trials
@@ -90,13 +91,18 @@ class Economy:
         self.first_frequency = np.nan
         self.by_order: dict[int | str, float] = {}
         self.rotary = np.nan
+        self.rebase = False
         self.share: Sizes = {}
         self.size: Sizes = {}
 
     # -- models ------------------------------------------------------------------------------------------------------
 
-    def enriched(self, extra: int) -> Model:
-        """Everything that symmetry leaves: more modes of every strain than the scene has, exact rotation."""
+    def enriched(self, extra: int, than: Model | None = None) -> Model:
+        """Everything that symmetry leaves: more modes of every strain than the scene has, exact rotation.
+
+        Args:
+            than: more modes of every strain than this model has, too, in Legendre polynomials where they may stand in.
+        """
         many = sum(r is not None for r in self.rungs.given) > 4
         least = (2, 2, 1, 1, 1) if many else (4, 4, 2, 2, 2)
         more = (1, 1, 0, 0, 0) if many else (2, 2, 1, 1, 1)
@@ -109,12 +115,20 @@ class Economy:
             counts = []
             for s, n in enumerate(rung.counts):
                 own = isinstance(self.scene.arm.links[k].beam.modes.get(STRAINS[s]), tuple)  # type: ignore[union-attr]
-                want = n if self.rungs.pinned or own else max(n + more[s], least[s]) + (2 if s < 2 else 1) * extra
+                want = n
+                if not (self.rungs.pinned or own):
+                    want = max(n + more[s], least[s]) + (1 + (s < 2)) * extra
                 limit = most[s]
+                if than is not None and not (self.rungs.pinned or own):
+                    want = max(want, self._counts(than[k])[s] + 1 + (s < 2))
                 want = want if limit is None else min(want, limit)
                 counts.append(want if k not in self.reached or self.reached[k][s] else 0)
             out.append(Rung(tuple(counts), "exact", True, None))
-        return tuple(out)
+        model: Model = tuple(out)
+        return self._based(model) if than is None else self.rungs.rebased(model)
+
+    def _based(self, model: Model) -> Model:
+        return self.rungs.rebased(model) if self.rebase else model
 
     def find_symmetry(self) -> None:
         """Which strains of which links nothing excites, not even by way of others."""
@@ -142,10 +156,24 @@ class Economy:
 
     def own(self) -> Model:
         """The scene's model without dormant coordinates."""
+        return self._based(self._own())
+
+    def _own(self) -> Model:
         return tuple(
             r and replace(r, counts=tuple(n * bool(m) for n, m in zip(r.counts, self.reached[k], strict=True)))
             for k, r in enumerate(self.rungs.given)
         )
+
+    def find_basis(self) -> None:
+        """Whether Legendre polynomials serve better than the scene's basis, at the same count: where their first
+        frequency, which Ritz's method has from above, is lower by what matters; and under patches that are driven."""
+        own = self._own()
+        other = self.rungs.rebased(own)
+        if other == own:
+            return
+        driven = bool(split_drives(self.scene.drive)[1])
+        w, better = (first_frequency(self.rungs.arm(model)) for model in (own, other))
+        self.rebase = driven or w - better > 0.1 * self.tol * w
 
     # -- indicators --------------------------------------------------------------------------------------------------
 
@@ -210,7 +238,7 @@ class Economy:
                 matters = [i for i in range(1, n + 1) if max(self.share[j, s, i] for j in group) > small]
                 counts.append(max([min(own.counts[s], n), *matters]))
             fair = self.by_order.get(2, np.inf) <= small
-            out.append(Rung(tuple(counts), 2 if fair else "exact", True, None))
+            out.append(Rung(tuple(counts), 2 if fair else "exact", True, None, rung.basis))
         return tuple(out)
 
     # -- the walk ----------------------------------------------------------------------------------------------------
@@ -452,6 +480,7 @@ class Economy:
     def __call__(self) -> Findings:
         """Decides. OutOfTime in the middle leaves what was found until then, not certified."""
         self.find_symmetry()
+        self.find_basis()
         base = self.start()
         assert base.values is not None
         if not self.quantity.span:
@@ -484,8 +513,7 @@ class Economy:
             found.lean, found.settings = self.integrate(model, reference)
             found.lean_model_error = self.trials.distance(self.trials.run(model), reference)
             self.tell("check")
-            if rich == reference.model:
-                rich = self.enriched(k + 1)
+            rich = self.enriched(k, reference.model)
             check = self.trials.run(rich, self.trials.finer())
             found.check = check
             if check.values is None:
@@ -500,7 +528,6 @@ class Economy:
                 f"made, by {found.gap:.2g}; tolerance {self.tol:.2g}"
             ]
             reference, self.trials.walk = check, check.options
-            rich = self.enriched(k + 1)
 
 
 def decide(

@@ -29,23 +29,27 @@ class Rung:
         order: of the rotation of its sections.
         rotary: whether its slices have rotary inertia.
         gauss: its Gauss points; None: as many as its basis asks for.
+        basis: of its shape functions; None: the scene's.
     """
 
     counts: tuple[int, ...]
     order: int | str
     rotary: bool
     gauss: int | None = None
+    basis: str | None = None
 
     def __post_init__(self) -> None:
         if not any(self.counts):  # nothing turns in a rigid beam: all orders are the same
             object.__setattr__(self, "order", 1)
             object.__setattr__(self, "gauss", None)
+            object.__setattr__(self, "basis", None)
 
     @property
     def label(self) -> str:
         """Such as "order 2, bending_y 3, torsion 1"."""
         used = ", ".join(f"{s} {n}" for s, n in zip(STRAINS, self.counts, strict=True) if n)
         rest = ("", ", no rotary inertia")[not self.rotary] + (f", {self.gauss} Gauss points" if self.gauss else "")
+        used += f" ({self.basis})" if self.basis else ""
         return f"order {self.order}, {used}{rest}" if used else f"rigid{rest}"
 
     def with_count(self, strain: int, n: int) -> Rung:
@@ -70,8 +74,9 @@ def beam_at(beam: Beam, rung: Rung) -> Beam:
         if n:
             modes[strain] = list(own[:n]) if isinstance(own, tuple) else n
     given = {f.name: getattr(beam, f.name) for f in fields(beam) if f.init}
+    basis = {} if rung.basis is None else {"basis": rung.basis, "basis_tip": None}
     choice = {"modes": modes, "order": rung.order, "rotary_inertia": rung.rotary, "gauss_points": rung.gauss}
-    return Beam(**{**given, **choice})
+    return Beam(**{**given, **choice, **basis})
 
 
 class Rungs:
@@ -106,6 +111,28 @@ class Rungs:
             if any(isinstance(e, (np.ndarray, list)) for e in getattr(c, "actuate", ())):
                 return f"control[{k}] acts on coordinates by number"
         return ""
+
+    def other_basis(self, link: int) -> str | None:
+        """A basis that may stand in for the scene's: Legendre polynomials meet the conditions at a loaded tip, and what
+        a patch does, with fewer functions than modes of a free beam. None where nothing else may stand in: strains of
+        the user's own, elastic coordinates that do not start at zero, or that something reads by number."""
+        beam, scene = self.scene.arm.links[link].beam, self.scene
+        if beam is None or self.pinned or beam.basis == "legendre":
+            return None
+        if any(isinstance(m, tuple) for m in beam.modes.values()):
+            return None
+        first = scene.arm._core.first(link) + scene.arm.links[link].joint.nv
+        first_q = scene.arm._core.first_q(link) + scene.arm.links[link].joint.nq
+        moved = scene.q0 is not None and scene.q0[first_q : first_q + beam.ne].any()
+        moving = scene.v0 is not None and scene.v0[first : first + beam.ne].any()
+        return None if moved or moving else "legendre"
+
+    def rebased(self, model: Model) -> Model:
+        """The model in Legendre polynomials, where they may stand in."""
+        return tuple(
+            replace(r, basis=self.other_basis(k)) if r is not None and r.basis is None else r
+            for k, r in enumerate(model)
+        )
 
     def most(self, link: int) -> tuple[int | None, ...]:
         """How many shapes each strain can have at most: None: any number."""
