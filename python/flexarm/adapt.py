@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from .arm import Arm
 from .indicate import embed
+from .ladder import _carried
 from .result import Result
 from .sampled import Sampled
 from .scene import Scene
@@ -26,11 +28,11 @@ def watched(scene: Scene, watch: Watch, progress: bool = False) -> Result:
     return _simulated(scene, watch, progress)
 
 
-def adapted(lean: Scene, rich: Scene, watch: Watch, progress: bool = False) -> Result:
-    """A run of the lean scene, and from the last output time before a monitor speaks up one of the rich scene.
+def adapted(lean: Scene, arm: Arm, options: dict[str, Any], watch: Watch, progress: bool = False) -> Result:
+    """A run of the lean scene, and from the last output time before a monitor speaks up one with a richer arm.
 
     Args:
-        rich: the same scene with an arm that has the lean arm's coordinates and more.
+        arm: has the lean arm's coordinates, and more. options: of its simulation.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RangeWarning)  # what follows answers it
@@ -38,7 +40,11 @@ def adapted(lean: Scene, rich: Scene, watch: Watch, progress: bool = False) -> R
     left = watch.look(first)
     if left is None:
         return first
-    rich = replace(rich, t=lean.t)
+    state: dict[str, Any] = {
+        "q0": _carried(lean.q0, arm.zero, arm.q_names, lean.arm.q_names),
+        "v0": _carried(lean.v0, np.zeros(arm.nv), arm.coordinates, lean.arm.coordinates),
+    }
+    rich = replace(lean, arm=arm, options=options, **state)
     cut = max(0, int(np.searchsorted(first.t, left.time)) - 1)
     if cut == 0 or any(isinstance(c, Sampled) for c in lean.control):
         return _simulated(rich, False, progress)

@@ -103,7 +103,7 @@ class Plan:
         """Simulates the lean scene, watched.
 
         Args:
-            adapt: where a monitor speaks up, goes on with the richer arm of the check from the output time before. The
+            adapt: where a monitor speaks up, goes on with a richer arm from the output time before. The
                 result is then in the richer arm's coordinates throughout, those that the lean arm lacks zero until
                 then. Scenes whose controllers have a memory, or sample, begin anew with the richer arm.
             t: other output times (s), say a longer run. None: the scene's.
@@ -116,7 +116,9 @@ class Plan:
         scene = self.scene if t is None else replace(self.scene, t=np.asarray(t, dtype=float))
         if not adapt:
             return watched(scene, self.watch, progress)
-        return adapted(scene, self._walk.rungs.at(self._rich_model, self.rich.options), self.watch, progress)
+        rungs = self._walk.rungs
+        richer = rungs.at(self._walk.richer(self._found.lean.model), self.rich.options)
+        return adapted(scene, richer.arm, self.rich.options, self.watch, progress)
 
     @property
     def _rich_model(self) -> Model:

@@ -25,6 +25,7 @@ _SMALL = 1 / 30  # of the tolerance: what is estimated to do less is left out of
 _HOPELESS = 20.0  # times the tolerance: coordinates that are estimated to do more are not left out
 _UNLIKELY = 2.5  # times the tolerance: orders that are estimated to be off by more are not tried
 _AGREE = 1 / 3  # of the tolerance: how close reference and check must be
+_BEYOND = 1.5  # times the gap: what may be left beyond the check, where convergence is slow
 _ROUNDS = 3  # references, at most
 _SPIN = 0.5  # of the first frequency: no order 1, which softens, above it
 
@@ -126,6 +127,16 @@ class Economy:
             out.append(Rung(tuple(counts), "exact", True, None))
         model: Model = tuple(out)
         return self._based(model) if than is None else self.rungs.rebased(model)
+
+    def richer(self, lean: Model) -> Model:
+        """The enriched model whose coordinates have those of the lean one among them."""
+        model = self.enriched(0)
+        if any(r is not None and r.basis for r in lean):
+            model = self.rungs.rebased(model)
+        more: list[Rung | None] = []
+        for r, own in zip(model, lean, strict=True):
+            more.append(r and own and replace(r, counts=tuple(map(max, r.counts, own.counts))))
+        return tuple(more)
 
     def _based(self, model: Model) -> Model:
         return self.rungs.rebased(model) if self.rebase else model
@@ -521,7 +532,7 @@ class Economy:
                 return
             found.error = self.trials.distance(found.lean, check)
             found.gap = self.trials.distance(reference, check)
-            if found.error + found.gap / 2 <= self.tol and found.gap <= _AGREE * self.tol:
+            if found.error + _BEYOND * found.gap <= self.tol and found.gap <= _AGREE * self.tol:
                 return
             found.reasons = [
                 f"against the check it is off by {found.error:.2g}, and the reference, against which choices were "

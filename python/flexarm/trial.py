@@ -108,7 +108,7 @@ class Trials:
                 result = simulate(
                     s.arm, times, s.q0, s.v0, drive=s.drive, loads=s.loads, control=s.control, progress=look, **options
                 )  # fmt: skip
-                trial.arm, trial.time = s.arm, result.stats["wall_time"]
+                trial.arm, trial.time = s.arm, max(1e-6, result.stats["wall_time"])  # where nothing is integrated
                 trial.result = thinned(result, self.t) if whole else result
                 with np.errstate(all="ignore"):
                     values = self.quantity.values(trial.result)
@@ -138,7 +138,7 @@ class Trials:
             result = simulate(
                 s.arm, times, s.q0, s.v0, drive=s.drive, loads=s.loads, control=s.control, **trial.options
             )  # fmt: skip
-        trial.time = min(trial.time, result.stats["wall_time"])
+        trial.time = min(trial.time, max(1e-6, result.stats["wall_time"]))
         self.seconds += result.stats["wall_time"]
 
     def distance(self, a: Trial, b: Trial) -> float:
