@@ -67,7 +67,9 @@ class _Table:
     def estimate(self, group: list[int], strain: int, n: int) -> float:
         """What the n-th coordinate of a strain does to the quantity."""
         key = group[0], strain, n
-        return self.found.sizes.get(key, max((self.found.share.get((k, strain, n), 0.0) for k in group), default=0.0))
+        return self.found.sizes.get(
+            key, max((self.found.estimates.share.get((k, strain, n), 0.0) for k in group), default=0.0)
+        )
 
     def strain(self, where: str, group: list[int], s: int, n: int) -> Choice:
         rungs = self.walk.rungs
@@ -91,23 +93,23 @@ class _Table:
         at = ORDERS.index(rung.order)
         for order in reversed(ORDERS[:at]):
             lower = self.walk.rungs.set(self.model, group, order=order)
-            estimate = self.found.by_order.get(order, math.inf)
+            estimate = self.found.estimates.by_order.get(order, math.inf)
             error, how = self.without(lower, estimate)
             if order == 3 and how == _ESTIMATE and rung.order == "exact" and at:
                 if (_ratio(self.walk, self.model, lower) or 0.0) < 0:
                     continue  # dearer than exact
             return Choice(where, "order", str(rung.order), error, how, _ratio(self.walk, self.model, lower), True)
         better = self.walk.rungs.set(self.model, group, order=2)
-        now = self.found.by_order.get(rung.order, math.inf)
+        now = self.found.estimates.by_order.get(rung.order, math.inf)
         return Choice(where, "order", str(rung.order), now, _ESTIMATE, _ratio(self.walk, better, self.model), False)
 
     def rotary(self, where: str, group: list[int], rung: Rung) -> Choice:
         other = self.walk.rungs.set(self.model, group, rotary=not rung.rotary)
         if rung.rotary:
-            error, how = self.without(other, self.found.rotary)
+            error, how = self.without(other, self.found.estimates.rotary)
             time = _ratio(self.walk, self.model, other)
             return Choice(where, "rotary inertia", "yes", error, how, time, True)
-        error = min(self.found.rotary, 1e9)
+        error = min(self.found.estimates.rotary, 1e9)
         time = _ratio(self.walk, other, self.model)
         return Choice(where, "rotary inertia", "no", None if error == 1e9 else error, _ESTIMATE, time, False)
 

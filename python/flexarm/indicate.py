@@ -177,7 +177,7 @@ class Indicators:
         variants: by name, what each of these differs from the richer one by.
     """
 
-    def __init__(self, rich: Scene, result: Result, quantity: Quantity, variants: dict[str, Arm]) -> None:
+    def __init__(self, rich: Scene, result: Result, quantity: Quantity, variants: dict[Any, Arm]) -> None:
         arm = rich.arm
         rows = np.unique(np.linspace(0, len(result.t) - 1, _ROWS).astype(int))
         run = embed(result, arm, rows)
@@ -194,7 +194,7 @@ class Indicators:
         own = [sense.size(x[:, :, 0] * unit) for unit in np.eye(arm.nv)]
         self.share = np.array(own)
         self.total = sense.size(x[:, :, 0])
-        self.variants = {
+        self.variants: dict[Any, float] = {
             name: sense.size(x[:, :, k]) + quantity.kinematic(rich, other, run.q)
             for k, (name, other) in enumerate(variants.items(), 1)
         }
