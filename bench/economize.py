@@ -23,7 +23,7 @@ import numpy as np
 from flexarm.chart_text import seconds
 from flexarm.rung import Rung, Rungs
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator
 
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "tests"))
@@ -31,8 +31,8 @@ import economize_scenes as scenes  # noqa: E402
 
 TOLERANCES = (1e-2, 1e-3, 1e-4)
 STEPS = {"spatial": 48, "floating": 48, "heavy_tip": 96}  # of the truth; others take 320
-_COUNT = 3  # runs, of which the least time counts
-COLOURS = {0: "#E69F00", 1: "#CC79A7", 2: "#0072B2", 3: "#009E73", "exact": "#333333"}
+_COUNT = 5  # runs, of which the least time counts
+COLOURS = {"rigid": "#999999", 0: "#E69F00", 1: "#CC79A7", 2: "#0072B2", 3: "#009E73", "exact": "#333333"}
 
 
 def truth_of(name: str, scene: fa.Scene) -> tuple[np.ndarray, float]:
@@ -45,9 +45,9 @@ def truth_of(name: str, scene: fa.Scene) -> tuple[np.ndarray, float]:
     return fine, scenes.off(coarse, fine)
 
 
-def timed(scene: fa.Scene) -> tuple[np.ndarray, float]:
+def timed(scene: fa.Scene, count: int = _COUNT) -> tuple[np.ndarray, float]:
     """Tip positions of a run, and its wall time (s)."""
-    runs = [scene.run() for _ in range(_COUNT)]
+    runs = [scene.run() for _ in range(count)]
     return runs[0].frame()[0], max(1e-6, min(r.stats["wall_time"] for r in runs))
 
 
@@ -142,7 +142,7 @@ def search(name: str, scene: fa.Scene, tol: float, most: dict[str, int], orders:
     points = []
     for model in candidates(scene, plan, most, orders):
         try:
-            tip, least = timed(rungs.at(model, options))
+            tip, least = timed(rungs.at(model, options), 3)
         except (ValueError, fa.SimulationError):
             continue
         if np.isfinite(tip).all():
@@ -169,17 +169,19 @@ def front_of(points: list[tuple]) -> list[tuple]:
     return out
 
 
+def kind_of(model: tuple) -> int | str:
+    """Its order, or "rigid"."""
+    return next((r.order for r in model if r is not None and sum(r.counts)), "rigid")
+
+
 def draw(found: dict, path: Path) -> None:
-    fig = Figure(figsize=(8.4, 5.2), layout="constrained")
+    fig = Figure(figsize=(7.4, 5.4), layout="constrained")
     ax = fig.subplots()
     for order, colour in COLOURS.items():
-        some = [
-            p for p in found["points"] if max((str(r.order) for r in p[0] if sum(r.counts)), default="0") == str(order)
-        ]
+        some = [p for p in found["points"] if kind_of(p[0]) == order]
         if some:
-            ax.plot(
-                [p[1] for p in some], [p[2] for p in some], "o", ms=4, alpha=0.5, color=colour, label=f"order {order}"
-            )
+            label = "rigid" if order == "rigid" else f"order {order}"
+            ax.plot([p[1] for p in some], [p[2] for p in some], "o", ms=4, alpha=0.5, color=colour, label=label)
     front = front_of(found["points"])
     ax.plot([p[1] for p in front], [p[2] for p in front], color="#333333", lw=1.5, drawstyle="steps-post", alpha=0.6)
     ax.plot(*found["own"][1:], "o", ms=13, mfc="none", mec="#D55E00", mew=2, label="chosen, same integrator")
@@ -202,13 +204,14 @@ def draw(found: dict, path: Path) -> None:
     ax.set_yscale("log")
     ax.set_ylim(top=min(3.0, ax.get_ylim()[1]))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda t, _: seconds(t)))
+    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.xaxis.set_minor_formatter(FuncFormatter(lambda t, _: ""))
     ax.grid(True, which="major", color="#DDDDDD", linewidth=0.6)
     ax.spines[["top", "right"]].set_visible(False)
     ax.set_xlabel("Wall time of one run")
     ax.set_ylabel("Largest error of the tip, over its span")
     ax.set_title(f"{found['scene'].name}: {len(found['points'])} models, all run", fontsize=11, fontweight="bold")
-    ax.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    fig.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=4)
     fig.savefig(path, dpi=150)
 
 

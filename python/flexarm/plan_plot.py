@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator
 
 from .chart_text import seconds
 from .plots import BLUE, GREEN, INK, ORANGE, RED
@@ -23,8 +23,8 @@ def plot_plan(plan: Plan) -> Figure:
     fig = Figure(figsize=(9.0, 5.4), layout="constrained")
     ax = fig.subplots()
     groups = (
-        ("models, with the walk's integrator", False, BLUE, "o"),
-        ("the lean model, other integrators", True, ORANGE, "s"),
+        ("models, at some 400 output times", False, BLUE, "o"),
+        ("the lean model, integrators, all output times", True, ORANGE, "s"),
     )
     least = 1e-4 * plan.tol
     for label, whole, colour, marker in groups:
@@ -40,9 +40,9 @@ def plot_plan(plan: Plan) -> Figure:
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_ylim(top=min(10.0 if not plan.absolute else np.inf, ax.get_ylim()[1]))
-    for axis in (ax.xaxis,):
-        axis.set_major_formatter(FuncFormatter(lambda t, _: seconds(t)))
-        axis.set_minor_formatter(FuncFormatter(lambda t, _: ""))
+    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda t, _: seconds(t)))
+    ax.xaxis.set_minor_formatter(FuncFormatter(lambda t, _: ""))
     ax.grid(True, which="major", color="#DDDDDD", linewidth=0.6)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
