@@ -114,19 +114,18 @@ def judged_table(rows: list[dict[str, object]]) -> list[str]:
 
 
 def candidates(scene: fa.Scene, plan: fa.Plan, most: dict[str, int], orders: tuple) -> list[tuple]:
-    """All models with up to so many modes of these strains, link by link, of these orders; in both bases where the plan
-    takes another than the scene."""
+    """All models with up to so many modes of these strains, link by link, of these orders, in the plan's basis."""
     rungs = Rungs(scene)
     strains = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
     per_beam = list(itertools.product(*(range(most.get(s, 0) + 1) for s in strains)))
     beams = [k for g in rungs.groups for k in g]
-    bases = {r.basis for r in plan._found.lean.model if r is not None} | {None}
+    basis = next((r.basis for r in plan._found.lean.model if r is not None and r.basis), None)
     models = {}
     for counts in itertools.product(per_beam, repeat=len(rungs.groups)):
-        for order, basis in itertools.product(orders, bases):
+        for order in orders:
             of = {k: c for g, c in zip(rungs.groups, counts, strict=True) for k in g}
             model = tuple(
-                Rung(of[k], order, bool(of[k][2]), None, basis) if k in beams else None for k in range(len(rungs.given))
+                Rung(of[k], order, False, None, basis) if k in beams else None for k in range(len(rungs.given))
             )
             models[model] = None
     return [m for m in models if any(r is not None for r in m)]
@@ -142,9 +141,9 @@ def search(name: str, scene: fa.Scene, tol: float, most: dict[str, int], orders:
     points = []
     for model in candidates(scene, plan, most, orders):
         try:
-            tip, least = timed(rungs.at(model, options), 3)
+            tip, least = timed(rungs.at(model, options), 2)
         except (ValueError, fa.SimulationError):
-            continue
+            continue  # torsion of the last link has no inertia but its slices'
         if np.isfinite(tip).all():
             points.append((model, least, scenes.off(tip, truth)))
     plain = tuple(r and replace(r, gauss=None) for r in chosen)

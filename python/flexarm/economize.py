@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +14,6 @@ import numpy as np
 
 from ._check import number
 from .arm import Arm
-from .chart import _bar
 from .choices import Choice, choices_of, speed_of
 from .economy import Economy, Findings, decide
 from .measure import Quantity
@@ -40,7 +41,6 @@ class Plan:
         time: wall time of the lean run (s). seconds: that deciding took. runs: simulations that it took.
         choices: every choice; see Choice.
         watch: monitors for `simulate(..., watch=plan.watch)`: the range that the lean run has used, and half as much.
-        complete: False where Ctrl-C or the time budget ended the search early.
     """
 
     given: Scene
@@ -167,6 +167,18 @@ def _checked(tol: float, atol: float | None, time_budget: float | None) -> float
     return tol if atol is None else atol
 
 
+@contextlib.contextmanager
+def _status(show: bool) -> Iterator[Callable[[str], None]]:
+    """What is being done, on stderr, where that is a terminal; yields what tells it."""
+    if not (show and sys.stderr.isatty()):
+        yield lambda doing: None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status("deciding") as status:
+        yield lambda doing: status.update(f"deciding: {doing}")
+
+
 def economize(
     scene: Scene | str | Path,
     tol: float = 1e-3,
@@ -204,8 +216,8 @@ def economize(
     if not isinstance(scene, Scene):
         raise ValueError(f"scene = {scene!r}: must be a Scene, or the path of a scene file")
     what = Quantity(scene, quantity, atol)
-    with _bar(1.0 if time_budget is None else time_budget, progress) as tell:
-        walk, found, seconds = decide(scene, what, limit, time_budget, lambda doing: tell(0.0, doing))
+    with _status(progress) as tell:
+        walk, found, seconds = decide(scene, what, limit, time_budget, tell)
     lean = found.lean
     assert lean.result is not None
     rich = found.check or found.reference

@@ -259,25 +259,36 @@ class Economy:
             for r, own in zip(rich, reference.model, strict=True)
         )
         check = self.trials.run(rich, finer)
-        if check.values is not None:
-            return check
-        slow = {"integrator": "ida", "rtol": 1e-7, "atol": 1e-10, "max_order": 2}
-        attempts = [(rich, self.trials.walk), (rich, slow)]
-        if unsheared != rich and lost <= _SMALL * self.tol:
-            attempts += [(unsheared, finer), (unsheared, self.trials.walk), (unsheared, slow)]
-        for model, options in attempts:
-            check = self.trials.run(model, options, most=max(2.0, 20 * reference.time))
-            if check.values is not None:
-                if model != rich:
-                    found.notes.append(f"the check could not be run with shear, which is estimated at {lost:.1g}")
-                break
+        if check.values is None:
+            check = self.hard(rich, reference)
+        if check.values is None and unsheared != rich and lost <= _SMALL * self.tol:
+            check = self.trials.run(unsheared, finer, most=self.patience())
+            check = check if check.values is not None else self.hard(unsheared, reference)
+            found.notes.append(f"the check could not be run with shear, which is estimated at {lost:.1g}")
         return check
+
+    def patience(self) -> float:
+        """Seconds for one more attempt at a run that has failed."""
+        return max(2.0, 0.5 * self.trials.seconds)
+
+    def hard(self, model: Model, other: Trial) -> Trial:
+        """A run of a model that the walk's integrator cannot do, with finer steps, or steps of variable length."""
+        walk, trial = self.trials.walk, other
+        slow = {"integrator": "ida", "rtol": 1e-6, "atol": 1e-9}
+        steps = [{**walk, "step": walk["step"] / k} for k in (8, 64)] if "step" in walk else []
+        for options in (*steps, slow, {**slow, "max_order": 2}):
+            trial = self.trials.run(model, options, most=self.patience())
+            if trial.values is not None:
+                break
+        return trial
 
     def _decide(self, found: Findings) -> None:
         rich = self.enriched(0)
         self.tell("indicators")
         self.look(rich, found.base)
         reference = self.trials.run(self.relevant(rich, found.base.model))
+        if reference.values is None:
+            reference = self.hard(reference.model, reference)
         if reference.values is None:
             reference = found.base  # the check tells what that is worth
         for k in range(_ROUNDS):
