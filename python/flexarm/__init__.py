@@ -10,6 +10,7 @@ from .batch_result import BatchResult
 from .chart import Chart, chart
 from .control import PD, Controller, StateFeedback, StrainFeedback
 from .drive import Motion, Torque
+from .economize import Plan, economize
 from .joints import (
     Axes,
     Cylindrical,
@@ -44,6 +45,7 @@ from .simulation import SimulationError, SimulationInterrupted, simulate
 from .split import split
 from .sweep import SweepInterrupted, SweepResult, sweep
 from .validity import RangeWarning
+from .watch import Watch, WatchWarning
 
 __all__ = [
     "PD",
@@ -79,6 +81,7 @@ __all__ = [
     "PatchPlacement",
     "Piezo",
     "Placement",
+    "Plan",
     "Planar",
     "PowerSpectrum",
     "Prismatic",
@@ -109,9 +112,12 @@ __all__ = [
     "Universal",
     "Vary",
     "Voltage",
+    "Watch",
+    "WatchWarning",
     "__version__",
     "batch_memory",
     "chart",
+    "economize",
     "input_shaper",
     "load",
     "load_sweep",

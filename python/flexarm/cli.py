@@ -1,4 +1,4 @@
-"""The command line: `flexarm demo`, `run SCENE`, `modes SCENE`, `chart SCENE`, `place SCENE`, `batch`.
+"""The command line: `flexarm demo`, `run SCENE`, `modes SCENE`, `chart SCENE`, `economize SCENE`, `place SCENE`, `batch`.
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
 2 bad input, one line says which; 130 interrupted.
@@ -314,7 +314,7 @@ _Command = Callable[[argparse.Namespace], int]
 
 
 def _parser() -> _Parser:
-    from . import __version__, cli_batch, cli_chart, cli_place, cmake
+    from . import __version__, cli_batch, cli_chart, cli_economize, cli_place, cmake
 
     top = _Parser(
         prog="flexarm",
@@ -362,6 +362,9 @@ def _parser() -> _Parser:
 
     p = command("chart", cli_chart.run, "speed against accuracy of models and integrators on a scene", cli_chart.TEXT)
     cli_chart.options(p, scene, output)
+
+    p = command("economize", cli_economize.run, "the cheapest model of a scene for a tolerance", cli_economize.TEXT)
+    cli_economize.options(p, scene, output)
 
     p = command("place", cli_place.run, "where to bond a piezo patch", cli_place.TEXT)
     cli_place.options(p, scene, output)

@@ -115,6 +115,9 @@ class LinearController(Sampled):
     It runs in C++ unless it reads sensors or a callable.
     """
 
+    #: the table of a scene file that makes it, if one can
+    table: dict[str, Any] | None = None
+
     def __init__(
         self, A: Any, B: ArrayLike | None = None, C: ArrayLike | None = None, D: ArrayLike | None = None, *,
         rate: float | None = None, measure: Sequence[Any], actuate: Sequence[Any] = (0,), reference: Any = 0.0,
@@ -149,10 +152,13 @@ class LinearController(Sampled):
         B = np.array([[1.0], [1.0 / tf]])
         C = np.array([[finite("ki", ki), -finite("kd", kd) / tf]])
         D = np.array([[finite("kp", kp) + kd / tf]])
-        return LinearController(
+        made = LinearController(
             (A, B, C, D), rate=rate, measure=[("joint", link)], actuate=[link], reference=reference, delay=delay,
             limit=limit, motor=motor,
         )  # fmt: skip
+        made.table = {"type": "pid", "kp": kp, "ki": ki, "kd": kd, "link": link, "rate": rate, "reference": reference,
+                      "filter_time": filter_time, "delay": delay, "limit": limit, "motor": motor}  # fmt: skip
+        return made
 
     def _linear_rows(self, arm: Arm) -> tuple[Array, Array]:
         """y by q and by v, of the arm."""

@@ -256,6 +256,16 @@ class Scene:
         given = {"drive": self.drive, "loads": self.loads, "control": self.control}
         return simulate(self.arm, self.t, self.q0, self.v0, **given, progress=progress, **self.options)  # type: ignore
 
+    def save(self, path: str | Path, comment: str = "") -> None:
+        """Writes a scene file that `load` reads back; functions of time are sampled, which the file then says.
+
+        Raises:
+            ValueError: what no scene file can hold: uneven output times, controllers that are Python code.
+        """
+        from .scene_text import scene_text
+
+        Path(path).write_text(scene_text(self, comment), encoding="utf-8")
+
     def readings(self, result: Result) -> dict[str, Reading]:
         """What the scene's sensors read of a result, by names such as "sensor-0-encoder"; none of a single row."""
         sensors = self.sensors if len(result.t) > 1 else ()

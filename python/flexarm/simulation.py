@@ -19,6 +19,7 @@ from .load import Load, at_time
 from .patch import Voltage, patch_laws, split_drives
 from .result import Result
 from .validity import out_of_range
+from .watch import Watch
 
 INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
 LINEAR_SOLVERS = ("auto", "dense", "chain")
@@ -131,6 +132,7 @@ def simulate(
     step: float | None = None,
     spectral_radius: float | None = None,
     stages: int | None = None,
+    watch: bool | Watch = False,
     progress: bool | Callable[[float], None] = False,
 ) -> Result:
     """Simulates an arm from t[0] and returns its state at every time of t.
@@ -181,6 +183,8 @@ def simulate(
             (if None; trapezoidal rule) keeps the energy of every mode; but modes too fast for the step, once struck by
             a jump of a force, ring on in the accelerations. At 0.9 they die out, at about the same accuracy.
         stages: of "gauss", 1 to 4 (if None).
+        watch: True: warns of energy in the highest modes, and of turning too fast for orders 0 and 1; or a Watch, such
+            as `economize(...).watch`, of what leaves the range that a model was chosen for.
         progress: shows a progress bar on stderr, where that is a terminal; or a callable, which is given the time
             reached (s) about ten times a second, and may raise to give the simulation up.
 
@@ -201,6 +205,7 @@ def simulate(
 
     Warns:
         RangeWarning: a beam bent further than its order is good for, at the output times.
+        WatchWarning: what `watch` asks for.
     """
     choice("method", method, METHODS)
     _check_options(
@@ -213,6 +218,8 @@ def simulate(
     )
     if not isinstance(arm, Arm):
         raise ValueError(f"arm = {arm!r}: must be an Arm")
+    if not isinstance(watch, (bool, Watch)):
+        raise ValueError(f"watch = {watch!r}: must be True, False or a Watch")
     times = array("t", t)
     if times.ndim != 1 or times.size < 2:
         raise ValueError(f"t has shape {times.shape}: must be one list of at least two times")
@@ -282,4 +289,6 @@ def simulate(
         raise SimulationError(f"{message} ({beyond})" if beyond else message, out["reached"], result)
     if beyond:
         warnings.warn(beyond, stacklevel=2)
+    if watch:
+        (Watch.usual(arm) if watch is True else watch).warn(result)
     return result

@@ -1,0 +1,55 @@
+"""The figure of `flexarm economize`: error against wall time of what was tried."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator
+
+from .chart_text import seconds
+from .plots import BLUE, GREEN, INK, ORANGE, RED
+
+if TYPE_CHECKING:
+    from .economize import Plan
+
+
+def plot_plan(plan: Plan) -> Figure:
+    """Error against the check (or the reference, where there is none) over wall time (s) of every run, log-log, with
+    the chosen one, the scene's own model and the tolerance marked."""
+    walk, found = plan._walk, plan._found
+    truth = found.check or found.reference
+    fig = Figure(figsize=(9.0, 5.4), layout="constrained")
+    ax = fig.subplots()
+    groups = (
+        ("models, at some 400 output times", False, BLUE, "o"),
+        ("the lean model, integrators, all output times", True, ORANGE, "s"),
+    )
+    least = 1e-4 * plan.tol
+    for label, whole, colour, marker in groups:
+        runs = [r for r in walk.trials.runs.values() if r.whole == whole and r.values is not None and r is not truth]
+        y = [max(walk.trials.distance(r, truth), least) for r in runs]
+        ax.plot([r.time for r in runs], y, marker, color=colour, alpha=0.75, ms=6, label=label)
+    own = max(walk.trials.distance(found.base, truth), least)
+    ax.plot([found.base.time], [own], "^", color=RED, ms=11, mfc="none", mew=2, label="the scene's own model")
+    chosen = max(walk.trials.distance(found.lean, truth), least)
+    ax.plot([found.lean.time], [chosen], "o", ms=15, mfc="none", mec=INK, mew=2, label="chosen")
+    ax.axhline(plan.tol, color=GREEN, lw=1.5, ls="--")
+    ax.text(0.99, plan.tol, "tolerance ", transform=ax.get_yaxis_transform(), ha="right", va="bottom", color=GREEN)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_ylim(top=min(10.0 if not plan.absolute else np.inf, ax.get_ylim()[1]))
+    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda t, _: seconds(t)))
+    ax.xaxis.set_minor_formatter(FuncFormatter(lambda t, _: ""))
+    ax.grid(True, which="major", color="#DDDDDD", linewidth=0.6)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.set_xlabel("Wall time of one run")
+    unit = " ".join(plan.span) if plan.absolute else "over its span"
+    ax.set_ylabel(f"Largest error of the {plan.quantity}, {unit}")
+    word = "certified" if plan.certified else "not certified"
+    ax.set_title(f"{plan.given.name}: {plan.model} ({word})", fontsize=10, fontweight="bold", wrap=True)
+    ax.legend(frameon=False, fontsize=9, loc="best")
+    return fig
