@@ -5,6 +5,7 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 
 from ._core import __version__
 from .arm import Arm
+from .batch import BatchResult, batch_memory, simulate_batch
 from .chart import Chart, chart
 from .control import PD, Controller, StateFeedback, StrainFeedback
 from .drive import Motion, Torque
@@ -31,6 +32,7 @@ from .patch import Patch, Piezo, Voltage
 from .placement import PatchPlacement, placement
 from .reading import PowerSpectrum, Reading, psd
 from .result import Result
+from .rollout import BatchInterrupted, Failure, Rollout, rollout
 from .sampled import LinearController, Sampled
 from .scene import Scene, load
 from .sensor import Sampler, Sensor
@@ -45,6 +47,8 @@ __all__ = [
     "Accelerometer",
     "Arm",
     "Axes",
+    "BatchInterrupted",
+    "BatchResult",
     "Beam",
     "Camera",
     "Chart",
@@ -53,6 +57,7 @@ __all__ = [
     "Cylindrical",
     "Derivatives",
     "Encoder",
+    "Failure",
     "Fixed",
     "ForceTorque",
     "Free",
@@ -80,6 +85,7 @@ __all__ = [
     "Result",
     "Revolute",
     "RigidBody",
+    "Rollout",
     "Sampled",
     "Sampler",
     "Scene",
@@ -97,11 +103,14 @@ __all__ = [
     "Universal",
     "Voltage",
     "__version__",
+    "batch_memory",
     "chart",
     "input_shaper",
     "load",
     "placement",
     "psd",
+    "rollout",
     "simulate",
+    "simulate_batch",
     "split",
 ]

@@ -303,3 +303,23 @@ def simulate_fixed(
     feedback: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike, Any, float]],
     sampled: Sequence[tuple[float, float, float, Any]],
 ) -> dict[str, Any]: ...
+def batch(
+    arms: Sequence[Arm],
+    scenarios: int,
+    lengths: ArrayLike,
+    times: ArrayLike,
+    hold: ArrayLike,
+    rows: ArrayLike,
+    q0: _Array,
+    v0: _Array,
+    tau: _Array,
+    motions: Sequence[tuple[int, _Array]],
+    forces: Sequence[tuple[_Array, _Array]],
+    laws: Sequence[tuple[_Array, _Array, _Array, _Array, _Array]],
+    integrator: str,
+    spectral_radius: float,
+    rtol: float,
+    out: dict[str, Any],
+    workers: int,
+    alive: Callable[[float], None] | None,
+) -> dict[str, Any]: ...
