@@ -52,7 +52,7 @@ def run(programs: dict[str, Path], runs: int) -> tuple[Times, list[str]]:
     for _ in range(runs):
         for flags, program in programs.items():
             lines = subprocess.run([program], check=True, capture_output=True, text=True).stdout.splitlines()
-            remarks += [x[2:] for x in lines if x.startswith("#") and x[2:] not in remarks]
+            remarks = remarks or [x[2:] for x in lines if x.startswith("#")]
             for row in csv.DictReader(x for x in lines if not x.startswith("#")):
                 rounds.setdefault((flags, row["scene"], row["function"]), []).append(float(row["ns"]))
     return {k: np.array(v) for k, v in rounds.items()}, remarks
@@ -96,7 +96,7 @@ def page(times: Times, remarks: list[str]) -> str:
     version = next((x.split()[1].rstrip(",") for x in remarks if x.startswith("pinocchio")), "")
     compiler = next((x.split(", ", 1)[1] for x in remarks if x.startswith("pinocchio")), "")
     return f"""
-One evaluation, medians, one thread; ratios are medians over rounds of the two programs' times in the same round. Both
+One evaluation, medians of CPU time, one thread; ratios are medians over rounds of the two programs' times in the same round. Both
 are compiled with the same flags. Pinocchio's algorithms have two conventions, of which the faster is shown. Flexible
 arms (order 2) are held against pinocchio's *rigid* chain of 7.
 

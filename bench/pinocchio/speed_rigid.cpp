@@ -1,8 +1,8 @@
 // Time of one evaluation: pinocchio's aba, crba and rnea and flexarm's counterparts on the same rigid chains, and
 // flexarm on flexible arms. bench/speed_rigid.py builds and runs it, twice: portable, and for this processor.
-// Prints CSV: a row for each round and function, in nanoseconds; all functions in turn, so that ratios hold on a noisy
-// machine. Every function runs over the same 16 states. Pinocchio's algorithms come in two conventions (world and
-// local axes): both are here. A comment line says how far the two programs' answers differ.
+// Prints CSV: a row for each round and function, in nanoseconds of CPU time; all functions in turn, so that ratios hold
+// on a noisy machine. Every function runs over the same 16 states. Pinocchio's algorithms come in two conventions
+// (world and local axes): both are here. A comment line says how far the two programs' answers differ.
 #include <pinocchio/algorithm/aba.hpp>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/joint-configuration.hpp>
@@ -193,5 +193,5 @@ int main(int argc, char** argv) {
   for (int round = 0; round < rounds; ++round)
     for (const Job& job : jobs)
       std::printf("%d,%s,%s,%.6g\n", round, job.scene.c_str(), job.function.c_str(),
-                  1e3 * flexarm::microseconds(job.once, job.repeat) / kStates);
+                  1e3 * flexarm::cpu_microseconds(job.once, job.repeat) / kStates);
 }
