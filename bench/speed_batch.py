@@ -172,10 +172,12 @@ def lanes_rows(rounds: int) -> tuple[list[Row], list[Row], dict[str, str]]:
 
 def crossover(rows: list[Row], scalar: float) -> str:
     """From how many scenarios on a batch is faster than scenarios one by one, by a tenth at least."""
-    good = [r["us"] < 0.9 * scalar for r in rows]
-    if not good or not good[-1]:
-        return "never"
-    return str(rows[len(good) - 1 - next((k for k, g in enumerate(reversed(good)) if not g), len(good) - 1)]["count"])
+    first = None
+    for row in reversed(rows):
+        if row["us"] >= 0.9 * scalar:
+            break
+        first = row["count"]
+    return "never" if first is None else str(first)
 
 
 def lanes_page(batches: list[Row], threads: list[Row], found: dict[str, str]) -> str:
