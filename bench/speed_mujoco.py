@@ -24,7 +24,7 @@ SWEEP = {
     "Euler": (10, 25, 50),
     "implicitfast": (10, 25, 50),
     "RK4": (40,),
-    "discrete": (5, 10, 20, 50),
+    "discrete": (1, 2, 5, 10, 20, 50),
 }
 REFINED = ((10, 80), (20, 160))  # segments, steps between outputs, of RK4: to see where the segments converge
 STEPS = 80000  # of all scenarios of a batch together, about
