@@ -3,13 +3,6 @@
 // Prints CSV: a row for each round and function, in nanoseconds of CPU time; all functions in turn, so that ratios hold
 // on a noisy machine. Every function runs over the same 16 states. Pinocchio's algorithms come in two conventions
 // (world and local axes): both are here. A comment line says how far the two programs' answers differ.
-#include <pinocchio/algorithm/aba.hpp>
-#include <pinocchio/algorithm/crba.hpp>
-#include <pinocchio/algorithm/joint-configuration.hpp>
-#include <pinocchio/algorithm/rnea.hpp>
-#include <pinocchio/config.hpp>
-#include <pinocchio/multibody.hpp>
-
 #include <cstdio>
 #include <functional>
 #include <memory>
@@ -19,8 +12,8 @@
 
 #include "common.hpp"
 #include "flexarm/ci.hpp"
+#include "peer.hpp"
 
-namespace pin = pinocchio;
 using flexarm::Arm;
 using flexarm::Workspace;
 
@@ -29,37 +22,36 @@ namespace {
 constexpr int kStates = 16;
 constexpr double kRound = 1500.0;  // us of one function in one round
 
-/// The same rigid chain in both programs: hinges along z and y in turn, 0.3 m apart, random inertias.
-struct Chain {
-  pin::Model model;
-  std::vector<flexarm::Link> links;
-};
+const Eigen::Vector3d kEnd(0.3, 0.0, 0.0), kGravity(0.0, 0.0, -9.81);
 
-Chain rigid(int n) {
+/// Rigid bodies with random inertias.
+std::vector<PeerBody> bodies(int n) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> u(-1.0, 1.0);
-  Chain chain;
-  const Eigen::Vector3d end(0.3, 0.0, 0.0), gravity(0, 0, -9.81);
-  chain.model.gravity.linear(gravity);
+  std::vector<PeerBody> all;
   for (int k = 0; k < n; ++k) {
-    flexarm::RigidBody hub;
-    hub.mass = 1.0 + 0.5 * u(random);
-    hub.com = {0.15 + 0.05 * u(random), 0.05 * u(random), 0.05 * u(random)};
+    const double mass = 1.0 + 0.5 * u(random), x = u(random), y = u(random), z = u(random);
     const Eigen::Matrix3d a =
         Eigen::Matrix3d::NullaryExpr([&](Eigen::Index, Eigen::Index) { return 0.05 * u(random); });
     const Eigen::Matrix3d second = a * a.transpose() + 1e-3 * Eigen::Matrix3d::Identity();
-    hub.inertia = second.trace() * Eigen::Matrix3d::Identity() - second;
-    hub.end = end;
-    const pin::SE3 seat(Eigen::Matrix3d::Identity(), k == 0 ? Eigen::Vector3d::Zero().eval() : end);
-    const auto parent = static_cast<pin::JointIndex>(k);
-    const std::string name = "joint" + std::to_string(k);
-    const pin::JointIndex joint = k % 2 ? chain.model.addJoint(parent, pin::JointModelRY(), seat, name)
-                                        : chain.model.addJoint(parent, pin::JointModelRZ(), seat, name);
-    chain.model.appendBodyToJoint(joint, pin::Inertia(hub.mass, hub.com, hub.inertia), pin::SE3::Identity());
-    const Eigen::Vector3d axis = k % 2 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitZ();
-    chain.links.emplace_back(flexarm::Joint::revolute(axis), hub, std::nullopt, std::nullopt);
+    all.push_back({mass, {0.15 + 0.05 * x, 0.05 * y, 0.05 * z}, second.trace() * Eigen::Matrix3d::Identity() - second});
   }
-  return chain;
+  return all;
+}
+
+/// The same chain as Peer's.
+Arm rigid(const std::vector<PeerBody>& all) {
+  std::vector<flexarm::Link> links;
+  for (const PeerBody& body : all) {
+    flexarm::RigidBody hub;
+    hub.mass = body.mass;
+    hub.com = body.com;
+    hub.inertia = body.inertia;
+    hub.end = kEnd;
+    const Eigen::Vector3d axis = links.size() % 2 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitZ();
+    links.emplace_back(flexarm::Joint::revolute(axis), hub, std::nullopt, std::nullopt);
+  }
+  return Arm(std::move(links), kGravity);
 }
 
 struct State {
@@ -115,44 +107,36 @@ struct Scene {
   Arm arm;
   Workspace ws;
   std::vector<State> all;
-  std::optional<pin::Model> model;
-  std::optional<pin::Data> data;
+  std::optional<Peer> peer;
 
   explicit Scene(Arm a) : arm(std::move(a)), ws(arm), all(states(arm)) { flexarm::take_composite(arm, ws); }
 };
 
 template <class F>
-void add_pinocchio(std::vector<Job>& jobs, Scene& s, const std::string& scene, const std::string& function,
-                   const F& one) {
-  jobs.push_back({scene, function, [&s, one] {
-                    for (const State& x : s.all) one(*s.model, *s.data, x);
+void add_peer(std::vector<Job>& jobs, Scene& s, const std::string& scene, const std::string& function, const F& one) {
+  jobs.push_back({scene, "pinocchio " + function, [&s, one] {
+                    for (const State& x : s.all) one(*s.peer, x);
                   }});
 }
 
 void add_rigid(std::vector<Job>& jobs, std::vector<std::unique_ptr<Scene>>& scenes, int n) {
-  Chain chain = rigid(n);
-  scenes.push_back(std::make_unique<Scene>(Arm(std::move(chain.links), {0, 0, -9.81})));
+  const std::vector<PeerBody> all = bodies(n);
+  scenes.push_back(std::make_unique<Scene>(rigid(all)));
   Scene& s = *scenes.back();
-  s.model = chain.model;
-  s.data.emplace(*s.model);
+  s.peer.emplace(all, kEnd, kGravity);
   const State& x = s.all[0];
   flexarm::must(flexarm::forward_dynamics(s.arm, s.ws, x.q, x.v, x.tau));
-  const double forward = spread(s.ws.a, pin::aba(*s.model, *s.data, x.q, x.v, x.tau));
+  const double forward = spread(s.ws.a, s.peer->aba(x.q, x.v, x.tau, false));
   flexarm::inverse_dynamics<double>(s.arm, s.ws, x.q, x.v, x.tau);
-  const double inverse = spread(s.ws.tau, pin::rnea(*s.model, *s.data, x.q, x.v, x.tau));
+  const double inverse = spread(s.ws.tau, s.peer->rnea(x.q, x.v, x.tau));
   std::printf("# rigid %d: relative difference of accelerations %.1e, of torques %.1e\n", n, forward, inverse);
   const std::string scene = "rigid " + std::to_string(n);
-  for (const auto& [name, convention] : {std::pair<const char*, pin::Convention>{"world", pin::Convention::WORLD},
-                                         std::pair<const char*, pin::Convention>{"local", pin::Convention::LOCAL}}) {
-    const std::string in = std::string(" (") + name + ")";
-    const pin::Convention c = convention;
-    add_pinocchio(jobs, s, scene, "pinocchio aba" + in,
-                  [c](auto& m, auto& d, const State& y) { pin::aba(m, d, y.q, y.v, y.tau, c); });
-    add_pinocchio(jobs, s, scene, "pinocchio crba" + in,
-                  [c](auto& m, auto& d, const State& y) { pin::crba(m, d, y.q, c); });
+  for (bool local : {false, true}) {
+    const std::string in = local ? " (local)" : " (world)";
+    add_peer(jobs, s, scene, "aba" + in, [local](Peer& p, const State& y) { p.aba(y.q, y.v, y.tau, local); });
+    add_peer(jobs, s, scene, "crba" + in, [local](Peer& p, const State& y) { p.crba(y.q, local); });
   }
-  add_pinocchio(jobs, s, scene, "pinocchio rnea",
-                [](auto& m, auto& d, const State& y) { pin::rnea(m, d, y.q, y.v, y.tau); });
+  add_peer(jobs, s, scene, "rnea", [](Peer& p, const State& y) { p.rnea(y.q, y.v, y.tau); });
   add_flexarm(jobs, scene, s.arm, s.ws, s.all);
 }
 
@@ -189,7 +173,7 @@ int main(int argc, char** argv) {
   add_flexible(jobs, scenes, "planar 2 x 3", planar(2, 3));
   for (Job& job : jobs)
     job.repeat = std::max(1, static_cast<int>(kRound / flexarm::microseconds(job.once, 3)));  // and warms up
-  std::printf("# pinocchio %s, %s\nround,scene,function,ns\n", PINOCCHIO_VERSION, __VERSION__);
+  std::printf("# pinocchio %s, %s\nround,scene,function,ns\n", Peer::version(), __VERSION__);
   for (int round = 0; round < rounds; ++round)
     for (const Job& job : jobs)
       std::printf("%d,%s,%s,%.6g\n", round, job.scene.c_str(), job.function.c_str(),
