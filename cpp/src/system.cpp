@@ -68,7 +68,7 @@ void System::drive(double t) {
 
 bool System::sample(double t) {
   if (!control || !control->due(t)) return false;
-  if (forward_dynamics_ab(arm, ws, q, v, tau) == Status::ok) a = ws.a;
+  if (forward_dynamics(arm, ws, q, v, tau) == Status::ok) a = ws.a;
   const Eigen::VectorXd before = control->held();
   if (!control->run(t, q, v, a)) return false;
   tau += control->held() - before;

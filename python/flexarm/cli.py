@@ -1,4 +1,4 @@
-"""The command line: `flexarm demo`, `run SCENE`, `modes SCENE`, `chart SCENE`, `economize SCENE`, `place SCENE`, `batch`.
+"""The command line: `flexarm demo`, `run`, `modes`, `chart`, `economize`, `place`, `batch`, each with --help.
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
 2 bad input, one line says which; 130 interrupted.

@@ -55,7 +55,8 @@ class Rollout:
             be solved, 3: the motion ran away, 4: interrupted before the end.
         reached: (B,), time reached (s).
         failures: index, time and reason of each scenario that failed.
-        stats: engine (lanes, or scalar: one scenario after the other), lanes, workers, steps, evaluations, factorisations, newton_iterations, wall_time (s).
+        stats: engine ("lanes", or "scalar": one scenario after the other), lanes, workers, steps, evaluations,
+            factorisations, newton_iterations, wall_time (s).
     """
 
     t: Array
