@@ -93,10 +93,16 @@ class Worker {
   const BatchStats& stats() const { return stats_; }
 
  private:
-  /// Side by side, or one after the other.
+  /// Side by side where the kernels know the arms, one after the other where not.
   void run_group(Index first, Index count) {
-    if (group_ > 1 && lanes_.run(first, count, stats_)) return;
-    for (b_ = first; b_ < first + count; ++b_) {
+    for (const Index end = first + count; first < end;) {
+      const Index side_by_side = group_ > 1 ? lanes_.alike(first, end - first) : 0;
+      if (side_by_side > 0) {
+        lanes_.run(first, side_by_side, stats_);
+        first += side_by_side;
+        continue;
+      }
+      b_ = first++;
       prepare();
       const BatchStatus status = run_scenario();
       if (shared_.out.status) shared_.out.status[b_] = static_cast<int>(status);

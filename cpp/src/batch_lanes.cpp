@@ -37,13 +37,20 @@ LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::f
   laws_.resize(w * p_.feedback.size() * static_cast<std::size_t>(2 * one.nv() + one.nq() + 1));
 }
 
-bool LaneGroup::pack_numbers() {
-  if (plan_ && p_.arms.size() == 1) return true;
+Index LaneGroup::alike(Index first, Index count) const {
+  if (!arm(first).plan()) return 0;
+  if (p_.arms.size() == 1) return count;
+  Index n = 1;
+  while (n < count && arm(first + n).plan() && arm(first + n).plan()->like(*arm(first).plan())) ++n;
+  return n;
+}
+
+void LaneGroup::pack_numbers() {
+  if (plan_ && p_.arms.size() == 1) return;
   std::vector<const lanes::Plan*> plans;
   for (Index l = 0; l < width_; ++l) {
     const Arm& a = arm(scenario(l));
     plans.push_back(a.plan());
-    if (!a.plan()) return false;
     double mass = 0.0;
     for (const Link& link : a.links()) mass += link.mass();
     weight_[static_cast<std::size_t>(l)] = mass * a.gravity().squaredNorm();
@@ -51,7 +58,6 @@ bool LaneGroup::pack_numbers() {
   std::vector<bool> given(coordinate_.size(), true);
   for (int i : free_) given[static_cast<std::size_t>(i)] = false;
   plan_ = lanes::Plan::side_by_side(plans, static_cast<int>(width_), given);
-  return plan_.has_value();
 }
 
 void LaneGroup::pack(const BatchTable& table, Index n, double* out) const {
@@ -115,10 +121,10 @@ void LaneGroup::row(const double* q, const double* v, const double* a, const dou
   ++row_;
 }
 
-bool LaneGroup::run(Index first, Index count, BatchStats& stats) {
+void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   first_ = first;
   count_ = count;
-  if (!pack_numbers()) return false;
+  pack_numbers();
   const Arm& one = arm(first);
   const Index nq = one.nq(), nv = one.nv(), laws = static_cast<Index>(p_.feedback.size());
   pack(p_.q0, nq, q_.data());
@@ -164,7 +170,9 @@ bool LaneGroup::run(Index first, Index count, BatchStats& stats) {
   job.set = [](void* self, long step, long half, double* q, double* v, double* a, double* tau, double* offset) {
     static_cast<LaneGroup*>(self)->set(step, half, q, v, a, tau, offset);
   };
-  job.jumps = [](void* self, long step, double* changed) { return static_cast<LaneGroup*>(self)->jumps(step, changed); };
+  job.jumps = [](void* self, long step, double* changed) {
+    return static_cast<LaneGroup*>(self)->jumps(step, changed);
+  };
   job.wanted = [](void* self, long step) {
     const LaneGroup& g = *static_cast<LaneGroup*>(self);
     if (g.row_ == static_cast<Index>(g.p_.rows.size()) || g.p_.rows[static_cast<std::size_t>(g.row_)] != step) return 0;
@@ -196,7 +204,6 @@ bool LaneGroup::run(Index first, Index count, BatchStats& stats) {
     stats.factorisations += job.factorisations;
     stats.iterations += job.solves;
   }
-  return true;
 }
 
 }  // namespace flexarm

@@ -22,11 +22,12 @@ class LaneGroup {
   LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::function<bool(long)> alive);
   /// Runs scenarios first .. first + count - 1, at most `width`. Lanes without one repeat the last: a scenario's
   /// results are the same whoever shares the pack with it.
-  /// @return false, and nothing is done, where their arms are not of one structure
-  bool run(Eigen::Index first, Eigen::Index count, BatchStats& stats);
+  void run(Eigen::Index first, Eigen::Index count, BatchStats& stats);
+  /// How many of these scenarios, from the first on, have arms of one structure; 0 where the kernels do not know it.
+  Eigen::Index alike(Eigen::Index first, Eigen::Index count) const;
 
  private:
-  bool pack_numbers();
+  void pack_numbers();
   const Arm& arm(Eigen::Index b) const { return *p_.arms[p_.arms.size() == 1 ? 0 : static_cast<std::size_t>(b)]; }
   Eigen::Index scenario(Eigen::Index lane) const { return first_ + std::min(lane, count_ - 1); }
   void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset) const;

@@ -309,7 +309,7 @@ std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
     slices.push_back({all[g], masses.weights[g], inertia});
   }
   tip_ = all[n];
-  if (options_.order > 2)
+  if (options_.order > 2 && ne_ > 0)  // a beam without coordinates is rigid at any order
     series_ = std::make_shared<const SeriesTables>(options_.order, plane_,
                                                    tables({rule_.points.data(), rule_.points.data() + n}));
   return slices;

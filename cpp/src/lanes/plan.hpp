@@ -17,10 +17,11 @@ class Plan {
   static std::optional<Plan> of(const Arm& arm);
   /// For kernels that take `width` points of a beam at once, with the motion of some rates prescribed.
   Plan grouped(int width, const std::vector<bool>& given) const;
-  /// Plans of arms of equal structure, an arm in each lane: number i of arm k at i width + k. Lanes beyond the last arm
-  /// repeat it. @return none where structures differ
-  static std::optional<Plan> side_by_side(const std::vector<const Plan*>& plans, int width,
-                                          const std::vector<bool>& given);
+  /// Whether the arms are of one structure.
+  bool like(const Plan& other) const;
+  /// Plans of arms of one structure, an arm in each lane: number i of arm k at i width + k. Lanes beyond the last arm
+  /// repeat it.
+  static Plan side_by_side(const std::vector<const Plan*>& plans, int width, const std::vector<bool>& given);
 
   Plan(const Plan& other) : Plan() { *this = other; }
   Plan& operator=(const Plan& other);
@@ -38,7 +39,6 @@ class Plan {
   };
   void point();
   void prescribe(const std::vector<bool>& given);
-  bool like(const Plan& other) const;
 
   Layout layout_;
   std::vector<Node> nodes_;
