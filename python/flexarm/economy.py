@@ -258,7 +258,7 @@ class Economy:
             r and replace(r, counts=(*r.counts[:3], *own.counts[3:])) if own is not None else r
             for r, own in zip(rich, reference.model, strict=True)
         )
-        check = self.trials.run(rich, finer)
+        check = self.trials.run(rich, finer, most=max(10.0, 100.0 * found.base.time))
         if check.values is None:
             check = self.hard(rich, reference)
         if check.values is None and unsheared != rich and lost <= _SMALL * self.tol:
@@ -286,7 +286,7 @@ class Economy:
         rich = self.enriched(0)
         self.tell("indicators")
         self.look(rich, found.base)
-        reference = self.trials.run(self.relevant(rich, found.base.model))
+        reference = self.trials.run(self.relevant(rich, found.base.model), most=max(10.0, 100.0 * found.base.time))
         if reference.values is None:
             reference = self.hard(reference.model, reference)
         if reference.values is None:
