@@ -319,10 +319,8 @@ class Economy:
 
 def decide(
     scene: Scene, quantity: Quantity, tol: float, time_budget: float | None, tell: Callable[[str], None]
-) -> tuple[Economy, Findings, float]:
-    """The walk, what it found, and the seconds it took."""
-    started = time.perf_counter()
-    deadline = np.inf if time_budget is None else started + time_budget
+) -> tuple[Economy, Findings]:
+    """The walk, and what it found."""
+    deadline = np.inf if time_budget is None else time.perf_counter() + time_budget
     walk = Economy(scene, quantity, tol, deadline, tell)
-    found = walk()
-    return walk, found, time.perf_counter() - started
+    return walk, walk()
