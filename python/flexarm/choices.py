@@ -171,8 +171,9 @@ class _Table:
         in_y = all(n <= {"bending_y", "shear_y"} for n in names)
         in_z = all(n <= {"bending_z", "shear_z"} for n in names)
         bends = any(names)
-        sideways = [c for g in self.walk.rungs.groups for c in self.link(g) if not c.inside and c.what in STRAINS]
-        lost = max((c.without or 0.0 for c in sideways), default=0.0)
+        side = {"bending_z", "torsion", "shear_z"} if in_y else {"bending_y", "torsion", "shear_y"}
+        sideways = [c.without or 0.0 for g in self.walk.rungs.groups for c in self.link(g) if c.what in side]
+        lost = max(sideways, default=0.0)
         out = []
         if bends and names:
             how = _SYMMETRY if lost == 0.0 else _ESTIMATE
