@@ -41,9 +41,10 @@ WORKERS = {"flexarm": [], "scipy": [], "exudyn": ["exudyn", "numpy"], "mujoco": 
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR")}
 
 
-def python_of(worker: str) -> Path | str:
-    """The interpreter of a worker, in an environment that is made when missing."""
-    if not WORKERS[worker]:
+def python_of(worker: str, needs: list[str] | None = None) -> Path | str:
+    """The interpreter of a worker, in an environment that is made when missing; `needs`: of one not in `WORKERS`."""
+    needs = WORKERS[worker] if needs is None else needs
+    if not needs:
         return sys.executable
     folder = ROOT / "build" / "peers" / worker
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
@@ -51,7 +52,7 @@ def python_of(worker: str) -> Path | str:
     if not done.exists():
         print(f"installing {worker} into {folder}", flush=True)
         venv.create(folder, with_pip=True, clear=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", *WORKERS[worker]], check=True)
+        subprocess.run([python, "-m", "pip", "install", "--quiet", *needs], check=True)
         done.touch()
     return python
 

@@ -51,7 +51,7 @@ CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& optio
 
 Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                               const Eigen::VectorXd& tau) {
-  const Status status = forward_dynamics_ab(*arm_, ws, q, v, tau);
+  const Status status = forward_dynamics(*arm_, ws, q, v, tau);
   if (status != Status::ok) return status;
   if (!ws.a.allFinite()) return Status::not_finite;
   a_.colwise() = ws.a;

@@ -229,7 +229,7 @@ bool sample(const Solver& solver, IdaSystem& s, double t, Trajectory& out) {
   const std::vector<Event>& events = *s.events;
   std::vector<double> before(events.size()), after(events.size());
   s.evaluate(events, t, before.data());
-  if (!s.sample(about) || forward_dynamics_ab(s.arm, s.ws, s.q, s.v, s.tau) != Status::ok) return false;
+  if (!s.sample(about) || forward_dynamics(s.arm, s.ws, s.q, s.v, s.tau) != Status::ok) return false;
   s.a = s.ws.a;
   const auto [y, yp] = s.state();
   Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(solver.y), y.size()) = y;

@@ -36,7 +36,7 @@ Rows forward(const Arm& arm, const Rows& q, const Rows& v, const Rows& tau, cons
   loads.set(ws);
   for (Eigen::Index k = 0; k < q.rows(); ++k) {
     ws.a = a.row(k);
-    const Status status = ab ? forward_dynamics_ab(arm, ws, q.row(k), v.row(k), tau.row(k))
+    const Status status = ab ? forward_dynamics(arm, ws, q.row(k), v.row(k), tau.row(k))
                              : forward_dynamics_ci(arm, ws, q.row(k), v.row(k), tau.row(k));
     if (status != Status::ok || !ws.a.allFinite())
       bad_value("mass matrix at q", q.row(k),

@@ -5,4 +5,5 @@ PYBIND11_MODULE(_core, m) {
   m.attr("__version__") = FLEXARM_VERSION;
   bind_model(m);
   bind_time(m);
+  bind_batch(m);
 }

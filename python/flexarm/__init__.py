@@ -5,6 +5,8 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 
 from ._core import __version__
 from .arm import Arm
+from .batch import batch_memory, simulate_batch
+from .batch_result import BatchResult
 from .chart import Chart, chart
 from .control import PD, Controller, StateFeedback, StrainFeedback
 from .drive import Motion, Torque
@@ -30,8 +32,10 @@ from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody,
 from .motor import Motor
 from .patch import Patch, Piezo, Voltage
 from .placement import PatchPlacement, placement
+from .plan import Sweep, Vary, load_sweep
 from .reading import PowerSpectrum, Reading, psd
 from .result import Result
+from .rollout import BatchInterrupted, Failure, Rollout, rollout
 from .sampled import LinearController, Sampled
 from .scene import Scene, load
 from .sensor import Sampler, Sensor
@@ -39,6 +43,7 @@ from .sensors import Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, T
 from .shaping import Shaper, input_shaper
 from .simulation import SimulationError, SimulationInterrupted, simulate
 from .split import split
+from .sweep import SweepInterrupted, SweepResult, sweep
 from .validity import RangeWarning
 from .watch import Watch, WatchWarning
 
@@ -47,6 +52,8 @@ __all__ = [
     "Accelerometer",
     "Arm",
     "Axes",
+    "BatchInterrupted",
+    "BatchResult",
     "Beam",
     "Camera",
     "Chart",
@@ -55,6 +62,7 @@ __all__ = [
     "Cylindrical",
     "Derivatives",
     "Encoder",
+    "Failure",
     "Fixed",
     "ForceTorque",
     "Free",
@@ -83,6 +91,7 @@ __all__ = [
     "Result",
     "Revolute",
     "RigidBody",
+    "Rollout",
     "Sampled",
     "Sampler",
     "Scene",
@@ -94,20 +103,29 @@ __all__ = [
     "StateFeedback",
     "StrainFeedback",
     "StrainGauge",
+    "Sweep",
+    "SweepInterrupted",
+    "SweepResult",
     "Tachometer",
     "Taper",
     "Torque",
     "Universal",
+    "Vary",
     "Voltage",
     "Watch",
     "WatchWarning",
     "__version__",
+    "batch_memory",
     "chart",
     "economize",
     "input_shaper",
     "load",
+    "load_sweep",
     "placement",
     "psd",
+    "rollout",
     "simulate",
+    "simulate_batch",
     "split",
+    "sweep",
 ]

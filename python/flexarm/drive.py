@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,12 +25,37 @@ def _times(t: ArrayLike) -> Array:
     return times
 
 
+@dataclass(frozen=True)
+class _Scaled:
+    law: Callable[[float], Any]
+    factor: float
+
+    def __call__(self, t: float) -> Any:
+        value = self.law(t)
+        return self.factor * value if np.ndim(value) == 0 else [self.factor * x for x in value]
+
+
+def _times_factor(law: Any, factor: float) -> Any:
+    if isinstance(law, _core.PiecewisePolynomial):
+        return _core.PiecewisePolynomial(law.breaks, factor * law.coefficients)
+    return _Scaled(law, factor)
+
+
 class _Law:
     """A function of time: samples turned into a piecewise polynomial that C++ evaluates, or a Python callable."""
 
     law: Any
 
     constant = False  # whether the samples stand for all times
+
+    def scaled(self, factor: float) -> Any:
+        """The same law, `factor` times as large."""
+        law, made = self.law, copy.copy(self)
+        if isinstance(law, tuple):
+            made.law = tuple(_times_factor(part, factor) for part in law)
+        else:
+            made.law = _times_factor(law, factor)
+        return made
 
     def check_span(self, where: str, t: Array) -> None:
         """ValueError when the samples do not cover the simulated times."""

@@ -53,6 +53,11 @@ class Load(_Law):
             raise ValueError(f"along = {along!r}: give x or along, not both")
         if force is None and moment is None:
             raise ValueError("force = None: give a force, a moment, or both")
+        #: the arguments it was made of
+        self.given: dict[str, Any] = {
+            "link": link, "x": self.x, "force": _kept(force), "moment": _kept(moment), "t": t, "along": along,
+            "axes": axes
+        }  # fmt: skip
         if any(callable(value) for value in (force, moment)):
             if t is not None:
                 raise ValueError("t: goes with samples, not with a callable")
@@ -97,6 +102,10 @@ class _Wrench:
 
     def __call__(self, t: float) -> list[float]:
         return [float(x) for part in self.parts for x in part(t)]
+
+
+def _kept(value: Any) -> Any:
+    return value if value is None or callable(value) else np.array(value, dtype=float)
 
 
 def _component(name: str, value: Any) -> Callable[[float], Array]:
