@@ -146,16 +146,19 @@ def search(name: str, scene: fa.Scene, tol: float, most: dict[str, int], orders:
     _, default = timed(scene)
     options = dict(plan._walk.trials.walk)
     points = []
-    for model in candidates(scene, plan, most, orders):
+    models = candidates(scene, plan, most, orders)
+    for model in models:
         try:
-            tip, least = timed(rungs.at(model, options), 2)
+            tip, least = timed(rungs.at(model, options), 2 if len(models) > 100 else 6)
         except (ValueError, fa.SimulationError):
             continue  # torsion of the last link has no inertia but its slices'
         if np.isfinite(tip).all():
             points.append((model, least, scenes.off(tip, truth)))
     plain = tuple(r and replace(r, gauss=None) for r in chosen)
     tip, least = timed(rungs.at(plain, options))
+    least = min([least, *(t for m, t, _ in points if m == plain)])  # one model has one time
     own = (plain, least, scenes.off(tip, truth))
+    points = [*(p for p in points if p[0] != plain), own]
     lean_tip, lean = timed(plan.scene)
     good = [p for p in points if p[2] <= tol]
     best = min(good, key=lambda p: p[1])

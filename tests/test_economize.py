@@ -149,6 +149,8 @@ def test_print_plot_and_json(plans: dict[str, fa.Plan]) -> None:
     assert d["evaluation"]["lean"]["time"] < d["evaluation"]["rich"]["time"]
     inside = [c for c in plan.choices if c.inside and c.what == "order"]
     assert inside[0].chosen == "2" and inside[0].without > 0.7 * TOL  # order 1 would not do
+    rows = [c for p in plans.values() if p.certified for c in p.choices if c.inside and c.what.startswith("bending")]
+    assert rows and all(c.how == "run" and c.without > 0.6 * TOL for c in rows)  # each is there for a reason
     axes = plan.plot().axes[0]
     assert axes.get_xscale() == axes.get_yscale() == "log" and "time" in axes.get_xlabel()
 

@@ -11,7 +11,7 @@ import numpy as np
 from .economy import Economy, Findings
 from .model import STRAINS
 from .rung import ORDERS, Model, Rung
-from .trial import Trial
+from .trial import OutOfTime, Trial
 
 _SYMMETRY, _RUN, _ESTIMATE = "symmetry", "run", "estimate"
 
@@ -41,10 +41,17 @@ class Choice:
         return dict(self.__dict__)
 
 
-def _known(walk: Economy, model: Model, found: Findings) -> float | None:
-    """The error of a model against the reference, if the walk has run it."""
+def _key(model: Model, *names: str) -> list[Any]:
+    return [r and [getattr(r, name) for name in names] for r in model]
+
+
+def _known(walk: Economy, model: Model, found: Findings, *names: str) -> float | None:
+    """The error against the reference of a model that the walk has run, or of one alike in these fields of Rung."""
+    fields = names or ("counts", "order", "rotary", "gauss", "basis")
+    wanted = _key(model, *fields)
     for trial in walk.trials.runs.values():
-        if trial.model == model and trial.values is not None and trial.options == walk.trials.walk:
+        same = trial.options == walk.trials.walk and trial.values is not None
+        if same and _key(trial.model, *fields) == wanted:
             return walk.trials.distance(trial, found.reference)
     return None
 
@@ -61,8 +68,17 @@ class _Table:
         self.walk, self.found, self.model = walk, found, found.lean.model
 
     def without(self, lower: Model, estimate: float) -> tuple[float, str]:
-        run = _known(self.walk, lower, self.found)
-        return (estimate, _ESTIMATE) if run is None else (run, _RUN)
+        """What a poorer model is off by, and where that is from."""
+        known = _known(self.walk, lower, self.found, "counts", "order", "rotary", "basis")
+        if known is not None:
+            return known, _RUN
+        try:  # a lean run more
+            trial = self.walk.trials.run(lower, most=max(0.2, 3 * self.found.lean.time))
+        except (OutOfTime, ValueError):
+            return estimate, _ESTIMATE
+        if trial.reason.startswith("given up"):
+            return estimate, _ESTIMATE
+        return self.walk.trials.distance(trial, self.found.reference), _RUN
 
     def estimate(self, group: list[int], strain: int, n: int) -> float:
         """What the n-th coordinate of a strain does to the quantity."""
@@ -109,9 +125,13 @@ class _Table:
             error, how = self.without(other, self.found.estimates.rotary)
             time = _ratio(self.walk, self.model, other)
             return Choice(where, "rotary inertia", "yes", error, how, time, True)
-        error = min(self.found.estimates.rotary, 1e9)
-        time = _ratio(self.walk, other, self.model)
-        return Choice(where, "rotary inertia", "no", None if error == 1e9 else error, _ESTIMATE, time, False)
+        lost: float | None = self.found.estimates.rotary
+        how = _ESTIMATE
+        if not np.isfinite(self.found.estimates.rotary):  # torsion and shear cannot do without
+            pair = [_known(self.walk, m, self.found, "counts", "order", "rotary", "basis") for m in (self.model, other)]
+            lost = None if pair[0] is None or pair[1] is None else abs(pair[0] - pair[1])
+            how = _RUN
+        return Choice(where, "rotary inertia", "no", lost, how, _ratio(self.walk, other, self.model), False)
 
     def gauss(self, where: str, group: list[int], rung: Rung) -> Choice:
         full = self.walk.rungs.set(self.model, group, gauss=None)
@@ -120,10 +140,14 @@ class _Table:
         chosen = rung.gauss or beam._core.gauss_points
         if rung.gauss is None:
             return Choice(where, "Gauss points", str(chosen), None, "of the basis", 0.0, True)
-        now, then = _known(self.walk, self.model, self.found), _known(self.walk, full, self.found)
-        cost = None if now is None or then is None else max(0.0, now - then)
+        now, then = (_known(self.walk, m, self.found) for m in (self.model, self._full()))
+        cost = None if now is None or then is None else abs(now - then)
         what = f"{chosen} of {beam._core.gauss_points}"
         return Choice(where, "Gauss points", what, cost, _RUN, _ratio(self.walk, full, self.model), False)
+
+    def _full(self) -> Model:
+        """The model with all Gauss points that its bases ask for."""
+        return tuple(r and replace(r, gauss=None) for r in self.model)
 
     def link(self, group: list[int]) -> list[Choice]:
         rung = self.model[group[0]]
@@ -147,8 +171,9 @@ class _Table:
         in_y = all(n <= {"bending_y", "shear_y"} for n in names)
         in_z = all(n <= {"bending_z", "shear_z"} for n in names)
         bends = any(names)
-        sideways = [c for g in self.walk.rungs.groups for c in self.link(g) if not c.inside and c.what in STRAINS]
-        lost = max((c.without or 0.0 for c in sideways), default=0.0)
+        side = {"bending_z", "torsion", "shear_z"} if in_y else {"bending_y", "torsion", "shear_y"}
+        sideways = [c.without or 0.0 for g in self.walk.rungs.groups for c in self.link(g) if c.what in side]
+        lost = max(sideways, default=0.0)
         out = []
         if bends and names:
             how = _SYMMETRY if lost == 0.0 else _ESTIMATE

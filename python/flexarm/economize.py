@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import sys
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -216,8 +217,10 @@ def economize(
     if not isinstance(scene, Scene):
         raise ValueError(f"scene = {scene!r}: must be a Scene, or the path of a scene file")
     what = Quantity(scene, quantity, atol)
+    started = time.perf_counter()
     with _status(progress) as tell:
-        walk, found, seconds = decide(scene, what, limit, time_budget, tell)
+        walk, found = decide(scene, what, limit, time_budget, tell)
+        choices = choices_of(walk, found)
     lean = found.lean
     assert lean.result is not None
     rich = found.check or found.reference
@@ -228,7 +231,7 @@ def economize(
         walk.trials.scene(lean.model, {**_kept(scene), **lean.options}),
         walk.trials.scene(rich.model, {**_kept(scene), **rich.options}),
         what.name, limit, atol is not None, what.ranges, certified, found.reasons, error,
-        lean.time, seconds, len(walk.trials.runs), choices_of(walk, found),
+        lean.time, time.perf_counter() - started, len(walk.trials.runs), choices,
         Watch.around(lean.result), walk, found,
     )  # fmt: skip
 

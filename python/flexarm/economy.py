@@ -258,7 +258,7 @@ class Economy:
             r and replace(r, counts=(*r.counts[:3], *own.counts[3:])) if own is not None else r
             for r, own in zip(rich, reference.model, strict=True)
         )
-        check = self.trials.run(rich, finer)
+        check = self.trials.run(rich, finer, most=max(10.0, 100.0 * found.base.time))
         if check.values is None:
             check = self.hard(rich, reference)
         if check.values is None and unsheared != rich and lost <= _SMALL * self.tol:
@@ -286,7 +286,7 @@ class Economy:
         rich = self.enriched(0)
         self.tell("indicators")
         self.look(rich, found.base)
-        reference = self.trials.run(self.relevant(rich, found.base.model))
+        reference = self.trials.run(self.relevant(rich, found.base.model), most=max(10.0, 100.0 * found.base.time))
         if reference.values is None:
             reference = self.hard(reference.model, reference)
         if reference.values is None:
@@ -319,10 +319,8 @@ class Economy:
 
 def decide(
     scene: Scene, quantity: Quantity, tol: float, time_budget: float | None, tell: Callable[[str], None]
-) -> tuple[Economy, Findings, float]:
-    """The walk, what it found, and the seconds it took."""
-    started = time.perf_counter()
-    deadline = np.inf if time_budget is None else started + time_budget
+) -> tuple[Economy, Findings]:
+    """The walk, and what it found."""
+    deadline = np.inf if time_budget is None else time.perf_counter() + time_budget
     walk = Economy(scene, quantity, tol, deadline, tell)
-    found = walk()
-    return walk, found, time.perf_counter() - started
+    return walk, walk()
