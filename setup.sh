@@ -47,6 +47,10 @@ has_cmake_package() { # FILE DIRECTORY: a CMake package in one of the usual pref
   return 1
 }
 
+has_tomlplusplus() { ${CXX:-c++} -std=c++17 -fsyntax-only -x c++ - <<<'#if !__has_include(<toml++/toml.h>)
+    #error
+    #endif' 2>/dev/null; }
+
 find_missing() { # fills the array missing with Debian's package names
   missing=()
   if ! find_python >/dev/null; then
@@ -59,6 +63,7 @@ find_missing() { # fills the array missing with Debian's package names
     int main() { if constexpr (true) return std::optional<int>(0).value(); }' 2>/dev/null || missing+=(g++)
   has_cmake_package Eigen3Config.cmake eigen3 || missing+=(libeigen3-dev)
   has_cmake_package SUNDIALSConfig.cmake sundials || missing+=(libsundials-dev)
+  has_tomlplusplus || missing+=(libtomlplusplus-dev)
   [[ -z $extra ]] || has_cmake_package doctestConfig.cmake doctest || missing+=(doctest-dev)
 }
 
@@ -66,6 +71,10 @@ install_missing() {
   local root=() apt=(apt-get -qq -o DPkg::Lock::Timeout=120 -o Dpkg::Use-Pty=0) log
   if ((EUID != 0)); then
     if sudo -n true 2>/dev/null; then root=(sudo -n); elif [[ -t 0 ]] && command -v sudo >/dev/null; then root=(sudo); else root=(false); fi
+  fi
+  if [[ ${root[*]} == false && ${missing[*]} == libtomlplusplus-dev ]]; then
+    say "without libtomlplusplus-dev, flexarm::load_arm is left out of the C++ library"
+    return
   fi
   if [[ ${root[*]} == false ]] || ! command -v apt-get >/dev/null; then
     echo "flexarm needs system packages that are missing here: ${missing[*]}" >&2
@@ -89,7 +98,7 @@ install_missing() {
 # --- The virtual environment. A stamp of all that goes into the package tells whether anything is to be done. ---
 install_flexarm() {
   local now stamp=$venv/flexarm.stamp
-  now=$(find CMakeLists.txt pyproject.toml LICENSE README.md licenses cpp/include cpp/src python -type f \
+  now=$(find CMakeLists.txt cmake pyproject.toml LICENSE README.md licenses cpp/include cpp/src python -type f \
     ! -path '*/__pycache__/*' -print0 | LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum)
   if "$venv/bin/python" -c 'import flexarm._core' 2>/dev/null && grep -qsF "$now$extra" "$stamp"; then return; fi
   say "building and installing flexarm$extra into $venv"

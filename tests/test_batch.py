@@ -240,11 +240,20 @@ def test_parameters_are_what_they_say(integrator):
 def test_loads_voltages_and_friction():
     t = np.linspace(0, 0.02, 21)
     force = np.array([[0, 1.0, 0], [0, -2.0, 0]])
-    run = fa.simulate_batch(two_links(), t, loads=[fa.Load(force=(0, 0, 0))], parameters={"load.0.force": force})
-    assert run.stats["engine"] == "simulate"
-    for i in range(2):
-        one = fa.simulate(two_links(), t, loads=[fa.Load(force=force[i])], integrator="implicit", step=1e-3)
-        np.testing.assert_array_equal(run.q[i], one.q)
+    others = [
+        fa.Load(0, 0.2, moment=lambda t: (0, 0, np.sin(50 * t)), axes="section"),
+        fa.Load(1, along=(0.1, 0.3), t=[0, 0.01, 0.02], force=[[0, 0, 0], [3, 5, 0], [0, 0, 0]]),
+    ]
+    given = {"load.0.force": force, "link.0.beam.length": [0.3, 0.4], "load.2.scale": [1.0, -1.0]}
+    for name, step in (("implicit", 1e-3), ("rk4", 1e-4)):
+        run = fa.simulate_batch(
+            two_links(), t, loads=[fa.Load(force=(0, 0, 0)), *others], parameters=given, integrator=name, step=step
+        )
+        assert run.stats["engine"] == "scalar"
+        for i, scale in enumerate((1.0, -1.0)):
+            loads = [fa.Load(force=force[i]), others[0], others[1].scaled(scale)]
+            one = fa.simulate(run.arm(i), t, loads=loads, integrator=name, step=step)
+            np.testing.assert_allclose(run.q[i], one.q, rtol=0, atol=1e-14)
     arm = patched()
     key = ("patch", 0, 0)
     given = {"drive.patch.0.0.value": [10.0, 50.0], "link.0.beam.patches.0.thickness": [5e-4, 4e-4]}
@@ -404,6 +413,12 @@ def test_a_file_holds_what_memory_would(tmp_path):
     again = fa.simulate_batch(two_links(), TIMES, out=path, **SWEEP)
     assert again.stats["resumed"] == 40 and "steps" not in again.stats
     np.testing.assert_array_equal(again.v, plain.v)
+    plain.save(tmp_path / "sweep.npz")
+    for file in (path, tmp_path / "sweep.npz"):
+        kept = fa.BatchResult.load(file)
+        np.testing.assert_array_equal(kept.q, plain.q)
+        np.testing.assert_array_equal(kept.parameters["link.0.tip.mass"], SWEEP["parameters"]["link.0.tip.mass"])
+        assert kept.arm(7) == plain.arm(7) and kept.failures == [] and not kept.status.any()
     with pytest.raises(ValueError, match="holds another batch"):
         fa.simulate_batch(two_links(0.06), TIMES, out=path, **SWEEP)
     over = fa.simulate_batch(two_links(0.06), TIMES, out=path, resume=False, **SWEEP)
@@ -411,6 +426,27 @@ def test_a_file_holds_what_memory_would(tmp_path):
     (tmp_path / "no.h5").write_text("something else")
     with pytest.raises(ValueError, match="is not a file of a batch"):
         fa.simulate_batch(two_links(), TIMES, out=tmp_path / "no.h5", **SWEEP)
+    with pytest.raises(ValueError, match=r"batch '.*no.h5': (is not|Unable)"):
+        fa.BatchResult.load(tmp_path / "no.h5")
+
+
+def test_a_file_knows_its_batch(tmp_path):
+    def ramp(a):
+        return fa.Torque(lambda t: a * t)
+
+    arm, force = two_links(), (0, 1.0, 0)
+    base = {"drive": {0: ramp(1.0)}, "control": fa.PD(1.0, 0.1, 1), "tau": np.zeros((1, 6)), "v0": np.zeros((2, 6))}
+    others = [
+        {"drive": {0: ramp(2.0)}}, {"drive": {1: ramp(1.0)}}, {"control": fa.PD(1.0, 0.2, 1)}, {"every": 2},
+        {"tau": np.ones((1, 6))}, {"v0": np.ones((2, 6))}, {"loads": [fa.Load(force=force)]}, {"outputs": ["q"]},
+        {"integrator": "gauss"}, {"step": 5e-4}, {"rtol": 1e-9}, {"parameters": {"q0.0": [0.0, 0.0]}},
+    ]  # fmt: skip
+    fa.simulate_batch(arm, [0, 1e-3, 2e-3], out=tmp_path / "x.h5", **base)
+    again = fa.simulate_batch(two_links(), [0, 1e-3, 2e-3], out=tmp_path / "x.h5", **{**base, "drive": {0: ramp(1.0)}})
+    assert again.stats["resumed"] == 2
+    for other in others:
+        with pytest.raises(ValueError, match="holds another batch"):
+            fa.simulate_batch(arm, [0, 1e-3, 2e-3], out=tmp_path / "x.h5", **{**base, **other})
 
 
 @pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
@@ -419,7 +455,10 @@ def test_a_file_remembers_failures(tmp_path):
     v0[1, 2] = 1e200
     runs = [fa.simulate_batch(arm, [0, 1e-3, 2e-3], v0=v0, out=tmp_path / "x.h5", integrator="rk4") for _ in "ab"]
     for run in runs:
-        assert [f.index for f in run.failures] == [1] and "ran away" in run.failures[0].reason and run.status[1] == 3
+        run.save(tmp_path / "x.npz")
+        for kept in (run, *(fa.BatchResult.load(tmp_path / name) for name in ("x.h5", "x.npz"))):
+            assert kept.failures == runs[0].failures and kept.status.tolist() == [0, 3, 0]
+        assert [f.index for f in run.failures] == [1] and "ran away" in run.failures[0].reason
 
 
 KILLED = """

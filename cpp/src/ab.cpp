@@ -1,5 +1,6 @@
 #include "flexarm/ab.hpp"
 
+#include "lanes/single.hpp"
 #include "sweeps.hpp"
 
 namespace flexarm {
@@ -160,6 +161,18 @@ Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
   const Status status = eliminate(arm, ws, ws.feedback.empty() ? tau : ws.total);
   if (status == Status::ok) expand<true>(arm, ws, ws.a);
   return status;
+}
+
+Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                        const Eigen::VectorXd& tau) {
+  if (!ws.fast) return forward_dynamics_ab(arm, ws, q, v, tau);
+  const Eigen::VectorXd* total = &tau;
+  if (!ws.feedback.empty()) {
+    ws.total = tau;
+    add_feedback(ws.feedback, q, v, 1.0, ws.total);
+    total = &ws.total;
+  }
+  return ws.fast->forward(q.data(), v.data(), total->data(), ws.a.data()) ? Status::ok : Status::singular;
 }
 
 namespace {

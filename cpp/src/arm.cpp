@@ -5,8 +5,11 @@
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
+#include "lanes/single.hpp"
 
 namespace flexarm {
+
+const char this_file_has_other_vector_flags_than_the_flexarm_library::FLEXARM_SAME_FLAGS = 0;
 
 Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::vector<Load>& applied)
     : SweepWorkspace<double>(arm, applied), a(Eigen::VectorXd::Zero(arm.nv())), prescribed(given) {
@@ -38,7 +41,15 @@ Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::
   rhs = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(free.size()));
   total = Eigen::VectorXd::Zero(arm.nv());
   columns = Eigen::MatrixXd::Zero(6, widest);
+  if (arm.plan() && applied.empty()) fast = FastPath(new lanes::Single(*arm.plan(), prescribed));
 }
+
+FastPath::FastPath() = default;
+FastPath::FastPath(lanes::Single* arm) : arm_(arm) {}
+FastPath::FastPath(const FastPath& other) : arm_(other.arm_ ? new lanes::Single(*other.arm_) : nullptr) {}
+FastPath::FastPath(FastPath&&) noexcept = default;
+FastPath& FastPath::operator=(FastPath&&) noexcept = default;
+FastPath::~FastPath() = default;
 
 void Workspace::feed_back(const std::vector<Feedback>& laws) {
   feedback.clear();
@@ -96,6 +107,8 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
     if (b.factor.info() != Eigen::Success) break;
   }
   if (status != Status::ok) bad_value("mass matrix", "singular", "its coordinates must move independent inertias");
+  if (std::optional<lanes::Plan> plan = lanes::Plan::of(*this))
+    plan_ = std::make_shared<const lanes::Plan>(std::move(*plan));
 }
 
 Eigen::VectorXd Arm::zero() const {

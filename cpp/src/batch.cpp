@@ -8,18 +8,28 @@
 #include <mutex>
 #include <thread>
 
+#include "batch_lanes.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/step.hpp"
 #include "system.hpp"
 
 namespace flexarm {
 
+void fill_rows(const BatchProblem& p, const BatchOutput& out, Eigen::Index scenario, Eigen::Index row) {
+  const auto rows = static_cast<Eigen::Index>(p.rows.size());
+  const auto fill = [&](double* block, int n) {
+    if (block) std::fill_n(block + (scenario * rows + row) * n, (rows - row) * n, std::nan(""));
+  };
+  fill(out.q, p.arms[0]->nq());
+  for (double* block : {out.v, out.a, out.tau}) fill(block, p.arms[0]->nv());
+}
+
 namespace {
 
 using Index = Eigen::Index;
 
-constexpr Index kGroup = 1;       // scenarios that a worker takes at once
-constexpr long kLookAround = 32;  // steps between two looks at the clock
+constexpr long kLookAround = 32;    // steps between two looks at the clock
+constexpr Index kWorthThread = 32;  // steps that are worth a thread
 
 /// What the workers share.
 struct Shared {
@@ -45,23 +55,26 @@ struct Shared {
 bool differs(const BatchTable& t) { return t.scenario != 0; }
 bool changes(const BatchTable& t) { return t.time != 0; }
 
-/// Nan into the rows of a scenario from `row` on.
-void fill_rows(const BatchProblem& p, const BatchOutput& out, Index scenario, Index row) {
-  const auto rows = static_cast<Index>(p.rows.size());
-  const auto fill = [&](double* block, int n) {
-    if (block) std::fill_n(block + (scenario * rows + row) * n, (rows - row) * n, std::nan(""));
-  };
-  fill(out.q, p.arms[0]->nq());
-  for (double* block : {out.v, out.a, out.tau}) fill(block, p.arms[0]->nv());
-}
-
 /// One thread's memory, and the scenarios it runs one after the other.
 class Worker {
  public:
-  Worker(Shared& shared, bool calling) : shared_(shared), p_(shared.problem), calling_(calling) {
+  Worker(Shared& shared, bool calling)
+      : shared_(shared),
+        p_(shared.problem),
+        calling_(calling),
+        group_(LaneGroup::width(shared.problem)),
+        lanes_(shared.problem, shared.out, [this](long steps) {
+          shared_.done += steps;
+          if (calling_) shared_.look_around();
+          return !shared_.stop;
+        }) {
     for (const BatchForce& f : p_.forces) {
       own_laws_ = own_laws_ || differs(f.column);
       varies_ = varies_ || changes(f.value);
+    }
+    for (const BatchLoad& l : p_.loads) {
+      own_laws_ = own_laws_ || l.places.size() > 1;
+      varies_ = varies_ || changes(l.wrench);
     }
     for (const BatchMotion& m : p_.motions) varies_ = varies_ || changes(m.value);
     for (const BatchFeedback& f : p_.feedback) {
@@ -72,16 +85,17 @@ class Worker {
 
   void run() {
     while (!shared_.stop) {
-      const Index first = shared_.next.fetch_add(kGroup);
+      const Index first = shared_.next.fetch_add(group_);
       if (first >= p_.scenarios) return;
-      run_group(first, std::min(kGroup, p_.scenarios - first));
+      run_group(first, std::min(group_, p_.scenarios - first));
     }
   }
   const BatchStats& stats() const { return stats_; }
 
  private:
-  /// Runs scenarios of equal structure: the place for lanes.
+  /// Side by side, or one after the other.
   void run_group(Index first, Index count) {
+    if (group_ > 1 && lanes_.run(first, count, stats_)) return;
     for (b_ = first; b_ < first + count; ++b_) {
       prepare();
       const BatchStatus status = run_scenario();
@@ -122,6 +136,10 @@ class Worker {
       d.column = vector(f.column, nv);
       drives_.push_back(std::move(d));
     }
+    loads_.clear();
+    for (const BatchLoad& l : p_.loads)
+      loads_.push_back({l.places[l.places.size() == 1 ? 0 : static_cast<std::size_t>(b_)],
+                        [this, &l](double) { return Vec6<double>(l.wrench.at(b_, half_)); }});
     control_ = std::make_unique<Control>(std::move(laws), std::vector<Sampler>{}, nv);
     system_ = std::make_unique<System>(*arm, drives_, loads_, tau_, control_.get());
     if (arm != arm_) {
@@ -217,6 +235,8 @@ class Worker {
   Shared& shared_;
   const BatchProblem& p_;
   bool calling_;
+  Index group_;  // scenarios taken at once
+  LaneGroup lanes_;
   bool own_laws_ = false;  // whether columns or gains differ from scenario to scenario
   bool varies_ = false;    // whether anything changes within a step
   Index b_ = 0;            // scenario
@@ -248,6 +268,9 @@ void check(const BatchProblem& p, const BatchOutput& out, int workers) {
   for (std::size_t k = 0; k < p.rows.size(); ++k)
     if (p.rows[k] < 0 || p.rows[k] > static_cast<Index>(steps) || (k > 0 && p.rows[k] <= p.rows[k - 1]))
       bad_value("rows", p.rows[k], "must increase, from 0 to the number of steps");
+  for (const BatchLoad& l : p.loads)
+    if (l.places.size() != 1 && static_cast<Index>(l.places.size()) != p.scenarios)
+      bad_value("places of a load", l.places.size(), "must be one, or one for each scenario");
   if (!p.q0.data || !p.v0.data || !p.tau.data) bad_value("q0, v0, tau", "null", "must be given");
   if (!out.status) bad_value("status", "null", "must be given");
   if (workers < 1) bad_value("workers", workers, "must be at least 1");
@@ -274,7 +297,9 @@ BatchStats run_batch(const BatchProblem& problem, const BatchOutput& out, int wo
   check(problem, out, workers);
   std::fill_n(out.status, problem.scenarios, static_cast<int>(BatchStatus::not_done));
   Shared shared{problem, out, alive};
-  const Index useful = std::max<Index>(1, (problem.scenarios + kGroup - 1) / kGroup);
+  const Index steps = problem.scenarios * static_cast<Index>(problem.lengths.size());
+  const Index group = LaneGroup::width(problem);
+  const Index useful = std::max<Index>(1, std::min((problem.scenarios + group - 1) / group, steps / kWorthThread));
   const int count = static_cast<int>(std::min<Index>(workers, useful));
   std::vector<std::unique_ptr<Worker>> all;
   for (int k = 0; k < count; ++k) all.push_back(std::make_unique<Worker>(shared, k == 0));
@@ -312,6 +337,7 @@ BatchStats run_batch(const BatchProblem& problem, const BatchOutput& out, int wo
   if (error) std::rethrow_exception(error);
   BatchStats stats;
   stats.workers = count;
+  stats.lanes = static_cast<int>(group);
   for (const auto& w : all) {
     stats.steps += w->stats().steps;
     stats.evaluations += w->stats().evaluations;

@@ -155,8 +155,8 @@ void turn_out(const Mat3<S>& R, Column&& x) {
 }  // namespace
 
 template <class S>
-Mat6X<S> slice_jacobian(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice) {
-  Mat6X<S> J = Mat6X<S>::Zero(6, arm.nv());
+void slice_jacobian(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice, Mat6X<S>& J) {
+  J.setZero(6, arm.nv());
   int used = 0;  // columns of the links passed so far
   for (std::size_t n = 0; n <= link; ++n) {
     const LinkState<S>& s = ws.links[n];
@@ -173,7 +173,6 @@ Mat6X<S> slice_jacobian(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t
     if (k >= used - ne) J.col(k) = slice.J.col(k - (used - ne));
     turn_out(R, J.col(k));
   }
-  return J;
 }
 
 template <class S>
@@ -193,12 +192,12 @@ SliceMotion<S> slice_motion(const Arm& arm, const SweepWorkspace<S>& ws, std::si
   return m;
 }
 
-#define FLEXARM_INSTANTIATE(S)                                                                                \
-  template void accelerate_arm<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&, const Eigen::Vector3d&);    \
-  template Pose<S> link_pose<S>(const SweepWorkspace<S>&, std::size_t);                                       \
-  template Pose<S> slice_pose<S>(const SweepWorkspace<S>&, std::size_t, const Slice<S>&);                     \
-  template Mat6X<S> slice_jacobian<S>(const Arm&, const SweepWorkspace<S>&, std::size_t, const Slice<S>&);    \
-  template SliceMotion<S> slice_motion<S>(const Arm&, const SweepWorkspace<S>&, std::size_t, const Slice<S>&, \
+#define FLEXARM_INSTANTIATE(S)                                                                                    \
+  template void accelerate_arm<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&, const Eigen::Vector3d&);        \
+  template Pose<S> link_pose<S>(const SweepWorkspace<S>&, std::size_t);                                           \
+  template Pose<S> slice_pose<S>(const SweepWorkspace<S>&, std::size_t, const Slice<S>&);                         \
+  template void slice_jacobian<S>(const Arm&, const SweepWorkspace<S>&, std::size_t, const Slice<S>&, Mat6X<S>&); \
+  template SliceMotion<S> slice_motion<S>(const Arm&, const SweepWorkspace<S>&, std::size_t, const Slice<S>&,     \
                                           const VecX<S>&);
 FLEXARM_INSTANTIATE(double)
 FLEXARM_INSTANTIATE(Tangent)
@@ -210,14 +209,18 @@ Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eig
     const Link& link = arm.link(n);
     LinkState<double>& s = ws.links[n];
     link.mass_matrix(s);
-    Eigen::VectorXd nu(6 + link.ne());
-    nu << s.V, s.dqe;
-    e.kinetic += 0.5 * nu.dot(s.M * nu);
+    const Eigen::Index ne = link.ne();
+    s.Fe.noalias() = 0.5 * s.M.bottomRightCorner(ne, ne) * s.dqe;  // scratch, so that nothing is allocated
+    s.Fe.noalias() += s.M.bottomLeftCorner(ne, 6) * s.V;
+    e.kinetic += 0.5 * s.V.dot(s.M.topLeftCorner<6, 6>() * s.V) + s.dqe.dot(s.Fe);
     if (link.joint().passive())
       for (int k = 0; k < link.nj(); ++k)
         e.kinetic += 0.5 * link.joint().forces()[k].reflected_inertia * std::pow(v[arm.first(n) + k], 2);
     e.potential += link.joint().potential(q.data() + arm.first_q(n));
-    if (link.beam()) e.potential += 0.5 * s.qe.dot(link.beam()->stiffness() * s.qe);
+    if (link.beam()) {
+      s.Fe.noalias() = link.beam()->stiffness() * s.qe;
+      e.potential += 0.5 * s.qe.dot(s.Fe);
+    }
     const Pose<double> pose = link_pose<double>(ws, n);
     e.potential -= arm.gravity().dot(link.mass() * pose.p + pose.R * link.mass_moment(s));
   }
@@ -232,7 +235,7 @@ Momentum momentum(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const
     LinkState<double>& s = ws.links[n];
     link.mass_matrix(s);
     Vec6<double> P = s.M.topLeftCorner<6, 6>() * s.V;  // of the link, about its origin: the six rigid rows of Eq. 80
-    P += s.M.topRightCorner(6, link.ne()) * s.dqe;
+    P.noalias() += s.M.topRightCorner(6, link.ne()) * s.dqe;
     const Pose<double> pose = link_pose<double>(ws, n);
     turn_out(pose.R, P);
     P.tail<3>() += pose.p.cross(P.head<3>());

@@ -3,143 +3,106 @@
 #include <cmath>
 
 #include "flexarm/check.hpp"
+#include "lanes/alpha.hpp"
+#include "lanes/single.hpp"
 
 namespace flexarm {
 
 namespace {
 
-constexpr double kSlow = 0.3;        // contraction above which the matrix is made anew within a step
-constexpr double kBest = 1e-4;       // contraction that is believed without having been measured in the same step
-constexpr double kRounding = 1e-14;  // parts of the applied forces: a residual below is noise
-constexpr double kFloor = 1e-7;      // parts of the motion: an iteration that stalls below is at the end of its digits
-constexpr double kGrown = 1.5;       // ratio of a step to the one before, above which nothing is extrapolated
-constexpr double kSame = 1e-9;       // of that ratio to 1
-constexpr double kForget = 0.99;     // per step, of the motion's scale
+/// An arm's workspace as the generalised-alpha method sees it.
+struct Engine {
+  using Scalar = double;
+  using Mask = bool;
+  const Arm& arm;
+  Workspace* ws = nullptr;
+  Eigen::VectorXd q, v, a, r, x;  // the workspace's functions take vectors
+  const int* free = nullptr;
+  int free_count = 0;
+
+  explicit Engine(const Arm& arm_) : arm(arm_), q(arm.zero()), v(Eigen::VectorXd::Zero(arm.nv())), a(v), r(v), x(v) {}
+  bool fast() const { return ws->fast && ws->feedback.empty(); }
+
+  void place(const double* q0, const double* u, double* out) const {
+    for (std::size_t n = 0; n < arm.size(); ++n) {
+      const Link& link = arm.link(n);
+      const int i = arm.first_q(n), j = arm.first(n), nq = link.joint().nq(), nj = link.nj();
+      link.joint().displace(q0 + i, u + j, out + i);
+      for (int k = 0; k < link.ne(); ++k) out[i + nq + k] = q0[i + nq + k] + u[j + nj + k];
+    }
+  }
+  void inverse(const double* q_, const double* v_, const double* a_, double* tau, bool with_masses) {
+    v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
+    if (fast()) {
+      ws->fast->inverse(q_, v_, a_, tau);
+      return;
+    }
+    q = Eigen::Map<const Eigen::VectorXd>(q_, q.size());
+    a = Eigen::Map<const Eigen::VectorXd>(a_, a.size());
+    inverse_dynamics<double>(arm, *ws, q, v, a, with_masses);
+    Eigen::Map<Eigen::VectorXd>(tau, v.size()) = ws->tau;
+  }
+  bool factor(const lanes::Shift& shift, double& twice_kinetic) {
+    if (fast()) return ws->fast->factor(shift, v.data(), twice_kinetic);
+    const bool good = factor_shifted(arm, *ws, q, v, Shift{shift.damping, shift.stiffness}, true) == Status::ok;
+    twice_kinetic = ws->twice_kinetic;
+    return good;
+  }
+  void solve(const double* r_, double* x_) {
+    if (fast()) {
+      ws->fast->solve(r_, x_);
+      return;
+    }
+    r = Eigen::Map<const Eigen::VectorXd>(r_, r.size());
+    solve_shifted(arm, *ws, r, x);
+    Eigen::Map<Eigen::VectorXd>(x_, x.size()) = x;
+  }
+};
 
 }  // namespace
 
+struct ImplicitStep::Iteration {
+  Engine engine;
+  Alpha<Engine> alpha;
+  explicit Iteration(const Arm& arm) : engine(arm) {}
+};
+
+ImplicitStep::~ImplicitStep() = default;
+int ImplicitStep::iterations() const { return iteration_->alpha.iterations; }
+
 ImplicitStep::ImplicitStep(const Arm& arm, double h, const ImplicitOptions& options)
-    : arm_(&arm),
-      h_(positive("step", h)),
-      options_(options),
-      q0_(arm.zero()),
-      v0_(Eigen::VectorXd::Zero(arm.nv())),
-      a0_(v0_),
-      a_before_(v0_),
-      alpha0_(v0_),
-      alpha_(v0_),
-      a_(v0_),
-      u_(v0_),
-      r_(v0_),
-      turn_(v0_) {
+    : arm_(&arm), h_(positive("step", h)), options_(options), iteration_(std::make_unique<Iteration>(arm)) {
   const double rho = options.spectral_radius;
   if (!(rho >= 0.0 && rho <= 1.0)) bad_value("spectral_radius", rho, "must be from 0 to 1");
   positive("rtol", options.rtol);
   if (options.max_iterations < 1) bad_value("max_iterations", options.max_iterations, "must be at least 1");
-  alpha_m_ = (2.0 * rho - 1.0) / (rho + 1.0);
-  alpha_f_ = rho / (rho + 1.0);
-  gamma_ = 0.5 - alpha_m_ + alpha_f_;
-  beta_ = 0.25 * (gamma_ + 0.5) * (gamma_ + 0.5);
-  for (const Link& link : arm.links()) mass_ += link.mass();
+  Alpha<Engine>& alpha = iteration_->alpha;
+  numbers_.resize(static_cast<Eigen::Index>(Alpha<Engine>::scalars(arm.nq(), arm.nv())));
+  alpha.lay_out(numbers_.data(), arm.nq(), arm.nv());
+  alpha.o = AlphaOptions::of(rho, options.rtol, options.max_iterations);
+  double mass = 0.0;
+  for (const Link& link : arm.links()) mass += link.mass();
+  alpha.weight = mass * arm.gravity().squaredNorm();
 }
 
 Status ImplicitStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                            const Eigen::VectorXd& tau) {
   const Status status = jump(ws, q, v, tau);
   if (status != Status::ok) return status;
-  contraction_ = 1.0;
-  scale_ = 0.0;
+  iteration_->alpha.contraction = 1.0;
+  iteration_->alpha.scale = 0.0;
   started_ = true;
   return Status::ok;
 }
 
 Status ImplicitStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                           const Eigen::VectorXd& tau) {
-  const Status status = forward_dynamics_ab(*arm_, ws, q, v, tau);
+  const Status status = forward_dynamics(*arm_, ws, q, v, tau);
   if (status != Status::ok) return status;
   if (!ws.a.allFinite()) return Status::not_finite;
-  a0_ = a_before_ = alpha0_ = ws.a;
-  h_before_ = 0.0;
+  iteration_->alpha.begin(ws.a.data(), true);
+  iteration_->alpha.h_before = 0.0;
   return Status::ok;
-}
-
-/// Accelerations extrapolated, and the auxiliary ones that follow:
-///   (1 - alpha_m) alpha + alpha_m alpha0 = (1 - alpha_f) a + alpha_f a0
-/// The auxiliary ones lag the true ones by (alpha_f - alpha_m) h: where h changes, so does the lag. Where it grows
-/// much, as behind a short pulse, they begin anew.
-void ImplicitStep::predict(double h, const Workspace& ws) {
-  const double ratio = h_before_ > 0.0 ? h / h_before_ : 0.0, ahead = ratio > kGrown ? 0.0 : ratio;
-  if (std::abs(ratio - 1.0) > kSame)
-    for (int i : ws.free) alpha0_[i] = a0_[i] + ahead * (alpha0_[i] - a0_[i]);
-  a_ = ws.a;  // where prescribed
-  u_.setZero();
-  for (int i : ws.free) {
-    a_[i] = a0_[i] + ahead * (a0_[i] - a_before_[i]);
-    alpha_[i] = ((1.0 - alpha_f_) * a_[i] + alpha_f_ * a0_[i] - alpha_m_ * alpha0_[i]) / (1.0 - alpha_m_);
-  }
-}
-
-/// q and v at the step's end from the auxiliary accelerations.
-void ImplicitStep::place(double h, const Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v) {
-  for (int i : ws.free) {
-    u_[i] = h * v0_[i] + h * h * ((0.5 - beta_) * alpha0_[i] + beta_ * alpha_[i]);
-    v[i] = v0_[i] + h * ((1.0 - gamma_) * alpha0_[i] + gamma_ * alpha_[i]);
-  }
-  for (std::size_t n = 0; n < arm_->size(); ++n) {
-    const Link& link = arm_->link(n);
-    const int i = arm_->first_q(n), j = arm_->first(n), nq = link.joint().nq(), nj = link.nj(), ne = link.ne();
-    link.joint().displace(q0_.data() + i, u_.data() + j, q.data() + i);
-    q.segment(i + nq, ne) = q0_.segment(i + nq, ne) + u_.segment(j + nj, ne);
-  }
-}
-
-Status ImplicitStep::iterate(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v,
-                             const Eigen::VectorXd& tau) {
-  const double by_a = (1.0 - alpha_f_) / (1.0 - alpha_m_);  // d alpha / d a
-  const Shift shift{h * gamma_ * by_a, h * h * beta_ * by_a};
-  const double fall = h * arm_->gravity().norm();
-  contraction_ = std::max(kBest, std::pow(contraction_, 0.8));  // old knowledge, doubted more with every step
-  double last = 0.0, scale = 0.0;
-  bool anew = true;
-  for (iterations_ = 1; iterations_ <= options_.max_iterations; ++iterations_) {
-    place(h, ws, q, v);
-    inverse_dynamics<double>(*arm_, ws, q, v, a_, anew);
-    ++counts_.evaluations;
-    if (anew) {
-      const Status status = factor_shifted(*arm_, ws, q, v, shift, true);
-      ++counts_.factorisations;
-      if (status != Status::ok) return Status::not_converged;  // the iteration has gone where no arm can be
-      scale_ = std::max(ws.twice_kinetic, kForget * scale_);
-      scale = std::sqrt(scale_ + mass_ * fall * fall);
-    }
-    double work = 0.0, residual = 0.0, force = 0.0;
-    for (int i : ws.free) {
-      r_[i] = tau[i] - ws.tau[i];
-      residual = std::max(residual, std::abs(r_[i]));
-      force = std::max(force, std::abs(tau[i]));
-    }
-    solve_shifted(*arm_, ws, r_, turn_);
-    ++counts_.iterations;
-    for (int i : ws.free) {
-      work += r_[i] * turn_[i];  // turn^T S turn
-      a_[i] += turn_[i];
-      alpha_[i] += by_a * turn_[i];
-    }
-    if (!std::isfinite(work) || !std::isfinite(scale))
-      return tau.allFinite() ? Status::not_converged : Status::not_finite;
-    const double moved = shift.damping * std::sqrt(std::abs(work));  // of the velocities, in the norm of energy
-    if (iterations_ > 1) contraction_ = moved < last ? moved / last : 1.0;
-    const bool stalled = contraction_ > 0.5 && moved <= kFloor * scale;
-    last = moved;
-    const double left = std::min(1.0, contraction_ / std::max(1.0 - contraction_, 1e-3)) * moved;
-    if (left <= options_.rtol * scale || residual <= kRounding * force || (iterations_ > 2 && stalled)) {
-      place(h, ws, q, v);
-      return Status::ok;
-    }
-    anew = iterations_ > 1 && contraction_ > kSlow;
-  }
-  iterations_ = options_.max_iterations;
-  return Status::not_converged;
 }
 
 Status ImplicitStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v,
@@ -148,23 +111,24 @@ Status ImplicitStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen:
     const Status status = start(ws, q, v, tau);
     if (status != Status::ok) return status;
   }
-  v0_ = v;
-  q0_ = q;
+  Engine& engine = iteration_->engine;
+  Alpha<Engine>& alpha = iteration_->alpha;
+  engine.ws = &ws;
+  engine.free = ws.free.data();
+  engine.free_count = static_cast<int>(ws.free.size());
+  std::copy(v.begin(), v.end(), alpha.v0);
   if (given) given(1.0);
-  for (std::size_t i = 0; i < ws.prescribed.size(); ++i)
-    if (ws.prescribed[i]) q0_[arm_->coordinate_of(static_cast<int>(i))] = q[arm_->coordinate_of(static_cast<int>(i))];
-  predict(h, ws);
-  const Status status = iterate(h, ws, q, v, tau);
-  if (status != Status::ok) {
-    q = q0_;
-    v = v0_;
-    return status;
+  std::copy(q.begin(), q.end(), alpha.q0);  // free ones are still those of the beginning
+  alpha.predict(engine, h, ws.a.data());
+  const bool good = alpha.iterate(engine, h, q.data(), v.data(), tau.data(), false);
+  counts_ = {alpha.evaluations, alpha.factorisations, alpha.solves};
+  if (!good) {
+    std::copy(alpha.q0, alpha.q0 + q.size(), q.begin());
+    std::copy(alpha.v0, alpha.v0 + v.size(), v.begin());
+    return tau.allFinite() ? Status::not_converged : Status::not_finite;
   }
-  a_before_ = a0_;
-  a0_ = a_;
-  alpha0_ = alpha_;
-  h_before_ = h;
-  ws.a = a_;
+  alpha.end(h, true);
+  std::copy(alpha.a0, alpha.a0 + v.size(), ws.a.begin());
   return Status::ok;
 }
 
@@ -191,7 +155,7 @@ Status Rk4Step::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
       v = v0_ + times[stage] * h * ws.a;
     }
     if (given) given(times[stage]);
-    status = forward_dynamics_ab(*arm_, ws, q, v, tau);
+    status = forward_dynamics(*arm_, ws, q, v, tau);
     ++counts_.evaluations;
     coordinate_rates(*arm_, q, v, dq_);
     q_sum_ += weights[stage] * dq_;

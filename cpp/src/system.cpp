@@ -93,9 +93,12 @@ bool System::record(Trajectory& out, bool composite) {
   add_feedback(ws.feedback, q, v, 1.0, ws.total);
   out.friction.row(out.done).setZero();
   for (const Drive& d : drives) {
+    if (!d.motion) continue;
     double& force = ws.total[d.coordinate];
-    if (d.holds) out.friction(out.done, d.coordinate) = ws.tau[d.coordinate] - force;
-    if (d.motion && !d.holds) force = ws.tau[d.coordinate];
+    if (d.holds)
+      out.friction(out.done, d.coordinate) = ws.tau[d.coordinate] - force;
+    else
+      force = ws.tau[d.coordinate];
   }
   for (std::size_t k = 0; k < arm.size(); ++k) arm.link(k).joint().normalise(q.data() + arm.first_q(k));
   out.q.row(out.done) = q;

@@ -28,12 +28,13 @@ T* block(py::dict& out, const char* name, py::ssize_t size) {
   return static_cast<T*>(x.mutable_data());
 }
 
-/// (coordinate, values), (column, values), and (column, by_q, by_v, reference, limit)
+/// (coordinate, values), (column, values), (places, wrenches), and (column, by_q, by_v, reference, limit)
 using Motions = std::vector<std::pair<int, Table>>;
 using Forces = std::vector<std::pair<Table, Table>>;
+using Loads = std::vector<std::pair<std::vector<Load>, Table>>;
 using Laws = std::vector<std::tuple<Table, Table, Table, Table, Table>>;
 
-void add_drives(BatchProblem& p, const Motions& motions, const Forces& forces, const Laws& laws) {
+void add_drives(BatchProblem& p, const Motions& motions, const Forces& forces, const Loads& loads, const Laws& laws) {
   const Arm& arm = *p.arms[0];
   const py::ssize_t b = p.scenarios, halves = 2 * static_cast<py::ssize_t>(p.lengths.size()) + 1;
   for (const auto& [coordinate, value] : motions) {
@@ -43,6 +44,7 @@ void add_drives(BatchProblem& p, const Motions& motions, const Forces& forces, c
   }
   for (const auto& [column, value] : forces)
     p.forces.push_back({make_table("column", column, b, 1, arm.nv()), make_table("force", value, b, halves, 1)});
+  for (const auto& [places, wrench] : loads) p.loads.push_back({places, make_table("load", wrench, b, halves, 6)});
   for (const auto& [column, by_q, by_v, reference, limit] : laws)
     p.feedback.push_back({make_table("column", column, b, 1, arm.nv()), make_table("by_q", by_q, b, 1, arm.nq()),
                           make_table("by_v", by_v, b, 1, arm.nv()), make_table("reference", reference, b, halves, 1),
@@ -52,8 +54,8 @@ void add_drives(BatchProblem& p, const Motions& motions, const Forces& forces, c
 py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const std::vector<double>& lengths,
                const std::vector<double>& times, const std::vector<Eigen::Index>& hold,
                const std::vector<Eigen::Index>& rows, const Table& q0, const Table& v0, const Table& tau,
-               const Motions& motions, const Forces& forces, const Laws& laws, const std::string& integrator,
-               double spectral_radius, double rtol, py::dict& out, int workers,
+               const Motions& motions, const Forces& forces, const Loads& loads, const Laws& laws,
+               const std::string& integrator, double spectral_radius, double rtol, bool lanes, py::dict& out, int workers,
                const std::function<void(double)>& alive) {
   if (arms.empty()) bad_value("arms", "[]", "must be one, or one for each scenario");
   BatchProblem p{arms, scenarios, lengths, times, hold, rows, {}, {}, {}};
@@ -63,10 +65,11 @@ py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const
   p.tau = make_table("tau", tau, scenarios, tau.shape(1), nv);
   for (Eigen::Index row : hold)
     if (row < 0 || (row >= tau.shape(1) && tau.shape(1) != 1)) bad_value("hold", row, "is no row of tau");
-  add_drives(p, motions, forces, laws);
+  add_drives(p, motions, forces, loads, laws);
   p.rk4 = integrator == "rk4";
   p.spectral_radius = spectral_radius;
   p.rtol = rtol;
+  p.lanes = lanes;
   const py::ssize_t all = scenarios * static_cast<py::ssize_t>(rows.size());
   BatchOutput o;
   o.q = block<double>(out, "q", all * nq);
@@ -102,6 +105,7 @@ py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const
   stats["factorisations"] = s.factorisations;
   stats["newton_iterations"] = s.iterations;
   stats["workers"] = s.workers;
+  stats["lanes"] = s.lanes;
   stats["interrupted"] = s.interrupted;
   return stats;
 }
@@ -111,6 +115,6 @@ py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const
 void bind_batch(py::module_& m) {
   m.def("batch", &batch, py::arg("arms"), py::arg("scenarios"), py::arg("lengths"), py::arg("times"), py::arg("hold"),
         py::arg("rows"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("motions"), py::arg("forces"),
-        py::arg("laws"), py::arg("integrator"), py::arg("spectral_radius"), py::arg("rtol"), py::arg("out"),
-        py::arg("workers"), py::arg("alive"));
+        py::arg("loads"), py::arg("laws"), py::arg("integrator"), py::arg("spectral_radius"), py::arg("rtol"),
+        py::arg("lanes"), py::arg("out"), py::arg("workers"), py::arg("alive"));
 }

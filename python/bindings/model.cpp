@@ -76,9 +76,11 @@ void bind_model(py::module_& m) {
 
   py::class_<Beam>(m, "Beam")
       .def(py::init<double, const Section&, const Material&, const BeamOptions&, const std::vector<Patch>&>(),
-           py::arg("length"), py::arg("section"), py::arg("material"), py::arg("options"), py::arg("patches"))
+           py::arg("length"), py::arg("section"), py::arg("material"), py::arg("options"), py::arg("patches"),
+           py::call_guard<py::gil_scoped_release>())  // so that batches build theirs on all cores
       .def(py::init<double, const SectionProfile&, const Material&, const BeamOptions&, const std::vector<Patch>&>(),
-           py::arg("length"), py::arg("section"), py::arg("material"), py::arg("options"), py::arg("patches"))
+           py::arg("length"), py::arg("section"), py::arg("material"), py::arg("options"), py::arg("patches"),
+           py::call_guard<py::gil_scoped_release>())  // so that batches build theirs on all cores
       .def_property_readonly("patch_forces", &Beam::patch_forces)
       .def_property_readonly("patch_capacitances", &Beam::patch_capacitances)
       .def(

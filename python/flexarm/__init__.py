@@ -5,7 +5,8 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 
 from ._core import __version__
 from .arm import Arm
-from .batch import BatchResult, batch_memory, simulate_batch
+from .batch import batch_memory, simulate_batch
+from .batch_result import BatchResult
 from .chart import Chart, chart
 from .control import PD, Controller, StateFeedback, StrainFeedback
 from .drive import Motion, Torque
@@ -30,6 +31,7 @@ from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody,
 from .motor import Motor
 from .patch import Patch, Piezo, Voltage
 from .placement import PatchPlacement, placement
+from .plan import Sweep, Vary, load_sweep
 from .reading import PowerSpectrum, Reading, psd
 from .result import Result
 from .rollout import BatchInterrupted, Failure, Rollout, rollout
@@ -40,6 +42,7 @@ from .sensors import Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, T
 from .shaping import Shaper, input_shaper
 from .simulation import SimulationError, SimulationInterrupted, simulate
 from .split import split
+from .sweep import SweepInterrupted, SweepResult, sweep
 from .validity import RangeWarning
 
 __all__ = [
@@ -97,20 +100,26 @@ __all__ = [
     "StateFeedback",
     "StrainFeedback",
     "StrainGauge",
+    "Sweep",
+    "SweepInterrupted",
+    "SweepResult",
     "Tachometer",
     "Taper",
     "Torque",
     "Universal",
+    "Vary",
     "Voltage",
     "__version__",
     "batch_memory",
     "chart",
     "input_shaper",
     "load",
+    "load_sweep",
     "placement",
     "psd",
     "rollout",
     "simulate",
     "simulate_batch",
     "split",
+    "sweep",
 ]

@@ -11,6 +11,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,8 @@ from numpy.typing import NDArray
 
 from . import _core
 from .batch_run import Job
-from .rollout import Failure
+from .rollout import NOT_DONE, Failure
+from .variation import Variation
 
 _REASON = 200  # bytes
 
@@ -31,30 +33,47 @@ def _h5py() -> Any:
     return h5py
 
 
-def _digest(h: Any, value: Any) -> None:
+def _parts(value: Any) -> Any:
+    """What an object's meaning follows from, in simpler objects."""
+    if isinstance(value, _core.PiecewisePolynomial):
+        return value.breaks, value.coefficients
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
+    if isinstance(value, CodeType):
+        return value.co_name, value.co_code, value.co_consts, value.co_names
+    if isinstance(value, FunctionType):
+        held = tuple(cell.cell_contents for cell in value.__closure__ or ())
+        return value.__code__, value.__defaults__, value.__kwdefaults__, held
+    if isinstance(value, (type, ModuleType, BuiltinFunctionType)):
+        return value.__name__
+    try:
+        return value.__reduce_ex__(4)[1:3]
+    except TypeError:
+        return None
+
+
+def _digest(h: Any, value: Any, inside: tuple[int, ...] = ()) -> None:
     """Feeds a value to a hash: numbers bit by bit, objects by what they hold, functions by their code."""
     h.update(type(value).__name__.encode())
-    if isinstance(value, _core.PiecewisePolynomial):
-        value = (value.breaks, value.coefficients)
-    if hasattr(value, "to_dict"):
-        value = value.to_dict()
-    if isinstance(value, np.ndarray):
+    if id(value) in inside:
+        return
+    inside = (*inside, id(value))
+    if value is None or isinstance(value, (bool, int, float, complex, str, bytes, np.generic)):
+        h.update(repr(value).encode())
+    elif isinstance(value, np.ndarray) and value.dtype != object:
         h.update(str(value.shape).encode())
         h.update(np.ascontiguousarray(value))
     elif isinstance(value, Mapping):
+        h.update(str(len(value)).encode())
         for k, v in value.items():
-            _digest(h, k)
-            _digest(h, v)
+            _digest(h, k, inside)
+            _digest(h, v, inside)
     elif isinstance(value, (tuple, list)):
         h.update(str(len(value)).encode())
         for v in value:
-            _digest(h, v)
-    elif hasattr(value, "__code__"):
-        h.update(value.__code__.co_code + repr(value.__code__.co_consts).encode() + value.__qualname__.encode())
-    elif hasattr(value, "__dict__") and not isinstance(value, type):
-        _digest(h, {k: v for k, v in vars(value).items() if not k.startswith("_")})
+            _digest(h, v, inside)
     else:
-        h.update(repr(value).encode())
+        _digest(h, _parts(value), inside)
 
 
 def fingerprint(job: Job) -> str:
@@ -63,6 +82,41 @@ def fingerprint(job: Job) -> str:
     _digest(h, [s.arm, s.drive, s.loads, s.control, job.variation.values, job.t, job.q0, job.v0, job.tau])
     _digest(h, [job.outputs, job.every, job.integrator, job.step, job.options])
     return h.hexdigest()
+
+
+def about(variation: Variation) -> dict[str, Any]:
+    """What a saved batch says of itself, beside its arrays."""
+    setup = variation.setup
+    return {"flexarm": _core.__version__, "arm": setup.arm.to_dict(), "loads": len(setup.loads)}
+
+
+def read(path: Path, outputs: tuple[str, ...]) -> dict[str, Any]:
+    """All arrays of a saved batch by name (those of HDF5 mapped, not read), "about", "parameters" and "reason".
+
+    Raises:
+        ValueError: no such file, or another kind of file.
+    """
+    try:
+        with path.open("rb") as f:
+            zipped = f.read(2) == b"PK"
+        if zipped:
+            with np.load(path, allow_pickle=False) as z:
+                held: dict[str, Any] = {k: z[k] for k in z.files}
+            held["about"] = json.loads(str(held["about"]))
+            values = {k.partition("/")[2]: held.pop(k) for k in list(held) if k.startswith("parameters/")}
+            return {**held, "parameters": values}
+        with _h5py().File(path, "r") as f5:
+            small = {k: f5[k][:] for k in ("t", "status", "reached", "reason")}
+            places = {k: (f5[k].id.get_offset(), f5[k].shape) for k in outputs if k in f5}
+            values = {k: f5["parameters"][k][:] for k in f5.get("parameters", {})}
+            words, left = json.loads(f5["about"][()]), f5["done"][:] == 0
+        small["status"][left], small["reached"][left] = NOT_DONE, small["t"][0]
+        large = {k: np.memmap(path, np.float64, "r", offset, shape) for k, (offset, shape) in places.items()}
+        return {**small, **large, "about": words, "parameters": values}
+    except OSError as e:
+        raise ValueError(f"batch {str(path)!r}: {e.strerror or e}") from None
+    except (KeyError, ValueError, TypeError, EOFError):
+        raise ValueError(f"batch {str(path)!r}: is not a file of a batch") from None
 
 
 class BatchFile:
@@ -95,7 +149,7 @@ class BatchFile:
 
     def _make(self, h5py: Any, f: Any, mark: str) -> None:
         f.attrs["fingerprint"] = mark
-        f.attrs["about"] = json.dumps({"parameters": list(self._job.variation.values), "flexarm": _core.__version__})
+        f["about"] = json.dumps(about(self._job.variation))
         f["t"] = self._job.t[:: self._job.every]
         for path, values in self._job.variation.values.items():
             f[f"parameters/{path}"] = values

@@ -15,10 +15,11 @@ from ._check import Array
 from .arm import Arm
 from .control import Controller, Run, _Feedback, _Sampler, padded
 from .drive import Motion, Torque
+from .load import Load
 from .patch import Voltage, column_of, split_drives
 from .rollout import NOT_DONE, STEPPERS, Failure, check_balls, failures_of, take_steps
 from .simulation import SimulationError, SimulationInterrupted, simulate
-from .tables import Schedule, breaks_of, feedback_tables, sampled, stacked
+from .tables import Schedule, breaks_of, feedback_tables, sampled, stacked, wrench_table
 from .variation import Setup, Variation
 
 FAILED = 5
@@ -71,9 +72,24 @@ class Job:
     step: float | None
     options: dict[str, Any] = field(default_factory=dict)
 
+    def taken(self, indices: NDArray[np.int64]) -> Job:
+        """The batch of these scenarios alone."""
+
+        def part(x: Array | None) -> Array | None:
+            return x if x is None or len(x) == 1 else np.ascontiguousarray(x[indices])
+
+        values = {path: part(v) for path, v in self.variation.values.items()}
+        variation = Variation(self.variation.setup, values)  # type: ignore[arg-type]
+        return replace(self, variation=variation, q0=part(self.q0), v0=part(self.v0), tau=part(self.tau))
+
     @property
     def rows(self) -> int:
         return len(self.t[:: self.every])
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a scenario's result."""
+        return max(1, 8 * self.rows * sum(self.sizes().values()))
 
     def sizes(self) -> dict[str, int]:
         """Numbers in a row of each output."""
@@ -88,7 +104,7 @@ class Job:
         """ "steps": all in the core; "simulate": one call of `simulate` each."""
         setup = self.variation.setup
         known = all(k in ("rtol", "spectral_radius") for k in self.options)
-        if self.integrator not in STEPPERS or setup.loads or _friction(setup.arm) or not known:
+        if self.integrator not in STEPPERS or _friction(setup.arm) or not known:
             return "simulate"
         if any(path.rpartition(".")[2] in _VARIES_FRICTION for path in self.variation.values):
             return "simulate"
@@ -97,19 +113,24 @@ class Job:
         feedback, samplers, memory = control_laws(setup.arm, setup.control, self.t)
         if samplers or memory:
             return "simulate"
-        laws = [law.law for law in setup.drive.values()] + [reference for _, _, _, reference, _ in feedback]
+        laws = [law.law for law in setup.drive.values()] + [law for _, _, _, law, _ in feedback] + [*setup.loads]
         schedule = self.schedule()
         return "steps" if all(schedule.meets(breaks_of(law)) for law in laws) else "simulate"
 
     def run(
-        self, engine: str, indices: NDArray[np.int64], blocks: Mapping[str, Any], workers: int, alive: Any
+        self,
+        engine: str,
+        setups: Sequence[Setup],
+        indices: NDArray[np.int64],
+        blocks: Mapping[str, Any],
+        workers: int,
+        alive: Any,
     ) -> tuple[list[Failure], dict[str, Any]]:
-        """Runs these scenarios into the blocks, (n, rows, size) and status (n,), reached (n,).
+        """Runs these scenarios, made of these setups, into the blocks, (n, rows, size) and status (n,), reached (n,).
 
         Returns:
             What failed, and counts; counts["interrupted"] after Ctrl-C.
         """
-        setups = self.variation.scenarios(indices)
         if engine == "steps":
             found, stats = self._steps(setups, indices, blocks, workers, alive)
         else:
@@ -135,11 +156,12 @@ class Job:
                                            ("v0", self.v0 is not None, v0[:, i], start[:, 1])):  # fmt: skip
                 if given and (np.abs(at - value) > 1e-9 * np.maximum(1.0, np.abs(value))).any():
                     raise ValueError(f"{name}: disagrees with the motion of '{one.coordinates[i]}' at t = {self.t[0]}")
+        loads = self._loads(setups, schedule)
         laws = feedback_tables(arms, [s.control for s in setups], schedule, [i for i, _ in motions])
         if len(arms) > 1 and all(arm is one for arm in arms):
             arms = arms[:1]
         stats = take_steps(
-            arms, len(indices), schedule, q0, v0, tau, motions, pushes, laws, self.integrator,
+            arms, len(indices), schedule, q0, v0, tau, motions, pushes, loads, laws, self.integrator,
             self.options.get("spectral_radius"), self.options.get("rtol"), blocks, workers, alive,
         )  # fmt: skip
         return failures_of(blocks["status"], blocks["reached"]), stats
@@ -178,6 +200,22 @@ class Job:
             columns = [s.arm.patch_matrix[None, :, column_of(s.arm, key[1], key[2], "drive: ")] for s in setups]
             pushes.append((stacked(columns), values(key, f"drive {key!r}", 1)))
         return motions, pushes
+
+    def _loads(self, setups: Sequence[Setup], schedule: Schedule) -> list[Any]:
+        """(places, wrenches) of each load."""
+        out = []
+        alike = all(s.arm is setups[0].arm for s in setups)
+        for k, first in enumerate(setups[0].loads):
+            if not isinstance(first, Load):
+                raise ValueError(f"loads[{k}] = {first!r}: must be a Load")
+            mine = [s.loads[k] for s in setups]
+            for load in mine:
+                load.check_span(f"loads[{k}]", self.t)
+            same = alike and all((x.link, x.x, x.along) == (first.link, first.x, first.along) for x in mine)
+            places = [s.loads[k].place(s.arm) for s in (setups[:1] if same else setups)]
+            tables = {id(load): wrench_table(f"loads[{k}]", load, schedule.halves) for load in dict.fromkeys(mine)}
+            out.append((places, stacked([tables[id(load)] for load in mine])))
+        return out
 
     def _simulations(
         self, setups: Sequence[Setup], indices: NDArray[np.int64], blocks: Mapping[str, Any], workers: int, alive: Any

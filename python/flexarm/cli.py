@@ -1,4 +1,4 @@
-"""The command line: `flexarm demo`, `run SCENE`, `modes SCENE`, `chart SCENE`, `place SCENE`.
+"""The command line: `flexarm demo`, `run SCENE`, `modes SCENE`, `chart SCENE`, `place SCENE`, `batch`.
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
 2 bad input, one line says which; 130 interrupted.
@@ -314,7 +314,7 @@ _Command = Callable[[argparse.Namespace], int]
 
 
 def _parser() -> _Parser:
-    from . import __version__, cli_chart, cli_place
+    from . import __version__, cli_batch, cli_chart, cli_place, cmake
 
     top = _Parser(
         prog="flexarm",
@@ -322,6 +322,8 @@ def _parser() -> _Parser:
         epilog="Start with 'flexarm demo'. SCENE is a TOML file, or the name of a shipped scene such as ist.",
     )
     top.add_argument("--version", action="version", version=f"flexarm {__version__}")
+    folder = "print where CMake's find_package(flexarm) looks, for C++ users"
+    top.add_argument("--cmakedir", action=cmake.PrintCMakeDir, help=folder)
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=_Parser)
 
     def command(name: str, does: _Command, summary: str, text: str) -> argparse.ArgumentParser:
@@ -363,6 +365,10 @@ def _parser() -> _Parser:
 
     p = command("place", cli_place.run, "where to bond a piezo patch", cli_place.TEXT)
     cli_place.options(p, scene, output)
+
+    summary = "simulate a scene many times over, its parameters varied"
+    p = command("batch", cli_batch.run, summary, cli_batch.TEXT)
+    cli_batch.options(p, scene, output)
     return top
 
 

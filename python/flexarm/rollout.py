@@ -55,7 +55,7 @@ class Rollout:
             be solved, 3: the motion ran away, 4: interrupted before the end.
         reached: (B,), time reached (s).
         failures: index, time and reason of each scenario that failed.
-        stats: engine, workers, steps, evaluations, factorisations, newton_iterations, wall_time (s).
+        stats: engine (lanes, or scalar: one scenario after the other), lanes, workers, steps, evaluations, factorisations, newton_iterations, wall_time (s).
     """
 
     t: Array
@@ -155,16 +155,16 @@ def check_balls(arm: Arm, q: Array, field_name: str = "q0") -> None:
 
 def take_steps(
     arms: Sequence[Arm], count: int, schedule: Schedule, q0: Array, v0: Array, tau: Array, motions: Sequence[Any],
-    pushes: Sequence[Any], laws: Sequence[Any], integrator: str, spectral_radius: float | None, rtol: float | None,
-    blocks: Mapping[str, Array], workers: int, alive: Any = None,
+    pushes: Sequence[Any], loads: Sequence[Any], laws: Sequence[Any], integrator: str, spectral_radius: float | None,
+    rtol: float | None, blocks: Mapping[str, Array], workers: int, alive: Any = None, lanes: bool = True,
 ) -> dict[str, Any]:  # fmt: skip
     """The core's run of a batch: writes into `blocks` (q, v, a, tau of those wanted, status, reached), and gives its
     counts. What is prescribed must be in q0 and v0."""
     return _core.batch(
         [a._core for a in arms], count, schedule.lengths, schedule.ends, schedule.hold, schedule.rows,
-        q0[:, None], v0[:, None], tau, motions, pushes, laws, integrator,
+        q0[:, None], v0[:, None], tau, motions, pushes, loads, laws, integrator,
         1.0 if spectral_radius is None else number("spectral_radius", spectral_radius),
-        1e-10 if rtol is None else number("rtol", rtol), dict(blocks), workers, alive,
+        1e-10 if rtol is None else number("rtol", rtol), lanes, dict(blocks), workers, alive,
     )  # fmt: skip
 
 
@@ -221,6 +221,7 @@ def rollout(
     workers: int | None = None,
     rtol: float | None = None,
     spectral_radius: float | None = None,
+    lanes: bool = True,
     out: Mapping[str, Array] | None = None,
     progress: Any = False,
 ) -> Rollout:
@@ -241,12 +242,14 @@ def rollout(
             (2 nstep + 1, 3) or (B, 2 nstep + 1, 3). They take the place of q0 and v0 there.
         workers: threads; None: one for each core.
         rtol, spectral_radius: of "implicit"; see `simulate`.
+        lanes: whether scenarios run side by side in the processor's vector lanes, as many as it has; for arms without
+            balls and with beams of order 1 and 2. It changes results by rounding (1e-12).
         out: arrays "q" and "v" that the result is written into, float64, C-contiguous, of the result's shapes.
         progress: shows a bar on stderr, where that is a terminal; or a callable, which is given the share of steps
             taken about ten times a second, and may raise to give up.
 
     Returns:
-        Rollout: 8 (nq + nv) B nout bytes, beside some 100 kB for each worker. No RangeWarning is looked for.
+        Rollout: 8 (nq + nv) B nout bytes, beside one workspace for each worker. No RangeWarning is looked for.
 
     Raises:
         ValueError: bad arguments.
@@ -280,10 +283,10 @@ def rollout(
     workers = default_workers(workers)
     started = time.perf_counter()
     with show_progress(progress, "rolling out") as alive:
-        stats = take_steps(arms, count, schedule, q, v, force, list(moved.items()), [], laws, integrator,
-                           spectral_radius, rtol, blocks, workers, alive)  # fmt: skip
+        stats = take_steps(arms, count, schedule, q, v, force, list(moved.items()), [], [], laws, integrator,
+                           spectral_radius, rtol, blocks, workers, alive, lanes)  # fmt: skip
     interrupted = stats.pop("interrupted")
-    stats = {"engine": "scalar", **stats, "wall_time": time.perf_counter() - started}
+    stats = {"engine": "lanes" if stats["lanes"] > 1 else "scalar", **stats, "wall_time": time.perf_counter() - started}
     t = schedule.ends[schedule.rows]
     result = Rollout(t, **blocks, failures=failures_of(blocks["status"], blocks["reached"]), stats=stats)
     if interrupted:

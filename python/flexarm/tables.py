@@ -14,6 +14,7 @@ from ._check import Array, array, number, whole
 from .arm import Arm
 from .control import control_laws
 from .drive import Motion
+from .load import Load
 
 _SAME = 1e-6  # parts of a step by which two times are still one, as the integrators have it
 _MOST = 100_000_000  # steps
@@ -106,7 +107,18 @@ def sampled(where: str, law: Any, t: Array, width: int) -> Array:
     return np.array(values).reshape(-1, width)
 
 
+def wrench_table(where: str, load: Load, t: Array) -> Array:
+    """(n, 6) values of a load at the times t; (1, 6) of one that is constant."""
+    t = t[:1] if load.constant else t
+    if isinstance(load.law, tuple):
+        return np.stack([_pieces(part, t)[:, 0] for part in load.law], axis=1)
+    return np.array([array(f"{where} at t = {x}", load.law(x), (6,)) for x in t.tolist()])
+
+
 def breaks_of(law: Any) -> Array:
+    """Times that no step may pass over."""
+    if isinstance(law, Load):
+        return np.zeros(0) if law.constant or not isinstance(law.law, tuple) else law.law[0].breaks
     if isinstance(law, _core.PiecewisePolynomial):
         return np.zeros(0) if law.coefficients.shape == (1, 1) else law.breaks
     return np.zeros(0)
@@ -140,24 +152,31 @@ def feedback_tables(
         return []
     count = max(len(arms), len(controls))
     made: dict[tuple[int, int], list[list[Array]]] = {}
+    references: dict[int, list[Array]] = {}  # of each controller, whatever the arm
     found = []
     for i in range(count):
         arm, control = arms[i % len(arms)], controls[i % len(controls)]
         key = (id(arm), id(control))
         if key not in made:
-            made[key] = _law_tables(arm, control, schedule, prescribed)
+            made[key] = _law_tables(arm, control, schedule, prescribed, references)
         found.append(made[key])
         if len(found[i]) != len(found[0]):
             raise ValueError(f"control of scenario {i}: has {len(found[i])} laws; must have {len(found[0])}, as others")
     return [tuple(stacked([f[k][j] for f in found]) for j in range(5)) for k in range(len(found[0]))]
 
 
-def _law_tables(arm: Arm, control: Any, schedule: Schedule, prescribed: list[int]) -> list[list[Array]]:
+def _law_tables(
+    arm: Arm, control: Any, schedule: Schedule, prescribed: list[int], references: dict[int, list[Array]]
+) -> list[list[Array]]:
     feedback, samplers, memory = control_laws(arm, control, schedule.ends, (), prescribed)
     if samplers or memory:
         raise ValueError("feedback: must be continuous and without memory (PD, StrainFeedback, StateFeedback)")
-    out = []
-    for column, by_q, by_v, law, limit in feedback:
-        reference = np.zeros((1, 1)) if law is None else sampled("reference", law, schedule.halves, 1)
-        out.append([column[None], by_q[None], by_v[None], reference, np.array([[limit]])])
-    return out
+    if id(control) not in references:
+        laws = [law for *_, law, _ in feedback]
+        references[id(control)] = [
+            np.zeros((1, 1)) if law is None else sampled("reference", law, schedule.halves, 1) for law in laws
+        ]
+    return [
+        [column[None], by_q[None], by_v[None], reference, np.array([[limit]])]
+        for (column, by_q, by_v, _, limit), reference in zip(feedback, references[id(control)], strict=True)
+    ]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import copy
 import difflib
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -128,7 +130,8 @@ class Variation:
                 if other.startswith(path + "."):
                     raise ValueError(f"parameters: '{other}' is a part of '{path}'; give one of them")
         self._trees = {root: self._tree(root) for root in ("link", "drive", "load", "control", "gravity")}
-        self._parts: dict[str, OrderedDict[bytes, Any]] = {}
+        self._parts: dict[str, OrderedDict[bytes, Future[Any]]] = {}
+        self._lock = threading.Lock()
         if not self.one_setup:
             self.scenario(0)  # so that what is wrong with all is named at the door
 
@@ -175,12 +178,20 @@ class Variation:
         """Whether all scenarios are made of the same, and differ at most in their start."""
         return not any(len(tree) for tree in self._trees.values())
 
-    def scenarios(self, indices: Iterable[int]) -> list[Setup]:
-        """What these scenarios are made of: one for each, or one that is that of all."""
-        return [self.setup] if self.one_setup else [self.scenario(int(i)) for i in indices]
+    def scenarios(self, indices: Iterable[int], workers: int = 1) -> list[Setup]:
+        """What these scenarios are made of: one for each, or one that is that of all. Beams are built by threads."""
+        if self.one_setup:
+            return [self.setup]
+        if workers == 1 or not any(".beam." in path for path in self.values):  # all else is short, and Python's
+            return [self.scenario(int(i)) for i in indices]
+        with ThreadPoolExecutor(workers) as pool:
+            return list(pool.map(lambda i: self.scenario(int(i)), indices))
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_parts": {}}  # what is kept for speed stays behind
+        return {**self.__dict__, "_parts": {}, "_lock": None}  # what is kept for speed stays behind
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _lock=threading.Lock())
 
     def _arm(self, i: int) -> Arm:
         base = self.setup.arm
@@ -213,13 +224,22 @@ class Variation:
     def _memo(self, where: str, tree: Any, i: int, build: Callable[[int], Any]) -> Any:
         """build(i), or what it gave for the same values before."""
         key = b"".join(_values_at(tree, i))
-        kept = self._parts.setdefault(where, OrderedDict())
-        if key in kept:
-            return kept[key]
-        made = kept[key] = build(i)
-        if len(kept) > _KEPT:
-            kept.popitem(last=False)
-        return made
+        with self._lock:
+            kept = self._parts.setdefault(where, OrderedDict())
+            made = kept.get(key)
+            mine = made is None
+            if made is None:
+                made = kept[key] = Future()
+            if len(kept) > _KEPT:
+                kept.popitem(last=False)
+        if mine:
+            try:
+                made.set_result(build(i))
+            except BaseException as e:
+                with self._lock:
+                    kept.pop(key, None)
+                made.set_exception(e)
+        return made.result()  # of another thread, where that builds it
 
     def _rebuilt(self, where: str, part: Any, tree: Any, i: int) -> Any:
         if isinstance(tree, np.ndarray):

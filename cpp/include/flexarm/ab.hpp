@@ -27,10 +27,9 @@ Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, c
 /// x = S^-1 r (length nv) by the last factor_shifted, zero where prescribed; r and x are two vectors.
 void solve_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& r, Eigen::VectorXd& x);
 
-/// The method of choice.
-inline Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                               const Eigen::VectorXd& tau) {
-  return forward_dynamics_ab(arm, ws, q, v, tau);
-}
+/// The method of choice: AB, on the fast kernels where these know the arm. Its results are in ws.a alone; what else
+/// forward_dynamics_ab leaves in the workspace is not there.
+Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                        const Eigen::VectorXd& tau);
 
 }  // namespace flexarm

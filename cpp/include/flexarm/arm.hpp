@@ -1,12 +1,30 @@
 // An arm: an immutable serial chain of links.
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "flexarm/link.hpp"
 
 namespace flexarm {
+
+// Eigen takes memory, and lays out what it packs, as the vector flags (-mavx, -march=native) and sanitizers of a file
+// have it. A program whose files disagree with the library on that crashes; by this name it does not link instead.
+// Then compile the library with the flags of the program: as a part of its project, or by -DCMAKE_CXX_FLAGS=.
+#define FLEXARM_JOIN_(a, b, c, d) a##b##c##d
+#define FLEXARM_JOIN(a, b, c, d) FLEXARM_JOIN_(a, b, c, d)
+#define FLEXARM_SAME_FLAGS FLEXARM_JOIN(aligned_to_, EIGEN_DEFAULT_ALIGN_BYTES, _malloc_, EIGEN_MALLOC_ALREADY_ALIGNED)
+namespace this_file_has_other_vector_flags_than_the_flexarm_library {
+extern const char FLEXARM_SAME_FLAGS;
+#if defined(__GNUC__)
+[[gnu::used]] static const char* const checked = &FLEXARM_SAME_FLAGS;
+#endif
+}  // namespace this_file_has_other_vector_flags_than_the_flexarm_library
+
+namespace lanes {
+class Plan;
+}
 
 class Arm {
  public:
@@ -30,12 +48,15 @@ class Arm {
   Eigen::MatrixXd patch_matrix() const;
   /// A label per rate, such as "link 0 bending_y 1".
   std::vector<std::string> coordinates() const;
+  /// What the fast kernels run on, or null: arms with balls, or with beams of order 0, 3 or exact.
+  const lanes::Plan* plan() const { return plan_.get(); }
 
  private:
   std::vector<Link> links_;
   Eigen::Vector3d gravity_;
   std::vector<int> first_, first_q_, coordinate_of_;
   int nq_ = 0, nv_ = 0;
+  std::shared_ptr<const lanes::Plan> plan_;
 };
 
 }  // namespace flexarm

@@ -1,10 +1,11 @@
 // Batches: many scenarios of one structure through the same fixed steps, from arrays to arrays, over threads.
 #pragma once
 
+#include <cstddef>
 #include <functional>
 #include <vector>
 
-#include "flexarm/arm.hpp"
+#include "flexarm/load.hpp"
 
 namespace flexarm {
 
@@ -26,6 +27,10 @@ struct BatchForce {
   BatchTable column;  ///< generalised force per unit (nv)
   BatchTable value;   ///< one number at half steps
 };
+struct BatchLoad {
+  std::vector<Load> places;  ///< one, or one for each scenario
+  BatchTable wrench;         ///< [f; m] (N, N m) at half steps
+};
 /// See Feedback.
 struct BatchFeedback {
   BatchTable column, by_q, by_v;  ///< (nv), (nq), (nv)
@@ -43,10 +48,12 @@ struct BatchProblem {
   BatchTable q0, v0, tau;          ///< (nq), (nv), (nv); tau's times are rows that `hold` names
   std::vector<BatchMotion> motions = {};
   std::vector<BatchForce> forces = {};
+  std::vector<BatchLoad> loads = {};
   std::vector<BatchFeedback> feedback = {};
   bool rk4 = false;              ///< or ImplicitStep
   double spectral_radius = 1.0;  ///< of ImplicitStep
   double rtol = 1e-10;           ///< of ImplicitStep
+  bool lanes = true;             ///< whether scenarios may run side by side in the lanes of a pack
 };
 
 /// How a scenario ended. The first four are those of Status.
@@ -63,13 +70,14 @@ struct BatchOutput {
 struct BatchStats {
   long long steps = 0, evaluations = 0, factorisations = 0, iterations = 0;
   int workers = 1;
+  int lanes = 1;  ///< scenarios side by side
   bool interrupted = false;
 };
 
 /// Runs all scenarios. What one gives depends on nothing but its own numbers: not on the workers, nor on the others.
 /// A scenario that fails is reported and spoils no other. Each worker has one workspace: memory does not grow with the
 /// number of scenarios.
-/// @param workers  threads, the calling one included
+/// @param workers  threads, the calling one included; fewer where there is little to do
 /// @param alive    called by the calling thread about ten times a second with the share of steps done; answers false
 ///                 to end the batch: what is not done then has status not_done
 /// @throws std::invalid_argument for bad arguments; what `alive` throws goes through, all workers joined

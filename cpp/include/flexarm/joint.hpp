@@ -63,6 +63,9 @@ class Joint {
   int nv() const { return static_cast<int>(motions_.size()) + (ball_ ? 3 : 0); }
   bool has_ball() const { return ball_; }
   const std::vector<std::string>& labels() const { return labels_; }
+  const std::vector<ElementaryMotion>& motions() const { return motions_; }
+  const Placement& inboard() const { return inboard_; }
+  const Placement& outboard() const { return outboard_; }
 
   /// R, p, H, V and c at q (nq) and v (nv). A ball's quaternion need not be of unit length.
   template <class S>

@@ -38,9 +38,17 @@ Pose<S> link_pose(const SweepWorkspace<S>& ws, std::size_t link);
 /// Pose in the world of a slice (in link axes) of a link, after move_arm.
 template <class S>
 Pose<S> slice_pose(const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice);
-/// Jacobian of such a slice: 6 x nv, [linear; angular], world axes (Eq. 91: Phi H).
+/// Jacobian of such a slice into J: 6 x nv, [linear; angular], world axes (Eq. 91: Phi H). A J of that size already is
+/// not allocated anew.
 template <class S>
-Mat6X<S> slice_jacobian(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice);
+void slice_jacobian(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice, Mat6X<S>& J);
+/// The same, allocated.
+template <class S>
+Mat6X<S> slice_jacobian(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice) {
+  Mat6X<S> J;
+  slice_jacobian(arm, ws, link, slice, J);
+  return J;
+}
 
 /// Velocity and acceleration [linear; angular] of a slice, world axes (Eq. 85, 86).
 template <class S>

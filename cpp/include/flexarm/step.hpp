@@ -3,6 +3,7 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 
 #include "flexarm/ab.hpp"
 
@@ -78,27 +79,17 @@ class ImplicitStep final : public Step {
   Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                  const Given& given) override;
   /// Iterations of the last step.
-  int iterations() const { return iterations_; }
+  int iterations() const;
+  ~ImplicitStep() override;
 
  private:
-  void predict(double h, const Workspace& ws);
-  void place(double h, const Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v);
-  Status iterate(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau);
-
+  struct Iteration;
   const Arm* arm_;
   double h_;
   ImplicitOptions options_;
-  double alpha_m_, alpha_f_, beta_, gamma_;
-  double mass_ = 0.0;  ///< of the arm (kg)
   bool started_ = false;
-  int iterations_ = 0;
-  double contraction_ = 1.0;          ///< of the iteration, as last measured
-  double scale_ = 0.0;                ///< v^T M v of the motion (J), its peaks remembered for a while
-  double h_before_ = 0.0;             ///< of the step before
-  Eigen::VectorXd q0_, v0_;           ///< at the step's beginning
-  Eigen::VectorXd a0_, a_before_;     ///< accelerations there and one step before
-  Eigen::VectorXd alpha0_, alpha_;    ///< the method's auxiliary accelerations
-  Eigen::VectorXd a_, u_, r_, turn_;  ///< accelerations at the end, displacement, residual, correction
+  Eigen::VectorXd numbers_, residual_, turn_;
+  std::unique_ptr<Iteration> iteration_;
 };
 
 /// The classical Runge-Kutta method: fourth order, four forward dynamics (AB) per step; stable only while h times the

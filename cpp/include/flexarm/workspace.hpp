@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <memory>
 #include <vector>
 
 #include "flexarm/arm.hpp"
@@ -50,6 +51,26 @@ struct ArticulatedLink {
   double applied = 0.0;  ///< the force on it
 };
 
+namespace lanes {
+class Single;
+}
+
+/// The arm on the fast kernels of this processor, where they know it (Arm::plan) and no loads act; else empty.
+class FastPath {
+ public:
+  FastPath();
+  explicit FastPath(lanes::Single* arm);  ///< takes it over
+  FastPath(const FastPath& other);
+  FastPath(FastPath&& other) noexcept;
+  FastPath& operator=(FastPath&& other) noexcept;
+  ~FastPath();
+  explicit operator bool() const { return arm_ != nullptr; }
+  lanes::Single* operator->() const { return arm_.get(); }
+
+ private:
+  std::unique_ptr<lanes::Single> arm_;
+};
+
 /// All memory of what costs O(N) is taken by the constructor; of CI, which takes O(N^2), see below.
 class Workspace : public SweepWorkspace<double> {
  public:
@@ -61,6 +82,7 @@ class Workspace : public SweepWorkspace<double> {
   std::vector<int> free;         ///< coordinates that are not prescribed
   std::vector<ArticulatedLink> articulated;
   double twice_kinetic = 0.0;  ///< v^T M v (J), set by factor_shifted
+  FastPath fast;
 
   // Of the CI method; the matrices of nv^2 are empty until `take_composite` (ci.hpp) or CI's first call.
   Eigen::MatrixXd M;       ///< result of composite_mass_matrix

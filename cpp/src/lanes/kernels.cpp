@@ -1,0 +1,37 @@
+#include "lanes/kernels.hpp"
+
+#include <cstdlib>
+#include <cstring>
+
+namespace flexarm {
+namespace lanes {
+
+extern const Kernels kernels_base;
+#ifdef FLEXARM_X86
+extern const Kernels kernels_avx2, kernels_avx512;
+#endif
+
+namespace {
+
+const Kernels& choose() {
+#ifdef FLEXARM_X86
+  const char* asked = std::getenv("FLEXARM_ISA");
+  const auto allowed = [&](const char* name) { return !asked || std::strcmp(asked, name) == 0; };
+  const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+  const bool avx512 = avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+                      __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw");
+  if (avx512 && allowed("avx512")) return kernels_avx512;
+  if (avx2 && (allowed("avx2") || allowed("avx512"))) return kernels_avx2;
+#endif
+  return kernels_base;
+}
+
+}  // namespace
+
+const Kernels& best_kernels() {
+  static const Kernels& best = choose();
+  return best;
+}
+
+}  // namespace lanes
+}  // namespace flexarm

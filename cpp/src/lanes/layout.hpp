@@ -1,0 +1,55 @@
+// What a lane kernel needs to know of an arm: an unbranched list of nodes, each a frame that moves against the one
+// before it by at most one freedom, with a rigid or an elastic body. Plain data: the kernels are compiled once for each
+// instruction set and share no inline function with the rest of the library.
+#pragma once
+
+#include <cstddef>
+
+namespace flexarm {
+namespace lanes {
+
+constexpr int kMostElastic = 64;  ///< elastic coordinates of a beam; with more, Eigen's path is as good
+
+/// One block q_i^T C q_j (or q_i^T C q_i / 2, C symmetric) of a row of a slice's motion; see slice.hpp.
+struct Block {
+  int row, i, ni, j, nj;
+};
+
+struct Node {
+  enum Kind { fixed, revolute, prismatic };
+  Kind kind = fixed;
+  int axis = 0;         ///< 0 x, 1 y, 2 z; in the plane 2 for what turns
+  double sign = 1.0;    ///< -1: the other way
+  int q = -1, v = -1;   ///< its coordinate and its rate
+  bool given = false;   ///< its motion is prescribed
+  bool turned = false;  ///< it sits turned on the frame before
+  bool body = false;    ///< hub or beam: has inertia
+  bool tip = false;     ///< the tip body of a beam
+  bool passive = false, stops = false;
+  // elastic
+  int ne = 0, qe = 0, ve = 0;
+  bool damped = false;
+  int directed = 0;                     ///< coordinates that displace slices across the beam at first order,
+  const int* which = nullptr;           ///< their numbers,
+  const int* direction = nullptr;       ///< and 1 or 2 for along y or z (in the plane: 1)
+  int blocks = 0, position_blocks = 0;  ///< of rotation and position; those of position come first
+  const Block* block = nullptr;
+  int passes = 0, rotary = 0;                         ///< (groups of) points: of position, of rotation
+  std::size_t point_numbers = 0, rotary_numbers = 0;  ///< of one of them
+  // where numbers begin: of the node (joint, body), of the beam's end, its points, and the tip body
+  std::size_t numbers = 0, end = 0, points = 0, tip_body = 0;
+};
+
+struct Layout {
+  bool planar = false;
+  int nodes = 0, nq = 0, nv = 0;
+  const Node* node = nullptr;
+};
+
+/// Time, in the kernels' terms.
+struct Shift {
+  double damping = 0.0, stiffness = 0.0;
+};
+
+}  // namespace lanes
+}  // namespace flexarm

@@ -1,0 +1,50 @@
+// From an arm to what the lane kernels run on: the nodes and their numbers.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "flexarm/arm.hpp"
+#include "lanes/layout.hpp"
+
+namespace flexarm {
+namespace lanes {
+
+class Plan {
+ public:
+  /// @return none for what the kernels do not know: balls, beams of order 0, 3 and exact
+  static std::optional<Plan> of(const Arm& arm);
+  /// For kernels that take `width` points of a beam at once, with the motion of some rates prescribed.
+  Plan grouped(int width, const std::vector<bool>& given) const;
+  /// Plans of arms of equal structure, an arm in each lane: number i of arm k at i width + k. Lanes beyond the last arm
+  /// repeat it. @return none where structures differ
+  static std::optional<Plan> side_by_side(const std::vector<const Plan*>& plans, int width,
+                                          const std::vector<bool>& given);
+
+  Plan(const Plan& other) : Plan() { *this = other; }
+  Plan& operator=(const Plan& other);
+
+  const Layout& layout() const { return layout_; }
+  const std::vector<double>& numbers() const { return numbers_; }
+
+ private:
+  Plan() = default;
+  struct Builder;
+  /// Lists of a node.
+  struct Lists {
+    std::vector<int> which, direction;
+    std::vector<Block> blocks;
+  };
+  void point();
+  void prescribe(const std::vector<bool>& given);
+  bool like(const Plan& other) const;
+
+  Layout layout_;
+  std::vector<Node> nodes_;
+  std::vector<Lists> lists_;  ///< one for each node
+  std::vector<double> numbers_;
+};
+
+}  // namespace lanes
+}  // namespace flexarm

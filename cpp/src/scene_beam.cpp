@@ -1,0 +1,215 @@
+// Beams of a scene: sections, materials, modes.
+#include <algorithm>
+#include <cmath>
+
+#include "flexarm/check.hpp"
+#include "scene_parts.hpp"
+
+namespace flexarm {
+
+namespace {
+
+constexpr std::size_t kTerms = 60;  // Legendre polynomials of one shape, at most
+
+const Names kSections{"rectangle", "circle", "general"};
+
+/// The numbers of a table: those that must be there, then those with a default.
+std::vector<double> read_sizes(const At& table, const Names& needed,
+                               const std::vector<std::pair<std::string, double>>& more) {
+  Names known = needed;
+  known.push_back("type");
+  for (const auto& [name, value] : more) known.push_back(name);
+  table.known_keys(known);
+  table.needs(needed);
+  std::vector<double> out;
+  for (const std::string& name : needed) out.push_back(table[name].number());
+  for (const auto& [name, value] : more) out.push_back(table.number(name, value));
+  return out;
+}
+
+std::string read_type(const At& table, const Names& kinds) {
+  if (!table.is(Value::Kind::table) || !table.has("type")) {
+    std::string all;
+    for (const std::string& k : kinds) all += (all.empty() ? "" : ", ") + k;
+    table.bad("must be a table with a type: " + all);
+  }
+  return table["type"].choice(kinds);
+}
+
+SectionSpec read_section(const At& table) {
+  using Kind = SectionSpec::Kind;
+  const std::string type = read_type(table, kSections);
+  SectionSpec spec;
+  if (type == "rectangle")
+    spec = {Kind::rectangle, read_sizes(table, {"y", "z"}, {{"shear_correction", 5.0 / 6.0}})};
+  else if (type == "circle")
+    spec = {Kind::circle, read_sizes(table, {"radius"}, {{"inner_radius", 0.0}, {"shear_correction", 9.0 / 10.0}})};
+  else
+    spec = {Kind::general, read_sizes(table, {"area", "second_moment_y", "second_moment_z", "torsion_constant"},
+                                      {{"shear_correction", 5.0 / 6.0}})};
+  within(table.where(), [&] { return spec.section(); });
+  return spec;
+}
+
+SectionSpec general(const SectionSpec& spec) {
+  const Section s = spec.section();
+  return {SectionSpec::Kind::general,
+          {s.area, s.second_moment_y, s.second_moment_z, s.torsion_constant, s.shear_correction}};
+}
+
+SectionAlong read_taper(const At& table, double length) {
+  table.known_keys({"type", "x", "sections"});
+  table.needs({"x", "sections"});
+  const At x = table["x"];
+  SectionAlong out;
+  out.x = x.numbers();
+  if (out.x.size() < 2 || out.x[0] != 0.0 || !std::is_sorted(out.x.begin(), out.x.end(), std::less_equal<>()))
+    x.bad("must be two or more places, increasing from 0");
+  if (!(std::abs(out.x.back() - length) <= 1e-9 * length))
+    x.bad("must end at the beam's length, " + std::to_string(length) + " m");
+  for (const At& part : table["sections"].list("sections")) out.parts.push_back(read_section(part));
+  if (out.parts.size() != out.x.size()) table["sections"].bad("must be one section for each of the places of x");
+  const SectionSpec::Kind kind = out.parts[0].kind;
+  const bool alike = std::all_of(out.parts.begin(), out.parts.end(), [&](const auto& p) { return p.kind == kind; });
+  if (!alike) std::transform(out.parts.begin(), out.parts.end(), out.parts.begin(), general);
+  return out;
+}
+
+Material read_material(const At& table) {
+  table.known_keys({"density", "youngs_modulus", "poisson_ratio", "shear_modulus"});
+  table.needs({"density", "youngs_modulus"});
+  std::optional<double> poisson, shear;
+  if (table.has("poisson_ratio")) poisson = table["poisson_ratio"].number();
+  if (table.has("shear_modulus")) shear = table["shear_modulus"].number();
+  const double density = table["density"].number(), youngs = table["youngs_modulus"].number();
+  return within(table.where(), [&] { return Material(density, youngs, poisson, shear); });
+}
+
+/// The strain shapes of a list, one column each, as coefficients of Legendre polynomials.
+Eigen::MatrixXd read_shapes(const At& list) {
+  std::vector<std::vector<double>> columns;
+  std::size_t rows = 0;
+  for (const At& shape : list.list("shapes")) {
+    if (!shape.is(Value::Kind::table) || !shape.has("legendre"))
+      shape.bad(
+          "must be {legendre = [...]}; samples of a shape are fitted by the Python package alone, whose "
+          "fa.load(scene).arm.to_dict() has the coefficients");
+    shape.known_keys({"legendre"});
+    columns.push_back(shape["legendre"].numbers());
+    if (columns.back().empty() || columns.back().size() > kTerms) shape["legendre"].bad("must be 1 to 60 numbers");
+    rows = std::max(rows, columns.back().size());
+  }
+  Eigen::MatrixXd out =
+      Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(rows), static_cast<Eigen::Index>(columns.size()));
+  for (std::size_t k = 0; k < columns.size(); ++k)
+    out.col(static_cast<Eigen::Index>(k)).head(static_cast<Eigen::Index>(columns[k].size())) =
+        Eigen::Map<const Eigen::VectorXd>(columns[k].data(), static_cast<Eigen::Index>(columns[k].size()));
+  return out;
+}
+
+void read_modes(const At& modes, BeamOptions& o) {
+  Names known;
+  for (const StrainField& f : kStrainFields) known.push_back(f.name);
+  modes.known_keys(known);
+  for (std::size_t s = 0; s < known.size(); ++s) {
+    if (!modes.has(known[s])) continue;
+    const At at = modes[known[s]];
+    if (at.is(Value::Kind::list)) {
+      o.shapes[s] = read_shapes(at);
+      o.modes[s] = static_cast<int>(o.shapes[s].cols());
+    } else {
+      o.modes[s] = at.whole();
+    }
+  }
+}
+
+void read_order(const At& at, BeamOptions& o) {
+  const char* right = "must be 0, 1, 2, 3 or \"exact\"";
+  if (at.is(Value::Kind::text)) {
+    if (at.value().text != "exact") at.bad(right);
+    o.order = kExact;
+    return;
+  }
+  o.order = at.whole();
+  if (o.order < 0 || o.order > 3) at.bad(right);
+}
+
+BeamOptions read_options(const At& table) {
+  BeamOptions o;
+  read_modes(table["modes"], o);
+  if (table.has("basis")) o.basis = basis_from_name(table["basis"].choice({"clamped-free", "legendre", "loaded"}));
+  if (table.has("order")) read_order(table["order"], o);
+  o.rotary_inertia = table.truth("rotary_inertia", true);
+  o.damping_ratio = table.number("damping_ratio", 0.0);
+  o.kelvin_voigt = table.number("kelvin_voigt", 0.0);
+  if (table.has("gauss_points")) {
+    o.gauss_points = table["gauss_points"].whole();
+    if (o.gauss_points < 1) table["gauss_points"].bad("must be from 1 to 400, or left out");
+  }
+  if (table.has("basis_tip")) {
+    const RigidBody tip = read_body(table["basis_tip"]);
+    if (o.basis != Basis::loaded) table["basis_tip"].bad("goes with basis = 'loaded'");
+    o.tip = {tip.mass, tip.com[0], tip.inertia.diagonal()};
+  }
+  return o;
+}
+
+}  // namespace
+
+double interpolated(double at, const std::vector<double>& x, const std::vector<double>& y) {
+  const auto above = std::upper_bound(x.begin(), x.end(), at);
+  if (above == x.begin()) return y.front();
+  if (above == x.end()) return y.back();
+  const auto k = static_cast<std::size_t>(above - x.begin());
+  return y[k - 1] + (y[k] - y[k - 1]) * (at - x[k - 1]) / (x[k] - x[k - 1]);
+}
+
+Section SectionSpec::section() const {
+  if (kind == Kind::rectangle) return Section::rectangle(sizes[0], sizes[1], sizes[2]);
+  if (kind == Kind::circle) return Section::circle(sizes[0], sizes[1], sizes[2]);
+  return Section(sizes[0], sizes[1], sizes[2], sizes[3], sizes[4]);
+}
+
+std::optional<Face> SectionSpec::face(char axis) const {
+  if (kind == Kind::circle) return Face{sizes[0], 2.0 * sizes[0], false};
+  if (kind == Kind::general) return {};
+  return axis == 'y' ? Face{sizes[0] / 2.0, sizes[1], true} : Face{sizes[1] / 2.0, sizes[0], true};
+}
+
+SectionSpec SectionAlong::at(double place) const {
+  SectionSpec out = parts[0];
+  if (x.empty()) return out;
+  std::vector<double> column(x.size());
+  for (std::size_t i = 0; i < out.sizes.size(); ++i) {
+    for (std::size_t k = 0; k < x.size(); ++k) column[k] = parts[k].sizes[i];
+    out.sizes[i] = interpolated(place, x, column);
+  }
+  return out;
+}
+
+Beam read_beam(const At& table) {
+  table.known_keys({"length", "section", "material", "modes", "basis", "order", "rotary_inertia", "damping_ratio",
+                    "kelvin_voigt", "gauss_points", "basis_tip", "patches"});
+  table.needs({"length", "section", "material", "modes"});
+  const double length = table["length"].number();
+  Names kinds = kSections;
+  kinds.push_back("taper");
+  SectionAlong along;
+  if (read_type(table["section"], kinds) == "taper")
+    along = read_taper(table["section"], length);
+  else
+    along.parts = {read_section(table["section"])};
+  const Material material = read_material(table["material"]);
+  const BeamOptions options = read_options(table);
+  std::vector<Patch> patches;
+  if (table.has("patches"))
+    for (const At& patch : table["patches"].list("tables")) patches.push_back(read_patch(patch, along, length));
+  return within(table.where(), [&] {
+    if (along.x.empty()) return Beam(length, along.parts[0].section(), material, options, patches);
+    const SectionProfile profile{[along](double x) { return along.at(x).section(); },
+                                 {along.x.begin() + 1, along.x.end() - 1}};
+    return Beam(length, profile, material, options, patches);
+  });
+}
+
+}  // namespace flexarm

@@ -1,0 +1,42 @@
+// The parts of an arm from their tables. Internal.
+#pragma once
+
+#include "flexarm/link.hpp"
+#include "scene_value.hpp"
+
+namespace flexarm {
+
+/// A body, of a hub, a tip or a basis_tip.
+RigidBody read_body(const At& table);
+Beam read_beam(const At& table);
+
+/// Of the faces of a section across an axis.
+struct Face {
+  double distance, breadth;  ///< from the neutral axis; along the face (m)
+  bool warps;                ///< in torsion, as a rectangle does
+};
+
+/// A cross section as a scene has it: by its sides, radii or integrals.
+struct SectionSpec {
+  enum class Kind { rectangle, circle, general };
+  Kind kind;
+  std::vector<double> sizes;
+
+  Section section() const;
+  std::optional<Face> face(char axis) const;
+};
+
+/// Sections along a beam, linear between the places x; a uniform one has no places.
+struct SectionAlong {
+  std::vector<double> x;
+  std::vector<SectionSpec> parts;
+
+  SectionSpec at(double place) const;
+};
+
+/// Linear interpolation, constant outside.
+double interpolated(double at, const std::vector<double>& x, const std::vector<double>& y);
+
+Patch read_patch(const At& table, const SectionAlong& section, double length);
+
+}  // namespace flexarm

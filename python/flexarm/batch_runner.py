@@ -1,0 +1,234 @@
+"""Runs a batch chunk by chunk, into memory or into a file, in threads or in the workers of an executor."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._check import Array, whole
+from .batch_file import BatchFile
+from .batch_result import OUTPUTS, BatchResult
+from .batch_run import Job
+from .rollout import NOT_DONE, Failure, prepared, show_progress
+from .shares import gather
+from .validity import RangeWarning, out_of_range
+from .variation import Setup
+
+CHUNK_BYTES = 1 << 26  # what a file is written in, and what a worker sends back at once
+
+_Into = Callable[[NDArray[np.int64]], dict[str, Any]]
+_Done = tuple[NDArray[np.int64], dict[str, Any], list[Failure], bool]
+
+
+@dataclass
+class Runner:
+    """Runs a batch, chunk by chunk, here or in the workers of an executor.
+
+    Attributes:
+        job, count: the batch and its number of scenarios.
+        engine: of `Job.engine`. workers: threads. batch: scenarios in a chunk, or None.
+        executor: what `simulate_batch` takes.
+        names: of the scenarios in the whole batch, where this is a share of one.
+        stats, beyond, beyond_at, out_of_range: what was counted, the warning of the first scenario that bends a beam
+            beyond its order's range, which one that is, and how many do.
+    """
+
+    job: Job
+    count: int
+    engine: str
+    workers: int
+    batch: int | None
+    executor: Any = None
+    names: Any = None
+    stats: dict[str, Any] = field(default_factory=dict)
+    beyond: RangeWarning | None = None
+    beyond_at: int = -1
+    out_of_range: int = 0
+
+    def _most(self) -> int:
+        """Scenarios whose arms are held at once."""
+        return max(256, 16 * self.workers)
+
+    def _share(self) -> int:
+        """Scenarios in a share for a worker elsewhere."""
+        return int(np.clip(-(-self.count // 64), 1, max(1, CHUNK_BYTES // self.job.row_bytes)))
+
+    def _chunk(self, default: int) -> int:
+        if self.batch is None:
+            return default if self.executor is None else self._share()
+        if whole("batch", self.batch) < 1:
+            raise ValueError(f"batch = {self.batch}: must be at least 1")
+        return self.batch
+
+    def _run(
+        self, indices: NDArray[np.int64], setups: list[Setup], blocks: Mapping[str, Any], alive: Any
+    ) -> tuple[list[Failure], bool]:
+        failures, stats = self.job.run(self.engine, setups, indices, blocks, self.workers, alive)
+        interrupted = bool(stats.pop("interrupted"))
+        self._add(stats)
+        if self.engine == "steps" and "q" in blocks:
+            self._check_range(indices, setups, blocks["q"])
+        return failures, interrupted
+
+    def _add(self, stats: Mapping[str, int]) -> None:
+        for k, n in stats.items():
+            self.stats[k] = max(self.stats.get(k, 0), n) if k == "workers" else self.stats.get(k, 0) + n
+
+    def _tell(self, i: int, found: RangeWarning) -> None:
+        """Keeps the warning of the first scenario that deserves one."""
+        if self.beyond is None or i < self.beyond_at:
+            self.beyond, self.beyond_at = found, i
+
+    def _check_range(self, indices: NDArray[np.int64], setups: list[Setup], q: Array) -> None:
+        """Looks for beams bent beyond their order's range; the first is told of."""
+        variation, t = self.job.variation, self.job.t[:: self.job.every]
+        alike = not variation.varies_arm
+        if alike:  # a look at all at once, which mostly is enough
+            arm, flat = variation.setup.arm, np.nan_to_num(q).reshape(-1, q.shape[2])
+            if out_of_range(arm, np.zeros(len(flat)), flat) is None:
+                return
+        for k, i in enumerate(indices.tolist()):
+            arm = setups[k % len(setups)].arm
+            here = ~np.isnan(q[k, :, 0])
+            found = out_of_range(arm, t[here], q[k, here])
+            if found is not None:
+                self.out_of_range += 1
+                name = i if self.names is None else int(self.names[i])
+                told = (found.link, found.time, found.rotation, found.limit)
+                self._tell(name, RangeWarning(f"scenario {name}: {found}", *told))
+
+    def _chunks(self, indices: NDArray[np.int64], size: int) -> Iterator[tuple[NDArray[np.int64], list[Setup]]]:
+        """Pieces of the indices with what they are made of, the next being built while one runs."""
+        parts = [indices[k : k + size] for k in range(0, len(indices), size)]
+        if len(parts) == 1:
+            yield parts[0], self.job.variation.scenarios(parts[0], self.workers)
+            return
+        with ThreadPoolExecutor(1) as ahead:
+            coming = [ahead.submit(self.job.variation.scenarios, part, self.workers) for part in parts[:1]]
+            for k, part in enumerate(parts):
+                setups = coming.pop().result()
+                if k + 1 < len(parts):
+                    coming.append(ahead.submit(self.job.variation.scenarios, parts[k + 1], self.workers))
+                yield part, setups
+
+    def _done(self, indices: NDArray[np.int64], size: int, into: _Into, show: Any) -> Iterator[_Done]:
+        """Pieces of the indices as they get done: their blocks, what failed, and whether Ctrl-C ended it there. In a
+        worker elsewhere in any order, each once."""
+        done = self.count - len(indices)
+        if self.executor is None:
+            for part, setups in self._chunks(indices, size):
+                blocks = into(part)
+                share = len(part) / self.count
+                failures, interrupted = self._run(part, setups, blocks, _scaled(show, done / self.count, share))
+                done += len(part)
+                yield part, blocks, failures, interrupted
+                if interrupted:
+                    return
+            return
+        again: list[Any] = []
+        parts = [indices[k : k + size] for k in range(0, len(indices), size)]
+        for part, found in gather(run_share, self._sent, parts, self.executor, again=again.append):
+            self._add(found["stats"])
+            self.stats["redone"] = len(again)
+            self.out_of_range += found["out_of_range"]
+            if found["beyond"] is not None:
+                self._tell(found["beyond_at"], found["beyond"])
+            blocks = into(part)
+            for k, block in found["blocks"].items():
+                blocks[k][:] = block
+            done += len(part)
+            yield part, blocks, [replace(f, index=int(part[f.index])) for f in found["failures"]], False
+            if show is not None:
+                show(done / self.count)
+
+    def _sent(self, part: NDArray[np.int64]) -> dict[str, Any]:
+        """What `run_share` is given of a part."""
+        return {"job": self.job.taken(part), "names": part, "engine": self.engine, "workers": self.workers}
+
+    def in_memory(self, out: Mapping[str, Array] | None, progress: Any) -> tuple[BatchResult, bool]:
+        """The result, and whether Ctrl-C came first."""
+        job, n = self.job, self.count
+        blocks: dict[str, Any] = prepared(out, {k: (n, job.rows, size) for k, size in job.sizes().items()})
+        blocks["status"], blocks["reached"] = np.full(n, NOT_DONE, np.int32), np.full(n, job.t[0])
+        failures: list[Failure] = []
+        interrupted, touched = False, np.zeros(n, bool)
+        size = self._chunk(n if job.variation.one_setup else self._most())
+
+        def into(part: NDArray[np.int64]) -> dict[str, Any]:
+            return {k: x[part[0] : part[-1] + 1] for k, x in blocks.items()}
+
+        with show_progress(progress, "simulating") as show:
+            try:
+                for part, _, found, stopped in self._done(np.arange(n), size, into, show):
+                    failures += found
+                    touched[part], interrupted = True, stopped
+            except KeyboardInterrupt:  # between two chunks
+                interrupted = True
+        for k in job.outputs:
+            blocks[k][~touched] = np.nan
+        return self._result(blocks, sorted(failures, key=lambda f: f.index)), interrupted
+
+    def in_file(self, path: Path, resume: bool, progress: Any) -> tuple[BatchResult, bool]:
+        """The result, mapped from the file, and whether Ctrl-C came first."""
+        job, n = self.job, self.count
+        size = self._chunk(int(np.clip(CHUNK_BYTES // job.row_bytes, self.workers, self._most())))
+        file = BatchFile(path, job, n, resume)
+        interrupted = False
+
+        def into(part: NDArray[np.int64]) -> dict[str, Any]:
+            blocks: dict[str, Any] = {k: np.empty((len(part), job.rows, w)) for k, w in job.sizes().items()}
+            return {**blocks, "status": np.empty(len(part), np.int32), "reached": np.empty(len(part))}
+
+        try:
+            missing = file.missing()
+            self.stats["resumed"] = n - len(missing)
+            with show_progress(progress, "simulating") as show:
+                for part, blocks, found, stopped in self._done(missing, size, into, show):
+                    whole, interrupted = blocks["status"] != NOT_DONE, stopped
+                    file.write(part[whole], {k: x[whole] for k, x in blocks.items()}, found)
+        except KeyboardInterrupt:  # between two chunks
+            interrupted = True
+        finally:
+            left = file.missing()
+            held, failures = file.close()
+        held["status"][left], held["reached"][left] = NOT_DONE, job.t[0]
+        return self._result(held, failures), interrupted
+
+    def _result(self, held: Mapping[str, Any], failures: list[Failure]) -> BatchResult:
+        job = self.job
+        arrays: dict[str, Any] = {k: held.get(k) for k in OUTPUTS}
+        stats = {**self.stats, **({"out_of_range": self.out_of_range} if self.out_of_range else {})}
+        return BatchResult(job.t[:: job.every], **arrays, status=held["status"], reached=held["reached"],
+                           variation=job.variation, failures=failures, stats=stats)  # fmt: skip
+
+
+def _scaled(show: Any, first: float, share: float) -> Any:
+    return None if show is None else lambda part: show(first + share * part)
+
+
+def renamed(message: str, names: Any) -> str:
+    """A message about a scenario of a share, with the number (of `names`) that it has in the whole batch."""
+    return re.sub(r"^((?:parameters of )?scenario) (\d+):", lambda m: f"{m[1]} {names[int(m[2])]}:", message)
+
+
+def run_share(job: Job, names: NDArray[np.int64], engine: str, workers: int) -> dict[str, Any]:
+    """What a worker of an executor does with its share of a batch, whose scenarios have these names there."""
+    runner = Runner(job, len(names), engine, workers, None, None, names)
+    try:
+        result, interrupted = runner.in_memory(None, None)
+    except ValueError as e:
+        raise ValueError(renamed(str(e), names)) from None
+    if interrupted:
+        raise KeyboardInterrupt
+    blocks = {k: getattr(result, k) for k in (*job.outputs, "status", "reached")}
+    return {
+        "blocks": blocks, "failures": result.failures, "stats": runner.stats, "beyond": runner.beyond,
+        "beyond_at": runner.beyond_at, "out_of_range": runner.out_of_range,
+    }  # fmt: skip
