@@ -145,8 +145,9 @@ def page(rows: list[dict[str, Any]], valgrind: str) -> str:
 One forward dynamics of two links on hinges along z, order 2 and rotary inertia where nothing else is said. Instructions
 are counted by callgrind, so they do not depend on what else the machine does; operations are the additions,
 subtractions, multiplications, divisions and roots of doubles among them. The floor is the time that these operations
-alone would take if the processor's adders and multipliers, two doubles wide as the code is compiled, were never idle;
-the measured time is the least of many rounds. {verdict}
+alone would take if the processor's adders and multipliers were never idle, two doubles wide; the measured time is the
+least of many rounds. (Where kernels choose their instruction set at run time, valgrind may show them another processor:
+it knows no AVX-512.) {verdict}
 
 {table(head, lines)}
 

@@ -136,7 +136,7 @@ def scene_lanes(name: str, integrator: str, dt: float) -> None:
         cpu, _, out = clocks(lambda count=count: run(count, steps))
         kind = {"engine": out.stats.get("engine"), "lanes": out.stats.get("lanes")}
         report(**line, count=count, us=1e6 * cpu / count / steps, **kind)
-    own = clocks(lambda: run(64, steps, lanes=1))[0] / 64 if LANES else clocks(lambda: run(1, steps))[0]
+    own = clocks(lambda: run(64, steps, lanes=False))[0] / 64 if LANES else clocks(lambda: run(1, steps))[0]
     ones, twos = [], []
     for _ in range(3):  # in turn: what else the machine does changes
         ones.append(clocks(lambda: run(64, steps))[1])
