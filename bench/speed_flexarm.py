@@ -156,22 +156,31 @@ def rod_arm(rods: Rods, order: int | str) -> fa.Arm:
 
 
 def rods_run(rods: Rods, order: int | str) -> None:
-    """One forward dynamics: alone, and in the stages of a rollout's rk4."""
+    """One forward dynamics: by rows from Python, and in the stages of a rollout's rk4, without lanes and with them."""
     model = rod_arm(rods, order)
     q, v = state(rods)
     many_q, many_v = np.tile(q, (200, 1)), np.tile(v, (200, 1))
-    loop, _, _ = clocks(lambda: model.forward_dynamics(many_q, many_v))
+    rows, _, _ = clocks(lambda: model.forward_dynamics(many_q, many_v))
     none, steps = np.zeros((1, model.nv)), 5
 
-    def run() -> fa.Rollout:
-        options = {"dt": 1e-7, "nstep": steps, "integrator": "rk4", "every": steps, "workers": 1}
-        return fa.rollout(model, many_q[:BATCH], many_v[:BATCH], none, **options)  # type: ignore[arg-type]
+    def run(**more: Any) -> fa.Rollout:
+        options: dict[str, Any] = {
+            **more,
+            "dt": 1e-7,
+            "nstep": steps,
+            "integrator": "rk4",
+            "every": steps,
+            "workers": 1,
+        }
+        return fa.rollout(model, many_q[:BATCH], many_v[:BATCH], none, **options)
 
     batch, _, out = clocks(run)
+    loop, _, _ = clocks(lambda: run(lanes=False)) if LANES else (batch, None, None)
     if out.failures:
         raise RuntimeError(out.failures[0].reason)
     line = {"kind": "rods", "name": rods.name, "order": str(order), "coordinates": model.nv}
-    line |= {"loop_us": 1e6 * loop / len(many_q), "batch_us": 1e6 * batch / (BATCH * steps * 4)}
+    stages = BATCH * steps * 4
+    line |= {"loop_us": 1e6 * loop / stages, "batch_us": 1e6 * batch / stages, "rows_us": 1e6 * rows / len(many_q)}
     report(**line, a=soromox_order(rods, model.forward_dynamics(q, v)).tolist())
 
 
