@@ -28,7 +28,7 @@ from speed_common import ROOT, Figure, about, keep, table
 ARITHMETIC = re.compile(r"^v?(add|sub|addsub|mul|div|sqrt|hadd|fn?m(?:add|sub)\d*)([sp])d$")
 WIDTH = {"x": 2, "y": 4, "z": 8}  # doubles in a register, by its name's first letter
 FREE = ("patch without its mass",)  # what must cost nothing
-ALIKE = 1e-3  # of the instructions: what differs by less is paid for by arms without it
+ALIKE = 1e-3  # of the instructions: what differs by less is free, or paid for by arms without it
 
 
 def operations_of(mnemonic: str, operands: str) -> int:
@@ -140,13 +140,14 @@ def page(rows: list[dict[str, Any]], valgrind: str) -> str:
     verdict = f"**Not free, but should be: {', '.join(paid)}.**" if paid else f"Free: {FREE[0]}."
     alike = [r["name"] for r in rows if abs(r["against"]) < ALIKE and r not in free]
     if alike:
-        verdict += f" Within {100 * ALIKE:g} % of the arm without, which so pays for them too: {'; '.join(alike)}."
+        verdict += f" Within {100 * ALIKE:g} % of the arm without (free, or paid for by every arm): {'; '.join(alike)}."
     return f"""
 One forward dynamics of two links on hinges along z, order 2 and rotary inertia where nothing else is said. Instructions
 are counted by callgrind, so they do not depend on what else the machine does; operations are the additions,
 subtractions, multiplications, divisions and roots of doubles among them. The floor is the time that these operations
-alone would take if the processor's adders and multipliers, two doubles wide as the code is compiled, were never idle;
-the measured time is the least of many rounds. {verdict}
+alone would take if the processor's adders and multipliers were never idle, two doubles wide; the measured time is the
+least of many rounds. (Where kernels choose their instruction set at run time, valgrind may show them another processor:
+it knows no AVX-512.) {verdict}
 
 {table(head, lines)}
 
@@ -163,7 +164,8 @@ def draw(rows: list[dict[str, Any]]) -> Figure:
     ax.barh(y, [r["instructions"] for r in rows], 0.7, color="lightsteelblue", label="instructions")
     ax.barh(y, [r["operations"] for r in rows], 0.35, color="tab:blue", label="operations on doubles")
     for at, row in zip(y, rows, strict=True):
-        ax.annotate(" " + percent(row["against"]), (row["instructions"], at), va="center", fontsize=7)
+        end = np.nanmax([row["instructions"], row["operations"]])
+        ax.annotate(" " + percent(row["against"]), (end, at), va="center", fontsize=7)
     ax.set_yticks(y, [r["name"] for r in rows], fontsize=8)
     ax.set(
         xscale="log", xlabel="one forward dynamics; behind each bar: against the rung below it", ylim=(-0.6, y[0] + 0.6)

@@ -257,13 +257,23 @@ def soromox_page(rods: list[Row], found: dict[str, str]) -> str:
         gains = [None, None, None]
         if theirs and "order" in r:
             gains = [theirs[k] / r[k] for k in ("loop_us", "batch_us")] + [difference(r["a"], theirs["a"])]
-        rows.append([r["name"], program, r["coordinates"], r["loop_us"], r["batch_us"], 1e6 / r["batch_us"], *gains])
-    head = ["rods", "program", "coordinates", "alone (µs)", "in a batch (µs)", "per second of a core"]
+        times = [r["loop_us"], r["batch_us"], 1e6 / r["batch_us"], r.get("rows_us")]
+        rows.append([r["name"], program, r["coordinates"], *times, *gains])
+    head = [
+        "rods",
+        "program",
+        "coordinates",
+        "alone (µs)",
+        "in a batch (µs)",
+        "per second of a core",
+        "from Python (µs)",
+    ]
     head += ["ratio alone (aim ≥ 50)", "ratio in a batch (aim ≥ 200)", "accelerations differ by"]
     missing = "" if any("order" not in r for r in rods) else "\n**SoRoMoX could not be installed or run here.**\n"
     return f"""
 One forward dynamics on one core, in µs of CPU. SoRoMoX: in a loop compiled by JAX, and of a batch of 64 or 512 by
-`vmap`, whichever is faster. flexarm: rows of `forward_dynamics`, and stages of `rollout`'s rk4 in a batch of 64.
+`vmap`, whichever is faster. flexarm: stages of `rollout`'s rk4, without lanes (alone) and with them, in a
+batch of 64; and rows of `forward_dynamics` called from Python.
 SoRoMoX's rods have strains without truncation (order exact here), of the same Legendre polynomials, and as few Gauss
 points as leave its accelerations within one per cent.
 {missing}

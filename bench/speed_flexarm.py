@@ -21,14 +21,14 @@ from peer_rods import RODS, Rods, soromox_order, state
 from scipy.interpolate import CubicHermiteSpline
 
 CASE = CASES["c"]
-# models and steps on MuJoCo's case: order, basis, modes per beam; steps between two output times, of which a step may
-# take several
-MODELS = (
-    (2, "clamped-free", 1),
-    (2, "clamped-free", 2),
-    (2, "clamped-free", 3),
-    ("exact", "legendre", 3),
-    ("exact", "legendre", 4),
+# models on MuJoCo's case: order, basis, modes, and whether each beam is cut into halves with so many modes each, which
+# bend half as far; steps between two output times, of which a step may take several
+MODELS: tuple[tuple[int | str, str, int, bool], ...] = (
+    (2, "clamped-free", 1, False),
+    (2, "clamped-free", 2, False),
+    (2, "legendre", 2, True),
+    ("exact", "legendre", 3, False),
+    ("exact", "legendre", 4, False),
 )
 STEPS = {"implicit": (0.25, 0.5, 1, 2, 5, 10), "rk4": (5, 10)}
 BATCH = 64
@@ -65,12 +65,15 @@ def truth() -> None:
 
 
 def settings() -> Iterator[tuple[str, str, fa.Arm, str, float]]:
-    for order, basis, modes in MODELS:
+    for order, basis, modes, halves in MODELS:
         model = arm_of(CASE, modes, order, basis)
+        if halves:
+            model = fa.Arm([piece for link in model.links for piece in fa.split(link, modes, [CASE.length / 2])])
+        name = f"order {order}, {f'halves of {modes}' if halves else modes} modes"
         for integrator, choices in STEPS.items():
             for every in choices:
                 dt = CASE.end / CASE.outputs / every
-                yield f"flexarm {integrator}", f"order {order}, {modes} modes, dt {dt:.3g} s", model, integrator, every
+                yield f"flexarm {integrator}", f"{name}, dt {dt:.3g} s", model, integrator, every
 
 
 def mujoco_run(method: str, setting: str, model: fa.Arm, integrator: str, every: float) -> None:
@@ -136,7 +139,7 @@ def scene_lanes(name: str, integrator: str, dt: float) -> None:
         cpu, _, out = clocks(lambda count=count: run(count, steps))
         kind = {"engine": out.stats.get("engine"), "lanes": out.stats.get("lanes")}
         report(**line, count=count, us=1e6 * cpu / count / steps, **kind)
-    own = clocks(lambda: run(64, steps, lanes=1))[0] / 64 if LANES else clocks(lambda: run(1, steps))[0]
+    own = clocks(lambda: run(64, steps, lanes=False))[0] / 64 if LANES else clocks(lambda: run(1, steps))[0]
     ones, twos = [], []
     for _ in range(3):  # in turn: what else the machine does changes
         ones.append(clocks(lambda: run(64, steps))[1])
@@ -156,22 +159,31 @@ def rod_arm(rods: Rods, order: int | str) -> fa.Arm:
 
 
 def rods_run(rods: Rods, order: int | str) -> None:
-    """One forward dynamics: alone, and in the stages of a rollout's rk4."""
+    """One forward dynamics: by rows from Python, and in the stages of a rollout's rk4, without lanes and with them."""
     model = rod_arm(rods, order)
     q, v = state(rods)
     many_q, many_v = np.tile(q, (200, 1)), np.tile(v, (200, 1))
-    loop, _, _ = clocks(lambda: model.forward_dynamics(many_q, many_v))
+    rows, _, _ = clocks(lambda: model.forward_dynamics(many_q, many_v))
     none, steps = np.zeros((1, model.nv)), 5
 
-    def run() -> fa.Rollout:
-        options = {"dt": 1e-7, "nstep": steps, "integrator": "rk4", "every": steps, "workers": 1}
-        return fa.rollout(model, many_q[:BATCH], many_v[:BATCH], none, **options)  # type: ignore[arg-type]
+    def run(**more: Any) -> fa.Rollout:
+        options: dict[str, Any] = {
+            **more,
+            "dt": 1e-7,
+            "nstep": steps,
+            "integrator": "rk4",
+            "every": steps,
+            "workers": 1,
+        }
+        return fa.rollout(model, many_q[:BATCH], many_v[:BATCH], none, **options)
 
     batch, _, out = clocks(run)
+    loop, _, _ = clocks(lambda: run(lanes=False)) if LANES else (batch, None, None)
     if out.failures:
         raise RuntimeError(out.failures[0].reason)
     line = {"kind": "rods", "name": rods.name, "order": str(order), "coordinates": model.nv}
-    line |= {"loop_us": 1e6 * loop / len(many_q), "batch_us": 1e6 * batch / (BATCH * steps * 4)}
+    stages = BATCH * steps * 4
+    line |= {"loop_us": 1e6 * loop / stages, "batch_us": 1e6 * batch / stages, "rows_us": 1e6 * rows / len(many_q)}
     report(**line, a=soromox_order(rods, model.forward_dynamics(q, v)).tolist())
 
 

@@ -226,14 +226,15 @@ def test_parameters_are_what_they_say(integrator):
         two_links(), t, parameters=PARAMETERS, drive=drive, control=fa.PD(1, 0.01, 1),
         outputs=("tau", "q", "a", "v"), **common,
     )  # fmt: skip
-    assert every.stats["engine"] == ("scalar" if integrator in ("implicit", "rk4") else "simulate")
+    step_by_step = integrator in ("implicit", "rk4")
+    assert every.stats["engine"] == ("steps" if step_by_step else "simulate")
     for i in range(2):
         arm, q0, law, control = varied(i)
         assert every.arm(i) == arm
         one = fa.simulate(arm, t, q0, drive=law, control=control, **common)
         for name in ("q", "v", "a", "tau"):
-            x, y = getattr(every, name)[i], getattr(one, name)  # the same, but for the last digit of rk4's times
-            np.testing.assert_allclose(x, y, rtol=0, atol=1e-12 * np.abs(y).max() if integrator == "rk4" else 0)
+            x, y = getattr(every, name)[i], getattr(one, name)  # the same, but for rounding in the lanes
+            np.testing.assert_allclose(x, y, rtol=0, atol=1e-11 * np.abs(y).max() if step_by_step else 0)
             np.testing.assert_array_equal(getattr(every[i], name), x)
 
 
@@ -249,7 +250,7 @@ def test_loads_voltages_and_friction():
         run = fa.simulate_batch(
             two_links(), t, loads=[fa.Load(force=(0, 0, 0)), *others], parameters=given, integrator=name, step=step
         )
-        assert run.stats["engine"] == "scalar"
+        assert run.stats["engine"] == "steps"
         for i, scale in enumerate((1.0, -1.0)):
             loads = [fa.Load(force=force[i]), others[0], others[1].scaled(scale)]
             one = fa.simulate(run.arm(i), t, loads=loads, integrator=name, step=step)
@@ -258,11 +259,11 @@ def test_loads_voltages_and_friction():
     key = ("patch", 0, 0)
     given = {"drive.patch.0.0.value": [10.0, 50.0], "link.0.beam.patches.0.thickness": [5e-4, 4e-4]}
     run = fa.simulate_batch(arm, t, drive={key: fa.Voltage(1.0)}, parameters=given)
-    assert run.stats["engine"] == "scalar"
+    assert run.stats["engine"] == "steps"
     for i, volts in enumerate((10.0, 50.0)):
         one = fa.simulate(run.arm(i), t, drive={key: fa.Voltage(volts)}, integrator="implicit", step=1e-3)
         assert np.abs(one.q).max() > 1e-7
-        np.testing.assert_array_equal(run.q[i], one.q)
+        close(run.q[i], one.q, 1e-12)
     rubbing = pendulum(coulomb=0.0)
     run = fa.simulate_batch(rubbing, t, parameters={"link.0.joint.coulomb": [0.0, 100.0]})
     assert run.stats["engine"] == "simulate" and np.ptp(run.q[1]) == 0 < np.ptp(run.q[0])
@@ -288,12 +289,12 @@ def test_held_forces_by_every_engine():
 
 def test_drives_whose_samples_fall_between_steps_go_the_long_way():
     t = np.linspace(0, 0.01, 11)
-    for at, engine in ((0.005, "scalar"), (0.00512, "simulate")):
+    for at, engine in ((0.005, "steps"), (0.00512, "simulate")):
         drive = {0: fa.Torque([0, at, 0.01], [0, 1, 0])}
         run = fa.simulate_batch(two_links(), t, drive=drive)
         assert run.stats["engine"] == engine
         one = fa.simulate(two_links(), t, drive=drive, integrator="implicit", step=1e-3)
-        np.testing.assert_array_equal(run.q[0], one.q)
+        close(run.q[0], one.q, 1e-12)
 
 
 def test_batch_does_not_depend_on_workers_or_chunks():
@@ -390,7 +391,7 @@ def test_ctrl_c_in_a_rollout():
         raise KeyboardInterrupt
 
     with pytest.raises(fa.BatchInterrupted) as caught:
-        fa.rollout(two_links(), np.zeros((50, 6)), dt=1e-4, nstep=5000, progress=stop, every=1000)
+        fa.rollout(two_links(), np.zeros((500, 6)), dt=1e-4, nstep=5000, progress=stop, every=1000)
     run = caught.value.result
     assert (run.status == 4).any() and np.isnan(run.q[-1, -1]).all() and run.reached[-1] < 0.5
 
@@ -496,11 +497,11 @@ def test_ctrl_c_and_the_file(tmp_path):
             raise KeyboardInterrupt
 
     path = tmp_path / "sweep.h5"
-    sweep = {"parameters": {"link.0.tip.mass": np.linspace(0.1, 1, 60)}, "integrator": "rk4", "step": 1e-4}
+    sweep = {"parameters": {"link.0.tip.mass": np.linspace(0.1, 1, 60)}, "integrator": "rk4", "step": 1e-6, "batch": 8}
     with pytest.raises(fa.BatchInterrupted) as caught:
         fa.simulate_batch(two_links(), TIMES, out=path, progress=stop, **sweep)
     done = int((caught.value.result.status == 0).sum())
     assert 0 < done < 60
     run = fa.simulate_batch(two_links(), TIMES, out=path, **sweep)
     assert run.stats["resumed"] == done and not run.status.any()
-    np.testing.assert_array_equal(run.q[-1], fa.simulate_batch(run.arm(59), TIMES, integrator="rk4", step=1e-4).q[0])
+    np.testing.assert_array_equal(run.q[-1], fa.simulate_batch(run.arm(59), TIMES, integrator="rk4", step=1e-6).q[0])

@@ -278,6 +278,9 @@ void check(const BatchProblem& p, const BatchOutput& out, int workers) {
     if (l.places.size() != 1 && static_cast<Index>(l.places.size()) != p.scenarios)
       bad_value("places of a load", l.places.size(), "must be one, or one for each scenario");
   if (!p.q0.data || !p.v0.data || !p.tau.data) bad_value("q0, v0, tau", "null", "must be given");
+  positive("rtol", p.rtol);
+  if (!(p.spectral_radius >= 0.0 && p.spectral_radius <= 1.0))
+    bad_value("spectral_radius", p.spectral_radius, "must be from 0 to 1");
   if (!out.status) bad_value("status", "null", "must be given");
   if (workers < 1) bad_value("workers", workers, "must be at least 1");
 }

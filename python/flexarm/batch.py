@@ -171,8 +171,7 @@ def simulate_batch(
         result, interrupted = runner.in_memory(arrays, progress)
     else:
         result, interrupted = runner.in_file(path, resume, progress)
-    name = "scalar" if engine == "steps" else engine
-    result.stats = {"engine": name, **result.stats, "wall_time": time.perf_counter() - started}
+    result.stats = {"engine": engine, **result.stats, "wall_time": time.perf_counter() - started}
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)

@@ -32,7 +32,7 @@ class BatchResult:
         reached: (B,), time reached (s).
         failures: index, time and reason of each scenario that failed.
         parameters: values (B, ...) by path. variation: what the scenarios are made of.
-        stats: engine ("scalar": all steps in the core; "simulate": one `simulate` for each scenario), workers, steps,
+        stats: engine ("steps": all steps in the core; "simulate": one `simulate` for each scenario), workers, steps,
             resumed (scenarios that the file held already), wall_time (s).
     """
 

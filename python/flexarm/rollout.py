@@ -55,8 +55,8 @@ class Rollout:
             be solved, 3: the motion ran away, 4: interrupted before the end.
         reached: (B,), time reached (s).
         failures: index, time and reason of each scenario that failed.
-        stats: engine ("lanes", or "scalar": one scenario after the other), lanes, workers, steps, evaluations,
-            factorisations, newton_iterations, wall_time (s).
+        stats: lanes (scenarios side by side), workers, steps, evaluations, factorisations, newton_iterations,
+            wall_time (s).
     """
 
     t: Array
@@ -287,7 +287,7 @@ def rollout(
         stats = take_steps(arms, count, schedule, q, v, force, list(moved.items()), [], [], laws, integrator,
                            spectral_radius, rtol, blocks, workers, alive, lanes)  # fmt: skip
     interrupted = stats.pop("interrupted")
-    stats = {"engine": "lanes" if stats["lanes"] > 1 else "scalar", **stats, "wall_time": time.perf_counter() - started}
+    stats |= {"wall_time": time.perf_counter() - started}
     t = schedule.ends[schedule.rows]
     result = Rollout(t, **blocks, failures=failures_of(blocks["status"], blocks["reached"]), stats=stats)
     if interrupted:
