@@ -6,6 +6,7 @@
 
 #include "flexarm/check.hpp"
 #include "flexarm/quadrature.hpp"
+#include "lanes/plan.hpp"
 
 namespace flexarm {
 
@@ -277,6 +278,7 @@ Beam::Beam(double length, const Profile& profile, const Material& material, cons
     if (p.mass) add_patch_slices(p, slices);
   }
   slices_ = std::make_shared<const std::vector<MassSlice>>(std::move(slices));
+  points_ = std::make_shared<lanes::BeamPoints>();
   build_stiffness(profile, patches);
 }
 

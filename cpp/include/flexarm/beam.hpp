@@ -43,6 +43,10 @@ struct BeamOptions {
   int gauss_points = 0;        ///< 0: enough for the basis, see `enough_gauss_points`
 };
 
+namespace lanes {
+struct BeamPoints;
+}
+
 /// Beam along x, clamped to its link's hub at X = 0. Immutable; copies share their tables.
 class Beam {
  public:
@@ -67,6 +71,8 @@ class Beam {
   const ShapeSet& shapes(int strain) const { return shapes_[strain]; }
   bool damped() const { return options_.damping_ratio > 0.0 || options_.kelvin_voigt > 0.0; }
   const std::vector<MassSlice>& slices() const { return *slices_; }
+  /// What the fast kernels make of the slices, when they first ask; shared by copies.
+  lanes::BeamPoints& points() const { return *points_; }
   const SliceTable& tip() const { return tip_; }  ///< the slice at X = L
 
   /// Generalised forces of the patches per volt (Eq. 61), ne x their number, and their capacitances with the beam's
@@ -78,6 +84,8 @@ class Beam {
 
   /// The slice at any X in [0, L]. @throws std::invalid_argument outside
   SliceTable slice_at(double X) const;
+  /// The slices at places that increase: in one sweep.
+  std::vector<SliceTable> tables(const std::vector<double>& stations) const;
 
  private:
   /// Mass per length (kg/m), and each strain's rigidity (N m^2, N) and inertia per length, along the beam.
@@ -92,7 +100,6 @@ class Beam {
   int points_for_strains() const;
   /// K1 K2 K3 phi12 phi13 per coordinate (Eq. 28-32).
   Eigen::Matrix<double, 5, Eigen::Dynamic> strains_at(double X) const;
-  std::vector<SliceTable> tables(const std::vector<double>& stations) const;
 
   double length_;
   BeamOptions options_;
@@ -107,6 +114,7 @@ class Beam {
   // what is large is shared by copies: a chain of equal beams reads one table, which stays in the processor's cache
   std::shared_ptr<const std::vector<MassSlice>> slices_;
   std::shared_ptr<const SeriesTables> series_;
+  std::shared_ptr<lanes::BeamPoints> points_;
   GaussRule rule_{1};  ///< of the series' points, and of the slices of a uniform beam
 };
 

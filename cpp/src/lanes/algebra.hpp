@@ -94,15 +94,31 @@ struct Space {
     return u;
   }
 
+  /// A rigid body: mass, first moment, second moment about the origin. As an inertia: A = m, B = -c~, D = J.
+  struct Rigid {
+    S m;
+    Lin c;
+    Sym J;
+  };
+  static void add(Inertia& M, const Rigid& b) {
+    M.A.xx += b.m;
+    M.A.yy += b.m;
+    M.A.zz += b.m;
+    M.B.xy += b.c.z;
+    M.B.xz -= b.c.y;
+    M.B.yx -= b.c.z;
+    M.B.yz += b.c.x;
+    M.B.zx += b.c.y;
+    M.B.zy -= b.c.x;
+    add(M.D, b.J);
+  }
+  static Lin force(const Rigid& b, const Lin& a, const Ang& w) { return b.m * a + cross(w, b.c); }
+  static Ang torque(const Rigid& b, const Lin& a, const Ang& w) { return cross(b.c, a) + apply(b.J, w); }
+
   static Inertia no_inertia() {
     Inertia M;
     __builtin_memset(&M, 0, sizeof(M));
     return M;
-  }
-  /// Of a body with first moment c and second moment J about the origin.
-  static Inertia rigid(const S& m, const Lin& c, const Sym& J) {
-    const S o{};
-    return {{m, m, m, o, o, o}, {o, c.z, -c.y, -c.z, o, c.x, c.y, -c.x, o}, J};
   }
   static void add(Sym& a, const Sym& b) {
     a.xx += b.xx;
@@ -148,6 +164,8 @@ struct Space {
       n = unrotate(M.B, u);
     }
   }
+  /// Of the inertia against turning, or against what moves it.
+  static S trace(const Inertia& M, bool about) { return about ? M.D.xx + M.D.yy + M.D.zz : M.A.xx + M.A.yy + M.A.zz; }
   /// M -= k [f; n] [f; n]^T
   static void take(Inertia& M, const S& k, const Lin& f, const Ang& n) {
     const Lin g{k * f.x, k * f.y, k * f.z}, h{k * n.x, k * n.y, k * n.z};
@@ -214,6 +232,42 @@ struct Space {
   }
   static Inertia rotate(const Rot& R, const Inertia& M) {
     return {rotate(R, M.A), times_transposed(times(R, M.B), R), rotate(R, M.D)};
+  }
+  /// The same for a turn about one axis.
+  template <int axis>
+  static Inertia rotate(const S& s, const S& c, const Inertia& M) {
+    constexpr int i = (axis + 1) % 3, j = (axis + 2) % 3;
+    constexpr int beside[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};  // where a Sym keeps its entries
+    const S cc = c * c, ss = s * s, cs = c * s;
+    Inertia out = M;
+    const auto turn_symmetric = [&](const Sym& from, Sym& to) {
+      const S* x = &from.xx;
+      S* y = &to.xx;
+      const S ii = x[i], jj = x[j], ij = x[beside[i][j]], ki = x[beside[axis][i]], kj = x[beside[axis][j]];
+      const S cross_term = 2.0 * cs * ij;
+      y[i] = cc * ii - cross_term + ss * jj;
+      y[j] = ss * ii + cross_term + cc * jj;
+      y[beside[i][j]] = cs * (ii - jj) + (cc - ss) * ij;
+      y[beside[axis][i]] = c * ki - s * kj;
+      y[beside[axis][j]] = s * ki + c * kj;
+    };
+    turn_symmetric(M.A, out.A);
+    turn_symmetric(M.D, out.D);
+    S* B = &out.B.xx;
+    for (int k = 0; k < 3; ++k) {  // rows
+      const S x = B[3 * i + k], y = B[3 * j + k];
+      B[3 * i + k] = c * x - s * y;
+      B[3 * j + k] = s * x + c * y;
+    }
+    for (int k = 0; k < 3; ++k) {  // columns
+      const S x = B[3 * k + i], y = B[3 * k + j];
+      B[3 * k + i] = c * x - s * y;
+      B[3 * k + j] = s * x + c * y;
+    }
+    return out;
+  }
+  static Inertia rotate(int axis, const S& s, const S& c, const Inertia& M) {
+    return axis == 2 ? rotate<2>(s, c, M) : axis == 1 ? rotate<1>(s, c, M) : rotate<0>(s, c, M);
   }
   /// Seen from the origin of a frame in which the inertia's own origin is at r: with X = [1 -r~; 0 1], X^T M X.
   static Inertia shift(const Inertia& M, const Lin& r) {
@@ -310,7 +364,21 @@ struct Plane {
     __builtin_memset(&M, 0, sizeof(M));
     return M;
   }
-  static Inertia rigid(const S& m, const Lin& c, const Sym& J) { return {{m, m, S{}}, {-c.y, c.x}, J}; }
+  struct Rigid {
+    S m;
+    Lin c;
+    Sym J;
+  };
+  static void add(Inertia& M, const Rigid& b) {
+    M.A.xx += b.m;
+    M.A.yy += b.m;
+    M.B.x -= b.c.y;
+    M.B.y += b.c.x;
+    M.D.zz += b.J.zz;
+  }
+  static Lin force(const Rigid& b, const Lin& a, const Ang& w) { return b.m * a + cross(w, b.c); }
+  static Ang torque(const Rigid& b, const Lin& a, const Ang& w) { return moment(b.c, a) + apply(b.J, w); }
+  static Inertia rotate(int, const S& s, const S& c, const Inertia& M) { return rotate(Rot{c, s}, M); }
   static void add(Sym& a, const Sym& b) { a.zz += b.zz; }
   static void add(Inertia& a, const Inertia& b) {
     a.A.xx += b.A.xx;
@@ -333,6 +401,7 @@ struct Plane {
       n = {axis == 0 ? M.B.x : M.B.y};
     }
   }
+  static S trace(const Inertia& M, bool about) { return about ? M.D.zz : M.A.xx + M.A.yy; }
   static void take(Inertia& M, const S& k, const Lin& f, const Ang& n) {
     const S x = k * f.x, y = k * f.y;
     M.A.xx -= x * f.x;

@@ -118,7 +118,7 @@ void add_elastic_forces(const Node& node, const double* K, const S* q, const S* 
 
 template <class S, class P>
 void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
-          const typename Plane<S>::Ang& spin, typename Plane<S>::Inertia& M, typename Plane<S>::Lin& f,
+          const typename Plane<S>::Ang& spin, typename Plane<S>::Rigid& M, typename Plane<S>::Lin& f,
           typename Plane<S>::Ang& n, Elastic<Plane<S>>& out, P* scratch) {
   using Sp = Plane<S>;
   const int ne = node.ne, pairs = ne * (ne + 1) / 2;
@@ -200,7 +200,7 @@ void bend(const Node& node, const double* constants, const double* points, const
   }
   for (int k = 0; k < pairs; ++k) out.M[k] = next<S>(p) + lists[3 * ne + k];
   out.constants = p;
-  M = Sp::rigid(m, c, J);
+  M = {m, c, J};
   const S ww = w * w, w2 = 2.0 * w;
   f = {sum[at_b] - ww * c.x - w2 * c_y_rate, w2 * sum[at_rate] - ww * c.y};
   n = {w2 * swirl + sum[at_n]};
@@ -265,7 +265,7 @@ struct Turned {  // theta, its slopes taken through the left Jacobian I + b t~ +
 
 template <class S, class P>
 void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
-          const typename Space<S>::Ang& w, typename Space<S>::Inertia& M, typename Space<S>::Lin& f,
+          const typename Space<S>::Ang& w, typename Space<S>::Rigid& M, typename Space<S>::Lin& f,
           typename Space<S>::Ang& n, Elastic<Space<S>>& out, P* scratch) {
   using Sp = Space<S>;
   using Pt = Space<P>;
@@ -330,12 +330,13 @@ void bend(const Node& node, const double* constants, const double* points, const
     P* Fa = F + row;
     const PLin root = Pt::read(t), gyro = Pt::read(t);
     P th[3] = {P{}, P{}, P{}}, b[3] = {P{}, P{}, P{}}, d[3] = {P{}, P{}, P{}};
-    for (int r = 0; r < 3; ++r)
-      for (int k = 0; k < ne; ++k) {
-        const P l = next<P>(t);
-        Fa[k * rows + r] = l;
-        th[r] += l * widen(q[k], P{});
-      }
+    for (int k = 0; k < ne; ++k) {
+      const P l = next<P>(t);
+      P* Fk = Fa + k * rows;
+      Fk[0] = Fk[1] = Fk[2] = P{};
+      Fk[node.about[k]] = l;
+      th[node.about[k]] += l * widen(q[k], P{});
+    }
     for (int k = node.position_blocks; k < node.blocks; ++k) {
       const Block& block = node.block[k];
       const int r = block.row - 3;
@@ -478,7 +479,7 @@ void bend(const Node& node, const double* constants, const double* points, const
   f = Sp::cross(w, Sp::cross(w, centre)) + number<S>(2.0) * Sp::cross(w, centre_rate) +
       typename Sp::Lin{sum[6], sum[7], sum[8]};
   Sp::add(J, typename Sp::Sym{sum[18], sum[19], sum[20], sum[21], sum[22], sum[23]});
-  M = Sp::rigid(m, centre, J);
+  M = {m, centre, J};
   add_elastic_forces(node, p, q, dq, out.e);
 }
 
@@ -494,12 +495,12 @@ void move_end(const Node& node, const double* p, const S* q, const S* dq, Elasti
     slope[node.direction[d] * ne + node.which[d]] = l;
     value[node.direction[d]] += l * q[node.which[d]];
   }
-  for (int r = 3; r < 6; ++r)
-    for (int k = 0; k < ne; ++k) {
-      const S l = next<S>(p);
-      slope[r * ne + k] = l;
-      value[r] += l * q[k];
-    }
+  for (int k = 0; k < ne; ++k) {
+    const S l = next<S>(p);
+    const int r = 3 + node.about[k];
+    slope[r * ne + k] = l;
+    value[r] += l * q[k];
+  }
   for (int k = 0; k < node.blocks; ++k) {
     const Block& b = node.block[k];
     add_block(b, p, q, dq, value[b.row], bias[b.row], slope + b.row * ne, 1);

@@ -7,6 +7,8 @@
 
 namespace {
 
+constexpr double kSingular = 1e-14;  // parts of an inertia below which what a freedom moves is rounding
+
 using flexarm::lanes::Layout;
 using flexarm::lanes::Shift;
 
@@ -18,13 +20,14 @@ struct State {
   typename Sp::Ang w;       ///< angular velocity, own axes
   typename Sp::Lin bias_a;  ///< acceleration beyond what is carried and what its freedom gives, own axes (Eq. 83)
   typename Sp::Ang bias_w;
-  typename Sp::Inertia body;  ///< the node's own (Eq. 80)
-  typename Sp::Lin body_f;    ///< and its inertial force where nothing accelerates (Eq. 81)
+  typename Sp::Rigid body;  ///< the node's own (Eq. 80)
+  S sine, cosine;           ///< of a joint that turns
+  typename Sp::Lin body_f;  ///< and its inertial force where nothing accelerates (Eq. 81)
   typename Sp::Ang body_n;
   S resistance, slope_q, slope_v, reflected;  ///< of the joint
   // the tip body
   typename Sp::Ang end_w;
-  typename Sp::Inertia tip;
+  typename Sp::Rigid tip;
   typename Sp::Lin tip_f;
   typename Sp::Ang tip_n;
   // articulated
@@ -140,8 +143,8 @@ struct Chain {
       if (node.passive) resist(node, p, q[node.q], v[node.v], s);
       const Lin arm = s.r;
       if (node.kind == Node::revolute) {
-        S sn, cs;
-        sine_cosine(S(sign * q[node.q]), sn, cs);
+        const S &sn = s.sine, &cs = s.cosine;
+        sine_cosine(S(sign * q[node.q]), s.sine, s.cosine);
         s.R = node.turned ? Sp::turned(seat, node.axis, sn, cs) : Sp::turn(node.axis, sn, cs);
         const S rate = sign * v[node.v];
         const Ang carried = Sp::unrotate_angular(s.R, w);
@@ -188,11 +191,11 @@ struct Chain {
     }
   }
 
-  static void read_body(const double*& p, const Ang& w, typename Sp::Inertia& M, Lin& f, Ang& n) {
+  static void read_body(const double*& p, const Ang& w, typename Sp::Rigid& body, Lin& f, Ang& n) {
     const S m = next<S>(p);
     const Lin c = Sp::read(p);
     const typename Sp::Sym J = Sp::read_symmetric(p);
-    M = Sp::rigid(m, c, J);
+    body = {m, c, J};
     f = Sp::cross(w, Sp::cross(w, c));
     n = Sp::cross(w, Sp::apply(J, w));
   }
@@ -202,7 +205,7 @@ struct Chain {
     Lin u = Sp::zero();  // velocity of the frame before, at its end
     Ang w = Sp::zero_angular();
     S sum{};
-    const auto add = [&](const typename Sp::Inertia& M, const Lin& a, const Ang& b) {
+    const auto add = [&](const typename Sp::Rigid& M, const Lin& a, const Ang& b) {
       sum += Sp::dot(a, Sp::force(M, a, b)) + Sp::dot(b, Sp::torque(M, a, b));
     };
     for (int i = 0; i < layout.nodes; ++i) {
@@ -264,7 +267,7 @@ struct Chain {
           Sp::column(M, about, node.axis, s.U_f, s.U_n);
           S d = about ? Sp::angular_component(s.U_n, node.axis) : Sp::component(s.U_f, node.axis);
           if (node.passive) d += s.reflected + shift.damping * s.slope_v + shift.stiffness * s.slope_q;
-          good = good & (d > 0.0);
+          good = good & (d > kSingular * Sp::trace(M, about));
           s.over_d = 1.0 / d;
           Sp::take(M, s.over_d, s.U_f, s.U_n);
           if (!node.passive)
@@ -295,7 +298,8 @@ struct Chain {
         }
       }
       if (i == 0) break;
-      if constexpr (inertia) M = Sp::shift(Sp::rotate(s.R, M), s.r);
+      if constexpr (inertia)
+        M = Sp::shift(about && !node.turned ? Sp::rotate(node.axis, s.sine, s.cosine, M) : Sp::rotate(s.R, M), s.r);
       if constexpr (forces) {
         f = Sp::rotate(s.R, f);
         n = Sp::rotate_angular(s.R, n) + Sp::moment(s.r, f);

@@ -31,6 +31,7 @@ struct Node {
   bool damped = false;
   int directed = 0;                     ///< coordinates that displace slices across the beam at first order,
   const int* which = nullptr;           ///< their numbers,
+  const int* about = nullptr;           ///< the axis about which each coordinate turns slices at first order
   const int* direction = nullptr;       ///< and 1 or 2 for along y or z (in the plane: 1)
   int blocks = 0, position_blocks = 0;  ///< of rotation and position; those of position come first
   const Block* block = nullptr;

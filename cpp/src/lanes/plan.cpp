@@ -17,7 +17,7 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr double kRank = 1e-13;     // parts of a function's size that may be left out of the span
-constexpr double kRotary = 1e-12;   // parts of the mass matrix that fewer points of rotation may miss
+constexpr double kRotary = 1e-10;   // parts of the mass matrix that fewer points of rotation may miss
 constexpr double kAligned = 1e-15;  // of an axis to a coordinate axis
 
 /// The world's axes that an arm moves in.
@@ -229,7 +229,7 @@ struct Plan::Builder {
 
   bool add_beam(const Link& link, std::size_t n);
   Stations stations(const Link& link, const Node& node) const;
-  bool directions(const Beam& beam, std::vector<int>& which, std::vector<int>& direction) const;
+  bool directions(const Beam& beam, Lists& lists) const;
   bool products(const Beam& beam, std::vector<Block>& blocks, int& of_position) const;
   void put_plane(const Link& link, const Stations& at);
   void put_space(const Link& link, const Node& node, const Stations& at, const Mass& rotary, const MatrixXd& Mae,
@@ -256,8 +256,7 @@ MatrixXd rotation_inertia(const Link& link, const std::vector<MassSlice>& slices
 }
 
 /// The fewest Gauss points that do for rotation, where the beam is uniform: what they miss at rest is added (`rest`).
-std::vector<MassSlice> rotation_slices(const Link& link, MatrixXd& rest) {
-  const Beam& beam = *link.beam();
+std::vector<MassSlice> rotation_slices(const Beam& beam, MatrixXd& rest) {
   const std::vector<MassSlice>& all = beam.slices();
   const Eigen::Index ne = beam.ne(), full = static_cast<Eigen::Index>(all.size());
   rest = MatrixXd::Zero(3 + ne, 3 + ne);
@@ -276,8 +275,9 @@ std::vector<MassSlice> rotation_slices(const Link& link, MatrixXd& rest) {
         (s.inertia - part * inertia).norm() > 1e-12 * inertia.norm())
       return all;
   }
+  const Link link(Joint::fixed(), std::nullopt, beam, std::nullopt);
   // places to compare at: tenths of a radian at the end
-  LinkState<double> s(link.nj(), &beam, 0);
+  LinkState<double> s(0, &*link.beam(), 0);
   std::vector<VectorXd> trials{VectorXd::Zero(ne)};
   const VectorXd size = beam.tip().linear.bottomRows<3>().colwise().norm().transpose();
   for (int t = 0; t < 3; ++t) {
@@ -298,11 +298,13 @@ std::vector<MassSlice> rotation_slices(const Link& link, MatrixXd& rest) {
     link.mass_matrix(s);
     scale = s.M.diagonal().tail(3 + ne).cwiseSqrt();
   }
-  for (int n = 2; n < full; ++n) {
+  for (const double share : {0.4, 0.5, 0.6, 0.7, 0.8}) {
+    const int n = static_cast<int>(std::ceil(share * static_cast<double>(full)));
     const GaussRule few(n, beam.length());
+    const std::vector<SliceTable> tables = beam.tables({few.points.data(), few.points.data() + n});
     std::vector<MassSlice> slices;
     for (int g = 0; g < n; ++g)
-      slices.push_back({beam.slice_at(few.points[g]), 0.0, few.weights[g] / beam.length() * inertia});
+      slices.push_back({tables[static_cast<std::size_t>(g)], 0.0, few.weights[g] / beam.length() * inertia});
     double worst = 0.0;
     for (std::size_t t = 0; t < trials.size(); ++t) {
       s.qe = trials[t];
@@ -324,7 +326,7 @@ std::vector<MassSlice> rotation_slices(const Link& link, MatrixXd& rest) {
 
 }  // namespace
 
-bool Plan::Builder::directions(const Beam& beam, std::vector<int>& which, std::vector<int>& direction) const {
+bool Plan::Builder::directions(const Beam& beam, Lists& lists) const {
   std::vector<const SliceTable*> tables{&beam.tip()};
   for (const MassSlice& s : beam.slices()) tables.push_back(&s.table);
   for (int k = 0; k < beam.ne(); ++k) {
@@ -337,9 +339,17 @@ bool Plan::Builder::directions(const Beam& beam, std::vector<int>& which, std::v
           row = r;
         }
     }
+    int axis = -1;
+    for (const SliceTable* t : tables)
+      for (int r = 0; r < 3; ++r)
+        if (t->linear(3 + r, k) != 0.0) {
+          if (axis >= 0 && axis != r) return false;
+          axis = r;
+        }
+    lists.about.push_back(std::max(axis, 0));
     if (row < 0) continue;
-    which.push_back(k);
-    direction.push_back(row);
+    lists.which.push_back(k);
+    lists.direction.push_back(row);
   }
   return true;
 }
@@ -375,21 +385,12 @@ void for_products(const SliceTable& table, bool position, const Visit& visit) {
         for (Eigen::Index r = 0; r < p.C.rows(); ++r) visit(p.C(r, c));
 }
 
-}  // namespace
-
-Stations Plan::Builder::stations(const Link& link, const Node& node) const {
-  const std::vector<MassSlice>& slices = link.beam()->slices();
+/// Orthonormal functions that span the products of all slices' positions, times the root of the masses.
+MatrixXd product_basis(const std::vector<MassSlice>& slices) {
   const Eigen::Index n = static_cast<Eigen::Index>(slices.size());
-  Stations at;
-  at.mass.resize(n);
-  at.rest.resize(3, n);
-  at.linear.resize(n, node.directed);
   std::vector<VectorXd> functions;
   for (Eigen::Index g = 0; g < n; ++g) {
     const MassSlice& s = slices[static_cast<std::size_t>(g)];
-    at.mass[g] = s.mass;
-    at.rest.col(g) = link.hub().end + s.table.X * Vector3d::UnitX();
-    for (int d = 0; d < node.directed; ++d) at.linear(g, d) = s.table.linear(node.direction[d], node.which[d]);
     std::size_t k = 0;
     for_products(s.table, true, [&](double c) {
       if (g == 0) functions.push_back(VectorXd::Zero(n));
@@ -400,13 +401,41 @@ Stations Plan::Builder::stations(const Link& link, const Node& node) const {
   Eigen::Index used = 0;
   for (const VectorXd& f : functions)
     if (f.norm() > 0.0) F.col(used++) = f.normalized();
-  at.basis.resize(n, 0);
-  if (used > 0) {
-    const Eigen::JacobiSVD<MatrixXd> svd(F.leftCols(used), Eigen::ComputeThinU);
-    Eigen::Index rank = 0;
-    while (rank < svd.singularValues().size() && svd.singularValues()[rank] > kRank * svd.singularValues()[0]) ++rank;
-    at.basis = svd.matrixU().leftCols(rank);
+  if (used == 0) return MatrixXd(n, 0);
+  const Eigen::JacobiSVD<MatrixXd> svd(F.leftCols(used), Eigen::ComputeThinU);
+  Eigen::Index rank = 0;
+  while (rank < svd.singularValues().size() && svd.singularValues()[rank] > kRank * svd.singularValues()[0]) ++rank;
+  return svd.matrixU().leftCols(rank);
+}
+
+/// Made when first asked for.
+const MatrixXd& basis_of(const Beam& beam) {
+  BeamPoints& points = beam.points();
+  std::call_once(points.has_basis, [&] { points.basis = product_basis(beam.slices()); });
+  return points.basis;
+}
+const BeamPoints& turning_of(const Beam& beam) {
+  BeamPoints& points = beam.points();
+  std::call_once(points.has_turning, [&] { points.turning = rotation_slices(beam, points.rest); });
+  return points;
+}
+
+}  // namespace
+
+Stations Plan::Builder::stations(const Link& link, const Node& node) const {
+  const std::vector<MassSlice>& slices = link.beam()->slices();
+  const Eigen::Index n = static_cast<Eigen::Index>(slices.size());
+  Stations at;
+  at.mass.resize(n);
+  at.rest.resize(3, n);
+  at.linear.resize(n, node.directed);
+  for (Eigen::Index g = 0; g < n; ++g) {
+    const MassSlice& s = slices[static_cast<std::size_t>(g)];
+    at.mass[g] = s.mass;
+    at.rest.col(g) = link.hub().end + s.table.X * Vector3d::UnitX();
+    for (int d = 0; d < node.directed; ++d) at.linear(g, d) = s.table.linear(node.direction[d], node.which[d]);
   }
+  at.basis = basis_of(*link.beam());
   return at;
 }
 
@@ -479,8 +508,7 @@ void Plan::Builder::put_end(const Link& link, const Node& node) {
     }
   } else {
     for (int d = 0; d < node.directed; ++d) put(t.linear(node.direction[d], node.which[d]));
-    for (int r = 3; r < 6; ++r)
-      for (int k = 0; k < node.ne; ++k) put(t.linear(r, k));
+    for (int k = 0; k < node.ne; ++k) put(t.linear(3 + node.about[k], k));
   }
   for_products(t, true, [&](double c) { put(c); });
   if (!axes.planar) for_products(t, false, [&](double c) { put(c); });
@@ -491,8 +519,7 @@ bool Plan::Builder::add_beam(const Link& link, std::size_t n) {
   Node& node = plan.nodes_.back();
   if (beam.order() < 1 || beam.order() > 2 || beam.ne() > kMostElastic) return false;
   Lists& lists = plan.lists_.back();
-  if (!directions(beam, lists.which, lists.direction) || !products(beam, lists.blocks, node.position_blocks))
-    return false;
+  if (!directions(beam, lists) || !products(beam, lists.blocks, node.position_blocks)) return false;
   node.directed = static_cast<int>(lists.which.size());
   node.blocks = static_cast<int>(lists.blocks.size());
   plan.point();
@@ -535,14 +562,14 @@ bool Plan::Builder::add_beam(const Link& link, std::size_t n) {
   if (axes.planar) {
     put_plane(link, at);
   } else {
-    MatrixXd rest;
-    for (const MassSlice& s : rotation_slices(link, rest)) {
+    const BeamPoints& shared = turning_of(beam);
+    const MatrixXd& rest = shared.rest;
+    for (const MassSlice& s : shared.turning) {
       const Vector3d I = s.inertia, root = I.cwiseSqrt();
       if (I.isZero(0.0)) continue;
       std::vector<double> p{root[0], root[1], root[2]};
       for (int i = 0; i < 3; ++i) p.push_back(root[i] > 0.0 ? (I[(i + 2) % 3] - I[(i + 1) % 3]) / root[i] : 0.0);
-      for (int r = 3; r < 6; ++r)
-        for (int k = 0; k < node.ne; ++k) p.push_back(s.table.linear(r, k));
+      for (int k = 0; k < node.ne; ++k) p.push_back(s.table.linear(3 + node.about[k], k));
       for_products(s.table, false, [&](double c) { p.push_back(c); });
       turning.push_back(std::move(p));
     }
@@ -580,6 +607,7 @@ void Plan::point() {
   for (std::size_t k = 0; k < nodes_.size(); ++k) {
     nodes_[k].which = lists_[k].which.data();
     nodes_[k].direction = lists_[k].direction.data();
+    nodes_[k].about = lists_[k].about.data();
     nodes_[k].block = lists_[k].blocks.data();
   }
 }

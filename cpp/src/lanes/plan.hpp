@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <vector>
 
@@ -10,6 +11,14 @@
 
 namespace flexarm {
 namespace lanes {
+
+/// Of a beam, whatever link it is in.
+struct BeamPoints {
+  std::once_flag has_basis, has_turning;
+  Eigen::MatrixXd basis;           ///< functions that span what is quadratic, times the root of the slices' masses
+  std::vector<MassSlice> turning;  ///< slices for the inertia of rotation
+  Eigen::MatrixXd rest;            ///< what they miss of it at rest: J, Mae and Mee in one matrix of 3 + ne
+};
 
 class Plan {
  public:
@@ -34,7 +43,7 @@ class Plan {
   struct Builder;
   /// Lists of a node.
   struct Lists {
-    std::vector<int> which, direction;
+    std::vector<int> which, direction, about;
     std::vector<Block> blocks;
   };
   void point();
