@@ -34,6 +34,7 @@ struct Space {
 
   static Lin zero() { return {S{}, S{}, S{}}; }
   static Ang zero_angular() { return zero(); }
+  static Sym none() { return {S{}, S{}, S{}, S{}, S{}, S{}}; }
   static Lin read(const double*& p) {
     constexpr int w = Lanes<S>::width;
     Lin r{Lanes<S>::load(p), Lanes<S>::load(p + w), Lanes<S>::load(p + 2 * w)};
@@ -116,9 +117,8 @@ struct Space {
   static Ang torque(const Rigid& b, const Lin& a, const Ang& w) { return cross(b.c, a) + apply(b.J, w); }
 
   static Inertia no_inertia() {
-    Inertia M;
-    __builtin_memset(&M, 0, sizeof(M));
-    return M;
+    const S o{};
+    return {none(), {o, o, o, o, o, o, o, o, o}, none()};
   }
   static void add(Sym& a, const Sym& b) {
     a.xx += b.xx;
@@ -360,9 +360,8 @@ struct Plane {
   static S angular_component(const Ang& a, int) { return a.z; }
 
   static Inertia no_inertia() {
-    Inertia M;
-    __builtin_memset(&M, 0, sizeof(M));
-    return M;
+    const S o{};
+    return {{o, o, o}, {o, o}, {o}};
   }
   struct Rigid {
     S m;

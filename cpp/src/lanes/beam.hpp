@@ -282,7 +282,7 @@ void bend(const Node& node, const double* constants, const double* points, const
   P* place = acc + rows;   // of a position: one, x; of a rotation: R times the root of the inertia
   const PLin wp{widen(w.x, P{}), widen(w.y, P{}), widen(w.z, P{})};
   PLin c = Pt::zero(), rate = c, b_sum = c, n_sum = c, turn_sum = c;
-  typename Pt::Sym xx{}, J_turn{};
+  typename Pt::Sym xx = Pt::none(), J_turn = xx;
   const double* t = points;
   for (int a = 0; a < node.passes; ++a) {
     P* Fa = F + 3 * a;

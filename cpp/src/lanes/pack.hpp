@@ -74,27 +74,47 @@ void sine_cosine(const S& x, S& s, S& c) {
   c = sign * (b - odd * (b + a));
 }
 
+/// Of s^k in b, c, db/ds and dc/ds of a turn: (-1)^k / (2k + 2)!, (-1)^k / (2k + 3)!, and k + 1 times those of k + 1.
+struct TurnSeries {
+  static constexpr int kTerms = 13;
+  double of[4][kTerms] = {};
+
+  constexpr TurnSeries() {
+    for (int f = 0; f < 2; ++f)
+      for (int k = 0; k <= kTerms; ++k) {
+        double x = k % 2 ? -1.0 : 1.0;
+        for (int i = 2; i <= 2 * k + 2 + f; ++i) x /= i;
+        if (k < kTerms) of[f][k] = x;
+        if (k > 0) of[2 + f][k - 1] = k * x;
+      }
+  }
+};
+constexpr TurnSeries kTurn;
+
 /// Of the rotation exp(t~) and its Jacobian, as functions of s = |t|^2; see spatial.hpp. Taylor series: to the last
 /// digit for turns up to pi.
 template <class S>
 struct Turn {
   S a, b, c, db, dc;
   explicit Turn(const S& s) {
-    // sum over k of (-s)^k / (2k + 2)!, / (2k + 3)!, and their derivatives
-    constexpr int kTerms = 13;
-    b = c = db = dc = number<S>(1.0);
-#pragma GCC unroll 16
-    for (int k = kTerms - 1; k >= 0; --k) {
-      b = 1.0 - (s * b) * (1.0 / ((2.0 * k + 3.0) * (2.0 * k + 4.0)));
-      c = 1.0 - (s * c) * (1.0 / ((2.0 * k + 4.0) * (2.0 * k + 5.0)));
-      db = 1.0 - (s * db) * ((k + 2.0) / (k + 1.0) / ((2.0 * k + 5.0) * (2.0 * k + 6.0)));
-      dc = 1.0 - (s * dc) * ((k + 2.0) / (k + 1.0) / ((2.0 * k + 6.0) * (2.0 * k + 7.0)));
-    }
-    b *= 0.5;
-    c *= 1.0 / 6.0;
-    db *= -1.0 / 24.0;
-    dc *= -1.0 / 120.0;
+    const S ss = s * s;
+    b = sum(kTurn.of[0], s, ss);
+    c = sum(kTurn.of[1], s, ss);
+    db = sum(kTurn.of[2], s, ss);
+    dc = sum(kTurn.of[3], s, ss);
     a = 1.0 - s * c;
+  }
+
+ private:
+  /// Even and odd powers apart: two short chains.
+  static S sum(const double* x, const S& s, const S& ss) {
+    S even = number<S>(x[12]), odd = number<S>(x[11]);
+#pragma GCC unroll 5
+    for (int k = 10; k > 0; k -= 2) {
+      even = even * ss + x[k];
+      odd = odd * ss + x[k - 1];
+    }
+    return (even * ss + x[0]) + s * odd;
   }
 };
 
