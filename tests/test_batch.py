@@ -493,11 +493,11 @@ def test_killed_in_mid_write_it_goes_on(tmp_path):
 
 def test_ctrl_c_and_the_file(tmp_path):
     def stop(share: float) -> None:
-        if share > 0.1:
+        if share > 0.3:
             raise KeyboardInterrupt
 
     path = tmp_path / "sweep.h5"
-    sweep = {"parameters": {"link.0.tip.mass": np.linspace(0.1, 1, 60)}, "integrator": "rk4", "step": 1e-6, "batch": 8}
+    sweep = {"parameters": {"link.0.tip.mass": np.linspace(0.1, 1, 60)}, "integrator": "rk4", "step": 1e-6, "batch": 4}
     with pytest.raises(fa.BatchInterrupted) as caught:
         fa.simulate_batch(two_links(), TIMES, out=path, progress=stop, **sweep)
     done = int((caught.value.result.status == 0).sum())

@@ -1,5 +1,7 @@
 #include "flexarm/ab.hpp"
 
+#include <cmath>
+
 #include "lanes/single.hpp"
 #include "sweeps.hpp"
 
@@ -227,14 +229,15 @@ Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, c
     if (!have_masses) link.mass_matrix(s);
     ws.twice_kinetic += twice_kinetic(s);
     articulate(arm, ws, n);
-    if (link.joint().passive())
+    if (link.joint().passive()) {
+      for (int k = 0; k < link.nj(); ++k)
+        ws.twice_kinetic += link.joint().forces()[k].reflected_inertia * std::pow(v[arm.first(n) + k], 2);
       for (std::size_t k = 0; k < b.free.size(); ++k) {
-        const double rate = v[arm.first(n) + b.free[k]];
-        ws.twice_kinetic += link.joint().forces()[b.free[k]].reflected_inertia * rate * rate;
         const auto [by_q, by_v] =
             link.joint().resistance_slopes(b.free[k], q.data() + arm.first_q(n), v.data() + arm.first(n));
         add_to_joint(b, static_cast<Eigen::Index>(k), shift.stiffness * by_q + shift.damping * by_v);
       }
+    }
     if (link.beam()) {
       b.D.bottomRightCorner(ne, ne) += shift.stiffness * link.beam()->stiffness();
       if (link.beam()->damped()) b.D.bottomRightCorner(ne, ne) += shift.damping * link.beam()->damping();

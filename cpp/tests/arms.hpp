@@ -7,8 +7,10 @@ namespace flexarm_test {
 
 inline flexarm::Material steel() { return {7850.0, 209e9, 0.3}; }
 
-inline flexarm::Beam beam(std::array<int, 5> modes, int order, flexarm::Basis basis = flexarm::Basis::legendre) {
+inline flexarm::Beam beam(std::array<int, 5> modes, int order, double damping_ratio = 0.0,
+                          flexarm::Basis basis = flexarm::Basis::legendre) {
   flexarm::BeamOptions o;
+  o.damping_ratio = damping_ratio;
   o.modes = modes;
   o.order = order;
   o.basis = basis;

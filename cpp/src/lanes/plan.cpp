@@ -17,7 +17,7 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr double kRank = 1e-13;     // parts of a function's size that may be left out of the span
-constexpr double kRotary = 1e-10;   // parts of the mass matrix that fewer points of rotation may miss
+constexpr double kRotary = 1e-13;   // parts of the mass matrix that fewer points of rotation may miss
 constexpr double kAligned = 1e-15;  // of an axis to a coordinate axis
 
 /// The world's axes that an arm moves in.
@@ -276,14 +276,14 @@ std::vector<MassSlice> rotation_slices(const Beam& beam, MatrixXd& rest) {
       return all;
   }
   const Link link(Joint::fixed(), std::nullopt, beam, std::nullopt);
-  // places to compare at: tenths of a radian at the end
+  // places to compare at: turned by most of a radian at the end
   LinkState<double> s(0, &*link.beam(), 0);
   std::vector<VectorXd> trials{VectorXd::Zero(ne)};
   const VectorXd size = beam.tip().linear.bottomRows<3>().colwise().norm().transpose();
   for (int t = 0; t < 3; ++t) {
     VectorXd q(ne);
     for (Eigen::Index k = 0; k < ne; ++k)
-      q[k] = size[k] > 0.0 ? 0.3 * std::sin(1.0 + 2.3 * static_cast<double>(k) + 1.7 * t) /
+      q[k] = size[k] > 0.0 ? 0.6 * std::sin(1.0 + 2.3 * static_cast<double>(k) + 1.7 * t) /
                                  (size[k] * (1.0 + 0.5 * static_cast<double>(k)))
                            : 0.0;
     trials.push_back(q);
