@@ -85,7 +85,8 @@ TEST_CASE("a scenario that fails spoils no other") {
 
 TEST_CASE("a batch is ended by whoever watches it, all workers joined") {
   Batch batch(flexarm_test::spatial_arm());
-  batch.problem.lengths.assign(20000, 1e-4);  // some ten seconds
+  batch.problem.lengths.assign(20000, 1e-4);  // seconds
+  batch.problem.rows.back() = 20000;
   batch.problem.hold.assign(20000, 0);
   batch.problem.times.assign(20001, 0.0);
   CHECK(run_batch(batch.problem, batch.out, 3, [](double share) { return share < 0.0; }).interrupted);

@@ -47,7 +47,8 @@ void sine_cosine(const S& x, S& s, S& c) {
   const S whole = (x * 0.63661977236758134308 + kRound);
   const S n = whole - kRound;
   S r = ((x - n * 1.57079632673412561417e+00) - n * 6.07710050630396597660e-11) - n * 2.02226624879595063154e-21;
-  r = Lanes<S>::larger(number<S>(-1.0), Lanes<S>::smaller(number<S>(1.0), r));  // of what has no digits behind the point
+  r = Lanes<S>::larger(number<S>(-1.0),
+                       Lanes<S>::smaller(number<S>(1.0), r));  // of what has no digits behind the point
   const S z = r * r;
   S a = number<S>(1.0 / 355687428096000.0), b = number<S>(1.0 / 20922789888000.0);
   a = a * z - 1.0 / 1307674368000.0;

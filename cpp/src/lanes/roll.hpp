@@ -204,6 +204,9 @@ struct Roller {
   void begin(const PackMask& where, long step) {
     ++alpha.evaluations;
     lose(~arms.accelerate(q, v, tau, x) & where, singular, step);
+    PackMask fine = L::everywhere(true);
+    for (int i = 0; i < arms.nv; ++i) fine = fine & L::finite(x[i]);
+    lose(~fine & where, not_finite, step);
     alpha.begin(x, where);
   }
 
