@@ -55,8 +55,8 @@ py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const
                const std::vector<double>& times, const std::vector<Eigen::Index>& hold,
                const std::vector<Eigen::Index>& rows, const Table& q0, const Table& v0, const Table& tau,
                const Motions& motions, const Forces& forces, const Loads& loads, const Laws& laws,
-               const std::string& integrator, double spectral_radius, double rtol, bool lanes, py::dict& out, int workers,
-               const std::function<void(double)>& alive) {
+               const std::string& integrator, double spectral_radius, double rtol, bool lanes, py::dict& out,
+               int workers, const std::function<void(double)>& alive) {
   if (arms.empty()) bad_value("arms", "[]", "must be one, or one for each scenario");
   BatchProblem p{arms, scenarios, lengths, times, hold, rows, {}, {}, {}};
   const int nq = arms[0]->nq(), nv = arms[0]->nv();

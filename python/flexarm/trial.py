@@ -189,8 +189,7 @@ class Trials:
 
     def operations(self, model: Model) -> int | None:
         """Floating point operations of one forward dynamics, where the arm counts them."""
-        count = getattr(self.rungs.arm(model), "operation_count", None)
-        return None if count is None else int(count())
+        return self.rungs.arm(model).operation_count()
 
     # -- the step of the walk ----------------------------------------------------------------------------------------
 

@@ -10,6 +10,10 @@ namespace flexarm {
 Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                            const Eigen::VectorXd& tau);
 
+/// Floating-point operations of one forward_dynamics on the fast kernels, one pack lane; 0 for arms that these do not
+/// know (Arm::plan).
+long operation_count(const Arm& arm);
+
 /// What an implicit step adds to the mass matrix.
 struct Shift {
   double damping = 0.0;    ///< s

@@ -2,7 +2,7 @@
 // An inertia M = [A B; B^T D] takes [linear; angular] acceleration to [force; moment].
 #pragma once
 
-#include "lanes/pack.hpp"
+#include "lanes/functions.hpp"
 
 namespace {
 

@@ -1,6 +1,8 @@
 // What kernels ask of a scalar: of one double, or (pack.hpp) of one in each lane.
 #pragma once
 
+#include <cstddef>
+
 namespace {
 
 template <class S>

@@ -1,0 +1,90 @@
+// Operations of one evaluation, by running it on numbers that count.
+#include <vector>
+
+#include "flexarm/ab.hpp"
+
+#include "lanes/scalar.hpp"
+
+namespace {
+
+/// A double that counts what is done to it.
+struct Counted {
+  double x;
+  static thread_local long operations;
+  Counted() = default;
+  explicit Counted(double v) : x(v) {}
+  Counted operator-() const { return Counted(-x); }
+  bool operator<(double b) const { return x < b; }
+  bool operator>(double b) const { return x > b; }
+  bool operator<(const Counted& b) const { return x < b.x; }
+  bool operator>(const Counted& b) const { return x > b.x; }
+#define FLEXARM_COUNT(op)                                                                     \
+  friend Counted operator op(const Counted& a, const Counted& b) { return note(a.x op b.x); } \
+  friend Counted operator op(double a, const Counted& b) { return note(a op b.x); }           \
+  friend Counted operator op(const Counted& a, double b) { return note(a.x op b); }           \
+  Counted& operator op## = (const Counted& b) { return *this = *this op b; }                  \
+  Counted& operator op## = (double b) { return *this = *this op b; }
+  FLEXARM_COUNT(+)
+  FLEXARM_COUNT(-)
+  FLEXARM_COUNT(*)
+  FLEXARM_COUNT(/)
+#undef FLEXARM_COUNT
+  static Counted note(double v) {
+    ++operations;
+    return Counted(v);
+  }
+};
+thread_local long Counted::operations = 0;
+
+template <>
+struct Lanes<Counted> {
+  static constexpr int width = 1;
+  using Mask = bool;
+  static Counted load(const double* p) { return Counted(*p); }
+  static Counted select(bool m, const Counted& a, const Counted& b) { return m ? a : b; }
+  static bool everywhere(bool m) { return m; }
+  static Counted larger(const Counted& a, const Counted& b) { return a > b ? a : b; }
+  static Counted smaller(const Counted& a, const Counted& b) { return a < b ? a : b; }
+};
+
+template <>
+Counted number<Counted>(double x) {
+  return Counted(x);
+}
+
+Counted widen(const Counted& x, const Counted&) { return x; }
+void sum_lanes(const Counted*, int, const Counted*) {}
+
+}  // namespace
+
+#include "lanes/chain.hpp"
+#include "lanes/single.hpp"
+
+namespace flexarm {
+
+namespace {
+
+template <class Sp>
+long count(const lanes::Plan& plan) {
+  using C = Chain<Sp, Counted>;
+  const std::size_t nv = static_cast<std::size_t>(plan.layout().nv);
+  const lanes::Memory memory(C::memory_needed(plan.layout()));
+  C chain(plan.layout(), plan.numbers().data(), memory.get());
+  std::vector<Counted> q(static_cast<std::size_t>(plan.layout().nq), Counted(0.1)), v(nv, Counted(0.1)), tau = v, a = v;
+  const double* p = plan.numbers().data();
+  Counted::operations = 0;
+  chain.move(q.data(), v.data());
+  chain.template inward<true, true, true>(tau.data(), a.data(), lanes::Shift{});
+  chain.template outward<true>(Sp::read(p), a.data());
+  return Counted::operations;
+}
+
+}  // namespace
+
+long operation_count(const Arm& arm) {
+  if (!arm.plan()) return 0;
+  const lanes::Plan plan = arm.plan()->grouped(1, {});
+  return plan.layout().planar ? count<::Plane<Counted>>(plan) : count<::Space<Counted>>(plan);
+}
+
+}  // namespace flexarm
