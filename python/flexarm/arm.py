@@ -163,8 +163,8 @@ class Arm:
     # -- dynamics ----------------------------------------------------------------------------------------------------
 
     def operation_count(self) -> int | None:
-        """Floating-point operations (+ - * /) of one forward dynamics on the fast kernels, without what vector units save;
-        None for arms that these do not know: with balls, or beams of order 0, 3 or "exact"."""
+        """Floating-point operations (+ - * /) of one forward dynamics on the fast kernels; None for arms that these do
+        not know: with balls, or beams of order 0, 3 or "exact"."""
         return self._core.operation_count() or None
 
     def forward_dynamics(

@@ -1,7 +1,7 @@
 // Compiled once for each instruction set, with FLEXARM_ISA its name and FLEXARM_WIDTH its doubles. Everything but the
 // table is in an unnamed namespace, so that no function of one set can end up in another's path.
-#include "lanes/pack.hpp"
-// first of all
+#include "lanes/pack.hpp"  // what the others need first
+// clang-format: keep
 #include "lanes/roll.hpp"
 
 namespace {

@@ -1,0 +1,25 @@
+// What the lane kernels sum a beam's inertia over.
+#pragma once
+
+#include "lanes/plan.hpp"
+
+namespace flexarm {
+namespace lanes {
+
+/// The products of a table in the order of the blocks: those of position, those of rotation.
+template <class Visit>
+void for_products(const SliceTable& table, bool position, const Visit& visit) {
+  for (const Product& p : table.products)
+    if ((p.row < 3) == position)
+      for (Eigen::Index c = 0; c < p.C.cols(); ++c)  // the kernel's order
+        for (Eigen::Index r = 0; r < p.C.rows(); ++r) visit(p.C(r, c));
+}
+
+/// Orthonormal functions that span the products of all slices' positions, times the root of the masses; columns. Made
+/// when first asked for.
+const Eigen::MatrixXd& basis_of(const Beam& beam);
+/// Slices that do for the inertia of rotation, and what they miss at rest. Made when first asked for.
+const BeamPoints& turning_of(const Beam& beam);
+
+}  // namespace lanes
+}  // namespace flexarm
