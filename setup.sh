@@ -97,23 +97,36 @@ install_missing() {
 
 # --- The virtual environment. A stamp of all that goes into the package tells whether anything is to be done. ---
 install_flexarm() {
-  local now stamp=$venv/flexarm.stamp
+  local now stamp=$venv/flexarm.stamp tests=''
+  [[ $command != test ]] || tests=' with tests'
   now=$(find CMakeLists.txt cmake pyproject.toml LICENSE README.md licenses cpp/include cpp/src python -type f \
     ! -path '*/__pycache__/*' -print0 | LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum)
-  if "$venv/bin/python" -c 'import flexarm._core' 2>/dev/null && grep -qsF "$now$extra" "$stamp"; then return; fi
+  if "$venv/bin/python" -c 'import flexarm._core' 2>/dev/null && grep -qsF "$now$extra$tests" "$stamp"; then return; fi
   say "building and installing flexarm$extra into $venv"
   python_has "$venv/bin/python" 'import pip' || "$(find_python)" -m venv "$venv"
   rm -f "$stamp"
-  "$venv/bin/pip" install -q --config-settings=build-dir=build/setup ".$extra"  # an editable install has its own
-  printf '%s\n' "$now$extra" "$now" >"$stamp"
+  local settings=(--config-settings=build-dir=build/setup)  # an editable install has its own
+  if [[ $command == test ]]; then  # the C++ tests with it, so that they try what is installed; warnings are errors for
+    settings+=(--config-settings=cmake.define.FLEXARM_BUILD_{TESTS,BENCH}=ON)  # us (CI), not for a newer compiler
+    [[ -z ${CI:-} ]] || settings+=(--config-settings=cmake.define.FLEXARM_WERROR=ON)
+  fi
+  "$venv/bin/pip" install -q "${settings[@]}" ".$extra"
+  printf '%s\n' "$now$extra$tests" "$now$extra" "$now" >"$stamp"
 }
 
-cpp_tests() { # PRESET; warnings are errors for us (CI), not for whoever has a newer compiler
-  say "C++ tests ($1)"
-  cmake --preset "$1" -DCMAKE_MAKE_PROGRAM="$venv/bin/ninja" -DFLEXARM_WERROR="${CI:+ON}" >build/"$1".log 2>&1 ||
-    { cat build/"$1".log >&2; return 1; }
-  cmake --build --preset "$1"
-  ctest --preset "$1" -j "$jobs"
+cpp_tests() {
+  say "C++ tests"
+  ctest --test-dir build/setup --output-on-failure --no-tests=error -j "$jobs"
+}
+
+sanitized_tests() {
+  say "C++ tests under sanitizers"
+  python_has "$venv/bin/python" 'import pip' || "$(find_python)" -m venv "$venv"
+  "$venv/bin/pip" install -q cmake ninja
+  cmake --preset asan -DCMAKE_MAKE_PROGRAM="$venv/bin/ninja" -DFLEXARM_WERROR="${CI:+ON}" >build/asan.log 2>&1 ||
+    { cat build/asan.log >&2; return 1; }
+  cmake --build --preset asan
+  ctest --preset asan -j "$jobs"
 }
 
 lint() {
@@ -128,12 +141,12 @@ lint() {
 
 find_missing
 if ((${#missing[@]})); then install_missing; fi
-install_flexarm
 export PATH=$venv/bin:$PATH
 mkdir -p build
+[[ $command == asan ]] || install_flexarm
 case $command in
   demo) flexarm demo "$@" ;;
-  test) cpp_tests release; say "Python tests"; pytest "$@"; lint ;;
+  test) cpp_tests; say "Python tests"; pytest "$@"; lint ;;
   lint) lint ;;
-  asan) cpp_tests asan ;;
+  asan) sanitized_tests ;;
 esac
