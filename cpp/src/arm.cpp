@@ -41,6 +41,7 @@ Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::
   rhs = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(free.size()));
   total = Eigen::VectorXd::Zero(arm.nv());
   columns = Eigen::MatrixXd::Zero(6, widest);
+  factor.compute(Eigen::MatrixXd::Identity(1, 1));  // so that a copy reads nothing that was never set
   if (arm.plan() && applied.empty()) fast = FastPath(new lanes::Single(*arm.plan(), prescribed));
 }
 
