@@ -4,6 +4,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import BODY, STEEL, STRIP, G, pendulum, random_arm
+from scipy.integrate import solve_ivp
 
 
 def cantilever(tip: float, order: int | str = 2) -> fa.Arm:
@@ -82,3 +83,87 @@ def test_more_bad_input() -> None:
     wheel = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(inertia=(1, 1, 1)))])
     with pytest.raises(ValueError, match="no link has a mass"):
         wheel.center_of_mass([0.0])
+
+
+def slender(length: float = 1.0, **modes: int) -> fa.Arm:
+    """A clamped rod of order exact, EI = 1 N m^2 both ways, GJ = 0.8 N m^2."""
+    section = fa.GeneralSection(1.0, 1.0, 1.0, 2.0)
+    material = fa.Material(1.0, 1.0, shear_modulus=0.4)
+    beam = fa.Beam(length, section, material, modes, "legendre", "exact")
+    return fa.Arm([fa.Link(fa.Fixed(), beam=beam)])
+
+
+def left_over(arm: fa.Arm, q: np.ndarray, loads: list[fa.Load]) -> float:
+    return float(np.abs(arm.inverse_dynamics(q, np.zeros(arm.nv), np.zeros(arm.nv), loads)).max())
+
+
+@pytest.mark.parametrize("P", [2.0, 9.0, 25.0])
+def test_a_follower_force(P: float) -> None:
+    """A force across the tip that turns with it, P L^2/EI = P. From the tip inward K' = -P cos(angle to the tip), which
+    is integrated apart: there is no potential, so that only Newton's iteration on the forces finds the balance."""
+    far = solve_ivp(lambda s, y: [y[1], P * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])], (0, 1), np.zeros(4),
+                    rtol=1e-12, atol=1e-13).y[:, -1]  # fmt: skip
+    turn = far[0]  # of the tip, from the root
+    tip = [np.cos(turn) * far[2] + np.sin(turn) * far[3], np.sin(turn) * far[2] - np.cos(turn) * far[3]]
+    arm = slender(bending_y=16)
+    load = fa.Load(force=(0, P, 0), axes="section")
+    q = arm.equilibrium(loads=[load])
+    p, R = arm.frame(q)
+    np.testing.assert_allclose(p[:2], tip, atol=1e-7)
+    assert np.arctan2(R[1, 0], R[0, 0]) == pytest.approx((turn + np.pi) % (2 * np.pi) - np.pi, abs=1e-7)
+    assert left_over(arm, q, [load]) < 1e-9 * P
+
+
+def test_a_dead_moment_in_space() -> None:
+    """A moment that keeps its direction has no potential in space. K(x) = C^-1 R^T m, R' = R K~ from the root on."""
+    m = np.array([0.6, 0.9, 1.8])
+
+    def slope(_: float, y: np.ndarray) -> np.ndarray:
+        R = y[3:].reshape(3, 3)
+        k = (R.T @ m) / [0.8, 1.0, 1.0]
+        return np.concatenate([R[:, 0], (R @ np.cross(np.eye(3), k)).ravel()])
+
+    end = solve_ivp(slope, (0, 1), np.concatenate([np.zeros(3), np.eye(3).ravel()]), rtol=1e-11, atol=1e-12).y[:, -1]
+    arm = slender(bending_y=8, bending_z=8, torsion=8)
+    load = fa.Load(moment=tuple(m))
+    q = arm.equilibrium(loads=[load])
+    p, R = arm.frame(q)
+    np.testing.assert_allclose(p, end[:3], atol=1e-7)
+    np.testing.assert_allclose(R, end[3:].reshape(3, 3), atol=1e-7)
+    assert left_over(arm, q, [load]) < 1e-9
+
+
+@pytest.mark.parametrize("axes", ["world", "section"])
+@pytest.mark.parametrize("length", [0.005, 1.0, 300.0])
+def test_the_size_of_a_beam_does_not_matter(length: float, axes: str) -> None:
+    """A quarter turn by an end moment is a quarter circle: strains of a short beam are large numbers (1/m)."""
+    arm = slender(length, bending_y=3)
+    p, R = arm.frame(arm.equilibrium(loads=[fa.Load(moment=(0, 0, 0.5 * np.pi / length), axes=axes)]))
+    np.testing.assert_allclose(p / length, [2 / np.pi, 2 / np.pi, 0], atol=1e-9)
+    np.testing.assert_allclose(R[:, 0], [0, 1, 0], atol=1e-9)
+
+
+def test_an_arc_under_a_follower_force() -> None:
+    """The 45 degree bend of Bathe and Bolourchi 1979 (radius 100, unit square, E = 1e7, 600 out of its plane) in eight
+    straight pieces, the force turning with the tip."""
+    n, radius = 8, 100.0
+    turn = np.pi / 4 / n
+    chord = 2 * radius * np.sin(turn / 2)
+    beam = fa.Beam(chord, fa.Rectangle(1.0, 1.0), fa.Material(1.0, 1e7, shear_modulus=5e6),
+                   {"bending_y": 2, "bending_z": 2, "torsion": 2}, "legendre", "exact")  # fmt: skip
+    seats = [fa.Placement(rotation=(0, 0, a)) for a in (turn / 2, *[turn] * (n - 1))]
+    arm = fa.Arm([fa.Link(fa.Fixed(inboard=seat), beam=beam) for seat in seats])
+    end = radius * np.array([np.sqrt(0.5), 1 - np.sqrt(0.5), 0])
+    np.testing.assert_allclose(arm.frame(arm.zero)[0], end, rtol=1e-12, atol=1e-12)
+    loads = [fa.Load(force=(0, 0, 600.0), axes="section")]
+    q = arm.equilibrium(loads=loads)
+    assert left_over(arm, q, loads) < 1e-8 * 600
+    dead = arm.frame(arm.equilibrium(loads=[fa.Load(force=(0, 0, 600.0))]))[0]
+    np.testing.assert_allclose(dead[[1, 0, 2]], [15.7, 47.2, 53.4], atol=0.5)  # Simo & Vu-Quoc 1986: straight elements
+
+
+def test_what_hangs_on_nothing_is_said() -> None:
+    """A tangential follower force on a free body, a moment on a free joint: no balance, and the message says where."""
+    wheel = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0)))])
+    with pytest.raises(ValueError, match="no equilibrium was found.*'link 0 revolute'"):
+        wheel.equilibrium(loads=[fa.Load(force=(0, 1.0, 0), axes="section")])

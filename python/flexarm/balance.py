@@ -13,8 +13,10 @@ from ._check import Array, array
 if TYPE_CHECKING:
     from .arm import Arm
 
-_LARGEST = 0.5  # of a step's entries (rad, m, or the elastic coordinate's unit): a step must not pass an equilibrium by
-_TRIES = 200
+_LARGEST = 0.5  # of a step's turns (rad) and moves (parts of the arm's length): none may pass an equilibrium by
+_TRIES = 200  # Newton steps from the given start
+_TRIES_IN_STEPS = 40  # and for each step of the load
+_LEAST_SHARE = 1e-3  # of the load in one of its steps
 
 
 def displaced(arm: Arm, q: Array, E: Array, step: Array) -> Array:
@@ -25,12 +27,108 @@ def displaced(arm: Arm, q: Array, E: Array, step: Array) -> Array:
     return out
 
 
-def _root_step(M: Array, K: Array, r: Array) -> Array:
-    import scipy.linalg as la  # slow to import
+def _sizes(arm: Arm) -> Array:
+    """Of one unit of each rate's coordinate, (nv,): the turn of a section (rad), or a shift in parts of the arm's
+    length. Strains of short beams are large numbers (1/m), and mean the same."""
+    length = sum(float(np.linalg.norm(arm.frame(arm.zero, k)[0])) for k in range(len(arm.links)))
+    length = max(length, sum(link.beam.length for link in arm.links if link.beam is not None)) or 1.0
+    sizes, first = np.ones(arm.nv), [*map(arm._core.first, range(len(arm.links))), arm.nv]
+    for n, link in enumerate(arm.links):
+        elastic = slice(first[n] + link.joint.nv, first[n + 1])
+        sizes[first[n] : elastic.start] = [1.0 / length if unit == "m" else 1.0 for unit in link.joint.units]
+        if link.beam is None or elastic.start == elastic.stop:
+            continue
+        L, shapes = link.beam.length, np.eye(arm.nq)[[arm.coordinate_of(i) for i in range(*elastic.indices(arm.nv))]]
+        strains = np.array([arm.strain(shapes, n, x) for x in np.linspace(0.0, L, 9)])  # (points, shapes, 5)
+        sizes[elastic] = np.abs(strains * [L, L, L, 1.0, 1.0]).max(axis=(0, 2))
+    return np.where(sizes > 0.0, sizes, 1.0)
 
-    d = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-14 * np.diag(M)))
-    step: Array = -d * la.lstsq(d[:, None] * K * d, d * r)[0]
-    return step
+
+class _Balance:
+    """The forces left over on the free coordinates at rest, or at constant rates v, and their Jacobian.
+
+    `share`, from 0 to 1, is of all that acts: gravity, loads, tau, and the square of the rates. Springs and elastic
+    forces act wholly."""
+
+    def __init__(self, arm: Arm, v: Array, tau: Array, free: NDArray[np.bool_], loads: Any) -> None:
+        self.arm, self.v, self.tau, self.free, self.loads = arm, v, tau, free, loads
+        self.zero, self.at, self.share = np.zeros(arm.nv), np.ix_(free, free), 1.0
+        self.sizes = _sizes(arm)[free]
+        self.rows = ~_ball_rates(arm)[free]  # where a potential means a symmetric Jacobian, in balance or not
+
+    def residual(self, q: Array) -> Array:
+        r = self._core_residual(self.arm, q, self.v, self.loads) - self.tau[self.free]
+        if self.share < 1.0:
+            nothing = self._core_residual(self.unloaded, q, self.zero, ())
+            r = self.share * r + (1.0 - self.share) * nothing
+        return r
+
+    def _core_residual(self, arm: Arm, q: Array, v: Array, loads: Any) -> Array:
+        r: Array = np.asarray(arm._core.inverse_dynamics(q[None], v[None], self.zero[None], *loads)[0])[self.free]
+        return r
+
+    def jacobian(self, q: Array, E: Array) -> Array:
+        def by_q(arm: Arm, v: Array, loads: Any) -> Array:
+            K: Array = (arm._core.inverse_derivatives(q, v, self.zero, *loads)[0] @ E)[self.at]
+            return K
+
+        K = by_q(self.arm, self.v, self.loads)
+        if self.share < 1.0:
+            K = self.share * K + (1.0 - self.share) * by_q(self.unloaded, self.zero, ())
+        return K
+
+    @property
+    def unloaded(self) -> Arm:
+        """The same arm without gravity."""
+        if not hasattr(self, "_unloaded"):
+            self._unloaded = type(self.arm)(self.arm.links)
+        return self._unloaded
+
+    def has_potential(self, K: Array) -> bool:
+        """Whether K is symmetric. Follower forces and moments in space have no potential; nothing is downhill there."""
+        off = K - K.T
+        off[~self.rows] = off[:, ~self.rows] = 0.0
+        return bool(np.abs(off * self._scale(K)).max(initial=0.0) <= 1e-9)
+
+    @staticmethod
+    def _scale(K: Array) -> Array:
+        d = np.sqrt(np.abs(np.diag(K)))
+        return 1.0 / np.maximum(np.outer(d, d), 1e-300 + 1e-12 * float(np.abs(K).max(initial=0.0)))
+
+
+def _ball_rates(arm: Arm) -> NDArray[np.bool_]:
+    balls = np.zeros(arm.nv, dtype=bool)
+    for k, link in enumerate(arm.links):
+        if link.joint.ball:
+            end = arm._core.first(k) + link.joint.nv
+            balls[end - 3 : end] = True
+    return balls
+
+
+class _Solver:
+    """K x = b, scaled to a unit diagonal: by LU, or by least squares where K is singular."""
+
+    def __init__(self, M: Array, K: Array) -> None:
+        import scipy.linalg as la  # slow to import
+
+        self.la, self.K = la, K
+        self.d = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-14 * np.diag(M)))
+        self.scaled = self.d[:, None] * K * self.d
+        lu, order, _ = la.lapack.dgetrf(self.scaled)
+        pivots = np.abs(np.diag(lu))
+        self.lu = (lu, order) if pivots.min() > 1e-13 * pivots.max() else None
+
+    def __call__(self, b: Array) -> Array:
+        if self.lu is None:
+            x = self.la.lstsq(self.scaled, self.d * b)[0]
+        else:
+            x = self.la.lu_solve(self.lu, self.d * b)
+        out: Array = self.d * x
+        return out
+
+    def leaves(self, b: Array, x: Array) -> float:
+        """Share of b that no x can balance: zero unless K is singular."""
+        return float(np.linalg.norm(self.d * (self.K @ x - b)) / max(float(np.linalg.norm(self.d * b)), 1e-300))
 
 
 def _descent_step(M: Array, K: Array, r: Array, forces: float) -> Array:
@@ -38,54 +136,62 @@ def _descent_step(M: Array, K: Array, r: Array, forces: float) -> Array:
     zero the arm is indifferent and stays, unless a force above the noise of `forces` (sqrt(kg) m/s^2) pushes it."""
     import scipy.linalg as la  # slow to import
 
-    lam, Z = la.eigh(0.5 * (K + K.T), M)
+    K = 0.5 * (K + K.T)
+    d = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-14 * np.diag(M)))
+    factor, wrong = la.lapack.dpotrf(d[:, None] * K * d)
+    if wrong == 0 and np.diag(factor).min() > 1e-6:  # positive definite beyond rounding: no need of its eigenvalues
+        step: Array = -d * la.cho_solve((factor, False), d * r)
+        return step
+    lam, Z = la.eigh(K, M)
     g = Z.T @ r
     least = 1e-14 * float(np.abs(lam).max())
     flat = (np.abs(lam) <= max(least, 1e-300)) & (np.abs(g) <= 1e-11 * forces)
     g[flat] = 0.0
-    step: Array = -Z @ (g / np.maximum(np.abs(lam), max(least, 1e-300)))
+    step = -Z @ (g / np.maximum(np.abs(lam), max(least, 1e-300)))
     return step
 
 
-def balance(
-    arm: Arm, q: Array, v: Array, tau: Array, free: NDArray[np.bool_], descend: bool, loads: Any = ()
-) -> tuple[Array, str]:
-    """Moves the free coordinates of q until inverse_dynamics(q, v, 0) = tau on them; loads: places and wrenches.
-
-    Steps are at most 0.5 and are halved until the residual, scaled by the mass matrix, is less than it was, or (when
-    descending in potential energy) the step still leads downhill at its end. Newton's convergence being quadratic, the
-    step after one of 1e-8 is the last. Returns q, and what went wrong if anything did.
-    """
-    q, zero = q.copy(), np.zeros(arm.nv)
-    if not free.any():
-        return q, ""
-    at = np.ix_(free, free)
+def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, str]:
+    """Newton's iteration from q; see `balance`."""
+    arm, free = b.arm, b.free
     moved = np.zeros(arm.nv)
-
-    def residual(q: Array) -> Array:
-        r: Array = (arm._core.inverse_dynamics(q[None], v[None], zero[None], *loads)[0] - tau)[free]
-        return r
-
-    r, forces, steps = residual(q), 0.0, 0
-    while steps < _TRIES:
+    r, forces, steps = b.residual(q), 0.0, 0
+    while steps < tries:
         steps += 1
-        M: Array = np.asarray(arm._core.mass_matrix(q[None])[0])[at]
-        E = arm._core.rates(q, zero)[2]
-        K = (arm._core.inverse_derivatives(q, v, zero, *loads)[0] @ E)[at]
+        M: Array = np.asarray(arm._core.mass_matrix(q[None])[0])[b.at]
+        E = arm._core.rates(q, b.zero)[2]
+        K = b.jacobian(q, E)
         scale = 1.0 / np.sqrt(np.diag(M))
-        forces = max(forces, float(np.linalg.norm(scale * r)), float(np.linalg.norm(scale * tau[free])), _weight(arm))
-        step = _descent_step(M, K, r, forces) if descend else _root_step(M, K, r)
+        forces = max(forces, float(np.linalg.norm(scale * r)), float(np.linalg.norm(scale * b.tau[free])), _weight(arm))
+        if not np.isfinite(K).all() or not np.isfinite(r).all():
+            break
+        downhill = descend and b.has_potential(K)
+        if downhill:
+            step = _descent_step(M, K, r, forces)
+        else:
+            solve = _Solver(M, K)
+            step = -solve(r)
         if not np.isfinite(step).all():
             break
-        step *= min(1.0, _LARGEST / max(float(np.abs(step).max()), 1e-300))
+        turn = b.sizes * step
+        step *= min(1.0, _LARGEST / max(float(np.abs(turn).max()), 1e-300))
         slope, size = float(step @ r), float(np.linalg.norm(scale * r))
-        last = bool(np.abs(step).max() <= 1e-8 * (1e-3 + np.abs(E.T @ q)[free].max()))
+        last = bool(np.abs(turn).max() <= 1e-8 * (1e-3 + np.abs(b.sizes * (E.T @ q)[free]).max()))
+        if last and not downhill and np.linalg.norm(scale * r) > 1e-9 * forces and solve.leaves(-r, step) > 1e-3:
+            break  # K is singular, and nothing balances r
         for halving in range(40):
-            moved[free] = step / 2.0**halving
+            part = step / 2.0**halving
+            moved[free] = part
             q_new = displaced(arm, q, E, moved)
-            r_new = residual(q_new)
-            finite = np.isfinite(r_new).all()
-            if finite and (last or np.linalg.norm(scale * r_new) < size or (descend and slope < 0 > step @ r_new)):
+            r_new = b.residual(q_new)
+            if not np.isfinite(r_new).all():
+                continue
+            if last or float(np.linalg.norm(scale * r_new)) < size:
+                break
+            if downhill and slope < 0 > step @ r_new:
+                break
+            # what is stiff makes r grow in a step that is right (Deuflhard's test: does the next step shrink?)
+            if not downhill and np.abs(b.sizes * solve(r_new)).max() <= (1 - 0.25 / 2.0**halving) * np.abs(turn).max():
                 break
         else:
             break
@@ -95,6 +201,33 @@ def balance(
     worst = int(np.abs(r / np.sqrt(np.diag(M))).argmax())
     label = np.array(arm.coordinates)[free][worst]
     return q, f"after {steps} damped Newton steps from the q given {r[worst]:.3g} is left on '{label}'"
+
+
+def balance(
+    arm: Arm, q: Array, v: Array, tau: Array, free: NDArray[np.bool_], descend: bool, loads: Any = ()
+) -> tuple[Array, str]:
+    """Moves the free coordinates of q until inverse_dynamics(q, v, 0) = tau on them; loads: places and wrenches.
+
+    No step turns a section by more than 0.5 rad. Steps are halved until the residual, scaled by the mass matrix, is
+    less than it was; or (descending in potential energy, where there is one) the step still leads downhill at its end;
+    or (elsewhere) the next step is shorter. Newton's convergence being quadratic, the step after one of 1e-8 is the
+    last. Where this fails from q, the load is put on in steps. Returns q, and what went wrong if anything did.
+    """
+    if not free.any():
+        return q.copy(), ""
+    b = _Balance(arm, v, tau, free, loads)
+    found, wrong = _newton(b, q.copy(), descend, _TRIES)
+    if not wrong:
+        return found, ""
+    share, step, at = 0.0, 0.25, q.copy()
+    while share < 1.0 and step >= _LEAST_SHARE:
+        b.share = min(1.0, share + step)
+        found, failed = _newton(b, at, descend, _TRIES_IN_STEPS)
+        if failed:
+            step *= 0.5
+            continue
+        share, at, step = b.share, found, 2.0 * step
+    return (at, "") if share >= 1.0 else (at, f"{wrong}; put on in steps, {share:.3g} of the load was balanced")
 
 
 def _weight(arm: Arm) -> float:
