@@ -262,3 +262,36 @@ def test_nearly_dependent_shapes_keep_their_modes() -> None:
     clean = fa.Beam(1.0, fa.Rectangle(0.01, 0.02), fa.Material(2000, 1e9), {"bending_y": 2}, "legendre")
     one, two = (fa.Arm([fa.Link(fa.Fixed(), None, b)]).modes().frequencies for b in (beam, clean))
     np.testing.assert_allclose(one, two, rtol=1e-4)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3, 1e-7])
+@pytest.mark.parametrize("joint", ["revolute", "prismatic", "free", "spherical"])
+def test_an_arm_without_stiffness(joint: str, damping: float) -> None:
+    """A rigid link that nothing holds: its modes are rigid-body motions, at zero; a damped one comes to rest with
+    s = -damping / inertia."""
+    body = fa.RigidBody(2.0, inertia=(0.5, 0.5, 0.5))
+    made = {"revolute": fa.Revolute("z", damping=damping), "prismatic": fa.Prismatic("x", damping=damping),
+            "free": fa.Free(damping=damping), "spherical": fa.Spherical(damping=damping)}[joint]  # fmt: skip
+    arm = fa.Arm([fa.Link(made, body)])
+    modes = arm.modes()
+    assert np.isfinite(modes.shapes).all() and np.isfinite(modes.damping).all()
+    if damping == 0.0:
+        assert len(modes.frequencies) == arm.nv
+        np.testing.assert_array_equal(modes.frequencies, 0.0)
+        assert modes.stable
+        return
+    rates = {"revolute": {damping / 0.5}, "prismatic": {damping / 2.0}, "spherical": {damping / 0.5},
+             "free": {damping / 0.5, damping / 2.0}}[joint]  # fmt: skip
+    decaying = -modes.eigenvalues.real[modes.eigenvalues.real < 0]
+    assert len(decaying) == arm.nv
+    for rate in rates:
+        assert np.isclose(decaying, rate, rtol=1e-6).any()
+
+
+def test_a_cart_with_a_pendulum() -> None:
+    """The cart is free to roll; the pendulum under it swings at sqrt(g (M + m) / (M l)) [textbook]."""
+    G, M, m, length = 9.81, 2.0, 0.5, 0.7
+    cart = fa.Link(fa.Prismatic("x"), fa.RigidBody(M))
+    bob = fa.Link(fa.Revolute("z"), fa.RigidBody(m, com=(0, -length, 0)))
+    w = fa.Arm([cart, bob], gravity=(0, -G, 0)).modes().frequencies
+    np.testing.assert_allclose(w, [0.0, np.sqrt(G * (M + m) / (M * length))], rtol=1e-9, atol=1e-12)

@@ -129,13 +129,16 @@ def modes(
     return Modes(frequencies[up], damping[up], shapes[:, up], share[:, up], s[up], q0)
 
 
-def _shift(M: Array, K: Array) -> float:
+def _shift(M: Array, K: Array, rate: float) -> float:
     """The least of a row of numbers sigma that makes K + sigma M positive definite beyond rounding; 0 if K is.
+    Without any stiffness: the square of `rate` (1/s).
 
     (Cholesky may pass a K whose rigid-body motion is 1e-16 off zero; its pivots tell.)
     """
     import scipy.linalg as la  # slow to import
 
+    if not K.any():
+        return rate**2
     sigma, most, definite = 0.0, 1e3 * float(np.abs(K).max()), -1.0
     while sigma <= most:
         moved = K + sigma * M
@@ -157,7 +160,7 @@ def _conservative(M: Array, K: Array) -> tuple[NDArray[np.complex128], Array]:
     import scipy.linalg as la  # slow to import
 
     K = 0.5 * (K + K.T)
-    sigma = _shift(M, K)
+    sigma = _shift(M, K, 1.0)
     try:
         mu, vectors = la.eigh(M, K + sigma * M)
     except la.LinAlgError:
@@ -176,7 +179,7 @@ def _general(M: Array, G: Array, K: Array) -> tuple[NDArray[np.complex128], NDAr
     import scipy.linalg as la  # slow to import
 
     n = len(M)
-    sigma = np.sqrt(_shift(M, 0.5 * (K + K.T)))
+    sigma = np.sqrt(_shift(M, 0.5 * (K + K.T), float(np.abs(G).max())))
     at_shift = la.lu_factor(M * sigma**2 + G * sigma + K)
     companion = np.zeros((2 * n, 2 * n))
     companion[:n, :n] = -la.lu_solve(at_shift, 2 * sigma * M + G)
