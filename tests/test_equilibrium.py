@@ -165,5 +165,5 @@ def test_an_arc_under_a_follower_force() -> None:
 def test_what_hangs_on_nothing_is_said() -> None:
     """A tangential follower force on a free body, a moment on a free joint: no balance, and the message says where."""
     wheel = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0)))])
-    with pytest.raises(ValueError, match="no equilibrium was found.*'link 0 revolute'"):
+    with pytest.raises(ValueError, match=r"no equilibrium was found.*'link 0 revolute'"):
         wheel.equilibrium(loads=[fa.Load(force=(0, 1.0, 0), axes="section")])

@@ -8,6 +8,7 @@ import pytest
 from arms import (
     BODY,
     STEEL,
+    STRIP,
     G,
     close,
     differences,
@@ -216,7 +217,7 @@ def test_to_control() -> None:
 def test_to_control_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(ImportError, match=r"pip install flexarm\[control\]"):
-        pendulum().linearize([0.0]).to_control()
+        pendulum().linearize([-np.pi / 2]).to_control()
 
 
 @pytest.mark.parametrize(
@@ -256,3 +257,18 @@ def test_loads_must_be_a_list() -> None:
     for call in (lambda: arm.modes(loads=load), lambda: fa.simulate(arm, [0, 1], loads=load)):
         with pytest.raises(ValueError, match=r"loads = Load\(.*must be a list of Load"):
             call()
+
+
+def test_a_state_that_falls_is_named() -> None:
+    """About a state that moves on, A and B hold for a moment only: the level pendulum falls, the level beam sags."""
+    arm = pendulum()
+    with pytest.warns(fa.StateWarning, match=r"does not rest .* is left on 'link 0 revolute'.*arm.equilibrium"):
+        arm.linearize([0.0])
+    arm.linearize(arm.equilibrium([0.1]))  # a warning is an error here
+    arm.linearize([0.0], tau=arm.bias([0.0], [0.0]))
+    arm.linearize([0.0], lock=[0], inputs=[])
+    arm.linearize([0.3], [2.0])  # named as it moves
+    beam = fa.Arm([fa.Link(fa.Fixed(), None, STRIP)], gravity=(0, -9.81, 0))
+    with pytest.warns(fa.StateWarning, match="'link 0 bending_y"):
+        beam.linearize(beam.zero, inputs=[])
+    beam.linearize(beam.equilibrium(), inputs=[])

@@ -5,6 +5,7 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 
 from ._core import __version__
 from .arm import Arm
+from .balance import StateWarning
 from .batch import batch_memory, simulate_batch
 from .batch_result import BatchResult
 from .chart import Chart, chart
@@ -101,6 +102,7 @@ __all__ = [
     "SimulationInterrupted",
     "Spherical",
     "StateFeedback",
+    "StateWarning",
     "StrainFeedback",
     "StrainGauge",
     "Sweep",

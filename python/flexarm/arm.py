@@ -474,5 +474,8 @@ class Arm:
 
         Raises:
             ValueError: bad arguments, naming the entry.
+
+        Warns:
+            StateWarning: v is zero, but the arm does not rest there (it falls, or sags): the model holds for a moment.
         """
         return linear.linearize(self, q, v, tau, inputs, outputs, lock, at_time(self, loads, t))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +14,35 @@ from ._check import Array, array
 if TYPE_CHECKING:
     from .arm import Arm
 
+_AT_REST = 1e-6  # parts of the forces at work by which a state at rest may be out of balance
 _LARGEST = 0.5  # of a step's turns (rad) and moves (parts of the arm's length): none may pass an equilibrium by
 _TRIES = 200  # Newton steps from the given start
 _TRIES_IN_STEPS = 40  # and for each step of the load
 _LEAST_SHARE = 1e-3  # of the load in one of its steps
+
+
+class StateWarning(UserWarning):
+    """A linear model was asked for about a state that does not last: nothing moves there, but the arm accelerates."""
+
+
+def warn_unless_at_rest(arm: Arm, at: tuple[Array, Array, Array], left: Array, tau: Array) -> None:
+    """StateWarning where the forces `left` (nv,) that nothing balances are not small beside weight, tau and elastic
+    forces, in the norm of M's diagonal.
+
+    at: M and K of the rates, and small displacements from where the elastic coordinates are zero, (nv,)."""
+    M, K, u = at
+    scale = 1.0 / np.sqrt(np.diag(M))
+    at_work = _weight(arm) + np.linalg.norm(scale * tau) + np.linalg.norm(scale * np.diag(K) * u)
+    if np.linalg.norm(scale * left) <= _AT_REST * at_work:
+        return
+    worst = int(np.abs(scale * left).argmax())
+    warnings.warn(
+        f"linearize: the arm does not rest at this q, so that the model holds for a moment only: {left[worst]:.3g} "
+        f"(N, N m) is left on '{arm.coordinates[worst]}', whose inertia is {M[worst, worst]:.3g}; take q from "
+        "arm.equilibrium(...), balance it with tau=arm.bias(q, v) or loads, or lock the joints that something holds",
+        StateWarning,
+        stacklevel=4,
+    )
 
 
 def displaced(arm: Arm, q: Array, E: Array, step: Array) -> Array:
@@ -57,13 +83,13 @@ class _Balance:
         self.rows = ~_ball_rates(arm)[free]  # where a potential means a symmetric Jacobian, in balance or not
 
     def residual(self, q: Array) -> Array:
-        r = self._core_residual(self.arm, q, self.v, self.loads) - self.tau[self.free]
+        r: Array = self._left_over(self.arm, q, self.v, self.loads) - self.tau[self.free]
         if self.share < 1.0:
-            nothing = self._core_residual(self.unloaded, q, self.zero, ())
+            nothing = self._left_over(self.unloaded, q, self.zero, ())
             r = self.share * r + (1.0 - self.share) * nothing
         return r
 
-    def _core_residual(self, arm: Arm, q: Array, v: Array, loads: Any) -> Array:
+    def _left_over(self, arm: Arm, q: Array, v: Array, loads: Any) -> Array:
         r: Array = np.asarray(arm._core.inverse_dynamics(q[None], v[None], self.zero[None], *loads)[0])[self.free]
         return r
 
@@ -88,12 +114,9 @@ class _Balance:
         """Whether K is symmetric. Follower forces and moments in space have no potential; nothing is downhill there."""
         off = K - K.T
         off[~self.rows] = off[:, ~self.rows] = 0.0
-        return bool(np.abs(off * self._scale(K)).max(initial=0.0) <= 1e-9)
-
-    @staticmethod
-    def _scale(K: Array) -> Array:
         d = np.sqrt(np.abs(np.diag(K)))
-        return 1.0 / np.maximum(np.outer(d, d), 1e-300 + 1e-12 * float(np.abs(K).max(initial=0.0)))
+        least = 1e-6 * float(np.abs(K).max(initial=0.0))
+        return bool((np.abs(off) <= 1e-9 * np.maximum(np.outer(d, d), least)).all())
 
 
 def _ball_rates(arm: Arm) -> NDArray[np.bool_]:

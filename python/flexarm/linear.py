@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._check import Array, array, choice, number
-from .balance import locked_rates
+from .balance import locked_rates, warn_unless_at_rest
 from .model import STRAIN_NAMES
 from .patch import capacitance, column_of
 
@@ -127,6 +127,8 @@ class _Point:
     a: Array
     E: Array
     X: Array
+    M: Array
+    K: Array  # dtau/d theta
 
     def rows(self, theta: Any, v: Any, a: Array | None = None) -> Array:
         """The rows of an output whose derivatives by coordinates, rates and accelerations are given (zero: None)."""
@@ -305,14 +307,15 @@ def _about(
     by_q, by_v = arm._core.inverse_derivatives(q, v, a, *loads)
     E = arm._core.rates(q, v)[2]
     M = arm.mass_matrix(q)
-    right = np.hstack([-by_q @ E, -by_v, *(i.force[:, None] for i in columns)])
+    K = by_q @ E
+    right = np.hstack([-K, -by_v, *(i.force[:, None] for i in columns)])
     X = np.zeros((nv, 2 * nv + len(columns)))
     for k, column in enumerate(columns):
         if column.rate >= 0:
             right[:, 2 * nv + k] -= M[:, column.rate]
             X[column.rate, 2 * nv + k] = 1.0
     X[free] = _solve(M[np.ix_(free, free)], right[free])
-    return _Point(arm, q, v, a, E, X)
+    return _Point(arm, q, v, a, E, X, M, K)
 
 
 def linearize(
@@ -342,6 +345,9 @@ def linearize(
     if outputs is None:
         outputs = [("joint", k) for k, link in enumerate(arm.links) if link.joint.nv]
     read = _read_outputs(point, outputs)
+    if not v0.any():
+        left = np.where(given, 0.0, point.M @ a0)
+        warn_unless_at_rest(arm, (point.M, point.K, point.E.T @ q0), left, forces)
     turns = np.hstack([-turning(arm, v0), np.eye(nv), np.zeros((nv, len(columns)))])
     Y = np.vstack([np.zeros((0, point.X.shape[1])), *(o.rows for o in read)])
     keep = np.flatnonzero(np.tile(~locked, 2))
