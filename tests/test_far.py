@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
 from typing import Any
 
@@ -35,7 +36,7 @@ def hinged() -> tuple[fa.Arm, float]:
     return fa.Arm([fa.Link(joint), fa.Link(fa.Revolute("y"), BODY)], GRAVITY), turn
 
 
-@pytest.mark.parametrize("order", [1, 2, 3, "exact"])
+@pytest.mark.parametrize("order", [1, 2, 3])
 def test_a_rod_twisted_by_many_turns_is_a_hinge(order: Any) -> None:
     arm, (hinge, turn) = twisted(order), hinged()
     angles = np.concatenate([[9, 11, 13, 30], np.linspace(-30, 30, 301)])
@@ -109,10 +110,12 @@ def test_a_first_factorisation_that_fails_under_control_is_an_error() -> None:
 
 # -- absurd sizes ------------------------------------------------------------------------------------------------------
 
-PATCH = fa.Patch(0.02, 0.1, width=0.003, thickness=3e-4, material=fa.Piezo(6e10, 0.3, 7800, -1.8e-10, permittivity=3e-8))
+PIEZO = fa.Piezo(6e10, 0.3, 7800, d31=-1.8e-10, permittivity=3e-8)
+PATCH = fa.Patch(0.02, 0.1, width=0.003, thickness=3e-4, material=PIEZO)
 ALL = {"bending_y": 1, "bending_z": 1, "torsion": 1, "shear_y": 1, "shear_z": 1}
 
 
+@functools.cache
 def absurd_arms() -> dict[str, fa.Arm]:
     def arm(joint: fa.Joint, order: Any, modes: dict[str, int] = ALL) -> fa.Arm:
         beam = fa.Beam(0.5, STRIP, STEEL, modes, order=order, patches=[PATCH])
