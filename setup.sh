@@ -5,18 +5,20 @@
 #   ./setup.sh lint          ruff, mypy, stubs and clang-format alone
 #   ./setup.sh asan          the C++ tests under the address and undefined-behaviour sanitizers
 # Missing system packages come from apt (as root or through sudo); with nothing missing, apt is never called.
-# FLEXARM_VENV chooses where the virtual environment goes (.venv unless set).
+# FLEXARM_VENV chooses where the virtual environment goes (.venv unless set). FLEXARM_SCENES=OFF goes without toml++: the
+# C++ library then has no load_arm.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 command=${1:-}
 case $command in
   demo) extra='' ;;
   test | lint | asan) extra='[test]' ;;
-  *) sed -n '2,8s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 2 ;;
+  *) sed -n '2,9s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 2 ;;
 esac
 shift
 venv=${FLEXARM_VENV:-.venv}
 [[ $venv == /* ]] || venv=$PWD/$venv
+scenes=${FLEXARM_SCENES:-ON}
 jobs=$(nproc 2>/dev/null || echo 2)
 export CMAKE_BUILD_PARALLEL_LEVEL=${CMAKE_BUILD_PARALLEL_LEVEL:-$jobs} PIP_DISABLE_PIP_VERSION_CHECK=1
 
@@ -47,9 +49,17 @@ has_cmake_package() { # FILE DIRECTORY: a CMake package in one of the usual pref
   return 1
 }
 
-has_tomlplusplus() { ${CXX:-c++} -std=c++17 -fsyntax-only -x c++ - <<<'#if !__has_include(<toml++/toml.h>)
+has_tomlplusplus() {
+  local prefixes prefix
+  ${CXX:-c++} -std=c++17 -fsyntax-only -x c++ - <<<'#if !__has_include(<toml++/toml.h>)
     #error
-    #endif' 2>/dev/null; }
+    #endif' 2>/dev/null && return
+  IFS=':;' read -ra prefixes <<<"${CMAKE_PREFIX_PATH:-}"
+  for prefix in "${prefixes[@]}" ${CONDA_PREFIX:+"$CONDA_PREFIX"}; do
+    [[ -f $prefix/include/toml++/toml.h ]] && return
+  done
+  return 1
+}
 
 find_missing() { # fills the array missing with Debian's package names
   missing=()
@@ -63,7 +73,7 @@ find_missing() { # fills the array missing with Debian's package names
     int main() { if constexpr (true) return std::optional<int>(0).value(); }' 2>/dev/null || missing+=(g++)
   has_cmake_package Eigen3Config.cmake eigen3 || missing+=(libeigen3-dev)
   has_cmake_package SUNDIALSConfig.cmake sundials || missing+=(libsundials-dev)
-  has_tomlplusplus || missing+=(libtomlplusplus-dev)
+  [[ $scenes == OFF ]] || has_tomlplusplus || missing+=(libtomlplusplus-dev)
   [[ -z $extra ]] || has_cmake_package doctestConfig.cmake doctest || missing+=(doctest-dev)
 }
 
@@ -72,14 +82,12 @@ install_missing() {
   if ((EUID != 0)); then
     if sudo -n true 2>/dev/null; then root=(sudo -n); elif [[ -t 0 ]] && command -v sudo >/dev/null; then root=(sudo); else root=(false); fi
   fi
-  if [[ ${root[*]} == false && ${missing[*]} == libtomlplusplus-dev ]]; then
-    say "without libtomlplusplus-dev, flexarm::load_arm is left out of the C++ library"
-    return
-  fi
   if [[ ${root[*]} == false ]] || ! command -v apt-get >/dev/null; then
     echo "flexarm needs system packages that are missing here: ${missing[*]}" >&2
     echo "On Debian or Ubuntu, as root:  apt-get install --no-install-recommends ${missing[*]}" >&2
     echo "If they are in an unusual place, put its prefix into CMAKE_PREFIX_PATH." >&2
+    [[ " ${missing[*]} " != *" libtomlplusplus-dev "* ]] ||
+      echo "To go without flexarm::load_arm in C++, for which libtomlplusplus-dev is: FLEXARM_SCENES=OFF $0 $command" >&2
     exit 1
   fi
   say "installing ${missing[*]} (apt)"
@@ -101,17 +109,18 @@ install_flexarm() {
   [[ $command != test ]] || tests=' with tests'
   now=$(find CMakeLists.txt cmake pyproject.toml LICENSE README.md licenses cpp/include cpp/src python -type f \
     ! -path '*/__pycache__/*' -print0 | LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum)
-  if "$venv/bin/python" -c 'import flexarm._core' 2>/dev/null && grep -qsF "$now$extra$tests" "$stamp"; then return; fi
+  if "$venv/bin/python" -c 'import flexarm._core' 2>/dev/null && grep -qsF "$now$scenes$extra$tests" "$stamp"; then return; fi
   say "building and installing flexarm$extra into $venv"
   python_has "$venv/bin/python" 'import pip' || "$(find_python)" -m venv "$venv"
   rm -f "$stamp"
-  local settings=(--config-settings=build-dir=build/setup)  # an editable install has its own
+  local settings=(--config-settings=build-dir=build/setup  # an editable install has its own
+    "--config-settings=cmake.define.FLEXARM_SCENES=$scenes")
   if [[ $command == test ]]; then  # the C++ tests with it, so that they try what is installed; warnings are errors for
     settings+=(--config-settings=cmake.define.FLEXARM_BUILD_TESTS=ON)  # us (CI), not for a newer compiler
     [[ -z ${CI:-} ]] || settings+=(--config-settings=cmake.define.FLEXARM_WERROR=ON)
   fi
   "$venv/bin/pip" install -q "${settings[@]}" ".$extra"
-  printf '%s\n' "$now$extra$tests" "$now$extra" "$now" >"$stamp"
+  printf '%s\n' "$now$scenes$extra$tests" "$now$scenes$extra" "$now$scenes" >"$stamp"
 }
 
 cpp_tests() {
@@ -123,7 +132,7 @@ sanitized_tests() {
   say "C++ tests under sanitizers"
   python_has "$venv/bin/python" 'import pip' || "$(find_python)" -m venv "$venv"
   "$venv/bin/pip" install -q cmake ninja
-  cmake --preset asan -DCMAKE_MAKE_PROGRAM="$venv/bin/ninja" -DFLEXARM_WERROR="${CI:+ON}" >build/asan.log 2>&1 ||
+  cmake --preset asan -DCMAKE_MAKE_PROGRAM="$venv/bin/ninja" -DFLEXARM_WERROR="${CI:+ON}" -DFLEXARM_SCENES="$scenes" >build/asan.log 2>&1 ||
     { cat build/asan.log >&2; return 1; }
   cmake --build --preset asan
   ctest --preset asan -j "$jobs"

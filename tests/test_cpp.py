@@ -310,7 +310,40 @@ def test_other_vector_flags_do_not_link_instead_of_crashing(examples: Path, tmp_
     how = "find_package(flexarm REQUIRED)\nadd_executable(main main.cpp)\ntarget_link_libraries(main flexarm::flexarm)"
     consume(tmp_path, how, f"-DCMAKE_PREFIX_PATH={examples.parent / 'prefix'}", "-DCMAKE_CXX_FLAGS=-mavx")
     done = run(CMAKE, "--build", tmp_path / "build", ok=False)
-    assert done.returncode != 0 and "this_file_has_other_vector_flags_than_the_flexarm_library" in done.stdout
+    said = done.stdout
+    assert done.returncode != 0 and "this_file_has_other_vector_flags_than_the_flexarm_library" in said
+    assert "sanitizers" not in said
+    consume(tmp_path, how, "-DCMAKE_CXX_FLAGS=-fsanitize=address")
+    said = run(CMAKE, "--build", tmp_path / "build", ok=False).stdout
+    assert "this_file_has_other_sanitizers_than_the_flexarm_library" in said and "vector_flags" not in said
+
+
+def test_temporary_arms_are_refused_where_they_would_be_kept(examples: Path) -> None:
+    head = "#include <flexarm/collocation.hpp>\nflexarm::Arm make_arm();\n"
+    folders = dict.fromkeys(re.findall(r"(-isystem|-I) ?(\S+)", (examples / "build.ninja").read_text()))
+    flags = ["-std=c++17", "-fsyntax-only", "-x", "c++", "-", *(word for pair in folders for word in pair)]
+    for made in ["ImplicitStep s({}, 1e-3)", "Rk4Step s({}, 1e-3)", "CollocationStep s({})"]:
+        for arm, right in [("arm", True), ("make_arm()", False), ("static_cast<const flexarm::Arm&&>(arm)", False)]:
+            text = f"{head}void f(const flexarm::Arm& arm) {{ flexarm::{made.format(arm)}; }}\n"
+            done = run(COMPILER, *flags, text=text, ok=False)
+            assert (done.returncode == 0) == right, done.stderr[-2000:]
+            assert right or "deleted" in done.stderr
+
+
+def test_shared_where_asked_for(tmp_path: Path) -> None:
+    how = f'add_subdirectory("{ROOT}" flexarm)\nget_target_property(kind flexarm TYPE)\n'
+    how += 'message(STATUS "kind ${kind}")'
+    for option, kind in [("ON", "SHARED"), ("OFF", "STATIC")]:
+        _, said = consume(tmp_path, how, f"-DBUILD_SHARED_LIBS={option}")
+        assert f"kind {kind}_LIBRARY" in said
+
+
+def test_a_build_without_toml_is_refused_unless_asked_for(tmp_path: Path) -> None:
+    hidden = ["-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={NINJA}", "-DFLEXARM_IDA=OFF", "-DFLEXARM_TOML_INCLUDE="]
+    done = run(CMAKE, *hidden, "-S", ROOT, "-B", tmp_path / "build", ok=False)
+    assert done.returncode != 0
+    assert "libtomlplusplus-dev" in done.stderr and "FLEXARM_SCENES=OFF" in done.stderr
+    run(CMAKE, *hidden, "-DFLEXARM_SCENES=OFF", "-S", ROOT, "-B", tmp_path / "build")
 
 
 def test_the_python_package_is_a_cmake_package(tmp_path: Path) -> None:

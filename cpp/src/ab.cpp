@@ -53,12 +53,13 @@ void articulate(const Arm& arm, Workspace& ws, std::size_t n) {
 }
 
 /// D = L L^T and W = L^-1 U^T.
-bool factor(ArticulatedLink& b) {
+Status factor(ArticulatedLink& b) {
   b.factor.compute(b.D);
-  if (b.factor.info() != Eigen::Success) return false;
+  if (b.factor.info() != Eigen::Success) return all_finite(b.D) ? Status::singular : Status::not_finite;
+  if (!all_finite(b.factor.matrixLLT().diagonal())) return Status::not_finite;
   b.W = b.U.transpose();
   b.factor.matrixL().solveInPlace(b.W);
-  return true;
+  return Status::ok;
 }
 
 /// Adds what the link above leaves of its bias (Eq. 95), through Phi^T.
@@ -94,7 +95,8 @@ Status eliminate(const Arm& arm, Workspace& ws, const Eigen::VectorXd& tau) {
     const int nf = static_cast<int>(b.free.size());
     link.mass_matrix_and_force<double>(s, Vec6<double>::Zero(), nullptr, b.N, b.Ne);
     articulate(arm, ws, n);
-    if (!factor(b)) return Status::singular;
+    const Status status = factor(b);
+    if (status != Status::ok) return status;
     if (!ws.loads.empty()) subtract_loads(arm, ws, n, b.N, b.Ne);
     if (link.beam()) {
       b.Ne.noalias() += link.beam()->stiffness() * s.qe;
@@ -162,7 +164,8 @@ Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
   }
   const Status status = eliminate(arm, ws, ws.feedback.empty() ? tau : ws.total);
   if (status == Status::ok) expand<true>(arm, ws, ws.a);
-  return status;
+  if (!all_finite(q) || !all_finite(v)) return Status::not_finite;
+  return status != Status::ok || all_finite(ws.a) ? status : Status::not_finite;
 }
 
 Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
@@ -174,7 +177,12 @@ Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q,
     add_feedback(ws.feedback, q, v, 1.0, ws.total);
     total = &ws.total;
   }
-  return ws.fast->forward(q.data(), v.data(), total->data(), ws.a.data()) ? Status::ok : Status::singular;
+  const bool good = ws.fast->forward(q.data(), v.data(), total->data(), ws.a.data());
+  const bool finite = all_finite(q) && all_finite(v) && all_finite(ws.a);
+  if (good && finite) return Status::ok;
+  // the kernels do not say why: a pivot may be too small, or not a number
+  const Status status = forward_dynamics_ab(arm, ws, q, v, tau);
+  return status == Status::ok && !good && finite ? Status::singular : status;
 }
 
 namespace {
@@ -242,10 +250,11 @@ Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, c
       b.D.bottomRightCorner(ne, ne) += shift.stiffness * link.beam()->stiffness();
       if (link.beam()->damped()) b.D.bottomRightCorner(ne, ne) += shift.damping * link.beam()->damping();
     }
-    if (!factor(b)) return Status::singular;
+    const Status status = factor(b);
+    if (status != Status::ok) return status;
   }
   if (!ws.feedback.empty()) factor_feedback(arm, ws, q, v, shift);
-  return Status::ok;
+  return std::isfinite(ws.twice_kinetic) ? Status::ok : Status::not_finite;
 }
 
 void solve_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& r, Eigen::VectorXd& x) {

@@ -9,10 +9,14 @@
 
 namespace flexarm {
 
-const char this_file_has_other_vector_flags_than_the_flexarm_library::FLEXARM_SAME_FLAGS = 0;
+const char this_file_has_other_vector_flags_than_the_flexarm_library::FLEXARM_SAME_VECTORS = 0;
+const char this_file_has_other_sanitizers_than_the_flexarm_library::FLEXARM_SAME_MALLOC = 0;
 
 Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::vector<Load>& applied)
-    : SweepWorkspace<double>(arm, applied), a(Eigen::VectorXd::Zero(arm.nv())), prescribed(given) {
+    : SweepWorkspace<double>(arm, applied), a(Eigen::VectorXd::Zero(arm.nv())), prescribed(given), nq_(arm.nq()) {
+  if (!given.empty() && given.size() != static_cast<std::size_t>(arm.nv()))
+    bad_value("prescribed", std::to_string(given.size()) + " entries",
+              "must be one for each of the arm's " + std::to_string(arm.nv()) + " rates, or none");
   prescribed.resize(static_cast<std::size_t>(arm.nv()), false);
   Eigen::Index widest = 0;
   for (std::size_t n = 0; n < arm.size(); ++n) {
@@ -53,6 +57,13 @@ FastPath& FastPath::operator=(FastPath&&) noexcept = default;
 FastPath::~FastPath() = default;
 
 void Workspace::feed_back(const std::vector<Feedback>& laws) {
+  for (const Feedback& law : laws)
+    if (law.column.size() != a.size() || law.by_v.size() != a.size() || law.by_q.size() != nq_)
+      bad_value("column, by_q, by_v of a feedback law",
+                std::to_string(law.column.size()) + ", " + std::to_string(law.by_q.size()) + ", " +
+                    std::to_string(law.by_v.size()),
+                "their lengths must be nv, nq, nv: " + std::to_string(a.size()) + ", " + std::to_string(nq_) + ", " +
+                    std::to_string(a.size()));
   feedback.clear();
   for (const Feedback& law : laws) feedback.push_back({&law});
   const Eigen::Index n = static_cast<Eigen::Index>(laws.size()), nv = a.size();
@@ -60,7 +71,7 @@ void Workspace::feed_back(const std::vector<Feedback>& laws) {
   feedback_matrix = Eigen::MatrixXd::Identity(n, n);
   feedback_x = Eigen::VectorXd::Zero(nv);
   feedback_rhs = feedback_share = Eigen::VectorXd::Zero(n);
-  feedback_factor = Eigen::PartialPivLU<Eigen::MatrixXd>(n);
+  feedback_factor.compute(feedback_matrix);
 }
 
 Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)

@@ -63,10 +63,10 @@ Status forward_dynamics_ci(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
     for (Eigen::Index l = 0; l < n; ++l) ws.M_free(k, l) = ws.M(i, ws.free[l]);
   }
   ws.factor.compute(ws.M_free);
-  if (ws.factor.info() != Eigen::Success) return Status::singular;
+  if (ws.factor.info() != Eigen::Success) return all_finite(ws.M_free) ? Status::singular : Status::not_finite;
   ws.factor.solveInPlace(ws.rhs);
   for (Eigen::Index k = 0; k < n; ++k) ws.a[ws.free[k]] = ws.rhs[k];
-  return Status::ok;
+  return all_finite(q) && all_finite(v) && all_finite(ws.a) ? Status::ok : Status::not_finite;
 }
 
 }  // namespace flexarm

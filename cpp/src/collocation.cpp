@@ -5,6 +5,7 @@
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
 #include "flexarm/quadrature.hpp"
+#include "sweeps.hpp"
 
 namespace flexarm {
 
@@ -53,7 +54,6 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
                               const Eigen::VectorXd& tau) {
   const Status status = forward_dynamics(*arm_, ws, q, v, tau);
   if (status != Status::ok) return status;
-  if (!ws.a.allFinite()) return Status::not_finite;
   a_.colwise() = ws.a;
   q_.colwise() = q;
   std::vector<Load> loads;
@@ -240,7 +240,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   if (status != Status::ok) {
     fresh_ = false;
     a_ = a_before_;  // what a shorter step will continue
-    return status;
+    return all_finite(q) && all_finite(v) && all_finite(tau) ? status : Status::not_finite;
   }
   h_ = h;
   inside(1.0, q, v);

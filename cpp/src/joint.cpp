@@ -95,7 +95,8 @@ Joint::Joint(std::vector<ElementaryMotion> motions, bool ball, std::vector<std::
   if (!forces_.empty() && static_cast<int>(forces_.size()) != nv())
     bad_value("forces", forces_.size(), "one for each freedom");
   for (std::size_t i = 0; i < forces_.size(); ++i) {
-    const JointForce& f = forces_[i];
+    JointForce& f = forces_[i];
+    if (std::isnan(f.stiction)) f.stiction = f.coulomb;
     const std::string at = "[" + std::to_string(i) + "]";
     non_negative("stiffness" + at, f.stiffness);
     non_negative("damping" + at, f.damping);
@@ -170,10 +171,10 @@ void Joint::move(const S* q, const S* v, JointMotion<S>& m) const {
   if (ball_) {
     const std::size_t n = motions_.size();
     const Vec3<S> e(q[n + 1], q[n + 2], q[n + 3]), w(v[n], v[n + 1], v[n + 2]);
-    const S scale = 2.0 / (q[n] * q[n] + e.dot(e));
+    const S square = q[n] * q[n] + e.dot(e), scale = 2.0 / square;
     const Mat3<S> et = tilde(e);
     Mat3<S> R = scale * (et * et) + (scale * q[n]) * et;
-    R.diagonal().array() += S(1);
+    R.diagonal().array() += 0.5 * (scale * square);  // 1; not a number where the square overflows
     turn(R, m);
     m.c.template tail<3>() += m.V.template tail<3>().cross(w);
     m.V.template tail<3>() += w;

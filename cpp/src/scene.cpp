@@ -88,8 +88,9 @@ std::vector<JointForce> read_forces(const At& joint, std::size_t n) {
   read("limit_stiffness", &JointForce::limit_stiffness);
   read("limit_damping", &JointForce::limit_damping);
   read("coulomb", &JointForce::coulomb);
-  for (JointForce& f : forces) f.stiction = f.coulomb;
   read("stiction", &JointForce::stiction);
+  for (const JointForce& f : forces)
+    if (joint.has("stiction") && std::isnan(f.stiction)) joint["stiction"].bad("must be finite, and at least coulomb");
   read("reflected_inertia", &JointForce::reflected_inertia);
   return forces;
 }

@@ -5,6 +5,7 @@
 #include "flexarm/check.hpp"
 #include "lanes/alpha.hpp"
 #include "lanes/single.hpp"
+#include "sweeps.hpp"
 
 namespace flexarm {
 
@@ -99,7 +100,6 @@ Status ImplicitStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::
                           const Eigen::VectorXd& tau) {
   const Status status = forward_dynamics(*arm_, ws, q, v, tau);
   if (status != Status::ok) return status;
-  if (!ws.a.allFinite()) return Status::not_finite;
   iteration_->alpha.begin(ws.a.data(), true);
   iteration_->alpha.h_before = 0.0;
   return Status::ok;
@@ -122,10 +122,12 @@ Status ImplicitStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen:
   alpha.predict(engine, h, ws.a.data());
   const bool good = alpha.iterate(engine, h, q.data(), v.data(), tau.data(), false);
   counts_ = {alpha.evaluations, alpha.factorisations, alpha.solves};
-  if (!good) {
+  const bool arrived = all_finite(q) && all_finite(v);
+  if (!good || !arrived) {
     std::copy(alpha.q0, alpha.q0 + q.size(), q.begin());
     std::copy(alpha.v0, alpha.v0 + v.size(), v.begin());
-    return tau.allFinite() ? Status::not_converged : Status::not_finite;
+    const bool sane = all_finite(q) && all_finite(v) && all_finite(tau) && all_finite(ws.a);
+    return good || !sane ? Status::not_finite : Status::not_converged;
   }
   alpha.end(h, true);
   std::copy(alpha.a0, alpha.a0 + v.size(), ws.a.begin());

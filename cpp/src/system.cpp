@@ -78,8 +78,9 @@ bool System::sample(double t) {
 bool System::record(Trajectory& out, bool composite) {
   ws.a = a;
   const Status status = composite ? forward_dynamics_ci(arm, ws, q, v, tau) : forward_dynamics_ab(arm, ws, q, v, tau);
-  if (status != Status::ok || !ws.a.allFinite()) {
-    out.failure = "the mass matrix is singular";
+  if (status != Status::ok) {
+    out.failure =
+        status == Status::singular ? "the mass matrix is singular" : "the accelerations are no longer finite numbers";
     return false;
   }
   a = ws.a;

@@ -13,8 +13,11 @@ using Eigen::Vector3d;
 namespace flexarm {
 namespace lanes {
 extern const Kernels kernels_base;
-#if defined(__x86_64__)
-extern const Kernels kernels_avx2, kernels_avx512;
+#ifdef FLEXARM_HAS_AVX2
+extern const Kernels kernels_avx2;
+#endif
+#ifdef FLEXARM_HAS_AVX512
+extern const Kernels kernels_avx512;
 #endif
 }  // namespace lanes
 }  // namespace flexarm
@@ -23,8 +26,10 @@ namespace {
 
 std::vector<const lanes::Kernels*> all_kernels() {
   std::vector<const lanes::Kernels*> out{&lanes::kernels_base};
-#if defined(__x86_64__)
+#ifdef FLEXARM_HAS_AVX2
   if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) out.push_back(&lanes::kernels_avx2);
+#endif
+#ifdef FLEXARM_HAS_AVX512
   if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq")) out.push_back(&lanes::kernels_avx512);
 #endif
   return out;
@@ -41,32 +46,33 @@ struct Fast {
   }
 };
 
-/// A place with beams bent by some tenths of their length, and rates.
-void place(const Arm& arm, double phase, Eigen::VectorXd& q, Eigen::VectorXd& v) {
+/// A place with beams bent by some tenths of their length (or turned by `bent` radians), and rates.
+void place(const Arm& arm, double phase, Eigen::VectorXd& q, Eigen::VectorXd& v, double bent = 0.1) {
   q = flexarm_test::wave(arm.nq(), phase, 1.0);
   v = flexarm_test::wave(arm.nv(), phase + 1.0, 1.0);
   for (std::size_t n = 0; n < arm.size(); ++n)
     for (int k = 0; k < arm.link(n).ne(); ++k) {
       const double size = 0.05 + arm.link(n).beam()->tip().linear.col(k).norm();
-      q[arm.first_q(n) + arm.link(n).joint().nq() + k] *= 0.1 / size;
+      q[arm.first_q(n) + arm.link(n).joint().nq() + k] *= bent / size;
       v[arm.first(n) + arm.link(n).nj() + k] *= 0.5 / size;
     }
 }
 
 /// Everything that the kernels offer, against the same on Eigen, in the size of the terms that are summed.
-void check(const Arm& arm, bool planar, const std::vector<bool>& given = {}) {
+void check(const Arm& arm, bool planar, const std::vector<bool>& given = {}, double bent = 0.1) {
   REQUIRE(arm.plan() != nullptr);
   CHECK(arm.plan()->layout().planar == planar);
   const int nv = arm.nv();
+  CAPTURE(nv);
   for (const lanes::Kernels* kernels : all_kernels()) {
-    CAPTURE(kernels->name);
+    CAPTURE(std::string(kernels->name));
     Fast fast(arm, *kernels, given);
     Workspace ws(arm, given);
     ws.fast = FastPath();
     take_composite(arm, ws);
     for (double phase : {0.1, 0.9, 2.0}) {
       Eigen::VectorXd q, v, x(nv), tau = flexarm_test::wave(nv, phase, 1.0), forces(nv);
-      place(arm, phase, q, v);
+      place(arm, phase, q, v, bent);
       x = flexarm_test::wave(nv, 2.0 * phase, 1.0);
       ws.a = x;
       CHECK(kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), x.data()));
@@ -134,7 +140,9 @@ TEST_CASE("planar arms run in the plane, with the results of space") {
       check(flat({0, 1, 0}, {0, 2, 0, 0, 1}, order, damping), true);
       check(flat({0, 0, 1}, {2, 0, 0, 2, 0}, order, damping), true);
     }
-  check(flat({0, 0, 1}, {3, 0, 0, 0, 0}, 2), true, {true});
+  std::vector<bool> first(9, false);
+  first[0] = true;
+  check(flat({0, 0, 1}, {3, 0, 0, 0, 0}, 2), true, first);
 }
 
 TEST_CASE("arms in space") {
@@ -143,7 +151,7 @@ TEST_CASE("arms in space") {
     check(flexarm_test::spatial_arm(order), false);
     check(flat({0, 0, 1}, {3, 3, 1, 0, 0}, order, 0.01), false);
     check(flat({0, 1, 0}, {2, 0, 0, 0, 0}, order), false);  // bends out of the plane of its joints
-    std::vector<bool> second(8, false);
+    std::vector<bool> second(15, false);
     second[7] = true;
     check(flat({0, 0, 1}, {2, 1, 1, 1, 1}, order), false, second);
   }
@@ -154,6 +162,82 @@ TEST_CASE("arms in space") {
   links.emplace_back(Joint::revolute({1, 0, 0}), flexarm_test::body(0.5, {0.1, 0, 0}), std::nullopt,
                      flexarm_test::body(0.1, {0, 0, 0.1}));
   check(Arm(std::move(links), {0, 0, -9.81}), false);
+}
+
+TEST_CASE("beams twisted and bent by many turns") {
+  for (double turned : {1.0, 2.9, 3.1, 3.3, 6.3, 9.4, 12.6, 21.0, 30.0})
+    for (int order : {1, 2}) {
+      CAPTURE(turned);
+      CAPTURE(order);
+      check(flat({0, 0, 1}, {0, 0, 2, 0, 0}, order), false, {}, turned);
+      check(flat({0, 0, 1}, {2, 2, 1, 0, 0}, order), false, {}, turned);
+      check(flexarm_test::spatial_arm(order), false, {}, turned);
+    }
+}
+
+TEST_CASE("a rod that only twists is a hinge with a spring and a rotor, however far it is turned") {
+  for (int order : {1, 2}) {
+    const Beam beam = flexarm_test::beam({0, 0, 1, 0, 0}, order);
+    const double turn = beam.tip().linear(3, 0);  // of the end, by the coordinate
+    double inertia = 0.0;
+    for (const MassSlice& s : beam.slices()) inertia += s.inertia[0] * std::pow(s.table.linear(3, 0), 2);
+    JointForce spring;
+    spring.stiffness = beam.stiffness()(0, 0) / (turn * turn);
+    spring.reflected_inertia = inertia / (turn * turn);
+    const Vector3d gravity(1.0, 2.0, -9.81);
+    const RigidBody body = flexarm_test::body(0.5, {0.1, 0, 0});
+    std::vector<Link> rod, hinge;
+    rod.emplace_back(Joint::fixed(), std::nullopt, beam, std::nullopt);
+    hinge.emplace_back(Joint({{true, {1, 0, 0}}}, false, {"twist"}, {spring}), std::nullopt, std::nullopt,
+                       std::nullopt);
+    for (std::vector<Link>* links : {&rod, &hinge})
+      links->emplace_back(Joint::revolute({0, 1, 0}), body, std::nullopt, std::nullopt);
+    const Arm twisted(rod, gravity), turned(hinge, gravity);
+    Workspace ws(turned);
+    for (const lanes::Kernels* kernels : all_kernels())
+      for (double angle = -30.0; angle <= 30.0; angle += 0.37) {
+        CAPTURE(std::string(kernels->name));
+        CAPTURE(angle);
+        Fast fast(twisted, *kernels, {});
+        const Eigen::Vector2d q(angle / turn, 0.7), v(8.0 / turn, -3.0), tau(0.02 * turn, 0.1);
+        Eigen::Vector2d a;
+        CHECK(kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), a.data()));
+        const Eigen::Vector2d scale(turn, 1.0);
+        REQUIRE(forward_dynamics_ab(turned, ws, q.cwiseProduct(scale), v.cwiseProduct(scale),
+                                    tau.cwiseQuotient(scale)) == Status::ok);
+        const Eigen::Vector2d expected = ws.a.cwiseQuotient(scale);
+        CHECK((a - expected).norm() < 1e-9 * expected.norm());
+      }
+  }
+}
+
+TEST_CASE("a tilt acts, however small it is") {
+  for (double along : {1.0, -1.0})
+    for (double tilt : {1e-15, 1e-12, 4e-8, -4e-8, 1e-6, 2e-6, -1e-4}) {
+      CAPTURE(along);
+      CAPTURE(tilt);
+      const Arm slider({Link(Joint::prismatic({0.0, tilt, along}), flexarm_test::body(1.0, {0.1, 0, 0}), std::nullopt,
+                             std::nullopt)},
+                       {0.0, 10.0, 0.0});
+      Workspace ws(slider);
+      const Eigen::VectorXd zero = Eigen::VectorXd::Zero(1);
+      REQUIRE(forward_dynamics(slider, ws, zero, zero, zero) == Status::ok);
+      CHECK(ws.a[0] == doctest::Approx(10.0 * tilt / std::sqrt(1.0 + tilt * tilt)).epsilon(1e-9));
+      // a vertical hinge out of the vertical, and the same by its seat: gravity turns it
+      RigidBody weight;
+      weight.mass = 2.0;
+      weight.com = {0.5, 0.0, 0.0};
+      Placement seat;
+      seat.rotation = Eigen::AngleAxisd(tilt, Vector3d::UnitX()).toRotationMatrix();
+      const std::vector<Joint> joints{Joint::revolute({0.0, -along * tilt, along}),
+                                      Joint({{true, {0, 0, along}}}, false, {"hinge"}, {}, seat)};
+      for (const Joint& joint : joints) {
+        const Arm hinge({Link(joint, weight, std::nullopt, std::nullopt)}, {0.0, 0.0, -10.0});
+        Workspace hung(hinge);
+        REQUIRE(forward_dynamics(hinge, hung, zero, zero, zero) == Status::ok);
+        CHECK(hung.a[0] == doctest::Approx(along * -20.0 * std::sin(tilt)).epsilon(1e-8));
+      }
+    }
 }
 
 TEST_CASE("what the kernels do not know takes the other way") {

@@ -38,10 +38,12 @@ Rows forward(const Arm& arm, const Rows& q, const Rows& v, const Rows& tau, cons
     ws.a = a.row(k);
     const Status status = ab ? forward_dynamics(arm, ws, q.row(k), v.row(k), tau.row(k))
                              : forward_dynamics_ci(arm, ws, q.row(k), v.row(k), tau.row(k));
-    if (status != Status::ok || !ws.a.allFinite())
+    if (status == Status::singular)
       bad_value("mass matrix at q", q.row(k),
                 "is not positive definite in double precision (at order 0: deflected beyond what its cut kinetic "
-                "energy allows), or the forces overflow");
+                "energy allows)");
+    if (status != Status::ok)
+      bad_value("accelerations at q", q.row(k), "are not finite; coordinates, rates or forces are too large");
     a.row(k) = ws.a;
   }
   return a;

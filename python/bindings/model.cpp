@@ -1,5 +1,6 @@
 #include "bindings.hpp"
 #include "flexarm/ab.hpp"
+#include "flexarm/check.hpp"
 #include "flexarm/load.hpp"
 
 using namespace flexarm;
@@ -124,6 +125,7 @@ void bind_model(py::module_& m) {
       .def(
           py::init([](double stiffness, double rest, double damping, double lower, double upper, double limit_stiffness,
                       double limit_damping, double coulomb, double stiction, double reflected_inertia) {
+            if (std::isnan(stiction)) bad_value("stiction", stiction, "must be finite, and at least coulomb");
             return JointForce{stiffness,       rest,          damping, lower,    upper,
                               limit_stiffness, limit_damping, coulomb, stiction, reflected_inertia};
           }),

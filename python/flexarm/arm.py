@@ -153,12 +153,15 @@ class Arm:
         return lead, rows
 
     def check_balls(self, field: str, q: Array) -> None:
-        """ValueError when a quaternion in q (..., nq) has no length."""
+        """ValueError when a quaternion in q (..., nq) has no length, or one whose square overflows."""
         for k, at in self.quaternions():
-            if (np.abs(q[..., at]).max(axis=-1, initial=0.0) < 1e-100).any():
-                raise ValueError(
-                    f"{field}[{at.start}:{at.stop}] = 0 0 0 0: the quaternion of link {k} must have a length"
-                )
+            size = np.abs(q[..., at]).max(axis=-1, initial=0.0)
+            for value, bad in (("0 0 0 0", size < 1e-100), (f"up to {size.max(initial=0.0):g}", size > 1e100)):
+                if bad.any():
+                    raise ValueError(
+                        f"{field}[{at.start}:{at.stop}] = {value}: the quaternion of link {k} must have a length, "
+                        "from 1e-100 to 1e100"
+                    )
 
     # -- dynamics ----------------------------------------------------------------------------------------------------
 
@@ -257,7 +260,7 @@ class Arm:
         """
         lead, (q,) = self._batch(q=q)
         p, R = self._core.frame(q, self._link(link), self._x(x))
-        return finite("frame", p).reshape(*lead, 3), R.reshape(*lead, 3, 3)
+        return finite("frame", p).reshape(*lead, 3), finite("frame", R).reshape(*lead, 3, 3)
 
     def jacobian(self, q: ArrayLike, link: int = -1, x: float | None = None) -> Array:
         """Jacobian (..., 6, nv) of such a frame: [linear; angular] velocity in world axes (Phi H of Eq. 91)."""
@@ -316,12 +319,14 @@ class Arm:
         """Charge (C) that strain brings onto the electrodes of a link's patch when they are short-circuited, (...): by
         reciprocity, the patch's forces per volt (Eq. 61) times the elastic coordinates."""
         lead, (q,) = batch({"q": self.nq}, q=q)
-        return _patch.charge(self, q, link, patch).reshape(lead)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return finite("charge", _patch.charge(self, q, link, patch)).reshape(lead)
 
     def patch_voltage(self, q: ArrayLike, link: int = 0, patch: int = 0) -> Array:
         """Voltage (V) of a link's patch when its electrodes are open, (...): -charge / capacitance, so that one that
         shrinks under a voltage shows it when stretched. What that voltage does to the motion is not in it."""
-        return -self.charge(q, link, patch) / self.capacitance(link, patch)
+        with np.errstate(over="ignore"):
+            return finite("patch voltage", -self.charge(q, link, patch) / self.capacitance(link, patch))
 
     def capacitance(self, link: int = 0, patch: int = 0) -> float:
         """Capacitance (F) of a link's patch, of a pair in parallel, with all strains held.
@@ -409,7 +414,8 @@ class Arm:
         """Exact dtau/dq (nv, nq), dtau/dv (nv, nv) and dtau/da = M (nv, nv) of `inverse_dynamics`, for one q (nq,) and
         v, a (nv,), by dual numbers through its sweeps. O(N^2)."""
         q, v, a = self._single(q=q, v=v, a=a)
-        return (*self._core.inverse_derivatives(q, v, a, *at_time(self, loads, t)), self.mass_matrix(q))
+        by_q, by_v = self._core.inverse_derivatives(q, v, a, *at_time(self, loads, t))
+        return finite("inverse derivatives", by_q), finite("inverse derivatives", by_v), self.mass_matrix(q)
 
     def forward_derivatives(
         self,
@@ -435,7 +441,10 @@ class Arm:
         return linear.forward_derivatives(self, q, v, tau, at_time(self, loads, t))
 
     def _single(self, **named: ArrayLike) -> list[Array]:
-        return [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
+        arrays = [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
+        if "q" in named:
+            self.check_balls("q", arrays[list(named).index("q")])
+        return arrays
 
     def linearize(
         self,

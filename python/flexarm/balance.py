@@ -289,6 +289,7 @@ def locked_rates(arm: Arm, lock: Iterable[Any] | None) -> NDArray[np.bool_]:
 def equilibrium(arm: Arm, q: ArrayLike | None, tau: ArrayLike | None, lock: Iterable[Any] | None, loads: Any) -> Array:
     """See Arm.equilibrium."""
     q0 = arm.zero if q is None else array("q", q, (arm.nq,))
+    arm.check_balls("q", q0)
     forces = np.zeros(arm.nv) if tau is None else array("tau", tau, (arm.nv,))
     free = ~locked_rates(arm, lock)
     q0, wrong = balance(arm, q0, np.zeros(arm.nv), np.where(free, forces, 0.0), free, True, loads)

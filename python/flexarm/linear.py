@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._check import Array, array, choice, number
+from ._check import Array, array, choice, finite, number
 from .balance import locked_rates, warn_unless_at_rest
 from .model import STRAIN_NAMES
 from .patch import capacitance, column_of
@@ -63,7 +63,7 @@ def forward_derivatives(arm: Arm, q: Array, v: Array, tau: Array, loads: Any = (
     """See Arm.forward_derivatives: M da = dtau - (dh/dq + d(M a)/dq) dq - dh/dv dv."""
     given, zero = [False] * arm.nv, np.zeros((1, arm.nv))
     a = arm._core.forward_dynamics(q[None], v[None], tau[None], "ab", given, zero, *loads)[0]
-    by_q, by_v = arm._core.inverse_derivatives(q, v, a, *loads)
+    by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, a, *loads))
     by_all = _solve(arm.mass_matrix(q), np.hstack([-by_q, -by_v, np.eye(arm.nv)]))
     return Derivatives(by_all[:, : arm.nq], by_all[:, arm.nq : -arm.nv], by_all[:, -arm.nv :])
 
@@ -304,7 +304,7 @@ def _about(
 ) -> _Point:
     """X from M_ff a_f + M_fg a_g + h_f = tau_f, f the free and g the given accelerations."""
     nv = arm.nv
-    by_q, by_v = arm._core.inverse_derivatives(q, v, a, *loads)
+    by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, a, *loads))
     E = arm._core.rates(q, v)[2]
     M = arm.mass_matrix(q)
     K = by_q @ E
@@ -331,6 +331,7 @@ def linearize(
     """See Arm.linearize."""
     nv, zero = arm.nv, np.zeros(arm.nv)
     q0 = array("q", q, (arm.nq,))
+    arm.check_balls("q", q0)
     v0 = zero if v is None else array("v", v, (nv,))
     locked = locked_rates(arm, lock)
     _check_balls(arm, locked, "lock")

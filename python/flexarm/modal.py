@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._check import Array, array, whole
+from ._check import Array, array, finite, whole
 from .balance import locked_rates, steady_state
 from .linear import turning
 
@@ -90,6 +90,7 @@ def modes(
     loads: Any = (),
 ) -> Modes:
     q0 = arm.zero if q is None else array("q", q, (arm.nq,))
+    arm.check_balls("q", q0)
     v0 = np.zeros(arm.nv)
     for i, value in arm.by_rate("speed", speed).items():
         v0[i] = array("speed", value, ())
@@ -100,7 +101,8 @@ def modes(
 
     # M dv + G v + K q = 0 for small motions; scaled so that M has a unit diagonal
     at = np.ix_(free, free)
-    by_q, by_v = arm._core.inverse_derivatives(q0, v0, np.zeros(arm.nv), *loads)
+    still = np.zeros(arm.nv)
+    by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q0, v0, still, *loads))
     _, _, E = arm._core.rates(q0, v0)  # dq = E v: small turns of a ball move its quaternion so
     M, W = np.asarray(arm._core.mass_matrix(q0[None])[0]), turning(arm, v0)
     # dv = d(theta)/dt + W theta: a ball's turn theta is measured in axes that turn with it

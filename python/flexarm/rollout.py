@@ -149,9 +149,12 @@ def prepared(out: Mapping[str, Array] | None, shapes: Mapping[str, tuple[int, ..
 
 def check_balls(arm: Arm, q: Array, field_name: str = "q0") -> None:
     for k, at in arm.quaternions():
-        bad = np.flatnonzero(np.abs(q[:, at]).max(axis=1) < 1e-100)
+        size = np.abs(q[:, at]).max(axis=1)
+        bad = np.flatnonzero((size < 1e-100) | (size > 1e100))
         if bad.size:
-            raise ValueError(f"{field_name}[{bad[0]}]: the quaternion of link {k} must have a length")
+            raise ValueError(
+                f"{field_name}[{bad[0]}]: the quaternion of link {k} must have a length, from 1e-100 to 1e100"
+            )
 
 
 def take_steps(

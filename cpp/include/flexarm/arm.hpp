@@ -9,18 +9,28 @@
 
 namespace flexarm {
 
-// Eigen takes memory, and lays out what it packs, as the vector flags (-mavx, -march=native) and sanitizers of a file
-// have it. A program whose files disagree with the library on that crashes; by this name it does not link instead.
-// Then compile the library with the flags of the program: as a part of its project, or by -DCMAKE_CXX_FLAGS=.
-#define FLEXARM_JOIN_(a, b, c, d) a##b##c##d
-#define FLEXARM_JOIN(a, b, c, d) FLEXARM_JOIN_(a, b, c, d)
-#define FLEXARM_SAME_FLAGS FLEXARM_JOIN(aligned_to_, EIGEN_DEFAULT_ALIGN_BYTES, _malloc_, EIGEN_MALLOC_ALREADY_ALIGNED)
-namespace this_file_has_other_vector_flags_than_the_flexarm_library {
-extern const char FLEXARM_SAME_FLAGS;
-#if defined(__GNUC__)
-[[gnu::used]] static const char* const checked = &FLEXARM_SAME_FLAGS;
+// Eigen takes memory, and lays out what it packs, as the vector flags (-mavx, -march=native) and the address sanitizer
+// of a file have it. A program whose files disagree with the library on that crashes; by these names it does not link
+// instead. Then compile the library with the flags of the program: as a part of its project, or by -DCMAKE_CXX_FLAGS=.
+#define FLEXARM_JOIN_(a, b) a##b
+#define FLEXARM_JOIN(a, b) FLEXARM_JOIN_(a, b)
+#define FLEXARM_SAME_VECTORS FLEXARM_JOIN(aligned_to_, EIGEN_DEFAULT_ALIGN_BYTES)
+#if EIGEN_DEFAULT_ALIGN_BYTES == 16 && !EIGEN_MALLOC_ALREADY_ALIGNED
+#define FLEXARM_SAME_MALLOC by_eigen
+#else
+#define FLEXARM_SAME_MALLOC by_the_system
 #endif
-}  // namespace this_file_has_other_vector_flags_than_the_flexarm_library
+namespace this_file_has_other_vector_flags_than_the_flexarm_library {
+extern const char FLEXARM_SAME_VECTORS;
+}
+namespace this_file_has_other_sanitizers_than_the_flexarm_library {
+extern const char FLEXARM_SAME_MALLOC;
+}
+#if defined(__GNUC__)
+[[gnu::used]] static const char* const flexarm_flags_are_those_of_the_library[] = {
+    &this_file_has_other_vector_flags_than_the_flexarm_library::FLEXARM_SAME_VECTORS,
+    &this_file_has_other_sanitizers_than_the_flexarm_library::FLEXARM_SAME_MALLOC};
+#endif
 
 namespace lanes {
 class Plan;

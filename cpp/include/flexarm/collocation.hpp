@@ -25,6 +25,7 @@ class CollocationStep final : public Step {
  public:
   /// @throws std::invalid_argument naming the field and the value
   explicit CollocationStep(const Arm& arm, const CollocationOptions& options = {});
+  explicit CollocationStep(const Arm&& arm, const CollocationOptions& options = {}) = delete;  ///< it must outlive this
   Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
   Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                  const Given& given) override;

@@ -40,8 +40,10 @@ struct JointForce {
   double stiffness = 0.0, rest = 0.0, damping = 0.0;
   double lower = -std::numeric_limits<double>::infinity(), upper = std::numeric_limits<double>::infinity();
   double limit_stiffness = 0.0, limit_damping = 0.0;
-  double coulomb = 0.0, stiction = 0.0;  ///< Coulomb friction (friction.hpp): sliding, and the most when sticking
-  double reflected_inertia = 0.0;        ///< of the rotor, seen at the joint: gear ratio squared times its own
+  double coulomb = 0.0;  ///< Coulomb friction (friction.hpp): sliding
+  /// The most when sticking, at least `coulomb`; unless it is given, which "not a number" says: as much as that.
+  double stiction = std::numeric_limits<double>::quiet_NaN();
+  double reflected_inertia = 0.0;  ///< of the rotor, seen at the joint: gear ratio squared times its own
 };
 
 class Joint {

@@ -69,6 +69,7 @@ class ImplicitStep final : public Step {
   /// @param h  step of operator() (s)
   /// @throws std::invalid_argument naming the field and the value
   ImplicitStep(const Arm& arm, double h, const ImplicitOptions& options = {});
+  ImplicitStep(const Arm&& arm, double h, const ImplicitOptions& options = {}) = delete;  ///< the arm must outlive it
 
   /// Advances by the step of the constructor; `start`s by itself the first time. tau is the force at the step's end.
   Status operator()(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
@@ -98,6 +99,7 @@ class Rk4Step final : public Step {
  public:
   /// @param h  step of operator() (s)
   Rk4Step(const Arm& arm, double h);
+  Rk4Step(const Arm&& arm, double h) = delete;  ///< the arm must outlive it
   /// Advances by the step of the constructor. tau and prescribed accelerations are constant over the step.
   Status operator()(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
     return advance(h_, ws, q, v, tau, {});

@@ -74,7 +74,9 @@ class FastPath {
 /// All memory of what costs O(N) is taken by the constructor; of CI, which takes O(N^2), see below.
 class Workspace : public SweepWorkspace<double> {
  public:
-  /// @param prescribed velocity coordinates whose acceleration is given (in `a`) and whose force is asked for
+  /// @param prescribed velocity coordinates whose acceleration is given (in `a`) and whose force is asked for: one
+  ///                   entry for each rate, or none
+  /// @throws std::invalid_argument naming the field and the value
   explicit Workspace(const Arm& arm, const std::vector<bool>& prescribed = {}, const std::vector<Load>& loads = {});
 
   Eigen::VectorXd a;             ///< result of forward_dynamics; input where prescribed
@@ -90,7 +92,9 @@ class Workspace : public SweepWorkspace<double> {
   Eigen::LLT<Eigen::MatrixXd> factor;
   Eigen::VectorXd rhs;
   /// Laws without memory that every evaluation takes into account from now on; they must outlive the workspace.
+  /// @throws std::invalid_argument where their lengths are not those of the arm
   void feed_back(const std::vector<Feedback>& laws);
+  void feed_back(const std::vector<Feedback>&& laws) = delete;  ///< they would be gone
   // Feedback in factor_shifted, by Woodbury's formula for S + columns slopes^T
   Eigen::MatrixXd feedback_slopes, feedback_columns;  ///< slopes; S^-1 columns (nv x laws)
   Eigen::MatrixXd feedback_matrix;                    ///< 1 + slopes^T S^-1 columns
@@ -98,6 +102,9 @@ class Workspace : public SweepWorkspace<double> {
   Eigen::VectorXd feedback_x, feedback_rhs, feedback_share;
   Eigen::VectorXd total;    ///< forces with those of feedback
   Eigen::MatrixXd columns;  ///< 6 x n scratch
+
+ private:
+  int nq_;
 };
 
 /// singular: a coordinate has no inertia. not_converged: an implicit step found no solution. not_finite: nan or inf.

@@ -129,6 +129,7 @@ struct Alpha {
         ++factorisations;
         scale = L::select(good, scale, L::larger(twice, kForget * scale));
         size = L::select(good, size, L::root(scale + fall));
+        if (L::all(good | bad)) break;  // an engine that could not factor has nothing to solve with
       }
       S work{}, residual{}, force{};
       for (int k = 0; k < engine.free_count; ++k) {

@@ -418,12 +418,6 @@ void bend(const Node& node, const double* constants, const double* points, const
     __builtin_memcpy(&out.M_angular[k], sum + at_lists + 4 * ne + 3 * k, sizeof(typename Sp::Lin));
     out.e[k] = sum[at_lists + k];
   }
-  typename Sp::Lin spun = Sp::zero();  // constant part of Mae dq
-  for (int k = 0; k < ne; ++k) {
-    const typename Sp::Lin rest = Sp::read(p);
-    out.M_angular[k] += rest;
-    spun += dq[k] * rest;
-  }
   typename Sp::Lin Py = Sp::zero(), Pz = Sp::zero();
   for (int d = 0; d < node.directed; ++d) {
     const int k = node.which[d];
@@ -472,7 +466,7 @@ void bend(const Node& node, const double* constants, const double* points, const
   const S trace = Q.xx + Q.yy + Q.zz;
   J = {J.xx + trace - Q.xx, J.yy + trace - Q.yy, J.zz + trace - Q.zz, J.xy - Q.xy, J.xz - Q.xz, J.yz - Q.yz};
   // the turning of slices brings its own gyroscopic moments: J of what is carried alone goes into w x J w
-  const typename Sp::Lin h = Sp::apply(J, w) + spun;
+  const typename Sp::Lin h = Sp::apply(J, w);
   const S tr = Py.y + Pz.z;
   n = Sp::cross(w, h) + typename Sp::Lin{sum[15], sum[16], sum[17]} + typename Sp::Lin{sum[24], sum[25], sum[26]} +
       number<S>(2.0) * (tr * w - typename Sp::Lin{S{}, Sp::dot(Py, w), Sp::dot(Pz, w)});

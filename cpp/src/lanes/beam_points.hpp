@@ -18,8 +18,6 @@ void for_products(const SliceTable& table, bool position, const Visit& visit) {
 /// Orthonormal functions that span the products of all slices' positions, times the root of the masses; columns. Made
 /// when first asked for.
 const Eigen::MatrixXd& basis_of(const Beam& beam);
-/// Slices that do for the inertia of rotation, and what they miss at rest. Made when first asked for.
-const BeamPoints& turning_of(const Beam& beam);
 
 }  // namespace lanes
 }  // namespace flexarm

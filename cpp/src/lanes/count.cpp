@@ -43,6 +43,9 @@ struct Lanes<Counted> {
   static Counted load(const double* p) { return Counted(*p); }
   static Counted select(bool m, const Counted& a, const Counted& b) { return m ? a : b; }
   static bool everywhere(bool m) { return m; }
+  static bool all(bool m) { return m; }
+  static Counted size(const Counted& a) { return a < 0.0 ? -a : a; }
+  static Counted root(const Counted& a) { return Counted::note(__builtin_sqrt(a.x)); }
   static Counted larger(const Counted& a, const Counted& b) { return a > b ? a : b; }
   static Counted smaller(const Counted& a, const Counted& b) { return a < b ? a : b; }
 };

@@ -12,8 +12,8 @@ void sine_cosine(const S& x, S& s, S& c) {
   const S whole = (x * 0.63661977236758134308 + kRound);
   const S n = whole - kRound;
   S r = ((x - n * 1.57079632673412561417e+00) - n * 6.07710050630396597660e-11) - n * 2.02226624879595063154e-21;
-  r = Lanes<S>::larger(number<S>(-1.0),
-                       Lanes<S>::smaller(number<S>(1.0), r));  // of what has no digits behind the point
+  constexpr double kDigits = 1e15;  // what has none behind the point has no sine: not a number, for all to see
+  r = Lanes<S>::select(Lanes<S>::size(x) < kDigits, r, number<S>(__builtin_nan("")));
   const S z = r * r;
   S a = number<S>(1.0 / 355687428096000.0), b = number<S>(1.0 / 20922789888000.0);
   a = a * z - 1.0 / 1307674368000.0;
@@ -58,10 +58,12 @@ struct TurnSeries {
 };
 constexpr TurnSeries kTurn;
 
-/// Of the rotation exp(t~) and its Jacobian, as functions of s = |t|^2; see spatial.hpp. Taylor series: to the last
-/// digit for turns up to pi.
+/// Of the rotation exp(t~) and its Jacobian, as functions of s = |t|^2; see spatial.hpp. Taylor series are right to the
+/// last digit for turns up to pi; sines take over where they are no longer needed for their digits.
 template <class S>
 struct Turn {
+  using L = Lanes<S>;
+  static constexpr double kSeries = 9.0;
   S a, b, c, db, dc;
   explicit Turn(const S& s) {
     const S ss = s * s;
@@ -70,6 +72,17 @@ struct Turn {
     db = sum(kTurn.of[2], s, ss);
     dc = sum(kTurn.of[3], s, ss);
     a = 1.0 - s * c;
+    const auto small = s < kSeries;
+    if (L::all(small)) return;
+    const S large = L::larger(number<S>(kSeries), s), over = 1.0 / large, t = L::root(large);
+    S sine, cosine;
+    sine_cosine(t, sine, cosine);
+    const S far_a = sine / t, far_b = (1.0 - cosine) * over, far_c = (1.0 - far_a) * over, half = 0.5 * over;
+    a = L::select(small, a, far_a);
+    b = L::select(small, b, far_b);
+    c = L::select(small, c, far_c);
+    db = L::select(small, db, half * (far_a - 2.0 * far_b));
+    dc = L::select(small, dc, half * (far_b - 3.0 * far_c));
   }
 
  private:

@@ -7,20 +7,27 @@ namespace flexarm {
 namespace lanes {
 
 extern const Kernels kernels_base;
-#ifdef FLEXARM_X86
-extern const Kernels kernels_avx2, kernels_avx512;
+#ifdef FLEXARM_HAS_AVX2
+extern const Kernels kernels_avx2;
+#endif
+#ifdef FLEXARM_HAS_AVX512
+extern const Kernels kernels_avx512;
 #endif
 
 namespace {
 
 const Kernels& choose() {
-#ifdef FLEXARM_X86
+#if defined(FLEXARM_HAS_AVX2) || defined(FLEXARM_HAS_AVX512)
   const char* asked = std::getenv("FLEXARM_ISA");
   const auto allowed = [&](const char* name) { return !asked || std::strcmp(asked, name) == 0; };
   const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+#endif
+#ifdef FLEXARM_HAS_AVX512
   const bool avx512 = avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
                       __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw");
   if (avx512 && allowed("avx512")) return kernels_avx512;
+#endif
+#ifdef FLEXARM_HAS_AVX2
   if (avx2 && (allowed("avx2") || allowed("avx512"))) return kernels_avx2;
 #endif
   return kernels_base;

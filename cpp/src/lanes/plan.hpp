@@ -14,10 +14,8 @@ namespace lanes {
 
 /// Of a beam, whatever link it is in.
 struct BeamPoints {
-  std::once_flag has_basis, has_turning;
-  Eigen::MatrixXd basis;           ///< functions that span what is quadratic, times the root of the slices' masses
-  std::vector<MassSlice> turning;  ///< slices for the inertia of rotation
-  Eigen::MatrixXd rest;            ///< what they miss of it at rest: J, Mae and Mee in one matrix of 3 + ne
+  std::once_flag has_basis;
+  Eigen::MatrixXd basis;  ///< functions that span what is quadratic, times the root of the slices' masses
 };
 
 class Plan {

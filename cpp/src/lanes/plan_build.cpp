@@ -14,7 +14,7 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr double kAligned = 1e-15;  // of an axis to a coordinate axis
+constexpr double kAligned = 2.3e-16;  // of a unit vector's components: rounding, with which it is still along an axis
 
 /// The world's axes that an arm moves in.
 struct Axes {
@@ -23,9 +23,10 @@ struct Axes {
   double sign = 1.0;        ///< of a turn about z, seen with x to y as positive
 };
 
+/// The axis that a unit vector is along, or -1. By what it has across: what it has along tells no tilt below 1e-8.
 int aligned(const Vector3d& axis, double& sign) {
   for (int k = 0; k < 3; ++k)
-    if (std::abs(std::abs(axis[k]) - 1.0) < kAligned) {
+    if (std::abs(axis[(k + 1) % 3]) < kAligned && std::abs(axis[(k + 2) % 3]) < kAligned) {
       sign = axis[k] > 0.0 ? 1.0 : -1.0;
       return k;
     }
@@ -33,7 +34,10 @@ int aligned(const Vector3d& axis, double& sign) {
 }
 
 bool is_identity(const Matrix3d& R) { return (R - Matrix3d::Identity()).cwiseAbs().maxCoeff() == 0.0; }
-bool turns_about(const Matrix3d& R, int z) { return std::abs(R(z, z) - 1.0) < kAligned; }
+bool turns_about(const Matrix3d& R, int z) {
+  double sign = 0.0;
+  return aligned(R.col(z), sign) == z && sign > 0.0;
+}
 
 Matrix3d second_moment_to_inertia(const Matrix3d& Q) { return Q.trace() * Matrix3d::Identity() - Q; }
 
@@ -162,8 +166,9 @@ struct Plan::Builder {
     int axis = aligned(motion.axis, sign);
     Matrix3d align = Matrix3d::Identity();  // its axis along a coordinate axis
     if (axis < 0) {
-      axis = axes.planar ? axes.x : 2;
-      align = Eigen::Quaterniond::FromTwoVectors(Vector3d::Unit(axis), motion.axis).toRotationMatrix();
+      motion.axis.cwiseAbs().maxCoeff(&axis);  // the smallest turn: one by nearly pi loses its digits
+      sign = motion.axis[axis] < 0.0 ? -1.0 : 1.0;
+      align = Eigen::Quaterniond::FromTwoVectors(Vector3d::Unit(axis), sign * motion.axis).toRotationMatrix();
     }
     Node& node = begin_node(turn * align);
     turn = align.transpose();
@@ -228,8 +233,7 @@ struct Plan::Builder {
   bool directions(const Beam& beam, Lists& lists) const;
   bool products(const Beam& beam, std::vector<Block>& blocks, int& of_position) const;
   void put_plane(const Link& link, const Stations& at);
-  void put_space(const Link& link, const Node& node, const Stations& at, const Mass& rotary, const MatrixXd& Mae,
-                 const MatrixXd& Mee);
+  void put_space(const Link& link, const Node& node, const Stations& at);
   void put_end(const Link& link, const Node& node);
 };
 
@@ -327,11 +331,10 @@ void Plan::Builder::put_plane(const Link& link, const Stations& at) {
 }
 
 /// Constants of bend() in space: of what is linear in the coordinates, less what the points have of it.
-void Plan::Builder::put_space(const Link& link, const Node& node, const Stations& at, const Mass& rotary,
-                              const MatrixXd& Mae, const MatrixXd& Mee_rotary) {
+void Plan::Builder::put_space(const Link& link, const Node& node, const Stations& at) {
   const Eigen::Index ne = node.ne;
   const VectorXd one = VectorXd::Ones(at.mass.size());
-  Mass body = rotary;
+  Mass body;
   body.add(link.hub(), Vector3d::Zero());
   body.m += at.mass.sum();
   Matrix3d Q;
@@ -341,9 +344,7 @@ void Plan::Builder::put_space(const Link& link, const Node& node, const Stations
   }
   body.J += second_moment_to_inertia(Q);
   put(body);
-  for (Eigen::Index k = 0; k < ne; ++k)
-    for (int i = 0; i < 3; ++i) put(Mae(i, k));
-  MatrixXd Mee = Mee_rotary;
+  MatrixXd Mee = MatrixXd::Zero(ne, ne);
   for (int d = 0; d < node.directed; ++d) {
     put(at.rest_of(one, at.linear.col(d)));
     for (int i = 0; i < 3; ++i) put(at.rest_of(at.rest.row(i), at.linear.col(d)));
@@ -421,9 +422,8 @@ bool Plan::Builder::add_beam(const Link& link, std::size_t n) {
   if (axes.planar) {
     put_plane(link, at);
   } else {
-    const BeamPoints& shared = turning_of(beam);
-    const MatrixXd& rest = shared.rest;
-    for (const MassSlice& s : shared.turning) {
+    // all slices: fewer would do for small turns alone
+    for (const MassSlice& s : beam.slices()) {
       const Vector3d I = s.inertia, root = I.cwiseSqrt();
       if (I.isZero(0.0)) continue;
       std::vector<double> p{root[0], root[1], root[2]};
@@ -432,9 +432,7 @@ bool Plan::Builder::add_beam(const Link& link, std::size_t n) {
       for_products(s.table, false, [&](double c) { p.push_back(c); });
       turning.push_back(std::move(p));
     }
-    Mass rotary;
-    rotary.J = rest.topLeftCorner<3, 3>();
-    put_space(link, node, at, rotary, rest.topRightCorner(3, node.ne), rest.bottomRightCorner(node.ne, node.ne));
+    put_space(link, node, at);
   }
   put_lower(beam.stiffness());
   if (node.damped) put_lower(beam.damping());

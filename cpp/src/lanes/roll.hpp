@@ -63,7 +63,7 @@ struct Rolled {
     for (int i = 0; i < nv; ++i) u -= of(job.by_v, law * nv + i) * v[i];
     const Pack most = of(job.limit, law);
     limited = L::size(u) >= most;
-    return L::smaller(L::larger(u, -most), most);
+    return L::smaller(most, L::larger(-most, u));  // in this order, what is not a number stays so
   }
   void add_feedback(const Pack* q, const Pack* v, double sign, Pack* tau) const {
     for (int l = 0; l < laws; ++l) {
@@ -203,10 +203,12 @@ struct Roller {
   /// Begins at the present state and forces, where they have changed.
   void begin(const PackMask& where, long step) {
     ++alpha.evaluations;
-    lose(~arms.accelerate(q, v, tau, x) & where, singular, step);
+    lose_runaways(step);
+    const PackMask good = arms.accelerate(q, v, tau, x);
     PackMask fine = L::everywhere(true);
     for (int i = 0; i < arms.nv; ++i) fine = fine & L::finite(x[i]);
     lose(~fine & where, not_finite, step);
+    lose(~good & where, singular, step);
     alpha.begin(x, where);
   }
 
