@@ -3,7 +3,7 @@
 #   ./setup.sh demo [ARGS]   install, then run `flexarm demo ARGS`
 #   ./setup.sh test [ARGS]   install, then run the C++ and Python tests (ARGS go to pytest) and the checks of lint
 #   ./setup.sh lint          ruff, mypy, stubs and clang-format alone
-#   ./setup.sh asan          the C++ tests under the address and undefined-behaviour sanitizers
+#   ./setup.sh asan          the C++ tests, and scenes drawn at random, under the address and undefined-behaviour sanitizers
 # Missing system packages come from apt (as root or through sudo); with nothing missing, apt is never called.
 # FLEXARM_VENV chooses where the virtual environment goes (.venv unless set). FLEXARM_SCENES=OFF goes without toml++: the
 # C++ library then has no load_arm.
@@ -128,14 +128,21 @@ cpp_tests() {
   ctest --test-dir build/setup --output-on-failure --no-tests=error -j "$jobs"
 }
 
-sanitized_tests() {
+sanitized_tests() { # C++ tests, and the properties of drawn scenes (tests/drawn) through the Python extension
+  local needed=(cmake ninja 'pybind11>=2.13' numpy scipy matplotlib rich h5py pytest hypothesis) copy=build/asan/python
   say "C++ tests under sanitizers"
   python_has "$venv/bin/python" 'import pip' || "$(find_python)" -m venv "$venv"
-  "$venv/bin/pip" install -q cmake ninja
-  cmake --preset asan -DCMAKE_MAKE_PROGRAM="$venv/bin/ninja" -DFLEXARM_WERROR="${CI:+ON}" -DFLEXARM_SCENES="$scenes" >build/asan.log 2>&1 ||
-    { cat build/asan.log >&2; return 1; }
+  "$venv/bin/pip" install -q "${needed[@]}"
+  cmake --preset asan -DCMAKE_MAKE_PROGRAM="$venv/bin/ninja" -DFLEXARM_WERROR="${CI:+ON}" -DFLEXARM_SCENES="$scenes" \
+    -DFLEXARM_PYTHON=ON -DPython_EXECUTABLE="$venv/bin/python" -Dpybind11_DIR="$("$venv/bin/python" -m pybind11 --cmakedir)" \
+    >build/asan.log 2>&1 || { cat build/asan.log >&2; return 1; }
   cmake --build --preset asan
   ctest --preset asan -j "$jobs"
+  say "Scenes drawn at random, under sanitizers"
+  rm -rf $copy && mkdir -p $copy && cp -r python/flexarm build/asan/_core*.so $copy/ && mv $copy/_core*.so $copy/flexarm/
+  LD_PRELOAD="$(${CXX:-c++} -print-file-name=libasan.so) $(${CXX:-c++} -print-file-name=libstdc++.so)" \
+    ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONPATH=$PWD/$copy PYTHONDONTWRITEBYTECODE=1 \
+    "$venv/bin/python" -m pytest -q -p no:cacheprovider tests/drawn
 }
 
 lint() {
