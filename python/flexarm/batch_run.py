@@ -164,7 +164,7 @@ class Job:
             arms, len(indices), schedule, q0, v0, tau, motions, pushes, loads, laws, self.integrator,
             self.options.get("spectral_radius"), self.options.get("rtol"), blocks, workers, alive,
         )  # fmt: skip
-        return failures_of(blocks["status"], blocks["reached"]), stats
+        return failures_of(arms, blocks), stats
 
     def _drives(self, setups: Sequence[Setup], schedule: Schedule) -> tuple[list[Any], list[Any]]:
         """(coordinate, values) of motions; (column, values) of torques and voltages."""

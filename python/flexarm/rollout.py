@@ -23,9 +23,9 @@ STEPPERS = ("implicit", "rk4")
 _REASONS = {
     1: "the mass matrix is singular",
     2: "the equations of a step could not be solved: take a smaller step",
-    3: "the motion ran away: take a smaller step, or look for what drives it",
+    3: "the motion ran away: take a smaller step, or look for what drives it: a control loop, order 1 at high speed",
 }
-NOT_DONE = 4
+RAN_AWAY, NOT_DONE = 3, 4
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Rollout:
     Attributes:
         t: times (s), (nout,). q: (B, nout, nq). v: (B, nout, nv). Rows after a failure are nan.
         status: (B,): 0 where all steps were taken; 1: the mass matrix is singular, 2: the equations of a step could not
-            be solved, 3: the motion ran away, 4: interrupted before the end.
+            be solved, 3: the motion ran away (nan, or a beam bent by ten times its length), 4: interrupted before the end.
         reached: (B,), time reached (s).
         failures: index, time and reason of each scenario that failed.
         stats: lanes (scenarios side by side), workers, steps, evaluations, factorisations, newton_iterations,
@@ -169,9 +169,18 @@ def take_steps(
     )  # fmt: skip
 
 
-def failures_of(status: NDArray[np.int32], reached: Array) -> list[Failure]:
-    bad = np.flatnonzero((status > 0) & (status != NOT_DONE))
-    return [Failure(int(i), float(reached[i]), _REASONS[int(status[i])]) for i in bad]
+def failures_of(arms: Sequence[Arm], blocks: Mapping[str, Any]) -> list[Failure]:
+    """Of scenarios with these arms (one, or one each), whose `blocks` the core has written."""
+    status, found = blocks["status"], []
+    for i in np.flatnonzero((status > 0) & (status != NOT_DONE)):
+        reason = _REASONS[int(status[i])]
+        if status[i] == RAN_AWAY and "q" in blocks and "v" in blocks:
+            done = int(np.isfinite(blocks["q"][i]).all(axis=1).sum())
+            arm = arms[0 if len(arms) == 1 else i]
+            who = arm._core.farthest_out(blocks["q"][i, done - 1], blocks["v"][i, done - 1]) if done else ""
+            reason = reason.replace(":", f" ({who} and grows):", 1) if who else reason
+        found.append(Failure(int(i), float(blocks["reached"][i]), reason))
+    return found
 
 
 def show_progress(progress: Any, what: str) -> Any:
@@ -289,7 +298,7 @@ def rollout(
     interrupted = stats.pop("interrupted")
     stats |= {"wall_time": time.perf_counter() - started}
     t = schedule.ends[schedule.rows]
-    result = Rollout(t, **blocks, failures=failures_of(blocks["status"], blocks["reached"]), stats=stats)
+    result = Rollout(t, **blocks, failures=failures_of(arms, blocks), stats=stats)
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
