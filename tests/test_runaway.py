@@ -104,7 +104,7 @@ def test_a_sampled_loop_is_named_above_its_limit_and_not_below(integrator: str, 
     assert w[0].message.control == 0 and w[0].message.growth == pytest.approx(np.log(1.1) / 0.01)
     assert w[0].filename == __file__
     assert str(pickle.loads(pickle.dumps(w[0].message))) == str(w[0].message)
-    with pytest.raises(fa.SimulationError, match=r"z = -3; it is stable with its gains below 0.5 .*the motion ran away"):
+    with pytest.raises(fa.SimulationError, match=r"z = -3; it is stable with its gains below 0.5 .*ran away"):
         fa.simulate(rigid(), t, v0=v0, control=damper(4.0, compiled=compiled), **steps(integrator))
 
 

@@ -36,7 +36,7 @@ std::string reason(Status status, double h, const Step& method, const System& s)
       break;
     case Status::not_finite:
       text << "the motion ran away in steps of " << h << " s";
-      if (const std::string who = s.arm.farthest_out(s.q, s.v); !who.empty()) text << " (" << who << " and grows)";
+      if (const std::string who = s.arm.farthest_out(s.q, s.v); !who.empty()) text << "; " << who << " and grows";
       text << ": " << method.remedy();
       break;
     default:

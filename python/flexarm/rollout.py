@@ -52,7 +52,8 @@ class Rollout:
     Attributes:
         t: times (s), (nout,). q: (B, nout, nq). v: (B, nout, nv). Rows after a failure are nan.
         status: (B,): 0 where all steps were taken; 1: the mass matrix is singular, 2: the equations of a step could not
-            be solved, 3: the motion ran away (nan, or a beam bent by ten times its length), 4: interrupted before the end.
+            be solved, 3: the motion ran away (nan, or a beam bent by ten times its length), 4: interrupted before
+            the end.
         reached: (B,), time reached (s).
         failures: index, time and reason of each scenario that failed.
         stats: lanes (scenarios side by side), workers, steps, evaluations, factorisations, newton_iterations,
@@ -176,9 +177,9 @@ def failures_of(arms: Sequence[Arm], blocks: Mapping[str, Any]) -> list[Failure]
         reason = _REASONS[int(status[i])]
         if status[i] == RAN_AWAY and "q" in blocks and "v" in blocks:
             done = int(np.isfinite(blocks["q"][i]).all(axis=1).sum())
-            arm = arms[0 if len(arms) == 1 else i]
+            arm = arms[0 if len(arms) == 1 else int(i)]
             who = arm._core.farthest_out(blocks["q"][i, done - 1], blocks["v"][i, done - 1]) if done else ""
-            reason = reason.replace(":", f" ({who} and grows):", 1) if who else reason
+            reason = reason.replace(":", f"; {who} and grows:", 1) if who else reason
         found.append(Failure(int(i), float(blocks["reached"][i]), reason))
     return found
 
