@@ -147,6 +147,25 @@ def test_strain_feedback_with_the_wrong_sign_is_named(integrator: str) -> None:
         fa.simulate(paper_link(1), np.linspace(0, 20, 201), control=law, **steps(integrator))
 
 
+def test_sampled_strain_feedback_is_named_above_its_known_limit() -> None:
+    """At 100 Hz the demo's loop is lost beyond Ks = -0.01332, docs/strain-feedback.md; without dry friction."""
+    from dataclasses import replace
+
+    from flexarm.demo_control import DRIVE_GAIN, KP, KV
+
+    link, t = fa.load("ist_control").arm.links[0], np.linspace(0, 8, 401)
+    free = fa.Arm([replace(link, joint=replace(link.joint, coulomb=0.0))])
+    measured = [("joint", 0), ("rate", 0), ("strain", 0, 0.0, "K3")]
+
+    def run(ks: float) -> fa.Result:
+        law = fa.Sampled(lambda _, y: -(np.array([KP, KV, ks]) @ y), 100, measured, motor=fa.Motor(DRIVE_GAIN))
+        return fa.simulate(free, t, [0.0, 1e-4, 1e-5, 0.0], control=law, integrator="gauss", step=5e-3)
+
+    run(0.95 * -0.01332)
+    with pytest.warns(fa.LoopWarning, match=r"sampled every 0.01 s, is unstable: .*below 0\.[67]"):
+        run(1.5 * -0.01332)
+
+
 def test_a_position_loop_with_the_wrong_sign() -> None:
     with pytest.warns(fa.LoopWarning, match=r"pole is 5 1/s; with the other sign of its gains it is stable"):
         fa.simulate(rigid(), np.linspace(0, 2, 21), [1e-3], control=fa.PD(-25 * INERTIA, 0.0))
