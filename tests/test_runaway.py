@@ -99,7 +99,8 @@ def test_a_sampled_loop_is_named_above_its_limit_and_not_below(integrator: str, 
     """kd h / I = 2: the rate is multiplied by 1 - kd h / I from sample to sample."""
     t, v0 = np.linspace(0, 2, 101), [0.1]
     fa.simulate(rigid(), t, v0=v0, control=damper(1.95, compiled=compiled), **steps(integrator))  # warnings are errors
-    with pytest.warns(fa.LoopWarning, match=r"control\[0\], sampled every 0.01 s, .* z = -1.1; .* below 0.95 ") as w:
+    said = r"control\[0\], sampled every 0.01 s, .* z = -1.1; .* below 0.95 of .*, or sampled every 0.005 s"
+    with pytest.warns(fa.LoopWarning, match=said) as w:
         fa.simulate(rigid(), t, v0=v0, control=damper(2.1, compiled=compiled), **steps(integrator))
     assert w[0].message.control == 0 and w[0].message.growth == pytest.approx(np.log(1.1) / 0.01)
     assert w[0].filename == __file__
@@ -231,3 +232,16 @@ def test_what_the_steps_have_seen_is_not_told(integrator: str) -> None:
     ):  # fmt: skip
         fa.simulate(rigid(), t, drive={0: fa.Torque(law)}, **steps(integrator))
     fa.simulate(paper_link(), t, drive={0: fa.Motion.spin_up(5.0, 0.4)}, **steps(integrator))
+
+
+@pytest.mark.parametrize("integrator", ["implicit", "rk4"])
+def test_batches_tell_of_pulses_between_half_steps(integrator: str) -> None:
+    t = np.linspace(0, 1, 11)
+
+    def run(law) -> None:
+        fa.simulate_batch(rigid(), t, np.zeros((2, 1)), drive={0: fa.Torque(law)}, integrator=integrator, step=0.02)
+
+    with pytest.warns(fa.PulseWarning, match="drive .* is 5 at t = 0.50"):
+        run(lambda t: 5.0 if 0.501 < t < 0.509 else 0.0)
+    run(lambda t: np.sin(20 * t))
+    run(lambda t: 5.0 if 0.45 < t < 0.7 else 0.0)

@@ -4,7 +4,7 @@ has grown."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -236,7 +236,7 @@ def _remedy(growth: Any, limit: float) -> str:
         return f"it is stable with its gains below {low:.2g} of what they are"
     if growth(-1.0) <= limit:
         return "with the other sign of its gains it is stable"
-    return "no share of its gains makes it stable: look at their signs"
+    return "no share of its gains down to 0.001 makes it stable"
 
 
 def unstable(
@@ -283,10 +283,16 @@ def unstable(
             continue
         names = " and ".join(f"control[{x.control}]" for x in chosen)
         how = _remedy(lambda f, s=sampling: s.growth(f)[0], quiet)
+        if not sampling.A.size:
+            for parts in (2, 4, 8, 16, 32, 64):
+                finer = [replace(x, period=x.period / parts) for x in chosen]
+                if _Sampling(F, G, finer).growth()[0] <= quiet:
+                    how += f", or sampled every {finer[0].period:g} s"
+                    break
         late = f" with a delay of {chosen[0].delay:g} s" if chosen[0].delay else ""
         return LoopWarning(
             f"the loop of {names}, sampled every {chosen[0].period:g} s{late}, is unstable: about the start its "
-            f"fastest pole is z = {_text(pole)}; {how}, or sample more often",
+            f"fastest pole is z = {_text(pole)}; {how}",
             chosen[0].control, grows,
         )  # fmt: skip
     return None

@@ -64,10 +64,11 @@ class Pace:
         self.last, self.warned = (self.begin, 0), False
 
     def __call__(self, now: float, steps: int) -> None:
-        span, step = self.end - self.begin, (now - self.last[0]) / max(steps - self.last[1], 1)
+        since, before = self.last
         self.last = now, steps
-        if self.warned or step <= 0.0:
+        if self.warned or steps <= before or now <= since:  # dry friction begins anew, and counts from there
             return
+        span, step = self.end - self.begin, (now - since) / (steps - before)
         expected = steps + (self.end - now) / step
         found = self.judge(now, steps, step, expected, span) if expected >= _MANY else None
         if found is not None:

@@ -19,7 +19,7 @@ struct Roll {
   const int *free, *coordinate;  ///< rates that are not prescribed; the coordinate of each rate
   int free_count;
   const double *farthest, *fastest;  ///< by lane: sizes of q and v that only a motion has that runs away (see Arm)
-  int laws;                                    ///< of feedback; their numbers, law by law:
+  int laws;                          ///< of feedback; their numbers, law by law:
   const double *column, *by_q, *by_v, *limit;  ///< nv, nq, nv, 1
   bool varies;                                 ///< whether `set` gives other values within a step than at its beginning
 
