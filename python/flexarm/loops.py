@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import _core
 from ._check import Array
 from .linear import _solve
 from .load import at_time
@@ -178,9 +179,9 @@ class _Sampling:
 def _sampled_loops(arm: Arm, controls: Sequence[Any], samplers: Sequence[Any], plant: Plant) -> list[_Loop]:
     """Of the sampled controllers that are linear, or were in this run."""
     from .control import _gain, _rows
-    from .sampled import LinearController, Sampled
+    from .sampled import Asked, LinearController, Sampled
 
-    found, laws = [], iter(samplers)
+    found, laws = [], (s for s in samplers if isinstance(s[3], (Asked, _core.LinearLaw)))
     n, total = arm.nv, plant.arm.nv
     for k, c in enumerate(controls):
         if not isinstance(c, Sampled) or c.memory or getattr(c, "continuous", False):
@@ -250,6 +251,17 @@ def unstable(
         both: the arm with the states of continuous controllers; q: the start, of both.
         times, loads: of the run. samplers: its sampled laws.
     """
+    try:
+        with np.errstate(all="ignore"):
+            return _unstable(arm, both, q, prescribed, times, loads, controls, samplers, time, failed)
+    except (ValueError, np.linalg.LinAlgError):  # a state that has no linear model: the run's own words must do
+        return None
+
+
+def _unstable(
+    arm: Arm, both: Arm, q: Array, prescribed: Sequence[int], times: Array, loads: Any, controls: Sequence[Any],
+    samplers: Sequence[Any], time: float, failed: bool,
+) -> LoopWarning | None:  # fmt: skip
     plant = Plant.of(both, q, prescribed, at_time(arm, loads, float(times[0])))
     if plant is None:
         return None

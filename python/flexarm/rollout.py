@@ -22,7 +22,7 @@ from .tables import Schedule, feedback_tables, motion_table
 STEPPERS = ("implicit", "rk4")
 _REASONS = {
     1: "the mass matrix is singular",
-    2: "the equations of a step could not be solved: take a smaller step",
+    2: "the equations of a step could not be solved: take a smaller step; with control, see whether its loop is stable",
     3: "the motion ran away: take a smaller step, or look for what drives it: a control loop, order 1 at high speed",
 }
 RAN_AWAY, NOT_DONE = 3, 4

@@ -33,7 +33,7 @@ def _row_reader(entry: Any, arm: Arm, k: int) -> _Reader:
     return lambda t, q, v, a: np.asarray(by_q @ q + by_v @ v)
 
 
-class _Asked:
+class Asked:
     """A law as the core asks it for forces, once a sample of one run."""
 
     def __init__(
@@ -93,7 +93,7 @@ class Sampled(Controller):
     def _law(self, arm: Arm, columns: Array, run: Run) -> Any:
         """What the core asks for forces, once a sample."""
         read = self._reader(arm, run.loads)
-        return _Asked(self.law, read, columns, self.limit, arm.nv + run.total)
+        return Asked(self.law, read, columns, self.limit, arm.nv + run.total)
 
     def _laws(self, arm: Arm, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
         units = np.array(_columns(arm, self.actuate)).T
