@@ -13,8 +13,9 @@ from ._check import Array
 if TYPE_CHECKING:
     from .arm import Arm
 
+_EXPLICIT = 2.83  # step times frequency up to which rk4 is stable
 _MANY = 2e5  # steps of a whole run, from which on it is looked at what they follow
-_ENDLESS = 1e8  # steps that are too many, whatever they follow
+_ENDLESS = 2e7  # steps that are too many, whatever they follow
 _APART = 300.0  # parts of the lowest frequency: modes beyond are hardly what a run is about
 _FOLLOWED = (0.003, 20.0)  # step times frequency of a mode that holds the steps down
 
@@ -38,18 +39,31 @@ class SlowWarning(UserWarning):
         return type(self), (str(self), self.time, self.steps, self.expected, self.frequency, self.step)
 
 
+def explicit_limit(arm: Arm, step: float) -> str:
+    """That of rk4 on this arm at rest, joints held, in words, if these steps are above; else ""."""
+    modes = _fast_modes(arm)
+    if modes is None or modes[0][-1] * step < _EXPLICIT:
+        return ""
+    w = float(modes[0][-1])
+    return f", here {w:.3g} rad/s of {modes[1]}: below {_EXPLICIT / w:.2g} s"
+
+
 def _fast_modes(arm: Arm) -> tuple[Array, str] | None:
     """Frequencies with the joints locked (rad/s), increasing, and which coordinate moves most in the highest mode; None
-    where they cannot be told."""
+    where there are none, or they cannot be told."""
+    elastic = [i for i, name in enumerate(arm.coordinates) if any(s in name for s in ("bending", "torsion", "shear"))]
+    if not elastic:
+        return None
     try:
         modes = type(arm)(arm.links).modes(lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
     except ValueError:
         return None
     order = np.argsort(modes.frequencies)
+    if not modes.frequencies[order[0]] > 0.0:
+        return None
     frequencies, shape = modes.frequencies[order], np.abs(modes.shapes[:, order[-1]])
     inertia = np.diag(arm.mass_matrix(arm.zero))  # what of the motion is whose
-    elastic = [i for i, name in enumerate(arm.coordinates) if any(s in name for s in ("bending", "torsion", "shear"))]
-    return frequencies[frequencies > 0.0], arm.coordinates[max(elastic, key=lambda i: inertia[i] * shape[i] ** 2)]
+    return frequencies, arm.coordinates[max(elastic, key=lambda i: inertia[i] * shape[i] ** 2)]
 
 
 class Pace:
@@ -81,7 +95,7 @@ class Pace:
             return loop
         so_far = f'integrator = "ida" has taken {steps} steps for {now - self.begin:.3g} s of {span:.3g} s, '
         modes = _fast_modes(self.arm)
-        if modes is not None and modes[0].size:
+        if modes is not None:
             w, name = modes
             slow = w[w < _APART * w[0]]
             fast = w[slow.size :]

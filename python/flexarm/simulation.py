@@ -16,7 +16,7 @@ from .arm import METHODS, Arm
 from .control import Controller, control_laws, extended, padded
 from .drive import Motion, Torque
 from .load import Load, at_time
-from .pace import Pace
+from .pace import Pace, explicit_limit
 from .patch import Voltage, patch_laws, split_drives
 from .pulses import PulseWarning, missed
 from .result import Result
@@ -114,13 +114,18 @@ def _leave_out_memory(out: dict[str, Any], arm: Arm) -> None:
     out["events"] = [(t, q[:, : arm.nq], v[:, : arm.nv]) for t, q, v in out["events"]]
 
 
-def _fail(failure: str, time: float, result: Result, loop: Warning | None, beyond: Warning | None) -> None:
+def _fail(
+    failure: str, time: float, step: float, result: Result, loop: Warning | None, beyond: Warning | None
+) -> None:
     """Raises the SimulationError, whose message begins with the cause, where that is known: not the step is to blame
     then."""
     cause = loop or softened(result.arm, result)
     if cause:
         what = failure.partition(": take ")[0].partition(": look ")[0]
         raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({what})", time, result)
+    limit = "over the highest frequency"
+    if limit in failure:  # rk4's
+        failure = failure.replace(limit, limit + explicit_limit(result.arm, step))
     more = f" ({beyond})" if beyond else ""
     raise SimulationError(f"stopped at t = {time:.9g} s: {failure}{more}", time, result)
 
@@ -326,7 +331,7 @@ def simulate(
     grown = failed or beyond is not None or loops.has_grown(result.v)
     loop = unstable(out["reached"] - float(times[0]), failed) if grown else None
     if failed:
-        _fail(out["failure"], out["reached"], result, loop, beyond)
+        _fail(out["failure"], out["reached"], h, result, loop, beyond)
     for warning in (loop or beyond, *_missed(arm, laws, wrenches, feedback, out["asked"], times)):
         if warning:
             warnings.warn(warning, stacklevel=2)
