@@ -167,6 +167,21 @@ def test_sampled_strain_feedback_is_named_above_its_known_limit() -> None:
         run(1.5 * -0.01332)
 
 
+def test_batches_name_the_loop_of_a_scenario_that_fails() -> None:
+    arm, ks = paper_link(), np.array([0.01, 1.0])
+
+    def law(k: float) -> fa.StrainFeedback:
+        return fa.StrainFeedback(2.0, 0.05, k, x=0.0, reference=0.1)
+
+    t = np.linspace(0, 3, 4)
+    with pytest.warns(fa.RangeWarning):
+        runs = fa.simulate_batch(arm, t, control=law(1.0), parameters={"control.0.ks": ks}, step=1e-3)
+    rolled = fa.rollout(arm, arm.zero, dt=1e-3, nstep=3000, feedback=[[law(k)] for k in ks])
+    for failures in (runs.failures, rolled.failures):
+        assert [f.index for f in failures] == [1]
+        assert "control[0] feeds energy in" in failures[0].reason and "bent by" in failures[0].reason
+
+
 def test_a_position_loop_with_the_wrong_sign() -> None:
     with pytest.warns(fa.LoopWarning, match=r"pole is 5 1/s; with the other sign of its gains it is stable"):
         fa.simulate(rigid(), np.linspace(0, 2, 21), [1e-3], control=fa.PD(-25 * INERTIA, 0.0))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core
+from . import _core, loops
 from ._check import Array, array, choice, known_keys, number, whole
 from .arm import Arm
 from .control import Controller
@@ -23,7 +23,7 @@ STEPPERS = ("implicit", "rk4")
 _REASONS = {
     1: "the mass matrix is singular",
     2: "the equations of a step could not be solved: take a smaller step; with control, see whether its loop is stable",
-    3: "the motion ran away: take a smaller step, or look for what drives it: a control loop, order 1 at high speed",
+    3: "the motion ran away: look for what drives it (a control loop, order 1 at high speed), or take a smaller step",
 }
 RAN_AWAY, NOT_DONE = 3, 4
 
@@ -184,6 +184,18 @@ def failures_of(arms: Sequence[Arm], blocks: Mapping[str, Any]) -> list[Failure]
     return found
 
 
+def explained(
+    failure: Failure, arm: Arm, q0: Array, prescribed: Sequence[int], times: Array, loads: Any, control: Any
+) -> Failure:
+    """With the loop of continuous control that is to blame, if one is."""
+    controls = [control] if isinstance(control, Controller) else list(control or ())
+    if not controls or failure.time <= times[0]:
+        return failure
+    time = failure.time - float(times[0])
+    loop = loops.unstable(arm, arm, q0, prescribed, times, loads, controls, [], time, True)
+    return failure if loop is None else replace(failure, reason=f"{loop} ({failure.reason.partition(':')[0]})")
+
+
 def show_progress(progress: Any, what: str) -> Any:
     """A context that gives a callable of the share done, or None; see `simulate`'s progress."""
     import contextlib
@@ -299,7 +311,12 @@ def rollout(
     interrupted = stats.pop("interrupted")
     stats |= {"wall_time": time.perf_counter() - started}
     t = schedule.ends[schedule.rows]
-    result = Rollout(t, **blocks, failures=failures_of(arms, blocks), stats=stats)
+    failures = [
+        explained(f, arms[f.index % len(arms)], q[f.index % len(q)], list(moved), schedule.ends, (),
+                  controls[f.index % len(controls)])
+        for f in failures_of(arms, blocks)
+    ]  # fmt: skip
+    result = Rollout(t, **blocks, failures=failures, stats=stats)
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
