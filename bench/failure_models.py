@@ -32,7 +32,7 @@ def softening() -> Entry:
             {
                 "order": order,
                 "growth at 30 rad/s (theory 21.474 for order 1), 1/s": f"{rate:.3f}" if order != "exact" else "-",
-                "tip after 1 s, from 1e-6 m (m)": f"{largest:.2e}" if order != "exact" else "-",
+                "tip after 1 s, from 1e-9 m (m)": f"{largest:.2e}" if order != "exact" else "-",
                 "spin-up to 20 rad/s: largest rotation (rad)": f"{turned:.3f}",
                 "tip's error / length": f"{np.linalg.norm(tip - truth, axis=1).max():.4f}",
             }

@@ -148,7 +148,7 @@ def test_order_one_diverges_above_its_critical_speed() -> None:
             tip[order] = np.abs(fa.simulate(paper_link(order), t, drive=drive).tip_deflection()[:, 1]).max()
         except fa.SimulationError as e:
             tip[order] = np.abs(e.result.tip_deflection()[:, 1]).max()
-    assert tip[1] > 1e3 and tip[2] < 0.2
+    assert 1.0 < tip[1] < 5.0 and tip[2] < 0.2  # given up at ten lengths
 
 
 def test_failure_returns_what_there_is() -> None:

@@ -210,7 +210,8 @@ def test_stiff_shear_at_a_millisecond(rho: float) -> None:
     plain = spatial_arm(damping=0.0)
     truth = fa.simulate(plain, t, v0=v0[: plain.nv], rtol=1e-8, atol=1e-10)  # without shear, which hardly bends these
     assert np.abs(r.frame()[0] - truth.frame()[0]).max() < 5e-3
-    with pytest.raises(fa.SimulationError, match=r"stopped at t = .*ran away in steps of 0\.001 s") as caught:
+    said = r"stopped at t = .*ran away in steps of 0\.001 s.* rad/s of link . shear_.*: below .*e-05 s"
+    with pytest.raises(fa.SimulationError, match=said) as caught:
         fa.simulate(arm, t, v0=v0, integrator="rk4", step=1e-3)
     error = caught.value
     assert 0 <= error.time < 1
@@ -227,8 +228,8 @@ def _stiffness(arm: fa.Arm) -> np.ndarray:
 
 def test_rk4_just_under_and_over_its_limit() -> None:
     """The classical method is stable on undamped vibration up to h w = 2 sqrt 2."""
-    w, n = 100.0, 2000
-    for x, stable in ((2.82, True), (2.84, False)):
+    w = 100.0
+    for x, stable, n in ((2.82, True, 2000), (2.84, False, 600)):
         h = x / w
         r = fa.simulate(slider(w * w), np.array([0, n * h]), [1e-3], integrator="rk4", step=1.0001 * h)
         assert r.stats["steps"] == n

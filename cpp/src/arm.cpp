@@ -1,6 +1,10 @@
 #include "flexarm/arm.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
+#include <sstream>
+#include <utility>
 
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
@@ -11,6 +15,30 @@ namespace flexarm {
 
 const char this_file_has_other_vector_flags_than_the_flexarm_library::FLEXARM_SAME_VECTORS = 0;
 const char this_file_has_other_sanitizers_than_the_flexarm_library::FLEXARM_SAME_MALLOC = 0;
+
+namespace {
+
+constexpr double kBeyond = 10.0;         // lengths of a beam: to bend so far means nothing at any order that is cut
+constexpr double kBeyondExact = 1000.0;  // the same where a beam may wind up
+constexpr double kMostTurns = 1e4;       // rad of a section against its base
+constexpr double kFastest = 1e12;        // rad/s or m/s of a joint
+constexpr double kNear = 1e-3;           // parts of these that are on the way there
+
+/// Lengths that the elastic coordinates move a section, and radians that they turn it, each by itself and at most.
+std::pair<Eigen::VectorXd, Eigen::VectorXd> largest_parts(const Beam& beam) {
+  Eigen::VectorXd moved = Eigen::VectorXd::Zero(beam.ne()), turned = moved;
+  const auto look = [&](const SliceTable& at) {
+    moved = moved.cwiseMax(at.linear.topRows<3>().colwise().norm().transpose() / beam.length());
+    turned = turned.cwiseMax(at.linear.bottomRows<3>().colwise().norm().transpose());
+  };
+  for (const MassSlice& slice : beam.slices()) look(slice.table);
+  look(beam.tip());
+  return {moved, turned};
+}
+
+double beyond(const Beam& beam) { return beam.order() == kExact ? kBeyondExact : kBeyond; }
+
+}  // namespace
 
 Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::vector<Load>& applied)
     : SweepWorkspace<double>(arm, applied), a(Eigen::VectorXd::Zero(arm.nv())), prescribed(given), nq_(arm.nq()) {
@@ -87,6 +115,19 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
     nv_ += link.nj() + link.ne();
     nq_ += link.joint().nq() + link.ne();
   }
+  farthest_ = Eigen::VectorXd::Constant(nq_, std::numeric_limits<double>::max());
+  fastest_ = Eigen::VectorXd::Constant(nv_, std::numeric_limits<double>::max());
+  for (std::size_t n = 0; n < size(); ++n) {
+    if (links_[n].mass() > 0.0) fastest_.segment(first_[n], links_[n].nj()).setConstant(kFastest);
+    if (links_[n].ne() == 0) continue;
+    const Beam& beam = *links_[n].beam();
+    const auto [moved, turned] = largest_parts(beam);
+    farthest_.segment(first_q_[n] + links_[n].joint().nq(), links_[n].ne()) =
+        (moved / beyond(beam))
+            .cwiseMax(turned / kMostTurns)
+            .cwiseInverse()
+            .cwiseMin(std::numeric_limits<double>::max());
+  }
   // Every coordinate must move some inertia, or no force law gives its acceleration. Tried at a place where
   // no two joints line up: what is left of a coordinate's inertia after elimination, against what it was.
   Workspace ws(*this);
@@ -143,6 +184,32 @@ std::vector<std::string> Arm::coordinates() const {
         names.push_back(prefix + kStrainFields[s].name + " " + std::to_string(i + 1));
   }
   return names;
+}
+
+std::string Arm::farthest_out(const Eigen::VectorXd& q, const Eigen::VectorXd& v) const {
+  const auto worst = [](const Eigen::VectorXd& x, const Eigen::VectorXd& limit, Eigen::Index& at) {
+    return x.cwiseAbs().cwiseQuotient(limit).unaryExpr([](double r) { return r >= 0.0 ? r : 1e300; }).maxCoeff(&at);
+  };
+  Eigen::Index bent = 0, moved = 0;
+  const double by_q = worst(q, farthest_, bent), by_v = worst(v, fastest_, moved);
+  std::ostringstream text;
+  text.precision(3);
+  if (!(std::max(by_q, by_v) > kNear)) return {};
+  if (by_v > by_q) {
+    text << "'" << coordinates()[static_cast<std::size_t>(moved)] << "' moves at " << v[moved] << " rad/s or m/s";
+    return text.str();
+  }
+  const std::size_t n = static_cast<std::size_t>(
+      std::upper_bound(first_q_.begin(), first_q_.end(), static_cast<int>(bent)) - first_q_.begin() - 1);
+  const Beam& beam = *links_[n].beam();
+  const auto [lengths, turns] = largest_parts(beam);
+  const auto qe = q.segment(first_q_[n] + links_[n].joint().nq(), beam.ne()).cwiseAbs();
+  text << "the beam of link " << n << " ";
+  if (const double most = qe.cwiseProduct(lengths).maxCoeff(); most * kMostTurns > qe.cwiseProduct(turns).maxCoeff())
+    text << "is bent by " << most << " times its length";
+  else
+    text << "turns its sections by " << qe.cwiseProduct(turns).maxCoeff() << " rad";
+  return text.str();
 }
 
 Eigen::MatrixXd Arm::patch_matrix() const {

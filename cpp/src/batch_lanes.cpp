@@ -34,6 +34,8 @@ LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::f
   rows_done_.resize(w);
   q_.resize(w * static_cast<std::size_t>(one.nq()));
   v_.resize(w * static_cast<std::size_t>(one.nv()));
+  farthest_.resize(q_.size());
+  fastest_.resize(v_.size());
   laws_.resize(w * p_.feedback.size() * static_cast<std::size_t>(2 * one.nv() + one.nq() + 1));
 }
 
@@ -57,6 +59,11 @@ void LaneGroup::pack_numbers() {
   }
   std::vector<bool> given(coordinate_.size(), true);
   for (int i : free_) given[static_cast<std::size_t>(i)] = false;
+  for (Index l = 0; l < width_; ++l) {
+    const Arm& a = arm(scenario(l));
+    for (Index i = 0; i < a.nq(); ++i) farthest_[static_cast<std::size_t>(i * width_ + l)] = a.farthest()[i];
+    for (Index i = 0; i < a.nv(); ++i) fastest_[static_cast<std::size_t>(i * width_ + l)] = a.fastest()[i];
+  }
   plan_ = lanes::Plan::side_by_side(plans, static_cast<int>(width_), given);
 }
 
@@ -160,6 +167,8 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   job.free = free_.data();
   job.coordinate = coordinate_.data();
   job.free_count = static_cast<int>(free_.size());
+  job.farthest = farthest_.data();
+  job.fastest = fastest_.data();
   job.laws = static_cast<int>(laws);
   job.column = column;
   job.by_q = by_q;

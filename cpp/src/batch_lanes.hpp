@@ -42,7 +42,7 @@ class LaneGroup {
   Eigen::Index width_, first_ = 0, count_ = 1;
   std::optional<lanes::Plan> plan_;
   lanes::Memory memory_;
-  std::vector<double> weight_, laws_, q_, v_;
+  std::vector<double> weight_, laws_, q_, v_, farthest_, fastest_;
   std::vector<int> free_, coordinate_, status_;
   std::vector<long> reached_;
   std::vector<Eigen::Index> rows_done_;

@@ -246,7 +246,10 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   inside(1.0, q, v);
   for (std::size_t n = 0; n < arm_->size(); ++n) arm_->link(n).joint().normalise(q.data() + arm_->first_q(n));
   if (given) given(1.0);
-  return q.allFinite() && v.allFinite() ? Status::ok : Status::not_finite;
+  if (arm_->within_reach(q, v)) return Status::ok;
+  q = q0_;
+  v = v0_;
+  return Status::not_finite;
 }
 
 void CollocationStep::inside(double c, Eigen::VectorXd& q, Eigen::VectorXd& v) const {

@@ -70,6 +70,13 @@ void IdaSystem::set(double t, const double* y, const double* yp) {
   }
 }
 
+bool IdaSystem::within_reach(const double* y) const {
+  bool all = true;
+  for (int k = 0; k < n_q(); ++k) all = all && std::abs(y[k]) <= arm.farthest()[free_q[k]];
+  for (int k = 0; k < n_v(); ++k) all = all && std::abs(y[n_q() + k]) <= arm.fastest()[ws.free[k]];
+  return all;
+}
+
 std::pair<Eigen::VectorXd, Eigen::VectorXd> IdaSystem::state() {
   Eigen::VectorXd y(size()), yp(size());
   coordinate_rates(arm, q, v, dq);

@@ -65,6 +65,8 @@ struct IdaSystem : System {
   int size() const { return n_q() + n_v(); }
   /// Current coordinates and rates from y, accelerations from yp if given, and the drives at time t.
   void set(double t, const double* y, const double* yp);
+  /// Whether the coordinates and rates of y are; see Arm.
+  bool within_reach(const double* y) const;
   /// y and dy/dt of the current coordinates, rates and accelerations.
   std::pair<Eigen::VectorXd, Eigen::VectorXd> state();
   /// F(t, y, y') of what `set` set.

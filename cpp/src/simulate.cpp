@@ -28,14 +28,16 @@ void check_step(double step, const Eigen::VectorXd& t) {
   if (span / step > kMostSteps) bad_value("step", step, "is too small: it would take more than 1e10 steps");
 }
 
-std::string reason(Status status, double h, const Step& method) {
+std::string reason(Status status, double h, const Step& method, const System& s) {
   std::ostringstream text;
   switch (status) {
     case Status::not_converged:
       text << "the equations of a step of " << h << " s could not be solved: take a smaller step";
       break;
     case Status::not_finite:
-      text << "the motion ran away in steps of " << h << " s: " << method.remedy();
+      text << "the motion ran away in steps of " << h << " s";
+      if (const std::string who = s.arm.farthest_out(s.q, s.v); !who.empty()) text << "; " << who << " and grows";
+      text << ": " << method.remedy();
       break;
     default:
       text << "the mass matrix is singular";
@@ -222,7 +224,7 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
       if (status != Status::ok) break;
       going = !alive || alive(out.reached);
     }
-    if (status != Status::ok) out.failure = reason(status, now.h, method);
+    if (status != Status::ok) out.failure = reason(status, now.h, method, s);
     if (!going && out.reached < t[t.size() - 1]) out.failure = kInterrupted;
     if ((!out.failure.empty() || out.terminated) && out.reached != stop) break;
     try {
@@ -231,8 +233,8 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
       out.failure = kInterrupted;
     }
     while (out.done < t.size() && t[out.done] <= stop && out.failure.empty())
-      if (!s.record(out, composite)) out.failure = reason(Status::not_finite, now.h, method);
-    if (status != Status::ok) out.failure = reason(status, now.h, method);
+      if (!s.record(out, composite)) out.failure = reason(Status::not_finite, now.h, method, s);
+    if (status != Status::ok) out.failure = reason(status, now.h, method, s);
     if (!out.failure.empty() || out.terminated) break;
   }
   const Step::Counts& after = method.counts();

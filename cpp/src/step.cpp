@@ -122,7 +122,7 @@ Status ImplicitStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen:
   alpha.predict(engine, h, ws.a.data());
   const bool good = alpha.iterate(engine, h, q.data(), v.data(), tau.data(), false);
   counts_ = {alpha.evaluations, alpha.factorisations, alpha.solves};
-  const bool arrived = all_finite(q) && all_finite(v);
+  const bool arrived = all_finite(q) && all_finite(v) && arm_->within_reach(q, v);
   if (!good || !arrived) {
     std::copy(alpha.q0, alpha.q0 + q.size(), q.begin());
     std::copy(alpha.v0, alpha.v0 + v.size(), v.begin());
@@ -168,7 +168,7 @@ Status Rk4Step::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
   v = v0_ + h / 6.0 * v_sum_;
   if (given) given(1.0);
   for (std::size_t n = 0; n < arm_->size(); ++n) arm_->link(n).joint().normalise(q.data() + arm_->first_q(n));
-  if (!q.allFinite() || !v.allFinite()) status = Status::not_finite;
+  if (!arm_->within_reach(q, v)) status = Status::not_finite;
   if (status != Status::ok) {
     q = q0_;
     v = v0_;

@@ -2,6 +2,7 @@
 
 #include "arms.hpp"
 #include "flexarm/ci.hpp"
+#include "flexarm/collocation.hpp"
 #include "flexarm/simulate.hpp"
 
 using namespace flexarm;
@@ -116,6 +117,36 @@ TEST_CASE("a step that fails leaves the state as it was") {
   tau[1] = 5.0;
   CHECK(once(ws, q, v, tau) == Status::not_converged);
   CHECK(q == q0);
+}
+
+TEST_CASE("a step out of any reach fails and leaves the state as it was") {
+  const Arm arm = flexarm_test::spatial_arm();
+  const Eigen::VectorXd tau = Eigen::VectorXd::Zero(arm.nv()), q0 = arm.zero();
+  const int bent = arm.first(1) + arm.link(1).nj();  // the first coordinate of the first beam
+  Eigen::VectorXd v0 = tau;
+  v0[bent] = 2.0 * arm.farthest()[bent] / 1e-6;
+  CHECK(arm.within_reach(q0, v0));
+  ImplicitStep implicit(arm, 1e-6);
+  Rk4Step rk4(arm, 1e-6);
+  CollocationStep gauss(arm);
+  for (Step* step : {static_cast<Step*>(&implicit), static_cast<Step*>(&rk4), static_cast<Step*>(&gauss)}) {
+    Workspace ws(arm);
+    Eigen::VectorXd q = q0, v = v0;
+    REQUIRE(step->start(ws, q, v, tau) == Status::ok);
+    CHECK(step->advance(1e-6, ws, q, v, tau, {}) != Status::ok);
+    CHECK(q == q0);
+    CHECK(v == v0);
+  }
+  Eigen::VectorXd q = q0, still = tau;
+  q[bent] = 2.0 * arm.farthest()[bent];
+  CHECK_FALSE(arm.within_reach(q, still));
+  CHECK(arm.farthest_out(q, still) == "the beam of link 1 is bent by 20 times its length");
+  q[bent] = std::nan("");
+  CHECK_FALSE(arm.within_reach(q, still));
+  still[0] = 1e13;
+  CHECK_FALSE(arm.within_reach(q0, still));
+  CHECK(arm.farthest_out(q0, still).find("moves at 1e+13") != std::string::npos);
+  CHECK(arm.farthest_out(q0, tau).empty());
 }
 
 TEST_CASE("bad steps are refused by name and value") {

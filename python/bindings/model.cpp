@@ -166,6 +166,7 @@ void bind_model(py::module_& m) {
       .def("patch_matrix", [](const Arm& a) { return Rows(a.patch_matrix()); })
       .def("first", &Arm::first, py::arg("link"))
       .def("first_q", &Arm::first_q, py::arg("link"))
-      .def("coordinate_of", &Arm::coordinate_of, py::arg("rate"));
+      .def("coordinate_of", &Arm::coordinate_of, py::arg("rate"))
+      .def("farthest_out", &Arm::farthest_out, py::arg("q"), py::arg("v"));
   bind_dynamics(arm);
 }

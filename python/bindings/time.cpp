@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <chrono>
 #include <memory>
 
@@ -35,9 +36,28 @@ T answer(const py::object& law, const char* name, double t, const char* right) {
   }
 }
 
-/// A drive from Python: a piecewise polynomial, or a callable t -> force, t -> (q, v, a).
-Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Eigen::VectorXd& column) {
+/// Where in time a callable has been asked: the last call in each of many equal parts of a run.
+struct Asked {
+  static constexpr Eigen::Index kParts = 1000;
+  double from, span;
+  Rows calls;  ///< time and values; a time of nan where there was none
+
+  Asked(const Eigen::VectorXd& t, Eigen::Index values)
+      : from(t[0]), span(t[t.size() - 1] - t[0]), calls(Rows::Constant(kParts, 1 + values, std::nan(""))) {}
+  void note(double t, const double* x) {
+    const auto k = std::clamp<Eigen::Index>(static_cast<Eigen::Index>((t - from) / span * kParts), 0, kParts - 1);
+    calls(k, 0) = t;
+    for (Eigen::Index i = 1; i < calls.cols(); ++i) calls(k, i) = x[i - 1];
+  }
+};
+/// Of each callable.
+using AllAsked = std::vector<std::shared_ptr<Asked>>;
+
+/// A drive from Python: a piecewise polynomial, or a callable t -> force, t -> (q, v, a), whose calls are noted.
+Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Eigen::VectorXd& column,
+                 const Eigen::VectorXd& times, AllAsked& all) {
   Drive d{coordinate, {}, {}, {}, column};
+  all.push_back(nullptr);
   if (py::isinstance<PiecewisePolynomial>(law)) {
     const auto p = law.cast<PiecewisePolynomial>();
     d.breaks = p.breaks();
@@ -46,20 +66,24 @@ Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Ei
     return d;
   }
   const auto shared = std::make_shared<py::object>(law);
+  const auto asked = std::make_shared<Asked>(times, is_motion ? 3 : 1);
+  all.back() = asked;
   if (is_motion) {
-    d.motion = [shared](double t) {
+    d.motion = [shared, asked](double t) {
       py::gil_scoped_acquire hold;
       const auto m = answer<std::array<double, 3>>(*shared, "Motion", t, "must give three numbers (q, v, a)");
       if (!std::isfinite(m[0]) || !std::isfinite(m[1]) || !std::isfinite(m[2]))
         bad_value("Motion at t", t, "gave nan or inf; q, v and a must be finite");
+      asked->note(t, m.data());
       return MotionValue{m[0], m[1], m[2]};
     };
   } else {
     const std::string name = column.size() > 0 ? "Voltage" : "Torque";
-    d.force = [shared, name](double t) {
+    d.force = [shared, asked, name](double t) {
       py::gil_scoped_acquire hold;
       const double f = answer<double>(*shared, name.c_str(), t, "must give one number");
       if (!std::isfinite(f)) bad_value(name + " at t", t, "gave nan or inf; it must be finite");
+      asked->note(t, &f);
       return f;
     };
   }
@@ -67,8 +91,9 @@ Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Ei
 }
 
 /// A load's value in time: six piecewise polynomials, or a callable t -> six numbers.
-LoadDrive make_load(const Load& load, const py::object& law) {
+LoadDrive make_load(const Load& load, const py::object& law, const Eigen::VectorXd& times, AllAsked& all) {
   LoadDrive d{load, {}, {}};
+  all.push_back(nullptr);
   if (py::isinstance<py::tuple>(law)) {
     const auto parts = law.cast<std::vector<PiecewisePolynomial>>();
     d.breaks = parts.at(0).breaks();
@@ -80,9 +105,11 @@ LoadDrive make_load(const Load& load, const py::object& law) {
     return d;
   }
   const auto shared = std::make_shared<py::object>(law);
-  d.wrench = [shared](double t) {
+  const auto asked = all.back() = std::make_shared<Asked>(times, 6);
+  d.wrench = [shared, asked](double t) {
     py::gil_scoped_acquire hold;
     const auto w = answer<std::array<double, 6>>(*shared, "Load", t, "must give six numbers");
+    asked->note(t, w.data());
     return Vec6<double>(Eigen::Map<const Vec6<double>>(w.data()));
   };
   return d;
@@ -131,13 +158,14 @@ using FeedbackLaws = std::vector<std::tuple<Eigen::VectorXd, Eigen::VectorXd, Ei
 /// (first, period, delay, law) of each sampled one.
 using SampledLaws = std::vector<std::tuple<double, double, double, py::object>>;
 
-Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, int nv) {
+Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, int nv, const Eigen::VectorXd& times,
+                     AllAsked& all) {
   std::vector<Feedback> laws;
   for (const auto& [column, by_q, by_v, reference, limit] : feedback) {
     Feedback f{column, by_q, by_v};
     f.limit = limit;
     if (!reference.is_none()) {
-      const Drive d = make_drive(0, false, reference, {});
+      const Drive d = make_drive(0, false, reference, {}, times, all);
       f.reference = d.force;
       f.breaks = d.breaks;
     }
@@ -181,12 +209,13 @@ struct Given {
 template <class Integrate>
 py::dict run(const Given& given, const Integrate& integrate) {
   const auto& alive = given.alive;
-  Control control = make_control(given.feedback, given.sampled, given.arm.nv());
   std::vector<Drive> laws;
+  AllAsked asked;  // in the order of drives, loads, and references of control
   for (const auto& [coordinate, is_motion, law, column] : given.drives)
-    laws.push_back(make_drive(coordinate, is_motion, law, column));
+    laws.push_back(make_drive(coordinate, is_motion, law, column, given.t, asked));
   std::vector<LoadDrive> wrenches;
-  for (const auto& [load, law] : given.loads) wrenches.push_back(make_load(load, law));
+  for (const auto& [load, law] : given.loads) wrenches.push_back(make_load(load, law, given.t, asked));
+  Control control = make_control(given.feedback, given.sampled, given.arm.nv(), given.t, asked);
   std::vector<Event> watched;
   for (std::size_t k = 0; k < given.events.size(); ++k)
     std::apply([&](const auto&... parts) { watched.push_back(make_event(k, parts...)); }, given.events[k]);
@@ -247,6 +276,9 @@ py::dict run(const Given& given, const Integrate& integrate) {
   out["terminated"] = r.terminated;
   out["events"] = event_rows(r);
   out["stats"] = stats;
+  py::list calls;
+  for (const auto& a : asked) calls.append(a ? py::cast(a->calls) : py::none());
+  out["asked"] = calls;
   return out;
 }
 
@@ -302,12 +334,18 @@ void bind_time(py::module_& m) {
       "simulate_ida",
       [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
          const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol, int max_order,
-         const std::string& linear_solver, bool composite, const std::function<void(double)>& alive,
-         const LoadLaws& loads, const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled) {
+         const std::string& linear_solver, const py::object& slow, bool composite,
+         const std::function<void(double)>& alive, const LoadLaws& loads, const EventLaws& events,
+         const FeedbackLaws& feedback, const SampledLaws& sampled) {
         const LinearSolver solver = linear_solver == "dense"   ? LinearSolver::dense
                                     : linear_solver == "chain" ? LinearSolver::chain
                                                                : LinearSolver::automatic;
-        const IdaOptions options{rtol, atol, max_order, composite, solver};
+        IdaOptions options{rtol, atol, max_order, composite, solver};
+        if (!slow.is_none())
+          options.slow = [&slow](double now, long steps) {
+            py::gil_scoped_acquire hold;
+            call(slow, now, steps);
+          };
         return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled},
                    [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
                        const auto& look_around, const auto& wrenches, const auto& watched, Control& control) {
@@ -316,8 +354,8 @@ void bind_time(py::module_& m) {
                    });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("rtol"),
-      py::arg("atol"), py::arg("max_order"), py::arg("linear_solver"), py::arg("composite"), py::arg("alive"),
-      py::arg("loads"), py::arg("events"), py::arg("feedback"), py::arg("sampled"));
+      py::arg("atol"), py::arg("max_order"), py::arg("linear_solver"), py::arg("slow"), py::arg("composite"),
+      py::arg("alive"), py::arg("loads"), py::arg("events"), py::arg("feedback"), py::arg("sampled"));
 
   m.def(
       "simulate_fixed",

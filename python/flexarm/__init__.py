@@ -28,12 +28,15 @@ from .joints import (
 from .linear import Derivatives, LinearModel
 from .link import Link
 from .load import Load
+from .loops import LoopWarning
 from .modal import Modes, ModeShapes
 from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody, Taper
 from .motor import Motor
+from .pace import SlowWarning
 from .patch import Patch, Piezo, Voltage
 from .placement import PatchPlacement, placement
 from .plan import Sweep, Vary, load_sweep
+from .pulses import PulseWarning
 from .reading import PowerSpectrum, Reading, psd
 from .result import Result
 from .rollout import BatchInterrupted, Failure, Rollout, rollout
@@ -73,6 +76,7 @@ __all__ = [
     "LinearModel",
     "Link",
     "Load",
+    "LoopWarning",
     "Material",
     "ModeShapes",
     "Modes",
@@ -86,6 +90,7 @@ __all__ = [
     "Planar",
     "PowerSpectrum",
     "Prismatic",
+    "PulseWarning",
     "RangeWarning",
     "Reading",
     "Rectangle",
@@ -100,6 +105,7 @@ __all__ = [
     "Shaper",
     "SimulationError",
     "SimulationInterrupted",
+    "SlowWarning",
     "Spherical",
     "StateFeedback",
     "StateWarning",

@@ -17,7 +17,7 @@ from .control import Controller, Run, _Feedback, _Sampler, padded
 from .drive import Motion, Torque
 from .load import Load
 from .patch import Voltage, column_of, split_drives
-from .rollout import NOT_DONE, STEPPERS, Failure, check_balls, failures_of, take_steps
+from .rollout import NOT_DONE, STEPPERS, Failure, check_balls, explained, failures_of, take_steps
 from .simulation import SimulationError, SimulationInterrupted, simulate
 from .tables import Schedule, breaks_of, feedback_tables, sampled, stacked, wrench_table
 from .variation import Setup, Variation
@@ -164,7 +164,12 @@ class Job:
             arms, len(indices), schedule, q0, v0, tau, motions, pushes, loads, laws, self.integrator,
             self.options.get("spectral_radius"), self.options.get("rtol"), blocks, workers, alive,
         )  # fmt: skip
-        return failures_of(blocks["status"], blocks["reached"]), stats
+        found = [
+            explained(f, s.arm, q0[f.index % len(q0)], [i for i, _ in motions], self.t, s.loads, s.control)
+            for f in failures_of(arms, blocks)
+            for s in [setups[f.index % len(setups)]]
+        ]
+        return found, stats
 
     def _drives(self, setups: Sequence[Setup], schedule: Schedule) -> tuple[list[Any], list[Any]]:
         """(coordinate, values) of motions; (column, values) of torques and voltages."""

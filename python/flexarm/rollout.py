@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core
+from . import _core, loops
 from ._check import Array, array, choice, known_keys, number, whole
 from .arm import Arm
 from .control import Controller
@@ -22,10 +22,10 @@ from .tables import Schedule, feedback_tables, motion_table
 STEPPERS = ("implicit", "rk4")
 _REASONS = {
     1: "the mass matrix is singular",
-    2: "the equations of a step could not be solved: take a smaller step",
-    3: "the motion ran away: take a smaller step, or look for what drives it",
+    2: "the equations of a step could not be solved: take a smaller step; with control, see whether its loop is stable",
+    3: "the motion ran away: look for what drives it (a control loop, order 1 at high speed), or take a smaller step",
 }
-NOT_DONE = 4
+RAN_AWAY, NOT_DONE = 3, 4
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,8 @@ class Rollout:
     Attributes:
         t: times (s), (nout,). q: (B, nout, nq). v: (B, nout, nv). Rows after a failure are nan.
         status: (B,): 0 where all steps were taken; 1: the mass matrix is singular, 2: the equations of a step could not
-            be solved, 3: the motion ran away, 4: interrupted before the end.
+            be solved, 3: the motion ran away (nan, or a beam bent by ten times its length), 4: interrupted before
+            the end.
         reached: (B,), time reached (s).
         failures: index, time and reason of each scenario that failed.
         stats: lanes (scenarios side by side), workers, steps, evaluations, factorisations, newton_iterations,
@@ -172,9 +173,30 @@ def take_steps(
     )  # fmt: skip
 
 
-def failures_of(status: NDArray[np.int32], reached: Array) -> list[Failure]:
-    bad = np.flatnonzero((status > 0) & (status != NOT_DONE))
-    return [Failure(int(i), float(reached[i]), _REASONS[int(status[i])]) for i in bad]
+def failures_of(arms: Sequence[Arm], blocks: Mapping[str, Any]) -> list[Failure]:
+    """Of scenarios with these arms (one, or one each), whose `blocks` the core has written."""
+    status, found = blocks["status"], []
+    for i in np.flatnonzero((status > 0) & (status != NOT_DONE)):
+        reason = _REASONS[int(status[i])]
+        if status[i] == RAN_AWAY and "q" in blocks and "v" in blocks:
+            done = int(np.isfinite(blocks["q"][i]).all(axis=1).sum())
+            arm = arms[0 if len(arms) == 1 else int(i)]
+            who = arm._core.farthest_out(blocks["q"][i, done - 1], blocks["v"][i, done - 1]) if done else ""
+            reason = reason.replace(":", f"; {who} and grows:", 1) if who else reason
+        found.append(Failure(int(i), float(blocks["reached"][i]), reason))
+    return found
+
+
+def explained(
+    failure: Failure, arm: Arm, q0: Array, prescribed: Sequence[int], times: Array, loads: Any, control: Any
+) -> Failure:
+    """With the loop of continuous control that is to blame, if one is."""
+    controls = [control] if isinstance(control, Controller) else list(control or ())
+    if not controls or failure.time <= times[0]:
+        return failure
+    time = failure.time - float(times[0])
+    loop = loops.unstable(arm, arm, q0, prescribed, times, loads, controls, [], time, True)
+    return failure if loop is None else replace(failure, reason=f"{loop} ({failure.reason.partition(':')[0]})")
 
 
 def show_progress(progress: Any, what: str) -> Any:
@@ -292,7 +314,12 @@ def rollout(
     interrupted = stats.pop("interrupted")
     stats |= {"wall_time": time.perf_counter() - started}
     t = schedule.ends[schedule.rows]
-    result = Rollout(t, **blocks, failures=failures_of(blocks["status"], blocks["reached"]), stats=stats)
+    failures = [
+        explained(f, arms[f.index % len(arms)], q[f.index % len(q)], list(moved), schedule.ends, (),
+                  controls[f.index % len(controls)])
+        for f in failures_of(arms, blocks)
+    ]  # fmt: skip
+    result = Rollout(t, **blocks, failures=failures, stats=stats)
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)

@@ -12,6 +12,7 @@ from . import _core
 from ._check import Array, array, number
 from .control import Controller, Run, _braking, _columns, _Feedback, _gain, _limit, _list, _rows, _Sampler, padded
 from .drive import Torque
+from .loops import Seen
 from .motor import Motor, finite, positive
 
 if TYPE_CHECKING:
@@ -30,6 +31,26 @@ def _sensor_reader(sensor: Any, arm: Arm, loads: Any) -> _Reader:
 def _row_reader(entry: Any, arm: Arm, k: int) -> _Reader:
     by_q, by_v = _rows(arm, [entry], k)
     return lambda t, q, v, a: np.asarray(by_q @ q + by_v @ v)
+
+
+class Asked:
+    """A law as the core asks it for forces, once a sample of one run."""
+
+    def __init__(
+        self, law: Callable[[float, Array], Any], read: _Reader, columns: Array, limit: float, size: int
+    ) -> None:
+        self.law, self.read, self.columns, self.limit, self.size = law, read, columns, limit, size
+        self.seen = Seen()
+
+    def __call__(self, t: float, q: Array, v: Array, a: Array) -> Array:
+        y = self.read(t, q, v, a)
+        u = np.atleast_1d(np.asarray(self.law(t, y), dtype=float))
+        if u.shape != (self.columns.shape[1],) or not np.isfinite(u).all():
+            raise ValueError(
+                f"control at t = {t}: the law gave {u.tolist()}; must be {self.columns.shape[1]} finite numbers"
+            )
+        self.seen.note(y, u)
+        return padded(self.columns @ np.clip(u, -self.limit, self.limit), self.size)
 
 
 class Sampled(Controller):
@@ -72,17 +93,7 @@ class Sampled(Controller):
     def _law(self, arm: Arm, columns: Array, run: Run) -> Any:
         """What the core asks for forces, once a sample."""
         read = self._reader(arm, run.loads)
-        law, limit = self.law, self.limit
-
-        def force(t: float, q: Array, v: Array, a: Array) -> Array:
-            u = np.atleast_1d(np.asarray(law(t, read(t, q, v, a)), dtype=float))
-            if u.shape != (columns.shape[1],) or not np.isfinite(u).all():
-                raise ValueError(
-                    f"control at t = {t}: the law gave {u.tolist()}; must be {columns.shape[1]} finite numbers"
-                )
-            return padded(columns @ np.clip(u, -limit, limit), arm.nv + run.total)
-
-        return force
+        return Asked(self.law, read, columns, self.limit, arm.nv + run.total)
 
     def _laws(self, arm: Arm, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
         units = np.array(_columns(arm, self.actuate)).T

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _core
-from ._check import array, choice, number, whole
+from . import _core, loops
+from ._check import Array, array, choice, number, whole
 from .arm import METHODS, Arm
 from .control import Controller, control_laws, extended, padded
 from .drive import Motion, Torque
 from .load import Load, at_time
+from .pace import Pace, explicit_limit
 from .patch import Voltage, patch_laws, split_drives
+from .pulses import PulseWarning, missed
 from .result import Result
 from .validity import out_of_range
-from .watch import Watch
+from .watch import Watch, softened
 
 INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
 LINEAR_SOLVERS = ("auto", "dense", "chain")
@@ -112,6 +114,36 @@ def _leave_out_memory(out: dict[str, Any], arm: Arm) -> None:
     out["events"] = [(t, q[:, : arm.nq], v[:, : arm.nv]) for t, q, v in out["events"]]
 
 
+def _fail(
+    failure: str, time: float, step: float, result: Result, loop: Warning | None, beyond: Warning | None
+) -> None:
+    """Raises the SimulationError, whose message begins with the cause, where that is known: not the step is to blame
+    then."""
+    cause = loop or softened(result.arm, result)
+    if cause:
+        what = failure.partition(": take ")[0].partition(": look ")[0]
+        raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({what})", time, result)
+    limit = "over the highest frequency"
+    if limit in failure:  # rk4's
+        failure = failure.replace(limit, limit + explicit_limit(result.arm, step))
+    more = f" ({beyond})" if beyond else ""
+    raise SimulationError(f"stopped at t = {time:.9g} s: {failure}{more}", time, result)
+
+
+def _missed(
+    arm: Arm, laws: Any, wrenches: Any, feedback: Any, asked: Any, times: Array
+) -> Iterator[PulseWarning | None]:
+    """What the steps have not seen of callables: of drives, of loads, of the references of control."""
+    names = [f"drive of '{arm.coordinates[i]}'" if not len(column) else "voltage" for i, _, _, column in laws]
+    names += [f"loads[{k}]" for k in range(len(wrenches))]
+    callables = [law for _, _, law, _ in laws] + [law for _, law in wrenches]
+    references = [law for _, _, _, law, _ in feedback if law is not None]
+    names += ["reference of control"] * len(references)
+    for name, law, calls in zip(names, callables + references, asked, strict=True):
+        if calls is not None:
+            yield missed(name, law, calls, float(times[0]), float(times[-1]))
+
+
 def simulate(
     arm: Arm,
     t: ArrayLike,
@@ -191,8 +223,8 @@ def simulate(
     Joints with dry friction (`coulomb`, `stiction`) stick and slide: the times of switching are found as events are,
     and the integrator begins anew behind them. What sticks is exactly still.
 
-    No step passes over a sample of a drive, nor over an output time where a drive is a callable: a pulse of a callable
-    that lies wholly between two output times can be missed.
+    No step passes over a sample of a drive. With "ida", nor over an output time where a drive is a callable; a pulse of
+    a callable between steps can still be missed: a thousand places are looked at after the run.
 
     Returns:
         Its `t_events`, `q_events` and `v_events` hold what occurred. When a terminal event ended the run, that is no
@@ -205,6 +237,10 @@ def simulate(
 
     Warns:
         RangeWarning: a beam bent further than its order is good for, at the output times.
+        LoopWarning: instead, if a control loop that is linear, and that no limit holds, is unstable about the start,
+            and the run has grown.
+        PulseWarning: a callable does something between two steps that none of them has seen.
+        SlowWarning: "ida" takes very many steps; what they follow, if that is known, and what to do. While it runs.
         WatchWarning: what `watch` asks for.
     """
     choice("method", method, METHODS)
@@ -265,12 +301,20 @@ def simulate(
     radius = number("spectral_radius", 1.0 if spectral_radius is None else spectral_radius)
     h = number("step", 0.0 if step is None else step)
 
+    def unstable(time: float, failed: bool) -> loops.LoopWarning | None:
+        if control is None:
+            return None
+        controls = [control] if isinstance(control, Controller) else list(control)
+        start = padded(state["q0"], both.nq)
+        return loops.unstable(arm, both, start, prescribed, times, loads, controls, sampled, time, failed)
+
     def integrate(alive: Any = None) -> dict[str, Any]:
         start = (padded(state["q0"], both.nq), padded(state["v0"], both.nv), padded(state["tau"], both.nv))
         motion = (both._core, laws, times, *start)
         ci, rest = method == "ci", (wrenches, watched, feedback, sampled)
         if integrator == "ida":
-            return _core.simulate_ida(*motion, rtol, atol, order, linear_solver, ci, alive, *rest)
+            pace = Pace(arm, times, lambda time: unstable(time, False))
+            return _core.simulate_ida(*motion, rtol, atol, order, linear_solver, pace, ci, alive, *rest)
         return _core.simulate_fixed(*motion, integrator, h, rtol, radius, stages, ci, alive, *rest)
 
     out = _with_progress(integrate, progress, times)
@@ -283,12 +327,14 @@ def simulate(
         result.t_events, result.q_events, result.v_events = (list(x) for x in zip(*out["events"], strict=True))
     if out["failure"] == "interrupted":
         raise SimulationInterrupted(f"interrupted at t = {out['reached']:.9g} s", out["reached"], result)
-    beyond = out_of_range(arm, result.t, result.q)
-    if out["failure"]:
-        message = f"stopped at t = {out['reached']:.9g} s: {out['failure']}"
-        raise SimulationError(f"{message} ({beyond})" if beyond else message, out["reached"], result)
-    if beyond:
-        warnings.warn(beyond, stacklevel=2)
+    beyond, failed = out_of_range(arm, result.t, result.q), bool(out["failure"])
+    grown = failed or beyond is not None or loops.has_grown(result.v)
+    loop = unstable(out["reached"] - float(times[0]), failed) if grown else None
+    if failed:
+        _fail(out["failure"], out["reached"], h, result, loop, beyond)
+    for warning in (loop or beyond, *_missed(arm, laws, wrenches, feedback, out["asked"], times)):
+        if warning:
+            warnings.warn(warning, stacklevel=2)
     if watch:
         (Watch.usual(arm) if watch is True else watch).warn(result)
     return result

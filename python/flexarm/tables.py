@@ -15,6 +15,7 @@ from .arm import Arm
 from .control import control_laws
 from .drive import Motion
 from .load import Load
+from .pulses import tell_missed
 
 _SAME = 1e-6  # parts of a step by which two times are still one, as the integrators have it
 _MOST = 100_000_000  # steps
@@ -104,7 +105,9 @@ def sampled(where: str, law: Any, t: Array, width: int) -> Array:
             t = t[:1]
         return np.ascontiguousarray(_pieces(law, t)[:, :width])
     values = [array(f"{where} at t = {x}", law(x), (3,) if width == 3 else ()) for x in t.tolist()]
-    return np.array(values).reshape(-1, width)
+    table = np.array(values).reshape(-1, width)
+    tell_missed(where, law, t, table)
+    return table
 
 
 def wrench_table(where: str, load: Load, t: Array) -> Array:
@@ -112,7 +115,9 @@ def wrench_table(where: str, load: Load, t: Array) -> Array:
     t = t[:1] if load.constant else t
     if isinstance(load.law, tuple):
         return np.stack([_pieces(part, t)[:, 0] for part in load.law], axis=1)
-    return np.array([array(f"{where} at t = {x}", load.law(x), (6,)) for x in t.tolist()])
+    table = np.array([array(f"{where} at t = {x}", load.law(x), (6,)) for x in t.tolist()])
+    tell_missed(where, load.law, t, table)
+    return table
 
 
 def breaks_of(law: Any) -> Array:

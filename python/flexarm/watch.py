@@ -56,6 +56,21 @@ def first_frequency(arm: Arm) -> float:
         return np.nan
 
 
+def softened(arm: Arm, result: Result) -> str:
+    """Which beam of order 1 turns faster than its first frequency at the end of a run, where it diverges; or ""."""
+    for k, link in enumerate(arm.links):
+        if link.beam is None or link.beam.order != 1 or not link.beam.ne:
+            continue
+        spin = float(np.linalg.norm(arm.velocity(result.q[-1], result.v[-1], k, 0.0)[3:]))
+        frequency = first_frequency(arm)
+        if spin > frequency:
+            return (
+                f"link {k}: at order 1 a beam softens as it turns, and diverges above its first frequency: this one "
+                f"turns at {spin:.3g} rad/s, the frequency is {frequency:.3g}; take order = 2"
+            )
+    return ""
+
+
 def readings(arm: Arm, result: Result, frequency: float = np.nan) -> dict[tuple[str, int], Array]:
     """By (what, link), each monitor along a run, (nt,). Costs some microseconds a row and beam.
 

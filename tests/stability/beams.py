@@ -41,7 +41,7 @@ def growth_at_speed(order: int | str, speed: float, time: float = 1.0) -> tuple[
     spin = fa.Motion(lambda x: (speed * x, speed, 0.0))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fa.RangeWarning)  # that is what is to be seen
-        r = fa.simulate(arm, t, arm.zero + np.eye(arm.nq)[1] * 1e-6, drive={0: spin}, rtol=1e-8, atol=1e-14)
+        r = fa.simulate(arm, t, arm.zero + np.eye(arm.nq)[1] * 1e-9, drive={0: spin}, rtol=1e-8, atol=1e-17)
     tip = np.abs(r.tip_deflection()[:, 1])
     half = len(t) // 2
     rate = np.polyfit(t[half:], np.log(tip[half:] + 1e-300), 1)[0]

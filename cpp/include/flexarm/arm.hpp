@@ -58,6 +58,17 @@ class Arm {
   Eigen::MatrixXd patch_matrix() const;
   /// A label per rate, such as "link 0 bending_y 1".
   std::vector<std::string> coordinates() const;
+  /// Sizes of coordinates (nq) and rates (nv) that no sane motion comes near: elastic coordinates that by themselves
+  /// move a section by 10 times the beam's length (1000 times where the rotation is exact: coils) or turn it by 1e4
+  /// rad, and joints at 1e12 rad/s or m/s. The largest double for all others: joints travel as far as they like.
+  const Eigen::VectorXd& farthest() const { return farthest_; }
+  const Eigen::VectorXd& fastest() const { return fastest_; }
+  /// Whether all are finite and below those: else the motion has run away.
+  bool within_reach(const Eigen::VectorXd& q, const Eigen::VectorXd& v) const {
+    return (q.array().abs() <= farthest_.array()).all() && (v.array().abs() <= fastest_.array()).all();
+  }
+  /// Which beam or joint is the nearest to those, or the farthest beyond, in words; empty where none is anywhere near.
+  std::string farthest_out(const Eigen::VectorXd& q, const Eigen::VectorXd& v) const;
   /// What the fast kernels run on, or null: arms with balls, or with beams of order 0, 3 or exact.
   const lanes::Plan* plan() const { return plan_.get(); }
 
@@ -66,6 +77,7 @@ class Arm {
   Eigen::Vector3d gravity_;
   std::vector<int> first_, first_q_, coordinate_of_;
   int nq_ = 0, nv_ = 0;
+  Eigen::VectorXd farthest_, fastest_;
   std::shared_ptr<const lanes::Plan> plan_;
 };
 

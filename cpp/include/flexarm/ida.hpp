@@ -4,6 +4,7 @@
 // in O(N) by GMRES preconditioned with AB's elimination.
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "flexarm/arm.hpp"
@@ -27,6 +28,8 @@ struct IdaOptions {
   int max_order = 5;       ///< of the backward differentiation formulas, 1 to 5
   bool composite = false;  ///< accelerations at the output times by CI instead of AB
   LinearSolver linear_solver = LinearSolver::automatic;
+  /// Told the time reached and the steps taken after 20 000 steps, and whenever there are twice as many.
+  std::function<void(double t, long steps)> slow = {};
 };
 
 /// Integrates from t[0] to the last of t, which must increase.

@@ -107,7 +107,8 @@ class Workspace : public SweepWorkspace<double> {
   int nq_;
 };
 
-/// singular: a coordinate has no inertia. not_converged: an implicit step found no solution. not_finite: nan or inf.
+/// singular: a coordinate has no inertia. not_converged: an implicit step found no solution. not_finite: nan or inf, or
+/// a step that has left any reach the arm has (Arm::within_reach).
 enum class Status { ok, singular, not_converged, not_finite };
 
 }  // namespace flexarm

@@ -18,7 +18,8 @@ struct Roll {
   const double* weight;          ///< by lane: mass times gravity squared (N m/s^2)
   const int *free, *coordinate;  ///< rates that are not prescribed; the coordinate of each rate
   int free_count;
-  int laws;                                    ///< of feedback; their numbers, law by law:
+  const double *farthest, *fastest;  ///< by lane: sizes of q and v that only a motion has that runs away (see Arm)
+  int laws;                          ///< of feedback; their numbers, law by law:
   const double *column, *by_q, *by_v, *limit;  ///< nv, nq, nv, 1
   bool varies;                                 ///< whether `set` gives other values within a step than at its beginning
 

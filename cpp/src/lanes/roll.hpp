@@ -196,8 +196,8 @@ struct Roller {
   }
   void lose_runaways(long step) {
     PackMask fine = L::everywhere(true);
-    for (int i = 0; i < arms.nq; ++i) fine = fine & L::finite(q[i]);
-    for (int i = 0; i < arms.nv; ++i) fine = fine & L::finite(v[i]);
+    for (int i = 0; i < arms.nq; ++i) fine = fine & (L::size(q[i]) <= arms.of(job.farthest, i));
+    for (int i = 0; i < arms.nv; ++i) fine = fine & (L::size(v[i]) <= arms.of(job.fastest, i));
     lose(~fine, not_finite, step);
   }
   /// Begins at the present state and forces, where they have changed.
