@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "flexarm/ab.hpp"
+#include "flexarm/check.hpp"
 #include "flexarm/inverse.hpp"
 #include "sweeps.hpp"
 #include "system.hpp"
@@ -30,12 +31,7 @@ struct Contact {
 
 std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) {
   std::vector<Contact> out;
-  for (std::size_t n = 0; n < arm.size(); ++n) {
-    const auto& forces = arm.link(n).joint().forces();
-    for (std::size_t k = 0; k < forces.size(); ++k)
-      if (forces[k].stiction > 0.0)
-        out.push_back({arm.first(n) + static_cast<int>(k), forces[k].coulomb, forces[k].stiction, false, 0});
-  }
+  for (const Rub& r : rubs(arm)) out.push_back({r.rate, r.coulomb, r.stiction, false, 0});
   for (Contact& c : out)
     for (const Drive& d : drives) c.given = c.given || (d.motion && d.coordinate == c.coordinate);
   return out;
@@ -238,6 +234,23 @@ void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
 }
 
 }  // namespace
+
+std::vector<Rub> rubs(const Arm& arm) {
+  std::vector<Rub> out;
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const auto& forces = arm.link(n).joint().forces();
+    for (std::size_t k = 0; k < forces.size(); ++k)
+      if (forces[k].stiction > 0.0)
+        out.push_back({arm.first(n) + static_cast<int>(k), forces[k].coulomb, forces[k].stiction});
+  }
+  return out;
+}
+
+void refuse_friction(const Arm& arm, const char* method) {
+  for (const Rub& r : rubs(arm))
+    bad_value("coulomb, stiction of '" + arm.coordinates()[static_cast<std::size_t>(r.rate)] + "'", r.coulomb,
+              std::string(method) + " has no dry friction by itself: use \"implicit\" (ImplicitStep), which has");
+}
 
 Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                                   const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,

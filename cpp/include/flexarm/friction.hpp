@@ -1,7 +1,8 @@
 // Coulomb friction of joints, with stiction (Coulomb 1785; as a hybrid system: Karnopp 1985, Pfeiffer & Glocker 1996).
 // Each freedom sticks or slides. Sliding, it is opposed by the constant coulomb force; sticking, it is held exactly
-// still by what that needs, up to the stiction. Between two switches the motion is smooth, so that every integrator
-// keeps its order and none meets a sign function; the times of switching are found as events.
+// still by what that needs, up to the stiction. ImplicitStep has that in its equations. For the other integrators the
+// arm is a hybrid system: between two switches the motion is smooth, so that each keeps its order and none meets a sign
+// function; the times of switching are found as events.
 #pragma once
 
 #include "flexarm/control.hpp"
@@ -10,6 +11,15 @@
 #include "flexarm/trajectory.hpp"
 
 namespace flexarm {
+
+/// Dry friction of one rate of an arm's joints.
+struct Rub {
+  int rate;
+  double coulomb, stiction;
+};
+std::vector<Rub> rubs(const Arm& arm);
+/// @throws std::invalid_argument where the arm has dry friction, naming the joint and the value
+void refuse_friction(const Arm& arm, const char* method);
 
 /// Integrates from t[0] to t[end], or to the first terminal event.
 using Integrate =

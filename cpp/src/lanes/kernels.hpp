@@ -20,6 +20,9 @@ struct Roll {
   int free_count;
   int laws;                                    ///< of feedback; their numbers, law by law:
   const double *column, *by_q, *by_v, *limit;  ///< nv, nq, nv, 1
+  int rubs, rubs_given;                        ///< rates with dry friction, and then those of them that are prescribed
+  const int* rubbing;                          ///< which
+  const double *coulomb, *stiction;            ///< of each
   bool varies;                                 ///< whether `set` gives other values within a step than at its beginning
 
   void* context;
