@@ -91,17 +91,14 @@ struct Alpha {
   Mask settle(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where) {
     for (int k = 0; k < engine.free_count; ++k) x[engine.free[k]] = S{};
     engine.inverse(q, v, x, tau_own, true);
-    ++evaluations;
     S twice;
     const Mask good = engine.factor(flexarm::lanes::Shift{}, twice);
-    ++factorisations;
     contacts.fresh = false;
     contacts.begin_instant(v);
     contacts.take_from(tau_own);
     for (int k = 0; k < engine.free_count; ++k) r[engine.free[k]] = tau[engine.free[k]] - tau_own[engine.free[k]];
     if (L::all(L::none_of(good))) return good;
     engine.solve(r, turn);
-    ++solves;
     contacts.resolve(engine, turn, nullptr, nullptr, 1.0, 1.0, where & good, tau_own);
     for (int k = 0; k < engine.free_count; ++k) x[engine.free[k]] = turn[engine.free[k]];
     return good;

@@ -25,18 +25,20 @@ struct Contacts {
   S *before, *force;        ///< at the step's beginning, and at its end; `force` of resting ones is an unknown
   // of this step, by number: held at its end; gone over to sliding along `way`; share of the step before that
   S *held, *over, *way, *share;
-  S *turn, *rhs;       ///< changes of the forces
-  S *W, *G, *columns;  ///< S^-1 of the contacts (count^2); the equations of `turn`; its columns (count nv)
-  S left;              ///< rounds of pivoting that are left
-  bool fresh = false;  ///< whether W and columns are those of the last factorisation
+  S *end, *pull, *burden;  ///< rate at its end; what holds, and in parts of the stiction
+  S *turn, *rhs;           ///< changes of the forces; given forces
+  S *W, *G, *columns;      ///< S^-1 of the contacts (count^2); the equations of `turn`; its columns (count nv)
+  S left;                  ///< rounds of pivoting that are left
+  bool fresh = false;      ///< whether W and columns are those of the last factorisation
 
-  static std::size_t scalars(int nv, int n) { return static_cast<std::size_t>(11 * n + 2 * n * n + n * nv); }
+  static std::size_t scalars(int nv, int n) { return static_cast<std::size_t>(14 * n + 2 * n * n + n * nv); }
   void lay_out(S* p, const int* at_, int count_, int nv_) {
     at = at_;
     count = count_;
     nv = nv_;
     for (std::size_t i = 0; i < scalars(nv, count); ++i) p[i] = S{};
-    S** all[] = {&coulomb, &stiction, &sense, &before, &force, &held, &over, &way, &share, &turn, &rhs};
+    S** all[] = {&coulomb, &stiction, &sense, &before, &force, &held, &over, &way, &share,
+                &end, &pull, &burden, &turn, &rhs};
     for (S** x : all) {
       *x = p;
       p += count;
@@ -55,7 +57,7 @@ struct Contacts {
 
   /// At the beginning of a step.
   void begin_step() {
-    left = number<S>(4.0 + 4.0 * count);
+    left = number<S>(4.0 + 6.0 * count);
     for (int c = 0; c < count; ++c) {
       held[c] = yes((stiction[c] > 0.0) & (sense[c] == 0.0));
       over[c] = way[c] = share[c] = S{};
@@ -64,7 +66,7 @@ struct Contacts {
   }
   /// At a state where what does not move may stick: forces at an instant. What slides keeps its way.
   void begin_instant(const S* v) {
-    left = number<S>(4.0 + 4.0 * count);
+    left = number<S>(4.0 + 6.0 * count);
     for (int c = 0; c < count; ++c) {
       const S way_now = sign(v[at[c]]);
       held[c] = yes((stiction[c] > 0.0) & (way_now == 0.0));
@@ -117,39 +119,54 @@ struct Contacts {
     }
   }
 
-  /// One round: each freedom that ends against the law is held or let go; after the first rounds only the first of
-  /// them (Murty's rule, which does not cycle), and none is let go any more when rounds run out.
+  /// One round, in each arm one of three things: all that has turned back comes to rest; or that one is let go whose hold
+  /// takes most of what it may, and more; or what was let go, and would move the wrong way, is held again, and in later
+  /// rounds only the first of them (Murty's rule).
   /// @param weight  of the force at the step's end in its mean; @param v0  rates at its beginning; null: an instant
-  Mask pivot(const S* x, const S* rate, const S* v0, double d, double weight, const Mask& open, bool one_only) {
-    Mask changed = L::everywhere(false);
+  Mask pivot(const S* x, const S* rate, const S* v0, double d, double weight, const Mask& open, bool late) {
     const S one = number<S>(1.0);
+    S worst = one, mark{};  // mark: the share of the step before the last switch
+    Mask arresting = L::everywhere(false), marked = arresting, changed = arresting;
     for (int c = 0; c < count; ++c) {
+      const S s = v0 ? sense[c] : S{};
       S y = x[at[c]];
       for (int k = 0; k < count; ++k) y += W[c * count + k] * turn[k];
-      y = d * y + (rate ? rate[at[c]] : S{});
-      const S s = v0 ? sense[c] : S{}, f = force[c] + turn[c], p = sign(f);
-      const Mask may = one_only ? open & L::none_of(changed) : open;
+      end[c] = d * y + (rate ? rate[at[c]] : S{});
+      arresting = arresting | (open & L::none_of(is(held[c]) | is(over[c])) & (s * end[c] < 0.0));
+      const Mask switched = (is(held[c]) | is(over[c])) & (s * s > 0.5);
+      marked = marked | switched;
+      mark = L::select(switched, L::larger(mark, share[c]), mark);
+    }
+    for (int c = 0; c < count; ++c) {  // what holds it from when it came to rest, or from the last switch
+      const S s = v0 ? sense[c] : S{}, f = force[c] + turn[c], mean = weight * f + (1.0 - weight) * before[c];
+      const Mask slides = s * s > 0.5;
+      pull[c] = L::select(slides, mean + s * share[c] * coulomb[c], L::select(marked, mean - mark * before[c], f));
+      const S most = stiction[c] * L::select(slides, one - share[c], L::select(marked, one - mark, one));
+      burden[c] = L::select(is(held[c]) & (most > 0.0), L::size(pull[c]) / most, S{});
+      worst = L::larger(worst, burden[c]);
+    }
+    const Mask releasing = open & L::none_of(arresting) & (left > 0.0) & (worst > 1.0);
+    const Mask holding = open & L::none_of(arresting | releasing);
+    for (int c = 0; c < count; ++c) {
+      const S s = v0 ? sense[c] : S{}, f = force[c] + turn[c], p = sign(pull[c]);
       const Mask holds = is(held[c]), gone = is(over[c]), slides = s * s > 0.5;
-      // to rest: against the way it goes
-      const Mask slower = may & L::none_of(holds) & ((gone & (way[c] * y < 0.0)) | (L::none_of(gone) & (s * y < 0.0)));
+      const Mask stops = arresting & L::none_of(holds | gone) & (s * end[c] < 0.0);
+      const Mask back = holding & gone & (way[c] * end[c] < 0.0) & (late ? L::none_of(changed) : open);
+      const Mask go = releasing & holds & (burden[c] >= worst) & L::none_of(changed);
+      const Mask turns = go & slides & (s * p > 0.0), breaks = go & L::none_of(slides);
       const S start = v0 ? v0[at[c]] : S{};
-      const S until = L::select(slower & slides & L::none_of(gone), part(start / (start - y)), share[c]);
-      // from rest: what holds it, from when it came to rest until the step's end, is more than the stiction
-      const S mean = weight * f + (1.0 - weight) * before[c];
-      const S pulls = s * mean + until * coulomb[c], most = stiction[c] * (one - until);
-      const Mask still = may & holds & (left > 0.0);
-      const Mask turns = still & slides & (pulls > most), goes_on = still & slides & (pulls < -most);
-      const Mask breaks = still & L::none_of(slides) & (L::size(f) > stiction[c]);
-      const S when = v0 ? part((p * stiction[c] - before[c]) / (f - before[c])) : S{};
-      const S half = 0.5 * when * (before[c] + p * stiction[c]) + (one - when) * p * coulomb[c];
-      const S broken = v0 ? (half - (1.0 - weight) * before[c]) * (1.0 / weight) : p * coulomb[c];
-      const S turned = s * coulomb[c] * ((2.0 - weight) * (1.0 / weight) - (2.0 / weight) * until);
-      rhs[c] = L::select(turns, turned, L::select(breaks, broken, L::select(goes_on, -s * coulomb[c], rhs[c])));
-      way[c] = L::select(turns, -s, L::select(breaks, -p, way[c]));
-      over[c] = yes((gone & L::none_of(slower)) | turns | breaks);
-      held[c] = yes((holds & L::none_of(turns | breaks | goes_on)) | slower);
-      share[c] = until;
-      changed = changed | slower | turns | breaks | goes_on;
+      share[c] = L::select(stops, part(start / (start - end[c])), share[c]);
+      // forces at the step's end from their means
+      const S turned = s * coulomb[c] * ((2.0 - weight) * (1.0 / weight) - (2.0 / weight) * share[c]);
+      const S when = L::select(marked, mark, part((p * stiction[c] - before[c]) / (f - before[c])));
+      const S held_so_far = L::select(marked, before[c], 0.5 * (before[c] + p * stiction[c]));
+      const S mean = when * held_so_far + (one - when) * p * coulomb[c];
+      const S broken = v0 ? (mean - (1.0 - weight) * before[c]) * (1.0 / weight) : p * coulomb[c];
+      rhs[c] = L::select(go, L::select(turns, turned, L::select(breaks, broken, -s * coulomb[c])), rhs[c]);
+      way[c] = L::select(turns | breaks, -p, way[c]);
+      over[c] = yes((gone & L::none_of(back)) | turns | breaks);
+      held[c] = yes((holds & L::none_of(go)) | stops | back);
+      changed = changed | stops | back | go;
     }
     left = left - yes(changed);
     return changed;
@@ -169,9 +186,9 @@ struct Contacts {
     }
     if (!any(need & open)) return changed;
     make_columns(engine, unit);
-    for (int round = 0; round < 8 * (count + 1); ++round) {
+    for (int round = 0; round < 12 * (count + 1); ++round) {
       find_turn(x, rate, d);
-      const Mask now = pivot(x, rate, v0, d, weight, open, round > 1);
+      const Mask now = pivot(x, rate, v0, d, weight, open, round > 2 * count);
       if (!any(now)) break;
       changed = changed | now;
     }

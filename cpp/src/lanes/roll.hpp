@@ -206,6 +206,7 @@ struct Roller {
   }
   /// Begins at the present state and forces, where they have changed.
   void begin(const PackMask& where, long step) {
+    ++alpha.evaluations;
     lose(~accelerate(x, where) & where, singular, step);
     PackMask fine = L::everywhere(true);
     for (int i = 0; i < arms.nv; ++i) fine = fine & L::finite(x[i]);
@@ -213,10 +214,9 @@ struct Roller {
     alpha.begin(x, where);
     alpha.contacts.end_instant(v, where);
   }
-  /// Accelerations, with those of dry friction, into x, which holds those that are given.
+  /// Accelerations under dry friction into y, which holds those that are given.
   PackMask accelerate(Pack* y, const PackMask& where) {
     if (job.rubs > 0) return alpha.settle(arms, q, v, tau, y, where);
-    ++alpha.evaluations;
     return arms.accelerate(q, v, tau, y);
   }
 
