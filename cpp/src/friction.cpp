@@ -1,5 +1,6 @@
 #include "flexarm/friction.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <deque>
 #include <memory>
@@ -94,12 +95,17 @@ class Sliding {
       if (sense != 0)
         events.push_back({[i, sense](double, const auto&, const auto& v) { return sense * v[i] + kStill; }, 1, -1});
       else
-        events.push_back(
-            {[this, i, most](double t, const auto& q, const auto& v) { return most - std::abs(holding(t, q, v)[i]); },
-             1, -1});
+        events.push_back({[this, i, most](double t, const auto& q, const auto& v) {
+                            const double slack = most - std::abs(holding(t, q, v)[i]);
+                            ran_away_ = ran_away_ || !std::isfinite(slack);
+                            return std::isfinite(slack) ? slack : -most;  // ends the part, and then the run
+                          },
+                          1, -1});
     }
     return events;
   }
+  /// Whether what holds a contact was no longer finite.
+  bool ran_away() const { return ran_away_; }
   /// The contacts of the events that `watch` has added.
   const std::vector<const Contact*>& switching() const { return switching_; }
 
@@ -120,8 +126,10 @@ class Sliding {
         force = speed == 0.0 ? 0.0 : -std::copysign(c.coulomb, speed);
       else if (c.sense != 0)
         force = -c.sense * c.coulomb;
-      else
+      else {
+        force = std::clamp(force, -c.stiction, c.stiction);  // but for kSlack
         continue;
+      }
       out.tau(row, c.coordinate) -= force;
     }
   }
@@ -192,6 +200,7 @@ class Sliding {
   Control* control_;
   std::unique_ptr<System> probe_;
   std::vector<const Contact*> switching_;
+  bool ran_away_ = false;
 };
 
 /// The events of the run with as many occurrences as are left to their ends.
@@ -247,9 +256,12 @@ std::vector<Rub> rubs(const Arm& arm) {
 }
 
 void refuse_friction(const Arm& arm, const char* method) {
-  for (const Rub& r : rubs(arm))
-    bad_value("coulomb, stiction of '" + arm.coordinates()[static_cast<std::size_t>(r.rate)] + "'", r.coulomb,
-              std::string(method) + " has no dry friction by itself: use \"implicit\" (ImplicitStep), which has");
+  for (const Rub& r : rubs(arm)) {
+    const bool slides = r.coulomb > 0.0;
+    bad_value((slides ? "coulomb of '" : "stiction of '") + arm.coordinates()[static_cast<std::size_t>(r.rate)] + "'",
+              slides ? r.coulomb : r.stiction,
+              std::string("\"") + method + "\" has no dry friction here: take \"implicit\" (C++: ImplicitStep)");
+  }
 }
 
 Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
@@ -279,6 +291,10 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
           integrate(sliding.drives(), times, q, v, sliding.tau(), sliding.watch(remaining(events, out)));
       append(part, sliding, out);
       if (!part.terminated || !out.failure.empty()) return out;
+      if (sliding.ran_away()) {
+        out.failure = "the motion ran away: take a smaller step, or look for what drives it";
+        return out;
+      }
       for (std::size_t k = 0; k < events.size(); ++k)
         if (events[k].terminal > 0 && static_cast<int>(out.events[k].t.size()) == events[k].terminal)
           out.terminated = true;
@@ -290,6 +306,8 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
         q = log.q.back();
         v = log.v.back();
       }
+      // Rows at the switch itself are those behind it. (A sample may have torn loose what sticks.)
+      while (out.done > 1 && t[out.done - 1] >= out.reached - instant) --out.done;
       ++out.stats.switches;
       switches.push_back(out.reached);
       if (switches.size() <= kMany) continue;

@@ -93,7 +93,7 @@ struct Alpha {
     engine.inverse(q, v, x, tau_own, true);
     S twice;
     const Mask good = engine.factor(flexarm::lanes::Shift{}, twice);
-    contacts.fresh = false;
+    contacts.refactored();
     contacts.begin_instant(v);
     contacts.take_from(tau_own);
     for (int k = 0; k < engine.free_count; ++k) r[engine.free[k]] = tau[engine.free[k]] - tau_own[engine.free[k]];
@@ -154,7 +154,7 @@ struct Alpha {
         S twice;
         bad = bad | (L::none_of(good) & L::none_of(engine.factor(shift, twice)));
         ++factorisations;
-        contacts.fresh = false;
+        contacts.refactored();
         scale = L::select(good, scale, L::larger(twice, kForget * scale));
         size = L::select(good, size, L::root(scale + fall));
       }

@@ -28,17 +28,17 @@ struct Contacts {
   S *end, *pull, *burden;  ///< rate at its end; what holds, and in parts of the stiction
   S *turn, *rhs;           ///< changes of the forces; given forces
   S *W, *G, *columns;      ///< S^-1 of the contacts (count^2); the equations of `turn`; its columns (count nv)
+  S* made;                 ///< whether a column of W is of the last factorisation
   S left;                  ///< rounds of pivoting that are left
-  bool fresh = false;      ///< whether W and columns are those of the last factorisation
 
-  static std::size_t scalars(int nv, int n) { return static_cast<std::size_t>(14 * n + 2 * n * n + n * nv); }
+  static std::size_t scalars(int nv, int n) { return static_cast<std::size_t>(15 * n + 2 * n * n + n * nv); }
   void lay_out(S* p, const int* at_, int count_, int nv_) {
     at = at_;
     count = count_;
     nv = nv_;
     for (std::size_t i = 0; i < scalars(nv, count); ++i) p[i] = S{};
-    S** all[] = {&coulomb, &stiction, &sense, &before, &force, &held, &over, &way, &share,
-                &end, &pull, &burden, &turn, &rhs};
+    S** all[] = {&coulomb, &stiction, &sense, &before, &force, &held, &over, &way,
+                 &share,   &end,      &pull,  &burden, &turn,  &rhs,  &made};
     for (S** x : all) {
       *x = p;
       p += count;
@@ -54,6 +54,13 @@ struct Contacts {
   static bool any(const Mask& m) { return !L::all(L::none_of(m)); }
   static S sign(const S& x) { return L::select(x > 0.0, number<S>(1.0), L::select(x < 0.0, number<S>(-1.0), S{})); }
   static S part(const S& x) { return L::larger(S{}, L::smaller(number<S>(1.0), x)); }
+
+  /// Where there is friction at all.
+  Mask anywhere() const {
+    Mask found = L::everywhere(false);
+    for (int c = 0; c < count; ++c) found = found | (stiction[c] > 0.0);
+    return found;
+  }
 
   /// At the beginning of a step.
   void begin_step() {
@@ -85,17 +92,18 @@ struct Contacts {
     return largest;
   }
 
-  void make_columns(Engine& engine, S* unit) {
-    if (fresh) return;
-    fresh = true;
+  /// Column c of W, where it is not of this factorisation. What slides on in every arm needs none.
+  void make_column(Engine& engine, int c, S* unit) {
+    if (L::lane(is(made[c]), 0)) return;
+    made[c] = number<S>(1.0);
     for (int i = 0; i < nv; ++i) unit[i] = S{};
-    for (int c = 0; c < count; ++c) {
-      unit[at[c]] = number<S>(1.0);
-      engine.solve(unit, columns + c * nv);
-      unit[at[c]] = S{};
-    }
-    for (int c = 0; c < count; ++c)
-      for (int k = 0; k < count; ++k) W[c * count + k] = columns[k * nv + at[c]];
+    unit[at[c]] = number<S>(1.0);
+    engine.solve(unit, columns + c * nv);
+    for (int k = 0; k < count; ++k) W[k * count + c] = columns[c * nv + at[k]];
+  }
+  /// To be called when a matrix has been factored.
+  void refactored() {
+    for (int c = 0; c < count; ++c) made[c] = S{};
   }
 
   /// Changes of the forces under which all that is held comes to rest: rows of W, and known forces elsewhere.
@@ -119,9 +127,9 @@ struct Contacts {
     }
   }
 
-  /// One round, in each arm one of three things: all that has turned back comes to rest; or that one is let go whose hold
-  /// takes most of what it may, and more; or what was let go, and would move the wrong way, is held again, and in later
-  /// rounds only the first of them (Murty's rule).
+  /// One round, in each arm one of three things: all that has turned back comes to rest; or that one is let go whose
+  /// hold takes most of what it may, and more; or what was let go, and would move the wrong way, is held again, and in
+  /// later rounds only the first of them (Murty's rule).
   /// @param weight  of the force at the step's end in its mean; @param v0  rates at its beginning; null: an instant
   Mask pivot(const S* x, const S* rate, const S* v0, double d, double weight, const Mask& open, bool late) {
     const S one = number<S>(1.0);
@@ -185,8 +193,9 @@ struct Contacts {
       need = need | is(held[c]) | (along * y < 0.0);
     }
     if (!any(need & open)) return changed;
-    make_columns(engine, unit);
     for (int round = 0; round < 12 * (count + 1); ++round) {
+      for (int c = 0; c < count; ++c)
+        if (any(open & (is(held[c]) | (rhs[c] != force[c])))) make_column(engine, c, unit);
       find_turn(x, rate, d);
       const Mask now = pivot(x, rate, v0, d, weight, open, round > 2 * count);
       if (!any(now)) break;
@@ -195,6 +204,7 @@ struct Contacts {
     for (int c = 0; c < count; ++c) {
       turn[c] = L::select(open, turn[c], S{});
       force[c] += turn[c];
+      if (!any(turn[c] != 0.0)) continue;
       for (int i = 0; i < nv; ++i) x[i] += columns[c * nv + i] * turn[c];
     }
     for (int c = 0; c < count; ++c) {  // to the last bit

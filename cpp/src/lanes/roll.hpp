@@ -214,10 +214,17 @@ struct Roller {
     alpha.begin(x, where);
     alpha.contacts.end_instant(v, where);
   }
-  /// Accelerations under dry friction into y, which holds those that are given.
+  /// Accelerations under dry friction into y, which holds those that are given. Scenarios without friction get what
+  /// they get in a pack that has none.
   PackMask accelerate(Pack* y, const PackMask& where) {
-    if (job.rubs > 0) return alpha.settle(arms, q, v, tau, y, where);
-    return arms.accelerate(q, v, tau, y);
+    const PackMask rubs = alpha.contacts.anywhere();
+    if (!L::any(rubs)) return arms.accelerate(q, v, tau, y);
+    PackMask good = alpha.settle(arms, q, v, tau, y, where);
+    if (L::all(rubs)) return good;
+    for (int i = 0; i < arms.nv; ++i) alpha.turn[i] = y[i];
+    good = (good & rubs) | (arms.accelerate(q, v, tau, alpha.turn) & ~rubs);
+    for (int i = 0; i < arms.nv; ++i) y[i] = L::select(rubs, y[i], alpha.turn[i]);
+    return good;
   }
 
   void implicit_step(long step, double h) {
