@@ -20,7 +20,8 @@ constexpr double kOneTime = 1e-12;  // parts of the time simulated that are no t
 constexpr double kSlack = 1e-9;     // parts of its stiction by which a contact may be held beyond it
 constexpr std::size_t kRounds = 8;  // tries for each contact to find what sticks and what slides
 constexpr std::size_t kMany = 100;  // so many switches
-constexpr double kShort = 1e-6;     // in so small a part of the time simulated are no motion
+constexpr const char* kRanAway = "the motion ran away: take a smaller step, or look for what drives it";
+constexpr double kShort = 1e-6;  // in a step, or in so small a part of the time simulated, are no motion
 
 /// A freedom with friction, and what it does now.
 struct Contact {
@@ -267,7 +268,7 @@ void refuse_friction(const Arm& arm, const char* method) {
 Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                                   const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                                   const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,
-                                  const Integrate& integrate, Control* control) {
+                                  const Integrate& integrate, Control* control, double step) {
   Sliding sliding(arm, drives, tau, loads, control);
   if (sliding.none()) return integrate(drives, t, q0, v0, tau, events);
   check_arguments(arm, drives, t, q0, v0, tau);
@@ -283,16 +284,20 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
       sliding.settle(now, q, v, switched);
       if (sliding.sample(now, q, v)) sliding.settle(now, q, v, nullptr);
       for (; out.done < t.size() && t[out.done] <= now + instant; sliding.separate(out, out.done - 1))
-        if (!sliding.record(now, q, v, composite, out)) return out;
+        if (!sliding.record(now, q, v, composite, out)) {
+          if (out.done > 0) out.failure = kRanAway;  // it began well
+          return out;
+        }
       if (out.done == t.size()) return out;
       Eigen::VectorXd times(1 + t.size() - out.done);
       times << now, t.tail(t.size() - out.done);
       const Trajectory part =
           integrate(sliding.drives(), times, q, v, sliding.tau(), sliding.watch(remaining(events, out)));
       append(part, sliding, out);
+      if (part.done == 0 && now > t[0] && !out.failure.empty() && out.failure != kInterrupted) out.failure = kRanAway;
       if (!part.terminated || !out.failure.empty()) return out;
       if (sliding.ran_away()) {
-        out.failure = "the motion ran away: take a smaller step, or look for what drives it";
+        out.failure = kRanAway;
         return out;
       }
       for (std::size_t k = 0; k < events.size(); ++k)
@@ -312,9 +317,10 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
       switches.push_back(out.reached);
       if (switches.size() <= kMany) continue;
       switches.pop_front();
-      if (switches.back() - switches.front() > kShort * (t[t.size() - 1] - t[0])) continue;
+      if (switches.back() - switches.front() > std::max(step, kShort * (t[t.size() - 1] - t[0]))) continue;
       out.failure = "the friction of joint coordinate '" + arm.coordinates()[switched->coordinate] +
-                    "' switches without end: no state of sticking and sliding lasts";
+                    "' switches without end: no state of sticking and sliding lasts" +
+                    (step > 0.0 ? ", or the motion runs away: take a smaller step" : "");
       return out;
     }
   } catch (const Interrupted&) {

@@ -180,7 +180,7 @@ struct Given {
 /// else from one switch of dry friction to the next, without the interpreter's lock, looking around ten times a second:
 /// Ctrl-C, progress.
 template <class Integrate>
-py::dict run(const Given& given, bool rubs, const Integrate& integrate) {
+py::dict run(const Given& given, bool rubs, double step, const Integrate& integrate) {
   const auto& alive = given.alive;
   Control control = make_control(given.feedback, given.sampled, given.arm.nv());
   std::vector<Drive> laws;
@@ -224,7 +224,7 @@ py::dict run(const Given& given, bool rubs, const Integrate& integrate) {
     };
     r = rubs ? part(laws, given.t, given.q0, given.v0, given.tau, watched)
              : simulate_with_friction(given.arm, laws, given.t, given.q0, given.v0, given.tau, wrenches, watched,
-                                      given.composite, part, &control);
+                                      given.composite, part, &control, step);
   } catch (const Interrupted&) {  // before the first step
     PyErr_SetNone(PyExc_KeyboardInterrupt);
     throw py::error_already_set();
@@ -310,7 +310,7 @@ void bind_time(py::module_& m) {
                                     : linear_solver == "chain" ? LinearSolver::chain
                                                                : LinearSolver::automatic;
         const IdaOptions options{rtol, atol, max_order, composite, solver};
-        return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled}, false,
+        return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled}, false, 0.0,
                    [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
                        const auto& look_around, const auto& wrenches, const auto& watched, Control& control) {
                      return simulate_ida(arm, laws, times, q, v, forces, options, look_around, wrenches, watched,
@@ -336,7 +336,7 @@ void bind_time(py::module_& m) {
         else
           method = std::make_unique<ImplicitStep>(arm, step, ImplicitOptions{spectral_radius, rtol});
         return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled},
-                   method->rubbing() != nullptr,
+                   method->rubbing() != nullptr, step,
                    [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
                        const auto& look_around, const auto& wrenches, const auto& watched, Control& control) {
                      // what is left after a switch may be shorter than a step

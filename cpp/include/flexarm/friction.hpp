@@ -28,9 +28,10 @@ using Integrate =
 
 /// `integrate` from one switch of a joint's friction to the next, over all times of t. In the trajectory `tau` is what
 /// is applied, and `friction` what the friction adds. Without friction in the arm: `integrate`, once.
+/// @param step  of a fixed-step method: a hundred switches within one are no motion
 Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                                   const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                                   const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,
-                                  const Integrate& integrate, Control* control = nullptr);
+                                  const Integrate& integrate, Control* control = nullptr, double step = 0.0);
 
 }  // namespace flexarm
