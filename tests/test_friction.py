@@ -247,6 +247,40 @@ def test_what_sticks_and_what_slides_is_consistent_at_once() -> None:
         np.testing.assert_allclose(arm.inverse_dynamics(q0, 0 * q0, a), tau + f, atol=1e-10)
 
 
+@names
+def test_rows_obey_the_law_where_samples_make_forces_jump(options: dict) -> None:
+    """Each row is a sample of a controller: what it has torn loose is torn loose in that row. Friction is at most the
+    stiction, opposes sliding, and is consistent with the accelerations."""
+    joint = fa.Revolute("z", coulomb=0.3, stiction=0.39)
+    arm = fa.Arm([fa.Link(joint, fa.RigidBody(0.1, inertia=(0.01, 0.01, 0.01)), paper_link().links[0].beam)])
+    t, force = np.linspace(0, 0.8, 41), np.random.default_rng(5).uniform(-1.0, 1.0, 41)
+    force[10:14] = 0.0
+    law = fa.Sampled(lambda now, y: force[min(round(now / 0.02), 40)], 50.0, [("joint", 0)], [0])
+    r = fa.simulate(arm, t, control=law, **options)
+    f, v, a = r.friction[:, 0], r.v[:, 0], r.a[:, 0]
+    np.testing.assert_allclose(r.tau[:, 0], force, atol=1e-12)
+    assert np.abs(f).max() <= 0.39 and r.stats["switches"] > 5 and 2 < np.sum(v == 0.0) < 39
+    np.testing.assert_array_equal(f[v != 0.0], -0.3 * np.sign(v[v != 0.0]))
+    leaves = (v == 0.0) & (a != 0.0)
+    assert leaves.any()
+    np.testing.assert_array_equal(f[leaves], -0.3 * np.sign(a[leaves]))
+    np.testing.assert_allclose(arm.inverse_dynamics(r.q, r.v, r.a), r.tau + r.friction, atol=1e-8)
+
+
+@pytest.mark.parametrize("step", [5e-4, 1e-3, 4e-3])
+def test_running_away_with_friction(step: float) -> None:
+    """rk4 beyond its stability: it says so, soon, and speaks of no events where none were given."""
+    joint = fa.Revolute("z", coulomb=0.1, stiction=0.2)
+    beam = fa.Beam(0.3, fa.Rectangle(0.005, 0.02), fa.Material(7850, 209e9, 0.3), {"bending_y": 4})
+    link = fa.Link(joint, fa.RigidBody(0.3, inertia=(1e-3, 1e-3, 2e-3), end=(0.075, 0, 0)), beam)
+    arm = fa.Arm([link, link])
+    tau = np.zeros(arm.nv)
+    tau[0] = 1.0
+    with pytest.raises(fa.SimulationError, match=r"ran away|runs away") as caught:
+        fa.simulate(arm, np.linspace(0, 1, 11), tau=tau, integrator="rk4", step=step)
+    assert caught.value.result.stats["steps"] < 2000
+
+
 def test_all_that_sticks_breaks_loose_between_two_output_times() -> None:
     """A torque that is a function, and outputs seldom: IDA has nothing to integrate until the joint slides."""
     arm = fa.Arm([fa.Link(fa.Revolute("z", coulomb=0.2), fa.RigidBody(1.0, inertia=(0.1, 0.1, 0.1)))])

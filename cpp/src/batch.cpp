@@ -10,6 +10,7 @@
 
 #include "batch_lanes.hpp"
 #include "flexarm/check.hpp"
+#include "flexarm/friction.hpp"
 #include "flexarm/step.hpp"
 #include "system.hpp"
 
@@ -158,6 +159,7 @@ class Worker {
       q_ = Eigen::VectorXd(nq);
       arm_ = arm;
     }
+    system_->rubbing = method_->rubbing();
   }
 
   /// Holds a row of tau. @return whether the forces have changed
@@ -277,6 +279,8 @@ void check(const BatchProblem& p, const BatchOutput& out, int workers) {
   for (const BatchLoad& l : p.loads)
     if (l.places.size() != 1 && static_cast<Index>(l.places.size()) != p.scenarios)
       bad_value("places of a load", l.places.size(), "must be one, or one for each scenario");
+  for (const Arm* arm : p.arms)
+    if (p.rk4) refuse_friction(*arm, "rk4");
   if (!p.q0.data || !p.v0.data || !p.tau.data) bad_value("q0, v0, tau", "null", "must be given");
   positive("rtol", p.rtol);
   if (!(p.spectral_radius >= 0.0 && p.spectral_radius <= 1.0))

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "flexarm/friction.hpp"
+
 namespace flexarm {
 
 namespace {
@@ -36,6 +38,17 @@ LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::f
   v_.resize(w * static_cast<std::size_t>(one.nv()));
   farthest_.resize(q_.size());
   fastest_.resize(v_.size());
+  std::vector<bool> rubs_anywhere(given.size(), false);
+  for (const Arm* a : p_.arms)
+    for (const Rub& r : rubs(*a)) rubs_anywhere[static_cast<std::size_t>(r.rate)] = true;
+  for (const bool prescribed : {false, true})
+    for (int i = 0; i < one.nv(); ++i)
+      if (rubs_anywhere[static_cast<std::size_t>(i)] && given[static_cast<std::size_t>(i)] == prescribed) {
+        rubbing_.push_back(i);
+        rubbing_given_ += prescribed ? 1 : 0;
+      }
+  coulomb_.resize(w * rubbing_.size());
+  stiction_.resize(w * rubbing_.size());
   laws_.resize(w * p_.feedback.size() * static_cast<std::size_t>(2 * one.nv() + one.nq() + 1));
 }
 
@@ -65,6 +78,19 @@ void LaneGroup::pack_numbers() {
     for (Index i = 0; i < a.nv(); ++i) fastest_[static_cast<std::size_t>(i * width_ + l)] = a.fastest()[i];
   }
   plan_ = lanes::Plan::side_by_side(plans, static_cast<int>(width_), given);
+  pack_friction();
+}
+
+void LaneGroup::pack_friction() {
+  std::fill(coulomb_.begin(), coulomb_.end(), 0.0);
+  std::fill(stiction_.begin(), stiction_.end(), 0.0);
+  if (rubbing_.empty()) return;
+  for (Index l = 0; l < width_; ++l)
+    for (const Rub& r : rubs(arm(scenario(l)))) {
+      const auto c = std::find(rubbing_.begin(), rubbing_.end(), r.rate) - rubbing_.begin();
+      coulomb_[static_cast<std::size_t>(c * width_ + l)] = r.coulomb;
+      stiction_[static_cast<std::size_t>(c * width_ + l)] = r.stiction;
+    }
 }
 
 void LaneGroup::pack(const BatchTable& table, Index n, double* out) const {
@@ -174,6 +200,11 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   job.by_q = by_q;
   job.by_v = by_v;
   job.limit = limit;
+  job.rubs = static_cast<int>(rubbing_.size()) - rubbing_given_;
+  job.rubs_given = rubbing_given_;
+  job.rubbing = rubbing_.data();
+  job.coulomb = coulomb_.data();
+  job.stiction = stiction_.data();
   job.varies = varies;
   job.context = this;
   job.set = [](void* self, long step, long half, double* q, double* v, double* a, double* tau, double* offset) {

@@ -28,6 +28,7 @@ class LaneGroup {
 
  private:
   void pack_numbers();
+  void pack_friction();
   const Arm& arm(Eigen::Index b) const { return *p_.arms[p_.arms.size() == 1 ? 0 : static_cast<std::size_t>(b)]; }
   Eigen::Index scenario(Eigen::Index lane) const { return first_ + std::min(lane, count_ - 1); }
   void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset) const;
@@ -42,7 +43,9 @@ class LaneGroup {
   Eigen::Index width_, first_ = 0, count_ = 1;
   std::optional<lanes::Plan> plan_;
   lanes::Memory memory_;
-  std::vector<double> weight_, laws_, q_, v_, farthest_, fastest_;
+  std::vector<double> weight_, laws_, coulomb_, stiction_, q_, v_, farthest_, fastest_;
+  std::vector<int> rubbing_;  // rates with dry friction in any scenario; first those that are not prescribed
+  int rubbing_given_ = 0;
   std::vector<int> free_, coordinate_, status_;
   std::vector<long> reached_;
   std::vector<Eigen::Index> rows_done_;

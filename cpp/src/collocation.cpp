@@ -4,6 +4,7 @@
 
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
+#include "flexarm/friction.hpp"
 #include "flexarm/quadrature.hpp"
 #include "sweeps.hpp"
 
@@ -21,8 +22,9 @@ constexpr double kForget = 0.99;
 
 }  // namespace
 
-CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& options)
+CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& options, DryFriction friction)
     : arm_(&arm), options_(options), s_(options.stages), q0_(arm.zero()), v0_(Eigen::VectorXd::Zero(arm.nv())) {
+  if (friction == DryFriction::refused) refuse_friction(arm, "gauss");
   if (s_ < 1 || s_ > 4) bad_value("stages", s_, "must be from 1 to 4");
   positive("rtol", options.rtol);
   if (options.max_iterations < 1) bad_value("max_iterations", options.max_iterations, "must be at least 1");

@@ -70,7 +70,7 @@ void StepEvents::prepare(double t) {
     s_.v = v;
     s_.drive(time);
     coordinate_rates(s_.arm, s_.q, s_.v, dq);
-    forward_dynamics(s_.arm, s_.ws, s_.q, s_.v, s_.tau);
+    s_.accelerate();
     a = s_.ws.a;
   };
   slopes(t0_, q0_, v0_, dq0_, a0_);

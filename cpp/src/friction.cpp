@@ -1,10 +1,12 @@
 #include "flexarm/friction.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <deque>
 #include <memory>
 
 #include "flexarm/ab.hpp"
+#include "flexarm/check.hpp"
 #include "flexarm/inverse.hpp"
 #include "sweeps.hpp"
 #include "system.hpp"
@@ -18,7 +20,8 @@ constexpr double kOneTime = 1e-12;  // parts of the time simulated that are no t
 constexpr double kSlack = 1e-9;     // parts of its stiction by which a contact may be held beyond it
 constexpr std::size_t kRounds = 8;  // tries for each contact to find what sticks and what slides
 constexpr std::size_t kMany = 100;  // so many switches
-constexpr double kShort = 1e-6;     // in so small a part of the time simulated are no motion
+constexpr const char* kRanAway = "the motion ran away: take a smaller step, or look for what drives it";
+constexpr double kShort = 1e-6;  // in a step, or in so small a part of the time simulated, are no motion
 
 /// A freedom with friction, and what it does now.
 struct Contact {
@@ -30,12 +33,7 @@ struct Contact {
 
 std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) {
   std::vector<Contact> out;
-  for (std::size_t n = 0; n < arm.size(); ++n) {
-    const auto& forces = arm.link(n).joint().forces();
-    for (std::size_t k = 0; k < forces.size(); ++k)
-      if (forces[k].stiction > 0.0)
-        out.push_back({arm.first(n) + static_cast<int>(k), forces[k].coulomb, forces[k].stiction, false, 0});
-  }
+  for (const Rub& r : rubs(arm)) out.push_back({r.rate, r.coulomb, r.stiction, false, 0});
   for (Contact& c : out)
     for (const Drive& d : drives) c.given = c.given || (d.motion && d.coordinate == c.coordinate);
   return out;
@@ -98,12 +96,17 @@ class Sliding {
       if (sense != 0)
         events.push_back({[i, sense](double, const auto&, const auto& v) { return sense * v[i] + kStill; }, 1, -1});
       else
-        events.push_back(
-            {[this, i, most](double t, const auto& q, const auto& v) { return most - std::abs(holding(t, q, v)[i]); },
-             1, -1});
+        events.push_back({[this, i, most](double t, const auto& q, const auto& v) {
+                            const double slack = most - std::abs(holding(t, q, v)[i]);
+                            ran_away_ = ran_away_ || !std::isfinite(slack);
+                            return std::isfinite(slack) ? slack : -most;  // ends the part, and then the run
+                          },
+                          1, -1});
     }
     return events;
   }
+  /// Whether what holds a contact was no longer finite.
+  bool ran_away() const { return ran_away_; }
   /// The contacts of the events that `watch` has added.
   const std::vector<const Contact*>& switching() const { return switching_; }
 
@@ -124,8 +127,10 @@ class Sliding {
         force = speed == 0.0 ? 0.0 : -std::copysign(c.coulomb, speed);
       else if (c.sense != 0)
         force = -c.sense * c.coulomb;
-      else
+      else {
+        force = std::clamp(force, -c.stiction, c.stiction);  // but for kSlack
         continue;
+      }
       out.tau(row, c.coordinate) -= force;
     }
   }
@@ -196,6 +201,7 @@ class Sliding {
   Control* control_;
   std::unique_ptr<System> probe_;
   std::vector<const Contact*> switching_;
+  bool ran_away_ = false;
 };
 
 /// The events of the run with as many occurrences as are left to their ends.
@@ -239,10 +245,30 @@ void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
 
 }  // namespace
 
+std::vector<Rub> rubs(const Arm& arm) {
+  std::vector<Rub> out;
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const auto& forces = arm.link(n).joint().forces();
+    for (std::size_t k = 0; k < forces.size(); ++k)
+      if (forces[k].stiction > 0.0)
+        out.push_back({arm.first(n) + static_cast<int>(k), forces[k].coulomb, forces[k].stiction});
+  }
+  return out;
+}
+
+void refuse_friction(const Arm& arm, const char* method) {
+  for (const Rub& r : rubs(arm)) {
+    const bool slides = r.coulomb > 0.0;
+    bad_value((slides ? "coulomb of '" : "stiction of '") + arm.coordinates()[static_cast<std::size_t>(r.rate)] + "'",
+              slides ? r.coulomb : r.stiction,
+              std::string("\"") + method + "\" has no dry friction here: take \"implicit\" (C++: ImplicitStep)");
+  }
+}
+
 Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                                   const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                                   const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,
-                                  const Integrate& integrate, Control* control) {
+                                  const Integrate& integrate, Control* control, double step) {
   Sliding sliding(arm, drives, tau, loads, control);
   if (sliding.none()) return integrate(drives, t, q0, v0, tau, events);
   check_arguments(arm, drives, t, q0, v0, tau);
@@ -258,14 +284,22 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
       sliding.settle(now, q, v, switched);
       if (sliding.sample(now, q, v)) sliding.settle(now, q, v, nullptr);
       for (; out.done < t.size() && t[out.done] <= now + instant; sliding.separate(out, out.done - 1))
-        if (!sliding.record(now, q, v, composite, out)) return out;
+        if (!sliding.record(now, q, v, composite, out)) {
+          if (out.done > 0) out.failure = kRanAway;  // it began well
+          return out;
+        }
       if (out.done == t.size()) return out;
       Eigen::VectorXd times(1 + t.size() - out.done);
       times << now, t.tail(t.size() - out.done);
       const Trajectory part =
           integrate(sliding.drives(), times, q, v, sliding.tau(), sliding.watch(remaining(events, out)));
       append(part, sliding, out);
+      if (part.done == 0 && now > t[0] && !out.failure.empty() && out.failure != kInterrupted) out.failure = kRanAway;
       if (!part.terminated || !out.failure.empty()) return out;
+      if (sliding.ran_away()) {
+        out.failure = kRanAway;
+        return out;
+      }
       for (std::size_t k = 0; k < events.size(); ++k)
         if (events[k].terminal > 0 && static_cast<int>(out.events[k].t.size()) == events[k].terminal)
           out.terminated = true;
@@ -277,13 +311,16 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
         q = log.q.back();
         v = log.v.back();
       }
+      // Rows at the switch itself are those behind it. (A sample may have torn loose what sticks.)
+      while (out.done > 1 && t[out.done - 1] >= out.reached - instant) --out.done;
       ++out.stats.switches;
       switches.push_back(out.reached);
       if (switches.size() <= kMany) continue;
       switches.pop_front();
-      if (switches.back() - switches.front() > kShort * (t[t.size() - 1] - t[0])) continue;
+      if (switches.back() - switches.front() > std::max(step, kShort * (t[t.size() - 1] - t[0]))) continue;
       out.failure = "the friction of joint coordinate '" + arm.coordinates()[switched->coordinate] +
-                    "' switches without end: no state of sticking and sliding lasts";
+                    "' switches without end: no state of sticking and sliding lasts" +
+                    (step > 0.0 ? ", or the motion runs away: take a smaller step" : "");
       return out;
     }
   } catch (const Interrupted&) {

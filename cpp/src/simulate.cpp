@@ -162,7 +162,9 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
   const auto started = std::chrono::steady_clock::now();
   const Step::Counts before = method.counts();
   System s(arm, drives, loads, tau, control);
+  s.rubbing = method.rubbing();
   Trajectory out = empty_trajectory(arm, t, events);
+  out.rubs = s.rubbing != nullptr;
   s.q = q0;
   s.v = v0;
   s.drive(t[0]);
@@ -241,6 +243,7 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
   out.stats.residuals = after.evaluations - before.evaluations;
   out.stats.jacobians = after.factorisations - before.factorisations;
   out.stats.newton_iterations = after.iterations - before.iterations;
+  out.stats.switches = after.switches - before.switches;
   out.stats.wall_time = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   return out;
 }

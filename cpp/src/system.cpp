@@ -37,7 +37,8 @@ System::System(const Arm& arm_, const std::vector<Drive>& drives_, const std::ve
       q(arm_.zero()),
       v(Eigen::VectorXd::Zero(arm_.nv())),
       a(v),
-      tau(tau_) {
+      tau(tau_),
+      friction(v) {
   std::vector<bool> given(static_cast<std::size_t>(arm.nq()), false);
   for (const Drive& d : drives)
     if (d.motion) given[static_cast<std::size_t>(arm.coordinate_of(d.coordinate))] = true;
@@ -66,9 +67,13 @@ void System::drive(double t) {
   }
 }
 
+Status System::accelerate() {
+  return rubbing ? rubbing->accelerate(ws, q, v, tau, friction) : forward_dynamics(arm, ws, q, v, tau);
+}
+
 bool System::sample(double t) {
   if (!control || !control->due(t)) return false;
-  if (forward_dynamics(arm, ws, q, v, tau) == Status::ok) a = ws.a;
+  if (accelerate() == Status::ok) a = ws.a;
   const Eigen::VectorXd before = control->held();
   if (!control->run(t, q, v, a)) return false;
   tau += control->held() - before;
@@ -77,14 +82,17 @@ bool System::sample(double t) {
 
 bool System::record(Trajectory& out, bool composite) {
   ws.a = a;
-  const Status status = composite ? forward_dynamics_ci(arm, ws, q, v, tau) : forward_dynamics_ab(arm, ws, q, v, tau);
+  const Status status = rubbing     ? accelerate()
+                        : composite ? forward_dynamics_ci(arm, ws, q, v, tau)
+                                    : forward_dynamics_ab(arm, ws, q, v, tau);
   if (status != Status::ok) {
     out.failure =
         status == Status::singular ? "the mass matrix is singular" : "the accelerations are no longer finite numbers";
     return false;
   }
   a = ws.a;
-  if (composite) accelerate_arm<double>(arm, ws, a, -arm.gravity());
+  if (rubbing) move_arm(arm, ws, q, v);
+  if (rubbing || composite) accelerate_arm<double>(arm, ws, a, -arm.gravity());
   joint_forces<double>(arm, ws, a);
   if (!ws.tau.allFinite()) {
     out.failure = "the forces are no longer finite";
@@ -92,14 +100,14 @@ bool System::record(Trajectory& out, bool composite) {
   }
   ws.total = tau;
   add_feedback(ws.feedback, q, v, 1.0, ws.total);
-  out.friction.row(out.done).setZero();
+  out.friction.row(out.done) = friction;
   for (const Drive& d : drives) {
     if (!d.motion) continue;
     double& force = ws.total[d.coordinate];
     if (d.holds)
       out.friction(out.done, d.coordinate) = ws.tau[d.coordinate] - force;
     else
-      force = ws.tau[d.coordinate];
+      force = ws.tau[d.coordinate] - friction[d.coordinate];
   }
   for (std::size_t k = 0; k < arm.size(); ++k) arm.link(k).joint().normalise(q.data() + arm.first_q(k));
   out.q.row(out.done) = q;

@@ -5,6 +5,7 @@
 
 #include "flexarm/drive.hpp"
 #include "flexarm/event.hpp"
+#include "flexarm/step.hpp"
 #include "flexarm/trajectory.hpp"
 #include "flexarm/workspace.hpp"
 
@@ -17,8 +18,10 @@ struct System {
   const Eigen::VectorXd& constant_tau;
   Control* control;  // or null
   Workspace ws;
-  std::vector<int> free_q;       // coordinates that are not prescribed
-  Eigen::VectorXd q, v, a, tau;  // of all coordinates
+  std::vector<int> free_q;          // coordinates that are not prescribed
+  Eigen::VectorXd q, v, a, tau;     // of all coordinates
+  ImplicitStep* rubbing = nullptr;  // the method, where dry friction is in its equations
+  Eigen::VectorXd friction;         // of that
 
   System(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
          const Eigen::VectorXd& tau_, Control* control_ = nullptr);
@@ -27,6 +30,8 @@ struct System {
 
   /// Prescribed coordinates and applied forces at time t.
   void drive(double t);
+  /// Accelerations at the current state, into ws.a.
+  Status accelerate();
   /// Lets the sampled controllers do what is due up to time t, at the current state.
   /// @return whether the forces have changed: then tau is what it is behind that
   bool sample(double t);

@@ -183,6 +183,35 @@ TEST_CASE("a step that fails throws nothing and asks for nothing") {
   CHECK(status == Status::not_finite);
 }
 
+TEST_CASE("joints that stick and slide within steps ask nothing of the system") {
+  for (const double height : {0.004, 0.3}) {  // on the fast kernels, and with loads not on them
+    JointForce rough;
+    rough.coulomb = 0.2;
+    rough.stiction = 0.3;
+    std::vector<Link> links;
+    for (int n = 0; n < 2; ++n)
+      links.emplace_back(Joint({{true, {0, 0, 1}}}, false, {"z"}, {rough}), flexarm_test::body(0.3, {height, 0, 0}),
+                         flexarm_test::beam({2, 0, 0, 0, 0}, 2, 0.02), std::nullopt);
+    const Arm arm(std::move(links));
+    const std::vector<Load> loads(height > 0.1 ? 1 : 0, Load::at_end(arm, 1, true));
+    Workspace ws(arm, {}, loads);
+    ImplicitStep step(arm, 1e-3);
+    Eigen::VectorXd q = arm.zero(), v = q, tau = q;
+    Status status = Status::ok;
+    const auto run = [&](int from, int to) {
+      for (int k = from; k < to && status == Status::ok; ++k) {
+        tau[0] = std::sin(0.02 * k);
+        tau[3] = 0.4 * std::sin(0.033 * k);
+        status = step(ws, q, v, tau);
+      }
+    };
+    run(0, 1);
+    check_nothing("implicit with friction", [&] { run(1, 1000); });
+    CHECK(status == Status::ok);
+    CHECK(step.counts().switches > 5);
+  }
+}
+
 TEST_CASE("an arm and what AB, inverse dynamics and steps need take memory in proportion to its links") {
   const auto taken = [](std::size_t links) {
     std::vector<Link> parts;

@@ -129,7 +129,7 @@ TEST_CASE("friction: a block pushed by less than the stiction does not move; by 
   for (double push : {1.4, -1.4, 2.0, -2.0}) {
     CAPTURE(push);
     const Eigen::VectorXd tau = Eigen::VectorXd::Constant(1, push);
-    CollocationStep gauss(arm);
+    CollocationStep gauss(arm, {}, DryFriction::left_to_caller);
     const auto fixed = [&](const auto& drives, const auto& times, const auto& q, const auto& v, const auto& forces,
                            const auto& events) {
       return simulate_fixed(arm, drives, times, q, v, forces, gauss, 0.1, false, {}, {}, events);

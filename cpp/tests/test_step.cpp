@@ -173,6 +173,43 @@ TEST_CASE("quaternions stay of unit length, at the exact angle of a steady turn"
   CHECK((turned - Eigen::Vector4d(std::cos(0.5), 0.0, 0.0, std::sin(0.5))).norm() < 1e-15);
 }
 
+TEST_CASE("implicit steps hold what friction holds, to the bit; Runge-Kutta and Gauss steps refuse it by name") {
+  JointForce rough;
+  rough.coulomb = 0.5;
+  rough.stiction = 0.75;
+  std::vector<Link> links;
+  links.emplace_back(Joint({{false, {1, 0, 0}}}, false, {"x"}, {rough}), RigidBody{2.0}, std::nullopt, std::nullopt);
+  const Arm arm(std::move(links));
+  Workspace ws(arm);
+  ImplicitStep step(arm, 7e-3);
+  Eigen::VectorXd q = Eigen::VectorXd::Constant(1, 0.1), v = Eigen::VectorXd::Zero(1), tau = v;
+  const auto run = [&](double force, int steps) {
+    tau[0] = force;
+    for (int k = 0; k < steps; ++k) REQUIRE(step(ws, q, v, tau) == Status::ok);
+  };
+  run(0.7, 10);
+  CHECK(q[0] == 0.1);
+  CHECK(v[0] == 0.0);
+  CHECK(step.friction()[0] == doctest::Approx(-0.7));
+  CHECK(step.jump(ws, q, v, tau = Eigen::VectorXd::Constant(1, 0.8)) == Status::ok);
+  CHECK(ws.a[0] == doctest::Approx(0.15));
+  run(0.8, 100);  // torn loose: (0.8 - 0.5) / 2
+  CHECK(v[0] == doctest::Approx(0.15 * 0.7));
+  CHECK(q[0] == doctest::Approx(0.1 + 0.5 * 0.15 * 0.49));
+  CHECK(step.friction()[0] == -0.5);
+  const double from = q[0], speed = v[0];
+  CHECK(step.jump(ws, q, v, tau = Eigen::VectorXd::Zero(1)) == Status::ok);
+  run(0.0, 100);  // braked by 0.25 m/s^2
+  CHECK(v[0] == 0.0);
+  CHECK(std::abs(q[0] - from - 0.5 * speed * speed / 0.25) <= 0.25 * 7e-3 * 7e-3 / 8);
+  CHECK(step.friction()[0] == 0.0);
+  CHECK(step.counts().switches == 1);
+  const char* told =
+      "coulomb of 'link 0 x' = 0.5: \"rk4\" has no dry friction here: take \"implicit\" (C++: ImplicitStep)";
+  CHECK_THROWS_WITH_AS(Rk4Step(arm, 1e-3), told, std::invalid_argument);
+  CHECK_THROWS_AS(CollocationStep{arm}, std::invalid_argument);
+}
+
 TEST_CASE("the time loop meets outputs and samples exactly and counts its work") {
   const Arm arm = swinging(0.0);
   const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(4, 0.0, 0.3), zero = Eigen::VectorXd::Zero(arm.nv());

@@ -204,10 +204,11 @@ struct Given {
   const SampledLaws& sampled;
 };
 
-/// Runs integrate(drives, t, q, v, tau, alive, loads, events, control) -> Trajectory, from one switch of dry friction
-/// to the next, without the interpreter's lock, looking around ten times a second: Ctrl-C, progress.
+/// Runs integrate(drives, t, q, v, tau, alive, loads, events, control) -> Trajectory, once where the method `rubs`,
+/// else from one switch of dry friction to the next, without the interpreter's lock, looking around ten times a second:
+/// Ctrl-C, progress.
 template <class Integrate>
-py::dict run(const Given& given, const Integrate& integrate) {
+py::dict run(const Given& given, bool rubs, double step, const Integrate& integrate) {
   const auto& alive = given.alive;
   std::vector<Drive> laws;
   AllAsked asked;  // in the order of drives, loads, and references of control
@@ -246,12 +247,13 @@ py::dict run(const Given& given, const Integrate& integrate) {
   Trajectory r;
   try {
     py::gil_scoped_release release;
-    r = simulate_with_friction(
-        given.arm, laws, given.t, given.q0, given.v0, given.tau, wrenches, watched, given.composite,
-        [&](const auto& drives, const auto& t, const auto& q, const auto& v, const auto& tau, const auto& events) {
-          return integrate(drives, t, q, v, tau, look_around, wrenches, events, control);
-        },
-        &control);
+    const auto part = [&](const auto& drives, const auto& t, const auto& q, const auto& v, const auto& tau,
+                          const auto& events) {
+      return integrate(drives, t, q, v, tau, look_around, wrenches, events, control);
+    };
+    r = rubs ? part(laws, given.t, given.q0, given.v0, given.tau, watched)
+             : simulate_with_friction(given.arm, laws, given.t, given.q0, given.v0, given.tau, wrenches, watched,
+                                      given.composite, part, &control, step);
   } catch (const Interrupted&) {  // before the first step
     PyErr_SetNone(PyExc_KeyboardInterrupt);
     throw py::error_already_set();
@@ -346,7 +348,7 @@ void bind_time(py::module_& m) {
             py::gil_scoped_acquire hold;
             call(slow, now, steps);
           };
-        return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled},
+        return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled}, false, 0.0,
                    [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
                        const auto& look_around, const auto& wrenches, const auto& watched, Control& control) {
                      return simulate_ida(arm, laws, times, q, v, forces, options, look_around, wrenches, watched,
@@ -365,12 +367,14 @@ void bind_time(py::module_& m) {
          const LoadLaws& loads, const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled) {
         std::unique_ptr<Step> method;
         if (integrator == "rk4")
-          method = std::make_unique<Rk4Step>(arm, step);
+          method = std::make_unique<Rk4Step>(arm, step, DryFriction::left_to_caller);
         else if (integrator == "gauss")
-          method = std::make_unique<CollocationStep>(arm, CollocationOptions{stages, rtol});
+          method =
+              std::make_unique<CollocationStep>(arm, CollocationOptions{stages, rtol}, DryFriction::left_to_caller);
         else
           method = std::make_unique<ImplicitStep>(arm, step, ImplicitOptions{spectral_radius, rtol});
         return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled},
+                   method->rubbing() != nullptr, step,
                    [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
                        const auto& look_around, const auto& wrenches, const auto& watched, Control& control) {
                      // what is left after a switch may be shorter than a step

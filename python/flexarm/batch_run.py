@@ -23,7 +23,6 @@ from .tables import Schedule, breaks_of, feedback_tables, sampled, stacked, wren
 from .variation import Setup, Variation
 
 FAILED = 5
-_VARIES_FRICTION = ("coulomb", "stiction")
 
 
 class _Held(Controller):
@@ -104,9 +103,9 @@ class Job:
         """ "steps": all in the core; "simulate": one call of `simulate` each."""
         setup = self.variation.setup
         known = all(k in ("rtol", "spectral_radius") for k in self.options)
-        if self.integrator not in STEPPERS or _friction(setup.arm) or not known:
+        if self.integrator not in STEPPERS or not known:
             return "simulate"
-        if any(path.rpartition(".")[2] in _VARIES_FRICTION for path in self.variation.values):
+        if self.integrator == "rk4" and (_friction(setup.arm) or self._varies_friction()):
             return "simulate"
         from .control import control_laws
 
@@ -116,6 +115,9 @@ class Job:
         laws = [law.law for law in setup.drive.values()] + [law for _, _, _, law, _ in feedback] + [*setup.loads]
         schedule = self.schedule()
         return "steps" if all(schedule.meets(breaks_of(law)) for law in laws) else "simulate"
+
+    def _varies_friction(self) -> bool:
+        return any(path.rpartition(".")[2] in ("coulomb", "stiction") for path in self.variation.values)
 
     def run(
         self,

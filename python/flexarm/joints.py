@@ -65,9 +65,10 @@ class Joint(_Part):
         lower, upper: soft stops (m, rad), with `limit_stiffness` and, setting in over the first 1e-3 m or rad of
             penetration so that the force stays continuous, `limit_damping`. Of a ball, the spring pulls its whole turn
             back to none, `upper` is the largest angle of that turn (below pi), and both are alike about all axes.
-        coulomb: dry friction (N, N m): the force that opposes sliding, whatever its speed. It acts in `simulate`, where
-            a freedom that comes to rest sticks, exactly still, until more than `stiction` is needed to hold it; what
-            is computed for one instant (`forward_dynamics`, `inverse_dynamics`, `linearize`) leaves it out.
+        coulomb: dry friction (N, N m): the force that opposes sliding, whatever its speed. It acts in whatever goes on
+            in time (`simulate`, `simulate_batch`, `rollout`, environments): a freedom that comes to rest sticks,
+            exactly still, until more than `stiction` is needed to hold it. What is computed for one instant
+            (`forward_dynamics`, `inverse_dynamics`, `linearize`) leaves it out.
         stiction: the most that holds a sticking freedom (N, N m), at least `coulomb`; None: as much as `coulomb`.
         reflected_inertia: of the drive's rotor, as the joint feels it: gear ratio squared times rotor inertia (kg,
             kg m²). The rotor's own gyroscopic moments are left out.

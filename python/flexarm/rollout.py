@@ -260,7 +260,7 @@ def rollout(
         tau: generalised forces (N, N m), (B, nstep, nv) or (nstep, nv), held over each step: tau[:, k] acts from
             t = k dt to (k + 1) dt. An axis of length 1 stands for all scenarios or steps. None: zero.
         dt: the step (s). nstep: how many; None: as many as tau has.
-        integrator: "implicit" or "rk4"; see `simulate`.
+        integrator: "implicit" or "rk4"; see `simulate`. Dry friction of joints needs "implicit".
         every: steps between two rows of the result.
         feedback: continuous controllers (PD, StrainFeedback, StateFeedback) alike for all scenarios: one, or a list of
             them; or a list of B such lists.

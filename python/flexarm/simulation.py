@@ -220,8 +220,9 @@ def simulate(
         progress: shows a progress bar on stderr, where that is a terminal; or a callable, which is given the time
             reached (s) about ten times a second, and may raise to give the simulation up.
 
-    Joints with dry friction (`coulomb`, `stiction`) stick and slide: the times of switching are found as events are,
-    and the integrator begins anew behind them. What sticks is exactly still.
+    Joints with dry friction (`coulomb`, `stiction`) stick and slide; what sticks is exactly still. "implicit" has that
+    in the equations of its steps, of second order as without; for the other integrators the times of switching are
+    found as events are, and they begin anew behind them.
 
     No step passes over a sample of a drive. With "ida", nor over an output time where a drive is a callable; a pulse of
     a callable between steps can still be missed: a thousand places are looked at after the run.

@@ -23,9 +23,12 @@ struct CollocationOptions {
 /// its matrix is dense, (s n)^2: for arms of up to some tens of coordinates.
 class CollocationStep final : public Step {
  public:
-  /// @throws std::invalid_argument naming the field and the value
-  explicit CollocationStep(const Arm& arm, const CollocationOptions& options = {});
-  explicit CollocationStep(const Arm&& arm, const CollocationOptions& options = {}) = delete;  ///< it must outlive this
+  /// @throws std::invalid_argument naming the field and the value; for joints with dry friction, which it does not know
+  explicit CollocationStep(const Arm& arm, const CollocationOptions& options = {},
+                           DryFriction friction = DryFriction::refused);
+  /// The arm must outlive it.
+  explicit CollocationStep(const Arm&& arm, const CollocationOptions& options = {},
+                           DryFriction friction = DryFriction::refused) = delete;
   Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
   Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                  const Given& given) override;

@@ -1,7 +1,8 @@
 // Coulomb friction of joints, with stiction (Coulomb 1785; as a hybrid system: Karnopp 1985, Pfeiffer & Glocker 1996).
 // Each freedom sticks or slides. Sliding, it is opposed by the constant coulomb force; sticking, it is held exactly
-// still by what that needs, up to the stiction. Between two switches the motion is smooth, so that every integrator
-// keeps its order and none meets a sign function; the times of switching are found as events.
+// still by what that needs, up to the stiction. ImplicitStep has that in its equations. For the other integrators the
+// arm is a hybrid system: between two switches the motion is smooth, so that each keeps its order and none meets a sign
+// function; the times of switching are found as events.
 #pragma once
 
 #include "flexarm/control.hpp"
@@ -11,6 +12,15 @@
 
 namespace flexarm {
 
+/// Dry friction of one rate of an arm's joints.
+struct Rub {
+  int rate;
+  double coulomb, stiction;
+};
+std::vector<Rub> rubs(const Arm& arm);
+/// @throws std::invalid_argument where the arm has dry friction, naming the joint and the value
+void refuse_friction(const Arm& arm, const char* method);
+
 /// Integrates from t[0] to t[end], or to the first terminal event.
 using Integrate =
     std::function<Trajectory(const std::vector<Drive>& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
@@ -18,9 +28,10 @@ using Integrate =
 
 /// `integrate` from one switch of a joint's friction to the next, over all times of t. In the trajectory `tau` is what
 /// is applied, and `friction` what the friction adds. Without friction in the arm: `integrate`, once.
+/// @param step  of a fixed-step method: a hundred switches within one are no motion
 Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                                   const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                                   const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,
-                                  const Integrate& integrate, Control* control = nullptr);
+                                  const Integrate& integrate, Control* control = nullptr, double step = 0.0);
 
 }  // namespace flexarm

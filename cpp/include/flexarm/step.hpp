@@ -9,6 +9,8 @@
 
 namespace flexarm {
 
+class ImplicitStep;
+
 /// A fixed-step method. It remembers what it needs from one step to the next: one object per arm in motion.
 class Step {
  public:
@@ -19,6 +21,7 @@ class Step {
     long evaluations = 0;     ///< of inverse or forward dynamics
     long factorisations = 0;  ///< of iteration matrices
     long iterations = 0;      ///< linear solves
+    long switches = 0;        ///< steps in which dry friction came to hold a joint, let it go, or turned
   };
 
   virtual ~Step() = default;
@@ -36,6 +39,8 @@ class Step {
   /// @return when not ok, q and v are those of the step's beginning
   virtual Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                          const Given& given) = 0;
+  /// This, if the dry friction of the arm's joints is in its equations.
+  virtual ImplicitStep* rubbing() { return nullptr; }
   /// Whether `inside` knows the state within the last step; if not, steps must end where it is asked for.
   virtual bool interpolates() const { return false; }
   /// The state c h after the last step's beginning, 0 <= c <= 1, but for what is prescribed.
@@ -47,6 +52,10 @@ class Step {
  protected:
   Counts counts_;
 };
+
+/// What a method without dry friction in its equations does with an arm that has some: it refuses the arm, or the
+/// caller cares for the friction (friction.hpp).
+enum class DryFriction { refused, left_to_caller };
 
 struct ImplicitOptions {
   /// What is left after one step of a mode too fast for the step: 1 keeps the energy of every mode (trapezoidal rule),
@@ -64,6 +73,8 @@ struct ImplicitOptions {
 /// are solved by Newton's iteration with the matrix of factor_shifted, which leaves out gyroscopic and geometric terms:
 /// it contracts by a factor of order h. Modes too fast for the step may be quiet or ring softly; where they are loud,
 /// with (h omega)^2 times their share of the bending not small, the iteration fails, and a smaller step is needed.
+/// Joints with dry friction stick and slide: what sticks is still to the last bit. Where a joint comes to rest, turns
+/// or is torn loose within a step, the mean force over it is that of the law, so that the order stays two.
 class ImplicitStep final : public Step {
  public:
   /// @param h  step of operator() (s)
@@ -79,17 +90,25 @@ class ImplicitStep final : public Step {
   Status jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
   Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                  const Given& given) override;
+  ImplicitStep* rubbing() override;
+  /// Accelerations into ws.a, which holds what is prescribed, and the forces of dry friction (nv): what does not move
+  /// sticks as far as it may.
+  Status accelerate(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+                    Eigen::VectorXd& friction);
+  /// Forces of dry friction behind the last step (nv; N, N m): what opposes sliding, or holds what sticks.
+  const Eigen::VectorXd& friction() const { return friction_; }
   /// Iterations of the last step.
   int iterations() const;
   ~ImplicitStep() override;
 
  private:
   struct Iteration;
+  void report(const Eigen::VectorXd& v, const double* force, Eigen::VectorXd& friction) const;
   const Arm* arm_;
   double h_;
   ImplicitOptions options_;
   bool started_ = false;
-  Eigen::VectorXd numbers_, residual_, turn_;
+  Eigen::VectorXd numbers_, friction_;
   std::unique_ptr<Iteration> iteration_;
 };
 
@@ -98,8 +117,9 @@ class ImplicitStep final : public Step {
 class Rk4Step final : public Step {
  public:
   /// @param h  step of operator() (s)
-  Rk4Step(const Arm& arm, double h);
-  Rk4Step(const Arm&& arm, double h) = delete;  ///< the arm must outlive it
+  /// @throws std::invalid_argument for joints with dry friction, which it does not know
+  Rk4Step(const Arm& arm, double h, DryFriction friction = DryFriction::refused);
+  Rk4Step(const Arm&& arm, double h, DryFriction friction = DryFriction::refused) = delete;  ///< it must outlive this
   /// Advances by the step of the constructor. tau and prescribed accelerations are constant over the step.
   Status operator()(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
     return advance(h_, ws, q, v, tau, {});

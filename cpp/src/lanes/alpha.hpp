@@ -7,6 +7,7 @@
 //   solve(r, x)
 #pragma once
 
+#include "lanes/contact.hpp"
 #include "lanes/layout.hpp"
 #include "lanes/scalar.hpp"
 
@@ -54,12 +55,18 @@ struct Alpha {
   S *v0, *a0, *a_before, *alpha0, *alpha, *a, *u, *r, *turn, *tau_own;
   int iterations = 0;
   long evaluations = 0, factorisations = 0, solves = 0;
+  Contacts<Engine> contacts;
 
-  static std::size_t scalars(int nq, int nv) { return static_cast<std::size_t>(nq + 10 * nv); }
-  void lay_out(S* at, int nq_, int nv_) {
+  static std::size_t own_scalars(int nq, int nv) { return static_cast<std::size_t>(nq + 10 * nv); }
+  static std::size_t scalars(int nq, int nv, int rubbing) {
+    return own_scalars(nq, nv) + Contacts<Engine>::scalars(nv, rubbing);
+  }
+  /// @param rubbing  rates with dry friction that are not prescribed
+  void lay_out(S* at, int nq_, int nv_, const int* rubbing, int rubbing_count) {
     nq = nq_;
     nv = nv_;
-    for (std::size_t i = 0; i < scalars(nq, nv); ++i) at[i] = S{};
+    for (std::size_t i = 0; i < own_scalars(nq, nv); ++i) at[i] = S{};
+    contacts.lay_out(at + own_scalars(nq, nv), rubbing, rubbing_count, nv);
     q0 = at;
     S** all[] = {&v0, &a0, &a_before, &alpha0, &alpha, &a, &u, &r, &turn, &tau_own};
     at += nq;
@@ -76,6 +83,25 @@ struct Alpha {
       a_before[i] = L::select(where, x[i], a_before[i]);
       alpha0[i] = L::select(where, x[i], alpha0[i]);
     }
+  }
+
+  /// Accelerations under dry friction, of which what does not move takes what holds it, as far as it may.
+  /// @param x  the prescribed ones; gets all
+  /// @return where the mass matrix is positive definite; `contacts` has the forces of friction
+  Mask settle(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where) {
+    for (int k = 0; k < engine.free_count; ++k) x[engine.free[k]] = S{};
+    engine.inverse(q, v, x, tau_own, true);
+    S twice;
+    const Mask good = engine.factor(flexarm::lanes::Shift{}, twice);
+    contacts.refactored();
+    contacts.begin_instant(v);
+    contacts.take_from(tau_own);
+    for (int k = 0; k < engine.free_count; ++k) r[engine.free[k]] = tau[engine.free[k]] - tau_own[engine.free[k]];
+    if (L::all(L::none_of(good))) return good;
+    engine.solve(r, turn);
+    contacts.resolve(engine, turn, nullptr, nullptr, 1.0, 1.0, where & good, tau_own);
+    for (int k = 0; k < engine.free_count; ++k) x[engine.free[k]] = turn[engine.free[k]];
+    return good;
   }
 
   /// Accelerations extrapolated, and the auxiliary ones that follow:
@@ -117,6 +143,7 @@ struct Alpha {
     // old knowledge, doubted more with every step
     contraction = L::larger(number<S>(kBest), L::root(contraction) * L::root(L::root(contraction)));
     S last{}, size{}, one = number<S>(1.0);
+    contacts.begin_step();
     Mask good = L::everywhere(false), bad = skip;
     for (iterations = 1; iterations <= o.max_iterations; ++iterations) {
       place(engine, h, q, v);
@@ -127,11 +154,12 @@ struct Alpha {
         S twice;
         bad = bad | (L::none_of(good) & L::none_of(engine.factor(shift, twice)));
         ++factorisations;
+        contacts.refactored();
         scale = L::select(good, scale, L::larger(twice, kForget * scale));
         size = L::select(good, size, L::root(scale + fall));
         if (L::all(good | bad)) break;  // an engine that could not factor has nothing to solve with
       }
-      S work{}, residual{}, force{};
+      S work{}, residual{}, force = contacts.take_from(tau_own);
       for (int k = 0; k < engine.free_count; ++k) {
         const int i = engine.free[k];
         r[i] = tau[i] - tau_own[i];
@@ -140,6 +168,10 @@ struct Alpha {
       }
       engine.solve(r, turn);
       ++solves;
+      const Mask switching = contacts.count == 0 ? L::everywhere(false)
+                                                 : contacts.resolve(engine, turn, v, v0, shift.damping, o.gamma * by_a,
+                                                                    L::none_of(good | bad), tau_own);
+      for (int c = 0; c < contacts.count; ++c) work += contacts.turn[c] * turn[contacts.at[c]];
       for (int k = 0; k < engine.free_count; ++k) work += r[engine.free[k]] * turn[engine.free[k]];  // turn^T S turn
       bad = bad | (L::none_of(good) & L::none_of(L::finite(work) & L::finite(size)));
       const S moved = shift.damping * L::root(L::size(work));  // of the velocities, in the norm of energy
@@ -158,7 +190,7 @@ struct Alpha {
       last = L::select(open, moved, last);
       const S left = L::smaller(one, contraction / L::larger(1.0 - contraction, number<S>(1e-3))) * moved;
       const Mask end = (left <= o.rtol * size) | (residual <= kRounding * force) | stalled;
-      good = good | (open & end);
+      good = good | (open & end & L::none_of(switching));
       if (L::all(good | bad)) break;
     }
     if (iterations > o.max_iterations) iterations = o.max_iterations;

@@ -152,7 +152,7 @@ struct Roller {
   static std::size_t memory(const Roll& j) {
     const std::size_t nq = static_cast<std::size_t>(j.layout->nq), nv = static_cast<std::size_t>(j.layout->nv);
     return Rolled<Sp>::memory(j) +
-           (2 * nq + 6 * nv + 1 + Alpha<Rolled<Sp>>::scalars(j.layout->nq, j.layout->nv)) * sizeof(Pack);
+           (2 * nq + 6 * nv + 1 + Alpha<Rolled<Sp>>::scalars(j.layout->nq, j.layout->nv, j.rubs)) * sizeof(Pack);
   }
 
   Roll& job;
@@ -174,7 +174,11 @@ struct Roller {
       p += nv;
     }
     changed = p++;
-    alpha.lay_out(p, nq, nv);
+    alpha.lay_out(p, nq, nv, j.rubbing, j.rubs);
+    for (int c = 0; c < j.rubs; ++c) {
+      alpha.contacts.coulomb[c] = L::load(j.coulomb + c * W);
+      alpha.contacts.stiction[c] = L::load(j.stiction + c * W);
+    }
     alpha.o = AlphaOptions::of(j.spectral_radius, j.rtol, j.max_iterations);
     alpha.contraction = number<Pack>(1.0);
     alpha.scale = Pack{};
@@ -204,12 +208,25 @@ struct Roller {
   void begin(const PackMask& where, long step) {
     ++alpha.evaluations;
     lose_runaways(step);
-    const PackMask good = arms.accelerate(q, v, tau, x);
+    const PackMask good = accelerate(x, where);
     PackMask fine = L::everywhere(true);
     for (int i = 0; i < arms.nv; ++i) fine = fine & L::finite(x[i]);
     lose(~fine & where, not_finite, step);
     lose(~good & where, singular, step);
     alpha.begin(x, where);
+    alpha.contacts.end_instant(v, where);
+  }
+  /// Accelerations under dry friction into y, which holds those that are given. Scenarios without friction get what
+  /// they get in a pack that has none.
+  PackMask accelerate(Pack* y, const PackMask& where) {
+    const PackMask rubs = alpha.contacts.anywhere();
+    if (!L::any(rubs)) return arms.accelerate(q, v, tau, y);
+    PackMask good = alpha.settle(arms, q, v, tau, y, where);
+    if (L::all(rubs)) return good;
+    for (int i = 0; i < arms.nv; ++i) alpha.turn[i] = y[i];
+    good = (good & rubs) | (arms.accelerate(q, v, tau, alpha.turn) & ~rubs);
+    for (int i = 0; i < arms.nv; ++i) y[i] = L::select(rubs, y[i], alpha.turn[i]);
+    return good;
   }
 
   void implicit_step(long step, double h) {
@@ -223,6 +240,8 @@ struct Roller {
     lose(~good & ran_away, not_finite, step);
     lose(~good, not_converged, step);
     alpha.end(h, good);
+    const PackMask switched = alpha.contacts.end_step(v, good);
+    if (L::any(switched)) begin(switched, step);  // other forces act from here on
   }
 
   void rk4_step(long step, double h) {
@@ -263,12 +282,16 @@ struct Roller {
     if (wanted == 0) return;
     for (int i = 0; i < arms.nv; ++i) rate[i] = x[i];
     if (wanted > 1) {
-      arms.accelerate(q, v, tau, rate);
+      accelerate(rate, L::everywhere(true));
       arms.inverse(q, v, rate, scratch, false);
       for (int i = 0; i < arms.nv; ++i) arms.total[i] = tau[i];
       arms.add_feedback(q, v, 1.0, arms.total);
       arms.add_feedback(q, v, 1.0, scratch);  // the reactions of what is prescribed, and of nothing else
       for (int k = 0; k < arms.free_count; ++k) scratch[arms.free[k]] = arms.total[arms.free[k]];
+      for (int c = job.rubs; c < job.rubs + job.rubs_given; ++c) {  // a drive must overcome the friction, too
+        const Pack speed = v[job.rubbing[c]], most = L::load(job.coulomb + c * W);
+        scratch[job.rubbing[c]] += L::select(speed > 0.0, most, L::select(speed < 0.0, -most, Pack{}));
+      }
     }
     const auto raw = [](const Pack* p) { return reinterpret_cast<const double*>(p); };
     job.row(job.context, raw(q), raw(v), raw(rate), raw(scratch), job.status);
