@@ -183,3 +183,25 @@ TEST_CASE("an implicit step whose first factorisation fails under continuous con
       CHECK(q == q0);
   }
 }
+
+TEST_CASE("lists of other lengths than the arm's are refused, by name") {
+  const Arm arm = planar();
+  CHECK_THROWS_WITH_AS(Workspace(arm, {true}), doctest::Contains("prescribed = 1 entries: must be one for each of"),
+                       std::invalid_argument);
+  Workspace ws(arm);
+  const std::vector<Feedback> laws{
+      {Eigen::VectorXd::Unit(2, 0), Eigen::VectorXd::Zero(arm.nq()), Eigen::VectorXd::Zero(arm.nv())}};
+  CHECK_THROWS_WITH_AS(ws.feed_back(laws), doctest::Contains("their lengths must be nv, nq, nv: 6, 6, 6"),
+                       std::invalid_argument);
+}
+
+TEST_CASE("stiction that is not given is as much as the sliding friction") {
+  JointForce rough;
+  rough.coulomb = 0.5;
+  const Joint joint({{true, Eigen::Vector3d::UnitZ()}}, false, {"hinge"}, {rough});
+  CHECK(joint.forces()[0].stiction == 0.5);
+  CHECK(Joint({{true, Eigen::Vector3d::UnitZ()}}, false, {"hinge"}, {JointForce{}}).forces()[0].stiction == 0.0);
+  rough.stiction = 0.4;
+  CHECK_THROWS_WITH_AS(Joint({{true, Eigen::Vector3d::UnitZ()}}, false, {"hinge"}, {rough}),
+                       "stiction[0] = 0.4: must be finite, and at least coulomb", std::invalid_argument);
+}
