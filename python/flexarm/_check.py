@@ -13,9 +13,21 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 
+def plain(value: Any, depth: int = 0) -> Any:
+    """What NumPy gives, as Python's own numbers, strings and tuples; all else as it is."""
+    if isinstance(value, np.ndarray):
+        return plain(value[()]) if value.ndim == 0 else tuple(plain(v) for v in value)
+    if isinstance(value, np.floating):
+        return float(value)  # item() leaves a long double what it is
+    if type(value) in (list, tuple) and depth < 8:  # no argument is nested deeper
+        return type(value)([plain(v, depth + 1) for v in value])
+    return value.item() if isinstance(value, np.generic) else value
+
+
 def number(field: str, value: Any) -> float:
     """A finite-or-not float; the sign and range are checked by the core."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+    value = plain(value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError(f"{field} = {value!r}: must be a number")
     try:
         return float(value)
@@ -24,7 +36,8 @@ def number(field: str, value: Any) -> float:
 
 
 def whole(field: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+    value = plain(value)
+    if isinstance(value, bool) or not isinstance(value, int):
         raise ValueError(f"{field} = {value!r}: must be a whole number")
     if abs(int(value)) >= 2**31:
         raise ValueError(f"{field} = {value!r}: is too large")

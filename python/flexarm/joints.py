@@ -49,6 +49,7 @@ class Placement(_Part):
     _core: tuple[Array, Array] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         core = (array("position", self.position, (3,)), _rotation("rotation", self.rotation))
         self._set("position", _numbers(self.position))
         self._set("rotation", _numbers(self.rotation))
@@ -110,6 +111,7 @@ class Joint(_Part):
         return array(name, value, (n,)).tolist()  # type: ignore[no-any-return]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not isinstance(getattr(self, "axis", ""), str):
             self._set("axis", _numbers(array("axis", self.axis, (3,))))  # type: ignore[attr-defined]
         freedoms = self._freedoms()

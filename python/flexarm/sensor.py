@@ -59,6 +59,7 @@ class Sensor(_Part):
     feels_loads: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.rate is not None and not 0 < number("rate", self.rate) < np.inf:
             raise ValueError(f"rate = {self.rate}: must be positive and finite (Hz)")
         if not 0 <= number("delay", self.delay) < np.inf:
