@@ -123,11 +123,13 @@ def _demo(args: argparse.Namespace) -> int:
 
 def _quantities(result: Result) -> list[dict[str, Any]]:
     """Least, greatest and last value of the joints' motion and forces and of the tips' deflections."""
-    from .plots import deflections, joint_coordinates
+    from .plots import deflections, joint_coordinates, joint_rates
 
-    curves = []
-    for i, label, unit in joint_coordinates(result.arm):
-        curves.append((label, unit, result.q[:, i]))
+    places = {label: (i, unit) for i, label, unit in joint_coordinates(result.arm)}
+    curves = [(label, unit, result.q[:, i]) for label, (i, unit) in places.items() if unit == "1"]  # without rates
+    for i, label, unit in joint_rates(result.arm):
+        if label in places:
+            curves.append((label, unit, result.q[:, places[label][0]]))
         curves.append((f"{label} rate", f"{unit}/s", result.v[:, i]))
         force = ("torque", "N m") if unit == "rad" else ("force", "N")
         curves.append((f"{label} {force[0]}", force[1], result.tau[:, i]))
