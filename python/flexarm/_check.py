@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -97,6 +98,15 @@ def known_keys(where: str, given: Mapping[str, Any], known: Iterable[str]) -> No
             near = difflib.get_close_matches(str(key), known, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known) or 'none'}"
             raise ValueError(f"{where}: unknown key '{key}'; {hint}")
+
+
+def named(path: Any, *suffixes: str) -> Path:
+    """The path of a file to be written, whose name does not promise another format."""
+    if not isinstance(path, (str, Path)):
+        raise ValueError(f"path = {path!r}: must be a path")
+    if Path(path).suffix.lower() not in ("", *suffixes):
+        raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(suffixes)}, the format that is written")
+    return Path(path)
 
 
 def choice(field: str, value: Any, known: Iterable[str]) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from . import joints, model, sensors
-from ._check import Array, array, choice, known_keys, number, whole
+from ._check import Array, array, choice, known_keys, named, number, whole
 from .arm import METHODS, Arm
 from .control import PD, Controller, StateFeedback, StrainFeedback, control_laws
 from .drive import Motion, Torque
@@ -188,6 +188,8 @@ def _control(where: str, table: Any, base: Path) -> Controller:
         t["reference"] = (samples["t"], samples["r"])
     if "motor" in t:
         t["motor"] = _make(f"{where}.motor", Motor, t["motor"], _parameters(Motor))
+    if isinstance(t.get("link"), list):
+        t["link"] = tuple(t["link"])  # (link, freedom)
     return _make(where, make, t, _parameters(make))  # type: ignore[no-any-return]
 
 
@@ -260,11 +262,19 @@ class Scene:
         """Writes a scene file that `load` reads back; functions of time are sampled, which the file then says.
 
         Raises:
-            ValueError: what no scene file can hold: uneven output times, controllers that are Python code.
+            ValueError: what no scene file can hold: uneven output times, controllers and options that are Python code;
+                or a name that promises another format.
         """
         from .scene_text import scene_text
 
-        Path(path).write_text(scene_text(self, comment), encoding="utf-8")
+        file, text = named(path, ".toml"), scene_text(self, comment)
+        try:
+            content, back = text.encode(), scene_from_dict(tomllib.loads(text), name=self.name)
+        except ValueError as e:
+            raise ValueError(f"this scene cannot be saved, its file would not be read back: {e}") from None
+        if back.arm != self.arm:
+            raise ValueError("this scene cannot be saved: its file would be read back as another arm")
+        file.write_bytes(content)
 
     def readings(self, result: Result) -> dict[str, Reading]:
         """What the scene's sensors read of a result, by names such as "sensor-0-encoder"; none of a single row."""

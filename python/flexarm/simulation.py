@@ -48,6 +48,9 @@ class SimulationInterrupted(KeyboardInterrupt):
         self.time = time
         self.result = result
 
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.time, self.result)
+
 
 def _events(events: Any) -> list[tuple[Any, int, int]]:
     """(callable, occurrence that ends the run or 0, direction) of each event."""

@@ -105,6 +105,9 @@ class SweepInterrupted(KeyboardInterrupt):
         super().__init__(message)
         self.result = result
 
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.result)
+
 
 # -- one share ----------------------------------------------------------------------------------------------
 
