@@ -1,4 +1,4 @@
-"""What `flexarm run` says of arms with balls: each rate and torque its own, each coordinate of a quaternion one number."""
+"""What `flexarm run` says of arms with balls: each rate and torque its own, a quaternion without a rate."""
 
 from __future__ import annotations
 

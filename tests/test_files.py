@@ -67,20 +67,20 @@ def test_what_is_no_result_is_a_value_error(run: fa.Result, tmp_path: Path) -> N
     path = tmp_path / "run.npz"
     for content in (b"", b"PK", b"PK\3\4" + bytes(100), b"\x93NUMPY" + bytes(50), b"gravity = [0, 0, 0]\n"):
         path.write_bytes(content)
-        with pytest.raises(ValueError, match="is not a file that Result.save wrote"):
+        with pytest.raises(ValueError, match=r"is not a file that Result\.save wrote"):
             fa.Result.load(path)
     np.savez(path, t=np.zeros(3))
-    with pytest.raises(ValueError, match="is not a file that Result.save wrote"):
+    with pytest.raises(ValueError, match=r"is not a file that Result\.save wrote"):
         fa.Result.load(path)
     np.save(tmp_path / "x.npy", np.zeros(3))
     for other in (tmp_path / "x.npy", tmp_path, tmp_path / "none.npz", 5):
-        with pytest.raises(ValueError, match="^result "):
+        with pytest.raises(ValueError, match=r"^result "):
             fa.Result.load(other)
     run.save(path)
     with np.load(path) as f:
         held = dict(f)
     np.savez(path, **(held | {"v": held["v"][:-1]}))
-    with pytest.raises(ValueError, match="is not a file that Result.save wrote"):
+    with pytest.raises(ValueError, match=r"is not a file that Result\.save wrote"):
         fa.Result.load(path)
 
 

@@ -358,6 +358,7 @@ class Arm:
         Raises:
             ValueError: bad arguments, or no steady state at this speed.
         """
+        q = None if q is None else self._single(q=q)[0]
         return modal.modes(self, q, speed, lock, at_time(self, loads, t))
 
     def mode_shapes(self, modes: modal.Modes, points: int = 21) -> modal.ModeShapes:
@@ -401,6 +402,7 @@ class Arm:
         if voltages is not None:
             zero = np.zeros(self.nv) if tau is None else array("tau", tau, (self.nv,))
             tau = zero + _patch.voltage_forces(self, voltages)
+        q = None if q is None else self._single(q=q)[0]
         return balance.equilibrium(self, q, tau, lock, at_time(self, loads, t))
 
     def inverse_derivatives(
@@ -435,7 +437,10 @@ class Arm:
         return linear.forward_derivatives(self, q, v, tau, at_time(self, loads, t))
 
     def _single(self, **named: ArrayLike) -> list[Array]:
-        return [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
+        out = [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
+        if "q" in named:
+            self.check_balls("q", out[list(named).index("q")])
+        return out
 
     def linearize(
         self,
@@ -475,4 +480,5 @@ class Arm:
         Raises:
             ValueError: bad arguments, naming the entry.
         """
+        q = self._single(q=q)[0]
         return linear.linearize(self, q, v, tau, inputs, outputs, lock, at_time(self, loads, t))

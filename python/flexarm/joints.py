@@ -105,10 +105,11 @@ class Joint(_Part):
             return self._per_freedom("coulomb", n)
         if value is None:
             return [np.inf if name == "upper" else -np.inf] * n
-        if np.ndim(value) == 0:
-            return [number(name, value)] * n
-        self._set(name, _numbers(value))
-        return array(name, value, (n,)).tolist()  # type: ignore[no-any-return]
+        if not isinstance(value, (list, tuple)):
+            self._set(name, number(name, value))
+            return [getattr(self, name)] * n
+        self._set(name, tuple(array(name, value, (n,)).tolist()))
+        return list(getattr(self, name))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -241,7 +242,10 @@ class Axes(Joint):
     type: ClassVar[str] = "axes"
 
     def _freedoms(self) -> list[_Freedom]:
-        names = tuple(self.axes) if not isinstance(self.axes, str) else (self.axes,)
+        names = (self.axes,) if isinstance(self.axes, str) else self.axes
+        if not isinstance(names, (list, tuple)):
+            raise ValueError(f"axes = {names!r}: must be a list of motions, such as ['tx', 'rz']")
+        names = tuple(names)
         self._set("axes", names)
         for name in names:
             if name not in ("tx", "ty", "tz", "rx", "ry", "rz"):

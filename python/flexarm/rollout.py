@@ -184,7 +184,7 @@ def show_progress(progress: Any, what: str) -> Any:
 
     if callable(progress):
         return contextlib.nullcontext(progress)
-    if not (progress and sys.stderr.isatty()):
+    if not (progress and sys.stderr and sys.stderr.isatty()):
         return contextlib.nullcontext(None)
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn

@@ -75,11 +75,14 @@ class Sampled(Controller):
         law, limit = self.law, self.limit
 
         def force(t: float, q: Array, v: Array, a: Array) -> Array:
-            u = np.atleast_1d(np.asarray(law(t, read(t, q, v, a)), dtype=float))
+            said = law(t, read(t, q, v, a))
+            try:
+                u = np.atleast_1d(np.asarray(said, dtype=float))
+                said = u.tolist()
+            except (TypeError, ValueError, OverflowError):
+                u = np.full(1, np.nan)
             if u.shape != (columns.shape[1],) or not np.isfinite(u).all():
-                raise ValueError(
-                    f"control at t = {t}: the law gave {u.tolist()}; must be {columns.shape[1]} finite numbers"
-                )
+                raise ValueError(f"control at t = {t}: the law gave {said!r}; must be {columns.shape[1]} finite numbers")
             return padded(columns @ np.clip(u, -limit, limit), arm.nv + run.total)
 
         return force
@@ -171,7 +174,7 @@ class LinearController(Sampled):
         """The reference: an array (ny,), or a callable t -> (ny,)."""
         ny, reference = self.B.shape[1], self.reference
         if callable(reference):
-            return lambda t: np.broadcast_to(np.asarray(reference(t), dtype=float), (ny,))
+            return lambda t: np.broadcast_to(array(f"reference at t = {t}", reference(t)), (ny,))
         given = array("reference", reference)
         if given.shape not in ((), (ny,)):
             raise ValueError(f"reference has shape {given.shape}: must be one number, or {ny}, one for each of y")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -126,6 +127,16 @@ def _link(where: str, table: Any) -> Link:
     return _make(where, Link, t, _names(Link))  # type: ignore[no-any-return]
 
 
+@contextmanager
+def _shallow() -> Iterator[None]:
+    """What is nested deeper than Python's stack, and cannot even be printed, is a ValueError."""
+    try:
+        yield
+    except RecursionError:
+        raise ValueError("scene: is nested too deeply") from None
+
+
+@_shallow()
 def arm_from_dict(d: Mapping[str, Any]) -> Arm:
     known_keys("scene", d, ("gravity", "link"))
     links = d.get("link")
@@ -299,6 +310,7 @@ _OPTIONS = ("method", "integrator", "rtol", "atol", "max_order", "linear_solver"
 _SIMULATION = ("duration", "interval", "q0", "v0", *_OPTIONS)
 
 
+@_shallow()
 def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = "scene") -> Scene:
     """A Scene from the structure of a scene file; `base` is the folder that file names in it are relative to."""
     known_keys("scene", d, ("title", "gravity", "link", "drive", "load", "control", "sensor", "simulation"))
@@ -310,7 +322,8 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
     for key, value in (("duration", duration), ("interval", interval)):
         if not (value > 0 and np.isfinite(value)):
             raise ValueError(f"simulation.{key} = {value}: must be positive and finite")
-    count = round(duration / interval)
+    parts = duration / interval
+    count = round(parts) if parts <= 1e7 else 0
     if not (1 <= count <= 10_000_000) or abs(count * interval - duration) > 1e-6 * duration:
         raise ValueError(f"simulation.interval = {interval}: must divide the duration, {duration}, into 1 to 1e7 parts")
     if "method" in s:
@@ -360,15 +373,15 @@ def load(path: str | Path) -> Scene:
     if not isinstance(path, (str, Path)):
         raise ValueError(f"scene = {path!r}: must be a path")
     p = Path(path)
-    if not p.exists() and (SCENES / f"{p.name}.toml").exists() and p.parent == Path():
-        p = SCENES / f"{p.name}.toml"
     try:
-        with p.open("rb") as f:
+        if not p.exists() and (SCENES / f"{p.name}.toml").exists() and p.parent == Path():
+            p = SCENES / f"{p.name}.toml"
+        with p.open("rb") as f, _shallow():
             d = tomllib.load(f)
     except OSError as e:
         shipped = ", ".join(sorted(s.stem for s in SCENES.glob("*.toml")))
         raise ValueError(f"scene {str(path)!r}: {e.strerror}; shipped scenes are {shipped}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
+    except ValueError as e:  # TOML's, Unicode's, and int's of numbers with thousands of digits
         raise ValueError(f"scene {str(path)!r}: {e}") from None
     try:
         return scene_from_dict(d, p.parent, p.stem)

@@ -68,7 +68,7 @@ class Sensor(_Part):
             value = getattr(self, name)
             if value is None:
                 continue
-            if np.ndim(value):
+            if isinstance(value, (list, tuple)):
                 self._set(name, _numbers(array(name, value)))
             if not (array(name, value) >= 0).all() or (name != "noise" and not np.all(value)):
                 raise ValueError(f"{name} = {value}: must {'not be negative' if name == 'noise' else 'be positive'}")

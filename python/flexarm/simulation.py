@@ -87,7 +87,7 @@ def _with_progress(integrate: Callable[..., dict[str, Any]], progress: Any, time
     """integrate(alive), showing how far it is."""
     if callable(progress):
         return integrate(progress)
-    if not (progress and sys.stderr.isatty()):
+    if not (progress and sys.stderr and sys.stderr.isatty()):
         return integrate()
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
