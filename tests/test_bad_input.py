@@ -266,3 +266,11 @@ def test_a_spin_up_of_any_length_is_smooth() -> None:
         assert q == pytest.approx(2 / 3 * ((3 * s) ** 2 / 2 + (np.cos(w * 3 * s) - 1) / w**2), rel=1e-12)
         assert v == pytest.approx(2 / 3 * (3 * s - np.sin(w * 3 * s) / w), rel=1e-12)
     assert fa.simulate(wheel(), [0, 0.1], drive={0: fa.Motion.spin_up(1, 1e300)}).q[-1, 0] < 1e-300
+
+
+def test_deep_sweep_files_are_refused(tmp_path) -> None:
+    (tmp_path / "sweep.toml").write_text("title = " + "[" * 5000 + "]" * 5000)
+    with pytest.raises(ValueError, match="sweep: is nested too deeply"):
+        fa.load_sweep(tmp_path / "sweep.toml")
+    with pytest.raises(ValueError, match="File name too long"):
+        fa.load_sweep("a" * 5000)

@@ -82,7 +82,8 @@ class Sampled(Controller):
             except (TypeError, ValueError, OverflowError):
                 u = np.full(1, np.nan)
             if u.shape != (columns.shape[1],) or not np.isfinite(u).all():
-                raise ValueError(f"control at t = {t}: the law gave {said!r}; must be {columns.shape[1]} finite numbers")
+                want = f"must be {columns.shape[1]} finite numbers"
+                raise ValueError(f"control at t = {t}: the law gave {said!r}; {want}")
             return padded(columns @ np.clip(u, -limit, limit), arm.nv + run.total)
 
         return force

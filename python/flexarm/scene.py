@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -128,15 +128,15 @@ def _link(where: str, table: Any) -> Link:
 
 
 @contextmanager
-def _shallow() -> Iterator[None]:
+def shallow(what: str) -> Iterator[None]:
     """What is nested deeper than Python's stack, and cannot even be printed, is a ValueError."""
     try:
         yield
     except RecursionError:
-        raise ValueError("scene: is nested too deeply") from None
+        raise ValueError(f"{what}: is nested too deeply") from None
 
 
-@_shallow()
+@shallow("scene")
 def arm_from_dict(d: Mapping[str, Any]) -> Arm:
     known_keys("scene", d, ("gravity", "link"))
     links = d.get("link")
@@ -145,30 +145,60 @@ def arm_from_dict(d: Mapping[str, Any]) -> Arm:
     return Arm([_link(f"link[{k}]", t) for k, t in enumerate(links)], d.get("gravity", (0.0, 0.0, 0.0)))
 
 
-def _samples(where: str, table: Mapping[str, Any], columns: tuple[str, ...], base: Path) -> dict[str, Array]:
-    """Columns given in place or in a CSV file with a header line."""
+class _Files(NamedTuple):
+    """Files that a scene names: relative to `base`, inside `allowed`."""
+
+    base: Path
+    allowed: Path
+
+    def path(self, where: str, name: Any) -> Path:
+        """Of a file that may be read. ValueError tells nothing of any other."""
+        try:
+            path, allowed = (self.base / name).resolve(), self.allowed.resolve()  # links are followed before the check
+        except (TypeError, OSError, RuntimeError, ValueError):  # not a string, too long, a circle of links, a NUL
+            raise ValueError(f"{where} = {name!r}: must be the name of a file") from None
+        if not path.is_relative_to(allowed):
+            raise ValueError(
+                f"{where} = {name!r}: must be in the scene's folder, {str(self.allowed)!r}, or below; "
+                "load(..., files=FOLDER) allows another"
+            )
+        return path
+
+
+def _samples(where: str, table: Mapping[str, Any], columns: tuple[str, ...], files: _Files) -> dict[str, Array]:
+    """Columns given in place or in a CSV file with a header line. Errors say nothing of what is in the file: it may not
+    be meant for who reads them."""
     known_keys(where, table, (*columns, "file"))
     if "file" not in table:
         return {k: array(f"{where}.{k}", v) for k, v in table.items()}
-    path = base / str(table["file"])
+    path, where = files.path(f"{where}.file", table["file"]), f"{where}.file = {str(table['file'])!r}"
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise ValueError(f"{where}: is not a file")
         with path.open(newline="", encoding="utf-8-sig") as f:
             rows = list(csv.DictReader(f, skipinitialspace=True))
     except OSError as e:
-        raise ValueError(f"{where}.file = {str(path)!r}: {e.strerror}") from None
-    except UnicodeDecodeError as e:
-        raise ValueError(f"{where}.file = {str(path)!r}: {e}") from None
-    if any(None in row for row in rows):
-        raise ValueError(f"{where}.file = {str(path)!r}: a row has more columns than the header")
+        raise ValueError(f"{where}: {e.strerror}") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise ValueError(f"{where}: is not a table of comma-separated values in UTF-8") from None
     if not rows:
-        raise ValueError(f"{where}.file = {str(path)!r}: has no rows")
-    known_keys(f"{where}.file", dict.fromkeys(rows[0]), columns)
-    return {k: array(f"{where}.file column {k}", [r[k] for r in rows]) for k in rows[0]}
+        raise ValueError(f"{where}: has no rows")
+    if any(name not in columns for name in rows[0] if name is not None):
+        raise ValueError(f"{where}: its first line must name columns, of {', '.join(columns)}")
+    if any(None in row for row in rows):
+        raise ValueError(f"{where}: a row has more columns than the header")
+    found = {}
+    for k in rows[0]:
+        try:
+            found[k] = array(k, [row[k] for row in rows])
+        except ValueError:
+            raise ValueError(f"{where}: column {k} must be finite numbers, one in each row") from None
+    return found
 
 
-def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Motion | Torque | Voltage]:
+def _drive(where: str, table: Mapping[str, Any], files: _Files) -> tuple[Any, Motion | Torque | Voltage]:
     if isinstance(table, Mapping) and "patch" in table:
-        return _voltage(where, table, base)
+        return _voltage(where, table, files)
     known_keys(where, table, ("link", "freedom", "motion", "spin_up", "torque"))
     laws = [k for k in ("motion", "spin_up", "torque") if k in table]
     if "link" not in table or len(laws) != 1:
@@ -182,17 +212,17 @@ def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Motio
     if law == "torque" and not isinstance(value, Mapping):
         return link, Torque(number(f"{where}.torque", value))
     columns = ("t", "q", "v", "a") if law == "motion" else ("t", "tau")
-    samples = _samples(f"{where}.{law}", value, columns, base)
+    samples = _samples(f"{where}.{law}", value, columns, files)
     return link, _make(f"{where}.{law}", Motion if law == "motion" else Torque, samples, columns)
 
 
-def _control(where: str, table: Any, base: Path) -> Controller:
+def _control(where: str, table: Any, files: _Files) -> Controller:
     if not isinstance(table, Mapping) or "type" not in table:
         raise ValueError(f"{where} = {table!r}: must be a table with a type: {', '.join(_CONTROLS)}")
     make = _CONTROLS[choice(f"{where}.type", table["type"], _CONTROLS)]
     t = {k: v for k, v in table.items() if k != "type"}
     if isinstance(t.get("reference"), Mapping):
-        samples = _samples(f"{where}.reference", t["reference"], ("t", "r"), base)
+        samples = _samples(f"{where}.reference", t["reference"], ("t", "r"), files)
         missing = [k for k in ("t", "r") if k not in samples]
         if missing:
             raise ValueError(f"{where}.reference: missing {', '.join(missing)}")
@@ -210,12 +240,12 @@ def _parameters(function: Callable[..., Any]) -> tuple[str, ...]:
     return tuple(inspect.signature(function).parameters)
 
 
-def _controls(tables: Any, arm: Arm, t: Array, base: Path) -> tuple[Controller, ...]:
+def _controls(tables: Any, arm: Arm, t: Array, files: _Files) -> tuple[Controller, ...]:
     if not isinstance(tables, (list, tuple)):
         raise ValueError(f"control = {tables!r}: must be a list of tables")
     found = []
     for k, table in enumerate(tables):
-        found.append(_control(f"control[{k}]", table, base))
+        found.append(_control(f"control[{k}]", table, files))
         try:
             control_laws(arm, found[k], t)
         except ValueError as e:
@@ -223,7 +253,7 @@ def _controls(tables: Any, arm: Arm, t: Array, base: Path) -> tuple[Controller, 
     return tuple(found)
 
 
-def _voltage(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Voltage]:
+def _voltage(where: str, table: Mapping[str, Any], files: _Files) -> tuple[Any, Voltage]:
     """Of a piezo patch: {link, patch, voltage}."""
     known_keys(where, table, ("link", "patch", "voltage"))
     for name in ("link", "voltage"):
@@ -232,7 +262,7 @@ def _voltage(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Vol
     key, value = ("patch", *(whole(f"{where}.{k}", table[k]) for k in ("link", "patch"))), table["voltage"]
     if not isinstance(value, Mapping):
         return key, Voltage(number(f"{where}.voltage", value))
-    samples = _samples(f"{where}.voltage", value, ("t", "V"), base)
+    samples = _samples(f"{where}.voltage", value, ("t", "V"), files)
     return key, _make(f"{where}.voltage", Voltage, samples, ("t", "V"))
 
 
@@ -310,11 +340,14 @@ _OPTIONS = ("method", "integrator", "rtol", "atol", "max_order", "linear_solver"
 _SIMULATION = ("duration", "interval", "q0", "v0", *_OPTIONS)
 
 
-@_shallow()
-def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = "scene") -> Scene:
-    """A Scene from the structure of a scene file; `base` is the folder that file names in it are relative to."""
+@shallow("scene")
+def scene_from_dict(
+    d: Mapping[str, Any], base: Path | None = None, name: str = "scene", allowed: Path | None = None
+) -> Scene:
+    """A Scene from the structure of a scene file; `base` is the folder that file names in it are relative to, `allowed`
+    the one that they must stay in, `base` if None."""
     known_keys("scene", d, ("title", "gravity", "link", "drive", "load", "control", "sensor", "simulation"))
-    base = base or Path()
+    files = _Files(base or Path(), allowed or base or Path())
     arm = arm_from_dict({k: d[k] for k in ("gravity", "link") if k in d})
     s = d.get("simulation", {})
     known_keys("simulation", s, _SIMULATION)
@@ -335,7 +368,7 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
         raise ValueError(f"drive = {drives!r}: must be a list of tables")
     drive: dict[Any, Motion | Torque | Voltage] = {}
     for k, table in enumerate(drives):
-        link, law = _drive(f"drive[{k}]", table, base)
+        link, law = _drive(f"drive[{k}]", table, files)
         if link in drive:
             raise ValueError(f"drive[{k}].link = {link}: is driven twice")
         drive[link] = law
@@ -360,12 +393,17 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
         {k: s[k] for k in _OPTIONS if k in s},
         str(d.get("title", name)),
         _sensors(d.get("sensor", []), arm, t),
-        _controls(d.get("control", []), arm, t, base),
+        _controls(d.get("control", []), arm, t, files),
     )
 
 
-def load(path: str | Path) -> Scene:
+def load(path: str | Path, *, files: str | Path | None = None) -> Scene:
     """Reads a scene file (TOML). A bare name such as "ist" means a scene shipped with the package.
+
+    Args:
+        path: of the scene file.
+        files: the folder that files of samples, which a scene may name (`torque = { file = "torque.csv" }`), must be
+            in or below, whatever links lead there; None: the scene's own. Their names are relative to the scene's.
 
     Raises:
         ValueError: unreadable file, bad TOML, unknown key (the nearest known one is named) or bad value.
@@ -376,7 +414,7 @@ def load(path: str | Path) -> Scene:
     try:
         if not p.exists() and (SCENES / f"{p.name}.toml").exists() and p.parent == Path():
             p = SCENES / f"{p.name}.toml"
-        with p.open("rb") as f, _shallow():
+        with p.open("rb") as f, shallow("scene"):
             d = tomllib.load(f)
     except OSError as e:
         shipped = ", ".join(sorted(s.stem for s in SCENES.glob("*.toml")))
@@ -384,6 +422,6 @@ def load(path: str | Path) -> Scene:
     except ValueError as e:  # TOML's, Unicode's, and int's of numbers with thousands of digits
         raise ValueError(f"scene {str(path)!r}: {e}") from None
     try:
-        return scene_from_dict(d, p.parent, p.stem)
+        return scene_from_dict(d, p.parent, p.stem, None if files is None else Path(files))
     except ValueError as e:
         raise ValueError(f"scene {str(path)!r}: {e}") from None
