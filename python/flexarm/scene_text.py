@@ -14,6 +14,7 @@ from .drive import Motion, Torque, _SpinUp
 from .load import Load
 from .motor import Motor
 from .patch import is_patch
+from .sampled import is_samples
 
 if TYPE_CHECKING:
     from .arm import Arm
@@ -104,6 +105,8 @@ class _Laws:
         table = getattr(law, "table", None)
         if table is not None and not callable(table["reference"]):
             motor = table.get("motor")
+            if is_samples(table["reference"]):
+                table = {**table, "reference": dict(zip("tr", table["reference"], strict=True))}
             return {**table, "motor": None if motor is None else _motor(motor)}
         if isinstance(law, StateFeedback):
             about = {k: getattr(law, k) for k in ("K", "q0", "v0", "u0")}
