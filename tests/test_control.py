@@ -552,8 +552,9 @@ def test_pid_follows_samples_as_the_callable_through_them(rate: float | None, tm
     times, values = [0.0, 0.3, 0.5, 1.0], [0.0, 0.3, 0.1, 0.2]
     given = {"rate": rate, "filter_time": 0.02}
 
-    def run(reference, t=np.linspace(0, 1, 51)) -> fa.Result:
-        return fa.simulate(arm, t, control=fa.LinearController.pid(5.0, 1.0, 1.0, **given, reference=reference))
+    def run(reference) -> fa.Result:
+        law = fa.LinearController.pid(5.0, 1.0, 1.0, **given, reference=reference)
+        return fa.simulate(arm, np.linspace(0, 1, 51), control=law)
 
     expected = run(lambda t: np.interp(t, times, values))
     for reference in ((times, values), (np.array(times), np.array(values)), [times, values]):

@@ -31,9 +31,8 @@ def folder(tmp_path: Path) -> Path:
 
 
 def scene(folder: Path, name: str, law: str = "torque") -> Path:
-    place = {"torque": '[[drive]]\nlink = 0\ntorque = { file = "%s" }', "motion": '[[drive]]\nlink = 0\nmotion = { file = "%s" }',
-             "reference": '[[control]]\ntype = "pd"\nkp = 1.0\nkv = 1.0\nreference = { file = "%s" }'}[law]  # fmt: skip
-    (folder / "scene.toml").write_text(ARM + place % name)
+    where = '[[control]]\ntype = "pd"\nkp = 1.0\nkv = 1.0' if law == "reference" else "[[drive]]\nlink = 0"
+    (folder / "scene.toml").write_text(f'{ARM}{where}\n{law} = {{ file = "{name}" }}')
     return folder / "scene.toml"
 
 
@@ -49,8 +48,8 @@ def test_tables_in_the_scenes_folder_and_below(folder: Path, monkeypatch: pytest
 def test_no_other_file_is_read(folder: Path, law: str) -> None:
     (folder / "link.csv").symlink_to("../torque.csv")
     (folder / "out").symlink_to("..")
-    for name in ("../torque.csv", str(folder.parent / "torque.csv"), "link.csv", "out/torque.csv", "../nope", "/etc/passwd",
-                 "below/../../secret", "/dev/zero"):  # fmt: skip
+    absolute = (str(folder.parent / "torque.csv"), "/etc/passwd", "/dev/zero")
+    for name in (*absolute, "../torque.csv", "link.csv", "out/torque.csv", "../nope", "below/../../secret"):
         with pytest.raises(ValueError, match=r"file = .*: must be in the scene's folder.*, or below; load"):
             fa.load(scene(folder, name, law))
 
@@ -65,8 +64,8 @@ def test_the_caller_may_allow_another_folder(folder: Path) -> None:
 @pytest.mark.parametrize("law", ["torque", "motion", "reference"])
 def test_errors_tell_nothing_of_what_is_in_a_file(folder: Path, law: str) -> None:
     columns = {"torque": "t,tau", "motion": "t,q", "reference": "t,r"}[law]
-    texts = [SECRET * 2, f"{columns}\n0,{SECRET}", f"{columns}\nhunter2,0\n1,1\n", f"{columns}\n0,0,hunter2\n", "hunter2",
-             f"{columns},hunter2\n0,0,0\n", f"{columns}\n0\n1,hunter2\n", f"{columns}\n0,0\n0,hunter2\n", ""]  # fmt: skip
+    rows = ("0," + SECRET, "hunter2,0\n1,1\n", "0,0,hunter2\n", "0\n1,hunter2\n", "0,0\n0,hunter2\n")
+    texts = [SECRET * 2, "hunter2", f"{columns},hunter2\n0,0,0\n", "", *(f"{columns}\n{row}" for row in rows)]
     for text in [*(t.encode() for t in texts), b"hunter2\xff\xfe,\n", b"hunter2\0", b'"hunter2' + b"x" * 200_000]:
         (folder / "table.csv").write_bytes(text)
         with pytest.raises(ValueError, match=rf"{law}") as caught:

@@ -110,9 +110,9 @@ def named(path: Any, *suffixes: str) -> Path:
 
 
 def choice(field: str, value: Any, known: Iterable[str]) -> str:
-    known = list(known)
-    if value in known:
-        return str(value)
+    known, value = list(known), plain(value)
+    if isinstance(value, str) and value in known:
+        return value
     near = difflib.get_close_matches(str(value), known, n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ""
     raise ValueError(f"{field} = {value!r}: must be one of {', '.join(known)}{hint}")

@@ -293,4 +293,4 @@ def extended(arm: Arm, memory: int) -> Arm:
     from .joints import Prismatic
     from .link import Link
 
-    return Arm([*arm.links, *[Link(Prismatic("x", reflected_inertia=1.0))] * memory], arm.gravity)
+    return Arm._made([*arm.links, *[Link(Prismatic("x", reflected_inertia=1.0))] * memory], arm.gravity)

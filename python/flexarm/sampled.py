@@ -193,7 +193,7 @@ class LinearController(Sampled):
         """The reference: an array (ny,), or a callable t -> (ny,)."""
         ny, reference = self.B.shape[1], self.reference
         if is_samples(reference):
-            return _Samples(*reference, ny)
+            return _Samples(reference[0], reference[1], ny)
         if callable(reference):
             return lambda t: np.broadcast_to(array(f"reference at t = {t}", reference(t)), (ny,))
         given = array("reference", reference)

@@ -154,7 +154,8 @@ class _Files(NamedTuple):
     def path(self, where: str, name: Any) -> Path:
         """Of a file that may be read. ValueError tells nothing of any other."""
         try:
-            path, allowed = (self.base / name).resolve(), self.allowed.resolve()  # links are followed before the check
+            path: Path = (self.base / name).resolve()  # links are followed before the check
+            allowed = self.allowed.resolve()
         except (TypeError, OSError, RuntimeError, ValueError):  # not a string, too long, a circle of links, a NUL
             raise ValueError(f"{where} = {name!r}: must be the name of a file") from None
         if not path.is_relative_to(allowed):

@@ -14,6 +14,7 @@ from . import _core
 from ._check import array, choice, number, whole
 from .arm import METHODS, Arm
 from .control import Controller, control_laws, extended, padded
+from .doubts import ModelWarning, coarse
 from .drive import Motion, Torque
 from .load import Load, at_time
 from .patch import Voltage, patch_laws, split_drives
@@ -209,6 +210,7 @@ def simulate(
     Warns:
         RangeWarning: a beam bent further than its order is good for, at the output times.
         WatchWarning: what `watch` asks for.
+        ModelWarning: a beam with too few shape functions for what it carries.
     """
     choice("method", method, METHODS)
     _check_options(
@@ -223,6 +225,8 @@ def simulate(
         raise ValueError(f"arm = {arm!r}: must be an Arm")
     if not isinstance(watch, (bool, Watch)):
         raise ValueError(f"watch = {watch!r}: must be True, False or a Watch")
+    for text in coarse(arm):
+        warnings.warn(text, ModelWarning, stacklevel=2)
     times = array("t", t)
     if times.ndim != 1 or times.size < 2:
         raise ValueError(f"t has shape {times.shape}: must be one list of at least two times")
