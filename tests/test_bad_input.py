@@ -211,6 +211,9 @@ for _ in range(100_000):
     NESTED = [NESTED]
 
 WRONG_KINDS = [
+    (lambda: fa.Material(7850, None), r"youngs_modulus = None: must be a number"),
+    (lambda: beam(basis=np.zeros(3)), r"basis = \(0.0, 0.0, 0.0\): must be one of"),
+    (lambda: fa.Arm.from_dict({"link": [{"joint": {"type": np.zeros(3)}}]}), r"joint.type = .*must be one of"),
     (lambda: fa.Axes(axes=5), r"axes = 5: must be a list of motions"),
     (lambda: fa.Axes(axes=None), r"axes = None: must be a list of motions"),
     (lambda: fa.Universal(stiffness=[[1, 2], [3]]), r"stiffness = .*must be numbers"),

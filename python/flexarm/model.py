@@ -38,7 +38,7 @@ class Material(_Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         for f in ("density", "youngs_modulus", "poisson_ratio", "shear_modulus"):
-            if getattr(self, f) is not None:
+            if getattr(self, f) is not None or f in ("density", "youngs_modulus"):
                 self._set(f, number(f, getattr(self, f)))
         self._set(
             "_core",
