@@ -47,6 +47,8 @@ def test_what_can_hardly_be_meant_is_said_once(change: dict[str, Any], says: str
 PLAUSIBLE: list[dict[str, Any]] = [
     {},
     {"material": fa.Material(1000, 3e4, 0.5)},  # a gel
+    {"material": fa.Material(1, 1), "length": 1, "section": fa.Rectangle(1, 1)},  # a beam without units
+    {"section": fa.GeneralSection(1.0, 1.0, 1.0, 1.0)},  # E I alone
     {"material": fa.Material(3500, 5e5, 0.49)},  # rubber full of iron
     {"material": fa.Material(19300, 411e9, 0.28)},  # tungsten
     {"length": 110.0, "section": fa.Circle(1.5, 1.47), "material": fa.Material(1900, 40e9, 0.3)},  # a turbine's blade

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .model import Beam, Taper
+from .model import Beam, GeneralSection, Taper
 
 if TYPE_CHECKING:
     from .arm import Arm
     from .model import RigidBody
 
 # Each is past anything that is built; what is said is a warning, for who means it.
-_SOFTEST = 1e3  # Pa; gels are softer than rubber by a thousand, and have 1e3 to 1e5
+_SOFTEST, _LIGHT = 1e3, 100.0  # Pa; gels have 1e3 to 1e5. kg/m^3; what is lighter has no units: E = density = 1
 _DENSE, _DENSE_SOFTEST = 5e3, 1e6  # kg/m^3, Pa; what is as dense as metal is not softer than rubber
 _DENSEST = 3e4  # kg/m^3; osmium has 2.3e4
 _LONG, _THIN = 100.0, 1e4  # m; and lengths over thickness: the longest blades have 120 m and 1e2
@@ -48,16 +48,18 @@ def _thickness(beam: Beam, axis: str) -> tuple[float, float]:
 def _beam(where: str, beam: Beam) -> Iterator[str]:
     material, L = beam.material, beam.length
     E, density = material.youngs_modulus, material.density
+    if beam.damping_ratio > 1.0:
+        yield f"{where}.damping_ratio = {beam.damping_ratio:g}: 2 % is 0.02; is it in per cent?"
+    if density < _LIGHT:
+        return
     if E < _SOFTEST or (density > _DENSE and E < _DENSE_SOFTEST):
         yield f"{where}.material.youngs_modulus = {E:g} Pa: is softer than any such material; is it in GPa or MPa?"
     if density > _DENSEST:
         yield f"{where}.material.density = {density:g} kg/m^3: no solid is so dense; what is its unit?"
-    if beam.damping_ratio > 1.0:
-        yield f"{where}.damping_ratio = {beam.damping_ratio:g}: 2 % is 0.02; is it in per cent?"
     radius = min((i / a) ** 0.5 for a, i in (_thickness(beam, axis) for axis in "yz"))
     if (L > _LONG and L > _THIN * radius) or beam.mass > _HEAVY:
         yield f"{where}.length = {L:g} m, of a beam of {beam.mass:.3g} kg, {radius:.3g} m thin: are its sizes in mm?"
-    for axis in "yz":
+    for axis in "" if isinstance(beam.section, GeneralSection) else "yz":  # its integrals may be but numbers
         if beam.counts.get(f"bending_{axis}") and not beam.counts.get(f"shear_{axis}"):
             area, second = _thickness(beam, axis)
             ratio = 2 * (1 + (0.3 if material.poisson_ratio is None else material.poisson_ratio))
