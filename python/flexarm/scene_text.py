@@ -164,7 +164,7 @@ def scene_text(scene: Scene, comment: str = "") -> str:
     sensors = [sensor.to_dict() for sensor in scene.sensors]
     arm = scene.arm.to_dict()
     for key, value in scene.options.items():
-        if not isinstance(value, (str, int, float, np.generic)):
+        if not isinstance(value, (str, int, float, np.generic, type(None))):
             raise ValueError(f"options: {key} = {value!r}: is Python code, which a scene file cannot hold")
     simulation = {"duration": duration, "interval": duration / count, "q0": scene.q0, "v0": scene.v0, **scene.options}
     lines = [f"title = {_value(scene.name)}", f"gravity = {_value(_plain(arm['gravity']))}"]
