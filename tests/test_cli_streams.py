@@ -33,7 +33,7 @@ def shell(command: str, folder: Path, **env: str) -> subprocess.CompletedProcess
     )
 
 
-TITLES = ["[red]fast[/red] arm", "[/nonsense]", "a [link] b", ":smile:", "$5 and $x_{", "a\\b"]
+TITLES = ["[red]fast[/red] arm :smile:", "[/nonsense]", "$5 and $x_{ a\\b"]
 
 
 @pytest.mark.parametrize("title", TITLES)
@@ -58,7 +58,6 @@ def test_a_reader_that_leaves(tmp_path: Path) -> None:
     titled(tmp_path, "arm")
     done = shell("set -o pipefail; flexarm run scene.toml -o out | head -c 1", tmp_path)
     assert done.returncode == 0 and done.stderr == ""
-    assert shell("flexarm run scene.toml -o out 2> >(true) | cat", tmp_path).returncode == 0
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")

@@ -139,7 +139,8 @@ def test_controllers_of_one_freedom_of_several_are_read_back(tmp_path: Path) -> 
 
 def test_scenes_with_balls_and_beams_are_read_back(tmp_path: Path) -> None:
     for arm in (floating_arm(), paper_link(damping_ratio=0.01)):
-        scene = fa.Scene(arm, loads=(fa.Load(-1, force=[0, 0, 1]),), options={"atol": 1e-8, "max_order": 4, "step": None})
+        options = {"atol": 1e-8, "max_order": 4, "step": None}
+        scene = fa.Scene(arm, loads=(fa.Load(-1, force=[0, 0, 1]),), options=options)
         scene.save(tmp_path / "scene.toml")
         back = fa.load(tmp_path / "scene.toml")
         assert back.arm == arm and back.options == {"atol": 1e-8, "max_order": 4}
