@@ -45,7 +45,8 @@ def random_arm(rng: np.random.Generator, links: int, orders=(0, 1, 2, 3, "exact"
     def body() -> fa.RigidBody:
         m = rng.uniform(0.2, 2.0)
         A = rng.normal(size=(3, 3))
-        inertia = m * 0.01 * (A @ A.T + 0.1 * np.eye(3))
+        spread = A @ A.T + 0.1 * np.eye(3)  # integral of r r^T dm: of this, an inertia that a body can have
+        inertia = m * 0.005 * (np.trace(spread) * np.eye(3) - spread)
         return fa.RigidBody(m, rng.uniform(-0.1, 0.1, 3), inertia, rng.uniform(-0.2, 0.2, 3))
 
     def beam() -> fa.Beam:

@@ -192,3 +192,88 @@ def test_arms_survive_dictionaries_and_pickles() -> None:
             assert twin == arm and twin.coordinates == arm.coordinates
             q = np.full(arm.nq, 0.01)
             np.testing.assert_array_equal(twin.mass_matrix(q), arm.mass_matrix(q))
+
+
+def ball() -> fa.Arm:
+    return fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])
+
+
+def wheel() -> fa.Arm:
+    return hinged(fa.RigidBody(1.0, inertia=(1, 1, 1)))
+
+
+def run(**given) -> fa.Result:
+    return fa.simulate(wheel(), [0, 0.1], **given)
+
+
+HUGE, NESTED = 10**400, []
+for _ in range(100_000):
+    NESTED = [NESTED]
+
+WRONG_KINDS = [
+    (lambda: fa.Material(7850, None), r"youngs_modulus = None: must be a number"),
+    (lambda: beam(basis=np.zeros(3)), r"basis = \(0.0, 0.0, 0.0\): must be one of"),
+    (lambda: fa.Arm.from_dict({"link": [{"joint": {"type": np.zeros(3)}}]}), r"joint.type = .*must be one of"),
+    (lambda: fa.Axes(axes=5), r"axes = 5: must be a list of motions"),
+    (lambda: fa.Axes(axes=None), r"axes = None: must be a list of motions"),
+    (lambda: fa.Universal(stiffness=[[1, 2], [3]]), r"stiffness = .*must be numbers"),
+    (lambda: fa.Universal(stiffness=np.zeros((2, 2))), r"stiffness has shape \(2, 2\)"),
+    (lambda: fa.Encoder(noise=[[1, 2], [3]]), r"noise = .*must be numbers"),
+    (lambda: fa.RigidBody(HUGE), r"mass = 1000.*is too large"),
+    (lambda: fa.Load(force={}), r"force = {}: must be numbers"),
+    (lambda: fa.Load(force="abc"), r"force = 'abc': must be numbers"),
+    (lambda: fa.Load(force=[[1, 2], [3]]), r"force = \[\[1, 2\], \[3\]\]: must be numbers"),
+    (lambda: fa.Load(moment=[HUGE, 0, 0]), r"moment = .*must be numbers"),
+    (lambda: fa.PD(1, 1, reference=[[1, 2], [3]]), r"reference: r has shape \(1,\): must be 2"),
+    (lambda: run(control=fa.PD(1, 1, reference=lambda t: "a")), r"reference at t = 0.*must be numbers"),
+    (lambda: run(control=fa.LinearController.pid(1, 1, 1, rate=10, reference=lambda t: "a")), r"reference at t = 0"),
+    (lambda: run(control=fa.Sampled(lambda t, y: "a", 100)), r"the law gave 'a'; must be 1 finite number"),
+    (lambda: run(control=fa.Sampled(lambda t, y: [[1], [2, 3]], 100)), r"the law gave \[\[1\], \[2, 3\]\]"),
+    (lambda: fa.simulate_batch(wheel(), [0, 0.1], drive=5), r"drive = 5: must be a dictionary"),
+    (lambda: fa.simulate_batch(wheel(), [0, 0.1], drive=[fa.Torque(1)]), r"drive = .*must be a dictionary"),
+    (lambda: fa.simulate_batch(wheel(), [0, 0.1], drive={0: 5}), r"drive\[0\] = 5: must be a Motion"),
+    (lambda: fa.simulate_batch(wheel(), [0, 0.1], loads=5), r"loads = 5: must be a list"),
+    (lambda: fa.simulate_batch(wheel(), [0, 0.1], control=5), r"control = 5: must be a list"),
+    (lambda: ball().modes(q=np.zeros(4)), r"q\[0:4\] = 0 0 0 0: the quaternion of link 0"),
+    (lambda: ball().linearize(np.zeros(4)), r"q\[0:4\] = 0 0 0 0: the quaternion of link 0"),
+    (lambda: ball().equilibrium(np.zeros(4)), r"q\[0:4\] = 0 0 0 0: the quaternion of link 0"),
+    (lambda: ball().forward_derivatives(np.zeros(4), np.zeros(3)), r"q\[0:4\] = 0 0 0 0: the quaternion of link 0"),
+    (lambda: paper_link().modes(speed={0: 1e200}), r"speed, q: are too large"),
+    (lambda: paper_link().modes(q=[1e300] * 4), r"speed, q: are too large"),
+    (lambda: wheel().modes(lock="all"), r"lock = 'all': must be a list of link numbers"),
+    (lambda: wheel().equilibrium(lock="0"), r"lock = '0': must be a list of link numbers"),
+    (lambda: wheel().linearize([0], lock="all"), r"lock = 'all': must be a list of link numbers"),
+    (lambda: fa.Arm.from_dict({"link": NESTED}), r"nested too deeply"),
+    (lambda: fa.load("a" * 5000), r"File name too long"),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), WRONG_KINDS)
+def test_wrong_kinds_are_named(call, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
+        call()
+    assert type(caught.value) is ValueError  # no LinAlgError, whose words are LAPACK's
+
+
+def test_a_spin_up_of_any_length_is_smooth() -> None:
+    """Its short beginning is computed without loss: q = speed (2 pi)^2 / 24 t^4 / time^3 there."""
+    for time in (1.0, 1e6, 1e300):
+        q, v, a = fa.Motion.spin_up(2.0, time)(1e-4 * time)
+        s = 1e-4
+        assert q == pytest.approx(2.0 * time * (2 * np.pi) ** 2 * s**4 / 24, rel=1e-6)
+        assert v == pytest.approx(2.0 * (2 * np.pi) ** 2 * s**3 / 6, rel=1e-6)
+        assert a == pytest.approx(2.0 / time * (2 * np.pi * s) ** 2 / 2, rel=1e-6)
+    for s in (0.0795, 0.0797, 0.5, 1.0):  # about where the series begins
+        q, v, _ = fa.Motion.spin_up(2.0, 3.0)(3.0 * s)
+        w = 2 * np.pi / 3.0
+        assert q == pytest.approx(2 / 3 * ((3 * s) ** 2 / 2 + (np.cos(w * 3 * s) - 1) / w**2), rel=1e-12)
+        assert v == pytest.approx(2 / 3 * (3 * s - np.sin(w * 3 * s) / w), rel=1e-12)
+    assert fa.simulate(wheel(), [0, 0.1], drive={0: fa.Motion.spin_up(1, 1e300)}).q[-1, 0] < 1e-300
+
+
+def test_deep_sweep_files_are_refused(tmp_path) -> None:
+    (tmp_path / "sweep.toml").write_text("title = " + "[" * 5000 + "]" * 5000)
+    with pytest.raises(ValueError, match="sweep: is nested too deeply"):
+        fa.load_sweep(tmp_path / "sweep.toml")
+    with pytest.raises(ValueError, match="File name too long"):
+        fa.load_sweep("a" * 5000)

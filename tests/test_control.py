@@ -543,3 +543,30 @@ def test_control_in_scene_files(tmp_path) -> None:
         path.write_text(SCENE.replace(old, new))
         with pytest.raises(ValueError, match=message):
             fa.load(path)
+
+
+@pytest.mark.parametrize("rate", [200.0, None])
+def test_pid_follows_samples_as_the_callable_through_them(rate: float | None, tmp_path) -> None:
+    """docs/control.md promises them; a list of a table and its file are the same."""
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(0.1, 0.1, 0.1)))])
+    times, values = [0.0, 0.3, 0.5, 1.0], [0.0, 0.3, 0.1, 0.2]
+    given = {"rate": rate, "filter_time": 0.02}
+
+    def run(reference) -> fa.Result:
+        law = fa.LinearController.pid(5.0, 1.0, 1.0, **given, reference=reference)
+        return fa.simulate(arm, np.linspace(0, 1, 51), control=law)
+
+    expected = run(lambda t: np.interp(t, times, values))
+    for reference in ((times, values), (np.array(times), np.array(values)), [times, values]):
+        np.testing.assert_allclose(run(reference).q, expected.q, atol=2e-6)
+    law = fa.LinearController.pid(5.0, 1.0, 1.0, **given, reference=(times, values))
+    scene = fa.Scene(arm, t=np.linspace(0, 1, 51), control=(law,))
+    scene.save(tmp_path / "scene.toml")
+    np.testing.assert_array_equal(fa.load(tmp_path / "scene.toml").run().q, scene.run().q)
+    for reference, message in (
+        (([0, 1], [0, 1, 2]), "reference: r has shape"),
+        (([0, 0], [0, 1]), r"t\[1\] = 0.0: t must increase"),
+        (([0, 0.5], [0, 1]), "reference: samples cover t = 0.0 to 0.5"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            run(reference)

@@ -10,6 +10,7 @@ from .batch import batch_memory, simulate_batch
 from .batch_result import BatchResult
 from .chart import Chart, chart
 from .control import PD, Controller, StateFeedback, StrainFeedback
+from .doubts import ModelWarning
 from .drive import Motion, Torque
 from .economize import Plan, economize
 from .joints import (
@@ -79,6 +80,7 @@ __all__ = [
     "LoopWarning",
     "Material",
     "ModeShapes",
+    "ModelWarning",
     "Modes",
     "Motion",
     "Motor",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,21 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 
+def plain(value: Any, depth: int = 0) -> Any:
+    """What NumPy gives, as Python's own numbers, strings and tuples; all else as it is."""
+    if isinstance(value, np.ndarray):
+        return plain(value[()]) if value.ndim == 0 else tuple(plain(v) for v in value)
+    if isinstance(value, np.floating):
+        return float(value)  # item() leaves a long double what it is
+    if type(value) in (list, tuple) and depth < 8:  # no argument is nested deeper
+        return type(value)([plain(v, depth + 1) for v in value])
+    return value.item() if isinstance(value, np.generic) else value
+
+
 def number(field: str, value: Any) -> float:
     """A finite-or-not float; the sign and range are checked by the core."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+    value = plain(value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError(f"{field} = {value!r}: must be a number")
     try:
         return float(value)
@@ -24,7 +37,8 @@ def number(field: str, value: Any) -> float:
 
 
 def whole(field: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+    value = plain(value)
+    if isinstance(value, bool) or not isinstance(value, int):
         raise ValueError(f"{field} = {value!r}: must be a whole number")
     if abs(int(value)) >= 2**31:
         raise ValueError(f"{field} = {value!r}: is too large")
@@ -86,10 +100,19 @@ def known_keys(where: str, given: Mapping[str, Any], known: Iterable[str]) -> No
             raise ValueError(f"{where}: unknown key '{key}'; {hint}")
 
 
+def named(path: Any, *suffixes: str) -> Path:
+    """The path of a file to be written, whose name does not promise another format."""
+    if not isinstance(path, (str, Path)):
+        raise ValueError(f"path = {path!r}: must be a path")
+    if Path(path).suffix.lower() not in ("", *suffixes):
+        raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(suffixes)}, the format that is written")
+    return Path(path)
+
+
 def choice(field: str, value: Any, known: Iterable[str]) -> str:
-    known = list(known)
-    if value in known:
-        return str(value)
+    known, value = list(known), plain(value)
+    if isinstance(value, str) and value in known:
+        return value
     near = difflib.get_close_matches(str(value), known, n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ""
     raise ValueError(f"{field} = {value!r}: must be one of {', '.join(known)}{hint}")

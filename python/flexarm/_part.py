@@ -6,11 +6,18 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
+from ._check import plain
+
 
 class _Part:
     """Holds the core's counterpart in `_core`, outside equality, printing and pickling."""
 
     _core: Any
+
+    def __post_init__(self) -> None:
+        """Takes NumPy's numbers for what they are worth, so that parts compare, print and save alike."""
+        for name, value in self._arguments().items():
+            self._set(name, plain(value))
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)  # dataclasses here are frozen
@@ -28,7 +35,7 @@ class _Part:
         if kind is not None:
             out["type"] = kind
         for name, value in self._arguments().items():
-            if value is not None and value != ():
+            if value is not None and not (isinstance(value, tuple) and not value):
                 out[name] = _plain(value)
         return out
 

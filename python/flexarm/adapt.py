@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .arm import Arm
+from .doubts import ModelWarning
 from .indicate import embed
 from .ladder import _carried
 from .result import Result
@@ -21,7 +22,10 @@ from .watch import Watch
 
 def _simulated(scene: Scene, watch: Watch | bool, progress: bool) -> Result:
     given: dict[str, Any] = {"drive": scene.drive, "loads": scene.loads, "control": scene.control}
-    return simulate(scene.arm, scene.t, scene.q0, scene.v0, **given, watch=watch, progress=progress, **scene.options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # its modes are enough, as was found
+        options = {"watch": watch, "progress": progress, **scene.options}
+        return simulate(scene.arm, scene.t, scene.q0, scene.v0, **given, **options)
 
 
 def watched(scene: Scene, watch: Watch, progress: bool = False) -> Result:

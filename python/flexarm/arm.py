@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from . import _core, balance, describe, linear, modal
 from . import patch as _patch
 from ._check import Array, array, batch, choice, finite, number
 from ._part import _plain
+from .doubts import ModelWarning, doubts
 from .link import Link
 from .load import Load, at_time
 
@@ -29,9 +31,25 @@ class Arm:
     Args:
         links: from the base to the tip.
         gravity: world axes (m/s^2).
+
+    Warns:
+        ModelWarning: numbers that can hardly be meant: a modulus in GPa, a length in mm, a damping ratio in per cent,
+            principal moments of inertia that no body has, a short thick beam without shear.
     """
 
     def __init__(self, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        self._build(links, gravity)
+        for text in doubts(self):
+            warnings.warn(text, ModelWarning, stacklevel=2)
+
+    @staticmethod
+    def _made(links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> Arm:
+        """An arm made of another, whose user has been warned already."""
+        arm = Arm.__new__(Arm)
+        arm._build(links, gravity)
+        return arm
+
+    def _build(self, links: Sequence[Link], gravity: Sequence[float]) -> None:
         if not isinstance(links, Sequence):
             raise ValueError(f"links = {links!r}: must be a list of links")
         self.links: tuple[Link, ...] = tuple(links)
@@ -59,7 +77,7 @@ class Arm:
         return {"gravity": _plain(self.gravity), "link": [link.to_dict() for link in self.links]}
 
     def __reduce__(self) -> Any:
-        return Arm, (self.links, self.gravity)
+        return Arm._made, (self.links, self.gravity)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Arm) and (self.links, self.gravity) == (other.links, other.gravity)
@@ -363,6 +381,7 @@ class Arm:
         Raises:
             ValueError: bad arguments, or no steady state at this speed.
         """
+        q = None if q is None else self._single(q=q)[0]
         return modal.modes(self, q, speed, lock, at_time(self, loads, t))
 
     def mode_shapes(self, modes: modal.Modes, points: int = 21) -> modal.ModeShapes:
@@ -406,6 +425,7 @@ class Arm:
         if voltages is not None:
             zero = np.zeros(self.nv) if tau is None else array("tau", tau, (self.nv,))
             tau = zero + _patch.voltage_forces(self, voltages)
+        q = None if q is None else self._single(q=q)[0]
         return balance.equilibrium(self, q, tau, lock, at_time(self, loads, t))
 
     def inverse_derivatives(
@@ -487,4 +507,5 @@ class Arm:
         Warns:
             StateWarning: v is zero, but the arm does not rest there (it falls, or sags): the model holds for a moment.
         """
+        q = self._single(q=q)[0]
         return linear.linearize(self, q, v, tau, inputs, outputs, lock, at_time(self, loads, t))

@@ -279,8 +279,8 @@ def steady_state(arm: Arm, q: Array, v: Array, loads: Any = ()) -> Array:
 def locked_rates(arm: Arm, lock: Iterable[Any] | None) -> NDArray[np.bool_]:
     """Which rates belong to the locked joints, (nv,)."""
     locked = np.zeros(arm.nv, dtype=bool)
-    if lock is not None and not isinstance(lock, Iterable):
-        raise ValueError(f"lock = {lock!r}: must be a list of link numbers")
+    if lock is not None and (isinstance(lock, str) or not isinstance(lock, Iterable)):
+        raise ValueError(f"lock = {lock!r}: must be a list of link numbers, such as [0, 1]")
     for link in () if lock is None else lock:
         locked[arm.joint_rates(link, "lock: link")] = True
     return locked

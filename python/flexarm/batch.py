@@ -17,7 +17,10 @@ from .batch_result import OUTPUTS, BatchResult
 from .batch_run import Job
 from .batch_runner import Runner
 from .control import Controller
+from .doubts import ModelWarning, coarse
+from .drive import Motion, Torque
 from .load import Load
+from .patch import Voltage
 from .rollout import (
     NOT_DONE,
     BatchInterrupted,
@@ -150,7 +153,19 @@ def simulate_batch(
 
     Warns:
         RangeWarning: a beam bent further than its order is good for, in at least one scenario.
+        ModelWarning: a beam of `arm` with too few shape functions for what it carries.
     """
+    if drive is not None and not isinstance(drive, Mapping):
+        raise ValueError(f"drive = {drive!r}: must be a dictionary, by link number")
+    for key, law in (drive or {}).items():
+        if not isinstance(law, (Motion, Torque, Voltage)):
+            raise ValueError(f"drive[{key!r}] = {law!r}: must be a Motion, a Torque or a Voltage")
+    for name, kind, given in (("loads", "Load", loads), ("control", "controllers", control)):
+        if given is not None and not isinstance(given, (list, tuple, Controller)):
+            raise ValueError(f"{name} = {given!r}: must be a list of {kind}")
+    if isinstance(arm, Arm):
+        for text in coarse(arm):
+            warnings.warn(text, ModelWarning, stacklevel=2)
     controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)
     setup = {"drive": dict(drive or {}), "loads": tuple(loads or ()), "control": controls}
     options = {"rtol": rtol, "spectral_radius": spectral_radius, **options}

@@ -186,7 +186,7 @@ def finite(value: Any) -> Any:
 @contextlib.contextmanager
 def _bar(budget: float, show: bool) -> Iterator[Callable[[float, str], None]]:
     """A bar of the budget on stderr, where that is a terminal; yields what moves it."""
-    if not (show and sys.stderr.isatty()):
+    if not (show and sys.stderr and sys.stderr.isatty()):
         yield lambda used, doing: None
         return
     from rich.console import Console

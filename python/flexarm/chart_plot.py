@@ -82,7 +82,8 @@ def plot_chart(chart: Chart) -> Figure:
     ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=9)
     partial = "" if chart.complete else " (partial: interrupted)"
     spans = ", ".join(f"{s:.3g} {u}" for u, s in chart.truth.span.items()) if chart.truth else ""
-    ax.set_title(f"{chart.scene.name}: {chart.quantity}, span {spans}{partial}", fontsize=11, fontweight="bold")
+    title = f"{chart.scene.name}: {chart.quantity}, span {spans}{partial}"
+    ax.set_title(title, fontsize=11, fontweight="bold", parse_math=False)
     if not lines:
         ax.text(0.5, 0.5, "nothing to compare yet", transform=ax.transAxes, ha="center", color=INK)
     return fig

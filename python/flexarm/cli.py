@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
+import io
 import json
 import math
 import os
@@ -35,7 +37,26 @@ class _Parser(argparse.ArgumentParser):
 
 def _complain(message: str) -> None:
     line = " ".join(message.split())
-    print("flexarm: " + (line if len(line) <= 500 else f"{line[:300]} ... {line[-190:]}"), file=sys.stderr)
+    with contextlib.suppress(OSError):  # where nobody listens, the exit code still tells
+        print("flexarm: " + (line if len(line) <= 500 else f"{line[:300]} ... {line[-190:]}"), file=sys.stderr)
+
+
+def _open_streams() -> None:
+    """Streams that take everything: a closed one (`>&-`) is None, and an ASCII one knows no Greek."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _drop_stdout() -> None:
+    """What is still to be written cannot be; Python would try again at its exit."""
+    with contextlib.suppress(OSError, ValueError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, sys.stdout.fileno())
+        os.close(null)
 
 
 def _json(value: Any) -> str:
@@ -54,10 +75,12 @@ def _json(value: Any) -> str:
 def _print_table(table: Table) -> None:
     from rich.console import Console
 
-    console = Console()
+    console = Console(markup=False, emoji=False)  # titles are the user's: [brackets] and :colons: are text
     if not console.is_terminal:  # a pipe has no width: do not cut anything
         console.width = 160
-    console.print(table)
+    with console.capture() as text:
+        console.print(table)
+    print(text.get(), end="")
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -123,11 +146,13 @@ def _demo(args: argparse.Namespace) -> int:
 
 def _quantities(result: Result) -> list[dict[str, Any]]:
     """Least, greatest and last value of the joints' motion and forces and of the tips' deflections."""
-    from .plots import deflections, joint_coordinates
+    from .plots import deflections, joint_coordinates, joint_rates
 
-    curves = []
-    for i, label, unit in joint_coordinates(result.arm):
-        curves.append((label, unit, result.q[:, i]))
+    places = {label: (i, unit) for i, label, unit in joint_coordinates(result.arm)}
+    curves = [(label, unit, result.q[:, i]) for label, (i, unit) in places.items() if unit == "1"]  # without rates
+    for i, label, unit in joint_rates(result.arm):
+        if label in places:
+            curves.append((label, unit, result.q[:, places[label][0]]))
         curves.append((f"{label} rate", f"{unit}/s", result.v[:, i]))
         force = ("torque", "N m") if unit == "rad" else ("force", "N")
         curves.append((f"{label} {force[0]}", force[1], result.tau[:, i]))
@@ -159,7 +184,7 @@ def _write_run(folder: Path, result: Result, summary: dict[str, Any], table: Tab
     write_csv(folder / "run.csv", names, columns)
     plots.plot_result(result).savefig(folder / "run.png", dpi=plots.DPI)
     with (folder / "summary.txt").open("w", encoding="utf-8") as f:
-        Console(file=f, width=160, color_system=None).print(table)
+        Console(file=f, width=160, color_system=None, markup=False, emoji=False).print(table)
     (folder / "summary.json").write_text(_json(summary) + "\n", encoding="utf-8")
 
 
@@ -377,6 +402,7 @@ def _parser() -> _Parser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit code (see the module)."""
+    _open_streams()
     try:
         args = _parser().parse_args(argv)
         with warnings.catch_warnings():
@@ -389,9 +415,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         _complain(str(e))
         return 2
     except BrokenPipeError:  # the reader of a pipe left
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_stdout()
         return 0
     except OSError as e:
+        if e.errno == errno.ENOSPC and e.filename is None:
+            _drop_stdout()
         _complain(f"{e.filename or 'file'}: {e.strerror or e}")
         return 2
     except KeyboardInterrupt:

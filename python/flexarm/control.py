@@ -87,7 +87,9 @@ class _JointLaw(Controller):
         self.link, self.freedom = link if freedom is None and isinstance(link, tuple) else (link, freedom)
         if isinstance(reference, Motion):
             raise ValueError("reference: is of q alone: samples (t, r) or a callable t -> r, not a Motion")
-        if not isinstance(reference, Torque) and (callable(reference) or np.ndim(reference) == 0):
+        if not isinstance(reference, Torque) and (
+            callable(reference) or not isinstance(reference, (list, tuple, np.ndarray))
+        ):
             # a law of time like a torque's: samples, a callable, or a number
             reference = Torque(reference if callable(reference) else finite("reference", reference))
         elif not isinstance(reference, Torque):
@@ -97,7 +99,8 @@ class _JointLaw(Controller):
                 raise ValueError(
                     f"reference = {reference!r}: must be a number, samples (t, r), or a callable t -> r"
                 ) from None
-            reference = Torque(t, r)
+            times = array("reference: t", t)
+            reference = Torque(times, array("reference: r", r, times.shape))
         self.reference, self.motor, self.limit = reference, motor, _limit(limit, motor)
 
     def _rate(self, arm: Arm) -> int:
@@ -126,7 +129,7 @@ class _JointLaw(Controller):
 def _scaled(law: Any, factor: float) -> Any:
     if isinstance(law, _core.PiecewisePolynomial):
         return _core.PiecewisePolynomial(law.breaks, factor * law.coefficients)
-    return lambda t: factor * float(law(t))
+    return lambda t: factor * array(f"reference at t = {t}", law(t), ()).item()
 
 
 class PD(_JointLaw):
@@ -290,4 +293,4 @@ def extended(arm: Arm, memory: int) -> Arm:
     from .joints import Prismatic
     from .link import Link
 
-    return Arm([*arm.links, *[Link(Prismatic("x", reflected_inertia=1.0))] * memory], arm.gravity)
+    return Arm._made([*arm.links, *[Link(Prismatic("x", reflected_inertia=1.0))] * memory], arm.gravity)

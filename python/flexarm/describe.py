@@ -32,7 +32,7 @@ def lowest_frequencies(arm: Arm, n: int) -> str:
     if not any(link.beam is not None and link.beam.ne for link in arm.links):
         return "none, the arm is rigid"
     try:
-        found = type(arm)(arm.links).modes(lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
+        found = arm._made(arm.links).modes(lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
     except ValueError as e:
         return f"none: {e}"
     return " ".join(f"{f:.4g}" for f in found.frequencies[:n])
@@ -47,7 +47,7 @@ def _row(k: int, arm: Arm) -> list[str]:
         return [str(k), joint.strip(), "-", "-", "-", *masses, "-"]
     counts = ", ".join(f"{s} {n}" for s, n in link.beam.counts.items()) or "rigid"
     # the beam alone, clamped: K x = omega^2 M x of this link without its tip
-    alone = type(arm)([type(link)(Fixed(), link.hub, link.beam)])
+    alone = arm._made([type(link)(Fixed(), link.hub, link.beam)])
     clamped = lowest_frequencies(alone, 2) if link.beam.ne else "-"
     return [str(k), joint.strip(), _size(link.beam), counts, str(link.beam.order), *masses, clamped]
 

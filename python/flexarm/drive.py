@@ -160,9 +160,15 @@ class _SpinUp:
         speed, time = self.speed, self.time
         if t >= time:
             return speed * (t - time / 2), speed, 0.0
-        w = 2 * math.pi / time
-        q = speed / time * (t * t / 2 + (math.cos(w * t) - 1) / w**2)
-        return q, speed / time * (t - math.sin(w * t) / w), speed / time * (1 - math.cos(w * t))
+        s = t / time
+        u = 2 * math.pi * s
+        if abs(u) < 0.5:  # where the differences below would cancel: their series
+            x = u * u
+            half = x * sum((-x) ** k / math.factorial(2 * k + 4) for k in range(7))
+            one = x * sum((-x) ** k / math.factorial(2 * k + 3) for k in range(7))
+        else:
+            half, one = 0.5 + (math.cos(u) - 1) / u**2, 1 - math.sin(u) / u
+        return speed * s * t * half, speed * s * one, speed / time * 2 * math.sin(u / 2) ** 2
 
 
 class Scalar(_Law):

@@ -171,7 +171,7 @@ def _checked(tol: float, atol: float | None, time_budget: float | None) -> float
 @contextlib.contextmanager
 def _status(show: bool) -> Iterator[Callable[[str], None]]:
     """What is being done, on stderr, where that is a terminal; yields what tells it."""
-    if not (show and sys.stderr.isatty()):
+    if not (show and sys.stderr and sys.stderr.isatty()):
         yield lambda doing: None
         return
     from rich.console import Console

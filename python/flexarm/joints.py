@@ -49,6 +49,7 @@ class Placement(_Part):
     _core: tuple[Array, Array] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         core = (array("position", self.position, (3,)), _rotation("rotation", self.rotation))
         self._set("position", _numbers(self.position))
         self._set("rotation", _numbers(self.rotation))
@@ -105,12 +106,14 @@ class Joint(_Part):
             return self._per_freedom("coulomb", n)
         if value is None:
             return [np.inf if name == "upper" else -np.inf] * n
-        if np.ndim(value) == 0:
-            return [number(name, value)] * n
-        self._set(name, _numbers(value))
-        return array(name, value, (n,)).tolist()  # type: ignore[no-any-return]
+        if not isinstance(value, (list, tuple)):
+            self._set(name, number(name, value))
+            return [getattr(self, name)] * n
+        self._set(name, tuple(array(name, value, (n,)).tolist()))
+        return list(getattr(self, name))
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not isinstance(getattr(self, "axis", ""), str):
             self._set("axis", _numbers(array("axis", self.axis, (3,))))  # type: ignore[attr-defined]
         freedoms = self._freedoms()
@@ -240,7 +243,10 @@ class Axes(Joint):
     type: ClassVar[str] = "axes"
 
     def _freedoms(self) -> list[_Freedom]:
-        names = tuple(self.axes) if not isinstance(self.axes, str) else (self.axes,)
+        names = (self.axes,) if isinstance(self.axes, str) else self.axes
+        if not isinstance(names, (list, tuple)):
+            raise ValueError(f"axes = {names!r}: must be a list of motions, such as ['tx', 'rz']")
+        names = tuple(names)
         self._set("axes", names)
         for name in names:
             if name not in ("tx", "ty", "tz", "rx", "ry", "rz"):

@@ -11,6 +11,7 @@ import numpy as np
 
 from ._check import Array
 from .arm import Arm
+from .doubts import ModelWarning
 from .link import Link
 from .model import Beam
 from .result import Result
@@ -153,7 +154,7 @@ def build(arm: Arm, order: int | str, shift: int) -> Model:
     if order == "as given":
         return Model(order, shift, arm)
     links = [replace_beam(link, order, shift) for link in arm.links]
-    return Model(order, shift, Arm(links, arm.gravity))
+    return Model(order, shift, Arm._made(links, arm.gravity))
 
 
 def replace_beam(link: Link, order: int | str, shift: int) -> Link:
@@ -244,6 +245,7 @@ def timed(scene: Scene, row: Row, quantity: str, deadline: float, tell: Any) -> 
         while row.runs < _REPEATS and spent < _LONG and (result is None or time.perf_counter() + best < deadline):
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always")
+                warnings.simplefilter("ignore", ModelWarning)  # the distance from the truth tells
                 result = simulate(
                     s.arm, s.t, s.q0, s.v0, drive=s.drive, loads=s.loads, control=s.control, progress=look, **s.options
                 )  # fmt: skip

@@ -25,6 +25,7 @@ class Link(_Part):
     _core: _core.Link = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not isinstance(self.joint, Joint):
             raise ValueError(f'joint = {self.joint!r}: must be a joint, such as Revolute("z")')
         for name, kind in (("hub", RigidBody), ("beam", Beam), ("tip", RigidBody)):

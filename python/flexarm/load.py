@@ -55,8 +55,8 @@ class Load(_Law):
             raise ValueError("force = None: give a force, a moment, or both")
         #: the arguments it was made of
         self.given: dict[str, Any] = {
-            "link": link, "x": self.x, "force": _kept(force), "moment": _kept(moment), "t": t, "along": along,
-            "axes": axes
+            "link": link, "x": self.x, "force": _kept("force", force), "moment": _kept("moment", moment), "t": t,
+            "along": along, "axes": axes
         }  # fmt: skip
         if any(callable(value) for value in (force, moment)):
             if t is not None:
@@ -104,8 +104,8 @@ class _Wrench:
         return [float(x) for part in self.parts for x in part(t)]
 
 
-def _kept(value: Any) -> Any:
-    return value if value is None or callable(value) else np.array(value, dtype=float)
+def _kept(name: str, value: Any) -> Any:
+    return value if value is None or callable(value) else array(name, value)
 
 
 def _component(name: str, value: Any) -> Callable[[float], Array]:

@@ -97,6 +97,9 @@ def modes(
     free = ~locked_rates(arm, lock)
     if not free.any():
         raise ValueError("lock: no coordinate is left to move")
+    for part in arm._core.inverse_derivatives(q0, v0, np.zeros(arm.nv), *loads):
+        if not np.isfinite(part).all():
+            raise ValueError("speed, q: are too large, the forces there are not finite")
     q0 = steady_state(arm, q0, v0, loads)
 
     # M dv + G v + K q = 0 for small motions; scaled so that M has a unit diagonal

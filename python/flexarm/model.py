@@ -36,8 +36,9 @@ class Material(_Part):
     _core: _core.Material = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for f in ("density", "youngs_modulus", "poisson_ratio", "shear_modulus"):
-            if getattr(self, f) is not None:
+            if getattr(self, f) is not None or f in ("density", "youngs_modulus"):
                 self._set(f, number(f, getattr(self, f)))
         self._set(
             "_core",
@@ -89,6 +90,7 @@ class Rectangle(_Shape):
     _core: _core.Section = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for f in ("y", "z", "shear_correction"):
             self._set(f, number(f, getattr(self, f)))
         self._set("_core", _core.Section.rectangle(self.y, self.z, self.shear_correction))
@@ -109,6 +111,7 @@ class Circle(_Shape):
     _core: _core.Section = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for f in ("radius", "inner_radius", "shear_correction"):
             self._set(f, number(f, getattr(self, f)))
         self._set("_core", _core.Section.circle(self.radius, self.inner_radius, self.shear_correction))
@@ -130,6 +133,7 @@ class GeneralSection(_Section):
     _core: _core.Section = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         names = ("area", "second_moment_y", "second_moment_z", "torsion_constant", "shear_correction")
         for f in names:
             self._set(f, number(f, getattr(self, f)))
@@ -156,6 +160,7 @@ class Taper(_Part):
     _core: _core.SectionProfile = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         x = array("x", self.x)
         if x.ndim != 1 or x.size < 2 or x[0] != 0.0 or not (np.diff(x) > 0).all():
             raise ValueError(f"x = {self.x!r}: must be two or more places, increasing from 0")
@@ -234,6 +239,7 @@ class Beam(_Part):
     _core: _core.Beam = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ("length", "damping_ratio", "kelvin_voigt"):
             self._set(name, number(name, getattr(self, name)))
         if not isinstance(self.section, (_Section, Taper)):
@@ -349,6 +355,7 @@ class RigidBody(_Part):
     _core: _core.RigidBody = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._set("mass", number("mass", self.mass))
         com, end = array("com", self.com, (3,)), array("end", self.end, (3,))
         inertia = _inertia_matrix(self.inertia)

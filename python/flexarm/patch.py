@@ -47,6 +47,7 @@ class Piezo(_Part):
     _core: _core.Piezo = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         names = ("youngs_modulus", "poisson_ratio", "density", "d31", "d32", "d15", "permittivity")
         for name in names:
             self._set(name, number(name, getattr(self, name)))
@@ -101,6 +102,7 @@ class Patch(_Part):
     mass: bool = True
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ("start", "end", "width", "thickness", "angle", *(("offset",) if self.offset is not None else ())):
             self._set(name, number(name, getattr(self, name)))
             if not np.isfinite(getattr(self, name)):

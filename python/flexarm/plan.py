@@ -246,18 +246,18 @@ def load_sweep(path: str | Path) -> Sweep:
     Raises:
         ValueError: unreadable file, bad TOML, unknown key (the nearest known one is named) or bad value.
     """
-    from .scene import SCENES
+    from .scene import SCENES, shallow
 
     if not isinstance(path, (str, Path)):
         raise ValueError(f"sweep = {path!r}: must be a path")
     p = Path(path)
-    if not p.exists() and p.parent == Path() and (SCENES / "sweeps" / f"{p.name}.toml").exists():
-        p = SCENES / "sweeps" / f"{p.name}.toml"
     try:
-        with p.open("rb") as f:
+        if not p.exists() and p.parent == Path() and (SCENES / "sweeps" / f"{p.name}.toml").exists():
+            p = SCENES / "sweeps" / f"{p.name}.toml"
+        with p.open("rb") as f, shallow("sweep"):
             d = tomllib.load(f)
-        return sweep_from_dict(d, p.stem)
+            return sweep_from_dict(d, p.stem)
     except OSError as e:
         raise ValueError(f"sweep {str(path)!r}: {e.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, ValueError) as e:
+    except ValueError as e:
         raise ValueError(f"sweep {str(path)!r}: {e}") from None

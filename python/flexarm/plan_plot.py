@@ -50,6 +50,7 @@ def plot_plan(plan: Plan) -> Figure:
     unit = " ".join(plan.span) if plan.absolute else "over its span"
     ax.set_ylabel(f"Largest error of the {plan.quantity}, {unit}")
     word = "certified" if plan.certified else "not certified"
-    ax.set_title(f"{plan.given.name}: {plan.model} ({word})", fontsize=10, fontweight="bold", wrap=True)
+    title = f"{plan.given.name}: {plan.model} ({word})"
+    ax.set_title(title, fontsize=10, fontweight="bold", parse_math=False, wrap=True)
     ax.legend(frameon=False, fontsize=9, loc="best")
     return fig

@@ -33,13 +33,19 @@ _ORDER_DASH = {0: "--", 1: "-.", 2: "-"}
 
 
 def joint_coordinates(arm: Arm) -> list[tuple[int, str, str]]:
-    """(index into q, label, unit) of every joint coordinate of an arm; units are rad or m."""
+    """(index into q, label, unit) of every joint coordinate of an arm; units are rad or m, or 1 of a quaternion."""
     out, names = [], arm.q_names
     for k, link in enumerate(arm.links):
         first = arm._core.first_q(k)
         units = link.joint.units[:-3] + ("1",) * 4 if link.joint.ball else link.joint.units
         out += [(first + n, names[first + n], unit) for n, unit in enumerate(units)]
     return out
+
+
+def joint_rates(arm: Arm) -> list[tuple[int, str, str]]:
+    """(index into v and tau, label, unit of what it is the rate of, rad or m) of every joint rate of an arm."""
+    firsts = [(arm._core.first(k), link.joint.units) for k, link in enumerate(arm.links)]
+    return [(i, arm.coordinates[i], unit) for first, units in firsts for i, unit in enumerate(units, first)]
 
 
 def deflections(arm: Arm) -> list[tuple[int, int, str]]:
@@ -68,11 +74,11 @@ def _legend(ax: Axes, count: int) -> None:
 
 
 def plot_result(result: Result) -> Figure:
-    """Joint coordinates (rad, m) and tip deflections of the flexible links (m) over time (s)."""
+    """Joint coordinates (rad, m, quaternions) and tip deflections of the flexible links (m) over time (s)."""
     arm, t = result.arm, result.t
     joints = joint_coordinates(arm)
     panels: list[tuple[str, list[tuple[str, Array]]]] = []
-    for unit, name in (("rad", "Joint angle (rad)"), ("m", "Joint displacement (m)")):
+    for unit, name in (("rad", "Joint angle (rad)"), ("m", "Joint displacement (m)"), ("1", "Quaternion of a ball")):
         curves = [(label, result.q[:, i]) for i, label, u in joints if u == unit]
         if curves:
             panels.append((name, curves))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._check import Array, array, choice, number, whole
+from ._check import Array, array, choice, named, number, whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,7 +53,7 @@ class Reading:
         from .demo import write_csv
 
         names = [f"{label} ({unit})" for label, unit in zip(self.labels, self.units, strict=True)]
-        write_csv(Path(path), ["t (s)", *names], [self.t, *self.y.T])
+        write_csv(named(path, ".csv", ".txt"), ["t (s)", *names], [self.t, *self.y.T])
 
 
 @dataclass(frozen=True, eq=False, repr=False)

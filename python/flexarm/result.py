@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._check import Array
+from ._check import Array, named
 from .arm import Arm
 from .load import Load
 
@@ -96,39 +97,58 @@ class Result:
         return plot_result(self)
 
     def save(self, path: str | Path) -> None:
-        """Writes everything, the arm included, to one file (.npz) that `Result.load` reads."""
+        """Writes everything, the arm included, to one file (.npz) that `Result.load` reads.
+
+        Raises:
+            ValueError: a name that promises another format. `flexarm run` writes a table, run.csv.
+        """
+        file = named(path, ".npz")
         kept = None if self.loads is None else len(self.loads)
         more = {f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())}
         if self.friction is not None:
             more["friction"] = self.friction
         about = {"arm": self.arm.to_dict(), "stats": self.stats, "loads": kept is None or kept, "status": self.status}
         about["events"] = None if self.t_events is None else len(self.t_events)
-        with Path(path).open("wb") as f:  # an open file keeps its name; numpy would append .npz
+        with file.open("wb") as f:  # an open file keeps its name; numpy would append .npz
             np.savez_compressed(
                 f, t=self.t, q=self.q, v=self.v, a=self.a, tau=self.tau, about=np.array(json.dumps(about)), **more
             )
 
     @staticmethod
     def load(path: str | Path) -> Result:
-        """Reads what `save` wrote."""
+        """Reads what `save` wrote.
+
+        Raises:
+            ValueError: no such file, another kind of file, a damaged one.
+        """
+        if not isinstance(path, (str, Path)):
+            raise ValueError(f"result = {path!r}: must be a path")
         try:
-            with np.load(path, allow_pickle=False) as f:
-                about = json.loads(str(f["about"]))
-                arrays = {k: f[k] for k in ("t", "q", "v", "a", "tau", "friction") if k in f or k != "friction"}
-                count = about.get("events")
-                events: dict[str, Any] = {
-                    f"{name}_events": None if count is None else [f[f"{name}_events_{k}"] for k in range(count)]
-                    for name in "tqv"
-                }
-            return Result(
-                Arm.from_dict(about["arm"]),
-                **arrays,
-                **events,
-                stats=about["stats"],
-                loads=None if about["loads"] else (),
-                status=about.get("status", 0),
-            )
+            content = BytesIO(Path(path).read_bytes())
         except OSError as e:
-            raise ValueError(f"result {str(path)!r}: {e.strerror or e}") from None
-        except (KeyError, ValueError, TypeError, EOFError, AttributeError):
-            raise ValueError(f"result {str(path)!r}: is not a file that Result.save wrote") from None
+            raise ValueError(f"result {str(path)!r}: {e.strerror}") from None
+        try:
+            with np.load(content, allow_pickle=False) as f:
+                about, held = json.loads(str(f["about"])), {k: f[k] for k in f.files if k != "about"}
+            arm = Arm.from_dict(about["arm"])
+            count, wide = about.get("events"), {"q": arm.nq}
+            events: dict[str, Any] = {
+                f"{name}_events": None if count is None else [held[f"{name}_events_{k}"] for k in range(count)]
+                for name in "tqv"
+            }
+            result = Result(
+                arm,
+                **{k: held[k] for k in ("t", "q", "v", "a", "tau")},
+                friction=held.get("friction"),
+                **events,
+                stats=dict(about["stats"]),
+                loads=None if about["loads"] else (),
+                status=int(about.get("status", 0)),
+            )
+            for name in ("q", "v", "a", "tau", "friction"):
+                value = getattr(result, name)
+                if value is not None and value.shape != (result.t.size, wide.get(name, arm.nv)):
+                    raise ValueError
+            return result
+        except Exception:  # of a file that may be anything: zip, zlib, NumPy and JSON have a dozen kinds
+            raise ValueError(f"result {str(path)!r}: is not a file that Result.save wrote, or is damaged") from None

@@ -44,6 +44,9 @@ class BatchInterrupted(KeyboardInterrupt):
         super().__init__(message)
         self.result = result
 
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.result)
+
 
 @dataclass(repr=False)
 class Rollout:
@@ -206,7 +209,7 @@ def show_progress(progress: Any, what: str) -> Any:
 
     if callable(progress):
         return contextlib.nullcontext(progress)
-    if not (progress and sys.stderr.isatty()):
+    if not (progress and sys.stderr and sys.stderr.isatty()):
         return contextlib.nullcontext(None)
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn

@@ -156,7 +156,7 @@ class Rungs:
                 if key not in made:
                     made[key] = Link(link.joint, link.hub, beam_at(link.beam, rung), link.tip)
                 links.append(made[key])
-            self._arms[model] = Arm(links, self.scene.arm.gravity)
+            self._arms[model] = Arm._made(links, self.scene.arm.gravity)
         return self._arms[model]
 
     def at(self, model: Model, options: dict[str, Any]) -> Scene:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from . import _core
 from ._check import Array, array, number
 from .control import Controller, Run, _braking, _columns, _Feedback, _gain, _limit, _list, _rows, _Sampler, padded
-from .drive import Torque
+from .drive import Torque, _times
 from .loops import Seen
 from .motor import Motor, finite, positive
 
@@ -44,10 +44,15 @@ class Asked:
 
     def __call__(self, t: float, q: Array, v: Array, a: Array) -> Array:
         y = self.read(t, q, v, a)
-        u = np.atleast_1d(np.asarray(self.law(t, y), dtype=float))
+        said = self.law(t, y)
+        try:
+            u = np.atleast_1d(np.asarray(said, dtype=float))
+            said = u.tolist()
+        except (TypeError, ValueError, OverflowError):
+            u = np.full(1, np.nan)
         if u.shape != (self.columns.shape[1],) or not np.isfinite(u).all():
             raise ValueError(
-                f"control at t = {t}: the law gave {u.tolist()}; must be {self.columns.shape[1]} finite numbers"
+                f"control at t = {t}: the law gave {said!r}; must be {self.columns.shape[1]} finite numbers"
             )
         self.seen.note(y, u)
         return padded(self.columns @ np.clip(u, -self.limit, self.limit), self.size)
@@ -106,6 +111,24 @@ class Sampled(Controller):
         return _braking(arm, self.motor, units.T), [(float(run.times[0]), 1.0 / self.rate, self.delay, law)]
 
 
+class _Samples:
+    """A reference (ny,) of samples (t, r), linear in between."""
+
+    def __init__(self, t: Any, r: Any, ny: int) -> None:
+        self.t, self.r = _times(array("reference: t", t)), array("reference: r", r)
+        if self.r.shape == self.t.shape:
+            self.r = np.repeat(self.r[:, None], ny, axis=1)
+        if self.r.shape != (self.t.size, ny):
+            raise ValueError(f"reference: r has shape {self.r.shape}: must be {self.t.size} numbers, one for each of t")
+
+    def __call__(self, t: float) -> Array:
+        return np.array([np.interp(t, self.t, column) for column in self.r.T])
+
+    def along(self, by_e: Array) -> Torque:
+        """by_e r, as a law of time that is evaluated in C++."""
+        return Torque(self.t, self.r @ by_e)
+
+
 def _no_law(t: float, y: Array) -> float:
     return 0.0
 
@@ -120,7 +143,7 @@ class LinearController(Sampled):
         rate: samples a second (Hz); None: continuous.
         measure: as of Sampled; sensors need a rate.
         actuate, limit, motor: as of Sampled. delay: needs a rate.
-        reference: of y: a number, an array (ny,), or a callable t -> (ny,).
+        reference: of y: a number, an array (ny,), samples (t, r) with straight lines between, or a callable t -> (ny,).
         method: of SciPy's cont2discrete: "bilinear" (Tustin), "zoh", ...
 
     It runs in C++ unless it reads sensors or a callable.
@@ -181,8 +204,10 @@ class LinearController(Sampled):
     def _given(self) -> Any:
         """The reference: an array (ny,), or a callable t -> (ny,)."""
         ny, reference = self.B.shape[1], self.reference
+        if is_samples(reference):
+            return _Samples(reference[0], reference[1], ny)
         if callable(reference):
-            return lambda t: np.broadcast_to(np.asarray(reference(t), dtype=float), (ny,))
+            return lambda t: np.broadcast_to(array(f"reference at t = {t}", reference(t)), (ny,))
         given = array("reference", reference)
         if given.shape not in ((), (ny,)):
             raise ValueError(f"reference has shape {given.shape}: must be one number, or {ny}, one for each of y")
@@ -202,7 +227,11 @@ class LinearController(Sampled):
             rows = np.pad(by_q, ((0, 0), (0, extra))), np.pad(by_v, ((0, 0), (0, extra)))
         matrices = (self.A, self.B, self.C, self.D, np.pad(columns, ((0, extra), (0, 0))))
         read = self._reader(arm, run.loads) if sensed else None
-        return _core.LinearLaw(*matrices, *rows, self.limit, self._given(), read)
+        given = self._given()
+        if isinstance(given, _Samples):
+            given.along(np.ones(given.r.shape[1])).check_span("reference", run.times)
+        law = (lambda t: given(t)) if callable(given) else given
+        return _core.LinearLaw(*matrices, *rows, self.limit, law, read)
 
     def _laws(self, arm: Arm, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
         if not self.continuous:
@@ -216,13 +245,24 @@ class LinearController(Sampled):
         def law(column: Array, by_x: Array, by_e: Array, limit: float) -> _Feedback:
             """by_x x + by_e (reference - y), as -(by_q q + by_v v) and an offset."""
             rates = padded(by_e @ by_v, arm.nv + run.total) - by_x @ states
-            offset = (lambda t: float(by_e @ given(t))) if callable(given) else Torque(float(by_e @ given)).law
+            if isinstance(given, _Samples):
+                along = given.along(by_e)
+                along.check_span("reference", run.times)
+                offset: Any = along.law
+            else:
+                offset = (lambda t: float(by_e @ given(t))) if callable(given) else Torque(float(by_e @ given)).law
             return column, by_e @ by_q, rates, offset, limit
 
         gain = _gain(self.motor)
         outputs = [law(gain * u, c, d, self.limit) for u, c, d in zip(units.T, self.C, self.D, strict=True)]
         inside = [law(x, a, b, np.inf) for x, a, b in zip(states, self.A, self.B, strict=True)]
         return [*outputs, *inside, *_braking(arm, self.motor, units.T)], []
+
+
+def is_samples(reference: Any) -> bool:
+    """Whether a reference is samples (t, r), not numbers."""
+    pair = isinstance(reference, (tuple, list)) and len(reference) == 2
+    return pair and all(isinstance(x, (tuple, list, np.ndarray)) for x in reference)
 
 
 def _matrices(A: Any, B: Any, C: Any, D: Any, dt: float | None, method: str) -> tuple[Array, Array, Array, Array]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from . import joints, model, sensors
-from ._check import Array, array, choice, known_keys, number, whole
+from ._check import Array, array, choice, known_keys, named, number, whole
 from .arm import METHODS, Arm
 from .control import PD, Controller, StateFeedback, StrainFeedback, control_laws
 from .drive import Motion, Torque
@@ -126,6 +127,16 @@ def _link(where: str, table: Any) -> Link:
     return _make(where, Link, t, _names(Link))  # type: ignore[no-any-return]
 
 
+@contextmanager
+def shallow(what: str) -> Iterator[None]:
+    """What is nested deeper than Python's stack, and cannot even be printed, is a ValueError."""
+    try:
+        yield
+    except RecursionError:
+        raise ValueError(f"{what}: is nested too deeply") from None
+
+
+@shallow("scene")
 def arm_from_dict(d: Mapping[str, Any]) -> Arm:
     known_keys("scene", d, ("gravity", "link"))
     links = d.get("link")
@@ -134,30 +145,61 @@ def arm_from_dict(d: Mapping[str, Any]) -> Arm:
     return Arm([_link(f"link[{k}]", t) for k, t in enumerate(links)], d.get("gravity", (0.0, 0.0, 0.0)))
 
 
-def _samples(where: str, table: Mapping[str, Any], columns: tuple[str, ...], base: Path) -> dict[str, Array]:
-    """Columns given in place or in a CSV file with a header line."""
+class _Files(NamedTuple):
+    """Files that a scene names: relative to `base`, inside `allowed`."""
+
+    base: Path
+    allowed: Path
+
+    def path(self, where: str, name: Any) -> Path:
+        """Of a file that may be read. ValueError tells nothing of any other."""
+        try:
+            path: Path = (self.base / name).resolve()  # links are followed before the check
+            allowed = self.allowed.resolve()
+        except (TypeError, OSError, RuntimeError, ValueError):  # not a string, too long, a circle of links, a NUL
+            raise ValueError(f"{where} = {name!r}: must be the name of a file") from None
+        if not path.is_relative_to(allowed):
+            raise ValueError(
+                f"{where} = {name!r}: must be in the scene's folder, {str(self.allowed)!r}, or below; "
+                "load(..., files=FOLDER) allows another"
+            )
+        return path
+
+
+def _samples(where: str, table: Mapping[str, Any], columns: tuple[str, ...], files: _Files) -> dict[str, Array]:
+    """Columns given in place or in a CSV file with a header line. Errors say nothing of what is in the file: it may not
+    be meant for who reads them."""
     known_keys(where, table, (*columns, "file"))
     if "file" not in table:
         return {k: array(f"{where}.{k}", v) for k, v in table.items()}
-    path = base / str(table["file"])
+    path, where = files.path(f"{where}.file", table["file"]), f"{where}.file = {str(table['file'])!r}"
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise ValueError(f"{where}: is not a file")
         with path.open(newline="", encoding="utf-8-sig") as f:
             rows = list(csv.DictReader(f, skipinitialspace=True))
     except OSError as e:
-        raise ValueError(f"{where}.file = {str(path)!r}: {e.strerror}") from None
-    except UnicodeDecodeError as e:
-        raise ValueError(f"{where}.file = {str(path)!r}: {e}") from None
-    if any(None in row for row in rows):
-        raise ValueError(f"{where}.file = {str(path)!r}: a row has more columns than the header")
+        raise ValueError(f"{where}: {e.strerror}") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise ValueError(f"{where}: is not a table of comma-separated values in UTF-8") from None
     if not rows:
-        raise ValueError(f"{where}.file = {str(path)!r}: has no rows")
-    known_keys(f"{where}.file", dict.fromkeys(rows[0]), columns)
-    return {k: array(f"{where}.file column {k}", [r[k] for r in rows]) for k in rows[0]}
+        raise ValueError(f"{where}: has no rows")
+    if any(name not in columns for name in rows[0] if name is not None):
+        raise ValueError(f"{where}: its first line must name columns, of {', '.join(columns)}")
+    if any(None in row for row in rows):
+        raise ValueError(f"{where}: a row has more columns than the header")
+    found = {}
+    for k in rows[0]:
+        try:
+            found[k] = array(k, [row[k] for row in rows])
+        except ValueError:
+            raise ValueError(f"{where}: column {k} must be finite numbers, one in each row") from None
+    return found
 
 
-def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Motion | Torque | Voltage]:
+def _drive(where: str, table: Mapping[str, Any], files: _Files) -> tuple[Any, Motion | Torque | Voltage]:
     if isinstance(table, Mapping) and "patch" in table:
-        return _voltage(where, table, base)
+        return _voltage(where, table, files)
     known_keys(where, table, ("link", "freedom", "motion", "spin_up", "torque"))
     laws = [k for k in ("motion", "spin_up", "torque") if k in table]
     if "link" not in table or len(laws) != 1:
@@ -171,23 +213,25 @@ def _drive(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Motio
     if law == "torque" and not isinstance(value, Mapping):
         return link, Torque(number(f"{where}.torque", value))
     columns = ("t", "q", "v", "a") if law == "motion" else ("t", "tau")
-    samples = _samples(f"{where}.{law}", value, columns, base)
+    samples = _samples(f"{where}.{law}", value, columns, files)
     return link, _make(f"{where}.{law}", Motion if law == "motion" else Torque, samples, columns)
 
 
-def _control(where: str, table: Any, base: Path) -> Controller:
+def _control(where: str, table: Any, files: _Files) -> Controller:
     if not isinstance(table, Mapping) or "type" not in table:
         raise ValueError(f"{where} = {table!r}: must be a table with a type: {', '.join(_CONTROLS)}")
     make = _CONTROLS[choice(f"{where}.type", table["type"], _CONTROLS)]
     t = {k: v for k, v in table.items() if k != "type"}
     if isinstance(t.get("reference"), Mapping):
-        samples = _samples(f"{where}.reference", t["reference"], ("t", "r"), base)
+        samples = _samples(f"{where}.reference", t["reference"], ("t", "r"), files)
         missing = [k for k in ("t", "r") if k not in samples]
         if missing:
             raise ValueError(f"{where}.reference: missing {', '.join(missing)}")
         t["reference"] = (samples["t"], samples["r"])
     if "motor" in t:
         t["motor"] = _make(f"{where}.motor", Motor, t["motor"], _parameters(Motor))
+    if isinstance(t.get("link"), list):
+        t["link"] = tuple(t["link"])  # (link, freedom)
     return _make(where, make, t, _parameters(make))  # type: ignore[no-any-return]
 
 
@@ -197,12 +241,12 @@ def _parameters(function: Callable[..., Any]) -> tuple[str, ...]:
     return tuple(inspect.signature(function).parameters)
 
 
-def _controls(tables: Any, arm: Arm, t: Array, base: Path) -> tuple[Controller, ...]:
+def _controls(tables: Any, arm: Arm, t: Array, files: _Files) -> tuple[Controller, ...]:
     if not isinstance(tables, (list, tuple)):
         raise ValueError(f"control = {tables!r}: must be a list of tables")
     found = []
     for k, table in enumerate(tables):
-        found.append(_control(f"control[{k}]", table, base))
+        found.append(_control(f"control[{k}]", table, files))
         try:
             control_laws(arm, found[k], t)
         except ValueError as e:
@@ -210,7 +254,7 @@ def _controls(tables: Any, arm: Arm, t: Array, base: Path) -> tuple[Controller, 
     return tuple(found)
 
 
-def _voltage(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Voltage]:
+def _voltage(where: str, table: Mapping[str, Any], files: _Files) -> tuple[Any, Voltage]:
     """Of a piezo patch: {link, patch, voltage}."""
     known_keys(where, table, ("link", "patch", "voltage"))
     for name in ("link", "voltage"):
@@ -219,7 +263,7 @@ def _voltage(where: str, table: Mapping[str, Any], base: Path) -> tuple[Any, Vol
     key, value = ("patch", *(whole(f"{where}.{k}", table[k]) for k in ("link", "patch"))), table["voltage"]
     if not isinstance(value, Mapping):
         return key, Voltage(number(f"{where}.voltage", value))
-    samples = _samples(f"{where}.voltage", value, ("t", "V"), base)
+    samples = _samples(f"{where}.voltage", value, ("t", "V"), files)
     return key, _make(f"{where}.voltage", Voltage, samples, ("t", "V"))
 
 
@@ -260,11 +304,19 @@ class Scene:
         """Writes a scene file that `load` reads back; functions of time are sampled, which the file then says.
 
         Raises:
-            ValueError: what no scene file can hold: uneven output times, controllers that are Python code.
+            ValueError: what no scene file can hold: uneven output times, controllers and options that are Python code;
+                or a name that promises another format.
         """
         from .scene_text import scene_text
 
-        Path(path).write_text(scene_text(self, comment), encoding="utf-8")
+        file, text = named(path, ".toml"), scene_text(self, comment)
+        try:
+            content, back = text.encode(), scene_from_dict(tomllib.loads(text), name=self.name)
+        except ValueError as e:
+            raise ValueError(f"this scene cannot be saved, its file would not be read back: {e}") from None
+        if back.arm != self.arm:
+            raise ValueError("this scene cannot be saved: its file would be read back as another arm")
+        file.write_bytes(content)
 
     def readings(self, result: Result) -> dict[str, Reading]:
         """What the scene's sensors read of a result, by names such as "sensor-0-encoder"; none of a single row."""
@@ -289,10 +341,14 @@ _OPTIONS = ("method", "integrator", "rtol", "atol", "max_order", "linear_solver"
 _SIMULATION = ("duration", "interval", "q0", "v0", *_OPTIONS)
 
 
-def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = "scene") -> Scene:
-    """A Scene from the structure of a scene file; `base` is the folder that file names in it are relative to."""
+@shallow("scene")
+def scene_from_dict(
+    d: Mapping[str, Any], base: Path | None = None, name: str = "scene", allowed: Path | None = None
+) -> Scene:
+    """A Scene from the structure of a scene file; `base` is the folder that file names in it are relative to, `allowed`
+    the one that they must stay in, `base` if None."""
     known_keys("scene", d, ("title", "gravity", "link", "drive", "load", "control", "sensor", "simulation"))
-    base = base or Path()
+    files = _Files(base or Path(), allowed or base or Path())
     arm = arm_from_dict({k: d[k] for k in ("gravity", "link") if k in d})
     s = d.get("simulation", {})
     known_keys("simulation", s, _SIMULATION)
@@ -300,7 +356,8 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
     for key, value in (("duration", duration), ("interval", interval)):
         if not (value > 0 and np.isfinite(value)):
             raise ValueError(f"simulation.{key} = {value}: must be positive and finite")
-    count = round(duration / interval)
+    parts = duration / interval
+    count = round(parts) if parts <= 1e7 else 0
     if not (1 <= count <= 10_000_000) or abs(count * interval - duration) > 1e-6 * duration:
         raise ValueError(f"simulation.interval = {interval}: must divide the duration, {duration}, into 1 to 1e7 parts")
     if "method" in s:
@@ -312,7 +369,7 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
         raise ValueError(f"drive = {drives!r}: must be a list of tables")
     drive: dict[Any, Motion | Torque | Voltage] = {}
     for k, table in enumerate(drives):
-        link, law = _drive(f"drive[{k}]", table, base)
+        link, law = _drive(f"drive[{k}]", table, files)
         if link in drive:
             raise ValueError(f"drive[{k}].link = {link}: is driven twice")
         drive[link] = law
@@ -337,12 +394,17 @@ def scene_from_dict(d: Mapping[str, Any], base: Path | None = None, name: str = 
         {k: s[k] for k in _OPTIONS if k in s},
         str(d.get("title", name)),
         _sensors(d.get("sensor", []), arm, t),
-        _controls(d.get("control", []), arm, t, base),
+        _controls(d.get("control", []), arm, t, files),
     )
 
 
-def load(path: str | Path) -> Scene:
+def load(path: str | Path, *, files: str | Path | None = None) -> Scene:
     """Reads a scene file (TOML). A bare name such as "ist" means a scene shipped with the package.
+
+    Args:
+        path: of the scene file.
+        files: the folder that files of samples, which a scene may name (`torque = { file = "torque.csv" }`), must be
+            in or below, whatever links lead there; None: the scene's own. Their names are relative to the scene's.
 
     Raises:
         ValueError: unreadable file, bad TOML, unknown key (the nearest known one is named) or bad value.
@@ -350,17 +412,17 @@ def load(path: str | Path) -> Scene:
     if not isinstance(path, (str, Path)):
         raise ValueError(f"scene = {path!r}: must be a path")
     p = Path(path)
-    if not p.exists() and (SCENES / f"{p.name}.toml").exists() and p.parent == Path():
-        p = SCENES / f"{p.name}.toml"
     try:
-        with p.open("rb") as f:
+        if not p.exists() and (SCENES / f"{p.name}.toml").exists() and p.parent == Path():
+            p = SCENES / f"{p.name}.toml"
+        with p.open("rb") as f, shallow("scene"):
             d = tomllib.load(f)
     except OSError as e:
         shipped = ", ".join(sorted(s.stem for s in SCENES.glob("*.toml")))
         raise ValueError(f"scene {str(path)!r}: {e.strerror}; shipped scenes are {shipped}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
+    except ValueError as e:  # TOML's, Unicode's, and int's of numbers with thousands of digits
         raise ValueError(f"scene {str(path)!r}: {e}") from None
     try:
-        return scene_from_dict(d, p.parent, p.stem)
+        return scene_from_dict(d, p.parent, p.stem, None if files is None else Path(files))
     except ValueError as e:
         raise ValueError(f"scene {str(path)!r}: {e}") from None

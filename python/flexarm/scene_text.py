@@ -14,8 +14,10 @@ from .drive import Motion, Torque, _SpinUp
 from .load import Load
 from .motor import Motor
 from .patch import is_patch
+from .sampled import is_samples
 
 if TYPE_CHECKING:
+    from .arm import Arm
     from .scene import Scene
 
 _SAMPLES = 2001  # of a callable
@@ -41,7 +43,9 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # which JSON lets pass
+    if value is None or not isinstance(value, (int, float)):
+        raise ValueError(f"{value!r}: is Python code, which a scene file cannot hold")
     return repr(value)
 
 
@@ -58,8 +62,8 @@ def _table(name: str, table: Mapping[str, Any], array: bool = False) -> list[str
 class _Laws:
     """Laws of time as tables; `notes` tells of callables, which can only be sampled."""
 
-    def __init__(self, t: Array) -> None:
-        self.t = t
+    def __init__(self, arm: Arm, t: Array) -> None:
+        self.arm, self.t = arm, t
         self.dense = np.union1d(t, np.linspace(t[0], t[-1], _SAMPLES))
         self.notes: list[str] = []
 
@@ -101,9 +105,15 @@ class _Laws:
         table = getattr(law, "table", None)
         if table is not None and not callable(table["reference"]):
             motor = table.get("motor")
+            if is_samples(table["reference"]):
+                table = {**table, "reference": dict(zip("tr", table["reference"], strict=True))}
             return {**table, "motor": None if motor is None else _motor(motor)}
         if isinstance(law, StateFeedback):
-            about = {k: getattr(law, k) for k in ("K", "actuate", "q0", "v0", "u0")}
+            about = {k: getattr(law, k) for k in ("K", "q0", "v0", "u0")}
+            # a file's list is a column of forces, as is what (link, freedom) and patches stand for
+            columns = law._columns(self.arm)
+            named = [c if isinstance(a, tuple) else a for a, c in zip(law.actuate, columns, strict=True)]
+            about["actuate"] = named
             return {"type": "state_feedback", **about, "limit": _finite(law.limit)}
         if table is not None or not isinstance(law, (PD, StrainFeedback)):
             raise ValueError(f"{where} = {law!r}: is Python code, which a scene file cannot hold")
@@ -145,14 +155,17 @@ def scene_text(scene: Scene, comment: str = "") -> str:
     """
     t = scene.t
     count, duration = len(t) - 1, float(t[-1])
-    if t[0] != 0.0 or np.abs(t - np.linspace(0.0, duration, count + 1)).max() > 1e-9 * duration:
+    if count < 1 or t[0] != 0.0 or np.abs(t - np.linspace(0.0, duration, count + 1)).max() > 1e-9 * duration:
         raise ValueError("t: a scene file's output times begin at 0 and are evenly spaced; these are not")
-    laws = _Laws(t)
+    laws = _Laws(scene.arm, t)
     drives = [_drive(laws, f"drive[{k}]", key, law) for k, (key, law) in enumerate(scene.drive.items())]
     loads = [laws.load(f"load[{k}]", load) for k, load in enumerate(scene.loads)]
     controls = [laws.control(f"control[{k}]", law) for k, law in enumerate(scene.control)]
     sensors = [sensor.to_dict() for sensor in scene.sensors]
     arm = scene.arm.to_dict()
+    for key, value in scene.options.items():
+        if not isinstance(value, (str, int, float, np.generic, type(None))):
+            raise ValueError(f"options: {key} = {value!r}: is Python code, which a scene file cannot hold")
     simulation = {"duration": duration, "interval": duration / count, "q0": scene.q0, "v0": scene.v0, **scene.options}
     lines = [f"title = {_value(scene.name)}", f"gravity = {_value(_plain(arm['gravity']))}"]
     groups = (("link", arm["link"]), ("drive", drives), ("load", loads), ("control", controls), ("sensor", sensors))
@@ -160,5 +173,5 @@ def scene_text(scene: Scene, comment: str = "") -> str:
         for table in tables:
             lines += _table(name, _plain(table), array=True)
     lines += _table("simulation", _plain(simulation))
-    head = [f"# {line}".rstrip() for line in [*comment.splitlines(), *laws.notes]]
+    head = [f"# {''.join(filter(str.isprintable, line))}".rstrip() for line in [*comment.splitlines(), *laws.notes]]
     return "\n".join([*head, *lines]) + "\n"

@@ -59,6 +59,7 @@ class Sensor(_Part):
     feels_loads: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.rate is not None and not 0 < number("rate", self.rate) < np.inf:
             raise ValueError(f"rate = {self.rate}: must be positive and finite (Hz)")
         if not 0 <= number("delay", self.delay) < np.inf:
@@ -67,7 +68,7 @@ class Sensor(_Part):
             value = getattr(self, name)
             if value is None:
                 continue
-            if np.ndim(value):
+            if isinstance(value, (list, tuple)):
                 self._set(name, _numbers(array(name, value)))
             if not (array(name, value) >= 0).all() or (name != "noise" and not np.all(value)):
                 raise ValueError(f"{name} = {value}: must {'not be negative' if name == 'noise' else 'be positive'}")

@@ -14,6 +14,7 @@ from . import _core, loops
 from ._check import Array, array, choice, number, whole
 from .arm import METHODS, Arm
 from .control import Controller, control_laws, extended, padded
+from .doubts import ModelWarning, coarse
 from .drive import Motion, Torque
 from .load import Load, at_time
 from .pace import Pace, explicit_limit
@@ -49,6 +50,9 @@ class SimulationInterrupted(KeyboardInterrupt):
         super().__init__(message)
         self.time = time
         self.result = result
+
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.time, self.result)
 
 
 def _events(events: Any) -> list[tuple[Any, int, int]]:
@@ -86,7 +90,7 @@ def _with_progress(integrate: Callable[..., dict[str, Any]], progress: Any, time
     """integrate(alive), showing how far it is."""
     if callable(progress):
         return integrate(progress)
-    if not (progress and sys.stderr.isatty()):
+    if not (progress and sys.stderr and sys.stderr.isatty()):
         return integrate()
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -243,6 +247,7 @@ def simulate(
         PulseWarning: a callable does something between two steps that none of them has seen.
         SlowWarning: "ida" takes very many steps; what they follow, if that is known, and what to do. While it runs.
         WatchWarning: what `watch` asks for.
+        ModelWarning: a beam with too few shape functions for what it carries.
     """
     choice("method", method, METHODS)
     _check_options(
@@ -257,6 +262,8 @@ def simulate(
         raise ValueError(f"arm = {arm!r}: must be an Arm")
     if not isinstance(watch, (bool, Watch)):
         raise ValueError(f"watch = {watch!r}: must be True, False or a Watch")
+    for text in coarse(arm):
+        warnings.warn(text, ModelWarning, stacklevel=2)
     times = array("t", t)
     if times.ndim != 1 or times.size < 2:
         raise ValueError(f"t has shape {times.shape}: must be one list of at least two times")

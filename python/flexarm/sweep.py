@@ -105,6 +105,9 @@ class SweepInterrupted(KeyboardInterrupt):
         super().__init__(message)
         self.result = result
 
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.result)
+
 
 # -- one share ----------------------------------------------------------------------------------------------
 
@@ -299,7 +302,7 @@ def _shown(progress: Any, total: int) -> Any:
 
     if callable(progress):
         return contextlib.nullcontext(lambda done: progress(done, total))
-    if not (progress and sys.stderr.isatty()):
+    if not (progress and sys.stderr and sys.stderr.isatty()):
         return contextlib.nullcontext(lambda done: None)
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn

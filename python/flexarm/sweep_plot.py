@@ -87,5 +87,5 @@ def plot_sweep(result: SweepResult) -> Figure:
                 _points(axes[i][k], numbers[k], values, (under, beside), joined)
     failed = f"; {len(result.failures)} failed" if result.failures else ""
     left = "" if result.complete else f" of {len(result)}"
-    figure.suptitle(f"{result.plan.title}: {int(result.done.sum())}{left} runs{failed}", fontsize=11)
+    figure.suptitle(f"{result.plan.title}: {int(result.done.sum())}{left} runs{failed}", fontsize=11, parse_math=False)
     return figure

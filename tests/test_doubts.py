@@ -1,0 +1,106 @@
+"""Numbers that can hardly be meant are said, with the unit or the remedy; those of real arms are not."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from typing import Any
+
+import flexarm as fa
+import numpy as np
+import pytest
+
+STEEL = fa.Material(7850, 209e9, 0.3)
+
+
+def arm(material: fa.Material = STEEL, tip: fa.RigidBody | None = None, **beam: Any) -> fa.Arm:
+    given = {"length": 0.5, "section": fa.Rectangle(0.001, 0.02), "modes": {"bending_y": 2}} | beam
+    return fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(end=(0.1, 0, 0)), fa.Beam(material=material, **given), tip)])
+
+
+DOUBTFUL: list[tuple[dict[str, Any], str]] = [
+    ({"material": fa.Material(7850, 209)}, r"link\[0\].beam.material.youngs_modulus = 209 Pa: .*in GPa or MPa\?"),
+    ({"material": fa.Material(7850, 209e3)}, r"youngs_modulus = 209000 Pa: .*in GPa or MPa\?"),
+    ({"material": fa.Material(7850e3, 209e9)}, r"density = 7.85e\+06 kg/m\^3: .*unit\?"),
+    ({"length": 500}, r"link\[0\].beam.length = 500 m, .*in mm\?"),
+    ({"length": 500, "section": fa.Rectangle(1, 20)}, r"length = 500 m, .*in mm\?"),
+    ({"damping_ratio": 50}, r"damping_ratio = 50: .*in per cent\?"),
+    ({"damping_ratio": 2}, r"damping_ratio = 2: .*in per cent\?"),
+    ({"section": fa.Rectangle(0.5, 0.5)}, r"shear adds 78 % .*shear_y"),
+    ({"section": fa.Circle(0.25), "modes": {"bending_z": 2, "shear_y": 1}}, r"shear adds .*shear_z"),
+    ({"tip": fa.RigidBody(0.01, inertia=(1, 1, 5))}, r"link\[0\].tip.inertia: no body has .* 1, 1, 5 kg m\^2"),
+    ({"tip": fa.RigidBody(0.01, inertia=(2, 2, 2, 0, 0, 1.5))}, r"link\[0\].tip.inertia: no body has"),
+]
+
+
+@pytest.mark.parametrize(("change", "says"), DOUBTFUL)
+def test_what_can_hardly_be_meant_is_said_once(change: dict[str, Any], says: str) -> None:
+    with pytest.warns(fa.ModelWarning, match=says) as said:
+        made = arm(**change)
+    assert len(said) == 1 and said[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert pickle.loads(pickle.dumps(made)) == made
+        str(made)
+
+
+PLAUSIBLE: list[dict[str, Any]] = [
+    {},
+    {"material": fa.Material(1000, 3e4, 0.5)},  # a gel
+    {"material": fa.Material(1, 1), "length": 1, "section": fa.Rectangle(1, 1)},  # a beam without units
+    {"section": fa.GeneralSection(1.0, 1.0, 1.0, 1.0)},  # E I alone
+    {"material": fa.Material(3500, 5e5, 0.49)},  # rubber full of iron
+    {"material": fa.Material(19300, 411e9, 0.28)},  # tungsten
+    {"length": 110.0, "section": fa.Circle(1.5, 1.47), "material": fa.Material(1900, 40e9, 0.3)},  # a turbine's blade
+    {"damping_ratio": 0.9},
+    {"section": fa.Rectangle(0.12, 0.02)},  # a quarter as thick as long
+    {"section": fa.Rectangle(0.5, 0.5), "modes": {"bending_y": 2, "shear_y": 1}},
+    {"tip": fa.RigidBody(0.01, inertia=(0, 0, 1))},  # about the hinge alone: all that a planar arm asks for
+    {"tip": fa.RigidBody(0.01, inertia=(0, 1, 1))},  # a rod
+    {"tip": fa.RigidBody(0.01, inertia=(1, 1, 2.005))},  # a plate of a rounded table
+    {"tip": fa.RigidBody(0.01)},
+]
+
+
+@pytest.mark.parametrize("change", PLAUSIBLE)
+def test_real_arms_are_not_doubted(change: dict[str, Any]) -> None:
+    arm(**change)  # warnings are errors here
+
+
+def sag(made: fa.Arm) -> float:
+    return float(made.deflection(made.equilibrium(lock=[0], loads=[fa.Load(force=(0, -0.5, 0))]), 0)[1])
+
+
+def test_too_few_modes_under_a_heavy_tip_are_said() -> None:
+    """What is said to be left out is what is left out, beside P L^3 / 3 E I; the remedy works."""
+    heavy = fa.RigidBody(1.0)
+    exact = -0.5 * 0.5**3 / (3 * 209e9 * 0.02 * 0.001**3 / 12)
+    poor = arm(tip=heavy, modes={"bending_y": 1})
+    for how in ({}, {"watch": True}):
+        with pytest.warns(fa.ModelWarning, match=r"link\[0\].beam.modes: 1 of bending_y leave out 2.9 %") as said:
+            fa.simulate(poor, [0, 0.01], **how)
+        assert said[0].filename == __file__
+    assert 1 - sag(poor) / exact == pytest.approx(0.029, abs=2e-3)
+    with pytest.warns(fa.ModelWarning, match="leave out 25 %"):
+        fa.simulate(arm(tip=heavy, modes={"bending_y": 1}, basis="legendre"), [0, 0.01])
+    with pytest.warns(fa.ModelWarning, match="1 of torsion leave out 19 %"):
+        fa.simulate(arm(tip=heavy, modes={"bending_y": 2, "torsion": 1}), [0, 0.001])
+    with pytest.warns(fa.ModelWarning, match="leave out 2.9 %"):
+        fa.simulate_batch(poor, [0, 0.01], v0=np.ones((2, 2)), integrator="implicit", step=5e-3)
+    for remedy in ({"basis": "legendre"}, {"basis": "loaded", "basis_tip": heavy, "modes": {"bending_y": 1}}, {}):
+        better = arm(tip=heavy, **remedy)
+        fa.simulate(better, [0, 0.01])
+        assert sag(better) == pytest.approx(exact, rel=6e-3)
+    fa.simulate(arm(tip=fa.RigidBody(0.01), modes={"bending_y": 1}), [0, 0.01])  # light
+
+
+def test_links_that_are_carried_count_and_tapers_are_measured() -> None:
+    wedge = fa.Taper([0.0, 0.5], [fa.Rectangle(0.004, 0.02), fa.Rectangle(0.001, 0.02)])
+    light = arm(section=wedge, modes={"bending_y": 1})
+    fa.simulate(light, [0, 0.001])
+    both = fa.Arm([*light.links, fa.Link(fa.Revolute("z"), fa.RigidBody(2.0, inertia=(1, 1, 1)))])
+    with pytest.warns(fa.ModelWarning, match=r"link\[0\].beam.modes: 1 of bending_y leave out (\S+) %") as said:
+        fa.simulate(both, [0, 0.001])
+    share = float(str(said[0].message).split("leave out ")[1].split()[0]) / 100
+    fine = sag(arm(section=wedge, modes={"bending_y": 12}))
+    assert 1 - sag(light) / fine == pytest.approx(share, rel=0.05)

@@ -1,0 +1,94 @@
+"""What a scene may read: tables in its own folder and below, unless the caller allows another; nothing is echoed."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import flexarm as fa
+import numpy as np
+import pytest
+
+ARM = """
+[[link]]
+joint = { type = "revolute" }
+tip = { mass = 1.0, inertia = [1, 1, 1] }
+[simulation]
+duration = 0.1
+"""
+TABLE = "t,tau\n0,0\n0.1,2\n"
+SECRET = "root:x:0:0:hunter2,hunter3\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A scene's folder, with tables in it, below, and outside, where there is a secret, too."""
+    (tmp_path / "scene" / "below").mkdir(parents=True)
+    for place in ("scene/torque.csv", "scene/below/torque.csv", "torque.csv"):
+        (tmp_path / place).write_text(TABLE)
+    (tmp_path / "secret").write_text(SECRET * 3)
+    return tmp_path / "scene"
+
+
+def scene(folder: Path, name: str, law: str = "torque") -> Path:
+    where = '[[control]]\ntype = "pd"\nkp = 1.0\nkv = 1.0' if law == "reference" else "[[drive]]\nlink = 0"
+    (folder / "scene.toml").write_text(f'{ARM}{where}\n{law} = {{ file = "{name}" }}')
+    return folder / "scene.toml"
+
+
+def test_tables_in_the_scenes_folder_and_below(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("torque.csv", "below/torque.csv", "below/../torque.csv", "./torque.csv", str(folder / "torque.csv")):
+        assert fa.load(scene(folder, name)).drive[0](0.1) == 2.0
+    monkeypatch.chdir(folder)
+    scene(folder, "below/torque.csv")
+    assert fa.load("scene.toml").drive[0](0.1) == 2.0
+
+
+@pytest.mark.parametrize("law", ["torque", "motion", "reference"])
+def test_no_other_file_is_read(folder: Path, law: str) -> None:
+    (folder / "link.csv").symlink_to("../torque.csv")
+    (folder / "out").symlink_to("..")
+    absolute = (str(folder.parent / "torque.csv"), "/etc/passwd", "/dev/zero")
+    for name in (*absolute, "../torque.csv", "link.csv", "out/torque.csv", "../nope", "below/../../secret"):
+        with pytest.raises(ValueError, match=r"file = .*: must be in the scene's folder.*, or below; load"):
+            fa.load(scene(folder, name, law))
+
+
+def test_the_caller_may_allow_another_folder(folder: Path) -> None:
+    for name in ("../torque.csv", str(folder.parent / "torque.csv")):
+        assert fa.load(scene(folder, name), files=folder.parent).drive[0](0.1) == 2.0
+    with pytest.raises(ValueError, match="must be in the scene's folder"):
+        fa.load(scene(folder, "torque.csv"), files=folder / "below")
+
+
+@pytest.mark.parametrize("law", ["torque", "motion", "reference"])
+def test_errors_tell_nothing_of_what_is_in_a_file(folder: Path, law: str) -> None:
+    columns = {"torque": "t,tau", "motion": "t,q", "reference": "t,r"}[law]
+    rows = ("0," + SECRET, "hunter2,0\n1,1\n", "0,0,hunter2\n", "0\n1,hunter2\n", "0,0\n0,hunter2\n")
+    texts = [SECRET * 2, "hunter2", f"{columns},hunter2\n0,0,0\n", "", *(f"{columns}\n{row}" for row in rows)]
+    for text in [*(t.encode() for t in texts), b"hunter2\xff\xfe,\n", b"hunter2\0", b'"hunter2' + b"x" * 200_000]:
+        (folder / "table.csv").write_bytes(text)
+        with pytest.raises(ValueError, match=rf"{law}") as caught:
+            fa.load(scene(folder, "table.csv", law)).run()
+        assert "hunter" not in str(caught.value)
+
+
+def test_what_is_no_file_is_named(folder: Path) -> None:
+    os.mkfifo(folder / "pipe")
+    for name in ("pipe", "below", ".", "none.csv", "a\\u0000b", "x" * 5000):
+        with pytest.raises(ValueError, match=r"drive\[0\]\.torque\.file = "):
+            fa.load(scene(folder, name))
+    with pytest.raises(ValueError, match="file = 5: must be the name of a file"):
+        fa.scene.scene_from_dict({"link": [], "drive": []} | _dictionary(5))
+
+
+def _dictionary(name: object) -> dict:
+    link = {"joint": {"type": "revolute"}, "tip": {"mass": 1.0, "inertia": [1, 1, 1]}}
+    return {"link": [link], "drive": [{"link": 0, "torque": {"file": name}}]}
+
+
+def test_dictionaries_read_below_where_they_are_made(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    np.testing.assert_equal(fa.scene.scene_from_dict(_dictionary("torque.csv")).drive[0](0.1), 2.0)
+    with pytest.raises(ValueError, match="must be in the scene's folder"):
+        fa.scene.scene_from_dict(_dictionary("../torque.csv"))
