@@ -222,7 +222,10 @@ def test_ctrl_c_keeps_what_is_done_and_the_next_call_goes_on(tmp_path):
     rest = sweep(s, plan(), out=tmp_path, batch=1)
     assert rest.stats["computed"] == 2 and rest.complete
     assert np.array_equal(rest["strain"], whole["strain"])
-    assert sweep(s, plan(7), out=tmp_path).stats["computed"] == 7  # a finished one may be written over
+    with pytest.raises(ValueError, match="another sweep, with another parameters"):  # finished, too
+        sweep(s, plan(7), out=tmp_path)
+    assert np.array_equal(sweep(s, plan(), out=tmp_path)["strain"], whole["strain"])
+    assert sweep(s, plan(7), out=tmp_path, resume=False).stats["computed"] == 7
 
 
 def test_killed_in_the_middle_it_goes_on_from_there(tmp_path):
