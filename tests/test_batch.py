@@ -465,9 +465,9 @@ def test_a_file_remembers_failures(tmp_path):
 KILLED = """
 import sys
 sys.path.insert(0, {tests!r})
-import os, signal, flexarm.batch_file as file
+import os, signal, flexarm.hdf5 as file
 from test_batch import *
-put, count = file.BatchFile._put, 0
+put, count = file.Laid.put, 0
 def dying(self, name, indices, block):
     global count
     count += 1
@@ -475,7 +475,7 @@ def dying(self, name, indices, block):
         put(self, name, indices, np.full_like(block, 7))  # half written, and wrong
         os.kill(os.getpid(), signal.SIGKILL)
     put(self, name, indices, block)
-file.BatchFile._put = dying
+file.Laid.put = dying
 fa.simulate_batch(two_links(), TIMES, out={path!r}, **SWEEP)
 """
 

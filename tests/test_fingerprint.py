@@ -7,6 +7,7 @@ import os
 import random
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from enum import Enum
@@ -103,13 +104,13 @@ def user(value):
 
 WAYS = [
     closure, keyword, decorated, Law, Point, lambda a: Law(a).method, lambda a: functools.partial(pow, a),
-    lambda a: np.array([a]), lambda a: {"x": [a]}, lambda a: {(a, 1)}, lambda a: user(Law(a)), lambda a: user([Point(a)]),
-    lambda a: user(Kind(int(a))), lambda a: fa.Torque(closure(a)), lambda a: fa.Motion([0, 1, 2], [0, a, 0]),
+    lambda a: np.array([a]), lambda a: {"x": [a]}, lambda a: {(a, 1)}, lambda a: user(Law(a)),
+    lambda a: user([Point(a)]), lambda a: user(Kind(int(a))), lambda a: fa.Torque(closure(a)), lambda a: fa.Motion([0, 1, 2], [0, a, 0]), lambda a: np.float32(a),
     lambda a: fa.Load(force=closure(a)), lambda a: fa.PD(a, 1), lambda a: fa.PD(1, 1, reference=closure(a)),
-    lambda a: fa.Torque(1.0).scaled(a), lambda a: fa.Torque(closure(1)).scaled(a), lambda a: np.polynomial.Polynomial([a]),
+    lambda a: fa.Torque(1.0).scaled(a), lambda a: fa.Torque(closure(1)).scaled(a), lambda a: range(int(a)),
     lambda a: fa.Sampled(closure(a), 100.0), lambda a: fa.LinearController.pid(a, 1, 0, rate=100.0),
     lambda a: fa.Arm([fa.Link(fa.Revolute("z", reflected_inertia=a))]),
-    lambda a: np.float32(a), lambda a: range(int(a)), lambda a: np.array([a, None], dtype=object),
+    lambda a: np.polynomial.Polynomial([a]), lambda a: np.array([a, None], dtype=object),
 ]  # fmt: skip
 
 
@@ -158,10 +159,10 @@ def test_what_cannot_be_looked_into_is_refused_unless_named():
 
     read = eval("lambda t: t")  # without source
     cases = {
-        "a numpy.random.*Generator": lambda t: rng.normal(), "'np.random.normal'": lambda t: np.random.normal(),
+        "a numpy.random.*Generator": lambda t: rng.normal(), "'np.random.rand'": lambda t: np.random.rand(),  # noqa: NPY002
         "random.Random": lambda t: random.random(), "changes 'count'": counts, "__call__.. changes it": Filter(),
         "no source": read, "open..": lambda t: float(open("x").read()), "time..": lambda t: time.time(),
-        "list_iterator": user(iter([1, 2])), "environ": lambda t: os.environ["A"], "_thread": user(__import__("threading").Lock()),
+        "list_iterator": user(iter([1, 2])), "environ": lambda t: os.environ["A"], "_thread": user(threading.Lock()),
     }  # fmt: skip
     for says, law in cases.items():
         with pytest.raises(ValueError, match=f"(?s){says}.*give fingerprint="):

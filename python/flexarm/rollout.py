@@ -44,6 +44,9 @@ class BatchInterrupted(KeyboardInterrupt):
         super().__init__(message)
         self.result = result
 
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.result)
+
 
 @dataclass(repr=False)
 class Rollout:

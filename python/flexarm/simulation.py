@@ -18,7 +18,7 @@ from .drive import Motion, Torque
 from .load import Load, at_time
 from .patch import Voltage, patch_laws, split_drives
 from .result import Result
-from .validity import out_of_range
+from .validity import SILENT, out_of_range
 from .watch import Watch
 
 INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
@@ -47,6 +47,9 @@ class SimulationInterrupted(KeyboardInterrupt):
         super().__init__(message)
         self.time = time
         self.result = result
+
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.time, self.result)
 
 
 def _events(events: Any) -> list[tuple[Any, int, int]]:
@@ -287,7 +290,7 @@ def simulate(
     if out["failure"]:
         message = f"stopped at t = {out['reached']:.9g} s: {out['failure']}"
         raise SimulationError(f"{message} ({beyond})" if beyond else message, out["reached"], result)
-    if beyond:
+    if beyond and not SILENT.get():
         warnings.warn(beyond, stacklevel=2)
     if watch:
         (Watch.usual(arm) if watch is True else watch).warn(result)
