@@ -105,7 +105,8 @@ def user(value):
 WAYS = [
     closure, keyword, decorated, Law, Point, lambda a: Law(a).method, lambda a: functools.partial(pow, a),
     lambda a: np.array([a]), lambda a: {"x": [a]}, lambda a: {(a, 1)}, lambda a: user(Law(a)),
-    lambda a: user([Point(a)]), lambda a: user(Kind(int(a))), lambda a: fa.Torque(closure(a)), lambda a: fa.Motion([0, 1, 2], [0, a, 0]), lambda a: np.float32(a),
+    lambda a: user([Point(a)]), lambda a: user(Kind(int(a))), lambda a: fa.Torque(closure(a)),
+    lambda a: fa.Motion([0, 1, 2], [0, a, 0]), lambda a: np.float32(a),
     lambda a: fa.Load(force=closure(a)), lambda a: fa.PD(a, 1), lambda a: fa.PD(1, 1, reference=closure(a)),
     lambda a: fa.Torque(1.0).scaled(a), lambda a: fa.Torque(closure(1)).scaled(a), lambda a: range(int(a)),
     lambda a: fa.Sampled(closure(a), 100.0), lambda a: fa.LinearController.pid(a, 1, 0, rate=100.0),
@@ -137,12 +138,21 @@ def test_lambdas_on_one_line_are_told_apart():
     a, b, c = lambda t: 1 * t, lambda t: 2 * t, lambda t: (lambda s: s * 3)(t)
     found = [mark(x) for x in (a, b, c)]
     assert len(set(found)) == 3
+    k = 2.0
+    d, e = lambda t: 3 * k, lambda t: 4 * k
+    assert mark(d) != mark(e)
     inner, other = (lambda: (lambda t: t + 1))(), lambda t: t + 2  # fmt: skip
     assert mark(inner) != mark(other)
 
 
 def test_what_cannot_be_looked_into_is_refused_unless_named():
     rng, count = np.random.default_rng(1), 0
+
+    log, held = [], {"n": 0}
+
+    def keeps(t):
+        held["n"] += 1
+        return held["n"]
 
     def counts(t):
         nonlocal count
@@ -161,6 +171,7 @@ def test_what_cannot_be_looked_into_is_refused_unless_named():
     cases = {
         "a numpy.random.*Generator": lambda t: rng.normal(), "'np.random.rand'": lambda t: np.random.rand(),  # noqa: NPY002
         "random.Random": lambda t: random.random(), "changes 'count'": counts, "__call__.. changes it": Filter(),
+        "changes 'log'": lambda t: log.append(t) or 1.0, "changes 'held'": keeps,
         "no source": read, "open..": lambda t: float(open("x").read()), "time..": lambda t: time.time(),
         "list_iterator": user(iter([1, 2])), "environ": lambda t: os.environ["A"], "_thread": user(threading.Lock()),
     }  # fmt: skip
@@ -248,7 +259,7 @@ def test_comments_do_not_matter_and_what_is_imported_does(tmp_path, monkeypatch)
 
 def test_a_source_that_was_edited_since_is_refused(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
-    lab(tmp_path, "edited")
+    lab(tmp_path, "edited", law="return 2 * t")
     module = importlib.import_module("edited_helper")
     mark(module.law)
     later = time.time() + 5
@@ -272,7 +283,7 @@ def test_laws_of_scenes_and_installed_packages_are_looked_into():
         parts = [{"arm": s.arm, "drive": s.drive, "loads": s.loads, "control": s.control} for s in (scene, again)]
         assert marks(parts[0]) == marks(parts[1]), path
     assert mark(np.sin) == mark(np.sin) != mark(np.cos) and mark(math.sin) != mark(np.sin)
-    assert mark(np.mean) and mark("x".upper) != mark("y".upper) and mark(functools.lru_cache(scaled)) != mark(scaled)
+    assert mark(lambda t: np.add(t, 1)) and mark(np.mean) and mark("x".upper) != mark("y".upper) and mark(functools.lru_cache(scaled)) != mark(scaled)
 
 
 def test_the_batch_of_the_report(tmp_path):

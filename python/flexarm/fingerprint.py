@@ -24,7 +24,7 @@ import sys
 import sysconfig
 import time
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -62,7 +62,13 @@ _WRITTEN = frozenset(
     "__init__ __repr__ __eq__ __lt__ __le__ __gt__ __ge__ __hash__ __setattr__ __delattr__ __replace__ __new__ "
     "__getstate__ __setstate__".split()
 )
+_CACHED = type(functools.lru_cache(len))
 _MAKING = frozenset("__init__ __new__ __post_init__ __setstate__ __set_name__ __init_subclass__".split())
+#: methods that change what they are of, as those of lists, sets and dictionaries
+_CHANGES = frozenset(
+    "append appendleft extend insert pop popleft popitem remove discard add clear update setdefault reverse sort "
+    "rotate fill".split()
+)
 _UNMEANT = frozenset("type_comment kind ctx returns annotation type_params".split())
 
 
@@ -122,7 +128,7 @@ def _source(code: CodeType) -> _Function:
     except (OSError, TypeError, IndexError, SyntaxError, ValueError):
         raise _Unseen("has no source to be read (put it into a file)") from None
     edited = os.path.exists(code.co_filename) and os.path.getmtime(code.co_filename) > _BEGUN
-    if edited and not any(_same(code, c) for c in _codes(compile(text, code.co_filename, "exec", dont_inherit=True))):
+    if edited and code not in _codes(compile(text, code.co_filename, "exec", dont_inherit=True)):
         found = []
     found = [node for node in found if [a.arg for a in (*node.args.posonlyargs, *node.args.args)]
              == list(code.co_varnames[: code.co_argcount])]  # fmt: skip
@@ -138,8 +144,25 @@ def _source(code: CodeType) -> _Function:
     return found[0]
 
 
-def _same(a: CodeType, b: CodeType) -> bool:
-    return (a.co_name, a.co_firstlineno, a.co_code) == (b.co_name, b.co_firstlineno, b.co_code)
+def _root(node: ast.AST) -> str | None:
+    """The name that x.y, x[0] and the like begin with."""
+    while isinstance(node, (ast.Attribute, ast.Subscript)):
+        node = node.value
+    return node.id if isinstance(node, ast.Name) else None
+
+
+def _changed(node: ast.AST, names: Iterable[str]) -> str | None:
+    """The first of these names whose object is changed: x.y = 1, x[0] += 1, x.append(1)."""
+    for n in ast.walk(node):
+        of: ast.AST | None = None
+        if isinstance(n, (ast.Attribute, ast.Subscript)) and not isinstance(n.ctx, ast.Load):
+            of = n
+        elif isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute) and n.func.attr in _CHANGES:
+            of = n.func
+        found = None if of is None else _root(of)
+        if found is not None and found in names:
+            return found
+    return None
 
 
 def _chains(node: ast.AST) -> dict[str, set[tuple[str, ...]]]:
@@ -208,7 +231,7 @@ def _named(value: Any) -> str | None:
 # -- values -------------------------------------------------------------------------------------------------
 
 
-def _hash(*parts: bytes | bytearray | str) -> bytes:
+def _hash(*parts: bytes | bytearray | memoryview | str) -> bytes:
     h = hashlib.sha256()
     for part in parts:
         data = part.encode("utf-8", "surrogatepass") if isinstance(part, str) else part
@@ -235,10 +258,7 @@ def _leaf(value: Any) -> bytes | None:
 def _attributes_changed(method: FunctionType) -> bool:
     """Whether a method changes the object that it is of."""
     code, own = method.__code__, method.__code__.co_varnames[:1]
-    if not own or method.__name__ in _MAKING:
-        return False
-    targets = (n for n in ast.walk(_source(code)) if isinstance(n, ast.Attribute) and not isinstance(n.ctx, ast.Load))
-    return any(isinstance(n.value, ast.Name) and n.value.id == own[0] for n in targets)
+    return bool(own) and method.__name__ not in _MAKING and _changed(_source(code), own) is not None
 
 
 class _Look:
@@ -309,9 +329,10 @@ class _Look:
         return self._object(value)
 
     def _array(self, x: Any) -> bytes:
-        kind = repr(np.lib.format.dtype_to_descr(x.dtype)) if not x.dtype.hasobject else "object"
-        held = self._items("objects", x.ravel().tolist()) if x.dtype.hasobject else np.ascontiguousarray(x).tobytes()
-        return _hash("array", kind, str(x.shape), held)
+        if x.dtype.hasobject:
+            return _hash("objects", str(x.shape), self._items("objects", x.ravel().tolist()))
+        held = np.ascontiguousarray(x).reshape(-1).view(np.uint8)  # not copied
+        return _hash("array", repr(np.lib.format.dtype_to_descr(x.dtype)), str(x.shape), held.data)
 
     # -- functions and classes --------------------------------------------------------------------------------------
 
@@ -337,23 +358,19 @@ class _Look:
             return self._items("partial", (value.func, value.args, value.keywords))
         if stands is not None:
             return _hash("installed", stands)
-        inner = getattr(value, "py_func", None) or getattr(value, "__wrapped__", None)
-        if inner is not None and _installed(type(value).__module__) is not None:  # numba's, lru_cache's
-            return self._items("wrapped", (type(value).__qualname__, inner))
+        if isinstance(value, _CACHED):
+            return self._items("cached", (value.__wrapped__,))
+        if type(value).__module__.startswith("numba.") and hasattr(value, "py_func"):
+            return self._items("numba", (value.py_func, getattr(value, "targetoptions", None)))
         if isinstance(value, types.BuiltinFunctionType):
             raise _Unseen(f"calls {value.__qualname__}, which is compiled")
         return self._object(value)
 
     def _function(self, f: FunctionType) -> bytes:
         node, ours = _source(f.__code__), _installed(f.__globals__.get("__name__")) is not None
-        held: dict[str, Any] = {}
-        for name, cell in zip(f.__code__.co_freevars, f.__closure__ or (), strict=True):
-            try:
-                held[f"reads {name!r}"] = cell.cell_contents
-            except ValueError:  # not assigned yet
-                held[f"reads {name!r}"] = Ellipsis
         label = "" if f.__name__ == _NAMELESS else f"{f.__name__}() "
-        parts = [_canonical(node).encode(), self._all("closure", {label + k: v for k, v in held.items()})]
+        held = {f"{label}reads {k!r}": v for k, v in _cells(f).items()}
+        parts = [_canonical(node).encode(), self._all("closure", held)]
         parts += [self.of(f.__defaults__, label + "defaults"), self.of(f.__kwdefaults__, label + "defaults")]
         parts.append(self._all("attributes", {k: v for k, v in sorted(vars(f).items()) if k != "__wrapped__"}))
         if not ours:  # what an installed package reads is known by its version
@@ -370,8 +387,12 @@ class _Look:
                 elif op.opname == "STORE_GLOBAL" or (
                     op.opname == "STORE_DEREF" and op.argval in f.__code__.co_freevars
                 ):
-                    raise _Unseen(f"{label}changes {op.argval!r}, so that what it gives depends on what ran before")
+                    raise _Unseen(f"{label}changes {op.argval!r}: it depends on what ran before")
         found = {k: f.__globals__.get(k, getattr(builtins, k, Ellipsis)) for k in sorted(names)}
+        cells = {k: v for k, v in _cells(f).items() if not isinstance(v, ModuleType)}
+        changed = _changed(node, {k for k, v in found.items() if not isinstance(v, ModuleType)} | set(cells))
+        if changed is not None:
+            raise _Unseen(f"{label}changes {changed!r}: it depends on what ran before")
         found |= self._imported(f, node)
         chains, out = _chains(node), []
         for name, value in found.items():
@@ -397,8 +418,8 @@ class _Look:
                     package = f.__globals__.get("__package__") or None
                     module = importlib.import_module("." * n.level + (n.module or ""), package)
                     out |= {a.asname or a.name: getattr(module, a.name) for a in n.names}
-            except (ImportError, AttributeError) as e:
-                raise _Unseen(f"imports what cannot be found ({e})") from None
+            except (ImportError, AttributeError):
+                pass  # not there, as it may be meant
         return out
 
     def _class(self, cls: type) -> bytes:
@@ -442,6 +463,17 @@ class _Look:
         parts = [self.of(function), self.of(args), self.of(state)]
         parts += [self._items("items", items or ()), self._items("pairs", pairs or ())]
         return _hash("object", *parts)
+
+
+def _cells(f: FunctionType) -> dict[str, Any]:
+    """What a function's closure holds."""
+    out: dict[str, Any] = {}
+    for name, cell in zip(f.__code__.co_freevars, f.__closure__ or (), strict=True):
+        try:
+            out[name] = cell.cell_contents
+        except ValueError:  # not assigned yet
+            out[name] = Ellipsis
+    return out
 
 
 def _default(value: Any) -> Any:
