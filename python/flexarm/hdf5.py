@@ -144,8 +144,6 @@ def lay_out(
                 for name, (shape, kind, first) in large.items():
                     raw.seek(offsets[name])
                     _fill(raw, int(np.prod(shape)), np.dtype(kind), first)
-                raw.flush()
-                os.fsync(raw.fileno())
             os.replace(temporary, path)
         except BaseException:
             temporary.unlink(missing_ok=True)
@@ -155,7 +153,7 @@ def lay_out(
 def _fill(raw: Any, count: int, kind: np.dtype[Any], value: Any) -> None:
     block = np.full(min(count, max(1, _BLOCK // kind.itemsize)), value, kind)
     while count > 0:
-        raw.write(block[:count].tobytes())
+        raw.write(block[:count].view(np.uint8).data)
         count -= len(block)
 
 
