@@ -44,6 +44,15 @@ def named(where: str, path: Path) -> Iterator[None]:
         raise ValueError(f"{where} {str(path)!r}: {explained(e)}") from None
 
 
+def _size(count: float) -> str:
+    """So many bytes, in words."""
+    for unit in ("B", "kB", "MB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} GB"
+
+
 def check_space(where: str, path: Path, need: int) -> None:
     """ValueError where so many bytes do not fit beside what is on the disk, or where there is no folder for the
     file."""
@@ -53,8 +62,8 @@ def check_space(where: str, path: Path, need: int) -> None:
         free = shutil.disk_usage(path.parent).free
     if need > free:
         raise ValueError(
-            f"{where} {str(path)!r}: takes {need / 1e9:.3g} GB, and the disk has {free / 1e9:.3g} GB free; take a "
-            "larger `every`, fewer outputs, or another disk"
+            f"{where} {str(path)!r}: takes {_size(need)}, and the disk has {_size(free)} free; take a larger "
+            "`every`, fewer outputs, or another disk"
         )
 
 

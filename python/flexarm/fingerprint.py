@@ -21,22 +21,27 @@ import io
 import os
 import random
 import sys
-import sysconfig
 import time
 import types
-from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
+from collections.abc import Mapping
+from types import FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
 
 from . import _core
-
-_BEGUN = time.time()  # what is edited after this may not be what runs
-
-_NAMELESS = "<lambda>"
-_Function = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
+from .source import (
+    NAMELESS,
+    Function,
+    Unseen,
+    canonical,
+    chains_of,
+    changed_in,
+    codes,
+    installed,
+    source_of,
+    stands_for,
+)
 
 #: read what is not in the program
 _OUTSIDE: tuple[Any, ...] = (
@@ -63,173 +68,8 @@ _WRITTEN = frozenset(
     "__getstate__ __setstate__".split()
 )
 _CACHED = type(functools.lru_cache(len))
+#: methods that make an object
 _MAKING = frozenset("__init__ __new__ __post_init__ __setstate__ __set_name__ __init_subclass__".split())
-#: methods that change what they are of, as those of lists, sets and dictionaries
-_CHANGES = frozenset(
-    "append appendleft extend insert pop popleft popitem remove discard add clear update setdefault reverse sort "
-    "rotate fill".split()
-)
-_UNMEANT = frozenset("type_comment kind ctx returns annotation type_params".split())
-
-
-class _Unseen(Exception):
-    """What cannot be looked into, in words."""
-
-
-# -- source -------------------------------------------------------------------------------------------------
-
-
-def _canonical(node: Any) -> str:
-    """A syntax tree in words that do not change from one Python to the next, as those of ast.dump do."""
-    if isinstance(node, list):
-        return f"[{','.join(map(_canonical, node))}]"
-    if not isinstance(node, ast.AST):
-        return hex(node) if type(node) is int else f"{type(node).__name__}:{node!r}"
-    fields = [(k, v) for k, v in ast.iter_fields(node) if k not in _UNMEANT and v is not None and v != []]
-    if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)) and ast.get_docstring(node) is not None:
-        fields = [(k, v[1:] if k == "body" else v) for k, v in fields]
-    return f"{type(node).__name__}({','.join(f'{k}={_canonical(v)}' for k, v in fields)})"
-
-
-@functools.lru_cache(64)
-def _functions(text: str) -> dict[tuple[int, str], list[_Function]]:
-    """All functions of a source text by their first line and name."""
-    out: dict[tuple[int, str], list[_Function]] = {}
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Lambda):
-            out.setdefault((node.lineno, _NAMELESS), []).append(node)
-        elif isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-            first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
-            out.setdefault((first, node.name), []).append(node)
-    return out
-
-
-def _codes(code: CodeType) -> Iterator[CodeType]:
-    """A function's code and that of all inside it."""
-    yield code
-    for inner in code.co_consts:
-        if isinstance(inner, CodeType):
-            yield from _codes(inner)
-
-
-def _around(code: CodeType, node: Any) -> bool:
-    """Whether all of a code stands within a lambda's body (columns are known from Python 3.11 on)."""
-    body = node.body
-    begin, end = (body.lineno, body.col_offset), (body.end_lineno, body.end_col_offset)
-    places = [p for p in getattr(code, "co_positions", tuple)() if None not in p and p[3] != 0]
-    return bool(places) and all(begin <= (p[0], p[2]) and (p[1], p[3]) <= end for p in places)
-
-
-def _source(code: CodeType) -> _Function:
-    """The syntax tree of a function."""
-    try:
-        text = "".join(inspect.findsource(code)[0])
-        found = _functions(text).get((code.co_firstlineno, code.co_name), [])
-    except (OSError, TypeError, IndexError, SyntaxError, ValueError):
-        raise _Unseen("has no source to be read (put it into a file)") from None
-    edited = os.path.exists(code.co_filename) and os.path.getmtime(code.co_filename) > _BEGUN
-    if edited and code not in _codes(compile(text, code.co_filename, "exec", dont_inherit=True)):
-        found = []
-    found = [node for node in found if [a.arg for a in (*node.args.posonlyargs, *node.args.args)]
-             == list(code.co_varnames[: code.co_argcount])]  # fmt: skip
-    if len({_canonical(node) for node in found}) > 1:
-        found = [node for node in found if _around(code, node)]
-        if found:  # of lambdas in lambdas, the innermost
-            last = max((node.body.lineno, node.body.col_offset) for node in found)  # type: ignore[union-attr]
-            found = [n for n in found if (n.body.lineno, n.body.col_offset) == last]  # type: ignore[union-attr]
-        if len(found) != 1:
-            raise _Unseen("is one of several lambdas on one line of source (put each on its own)")
-    if not found:
-        raise _Unseen("is not in its source file any more, which was edited since (start Python anew)")
-    return found[0]
-
-
-def _root(node: ast.AST) -> str | None:
-    """The name that x.y, x[0] and the like begin with."""
-    while isinstance(node, (ast.Attribute, ast.Subscript)):
-        node = node.value
-    return node.id if isinstance(node, ast.Name) else None
-
-
-def _changed(node: ast.AST, names: Iterable[str]) -> str | None:
-    """The first of these names whose object is changed: x.y = 1, x[0] += 1, x.append(1)."""
-    for n in ast.walk(node):
-        of: ast.AST | None = None
-        if isinstance(n, (ast.Attribute, ast.Subscript)) and not isinstance(n.ctx, ast.Load):
-            of = n
-        elif isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute) and n.func.attr in _CHANGES:
-            of = n.func
-        found = None if of is None else _root(of)
-        if found is not None and found in names:
-            return found
-    return None
-
-
-def _chains(node: ast.AST) -> dict[str, set[tuple[str, ...]]]:
-    """By each name, what is asked of it: ("random", "normal") of np.random.normal; () where it stands alone."""
-    out: dict[str, set[tuple[str, ...]]] = {}
-
-    def walk(x: ast.AST) -> None:
-        path: tuple[str, ...] = ()
-        inner = x
-        while isinstance(inner, ast.Attribute):
-            path, inner = (inner.attr, *path), inner.value
-        if isinstance(inner, ast.Name):
-            out.setdefault(inner.id, set()).add(path)
-            return
-        for child in ast.iter_child_nodes(inner):
-            walk(child)
-
-    walk(node)
-    return out
-
-
-# -- packages -----------------------------------------------------------------------------------------------
-
-
-@functools.cache
-def _release(root: str) -> str | None:
-    """"" of Python's own modules, the version of an installed package, None of what can change without a new one."""
-    if root in ("flexarm", "__main__"):
-        return _core.__version__ if root == "flexarm" else None
-    module = sys.modules.get(root)
-    file = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", ())), None)
-    if file is None:
-        return "" if root in sys.stdlib_module_names else None
-    where = Path(file).resolve()
-    if not {"site-packages", "dist-packages"} & set(where.parts):
-        own = {Path(sysconfig.get_path(k)).resolve() for k in ("stdlib", "platstdlib")}
-        return "" if root in sys.stdlib_module_names and own & set(where.parents) else None
-    try:
-        return importlib.metadata.version(root)
-    except importlib.metadata.PackageNotFoundError:
-        names = importlib.metadata.packages_distributions().get(root, ())
-        return importlib.metadata.version(names[0]) if names else getattr(module, "__version__", None)
-
-
-def _installed(module: Any) -> str | None:
-    """What stands for an installed module or what is in it, or None: its name and version."""
-    if not isinstance(module, str):
-        return None
-    version = _release(module.partition(".")[0])
-    return None if version is None else f"{module} {version}"
-
-
-def _named(value: Any) -> str | None:
-    """What stands for a thing that an installed module has under its own name."""
-    module, name = getattr(value, "__module__", None), getattr(value, "__qualname__", getattr(value, "__name__", None))
-    if not isinstance(name, str):
-        return None
-    if isinstance(value, np.ufunc):
-        module = next((m for m in ("numpy", "scipy.special") if getattr(sys.modules.get(m), name, None) is value), None)
-    at: Any = sys.modules.get(module) if isinstance(module, str) else None
-    for part in name.split("."):
-        at = getattr(at, part, None)
-    return f"{_installed(module)}: {name}" if at is value and _installed(module) is not None else None
-
-
-# -- values -------------------------------------------------------------------------------------------------
-
 
 def _hash(*parts: bytes | bytearray | memoryview | str) -> bytes:
     h = hashlib.sha256()
@@ -258,7 +98,7 @@ def _leaf(value: Any) -> bytes | None:
 def _attributes_changed(method: FunctionType) -> bool:
     """Whether a method changes the object that it is of."""
     code, own = method.__code__, method.__code__.co_varnames[:1]
-    return bool(own) and method.__name__ not in _MAKING and _changed(_source(code), own) is not None
+    return bool(own) and method.__name__ not in _MAKING and changed_in(source_of(code), own) is not None
 
 
 class _Look:
@@ -284,7 +124,7 @@ class _Look:
         self._trail.append(place)
         try:
             found = self._compound(value)
-        except _Unseen as e:
+        except Unseen as e:
             if self.name is None:
                 where = ", ".join(p for p in self._trail if p)
                 raise ValueError(
@@ -316,11 +156,11 @@ class _Look:
         if isinstance(value, _core.PiecewisePolynomial):
             return self._items("pieces", (value.breaks, value.coefficients))
         if any(value is x for x in _OUTSIDE):
-            raise _Unseen(f"reads with {value.__name__}() what is not in the program")
+            raise Unseen(f"reads with {value.__name__}() what is not in the program")
         if isinstance(value, ModuleType):
-            stands = _installed(value.__name__)
+            stands = installed(value.__name__)
             if stands is None:
-                raise _Unseen(f"uses the module {value.__name__} as a whole (name what it takes from there)")
+                raise Unseen(f"uses the module {value.__name__} as a whole (name what it takes from there)")
             return _hash("module", stands)
         if isinstance(value, type):
             return self._class(value)
@@ -337,7 +177,7 @@ class _Look:
     # -- functions and classes --------------------------------------------------------------------------------------
 
     def _callable(self, value: Any) -> bytes:
-        stands = _named(value)
+        stands = stands_for(value)
         if isinstance(value, FunctionType):
             return self._function(value) if stands is None else _hash("installed", stands)
         if isinstance(value, types.MethodType):
@@ -363,38 +203,38 @@ class _Look:
         if type(value).__module__.startswith("numba.") and hasattr(value, "py_func"):
             return self._items("numba", (value.py_func, getattr(value, "targetoptions", None)))
         if isinstance(value, types.BuiltinFunctionType):
-            raise _Unseen(f"calls {value.__qualname__}, which is compiled")
+            raise Unseen(f"calls {value.__qualname__}, which is compiled")
         return self._object(value)
 
     def _function(self, f: FunctionType) -> bytes:
-        node, ours = _source(f.__code__), _installed(f.__globals__.get("__name__")) is not None
-        label = "" if f.__name__ == _NAMELESS else f"{f.__name__}() "
+        node, ours = source_of(f.__code__), installed(f.__globals__.get("__name__")) is not None
+        label = "" if f.__name__ == NAMELESS else f"{f.__name__}() "
         held = {f"{label}reads {k!r}": v for k, v in _cells(f).items()}
-        parts = [_canonical(node).encode(), self._all("closure", held)]
+        parts = [canonical(node).encode(), self._all("closure", held)]
         parts += [self.of(f.__defaults__, label + "defaults"), self.of(f.__kwdefaults__, label + "defaults")]
         parts.append(self._all("attributes", {k: v for k, v in sorted(vars(f).items()) if k != "__wrapped__"}))
         if not ours:  # what an installed package reads is known by its version
             parts.append(self._globals(f, node, label))
         return _hash("function", *parts)
 
-    def _globals(self, f: FunctionType, node: _Function, label: str) -> bytes:
+    def _globals(self, f: FunctionType, node: Function, label: str) -> bytes:
         """What a function reads from its module, and from those that it imports itself."""
         names: set[str] = set()
-        for code in _codes(f.__code__):
+        for code in codes(f.__code__):
             for op in dis.get_instructions(code):
                 if op.opname.startswith(("LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS")):
                     names.add(op.argval)
                 elif op.opname == "STORE_GLOBAL" or (
                     op.opname == "STORE_DEREF" and op.argval in f.__code__.co_freevars
                 ):
-                    raise _Unseen(f"{label}changes {op.argval!r}: it depends on what ran before")
+                    raise Unseen(f"{label}changes {op.argval!r}: it depends on what ran before")
         found = {k: f.__globals__.get(k, getattr(builtins, k, Ellipsis)) for k in sorted(names)}
         cells = {k: v for k, v in _cells(f).items() if not isinstance(v, ModuleType)}
-        changed = _changed(node, {k for k, v in found.items() if not isinstance(v, ModuleType)} | set(cells))
+        changed = changed_in(node, {k for k, v in found.items() if not isinstance(v, ModuleType)} | set(cells))
         if changed is not None:
-            raise _Unseen(f"{label}changes {changed!r}: it depends on what ran before")
+            raise Unseen(f"{label}changes {changed!r}: it depends on what ran before")
         found |= self._imported(f, node)
-        chains, out = _chains(node), []
+        chains, out = chains_of(node), []
         for name, value in found.items():
             for path in sorted(chains.get(name, {()})) if isinstance(value, ModuleType) else [()]:
                 at, said = value, name
@@ -405,7 +245,7 @@ class _Look:
                 out += [said.encode(), self.of(at, f"{label}reads {said!r}")]
         return _hash("globals", *out)
 
-    def _imported(self, f: FunctionType, node: _Function) -> dict[str, Any]:
+    def _imported(self, f: FunctionType, node: Function) -> dict[str, Any]:
         out: dict[str, Any] = {}
         for n in ast.walk(node):
             try:
@@ -423,7 +263,7 @@ class _Look:
         return out
 
     def _class(self, cls: type) -> bytes:
-        stands = _installed(cls.__module__)
+        stands = installed(cls.__module__)
         if stands is not None:
             return _hash("class", stands, cls.__qualname__)
         if issubclass(cls, enum.Enum):
@@ -445,15 +285,15 @@ class _Look:
         if isinstance(value, enum.Enum):
             return self._items("member", (kind, value.name))
         if isinstance(value, _STATE) or hasattr(kind, "__next__"):
-            raise _Unseen(f"is a {name}, which changes when it is used")
+            raise Unseen(f"is a {name}, which changes when it is used")
         for cls in kind.__mro__:
-            for method in vars(cls).values() if _installed(cls.__module__) is None else ():
+            for method in vars(cls).values() if installed(cls.__module__) is None else ():
                 if isinstance(method, FunctionType) and not _sourceless(method) and _attributes_changed(method):
-                    raise _Unseen(f"is a {name}, whose {method.__name__}() changes it: it depends on what ran before")
+                    raise Unseen(f"is a {name}, whose {method.__name__}() changes it: it depends on what ran before")
         try:
             made = value.__reduce_ex__(4)
         except Exception as e:
-            raise _Unseen(f"is a {name}, which cannot be looked into ({e})") from None
+            raise Unseen(f"is a {name}, which cannot be looked into ({e})") from None
         if isinstance(made, str):
             return _hash("global", kind.__module__, made)
         function, args, state, items, pairs = (*made, None, None, None)[:5]
@@ -508,11 +348,11 @@ def marks(parts: Mapping[str, Any], name: str | None = None) -> dict[str, str]:
     """
     if name is not None and (not isinstance(name, str) or not name):
         raise ValueError(f"fingerprint = {name!r}: must be a name, such as 'gains of May'")
-    look = _Look(name)
-    return {
-        "flexarm": _core.__version__, **({} if name is None else {"fingerprint": name}),
-        **{k: look.of(v, k).hex() for k, v in parts.items()},
-    }  # fmt: skip
+    look, named = _Look(name), {} if name is None else {"fingerprint": name}
+    try:
+        return {"flexarm": _core.__version__, **named, **{k: look.of(v, k).hex() for k, v in parts.items()}}
+    except RecursionError:
+        raise ValueError(f"out: {', '.join(parts)}: hold lists in lists, too deep to be looked into") from None
 
 
 def difference(found: Any, mine: Mapping[str, str]) -> str:

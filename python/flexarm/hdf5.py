@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from .files import Refused, check_space, named
 
 _BLOCK = 1 << 22  # bytes that are filled at once
-_ROOM = 1 << 21  # bytes for the library's own tables
+_ROOM = 1 << 18  # bytes for the library's own tables
 
 
 def h5py(why: str = "out: a file") -> Any:
