@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from typing import NamedTuple
 
 import flexarm as fa
 import numpy as np
@@ -92,6 +93,21 @@ class Kind(Enum):
     TWO = 2
 
 
+class Pair(NamedTuple):
+    x: float
+    y: float = 1.0
+
+    def __call__(self, t):
+        return self.x * t + self.y
+
+
+class Slots:
+    __slots__ = ("a",)
+
+    def __init__(self, a):
+        self.a = a
+
+
 class Frozen(Point):
     @functools.cached_property
     def slow(self):
@@ -103,7 +119,8 @@ def user(value):
 
 
 WAYS = [
-    closure, keyword, decorated, Law, Point, lambda a: Law(a).method, lambda a: functools.partial(pow, a),
+    closure, keyword, decorated, Law, Point, Pair, Slots, Frozen, lambda a: Law(a).method,
+    lambda a: functools.partial(pow, a),
     lambda a: np.array([a]), lambda a: {"x": [a]}, lambda a: {(a, 1)}, lambda a: user(Law(a)),
     lambda a: user([Point(a)]), lambda a: user(Kind(int(a))), lambda a: fa.Torque(closure(a)),
     lambda a: fa.Motion([0, 1, 2], [0, a, 0]), lambda a: np.float32(a),

@@ -323,6 +323,7 @@ def _default(value: Any) -> Any:
 
 
 def _sourceless(value: Any) -> bool:
+    value = getattr(value, "__func__", value)
     if not isinstance(value, FunctionType):
         return False
     try:
