@@ -64,6 +64,23 @@ def test_what_is_not_done_is_unknown_to_any_reader(tmp_path):
     assert run(path).stats["resumed"] == 4
 
 
+def test_ctrl_c_while_a_scenario_is_written(tmp_path, monkeypatch):
+    path, put = tmp_path / "b.h5", fa.hdf5.Laid.put
+
+    def stopped(self, name, indices, rows):
+        put(self, name, indices, rows)
+        if name == "status" and indices[0] == 2:  # its rows and its status are there, its checksum is not
+            monkeypatch.undo()
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(fa.hdf5.Laid, "put", stopped)
+    with pytest.raises(fa.BatchInterrupted, match="when 2 of 6") as e:
+        run(path)
+    for found in (e.value.result, fa.BatchResult.load(path)):
+        assert found.status.tolist() == [0, 0, 4, 4, 4, 4] and np.isnan(found.q[2:]).all()
+    assert run(path).stats["resumed"] == 2
+
+
 # -- damage -------------------------------------------------------------------------------------------------
 
 
@@ -348,7 +365,7 @@ def test_a_folder_of_another_sweep_is_refused_whatever_is_left_of_it(tmp_path):
         with pytest.raises(ValueError, match=r"sweep\.npz': is not a finished sweep \(start anew .*--fresh"):
             fa.sweep(scene(), other, out=tmp_path)
     whole.unlink()
-    with pytest.raises(ValueError, match=r"holds another sweep, whose sweep\.npz is gone"):
+    with pytest.raises(ValueError, match=r"holds another sweep, a sweep\.csv without its sweep\.npz"):
         fa.sweep(scene(), other, out=tmp_path)
     assert (tmp_path / "sweep.csv").read_bytes() == table
     assert fa.sweep(scene(), other, out=tmp_path, resume=False).complete

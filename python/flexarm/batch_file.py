@@ -181,8 +181,10 @@ class BatchFile:
         arrays = {k: self._file.array(k) for k in self._file.places}
         wrong = _damaged(arrays)
         self.damaged = len(wrong)
-        again = np.union1d(np.flatnonzero((arrays["done"] != _DONE) & (arrays["done"] != 0)), wrong)
-        del arrays
+        self._reset(np.union1d(np.flatnonzero((arrays["done"] != _DONE) & (arrays["done"] != 0)), wrong))
+
+    def _reset(self, again: NDArray[np.int64]) -> None:
+        """Makes scenarios as they were before they ran."""
         self._file.put("done", again, np.full(len(again), _BEGUN))
         for k, (shape, kind, value) in self._arrays().items():
             if k != "done":
@@ -207,17 +209,14 @@ class BatchFile:
         self._file.put("checksum", indices, checksums(blocks))
         self._file.put("done", indices, np.full(len(indices), _DONE))
 
-    def beyond(self) -> Array:
-        """(B, 4), see `worst_range`; nan where a scenario was not, or is not done."""
-        return np.array(self._file.array("out_of_range"))
-
     def abandon(self) -> None:
         """Closes the file after an error."""
         self._file.close()
 
     def close(self) -> tuple[dict[str, Any], list[Failure]]:
         """Closes the file; what it holds, the large arrays mapped from it, not read."""
-        held = {k: np.array(self._file.array(k)) for k in ("status", "reached", "reason")}
+        self._reset(np.flatnonzero(self._file.array("done") == _BEGUN))  # Ctrl-C while it was written
+        held = {k: np.array(self._file.array(k)) for k in ("status", "reached", "reason", "out_of_range")}
         held |= {k: self._file.array(k) for k in self._job.outputs}
         self._file.close()
         return held, failures_in(held)

@@ -197,8 +197,8 @@ class Runner:
         except BaseException:
             file.abandon()
             raise
-        self.beyond = file.beyond()  # of what was resumed too
         held, failures = file.close()
+        self.beyond = held["out_of_range"]  # of what was resumed too
         return self._result(held, failures), interrupted
 
     def _result(self, held: Mapping[str, Any], failures: list[Failure]) -> BatchResult:

@@ -88,7 +88,7 @@ class Kept:
             elif self.whole.exists():
                 self._finished = self._read_whole()
             elif (folder / "sweep.csv").exists() and not self._mark.exists():
-                raise self._another("whose sweep.npz is gone")
+                raise self._another("a sweep.csv without its sweep.npz")
             self._check_mark()
 
     def _another(self, which: str) -> ValueError:
@@ -186,13 +186,14 @@ class Kept:
 
     def remove(self) -> None:
         """The shares, and their folder where nothing else is in it."""
-        if not self.folder.is_dir():
-            return
-        for path in self.folder.iterdir():
-            if _OURS.fullmatch(path.name) and not path.is_dir():
-                path.unlink()
-        if not any(self.folder.iterdir()):
-            self.folder.rmdir()
+        try:
+            for path in self.folder.iterdir():
+                if _OURS.fullmatch(path.name) and not path.is_dir():
+                    path.unlink(missing_ok=True)
+            if not any(self.folder.iterdir()):
+                self.folder.rmdir()
+        except FileNotFoundError:
+            pass  # none, or another process that does the same sweep was faster
 
 
 def write_trajectories(
