@@ -185,7 +185,21 @@ def test_what_cannot_be_looked_into_is_refused_unless_named():
             return self.y
 
     read = eval("lambda t: t")  # without source
+    class Steps:
+        def __init__(self):
+            self.n = 0
+
+        def next_one(self):
+            self.n = self.n + 1
+            return self.n
+
+        def twice(self):
+            return self.next_one() * 2
+
+    steps = Steps()
+    assert mark(lambda t: steps.n * t)  # which asks for nothing that changes it
     cases = {
+        "next_one.. changes it": lambda t: steps.next_one(), "'drive 0' is a .*Steps, whose next_one": steps.twice,
         "a numpy.random.*Generator": lambda t: rng.normal(), "'np.random.rand'": lambda t: np.random.rand(),  # noqa: NPY002
         "random.Random": lambda t: random.random(), "changes 'count'": counts, "__call__.. changes it": Filter(),
         "changes 'log'": lambda t: log.append(t) or 1.0, "changes 'held'": keeps,

@@ -23,7 +23,8 @@ import random
 import sys
 import time
 import types
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -34,6 +35,7 @@ from .source import (
     NAMELESS,
     Function,
     Unseen,
+    attributes_in,
     canonical,
     chains_of,
     changed_in,
@@ -95,10 +97,20 @@ def _leaf(value: Any) -> bytes | None:
     return None
 
 
-def _attributes_changed(method: FunctionType) -> bool:
-    """Whether a method changes the object that it is of."""
-    code, own = method.__code__, method.__code__.co_varnames[:1]
-    return bool(own) and method.__name__ not in _MAKING and changed_in(source_of(code), own) is not None
+def _changing(cls: type, asked: Iterable[str]) -> str | None:
+    """The first of these methods, or of those that they call, that changes the object that it is of."""
+    todo, seen = sorted(asked), set(_MAKING)
+    while todo:
+        name = todo.pop(0)
+        method = next((vars(c)[name] for c in cls.__mro__ if name in vars(c) and installed(c.__module__) is None), None)
+        if name in seen or not isinstance(method, FunctionType) or _sourceless(method):
+            continue
+        seen.add(name)
+        node, own = source_of(method.__code__), method.__code__.co_varnames[:1]
+        if own and changed_in(node, own) is not None:
+            return name
+        todo += sorted(attributes_in(node))
+    return None
 
 
 class _Look:
@@ -109,6 +121,7 @@ class _Look:
         self._known: dict[int, tuple[Any, bytes]] = {}  # the values too, so that no id comes again
         self._stack: list[int] = []
         self._trail: list[str] = []
+        self._asked: list[set[str]] = [{"__call__"}]  # by those through whom a value was reached
 
     def of(self, value: Any, place: str = "") -> bytes:
         """The hash of a value that stands at a place of another."""
@@ -181,7 +194,8 @@ class _Look:
         if isinstance(value, FunctionType):
             return self._function(value) if stands is None else _hash("installed", stands)
         if isinstance(value, types.MethodType):
-            return self._items("method", (value.__self__, value.__func__))
+            with self._asking({value.__func__.__name__}):
+                return self._items("method", (value.__self__, value.__func__))
         if isinstance(value, (types.BuiltinFunctionType, types.MethodWrapperType)):
             owner = value.__self__
             if owner is not None and not isinstance(owner, ModuleType):
@@ -206,7 +220,19 @@ class _Look:
             raise Unseen(f"calls {value.__qualname__}, which is compiled")
         return self._object(value)
 
+    @contextmanager
+    def _asking(self, names: set[str]) -> Iterator[None]:
+        self._asked.append(names)
+        try:
+            yield
+        finally:
+            self._asked.pop()
+
     def _function(self, f: FunctionType) -> bytes:
+        with self._asking(attributes_in(source_of(f.__code__))):
+            return self._looked_into(f)
+
+    def _looked_into(self, f: FunctionType) -> bytes:
         node, ours = source_of(f.__code__), installed(f.__globals__.get("__name__")) is not None
         label = "" if f.__name__ == NAMELESS else f"{f.__name__}() "
         held = {f"{label}reads {k!r}": v for k, v in _cells(f).items()}
@@ -286,10 +312,9 @@ class _Look:
             return self._items("member", (kind, value.name))
         if isinstance(value, _STATE) or hasattr(kind, "__next__"):
             raise Unseen(f"is a {name}, which changes when it is used")
-        for cls in kind.__mro__:
-            for method in vars(cls).values() if installed(cls.__module__) is None else ():
-                if isinstance(method, FunctionType) and not _sourceless(method) and _attributes_changed(method):
-                    raise Unseen(f"is a {name}, whose {method.__name__}() changes it: it depends on what ran before")
+        changing = _changing(kind, set().union(*self._asked))
+        if changing is not None:
+            raise Unseen(f"is a {name}, whose {changing}() changes it: it depends on what ran before")
         try:
             made = value.__reduce_ex__(4)
         except Exception as e:

@@ -121,6 +121,11 @@ def changed_in(node: ast.AST, names: Iterable[str]) -> str | None:
     return None
 
 
+def attributes_in(node: ast.AST) -> set[str]:
+    """The names of all attributes that are asked for."""
+    return {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
+
+
 def chains_of(node: ast.AST) -> dict[str, set[tuple[str, ...]]]:
     """By each name, what is asked of it: ("random", "normal") of np.random.normal; () where it stands alone."""
     out: dict[str, set[tuple[str, ...]]] = {}
