@@ -465,9 +465,9 @@ def test_a_file_remembers_failures(tmp_path):
 KILLED = """
 import sys
 sys.path.insert(0, {tests!r})
-import os, signal, flexarm.batch_file as file
+import os, signal, flexarm.hdf5 as file
 from test_batch import *
-put, count = file.BatchFile._put, 0
+put, count = file.Laid.put, 0
 def dying(self, name, indices, block):
     global count
     count += 1
@@ -475,7 +475,7 @@ def dying(self, name, indices, block):
         put(self, name, indices, np.full_like(block, 7))  # half written, and wrong
         os.kill(os.getpid(), signal.SIGKILL)
     put(self, name, indices, block)
-file.BatchFile._put = dying
+file.Laid.put = dying
 fa.simulate_batch(two_links(), TIMES, out={path!r}, **SWEEP)
 """
 
@@ -483,9 +483,11 @@ fa.simulate_batch(two_links(), TIMES, out={path!r}, **SWEEP)
 @pytest.mark.skipif(sys.platform == "win32", reason="kill -9")
 def test_killed_in_mid_write_it_goes_on(tmp_path):
     path = tmp_path / "sweep.h5"
-    script = KILLED.format(tests=str(Path(__file__).parent), path=str(path), after=23)
+    script = KILLED.format(tests=str(Path(__file__).parent), path=str(path), after=32)
     killed = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert killed.returncode == -signal.SIGKILL, killed.stderr
+    left = fa.BatchResult.load(path)
+    assert np.isnan(left.q[12:]).all() and np.isfinite(left.q[:12]).all() and (left.status[12:] == 4).all()
     run = fa.simulate_batch(two_links(), TIMES, out=path, **SWEEP)
     assert run.stats["resumed"] == 12  # three chunks of four; the fourth was being written
     np.testing.assert_array_equal(run.q, fa.simulate_batch(two_links(), TIMES, **SWEEP).q)

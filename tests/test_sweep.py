@@ -222,7 +222,10 @@ def test_ctrl_c_keeps_what_is_done_and_the_next_call_goes_on(tmp_path):
     rest = sweep(s, plan(), out=tmp_path, batch=1)
     assert rest.stats["computed"] == 2 and rest.complete
     assert np.array_equal(rest["strain"], whole["strain"])
-    assert sweep(s, plan(7), out=tmp_path).stats["computed"] == 7  # a finished one may be written over
+    with pytest.raises(ValueError, match="another sweep, with another parameters"):  # finished, too
+        sweep(s, plan(7), out=tmp_path)
+    assert np.array_equal(sweep(s, plan(), out=tmp_path)["strain"], whole["strain"])
+    assert sweep(s, plan(7), out=tmp_path, resume=False).stats["computed"] == 7
 
 
 def test_killed_in_the_middle_it_goes_on_from_there(tmp_path):
@@ -266,6 +269,11 @@ def test_command_prints_and_writes(files, capsys):
     assert found["scenarios"] == 6 and found["complete"] and found["failures"] == []
     assert found["columns"][0]["name"] == "tip deflection" and found["columns"][0]["minimum"] > 0
     assert set(found["files"]) >= {"sweep.csv", "sweep.png"}
+    table, other = (files / "out" / "sweep.csv").read_bytes(), files / "other.toml"
+    other.write_text((files / "sweep.toml").read_text().replace("0.35", "0.36"))
+    assert main([*args[:2], str(other), *args[3:]]) == 2  # finished, it is not written over
+    assert "holds another sweep, with another parameters" in capsys.readouterr().err
+    assert (files / "out" / "sweep.csv").read_bytes() == table
     assert main([*args, "--workers", "2", "--fresh"]) == 0
     out = capsys.readouterr().out
     assert "6 of 6 scenarios" in out and "tip deflection" in out and "6 computed" in out

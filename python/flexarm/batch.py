@@ -109,6 +109,7 @@ def simulate_batch(
     progress: Any = False,
     out: str | Path | Mapping[str, Array] | None = None,
     resume: bool = True,
+    fingerprint: str | None = None,
     executor: Any = None,
     batch: int | None = None,
     **options: Any,
@@ -134,9 +135,12 @@ def simulate_batch(
         progress: shows a bar on stderr, where that is a terminal; or a callable, which is given the share done about
             ten times a second, and may raise to give up.
         out: arrays by name that the result is written into; or a file ("sweep.h5", extra "batch"), written as the
-            scenarios are done: the same call again does what is missing, whatever stopped it. Another batch's file is
-            refused.
+            scenarios are done: the same call again does what is missing, whatever stopped it, and what is damaged.
+            Another batch's file is refused, and that of another version of flexarm; see docs/batch.md.
         resume: whether to go on with such a file; if not, it is written over.
+        fingerprint: a name of yours for what functions read that such a file cannot know them by: what changes when it
+            is used (random generators, objects with a memory), what is compiled, what has no source. Change it when
+            they change.
         executor: a concurrent.futures.Executor, or a callable that makes one, whose workers take shares of the batch:
             a ProcessPoolExecutor, Dask's client.get_executor(), mpi4py's MPIPoolExecutor(). Shares of workers that
             die are computed again; docs/sweeps.md. `workers` are then the threads in each (1 if None).
@@ -185,11 +189,12 @@ def simulate_batch(
         arrays = None if isinstance(out, (str, Path)) else out
         result, interrupted = runner.in_memory(arrays, progress)
     else:
-        result, interrupted = runner.in_file(path, resume, progress)
+        result, interrupted = runner.in_file(path, resume, progress, fingerprint)
     result.stats = {"engine": engine, **result.stats, "wall_time": time.perf_counter() - started}
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
-    if runner.beyond:
-        warnings.warn(runner.beyond, stacklevel=2)
+    beyond = runner.warning()
+    if beyond is not None:
+        warnings.warn(beyond, stacklevel=2)
     return result

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from ._check import Array
 from .arm import Arm
-from .batch_file import about, read
+from .batch_file import about, failures_in, in_bytes, read
+from .files import Refused, readable, write_whole
 from .result import Result
-from .rollout import NOT_DONE, Failure
+from .rollout import Failure
 from .variation import Setup, Variation
 
 OUTPUTS = ("q", "v", "a", "tau")
@@ -33,7 +34,8 @@ class BatchResult:
         failures: index, time and reason of each scenario that failed.
         parameters: values (B, ...) by path. variation: what the scenarios are made of.
         stats: engine ("steps": all steps in the core; "simulate": one `simulate` for each scenario), workers, steps,
-            resumed (scenarios that the file held already), wall_time (s).
+            resumed (scenarios that the file held already), damaged (that it held damaged, and which were computed
+            again), out_of_range (that deserve a RangeWarning, of those resumed too), wall_time (s).
     """
 
     t: Array
@@ -84,25 +86,49 @@ class BatchResult:
         kept |= {f"parameters/{k}": v for k, v in self.variation.values.items()}
         reason = np.zeros(len(self), "S200")
         for f in self.failures:
-            reason[f.index] = f.reason.encode()
+            reason[f.index] = in_bytes(f.reason)
         kept |= {"t": self.t, "status": self.status, "reached": self.reached, "reason": reason}
         words = json.dumps({**about(self.variation), **({} if self.keeps_loads else {"loads": 1})})
-        with Path(path).open("wb") as file:  # an open file keeps its name; numpy would append .npz
-            np.savez_compressed(file, about=np.array(words), **kept)
+        write_whole(Path(path), lambda file: np.savez_compressed(file, about=np.array(words), **kept), "batch")
 
     @staticmethod
-    def load(path: str | Path) -> BatchResult:
+    def load(path: str | Path, verify: bool = True) -> BatchResult:
         """Reads what `save` or simulate_batch(out="sweep.h5") wrote, whether that was finished or not. Of the
-        parameters, those of the arm make the arms; the file does not keep drives, loads and controllers."""
-        held = read(Path(path), OUTPUTS)
-        values, status = held["parameters"], held["status"]
-        ours = {k: v for k, v in values.items() if k.split(".")[0] in ("link", "gravity", "q0", "v0")}
-        variation = Variation(Setup(Arm.from_dict(held["about"]["arm"])), ours)
-        variation.values.update(values)
-        failures = [
-            Failure(int(i), float(held["reached"][i]), held["reason"][i].decode())
-            for i in np.flatnonzero((status > 0) & (status != NOT_DONE))
-        ]
-        arrays: dict[str, Any] = {k: held.get(k) for k in OUTPUTS}
-        return BatchResult(held["t"], **arrays, status=status, reached=held["reached"], variation=variation,
-                           failures=failures, keeps_loads=not held["about"]["loads"])  # fmt: skip
+        parameters, those of the arm make the arms; the file does not keep drives, loads and controllers.
+
+        Args:
+            path: the file.
+            verify: whether to look through all of a file "sweep.h5" for damage, by its checksums (1 GB a second or
+                so). (One of `save` always is.)
+
+        Raises:
+            ValueError: no such file, another kind of file, or a damaged one.
+        """
+        with readable("batch", Path(path), "a file of a batch"):
+            held = read(Path(path), OUTPUTS, verify)
+            values, loads = held["parameters"], held["about"]["loads"]
+            ours = {k: v for k, v in values.items() if k.split(".")[0] in ("link", "gravity", "q0", "v0")}
+            variation = Variation(Setup(Arm.from_dict(held["about"]["arm"])), ours)
+            variation.values.update(values)
+            _check_shapes(held, variation.setup.arm)
+            beyond = int(np.isfinite(held.get("out_of_range", np.empty((0, 4)))[:, 0]).sum())
+            arrays: dict[str, Any] = {k: held.get(k) for k in OUTPUTS}
+            return BatchResult(
+                held["t"], **arrays, status=held["status"], reached=held["reached"], variation=variation,
+                failures=failures_in(held), keeps_loads=not loads, stats={"out_of_range": beyond} if beyond else {},
+            )  # fmt: skip
+
+
+def _check_shapes(held: dict[str, Any], arm: Arm) -> None:
+    """Refuses arrays that do not fit each other and the arm."""
+    t, count = held["t"], len(held["status"])
+    if t.dtype != np.float64 or t.ndim != 1 or not (np.diff(t) > 0).all() or not np.isfinite(t).all():
+        raise Refused("its times do not increase")
+    shapes: dict[str, tuple[int, ...]] = {k: (count, len(t), arm.nq if k == "q" else arm.nv) for k in OUTPUTS}
+    for k, shape in {**shapes, "status": (count,), "reached": (count,), "reason": (count,)}.items():
+        kind = {"status": "i", "reason": "S"}.get(k, "f")
+        if k in held and (held[k].shape != shape or held[k].dtype.kind != kind):
+            raise Refused(f"{k!r} is {held[k].dtype} {held[k].shape}, and not {shape}")
+    for path, x in held["parameters"].items():
+        if x.dtype.kind != "f" or not x.ndim or len(x) not in (1, count):
+            raise Refused(f"parameters['{path}'] is {x.dtype} {x.shape}, and not of {count} scenarios")

@@ -20,6 +20,7 @@ from .patch import Voltage, column_of, split_drives
 from .rollout import NOT_DONE, STEPPERS, Failure, check_balls, explained, failures_of, take_steps
 from .simulation import SimulationError, SimulationInterrupted, simulate
 from .tables import Schedule, breaks_of, feedback_tables, sampled, stacked, wrench_table
+from .validity import SILENT, worst_range
 from .variation import Setup, Variation
 
 FAILED = 5
@@ -131,7 +132,8 @@ class Job:
         """Runs these scenarios, made of these setups, into the blocks, (n, rows, size) and status (n,), reached (n,).
 
         Returns:
-            What failed, and counts; counts["interrupted"] after Ctrl-C.
+            What failed, and counts; counts["interrupted"] after Ctrl-C, counts["beyond"] (n, 4), of `simulate`'s
+            scenarios: what `worst_range` finds, or nan.
         """
         if engine == "steps":
             found, stats = self._steps(setups, indices, blocks, workers, alive)
@@ -232,7 +234,7 @@ class Job:
             if np.ptp(steps) > 1e-9 * steps.max():
                 raise ValueError("tau: forces that are held, in scenarios that run one by one, need equal steps of t")
         stop, begun = threading.Event(), float(self.t[0])
-        shares = np.zeros(len(indices))
+        shares, beyond = np.zeros(len(indices)), np.full((len(indices), 4), np.nan)
         blocks["status"][:] = NOT_DONE
         blocks["reached"][:] = begun
         for name in self.outputs:
@@ -247,7 +249,11 @@ class Job:
                 if stop.is_set():
                     raise KeyboardInterrupt
 
-            result, status, failure = self._one(setups[k % len(setups)], int(indices[k]), look)
+            SILENT.set(True)  # of this thread
+            setup = setups[k % len(setups)]
+            result, status, failure = self._one(setup, int(indices[k]), look)
+            if status != NOT_DONE:
+                beyond[k] = worst_range(setup.arm, result.t, result.q) or np.nan
             for name in self.outputs:
                 part = getattr(result, name)[:: self.every]
                 blocks[name][k, : len(part)] = part
@@ -271,7 +277,8 @@ class Job:
                 stop.set()  # all is done, or is to be given up
         done = [f.result() for f in futures if not (interrupted and f.exception())]
         failures = [failure for failure, _ in done if failure]
-        return failures, {"steps": sum(n for _, n in done), "workers": workers, "interrupted": interrupted}
+        counts = {"steps": sum(n for _, n in done), "workers": workers, "interrupted": interrupted, "beyond": beyond}
+        return failures, counts
 
     def _one(self, setup: Setup, i: int, look: Callable[[float], None]) -> tuple[Any, int, Failure | None]:
         """Result, status and failure of a scenario."""

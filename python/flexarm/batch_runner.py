@@ -18,7 +18,7 @@ from .batch_result import OUTPUTS, BatchResult
 from .batch_run import Job
 from .rollout import NOT_DONE, Failure, prepared, show_progress
 from .shares import gather
-from .validity import RangeWarning, out_of_range
+from .validity import RangeWarning, range_warning, worst_range
 from .variation import Setup
 
 CHUNK_BYTES = 1 << 26  # what a file is written in, and what a worker sends back at once
@@ -36,8 +36,7 @@ class Runner:
         engine: of `Job.engine`. workers: threads. batch: scenarios in a chunk, or None.
         executor: what `simulate_batch` takes.
         names: of the scenarios in the whole batch, where this is a share of one.
-        stats, beyond, beyond_at, out_of_range: what was counted, the warning of the first scenario that bends a beam
-            beyond its order's range, which one that is, and how many do.
+        stats: what was counted. beyond: (count, 4), what `worst_range` finds of each scenario, or nan.
     """
 
     job: Job
@@ -48,9 +47,9 @@ class Runner:
     executor: Any = None
     names: Any = None
     stats: dict[str, Any] = field(default_factory=dict)
-    beyond: RangeWarning | None = None
-    beyond_at: int = -1
-    out_of_range: int = 0
+
+    def __post_init__(self) -> None:
+        self.beyond: Array = np.full((self.count, 4), np.nan)
 
     def _most(self) -> int:
         """Scenarios whose arms are held at once."""
@@ -71,9 +70,11 @@ class Runner:
         self, indices: NDArray[np.int64], setups: list[Setup], blocks: Mapping[str, Any], alive: Any
     ) -> tuple[list[Failure], bool]:
         failures, stats = self.job.run(self.engine, setups, indices, blocks, self.workers, alive)
-        interrupted = bool(stats.pop("interrupted"))
+        interrupted, beyond = bool(stats.pop("interrupted")), stats.pop("beyond", None)
         self._add(stats)
-        if self.engine == "steps" and "q" in blocks:
+        if beyond is not None:
+            self.beyond[indices] = beyond
+        elif "q" in blocks:
             self._check_range(indices, setups, blocks["q"])
         return failures, interrupted
 
@@ -81,28 +82,25 @@ class Runner:
         for k, n in stats.items():
             self.stats[k] = max(self.stats.get(k, 0), n) if k == "workers" else self.stats.get(k, 0) + n
 
-    def _tell(self, i: int, found: RangeWarning) -> None:
-        """Keeps the warning of the first scenario that deserves one."""
-        if self.beyond is None or i < self.beyond_at:
-            self.beyond, self.beyond_at = found, i
-
     def _check_range(self, indices: NDArray[np.int64], setups: list[Setup], q: Array) -> None:
-        """Looks for beams bent beyond their order's range; the first is told of."""
+        """Looks for beams bent beyond their order's range."""
         variation, t = self.job.variation, self.job.t[:: self.job.every]
         alike = not variation.varies_arm
         if alike:  # a look at all at once, which mostly is enough
             arm, flat = variation.setup.arm, np.nan_to_num(q).reshape(-1, q.shape[2])
-            if out_of_range(arm, np.zeros(len(flat)), flat) is None:
+            if worst_range(arm, np.zeros(len(flat)), flat) is None:
                 return
         for k, i in enumerate(indices.tolist()):
-            arm = setups[k % len(setups)].arm
             here = ~np.isnan(q[k, :, 0])
-            found = out_of_range(arm, t[here], q[k, here])
-            if found is not None:
-                self.out_of_range += 1
-                name = i if self.names is None else int(self.names[i])
-                told = (found.link, found.time, found.rotation, found.limit)
-                self._tell(name, RangeWarning(f"scenario {name}: {found}", *told))
+            self.beyond[i] = worst_range(setups[k % len(setups)].arm, t[here], q[k, here]) or np.nan
+
+    def warning(self) -> RangeWarning | None:
+        """That of the first scenario that deserves one."""
+        bad = np.flatnonzero(~np.isnan(self.beyond[:, 0]))
+        if not bad.size:
+            return None
+        i = int(bad[0])
+        return range_warning(self.job.variation.scenario(i).arm, self.beyond[i], f"scenario {i}: ")
 
     def _chunks(self, indices: NDArray[np.int64], size: int) -> Iterator[tuple[NDArray[np.int64], list[Setup]]]:
         """Pieces of the indices with what they are made of, the next being built while one runs."""
@@ -137,9 +135,7 @@ class Runner:
         for part, found in gather(run_share, self._sent, parts, self.executor, again=again.append):
             self._add(found["stats"])
             self.stats["redone"] = len(again)
-            self.out_of_range += found["out_of_range"]
-            if found["beyond"] is not None:
-                self._tell(found["beyond_at"], found["beyond"])
+            self.beyond[part] = found["beyond"]
             blocks = into(part)
             for k, block in found["blocks"].items():
                 blocks[k][:] = block
@@ -175,11 +171,11 @@ class Runner:
             blocks[k][~touched] = np.nan
         return self._result(blocks, sorted(failures, key=lambda f: f.index)), interrupted
 
-    def in_file(self, path: Path, resume: bool, progress: Any) -> tuple[BatchResult, bool]:
-        """The result, mapped from the file, and whether Ctrl-C came first."""
+    def in_file(self, path: Path, resume: bool, progress: Any, name: str | None) -> tuple[BatchResult, bool]:
+        """The result, mapped from the file, and whether Ctrl-C came first. name: see `marks`."""
         job, n = self.job, self.count
         size = self._chunk(int(np.clip(CHUNK_BYTES // job.row_bytes, self.workers, self._most())))
-        file = BatchFile(path, job, n, resume)
+        file = BatchFile(path, job, n, resume, name)
         interrupted = False
 
         def into(part: NDArray[np.int64]) -> dict[str, Any]:
@@ -189,22 +185,27 @@ class Runner:
         try:
             missing = file.missing()
             self.stats["resumed"] = n - len(missing)
+            if file.damaged:
+                self.stats["damaged"] = file.damaged
             with show_progress(progress, "simulating") as show:
                 for part, blocks, found, stopped in self._done(missing, size, into, show):
                     whole, interrupted = blocks["status"] != NOT_DONE, stopped
-                    file.write(part[whole], {k: x[whole] for k, x in blocks.items()}, found)
+                    done = part[whole]
+                    file.write(done, {k: x[whole] for k, x in blocks.items()}, found, self.beyond[done])
         except KeyboardInterrupt:  # between two chunks
             interrupted = True
-        finally:
-            left = file.missing()
-            held, failures = file.close()
-        held["status"][left], held["reached"][left] = NOT_DONE, job.t[0]
+        except BaseException:
+            file.abandon()
+            raise
+        held, failures = file.close()
+        self.beyond = held["out_of_range"]  # of what was resumed too
         return self._result(held, failures), interrupted
 
     def _result(self, held: Mapping[str, Any], failures: list[Failure]) -> BatchResult:
         job = self.job
         arrays: dict[str, Any] = {k: held.get(k) for k in OUTPUTS}
-        stats = {**self.stats, **({"out_of_range": self.out_of_range} if self.out_of_range else {})}
+        beyond = int((~np.isnan(self.beyond[:, 0])).sum())
+        stats = {**self.stats, **({"out_of_range": beyond} if beyond else {})}
         return BatchResult(job.t[:: job.every], **arrays, status=held["status"], reached=held["reached"],
                            variation=job.variation, failures=failures, stats=stats)  # fmt: skip
 
@@ -228,7 +229,4 @@ def run_share(job: Job, names: NDArray[np.int64], engine: str, workers: int) -> 
     if interrupted:
         raise KeyboardInterrupt
     blocks = {k: getattr(result, k) for k in (*job.outputs, "status", "reached")}
-    return {
-        "blocks": blocks, "failures": result.failures, "stats": runner.stats, "beyond": runner.beyond,
-        "beyond_at": runner.beyond_at, "out_of_range": runner.out_of_range,
-    }  # fmt: skip
+    return {"blocks": blocks, "failures": result.failures, "stats": runner.stats, "beyond": runner.beyond}

@@ -26,7 +26,7 @@ def options(p: argparse.ArgumentParser, scene: dict[str, Any], output: dict[str,
     )
     where += "or the address of a Dask scheduler, such as tcp://host:8786 (default: %(default)s)"
     p.add_argument("--on", metavar="WHERE", default="threads", help=where)
-    p.add_argument("--fresh", action="store_true", help="forget what DIR holds of an earlier run")
+    p.add_argument("--fresh", action="store_true", help="forget what DIR holds of an earlier sweep")
 
 
 def _executor(where: str, workers: int | None) -> Any:

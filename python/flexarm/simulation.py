@@ -21,7 +21,7 @@ from .pace import Pace, explicit_limit
 from .patch import Voltage, patch_laws, split_drives
 from .pulses import PulseWarning, missed
 from .result import Result
-from .validity import out_of_range
+from .validity import SILENT, out_of_range
 from .watch import Watch, softened
 
 INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
@@ -340,6 +340,8 @@ def simulate(
     loop = unstable(out["reached"] - float(times[0]), failed) if grown else None
     if failed:
         _fail(out["failure"], out["reached"], h, result, loop, beyond)
+    if SILENT.get():
+        beyond = None
     for warning in (loop or beyond, *_missed(arm, laws, wrenches, feedback, out["asked"], times)):
         if warning:
             warnings.warn(warning, stacklevel=2)

@@ -15,12 +15,14 @@ import numpy as np
 from ._check import Array, whole
 from .batch import simulate_batch
 from .batch_runner import renamed
+from .files import check_space, named, write_whole
+from .hdf5 import h5py
 from .plan import Sweep, load_sweep
 from .quantities import check_quantities, quantity
 from .rollout import default_workers
 from .scene import Scene, load
 from .shares import gather, shares
-from .sweep_store import Kept, fingerprint, h5py, write_table, write_trajectories
+from .sweep_store import Kept, read_trajectory, sweep_marks, write_table, write_trajectories
 from .validity import RangeWarning, out_of_range
 
 if TYPE_CHECKING:
@@ -78,17 +80,18 @@ class SweepResult:
         """t (nt,), q (nt, nq) and v (nt, nv) of scenario i, where the plan keeps them."""
         if self.folder is None or not self.plan.trajectories:
             raise ValueError("trajectories = false: this sweep did not keep them")
-        with h5py().File(self.folder / "trajectories.h5", "r") as f:
-            return f["t"][:], f["q"][i], f["v"][i]
+        return read_trajectory(self.folder / "trajectories.h5", range(len(self))[i])
 
     def save(self, folder: str | Path) -> list[str]:
         """Writes sweep.csv and sweep.png there; their names."""
         path = Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
+        with named("output folder", path):
+            path.mkdir(parents=True, exist_ok=True)
         write_table(path / "sweep.csv", self)
         from . import plots
 
-        self.plot().savefig(path / "sweep.png", dpi=plots.DPI)
+        figure = self.plot()
+        write_whole(path / "sweep.png", lambda f: figure.savefig(f, dpi=plots.DPI, format="png"), "output file")
         return ["sweep.csv", "sweep.png"]
 
     def plot(self) -> Figure:
@@ -171,6 +174,7 @@ def sweep(
     *,
     out: str | Path | None = None,
     resume: bool = True,
+    fingerprint: str | None = None,
     workers: int | None = None,
     executor: Executor | Callable[[], Executor] | None = None,
     batch: int | None = None,
@@ -182,8 +186,10 @@ def sweep(
         scene: a Scene, or the path or name of one.
         plan: a Sweep, or the path or name of a sweep file.
         out: folder for sweep.csv, sweep.png, and trajectories.h5 where the plan keeps them. A sweep that was
-            interrupted or killed goes on from there when it is called again.
+            interrupted or killed goes on from there when it is called again; what is damaged is computed again.
+            Another sweep's folder is refused, finished or not, and that of another version of flexarm.
         resume: False forgets what the folder holds.
+        fingerprint: as of `simulate_batch`, for functions that a folder cannot know a sweep by.
         workers: threads; None: one for each core. With an executor, threads in each of its workers (1 if None).
         executor: a concurrent.futures.Executor, or a callable that makes one: each of its workers takes shares of the
             sweep; those of workers that die are computed again. See docs/sweeps.md for processes, Dask and MPI.
@@ -203,7 +209,10 @@ def sweep(
     parameters = plan.parameters()
     count = len(next(iter(parameters.values())))
     if plan.trajectories:
-        h5py()
+        try:
+            h5py("trajectories = true:")
+        except ImportError as e:
+            raise ValueError(str(e)) from None
         if out is None:
             raise ValueError("trajectories = true: needs a folder to write them to, out=")
     columns = check_quantities(scene.arm, list(plan.outputs), plan.link)
@@ -212,8 +221,7 @@ def sweep(
     kept: Kept | None = None
     if out is not None:
         result.folder = Path(out)
-        result.folder.mkdir(parents=True, exist_ok=True)
-        kept = Kept(result.folder, fingerprint(scene, plan, parameters), resume)
+        kept = _kept(result, scene, parameters, resume, fingerprint)
         for part, found in kept.read():
             _enter(result, part, found)
     computed = int((~result.done).sum())
@@ -235,6 +243,7 @@ def sweep(
     result.beyond.sort()
     result.stats = {"scenarios": count, "computed": computed - int((~result.done).sum()), "redone": len(again)}
     if kept is not None:
+        result.stats |= {"damaged": kept.damaged} if kept.damaged else {}
         _write(result, kept, scene)
     result.stats["wall_time"] = time.perf_counter() - started
     if stop is not None:
@@ -246,13 +255,32 @@ def sweep(
     return result
 
 
+def _kept(result: SweepResult, scene: Scene, parameters: Mapping[str, Array], resume: bool, name: str | None) -> Kept:
+    """What the folder holds of this sweep, after a look whether there is room for the rest."""
+    folder, plan, count = result.folder, result.plan, len(result)
+    assert folder is not None
+    with named("output folder", folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    row = 64 * (len(result.columns) + sum(v[0].size for v in parameters.values()))  # as numbers, and in words
+    if plan.trajectories:  # in shares, and all together
+        row += 2 * 8 * len(scene.t[:: plan.every]) * (scene.arm.nq + scene.arm.nv)
+    kept = Kept(folder, sweep_marks(scene, plan, parameters, name), resume, (count, len(result.columns)))
+    check_space("output file", folder / "trajectories.h5" if plan.trajectories else kept.whole, count * row)
+    if plan.trajectories and kept.whole.exists():
+        try:
+            read_trajectory(folder / "trajectories.h5", 0)
+        except ValueError:  # gone, or damaged
+            kept.forget()
+    return kept
+
+
 def _write(result: SweepResult, kept: Kept, scene: Scene) -> None:
     """What the folder shall hold."""
     assert result.folder is not None
     if result.complete and result.stats["computed"]:
         plan, path = result.plan, result.folder / "trajectories.h5"
         if plan.trajectories:
-            write_trajectories(kept, path, result, scene.t[:: plan.every], result.parameters)
+            write_trajectories(kept, path, result, scene, result.parameters)
         kept.finish(result)
     if result.done.any():
         result.save(result.folder)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -54,8 +56,14 @@ def rotation(beam: Beam, qe: Array, turns: Array | None = None) -> Array:
     return out
 
 
-def out_of_range(arm: Arm, t: Array, q: Array) -> RangeWarning | None:
-    """The warning that a trajectory t (nt,), q (nt, nq) deserves, or None. Costs next to nothing while all is well."""
+#: set where who calls `simulate` tells of these warnings himself
+SILENT: ContextVar[bool] = ContextVar("SILENT", default=False)
+
+
+def worst_range(arm: Arm, t: Array, q: Array) -> tuple[float, ...] | None:
+    """Of the beam of a trajectory t (nt,), q (nt, nq) that is furthest beyond its order's range, or None: its link, the
+    time of the first row past the limit (s), its largest rotation (rad), and how many others are beyond theirs. Costs
+    next to nothing while all is well."""
     worst, others = None, -1
     for k, link in enumerate(arm.links):
         beam = link.beam
@@ -73,16 +81,28 @@ def out_of_range(arm: Arm, t: Array, q: Array) -> RangeWarning | None:
         past = np.flatnonzero(~(angle <= limit))
         if past.size:
             others += 1
-            found = (float(angle.max()) / limit, k, float(t[past[0]]), float(angle.max()), limit, beam.order)
+            found = (float(angle.max()) / limit, k, float(t[past[0]]), float(angle.max()))
             worst = found if worst is None else max(worst, found)
-    if worst is None:
-        return None
-    _, k, time, largest, limit, order = worst
-    more = f", and {others} more" if others else ""
+    return None if worst is None else (*worst[1:], others)
+
+
+def range_warning(arm: Arm, found: Iterable[float], name: str = "") -> RangeWarning:
+    """What `worst_range` found, as a warning; `name` of what it is about."""
+    link, time, rotation, others = map(float, found)
+    beam = arm.links[int(link)].beam
+    assert beam is not None
+    order, limit = beam.order, LIMITS[int(beam.order)]
+    more = f", and {int(others)} more" if others else ""
     better = '"exact"' if order == 3 else '3 or "exact"' if order == 2 else '2, 3 or "exact"'
     return RangeWarning(
-        f"link {k}{more}: at order {order} a beam that turns its sections by {limit:g} rad has its tip wrong by 2 % of "
-        f"its length; this one passes that at t = {time:.6g} s and turns them by up to {largest:.3g} rad; take order = "
-        f"{better}",
-        k, time, largest, limit,
+        f"{name}link {int(link)}{more}: at order {order} a beam that turns its sections by {limit:g} rad has its tip "
+        f"wrong by 2 % of its length; this one passes that at t = {time:.6g} s and turns them by up to {rotation:.3g} "
+        f"rad; take order = {better}",
+        int(link), time, rotation, limit,
     )  # fmt: skip
+
+
+def out_of_range(arm: Arm, t: Array, q: Array) -> RangeWarning | None:
+    """The warning that a trajectory t (nt,), q (nt, nq) deserves, or None."""
+    found = worst_range(arm, t, q)
+    return None if found is None else range_warning(arm, found)

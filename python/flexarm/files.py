@@ -1,0 +1,118 @@
+"""Files that appear whole or not at all, and that are read with one clear error where they are damaged."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+_WORDS = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the quota of the disk is used up",
+    errno.EFBIG: "a file may not be as large as that here",
+    errno.EAGAIN: "another process is using it",
+    errno.ENOENT: "there is no such file or folder",
+    errno.ENOTDIR: "its folder is a file",
+    errno.EISDIR: "is a folder",
+    errno.EEXIST: "is a file",
+    errno.EACCES: "is not allowed",
+    errno.EROFS: "the disk can only be read",
+}
+
+
+def explained(error: OSError) -> str:
+    """What the system says, in words; of HDF5's errors too, which bury its number in their text."""
+    found = re.search(r"errno = (\d+)", str(error))
+    number = int(found[1]) if found else error.errno
+    return _WORDS.get(number or 0, error.strerror or str(error))
+
+
+@contextmanager
+def named(where: str, path: Path) -> Iterator[None]:
+    """Errors of the disk as a ValueError that names the file."""
+    try:
+        yield
+    except OSError as e:
+        raise ValueError(f"{where} {str(path)!r}: {explained(e)}") from None
+
+
+def _size(count: float) -> str:
+    """So many bytes, in words."""
+    for unit in ("B", "kB", "MB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} GB"
+
+
+def check_space(where: str, path: Path, need: int) -> None:
+    """ValueError where so many bytes do not fit beside what is on the disk, or where there is no folder for the
+    file."""
+    if not path.parent.is_dir():
+        raise ValueError(f"{where} {str(path)!r}: there is no folder {str(path.parent)!r}")
+    with named(where, path):
+        free = shutil.disk_usage(path.parent).free
+    if need > free:
+        raise ValueError(
+            f"{where} {str(path)!r}: takes {_size(need)}, and the disk has {_size(free)} free; take a larger "
+            "`every`, fewer outputs, or another disk"
+        )
+
+
+def write_whole(path: Path, write: Callable[[Any], Any], where: str = "file") -> None:
+    """A file that appears whole or not at all. ValueError where it cannot be written."""
+    temporary = path.with_name(path.name + ".new")
+    with named(where, path):
+        try:
+            with temporary.open("wb") as f:
+                write(f)
+                f.flush()
+                os.fsync(f.fileno())
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+def packed(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Arrays as they are, and all else as JSON, for an .npz."""
+    return {k: v if isinstance(v, np.ndarray) else np.array(json.dumps(v)) for k, v in values.items()}
+
+
+def zipped(path: Path) -> dict[str, Any]:
+    """All of an .npz; each is checked by its checksum. For use in `readable`, as `unpacked`."""
+    with path.open("rb") as f, np.load(f, allow_pickle=False) as z:
+        return {k: z[k] for k in z.files}
+
+
+def unpacked(path: Path) -> dict[str, Any]:
+    """What `packed` made."""
+    return {k: json.loads(str(x)) if x.dtype.kind == "U" else x for k, x in zipped(path).items()}
+
+
+@contextmanager
+def readable(where: str, path: Path, kind: str) -> Iterator[None]:
+    """One ValueError for all that can go wrong while a file is read: the zip, zlib, JSON, NumPy and HDF5 readers each
+    raise what they like of a damaged one (BadZipFile, zlib.error, EOFError, KeyError, ...)."""
+    try:
+        yield
+    except ImportError:
+        raise
+    except Refused as e:
+        raise ValueError(f"{where} {str(path)!r}: {e}") from None
+    except (FileNotFoundError, PermissionError, IsADirectoryError, BlockingIOError) as e:
+        raise ValueError(f"{where} {str(path)!r}: {explained(e)}") from None
+    except Exception as e:
+        raise ValueError(f"{where} {str(path)!r}: is not {kind}, or damaged ({type(e).__name__}: {e})") from None
+
+
+class Refused(Exception):
+    """What is wrong with a file, in words; see `readable`."""
