@@ -309,7 +309,7 @@ void bind_time(py::module_& m) {
         const LinearSolver solver = linear_solver == "dense"   ? LinearSolver::dense
                                     : linear_solver == "chain" ? LinearSolver::chain
                                                                : LinearSolver::automatic;
-        const IdaOptions options{rtol, atol, max_order, composite, solver};
+        const IdaOptions options{rtol, atol, max_order, composite, solver, DryFriction::left_to_caller};
         return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled}, false, 0.0,
                    [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
                        const auto& look_around, const auto& wrenches, const auto& watched, Control& control) {

@@ -10,6 +10,7 @@
 #include "flexarm/control.hpp"
 #include "flexarm/drive.hpp"
 #include "flexarm/event.hpp"
+#include "flexarm/friction.hpp"
 #include "flexarm/load.hpp"
 #include "flexarm/trajectory.hpp"
 
@@ -27,6 +28,7 @@ struct IdaOptions {
   int max_order = 5;       ///< of the backward differentiation formulas, 1 to 5
   bool composite = false;  ///< accelerations at the output times by CI instead of AB
   LinearSolver linear_solver = LinearSolver::automatic;
+  DryFriction friction = DryFriction::refused;  ///< of the joints
 };
 
 /// Integrates from t[0] to the last of t, which must increase.
