@@ -265,8 +265,9 @@ def test_loads_voltages_and_friction():
         assert np.abs(one.q).max() > 1e-7
         close(run.q[i], one.q, 1e-12)
     rubbing = pendulum(coulomb=0.0)
-    run = fa.simulate_batch(rubbing, t, parameters={"link.0.joint.coulomb": [0.0, 100.0]})
-    assert run.stats["engine"] == "simulate" and np.ptp(run.q[1]) == 0 < np.ptp(run.q[0])
+    for name, engine in (("implicit", "steps"), ("rk4", "simulate")):
+        run = fa.simulate_batch(rubbing, t, parameters={"link.0.joint.coulomb": [0.0, 100.0]}, integrator=name)
+        assert run.stats["engine"] == engine and np.ptp(run.q[1]) == 0 < np.ptp(run.q[0])
 
 
 def test_held_forces_by_every_engine():

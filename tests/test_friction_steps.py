@@ -163,7 +163,7 @@ def test_friction_does_not_break_steps_that_go_well_without() -> None:
 
 
 def test_scenarios_are_what_simulate_gives_whoever_their_partners_are() -> None:
-    """Different friction in the lanes of a pack, none among it; accelerations and forces; a prescribed joint that rubs."""
+    """Different friction in the lanes of a pack, and none; accelerations and forces; a prescribed joint that rubs."""
     t = np.linspace(0, 0.6, 61)
     arm = chain([0.1, 0.05])
     values = {"link.0.joint.coulomb": np.array([0.1, 0.0, 0.3, 0.02, 0.1, 5.0, 0.2, 0.05, 0.1])}

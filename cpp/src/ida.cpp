@@ -7,6 +7,7 @@
 
 #include "events.hpp"
 #include "flexarm/check.hpp"
+#include "flexarm/friction.hpp"
 #include "ida_linear.hpp"
 
 namespace flexarm {
@@ -317,6 +318,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
                         const std::vector<Event>& events, Control* control) {
   check_arguments(arm, drives, t, q0, v0, tau);
   check_options(options);
+  if (options.friction == DryFriction::refused) refuse_friction(arm, "ida");
   const auto started = std::chrono::steady_clock::now();
   IdaSystem s(arm, drives, loads, tau, control);
   s.events = &events;

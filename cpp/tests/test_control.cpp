@@ -136,8 +136,11 @@ TEST_CASE("friction: a block pushed by less than the stiction does not move; by 
     };
     const auto ida = [&](const auto& drives, const auto& times, const auto& q, const auto& v, const auto& forces,
                          const auto& events) {
-      return simulate_ida(arm, drives, times, q, v, forces, {}, {}, {}, events);
+      IdaOptions options;
+      options.friction = DryFriction::left_to_caller;
+      return simulate_ida(arm, drives, times, q, v, forces, options, {}, {}, events);
     };
+    CHECK_THROWS_AS(simulate_ida(arm, {}, t, zero, zero, tau, {}), std::invalid_argument);
     const bool moves = std::abs(push) > 1.5;
     for (const Integrate& integrate : {Integrate(fixed), Integrate(ida)}) {
       const Trajectory r = simulate_with_friction(arm, {}, t, zero, zero, tau, {}, {}, false, integrate);

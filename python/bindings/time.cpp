@@ -342,7 +342,7 @@ void bind_time(py::module_& m) {
         const LinearSolver solver = linear_solver == "dense"   ? LinearSolver::dense
                                     : linear_solver == "chain" ? LinearSolver::chain
                                                                : LinearSolver::automatic;
-        IdaOptions options{rtol, atol, max_order, composite, solver};
+        IdaOptions options{rtol, atol, max_order, composite, solver, DryFriction::left_to_caller};
         if (!slow.is_none())
           options.slow = [&slow](double now, long steps) {
             py::gil_scoped_acquire hold;

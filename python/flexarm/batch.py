@@ -128,8 +128,8 @@ def simulate_batch(
             Beams and links that repeat are built once. What changes the coordinates (modes, joints) cannot differ.
         integrator, step, rtol, spectral_radius, options: as of `simulate`; step is the shortest time between two of t,
             if None. "implicit" and "rk4" run wholly in the core, with drives, loads and continuous control whose
-            samples fall on ends of steps. Dry friction, sampled control, and "ida" and "gauss" take one `simulate` for
-            each scenario. `stats["engine"]` says which.
+            samples fall on ends of steps. Sampled control, "ida", "gauss", and "rk4" with dry friction take one
+            `simulate` for each scenario. `stats["engine"]` says which.
         outputs: which of "q", "v", "a", "tau". every: times of t between two rows of the result.
         workers: threads; None: one for each core.
         progress: shows a bar on stderr, where that is a terminal; or a callable, which is given the share done about

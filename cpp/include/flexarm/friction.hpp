@@ -12,6 +12,10 @@
 
 namespace flexarm {
 
+/// What a method without dry friction in its equations does with an arm that has some: it refuses the arm, or the
+/// caller cares for the friction, by simulate_with_friction.
+enum class DryFriction { refused, left_to_caller };
+
 /// Dry friction of one rate of an arm's joints.
 struct Rub {
   int rate;

@@ -11,6 +11,7 @@
 #include "flexarm/control.hpp"
 #include "flexarm/drive.hpp"
 #include "flexarm/event.hpp"
+#include "flexarm/friction.hpp"
 #include "flexarm/load.hpp"
 #include "flexarm/trajectory.hpp"
 
@@ -28,6 +29,7 @@ struct IdaOptions {
   int max_order = 5;       ///< of the backward differentiation formulas, 1 to 5
   bool composite = false;  ///< accelerations at the output times by CI instead of AB
   LinearSolver linear_solver = LinearSolver::automatic;
+  DryFriction friction = DryFriction::refused;  ///< of the joints
   /// Told the time reached and the steps taken after 20 000 steps, and whenever there are twice as many.
   std::function<void(double t, long steps)> slow = {};
 };

@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "flexarm/ab.hpp"
+#include "flexarm/friction.hpp"
 
 namespace flexarm {
 
@@ -52,10 +53,6 @@ class Step {
  protected:
   Counts counts_;
 };
-
-/// What a method without dry friction in its equations does with an arm that has some: it refuses the arm, or the
-/// caller cares for the friction (friction.hpp).
-enum class DryFriction { refused, left_to_caller };
 
 struct ImplicitOptions {
   /// What is left after one step of a mode too fast for the step: 1 keeps the energy of every mode (trapezoidal rule),

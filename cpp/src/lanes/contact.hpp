@@ -115,15 +115,17 @@ struct Contacts {
       const S y = rate ? rate[at[c]] * (1.0 / d) : S{};
       turn[c] = L::select(holds, -y - x[at[c]], rhs[c] - force[c]);
     }
-    for (int k = 0; k < count; ++k)
+    for (int k = 0; k < count; ++k) {
+      G[k * count + k] = number<S>(1.0) / G[k * count + k];
       for (int c = k + 1; c < count; ++c) {
-        const S l = G[c * count + k] / G[k * count + k];
+        const S l = G[c * count + k] * G[k * count + k];
         for (int j = k + 1; j < count; ++j) G[c * count + j] -= l * G[k * count + j];
         turn[c] -= l * turn[k];
       }
+    }
     for (int c = count; c-- > 0;) {
       for (int k = c + 1; k < count; ++k) turn[c] -= G[c * count + k] * turn[k];
-      turn[c] = turn[c] / G[c * count + c];
+      turn[c] = turn[c] * G[c * count + c];
     }
   }
 
@@ -133,8 +135,8 @@ struct Contacts {
   /// @param weight  of the force at the step's end in its mean; @param v0  rates at its beginning; null: an instant
   Mask pivot(const S* x, const S* rate, const S* v0, double d, double weight, const Mask& open, bool late) {
     const S one = number<S>(1.0);
-    S worst = one, mark{};  // mark: the share of the step before the last switch
-    Mask arresting = L::everywhere(false), marked = arresting, changed = arresting;
+    S worst{}, mark{};  // mark: the share of the step before the last switch
+    Mask arresting = L::everywhere(false), marked = arresting, wrong = arresting, changed = arresting;
     for (int c = 0; c < count; ++c) {
       const S s = v0 ? sense[c] : S{};
       S y = x[at[c]];
@@ -150,11 +152,15 @@ struct Contacts {
       const Mask slides = s * s > 0.5;
       pull[c] = L::select(slides, mean + s * share[c] * coulomb[c], L::select(marked, mean - mark * before[c], f));
       const S most = stiction[c] * L::select(slides, one - share[c], L::select(marked, one - mark, one));
-      burden[c] = L::select(is(held[c]) & (most > 0.0), L::size(pull[c]) / most, S{});
+      const Mask beyond = is(held[c]) & (L::size(pull[c]) > most);
+      burden[c] = S{};
+      if (any(open & beyond)) burden[c] = L::select(beyond & (most > 0.0), L::size(pull[c]) / most, S{});
       worst = L::larger(worst, burden[c]);
+      wrong = wrong | (is(over[c]) & (way[c] * end[c] < 0.0));
     }
-    const Mask releasing = open & L::none_of(arresting) & (left > 0.0) & (worst > 1.0);
-    const Mask holding = open & L::none_of(arresting | releasing);
+    const Mask releasing = open & L::none_of(arresting) & (left > 0.0) & (worst > 0.0);
+    const Mask holding = open & wrong & L::none_of(arresting | releasing);
+    if (!any(arresting | releasing | holding)) return changed;
     for (int c = 0; c < count; ++c) {
       const S s = v0 ? sense[c] : S{}, f = force[c] + turn[c], p = sign(pull[c]);
       const Mask holds = is(held[c]), gone = is(over[c]), slides = s * s > 0.5;
