@@ -17,15 +17,22 @@ if TYPE_CHECKING:
 #: docs/failures.md, which bench/failures.py measures. Order 1 softens with speed besides, at any deflection.
 LIMITS = {0: 0.25, 1: 0.25, 2: 0.3, 3: 0.65}
 
+#: Parts of a beam's length, and radians, by which the sections of order "exact" may be off because its Gauss points are
+#: too few for how it is bent, before that is said.
+TRUNCATION = 1e-6
+#: Rotation (rad) up to which the points that the basis chooses are always enough for that.
+_RESOLVED = 1.0
+
 
 class RangeWarning(UserWarning):
-    """A beam bent further than its order is good for (see `LIMITS`).
+    """A beam bent further than its order is good for (see `LIMITS`), or, at order "exact", than its Gauss points
+    resolve (see `TRUNCATION`).
 
     Attributes:
         link: the link of that beam (the worst, if there are several).
         time: of the first output row past the limit (s).
         rotation: largest rotation of its sections against its base in the run (rad).
-        limit: that its order is good for (rad).
+        limit: that its order is good for (rad); at order "exact", the rotation at `time`.
     """
 
     def __init__(self, message: str, link: int, time: float, rotation: float, limit: float) -> None:
@@ -54,6 +61,38 @@ def rotation(beam: Beam, qe: Array, turns: Array | None = None) -> Array:
     return out
 
 
+def _bound(qe: Array, turns: Array) -> float:
+    """What no rotation of a section exceeds in any row."""
+    sizes = np.linalg.norm(turns.reshape(-1, 3, qe.shape[1]), axis=1).max(axis=0)
+    return float(np.abs(qe).max(axis=0, initial=0.0) @ sizes)
+
+
+def _unresolved(arm: Arm, t: Array, q: Array) -> RangeWarning | None:
+    """The warning about an exact beam whose Gauss points are too few for how it is bent, or None. Rows are looked at
+    where a coordinate is largest, and only then all."""
+    for k, link in enumerate(arm.links):
+        beam = link.beam
+        if beam is None or beam.order != "exact" or not beam.ne or not len(q):
+            continue
+        first = arm._core.first_q(k) + link.joint.nq
+        qe, turns = q[:, first : first + beam.ne], _turns(beam)
+        if beam.gauss_points is None and _bound(qe, turns) <= _RESOLVED:
+            continue
+        angle = rotation(beam, qe, turns)
+        rows = np.unique([*np.abs(qe).argmax(axis=0), angle.argmax()])
+        if (beam._core.truncation(qe[rows]) <= TRUNCATION).all():
+            continue
+        wrong = beam._core.truncation(qe)
+        row, points = int(np.argmax(~(wrong <= TRUNCATION))), beam._core.gauss_points
+        return RangeWarning(
+            f'link {k}: order "exact" has {points} Gauss points along this beam, too few for how it is bent: from t = '
+            f"{t[row]:.6g} s its sections are off by more than {TRUNCATION:g} of its length, by up to {wrong.max():.2g}; "
+            f"take gauss_points = {min(2 * points, 400)}, or fewer shapes",
+            k, float(t[row]), float(angle.max()), float(angle[row]),
+        )  # fmt: skip
+    return None
+
+
 def out_of_range(arm: Arm, t: Array, q: Array) -> RangeWarning | None:
     """The warning that a trajectory t (nt,), q (nt, nq) deserves, or None. Costs next to nothing while all is well."""
     worst, others = None, -1
@@ -64,10 +103,7 @@ def out_of_range(arm: Arm, t: Array, q: Array) -> RangeWarning | None:
         first = arm._core.first_q(k) + link.joint.nq
         qe, limit = q[:, first : first + beam.ne], LIMITS[int(beam.order)]
         turns = _turns(beam)
-        if (
-            np.abs(qe).max(axis=0, initial=0.0) @ np.linalg.norm(turns.reshape(-1, 3, beam.ne), axis=1).max(axis=0)
-            <= limit
-        ):
+        if _bound(qe, turns) <= limit:
             continue
         angle = rotation(beam, qe, turns)
         past = np.flatnonzero(~(angle <= limit))
@@ -76,7 +112,7 @@ def out_of_range(arm: Arm, t: Array, q: Array) -> RangeWarning | None:
             found = (float(angle.max()) / limit, k, float(t[past[0]]), float(angle.max()), limit, beam.order)
             worst = found if worst is None else max(worst, found)
     if worst is None:
-        return None
+        return _unresolved(arm, t, q)
     _, k, time, largest, limit, order = worst
     more = f", and {others} more" if others else ""
     better = '"exact"' if order == 3 else '3 or "exact"' if order == 2 else '2, 3 or "exact"'
