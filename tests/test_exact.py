@@ -39,11 +39,31 @@ def strains(modes: dict, q: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def truth(modes: dict, q: np.ndarray, x: np.ndarray = X) -> tuple[np.ndarray, np.ndarray]:
-    def slope(s: float, y: np.ndarray) -> np.ndarray:
-        k = strains(modes, q, np.array([s]))[:, 0]
-        p, v = y[0], y[1:4]
-        R = Rotation.from_quat([*v, p]).as_matrix()
-        return np.array([-0.5 * v @ k[:3], *(0.5 * (p * k[:3] + np.cross(v, k[:3]))), *(R @ [1.0, k[3], k[4]])])
+    """Position and orientation of the sections at x."""
+    line = [np.zeros(1) for _ in range(5)]  # strains as polynomials of X
+    at = 0
+    for name in ("bending_y", "bending_z", "torsion", "shear_y", "shear_z"):
+        n, (row, sign) = modes.get(name, 0), ROWS[name]
+        if n:
+            line[row] = sign * legendre.Legendre(q[at : at + n], [0, 1]).convert(kind=np.polynomial.Polynomial).coef
+        at += n
+    most = max(map(len, line))
+    C = np.array([np.pad(c, (0, most - len(c))) for c in line])
+    powers = np.arange(most)
+
+    def slope(s: float, y: np.ndarray) -> list[float]:
+        K1, K2, K3, f, g = C @ s**powers
+        w, a, b, c = y[:4]
+        n = w * w + a * a + b * b + c * c
+        return [
+            -0.5 * (a * K1 + b * K2 + c * K3),
+            0.5 * (w * K1 + b * K3 - c * K2),
+            0.5 * (w * K2 + c * K1 - a * K3),
+            0.5 * (w * K3 + a * K2 - b * K1),
+            (w * w + a * a - b * b - c * c + 2 * (a * b - w * c) * f + 2 * (a * c + w * b) * g) / n,
+            (2 * (a * b + w * c) + (w * w - a * a + b * b - c * c) * f + 2 * (b * c - w * a) * g) / n,
+            (2 * (a * c - w * b) + 2 * (b * c + w * a) * f + (w * w - a * a - b * b + c * c) * g) / n,
+        ]
 
     y = solve_ivp(slope, (0, 1), [1.0, 0, 0, 0, 0, 0, 0], "DOP853", x, rtol=1e-13, atol=1e-14).y
     return y[4:].T, Rotation.from_quat(np.column_stack([*y[1:4], y[0]])).as_matrix()

@@ -49,9 +49,9 @@ void put(const VecX<Tangent>& values, Eigen::Index k, std::size_t lane, Eigen::M
 
 InverseDerivatives::InverseDerivatives(const Arm& arm, const std::vector<Load>& loads)
     : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nq())), dv(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())) {
-  if (arm.plan() && loads.empty()) {
-    memory_.resize(kAligned / sizeof(double) +
-                   lanes::best_kernels().slopes_memory(arm.plan()->layout()) / sizeof(double) + 1);
+  if (arm.plan() && loads.empty()) {  // derivatives of nearly singular masses need every digit of the rotary inertia
+    plan_ = std::make_shared<const lanes::Plan>(*lanes::Plan::of(arm, true));
+    memory_.resize((kAligned + lanes::best_kernels().slopes_memory(plan_->layout())) / sizeof(double) + 1);
     return;
   }
   ws_.emplace(arm, loads);
@@ -60,12 +60,12 @@ InverseDerivatives::InverseDerivatives(const Arm& arm, const std::vector<Load>& 
 
 void InverseDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                     const Eigen::VectorXd& a) {
-  if (!ws_) {
+  if (plan_) {
     void* at = memory_.data();
     std::size_t space = memory_.size() * sizeof(double);
     at = std::align(kAligned, space - kAligned, at, space);
-    lanes::best_kernels().slopes(arm.plan()->layout(), arm.plan()->numbers().data(), at, q.data(), v.data(), a.data(),
-                                 dq.data(), dv.data());
+    lanes::best_kernels().slopes(plan_->layout(), plan_->numbers().data(), at, q.data(), v.data(), a.data(), dq.data(),
+                                 dv.data());
     return;
   }
   state_->set(q, v, a);

@@ -1,5 +1,7 @@
 #include "flexarm/series.hpp"
 
+#include <type_traits>
+
 #include "flexarm/workspace.hpp"
 
 namespace flexarm {
@@ -202,7 +204,8 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
   T.col(0).setConstant(S(1));
   P = T;
   int still = 0;
-  for (int i = 1; i < 400 && still < 3; ++i) {
+  constexpr int kStill = std::is_same_v<S, double> ? 1 : 3;  // derivatives converge a little later
+  for (int i = 1; i < 400 && still < kStill; ++i) {
     slope(T);
     bool small = true;
     for (Eigen::Index c = 0; c < 4; ++c) {
@@ -212,7 +215,7 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
         small = small && T(j, c) < 1e-17 && -T(j, c) < 1e-17;
       }
     }
-    still = small ? still + 1 : 0;  // three more, for the sake of derivatives
+    still = small ? still + 1 : 0;
   }
   slope(P);  // what a slice at any X sums
 
@@ -223,7 +226,9 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
     put(R * at(s.K, j, rate_column), j, rate_column, s.turn);
     for (Eigen::Index k = first_derivative_column; k < s.K[0].cols(); ++k) put(R * at(s.K, j, k), j, k, s.turn);
   }
-  integrate(A, s.turn, Omega);
+  for (std::size_t c = 0; c < 3; ++c)
+    for (Eigen::Index k = rate_column; k < s.turn[c].cols(); ++k)
+      if (k != bias_column) sum_up(A, s.turn[c].col(k).data(), Omega[c].col(k).data());
   for (Eigen::Index j = 0; j < n; ++j)  // the convective part: (dR/dt) dK = Omega x R dK
     put(at(Omega, j, rate_column).cross(at(s.turn, j, rate_column)), j, bias_column, s.turn);
   for (std::size_t c = 0; c < 3; ++c) sum_up(A, s.turn[c].col(bias_column).data(), Omega[c].col(bias_column).data());

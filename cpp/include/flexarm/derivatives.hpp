@@ -2,6 +2,7 @@
 // where they know the arm (Arm::plan) and no load acts.
 #pragma once
 
+#include <memory>
 #include <optional>
 
 #include "flexarm/inverse.hpp"
@@ -31,7 +32,8 @@ class InverseDerivatives {
   Eigen::MatrixXd dq, dv;
 
  private:
-  std::vector<double> memory_;  ///< of the fast kernels, or else:
+  std::shared_ptr<const lanes::Plan> plan_;  ///< of the fast kernels, and their memory; or else:
+  std::vector<double> memory_;
   std::optional<SweepWorkspace<Tangent>> ws_;
   std::optional<TangentState> state_;
 };

@@ -23,7 +23,8 @@ struct BeamPoints {
 class Plan {
  public:
   /// @return none for what the kernels do not know: balls, beams of order 0, 3 and exact
-  static std::optional<Plan> of(const Arm& arm);
+  /// @param every_slice  sum the inertia of rotation over all slices, instead of over the fewest that do to 1e-13
+  static std::optional<Plan> of(const Arm& arm, bool every_slice = false);
   /// For kernels that take `width` points of a beam at once, with the motion of some rates prescribed.
   Plan grouped(int width, const std::vector<bool>& given) const;
   /// Whether the arms are of one structure.

@@ -99,13 +99,14 @@ struct Stations {
 
 struct Plan::Builder {
   const Arm& arm;
+  bool every_slice;
   Axes axes;
   Plan plan;
   // what is carried to the next node: from the frame of the last node, or the end of its beam
   Vector3d offset = Vector3d::Zero();
   Matrix3d turn = Matrix3d::Identity();
 
-  explicit Builder(const Arm& a) : arm(a), axes(find_plane(a)) {}
+  explicit Builder(const Arm& a, bool every) : arm(a), every_slice(every), axes(find_plane(a)) {}
 
   void put(double x) { plan.numbers_.push_back(x); }
   void put(const Vector3d& v) {
@@ -421,9 +422,9 @@ bool Plan::Builder::add_beam(const Link& link, std::size_t n) {
   if (axes.planar) {
     put_plane(link, at);
   } else {
-    const BeamPoints& shared = turning_of(beam);
-    const MatrixXd& rest = shared.rest;
-    for (const MassSlice& s : shared.turning) {
+    const Eigen::Index size = 3 + node.ne;
+    const MatrixXd rest = every_slice ? MatrixXd(MatrixXd::Zero(size, size)) : turning_of(beam).rest;
+    for (const MassSlice& s : every_slice ? beam.slices() : turning_of(beam).turning) {
       const Vector3d I = s.inertia, root = I.cwiseSqrt();
       if (I.isZero(0.0)) continue;
       std::vector<double> p{root[0], root[1], root[2]};
@@ -460,8 +461,8 @@ bool Plan::Builder::add_beam(const Link& link, std::size_t n) {
   return true;
 }
 
-std::optional<Plan> Plan::of(const Arm& arm) {
-  Builder b(arm);
+std::optional<Plan> Plan::of(const Arm& arm, bool every_slice) {
+  Builder b(arm, every_slice);
   b.put(Vector3d(-arm.gravity()));
   for (std::size_t n = 0; n < arm.size(); ++n)
     if (!b.add_link(n)) return std::nullopt;

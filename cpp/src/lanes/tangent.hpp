@@ -73,6 +73,12 @@ struct Lanes<LaneDual> {
   static LaneDual load(const double* p) { return LaneDual{} + *p; }
   static LaneDual select(bool m, const LaneDual& a, const LaneDual& b) { return m ? a : b; }
   static bool everywhere(bool m) { return m; }
+  static bool all(bool m) { return m; }
+  static LaneDual root(const LaneDual& a) {
+    const double x = __builtin_sqrt(a.x), slope = 0.5 / x;
+    return LaneDual::map(x, [&](int i) { return slope * a.d[i]; });
+  }
+  static LaneDual size(const LaneDual& a) { return a < 0.0 ? -a : a; }
   static LaneDual larger(const LaneDual& a, const LaneDual& b) { return a > b ? a : b; }
   static LaneDual smaller(const LaneDual& a, const LaneDual& b) { return a < b ? a : b; }
 };
