@@ -116,12 +116,11 @@ def test_sections_stay_rotations(turn: float) -> None:
     for modes in SHAPES.values():
         for options in ({}, {"gauss_points": 12}):
             arm = make(modes, **options)
-            for seed in range(2):
-                q = np.r_[0.3, bent(modes, turn, seed)]
-                for x in (0.2, None):
-                    R = arm.frame(q, 0, x)[1]
-                    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-13)
-                    assert np.linalg.det(R) > 0
+            q = np.r_[0.3, bent(modes, turn)]
+            for x in (0.2, None):
+                R = arm.frame(q, 0, x)[1]
+                np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-13)
+                assert np.linalg.det(R) > 0
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -161,13 +160,14 @@ def test_energy_over_a_run() -> None:
 @pytest.mark.parametrize("modes", [*SHAPES.values(), {"bending_y": 3}, {"bending_z": 5, "shear_z": 1}])
 def test_estimate_of_what_is_truncated(modes: dict) -> None:
     """What a beam says of itself is what SciPy finds, also where it is all wrong."""
-    arm = make(modes)
-    beam = arm.links[0].beam
-    for turn in (2.0, 10.0, 30.0):
-        q = bent(modes, turn)
-        q[1 if len(modes) == 1 else 0 :] += 0.2 * turn
-        estimate, true = beam._core.truncation(q[None])[0], max(wrong(arm, modes, q))
-        assert 0.3 * true - 1e-11 < estimate < 10 * true + 1e-11, (turn, estimate, true)
+    q = bent(modes, 6.0)
+    worst = 0.0
+    for options in ({}, {"gauss_points": 10}):
+        arm = make(modes, **options)
+        estimate, true = arm.links[0].beam._core.truncation(q[None])[0], max(wrong(arm, modes, q))
+        assert 0.3 * true - 1e-11 < estimate < 10 * true + 1e-11, (options, estimate, true)
+        worst = max(worst, true)
+    assert worst > 1e-6
     assert make(modes, 2).links[0].beam._core.truncation(np.ones((1, len(q)))) == 0
 
 

@@ -1,4 +1,4 @@
-"""Rotations of balls in every integrator: steady spin, Euler's top (Jacobi's elliptic functions), momentum of free arms."""
+"""Rotations of balls in every integrator: steady spin, Euler's top (Jacobi's functions), momentum of free arms."""
 
 from itertools import pairwise
 

@@ -86,8 +86,8 @@ def _unresolved(arm: Arm, t: Array, q: Array) -> RangeWarning | None:
         row, points = int(np.argmax(~(wrong <= TRUNCATION))), beam._core.gauss_points
         return RangeWarning(
             f'link {k}: order "exact" has {points} Gauss points along this beam, too few for how it is bent: from t = '
-            f"{t[row]:.6g} s its sections are off by more than {TRUNCATION:g} of its length, by up to {wrong.max():.2g}; "
-            f"take gauss_points = {min(2 * points, 400)}, or fewer shapes",
+            f"{t[row]:.6g} s its sections are off by more than {TRUNCATION:g} of its length, by up to "
+            f"{wrong.max():.2g}; take gauss_points = {min(2 * points, 400)}, or fewer shapes",
             k, float(t[row]), float(angle.max()), float(angle[row]),
         )  # fmt: skip
     return None
