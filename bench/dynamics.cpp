@@ -2,8 +2,10 @@
 // fixed step.
 //   cmake --preset release && cmake --build --preset release && build/release/bench_dynamics
 //   build/release/bench_dynamics steps
+//   build/release/bench_dynamics derivatives
 // Prints a CSV table (order 4 stands for exact); medians of several rounds, all algorithms in turn, so that ratios hold
 // on a noisy machine. `steps`: the time per step of a falling chain, and the exponents of its growth with the links.
+// `derivatives`: exact Jacobians of inverse dynamics, in times of one inverse dynamics.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -14,6 +16,7 @@
 
 #include "common.hpp"
 #include "flexarm/ci.hpp"
+#include "flexarm/derivatives.hpp"
 #include "flexarm/step.hpp"
 
 using namespace flexarm;
@@ -92,11 +95,38 @@ void evaluations() {
       }
 }
 
+void derivatives() {
+  std::printf("links,modes,order,coordinates,inverse_us,derivatives_us,derivatives/inverse\n");
+  const std::array<int, 5> rigid{}, planar{3, 0, 0, 0, 0}, spatial{2, 2, 2, 0, 0};
+  for (const auto& modes : {rigid, planar, spatial})
+    for (int order : {0, 1, 2, 3, kExact})
+      for (int links : {2, 7}) {
+        if (modes == rigid && order != 2) continue;
+        const Arm arm = chain(links, modes, order);
+        Workspace ws(arm);
+        InverseDerivatives jacobians(arm);
+        Eigen::VectorXd q(arm.nv()), v(arm.nv()), a = Eigen::VectorXd::Ones(arm.nv());
+        for (int i = 0; i < arm.nv(); ++i) {
+          q[i] = 0.001 * std::sin(1.7 * i);
+          v[i] = 0.01 * std::cos(2.3 * i);
+        }
+        std::vector<double> id, jd;
+        for (int round = 0; round < 9; ++round) {
+          id.push_back(cpu_microseconds([&] { inverse_dynamics<double>(arm, ws, q, v, a); }, 200));
+          jd.push_back(cpu_microseconds([&] { jacobians(arm, q, v, a); }, 10));
+        }
+        std::printf("%d,%d+%d+%d,%d,%d,%.3g,%.3g,%.1f\n", links, modes[0], modes[1], modes[2], order, arm.nv(),
+                    median(id), median(jd), median(jd) / median(id));
+      }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   if (argc > 1 && std::string(argv[1]) == "steps")
     steps();
+  else if (argc > 1 && std::string(argv[1]) == "derivatives")
+    derivatives();
   else
     evaluations();
 }

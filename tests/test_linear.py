@@ -39,6 +39,28 @@ def test_forward_derivatives_against_differences(seed: int) -> None:
     close(found.dtau @ arm.mass_matrix(q), np.eye(arm.nv), 1e-8)
 
 
+@pytest.mark.parametrize("modes", [{}, {"bending_y": 3, "shear_y": 1}, {"bending_y": 2, "bending_z": 2, "torsion": 2}])
+@pytest.mark.parametrize("order", [1, 2])
+def test_derivatives_without_loads_are_those_with_a_load_of_nothing(modes: dict, order: int) -> None:
+    """One goes through the fast kernels, the other through Eigen's sweeps; in the plane and in space, with springs,
+    stops that are met, rotors and placements."""
+    beam = fa.Beam(0.6, fa.Rectangle(0.01, 0.02), STEEL, modes, order=order, kelvin_voigt=1e-3) if modes else None
+    stop = {"lower": -0.1, "upper": 0.2, "limit_stiffness": 1e3, "limit_damping": 2.0, "reflected_inertia": 0.01}
+    flat = "torsion" not in modes
+    tilt = {} if flat else {"outboard": fa.Placement((0.1, 0, 0), (0.3, -0.5, 0.4))}
+    links = [
+        fa.Link(fa.Revolute("z", stiffness=3.0, rest=0.2, damping=0.1, **stop), BODY, beam),
+        fa.Link(fa.Prismatic("x" if flat else (1, 2, 2), **stop), BODY, beam, BODY),
+        fa.Link(fa.Revolute("z" if flat else "y", **tilt), None if beam else BODY, beam, BODY),
+    ]
+    arm = fa.Arm(links, (1, -9.81, 0 if flat else 2))
+    rng = np.random.default_rng(0)
+    q, v, a = random_state(rng, arm)
+    fast, general = arm.inverse_derivatives(q, v, a), arm.inverse_derivatives(q, v, a, [fa.Load(0, None, (0, 0, 0))])
+    for x, y in zip(fast, general, strict=True):
+        np.testing.assert_allclose(x, y, atol=1e-11 * np.abs(y).max())
+
+
 def test_forward_and_inverse_derivatives_are_inverse() -> None:
     rng = np.random.default_rng(11)
     arm = floating_arm()

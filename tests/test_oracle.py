@@ -182,7 +182,7 @@ def test_forces(name: str) -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_jacobians(name: str) -> None:
-    """Of inverse dynamics, and of forward dynamics at the same motion."""
+    """Of inverse dynamics, and of forward dynamics at the same motion; by the fast kernels, and as with a load."""
     oracle, arm, (q, v, a) = both(name)
     by_q, by_v, M = oracle.jacobians(q, v, a)
     turns = oracle.small_turns(q)
@@ -190,6 +190,9 @@ def test_jacobians(name: str) -> None:
     close(inverse[0] @ turns, by_q, 1e-9)
     close(inverse[1], by_v, 1e-9)
     close(inverse[2], M, 1e-9)
+    general = arm.inverse_derivatives(q, v, a, [fa.Load(0, None, (0, 0, 0))])
+    close(general[0] @ turns, by_q, 1e-9)
+    close(general[1], by_v, 1e-9)
     forward = arm.forward_derivatives(q, v, oracle.inverse(q, v, a))
     close(forward.dq @ turns, -np.linalg.solve(M, by_q), 1e-7)
     close(forward.dv, -np.linalg.solve(M, by_v), 1e-7)

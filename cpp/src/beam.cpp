@@ -76,6 +76,11 @@ std::vector<Product> second_order(const ProductIntegrals& I, const std::array<in
 
 namespace {
 
+bool one_plane(const BeamOptions& o) {
+  const bool y = o.modes[bending_y] + o.modes[shear_y] > 0, z = o.modes[bending_z] + o.modes[shear_z] > 0;
+  return o.modes[torsion] == 0 && y != z;
+}
+
 /// For shapes of any form: by trial, until the Gram matrix of what the slices' motion is made of (deflections, slopes,
 /// and the running integrals of their products that shorten the beam) is right to 1e-12. Order 3 and above take half as
 /// many more, as clamped-free modes do.
@@ -122,6 +127,7 @@ int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& sha
     const MatrixXd wrong = gram(GaussRule(n, length)) - truth;
     if ((size.asDiagonal() * wrong * size.asDiagonal()).cwiseAbs().maxCoeff() > 1e-12) continue;
     const bool products_turn = o.order > 2 || (o.order == 1 && o.rotary_inertia);
+    if (o.order == kExact && !one_plane(o)) return 2 * n + 2;
     return products_turn ? n + n / 2 + 2 : n;
   }
   return most;
@@ -139,8 +145,9 @@ int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shape
     const int linear = std::max(bending + 1, simple), m = std::max(bending, simple);
     const int quadratic = std::max({linear, 2 * bending + 1, bending + simple + 1});
     const int degree = o.order < 2 ? linear : o.order == 2 ? quadratic : 3 * m + 1;
-    // the rotation exp(theta) is no polynomial
-    if (o.order == kExact) return degree + 9;
+    // The rotation is no polynomial: in space what these resolve to 1e-10 is a whole turn of all shapes together, or
+    // most of a radian of the highest alone.
+    if (o.order == kExact) return one_plane(o) ? 4 * m + 12 : 6 * m + 12;
     return o.order > 0 && o.rotary_inertia ? std::max(degree, quadratic) + 3 + (bending + simple) / 2 : degree + 1;
   }
   // The integrand holds products of two (order i: 2 i) modes of wave number beta ~ (n - 1/2) pi over the
@@ -266,9 +273,7 @@ Beam::Beam(double length, const Profile& profile, const Material& material, cons
     first_[s] = ne_;
     ne_ += n;
   }
-  const std::array<int, kStrains>& m = options_.modes;
-  const bool y = m[bending_y] + m[shear_y] > 0, z = m[bending_z] + m[shear_z] > 0;
-  if (m[torsion] == 0 && y != z) plane_ = y ? Plane::xy : Plane::xz;
+  if (one_plane(options_)) plane_ = options_.modes[bending_y] + options_.modes[shear_y] > 0 ? Plane::xy : Plane::xz;
   std::vector<MassSlice> slices = build_slices(profile);
   patch_forces_.resize(ne_, static_cast<Eigen::Index>(patches.size()));
   patch_capacitances_.resize(patch_forces_.cols());
@@ -309,6 +314,7 @@ std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
     if (options_.rotary_inertia && mass_ > 0.0)
       inertia = masses.weights[g] / profile.mass(section) * profile.rotary(section);
     slices.push_back({all[g], masses.weights[g], inertia});
+    if (profile.uniform && options_.order > 2) slices.back().table.point = g;
   }
   tip_ = all[n];
   if (options_.order > 2 && ne_ > 0)  // a beam without coordinates is rigid at any order
@@ -351,7 +357,7 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
   }
 }
 
-std::vector<SliceTable> Beam::tables(const std::vector<double>& stations) const {
+std::vector<SliceTable> Beam::tables(const std::vector<double>& stations, const GaussRule& rule) const {
   const std::array<int, kStrains>& n = options_.modes;
   const auto shapes_at = [&](double X) {
     std::array<ShapeValues, kStrains> s;
@@ -384,8 +390,41 @@ std::vector<SliceTable> Beam::tables(const std::vector<double>& stations) const 
       if (f.rotation >= 0) columns(t.linear, 3 + f.rotation) = f.sign * s[i].slope.transpose();
     }
     if (options_.order == 2) t.products = second_order(integrals, first_);
-    if (options_.order > 2) t.weights = integral_weights(rule_, length_, X);
+    if (options_.order > 2) t.weights = integral_weights(rule, length_, X);
     out.push_back(std::move(t));
+  }
+  return out;
+}
+
+Eigen::VectorXd Beam::truncation(const Eigen::MatrixXd& q) const {
+  Eigen::VectorXd out = Eigen::VectorXd::Zero(q.rows());
+  if (!series_ || options_.order != kExact) return out;
+  constexpr int kPlaces = 8;
+  std::vector<double> places;
+  for (int k = 1; k <= kPlaces; ++k) places.push_back(length_ * k / kPlaces);
+  const GaussRule finer(2 * static_cast<int>(rule_.points.size()) + 8, length_);
+  const double* points = finer.points.data();
+  const SeriesTables twice(kExact, plane_, tables({points, points + finer.points.size()}, finer));
+  const std::array<std::vector<SliceTable>, 2> at{tables(places), tables(places, finer)};
+  Series<double> own(*series_, ne_), fine(twice, ne_);
+  std::array<Slice<double>, 2> slice{Slice<double>(ne_), Slice<double>(ne_)};
+  const Eigen::VectorXd still = Eigen::VectorXd::Zero(ne_);
+  for (Eigen::Index row = 0; row < q.rows(); ++row) {
+    const Eigen::VectorXd qe = q.row(row);
+    fill_series(*series_, qe.data(), still.data(), own);
+    fill_series(twice, qe.data(), still.data(), fine);
+    for (std::size_t k = 0; k < places.size(); ++k) {
+      for (std::size_t i : {0u, 1u}) {
+        const Series<double>& s = i == 0 ? own : fine;
+        if (plane_ == Plane::none)
+          move_slice(at[i][k], Eigen::Vector3d::Zero(), kExact, s, slice[i]);
+        else
+          move_planar_slice(at[i][k], Eigen::Vector3d::Zero(), s, qe.data(), still.data(), true, slice[i]);
+      }
+      const double wrong = std::max((slice[0].x - slice[1].x).cwiseAbs().maxCoeff() / length_,
+                                    (slice[0].R - slice[1].R).cwiseAbs().maxCoeff());
+      if (!(wrong <= out[row])) out[row] = wrong;  // NaN as well
+    }
   }
   return out;
 }

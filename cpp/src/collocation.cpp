@@ -19,6 +19,8 @@ constexpr int kGivenUp = 3;      // corrections that grew, after which an iterat
 constexpr double kFloor = 1e-8;  // parts of the motion: an iteration that stalls below is at the end of its digits
 constexpr double kGrown = 1.5;   // ratio of a step to the one before, above which nothing is extrapolated
 constexpr double kForget = 0.99;
+constexpr int kTurns = 60;         // passes that the turns of a ball may take
+constexpr double kTurned = 2e-15;  // rad: they have converged
 
 }  // namespace
 
@@ -39,12 +41,15 @@ CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& optio
   }
   A2_ = A_ * A_;
   monomials_ = powers.inverse();
-  turned_.assign(static_cast<std::size_t>(arm.nq()), true);
-  for (int i = 0; i < arm.nv(); ++i)
-    if (arm.coordinate_of(i) >= 0) turned_[static_cast<std::size_t>(arm.coordinate_of(i))] = false;
-  q_ = rates_ = Eigen::MatrixXd::Zero(arm.nq(), s_);
-  v_ = a_ = tau_ = a_before_ = Eigen::MatrixXd::Zero(arm.nv(), s_);
-  qs_ = dq_ = q0_;
+  turn_weights_ = A_.rowwise() - 0.5 * b_.transpose();
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const Joint& joint = arm.link(n).joint();
+    const Eigen::Index before = static_cast<Eigen::Index>(joint.motions().size());
+    if (joint.has_ball()) balls_.push_back({arm.first_q(n) + before, arm.first(n) + before});
+  }
+  q_ = Eigen::MatrixXd::Zero(arm.nq(), s_);
+  v_ = a_ = tau_ = a_before_ = u_ = du_ = Eigen::MatrixXd::Zero(arm.nv(), s_);
+  qs_ = middle_ = q0_;
   vs_ = as_ = v0_;
   rate_by_q_.resize(arm.nq(), arm.nq());
   rate_by_v_.resize(arm.nq(), arm.nv());
@@ -94,20 +99,38 @@ void CollocationStep::predict(double ratio, const Workspace& ws) {
   }
 }
 
-/// Velocities, rates and coordinates at the points from the accelerations there. A ball's rates take its quaternion as
-/// the iteration has it.
-void CollocationStep::place(double h, const Workspace& ws) {
+/// Velocities and coordinates at the points from the accelerations there.
+/// @return whether the turns of the balls converged
+bool CollocationStep::place(double h, const Workspace& ws) {
   for (int row : ws.free)
     for (int i = 0; i < s_; ++i) v_(row, i) = v0_[row] + h * A_.row(i).dot(a_.row(row));
-  for (int i = 0; i < s_; ++i) {
-    qs_ = q_.col(i);
-    vs_ = v_.col(i);
-    coordinate_rates(*arm_, qs_, vs_, dq_);
-    rates_.col(i) = dq_;
+  for (int row : ws.free) {
+    const int k = arm_->coordinate_of(row);
+    for (int i = 0; k >= 0 && i < s_; ++i) q_(k, i) = q0_[k] + h * A_.row(i).dot(v_.row(row));
   }
-  for (Eigen::Index row = 0; row < q_.rows(); ++row)
-    if (free_q_[static_cast<std::size_t>(row)])
-      for (int i = 0; i < s_; ++i) q_(row, i) = q0_[row] + h * A_.row(i).dot(rates_.row(row));
+  return balls_.empty() || turn_balls(h);
+}
+
+/// u_i = h sum (A_ij - b_j / 2) du_j, repeated until it stands still: it contracts by a part of the turn.
+bool CollocationStep::turn_balls(double h) {
+  for (const Ball& ball : balls_) {
+    auto u = u_.middleRows<3>(ball.v), du = du_.middleRows<3>(ball.v);
+    double moved = 1.0;
+    for (int pass = 0; pass < kTurns && moved > kTurned; ++pass) {
+      for (int i = 0; i < s_; ++i) du.col(i) = turn_rate(u.col(i), v_.col(i).segment<3>(ball.v));
+      moved = 0.0;
+      for (int i = 0; i < s_; ++i) {
+        const Eigen::Vector3d now = h * (du * turn_weights_.row(i).transpose());
+        const double change = (now - u.col(i)).norm() / (1.0 + now.norm());
+        if (!(change <= moved)) moved = change;  // NaN as well
+        u.col(i) = now;
+      }
+    }
+    if (!(moved <= kTurned)) return false;
+    turn_ball(q0_.data() + ball.q, 0.5 * h * (du * b_), middle_.data() + ball.q);
+    for (int i = 0; i < s_; ++i) turn_ball(middle_.data() + ball.q, u.col(i), q_.col(i).data() + ball.q);
+  }
+  return true;
 }
 
 /// Mass matrix and exact Jacobians by rates and coordinates, at the point in the middle.
@@ -168,7 +191,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
   bool renewed = false;
   contraction_ = std::max(kBest, std::pow(contraction_, 0.8));  // old knowledge, doubted more with every step
   for (int iteration = 1; iteration <= options_.max_iterations; ++iteration) {
-    place(h, ws);
+    if (!place(h, ws)) return Status::not_converged;
     if (anew) {
       differentiate(ws);
       renewed = true;
@@ -207,7 +230,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     last = moved;
     const double left = std::min(1.0, contraction_ / std::max(1.0 - contraction_, 1e-3)) * moved;
     if (left <= options_.rtol * scale || stalled) {
-      place(h, ws);
+      if (!place(h, ws)) return Status::not_converged;
       scale_ = std::max(kForget * scale_, motion);
       if (stalled) contraction_ = kSlow;
       if (renewed) best_ = contraction_;
@@ -222,6 +245,7 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
                                 const Eigen::VectorXd& tau, const Given& given) {
   q0_ = q;
   v0_ = v;
+  u_.setZero();
   predict(h_ > 0.0 ? h / h_ : 0.0, ws);
   for (int i = 0; i < s_; ++i) {
     if (given) given(c_[i]);
@@ -246,7 +270,6 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   }
   h_ = h;
   inside(1.0, q, v);
-  for (std::size_t n = 0; n < arm_->size(); ++n) arm_->link(n).joint().normalise(q.data() + arm_->first_q(n));
   if (given) given(1.0);
   if (arm_->within_reach(q, v)) return Status::ok;
   q = q0_;
@@ -257,21 +280,25 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
 void CollocationStep::inside(double c, Eigen::VectorXd& q, Eigen::VectorXd& v) const {
   q = q0_;
   v = v0_;
+  Eigen::Vector4d once;
   for (int j = 0; j < s_; ++j) {  // the Lagrange polynomial of point j, integrated once and twice
-    double once = 0.0, twice = 0.0;
+    once[j] = 0.0;
+    double twice = 0.0;
     for (int k = s_; k-- > 0;) {
-      once = (once + monomials_(k, j) / (k + 1.0)) * c;
+      once[j] = (once[j] + monomials_(k, j) / (k + 1.0)) * c;
       twice = (twice + monomials_(k, j) / ((k + 1.0) * (k + 2.0))) * c;
     }
     twice *= c;
-    v += h_ * once * a_.col(j);
-    for (Eigen::Index k = 0; k < q.size(); ++k)
-      if (turned_[static_cast<std::size_t>(k)]) q[k] += h_ * once * rates_(k, j);
+    v += h_ * once[j] * a_.col(j);
     for (int i = 0; i < arm_->nv(); ++i)
       if (arm_->coordinate_of(i) >= 0) q[arm_->coordinate_of(i)] += h_ * h_ * twice * a_(i, j);
   }
   for (int i = 0; i < arm_->nv(); ++i)
     if (arm_->coordinate_of(i) >= 0) q[arm_->coordinate_of(i)] += h_ * c * v0_[i];
+  for (const Ball& ball : balls_) {
+    const auto du = du_.middleRows<3>(ball.v);
+    turn_ball(middle_.data() + ball.q, h_ * (du * (once.head(s_) - 0.5 * b_)), q.data() + ball.q);
+  }
 }
 
 }  // namespace flexarm

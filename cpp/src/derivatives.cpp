@@ -1,6 +1,10 @@
 #include "flexarm/derivatives.hpp"
 
 #include <algorithm>
+#include <memory>
+
+#include "lanes/kernels.hpp"
+#include "lanes/plan.hpp"
 
 namespace flexarm {
 
@@ -33,6 +37,8 @@ void TangentState::sweep(const Evaluate& evaluate, const Store& store) {
 
 namespace {
 
+constexpr std::size_t kAligned = 64;  // bytes, as the kernels want their memory
+
 /// Writes direction k of `values` into the columns of dq, then of dv.
 void put(const VecX<Tangent>& values, Eigen::Index k, std::size_t lane, Eigen::MatrixXd& dq, Eigen::MatrixXd& dv) {
   for (Eigen::Index i = 0; i < values.size(); ++i)
@@ -42,16 +48,29 @@ void put(const VecX<Tangent>& values, Eigen::Index k, std::size_t lane, Eigen::M
 }  // namespace
 
 InverseDerivatives::InverseDerivatives(const Arm& arm, const std::vector<Load>& loads)
-    : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nq())),
-      dv(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())),
-      ws_(arm, loads),
-      state_(arm) {}
+    : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nq())), dv(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())) {
+  if (arm.plan() && loads.empty()) {
+    memory_.resize((kAligned + lanes::best_kernels().slopes_memory(arm.plan()->layout())) / sizeof(double) + 1);
+    return;
+  }
+  ws_.emplace(arm, loads);
+  state_.emplace(arm);
+}
 
 void InverseDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                     const Eigen::VectorXd& a) {
-  state_.set(q, v, a);
-  state_.sweep([&] { inverse_dynamics(arm, ws_, state_.q, state_.v, state_.a); },
-               [&](Eigen::Index k, std::size_t lane) { put(ws_.tau, k, lane, dq, dv); });
+  if (!ws_) {
+    const lanes::Plan& plan = *arm.plan();
+    void* at = memory_.data();
+    std::size_t space = memory_.size() * sizeof(double);
+    at = std::align(kAligned, space - kAligned, at, space);
+    lanes::best_kernels().slopes(plan.layout(), plan.numbers().data(), at, q.data(), v.data(), a.data(), dq.data(),
+                                 dv.data());
+    return;
+  }
+  state_->set(q, v, a);
+  state_->sweep([&] { inverse_dynamics(arm, *ws_, state_->q, state_->v, state_->a); },
+                [&](Eigen::Index k, std::size_t lane) { put(ws_->tau, k, lane, dq, dv); });
 }
 
 MotionDerivatives::MotionDerivatives(const Arm& arm, std::size_t link, std::optional<double> x)

@@ -217,18 +217,28 @@ void Joint::rate_jacobians(const double* q, const double* v, Eigen::Ref<Eigen::M
   E.bottomRows<3>() = 0.5 * (p[0] * Eigen::Matrix3d::Identity() + tilde(e));
 }
 
+void turn_ball(const double* p0, const Eigen::Vector3d& u, double* p) {
+  const double angle = 0.5 * u.norm();
+  const double c = std::cos(angle), sinc = angle > 1e-8 ? std::sin(angle) / angle : 1.0;
+  const Eigen::Vector3d e(p0[1], p0[2], p0[3]), s = 0.5 * sinc * u;
+  Eigen::Map<Eigen::Vector4d> out(p);
+  const double w = p0[0];
+  out << w * c - e.dot(s), w * s + c * e + e.cross(s);
+  out.normalize();
+}
+
+Eigen::Vector3d turn_rate(const Eigen::Vector3d& u, const Eigen::Vector3d& w) {
+  const double square = u.squaredNorm(), half = 0.5 * std::sqrt(square);
+  const double k =
+      square < 2e-3 ? (1.0 + square * (1.0 + square / 42.0) / 60.0) / 12.0 : (1.0 - half / std::tan(half)) / square;
+  const Eigen::Vector3d uw = u.cross(w);
+  return w + 0.5 * uw + k * u.cross(uw);
+}
+
 void Joint::displace(const double* q0, const double* u, double* q) const {
   const std::size_t n = motions_.size();
   for (std::size_t i = 0; i < n; ++i) q[i] = q0[i] + u[i];
-  if (!ball_) return;
-  const Eigen::Map<const Eigen::Vector3d> e(q0 + n + 1), turn(u + n);
-  const double angle = 0.5 * turn.norm();
-  const double c = std::cos(angle), sinc = angle > 1e-8 ? std::sin(angle) / angle : 1.0;
-  const Eigen::Vector3d s = 0.5 * sinc * turn;
-  const double w = q0[n];
-  q[n] = w * c - e.dot(s);
-  Eigen::Map<Eigen::Vector3d>(q + n + 1) = w * s + c * e + e.cross(s);
-  normalise(q);
+  if (ball_) turn_ball(q0 + n, Eigen::Map<const Eigen::Vector3d>(u + n), q + n);
 }
 
 void Joint::normalise(double* q) const {

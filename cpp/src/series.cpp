@@ -1,5 +1,7 @@
 #include "flexarm/series.hpp"
 
+#include <type_traits>
+
 #include "flexarm/workspace.hpp"
 
 namespace flexarm {
@@ -34,15 +36,22 @@ void set_zero(JetVector<S>& v) {
   for (auto& c : v) c.setZero();
 }
 
+/// to = A from, column by column.
+template <class S>
+void sum_up(const Eigen::MatrixXd& A, const S* from, S* to) {
+  const Eigen::Index n = A.rows();
+  for (Eigen::Index i = 0; i < n; ++i) to[i] = S(0);
+  for (Eigen::Index j = 0; j < n; ++j) {
+    const double* column = A.data() + j * n;
+    const S f = from[j];
+    for (Eigen::Index i = 0; i < n; ++i) to[i] += column[i] * f;
+  }
+}
+
 /// out = integral from 0 to X_i of f
 template <class S>
 void integrate(const Eigen::MatrixXd& cumulative, const Jet<S>& f, Jet<S>& out) {
-  for (Eigen::Index k = 0; k < f.cols(); ++k)
-    for (Eigen::Index i = 0; i < f.rows(); ++i) {
-      S sum(0);
-      for (Eigen::Index j = 0; j < f.rows(); ++j) sum += cumulative(i, j) * f(j, k);
-      out(i, k) = sum;
-    }
+  for (Eigen::Index k = 0; k < f.cols(); ++k) sum_up(cumulative, f.col(k).data(), out.col(k).data());
 }
 template <class S>
 void integrate(const Eigen::MatrixXd& cumulative, const JetVector<S>& f, JetVector<S>& out) {
@@ -182,53 +191,47 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
   };
 
   // R as a unit quaternion, p' = p (0, K) / 2: its series of repeated integrals converges like (|theta|/2)^i / i!
-  MatX<S>&P = s.scratch[3][0], &T = s.scratch[3][1], &D = s.scratch[3][2];  // columns w x y z of sum, term, slope
+  MatX<S>&P = s.scratch[3][0], &T = s.scratch[3][1], &D = s.spin;  // columns w x y z of sum, term, slope
+  const auto slope = [&](const MatX<S>& Q) {
+    for (Eigen::Index j = 0; j < n; ++j) {
+      const Vec3<S> v(Q(j, 1), Q(j, 2), Q(j, 3)), K = 0.5 * at(s.K, j, value_column);
+      const Vec3<S> rate = Q(j, 0) * K + v.cross(K);
+      D(j, 0) = -v.dot(K);
+      for (Eigen::Index c = 0; c < 3; ++c) D(j, 1 + c) = rate[c];
+    }
+  };
   T.setZero();
   T.col(0).setConstant(S(1));
   P = T;
   int still = 0;
-  for (int i = 1; i < 400 && still < 3; ++i) {
-    for (Eigen::Index j = 0; j < n; ++j) {
-      const Vec3<S> v(T(j, 1), T(j, 2), T(j, 3)), K = 0.5 * at(s.K, j, value_column);
-      const Vec3<S> slope = T(j, 0) * K + v.cross(K);
-      D(j, 0) = -v.dot(K);
-      for (Eigen::Index c = 0; c < 3; ++c) D(j, 1 + c) = slope[c];
-    }
+  constexpr int kStill = std::is_same_v<S, double> ? 1 : 3;  // derivatives converge a little later
+  for (int i = 1; i < 400 && still < kStill; ++i) {
+    slope(T);
     bool small = true;
-    for (Eigen::Index c = 0; c < 4; ++c)
+    for (Eigen::Index c = 0; c < 4; ++c) {
+      sum_up(A, D.col(c).data(), T.col(c).data());
       for (Eigen::Index j = 0; j < n; ++j) {
-        S sum(0);
-        for (Eigen::Index k = 0; k < n; ++k) sum += A(j, k) * D(k, c);
-        T(j, c) = sum;
-        P(j, c) += sum;
-        small = small && sum < 1e-17 && -sum < 1e-17;
+        P(j, c) += T(j, c);
+        small = small && T(j, c) < 1e-17 && -T(j, c) < 1e-17;
       }
-    still = small ? still + 1 : 0;  // three more, for the sake of derivatives
+    }
+    still = small ? still + 1 : 0;
   }
+  slope(P);  // what a slice at any X sums
 
-  JetVector<S>& Omega = s.scratch[4];
+  JetVector<S>& Omega = s.turned;
   for (Eigen::Index j = 0; j < n; ++j) {
-    using std::sqrt;
-    const Vec3<S> v(P(j, 1), P(j, 2), P(j, 3));
-    const S norm = sqrt(P(j, 0) * P(j, 0) + v.dot(v)), w = P(j, 0) / norm;
-    const Mat3<S> vt = tilde(Vec3<S>(v / norm));
-    Mat3<S>& R = s.R[j];
-    R = 2.0 * (vt * vt) + 2.0 * (w * vt);
-    R.diagonal().array() += S(1);
-    s.RK[j] = R * tilde(at(s.K, j, value_column));
+    const Mat3<S>& R = s.R[j] = rotation_of(P(j, 0), Vec3<S>(P(j, 1), P(j, 2), P(j, 3)));
     // Omega' = R dK, and J_R' = R dK/dq
     put(R * at(s.K, j, rate_column), j, rate_column, s.turn);
     for (Eigen::Index k = first_derivative_column; k < s.K[0].cols(); ++k) put(R * at(s.K, j, k), j, k, s.turn);
   }
-  integrate(A, s.turn, Omega);
+  for (std::size_t c = 0; c < 3; ++c)
+    for (Eigen::Index k = rate_column; k < s.turn[c].cols(); ++k)
+      if (k != bias_column) sum_up(A, s.turn[c].col(k).data(), Omega[c].col(k).data());
   for (Eigen::Index j = 0; j < n; ++j)  // the convective part: (dR/dt) dK = Omega x R dK
     put(at(Omega, j, rate_column).cross(at(s.turn, j, rate_column)), j, bias_column, s.turn);
-  for (std::size_t c = 0; c < 3; ++c)
-    for (Eigen::Index j = 0; j < n; ++j) {
-      S sum(0);
-      for (Eigen::Index k = 0; k < n; ++k) sum += A(j, k) * s.turn[c](k, bias_column);
-      Omega[c](j, bias_column) = sum;
-    }
+  for (std::size_t c = 0; c < 3; ++c) sum_up(A, s.turn[c].col(bias_column).data(), Omega[c].col(bias_column).data());
   // x' = R e, e = [1, phi12, phi13]^T
   for (Eigen::Index j = 0; j < n; ++j) {
     const Mat3<S>& R = s.R[j];
@@ -242,6 +245,7 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
     for (Eigen::Index k = first_derivative_column; k < s.x[0].cols(); ++k)
       put(at(Omega, j, k).cross(t) + R * at(s.phi, j, k), j, k, s.x);
   }
+  integrate(A, s.x, s.place);
 }
 
 }  // namespace

@@ -110,6 +110,7 @@ void bind_model(py::module_& m) {
             return out;
           },
           py::arg("x"))
+      .def("truncation", &Beam::truncation, py::arg("q"), py::call_guard<py::gil_scoped_release>())
       .def_property_readonly("damping", &Beam::damping);
 
   py::class_<RigidBody>(m, "RigidBody")

@@ -213,7 +213,9 @@ class Beam(_Part):
         rotary_inertia: whether slices have rotary inertia.
         damping_ratio: modal, of every mode of the beam clamped at its base.
         kelvin_voigt: retardation time (s) of the material: stress = E (strain + kelvin_voigt d(strain)/dt).
-        gauss_points: slices that carry the inertia; None lets the basis choose enough for about 1e-12.
+        gauss_points: slices that carry the inertia, and points along which order "exact" integrates the rotation. None
+            lets the basis choose enough for about 1e-12; in "exact" beams that turn their sections by far more than a
+            radian these may be too few, of which a RangeWarning tells.
         basis_tip: what the modes of the loaded basis carry on the beam's end: its mass, its com along x and its
             principal inertia are used. It shapes the basis and no more; the load itself is the link's `tip`.
         patches: piezoelectric patches; see Patch. The loaded basis does not feel them.

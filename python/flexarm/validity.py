@@ -19,15 +19,22 @@ if TYPE_CHECKING:
 #: docs/failures.md, which bench/failures.py measures. Order 1 softens with speed besides, at any deflection.
 LIMITS = {0: 0.25, 1: 0.25, 2: 0.3, 3: 0.65}
 
+#: Parts of a beam's length, and radians, by which the sections of order "exact" may be off because its Gauss points are
+#: too few for how it is bent, before that is said.
+TRUNCATION = 1e-6
+#: Rotation (rad) up to which the points that the basis chooses are always enough for that.
+_RESOLVED = 1.0
+
 
 class RangeWarning(UserWarning):
-    """A beam bent further than its order is good for (see `LIMITS`).
+    """A beam bent further than its order is good for (see `LIMITS`), or, at order "exact", than its Gauss points
+    resolve (see `TRUNCATION`).
 
     Attributes:
         link: the link of that beam (the worst, if there are several).
         time: of the first output row past the limit (s).
         rotation: largest rotation of its sections against its base in the run (rad).
-        limit: that its order is good for (rad).
+        limit: that its order is good for (rad); at order "exact", that its Gauss points are always enough for.
     """
 
     def __init__(self, message: str, link: int, time: float, rotation: float, limit: float) -> None:
@@ -56,14 +63,41 @@ def rotation(beam: Beam, qe: Array, turns: Array | None = None) -> Array:
     return out
 
 
+def _bound(qe: Array, turns: Array) -> float:
+    """What no rotation of a section exceeds in any row."""
+    sizes = np.linalg.norm(turns.reshape(-1, 3, qe.shape[1]), axis=1).max(axis=0)
+    return float(np.abs(qe).max(axis=0, initial=0.0) @ sizes)
+
+
+def _unresolved(arm: Arm, t: Array, q: Array) -> tuple[float, ...] | None:
+    """Of the first exact beam whose Gauss points are too few for how it is bent, or None: its link, the time of the
+    first row that is off by more than TRUNCATION (s), its largest rotation (rad), and by how much sections are off at
+    most. Rows are looked at where a coordinate is largest, and only then all."""
+    for k, link in enumerate(arm.links):
+        beam = link.beam
+        if beam is None or beam.order != "exact" or not beam.ne or not len(q):
+            continue
+        first = arm._core.first_q(k) + link.joint.nq
+        qe, turns = q[:, first : first + beam.ne], _turns(beam)
+        if beam.gauss_points is None and _bound(qe, turns) <= _RESOLVED:
+            continue
+        angle = rotation(beam, qe, turns)
+        rows = np.unique([*np.abs(qe).argmax(axis=0), angle.argmax()])
+        if (beam._core.truncation(qe[rows]) <= TRUNCATION).all():
+            continue
+        wrong = beam._core.truncation(qe)
+        return k, float(t[np.argmax(~(wrong <= TRUNCATION))]), float(angle.max()), float(wrong.max())
+    return None
+
+
 #: set where who calls `simulate` tells of these warnings himself
 SILENT: ContextVar[bool] = ContextVar("SILENT", default=False)
 
 
 def worst_range(arm: Arm, t: Array, q: Array) -> tuple[float, ...] | None:
     """Of the beam of a trajectory t (nt,), q (nt, nq) that is furthest beyond its order's range, or None: its link, the
-    time of the first row past the limit (s), its largest rotation (rad), and how many others are beyond theirs. Costs
-    next to nothing while all is well."""
+    time of the first row past the limit (s), its largest rotation (rad), and how many others are beyond theirs; where
+    none is, what `_unresolved` finds. Costs next to nothing while all is well."""
     worst, others = None, -1
     for k, link in enumerate(arm.links):
         beam = link.beam
@@ -72,10 +106,7 @@ def worst_range(arm: Arm, t: Array, q: Array) -> tuple[float, ...] | None:
         first = arm._core.first_q(k) + link.joint.nq
         qe, limit = q[:, first : first + beam.ne], LIMITS[int(beam.order)]
         turns = _turns(beam)
-        if (
-            np.abs(qe).max(axis=0, initial=0.0) @ np.linalg.norm(turns.reshape(-1, 3, beam.ne), axis=1).max(axis=0)
-            <= limit
-        ):
+        if _bound(qe, turns) <= limit:
             continue
         angle = rotation(beam, qe, turns)
         past = np.flatnonzero(~(angle <= limit))
@@ -83,7 +114,7 @@ def worst_range(arm: Arm, t: Array, q: Array) -> tuple[float, ...] | None:
             others += 1
             found = (float(angle.max()) / limit, k, float(t[past[0]]), float(angle.max()))
             worst = found if worst is None else max(worst, found)
-    return None if worst is None else (*worst[1:], others)
+    return _unresolved(arm, t, q) if worst is None else (*worst[1:], others)
 
 
 def range_warning(arm: Arm, found: Iterable[float], name: str = "") -> RangeWarning:
@@ -91,6 +122,14 @@ def range_warning(arm: Arm, found: Iterable[float], name: str = "") -> RangeWarn
     link, time, rotation, others = map(float, found)
     beam = arm.links[int(link)].beam
     assert beam is not None
+    if beam.order == "exact":
+        points = beam._core.gauss_points
+        return RangeWarning(
+            f'{name}link {int(link)}: order "exact" has {points} Gauss points along this beam, too few for how it is '
+            f"bent: from t = {time:.6g} s its sections are off by more than {TRUNCATION:g} of its length, by up to "
+            f"{others:.2g}; take gauss_points = {min(2 * points, 400)}, or fewer shapes",
+            int(link), time, rotation, _RESOLVED,
+        )  # fmt: skip
     order, limit = beam.order, LIMITS[int(beam.order)]
     more = f", and {int(others)} more" if others else ""
     better = '"exact"' if order == 3 else '3 or "exact"' if order == 2 else '2, 3 or "exact"'

@@ -85,9 +85,13 @@ class Beam {
   /// The slice at any X in [0, L]. @throws std::invalid_argument outside
   SliceTable slice_at(double X) const;
   /// The slices at places that increase: in one sweep.
-  std::vector<SliceTable> tables(const std::vector<double>& stations) const;
+  std::vector<SliceTable> tables(const std::vector<double>& stations) const { return tables(stations, rule_); }
+  /// At order "exact", by how much too few Gauss points put the sections wrong at elastic coordinates q (rows): parts
+  /// of the length and radians, the larger. Against twice as many points. Zero at other orders.
+  Eigen::VectorXd truncation(const Eigen::MatrixXd& q) const;
 
  private:
+  std::vector<SliceTable> tables(const std::vector<double>& stations, const GaussRule& rule) const;
   /// Mass per length (kg/m), and each strain's rigidity (N m^2, N) and inertia per length, along the beam.
   struct Profile;
   Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options,

@@ -17,7 +17,9 @@ struct CollocationOptions {
 };
 
 /// Gauss-Legendre collocation (Hairer & Wanner, Solving ODEs II, IV.5): the accelerations at s points of the step are
-///   residual of inverse dynamics at (q_i, v_i, a_i) = 0,  v_i = v0 + h sum A_ij a_j,  q_i = q0 + h sum A_ij (dq/dt)_j
+///   residual of inverse dynamics at (q_i, v_i, a_i) = 0,  v_i = v0 + h sum A_ij a_j,  q_i = q0 + h sum A_ij v_j
+/// A ball turns by a vector u from a middle place, du/dt = turn_rate(u, w), where u at the step's end is minus that at
+/// its beginning: quaternions of unit length, the same order and symmetry, and a steady spin without error.
 /// Order 2s, symmetric in time, unconditionally stable on linear vibration, whose energy it keeps: it steps over modes
 /// that are fast but quiet, and stays accurate. Newton's iteration with exact Jacobians, kept as long as they serve;
 /// its matrix is dense, (s n)^2: for arms of up to some tens of coordinates.
@@ -40,7 +42,11 @@ class CollocationStep final : public Step {
   void inside(double c, Eigen::VectorXd& q, Eigen::VectorXd& v) const override;
 
  private:
-  void place(double h, const Workspace& ws);
+  struct Ball {
+    Eigen::Index q, v;  ///< its first coordinate and rate
+  };
+  bool place(double h, const Workspace& ws);
+  bool turn_balls(double h);
   void predict(double ratio, const Workspace& ws);
   void differentiate(Workspace& ws);
   bool factor(double h);
@@ -49,17 +55,19 @@ class CollocationStep final : public Step {
   const Arm* arm_;
   CollocationOptions options_;
   int s_;
-  Eigen::VectorXd c_, b_;        ///< points and weights of the step
-  Eigen::MatrixXd A_, A2_;       ///< integrals to the points, once and twice
-  Eigen::MatrixXd monomials_;    ///< column j: the Lagrange polynomial of point j, lowest power first
-  std::vector<bool> free_q_;     ///< coordinates that are not prescribed
-  std::vector<bool> turned_;     ///< coordinates of balls, whose rates are not the velocities
-  Eigen::MatrixXd q_, v_, a_;    ///< at the points, one column each
-  Eigen::MatrixXd tau_, rates_;  ///< forces and dq/dt there
+  Eigen::VectorXd c_, b_;      ///< points and weights of the step
+  Eigen::MatrixXd A_, A2_;     ///< integrals to the points, once and twice
+  Eigen::MatrixXd monomials_;  ///< column j: the Lagrange polynomial of point j, lowest power first
+  std::vector<bool> free_q_;   ///< coordinates that are not prescribed
+  std::vector<Ball> balls_;
+  Eigen::MatrixXd turn_weights_;  ///< A less half the weights of the step, which end at the middle
+  Eigen::MatrixXd q_, v_, a_;     ///< at the points, one column each
+  Eigen::MatrixXd tau_;           ///< forces there
+  Eigen::MatrixXd u_, du_;        ///< turn of each ball from the middle, and its rate, in the rows of its rates
   Eigen::MatrixXd a_before_;
   Eigen::MatrixXd offsets_;                          ///< of feedback at the points
   std::vector<std::vector<Vec6<double>>> wrenches_;  ///< of the loads at the points
-  Eigen::VectorXd q0_, v0_, qs_, vs_, as_, dq_;
+  Eigen::VectorXd q0_, v0_, qs_, vs_, as_, middle_;
   std::optional<InverseDerivatives> derivatives_;
   Eigen::MatrixXd M_, C_, K_, M_all_, rate_by_q_, rate_by_v_, K_full_;
   Eigen::MatrixXd newton_;

@@ -1,6 +1,8 @@
-// Exact derivatives, by dual numbers through the sweeps of inverse dynamics and kinematics. O(N^2).
+// Exact derivatives, by dual numbers through the sweeps of inverse dynamics and kinematics. O(N^2). On the fast kernels
+// where they know the arm (Arm::plan) and no load acts.
 #pragma once
 
+#include <memory>
 #include <optional>
 
 #include "flexarm/inverse.hpp"
@@ -24,14 +26,15 @@ class InverseDerivatives {
  public:
   explicit InverseDerivatives(const Arm& arm, const std::vector<Load>& loads = {});
   /// Value of a load from now on.
-  void set_wrench(std::size_t load, const Vec6<double>& wrench) { ws_.loads[load].wrench = wrench; }
+  void set_wrench(std::size_t load, const Vec6<double>& wrench) { ws_->loads[load].wrench = wrench; }
   /// dtau/dq (nv x nq) and dtau/dv (nv x nv) at (q, v, a). (dtau/da is the mass matrix.)
   void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
   Eigen::MatrixXd dq, dv;
 
  private:
-  SweepWorkspace<Tangent> ws_;
-  TangentState state_;
+  std::vector<double> memory_;  ///< of the fast kernels, or else:
+  std::optional<SweepWorkspace<Tangent>> ws_;
+  std::optional<TangentState> state_;
 };
 
 /// Exact derivatives of the motion of one slice, world axes.

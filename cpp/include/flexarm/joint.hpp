@@ -46,6 +46,11 @@ struct JointForce {
   double reflected_inertia = 0.0;  ///< of the rotor, seen at the joint: gear ratio squared times its own
 };
 
+/// The quaternion p0 (w x y z) times that of the rotation vector u, of unit length.
+void turn_ball(const double* p0, const Eigen::Vector3d& u, double* p);
+/// Rate of the u of `turn_ball` at an angular velocity w in the axes that turn; |u| below 2 pi.
+Eigen::Vector3d turn_rate(const Eigen::Vector3d& u, const Eigen::Vector3d& w);
+
 class Joint {
  public:
   /// @param motions  at most six freedoms together with the ball's three

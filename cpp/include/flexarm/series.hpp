@@ -1,7 +1,8 @@
 // The beam beyond order 2: its rotation and position as functions of X, by spectral integration over the Gauss points.
 //
 // Order 3 takes the paper's series term by term, R_i = int R_{i-1} K~ (Eq. 27), and the Magnus series for the rotation
-// vector. "Exact" does not truncate: R' = R K~ is solved to machine precision. Order 2 and below never come here.
+// vector. "Exact" does not truncate: R' = R K~ is solved, as a unit quaternion, to what polynomials through the Gauss
+// points resolve (Beam::truncation). Order 2 and below never come here.
 #pragma once
 
 #include <array>
@@ -36,11 +37,14 @@ struct SeriesTables {
 /// The slopes of what a slice needs, at the Gauss points; integrated from 0 to X they give the slice at X.
 template <class S>
 struct Series {
-  JetVector<S> x;              ///< x'
-  JetVector<S> turn;           ///< theta' at order 3; Omega' when exact (its value column is not used)
-  std::vector<Mat3<S>> R, RK;  ///< exact only: R and R' = R K~
-  JetVector<S> K, phi;         ///< strains (phi has no first component)
-  std::array<JetVector<S>, 6> scratch;
+  JetVector<S> x;     ///< x'
+  JetVector<S> turn;  ///< theta' at order 3; Omega' when exact (its value column is not used)
+  // Exact only: R, the slope of its quaternion, and position and Omega themselves, for slices at the points.
+  std::vector<Mat3<S>> R;
+  MatX<S> spin;
+  JetVector<S> place, turned;
+  JetVector<S> K, phi;  ///< strains (phi has no first component)
+  std::array<JetVector<S>, 5> scratch;
   /// Of a planar beam alone: columns of x', then those of y' (or z'). By rows, which a slice sums with its weights.
   Eigen::Matrix<S, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> plane;
 
@@ -52,11 +56,11 @@ struct Series {
       return;
     }
     R.assign(static_cast<std::size_t>(points), Mat3<S>::Identity());
-    RK = R;
+    spin = MatX<S>::Zero(points, 4);
     const auto zero = [&](JetVector<S>& v) {
       for (auto& c : v) c = MatX<S>::Zero(points, first_derivative_column + ne);
     };
-    for (JetVector<S>* v : {&x, &turn, &K, &phi}) zero(*v);
+    for (JetVector<S>* v : {&x, &turn, &K, &phi, &place, &turned}) zero(*v);
     for (JetVector<S>& v : scratch) zero(v);
   }
 };
@@ -104,13 +108,39 @@ void move_planar_slice(const SliceTable& table, const Eigen::Vector3d& origin, c
   turn_planar_slice(table.plane, turn, rate, out);
 }
 
+/// R of a quaternion of any length.
+template <class S>
+Mat3<S> rotation_of(const S& w, const Vec3<S>& v) {
+  const S scale = 2.0 / (w * w + v.dot(v));
+  const Mat3<S> vt = tilde(v);
+  Mat3<S> R = scale * (vt * vt) + (scale * w) * vt;
+  R.diagonal().array() += S(1);
+  return R;
+}
+
 /// Moves a slice beyond order 2.
 template <class S>
 void move_slice(const SliceTable& table, const Eigen::Vector3d& origin, int order, const Series<S>& s, Slice<S>& out) {
+  const auto entry = [](const JetVector<S>& f, Eigen::Index j, Eigen::Index column) {
+    return Vec3<S>(f[0](j, column), f[1](j, column), f[2](j, column));
+  };
+  if (table.point >= 0 && order == kExact) {
+    const Eigen::Index j = table.point;
+    out.x = origin.template cast<S>() + entry(s.place, j, value_column);
+    out.u_dot = entry(s.place, j, rate_column);
+    out.u_bias = entry(s.place, j, bias_column);
+    for (Eigen::Index k = 0; k < out.J.cols(); ++k) {
+      out.J.col(k).template head<3>() = entry(s.place, j, first_derivative_column + k);
+      out.J.col(k).template tail<3>() = entry(s.turned, j, first_derivative_column + k);
+    }
+    out.Omega = entry(s.turned, j, rate_column);
+    out.Omega_bias = entry(s.turned, j, bias_column);
+    out.R = s.R[static_cast<std::size_t>(j)];
+    return;
+  }
   const auto integral = [&](const JetVector<S>& slope, Eigen::Index column) {
     Vec3<S> sum = Vec3<S>::Zero();
-    for (Eigen::Index j = 0; j < table.weights.size(); ++j)
-      for (std::size_t c = 0; c < 3; ++c) sum[c] += table.weights[j] * slope[c](j, column);
+    for (Eigen::Index j = 0; j < table.weights.size(); ++j) sum += table.weights[j] * entry(slope, j, column);
     return sum;
   };
   out.x = origin.template cast<S>() + integral(s.x, value_column);
@@ -126,10 +156,10 @@ void move_slice(const SliceTable& table, const Eigen::Vector3d& origin, int orde
   }
   out.Omega = integral(s.turn, rate_column);
   out.Omega_bias = integral(s.turn, bias_column);
-  Mat3<S> R = Mat3<S>::Identity();
-  for (Eigen::Index j = 0; j < table.weights.size(); ++j) R += table.weights[j] * s.RK[j];
-  const Mat3<S> RtR = R.transpose() * R;  // one Newton step to the nearest rotation: takes off what integration left
-  out.R = 1.5 * R - 0.5 * (R * RtR);
+  S p[4] = {S(1), S(0), S(0), S(0)};
+  for (Eigen::Index j = 0; j < table.weights.size(); ++j)
+    for (Eigen::Index c = 0; c < 4; ++c) p[c] += table.weights[j] * s.spin(j, c);
+  out.R = rotation_of(p[0], Vec3<S>(p[1], p[2], p[3]));
 }
 
 }  // namespace flexarm

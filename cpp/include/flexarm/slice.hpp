@@ -32,6 +32,7 @@ struct SliceTable {
   std::vector<Product> products;                     ///< second order; empty at order 0 and 1
   Eigen::Matrix<double, 5, Eigen::Dynamic> strains;  ///< K1 K2 K3 phi12 phi13 per coordinate (Eq. 28-32)
   Eigen::RowVectorXd weights;  ///< beyond order 2: of the integral from 0 to X over the Gauss points (series.hpp)
+  int point = -1;              ///< of these, the one that the slice is at
 };
 
 /// Motion of a slice relative to its link, in link axes.

@@ -3,6 +3,7 @@
 #include "lanes/pack.hpp"  // what the others need first
 // clang-format: keep
 #include "lanes/roll.hpp"
+#include "lanes/tangent.hpp"
 
 namespace {
 
@@ -89,6 +90,18 @@ void roll(Roll& job, void* memory, const double* q, const double* v) {
     Roller<Space<Pack>>(job, static_cast<char*>(memory)).run(q, v);
 }
 
+std::size_t slopes_memory(const Layout& layout) {
+  return layout.planar ? Slopes<Plane<LaneDual>>::memory(layout) : Slopes<Space<LaneDual>>::memory(layout);
+}
+
+void slopes(const Layout& layout, const double* numbers, void* memory, const double* q, const double* v,
+            const double* a, double* by_q, double* by_v) {
+  if (layout.planar)
+    Slopes<Plane<LaneDual>>::run(layout, numbers, memory, q, v, a, by_q, by_v);
+  else
+    Slopes<Space<LaneDual>>::run(layout, numbers, memory, q, v, a, by_q, by_v);
+}
+
 }  // namespace
 
 #define FLEXARM_JOIN_(a, b) a##b
@@ -100,8 +113,18 @@ namespace flexarm {
 namespace lanes {
 
 extern const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA);
-const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){
-    FLEXARM_TEXT(FLEXARM_ISA), FLEXARM_WIDTH, memory, begin, forward, inverse, factor, solve, roll_memory, roll};
+const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
+                                                  FLEXARM_WIDTH,
+                                                  memory,
+                                                  begin,
+                                                  forward,
+                                                  inverse,
+                                                  factor,
+                                                  solve,
+                                                  roll_memory,
+                                                  roll,
+                                                  slopes_memory,
+                                                  slopes};
 
 }  // namespace lanes
 }  // namespace flexarm

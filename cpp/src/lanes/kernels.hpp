@@ -60,6 +60,11 @@ struct Kernels {
   std::size_t (*roll_memory)(const Roll&);
   /// From coordinates q and rates v; memory aligned to 64 bytes.
   void (*roll)(Roll&, void* memory, const double* q, const double* v);
+  std::size_t (*slopes_memory)(const Layout&);
+  /// Exact dtau/dq (nv x nq) and dtau/dv (nv x nv) of inverse dynamics, by columns; numbers of a plan that is not
+  /// grouped, memory aligned to 64 bytes.
+  void (*slopes)(const Layout&, const double* numbers, void* memory, const double* q, const double* v, const double* a,
+                 double* by_q, double* by_v);
 };
 
 /// The widest that this processor has; FLEXARM_ISA = base or avx2 in the environment asks for less.
