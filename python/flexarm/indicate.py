@@ -139,6 +139,7 @@ def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: in
             at = slice(arm._core.first(k) + link.joint.nv, arm._core.first(k) + link.joint.nv + link.beam.ne)
             stiff[at, at] = link.beam._core.stiffness
     elastic, eye = stiff[np.ix_(out, out)], np.eye(2 * n)
+    mean: Array
     rows = [_tangent(scene, out, *row) for row in zip(run.t, run.q, run.v, run.a, strict=True)]
     stiffening: Array = np.zeros((n, n))  # of loads and of spin, where it is most
     for K, _, _ in rows:
@@ -147,11 +148,12 @@ def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: in
         stiffening = positive if np.trace(positive) > np.trace(stiffening) else stiffening
     M0 = rows[0][1]
     norm = np.linalg.cholesky(np.block([[elastic + stiffening + M0 / span**2, 0 * M0], [0 * M0, M0]])).T
-    state, most, fast = np.linalg.inv(norm), 1.0, 0.0  # columns of unit energy
+    state: Array = np.linalg.inv(norm)  # columns of unit energy
+    most, fast = 1.0, 0.0
     for (K, _, before), (_, _, after), step in zip(rows[:-1], rows[1:], np.diff(run.t), strict=True):
         for share in (0.25, 0.75):  # trapezoidal: no mode that is too fast for it grows or shrinks
             mean = float(step) / 4 * ((1 - share) * before + share * after)
-            state = np.linalg.solve(eye - mean, state + mean @ state)
+            state = np.asarray(np.linalg.solve(eye - mean, state + mean @ state))
         size = float(np.linalg.norm(norm @ state, 2)) if np.isfinite(state).all() else np.inf
         most = max(most, size)
         if np.linalg.eigvalsh(K + K.T)[0] < 0:  # nor what grows too fast for it: that counts apart
