@@ -96,6 +96,27 @@ def test_times_of_comparison(t: np.ndarray) -> None:
         assert np.abs(np.sin(2 * np.pi * (at - t[0]) / period)).max() > 0.9
 
 
+def test_the_run_that_is_judged_is_the_run_that_is_used() -> None:
+    """Times of comparison must not shorten the steps: those of IDA depend on the output times."""
+    scene = replace(scenes.SCENES["floating"](), t=times(0.3, 100))
+    plan = fa.economize(scene, TOL)
+    trials, model = plan._walk.trials, plan._found.lean.model
+    at = np.isin(trials.all, scene.t)
+    assert at.sum() == len(scene.t) < len(trials.all)
+    for options in (
+        {"integrator": "gauss", "step": 0.1},
+        {"integrator": "ida", "rtol": 1e-3, "atol": 1e-6},
+        {"integrator": "implicit", "step": 0.003},
+        {"integrator": "rk4", "step": 0.003},
+    ):
+        judged = trials.run(model, options, whole=True)
+        used = trials.scene(model, options).run().frame()[0]
+        fine = replace(trials.scene(model, {"integrator": "gauss", "step": 0.02}), t=trials.all).run().frame()[0]
+        off = np.linalg.norm(judged.full["m"][:, 0] - fine, axis=1)
+        assert np.abs(judged.full["m"][at, 0] - used).max() < 1e-12
+        assert off[~at].max() < 2 * off[at].max() + 1e-9  # between them, too
+
+
 # -- what symmetry leaves out ------------------------------------------------------------------------------------------
 
 

@@ -177,7 +177,7 @@ def test_deciding_costs_a_few_runs() -> None:
 
 
 def test_time_budget_ends_the_search_and_says_so() -> None:
-    plan = fa.economize(scenes.SCENES["spatial"](), 1e-4, time_budget=0.3)
+    plan = fa.economize(scenes.SCENES["spatial"](), 1e-4, time_budget=0.4)
     assert not plan.certified and "time for deciding" in plan.reasons[0] and plan.seconds < 3.0
     assert "NOT CERTIFIED" in str(plan) and np.isfinite(plan.scene.run().q).all()
 

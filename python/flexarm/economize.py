@@ -118,8 +118,9 @@ class Plan:
         if not adapt:
             return watched(scene, self.watch, progress)
         rungs = self._walk.rungs
-        richer = rungs.at(self._walk.richer(self._found.lean.model), self.rich.options)
-        return adapted(scene, richer.arm, self.rich.options, self.watch, progress)
+        options = {k: v for k, v in self.rich.options.items() if k != "stages"}  # fewer of them are for checking
+        richer = rungs.at(self._walk.richer(self._found.lean.model), options)
+        return adapted(scene, richer.arm, options, self.watch, progress)
 
     @property
     def _rich_model(self) -> Model:

@@ -290,11 +290,11 @@ class Economy:
             r and replace(r, counts=(*r.counts[:3], *own.counts[3:])) if own is not None else r
             for r, own in zip(rich, reference.model, strict=True)
         )
-        check = self.trials.run(rich, finer, whole=True, most=max(10.0, 100.0 * found.base.time))
+        check = self.trials.run(rich, finer, whole="step" in finer, most=max(10.0, 100.0 * found.base.time))
         if check.values is None:
             check = self.hard(rich, reference)
         if check.values is None and unsheared != rich and lost <= _SMALL * self.tol:
-            check = self.trials.run(unsheared, finer, whole=True, most=self.patience())
+            check = self.trials.run(unsheared, finer, whole="step" in finer, most=self.patience())
             check = check if check.values is not None else self.hard(unsheared, reference)
             found.notes.append(f"the check could not be run with shear, which is estimated at {lost:.1g}")
         return check
@@ -309,7 +309,7 @@ class Economy:
         slow = {"integrator": "ida", "rtol": 1e-6, "atol": 1e-9}
         steps = [{**walk, "step": walk["step"] / k} for k in (8, 64)] if "step" in walk else []
         for options in (*steps, slow, {**slow, "max_order": 2}):
-            trial = self.trials.run(model, options, whole=True, most=self.patience())
+            trial = self.trials.run(model, options, whole="step" in options, most=self.patience())
             if trial.values is not None:
                 break
         return trial

@@ -12,17 +12,19 @@ import numpy as np
 from ._check import Array
 from .arm import Arm
 from .indicate import callables
-from .ladder import BY_TOLERANCE, OVER_OUTPUTS
+from .ladder import OVER_OUTPUTS
 from .measure import Quantity, between, thinned
 from .result import Result
 from .rung import Model, Rungs
 from .scene import Scene
 from .simulation import SimulationError, simulate
+from .watch import first_frequency
 
 _ROWS = 200  # output times of the runs that are compared, and as many times between them
 _PROBES = 4000  # times at which callables are looked at
 _GROWN = 1.6  # times as many steps: less, and a run in shorter steps is the same run
 _FEWER = 3  # stages of Gauss collocation, by which four of them are checked
+_HALVINGS, _PATIENCE = 12, 3.0  # of the first step, and seconds for those that fail
 _DENSE = 60  # coordinates up to which Gauss collocation, whose matrices are dense, is taken
 _ROUNDS = 5  # of the timing of an evaluation
 
@@ -165,7 +167,7 @@ class Trials:
             raise OutOfTime
         try:
             s = self.scene(model, options)
-            inside = options["integrator"] in OVER_OUTPUTS | BY_TOLERANCE  # their steps pass over output times
+            inside = options["integrator"] in OVER_OUTPUTS  # the steps of others depend on the output times
             times = self.t if not whole else self.all if inside else s.t
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -261,15 +263,17 @@ class Trials:
         runs that are compared; the run with it, or None."""
         if self.rungs.arm(model).nv <= _DENSE:
             before: Trial | None = None
-            failures = 0
+            wasted = 0.0
             step = seen_step(self.rungs.scene, tol)
-            for _ in range(10):
+            for _ in range(_HALVINGS):
+                spent = self.seconds
                 trial = self.run(model, {"integrator": "gauss", "step": step})
                 if trial.values is None:
-                    failures += 1
-                    if failures > 2 or self.seconds > 2.0:
+                    wasted += self.seconds - spent
+                    if wasted > _PATIENCE:
                         break  # a motion for variable steps
-                    step /= 2
+                    period = 2 * np.pi / first_frequency(self.rungs.arm(model))
+                    step = min(step, period) / 2 if period > 0 else step / 2  # what vibrates far needs short steps
                     continue
                 if self.cut(trial):  # half the step might be the same steps
                     before = self.run(model, {**trial.options, "stages": _FEWER})
