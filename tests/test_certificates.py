@@ -9,6 +9,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from economize_scenes import ALUMINIUM, STEEL, STRIP, hub, times
+from flexarm.indicate import excited
 from flexarm.trial import times_to_compare
 
 TOL = 1e-2
@@ -137,6 +138,13 @@ def test_a_strut_above_its_buckling_load_is_not_certified_to_stay_straight() -> 
     with pytest.warns(fa.RangeWarning):
         touched = scenes.run(strut(1.25, 1e-3), integrator="gauss", step=0.01)
     assert np.ptp(touched.frame()[0][:, 1]) > 20 * np.ptp(plan.scene.run().frame()[0][:, 2])
+
+
+def test_a_callable_that_leaves_the_plane_between_output_times_is_seen() -> None:
+    arm = clamped({"bending_y": 1, "bending_z": 1})
+    push = fa.Load(-1, force=lambda t: (0.0, 0.1, 0.1 * (0.505 < t < 0.515)))
+    scene = fa.Scene(arm, loads=(push,), t=np.linspace(0, 1, 11))
+    assert excited(scene).all() and not excited(replace(scene, loads=(fa.Load(-1, force=(0.0, 0.1, 0.0)),))).all()
 
 
 @pytest.mark.parametrize("axis, stable", [(0, True), (1, False), (2, True)])

@@ -301,7 +301,7 @@ class Economy:
 
     def patience(self) -> float:
         """Seconds for one more attempt at a run that has failed."""
-        return max(2.0, 0.5 * self.trials.seconds)
+        return max(5.0, 0.5 * self.trials.seconds)
 
     def hard(self, model: Model, other: Trial) -> Trial:
         """A run of a model that the walk's integrator cannot do, with finer steps, or steps of variable length."""

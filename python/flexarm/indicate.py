@@ -27,6 +27,7 @@ from .patch import column_of, split_drives
 from .result import Result
 from .scene import Scene
 
+_PROBES = 4000
 _ROWS = 121  # of a run, at which residuals are taken
 
 
@@ -41,6 +42,11 @@ def _voltages(scene: Scene, t: float) -> Array:
     for (_, link, patch), law in split_drives(scene.drive)[1].items():
         V[column_of(scene.arm, link, patch)] = law(t)
     return V
+
+
+def probes(scene: Scene) -> Array:
+    """Times (s) at which functions of time in Python are looked at."""
+    return np.asarray(scene.t[0] + np.ptp(scene.t) * np.sort(np.random.default_rng(4).random(_PROBES)))
 
 
 def callables(scene: Scene) -> list[Any]:
@@ -90,7 +96,7 @@ def _acting(scene: Scene) -> tuple[list[Any], Array]:
     """Places of the loads, and by how much each of their components ever acts, (n, 6)."""
     most = []
     for load in scene.loads:
-        breaks = load.law[0].breaks if isinstance(load.law, tuple) else []
+        breaks = load.law[0].breaks if isinstance(load.law, tuple) else probes(scene)
         times = np.union1d(scene.t, np.clip(breaks, scene.t[0], scene.t[-1]))
         most.append(np.abs([load(float(t)) for t in times]).max(axis=0))
     return [load.place(scene.arm) for load in scene.loads], np.array(most).reshape(-1, 6)

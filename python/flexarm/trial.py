@@ -11,7 +11,7 @@ import numpy as np
 
 from ._check import Array
 from .arm import Arm
-from .indicate import callables
+from .indicate import callables, probes
 from .ladder import OVER_OUTPUTS
 from .measure import Quantity, between, thinned
 from .result import Result
@@ -21,7 +21,6 @@ from .simulation import SimulationError, simulate
 from .watch import first_frequency
 
 _ROWS = 200  # output times of the runs that are compared, and as many times between them
-_PROBES = 4000  # times at which callables are looked at
 _GROWN = 1.6  # times as many steps: less, and a run in shorter steps is the same run
 _FEWER = 3  # stages of Gauss collocation, by which four of them are checked
 _HALVINGS, _PATIENCE = 12, 3.0  # of the first step, and seconds for those that fail
@@ -61,9 +60,8 @@ def seen_step(scene: Scene, tol: float) -> float:
     laws = callables(scene)
     if not laws:
         return step
-    rng = np.random.default_rng(4)
-    t = start + span * np.sort(rng.random(_PROBES))
-    t = np.union1d(t, scene.t[:: 1 + len(scene.t) // _PROBES])
+    t = probes(scene)
+    t = np.union1d(t, scene.t[:: 1 + len(scene.t) // len(t)])
     f = np.hstack([np.array([np.ravel(law(float(x))) for x in t], dtype=float) for law in laws])
     rise = 0.5 * (f[1:] + f[:-1]) * np.diff(t)[:, None]
     whole = np.vstack([np.zeros((1, f.shape[1])), np.cumsum(rise, axis=0)])
@@ -144,7 +142,8 @@ class Trials:
 
         Args:
             options: of simulate; None: those of the walk.
-            whole: with all output times.
+            whole: with all output times: as a user runs it, so that its steps are those of the user's run. What lies
+                between them is interpolated, where output times inside of a step would shorten it.
             most: seconds after which it is given up.
 
         Raises:
