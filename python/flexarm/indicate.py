@@ -146,7 +146,9 @@ def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: in
             stiff[at, at] = link.beam._core.stiffness
     elastic, eye = stiff[np.ix_(out, out)], np.eye(2 * n)
     mean: Array
-    rows = [_tangent(scene, out, *row) for row in zip(run.t, run.q, run.v, run.a, strict=True)]
+    ahead, behind = np.minimum(np.arange(len(run.t)) + 1, len(run.t) - 1), np.maximum(np.arange(len(run.t)) - 1, 0)
+    mean_a = (run.v[ahead] - run.v[behind]) / (run.t[ahead] - run.t[behind])[:, None]  # ringing has no stiffness
+    rows = [_tangent(scene, out, *row) for row in zip(run.t, run.q, run.v, mean_a, strict=True)]
     stiffening: Array = np.zeros((n, n))  # of loads and of spin, where it is most
     for K, _, _ in rows:
         w, Z = np.linalg.eigh(0.5 * (K + K.T) - elastic)
