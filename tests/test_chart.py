@@ -72,7 +72,7 @@ def test_the_truth_is_the_richest_model_and_says_how_converged_it_is(chart: fa.C
     assert truth.modes == pytest.approx(off(chart, rerun(chart, shift=1)), rel=1e-6)
     assert truth.order == pytest.approx(off(chart, rerun(chart, order=3)), rel=1e-6)
     assert truth.tolerance < 1e-8 < truth.modes < 1e-3
-    assert truth.uncertainty == max(truth.modes, truth.tolerance)
+    assert truth.uncertainty == max(truth.modes, truth.tolerance, 1.1 * truth.basis)
     assert truth.span == {"m": pytest.approx(np.ptp(rerun(chart).frame()[0], axis=0).max())}
 
 
@@ -87,6 +87,25 @@ def test_errors_are_those_of_the_runs(chart: fa.Chart) -> None:
     for row in [r for r in chart.rows if r.status == "ok"][::7]:
         assert row.error == pytest.approx(off(chart, chart.scene_of(row).run()), rel=1e-5, abs=1e-13)
         assert row.absolute["m"] == pytest.approx(row.error * chart.truth.span["m"]) and row.time > 0
+
+
+def test_the_stated_error_of_the_truth_holds_with_a_payload() -> None:
+    """Modes of a free beam converge slowly under a body on the tip: one less says too little, another basis enough."""
+    beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 3})
+    tip = fa.RigidBody(0.1, inertia=(1e-4,) * 3)
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(end=(0.05, 0, 0)), beam, tip)])
+    scene = fa.Scene(arm, {0: fa.Motion.spin_up(3.0, 0.15)}, t=np.linspace(0, 0.2, 41))
+    chart = fa.chart(scene, budget=6.0)
+    best = replace(beam, modes={"bending_y": 9}, basis="legendre", order="exact")
+    links = [fa.Link(arm.links[0].joint, arm.links[0].hub, best, tip)]
+    known = fa.simulate(fa.Arm(links), scene.t, drive=scene.drive, integrator="gauss", step=0.005).frame()[0]
+    truth = chart.truth
+    assert truth is not None and truth.basis is not None and truth.modes is not None
+    run = chart.scene_of(truth.row).run().frame()[0]
+    wrong = float(np.linalg.norm(run - known, axis=1).max() / np.ptp(known, axis=0).max())
+    assert truth.modes < wrong <= truth.uncertainty <= 1.5 * wrong
+    assert "from another basis (order exact, 7 modes (legendre))" in str(chart)
+    assert ladder.rebuilt(replace(scene, q0=np.array([0.0, 0.01, 0.0, 0.0])), 2, 0) is None  # bent in its own basis
 
 
 # -- what it concludes ---------------------------------------------------------------------------------------

@@ -155,6 +155,18 @@ def test_print_plot_and_json(plans: dict[str, fa.Plan]) -> None:
     assert axes.get_xscale() == axes.get_yscale() == "log" and "time" in axes.get_xlabel()
 
 
+def test_the_picture_has_the_scenes_own_model_as_it_is(plans: dict[str, fa.Plan]) -> None:
+    """In its own basis, whatever the walk takes in its place."""
+    plan = plan_of(plans, "heavy_tip")
+    scene = plan.given
+    assert plan.arm.links[0].beam.basis == "legendre" != scene.arm.links[0].beam.basis
+    own = next(line for line in plan.plot().axes[0].lines if line.get_marker() == "^")
+    t = plan._walk.trials.t
+    fine = {"integrator": "gauss", "step": 0.002}
+    tips = [replace(s, t=t, options=fine).run().frame()[0] for s in (scene, plan.rich)]
+    assert own.get_ydata()[0] == pytest.approx(scenes.off(*tips), rel=0.1)
+
+
 def test_deciding_costs_a_few_runs() -> None:
     scene = scenes.SCENES["medium"]()
     fa.economize(scene, 0.01)  # imports
@@ -165,7 +177,7 @@ def test_deciding_costs_a_few_runs() -> None:
 
 
 def test_time_budget_ends_the_search_and_says_so() -> None:
-    plan = fa.economize(scenes.SCENES["spatial"](), 1e-4, time_budget=0.3)
+    plan = fa.economize(scenes.SCENES["spatial"](), 1e-4, time_budget=0.4)
     assert not plan.certified and "time for deciding" in plan.reasons[0] and plan.seconds < 3.0
     assert "NOT CERTIFIED" in str(plan) and np.isfinite(plan.scene.run().q).all()
 

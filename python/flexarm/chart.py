@@ -22,6 +22,7 @@ from .walk import Walk, best
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_MARGIN = 1.1  # the run in another basis is off by a little, too
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 
 
@@ -34,7 +35,9 @@ class Truth:
         span: by unit, the largest range of any one component of the quantity.
         modes, order, tolerance: distance over the span between this run and the next-richest in modes (one less
             for each strain), in order, and in tolerance (or step); None where there is none, inf if it was not run.
-        poorer: what those next-richest runs are, in words.
+        basis: the same from a run in Legendre polynomials, two more for each strain: modes of a free beam converge
+            slowly under a payload, and one less says little of that. None where they may not stand in, or already do.
+        poorer: what those other runs are, in words.
     """
 
     row: Row
@@ -42,16 +45,18 @@ class Truth:
     modes: float | None
     order: float | None
     tolerance: float
+    basis: float | None
     poorer: dict[str, str]
 
     @property
     def uncertainty(self) -> float:
         """The largest of the distances that say how far the truth may be off; exact rotation cuts nothing more."""
         order = None if self.row.model.order == "exact" else self.order
-        return max((d for d in (self.modes, order, self.tolerance) if d is not None), default=0.0)
+        basis = None if self.basis is None else _MARGIN * self.basis
+        return max((d for d in (self.modes, order, self.tolerance, basis) if d is not None), default=0.0)
 
     def to_dict(self) -> dict[str, Any]:
-        keep = {k: getattr(self, k) for k in ("span", "modes", "order", "tolerance", "uncertainty", "poorer")}
+        keep = {k: getattr(self, k) for k in ("span", "modes", "order", "tolerance", "basis", "uncertainty", "poorer")}
         return {"run": self.row.to_dict(), **keep}
 
 
@@ -247,5 +252,7 @@ def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "t
             None if len(ladder) == 1 else walk.poorer[name].error if name in poorer else math.inf
             for name, ladder in (("modes", walk.shifts), ("order", walk.orders))
         )
-        truth = Truth(walk.truth, walk.span, modes, order, walk.tolerance, poorer)
+        other = walk.poorer.get("basis")
+        basis = None if other is None else math.inf if other.error is None else other.error
+        truth = Truth(walk.truth, walk.span, modes, order, walk.tolerance, basis, poorer)
     return Chart(scene, quantity, walk.rows, truth, walk.methods, complete, budget, walk.used)

@@ -36,14 +36,16 @@ def _absolute(span: dict[str, float], tol: float) -> str:
 def _truth(truth: Truth) -> list[str]:
     row = truth.row
     lines = [f"Truth: {row.label}. Over the span, it is"]
-    for name, word in (("modes", "fewer modes"), ("order", "lower order"), ("tolerance", "looser " + row.setting)):
+    words = {"modes": "the next in fewer modes", "basis": "another basis", "order": "the next in lower order",
+             "tolerance": "the next in looser " + row.setting}  # fmt: skip
+    for name, word in words.items():
         d = getattr(truth, name)
         if d is None or d == math.inf:
             why = "it was not run" if d else "there is none"
-            lines.append(f"  {'?' if d else '-':>7}  from the next in {word}: {why}")
+            lines.append(f"  {'?' if d else '-':>7}  from {word}: {why}")
         else:
             cut = "; exact cuts nothing off" if name == "order" and row.model.order == "exact" else ""
-            lines.append(f"  {d:7.1e}  from the next in {word} ({truth.poorer[name]}{cut})")
+            lines.append(f"  {d:7.1e}  from {word} ({truth.poorer[name]}{cut})")
     if truth.uncertainty > 1e-2:
         lines.append("It is NOT CONVERGED: errors below say little. Give more budget, a shorter scene, or more modes.")
     return lines

@@ -284,6 +284,9 @@ class Descent:
                     if 4 * steps * self.trials.cost(model) > best:
                         break
                 trial = self.trials.run(model, options, whole=True, most=max(0.2, 3 * best))
+                same = options["integrator"] == "gauss" and any(x.steps == trial.steps for x in tried)
+                if same and trial.values is not None:
+                    break  # samples cut longer steps into these
                 tried.append(trial)
                 meets = self._good(trial)
                 if meets == (options["integrator"] == "ida") or trial.time > 1.5 * best:

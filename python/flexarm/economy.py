@@ -11,7 +11,7 @@ import numpy as np
 from ._check import Array
 from .arm import Arm
 from .descent import Descent, Estimates, Sizes, counts, keys
-from .indicate import Indicators, excited
+from .indicate import Indicators, excited, growth
 from .measure import Quantity
 from .model import STRAINS
 from .patch import split_drives
@@ -24,6 +24,7 @@ _SMALL = 1 / 30  # of the tolerance: what is estimated to do less is left out of
 _AGREE = 1 / 3  # of the tolerance: how close reference and check must be
 _BEYOND = 1.5  # times the gap: what may be left beyond the check, where convergence is slow
 _ROUNDS = 3  # references, at most
+_GROWTH = 100.0  # of what symmetry leaves out, within the run: more, and the run hangs on that nothing touches it
 
 
 @dataclass
@@ -77,10 +78,11 @@ class Economy:
 
     # -- models ------------------------------------------------------------------------------------------------------
 
-    def enriched(self, extra: int, than: Model | None = None) -> Model:
+    def enriched(self, extra: int, than: Model | None = None, all_strains: bool = False) -> Model:
         """Everything that symmetry leaves: more modes of every strain than the scene has, exact rotation.
 
         Args:
+            all_strains: what it leaves out, too.
             than: more modes of every strain than this model has, too, in Legendre polynomials where they may stand in.
         """
         many = sum(r is not None for r in self.rungs.given) > 4
@@ -102,7 +104,7 @@ class Economy:
                 if than is not None and not (self.rungs.pinned or own):
                     want = max(want, counts(than[k])[s] + 1 + (s < 2))
                 want = want if limit is None else min(want, limit)
-                numbers.append(want if k not in self.reached or self.reached[k][s] else 0)
+                numbers.append(want if all_strains or k not in self.reached or self.reached[k][s] else 0)
             out.append(Rung(tuple(numbers), "exact", True, None))
         model: Model = tuple(out)
         return self._based(model) if than is None else self.rungs.rebased(model)
@@ -247,29 +249,59 @@ class Economy:
         except OutOfTime:
             found.reasons.append("the time for deciding was used up")
         found.estimates = self.estimates
+        self.find_unstable(found)
         return found
 
+    def find_unstable(self, found: Findings) -> None:
+        """Whether what symmetry leaves out would stay small, were it touched."""
+        if self.rungs.pinned or found.reference.result is None:
+            return
+        more: list[Rung | None] = []
+        for rung, own in zip(self.enriched(0, all_strains=True), found.reference.model, strict=True):
+            if rung is None or own is None:
+                more.append(None)
+                continue
+            few = tuple(n or min(m, 2) for n, m in zip(own.counts, rung.counts, strict=True))
+            order = own.order if own.order in (2, 3) else "exact"
+            more.append(Rung(few, order, True, None, own.basis))
+        try:
+            scene = self.trials.scene(tuple(more), {})
+            moves = excited(scene)
+            grown = growth(scene, found.reference.result, moves)
+            if grown > _GROWTH:
+                grown = growth(scene, found.reference.result, moves, 241)
+        except ValueError as e:
+            found.notes.append(f"whether what symmetry leaves out is stable could not be told: {e}")
+            return
+        if grown > _GROWTH:
+            left = [name for name, moving in zip(scene.arm.coordinates, moves, strict=True) if not moving]
+            found.reasons.append(
+                f"the motion is unstable: by symmetry {left[0]}{' and others stay' if left[1:] else ' stays'} at zero, "
+                f"but a disturbance of them grows {grown:.2g} times within the run; put in what disturbs them"
+            )
+
     def checked(self, rich: Model, reference: Trial, found: Findings) -> Trial:
-        """A run of the enriched model, in finer steps. Where no integrator can do it, because friction switches while
-        fast shear must be followed, say, shear is left out, if it is estimated to matter little; a note tells."""
-        finer, found.notes = self.trials.finer(), []
+        """A run of the enriched model, in steps that really are finer, at all output times. Where no integrator can do
+        it, because friction switches while fast shear must be followed, say, shear is left out, if it is estimated to
+        matter little; a note tells."""
+        finer, found.notes = self.trials.finer(reference), []
         lost = max((x for (_, s, _), x in self.estimates.share.items() if s > 2), default=0.0)
         unsheared = tuple(
             r and replace(r, counts=(*r.counts[:3], *own.counts[3:])) if own is not None else r
             for r, own in zip(rich, reference.model, strict=True)
         )
-        check = self.trials.run(rich, finer, most=max(10.0, 100.0 * found.base.time))
+        check = self.trials.run(rich, finer, whole="step" in finer, most=max(10.0, 100.0 * found.base.time))
         if check.values is None:
             check = self.hard(rich, reference)
         if check.values is None and unsheared != rich and lost <= _SMALL * self.tol:
-            check = self.trials.run(unsheared, finer, most=self.patience())
+            check = self.trials.run(unsheared, finer, whole="step" in finer, most=self.patience())
             check = check if check.values is not None else self.hard(unsheared, reference)
             found.notes.append(f"the check could not be run with shear, which is estimated at {lost:.1g}")
         return check
 
     def patience(self) -> float:
         """Seconds for one more attempt at a run that has failed."""
-        return max(2.0, 0.5 * self.trials.seconds)
+        return max(5.0, 0.5 * self.trials.seconds)
 
     def hard(self, model: Model, other: Trial) -> Trial:
         """A run of a model that the walk's integrator cannot do, with finer steps, or steps of variable length."""
@@ -277,7 +309,7 @@ class Economy:
         slow = {"integrator": "ida", "rtol": 1e-6, "atol": 1e-9}
         steps = [{**walk, "step": walk["step"] / k} for k in (8, 64)] if "step" in walk else []
         for options in (*steps, slow, {**slow, "max_order": 2}):
-            trial = self.trials.run(model, options, most=self.patience())
+            trial = self.trials.run(model, options, whole="step" in options, most=self.patience())
             if trial.values is not None:
                 break
         return trial
@@ -305,6 +337,9 @@ class Economy:
             check = found.check = self.checked(rich, reference, found)
             if check.values is None:
                 found.reasons.append(f"the check, {self.rungs.label(rich)}, cannot be run: {check.reason}")
+                return
+            if not (self.trials.differs(check, reference) and self.trials.differs(check, found.lean)):
+                found.reasons.append(f"the check took no more steps, {check.steps}, than what it is to check")
                 return
             found.error = self.trials.distance(found.lean, check)
             found.gap = self.trials.distance(reference, check)

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._check import Array
+from ._core import PiecewisePolynomial
 from .arm import Arm
+from .balance import displaced
 from .control import control_laws
 from .drive import Motion
 from .load import at_time
@@ -25,6 +27,7 @@ from .patch import column_of, split_drives
 from .result import Result
 from .scene import Scene
 
+_PROBES = 4000
 _ROWS = 121  # of a run, at which residuals are taken
 
 
@@ -39,6 +42,24 @@ def _voltages(scene: Scene, t: float) -> Array:
     for (_, link, patch), law in split_drives(scene.drive)[1].items():
         V[column_of(scene.arm, link, patch)] = law(t)
     return V
+
+
+def probes(scene: Scene) -> Array:
+    """Times (s) at which functions of time in Python are looked at."""
+    return np.asarray(scene.t[0] + np.ptp(scene.t) * np.sort(np.random.default_rng(4).random(_PROBES)))
+
+
+def callables(scene: Scene) -> list[Any]:
+    """Functions of time in Python, t -> number or numbers, that drive the scene; of motions, their accelerations."""
+    out: list[Any] = []
+    given = [*scene.drive.values(), *scene.loads, *(getattr(c, "reference", None) for c in scene.control)]
+    for law in given:
+        inner = getattr(law, "law", law)
+        if isinstance(law, Motion) and callable(inner) and not isinstance(inner, PiecewisePolynomial):
+            out.append(lambda t, f=inner: f(t)[2])
+        elif callable(inner) and not isinstance(inner, PiecewisePolynomial):
+            out.append(inner)
+    return out
 
 
 # -- symmetry --------------------------------------------------------------------------------------------------------
@@ -75,7 +96,7 @@ def _acting(scene: Scene) -> tuple[list[Any], Array]:
     """Places of the loads, and by how much each of their components ever acts, (n, 6)."""
     most = []
     for load in scene.loads:
-        breaks = load.law[0].breaks if isinstance(load.law, tuple) else []
+        breaks = load.law[0].breaks if isinstance(load.law, tuple) else probes(scene)
         times = np.union1d(scene.t, np.clip(breaks, scene.t[0], scene.t[-1]))
         most.append(np.abs([load(float(t)) for t in times]).max(axis=0))
     return [load.place(scene.arm) for load in scene.loads], np.array(most).reshape(-1, 6)
@@ -103,6 +124,81 @@ def excited(scene: Scene, seed: int = 1) -> NDArray[np.bool_]:
             break
         active = more
     return active
+
+
+def growth(scene: Scene, result: Result, moves: NDArray[np.bool_], most_rows: int = 31) -> float:
+    """By how much the linear motion of what `excited` leaves out grows within a run, in the norm of its kinetic and
+    elastic energy: 1 where it only vibrates, some units where it drifts, many where the run goes on beside it only as
+    long as nothing touches it, as a strut does above its buckling load.
+
+    Args:
+        scene: with the arm that has these coordinates, too. result: a run of a poorer one. most_rows: of it.
+    """
+    arm, out = scene.arm, np.flatnonzero(~moves)
+    if not out.size or len(result.t) < 2:
+        return 1.0
+    run = embed(result, arm, np.unique(np.linspace(0, len(result.t) - 1, most_rows).astype(int)))
+    n, span = len(out), float(run.t[-1] - run.t[0])
+    stiff = np.zeros((arm.nv, arm.nv))
+    for k, link in enumerate(arm.links):
+        if link.beam is not None and link.beam.ne:
+            at = slice(arm._core.first(k) + link.joint.nv, arm._core.first(k) + link.joint.nv + link.beam.ne)
+            stiff[at, at] = link.beam._core.stiffness
+    elastic, eye = stiff[np.ix_(out, out)], np.eye(2 * n)
+    mean: Array
+    ahead, behind = np.minimum(np.arange(len(run.t)) + 1, len(run.t) - 1), np.maximum(np.arange(len(run.t)) - 1, 0)
+    mean_a = (run.v[ahead] - run.v[behind]) / (run.t[ahead] - run.t[behind])[:, None]  # ringing has no stiffness
+    rows = [_tangent(scene, out, *row) for row in zip(run.t, run.q, run.v, mean_a, strict=True)]
+    stiffening: Array = np.zeros((n, n))  # of loads and of spin, where it is most
+    for K, _, _ in rows:
+        w, Z = np.linalg.eigh(0.5 * (K + K.T) - elastic)
+        positive: Array = (Z * np.maximum(w, 0.0)) @ Z.T
+        stiffening = positive if np.trace(positive) > np.trace(stiffening) else stiffening
+    M0 = rows[0][1]
+    norm = np.linalg.cholesky(np.block([[elastic + stiffening + M0 / span**2, 0 * M0], [0 * M0, M0]])).T
+    state: Array = np.linalg.inv(norm)  # columns of unit energy
+    most, fast = 1.0, 0.0
+    for (K, _, before), (_, _, after), step in zip(rows[:-1], rows[1:], np.diff(run.t), strict=True):
+        for share in (0.25, 0.75):  # trapezoidal: no mode that is too fast for it grows or shrinks
+            mean = float(step) / 4 * ((1 - share) * before + share * after)
+            state = np.asarray(np.linalg.solve(eye - mean, state + mean @ state))
+        size = float(np.linalg.norm(norm @ state, 2)) if np.isfinite(state).all() else np.inf
+        most = max(most, size)
+        if np.linalg.eigvalsh(K + K.T)[0] < 0:  # nor what grows too fast for it: that counts apart
+            rate = float(step) * float(np.linalg.eigvals(before).real.max())
+            fast += rate if rate > 2.0 else 0.0
+        if not size < 1e12:
+            break
+    return max(most, float(np.exp(min(fast, 30.0))))
+
+
+def _tangent(
+    scene: Scene, out: NDArray[np.int_], t: float, q: Array, v: Array, a: Array
+) -> tuple[Array, Array, Array]:
+    """Stiffness, mass, and A in d/dt [x; y] = A [x; y] of small motions x and their rates y of the coordinates `out`,
+    which have no force on the run: by differences of the inverse dynamics, which are odd in x and y."""
+    arm, n, eps = scene.arm, len(out), 1e-5
+    E = np.asarray(arm._core.rates(q, v)[2])
+    units = np.eye(arm.nv)[out]
+    qs = np.array([displaced(arm, q, E, eps * e) for e in units] + [q] * n)
+    vs = np.array([v] * n + [v + eps * e for e in units])
+    r = arm._core.inverse_dynamics(qs, vs, np.tile(a, (2 * n, 1)), *at_time(arm, scene.loads, t))
+    K, D = (np.asarray(part)[:, out].T / eps for part in (r[:n], r[n:]))
+    M = np.asarray(arm._core.mass_matrix(q[None])[0])[np.ix_(out, out)]
+    turn = np.zeros((n, n))  # of the axes that a ball's rates are about, as it turns
+    rates = np.asarray(arm._core.rates(q, v)[0])
+    for _, at in arm.quaternions():
+        turned = [i for i in range(arm.nv) if E[at, i].any()]
+        inverse = np.linalg.pinv(E[at][:, turned])
+        for j, i in enumerate(out):
+            if i in turned:
+                moved = displaced(arm, q, E, eps * np.eye(arm.nv)[i]), displaced(arm, q, E, -eps * np.eye(arm.nv)[i])
+                change = (arm._core.rates(moved[0], v)[0] - arm._core.rates(moved[1], v)[0]) / (2 * eps)
+                ahead = np.asarray(arm._core.rates(displaced(arm, q, np.eye(arm.nq), eps * rates), v)[2])
+                change = change - (ahead - E)[:, i] / eps
+                by = dict(zip(turned, inverse @ change[at], strict=True))
+                turn[:, j] = [by.get(o, 0.0) for o in out]
+    return K, M, np.block([[turn, np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
 
 
 # -- residuals -------------------------------------------------------------------------------------------------------

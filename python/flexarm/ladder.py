@@ -50,11 +50,13 @@ class Model:
         order: of the rotation of all beams' sections; "as given" if the arm has no elastic coordinates.
         shift: how many modes each strain has above (below) the scene's.
         arm: the arm.
+        basis: of its shape functions; "": the scene's.
     """
 
     order: int | str
     shift: int
     arm: Arm
+    basis: str = ""
 
     @property
     def modes(self) -> str:
@@ -66,7 +68,8 @@ class Model:
     def label(self) -> str:
         if not self.modes:
             return "the rigid arm"
-        return f"order {self.order}, {self.modes} mode{'' if self.modes == '1' else 's'}"
+        basis = f" ({self.basis})" if self.basis else ""
+        return f"order {self.order}, {self.modes} mode{'' if self.modes == '1' else 's'}{basis}"
 
 
 @dataclass(eq=False)
@@ -122,7 +125,7 @@ class Row:
 
     def to_dict(self) -> dict[str, Any]:
         keep = ("choice", "setting", "value", "method", "status", "reason", "time", "runs", "error", "absolute")
-        about = {"order": self.model.order, "modes": self.model.modes, "shift": self.model.shift}
+        about = {k: getattr(self.model, k) for k in ("order", "modes", "shift", "basis")}
         return {**about, **{k: getattr(self, k) for k in (*keep, "steps", "evaluations", "warning")}}
 
 
@@ -130,14 +133,30 @@ def is_elastic(arm: Arm) -> bool:
     return any(link.beam is not None and link.beam.ne for link in arm.links)
 
 
-def _beam(beam: Beam, order: int | str, shift: int) -> Beam:
+def other_basis(scene: Scene, link: int) -> str | None:
+    """A basis that may stand in for that of a link's beam: Legendre polynomials meet the conditions at a loaded tip,
+    and what a patch does, with fewer functions than modes of a free beam. None where nothing else may stand in: strains
+    of the user's own, or elastic coordinates that do not start at zero."""
+    arm = scene.arm
+    beam = arm.links[link].beam
+    if beam is None or beam.basis == "legendre" or any(isinstance(m, tuple) for m in beam.modes.values()):
+        return None
+    first = arm._core.first(link) + arm.links[link].joint.nv
+    first_q = arm._core.first_q(link) + arm.links[link].joint.nq
+    moved = scene.q0 is not None and scene.q0[first_q : first_q + beam.ne].any()
+    moving = scene.v0 is not None and scene.v0[first : first + beam.ne].any()
+    return None if moved or moving else "legendre"
+
+
+def _beam(beam: Beam, order: int | str, shift: int, basis: str | None = None) -> Beam:
     modes: dict[str, Any] = {}
     for strain, value in beam.modes.items():
         own = isinstance(value, tuple)
         n = max(1, (len(value) if own else value) + shift)
         modes[strain] = list(value[:n]) if own else n
     given = {f.name: getattr(beam, f.name) for f in fields(beam) if f.init}
-    return Beam(**{**given, "modes": modes, "order": order})
+    other = {} if basis is None else {"basis": basis, "basis_tip": None}
+    return Beam(**{**given, "modes": modes, "order": order, **other})
 
 
 def models(arm: Arm) -> tuple[list[int], list[int | str]]:
@@ -157,10 +176,20 @@ def build(arm: Arm, order: int | str, shift: int) -> Model:
     return Model(order, shift, Arm._made(links, arm.gravity))
 
 
-def replace_beam(link: Link, order: int | str, shift: int) -> Link:
+def rebuilt(scene: Scene, order: int | str, shift: int) -> Model | None:
+    """The same as `build`, in another basis wherever one may stand in; None where it may nowhere."""
+    bases = [other_basis(scene, k) if link.beam is not None and link.beam.ne else None
+             for k, link in enumerate(scene.arm.links)]  # fmt: skip
+    if not any(bases):
+        return None
+    links = [replace_beam(link, order, shift, basis) for link, basis in zip(scene.arm.links, bases, strict=True)]
+    return Model(order, shift, Arm(links, scene.arm.gravity), next(b for b in bases if b))
+
+
+def replace_beam(link: Link, order: int | str, shift: int, basis: str | None = None) -> Link:
     if link.beam is None or not link.beam.ne:
         return link
-    return Link(link.joint, link.hub, _beam(link.beam, order, shift), link.tip)
+    return Link(link.joint, link.hub, _beam(link.beam, order, shift, basis), link.tip)
 
 
 def _carried(value: Array | None, zero: Array, names: tuple[str, ...], given: tuple[str, ...]) -> Array | None:

@@ -26,6 +26,35 @@ def thinned(result: Result, t: Array) -> Result:
     return replace(result, t=result.t[rows], q=result.q[rows], v=result.v[rows], a=result.a[rows], tau=tau)
 
 
+def between(result: Result, t: Array) -> Result:
+    """A result at other times within its own: polynomials of degree five through coordinates, rates and accelerations
+    at both ends (of balls, whose second derivatives are not at hand, of degree three); forces in straight lines."""
+    if np.isin(t, result.t).all():
+        return thinned(result, t)
+    arm, old = result.arm, result.t
+    k = np.clip(np.searchsorted(old, t, side="right") - 1, 0, len(old) - 2)
+    h, u = np.diff(old)[k][:, None], ((t - old[k]) / np.diff(old)[k])[:, None]
+
+    def through(x: Array, dx: Array, ddx: Array | None) -> Array:
+        rise = x[k + 1] - x[k]
+        c, d = h * dx[k] - rise, h * dx[k + 1] - rise  # what a straight line leaves of the slopes
+        out = x[k] + u * rise + u * (1 - u) * ((1 - u) * c - u * d)
+        if ddx is not None:  # what the cubic leaves of the curvatures
+            e, f = h**2 * ddx[k] + 4 * c + 2 * d, h**2 * ddx[k + 1] - (2 * c + 4 * d)
+            out = out + u**2 * (1 - u) ** 2 / 2 * ((1 - u) * e + u * f)
+        return np.asarray(out)
+
+    rates = np.array([arm._core.rates(x, y)[0] for x, y in zip(result.q, result.v, strict=True)])
+    q = through(result.q, rates, None)
+    plain = [(i, arm.coordinate_of(i)) for i in range(arm.nv) if arm.coordinate_of(i) >= 0]
+    of, at = [i for i, _ in plain], [j for _, j in plain]
+    q[:, at] = through(result.q[:, at], result.v[:, of], result.a[:, of])
+    for _, ball in arm.quaternions():
+        q[:, ball] /= np.linalg.norm(q[:, ball], axis=1, keepdims=True)
+    line = [x[k] + u * (x[k + 1] - x[k]) for x in (result.a, result.tau)]
+    return replace(result, t=t, q=q, v=through(result.v, result.a, None), a=line[0], tau=line[1], friction=None)
+
+
 @dataclass
 class Sense:
     """Linear maps from the rates to the quantity: by unit, (nt or 1, places, components, nv), over the span."""

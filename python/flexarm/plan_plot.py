@@ -10,9 +10,20 @@ from matplotlib.ticker import FuncFormatter, LogLocator
 
 from .chart_text import seconds
 from .plots import BLUE, GREEN, INK, ORANGE, RED
+from .trial import OutOfTime, Trial
 
 if TYPE_CHECKING:
     from .economize import Plan
+
+
+def own_run(plan: Plan) -> Trial | None:
+    """A run of the scene's own model as it is given, in its own basis; None where it cannot be run."""
+    walk = plan._walk
+    try:
+        own = walk.trials.run(walk.rungs.given, plan._found.base.options)
+    except (OutOfTime, ValueError):
+        return None
+    return None if own.values is None else own
 
 
 def plot_plan(plan: Plan) -> Figure:
@@ -22,17 +33,20 @@ def plot_plan(plan: Plan) -> Figure:
     truth = found.check or found.reference
     fig = Figure(figsize=(9.0, 5.4), layout="constrained")
     ax = fig.subplots()
+    own = own_run(plan)
+    models = [r for r in walk.trials.runs.values() if not r.whole and r is not own]
     groups = (
-        ("models, at some 400 output times", False, BLUE, "o"),
-        ("the lean model, integrators, all output times", True, ORANGE, "s"),
+        ("models, at some 400 times", models, BLUE, "o"),
+        ("the lean model, integrators, all output times", found.settings, ORANGE, "s"),
     )
     least = 1e-4 * plan.tol
-    for label, whole, colour, marker in groups:
-        runs = [r for r in walk.trials.runs.values() if r.whole == whole and r.values is not None and r is not truth]
+    for label, all_runs, colour, marker in groups:
+        runs = [r for r in all_runs if r.values is not None and r is not truth]
         y = [max(walk.trials.distance(r, truth), least) for r in runs]
         ax.plot([r.time for r in runs], y, marker, color=colour, alpha=0.75, ms=6, label=label)
-    own = max(walk.trials.distance(found.base, truth), least)
-    ax.plot([found.base.time], [own], "^", color=RED, ms=11, mfc="none", mew=2, label="the scene's own model")
+    if own is not None:
+        y = [max(walk.trials.distance(own, truth), least)]
+        ax.plot([own.time], y, "^", color=RED, ms=11, mfc="none", mew=2, label="the scene's own model")
     chosen = max(walk.trials.distance(found.lean, truth), least)
     ax.plot([found.lean.time], [chosen], "o", ms=15, mfc="none", mec=INK, mew=2, label="chosen")
     ax.axhline(plan.tol, color=GREEN, lw=1.5, ls="--")

@@ -10,7 +10,7 @@ import numpy as np
 
 from .arm import Arm
 from .control import control_laws
-from .ladder import _carried
+from .ladder import _carried, other_basis
 from .link import Link
 from .model import STRAINS, Beam
 from .sampled import Sampled
@@ -113,19 +113,8 @@ class Rungs:
         return ""
 
     def other_basis(self, link: int) -> str | None:
-        """A basis that may stand in for the scene's: Legendre polynomials meet the conditions at a loaded tip, and what
-        a patch does, with fewer functions than modes of a free beam. None where nothing else may stand in: strains of
-        the user's own, elastic coordinates that do not start at zero, or that something reads by number."""
-        beam, scene = self.scene.arm.links[link].beam, self.scene
-        if beam is None or self.pinned or beam.basis == "legendre":
-            return None
-        if any(isinstance(m, tuple) for m in beam.modes.values()):
-            return None
-        first = scene.arm._core.first(link) + scene.arm.links[link].joint.nv
-        first_q = scene.arm._core.first_q(link) + scene.arm.links[link].joint.nq
-        moved = scene.q0 is not None and scene.q0[first_q : first_q + beam.ne].any()
-        moving = scene.v0 is not None and scene.v0[first : first + beam.ne].any()
-        return None if moved or moving else "legendre"
+        """As ladder's; nor may one stand in where something reads the elastic coordinates by number."""
+        return None if self.pinned else other_basis(self.scene, link)
 
     def rebased(self, model: Model) -> Model:
         """The model in Legendre polynomials, where they may stand in."""

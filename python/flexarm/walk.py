@@ -17,6 +17,7 @@ _AGREE = 1e-8
 _FINEST = 3e-7  # no line goes below this error
 _WORST = 0.1  # models further off are not timed at other settings
 _FIRST, _NEXT = 0.2, 0.1  # share of the budget that a run for the truth may take
+_SPARE = 2  # modes more that another basis has than the truth
 _AWAY = 100.0  # an error that counts as a failure
 _FAILURES = 8  # halvings (decades) in a row that may fail
 
@@ -46,7 +47,8 @@ class Walk:
         rows: all runs so far.
         truth: the richest converged run; `looser` the same at the next looser tolerance, `tolerance` their distance.
         span: the quantity's, by unit.
-        poorer: the runs with one mode less per strain ("modes") and of the next order ("order").
+        poorer: the runs with one mode less per strain ("modes") and of the next order ("order"), and that in another
+            basis ("basis"), with modes to spare.
         methods: by integrator, distance of "ci" from "ab" and its time over that of "ab".
     """
 
@@ -217,6 +219,9 @@ class Walk:
         shifts = self.shifts[: self.shifts.index(rich.shift) + 1]
         dear = sorted(reversed(orders), key=lambda order: order == 3)  # last: in space it costs most, more than exact
         at_order = [self.run(self.model(order, rich.shift), choice, value, _FIRST) for order in dear]
+        other = None if orders == ["as given"] else ladder.rebuilt(self.scene, rich.order, rich.shift + _SPARE)
+        if other is not None:
+            self.poorer["basis"] = self.run(other, choice, value, _FIRST)
         if len(orders) > 1:
             self.poorer["order"] = next(r for r in at_order if r.model.order == orders[-2])
         rows = list(at_order)
