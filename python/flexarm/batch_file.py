@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any
@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
-from .batch_run import Job
+from . import _core, batch_events
+from .batch_run import FAILED, Job
 from .rollout import NOT_DONE, Failure
 from .variation import Variation
 
@@ -84,6 +84,15 @@ def fingerprint(job: Job) -> str:
     return h.hexdigest()
 
 
+def _places(file: Any, names: Sequence[str]) -> dict[str, Any]:
+    """Where each array lies in the file, its shape and kind."""
+    return {k: (file[k].id.get_offset(), file[k].shape, file[k].dtype) for k in names}
+
+
+def _mapped(path: Path, places: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: np.memmap(path, kind, "r", offset, shape) for k, (offset, shape, kind) in places.items()}
+
+
 def about(variation: Variation) -> dict[str, Any]:
     """What a saved batch says of itself, beside its arrays."""
     setup = variation.setup
@@ -104,14 +113,19 @@ def read(path: Path, outputs: tuple[str, ...]) -> dict[str, Any]:
                 held: dict[str, Any] = {k: z[k] for k in z.files}
             held["about"] = json.loads(str(held["about"]))
             values = {k.partition("/")[2]: held.pop(k) for k in list(held) if k.startswith("parameters/")}
+            if "events" in held:
+                held["events"] = batch_events.unpacked(held, held["status"] != NOT_DONE)
             return {**held, "parameters": values}
         with _h5py().File(path, "r") as f5:
             small = {k: f5[k][:] for k in ("t", "status", "reached", "reason")}
-            places = {k: (f5[k].id.get_offset(), f5[k].shape) for k in outputs if k in f5}
+            places = _places(f5, [k for k in outputs if k in f5])
             values = {k: f5["parameters"][k][:] for k in f5.get("parameters", {})}
             words, left = json.loads(f5["about"][()]), f5["done"][:] == 0
+            events = _places(f5, batch_events.NAMES) if "events" in f5 else {}
         small["status"][left], small["reached"][left] = NOT_DONE, small["t"][0]
-        large = {k: np.memmap(path, np.float64, "r", offset, shape) for k, (offset, shape) in places.items()}
+        large = _mapped(path, places)
+        if events:
+            large["events"] = batch_events.unpacked(_mapped(path, events), ~left)
         return {**small, **large, "about": words, "parameters": values}
     except OSError as e:
         raise ValueError(f"batch {str(path)!r}: {e.strerror or e}") from None
@@ -159,6 +173,8 @@ class BatchFile:
         }
         shapes |= {"status": ((n,), "i4"), "reached": ((n,), "f8"), "reason": ((n,), f"S{_REASON}")}
         shapes["done"] = ((n,), "u1")
+        arm = self._job.variation.setup.arm
+        shapes |= batch_events.shapes(n, self._job.events, rows, arm.nq, arm.nv) if self._job.events else {}
         for name, (shape, kind) in shapes.items():
             make = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
             make.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
@@ -173,6 +189,14 @@ class BatchFile:
 
     def write(self, indices: NDArray[np.int64], blocks: Mapping[str, Any], failures: list[Failure]) -> None:
         """Scenarios that are done, or failed; indices must increase."""
+        job, arm = self._job, self._job.variation.setup.arm
+        if job.events:
+            found = blocks["events"]
+            for k in batch_events.crowded(found, job.rows):
+                blocks["status"][k] = FAILED
+                reason = f"an event occurred more than {job.rows} times: a file keeps as many as rows; take out=None"
+                failures = [*failures, Failure(int(indices[k]), float(blocks["reached"][k]), reason)]
+            blocks = {**blocks, **batch_events.packed(found, job.events, job.rows, arm.nq, arm.nv)}
         for name, block in blocks.items():
             self._put(name, indices, block)
         reasons = dict.fromkeys(indices.tolist(), b"") | {f.index: f.reason.encode()[:_REASON] for f in failures}
@@ -193,8 +217,10 @@ class BatchFile:
         held: dict[str, Any] = {k: f[k][:] for k in ("status", "reached")}
         failed = np.flatnonzero(f["reason"][:] != b"")
         failures = [Failure(int(i), float(held["reached"][i]), f["reason"][i].decode()) for i in failed]
-        places = {k: (f[k].id.get_offset(), f[k].shape) for k in self._job.outputs}
+        places, done = _places(f, self._job.outputs), f["done"][:] != 0
+        events = _places(f, batch_events.NAMES) if self._job.events else {}
         f.close()
-        for k, (offset, shape) in places.items():
-            held[k] = np.memmap(self.path, np.float64, "r", offset, shape)
+        held |= _mapped(self.path, places)
+        if events:
+            held["events"] = batch_events.unpacked(_mapped(self.path, events), done)
         return held, failures

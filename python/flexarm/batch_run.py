@@ -18,10 +18,11 @@ from .drive import Motion, Torque
 from .load import Load
 from .patch import Voltage, column_of, split_drives
 from .rollout import NOT_DONE, STEPPERS, Failure, check_balls, failures_of, take_steps
-from .simulation import SimulationError, SimulationInterrupted, simulate
+from .simulation import SimulationError, SimulationInterrupted, _events, simulate
 from .tables import Schedule, breaks_of, feedback_tables, sampled, stacked, wrench_table
 from .variation import Setup, Variation
 
+ENDED = 1  #: by a terminal event, as `Result.status` has it
 FAILED = 5
 _VARIES_FRICTION = ("coulomb", "stiction")
 
@@ -91,6 +92,11 @@ class Job:
         """Bytes of a scenario's result."""
         return max(1, 8 * self.rows * sum(self.sizes().values()))
 
+    @property
+    def events(self) -> int:
+        """How many are looked for."""
+        return len(_events(self.options.get("events")))
+
     def sizes(self) -> dict[str, int]:
         """Numbers in a row of each output."""
         arm = self.variation.setup.arm
@@ -126,7 +132,8 @@ class Job:
         workers: int,
         alive: Any,
     ) -> tuple[list[Failure], dict[str, Any]]:
-        """Runs these scenarios, made of these setups, into the blocks, (n, rows, size) and status (n,), reached (n,).
+        """Runs these scenarios, made of these setups, into the blocks, (n, rows, size), status (n,), reached (n,), and,
+        where events are looked for, events (n,).
 
         Returns:
             What failed, and counts; counts["interrupted"] after Ctrl-C.
@@ -164,7 +171,9 @@ class Job:
             arms, len(indices), schedule, q0, v0, tau, motions, pushes, loads, laws, self.integrator,
             self.options.get("spectral_radius"), self.options.get("rtol"), blocks, workers, alive,
         )  # fmt: skip
-        return failures_of(blocks["status"], blocks["reached"]), stats
+        failures = failures_of(blocks["status"], blocks["reached"])
+        blocks["status"][[f.index for f in failures]] = FAILED
+        return failures, stats
 
     def _drives(self, setups: Sequence[Setup], schedule: Schedule) -> tuple[list[Any], list[Any]]:
         """(coordinate, values) of motions; (column, values) of torques and voltages."""
@@ -244,8 +253,14 @@ class Job:
             for name in self.outputs:
                 part = getattr(result, name)[:: self.every]
                 blocks[name][k, : len(part)] = part
-            blocks["reached"][k] = self.t[-1] if status == 0 else failure.time if failure else result.t[-1]
+            times = [x[-1] for x in result.t_events or () if len(x)]
+            if status == ENDED:
+                blocks["reached"][k] = max(times)
+            else:
+                blocks["reached"][k] = self.t[-1] if status == 0 else failure.time if failure else result.t[-1]
             blocks["status"][k] = status
+            if self.events:
+                blocks["events"][k] = (result.t_events, result.q_events, result.v_events)
             shares[k] = 1.0
             return failure and replace(failure, index=k), int(result.stats["steps"])
 
@@ -279,7 +294,7 @@ class Job:
                 setup.arm, self.t, **start, drive=setup.drive, loads=setup.loads, control=control,
                 integrator=self.integrator, step=self.step, progress=look, **options,
             )  # fmt: skip
-            return result, 0, None
+            return result, result.status, None
         except SimulationError as e:
             return e.result, FAILED, Failure(i, e.time, str(e))
         except SimulationInterrupted as e:

@@ -79,7 +79,8 @@ class Runner:
 
     def _add(self, stats: Mapping[str, int]) -> None:
         for k, n in stats.items():
-            self.stats[k] = max(self.stats.get(k, 0), n) if k == "workers" else self.stats.get(k, 0) + n
+            known = self.stats.get(k, 0)
+            self.stats[k] = max(known, n) if k in ("workers", "lanes") else known + n
 
     def _tell(self, i: int, found: RangeWarning) -> None:
         """Keeps the warning of the first scenario that deserves one."""
@@ -157,6 +158,8 @@ class Runner:
         job, n = self.job, self.count
         blocks: dict[str, Any] = prepared(out, {k: (n, job.rows, size) for k, size in job.sizes().items()})
         blocks["status"], blocks["reached"] = np.full(n, NOT_DONE, np.int32), np.full(n, job.t[0])
+        if job.events:
+            blocks["events"] = np.full(n, None)
         failures: list[Failure] = []
         interrupted, touched = False, np.zeros(n, bool)
         size = self._chunk(n if job.variation.one_setup else self._most())
@@ -184,6 +187,7 @@ class Runner:
 
         def into(part: NDArray[np.int64]) -> dict[str, Any]:
             blocks: dict[str, Any] = {k: np.empty((len(part), job.rows, w)) for k, w in job.sizes().items()}
+            blocks |= {"events": np.full(len(part), None)} if job.events else {}
             return {**blocks, "status": np.empty(len(part), np.int32), "reached": np.empty(len(part))}
 
         try:
@@ -206,7 +210,8 @@ class Runner:
         arrays: dict[str, Any] = {k: held.get(k) for k in OUTPUTS}
         stats = {**self.stats, **({"out_of_range": self.out_of_range} if self.out_of_range else {})}
         return BatchResult(job.t[:: job.every], **arrays, status=held["status"], reached=held["reached"],
-                           variation=job.variation, failures=failures, stats=stats)  # fmt: skip
+                           variation=job.variation, failures=failures, stats=stats,
+                           events=held.get("events"))  # fmt: skip
 
 
 def _scaled(show: Any, first: float, share: float) -> Any:
@@ -227,7 +232,8 @@ def run_share(job: Job, names: NDArray[np.int64], engine: str, workers: int) -> 
         raise ValueError(renamed(str(e), names)) from None
     if interrupted:
         raise KeyboardInterrupt
-    blocks = {k: getattr(result, k) for k in (*job.outputs, "status", "reached")}
+    more = ("events",) if job.events else ()
+    blocks = {k: getattr(result, k) for k in (*job.outputs, "status", "reached", *more)}
     return {
         "blocks": blocks, "failures": result.failures, "stats": runner.stats, "beyond": runner.beyond,
         "beyond_at": runner.beyond_at, "out_of_range": runner.out_of_range,

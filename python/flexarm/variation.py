@@ -122,7 +122,7 @@ class Variation:
                 hint = f"; did you mean '{near[0]}'?" if near else ""
                 raise ValueError(f"parameters: '{path}' is nothing that can vary{hint}")
             name = f"parameters['{path}']"
-            self.values[path] = array(name, value)
+            self.values[path] = array(name, value, batch_ndim=1)
             if self.values[path].ndim == 0:
                 raise ValueError(f"{name} = {value!r}: must have one entry for each scenario")
         for path in self.values:
