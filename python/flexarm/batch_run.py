@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._check import Array
+from ._threads import each
 from .arm import Arm
 from .control import Controller, Run, _Feedback, _Sampler, padded
 from .drive import Motion, Torque
@@ -239,11 +239,10 @@ class Job:
         blocks["reached"][:] = begun
         for name in self.outputs:
             blocks[name][:] = np.nan
+        failures: list[Failure] = []
+        steps = np.zeros(len(indices), np.int64)
 
-        def one(k: int) -> tuple[Failure | None, int]:
-            if stop.is_set():
-                return None, 0
-
+        def one(k: int) -> None:
             def look(now: float) -> None:
                 shares[k] = (now - begun) / (self.t[-1] - begun)
                 if stop.is_set():
@@ -261,25 +260,23 @@ class Job:
             blocks["status"][k] = status
             if self.events:
                 blocks["events"][k] = (result.t_events, result.q_events, result.v_events)
-            shares[k] = 1.0
-            return failure and replace(failure, index=k), int(result.stats["steps"])
+            shares[k], steps[k] = 1.0, result.stats["steps"]
+            if failure:
+                failures.append(replace(failure, index=k))
+            if status == NOT_DONE:
+                raise KeyboardInterrupt
+
+        def show() -> None:
+            if alive:
+                alive(float(shares.mean()))
 
         interrupted = False
-        with ThreadPoolExecutor(workers) as pool:
-            futures = [pool.submit(one, k) for k in range(len(indices))]
-            try:
-                while wait(futures, timeout=0.1, return_when=FIRST_EXCEPTION).not_done:
-                    if any(f.done() and f.exception() for f in futures):
-                        break
-                    if alive:
-                        alive(float(shares.mean()))
-            except KeyboardInterrupt:
-                interrupted = True
-            finally:
-                stop.set()  # all is done, or is to be given up
-        done = [f.result() for f in futures if not (interrupted and f.exception())]
-        failures = [failure for failure, _ in done if failure]
-        return failures, {"steps": sum(n for _, n in done), "workers": workers, "interrupted": interrupted}
+        try:
+            each(one, len(indices), workers, show, stop.set)
+        except KeyboardInterrupt:
+            interrupted = True
+        failures.sort(key=lambda f: f.index)
+        return failures, {"steps": int(steps.sum()), "workers": workers, "interrupted": interrupted}
 
     def _one(self, setup: Setup, i: int, look: Callable[[float], None]) -> tuple[Any, int, Failure | None]:
         """Result, status and failure of a scenario."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._check import Array, whole
+from ._threads import later
 from .batch_file import BatchFile
 from .batch_result import OUTPUTS, BatchResult
 from .batch_run import Job
@@ -105,26 +108,41 @@ class Runner:
                 told = (found.link, found.time, found.rotation, found.limit)
                 self._tell(name, RangeWarning(f"scenario {name}: {found}", *told))
 
-    def _chunks(self, indices: NDArray[np.int64], size: int) -> Iterator[tuple[NDArray[np.int64], list[Setup]]]:
+    def _chunks(
+        self, indices: NDArray[np.int64], size: int, show: Any
+    ) -> Iterator[tuple[NDArray[np.int64], list[Setup]]]:
         """Pieces of the indices with what they are made of, the next being built while one runs."""
         parts = [indices[k : k + size] for k in range(0, len(indices), size)]
-        if len(parts) == 1:
-            yield parts[0], self.job.variation.scenarios(parts[0], self.workers)
+        if self.job.variation.one_setup:
+            yield from ((part, self.job.variation.scenarios(part)) for part in parts)
             return
-        with ThreadPoolExecutor(1) as ahead:
-            coming = [ahead.submit(self.job.variation.scenarios, part, self.workers) for part in parts[:1]]
+        stop, done = threading.Event(), self.count - len(indices)
+
+        def built(k: int) -> Future[list[Setup]]:
+            return later(lambda: self.job.variation.scenarios(parts[k], self.workers, stop.is_set))
+
+        coming = built(0) if parts else None
+        try:
             for k, part in enumerate(parts):
-                setups = coming.pop().result()
-                if k + 1 < len(parts):
-                    coming.append(ahead.submit(self.job.variation.scenarios, parts[k + 1], self.workers))
+                assert coming is not None
+                while not wait([coming], timeout=0.1).done:  # Ctrl-C comes through
+                    if show is not None:
+                        show(done / self.count)
+                setups = coming.result()
+                coming = built(k + 1) if k + 1 < len(parts) else None
                 yield part, setups
+                done += len(part)
+        finally:
+            stop.set()
+            wait([coming] if coming else [])
 
     def _done(self, indices: NDArray[np.int64], size: int, into: _Into, show: Any) -> Iterator[_Done]:
         """Pieces of the indices as they get done: their blocks, what failed, and whether Ctrl-C ended it there. In a
         worker elsewhere in any order, each once."""
         done = self.count - len(indices)
         if self.executor is None:
-            for part, setups in self._chunks(indices, size):
+            show = _paced(show)
+            for part, setups in self._chunks(indices, size, show):
                 blocks = into(part)
                 share = len(part) / self.count
                 failures, interrupted = self._run(part, setups, blocks, _scaled(show, done / self.count, share))
@@ -132,6 +150,8 @@ class Runner:
                 yield part, blocks, failures, interrupted
                 if interrupted:
                     return
+                if show is not None:
+                    show(done / self.count)
             return
         again: list[Any] = []
         parts = [indices[k : k + size] for k in range(0, len(indices), size)]
@@ -212,6 +232,20 @@ class Runner:
         return BatchResult(job.t[:: job.every], **arrays, status=held["status"], reached=held["reached"],
                            variation=job.variation, failures=failures, stats=stats,
                            events=held.get("events"))  # fmt: skip
+
+
+def _paced(show: Any) -> Any:
+    """show(share), but not more than about ten times a second; the end in any case."""
+    last = -np.inf
+
+    def shown(share: float) -> None:
+        nonlocal last
+        now = time.perf_counter()
+        if now - last > 0.08 or share >= 1.0:
+            last = now
+            show(share)
+
+    return None if show is None else shown
 
 
 def _scaled(show: Any, first: float, share: float) -> Any:

@@ -285,6 +285,8 @@ def rollout(
     with show_progress(progress, "rolling out") as alive:
         stats = take_steps(arms, count, schedule, q, v, force, list(moved.items()), [], [], laws, integrator,
                            spectral_radius, rtol, blocks, workers, alive, lanes)  # fmt: skip
+        if alive and not stats["interrupted"]:
+            alive(1.0)
     interrupted = stats.pop("interrupted")
     stats |= {"wall_time": time.perf_counter() - started}
     t = schedule.ends[schedule.rows]
