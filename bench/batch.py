@@ -13,7 +13,9 @@ import csv
 import platform
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import flexarm as fa
 import matplotlib
@@ -26,6 +28,7 @@ import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).resolve().parents[1]
 STEEL = fa.Material(7850, 209e9, 0.3)
+HOW = {"lanes": "side by side, in lanes", "core": "one by one, in the core", "simulate": "by `simulate`"}
 MARK = "<!-- measured by bench/batch.py -->"
 Row = dict[str, float | str]
 
@@ -70,6 +73,50 @@ def throughput(seconds: float) -> list[Row]:
     return out
 
 
+def kinds_of_scenarios() -> dict[str, tuple[fa.Arm, dict[str, Any]]]:
+    """What may be in a scenario, as an arm and arguments of `simulate_batch`."""
+    arm = planar_arm()
+    first, second = arm.links
+    rubs = fa.Arm([replace(first, joint=fa.Revolute("z", coulomb=0.02)), second])
+    ball = fa.Arm([replace(first, joint=fa.Spherical()), second])
+    bent = fa.Arm([replace(link, beam=replace(link.beam, order=3)) for link in arm.links])
+    pd = {"kp": 0.5, "kv": 0.05}
+    return {
+        "starts that differ": (arm, {}),
+        "parameters of the arm that differ": (arm, {"parameters": {"link.1.tip.mass": np.linspace(0.1, 0.2, 16)}}),
+        "a motion, or a torque, by samples": (arm, {"drive": {0: fa.Motion.spin_up(1.0, 0.1)}}),
+        "a torque, a function of time": (arm, {"drive": {0: fa.Torque(lambda t: 0.1 * np.sin(9 * t))}}),
+        "PD, strain or state feedback": (arm, {"control": fa.PD(**pd)}),
+        'integrator="rk4"': (arm, {"integrator": "rk4"}),
+        "a load": (arm, {"loads": [fa.Load(force=(0, 0.1, 0), link=1)]}),
+        "a ball joint": (ball, {}),
+        "beams of order 3": (bent, {}),
+        "dry friction": (rubs, {}),
+        "a law sampled each 10 ms, in Python": (
+            arm, {"control": fa.Sampled(lambda t, y: [-0.5 * y[0]], 100.0, measure=[("joint", 0)], actuate=[0])}
+        ),
+        "events": (arm, {"events": lambda t, q, v: q[0] - 9.0}),
+        'integrator="gauss", steps of 10 ms': (arm, {"integrator": "gauss", "step": 1e-2}),
+        'integrator="ida"': (arm, {"integrator": "ida"}),
+    }  # fmt: skip
+
+
+def costs(seconds: float) -> list[Row]:
+    """Of 16 scenarios of 0.2 s on one core, by what is in them: how they are run, and milliseconds for each."""
+    t, ways, run = np.linspace(0, 0.2, 21), {}, {}
+    for name, (arm, options) in kinds_of_scenarios().items():
+        q0 = np.tile(arm.zero, (16, 1))
+        q0[:, -3] = 0.005 * np.random.default_rng(0).normal(size=16)
+        given = {"step": 1e-3, **options}
+        if given.get("integrator") == "ida":
+            given.pop("step")
+        ways[name] = lambda arm=arm, q0=q0, given=given: fa.simulate_batch(arm, t, q0, workers=1, **given)
+        stats = ways[name]().stats
+        run[name] = "simulate" if stats["engine"] != "steps" else "lanes" if stats["lanes"] > 1 else "core"
+    took = in_turn(ways, seconds)
+    return [{"kind": run[name], "way": name, "n": 200, "value": 1e3 * took[name] / 16} for name in ways]
+
+
 def building() -> list[Row]:
     """Microseconds of one core for each scenario's arm, by what differs."""
     arm, count, out = planar_arm(), 200, []
@@ -77,16 +124,24 @@ def building() -> list[Row]:
     kinds = {
         "gravity": {"gravity": rng.normal(size=(count, 3))},
         "a tip's mass": {"link.1.tip.mass": rng.random(count)},
+        "a beam's youngs_modulus": {"link.1.beam.material.youngs_modulus": 209e9 * (1 + rng.random(count))},
+        "a beam's section": {"link.1.beam.section.y": 0.002 * (1 + rng.random(count))},
         "a beam's length": {"link.1.beam.length": 0.5 + rng.random(count)},
         "a beam's length, one of ten, and a tip's mass": {
             "link.1.beam.length": np.repeat(0.5 + rng.random(10), count // 10), "link.1.tip.mass": rng.random(count)
         },
     }  # fmt: skip
+    space = {"bending_y": 3, "bending_z": 3, "torsion": 2}
+    beams = [replace(link.beam, modes=space) for link in arm.links]
+    spatial = fa.Arm([replace(link, beam=beam) for link, beam in zip(arm.links, beams, strict=True)])
     for name, parameters in kinds.items():
-        variation = Variation(Setup(arm), parameters)
-        begun = time.process_time()
-        variation.scenarios(range(count))
-        out.append({"kind": "building", "way": name, "n": 1, "value": 1e6 * (time.process_time() - begun) / count})
+        row: Row = {"kind": "building", "way": name, "n": 1}
+        for column, of in (("value", arm), ("space", spatial)):
+            variation = Variation(Setup(of), parameters)
+            begun = time.process_time()
+            variation.scenarios(range(count))
+            row[column] = 1e6 * (time.process_time() - begun) / count
+        out.append(row)
     return out
 
 
@@ -110,8 +165,16 @@ def page(rows: list[Row]) -> str:
     lines += ["| steps of a scenario | " + " | ".join(ways) + " |", "| - " * (len(ways) + 1) + "|"]
     lines += [f"| {n} | " + " | ".join(f"{at[w, n]:.3g}" for w in ways) + " |" for n in lengths]
     lines += ["", "Steps a second; behind a comma the workers.", ""]
-    lines += ["| what differs | µs of one core for each scenario's arm |", "| - | - |"]
-    lines += [f"| {r['way']} | {float(r['value']):.0f} |" for r in rows if r["kind"] == "building"]
+    lines += ["| in a scenario | run | ms | against the first |", "| - | - | - | - |"]
+    cost = [r for r in rows if r["kind"] in HOW]
+    for r in cost:
+        ms = float(r["value"])
+        lines.append(f"| {r['way']} | {HOW[str(r['kind'])]} | {ms:.2g} | {ms / float(cost[0]['value']):.1f} |")
+    lines += ["", "Of one core for 0.2 s of that arm, steps of 1 ms where nothing else is said.", ""]
+    lines += ["| what differs | µs of one core for each scenario's arm | of one that moves in space |", "| - | - | - |"]
+    lines += [
+        f"| {r['way']} | {float(r['value']):.0f} | {float(r['space']):.0f} |" for r in rows if r["kind"] == "building"
+    ]
     lines += ["", f"{platform.machine()}, {default_workers(None)} cores."]
     return "\n".join(lines)
 
@@ -124,9 +187,9 @@ def main() -> None:
     options = parser.parse_args()
     folder = ROOT / "docs/figures" if options.docs else options.o
     folder.mkdir(parents=True, exist_ok=True)
-    rows = throughput(options.seconds) + building()
+    rows = throughput(options.seconds) + costs(options.seconds) + building()
     with (folder / "batch.csv").open("w", newline="") as f:
-        writer = csv.DictWriter(f, list(rows[0]))
+        writer = csv.DictWriter(f, [*rows[0], "space"])
         writer.writeheader()
         writer.writerows(rows)
     draw(rows, folder / "batch.png")

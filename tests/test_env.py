@@ -236,3 +236,14 @@ def test_bad_actions_and_masks_are_named():
         envs.step(np.full((2, 2), np.nan))
     with pytest.raises(ValueError, match="reset_mask"):
         envs.reset(options={"reset_mask": [1, 2, 3]})
+
+
+def test_a_task_without_a_reward_is_refused_by_name():
+    class Idle(Task):
+        pass
+
+    task = Idle(VibrationSuppression().arm, (1.0,))
+    with pytest.raises(ValueError, match="Idle has no reward: give it reward"):
+        FlexarmVectorEnv(2, task)
+    with pytest.raises(NotImplementedError, match="Idle has no reward"):
+        task.reward(None, None)

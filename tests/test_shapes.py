@@ -1,11 +1,13 @@
 """Shape functions other than the two bases: loaded modes, the user's own strains; tapered sections."""
 
 import pickle
+import subprocess
+import sys
 
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import random_state
+from arms import STEEL, random_state
 from numpy.polynomial.legendre import Legendre
 from scipy.optimize import brentq
 
@@ -293,3 +295,44 @@ def test_bad_shapes(change: dict, message: str) -> None:
 def test_bad_tapers(arguments: tuple, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         fa.Taper(*arguments)
+
+
+ALL = {"bending_y": 2, "bending_z": 2, "torsion": 2, "shear_y": 1, "shear_z": 1}
+
+
+@pytest.mark.parametrize("length", [0.3, 1.7])
+@pytest.mark.parametrize("basis", ["clamped-free", "legendre", "loaded"])
+def test_second_order_is_the_start_of_the_exact_rotation_at_any_length(basis, length):
+    # what is tabulated at length 1 and scaled, against the integration of R' = R K~
+    rng, errors = np.random.default_rng(3), []
+    beams = [fa.Beam(length, fa.Rectangle(0.02, 0.03), STEEL, ALL, basis=basis, order=k) for k in (2, "exact")]
+    arms = [fa.Arm([fa.Link(fa.Revolute("z"), beam=beam)]) for beam in beams]
+    q = np.append(0.0, rng.normal(size=8))
+    strains = arms[0].strain(q, 0, 0.4 * length)
+    q /= np.abs(strains * [length, length, length, 1, 1]).max()
+    for size in (0.02, 0.01):
+        (p, R), (p_exact, R_exact) = (arm.frame(size * q, 0, 0.8 * length) for arm in arms)
+        errors.append([np.abs(p - p_exact).max() / length, np.abs(R - R_exact).max()])
+    assert (np.array(errors[0]) < 1e-5).all()
+    assert (np.array(errors[1]) < 0.16 * np.array(errors[0]) + 1e-13).all()  # third order: an eighth
+
+
+def test_a_beam_is_the_same_whatever_was_built_before():
+    program = """
+import sys, flexarm as fa
+steel = fa.Material(7850.0, 209e9, 0.3)
+modes = {"bending_y": 2, "bending_z": 2, "torsion": 1}
+out = {}
+for length in map(float, sys.argv[1:]):
+    for basis in ("clamped-free", "legendre", "loaded"):
+        beam = fa.Beam(length, fa.Rectangle(0.002, length / 25), steel, modes, basis=basis, damping_ratio=0.01)
+        arm = fa.Arm([fa.Link(fa.Revolute("z"), beam=beam)])
+        run = fa.rollout(arm, [0.0, *[1e-3] * 5], dt=1e-3, nstep=3)
+        out[length, basis] = (beam._core.stiffness.tobytes() + run.q.tobytes()).hex()
+print(*(out[0.5, basis] for basis in ("clamped-free", "legendre", "loaded")))
+"""
+    found = [
+        subprocess.run([sys.executable, "-c", program, *args], capture_output=True, text=True, check=True).stdout
+        for args in (["0.5"], ["0.7", "0.5"])
+    ]
+    assert found[0] == found[1]

@@ -29,7 +29,7 @@ namespace {
 
 using Index = Eigen::Index;
 
-constexpr long kLookAround = 32;    // steps between two looks at the clock
+constexpr auto kLookTime = std::chrono::milliseconds(50);
 constexpr Index kWorthThread = 32;  // steps that are worth a thread
 
 /// What the workers share.
@@ -40,13 +40,13 @@ struct Shared {
   std::atomic<Index> next{0};      // scenario that nobody has taken
   std::atomic<long long> done{0};  // steps
   std::atomic<bool> stop{false};
-  std::chrono::steady_clock::time_point looked = std::chrono::steady_clock::now();  // of the calling thread alone
+  std::chrono::steady_clock::time_point looked = {};  // of the calling thread alone
 
   /// Of the calling thread: asks `alive` when it is time to.
   void look_around() {
     if (!alive) return;
     const auto now = std::chrono::steady_clock::now();
-    if (now - looked < std::chrono::milliseconds(100)) return;
+    if (now - looked < kLookTime) return;
     looked = now;
     const double all = static_cast<double>(problem.scenarios) * static_cast<double>(problem.lengths.size());
     if (!alive(static_cast<double>(done) / all)) stop = true;
@@ -198,7 +198,8 @@ class Worker {
       half_ = 2 * step_;
       if (step_ < steps && p_.hold[k + 1] != p_.hold[k] && hold(p_.hold[k + 1]))
         status = method_->jump(s.ws, s.q, s.v, s.tau);
-      if (++since == kLookAround || step_ == steps) {
+      ++since;
+      if (pace_.due() || step_ == steps) {
         shared_.done += since;
         since = 0;
         if (calling_) shared_.look_around();
@@ -244,6 +245,7 @@ class Worker {
   const BatchProblem& p_;
   bool calling_;
   Index group_;  // scenarios taken at once
+  Pace pace_;
   LaneGroup lanes_;
   bool own_laws_ = false;  // whether columns or gains differ from scenario to scenario
   bool varies_ = false;    // whether anything changes within a step
@@ -339,7 +341,7 @@ BatchStats run_batch(const BatchProblem& problem, const BatchOutput& out, int wo
     all[0]->run();
     std::unique_lock<std::mutex> lock(mutex);
     while (running > 0) {
-      finished.wait_for(lock, std::chrono::milliseconds(100));
+      finished.wait_for(lock, kLookTime);
       lock.unlock();
       if (!shared.stop) shared.look_around();
       lock.lock();

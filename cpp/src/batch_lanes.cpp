@@ -11,7 +11,6 @@ namespace {
 
 using Index = Eigen::Index;
 
-constexpr long kLookAround = 32;  // steps between two looks at the clock
 constexpr int kMostIterations = 20;
 
 }  // namespace
@@ -223,7 +222,7 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   };
   job.alive = [](void* self, long step) {
     LaneGroup& g = *static_cast<LaneGroup*>(self);
-    if (step < g.told_ + kLookAround) return true;
+    if (!g.pace_.due()) return true;
     const long news = step - g.told_;
     g.told_ = step;
     return g.alive_(news * static_cast<long>(g.count_));

@@ -1,6 +1,8 @@
 // Scenarios of a batch in the lanes of a pack.
 #pragma once
 
+#include <algorithm>
+#include <chrono>
 #include <functional>
 #include <vector>
 
@@ -11,6 +13,24 @@ namespace flexarm {
 
 /// Nan into the rows of a scenario from `row` on.
 void fill_rows(const BatchProblem& problem, const BatchOutput& out, Eigen::Index scenario, Eigen::Index row);
+
+/// When to look at more than the steps at hand: about every millisecond or two, however short or long a step is.
+class Pace {
+ public:
+  /// After each step.
+  bool due() {
+    if (++since_ < every_) return false;
+    const auto now = std::chrono::steady_clock::now();
+    every_ = now - last_ > std::chrono::milliseconds(1) ? std::max(1, every_ / 2) : std::min(64, 2 * every_);
+    last_ = now;
+    since_ = 0;
+    return true;
+  }
+
+ private:
+  int since_ = 0, every_ = 1;
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
 
 /// One thread's pack.
 class LaneGroup {
@@ -51,6 +71,7 @@ class LaneGroup {
   std::vector<Eigen::Index> rows_done_;
   Eigen::Index row_ = 0;
   long told_ = 0;
+  Pace pace_;
 };
 
 }  // namespace flexarm

@@ -7,74 +7,13 @@
 #include "flexarm/check.hpp"
 #include "flexarm/quadrature.hpp"
 #include "lanes/plan.hpp"
+#include "shape_tables.hpp"
 
 namespace flexarm {
 
 namespace {
 
 using Eigen::MatrixXd;
-
-/// Running integrals from 0 to X of the products of shape functions that the second-order terms are made of.
-struct ProductIntegrals {
-  using Table = std::array<std::array<MatrixXd, kStrains>, kStrains>;
-  Table slope_slope, slope_strain;  ///< int s_i s_j^T and int s_i e_j^T of slopes s and strains e
-  std::array<MatrixXd, 2> nested;   ///< int int alpha v''^T for bending y and z
-
-  explicit ProductIntegrals(const std::array<int, kStrains>& n) {
-    for (int i = 0; i < kStrains; ++i)
-      for (int j = 0; j < kStrains; ++j) slope_slope[i][j] = slope_strain[i][j] = MatrixXd::Zero(n[i], n[j]);
-    for (int t : {bending_y, bending_z}) nested[t] = MatrixXd::Zero(n[torsion], n[t]);
-  }
-
-  /// Goes on from X = from to X = to.
-  template <class Shapes>
-  void advance(double from, double to, const Shapes& shapes_at) {
-    const GaussRule rule(24, to - from);
-    for (int t : {bending_y, bending_z}) nested[t] += (to - from) * slope_strain[torsion][t];
-    for (Eigen::Index g = 0; g < rule.points.size(); ++g) {
-      const double w = rule.weights[g], left = to - from - rule.points[g];
-      const std::array<ShapeValues, kStrains> s = shapes_at(from + rule.points[g]);
-      for (int i = 0; i < kStrains; ++i)
-        for (int j = 0; j < kStrains; ++j) {
-          slope_slope[i][j] += w * s[i].slope * s[j].slope.transpose();
-          slope_strain[i][j] += w * s[i].slope * s[j].strain.transpose();
-        }
-      for (int t : {bending_y, bending_z}) nested[t] += w * left * s[torsion].slope * s[t].strain.transpose();
-    }
-  }
-};
-
-/// The second-order terms of position (Eq. 24-27 with the shear angles, to total order 2) and of the rotation
-/// vector (theta_2 = 1/2 int theta_1 x K), with theta_1 = (alpha, -v3', v2') and K = (alpha', -v3'', v2'').
-std::vector<Product> second_order(const ProductIntegrals& I, const std::array<int, kStrains>& first) {
-  std::vector<Product> terms;
-  const auto add = [&](int row, int i, int j, const MatrixXd& C) {
-    if (C.size() > 0) terms.push_back({row, first[i], first[j], C});
-  };
-  // x1 = X - int (v2'^2 + v3'^2)/2 + v2' gamma2' + v3' gamma3': the shortening
-  add(0, bending_y, bending_y, -I.slope_slope[bending_y][bending_y]);
-  add(0, bending_z, bending_z, -I.slope_slope[bending_z][bending_z]);
-  add(0, bending_y, shear_y, -I.slope_strain[bending_y][shear_y]);
-  add(0, bending_z, shear_z, -I.slope_strain[bending_z][shear_z]);
-  // x2 = v2 + gamma2 - int (int alpha v3'' + alpha gamma3'),  x3 = v3 + gamma3 + int (int alpha v2'' + alpha
-  // gamma2')
-  add(1, torsion, bending_z, -I.nested[bending_z]);
-  add(1, torsion, shear_z, -I.slope_strain[torsion][shear_z]);
-  add(2, torsion, bending_y, I.nested[bending_y]);
-  add(2, torsion, shear_y, I.slope_strain[torsion][shear_y]);
-  // theta_2 = 1/2 int (v2' v3'' - v3' v2'', v2' alpha' - alpha v2'', v3' alpha' - alpha v3'')
-  const auto antisymmetric = [&](int i, int j) -> MatrixXd {
-    return 0.5 * (I.slope_strain[i][j] - I.slope_strain[j][i].transpose());
-  };
-  add(3, bending_y, bending_z, antisymmetric(bending_y, bending_z));
-  add(4, bending_y, torsion, antisymmetric(bending_y, torsion));
-  add(5, bending_z, torsion, antisymmetric(bending_z, torsion));
-  return terms;
-}
-
-}  // namespace
-
-namespace {
 
 bool one_plane(const BeamOptions& o) {
   const bool y = o.modes[bending_y] + o.modes[shear_y] > 0, z = o.modes[bending_z] + o.modes[shear_z] > 0;
@@ -172,12 +111,15 @@ struct Beam::Profile {
     const double iy = s.second_moment_y, iz = s.second_moment_z;
     return material.density * Eigen::Vector3d(iy + iz, iy, iz);
   }
-  /// EI_z, EI_y, GJ, kGA, kGA of Eq. 62.
+  /// I_z, I_y, J, kA, kA of Eq. 62.
+  static double form(int strain, const Section& s) {
+    if (strain == bending_y) return s.second_moment_z;
+    if (strain == bending_z) return s.second_moment_y;
+    return strain == torsion ? s.torsion_constant : s.shear_correction * s.area;
+  }
+  /// EI_z, EI_y, GJ, kGA, kGA.
   double rigidity(int strain, const Section& s) const {
-    const double E = material.youngs_modulus, G = material.shear_modulus;
-    if (strain == bending_y) return E * s.second_moment_z;
-    if (strain == bending_z) return E * s.second_moment_y;
-    return strain == torsion ? G * s.torsion_constant : s.shear_correction * G * s.area;
+    return (is_bending(strain) ? material.youngs_modulus : material.shear_modulus) * form(strain, s);
   }
   /// What a clamped mode of one strain vibrates against (Euler-Bernoulli for bending).
   double inertia(int strain, const Section& s) const { return strain == torsion ? rotary(s)[0] : mass(s); }
@@ -217,7 +159,7 @@ MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, i
   for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
     const Section section = profile.section.at(fine.points[g]);
     const ShapeValues v = ritz.at(fine.points[g]);
-    K += fine.weights[g] * profile.rigidity(strain, section) * v.strain * v.strain.transpose();
+    K += fine.weights[g] * profile.form(strain, section) * v.strain * v.strain.transpose();  // of any E and G
     M += fine.weights[g] * profile.inertia(strain, section) * moved(v) * moved(v).transpose();
   }
   const ShapeValues end = ritz.at(length);
@@ -239,6 +181,20 @@ MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, i
   const Eigen::VectorXd at_end = shapes.transpose() * moved(end);
   for (int k = 0; k < n; ++k) shapes.col(k) *= (at_end[k] < 0.0 ? -1.0 : 1.0) / largest[k];
   return shapes;
+}
+
+/// The same, made once for a uniform beam of any Young's and shear modulus.
+template <class Profile>
+MatrixXd kept_loaded_modes(const Profile& profile, const BasisTip& tip, int strain, int n, double length) {
+  const auto make = [&] { return std::make_shared<const MatrixXd>(loaded_modes(profile, tip, strain, n, length)); };
+  if (!profile.uniform) return *make();
+  const Section section = profile.section.at(0.0);
+  std::string key = std::to_string(strain) + "," + std::to_string(n) + ":";
+  for (double x : {length, profile.form(strain, section), profile.inertia(strain, section), tip.mass, tip.offset,
+                   tip.inertia[0], tip.inertia[1], tip.inertia[2]})
+    append(key, &x, 1);
+  static auto& kept = *new Kept<MatrixXd>(std::size_t(1) << 20);
+  return *kept.get(key, make, [](const MatrixXd& m) { return static_cast<std::size_t>(8 * m.size()); });
 }
 
 }  // namespace
@@ -267,20 +223,25 @@ Beam::Beam(double length, const Profile& profile, const Material& material, cons
     if (options_.shapes[s].size() > 0)
       shapes_.emplace_back(s, options_.shapes[s], length_);
     else if (options_.basis == Basis::loaded && n > 0)
-      shapes_.emplace_back(s, loaded_modes(profile, options_.tip, s, n, length_), length_);
+      shapes_.emplace_back(s, kept_loaded_modes(profile, options_.tip, s, n, length_), length_);
     else
       shapes_.emplace_back(s, options_.basis, n, length_);
     first_[s] = ne_;
     ne_ += n;
   }
   if (one_plane(options_)) plane_ = options_.modes[bending_y] + options_.modes[shear_y] > 0 ? Plane::xy : Plane::xz;
+  unit_ = std::make_shared<const UnitShapes>(unit_shapes(shapes_, first_, options_.order == 2));
+  uniform_ = profile.uniform;
   std::vector<MassSlice> slices = build_slices(profile);
   patch_forces_.resize(ne_, static_cast<Eigen::Index>(patches.size()));
   patch_capacitances_.resize(patch_forces_.cols());
   for (Eigen::Index k = 0; k < patch_forces_.cols(); ++k) {
     const Patch& p = patches[static_cast<std::size_t>(k)];
     patch_forces_.col(k) = patch_force(p, &patch_capacitances_[k]);
-    if (p.mass) add_patch_slices(p, slices);
+    if (p.mass) {
+      add_patch_slices(p, slices);
+      uniform_ = false;
+    }
   }
   slices_ = std::make_shared<const std::vector<MassSlice>>(std::move(slices));
   points_ = std::make_shared<lanes::BeamPoints>();
@@ -303,9 +264,10 @@ std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
     else
       masses.weights.setZero();
   }
-  std::vector<double> stations(masses.points.data(), masses.points.data() + n);
-  stations.push_back(length_);
-  std::vector<SliceTable> all = tables(stations);
+  const Eigen::VectorXd parts = profile.uniform ? GaussRule(n).points : Eigen::VectorXd(masses.points / length_);
+  std::vector<double> stations(parts.data(), parts.data() + n);
+  stations.push_back(1.0);
+  std::vector<SliceTable> all = tables_at(stations);
   mass_ = masses.weights.sum();
   std::vector<MassSlice> slices;
   for (int g = 0; g < n; ++g) {
@@ -326,17 +288,26 @@ std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
 void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& patches) {
   // Elastic forces (Eq. 62) and, for modal damping, the mass of the clamped beam at rest.
   stiffness_ = damping_ = MatrixXd::Zero(ne_, ne_);
-  int most = *std::max_element(options_.modes.begin(), options_.modes.end());
-  for (const ShapeSet& s : shapes_) most = std::max(most, static_cast<int>(s.terms()));
-  const GaussRule fine = profile.fine(2 * most + 16, length_);
-  for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
-    const Section section = profile.section.at(fine.points[g]);
-    for (int s = 0; s < kStrains; ++s) {
-      const int ns = options_.modes[s];
-      if (ns == 0) continue;
-      const Eigen::VectorXd e = shapes_[s].at(fine.points[g]).strain;
-      stiffness_.block(first_[s], first_[s], ns, ns) +=
-          fine.weights[g] * profile.rigidity(s, section) * e * e.transpose();
+  const auto block = [&](int s) {
+    return stiffness_.block(first_[s], first_[s], options_.modes[s], options_.modes[s]);
+  };
+  if (profile.uniform) {
+    const std::shared_ptr<const std::array<MatrixXd, kStrains>> unit = unit_stiffness(*unit_);
+    const Section section = profile.section.at(0.0);
+    for (int s = 0; s < kStrains; ++s)  // a curvature is one over the length, a shear angle none
+      block(s) = profile.rigidity(s, section) * std::pow(length_, (s < shear_y ? -1 : 1) - 2 * unit_->power(s)) *
+                 (*unit)[static_cast<std::size_t>(s)];
+  } else {
+    int most = *std::max_element(options_.modes.begin(), options_.modes.end());
+    for (const ShapeSet& s : shapes_) most = std::max(most, static_cast<int>(s.terms()));
+    const GaussRule fine = profile.fine(2 * most + 16, length_);
+    for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
+      const Section section = profile.section.at(fine.points[g]);
+      for (int s = 0; s < kStrains; ++s) {
+        if (options_.modes[s] == 0) continue;
+        const Eigen::VectorXd e = shapes_[s].at(fine.points[g]).strain;
+        block(s) += fine.weights[g] * profile.rigidity(s, section) * e * e.transpose();
+      }
     }
   }
   for (const Patch& p : patches)
@@ -358,39 +329,42 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
 }
 
 std::vector<SliceTable> Beam::tables(const std::vector<double>& stations, const GaussRule& rule) const {
-  const std::array<int, kStrains>& n = options_.modes;
-  const auto shapes_at = [&](double X) {
-    std::array<ShapeValues, kStrains> s;
-    for (int i = 0; i < kStrains; ++i) s[i] = shapes_[i].at(X);
+  std::vector<double> parts;
+  for (double X : stations) parts.push_back(X / length_);
+  std::vector<SliceTable> out = tables_at(parts, rule);
+  for (std::size_t k = 0; k < stations.size(); ++k) out[k].X = stations[k];
+  return out;
+}
+
+std::vector<SliceTable> Beam::tables_at(const std::vector<double>& parts, const GaussRule& rule) const {
+  const std::shared_ptr<const std::vector<UnitSlice>> unit = unit_slices(*unit_, parts);
+  std::array<double, kStrains> shrink;  // of a strain's coordinates to those at length 1
+  const auto strain_of = [&](int coordinate) {
+    int s = kStrains - 1;
+    while (first_[s] > coordinate || options_.modes[s] == 0) --s;
     return s;
   };
-  Eigen::Index most = *std::max_element(n.begin(), n.end());
-  for (const ShapeSet& s : shapes_) most = std::max(most, s.terms());
-  const double step = length_ / (2.0 + 0.5 * static_cast<double>(most));  // the integrals' longest stride
-  ProductIntegrals integrals(n);
+  for (int i = 0; i < kStrains; ++i) shrink[i] = std::pow(length_, -unit_->power(i));
   std::vector<SliceTable> out;
-  double from = 0.0;
-  for (double X : stations) {
-    if (options_.order == 2 && X > from) {
-      const int strides = static_cast<int>(std::ceil((X - from) / step));
-      for (int k = 0; k < strides; ++k)
-        integrals.advance(from + (X - from) * k / strides, from + (X - from) * (k + 1) / strides, shapes_at);
-      from = X;
-    }
+  for (std::size_t k = 0; k < parts.size(); ++k) {
+    const UnitSlice& at = (*unit)[k];
     SliceTable t;
-    t.X = X;
+    t.X = length_ * parts[k];
     t.plane = plane_;
     t.linear = MatrixXd::Zero(6, ne_);
-    t.strains = strains_at(X);
-    const std::array<ShapeValues, kStrains> s = shapes_at(X);
+    t.strains = MatrixXd::Zero(5, ne_);
     for (int i = 0; i < kStrains; ++i) {
       const StrainField& f = kStrainFields[i];
-      const auto columns = [&](auto& m, int row) { return m.block(row, first_[i], 1, n[i]); };
-      if (f.position >= 0) columns(t.linear, f.position) = (f.bending ? s[i].deflection : s[i].slope).transpose();
-      if (f.rotation >= 0) columns(t.linear, 3 + f.rotation) = f.sign * s[i].slope.transpose();
+      const ShapeValues& s = at.values[i];
+      const auto columns = [&](auto& m, int row) { return m.block(row, first_[i], 1, options_.modes[i]); };
+      if (f.position >= 0)
+        columns(t.linear, f.position) = length_ * shrink[i] * (f.bending ? s.deflection : s.slope).transpose();
+      if (f.rotation >= 0) columns(t.linear, 3 + f.rotation) = f.sign * shrink[i] * s.slope.transpose();
+      columns(t.strains, f.strain) = f.sign * (i < shear_y ? shrink[i] / length_ : shrink[i]) * s.strain.transpose();
     }
-    if (options_.order == 2) t.products = second_order(integrals, first_);
-    if (options_.order > 2) t.weights = integral_weights(rule, length_, X);
+    t.products = at.products;
+    for (Product& p : t.products) p.C *= (p.row < 3 ? length_ : 1.0) * shrink[strain_of(p.i)] * shrink[strain_of(p.j)];
+    if (options_.order > 2) t.weights = integral_weights(rule, length_, t.X);
     out.push_back(std::move(t));
   }
   return out;

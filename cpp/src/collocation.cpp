@@ -191,6 +191,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
   bool renewed = false;
   contraction_ = std::max(kBest, std::pow(contraction_, 0.8));  // old knowledge, doubted more with every step
   for (int iteration = 1; iteration <= options_.max_iterations; ++iteration) {
+    if (look_) look_();
     if (!place(h, ws)) return Status::not_converged;
     if (anew) {
       differentiate(ws);

@@ -231,7 +231,8 @@ void choose_solver(IdaSystem& s, LinearSolver wanted) {
 
 /// Everything is prescribed: nothing to integrate. Events are looked at at the samples of drives, the output times,
 /// and in between where a drive is a function.
-void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::vector<Event>& events, Trajectory& out) {
+void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::vector<Event>& events,
+            const Alive& alive, Trajectory& out) {
   StepEvents seen(s, events, out);
   seen.start(t[0]);
   bool functions = false;
@@ -254,6 +255,10 @@ void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::v
     s.sample(t[k]);
     out.reached = t[k];
     if (!s.record(out, composite) || out.terminated) return;
+    if (alive && !alive(t[k]) && out.done < t.size()) {
+      out.failure = kInterrupted;
+      return;
+    }
   }
 }
 
@@ -329,7 +334,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   s.sample(t[0]);
   if (!s.record(out, options.composite)) return out;
   if (s.size() == 0) {
-    follow(s, t, options.composite, events, out);
+    follow(s, t, options.composite, events, alive, out);
     return out;
   }
 

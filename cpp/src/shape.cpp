@@ -115,6 +115,12 @@ ShapeSet::ShapeSet(int strain, Eigen::MatrixXd coefficients, double length)
   }
 }
 
+ShapeSet ShapeSet::at_length(double length) const {
+  ShapeSet out = *this;
+  out.length_ = length;
+  return out;
+}
+
 ShapeValues ShapeSet::at(double x) const {
   const bool bending = is_bending(strain_);
   if (legendre_.size() == 0)

@@ -119,12 +119,13 @@ std::vector<double> speeds(const std::vector<Drive>& drives, const Eigen::Vector
 
 /// Records the output times inside the step of h from `from`, and leaves the state as it was.
 bool record_inside(System& s, const Step& method, double from, double h, Trajectory& out, const Eigen::VectorXd& t,
-                   bool composite) {
+                   bool composite, const std::function<void()>& look) {
   const Eigen::VectorXd q = s.q, v = s.v;
   bool good = true;
   for (; good && out.done + 1 < t.size() &&
          (t[out.done] < out.reached || (out.terminated && t[out.done] == out.reached));) {
     const double at = t[out.done];
+    look();
     method.inside((at - from) / h, s.q, s.v);
     s.drive(at);
     good = s.record(out, composite);
@@ -183,6 +184,14 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
   std::vector<Drive> sampled;  // whose samples steps must end at
   for (const Drive& d : drives)
     if (!d.motion || !method.interpolates()) sampled.push_back(d);
+  const std::function<void()> look = [&] {
+    if (alive && !alive(out.reached)) throw Interrupted();
+  };
+  method.look_with(look);
+  const struct Forget {
+    Step& method;
+    ~Forget() { method.look_with({}); }
+  } forget{method};
   Status status = method.start(s.ws, s.q, s.v, s.tau);
   StepEvents seen(s, events, out);
   seen.start(t[0]);
@@ -206,7 +215,7 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
           return found;
         }
         if (!events.empty()) look_inside(s, method, from, h, out, seen);
-        return record_inside(s, method, from, h, out, t, composite) ? found : Status::not_finite;
+        return record_inside(s, method, from, h, out, t, composite, look) ? found : Status::not_finite;
       }
       if (found != Status::not_converged || level == kSplits || !method.interpolates()) return found;
       ++out.stats.failed_steps;
@@ -227,7 +236,7 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
       going = !alive || alive(out.reached);
     }
     if (status != Status::ok) out.failure = reason(status, now.h, method, s);
-    if (!going && out.reached < t[t.size() - 1]) out.failure = kInterrupted;
+    if (!going && (out.reached < t[t.size() - 1] || t[out.done] < out.reached)) out.failure = kInterrupted;
     if ((!out.failure.empty() || out.terminated) && out.reached != stop) break;
     try {
       if (s.sample(stop + kSame * step)) status = method.jump(s.ws, s.q, s.v, s.tau);

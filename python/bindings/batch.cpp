@@ -1,7 +1,7 @@
 #include "flexarm/batch.hpp"
 
-#include "bindings.hpp"
 #include "flexarm/check.hpp"
+#include "interpreter.hpp"
 
 using namespace flexarm;
 
@@ -56,7 +56,7 @@ py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const
                const std::vector<Eigen::Index>& rows, const Table& q0, const Table& v0, const Table& tau,
                const Motions& motions, const Forces& forces, const Loads& loads, const Laws& laws,
                const std::string& integrator, double spectral_radius, double rtol, bool lanes, py::dict& out,
-               int workers, const std::function<void(double)>& alive) {
+               int workers, const py::object& alive) {
   if (arms.empty()) bad_value("arms", "[]", "must be one, or one for each scenario");
   BatchProblem p{arms, scenarios, lengths, times, hold, rows, {}, {}, {}};
   const int nq = arms[0]->nq(), nv = arms[0]->nv();
@@ -78,25 +78,11 @@ py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const
   o.tau = block<double>(out, "tau", all * nv);
   o.status = block<int>(out, "status", scenarios);
   o.reached = block<double>(out, "reached", scenarios);
-  const auto look_around = [&alive](double share) {
-    py::gil_scoped_acquire hold_lock;
-    if (PyErr_CheckSignals() != 0) {
-      if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) throw py::error_already_set();
-      PyErr_Clear();  // the caller raises it again, with the result so far
-      return false;
-    }
-    if (!alive) return true;
-    try {
-      alive(share);
-    } catch (const py::error_already_set& e) {
-      if (!e.matches(PyExc_KeyboardInterrupt)) throw;
-      return false;
-    }
-    return true;
-  };
+  Lookout lookout(alive);
+  const auto look_around = [&lookout](double share) { return lookout(share); };
   BatchStats s;
   {
-    py::gil_scoped_release release;
+    const Unlocked free;
     s = run_batch(p, o, workers, look_around);
   }
   py::dict stats;

@@ -1,8 +1,8 @@
-#include "bindings.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
 #include "flexarm/derivatives.hpp"
+#include "interpreter.hpp"
 
 using namespace flexarm;
 
@@ -34,7 +34,9 @@ Rows forward(const Arm& arm, const Rows& q, const Rows& v, const Rows& tau, cons
   if (!ab && method != "ci") bad_value("method", "\"" + method + "\"", "must be \"ab\" or \"ci\"");
   Workspace ws(arm, prescribed, loads.places);
   loads.set(ws);
+  Lookout look;
   for (Eigen::Index k = 0; k < q.rows(); ++k) {
+    look();
     ws.a = a.row(k);
     const Status status = ab ? forward_dynamics(arm, ws, q.row(k), v.row(k), tau.row(k))
                              : forward_dynamics_ci(arm, ws, q.row(k), v.row(k), tau.row(k));
@@ -50,7 +52,7 @@ Rows forward(const Arm& arm, const Rows& q, const Rows& v, const Rows& tau, cons
 }
 
 /// Runs visit(row, slice) for every row of q, the arm at rest or moving at v, with the slice of `link` at x metres
-/// along its beam, or its end.
+/// along its beam, or its end. Without the interpreter's lock.
 template <class Visit>
 void at_slice(const Arm& arm, const Rows& q, const Rows* v, std::size_t link, std::optional<double> x, Workspace& ws,
               const Visit& visit) {
@@ -59,7 +61,10 @@ void at_slice(const Arm& arm, const Rows& q, const Rows* v, std::size_t link, st
   Slice<double> slice(l.ne());
   if (x) table = l.slice_at(*x);
   Eigen::VectorXd rates = Eigen::VectorXd::Zero(arm.nv());
+  Lookout look;
+  const Unlocked free;
   for (Eigen::Index k = 0; k < q.rows(); ++k) {
+    look();
     if (v) rates = v->row(k);
     move_arm<double>(arm, ws, q.row(k), rates);
     const LinkState<double>& s = ws.links[link];
@@ -75,7 +80,7 @@ void bind_dynamics(py::class_<Arm>& arm) {
       "forward_dynamics",
       [](const Arm& self, const Rows& q, const Rows& v, const Rows& tau, const std::string& method,
          const std::vector<bool>& prescribed, const Rows& a, const std::vector<Load>& loads, const Rows& wrenches) {
-        py::gil_scoped_release release;
+        const Unlocked free;
         return forward(self, q, v, tau, method, prescribed, a, {loads, wrenches});
       },
       py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("method"), py::arg("prescribed"), py::arg("a"),
@@ -85,11 +90,13 @@ void bind_dynamics(py::class_<Arm>& arm) {
       "inverse_dynamics",
       [](const Arm& self, const Rows& q, const Rows& v, const Rows& a, const std::vector<Load>& loads,
          const Rows& wrenches) {
-        py::gil_scoped_release release;
+        Lookout look;
+        const Unlocked free;
         SweepWorkspace<double> ws(self, loads);
         Loads{loads, wrenches}.set(ws);
         Rows tau(v.rows(), v.cols());
         for (Eigen::Index k = 0; k < q.rows(); ++k) {
+          look();
           inverse_dynamics<double>(self, ws, q.row(k), v.row(k), a.row(k));
           tau.row(k) = ws.tau;
         }
@@ -102,11 +109,13 @@ void bind_dynamics(py::class_<Arm>& arm) {
       "joint_reaction",
       [](const Arm& self, const Rows& q, const Rows& v, const Rows& a, std::size_t link, bool inboard,
          const std::vector<Load>& loads, const Rows& wrenches) {
-        py::gil_scoped_release release;
+        Lookout look;
+        const Unlocked free;
         SweepWorkspace<double> ws(self, loads);
         Loads{loads, wrenches}.set(ws);
         Rows out(q.rows(), 6);
         for (Eigen::Index k = 0; k < q.rows(); ++k) {
+          look();
           inverse_dynamics<double>(self, ws, q.row(k), v.row(k), a.row(k));
           const LinkState<double>& s = ws.links[link];
           Phi<double> joint;
@@ -126,8 +135,11 @@ void bind_dynamics(py::class_<Arm>& arm) {
       [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
          const std::vector<Load>& loads, const Rows& wrenches) {
         InverseDerivatives d(self, loads);
-        for (std::size_t k = 0; k < loads.size(); ++k) d.set_wrench(k, wrenches.row(static_cast<Eigen::Index>(k)));
-        d(self, q, v, a);
+        {
+          const Unlocked free;
+          for (std::size_t k = 0; k < loads.size(); ++k) d.set_wrench(k, wrenches.row(static_cast<Eigen::Index>(k)));
+          d(self, q, v, a);
+        }
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
       py::arg("q"), py::arg("v"), py::arg("a"), py::arg("loads") = std::vector<Load>{},
@@ -148,9 +160,12 @@ void bind_dynamics(py::class_<Arm>& arm) {
       "mass_matrix",
       [](const Arm& self, const Rows& q) {
         Cube out = cube(q.rows(), self.nv(), self.nv());
+        Lookout look;
+        const Unlocked free;
         Workspace ws(self);
         const Eigen::VectorXd zero = Eigen::VectorXd::Zero(self.nv());
         for (Eigen::Index k = 0; k < q.rows(); ++k) {
+          look();
           move_arm<double>(self, ws, q.row(k), zero);
           composite_mass_matrix(self, ws);
           page(out, k) = ws.M;
@@ -162,10 +177,12 @@ void bind_dynamics(py::class_<Arm>& arm) {
   arm.def(
       "energy",
       [](const Arm& self, const Rows& q, const Rows& v) {
-        py::gil_scoped_release release;
+        Lookout look;
+        const Unlocked free;
         Workspace ws(self);
         Rows out(q.rows(), 2);
         for (Eigen::Index k = 0; k < q.rows(); ++k) {
+          look();
           const Energy e = energy(self, ws, q.row(k), v.row(k));
           out.row(k) << e.kinetic, e.potential;
         }
@@ -221,7 +238,10 @@ void bind_dynamics(py::class_<Arm>& arm) {
       [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
          std::size_t link, std::optional<double> x) {
         MotionDerivatives d(self, link, x);
-        d(self, q, v, a);
+        {
+          const Unlocked free;
+          d(self, q, v, a);
+        }
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
       py::arg("q"), py::arg("v"), py::arg("a"), py::arg("link"), py::arg("x"));
@@ -231,7 +251,12 @@ void bind_dynamics(py::class_<Arm>& arm) {
       [](const Arm& self, const Rows& q, const Rows& v, std::size_t link, std::optional<double> x) {
         Cube out = cube(q.rows(), 6, self.nv());
         MotionDerivatives d(self, link, x);
-        for (Eigen::Index k = 0; k < q.rows(); ++k) page(out, k) = d.jacobian_rate(self, q.row(k), v.row(k));
+        Lookout look;
+        const Unlocked free;
+        for (Eigen::Index k = 0; k < q.rows(); ++k) {
+          look();
+          page(out, k) = d.jacobian_rate(self, q.row(k), v.row(k));
+        }
         return out;
       },
       py::arg("q"), py::arg("v"), py::arg("link"), py::arg("x"));
@@ -241,10 +266,15 @@ void bind_dynamics(py::class_<Arm>& arm) {
       [](const Arm& self, const Rows& q, const Rows& v) {
         Rows out(q.rows(), 6), centre(q.rows(), 3);
         Workspace ws(self);
-        for (Eigen::Index k = 0; k < q.rows(); ++k) {
-          const Momentum m = momentum(self, ws, q.row(k), v.row(k));
-          out.row(k) = m.momentum;
-          centre.row(k) = m.centre_of_mass;
+        Lookout look;
+        {
+          const Unlocked free;
+          for (Eigen::Index k = 0; k < q.rows(); ++k) {
+            look();
+            const Momentum m = momentum(self, ws, q.row(k), v.row(k));
+            out.row(k) = m.momentum;
+            centre.row(k) = m.centre_of_mass;
+          }
         }
         return py::make_tuple(out, centre);
       },

@@ -1,9 +1,26 @@
-#include "bindings.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/load.hpp"
+#include "interpreter.hpp"
 
 using namespace flexarm;
+
+namespace {
+
+/// A function of a place, from Python; called and let go of without the lock.
+template <class T>
+std::function<T(double)> along(const py::object& law) {
+  const std::shared_ptr<py::object> shared(new py::object(law), [](py::object* held) {
+    const Locked lock;
+    delete held;
+  });
+  return [shared](double x) {
+    const Locked lock;
+    return call(*shared, x).cast<T>();
+  };
+}
+
+}  // namespace
 
 void bind_model(py::module_& m) {
   py::class_<Material>(m, "Material")
@@ -23,8 +40,8 @@ void bind_model(py::module_& m) {
       .def_readonly("shear_correction", &Section::shear_correction);
 
   py::class_<SectionProfile>(m, "SectionProfile")
-      .def(py::init([](std::function<Section(double)> at, std::vector<double> breaks) {
-             return SectionProfile{std::move(at), std::move(breaks)};
+      .def(py::init([](const py::object& at, std::vector<double> breaks) {
+             return SectionProfile{along<Section>(at), std::move(breaks)};
            }),
            py::arg("at"), py::arg("breaks"));
 
@@ -71,18 +88,19 @@ void bind_model(py::module_& m) {
   m.def("surface_twist", &surface_twist, py::arg("depth"), py::arg("breadth"), py::arg("width"));
 
   py::class_<Patch>(m, "Patch")
-      .def(py::init([](double start, double end, std::function<PatchSection(double)> at, std::vector<double> breaks,
-                       bool stiffness,
-                       bool mass) { return Patch{start, end, std::move(at), std::move(breaks), stiffness, mass}; }),
+      .def(py::init([](double start, double end, const py::object& at, std::vector<double> breaks, bool stiffness,
+                       bool mass) {
+             return Patch{start, end, along<PatchSection>(at), std::move(breaks), stiffness, mass};
+           }),
            py::arg("start"), py::arg("end"), py::arg("at"), py::arg("breaks"), py::arg("stiffness"), py::arg("mass"));
 
   py::class_<Beam>(m, "Beam")
       .def(py::init<double, const Section&, const Material&, const BeamOptions&, const std::vector<Patch>&>(),
            py::arg("length"), py::arg("section"), py::arg("material"), py::arg("options"), py::arg("patches"),
-           py::call_guard<py::gil_scoped_release>())  // so that batches build theirs on all cores
+           py::call_guard<Unlocked>())  // so that batches build theirs on all cores
       .def(py::init<double, const SectionProfile&, const Material&, const BeamOptions&, const std::vector<Patch>&>(),
            py::arg("length"), py::arg("section"), py::arg("material"), py::arg("options"), py::arg("patches"),
-           py::call_guard<py::gil_scoped_release>())  // so that batches build theirs on all cores
+           py::call_guard<Unlocked>())  // so that batches build theirs on all cores
       .def_property_readonly("patch_forces", &Beam::patch_forces)
       .def_property_readonly("patch_capacitances", &Beam::patch_capacitances)
       .def(

@@ -1,8 +1,9 @@
-#include "bindings.hpp"
+#include "interpreter.hpp"
 
 PYBIND11_MODULE(_core, m) {
   m.doc() = "C++ core of flexarm. The documented face is the package `flexarm`.";
   m.attr("__version__") = FLEXARM_VERSION;
+  bind_interpreter();
   bind_model(m);
   bind_time(m);
   bind_batch(m);

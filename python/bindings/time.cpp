@@ -1,29 +1,17 @@
 #include <algorithm>
-#include <chrono>
 #include <memory>
 
-#include "bindings.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/collocation.hpp"
 #include "flexarm/control.hpp"
 #include "flexarm/friction.hpp"
 #include "flexarm/ida.hpp"
 #include "flexarm/simulate.hpp"
+#include "interpreter.hpp"
 
 using namespace flexarm;
 
 namespace {
-
-/// Calls what the user gave; Ctrl-C meanwhile ends the run, with what is done.
-template <class... Args>
-py::object call(const py::object& law, Args&&... args) {
-  try {
-    return law(std::forward<Args>(args)...);
-  } catch (const py::error_already_set& e) {
-    if (e.matches(PyExc_KeyboardInterrupt)) throw Interrupted();
-    throw;
-  }
-}
 
 /// What a callable answers at time t, as T.
 template <class T>
@@ -70,7 +58,7 @@ Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Ei
   all.back() = asked;
   if (is_motion) {
     d.motion = [shared, asked](double t) {
-      py::gil_scoped_acquire hold;
+      const Locked lock;
       const auto m = answer<std::array<double, 3>>(*shared, "Motion", t, "must give three numbers (q, v, a)");
       if (!std::isfinite(m[0]) || !std::isfinite(m[1]) || !std::isfinite(m[2]))
         bad_value("Motion at t", t, "gave nan or inf; q, v and a must be finite");
@@ -80,7 +68,7 @@ Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Ei
   } else {
     const std::string name = column.size() > 0 ? "Voltage" : "Torque";
     d.force = [shared, asked, name](double t) {
-      py::gil_scoped_acquire hold;
+      const Locked lock;
       const double f = answer<double>(*shared, name.c_str(), t, "must give one number");
       if (!std::isfinite(f)) bad_value(name + " at t", t, "gave nan or inf; it must be finite");
       asked->note(t, &f);
@@ -107,7 +95,7 @@ LoadDrive make_load(const Load& load, const py::object& law, const Eigen::Vector
   const auto shared = std::make_shared<py::object>(law);
   const auto asked = all.back() = std::make_shared<Asked>(times, 6);
   d.wrench = [shared, asked](double t) {
-    py::gil_scoped_acquire hold;
+    const Locked lock;
     const auto w = answer<std::array<double, 6>>(*shared, "Load", t, "must give six numbers");
     asked->note(t, w.data());
     return Vec6<double>(Eigen::Map<const Vec6<double>>(w.data()));
@@ -120,7 +108,7 @@ Event make_event(std::size_t k, const py::object& law, int terminal, int directi
   const auto shared = std::make_shared<py::object>(law);
   const std::string name = "events[" + std::to_string(k) + "]";
   const auto value = [shared, name](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-    py::gil_scoped_acquire hold;
+    const Locked lock;
     const py::object g = call(*shared, t, q, v);
     try {
       return g.cast<double>();
@@ -180,7 +168,7 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
     const auto shared = std::make_shared<py::object>(law);
     const auto ask = [shared, nv](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                   const Eigen::VectorXd& a) {
-      py::gil_scoped_acquire hold;
+      const Locked lock;
       const auto force = call(*shared, t, q, v, a).cast<Eigen::VectorXd>();
       if (force.size() != nv || !force.allFinite())
         bad_value("control at t = " + std::to_string(t), "nan, inf or a wrong length", "must give finite numbers");
@@ -197,7 +185,7 @@ struct Given {
   const Laws& drives;
   const Eigen::VectorXd &t, &q0, &v0, &tau;
   bool composite;
-  const std::function<void(double)>& alive;
+  const py::object& alive;
   const LoadLaws& loads;
   const EventLaws& events;
   const FeedbackLaws& feedback;
@@ -209,7 +197,6 @@ struct Given {
 /// Ctrl-C, progress.
 template <class Integrate>
 py::dict run(const Given& given, bool rubs, double step, const Integrate& integrate) {
-  const auto& alive = given.alive;
   std::vector<Drive> laws;
   AllAsked asked;  // in the order of drives, loads, and references of control
   for (const auto& [coordinate, is_motion, law, column] : given.drives)
@@ -220,33 +207,11 @@ py::dict run(const Given& given, bool rubs, double step, const Integrate& integr
   std::vector<Event> watched;
   for (std::size_t k = 0; k < given.events.size(); ++k)
     std::apply([&](const auto&... parts) { watched.push_back(make_event(k, parts...)); }, given.events[k]);
-  auto last = std::chrono::steady_clock::now();
-  bool stopped = false;  // once asked to stop, for good
-  const auto look_around = [&](double now) {
-    if (stopped) return false;
-    const auto clock = std::chrono::steady_clock::now();
-    if (clock - last < std::chrono::milliseconds(100)) return true;
-    last = clock;
-    py::gil_scoped_acquire hold;
-    if (PyErr_CheckSignals() != 0) {
-      if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) throw py::error_already_set();
-      PyErr_Clear();  // the caller raises it again, with the result so far
-      stopped = true;
-      return false;
-    }
-    if (!alive) return true;
-    try {
-      alive(now);
-    } catch (const py::error_already_set& e) {
-      if (!e.matches(PyExc_KeyboardInterrupt)) throw;
-      stopped = true;
-      return false;
-    }
-    return true;
-  };
+  Lookout lookout(given.alive);
+  const auto look_around = [&lookout](double now) { return lookout(now); };
   Trajectory r;
-  try {
-    py::gil_scoped_release release;
+  {
+    const Unlocked free;
     const auto part = [&](const auto& drives, const auto& t, const auto& q, const auto& v, const auto& tau,
                           const auto& events) {
       return integrate(drives, t, q, v, tau, look_around, wrenches, events, control);
@@ -254,9 +219,6 @@ py::dict run(const Given& given, bool rubs, double step, const Integrate& integr
     r = rubs ? part(laws, given.t, given.q0, given.v0, given.tau, watched)
              : simulate_with_friction(given.arm, laws, given.t, given.q0, given.v0, given.tau, wrenches, watched,
                                       given.composite, part, &control, step);
-  } catch (const Interrupted&) {  // before the first step
-    PyErr_SetNone(PyExc_KeyboardInterrupt);
-    throw py::error_already_set();
   }
   py::dict stats, out;
   stats["steps"] = r.stats.steps;
@@ -316,7 +278,7 @@ void bind_time(py::module_& m) {
              LinearLaw law{A, B, C, D, columns, by_q, by_v, limit, {}, {}};
              if (py::isinstance<py::function>(reference))
                law.reference = [r = std::make_shared<py::object>(reference)](double t) {
-                 py::gil_scoped_acquire hold;
+                 const Locked lock;
                  return call(*r, t).cast<Eigen::VectorXd>();
                };
              else
@@ -324,7 +286,7 @@ void bind_time(py::module_& m) {
              if (!read.is_none())
                law.read = [r = std::make_shared<py::object>(read)](double t, const Eigen::VectorXd& q,
                                                                    const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
-                 py::gil_scoped_acquire hold;
+                 const Locked lock;
                  return call(*r, t, q, v, a).cast<Eigen::VectorXd>();
                };
              return law;
@@ -336,16 +298,15 @@ void bind_time(py::module_& m) {
       "simulate_ida",
       [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
          const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol, int max_order,
-         const std::string& linear_solver, const py::object& slow, bool composite,
-         const std::function<void(double)>& alive, const LoadLaws& loads, const EventLaws& events,
-         const FeedbackLaws& feedback, const SampledLaws& sampled) {
+         const std::string& linear_solver, const py::object& slow, bool composite, const py::object& alive,
+         const LoadLaws& loads, const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled) {
         const LinearSolver solver = linear_solver == "dense"   ? LinearSolver::dense
                                     : linear_solver == "chain" ? LinearSolver::chain
                                                                : LinearSolver::automatic;
         IdaOptions options{rtol, atol, max_order, composite, solver, DryFriction::left_to_caller};
         if (!slow.is_none())
           options.slow = [&slow](double now, long steps) {
-            py::gil_scoped_acquire hold;
+            const Locked lock;
             call(slow, now, steps);
           };
         return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled}, false, 0.0,
@@ -363,8 +324,8 @@ void bind_time(py::module_& m) {
       "simulate_fixed",
       [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
          const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, const std::string& integrator, double step, double rtol,
-         double spectral_radius, int stages, bool composite, const std::function<void(double)>& alive,
-         const LoadLaws& loads, const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled) {
+         double spectral_radius, int stages, bool composite, const py::object& alive, const LoadLaws& loads,
+         const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled) {
         std::unique_ptr<Step> method;
         if (integrator == "rk4")
           method = std::make_unique<Rk4Step>(arm, step, DryFriction::left_to_caller);

@@ -45,8 +45,9 @@ def whole(field: str, value: Any) -> int:
     return int(value)
 
 
-def array(field: str, value: ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
-    """A finite, C-contiguous float64 array, of the given shape if one is given."""
+def array(field: str, value: ArrayLike, shape: tuple[int, ...] | None = None, batch_ndim: int | None = None) -> Array:
+    """A finite, C-contiguous float64 array, of the given shape if one is given. Where it has `batch_ndim` axes or more,
+    the first counts scenarios."""
     try:
         if np.iscomplexobj(value):
             raise TypeError
@@ -56,9 +57,21 @@ def array(field: str, value: ArrayLike, shape: tuple[int, ...] | None = None) ->
     if shape is not None and out.shape != shape:
         want = f"{shape[0]} numbers" if len(shape) == 1 else f"shape {shape}"
         raise ValueError(f"{field} has shape {out.shape}: must be {want}")
-    if not np.isfinite(out).all():
-        raise ValueError(f"{field} = {value!r}: must be finite, no nan or inf")
+    check_finite(field, out, batch_ndim is not None and out.ndim >= batch_ndim)
     return out
+
+
+def check_finite(field: str, values: Array, scenarios: bool = False) -> None:
+    """ValueError for nan and inf: of a few numbers with all of them, of many with the first and where it stands, its
+    first axis being `scenarios`."""
+    good = np.isfinite(values)
+    if good.all():
+        return
+    at = tuple(np.argwhere(~good)[0].tolist())
+    few = values.ndim < 2 and values.size <= 8 and not scenarios
+    where = f"{field} = {values.tolist()}" if few else f"{field}[{', '.join(map(str, at))}] = {values[at]}"
+    whose = f" (scenario {at[0]})" if scenarios else ""
+    raise ValueError(f"{where}{whose}: must be finite, no nan or inf")
 
 
 def finite(what: str, values: Array) -> Array:

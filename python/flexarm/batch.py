@@ -128,12 +128,12 @@ def simulate_batch(
             Beams and links that repeat are built once. What changes the coordinates (modes, joints) cannot differ.
         integrator, step, rtol, spectral_radius, options: as of `simulate`; step is the shortest time between two of t,
             if None. "implicit" and "rk4" run wholly in the core, with drives, loads and continuous control whose
-            samples fall on ends of steps. Sampled control, "ida", "gauss", and "rk4" with dry friction take one
-            `simulate` for each scenario. `stats["engine"]` says which.
+            samples fall on ends of steps; all else takes one `simulate` for each scenario. `stats["engine"]` says
+            which; docs/batch.md has a table of what each costs.
         outputs: which of "q", "v", "a", "tau". every: times of t between two rows of the result.
         workers: threads; None: one for each core.
         progress: shows a bar on stderr, where that is a terminal; or a callable, which is given the share done about
-            ten times a second, and may raise to give up.
+            ten times a second (with an executor: whenever a share is done) and at the end, and may raise to give up.
         out: arrays by name that the result is written into; or a file ("sweep.h5", extra "batch"), written as the
             scenarios are done: the same call again does what is missing, whatever stopped it, and what is damaged.
             Another batch's file is refused, and that of another version of flexarm; see docs/batch.md.
@@ -152,7 +152,7 @@ def simulate_batch(
         BatchResult; `batch_memory` tells its bytes beforehand.
 
     Raises:
-        ValueError: bad arguments; a scenario's, with its index.
+        ValueError: bad arguments, nan and inf among them; a scenario's, with its index. Nothing is run then.
         BatchInterrupted: (a KeyboardInterrupt) Ctrl-C; its `result` holds what was done.
 
     Warns:

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
+from . import _core, batch_events
 from ._check import Array
-from .batch_run import Job
+from .batch_run import ENDED, FAILED, Job
 from .files import Refused, readable, zipped
 from .fingerprint import difference, marks
 from .hdf5 import Laid, Place, check_seal, checksums, dataset, h5py, lay_out, place
@@ -59,7 +59,7 @@ def in_bytes(reason: str) -> bytes:
 
 def failures_in(held: Mapping[str, Any]) -> list[Failure]:
     """What failed, of a file's status, reached and reason."""
-    bad = np.flatnonzero((held["status"] > 0) & (held["status"] != NOT_DONE))
+    bad = np.flatnonzero(~np.isin(held["status"], (0, ENDED, NOT_DONE)))
     return [Failure(int(i), float(held["reached"][i]), held["reason"][i].decode(errors="replace")) for i in bad]
 
 
@@ -89,6 +89,8 @@ def read(path: Path, outputs: tuple[str, ...], verify: bool) -> dict[str, Any]:
         held = zipped(path)
         held["about"] = json.loads(str(held["about"]))
         values = {k.partition("/")[2]: held.pop(k) for k in list(held) if k.startswith("parameters/")}
+        if "events" in held:
+            held["events"] = batch_events.unpacked(held, held["status"] != NOT_DONE)
         return {**held, "parameters": values}
     with h5py().File(path, "r") as f:
         if verify:
@@ -112,6 +114,8 @@ def read(path: Path, outputs: tuple[str, ...], verify: bool) -> dict[str, Any]:
             if k in held:
                 held[k][torn] = np.nan
     held["status"][left], held["reached"][left], held["out_of_range"][left] = NOT_DONE, times[0], np.nan
+    if "events" in held:
+        held["events"] = batch_events.unpacked(arrays, ~left)
     return {**held, "t": times, "about": words, "parameters": values}
 
 
@@ -119,6 +123,7 @@ def _places(f: Any, path: Path, outputs: Iterable[str]) -> dict[str, Place]:
     return {
         **{k: place(f, k, path, "<f8", 3) for k in outputs},
         **{k: place(f, k, path, kind, 1 + len(shape)) for k, (shape, kind) in _COLUMNS.items()},
+        **{k: place(f, k, path, kind, axes) for k, (axes, kind) in batch_events.ARRAYS.items() if "events" in f},
     }
 
 
@@ -159,16 +164,19 @@ class BatchFile:
             )
         places = _places(f, self.path, self._job.outputs)
         for k, (shape, _, _) in self._arrays().items():
-            if places[k].shape != shape:
+            if k not in places or places[k].shape != shape:
                 raise Refused(f"{k!r} is damaged; resume=False writes over the file")
         return places
 
     def _arrays(self) -> dict[str, tuple[tuple[int, ...], str, Any]]:
         """Shape, type and first content of all that is filled."""
         first = {"status": NOT_DONE, "reached": self._job.t[0], "reason": b"", "out_of_range": np.nan}
+        job, arm = self._job, self._job.variation.setup.arm
+        shapes = batch_events.shapes(self._count, job.events, job.rows, arm.nq, arm.nv) if job.events else {}
         return {
             **{k: ((self._count, self._job.rows, size), "<f8", np.nan) for k, size in self._job.sizes().items()},
             **{k: ((self._count, *shape), kind, first.get(k, 0)) for k, (shape, kind) in _COLUMNS.items()},
+            **{k: (shape, kind, 0 if k == "events" else np.nan) for k, (shape, kind) in shapes.items()},
         }
 
     def _make(self, mine: Mapping[str, str]) -> None:
@@ -200,6 +208,14 @@ class BatchFile:
         self, indices: NDArray[np.int64], blocks: Mapping[str, Any], failures: list[Failure], beyond: Array
     ) -> None:
         """Scenarios that are done, or failed; indices must increase. beyond: (n, 4), see `worst_range`."""
+        job, arm = self._job, self._job.variation.setup.arm
+        if job.events:
+            found = blocks["events"]
+            for k in batch_events.crowded(found, job.rows):
+                blocks["status"][k] = FAILED
+                reason = f"an event occurred more than {job.rows} times: a file keeps as many as rows; take out=None"
+                failures = [*failures, Failure(int(indices[k]), float(blocks["reached"][k]), reason)]
+            blocks = {**blocks, **batch_events.packed(found, job.events, job.rows, arm.nq, arm.nv)}
         reasons = dict.fromkeys(indices.tolist(), b"") | {f.index: in_bytes(f.reason) for f in failures}
         words = np.array([reasons[i] for i in indices.tolist()], f"S{_REASON}")
         blocks = {**blocks, "reason": words, "out_of_range": np.asarray(beyond, "<f8")}
@@ -218,5 +234,8 @@ class BatchFile:
         self._reset(np.flatnonzero(self._file.array("done") == _BEGUN))  # Ctrl-C while it was written
         held = {k: np.array(self._file.array(k)) for k in ("status", "reached", "reason", "out_of_range")}
         held |= {k: self._file.array(k) for k in self._job.outputs}
+        if self._job.events:
+            kept = {k: self._file.array(k) for k in batch_events.ARRAYS}
+            held["events"] = batch_events.unpacked(kept, self._file.array("done") == _DONE)
         self._file.close()
         return held, failures_in(held)

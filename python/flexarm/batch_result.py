@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import batch_events
 from ._check import Array
 from .arm import Arm
 from .batch_file import about, failures_in, in_bytes, read
+from .batch_run import ENDED
 from .files import Refused, readable, write_whole
 from .result import Result
 from .rollout import Failure
@@ -28,11 +30,15 @@ class BatchResult:
 
     Attributes:
         t: times (s), (nt,). q: (B, nt, nq). v, a, tau: (B, nt, nv). Those not asked for are None; rows after a
-            failure are nan. Of a batch with a file they are mapped from it, not read.
-        status: (B,): 0 where the scenario was done; 4 where Ctrl-C came first; else it failed.
-        reached: (B,), time reached (s).
+            failure or a terminal event are nan. Of a batch with a file they are mapped from it, not read.
+        status: (B,): 0 where the scenario was done; 1 where a terminal event ended it, as in Result; 4 where Ctrl-C
+            came first; 5 where it failed.
+        reached: (B,), time reached (s): the last of t, or that of the event, of Ctrl-C, of the failure.
         failures: index, time and reason of each scenario that failed.
         parameters: values (B, ...) by path. variation: what the scenarios are made of.
+        events: (B,): (t_events, q_events, v_events) of each scenario, as Result has them, or None where it was not
+            done; None without events. A file keeps as many occurrences of each event as there are rows; where there
+            are more, the scenario counts as failed.
         stats: engine ("steps": all steps in the core; "simulate": one `simulate` for each scenario), workers, steps,
             resumed (scenarios that the file held already), damaged (that it held damaged, and which were computed
             again), out_of_range (that deserve a RangeWarning, of those resumed too), wall_time (s).
@@ -49,6 +55,7 @@ class BatchResult:
     failures: list[Failure] = field(default_factory=list)
     stats: dict[str, Any] = field(default_factory=dict)
     keeps_loads: bool = True  #: a file keeps none
+    events: NDArray[Any] | None = None
 
     def __len__(self) -> int:
         return len(self.status)
@@ -74,7 +81,11 @@ class BatchResult:
         arrays: dict[str, Any] = {
             k: np.full((n, sizes[k]), np.nan) if x is None else np.array(x[i, :n]) for k, x in held.items()
         }
-        return Result(setup.arm, self.t[:n], **arrays, loads=setup.loads if self.keeps_loads else None)
+        result = Result(setup.arm, self.t[:n], **arrays, loads=setup.loads if self.keeps_loads else None)
+        result.status = int(self.status[i] == ENDED)
+        if self.events is not None and self.events[i] is not None:
+            result.t_events, result.q_events, result.v_events = self.events[i]
+        return result
 
     def map(self, f: Callable[[Result], Any]) -> Array:
         """f(result) of every scenario, such as `lambda r: r.tip_deflection()[-1]`, (B, ...)."""
@@ -87,6 +98,8 @@ class BatchResult:
         reason = np.zeros(len(self), "S200")
         for f in self.failures:
             reason[f.index] = in_bytes(f.reason)
+        if self.events is not None:
+            kept |= batch_events.kept(self.events)
         kept |= {"t": self.t, "status": self.status, "reached": self.reached, "reason": reason}
         words = json.dumps({**about(self.variation), **({} if self.keeps_loads else {"loads": 1})})
         write_whole(Path(path), lambda file: np.savez_compressed(file, about=np.array(words), **kept), "batch")
@@ -116,6 +129,7 @@ class BatchResult:
             return BatchResult(
                 held["t"], **arrays, status=held["status"], reached=held["reached"], variation=variation,
                 failures=failures_in(held), keeps_loads=not loads, stats={"out_of_range": beyond} if beyond else {},
+                events=held.get("events"),
             )  # fmt: skip
 
 

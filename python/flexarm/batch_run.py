@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,17 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._check import Array
+from ._threads import each
 from .arm import Arm
 from .control import Controller, Run, _Feedback, _Sampler, padded
 from .drive import Motion, Torque
 from .load import Load
 from .patch import Voltage, column_of, split_drives
 from .rollout import NOT_DONE, STEPPERS, Failure, check_balls, explained, failures_of, take_steps
-from .simulation import SimulationError, SimulationInterrupted, simulate
+from .simulation import SimulationError, SimulationInterrupted, _events, simulate
 from .tables import Schedule, breaks_of, feedback_tables, sampled, stacked, wrench_table
 from .validity import SILENT, worst_range
 from .variation import Setup, Variation
 
+ENDED = 1  #: by a terminal event, as `Result.status` has it
 FAILED = 5
 
 
@@ -91,6 +92,11 @@ class Job:
         """Bytes of a scenario's result."""
         return max(1, 8 * self.rows * sum(self.sizes().values()))
 
+    @property
+    def events(self) -> int:
+        """How many are looked for."""
+        return len(_events(self.options.get("events")))
+
     def sizes(self) -> dict[str, int]:
         """Numbers in a row of each output."""
         arm = self.variation.setup.arm
@@ -129,7 +135,8 @@ class Job:
         workers: int,
         alive: Any,
     ) -> tuple[list[Failure], dict[str, Any]]:
-        """Runs these scenarios, made of these setups, into the blocks, (n, rows, size) and status (n,), reached (n,).
+        """Runs these scenarios, made of these setups, into the blocks, (n, rows, size), status (n,), reached (n,), and,
+        where events are looked for, events (n,).
 
         Returns:
             What failed, and counts; counts["interrupted"] after Ctrl-C, counts["beyond"] (n, 4), of `simulate`'s
@@ -173,6 +180,7 @@ class Job:
             for f in failures_of(arms, blocks)
             for s in [setups[f.index % len(setups)]]
         ]
+        blocks["status"][[f.index for f in found]] = FAILED
         return found, stats
 
     def _drives(self, setups: Sequence[Setup], schedule: Schedule) -> tuple[list[Any], list[Any]]:
@@ -239,11 +247,10 @@ class Job:
         blocks["reached"][:] = begun
         for name in self.outputs:
             blocks[name][:] = np.nan
+        failures: list[Failure] = []
+        steps = np.zeros(len(indices), np.int64)
 
-        def one(k: int) -> tuple[Failure | None, int]:
-            if stop.is_set():
-                return None, 0
-
+        def one(k: int) -> None:
             def look(now: float) -> None:
                 shares[k] = (now - begun) / (self.t[-1] - begun)
                 if stop.is_set():
@@ -257,27 +264,31 @@ class Job:
             for name in self.outputs:
                 part = getattr(result, name)[:: self.every]
                 blocks[name][k, : len(part)] = part
-            blocks["reached"][k] = self.t[-1] if status == 0 else failure.time if failure else result.t[-1]
+            times = [x[-1] for x in result.t_events or () if len(x)]
+            if status == ENDED:
+                blocks["reached"][k] = max(times)
+            else:
+                blocks["reached"][k] = self.t[-1] if status == 0 else failure.time if failure else result.t[-1]
             blocks["status"][k] = status
-            shares[k] = 1.0
-            return failure and replace(failure, index=k), int(result.stats["steps"])
+            if self.events:
+                blocks["events"][k] = (result.t_events, result.q_events, result.v_events)
+            shares[k], steps[k] = 1.0, result.stats["steps"]
+            if failure:
+                failures.append(replace(failure, index=k))
+            if status == NOT_DONE:
+                raise KeyboardInterrupt
+
+        def show() -> None:
+            if alive:
+                alive(float(shares.mean()))
 
         interrupted = False
-        with ThreadPoolExecutor(workers) as pool:
-            futures = [pool.submit(one, k) for k in range(len(indices))]
-            try:
-                while wait(futures, timeout=0.1, return_when=FIRST_EXCEPTION).not_done:
-                    if any(f.done() and f.exception() for f in futures):
-                        break
-                    if alive:
-                        alive(float(shares.mean()))
-            except KeyboardInterrupt:
-                interrupted = True
-            finally:
-                stop.set()  # all is done, or is to be given up
-        done = [f.result() for f in futures if not (interrupted and f.exception())]
-        failures = [failure for failure, _ in done if failure]
-        counts = {"steps": sum(n for _, n in done), "workers": workers, "interrupted": interrupted, "beyond": beyond}
+        try:
+            each(one, len(indices), workers, show, stop.set)
+        except KeyboardInterrupt:
+            interrupted = True
+        failures.sort(key=lambda f: f.index)
+        counts = {"steps": int(steps.sum()), "workers": workers, "interrupted": interrupted, "beyond": beyond}
         return failures, counts
 
     def _one(self, setup: Setup, i: int, look: Callable[[float], None]) -> tuple[Any, int, Failure | None]:
@@ -293,7 +304,7 @@ class Job:
                 setup.arm, self.t, **start, drive=setup.drive, loads=setup.loads, control=control,
                 integrator=self.integrator, step=self.step, progress=look, **options,
             )  # fmt: skip
-            return result, 0, None
+            return result, result.status, None
         except SimulationError as e:
             return e.result, FAILED, Failure(i, e.time, str(e))
         except SimulationInterrupted as e:

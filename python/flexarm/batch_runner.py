@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._check import Array, whole
+from ._threads import later
 from .batch_file import BatchFile
 from .batch_result import OUTPUTS, BatchResult
 from .batch_run import Job
@@ -80,7 +83,8 @@ class Runner:
 
     def _add(self, stats: Mapping[str, int]) -> None:
         for k, n in stats.items():
-            self.stats[k] = max(self.stats.get(k, 0), n) if k == "workers" else self.stats.get(k, 0) + n
+            known = self.stats.get(k, 0)
+            self.stats[k] = max(known, n) if k in ("workers", "lanes") else known + n
 
     def _check_range(self, indices: NDArray[np.int64], setups: list[Setup], q: Array) -> None:
         """Looks for beams bent beyond their order's range."""
@@ -102,26 +106,41 @@ class Runner:
         i = int(bad[0])
         return range_warning(self.job.variation.scenario(i).arm, self.beyond[i], f"scenario {i}: ")
 
-    def _chunks(self, indices: NDArray[np.int64], size: int) -> Iterator[tuple[NDArray[np.int64], list[Setup]]]:
+    def _chunks(
+        self, indices: NDArray[np.int64], size: int, show: Any
+    ) -> Iterator[tuple[NDArray[np.int64], list[Setup]]]:
         """Pieces of the indices with what they are made of, the next being built while one runs."""
         parts = [indices[k : k + size] for k in range(0, len(indices), size)]
-        if len(parts) == 1:
-            yield parts[0], self.job.variation.scenarios(parts[0], self.workers)
+        if self.job.variation.one_setup:
+            yield from ((part, self.job.variation.scenarios(part)) for part in parts)
             return
-        with ThreadPoolExecutor(1) as ahead:
-            coming = [ahead.submit(self.job.variation.scenarios, part, self.workers) for part in parts[:1]]
+        stop, done = threading.Event(), self.count - len(indices)
+
+        def built(k: int) -> Future[list[Setup]]:
+            return later(lambda: self.job.variation.scenarios(parts[k], self.workers, stop.is_set))
+
+        coming = built(0) if parts else None
+        try:
             for k, part in enumerate(parts):
-                setups = coming.pop().result()
-                if k + 1 < len(parts):
-                    coming.append(ahead.submit(self.job.variation.scenarios, parts[k + 1], self.workers))
+                assert coming is not None
+                while not wait([coming], timeout=0.1).done:  # Ctrl-C comes through
+                    if show is not None:
+                        show(done / self.count)
+                setups = coming.result()
+                coming = built(k + 1) if k + 1 < len(parts) else None
                 yield part, setups
+                done += len(part)
+        finally:
+            stop.set()
+            wait([coming] if coming else [])
 
     def _done(self, indices: NDArray[np.int64], size: int, into: _Into, show: Any) -> Iterator[_Done]:
         """Pieces of the indices as they get done: their blocks, what failed, and whether Ctrl-C ended it there. In a
         worker elsewhere in any order, each once."""
         done = self.count - len(indices)
         if self.executor is None:
-            for part, setups in self._chunks(indices, size):
+            show = _paced(show)
+            for part, setups in self._chunks(indices, size, show):
                 blocks = into(part)
                 share = len(part) / self.count
                 failures, interrupted = self._run(part, setups, blocks, _scaled(show, done / self.count, share))
@@ -129,6 +148,8 @@ class Runner:
                 yield part, blocks, failures, interrupted
                 if interrupted:
                     return
+                if show is not None:
+                    show(done / self.count)
             return
         again: list[Any] = []
         parts = [indices[k : k + size] for k in range(0, len(indices), size)]
@@ -153,6 +174,8 @@ class Runner:
         job, n = self.job, self.count
         blocks: dict[str, Any] = prepared(out, {k: (n, job.rows, size) for k, size in job.sizes().items()})
         blocks["status"], blocks["reached"] = np.full(n, NOT_DONE, np.int32), np.full(n, job.t[0])
+        if job.events:
+            blocks["events"] = np.full(n, None)
         failures: list[Failure] = []
         interrupted, touched = False, np.zeros(n, bool)
         size = self._chunk(n if job.variation.one_setup else self._most())
@@ -180,6 +203,7 @@ class Runner:
 
         def into(part: NDArray[np.int64]) -> dict[str, Any]:
             blocks: dict[str, Any] = {k: np.empty((len(part), job.rows, w)) for k, w in job.sizes().items()}
+            blocks |= {"events": np.full(len(part), None)} if job.events else {}
             return {**blocks, "status": np.empty(len(part), np.int32), "reached": np.empty(len(part))}
 
         try:
@@ -207,7 +231,22 @@ class Runner:
         beyond = int((~np.isnan(self.beyond[:, 0])).sum())
         stats = {**self.stats, **({"out_of_range": beyond} if beyond else {})}
         return BatchResult(job.t[:: job.every], **arrays, status=held["status"], reached=held["reached"],
-                           variation=job.variation, failures=failures, stats=stats)  # fmt: skip
+                           variation=job.variation, failures=failures, stats=stats,
+                           events=held.get("events"))  # fmt: skip
+
+
+def _paced(show: Any) -> Any:
+    """show(share), but not more than about ten times a second; the end in any case."""
+    last = -np.inf
+
+    def shown(share: float) -> None:
+        nonlocal last
+        now = time.perf_counter()
+        if now - last > 0.08 or share >= 1.0:
+            last = now
+            show(share)
+
+    return None if show is None else shown
 
 
 def _scaled(show: Any, first: float, share: float) -> Any:
@@ -228,5 +267,6 @@ def run_share(job: Job, names: NDArray[np.int64], engine: str, workers: int) -> 
         raise ValueError(renamed(str(e), names)) from None
     if interrupted:
         raise KeyboardInterrupt
-    blocks = {k: getattr(result, k) for k in (*job.outputs, "status", "reached")}
+    more = ("events",) if job.events else ()
+    blocks = {k: getattr(result, k) for k in (*job.outputs, "status", "reached", *more)}
     return {"blocks": blocks, "failures": result.failures, "stats": runner.stats, "beyond": runner.beyond}

@@ -70,7 +70,7 @@ class Controller:
     memory = 0
 
     def _laws(self, arm: Arm, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} is no control law: subclass Sampled, or give one a function")
 
     def _columns(self, arm: Arm) -> list[Array]:
         """Generalised forces (nv,) per unit of each output."""

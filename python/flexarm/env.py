@@ -38,6 +38,8 @@ def _task(task: str | Task, randomize: Mapping[str, tuple[float, float]] | None)
         task = made()
     if not isinstance(task, Task):
         raise ValueError(f"task = {task!r}: must be a flexarm.tasks.Task, or one of {', '.join(TASKS)}")
+    if type(task).reward is Task.reward:
+        raise ValueError(f"task: {type(task).__name__} has no reward: give it reward(state, action) -> (B,)")
     if randomize is None:
         return task
     return replace(task, randomize=dict(randomize))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core, loops
-from ._check import Array, array, choice, known_keys, number, whole
+from ._check import Array, array, check_finite, choice, known_keys, number, whole
 from .arm import Arm
 from .control import Controller
 from .drive import Motion
@@ -110,7 +110,7 @@ def scenario_count(sizes: Mapping[str, int]) -> int:
 
 def rows(name: str, value: ArrayLike | None, default: Array) -> Array:
     """(B or 1, n) from (B, n) or (n,)."""
-    a = default if value is None else array(name, value)
+    a = default if value is None else array(name, value, batch_ndim=2)
     if a.ndim not in (1, 2) or a.shape[-1] != default.shape[-1] or not len(a):
         n = default.shape[-1]
         raise ValueError(f"{name} has shape {a.shape}: must be ({n},) or (B, {n})")
@@ -129,8 +129,7 @@ def forces(tau: ArrayLike | None, nv: int, count: int | None, name: str = "nstep
         raise ValueError(f"tau has shape {a.shape}: must be ({name}, {nv}) or (B, {name}, {nv}); {name} may be 1")
     if count is not None and a.shape[-2] not in (1, count):
         raise ValueError(f"tau has shape {a.shape}: its last axis but one must be {name} = {count}, or 1")
-    if not np.isfinite(a).all():
-        raise ValueError("tau: must be finite, no nan or inf")
+    check_finite("tau", a, a.ndim == 3)
     return a if a.ndim == 3 else a[None]
 
 
@@ -314,6 +313,8 @@ def rollout(
     with show_progress(progress, "rolling out") as alive:
         stats = take_steps(arms, count, schedule, q, v, force, list(moved.items()), [], [], laws, integrator,
                            spectral_radius, rtol, blocks, workers, alive, lanes)  # fmt: skip
+        if alive and not stats["interrupted"]:
+            alive(1.0)
     interrupted = stats.pop("interrupted")
     stats |= {"wall_time": time.perf_counter() - started}
     t = schedule.ends[schedule.rows]

@@ -79,7 +79,7 @@ class Sensor(_Part):
 
     def components(self, arm: Arm) -> list[Component]:
         """(label, unit) of each component."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no components(arm): it is no kind of sensor by itself")
 
     def measure(
         self,
@@ -110,7 +110,7 @@ class Sensor(_Part):
         return self._measure(arm, np.asarray(t, dtype=float), array("q", q), array("v", v), a, loads)
 
     def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no measure(...): it is no kind of sensor by itself")
 
     def steps(self, arm: Arm) -> Array:
         """What the reading is a multiple of, per component, (k,); 0: no steps."""

@@ -135,7 +135,7 @@ def motion_table(where: str, value: Motion | ArrayLike, schedule: Schedule) -> A
     if isinstance(value, Motion):
         value.check_span(where, schedule.ends)
         return sampled(where, value.law, schedule.halves, 3)[None]
-    a = array(where, value)
+    a = array(where, value, batch_ndim=3)
     if a.ndim not in (2, 3) or a.shape[-2:] != (n, 3) or not len(a):
         raise ValueError(f"{where} has shape {a.shape}: must be a Motion, or q, v, a at half steps: ({n}, 3)")
     return a if a.ndim == 3 else a[None]

@@ -75,7 +75,7 @@ class Task:
 
     def reward(self, state: State, action: Array) -> Array:
         """Of the state that an action (B, nu), of -1 to 1, has led to; (B,)."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no reward: give it reward(state, action) -> (B,)")
 
     def lost(self, state: State) -> NDArray[np.bool_]:
         """Where an episode ends before its time, (B,)."""

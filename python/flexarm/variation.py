@@ -6,16 +6,17 @@ import copy
 import difflib
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ._check import Array, array
 from ._part import _Part
+from ._threads import each
 from .arm import Arm
 from .control import Controller, _limit
 from .drive import Motion, Torque
@@ -122,7 +123,7 @@ class Variation:
                 hint = f"; did you mean '{near[0]}'?" if near else ""
                 raise ValueError(f"parameters: '{path}' is nothing that can vary{hint}")
             name = f"parameters['{path}']"
-            self.values[path] = array(name, value)
+            self.values[path] = array(name, value, batch_ndim=1)
             if self.values[path].ndim == 0:
                 raise ValueError(f"{name} = {value!r}: must have one entry for each scenario")
         for path in self.values:
@@ -178,14 +179,23 @@ class Variation:
         """Whether all scenarios are made of the same, and differ at most in their start."""
         return not any(len(tree) for tree in self._trees.values())
 
-    def scenarios(self, indices: Iterable[int], workers: int = 1) -> list[Setup]:
-        """What these scenarios are made of: one for each, or one that is that of all. Beams are built by threads."""
+    def scenarios(
+        self, indices: Sequence[int] | NDArray[np.int64], workers: int = 1, stop: Callable[[], bool] = lambda: False
+    ) -> list[Setup]:
+        """What these scenarios are made of: one for each, or one that is that of all. Beams are built by threads. Once
+        `stop` says so, KeyboardInterrupt."""
         if self.one_setup:
             return [self.setup]
-        if workers == 1 or not any(".beam." in path for path in self.values):  # all else is short, and Python's
-            return [self.scenario(int(i)) for i in indices]
-        with ThreadPoolExecutor(workers) as pool:
-            return list(pool.map(lambda i: self.scenario(int(i)), indices))
+        found = [self.setup] * len(indices)
+
+        def build(k: int) -> None:
+            if stop():
+                raise KeyboardInterrupt
+            found[k] = self.scenario(int(indices[k]))
+
+        beams = any(".beam." in path for path in self.values)  # all else is short, and Python's
+        each(build, len(indices), workers if beams else 1)
+        return found
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_parts": {}, "_lock": None}  # what is kept for speed stays behind

@@ -43,6 +43,7 @@ struct BeamOptions {
   int gauss_points = 0;        ///< 0: enough for the basis, see `enough_gauss_points`
 };
 
+struct UnitShapes;
 namespace lanes {
 struct BeamPoints;
 }
@@ -86,12 +87,19 @@ class Beam {
   SliceTable slice_at(double X) const;
   /// The slices at places that increase: in one sweep.
   std::vector<SliceTable> tables(const std::vector<double>& stations) const { return tables(stations, rule_); }
+  /// The same at parts of the length, 0 to 1.
+  std::vector<SliceTable> tables_at(const std::vector<double>& parts) const { return tables_at(parts, rule_); }
   /// At order "exact", by how much too few Gauss points put the sections wrong at elastic coordinates q (rows): parts
   /// of the length and radians, the larger. Against twice as many points. Zero at other orders.
   Eigen::VectorXd truncation(const Eigen::MatrixXd& q) const;
+  /// Whether the slices are those of a section that is the same from end to end.
+  bool uniform() const { return uniform_; }
+  /// The shape functions at length 1.
+  const UnitShapes& unit() const { return *unit_; }
 
  private:
   std::vector<SliceTable> tables(const std::vector<double>& stations, const GaussRule& rule) const;
+  std::vector<SliceTable> tables_at(const std::vector<double>& parts, const GaussRule& rule) const;
   /// Mass per length (kg/m), and each strain's rigidity (N m^2, N) and inertia per length, along the beam.
   struct Profile;
   Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options,
@@ -106,6 +114,7 @@ class Beam {
   Eigen::Matrix<double, 5, Eigen::Dynamic> strains_at(double X) const;
 
   double length_;
+  bool uniform_ = true;
   BeamOptions options_;
   std::vector<ShapeSet> shapes_;  ///< one for each strain
   Plane plane_ = Plane::none;
@@ -119,6 +128,7 @@ class Beam {
   std::shared_ptr<const std::vector<MassSlice>> slices_;
   std::shared_ptr<const SeriesTables> series_;
   std::shared_ptr<lanes::BeamPoints> points_;
+  std::shared_ptr<const UnitShapes> unit_;
   GaussRule rule_{1};  ///< of the series' points, and of the slices of a uniform beam
 };
 

@@ -52,6 +52,10 @@ class ShapeSet {
   ShapeSet(int strain, Eigen::MatrixXd legendre, double length);
 
   int size() const { return n_; }
+  bool clamped_free() const { return legendre_.size() == 0 && basis_ == Basis::clamped_free; }
+  const Eigen::MatrixXd& coefficients() const { return legendre_; }
+  /// The same shapes on a beam of another length.
+  ShapeSet at_length(double length) const;
   /// Number of Legendre polynomials in user-given or loaded shapes; 0 for the bases that need none.
   Eigen::Index terms() const { return legendre_.rows(); }
   ShapeValues at(double x) const;

@@ -47,11 +47,14 @@ class Step {
   /// The state c h after the last step's beginning, 0 <= c <= 1, but for what is prescribed.
   virtual void inside(double, Eigen::VectorXd&, Eigen::VectorXd&) const {}
   const Counts& counts() const { return counts_; }
+  /// What a step that takes long calls now and then; what it throws leaves the step. Empty: nothing.
+  void look_with(std::function<void()> look) { look_ = std::move(look); }
   /// What to do where the motion ran away, as the end of a sentence.
   virtual const char* remedy() const { return "take a smaller step, or look for what drives it"; }
 
  protected:
   Counts counts_;
+  std::function<void()> look_;
 };
 
 struct ImplicitOptions {

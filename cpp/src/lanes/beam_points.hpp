@@ -6,10 +6,10 @@
 namespace flexarm {
 namespace lanes {
 
-/// The products of a table in the order of the blocks: those of position, those of rotation.
+/// Products in the order of the blocks: those of position, those of rotation.
 template <class Visit>
-void for_products(const SliceTable& table, bool position, const Visit& visit) {
-  for (const Product& p : table.products)
+void for_products(const std::vector<Product>& products, bool position, const Visit& visit) {
+  for (const Product& p : products)
     if ((p.row < 3) == position)
       for (Eigen::Index c = 0; c < p.C.cols(); ++c)  // the kernel's order
         for (Eigen::Index r = 0; r < p.C.rows(); ++r) visit(p.C(r, c));

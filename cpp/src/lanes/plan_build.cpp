@@ -370,8 +370,8 @@ void Plan::Builder::put_end(const Link& link, const Node& node) {
     for (int d = 0; d < node.directed; ++d) put(t.linear(node.direction[d], node.which[d]));
     for (int k = 0; k < node.ne; ++k) put(t.linear(3 + node.about[k], k));
   }
-  for_products(t, true, [&](double c) { put(c); });
-  if (!axes.planar) for_products(t, false, [&](double c) { put(c); });
+  for_products(t.products, true, [&](double c) { put(c); });
+  if (!axes.planar) for_products(t.products, false, [&](double c) { put(c); });
 }
 
 bool Plan::Builder::add_beam(const Link& link, std::size_t n) {
@@ -411,7 +411,7 @@ bool Plan::Builder::add_beam(const Link& link, std::size_t n) {
     std::vector<VectorXd> products;
     for (Eigen::Index g = 0; g < at.mass.size(); ++g) {
       std::size_t k = 0;
-      for_products(beam.slices()[static_cast<std::size_t>(g)].table, true, [&](double c) {
+      for_products(beam.slices()[static_cast<std::size_t>(g)].table.products, true, [&](double c) {
         if (g == 0) products.push_back(VectorXd::Zero(at.mass.size()));
         products[k++][g] = c;
       });
@@ -429,7 +429,7 @@ bool Plan::Builder::add_beam(const Link& link, std::size_t n) {
       std::vector<double> p{root[0], root[1], root[2]};
       for (int i = 0; i < 3; ++i) p.push_back(root[i] > 0.0 ? (I[(i + 2) % 3] - I[(i + 1) % 3]) / root[i] : 0.0);
       for (int k = 0; k < node.ne; ++k) p.push_back(s.table.linear(3 + node.about[k], k));
-      for_products(s.table, false, [&](double c) { p.push_back(c); });
+      for_products(s.table.products, false, [&](double c) { p.push_back(c); });
       turning.push_back(std::move(p));
     }
     put_space(link, node, at);

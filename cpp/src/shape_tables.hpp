@@ -1,0 +1,84 @@
+// What a beam's shape functions make of it at length 1. It depends neither on the length nor on the section nor on the
+// material, so that beams which differ in these share it.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "flexarm/shape.hpp"
+#include "flexarm/slice.hpp"
+
+namespace flexarm {
+
+/// The last things that were made, by what they were made from; of at most so many bytes together. For any thread.
+template <class T>
+class Kept {
+ public:
+  explicit Kept(std::size_t bytes) : room_(bytes) {}
+
+  /// What `make` gives (a shared pointer), or gave for the same key. `bytes` tells its size.
+  template <class Make, class Bytes>
+  std::shared_ptr<const T> get(const std::string& key, const Make& make, const Bytes& bytes) {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      for (auto it = kept_.begin(); it != kept_.end(); ++it)
+        if (it->key == key) {
+          kept_.splice(kept_.begin(), kept_, it);
+          return it->value;
+        }
+    }
+    const std::shared_ptr<const T> made = make();
+    const std::size_t size = bytes(*made) + key.size();
+    const std::lock_guard<std::mutex> lock(mutex_);
+    kept_.push_front({key, made, size});
+    used_ += size;
+    while (used_ > room_ && kept_.size() > 1) {
+      used_ -= kept_.back().size;
+      kept_.pop_back();
+    }
+    return made;
+  }
+
+ private:
+  struct Entry {
+    std::string key;
+    std::shared_ptr<const T> value;
+    std::size_t size;
+  };
+  std::mutex mutex_;
+  std::list<Entry> kept_;
+  std::size_t room_, used_ = 0;
+};
+
+/// Numbers at the end of a key, bit by bit.
+void append(std::string& key, const double* x, Eigen::Index n);
+
+/// The shapes of a beam of length 1, and names for what they are.
+struct UnitShapes {
+  std::vector<ShapeSet> shapes;     ///< one for each strain
+  std::array<int, kStrains> first;  ///< coordinate of each strain
+  bool quadratic;                   ///< whether slices have products
+  std::string key;                  ///< tells them from others
+  /// A coordinate of this strain at length L is L^power times that at length 1, of the same motion scaled by L.
+  int power(int strain) const;
+};
+UnitShapes unit_shapes(const std::vector<ShapeSet>& shapes, const std::array<int, kStrains>& first, bool quadratic);
+
+/// A slice of a beam of length 1.
+struct UnitSlice {
+  std::array<ShapeValues, kStrains> values;
+  std::vector<Product> products;
+};
+/// The slices at places that increase.
+std::shared_ptr<const std::vector<UnitSlice>> unit_slices(const UnitShapes& unit, const std::vector<double>& places);
+/// Integrals of the products of two strains, for each strain.
+std::shared_ptr<const std::array<Eigen::MatrixXd, kStrains>> unit_stiffness(const UnitShapes& unit);
+
+}  // namespace flexarm

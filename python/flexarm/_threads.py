@@ -1,0 +1,69 @@
+"""Threads that a process does not wait for when it ends, as it does for those of concurrent.futures."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import TypeVar
+
+T = TypeVar("T")
+
+_LOOK = 0.1  # s
+
+
+def each(
+    work: Callable[[int], None],
+    count: int,
+    workers: int,
+    look: Callable[[], None] = lambda: None,
+    stop: Callable[[], None] = lambda: None,
+) -> None:
+    """work(0) ... work(count - 1), each once, and look() about ten times a second in this thread. After an exception in
+    one of them nothing more is begun, and `stop` is called; it is raised when all threads have ended."""
+    numbers, lock = iter(range(count)), threading.Lock()
+    failed: list[BaseException] = []
+
+    def give_up(error: BaseException) -> None:
+        failed.append(error)
+        stop()
+
+    def run() -> None:
+        try:
+            while not failed:
+                with lock:
+                    k = next(numbers, None)
+                if k is None:
+                    return
+                work(k)
+        except BaseException as e:
+            give_up(e)
+
+    threads = [threading.Thread(target=run, daemon=True) for _ in range(min(workers, count))]
+    for thread in threads:
+        thread.start()
+    try:
+        for thread in threads:
+            while thread.is_alive():
+                thread.join(_LOOK)
+                look()
+    except BaseException as e:
+        give_up(e)
+    for thread in threads:
+        thread.join()
+    if failed:
+        raise failed[0]
+
+
+def later(work: Callable[[], T]) -> Future[T]:
+    """What work() gives, in a thread of its own."""
+    future: Future[T] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(work())
+        except BaseException as e:
+            future.set_exception(e)
+
+    threading.Thread(target=run, daemon=True).start()
+    return future
