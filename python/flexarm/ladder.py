@@ -136,16 +136,11 @@ def is_elastic(arm: Arm) -> bool:
 def other_basis(scene: Scene, link: int) -> str | None:
     """A basis that may stand in for that of a link's beam: Legendre polynomials meet the conditions at a loaded tip,
     and what a patch does, with fewer functions than modes of a free beam. None where nothing else may stand in: strains
-    of the user's own, or elastic coordinates that do not start at zero."""
-    arm = scene.arm
-    beam = arm.links[link].beam
+    of the user's own."""
+    beam = scene.arm.links[link].beam
     if beam is None or beam.basis == "legendre" or any(isinstance(m, tuple) for m in beam.modes.values()):
         return None
-    first = arm._core.first(link) + arm.links[link].joint.nv
-    first_q = arm._core.first_q(link) + arm.links[link].joint.nq
-    moved = scene.q0 is not None and scene.q0[first_q : first_q + beam.ne].any()
-    moving = scene.v0 is not None and scene.v0[first : first + beam.ne].any()
-    return None if moved or moving else "legendre"
+    return "legendre"
 
 
 def _beam(beam: Beam, order: int | str, shift: int, basis: str | None = None) -> Beam:
@@ -203,11 +198,36 @@ def _carried(value: Array | None, zero: Array, names: tuple[str, ...], given: tu
     return out
 
 
+def initial_state(scene: Scene, arm: Arm) -> tuple[Array | None, Array | None]:
+    """q0 and v0 of the scene for another model of its arm. Elastic coordinates keep their values by name, new ones
+    start at zero; in another basis they are those whose strains along the beam are nearest to the given ones."""
+    q0 = _carried(scene.q0, arm.zero, arm.q_names, scene.arm.q_names)
+    v0 = _carried(scene.v0, np.zeros(arm.nv), arm.coordinates, scene.arm.coordinates)
+    for k, (link, given) in enumerate(zip(arm.links, scene.arm.links, strict=True)):
+        beam, old = link.beam, given.beam
+        if beam is None or old is None or not beam.ne or not old.ne or beam.basis == old.basis:
+            continue
+        new_q, old_q = (a._core.first_q(k) + link.joint.nq for a in (arm, scene.arm))
+        new_v, old_v = (a._core.first(k) + link.joint.nv for a in (arm, scene.arm))
+        for out, value, at, of in ((q0, scene.q0, new_q, old_q), (v0, scene.v0, new_v, old_v)):
+            if out is None or value is None:
+                continue
+            shapes, start = np.zeros((beam.ne, arm.nq)) + arm.zero, np.array(scene.arm.zero)
+            shapes[:, new_q : new_q + beam.ne] = np.eye(beam.ne)
+            start[old_q : old_q + old.ne] = value[of : of + old.ne]
+            x, weights = np.polynomial.legendre.leggauss(40)
+            places = beam.length * (x + 1) / 2
+            S = [w * arm.strain(shapes, k, float(p)) for w, p in zip(np.sqrt(weights), places, strict=True)]
+            y = [w * scene.arm.strain(start, k, float(p)) for w, p in zip(np.sqrt(weights), places, strict=True)]
+            A = np.hstack(S)  # (ne, places and strains)
+            out[at : at + beam.ne] = np.linalg.lstsq(A.T, np.ravel(y), rcond=None)[0]
+    return q0, v0
+
+
 def scene_of(scene: Scene, row: Row) -> Scene:
     """The scene with a row's model, integrator and setting."""
     arm = row.model.arm
-    q0 = _carried(scene.q0, arm.zero, arm.q_names, scene.arm.q_names)
-    v0 = _carried(scene.v0, np.zeros(arm.nv), arm.coordinates, scene.arm.coordinates)
+    q0, v0 = initial_state(scene, arm)
     return replace(scene, arm=arm, q0=q0, v0=v0, options=row.options(scene))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from .arm import Arm
 from .control import control_laws
-from .ladder import _carried, other_basis
+from .ladder import initial_state, other_basis
 from .link import Link
 from .model import STRAINS, Beam
 from .sampled import Sampled
@@ -149,10 +149,9 @@ class Rungs:
         return self._arms[model]
 
     def at(self, model: Model, options: dict[str, Any]) -> Scene:
-        """The scene with this model; elastic coordinates keep their initial values by name, new ones start at zero."""
+        """The scene with this model, and its initial state."""
         arm, old = self.arm(model), self.scene
-        q0 = _carried(old.q0, arm.zero, arm.q_names, old.arm.q_names)
-        v0 = _carried(old.v0, np.zeros(arm.nv), arm.coordinates, old.arm.coordinates)
+        q0, v0 = initial_state(old, arm)
         return replace(old, arm=arm, q0=q0, v0=v0, options=options)
 
     def usable(self, model: Model) -> str:
