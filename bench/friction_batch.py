@@ -1,7 +1,7 @@
 """Batches of joints with dry friction against the same without, in the lanes: ratio of times in one run (aim: below 3).
 
-Processor time. Hanging chains, each scenario driven by sines of its own, so that joints come to rest and slide at other times in each
-lane. `rests`: part of joints and times at which a joint sticks. One thread.
+Processor time, one thread. Hanging chains, each scenario driven by sines of its own, so that joints come to rest and
+slide at other times in each lane. `rests`: part of joints and times at which a joint sticks.
 
 python bench/friction_batch.py
 """
