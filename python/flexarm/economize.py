@@ -119,7 +119,9 @@ class Plan:
         if not adapt:
             return watched(scene, self.watch, progress)
         rungs = self._walk.rungs
-        options = {k: v for k, v in self.rich.options.items() if k != "stages"}  # fewer of them are for checking
+        # a richer arm takes over with a jump, as it has what the lean one never bent: fast modes must bear that and die
+        step = min(float(np.median(np.diff(scene.t))), self.rich.options.get("step", np.inf)) / 2
+        options = {"integrator": "implicit", "step": step, "spectral_radius": 0.9}
         richer = rungs.at(self._walk.richer(self._found.lean.model), options)
         return adapted(scene, richer.arm, options, self.watch, progress)
 
