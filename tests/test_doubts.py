@@ -104,3 +104,14 @@ def test_links_that_are_carried_count_and_tapers_are_measured() -> None:
     share = float(str(said[0].message).split("leave out ")[1].split()[0]) / 100
     fine = sag(arm(section=wedge, modes={"bending_y": 12}))
     assert 1 - sag(light) / fine == pytest.approx(share, rel=0.05)
+
+
+def test_an_arm_of_a_scene_is_doubted_where_it_is_first_used() -> None:
+    with pytest.warns(fa.ModelWarning):
+        described = arm(damping_ratio=2).to_dict()
+    for use in (lambda a: fa.simulate(a, [0, 1e-3]), fa.Arm.modes, fa.Arm.equilibrium, str):
+        read = fa.Arm.from_dict(described)  # warnings are errors here
+        with pytest.warns(fa.ModelWarning, match="in per cent") as said:
+            use(read)
+        assert len(said) == 1
+        read.modes(lock=[0])  # once

@@ -39,15 +39,24 @@ class Arm:
 
     def __init__(self, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         self._build(links, gravity)
-        for text in doubts(self):
-            warnings.warn(text, ModelWarning, stacklevel=2)
+        self._warned = False
+        self._warn()
 
     @staticmethod
     def _made(links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> Arm:
         """An arm made of another, whose user has been warned already."""
         arm = Arm.__new__(Arm)
         arm._build(links, gravity)
+        arm._warned = True
         return arm
+
+    def _warn(self) -> None:
+        """ModelWarning of numbers that can hardly be meant, once: where the arm is made, or, of one that was read from
+        a scene, where it is first used."""
+        if not self._warned:
+            self._warned = True
+            for text in doubts(self):
+                warnings.warn(text, ModelWarning, stacklevel=3)
 
     def _build(self, links: Sequence[Link], gravity: Sequence[float]) -> None:
         if not isinstance(links, Sequence):
@@ -67,7 +76,8 @@ class Arm:
 
     @staticmethod
     def from_dict(d: Mapping[str, Any]) -> Arm:
-        """An arm from the structure of a scene file: {"gravity": [...], "link": [{...}, ...]}."""
+        """An arm from the structure of a scene file: {"gravity": [...], "link": [{...}, ...]}. What can hardly be meant
+        there (ModelWarning) is said where the arm is first simulated, linearised, or asked for modes or a balance."""
         from .scene import arm_from_dict
 
         return arm_from_dict(d)
@@ -94,6 +104,7 @@ class Arm:
         """A plain table, which `print(arm)` shows: of each link the joint, sizes, modes, masses and the lowest
         frequencies of its beam clamped, without the tip; of the arm its mass, and its lowest frequencies with all
         joints locked at zero, without gravity."""
+        self._warn()
         return describe.describe(self)
 
     def _link(self, link: Any, field: str = "link") -> int:
@@ -382,6 +393,7 @@ class Arm:
             ValueError: bad arguments, or no steady state at this speed.
         """
         q = None if q is None else self._single(q=q)[0]
+        self._warn()
         return modal.modes(self, q, speed, lock, at_time(self, loads, t))
 
     def mode_shapes(self, modes: modal.Modes, points: int = 21) -> modal.ModeShapes:
@@ -426,6 +438,7 @@ class Arm:
             zero = np.zeros(self.nv) if tau is None else array("tau", tau, (self.nv,))
             tau = zero + _patch.voltage_forces(self, voltages)
         q = None if q is None else self._single(q=q)[0]
+        self._warn()
         return balance.equilibrium(self, q, tau, lock, at_time(self, loads, t))
 
     def inverse_derivatives(
@@ -508,4 +521,5 @@ class Arm:
             StateWarning: v is zero, but the arm does not rest there (it falls, or sags): the model holds for a moment.
         """
         q = self._single(q=q)[0]
+        self._warn()
         return linear.linearize(self, q, v, tau, inputs, outputs, lock, at_time(self, loads, t))

@@ -168,6 +168,7 @@ def simulate_batch(
         if given is not None and not isinstance(given, (list, tuple, Controller)):
             raise ValueError(f"{name} = {given!r}: must be a list of {kind}")
     if isinstance(arm, Arm):
+        arm._warn()
         for text in coarse(arm):
             warnings.warn(text, ModelWarning, stacklevel=2)
     controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)

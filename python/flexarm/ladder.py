@@ -178,7 +178,7 @@ def rebuilt(scene: Scene, order: int | str, shift: int) -> Model | None:
     if not any(bases):
         return None
     links = [replace_beam(link, order, shift, basis) for link, basis in zip(scene.arm.links, bases, strict=True)]
-    return Model(order, shift, Arm(links, scene.arm.gravity), next(b for b in bases if b))
+    return Model(order, shift, Arm._made(links, scene.arm.gravity), next(b for b in bases if b))
 
 
 def replace_beam(link: Link, order: int | str, shift: int, basis: str | None = None) -> Link:

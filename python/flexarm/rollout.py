@@ -95,6 +95,7 @@ def _check_arms(arm: Any) -> Sequence[Arm]:
     for k, other in enumerate(arms):
         if other is not arms[0] and (other.coordinates != arms[0].coordinates or other.nq != arms[0].nq):
             raise ValueError(f"arm[{k}]: must have the same coordinates as arm[0]: {', '.join(arms[0].coordinates)}")
+    arms[0]._warn()
     return arms
 
 

@@ -142,7 +142,9 @@ def arm_from_dict(d: Mapping[str, Any]) -> Arm:
     links = d.get("link")
     if not isinstance(links, (list, tuple)) or not links:
         raise ValueError(f"link = {links!r}: must be a list of at least one table")
-    return Arm([_link(f"link[{k}]", t) for k, t in enumerate(links)], d.get("gravity", (0.0, 0.0, 0.0)))
+    arm = Arm._made([_link(f"link[{k}]", t) for k, t in enumerate(links)], d.get("gravity", (0.0, 0.0, 0.0)))
+    arm._warned = False
+    return arm
 
 
 class _Files(NamedTuple):

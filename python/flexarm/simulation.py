@@ -262,6 +262,7 @@ def simulate(
         raise ValueError(f"arm = {arm!r}: must be an Arm")
     if not isinstance(watch, (bool, Watch)):
         raise ValueError(f"watch = {watch!r}: must be True, False or a Watch")
+    arm._warn()
     for text in coarse(arm):
         warnings.warn(text, ModelWarning, stacklevel=2)
     times = array("t", t)
