@@ -175,6 +175,7 @@ def test_errors_of_a_drive_come_through() -> None:
         fa.simulate(arm, [0, 1], drive={0: fa.Torque(lambda t: float("nan"))})
 
 
+@pytest.mark.filterwarnings("ignore::flexarm.SlowWarning")
 def test_ctrl_c_stops_a_long_run() -> None:
     arm = paper_link()
     q0 = [0, 0.1, 0, 0]
