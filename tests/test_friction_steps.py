@@ -212,3 +212,16 @@ def test_an_environment_has_the_friction_of_its_arm() -> None:
             envs.step(np.full((2, 1), 0.2))  # 0.1 N m
         moved.append(np.abs(envs.state.q[:, 0] - start).max())
     assert moved[0] > 1e-3 and moved[1] == 0.0
+
+
+def test_partners_that_stick_at_other_times_change_no_digit() -> None:
+    """An arm in a lane needs the columns of its contact equations when it sticks, whenever its partners do."""
+    body, tip = fa.RigidBody(0.2, (0.1, 0.05, 0), (1e-3,) * 3, (0.3, 0, 0)), fa.RigidBody(0.1)
+    joints = [fa.Revolute("z", coulomb=0.5, stiction=0.6), fa.Revolute("x", coulomb=0.2), fa.Revolute("y", coulomb=0.1)]
+    arm, rng = fa.Arm([fa.Link(joint, body, tip=tip) for joint in joints]), np.random.default_rng(0)
+    q0, v0 = rng.normal(size=(8, 3)), rng.normal(size=(8, 3)) * np.array([0, 0.3, 1, 3, 5, 7, 9, 10])[:, None]
+    tau = rng.normal(size=(8, 30, 3))
+    together = fa.rollout(arm, q0, v0, tau, dt=2e-3)
+    for k in range(8):
+        alone = fa.rollout(arm, q0[k : k + 1], v0[k : k + 1], tau[k : k + 1], dt=2e-3)
+        np.testing.assert_array_equal(alone.q[0], together.q[k])

@@ -28,10 +28,11 @@ struct Contacts {
   S *end, *pull, *burden;  ///< rate at its end; what holds, and in parts of the stiction
   S *turn, *rhs;           ///< changes of the forces; given forces
   S *W, *G, *columns;      ///< S^-1 of the contacts (count^2); the equations of `turn`; its columns (count nv)
+  S* column;               ///< one that is being made (nv)
   S* made;                 ///< whether a column of W is of the last factorisation
   S left;                  ///< rounds of pivoting that are left
 
-  static std::size_t scalars(int nv, int n) { return static_cast<std::size_t>(15 * n + 2 * n * n + n * nv); }
+  static std::size_t scalars(int nv, int n) { return static_cast<std::size_t>(15 * n + 2 * n * n + (n + 1) * nv); }
   void lay_out(S* p, const int* at_, int count_, int nv_) {
     at = at_;
     count = count_;
@@ -46,6 +47,7 @@ struct Contacts {
     W = p;
     G = W + count * count;
     columns = G + count * count;
+    column = columns + count * nv;
     left = S{};
   }
 
@@ -92,13 +94,16 @@ struct Contacts {
     return largest;
   }
 
-  /// Column c of W, where it is not of this factorisation. What slides on in every arm needs none.
-  void make_column(Engine& engine, int c, S* unit) {
-    if (L::lane(is(made[c]), 0)) return;
-    made[c] = number<S>(1.0);
+  /// Column c of W in the arms that need it and have not got it since the last factorisation; the others' is left as it
+  /// is, so that an arm's digits do not depend on when its partners need theirs. What slides on needs none.
+  void make_column(Engine& engine, int c, const Mask& need, S* unit) {
+    const Mask now = need & L::none_of(is(made[c]));
+    if (!any(now)) return;
+    made[c] = L::select(now, number<S>(1.0), made[c]);
     for (int i = 0; i < nv; ++i) unit[i] = S{};
     unit[at[c]] = number<S>(1.0);
-    engine.solve(unit, columns + c * nv);
+    engine.solve(unit, column);
+    for (int i = 0; i < nv; ++i) columns[c * nv + i] = L::select(now, column[i], columns[c * nv + i]);
     for (int k = 0; k < count; ++k) W[k * count + c] = columns[c * nv + at[k]];
   }
   /// To be called when a matrix has been factored.
@@ -200,8 +205,7 @@ struct Contacts {
     }
     if (!any(need & open)) return changed;
     for (int round = 0; round < 12 * (count + 1); ++round) {
-      for (int c = 0; c < count; ++c)
-        if (any(open & (is(held[c]) | (rhs[c] != force[c])))) make_column(engine, c, unit);
+      for (int c = 0; c < count; ++c) make_column(engine, c, open & (is(held[c]) | (rhs[c] != force[c])), unit);
       find_turn(x, rate, d);
       const Mask now = pivot(x, rate, v0, d, weight, open, round > 2 * count);
       if (!any(now)) break;
