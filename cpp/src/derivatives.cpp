@@ -19,9 +19,9 @@ void TangentState::set(const Eigen::VectorXd& q_value, const Eigen::VectorXd& v_
 }
 
 template <class Evaluate, class Store>
-void TangentState::sweep(const Evaluate& evaluate, const Store& store) {
+void TangentState::sweep(const Evaluate& evaluate, const Store& store, bool by_v) {
   constexpr Eigen::Index W = std::tuple_size<decltype(Tangent::d)>::value;
-  const Eigen::Index nq = q.size(), all = nq + v.size();
+  const Eigen::Index nq = q.size(), all = by_v ? nq + v.size() : nq;
   for (Eigen::Index first = 0; first < all; first += W) {
     const Eigen::Index last = std::min(first + W, all);
     const auto seed = [&](double value) {
@@ -58,7 +58,7 @@ InverseDerivatives::InverseDerivatives(const Arm& arm, const std::vector<Load>& 
 }
 
 void InverseDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                                    const Eigen::VectorXd& a) {
+                                    const Eigen::VectorXd& a, bool by_v) {
   if (!ws_) {
     const lanes::Plan& plan = *arm.plan();
     void* at = memory_.data();
@@ -70,7 +70,7 @@ void InverseDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, co
   }
   state_->set(q, v, a);
   state_->sweep([&] { inverse_dynamics(arm, *ws_, state_->q, state_->v, state_->a); },
-                [&](Eigen::Index k, std::size_t lane) { put(ws_->tau, k, lane, dq, dv); });
+                [&](Eigen::Index k, std::size_t lane) { put(ws_->tau, k, lane, dq, dv); }, by_v);
 }
 
 MotionDerivatives::MotionDerivatives(const Arm& arm, std::size_t link, std::optional<double> x)

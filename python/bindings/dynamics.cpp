@@ -133,17 +133,17 @@ void bind_dynamics(py::class_<Arm>& arm) {
   arm.def(
       "inverse_derivatives",
       [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
-         const std::vector<Load>& loads, const Rows& wrenches) {
+         const std::vector<Load>& loads, const Rows& wrenches, bool by_v) {
         InverseDerivatives d(self, loads);
         {
           const Unlocked free;
           for (std::size_t k = 0; k < loads.size(); ++k) d.set_wrench(k, wrenches.row(static_cast<Eigen::Index>(k)));
-          d(self, q, v, a);
+          d(self, q, v, a, by_v);
         }
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
       py::arg("q"), py::arg("v"), py::arg("a"), py::arg("loads") = std::vector<Load>{},
-      py::arg("wrenches") = Rows(0, 6));
+      py::arg("wrenches") = Rows(0, 6), py::arg("by_v") = true);
 
   arm.def(
       "rates",

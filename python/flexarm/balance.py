@@ -95,7 +95,7 @@ class _Balance:
 
     def jacobian(self, q: Array, E: Array) -> Array:
         def by_q(arm: Arm, v: Array, loads: Any) -> Array:
-            K: Array = (arm._core.inverse_derivatives(q, v, self.zero, *loads)[0] @ E)[self.at]
+            K: Array = (arm._core.inverse_derivatives(q, v, self.zero, *loads, by_v=False)[0] @ E)[self.at]
             return K
 
         K = by_q(self.arm, self.v, self.loads)

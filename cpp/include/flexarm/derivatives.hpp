@@ -15,9 +15,9 @@ class TangentState {
   explicit TangentState(const Arm& arm);
   void set(const Eigen::VectorXd& q_value, const Eigen::VectorXd& v_value, const Eigen::VectorXd& a_value);
   /// Calls evaluate() with four directions seeded at once, then store(k, lane) for each: k < nq a coordinate, then
-  /// rates.
+  /// rates, but for those where by_v is false.
   template <class Evaluate, class Store>
-  void sweep(const Evaluate& evaluate, const Store& store);
+  void sweep(const Evaluate& evaluate, const Store& store, bool by_v = true);
   VecX<Tangent> q, v, a;
 };
 
@@ -27,8 +27,10 @@ class InverseDerivatives {
   explicit InverseDerivatives(const Arm& arm, const std::vector<Load>& loads = {});
   /// Value of a load from now on.
   void set_wrench(std::size_t load, const Vec6<double>& wrench) { ws_->loads[load].wrench = wrench; }
-  /// dtau/dq (nv x nq) and dtau/dv (nv x nv) at (q, v, a). (dtau/da is the mass matrix.)
-  void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
+  /// dtau/dq (nv x nq) and dtau/dv (nv x nv) at (q, v, a). (dtau/da is the mass matrix.) Without `by_v` dv may be left
+  /// as it is, which takes half the time.
+  void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
+                  bool by_v = true);
   Eigen::MatrixXd dq, dv;
 
  private:
