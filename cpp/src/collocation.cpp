@@ -19,7 +19,8 @@ constexpr int kGivenUp = 3;      // corrections that grew, after which an iterat
 constexpr double kFloor = 1e-8;  // parts of the motion: an iteration that stalls below is at the end of its digits
 constexpr double kGrown = 1.5;   // ratio of a step to the one before, above which nothing is extrapolated
 constexpr double kForget = 0.99;
-constexpr int kTurns = 60;         // passes that the turns of a ball may take
+constexpr double kFar = 30.0;  // times the energy that a step begins with and its forces bring: no solution is so far
+constexpr int kTurns = 60;     // passes that the turns of a ball may take
 constexpr double kTurned = 2e-15;  // rad: they have converged
 
 }  // namespace
@@ -76,7 +77,7 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
   newton_ = Eigen::MatrixXd::Identity(s_ * n, s_ * n);
   residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
   contraction_ = best_ = 1.0;
-  h_ = h_factored_ = scale_ = 0.0;
+  h_ = h_factored_ = scale_ = peak_ = 0.0;
   fresh_ = false;
   return Status::ok;
 }
@@ -178,6 +179,53 @@ bool CollocationStep::factor(double h) {
   return true;
 }
 
+/// Whether a solution is as fast as what the step began with and the forces at its points can make it. An iteration
+/// that has run away may find another root far off, or stop there, where its tolerance is large because the motion is.
+bool CollocationStep::believable(double h, Workspace& ws) {
+  const double fall = h * arm_->gravity().norm();
+  const auto fastest = [&](const Eigen::MatrixXd& M) {
+    vs_ = v0_;
+    vs_.noalias() += h * (a_ * b_);
+    double most = vs_.dot(M * vs_);
+    for (int i = 0; i < s_; ++i) most = std::max(most, v_.col(i).dot(M * v_.col(i)));
+    return most;
+  };
+  const double peak = kForget * peak_, free_fall = mass_ * fall * fall;
+  const double reached = fastest(M_all_);
+  if (!(reached <= kFar * (std::max(peak, v0_.dot(M_all_ * v0_)) + free_fall))) {  // look closer
+    double allowed = 0.0;
+    for (int i = 0; i < s_; ++i) {
+      qs_ = q0_;
+      vs_ = v0_;
+      for (Eigen::Index k = 0; k < qs_.size(); ++k)
+        if (!free_q_[static_cast<std::size_t>(k)]) qs_[k] = q_(k, i);
+      for (std::size_t k = 0; k < ws.prescribed.size(); ++k)
+        if (ws.prescribed[k]) vs_[static_cast<Eigen::Index>(k)] = v_(static_cast<Eigen::Index>(k), i);
+      ws.a = a_.col(i);  // forward dynamics reads the prescribed ones
+      set_forces(i, ws);
+      as_ = tau_.col(i);
+      ++counts_.evaluations;
+      if (forward_dynamics(*arm_, ws, qs_, vs_, as_) != Status::ok) return false;
+      as_ = ws.a;
+      if (i == 0) {
+        move_arm<double>(*arm_, ws, qs_, vs_);
+        composite_mass_matrix(*arm_, ws);
+      }
+      allowed = std::max(allowed, vs_.dot(ws.M * vs_) + h * h * as_.dot(ws.M * as_));
+    }
+    if (!(fastest(ws.M) <= kFar * (std::max(peak, allowed) + free_fall))) return false;
+  }
+  peak_ = std::max(peak, reached);
+  return true;
+}
+
+/// Loads and feedback at point i, for the sweeps.
+void CollocationStep::set_forces(int i, Workspace& ws) const {
+  for (std::size_t k = 0; k < ws.loads.size(); ++k) ws.loads[k].wrench = wrenches_[static_cast<std::size_t>(i)][k];
+  for (std::size_t k = 0; k < ws.feedback.size(); ++k)
+    ws.feedback[k].offset = offsets_(static_cast<Eigen::Index>(k), i);
+}
+
 Status CollocationStep::iterate(double h, Workspace& ws) {
   const Eigen::Index n = M_.rows();
   if (n == 0) return Status::ok;  // everything is prescribed
@@ -202,9 +250,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
       qs_ = q_.col(i);
       vs_ = v_.col(i);
       as_ = a_.col(i);
-      for (std::size_t k = 0; k < ws.loads.size(); ++k) ws.loads[k].wrench = wrenches_[static_cast<std::size_t>(i)][k];
-      for (std::size_t k = 0; k < ws.feedback.size(); ++k)
-        ws.feedback[k].offset = offsets_(static_cast<Eigen::Index>(k), i);
+      set_forces(i, ws);
       inverse_dynamics<double>(*arm_, ws, qs_, vs_, as_);
       ++counts_.evaluations;
       for (Eigen::Index k = 0; k < n; ++k) {
@@ -231,7 +277,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     last = moved;
     const double left = std::min(1.0, contraction_ / std::max(1.0 - contraction_, 1e-3)) * moved;
     if (left <= options_.rtol * scale || stalled) {
-      if (!place(h, ws)) return Status::not_converged;
+      if (!place(h, ws) || !believable(h, ws)) return Status::not_converged;
       scale_ = std::max(kForget * scale_, motion);
       if (stalled) contraction_ = kSlow;
       if (renewed) best_ = contraction_;

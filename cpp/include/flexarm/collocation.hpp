@@ -50,6 +50,8 @@ class CollocationStep final : public Step {
   void predict(double ratio, const Workspace& ws);
   void differentiate(Workspace& ws);
   bool factor(double h);
+  void set_forces(int i, Workspace& ws) const;
+  bool believable(double h, Workspace& ws);
   Status iterate(double h, Workspace& ws);
 
   const Arm* arm_;
@@ -79,6 +81,7 @@ class CollocationStep final : public Step {
   double contraction_ = 1.0;  ///< of the iteration, as last measured
   double best_ = 1.0;         ///< with Jacobians of the same step
   double scale_ = 0.0;        ///< v^T M v of the motion (J), its peaks remembered for a while
+  double peak_ = 0.0;         ///< the same of its velocities alone
   double mass_ = 0.0;         ///< of the arm (kg)
 };
 
