@@ -1,5 +1,6 @@
 """What a file of a batch knows its batch by: what a callable reads and calls, and no more than that."""
 
+import datetime
 import functools
 import importlib
 import math
@@ -10,6 +11,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
+from datetime import date
 from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
@@ -216,6 +218,32 @@ def test_what_cannot_be_looked_into_is_refused_unless_named():
             marks({}, bad)
     with pytest.raises(ValueError, match="'drive 0', reads 'value' is a numpy"):  # where it is
         mark({"drive 0": user([rng])})
+
+
+def test_what_reads_files_or_clocks_by_methods_and_packages_is_refused():
+    here = Path(__file__)
+    files = importlib.import_module("scipy.io")
+
+    class Own:
+        """Its own method of such a name is looked into."""
+
+        def __call__(self, t):
+            return self.read_text() * t
+
+        def read_text(self):
+            return 2.0
+
+    assert mark(Own()) == mark(Own())
+    cases = {
+        "read_text..": lambda t: float(len(here.read_text())), "read_bytes..": lambda t: Path("x").read_bytes()[0],
+        "now..": lambda t: datetime.datetime.now().second, "today..": lambda t: date.today().day,
+        "loadmat..": lambda t: files.loadmat("x.mat")["gain"], "__import__..": lambda t: __import__("time").time(),
+        "import_module..": lambda t: importlib.import_module("gains").K, "is loadmat": user(files.loadmat),
+        "open..": lambda t: float(here.open().read()),
+    }  # fmt: skip
+    for says, law in cases.items():
+        with pytest.raises(ValueError, match=f"(?s){says}.*give fingerprint="):
+            mark({"drive 0": law})
 
 
 def test_a_name_stands_only_for_what_is_not_seen(monkeypatch):

@@ -15,6 +15,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, paper_link
+from flexarm import _threads
 
 SOON = 1.5  # s, within which Ctrl-C must have its effect, on a busy machine too
 
@@ -159,6 +160,20 @@ def test_ctrl_c_while_a_batch_builds_its_beams():
         fa.simulate_batch(arm, [0, 0.01], parameters={kinds: 7000 + tips}, integrator="implicit", step=0.01, workers=2)
     assert since() < SOON and len(caught.value.result) == 4000
     assert threading.active_count() == before
+
+
+def test_what_an_interrupted_batch_gives_does_not_change_any_more():
+    """Thread.join of Python up to 3.12, interrupted, takes threads that run for ended ones."""
+    stop, ended = threading.Event(), []
+
+    def work(k: int) -> None:
+        stop.wait()
+        time.sleep(0.2)  # to its next look around
+        ended.append(k)
+
+    with ctrl_c(after=0.3) as since, pytest.raises(KeyboardInterrupt):
+        _threads.each(work, 8, 1, stop=stop.set)
+    assert ended == [0] and since() < SOON
 
 
 def test_progress_of_a_batch_is_told_while_it_builds_and_runs():

@@ -108,6 +108,24 @@ def test_flipped_bytes_are_told_of_and_computed_again(tmp_path):
     np.testing.assert_array_equal(fa.BatchResult.load(path).q, q)
 
 
+@pytest.mark.parametrize("mark", [0, 3, 0x41])
+def test_damaged_marks_of_what_is_done_are_told_of(tmp_path, mark):
+    path = tmp_path / "b.h5"
+    whole = run(path)
+    q = whole.q.copy()
+    with h5py.File(path) as f:
+        offset = f["done"].id.get_offset()
+    flip(path, offset + 3, 1 ^ mark)
+    with pytest.raises(ValueError, match=r"b\.h5': the data of scenario 3 are damaged"):
+        fa.BatchResult.load(path)
+    if mark:  # half written, so far as is known
+        shown = fa.BatchResult.load(path, verify=False)
+        assert shown.status[3] == 4 and np.isnan(shown.q[3]).all() and np.isfinite(shown.q[2]).all()
+    again = run(path)
+    assert again.stats["damaged"] == 1 and again.stats["resumed"] == 5
+    np.testing.assert_array_equal(again.q, q)
+
+
 def test_damage_to_what_all_have_in_common_is_told_of(tmp_path):
     path = tmp_path / "b.h5"
     run(path)

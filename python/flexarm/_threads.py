@@ -21,7 +21,8 @@ def each(
 ) -> None:
     """work(0) ... work(count - 1), each once, and look() about ten times a second in this thread. After an exception in
     one of them nothing more is begun, and `stop` is called; it is raised when all threads have ended."""
-    numbers, lock = iter(range(count)), threading.Lock()
+    numbers, change = iter(range(count)), threading.Condition()
+    busy = over = 0
     failed: list[BaseException] = []
 
     def give_up(error: BaseException) -> None:
@@ -29,28 +30,37 @@ def each(
         stop()
 
     def run() -> None:
+        nonlocal busy, over
+        with change:
+            busy += 1
         try:
             while not failed:
-                with lock:
+                with change:
                     k = next(numbers, None)
                 if k is None:
-                    return
+                    break
                 work(k)
         except BaseException as e:
             give_up(e)
+        with change:
+            busy, over = busy - 1, over + 1
+            change.notify()
 
     threads = [threading.Thread(target=run, daemon=True) for _ in range(min(workers, count))]
-    for thread in threads:
-        thread.start()
+
+    def ended() -> bool:
+        with change:
+            return change.wait_for(lambda: over == len(threads), _LOOK)
+
     try:
         for thread in threads:
-            while thread.is_alive():
-                thread.join(_LOOK)
-                look()
+            thread.start()
+        while not ended():
+            look()
     except BaseException as e:
         give_up(e)
-    for thread in threads:
-        thread.join()
+    with change:  # not Thread.join: interrupted once, it takes threads that run for ended ones (Python up to 3.12)
+        change.wait_for(lambda: not busy)
     if failed:
         raise failed[0]
 

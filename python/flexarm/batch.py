@@ -24,6 +24,7 @@ from .patch import Voltage
 from .rollout import (
     NOT_DONE,
     BatchInterrupted,
+    check_memory,
     check_options,
     default_workers,
     forces,
@@ -39,15 +40,6 @@ def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = (
     """Bytes of a batch's result: 8 B nt (nq + nv) for q and v. Beside it each worker has one workspace, and, where
     parameters change the arm, some hundred arms at a time are held."""
     return 8 * scenarios * rows * sum(arm.nq if k == "q" else arm.nv for k in outputs)
-
-
-def _physical_memory() -> float:
-    import os
-
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):
-        return np.inf
 
 
 def _make_job(
@@ -177,12 +169,9 @@ def simulate_batch(
     job, count = _make_job(arm, t, q0, v0, tau, setup, parameters, outputs, every, integrator, step, options)
     workers = default_workers(1 if workers is None and executor is not None else workers)
     path = Path(out) if isinstance(out, (str, Path)) else None
-    need, there = batch_memory(arm, count, job.rows, job.outputs), _physical_memory()
-    if path is None and not out and need > there:
-        raise ValueError(
-            f"outputs: {count} scenarios of {job.rows} rows take {need / 1e9:.3g} GB, this machine has "
-            f"{there / 1e9:.3g} GB; take a larger `every`, fewer `outputs`, or out='file.h5'"
-        )
+    if path is None and not out:
+        what = f"outputs: {count} scenarios of {job.rows} rows"
+        check_memory(what, batch_memory(arm, count, job.rows, job.outputs), "fewer `outputs`, or out='file.h5'")
     started = time.perf_counter()
     engine = job.engine()
     runner = Runner(job, count, engine, workers, batch, executor)

@@ -64,15 +64,16 @@ def failures_in(held: Mapping[str, Any]) -> list[Failure]:
 
 
 def _damaged(arrays: Mapping[str, Any]) -> NDArray[np.int64]:
-    """Scenarios that are marked as done, but whose checksums do not fit."""
-    done, sums = arrays["done"] == _DONE, arrays["checksum"]
+    """Scenarios whose checksums, or marks of whether they are done, do not fit."""
+    marks, sums = np.asarray(arrays["done"]), np.asarray(arrays["checksum"])
+    done, odd = marks == _DONE, (marks > _BEGUN) | ((marks == 0) & (sums != 0))
     held = {k: x for k, x in arrays.items() if k not in ("done", "checksum")}
     wrong = np.zeros(len(done), bool)
     for first in range(0, len(done), 4096):  # pieces, so that little of it is in memory at once
         part = slice(first, first + 4096)
         if done[part].any():
             wrong[part] = checksums({k: x[part] for k, x in held.items()}) != sums[part]
-    return np.flatnonzero(done & wrong)
+    return np.flatnonzero(done & wrong | odd)
 
 
 def _listed(indices: NDArray[np.int64]) -> str:
@@ -107,7 +108,7 @@ def read(path: Path, outputs: tuple[str, ...], verify: bool) -> dict[str, Any]:
         )
     done = arrays["done"]
     held = {k: np.array(x) if k in _COLUMNS else x for k, x in arrays.items()}
-    left, torn = done != _DONE, np.flatnonzero(done == _BEGUN)
+    left, torn = done != _DONE, np.flatnonzero((done != _DONE) & (done != 0))
     if torn.size:  # half written, and not to be shown
         held |= {k: places[k].of(path, "c") for k in outputs if k in places}
         for k in outputs:

@@ -33,6 +33,7 @@ import numpy as np
 from . import _core
 from .source import (
     NAMELESS,
+    READERS,
     Function,
     Unseen,
     attributes_in,
@@ -41,14 +42,15 @@ from .source import (
     changed_in,
     codes,
     installed,
+    reader_in,
     source_of,
     stands_for,
 )
 
 #: read what is not in the program
 _OUTSIDE: tuple[Any, ...] = (
-    open, input, eval, exec, globals, time.time, time.perf_counter, time.monotonic, os.urandom, os.getenv,
-    np.load, np.loadtxt, np.genfromtxt, np.fromfile, np.memmap,
+    open, input, eval, exec, globals, __import__, importlib.import_module, time.time, time.time_ns, time.perf_counter,
+    time.monotonic, os.urandom, os.getenv, np.load, np.loadtxt, np.genfromtxt, np.fromfile, np.memmap,
 )  # fmt: skip
 #: change when they are used, or belong to the moment
 _STATE: tuple[type, ...] = (
@@ -191,6 +193,8 @@ class _Look:
 
     def _callable(self, value: Any) -> bytes:
         stands = stands_for(value)
+        if stands is not None and getattr(value, "__name__", None) in READERS:
+            raise Unseen(f"is {value.__name__}, which reads what is not in the program")
         if isinstance(value, FunctionType):
             return self._function(value) if stands is None else _hash("installed", stands)
         if isinstance(value, types.MethodType):
@@ -240,6 +244,9 @@ class _Look:
         parts += [self.of(f.__defaults__, label + "defaults"), self.of(f.__kwdefaults__, label + "defaults")]
         parts.append(self._all("attributes", {k: v for k, v in sorted(vars(f).items()) if k != "__wrapped__"}))
         if not ours:  # what an installed package reads is known by its version
+            reader = reader_in(node)
+            if reader is not None:
+                raise Unseen(f"{label}reads with {reader}() what is not in the program")
             parts.append(self._globals(f, node, label))
         return _hash("function", *parts)
 

@@ -17,7 +17,7 @@ from .arm import Arm
 from .control import Controller
 from .drive import Motion
 from .simulation import OPTION_OF
-from .tables import Schedule, feedback_tables, motion_table
+from .tables import STEP_BYTES, Schedule, feedback_tables, motion_table
 
 STEPPERS = ("implicit", "rk4")
 _REASONS = {
@@ -132,6 +132,23 @@ def forces(tau: ArrayLike | None, nv: int, count: int | None, name: str = "nstep
         raise ValueError(f"tau has shape {a.shape}: its last axis but one must be {name} = {count}, or 1")
     check_finite("tau", a, a.ndim == 3)
     return a if a.ndim == 3 else a[None]
+
+
+def _physical_memory() -> float:
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return np.inf
+
+
+def check_memory(what: str, need: float, otherwise: str) -> None:
+    """Refuses what takes more bytes than there are."""
+    there = _physical_memory()
+    if need > there:
+        raise ValueError(
+            f"{what} take {need / 1e9:.3g} GB, this machine has {there / 1e9:.3g} GB; take a larger `every`, "
+            f"{otherwise}"
+        )
 
 
 def prepared(out: Mapping[str, Array] | None, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
@@ -292,7 +309,12 @@ def rollout(
     q, v, force = rows("q0", q0, one.zero), rows("v0", v0, np.zeros(one.nv)), forces(tau, one.nv, nstep)
     if nstep is None and tau is None:
         raise ValueError("nstep = None: must be given, where tau does not tell it")
-    schedule = Schedule.uniform(dt, nstep or force.shape[1], every, held=force.shape[1] > 1)
+    steps, most = nstep or force.shape[1], max(len(arms), len(q), len(v), len(force))
+    nout = steps // max(whole("every", every), 1) + 1
+    kept = 0 if out else 8 * nout * (one.nq + one.nv) * most
+    check_memory(f"nstep = {steps}: {nout} rows of {most} scenarios, and {steps} steps,", kept + STEP_BYTES * steps,
+                 "or fewer steps at once")  # fmt: skip
+    schedule = Schedule.uniform(dt, steps, every, held=force.shape[1] > 1)
     moved = {
         i: motion_table(f"motion of '{one.coordinates[i]}'", value, schedule)
         for i, value in one.by_rate("motion", motion).items()

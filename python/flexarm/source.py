@@ -29,6 +29,11 @@ _CHANGES = frozenset(
     "append appendleft extend insert pop popleft popitem remove discard add clear update setdefault reverse sort "
     "rotate fill".split()
 )
+#: methods, and functions of packages, that read what is not in the program: files and clocks
+READERS = frozenset(
+    "open read_text read_bytes read_csv read_table read_json read_excel read_hdf read_parquet read_pickle loadmat "
+    "imread now utcnow today".split()
+)
 _UNMEANT = frozenset("type_comment kind ctx returns annotation type_params".split())
 
 
@@ -124,6 +129,17 @@ def changed_in(node: ast.AST, names: Iterable[str]) -> str | None:
 def attributes_in(node: ast.AST) -> set[str]:
     """The names of all attributes that are asked for."""
     return {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
+
+
+def reader_in(node: ast.AST) -> str | None:
+    """The first of READERS that is called of something that is not the function's own object: x.read_text()."""
+    own = getattr(node, "args", None)
+    first = own.args[0].arg if own is not None and own.args else None
+    for n in ast.walk(node):
+        if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute) and n.func.attr in READERS:
+            if not (isinstance(n.func.value, ast.Name) and n.func.value.id == first):
+                return n.func.attr
+    return None
 
 
 def chains_of(node: ast.AST) -> dict[str, set[tuple[str, ...]]]:

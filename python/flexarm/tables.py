@@ -19,6 +19,7 @@ from .pulses import tell_missed
 
 _SAME = 1e-6  # parts of a step by which two times are still one, as the integrators have it
 _MOST = 100_000_000  # steps
+STEP_BYTES = 100  # of a step's times, here and in the core
 
 
 @dataclass
