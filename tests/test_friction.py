@@ -267,6 +267,18 @@ def test_rows_obey_the_law_where_samples_make_forces_jump(options: dict) -> None
     np.testing.assert_allclose(arm.inverse_dynamics(r.q, r.v, r.a), r.tau + r.friction, atol=1e-8)
 
 
+@names
+def test_the_last_row_is_behind_a_sample_at_the_end_of_the_run(options: dict) -> None:
+    """No step follows to see that what sticks is torn loose: the row had 0.8 N m held by a stiction of 0.5."""
+    joint = fa.Revolute("z", coulomb=0.3, stiction=0.5)
+    arm = fa.Arm([fa.Link(joint, fa.RigidBody(1.0, inertia=(0.1, 0.1, 0.1)))])
+    law = fa.Sampled(lambda t, y: 0.4 if t < 0.1999 else 0.8, 20)
+    r = fa.simulate(arm, np.linspace(0, 0.2, 5), control=law, **options)
+    np.testing.assert_allclose(r.friction[:, 0], [-0.4, -0.4, -0.4, -0.4, -0.3])
+    np.testing.assert_allclose(r.a[:, 0], [0, 0, 0, 0, 5], atol=1e-12)
+    assert np.all(r.v == 0.0)
+
+
 @pytest.mark.parametrize("step", [5e-4, 1e-3, 4e-3])
 def test_running_away_with_friction(step: float) -> None:
     """rk4 beyond its stability: it says so, soon, and speaks of no events where none were given."""

@@ -140,6 +140,71 @@ def test_a_limit_cycle_and_a_fall_are_no_fault_of_the_loop() -> None:
     fa.simulate(falling, t, [np.pi / 2 - 1e-3], control=fa.PD(0.5, 0.01, reference=np.pi / 2))
 
 
+class Pid:
+    """In Python, with its own memory, asked every 0.01 s."""
+
+    def __init__(self, kp: float, ki: float, kd: float) -> None:
+        self.gains, self.sum, self.last = (kp, ki, kd), 0.0, 0.3
+
+    def __call__(self, t: float, y: np.ndarray) -> float:
+        e = 0.3 - float(y[0])
+        self.sum += 0.01 * e
+        rate, self.last = (e - self.last) / 0.01, e
+        return float(np.dot(self.gains, (e, self.sum, rate)))
+
+
+@pytest.mark.parametrize("integrator", EVERY)
+def test_python_laws_with_memory_are_named(integrator: str) -> None:
+    """An integral that is too strong; and differences with k = kd h / I = 2.2: (z - 1)^2 z + k/2 (z + 1) (z - 1) = 0,
+    so that |z|^2 = k/2."""
+    t, I = np.linspace(0, 2, 41), INERTIA
+    fa.simulate(rigid(), t, control=fa.Sampled(Pid(20 * I, 10 * I, 5 * I), 100, [("joint", 0)]), **steps(integrator))
+    with pytest.warns(fa.LoopWarning, match=r"sampled every 0.01 s, .* z = 1\.01 \+- 0\.0694i"):
+        fa.simulate(
+            rigid(), t, control=fa.Sampled(Pid(20 * I, 400 * I, 5 * I), 100, [("joint", 0)]), **steps(integrator)
+        )
+    late = fa.Sampled(Pid(0.0, 0.0, 2.2 * I / 0.01), 100, [("joint", 0)])
+    with pytest.warns(fa.LoopWarning) as w:
+        fa.simulate(rigid(), t, v0=[0.1], control=late, **steps(integrator))
+    assert w[0].message.growth == pytest.approx(0.5 * np.log(1.1) / 0.01, rel=1e-4)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_laws_that_read_sensors_are_named(compiled: bool) -> None:
+    """As one that reads the rate; a sensor's delay counts as the law's own; its noise and its steps do not matter."""
+    t = np.linspace(0, 1, 51)
+
+    def law(share: float, sensor: fa.Sensor) -> fa.Controller:
+        kd = share * INERTIA / 0.01
+        if not compiled:
+            return fa.Sampled(lambda t, y: -kd * y[0], 100, [sensor])
+        return fa.LinearController(
+            np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[kd]], rate=100, measure=[sensor]
+        )
+
+    noisy, late = fa.Tachometer(0, noise=1e-4, resolution=1e-5), fa.Tachometer(0, delay=0.01)
+    fa.simulate(rigid(), t, v0=[0.1], control=law(1.8, noisy))
+    fa.simulate(rigid(), t, v0=[0.1], control=law(0.9, late))
+    with pytest.warns(fa.LoopWarning, match=r"sampled every 0.01 s, .* z = -1\.1;"):
+        fa.simulate(rigid(), t, v0=[0.1], control=law(2.1, noisy))
+    with pytest.warns(fa.LoopWarning, match="with a delay of 0.01 s, is unstable"):
+        fa.simulate(rigid(), t, v0=[0.1], control=law(1.1, late))
+
+
+def test_what_is_called_stable_is_stable_for_the_whole_run() -> None:
+    """A run that fails at once leaves no time to grow in: a ninth of these gains still grows at 300 1/s."""
+    law = fa.StateFeedback([[-1.0, 0, 0, 0, -0.5, 0, 0, 0]])
+    with pytest.raises(fa.SimulationError, match="with the other sign of its gains it is stable") as e:
+        fa.simulate(paper_link(), np.linspace(0, 3, 31), v0=[0.1, 0, 0, 0], control=law, **steps("implicit"))
+    assert e.value.time < 0.1
+
+
+def test_a_run_with_control_that_fails_before_its_law_is_known_points_at_the_loop() -> None:
+    law = fa.Sampled(lambda t, y: 1e4 * np.sign(y[0]), 100, [("joint", 0)])
+    with pytest.raises(fa.SimulationError, match="see whether the loop of control is stable"):
+        fa.simulate(paper_link(), np.linspace(0, 3, 31), v0=[0.1, 0, 0, 0], control=law, **steps("implicit"))
+
+
 @pytest.mark.parametrize("integrator", ["ida", "implicit"])
 def test_strain_feedback_with_the_wrong_sign_is_named(integrator: str) -> None:
     """The tip was 1.3 km away, and status 0."""

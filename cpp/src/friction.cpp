@@ -118,6 +118,17 @@ class Sliding {
     return probe_->record(out, composite);
   }
 
+  /// Writes the last row anew: a sample at the end of the run may tear loose what sticks, and no step follows to see
+  /// it.
+  void end(bool composite, Trajectory& out) {
+    const Eigen::Index last = out.done - 1;
+    const Eigen::VectorXd q = out.q.row(last);
+    Eigen::VectorXd v = out.v.row(last);
+    settle(out.reached, q, v, nullptr);
+    out.done = last;
+    if (record(out.reached, q, v, composite, out)) separate(out, last);
+  }
+
   /// Takes the friction of what slides out of a row of tau.
   void separate(Trajectory& out, Eigen::Index row) const {
     for (const Contact& c : contacts_) {
@@ -295,7 +306,11 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
           integrate(sliding.drives(), times, q, v, sliding.tau(), sliding.watch(remaining(events, out)));
       append(part, sliding, out);
       if (part.done == 0 && now > t[0] && !out.failure.empty() && out.failure != kInterrupted) out.failure = kRanAway;
-      if (!part.terminated || !out.failure.empty()) return out;
+      if (!out.failure.empty()) return out;
+      if (!part.terminated) {
+        if (control) sliding.end(composite, out);
+        return out;
+      }
       if (sliding.ran_away()) {
         out.failure = kRanAway;
         return out;

@@ -22,6 +22,8 @@ _MOST = 400  # states of a linear model that is looked at
 _GROWN = 2.0  # logarithm of what a loop must grow by in the time of a run, to be named
 _SEEN = 400  # samples of a law that are kept, the first ones
 _FIT = 1e-3  # parts of a law's answers that a linear one may miss
+_PAST = 3  # samples back that a law is tried to remember
+_SMALL = 1e-6  # rad, m, and per second: what sensors are moved by to see how they read
 
 
 class LoopWarning(UserWarning):
@@ -49,31 +51,84 @@ class Seen:
         if len(self.asked) < _SEEN:
             self.asked.append((y, u))
 
-    def gains(self) -> Array | None:
-        """D (nu, ny) of u = u0 - D y, where that is what the law did most of the time; else None: it has memory, is not
-        linear, or has seen too little."""
+    def law(self) -> tuple[Array, Array, Array, Array] | None:
+        """A, B, C, D of x+ = A x - B y, u = C x - D y, where that is what the law did most of the time; else None: it
+        is not linear, remembers more than three samples, or has seen too little."""
         if len(self.asked) < 2:
             return None
         y, u = (np.diff(np.array(x, dtype=float), axis=0) for x in zip(*self.asked, strict=True))
-        size = np.abs(y).max(axis=0)
-        used = np.flatnonzero(size > 0.0)
-        rows, keep = y[:, used] / size[used], np.ones(len(y), bool)
-        weight = np.linalg.norm(rows, axis=1)  # early and late samples alike, whatever has grown between
-        keep &= weight > 0.0
-        for _ in range(3):  # a reference that jumps spoils some
-            if keep.sum() < max(rows.shape[1] + 3, 0.6 * len(y)):
-                return None
-            left, right = rows[keep] / weight[keep, None], u[keep] / weight[keep, None]
-            found, _, rank, _ = np.linalg.lstsq(left, right, rcond=1e-6)
-            miss = np.abs(left @ found - right).max(axis=1)
-            if rank < rows.shape[1]:
-                return None
-            if miss.max() <= _FIT * np.abs(right).max():
-                gains = np.zeros((u.shape[1], y.shape[1]))
-                gains[:, used] = -(found / size[used, None]).T
-                return gains
-            keep[np.flatnonzero(keep)[miss > 3.0 * np.median(miss)]] = False
+        for past in range(min(_PAST + 1, len(y))):
+            for told in (0, past)[: 1 + (past > 0)]:  # of its own answers
+                late = [x[past - k : len(x) - k] for x, n in ((y, past), (u, told)) for k in range(1, n + 1)]
+                found = _fit(np.hstack([y[past:], *late]), u[past:])
+                if found is not None:
+                    return _remembering(np.pad(found, ((0, 0), (0, (past - told) * u.shape[1]))), y.shape[1], past)
         return None
+
+
+def _fit(y: Array, u: Array) -> Array | None:
+    """D of u = D y, where that holds in most rows."""
+    size = np.abs(y).max(axis=0)
+    used = np.flatnonzero(size > 0.0)
+    rows, keep = y[:, used] / size[used], np.ones(len(y), bool)
+    weight = np.linalg.norm(rows, axis=1)  # early and late samples alike, whatever has grown between
+    keep &= weight > 0.0
+    for _ in range(3):  # a reference that jumps spoils some
+        if keep.sum() < max(rows.shape[1] + 3, 0.6 * len(y)):
+            return None
+        left, right = rows[keep] / weight[keep, None], u[keep] / weight[keep, None]
+        found, _, rank, _ = np.linalg.lstsq(left, right, rcond=1e-6)
+        miss = np.abs(left @ found - right).max(axis=1)
+        if rank < rows.shape[1]:
+            return None
+        if miss.max() <= _FIT * np.abs(right).max():
+            gains = np.zeros((u.shape[1], y.shape[1]))
+            gains[:, used] = (found / size[used, None]).T
+            return gains
+        keep[np.flatnonzero(keep)[miss > 3.0 * np.median(miss)]] = False
+    return None
+
+
+def _remembering(found: Array, ny: int, past: int) -> tuple[Array, Array, Array, Array]:
+    """The law u = found [y; earlier y; earlier u], whose states are the earlier ones."""
+    nu, D, C = len(found), -found[:, :ny], found[:, ny:]
+    A, B = np.zeros((C.shape[1],) * 2), np.zeros((C.shape[1], ny))
+    first, second = ny * past, nu * past
+    A[:first, :first] = np.eye(first, k=-ny)
+    A[first:, first:] = np.eye(second, k=-nu)
+    if past:
+        B[:ny] = -np.eye(ny)
+        A[first : first + nu], B[first : first + nu] = C, D
+    return A, B, C, D
+
+
+def _reads(arm: Arm, c: Any, k: int, q: Array) -> tuple[Array, Array, float, float] | None:
+    """What a sampled controller reads, about a state at rest: by q, by v, how late (s), and up to where; None where a
+    sensor feels accelerations, is slower than the controller, or as late as no other."""
+    from .control import _rows
+
+    if c.measure is None:
+        n = arm.nv
+        return np.eye(arm.nq + n, arm.nq), np.eye(arm.nq + n, n, -arm.nq), 0.0, np.inf
+    rows, delays, most = [], [], np.inf
+    for i, e in enumerate(c.measure):
+        if not hasattr(e, "sampler"):
+            rows.append(_rows(arm, [e], i))
+            delays.append(0.0)
+            continue
+        if e.needs_a or e.feels_loads or (e.rate is not None and e.rate < c.rate):
+            return None
+        at = np.concatenate([q, np.zeros(arm.nv)])
+        ends = at + _SMALL * np.vstack([np.eye(at.size), -np.eye(at.size)])
+        y = e.measure(arm, np.zeros(len(ends)), ends[:, : arm.nq], ends[:, arm.nq :])
+        by = (y[: at.size] - y[at.size :]).T / (2.0 * _SMALL)
+        rows.append((by[:, : arm.nq], by[:, arm.nq :]))
+        delays.append(e.delay)
+        most = most if e.range is None else 0.0  # it may hold the loop
+    if len(set(delays)) > 1:
+        return None
+    by_q, by_v = (np.vstack(x) for x in zip(*rows, strict=True))
+    return by_q, by_v, delays[0] if delays else 0.0, most
 
 
 @dataclass
@@ -98,6 +153,7 @@ class Plant:
     """The arm about a state at rest, without control: its free rates, and [theta; v]' = F [theta; v] + G tau."""
 
     arm: Arm
+    q: Array
     free: Array
     E: Array
     K: Array
@@ -112,7 +168,7 @@ class Plant:
         zero = np.zeros(arm.nv)
         by_q, by_v = arm._core.inverse_derivatives(q, zero, zero, *loads)
         E = arm._core.rates(q, zero)[2]
-        return Plant(arm, free, E, by_q @ E, by_v, arm.mass_matrix(q))
+        return Plant(arm, q, free, E, by_q @ E, by_v, arm.mass_matrix(q))
 
     def matrix(self, feedback: Iterable[_Feedback], factor: float = 1.0) -> tuple[Array, Array]:
         """F and G with these continuous laws, their forces `factor` times as large."""
@@ -178,7 +234,7 @@ class _Sampling:
 
 def _sampled_loops(arm: Arm, controls: Sequence[Any], samplers: Sequence[Any], plant: Plant) -> list[_Loop]:
     """Of the sampled controllers that are linear, or were in this run."""
-    from .control import _gain, _rows
+    from .control import _gain
     from .sampled import Asked, LinearController, Sampled
 
     found, laws = [], (s for s in samplers if isinstance(s[3], (Asked, _core.LinearLaw)))
@@ -187,26 +243,20 @@ def _sampled_loops(arm: Arm, controls: Sequence[Any], samplers: Sequence[Any], p
         if not isinstance(c, Sampled) or c.memory or getattr(c, "continuous", False):
             continue
         _, period, delay, law = next(laws)
-        if any(hasattr(e, "sampler") for e in c.measure or ()):
+        reads = _reads(arm, c, k, plant.q[: arm.nq])
+        seen = (c.A, c.B, c.C, c.D) if isinstance(c, LinearController) else law.seen.law()
+        if reads is None or seen is None:
             continue
-        if c.measure is None:
-            by_q, by_v = np.eye(arm.nq + n, arm.nq), np.eye(arm.nq + n, n, -arm.nq)
-        else:
-            by_q, by_v = _rows(arm, c.measure)
-        if isinstance(c, LinearController):
-            A, B, C, D = c.A, c.B, c.C, c.D
-        else:
-            gains = law.seen.gains()
-            if gains is None:
-                continue
-            A, B, C, D = np.zeros((0, 0)), np.zeros((0, len(by_q))), np.zeros((len(gains), 0)), gains
+        by_q, by_v, late, most = reads
+        A, B, C, D = seen
         E = plant.E[: arm.nq, :n]
         rows = np.zeros((len(by_q), 2 * total))
         rows[:, :n], rows[:, total : total + n] = by_q @ E, by_v
         columns = np.zeros((total, len(C)))
         columns[:n] = _gain(c.motor) * np.array(c._columns(arm)).T
         keep = np.concatenate([plant.free, total + plant.free])
-        found.append(_Loop(k, A, B, C, D, rows[:, keep], columns[plant.free], period, delay, c.limit))
+        found.append(_Loop(k, A, B, C, D, rows[:, keep], columns[plant.free], period, delay + late,
+                           c.limit if most else 0.0))  # fmt: skip
     return found
 
 
@@ -270,7 +320,7 @@ def _unstable(
     loops = [x for x in _sampled_loops(arm, controls, samplers, plant) if failed or not np.isfinite(x.limit)]
     bare, _ = _growth(plant.matrix([])[0])
     least = max(bare, 0.0) * 1.05 + _GROWN / max(time, 1e-300)
-    quiet = max(bare, 0.0) * 1.05 + 0.05 * _GROWN / max(time, 1e-300)
+    quiet = max(bare, 0.0) * 1.05 + 0.05 * _GROWN / max(time, float(times[-1] - times[0]))
     laws = [law for _, law in counted]
     F, G = plant.matrix(laws)
     grows, pole = _growth(F)

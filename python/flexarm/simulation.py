@@ -119,8 +119,9 @@ def _leave_out_memory(out: dict[str, Any], arm: Arm) -> None:
 
 
 def _fail(
-    failure: str, time: float, step: float, result: Result, loop: Warning | None, beyond: Warning | None
-) -> None:
+    failure: str, time: float, step: float, result: Result, controlled: bool, loop: Warning | None,
+    beyond: Warning | None,
+) -> None:  # fmt: skip
     """Raises the SimulationError, whose message begins with the cause, where that is known: not the step is to blame
     then."""
     cause = loop or softened(result.arm, result)
@@ -130,6 +131,8 @@ def _fail(
     limit = "over the highest frequency"
     if limit in failure:  # rk4's
         failure = failure.replace(limit, limit + explicit_limit(result.arm, step))
+    if controlled:
+        failure += "; and see whether the loop of control is stable"
     more = f" ({beyond})" if beyond else ""
     raise SimulationError(f"stopped at t = {time:.9g} s: {failure}{more}", time, result)
 
@@ -340,7 +343,7 @@ def simulate(
     grown = failed or beyond is not None or loops.has_grown(result.v)
     loop = unstable(out["reached"] - float(times[0]), failed) if grown else None
     if failed:
-        _fail(out["failure"], out["reached"], h, result, loop, beyond)
+        _fail(out["failure"], out["reached"], h, result, control is not None, loop, beyond)
     if SILENT.get():
         beyond = None
     for warning in (loop or beyond, *_missed(arm, laws, wrenches, feedback, out["asked"], times)):
