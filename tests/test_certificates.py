@@ -116,7 +116,8 @@ def test_the_run_that_is_judged_is_the_run_that_is_used() -> None:
         fine = replace(trials.scene(model, {"integrator": "gauss", "step": 0.02}), t=trials.all).run().frame()[0]
         off = np.linalg.norm(judged.full["m"][:, 0] - fine, axis=1)
         assert np.abs(judged.full["m"][at, 0] - used).max() < 1e-12
-        assert off[~at].max() < 2 * off[at].max() + 1e-9  # between them, too
+        between = 1e-5 * TOL * np.ptp(fine, axis=0).max()  # what interpolation between a run's rows may cost
+        assert off[~at].max() < 2 * off[at].max() + between
 
 
 def bent() -> fa.Scene:
@@ -160,8 +161,9 @@ def test_a_strut_above_its_buckling_load_is_not_certified_to_stay_straight() -> 
     plan = fa.economize(strut(1.25), 1e-2)
     assert not plan.certified and "unstable" in plan.reasons[-1] and "bending_y" in plan.reasons[-1]
     assert fa.economize(strut(0.8), 1e-2).certified
+    side = replace(strut(1.25, 1e-3), t=times(0.8, 80))  # at order 2 it would run away later on
     with pytest.warns(fa.RangeWarning):
-        touched = scenes.run(strut(1.25, 1e-3), integrator="gauss", step=0.01)
+        touched = scenes.run(side, integrator="gauss", step=0.01)
     assert np.ptp(touched.frame()[0][:, 1]) > 20 * np.ptp(plan.scene.run().frame()[0][:, 2])
 
 
