@@ -50,9 +50,8 @@ print("over", flush=True)
 @pytest.mark.parametrize("what", ["simulate", "callable", "rollout", "batch", "evaluations"])
 def test_a_daemon_thread_may_be_in_a_run_when_the_process_ends(what):
     begun = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", f"WHAT = {what!r}\n{AT_THE_END}"], capture_output=True, text=True, timeout=60
-    )
+    command = [sys.executable, "-W", "ignore", "-c", f"WHAT = {what!r}\n{AT_THE_END}"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (0, "over\n", "")
     assert time.perf_counter() - begun < 20
 

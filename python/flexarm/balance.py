@@ -95,7 +95,8 @@ class _Balance:
 
     def jacobian(self, q: Array, E: Array) -> Array:
         def by_q(arm: Arm, v: Array, loads: Any) -> Array:
-            K: Array = (arm._core.inverse_derivatives(q, v, self.zero, *loads, by_v=False)[0] @ E)[self.at]
+            places, wrenches = loads or ([], np.zeros((0, 6)))
+            K: Array = (arm._core.inverse_derivatives(q, v, self.zero, places, wrenches, False)[0] @ E)[self.at]
             return K
 
         K = by_q(self.arm, self.v, self.loads)
@@ -165,7 +166,10 @@ def _descent_step(M: Array, K: Array, r: Array, forces: float) -> Array:
     if wrong == 0 and np.diag(factor).min() > 1e-6:  # positive definite beyond rounding: no need of its eigenvalues
         step: Array = -d * la.cho_solve((factor, False), d * r)
         return step
-    lam, Z = la.eigh(K, M)
+    try:
+        lam, Z = la.eigh(K, M)
+    except la.LinAlgError:  # M is not positive definite
+        return np.full_like(r, np.nan)
     g = Z.T @ r
     least = 1e-14 * float(np.abs(lam).max())
     flat = (np.abs(lam) <= max(least, 1e-300)) & (np.abs(g) <= 1e-11 * forces)
@@ -184,10 +188,10 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
         M: Array = np.asarray(arm._core.mass_matrix(q[None])[0])[b.at]
         E = arm._core.rates(q, b.zero)[2]
         K = b.jacobian(q, E)
+        if not (np.isfinite(K).all() and np.isfinite(r).all() and np.isfinite(M).all() and (np.diag(M) > 0.0).all()):
+            return q, "from the q given the steps lead to where the forces are not finite or the masses not positive"
         scale = 1.0 / np.sqrt(np.diag(M))
         forces = max(forces, float(np.linalg.norm(scale * r)), float(np.linalg.norm(scale * b.tau[free])), _weight(arm))
-        if not np.isfinite(K).all() or not np.isfinite(r).all():
-            break
         downhill = descend and b.has_potential(K)
         if downhill:
             step = _descent_step(M, K, r, forces)
@@ -197,7 +201,8 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
         if not np.isfinite(step).all():
             break
         turn = b.sizes * step
-        step *= min(1.0, _LARGEST / max(float(np.abs(turn).max()), 1e-300))
+        share = min(1.0, _LARGEST / max(float(np.abs(turn).max()), 1e-300))
+        step *= share
         slope, size = float(step @ r), float(np.linalg.norm(scale * r))
         last = bool(np.abs(turn).max() <= 1e-8 * (1e-3 + np.abs(b.sizes * (E.T @ q)[free]).max()))
         if last and not downhill and np.linalg.norm(scale * r) > 1e-9 * forces and solve.leaves(-r, step) > 1e-3:
@@ -214,7 +219,8 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
             if downhill and slope < 0 > step @ r_new:
                 break
             # what is stiff makes r grow in a step that is right (Deuflhard's test: does the next step shrink?)
-            if not downhill and np.abs(b.sizes * solve(r_new)).max() <= (1 - 0.25 / 2.0**halving) * np.abs(turn).max():
+            shorter = 1.0 - 0.25 * share / 2.0**halving
+            if not downhill and np.abs(b.sizes * solve(r_new)).max() <= shorter * np.abs(turn).max():
                 break
         else:
             break

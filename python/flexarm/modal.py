@@ -97,9 +97,6 @@ def modes(
     free = ~locked_rates(arm, lock)
     if not free.any():
         raise ValueError("lock: no coordinate is left to move")
-    for part in arm._core.inverse_derivatives(q0, v0, np.zeros(arm.nv), *loads):
-        if not np.isfinite(part).all():
-            raise ValueError("speed, q: are too large, the forces there are not finite")
     q0 = steady_state(arm, q0, v0, loads)
 
     # M dv + G v + K q = 0 for small motions; scaled so that M has a unit diagonal
@@ -111,8 +108,11 @@ def modes(
     # dv = d(theta)/dt + W theta: a ball's turn theta is measured in axes that turn with it
     K, G = (by_q @ E + by_v @ W)[at], (by_v + M @ W)[at]
     M = M[at]
+    if not (np.diag(M) > 0.0).all():
+        raise ValueError("q: the mass matrix is not positive definite here; beams of order 0 are for small deflections")
     d = 1.0 / np.sqrt(np.diag(M))
-    M, G, K = (d[:, None] * x * d for x in (M, G, K))
+    with np.errstate(over="ignore", invalid="ignore"):
+        M, G, K = (finite("modes, scaled by the masses", d[:, None] * x * d) for x in (M, G, K))
     size = float(np.abs(K).max()) or 1.0
     conservative = np.abs(G).max() <= 1e-13 * np.sqrt(size) and np.abs(K - K.T).max() <= 1e-10 * size
     s, vectors = _conservative(M, K) if conservative else _general(M, G, K)
