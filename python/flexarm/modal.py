@@ -108,11 +108,11 @@ def modes(
     # dv = d(theta)/dt + W theta: a ball's turn theta is measured in axes that turn with it
     K, G = (by_q @ E + by_v @ W)[at], (by_v + M @ W)[at]
     M = M[at]
-    if not (np.diag(M) > 0.0).all():
-        raise ValueError("q: the mass matrix is not positive definite here; beams of order 0 are for small deflections")
-    d = 1.0 / np.sqrt(np.diag(M))
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
+        d = finite("modes: the root of the masses", 1.0 / np.sqrt(np.diag(M)))
         M, G, K = (finite("modes, scaled by the masses", d[:, None] * x * d) for x in (M, G, K))
+    if np.linalg.eigvalsh(M)[0] < -1e-12:
+        raise ValueError("q: the mass matrix is not positive definite here; beams of order 0 are for small deflections")
     size = float(np.abs(K).max()) or 1.0
     conservative = np.abs(G).max() <= 1e-13 * np.sqrt(size) and np.abs(K - K.T).max() <= 1e-10 * size
     s, vectors = _conservative(M, K) if conservative else _general(M, G, K)
