@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -16,6 +17,7 @@ from ._check import Array, array, check_finite, choice, known_keys, number, whol
 from .arm import Arm
 from .control import Controller
 from .drive import Motion
+from .pace import beyond_explicit
 from .simulation import OPTION_OF
 from .tables import Schedule, feedback_tables, motion_table
 
@@ -283,6 +285,9 @@ def rollout(
     Raises:
         ValueError: bad arguments.
         BatchInterrupted: (a KeyboardInterrupt) Ctrl-C; its `result` holds what was done.
+
+    Warns:
+        StepWarning: steps of "rk4" above the limit of the first arm.
     """
     arms = _check_arms(arm)
     one = arms[0]
@@ -328,4 +333,7 @@ def rollout(
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
+    blown = beyond_explicit(one, dt, float(schedule.ends[-1])) if integrator == "rk4" else None
+    if blown is not None:
+        warnings.warn(blown, stacklevel=2)
     return result
