@@ -205,6 +205,19 @@ def test_a_run_with_control_that_fails_before_its_law_is_known_points_at_the_loo
         fa.simulate(paper_link(), np.linspace(0, 3, 31), v0=[0.1, 0, 0, 0], control=law, **steps("implicit"))
 
 
+def test_batches_name_a_loop_that_grows_without_failing() -> None:
+    """In lanes as by `simulate`: they were silent but for scenarios that failed."""
+    t, law, v0 = np.linspace(0, 2, 51), fa.PD(5.0, -1.0, reference=0.1), [[0.1], [0.2]]
+    said = r"scenario 0: the loop of control\[0\] feeds energy in: .* 1.43 \+- 3.5i 1/s"
+    with pytest.warns(fa.LoopWarning, match=said):
+        r = fa.simulate_batch(rigid(), t, v0=v0, control=law, integrator="implicit", step=1e-3)
+    assert r.stats["engine"] == "steps" and not r.failures
+    with pytest.warns(fa.LoopWarning, match=said):
+        fa.rollout(rigid(), [0.0], v0, dt=1e-3, nstep=2000, feedback=law)
+    fa.rollout(rigid(), [0.0], v0, dt=1e-3, nstep=2000, feedback=fa.PD(5.0, 1.0, reference=0.1))
+    fa.rollout(rigid(), [0.0], v0, tau=np.full((2000, 1), 0.3), dt=1e-3)
+
+
 @pytest.mark.parametrize("integrator", ["ida", "implicit"])
 def test_strain_feedback_with_the_wrong_sign_is_named(integrator: str) -> None:
     """The tip was 1.3 km away, and status 0."""

@@ -158,6 +158,7 @@ def simulate_batch(
 
     Warns:
         RangeWarning: a beam bent further than its order is good for, in at least one scenario.
+        LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
         StepWarning: steps of "rk4" above the limit of `arm`.
         ModelWarning: a beam of `arm` with too few shape functions for what it carries.
     """

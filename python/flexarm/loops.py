@@ -40,6 +40,10 @@ class LoopWarning(UserWarning):
     def __reduce__(self) -> Any:
         return type(self), (str(self), self.control, self.growth)
 
+    def of(self, whom: str) -> LoopWarning:
+        """The same, said of one of many."""
+        return LoopWarning(f"{whom}: {self}", self.control, self.growth)
+
 
 class Seen:
     """What a sampled law was asked and answered, before its limit."""
