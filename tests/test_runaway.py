@@ -109,6 +109,17 @@ def test_a_sampled_loop_is_named_above_its_limit_and_not_below(integrator: str, 
         fa.simulate(rigid(), t, v0=v0, control=damper(4.0, compiled=compiled), **steps(integrator))
 
 
+def test_a_loop_that_less_gain_does_not_cure_is_told_what_does() -> None:
+    """A damper on the hub of an undamped beam: between its samples it feeds a fast mode at any gain."""
+    hub = fa.RigidBody(0.1, inertia=(1e-3, 1e-3, 1e-3), end=(0.075, 0, 0))
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), hub, fa.Beam(0.5, fa.Rectangle(0.003, 0.02), STEEL, {"bending_y": 3}))])
+    kd = 230.0 * arm.mass_matrix(arm.zero)[0, 0]
+    law = fa.Sampled(lambda t, y: -kd * y[0], 100, [("rate", 0)])
+    said = r"sampled every 0.000\d+ s it is stable, while no share of its gains down to 0.001 makes it stable \("
+    with pytest.raises(fa.SimulationError, match=said):
+        fa.simulate(arm, np.linspace(0, 5, 51), v0=[0.1, 0, 0, 0], control=law)
+
+
 @pytest.mark.parametrize("compiled", [True, False])
 def test_the_delay_of_a_loop_counts(compiled: bool) -> None:
     """A damper a period late, z^2 - z + k = 0, is stable below 1; half a period late, k (1 - d) + k d / z ... : the
