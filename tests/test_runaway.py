@@ -109,6 +109,17 @@ def test_a_sampled_loop_is_named_above_its_limit_and_not_below(integrator: str, 
         fa.simulate(rigid(), t, v0=v0, control=damper(4.0, compiled=compiled), **steps(integrator))
 
 
+def test_a_loop_that_less_gain_does_not_cure_is_told_what_does() -> None:
+    """A damper on the hub of an undamped beam: between its samples it feeds a fast mode at any gain."""
+    hub = fa.RigidBody(0.1, inertia=(1e-3, 1e-3, 1e-3), end=(0.075, 0, 0))
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), hub, fa.Beam(0.5, fa.Rectangle(0.003, 0.02), STEEL, {"bending_y": 3}))])
+    kd = 230.0 * arm.mass_matrix(arm.zero)[0, 0]
+    law = fa.Sampled(lambda t, y: -kd * y[0], 100, [("rate", 0)])
+    said = r"sampled every 0.000\d+ s it is stable, while no share of its gains down to 0.001 makes it stable \("
+    with pytest.raises(fa.SimulationError, match=said):
+        fa.simulate(arm, np.linspace(0, 5, 51), v0=[0.1, 0, 0, 0], control=law)
+
+
 @pytest.mark.parametrize("compiled", [True, False])
 def test_the_delay_of_a_loop_counts(compiled: bool) -> None:
     """A damper a period late, z^2 - z + k = 0, is stable below 1; half a period late, k (1 - d) + k d / z ... : the
@@ -203,6 +214,19 @@ def test_a_run_with_control_that_fails_before_its_law_is_known_points_at_the_loo
     law = fa.Sampled(lambda t, y: 1e4 * np.sign(y[0]), 100, [("joint", 0)])
     with pytest.raises(fa.SimulationError, match="see whether the loop of control is stable"):
         fa.simulate(paper_link(), np.linspace(0, 3, 31), v0=[0.1, 0, 0, 0], control=law, **steps("implicit"))
+
+
+def test_batches_name_a_loop_that_grows_without_failing() -> None:
+    """In lanes as by `simulate`: they were silent but for scenarios that failed."""
+    t, law, v0 = np.linspace(0, 2, 51), fa.PD(5.0, -1.0, reference=0.1), [[0.1], [0.2]]
+    said = r"scenario 0: the loop of control\[0\] feeds energy in: .* 1.43 \+- 3.5i 1/s"
+    with pytest.warns(fa.LoopWarning, match=said):
+        r = fa.simulate_batch(rigid(), t, v0=v0, control=law, integrator="implicit", step=1e-3)
+    assert r.stats["engine"] == "steps" and not r.failures
+    with pytest.warns(fa.LoopWarning, match=said):
+        fa.rollout(rigid(), [0.0], v0, dt=1e-3, nstep=2000, feedback=law)
+    fa.rollout(rigid(), [0.0], v0, dt=1e-3, nstep=2000, feedback=fa.PD(5.0, 1.0, reference=0.1))
+    fa.rollout(rigid(), [0.0], v0, tau=np.full((2000, 1), 0.3), dt=1e-3)
 
 
 @pytest.mark.parametrize("integrator", ["ida", "implicit"])
@@ -325,3 +349,43 @@ def test_batches_tell_of_pulses_between_half_steps(integrator: str) -> None:
         run(lambda t: 5.0 if 0.501 < t < 0.509 else 0.0)
     run(lambda t: np.sin(20 * t))
     run(lambda t: 5.0 if 0.45 < t < 0.7 else 0.0)
+
+
+# -- steps of rk4 ------------------------------------------------------------------------------------------------------
+
+
+def test_rk4_above_its_limit_is_told_where_nothing_runs_away() -> None:
+    """Steps of 0.28 ms for a limit of 0.275 ms: the joints were off by 5.9 rad after a second, without a word."""
+    beam = fa.Beam(0.3, fa.Rectangle(0.005, 0.02), STEEL, {"bending_y": 4})
+    link = fa.Link(fa.Revolute("z"), fa.RigidBody(0.3, inertia=(1e-3, 1e-3, 2e-3), end=(0.075, 0, 0)), beam)
+    arm, t, h = fa.Arm([link, link]), np.linspace(0, 1, 11), 2.8e-4
+    tau = np.zeros(arm.nv)
+    tau[0] = 1.0
+    z = 1j * h * arm.modes(lock=[0, 1]).frequencies[-1]
+    growth = abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24)
+    said = r'step = 0.00028: .* 1.03e\+04 rad/s of link . bending_y 4: below 0.000275 s'
+    with pytest.warns(fa.StepWarning, match=said) as w:
+        fa.simulate(arm, t, tau=tau, integrator="rk4", step=h)
+    assert w[0].message.growth == pytest.approx(growth, rel=1e-6) and w[0].filename == __file__
+    assert str(pickle.loads(pickle.dumps(w[0].message))) == str(w[0].message)
+    with pytest.warns(fa.StepWarning, match=said):
+        fa.simulate_batch(arm, t, tau=np.tile(tau, (2, 1, 1)), integrator="rk4", step=h)
+    with pytest.warns(fa.StepWarning, match=said):
+        fa.rollout(arm, arm.zero, tau=tau[None, None], dt=h, nstep=3000, integrator="rk4")
+    fa.simulate(arm, t, tau=tau, integrator="rk4", step=2.7e-4)
+    fa.rollout(arm, arm.zero, tau=tau[None, None], dt=h, nstep=20, integrator="rk4")  # nothing felt yet
+
+
+def test_a_long_vibration_is_told_how_long_it_will_take() -> None:
+    """The text had been: look for what changes so fast."""
+
+    class Enough(Exception):
+        pass
+
+    def stop(now: float) -> None:
+        if now > 20.0:
+            raise Enough
+
+    said = r"of 1e\+04 s, .* steps are to come, .* (minutes|hours) .*vibration of the beams.* 368 rad/s.*\"gauss\""
+    with pytest.warns(fa.SlowWarning, match=said), pytest.raises(Enough):
+        fa.simulate(paper_link(), np.linspace(0, 1e4, 11), [0, 1e-3, 0, 0], progress=stop)

@@ -33,7 +33,7 @@ from .loops import LoopWarning
 from .modal import Modes, ModeShapes
 from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody, Taper
 from .motor import Motor
-from .pace import SlowWarning
+from .pace import SlowWarning, StepWarning
 from .patch import Patch, Piezo, Voltage
 from .placement import PatchPlacement, placement
 from .plan import Sweep, Vary, load_sweep
@@ -111,6 +111,7 @@ __all__ = [
     "Spherical",
     "StateFeedback",
     "StateWarning",
+    "StepWarning",
     "StrainFeedback",
     "StrainGauge",
     "Sweep",

@@ -72,6 +72,7 @@ class Arm:
         self.coordinates: tuple[str, ...] = tuple(self._core.coordinates)
         self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
         self.patch_matrix.flags.writeable = False
+        self._fast_modes: Any = ()  # once known, see pace.py
         self.patches: list[tuple[int, int]] = _patch.patch_list(self)  #: (link, patch) of each of its columns
 
     @staticmethod

@@ -20,6 +20,7 @@ from .control import Controller
 from .doubts import ModelWarning, coarse
 from .drive import Motion, Torque
 from .load import Load
+from .pace import beyond_explicit
 from .patch import Voltage
 from .rollout import (
     NOT_DONE,
@@ -149,6 +150,8 @@ def simulate_batch(
 
     Warns:
         RangeWarning: a beam bent further than its order is good for, in at least one scenario.
+        LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
+        StepWarning: steps of "rk4" above the limit of `arm`.
         ModelWarning: a beam of `arm` with too few shape functions for what it carries.
     """
     if drive is not None and not isinstance(drive, Mapping):
@@ -187,4 +190,8 @@ def simulate_batch(
     beyond = runner.warning()
     if beyond is not None:
         warnings.warn(beyond, stacklevel=2)
+    if engine == "steps" and integrator == "rk4" and step is not None:
+        blown = beyond_explicit(job.variation.setup.arm, step, float(job.t[-1] - job.t[0]))
+        if blown is not None:
+            warnings.warn(blown, stacklevel=2)
     return result

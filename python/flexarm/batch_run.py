@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -17,7 +18,7 @@ from .control import Controller, Run, _Feedback, _Sampler, padded
 from .drive import Motion, Torque
 from .load import Load
 from .patch import Voltage, column_of, split_drives
-from .rollout import NOT_DONE, STEPPERS, Failure, check_balls, explained, failures_of, take_steps
+from .rollout import NOT_DONE, STEPPERS, Failure, check_balls, explained, failures_of, grown_loop, take_steps
 from .simulation import SimulationError, SimulationInterrupted, _events, simulate
 from .tables import Schedule, breaks_of, feedback_tables, sampled, stacked, wrench_table
 from .validity import SILENT, worst_range
@@ -181,6 +182,15 @@ class Job:
             for s in [setups[f.index % len(setups)]]
         ]
         blocks["status"][[f.index for f in found]] = FAILED
+        if "v" in blocks and any(s.control for s in setups):
+
+            def scenario(k: int) -> tuple[Any, ...]:
+                s = setups[k % len(setups)]
+                return s.arm, q0[k % len(q0)], s.loads, s.control
+
+            grown = grown_loop(scenario, [i for i, _ in motions], self.t, blocks["v"], blocks["status"])
+            if grown is not None:
+                warnings.warn(grown[1].of(f"scenario {indices[grown[0]]}"), stacklevel=2)
         return found, stats
 
     def _drives(self, setups: Sequence[Setup], schedule: Schedule) -> tuple[list[Any], list[Any]]:

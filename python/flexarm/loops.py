@@ -40,6 +40,10 @@ class LoopWarning(UserWarning):
     def __reduce__(self) -> Any:
         return type(self), (str(self), self.control, self.growth)
 
+    def of(self, whom: str) -> LoopWarning:
+        """The same, said of one of many."""
+        return LoopWarning(f"{whom}: {self}", self.control, self.growth)
+
 
 class Seen:
     """What a sampled law was asked and answered, before its limit."""
@@ -349,7 +353,8 @@ def _unstable(
             for parts in (2, 4, 8, 16, 32, 64):
                 finer = [replace(x, period=x.period / parts) for x in chosen]
                 if _Sampling(F, G, finer).growth()[0] <= quiet:
-                    how += f", or sampled every {finer[0].period:g} s"
+                    often = f"sampled every {finer[0].period:g} s"
+                    how = f"{often} it is stable, while {how}" if how.startswith("no") else f"{how}, or {often}"
                     break
         late = f" with a delay of {chosen[0].delay:g} s" if chosen[0].delay else ""
         return LoopWarning(

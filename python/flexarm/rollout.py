@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,6 +17,7 @@ from ._check import Array, array, check_finite, choice, known_keys, number, whol
 from .arm import Arm
 from .control import Controller
 from .drive import Motion
+from .pace import beyond_explicit
 from .simulation import OPTION_OF
 from .tables import STEP_BYTES, Schedule, feedback_tables, motion_table
 
@@ -26,6 +28,7 @@ _REASONS = {
     3: "the motion ran away: look for what drives it (a control loop, order 1 at high speed), or take a smaller step",
 }
 RAN_AWAY, NOT_DONE = 3, 4
+_LOOKS = 3  # scenarios that have grown, whose loops are looked at
 
 
 @dataclass(frozen=True)
@@ -219,6 +222,33 @@ def explained(
     return failure if loop is None else replace(failure, reason=f"{loop} ({failure.reason.partition(':')[0]})")
 
 
+def grown_loop(
+    scenario: Callable[[int], tuple[Arm, Array, Any, Any]], prescribed: Sequence[int], times: Array, v: Array,
+    status: NDArray[np.int32],
+) -> tuple[int, loops.LoopWarning] | None:  # fmt: skip
+    """The first scenario that was done, but that a loop of continuous control has made grow.
+
+    Args:
+        scenario: arm, q0, loads and control by index. times: of the run. v: (B, rows, nv).
+    """
+    looks = 0
+    for k in np.flatnonzero(status == 0).tolist():
+        if not loops.has_grown(v[k]):
+            continue
+        arm, q0, loads, control = scenario(k)
+        controls = [control] if isinstance(control, Controller) else list(control or ())
+        if not controls:
+            continue
+        time = float(times[-1] - times[0])
+        loop = loops.unstable(arm, arm, q0, prescribed, times, loads, controls, [], time, False)
+        looks += 1
+        if loop is not None:
+            return k, loop
+        if looks == _LOOKS:
+            break
+    return None
+
+
 def show_progress(progress: Any, what: str) -> Any:
     """A context that gives a callable of the share done, or None; see `simulate`'s progress."""
     import contextlib
@@ -300,6 +330,10 @@ def rollout(
     Raises:
         ValueError: bad arguments.
         BatchInterrupted: (a KeyboardInterrupt) Ctrl-C; its `result` holds what was done.
+
+    Warns:
+        LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
+        StepWarning: steps of "rk4" above the limit of the first arm.
     """
     arms = _check_arms(arm)
     one = arms[0]
@@ -350,4 +384,14 @@ def rollout(
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
+    if feedback is not None:
+        grown = grown_loop(
+            lambda k: (arms[k % len(arms)], q[k % len(q)], (), controls[k % len(controls)]),
+            list(moved), schedule.ends, result.v, result.status,
+        )  # fmt: skip
+        if grown is not None:
+            warnings.warn(grown[1].of(f"scenario {grown[0]}"), stacklevel=2)
+    blown = beyond_explicit(one, dt, float(schedule.ends[-1])) if integrator == "rk4" else None
+    if blown is not None:
+        warnings.warn(blown, stacklevel=2)
     return result

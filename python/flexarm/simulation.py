@@ -17,7 +17,7 @@ from .control import Controller, control_laws, extended, padded
 from .doubts import ModelWarning, coarse
 from .drive import Motion, Torque
 from .load import Load, at_time
-from .pace import Pace, explicit_limit
+from .pace import Pace, beyond_explicit, explicit_limit
 from .patch import Voltage, patch_laws, split_drives
 from .pulses import PulseWarning, missed
 from .result import Result
@@ -249,6 +249,7 @@ def simulate(
             and the run has grown.
         PulseWarning: a callable does something between two steps that none of them has seen.
         SlowWarning: "ida" takes very many steps; what they follow, if that is known, and what to do. While it runs.
+        StepWarning: steps of "rk4" above its limit.
         WatchWarning: what `watch` asks for.
         ModelWarning: a beam with too few shape functions for what it carries.
     """
@@ -344,9 +345,10 @@ def simulate(
     loop = unstable(out["reached"] - float(times[0]), failed) if grown else None
     if failed:
         _fail(out["failure"], out["reached"], h, result, control is not None, loop, beyond)
+    blown = beyond_explicit(arm, h, out["reached"] - float(times[0])) if integrator == "rk4" else None
     if SILENT.get():
-        beyond = None
-    for warning in (loop or beyond, *_missed(arm, laws, wrenches, feedback, out["asked"], times)):
+        beyond = blown = None
+    for warning in (loop or beyond, blown, *_missed(arm, laws, wrenches, feedback, out["asked"], times)):
         if warning:
             warnings.warn(warning, stacklevel=2)
     if watch:
