@@ -1,5 +1,6 @@
 #include "flexarm/series.hpp"
 
+#include <limits>
 #include <type_traits>
 
 #include "flexarm/workspace.hpp"
@@ -191,6 +192,7 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
   };
 
   // R as a unit quaternion, p' = p (0, K) / 2: its series of repeated integrals converges like (|theta|/2)^i / i!
+  // Terms of both signs grow as large as exp(|theta|/2) on the way, and leave no digit beyond some 60 rad.
   MatX<S>&P = s.scratch[3][0], &T = s.scratch[3][1], &D = s.spin;  // columns w x y z of sum, term, slope
   const auto slope = [&](const MatX<S>& Q) {
     for (Eigen::Index j = 0; j < n; ++j) {
@@ -204,16 +206,22 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
   T.col(0).setConstant(S(1));
   P = T;
   int still = 0;
+  constexpr double kLost = 1e12;                             // a term of which the sum, of size 1, keeps four digits
   constexpr int kStill = std::is_same_v<S, double> ? 1 : 3;  // derivatives converge a little later
   for (int i = 1; i < 400 && still < kStill; ++i) {
     slope(T);
-    bool small = true;
+    bool small = true, lost = false;
     for (Eigen::Index c = 0; c < 4; ++c) {
       sum_up(A, D.col(c).data(), T.col(c).data());
       for (Eigen::Index j = 0; j < n; ++j) {
         P(j, c) += T(j, c);
         small = small && T(j, c) < 1e-17 && -T(j, c) < 1e-17;
+        lost = lost || !(T(j, c) < kLost && -T(j, c) < kLost);
       }
+    }
+    if (lost) {
+      P.setConstant(S(std::numeric_limits<double>::quiet_NaN()));
+      break;
     }
     still = small ? still + 1 : 0;
   }
