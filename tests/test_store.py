@@ -454,6 +454,19 @@ def test_a_sweep_knows_its_functions(tmp_path):
     assert swept(1.0, fingerprint="A", resume=False).complete
 
 
+def test_failures_in_a_saved_batch_of_an_older_flexarm(tmp_path):
+    """Whose status 1 was a singular mass matrix, and not a terminal event."""
+    path = tmp_path / "b.npz"
+    run(None).save(path)
+    with np.load(path) as f:
+        held = {k: f[k] for k in f.files}
+    held["status"][:4], held["reason"][1:4] = (0, 1, 2, 3), b"the mass matrix is singular"
+    np.savez(path, **held)
+    old = fa.BatchResult.load(path)
+    assert old.status.tolist() == [0, 5, 5, 5, 0, 0] and [f.index for f in old.failures] == [1, 2, 3]
+    assert old[1].status == 0
+
+
 def test_a_reason_is_cut_between_letters(tmp_path):
     from flexarm.batch_file import in_bytes
 
