@@ -1,8 +1,10 @@
 """Files of batches and sweeps: interrupted, damaged, foreign, in use, and on a full disk."""
 
 import pickle
+import re
 import subprocess
 import sys
+import threading
 import zipfile
 from pathlib import Path
 
@@ -323,6 +325,24 @@ def test_a_file_that_another_process_writes(tmp_path):
     finally:
         other.communicate("\n")
     assert run(path).stats["resumed"] == 6
+
+
+def test_two_threads_that_begin_one_file(tmp_path):
+    found: list[str] = []
+
+    def one() -> None:
+        try:
+            found.append(str(run(tmp_path / "b.h5").status.tolist()))
+        except ValueError as e:
+            found.append(str(e))
+
+    threads = [threading.Thread(target=one) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    good = r"\[0, 0, 0, 0, 0, 0\]|.*another process (is using it|put another file in its place)"
+    assert "[0, 0, 0, 0, 0, 0]" in found and all(re.fullmatch(good, x) for x in found), found
 
 
 def test_interruptions_pickle(tmp_path):

@@ -215,7 +215,8 @@ class BatchFile:
             found = blocks["events"]
             for k in batch_events.crowded(found, job.rows):
                 blocks["status"][k] = FAILED
-                reason = f"an event occurred more than {job.rows} times: a file keeps as many as rows; take out=None"
+                reason = f"an event occurred more than {job.rows} times: a file keeps as many as it has rows; "
+                reason += "give more times t, or out=None"
                 failures = [*failures, Failure(int(indices[k]), float(blocks["reached"][k]), reason)]
             blocks = {**blocks, **batch_events.packed(found, job.events, job.rows, arm.nq, arm.nv)}
         reasons = dict.fromkeys(indices.tolist(), b"") | {f.index: in_bytes(f.reason) for f in failures}
