@@ -92,6 +92,7 @@ def kinds_of_scenarios() -> dict[str, tuple[fa.Arm, dict[str, Any]]]:
         "a ball joint": (ball, {}),
         "beams of order 3": (bent, {}),
         "dry friction": (rubs, {}),
+        'dry friction, integrator="rk4"': (rubs, {"integrator": "rk4"}),
         "a law sampled each 10 ms, in Python": (
             arm, {"control": fa.Sampled(lambda t, y: [-0.5 * y[0]], 100.0, measure=[("joint", 0)], actuate=[0])}
         ),

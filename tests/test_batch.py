@@ -335,7 +335,7 @@ def test_batch_says_what_is_wrong():
         ({"q0": np.zeros((2, 6)), "parameters": {"link.0.tip.mass": [1.0, 2.0, 3.0]}}, "q0: is for 2"),
         ({"outputs": ["q", "x"]}, "outputs = 'x'"),
         ({"integrator": "rk4", "stages": 2}, 'is for integrator="gauss"'),
-        ({"step": -1.0}, "step = -1.0"),
+        ({"step": -1.0}, "step = -1.0"), ({"step": 1e-30}, "step = 1e-30: asks for .* at most 1e.08"),
         ({"drive": {0: fa.Motion(lambda t: (t, 1.0, 0.0))}, "q0": np.ones(6)}, "q0: disagrees with the motion"),
         ({"q0": np.zeros((0, 6))}, "q0 has shape"),
         ({"out": "batch.h5", "batch": 0}, "batch = 0"),

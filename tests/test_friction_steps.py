@@ -184,6 +184,17 @@ def test_scenarios_are_what_simulate_gives_whoever_their_partners_are() -> None:
             np.testing.assert_array_equal(alone.v[0], every.v[i])
 
 
+def test_joints_without_friction_beside_those_with_it() -> None:
+    """A freedom without friction that turns back is not brought to rest, whatever it shares its lanes with."""
+    coulomb = [[0.0, 0.0], [0.02, 0.0], [0.0, 0.01], [0.02, 0.01], [0.0, 0.0]]
+    arms, dt, steps = [chain(c) for c in coulomb], 2e-3, 250
+    v0 = np.array([[1.0, -0.5, *np.zeros(arms[0].nv - 2)]]) * np.arange(1, 6)[:, None]
+    r = fa.rollout(arms, arms[0].zero, v0, dt=dt, nstep=steps)
+    for i, arm in enumerate(arms):
+        one = fa.simulate(arm, r.t, arm.zero, v0[i], integrator="implicit", step=dt)
+        np.testing.assert_allclose(r.q[i], one.q, rtol=1e-9, atol=1e-9)
+
+
 def test_lanes_agree_with_one_by_one() -> None:
     for arm in (chain([0.1, 0.05], [0.2, 0.1]), chain([0.05] * 5, flexible=False)):
         tau = held_waves(arm, 11, 300, 2e-3)

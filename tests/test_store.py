@@ -1,8 +1,10 @@
 """Files of batches and sweeps: interrupted, damaged, foreign, in use, and on a full disk."""
 
 import pickle
+import re
 import subprocess
 import sys
+import threading
 import zipfile
 from pathlib import Path
 
@@ -325,6 +327,24 @@ def test_a_file_that_another_process_writes(tmp_path):
     assert run(path).stats["resumed"] == 6
 
 
+def test_two_threads_that_begin_one_file(tmp_path):
+    found: list[str] = []
+
+    def one() -> None:
+        try:
+            found.append(str(run(tmp_path / "b.h5").status.tolist()))
+        except ValueError as e:
+            found.append(str(e))
+
+    threads = [threading.Thread(target=one) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    good = r"\[0, 0, 0, 0, 0, 0\]|.*another process (is using it|put another file in its place)"
+    assert "[0, 0, 0, 0, 0, 0]" in found and all(re.fullmatch(good, x) for x in found), found
+
+
 def test_interruptions_pickle(tmp_path):
     result = interrupted(tmp_path / "b.h5")
     one = fa.simulate(arm(), TIMES)
@@ -452,6 +472,19 @@ def test_a_sweep_knows_its_functions(tmp_path):
     with pytest.raises(ValueError, match="give fingerprint="):
         swept(rng)
     assert swept(1.0, fingerprint="A", resume=False).complete
+
+
+def test_failures_in_a_saved_batch_of_an_older_flexarm(tmp_path):
+    """Whose status 1 was a singular mass matrix, and not a terminal event."""
+    path = tmp_path / "b.npz"
+    run(None).save(path)
+    with np.load(path) as f:
+        held = {k: f[k] for k in f.files}
+    held["status"][:4], held["reason"][1:4] = (0, 1, 2, 3), b"the mass matrix is singular"
+    np.savez(path, **held)
+    old = fa.BatchResult.load(path)
+    assert old.status.tolist() == [0, 5, 5, 5, 0, 0] and [f.index for f in old.failures] == [1, 2, 3]
+    assert old[1].status == 0
 
 
 def test_a_reason_is_cut_between_letters(tmp_path):

@@ -90,6 +90,7 @@ def read(path: Path, outputs: tuple[str, ...], verify: bool) -> dict[str, Any]:
         held = zipped(path)
         held["about"] = json.loads(str(held["about"]))
         values = {k.partition("/")[2]: held.pop(k) for k in list(held) if k.startswith("parameters/")}
+        held["status"][held["reason"] != b""] = FAILED  # an older flexarm gave other numbers
         if "events" in held:
             held["events"] = batch_events.unpacked(held, held["status"] != NOT_DONE)
         return {**held, "parameters": values}
@@ -214,7 +215,8 @@ class BatchFile:
             found = blocks["events"]
             for k in batch_events.crowded(found, job.rows):
                 blocks["status"][k] = FAILED
-                reason = f"an event occurred more than {job.rows} times: a file keeps as many as rows; take out=None"
+                reason = f"an event occurred more than {job.rows} times: a file keeps as many as it has rows; "
+                reason += "give more times t, or out=None"
                 failures = [*failures, Failure(int(indices[k]), float(blocks["reached"][k]), reason)]
             blocks = {**blocks, **batch_events.packed(found, job.events, job.rows, arm.nq, arm.nv)}
         reasons = dict.fromkeys(indices.tolist(), b"") | {f.index: in_bytes(f.reason) for f in failures}

@@ -7,6 +7,7 @@ and a disk that is full then ends in its crash. What is read is never followed o
 from __future__ import annotations
 
 import os
+import threading
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -120,7 +121,7 @@ def lay_out(
     room = _ROOM + 2 * sum(np.asarray(x).nbytes for x in small.values())
     need = sum(int(np.prod(shape)) * np.dtype(kind).itemsize for shape, kind, _ in large.values())
     check_space(where, path, need + room)
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.part")
+    temporary = path.with_name(f"{path.name}.{os.getpid()}-{threading.get_ident()}.part")
     with named(where, path):
         try:
             with temporary.open("wb") as raw:  # what the system refuses, it refuses here

@@ -57,10 +57,10 @@ class Schedule:
         """Steps of at most `step` that meet every time of t; what lies between two is divided equally."""
         check_every(every, t.size - 1)
         spans = np.diff(t)
+        if spans.sum() / step > _MOST:
+            raise ValueError(f"step = {step}: asks for {spans.sum() / step:.3g} steps; at most {_MOST:g}")
         counts = np.maximum(1, np.ceil(spans / step - _SAME)).astype(int)
         total = int(counts.sum())
-        if total > _MOST:
-            raise ValueError(f"step = {step}: asks for {total:.3g} steps; at most {_MOST:g}")
         interval = np.repeat(np.arange(spans.size), counts)
         within = np.arange(total) - np.repeat(np.cumsum(counts) - counts, counts)
         lengths = (spans / counts)[interval]

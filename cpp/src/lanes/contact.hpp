@@ -21,7 +21,7 @@ struct Contacts {
   int count = 0, nv = 0;
   const int* at = nullptr;  ///< their rates
   S *coulomb, *stiction;    ///< zero where an arm of the pack has no friction
-  S* sense;                 ///< at the step's beginning: 1 or -1: it slides; 0: it rests
+  S* sense;                 ///< at the step's beginning: 1 or -1: it slides; 0: it rests, or has no friction
   S *before, *force;        ///< at the step's beginning, and at its end; `force` of resting ones is an unknown
   // of this step, by number: held at its end; gone over to sliding along `way`; share of the step before that
   S *held, *over, *way, *share;
@@ -240,7 +240,7 @@ struct Contacts {
     for (int c = 0; c < count; ++c) keep(c, where, L::select(is(over[c]), way[c], sign(v[at[c]])));
   }
   void keep(int c, const Mask& where, const S& now) {
-    sense[c] = L::select(where, now, sense[c]);
+    sense[c] = L::select(where, L::select(stiction[c] > 0.0, now, S{}), sense[c]);
     before[c] = L::select(where, force[c], before[c]);
   }
 };
