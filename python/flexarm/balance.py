@@ -19,10 +19,13 @@ _LARGEST = 0.5  # of a step's turns (rad) and moves (parts of the arm's length):
 _TRIES = 200  # Newton steps from the given start
 _TRIES_IN_STEPS = 40  # and for each step of the load
 _LEAST_SHARE = 1e-3  # of the load in one of its steps
+_ASIDE = 1e-3  # turn (rad) or move (parts of the arm's length) out of a balance that is unstable
+_SADDLES = 8  # that are left so, at most
 
 
 class StateWarning(UserWarning):
-    """A linear model was asked for about a state that does not last: nothing moves there, but the arm accelerates."""
+    """A state that does not last: a linear model was asked for about one from which the arm accelerates, or the balance
+    found is unstable."""
 
 
 def warn_unless_at_rest(arm: Arm, at: tuple[Array, Array, Array], left: Array, tau: Array) -> None:
@@ -94,13 +97,15 @@ class _Balance:
         return r
 
     def jacobian(self, q: Array, E: Array) -> Array:
-        def by_q(arm: Arm, v: Array, loads: Any) -> Array:
-            K: Array = (arm._core.inverse_derivatives(q, v, self.zero, *loads, by_v=False)[0] @ E)[self.at]
+        def stiffness(arm: Arm, v: Array, loads: Any) -> Array:
+            places, wrenches = loads or ([], np.zeros((0, 6)))
+            by_q = arm._core.inverse_derivatives(q, v, self.zero, places, wrenches, by_v=False)[0]
+            K: Array = (by_q @ E)[self.at]
             return K
 
-        K = by_q(self.arm, self.v, self.loads)
+        K = stiffness(self.arm, self.v, self.loads)
         if self.share < 1.0:
-            K = self.share * K + (1.0 - self.share) * by_q(self.unloaded, self.zero, ())
+            K = self.share * K + (1.0 - self.share) * stiffness(self.unloaded, self.zero, ())
         return K
 
     @property
@@ -253,6 +258,30 @@ def balance(
     return (at, "") if share >= 1.0 else (at, f"{wrong}; put on in steps, {share:.3g} of the load was balanced")
 
 
+def _way_down(b: _Balance, q: Array) -> Array | None:
+    """A q beside one in balance from where potential energy falls further; None if that is stable or indifferent, or
+    nothing has a potential."""
+    import scipy.linalg as la  # slow to import
+
+    M, E = np.asarray(b.arm._core.mass_matrix(q[None])[0])[b.at], b.arm._core.rates(q, b.zero)[2]
+    K = b.jacobian(q, E)
+    if not b.has_potential(K):
+        return None
+    d = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-14 * np.diag(M)))
+    factor, wrong = la.lapack.dpotrf(d[:, None] * (0.5 * (K + K.T)) * d)
+    if wrong == 0 and np.diag(factor).min() > 1e-6:  # as in _descent_step
+        return None
+    softest = la.eigh(0.5 * (K + K.T), M, subset_by_index=[0, 0])[1][:, 0]
+    softest *= np.sign(softest[np.abs(softest).argmax()])
+    aside = np.zeros(b.arm.nv)
+    aside[b.free] = _ASIDE * softest / np.abs(b.sizes * softest).max()
+    beside = displaced(b.arm, q, E, aside)
+    d = 1.0 / np.sqrt(np.diag(M))
+    forces = [d * b.tau[b.free], d * b.residual(b.arm.zero)]
+    noise = 1e-10 * (_weight(b.arm) + sum(float(np.linalg.norm(f)) for f in forces))
+    return beside if float(softest @ b.residual(beside)) < -noise else None
+
+
 def _weight(arm: Arm) -> float:
     """Size of the weight in the norm of the mass matrix, sqrt(m) g."""
     return float(np.sqrt(sum(link.mass for link in arm.links)) * np.linalg.norm(arm.gravity))
@@ -286,15 +315,47 @@ def locked_rates(arm: Arm, lock: Iterable[Any] | None) -> NDArray[np.bool_]:
     return locked
 
 
+def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
+    """What Newton's iteration comes to from a balance q that is unstable; StateWarning if that is no stable one, unless
+    the start was given, and in balance."""
+    E = b.arm._core.rates(q, b.zero)[2]
+    stayed = np.abs(b.sizes * (E.T @ (q - start))[b.free]).max() < 1e-8
+    beside = _way_down(b, q)
+    for _ in range(0 if stayed else _SADDLES):
+        if beside is None:
+            break
+        lower, wrong = _newton(b, beside, True, _TRIES)
+        if wrong:
+            break
+        q, beside = lower, _way_down(b, lower)
+    if beside is not None and not (stayed and given):
+        worst = int(np.abs(b.sizes * (E.T @ (beside - q))[b.free]).argmax())
+        warnings.warn(
+            f"equilibrium: is unstable: the arm leaves it along '{np.array(b.arm.coordinates)[b.free][worst]}'; start "
+            "from a q off it, on the side to which it is to go, or give this one as q if it is meant",
+            StateWarning,
+            stacklevel=4,
+        )
+    return q
+
+
 def equilibrium(arm: Arm, q: ArrayLike | None, tau: ArrayLike | None, lock: Iterable[Any] | None, loads: Any) -> Array:
     """See Arm.equilibrium."""
     q0 = arm.zero if q is None else array("q", q, (arm.nq,))
     arm.check_balls("q", q0)
     forces = np.zeros(arm.nv) if tau is None else array("tau", tau, (arm.nv,))
     free = ~locked_rates(arm, lock)
-    q0, wrong = balance(arm, q0, np.zeros(arm.nv), np.where(free, forces, 0.0), free, True, loads)
+    forces = np.where(free, forces, 0.0)
+    found, wrong = balance(arm, q0, np.zeros(arm.nv), forces, free, True, loads)
+    if not wrong and free.any():
+        found = _stable(_Balance(arm, np.zeros(arm.nv), forces, free, loads), q0, found, q is not None)
     if wrong:
+        remedy = "hold a joint with lock or tau"
+        if not (free & ~elastic_rates(arm)).any():
+            remedy = "the load may be more than these beams bear"
+        if any(link.beam is not None and link.beam.order in (2, 3) for link in arm.links):
+            remedy += ', or more than their order does, where "exact" has a balance'
         raise ValueError(
-            f"tau, gravity, loads: no equilibrium was found: {wrong} (N, N m); hold a joint with lock or tau"
+            f"tau, gravity, loads: no equilibrium was found: {wrong} (N, N m); {remedy}"
         )
-    return q0
+    return found
