@@ -83,6 +83,7 @@ class _Balance:
         self.arm, self.v, self.tau, self.free, self.loads = arm, v, tau, free, loads
         self.zero, self.at, self.share = np.zeros(arm.nv), np.ix_(free, free), 1.0
         self.sizes = _sizes(arm)[free]
+        self.doubtful = False  # whether the last step was downhill in a potential that is not plainly convex there
         self.rows = ~_ball_rates(arm)[free]  # where a potential means a symmetric Jacobian, in balance or not
 
     def residual(self, q: Array) -> Array:
@@ -159,9 +160,10 @@ class _Solver:
         return float(np.linalg.norm(self.d * (self.K @ x - b)) / max(float(np.linalg.norm(self.d * b)), 1e-300))
 
 
-def _descent_step(M: Array, K: Array, r: Array, forces: float) -> Array:
+def _descent_step(M: Array, K: Array, r: Array, forces: float) -> tuple[Array, bool]:
     """Newton's step with |lambda| for the eigenvalues lambda of (K, M): downhill in potential energy. Where lambda is
-    zero the arm is indifferent and stays, unless a force above the noise of `forces` (sqrt(kg) m/s^2) pushes it."""
+    zero the arm is indifferent and stays, unless a force above the noise of `forces` (sqrt(kg) m/s^2) pushes it. And
+    whether K is positive definite."""
     import scipy.linalg as la  # slow to import
 
     K = 0.5 * (K + K.T)
@@ -169,14 +171,14 @@ def _descent_step(M: Array, K: Array, r: Array, forces: float) -> Array:
     factor, wrong = la.lapack.dpotrf(d[:, None] * K * d)
     if wrong == 0 and np.diag(factor).min() > 1e-6:  # positive definite beyond rounding: no need of its eigenvalues
         step: Array = -d * la.cho_solve((factor, False), d * r)
-        return step
+        return step, True
     lam, Z = la.eigh(K, M)
     g = Z.T @ r
     least = 1e-14 * float(np.abs(lam).max())
     flat = (np.abs(lam) <= max(least, 1e-300)) & (np.abs(g) <= 1e-11 * forces)
     g[flat] = 0.0
     step = -Z @ (g / np.maximum(np.abs(lam), max(least, 1e-300)))
-    return step
+    return step, False
 
 
 def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, str]:
@@ -195,9 +197,10 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
             break
         downhill = descend and b.has_potential(K)
         if downhill:
-            step = _descent_step(M, K, r, forces)
+            step, convex = _descent_step(M, K, r, forces)
+            b.doubtful = not convex
         else:
-            solve = _Solver(M, K)
+            b.doubtful, solve = False, _Solver(M, K)
             step = -solve(r)
         if not np.isfinite(step).all():
             break
@@ -231,19 +234,16 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
     return q, f"after {steps} damped Newton steps from the q given {r[worst]:.3g} is left on '{label}'"
 
 
-def balance(
-    arm: Arm, q: Array, v: Array, tau: Array, free: NDArray[np.bool_], descend: bool, loads: Any = ()
-) -> tuple[Array, str]:
-    """Moves the free coordinates of q until inverse_dynamics(q, v, 0) = tau on them; loads: places and wrenches.
+def balance(b: _Balance, q: Array, descend: bool) -> tuple[Array, str]:
+    """Moves the free coordinates of q until inverse_dynamics(q, v, 0) = tau on them.
 
     No step turns a section by more than 0.5 rad. Steps are halved until the residual, scaled by the mass matrix, is
     less than it was; or (descending in potential energy, where there is one) the step still leads downhill at its end;
     or (elsewhere) the next step is shorter. Newton's convergence being quadratic, the step after one of 1e-8 is the
     last. Where this fails from q, the load is put on in steps. Returns q, and what went wrong if anything did.
     """
-    if not free.any():
+    if not b.free.any():
         return q.copy(), ""
-    b = _Balance(arm, v, tau, free, loads)
     found, wrong = _newton(b, q.copy(), descend, _TRIES)
     if not wrong:
         return found, ""
@@ -297,7 +297,8 @@ def elastic_rates(arm: Arm) -> NDArray[np.bool_]:
 
 def steady_state(arm: Arm, q: Array, v: Array, loads: Any = ()) -> Array:
     """Elastic coordinates in balance at joint positions q and constant rates v."""
-    q, wrong = balance(arm, q, v, np.zeros(arm.nv), elastic_rates(arm), descend=False, loads=loads)
+    b = _Balance(arm, v, np.zeros(arm.nv), elastic_rates(arm), loads)
+    q, wrong = balance(b, q, descend=False)
     if wrong:
         raise ValueError(
             f"speed: no steady state of the elastic coordinates at this speed, gravity, loads and q: {wrong}"
@@ -346,9 +347,10 @@ def equilibrium(arm: Arm, q: ArrayLike | None, tau: ArrayLike | None, lock: Iter
     forces = np.zeros(arm.nv) if tau is None else array("tau", tau, (arm.nv,))
     free = ~locked_rates(arm, lock)
     forces = np.where(free, forces, 0.0)
-    found, wrong = balance(arm, q0, np.zeros(arm.nv), forces, free, True, loads)
-    if not wrong and free.any():
-        found = _stable(_Balance(arm, np.zeros(arm.nv), forces, free, loads), q0, found, q is not None)
+    b = _Balance(arm, np.zeros(arm.nv), forces, free, loads)
+    found, wrong = balance(b, q0, descend=True)
+    if not wrong and b.doubtful:
+        found = _stable(b, q0, found, q is not None)
     if wrong:
         remedy = "hold a joint with lock or tau"
         if not (free & ~elastic_rates(arm)).any():
