@@ -1,5 +1,7 @@
 """Static balance under gravity, springs and forces."""
 
+import dataclasses
+
 import flexarm as fa
 import numpy as np
 import pytest
@@ -61,7 +63,8 @@ def test_untruncated_arms_always_sag_to_rest(seed: int) -> None:
 
 def test_a_ball_hangs() -> None:
     """A flexible two-link arm on balls: its centre of mass ends below the base, and it is stable."""
-    arm = fa.Arm([fa.Link(fa.Spherical(), BODY, STRIP, BODY)] * 2, gravity=(0, 0, -G))
+    strip = dataclasses.replace(STRIP, order="exact", gauss_points=12)
+    arm = fa.Arm([fa.Link(fa.Spherical(), BODY, strip, BODY)] * 2, gravity=(0, 0, -G))
     q = arm.equilibrium()
     np.testing.assert_allclose(arm.center_of_mass(q)[:2], 0.0, atol=1e-9)
     assert arm.center_of_mass(q)[2] < -0.5
@@ -167,3 +170,39 @@ def test_what_hangs_on_nothing_is_said() -> None:
     wheel = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0)))])
     with pytest.raises(ValueError, match=r"no equilibrium was found.*'link 0 revolute'"):
         wheel.equilibrium(loads=[fa.Load(force=(0, 1.0, 0), axes="section")])
+
+
+def test_no_saddle_is_given_for_a_balance() -> None:
+    """A strip on edge sags in its plane until it tips over sideways: P = 4.013 sqrt(EI GJ)/L^2. A pull in that plane
+    alone has no part sideways, and a column under its own axis none at all."""
+    section = fa.GeneralSection(1.0, 1.0, 400.0, 0.5)
+    beam = fa.Beam(1.0, section, fa.Material(1.0, 1.0, shear_modulus=1.0),
+                   {"bending_y": 3, "bending_z": 4, "torsion": 4}, "legendre", "exact")  # fmt: skip
+    arm = fa.Arm([fa.Link(fa.Fixed(), beam=beam)])
+    strong, weak = section.second_moment_z, section.second_moment_y
+    critical = 4.0126 * np.sqrt(min(strong, weak) * 0.5)
+    along = 1 if strong > weak else 2
+    for P, tips in ((0.95, False), (1.3, True)):
+        force = np.zeros(3)
+        force[along] = P * critical
+        loads = [fa.Load(force=tuple(force))]
+        q = arm.equilibrium(loads=loads)
+        assert (abs(arm.frame(q)[0][3 - along]) > 0.01) == tips
+        assert arm.modes(q, loads=loads).stable and left_over(arm, q, loads) < 1e-9
+    push = [fa.Load(force=(-3.0, 0.0, 0.0))]  # critical is pi^2/4
+    column = slender(bending_y=4)
+    with pytest.warns(fa.StateWarning, match=r"equilibrium: is unstable.* along 'link 0 bending_y 1'; start"):
+        straight = column.equilibrium(loads=push)
+    assert not straight.any() and not column.equilibrium(straight, loads=push).any()
+    assert column.modes(column.equilibrium(straight + 1e-3, loads=push), loads=push).stable
+
+
+def test_a_balance_beyond_an_orders_range_is_told() -> None:
+    section, material = fa.GeneralSection(1.0, 1.0, 1.0, 2.0), fa.Material(1.0, 1.0, shear_modulus=0.4)
+    arm = fa.Arm([fa.Link(fa.Fixed(), beam=fa.Beam(1.0, section, material, {"bending_y": 4}, "legendre", 2))])
+    arm.equilibrium(loads=[fa.Load(force=(0.0, 0.5, 0.0))])
+    with pytest.warns(fa.RangeWarning, match=r"equilibrium: link 0: at order 2 .* this one turns them by up to"):
+        arm.equilibrium(loads=[fa.Load(force=(0.0, 2.0, 0.0))])
+    arm = fa.Arm([fa.Link(fa.Fixed(), beam=fa.Beam(1.0, section, material, {"bending_y": 10}, "legendre", 3))])
+    with pytest.raises(ValueError, match='more than their order does, where "exact" has a balance'):
+        arm.equilibrium(loads=[fa.Load(force=(0.0, 9.0, 0.0), axes="section")])

@@ -144,3 +144,17 @@ def test_scenes_with_balls_and_beams_are_read_back(tmp_path: Path) -> None:
         scene.save(tmp_path / "scene.toml")
         back = fa.load(tmp_path / "scene.toml")
         assert back.arm == arm and back.options == {"atol": 1e-8, "max_order": 4}
+
+
+def test_what_cannot_be_written_or_is_no_run_is_a_value_error(tmp_path: Path) -> None:
+    run = fa.simulate(fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(1, 1, 1)))]), [0.0, 0.1])
+    for save in (run.save, fa.load("ist").save):
+        with pytest.raises(ValueError, match=r"path .*none"):
+            save(tmp_path / "none" / ("x.npz" if save == run.save else "x.toml"))
+    run.save(tmp_path / "x.npz")
+    held = dict(np.load(tmp_path / "x.npz"))
+    for wrong in ({"q": held["q"].astype(str)}, {"v": held["v"].astype(complex)}, {"t": held["t"][None]},
+                  {"t": held["t"][::-1]}):  # fmt: skip
+        np.savez(tmp_path / "y.npz", **(held | wrong))
+        with pytest.raises(ValueError, match=r"is not a file that Result\.save wrote"):
+            fa.Result.load(tmp_path / "y.npz")

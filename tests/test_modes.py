@@ -298,3 +298,14 @@ def test_a_cart_with_a_pendulum() -> None:
     bob = fa.Link(fa.Revolute("z"), fa.RigidBody(m, com=(0, -length, 0)))
     w = fa.Arm([cart, bob], gravity=(0, -G, 0)).modes().frequencies
     np.testing.assert_allclose(w, [0.0, np.sqrt(G * (M + m) / (M * length))], rtol=1e-9, atol=1e-12)
+
+
+def test_damped_motions_that_nothing_holds() -> None:
+    """Each has a zero of its own, a pair of shapes for it, and what damps it: -d/I."""
+    body = fa.RigidBody(1.0, inertia=(0.01, 0.01, 0.01))
+    modes = fa.Arm([fa.Link(fa.Spherical(damping=0.2), body)]).modes()
+    np.testing.assert_allclose(modes.eigenvalues, [0, 0, 0, -20, -20, -20], atol=1e-9)
+    assert np.linalg.matrix_rank(modes.shapes[:, :3]) == 3
+    axes = fa.Arm([fa.Link(fa.Prismatic("x", damping=0.5), body), fa.Link(fa.Prismatic("y"), body)]).modes()
+    np.testing.assert_allclose(axes.eigenvalues, [0, 0, -0.25], atol=1e-9)
+    assert np.linalg.matrix_rank(axes.shapes[:, :2]) == 2

@@ -16,6 +16,7 @@ from ._part import _plain
 from .doubts import ModelWarning, doubts
 from .link import Link
 from .load import Load, at_time
+from .validity import range_warning, worst_range
 
 METHODS = ("ab", "ci")
 
@@ -421,8 +422,8 @@ class Arm:
     ) -> Array:
         """Coordinates (nq,) at rest in balance with gravity, springs, loads and constant generalised forces.
 
-        Newton's iteration from q with exact Jacobians, damped, and downhill in potential energy: the equilibrium found
-        is stable, unless q is in balance already.
+        Newton's iteration from q with exact Jacobians, damped, and downhill in potential energy, where there is one:
+        the equilibrium found is then stable, unless q is in balance already.
 
         Args:
             q: where to start, and where locked joints stay, (nq,); `zero` if None.
@@ -434,13 +435,20 @@ class Arm:
 
         Raises:
             ValueError: bad arguments, or no equilibrium was found: a joint that nothing holds falls for ever.
+
+        Warns:
+            StateWarning: the equilibrium is unstable, and no q in balance was given.
+            RangeWarning: a beam is bent further than its order is good for.
         """
         if voltages is not None:
             zero = np.zeros(self.nv) if tau is None else array("tau", tau, (self.nv,))
             tau = zero + _patch.voltage_forces(self, voltages)
         q = None if q is None else self._single(q=q)[0]
         self._warn()
-        return balance.equilibrium(self, q, tau, lock, at_time(self, loads, t))
+        found = balance.equilibrium(self, q, tau, lock, at_time(self, loads, t))
+        if (beyond := worst_range(self, np.zeros(1), found[None])) is not None:
+            warnings.warn(range_warning(self, beyond, "equilibrium: ", still=True), stacklevel=2)
+        return found
 
     def inverse_derivatives(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, loads: Sequence[Load] | None = None, t: float = 0.0

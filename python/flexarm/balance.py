@@ -19,10 +19,13 @@ _LARGEST = 0.5  # of a step's turns (rad) and moves (parts of the arm's length):
 _TRIES = 200  # Newton steps from the given start
 _TRIES_IN_STEPS = 40  # and for each step of the load
 _LEAST_SHARE = 1e-3  # of the load in one of its steps
+_ASIDE = 1e-3  # turn (rad) or move (parts of the arm's length) out of a balance that is unstable
+_SADDLES = 8  # that are left so, at most
 
 
 class StateWarning(UserWarning):
-    """A linear model was asked for about a state that does not last: nothing moves there, but the arm accelerates."""
+    """A state that does not last: a linear model was asked for about one from which the arm accelerates, or the balance
+    found is unstable."""
 
 
 def warn_unless_at_rest(arm: Arm, at: tuple[Array, Array, Array], left: Array, tau: Array) -> None:
@@ -80,6 +83,7 @@ class _Balance:
         self.arm, self.v, self.tau, self.free, self.loads = arm, v, tau, free, loads
         self.zero, self.at, self.share = np.zeros(arm.nv), np.ix_(free, free), 1.0
         self.sizes = _sizes(arm)[free]
+        self.doubtful = False  # whether the last step was downhill in a potential that is not plainly convex there
         self.rows = ~_ball_rates(arm)[free]  # where a potential means a symmetric Jacobian, in balance or not
 
     def residual(self, q: Array) -> Array:
@@ -94,14 +98,15 @@ class _Balance:
         return r
 
     def jacobian(self, q: Array, E: Array) -> Array:
-        def by_q(arm: Arm, v: Array, loads: Any) -> Array:
+        def stiffness(arm: Arm, v: Array, loads: Any) -> Array:
             places, wrenches = loads or ([], np.zeros((0, 6)))
-            K: Array = (arm._core.inverse_derivatives(q, v, self.zero, places, wrenches, False)[0] @ E)[self.at]
+            by_q = arm._core.inverse_derivatives(q, v, self.zero, places, wrenches, by_v=False)[0]
+            K: Array = (by_q @ E)[self.at]
             return K
 
-        K = by_q(self.arm, self.v, self.loads)
+        K = stiffness(self.arm, self.v, self.loads)
         if self.share < 1.0:
-            K = self.share * K + (1.0 - self.share) * by_q(self.unloaded, self.zero, ())
+            K = self.share * K + (1.0 - self.share) * stiffness(self.unloaded, self.zero, ())
         return K
 
     @property
@@ -155,9 +160,10 @@ class _Solver:
         return float(np.linalg.norm(self.d * (self.K @ x - b)) / max(float(np.linalg.norm(self.d * b)), 1e-300))
 
 
-def _descent_step(M: Array, K: Array, r: Array, forces: float) -> Array:
+def _descent_step(M: Array, K: Array, r: Array, forces: float) -> tuple[Array, bool]:
     """Newton's step with |lambda| for the eigenvalues lambda of (K, M): downhill in potential energy. Where lambda is
-    zero the arm is indifferent and stays, unless a force above the noise of `forces` (sqrt(kg) m/s^2) pushes it."""
+    zero the arm is indifferent and stays, unless a force above the noise of `forces` (sqrt(kg) m/s^2) pushes it. And
+    whether K is positive definite."""
     import scipy.linalg as la  # slow to import
 
     K = 0.5 * (K + K.T)
@@ -165,17 +171,17 @@ def _descent_step(M: Array, K: Array, r: Array, forces: float) -> Array:
     factor, wrong = la.lapack.dpotrf(d[:, None] * K * d)
     if wrong == 0 and np.diag(factor).min() > 1e-6:  # positive definite beyond rounding: no need of its eigenvalues
         step: Array = -d * la.cho_solve((factor, False), d * r)
-        return step
+        return step, True
     try:
         lam, Z = la.eigh(K, M)
     except la.LinAlgError:  # M is not positive definite
-        return np.full_like(r, np.nan)
+        return np.full_like(r, np.nan), False
     g = Z.T @ r
     least = 1e-14 * float(np.abs(lam).max())
     flat = (np.abs(lam) <= max(least, 1e-300)) & (np.abs(g) <= 1e-11 * forces)
     g[flat] = 0.0
     step = -Z @ (g / np.maximum(np.abs(lam), max(least, 1e-300)))
-    return step
+    return step, False
 
 
 def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, str]:
@@ -194,9 +200,10 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
         forces = max(forces, float(np.linalg.norm(scale * r)), float(np.linalg.norm(scale * b.tau[free])), _weight(arm))
         downhill = descend and b.has_potential(K)
         if downhill:
-            step = _descent_step(M, K, r, forces)
+            step, convex = _descent_step(M, K, r, forces)
+            b.doubtful = not convex
         else:
-            solve = _Solver(M, K)
+            b.doubtful, solve = False, _Solver(M, K)
             step = -solve(r)
         if not np.isfinite(step).all():
             break
@@ -232,19 +239,16 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
     return q, f"after {steps} damped Newton steps from the q given {r[worst]:.3g} is left on '{label}'"
 
 
-def balance(
-    arm: Arm, q: Array, v: Array, tau: Array, free: NDArray[np.bool_], descend: bool, loads: Any = ()
-) -> tuple[Array, str]:
-    """Moves the free coordinates of q until inverse_dynamics(q, v, 0) = tau on them; loads: places and wrenches.
+def balance(b: _Balance, q: Array, descend: bool) -> tuple[Array, str]:
+    """Moves the free coordinates of q until inverse_dynamics(q, v, 0) = tau on them.
 
     No step turns a section by more than 0.5 rad. Steps are halved until the residual, scaled by the mass matrix, is
     less than it was; or (descending in potential energy, where there is one) the step still leads downhill at its end;
     or (elsewhere) the next step is shorter. Newton's convergence being quadratic, the step after one of 1e-8 is the
     last. Where this fails from q, the load is put on in steps. Returns q, and what went wrong if anything did.
     """
-    if not free.any():
+    if not b.free.any():
         return q.copy(), ""
-    b = _Balance(arm, v, tau, free, loads)
     found, wrong = _newton(b, q.copy(), descend, _TRIES)
     if not wrong:
         return found, ""
@@ -257,6 +261,30 @@ def balance(
             continue
         share, at, step = b.share, found, 2.0 * step
     return (at, "") if share >= 1.0 else (at, f"{wrong}; put on in steps, {share:.3g} of the load was balanced")
+
+
+def _way_down(b: _Balance, q: Array) -> Array | None:
+    """A q beside one in balance from where potential energy falls further; None if that is stable or indifferent, or
+    nothing has a potential."""
+    import scipy.linalg as la  # slow to import
+
+    M, E = np.asarray(b.arm._core.mass_matrix(q[None])[0])[b.at], b.arm._core.rates(q, b.zero)[2]
+    K = b.jacobian(q, E)
+    if not b.has_potential(K):
+        return None
+    d = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-14 * np.diag(M)))
+    factor, wrong = la.lapack.dpotrf(d[:, None] * (0.5 * (K + K.T)) * d)
+    if wrong == 0 and np.diag(factor).min() > 1e-6:  # as in _descent_step
+        return None
+    softest = la.eigh(0.5 * (K + K.T), M, subset_by_index=[0, 0])[1][:, 0]
+    softest *= np.sign(softest[np.abs(softest).argmax()])
+    aside = np.zeros(b.arm.nv)
+    aside[b.free] = _ASIDE * softest / np.abs(b.sizes * softest).max()
+    beside = displaced(b.arm, q, E, aside)
+    d = 1.0 / np.sqrt(np.diag(M))
+    forces = [d * b.tau[b.free], d * b.residual(b.arm.zero)]
+    noise = 1e-10 * (_weight(b.arm) + sum(float(np.linalg.norm(f)) for f in forces))
+    return beside if float(softest @ b.residual(beside)) < -noise else None
 
 
 def _weight(arm: Arm) -> float:
@@ -274,7 +302,8 @@ def elastic_rates(arm: Arm) -> NDArray[np.bool_]:
 
 def steady_state(arm: Arm, q: Array, v: Array, loads: Any = ()) -> Array:
     """Elastic coordinates in balance at joint positions q and constant rates v."""
-    q, wrong = balance(arm, q, v, np.zeros(arm.nv), elastic_rates(arm), descend=False, loads=loads)
+    b = _Balance(arm, v, np.zeros(arm.nv), elastic_rates(arm), loads)
+    q, wrong = balance(b, q, descend=False)
     if wrong:
         raise ValueError(
             f"speed: no steady state of the elastic coordinates at this speed, gravity, loads and q: {wrong}"
@@ -292,15 +321,48 @@ def locked_rates(arm: Arm, lock: Iterable[Any] | None) -> NDArray[np.bool_]:
     return locked
 
 
+def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
+    """What Newton's iteration comes to from a balance q that is unstable; StateWarning if that is no stable one, unless
+    the start was given, and in balance."""
+    E = b.arm._core.rates(q, b.zero)[2]
+    stayed = np.abs(b.sizes * (E.T @ (q - start))[b.free]).max() < 1e-8
+    beside = _way_down(b, q)
+    for _ in range(0 if stayed else _SADDLES):
+        if beside is None:
+            break
+        lower, wrong = _newton(b, beside, True, _TRIES)
+        if wrong:
+            break
+        q, beside = lower, _way_down(b, lower)
+    if beside is not None and not (stayed and given):
+        worst = int(np.abs(b.sizes * (E.T @ (beside - q))[b.free]).argmax())
+        warnings.warn(
+            f"equilibrium: is unstable: the arm leaves it along '{np.array(b.arm.coordinates)[b.free][worst]}'; start "
+            "from a q off it, on the side to which it is to go, or give this one as q if it is meant",
+            StateWarning,
+            stacklevel=4,
+        )
+    return q
+
+
 def equilibrium(arm: Arm, q: ArrayLike | None, tau: ArrayLike | None, lock: Iterable[Any] | None, loads: Any) -> Array:
     """See Arm.equilibrium."""
     q0 = arm.zero if q is None else array("q", q, (arm.nq,))
     arm.check_balls("q", q0)
     forces = np.zeros(arm.nv) if tau is None else array("tau", tau, (arm.nv,))
     free = ~locked_rates(arm, lock)
-    q0, wrong = balance(arm, q0, np.zeros(arm.nv), np.where(free, forces, 0.0), free, True, loads)
+    forces = np.where(free, forces, 0.0)
+    b = _Balance(arm, np.zeros(arm.nv), forces, free, loads)
+    found, wrong = balance(b, q0, descend=True)
+    if not wrong and b.doubtful:
+        found = _stable(b, q0, found, q is not None)
     if wrong:
+        remedy = "hold a joint with lock or tau"
+        if not (free & ~elastic_rates(arm)).any():
+            remedy = "the load may be more than these beams bear"
+        if any(link.beam is not None and link.beam.order in (2, 3) for link in arm.links):
+            remedy += ', or more than their order does, where "exact" has a balance'
         raise ValueError(
-            f"tau, gravity, loads: no equilibrium was found: {wrong} (N, N m); hold a joint with lock or tau"
+            f"tau, gravity, loads: no equilibrium was found: {wrong} (N, N m); {remedy}"
         )
-    return q0
+    return found

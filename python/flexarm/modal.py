@@ -195,7 +195,10 @@ def _general(M: Array, G: Array, K: Array) -> tuple[NDArray[np.complex128], NDAr
     s[np.abs(s) < 1e-5 * sigma] = 0.0
     tiny = 1e-12 * np.abs(s).max()
     upper, real = np.flatnonzero(s.imag > tiny), np.flatnonzero((np.abs(s.imag) <= tiny) & (s != 0))
-    zero = np.flatnonzero(s == 0)  # two for each rigid-body motion; one stands for it
-    keep = np.concatenate([zero[: (zero.size + 1) // 2], real, upper])
+    # A rigid-body motion has the eigenvalue zero twice, or once where it is damped. One stands for it.
+    zero = np.count_nonzero(s == 0)
+    _, singular, rows = la.svd(K)
+    rigid = int(np.clip(np.count_nonzero(singular <= 1e-10 * singular[0]), (zero + 1) // 2, zero))
+    keep = np.concatenate([real, upper])
     s = np.where(np.abs(s.imag) <= tiny, s.real, s)
-    return s[keep], vectors[n:, keep]
+    return np.concatenate([np.zeros(rigid), s[keep]]), np.hstack([rows[n - rigid :].T, vectors[n:, keep]])

@@ -12,6 +12,7 @@ import numpy as np
 
 from ._check import Array, named
 from .arm import Arm
+from .files import write_whole
 from .load import Load
 
 if TYPE_CHECKING:
@@ -100,7 +101,8 @@ class Result:
         """Writes everything, the arm included, to one file (.npz) that `Result.load` reads.
 
         Raises:
-            ValueError: a name that promises another format. `flexarm run` writes a table, run.csv.
+            ValueError: a name that promises another format, or where nothing can be written. `flexarm run` writes a
+                table, run.csv.
         """
         file = named(path, ".npz")
         kept = None if self.loads is None else len(self.loads)
@@ -109,10 +111,8 @@ class Result:
             more["friction"] = self.friction
         about = {"arm": self.arm.to_dict(), "stats": self.stats, "loads": kept is None or kept, "status": self.status}
         about["events"] = None if self.t_events is None else len(self.t_events)
-        with file.open("wb") as f:  # an open file keeps its name; numpy would append .npz
-            np.savez_compressed(
-                f, t=self.t, q=self.q, v=self.v, a=self.a, tau=self.tau, about=np.array(json.dumps(about)), **more
-            )
+        rows = {"t": self.t, "q": self.q, "v": self.v, "a": self.a, "tau": self.tau, **more}
+        write_whole(file, lambda f: np.savez_compressed(f, about=np.array(json.dumps(about)), **rows), "path")
 
     @staticmethod
     def load(path: str | Path) -> Result:
@@ -147,8 +147,10 @@ class Result:
             )
             for name in ("q", "v", "a", "tau", "friction"):
                 value = getattr(result, name)
-                if value is not None and value.shape != (result.t.size, wide.get(name, arm.nv)):
+                if value is not None and value.shape != (*result.t.shape, wide.get(name, arm.nv)):
                     raise ValueError
+            if any(x.dtype != float for x in held.values()) or (np.diff(result.t) < 0).any():
+                raise ValueError
             return result
         except Exception:  # of a file that may be anything: zip, zlib, NumPy and JSON have a dozen kinds
             raise ValueError(f"result {str(path)!r}: is not a file that Result.save wrote, or is damaged") from None

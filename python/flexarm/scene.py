@@ -17,6 +17,7 @@ from ._check import Array, array, choice, known_keys, named, number, whole
 from .arm import METHODS, Arm
 from .control import PD, Controller, StateFeedback, StrainFeedback, control_laws
 from .drive import Motion, Torque
+from .files import write_whole
 from .link import Link
 from .load import Load
 from .motor import Motor
@@ -318,7 +319,7 @@ class Scene:
             raise ValueError(f"this scene cannot be saved, its file would not be read back: {e}") from None
         if back.arm != self.arm:
             raise ValueError("this scene cannot be saved: its file would be read back as another arm")
-        file.write_bytes(content)
+        write_whole(file, lambda f: f.write(content), "path")
 
     def readings(self, result: Result) -> dict[str, Reading]:
         """What the scene's sensors read of a result, by names such as "sensor-0-encoder"; none of a single row."""

@@ -117,16 +117,19 @@ def worst_range(arm: Arm, t: Array, q: Array) -> tuple[float, ...] | None:
     return _unresolved(arm, t, q) if worst is None else (*worst[1:], others)
 
 
-def range_warning(arm: Arm, found: Iterable[float], name: str = "") -> RangeWarning:
-    """What `worst_range` found, as a warning; `name` of what it is about."""
+def range_warning(arm: Arm, found: Iterable[float], name: str = "", still: bool = False) -> RangeWarning:
+    """What `worst_range` found, as a warning; `name` of what it is about, which may be one state, still."""
     link, time, rotation, others = map(float, found)
+    since, passes = f"from t = {time:.6g} s ", f"passes that at t = {time:.6g} s and "
+    if still:
+        since = passes = ""
     beam = arm.links[int(link)].beam
     assert beam is not None
     if beam.order == "exact":
         points = beam._core.gauss_points
         return RangeWarning(
             f'{name}link {int(link)}: order "exact" has {points} Gauss points along this beam, too few for how it is '
-            f"bent: from t = {time:.6g} s its sections are off by more than {TRUNCATION:g} of its length, by up to "
+            f"bent: {since}its sections are off by more than {TRUNCATION:g} of its length, by up to "
             f"{others:.2g}; take gauss_points = {min(2 * points, 400)}, or fewer shapes",
             int(link), time, rotation, _RESOLVED,
         )  # fmt: skip
@@ -135,8 +138,8 @@ def range_warning(arm: Arm, found: Iterable[float], name: str = "") -> RangeWarn
     better = '"exact"' if order == 3 else '3 or "exact"' if order == 2 else '2, 3 or "exact"'
     return RangeWarning(
         f"{name}link {int(link)}{more}: at order {order} a beam that turns its sections by {limit:g} rad has its tip "
-        f"wrong by 2 % of its length; this one passes that at t = {time:.6g} s and turns them by up to {rotation:.3g} "
-        f"rad; take order = {better}",
+        f"wrong by 2 % of its length; this one {passes}turns them by up "
+        f"to {rotation:.3g} rad; take order = {better}",
         int(link), time, rotation, limit,
     )  # fmt: skip
 
