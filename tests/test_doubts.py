@@ -22,6 +22,7 @@ DOUBTFUL: list[tuple[dict[str, Any], str]] = [
     ({"material": fa.Material(7850, 209)}, r"link\[0\].beam.material.youngs_modulus = 209 Pa: .*in GPa or MPa\?"),
     ({"material": fa.Material(7850, 209e3)}, r"youngs_modulus = 209000 Pa: .*in GPa or MPa\?"),
     ({"material": fa.Material(7850e3, 209e9)}, r"density = 7.85e\+06 kg/m\^3: .*unit\?"),
+    ({"material": fa.Material(7.85, 209e9)}, r"density = 7.85 kg/m\^3: .*in g/cm\^3\?"),
     ({"length": 500}, r"link\[0\].beam.length = 500 m, .*in mm\?"),
     ({"length": 500, "section": fa.Rectangle(1, 20)}, r"length = 500 m, .*in mm\?"),
     ({"damping_ratio": 50}, r"damping_ratio = 50: .*in per cent\?"),
@@ -49,6 +50,7 @@ PLAUSIBLE: list[dict[str, Any]] = [
     {"material": fa.Material(1000, 3e4, 0.5)},  # a gel
     {"material": fa.Material(1, 1), "length": 1, "section": fa.Rectangle(1, 1)},  # a beam without units
     {"section": fa.GeneralSection(1.0, 1.0, 1.0, 1.0)},  # E I alone
+    {"material": fa.Material(1e-6, 209e9)},  # as good as without mass
     {"material": fa.Material(3500, 5e5, 0.49)},  # rubber full of iron
     {"material": fa.Material(19300, 411e9, 0.28)},  # tungsten
     {"length": 110.0, "section": fa.Circle(1.5, 1.47), "material": fa.Material(1900, 40e9, 0.3)},  # a turbine's blade

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 _SOFTEST, _LIGHT = 1e3, 100.0  # Pa; gels have 1e3 to 1e5. kg/m^3; what is lighter has no units: E = density = 1
 _DENSE, _DENSE_SOFTEST = 5e3, 1e6  # kg/m^3, Pa; what is as dense as metal is not softer than rubber
 _DENSEST = 3e4  # kg/m^3; osmium has 2.3e4
+_IN_GRAMS, _FASTEST = (0.5, 25.0), 1e9  # g/cm^3 of what has mass; (m/s)^2 of E / density: diamond has 3.4e8
 _LONG, _THIN = 100.0, 1e4  # m; and lengths over thickness: the longest blades have 120 m and 1e2
 _HEAVY = 1e6  # kg; of a beam
 _TRIANGLE = 0.01  # a principal moment over the sum of the others; a plate has 1 exactly, and tables round
@@ -50,6 +51,8 @@ def _beam(where: str, beam: Beam) -> Iterator[str]:
     E, density = material.youngs_modulus, material.density
     if beam.damping_ratio > 1.0:
         yield f"{where}.damping_ratio = {beam.damping_ratio:g}: 2 % is 0.02; is it in per cent?"
+    if _IN_GRAMS[0] < density < min(_IN_GRAMS[1], E / _FASTEST) and not isinstance(beam.section, GeneralSection):
+        yield f"{where}.material.density = {density:g} kg/m^3: no solid so stiff is so light; is it in g/cm^3?"
     if density < _LIGHT:
         return
     if E < _SOFTEST or (density > _DENSE and E < _DENSE_SOFTEST):
