@@ -90,7 +90,6 @@ def read(path: Path, outputs: tuple[str, ...], verify: bool) -> dict[str, Any]:
         held = zipped(path)
         held["about"] = json.loads(str(held["about"]))
         values = {k.partition("/")[2]: held.pop(k) for k in list(held) if k.startswith("parameters/")}
-        held["status"][held["reason"] != b""] = FAILED  # an older flexarm gave other numbers
         if "events" in held:
             held["events"] = batch_events.unpacked(held, held["status"] != NOT_DONE)
         return {**held, "parameters": values}

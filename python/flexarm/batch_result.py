@@ -15,10 +15,10 @@ from . import batch_events
 from ._check import Array
 from .arm import Arm
 from .batch_file import about, failures_in, in_bytes, read
-from .batch_run import ENDED
+from .batch_run import ENDED, FAILED
 from .files import Refused, readable, write_whole
 from .result import Result
-from .rollout import Failure
+from .rollout import NOT_DONE, Failure
 from .variation import Setup, Variation
 
 OUTPUTS = ("q", "v", "a", "tau")
@@ -124,6 +124,8 @@ class BatchResult:
             variation = Variation(Setup(Arm.from_dict(held["about"]["arm"])), ours)
             variation.values.update(values)
             _check_shapes(held, variation.setup.arm)
+            known = held["status"] != NOT_DONE
+            held["status"][known & (held["reason"] != b"")] = FAILED  # an older flexarm gave other numbers
             beyond = int(np.isfinite(held.get("out_of_range", np.empty((0, 4)))[:, 0]).sum())
             arrays: dict[str, Any] = {k: held.get(k) for k in OUTPUTS}
             return BatchResult(
