@@ -9,7 +9,9 @@ import flexarm as fa
 import numpy as np
 import pytest
 from economize_scenes import ALUMINIUM, STEEL, STRIP, hub, times
+from flexarm.economy import Economy, Findings
 from flexarm.indicate import excited
+from flexarm.measure import Quantity
 from flexarm.rung import Rungs
 from flexarm.trial import times_to_compare
 
@@ -165,6 +167,43 @@ def test_a_strut_above_its_buckling_load_is_not_certified_to_stay_straight() -> 
     with pytest.warns(fa.RangeWarning):
         touched = scenes.run(side, integrator="gauss", step=0.01)
     assert np.ptp(touched.frame()[0][:, 1]) > 20 * np.ptp(plan.scene.run().frame()[0][:, 2])
+
+
+def resonant() -> fa.Scene:
+    """Two strips in an L, the second frequency twice the first, struck in their plane."""
+    strips = [fa.Beam(0.3, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 2}),
+              fa.Beam(0.25, fa.Rectangle(0.001, 0.02), STEEL, {"bending_y": 2})]  # fmt: skip
+    ends = fa.RigidBody(0.1), fa.RigidBody(0.0023314067263558325)
+    links = [fa.Link(j, None, b, e) for j, b, e in zip((fa.Fixed(), fa.Revolute("z")), strips, ends, strict=True)]
+    arm = fa.Arm(links)
+    q0 = scenes.at(arm, {1: np.pi / 2})
+    w = arm.modes(q0, lock=[1]).frequencies
+    assert abs(w[1] / w[0] - 2) < 1e-6
+    t = np.append(np.arange(4) * np.pi / w[1], 2.0)
+    push = fa.Load(-1, force=np.outer([0, 6, -6, 0, 0], [1.0, 0, 0]), t=t)
+    return fa.Scene(arm, {1: fa.Motion([0, 1], [np.pi / 2] * 2, ends="rest")}, (push,), times(1.0), q0)
+
+
+def test_what_rings_in_the_plane_is_not_taken_for_an_instability_out_of_it() -> None:
+    """Few rows of ringing make a stiffness that jumps: growth of 400, where a kick out of the plane hardly grows."""
+    scene = resonant()
+    walk = Economy(scene, Quantity(scene, "tip"), 0.05, np.inf, lambda doing: None)
+    walk.find_symmetry()
+    base = walk.trials.run(walk.own(), {"integrator": "gauss", "step": 0.005})
+    found = Findings(base, base, base)
+    walk.find_unstable(found)
+    assert not found.reasons
+    strains = {"bending_y": 2, "bending_z": 1, "torsion": 1}
+    arm = fa.Arm([fa.Link(x.joint, x.hub, replace(x.beam, modes=strains, order="exact"), x.tip)
+                  for x in scene.arm.links])  # fmt: skip
+    side = [i for i, name in enumerate(arm.coordinates) if "bending_z" in name or "torsion" in name]
+    v0 = np.zeros(arm.nv)
+    v0[side] = 1e-4
+    kicked = replace(scene, arm=arm, q0=scenes.at(arm, {1: np.pi / 2}), v0=v0)
+    r = scenes.run(kicked, integrator="gauss", step=5e-3)
+    M = arm.mass_matrix(r.q)[:, side][:, :, side]
+    speed = np.sqrt(np.einsum("ti,tij,tj->t", r.v[:, side], M, r.v[:, side]))
+    assert speed[0] > 0 and speed.max() < 10 * speed[0]
 
 
 def test_a_callable_that_leaves_the_plane_between_output_times_is_seen() -> None:

@@ -24,6 +24,7 @@ _SMALL = 1 / 30  # of the tolerance: what is estimated to do less is left out of
 _AGREE = 1 / 3  # of the tolerance: how close reference and check must be
 _BEYOND = 1.5  # times the gap: what may be left beyond the check, where convergence is slow
 _ROUNDS = 3  # references, at most
+_CLOSE = 1601  # rows of a run in which growth is looked for, where fewer show some
 _GROWTH = 100.0  # of what symmetry leaves out, within the run: more, and the run hangs on that nothing touches it
 
 
@@ -270,6 +271,8 @@ class Economy:
             grown = growth(scene, found.reference.result, moves)
             if grown > _GROWTH:
                 grown = growth(scene, found.reference.result, moves, 241)
+            if grown > _GROWTH:  # rows too few for what rings drive up what does not grow
+                grown = growth(scene, self.trials.closely(found.reference, _CLOSE), moves, _CLOSE)
         except ValueError as e:
             found.notes.append(f"whether what symmetry leaves out is stable could not be told: {e}")
             return

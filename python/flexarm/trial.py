@@ -211,6 +211,20 @@ class Trials:
         trial.time = min(trial.time, took(result, used))
         self.seconds += result.stats["wall_time"]
 
+    def closely(self, trial: Trial, rows: int) -> Result:
+        """The same run at so many times; at its own where that fails."""
+        assert trial.result is not None
+        s = self.scene(trial.model, trial.options)
+        times = np.linspace(self.t[0], self.t[-1], rows)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                return simulate(
+                    s.arm, times, s.q0, s.v0, drive=s.drive, loads=s.loads, control=s.control, **trial.options
+                )  # fmt: skip
+        except SimulationError:
+            return trial.result
+
     def distance(self, a: Trial, b: Trial) -> float:
         """Over the span; inf where one failed."""
         if a.values is None or b.values is None:
