@@ -97,6 +97,8 @@ def modes(
     free = ~locked_rates(arm, lock)
     if not free.any():
         raise ValueError("lock: no coordinate is left to move")
+    if not np.isfinite(arm._core.inverse_dynamics(q0[None], v0[None], np.zeros((1, arm.nv)), *loads)).all():
+        raise ValueError("speed, q: are too large, the forces there are not finite")
     q0 = steady_state(arm, q0, v0, loads)
 
     # M dv + G v + K q = 0 for small motions; scaled so that M has a unit diagonal

@@ -9,6 +9,9 @@ from arms import paper_link
 from flexarm.validity import LIMITS
 from stability import beams
 
+#: loads that bend beams beyond the range of their order are what is looked at here
+beyond_its_range = pytest.mark.filterwarnings("ignore::flexarm.RangeWarning")
+
 
 def test_order_one_diverges_above_its_critical_speed_at_the_rate_of_theory() -> None:
     """Order 1 turns omega^2 into omega^2 - Omega^2: growth at sqrt(Omega^2 - 20.948766^2), and none below."""
@@ -71,6 +74,7 @@ def test_ab_keeps_digits_under_a_heavy_tip() -> None:
 # -- the range of an order ---------------------------------------------------------------------------------------------
 
 
+@beyond_its_range
 def test_elastica() -> None:
     """PL^2/EI = 1, tip force across: w/L 0.30172077, u/L 0.05643324, slope 0.46135195 (published.md); exact meets it,
     order 2 misses it by 3 %."""
@@ -81,6 +85,7 @@ def test_elastica() -> None:
     assert angle > LIMITS[2] and 0.03 < error < 0.04
 
 
+@beyond_its_range
 @pytest.mark.parametrize("order", [0, 1, 2, 3])
 @pytest.mark.parametrize("load", beams.LOADS)
 def test_within_its_range_an_order_is_good_for_two_per_cent(order: int, load: str) -> None:
