@@ -372,7 +372,9 @@ def _text(pole: complex) -> str:
 
 
 def has_grown(v: Array) -> bool:
-    """Whether rates (nt, n) are at some time far above those of the first tenth of the rows."""
+    """Whether rates (nt, n) are in the last fifth of the rows far above those of the first tenth, and near the largest
+    of all: what settles is not growing."""
     size = np.abs(v)
     first = size[: max(2, len(v) // 10)].max(axis=0, initial=0.0)
-    return bool((size.max(axis=0, initial=0.0) > 3.0 * first).any())
+    last = size[-max(2, len(v) // 5) :].max(axis=0, initial=0.0)
+    return bool(((last > 3.0 * first) & (last >= 0.5 * size.max(axis=0, initial=0.0))).any())
