@@ -18,7 +18,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import IO, TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -37,8 +37,11 @@ class _Parser(argparse.ArgumentParser):
 
 def _complain(message: str) -> None:
     line = " ".join(message.split())
-    with contextlib.suppress(OSError):  # where nobody listens, the exit code still tells
-        print("flexarm: " + (line if len(line) <= 500 else f"{line[:300]} ... {line[-190:]}"), file=sys.stderr)
+    line = "flexarm: " + (line if len(line) <= 500 else f"{line[:300]} ... {line[-190:]}")
+    try:
+        print(line, file=sys.stderr, flush=True)
+    except OSError:  # nobody listens; the exit code still tells
+        _drop(sys.stderr)
 
 
 def _open_streams() -> None:
@@ -51,11 +54,11 @@ def _open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _drop_stdout() -> None:
-    """What is still to be written cannot be; Python would try again at its exit."""
+def _drop(stream: IO[str]) -> None:
+    """What is still to be written cannot be; Python would try again at its exit, and end with 120."""
     with contextlib.suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, sys.stdout.fileno())
+        os.dup2(null, stream.fileno())
         os.close(null)
 
 
@@ -415,11 +418,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         _complain(str(e))
         return 2
     except BrokenPipeError:  # the reader of a pipe left
-        _drop_stdout()
+        _drop(sys.stdout)
         return 0
     except OSError as e:
         if e.errno == errno.ENOSPC and e.filename is None:
-            _drop_stdout()
+            _drop(sys.stdout)
         _complain(f"{e.filename or 'file'}: {e.strerror or e}")
         return 2
     except KeyboardInterrupt:
