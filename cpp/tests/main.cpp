@@ -3,5 +3,5 @@
 
 /// Under the address sanitizer: tables that are kept for the life of the process (shape_tables.hpp) lie behind aligned
 /// pointers, which its search for leaks does not follow.
-extern "C" const char* __lsan_default_suppressions();
-extern "C" const char* __lsan_default_suppressions() { return "leak:shape_tables.hpp\n"; }
+extern "C" __attribute__((visibility("default"))) const char* __lsan_default_suppressions();
+const char* __lsan_default_suppressions() { return "leak:shape_tables.hpp\n"; }
