@@ -29,12 +29,11 @@ struct Loads {
 
 /// Accelerations of a batch. Columns of `a` that are prescribed are inputs.
 Rows forward(const Arm& arm, const Rows& q, const Rows& v, const Rows& tau, const std::string& method,
-             const std::vector<bool>& prescribed, Rows a, const Loads& loads) {
+             const std::vector<bool>& prescribed, Rows a, const Loads& loads, Lookout& look) {
   const bool ab = method == "ab";
   if (!ab && method != "ci") bad_value("method", "\"" + method + "\"", "must be \"ab\" or \"ci\"");
   Workspace ws(arm, prescribed, loads.places);
   loads.set(ws);
-  Lookout look;
   for (Eigen::Index k = 0; k < q.rows(); ++k) {
     look();
     ws.a = a.row(k);
@@ -80,8 +79,9 @@ void bind_dynamics(py::class_<Arm>& arm) {
       "forward_dynamics",
       [](const Arm& self, const Rows& q, const Rows& v, const Rows& tau, const std::string& method,
          const std::vector<bool>& prescribed, const Rows& a, const std::vector<Load>& loads, const Rows& wrenches) {
+        Lookout look;  // while the thread has the lock
         const Unlocked free;
-        return forward(self, q, v, tau, method, prescribed, a, {loads, wrenches});
+        return forward(self, q, v, tau, method, prescribed, a, {loads, wrenches}, look);
       },
       py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("method"), py::arg("prescribed"), py::arg("a"),
       py::arg("loads") = std::vector<Load>{}, py::arg("wrenches") = Rows(0, 6));
