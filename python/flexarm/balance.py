@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -109,12 +110,10 @@ class _Balance:
             K = self.share * K + (1.0 - self.share) * stiffness(self.unloaded, self.zero, ())
         return K
 
-    @property
+    @cached_property
     def unloaded(self) -> Arm:
         """The same arm without gravity."""
-        if not hasattr(self, "_unloaded"):
-            self._unloaded = type(self.arm)(self.arm.links)
-        return self._unloaded
+        return self.arm._made(self.arm.links)
 
     def has_potential(self, K: Array) -> bool:
         """Whether K is symmetric. Follower forces and moments in space have no potential; nothing is downhill there."""
@@ -348,7 +347,6 @@ def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
 def equilibrium(arm: Arm, q: ArrayLike | None, tau: ArrayLike | None, lock: Iterable[Any] | None, loads: Any) -> Array:
     """See Arm.equilibrium."""
     q0 = arm.zero if q is None else array("q", q, (arm.nq,))
-    arm.check_balls("q", q0)
     forces = np.zeros(arm.nv) if tau is None else array("tau", tau, (arm.nv,))
     free = ~locked_rates(arm, lock)
     forces = np.where(free, forces, 0.0)

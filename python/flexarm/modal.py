@@ -90,7 +90,6 @@ def modes(
     loads: Any = (),
 ) -> Modes:
     q0 = arm.zero if q is None else array("q", q, (arm.nq,))
-    arm.check_balls("q", q0)
     v0 = np.zeros(arm.nv)
     for i, value in arm.by_rate("speed", speed).items():
         v0[i] = array("speed", value, ())
