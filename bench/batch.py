@@ -20,8 +20,8 @@ from typing import Any
 import flexarm as fa
 import matplotlib
 import numpy as np
-from flexarm.rollout import default_workers
-from flexarm.variation import Setup, Variation
+from flexarm.batch.rollout import default_workers
+from flexarm.batch.variation import Setup, Variation
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

@@ -20,9 +20,9 @@ from pathlib import Path
 
 import flexarm as fa
 import numpy as np
-from flexarm.chart_text import seconds
-from flexarm.rung import Rung, Rungs
-from flexarm.trial import took
+from flexarm.choose.chart_text import seconds
+from flexarm.choose.rung import Rung, Rungs
+from flexarm.choose.trial import took
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator
 

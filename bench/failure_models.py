@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from failure_common import ORDER, Entry, Rows, entry, legend, panels
-from flexarm.plots import BLUE, GREEN, INK, RED
-from flexarm.validity import LIMITS
+from flexarm.analysis.validity import LIMITS
+from flexarm.draw.style import BLUE, GREEN, INK, RED
 from stability import beams, chain
 
 

@@ -22,8 +22,8 @@ from pathlib import Path
 
 import flexarm as fa
 import numpy as np
-from flexarm import demo_control as dc
-from flexarm.plots import BLUE, GREEN, INK, ORANGE, PURPLE, RED
+from flexarm.draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED
+from flexarm.paper import control as dc
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 

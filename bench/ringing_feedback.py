@@ -18,8 +18,8 @@ from pathlib import Path
 import control
 import flexarm as fa
 import numpy as np
-from flexarm.demo_control import DRIVE_GAIN, KP, KV
-from flexarm.plots import BLUE, GREEN, INK, ORANGE, RED
+from flexarm.draw.style import BLUE, GREEN, INK, ORANGE, RED
+from flexarm.paper.control import DRIVE_GAIN, KP, KV
 from matplotlib.figure import Figure
 
 KS = -0.05

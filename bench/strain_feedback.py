@@ -20,8 +20,8 @@ from pathlib import Path
 
 import flexarm as fa
 import numpy as np
-from flexarm.demo_control import DRIVE_GAIN, KP, KS, KV, STEP, marks, respond
-from flexarm.plots import BLUE, GREEN, INK, ORANGE, PURPLE, RED
+from flexarm.draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED
+from flexarm.paper.control import DRIVE_GAIN, KP, KS, KV, STEP, marks, respond
 from matplotlib.figure import Figure
 from scipy.linalg import expm
 from scipy.optimize import brentq

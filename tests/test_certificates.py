@@ -9,11 +9,11 @@ import flexarm as fa
 import numpy as np
 import pytest
 from economize_scenes import ALUMINIUM, STEEL, STRIP, hub, times
-from flexarm.economy import Economy, Findings
-from flexarm.indicate import excited
-from flexarm.measure import Quantity
-from flexarm.rung import Rungs
-from flexarm.trial import times_to_compare
+from flexarm.choose.economy import Economy, Findings
+from flexarm.choose.indicate import excited
+from flexarm.choose.measure import Quantity
+from flexarm.choose.rung import Rungs
+from flexarm.choose.trial import times_to_compare
 
 TOL = 1e-2
 

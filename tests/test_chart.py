@@ -13,8 +13,9 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, pendulum
-from flexarm import ladder
+from flexarm.choose import ladder
 from flexarm.cli import main
+from flexarm.run.simulation import INTEGRATORS
 
 SWING = """
 gravity = [0, -9.81, 0]
@@ -154,7 +155,7 @@ def test_rk4_beyond_its_limit_is_a_row_with_a_reason(chart: fa.Chart) -> None:
 
 
 def test_ab_and_ci_are_compared_once(chart: fa.Chart) -> None:
-    assert set(chart.methods) == set(fa.simulation.INTEGRATORS)
+    assert set(chart.methods) == set(INTEGRATORS)
     assert all(d < 1e-9 and ratio > 0 for d, ratio in chart.methods.values())
     assert sum(r.method == "ci" for r in chart.rows) == len(chart.methods)
     assert chart.table().count("AB or CI") == 1

@@ -10,7 +10,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm import demo
+from flexarm.paper import demo
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

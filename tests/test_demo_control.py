@@ -10,7 +10,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm import demo_control as dc
+from flexarm.paper import control as dc
 
 
 @pytest.fixture(scope="module")

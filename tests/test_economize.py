@@ -11,9 +11,9 @@ import economize_scenes as scenes
 import flexarm as fa
 import numpy as np
 import pytest
+from flexarm.choose.indicate import excited
+from flexarm.choose.rung import Rungs
 from flexarm.cli import main
-from flexarm.indicate import excited
-from flexarm.rung import Rungs
 
 TOL = 1e-3
 

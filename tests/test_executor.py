@@ -17,7 +17,7 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.shares import gather, shares
+from flexarm.batch.shares import gather, shares
 
 LENGTH = "link.0.beam.length"
 SCENE = replace(

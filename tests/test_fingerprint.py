@@ -19,7 +19,7 @@ from typing import NamedTuple
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.fingerprint import difference, marks
+from flexarm.store.fingerprint import difference, marks
 
 GAIN = 2.0
 TABLE = {"a": np.arange(3.0), "b": [1, 2]}

@@ -34,7 +34,7 @@ def test_marks_give_four_back_when_the_inertia_is_given() -> None:
 
 def test_the_scene_is_what_was_identified() -> None:
     import flexarm as fa
-    from flexarm import demo_control as dc
+    from flexarm.paper import control as dc
 
     joint = fa.load("ist_control").arm.links[0].joint
     p = np.array([joint.reflected_inertia, dc.DRIVE_GAIN, joint.damping, joint.coulomb, dc.STEP])

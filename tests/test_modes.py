@@ -246,7 +246,7 @@ def test_a_dead_load_buckles_a_clamped_beam() -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_rigid_motions_that_rounding_hides(seed: int) -> None:
     """A stiffness with two zero eigenvalues that rounding makes +-1e-16: Cholesky alone can take it for definite."""
-    from flexarm.modal import _conservative
+    from flexarm.analysis.modes import _conservative
 
     rng = np.random.default_rng(seed)
     V = np.linalg.qr(rng.normal(size=(6, 6)))[0]

@@ -11,6 +11,8 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 import pytest
+from flexarm.batch.shares import Executor, Future
+from flexarm.store import files
 from test_sweep import LENGTH, STIFF, plan, scene
 
 h5py = pytest.importorskip("h5py")
@@ -40,11 +42,11 @@ def interrupted(path, **more):
     return e.value.result
 
 
-class Serial(fa.shares.Executor):
+class Serial(Executor):
     """Does all at once, in order, so that it is known what is done when."""
 
     def submit(self, f, /, *args, **kwargs):
-        done = fa.shares.Future()
+        done = Future()
         done.set_result(f(*args, **kwargs))
         return done
 
@@ -265,9 +267,9 @@ def test_what_the_disk_says_is_said_in_words(tmp_path, monkeypatch):
         run(tmp_path / "nowhere" / "b.h5")
     with pytest.raises(ValueError, match="out = "):
         run(tmp_path)
-    usage = type(fa.files.shutil.disk_usage(tmp_path))(1000, 900, 100)
+    usage = type(files.shutil.disk_usage(tmp_path))(1000, 900, 100)
     with monkeypatch.context() as m:
-        m.setattr(fa.files.shutil, "disk_usage", lambda path: usage)
+        m.setattr(files.shutil, "disk_usage", lambda path: usage)
         with pytest.raises(ValueError, match=r"out = .*: takes .* kB, and the disk has 100 B free"):
             run(tmp_path / "b.h5")
         with pytest.raises(ValueError, match=r"output file .*: takes .* B, and the disk has"):
@@ -488,7 +490,7 @@ def test_failures_in_a_saved_batch_of_an_older_flexarm(tmp_path):
 
 
 def test_a_reason_is_cut_between_letters(tmp_path):
-    from flexarm.batch_file import in_bytes
+    from flexarm.batch.file import in_bytes
 
     assert len(in_bytes("ü" * 150)) == 200 and len(in_bytes("a" + "ü" * 150)) == 199
     assert in_bytes("a" + "ü" * 150).decode() == "a" + "ü" * 99

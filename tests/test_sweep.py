@@ -13,9 +13,9 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.cli import main
-from flexarm.plan import Sweep, Vary, sweep_from_dict, tomllib
-from flexarm.quantities import QUANTITIES, settling_time
-from flexarm.sweep import SweepInterrupted, sweep
+from flexarm.sweeps.quantities import QUANTITIES, settling_time
+from flexarm.sweeps.sweep import SweepInterrupted, sweep
+from flexarm.sweeps.vary import Sweep, Vary, sweep_from_dict, tomllib
 from scipy import stats
 
 LENGTH, STIFF = "link.0.beam.length", "link.0.beam.material.youngs_modulus"

@@ -4,16 +4,28 @@ An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic be
 """
 
 from ._core import __version__
+from .acting.control import PD, Controller, StateFeedback, StrainFeedback
+from .acting.drive import Motion, Torque
+from .acting.load import Load
+from .acting.motor import Motor
+from .acting.sampled import LinearController, Sampled
+from .acting.shaping import Shaper, input_shaper
+from .acting.voltage import Voltage
+from .analysis.doubts import ModelWarning
+from .analysis.equilibrium import StateWarning
+from .analysis.linear import Derivatives, LinearModel
+from .analysis.loops import LoopWarning
+from .analysis.modes import Modes, ModeShapes
+from .analysis.placement import PatchPlacement, placement
+from .analysis.validity import RangeWarning
 from .arm import Arm
-from .balance import StateWarning
-from .batch import batch_memory, simulate_batch
-from .batch_result import BatchResult
-from .chart import Chart, chart
-from .control import PD, Controller, StateFeedback, StrainFeedback
-from .doubts import ModelWarning
-from .drive import Motion, Torque
-from .economize import Plan, economize
-from .joints import (
+from .batch.result import BatchResult
+from .batch.rollout import BatchInterrupted, Failure, Rollout, rollout
+from .batch.simulate import batch_memory, simulate_batch
+from .choose.chart import Chart, chart
+from .choose.economize import Plan, economize
+from .parts.beam import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody, Taper
+from .parts.joints import (
     Axes,
     Cylindrical,
     Fixed,
@@ -26,31 +38,20 @@ from .joints import (
     Spherical,
     Universal,
 )
-from .linear import Derivatives, LinearModel
-from .link import Link
-from .load import Load
-from .loops import LoopWarning
-from .modal import Modes, ModeShapes
-from .model import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody, Taper
-from .motor import Motor
-from .pace import SlowWarning, StepWarning
-from .patch import Patch, Piezo, Voltage
-from .placement import PatchPlacement, placement
-from .plan import Sweep, Vary, load_sweep
-from .pulses import PulseWarning
-from .reading import PowerSpectrum, Reading, psd
-from .result import Result
-from .rollout import BatchInterrupted, Failure, Rollout, rollout
-from .sampled import LinearController, Sampled
-from .scene import Scene, load
-from .sensor import Sampler, Sensor
-from .sensors import Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, Tachometer
-from .shaping import Shaper, input_shaper
-from .simulation import SimulationError, SimulationInterrupted, simulate
-from .split import split
-from .sweep import SweepInterrupted, SweepResult, sweep
-from .validity import RangeWarning
-from .watch import Watch, WatchWarning
+from .parts.link import Link
+from .parts.patch import Patch, Piezo
+from .parts.split import split
+from .run.pace import SlowWarning, StepWarning
+from .run.pulses import PulseWarning
+from .run.result import Result
+from .run.simulation import SimulationError, SimulationInterrupted, simulate
+from .run.watch import Watch, WatchWarning
+from .scene.scene import Scene, load
+from .sensing.reading import PowerSpectrum, Reading, psd
+from .sensing.sensor import Sampler, Sensor
+from .sensing.sensors import Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, Tachometer
+from .sweeps.sweep import SweepInterrupted, SweepResult, sweep
+from .sweeps.vary import Sweep, Vary, load_sweep
 
 __all__ = [
     "PD",

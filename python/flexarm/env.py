@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._check import Array, array, choice, whole
+from .acting.control import _columns, _rows
 from .arm import Arm
-from .control import _columns, _rows
-from .rollout import rollout
+from .batch.rollout import rollout
+from .batch.variation import Setup, Variation
 from .tasks import TASKS, State, Task
-from .variation import Setup, Variation
 
 try:
     import gymnasium as gym

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ._check import Array
 from .arm import Arm
-from .joints import Revolute
-from .link import Link
-from .model import Beam, Material, Rectangle, RigidBody
+from .parts.beam import Beam, Material, Rectangle, RigidBody
+from .parts.joints import Revolute
+from .parts.link import Link
 
 
 class State(NamedTuple):

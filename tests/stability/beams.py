@@ -11,7 +11,7 @@ import flexarm as fa
 import mpmath
 import numpy as np
 from arms import paper_link
-from flexarm.validity import rotation
+from flexarm.analysis.validity import rotation
 from scipy import linalg
 
 CRITICAL = 20.948766  # rad/s: the first clamped-free frequency of the paper's link, without rotary inertia

@@ -6,7 +6,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import paper_link
-from flexarm.validity import LIMITS
+from flexarm.analysis.validity import LIMITS
 from stability import beams
 
 #: loads that bend beams beyond the range of their order are what is looked at here
@@ -144,7 +144,7 @@ def test_the_check_costs_next_to_nothing() -> None:
     """Beside a run of a second: less than 5 % of the run itself, when all is well."""
     from time import perf_counter
 
-    from flexarm.validity import out_of_range
+    from flexarm.analysis.validity import out_of_range
 
     r = fa.simulate(paper_link(), np.linspace(0, 1, 1001), drive={0: fa.Motion.spin_up(7.0, 0.5)})
     least = 1.0

@@ -1,0 +1,167 @@
+"""What programs show and write: one line of complaint, one table, one progress bar, one writer of CSV files."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from ._check import Array
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+# rich is slow to import, and most programs print no table: it is imported where it is used.
+
+
+def open_streams() -> None:
+    """Makes stdout and stderr take everything: a closed one (`>&-`) is None, and an ASCII one knows no Greek."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def drop(stream: IO[str]) -> None:
+    """Forgets what cannot be written any more; Python would try again at its exit, and end with 120."""
+    with contextlib.suppress(OSError, ValueError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, stream.fileno())
+        os.close(null)
+
+
+def complain(message: str) -> None:
+    """Says one line on stderr."""
+    line = " ".join(message.split())
+    line = "flexarm: " + (line if len(line) <= 500 else f"{line[:300]} ... {line[-190:]}")
+    try:
+        print(line, file=sys.stderr, flush=True)
+    except OSError:  # nobody listens; the exit code still tells
+        drop(sys.stderr)
+
+
+# -- tables ----------------------------------------------------------------------------------------------------------
+
+
+def empty_table(title: str, *columns: str) -> Table:
+    """An empty table, numbers to the right."""
+    from rich import box
+    from rich.table import Table
+
+    made = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
+    for k, name in enumerate(columns):
+        made.add_column(name, justify="left" if k == 0 or name == "unit" else "right")
+    return made
+
+
+def print_table(shown: Table) -> None:
+    """The table on stdout, cut nowhere."""
+    from rich.console import Console
+
+    console = Console(markup=False, emoji=False)  # titles are the user's: [brackets] and :colons: are text
+    if not console.is_terminal:  # a pipe has no width: do not cut anything
+        console.width = 160
+    with console.capture() as text:
+        console.print(shown)
+    print(text.get(), end="")
+
+
+def write_table(file: IO[str], shown: Table, width: int = 160) -> None:
+    """The table as plain text in a file."""
+    from rich.console import Console
+
+    Console(file=file, width=width, color_system=None, markup=False, emoji=False).print(shown)
+
+
+def aligned(rows: Sequence[Sequence[str]], right: Iterable[int] = ()) -> list[str]:
+    """Lines of a plain table whose first row is its head; columns in `right` are flush right."""
+    widths, right = [max(len(r[i]) for r in rows) for i in range(len(rows[0]))], frozenset(right)
+    lines = []
+    for r in rows:
+        cells = [c.rjust(w) if i in right else c.ljust(w) for i, (c, w) in enumerate(zip(r, widths, strict=True))]
+        lines.append("  ".join(cells).rstrip())
+    lines.insert(1, "  ".join("-" * w for w in widths))
+    return lines
+
+
+def seconds(t: float) -> str:
+    """A wall time, to three digits."""
+    return f"{1e3 * t:.3g} ms" if t < 1 else f"{t:.3g} s"
+
+
+# -- progress --------------------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def progress_bar(show: Any, what: str, total: float | None = 1.0) -> Iterator[Callable[..., None] | None]:
+    """A bar on stderr, gone when done.
+
+    Args:
+        show: whether to show one; none is shown where stderr is no terminal. A callable takes its place.
+        what: stands before the bar. total: what is all of it; None: not known.
+
+    Yields:
+        (done, text="") -> None, which moves the bar to `done` and tells what is being done; None where nobody looks.
+    """
+    if callable(show):
+        yield show
+        return
+    if not (show and sys.stderr and sys.stderr.isatty()):  # a log wants neither a bar nor the empty line it leaves
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn(what), BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda done, text="": bar.update(task, completed=done, description=text)
+
+
+# -- files -----------------------------------------------------------------------------------------------------------
+
+
+def output_folder(path: str) -> Path:
+    """A folder that exists and can be written to; ValueError if not."""
+    made = Path(path)
+    try:
+        made.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=made):
+            pass
+    except FileExistsError:
+        raise ValueError(f"output folder {path!r}: is a file") from None
+    except OSError as e:
+        raise ValueError(f"output folder {path!r}: {e.strerror}") from None
+    return made
+
+
+def write_csv(path: Path, header: Iterable[str], columns: Iterable[Array]) -> None:
+    """Columns of numbers, all digits, under one header line."""
+    with path.open("w", newline="", encoding="utf-8") as f:
+        out = csv.writer(f, lineterminator="\n")
+        out.writerow(header)
+        out.writerows([repr(float(x)) for x in row] for row in zip(*columns, strict=True))
+
+
+def finite(x: Any) -> Any:
+    """The same structure, what is not finite replaced by None."""
+    if isinstance(x, dict):
+        return {str(k): finite(v) for k, v in x.items()}
+    if isinstance(x, (list, tuple)):
+        return [finite(v) for v in x]
+    return None if isinstance(x, float) and not math.isfinite(x) else x
+
+
+def json_text(value: Any) -> str:
+    """JSON; what is not finite becomes null."""
+    return json.dumps(finite(value), indent=1)

@@ -1,0 +1,201 @@
+"""What drives a joint: a prescribed motion or a force (torque)."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import _core
+from .._check import Array, array, choice, number
+
+
+def _times(t: ArrayLike) -> Array:
+    times = array("t", t)
+    if times.ndim != 1 or times.size < 2:
+        raise ValueError(f"t has shape {times.shape}: must be at least two times")
+    bad = np.flatnonzero(np.diff(times) <= 0)
+    if bad.size:
+        raise ValueError(f"t[{bad[0] + 1}] = {times[bad[0] + 1]}: t must increase")
+    return times
+
+
+@dataclass(frozen=True)
+class _Scaled:
+    law: Callable[[float], Any]
+    factor: float
+
+    def __call__(self, t: float) -> Any:
+        value = self.law(t)
+        return self.factor * value if np.ndim(value) == 0 else [self.factor * x for x in value]
+
+
+def _times_factor(law: Any, factor: float) -> Any:
+    if isinstance(law, _core.PiecewisePolynomial):
+        return _core.PiecewisePolynomial(law.breaks, factor * law.coefficients)
+    return _Scaled(law, factor)
+
+
+class _Law:
+    """A function of time: samples turned into a piecewise polynomial that C++ evaluates, or a Python callable."""
+
+    law: Any
+
+    constant = False  # whether the samples stand for all times
+
+    def scaled(self, factor: float) -> Any:
+        """The same law, `factor` times as large."""
+        law, made = self.law, copy.copy(self)
+        if isinstance(law, tuple):
+            made.law = tuple(_times_factor(part, factor) for part in law)
+        else:
+            made.law = _times_factor(law, factor)
+        return made
+
+    def check_span(self, where: str, t: Array) -> None:
+        """ValueError when the samples do not cover the simulated times."""
+        part = self.law[0] if isinstance(self.law, tuple) else self.law
+        if self.constant or not isinstance(part, _core.PiecewisePolynomial):
+            return
+        begin, end = part.breaks[[0, -1]].tolist()
+        slack = 1e-9 * (end - begin)
+        if t[0] < begin - slack or t[-1] > end + slack:
+            raise ValueError(f"{where}: samples cover t = {begin} to {end}, the simulation asks for {t[0]} to {t[-1]}")
+
+
+class Motion(_Law):
+    """Prescribed motion of a joint ("displacement driven", paper Sec. 5.2); its reaction becomes an output.
+
+    `Motion(t, q)` interpolates positions (rad or m) by a spline of degree 5 (fewer than six by the one polynomial
+    through them); with `ends="rest"` it starts and ends with zero velocity and acceleration. It goes through every
+    sample: smooth what is recorded with a quantised encoder first, or its second derivative is noise.
+    `Motion(t, q, v, a)` fits position, velocity and acceleration at every sample by quintic pieces. Both have
+    continuous accelerations and are evaluated in C++. `Motion(f)` takes a callable t -> (q, v, a), where v and a must
+    be the derivatives of q.
+    """
+
+    def __init__(
+        self,
+        t: ArrayLike | Callable[[float], Any],
+        q: ArrayLike | None = None,
+        v: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        ends: str = "free",
+    ) -> None:
+        if callable(t):
+            if q is not None or v is not None or a is not None:
+                raise ValueError("q: a callable t -> (q, v, a) stands alone, without samples")
+            self.law = t
+            return
+        times = _times(t)
+        if q is None:
+            raise ValueError("q = None: samples (t, q) or (t, q, v, a), or a callable, are needed")
+        if (v is None) != (a is None):
+            raise ValueError(f"{'v' if v is None else 'a'} = None: give both v and a, or neither")
+        from scipy.interpolate import BPoly, PPoly, make_interp_spline  # slow to import
+
+        position = array("q", q, times.shape)
+        choice("ends", ends, ("free", "rest"))
+        if v is not None and a is not None:
+            rows = np.stack([position, array("v", v, times.shape), array("a", a, times.shape)], axis=1)
+            pieces = PPoly.from_bernstein_basis(BPoly.from_derivatives(times, rows))
+        else:
+            rest = [(1, 0.0), (2, 0.0)]
+            free = ends == "free"
+            degree = min(5, times.size - 1) if free else 5
+            spline = make_interp_spline(times, position, k=degree, bc_type=None if free else (rest, rest))
+            pieces = PPoly.from_spline(spline)
+        keep = np.flatnonzero(np.diff(pieces.x) > 0)  # splines repeat their end knots
+        self.law = _core.PiecewisePolynomial(np.append(pieces.x[keep], pieces.x[-1]), pieces.c[:, keep])
+
+    def check_rates(self, where: str, t: Array) -> None:
+        """ValueError when a callable's v and a are plainly not the derivatives of its q."""
+        if isinstance(self.law, _core.PiecewisePolynomial):
+            return
+        span = float(t[-1] - t[0])
+        times = t[0] + span * (0.03 + 0.94 * np.linspace(0, 1, 11))
+        h = 1e-5 * span
+        before, at, after = (np.array([array(f"{where} at t = {x}", self.law(x), (3,)) for x in times + d])
+                             for d in (-h, 0.0, h))  # fmt: skip
+        rate = (after - before)[:, :2] / (2 * h)
+        off = np.abs(rate - at[:, 1:]) > 1e-3 * (np.abs(rate) + np.abs(at[:, 1:])) + 1e-6 * np.abs(at).max(
+            initial=1e-12
+        )
+        for name, of, wrong in (("v", "q", off[:, 0]), ("a", "v", off[:, 1])):
+            if wrong.sum() > 5:  # at most of the times tried: a kink or two may be meant
+                k = int(np.flatnonzero(wrong)[0])
+                raise ValueError(
+                    f"{where}: its {name} must be the derivative of its {of}; at t = {times[k]:.6g} {name} is "
+                    f"{at[k, 1 + (name == 'a')]:.6g}, the derivative {rate[k, int(name == 'a')]:.6g}"
+                )
+
+    def __call__(self, t: float) -> Any:
+        """Position, rate and acceleration (q, v, a) at time t (s)."""
+        return self.law(t)
+
+    @staticmethod
+    def spin_up(speed: float, time: float) -> Motion:
+        """Smooth spin-up from rest at t = 0 to `speed` (rad/s, m/s) at `time` (s), then on at it (Kane et al. 1987)."""
+        speed, time = number("speed", speed), number("time", time)
+        if not (np.isfinite(speed) and 0 < time < np.inf):
+            raise ValueError(f"speed = {speed}, time = {time}: must be finite, and time positive")
+
+        return Motion(_SpinUp(speed, time))
+
+    def __repr__(self) -> str:
+        return f"Motion({self.law!r})"
+
+
+@dataclass(frozen=True)
+class _SpinUp:
+    speed: float
+    time: float
+
+    def __call__(self, t: float) -> tuple[float, float, float]:
+        speed, time = self.speed, self.time
+        if t >= time:
+            return speed * (t - time / 2), speed, 0.0
+        s = t / time
+        u = 2 * math.pi * s
+        if abs(u) < 0.5:  # where the differences below would cancel: their series
+            x = u * u
+            half = x * sum((-x) ** k / math.factorial(2 * k + 4) for k in range(7))
+            one = x * sum((-x) ** k / math.factorial(2 * k + 3) for k in range(7))
+        else:
+            half, one = 0.5 + (math.cos(u) - 1) / u**2, 1 - math.sin(u) / u
+        return speed * s * t * half, speed * s * one, speed / time * 2 * math.sin(u / 2) ** 2
+
+
+class Scalar(_Law):
+    """One number that changes with time: samples, linear in between, a callable, or a constant."""
+
+    def _read(self, name: str, t: Any, values: ArrayLike | None) -> None:
+        if callable(t):
+            self.law = t
+        elif values is None:
+            self.constant = True
+            self.law = _core.PiecewisePolynomial([0.0, 1.0], [[array(name, t, ()).item()]])
+        else:
+            times = _times(t)
+            at = array(name, values, times.shape)
+            self.law = _core.PiecewisePolynomial(times, [np.diff(at) / np.diff(times), at[:-1]])
+
+    def __call__(self, t: float) -> float:
+        """Its value (N, N m, V) at time t (s)."""
+        value = self.law(t)
+        return float(value[0] if isinstance(value, tuple) else value)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.law!r})"
+
+
+class Torque(Scalar):
+    """Force (N) or torque (N m) of a joint: samples (t, tau), linear in between; a callable t -> tau; or a number."""
+
+    def __init__(self, t: ArrayLike | Callable[[float], float], tau: ArrayLike | None = None) -> None:
+        self._read("tau", t, tau)

@@ -1,0 +1,72 @@
+"""A plain table that describes an arm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..parts.beam import Beam, Circle, Rectangle, Taper
+from ..parts.chain import Chain
+from ..parts.joints import Fixed
+from .modes import modes
+
+_HEADS = ("link", "joint", "beam (m)", "modes", "order", "hub (kg)", "beam (kg)", "tip (kg)", "clamped (rad/s)")
+
+
+def _size(beam: Beam) -> str:
+    section = beam.section
+    if isinstance(section, Rectangle):
+        return f"{beam.length:.4g}, {section.y:.4g} x {section.z:.4g}"
+    if isinstance(section, Circle):
+        tube = f" bore {2 * section.inner_radius:.4g}" if section.inner_radius else ""
+        return f"{beam.length:.4g}, round {2 * section.radius:.4g}{tube}"
+    if isinstance(section, Taper):
+        return f"{beam.length:.4g}, taper of {len(section.x)}"
+    return f"{beam.length:.4g}, area {section.area:.4g} m^2"
+
+
+def lowest_frequencies(arm: Chain, n: int) -> str:
+    """The lowest n frequencies (rad/s) at zero, all joints locked, without gravity; why there are none otherwise."""
+    if not any(link.beam is not None and link.beam.ne for link in arm.links):
+        return "none, the arm is rigid"
+    try:
+        locked = [k for k, link in enumerate(arm.links) if link.joint.nv]
+        found = modes(arm._made(arm.links), None, None, locked, ())
+    except ValueError as e:
+        return f"none: {e}"
+    return " ".join(f"{f:.4g}" for f in found.frequencies[:n])
+
+
+def _row(k: int, arm: Chain) -> list[str]:
+    link = arm.links[k]
+    axis = getattr(link.joint, "axis", "")
+    joint = f"{link.joint.type} {axis if isinstance(axis, str) else '(' + ', '.join(f'{a:.3g}' for a in axis) + ')'}"
+    masses = [f"{body.mass:.4g}" if body is not None else "-" for body in (link.hub, link.beam, link.tip)]
+    if link.beam is None:
+        return [str(k), joint.strip(), "-", "-", "-", *masses, "-"]
+    counts = ", ".join(f"{s} {n}" for s, n in link.beam.counts.items()) or "rigid"
+    # the beam alone, clamped: K x = omega^2 M x of this link without its tip
+    alone = arm._made([type(link)(Fixed(), link.hub, link.beam)])
+    clamped = lowest_frequencies(alone, 2) if link.beam.ne else "-"
+    return [str(k), joint.strip(), _size(link.beam), counts, str(link.beam.order), *masses, clamped]
+
+
+def describe(arm: Chain) -> str:
+    """See Arm.describe."""
+    rows = [_HEADS, *(_row(k, arm) for k in range(len(arm.links)))]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(_HEADS))]
+    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines.insert(1, "  ".join("-" * w for w in widths))
+    mass = sum(link.mass for link in arm.links)
+    gravity = ", ".join(f"{g:.4g}" for g in arm.gravity)
+    elastic = sum(link.beam.ne for link in arm.links if link.beam is not None)
+    reach = float(np.linalg.norm(arm.frame(arm.zero)[0])) if arm.links else 0.0
+    lines += [
+        "",
+        f"coordinates     {arm.nv}: {arm.nv - elastic} of joints, {elastic} elastic"
+        + (f"; q has {arm.nq} entries" if arm.nq != arm.nv else ""),
+        f"mass            {mass:.6g} kg",
+        f"end at zero     {reach:.4g} m from the base",
+        f"gravity         ({gravity}) m/s^2",
+        f"frequencies     {lowest_frequencies(arm, 4)} (rad/s; joints locked, no gravity)",
+    ]
+    return "\n".join(lines)

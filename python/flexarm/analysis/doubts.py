@@ -1,0 +1,141 @@
+"""Numbers of a model that can hardly be meant: wrong units, bodies that cannot be, beams without what they need."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..parts.beam import Beam, GeneralSection, Taper, _inertia_matrix
+from ..parts.chain import Chain
+
+if TYPE_CHECKING:
+    from ..parts.beam import RigidBody
+
+# Each is past anything that is built; what is said is a warning, for who means it.
+_SOFTEST, _LIGHT = 1e3, 100.0  # Pa; gels have 1e3 to 1e5. kg/m^3; what is lighter has no units: E = density = 1
+_DENSE, _DENSE_SOFTEST = 5e3, 1e6  # kg/m^3, Pa; what is as dense as metal is not softer than rubber
+_DENSEST = 3e4  # kg/m^3; osmium has 2.3e4
+_IN_GRAMS, _FASTEST = (0.5, 25.0), 1e9  # g/cm^3 of what has mass; (m/s)^2 of E / density: diamond has 3.4e8
+_LONG, _THIN = 100.0, 1e4  # m; and lengths over thickness: the longest blades have 120 m and 1e2
+_HEAVY = 1e6  # kg; of a beam
+_TRIANGLE = 0.01  # a principal moment over the sum of the others; a plate has 1 exactly, and tables round
+_SHEAR = 0.05  # of the static tip deflection; shear's share: a beam a quarter as thick as long
+_MISSING = {"bending_y": 0.01, "bending_z": 0.01, "torsion": 0.15}  # share of the end's static compliance; see coarse
+
+
+class ModelWarning(UserWarning):
+    """A number of a model that can hardly be meant, with the unit or the remedy."""
+
+
+def _body(where: str, body: RigidBody) -> Iterator[str]:
+    low, mid, high = np.linalg.eigvalsh(_inertia_matrix(body.inertia)).tolist()
+    if mid > 1e-12 * high and high > (low + mid) * (1 + _TRIANGLE):  # else only the moment about one axis is given
+        yield (
+            f"{where}.inertia: no body has the principal moments {low:.4g}, {mid:.4g}, {high:.4g} kg m^2: none is "
+            "larger than the sum of the others; are they about the centre of mass?"
+        )
+
+
+def _thickness(beam: Beam, axis: str) -> tuple[float, float]:
+    """Area (m^2) and second moment (m^4) against bending along an axis, at the clamp."""
+    section = beam.section.at(0.0) if isinstance(beam.section, Taper) else beam.section
+    return section.area, section.second_moment_z if axis == "y" else section.second_moment_y
+
+
+def _beam(where: str, beam: Beam) -> Iterator[str]:
+    material, L = beam.material, beam.length
+    E, density = material.youngs_modulus, material.density
+    if beam.damping_ratio > 1.0:
+        yield f"{where}.damping_ratio = {beam.damping_ratio:g}: 2 % is 0.02; is it in per cent?"
+    if _IN_GRAMS[0] < density < min(_IN_GRAMS[1], E / _FASTEST) and not isinstance(beam.section, GeneralSection):
+        yield f"{where}.material.density = {density:g} kg/m^3: no solid so stiff is so light; is it in g/cm^3?"
+    if density < _LIGHT:
+        return
+    if E < _SOFTEST or (density > _DENSE and E < _DENSE_SOFTEST):
+        yield f"{where}.material.youngs_modulus = {E:g} Pa: is softer than any such material; is it in GPa or MPa?"
+    if density > _DENSEST:
+        yield f"{where}.material.density = {density:g} kg/m^3: no solid is so dense; what is its unit?"
+    radius = min((i / a) ** 0.5 for a, i in (_thickness(beam, axis) for axis in "yz"))
+    if (L > _LONG and L > _THIN * radius) or beam.mass > _HEAVY:
+        yield f"{where}.length = {L:g} m, of a beam of {beam.mass:.3g} kg, {radius:.3g} m thin: are its sizes in mm?"
+    for axis in "" if isinstance(beam.section, GeneralSection) else "yz":  # its integrals may be but numbers
+        if beam.counts.get(f"bending_{axis}") and not beam.counts.get(f"shear_{axis}"):
+            area, second = _thickness(beam, axis)
+            ratio = 2 * (1 + (0.3 if material.poisson_ratio is None else material.poisson_ratio))
+            if material.shear_modulus is not None:
+                ratio = E / material.shear_modulus
+            share = 3 * ratio * second / (5 / 6 * area * L * L)
+            if share > _SHEAR:
+                yield (
+                    f"{where}: is so short for its thickness that shear adds {100 * share:.2g} % to the deflection of "
+                    f"its tip; give it modes shear_{axis}, which it lacks"
+                )
+
+
+def doubts(arm: Chain) -> list[str]:
+    """What of an arm can hardly be meant."""
+    found: list[str] = []
+    for k, link in enumerate(arm.links):
+        for name, body in (("hub", link.hub), ("tip", link.tip)):
+            if body is not None:
+                found += _body(f"link[{k}].{name}", body)
+        if link.beam is not None:
+            found += _beam(f"link[{k}].beam", link.beam)
+    return found
+
+
+def _compliances(arm: Chain, k: int, beam: Beam) -> Iterator[tuple[str, float]]:
+    """(strain, share) of the static displacement under a force (a moment, of torsion) at the beam's end that its shape
+    functions cannot follow, but for those that it has no functions of."""
+    x, w = np.polynomial.legendre.leggauss(16)
+    x, w = 0.5 * beam.length * (1 + x), 0.5 * beam.length * w
+    sections = [beam.section.at(float(s)) if isinstance(beam.section, Taper) else beam.section for s in x]
+    moments = {"bending_y": "second_moment_z", "bending_z": "second_moment_y", "torsion": "torsion_constant"}
+    K, first = np.asarray(beam._core.stiffness), 0
+    for strain, n in beam.counts.items():
+        own = slice(first, first + n)
+        first += n
+        if strain not in moments or n > 2:  # whatever the basis, three are enough
+            continue
+        of = np.array([getattr(s, moments[strain]) for s in sections])
+        E = beam.material.youngs_modulus
+        if strain == "torsion":
+            given = beam.material.shear_modulus
+            E = E / (2 + 2 * (beam.material.poisson_ratio or 0.0)) if given is None else given
+        lever = 1.0 if strain == "torsion" else beam.length - x
+        # rotation of the end, or its deflection: integral of the strain times the lever
+        turns = np.asarray(beam._core.turns(np.array([*x, beam.length]))).reshape(-1, 3, K.shape[0])
+        axis = {"torsion": 0, "bending_z": 1, "bending_y": 2}[strain]
+        rotation = turns[:, axis, own]
+        reach = rotation[-1] if strain == "torsion" else w @ rotation[:-1]
+        follows = reach @ np.linalg.solve(K[own, own], reach)
+        exact = float(w @ (lever**2 / (E * of)))
+        yield strain, 1.0 - float(follows) / exact
+
+
+def coarse(arm: Chain) -> list[str]:
+    """Beams whose shape functions are too few for what they carry.
+
+    One clamped-free mode leaves out 3 % of the deflection under a force at the end and 19 % of the twist, two 0.5 and
+    10 %; what a beam carries is such a force, statically and in its low modes, once it is heavier than the beam. Beams
+    with patches are not looked at, nor are loads.
+    """
+    found = []
+    carried = 0.0
+    for k in range(len(arm.links) - 1, -1, -1):
+        link = arm.links[k]
+        carried += link.tip.mass if link.tip is not None else 0.0
+        beam = link.beam
+        if beam is not None and beam.ne and not beam.patches and carried > beam.mass:
+            for strain, missing in _compliances(arm, k, beam):
+                if missing > _MISSING[strain]:
+                    found.append(
+                        f"link[{k}].beam.modes: {beam.counts[strain]} of {strain} leave out {100 * missing:.2g} % of "
+                        "how far the end gives way under what it carries, which is heavier than the beam; take "
+                        + ('"legendre"' if strain == "torsion" else 'two of "legendre", "loaded" with this tip')
+                        + " as basis, or more of these"
+                    )
+        carried += sum(body.mass for body in (link.hub, beam) if body is not None)
+    return found

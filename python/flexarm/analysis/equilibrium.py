@@ -1,0 +1,366 @@
+"""Static equilibrium and steady spin, by Newton's iteration with exact Jacobians."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._check import Array, array
+from ..parts.chain import Chain
+
+_AT_REST = 1e-6  # parts of the forces at work by which a state at rest may be out of balance
+_LARGEST = 0.5  # of a step's turns (rad) and moves (parts of the arm's length): none may pass an equilibrium by
+_TRIES = 200  # Newton steps from the given start
+_TRIES_IN_STEPS = 40  # and for each step of the load
+_LEAST_SHARE = 1e-3  # of the load in one of its steps
+_ASIDE = 1e-3  # turn (rad) or move (parts of the arm's length) out of a balance that is unstable
+_SADDLES = 8  # that are left so, at most
+
+
+class StateWarning(UserWarning):
+    """A state that does not last: a linear model was asked for about one from which the arm accelerates, or the balance
+    found is unstable."""
+
+
+def warn_unless_at_rest(arm: Chain, at: tuple[Array, Array, Array], left: Array, tau: Array) -> None:
+    """StateWarning where the forces `left` (nv,) that nothing balances are not small beside weight, tau and elastic
+    forces, in the norm of M's diagonal.
+
+    at: M and K of the rates, and small displacements from where the elastic coordinates are zero, (nv,)."""
+    M, K, u = at
+    scale = 1.0 / np.sqrt(np.diag(M))
+    at_work = _weight(arm) + np.linalg.norm(scale * tau) + np.linalg.norm(scale * np.diag(K) * u)
+    if np.linalg.norm(scale * left) <= _AT_REST * at_work:
+        return
+    worst = int(np.abs(scale * left).argmax())
+    warnings.warn(
+        f"linearize: the arm does not rest at this q, so that the model holds for a moment only: {left[worst]:.3g} "
+        f"(N, N m) is left on '{arm.coordinates[worst]}', whose inertia is {M[worst, worst]:.3g}; take q from "
+        "arm.equilibrium(...), balance it with tau=arm.bias(q, v) or loads, or lock the joints that something holds",
+        StateWarning,
+        stacklevel=4,
+    )
+
+
+def displaced(arm: Chain, q: Array, E: Array, step: Array) -> Array:
+    """q moved by a step of its rates (nv,): q + E step, quaternions brought back to unit length."""
+    out: Array = q + E @ step
+    for _, at in arm.quaternions():
+        out[at] /= np.linalg.norm(out[at])
+    return out
+
+
+def _sizes(arm: Chain) -> Array:
+    """Of one unit of each rate's coordinate, (nv,): the turn of a section (rad), or a shift in parts of the arm's
+    length. Strains of short beams are large numbers (1/m), and mean the same."""
+    length = sum(float(np.linalg.norm(arm.frame(arm.zero, k)[0])) for k in range(len(arm.links)))
+    length = max(length, sum(link.beam.length for link in arm.links if link.beam is not None)) or 1.0
+    sizes, first = np.ones(arm.nv), [*map(arm._core.first, range(len(arm.links))), arm.nv]
+    for n, link in enumerate(arm.links):
+        elastic = slice(first[n] + link.joint.nv, first[n + 1])
+        sizes[first[n] : elastic.start] = [1.0 / length if unit == "m" else 1.0 for unit in link.joint.units]
+        if link.beam is None or elastic.start == elastic.stop:
+            continue
+        L, shapes = link.beam.length, np.eye(arm.nq)[[arm.coordinate_of(i) for i in range(*elastic.indices(arm.nv))]]
+        strains = np.array([arm.strain(shapes, n, x) for x in np.linspace(0.0, L, 9)])  # (points, shapes, 5)
+        sizes[elastic] = np.abs(strains * [L, L, L, 1.0, 1.0]).max(axis=(0, 2))
+    return np.where(sizes > 0.0, sizes, 1.0)
+
+
+class _Balance:
+    """The forces left over on the free coordinates at rest, or at constant rates v, and their Jacobian.
+
+    `share`, from 0 to 1, is of all that acts: gravity, loads, tau, and the square of the rates. Springs and elastic
+    forces act wholly."""
+
+    def __init__(self, arm: Chain, v: Array, tau: Array, free: NDArray[np.bool_], loads: Any) -> None:
+        self.arm, self.v, self.tau, self.free, self.loads = arm, v, tau, free, loads
+        self.zero, self.at, self.share = np.zeros(arm.nv), np.ix_(free, free), 1.0
+        self.sizes = _sizes(arm)[free]
+        self.doubtful = False  # whether the last step was downhill in a potential that is not plainly convex there
+        self.rows = ~_ball_rates(arm)[free]  # where a potential means a symmetric Jacobian, in balance or not
+
+    def residual(self, q: Array) -> Array:
+        r: Array = self._left_over(self.arm, q, self.v, self.loads) - self.tau[self.free]
+        if self.share < 1.0:
+            nothing = self._left_over(self.unloaded, q, self.zero, ())
+            r = self.share * r + (1.0 - self.share) * nothing
+        return r
+
+    def _left_over(self, arm: Chain, q: Array, v: Array, loads: Any) -> Array:
+        r: Array = np.asarray(arm._core.inverse_dynamics(q[None], v[None], self.zero[None], *loads)[0])[self.free]
+        return r
+
+    def jacobian(self, q: Array, E: Array) -> Array:
+        def stiffness(arm: Chain, v: Array, loads: Any) -> Array:
+            places, wrenches = loads or ([], np.zeros((0, 6)))
+            by_q = arm._core.inverse_derivatives(q, v, self.zero, places, wrenches, by_v=False)[0]
+            K: Array = (by_q @ E)[self.at]
+            return K
+
+        K = stiffness(self.arm, self.v, self.loads)
+        if self.share < 1.0:
+            K = self.share * K + (1.0 - self.share) * stiffness(self.unloaded, self.zero, ())
+        return K
+
+    @cached_property
+    def unloaded(self) -> Chain:
+        """The same arm without gravity."""
+        return self.arm._made(self.arm.links)
+
+    def has_potential(self, K: Array) -> bool:
+        """Whether K is symmetric. Follower forces and moments in space have no potential; nothing is downhill there."""
+        off = K - K.T
+        off[~self.rows] = off[:, ~self.rows] = 0.0
+        d = np.sqrt(np.abs(np.diag(K)))
+        least = 1e-6 * float(np.abs(K).max(initial=0.0))
+        return bool((np.abs(off) <= 1e-9 * np.maximum(np.outer(d, d), least)).all())
+
+
+def _ball_rates(arm: Chain) -> NDArray[np.bool_]:
+    balls = np.zeros(arm.nv, dtype=bool)
+    for k, link in enumerate(arm.links):
+        if link.joint.ball:
+            end = arm._core.first(k) + link.joint.nv
+            balls[end - 3 : end] = True
+    return balls
+
+
+class _Solver:
+    """K x = b, scaled to a unit diagonal: by LU, or by least squares where K is singular."""
+
+    def __init__(self, M: Array, K: Array) -> None:
+        import scipy.linalg as la  # slow to import
+
+        self.la, self.K = la, K
+        self.d = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-14 * np.diag(M)))
+        self.scaled = self.d[:, None] * K * self.d
+        lu, order, _ = la.lapack.dgetrf(self.scaled)
+        pivots = np.abs(np.diag(lu))
+        self.lu = (lu, order) if pivots.min() > 1e-13 * pivots.max() else None
+
+    def __call__(self, b: Array) -> Array:
+        if self.lu is None:
+            x = self.la.lstsq(self.scaled, self.d * b)[0]
+        else:
+            x = self.la.lu_solve(self.lu, self.d * b)
+        out: Array = self.d * x
+        return out
+
+    def leaves(self, b: Array, x: Array) -> float:
+        """Share of b that no x can balance: zero unless K is singular."""
+        return float(np.linalg.norm(self.d * (self.K @ x - b)) / max(float(np.linalg.norm(self.d * b)), 1e-300))
+
+
+def _descent_step(M: Array, K: Array, r: Array, forces: float) -> tuple[Array, bool]:
+    """Newton's step with |lambda| for the eigenvalues lambda of (K, M): downhill in potential energy. Where lambda is
+    zero the arm is indifferent and stays, unless a force above the noise of `forces` (sqrt(kg) m/s^2) pushes it. And
+    whether K is positive definite."""
+    import scipy.linalg as la  # slow to import
+
+    K = 0.5 * (K + K.T)
+    d = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-14 * np.diag(M)))
+    factor, wrong = la.lapack.dpotrf(d[:, None] * K * d)
+    if wrong == 0 and np.diag(factor).min() > 1e-6:  # positive definite beyond rounding: no need of its eigenvalues
+        step: Array = -d * la.cho_solve((factor, False), d * r)
+        return step, True
+    try:
+        lam, Z = la.eigh(K, M)
+    except la.LinAlgError:  # M is not positive definite
+        return np.full_like(r, np.nan), False
+    g = Z.T @ r
+    least = 1e-14 * float(np.abs(lam).max())
+    flat = (np.abs(lam) <= max(least, 1e-300)) & (np.abs(g) <= 1e-11 * forces)
+    g[flat] = 0.0
+    step = -Z @ (g / np.maximum(np.abs(lam), max(least, 1e-300)))
+    return step, False
+
+
+def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, str]:
+    """Newton's iteration from q; see `balance`."""
+    arm, free = b.arm, b.free
+    moved = np.zeros(arm.nv)
+    r, forces, steps = b.residual(q), 0.0, 0
+    while steps < tries:
+        steps += 1
+        M: Array = np.asarray(arm._core.mass_matrix(q[None])[0])[b.at]
+        E = arm._core.rates(q, b.zero)[2]
+        K = b.jacobian(q, E)
+        if not (np.isfinite(K).all() and np.isfinite(r).all() and np.isfinite(M).all() and (np.diag(M) > 0.0).all()):
+            return q, "from the q given the steps lead to where the forces are not finite or the masses not positive"
+        scale = 1.0 / np.sqrt(np.diag(M))
+        forces = max(forces, float(np.linalg.norm(scale * r)), float(np.linalg.norm(scale * b.tau[free])), _weight(arm))
+        downhill = descend and b.has_potential(K)
+        if downhill:
+            step, convex = _descent_step(M, K, r, forces)
+            b.doubtful = not convex
+        else:
+            b.doubtful, solve = False, _Solver(M, K)
+            step = -solve(r)
+        if not np.isfinite(step).all():
+            break
+        turn = b.sizes * step
+        share = min(1.0, _LARGEST / max(float(np.abs(turn).max()), 1e-300))
+        step *= share
+        slope, size = float(step @ r), float(np.linalg.norm(scale * r))
+        last = bool(np.abs(turn).max() <= 1e-8 * (1e-3 + np.abs(b.sizes * (E.T @ q)[free]).max()))
+        if last and not downhill and np.linalg.norm(scale * r) > 1e-9 * forces and solve.leaves(-r, step) > 1e-3:
+            break  # K is singular, and nothing balances r
+        for halving in range(40):
+            part = step / 2.0**halving
+            moved[free] = part
+            q_new = displaced(arm, q, E, moved)
+            r_new = b.residual(q_new)
+            if not np.isfinite(r_new).all():
+                continue
+            if last or float(np.linalg.norm(scale * r_new)) < size:
+                break
+            if downhill and slope < 0 > step @ r_new:
+                break
+            # what is stiff makes r grow in a step that is right (Deuflhard's test: does the next step shrink?)
+            shorter = 1.0 - 0.25 * share / 2.0**halving
+            if not downhill and np.abs(b.sizes * solve(r_new)).max() <= shorter * np.abs(turn).max():
+                break
+        else:
+            break
+        q, r = q_new, r_new
+        if last:
+            return q, ""
+    worst = int(np.abs(r / np.sqrt(np.diag(M))).argmax())
+    label = np.array(arm.coordinates)[free][worst]
+    return q, f"after {steps} damped Newton steps from the q given {r[worst]:.3g} is left on '{label}'"
+
+
+def balance(b: _Balance, q: Array, descend: bool) -> tuple[Array, str]:
+    """Moves the free coordinates of q until inverse_dynamics(q, v, 0) = tau on them.
+
+    No step turns a section by more than 0.5 rad. Steps are halved until the residual, scaled by the mass matrix, is
+    less than it was; or (descending in potential energy, where there is one) the step still leads downhill at its end;
+    or (elsewhere) the next step is shorter. Newton's convergence being quadratic, the step after one of 1e-8 is the
+    last. Where this fails from q, the load is put on in steps. Returns q, and what went wrong if anything did.
+    """
+    if not b.free.any():
+        return q.copy(), ""
+    found, wrong = _newton(b, q.copy(), descend, _TRIES)
+    if not wrong:
+        return found, ""
+    share, step, at = 0.0, 0.25, q.copy()
+    while share < 1.0 and step >= _LEAST_SHARE:
+        b.share = min(1.0, share + step)
+        found, failed = _newton(b, at, descend, _TRIES_IN_STEPS)
+        if failed:
+            step *= 0.5
+            continue
+        share, at, step = b.share, found, 2.0 * step
+    return (at, "") if share >= 1.0 else (at, f"{wrong}; put on in steps, {share:.3g} of the load was balanced")
+
+
+def _way_down(b: _Balance, q: Array) -> Array | None:
+    """A q beside one in balance from where potential energy falls further; None if that is stable or indifferent, or
+    nothing has a potential."""
+    import scipy.linalg as la  # slow to import
+
+    M, E = np.asarray(b.arm._core.mass_matrix(q[None])[0])[b.at], b.arm._core.rates(q, b.zero)[2]
+    K = b.jacobian(q, E)
+    if not b.has_potential(K):
+        return None
+    d = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-14 * np.diag(M)))
+    factor, wrong = la.lapack.dpotrf(d[:, None] * (0.5 * (K + K.T)) * d)
+    if wrong == 0 and np.diag(factor).min() > 1e-6:  # as in _descent_step
+        return None
+    softest = la.eigh(0.5 * (K + K.T), M, subset_by_index=[0, 0])[1][:, 0]
+    softest *= np.sign(softest[np.abs(softest).argmax()])
+    aside = np.zeros(b.arm.nv)
+    aside[b.free] = _ASIDE * softest / np.abs(b.sizes * softest).max()
+    beside = displaced(b.arm, q, E, aside)
+    d = 1.0 / np.sqrt(np.diag(M))
+    forces = [d * b.tau[b.free], d * b.residual(b.arm.zero)]
+    noise = 1e-10 * (_weight(b.arm) + sum(float(np.linalg.norm(f)) for f in forces))
+    return beside if float(softest @ b.residual(beside)) < -noise else None
+
+
+def _weight(arm: Chain) -> float:
+    """Size of the weight in the norm of the mass matrix, sqrt(m) g."""
+    return float(np.sqrt(sum(link.mass for link in arm.links)) * np.linalg.norm(arm.gravity))
+
+
+def elastic_rates(arm: Chain) -> NDArray[np.bool_]:
+    """Which rates are elastic coordinates', (nv,)."""
+    elastic = np.ones(arm.nv, dtype=bool)
+    for k, link in enumerate(arm.links):
+        elastic[arm._core.first(k) : arm._core.first(k) + link.joint.nv] = False
+    return elastic
+
+
+def steady_state(arm: Chain, q: Array, v: Array, loads: Any = ()) -> Array:
+    """Elastic coordinates in balance at joint positions q and constant rates v."""
+    b = _Balance(arm, v, np.zeros(arm.nv), elastic_rates(arm), loads)
+    q, wrong = balance(b, q, descend=False)
+    if wrong:
+        raise ValueError(
+            f"speed: no steady state of the elastic coordinates at this speed, gravity, loads and q: {wrong}"
+        )
+    return q
+
+
+def locked_rates(arm: Chain, lock: Iterable[Any] | None) -> NDArray[np.bool_]:
+    """Which rates belong to the locked joints, (nv,)."""
+    locked = np.zeros(arm.nv, dtype=bool)
+    if lock is not None and (isinstance(lock, str) or not isinstance(lock, Iterable)):
+        raise ValueError(f"lock = {lock!r}: must be a list of link numbers, such as [0, 1]")
+    for link in () if lock is None else lock:
+        locked[arm.joint_rates(link, "lock: link")] = True
+    return locked
+
+
+def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
+    """What Newton's iteration comes to from a balance q that is unstable; StateWarning if that is no stable one, unless
+    the start was given, and in balance."""
+    E = b.arm._core.rates(q, b.zero)[2]
+    stayed = np.abs(b.sizes * (E.T @ (q - start))[b.free]).max() < 1e-8
+    beside = _way_down(b, q)
+    for _ in range(0 if stayed else _SADDLES):
+        if beside is None:
+            break
+        lower, wrong = _newton(b, beside, True, _TRIES)
+        if wrong:
+            break
+        q, beside = lower, _way_down(b, lower)
+    if beside is not None and not (stayed and given):
+        worst = int(np.abs(b.sizes * (E.T @ (beside - q))[b.free]).argmax())
+        warnings.warn(
+            f"equilibrium: is unstable: the arm leaves it along '{np.array(b.arm.coordinates)[b.free][worst]}'; start "
+            "from a q off it, on the side to which it is to go, or give this one as q if it is meant",
+            StateWarning,
+            stacklevel=4,
+        )
+    return q
+
+
+def equilibrium(
+    arm: Chain, q: ArrayLike | None, tau: ArrayLike | None, lock: Iterable[Any] | None, loads: Any
+) -> Array:
+    """See Arm.equilibrium."""
+    q0 = arm.zero if q is None else array("q", q, (arm.nq,))
+    forces = np.zeros(arm.nv) if tau is None else array("tau", tau, (arm.nv,))
+    free = ~locked_rates(arm, lock)
+    forces = np.where(free, forces, 0.0)
+    b = _Balance(arm, np.zeros(arm.nv), forces, free, loads)
+    found, wrong = balance(b, q0, descend=True)
+    if not wrong and b.doubtful:
+        found = _stable(b, q0, found, q is not None)
+    if wrong:
+        remedy = "hold a joint with lock or tau"
+        if not (free & ~elastic_rates(arm)).any():
+            remedy = "the load may be more than these beams bear"
+        if any(link.beam is not None and link.beam.order in (2, 3) for link in arm.links):
+            remedy += ', or more than their order does, where "exact" has a balance'
+        raise ValueError(
+            f"tau, gravity, loads: no equilibrium was found: {wrong} (N, N m); {remedy}"
+        )
+    return found

@@ -1,0 +1,360 @@
+"""Exact derivatives of the dynamics, and linear models between chosen inputs and outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._check import Array, array, choice, finite, number
+from ..parts.beam import STRAIN_NAMES
+from ..parts.chain import Chain
+from .equilibrium import locked_rates, warn_unless_at_rest
+
+INPUTS = ("force", "acceleration", "load", "patch")
+OUTPUTS = (
+    *("joint", "rate", "tip", "velocity", "acceleration", "accelerometer", "strain"),
+    *("charge", "patch_voltage"),
+)
+
+
+class Derivatives(NamedTuple):
+    """Jacobians of a = M^-1 (tau - h): da/dq (nv, nq), da/dv and da/dtau = M^-1 (nv, nv)."""
+
+    dq: Array
+    dv: Array
+    dtau: Array
+
+
+def tilde(w: Array) -> Array:
+    return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+
+
+def turning(arm: Chain, v: Array) -> Array:
+    """W (nv, nv) of d(theta)/dt = dv - W theta for small turns theta of balls in their links' axes, which the link
+    carries along at w: from dR = R theta~ and dR/dt = R w~ follows d(theta)/dt = dw - w x theta. Zero otherwise."""
+    W = np.zeros((arm.nv, arm.nv))
+    for k, link in enumerate(arm.links):
+        if link.joint.ball:
+            i = arm._core.first(k) + link.joint.nv - 3
+            W[i : i + 3, i : i + 3] = tilde(v[i : i + 3])
+    return W
+
+
+def _solve(M: Array, right: Array) -> Array:
+    """M^-1 right by Cholesky, M scaled to a unit diagonal."""
+    import scipy.linalg as la  # slow to import
+
+    d = 1.0 / np.sqrt(np.diag(M))
+    try:
+        out: Array = d[:, None] * la.cho_solve(la.cho_factor(d[:, None] * M * d), d[:, None] * right)
+    except la.LinAlgError:
+        raise ValueError("q: the mass matrix is singular in double precision; no acceleration follows") from None
+    return out
+
+
+def forward_derivatives(arm: Chain, q: Array, v: Array, tau: Array, loads: Any = ()) -> Derivatives:
+    """See Arm.forward_derivatives: M da = dtau - (dh/dq + d(M a)/dq) dq - dh/dv dv."""
+    given, zero = [False] * arm.nv, np.zeros((1, arm.nv))
+    a = arm._core.forward_dynamics(q[None], v[None], tau[None], "ab", given, zero, *loads)[0]
+    by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, a, *loads))
+    by_all = _solve(arm.mass_matrix(q), np.hstack([-by_q, -by_v, np.eye(arm.nv)]))
+    return Derivatives(by_all[:, : arm.nq], by_all[:, arm.nq : -arm.nv], by_all[:, -arm.nv :])
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """Small deviations from a state: dx/dt = A x + B u, y = C x + D u.
+
+    The state x stacks the deviations of the coordinates, then those of the rates v; locked joints are left out of both.
+    The deviation of a ball is a small turn in its link's axes (rad), so that both halves have one entry a rate.
+
+    Attributes:
+        A, B, C, D: (nx, nx), (nx, nu), (ny, nx), (ny, nu).
+        states, inputs, outputs: labels.
+        q, v, a, tau: the state about which, its accelerations and forces, (nq,) and (nv,). Unless v and a are zero (or
+            it is a steady spin) that state moves on, and the model holds for a short while.
+        y: the outputs there, (ny,); zero for the turn of a ball.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    q: Array
+    v: Array
+    a: Array
+    tau: Array
+    y: Array
+
+    @property
+    def eigenvalues(self) -> NDArray[np.complex128]:
+        """Of A (1/s), (nx,)."""
+        return np.asarray(np.linalg.eigvals(self.A), dtype=complex)
+
+    def to_control(self) -> Any:
+        """The same as a control.StateSpace (package python-control), with these labels.
+
+        Raises:
+            ImportError: python-control is missing.
+        """
+        try:
+            import control
+        except ImportError as e:
+            raise ImportError("to_control needs python-control: pip install flexarm[control]") from e
+        names = {
+            kind: [label.replace(".", "_") for label in getattr(self, kind)] for kind in ("states", "inputs", "outputs")
+        }  # control keeps dots for subsystems
+        return control.ss(self.A, self.B, self.C, self.D, **names)
+
+
+@dataclass
+class _Point:
+    """The state about which, and da = X [theta; v; u]."""
+
+    arm: Chain
+    q: Array
+    v: Array
+    a: Array
+    E: Array
+    X: Array
+    M: Array
+    K: Array  # dtau/d theta
+
+    def rows(self, theta: Any, v: Any, a: Array | None = None) -> Array:
+        """The rows of an output whose derivatives by coordinates, rates and accelerations are given (zero: None)."""
+        nv = self.arm.nv
+        out = np.zeros((len(v if theta is None else theta), self.X.shape[1]))
+        if theta is not None:
+            out[:, :nv] += theta
+        if v is not None:
+            out[:, nv : 2 * nv] += v
+        return out if a is None else out + a @ self.X
+
+
+class _Output(NamedTuple):
+    labels: list[str]
+    y: Array
+    rows: Array
+
+
+def _where(entry: tuple[Any, ...], i: int) -> Any:
+    return entry[i] if len(entry) > i else None
+
+
+def _need(field: str, entry: Any, most: int, usage: str, least: int = 2) -> None:
+    if not least <= len(entry) <= most:
+        raise ValueError(f"{field} = {entry!r}: must be {usage}")
+
+
+def _joint_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
+    _need(field, entry, 2, f'("{entry[0]}", link) or ("{entry[0]}", (link, freedom))')
+    rates = p.arm.joint_rates(entry[1], f"{field}: link")
+    labels = [f"{entry[0]} {p.arm.coordinates[i]}" for i in rates]
+    unit = np.eye(p.arm.nv)[rates]
+    if entry[0] == "rate":
+        return _Output(labels, p.v[rates], p.rows(None, unit))
+    at = [p.arm.coordinate_of(i) for i in rates]
+    return _Output(labels, np.array([p.q[k] if k >= 0 else 0.0 for k in at]), p.rows(unit, None))
+
+
+def _slice_name(arm: Chain, field: str, link: Any, x: Any) -> tuple[int, float | None, str]:
+    n = arm._link(link, f"{field}: link")
+    if x is None:
+        return n, None, f"link {n}"
+    at = number(f"{field}: x", x)
+    return n, at, f"link {n} at {at:g} m"
+
+
+def _tip_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
+    _need(field, entry, 3, '("tip", link) or ("tip", link, x)')
+    n, x, name = _slice_name(p.arm, field, entry[1], _where(entry, 2))
+    labels = [f"tip {name} {axis}" for axis in "xyz"]
+    return _Output(labels, p.arm.frame(p.q, n, x)[0], p.rows(p.arm.jacobian(p.q, n, x)[:3], None))
+
+
+def _motion_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
+    kind = entry[0]
+    _need(field, entry, 3, f'("{kind}", link) or ("{kind}", link, x)')
+    n, x, name = _slice_name(p.arm, field, entry[1], _where(entry, 2))
+    labels = [f"{kind} {name} {axis}" for axis in "xyz"]
+    J = p.arm.jacobian(p.q, n, x)
+    by_q, by_v = p.arm._core.motion_derivatives(p.q, p.v, p.a, n, x)  # of [velocity; acceleration], six rows each
+    if kind == "velocity":
+        return _Output(labels, p.arm.velocity(p.q, p.v, n, x)[:3], p.rows(by_q[:3] @ p.E, by_v[:3]))
+    a = p.arm.acceleration(p.q, p.v, p.a, n, x)[:3]
+    rows = p.rows(by_q[6:9] @ p.E, by_v[6:9], J[:3])
+    if kind == "acceleration":
+        return _Output(labels, a, rows)
+    # accelerometer, f = R^T (a - g): with dR = (J_R theta)~ R, df = R^T (da + (a - g) x J_R theta)
+    R, f = p.arm.frame(p.q, n, x)[1], a - np.array(p.arm.gravity)
+    rows += p.rows(tilde(f) @ J[3:], None)
+    return _Output(labels, R.T @ f, R.T @ rows)
+
+
+def _strain_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
+    _need(field, entry, 4, '("strain", link, x) or ("strain", link, x, "K3")', least=3)
+    n, x = p.arm._link(entry[1], f"{field}: link"), number(f"{field}: x", entry[2])
+    wanted = list(STRAIN_NAMES) if len(entry) == 3 else [choice(f"{field}: strain", entry[3], STRAIN_NAMES)]
+    keep = [STRAIN_NAMES.index(s) for s in wanted]
+    rows = p.arm.strain(np.eye(p.arm.nq), n, x).T[keep] @ p.E  # strains are linear in the coordinates (Eq. 28-32)
+    labels = [f"strain link {n} at {x:g} m {s}" for s in wanted]
+    return _Output(labels, p.arm.strain(p.q, n, x)[keep], p.rows(rows, None))
+
+
+def _patch_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
+    _need(field, entry, 3, f'("{entry[0]}", link, patch)', least=3)
+    n = p.arm._link(entry[1], f"{field}: link")
+    row = p.arm.patch_matrix[:, p.arm.patch_column(n, entry[2], f"{field}: ")][None]
+    if entry[0] == "patch_voltage":
+        row = -row / p.arm.capacitance(n, entry[2])
+    y = row @ (p.E.T @ p.q)  # E is the identity on elastic coordinates
+    return _Output([f"{entry[0]} link {n} patch {entry[2]}"], y, p.rows(row, None))
+
+
+_OUTPUT: dict[str, Callable[[_Point, str, tuple[Any, ...]], _Output]] = {
+    "joint": _joint_output,
+    "rate": _joint_output,
+    "tip": _tip_output,
+    "velocity": _motion_output,
+    "acceleration": _motion_output,
+    "accelerometer": _motion_output,
+    "strain": _strain_output,
+    "charge": _patch_output,
+    "patch_voltage": _patch_output,
+}
+
+
+class _Input(NamedTuple):
+    label: str
+    force: Array  #: generalised force per unit, (nv,)
+    rate: int = -1  #: the rate whose acceleration it is, or -1
+
+
+def _read_inputs(arm: Chain, q: Array, inputs: Sequence[Any] | None, locked: NDArray[np.bool_]) -> list[_Input]:
+    if inputs is None:
+        movable = [k for k, link in enumerate(arm.links) if link.joint.nv]
+        inputs = [(k, j) for k in movable for j, i in enumerate(arm.joint_rates(k)) if not locked[i]]
+    out: list[_Input] = []
+    for k, given in enumerate(_listed("inputs", inputs)):
+        field = f"inputs[{k}]"
+        named = isinstance(given, tuple) and len(given) > 0 and isinstance(given[0], str)
+        entry = given if named else ("force", given)
+        kind = choice(field, entry[0], INPUTS)
+        if kind == "load":
+            _need(field, entry, 3, '("load", link) or ("load", link, x)')
+            n, x, name = _slice_name(arm, field, entry[1], _where(entry, 2))
+            J = arm.jacobian(q, n, x)
+            out += [_Input(f"load {name} {axis}", J[i]) for i, axis in enumerate("xyz")]
+            continue
+        if kind == "patch":
+            _need(field, entry, 3, '("patch", link, patch)', least=3)
+            k = arm.patch_column(entry[1], _where(entry, 2), f"{field}: ")
+            out.append(_Input(f"patch link {entry[1]} patch {_where(entry, 2)}", arm.patch_matrix[:, k]))
+            continue
+        _need(field, entry, 2, f'a link, (link, freedom), or ("{kind}", link)')
+        for i in arm.joint_rates(entry[1], f"{field}: link"):
+            if locked[i]:
+                raise ValueError(f"{field} = {given!r}: that joint is locked")
+            label = f"{kind} {arm.coordinates[i]}"
+            unit = np.eye(arm.nv)[i]
+            out.append(_Input(label, unit) if kind == "force" else _Input(label, 0.0 * unit, i))
+    driven = [i.label for i in out]
+    for label in driven:
+        if driven.count(label) > 1:
+            raise ValueError(f"inputs: '{label}' is named twice")
+    return out
+
+
+def _listed(field: str, entries: Any) -> Sequence[Any]:
+    if not isinstance(entries, (list, tuple)):
+        raise ValueError(f"{field} = {entries!r}: must be a list")
+    return entries
+
+
+def _read_outputs(p: _Point, outputs: Sequence[Any]) -> list[_Output]:
+    out = []
+    for k, entry in enumerate(_listed("outputs", outputs)):
+        field = f"outputs[{k}]"
+        if not isinstance(entry, tuple) or not entry:
+            raise ValueError(f'{field} = {entry!r}: must be a tuple such as ("tip", 0)')
+        out.append(_OUTPUT[choice(field, entry[0], OUTPUTS)](p, field, entry))
+    return out
+
+
+def _check_balls(arm: Chain, fixed: NDArray[np.bool_], field: str) -> None:
+    for k, link in enumerate(arm.links):
+        if link.joint.ball:
+            i = arm._core.first(k) + link.joint.nv
+            if fixed[i - 3 : i].any() and not fixed[i - 3 : i].all():
+                raise ValueError(f"{field}: the three rotations of the ball of link {k} go together")
+
+
+def _about(
+    arm: Chain, q: Array, v: Array, a: Array, columns: list[_Input], free: NDArray[np.bool_], loads: Any
+) -> _Point:
+    """X from M_ff a_f + M_fg a_g + h_f = tau_f, f the free and g the given accelerations."""
+    nv = arm.nv
+    by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, a, *loads))
+    E = arm._core.rates(q, v)[2]
+    M = arm.mass_matrix(q)
+    K = by_q @ E
+    right = np.hstack([-K, -by_v, *(i.force[:, None] for i in columns)])
+    X = np.zeros((nv, 2 * nv + len(columns)))
+    for k, column in enumerate(columns):
+        if column.rate >= 0:
+            right[:, 2 * nv + k] -= M[:, column.rate]
+            X[column.rate, 2 * nv + k] = 1.0
+    X[free] = _solve(M[np.ix_(free, free)], right[free])
+    return _Point(arm, q, v, a, E, X, M, K)
+
+
+def linearize(
+    arm: Chain,
+    q: ArrayLike,
+    v: ArrayLike | None,
+    tau: ArrayLike | None,
+    inputs: Sequence[Any] | None,
+    outputs: Sequence[Any] | None,
+    lock: Iterable[Any] | None,
+    loads: Any = (),
+) -> LinearModel:
+    """See Arm.linearize."""
+    nv, zero = arm.nv, np.zeros(arm.nv)
+    q0 = array("q", q, (arm.nq,))
+    arm.check_balls("q", q0)
+    v0 = zero if v is None else array("v", v, (nv,))
+    locked = locked_rates(arm, lock)
+    _check_balls(arm, locked, "lock")
+    columns = _read_inputs(arm, q0, inputs, locked)
+    given = locked.copy()
+    given[[i.rate for i in columns if i.rate >= 0]] = True
+    _check_balls(arm, given, "inputs")
+    forces = zero if tau is None else array("tau", tau, (nv,))
+    a0 = arm._core.forward_dynamics(q0[None], v0[None], forces[None], "ab", list(given), zero[None], *loads)[0]
+
+    point = _about(arm, q0, v0, a0, columns, ~given, loads)
+    if outputs is None:
+        outputs = [("joint", k) for k, link in enumerate(arm.links) if link.joint.nv]
+    read = _read_outputs(point, outputs)
+    if not v0.any():
+        left = np.where(given, 0.0, point.M @ a0)
+        warn_unless_at_rest(arm, (point.M, point.K, point.E.T @ q0), left, forces)
+    turns = np.hstack([-turning(arm, v0), np.eye(nv), np.zeros((nv, len(columns)))])
+    Y = np.vstack([np.zeros((0, point.X.shape[1])), *(o.rows for o in read)])
+    keep = np.flatnonzero(np.tile(~locked, 2))
+    F, u = np.vstack([turns, point.X])[keep], slice(2 * nv, None)
+    reaction = arm._core.inverse_dynamics(q0[None], v0[None], a0[None], *loads)[0]
+    rates = np.array([*arm.coordinates, *(f"rate {c}" for c in arm.coordinates)])[keep]
+    return LinearModel(
+        *(F[:, keep], F[:, u], Y[:, keep], Y[:, u]),
+        *(tuple(map(str, rates)), tuple(i.label for i in columns), tuple(label for o in read for label in o.labels)),
+        *(q0, v0, a0, np.where(given, reaction, forces)),
+        y=np.concatenate([np.zeros(0), *(o.y for o in read)]),
+    )

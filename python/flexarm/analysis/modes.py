@@ -1,0 +1,203 @@
+"""Natural frequencies and modes about a steady spin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._check import Array, array, finite, whole
+from ..parts.chain import Chain
+from .equilibrium import locked_rates, steady_state
+from .linear import turning
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Small free motions about a steady state, in ascending frequency.
+
+    Attributes:
+        frequencies: |s| (rad/s), shape (n,): undamped natural frequencies of what oscillates. Zero for a rigid-body
+            motion, or a mode that is lost to divergence (then `damping` is -1). An overdamped mode stands twice, once
+            for each of its real roots (damping 1): then n is above the number of free coordinates.
+        damping: ratios -Re(s)/|s|, shape (n,); negative when unstable.
+        shapes: one column a mode, shape (nv, n); locked coordinates are zero, the largest entry is 1. Complex when
+            gyroscopic or damped.
+        participation: share of each coordinate in a mode's kinetic energy, shape (nv, n), columns adding up to 1.
+        eigenvalues: s (1/s), shape (n,); of each conjugate pair the one with Im(s) > 0, and every real one.
+        q: the steady state, shape (nq,).
+    """
+
+    frequencies: Array
+    damping: Array
+    shapes: NDArray[Any]
+    participation: Array
+    eigenvalues: NDArray[np.complex128]
+    q: Array
+
+    @property
+    def stable(self) -> bool:
+        """Whether no mode grows."""
+        return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues).max(initial=0.0)).all())
+
+
+@dataclass(frozen=True)
+class ModeShapes:
+    """Modes as displacements of points along the arm, about the steady state.
+
+    Attributes:
+        link: the link of each point, (np,).
+        x: its place along that link's beam (m), (np,); nan for the end of a link.
+        position: of the points in the steady state, world axes (m), (np, 3).
+        displacement: of the points in each mode, world axes, (np, 3, n), to the scale of `Modes.shapes` (m per unit of
+            the largest coordinate); complex where those are. The motion is the real part of displacement e^(s t).
+    """
+
+    link: NDArray[np.int_]
+    x: Array
+    position: Array
+    displacement: NDArray[Any]
+
+
+def sample(arm: Chain, found: Modes, points: int = 21) -> ModeShapes:
+    """See Arm.mode_shapes."""
+    if not isinstance(found, Modes) or found.q.shape != (arm.nq,) or len(found.shapes) != arm.nv:
+        raise ValueError("modes: must be what this arm's `modes` returned")
+    if whole("points", points) < 2:
+        raise ValueError(f"points = {points}: must be at least 2")
+    places: list[tuple[int, float | None]] = []
+    for k, link in enumerate(arm.links):
+        if link.beam is not None:
+            places += [(k, float(x)) for x in np.linspace(0.0, link.beam.length, points)]
+        places.append((k, None))
+    position = np.array([arm.frame(found.q, k, x)[0] for k, x in places])
+    moved = np.array([arm.jacobian(found.q, k, x)[:3] @ found.shapes for k, x in places])
+    return ModeShapes(
+        np.array([k for k, _ in places]), np.array([np.nan if x is None else x for _, x in places]), position, moved
+    )
+
+
+def modes(
+    arm: Chain,
+    q: ArrayLike | None = None,
+    speed: Mapping[int, float] | None = None,
+    lock: Iterable[int] | None = None,
+    loads: Any = (),
+) -> Modes:
+    q0 = arm.zero if q is None else array("q", q, (arm.nq,))
+    v0 = np.zeros(arm.nv)
+    for i, value in arm.by_rate("speed", speed).items():
+        v0[i] = array("speed", value, ())
+    free = ~locked_rates(arm, lock)
+    if not free.any():
+        raise ValueError("lock: no coordinate is left to move")
+    if not np.isfinite(arm._core.inverse_dynamics(q0[None], v0[None], np.zeros((1, arm.nv)), *loads)).all():
+        raise ValueError("speed, q: are too large, the forces there are not finite")
+    q0 = steady_state(arm, q0, v0, loads)
+
+    # M dv + G v + K q = 0 for small motions; scaled so that M has a unit diagonal
+    at = np.ix_(free, free)
+    still = np.zeros(arm.nv)
+    by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q0, v0, still, *loads))
+    _, _, E = arm._core.rates(q0, v0)  # dq = E v: small turns of a ball move its quaternion so
+    M, W = np.asarray(arm._core.mass_matrix(q0[None])[0]), turning(arm, v0)
+    # dv = d(theta)/dt + W theta: a ball's turn theta is measured in axes that turn with it
+    K, G = (by_q @ E + by_v @ W)[at], (by_v + M @ W)[at]
+    M = M[at]
+    with np.errstate(all="ignore"):
+        d = finite("modes: the root of the masses", 1.0 / np.sqrt(np.diag(M)))
+        M, G, K = (finite("modes, scaled by the masses", d[:, None] * x * d) for x in (M, G, K))
+    if np.linalg.eigvalsh(M)[0] < -1e-12:
+        raise ValueError("q: the mass matrix is not positive definite here; beams of order 0 are for small deflections")
+    size = float(np.abs(K).max()) or 1.0
+    conservative = np.abs(G).max() <= 1e-13 * np.sqrt(size) and np.abs(K - K.T).max() <= 1e-10 * size
+    s, vectors = _conservative(M, K) if conservative else _general(M, G, K)
+
+    shapes = np.zeros((arm.nv, s.size), dtype=vectors.dtype)
+    shapes[free] = d[:, None] * vectors
+    largest = np.abs(shapes).argmax(axis=0)
+    shapes = shapes / shapes[largest, np.arange(s.size)]
+    radius = np.abs(s)
+    oscillates = np.abs(s.imag) > 1e-9 * max(radius.max(), 1e-300)
+    frequencies = np.where(oscillates | ((s.real < 0) & (radius > 0)), radius, 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        damping = np.where(radius > 0, -s.real / radius, 0.0)
+    damping[np.abs(damping) < 1e-12] = 0.0
+    share = np.zeros(shapes.shape)
+    share[free] = np.abs(np.real(np.conj(vectors) * (M @ vectors)))
+    share /= share.sum(axis=0)
+    up = np.lexsort((radius, frequencies))
+    return Modes(frequencies[up], damping[up], shapes[:, up], share[:, up], s[up], q0)
+
+
+def _shift(M: Array, K: Array, rate: float) -> float:
+    """The least of a row of numbers sigma that makes K + sigma M positive definite beyond rounding; 0 if K is.
+    Without any stiffness: the square of `rate` (1/s).
+
+    (Cholesky may pass a K whose rigid-body motion is 1e-16 off zero; its pivots tell.)
+    """
+    import scipy.linalg as la  # slow to import
+
+    if not K.any():
+        return rate**2
+    sigma, most, definite = 0.0, 1e3 * float(np.abs(K).max()), -1.0
+    while sigma <= most:
+        moved = K + sigma * M
+        try:
+            pivots = np.diag(la.cholesky(moved)) ** 2 / np.diag(moved)
+            definite = sigma if definite < 0 else definite
+            if (pivots > 1e-11).all():
+                return sigma
+        except la.LinAlgError:
+            pass
+        sigma = max(10.0 * sigma, 1e-6 * float(np.abs(np.diag(K)).min()), 1e-12 * float(np.abs(K).max()), 1e-30)
+    # shapes so nearly dependent that no shift helps: the mass matrix is as ill-conditioned as the stiffness
+    return max(definite, 0.0)
+
+
+def _conservative(M: Array, K: Array) -> tuple[NDArray[np.complex128], Array]:
+    """s^2 M + K = 0. Solved as M x = mu (K + sigma M) x for the largest mu: eigh(K, M) loses digits of low modes when
+    the highest eigenvalue is 1e10 times the lowest."""
+    import scipy.linalg as la  # slow to import
+
+    K = 0.5 * (K + K.T)
+    sigma = _shift(M, K, 1.0)
+    try:
+        mu, vectors = la.eigh(M, K + sigma * M)
+    except la.LinAlgError:
+        raise ValueError(
+            "modes: the stiffness is singular in double precision; the beams' shape functions are too nearly dependent"
+        ) from None
+    square = 1.0 / mu - sigma
+    # x K x / x M x is zero as far as double precision tells
+    noise = 1e-13 * np.einsum("ik,ij,jk->k", np.abs(vectors), np.abs(K), np.abs(vectors)) / np.abs(mu)
+    square[np.abs(square) < np.maximum(noise, 1e-10 * sigma)] = 0.0
+    return np.emath.sqrt(-square).astype(complex), vectors
+
+
+def _general(M: Array, G: Array, K: Array) -> tuple[NDArray[np.complex128], NDArray[Any]]:
+    """s^2 M + s G + K = 0, as an ordinary eigenvalue problem of w = 1/(s - sigma), for the same reason."""
+    import scipy.linalg as la  # slow to import
+
+    n = len(M)
+    sigma = np.sqrt(_shift(M, 0.5 * (K + K.T), float(np.abs(G).max())))
+    at_shift = la.lu_factor(M * sigma**2 + G * sigma + K)
+    companion = np.zeros((2 * n, 2 * n))
+    companion[:n, :n] = -la.lu_solve(at_shift, 2 * sigma * M + G)
+    companion[:n, n:] = -la.lu_solve(at_shift, M)
+    companion[n:, :n] = np.eye(n)
+    w, vectors = la.eig(companion)
+    s = sigma + 1.0 / w
+    s[np.abs(s) < 1e-5 * sigma] = 0.0
+    tiny = 1e-12 * np.abs(s).max()
+    upper, real = np.flatnonzero(s.imag > tiny), np.flatnonzero((np.abs(s.imag) <= tiny) & (s != 0))
+    # A rigid-body motion has the eigenvalue zero twice, or once where it is damped. One stands for it.
+    zero = np.count_nonzero(s == 0)
+    _, singular, rows = la.svd(K)
+    rigid = int(np.clip(np.count_nonzero(singular <= 1e-10 * singular[0]), (zero + 1) // 2, zero))
+    keep = np.concatenate([real, upper])
+    s = np.where(np.abs(s.imag) <= tiny, s.real, s)
+    return np.concatenate([np.zeros(rigid), s[keep]]), np.hstack([rows[n - rigid :].T, vectors[n:, keep]])

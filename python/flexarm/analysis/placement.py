@@ -1,0 +1,207 @@
+"""Where to bond a piezo patch: its authority over each mode, along a beam (paper Eq. 61 against Eq. 62)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._check import Array, array, number, whole
+from ..draw.style import INK, PALETTE, label_axes, new_figure
+from ..parts.chain import Chain
+from ..parts.patch import Patch
+from .equilibrium import locked_rates
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_GRID = 201
+
+
+@dataclass(frozen=True, repr=False)
+class PatchPlacement:
+    """What `placement` returns.
+
+    Attributes:
+        x: centres of the places tried (m from the clamp), (n,).
+        authority: static deflection of each mode per volt there, (n, modes): the mode's share of the patch's forces
+            (Eq. 61) over its elastic force (Eq. 62), where the mode's largest displacement along the beam counts as 1:
+            m/V (rad/V for a mode that only twists the beam). The sign tells the direction.
+        merit: weighted mean of the modes' authorities, each relative to its greatest, (n,), 0 to 1.
+        best: start of the best place (m). best_authority: there, (modes,). best_merit: there.
+        frequencies: of the modes (rad/s).
+        weights: of the modes, their sum 1.
+        patch: the patch, at the best place.
+    """
+
+    x: Array
+    authority: Array
+    merit: Array
+    best: float
+    best_authority: Array
+    best_merit: float
+    frequencies: Array
+    weights: Array
+    patch: Patch
+
+    def __str__(self) -> str:
+        p = self.patch
+        lines = [
+            f"best place: from {p.start:.4g} to {p.end:.4g} m, merit {self.best_merit:.3f}",
+            "mode   rad/s      weight  there (m/V)  greatest (m/V)  from (m)",
+        ]
+        half = (p.end - p.start) / 2
+        for k, w in enumerate(self.frequencies):
+            top = int(np.abs(self.authority[:, k]).argmax())
+            lines.append(
+                f"{k + 1:4d}   {w:<9.5g}  {self.weights[k]:6.3f}  {self.best_authority[k]:11.3e}  "
+                f"{self.authority[top, k]:14.3e}  {self.x[top] - half:8.4g}"
+            )
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"PatchPlacement(best={self.best:.6g}, merit={self.best_merit:.4g}, {len(self.frequencies)} modes)"
+
+    def plot(self) -> Figure:
+        """A figure of each mode's authority, and of their weighted mean, over the place of the patch's centre."""
+        figure = new_figure(7.0, 5.0)
+        top, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        half = (self.patch.end - self.patch.start) / 2
+        for k, w in enumerate(self.frequencies):
+            relative = self.authority[:, k] / (np.abs(self.authority[:, k]).max() or 1.0)
+            colour = PALETTE[k % len(PALETTE)]
+            top.plot(self.x, relative, color=colour, label=f"mode {k + 1}, {w:.4g} rad/s")
+        top.axhline(0.0, color=INK, linewidth=0.6)
+        below.plot(self.x, self.merit, color=INK)
+        below.plot(self.best + half, self.best_merit, "o", color=INK)
+        weights = " : ".join(f"{w:.2g}" for w in self.weights)
+        for ax in (top, below):
+            ax.axvspan(self.best, self.best + 2 * half, color="#EEEEEE", zorder=0)
+        label_axes(top, "authority / its greatest")
+        label_axes(below, f"weighted mean\n({weights})", "centre of the patch from the clamp (m)")
+        below.set_ylim(0.0, 1.05)
+        top.legend(loc="best", fontsize=9)
+        return figure
+
+
+def placement(
+    arm: Chain,
+    link: int = 0,
+    *,
+    patch: Patch,
+    length: float | None = None,
+    modes: int = 3,
+    weights: Sequence[float] | None = None,
+    lock: Iterable[Any] | None = None,
+    points: int = _GRID,
+) -> PatchPlacement:
+    """Control authority of a patch on an arm's modes over its place along a beam, and the best place.
+
+    The modes are those of the arm as it is, at zero and at rest; the patch's own stiffness and mass do not change them
+    here. Give the arm the patch at `.best`, as `.patch`, to see what they do.
+
+    Args:
+        arm: the arm, whose link has a beam.
+        link: where to bond it.
+        patch: what to bond: its own start and end tell its length alone; its profile moves with it.
+        length: another length of the patch (m); not with a profile.
+        modes: how many modes, from the lowest up; those that leave this beam straight are passed over.
+        weights: of the modes, not negative, their sum above zero; None: all alike.
+        lock: links whose joints hold still; None: all. [] are the modes of an arm that is free to swing.
+        points: places tried, at equal distances, before the best is refined.
+
+    Raises:
+        ValueError: naming the field and the value, or a patch that moves none of the modes.
+    """
+    n = arm._link(link)
+    beam = arm.links[n].beam
+    if beam is None:
+        raise ValueError(f"link = {link}: has no beam")
+    if not isinstance(patch, Patch):
+        raise ValueError(f"patch = {patch!r}: must be a Patch")
+    size = patch.end - patch.start if length is None else number("length", length)
+    if not 0 < size < beam.length:
+        raise ValueError(f"length = {size}: must be positive and below the beam's, {beam.length} m")
+    if length is not None and patch.profile is not None:
+        raise ValueError(f"length = {length}: a patch with a profile keeps its length, {patch.end - patch.start} m")
+    if whole("points", points) < 3:
+        raise ValueError(f"points = {points}: must be at least 3")
+    omega, shapes = _modes(arm, n, whole("modes", modes), lock)
+    w = np.ones(len(omega)) if weights is None else array("weights", weights, (len(omega),))
+    if (w < 0).any() or not w.sum() > 0:
+        raise ValueError(f"weights = {weights!r}: must not be negative, and their sum positive")
+    w = w / w.sum()
+
+    def at(start: float) -> Patch:
+        return replace(patch, start=start, end=start + size, profile=_moved(patch, start))
+
+    def authority(start: float) -> Array:
+        force = beam._core.patch_force(at(start).on(beam.section, beam.length))[0]
+        return np.asarray(force @ shapes) / omega**2
+
+    last = beam.length - size
+    starts = np.linspace(0.0, last, points)
+    found = np.array([authority(x) for x in starts])
+    greatest = np.abs(found).max(axis=0)
+    if not greatest.max() > 0:
+        raise ValueError(f"patch: face {patch.face!r} at angle {patch.angle} moves none of the modes {modes}")
+    scale = np.where(greatest > 1e-9 * greatest.max(), greatest, np.inf)
+
+    def merit(a: Array) -> Any:
+        return (np.abs(a) / scale) @ w
+
+    from scipy.optimize import minimize_scalar  # slow to import
+
+    merits = np.asarray(merit(found))
+    k = int(merits.argmax())
+    best = float(starts[k])
+    around = (float(starts[max(k - 1, 0)]), float(starts[min(k + 1, points - 1)]))
+    refined = minimize_scalar(lambda x: -merit(authority(x)), bounds=around, method="bounded", options={"xatol": 1e-9})
+    if -refined.fun > merits[k] + 1e-12:
+        best = float(refined.x)
+    there = authority(best)
+    return PatchPlacement(starts + size / 2, found, merits, best, there, float(merit(there)), omega, w, at(best))
+
+
+def _modes(arm: Chain, n: int, count: int, lock: Iterable[Any] | None) -> tuple[Array, Array]:
+    """Undamped frequencies at zero, without gravity, of the lowest modes that bend the beam of link n, and their shapes
+    in its elastic coordinates, to such a scale that the modal force over omega^2 is the largest displacement."""
+    import scipy.linalg as la  # slow to import
+
+    if count < 1:
+        raise ValueError(f"modes = {count}: must be at least 1")
+    beam, alone = arm.links[n].beam, arm._made(arm.links)
+    assert beam is not None
+    zero, still = arm.zero, np.zeros(arm.nv)
+    free = ~locked_rates(arm, [k for k, link in enumerate(arm.links) if link.joint.nv] if lock is None else lock)
+    at = np.ix_(free, free)
+    K = alone._core.inverse_derivatives(zero, still, still)[0] @ alone._core.rates(zero, still)[2]
+    eigenvalues, found = la.eigh(0.5 * (K + K.T)[at], arm.mass_matrix(zero)[at])
+    first = arm._core.first(n) + arm.links[n].joint.nv
+    x = np.linspace(0.0, beam.length, 101)
+    J = np.array([arm.jacobian(zero, n, float(place)) for place in x])
+    omega, shapes = [], []
+    for square, modal in zip(eigenvalues, found.T, strict=True):
+        shape = still.copy()
+        shape[free] = modal  # of modal mass 1
+        own = shape[first : first + beam.ne]
+        if square <= 1e-13 * eigenvalues[-1] or own @ beam._core.stiffness @ own <= 1e-9 * square:
+            continue  # a rigid motion, or one of other links
+        u = J @ shape
+        moved, turned = np.abs(u[:, :3]), np.abs(u[:, 3:])
+        part = u[:, :3] if moved.max() > 1e-6 * turned.max() * beam.length else u[:, 3:]
+        omega.append(float(np.sqrt(square)))
+        shapes.append(own * part.flat[np.abs(part).argmax()])  # positive there
+    if len(omega) < count:
+        raise ValueError(f"modes = {count}: the arm has {len(omega)} that bend this beam; give it more shape functions")
+    return np.array(omega[:count]), np.array(shapes[:count]).T
+
+
+def _moved(patch: Patch, start: float) -> Any:
+    """The profile, for the patch moved to another start."""
+    if patch.profile is None or "legendre" in patch.profile:
+        return patch.profile
+    x = tuple(v - patch.start + start for v in patch.profile["x"])
+    return {"x": x, "share": patch.profile["share"]}

@@ -1,0 +1,150 @@
+"""Whether a run stayed within the range of its beams' orders."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._check import Array
+from ..parts.chain import Chain
+
+if TYPE_CHECKING:
+    from ..parts.beam import Beam
+
+#: Rotation of a section against the beam's base (rad) up to which each order keeps the tip within 2 % of the length of
+#: where "exact" has it: the least over static loads and, but for order 1, the first swing of spin-ups, rounded; see
+#: docs/failures.md, which bench/failures.py measures. Order 1 softens with speed besides, at any deflection.
+LIMITS = {0: 0.25, 1: 0.25, 2: 0.3, 3: 0.65}
+
+#: Parts of a beam's length, and radians, by which the sections of order "exact" may be off because its Gauss points are
+#: too few for how it is bent, before that is said.
+TRUNCATION = 1e-6
+#: Rotation (rad) up to which the points that the basis chooses are always enough for that.
+_RESOLVED = 1.0
+
+
+class RangeWarning(UserWarning):
+    """A beam bent further than its order is good for (see `LIMITS`), or, at order "exact", than its Gauss points
+    resolve (see `TRUNCATION`).
+
+    Attributes:
+        link: the link of that beam (the worst, if there are several).
+        time: of the first output row past the limit (s).
+        rotation: largest rotation of its sections against its base in the run (rad).
+        limit: that its order is good for (rad); at order "exact", that its Gauss points are always enough for.
+    """
+
+    def __init__(self, message: str, link: int, time: float, rotation: float, limit: float) -> None:
+        super().__init__(message)
+        self.link, self.time, self.rotation, self.limit = link, time, rotation, limit
+
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.link, self.time, self.rotation, self.limit)
+
+
+def _turns(beam: Beam) -> Array:
+    """Rotation vector, integral of K from 0 to X, of a unit of each elastic coordinate, at places X: (3 nx, ne)."""
+    places = max(8, 2 * max(beam.counts.values()))
+    turns: Array = beam._core.turns(np.linspace(0.0, beam.length, places + 1)[1:])
+    return turns
+
+
+def rotation(beam: Beam, qe: Array, turns: Array | None = None) -> Array:
+    """What LIMITS limits, at each row of qe (nt, ne): the largest rotation, b = a in a plane; with torsion, which moves
+    nothing by itself, (b a^n)^(1/(n+1)) of the angle b of bending and the whole angle a, as the terms that order n
+    leaves out have it."""
+    angles = (qe @ (_turns(beam) if turns is None else turns).T).reshape(len(qe), -1, 3)
+    whole, bending = np.linalg.norm(angles, axis=2), np.linalg.norm(angles[:, :, 1:], axis=2)
+    n = 1 if beam.order in (0, "exact") else int(beam.order)
+    out: Array = ((bending * whole**n) ** (1.0 / (n + 1))).max(axis=1)
+    return out
+
+
+def _bound(qe: Array, turns: Array) -> float:
+    """What no rotation of a section exceeds in any row."""
+    sizes = np.linalg.norm(turns.reshape(-1, 3, qe.shape[1]), axis=1).max(axis=0)
+    return float(np.abs(qe).max(axis=0, initial=0.0) @ sizes)
+
+
+def _unresolved(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
+    """Of the first exact beam whose Gauss points are too few for how it is bent, or None: its link, the time of the
+    first row that is off by more than TRUNCATION (s), its largest rotation (rad), and by how much sections are off at
+    most. Rows are looked at where a coordinate is largest, and only then all."""
+    for k, link in enumerate(arm.links):
+        beam = link.beam
+        if beam is None or beam.order != "exact" or not beam.ne or not len(q):
+            continue
+        first = arm._core.first_q(k) + link.joint.nq
+        qe, turns = q[:, first : first + beam.ne], _turns(beam)
+        if beam.gauss_points is None and _bound(qe, turns) <= _RESOLVED:
+            continue
+        angle = rotation(beam, qe, turns)
+        rows = np.unique([*np.abs(qe).argmax(axis=0), angle.argmax()])
+        if (beam._core.truncation(qe[rows]) <= TRUNCATION).all():
+            continue
+        wrong = beam._core.truncation(qe)
+        return k, float(t[np.argmax(~(wrong <= TRUNCATION))]), float(angle.max()), float(wrong.max())
+    return None
+
+
+#: set where who calls `simulate` tells of these warnings himself
+SILENT: ContextVar[bool] = ContextVar("SILENT", default=False)
+
+
+def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
+    """Of the beam of a trajectory t (nt,), q (nt, nq) that is furthest beyond its order's range, or None: its link, the
+    time of the first row past the limit (s), its largest rotation (rad), and how many others are beyond theirs; where
+    none is, what `_unresolved` finds. Costs next to nothing while all is well."""
+    worst, others = None, -1
+    for k, link in enumerate(arm.links):
+        beam = link.beam
+        if beam is None or beam.order == "exact" or not beam.ne:
+            continue
+        first = arm._core.first_q(k) + link.joint.nq
+        qe, limit = q[:, first : first + beam.ne], LIMITS[int(beam.order)]
+        turns = _turns(beam)
+        if _bound(qe, turns) <= limit:
+            continue
+        angle = rotation(beam, qe, turns)
+        past = np.flatnonzero(~(angle <= limit))
+        if past.size:
+            others += 1
+            found = (float(angle.max()) / limit, k, float(t[past[0]]), float(angle.max()))
+            worst = found if worst is None else max(worst, found)
+    return _unresolved(arm, t, q) if worst is None else (*worst[1:], others)
+
+
+def range_warning(arm: Chain, found: Iterable[float], name: str = "", still: bool = False) -> RangeWarning:
+    """What `worst_range` found, as a warning; `name` of what it is about, which may be one state, still."""
+    link, time, rotation, others = map(float, found)
+    since, passes = f"from t = {time:.6g} s ", f"passes that at t = {time:.6g} s and "
+    if still:
+        since = passes = ""
+    beam = arm.links[int(link)].beam
+    assert beam is not None
+    if beam.order == "exact":
+        points = beam._core.gauss_points
+        return RangeWarning(
+            f'{name}link {int(link)}: order "exact" has {points} Gauss points along this beam, too few for how it is '
+            f"bent: {since}its sections are off by more than {TRUNCATION:g} of its length, by up to "
+            f"{others:.2g}; take gauss_points = {min(2 * points, 400)}, or fewer shapes",
+            int(link), time, rotation, _RESOLVED,
+        )  # fmt: skip
+    order, limit = beam.order, LIMITS[int(beam.order)]
+    more = f", and {int(others)} more" if others else ""
+    better = '"exact"' if order == 3 else '3 or "exact"' if order == 2 else '2, 3 or "exact"'
+    return RangeWarning(
+        f"{name}link {int(link)}{more}: at order {order} a beam that turns its sections by {limit:g} rad has its tip "
+        f"wrong by 2 % of its length; this one {passes}turns them by up "
+        f"to {rotation:.3g} rad; take order = {better}",
+        int(link), time, rotation, limit,
+    )  # fmt: skip
+
+
+def out_of_range(arm: Chain, t: Array, q: Array) -> RangeWarning | None:
+    """The warning that a trajectory t (nt,), q (nt, nq) deserves, or None."""
+    found = worst_range(arm, t, q)
+    return None if found is None else range_warning(arm, found)

@@ -1,0 +1,1 @@
+"""Many runs at once: batches on the fast kernels, threads, executors, files that resume."""

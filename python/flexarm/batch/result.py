@@ -1,0 +1,150 @@
+"""What a batch gives."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._check import Array
+from ..arm import Arm
+from ..run.result import Result
+from ..store.files import Refused, readable, write_whole
+from . import events as batch_events
+from .file import about, failures_in, in_bytes, read
+from .job import ENDED, FAILED
+from .rollout import NOT_DONE, Failure
+from .variation import Setup, Variation
+
+OUTPUTS = ("q", "v", "a", "tau")
+
+
+@dataclass(repr=False)
+class BatchResult:
+    """What a batch gives: B scenarios, nt rows each.
+
+    Attributes:
+        t: times (s), (nt,). q: (B, nt, nq). v, a, tau: (B, nt, nv). Those not asked for are None; rows after a
+            failure or a terminal event are nan. Of a batch with a file they are mapped from it, not read.
+        status: (B,): 0 where the scenario was done; 1 where a terminal event ended it, as in Result; 4 where Ctrl-C
+            came first; 5 where it failed.
+        reached: (B,), time reached (s): the last of t, or that of the event, of Ctrl-C, of the failure.
+        failures: index, time and reason of each scenario that failed.
+        parameters: values (B, ...) by path. variation: what the scenarios are made of.
+        events: (B,): (t_events, q_events, v_events) of each scenario, as Result has them, or None where it was not
+            done; None without events. A file keeps as many occurrences of each event as there are rows; where there
+            are more, the scenario counts as failed.
+        stats: engine ("steps": all steps in the core; "simulate": one `simulate` for each scenario), workers, steps,
+            resumed (scenarios that the file held already), damaged (that it held damaged, and which were computed
+            again), out_of_range (that deserve a RangeWarning, of those resumed too), wall_time (s).
+    """
+
+    t: Array
+    q: Array | None
+    v: Array | None
+    a: Array | None
+    tau: Array | None
+    status: NDArray[np.int32]
+    reached: Array
+    variation: Variation
+    failures: list[Failure] = field(default_factory=list)
+    stats: dict[str, Any] = field(default_factory=dict)
+    keeps_loads: bool = True  #: a file keeps none
+    events: NDArray[Any] | None = None
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    def __repr__(self) -> str:
+        return f"BatchResult({len(self)} scenarios, {len(self.t)} rows, {len(self.failures)} failed)"
+
+    @property
+    def parameters(self) -> dict[str, Array]:
+        return self.variation.values
+
+    def arm(self, i: int) -> Arm:
+        """The arm of scenario i, with its parameters."""
+        return self.variation.scenario(range(len(self))[i]).arm
+
+    def __getitem__(self, i: int) -> Result:
+        """Scenario i, with its own arm: the rows up to where it got. What was not asked for is nan."""
+        i = range(len(self))[i]
+        setup = self.variation.scenario(i)
+        n = int((self.t <= self.reached[i] + 1e-9 * (self.t[-1] - self.t[0])).sum())
+        held = {k: getattr(self, k) for k in OUTPUTS}
+        sizes = {k: setup.arm.nq if k == "q" else setup.arm.nv for k in OUTPUTS}
+        arrays: dict[str, Any] = {
+            k: np.full((n, sizes[k]), np.nan) if x is None else np.array(x[i, :n]) for k, x in held.items()
+        }
+        result = Result(setup.arm, self.t[:n], **arrays, loads=setup.loads if self.keeps_loads else None)
+        result.status = int(self.status[i] == ENDED)
+        if self.events is not None and self.events[i] is not None:
+            result.t_events, result.q_events, result.v_events = self.events[i]
+        return result
+
+    def map(self, f: Callable[[Result], Any]) -> Array:
+        """f(result) of every scenario, such as `lambda r: r.tip_deflection()[-1]`, (B, ...)."""
+        return np.array([f(self[i]) for i in range(len(self))])
+
+    def save(self, path: str | Path) -> None:
+        """Writes times, arrays, failures, parameters and the arm to one file (.npz) that `BatchResult.load` reads."""
+        kept: dict[str, Any] = {k: getattr(self, k) for k in OUTPUTS if getattr(self, k) is not None}
+        kept |= {f"parameters/{k}": v for k, v in self.variation.values.items()}
+        reason = np.zeros(len(self), "S200")
+        for f in self.failures:
+            reason[f.index] = in_bytes(f.reason)
+        if self.events is not None:
+            kept |= batch_events.kept(self.events)
+        kept |= {"t": self.t, "status": self.status, "reached": self.reached, "reason": reason}
+        words = json.dumps({**about(self.variation), **({} if self.keeps_loads else {"loads": 1})})
+        write_whole(Path(path), lambda file: np.savez_compressed(file, about=np.array(words), **kept), "batch")
+
+    @staticmethod
+    def load(path: str | Path, verify: bool = True) -> BatchResult:
+        """Reads what `save` or simulate_batch(out="sweep.h5") wrote, whether that was finished or not. Of the
+        parameters, those of the arm make the arms; the file does not keep drives, loads and controllers.
+
+        Args:
+            path: the file.
+            verify: whether to look through all of a file "sweep.h5" for damage, by its checksums (1 GB a second or
+                so). (One of `save` always is.)
+
+        Raises:
+            ValueError: no such file, another kind of file, or a damaged one.
+        """
+        with readable("batch", Path(path), "a file of a batch"):
+            held = read(Path(path), OUTPUTS, verify)
+            values, loads = held["parameters"], held["about"]["loads"]
+            ours = {k: v for k, v in values.items() if k.split(".")[0] in ("link", "gravity", "q0", "v0")}
+            variation = Variation(Setup(Arm.from_dict(held["about"]["arm"])), ours)
+            variation.values.update(values)
+            _check_shapes(held, variation.setup.arm)
+            known = held["status"] != NOT_DONE
+            held["status"][known & (held["reason"] != b"")] = FAILED  # an older flexarm gave other numbers
+            beyond = int(np.isfinite(held.get("out_of_range", np.empty((0, 4)))[:, 0]).sum())
+            arrays: dict[str, Any] = {k: held.get(k) for k in OUTPUTS}
+            return BatchResult(
+                held["t"], **arrays, status=held["status"], reached=held["reached"], variation=variation,
+                failures=failures_in(held), keeps_loads=not loads, stats={"out_of_range": beyond} if beyond else {},
+                events=held.get("events"),
+            )  # fmt: skip
+
+
+def _check_shapes(held: dict[str, Any], arm: Arm) -> None:
+    """Refuses arrays that do not fit each other and the arm."""
+    t, count = held["t"], len(held["status"])
+    if t.dtype != np.float64 or t.ndim != 1 or not (np.diff(t) > 0).all() or not np.isfinite(t).all():
+        raise Refused("its times do not increase")
+    shapes: dict[str, tuple[int, ...]] = {k: (count, len(t), arm.nq if k == "q" else arm.nv) for k in OUTPUTS}
+    for k, shape in {**shapes, "status": (count,), "reached": (count,), "reason": (count,)}.items():
+        kind = {"status": "i", "reason": "S"}.get(k, "f")
+        if k in held and (held[k].shape != shape or held[k].dtype.kind != kind):
+            raise Refused(f"{k!r} is {held[k].dtype} {held[k].shape}, and not {shape}")
+    for path, x in held["parameters"].items():
+        if x.dtype.kind != "f" or not x.ndim or len(x) not in (1, count):
+            raise Refused(f"parameters['{path}'] is {x.dtype} {x.shape}, and not of {count} scenarios")

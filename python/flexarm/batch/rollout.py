@@ -1,0 +1,377 @@
+"""Many short or long runs of fixed steps, from arrays to arrays."""
+
+from __future__ import annotations
+
+import os
+import time
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from .._check import Array, array, check_finite, choice, known_keys, number, whole
+from .._console import progress_bar
+from ..acting.control import Controller
+from ..acting.drive import Motion
+from ..analysis import loops
+from ..arm import Arm
+from ..run.pace import beyond_explicit
+from ..run.simulation import OPTION_OF
+from .tables import STEP_BYTES, Schedule, feedback_tables, motion_table
+
+STEPPERS = ("implicit", "rk4")
+_REASONS = {
+    1: "the mass matrix is singular",
+    2: "the equations of a step could not be solved: take a smaller step; with control, see whether its loop is stable",
+    3: "the motion ran away: look for what drives it (a control loop, order 1 at high speed), or take a smaller step",
+}
+RAN_AWAY, NOT_DONE = 3, 4
+_LOOKS = 3  # scenarios that have grown, whose loops are looked at
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A scenario that could not go on: its index, the time reached (s), and why."""
+
+    index: int
+    time: float
+    reason: str
+
+
+class BatchInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a batch. `.result` is what was computed up to there: a Rollout or a BatchResult."""
+
+    def __init__(self, message: str, result: Any) -> None:
+        super().__init__(message)
+        self.result = result
+
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.result)
+
+
+@dataclass(repr=False)
+class Rollout:
+    """States of B scenarios at nout times; row 0 is the start.
+
+    Attributes:
+        t: times (s), (nout,). q: (B, nout, nq). v: (B, nout, nv). Rows after a failure are nan.
+        status: (B,): 0 where all steps were taken; 1: the mass matrix is singular, 2: the equations of a step could not
+            be solved, 3: the motion ran away (nan, or a beam bent by ten times its length), 4: interrupted before
+            the end.
+        reached: (B,), time reached (s).
+        failures: index, time and reason of each scenario that failed.
+        stats: lanes (scenarios side by side), workers, steps, evaluations, factorisations, newton_iterations,
+            wall_time (s).
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    status: NDArray[np.int32]
+    reached: Array
+    failures: list[Failure] = field(default_factory=list)
+    stats: dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def __repr__(self) -> str:
+        return f"Rollout({len(self)} scenarios, {len(self.t)} rows, {len(self.failures)} failed)"
+
+
+def default_workers(workers: int | None) -> int:
+    """The number of threads: as many as this process may use cores, if None."""
+    if workers is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if whole("workers", workers) < 1:
+        raise ValueError(f"workers = {workers}: must be at least 1")
+    return workers
+
+
+def _check_arms(arm: Any) -> Sequence[Arm]:
+    """One arm, or B of equal structure, as a list."""
+    arms = [arm] if isinstance(arm, Arm) else arm
+    if not isinstance(arms, Sequence) or not arms or not all(isinstance(a, Arm) for a in arms):
+        raise ValueError(f"arm = {arm!r}: must be an Arm, or a list of them, one for each scenario")
+    for k, other in enumerate(arms):
+        if other is not arms[0] and (other.coordinates != arms[0].coordinates or other.nq != arms[0].nq):
+            raise ValueError(f"arm[{k}]: must have the same coordinates as arm[0]: {', '.join(arms[0].coordinates)}")
+    arms[0]._warn()
+    return arms
+
+
+def scenario_count(sizes: Mapping[str, int]) -> int:
+    """B, from how many scenarios each argument is for; 1 suits all."""
+    most = max(sizes, key=lambda k: sizes[k])
+    count = sizes[most]
+    for name, n in sizes.items():
+        if n not in (1, count):
+            raise ValueError(f"{name}: is for {n} scenarios, {most} for {count}; must be 1 or {count}")
+    return count
+
+
+def rows(name: str, value: ArrayLike | None, default: Array) -> Array:
+    """(B or 1, n) from (B, n) or (n,)."""
+    a = default if value is None else array(name, value, batch_ndim=2)
+    if a.ndim not in (1, 2) or a.shape[-1] != default.shape[-1] or not len(a):
+        n = default.shape[-1]
+        raise ValueError(f"{name} has shape {a.shape}: must be ({n},) or (B, {n})")
+    return np.atleast_2d(a)
+
+
+def forces(tau: ArrayLike | None, nv: int, count: int | None, name: str = "nstep") -> Array:
+    """(B or 1, count or 1, nv) from what is held over steps; not copied where it is such an array already."""
+    if tau is None:
+        return np.zeros((1, 1, nv))
+    try:
+        a = np.ascontiguousarray(tau, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"tau = {tau!r}: must be numbers") from None
+    if a.ndim not in (2, 3) or a.shape[-1] != nv or a.size == 0:
+        raise ValueError(f"tau has shape {a.shape}: must be ({name}, {nv}) or (B, {name}, {nv}); {name} may be 1")
+    if count is not None and a.shape[-2] not in (1, count):
+        raise ValueError(f"tau has shape {a.shape}: its last axis but one must be {name} = {count}, or 1")
+    check_finite("tau", a, a.ndim == 3)
+    return a if a.ndim == 3 else a[None]
+
+
+def _physical_memory() -> float:
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return np.inf
+
+
+def check_memory(what: str, need: float, otherwise: str) -> None:
+    """Refuses what takes more bytes than there are."""
+    there = _physical_memory()
+    if need > there:
+        raise ValueError(
+            f"{what} take {need / 1e9:.3g} GB, this machine has {there / 1e9:.3g} GB; take a larger `every`, "
+            f"{otherwise}"
+        )
+
+
+def prepared(out: Mapping[str, Array] | None, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
+    """Arrays of these shapes: those of `out`, checked, or new ones."""
+    known_keys("out", out or {}, shapes)
+    made = {}
+    for name, shape in shapes.items():
+        x = (out or {}).get(name)
+        if x is None:
+            x = np.empty(shape)
+        elif not isinstance(x, np.ndarray) or x.dtype != np.float64 or x.shape != shape:
+            what = f"{x.dtype} {x.shape}" if isinstance(x, np.ndarray) else repr(x)
+            raise ValueError(f"out['{name}'] is {what}: must be an array of float64, shape {shape}")
+        elif not x.flags.c_contiguous or not x.flags.writeable:
+            raise ValueError(f"out['{name}']: must be contiguous (C order) and writeable")
+        made[name] = x
+    return made
+
+
+def check_balls(arm: Arm, q: Array, field_name: str = "q0") -> None:
+    for k, at in arm.quaternions():
+        size = np.abs(q[:, at]).max(axis=1)
+        bad = np.flatnonzero((size < 1e-100) | (size > 1e100))
+        if bad.size:
+            raise ValueError(
+                f"{field_name}[{bad[0]}]: the quaternion of link {k} must have a length, from 1e-100 to 1e100"
+            )
+
+
+def take_steps(
+    arms: Sequence[Arm], count: int, schedule: Schedule, q0: Array, v0: Array, tau: Array, motions: Sequence[Any],
+    pushes: Sequence[Any], loads: Sequence[Any], laws: Sequence[Any], integrator: str, spectral_radius: float | None,
+    rtol: float | None, blocks: Mapping[str, Array], workers: int, alive: Any = None, lanes: bool = True,
+) -> dict[str, Any]:  # fmt: skip
+    """The core's run of a batch: writes into `blocks` (q, v, a, tau of those wanted, status, reached), and gives its
+    counts. What is prescribed must be in q0 and v0."""
+    return _core.batch(
+        [a._core for a in arms], count, schedule.lengths, schedule.ends, schedule.hold, schedule.rows,
+        q0[:, None], v0[:, None], tau, motions, pushes, loads, laws, integrator,
+        1.0 if spectral_radius is None else number("spectral_radius", spectral_radius),
+        1e-10 if rtol is None else number("rtol", rtol), lanes, dict(blocks), workers, alive,
+    )  # fmt: skip
+
+
+def failures_of(arms: Sequence[Arm], blocks: Mapping[str, Any]) -> list[Failure]:
+    """Of scenarios with these arms (one, or one each), whose `blocks` the core has written."""
+    status, found = blocks["status"], []
+    for i in np.flatnonzero((status > 0) & (status != NOT_DONE)):
+        reason = _REASONS[int(status[i])]
+        if status[i] == RAN_AWAY and "q" in blocks and "v" in blocks:
+            done = int(np.isfinite(blocks["q"][i]).all(axis=1).sum())
+            arm = arms[0 if len(arms) == 1 else int(i)]
+            who = arm._core.farthest_out(blocks["q"][i, done - 1], blocks["v"][i, done - 1]) if done else ""
+            reason = reason.replace(":", f"; {who} and grows:", 1) if who else reason
+        found.append(Failure(int(i), float(blocks["reached"][i]), reason))
+    return found
+
+
+def explained(
+    failure: Failure, arm: Arm, q0: Array, prescribed: Sequence[int], times: Array, loads: Any, control: Any
+) -> Failure:
+    """With the loop of continuous control that is to blame, if one is."""
+    controls = [control] if isinstance(control, Controller) else list(control or ())
+    if not controls or failure.time <= times[0]:
+        return failure
+    time = failure.time - float(times[0])
+    loop = loops.unstable(arm, arm, q0, prescribed, times, loads, controls, [], time, True)
+    return failure if loop is None else replace(failure, reason=f"{loop} ({failure.reason.partition(':')[0]})")
+
+
+def grown_loop(
+    scenario: Callable[[int], tuple[Arm, Array, Any, Any]], prescribed: Sequence[int], times: Array, v: Array,
+    status: NDArray[np.int32],
+) -> tuple[int, loops.LoopWarning] | None:  # fmt: skip
+    """The first scenario that was done, but that a loop of continuous control has made grow.
+
+    Args:
+        scenario: arm, q0, loads and control by index. times: of the run. v: (B, rows, nv).
+    """
+    looks = 0
+    for k in np.flatnonzero(status == 0).tolist():
+        if not loops.has_grown(v[k]):
+            continue
+        arm, q0, loads, control = scenario(k)
+        controls = [control] if isinstance(control, Controller) else list(control or ())
+        if not controls:
+            continue
+        time = float(times[-1] - times[0])
+        loop = loops.unstable(arm, arm, q0, prescribed, times, loads, controls, [], time, False)
+        looks += 1
+        if loop is not None:
+            return k, loop
+        if looks == _LOOKS:
+            break
+    return None
+
+
+def check_options(integrator: str, rtol: Any, spectral_radius: Any) -> None:
+    choice("integrator", integrator, STEPPERS)
+    if integrator == "rk4" and rtol is not None:
+        raise ValueError(f'rtol = {rtol}: is for integrator="implicit", not for "rk4"')
+    if integrator != "implicit" and spectral_radius is not None:
+        raise ValueError(
+            f'spectral_radius = {spectral_radius}: is for integrator="{OPTION_OF["spectral_radius"]}", '
+            f'not for "{integrator}"'
+        )
+
+
+def rollout(
+    arm: Arm | Sequence[Arm],
+    q0: ArrayLike,
+    v0: ArrayLike | None = None,
+    tau: ArrayLike | None = None,
+    *,
+    dt: float,
+    nstep: int | None = None,
+    integrator: str = "implicit",
+    every: int = 1,
+    feedback: Controller | Sequence[Any] | None = None,
+    motion: Mapping[Any, Motion | ArrayLike] | None = None,
+    workers: int | None = None,
+    rtol: float | None = None,
+    spectral_radius: float | None = None,
+    lanes: bool = True,
+    out: Mapping[str, Array] | None = None,
+    progress: Any = False,
+) -> Rollout:
+    """Takes B scenarios through `nstep` equal steps from t = 0, in C++, over threads. What is not given B times is
+    alike for all, without being copied. What one scenario gives depends neither on the workers nor on the others.
+
+    Args:
+        arm: an arm, or B arms with the same coordinates.
+        q0, v0: initial coordinates (B, nq) or (nq,) and rates (B, nv) or (nv,); v0 is zero if None.
+        tau: generalised forces (N, N m), (B, nstep, nv) or (nstep, nv), held over each step: tau[:, k] acts from
+            t = k dt to (k + 1) dt. An axis of length 1 stands for all scenarios or steps. None: zero.
+        dt: the step (s). nstep: how many; None: as many as tau has.
+        integrator: "implicit" or "rk4"; see `simulate`. Dry friction of joints needs "implicit".
+        every: steps between two rows of the result.
+        feedback: continuous controllers (PD, StrainFeedback, StateFeedback) alike for all scenarios: one, or a list of
+            them; or a list of B such lists.
+        motion: prescribed motions by link or (link, freedom): a Motion, or values (q, v, a) at half steps,
+            (2 nstep + 1, 3) or (B, 2 nstep + 1, 3). They take the place of q0 and v0 there.
+        workers: threads; None: one for each core.
+        rtol, spectral_radius: of "implicit"; see `simulate`.
+        lanes: whether scenarios run side by side in the processor's vector lanes, as many as it has; for arms without
+            balls and with beams of order 1 and 2. It changes results by rounding (1e-12).
+        out: arrays "q" and "v" that the result is written into, float64, C-contiguous, of the result's shapes.
+        progress: shows a bar on stderr, where that is a terminal; or a callable, which is given the share of steps
+            taken about ten times a second, and may raise to give up.
+
+    Returns:
+        Rollout: 8 (nq + nv) B nout bytes, beside one workspace for each worker. No RangeWarning is looked for.
+
+    Raises:
+        ValueError: bad arguments.
+        BatchInterrupted: (a KeyboardInterrupt) Ctrl-C; its `result` holds what was done.
+
+    Warns:
+        LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
+        StepWarning: steps of "rk4" above the limit of the first arm.
+    """
+    arms = _check_arms(arm)
+    one = arms[0]
+    check_options(integrator, rtol, spectral_radius)
+    if nstep is not None and whole("nstep", nstep) < 1:
+        raise ValueError(f"nstep = {nstep}: must be at least 1")
+    q, v, force = rows("q0", q0, one.zero), rows("v0", v0, np.zeros(one.nv)), forces(tau, one.nv, nstep)
+    if nstep is None and tau is None:
+        raise ValueError("nstep = None: must be given, where tau does not tell it")
+    steps, most = nstep or force.shape[1], max(len(arms), len(q), len(v), len(force))
+    nout = steps // max(whole("every", every), 1) + 1
+    kept = 0 if out else 8 * nout * (one.nq + one.nv) * most
+    check_memory(f"nstep = {steps}: {nout} rows of {most} scenarios, and {steps} steps,", kept + STEP_BYTES * steps,
+                 "or fewer steps at once")  # fmt: skip
+    schedule = Schedule.uniform(dt, steps, every, held=force.shape[1] > 1)
+    moved = {
+        i: motion_table(f"motion of '{one.coordinates[i]}'", value, schedule)
+        for i, value in one.by_rate("motion", motion).items()
+    }
+    for i in moved:
+        if one.coordinate_of(i) < 0:
+            raise ValueError(f"motion of '{one.coordinates[i]}': that of a ball cannot be prescribed; use Axes")
+    several = isinstance(feedback, (list, tuple)) and any(isinstance(c, (list, tuple)) for c in feedback)
+    controls = list(feedback) if several else [feedback]  # type: ignore[arg-type]
+    sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "feedback": len(controls)}
+    count = scenario_count(sizes | {f"motion of '{one.coordinates[i]}'": len(x) for i, x in moved.items()})
+    check_balls(one, q)
+    laws = feedback_tables(arms, controls, schedule, list(moved))
+    shape = len(schedule.rows)
+    blocks: dict[str, Any] = prepared(out, {"q": (count, shape, one.nq), "v": (count, shape, one.nv)})
+    blocks |= {"status": np.zeros(count, np.int32), "reached": np.zeros(count)}
+    workers = default_workers(workers)
+    started = time.perf_counter()
+    with progress_bar(progress, "rolling out") as alive:
+        stats = take_steps(arms, count, schedule, q, v, force, list(moved.items()), [], [], laws, integrator,
+                           spectral_radius, rtol, blocks, workers, alive, lanes)  # fmt: skip
+        if alive and not stats["interrupted"]:
+            alive(1.0)
+    interrupted = stats.pop("interrupted")
+    stats |= {"wall_time": time.perf_counter() - started}
+    t = schedule.ends[schedule.rows]
+    failures = [
+        explained(f, arms[f.index % len(arms)], q[f.index % len(q)], list(moved), schedule.ends, (),
+                  controls[f.index % len(controls)])
+        for f in failures_of(arms, blocks)
+    ]  # fmt: skip
+    result = Rollout(t, **blocks, failures=failures, stats=stats)
+    if interrupted:
+        done = int((result.status != NOT_DONE).sum())
+        raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
+    if feedback is not None:
+        grown = grown_loop(
+            lambda k: (arms[k % len(arms)], q[k % len(q)], (), controls[k % len(controls)]),
+            list(moved), schedule.ends, result.v, result.status,
+        )  # fmt: skip
+        if grown is not None:
+            warnings.warn(grown[1].of(f"scenario {grown[0]}"), stacklevel=2)
+    blown = beyond_explicit(one, dt, float(schedule.ends[-1])) if integrator == "rk4" else None
+    if blown is not None:
+        warnings.warn(blown, stacklevel=2)
+    return result

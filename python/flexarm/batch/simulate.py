@@ -1,0 +1,197 @@
+"""Batches: many simulations that differ in their start, forces and parameters."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._check import Array, array, choice, number, whole
+from ..acting.control import Controller
+from ..acting.drive import Motion, Torque
+from ..acting.load import Load
+from ..acting.voltage import Voltage
+from ..analysis.doubts import ModelWarning, coarse
+from ..arm import Arm
+from ..run.pace import beyond_explicit
+from ..run.simulation import INTEGRATORS, _check_options
+from .job import Job
+from .result import OUTPUTS, BatchResult
+from .rollout import (
+    NOT_DONE,
+    BatchInterrupted,
+    check_memory,
+    check_options,
+    default_workers,
+    forces,
+    rows,
+    scenario_count,
+)
+from .runner import Runner
+from .tables import check_every
+from .variation import Setup, Variation
+
+
+def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = ("q", "v")) -> int:
+    """Bytes of a batch's result: 8 B nt (nq + nv) for q and v. Beside it each worker has one workspace, and, where
+    parameters change the arm, some hundred arms at a time are held."""
+    return 8 * scenarios * rows * sum(arm.nq if k == "q" else arm.nv for k in outputs)
+
+
+def _make_job(
+    arm: Any, t: Any, q0: Any, v0: Any, tau: Any, setup: dict[str, Any], parameters: Any, outputs: Any, every: Any,
+    integrator: str, step: Any, options: dict[str, Any],
+) -> tuple[Job, int]:  # fmt: skip
+    """The batch, checked, and its number of scenarios."""
+    if not isinstance(arm, Arm):
+        raise ValueError(f"arm = {arm!r}: must be an Arm; what differs goes into parameters")
+    times = array("t", t)
+    if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0).all():
+        raise ValueError(f"t has shape {times.shape}: must be one list of at least two times, increasing")
+    choice("integrator", integrator, INTEGRATORS)
+    if integrator != "ida" and step is None:
+        step = float(np.diff(times).min())
+    special = ("max_order", "linear_solver", "spectral_radius", "stages")
+    _check_options(integrator, step, **{k: options[k] for k in special if k in options})
+    options = {k: x for k, x in options.items() if x is not None}
+    if step is not None and not 0.0 < number("step", step) < np.inf:
+        raise ValueError(f"step = {step}: must be positive and finite, in seconds")
+    if integrator in ("implicit", "rk4"):
+        check_options(integrator, options.get("rtol"), options.get("spectral_radius"))
+    check_every(whole("every", every), times.size - 1)
+    if isinstance(outputs, str) or not outputs:
+        raise ValueError(f"outputs = {outputs!r}: must be a list of some of {', '.join(OUTPUTS)}")
+    wanted = tuple(k for k in OUTPUTS if k in [choice("outputs", x, OUTPUTS) for x in outputs])
+    variation = Variation(Setup(arm, **setup), parameters)
+    q, v = rows("q0", q0, arm.zero), rows("v0", v0, np.zeros(arm.nv))
+    held = forces(tau, arm.nv, times.size, "nt")
+    starts = {}
+    for name, given, value in (("q0", q0, q), ("v0", v0, v)):
+        said = variation.initial(name, value)
+        starts[name] = None if given is None and said is value else said
+    sizes = {name: len(x) for name, x in starts.items() if x is not None}
+    count = scenario_count({"arm": 1, **sizes, "tau": len(held), **variation.sizes})
+    job = Job(variation, times, starts["q0"], starts["v0"], None if tau is None else held, wanted, every, integrator,
+              step, options)  # fmt: skip
+    return job, count
+
+
+def simulate_batch(
+    arm: Arm,
+    t: ArrayLike,
+    q0: ArrayLike | None = None,
+    v0: ArrayLike | None = None,
+    *,
+    tau: ArrayLike | None = None,
+    parameters: Mapping[str, ArrayLike] | None = None,
+    drive: Mapping[Any, Any] | None = None,
+    loads: Sequence[Load] | None = None,
+    control: Controller | Sequence[Controller] | None = None,
+    integrator: str = "implicit",
+    step: float | None = None,
+    rtol: float | None = None,
+    spectral_radius: float | None = None,
+    outputs: Sequence[str] = ("q", "v"),
+    every: int = 1,
+    workers: int | None = None,
+    progress: Any = False,
+    out: str | Path | Mapping[str, Array] | None = None,
+    resume: bool = True,
+    fingerprint: str | None = None,
+    executor: Any = None,
+    batch: int | None = None,
+    **options: Any,
+) -> BatchResult:
+    """Simulates B scenarios over threads. What is not given B times is alike for all. What one scenario gives depends
+    neither on the workers nor on the others; one that fails is reported, and spoils no other.
+
+    Args:
+        arm, t, drive, loads, control: as of `simulate`.
+        q0, v0: (B, nq) or (nq,), (B, nv) or (nv,).
+        tau: generalised forces (N, N m), (B, nt, nv) or (nt, nv), held from t[k] to t[k + 1]; the last row acts on
+            nothing. An axis of length 1 stands for all scenarios or times.
+        parameters: what differs, each (B, ...), by its path in a scene: "link.0.tip.mass", "link.1.beam.length",
+            "link.0.beam.material.youngs_modulus", "link.0.tip.com.1", "gravity" (B, 3), "gravity.2", "control.0.kp",
+            "load.0.force" (B, 3), "load.0.scale", "drive.0.scale", "drive.0.value" of a constant torque, "q0.1".
+            Beams and links that repeat are built once. What changes the coordinates (modes, joints) cannot differ.
+        integrator, step, rtol, spectral_radius, options: as of `simulate`; step is the shortest time between two of t,
+            if None. "implicit" and "rk4" run wholly in the core, with drives, loads and continuous control whose
+            samples fall on ends of steps; all else takes one `simulate` for each scenario. `stats["engine"]` says
+            which; docs/batch.md has a table of what each costs.
+        outputs: which of "q", "v", "a", "tau". every: times of t between two rows of the result.
+        workers: threads; None: one for each core.
+        progress: shows a bar on stderr, where that is a terminal; or a callable, which is given the share done about
+            ten times a second (with an executor: whenever a share is done) and at the end, and may raise to give up.
+        out: arrays by name that the result is written into; or a file ("sweep.h5", extra "batch"), written as the
+            scenarios are done: the same call again does what is missing, whatever stopped it, and what is damaged.
+            Another batch's file is refused, and that of another version of flexarm; see docs/batch.md.
+        resume: whether to go on with such a file; if not, it is written over.
+        fingerprint: a name of yours for what functions read that such a file cannot know them by: what changes when it
+            is used (random generators, objects with a memory), what is compiled, what has no source. Change it when
+            they change.
+        executor: a concurrent.futures.Executor, or a callable that makes one, whose workers take shares of the batch:
+            a ProcessPoolExecutor, Dask's client.get_executor(), mpi4py's MPIPoolExecutor(). Shares of workers that
+            die are computed again; docs/sweeps.md. `workers` are then the threads in each (1 if None).
+        batch: scenarios at once, in memory together and written to a file together. None: 256, or 16 for each worker,
+            whichever is more, and at most what 64 MB hold where there is a file; all, where nothing but the start and
+            the forces differ; with an executor a 64th of all.
+
+    Returns:
+        BatchResult; `batch_memory` tells its bytes beforehand.
+
+    Raises:
+        ValueError: bad arguments, nan and inf among them; a scenario's, with its index. Nothing is run then.
+        BatchInterrupted: (a KeyboardInterrupt) Ctrl-C; its `result` holds what was done.
+
+    Warns:
+        RangeWarning: a beam bent further than its order is good for, in at least one scenario.
+        LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
+        StepWarning: steps of "rk4" above the limit of `arm`.
+        ModelWarning: a beam of `arm` with too few shape functions for what it carries.
+    """
+    if drive is not None and not isinstance(drive, Mapping):
+        raise ValueError(f"drive = {drive!r}: must be a dictionary, by link number")
+    for key, law in (drive or {}).items():
+        if not isinstance(law, (Motion, Torque, Voltage)):
+            raise ValueError(f"drive[{key!r}] = {law!r}: must be a Motion, a Torque or a Voltage")
+    for name, kind, given in (("loads", "Load", loads), ("control", "controllers", control)):
+        if given is not None and not isinstance(given, (list, tuple, Controller)):
+            raise ValueError(f"{name} = {given!r}: must be a list of {kind}")
+    if isinstance(arm, Arm):
+        arm._warn()
+        for text in coarse(arm):
+            warnings.warn(text, ModelWarning, stacklevel=2)
+    controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)
+    setup = {"drive": dict(drive or {}), "loads": tuple(loads or ()), "control": controls}
+    options = {"rtol": rtol, "spectral_radius": spectral_radius, **options}
+    job, count = _make_job(arm, t, q0, v0, tau, setup, parameters, outputs, every, integrator, step, options)
+    workers = default_workers(1 if workers is None and executor is not None else workers)
+    path = Path(out) if isinstance(out, (str, Path)) else None
+    if path is None and not out:
+        what = f"outputs: {count} scenarios of {job.rows} rows"
+        check_memory(what, batch_memory(arm, count, job.rows, job.outputs), "fewer `outputs`, or out='file.h5'")
+    started = time.perf_counter()
+    engine = job.engine()
+    runner = Runner(job, count, engine, workers, batch, executor)
+    if path is None:
+        arrays = None if isinstance(out, (str, Path)) else out
+        result, interrupted = runner.in_memory(arrays, progress)
+    else:
+        result, interrupted = runner.in_file(path, resume, progress, fingerprint)
+    result.stats = {"engine": engine, **result.stats, "wall_time": time.perf_counter() - started}
+    if interrupted:
+        done = int((result.status != NOT_DONE).sum())
+        raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
+    beyond = runner.warning()
+    if beyond is not None:
+        warnings.warn(beyond, stacklevel=2)
+    if engine == "steps" and integrator == "rk4" and step is not None:
+        blown = beyond_explicit(job.variation.setup.arm, step, float(job.t[-1] - job.t[0]))
+        if blown is not None:
+            warnings.warn(blown, stacklevel=2)
+    return result

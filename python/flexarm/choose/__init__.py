@@ -1,0 +1,1 @@
+"""Which model is cheapest within a tolerance: errors and times of models, measured."""

@@ -1,0 +1,68 @@
+"""Runs that go on with a richer arm where a monitor says that the lean one is out of its range."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..acting.sampled import Sampled
+from ..analysis.doubts import ModelWarning
+from ..analysis.validity import RangeWarning
+from ..arm import Arm
+from ..run.result import Result
+from ..run.simulation import simulate
+from ..run.watch import Watch
+from ..scene.scene import Scene
+from .indicate import embed
+from .ladder import _carried
+
+
+def _simulated(scene: Scene, watch: Watch | bool, progress: bool) -> Result:
+    given: dict[str, Any] = {"drive": scene.drive, "loads": scene.loads, "control": scene.control}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # its modes are enough, as was found
+        options = {"watch": watch, "progress": progress, **scene.options}
+        return simulate(scene.arm, scene.t, scene.q0, scene.v0, **given, **options)
+
+
+def watched(scene: Scene, watch: Watch, progress: bool = False) -> Result:
+    return _simulated(scene, watch, progress)
+
+
+def adapted(lean: Scene, arm: Arm, options: dict[str, Any], watch: Watch, progress: bool = False) -> Result:
+    """A run of the lean scene, and from the last output time before a monitor speaks up one with a richer arm.
+
+    Args:
+        arm: has the lean arm's coordinates, and more. options: of its simulation.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RangeWarning)  # what follows answers it
+        first = _simulated(lean, False, progress)
+    left = watch.look(first)
+    if left is None:
+        return first
+    state: dict[str, Any] = {
+        "q0": _carried(lean.q0, arm.zero, arm.q_names, lean.arm.q_names),
+        "v0": _carried(lean.v0, np.zeros(arm.nv), arm.coordinates, lean.arm.coordinates),
+    }
+    rich = replace(lean, arm=arm, options=options, **state)
+    cut = max(0, int(np.searchsorted(first.t, left.time)) - 1)
+    if cut == 0 or any(isinstance(c, Sampled) for c in lean.control):
+        return _simulated(rich, False, progress)
+    begin = embed(first, rich.arm, slice(cut, cut + 1))
+    rest = _simulated(replace(rich, t=lean.t[cut:], q0=begin.q[0], v0=begin.v[0]), False, progress)
+    before = embed(first, rich.arm, slice(0, cut))
+    tau = np.zeros((cut, rich.arm.nv))
+    names = {name: k for k, name in enumerate(first.arm.coordinates)}
+    for k, name in enumerate(rich.arm.coordinates):
+        if name in names:
+            tau[:, k] = first.tau[:cut, names[name]]
+    stats = {k: first.stats.get(k, 0) + v if isinstance(v, (int, float)) else v for k, v in rest.stats.items()}
+    rows: dict[str, Any] = {name: np.vstack([getattr(before, name), getattr(rest, name)]) for name in ("q", "v", "a")}
+    t = np.concatenate([first.t[:cut], rest.t])
+    return Result(
+        rich.arm, t, **rows, tau=np.vstack([tau, rest.tau]), stats=stats, loads=rest.loads, status=rest.status
+    )

@@ -1,0 +1,364 @@
+"""The walk of `economize`: indicators first, then models verified by simulation, then a check off the path."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .._check import Array
+from ..acting.voltage import split_drives
+from ..arm import Arm
+from ..parts.beam import STRAINS
+from ..run.watch import first_frequency, readings
+from ..scene.scene import Scene
+from .descent import Descent, Estimates, Sizes, counts, keys
+from .indicate import Indicators, excited, growth
+from .measure import Quantity
+from .rung import ORDERS, Model, Rung, Rungs
+from .trial import OutOfTime, Trial, Trials
+
+_SMALL = 1 / 30  # of the tolerance: what is estimated to do less is left out of the reference
+_AGREE = 1 / 3  # of the tolerance: how close reference and check must be
+_BEYOND = 1.5  # times the gap: what may be left beyond the check, where convergence is slow
+_ROUNDS = 3  # references, at most
+_CLOSE = 1601  # rows of a run in which growth is looked for, where fewer show some
+_GROWTH = 100.0  # of what symmetry leaves out, within the run: more, and the run hangs on that nothing touches it
+
+
+@dataclass
+class Findings:
+    """What the walk found.
+
+    Attributes:
+        base: the scene's own model, less what symmetry rules out. reference, check: rich runs. lean: the choice, with
+            all output times and the chosen integrator.
+        lean_model_error: of the lean model, with the reference's integrator, against the reference.
+        error: of the lean run against the check. gap: between reference and check.
+        dormant: by link, strains that nothing excites.
+        estimates: what the indicators said.
+        settings: runs of the lean model with other integrators.
+        sizes: how far each coordinate of the reference moves the quantity.
+        reasons: why it is not certified. notes: what the check lacks.
+    """
+
+    base: Trial
+    reference: Trial
+    lean: Trial
+    check: Trial | None = None
+    lean_model_error: float = np.inf
+    error: float = np.inf
+    gap: float = np.inf
+    dormant: dict[int, tuple[str, ...]] = field(default_factory=dict)
+    estimates: Estimates = field(default_factory=Estimates)
+    settings: list[Trial] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    sizes: Sizes = field(default_factory=dict)
+
+
+class Economy:
+    """Decides for one scene.
+
+    Args:
+        scene: the scene. quantity: what matters. tol: its tolerance. deadline: time.perf_counter() of giving up.
+        tell: called with what is being done.
+    """
+
+    def __init__(
+        self, scene: Scene, quantity: Quantity, tol: float, deadline: float, tell: Callable[[str], None]
+    ) -> None:
+        self.scene, self.quantity, self.tol, self.tell = scene, quantity, tol, tell
+        self.rungs = Rungs(scene)
+        self.trials = Trials(self.rungs, quantity, deadline)
+        self.reached: dict[int, Array] = {}
+        self.estimates = Estimates()
+        self.rebase = False
+
+    # -- models ------------------------------------------------------------------------------------------------------
+
+    def enriched(self, extra: int, than: Model | None = None, all_strains: bool = False) -> Model:
+        """Everything that symmetry leaves: more modes of every strain than the scene has, exact rotation.
+
+        Args:
+            all_strains: what it leaves out, too.
+            than: more modes of every strain than this model has, too, in Legendre polynomials where they may stand in.
+        """
+        many = sum(r is not None for r in self.rungs.given) > 4
+        least = (2, 2, 1, 1, 1) if many else (4, 4, 2, 2, 2)
+        more = (1, 1, 0, 0, 0) if many else (2, 2, 1, 1, 1)
+        out: list[Rung | None] = []
+        for k, rung in enumerate(self.rungs.given):
+            if rung is None:
+                out.append(None)
+                continue
+            most = self.rungs.most(k)
+            numbers = []
+            for s, n in enumerate(rung.counts):
+                own = isinstance(self.scene.arm.links[k].beam.modes.get(STRAINS[s]), tuple)  # type: ignore[union-attr]
+                want = n
+                if not (self.rungs.pinned or own):
+                    want = max(n + more[s], least[s]) + (1 + (s < 2)) * extra
+                limit = most[s]
+                if than is not None and not (self.rungs.pinned or own):
+                    want = max(want, counts(than[k])[s] + 1 + (s < 2))
+                want = want if limit is None else min(want, limit)
+                numbers.append(want if all_strains or k not in self.reached or self.reached[k][s] else 0)
+            out.append(Rung(tuple(numbers), "exact", True, None))
+        model: Model = tuple(out)
+        return self._based(model) if than is None else self.rungs.rebased(model)
+
+    def richer(self, lean: Model) -> Model:
+        """The enriched model whose coordinates have those of the lean one among them."""
+        model = self.enriched(0)
+        if any(r is not None and r.basis for r in lean):
+            model = self.rungs.rebased(model)
+        more: list[Rung | None] = []
+        for r, own in zip(model, lean, strict=True):
+            more.append(r and own and replace(r, counts=tuple(map(max, r.counts, own.counts))))
+        return tuple(more)
+
+    def _based(self, model: Model) -> Model:
+        return self.rungs.rebased(model) if self.rebase else model
+
+    def find_symmetry(self) -> None:
+        """Which strains of which links nothing excites, not even by way of others."""
+        model = tuple(
+            None if r is None else Rung(tuple(min(n, 2) for n in r.counts), 2, True) for r in self.enriched(0)
+        )
+        scene = self.trials.scene(model, {})
+        moves = excited(scene)
+        found = {}
+        for k, link in enumerate(scene.arm.links):
+            if link.beam is None:
+                continue
+            at, reached = scene.arm._core.first(k) + link.joint.nv, np.zeros(5, dtype=bool)
+            for s, name in enumerate(STRAINS):
+                n = link.beam.counts.get(name, 0)
+                reached[s], at = moves[at : at + n].any(), at + n
+            found[k] = reached if not self.rungs.pinned else np.array(counts(self.rungs.given[k])) > 0
+        for group in self.rungs.groups:  # chosen alike, so reached alike
+            together = np.any([found[k] for k in group], axis=0)
+            self.reached |= {k: together for k in group}
+
+    def own(self) -> Model:
+        """The scene's model without dormant coordinates."""
+        return self._based(self._own())
+
+    def _own(self) -> Model:
+        return tuple(
+            r and replace(r, counts=tuple(n * bool(m) for n, m in zip(r.counts, self.reached[k], strict=True)))
+            for k, r in enumerate(self.rungs.given)
+        )
+
+    def find_basis(self) -> None:
+        """Whether Legendre polynomials serve better than the scene's basis, at the same count: where their first
+        frequency, which Ritz's method has from above, is lower by what matters; and under patches that are driven."""
+        own = self._own()
+        other = self.rungs.rebased(own)
+        if other == own:
+            return
+        driven = bool(split_drives(self.scene.drive)[1])
+        w, better = (first_frequency(self.rungs.arm(model)) for model in (own, other))
+        self.rebase = driven or w - better > 0.1 * self.tol * w
+
+    # -- indicators --------------------------------------------------------------------------------------------------
+
+    def look(self, rich: Model, base: Trial) -> None:
+        """Estimates, from a run of the base, what each coordinate of the rich model and each order matters."""
+        assert base.result is not None
+        scene = self.trials.scene(rich, {})
+        found = Indicators(scene, base.result, self.quantity, {})
+        share = dict(zip(keys(scene.arm), found.share, strict=True))
+        share.pop((-1, -1, -1), None)
+        by_order, rotary = self._poorer(base)
+        assert base.arm is not None
+        w = first_frequency(base.arm)
+        most = {key: float(values.max()) for key, values in readings(base.arm, base.result, w).items()}
+        spin, turn = ({k: x for (what, k), x in most.items() if what == kind} for kind in ("spin", "rotation"))
+        self.estimates = Estimates(share, by_order, rotary, spin, turn, w)
+
+    def _poorer(self, base: Trial) -> tuple[dict[int | str, float], float]:
+        """What each order is off by, and what leaving rotary inertia out costs."""
+        assert base.result is not None
+        exact = tuple(r and replace(r, order="exact", rotary=True, gauss=None) for r in base.model)
+        if not any(sum(counts(r)) for r in exact):
+            return {}, np.inf
+        poorer: dict[int | str, Model] = {o: tuple(r and replace(r, order=o) for r in exact) for o in ORDERS[:-1]}
+        poorer["rotary"] = tuple(r and replace(r, rotary=False) for r in exact)
+        variants: dict[int | str, Arm] = {}
+        for name, model in poorer.items():
+            try:
+                variants[name] = self.rungs.arm(model)
+            except ValueError:
+                continue  # torsion and shear need rotary inertia, order 0 inertia that an arm may not have
+        found = Indicators(self.trials.scene(exact, {}), base.result, self.quantity, variants).variants
+        rotary = found.pop("rotary", np.inf)
+        return {**found, "exact": 0.0}, rotary
+
+    def relevant(self, rich: Model, base: Model) -> Model:
+        """Of the rich model, what the indicators say may matter; never less than the base."""
+        out: list[Rung | None] = []
+        small = _SMALL * self.tol
+        for k, (rung, own) in enumerate(zip(rich, base, strict=True)):
+            if rung is None or own is None:
+                out.append(None)
+                continue
+            group = next(g for g in self.rungs.groups if k in g)
+            share, numbers = self.estimates.share, []
+            for s, n in enumerate(rung.counts):
+                matters = [i for i in range(1, n + 1) if max(share[j, s, i] for j in group) > small]
+                numbers.append(max([min(own.counts[s], n), *matters]))
+            fair = self.estimates.by_order.get(2, np.inf) <= small
+            out.append(Rung(tuple(numbers), 2 if fair else "exact", True, None, rung.basis))
+        return tuple(out)
+
+    # -- all together ------------------------------------------------------------------------------------------------
+
+    def start(self) -> Trial:
+        """A first run, of the scene's own model if it can be run."""
+        own = self.own()
+        exact = tuple(r and replace(r, order="exact") for r in own)
+        for model in dict.fromkeys((own, exact)):
+            self.tell("the scene's own model")
+            trial = self.trials.settle(model, self.tol)
+            if trial is not None:
+                return trial
+        reasons = [t.reason for t in self.trials.runs.values() if t.reason]
+        why = reasons[0] if reasons else "no setting of any integrator agrees with the next finer one"
+        raise ValueError(f"scene: cannot be run to this tolerance: {why}")
+
+    def __call__(self) -> Findings:
+        """Decides. OutOfTime in the middle leaves what was found until then, not certified."""
+        self.find_symmetry()
+        self.find_basis()
+        try:
+            base = self.start()
+        except OutOfTime:
+            raise ValueError("time_budget: is over before the scene's own model could be run; give more") from None
+        assert base.values is not None
+        if not self.quantity.span:
+            self.quantity.set_span(base.values)
+        self.trials.keep_state(base)
+        found = Findings(base, base, base)
+        found.dormant = {k: tuple(s for s, r in zip(STRAINS, reached, strict=True) if not r)
+                         for k, reached in self.reached.items()}  # fmt: skip
+        try:
+            self._decide(found)
+        except OutOfTime:
+            found.reasons.append("the time for deciding was used up")
+        found.estimates = self.estimates
+        self.find_unstable(found)
+        return found
+
+    def find_unstable(self, found: Findings) -> None:
+        """Whether what symmetry leaves out would stay small, were it touched."""
+        if self.rungs.pinned or found.reference.result is None:
+            return
+        more: list[Rung | None] = []
+        for rung, own in zip(self.enriched(0, all_strains=True), found.reference.model, strict=True):
+            if rung is None or own is None:
+                more.append(None)
+                continue
+            few = tuple(n or min(m, 2) for n, m in zip(own.counts, rung.counts, strict=True))
+            order = own.order if own.order in (2, 3) else "exact"
+            more.append(Rung(few, order, True, None, own.basis))
+        try:
+            scene = self.trials.scene(tuple(more), {})
+            moves = excited(scene)
+            grown = growth(scene, found.reference.result, moves)
+            if grown > _GROWTH:
+                grown = growth(scene, found.reference.result, moves, 241)
+            if grown > _GROWTH:  # rows too few for what rings drive up what does not grow
+                grown = growth(scene, self.trials.closely(found.reference, _CLOSE), moves, _CLOSE)
+        except ValueError as e:
+            found.notes.append(f"whether what symmetry leaves out is stable could not be told: {e}")
+            return
+        if grown > _GROWTH:
+            left = [name for name, moving in zip(scene.arm.coordinates, moves, strict=True) if not moving]
+            found.reasons.append(
+                f"the motion is unstable: by symmetry {left[0]}{' and others stay' if left[1:] else ' stays'} at zero, "
+                f"but a disturbance of them grows {grown:.2g} times within the run; put in what disturbs them"
+            )
+
+    def checked(self, rich: Model, reference: Trial, found: Findings) -> Trial:
+        """A run of the enriched model, in steps that really are finer, at all output times. Where no integrator can do
+        it, because friction switches while fast shear must be followed, say, shear is left out, if it is estimated to
+        matter little; a note tells."""
+        finer, found.notes = self.trials.finer(reference), []
+        lost = max((x for (_, s, _), x in self.estimates.share.items() if s > 2), default=0.0)
+        unsheared = tuple(
+            r and replace(r, counts=(*r.counts[:3], *own.counts[3:])) if own is not None else r
+            for r, own in zip(rich, reference.model, strict=True)
+        )
+        check = self.trials.run(rich, finer, whole="step" in finer, most=max(10.0, 100.0 * found.base.time))
+        if check.values is None:
+            check = self.hard(rich, reference)
+        if check.values is None and unsheared != rich and lost <= _SMALL * self.tol:
+            check = self.trials.run(unsheared, finer, whole="step" in finer, most=self.patience())
+            check = check if check.values is not None else self.hard(unsheared, reference)
+            found.notes.append(f"the check could not be run with shear, which is estimated at {lost:.1g}")
+        return check
+
+    def patience(self) -> float:
+        """Seconds for one more attempt at a run that has failed."""
+        return max(5.0, 0.5 * self.trials.seconds)
+
+    def hard(self, model: Model, other: Trial) -> Trial:
+        """A run of a model that the walk's integrator cannot do, with finer steps, or steps of variable length."""
+        walk, trial = self.trials.walk, other
+        slow = {"integrator": "ida", "rtol": 1e-6, "atol": 1e-9}
+        steps = [{**walk, "step": walk["step"] / k} for k in (8, 64)] if "step" in walk else []
+        for options in (*steps, slow, {**slow, "max_order": 2}):
+            trial = self.trials.run(model, options, whole="step" in options, most=self.patience())
+            if trial.values is not None:
+                break
+        return trial
+
+    def _decide(self, found: Findings) -> None:
+        rich = self.enriched(0)
+        self.tell("indicators")
+        self.look(rich, found.base)
+        reference = self.trials.run(self.relevant(rich, found.base.model), most=max(10.0, 100.0 * found.base.time))
+        if reference.values is None:
+            reference = self.hard(reference.model, reference)
+        if reference.values is None:
+            reference = found.base  # the check tells what that is worth
+        for k in range(_ROUNDS):
+            assert reference.values is not None
+            self.quantity.set_span(reference.values)
+            found.reference, found.reasons = reference, []
+            down = Descent(self.trials, self.estimates, self.tol, reference, self.tell)
+            model, found.sizes = down.reduce(), down.sizes
+            self.tell("integrators")
+            found.lean, found.settings = down.integrate(model)
+            found.lean_model_error = self.trials.distance(self.trials.run(model), reference)
+            self.tell("check")
+            rich = self.enriched(k, reference.model)
+            check = found.check = self.checked(rich, reference, found)
+            if check.values is None:
+                found.reasons.append(f"the check, {self.rungs.label(rich)}, cannot be run: {check.reason}")
+                return
+            if not (self.trials.differs(check, reference) and self.trials.differs(check, found.lean)):
+                found.reasons.append(f"the check took no more steps, {check.steps}, than what it is to check")
+                return
+            found.error = self.trials.distance(found.lean, check)
+            found.gap = self.trials.distance(reference, check)
+            if found.error + _BEYOND * found.gap <= self.tol and found.gap <= _AGREE * self.tol:
+                return
+            found.reasons = [
+                f"against the check it is off by {found.error:.2g}, and the reference, against which choices were "
+                f"made, by {found.gap:.2g}; tolerance {self.tol:.2g}"
+            ]
+            reference, self.trials.walk = check, check.options
+
+
+def decide(
+    scene: Scene, quantity: Quantity, tol: float, time_budget: float | None, tell: Callable[[str], None]
+) -> tuple[Economy, Findings]:
+    """The walk, and what it found."""
+    deadline = np.inf if time_budget is None else time.perf_counter() + time_budget
+    walk = Economy(scene, quantity, tol, deadline, tell)
+    return walk, walk()

@@ -1,0 +1,179 @@
+"""The quantity whose error matters: its values along a run, its span, distances, and how coordinates move it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .._check import Array, choice
+from ..acting.drive import Motion
+from ..acting.voltage import split_drives
+from ..arm import Arm
+from ..run.result import Result
+from ..scene.scene import Scene
+from .ladder import QUANTITIES, distance, spans
+
+
+def thinned(result: Result, t: Array) -> Result:
+    """The rows of a result at the times t, which must be among its own."""
+    rows = np.searchsorted(result.t, t - 1e-12 * max(1.0, float(abs(t[-1]))))
+    if len(rows) == len(result.t):
+        return result
+    tau = result.tau[rows]
+    return replace(result, t=result.t[rows], q=result.q[rows], v=result.v[rows], a=result.a[rows], tau=tau)
+
+
+def between(result: Result, t: Array) -> Result:
+    """A result at other times within its own: polynomials of degree five through coordinates, rates and accelerations
+    at both ends (of balls, whose second derivatives are not at hand, of degree three); forces in straight lines."""
+    if np.isin(t, result.t).all():
+        return thinned(result, t)
+    arm, old = result.arm, result.t
+    k = np.clip(np.searchsorted(old, t, side="right") - 1, 0, len(old) - 2)
+    h, u = np.diff(old)[k][:, None], ((t - old[k]) / np.diff(old)[k])[:, None]
+
+    def through(x: Array, dx: Array, ddx: Array | None) -> Array:
+        rise = x[k + 1] - x[k]
+        c, d = h * dx[k] - rise, h * dx[k + 1] - rise  # what a straight line leaves of the slopes
+        out = x[k] + u * rise + u * (1 - u) * ((1 - u) * c - u * d)
+        if ddx is not None:  # what the cubic leaves of the curvatures
+            e, f = h**2 * ddx[k] + 4 * c + 2 * d, h**2 * ddx[k + 1] - (2 * c + 4 * d)
+            out = out + u**2 * (1 - u) ** 2 / 2 * ((1 - u) * e + u * f)
+        return np.asarray(out)
+
+    rates = np.array([arm._core.rates(x, y)[0] for x, y in zip(result.q, result.v, strict=True)])
+    q = through(result.q, rates, None)
+    plain = [(i, arm.coordinate_of(i)) for i in range(arm.nv) if arm.coordinate_of(i) >= 0]
+    of, at = [i for i, _ in plain], [j for _, j in plain]
+    q[:, at] = through(result.q[:, at], result.v[:, of], result.a[:, of])
+    for _, ball in arm.quaternions():
+        q[:, ball] /= np.linalg.norm(q[:, ball], axis=1, keepdims=True)
+    line = [x[k] + u * (x[k + 1] - x[k]) for x in (result.a, result.tau)]
+    return replace(result, t=t, q=q, v=through(result.v, result.a, None), a=line[0], tau=line[1], friction=None)
+
+
+@dataclass
+class Sense:
+    """Linear maps from the rates to the quantity: by unit, (nt or 1, places, components, nv), over the span."""
+
+    maps: list[Array]
+
+    def size(self, x: Array) -> float:
+        """The largest change of the quantity, over its span, of small motions x (nt, nv)."""
+        norms = [np.linalg.norm(np.einsum("tpcn,tn->tpc", np.broadcast_to(m, (len(x), *m.shape[1:])), x), axis=-1)
+                 for m in self.maps]  # fmt: skip
+        return float(max((n.max(initial=0.0) for n in norms), default=0.0))
+
+
+class Quantity:
+    """A quantity of a scene's runs.
+
+    Args:
+        scene: whose joints and beams it is about. what: "tip", "joint", "strain", or a callable of a Result that
+            returns an array (nt,) or (nt, k).
+        atol: an absolute tolerance, in the quantity's unit; None: errors are relative to the span.
+
+    Attributes:
+        span: by unit; what errors are divided by.
+        ranges: by unit, how far the quantity moves.
+    """
+
+    def __init__(self, scene: Scene, what: str | Callable[[Result], Any], atol: float | None = None) -> None:
+        if not callable(what):
+            choice("quantity", what, QUANTITIES)
+        self.what, self.scene, self.atol = what, scene, atol
+        self.span: dict[str, float] = {}
+
+    @property
+    def name(self) -> str:
+        return getattr(self.what, "__name__", "quantity") if callable(self.what) else self.what
+
+    def _joints(self, arm: Arm) -> dict[str, list[tuple[int, int]]]:
+        """By unit, (index in q, index in v or -1) of the joint coordinates that are not prescribed."""
+        laws = arm.by_rate("drive", split_drives(self.scene.drive)[0])
+        held = {i for i, law in laws.items() if isinstance(law, Motion)}
+        out: dict[str, list[tuple[int, int]]] = {}
+        rates = {arm.coordinate_of(i): i for i in range(arm.nv)}
+        for k, link in enumerate(arm.links):
+            first, joint = arm._core.first_q(k), link.joint
+            units = joint.units[:-3] + ("1",) * 4 if joint.ball else joint.units
+            for i, unit in enumerate(units):
+                if rates.get(first + i, -1) not in held:
+                    out.setdefault(unit, []).append((first + i, rates.get(first + i, -1)))
+        return out
+
+    def _beams(self) -> list[int]:
+        return [k for k, link in enumerate(self.scene.arm.links) if link.beam is not None]
+
+    def _sheared(self) -> bool:
+        """Whether the scene's own beams have shear angles: only then are they part of the strains."""
+        beams = [link.beam for link in self.scene.arm.links if link.beam is not None]
+        return any("shear_y" in b.counts or "shear_z" in b.counts for b in beams)
+
+    def values(self, result: Result) -> dict[str, Array]:
+        """By unit, (nt, places, components)."""
+        arm = result.arm
+        if callable(self.what):
+            y = np.asarray(self.what(result), dtype=float)
+            if y.ndim not in (1, 2) or len(y) != len(result.t):
+                raise ValueError(f"quantity = {self.what!r}: gave shape {y.shape}; must be ({len(result.t)},) or "
+                                 f"({len(result.t)}, k), a row for each time of the result")  # fmt: skip
+            return {"": y.reshape(len(y), 1, -1)}
+        if self.what == "tip":
+            return {"m": arm.frame(result.q)[0][:, None, :]}
+        if self.what == "joint":
+            return {u: result.q[:, [i for i, _ in at], None] for u, at in self._joints(arm).items()}
+        beams = self._beams()
+        if not beams:
+            return {}
+        rigid = np.zeros((len(result.t), 5))
+        rows = [arm.strain(result.q, k, 0.0) if arm.links[k].beam.ne else rigid for k in beams]  # type: ignore[union-attr]
+        both = np.stack(rows, axis=1)
+        out = {"1/m": both[:, :, :3]}
+        return {**out, "rad": both[:, :, 3:]} if self._sheared() else out
+
+    def set_span(self, values: dict[str, Array]) -> None:
+        """Fixes what errors are divided by: the span (or, with atol, 1: errors are then in the quantity's unit).
+
+        Raises:
+            ValueError: nothing moves.
+        """
+        self.ranges = spans(values)
+        if not self.ranges:
+            why = "nothing moves" if values else "there is none that is not prescribed"
+            raise ValueError(f"quantity = {self.name!r}: {why} in this scene; take another")
+        # shear angles beside curvatures, say: a unit that all but stands still does not set the scale
+        self.span = {u: 1.0 for u in self.ranges} if self.atol is not None else dict(self.ranges)
+
+    def distance(self, a: dict[str, Array], b: dict[str, Array]) -> float:
+        return distance(a, b, self.span)[0]
+
+    def sense(self, scene: Scene, q: Array) -> Sense:
+        """How small motions about q (nt, nq) change the quantity. Of a callable, how they change the tip."""
+        arm = scene.arm
+        if self.what == "joint":
+            unit = np.eye(arm.nv)
+            maps = [np.array([unit[i] if i >= 0 else 0 * unit[0] for _, i in at])[None, :, None, :] / self.span[u]
+                    for u, at in self._joints(arm).items() if u in self.span]  # fmt: skip
+            return Sense(maps)
+        if self.what == "strain":
+            E = np.asarray(arm._core.rates(arm.zero, np.zeros(arm.nv))[2])
+            beams = [k for k in self._beams() if arm.links[k].beam.ne]  # type: ignore[union-attr]
+            S = np.array([arm.strain(E.T, k, 0.0) for k in beams]).transpose(0, 2, 1)  # strains are linear in q
+            return Sense([part[None] / self.span[u] for u, part in (("1/m", S[:, :3]), ("rad", S[:, 3:]))
+                          if u in self.span])  # fmt: skip
+        J = arm.jacobian(q)[:, None, :3, :]
+        if self.what == "tip":
+            return Sense([J / self.span["m"]])
+        moved = float(np.ptp(arm.frame(q)[0], axis=0).max()) or 1.0
+        return Sense([J / moved * self.ranges[""] / self.span[""]])
+
+    def kinematic(self, scene: Scene, other: Arm, q: Array) -> float:
+        """How far the quantity of another arm with the same coordinates is off at the same q."""
+        if self.what != "tip":
+            return 0.0
+        away = np.linalg.norm(scene.arm.frame(q)[0] - other.frame(q)[0], axis=1)
+        return float(away.max()) / self.span["m"]

@@ -1,0 +1,87 @@
+"""The command line: `flexarm demo`, `run`, `modes`, `chart`, `economize`, `place`, `batch`, each with --help.
+
+Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
+2 bad input, one line says which; 130 interrupted. A new command is one file here, and its name in COMMANDS: SUMMARY and
+TEXT for --help, `arguments(parser)`, and `run(args)`, which returns the exit code.
+"""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import sys
+import warnings
+from collections.abc import Sequence
+from typing import NoReturn
+
+from .._console import complain, drop, open_streams
+from .._core import __version__
+from . import batch, chart, cmake, demo, economize, modes, place, run
+
+COMMANDS = {
+    "demo": demo,
+    "run": run,
+    "modes": modes,
+    "chart": chart,
+    "economize": economize,
+    "place": place,
+    "batch": batch,
+}
+
+
+class _Parser(argparse.ArgumentParser):
+    """Bad options take one line, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        raise ValueError(f"{message}; see '{self.prog} --help'")
+
+
+def _parser() -> _Parser:
+    top = _Parser(
+        prog="flexarm",
+        description="Simulates flexible robot arms.",
+        epilog="Start with 'flexarm demo'. SCENE is a TOML file, or the name of a shipped scene such as ist.",
+    )
+    top.add_argument("--version", action="version", version=f"flexarm {__version__}")
+    folder = "print where CMake's find_package(flexarm) looks, for C++ users"
+    top.add_argument("--cmakedir", action=cmake.PrintCMakeDir, help=folder)
+    commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=_Parser)
+    for name, command in COMMANDS.items():
+        summary = command.SUMMARY
+        text = f"{summary[0].upper()}{summary[1:]}. {command.TEXT}"
+        p = commands.add_parser(name, help=summary, description=text)
+        p.set_defaults(does=command.run)
+        p.add_argument("--json", action="store_true", help="print JSON, and only that, on stdout")
+        command.arguments(p)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command line and returns the exit code (see the module)."""
+    open_streams()
+    try:
+        args = _parser().parse_args(argv)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, beside our one line
+            warnings.showwarning = lambda message, *_, **__: complain(f"warning: {message}")
+            code = int(args.does(args))
+        sys.stdout.flush()
+        return code
+    except ValueError as e:
+        complain(str(e))
+        return 2
+    except BrokenPipeError:  # the reader of a pipe left
+        drop(sys.stdout)
+        return 0
+    except OSError as e:
+        if e.errno == errno.ENOSPC and e.filename is None:
+            drop(sys.stdout)
+        complain(f"{e.filename or 'file'}: {e.strerror or e}")
+        return 2
+    except KeyboardInterrupt:
+        complain("interrupted")
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

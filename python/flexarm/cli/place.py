@@ -1,0 +1,62 @@
+"""`flexarm place SCENE`: its options and what it prints."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from dataclasses import replace
+
+from .._console import (
+    json_text,
+    output_folder,
+    write_csv,
+)
+from ..analysis.placement import placement
+from ..arm import Arm
+from ..draw import style as plots
+from ..scene.scene import load
+from . import options
+
+SUMMARY = "where to bond a piezo patch"
+TEXT = (
+    "The scene holds the patch, anywhere along its beam; where it would do most is sought, without it in place. "
+    "Writes placement.png, placement.csv and placement.txt."
+)
+
+
+def arguments(p: argparse.ArgumentParser) -> None:
+    """Adds the command's arguments to its parser."""
+    options.scene(p)
+    options.output(p, "flexarm-place")
+    p.add_argument("--link", type=int, default=0, help="number of the link (%(default)s)")
+    p.add_argument("--patch", type=int, default=0, help="which of its patches (%(default)s)")
+    p.add_argument("-n", dest="modes", metavar="MODES", type=int, default=3, help="how many modes (%(default)s)")
+    weight = "weight of a mode, from the lowest up; repeat for each (default: all alike)"
+    p.add_argument("--weight", metavar="W", type=float, action="append", help=weight)
+    p.add_argument("--free", action="store_true", help="modes with all joints free (default: all held)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Places, writes and prints."""
+    scene = load(args.scene)
+    scene.arm.patch_column(args.link, args.patch, "--")
+    links = list(scene.arm.links)
+    link = links[args.link]
+    assert link.beam is not None
+    others = list(link.beam.patches)
+    patch = others.pop(args.patch)
+    links[args.link] = replace(link, beam=replace(link.beam, patches=others))
+    lock: list[int] | None = [] if args.free else None
+    found = placement(Arm(links), args.link, patch=patch, modes=args.modes, weights=args.weight, lock=lock)
+    folder = output_folder(args.output)
+    names = ["centre (m)", *(f"mode {k + 1} (m/V)" for k in range(args.modes)), "merit"]
+    write_csv(folder / "placement.csv", names, [found.x, *found.authority.T, found.merit])
+    found.plot().savefig(folder / "placement.png", dpi=plots.DPI)
+    (folder / "placement.txt").write_text(f"{found}\n", encoding="utf-8")
+    if args.json:
+        values = ("best", "best_merit", "best_authority", "frequencies", "weights", "x", "authority", "merit")
+        print(json_text({k: v.tolist() if hasattr(v := getattr(found, k), "tolist") else v for k in values}))
+        return 0
+    print(f"{scene.name}: {found}")
+    print(f"\nPicture and data are in {folder}{os.sep}")
+    return 0

@@ -1,0 +1,1 @@
+"""Figures of arrays: no pyplot, no display, no global state."""

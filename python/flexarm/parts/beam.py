@@ -1,0 +1,366 @@
+"""The parts of an arm: materials, sections, beams, rigid bodies, joints and links.
+
+Each part is an immutable dataclass; the C++ core checks its numbers when it is made. SI units throughout: m, kg, s, N,
+Pa, rad. Axes of a beam: x along the undeformed neutral axis, y and z the principal axes of its section.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from .. import _core
+from .._check import array, choice, known_keys, number, whole
+from .part import _Part
+from .patch import Patch, core_patches
+from .shapes import coefficients, columns
+
+STRAINS = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
+STRAIN_NAMES = ("K1", "K2", "K3", "phi12", "phi13")  # of a section, as Arm.strain orders them
+Vector = Sequence[float]
+
+
+@dataclass(frozen=True)
+class Material(_Part):
+    """Linear elastic material: density (kg/m^3), youngs_modulus (Pa), and, for torsion and shear, poisson_ratio or
+    shear_modulus (Pa), not both."""
+
+    density: float
+    youngs_modulus: float
+    poisson_ratio: float | None = None
+    shear_modulus: float | None = None
+    _core: _core.Material = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for f in ("density", "youngs_modulus", "poisson_ratio", "shear_modulus"):
+            if getattr(self, f) is not None or f in ("density", "youngs_modulus"):
+                self._set(f, number(f, getattr(self, f)))
+        self._set(
+            "_core",
+            _core.Material(self.density, self.youngs_modulus, self.poisson_ratio, self.shear_modulus),
+        )
+
+
+class _Section(_Part):
+    _core: _core.Section
+
+    def _face(self, axis: str) -> tuple[float, float, bool] | None:
+        """Of the faces across an axis: their distance from the neutral axis and their breadth (m), and whether the
+        section warps in torsion as a rectangle does; None where there are no such faces."""
+        return None
+
+
+class _Shape(_Section):
+    """A section whose integrals follow from its sides."""
+
+    @property
+    def area(self) -> float:
+        """m^2"""
+        return float(self._core.area)
+
+    @property
+    def second_moment_y(self) -> float:
+        """Integral of z^2 dA (m^4); resists bending along z."""
+        return float(self._core.second_moment_y)
+
+    @property
+    def second_moment_z(self) -> float:
+        """Integral of y^2 dA (m^4); resists bending along y."""
+        return float(self._core.second_moment_z)
+
+    @property
+    def torsion_constant(self) -> float:
+        """Saint-Venant's torsion constant (m^4)."""
+        return float(self._core.torsion_constant)
+
+
+@dataclass(frozen=True)
+class Rectangle(_Shape):
+    """Full rectangle with sides y and z (m). The torsion constant comes from Saint-Venant's series."""
+
+    y: float
+    z: float
+    shear_correction: float = 5 / 6
+    type: ClassVar[str] = "rectangle"
+    _core: _core.Section = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for f in ("y", "z", "shear_correction"):
+            self._set(f, number(f, getattr(self, f)))
+        self._set("_core", _core.Section.rectangle(self.y, self.z, self.shear_correction))
+
+    def _face(self, axis: str) -> tuple[float, float, bool]:
+        depth, breadth = (self.y, self.z) if axis == "y" else (self.z, self.y)
+        return depth / 2, breadth, True
+
+
+@dataclass(frozen=True)
+class Circle(_Shape):
+    """Disc of a radius (m), or a tube when `inner_radius` (m) is above zero."""
+
+    radius: float
+    inner_radius: float = 0.0
+    shear_correction: float = 9 / 10
+    type: ClassVar[str] = "circle"
+    _core: _core.Section = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for f in ("radius", "inner_radius", "shear_correction"):
+            self._set(f, number(f, getattr(self, f)))
+        self._set("_core", _core.Section.circle(self.radius, self.inner_radius, self.shear_correction))
+
+    def _face(self, axis: str) -> tuple[float, float, bool]:
+        return self.radius, 2 * self.radius, False
+
+
+@dataclass(frozen=True)
+class GeneralSection(_Section):
+    """Any doubly symmetric section, by its integrals (m^2, m^4). `second_moment_z` = integral of y^2 dA."""
+
+    area: float
+    second_moment_y: float
+    second_moment_z: float
+    torsion_constant: float
+    shear_correction: float = 5 / 6
+    type: ClassVar[str] = "general"
+    _core: _core.Section = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        names = ("area", "second_moment_y", "second_moment_z", "torsion_constant", "shear_correction")
+        for f in names:
+            self._set(f, number(f, getattr(self, f)))
+        self._set("_core", _core.Section(*(getattr(self, f) for f in names)))
+
+
+@dataclass(frozen=True)
+class Taper(_Part):
+    """A section that varies along the beam: samples from the clamp to the tip, linear in between.
+
+    Sections of one kind are interpolated by their sides or radii (so that a wedge or a cone is exact), or, if general,
+    by their integrals; sections of different kinds by their integrals.
+
+    Args:
+        x: places (m), increasing from 0 to the beam's length.
+        sections: one Rectangle, Circle or GeneralSection at each.
+    """
+
+    x: Sequence[float]
+    sections: Sequence[Rectangle | Circle | GeneralSection]
+    type: ClassVar[str] = "taper"
+    #: the section at x metres
+    at: Callable[[float], Any] = field(init=False, repr=False, compare=False)
+    _core: _core.SectionProfile = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        x = array("x", self.x)
+        if x.ndim != 1 or x.size < 2 or x[0] != 0.0 or not (np.diff(x) > 0).all():
+            raise ValueError(f"x = {self.x!r}: must be two or more places, increasing from 0")
+        if not isinstance(self.sections, (list, tuple)) or len(self.sections) != x.size:
+            raise ValueError(f"sections = {self.sections!r}: must be one section for each of the {x.size} places of x")
+        for k, part in enumerate(self.sections):
+            if not isinstance(part, _Section):
+                raise ValueError(f"sections[{k}] = {part!r}: must be a Rectangle, Circle or GeneralSection")
+        kind = type(self.sections[0])
+        cls: Any = kind if all(type(part) is kind for part in self.sections) else GeneralSection
+        names = [f.name for f in fields(cls) if f.init]
+        table = np.array([[getattr(p if cls is kind else p._core, n) for n in names] for p in self.sections])
+        self._set("x", tuple(x.tolist()))
+        self._set("sections", tuple(self.sections))
+
+        def at(place: float) -> Any:
+            return cls(*(float(np.interp(place, x, column)) for column in table.T))
+
+        self._set("at", at)
+        self._set("_core", _core.SectionProfile(lambda place: at(place)._core, x[1:-1].tolist()))
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"type": self.type, "x": list(self.x), "sections": [s.to_dict() for s in self.sections]}
+
+
+Section = Rectangle | Circle | GeneralSection | Taper
+
+
+@dataclass(frozen=True)
+class Beam(_Part):
+    """Elastic beam along x, clamped to its link's hub at X = 0 (paper Sec. 3).
+
+    Args:
+        length: m.
+        section: a Rectangle, Circle or GeneralSection, or a Taper.
+        material: a Material.
+        modes: for each strain, `bending_y`, `bending_z`, `torsion`, `shear_y`, `shear_z`, how many shape functions of
+            the basis, or a list of strain shapes of your own; those left out are zero. The beam's elastic coordinates
+            stand in that order (Eq. 33). Each shape of your own is a callable of x (m), samples at equal steps from
+            the clamp to the tip, {"x": ..., "strain": ...} or Legendre coefficients {"legendre": ...}; it is the strain
+            (Eq. 28-32): the curvature v'' of bending, not the deflection. They must be independent.
+        basis: "clamped-free" (Euler-Bernoulli clamped-free modes; sines for torsion and shear; each 1 at X = L, so that
+            a coordinate is its share of the tip's deflection in m, or of its twist in rad), "legendre" (Legendre
+            polynomials as strains, so that a coordinate is a curvature or twist in 1/m, or a shear angle in rad; well
+            conditioned at any count), or "loaded" (modes of this beam, tapered or not, clamped, with `basis_tip` on its
+            end; each 1 at its largest deflection).
+        order: of the rotation of the sections (Eq. 26). 0 is the paper's simplified model, which neither stiffens nor
+            softens with speed; 1 softens; 2 has the right centrifugal stiffening; 3 and
+            "exact" (no truncation) are for large bending and cost more.
+        rotary_inertia: whether slices have rotary inertia.
+        damping_ratio: modal, of every mode of the beam clamped at its base.
+        kelvin_voigt: retardation time (s) of the material: stress = E (strain + kelvin_voigt d(strain)/dt).
+        gauss_points: slices that carry the inertia, and points along which order "exact" integrates the rotation. None
+            lets the basis choose enough for about 1e-12; in "exact" beams that turn their sections by far more than a
+            radian these may be too few, of which a RangeWarning tells.
+        basis_tip: what the modes of the loaded basis carry on the beam's end: its mass, its com along x and its
+            principal inertia are used. It shapes the basis and no more; the load itself is the link's `tip`.
+        patches: piezoelectric patches; see Patch. The loaded basis does not feel them.
+
+    Raises:
+        ValueError: naming the field and the value.
+    """
+
+    length: float
+    section: Section
+    material: Material
+    modes: Mapping[str, Any]
+    basis: str = "clamped-free"
+    order: int | str = 2
+    rotary_inertia: bool = True
+    damping_ratio: float = 0.0
+    kelvin_voigt: float = 0.0
+    gauss_points: int | None = None
+    basis_tip: RigidBody | None = None
+    patches: Sequence[Patch] = ()
+    #: number of shape functions of each strain that has any
+    counts: Mapping[str, int] = field(init=False, repr=False, compare=False)
+    _core: _core.Beam = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("length", "damping_ratio", "kelvin_voigt"):
+            self._set(name, number(name, getattr(self, name)))
+        if not isinstance(self.section, (_Section, Taper)):
+            raise ValueError(f"section = {self.section!r}: must be a Rectangle, Circle, GeneralSection or Taper")
+        if isinstance(self.section, Taper) and not abs(self.section.x[-1] - self.length) <= 1e-9 * self.length:
+            raise ValueError(f"section.x = {self.section.x}: must end at the beam's length, {self.length} m")
+        if not isinstance(self.material, Material):
+            raise ValueError(f"material = {self.material!r}: must be a Material")
+        if not isinstance(self.rotary_inertia, bool):
+            raise ValueError(f"rotary_inertia = {self.rotary_inertia!r}: must be true or false")
+        choice("basis", self.basis, ("clamped-free", "legendre", "loaded"))
+        order = self.order if isinstance(self.order, str) else whole("order", self.order)
+        if order not in (0, 1, 2, 3, "exact"):
+            raise ValueError(f'order = {self.order!r}: must be 0, 1, 2, 3 or "exact"')
+        self._set("order", order)
+        if self.gauss_points is not None:
+            self._set("gauss_points", whole("gauss_points", self.gauss_points))
+            if self.gauss_points < 1:
+                raise ValueError(f"gauss_points = {self.gauss_points}: must be from 1 to 400, or left out")
+        counts, own = self._read_modes()
+        tip = self._read_tip()
+        options = _core.BeamOptions(
+            counts,
+            self.basis,
+            [columns(shapes) for shapes in own],
+            4 if order == "exact" else int(order),
+            self.rotary_inertia,
+            self.damping_ratio,
+            self.kelvin_voigt,
+            self.gauss_points or 0,
+            *tip,
+        )
+        if not isinstance(self.patches, (list, tuple)) or not all(isinstance(p, Patch) for p in self.patches):
+            raise ValueError(f"patches = {self.patches!r}: must be a list of Patch")
+        self._set("patches", tuple(self.patches))
+        glued = core_patches(self.patches, self.section, self.length)
+        self._set("_core", _core.Beam(self.length, self.section._core, self.material._core, options, glued))
+
+    def _read_modes(self) -> tuple[list[int], list[list[tuple[float, ...]]]]:
+        known_keys("modes", self.modes, STRAINS)
+        modes: dict[str, Any] = {}
+        own: list[list[tuple[float, ...]]] = [[] for _ in STRAINS]
+        for k, strain in enumerate(STRAINS):
+            value = self.modes.get(strain, 0)
+            if isinstance(value, (list, tuple)):
+                if not self.length > 0:
+                    raise ValueError(f"length = {self.length}: must be positive and finite")
+                own[k] = [coefficients(f"modes.{strain}[{i}]", v, self.length) for i, v in enumerate(value)]
+                modes[strain] = tuple(MappingProxyType({"legendre": c}) for c in own[k])
+            elif callable(value) or np.ndim(value):
+                raise ValueError(f"modes.{strain} = {value!r}: must be a whole number, or a list of strain shapes")
+            else:
+                modes[strain] = whole(f"modes.{strain}", value)
+        counts = [len(own[k]) if own[k] else modes[s] or 0 for k, s in enumerate(STRAINS)]
+        self._set("modes", MappingProxyType({s: m for s, m in modes.items() if m}))
+        self._set("counts", MappingProxyType({s: n for s, n in zip(STRAINS, counts, strict=True) if n}))
+        return counts, own
+
+    def _read_tip(self) -> tuple[float, float, Any]:
+        if self.basis_tip is None:
+            return 0.0, 0.0, np.zeros(3)
+        if not isinstance(self.basis_tip, RigidBody):
+            raise ValueError(f"basis_tip = {self.basis_tip!r}: must be a RigidBody")
+        if self.basis != "loaded":
+            raise ValueError(f"basis_tip: goes with basis = 'loaded', not {self.basis!r}")
+        return self.basis_tip.mass, self.basis_tip.com[0], np.diag(_inertia_matrix(self.basis_tip.inertia))
+
+    @property
+    def mass(self) -> float:
+        """kg"""
+        return float(self._core.mass)
+
+    @property
+    def ne(self) -> int:
+        """Number of elastic coordinates."""
+        return sum(self.counts.values())
+
+
+def _inertia_matrix(value: Any) -> Any:
+    """3 numbers: diagonal; 6: xx yy zz xy xz yz; or a 3 x 3 matrix."""
+    a = array("inertia", value)
+    if a.shape == (3,):
+        return np.diag(a)
+    if a.shape == (6,):
+        xx, yy, zz, xy, xz, yz = a
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if a.shape == (3, 3):
+        return a
+    raise ValueError(f"inertia has shape {a.shape}: must be 3 numbers, 6 (xx yy zz xy xz yz) or a 3 x 3 matrix")
+
+
+def _numbers(value: Any) -> Any:
+    """Nested tuples of floats, so that parts compare, print and pickle plainly."""
+    return tuple(_numbers(v) if np.ndim(v) else float(v) for v in value)
+
+
+@dataclass(frozen=True)
+class RigidBody(_Part):
+    """Rigid hub or tip of a link.
+
+    Args:
+        mass: kg.
+        com: centre of mass in body axes (m).
+        inertia: about the centre of mass, body axes (kg m^2): 3 numbers (diagonal), 6 (xx yy zz xy xz yz, the entries
+            of the matrix) or a symmetric 3 x 3 matrix.
+        end: where the next body, or the next link's joint, begins, in body axes (m).
+    """
+
+    mass: float = 0.0
+    com: Vector = (0.0, 0.0, 0.0)
+    inertia: Any = (0.0, 0.0, 0.0)
+    end: Vector = (0.0, 0.0, 0.0)
+    _core: _core.RigidBody = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set("mass", number("mass", self.mass))
+        com, end = array("com", self.com, (3,)), array("end", self.end, (3,))
+        inertia = _inertia_matrix(self.inertia)
+        for name in ("com", "inertia", "end"):
+            self._set(name, _numbers(getattr(self, name)))
+        self._set("_core", _core.RigidBody(self.mass, com, inertia, end))

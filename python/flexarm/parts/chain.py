@@ -1,0 +1,284 @@
+"""The chain: an immutable series of links, its indices, and its kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import _core
+from .._check import Array, array, batch, finite, number
+from .link import Link
+from .part import _plain
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+
+class Chain:
+    """The data of an arm: its links and gravity, which coordinate is whose, where its slices are and how they move.
+
+    What stands below the `Arm` that users see takes a Chain. Shapes and conventions are those of `flexarm.Arm`.
+    """
+
+    links: tuple[Link, ...]
+    _warned: bool  #: whether ModelWarning has been said of it
+
+    @classmethod
+    def _made(cls, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> Self:
+        """An arm made of another, whose user has been warned already."""
+        arm = cls.__new__(cls)
+        arm._build(links, gravity)
+        arm._warned = True
+        return arm
+
+    def _build(self, links: Sequence[Link], gravity: Sequence[float]) -> None:
+        if not isinstance(links, Sequence):
+            raise ValueError(f"links = {links!r}: must be a list of links")
+        self.links: tuple[Link, ...] = tuple(links)
+        for k, link in enumerate(self.links):
+            if not isinstance(link, Link):
+                raise ValueError(f"links[{k}] = {link!r}: must be a Link")
+        self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
+        self._core = _core.Arm([link._core for link in self.links], self.gravity)
+        self.nq: int = self._core.nq
+        self.nv: int = self._core.nv
+        self.coordinates: tuple[str, ...] = tuple(self._core.coordinates)
+        self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
+        self.patch_matrix.flags.writeable = False
+        self._fast_modes: Any = ()  # once known, see pace.py
+        self.patches: list[tuple[int, int]] = [
+            (k, i) for k, link in enumerate(self.links) if link.beam for i in range(len(link.beam.patches))
+        ]  #: (link, patch) of each of its columns
+
+    def to_dict(self) -> dict[str, Any]:
+        """The inverse of `from_dict`."""
+        return {"gravity": _plain(self.gravity), "link": [link.to_dict() for link in self.links]}
+
+    def __reduce__(self) -> Any:
+        return type(self)._made, (self.links, self.gravity)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Chain) and (self.links, self.gravity) == (other.links, other.gravity)
+
+    __hash__ = None  # type: ignore[assignment]  # beams hold dictionaries
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({len(self.links)} links, {self.nv} coordinates: {', '.join(self.coordinates)})"
+
+    def _link(self, link: Any, field: str = "link") -> int:
+        n = len(self.links)
+        if isinstance(link, bool) or not isinstance(link, (int, np.integer)) or not -n <= link < n:
+            raise ValueError(f"{field} = {link!r}: must be from {-n} to {n - 1}")
+        return int(link) % n
+
+    def joint_rates(self, link: Any, field: str = "link") -> list[int]:
+        """Indices in v of the rates of a link's joint, or of one of them when `link` is (link, freedom); `field` is
+        what an error calls the link."""
+        name, freedom = link if isinstance(link, tuple) and len(link) == 2 else (link, None)
+        n = self._link(name, field)
+        nv = self.links[n].joint.nv
+        if nv == 0:
+            raise ValueError(f"{field} = {link}: its joint is fixed, it has no coordinate")
+        if freedom is None:
+            return list(range(self._core.first(n), self._core.first(n) + nv))
+        if isinstance(freedom, bool) or not isinstance(freedom, (int, np.integer)) or not 0 <= freedom < nv:
+            raise ValueError(f"{field} = {link}: its joint has freedoms 0 to {nv - 1}")
+        return [self._core.first(n) + int(freedom)]
+
+    def joint_rate(self, link: Any, field: str = "link") -> int:
+        """The index of one rate: of a joint with one freedom, or of (link, freedom)."""
+        rates = self.joint_rates(link, field)
+        if len(rates) > 1:
+            raise ValueError(f"{field} = {link}: its joint has {len(rates)} freedoms; name one as ({link}, 0)")
+        return rates[0]
+
+    def by_rate(self, field: str, keyed: Mapping[Any, Any] | None) -> dict[int, Any]:
+        """What is keyed by link or (link, freedom), keyed by the index of that rate instead."""
+        if keyed is not None and not isinstance(keyed, Mapping):
+            raise ValueError(f"{field} = {keyed!r}: must be a dictionary, by link number")
+        out: dict[int, Any] = {}
+        for link, value in (keyed or {}).items():
+            i = self.joint_rate(link, f"{field}: link")
+            if i in out:
+                raise ValueError(f"{field}: link = {link}: is named twice")
+            out[i] = value
+        return out
+
+    def coordinate_of(self, rate: int) -> int:
+        """Index in q of the coordinate whose rate has index `rate` in v; -1 for the rates of a ball."""
+        return self._core.coordinate_of(rate)
+
+    @property
+    def q_names(self) -> tuple[str, ...]:
+        """A label per coordinate of q: as `coordinates`, but with the quaternions of balls; (nq,)."""
+        names = [""] * self.nq
+        for i, label in enumerate(self.coordinates):
+            if self.coordinate_of(i) >= 0:
+                names[self.coordinate_of(i)] = label
+        for k, at in self.quaternions():
+            names[at] = [f"link {k} {self.links[k].joint.type} quaternion {c}" for c in "wxyz"]
+        return tuple(names)
+
+    def quaternions(self) -> list[tuple[int, slice]]:
+        """The links whose joints hold a ball, and where its quaternion (w, x, y, z) stands in q."""
+        ends = [self._core.first_q(k) + link.joint.nq for k, link in enumerate(self.links)]
+        return [(k, slice(end - 4, end)) for k, end in enumerate(ends) if self.links[k].joint.ball]
+
+    @property
+    def zero(self) -> Array:
+        """All coordinates zero, but the quaternions of balls 1 0 0 0; (nq,)."""
+        return np.array(self._core.zero)
+
+    def patch_column(self, link: Any, patch: Any, field: str = "") -> int:
+        """Which column of the patch matrix is a link's patch."""
+        n = self._link(link, f"{field}link")
+        beam = self.links[n].beam
+        count = len(beam.patches) if beam else 0
+        if not count:
+            raise ValueError(f"{field}link = {link}: has no patches")
+        if isinstance(patch, bool) or not isinstance(patch, (int, np.integer)) or not -count <= patch < count:
+            raise ValueError(f"{field}patch = {patch!r}: must be from {-count} to {count - 1}, the patches of link {n}")
+        return self.patches.index((n, int(patch) % count))
+
+    @staticmethod
+    def _x(x: float | None) -> float | None:
+        return None if x is None else number("x", x)
+
+    def _batch(self, **named: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
+        lead, rows = batch({k: self.nq if k == "q" else self.nv for k in named}, **named)
+        if "q" in named:
+            self.check_balls("q", rows[list(named).index("q")])
+        return lead, rows
+
+    def _single(self, **named: ArrayLike) -> list[Array]:
+        arrays = [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
+        if "q" in named:
+            self.check_balls("q", arrays[list(named).index("q")])
+        return arrays
+
+    def check_balls(self, field: str, q: Array) -> None:
+        """ValueError when a quaternion in q (..., nq) has no length, or one whose square overflows."""
+        for k, at in self.quaternions():
+            size = np.abs(q[..., at]).max(axis=-1, initial=0.0)
+            for value, bad in (("0 0 0 0", size < 1e-100), (f"up to {size.max(initial=0.0):g}", size > 1e100)):
+                if bad.any():
+                    raise ValueError(
+                        f"{field}[{at.start}:{at.stop}] = {value}: the quaternion of link {k} must have a length, "
+                        "from 1e-100 to 1e100"
+                    )
+
+    # -- kinematics ----------------------------------------------------------------------------------------------------
+
+    def frame(self, q: ArrayLike, link: int = -1, x: float | None = None) -> tuple[Array, Array]:
+        """Position (..., 3) and orientation (..., 3, 3) in the world of the slice of a link's beam at x metres.
+
+        x = None is the link's end, where the next joint sits. The columns of R are the slice's axes.
+        """
+        lead, (q,) = self._batch(q=q)
+        p, R = self._core.frame(q, self._link(link), self._x(x))
+        return finite("frame", p).reshape(*lead, 3), finite("frame", R).reshape(*lead, 3, 3)
+
+    def jacobian(self, q: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+        """Jacobian (..., 6, nv) of such a frame: [linear; angular] velocity in world axes (Phi H of Eq. 91)."""
+        lead, (q,) = self._batch(q=q)
+        return finite("jacobian", self._core.jacobian(q, self._link(link), self._x(x))).reshape(*lead, 6, self.nv)
+
+    def jacobian_rate(self, q: ArrayLike, v: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+        """Time derivative (..., 6, nv) of that Jacobian at the rates v: acceleration = J a + dJ/dt v."""
+        lead, (q, v) = self._batch(q=q, v=v)
+        rate = self._core.jacobian_rate(q, v, self._link(link), self._x(x))
+        return finite("jacobian rate", rate).reshape(*lead, 6, self.nv)
+
+    def velocity(self, q: ArrayLike, v: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+        """Velocity (..., 6) of such a frame: [linear (m/s); angular (rad/s)] in world axes (Eq. 85)."""
+        lead, (q, v) = self._batch(q=q, v=v)
+        velocity, _ = self._core.slice_motion(q, v, v, self._link(link), self._x(x))
+        return finite("velocity", velocity).reshape(*lead, 6)
+
+    def acceleration(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+        """Acceleration (..., 6) of such a frame: [linear (m/s^2); angular (rad/s^2)] in world axes (Eq. 86)."""
+        lead, (q, v, a) = self._batch(q=q, v=v, a=a)
+        _, acceleration = self._core.slice_motion(q, v, a, self._link(link), self._x(x))
+        return finite("acceleration", acceleration).reshape(*lead, 6)
+
+    def center_of_mass(self, q: ArrayLike) -> Array:
+        """Position (..., 3) of the whole arm's centre of mass in the world (m)."""
+        lead, (q,) = self._batch(q=q)
+        if not any(link.mass for link in self.links):
+            raise ValueError("links: no link has a mass, so there is no centre of mass")
+        _, centre = self._core.momentum(q, np.zeros((len(q), self.nv)))
+        return finite("centre of mass", centre).reshape(*lead, 3)
+
+    def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """The whole arm's momentum (..., 6): [linear (kg m/s); angular about the world's origin (kg m^2/s)], world
+        axes. At order 0 it is that of the cut kinetic energy, a little off mass times the centre of mass's velocity."""
+        lead, (q, v) = self._batch(q=q, v=v)
+        return finite("momentum", self._core.momentum(q, v)[0]).reshape(*lead, 6)
+
+    def strain(self, q: ArrayLike, link: int = 0, x: float = 0.0) -> Array:
+        """Strains K1, K2, K3 (1/m) and phi12, phi13 (rad) at x metres along a link's beam (Eq. 18-21), (..., 5)."""
+        lead, (q,) = batch({"q": self.nq}, q=q)  # strains do not ask for a ball's quaternion
+        return finite("strain", self._core.strain(q, self._link(link), number("x", x))).reshape(*lead, 5)
+
+    def deflection(self, q: ArrayLike, link: int = 0, x: float | None = None) -> Array:
+        """Displacement (..., 3) of the slice at x metres (None: the beam's tip) from rest, in the link's axes (m)."""
+        lead, (q,) = self._batch(q=q)
+        n = self._link(link)
+        beam = self.links[n].beam
+        if beam is None:
+            raise ValueError(f"link = {link}: has no beam, so no deflection")
+        return finite("deflection", self._core.deflection(q, n, beam.length if x is None else number("x", x))).reshape(
+            *lead, 3
+        )
+
+    def charge(self, q: ArrayLike, link: int = 0, patch: int = 0) -> Array:
+        """Charge (C) that strain brings onto the electrodes of a link's patch when they are short-circuited, (...): by
+        reciprocity, the patch's forces per volt (Eq. 61) times the elastic coordinates."""
+        lead, (q,) = batch({"q": self.nq}, q=q)
+        with np.errstate(over="ignore", invalid="ignore"):
+            force = self.patch_matrix[:, self.patch_column(link, patch)]
+            used = np.flatnonzero(force)
+            charge = q[..., [self.coordinate_of(int(i)) for i in used]] @ force[used]
+            return finite("charge", np.asarray(charge)).reshape(lead)
+
+    def patch_voltage(self, q: ArrayLike, link: int = 0, patch: int = 0) -> Array:
+        """Voltage (V) of a link's patch when its electrodes are open, (...): -charge / capacitance, so that one that
+        shrinks under a voltage shows it when stretched. What that voltage does to the motion is not in it."""
+        with np.errstate(over="ignore"):
+            return finite("patch voltage", -self.charge(q, link, patch) / self.capacitance(link, patch))
+
+    def capacitance(self, link: int = 0, patch: int = 0) -> float:
+        """Capacitance (F) of a link's patch, of a pair in parallel, with all strains held.
+
+        Raises:
+            ValueError: no such patch, or its material has no permittivity.
+        """
+        n = self._link(link)
+        self.patch_column(n, patch)
+        beam = self.links[n].beam
+        assert beam is not None
+        value = float(beam._core.patch_capacitances[patch])
+        if not value > 0:
+            raise ValueError(
+                f"permittivity = {beam.patches[patch].material.permittivity}: patch {patch} of link {n} needs it to "
+                "sense a voltage"
+            )
+        return value
+
+    # -- inertia and energy --------------------------------------------------------------------------------------------
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """Joint-space mass matrix of Eq. 90, shape (..., nv, nv)."""
+        lead, rows = self._batch(q=q)
+        return finite("mass matrix", self._core.mass_matrix(*rows)).reshape(*lead, self.nv, self.nv)
+
+    def energy(self, q: ArrayLike, v: ArrayLike) -> tuple[Any, Any]:
+        """Kinetic and potential energy (J), each of shape (...): potential is elastic less sum of m g . p."""
+        lead, rows = self._batch(q=q, v=v)
+        e = finite("energy", self._core.energy(*rows))
+        if lead == ():
+            return float(e[0, 0]), float(e[0, 1])
+        return e[:, 0].reshape(lead), e[:, 1].reshape(lead)

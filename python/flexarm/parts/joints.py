@@ -1,0 +1,254 @@
+"""Joints (paper Sec. 4.1): zero to six freedoms between the end of one link and the next link."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from .. import _core
+from .._check import Array, array, number
+from .beam import Vector, _numbers
+from .part import _Part
+
+_UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_SPRINGS = ("stiffness", "rest", "damping", "lower", "upper", "limit_stiffness", "limit_damping")
+_FORCES = (*_SPRINGS, "coulomb", "stiction", "reflected_inertia")
+_Freedom = tuple[str, bool, Vector]  # label, whether a rotation, axis
+
+
+def _axis(value: Any) -> Vector:
+    if isinstance(value, str):
+        if value not in _UNIT:
+            raise ValueError(f'axis = {value!r}: must be "x", "y", "z" or three numbers')
+        return _UNIT[value]
+    return value  # type: ignore[no-any-return]
+
+
+def _rotation(field_name: str, value: Any) -> Array:
+    """A rotation matrix from a rotation vector (rad) or a 3 x 3 matrix."""
+    a = array(field_name, value)
+    if a.shape == (3, 3):
+        return a
+    if a.shape != (3,):
+        raise ValueError(f"{field_name} has shape {a.shape}: must be a rotation vector (rad) or a 3 x 3 matrix")
+    angle = float(np.linalg.norm(a))
+    x, y, z = a / angle if angle > 0 else a
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
+
+
+@dataclass(frozen=True)
+class Placement(_Part):
+    """A place on one side of a joint: `position` (m), and `rotation` as a rotation vector (rad) or a 3 x 3 matrix."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    rotation: Any = (0.0, 0.0, 0.0)
+    _core: tuple[Array, Array] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        core = (array("position", self.position, (3,)), _rotation("rotation", self.rotation))
+        self._set("position", _numbers(self.position))
+        self._set("rotation", _numbers(self.rotation))
+        self._set("_core", core)
+
+
+@dataclass(frozen=True, repr=False)
+class Joint(_Part):
+    """What all joints share; each value of a force is one number, or one for each freedom.
+
+    Attributes:
+        stiffness, rest: springs (N/m, N m/rad) and where they are at rest (m, rad).
+        damping: viscous (N s/m, N m s/rad).
+        lower, upper: soft stops (m, rad), with `limit_stiffness` and, setting in over the first 1e-3 m or rad of
+            penetration so that the force stays continuous, `limit_damping`. Of a ball, the spring pulls its whole turn
+            back to none, `upper` is the largest angle of that turn (below pi), and both are alike about all axes.
+        coulomb: dry friction (N, N m): the force that opposes sliding, whatever its speed. It acts in whatever goes on
+            in time (`simulate`, `simulate_batch`, `rollout`, environments): a freedom that comes to rest sticks,
+            exactly still, until more than `stiction` is needed to hold it. What is computed for one instant
+            (`forward_dynamics`, `inverse_dynamics`, `linearize`) leaves it out.
+        stiction: the most that holds a sticking freedom (N, N m), at least `coulomb`; None: as much as `coulomb`.
+        reflected_inertia: of the drive's rotor, as the joint feels it: gear ratio squared times rotor inertia (kg,
+            kg m²). The rotor's own gyroscopic moments are left out.
+        inboard: where the joint sits on the link below, from that link's end.
+        outboard: where the link's own frame sits, from the joint's moving side.
+    """
+
+    stiffness: Any = field(default=0.0, kw_only=True)
+    rest: Any = field(default=0.0, kw_only=True)
+    damping: Any = field(default=0.0, kw_only=True)
+    lower: Any = field(default=None, kw_only=True)
+    upper: Any = field(default=None, kw_only=True)
+    limit_stiffness: Any = field(default=0.0, kw_only=True)
+    limit_damping: Any = field(default=0.0, kw_only=True)
+    coulomb: Any = field(default=0.0, kw_only=True)
+    stiction: Any = field(default=None, kw_only=True)
+    reflected_inertia: Any = field(default=0.0, kw_only=True)
+    inboard: Placement | None = field(default=None, kw_only=True)
+    outboard: Placement | None = field(default=None, kw_only=True)
+    #: one label and one unit ("rad" or "m") for each rate
+    labels: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    units: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    _core: _core.Joint = field(init=False, repr=False, compare=False)
+
+    type: ClassVar[str] = ""
+    ball: ClassVar[bool] = False
+
+    def _freedoms(self) -> list[_Freedom]:
+        return []
+
+    def _per_freedom(self, name: str, n: int) -> list[float]:
+        value = getattr(self, name)
+        if value is None and name == "stiction":
+            return self._per_freedom("coulomb", n)
+        if value is None:
+            return [np.inf if name == "upper" else -np.inf] * n
+        if not isinstance(value, (list, tuple)):
+            self._set(name, number(name, value))
+            return [getattr(self, name)] * n
+        self._set(name, tuple(array(name, value, (n,)).tolist()))
+        return list(getattr(self, name))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(getattr(self, "axis", ""), str):
+            self._set("axis", _numbers(array("axis", self.axis, (3,))))  # type: ignore[attr-defined]
+        freedoms = self._freedoms()
+        labels = [f"{self.type} {name}".strip() for name, _, _ in freedoms]
+        labels += [f"{self.type} w{a}" for a in "xyz"] if self.ball else []
+        forces = []
+        if any(getattr(self, f) != type(self).__dataclass_fields__[f].default for f in _FORCES):
+            columns = [self._per_freedom(f, len(labels)) for f in _FORCES]
+            forces = [_core.JointForce(*row) for row in zip(*columns, strict=True)]
+        sides = []
+        for side in ("inboard", "outboard"):
+            place = getattr(self, side)
+            if place is not None and not isinstance(place, Placement):
+                raise ValueError(f"{side} = {place!r}: must be a Placement or None")
+            sides.append((place or Placement())._core)
+        motions = [(rotates, axis) for _, rotates, axis in freedoms]
+        self._set("_core", _core.Joint(motions, self.ball, labels, forces, *sides))
+        units = ["rad" if rotates else "m" for _, rotates, _ in freedoms] + ["rad"] * (3 if self.ball else 0)
+        self._set("labels", tuple(labels))
+        self._set("units", tuple(units))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same structure as in a scene file; what has its default is left out."""
+        defaults = {name: type(self).__dataclass_fields__[name].default for name in (*_FORCES, "inboard", "outboard")}
+        return {k: v for k, v in super().to_dict().items() if k not in defaults or v != defaults[k]}
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.to_dict().items() if k != 'type')})"
+
+    @property
+    def nv(self) -> int:
+        """Degrees of freedom: number of rates."""
+        return len(self.labels)
+
+    @property
+    def nq(self) -> int:
+        """Number of coordinates; a ball has four for its three rates."""
+        return self.nv + self.ball
+
+
+@dataclass(frozen=True, repr=False)
+class Fixed(Joint):
+    """Rigid connection."""
+
+    type: ClassVar[str] = "fixed"
+
+
+@dataclass(frozen=True, repr=False)
+class Revolute(Joint):
+    """Rotation by q (rad) about an axis: "x", "y", "z" or three numbers, in the axes the joint sits on."""
+
+    axis: str | Vector = "z"
+    type: ClassVar[str] = "revolute"
+
+    def _freedoms(self) -> list[_Freedom]:
+        return [("", True, _axis(self.axis))]
+
+
+@dataclass(frozen=True, repr=False)
+class Prismatic(Joint):
+    """Translation by q (m) along an axis: "x", "y", "z" or three numbers, in the axes the joint sits on."""
+
+    axis: str | Vector = "x"
+    type: ClassVar[str] = "prismatic"
+
+    def _freedoms(self) -> list[_Freedom]:
+        return [("", False, _axis(self.axis))]
+
+
+@dataclass(frozen=True, repr=False)
+class Cylindrical(Joint):
+    """Translation (m) along and rotation (rad) about one axis."""
+
+    axis: str | Vector = "z"
+    type: ClassVar[str] = "cylindrical"
+
+    def _freedoms(self) -> list[_Freedom]:
+        return [("translation", False, _axis(self.axis)), ("rotation", True, _axis(self.axis))]
+
+
+@dataclass(frozen=True, repr=False)
+class Universal(Joint):
+    """Rotations (rad) about x, then about the moved y."""
+
+    type: ClassVar[str] = "universal"
+
+    def _freedoms(self) -> list[_Freedom]:
+        return [("x", True, _UNIT["x"]), ("y", True, _UNIT["y"])]
+
+
+@dataclass(frozen=True, repr=False)
+class Planar(Joint):
+    """Translations (m) along x and y, then a rotation (rad) about z."""
+
+    type: ClassVar[str] = "planar"
+
+    def _freedoms(self) -> list[_Freedom]:
+        return [("x", False, _UNIT["x"]), ("y", False, _UNIT["y"]), ("rotation", True, _UNIT["z"])]
+
+
+@dataclass(frozen=True, repr=False)
+class Spherical(Joint):
+    """Ball: q is a unit quaternion (w, x, y, z), v the angular velocity in the link's axes (rad/s). No singularity."""
+
+    type: ClassVar[str] = "spherical"
+    ball: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, repr=False)
+class Free(Joint):
+    """Six freedoms: q = (x, y, z, unit quaternion w x y z), position in the axes the joint sits on (m);
+    v = (its rate, angular velocity in the link's axes)."""
+
+    type: ClassVar[str] = "free"
+    ball: ClassVar[bool] = True
+
+    def _freedoms(self) -> list[_Freedom]:
+        return [(a, False, _UNIT[a]) for a in "xyz"]
+
+
+@dataclass(frozen=True, repr=False)
+class Axes(Joint):
+    """Up to six elementary motions, such as ("tx", "ty", "rz"): translations and rotations along and about the x, y
+    and z that the motions before have moved, in the order given (Euler-angle style; singular where two axes meet)."""
+
+    axes: Sequence[str] = ()
+    type: ClassVar[str] = "axes"
+
+    def _freedoms(self) -> list[_Freedom]:
+        names = (self.axes,) if isinstance(self.axes, str) else self.axes
+        if not isinstance(names, (list, tuple)):
+            raise ValueError(f"axes = {names!r}: must be a list of motions, such as ['tx', 'rz']")
+        names = tuple(names)
+        self._set("axes", names)
+        for name in names:
+            if name not in ("tx", "ty", "tz", "rx", "ry", "rz"):
+                raise ValueError(f"axes = {list(names)!r}: {name!r} must be one of tx, ty, tz, rx, ry, rz")
+        return [(name, name[0] == "r", _UNIT[name[1]]) for name in names]

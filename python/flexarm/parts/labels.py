@@ -1,0 +1,31 @@
+"""Names and units of an arm's coordinates, as tables and figures show them."""
+
+from __future__ import annotations
+
+from .chain import Chain
+
+
+def joint_coordinates(arm: Chain) -> list[tuple[int, str, str]]:
+    """(index into q, label, unit) of every joint coordinate of an arm; units are rad or m, or 1 of a quaternion."""
+    out, names = [], arm.q_names
+    for k, link in enumerate(arm.links):
+        first = arm._core.first_q(k)
+        units = link.joint.units[:-3] + ("1",) * 4 if link.joint.ball else link.joint.units
+        out += [(first + n, names[first + n], unit) for n, unit in enumerate(units)]
+    return out
+
+
+def joint_rates(arm: Chain) -> list[tuple[int, str, str]]:
+    """(index into v and tau, label, unit of what it is the rate of, rad or m) of every joint rate of an arm."""
+    firsts = [(arm._core.first(k), link.joint.units) for k, link in enumerate(arm.links)]
+    return [(i, arm.coordinates[i], unit) for first, units in firsts for i, unit in enumerate(units, first)]
+
+
+def deflections(arm: Chain) -> list[tuple[int, int, str]]:
+    """(link, component, label) of every tip deflection an arm's beams can have; component 1 is y, 2 is z."""
+    out = []
+    for k, link in enumerate(arm.links):
+        for component, axis in ((1, "y"), (2, "z")):
+            if link.beam and any(link.beam.counts.get(f"{strain}_{axis}") for strain in ("bending", "shear")):
+                out.append((k, component, f"link {k} tip {axis}"))
+    return out

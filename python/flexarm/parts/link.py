@@ -1,0 +1,41 @@
+"""The link: joint, hub, beam and tip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from .. import _core
+from .beam import Beam, RigidBody
+from .joints import Joint
+from .part import _Part
+
+
+@dataclass(frozen=True)
+class Link(_Part):
+    """A joint, a rigid hub, an elastic beam and a rigid tip; each of the three bodies may be missing (Sec. 4.2).
+
+    The joint sits at the end of the link below, in its axes. The beam starts at `hub.end`; the tip sits on the beam's
+    last section (or at `hub.end`), in its axes; the next link's joint sits at `tip.end`.
+    """
+
+    joint: Joint
+    hub: RigidBody | None = None
+    beam: Beam | None = None
+    tip: RigidBody | None = None
+    _core: _core.Link = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.joint, Joint):
+            raise ValueError(f'joint = {self.joint!r}: must be a joint, such as Revolute("z")')
+        for name, kind in (("hub", RigidBody), ("beam", Beam), ("tip", RigidBody)):
+            part = getattr(self, name)
+            if part is not None and not isinstance(part, kind):
+                raise ValueError(f"{name} = {part!r}: must be a {kind.__name__} or None")
+        hub, beam, tip = (p._core if p is not None else None for p in (self.hub, self.beam, self.tip))
+        self._set("_core", _core.Link(self.joint._core, hub, beam, tip))  # type: ignore[arg-type]
+
+    @property
+    def mass(self) -> float:
+        """kg"""
+        return float(self._core.mass)

@@ -1,0 +1,59 @@
+"""What all parts of an arm have in common: immutable dataclasses with a counterpart in the core."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+from .._check import plain
+
+
+class _Part:
+    """Holds the core's counterpart in `_core`, outside equality, printing and pickling."""
+
+    _core: Any
+
+    def __post_init__(self) -> None:
+        """Takes NumPy's numbers for what they are worth, so that parts compare, print and save alike."""
+        for name, value in self._arguments().items():
+            self._set(name, plain(value))
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)  # dataclasses here are frozen
+
+    def _arguments(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.init}  # type: ignore[arg-type]
+
+    def __reduce__(self) -> Any:
+        return _rebuild, (type(self), {k: _unwrapped(v) for k, v in self._arguments().items()})
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same structure as in a scene file."""
+        out: dict[str, Any] = {}
+        kind = getattr(self, "type", None)
+        if kind is not None:
+            out["type"] = kind
+        for name, value in self._arguments().items():
+            if value is not None and not (isinstance(value, tuple) and not value):
+                out[name] = _plain(value)
+        return out
+
+
+def _rebuild(cls: type, arguments: dict[str, Any]) -> Any:
+    return cls(**arguments)
+
+
+def _unwrapped(value: Any) -> Any:
+    """Read-only mappings as dictionaries, which pickle."""
+    if isinstance(value, Mapping):
+        return {k: _unwrapped(v) for k, v in value.items()}
+    return tuple(_unwrapped(v) for v in value) if isinstance(value, tuple) else value
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(v) for v in value]
+    return value.to_dict() if isinstance(value, _Part) else value

@@ -1,0 +1,1 @@
+"""One run: integration in time, its result, and what watches it."""

@@ -1,0 +1,172 @@
+"""Whether "ida" crawls, and after what; and whether "rk4" takes steps that are too long."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._check import Array
+
+if TYPE_CHECKING:
+    from ..arm import Arm
+
+_EXPLICIT = 2.83  # step times frequency up to which rk4 is stable
+_BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
+_MANY = 2e5  # steps of a whole run, from which on it is looked at what they follow
+_ENDLESS = 2e7  # steps that are too many, whatever they follow
+_APART = 300.0  # parts of the lowest frequency: modes beyond are hardly what a run is about
+_FOLLOWED = (0.003, 20.0)  # step times frequency of a mode that holds the steps down
+
+
+class SlowWarning(UserWarning):
+    """"ida" takes very many steps.
+
+    Attributes:
+        time: reached (s). steps: taken so far. expected: steps of the whole run, if it goes on so.
+        frequency: the highest that it follows (rad/s); nan where no vibration explains the steps.
+        step: that "implicit" may take instead (s); nan where no mode can be stepped over.
+    """
+
+    def __init__(
+        self, message: str, time: float, steps: int, expected: float, frequency: float = np.nan, step: float = np.nan
+    ) -> None:
+        super().__init__(message)
+        self.time, self.steps, self.expected, self.frequency, self.step = time, steps, expected, frequency, step
+
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.time, self.steps, self.expected, self.frequency, self.step)
+
+
+class StepWarning(UserWarning):
+    """Steps of "rk4" are above its limit: what oscillates fast has grown, and may be all that is left of the motion.
+
+    Attributes:
+        step: the one given (s). growth: of the fastest motion, by one step.
+    """
+
+    def __init__(self, message: str, step: float, growth: float) -> None:
+        super().__init__(message)
+        self.step, self.growth = step, growth
+
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.step, self.growth)
+
+
+def explicit_limit(arm: Arm, step: float) -> str:
+    """That of rk4 on this arm at rest, joints held, in words, if these steps are above; else ""."""
+    modes = _fast_modes(arm)
+    if modes is None or modes[0][-1] * step < _EXPLICIT:
+        return ""
+    w = float(modes[0][-1])
+    return f", here {w:.3g} rad/s of {modes[2]}: below {_EXPLICIT / w:.3g} s"
+
+
+def beyond_explicit(arm: Arm, step: float, span: float) -> StepWarning | None:
+    """Whether steps of rk4 have made something of nothing in a run of `span` (s)."""
+    modes = _fast_modes(arm)
+    if modes is None:
+        return None
+    w, damping, _ = modes
+    z = step * w * (-damping + 1j * np.sqrt(np.maximum(1.0 - damping**2, 0.0)))
+    growth = float(np.abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0)))).max())
+    if np.log(growth) * span / step < _BLOWN:
+        return None
+    return StepWarning(
+        f'integrator = "rk4", step = {step:g}: is above {_EXPLICIT} over the highest frequency'
+        f"{explicit_limit(arm, step)}; what oscillates so fast grows {growth:.3g} times in every step",
+        step, growth,
+    )  # fmt: skip
+
+
+def _fast_modes(arm: Arm) -> tuple[Array, Array, str] | None:
+    """Frequencies with the joints locked (rad/s), increasing, their damping ratios, and which coordinate moves most in
+    the highest mode; None where there are none, or they cannot be told."""
+    if arm._fast_modes == ():
+        arm._fast_modes = _find_fast_modes(arm)
+    found: tuple[Array, Array, str] | None = arm._fast_modes
+    return found
+
+
+def _find_fast_modes(arm: Arm) -> tuple[Array, Array, str] | None:
+    elastic = [i for i, name in enumerate(arm.coordinates) if any(s in name for s in ("bending", "torsion", "shear"))]
+    if not elastic:
+        return None
+    try:
+        modes = arm._made(arm.links).modes(lock=[k for k, link in enumerate(arm.links) if link.joint.nv])
+    except ValueError:
+        return None
+    order = np.argsort(modes.frequencies)
+    if not modes.frequencies[order[0]] > 0.0:
+        return None
+    frequencies, shape = modes.frequencies[order], np.abs(modes.shapes[:, order[-1]])
+    inertia = np.diag(arm.mass_matrix(arm.zero))  # what of the motion is whose
+    most = max(elastic, key=lambda i: inertia[i] * shape[i] ** 2)
+    return frequencies, modes.damping[order], arm.coordinates[most]
+
+
+class Pace:
+    """Told now and then how many steps "ida" has taken; warns once.
+
+    Args:
+        grown: what to say of control loops, told the time since the start; a warning or None.
+    """
+
+    def __init__(self, arm: Arm, times: Array, grown: Callable[[float], Warning | None]) -> None:
+        self.arm, self.begin, self.end, self.grown = arm, float(times[0]), float(times[-1]), grown
+        self.last, self.warned, self.started = (self.begin, 0), False, time.perf_counter()
+
+    def __call__(self, now: float, steps: int) -> None:
+        since, before = self.last
+        self.last = now, steps
+        if self.warned or steps <= before or now <= since:  # dry friction begins anew, and counts from there
+            return
+        span, step = self.end - self.begin, (now - since) / (steps - before)
+        expected = steps + (self.end - now) / step
+        found = self.judge(now, steps, step, expected, span) if expected >= _MANY else None
+        if found is not None:
+            self.warned = True
+            warnings.warn(found, stacklevel=5)  # simulate, its `integrate`, what calls that, this
+
+    def left(self, steps: int, to_come: float) -> str:
+        """The time to compute these steps, in words."""
+        minutes = (time.perf_counter() - self.started) * to_come / steps / 60.0
+        return f"{minutes:.2g} minutes" if minutes < 100.0 else f"{minutes / 60.0:.2g} hours"
+
+    def judge(self, now: float, steps: int, step: float, expected: float, span: float) -> Warning | None:
+        loop = self.grown(now - self.begin)
+        if loop is not None:
+            return loop
+        so_far = f'integrator = "ida" has taken {steps} steps for {now - self.begin:.3g} s of {span:.3g} s, '
+        modes = _fast_modes(self.arm)
+        if modes is not None:
+            w, _, name = modes
+            slow = w[w < _APART * w[0]]
+            fast = w[slow.size :]
+            if fast.size and fast[-1] * step > _FOLLOWED[0] and fast[0] * step < _FOLLOWED[1]:
+                other = float(f"{0.2 / slow[-1]:.0e}")
+                return SlowWarning(
+                    f"{so_far}now {step:.2g} s each: they follow modes at {fast[0]:.2g} to {fast[-1]:.2g} rad/s "
+                    f"({name}), which hardly move the arm (the first is at {w[0]:.3g}); "
+                    f'integrator = "implicit", step = {other:g} steps over them',
+                    now, steps, expected, float(fast[-1]), other,
+                )  # fmt: skip
+        if expected < _ENDLESS:
+            return None
+        to_come = expected - steps
+        if modes is not None and modes[0][-1] * step > _FOLLOWED[0] and modes[0][0] * step < _FOLLOWED[1]:
+            fastest = float(modes[0][-1])
+            what = (
+                f"they follow the vibration of the beams, whose modes reach up to {fastest:.3g} rad/s; a larger "
+                f'rtol, or integrator = "gauss" or "implicit" with a step of your choice, takes fewer'
+            )
+        else:
+            fastest, what = np.nan, "look for what changes so fast"
+        return SlowWarning(
+            f"{so_far}now {step:.2g} s each: {to_come:.1e} steps are to come, {self.left(steps, to_come)} at this "
+            f"pace; {what}",
+            now, steps, expected, fastest,
+        )  # fmt: skip

@@ -1,0 +1,171 @@
+"""What a simulation returns."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._check import Array, named
+from ..acting.load import Load
+from ..arm import Arm
+from ..draw.trajectory import plot_panels
+from ..parts.labels import deflections, joint_coordinates
+from ..store.files import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(repr=False)
+class Result:
+    """Trajectory of an arm; every array has one row per output time.
+
+    Attributes:
+        arm: the arm.
+        t: times (s), (nt,).
+        q: coordinates, (nt, nq). v, a: rates and accelerations, (nt, nv).
+        tau: generalised forces (N, N m), (nt, nv): those applied, and the reactions of prescribed motions.
+        friction: dry friction of the joints (N, N m), (nt, nv): what opposes sliding, or holds what sticks; None where
+            no joint has any.
+        loads: the loads of the simulation; None when they were not kept (a file keeps none).
+        stats: steps, evaluations, jacobians, newton_iterations, linear_iterations (of GMRES), failed_steps,
+            switches (of joints between sticking and sliding), wall_time (s).
+        t_events, q_events, v_events: per event, the times (n,), coordinates (n, nq) and rates (n, nv) of its
+            occurrences; None without events.
+        status: 0: the last output time was reached, or the run failed; 1: a terminal event ended it.
+    """
+
+    arm: Arm
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    tau: Array
+    stats: dict[str, Any] = field(default_factory=dict)
+    loads: tuple[Load, ...] | None = ()
+    t_events: list[Array] | None = None
+    q_events: list[Array] | None = None
+    v_events: list[Array] | None = None
+    status: int = 0
+    friction: Array | None = None
+
+    def __repr__(self) -> str:
+        span = f"t = {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no times"
+        return f"Result({len(self.t)} rows, {span}, {self.arm.nv} coordinates, {self.stats.get('steps', 0)} steps)"
+
+    def frame(self, link: int = -1, x: float | None = None) -> tuple[Array, Array]:
+        """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""
+        return self.arm.frame(self.q, link, x)
+
+    def strain(self, link: int = 0, x: float = 0.0) -> Array:
+        """K1, K2, K3 (1/m), phi12, phi13 (rad) at x metres along a link's beam, (nt, 5)."""
+        return self.arm.strain(self.q, link, x)
+
+    def energy(self) -> tuple[Array, Array]:
+        """Kinetic and potential energy (J), (nt,) each."""
+        return self.arm.energy(self.q, self.v)
+
+    def joint_reaction(self, link: int = 0, side: str = "outboard") -> Array:
+        """Force and moment (nt, 6) that a link's joint passes on to it (N, N m); see Arm.joint_reaction."""
+        if self.loads is None:
+            raise ValueError(
+                "loads = None: the file does not keep the loads of this result, so its reactions are not known"
+            )
+        if not self.loads:
+            return self.arm.joint_reaction(self.q, self.v, self.a, link, side)
+        rows = zip(self.q, self.v, self.a, self.t, strict=True)
+        return np.array([self.arm.joint_reaction(q, v, a, link, side, self.loads, t) for q, v, a, t in rows])
+
+    def tip_deflection(self, link: int = 0) -> Array:
+        """Displacement (nt, 3) of the beam's tip from rest, in the axes of the link's hub (m)."""
+        return self.arm.deflection(self.q, link)
+
+    def charge(self, link: int = 0, patch: int = 0) -> Array:
+        """Short-circuit charge of a link's patch (C), (nt,); see Arm.charge. A driven patch has capacitance V more."""
+        return self.arm.charge(self.q, link, patch)
+
+    def patch_voltage(self, link: int = 0, patch: int = 0) -> Array:
+        """Open-circuit voltage of a link's patch (V), (nt,); see Arm.patch_voltage."""
+        return self.arm.patch_voltage(self.q, link, patch)
+
+    def plot(self) -> Figure:
+        """A figure of the joint coordinates and the tip deflections over time."""
+        arm, t = self.arm, self.t
+        joints = joint_coordinates(arm)
+        panels: list[tuple[str, list[tuple[str, Array]]]] = []
+        units = {"rad": "Joint angle (rad)", "m": "Joint displacement (m)", "1": "Quaternion of a ball"}
+        for unit, name in units.items():
+            curves = [(label, self.q[:, i]) for i, label, u in joints if u == unit]
+            if curves:
+                panels.append((name, curves))
+        tips = {k: self.tip_deflection(k) for k in sorted({k for k, _, _ in deflections(arm)})}
+        bent = [(label, tips[k][:, component]) for k, component, label in deflections(arm)]
+        if bent:
+            panels.append(("Tip deflection (m)", bent))
+        if not panels:
+            position = self.frame()[0]
+            panels.append(("Position of the end (m)", [(axis, position[:, i]) for i, axis in enumerate("xyz")]))
+        return plot_panels(t, panels)
+
+    def save(self, path: str | Path) -> None:
+        """Writes everything, the arm included, to one file (.npz) that `Result.load` reads.
+
+        Raises:
+            ValueError: a name that promises another format, or where nothing can be written. `flexarm run` writes a
+                table, run.csv.
+        """
+        file = named(path, ".npz")
+        kept = None if self.loads is None else len(self.loads)
+        more = {f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())}
+        if self.friction is not None:
+            more["friction"] = self.friction
+        about = {"arm": self.arm.to_dict(), "stats": self.stats, "loads": kept is None or kept, "status": self.status}
+        about["events"] = None if self.t_events is None else len(self.t_events)
+        rows = {"t": self.t, "q": self.q, "v": self.v, "a": self.a, "tau": self.tau, **more}
+        write_whole(file, lambda f: np.savez_compressed(f, about=np.array(json.dumps(about)), **rows), "path")
+
+    @staticmethod
+    def load(path: str | Path) -> Result:
+        """Reads what `save` wrote.
+
+        Raises:
+            ValueError: no such file, another kind of file, a damaged one.
+        """
+        if not isinstance(path, (str, Path)):
+            raise ValueError(f"result = {path!r}: must be a path")
+        try:
+            content = BytesIO(Path(path).read_bytes())
+        except OSError as e:
+            raise ValueError(f"result {str(path)!r}: {e.strerror}") from None
+        try:
+            with np.load(content, allow_pickle=False) as f:
+                about, held = json.loads(str(f["about"])), {k: f[k] for k in f.files if k != "about"}
+            arm = Arm.from_dict(about["arm"])
+            count, wide = about.get("events"), {"q": arm.nq}
+            events: dict[str, Any] = {
+                f"{name}_events": None if count is None else [held[f"{name}_events_{k}"] for k in range(count)]
+                for name in "tqv"
+            }
+            result = Result(
+                arm,
+                **{k: held[k] for k in ("t", "q", "v", "a", "tau")},
+                friction=held.get("friction"),
+                **events,
+                stats=dict(about["stats"]),
+                loads=None if about["loads"] else (),
+                status=int(about.get("status", 0)),
+            )
+            for name in ("q", "v", "a", "tau", "friction"):
+                value = getattr(result, name)
+                if value is not None and value.shape != (*result.t.shape, wide.get(name, arm.nv)):
+                    raise ValueError
+            if any(x.dtype != float for x in held.values()) or (np.diff(result.t) < 0).any():
+                raise ValueError
+            return result
+        except Exception:  # of a file that may be anything: zip, zlib, NumPy and JSON have a dozen kinds
+            raise ValueError(f"result {str(path)!r}: is not a file that Result.save wrote, or is damaged") from None

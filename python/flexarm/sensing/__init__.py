@@ -1,0 +1,1 @@
+"""Sensors that read a result or a state, their readings and spectra."""

@@ -1,0 +1,280 @@
+"""What all sensors share (paper Sec. 5): how an instrument on the arm reads, in an instant and of a whole run.
+
+A sensor hangs on a joint or on a slice. `measure` tells what is there to be measured; `read` (of a Result) and
+`sampler` (inside a control loop) add what the instrument makes of it: it samples, comes late, adds noise, reads in
+steps and saturates, in this order.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._check import Array, array, number, whole
+from ..acting.load import Load
+from ..arm import Arm
+from ..parts.beam import _numbers
+from ..parts.part import _Part
+from ..run.result import Result
+from .reading import Reading
+
+Component = tuple[str, str]  # label, unit
+_COMMON = ("rate", "delay", "resolution", "noise", "range", "seed")
+_FINER = 10  # a sensor may sample so many times between two output times
+
+
+@dataclass(frozen=True)
+class Sensor(_Part):
+    """What all sensors share. `resolution`, `noise` and `range` are in the sensor's unit, each one number or one for
+    each component; by default there is none of any.
+
+    Attributes:
+        rate: samples a second (Hz); None: a sample at every output time, or every time a sampler is asked.
+        delay: what comes out was so this long ago (s); before the start, the arm stood as it started.
+        noise: standard deviation of each sample, white and Gaussian. (Of a density n, in unit/sqrt(Hz), that is
+            n sqrt(rate / 2).)
+        resolution: the reading is the nearest multiple of this.
+        range: the reading stays between -range and +range.
+        seed: of the noise, a whole number from 0. The same sensor and seed give the same noise, another sensor (or
+            the same one elsewhere) another; two alike in one place need two seeds.
+    """
+
+    rate: float | None = field(default=None, kw_only=True)
+    delay: float = field(default=0.0, kw_only=True)
+    resolution: Any = field(default=None, kw_only=True)
+    noise: Any = field(default=None, kw_only=True)
+    range: Any = field(default=None, kw_only=True)
+    seed: int = field(default=0, kw_only=True)
+
+    type: ClassVar[str] = ""
+    #: whether `measure` needs the accelerations a
+    needs_a: ClassVar[bool] = False
+    #: whether `measure` needs the loads
+    feels_loads: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.rate is not None and not 0 < number("rate", self.rate) < np.inf:
+            raise ValueError(f"rate = {self.rate}: must be positive and finite (Hz)")
+        if not 0 <= number("delay", self.delay) < np.inf:
+            raise ValueError(f"delay = {self.delay}: must not be negative (s)")
+        for name in ("resolution", "noise", "range"):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            if isinstance(value, (list, tuple)):
+                self._set(name, _numbers(array(name, value)))
+            if not (array(name, value) >= 0).all() or (name != "noise" and not np.all(value)):
+                raise ValueError(f"{name} = {value}: must {'not be negative' if name == 'noise' else 'be positive'}")
+        if whole("seed", self.seed) < 0:
+            raise ValueError(f"seed = {self.seed}: must not be negative")
+
+    # -- what a kind of sensor says of itself --------------------------------------------------------------------------
+
+    def components(self, arm: Arm) -> list[Component]:
+        """(label, unit) of each component."""
+        raise NotImplementedError(f"{type(self).__name__} has no components(arm): it is no kind of sensor by itself")
+
+    def measure(
+        self,
+        arm: Arm,
+        t: ArrayLike,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike | None = None,
+        tau: ArrayLike | None = None,
+        loads: Sequence[Load] | None = None,
+    ) -> Array:
+        """What is there to be measured: no sampling, delay, noise, steps or saturation.
+
+        Args:
+            arm: the arm.
+            t: times (s), (...). q: (..., nq). v, a, tau: (..., nv). An accelerometer and a force/torque sensor
+                need a (`needs_a`); of the others it may be None. None of those here needs tau.
+            loads: external forces and moments, which a force/torque sensor feels.
+
+        Returns:
+            (..., k)
+
+        Raises:
+            ValueError: bad shapes, or a place that the arm does not have.
+        """
+        if self.needs_a and a is None:
+            raise ValueError(f"a = None: {self._kind()} needs the accelerations")
+        return self._measure(arm, np.asarray(t, dtype=float), array("q", q), array("v", v), a, loads)
+
+    def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
+        raise NotImplementedError(f"{type(self).__name__} has no measure(...): it is no kind of sensor by itself")
+
+    def steps(self, arm: Arm) -> Array:
+        """What the reading is a multiple of, per component, (k,); 0: no steps."""
+        return self._each("resolution", len(self.components(arm)), 0.0)
+
+    # -- readings ------------------------------------------------------------------------------------------------------
+
+    def check(self, arm: Arm, t: Array | None = None) -> None:
+        """ValueError when this sensor cannot be on this arm, or not read a result at these times."""
+        if t is not None:
+            self._instants(t)
+        zero = np.zeros(arm.nv)
+        self.measure(arm, 0.0, arm.zero, zero, zero)
+        _Chain(self, arm)
+
+    def read(self, result: Result) -> Reading:
+        """What the instrument reads of a simulated run.
+
+        Between output times the state is interpolated: q by cubic Hermite pieces from q and dq/dt, v likewise from v
+        and a, a is the derivative of the latter. A jump of a force between two output times is smoothed over that time.
+        Nothing filters before sampling: what is faster than half the rate is folded back, as in an instrument
+        without such a filter.
+
+        Raises:
+            ValueError: a place that the arm does not have, a result of fewer than two rows, or a rate above ten times
+                that of the output times.
+        """
+        arm = result.arm
+        chain = _Chain(self, arm)
+        if len(result.t) < 2:
+            raise ValueError(f"result: has {len(result.t)} rows; a reading needs at least two")
+        if self.feels_loads and result.loads is None:
+            raise ValueError(
+                "loads = None: the file does not keep the loads of this result, so reactions are not known"
+            )
+        t = self._instants(result.t)
+        state = _at(result, np.clip(t - self.delay, result.t[0], None) if self.delay or self.rate else None)
+        y = self.measure(arm, *state, loads=result.loads)
+        names, units = zip(*self.components(arm), strict=True)
+        return Reading(t, chain(y), self.title(arm), names, units)
+
+    def sampler(self, arm: Arm, loads: Sequence[Load] | None = None) -> Sampler:
+        """The instrument as a control loop sees it; see Sampler."""
+        return Sampler(self, arm, loads)
+
+    def title(self, arm: Arm) -> str:
+        """A name, such as "strain gauge +y, link 0 at 0.01 m"."""
+        return f"{self._kind()}, {self._where(arm)}"
+
+    def _kind(self) -> str:
+        return self.type.replace("_", " ")
+
+    def _where(self, arm: Arm) -> str:
+        link, x = arm._link(getattr(self, "link", 0)), getattr(self, "x", None)
+        return f"link {link} end" if x is None else f"link {link} at {x:g} m"
+
+    def _each(self, name: str, count: int, without: float) -> Array:
+        value = getattr(self, name)
+        if value is None:
+            return np.full(count, without)
+        if np.ndim(value) and np.shape(value) != (count,):
+            raise ValueError(f"{name} = {value}: must be one number, or {count}, one for each component")
+        return np.array(np.broadcast_to(np.asarray(value, dtype=float), count))
+
+    def _instants(self, t: Array) -> Array:
+        if self.rate is None:
+            return np.array(t)
+        gap = float(np.diff(t).max())
+        if self.rate * gap > _FINER * (1 + 1e-9):
+            raise ValueError(
+                f"rate = {self.rate:g}: is above {_FINER / gap:g} Hz, ten times that of the result's output times; "
+                f"simulate with an output time every {_FINER / self.rate:g} s or less"
+            )
+        count = int(np.floor((t[-1] - t[0]) * self.rate + 1e-6)) + 1
+        return np.asarray(t[0] + np.arange(count) / self.rate)
+
+
+class _Chain:
+    """From what is there to what is read: noise, then steps, then saturation, of rows (..., k) in turn."""
+
+    def __init__(self, sensor: Sensor, arm: Arm) -> None:
+        count = len(sensor.components(arm))
+        self.noise = sensor._each("noise", count, 0.0)
+        self.range = sensor._each("range", count, np.inf)
+        self.step = sensor.steps(arm)
+        place = {k: v for k, v in sensor._arguments().items() if k not in _COMMON}
+        self.rng = np.random.default_rng([sensor.seed, zlib.crc32(f"{sensor.type} {place}".encode())])
+
+    def __call__(self, y: Array, skip: int = 0) -> Array:
+        """The reading of y, passing over `skip` samples' noise first."""
+        if self.noise.any():
+            if skip:
+                self.rng.normal(size=(skip, self.noise.size))
+            y = y + self.noise * self.rng.normal(size=y.shape)
+        if self.step.any():
+            by = np.where(self.step > 0, self.step, 1.0)
+            y = np.where(self.step > 0, np.floor(y / by + 0.5) * by, y)
+        return np.clip(y, -self.range, self.range)
+
+
+def _at(result: Result, t: Array | None) -> tuple[Array, Array, Array, Array, Array]:
+    """Times and state t, q, v, a, tau, interpolated between the output times; None: at those."""
+    if t is None:
+        return result.t, result.q, result.v, result.a, result.tau
+    from scipy.interpolate import CubicHermiteSpline  # slow to import
+
+    t = np.minimum(t, result.t[-1])
+    rates = np.array([result.arm._core.rates(q, v)[0] for q, v in zip(result.q, result.v, strict=True)])
+    q = CubicHermiteSpline(result.t, result.q, rates)(t)
+    v = CubicHermiteSpline(result.t, result.v, result.a)
+    tau = np.stack([np.interp(t, result.t, column) for column in result.tau.T], axis=-1)
+    return t, q, v(t), v(t, 1), tau
+
+
+class Sampler:
+    """An instrument in a control loop: remembers what its delay needs, holds its last sample until the next is due.
+
+    Asked at the same times, it gives what `read` gives of the run, noise included. Where its samples (`rate`) or what
+    they tell (`delay`) fall between two calls, it interpolates linearly between what those saw; where they fall due
+    more often than it is asked, the last one counts.
+
+    Args:
+        sensor: the sensor. arm: the arm.
+        loads: external forces and moments, which a force/torque sensor feels.
+    """
+
+    def __init__(self, sensor: Sensor, arm: Arm, loads: Sequence[Load] | None = None) -> None:
+        sensor.check(arm)
+        self.sensor, self.arm, self.loads = sensor, arm, loads
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets everything and starts its noise again."""
+        self._chain = _Chain(self.sensor, self.arm)
+        self._seen: deque[tuple[float, Array]] = deque()
+        self._start = 0.0
+        self._count = -1
+        self._last: Array = np.empty(0)
+
+    def sample(
+        self, t: float, q: ArrayLike, v: ArrayLike, a: ArrayLike | None = None, tau: ArrayLike | None = None
+    ) -> Array:
+        """The reading (k,) at time t (s), which must increase from call to call; q (nq,), v, a, tau (nv,)."""
+        s = self.sensor
+        if not self._seen:
+            self._start = t
+        elif not t > self._seen[-1][0]:
+            raise ValueError(f"t = {t}: must be later than the last call's, {self._seen[-1][0]}")
+        self._seen.append((t, s.measure(self.arm, t, q, v, a, tau, self.loads)))
+        now, missed = t, 0
+        if s.rate is not None:
+            count = int(np.floor((t - self._start) * s.rate + 1e-6))
+            if count == self._count:
+                return self._last.copy()
+            now, missed, self._count = self._start + count / s.rate, count - self._count - 1, count
+        self._last = self._chain(self._back_at(now - s.delay), missed)
+        return self._last.copy()
+
+    def _back_at(self, t: float) -> Array:
+        while len(self._seen) > 2 and self._seen[1][0] <= t:
+            self._seen.popleft()
+        times = [seen for seen, _ in self._seen]
+        k = int(np.searchsorted(times, t))
+        if k == 0 or k == len(times):
+            return self._seen[min(k, len(times) - 1)][1]
+        (before, y0), (after, y1) = self._seen[k - 1], self._seen[k]
+        return np.asarray(y0 + (t - before) / (after - before) * (y1 - y0))

@@ -1,0 +1,280 @@
+"""The sensors: encoder, tachometer, force/torque; strain gauge, accelerometer, camera (paper Sec. 5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from .._check import Array, array, choice, number, whole
+from ..arm import Arm
+from ..parts.beam import Beam, Circle, Rectangle, Taper, _numbers
+from ..parts.joints import _UNIT
+from .sensor import Component, Sensor
+
+# -- on a joint ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _OnFreedom(Sensor):
+    link: int = 0
+    freedom: int = 0
+
+    def _rate(self, arm: Arm) -> int:
+        return arm.joint_rate((self.link, self.freedom))
+
+    def _unit(self, arm: Arm) -> str:
+        self._rate(arm)
+        return arm.links[self.link].joint.units[self.freedom]
+
+    def _where(self, arm: Arm) -> str:
+        return arm.coordinates[self._rate(arm)]
+
+
+@dataclass(frozen=True)
+class Encoder(_OnFreedom):
+    """Incremental encoder: the coordinate of a joint (rad; m), in steps.
+
+    Args:
+        link, freedom: which joint, and which of its freedoms.
+        pulses: per revolution (per metre of a prismatic joint); None: no steps.
+        quadrature: four counts a pulse, from both edges of both tracks.
+        gear: turns of the encoder for one of the joint, where it sits on the motor.
+    """
+
+    pulses: int | None = 2000
+    quadrature: bool = False
+    gear: float = 1.0
+    type: ClassVar[str] = "encoder"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.resolution is not None:
+            raise ValueError(f"resolution = {self.resolution}: an encoder's follows from pulses")
+        if self.pulses is not None and whole("pulses", self.pulses) < 1:
+            raise ValueError(f"pulses = {self.pulses}: must be at least 1, or None for no steps")
+        if not isinstance(self.quadrature, bool):
+            raise ValueError(f"quadrature = {self.quadrature!r}: must be true or false")
+        if not 0 < number("gear", self.gear) < np.inf:
+            raise ValueError(f"gear = {self.gear}: must be positive")
+
+    def components(self, arm: Arm) -> list[Component]:
+        return [("position", self._unit(arm))]
+
+    def steps(self, arm: Arm) -> Array:
+        """One count, at the joint (rad; m), (1,); 0: no steps."""
+        if self.pulses is None:
+            return np.zeros(1)
+        turn = 2 * np.pi if self._unit(arm) == "rad" else 1.0
+        return np.array([turn / (self.pulses * (4 if self.quadrature else 1) * self.gear)])
+
+    def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
+        at = arm.coordinate_of(self._rate(arm))
+        if at < 0:
+            raise ValueError(f"freedom = {self.freedom}: is one of a ball, which has no angle to count")
+        return q[..., at, None]
+
+
+@dataclass(frozen=True)
+class Tachometer(_OnFreedom):
+    """The rate of a joint (rad/s; m/s).
+
+    Args:
+        link, freedom: which joint, and which of its freedoms.
+    """
+
+    type: ClassVar[str] = "tachometer"
+
+    def components(self, arm: Arm) -> list[Component]:
+        return [("rate", f"{self._unit(arm)}/s")]
+
+    def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
+        return v[..., self._rate(arm), None]
+
+
+@dataclass(frozen=True)
+class ForceTorque(Sensor):
+    """Six-component force/torque sensor in a joint: what it passes on to its link, as `Arm.joint_reaction` has it.
+
+    Args:
+        link: which joint.
+        side: "outboard": at the link's origin, in its axes; "inboard": at the end of the link below, in its axes.
+    """
+
+    link: int = 0
+    side: str = "outboard"
+    type: ClassVar[str] = "force_torque"
+    needs_a: ClassVar[bool] = True
+    feels_loads: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        choice("side", self.side, ("outboard", "inboard"))
+
+    def components(self, arm: Arm) -> list[Component]:
+        return [(f"force {c}", "N") for c in "xyz"] + [(f"moment {c}", "N m") for c in "xyz"]
+
+    def _where(self, arm: Arm) -> str:
+        return f"joint of link {arm._link(self.link)}"
+
+    def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
+        if not loads or t.ndim == 0:
+            return arm.joint_reaction(q, v, a, self.link, self.side, loads, float(t) if t.ndim == 0 else 0.0)
+        rows = zip(t, q, v, array("a", a), strict=True)
+        return np.array([arm.joint_reaction(x, y, z, self.link, self.side, loads, float(s)) for s, x, y, z in rows])
+
+
+# -- on a slice ----------------------------------------------------------------------------------------------------
+
+#: face of a section: (component of the strain, sign) such that the face's strain is sign * distance * K
+_FACES = {"+y": (2, -1.0), "-y": (2, 1.0), "+z": (1, 1.0), "-z": (1, -1.0)}
+
+
+def _half(section: Any, along: str, x: float) -> float | None:
+    """From the neutral axis to a face (m); None where the section does not tell."""
+    if isinstance(section, Taper):
+        parts = [_half(part, along, x) for part in section.sections]
+        if len({type(part) for part in section.sections}) > 1 or None in parts:
+            return None
+        return float(np.interp(x, section.x, np.array(parts, dtype=float)))
+    if isinstance(section, Rectangle):
+        return float(getattr(section, along)) / 2
+    return section.radius if isinstance(section, Circle) else None
+
+
+@dataclass(frozen=True)
+class StrainGauge(Sensor):
+    """Strain gauge along a beam, on one of its faces.
+
+    A fibre at (y, z) of the section is strained by z K2 - y K3 (the neutral axis does not stretch). So a beam bent
+    towards +y (K3 > 0: its tip goes to +y) is compressed on its +y face, where the gauge reads -y K3; +z reads +z K2,
+    and -y and -z the opposite. Curvature, as of Eq. 97, is K3 = -strain / y.
+
+    Args:
+        link: which link's beam. x: where along it (m).
+        face: "+y", "-y", "+z" or "-z".
+        gauge_factor: None: the reading is the strain; else the relative change of resistance, gauge_factor * strain.
+            A full bridge of four gauges in bending, two on each face, gives this share of its supply voltage.
+        distance: from the neutral axis to the gauge (m); None: to the face, where the section is a rectangle, a circle
+            or a taper of either.
+    """
+
+    link: int = 0
+    x: float = 0.0
+    face: str = "+y"
+    gauge_factor: float | None = None
+    distance: float | None = None
+    type: ClassVar[str] = "strain_gauge"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        number("x", self.x)
+        choice("face", self.face, _FACES)
+        for name in ("gauge_factor", "distance"):
+            value = getattr(self, name)
+            if value is not None and not 0 < number(name, value) < np.inf:
+                raise ValueError(f"{name} = {value}: must be positive")
+
+    def _kind(self) -> str:
+        return f"strain gauge {self.face}"
+
+    def components(self, arm: Arm) -> list[Component]:
+        return [("strain", "1")] if self.gauge_factor is None else [("dR/R", "1")]
+
+    def _distance(self, arm: Arm) -> float:
+        beam = arm.links[arm._link(self.link)].beam
+        if not isinstance(beam, Beam):
+            raise ValueError(f"link = {self.link}: has no beam to bond a strain gauge on")
+        found = _half(beam.section, self.face[1], self.x) if self.distance is None else self.distance
+        if found is None:
+            raise ValueError("distance = None: this section does not tell how far its faces are; give it in m")
+        return found
+
+    def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
+        component, sign = _FACES[self.face]
+        factor = sign * self._distance(arm) * (1.0 if self.gauge_factor is None else self.gauge_factor)
+        return np.asarray(factor * arm.strain(q, self.link, self.x)[..., component, None])
+
+
+@dataclass(frozen=True)
+class Accelerometer(Sensor):
+    """Accelerometer on a slice, in the slice's own axes (m/s^2).
+
+    Args:
+        link: which link. x: where along its beam (m); None: the link's end.
+        axis: "x", "y", "z", a direction of three numbers, or "xyz" for all three axes.
+        gravity: True: specific force, R^T (a - g), as a real one reads: at rest, 9.81 upwards. False: R^T a.
+    """
+
+    link: int = -1
+    x: float | None = None
+    axis: Any = "y"
+    gravity: bool = True
+    type: ClassVar[str] = "accelerometer"
+    needs_a: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.x is not None:
+            number("x", self.x)
+        if isinstance(self.axis, str):
+            choice("axis", self.axis, (*_UNIT, "xyz"))
+        else:
+            self._set("axis", _numbers(array("axis", self.axis, (3,))))
+            if not np.any(self.axis):
+                raise ValueError(f"axis = {self.axis}: must not be zero")
+        if not isinstance(self.gravity, bool):
+            raise ValueError(f"gravity = {self.gravity!r}: must be true or false")
+
+    def _kind(self) -> str:
+        return f"accelerometer {self.axis}"
+
+    def components(self, arm: Arm) -> list[Component]:
+        names = list(self.axis) if isinstance(self.axis, str) else [f"along {self.axis}"]
+        return [(f"acceleration {name}", "m/s^2") for name in names]
+
+    def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
+        felt = arm.acceleration(q, v, a, self.link, self.x)[..., :3] - np.array(arm.gravity) * self.gravity
+        own: Array = np.einsum("...ij,...i->...j", arm.frame(q, self.link, self.x)[1], felt)  # R^T
+        if self.axis == "xyz":
+            return own
+        along = np.array(_UNIT[self.axis] if isinstance(self.axis, str) else self.axis)
+        return np.asarray((own @ (along / np.linalg.norm(along)))[..., None])
+
+
+@dataclass(frozen=True)
+class Camera(Sensor):
+    """Camera, or another tracker, that follows the place of a slice (m, three components).
+
+    Args:
+        link: which link. x: where along its beam (m); None: the link's end.
+        axes: "world": a camera that stands still: the place in the world; "link": one that turns with the link's hub:
+            the displacement from where the undeformed link has that slice, in the axes of the hub (needs a beam).
+    """
+
+    link: int = -1
+    x: float | None = None
+    axes: str = "world"
+    type: ClassVar[str] = "camera"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.x is not None:
+            number("x", self.x)
+        choice("axes", self.axes, ("world", "link"))
+
+    def components(self, arm: Arm) -> list[Component]:
+        return [(("position " if self.axes == "world" else "displacement ") + c, "m") for c in "xyz"]
+
+    def _from_clamp(self, arm: Arm, q: Array) -> Array:
+        place, (clamp, R) = arm.frame(q, self.link, self.x)[0], arm.frame(q, self.link, 0.0)
+        return np.asarray(np.einsum("...ij,...i->...j", R, place - clamp))
+
+    def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
+        if self.axes == "world":
+            return np.asarray(arm.frame(q, self.link, self.x)[0])
+        return self._from_clamp(arm, q) - self._from_clamp(arm, arm.zero)
+
+
+KINDS = (Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, Tachometer)
