@@ -476,7 +476,7 @@ def test_a_file_remembers_failures(tmp_path):
 KILLED = """
 import sys
 sys.path.insert(0, {tests!r})
-import os, signal, flexarm.hdf5 as file
+import os, signal, flexarm.store.hdf5 as file
 from test_batch import *
 put, count = file.Laid.put, 0
 def dying(self, name, indices, block):

@@ -205,7 +205,8 @@ def test_ctrl_c_keeps_what_was_done(calls: int, path: Path, tmp_path: Path) -> N
     code = f"""
 import os, signal, sys, threading
 import flexarm as fa
-from flexarm import cli, ladder
+from flexarm import cli
+from flexarm.choose import ladder
 timed, calls = ladder.timed, []
 def slow(*args):
     calls.append(1)

@@ -11,6 +11,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.paper import demo
+from flexarm.paper.single_link import with_order
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -89,7 +90,7 @@ def test_order_two_swings_faster_than_order_zero(done: demo.Demo) -> None:
     assert m.lead > 1e-3 and m.period[2] < m.period[0]
     arm = fa.load("ist").arm
     small = {
-        order: 2 * np.pi / demo.with_order(arm, order).modes(speed={0: 7.6}, lock=[0]).frequencies[0]
+        order: 2 * np.pi / with_order(arm, order).modes(speed={0: 7.6}, lock=[0]).frequencies[0]
         for order in (0, 2)
     }  # of the first mode about a steady spin
     assert m.period[0] == pytest.approx(small[0], rel=2e-4)  # the simplified model is linear

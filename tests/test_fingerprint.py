@@ -283,7 +283,7 @@ def lab(folder, name, law="return K * t", gain=1.0, **how):
 SHOW = """
 import sys
 sys.path.insert(0, {folder!r})
-from flexarm.fingerprint import marks
+from flexarm.store.fingerprint import marks
 import lab
 print([marks({{"x": x}})["x"] for x in lab.made])
 """

@@ -318,7 +318,7 @@ def test_ctrl_c_and_stats() -> None:
 
 
 def test_scene_files_and_command_line(tmp_path) -> None:
-    from flexarm.cli import main as cli
+    from flexarm import cli
 
     text = (fa.scene.SCENES / "ist.toml").read_text()
     at = text.index("[simulation]") + len("[simulation]")

@@ -12,7 +12,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.batch.shares import Executor, Future
-from flexarm.store import files
+from flexarm.store import files, hdf5
 from test_sweep import LENGTH, STIFF, plan, scene
 
 h5py = pytest.importorskip("h5py")
@@ -69,7 +69,7 @@ def test_what_is_not_done_is_unknown_to_any_reader(tmp_path):
 
 
 def test_ctrl_c_while_a_scenario_is_written(tmp_path, monkeypatch):
-    path, put = tmp_path / "b.h5", fa.hdf5.Laid.put
+    path, put = tmp_path / "b.h5", hdf5.Laid.put
 
     def stopped(self, name, indices, rows):
         put(self, name, indices, rows)
@@ -77,7 +77,7 @@ def test_ctrl_c_while_a_scenario_is_written(tmp_path, monkeypatch):
             monkeypatch.undo()
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(fa.hdf5.Laid, "put", stopped)
+    monkeypatch.setattr(hdf5.Laid, "put", stopped)
     with pytest.raises(fa.BatchInterrupted, match="when 2 of 6") as e:
         run(path)
     for found in (e.value.result, fa.BatchResult.load(path)):

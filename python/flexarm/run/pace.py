@@ -129,7 +129,7 @@ class Pace:
         found = self.judge(now, steps, step, expected, span) if expected >= _MANY else None
         if found is not None:
             self.warned = True
-            warnings.warn(found, stacklevel=5)  # simulate, its `integrate`, what calls that, this
+            warnings.warn(found, stacklevel=4)  # simulate, its `integrate`, this
 
     def left(self, steps: int, to_come: float) -> str:
         """The time to compute these steps, in words."""
