@@ -221,7 +221,7 @@ bool sample(const Solver& solver, IdaSystem& s, double t, Trajectory& out) {
   return true;
 }
 
-/// The linear solver asked for; the chain's is the faster one from a single link on (bench/scaling.py).
+/// The linear solver asked for; the chain's is the faster one from a single link on (bench/speed/scaling.py).
 void choose_solver(IdaSystem& s, LinearSolver wanted) {
   if (wanted == LinearSolver::dense)
     s.dense.emplace(s.arm, places(s.loads));

@@ -1,6 +1,6 @@
 """Measures of how coordinates of orientation fail: Euler angles near their singularity, quaternions that drift.
 
-Each function returns numbers; test_balls.py judges them, bench/failures.py draws them.
+Each function returns numbers; test_balls.py judges them, bench/failures/failures.py draws them.
 """
 
 from __future__ import annotations

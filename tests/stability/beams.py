@@ -1,6 +1,6 @@
 """Measures of how models of a beam fail: spurious softening, monomials, eigenvalues, heavy tips, large bending.
 
-Each function returns numbers; test_beams.py judges them, bench/failures.py draws them.
+Each function returns numbers; test_beams.py judges them, bench/failures/failures.py draws them.
 """
 
 from __future__ import annotations

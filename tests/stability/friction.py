@@ -1,6 +1,6 @@
 """Measures of dry friction: a block of 1 kg pushed by less than its friction, by three treatments.
 
-Each function returns numbers; test_stability_friction.py judges them, bench/failures.py draws them.
+Each function returns numbers; test_stability_friction.py judges them, bench/failures/failures.py draws them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Measures of how integrators fail: BDF above order 2, stiff coordinates, solutions that run away.
 
-Each function returns numbers; test_integrators.py judges them, bench/failures.py draws them.
+Each function returns numbers; test_integrators.py judges them, bench/failures/failures.py draws them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Measures of fixed steps: the step limit of explicit RK4, and what becomes of energy over very many steps.
 
-Each function returns numbers; test_stability_steps.py judges them, bench/failures.py draws them.
+Each function returns numbers; test_stability_steps.py judges them, bench/failures/failures.py draws them.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import flexarm as fa
 import numpy as np
 from arms import paper_link, pendulum, reference
-from test_steps import amplification, slider
+from run.test_steps import amplification, slider
 
 LIMIT = 2 * np.sqrt(2)  # of h omega, for classical RK4 on undamped oscillation
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 #: Rotation of a section against the beam's base (rad) up to which each order keeps the tip within 2 % of the length of
 #: where "exact" has it: the least over static loads and, but for order 1, the first swing of spin-ups, rounded; see
-#: docs/failures.md, which bench/failures.py measures. Order 1 softens with speed besides, at any deflection.
+#: docs/failures.md, which bench/failures/failures.py measures. Order 1 softens with speed besides, at any deflection.
 LIMITS = {0: 0.25, 1: 0.25, 2: 0.3, 3: 0.65}
 
 #: Parts of a beam's length, and radians, by which the sections of order "exact" may be off because its Gauss points are

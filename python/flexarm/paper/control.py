@@ -1,7 +1,7 @@
 """The paper's spectrum (Fig. 7) and control experiment (Sec. 5.3, Fig. 12 and 13), from the scene "ist_control".
 
-Hub inertia, friction, drive gain and step are not published: bench/identify.py fitted them to what the paper says of PD
-control. Strain feedback is then computed with nothing fitted but its gain, which is not published either.
+Hub inertia, friction, drive gain and step are not published: bench/paper/identify.py fitted them to what the paper says
+of PD control. Strain feedback is then computed with nothing fitted but its gain, which is not published either.
 """
 
 from __future__ import annotations

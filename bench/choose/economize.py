@@ -1,0 +1,301 @@
+"""What `economize` chooses, against a truth that it does not know and against an exhaustive search: docs/economize.md.
+
+    python bench/choose/economize.py [-o DIR] [--only scenes|search]
+
+Writes figures/economize-*.png, figures/economize-scenes.csv and figures/economize-search.csv into DIR (docs by default)
+and puts the tables between the marks in DIR/economize.md. The scenes are those of tests/choose/economize_scenes.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import itertools
+import platform
+import sys
+import time
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import flexarm as fa
+import numpy as np
+from flexarm.choose.chart_text import seconds
+from flexarm.choose.rung import Rung, Rungs
+from flexarm.choose.trial import took
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+from choose import economize_scenes as scenes  # noqa: E402
+
+TOLERANCES = (1e-2, 1e-3, 1e-4)
+STEPS = {"spatial": 48, "floating": 48, "heavy_tip": 96}  # of the truth; others take 320
+_COUNT = 5  # runs, of which the least time counts
+COLOURS = {"rigid": "#999999", 0: "#E69F00", 1: "#CC79A7", 2: "#0072B2", 3: "#009E73", "exact": "#333333"}
+
+
+def truth_of(name: str, scene: fa.Scene) -> tuple[np.ndarray, float]:
+    """Tip positions of the truth, and how far it moves when its steps are doubled, over its span."""
+    rich = scenes.enriched(scene, scenes.STRAINS_OF.get(name, scenes.STRAINS_OF["slow"]))
+    n = STEPS.get(name, 320)
+    coarse, fine = (
+        scenes.run(rich, integrator="gauss", step=float(scene.t[-1]) / k).frame()[0] for k in (n // 2, n)
+    )  # fmt: skip
+    return fine, scenes.off(coarse, fine)
+
+
+def timed(scene: fa.Scene, count: int = _COUNT) -> tuple[np.ndarray, float]:
+    """Tip positions of a run, and its wall time (s)."""
+    least = np.inf
+    for _ in range(count):
+        used = time.thread_time()
+        result = scene.run()
+        least = min(least, took(result, used))
+    return result.frame()[0], least
+
+
+# -- twelve scenes, three tolerances -----------------------------------------------------------------------------------
+
+
+def judge() -> list[dict[str, object]]:
+    rows: list[dict[str, object]] = []
+    fa.economize("ist", 1e-2)  # imports
+    for name, make in scenes.SCENES.items():
+        scene = make()
+        truth, known = truth_of(name, scene)
+        tip, default = timed(scene)
+        for tol in TOLERANCES:
+            used = time.thread_time()
+            plan = fa.economize(scene, tol)
+            used = time.thread_time() - used
+            lean_tip, lean = timed(plan.scene)
+            rows.append(
+                {
+                    "scene": name,
+                    "tol": tol,
+                    "certified": plan.certified,
+                    "error": scenes.off(lean_tip, truth),
+                    "truth known to": known,
+                    "default error": scenes.off(tip, truth),
+                    "default ms": 1e3 * default,
+                    "lean ms": 1e3 * lean,
+                    "deciding ms": 1e3 * used,
+                    "runs": plan.runs,
+                    "coordinates": f"{scene.arm.nv} to {plan.arm.nv}",
+                    "model": plan.model,
+                }
+            )
+            print(
+                f"{name} {tol:g}: error {rows[-1]['error']:.1e}, certified {plan.certified}, {plan.model}", flush=True
+            )
+    return rows
+
+
+def judged_table(rows: list[dict[str, object]]) -> list[str]:
+    out = [
+        "| scene | tolerance | certified | true error | default: error, time | lean: time | deciding | coordinates |"
+    ]
+    out.append("|-|-|-|-|-|-|-|-|")
+    for r in rows:
+        ratio = r["deciding ms"] / r["default ms"]
+        out.append(
+            f"| {r['scene']} | {r['tol']:.0e} | {'yes' if r['certified'] else 'no'} | {r['error']:.1e} | "
+            f"{r['default error']:.1e}, {r['default ms']:.3g} ms | {r['lean ms']:.3g} ms | "
+            f"{r['deciding ms']:.3g} ms ({ratio:.2g} defaults) | {r['coordinates']} |"
+        )
+    sure = [r for r in rows if r["certified"]]
+    kept = [r for r in sure if r["error"] <= r["tol"]]
+    faster = np.median([r["default ms"] / r["lean ms"] for r in rows])
+    cost = np.median([r["deciding ms"] / r["default ms"] for r in rows])
+    out += [
+        "",
+        f"{len(sure)} of {len(rows)} are certified, and {len(kept)} of these keep their tolerance. A lean run takes "
+        f"1/{faster:.3g} of the time of the default one (median), deciding {cost:.2g} default runs (median).",
+    ]
+    return out
+
+
+# -- exhaustive search -------------------------------------------------------------------------------------------------
+
+
+def candidates(scene: fa.Scene, plan: fa.Plan, most: dict[str, int], orders: tuple) -> list[tuple]:
+    """All models with up to so many modes of these strains, link by link, of these orders, in the plan's basis."""
+    rungs = Rungs(scene)
+    strains = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
+    per_beam = list(itertools.product(*(range(most.get(s, 0) + 1) for s in strains)))
+    beams = [k for g in rungs.groups for k in g]
+    basis = next((r.basis for r in plan._found.lean.model if r is not None and r.basis), None)
+    models = {}
+    for counts in itertools.product(per_beam, repeat=len(rungs.groups)):
+        for order in orders:
+            of = {k: c for g, c in zip(rungs.groups, counts, strict=True) for k in g}
+            model = tuple(
+                Rung(of[k], order, False, None, basis) if k in beams else None for k in range(len(rungs.given))
+            )
+            models[model] = None
+    return [m for m in models if any(r is not None for r in m)]
+
+
+def search(name: str, scene: fa.Scene, tol: float, most: dict[str, int], orders: tuple) -> dict[str, object]:
+    """Runs them all, with the plan's integrator and output times."""
+    truth, _ = truth_of(name, scene)
+    plan = fa.economize(scene, tol)
+    rungs, chosen = Rungs(scene), plan._found.lean.model
+    _, default = timed(scene)
+    options = dict(plan._walk.trials.walk)
+    points = []
+    models = candidates(scene, plan, most, orders)
+    for model in models:
+        try:
+            tip, least = timed(rungs.at(model, options), 2 if len(models) > 100 else 6)
+        except (ValueError, fa.SimulationError):
+            continue  # torsion of the last link has no inertia but its slices'
+        if np.isfinite(tip).all():
+            points.append((model, least, scenes.off(tip, truth)))
+    plain = tuple(r and replace(r, gauss=None) for r in chosen)
+    tip, least = timed(rungs.at(plain, options))
+    least = min([least, *(t for m, t, _ in points if m == plain)])  # one model has one time
+    own = (plain, least, scenes.off(tip, truth))
+    points = [*(p for p in points if p[0] != plain), own]
+    lean_tip, lean = timed(plan.scene)
+    good = [p for p in points if p[2] <= tol]
+    best = min(good, key=lambda p: p[1])
+    return {
+        "name": name, "scene": scene, "tol": tol, "plan": plan, "points": points, "own": own, "best": best,
+        "default": default, "lean": (lean, scenes.off(lean_tip, truth)), "label": rungs.label,
+        "default error": scenes.off(scene.run().frame()[0], truth),
+    }  # fmt: skip
+
+
+def front_of(points: list[tuple]) -> list[tuple]:
+    out, lowest = [], np.inf
+    for p in sorted(points, key=lambda p: p[1]):
+        if p[2] < lowest:
+            out.append(p)
+            lowest = p[2]
+    return out
+
+
+def kind_of(model: tuple) -> int | str:
+    """Its order, or "rigid"."""
+    return next((r.order for r in model if r is not None and sum(r.counts)), "rigid")
+
+
+def draw(found: dict, path: Path) -> None:
+    fig = Figure(figsize=(7.4, 5.4), layout="constrained")
+    ax = fig.subplots()
+    for order, colour in COLOURS.items():
+        some = [p for p in found["points"] if kind_of(p[0]) == order]
+        if some:
+            label = "rigid" if order == "rigid" else f"order {order}"
+            ax.plot([p[1] for p in some], [p[2] for p in some], "o", ms=4, alpha=0.5, color=colour, label=label)
+    front = front_of(found["points"])
+    ax.plot([p[1] for p in front], [p[2] for p in front], color="#333333", lw=1.5, drawstyle="steps-post", alpha=0.6)
+    ax.plot(*found["own"][1:], "o", ms=13, mfc="none", mec="#D55E00", mew=2, label="chosen, same integrator")
+    ax.plot(*found["lean"], "*", ms=15, color="#D55E00", label="chosen, with its integrator and Gauss points")
+    ax.plot(
+        found["default"],
+        found["default error"],
+        "^",
+        ms=10,
+        mfc="none",
+        mec="#009E73",
+        mew=2,
+        label="the scene as given",
+    )
+    ax.axhline(found["tol"], color="#009E73", ls="--", lw=1.2)
+    ax.text(
+        0.99, found["tol"], "tolerance", transform=ax.get_yaxis_transform(), ha="right", va="bottom", color="#009E73"
+    )
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_ylim(top=min(3.0, ax.get_ylim()[1]))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda t, _: seconds(t)))
+    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.xaxis.set_minor_formatter(FuncFormatter(lambda t, _: ""))
+    ax.grid(True, which="major", color="#DDDDDD", linewidth=0.6)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.set_xlabel("Wall time of one run")
+    ax.set_ylabel("Largest error of the tip, over its span")
+    ax.set_title(f"{found['scene'].name}: {len(found['points'])} models, all run", fontsize=11, fontweight="bold")
+    fig.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=4)
+    fig.savefig(path, dpi=150)
+
+
+SEARCHES = {
+    "slow": (lambda: scenes.SCENES["slow"](), 1e-3, {"bending_y": 4}, (0, 1, 2, 3, "exact")),
+    "ist": (lambda: fa.load("ist"), 1e-3, {"bending_y": 4}, (0, 1, 2, 3, "exact")),
+    "spatial": (scenes.spatial_two, 1e-3, {"bending_y": 2, "bending_z": 2, "torsion": 1}, (0, 2)),
+    "spliced": (scenes.spliced, 1e-3, {"bending_y": 3, "shear_y": 1}, (0, 1, 2, "exact")),
+}
+
+
+def searches(folder: Path) -> list[dict]:
+    out = []
+    for name, (make, tol, most, orders) in SEARCHES.items():
+        begun = time.perf_counter()
+        found = search(name, make(), tol, most, orders)
+        draw(found, folder / f"economize-{name}.png")
+        label = found["label"]
+        words = [f"{label(m)}, {t:.2g} s, error {e:.1e}" for m, t, e in (found["own"], found["best"])]
+        spent = time.perf_counter() - begun
+        print(
+            f"{name}: {len(found['points'])} models in {spent:.0f} s; chosen {' / cheapest '.join(words)}", flush=True
+        )
+        out.append(found)
+    return out
+
+
+def search_table(all_found: list[dict]) -> list[str]:
+    out = ["| scene | models run | chosen | error, time | cheapest that keeps 1e-3 | error, time |", "|-|-|-|-|-|-|"]
+    for f in all_found:
+        cells = [f"{f['label'](m)} | {e:.1e}, {1e3 * t:.3g} ms" for m, t, e in (f["own"], f["best"])]
+        out.append(f"| {f['scene'].name} | {len(f['points'])} | {' | '.join(cells)} |")
+    return out
+
+
+# -- the page ----------------------------------------------------------------------------------------------------------
+
+
+def put(page: Path, mark: str, lines: list[str]) -> None:
+    begin, end = f"<!-- {mark}: written by bench/choose/economize.py -->", f"<!-- end of {mark} -->"
+    before, _, rest = page.read_text().partition(begin)
+    page.write_text(f"{before}{begin}\n" + "\n".join(lines) + f"\n{end}{rest.partition(end)[2]}")
+
+
+def save(path: Path, rows: list[dict[str, object]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as f:
+        writer = csv.DictWriter(f, list(rows[0]))
+        writer.writeheader()
+        writer.writerows({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in r.items()} for r in rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", type=Path, default=ROOT / "docs")
+    parser.add_argument("--only", choices=("scenes", "search"))
+    args = parser.parse_args()
+    warnings.simplefilter("ignore", fa.RangeWarning)
+    figures, page = args.o / "figures", args.o / "economize.md"
+    figures.mkdir(parents=True, exist_ok=True)
+    made = f"flexarm {fa.__version__}, {platform.machine()}, Python {platform.python_version()}"
+    if args.only != "scenes":
+        found = searches(figures)
+        put(page, "search", [*search_table(found), "", made])
+        rows = [
+            {"scene": f["name"], "model": f["label"](m), "ms": 1e3 * t, "error": e}
+            for f in found
+            for m, t, e in f["points"]
+        ]
+        save(figures / "economize-search.csv", rows)
+        put(page, "table", ["```text", *str(next(f for f in found if f["name"] == "ist")["plan"]).splitlines(), "```"])
+    if args.only != "search":
+        rows = judge()
+        save(figures / "economize-scenes.csv", rows)
+        put(page, "scenes", [*judged_table(rows), "", made])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,122 @@
+"""Worker of bench/speed/peers.py: MuJoCo, with each beam cut into rigid segments on hinges with springs.
+
+N hinges at the middles of N equal pieces, stiffness N EI / L each, join rigid rods: that is a bending beam without
+shear and stretch, of second order in 1/N. A driven hub is a hinge with a huge inertia, pushed so that it has the right
+motion at every step's end. Steps run in C++ (mujoco.rollout), with the control held over a step.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+from peer_common import Case, measure, report, versions, wanted
+
+HEAVY = 1e12  # inertia of a driven hub over the beam's: reactions move it by no more than rounding does
+TRUTH = "bending, rotary inertia"
+# case: integrator: (hinges per beam, steps between two output times); the explicit ones just below their limit
+SWEEP = {
+    "a": {"RK4": [(5, 8), (10, 25), (20, 100)], "implicitfast": [(5, 10), (10, 36), (20, 140), (40, 560)]},
+    "b": {"RK4": [(5, 8), (10, 24), (20, 100)], "implicitfast": [(5, 10), (10, 36), (20, 140), (40, 560)]},
+    "c": {"RK4": [(5, 12), (10, 40), (20, 160)], "implicitfast": [(5, 20), (10, 60), (20, 240)]},
+}
+for _settings in SWEEP.values():
+    _settings["discrete"] = [(5, 10), (10, 20), (20, 50), (40, 100), (40, 400)]
+
+
+def _rod(case: Case, start: float, length: float) -> str:
+    """Inertia of a rigid piece of a beam that starts at `start` along its body's x."""
+    s = case.section
+    m, J = s.rhoA * length, s.rhoA * length**3 / 12 + s.rhoI * length
+    return f'<inertial pos="{start + length / 2!r} 0 0" mass="{m!r}" diaginertia="{J!r} {J!r} {J!r}"/>'
+
+
+def _heavy(case: Case) -> float:
+    return HEAVY * case.section.rhoA * case.length**3 / 3
+
+
+def _hub(case: Case, beam: int) -> tuple[float, float]:
+    """Mass (kg) at the joint and inertia (kg m^2) of a hub."""
+    if case.spin:
+        return 0.0, _heavy(case)
+    return case.hub_mass[beam], case.hub_inertia[beam]
+
+
+def xml(case: Case, n: int, integrator: str, step: float) -> str:
+    """The model. A body with its own mass besides a rod carries it in a child body without a joint."""
+    l, k = case.length / n, case.section.EI * n / case.length
+
+    def extra(m: float, J: float, x: float) -> str:
+        if m == 0.0:
+            return ""
+        return f'<body pos="{x!r} 0 0"><inertial pos="0 0 0" mass="{m!r}" diaginertia="{J!r} {J!r} {J!r}"/></body>'
+
+    open_, close = [], 0
+    at = 0.0  # of the next body in its parent
+    for b in range(case.beams):
+        m, J = _hub(case, b)
+        joint = f'<joint name="joint{b}" axis="0 0 1" armature="{J if m == 0.0 else 0.0!r}"/>'
+        open_.append(f'<body pos="{at!r} 0 0">{joint}{_rod(case, case.hub, l / 2)}{extra(m, J, 0.0)}')
+        at = case.hub + l / 2
+        for i in range(n):
+            length = l if i < n - 1 else l / 2
+            spring = f'<joint axis="0 0 1" stiffness="{k!r}"/>'
+            open_.append(f'<body pos="{at!r} 0 0">{spring}{_rod(case, 0.0, length)}')
+            at = length
+        close += n + 1
+    gear = _heavy(case) if case.spin else 1.0
+    motors = "".join(f'<motor joint="joint{b}" gear="{gear!r}"/>' for b in range(case.beams))
+    return f"""<mujoco><compiler balanceinertia="true" inertiafromgeom="false" boundmass="0" boundinertia="0"/>
+<option timestep="{step!r}" integrator="{integrator}" gravity="0 0 0">
+<flag contact="disable" constraint="disable" autoreset="disable"/></option>
+<worldbody>{"".join(open_)}{extra(*case.payload, at)}{"</body>" * close}</worldbody>
+<actuator>{motors}</actuator></mujoco>"""
+
+
+def tip(case: Case, n: int, q: np.ndarray) -> np.ndarray:
+    """Tip (..., 2) of joint angles q (..., nv)."""
+    l = case.length / n
+    lengths = ([case.hub + l / 2] + [l] * (n - 1) + [l / 2]) * case.beams
+    angles = np.cumsum(q, axis=-1)
+    return np.stack([np.cos(angles) @ lengths, np.sin(angles) @ lengths], axis=-1)
+
+
+def controls(case: Case, steps: int, integrator: str) -> np.ndarray:
+    """Joint torques, or the acceleration of a driven hub (steps, joints), held over each step.
+
+    A driven hub has the right speed (RK4) or angle (the others, which move by the new speed) at every step's end.
+    """
+    t = np.linspace(0.0, case.end, steps + 1)
+    if case.spin:
+        angle, speed = np.array([case.angle(x)[:2] for x in t]).T
+        if integrator != "RK4":
+            speed = np.append(0.0, np.diff(angle) / t[1])
+        return np.diff(speed)[:, None] / t[1]
+    return np.stack([case.torque((t[1:] + t[:-1]) / 2, b) for b in range(case.beams)], axis=1)
+
+
+def run(case: Case, integrator: str, n: int, every: int) -> None:
+    """One setting."""
+    steps = every * case.outputs
+
+    def build() -> tuple[mujoco.MjModel, mujoco.MjData]:
+        model = mujoco.MjModel.from_xml_string(xml(case, n, integrator, case.end / steps))
+        return model, mujoco.MjData(model)
+
+    setup, (model, data) = measure(build)
+    control = controls(case, steps, integrator)
+    start = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+    cpu, (states, _) = measure(lambda: rollout.rollout(model, data, start, control[None]))
+    rows = np.vstack([np.zeros(model.nq), states[0, every - 1 :: every, 1 : 1 + model.nq]])
+    setting = f"{n} hinges, dt {case.end / steps:.3g} s"
+    path = tip(case, n, rows)
+    report("run", case, f"MuJoCo {integrator}", setting, TRUTH, path, cpu_s=cpu, setup_s=setup)
+
+
+if __name__ == "__main__":
+    versions(mujoco=mujoco.__version__)
+    for case, truth in wanted():
+        if not truth:
+            for integrator, settings in SWEEP[case.name].items():
+                for setting in settings:
+                    run(case, integrator, *setting)

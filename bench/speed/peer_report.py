@@ -1,0 +1,121 @@
+"""Fronts, tables and figures of bench/speed/peers.py."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import numpy as np
+from matplotlib.figure import Figure
+from peer_common import CASES, Case
+
+BEGIN, END = "<!-- written by bench/speed/peers.py: begin -->", "<!-- end -->"
+TARGETS = (1e-4, 1e-5, 1e-6)  # m
+PEERS = ("Exudyn", "MuJoCo", "SciPy")
+COLOURS = {"flexarm": "Blues", "Exudyn": "Oranges", "MuJoCo": "Greens", "SciPy": "Purples"}
+MARKS = "osD^vP*X<>"
+
+Row = dict[str, Any]
+
+
+def program(row: Row) -> str:
+    """The first word of a method."""
+    return str(row["method"]).split()[0]
+
+
+def front(runs: list[Row]) -> list[Row]:
+    """Runs that no other beats in both time and error, from fast to accurate."""
+    out: list[Row] = []
+    for row in sorted((r for r in runs if r["error"]), key=lambda r: (r["cpu_s"], r["error"])):
+        if not out or row["error"] < out[-1]["error"]:
+            out.append(row)
+    return out
+
+
+def time_for(target: float, runs: list[Row]) -> float | None:
+    """CPU time (s) for an error, interpolated on the front (both logarithmic); None when it is not reached."""
+    best = front(runs)
+    if not best or best[-1]["error"] > target:
+        return None
+    errors, times = (np.log([r[k] for r in best])[::-1] for k in ("error", "cpu_s"))
+    return float(np.exp(np.interp(np.log(target), errors, times)))
+
+
+def ratios(runs: list[Row]) -> list[Row]:
+    """By case and target error: each program's time, the best peer, and its time over flexarm's."""
+    out = []
+    for case in sorted({r["case"] for r in runs}):
+        for target in TARGETS:
+            mine = {p: [r for r in runs if r["case"] == case and program(r) == p] for p in COLOURS}
+            times = {p: time_for(target, rows) for p, rows in mine.items()}
+            reached = {p: t for p in PEERS if (t := times[p]) is not None}
+            best = min(reached, key=lambda p: reached[p]) if reached else None
+            own = times["flexarm"]
+            ratio = reached[best] / own if best and own else None
+            out.append({"case": case, "target": target, "times": times, "best_peer": best, "ratio": ratio})
+    return out
+
+
+def _ms(t: float | None) -> str:
+    return "not reached" if t is None else f"{1e3 * t:.3g}"
+
+
+def table(rows: list[Row], truths: list[Row], runs: list[Row], about: Row) -> str:
+    """Markdown: times by error, fronts, converged models."""
+    versions = ", ".join(f"{k} {v}" for k, v in about["versions"].items())
+    text = [f"Measured on {about['cpu']} at commit {about['commit']}; {versions}.", ""]
+    head = ["case", "error (m)", *(f"{p} (ms)" for p in COLOURS), "best peer", "its time over flexarm's"]
+    text += [_line(head), _line(["-"] * len(head))]
+    for r in rows:
+        ratio = "" if r["ratio"] is None else f"{r['ratio']:.2g}"
+        times = [_ms(r["times"][p]) for p in COLOURS]
+        text.append(_line([r["case"], f"{r['target']:.0e}", *times, r["best_peer"] or "none", ratio]))
+    text += ["", "The settings on flexarm's and on Exudyn's front:", ""]
+    text += [_line(["case", "method", "setting", "error (m)", "CPU (ms)"]), _line(["-"] * 5)]
+    for case in sorted({r["case"] for r in runs}):
+        for p in ("flexarm", "Exudyn"):
+            for r in front([r for r in runs if r["case"] == case and program(r) == p]):
+                text.append(_line([case, r["method"], r["setting"], f"{r['error']:.1e}", _ms(r["cpu_s"])]))
+    text += ["", "The converged models:", ""]
+    text += [_line(["case", "strains and inertia", "how", "moved by the last refinement (m)", "to the others (m)"])]
+    text += [_line(["-"] * 5)]
+    for t in sorted(truths, key=lambda t: str(t["case"])):
+        apart = "; ".join(f"{name}: {d:.1e}" for name, d in t["distance"].items())
+        how = f"{t['method']}, {t['setting']}"
+        text.append(_line([t["case"], t["truth"], how, f"{t['converged']:.1e}", apart]))
+    failed = [r for r in runs if r["error"] is None]
+    if failed:
+        text += ["", f"{len(failed)} settings of {len(runs)} failed:", ""]
+        text += [f"- {r['case']}: {r['method']}, {r['setting']} {r.get('note', '')}".rstrip() for r in failed]
+    return "\n".join(text) + "\n"
+
+
+def _line(cells: list[Any]) -> str:
+    return "| " + " | ".join(str(c) for c in cells) + " |"
+
+
+def figure(case: Case, runs: list[Row]) -> Figure:
+    """Error against CPU time: every run a faint mark, a line along each method's front, rings on the front of all."""
+    fig = Figure(figsize=(8, 5.2), layout="constrained")
+    ax = fig.subplots()
+    done = [r for r in runs if r["error"] and r["error"] < case.length / 10]
+    for p, shades in COLOURS.items():
+        methods = sorted({r["method"] for r in done if program(r) == p})
+        for k, method in enumerate(methods):
+            mine = [r for r in done if r["method"] == method]
+            colour = matplotlib.colormaps[shades](0.9 - 0.5 * k / max(1, len(methods) - 1))
+            mark = MARKS[k % len(MARKS)]
+            x, y = ([r[i] for r in mine] for i in ("cpu_s", "error"))
+            ax.plot(x, y, mark, color=colour, alpha=0.25, ms=4, mew=0)
+            x, y = ([r[i] for r in front(mine)] for i in ("cpu_s", "error"))
+            ax.plot(x, y, mark + "-", color=colour, ms=5, label=method)
+    best = front(done)
+    x, y = ([r[i] for r in best] for i in ("cpu_s", "error"))
+    ax.plot(x, y, "o", mfc="none", mec="black", ms=11, label="front of all")
+    ax.set(xscale="log", yscale="log", xlabel="CPU time of the simulation (s)", ylabel="largest error of the tip (m)")
+    ax.set_title(f"({case.name}) {CASES[case.name].title}", fontsize=11)
+    ax.grid(which="major", alpha=0.3)
+    fig.legend(loc="outside right upper", fontsize=8, frameon=False)
+    return fig

@@ -1,0 +1,328 @@
+"""`economize`: the cheapest model within a tolerance, how it is checked, and what watches over its runs."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import choose.economize_scenes as scenes
+import flexarm as fa
+import numpy as np
+import pytest
+from flexarm.choose.indicate import excited
+from flexarm.choose.rung import Rungs
+from flexarm.cli import main
+
+TOL = 1e-3
+
+
+@pytest.fixture(scope="module")
+def plans() -> dict[str, fa.Plan]:
+    return {}
+
+
+def plan_of(plans: dict[str, fa.Plan], name: str, tol: float = TOL) -> fa.Plan:
+    """Made once for all tests."""
+    key = f"{name} {tol:g}"
+    if key not in plans:
+        plans[key] = fa.economize(scenes.SCENES[name](), tol)
+    return plans[key]
+
+
+# -- twelve scenes -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", scenes.SCENES)
+def test_true_error_is_within_the_tolerance(plans: dict[str, fa.Plan], name: str) -> None:
+    """Against a fully enriched model in another basis, which economize knows nothing of."""
+    scene = scenes.SCENES[name]()
+    rich = scenes.enriched(scene, scenes.STRAINS_OF[name])
+    quick = {"spatial": 24, "heavy_tip": 48, "floating": 24}
+    truth = scenes.run(rich, integrator="gauss", step=float(scene.t[-1]) / quick.get(name, 160)).frame()[0]
+    plan = plan_of(plans, name)
+    assert plan.certified, plan.reasons
+    assert scenes.off(plan.scene.run().frame()[0], truth) <= TOL
+    assert plan.arm.nv <= scene.arm.nv or scenes.off(scene.run().frame()[0], truth) > TOL
+
+
+@pytest.mark.parametrize("name", ["slow", "fast", "planar", "slender", "heavy_tip", "piezo"])
+def test_nothing_can_be_left_out(plans: dict[str, fa.Plan], name: str) -> None:
+    """One mode less anywhere is beyond the walk's share of the tolerance: a local optimum, verified by other runs."""
+    plan = plan_of(plans, name)
+    rungs, lean = Rungs(plan.given), plan._found.lean.model
+    truth = plan.rich.run().frame()[0]
+    for group, strain, n in rungs.items(lean):
+        less = rungs.at(rungs.with_count(lean, group, strain, n - 1), plan._walk.trials.walk)
+        assert scenes.off(less.run().frame()[0], truth) > 0.6 * TOL, f"link {group[0]}, strain {strain}"
+
+
+def test_the_papers_link(plans: dict[str, fa.Plan]) -> None:
+    beam = {name: plan_of(plans, name).arm.links[0].beam for name in ("slow", "fast")}
+    assert beam["slow"].order in (0, 1) and dict(beam["slow"].counts) == {"bending_y": 1}
+    assert beam["fast"].order == 2
+    medium = fa.economize(scenes.SCENES["medium"](), 1e-4).arm.links[0].beam
+    assert medium.order == 2
+    ist = fa.economize("ist", 1e-2)  # the same speed, but bent by 0.28 rad: order 2 is off by 2 %
+    assert ist.certified and ist.arm.links[0].beam.order in (3, "exact")
+
+
+def test_order_1_is_never_taken_near_the_first_frequency() -> None:
+    for tol in (3e-2, 1e-2, 1e-3):
+        plan = fa.economize(scenes.paper(20.0, 1.0, 1.4, order=1), tol)
+        beam = plan.arm.links[0].beam
+        assert beam.ne == 0 or beam.order != 1
+        assert plan._found.estimates.spin[0] == pytest.approx(20.0 / 20.95, rel=1e-2)
+    assert beam.ne
+
+
+# -- symmetry ----------------------------------------------------------------------------------------------------------
+
+
+def spatial_modes(scene: fa.Scene) -> fa.Scene:
+    rungs = Rungs(scene)
+    model = tuple(r and replace(r, counts=(2, 2, 1, 1, 1), rotary=True) for r in rungs.given)
+    return rungs.at(model, {})
+
+
+@pytest.mark.parametrize("name", ["slow", "planar", "stocky", "controlled"])
+def test_a_planar_scene_gets_planar_kernels(plans: dict[str, fa.Plan], name: str) -> None:
+    wide = spatial_modes(scenes.SCENES[name]())
+    for label, moves in zip(wide.arm.coordinates, excited(wide), strict=True):
+        assert moves == (not any(s in label for s in ("bending_z", "torsion", "shear_z"))), label
+    result = replace(wide, t=wide.t[: len(wide.t) // 4]).run()  # and so it is
+    out = [i for i, label in enumerate(wide.arm.q_names) if any(s in label for s in ("_z", "torsion"))]
+    assert np.abs(result.q[:, out]).max() < 1e-12
+    plan = plan_of(plans, name)
+    assert all(set(k.beam.counts) <= {"bending_y", "shear_y"} for k in plan.arm.links)
+    rows = [c for c in plan.choices if c.what in ("bending_z", "torsion", "shear_z")]
+    assert rows and all(c.how == "symmetry" and c.without == 0.0 for c in rows)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"loads": (fa.Load(-1, force=[[0, 0, 0], [0, 0, 1], [0, 0, 0]], t=[0.0, 0.001, 10.0]),)},
+        {"arm": "gravity"},
+        {"v0": "bending_z"},
+    ],
+)
+def test_what_breaks_the_plane_is_seen(change: dict) -> None:
+    wide = spatial_modes(scenes.SCENES["slow"]())
+    at = wide.arm.coordinates.index("link 0 bending_z 1")
+    if change.get("arm"):
+        change = {"arm": fa.Arm(wide.arm.links, gravity=(0, 0, -9.81))}
+    if change.get("v0"):
+        change = {"v0": np.eye(wide.arm.nv)[at]}
+    assert not excited(wide)[at] and excited(replace(wide, **change))[at]
+
+
+# -- what it says ------------------------------------------------------------------------------------------------------
+
+
+def test_indicators_foresee_the_orders() -> None:
+    """Estimated from one run of the scene's model; measured by runs of the orders themselves."""
+    scene = fa.load("ist")
+    plan = fa.economize(scene, 1e-3)
+    rungs = Rungs(scene)
+
+    def tip(order: int | str) -> np.ndarray:
+        model = tuple(r and replace(r, order=order) for r in rungs.given)
+        return rungs.at(model, {"integrator": "gauss", "step": 0.02}).run().frame()[0]
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fa.RangeWarning)
+        truth = tip("exact")
+        for order in (0, 1, 2, 3):
+            assert plan._found.estimates.by_order[order] == pytest.approx(scenes.off(tip(order), truth), rel=0.6)
+
+
+def test_print_plot_and_json(plans: dict[str, fa.Plan]) -> None:
+    plan = plan_of(plans, "fast")
+    text = str(plan)
+    assert text == plan.table() and "CERTIFIED" in text and "NOT CERT" not in text
+    for word in ("bending_y", "order", "rotary inertia", "Gauss points", "integrator", "symmetry", "rad/s"):
+        assert word in text
+    d = json.loads(json.dumps(plan.to_dict()))
+    assert d["certified"] and d["coordinates"]["lean"] == plan.arm.nv < d["coordinates"]["rich"]
+    assert d["evaluation"]["lean"]["time"] < d["evaluation"]["rich"]["time"]
+    inside = [c for c in plan.choices if c.inside and c.what == "order"]
+    assert inside[0].chosen == "2" and inside[0].without > 0.7 * TOL  # order 1 would not do
+    rows = [c for p in plans.values() if p.certified for c in p.choices if c.inside and c.what.startswith("bending")]
+    assert rows and all(c.how == "run" and c.without > 0.6 * TOL for c in rows)  # each is there for a reason
+    axes = plan.plot().axes[0]
+    assert axes.get_xscale() == axes.get_yscale() == "log" and "time" in axes.get_xlabel()
+
+
+def test_the_picture_has_the_scenes_own_model_as_it_is(plans: dict[str, fa.Plan]) -> None:
+    """In its own basis, whatever the walk takes in its place."""
+    plan = plan_of(plans, "heavy_tip")
+    scene = plan.given
+    assert plan.arm.links[0].beam.basis == "legendre" != scene.arm.links[0].beam.basis
+    own = next(line for line in plan.plot().axes[0].lines if line.get_marker() == "^")
+    t = plan._walk.trials.t
+    fine = {"integrator": "gauss", "step": 0.002}
+    tips = [replace(s, t=t, options=fine).run().frame()[0] for s in (scene, plan.rich)]
+    assert own.get_ydata()[0] == pytest.approx(scenes.off(*tips), rel=0.1)
+
+
+def test_deciding_costs_a_few_runs() -> None:
+    scene = scenes.SCENES["medium"]()
+    fa.economize(scene, 0.01)  # imports
+    plan = fa.economize(scene)
+    default = min(scene.run().stats["wall_time"] for _ in range(3))
+    assert plan.seconds < 60 * default + 1.0  # 5 on an idle machine
+    assert 0 < plan.runs < 40
+
+
+def test_time_budget_ends_the_search_and_says_so() -> None:
+    plan = fa.economize(scenes.SCENES["spatial"](), 1e-4, time_budget=0.4)
+    assert not plan.certified and "time for deciding" in plan.reasons[0] and plan.seconds < 3.0
+    assert "NOT CERTIFIED" in str(plan) and np.isfinite(plan.scene.run().q).all()
+
+
+def test_a_stiff_patch_is_not_certified_blindly() -> None:
+    """Its curvature jumps, which smooth shapes follow slowly: reference and check differ, and the plan says so."""
+    pzt = fa.Piezo(62e9, 0.31, 7800, -190e-12)
+    patch = fa.Patch(0.02, 0.07, 0.02, 0.0005, pzt, face="y")
+    given = scenes.SCENES["piezo"]()
+    beam = fa.Beam(0.3, fa.Rectangle(0.002, 0.02), scenes.ALUMINIUM, {"bending_y": 3}, patches=[patch])
+    scene = replace(given, arm=fa.Arm([fa.Link(fa.Fixed(), None, beam)]), t=np.linspace(0, 0.05, 201))
+    plan = fa.economize(scene, 1e-3)
+    assert not plan.certified and "against the check" in plan.reasons[0]
+
+
+# -- tolerances and quantities -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("quantity", ["joint", "strain", lambda result: result.tip_deflection(0)[:, 1]])
+def test_other_quantities(quantity) -> None:
+    scene = replace(scenes.SCENES["planar"](), t=np.linspace(0, 0.3, 201))
+    plan = fa.economize(scene, 0.02, quantity)
+    assert plan.certified, plan.reasons
+    values = [plan._walk.quantity.values(s.run()) for s in (plan.scene, plan.rich)]
+    for unit, span in plan.span.items():
+        assert np.linalg.norm(values[0][unit] - values[1][unit], axis=-1).max() <= 0.02 * span
+
+
+def test_absolute_tolerance() -> None:
+    scene = scenes.SCENES["medium"]()
+    plan = fa.economize(scene, atol=1e-3)
+    assert plan.absolute and plan.certified and "0.001 m" in str(plan)
+    away = np.linalg.norm(plan.scene.run().frame()[0] - plan.rich.run().frame()[0], axis=1).max()
+    assert away <= 1e-3
+    assert plan.error == pytest.approx(away, rel=0.05)
+
+
+def test_tighter_tolerances_take_more(plans: dict[str, fa.Plan]) -> None:
+    sizes = [plan_of(plans, "planar", tol).arm.nv for tol in (1e-2, 1e-3, 1e-4)]
+    assert sizes == sorted(sizes) and sizes[0] == 2 < sizes[2]
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        ({"tol": 0}, "tol = 0"),
+        ({"tol": -1e-3}, "tol = -0.001"),
+        ({"tol": 1.5}, "tol = 1.5"),
+        ({"tol": float("nan")}, "tol = nan"),
+        ({"tol": "1 mm"}, "tol = '1 mm'"),
+        ({"atol": 0.0}, "atol = 0"),
+        ({"time_budget": 0}, "time_budget = 0"),
+        ({"quantity": "tipp"}, "did you mean 'tip'"),
+        ({"quantity": "joint"}, "there is none that is not prescribed"),
+        ({"quantity": lambda r: np.ones(len(r.t))}, "nothing moves"),
+        ({"quantity": lambda r: np.ones(3)}, "a row for each time"),
+    ],
+)
+def test_nonsense_is_named(arguments: dict, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        fa.economize(scenes.SCENES["slow"](), **arguments)
+
+
+def test_a_scene_at_rest_is_an_error() -> None:
+    with pytest.raises(ValueError, match="nothing moves"):
+        fa.economize(replace(scenes.SCENES["slow"](), drive={}))
+    with pytest.raises(ValueError, match="must be a Scene"):
+        fa.economize(3)  # type: ignore[arg-type]
+
+
+# -- what else hangs on the coordinates --------------------------------------------------------------------------------
+
+
+def test_a_controller_that_reads_all_coordinates_keeps_them() -> None:
+    scene = scenes.SCENES["controlled"]()
+    gain = np.zeros((1, 2 * scene.arm.nv))
+    gain[0, 0], gain[0, scene.arm.nv] = 60.0, 6.0
+    scene = replace(scene, control=(fa.StateFeedback(gain, [0], q0=[0.5, 0, 0, 0, 0]),))
+    plan = fa.economize(scene, 1e-2)
+    assert plan.arm.nv == scene.arm.nv and plan._walk.rungs.pinned
+
+
+def test_initial_bending_is_kept() -> None:
+    scene = scenes.SCENES["slow"]()
+    q0 = np.array([0.0, 0.02, 0.003, 0.0])
+    plan = fa.economize(replace(scene, drive={0: fa.Motion([0, 1, 2], [0, 0, 0])}, q0=q0), 1e-3)
+    assert plan.certified and plan.arm.links[0].beam.basis == "clamped-free"
+    assert plan.scene.q0[1:3] == pytest.approx([0.02, 0.003])
+
+
+# -- saved, watched, adapted -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["fast", "planar", "spatial", "floating", "piezo", "controlled"])
+def test_saved_scene_is_complete(plans: dict[str, fa.Plan], name: str, tmp_path: Path) -> None:
+    plan = plan_of(plans, name)
+    plan.save(tmp_path / "lean.toml")
+    back = fa.load(tmp_path / "lean.toml")
+    assert back.arm == plan.arm and back.options == plan.scene.options
+    assert np.abs(back.run().q - plan.scene.run().q).max() < 1e-7
+
+
+def test_watch_names_link_and_time(plans: dict[str, fa.Plan]) -> None:
+    plan = plan_of(plans, "slow")
+    plan.run()  # in range: silent
+    faster = replace(plan.scene, drive={0: fa.Motion.spin_up(4.0, 1.0)})
+    with pytest.warns(fa.WatchWarning) as said:
+        fa.simulate(faster.arm, faster.t, drive=faster.drive, watch=plan.watch)
+    w = said[0].message
+    assert w.link == 0 and 0.0 < w.time < 1.0 and w.value > w.limit and "link 0" in str(w)
+    with pytest.raises(ValueError, match="watch = 3"):
+        fa.simulate(faster.arm, faster.t, watch=3)  # type: ignore[arg-type]
+
+
+def test_usual_watch_sees_too_few_modes_and_too_much_speed() -> None:
+    t = np.linspace(0, 0.3, 301)
+    few = scenes.paper(1.0, 1.0, 1.0, {"bending_y": 2}, order=2).arm
+    q0 = np.array([0.0, 0.0, 0.01])
+    hold = {0: fa.Motion([0, 1], [0, 0])}
+    with pytest.warns(fa.WatchWarning, match="highest mode"):
+        fa.simulate(few, t, q0, drive=hold, watch=True)
+    simple = scenes.paper(1.0, 1.0, 1.0, order=0).arm
+    with pytest.warns(fa.WatchWarning, match="first frequency"):
+        fa.simulate(simple, t, drive={0: fa.Motion([0, 0.3], [0, 4.0])}, watch=True)
+
+
+def test_adapt_goes_on_with_the_richer_arm(plans: dict[str, fa.Plan]) -> None:
+    plan = plan_of(plans, "slow")
+    assert plan.run(adapt=True).arm is plan.arm  # nothing to adapt to
+    faster = replace(plan, scene=replace(plan.scene, drive={0: fa.Motion.spin_up(6.0, 0.8)}))
+    adapted = faster.run(adapt=True)
+    assert adapted.arm.nv > plan.arm.nv and (adapted.t == faster.scene.t).all()
+    truth = replace(scenes.enriched(plan.given, {"bending_y": 6}), drive=faster.scene.drive)
+    y = scenes.run(truth, integrator="gauss", step=0.01).frame()[0]
+    lean = scenes.off(faster.scene.run().frame()[0], y)
+    assert scenes.off(adapted.frame()[0], y) < 0.5 * lean
+
+
+# -- command line ------------------------------------------------------------------------------------------------------
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["economize", "ist", "--tol", "1e-2", "-o", str(tmp_path), "--json"]) == 0
+    d = json.loads(capsys.readouterr().out)
+    assert d["certified"] and sorted(d["files"]) == sorted(p.name for p in tmp_path.iterdir())
+    assert np.isfinite(fa.load(tmp_path / "lean.toml").run().q).all()
+    assert main(["economize", "ist", "--tol", "0", "-o", str(tmp_path)]) == 2
+    assert "tol = 0" in capsys.readouterr().err

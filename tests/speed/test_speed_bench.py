@@ -1,0 +1,106 @@
+"""What the programs behind docs/speed.md make of what they measured."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BENCH = Path(__file__).resolve().parents[2] / "bench" / "speed"
+DUMP = """# callgrind format
+events: Ir
+summary: 38
+
+ob=(1) /some/library
+fn=(1) f
+0x100 7 10
++4 7 10
+* +1 3
+calls=2 0x900
++4 * 500
+-8 9 5
+cob=(2) /some/program
+cfn=(2) g
+calls=1 0x20
+0x104 9 90
+
+ob=(2)
+fn=(2)
+0x20 1 6
++3 1 4
+"""
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCH))
+
+
+def test_a_callgrind_dump_is_counted_where_it_was_spent(bench, tmp_path):
+    import counts
+
+    (tmp_path / "dump").write_text(DUMP)
+    total, where = counts.executed(tmp_path / "dump")
+    assert total == 38 == sum(c.total() for c in where.values())
+    assert where["/some/library"] == {0x100: 15, 0x104: 13}
+    assert where["/some/program"] == {0x20: 6, 0x23: 4}
+
+
+@pytest.mark.parametrize(
+    ("instruction", "operands", "expected"),
+    [
+        ("addsd", "0x8(%rax),%xmm1", 1),
+        ("mulpd", "%xmm1,%xmm2", 2),
+        ("vmulpd", "(%rax),%ymm1,%ymm2", 4),
+        ("vfmadd231sd", "%xmm1,%xmm2,%xmm3", 2),
+        ("vfnmadd213pd", "%zmm1,%zmm2,%zmm3", 16),
+        ("sqrtsd", "%xmm1,%xmm2", 1),
+        ("movapd", "%xmm1,%xmm2", 0),
+        ("addps", "%xmm1,%xmm2", 0),
+    ],
+)
+def test_arithmetic_on_doubles_is_told_from_other_instructions(bench, instruction, operands, expected):
+    import counts
+
+    assert counts.operations_of(instruction, operands) == expected
+
+
+def test_lanes_pay_from_the_batch_after_which_all_are_faster(bench):
+    import speed_batch
+
+    def rows(*us):
+        return [{"count": 2**k, "us": x} for k, x in enumerate(us)]
+
+    assert speed_batch.crossover(rows(10, 10, 5, 2), 10.0) == "4"
+    assert speed_batch.crossover(rows(10, 5, 10, 2), 10.0) == "8"  # once more slower
+    assert speed_batch.crossover(rows(10, 10, 10, 9.5), 10.0) == "never"
+    assert speed_batch.crossover(rows(5, 4), 10.0) == "1"
+
+
+def test_the_fastest_run_that_is_accurate_enough_is_found_and_failures_are_not(bench):
+    import speed_batch
+
+    runs = [
+        {"batch": 9, "error": None},
+        {"batch": 5, "error": 1e-2},
+        {"batch": 3, "error": 1e-3},
+        {"batch": 2, "error": 1e-4},
+    ]
+    assert speed_batch.fastest(runs, 1e-3) == runs[2]
+    assert speed_batch.fastest(runs, 1e-5) is None
+
+
+def test_a_ratio_says_by_how_much_its_aim_is_missed(bench):
+    import speed_common
+
+    assert speed_common.ratio(0.3, 0.4, below=True) == "**0.3** (aim ≤ 0.4: met)"
+    assert "by a factor of 2" in speed_common.ratio(0.8, 0.4, below=True)
+    assert "by a factor of 3" in speed_common.ratio(10.0, 30.0, below=False)
+    assert "not measured" in speed_common.ratio(float("nan"), 30.0, below=False)
+
+
+def test_coordinates_of_rods_are_sorted_for_the_peer(bench):
+    import peer_rods
+
+    rods = peer_rods.Rods("", 2, 2, 1, 1, True, (0, 0, 0), 5)
+    x = np.arange(10.0)  # joint, two along y, one along z, torsion; twice
+    np.testing.assert_array_equal(peer_rods.soromox_order(rods, x), [0, 4, -3, 1, 2, 5, 9, -8, 6, 7])

@@ -1,0 +1,519 @@
+"""Files of batches and sweeps: interrupted, damaged, foreign, in use, and on a full disk."""
+
+import pickle
+import re
+import subprocess
+import sys
+import threading
+import zipfile
+from pathlib import Path
+
+import flexarm as fa
+import numpy as np
+import pytest
+from flexarm.batch.shares import Executor, Future
+from flexarm.store import files, hdf5
+from sweeps.test_sweep import LENGTH, STIFF, plan, scene
+
+h5py = pytest.importorskip("h5py")
+
+TIMES = np.linspace(0, 0.02, 5)
+
+
+def arm():
+    return fa.load("ist").arm
+
+
+def run(path, count=6, **more):
+    """A batch of as many lengths."""
+    lengths = {LENGTH: np.linspace(0.3, 0.4, count)}
+    return fa.simulate_batch(arm(), TIMES, parameters=lengths, drive={0: fa.Torque(0.01)}, out=path, batch=2, **more)
+
+
+def interrupted(path, **more):
+    """The same, given up when four are done."""
+
+    def stop(share):
+        if share > 0.6:
+            raise KeyboardInterrupt
+
+    with pytest.raises(fa.BatchInterrupted) as e:
+        run(path, executor=Serial(), progress=stop, **more)
+    return e.value.result
+
+
+class Serial(Executor):
+    """Does all at once, in order, so that it is known what is done when."""
+
+    def submit(self, f, /, *args, **kwargs):
+        done = Future()
+        done.set_result(f(*args, **kwargs))
+        return done
+
+
+# -- what is not done ---------------------------------------------------------------------------------------
+
+
+def test_what_is_not_done_is_unknown_to_any_reader(tmp_path):
+    path = tmp_path / "b.h5"
+    interrupted(path)
+    with h5py.File(path) as f:
+        status = f["status"][:]
+        assert status.tolist() == [0, 0, 0, 0, 4, 4] and f["done"][:].tolist() == [1, 1, 1, 1, 0, 0]
+        for name in ("q", "v"):
+            assert np.isnan(f[name][:][status == 4]).all() and np.isfinite(f[name][:][status == 0]).all()
+        assert f["reached"][4] == TIMES[0]
+    kept = fa.BatchResult.load(path)
+    assert np.isnan(kept.q[4:]).all() and kept.status.tolist() == status.tolist()
+    assert run(path).stats["resumed"] == 4
+
+
+def test_ctrl_c_while_a_scenario_is_written(tmp_path, monkeypatch):
+    path, put = tmp_path / "b.h5", hdf5.Laid.put
+
+    def stopped(self, name, indices, rows):
+        put(self, name, indices, rows)
+        if name == "status" and indices[0] == 2:  # its rows and its status are there, its checksum is not
+            monkeypatch.undo()
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(hdf5.Laid, "put", stopped)
+    with pytest.raises(fa.BatchInterrupted, match="when 2 of 6") as e:
+        run(path)
+    for found in (e.value.result, fa.BatchResult.load(path)):
+        assert found.status.tolist() == [0, 0, 4, 4, 4, 4] and np.isnan(found.q[2:]).all()
+    assert run(path).stats["resumed"] == 2
+
+
+# -- damage -------------------------------------------------------------------------------------------------
+
+
+def flip(path, at, bit=1):
+    data = bytearray(path.read_bytes())
+    data[at] ^= bit
+    path.write_bytes(data)
+
+
+def test_flipped_bytes_are_told_of_and_computed_again(tmp_path):
+    path = tmp_path / "b.h5"
+    whole = run(path)
+    q = whole.q.copy()
+    with h5py.File(path) as f:
+        offset, size = f["q"].id.get_offset(), f["q"][0].nbytes
+        reasons = f["reason"].id.get_offset()
+    flip(path, offset + 2 * size + 7)
+    flip(path, reasons + 4 * 200 + 3, 0xFF)  # no UTF-8
+    with pytest.raises(ValueError, match=r"b\.h5': the data of scenario 2, 4 are damaged.*verify=False"):
+        fa.BatchResult.load(path)
+    assert fa.BatchResult.load(path, verify=False).q.shape == q.shape
+    again = run(path)
+    assert again.stats["damaged"] == 2 and again.stats["resumed"] == 4
+    np.testing.assert_array_equal(again.q, q)
+    np.testing.assert_array_equal(fa.BatchResult.load(path).q, q)
+
+
+@pytest.mark.parametrize("mark", [0, 3, 0x41])
+def test_damaged_marks_of_what_is_done_are_told_of(tmp_path, mark):
+    path = tmp_path / "b.h5"
+    whole = run(path)
+    q = whole.q.copy()
+    with h5py.File(path) as f:
+        offset = f["done"].id.get_offset()
+    flip(path, offset + 3, 1 ^ mark)
+    with pytest.raises(ValueError, match=r"b\.h5': the data of scenario 3 are damaged"):
+        fa.BatchResult.load(path)
+    if mark:  # half written, so far as is known
+        shown = fa.BatchResult.load(path, verify=False)
+        assert shown.status[3] == 4 and np.isnan(shown.q[3]).all() and np.isfinite(shown.q[2]).all()
+    again = run(path)
+    assert again.stats["damaged"] == 1 and again.stats["resumed"] == 5
+    np.testing.assert_array_equal(again.q, q)
+
+
+def test_damage_to_what_all_have_in_common_is_told_of(tmp_path):
+    path = tmp_path / "b.h5"
+    run(path)
+    with h5py.File(path) as f:
+        at = f["parameters/link.0.beam.length"].id.get_offset()
+    flip(path, at + 6)
+    for read in (fa.BatchResult.load, run):
+        with pytest.raises(ValueError, match=r"b\.h5': its times, parameters or marks are damaged"):
+            read(path)
+
+
+@pytest.mark.parametrize("kind", ["h5", "npz"])
+def test_damaged_files_are_refused_or_harmless(tmp_path, kind):
+    path, bad = tmp_path / f"b.{kind}", tmp_path / f"bad.{kind}"
+    result = run(tmp_path / "b.h5", 3)
+    if kind == "npz":
+        result.save(path)
+    data, truth = path.read_bytes(), fa.BatchResult.load(path)
+    q, v = np.array(truth.q), np.array(truth.v)
+    rng, refused = np.random.default_rng(1), 0
+    for seed in range(200):
+        made = bytearray(data)
+        if seed % 4 == 0:
+            del made[rng.integers(len(made)) :]
+        else:
+            for _ in range(seed % 3 + 1):
+                made[rng.integers(len(made))] ^= 1 << rng.integers(8)
+        bad.write_bytes(made)
+        try:
+            found = fa.BatchResult.load(bad)
+        except ValueError as e:
+            assert f"batch {str(bad)!r}: " in str(e) and "\n" not in str(e), str(e)
+            refused += 1
+        else:  # what was hit says nothing, or that a scenario is not done
+            done = found.status == 0
+            assert np.array_equal(found.q[done], q[done]) and np.array_equal(found.v[done], v[done])
+            assert np.array_equal(found.t, truth.t) and found.arm(1) == truth.arm(1)
+            assert (found.status[~done] == 4).all()
+    assert refused > 50
+    for other in (b"", b"PK", b"\x89HDF\r\n\x1a\n", b"something else", pickle.dumps([1])):
+        bad.write_bytes(other)
+        with pytest.raises(ValueError, match="bad"):
+            fa.BatchResult.load(bad)
+    with pytest.raises(ValueError, match="no such file"):
+        fa.BatchResult.load(tmp_path / "nowhere.h5")
+    with pytest.raises(ValueError, match=r"is a folder|not allowed"):
+        fa.BatchResult.load(tmp_path)
+
+
+def test_an_array_or_the_numbers_of_another_arm_are_refused(tmp_path):
+    run(tmp_path / "b.h5", 3).save(tmp_path / "b.npz")
+    np.save(tmp_path / "one.npy", np.zeros(3))
+    with np.load(tmp_path / "b.npz") as z:
+        held = dict(z)
+    for name, value, says in (
+        ("q", held["q"][:, :-1], "'q' is float64"), ("status", held["status"][:2], "and not"),
+        ("t", held["t"][::-1], "increase"), ("v", np.zeros((3, 5, 9)), "'v' is"),
+        ("about", np.array("{}"), "damaged .KeyError"), ("about", np.array("["), "damaged"),
+        (f"parameters/{LENGTH}", np.full(2, 0.3), "of 3 scenarios"), ("status", np.zeros(3), "'status'"),
+    ):  # fmt: skip
+        with (tmp_path / "x.npz").open("wb") as f:
+            np.savez(f, **{**held, name: value})
+        with pytest.raises(ValueError, match=f"batch .*x.npz': .*{says}"):
+            fa.BatchResult.load(tmp_path / "x.npz")
+    with pytest.raises(ValueError, match="is not a file of a batch"):
+        fa.BatchResult.load(tmp_path / "one.npy")
+
+
+def test_what_points_out_of_the_file_is_not_read(tmp_path):
+    path, secret = tmp_path / "b.h5", tmp_path / "secret"
+    run(path, 3)
+    secret.write_bytes(bytes(1000))
+    with h5py.File(path) as f:
+        shapes = {k: f[k].shape for k in ("q", "t", "reason")}
+    ways = ["external", "link", "virtual", "soft"]
+    for name, how in (*(("q", way) for way in ways), ("reason", "external"), ("t", "soft"), ("v", "filter")):
+        bad = tmp_path / "bad.h5"
+        bad.write_bytes(path.read_bytes())
+        with h5py.File(bad, "r+") as f:
+            kind, held = f[name].dtype, f[name][:]
+            del f[name]
+            if how == "external":
+                f.create_dataset(name, shapes[name], kind, external=[(str(secret), 0, h5py.h5f.UNLIMITED)])
+            elif how == "soft":
+                f["other"] = held
+                f[name] = h5py.SoftLink("/other")
+            elif how == "link":
+                f[name] = h5py.ExternalLink(str(path), "/q")
+            elif how == "filter":
+                f.create_dataset(name, data=held, compression="gzip")
+            else:
+                layout = h5py.VirtualLayout(shapes[name], kind)
+                layout[:] = h5py.VirtualSource(str(path), "q", shapes[name])
+                f.create_virtual_dataset(name, layout)
+        for verify in (True, False):
+            with pytest.raises(ValueError, match=r"bad\.h5': '\w+' (is a link to|is stored outside|has filters)"):
+                fa.BatchResult.load(bad, verify=verify)
+        with pytest.raises(ValueError, match=r"bad\.h5': '\w+' (is a link to|is stored outside|has filters)"):
+            run(bad, 3)
+
+
+# -- warnings -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("integrator", ["implicit", "ida"])
+def test_warnings_of_what_was_resumed_are_told_again(tmp_path, integrator):
+    path, q0 = tmp_path / "b.h5", np.zeros((6, arm().nq))
+    q0[1:, 1] = 0.6  # bent too far, all but one
+
+    def batch(**more):
+        return fa.simulate_batch(arm(), [0, 1e-4, 2e-4], q0, out=path, integrator=integrator, batch=2, **more)
+
+    def stop(share):
+        if share > 0.6:
+            raise KeyboardInterrupt
+
+    with pytest.raises(fa.BatchInterrupted) as e:
+        batch(executor=Serial(), progress=stop)
+    assert e.value.result.stats["out_of_range"] == 3
+    told = []
+    for _ in "ab":
+        with pytest.warns(fa.RangeWarning, match=r"scenario 1: link 0: at order") as found:
+            result = batch()
+        assert result.stats["out_of_range"] == 5
+        told.append([str(w.message) for w in found])
+    assert told[0] == told[1] and len(told[0]) == 1
+    assert fa.BatchResult.load(path).stats["out_of_range"] == 5
+
+
+# -- the disk -----------------------------------------------------------------------------------------------
+
+
+def test_what_the_disk_says_is_said_in_words(tmp_path, monkeypatch):
+    with pytest.raises(ValueError, match=r"out = '.*nowhere/b.h5': there is no folder"):
+        run(tmp_path / "nowhere" / "b.h5")
+    with pytest.raises(ValueError, match="out = "):
+        run(tmp_path)
+    usage = type(files.shutil.disk_usage(tmp_path))(1000, 900, 100)
+    with monkeypatch.context() as m:
+        m.setattr(files.shutil, "disk_usage", lambda path: usage)
+        with pytest.raises(ValueError, match=r"out = .*: takes .* kB, and the disk has 100 B free"):
+            run(tmp_path / "b.h5")
+        with pytest.raises(ValueError, match=r"output file .*: takes .* B, and the disk has"):
+            fa.sweep(scene(), plan(2), out=tmp_path / "s")
+    assert [p.name for p in tmp_path.iterdir()] == ["s"]
+
+
+LIMITED = """
+import resource, sys
+sys.path.insert(0, {tests!r})
+from store.test_store import *
+folder = Path({folder!r})
+def limit(size):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+for k, call in enumerate((
+    lambda: run(folder / "b.h5"),
+    lambda: fa.sweep(scene(), plan(2), out=folder / "s"),
+    lambda: run(None, 2).save(folder / "b.npz"),
+    lambda: fa.sweep(scene(), plan(2), out=folder / "s").save(folder / "t"),
+    lambda: run(folder / "later.h5", executor=Serial(), progress=lambda share: limit(100)),
+)):
+    limit(600 if k < 3 else resource.RLIM_INFINITY)
+    try:
+        call()
+    except ValueError as e:
+        print(e)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="RLIMIT_FSIZE")
+def test_a_full_disk(tmp_path):
+    """A file may not grow past a limit: as it is made, while a batch runs, and the same of a sweep."""
+    script = LIMITED.format(tests=str(Path(__file__).parents[1]), folder=str(tmp_path))
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    said = done.stdout.splitlines()
+    assert len(said) == 4 and all("a file may not be as large as that here" in x for x in said), said
+    for name, line in zip(("b.h5", "sweep.parts", "b.npz", "later.h5"), said, strict=True):
+        assert name in line
+    assert run(tmp_path / "later.h5").stats["resumed"] == 2
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["later.h5", "s", "t"]
+    assert not [*tmp_path.rglob("*.new"), *tmp_path.rglob("*.part")]
+
+
+def test_a_file_that_another_process_writes(tmp_path):
+    path = tmp_path / "b.h5"
+    run(path)
+    code = f"import h5py; f = h5py.File({str(path)!r}, 'r+'); print('open', flush=True); input()"
+    other = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert other.stdout.readline() == "open\n"
+        for call in (fa.BatchResult.load, run, lambda p: run(p, resume=False)):
+            with pytest.raises(ValueError, match=r"b\.h5': another process is using it"):
+                call(path)
+    finally:
+        other.communicate("\n")
+    assert run(path).stats["resumed"] == 6
+
+
+def test_two_threads_that_begin_one_file(tmp_path):
+    found: list[str] = []
+
+    def one() -> None:
+        try:
+            found.append(str(run(tmp_path / "b.h5").status.tolist()))
+        except ValueError as e:
+            found.append(str(e))
+
+    threads = [threading.Thread(target=one) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    good = r"\[0, 0, 0, 0, 0, 0\]|.*another process (is using it|put another file in its place)"
+    assert "[0, 0, 0, 0, 0, 0]" in found and all(re.fullmatch(good, x) for x in found), found
+
+
+def test_interruptions_pickle(tmp_path):
+    result = interrupted(tmp_path / "b.h5")
+    one = fa.simulate(arm(), TIMES)
+    table = fa.sweep(scene(), plan(2))
+    for e in (
+        fa.BatchInterrupted("4 of 6", result), fa.SimulationInterrupted("at 1", 1.0, one),
+        fa.SweepInterrupted("2", table), fa.SimulationError("at 1", 1.0, one),
+    ):  # fmt: skip
+        again = pickle.loads(pickle.dumps(e))
+        assert type(again) is type(e) and str(again) == str(e) and type(again.result) is type(e.result)
+        assert getattr(again, "time", 1.0) == 1.0
+    again = pickle.loads(pickle.dumps(fa.BatchInterrupted("4 of 6", result))).result
+    np.testing.assert_array_equal(again.q, result.q)
+
+
+# -- sweeps -------------------------------------------------------------------------------------------------
+
+
+def begun(tmp_path, p, count=2):
+    """A sweep that was interrupted, some of its shares of one scenario done; its shares' files."""
+
+    def stop(done, total):
+        if done == count:
+            raise KeyboardInterrupt
+
+    with pytest.raises(fa.SweepInterrupted):
+        fa.sweep(scene(), p, out=tmp_path, batch=1, progress=stop)
+    return sorted((tmp_path / "sweep.parts").glob("*.npz"))
+
+
+def test_damaged_shares_are_computed_again(tmp_path):
+    p, foreign = plan(8), tmp_path / "sweep.parts" / "notes.npz"
+    truth, shares = fa.sweep(scene(), p), begun(tmp_path, p, 7)
+    data = shares[0].read_bytes()
+    foreign.write_bytes(b"of the user's")
+    bad = (b"", b"PK", data[:-40], data[:100], data.replace(b"failures", b"fxilures"), shares[6].read_bytes())
+    for path, content in zip(shares, bad, strict=False):
+        path.write_bytes(content)
+    found = fa.sweep(scene(), p, out=tmp_path)
+    assert found.complete and np.array_equal(found["strain"], truth["strain"])
+    assert found.stats["damaged"] == 6 and found.stats["computed"] == 7
+    assert list(foreign.parent.iterdir()) == [foreign]
+    assert fa.sweep(scene(), p, out=tmp_path).stats["computed"] == 0
+
+
+def test_a_folder_of_another_sweep_is_refused_whatever_is_left_of_it(tmp_path):
+    fa.sweep(scene(), plan(2), out=tmp_path)
+    table = (tmp_path / "sweep.csv").read_bytes()
+    other = fa.Sweep([fa.Vary("grid", {LENGTH: [0.3, 0.4], STIFF: [2e11, 3e11]})])
+    with pytest.raises(ValueError, match="holds another sweep, with another parameters; take another folder"):
+        fa.sweep(scene(), other, out=tmp_path)
+    whole = tmp_path / "sweep.npz"
+    data = whole.read_bytes()
+    for bad in (b"", data[:200], data[:-30]):
+        whole.write_bytes(bad)
+        with pytest.raises(ValueError, match=r"sweep\.npz': is not a finished sweep \(start anew .*--fresh"):
+            fa.sweep(scene(), other, out=tmp_path)
+    whole.unlink()
+    with pytest.raises(ValueError, match=r"holds another sweep, a sweep\.csv without its sweep\.npz"):
+        fa.sweep(scene(), other, out=tmp_path)
+    assert (tmp_path / "sweep.csv").read_bytes() == table
+    assert fa.sweep(scene(), other, out=tmp_path, resume=False).complete
+
+
+def test_shares_without_a_mark_or_behind_a_link_are_not_taken(tmp_path):
+    begun(tmp_path, plan(3))
+    (tmp_path / "sweep.parts" / "fingerprint").write_bytes(b"\xff")
+    with pytest.raises(ValueError, match="holds another sweep, whose marks cannot be read"):
+        fa.sweep(scene(), plan(3), out=tmp_path)
+    keep = tmp_path / "sweep.parts" / "keep.txt"
+    keep.write_text("mine")
+    moved = tmp_path / "elsewhere"
+    keep.parent.rename(moved)
+    keep.parent.symlink_to(moved)
+    for resume in (True, False):
+        with pytest.raises(ValueError, match=r"sweep\.parts is a link"):
+            fa.sweep(scene(), plan(3), out=tmp_path, resume=resume)
+    keep.parent.unlink()
+    moved.rename(keep.parent)
+    assert fa.sweep(scene(), plan(3), out=tmp_path, resume=False).complete
+    assert keep.read_text() == "mine" and list(keep.parent.iterdir()) == [keep]
+
+
+def test_two_sweeps_that_begin_in_one_folder_do_not_mix(tmp_path):
+    def meanwhile(done, total):
+        if done == 0:
+            begun(tmp_path, plan(3))
+
+    with pytest.raises(ValueError, match="holds another sweep"):
+        fa.sweep(scene(), plan(4), out=tmp_path, batch=1, progress=meanwhile)
+    assert fa.sweep(scene(), plan(3), out=tmp_path).stats["computed"] == 1
+
+
+def test_trajectories_that_are_damaged_or_gone(tmp_path):
+    p = plan(2, trajectories=True)
+    q = fa.sweep(scene(), p, out=tmp_path).trajectory(1)[1]
+    path = tmp_path / "trajectories.h5"
+    with h5py.File(path) as f:
+        where = f["q"].id.get_offset() + f["q"][0].nbytes
+    flip(path, where + 20)
+    found = fa.sweep(scene(), p, out=tmp_path)
+    assert found.trajectory(0)[1].shape == q.shape
+    with pytest.raises(ValueError, match=r"trajectories\.h5': the trajectory of scenario 1 is damaged"):
+        found.trajectory(1)
+    path.unlink()
+    with pytest.raises(ValueError, match="no such file"):
+        found.trajectory(1)
+    again = fa.sweep(scene(), p, out=tmp_path)
+    assert again.stats["computed"] == 2
+    np.testing.assert_array_equal(again.trajectory(1)[1], q)
+
+
+def test_a_sweep_knows_its_functions(tmp_path):
+    def swept(w, **more):
+        def scaled(result):
+            return w * np.ptp(result.q[:, 0])
+
+        return fa.sweep(scene(), fa.Sweep([fa.Vary("grid", {LENGTH: [0.3]})], outputs=[scaled]), out=tmp_path, **more)
+
+    swept(1.0)
+    assert swept(1.0).stats["computed"] == 0
+    with pytest.raises(ValueError, match="another sweep, with another outputs"):
+        swept(2.0)
+    rng = np.random.default_rng(0)
+    with pytest.raises(ValueError, match="give fingerprint="):
+        swept(rng)
+    assert swept(1.0, fingerprint="A", resume=False).complete
+
+
+def test_failures_in_a_saved_batch_of_an_older_flexarm(tmp_path):
+    """Whose status 1 was a singular mass matrix, and not a terminal event."""
+    path = tmp_path / "b.npz"
+    run(None).save(path)
+    with np.load(path) as f:
+        held = {k: f[k] for k in f.files}
+    held["status"][:4], held["reason"][1:4] = (0, 1, 2, 3), b"the mass matrix is singular"
+    np.savez(path, **held)
+    old = fa.BatchResult.load(path)
+    assert old.status.tolist() == [0, 5, 5, 5, 0, 0] and [f.index for f in old.failures] == [1, 2, 3]
+    assert old[1].status == 0
+
+
+def test_a_reason_is_cut_between_letters(tmp_path):
+    from flexarm.batch.file import in_bytes
+
+    assert len(in_bytes("ü" * 150)) == 200 and len(in_bytes("a" + "ü" * 150)) == 199
+    assert in_bytes("a" + "ü" * 150).decode() == "a" + "ü" * 99
+
+
+def test_zip_files_are_read_whole_or_not_at_all(tmp_path):
+    run(tmp_path / "b.h5").save(tmp_path / "b.npz")
+    with zipfile.ZipFile(tmp_path / "b.npz") as z:
+        info = z.getinfo("q.npy")
+    flip(tmp_path / "b.npz", info.header_offset + 80)
+    with pytest.raises(ValueError, match=r"b\.npz': is not a file of a batch, or damaged"):
+        fa.BatchResult.load(tmp_path / "b.npz")
+
+
+def test_nobody_is_locked_out_by_one_that_was_killed(tmp_path):
+    path = tmp_path / "b.h5"
+    code = f"""
+import os, signal, sys
+sys.path.insert(0, {str(Path(__file__).parents[1])!r})
+from store.test_store import *
+def stop(share):
+    if share > 0.3: os.kill(os.getpid(), signal.SIGKILL)
+run(Path({str(path)!r}), executor=Serial(), progress=stop)
+"""
+    subprocess.run([sys.executable, "-c", code], timeout=60, check=False)
+    assert 0 < run(path).stats["resumed"] < 6
