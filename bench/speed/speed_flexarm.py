@@ -1,5 +1,6 @@
 """Worker of bench/speed/speed_batch.py: flexarm's rollouts on MuJoCo's case, on scenes from small to large, and its
-forward dynamics on SoRoMoX's rods. Times are CPU seconds of the process, all its threads together, but where two threads are
+forward dynamics on SoRoMoX's rods.
+Times are CPU seconds of the process, all its threads together, but where two threads are
 compared with one.
 """
 

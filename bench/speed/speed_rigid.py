@@ -4,7 +4,8 @@ flexible arms against pinocchio's rigid one.
     python bench/speed/speed_rigid.py [--runs 5] [-o DIR]
 
 Compiles bench/speed/pinocchio twice, flexarm and pinocchio always with the same flags: as flexarm is shipped (-O3, for
-any processor of the kind) and with -march=native. Pinocchio's headers come from the wheel `pin` of PyPI, in an environment
+any
+processor of the kind) and with -march=native. Pinocchio's headers come from the wheel `pin` of PyPI, in an environment
 under build/peers; Eigen is the system's. The two programs run in turn. Writes speed_rigid.csv, speed_rigid.png and its
 section of docs/speed.md (with -o only the files, into DIR).
 """
@@ -38,7 +39,8 @@ def build(flags: str) -> Path:
     where = [python, "-c", "import sysconfig; print(sysconfig.get_paths()['purelib'])"]
     site = subprocess.run(where, check=True, capture_output=True, text=True).stdout.strip()
     folder = ROOT / "build" / "bench" / f"pinocchio-{flags}"
-    configure = ["cmake", "-G", "Ninja", "-S", ROOT / "bench" / "speed" / "pinocchio", "-B", folder, "-DCMAKE_BUILD_TYPE=Release"]
+    source = ROOT / "bench" / "speed" / "pinocchio"
+    configure = ["cmake", "-G", "Ninja", "-S", source, "-B", folder, "-DCMAKE_BUILD_TYPE=Release"]
     configure += [f"-DPINOCCHIO_PREFIX={site}/cmeel.prefix", f"-DCMAKE_CXX_FLAGS={FLAGS[flags]}"]
     subprocess.run(configure, check=True, stdout=subprocess.DEVNULL)
     subprocess.run(["cmake", "--build", folder, "-j", str(os.cpu_count()), "--target", "speed_rigid"], check=True)
