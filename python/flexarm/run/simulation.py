@@ -191,8 +191,8 @@ def simulate(
             about 1e-8, and 1e-10); a tolerance near the error that the step leaves saves a third of the time.
         max_order: of IDA's backward differentiation formulas, 1 to 5 (if None). 5 needs the fewest steps wherever
             what moves must be followed (bench/run/ida_order.py: 4 to 8 times fewer than 2 at rtol 1e-6, 100 times
-            closer or more); 2 needs fewer, 3 times at rtol 1e-5, where fast undamped modes are present but quiet and the
-            tolerance is loose, because higher orders are unstable on undamped oscillation. 3 is the worst there.
+            closer or more); 2 needs fewer, 3 times at rtol 1e-5, where fast undamped modes are present but quiet and
+            the tolerance is loose, because higher orders are unstable on undamped oscillation. 3 is the worst there.
         linear_solver: of IDA: "dense" factors the exact Jacobian, O(N³) once in several steps; "chain" eliminates like
             articulated bodies, O(N), which leaves out gyroscopic and geometric stiffness, and repeats that within
             GMRES where they matter; "auto" (if None) is "chain", the faster one at any number of links.
