@@ -10,12 +10,13 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from flexarm import demo
 from flexarm import demo_control as dc
 
 
 @pytest.fixture(scope="module")
-def control() -> dc.Control:
-    return dc.compute()
+def control(demonstration: tuple[demo.Demo, Any]) -> dc.Control:
+    return demonstration[0].control
 
 
 def test_pd_shows_the_papers_numbers(control: dc.Control) -> None:
