@@ -4,6 +4,7 @@ several files of tests look at, computed once."""
 import contextlib
 import io
 import json
+import os
 import signal
 import sys
 from pathlib import Path
@@ -12,6 +13,10 @@ from typing import Any
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
+
+# The matrices are small: a second thread of OpenBLAS helps none of them, but waits for work in a busy loop, which takes
+# half of the time where something else computes beside the tests. Before NumPy is imported; subprocesses inherit it.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Where the tests run in the background (a shell's &, nohup), SIGINT is ignored, in their subprocesses, too.
 signal.signal(signal.SIGINT, signal.default_int_handler)
