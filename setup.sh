@@ -119,7 +119,10 @@ install_flexarm() {
     settings+=(--config-settings=cmake.define.FLEXARM_BUILD_TESTS=ON)  # us (CI), not for a newer compiler
     [[ -z ${CI:-} ]] || settings+=(--config-settings=cmake.define.FLEXARM_WERROR=ON)
   fi
-  "$venv/bin/pip" install -q "${settings[@]}" ".$extra"
+  rm -rf build/wheel  # what is installed, and tested, can be taken from there
+  "$venv/bin/pip" wheel -q "${settings[@]}" --no-deps -w build/wheel .
+  "$venv/bin/pip" uninstall -q -y flexarm 2>/dev/null  # or a wheel of the same version would stay
+  "$venv/bin/pip" install -q "$(echo build/wheel/flexarm-*.whl)$extra"
   printf '%s\n' "$now$scenes$extra$tests" "$now$scenes$extra" "$now$scenes" >"$stamp"
 }
 

@@ -510,14 +510,14 @@ def test_ctrl_c_and_the_file(tmp_path):
             raise KeyboardInterrupt
 
     path = tmp_path / "sweep.h5"
-    sweep = {"parameters": {"link.0.tip.mass": np.linspace(0.1, 1, 60)}, "integrator": "rk4", "step": 1e-6, "batch": 4}
+    sweep = {"parameters": {"link.0.tip.mass": np.linspace(0.1, 1, 60)}, "integrator": "rk4", "step": 2e-6, "batch": 4}
     with pytest.raises(fa.BatchInterrupted) as caught:
         fa.simulate_batch(two_links(), TIMES, out=path, progress=stop, **sweep)
     done = int((caught.value.result.status == 0).sum())
     assert 0 < done < 60
     run = fa.simulate_batch(two_links(), TIMES, out=path, **sweep)
     assert run.stats["resumed"] == done and not run.status.any()
-    np.testing.assert_array_equal(run.q[-1], fa.simulate_batch(run.arm(59), TIMES, integrator="rk4", step=1e-6).q[0])
+    np.testing.assert_array_equal(run.q[-1], fa.simulate_batch(run.arm(59), TIMES, integrator="rk4", step=2e-6).q[0])
 
 
 # -- events ----------------------------------------------------------------------------------------------------------

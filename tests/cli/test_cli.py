@@ -13,6 +13,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.cli import main
+from flexarm.paper import demo
 
 PENDULUM = """
 gravity = [0, -9.81, 0]
@@ -156,10 +157,10 @@ def test_modes_say_what_is_unstable(tmp_path: Path, capsys: pytest.CaptureFixtur
 # -- demo ----------------------------------------------------------------------------------------------------
 
 
-def test_demo_in_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    told = answer(capsys, "demo", "-o", str(tmp_path / "demo"))
-    assert told["agrees"] is True and told == json.loads((tmp_path / "demo" / "demo.json").read_text())
-    assert all((tmp_path / "demo" / name).exists() for name in told["files"])
+def test_demo_in_json(demonstration: tuple[demo.Demo, Any]) -> None:
+    done, told = demonstration
+    assert told["agrees"] is True and told == json.loads((done.folder / "demo.json").read_text())
+    assert all((done.folder / name).exists() for name in told["files"])
 
 
 # -- bad input -----------------------------------------------------------------------------------------------

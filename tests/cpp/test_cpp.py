@@ -307,27 +307,35 @@ def test_fetched_without_sundials_and_toml(tmp_path: Path) -> None:
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="its flags are those of x86")
 def test_other_vector_flags_do_not_link_instead_of_crashing(examples: Path, tmp_path: Path) -> None:
     (tmp_path / "main.cpp").write_text("#include <flexarm/arm.hpp>\nint main() {}\n")
-    how = "find_package(flexarm REQUIRED)\nadd_executable(main main.cpp)\ntarget_link_libraries(main flexarm::flexarm)"
-    consume(tmp_path, how, f"-DCMAKE_PREFIX_PATH={examples.parent / 'prefix'}", "-DCMAKE_CXX_FLAGS=-mavx")
-    done = run(CMAKE, "--build", tmp_path / "build", ok=False)
+    how = "find_package(flexarm REQUIRED)\nlink_libraries(flexarm::flexarm)\n"
+    for name, flag in [("wide", "-mavx"), ("sanitized", "-fsanitize=address")]:
+        how += f"add_executable({name} main.cpp)\ntarget_compile_options({name} PRIVATE {flag})\n"
+        how += f"target_link_options({name} PRIVATE {flag})\n"
+    consume(tmp_path, how, f"-DCMAKE_PREFIX_PATH={examples.parent / 'prefix'}")
+    run(CMAKE, "--build", tmp_path / "build", "-j", "2", "--", "-k", "0", ok=False)  # compiles both; neither links
+    done = run(CMAKE, "--build", tmp_path / "build", "--target", "wide", ok=False)
     said = done.stdout
     assert done.returncode != 0 and "this_file_has_other_vector_flags_than_the_flexarm_library" in said
     assert "sanitizers" not in said
-    consume(tmp_path, how, "-DCMAKE_CXX_FLAGS=-fsanitize=address")
-    said = run(CMAKE, "--build", tmp_path / "build", ok=False).stdout
-    assert "this_file_has_other_sanitizers_than_the_flexarm_library" in said and "vector_flags" not in said
+    done = run(CMAKE, "--build", tmp_path / "build", "--target", "sanitized", ok=False)
+    said = done.stdout
+    assert done.returncode != 0 and "this_file_has_other_sanitizers_than_the_flexarm_library" in said
+    assert "vector_flags" not in said
 
 
 def test_temporary_arms_are_refused_where_they_would_be_kept(examples: Path) -> None:
-    head = "#include <flexarm/collocation.hpp>\nflexarm::Arm make_arm();\n"
     folders = dict.fromkeys(re.findall(r"(-isystem|-I) ?(\S+)", (examples / "build.ninja").read_text()))
     flags = ["-std=c++17", "-fsyntax-only", "-x", "c++", "-", *(word for pair in folders for word in pair)]
+    lines = ["#include <flexarm/collocation.hpp>", "flexarm::Arm make_arm();"]
+    right, wrong = set(), set()  # numbers of lines
     for made in ["ImplicitStep s({}, 1e-3)", "Rk4Step s({}, 1e-3)", "CollocationStep s({})"]:
-        for arm, right in [("arm", True), ("make_arm()", False), ("static_cast<const flexarm::Arm&&>(arm)", False)]:
-            text = f"{head}void f(const flexarm::Arm& arm) {{ flexarm::{made.format(arm)}; }}\n"
-            done = run(COMPILER, *flags, text=text, ok=False)
-            assert (done.returncode == 0) == right, done.stderr[-2000:]
-            assert right or "deleted" in done.stderr
+        for arm, is_right in [("arm", True), ("make_arm()", False), ("static_cast<const flexarm::Arm&&>(arm)", False)]:
+            lines.append(f"void f{len(lines)}(const flexarm::Arm& arm) {{ flexarm::{made.format(arm)}; }}")
+            (right if is_right else wrong).add(len(lines))
+    done = run(COMPILER, *flags, text="\n".join(lines) + "\n", ok=False)  # all in one: Eigen takes a second to read
+    said = {int(line): what for line, what in re.findall(r"^<stdin>:(\d+):\d+: error: (.*)$", done.stderr, re.M)}
+    assert done.returncode != 0 and len(right) == 3 and len(wrong) == 6
+    assert said.keys() == wrong and all("deleted" in what for what in said.values()), done.stderr[-2000:]
 
 
 def test_shared_where_asked_for(tmp_path: Path) -> None:

@@ -17,8 +17,8 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> demo.Demo:
-    return demo.run(tmp_path_factory.mktemp("demo"))
+def done(demonstration: tuple[demo.Demo, Any]) -> demo.Demo:
+    return demonstration[0]
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,12 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.paper import control as dc
+from flexarm.paper import demo
 
 
 @pytest.fixture(scope="module")
-def control() -> dc.Control:
-    return dc.compute()
+def control(demonstration: tuple[demo.Demo, Any]) -> dc.Control:
+    return demonstration[0].control
 
 
 def test_pd_shows_the_papers_numbers(control: dc.Control) -> None:

@@ -11,13 +11,13 @@ where c_ki = 1 for i < k and 1/2 for i = k; then sum_j A_ij (cos(P_i - P_j) P''_
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from decimal import Context, Decimal, localcontext
 
 import flexarm as fa
 import mpmath
 import numpy as np
 
-DIGITS = 60
+DIGITS = Context(prec=60)
 
 
 def rods(masses: Sequence[float]) -> fa.Arm:
@@ -27,36 +27,48 @@ def rods(masses: Sequence[float]) -> fa.Arm:
     )
 
 
-def accelerations(masses: Sequence[float], q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> list[mpmath.mpf]:
-    """Joint accelerations of such a chain, to 60 digits, of the same doubles."""
-    n = len(masses)
-    with mpmath.workdps(DIGITS):
-        mass, joint, rate, torque = ([mpmath.mpf(float(x)) for x in xs] for xs in (masses, q, v, tau))
-        inertia = [mpmath.mpf(float(m / 12)) for m in masses]  # as the arm was given it
-        P, dP = (np.cumsum(np.array(x, dtype=object)) for x in (joint, rate))
-        beyond = [mpmath.mpf(0)] * (n + 1)  # mass outward of rod k
-        for k in reversed(range(n)):
-            beyond[k] = beyond[k + 1] + mass[k]
-        cosine, sine = [mpmath.cos(x) for x in P], [mpmath.sin(x) for x in P]
-        M, Q = mpmath.matrix(n, n), mpmath.matrix(n, 1)
-        for i in range(n):
-            Q[i] = torque[i] - (torque[i + 1] if i + 1 < n else 0)
-            for j in range(n):
-                outer = max(i, j)
-                A = beyond[outer + 1] + mass[outer] / (4 if i == j else 2) + (inertia[i] if i == j else 0)
-                M[i, j] = A * (cosine[i] * cosine[j] + sine[i] * sine[j])
-                Q[i] -= A * (sine[i] * cosine[j] - cosine[i] * sine[j]) * dP[j] ** 2
-        scale = [1 / mpmath.sqrt(M[i, i]) for i in range(n)]  # or a tiny mass looks singular to lu_solve
-        D = mpmath.diag(scale)
-        ddP = D * mpmath.lu_solve(D * M * D, D * Q)
-        return [ddP[0], *(ddP[k] - ddP[k - 1] for k in range(1, n))]
+def cosine_and_sine(angles: np.ndarray) -> list[np.ndarray]:
+    """Of exact angles, which Decimal does not offer."""
+    with mpmath.workdps(DIGITS.prec):
+        found = [(mpmath.cos(x), mpmath.sin(x)) for x in (mpmath.mpf(str(angle)) for angle in angles)]
+        return [np.array([Decimal(mpmath.nstr(x, DIGITS.prec)) for x in xs]) for xs in zip(*found, strict=True)]
 
 
-def error(found: Sequence[Any], truth: list[mpmath.mpf]) -> float:
+def solve(M: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """M x = b by elimination, in place, of a symmetric positive definite matrix: its diagonal serves in any order."""
+    n = len(b)
+    for k in range(n):
+        part = M[k + 1 :, k] / M[k, k]
+        M[k + 1 :, k + 1 :] -= np.outer(part, M[k, k + 1 :])
+        b[k + 1 :] -= part * b[k]
+    for k in reversed(range(n)):
+        b[k] = (b[k] - M[k, k + 1 :] @ b[k + 1 :]) / M[k, k] if k < n - 1 else b[k] / M[k, k]
+    return b
+
+
+def accelerations(masses: Sequence[float], q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """Joint accelerations of such a chain, as Decimals of 60 digits, of the same doubles."""
+    with localcontext(DIGITS):
+        mass, joint, rate, torque = (np.array([Decimal(float(x)) for x in xs]) for xs in (masses, q, v, tau))
+        inertia = np.array([Decimal(float(m / 12)) for m in masses])  # as the arm was given it
+        cosine, sine = cosine_and_sine(np.cumsum(joint))
+        beyond = np.cumsum(mass[::-1])[::-1] - mass  # mass outward of rod k
+        k = np.arange(len(mass))
+        outer = np.maximum.outer(k, k)
+        A = beyond[outer] + mass[outer] / 2
+        A[k, k] = beyond + mass / 4 + inertia
+        M = A * (np.outer(cosine, cosine) + np.outer(sine, sine))
+        turned = A * (np.outer(sine, cosine) - np.outer(cosine, sine))
+        Q = torque - np.append(torque[1:], Decimal(0)) - turned @ np.cumsum(rate) ** 2
+        ddP = solve(M, Q)
+        return np.append(ddP[:1], np.diff(ddP))
+
+
+def error(found: Sequence[float], truth: np.ndarray) -> float:
     """Largest error over the largest acceleration."""
-    with mpmath.workdps(DIGITS):
-        off = max(abs(mpmath.mpf(x) - y) for x, y in zip(found, truth, strict=True))
-        return float(off / max(abs(y) for y in truth))
+    with localcontext(DIGITS):
+        off = max(abs(Decimal(float(x)) - y) for x, y in zip(found, truth, strict=True))
+        return float(off / max(abs(truth)))
 
 
 CHAINS = {  # published.md's table: masses of n rods
