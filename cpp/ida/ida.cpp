@@ -7,7 +7,7 @@
 
 #include "events.hpp"
 #include "flexarm/check.hpp"
-#include "flexarm/friction.hpp"
+#include "flexarm/dry_friction.hpp"
 #include "ida_linear.hpp"
 
 namespace flexarm {

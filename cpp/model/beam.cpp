@@ -7,17 +7,13 @@
 #include "flexarm/check.hpp"
 #include "flexarm/quadrature.hpp"
 #include "shape_tables.hpp"
+#include "strain_physics.hpp"
 
 namespace flexarm {
 
 namespace {
 
 using Eigen::MatrixXd;
-
-bool one_plane(const BeamOptions& o) {
-  const bool y = o.modes[bending_y] + o.modes[shear_y] > 0, z = o.modes[bending_z] + o.modes[shear_z] > 0;
-  return o.modes[torsion] == 0 && y != z;
-}
 
 /// For shapes of any form: by trial, until the Gram matrix of what the slices' motion is made of (deflections, slopes,
 /// and the running integrals of their products that shorten the beam) is right to 1e-12. Order 3 and above take half as
@@ -65,7 +61,7 @@ int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& sha
     const MatrixXd wrong = gram(GaussRule(n, length)) - truth;
     if ((size.asDiagonal() * wrong * size.asDiagonal()).cwiseAbs().maxCoeff() > 1e-12) continue;
     const bool products_turn = o.order > 2 || (o.order == 1 && o.rotary_inertia);
-    if (o.order == kExact && !one_plane(o)) return 2 * n + 2;
+    if (o.order == kExact && plane_of(o.modes) == Plane::none) return 2 * n + 2;
     return products_turn ? n + n / 2 + 2 : n;
   }
   return most;
@@ -76,8 +72,11 @@ int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& sha
 int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, double part) {
   for (const Eigen::MatrixXd& given : o.shapes)
     if (given.size() > 0) return gauss_points_by_trial(o, shapes, length);
-  const int bending = std::max(o.modes[bending_y], o.modes[bending_z]);
-  const int simple = std::max({o.modes[torsion], o.modes[shear_y], o.modes[shear_z]});
+  int bending = 0, simple = 0;  // most modes of a strain that is integrated twice, and once
+  for (int s = 0; s < kStrains; ++s) {
+    int& most = is_bending(s) ? bending : simple;
+    most = std::max(most, o.modes[s]);
+  }
   if (o.basis == Basis::legendre) {
     // degree of a slice's position: deflection n + 1; shortening 2n + 1; alpha and gamma n; at order i products of i
     const int linear = std::max(bending + 1, simple), m = std::max(bending, simple);
@@ -85,7 +84,7 @@ int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shape
     const int degree = o.order < 2 ? linear : o.order == 2 ? quadratic : 3 * m + 1;
     // The rotation is no polynomial: in space what these resolve to 1e-10 is a whole turn of all shapes together, or
     // most of a radian of the highest alone.
-    if (o.order == kExact) return one_plane(o) ? 4 * m + 12 : 6 * m + 12;
+    if (o.order == kExact) return plane_of(o.modes) != Plane::none ? 4 * m + 12 : 6 * m + 12;
     return o.order > 0 && o.rotary_inertia ? std::max(degree, quadratic) + 3 + (bending + simple) / 2 : degree + 1;
   }
   // The integrand holds products of two (order i: 2 i) modes of wave number beta ~ (n - 1/2) pi over the
@@ -98,30 +97,12 @@ int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shape
   return n;
 }
 
-/// Mass per length (kg/m), and each strain's rigidity (N m^2, N) and inertia per length, along the beam.
 struct Beam::Profile {
   SectionProfile section;
   Material material;
   bool uniform;
 
   double mass(const Section& s) const { return material.density * s.area; }
-  /// Of rotation about x, y and z (kg m).
-  Eigen::Vector3d rotary(const Section& s) const {
-    const double iy = s.second_moment_y, iz = s.second_moment_z;
-    return material.density * Eigen::Vector3d(iy + iz, iy, iz);
-  }
-  /// I_z, I_y, J, kA, kA of Eq. 62.
-  static double form(int strain, const Section& s) {
-    if (strain == bending_y) return s.second_moment_z;
-    if (strain == bending_z) return s.second_moment_y;
-    return strain == torsion ? s.torsion_constant : s.shear_correction * s.area;
-  }
-  /// EI_z, EI_y, GJ, kGA, kGA.
-  double rigidity(int strain, const Section& s) const {
-    return (is_bending(strain) ? material.youngs_modulus : material.shear_modulus) * form(strain, s);
-  }
-  /// What a clamped mode of one strain vibrates against (Euler-Bernoulli for bending).
-  double inertia(int strain, const Section& s) const { return strain == torsion ? rotary(s)[0] : mass(s); }
   /// Many points, on each stretch where the section is smooth.
   GaussRule fine(int n, double length) const { return GaussRule(n, length, section.breaks); }
 };
@@ -141,7 +122,8 @@ void check_options(const BeamOptions& o, const Material& material) {
   non_negative("basis_tip.mass", o.tip.mass);
   if (!std::isfinite(o.tip.offset)) bad_value("basis_tip.com", o.tip.offset, "must be finite");
   for (double moment : o.tip.inertia) non_negative("basis_tip.inertia", moment);
-  const bool needs_shear = o.modes[torsion] + o.modes[shear_y] + o.modes[shear_z] > 0;
+  bool needs_shear = false;
+  for (int s = 0; s < kStrains; ++s) needs_shear = needs_shear || (is_shear(s) && o.modes[s] > 0);
   if (needs_shear && material.shear_modulus <= 0.0)
     bad_value("shear_modulus", "not given", "torsion and shear need the material's poisson_ratio or shear_modulus");
 }
@@ -158,16 +140,16 @@ MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, i
   for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
     const Section section = profile.section.at(fine.points[g]);
     const ShapeValues v = ritz.at(fine.points[g]);
-    K += fine.weights[g] * profile.form(strain, section) * v.strain * v.strain.transpose();  // of any E and G
-    M += fine.weights[g] * profile.inertia(strain, section) * moved(v) * moved(v).transpose();
+    K += fine.weights[g] * section_form(strain, section) * v.strain * v.strain.transpose();  // of any E and G
+    M += fine.weights[g] * modal_inertia(strain, profile.material, section) * moved(v) * moved(v).transpose();
   }
+  const StrainField& field = kStrainFields[strain];
   const ShapeValues end = ritz.at(length);
   if (is_bending(strain)) {
     const Eigen::VectorXd centre = end.deflection + tip.offset * end.slope;
-    M += tip.mass * centre * centre.transpose() +
-         tip.inertia[strain == bending_y ? 2 : 1] * end.slope * end.slope.transpose();
+    M += tip.mass * centre * centre.transpose() + tip.inertia[field.rotation] * end.slope * end.slope.transpose();
   } else {
-    M += (strain == torsion ? tip.inertia[0] : tip.mass) * end.slope * end.slope.transpose();
+    M += (field.position < 0 ? tip.inertia[field.rotation] : tip.mass) * end.slope * end.slope.transpose();
   }
   // The largest mu of M x = mu K x: the lowest frequencies keep their digits so.
   const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> modes(M, K);
@@ -189,8 +171,8 @@ MatrixXd kept_loaded_modes(const Profile& profile, const BasisTip& tip, int stra
   if (!profile.uniform) return *make();
   const Section section = profile.section.at(0.0);
   std::string key = std::to_string(strain) + "," + std::to_string(n) + ":";
-  for (double x : {length, profile.form(strain, section), profile.inertia(strain, section), tip.mass, tip.offset,
-                   tip.inertia[0], tip.inertia[1], tip.inertia[2]})
+  for (double x : {length, section_form(strain, section), modal_inertia(strain, profile.material, section), tip.mass,
+                   tip.offset, tip.inertia[0], tip.inertia[1], tip.inertia[2]})
     append(key, &x, 1);
   static auto& kept = *new Kept<MatrixXd>(std::size_t(1) << 20);
   return *kept.get(key, make, [](const MatrixXd& m) { return static_cast<std::size_t>(8 * m.size()); });
@@ -228,7 +210,7 @@ Beam::Beam(double length, const Profile& profile, const Material& material, cons
     first_[s] = ne_;
     ne_ += n;
   }
-  if (one_plane(options_)) plane_ = options_.modes[bending_y] + options_.modes[shear_y] > 0 ? Plane::xy : Plane::xz;
+  plane_ = plane_of(options_.modes);
   unit_ = std::make_shared<const UnitShapes>(unit_shapes(shapes_, first_, options_.order == 2));
   uniform_ = profile.uniform;
   std::vector<MassSlice> slices = build_slices(profile);
@@ -272,7 +254,7 @@ std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
     const Section section = profile.section.at(masses.points[g]);
     Eigen::Vector3d inertia = Eigen::Vector3d::Zero();
     if (options_.rotary_inertia && mass_ > 0.0)
-      inertia = masses.weights[g] / profile.mass(section) * profile.rotary(section);
+      inertia = masses.weights[g] / profile.mass(section) * rotary_inertia(profile.material, section);
     slices.push_back({all[g], masses.weights[g], inertia});
     if (profile.uniform && options_.order > 2) slices.back().table.point = g;
   }
@@ -293,7 +275,8 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
     const std::shared_ptr<const std::array<MatrixXd, kStrains>> unit = unit_stiffness(*unit_);
     const Section section = profile.section.at(0.0);
     for (int s = 0; s < kStrains; ++s)  // a curvature is one over the length, a shear angle none
-      block(s) = profile.rigidity(s, section) * std::pow(length_, (s < shear_y ? -1 : 1) - 2 * unit_->power(s)) *
+      block(s) = rigidity(s, profile.material, section) *
+                 std::pow(length_, (kStrainFields[s].is_curvature() ? -1 : 1) - 2 * unit_->power(s)) *
                  (*unit)[static_cast<std::size_t>(s)];
   } else {
     int most = *std::max_element(options_.modes.begin(), options_.modes.end());
@@ -304,7 +287,7 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
       for (int s = 0; s < kStrains; ++s) {
         if (options_.modes[s] == 0) continue;
         const Eigen::VectorXd e = shapes_[s].at(fine.points[g]).strain;
-        block(s) += fine.weights[g] * profile.rigidity(s, section) * e * e.transpose();
+        block(s) += fine.weights[g] * rigidity(s, profile.material, section) * e * e.transpose();
       }
     }
   }
@@ -350,7 +333,7 @@ std::vector<SliceTable> Beam::tables_at(const std::vector<double>& parts, const 
     t.X = length_ * parts[k];
     t.plane = plane_;
     t.linear = MatrixXd::Zero(6, ne_);
-    t.strains = MatrixXd::Zero(5, ne_);
+    t.strains = StrainMatrix::Zero(kStrains, ne_);
     for (int i = 0; i < kStrains; ++i) {
       const StrainField& f = kStrainFields[i];
       const ShapeValues& s = at.values[i];
@@ -358,7 +341,8 @@ std::vector<SliceTable> Beam::tables_at(const std::vector<double>& parts, const 
       if (f.position >= 0)
         columns(t.linear, f.position) = length_ * shrink[i] * (f.bending ? s.deflection : s.slope).transpose();
       if (f.rotation >= 0) columns(t.linear, 3 + f.rotation) = f.sign * shrink[i] * s.slope.transpose();
-      columns(t.strains, f.strain) = f.sign * (i < shear_y ? shrink[i] / length_ : shrink[i]) * s.strain.transpose();
+      columns(t.strains, f.strain) =
+          f.sign * (f.is_curvature() ? shrink[i] / length_ : shrink[i]) * s.strain.transpose();
     }
     t.products = at.products;
     for (Product& p : t.products) p.C *= (p.row < 3 ? length_ : 1.0) * shrink[strain_of(p.i)] * shrink[strain_of(p.j)];

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "flexarm/beam.hpp"
 #include "flexarm/check.hpp"
 
 namespace flexarm {
@@ -11,7 +10,6 @@ namespace flexarm {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-enum Row { K1, K2, K3, phi12, phi13 };
 
 }  // namespace
 
@@ -40,7 +38,8 @@ PatchSection patch_section(const Piezo& m, const PatchLayer& l) {
   const double arm = l.electrode * l.width * (l.inner + 0.5 * l.thickness);           // int r dA / t of the electrode
   // Strains in the layer: at +-r along the normal, xx = bend K_b + ..., xs = phi_s + turn K1, xn = phi_n
   const bool y = l.across == 1;
-  const Row bend = y ? K3 : K2, flap = y ? K2 : K3, in_plane = y ? phi13 : phi12, normal = y ? phi12 : phi13;
+  const auto K1 = StrainRow::K1, bend = y ? StrainRow::K3 : StrainRow::K2, flap = y ? StrainRow::K2 : StrainRow::K3;
+  const auto in_plane = y ? StrainRow::phi13 : StrainRow::phi12, normal = y ? StrainRow::phi12 : StrainRow::phi13;
   const double bend_sign = y ? -1.0 : 1.0, turn_sign = (y ? 1.0 : -1.0) * l.twist;
   PatchSection out;
   for (int side : {1, -1}) {
@@ -88,93 +87,6 @@ double surface_twist(double depth, double breadth, double width) {
     sum += 2.0 / (k * width) * ratio / (static_cast<double>(n) * n);
   }
   return 2.0 * (1.0 - 8.0 / (kPi * kPi) * sum);
-}
-
-// -- on a beam
-// ---------------------------------------------------------------------------------------------------------
-
-namespace {
-
-/// n points on each stretch of a patch.
-GaussRule rule_along(const Patch& p, int n) {
-  std::vector<double> breaks;
-  for (double b : p.breaks) breaks.push_back(b - p.start);
-  GaussRule rule(n, p.end - p.start, breaks);
-  rule.points.array() += p.start;
-  return rule;
-}
-
-}  // namespace
-
-Eigen::Matrix<double, 5, Eigen::Dynamic> Beam::strains_at(double X) const {
-  Eigen::Matrix<double, 5, Eigen::Dynamic> out = Eigen::MatrixXd::Zero(5, ne_);
-  for (int i = 0; i < kStrains; ++i) {
-    const StrainField& f = kStrainFields[i];
-    const Eigen::VectorXd strain = shapes_[i].at(X).strain;
-    out.block(f.strain, first_[i], 1, strain.size()) = f.sign * strain.transpose();
-  }
-  return out;
-}
-
-void Beam::check_patch(const Patch& p) const {
-  if (!(p.start >= 0.0 && p.start < length_))
-    bad_value("start", p.start, "must be on the beam, from 0 to below its length, " + std::to_string(length_) + " m");
-  if (!(p.end > p.start && p.end <= length_ * (1.0 + 1e-12)))
-    bad_value("end", p.end,
-              "must be beyond the start and at most the beam's length, " + std::to_string(length_) + " m");
-  double from = p.start;
-  for (double b : p.breaks) {
-    if (!(b > from && b < p.end)) bad_value("break", b, "must increase, between start and end");
-    from = b;
-  }
-}
-
-/// Points that integrate a product of two strains over any stretch of the beam.
-int Beam::points_for_strains() const {
-  Eigen::Index most = 0;
-  for (const ShapeSet& s : shapes_) most = std::max({most, s.terms(), static_cast<Eigen::Index>(s.size())});
-  return 24 + 2 * static_cast<int>(most);
-}
-
-Eigen::VectorXd Beam::patch_force(const Patch& p, double* capacitance) const {
-  check_patch(p);
-  Eigen::VectorXd force = Eigen::VectorXd::Zero(ne_);
-  double farads = 0.0;
-  const GaussRule rule = rule_along(p, points_for_strains());
-  for (Eigen::Index g = 0; g < rule.points.size(); ++g) {
-    const PatchSection section = p.at(rule.points[g]);
-    force += rule.weights[g] * strains_at(rule.points[g]).transpose() * section.force;
-    farads += rule.weights[g] * section.capacitance;
-  }
-  if (capacitance) *capacitance = farads;
-  return force;
-}
-
-void Beam::add_patch_slices(const Patch& p, std::vector<MassSlice>& slices) {
-  check_patch(p);
-  int n = enough_gauss_points(options_, shapes_, length_, (p.end - p.start) / length_);
-  if (options_.gauss_points > 0) n = std::min(n, options_.gauss_points);
-  const GaussRule rule = rule_along(p, n);
-  const std::vector<SliceTable> all = tables({rule.points.data(), rule.points.data() + rule.points.size()});
-  for (Eigen::Index g = 0; g < rule.points.size(); ++g) {
-    const PatchSection section = p.at(rule.points[g]);
-    const double mass = rule.weights[g] * section.mass;
-    if (!(mass > 0.0)) continue;
-    Eigen::Vector3d inertia = Eigen::Vector3d::Zero();
-    if (options_.rotary_inertia) inertia = rule.weights[g] * section.inertia;
-    slices.push_back({all[static_cast<std::size_t>(g)], mass, inertia});
-    mass_ += mass;
-  }
-}
-
-Eigen::MatrixXd Beam::patch_stiffness(const Patch& p) const {
-  Eigen::MatrixXd K = Eigen::MatrixXd::Zero(ne_, ne_);
-  const GaussRule rule = rule_along(p, points_for_strains());
-  for (Eigen::Index g = 0; g < rule.points.size(); ++g) {
-    const auto strains = strains_at(rule.points[g]);
-    K += rule.weights[g] * strains.transpose() * p.at(rule.points[g]).rigidity * strains;
-  }
-  return K;
 }
 
 }  // namespace flexarm

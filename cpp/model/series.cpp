@@ -4,6 +4,7 @@
 #include <type_traits>
 
 #include "flexarm/dual.hpp"
+#include "strain_physics.hpp"
 
 namespace flexarm {
 
@@ -62,9 +63,10 @@ void integrate(const Eigen::MatrixXd& cumulative, const JetVector<S>& f, JetVect
 /// Strains are linear in q: value B q, rate B dq, derivatives B.
 template <class S>
 void set_strains(const SeriesTables& tables, const S* q, const S* dq, Series<S>& s) {
-  for (std::size_t c = 0; c < 5; ++c) {
-    Jet<S>& out = c < 3 ? s.K[c] : s.phi[c - 2];
-    const Eigen::Index row = static_cast<Eigen::Index>(c);
+  for (const StrainField& f : kStrainFields) {
+    Jet<S>& out =
+        f.is_curvature() ? s.K[static_cast<std::size_t>(f.rotation)] : s.phi[static_cast<std::size_t>(f.position)];
+    const Eigen::Index row = f.strain;
     for (Eigen::Index j = 0; j < out.rows(); ++j) {
       const auto& B = tables.strains[j];
       S value(0), rate(0);
@@ -161,7 +163,9 @@ void series_order_3(const SeriesTables& tables, const S* q, const S* dq, Series<
     // x' = R [1, phi12, phi13]^T, to third order in all (Eq. 22-24)
     Jet<S>& x = s.x[m];
     x = unit[0] + r1[0] + r2[0] + r3[0];
-    for (std::size_t c : {1u, 2u}) {
+    for (const StrainField& f : kStrainFields) {
+      if (f.is_curvature()) continue;
+      const std::size_t c = static_cast<std::size_t>(f.position);
       add_product(unit[c], s.phi[c], 1.0, x);
       add_product(r1[c], s.phi[c], 1.0, x);
       add_product(r2[c], s.phi[c], 1.0, x);
@@ -244,7 +248,7 @@ void series_exact(const SeriesTables& tables, const S* q, const S* dq, Series<S>
   for (Eigen::Index j = 0; j < n; ++j) {
     const Mat3<S>& R = s.R[j];
     Vec3<S> e = at(s.phi, j, value_column);
-    e[0] = S(1);
+    e[0] += S(1);
     const Vec3<S> t = R * e, t_strain = R * at(s.phi, j, rate_column), w = at(Omega, j, rate_column);
     const Vec3<S> swing = w.cross(t);
     put(t, j, value_column, s.x);
@@ -269,15 +273,11 @@ SeriesTables::SeriesTables(int order_, Plane plane_, const std::vector<SliceTabl
   }
   slope.resize(n, ne);
   shear.resize(n, ne);
+  const StrainField& bending = kStrainFields[strains_in(plane).bending];
   for (Eigen::Index g = 0; g < n; ++g) {
     const SliceTable& slice = at[static_cast<std::size_t>(g)];
-    if (plane == Plane::xy) {
-      slope.row(g) = slice.linear.row(5);
-      shear.row(g) = slice.strains.row(3);
-    } else {
-      slope.row(g) = -slice.linear.row(4);
-      shear.row(g) = slice.strains.row(4);
-    }
+    slope.row(g) = bending.sign * slice.linear.row(3 + bending.rotation);
+    shear.row(g) = slice.strains.row(kStrainFields[strains_in(plane).shear].strain);
   }
 }
 

@@ -8,6 +8,18 @@ namespace flexarm {
 
 namespace {
 
+/// Whether the table has the enumerators in their order, and one strain on each row.
+constexpr bool is_sound() {
+  bool taken[kStrains] = {};
+  for (int s = 0; s < kStrains; ++s) {
+    const StrainField& f = kStrainFields[s];
+    if (f.which != s || f.strain < 0 || f.strain >= kStrains || taken[f.strain]) return false;
+    taken[f.strain] = true;
+  }
+  return true;
+}
+static_assert(is_sound(), "kStrainFields");
+
 constexpr double kPi = 3.14159265358979323846;
 
 /// Root i = 0, 1, ... of cos(b) cosh(b) = -1, the Euler-Bernoulli clamped-free equation.

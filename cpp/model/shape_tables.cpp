@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "flexarm/quadrature.hpp"
+#include "strain_physics.hpp"
 
 namespace flexarm {
 
@@ -13,64 +14,6 @@ using Eigen::MatrixXd;
 
 constexpr Eigen::Index kMostCombined = 48;            // Legendre polynomials that shapes are combined of
 constexpr std::size_t kRoom = std::size_t(64) << 20;  // bytes of tables that are kept
-
-/// Running integrals from 0 to X of the products of shape functions that the second-order terms are made of.
-struct ProductIntegrals {
-  using Table = std::array<std::array<MatrixXd, kStrains>, kStrains>;
-  Table slope_slope, slope_strain;  ///< int s_i s_j^T and int s_i e_j^T of slopes s and strains e
-  std::array<MatrixXd, 2> nested;   ///< int int alpha v''^T for bending y and z
-
-  explicit ProductIntegrals(const std::array<int, kStrains>& n) {
-    for (int i = 0; i < kStrains; ++i)
-      for (int j = 0; j < kStrains; ++j) slope_slope[i][j] = slope_strain[i][j] = MatrixXd::Zero(n[i], n[j]);
-    for (int t : {bending_y, bending_z}) nested[t] = MatrixXd::Zero(n[torsion], n[t]);
-  }
-
-  /// Goes on from X = from to X = to.
-  template <class Shapes>
-  void advance(double from, double to, const Shapes& shapes_at) {
-    const GaussRule rule(24, to - from);
-    for (int t : {bending_y, bending_z}) nested[t] += (to - from) * slope_strain[torsion][t];
-    for (Eigen::Index g = 0; g < rule.points.size(); ++g) {
-      const double w = rule.weights[g], left = to - from - rule.points[g];
-      const std::array<ShapeValues, kStrains> s = shapes_at(from + rule.points[g]);
-      for (int i = 0; i < kStrains; ++i)
-        for (int j = 0; j < kStrains; ++j) {
-          slope_slope[i][j] += w * s[i].slope * s[j].slope.transpose();
-          slope_strain[i][j] += w * s[i].slope * s[j].strain.transpose();
-        }
-      for (int t : {bending_y, bending_z}) nested[t] += w * left * s[torsion].slope * s[t].strain.transpose();
-    }
-  }
-};
-
-/// The second-order terms of position (Eq. 24-27 with the shear angles, to total order 2) and of the rotation
-/// vector (theta_2 = 1/2 int theta_1 x K), with theta_1 = (alpha, -v3', v2') and K = (alpha', -v3'', v2'').
-std::vector<Product> second_order(const ProductIntegrals& I, const std::array<int, kStrains>& first) {
-  std::vector<Product> terms;
-  const auto add = [&](int row, int i, int j, const MatrixXd& C) {
-    if (C.size() > 0) terms.push_back({row, first[i], first[j], C});
-  };
-  // x1 = X - int (v2'^2 + v3'^2)/2 + v2' gamma2' + v3' gamma3': the shortening
-  add(0, bending_y, bending_y, -I.slope_slope[bending_y][bending_y]);
-  add(0, bending_z, bending_z, -I.slope_slope[bending_z][bending_z]);
-  add(0, bending_y, shear_y, -I.slope_strain[bending_y][shear_y]);
-  add(0, bending_z, shear_z, -I.slope_strain[bending_z][shear_z]);
-  // x2 = v2 + gamma2 - int (int alpha v3'' + alpha gamma3'),  x3 = v3 + gamma3 + int (int alpha v2'' + alpha
-  // gamma2')
-  add(1, torsion, bending_z, -I.nested[bending_z]);
-  add(1, torsion, shear_z, -I.slope_strain[torsion][shear_z]);
-  add(2, torsion, bending_y, I.nested[bending_y]);
-  add(2, torsion, shear_y, I.slope_strain[torsion][shear_y]);
-  // theta_2 = 1/2 int (v2' v3'' - v3' v2'', v2' alpha' - alpha v2'', v3' alpha' - alpha v3'')
-  const auto antisymmetric = [&](int i, int j) -> MatrixXd {
-    return 0.5 * (I.slope_strain[i][j] - I.slope_strain[j][i].transpose());
-  };
-  add(3, bending_y, bending_z, antisymmetric(bending_y, bending_z));
-  add(4, bending_y, torsion, antisymmetric(bending_y, torsion));
-  add(5, bending_z, torsion, antisymmetric(bending_z, torsion));
-  return terms;
-}
 
 Eigen::Index most_terms(const std::vector<ShapeSet>& shapes) {
   Eigen::Index most = 0;
@@ -169,9 +112,10 @@ void append(std::string& key, const double* x, Eigen::Index n) {
 }
 
 int UnitShapes::power(int strain) const {
-  const bool modes = shapes[static_cast<std::size_t>(strain)].clamped_free();
-  if (strain == torsion) return modes ? 0 : -1;    // an angle, or a twist per length
-  return modes ? 1 : is_bending(strain) ? -1 : 0;  // a deflection, or a curvature, a shear angle
+  const StrainField& f = kStrainFields[strain];
+  const int motion = f.position < 0 ? 0 : 1;  // of modes, whose coordinates are angles or deflections
+  if (shapes[static_cast<std::size_t>(strain)].clamped_free()) return motion;
+  return f.is_curvature() ? -1 : 0;  // else they are curvatures, twists per length, or shear angles
 }
 
 UnitShapes unit_shapes(const std::vector<ShapeSet>& shapes, const std::array<int, kStrains>& first, bool quadratic) {

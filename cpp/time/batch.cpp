@@ -10,7 +10,7 @@
 
 #include "batch_lanes.hpp"
 #include "flexarm/check.hpp"
-#include "flexarm/friction.hpp"
+#include "flexarm/dry_friction.hpp"
 #include "flexarm/step.hpp"
 #include "system.hpp"
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "flexarm/friction.hpp"
+#include "flexarm/dry_friction.hpp"
 
 namespace flexarm {
 

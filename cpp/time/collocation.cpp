@@ -4,7 +4,7 @@
 
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
-#include "flexarm/friction.hpp"
+#include "flexarm/dry_friction.hpp"
 #include "flexarm/quadrature.hpp"
 #include "sweeps.hpp"
 

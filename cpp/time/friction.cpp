@@ -256,26 +256,6 @@ void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
 
 }  // namespace
 
-std::vector<Rub> rubs(const Arm& arm) {
-  std::vector<Rub> out;
-  for (std::size_t n = 0; n < arm.size(); ++n) {
-    const auto& forces = arm.link(n).joint().forces();
-    for (std::size_t k = 0; k < forces.size(); ++k)
-      if (forces[k].stiction > 0.0)
-        out.push_back({arm.first(n) + static_cast<int>(k), forces[k].coulomb, forces[k].stiction});
-  }
-  return out;
-}
-
-void refuse_friction(const Arm& arm, const char* method) {
-  for (const Rub& r : rubs(arm)) {
-    const bool slides = r.coulomb > 0.0;
-    bad_value((slides ? "coulomb of '" : "stiction of '") + arm.coordinates()[static_cast<std::size_t>(r.rate)] + "'",
-              slides ? r.coulomb : r.stiction,
-              std::string("\"") + method + "\" has no dry friction here: take \"implicit\" (C++: ImplicitStep)");
-  }
-}
-
 Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                                   const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                                   const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "flexarm/check.hpp"
-#include "flexarm/friction.hpp"
+#include "flexarm/dry_friction.hpp"
 #include "lanes/alpha.hpp"
 #include "lanes/single.hpp"
 #include "sweeps.hpp"

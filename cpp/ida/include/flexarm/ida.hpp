@@ -10,8 +10,8 @@
 #include "flexarm/arm.hpp"
 #include "flexarm/control.hpp"
 #include "flexarm/drive.hpp"
+#include "flexarm/dry_friction.hpp"
 #include "flexarm/event.hpp"
-#include "flexarm/friction.hpp"
 #include "flexarm/load.hpp"
 #include "flexarm/trajectory.hpp"
 

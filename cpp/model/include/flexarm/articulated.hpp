@@ -1,5 +1,5 @@
-// Inertia of a link with everything outward of it: composite (joints held) and articulated (joints free). Both depend on
-// positions alone.
+// Inertia of a link with everything outward of it: composite (joints held) and articulated (joints free). Both depend
+// on positions alone.
 #pragma once
 
 #include <Eigen/Cholesky>

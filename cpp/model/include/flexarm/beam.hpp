@@ -31,7 +31,7 @@ struct BasisTip {
 };
 
 struct BeamOptions {
-  std::array<int, kStrains> modes{};  ///< shape functions of bending_y, bending_z, torsion, shear_y, shear_z
+  std::array<int, kStrains> modes{};  ///< shape functions of each strain (shape.hpp)
   Basis basis = Basis::clamped_free;
   /// User-given shapes of a strain, if any, in place of the basis: one column each, coefficients in P_0, P_1, ...
   /// (see ShapeSet); `modes` is then their number.
@@ -98,7 +98,7 @@ class Beam {
  private:
   std::vector<SliceTable> tables(const std::vector<double>& stations, const GaussRule& rule) const;
   std::vector<SliceTable> tables_at(const std::vector<double>& parts, const GaussRule& rule) const;
-  /// Mass per length (kg/m), and each strain's rigidity (N m^2, N) and inertia per length, along the beam.
+  /// Section and material along the beam.
   struct Profile;
   Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options,
        const std::vector<Patch>& patches);
@@ -108,8 +108,8 @@ class Beam {
   void add_patch_slices(const Patch& patch, std::vector<MassSlice>& slices);
   Eigen::MatrixXd patch_stiffness(const Patch& patch) const;
   int points_for_strains() const;
-  /// K1 K2 K3 phi12 phi13 per coordinate (Eq. 28-32).
-  Eigen::Matrix<double, 5, Eigen::Dynamic> strains_at(double X) const;
+  /// Per coordinate (Eq. 28-32).
+  StrainMatrix strains_at(double X) const;
 
   double length_;
   bool uniform_ = true;

@@ -5,6 +5,8 @@
 #include <functional>
 #include <vector>
 
+#include "flexarm/shape.hpp"
+
 namespace flexarm {
 
 /// Piezoelectric material. The field E3 through the thickness strains it by d31 E3 along the actuation axis and d32 E3
@@ -32,13 +34,14 @@ struct PatchLayer {
   double twist = 1.0;                   ///< shear in the layer's plane per twist K1 and distance, see surface_twist
 };
 
-/// What patches add at a place. Rows: K1 K2 K3 phi12 phi13.
+/// What patches add at a place. Rows are those of StrainVector.
 struct PatchSection {
-  Eigen::Matrix<double, 5, 5> rigidity = Eigen::Matrix<double, 5, 5>::Zero();  ///< first term of Eq. 58
-  Eigen::Matrix<double, 5, 1> force = Eigen::Matrix<double, 5, 1>::Zero();     ///< per volt, of Eq. 59
-  double capacitance = 0.0;                                                    ///< per length, strains held (F/m)
-  double mass = 0.0;                                                           ///< per length (kg/m)
-  Eigen::Vector3d inertia = Eigen::Vector3d::Zero();                           ///< per length, about the axis (kg m)
+  using Rigidity = Eigen::Matrix<double, kStrains, kStrains>;
+  Rigidity rigidity = Rigidity::Zero();               ///< first term of Eq. 58
+  StrainVector force = StrainVector::Zero();          ///< per volt, of Eq. 59
+  double capacitance = 0.0;                           ///< per length, strains held (F/m)
+  double mass = 0.0;                                  ///< per length (kg/m)
+  Eigen::Vector3d inertia = Eigen::Vector3d::Zero();  ///< per length, about the axis (kg m)
 };
 
 /// Plane stress in the layer, without stress across the beam's axis, so that with the free strains e = d V/t

@@ -23,12 +23,12 @@ enum JetColumn { value_column, rate_column, bias_column, first_derivative_column
 
 /// Strains and integration at the Gauss points of one beam, built once.
 struct SeriesTables {
-  int order;                   ///< 3 or kExact
-  int points;                  ///< the beam may have more slices: those of its patches
-  Plane plane;                 ///< if any, then only `slope` and `shear` are kept of what follows
-  Eigen::MatrixXd cumulative;  ///< row i: weights of the integral from 0 to X_i
-  std::vector<Eigen::Matrix<double, 5, Eigen::Dynamic>> strains;  ///< at X_i: K1 K2 K3 phi12 phi13 per coordinate
-  Eigen::MatrixXd slope, shear;                                   ///< row i: v' and phi at X_i per coordinate
+  int order;                          ///< 3 or kExact
+  int points;                         ///< the beam may have more slices: those of its patches
+  Plane plane;                        ///< if any, then only `slope` and `shear` are kept of what follows
+  Eigen::MatrixXd cumulative;         ///< row i: weights of the integral from 0 to X_i
+  std::vector<StrainMatrix> strains;  ///< at X_i, per coordinate
+  Eigen::MatrixXd slope, shear;       ///< row i: v' and phi at X_i per coordinate
 
   /// From the slices at the Gauss points.
   SeriesTables(int order, Plane plane, const std::vector<SliceTable>& at);

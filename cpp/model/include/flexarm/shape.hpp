@@ -2,31 +2,45 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <iterator>
 #include <string>
 
 namespace flexarm {
 
-/// The five generalised strains, in the order of Eq. 33.
+/// The generalised strains, in the order of Eq. 33, by the names under which their physics calls them
+/// (strain_physics.hpp). The one list of them is the table below.
 enum Strain { bending_y, bending_z, torsion, shear_y, shear_z };
-constexpr int kStrains = 5;
+/// Rows of a section's strains (Eq. 28-32).
+struct StrainRow {
+  enum { K1, K2, K3, phi12, phi13 };
+};
 constexpr int kMostModes = 40;  ///< of one strain
 
-/// How a strain moves a slice to first order, and where it stands among K1 K2 K3 phi12 phi13 (Eq. 28-32).
+/// How a strain moves a slice to first order, and what it is among the strains of a section.
 struct StrainField {
+  Strain which;
   const char* name;
   bool bending;  ///< integrated twice, to a slope and a deflection; else once, to an angle or a deflection
   int position;  ///< row of the deflection among x, y, z; -1: none
   int rotation;  ///< row of the slope or angle among turns about x, y, z; -1: none
-  int strain;    ///< row of the strain
-  double sign;   ///< of rotation and strain
+  int strain;    ///< row of the strain, see StrainRow,
+  const char* row_name;
+  double sign;  ///< of rotation and strain
+
+  /// A curvature or twist, of K (1/m); else a part of phi, of x' = R (e_x + phi).
+  constexpr bool is_curvature() const { return rotation >= 0; }
 };
-constexpr StrainField kStrainFields[kStrains] = {
-    {"bending_y", true, 1, 2, 2, 1.0},   // v2'' = K3
-    {"bending_z", true, 2, 1, 1, -1.0},  // v3'' = -K2
-    {"torsion", false, -1, 0, 0, 1.0},   // alpha' = K1
-    {"shear_y", false, 1, -1, 3, 1.0},   // gamma2' = phi12
-    {"shear_z", false, 2, -1, 4, 1.0},   // gamma3' = phi13
+constexpr StrainField kStrainFields[] = {
+    {bending_y, "bending_y", true, 1, 2, StrainRow::K3, "K3", 1.0},      // v2'' = K3
+    {bending_z, "bending_z", true, 2, 1, StrainRow::K2, "K2", -1.0},     // v3'' = -K2
+    {torsion, "torsion", false, -1, 0, StrainRow::K1, "K1", 1.0},        // alpha' = K1
+    {shear_y, "shear_y", false, 1, -1, StrainRow::phi12, "phi12", 1.0},  // gamma2' = phi12
+    {shear_z, "shear_z", false, 2, -1, StrainRow::phi13, "phi13", 1.0},  // gamma3' = phi13
 };
+constexpr int kStrains = static_cast<int>(std::size(kStrainFields));
+/// Strains of a section, and those per coordinate of a beam; rows K1 K2 K3 phi12 phi13.
+using StrainVector = Eigen::Matrix<double, kStrains, 1>;
+using StrainMatrix = Eigen::Matrix<double, kStrains, Eigen::Dynamic>;
 inline bool is_bending(int strain) { return kStrainFields[strain].bending; }
 
 enum class Basis { clamped_free, legendre, loaded };

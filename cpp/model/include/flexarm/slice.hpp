@@ -5,6 +5,7 @@
 
 #include <vector>
 
+#include "flexarm/shape.hpp"
 #include "flexarm/spatial.hpp"
 
 namespace flexarm {
@@ -28,9 +29,9 @@ inline int row_of_turn(Plane plane) { return plane == Plane::xy ? 5 : 4; }
 struct SliceTable {
   double X = 0.0;
   Plane plane = Plane::none;
-  Eigen::Matrix<double, 6, Eigen::Dynamic> linear;   ///< [L_x; L_theta]
-  std::vector<Product> products;                     ///< second order; empty at order 0 and 1
-  Eigen::Matrix<double, 5, Eigen::Dynamic> strains;  ///< K1 K2 K3 phi12 phi13 per coordinate (Eq. 28-32)
+  Eigen::Matrix<double, 6, Eigen::Dynamic> linear;  ///< [L_x; L_theta]
+  std::vector<Product> products;                    ///< second order; empty at order 0 and 1
+  StrainMatrix strains;                             ///< per coordinate (Eq. 28-32)
   Eigen::RowVectorXd weights;  ///< beyond order 2: of the integral from 0 to X over the Gauss points (series.hpp)
   int point = -1;              ///< of these, the one that the slice is at
 };

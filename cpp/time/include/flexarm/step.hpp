@@ -6,7 +6,7 @@
 #include <memory>
 
 #include "flexarm/ab.hpp"
-#include "flexarm/friction.hpp"
+#include "flexarm/dry_friction.hpp"
 
 namespace flexarm {
 
