@@ -38,11 +38,11 @@ std::vector<const lanes::Kernels*> all_kernels() {
 /// One arm on one set of kernels.
 struct Fast {
   const lanes::Kernels& kernels;
-  lanes::Plan plan;
+  lanes::KernelArm fast;
   lanes::Memory memory;
   Fast(const Arm& arm, const lanes::Kernels& k, const std::vector<bool>& given)
-      : kernels(k), plan(arm.plan()->grouped(k.width, given)), memory(k.memory(plan.layout())) {
-    kernels.begin(plan.layout(), plan.numbers().data(), memory.get());
+      : kernels(k), fast(lanes::KernelArm::of(arm)->grouped(k.width, given)), memory(k.memory(fast.layout())) {
+    kernels.begin(fast.layout(), fast.numbers().data(), memory.get());
   }
 };
 
@@ -60,8 +60,8 @@ void place(const Arm& arm, double phase, Eigen::VectorXd& q, Eigen::VectorXd& v,
 
 /// Everything that the kernels offer, against the same on Eigen, in the size of the terms that are summed.
 void check(const Arm& arm, bool planar, const std::vector<bool>& given = {}, double bent = 0.1) {
-  REQUIRE(arm.plan() != nullptr);
-  CHECK(arm.plan()->layout().planar == planar);
+  REQUIRE(lanes::KernelArm::of(arm) != nullptr);
+  CHECK(lanes::KernelArm::of(arm)->layout().planar == planar);
   const int nv = arm.nv();
   CAPTURE(nv);
   for (const lanes::Kernels* kernels : all_kernels()) {
@@ -241,8 +241,8 @@ TEST_CASE("a tilt acts, however small it is") {
 }
 
 TEST_CASE("what the kernels do not know takes the other way") {
-  for (int order : {0, 3, kExact}) CHECK(flexarm_test::spatial_arm(order).plan() == nullptr);
-  CHECK(flexarm_test::floating_arm().plan() == nullptr);
+  for (int order : {0, 3, kExact}) CHECK(lanes::KernelArm::of(flexarm_test::spatial_arm(order)) == nullptr);
+  CHECK(lanes::KernelArm::of(flexarm_test::floating_arm()) == nullptr);
   const Arm arm = flexarm_test::spatial_arm();
   CHECK(bool(Workspace(arm).fast));
   CHECK(!bool(Workspace(arm, {}, {Load::at_end(arm, 0, true)}).fast));

@@ -72,9 +72,8 @@ void at_slice(const Arm& arm, const Rows& q, const Rows* v, std::size_t link, st
   }
 }
 
-}  // namespace
-
-void bind_dynamics(py::class_<Arm>& arm) {
+/// Forces and accelerations.
+void bind_forces(py::class_<Arm>& arm) {
   arm.def(
       "forward_dynamics",
       [](const Arm& self, const Rows& q, const Rows& v, const Rows& tau, const std::string& method,
@@ -146,17 +145,6 @@ void bind_dynamics(py::class_<Arm>& arm) {
       py::arg("wrenches") = Rows(0, 6), py::arg("by_v") = true);
 
   arm.def(
-      "rates",
-      [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-        Eigen::VectorXd dq(self.nq());
-        Eigen::MatrixXd by_q(self.nq(), self.nq()), by_v(self.nq(), self.nv());
-        coordinate_rates(self, q, v, dq);
-        coordinate_rate_jacobians(self, q, v, by_q, by_v);
-        return py::make_tuple(dq, Rows(by_q), Rows(by_v));
-      },
-      py::arg("q"), py::arg("v"));
-
-  arm.def(
       "mass_matrix",
       [](const Arm& self, const Rows& q) {
         Cube out = cube(q.rows(), self.nv(), self.nv());
@@ -173,20 +161,18 @@ void bind_dynamics(py::class_<Arm>& arm) {
         return out;
       },
       py::arg("q"));
+}
 
+/// How sections move.
+void bind_motion(py::class_<Arm>& arm) {
   arm.def(
-      "energy",
-      [](const Arm& self, const Rows& q, const Rows& v) {
-        Lookout look;
-        const Unlocked free;
-        Workspace ws(self);
-        Rows out(q.rows(), 2);
-        for (Eigen::Index k = 0; k < q.rows(); ++k) {
-          look();
-          const Energy e = energy(self, ws, q.row(k), v.row(k));
-          out.row(k) << e.kinetic, e.potential;
-        }
-        return out;
+      "rates",
+      [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+        Eigen::VectorXd dq(self.nq());
+        Eigen::MatrixXd by_q(self.nq(), self.nq()), by_v(self.nq(), self.nv());
+        coordinate_rates(self, q, v, dq);
+        coordinate_rate_jacobians(self, q, v, by_q, by_v);
+        return py::make_tuple(dq, Rows(by_q), Rows(by_v));
       },
       py::arg("q"), py::arg("v"));
 
@@ -260,6 +246,25 @@ void bind_dynamics(py::class_<Arm>& arm) {
         return out;
       },
       py::arg("q"), py::arg("v"), py::arg("link"), py::arg("x"));
+}
+
+/// Of the whole arm, and of its beams.
+void bind_sums(py::class_<Arm>& arm) {
+  arm.def(
+      "energy",
+      [](const Arm& self, const Rows& q, const Rows& v) {
+        Lookout look;
+        const Unlocked free;
+        Workspace ws(self);
+        Rows out(q.rows(), 2);
+        for (Eigen::Index k = 0; k < q.rows(); ++k) {
+          look();
+          const Energy e = energy(self, ws, q.row(k), v.row(k));
+          out.row(k) << e.kinetic, e.potential;
+        }
+        return out;
+      },
+      py::arg("q"), py::arg("v"));
 
   arm.def(
       "momentum",
@@ -300,4 +305,12 @@ void bind_dynamics(py::class_<Arm>& arm) {
         return Rows(q.middleCols(self.first_q(link) + l.joint().nq(), l.ne()) * table.strains.transpose());
       },
       py::arg("q"), py::arg("link"), py::arg("x"));
+}
+
+}  // namespace
+
+void bind_dynamics(py::class_<Arm>& arm) {
+  bind_forces(arm);
+  bind_motion(arm);
+  bind_sums(arm);
 }

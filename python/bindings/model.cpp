@@ -20,9 +20,29 @@ std::function<T(double)> along(const py::object& law) {
   };
 }
 
-}  // namespace
+/// The table of strains, of which Python has no other list.
+void bind_strains(py::module_& m) {
+  py::class_<StrainField>(m, "StrainField")
+      .def_readonly("name", &StrainField::name)
+      .def_readonly("row", &StrainField::strain)
+      .def_readonly("bending", &StrainField::bending)
+      .def_readonly("position", &StrainField::position)
+      .def_readonly("rotation", &StrainField::rotation)
+      .def_readonly("sign", &StrainField::sign);
+  py::tuple fields(kStrains), names(kStrains), rows(kStrains);
+  for (int s = 0; s < kStrains; ++s) {
+    const StrainField& f = kStrainFields[s];
+    fields[static_cast<std::size_t>(s)] = f;
+    names[static_cast<std::size_t>(s)] = f.name;
+    rows[static_cast<std::size_t>(f.strain)] = f.row_name;
+  }
+  m.attr("STRAIN_FIELDS") = fields;
+  m.attr("STRAINS") = names;
+  m.attr("STRAIN_NAMES") = rows;
+}
 
-void bind_model(py::module_& m) {
+/// What a beam is made of.
+void bind_sections(py::module_& m) {
   py::class_<Material>(m, "Material")
       .def(py::init<double, double, std::optional<double>, std::optional<double>>(), py::arg("density"),
            py::arg("youngs_modulus"), py::arg("poisson_ratio"), py::arg("shear_modulus"))
@@ -65,7 +85,10 @@ void bind_model(py::module_& m) {
            py::arg("modes"), py::arg("basis"), py::arg("shapes"), py::arg("order"), py::arg("rotary_inertia"),
            py::arg("damping_ratio"), py::arg("kelvin_voigt"), py::arg("gauss_points"), py::arg("tip_mass"),
            py::arg("tip_offset"), py::arg("tip_inertia"));
+}
 
+/// Piezoelectric patches.
+void bind_patches(py::module_& m) {
   py::class_<Piezo>(m, "Piezo")
       .def(py::init<double, double, double, double, double, double, double>(), py::arg("youngs_modulus"),
            py::arg("poisson_ratio"), py::arg("density"), py::arg("d31"), py::arg("d32"), py::arg("d15"),
@@ -93,7 +116,10 @@ void bind_model(py::module_& m) {
              return Patch{start, end, along<PatchSection>(at), std::move(breaks), stiffness, mass};
            }),
            py::arg("start"), py::arg("end"), py::arg("at"), py::arg("breaks"), py::arg("stiffness"), py::arg("mass"));
+}
 
+/// The beam.
+void bind_beam(py::module_& m) {
   py::class_<Beam>(m, "Beam")
       .def(py::init<double, const Section&, const Material&, const BeamOptions&, const std::vector<Patch>&>(),
            py::arg("length"), py::arg("section"), py::arg("material"), py::arg("options"), py::arg("patches"),
@@ -130,7 +156,10 @@ void bind_model(py::module_& m) {
           py::arg("x"))
       .def("truncation", &Beam::truncation, py::arg("q"), py::call_guard<py::gil_scoped_release>())
       .def_property_readonly("damping", &Beam::damping);
+}
 
+/// Bodies, joints and links.
+void bind_links(py::module_& m) {
   py::class_<RigidBody>(m, "RigidBody")
       .def(py::init(
                [](double mass, const Eigen::Vector3d& com, const Eigen::Matrix3d& inertia, const Eigen::Vector3d& end) {
@@ -169,6 +198,16 @@ void bind_model(py::module_& m) {
       .def(py::init<Joint, std::optional<RigidBody>, std::optional<Beam>, std::optional<RigidBody>>(), py::arg("joint"),
            py::arg("hub"), py::arg("beam"), py::arg("tip"))
       .def_property_readonly("mass", &Link::mass);
+}
+
+}  // namespace
+
+void bind_model(py::module_& m) {
+  bind_strains(m);
+  bind_sections(m);
+  bind_patches(m);
+  bind_beam(m);
+  bind_links(m);
 
   py::class_<Arm> arm(m, "Arm");
   py::class_<Load>(m, "Load")

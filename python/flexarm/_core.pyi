@@ -7,6 +7,23 @@ from numpy.typing import ArrayLike, NDArray
 _Array = NDArray[float64]
 
 __version__: str
+STRAINS: tuple[str, ...]  # names of the strain fields, in the order of a beam's coordinates
+STRAIN_NAMES: tuple[str, ...]  # of the rows of a section's strains
+STRAIN_FIELDS: tuple[StrainField, ...]  # in the order of STRAINS
+
+class StrainField:
+    @property
+    def name(self) -> str: ...
+    @property
+    def row(self) -> int: ...
+    @property
+    def bending(self) -> bool: ...
+    @property
+    def position(self) -> int: ...
+    @property
+    def rotation(self) -> int: ...
+    @property
+    def sign(self) -> float: ...
 
 class Material:
     def __init__(

@@ -1,0 +1,29 @@
+#include "flexarm/dry_friction.hpp"
+
+#include <string>
+
+#include "flexarm/check.hpp"
+
+namespace flexarm {
+
+std::vector<Rub> rubs(const Arm& arm) {
+  std::vector<Rub> out;
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const auto& forces = arm.link(n).joint().forces();
+    for (std::size_t k = 0; k < forces.size(); ++k)
+      if (forces[k].stiction > 0.0)
+        out.push_back({arm.first(n) + static_cast<int>(k), forces[k].coulomb, forces[k].stiction});
+  }
+  return out;
+}
+
+void refuse_friction(const Arm& arm, const char* method) {
+  for (const Rub& r : rubs(arm)) {
+    const bool slides = r.coulomb > 0.0;
+    bad_value((slides ? "coulomb of '" : "stiction of '") + arm.coordinates()[static_cast<std::size_t>(r.rate)] + "'",
+              slides ? r.coulomb : r.stiction,
+              std::string("\"") + method + "\" has no dry friction here: take \"implicit\" (C++: ImplicitStep)");
+  }
+}
+
+}  // namespace flexarm

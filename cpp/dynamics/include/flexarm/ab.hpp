@@ -1,0 +1,39 @@
+// Articulated-body method (Eq. 92-96): O(N), and keeps its digits on long or badly scaled chains.
+#pragma once
+
+#include "flexarm/inverse.hpp"
+
+namespace flexarm {
+
+/// Accelerations from generalised forces, into ws.a; tau (length nv) is ignored where ws.prescribed.
+/// @return Status::singular when a coordinate has no inertia; ws.a is then undefined
+Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                           const Eigen::VectorXd& tau);
+
+/// Floating-point operations of one forward_dynamics on the fast kernels, one pack lane; 0 for arms that these do not
+/// know: with balls, or beams of order 0, 3 or exact.
+long operation_count(const Arm& arm);
+
+/// What an implicit step adds to the mass matrix.
+struct Shift {
+  double damping = 0.0;    ///< s
+  double stiffness = 0.0;  ///< s^2
+};
+
+/// Factors S = M + shift.damping D + shift.stiffness K of the coordinates that are not prescribed, in O(N). D and K are
+/// the damping and stiffness of beams and of joints (springs, dampers, the stops they touch at q, v): they are
+/// block-diagonal by link, so that they enter the elimination for nothing. At the place where move_arm or
+/// inverse_dynamics left the workspace. Also sets ws.twice_kinetic.
+/// @param have_masses  after inverse_dynamics(..., with_masses = true)
+/// @return Status::singular when S is not positive definite
+Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                      const Shift& shift, bool have_masses = false);
+/// x = S^-1 r (length nv) by the last factor_shifted, zero where prescribed; r and x are two vectors.
+void solve_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& r, Eigen::VectorXd& x);
+
+/// The method of choice: AB, on the fast kernels where these know the arm. Its results are in ws.a alone; what else
+/// forward_dynamics_ab leaves in the workspace is not there.
+Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                        const Eigen::VectorXd& tau);
+
+}  // namespace flexarm

@@ -1,0 +1,356 @@
+#include "flexarm/ida.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <sstream>
+#include <utility>
+
+#include "events.hpp"
+#include "flexarm/check.hpp"
+#include "flexarm/dry_friction.hpp"
+#include "ida_linear.hpp"
+
+namespace flexarm {
+
+namespace {
+
+constexpr int kLook = 200;          // most steps between two calls of `alive`
+constexpr long kSlow = 20000;       // steps after which somebody is told
+constexpr double kLookTime = 0.02;  // s: about the longest time between them
+constexpr int kFollow = 1000;       // times in a run at which events are looked at where nothing is integrated
+constexpr double kOneTime = 1e-13;  // parts of the time by which two zeros of one event are still one
+
+int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
+  IdaSystem& s = *static_cast<IdaSystem*>(data);
+  try {
+    s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
+    return s.residual(N_VGetArrayPointer(yp), N_VGetArrayPointer(r)) ? 0 : 1;  // 1: IDA tries a smaller step
+  } catch (...) {
+    s.thrown = std::current_exception();
+    return -1;
+  }
+}
+
+int event_values(sunrealtype t, N_Vector y, N_Vector, sunrealtype* values, void* data) {
+  IdaSystem& s = *static_cast<IdaSystem*>(data);
+  try {
+    s.set(t, N_VGetArrayPointer(y), nullptr);
+    s.evaluate(*s.events, t, values);
+    return 0;
+  } catch (...) {
+    s.thrown = std::current_exception();
+    return -1;
+  }
+}
+
+#if SUNDIALS_VERSION_MAJOR < 7
+void keep_message(int, const char*, const char*, char* text, void* data) {
+  static_cast<IdaSystem*>(data)->message = text;
+}
+#endif
+
+/// Owns what SUNDIALS allocates.
+struct Solver {
+  SUNContext context = nullptr;
+  N_Vector y = nullptr, yp = nullptr;
+  std::optional<LinearPart> linear;
+  void* memory = nullptr;
+
+  Solver(IdaSystem& s, const IdaOptions& o, double t0, const Eigen::VectorXd& y0, const Eigen::VectorXd& yp0,
+         double t_end) {
+    const sunindextype n = y0.size();
+#if SUNDIALS_VERSION_MAJOR < 7
+    check_flag(SUNContext_Create(nullptr, &context));
+#else
+    check_flag(SUNContext_Create(SUN_COMM_NULL, &context));
+    SUNContext_ClearErrHandlers(context);
+#endif
+    y = N_VNew_Serial(n, context);
+    yp = N_VNew_Serial(n, context);
+    memory = s.memory = IDACreate(context);
+    if (!y || !yp || !memory) throw std::bad_alloc();
+    Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(y), n) = y0;
+    Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(yp), n) = yp0;
+    check_flag(IDASetUserData(memory, &s));
+#if SUNDIALS_VERSION_MAJOR < 7
+    check_flag(IDASetErrHandlerFn(memory, keep_message, &s));
+#endif
+    s.message.reserve(500);  // no step allocates
+    check_flag(IDAInit(memory, residual, t0, y, yp));
+    check_flag(IDASStolerances(memory, o.rtol, o.atol));
+    linear.emplace().attach(memory, s, y, context);
+    check_flag(IDASetMaxOrd(memory, o.max_order));
+    check_flag(IDASetStopTime(memory, t_end));
+  }
+  ~Solver() {
+    if (memory) IDAFree(&memory);
+    linear.reset();
+    if (yp) N_VDestroy(yp);
+    if (y) N_VDestroy(y);
+    if (context) SUNContext_Free(&context);
+  }
+  Solver(const Solver&) = delete;
+  Solver& operator=(const Solver&) = delete;
+};
+
+std::string reason(int flag, const IdaSystem& s) {
+  switch (flag) {
+    case IDA_ILL_INPUT:
+      return "the first step came out as zero: forces or tolerances are too extreme";
+    case IDA_TOO_MUCH_ACC:
+      return "the tolerances are too small for double precision";
+    case IDA_ERR_FAIL:
+      return "the error test failed too often: the solution changes faster than any step can follow";
+    case IDA_CONV_FAIL:
+    case IDA_REP_RES_ERR:
+      return "the equations could not be solved at the smallest step: the solution may diverge";
+    case IDA_LSETUP_FAIL:
+    case IDA_LSOLVE_FAIL:
+      return "the Jacobian became singular";
+    default:
+      return s.message.empty() ? "IDA stopped with flag " + std::to_string(flag) : s.message;
+  }
+}
+
+void check_options(const IdaOptions& o) {
+  positive("rtol", o.rtol);
+  if (o.rtol < 1e-14) bad_value("rtol", o.rtol, "must be at least 1e-14: double precision has no more");
+  positive("atol", o.atol);
+  if (o.max_order < 1 || o.max_order > 5) bad_value("max_order", o.max_order, "must be from 1 to 5");
+}
+
+/// Times that no step may pass over, or a driven arm at rest would sleep through a pulse: the samples of the drives,
+/// and the output times for drives that are functions.
+std::vector<double> stop_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
+                               const Control* control, const Eigen::VectorXd& t) {
+  bool functions = false;
+  std::vector<double> stops = sample_times(drives, loads, control, t, functions);
+  stops.push_back(t[t.size() - 1]);
+  if (functions) stops.insert(stops.end(), t.begin() + 1, t.end());
+  std::sort(stops.begin(), stops.end());
+  return stops;
+}
+
+/// Finds events from now on.
+void watch(void* memory, const std::vector<Event>& events) {
+  if (events.empty()) return;
+  std::vector<int> directions;
+  for (const Event& e : events) directions.push_back(e.direction);
+  check_flag(IDARootInit(memory, static_cast<int>(events.size()), event_values));
+  check_flag(IDASetRootDirection(memory, directions.data()));
+  check_flag(IDASetNoInactiveRootWarn(memory));
+}
+
+/// Watches how the steps get on.
+class Watch {
+ public:
+  Watch(double t0, double span) : since_(t0), least_(kLook * 1e-12 * span) {}
+
+  /// Steps until the next look around, by the time that the last ones took (s).
+  int next(long steps, double took) const {
+    return static_cast<int>(
+        std::clamp(static_cast<double>(steps) * kLookTime / std::max(took, 1e-9), 1.0, 1.0 * kLook));
+  }
+
+  /// After some steps, of which the last ended at t: why there is no point in going on, or nothing.
+  std::string judge(long steps, double t) {
+    steps_ += steps;
+    if (steps_ < kLook) return {};
+    const double gained = t - std::exchange(since_, t);
+    steps_ = 0;
+    if (gained < least_) return "the step size fell below 1e-12 of the time asked for: the solution changes too fast";
+    return {};
+  }
+
+ private:
+  double since_, least_;
+  long steps_ = 0;
+};
+
+/// Logs the events that IDA has found at time t.
+void occurred(const Solver& solver, IdaSystem& s, double t, std::vector<int>& found, Trajectory& out) {
+  IDAGetRootInfo(solver.memory, found.data());
+  s.set(t, N_VGetArrayPointer(solver.y), nullptr);
+  for (std::size_t k = 0; k < s.arm.size(); ++k) s.arm.link(k).joint().normalise(s.q.data() + s.arm.first_q(k));
+  for (std::size_t k = 0; k < found.size(); ++k)
+    if (found[k] != 0 && (out.events[k].t.empty() || t - out.events[k].t.back() > kOneTime * std::abs(t)))
+      s.log(*s.events, k, t, out);
+}
+
+/// Adds what has been done since the solver began, or began anew.
+void count_work(void* memory, const IdaSystem& s, SimulationStats& stats) {
+  const auto count = [memory](int (*get)(void*, long*), long& sum) {
+    long n = 0;
+    get(memory, &n);
+    sum += n;
+  };
+  count(IDAGetNumSteps, stats.steps);
+  count(IDAGetNumResEvals, stats.residuals);
+  count(IDAGetNumNonlinSolvIters, stats.newton_iterations);
+  count(IDAGetNumErrTestFails, stats.failed_steps);
+  if (s.dense) {
+    count(IDAGetNumJacEvals, stats.jacobians);
+  } else {
+    count(IDAGetNumPrecEvals, stats.jacobians);
+    count(IDAGetNumLinIters, stats.linear_iterations);
+    count(IDAGetNumJtimesEvals, stats.residuals);
+  }
+}
+
+/// Lets the sampled controllers do what is due at time t; where a force jumps, the solver begins anew, and what events
+/// jump with it over zero is logged.
+/// @return whether it has jumped
+bool sample(const Solver& solver, IdaSystem& s, double t, Trajectory& out) {
+  const double about = t + kOneTime * std::abs(t);
+  if (!s.control || !s.control->due(about)) return false;
+  s.driven = std::nan("");
+  s.set(t, N_VGetArrayPointer(solver.y), N_VGetArrayPointer(solver.yp));
+  const std::vector<Event>& events = *s.events;
+  std::vector<double> before(events.size()), after(events.size());
+  s.evaluate(events, t, before.data());
+  if (!s.sample(about) || forward_dynamics(s.arm, s.ws, s.q, s.v, s.tau) != Status::ok) return false;
+  s.a = s.ws.a;
+  const auto [y, yp] = s.state();
+  Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(solver.y), y.size()) = y;
+  Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(solver.yp), y.size()) = yp;
+  count_work(solver.memory, s, out.stats);
+  check_flag(IDAReInit(solver.memory, t, solver.y, solver.yp));
+  s.evaluate(events, t, after.data());
+  for (std::size_t k = 0; k < events.size(); ++k)
+    if (crosses(before[k], after[k], events[k].direction)) s.log(events, k, t, out);
+  return true;
+}
+
+/// The linear solver asked for; the chain's is the faster one from a single link on (bench/speed/scaling.py).
+void choose_solver(IdaSystem& s, LinearSolver wanted) {
+  if (wanted == LinearSolver::dense)
+    s.dense.emplace(s.arm, places(s.loads));
+  else
+    s.chain.emplace(s.arm, s.ws.prescribed, s.control);
+}
+
+/// Everything is prescribed: nothing to integrate. Events are looked at at the samples of drives, the output times,
+/// and in between where a drive is a function.
+void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::vector<Event>& events,
+            const Alive& alive, Trajectory& out) {
+  StepEvents seen(s, events, out);
+  seen.start(t[0]);
+  bool functions = false;
+  std::vector<double> looks = sample_times(s.drives, s.loads, s.control, t, functions);
+  const double span = t[t.size() - 1] - t[0];
+  if (!events.empty())
+    for (int k = 1; k < kFollow; ++k) looks.push_back(t[0] + span * k / kFollow);
+  std::sort(looks.begin(), looks.end());
+  std::size_t next = 0;
+  for (Eigen::Index k = 1; k < t.size(); ++k) {
+    for (; next < looks.size() && looks[next] < t[k]; ++next) {
+      if (looks[next] <= out.reached) continue;
+      s.drive(looks[next]);
+      if (seen.look(looks[next])) return;
+      out.reached = looks[next];
+      s.sample(out.reached);
+    }
+    s.drive(t[k]);
+    if (seen.look(t[k]) && out.reached < t[k]) return;
+    s.sample(t[k]);
+    out.reached = t[k];
+    if (!s.record(out, composite) || out.terminated) return;
+    if (alive && !alive(t[k]) && out.done < t.size()) {
+      out.failure = kInterrupted;
+      return;
+    }
+  }
+}
+
+double seconds_since(std::chrono::steady_clock::time_point clock) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - clock).count();
+}
+
+/// From the state in `solver` to the last of t, or until something stops it.
+void integrate(const Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std::vector<double>& stops,
+               const IdaOptions& options, const Alive& alive, Trajectory& out) {
+  const bool composite = options.composite;
+  long steps = 0, told = kSlow;
+  std::vector<int> found(s.events->size());
+  Watch pace(t[0], t[t.size() - 1] - t[0]);
+  int look = 1;
+  while (out.done < t.size() && out.failure.empty()) {
+    const double goal = t[out.done];
+    IDASetStopTime(solver.memory,
+                   *std::upper_bound(stops.begin(), stops.end() - 1, out.reached + kOneTime * std::abs(out.reached)));
+    check_flag(IDASetMaxNumSteps(solver.memory, look));
+    sunrealtype now = out.reached;
+    long before = 0, after = 0;
+    IDAGetNumSteps(solver.memory, &before);
+    const auto clock = std::chrono::steady_clock::now();
+    const int flag = IDASolve(solver.memory, goal, &now, solver.y, solver.yp, IDA_NORMAL);
+    out.reached = now;
+    if (s.thrown) std::rethrow_exception(s.thrown);
+    IDAGetNumSteps(solver.memory, &after);
+    if (after > before) look = pace.next(after - before, seconds_since(clock));
+    const bool going = !alive || alive(now);
+    if (flag < 0 && flag != IDA_TOO_MUCH_WORK) {  // that one: time to look around, no more
+      out.failure = reason(flag, s);
+    } else if (!s.within_reach(N_VGetArrayPointer(solver.y))) {
+      s.set(now, N_VGetArrayPointer(solver.y), nullptr);
+      out.failure = "the motion ran away: " + s.arm.farthest_out(s.q, s.v) + " and grows: look for what drives it";
+    } else if (flag >= 0) {
+      if (flag == IDA_ROOT_RETURN) occurred(solver, s, now, found, out);
+      const bool jumped = !out.terminated && sample(solver, s, now, out);
+      // a zero at an output time would be found again and again if that were asked for once more
+      if (now >= goal - (flag == IDA_ROOT_RETURN || jumped ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
+        s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
+        s.record(out, composite);
+      }
+    }
+    if (out.done == t.size() || !out.failure.empty()) break;
+    if (!going) out.failure = kInterrupted;
+    if (!going || out.terminated) break;
+    steps += after - before;
+    if (steps >= told && options.slow) {
+      options.slow(now, steps);
+      told = 2 * steps;
+    }
+    out.failure = pace.judge(after - before, now);
+  }
+}
+
+}  // namespace
+
+Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
+                        const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
+                        const IdaOptions& options, const Alive& alive, const std::vector<LoadDrive>& loads,
+                        const std::vector<Event>& events, Control* control) {
+  check_arguments(arm, drives, t, q0, v0, tau);
+  check_options(options);
+  if (options.friction == DryFriction::refused) refuse_friction(arm, "ida");
+  const auto started = std::chrono::steady_clock::now();
+  IdaSystem s(arm, drives, loads, tau, control);
+  s.events = &events;
+  Trajectory out = empty_trajectory(arm, t, events);
+  s.q = q0;
+  s.v = v0;
+  s.drive(t[0]);
+  s.sample(t[0]);
+  if (!s.record(out, options.composite)) return out;
+  if (s.size() == 0) {
+    follow(s, t, options.composite, events, alive, out);
+    return out;
+  }
+
+  choose_solver(s, options.linear_solver);
+  const auto [y0, yp0] = s.state();
+  Solver solver(s, options, t[0], y0, yp0, t[t.size() - 1]);
+  watch(solver.memory, events);
+  const std::vector<double> stops = stop_times(drives, loads, control, t);
+  try {
+    integrate(solver, s, t, stops, options, alive, out);
+  } catch (const Interrupted&) {
+    out.failure = kInterrupted;
+  }
+  count_work(solver.memory, s, out.stats);
+  out.stats.wall_time = seconds_since(started);
+  return out;
+}
+
+}  // namespace flexarm

@@ -1,0 +1,46 @@
+// Variable-step, variable-order integration by SUNDIALS IDA on the inverse-dynamics residual
+//   [dq/dt - v; M(q) dv/dt + h(q, v) - tau] = 0
+// of the coordinates that are not prescribed. Its linear systems are solved with the exact Jacobian, or, on long arms,
+// in O(N) by GMRES preconditioned with AB's elimination.
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "flexarm/arm.hpp"
+#include "flexarm/control.hpp"
+#include "flexarm/drive.hpp"
+#include "flexarm/dry_friction.hpp"
+#include "flexarm/event.hpp"
+#include "flexarm/load.hpp"
+#include "flexarm/trajectory.hpp"
+
+namespace flexarm {
+
+enum class LinearSolver {
+  automatic,  ///< chain, which is the faster one at any number of links
+  dense,      ///< exact Jacobian, factored: O(N^3) once in several steps
+  chain       ///< AB's elimination of M + C/cj + K/cj^2, within GMRES where it is not enough by itself: O(N)
+};
+
+struct IdaOptions {
+  double rtol = 1e-6;
+  double atol = 1e-9;      ///< of every coordinate and rate, in its own unit
+  int max_order = 5;       ///< of the backward differentiation formulas, 1 to 5
+  bool composite = false;  ///< accelerations at the output times by CI instead of AB
+  LinearSolver linear_solver = LinearSolver::automatic;
+  DryFriction friction = DryFriction::refused;  ///< of the joints
+  /// Told the time reached and the steps taken after 20 000 steps, and whenever there are twice as many.
+  std::function<void(double t, long steps)> slow = {};
+};
+
+/// Integrates from t[0] to the last of t, which must increase.
+/// @param tau    constant generalised forces, length nv, to which force drives are added
+/// @param events found by IDA's root finding, to the precision of its interpolation
+/// @throws std::invalid_argument for bad arguments; what a drive, an event or `alive` throws goes through
+Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
+                        const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
+                        const IdaOptions& options, const Alive& alive = {}, const std::vector<LoadDrive>& loads = {},
+                        const std::vector<Event>& events = {}, Control* control = nullptr);
+
+}  // namespace flexarm

@@ -1,0 +1,51 @@
+// An arm as the lane kernels know it: its nodes (layout.hpp) and their numbers.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "flexarm/arm.hpp"
+#include "lanes/layout.hpp"
+
+namespace flexarm {
+namespace lanes {
+
+class KernelArm {
+ public:
+  /// Made at the first asking, and kept with the arm.
+  /// @return null for what the kernels do not know: balls, beams of order 0, 3 and exact
+  static const KernelArm* of(const Arm& arm);
+  /// For kernels that take `width` points of a beam at once, with the motion of some rates prescribed.
+  KernelArm grouped(int width, const std::vector<bool>& given) const;
+  /// Whether the arms are of one structure.
+  bool like(const KernelArm& other) const;
+  /// Arms of one structure, an arm in each lane: number i of arm k at i width + k. Lanes beyond the last arm
+  /// repeat it.
+  static KernelArm side_by_side(const std::vector<const KernelArm*>& arms, int width, const std::vector<bool>& given);
+
+  KernelArm(const KernelArm& other) : KernelArm() { *this = other; }
+  KernelArm& operator=(const KernelArm& other);
+
+  const Layout& layout() const { return layout_; }
+  const std::vector<double>& numbers() const { return numbers_; }
+
+ private:
+  KernelArm() = default;
+  static std::optional<KernelArm> build(const Arm& arm);
+  struct Builder;
+  /// Lists of a node.
+  struct Lists {
+    std::vector<int> which, direction, about;
+    std::vector<Block> blocks;
+  };
+  void point();
+  void prescribe(const std::vector<bool>& given);
+
+  Layout layout_;
+  std::vector<Node> nodes_;
+  std::vector<Lists> lists_;  ///< one for each node
+  std::vector<double> numbers_;
+};
+
+}  // namespace lanes
+}  // namespace flexarm

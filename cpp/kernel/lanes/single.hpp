@@ -1,0 +1,64 @@
+// One arm on the lane kernels, with its own memory.
+#pragma once
+
+#include <memory>
+
+#include "lanes/kernel_arm.hpp"
+#include "lanes/kernels.hpp"
+
+namespace flexarm {
+namespace lanes {
+
+/// Floating-point operations of one forward dynamics, in one lane.
+long operation_count(const KernelArm& arm);
+
+/// Memory aligned for the widest pack.
+class Memory {
+ public:
+  explicit Memory(std::size_t bytes = 0) : bytes_(bytes), block_(new unsigned char[bytes + 64]()) {}
+  std::size_t size() const { return bytes_; }
+  void* get() const {
+    void* p = block_.get();
+    std::size_t space = bytes_ + 64;
+    return std::align(64, bytes_, p, space);
+  }
+
+ private:
+  std::size_t bytes_;
+  std::unique_ptr<unsigned char[]> block_;
+};
+
+class Single {
+ public:
+  Single(const KernelArm& arm, const std::vector<bool>& given)
+      : kernels_(best_kernels()), arm_(arm.grouped(kernels_.width, given)), memory_(kernels_.memory(arm_.layout())) {
+    begin();
+  }
+  Single(const Single& other) : kernels_(other.kernels_), arm_(other.arm_), memory_(other.memory_.size()) { begin(); }
+  Single& operator=(const Single&) = delete;
+
+  bool forward(const double* q, const double* v, const double* tau, double* a) {
+    return kernels_.forward(self_, q, v, tau, a);
+  }
+  void inverse(const double* q, const double* v, const double* a, double* tau) {
+    kernels_.inverse(self_, q, v, a, tau);
+  }
+  bool factor(const Shift& shift, const double* v, double& twice_kinetic) {
+    return kernels_.factor(self_, shift, v, &twice_kinetic);
+  }
+  void solve(const double* r, double* x) { kernels_.solve(self_, r, x); }
+
+ private:
+  void begin() {
+    self_ = memory_.get();
+    kernels_.begin(arm_.layout(), arm_.numbers().data(), self_);
+  }
+
+  const Kernels& kernels_;
+  KernelArm arm_;
+  Memory memory_;
+  void* self_ = nullptr;
+};
+
+}  // namespace lanes
+}  // namespace flexarm

@@ -1,0 +1,184 @@
+#include "flexarm/arm.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <optional>
+#include <sstream>
+#include <utility>
+
+#include "flexarm/articulated.hpp"
+#include "flexarm/check.hpp"
+
+namespace flexarm {
+
+const char this_file_has_other_vector_flags_than_the_flexarm_library::FLEXARM_SAME_VECTORS = 0;
+const char this_file_has_other_sanitizers_than_the_flexarm_library::FLEXARM_SAME_MALLOC = 0;
+
+namespace {
+
+constexpr double kBeyond = 10.0;         // lengths of a beam: to bend so far means nothing at any order that is cut
+constexpr double kBeyondExact = 1000.0;  // the same where a beam may wind up
+constexpr double kMostTurns = 1e4;       // rad of a section against its base
+constexpr double kFastest = 1e12;        // rad/s or m/s of a joint
+constexpr double kNear = 1e-3;           // parts of these that are on the way there
+
+/// Lengths that the elastic coordinates move a section, and radians that they turn it, each by itself and at most.
+std::pair<Eigen::VectorXd, Eigen::VectorXd> largest_parts(const Beam& beam) {
+  Eigen::VectorXd moved = Eigen::VectorXd::Zero(beam.ne()), turned = moved;
+  const auto look = [&](const SliceTable& at) {
+    moved = moved.cwiseMax(at.linear.topRows<3>().colwise().norm().transpose() / beam.length());
+    turned = turned.cwiseMax(at.linear.bottomRows<3>().colwise().norm().transpose());
+  };
+  for (const MassSlice& slice : beam.slices()) look(slice.table);
+  look(beam.tip());
+  return {moved, turned};
+}
+
+double beyond(const Beam& beam) { return beam.order() == kExact ? kBeyondExact : kBeyond; }
+
+}  // namespace
+
+Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
+    : links_(std::move(links)), gravity_(finite("gravity", gravity)) {
+  if (links_.empty()) bad_value("links", "[]", "an arm needs at least one link");
+  for (const Link& link : links_) {
+    first_.push_back(nv_);
+    first_q_.push_back(nq_);
+    for (int k = 0; k < link.nj() + link.ne(); ++k) {
+      const bool ball = link.joint().has_ball() && k >= link.nj() - 3 && k < link.nj();
+      coordinate_of_.push_back(ball ? -1 : nq_ + k + (k < link.nj() ? 0 : link.joint().nq() - link.nj()));
+    }
+    nv_ += link.nj() + link.ne();
+    nq_ += link.joint().nq() + link.ne();
+  }
+  farthest_ = Eigen::VectorXd::Constant(nq_, std::numeric_limits<double>::max());
+  fastest_ = Eigen::VectorXd::Constant(nv_, std::numeric_limits<double>::max());
+  for (std::size_t n = 0; n < size(); ++n) {
+    if (links_[n].mass() > 0.0) fastest_.segment(first_[n], links_[n].nj()).setConstant(kFastest);
+    if (links_[n].ne() == 0) continue;
+    const Beam& beam = *links_[n].beam();
+    const auto [moved, turned] = largest_parts(beam);
+    farthest_.segment(first_q_[n] + links_[n].joint().nq(), links_[n].ne()) =
+        (moved / beyond(beam))
+            .cwiseMax(turned / kMostTurns)
+            .cwiseInverse()
+            .cwiseMin(std::numeric_limits<double>::max());
+  }
+  check_inertia();
+}
+
+/// Every coordinate must move some inertia, or no force law gives its acceleration. Tried at a place where no two
+/// joints line up: what is left of a coordinate's inertia after elimination, against what it was.
+void Arm::check_inertia() const {
+  Eigen::VectorXd q = zero();
+  for (std::size_t n = 0; n < size(); ++n)
+    for (int k = first_[n]; k < first_[n] + links_[n].nj(); ++k)
+      if (coordinate_of(k) >= 0) q[coordinate_of(k)] = 0.3 + 0.7 * std::sin(1.0 + 2.0 * k);
+  const Eigen::VectorXd still = Eigen::VectorXd::Zero(nv_);
+  std::vector<LinkState<double>> composite;
+  for (std::size_t n = 0; n < size(); ++n) {
+    const Link& link = links_[n];
+    composite.emplace_back(link.nj(), link.beam() ? &*link.beam() : nullptr, n == 0 ? 0 : links_[n - 1].ne());
+    LinkState<double>& s = composite[n];
+    link.joint().move(q.data() + first_q_[n], still.data(), s.joint);
+    s.H = s.joint.H;
+    link.move(s);
+    if (n > 0) s.sit_on(composite[n - 1]);
+    link.mass_matrix(s);
+  }
+  std::vector<LinkState<double>> articulated = composite;
+  std::optional<ArticulatedInertia> left;  // of the link above
+  for (std::size_t n = size(); n-- > 0;) {
+    const Link& link = links_[n];
+    const LinkState<double>* above = n + 1 < size() ? &articulated[n + 1] : nullptr;
+    LinkState<double>& s = composite[n];
+    if (above) carry_inertia(composite[n + 1], composite[n + 1].M.topLeftCorner<6, 6>(), s);
+    std::vector<int> free(static_cast<std::size_t>(link.nj()));
+    std::iota(free.begin(), free.end(), 0);
+    ArticulatedInertia b(std::move(free), link.ne());
+    b.articulate(link, above, left ? &*left : nullptr, articulated[n]);
+    const bool definite = b.factorise();
+    for (Eigen::Index k = 0; k < b.D.rows(); ++k) {
+      const Eigen::Index elastic = k - link.nj();
+      double whole = 0.0;  // diagonal of M
+      if (elastic >= 0)
+        whole = s.M(6 + elastic, 6 + elastic);
+      else
+        whole = s.H.col(k).dot(s.M.topLeftCorner<6, 6>() * s.H.col(k));
+      if (elastic < 0 && link.joint().passive())
+        whole += link.joint().forces()[static_cast<std::size_t>(k)].reflected_inertia;
+      const double rest = definite ? std::pow(b.factor.matrixLLT()(k, k), 2) : b.D(k, k);
+      if (!(whole > 0.0) || !(rest > 1e-14 * whole))
+        bad_value("inertia of coordinate '" + coordinates()[static_cast<std::size_t>(first_[n] + k)] + "'", rest,
+                  "must be positive; give what moves with it a mass or an inertia (shear tells itself from bending by "
+                  "rotary inertia alone), and a beam enough gauss_points");
+    }
+    if (!definite) bad_value("mass matrix", "singular", "its coordinates must move independent inertias");
+    left = std::move(b);
+  }
+}
+
+Eigen::VectorXd Arm::zero() const {
+  Eigen::VectorXd q = Eigen::VectorXd::Zero(nq_);
+  for (std::size_t n = 0; n < size(); ++n) {
+    const Eigen::VectorXd joint = links_[n].joint().zero();
+    q.segment(first_q_[n], joint.size()) = joint;
+  }
+  return q;
+}
+
+std::vector<std::string> Arm::coordinates() const {
+  std::vector<std::string> names;
+  for (std::size_t n = 0; n < size(); ++n) {
+    const std::string prefix = "link " + std::to_string(n) + " ";
+    for (const std::string& c : links_[n].joint().labels()) names.push_back(prefix + c);
+    if (!links_[n].beam()) continue;
+    for (int s = 0; s < kStrains; ++s)
+      for (int i = 0; i < links_[n].beam()->options().modes[s]; ++i)
+        names.push_back(prefix + kStrainFields[s].name + " " + std::to_string(i + 1));
+  }
+  return names;
+}
+
+std::string Arm::farthest_out(const Eigen::VectorXd& q, const Eigen::VectorXd& v) const {
+  const auto worst = [](const Eigen::VectorXd& x, const Eigen::VectorXd& limit, Eigen::Index& at) {
+    return x.cwiseAbs().cwiseQuotient(limit).unaryExpr([](double r) { return r >= 0.0 ? r : 1e300; }).maxCoeff(&at);
+  };
+  Eigen::Index bent = 0, moved = 0;
+  const double by_q = worst(q, farthest_, bent), by_v = worst(v, fastest_, moved);
+  std::ostringstream text;
+  text.precision(3);
+  if (!(std::max(by_q, by_v) > kNear)) return {};
+  if (by_v > by_q) {
+    text << "'" << coordinates()[static_cast<std::size_t>(moved)] << "' moves at " << v[moved] << " rad/s or m/s";
+    return text.str();
+  }
+  const std::size_t n = static_cast<std::size_t>(
+      std::upper_bound(first_q_.begin(), first_q_.end(), static_cast<int>(bent)) - first_q_.begin() - 1);
+  const Beam& beam = *links_[n].beam();
+  const auto [lengths, turns] = largest_parts(beam);
+  const auto qe = q.segment(first_q_[n] + links_[n].joint().nq(), beam.ne()).cwiseAbs();
+  text << "the beam of link " << n << " ";
+  if (const double most = qe.cwiseProduct(lengths).maxCoeff(); most * kMostTurns > qe.cwiseProduct(turns).maxCoeff())
+    text << "is bent by " << most << " times its length";
+  else
+    text << "turns its sections by " << qe.cwiseProduct(turns).maxCoeff() << " rad";
+  return text.str();
+}
+
+Eigen::MatrixXd Arm::patch_matrix() const {
+  Eigen::Index n = 0, k = 0;
+  for (const Link& link : links_) n += link.beam() ? link.beam()->patch_forces().cols() : 0;
+  Eigen::MatrixXd B = Eigen::MatrixXd::Zero(nv_, n);
+  for (std::size_t i = 0; i < links_.size(); ++i) {
+    if (!links_[i].beam()) continue;
+    const Eigen::MatrixXd& forces = links_[i].beam()->patch_forces();
+    B.block(first_[i] + links_[i].nj(), k, forces.rows(), forces.cols()) = forces;
+    k += forces.cols();
+  }
+  return B;
+}
+
+}  // namespace flexarm

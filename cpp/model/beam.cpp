@@ -1,0 +1,394 @@
+#include "flexarm/beam.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "flexarm/check.hpp"
+#include "flexarm/quadrature.hpp"
+#include "shape_tables.hpp"
+#include "strain_physics.hpp"
+
+namespace flexarm {
+
+namespace {
+
+using Eigen::MatrixXd;
+
+/// For shapes of any form: by trial, until the Gram matrix of what the slices' motion is made of (deflections, slopes,
+/// and the running integrals of their products that shorten the beam) is right to 1e-12. Order 3 and above take half as
+/// many more, as clamped-free modes do.
+int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length) {
+  Eigen::Index terms = 0;
+  for (const ShapeSet& s : shapes) terms = std::max(terms, std::max<Eigen::Index>(s.terms(), s.size()));
+  const GaussRule fine(2 * static_cast<int>(terms) + 8, length);
+  const auto samples = [&](const Eigen::VectorXd& points) {  // one row for each function
+    std::vector<Eigen::VectorXd> rows;
+    const auto add = [&](const Eigen::MatrixXd& m) {
+      for (Eigen::Index k = 0; k < m.cols(); ++k) rows.push_back(m.col(k));
+    };
+    for (int strain = 0; strain < kStrains; ++strain) {
+      const ShapeSet& set = shapes[strain];
+      const auto slopes_at = [&](const Eigen::VectorXd& at) {
+        MatrixXd m(at.size(), set.size());
+        for (Eigen::Index g = 0; g < at.size(); ++g) m.row(g) = set.at(at[g]).slope.transpose();
+        return m;
+      };
+      add(slopes_at(points));
+      if (!is_bending(strain)) continue;
+      MatrixXd deflection(points.size(), set.size());
+      for (Eigen::Index g = 0; g < points.size(); ++g) deflection.row(g) = set.at(points[g]).deflection.transpose();
+      add(deflection);
+      if (o.order < 2) continue;
+      MatrixXd integral(points.size(), fine.points.size());
+      for (Eigen::Index g = 0; g < points.size(); ++g) integral.row(g) = integral_weights(fine, length, points[g]);
+      const MatrixXd slope = slopes_at(fine.points);
+      for (Eigen::Index i = 0; i < slope.cols(); ++i)
+        add(integral * (slope.rightCols(slope.cols() - i).array().colwise() * slope.col(i).array()).matrix());
+    }
+    MatrixXd all(static_cast<Eigen::Index>(rows.size()), points.size());
+    for (std::size_t k = 0; k < rows.size(); ++k) all.row(static_cast<Eigen::Index>(k)) = rows[k].transpose();
+    return all;
+  };
+  const auto gram = [&](const GaussRule& rule) -> MatrixXd {
+    const MatrixXd f = samples(rule.points);
+    return f * rule.weights.asDiagonal() * f.transpose();
+  };
+  const MatrixXd truth = gram(fine);
+  const Eigen::VectorXd size = truth.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const int most = static_cast<int>(fine.points.size());
+  for (int n = 4; n < most; n += 1 + n / 8) {
+    const MatrixXd wrong = gram(GaussRule(n, length)) - truth;
+    if ((size.asDiagonal() * wrong * size.asDiagonal()).cwiseAbs().maxCoeff() > 1e-12) continue;
+    const bool products_turn = o.order > 2 || (o.order == 1 && o.rotary_inertia);
+    if (o.order == kExact && plane_of(o.modes) == Plane::none) return 2 * n + 2;
+    return products_turn ? n + n / 2 + 2 : n;
+  }
+  return most;
+}
+
+}  // namespace
+
+int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, double part) {
+  for (const Eigen::MatrixXd& given : o.shapes)
+    if (given.size() > 0) return gauss_points_by_trial(o, shapes, length);
+  int bending = 0, simple = 0;  // most modes of a strain that is integrated twice, and once
+  for (int s = 0; s < kStrains; ++s) {
+    int& most = is_bending(s) ? bending : simple;
+    most = std::max(most, o.modes[s]);
+  }
+  if (o.basis == Basis::legendre) {
+    // degree of a slice's position: deflection n + 1; shortening 2n + 1; alpha and gamma n; at order i products of i
+    const int linear = std::max(bending + 1, simple), m = std::max(bending, simple);
+    const int quadratic = std::max({linear, 2 * bending + 1, bending + simple + 1});
+    const int degree = o.order < 2 ? linear : o.order == 2 ? quadratic : 3 * m + 1;
+    // The rotation is no polynomial: in space what these resolve to 1e-10 is a whole turn of all shapes together, or
+    // most of a radian of the highest alone.
+    if (o.order == kExact) return plane_of(o.modes) != Plane::none ? 4 * m + 12 : 6 * m + 12;
+    return o.order > 0 && o.rotary_inertia ? std::max(degree, quadratic) + 3 + (bending + simple) / 2 : degree + 1;
+  }
+  // The integrand holds products of two (order i: 2 i) modes of wave number beta ~ (n - 1/2) pi over the
+  // length. n points integrate cos(k X/L) to (e k / 8n)^2n.
+  const double beta = 3.14159265358979323846 * std::max(bending - 0.5, simple - 0.5);
+  const int products = o.order == 1 && o.rotary_inertia ? 2 : std::clamp(o.order, 1, 3);
+  const double k = 2.0 * products * std::max(beta, 1.9) * part;
+  int n = 4;
+  while (2.0 * n * std::log(std::exp(1.0) * k / (8.0 * n)) > std::log(1e-12)) ++n;
+  return n;
+}
+
+struct Beam::Profile {
+  SectionProfile section;
+  Material material;
+  bool uniform;
+
+  double mass(const Section& s) const { return material.density * s.area; }
+  /// Many points, on each stretch where the section is smooth.
+  GaussRule fine(int n, double length) const { return GaussRule(n, length, section.breaks); }
+};
+
+namespace {
+
+void check_options(const BeamOptions& o, const Material& material) {
+  for (int s = 0; s < kStrains; ++s)
+    if (o.modes[s] < 0 || o.modes[s] > kMostModes)
+      bad_value(std::string("modes.") + kStrainFields[s].name, o.modes[s],
+                "must be from 0 to " + std::to_string(kMostModes));
+  if (o.order < 0 || o.order > kExact) bad_value("order", o.order, "must be 0, 1, 2, 3 or \"exact\"");
+  non_negative("damping_ratio", o.damping_ratio);
+  non_negative("kelvin_voigt", o.kelvin_voigt);
+  if (o.gauss_points < 0 || o.gauss_points > 400)
+    bad_value("gauss_points", o.gauss_points, "must be from 1 to 400, or 0 to let the basis choose");
+  non_negative("basis_tip.mass", o.tip.mass);
+  if (!std::isfinite(o.tip.offset)) bad_value("basis_tip.com", o.tip.offset, "must be finite");
+  for (double moment : o.tip.inertia) non_negative("basis_tip.inertia", moment);
+  bool needs_shear = false;
+  for (int s = 0; s < kStrains; ++s) needs_shear = needs_shear || (is_shear(s) && o.modes[s] > 0);
+  if (needs_shear && material.shear_modulus <= 0.0)
+    bad_value("shear_modulus", "not given", "torsion and shear need the material's poisson_ratio or shear_modulus");
+}
+
+/// Modes 1..n of one strain of the clamped beam with a body on its end, as coefficients of Legendre strains, by Ritz;
+/// each scaled so that its largest deflection (or turn) is 1, positive at the end.
+template <class Profile>
+MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, int n, double length) {
+  const int terms = 2 * n + 14;  // mode n has up to n/2 waves, and a polynomial takes pi degrees for each, and some
+  const ShapeSet ritz(strain, Basis::legendre, terms, length);
+  const auto moved = [&](const ShapeValues& v) { return is_bending(strain) ? v.deflection : v.slope; };
+  MatrixXd M = MatrixXd::Zero(terms, terms), K = M;
+  const GaussRule fine = profile.fine(terms + 16, length);
+  for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
+    const Section section = profile.section.at(fine.points[g]);
+    const ShapeValues v = ritz.at(fine.points[g]);
+    K += fine.weights[g] * section_form(strain, section) * v.strain * v.strain.transpose();  // of any E and G
+    M += fine.weights[g] * modal_inertia(strain, profile.material, section) * moved(v) * moved(v).transpose();
+  }
+  const StrainField& field = kStrainFields[strain];
+  const ShapeValues end = ritz.at(length);
+  if (is_bending(strain)) {
+    const Eigen::VectorXd centre = end.deflection + tip.offset * end.slope;
+    M += tip.mass * centre * centre.transpose() + tip.inertia[field.rotation] * end.slope * end.slope.transpose();
+  } else {
+    M += (field.position < 0 ? tip.inertia[field.rotation] : tip.mass) * end.slope * end.slope.transpose();
+  }
+  // The largest mu of M x = mu K x: the lowest frequencies keep their digits so.
+  const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> modes(M, K);
+  if (modes.info() != Eigen::Success || !(modes.eigenvalues()[terms - 1] > 0.0))
+    bad_value("basis", "loaded", "the clamped beam has no mode: give it, or its basis_tip, a mass");
+  MatrixXd shapes = modes.eigenvectors().rowwise().reverse().leftCols(n);
+  Eigen::VectorXd largest = Eigen::VectorXd::Zero(n);
+  for (int k = 0; k <= 400; ++k)
+    largest = largest.cwiseMax((shapes.transpose() * moved(ritz.at(length * k / 400.0))).cwiseAbs());
+  const Eigen::VectorXd at_end = shapes.transpose() * moved(end);
+  for (int k = 0; k < n; ++k) shapes.col(k) *= (at_end[k] < 0.0 ? -1.0 : 1.0) / largest[k];
+  return shapes;
+}
+
+/// The same, made once for a uniform beam of any Young's and shear modulus.
+template <class Profile>
+MatrixXd kept_loaded_modes(const Profile& profile, const BasisTip& tip, int strain, int n, double length) {
+  const auto make = [&] { return std::make_shared<const MatrixXd>(loaded_modes(profile, tip, strain, n, length)); };
+  if (!profile.uniform) return *make();
+  const Section section = profile.section.at(0.0);
+  std::string key = std::to_string(strain) + "," + std::to_string(n) + ":";
+  for (double x : {length, section_form(strain, section), modal_inertia(strain, profile.material, section), tip.mass,
+                   tip.offset, tip.inertia[0], tip.inertia[1], tip.inertia[2]})
+    append(key, &x, 1);
+  static auto& kept = *new Kept<MatrixXd>(std::size_t(1) << 20);
+  return *kept.get(key, make, [](const MatrixXd& m) { return static_cast<std::size_t>(8 * m.size()); });
+}
+
+}  // namespace
+
+Beam::Beam(double length, const Section& section, const Material& material, const BeamOptions& options,
+           const std::vector<Patch>& patches)
+    : Beam(length, Profile{{[section](double) { return section; }, {}}, material, true}, material, options, patches) {}
+
+Beam::Beam(double length, const SectionProfile& section, const Material& material, const BeamOptions& options,
+           const std::vector<Patch>& patches)
+    : Beam(length, Profile{section, material, false}, material, options, patches) {}
+
+Beam::Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options,
+           const std::vector<Patch>& patches)
+    : length_(positive("length", length)), options_(options) {
+  double from = 0.0;
+  for (double b : profile.section.breaks) {
+    if (!(b > from && b < length_)) bad_value("section: break", b, "must increase, between 0 and the length");
+    from = b;
+  }
+  for (int s = 0; s < kStrains; ++s)
+    if (options_.shapes[s].size() > 0) options_.modes[s] = static_cast<int>(options_.shapes[s].cols());
+  check_options(options_, material);
+  for (int s = 0; s < kStrains; ++s) {
+    const int n = options_.modes[s];
+    if (options_.shapes[s].size() > 0)
+      shapes_.emplace_back(s, options_.shapes[s], length_);
+    else if (options_.basis == Basis::loaded && n > 0)
+      shapes_.emplace_back(s, kept_loaded_modes(profile, options_.tip, s, n, length_), length_);
+    else
+      shapes_.emplace_back(s, options_.basis, n, length_);
+    first_[s] = ne_;
+    ne_ += n;
+  }
+  plane_ = plane_of(options_.modes);
+  unit_ = std::make_shared<const UnitShapes>(unit_shapes(shapes_, first_, options_.order == 2));
+  uniform_ = profile.uniform;
+  std::vector<MassSlice> slices = build_slices(profile);
+  patch_forces_.resize(ne_, static_cast<Eigen::Index>(patches.size()));
+  patch_capacitances_.resize(patch_forces_.cols());
+  for (Eigen::Index k = 0; k < patch_forces_.cols(); ++k) {
+    const Patch& p = patches[static_cast<std::size_t>(k)];
+    patch_forces_.col(k) = patch_force(p, &patch_capacitances_[k]);
+    if (p.mass) {
+      add_patch_slices(p, slices);
+      uniform_ = false;
+    }
+  }
+  slices_ = std::make_shared<const std::vector<MassSlice>>(std::move(slices));
+  build_stiffness(profile, patches);
+}
+
+std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
+  const int n = options_.gauss_points > 0 ? options_.gauss_points : enough_gauss_points(options_, shapes_, length_);
+  rule_ = GaussRule(n, length_);
+  // Where the section varies, points and masses are the Gauss rule of the mass along the beam, so that they are as few.
+  GaussRule masses = rule_;
+  if (profile.uniform) {
+    masses.weights *= profile.mass(profile.section.at(0.0));
+  } else {
+    GaussRule along = profile.fine(2 * n + 16, length_);
+    for (Eigen::Index g = 0; g < along.points.size(); ++g)
+      along.weights[g] *= profile.mass(profile.section.at(along.points[g]));
+    if (along.weights.sum() > 0.0)
+      masses = gauss_rule_of(along, n);
+    else
+      masses.weights.setZero();
+  }
+  const Eigen::VectorXd parts = profile.uniform ? GaussRule(n).points : Eigen::VectorXd(masses.points / length_);
+  std::vector<double> stations(parts.data(), parts.data() + n);
+  stations.push_back(1.0);
+  std::vector<SliceTable> all = tables_at(stations);
+  mass_ = masses.weights.sum();
+  std::vector<MassSlice> slices;
+  for (int g = 0; g < n; ++g) {
+    const Section section = profile.section.at(masses.points[g]);
+    Eigen::Vector3d inertia = Eigen::Vector3d::Zero();
+    if (options_.rotary_inertia && mass_ > 0.0)
+      inertia = masses.weights[g] / profile.mass(section) * rotary_inertia(profile.material, section);
+    slices.push_back({all[g], masses.weights[g], inertia});
+    if (profile.uniform && options_.order > 2) slices.back().table.point = g;
+  }
+  tip_ = all[n];
+  if (options_.order > 2 && ne_ > 0)  // a beam without coordinates is rigid at any order
+    series_ = std::make_shared<const SeriesTables>(options_.order, plane_,
+                                                   tables({rule_.points.data(), rule_.points.data() + n}));
+  return slices;
+}
+
+void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& patches) {
+  // Elastic forces (Eq. 62) and, for modal damping, the mass of the clamped beam at rest.
+  stiffness_ = damping_ = MatrixXd::Zero(ne_, ne_);
+  const auto block = [&](int s) {
+    return stiffness_.block(first_[s], first_[s], options_.modes[s], options_.modes[s]);
+  };
+  if (profile.uniform) {
+    const std::shared_ptr<const std::array<MatrixXd, kStrains>> unit = unit_stiffness(*unit_);
+    const Section section = profile.section.at(0.0);
+    for (int s = 0; s < kStrains; ++s)  // a curvature is one over the length, a shear angle none
+      block(s) = rigidity(s, profile.material, section) *
+                 std::pow(length_, (kStrainFields[s].is_curvature() ? -1 : 1) - 2 * unit_->power(s)) *
+                 (*unit)[static_cast<std::size_t>(s)];
+  } else {
+    int most = *std::max_element(options_.modes.begin(), options_.modes.end());
+    for (const ShapeSet& s : shapes_) most = std::max(most, static_cast<int>(s.terms()));
+    const GaussRule fine = profile.fine(2 * most + 16, length_);
+    for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
+      const Section section = profile.section.at(fine.points[g]);
+      for (int s = 0; s < kStrains; ++s) {
+        if (options_.modes[s] == 0) continue;
+        const Eigen::VectorXd e = shapes_[s].at(fine.points[g]).strain;
+        block(s) += fine.weights[g] * rigidity(s, profile.material, section) * e * e.transpose();
+      }
+    }
+  }
+  for (const Patch& p : patches)
+    if (p.stiffness) stiffness_ += patch_stiffness(p);
+  damping_ = options_.kelvin_voigt * stiffness_;
+  if (options_.damping_ratio > 0.0 && ne_ > 0) {
+    MatrixXd M = MatrixXd::Zero(ne_, ne_);
+    for (const MassSlice& s : *slices_) {
+      const auto Jx = s.table.linear.topRows<3>(), Jt = s.table.linear.bottomRows<3>();
+      M += s.mass * Jx.transpose() * Jx + Jt.transpose() * s.inertia.asDiagonal() * Jt;
+    }
+    const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> modes(stiffness_, M);
+    if (modes.info() != Eigen::Success || !modes.eigenvalues().allFinite())
+      bad_value("damping_ratio", options_.damping_ratio, "the clamped beam has a mode without inertia");
+    const MatrixXd MV = M * modes.eigenvectors();
+    const Eigen::VectorXd d = 2.0 * options_.damping_ratio * modes.eigenvalues().cwiseMax(0.0).cwiseSqrt();
+    damping_ += MV * d.asDiagonal() * MV.transpose();
+  }
+}
+
+std::vector<SliceTable> Beam::tables(const std::vector<double>& stations, const GaussRule& rule) const {
+  std::vector<double> parts;
+  for (double X : stations) parts.push_back(X / length_);
+  std::vector<SliceTable> out = tables_at(parts, rule);
+  for (std::size_t k = 0; k < stations.size(); ++k) out[k].X = stations[k];
+  return out;
+}
+
+std::vector<SliceTable> Beam::tables_at(const std::vector<double>& parts, const GaussRule& rule) const {
+  const std::shared_ptr<const std::vector<UnitSlice>> unit = unit_slices(*unit_, parts);
+  std::array<double, kStrains> shrink;  // of a strain's coordinates to those at length 1
+  const auto strain_of = [&](int coordinate) {
+    int s = kStrains - 1;
+    while (first_[s] > coordinate || options_.modes[s] == 0) --s;
+    return s;
+  };
+  for (int i = 0; i < kStrains; ++i) shrink[i] = std::pow(length_, -unit_->power(i));
+  std::vector<SliceTable> out;
+  for (std::size_t k = 0; k < parts.size(); ++k) {
+    const UnitSlice& at = (*unit)[k];
+    SliceTable t;
+    t.X = length_ * parts[k];
+    t.plane = plane_;
+    t.linear = MatrixXd::Zero(6, ne_);
+    t.strains = StrainMatrix::Zero(kStrains, ne_);
+    for (int i = 0; i < kStrains; ++i) {
+      const StrainField& f = kStrainFields[i];
+      const ShapeValues& s = at.values[i];
+      const auto columns = [&](auto& m, int row) { return m.block(row, first_[i], 1, options_.modes[i]); };
+      if (f.position >= 0)
+        columns(t.linear, f.position) = length_ * shrink[i] * (f.bending ? s.deflection : s.slope).transpose();
+      if (f.rotation >= 0) columns(t.linear, 3 + f.rotation) = f.sign * shrink[i] * s.slope.transpose();
+      columns(t.strains, f.strain) =
+          f.sign * (f.is_curvature() ? shrink[i] / length_ : shrink[i]) * s.strain.transpose();
+    }
+    t.products = at.products;
+    for (Product& p : t.products) p.C *= (p.row < 3 ? length_ : 1.0) * shrink[strain_of(p.i)] * shrink[strain_of(p.j)];
+    if (options_.order > 2) t.weights = integral_weights(rule, length_, t.X);
+    out.push_back(std::move(t));
+  }
+  return out;
+}
+
+Eigen::VectorXd Beam::truncation(const Eigen::MatrixXd& q) const {
+  Eigen::VectorXd out = Eigen::VectorXd::Zero(q.rows());
+  if (!series_ || options_.order != kExact) return out;
+  constexpr int kPlaces = 8;
+  std::vector<double> places;
+  for (int k = 1; k <= kPlaces; ++k) places.push_back(length_ * k / kPlaces);
+  const GaussRule finer(2 * static_cast<int>(rule_.points.size()) + 8, length_);
+  const double* points = finer.points.data();
+  const SeriesTables twice(kExact, plane_, tables({points, points + finer.points.size()}, finer));
+  const std::array<std::vector<SliceTable>, 2> at{tables(places), tables(places, finer)};
+  Series<double> own(*series_, ne_), fine(twice, ne_);
+  std::array<Slice<double>, 2> slice{Slice<double>(ne_), Slice<double>(ne_)};
+  const Eigen::VectorXd still = Eigen::VectorXd::Zero(ne_);
+  for (Eigen::Index row = 0; row < q.rows(); ++row) {
+    const Eigen::VectorXd qe = q.row(row);
+    fill_series(*series_, qe.data(), still.data(), own);
+    fill_series(twice, qe.data(), still.data(), fine);
+    for (std::size_t k = 0; k < places.size(); ++k) {
+      for (std::size_t i : {0u, 1u}) {
+        const Series<double>& s = i == 0 ? own : fine;
+        if (plane_ == Plane::none)
+          move_slice(at[i][k], Eigen::Vector3d::Zero(), kExact, s, slice[i]);
+        else
+          move_planar_slice(at[i][k], Eigen::Vector3d::Zero(), s, qe.data(), still.data(), true, slice[i]);
+      }
+      const double wrong = std::max((slice[0].x - slice[1].x).cwiseAbs().maxCoeff() / length_,
+                                    (slice[0].R - slice[1].R).cwiseAbs().maxCoeff());
+      if (!(wrong <= out[row])) out[row] = wrong;  // NaN as well
+    }
+  }
+  return out;
+}
+
+SliceTable Beam::slice_at(double X) const {
+  if (!(X >= 0.0 && X <= length_))
+    bad_value("x", X, "must be on the beam, from 0 to its length, " + std::to_string(length_) + " m");
+  return tables({X}).front();
+}
+
+}  // namespace flexarm

@@ -1,0 +1,82 @@
+// An arm: an immutable serial chain of links.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "flexarm/link.hpp"
+#include "flexarm/made_once.hpp"
+
+namespace flexarm {
+
+// Eigen takes memory, and lays out what it packs, as the vector flags (-mavx, -march=native) and the address sanitizer
+// of a file have it. A program whose files disagree with the library on that crashes; by these names it does not link
+// instead. Then compile the library with the flags of the program: as a part of its project, or by -DCMAKE_CXX_FLAGS=.
+#define FLEXARM_JOIN_(a, b) a##b
+#define FLEXARM_JOIN(a, b) FLEXARM_JOIN_(a, b)
+#define FLEXARM_SAME_VECTORS FLEXARM_JOIN(aligned_to_, EIGEN_DEFAULT_ALIGN_BYTES)
+#if EIGEN_DEFAULT_ALIGN_BYTES == 16 && !EIGEN_MALLOC_ALREADY_ALIGNED
+#define FLEXARM_SAME_MALLOC by_eigen
+#else
+#define FLEXARM_SAME_MALLOC by_the_system
+#endif
+namespace this_file_has_other_vector_flags_than_the_flexarm_library {
+extern const char FLEXARM_SAME_VECTORS;
+}
+namespace this_file_has_other_sanitizers_than_the_flexarm_library {
+extern const char FLEXARM_SAME_MALLOC;
+}
+#if defined(__GNUC__)
+[[gnu::used]] static const char* const flexarm_flags_are_those_of_the_library[] = {
+    &this_file_has_other_vector_flags_than_the_flexarm_library::FLEXARM_SAME_VECTORS,
+    &this_file_has_other_sanitizers_than_the_flexarm_library::FLEXARM_SAME_MALLOC};
+#endif
+
+class Arm {
+ public:
+  /// @param gravity world axes (m/s^2); the first joint sits at the world's origin, in its axes
+  /// @throws std::invalid_argument naming the field and the value, also for a coordinate without inertia
+  explicit Arm(std::vector<Link> links, const Eigen::Vector3d& gravity = Eigen::Vector3d::Zero());
+
+  const std::vector<Link>& links() const { return links_; }
+  std::size_t size() const { return links_.size(); }
+  const Link& link(std::size_t n) const { return links_[n]; }
+  const Eigen::Vector3d& gravity() const { return gravity_; }
+  int nq() const { return nq_; }  ///< nv, and one more for each ball
+  int nv() const { return nv_; }
+  int first(std::size_t n) const { return first_[n]; }      ///< first rate of link n: joint, then elastic (Eq. 33)
+  int first_q(std::size_t n) const { return first_q_[n]; }  ///< first coordinate of link n
+  /// Coordinate whose rate is rate i, or -1 for the rates of a ball.
+  int coordinate_of(int i) const { return coordinate_of_[i]; }
+  /// All coordinates zero, balls at 1 0 0 0.
+  Eigen::VectorXd zero() const;
+  /// Generalised forces of all patches per volt (Eq. 61), nv x their number, in the order of links and patches.
+  Eigen::MatrixXd patch_matrix() const;
+  /// A label per rate, such as "link 0 bending_y 1".
+  std::vector<std::string> coordinates() const;
+  /// Sizes of coordinates (nq) and rates (nv) that no sane motion comes near: elastic coordinates that by themselves
+  /// move a section by 10 times the beam's length (1000 times where the rotation is exact: coils) or turn it by 1e4
+  /// rad, and joints at 1e12 rad/s or m/s. The largest double for all others: joints travel as far as they like.
+  const Eigen::VectorXd& farthest() const { return farthest_; }
+  const Eigen::VectorXd& fastest() const { return fastest_; }
+  /// Whether all are finite and below those: else the motion has run away.
+  bool within_reach(const Eigen::VectorXd& q, const Eigen::VectorXd& v) const {
+    return (q.array().abs() <= farthest_.array()).all() && (v.array().abs() <= fastest_.array()).all();
+  }
+  /// Which beam or joint is the nearest to those, or the farthest beyond, in words; empty where none is anywhere near.
+  std::string farthest_out(const Eigen::VectorXd& q, const Eigen::VectorXd& v) const;
+  /// For what a room above makes of the arm.
+  const MadeOnce& kept() const { return kept_; }
+
+ private:
+  void check_inertia() const;
+
+  std::vector<Link> links_;
+  Eigen::Vector3d gravity_;
+  std::vector<int> first_, first_q_, coordinate_of_;
+  int nq_ = 0, nv_ = 0;
+  Eigen::VectorXd farthest_, fastest_;
+  MadeOnce kept_;
+};
+
+}  // namespace flexarm

@@ -1,0 +1,139 @@
+// The elastic beam: shape functions, elastic and damping matrices, and the slices that stand for its inertia
+// (Sec. 3).
+#pragma once
+
+#include <array>
+#include <memory>
+#include <vector>
+
+#include "flexarm/made_once.hpp"
+#include "flexarm/patch.hpp"
+#include "flexarm/quadrature.hpp"
+#include "flexarm/section.hpp"
+#include "flexarm/series.hpp"
+#include "flexarm/shape.hpp"
+#include "flexarm/slice.hpp"
+
+namespace flexarm {
+
+/// A slice that carries inertia: a Gauss point of the beam.
+struct MassSlice {
+  SliceTable table;
+  double mass;              ///< rho A dX (kg)
+  Eigen::Vector3d inertia;  ///< rho I dX about the slice's axes (kg m^2); zero without rotary inertia
+};
+
+/// What the modes of the loaded basis carry at their end.
+struct BasisTip {
+  double mass = 0.0;                                  ///< kg
+  double offset = 0.0;                                ///< of its centre of mass beyond the beam's end (m)
+  Eigen::Vector3d inertia = Eigen::Vector3d::Zero();  ///< about its centre of mass (kg m^2)
+};
+
+struct BeamOptions {
+  std::array<int, kStrains> modes{};  ///< shape functions of each strain (shape.hpp)
+  Basis basis = Basis::clamped_free;
+  /// User-given shapes of a strain, if any, in place of the basis: one column each, coefficients in P_0, P_1, ...
+  /// (see ShapeSet); `modes` is then their number.
+  std::array<Eigen::MatrixXd, kStrains> shapes{};
+  BasisTip tip{};              ///< of the loaded basis
+  int order = 2;               ///< of rotation (Eq. 26): 0 (the paper's simplified model), 1, 2, 3 or kExact
+  bool rotary_inertia = true;  ///< of the slices
+  double damping_ratio = 0.0;  ///< modal, of every mode of the beam clamped at its base
+  double kelvin_voigt = 0.0;   ///< retardation time (s): stress = E (strain + kelvin_voigt dstrain/dt)
+  int gauss_points = 0;        ///< 0: enough for the basis, see `enough_gauss_points`
+};
+
+struct UnitShapes;
+
+/// Beam along x, clamped to its link's hub at X = 0. Immutable; copies share their tables.
+class Beam {
+ public:
+  /// @throws std::invalid_argument naming the field and the value
+  Beam(double length, const Section& section, const Material& material, const BeamOptions& options,
+       const std::vector<Patch>& patches = {});
+  /// Tapered.
+  Beam(double length, const SectionProfile& section, const Material& material, const BeamOptions& options,
+       const std::vector<Patch>& patches = {});
+
+  double length() const { return length_; }
+  const BeamOptions& options() const { return options_; }
+  int order() const { return options_.order; }
+  int ne() const { return ne_; }                          ///< elastic coordinates
+  int first(int strain) const { return first_[strain]; }  ///< first coordinate of a strain (Eq. 33)
+  double mass() const { return mass_; }
+
+  const Eigen::MatrixXd& stiffness() const { return stiffness_; }  ///< Eq. 62, ne x ne
+  const Eigen::MatrixXd& damping() const { return damping_; }      ///< ne x ne
+  /// Beyond order 2, what the series needs; else null.
+  const SeriesTables* series() const { return series_.get(); }
+  const ShapeSet& shapes(int strain) const { return shapes_[strain]; }
+  bool damped() const { return options_.damping_ratio > 0.0 || options_.kelvin_voigt > 0.0; }
+  const std::vector<MassSlice>& slices() const { return *slices_; }
+  /// For what a room above makes of the beam.
+  const MadeOnce& kept() const { return kept_; }
+  const SliceTable& tip() const { return tip_; }  ///< the slice at X = L
+
+  /// Generalised forces of the patches per volt (Eq. 61), ne x their number, and their capacitances with the beam's
+  /// coordinates held (F).
+  const Eigen::MatrixXd& patch_forces() const { return patch_forces_; }
+  const Eigen::VectorXd& patch_capacitances() const { return patch_capacitances_; }
+  /// The same of a patch that need not be there. @throws std::invalid_argument naming the field and the value
+  Eigen::VectorXd patch_force(const Patch& patch, double* capacitance = nullptr) const;
+
+  /// The slice at any X in [0, L]. @throws std::invalid_argument outside
+  SliceTable slice_at(double X) const;
+  /// The slices at places that increase: in one sweep.
+  std::vector<SliceTable> tables(const std::vector<double>& stations) const { return tables(stations, rule_); }
+  /// The same at parts of the length, 0 to 1.
+  std::vector<SliceTable> tables_at(const std::vector<double>& parts) const { return tables_at(parts, rule_); }
+  /// At order "exact", by how much too few Gauss points put the sections wrong at elastic coordinates q (rows): parts
+  /// of the length and radians, the larger. Against twice as many points. Zero at other orders.
+  Eigen::VectorXd truncation(const Eigen::MatrixXd& q) const;
+  /// Whether the slices are those of a section that is the same from end to end.
+  bool uniform() const { return uniform_; }
+  /// The shape functions at length 1.
+  const UnitShapes& unit() const { return *unit_; }
+
+ private:
+  std::vector<SliceTable> tables(const std::vector<double>& stations, const GaussRule& rule) const;
+  std::vector<SliceTable> tables_at(const std::vector<double>& parts, const GaussRule& rule) const;
+  /// Section and material along the beam.
+  struct Profile;
+  Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options,
+       const std::vector<Patch>& patches);
+  std::vector<MassSlice> build_slices(const Profile& profile);
+  void build_stiffness(const Profile& profile, const std::vector<Patch>& patches);
+  void check_patch(const Patch& patch) const;
+  void add_patch_slices(const Patch& patch, std::vector<MassSlice>& slices);
+  Eigen::MatrixXd patch_stiffness(const Patch& patch) const;
+  int points_for_strains() const;
+  /// Per coordinate (Eq. 28-32).
+  StrainMatrix strains_at(double X) const;
+
+  double length_;
+  bool uniform_ = true;
+  BeamOptions options_;
+  std::vector<ShapeSet> shapes_;  ///< one for each strain
+  Plane plane_ = Plane::none;
+  int ne_ = 0;
+  std::array<int, kStrains> first_{};
+  double mass_ = 0.0;
+  Eigen::MatrixXd stiffness_, damping_, patch_forces_;
+  Eigen::VectorXd patch_capacitances_;
+  SliceTable tip_;
+  // what is large is shared by copies: a chain of equal beams reads one table, which stays in the processor's cache
+  std::shared_ptr<const std::vector<MassSlice>> slices_;
+  std::shared_ptr<const SeriesTables> series_;
+  MadeOnce kept_;
+  std::shared_ptr<const UnitShapes> unit_;
+  GaussRule rule_{1};  ///< of the series' points, and of the slices of a uniform beam
+};
+
+/// Gauss points that integrate the inertia of the beam's slices to about 1e-12: exactly what the polynomials of the
+/// Legendre basis need, from the wave number of the highest mode for clamped-free and loaded modes, and by trial for
+/// user-given shapes. For slices on a part of the length alone, clamped-free modes need fewer.
+int enough_gauss_points(const BeamOptions& options, const std::vector<ShapeSet>& shapes, double length,
+                        double part = 1.0);
+
+}  // namespace flexarm

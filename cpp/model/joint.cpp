@@ -1,0 +1,322 @@
+#include "flexarm/joint.hpp"
+
+#include <cmath>
+
+#include "flexarm/check.hpp"
+#include "flexarm/dual.hpp"
+
+namespace flexarm {
+
+namespace {
+
+constexpr double kSoftEntry = 1e-3;  // rad or m past a stop over which its damping sets in, so that force is continuous
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kPull = 1.0;  // 1/s, of a quaternion's length to 1
+
+Eigen::Vector3d unit(const Eigen::Vector3d& axis) {
+  finite("axis", axis);
+  if (!(axis.stableNorm() > 0.0)) bad_value("axis", axis.transpose(), "must not be zero");
+  return axis.stableNormalized();
+}
+
+void check_placement(const char* side, const Placement& place) {
+  finite(std::string(side) + ".position", place.position);
+  const Eigen::Matrix3d& R = place.rotation;
+  if (!R.allFinite() || (R * R.transpose() - Eigen::Matrix3d::Identity()).norm() > 1e-9 || R.determinant() < 0.0)
+    bad_value(std::string(side) + ".rotation", R.reshaped().transpose(), "must be a rotation matrix");
+}
+
+/// Moves what is known of the motion (V, c, H in the moving frame's axes) into a frame turned by R.
+template <class S>
+void turn(const Mat3<S>& R, JointMotion<S>& m) {
+  const Mat3<S> Rt = R.transpose();
+  const auto both = [&](auto&& x) {
+    const Vec3<S> a = Rt * x.template head<3>(), b = Rt * x.template tail<3>();
+    x.template head<3>() = a;
+    x.template tail<3>() = b;
+  };
+  both(m.V);
+  both(m.c);
+  for (Eigen::Index k = 0; k < m.H.cols(); ++k) both(m.H.col(k));
+  m.R = m.R * R;
+}
+
+/// Moves it to a point at d in the moving frame.
+template <class S>
+void shift(const Vec3<S>& d, JointMotion<S>& m) {
+  m.p += m.R * d;
+  const Vec3<S> w = m.V.template tail<3>(), wd = w.cross(d);
+  m.V.template head<3>() += wd;
+  m.c.template head<3>() += m.c.template tail<3>().cross(d) + w.cross(wd);
+  for (Eigen::Index k = 0; k < m.H.cols(); ++k) m.H.col(k).template head<3>() += m.H.col(k).template tail<3>().cross(d);
+}
+
+/// The turn of a ball, from its quaternion (of any length): rotation vector and angle, at most pi.
+template <class S>
+struct BallTurn {
+  Vec3<S> vector;
+  S angle;
+
+  explicit BallTurn(const S* q) : vector(q[1], q[2], q[3]) {
+    using std::atan2;
+    using std::sqrt;
+    S w = q[0];
+    if (w < 0.0) {  // the same rotation
+      w = -w;
+      vector = -vector;
+    }
+    const S square = vector.dot(vector);
+    if (square - 1e-8 * w * w < 0.0) {  // 2 atan(x) = 2 (x - x^3/3 + x^5/5 - ..)
+      const S x2 = square / (w * w);
+      vector *= 2.0 / w * (1.0 - x2 / 3.0 + x2 * x2 / 5.0);
+      angle = S(0);
+      if (-square < 0.0) angle = sqrt(vector.dot(vector));
+      return;
+    }
+    const S length = sqrt(square);
+    angle = 2.0 * atan2(length, w);
+    vector *= angle / length;
+  }
+};
+
+}  // namespace
+
+Joint::Joint(std::vector<ElementaryMotion> motions, bool ball, std::vector<std::string> labels,
+             std::vector<JointForce> forces, const Placement& inboard, const Placement& outboard)
+    : motions_(std::move(motions)),
+      ball_(ball),
+      labels_(std::move(labels)),
+      forces_(std::move(forces)),
+      inboard_(inboard),
+      outboard_(outboard) {
+  for (ElementaryMotion& m : motions_) m.axis = unit(m.axis);
+  if (nv() > 6) bad_value("axes", motions_.size(), "at most six freedoms, a ball counting three");
+  if (static_cast<int>(labels_.size()) != nv()) bad_value("labels", labels_.size(), "one for each freedom");
+  if (!forces_.empty() && static_cast<int>(forces_.size()) != nv())
+    bad_value("forces", forces_.size(), "one for each freedom");
+  for (std::size_t i = 0; i < forces_.size(); ++i) {
+    JointForce& f = forces_[i];
+    if (std::isnan(f.stiction)) f.stiction = f.coulomb;
+    const std::string at = "[" + std::to_string(i) + "]";
+    non_negative("stiffness" + at, f.stiffness);
+    non_negative("damping" + at, f.damping);
+    non_negative("limit_stiffness" + at, f.limit_stiffness);
+    non_negative("limit_damping" + at, f.limit_damping);
+    non_negative("coulomb" + at, f.coulomb);
+    non_negative("reflected_inertia" + at, f.reflected_inertia);
+    if (!(f.stiction >= f.coulomb && std::isfinite(f.stiction)))
+      bad_value("stiction" + at, f.stiction, "must be finite, and at least coulomb");
+    if (!std::isfinite(f.rest)) bad_value("rest" + at, f.rest, "must be finite");
+    if (!(f.lower < f.upper)) bad_value("lower" + at, f.lower, "must be below upper");
+    const bool stops = std::isfinite(f.lower) || std::isfinite(f.upper);
+    if (stops && !(f.limit_stiffness > 0.0))
+      bad_value("limit_stiffness" + at, f.limit_stiffness, "must be positive where there is a limit");
+  }
+  if (ball_ && !forces_.empty()) check_ball_forces();
+  check_placement("inboard", inboard_);
+  check_placement("outboard", outboard_);
+}
+
+void Joint::check_ball_forces() const {
+  const JointForce& first = forces_[motions_.size()];
+  for (std::size_t i = motions_.size(); i < forces_.size(); ++i) {
+    const JointForce& f = forces_[i];
+    const std::string at = "[" + std::to_string(i) + "]";
+    if (f.stiction > 0.0)
+      bad_value("coulomb" + at, f.coulomb, "a ball has no dry friction; use three rotations (Axes)");
+    if (f.rest != 0.0)
+      bad_value("rest" + at, f.rest, "a ball's spring is at rest where it is not turned; use outboard");
+    if (std::isfinite(f.lower) && f.lower != -f.upper)
+      bad_value("lower" + at, f.lower,
+                "of a ball, upper is the largest angle of its turn: lower must be left out or -upper");
+    if (std::isfinite(f.upper) && !(f.upper > 0.0 && f.upper < kPi))
+      bad_value("upper" + at, f.upper, "of a ball, must be an angle between 0 and pi");
+    if (f.stiffness != first.stiffness || f.upper != first.upper || f.limit_stiffness != first.limit_stiffness ||
+        f.limit_damping != first.limit_damping)
+      bad_value("stiffness" + at, f.stiffness, "spring and limits of a ball must be the same about all three axes");
+  }
+}
+
+Joint Joint::fixed() { return Joint({}, false, {}); }
+Joint Joint::revolute(const Eigen::Vector3d& axis) { return Joint({{true, axis}}, false, {"revolute"}); }
+Joint Joint::prismatic(const Eigen::Vector3d& axis) { return Joint({{false, axis}}, false, {"prismatic"}); }
+
+template <class S>
+void Joint::move(const S* q, const S* v, JointMotion<S>& m) const {
+  m.R = inboard_.rotation.template cast<S>();
+  m.p = inboard_.position.template cast<S>();
+  m.V.setZero();
+  m.c.setZero();
+  m.H.resize(6, 0);
+  const auto append = [&](const Vec3<S>& linear, const Vec3<S>& angular) {
+    m.H.conservativeResize(6, m.H.cols() + 1);
+    m.H.col(m.H.cols() - 1) << linear, angular;
+  };
+  // Each motion acts like a joint on a massless link: V = Phi V + H dq and A = Phi A + H ddq + N (Eq. 68, 69).
+  const Vec3<S> zero = Vec3<S>::Zero();
+  for (std::size_t i = 0; i < motions_.size(); ++i) {
+    const Vec3<S> u = motions_[i].axis.template cast<S>(), rate = u * v[i];
+    if (motions_[i].rotation) {
+      turn(rotation(Vec3<S>(u * q[i]), RotationCoefficients<S>(q[i] * q[i])), m);
+      m.c.template tail<3>() += m.V.template tail<3>().cross(rate);
+      m.V.template tail<3>() += rate;
+      append(zero, u);
+    } else {
+      shift(Vec3<S>(u * q[i]), m);
+      m.c.template head<3>() += 2.0 * m.V.template tail<3>().cross(rate);
+      m.V.template head<3>() += rate;
+      append(u, zero);
+    }
+  }
+  if (ball_) {
+    const std::size_t n = motions_.size();
+    const Vec3<S> e(q[n + 1], q[n + 2], q[n + 3]), w(v[n], v[n + 1], v[n + 2]);
+    const S square = q[n] * q[n] + e.dot(e), scale = 2.0 / square;
+    const Mat3<S> et = tilde(e);
+    Mat3<S> R = scale * (et * et) + (scale * q[n]) * et;
+    R.diagonal().array() += 0.5 * (scale * square);  // 1; not a number where the square overflows
+    turn(R, m);
+    m.c.template tail<3>() += m.V.template tail<3>().cross(w);
+    m.V.template tail<3>() += w;
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      Vec3<S> axis = zero;
+      axis[k] = S(1);
+      append(zero, axis);
+    }
+  }
+  shift(Vec3<S>(outboard_.position.template cast<S>()), m);
+  turn(Mat3<S>(outboard_.rotation.template cast<S>()), m);
+}
+
+void Joint::rates(const double* q, const double* v, double* dq) const {
+  const std::size_t n = motions_.size();
+  std::copy(v, v + n, dq);
+  if (!ball_) return;
+  const Eigen::Map<const Eigen::Vector3d> e(q + n + 1), w(v + n);
+  const double pull = kPull * (1.0 - q[n] * q[n] - e.squaredNorm());
+  dq[n] = -0.5 * e.dot(w) + pull * q[n];
+  Eigen::Map<Eigen::Vector3d>(dq + n + 1) = 0.5 * (q[n] * w + e.cross(w)) + pull * e;
+}
+
+void Joint::rate_jacobians(const double* q, const double* v, Eigen::Ref<Eigen::MatrixXd> by_q,
+                           Eigen::Ref<Eigen::MatrixXd> by_v) const {
+  by_q.setZero();
+  by_v.setZero();
+  const Eigen::Index n = static_cast<Eigen::Index>(motions_.size());
+  by_v.topLeftCorner(n, n).setIdentity();
+  if (!ball_) return;
+  const Eigen::Map<const Eigen::Vector4d> p(q + n);
+  const Eigen::Map<const Eigen::Vector3d> e(q + n + 1), w(v + n);
+  auto Q = by_q.block<4, 4>(n, n);
+  Q.block<1, 3>(0, 1) = -0.5 * w.transpose();
+  Q.block<3, 1>(1, 0) = 0.5 * w;
+  Q.block<3, 3>(1, 1) = -0.5 * tilde(w);
+  Q += kPull * ((1.0 - p.squaredNorm()) * Eigen::Matrix4d::Identity() - 2.0 * p * p.transpose());
+  auto E = by_v.block<4, 3>(n, n);
+  E.row(0) = -0.5 * e.transpose();
+  E.bottomRows<3>() = 0.5 * (p[0] * Eigen::Matrix3d::Identity() + tilde(e));
+}
+
+void turn_ball(const double* p0, const Eigen::Vector3d& u, double* p) {
+  const double angle = 0.5 * u.norm();
+  const double c = std::cos(angle), sinc = angle > 1e-8 ? std::sin(angle) / angle : 1.0;
+  const Eigen::Vector3d e(p0[1], p0[2], p0[3]), s = 0.5 * sinc * u;
+  Eigen::Map<Eigen::Vector4d> out(p);
+  const double w = p0[0];
+  out << w * c - e.dot(s), w * s + c * e + e.cross(s);
+  out.normalize();
+}
+
+Eigen::Vector3d turn_rate(const Eigen::Vector3d& u, const Eigen::Vector3d& w) {
+  const double square = u.squaredNorm(), half = 0.5 * std::sqrt(square);
+  const double k =
+      square < 2e-3 ? (1.0 + square * (1.0 + square / 42.0) / 60.0) / 12.0 : (1.0 - half / std::tan(half)) / square;
+  const Eigen::Vector3d uw = u.cross(w);
+  return w + 0.5 * uw + k * u.cross(uw);
+}
+
+void Joint::displace(const double* q0, const double* u, double* q) const {
+  const std::size_t n = motions_.size();
+  for (std::size_t i = 0; i < n; ++i) q[i] = q0[i] + u[i];
+  if (ball_) turn_ball(q0 + n, Eigen::Map<const Eigen::Vector3d>(u + n), q + n);
+}
+
+void Joint::normalise(double* q) const {
+  if (ball_) Eigen::Map<Eigen::Vector4d>(q + motions_.size()).normalize();
+}
+
+Eigen::VectorXd Joint::zero() const {
+  Eigen::VectorXd q = Eigen::VectorXd::Zero(nq());
+  if (ball_) q[static_cast<Eigen::Index>(motions_.size())] = 1.0;
+  return q;
+}
+
+template <class S>
+S Joint::resistance(int i, const S* q, const S* v) const {
+  const JointForce& f = forces_[i];
+  S force = f.damping * v[i];
+  const auto stop = [&](const S& depth, const S& rate) -> S {  // the damping sets in over the first of the depth
+    const S entry = (depth < 0.0 ? -depth : depth) / kSoftEntry;
+    return f.limit_stiffness * depth + f.limit_damping * (entry < 1.0 ? entry : S(1)) * rate;
+  };
+  const int n = static_cast<int>(motions_.size());
+  if (i >= n) {
+    if (f.stiffness == 0.0 && !std::isfinite(f.upper)) return force;
+    const BallTurn<S> turn(q + n);
+    force += f.stiffness * turn.vector[i - n];
+    if (-turn.angle < -f.upper) {
+      const Vec3<S> axis = turn.vector / turn.angle;
+      force += axis[i - n] * stop(turn.angle - f.upper, axis.dot(Vec3<S>(v[n], v[n + 1], v[n + 2])));
+    }
+    return force;
+  }
+  force += f.stiffness * (q[i] - f.rest);
+  if (q[i] < f.lower) force += stop(q[i] - f.lower, v[i]);
+  if (-q[i] < -f.upper) force += stop(q[i] - f.upper, v[i]);
+  return force;
+}
+
+std::pair<double, double> Joint::resistance_slopes(int i, const double* q, const double* v) const {
+  const JointForce& f = forces_[i];
+  double by_q = f.stiffness, by_v = f.damping;
+  const auto stop = [&](double depth, double rate) {
+    const double entry = std::abs(depth) / kSoftEntry;
+    by_q += f.limit_stiffness;
+    if (entry < 1.0) by_q += f.limit_damping * rate / std::copysign(kSoftEntry, depth);
+    by_v += f.limit_damping * std::min(entry, 1.0);
+  };
+  const int n = static_cast<int>(motions_.size());
+  if (i < n) {
+    if (q[i] < f.lower) stop(q[i] - f.lower, v[i]);
+    if (q[i] > f.upper) stop(q[i] - f.upper, v[i]);
+  } else if (std::isfinite(f.upper)) {
+    const double depth = BallTurn<double>(q + n).angle - f.upper;
+    if (depth > 0.0) stop(depth, 0.0);
+  }
+  return {std::max(by_q, 0.0), by_v};
+}
+
+double Joint::potential(const double* q) const {
+  double sum = 0.0;
+  const auto add = [&](const JointForce& f, double stretch, double depth) {
+    sum += 0.5 * f.stiffness * stretch * stretch + 0.5 * f.limit_stiffness * depth * depth;
+  };
+  for (std::size_t i = 0; i < forces_.size() && i < motions_.size(); ++i) {
+    const JointForce& f = forces_[i];
+    add(f, q[i] - f.rest, std::max(0.0, q[i] - f.upper) + std::max(0.0, f.lower - q[i]));
+  }
+  if (ball_ && !forces_.empty()) {
+    const double angle = BallTurn<double>(q + motions_.size()).angle;
+    const JointForce& f = forces_[motions_.size()];
+    add(f, angle, std::max(0.0, angle - f.upper));
+  }
+  return sum;
+}
+
+#define FLEXARM_INSTANTIATE(S)                                             \
+  template void Joint::move<S>(const S*, const S*, JointMotion<S>&) const; \
+  template S Joint::resistance<S>(int, const S*, const S*) const;
+FLEXARM_INSTANTIATE(double)
+FLEXARM_INSTANTIATE(Tangent)
+
+}  // namespace flexarm

@@ -1,0 +1,78 @@
+#include "strain_physics.hpp"
+
+namespace flexarm {
+
+using Eigen::MatrixXd;
+
+bool is_shear(int strain) { return !is_bending(strain); }
+
+double section_form(int strain, const Section& s) {
+  if (strain == bending_y) return s.second_moment_z;
+  if (strain == bending_z) return s.second_moment_y;
+  return strain == torsion ? s.torsion_constant : s.shear_correction * s.area;
+}
+
+double rigidity(int strain, const Material& material, const Section& s) {
+  return (is_shear(strain) ? material.shear_modulus : material.youngs_modulus) * section_form(strain, s);
+}
+
+Eigen::Vector3d rotary_inertia(const Material& material, const Section& s) {
+  const double iy = s.second_moment_y, iz = s.second_moment_z;
+  return material.density * Eigen::Vector3d(iy + iz, iy, iz);
+}
+
+double modal_inertia(int strain, const Material& material, const Section& s) {
+  const StrainField& f = kStrainFields[strain];
+  return f.position < 0 ? rotary_inertia(material, s)[f.rotation] : material.density * s.area;
+}
+
+Plane plane_of(const StrainCounts& modes) {
+  const auto all_in = [&](int across, int turn) {  // of what is moved along x and `across`, and turned about `turn`
+    for (int s = 0; s < kStrains; ++s) {
+      const StrainField& f = kStrainFields[s];
+      const bool fits = (f.position <= 0 || f.position == across) && (f.rotation < 0 || f.rotation == turn);
+      if (modes[s] > 0 && !fits) return false;
+    }
+    return true;
+  };
+  const bool xy = all_in(1, 2), xz = all_in(2, 1);
+  return xy == xz ? Plane::none : xy ? Plane::xy : Plane::xz;
+}
+
+PlanarStrains strains_in(Plane plane) {
+  return plane == Plane::xy ? PlanarStrains{bending_y, shear_y} : PlanarStrains{bending_z, shear_z};
+}
+
+ProductIntegrals::ProductIntegrals(const StrainCounts& n) {
+  for (int i = 0; i < kStrains; ++i)
+    for (int j = 0; j < kStrains; ++j) slope_slope[i][j] = slope_strain[i][j] = MatrixXd::Zero(n[i], n[j]);
+  for (int t : {bending_y, bending_z}) nested[t] = MatrixXd::Zero(n[torsion], n[t]);
+}
+
+std::vector<Product> second_order(const ProductIntegrals& I, const StrainCounts& first) {
+  std::vector<Product> terms;
+  const auto add = [&](int row, int i, int j, const MatrixXd& C) {
+    if (C.size() > 0) terms.push_back({row, first[i], first[j], C});
+  };
+  // x1 = X - int (v2'^2 + v3'^2)/2 + v2' gamma2' + v3' gamma3': the shortening
+  add(0, bending_y, bending_y, -I.slope_slope[bending_y][bending_y]);
+  add(0, bending_z, bending_z, -I.slope_slope[bending_z][bending_z]);
+  add(0, bending_y, shear_y, -I.slope_strain[bending_y][shear_y]);
+  add(0, bending_z, shear_z, -I.slope_strain[bending_z][shear_z]);
+  // x2 = v2 + gamma2 - int (int alpha v3'' + alpha gamma3'),  x3 = v3 + gamma3 + int (int alpha v2'' + alpha
+  // gamma2')
+  add(1, torsion, bending_z, -I.nested[bending_z]);
+  add(1, torsion, shear_z, -I.slope_strain[torsion][shear_z]);
+  add(2, torsion, bending_y, I.nested[bending_y]);
+  add(2, torsion, shear_y, I.slope_strain[torsion][shear_y]);
+  // theta_2 = 1/2 int (v2' v3'' - v3' v2'', v2' alpha' - alpha v2'', v3' alpha' - alpha v3'')
+  const auto antisymmetric = [&](int i, int j) -> MatrixXd {
+    return 0.5 * (I.slope_strain[i][j] - I.slope_strain[j][i].transpose());
+  };
+  add(3, bending_y, bending_z, antisymmetric(bending_y, bending_z));
+  add(4, bending_y, torsion, antisymmetric(bending_y, torsion));
+  add(5, bending_z, torsion, antisymmetric(bending_z, torsion));
+  return terms;
+}
+
+}  // namespace flexarm

@@ -1,0 +1,67 @@
+// The physics of the generalised strains, all of it: what resists them, what they move, and how they combine at second
+// order. A further strain is one row of the table in shape.hpp, and its terms here and in strain_physics.cpp. (Beyond
+// order 2 nothing is to be added: series.cpp integrates R' = R K~ and x' = R (e_x + phi) of all rows.)
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "flexarm/quadrature.hpp"
+#include "flexarm/section.hpp"
+#include "flexarm/shape.hpp"
+#include "flexarm/slice.hpp"
+
+namespace flexarm {
+
+using StrainCounts = std::array<int, kStrains>;
+
+/// Whether the shear modulus resists a strain; else Young's.
+bool is_shear(int strain);
+/// I_z, I_y, J, kA, kA of Eq. 62.
+double section_form(int strain, const Section& s);
+/// EI_z, EI_y, GJ, kGA, kGA (N m^2, N).
+double rigidity(int strain, const Material& material, const Section& s);
+/// Inertia per length of the section's rotation about x, y and z (kg m).
+Eigen::Vector3d rotary_inertia(const Material& material, const Section& s);
+/// What a clamped mode of one strain vibrates against, per length (Euler-Bernoulli for bending).
+double modal_inertia(int strain, const Material& material, const Section& s);
+/// The one plane in which all shape functions move the beam, if there is just one.
+Plane plane_of(const StrainCounts& modes);
+/// The strains that move a beam in a plane.
+struct PlanarStrains {
+  int bending, shear;
+};
+PlanarStrains strains_in(Plane plane);
+
+/// Running integrals from 0 to X of the products of shape functions that the second-order terms are made of.
+struct ProductIntegrals {
+  using Table = std::array<std::array<Eigen::MatrixXd, kStrains>, kStrains>;
+  Table slope_slope, slope_strain;        ///< int s_i s_j^T and int s_i e_j^T of slopes s and strains e
+  std::array<Eigen::MatrixXd, 2> nested;  ///< int int alpha v''^T for bending y and z
+
+  explicit ProductIntegrals(const StrainCounts& n);
+
+  /// Goes on from X = from to X = to.
+  template <class Shapes>
+  void advance(double from, double to, const Shapes& shapes_at);
+};
+template <class Shapes>
+void ProductIntegrals::advance(double from, double to, const Shapes& shapes_at) {
+  const GaussRule rule(24, to - from);
+  for (int t : {bending_y, bending_z}) nested[t] += (to - from) * slope_strain[torsion][t];
+  for (Eigen::Index g = 0; g < rule.points.size(); ++g) {
+    const double w = rule.weights[g], left = to - from - rule.points[g];
+    const std::array<ShapeValues, kStrains> s = shapes_at(from + rule.points[g]);
+    for (int i = 0; i < kStrains; ++i)
+      for (int j = 0; j < kStrains; ++j) {
+        slope_slope[i][j] += w * s[i].slope * s[j].slope.transpose();
+        slope_strain[i][j] += w * s[i].slope * s[j].strain.transpose();
+      }
+    for (int t : {bending_y, bending_z}) nested[t] += w * left * s[torsion].slope * s[t].strain.transpose();
+  }
+}
+/// The second-order terms of position (Eq. 24-27 with the shear angles, to total order 2) and of the rotation
+/// vector (theta_2 = 1/2 int theta_1 x K), with theta_1 = (alpha, -v3', v2') and K = (alpha', -v3'', v2'').
+std::vector<Product> second_order(const ProductIntegrals& I, const StrainCounts& first);
+
+}  // namespace flexarm

@@ -1,0 +1,77 @@
+// Scenarios of a batch in the lanes of a pack.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <functional>
+#include <vector>
+
+#include "flexarm/batch.hpp"
+#include "lanes/single.hpp"
+
+namespace flexarm {
+
+/// Nan into the rows of a scenario from `row` on.
+void fill_rows(const BatchProblem& problem, const BatchOutput& out, Eigen::Index scenario, Eigen::Index row);
+
+/// When to look at more than the steps at hand: about every millisecond or two, however short or long a step is.
+class Pace {
+ public:
+  /// After each step.
+  bool due() {
+    if (++since_ < every_) return false;
+    const auto now = std::chrono::steady_clock::now();
+    every_ = now - last_ > std::chrono::milliseconds(1) ? std::max(1, every_ / 2) : std::min(64, 2 * every_);
+    last_ = now;
+    since_ = 0;
+    return true;
+  }
+
+ private:
+  int since_ = 0, every_ = 1;
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+/// One thread's pack.
+class LaneGroup {
+ public:
+  /// Scenarios that a pack takes; 1 where the kernels do not know the arm or the loads that act on it.
+  static Eigen::Index width(const BatchProblem& problem);
+
+  /// @param alive  told about the steps done (of all lanes together); answers false to end the batch
+  LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::function<bool(long)> alive);
+  /// Runs scenarios first .. first + count - 1, at most `width`. Lanes without one repeat the last: a scenario's
+  /// results are the same whoever shares the pack with it.
+  void run(Eigen::Index first, Eigen::Index count, BatchStats& stats);
+  /// How many of these scenarios, from the first on, have arms of one structure; 0 where the kernels do not know it.
+  Eigen::Index alike(Eigen::Index first, Eigen::Index count) const;
+
+ private:
+  void pack_numbers();
+  void pack_friction();
+  const Arm& arm(Eigen::Index b) const { return *p_.arms[p_.arms.size() == 1 ? 0 : static_cast<std::size_t>(b)]; }
+  Eigen::Index scenario(Eigen::Index lane) const { return first_ + std::min(lane, count_ - 1); }
+  void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset) const;
+  bool jumps(long step, double* changed) const;
+  void row(const double* q, const double* v, const double* a, const double* tau, const int* status);
+  void pack(const BatchTable& table, Eigen::Index n, double* out) const;
+
+  const BatchProblem& p_;
+  const BatchOutput& out_;
+  std::function<bool(long)> alive_;
+  const lanes::Kernels& kernels_;
+  Eigen::Index width_, first_ = 0, count_ = 1;
+  std::optional<lanes::KernelArm> packed_;
+  lanes::Memory memory_;
+  std::vector<double> weight_, laws_, coulomb_, stiction_, q_, v_, farthest_, fastest_;
+  std::vector<int> rubbing_;  // rates with dry friction in any scenario; first those that are not prescribed
+  int rubbing_given_ = 0;
+  std::vector<int> free_, coordinate_, status_;
+  std::vector<long> reached_;
+  std::vector<Eigen::Index> rows_done_;
+  Eigen::Index row_ = 0;
+  long told_ = 0;
+  Pace pace_;
+};
+
+}  // namespace flexarm

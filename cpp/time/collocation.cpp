@@ -1,0 +1,351 @@
+#include "flexarm/collocation.hpp"
+
+#include <cmath>
+
+#include "flexarm/check.hpp"
+#include "flexarm/ci.hpp"
+#include "flexarm/dry_friction.hpp"
+#include "flexarm/quadrature.hpp"
+#include "sweeps.hpp"
+
+namespace flexarm {
+
+namespace {
+
+constexpr double kSlow = 0.25;   // contraction above which the Jacobians are made anew
+constexpr double kFails = 0.7;   // contraction at which even new ones are made anew, where the iteration now is
+constexpr double kBest = 0.02;   // contraction that is believed without having been measured in the same step
+constexpr int kGivenUp = 3;      // corrections that grew, after which an iteration is given up
+constexpr double kFloor = 1e-8;  // parts of the motion: an iteration that stalls below is at the end of its digits
+constexpr double kGrown = 1.5;   // ratio of a step to the one before, above which nothing is extrapolated
+constexpr double kForget = 0.99;
+constexpr double kFar = 30.0;  // times the energy that a step begins with and its forces bring: no solution is so far
+constexpr int kTurns = 60;     // passes that the turns of a ball may take
+constexpr double kTurned = 2e-15;  // rad: they have converged
+
+}  // namespace
+
+CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& options, DryFriction friction)
+    : arm_(&arm), options_(options), s_(options.stages), q0_(arm.zero()), v0_(Eigen::VectorXd::Zero(arm.nv())) {
+  if (friction == DryFriction::refused) refuse_friction(arm, "gauss");
+  if (s_ < 1 || s_ > 4) bad_value("stages", s_, "must be from 1 to 4");
+  positive("rtol", options.rtol);
+  if (options.max_iterations < 1) bad_value("max_iterations", options.max_iterations, "must be at least 1");
+  const GaussRule rule(s_);
+  c_ = rule.points;
+  b_ = rule.weights;
+  Eigen::MatrixXd powers(s_, s_);
+  A_.resize(s_, s_);
+  for (int i = 0; i < s_; ++i) {
+    A_.row(i) = integral_weights(rule, 1.0, c_[i]);
+    for (int k = 0; k < s_; ++k) powers(i, k) = std::pow(c_[i], k);
+  }
+  A2_ = A_ * A_;
+  monomials_ = powers.inverse();
+  turn_weights_ = A_.rowwise() - 0.5 * b_.transpose();
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const Joint& joint = arm.link(n).joint();
+    const Eigen::Index before = static_cast<Eigen::Index>(joint.motions().size());
+    if (joint.has_ball()) balls_.push_back({arm.first_q(n) + before, arm.first(n) + before});
+  }
+  q_ = Eigen::MatrixXd::Zero(arm.nq(), s_);
+  v_ = a_ = tau_ = a_before_ = u_ = du_ = Eigen::MatrixXd::Zero(arm.nv(), s_);
+  qs_ = middle_ = q0_;
+  vs_ = as_ = v0_;
+  rate_by_q_.resize(arm.nq(), arm.nq());
+  rate_by_v_.resize(arm.nq(), arm.nv());
+  K_full_.resize(arm.nv(), arm.nv());
+  for (const Link& link : arm.links()) mass_ += link.mass();
+}
+
+Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                              const Eigen::VectorXd& tau) {
+  const Status status = forward_dynamics(*arm_, ws, q, v, tau);
+  if (status != Status::ok) return status;
+  a_.colwise() = ws.a;
+  q_.colwise() = q;
+  std::vector<Load> loads;
+  for (const AppliedLoad<double>& l : ws.loads) loads.push_back(l.load);
+  derivatives_.emplace(*arm_, loads);
+  offsets_.setZero(static_cast<Eigen::Index>(ws.feedback.size()), s_);
+  wrenches_.assign(static_cast<std::size_t>(s_), std::vector<Vec6<double>>(loads.size(), Vec6<double>::Zero()));
+  free_q_.assign(static_cast<std::size_t>(arm_->nq()), true);
+  for (int i = 0; i < arm_->nv(); ++i)
+    if (ws.prescribed[static_cast<std::size_t>(i)]) free_q_[static_cast<std::size_t>(arm_->coordinate_of(i))] = false;
+  const Eigen::Index n = static_cast<Eigen::Index>(ws.free.size());
+  M_ = C_ = K_ = Eigen::MatrixXd::Zero(n, n);
+  newton_ = Eigen::MatrixXd::Identity(s_ * n, s_ * n);
+  residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
+  contraction_ = best_ = 1.0;
+  h_ = h_factored_ = scale_ = peak_ = 0.0;
+  fresh_ = false;
+  return Status::ok;
+}
+
+/// Accelerations of the step before, continued; where the step grows much they begin with the last.
+void CollocationStep::predict(double ratio, const Workspace& ws) {
+  a_before_ = a_;
+  if (ratio == 0.0) return;
+  for (int i = 0; i < s_; ++i) {
+    const double x = ratio > kGrown ? 1.0 : 1.0 + ratio * c_[i];
+    for (int row : ws.free) {
+      double sum = 0.0;
+      for (int j = 0; j < s_; ++j) {
+        double lagrange = 0.0;
+        for (int k = s_; k-- > 0;) lagrange = lagrange * x + monomials_(k, j);
+        sum += lagrange * a_before_(row, j);
+      }
+      a_(row, i) = sum;
+    }
+  }
+}
+
+/// Velocities and coordinates at the points from the accelerations there.
+/// @return whether the turns of the balls converged
+bool CollocationStep::place(double h, const Workspace& ws) {
+  for (int row : ws.free)
+    for (int i = 0; i < s_; ++i) v_(row, i) = v0_[row] + h * A_.row(i).dot(a_.row(row));
+  for (int row : ws.free) {
+    const int k = arm_->coordinate_of(row);
+    for (int i = 0; k >= 0 && i < s_; ++i) q_(k, i) = q0_[k] + h * A_.row(i).dot(v_.row(row));
+  }
+  return balls_.empty() || turn_balls(h);
+}
+
+/// u_i = h sum (A_ij - b_j / 2) du_j, repeated until it stands still: it contracts by a part of the turn.
+bool CollocationStep::turn_balls(double h) {
+  for (const Ball& ball : balls_) {
+    auto u = u_.middleRows<3>(ball.v), du = du_.middleRows<3>(ball.v);
+    double moved = 1.0;
+    for (int pass = 0; pass < kTurns && moved > kTurned; ++pass) {
+      for (int i = 0; i < s_; ++i) du.col(i) = turn_rate(u.col(i), v_.col(i).segment<3>(ball.v));
+      moved = 0.0;
+      for (int i = 0; i < s_; ++i) {
+        const Eigen::Vector3d now = h * (du * turn_weights_.row(i).transpose());
+        const double change = (now - u.col(i)).norm() / (1.0 + now.norm());
+        if (!(change <= moved)) moved = change;  // NaN as well
+        u.col(i) = now;
+      }
+    }
+    if (!(moved <= kTurned)) return false;
+    turn_ball(q0_.data() + ball.q, 0.5 * h * (du * b_), middle_.data() + ball.q);
+    for (int i = 0; i < s_; ++i) turn_ball(middle_.data() + ball.q, u.col(i), q_.col(i).data() + ball.q);
+  }
+  return true;
+}
+
+/// Mass matrix and exact Jacobians by rates and coordinates, at the point in the middle.
+void CollocationStep::differentiate(Workspace& ws) {
+  const int middle = s_ / 2;
+  qs_ = q_.col(middle);
+  vs_ = v_.col(middle);
+  as_ = a_.col(middle);
+  for (std::size_t k = 0; k < ws.loads.size(); ++k)
+    derivatives_->set_wrench(k, wrenches_[static_cast<std::size_t>(middle)][k]);
+  (*derivatives_)(*arm_, qs_, vs_, as_);
+  for (std::size_t k = 0; k < ws.feedback.size(); ++k)
+    ws.feedback[k].offset = offsets_(static_cast<Eigen::Index>(k), middle);
+  add_feedback_slopes(ws.feedback, qs_, vs_, derivatives_->dq, derivatives_->dv);
+  coordinate_rate_jacobians(*arm_, qs_, vs_, rate_by_q_, rate_by_v_);
+  K_full_.noalias() = derivatives_->dq * rate_by_v_;
+  move_arm<double>(*arm_, ws, qs_, vs_);
+  composite_mass_matrix(*arm_, ws);
+  M_all_ = ws.M;
+  const Eigen::Index n = M_.rows();
+  for (Eigen::Index k = 0; k < n; ++k)
+    for (Eigen::Index l = 0; l < n; ++l) {
+      const int i = ws.free[static_cast<std::size_t>(k)], j = ws.free[static_cast<std::size_t>(l)];
+      M_(k, l) = ws.M(i, j);
+      C_(k, l) = derivatives_->dv(i, j);
+      K_(k, l) = K_full_(i, j);
+    }
+  fresh_ = true;
+  h_factored_ = 0.0;
+}
+
+/// I x M + h A x C + h^2 A^2 x K
+bool CollocationStep::factor(double h) {
+  const Eigen::Index n = M_.rows();
+  for (int i = 0; i < s_; ++i)
+    for (int j = 0; j < s_; ++j) {
+      auto block = newton_.block(i * n, j * n, n, n);
+      block = h * A_(i, j) * C_ + h * h * A2_(i, j) * K_;
+      if (i == j) block += M_;
+    }
+  if (!newton_.allFinite()) return false;
+  lu_.compute(newton_);
+  h_factored_ = h;
+  ++counts_.factorisations;
+  return true;
+}
+
+/// Whether a solution is as fast as what the step began with and the forces at its points can make it. An iteration
+/// that has run away may find another root far off, or stop there, where its tolerance is large because the motion is.
+bool CollocationStep::believable(double h, Workspace& ws) {
+  const double fall = h * arm_->gravity().norm();
+  const auto fastest = [&](const Eigen::MatrixXd& M) {
+    vs_ = v0_;
+    vs_.noalias() += h * (a_ * b_);
+    double most = vs_.dot(M * vs_);
+    for (int i = 0; i < s_; ++i) most = std::max(most, v_.col(i).dot(M * v_.col(i)));
+    return most;
+  };
+  const double peak = kForget * peak_, free_fall = mass_ * fall * fall;
+  const double reached = fastest(M_all_);
+  if (!(reached <= kFar * (std::max(peak, v0_.dot(M_all_ * v0_)) + free_fall))) {  // look closer
+    double allowed = 0.0;
+    for (int i = 0; i < s_; ++i) {
+      qs_ = q0_;
+      vs_ = v0_;
+      for (Eigen::Index k = 0; k < qs_.size(); ++k)
+        if (!free_q_[static_cast<std::size_t>(k)]) qs_[k] = q_(k, i);
+      for (std::size_t k = 0; k < ws.prescribed.size(); ++k)
+        if (ws.prescribed[k]) vs_[static_cast<Eigen::Index>(k)] = v_(static_cast<Eigen::Index>(k), i);
+      ws.a = a_.col(i);  // forward dynamics reads the prescribed ones
+      set_forces(i, ws);
+      as_ = tau_.col(i);
+      ++counts_.evaluations;
+      if (forward_dynamics(*arm_, ws, qs_, vs_, as_) != Status::ok) return false;
+      as_ = ws.a;
+      if (i == 0) {
+        move_arm<double>(*arm_, ws, qs_, vs_);
+        composite_mass_matrix(*arm_, ws);
+      }
+      allowed = std::max(allowed, vs_.dot(ws.M * vs_) + h * h * as_.dot(ws.M * as_));
+    }
+    if (!(fastest(ws.M) <= kFar * (std::max(peak, allowed) + free_fall))) return false;
+  }
+  peak_ = std::max(peak, reached);
+  return true;
+}
+
+/// Loads and feedback at point i, for the sweeps.
+void CollocationStep::set_forces(int i, Workspace& ws) const {
+  for (std::size_t k = 0; k < ws.loads.size(); ++k) ws.loads[k].wrench = wrenches_[static_cast<std::size_t>(i)][k];
+  for (std::size_t k = 0; k < ws.feedback.size(); ++k)
+    ws.feedback[k].offset = offsets_(static_cast<Eigen::Index>(k), i);
+}
+
+Status CollocationStep::iterate(double h, Workspace& ws) {
+  const Eigen::Index n = M_.rows();
+  if (n == 0) return Status::ok;  // everything is prescribed
+  const double fall = h * arm_->gravity().norm();
+  double last = 0.0;
+  int grown = 0;
+  const auto tired = [&] {  // new Jacobians would do better
+    return !(contraction_ <= std::max(kSlow, std::min(1.5 * best_, kFails)));
+  };
+  bool anew = !fresh_ || tired();
+  bool renewed = false;
+  contraction_ = std::max(kBest, std::pow(contraction_, 0.8));  // old knowledge, doubted more with every step
+  for (int iteration = 1; iteration <= options_.max_iterations; ++iteration) {
+    if (look_) look_();
+    if (!place(h, ws)) return Status::not_converged;
+    if (anew) {
+      differentiate(ws);
+      renewed = true;
+    }
+    if (h != h_factored_ && !factor(h)) return Status::not_converged;
+    for (int i = 0; i < s_; ++i) {
+      qs_ = q_.col(i);
+      vs_ = v_.col(i);
+      as_ = a_.col(i);
+      set_forces(i, ws);
+      inverse_dynamics<double>(*arm_, ws, qs_, vs_, as_);
+      ++counts_.evaluations;
+      for (Eigen::Index k = 0; k < n; ++k) {
+        const int row = ws.free[static_cast<std::size_t>(k)];
+        residual_[i * n + k] = tau_(row, i) - ws.tau[row];
+      }
+    }
+    correction_ = lu_.solve(residual_);
+    ++counts_.iterations;
+    double work = 0.0, motion = 0.0;
+    for (int i = 0; i < s_; ++i) {
+      const auto turn = correction_.segment(i * n, n);
+      for (Eigen::Index k = 0; k < n; ++k) a_(ws.free[static_cast<std::size_t>(k)], i) += turn[k];
+      work += b_[i] * turn.dot(M_ * turn);
+      motion += b_[i] * (v_.col(i).dot(M_all_ * v_.col(i)) + h * h * a_.col(i).dot(M_all_ * a_.col(i)));
+    }
+    if (!std::isfinite(work) || !std::isfinite(motion))  // at once: the state is at fault; later: the iteration
+      return iteration == 1 && !fresh_ ? Status::not_finite : Status::not_converged;
+    const double scale = std::sqrt(std::max(kForget * scale_, motion) + mass_ * fall * fall);
+    const double moved = h * std::sqrt(std::max(work, 0.0));
+    if (iteration > 1) contraction_ = moved < last ? moved / last : 1.0;
+    if (iteration > 1 && moved > last && ++grown == kGivenUp) return Status::not_converged;
+    const bool stalled = iteration > 2 && contraction_ > 0.5 && moved <= kFloor * scale;
+    last = moved;
+    const double left = std::min(1.0, contraction_ / std::max(1.0 - contraction_, 1e-3)) * moved;
+    if (left <= options_.rtol * scale || stalled) {
+      if (!place(h, ws) || !believable(h, ws)) return Status::not_converged;
+      scale_ = std::max(kForget * scale_, motion);
+      if (stalled) contraction_ = kSlow;
+      if (renewed) best_ = contraction_;
+      return Status::ok;
+    }
+    anew = iteration > 2 && iteration % 3 == 0 && (renewed ? contraction_ > kFails : tired());
+  }
+  return Status::not_converged;
+}
+
+Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v,
+                                const Eigen::VectorXd& tau, const Given& given) {
+  q0_ = q;
+  v0_ = v;
+  u_.setZero();
+  predict(h_ > 0.0 ? h / h_ : 0.0, ws);
+  for (int i = 0; i < s_; ++i) {
+    if (given) given(c_[i]);
+    tau_.col(i) = tau;
+    for (Eigen::Index k = 0; k < q.size(); ++k) q_(k, i) = free_q_[static_cast<std::size_t>(k)] ? q0_[k] : q[k];
+    for (std::size_t k = 0; k < ws.prescribed.size(); ++k)
+      if (ws.prescribed[k]) {
+        v_(static_cast<Eigen::Index>(k), i) = v[static_cast<Eigen::Index>(k)];
+        a_(static_cast<Eigen::Index>(k), i) = ws.a[static_cast<Eigen::Index>(k)];
+      }
+    for (std::size_t k = 0; k < ws.loads.size(); ++k) wrenches_[static_cast<std::size_t>(i)][k] = ws.loads[k].wrench;
+    for (std::size_t k = 0; k < ws.feedback.size(); ++k)
+      offsets_(static_cast<Eigen::Index>(k), i) = ws.feedback[k].offset;
+  }
+  const Status status = iterate(h, ws);
+  q = q0_;
+  v = v0_;
+  if (status != Status::ok) {
+    fresh_ = false;
+    a_ = a_before_;  // what a shorter step will continue
+    return all_finite(q) && all_finite(v) && all_finite(tau) ? status : Status::not_finite;
+  }
+  h_ = h;
+  inside(1.0, q, v);
+  if (given) given(1.0);
+  if (arm_->within_reach(q, v)) return Status::ok;
+  q = q0_;
+  v = v0_;
+  return Status::not_finite;
+}
+
+void CollocationStep::inside(double c, Eigen::VectorXd& q, Eigen::VectorXd& v) const {
+  q = q0_;
+  v = v0_;
+  Eigen::Vector4d once;
+  for (int j = 0; j < s_; ++j) {  // the Lagrange polynomial of point j, integrated once and twice
+    once[j] = 0.0;
+    double twice = 0.0;
+    for (int k = s_; k-- > 0;) {
+      once[j] = (once[j] + monomials_(k, j) / (k + 1.0)) * c;
+      twice = (twice + monomials_(k, j) / ((k + 1.0) * (k + 2.0))) * c;
+    }
+    twice *= c;
+    v += h_ * once[j] * a_.col(j);
+    for (int i = 0; i < arm_->nv(); ++i)
+      if (arm_->coordinate_of(i) >= 0) q[arm_->coordinate_of(i)] += h_ * h_ * twice * a_(i, j);
+  }
+  for (int i = 0; i < arm_->nv(); ++i)
+    if (arm_->coordinate_of(i) >= 0) q[arm_->coordinate_of(i)] += h_ * c * v0_[i];
+  for (const Ball& ball : balls_) {
+    const auto du = du_.middleRows<3>(ball.v);
+    turn_ball(middle_.data() + ball.q, h_ * (du * (once.head(s_) - 0.5 * b_)), q.data() + ball.q);
+  }
+}
+
+}  // namespace flexarm

@@ -1,0 +1,327 @@
+#include "flexarm/friction.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <memory>
+
+#include "flexarm/ab.hpp"
+#include "flexarm/check.hpp"
+#include "flexarm/inverse.hpp"
+#include "sweeps.hpp"
+#include "system.hpp"
+
+namespace flexarm {
+
+namespace {
+
+constexpr double kStill = 1e-10;    // speed (rad/s, m/s) below which a freedom may stick
+constexpr double kOneTime = 1e-12;  // parts of the time simulated that are no time at all
+constexpr double kSlack = 1e-9;     // parts of its stiction by which a contact may be held beyond it
+constexpr std::size_t kRounds = 8;  // tries for each contact to find what sticks and what slides
+constexpr std::size_t kMany = 100;  // so many switches
+constexpr const char* kRanAway = "the motion ran away: take a smaller step, or look for what drives it";
+constexpr double kShort = 1e-6;  // in a step, or in so small a part of the time simulated, are no motion
+
+/// A freedom with friction, and what it does now.
+struct Contact {
+  int coordinate;
+  double coulomb, stiction;
+  bool given;  // its motion is prescribed
+  int sense;   // of sliding: 1, -1; 0: it sticks
+};
+
+std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) {
+  std::vector<Contact> out;
+  for (const Rub& r : rubs(arm)) out.push_back({r.rate, r.coulomb, r.stiction, false, 0});
+  for (Contact& c : out)
+    for (const Drive& d : drives) c.given = c.given || (d.motion && d.coordinate == c.coordinate);
+  return out;
+}
+
+/// The run: its contacts, and what the integrator is given between two switches.
+class Sliding {
+ public:
+  Sliding(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& tau,
+          const std::vector<LoadDrive>& loads, Control* control)
+      : contacts_(contacts(arm, drives)), arm_(arm), drives_(drives), loads_(loads), applied_(tau), control_(control) {}
+
+  bool none() const { return contacts_.empty(); }
+
+  /// Lets the sampled controllers do what is due at time t, after `settle`. @return whether the forces have changed
+  bool sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+    probe_->q = q;
+    probe_->v = v;
+    probe_->drive(t);
+    return probe_->sample(t);
+  }
+
+  /// Which freedoms stick and which slide, from t on; the speeds of those that stick become zero. All that are still
+  /// are held; then, one after the other, the one that this takes most of what it may is let go; and those that would
+  /// then move against their own friction are held again.
+  /// @param switched  the contact that has come to rest or has been torn loose, or null
+  void settle(double t, const Eigen::VectorXd& q, Eigen::VectorXd& v, const Contact* switched) {
+    const Contact* loose = switched && switched->sense == 0 ? switched : nullptr;
+    for (Contact& c : contacts_) {
+      if (c.given) continue;
+      double& speed = v[c.coordinate];
+      const bool still = &c == switched || std::abs(speed) <= kStill;
+      c.sense = still ? 0 : speed > 0.0 ? 1 : -1;
+      if (still) speed = 0.0;
+    }
+    for (std::size_t round = 0; round < kRounds * contacts_.size(); ++round) {
+      prepare(q);
+      const Eigen::VectorXd held = holding(t, q, v);
+      if (Contact* worst = overburdened(held, loose)) {
+        worst->sense = held[worst->coordinate] > 0.0 ? -1 : 1;
+      } else if (!hold_again(v)) {
+        return;
+      }
+      loose = nullptr;
+    }
+    prepare(q);
+  }
+
+  const std::vector<Drive>& drives() const { return all_drives_; }
+  const Eigen::VectorXd& tau() const { return tau_; }
+
+  /// The events of the run, and after them one for each contact that may switch.
+  std::vector<Event> watch(std::vector<Event> events) {
+    switching_.clear();
+    for (const Contact& c : contacts_) {
+      if (c.given) continue;
+      switching_.push_back(&c);
+      const int i = c.coordinate, sense = c.sense;
+      const double most = c.stiction * (1.0 + kSlack);
+      if (sense != 0)
+        events.push_back({[i, sense](double, const auto&, const auto& v) { return sense * v[i] + kStill; }, 1, -1});
+      else
+        events.push_back({[this, i, most](double t, const auto& q, const auto& v) {
+                            const double slack = most - std::abs(holding(t, q, v)[i]);
+                            ran_away_ = ran_away_ || !std::isfinite(slack);
+                            return std::isfinite(slack) ? slack : -most;  // ends the part, and then the run
+                          },
+                          1, -1});
+    }
+    return events;
+  }
+  /// Whether what holds a contact was no longer finite.
+  bool ran_away() const { return ran_away_; }
+  /// The contacts of the events that `watch` has added.
+  const std::vector<const Contact*>& switching() const { return switching_; }
+
+  /// Adds a row at a state where no integrator has been.
+  bool record(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, bool composite, Trajectory& out) {
+    probe_->q = q;
+    probe_->v = v;
+    probe_->drive(t);
+    return probe_->record(out, composite);
+  }
+
+  /// Writes the last row anew: a sample at the end of the run may tear loose what sticks, and no step follows to see
+  /// it.
+  void end(bool composite, Trajectory& out) {
+    const Eigen::Index last = out.done - 1;
+    const Eigen::VectorXd q = out.q.row(last);
+    Eigen::VectorXd v = out.v.row(last);
+    settle(out.reached, q, v, nullptr);
+    out.done = last;
+    if (record(out.reached, q, v, composite, out)) separate(out, last);
+  }
+
+  /// Takes the friction of what slides out of a row of tau.
+  void separate(Trajectory& out, Eigen::Index row) const {
+    for (const Contact& c : contacts_) {
+      const double speed = out.v(row, c.coordinate);
+      double& force = out.friction(row, c.coordinate);
+      if (c.given)
+        force = speed == 0.0 ? 0.0 : -std::copysign(c.coulomb, speed);
+      else if (c.sense != 0)
+        force = -c.sense * c.coulomb;
+      else {
+        force = std::clamp(force, -c.stiction, c.stiction);  // but for kSlack
+        continue;
+      }
+      out.tau(row, c.coordinate) -= force;
+    }
+  }
+
+ private:
+  /// The sticking contact whose hold takes more than its stiction, and most by that; or the loose one.
+  Contact* overburdened(const Eigen::VectorXd& held, const Contact* loose) {
+    Contact* worst = nullptr;
+    double most = 1.0;
+    for (Contact& c : contacts_) {
+      if (c.given || c.sense != 0) continue;
+      if (&c == loose) return &c;
+      const double share = std::abs(held[c.coordinate]) / c.stiction;
+      if (!(share > most)) continue;
+      most = share;
+      worst = &c;
+    }
+    return worst;
+  }
+
+  /// Contacts at rest that were let go, but would be moved against their sense, are held. @return whether there are any
+  bool hold_again(const Eigen::VectorXd& v) {
+    bool any = false;
+    for (Contact& c : contacts_) {
+      if (c.given || v[c.coordinate] != 0.0 || !(probe_->ws.a[c.coordinate] * c.sense < 0.0)) continue;
+      c.sense = 0;
+      any = true;
+    }
+    return any;
+  }
+
+  /// Sticking freedoms are prescribed; sliding ones carry a constant force.
+  void prepare(const Eigen::VectorXd& q) {
+    all_drives_ = drives_;
+    tau_ = applied_;
+    for (const Contact& c : contacts_) {
+      if (c.given) continue;
+      tau_[c.coordinate] -= c.sense * c.coulomb;
+      const double place = q[arm_.coordinate_of(c.coordinate)];
+      if (c.sense == 0) {
+        const auto still = [place](double) { return MotionValue{place, 0.0, 0.0}; };
+        all_drives_.push_back({c.coordinate, still, {}, Eigen::Vector2d(-1e300, 1e300), {}, true});
+      }
+    }
+    probe_ = std::make_unique<System>(arm_, all_drives_, loads_, tau_, control_);
+  }
+
+  /// Force on each sticking freedom that holds it (of all coordinates).
+  Eigen::VectorXd holding(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) const {
+    System& s = *probe_;
+    s.q = q;
+    s.v = v;
+    s.drive(t);
+    forward_dynamics_ab(arm_, s.ws, s.q, s.v, s.tau);
+    s.a = s.ws.a;
+    joint_forces<double>(arm_, s.ws, s.ws.a);
+    add_feedback(s.ws.feedback, s.q, s.v, 1.0, s.tau);
+    return s.ws.tau - s.tau;
+  }
+
+  std::vector<Contact> contacts_;
+  const Arm& arm_;
+  const std::vector<Drive>& drives_;
+  const std::vector<LoadDrive>& loads_;
+  const Eigen::VectorXd& applied_;
+  std::vector<Drive> all_drives_;
+  Eigen::VectorXd tau_;
+  Control* control_;
+  std::unique_ptr<System> probe_;
+  std::vector<const Contact*> switching_;
+  bool ran_away_ = false;
+};
+
+/// The events of the run with as many occurrences as are left to their ends.
+std::vector<Event> remaining(std::vector<Event> events, const Trajectory& out) {
+  for (std::size_t k = 0; k < events.size(); ++k)
+    if (events[k].terminal > 0) events[k].terminal -= static_cast<int>(out.events[k].t.size());
+  return events;
+}
+
+void add(const SimulationStats& part, SimulationStats& sum) {
+  sum.steps += part.steps;
+  sum.residuals += part.residuals;
+  sum.jacobians += part.jacobians;
+  sum.newton_iterations += part.newton_iterations;
+  sum.linear_iterations += part.linear_iterations;
+  sum.failed_steps += part.failed_steps;
+  sum.wall_time += part.wall_time;
+}
+
+/// Adds a part of the run: all its rows but the first, and the occurrences of the run's events.
+void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
+  for (Eigen::Index k = 1; k < part.done; ++k, ++out.done) {
+    out.q.row(out.done) = part.q.row(k);
+    out.v.row(out.done) = part.v.row(k);
+    out.a.row(out.done) = part.a.row(k);
+    out.tau.row(out.done) = part.tau.row(k);
+    out.friction.row(out.done) = part.friction.row(k);
+    sliding.separate(out, out.done);
+  }
+  for (std::size_t k = 0; k < out.events.size(); ++k) {
+    EventLog& all = out.events[k];
+    const EventLog& log = part.events[k];
+    all.t.insert(all.t.end(), log.t.begin(), log.t.end());
+    all.q.insert(all.q.end(), log.q.begin(), log.q.end());
+    all.v.insert(all.v.end(), log.v.begin(), log.v.end());
+  }
+  add(part.stats, out.stats);
+  out.reached = part.reached;
+  out.failure = part.failure;
+}
+
+}  // namespace
+
+Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
+                                  const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
+                                  const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,
+                                  const Integrate& integrate, Control* control, double step) {
+  Sliding sliding(arm, drives, tau, loads, control);
+  if (sliding.none()) return integrate(drives, t, q0, v0, tau, events);
+  check_arguments(arm, drives, t, q0, v0, tau);
+  const double instant = kOneTime * (t[t.size() - 1] - t[0]);
+  Trajectory out = empty_trajectory(arm, t, events);
+  out.rubs = true;
+  Eigen::VectorXd q = q0, v = v0;
+  const Contact* switched = nullptr;
+  std::deque<double> switches;
+  try {
+    for (;;) {
+      const double now = out.reached;
+      sliding.settle(now, q, v, switched);
+      if (sliding.sample(now, q, v)) sliding.settle(now, q, v, nullptr);
+      for (; out.done < t.size() && t[out.done] <= now + instant; sliding.separate(out, out.done - 1))
+        if (!sliding.record(now, q, v, composite, out)) {
+          if (out.done > 0) out.failure = kRanAway;  // it began well
+          return out;
+        }
+      if (out.done == t.size()) return out;
+      Eigen::VectorXd times(1 + t.size() - out.done);
+      times << now, t.tail(t.size() - out.done);
+      const Trajectory part =
+          integrate(sliding.drives(), times, q, v, sliding.tau(), sliding.watch(remaining(events, out)));
+      append(part, sliding, out);
+      if (part.done == 0 && now > t[0] && !out.failure.empty() && out.failure != kInterrupted) out.failure = kRanAway;
+      if (!out.failure.empty()) return out;
+      if (!part.terminated) {
+        if (control) sliding.end(composite, out);
+        return out;
+      }
+      if (sliding.ran_away()) {
+        out.failure = kRanAway;
+        return out;
+      }
+      for (std::size_t k = 0; k < events.size(); ++k)
+        if (events[k].terminal > 0 && static_cast<int>(out.events[k].t.size()) == events[k].terminal)
+          out.terminated = true;
+      if (out.terminated) return out;
+      for (std::size_t k = 0; k < sliding.switching().size(); ++k) {
+        const EventLog& log = part.events[events.size() + k];
+        if (log.t.empty()) continue;
+        switched = sliding.switching()[k];
+        q = log.q.back();
+        v = log.v.back();
+      }
+      // Rows at the switch itself are those behind it. (A sample may have torn loose what sticks.)
+      while (out.done > 1 && t[out.done - 1] >= out.reached - instant) --out.done;
+      ++out.stats.switches;
+      switches.push_back(out.reached);
+      if (switches.size() <= kMany) continue;
+      switches.pop_front();
+      if (switches.back() - switches.front() > std::max(step, kShort * (t[t.size() - 1] - t[0]))) continue;
+      out.failure = "the friction of joint coordinate '" + arm.coordinates()[switched->coordinate] +
+                    "' switches without end: no state of sticking and sliding lasts" +
+                    (step > 0.0 ? ", or the motion runs away: take a smaller step" : "");
+      return out;
+    }
+  } catch (const Interrupted&) {
+    out.failure = kInterrupted;
+    return out;
+  }
+}
+
+}  // namespace flexarm

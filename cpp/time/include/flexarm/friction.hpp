@@ -1,0 +1,29 @@
+// Coulomb friction of joints, with stiction (Coulomb 1785; as a hybrid system: Karnopp 1985, Pfeiffer & Glocker 1996).
+// Each freedom sticks or slides. Sliding, it is opposed by the constant coulomb force; sticking, it is held exactly
+// still by what that needs, up to the stiction. ImplicitStep has that in its equations. For the other integrators the
+// arm is a hybrid system: between two switches the motion is smooth, so that each keeps its order and none meets a sign
+// function; the times of switching are found as events.
+#pragma once
+
+#include "flexarm/control.hpp"
+#include "flexarm/drive.hpp"
+#include "flexarm/dry_friction.hpp"
+#include "flexarm/load.hpp"
+#include "flexarm/trajectory.hpp"
+
+namespace flexarm {
+
+/// Integrates from t[0] to t[end], or to the first terminal event.
+using Integrate =
+    std::function<Trajectory(const std::vector<Drive>& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
+                             const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, const std::vector<Event>& events)>;
+
+/// `integrate` from one switch of a joint's friction to the next, over all times of t. In the trajectory `tau` is what
+/// is applied, and `friction` what the friction adds. Without friction in the arm: `integrate`, once.
+/// @param step  of a fixed-step method: a hundred switches within one are no motion
+Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
+                                  const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
+                                  const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,
+                                  const Integrate& integrate, Control* control = nullptr, double step = 0.0);
+
+}  // namespace flexarm

@@ -1,0 +1,142 @@
+// One step in time: methods that advance an arm from t to t + h. After construction and `start` nothing is allocated or
+// thrown.
+#pragma once
+
+#include <functional>
+#include <memory>
+
+#include "flexarm/ab.hpp"
+#include "flexarm/dry_friction.hpp"
+
+namespace flexarm {
+
+class ImplicitStep;
+
+/// A fixed-step method. It remembers what it needs from one step to the next: one object per arm in motion.
+class Step {
+ public:
+  /// Sets what is given at the time t + c h of the step (0 <= c <= 1), in place: the prescribed entries of q, v and
+  /// ws.a, the forces tau, the loads of the workspace.
+  using Given = std::function<void(double c)>;
+  struct Counts {
+    long evaluations = 0;     ///< of inverse or forward dynamics
+    long factorisations = 0;  ///< of iteration matrices
+    long iterations = 0;      ///< linear solves
+    long switches = 0;        ///< steps in which dry friction came to hold a joint, let it go, or turned
+  };
+
+  virtual ~Step() = default;
+  /// Begins at a state, and forgets what was before.
+  virtual Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                       const Eigen::VectorXd& tau) = 0;
+  /// Goes on from here under other forces than a moment ago: what is remembered of accelerations no longer holds.
+  virtual Status jump(Workspace&, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&) {
+    return Status::ok;
+  }
+  /// Advances q (nq) and v (nv) by h seconds.
+  /// @param tau    generalised forces (nv)
+  /// @param given  or empty, when tau and loads are constant, and the prescribed entries of q, v and ws.a are already
+  ///               those of the step's end
+  /// @return when not ok, q and v are those of the step's beginning
+  virtual Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+                         const Given& given) = 0;
+  /// This, if the dry friction of the arm's joints is in its equations.
+  virtual ImplicitStep* rubbing() { return nullptr; }
+  /// Whether `inside` knows the state within the last step; if not, steps must end where it is asked for.
+  virtual bool interpolates() const { return false; }
+  /// The state c h after the last step's beginning, 0 <= c <= 1, but for what is prescribed.
+  virtual void inside(double, Eigen::VectorXd&, Eigen::VectorXd&) const {}
+  const Counts& counts() const { return counts_; }
+  /// What a step that takes long calls now and then; what it throws leaves the step. Empty: nothing.
+  void look_with(std::function<void()> look) { look_ = std::move(look); }
+  /// What to do where the motion ran away, as the end of a sentence.
+  virtual const char* remedy() const { return "take a smaller step, or look for what drives it"; }
+
+ protected:
+  Counts counts_;
+  std::function<void()> look_;
+};
+
+struct ImplicitOptions {
+  /// What is left after one step of a mode too fast for the step: 1 keeps the energy of every mode (trapezoidal rule),
+  /// below 1 fast modes die out and slow ones hardly do; 0 to 1.
+  double spectral_radius = 1.0;
+  /// Of the iteration: error of the velocities, as a part of those of the motion, both in the norm of kinetic energy.
+  /// What it leaves is the drift of a free arm's energy.
+  double rtol = 1e-10;
+  int max_iterations = 20;
+};
+
+/// Generalised-alpha method (Chung & Hulbert 1993; with the rotations of balls by exponentials, Bruels & Cardona 2010,
+/// Arnold & Bruels 2007): second order, unconditionally stable on linear vibration, O(N). Its equations
+///   residual of inverse dynamics at t + h = 0
+/// are solved by Newton's iteration with the matrix of factor_shifted, which leaves out gyroscopic and geometric terms:
+/// it contracts by a factor of order h. Modes too fast for the step may be quiet or ring softly; where they are loud,
+/// with (h omega)^2 times their share of the bending not small, the iteration fails, and a smaller step is needed.
+/// Joints with dry friction stick and slide: what sticks is still to the last bit. Where a joint comes to rest, turns
+/// or is torn loose within a step, the mean force over it is that of the law, so that the order stays two.
+class ImplicitStep final : public Step {
+ public:
+  /// @param h  step of operator() (s)
+  /// @throws std::invalid_argument naming the field and the value
+  ImplicitStep(const Arm& arm, double h, const ImplicitOptions& options = {});
+  ImplicitStep(const Arm&& arm, double h, const ImplicitOptions& options = {}) = delete;  ///< the arm must outlive it
+
+  /// Advances by the step of the constructor; `start`s by itself the first time. tau is the force at the step's end.
+  Status operator()(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
+    return advance(h_, ws, q, v, tau, {});
+  }
+  Status start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
+  Status jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
+  Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+                 const Given& given) override;
+  ImplicitStep* rubbing() override;
+  /// Accelerations into ws.a, which holds what is prescribed, and the forces of dry friction (nv): what does not move
+  /// sticks as far as it may.
+  Status accelerate(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+                    Eigen::VectorXd& friction);
+  /// Forces of dry friction behind the last step (nv; N, N m): what opposes sliding, or holds what sticks.
+  const Eigen::VectorXd& friction() const { return friction_; }
+  /// Iterations of the last step.
+  int iterations() const;
+  ~ImplicitStep() override;
+
+ private:
+  struct Iteration;
+  void report(const Eigen::VectorXd& v, const double* force, Eigen::VectorXd& friction) const;
+  const Arm* arm_;
+  double h_;
+  ImplicitOptions options_;
+  bool started_ = false;
+  Eigen::VectorXd numbers_, friction_;
+  std::unique_ptr<Iteration> iteration_;
+};
+
+/// The classical Runge-Kutta method: fourth order, four forward dynamics (AB) per step; stable only while h times the
+/// highest frequency is below 2.83.
+class Rk4Step final : public Step {
+ public:
+  /// @param h  step of operator() (s)
+  /// @throws std::invalid_argument for joints with dry friction, which it does not know
+  Rk4Step(const Arm& arm, double h, DryFriction friction = DryFriction::refused);
+  Rk4Step(const Arm&& arm, double h, DryFriction friction = DryFriction::refused) = delete;  ///< it must outlive this
+  /// Advances by the step of the constructor. tau and prescribed accelerations are constant over the step.
+  Status operator()(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
+    return advance(h_, ws, q, v, tau, {});
+  }
+  Status start(Workspace&, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&) override {
+    return Status::ok;
+  }
+  const char* remedy() const override {
+    return "take a smaller step (rk4 is stable below 2.83 over the highest frequency), or an implicit method";
+  }
+  Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+                 const Given& given) override;
+
+ private:
+  const Arm* arm_;
+  double h_;
+  Eigen::VectorXd q0_, v0_, dq_, q_sum_, v_sum_;
+};
+
+}  // namespace flexarm
