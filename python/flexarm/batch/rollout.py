@@ -35,7 +35,7 @@ _LOOKS = 3  # scenarios that have grown, whose loops are looked at
 
 @dataclass(frozen=True)
 class Failure:
-    """A scenario that could not go on: its index, the time reached (s), and why."""
+    """A scenario that could not go on: its `index`, the `time` reached (s), and the `reason`."""
 
     index: int
     time: float
