@@ -33,13 +33,6 @@ def test_help_is_a_map_of_two_screens() -> None:
     assert meant <= set(NAMES), "names that the docstring lists and flexarm does not have"
 
 
-def _described(what: Any) -> str:
-    """The docstring, and those of the bases it refers to, such as `Sensor`."""
-    own = inspect.getdoc(what) or ""
-    bases = [] if inspect.isfunction(what) else [b for b in what.__mro__[1:] if f"`{b.__name__}`" in own]
-    return " ".join([own, *(inspect.getdoc(b) or "" for b in bases)])
-
-
 @pytest.mark.parametrize("name", sorted(ACCEPTED))
 def test_arguments_are_explained(name: str) -> None:
     """Of functions and of the classes a user makes; what a class does not show of itself is no user's."""
@@ -47,5 +40,5 @@ def test_arguments_are_explained(name: str) -> None:
     shown = set(inspect.signature(what).parameters)
     if is_dataclass(what):
         shown -= {f.name for f in fields(what) if not f.repr}
-    words = set(re.findall(r"\w+", _described(what)))
+    words = set(re.findall(r"\w+", inspect.getdoc(what) or ""))
     assert not {p for p in shown if not p.startswith("_")} - words

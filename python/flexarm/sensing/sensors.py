@@ -41,7 +41,6 @@ class Encoder(_OnFreedom):
         pulses: per revolution (per metre of a prismatic joint); None: no steps.
         quadrature: four counts a pulse, from both edges of both tracks.
         gear: turns of the encoder for one of the joint, where it sits on the motor.
-        rate, delay, resolution, noise, range, seed: how the instrument reads; see `Sensor`.
     """
 
     pulses: int | None = 2000
@@ -83,7 +82,6 @@ class Tachometer(_OnFreedom):
 
     Args:
         link, freedom: which joint, and which of its freedoms.
-        rate, delay, resolution, noise, range, seed: how the instrument reads; see `Sensor`.
     """
 
     type: ClassVar[str] = "tachometer"
@@ -102,7 +100,6 @@ class ForceTorque(Sensor):
     Args:
         link: which joint.
         side: "outboard": at the link's origin, in its axes; "inboard": at the end of the link below, in its axes.
-        rate, delay, resolution, noise, range, seed: how the instrument reads; see `Sensor`.
     """
 
     link: int = 0
@@ -161,7 +158,6 @@ class StrainGauge(Sensor):
             A full bridge of four gauges in bending, two on each face, gives this share of its supply voltage.
         distance: from the neutral axis to the gauge (m); None: to the face, where the section is a rectangle, a circle
             or a taper of either.
-        rate, delay, resolution, noise, range, seed: how the instrument reads; see `Sensor`.
     """
 
     link: int = 0
@@ -209,7 +205,6 @@ class Accelerometer(Sensor):
         link: which link. x: where along its beam (m); None: the link's end.
         axis: "x", "y", "z", a direction of three numbers, or "xyz" for all three axes.
         gravity: True: specific force, R^T (a - g), as a real one reads: at rest, 9.81 upwards. False: R^T a.
-        rate, delay, resolution, noise, range, seed: how the instrument reads; see `Sensor`.
     """
 
     link: int = -1
@@ -256,7 +251,6 @@ class Camera(Sensor):
         link: which link. x: where along its beam (m); None: the link's end.
         axes: "world": a camera that stands still: the place in the world; "link": one that turns with the link's hub:
             the displacement from where the undeformed link has that slice, in the axes of the hub (needs a beam).
-        rate, delay, resolution, noise, range, seed: how the instrument reads; see `Sensor`.
     """
 
     link: int = -1
