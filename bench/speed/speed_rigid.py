@@ -5,8 +5,8 @@ flexible arms against pinocchio's rigid one.
 
 Compiles bench/speed/pinocchio twice, flexarm and pinocchio always with the same flags: as flexarm is shipped (-O3, for
 any processor of the kind) and with -march=native. Pinocchio's headers come from the wheel `pin` of PyPI, in an
-environment under build/peers; Eigen is the system's. The two programs run in turn. Writes speed_rigid.csv, speed_rigid.png and its
-section of docs/speed.md (with -o only the files, into DIR).
+environment under build/peers; Eigen is the system's. The two programs run in turn. Writes speed_rigid.csv,
+speed_rigid.png and its section of docs/speed.md (with -o only the files, into DIR).
 """
 
 from __future__ import annotations
