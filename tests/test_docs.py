@@ -84,5 +84,6 @@ def test_links_and_paths_lead_somewhere(page: Path) -> None:
         if not file.startswith("http") and not (target.exists() and (not anchor or anchor in _anchors(target))):
             lost.append(link)
     for path in re.findall(r"(?<![\w/.-])((?:bench|tests|python|cpp|docs)/[\w/.-]*\w)", text):
-        lost += [] if (ROOT / path).exists() else [path]
+        placeholder = re.search(r"/[A-Z]+(/|$)", path)  # cpp/ROOM
+        lost += [] if placeholder or (ROOT / path).exists() else [path]
     assert not lost
