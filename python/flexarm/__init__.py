@@ -1,143 +1,139 @@
-"""flexarm: simulation of flexible robot arms.
+"""Simulates flexible robot arms: serial chains of rigid bodies and elastic beams. SI units, radians.
 
-An arm is a serial chain of links; a link is a joint, a rigid hub, an elastic beam and a rigid tip. SI units, radians.
+An arm is a chain of links; a link is a joint, a rigid hub, an elastic beam and a rigid tip. `help(fa.Beam)` and so on,
+with `import flexarm as fa`, tell arguments and units. Bad arguments raise ValueError with the field and the value.
+
+Parts of an arm
+    Arm                     the chain of links, and what is computed from it: dynamics, modes, equilibrium, ...
+    Link                    joint, hub, beam and tip
+    Joint                   what joints share: springs, stops, friction; their Placement. There are
+                            Fixed Revolute Prismatic Cylindrical Universal Planar Spherical Free Axes
+    RigidBody, Beam         the bodies; of a beam the Material and the section: Rectangle Circle GeneralSection Taper
+    Patch, Piezo            a piezo patch on a beam, and its material
+    split                   a link in pieces that end where patches end
+What acts on it
+    Motion, Torque, Voltage, Load       over time: on joints, patches, slices
+    PD, StrainFeedback, StateFeedback   controllers that act continuously
+    LinearController, Sampled           A B C D of your own; any function of the state, at a rate
+    Controller, Motor                   what controllers share; a motor between one and its joint
+    input_shaper, Shaper                a command that leaves no vibration
+Analysis
+    LinearModel, Derivatives            what arm.linearize and arm.forward_derivatives give
+    Modes, ModeShapes                   what arm.modes and arm.mode_shapes give
+    placement, PatchPlacement           where to bond a patch
+One run
+    simulate, Result                    an arm over time, and its trajectory
+    SimulationError                     the run could not go on; it holds the time reached and the result so far
+    SimulationInterrupted               Ctrl-C; it holds the same
+    Watch                               whether a run stays where its model is good
+Sensors
+    Encoder Tachometer ForceTorque StrainGauge Accelerometer Camera
+    Sensor, Sampler, Reading            what they share; one in a control loop; what one reads of a run
+    psd, PowerSpectrum                  power spectral density
+Scenes
+    load, Scene                         a TOML file, or a shipped one: an arm, what drives it, for how long
+Many runs
+    simulate_batch, BatchResult         runs that differ in start, forces, parameters
+    rollout, Rollout                    the same from arrays to arrays
+    sweep, SweepResult                  a scene over parameters: Sweep, Vary, load_sweep
+    Failure, batch_memory               a run that could not go on; bytes that a batch takes
+    BatchInterrupted, SweepInterrupted  Ctrl-C; each holds what was done
+Which model
+    chart, Chart                        error against time of models and integrators
+    economize, Plan                     the cheapest model within a tolerance
+Warnings
+    ModelWarning, StateWarning          a number that can hardly be meant; a state that does not last
+    RangeWarning, WatchWarning          a beam bent too far for its order; a run that left its model's range
+    LoopWarning, PulseWarning           a control loop that grows; a pulse that the steps have missed
+    SlowWarning, StepWarning            very many steps; steps above the limit of "rk4"
+
+Elsewhere: flexarm.env (Gymnasium environments), flexarm.tasks (what they ask), flexarm.cli (the command line).
 """
 
-from ._core import __version__
-from .acting.control import PD, Controller, StateFeedback, StrainFeedback
-from .acting.drive import Motion, Torque
-from .acting.load import Load
-from .acting.motor import Motor
-from .acting.sampled import LinearController, Sampled
-from .acting.shaping import Shaper, input_shaper
-from .acting.voltage import Voltage
-from .analysis.doubts import ModelWarning
-from .analysis.equilibrium import StateWarning
-from .analysis.linear import Derivatives, LinearModel
-from .analysis.loops import LoopWarning
-from .analysis.modes import Modes, ModeShapes
-from .analysis.placement import PatchPlacement, placement
-from .analysis.validity import RangeWarning
-from .arm import Arm
-from .batch.result import BatchResult
-from .batch.rollout import BatchInterrupted, Failure, Rollout, rollout
-from .batch.simulate import batch_memory, simulate_batch
-from .choose.chart import Chart, chart
-from .choose.economize import Plan, economize
-from .parts.beam import Beam, Circle, GeneralSection, Material, Rectangle, RigidBody, Taper
-from .parts.joints import (
-    Axes,
-    Cylindrical,
-    Fixed,
-    Free,
-    Joint,
-    Placement,
-    Planar,
-    Prismatic,
-    Revolute,
-    Spherical,
-    Universal,
-)
-from .parts.link import Link
-from .parts.patch import Patch, Piezo
-from .parts.split import split
-from .run.pace import SlowWarning, StepWarning
-from .run.pulses import PulseWarning
-from .run.result import Result
-from .run.simulation import SimulationError, SimulationInterrupted, simulate
-from .run.watch import Watch, WatchWarning
-from .scene.scene import Scene, load
-from .sensing.reading import PowerSpectrum, Reading, psd
-from .sensing.sensor import Sampler, Sensor
-from .sensing.sensors import Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, Tachometer
-from .sweeps.sweep import SweepInterrupted, SweepResult, sweep
-from .sweeps.vary import Sweep, Vary, load_sweep
+# ruff: noqa: I001  (X as X: so do type checkers know what is for others)
+from types import ModuleType as _ModuleType
 
-__all__ = [
-    "PD",
-    "Accelerometer",
-    "Arm",
-    "Axes",
-    "BatchInterrupted",
-    "BatchResult",
-    "Beam",
-    "Camera",
-    "Chart",
-    "Circle",
-    "Controller",
-    "Cylindrical",
-    "Derivatives",
-    "Encoder",
-    "Failure",
-    "Fixed",
-    "ForceTorque",
-    "Free",
-    "GeneralSection",
-    "Joint",
-    "LinearController",
-    "LinearModel",
-    "Link",
-    "Load",
-    "LoopWarning",
-    "Material",
-    "ModeShapes",
-    "ModelWarning",
-    "Modes",
-    "Motion",
-    "Motor",
-    "Patch",
-    "PatchPlacement",
-    "Piezo",
-    "Placement",
-    "Plan",
-    "Planar",
-    "PowerSpectrum",
-    "Prismatic",
-    "PulseWarning",
-    "RangeWarning",
-    "Reading",
-    "Rectangle",
-    "Result",
-    "Revolute",
-    "RigidBody",
-    "Rollout",
-    "Sampled",
-    "Sampler",
-    "Scene",
-    "Sensor",
-    "Shaper",
-    "SimulationError",
-    "SimulationInterrupted",
-    "SlowWarning",
-    "Spherical",
-    "StateFeedback",
-    "StateWarning",
-    "StepWarning",
-    "StrainFeedback",
-    "StrainGauge",
-    "Sweep",
-    "SweepInterrupted",
-    "SweepResult",
-    "Tachometer",
-    "Taper",
-    "Torque",
-    "Universal",
-    "Vary",
-    "Voltage",
-    "Watch",
-    "WatchWarning",
-    "__version__",
-    "batch_memory",
-    "chart",
-    "economize",
-    "input_shaper",
-    "load",
-    "load_sweep",
-    "placement",
-    "psd",
-    "rollout",
-    "simulate",
-    "simulate_batch",
-    "split",
-    "sweep",
-]
+from ._core import __version__ as __version__
+from .acting.control import (
+    PD as PD,
+    Controller as Controller,
+    StateFeedback as StateFeedback,
+    StrainFeedback as StrainFeedback,
+)
+from .acting.drive import Motion as Motion, Torque as Torque
+from .acting.load import Load as Load
+from .acting.motor import Motor as Motor
+from .acting.sampled import LinearController as LinearController, Sampled as Sampled
+from .acting.shaping import Shaper as Shaper, input_shaper as input_shaper
+from .acting.voltage import Voltage as Voltage
+from .analysis.doubts import ModelWarning as ModelWarning
+from .analysis.equilibrium import StateWarning as StateWarning
+from .analysis.linear import Derivatives as Derivatives, LinearModel as LinearModel
+from .analysis.loops import LoopWarning as LoopWarning
+from .analysis.modes import Modes as Modes, ModeShapes as ModeShapes
+from .analysis.placement import PatchPlacement as PatchPlacement, placement as placement
+from .analysis.validity import RangeWarning as RangeWarning
+from .arm import Arm as Arm
+from .batch.result import BatchResult as BatchResult
+from .batch.rollout import (
+    BatchInterrupted as BatchInterrupted,
+    Failure as Failure,
+    Rollout as Rollout,
+    rollout as rollout,
+)
+from .batch.simulate import batch_memory as batch_memory, simulate_batch as simulate_batch
+from .choose.chart import Chart as Chart, chart as chart
+from .choose.economize import Plan as Plan, economize as economize
+from .parts.beam import (
+    Beam as Beam,
+    Circle as Circle,
+    GeneralSection as GeneralSection,
+    Material as Material,
+    Rectangle as Rectangle,
+    RigidBody as RigidBody,
+    Taper as Taper,
+)
+from .parts.joints import (
+    Axes as Axes,
+    Cylindrical as Cylindrical,
+    Fixed as Fixed,
+    Free as Free,
+    Joint as Joint,
+    Placement as Placement,
+    Planar as Planar,
+    Prismatic as Prismatic,
+    Revolute as Revolute,
+    Spherical as Spherical,
+    Universal as Universal,
+)
+from .parts.link import Link as Link
+from .parts.patch import Patch as Patch, Piezo as Piezo
+from .parts.split import split as split
+from .run.pace import SlowWarning as SlowWarning, StepWarning as StepWarning
+from .run.pulses import PulseWarning as PulseWarning
+from .run.result import Result as Result
+from .run.simulation import (
+    SimulationError as SimulationError,
+    SimulationInterrupted as SimulationInterrupted,
+    simulate as simulate,
+)
+from .run.watch import Watch as Watch, WatchWarning as WatchWarning
+from .scene.scene import Scene as Scene, load as load
+from .sensing.reading import PowerSpectrum as PowerSpectrum, Reading as Reading, psd as psd
+from .sensing.sensor import Sampler as Sampler, Sensor as Sensor
+from .sensing.sensors import (
+    Accelerometer as Accelerometer,
+    Camera as Camera,
+    Encoder as Encoder,
+    ForceTorque as ForceTorque,
+    StrainGauge as StrainGauge,
+    Tachometer as Tachometer,
+)
+from .sweeps.sweep import SweepInterrupted as SweepInterrupted, SweepResult as SweepResult, sweep as sweep
+from .sweeps.vary import Sweep as Sweep, Vary as Vary, load_sweep as load_sweep
+
+
+def __dir__() -> list[str]:
+    """The public names, without the rooms of the package."""
+    public = [k for k, x in globals().items() if not k.startswith("_") and not isinstance(x, _ModuleType)]
+    return sorted([*public, "__version__"])

@@ -42,6 +42,7 @@ class BatchResult:
         stats: engine ("steps": all steps in the core; "simulate": one `simulate` for each scenario), workers, steps,
             resumed (scenarios that the file held already), damaged (that it held damaged, and which were computed
             again), out_of_range (that deserve a RangeWarning, of those resumed too), wall_time (s).
+        keeps_loads: whether `self[k].loads` are those of the run; not of a batch read from a file.
     """
 
     t: Array

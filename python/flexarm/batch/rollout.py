@@ -20,10 +20,10 @@ from ..acting.drive import Motion
 from ..analysis import loops
 from ..arm import Arm
 from ..run.pace import beyond_explicit
-from ..run.simulation import OPTION_OF
+from ..run.simulation import INTEGRATORS, OPTION_OF
 from .tables import STEP_BYTES, Schedule, feedback_tables, motion_table
 
-STEPPERS = ("implicit", "rk4")
+STEPPERS = tuple(name for name, row in INTEGRATORS.items() if row.in_batches)
 _REASONS = {
     1: "the mass matrix is singular",
     2: "the equations of a step could not be solved: take a smaller step; with control, see whether its loop is stable",
@@ -35,7 +35,7 @@ _LOOKS = 3  # scenarios that have grown, whose loops are looked at
 
 @dataclass(frozen=True)
 class Failure:
-    """A scenario that could not go on: its index, the time reached (s), and why."""
+    """A scenario that could not go on: its `index`, the `time` reached (s), and the `reason`."""
 
     index: int
     time: float
@@ -194,7 +194,7 @@ def take_steps(
         [a._core for a in arms], count, schedule.lengths, schedule.ends, schedule.hold, schedule.rows,
         q0[:, None], v0[:, None], tau, motions, pushes, loads, laws, integrator,
         1.0 if spectral_radius is None else number("spectral_radius", spectral_radius),
-        1e-10 if rtol is None else number("rtol", rtol), lanes, dict(blocks), workers, alive,
+        INTEGRATORS[integrator].rtol if rtol is None else number("rtol", rtol), lanes, dict(blocks), workers, alive,
     )  # fmt: skip
 
 
@@ -253,12 +253,12 @@ def grown_loop(
 
 def check_options(integrator: str, rtol: Any, spectral_radius: Any) -> None:
     choice("integrator", integrator, STEPPERS)
-    if integrator == "rk4" and rtol is not None:
-        raise ValueError(f'rtol = {rtol}: is for integrator="implicit", not for "rk4"')
-    if integrator != "implicit" and spectral_radius is not None:
+    implicit = OPTION_OF["spectral_radius"]
+    if INTEGRATORS[integrator].explicit and rtol is not None:
+        raise ValueError(f'rtol = {rtol}: is for integrator="{implicit}", not for "{integrator}"')
+    if integrator != implicit and spectral_radius is not None:
         raise ValueError(
-            f'spectral_radius = {spectral_radius}: is for integrator="{OPTION_OF["spectral_radius"]}", '
-            f'not for "{integrator}"'
+            f'spectral_radius = {spectral_radius}: is for integrator="{implicit}", not for "{integrator}"'
         )
 
 
@@ -371,7 +371,7 @@ def rollout(
         )  # fmt: skip
         if grown is not None:
             warnings.warn(grown[1].of(f"scenario {grown[0]}"), stacklevel=2)
-    blown = beyond_explicit(one, dt, float(schedule.ends[-1])) if integrator == "rk4" else None
+    blown = beyond_explicit(one, dt, float(schedule.ends[-1])) if INTEGRATORS[integrator].explicit else None
     if blown is not None:
         warnings.warn(blown, stacklevel=2)
     return result

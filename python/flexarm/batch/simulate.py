@@ -39,7 +39,11 @@ from .variation import Setup, Variation
 
 def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = ("q", "v")) -> int:
     """Bytes of a batch's result: 8 B nt (nq + nv) for q and v. Beside it each worker has one workspace, and, where
-    parameters change the arm, some hundred arms at a time are held."""
+    parameters change the arm, some hundred arms at a time are held.
+
+    Args:
+        arm: the arm. scenarios: B. rows: nt, output times. outputs: which of "q", "v", "a", "tau" are kept.
+    """
     return 8 * scenarios * rows * sum(arm.nq if k == "q" else arm.nv for k in outputs)
 
 

@@ -81,7 +81,12 @@ class _Shape(_Section):
 
 @dataclass(frozen=True)
 class Rectangle(_Shape):
-    """Full rectangle with sides y and z (m). The torsion constant comes from Saint-Venant's series."""
+    """Full rectangle. The torsion constant comes from Saint-Venant's series.
+
+    Args:
+        y, z: sides along the beam's y and z (m).
+        shear_correction: share of the area that bears shear.
+    """
 
     y: float
     z: float
@@ -102,7 +107,12 @@ class Rectangle(_Shape):
 
 @dataclass(frozen=True)
 class Circle(_Shape):
-    """Disc of a radius (m), or a tube when `inner_radius` (m) is above zero."""
+    """Disc, or a tube when `inner_radius` is above zero.
+
+    Args:
+        radius, inner_radius: m.
+        shear_correction: share of the area that bears shear; that of a thin tube is about 1/2.
+    """
 
     radius: float
     inner_radius: float = 0.0
@@ -122,7 +132,15 @@ class Circle(_Shape):
 
 @dataclass(frozen=True)
 class GeneralSection(_Section):
-    """Any doubly symmetric section, by its integrals (m^2, m^4). `second_moment_z` = integral of y^2 dA."""
+    """Any doubly symmetric section, by its integrals.
+
+    Args:
+        area: m^2.
+        second_moment_y: integral of z^2 dA (m^4); resists bending along z.
+        second_moment_z: integral of y^2 dA (m^4); resists bending along y.
+        torsion_constant: Saint-Venant's (m^4).
+        shear_correction: share of the area that bears shear.
+    """
 
     area: float
     second_moment_y: float

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,11 +25,28 @@ from .pulses import PulseWarning, missed
 from .result import Result
 from .watch import Watch, softened
 
-INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
 LINEAR_SOLVERS = ("auto", "dense", "chain")
-_RTOL = {"ida": 1e-6, "implicit": 1e-10, "gauss": 1e-12, "rk4": 1e-6}
+
+
+class Integrator(NamedTuple):
+    """What is to be known of an integrator, beside its steps, which are C++'s."""
+
+    rtol: float  # if None is given
+    options: tuple[str, ...] = ()  # of `simulate`, which it alone has
+    fixed: bool = True  # whether it takes the steps that it is given
+    explicit: bool = False  # whether these have a limit; see pace
+    in_batches: bool = False  # whether the core's batches have it
+
+
+#: By name; the names are those of python/bindings/time.cpp.
+INTEGRATORS = {
+    "ida": Integrator(1e-6, ("max_order", "linear_solver"), fixed=False),
+    "implicit": Integrator(1e-10, ("spectral_radius",), in_batches=True),
+    "gauss": Integrator(1e-12, ("stages",)),
+    "rk4": Integrator(1e-6, explicit=True, in_batches=True),
+}
 #: The integrator that an option belongs to.
-OPTION_OF = {"max_order": "ida", "linear_solver": "ida", "spectral_radius": "implicit", "stages": "gauss"}
+OPTION_OF = {option: name for name, row in INTEGRATORS.items() for option in row.options}
 
 
 class SimulationError(RuntimeError):
@@ -81,9 +98,11 @@ def _check_options(integrator: str, step: float | None, **options: Any) -> None:
     for name, value in options.items():
         if value is not None and OPTION_OF[name] != integrator:
             raise ValueError(f'{name} = {value}: is for integrator="{OPTION_OF[name]}", not for "{integrator}"')
-    if integrator == "ida" and step is not None:
-        raise ValueError(f'step = {step}: is for integrator="implicit", "gauss" or "rk4"; "ida" chooses its own steps')
-    if integrator != "ida" and step is None:
+    if not INTEGRATORS[integrator].fixed and step is not None:
+        *names, last = (f'"{name}"' for name, row in INTEGRATORS.items() if row.fixed)
+        others = f"{', '.join(names)} or {last}"
+        raise ValueError(f'step = {step}: is for integrator={others}; "{integrator}" chooses its own steps')
+    if INTEGRATORS[integrator].fixed and step is None:
         raise ValueError(f'step: integrator="{integrator}" needs it, in seconds, such as step=1e-3')
 
 
@@ -288,7 +307,7 @@ def simulate(
     wrenches = [(place, load.law) for place, load in zip(places, loads or (), strict=True)]
     watched = [(_of_arm(f, arm), n, direction) for f, n, direction in _events(events)]
     linear_solver = choice("linear_solver", linear_solver or "auto", LINEAR_SOLVERS)
-    rtol, atol = number("rtol", _RTOL[integrator] if rtol is None else rtol), number("atol", atol)
+    rtol, atol = number("rtol", INTEGRATORS[integrator].rtol if rtol is None else rtol), number("atol", atol)
     order, stages = (
         whole("max_order", 5 if max_order is None else max_order),
         whole("stages", 4 if stages is None else stages),
@@ -307,7 +326,7 @@ def simulate(
         start = (padded(state["q0"], both.nq), padded(state["v0"], both.nv), padded(state["tau"], both.nv))
         motion = (both._core, laws, times, *start)
         ci, rest = method == "ci", (wrenches, watched, feedback, sampled)
-        if integrator == "ida":
+        if not INTEGRATORS[integrator].fixed:
             pace = Pace(arm, times, lambda time: unstable(time, False))
             return _core.simulate_ida(*motion, rtol, atol, order, linear_solver, pace, ci, alive, *rest)
         return _core.simulate_fixed(*motion, integrator, h, rtol, radius, stages, ci, alive, *rest)
@@ -334,7 +353,7 @@ def simulate(
     loop = unstable(out["reached"] - float(times[0]), failed) if grown else None
     if failed:
         _fail(out["failure"], out["reached"], h, result, control is not None, loop, beyond)
-    blown = beyond_explicit(arm, h, out["reached"] - float(times[0])) if integrator == "rk4" else None
+    blown = beyond_explicit(arm, h, out["reached"] - float(times[0])) if INTEGRATORS[integrator].explicit else None
     if SILENT.get():
         beyond = blown = None
     for warning in (loop or beyond, blown, *_missed(arm, laws, wrenches, feedback, out["asked"], times)):

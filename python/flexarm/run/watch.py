@@ -107,7 +107,8 @@ class Watch:
     """What `simulate(..., watch=...)` looks at, at the output times.
 
     Attributes:
-        limits: by (what, link), the largest value that is still in range; see KINDS.
+        limits: by (what, link), such as ("rotation", 0), the largest value that is still in range; `WatchWarning` says
+            what there is.
         frequency: the arm's first one with joints locked (rad/s).
     """
 

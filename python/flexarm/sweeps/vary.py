@@ -243,6 +243,9 @@ def sweep_from_dict(d: Mapping[str, Any], name: str = "sweep") -> Sweep:
 def load_sweep(path: str | Path) -> Sweep:
     """Reads a sweep file (TOML); see docs/sweeps.md. A bare name such as "ist" means a sweep shipped with the package.
 
+    Args:
+        path: of the sweep file.
+
     Raises:
         ValueError: unreadable file, bad TOML, unknown key (the nearest known one is named) or bad value.
     """

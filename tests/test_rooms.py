@@ -1,0 +1,88 @@
+"""The package's rooms (docs/contributing.md): imports point to lower rooms, at the top of a file, without circles."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[1] / "python" / "flexarm"
+ROOMS = (
+    "_core _check _threads _console store draw parts acting analysis arm run sensing scene batch sweeps tasks env "
+    "choose paper cli __main__ __init__"
+).split()
+FILES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts): path
+    for path in [*sorted(ROOT.rglob("*.py")), ROOT / "_core.pyi"]
+}
+
+
+class Import(NamedTuple):
+    file: str
+    line: int
+    of: str  # "parts.beam", or "_core"
+    top: bool  # whether it stands at the top of the file, not in a function nor behind a condition
+
+    @property
+    def place(self) -> str:
+        return f"{self.file.replace('.', '/')}.py:{self.line} imports {self.of}"
+
+
+def _room(file: str) -> int:
+    return ROOMS.index(file.partition(".")[0])
+
+
+def _named(base: list[str], name: str) -> str:
+    """The file that `from base import name` opens."""
+    ways = ([*base, name], [*base, name, "__init__"], base, [*base, "__init__"])
+    return next((found for parts in ways if (found := ".".join(parts)) in FILES), ".".join([*base, name]))
+
+
+def _imports(file: str) -> Iterator[Import]:
+    """Of the package's own files."""
+    tree = ast.parse(FILES[file].read_text(encoding="utf-8"))
+    own = file.split(".")[:-1]
+    for node in ast.walk(tree):
+        top = node in tree.body
+        if isinstance(node, ast.ImportFrom):
+            given = (node.module or "").split(".") if node.module else []
+            if node.level or given[0] == "flexarm":
+                base = own[: len(own) - node.level + 1] + given if node.level else given[1:]
+                yield from (Import(file, node.lineno, _named(base, alias.name), top) for alias in node.names)
+        elif isinstance(node, ast.Import):
+            for given in (alias.name.split(".") for alias in node.names):
+                if given[0] == "flexarm":
+                    yield Import(file, node.lineno, _named(given[1:-1], given[-1]), top)
+
+
+IMPORTS = [found for file in FILES for found in _imports(file)]
+
+
+def test_every_file_has_a_room() -> None:
+    assert not {file for file in FILES if file.partition(".")[0] not in ROOMS}
+    assert len(IMPORTS) > 200 and all(x.of in FILES for x in IMPORTS)
+
+
+def test_imports_point_to_lower_rooms() -> None:
+    upward = [x.place for x in IMPORTS if _room(x.of) > _room(x.file)]
+    assert not upward, "\n".join(upward)
+
+
+def test_imports_stand_at_the_top() -> None:
+    """Not in functions, not under TYPE_CHECKING: a circle that is hidden is a circle."""
+    hidden = [x.place for x in IMPORTS if not x.top]
+    assert not hidden, "\n".join(hidden)
+
+
+def test_no_circles() -> None:
+    graph: dict[str, set[str]] = {}
+    for x in IMPORTS:
+        graph.setdefault(x.file, set()).add(x.of)
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as e:
+        pytest.fail(" -> ".join(e.args[1]))
