@@ -47,6 +47,8 @@ class Material(_Part):
 
 
 class _Section(_Part):
+    """A section of a beam that has two axes of symmetry, y and z."""
+
     _core: _core.Section
 
     def _face(self, axis: str) -> tuple[float, float, bool] | None:
@@ -153,7 +155,7 @@ class Taper(_Part):
     """
 
     x: Sequence[float]
-    sections: Sequence[Rectangle | Circle | GeneralSection]
+    sections: Sequence[_Section]
     type: ClassVar[str] = "taper"
     #: the section at x metres
     at: Callable[[float], Any] = field(init=False, repr=False, compare=False)
@@ -181,12 +183,6 @@ class Taper(_Part):
 
         self._set("at", at)
         self._set("_core", _core.SectionProfile(lambda place: at(place)._core, x[1:-1].tolist()))
-
-    def to_dict(self) -> dict[str, Any]:
-        return {"type": self.type, "x": list(self.x), "sections": [s.to_dict() for s in self.sections]}
-
-
-Section = Rectangle | Circle | GeneralSection | Taper
 
 
 @dataclass(frozen=True)
@@ -225,7 +221,7 @@ class Beam(_Part):
     """
 
     length: float
-    section: Section
+    section: _Section | Taper
     material: Material
     modes: Mapping[str, Any]
     basis: str = "clamped-free"

@@ -275,6 +275,3 @@ class Camera(Sensor):
         if self.axes == "world":
             return np.asarray(arm.frame(q, self.link, self.x)[0])
         return self._from_clamp(arm, q) - self._from_clamp(arm, arm.zero)
-
-
-KINDS = (Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, Tachometer)
