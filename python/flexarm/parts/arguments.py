@@ -65,7 +65,8 @@ def arguments(make: Callable[..., Any]) -> dict[str, Argument]:
     parameters = inspect.signature(make).parameters
     annotated: Any = getattr(make, "__init__") if isinstance(make, type) and not is_dataclass(make) else make  # noqa: B009
     hints = get_type_hints(annotated)
-    said = _meanings(make.__doc__ or "", tuple(parameters))
+    docs = [c.__doc__ or "" for c in (make.__mro__[::-1] if isinstance(make, type) else (make,))]  # the own last
+    said = {name: text for doc in docs for name, text in _meanings(doc, tuple(parameters)).items()}
     return {k: Argument(k, hints.get(k, Any), p.default, said.get(k, "")) for k, p in parameters.items()}
 
 

@@ -26,8 +26,14 @@ Vector = Sequence[float]
 
 @dataclass(frozen=True)
 class Material(_Part):
-    """Linear elastic material: density (kg/m^3), youngs_modulus (Pa), and, for torsion and shear, poisson_ratio or
-    shear_modulus (Pa), not both."""
+    """Linear elastic material.
+
+    Args:
+        density: kg/m^3.
+        youngs_modulus: Pa.
+        poisson_ratio: for torsion and shear; this or `shear_modulus`, not both.
+        shear_modulus: Pa.
+    """
 
     density: float
     youngs_modulus: float
@@ -83,7 +89,12 @@ class _Shape(_Section):
 
 @dataclass(frozen=True)
 class Rectangle(_Shape):
-    """Full rectangle with sides y and z (m). The torsion constant comes from Saint-Venant's series."""
+    """Full rectangle. The torsion constant comes from Saint-Venant's series.
+
+    Args:
+        y, z: sides along the beam's y and z (m).
+        shear_correction: share of the area that bears shear.
+    """
 
     y: float
     z: float
@@ -104,7 +115,12 @@ class Rectangle(_Shape):
 
 @dataclass(frozen=True)
 class Circle(_Shape):
-    """Disc of a radius (m), or a tube when `inner_radius` (m) is above zero."""
+    """Disc, or a tube when `inner_radius` is above zero.
+
+    Args:
+        radius, inner_radius: m.
+        shear_correction: share of the area that bears shear; that of a thin tube is about 1/2.
+    """
 
     radius: float
     inner_radius: float = 0.0
@@ -124,7 +140,15 @@ class Circle(_Shape):
 
 @dataclass(frozen=True)
 class GeneralSection(_Section):
-    """Any doubly symmetric section, by its integrals (m^2, m^4). `second_moment_z` = integral of y^2 dA."""
+    """Any doubly symmetric section, by its integrals.
+
+    Args:
+        area: m^2.
+        second_moment_y: integral of z^2 dA (m^4); resists bending along z.
+        second_moment_z: integral of y^2 dA (m^4); resists bending along y.
+        torsion_constant: Saint-Venant's (m^4).
+        shear_correction: share of the area that bears shear.
+    """
 
     area: float
     second_moment_y: float
@@ -348,7 +372,7 @@ class RigidBody(_Part):
 
     mass: float = 0.0
     com: Vector = (0.0, 0.0, 0.0)
-    inertia: Any = (0.0, 0.0, 0.0)
+    inertia: Vector | Sequence[Vector] = (0.0, 0.0, 0.0)
     end: Vector = (0.0, 0.0, 0.0)
     _core: _core.RigidBody = field(init=False, repr=False, compare=False)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from .._check import Array, number, whole
 from ..acting.control import Controller
-from ..acting.drive import Motion, Torque
+from ..acting.drive import Motion, SpinUp, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage
 from ..parts.arguments import Argument, arguments, members
@@ -49,14 +49,14 @@ class JointDrive:
         freedom: which of the joint's freedoms, where it has several.
         motion: a prescribed motion (rad, m; `v` per s, `a` per s²): `q` alone, by a spline, or `q`, `v` and `a`, by
             quintic pieces; its reaction becomes an output.
-        spin_up: a smooth spin-up from rest at t = 0 to { speed, time }: rad/s or m/s, and s; then on at that speed.
+        spin_up: a motion from rest to a speed.
         torque: N m, or the force (N) of a joint that slides.
     """
 
     link: int
     freedom: int | None = None
     motion: Motion | None = None
-    spin_up: Motion | None = None
+    spin_up: SpinUp | None = None
     torque: Torque | None = None
 
     def __post_init__(self) -> None:
@@ -66,7 +66,8 @@ class JointDrive:
 
     @property
     def laws(self) -> list[Any]:
-        return [law for law in (self.motion, self.spin_up, self.torque) if law is not None]
+        spin_up = None if self.spin_up is None else Motion(self.spin_up)
+        return [law for law in (self.motion, spin_up, self.torque) if law is not None]
 
     @property
     def key(self) -> Any:

@@ -8,7 +8,6 @@ from typing import Any
 
 from .._check import array, choice, known_keys, number
 from ..acting.control import control_laws
-from ..acting.drive import Motion
 from ..arm import METHODS, Arm
 from ..parts.arguments import arguments
 from ..parts.tables import read, read_file
@@ -54,8 +53,7 @@ def _drives(file: SceneFile) -> dict[Any, Any]:
 def scene_fields(d: Mapping[str, Any], name: str, files: Files) -> dict[str, Any]:
     """What a Scene is made of, from the structure of its file."""
     laws = {key: partial(_law, files, law) for key, law in SAMPLES.items()}
-    spin_up = {"spin_up": lambda where, value: read(where, Motion.spin_up, value)}
-    file = read_file(SceneFile, d, {**laws, **spin_up, "simulation": _simulation})
+    file = read_file(SceneFile, d, {**laws, "simulation": _simulation})
     arm, s = Arm._read(file), file.simulation
     t = read("simulation", output_times, {k: s[k] for k in arguments(output_times) if k in s})
     checks: dict[str, Callable[[Any], Any]] = {
