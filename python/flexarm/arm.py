@@ -19,6 +19,7 @@ from .analysis.doubts import ModelWarning, doubts
 from .analysis.validity import range_warning, worst_range
 from .parts.chain import Chain
 from .parts.link import Link
+from .parts.tables import ArmFile, read_file
 
 METHODS = ("ab", "ci")
 
@@ -58,9 +59,13 @@ class Arm(Chain):
     def from_dict(d: Mapping[str, Any]) -> Arm:
         """An arm from the structure of a scene file: {"gravity": [...], "link": [{...}, ...]}. What can hardly be meant
         there (ModelWarning) is said where the arm is first simulated, linearised, or asked for modes or a balance."""
-        from .scene.scene import arm_from_dict
+        return Arm._read(read_file(ArmFile, d))
 
-        return arm_from_dict(d)
+    @classmethod
+    def _read(cls, file: ArmFile) -> Arm:
+        arm = cls._made(file.link, file.gravity)
+        arm._warned = False
+        return arm
 
     def __str__(self) -> str:
         return self.describe()

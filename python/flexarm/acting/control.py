@@ -7,13 +7,14 @@ state at a rate and hold what they answer until the next sample (zero-order hold
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
 from .._check import Array, array, choice, number
+from ..parts.arguments import arguments
 from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
 from ..parts.joints import Prismatic
@@ -68,6 +69,13 @@ class Controller:
 
     #: how many states of its own a continuous law integrates
     memory = 0
+    #: what files call it; "": they cannot hold it
+    type: ClassVar[str] = ""
+
+    def _arguments(self) -> dict[str, Any]:
+        """What a file says of it: the arguments it was made of."""
+        made: Any = type(self)
+        return {name: getattr(self, name) for name in arguments(made)}
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
         raise NotImplementedError(f"{type(self).__name__} is no control law: subclass Sampled, or give one a function")
@@ -84,7 +92,9 @@ class _JointLaw(Controller):
         self, kp: float, kv: float, link: Any, freedom: int | None, reference: Any, limit: Any, motor: Motor | None
     ) -> None:
         self.kp, self.kv = finite("kp", kp), finite("kv", kv)
-        self.link, self.freedom = link if freedom is None and isinstance(link, tuple) else (link, freedom)
+        if freedom is None and isinstance(link, (tuple, list)):  # a list in a file
+            link, freedom = link
+        self.link, self.freedom = link, freedom
         if isinstance(reference, Motion):
             raise ValueError("reference: is of q alone: samples (t, r) or a callable t -> r, not a Motion")
         if not isinstance(reference, Torque) and (
@@ -143,6 +153,8 @@ class PD(_JointLaw):
         motor: turns u into a torque; None: u is the torque.
     """
 
+    type = "pd"
+
     def __init__(
         self, kp: float, kv: float, link: Any = 0, freedom: int | None = None, *, reference: Any = 0.0,
         limit: float | None = None, motor: Motor | None = None,
@@ -160,6 +172,8 @@ class StrainFeedback(_JointLaw):
         strain: which strain, as `Arm.strain` orders them: "K1", "K2", "K3", "phi12" or "phi13".
         beam: the link whose beam bears the gauge; None: the controlled joint's own.
     """
+
+    type = "strain_feedback"
 
     def __init__(
         self, kp: float, kv: float, ks: float, link: Any = 0, freedom: int | None = None, *, x: float = 0.0,
@@ -187,6 +201,8 @@ class StateFeedback(Controller):
         q0, v0, u0: the state about which, and the forces there; None: zero.
         limit: of each |u|; None: none.
     """
+
+    type = "state_feedback"
 
     def __init__(
         self, K: ArrayLike, actuate: Sequence[Any] = (0,), *, q0: ArrayLike | None = None, v0: ArrayLike | None = None,

@@ -141,20 +141,30 @@ class Motion(_Law):
     @staticmethod
     def spin_up(speed: float, time: float) -> Motion:
         """Smooth spin-up from rest at t = 0 to `speed` (rad/s, m/s) at `time` (s), then on at it (Kane et al. 1987)."""
-        speed, time = number("speed", speed), number("time", time)
-        if not (np.isfinite(speed) and 0 < time < np.inf):
-            raise ValueError(f"speed = {speed}, time = {time}: must be finite, and time positive")
-
-        return Motion(_SpinUp(speed, time))
+        return Motion(SpinUp(speed, time))
 
     def __repr__(self) -> str:
         return f"Motion({self.law!r})"
 
 
 @dataclass(frozen=True)
-class _SpinUp:
+class SpinUp:
+    """Smooth spin-up from rest at t = 0, then on at its speed (Kane et al. 1987).
+
+    Args:
+        speed: rad/s, m/s.
+        time: when it is reached (s).
+    """
+
     speed: float
     time: float
+
+    def __post_init__(self) -> None:
+        speed, time = number("speed", self.speed), number("time", self.time)
+        if not (np.isfinite(speed) and 0 < time < np.inf):
+            raise ValueError(f"speed = {speed}, time = {time}: must be finite, and time positive")
+        object.__setattr__(self, "speed", speed)
+        object.__setattr__(self, "time", time)
 
     def __call__(self, t: float) -> tuple[float, float, float]:
         speed, time = self.speed, self.time

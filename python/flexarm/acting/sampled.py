@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -147,8 +147,8 @@ class LinearController(Sampled):
     It runs in C++ unless it reads sensors or a callable.
     """
 
-    #: the table of a scene file that makes it, if one can
-    table: dict[str, Any] | None = None
+    #: see PID
+    pid: ClassVar[type[PID]]
 
     def __init__(
         self, A: Any, B: ArrayLike | None = None, C: ArrayLike | None = None, D: ArrayLike | None = None, *,
@@ -166,31 +166,6 @@ class LinearController(Sampled):
         self.reference = reference
         self.A, self.B, self.C, self.D = _matrices(A, B, C, D, None if rate is None else 1.0 / self.rate, method)
         self.memory = self.A.shape[0] if self.continuous else 0
-
-    @staticmethod
-    def pid(
-        kp: float, ki: float, kd: float, link: int = 0, *, rate: float | None = None, reference: Any = 0.0,
-        filter_time: float | None = None, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
-    ) -> LinearController:  # fmt: skip
-        """PID on a joint's angle: u = kp e + ki int e dt + kd de/dt, with e = reference - q, the derivative behind a
-        low pass of `filter_time` (s; None: two samples). Sampled by Tustin's rule, or, without a rate, continuous."""
-        if rate is None and filter_time is None:
-            raise ValueError(
-                "filter_time = None: a continuous PID needs the time constant of its derivative's low pass"
-            )
-        tf = 2.0 / positive("rate", rate) if filter_time is None else positive("filter_time", filter_time)
-        # states: integral of e; low-passed e
-        A = np.array([[0.0, 0.0], [0.0, -1.0 / tf]])
-        B = np.array([[1.0], [1.0 / tf]])
-        C = np.array([[finite("ki", ki), -finite("kd", kd) / tf]])
-        D = np.array([[finite("kp", kp) + kd / tf]])
-        made = LinearController(
-            (A, B, C, D), rate=rate, measure=[("joint", link)], actuate=[link], reference=reference, delay=delay,
-            limit=limit, motor=motor,
-        )  # fmt: skip
-        made.table = {"type": "pid", "kp": kp, "ki": ki, "kd": kd, "link": link, "rate": rate, "reference": reference,
-                      "filter_time": filter_time, "delay": delay, "limit": limit, "motor": motor}  # fmt: skip
-        return made
 
     def _linear_rows(self, arm: Chain) -> tuple[Array, Array]:
         """y by q and by v, of the arm."""
@@ -255,6 +230,53 @@ class LinearController(Sampled):
         outputs = [law(gain * u, c, d, self.limit) for u, c, d in zip(units.T, self.C, self.D, strict=True)]
         inside = [law(x, a, b, np.inf) for x, a, b in zip(states, self.A, self.B, strict=True)]
         return [*outputs, *inside, *_braking(arm, self.motor, units.T)], []
+
+
+class PID(LinearController):
+    """PID on a joint's angle: u = kp e + ki int e dt + kd de/dt, with e = reference - q. Sampled by Tustin's rule, or,
+    without a rate, continuous.
+
+    Args:
+        kp, ki, kd: gains, per rad (m), per rad s and per rad/s; of a torque (N m, N), or of the motor's current or
+            voltage.
+        link: which joint, or (link, freedom).
+        rate: samples a second (Hz); None: continuous.
+        reference: of q (rad, m): a number, samples (t, r) with straight lines between, or a callable t -> r.
+        filter_time: of the low pass ahead of the derivative (s); None: two samples.
+        delay: from a sample to its force (s); needs a rate.
+        limit: u is kept within -limit .. limit; None: the motor's.
+        motor: turns u into a torque; None: u is the torque.
+    """
+
+    type = "pid"
+
+    def __init__(
+        self, kp: float, ki: float, kd: float, link: Any = 0, *, rate: float | None = None, reference: Any = 0.0,
+        filter_time: float | None = None, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
+    ) -> None:  # fmt: skip
+        link = tuple(link) if isinstance(link, list) else link  # (link, freedom) in a file
+        self._given_as = {"kp": kp, "ki": ki, "kd": kd, "link": link, "rate": rate, "reference": reference,
+                          "filter_time": filter_time, "delay": delay, "limit": limit, "motor": motor}  # fmt: skip
+        if rate is None and filter_time is None:
+            raise ValueError(
+                "filter_time = None: a continuous PID needs the time constant of its derivative's low pass"
+            )
+        tf = 2.0 / positive("rate", rate) if filter_time is None else positive("filter_time", filter_time)
+        # states: integral of e; low-passed e
+        A = np.array([[0.0, 0.0], [0.0, -1.0 / tf]])
+        B = np.array([[1.0], [1.0 / tf]])
+        C = np.array([[finite("ki", ki), -finite("kd", kd) / tf]])
+        D = np.array([[finite("kp", kp) + kd / tf]])
+        super().__init__(
+            (A, B, C, D), rate=rate, measure=[("joint", link)], actuate=[link], reference=reference, delay=delay,
+            limit=limit, motor=motor,
+        )  # fmt: skip
+
+    def _arguments(self) -> dict[str, Any]:
+        return self._given_as
+
+
+LinearController.pid = PID
 
 
 def is_samples(reference: Any) -> bool:

@@ -21,7 +21,7 @@ def _size(beam: Beam) -> str:
         return f"{beam.length:.4g}, round {2 * section.radius:.4g}{tube}"
     if isinstance(section, Taper):
         return f"{beam.length:.4g}, taper of {len(section.x)}"
-    return f"{beam.length:.4g}, area {section.area:.4g} m^2"
+    return f"{beam.length:.4g}, area {section._core.area:.4g} m^2"
 
 
 def lowest_frequencies(arm: Chain, n: int) -> str:

@@ -40,7 +40,7 @@ def _body(where: str, body: RigidBody) -> Iterator[str]:
 
 def _thickness(beam: Beam, axis: str) -> tuple[float, float]:
     """Area (m^2) and second moment (m^4) against bending along an axis, at the clamp."""
-    section = beam.section.at(0.0) if isinstance(beam.section, Taper) else beam.section
+    section = (beam.section.at(0.0) if isinstance(beam.section, Taper) else beam.section)._core
     return section.area, section.second_moment_z if axis == "y" else section.second_moment_y
 
 

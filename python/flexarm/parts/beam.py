@@ -26,8 +26,14 @@ Vector = Sequence[float]
 
 @dataclass(frozen=True)
 class Material(_Part):
-    """Linear elastic material: density (kg/m^3), youngs_modulus (Pa), and, for torsion and shear, poisson_ratio or
-    shear_modulus (Pa), not both."""
+    """Linear elastic material.
+
+    Args:
+        density: kg/m^3.
+        youngs_modulus: Pa.
+        poisson_ratio: for torsion and shear; this or `shear_modulus`, not both.
+        shear_modulus: Pa.
+    """
 
     density: float
     youngs_modulus: float
@@ -47,6 +53,8 @@ class Material(_Part):
 
 
 class _Section(_Part):
+    """A section of a beam that has two axes of symmetry, y and z."""
+
     _core: _core.Section
 
     def _face(self, axis: str) -> tuple[float, float, bool] | None:
@@ -171,7 +179,7 @@ class Taper(_Part):
     """
 
     x: Sequence[float]
-    sections: Sequence[Rectangle | Circle | GeneralSection]
+    sections: Sequence[_Section]
     type: ClassVar[str] = "taper"
     #: the section at x metres
     at: Callable[[float], Any] = field(init=False, repr=False, compare=False)
@@ -199,12 +207,6 @@ class Taper(_Part):
 
         self._set("at", at)
         self._set("_core", _core.SectionProfile(lambda place: at(place)._core, x[1:-1].tolist()))
-
-    def to_dict(self) -> dict[str, Any]:
-        return {"type": self.type, "x": list(self.x), "sections": [s.to_dict() for s in self.sections]}
-
-
-Section = Rectangle | Circle | GeneralSection | Taper
 
 
 @dataclass(frozen=True)
@@ -243,7 +245,7 @@ class Beam(_Part):
     """
 
     length: float
-    section: Section
+    section: _Section | Taper
     material: Material
     modes: Mapping[str, Any]
     basis: str = "clamped-free"
@@ -370,7 +372,7 @@ class RigidBody(_Part):
 
     mass: float = 0.0
     com: Vector = (0.0, 0.0, 0.0)
-    inertia: Any = (0.0, 0.0, 0.0)
+    inertia: Vector | Sequence[Vector] = (0.0, 0.0, 0.0)
     end: Vector = (0.0, 0.0, 0.0)
     _core: _core.RigidBody = field(init=False, repr=False, compare=False)
 

@@ -16,6 +16,7 @@ from .part import _Part
 _UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SPRINGS = ("stiffness", "rest", "damping", "lower", "upper", "limit_stiffness", "limit_damping")
 _FORCES = (*_SPRINGS, "coulomb", "stiction", "reflected_inertia")
+PerFreedom = float | Sequence[float]
 _Freedom = tuple[str, bool, Vector]  # label, whether a rotation, axis
 
 
@@ -42,10 +43,15 @@ def _rotation(field_name: str, value: Any) -> Array:
 
 @dataclass(frozen=True)
 class Placement(_Part):
-    """A place on one side of a joint: `position` (m), and `rotation` as a rotation vector (rad) or a 3 x 3 matrix."""
+    """A place on one side of a joint.
+
+    Args:
+        position: m.
+        rotation: a rotation vector (rad), or a 3 x 3 matrix.
+    """
 
     position: Vector = (0.0, 0.0, 0.0)
-    rotation: Any = (0.0, 0.0, 0.0)
+    rotation: Vector | Sequence[Vector] = (0.0, 0.0, 0.0)
     _core: tuple[Array, Array] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -58,14 +64,18 @@ class Placement(_Part):
 
 @dataclass(frozen=True, repr=False)
 class Joint(_Part):
-    """What all joints share; each value of a force is one number, or one for each freedom.
+    """What all joints share. Each value of springs, dampers, stops and friction is one number, or one for each freedom.
 
-    Attributes:
-        stiffness, rest: springs (N/m, N m/rad) and where they are at rest (m, rad).
+    Args:
+        stiffness: of springs (N/m, N m/rad). Of a ball, of one that pulls its whole turn back to none, alike about all
+            axes.
+        rest: where the springs are at rest (m, rad).
         damping: viscous (N s/m, N m s/rad).
-        lower, upper: soft stops (m, rad), with `limit_stiffness` and, setting in over the first 1e-3 m or rad of
-            penetration so that the force stays continuous, `limit_damping`. Of a ball, the spring pulls its whole turn
-            back to none, `upper` is the largest angle of that turn (below pi), and both are alike about all axes.
+        lower, upper: soft stops (m, rad); None: no stop. Of a ball, `upper` is the largest angle of its turn, below pi,
+            alike about all axes.
+        limit_stiffness: of the stops (N/m, N m/rad).
+        limit_damping: of the stops (N s/m, N m s/rad); it sets in over the first 1e-3 m or rad of penetration, so that
+            the force stays continuous.
         coulomb: dry friction (N, N m): the force that opposes sliding, whatever its speed. It acts in whatever goes on
             in time (`simulate`, `simulate_batch`, `rollout`, environments): a freedom that comes to rest sticks,
             exactly still, until more than `stiction` is needed to hold it. What is computed for one instant
@@ -77,16 +87,16 @@ class Joint(_Part):
         outboard: where the link's own frame sits, from the joint's moving side.
     """
 
-    stiffness: Any = field(default=0.0, kw_only=True)
-    rest: Any = field(default=0.0, kw_only=True)
-    damping: Any = field(default=0.0, kw_only=True)
-    lower: Any = field(default=None, kw_only=True)
-    upper: Any = field(default=None, kw_only=True)
-    limit_stiffness: Any = field(default=0.0, kw_only=True)
-    limit_damping: Any = field(default=0.0, kw_only=True)
-    coulomb: Any = field(default=0.0, kw_only=True)
-    stiction: Any = field(default=None, kw_only=True)
-    reflected_inertia: Any = field(default=0.0, kw_only=True)
+    stiffness: PerFreedom = field(default=0.0, kw_only=True)
+    rest: PerFreedom = field(default=0.0, kw_only=True)
+    damping: PerFreedom = field(default=0.0, kw_only=True)
+    lower: PerFreedom | None = field(default=None, kw_only=True)
+    upper: PerFreedom | None = field(default=None, kw_only=True)
+    limit_stiffness: PerFreedom = field(default=0.0, kw_only=True)
+    limit_damping: PerFreedom = field(default=0.0, kw_only=True)
+    coulomb: PerFreedom = field(default=0.0, kw_only=True)
+    stiction: PerFreedom | None = field(default=None, kw_only=True)
+    reflected_inertia: PerFreedom = field(default=0.0, kw_only=True)
     inboard: Placement | None = field(default=None, kw_only=True)
     outboard: Placement | None = field(default=None, kw_only=True)
     #: one label and one unit ("rad" or "m") for each rate
@@ -156,14 +166,18 @@ class Joint(_Part):
 
 @dataclass(frozen=True, repr=False)
 class Fixed(Joint):
-    """Rigid connection."""
+    """Rigid connection: no freedom, so that springs, dampers, stops and friction do nothing."""
 
     type: ClassVar[str] = "fixed"
 
 
 @dataclass(frozen=True, repr=False)
 class Revolute(Joint):
-    """Rotation by q (rad) about an axis: "x", "y", "z" or three numbers, in the axes the joint sits on."""
+    """Rotation by q (rad) about an axis.
+
+    Args:
+        axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
+    """
 
     axis: str | Vector = "z"
     type: ClassVar[str] = "revolute"
@@ -174,7 +188,11 @@ class Revolute(Joint):
 
 @dataclass(frozen=True, repr=False)
 class Prismatic(Joint):
-    """Translation by q (m) along an axis: "x", "y", "z" or three numbers, in the axes the joint sits on."""
+    """Translation by q (m) along an axis.
+
+    Args:
+        axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
+    """
 
     axis: str | Vector = "x"
     type: ClassVar[str] = "prismatic"
@@ -185,7 +203,11 @@ class Prismatic(Joint):
 
 @dataclass(frozen=True, repr=False)
 class Cylindrical(Joint):
-    """Translation (m) along and rotation (rad) about one axis."""
+    """Translation (m) along and rotation (rad) about one axis.
+
+    Args:
+        axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
+    """
 
     axis: str | Vector = "z"
     type: ClassVar[str] = "cylindrical"
@@ -236,8 +258,12 @@ class Free(Joint):
 
 @dataclass(frozen=True, repr=False)
 class Axes(Joint):
-    """Up to six elementary motions, such as ("tx", "ty", "rz"): translations and rotations along and about the x, y
-    and z that the motions before have moved, in the order given (Euler-angle style; singular where two axes meet)."""
+    """Up to six elementary motions, one after the other (Euler-angle style; singular where two axes meet).
+
+    Args:
+        axes: in this order, such as ("tx", "ty", "rz"): translations (m) along and rotations (rad) about the x, y and z
+            that the motions before have moved.
+    """
 
     axes: Sequence[str] = ()
     type: ClassVar[str] = "axes"

@@ -16,6 +16,12 @@ class Link(_Part):
 
     The joint sits at the end of the link below, in its axes. The beam starts at `hub.end`; the tip sits on the beam's
     last section (or at `hub.end`), in its axes; the next link's joint sits at `tip.end`.
+
+    Args:
+        joint: how it moves against the link below, or the world.
+        hub: the rigid body that the joint moves.
+        beam: what bends, clamped to the hub.
+        tip: the rigid body on the beam's end, such as a payload.
     """
 
     joint: Joint

@@ -7,12 +7,16 @@ from dataclasses import fields
 from typing import Any
 
 from .._check import plain
+from .arguments import with_inherited
 
 
 class _Part:
     """Holds the core's counterpart in `_core`, outside equality, printing and pickling."""
 
     _core: Any
+
+    def __init_subclass__(cls) -> None:
+        cls.__doc__ = with_inherited(cls)
 
     def __post_init__(self) -> None:
         """Takes NumPy's numbers for what they are worth, so that parts compare, print and save alike."""

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from .._check import Array
-from ..acting.control import PD, StateFeedback, StrainFeedback
-from ..acting.drive import Motion, Torque, _SpinUp
+from ..acting.control import Controller
+from ..acting.drive import Motion, Scalar, SpinUp
 from ..acting.load import Load
 from ..acting.motor import Motor
 from ..acting.sampled import is_samples
 from ..acting.voltage import is_patch
-
-if TYPE_CHECKING:
-    from ..arm import Arm
-    from .scene import Scene
+from ..arm import Arm
+from ..parts.arguments import arguments
+from .grammar import SAMPLES
 
 _SAMPLES = 2001  # of a callable
 
 
 def _plain(value: Any) -> Any:
-    """Python's own numbers and lists, without None."""
+    """Python's own numbers, lists and tables, without None."""
+    if isinstance(value, Motor):
+        value = {name: getattr(value, name) for name in arguments(Motor)}
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items() if v is not None}
     if isinstance(value, np.ndarray):
@@ -70,7 +71,7 @@ class _Laws:
     def _sampled(self, where: str, n: int) -> None:
         self.notes.append(f"{where} was a function of time; here are {n} samples of it.")
 
-    def scalar(self, where: str, law: Any, column: str) -> Any:
+    def scalar(self, where: str, name: str, law: Scalar) -> Any:
         """A number, or samples, linear in between."""
         if law.constant:
             return float(law(0.0))
@@ -78,18 +79,25 @@ class _Laws:
         if sampled:
             self._sampled(where, len(self.dense))
         times = self.dense if sampled else law.law.breaks
-        return {"t": times, column: [law(float(x)) for x in times]}
+        return dict(zip(SAMPLES[name].columns, (times, [law(float(x)) for x in times]), strict=True))
 
     def motion(self, where: str, law: Motion) -> dict[str, Any]:
         """Positions, rates and accelerations at its knots: the same quintic pieces."""
-        if isinstance(law.law, _SpinUp):
+        if isinstance(law.law, SpinUp):
             return {"spin_up": {"speed": law.law.speed, "time": law.law.time}}
         times = getattr(law.law, "breaks", None)
         if times is None:
             times = self.dense
             self._sampled(where, len(times))
-        q, v, a = np.array([law(float(x)) for x in times]).T
-        return {"motion": {"t": times, "q": q, "v": v, "a": a}}
+        found = (times, *np.array([law(float(x)) for x in times]).T)
+        return {"motion": dict(zip(SAMPLES["motion"].columns, found, strict=True))}
+
+    def drive(self, where: str, key: Any, law: Any) -> dict[str, Any]:
+        if is_patch(key):
+            return {"link": key[1], "patch": key[2], "voltage": self.scalar(where, "voltage", law)}
+        link = dict(zip(("link", "freedom"), key if isinstance(key, tuple) else (key,), strict=False))
+        moves = isinstance(law, Motion)
+        return {**link, **(self.motion(where, law) if moves else {"torque": self.scalar(where, "torque", law)})}
 
     def load(self, where: str, load: Load) -> dict[str, Any]:
         out: dict[str, Any] = {"link": load.link, "x": load.x, "along": load.along, "axes": load.axes}
@@ -101,77 +109,60 @@ class _Laws:
         wrench = np.array([load(float(x)) for x in times])
         return {**out, "t": times, "force": wrench[:, :3], "moment": wrench[:, 3:]}
 
-    def control(self, where: str, law: Any) -> dict[str, Any]:
-        table = getattr(law, "table", None)
-        if table is not None and not callable(table["reference"]):
-            motor = table.get("motor")
-            if is_samples(table["reference"]):
-                table = {**table, "reference": dict(zip("tr", table["reference"], strict=True))}
-            return {**table, "motor": None if motor is None else _motor(motor)}
-        if isinstance(law, StateFeedback):
-            about = {k: getattr(law, k) for k in ("K", "q0", "v0", "u0")}
-            # a file's list is a column of forces, as is what (link, freedom) and patches stand for
-            columns = law._columns(self.arm)
-            named = [c if isinstance(a, tuple) else a for a, c in zip(law.actuate, columns, strict=True)]
-            about["actuate"] = named
-            return {"type": "state_feedback", **about, "limit": _finite(law.limit)}
-        if table is not None or not isinstance(law, (PD, StrainFeedback)):
+    def control(self, where: str, law: Controller) -> dict[str, Any]:
+        if not law.type:
             raise ValueError(f"{where} = {law!r}: is Python code, which a scene file cannot hold")
-        names = ("kp", "kv", "link", "freedom")
-        out: dict[str, Any] = {"type": "pd", **{k: getattr(law, k) for k in names}}
-        if isinstance(law, StrainFeedback):
-            out |= {"type": "strain_feedback", **{k: getattr(law, k) for k in ("ks", "x", "strain", "beam")}}
-        out["reference"] = self.scalar(f"{where}.reference", law.reference, "r")
-        return {**out, "limit": _finite(law.limit), "motor": None if law.motor is None else _motor(law.motor)}
+        out: dict[str, Any] = {"type": law.type}
+        for name, value in law._arguments().items():
+            if isinstance(value, Scalar):
+                value = self.scalar(f"{where}.{name}", name, value)
+            elif name in SAMPLES and is_samples(value):
+                value = dict(zip(SAMPLES[name].columns, value, strict=True))
+            elif callable(value):
+                raise ValueError(f"{where} = {law!r}: is Python code, which a scene file cannot hold")
+            elif name == "actuate":
+                # a file's list is a column of forces, as is what (link, freedom) and patches stand for
+                columns = zip(value, law._columns(self.arm), strict=True)
+                value = [column if isinstance(entry, tuple) else entry for entry, column in columns]
+            elif value is not None and name == "limit" and not np.isfinite(value):
+                value = None
+            out[name] = value
+        return out
 
 
-def _finite(limit: float) -> float | None:
-    return float(limit) if np.isfinite(limit) else None
+def _tables(scene: Mapping[str, Any], laws: _Laws) -> Iterator[tuple[str, Sequence[Mapping[str, Any]]]]:
+    """The file's lists of tables, by name."""
+    yield "link", laws.arm.to_dict()["link"]
+    yield "drive", [laws.drive(f"drive[{k}]", *item) for k, item in enumerate(scene["drive"].items())]
+    yield "load", [laws.load(f"load[{k}]", load) for k, load in enumerate(scene["loads"])]
+    yield "control", [laws.control(f"control[{k}]", law) for k, law in enumerate(scene["control"])]
+    yield "sensor", [sensor.to_dict() for sensor in scene["sensors"]]
 
 
-def _motor(motor: Motor) -> dict[str, Any]:
-    names = ("torque_constant", "gear_ratio", "efficiency", "limit", "resistance", "rotor_inertia")
-    return {k: getattr(motor, k) for k in names}
-
-
-def _drive(laws: _Laws, where: str, key: Any, law: Any) -> dict[str, Any]:
-    if is_patch(key):
-        return {"link": key[1], "patch": key[2], "voltage": laws.scalar(where, law, "V")}
-    link = dict(zip(("link", "freedom"), key if isinstance(key, tuple) else (key,), strict=False))
-    if isinstance(law, Torque):
-        return {**link, "torque": laws.scalar(where, law, "tau")}
-    return {**link, **laws.motion(where, law)}
-
-
-def scene_text(scene: Scene, comment: str = "") -> str:
-    """The scene file of a scene.
+def scene_text(scene: Mapping[str, Any], comment: str = "") -> str:
+    """The file of a scene.
 
     Args:
+        scene: its fields, by name.
         comment: lines at its head.
 
     Raises:
         ValueError: what no scene file can hold: output times that do not begin at 0 or are not evenly spaced, and
             controllers that are Python code.
     """
-    t = scene.t
+    t, arm, options = scene["t"], scene["arm"], scene["options"]
     count, duration = len(t) - 1, float(t[-1])
     if count < 1 or t[0] != 0.0 or np.abs(t - np.linspace(0.0, duration, count + 1)).max() > 1e-9 * duration:
         raise ValueError("t: a scene file's output times begin at 0 and are evenly spaced; these are not")
-    laws = _Laws(scene.arm, t)
-    drives = [_drive(laws, f"drive[{k}]", key, law) for k, (key, law) in enumerate(scene.drive.items())]
-    loads = [laws.load(f"load[{k}]", load) for k, load in enumerate(scene.loads)]
-    controls = [laws.control(f"control[{k}]", law) for k, law in enumerate(scene.control)]
-    sensors = [sensor.to_dict() for sensor in scene.sensors]
-    arm = scene.arm.to_dict()
-    for key, value in scene.options.items():
+    for key, value in options.items():
         if not isinstance(value, (str, int, float, np.generic, type(None))):
             raise ValueError(f"options: {key} = {value!r}: is Python code, which a scene file cannot hold")
-    simulation = {"duration": duration, "interval": duration / count, "q0": scene.q0, "v0": scene.v0, **scene.options}
-    lines = [f"title = {_value(scene.name)}", f"gravity = {_value(_plain(arm['gravity']))}"]
-    groups = (("link", arm["link"]), ("drive", drives), ("load", loads), ("control", controls), ("sensor", sensors))
-    for name, tables in groups:
+    laws = _Laws(arm, t)
+    lines = [f"title = {_value(scene['name'])}", f"gravity = {_value(_plain(arm.gravity))}"]
+    for name, tables in _tables(scene, laws):
         for table in tables:
             lines += _table(name, _plain(table), array=True)
-    lines += _table("simulation", _plain(simulation))
+    about = {"duration": duration, "interval": duration / count, "q0": scene["q0"], "v0": scene["v0"], **options}
+    lines += _table("simulation", _plain(about))
     head = [f"# {''.join(filter(str.isprintable, line))}".rstrip() for line in [*comment.splitlines(), *laws.notes]]
     return "\n".join([*head, *lines]) + "\n"

@@ -24,6 +24,7 @@ from ..parts.part import _Part
 from ..run.result import Result
 from .reading import Reading
 
+PerComponent = float | Sequence[float]
 Component = tuple[str, str]  # label, unit
 _COMMON = ("rate", "delay", "resolution", "noise", "range", "seed")
 _FINER = 10  # a sensor may sample so many times between two output times
@@ -47,9 +48,9 @@ class Sensor(_Part):
 
     rate: float | None = field(default=None, kw_only=True)
     delay: float = field(default=0.0, kw_only=True)
-    resolution: Any = field(default=None, kw_only=True)
-    noise: Any = field(default=None, kw_only=True)
-    range: Any = field(default=None, kw_only=True)
+    resolution: PerComponent | None = field(default=None, kw_only=True)
+    noise: PerComponent | None = field(default=None, kw_only=True)
+    range: PerComponent | None = field(default=None, kw_only=True)
     seed: int = field(default=0, kw_only=True)
 
     type: ClassVar[str] = ""

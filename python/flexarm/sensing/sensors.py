@@ -9,7 +9,7 @@ import numpy as np
 
 from .._check import Array, array, choice, number, whole
 from ..arm import Arm
-from ..parts.beam import Beam, Circle, Rectangle, Taper, _numbers
+from ..parts.beam import Beam, Circle, Rectangle, Taper, Vector, _numbers
 from ..parts.joints import _UNIT
 from .sensor import Component, Sensor
 
@@ -209,7 +209,7 @@ class Accelerometer(Sensor):
 
     link: int = -1
     x: float | None = None
-    axis: Any = "y"
+    axis: str | Vector = "y"
     gravity: bool = True
     type: ClassVar[str] = "accelerometer"
     needs_a: ClassVar[bool] = True
@@ -275,6 +275,3 @@ class Camera(Sensor):
         if self.axes == "world":
             return np.asarray(arm.frame(q, self.link, self.x)[0])
         return self._from_clamp(arm, q) - self._from_clamp(arm, arm.zero)
-
-
-KINDS = (Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, Tachometer)

@@ -1,0 +1,127 @@
+"""What a class or a function takes: names, types, defaults and meanings, from its signature and its docstring.
+
+This is the grammar of scene files: a table holds the arguments of what is made of it. Files are read and written, their
+errors name the nearest key, and docs/scene-reference.md is written by what stands here alone.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, is_dataclass
+from functools import cache
+from itertools import zip_longest
+from types import UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+_BLOCK = re.compile(r"^(?:Args|Attributes):\n((?: .*\n|\n)*)", re.M)
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument: its type as it is annotated, its default (`inspect.Parameter.empty`: none), and what the docstring
+    says of it."""
+
+    name: str
+    hint: Any
+    default: Any
+    meaning: str
+
+    @property
+    def required(self) -> bool:
+        return self.default is inspect.Parameter.empty
+
+    @property
+    def parts(self) -> tuple[type, ...]:
+        """What flexarm's own classes it takes: in a file, a table."""
+        return _own(self.hint)
+
+    @property
+    def many(self) -> bool:
+        """Whether it takes a list of these: in a file, a list of tables."""
+        return any(get_origin(h) is Sequence and _own(h) for h in members(self.hint, deep=False))
+
+
+def _own(hint: Any) -> tuple[type, ...]:
+    package = __name__.partition(".")[0] + "."
+    return tuple(h for h in members(hint) if isinstance(h, type) and h.__module__.startswith(package))
+
+
+def members(hint: Any, deep: bool = True) -> Iterator[Any]:
+    """The types that a union allows; if deep, with those of the entries of its lists."""
+    origin = get_origin(hint)
+    if origin in (Union, UnionType) or (deep and origin is Sequence):
+        for inner in get_args(hint):
+            yield from members(inner, deep)
+    else:
+        yield hint
+
+
+@cache
+def arguments(make: Callable[..., Any]) -> dict[str, Argument]:
+    """What a class or a function takes, by name."""
+    parameters = inspect.signature(make).parameters
+    annotated: Any = getattr(make, "__init__") if isinstance(make, type) and not is_dataclass(make) else make  # noqa: B009
+    hints = get_type_hints(annotated)
+    docs = [c.__doc__ or "" for c in (make.__mro__[::-1] if isinstance(make, type) else (make,))]  # the own last
+    said = {name: text for doc in docs for name, text in _meanings(doc, tuple(parameters)).items()}
+    return {k: Argument(k, hints.get(k, Any), p.default, said.get(k, "")) for k, p in parameters.items()}
+
+
+@cache
+def summary(make: Callable[..., Any]) -> str:
+    """What its docstring says ahead of the arguments."""
+    return re.split(r"^(?:Args|Attributes|Raises):$", inspect.cleandoc(make.__doc__ or ""), flags=re.M)[0].strip()
+
+
+def kinds(*bases: type) -> dict[str, type]:
+    """The classes below these, and these, that have a `type` of their own, by it."""
+    found: dict[str, type] = {}
+    for base in bases:
+        if base.__dict__.get("type"):
+            found[base.type] = base  # type: ignore[attr-defined]
+        found |= kinds(*base.__subclasses__())
+    return found
+
+
+def _block(doc: str) -> str:
+    """The entries below "Args:", each from the beginning of a line, what goes on in the next line indented."""
+    found = _BLOCK.search(inspect.cleandoc(doc) + "\n")
+    return textwrap.dedent(found[1]).strip("\n") if found else ""
+
+
+def _meanings(doc: str, names: Sequence[str]) -> dict[str, str]:
+    """By name: of "a, b: text", also of a second one in the same line, "a: text. b: text"."""
+    text = re.sub(r"\n +", " ", _block(doc))
+    one = "|".join(names)
+    heads = list(re.finditer(rf"(?:^|(?<=\. ))((?:{one})(?:, (?:{one}))*): ", text, re.M)) if names else []
+    out: dict[str, str] = {}
+    for head, after in zip_longest(heads, heads[1:]):
+        meaning = text[head.end() : after.start() if after else None].partition("\n")[0].strip()
+        out.update(dict.fromkeys(head[1].split(", "), meaning))
+    return out
+
+
+def with_inherited(cls: type) -> str | None:
+    """The docstring of a class, which explains the arguments that it inherits, too."""
+    doc = cls.__dict__.get("__doc__")
+    if not doc:
+        return None
+    said = set(re.findall(r"\w+(?=(?:, \w+)*: )", _block(doc)))
+    more = []
+    for base in cls.__mro__[1:]:
+        for entry in filter(None, re.split(r"\n(?! )", _block(base.__doc__ or ""))):
+            names = entry.partition(": ")[0].split(", ")
+            if said.isdisjoint(names):
+                more.append(entry)
+                said.update(names)
+    if not more:
+        return str(doc)
+    doc, new = inspect.cleandoc(doc) + "\n", textwrap.indent("\n".join(more), "    ") + "\n"
+    found = _BLOCK.search(doc)
+    if not found:
+        return f"{doc}\nArgs:\n{new}"
+    rest = doc[found.end() :]
+    return doc[: found.end()].rstrip() + "\n" + new + ("\n" + rest if rest else "")

@@ -1,0 +1,150 @@
+"""What stands in a scene file: its tables, and what is made of them.
+
+A table holds the arguments of what is made of it: the fields of `SceneFile` are a file's tables, those of a `Link` or a
+`Beam` are found in these. Where a class has kinds (joints, sections, controllers, sensors), the table's `type` says
+which. So what a new joint, or a new field of a beam, takes is read, written and explained without a word here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._check import Array, number, whole
+from ..acting.control import Controller
+from ..acting.drive import Motion, SpinUp, Torque
+from ..acting.load import Load
+from ..acting.voltage import Voltage
+from ..parts.arguments import Argument, arguments, members
+from ..parts.tables import ArmFile
+from ..run.simulation import simulate
+from ..sensing.sensor import Sensor
+
+
+class Samples(NamedTuple):
+    """A law of time in a file: a table of samples, or, of one with two columns, a number."""
+
+    columns: tuple[str, ...]
+    make: Any  #: what takes the columns as arguments; None: a pair of them is what is meant
+
+
+#: Arguments that are laws of time, by name.
+SAMPLES = {
+    "motion": Samples(("t", "q", "v", "a"), Motion),
+    "torque": Samples(("t", "tau"), Torque),
+    "voltage": Samples(("t", "V"), Voltage),
+    "reference": Samples(("t", "r"), None),
+}
+
+
+@dataclass(frozen=True)
+class JointDrive:
+    """What drives a joint: exactly one of `motion`, `spin_up` and `torque`.
+
+    Args:
+        link: whose joint.
+        freedom: which of the joint's freedoms, where it has several.
+        motion: a prescribed motion (rad, m; `v` per s, `a` per s²): `q` alone, by a spline, or `q`, `v` and `a`, by
+            quintic pieces; its reaction becomes an output.
+        spin_up: a motion from rest to a speed.
+        torque: N m, or the force (N) of a joint that slides.
+    """
+
+    link: int
+    freedom: int | None = None
+    motion: Motion | None = None
+    spin_up: SpinUp | None = None
+    torque: Torque | None = None
+
+    def __post_init__(self) -> None:
+        whole("link", self.link)
+        if self.freedom is not None:
+            whole("freedom", self.freedom)
+
+    @property
+    def laws(self) -> list[Any]:
+        spin_up = None if self.spin_up is None else Motion(self.spin_up)
+        return [law for law in (self.motion, spin_up, self.torque) if law is not None]
+
+    @property
+    def key(self) -> Any:
+        return self.link if self.freedom is None else (self.link, self.freedom)
+
+
+@dataclass(frozen=True)
+class PatchDrive:
+    """What drives a piezo patch.
+
+    Args:
+        link: whose beam bears the patch.
+        patch: which of that beam's patches.
+        voltage: V.
+    """
+
+    link: int
+    patch: int
+    voltage: Voltage
+
+    def __post_init__(self) -> None:
+        whole("link", self.link), whole("patch", self.patch)
+
+    @property
+    def laws(self) -> list[Any]:
+        return [self.voltage]
+
+    @property
+    def key(self) -> Any:
+        return "patch", self.link, self.patch
+
+
+def output_times(duration: float = 1.0, interval: float = 1e-3) -> Array:
+    """The times (s) at which a run is noted, from 0.
+
+    Args:
+        duration: how long it is simulated (s).
+        interval: between two output times (s), a whole part of the duration.
+    """
+    duration, interval = number("duration", duration), number("interval", interval)
+    for key, value in (("duration", duration), ("interval", interval)):
+        if not (value > 0 and np.isfinite(value)):
+            raise ValueError(f"{key} = {value}: must be positive and finite")
+    parts = duration / interval
+    count = round(parts) if parts <= 1e7 else 0
+    if not (1 <= count <= 10_000_000) or abs(count * interval - duration) > 1e-6 * duration:
+        raise ValueError(f"interval = {interval}: must divide the duration, {duration}, into 1 to 1e7 parts")
+    return np.linspace(0.0, duration, count + 1)
+
+
+def _options() -> dict[str, Argument]:
+    """What `simulate` takes that is a number or a word."""
+    plain = {int, float, str, type(None)}
+    return {k: a for k, a in arguments(simulate).items() if plain.issuperset(members(a.hint))}
+
+
+OPTIONS = _options()
+#: The arguments of [simulation].
+SIMULATION = {**arguments(output_times), **{k: arguments(simulate)[k] for k in ("q0", "v0")}, **OPTIONS}
+
+
+@dataclass(frozen=True)
+class SceneFile(ArmFile):
+    """A scene file: an arm, what drives it, what it is read by, and for how long.
+
+    Args:
+        title: of tables and figures; None: the file's name.
+        drive: what drives its joints and its piezo patches.
+        load: forces and moments from outside.
+        control: controllers, whose forces add up with the drives'.
+        sensor: what `flexarm run` writes readings of, as sensor-K-TYPE.csv.
+        simulation: for how long, and how, it is simulated.
+    """
+
+    title: str | None = None
+    drive: Sequence[JointDrive | PatchDrive] = ()
+    load: Sequence[Load] = ()
+    control: Sequence[Controller] = ()
+    sensor: Sequence[Sensor] = ()
+    simulation: Mapping[str, Any] = field(default_factory=dict)

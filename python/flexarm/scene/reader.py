@@ -1,0 +1,81 @@
+"""From the structure of a scene file to what a Scene is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from .._check import array, choice, known_keys, number
+from ..acting.control import control_laws
+from ..arm import METHODS, Arm
+from ..parts.arguments import arguments
+from ..parts.tables import read, read_file
+from ..run.simulation import INTEGRATORS
+from .grammar import OPTIONS, SAMPLES, SIMULATION, Samples, SceneFile, output_times
+from .samples import Files, samples
+
+
+def _law(files: Files, law: Samples, where: str, value: Any) -> Any:
+    """A law of time: a number, where it can be one, or samples."""
+    if not isinstance(value, Mapping) and law.make is None:
+        return value
+    if not isinstance(value, Mapping) and len(law.columns) == 2:
+        return law.make(number(where, value))
+    found = samples(where, value, law.columns, files)
+    if law.make is not None:
+        return read(where, law.make, found)
+    missing = [k for k in law.columns if k not in found]
+    if missing:
+        raise ValueError(f"{where}: missing {', '.join(missing)}")
+    return tuple(found[k] for k in law.columns)
+
+
+def _simulation(where: str, table: Any) -> dict[str, Any]:
+    known_keys(where, table, SIMULATION)
+    for key, known in (("method", METHODS), ("integrator", INTEGRATORS)):
+        if key in table:
+            choice(f"{where}.{key}", table[key], known)
+    return dict(table)
+
+
+def _drives(file: SceneFile) -> dict[Any, Any]:
+    found: dict[Any, Any] = {}
+    for k, drive in enumerate(file.drive):
+        if len(drive.laws) != 1:
+            raise ValueError(f"drive[{k}]: needs link and one of motion, spin_up, torque")
+        if drive.key in found:
+            raise ValueError(f"drive[{k}].link = {drive.key}: is driven twice")
+        found[drive.key] = drive.laws[0]
+    return found
+
+
+def scene_fields(d: Mapping[str, Any], name: str, files: Files) -> dict[str, Any]:
+    """What a Scene is made of, from the structure of its file."""
+    laws = {key: partial(_law, files, law) for key, law in SAMPLES.items()}
+    file = read_file(SceneFile, d, {**laws, "simulation": _simulation})
+    arm, s = Arm._read(file), file.simulation
+    t = read("simulation", output_times, {k: s[k] for k in arguments(output_times) if k in s})
+    checks: dict[str, Callable[[Any], Any]] = {
+        "load": lambda load: load.place(arm),
+        "sensor": lambda sensor: sensor.check(arm, t),
+        "control": lambda law: control_laws(arm, law, t),
+    }
+    for key, check in checks.items():
+        for k, part in enumerate(getattr(file, key)):
+            try:
+                check(part)
+            except ValueError as e:
+                raise ValueError(f"{key}[{k}]: {e}") from None
+    return {
+        "arm": arm,
+        "drive": _drives(file),
+        "loads": tuple(file.load),
+        "t": t,
+        "q0": array("simulation.q0", s["q0"], (arm.nq,)) if "q0" in s else None,
+        "v0": array("simulation.v0", s["v0"], (arm.nv,)) if "v0" in s else None,
+        "options": {k: s[k] for k in OPTIONS if k in s},
+        "name": name if file.title is None else str(file.title),
+        "sensors": tuple(file.sensor),
+        "control": tuple(file.control),
+    }

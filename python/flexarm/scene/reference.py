@@ -1,0 +1,143 @@
+"""The page docs/scene-reference.md, from the grammar: python -m flexarm.scene.reference > docs/scene-reference.md"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
+from typing import Any, get_args, get_origin
+
+from ..parts.arguments import Argument, arguments, members, summary
+from ..parts.arguments import kinds as all_kinds
+from .grammar import SAMPLES, SIMULATION, SceneFile
+
+HEAD = """# The scene file
+
+Every table and key of a scene file, which `fa.load` and `flexarm run` read and `scene.save` writes. The file is
+[TOML](https://toml.io); [ist.toml](../python/flexarm/scenes/ist.toml) is one. SI units and radians throughout. A table
+holds the arguments of what is made of it: `help(fa.Beam)` says what stands here under `beam`. What is not required may
+be left out, which is what None means. Callables are for Python alone. C++'s `load_arm` reads `gravity` and `[[link]]`.
+
+**Samples** are laws of time, in place, `torque = { t = [0, 1], tau = [0, 2] }`, or in a file of comma-separated values
+whose first line names the columns, `torque = { file = "torque.csv" }`; see `fa.load` for where that file may be.
+
+Written by `python -m flexarm.scene.reference`; do not edit.
+"""
+
+_Group = tuple[type, ...]  # what stands in a table: one class, or several, of which its type or its keys tell
+_Groups = Mapping[_Group, Sequence[str]]  # and what keys it stands behind
+
+
+def kinds(*bases: type) -> dict[str, type]:
+    """Those of flexarm's own; others may have been made meanwhile."""
+    return {kind: cls for kind, cls in all_kinds(*bases).items() if cls.__module__.startswith("flexarm.")}
+
+
+def _home(group: _Group, groups: Iterable[_Group]) -> _Group:
+    """Where it is explained: itself, or another that has all its kinds."""
+    own = kinds(*group).items()
+    return next((other for other in groups if own and own <= kinds(*other).items()), group)
+
+
+def _found(rows: Iterable[Argument], groups: dict[_Group, list[str]]) -> None:
+    """All groups that are met from some arguments on, with the names they go by."""
+    for argument in rows:
+        if argument.parts and argument.name not in SAMPLES:
+            group = _home(argument.parts, groups)
+            new = group not in groups
+            names = groups.setdefault(group, [])
+            names += [] if argument.name in names else [argument.name]
+            for cls in (*group, *kinds(*group).values()) if new else ():
+                _found(arguments(cls).values(), groups)
+
+
+def _title(group: _Group, names: Iterable[str]) -> str:
+    one = len(group) == 1 and not kinds(*group)
+    return ", ".join(sorted(names, key=len)) + (f": {group[0].__name__}" if one else "")
+
+
+def _link(words: str, title: str) -> str:
+    return f"[{words}](#{re.sub('[^a-z_ -]', '', title.lower()).replace(' ', '-')})"
+
+
+def _words(hint: Any) -> str:
+    """A type in a file's words."""
+    known = {bool: "true or false", int: "whole number", float: "number", str: "text", Any: "", type(None): ""}
+    inside = list(members(hint, deep=False))
+    if any(getattr(h, "__module__", "").startswith("numpy") for h in inside):
+        return "numbers"  # an ArrayLike
+    words = []
+    for h in inside:
+        origin = get_origin(h)
+        if origin is Sequence:
+            words.append({"number": "numbers", "text": "texts"}.get(_words(get_args(h)[0]), "list"))
+        else:
+            words.append("table" if origin is Mapping else known.get(h, ""))
+    return " or ".join(dict.fromkeys(filter(None, words)))
+
+
+def _default(argument: Argument) -> str:
+    value = argument.default
+    if argument.required:
+        return "required"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (tuple, list)):
+        return "[" + ", ".join(f"{x:g}" for x in value) + "]" if value else ""
+    return f"{value:.6g}" if isinstance(value, (int, float)) else f'"{value}"' if isinstance(value, str) else ""
+
+
+def _takes(argument: Argument, groups: _Groups) -> str:
+    """What stands behind a key."""
+    if argument.name in SAMPLES:
+        columns = SAMPLES[argument.name].columns
+        return ("number, or " if len(columns) == 2 else "") + "samples " + ", ".join(f"`{c}`" for c in columns)
+    if argument.parts:
+        group = _home(argument.parts, groups)
+        title = _title(group, groups[group])
+        return "list of " + _link("tables", title) if argument.many else _link("table", title)
+    return _words(argument.hint)
+
+
+def _rows(rows: Iterable[Argument], groups: _Groups) -> Iterator[str]:
+    """A table of arguments; what is explained together stands in one row, if it can."""
+    yield from ("", "| key | value | default | |", "|-|-|-|-|")
+    told: dict[str, str] = {}
+    for (meaning, takes, default), alike in groupby(rows, lambda a: (a.meaning, _takes(a, groups), _default(a))):
+        names = ", ".join(f"`{a.name}`" for a in alike)
+        before = told.setdefault(meaning, names)
+        text = meaning if before == names or len(meaning) < 60 else f"see {before}."
+        yield "| " + " | ".join(cell.replace("|", "\\|") for cell in (names, takes, default, text)) + " |"
+
+
+def _section(group: _Group, groups: _Groups) -> Iterator[str]:
+    """What one group's tables hold."""
+    known = kinds(*group)
+    shared = arguments(group[0]) if known and len(group) == 1 else {}
+    if known and len(group) == 1:
+        yield from ("", summary(group[0]))
+        if shared:
+            yield from _rows(shared.values(), groups)
+    for kind, cls in known.items() or ((None, c) for c in group):
+        own = [a for name, a in arguments(cls).items() if name not in shared]
+        yield from ("", f'**`type = "{kind}"`** {summary(cls)}' if kind else summary(cls))
+        if own:
+            yield from _rows(own, groups)
+
+
+def page() -> str:
+    """The page, in Markdown."""
+    top = arguments(SceneFile)
+    groups: dict[_Group, list[str]] = {}
+    _found(top.values(), groups)
+    lines = ["## The file", *_rows(top.values(), groups)]
+    for group, names in groups.items():
+        first = any(name in top for name in names)
+        lines += ["", f"{'##' if first else '###'} {_title(group, names)}", *_section(group, groups)]
+    lines += ["", "## simulation", "", "For how long, and how: what `fa.simulate` takes, and its output times."]
+    lines += _rows(SIMULATION.values(), groups)
+    return HEAD + "\n" + "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(page(), end="")
