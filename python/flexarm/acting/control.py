@@ -73,7 +73,7 @@ class Controller:
     type: ClassVar[str] = ""
 
     def _arguments(self) -> dict[str, Any]:
-        """What a file says of it: the arguments it was made of."""
+        """What a file says of it: the arguments it was made of, which it keeps by their names."""
         made: Any = type(self)
         return {name: getattr(self, name) for name in arguments(made)}
 

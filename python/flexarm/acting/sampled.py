@@ -251,7 +251,7 @@ class PID(LinearController):
     type = "pid"
 
     def __init__(
-        self, kp: float, ki: float, kd: float, link: Any = 0, *, rate: float | None = None, reference: Any = 0.0,
+        self, kp: float, ki: float, kd: float, link: Any = -1, *, rate: float | None = None, reference: Any = 0.0,
         filter_time: float | None = None, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
         link = tuple(link) if isinstance(link, list) else link  # (link, freedom) in a file

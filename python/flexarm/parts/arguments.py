@@ -63,8 +63,11 @@ def members(hint: Any, deep: bool = True) -> Iterator[Any]:
 def arguments(make: Callable[..., Any]) -> dict[str, Argument]:
     """What a class or a function takes, by name."""
     parameters = inspect.signature(make).parameters
-    annotated: Any = getattr(make, "__init__") if isinstance(make, type) and not is_dataclass(make) else make  # noqa: B009
-    hints = get_type_hints(annotated)
+    by_init = isinstance(make, type) and not is_dataclass(make)
+    try:
+        hints = get_type_hints(make.__init__ if by_init else make)
+    except NameError:  # a user's, of names that are imported for typing alone
+        hints = {}
     docs = [c.__doc__ or "" for c in (make.__mro__[::-1] if isinstance(make, type) else (make,))]  # the own last
     said = {name: text for doc in docs for name, text in _meanings(doc, tuple(parameters)).items()}
     return {k: Argument(k, hints.get(k, Any), p.default, said.get(k, "")) for k, p in parameters.items()}

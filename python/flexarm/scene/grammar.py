@@ -89,7 +89,8 @@ class PatchDrive:
     voltage: Voltage
 
     def __post_init__(self) -> None:
-        whole("link", self.link), whole("patch", self.patch)
+        whole("link", self.link)
+        whole("patch", self.patch)
 
     @property
     def laws(self) -> list[Any]:
