@@ -1,6 +1,5 @@
 // Joints (Sec. 4.1): a row of elementary motions, ended by a ball (unit quaternion) where freedom from singularity is
-// asked for. A joint offers its motion, its Jacobian H and the rate term, so that no sweep asks for its kind: a further
-// kind is a row of such motions. Who needs to know where the rates of coordinates are not v asks `has_ball`.
+// asked for. A joint offers its motion, its Jacobian H and the rate term; no sweep asks for its kind.
 #pragma once
 
 #include <limits>
