@@ -1,5 +1,7 @@
 #include "strain_physics.hpp"
 
+#include <numeric>
+
 namespace flexarm {
 
 using Eigen::MatrixXd;
@@ -26,21 +28,17 @@ double modal_inertia(int strain, const Material& material, const Section& s) {
   return f.position < 0 ? rotary_inertia(material, s)[f.rotation] : material.density * s.area;
 }
 
-Plane plane_of(const StrainCounts& modes) {
-  const auto all_in = [&](int across, int turn) {  // of what is moved along x and `across`, and turned about `turn`
-    for (int s = 0; s < kStrains; ++s) {
-      const StrainField& f = kStrainFields[s];
-      const bool fits = (f.position <= 0 || f.position == across) && (f.rotation < 0 || f.rotation == turn);
-      if (modes[s] > 0 && !fits) return false;
-    }
-    return true;
-  };
-  const bool xy = all_in(1, 2), xz = all_in(2, 1);
-  return xy == xz ? Plane::none : xy ? Plane::xy : Plane::xz;
-}
-
 PlanarStrains strains_in(Plane plane) {
   return plane == Plane::xy ? PlanarStrains{bending_y, shear_y} : PlanarStrains{bending_z, shear_z};
+}
+
+Plane plane_of(const StrainCounts& modes) {
+  const int all = std::accumulate(modes.begin(), modes.end(), 0);
+  for (const Plane plane : {Plane::xy, Plane::xz}) {
+    const PlanarStrains in = strains_in(plane);
+    if (all > 0 && modes[in.bending] + modes[in.shear] == all) return plane;
+  }
+  return Plane::none;
 }
 
 ProductIntegrals::ProductIntegrals(const StrainCounts& n) {

@@ -25,13 +25,13 @@ double rigidity(int strain, const Material& material, const Section& s);
 Eigen::Vector3d rotary_inertia(const Material& material, const Section& s);
 /// What a clamped mode of one strain vibrates against, per length (Euler-Bernoulli for bending).
 double modal_inertia(int strain, const Material& material, const Section& s);
-/// The one plane in which all shape functions move the beam, if there is just one.
-Plane plane_of(const StrainCounts& modes);
-/// The strains that move a beam in a plane.
+/// The strains that move a beam in one plane alone.
 struct PlanarStrains {
   int bending, shear;
 };
 PlanarStrains strains_in(Plane plane);
+/// The plane of a beam that has no others.
+Plane plane_of(const StrainCounts& modes);
 
 /// Running integrals from 0 to X of the products of shape functions that the second-order terms are made of.
 struct ProductIntegrals {

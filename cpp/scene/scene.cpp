@@ -1,4 +1,7 @@
 // Gravity, links, joints and bodies of a scene. Keys and checks are those of the Python reader.
+#include <algorithm>
+#include <iterator>
+
 #include "flexarm/spatial.hpp"
 #include "scene_arm.hpp"
 #include "scene_parts.hpp"
@@ -9,9 +12,6 @@ namespace {
 
 const Names kForces{"stiffness",       "rest",          "damping", "lower",    "upper",
                     "limit_stiffness", "limit_damping", "coulomb", "stiction", "reflected_inertia"};
-const Names kJoints{"fixed",  "revolute",  "prismatic", "cylindrical", "universal",
-                    "planar", "spherical", "free",      "axes"};
-
 Eigen::Vector3d unit(char axis) { return Eigen::Vector3d::Unit(axis - 'x'); }
 
 Eigen::Vector3d read_axis(const At& joint, char otherwise) {
@@ -23,11 +23,36 @@ Eigen::Vector3d read_axis(const At& joint, char otherwise) {
   return unit(name[0]);
 }
 
+/// A kind of joint: its elementary motions, and whether a ball ends them. A further kind is a row of kKinds.
+struct Kind {
+  static constexpr char own = 0;  ///< the axis that the joint's table gives
+  static constexpr bool turn = true, slide = false;
+  struct Motion {
+    const char* name;
+    bool rotation;
+    char axis;
+  };
+  const char* type;
+  std::vector<Motion> motions = {};
+  bool ball = false;
+  char axis = 0;  ///< its own, where the table gives none; 0: it has none of its own
+};
+const Kind kKinds[] = {
+    {"fixed"},
+    {"revolute", {{"", Kind::turn, Kind::own}}, false, 'z'},
+    {"prismatic", {{"", Kind::slide, Kind::own}}, false, 'x'},
+    {"cylindrical", {{"translation", Kind::slide, Kind::own}, {"rotation", Kind::turn, Kind::own}}, false, 'z'},
+    {"universal", {{"x", Kind::turn, 'x'}, {"y", Kind::turn, 'y'}}},
+    {"planar", {{"x", Kind::slide, 'x'}, {"y", Kind::slide, 'y'}, {"rotation", Kind::turn, 'z'}}},
+    {"spherical", {}, true},
+    {"free", {{"x", Kind::slide, 'x'}, {"y", Kind::slide, 'y'}, {"z", Kind::slide, 'z'}}, true},
+    {"axes"},  // of the motions that its table lists
+};
+
 /// The freedoms of a joint before its ball, and their names.
 struct Freedoms {
   std::vector<ElementaryMotion> motions;
   Names names;
-  bool ball = false;
 
   void add(const std::string& name, bool rotation, const Eigen::Vector3d& axis) {
     motions.push_back({rotation, axis});
@@ -47,25 +72,11 @@ void read_axes(const At& list, Freedoms& f) {
   }
 }
 
-Freedoms read_freedoms(const At& joint, const std::string& type) {
+Freedoms read_freedoms(const At& joint, const Kind& kind) {
   Freedoms f;
-  f.ball = type == "spherical" || type == "free";
-  if (type == "revolute" || type == "prismatic") {
-    f.add("", type == "revolute", read_axis(joint, type == "revolute" ? 'z' : 'x'));
-  } else if (type == "cylindrical") {
-    const Eigen::Vector3d axis = read_axis(joint, 'z');
-    f.add("translation", false, axis);
-    f.add("rotation", true, axis);
-  } else if (type == "universal") {
-    for (const char a : {'x', 'y'}) f.add(std::string(1, a), true, unit(a));
-  } else if (type == "planar") {
-    for (const char a : {'x', 'y'}) f.add(std::string(1, a), false, unit(a));
-    f.add("rotation", true, unit('z'));
-  } else if (type == "free") {
-    for (const char a : {'x', 'y', 'z'}) f.add(std::string(1, a), false, unit(a));
-  } else if (type == "axes" && joint.has("axes")) {
-    read_axes(joint["axes"], f);
-  }
+  const Eigen::Vector3d own = kind.axis ? read_axis(joint, kind.axis) : Eigen::Vector3d::Zero();
+  for (const Kind::Motion& m : kind.motions) f.add(m.name, m.rotation, m.axis == Kind::own ? own : unit(m.axis));
+  if (joint.has("axes")) read_axes(joint["axes"], f);
   return f;
 }
 
@@ -114,26 +125,29 @@ Placement read_placement(const At& joint, const std::string& side) {
 }
 
 Joint read_joint(const At& joint) {
-  if (!joint.is(Value::Kind::table) || !joint.has("type")) {
-    std::string kinds;
-    for (const std::string& k : kJoints) kinds += (kinds.empty() ? "" : ", ") + k;
-    joint.bad("must be a table with a type: " + kinds);
+  Names kinds;
+  std::string all;
+  for (const Kind& k : kKinds) {
+    kinds.push_back(k.type);
+    all += (all.empty() ? "" : ", ") + kinds.back();
   }
-  const std::string type = joint["type"].choice(kJoints);
+  if (!joint.is(Value::Kind::table) || !joint.has("type")) joint.bad("must be a table with a type: " + all);
+  const std::string type = joint["type"].choice(kinds);
+  const Kind& kind = *std::find_if(std::begin(kKinds), std::end(kKinds), [&](const Kind& k) { return k.type == type; });
   Names known = kForces;
   known.insert(known.end(), {"type", "inboard", "outboard"});
-  if (type == "revolute" || type == "prismatic" || type == "cylindrical") known.push_back("axis");
+  if (kind.axis) known.push_back("axis");
   if (type == "axes") known.push_back("axes");
   joint.known_keys(known);
 
-  const Freedoms f = read_freedoms(joint, type);
+  const Freedoms f = read_freedoms(joint, kind);
   Names labels;
   for (const std::string& name : f.names) labels.push_back(name.empty() ? type : type + " " + name);
-  if (f.ball)
+  if (kind.ball)
     for (const char* w : {" wx", " wy", " wz"}) labels.push_back(type + w);
   const std::vector<JointForce> forces = read_forces(joint, labels.size());
   const Placement inboard = read_placement(joint, "inboard"), outboard = read_placement(joint, "outboard");
-  return within(joint.where(), [&] { return Joint(f.motions, f.ball, labels, forces, inboard, outboard); });
+  return within(joint.where(), [&] { return Joint(f.motions, kind.ball, labels, forces, inboard, outboard); });
 }
 
 Link read_link(const At& table) {

@@ -246,6 +246,15 @@ py::dict run(const Given& given, bool rubs, double step, const Integrate& integr
   return out;
 }
 
+/// The fixed-step method of a name: a further one has its line here.
+std::unique_ptr<Step> make_step(const std::string& integrator, const Arm& arm, double step, double rtol,
+                                double spectral_radius, int stages) {
+  constexpr DryFriction ours = DryFriction::left_to_caller;
+  if (integrator == "rk4") return std::make_unique<Rk4Step>(arm, step, ours);
+  if (integrator == "gauss") return std::make_unique<CollocationStep>(arm, CollocationOptions{stages, rtol}, ours);
+  return std::make_unique<ImplicitStep>(arm, step, ImplicitOptions{spectral_radius, rtol});
+}
+
 }  // namespace
 
 void bind_time(py::module_& m) {
@@ -326,14 +335,7 @@ void bind_time(py::module_& m) {
          const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, const std::string& integrator, double step, double rtol,
          double spectral_radius, int stages, bool composite, const py::object& alive, const LoadLaws& loads,
          const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled) {
-        std::unique_ptr<Step> method;
-        if (integrator == "rk4")
-          method = std::make_unique<Rk4Step>(arm, step, DryFriction::left_to_caller);
-        else if (integrator == "gauss")
-          method =
-              std::make_unique<CollocationStep>(arm, CollocationOptions{stages, rtol}, DryFriction::left_to_caller);
-        else
-          method = std::make_unique<ImplicitStep>(arm, step, ImplicitOptions{spectral_radius, rtol});
+        const std::unique_ptr<Step> method = make_step(integrator, arm, step, rtol, spectral_radius, stages);
         return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled},
                    method->rubbing() != nullptr, step,
                    [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,

@@ -1,5 +1,5 @@
 // Joints (Sec. 4.1): a row of elementary motions, ended by a ball (unit quaternion) where freedom from singularity is
-// asked for. A joint offers its motion, its Jacobian H and the rate term; no algorithm asks for its type.
+// asked for. A joint offers its motion, its Jacobian H and the rate term; no sweep asks for its kind.
 #pragma once
 
 #include <limits>
