@@ -29,7 +29,8 @@ class Arm(Chain):
     Coordinates q are stacked link by link: the joint's, then the beam's elastic coordinates in the order bending_y,
     bending_z, torsion, shear_y, shear_z (Eq. 33); `coordinates` names their rates. Ball joints have a quaternion, so
     that nq is above nv. All methods take arrays q (..., nq) and v, a, tau (..., nv) and broadcast over the leading
-    axes; bad arguments raise ValueError.
+    axes; bad arguments raise ValueError. Links count from 0 at the base; -1 is the last one, which is meant where none
+    is named.
 
     Args:
         links: from the base to the tip.
@@ -84,6 +85,7 @@ class Arm(Chain):
         v: ArrayLike,
         tau: ArrayLike | None = None,
         method: str = "ab",
+        *,
         prescribed: Mapping[Any, float] | None = None,
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
@@ -114,7 +116,7 @@ class Arm(Chain):
         )
 
     def inverse_dynamics(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, loads: Sequence[Load] | None = None, t: float = 0.0
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, loads: Sequence[Load] | None = None, t: float = 0.0
     ) -> Array:
         """Generalised forces tau = M a + h - J^T loads(t), shape (..., nv), by the sweeps of Eq. 84-87. O(N)."""
         lead, (q, v, a) = self._batch(q=q, v=v, a=a)
@@ -126,8 +128,9 @@ class Arm(Chain):
         q: ArrayLike,
         v: ArrayLike,
         a: ArrayLike,
-        link: int = 0,
+        link: int = -1,
         side: str = "outboard",
+        *,
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
     ) -> Array:
@@ -153,6 +156,7 @@ class Arm(Chain):
         q: ArrayLike | None = None,
         speed: Mapping[int, float] | None = None,
         lock: Iterable[int] | None = None,
+        *,
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
     ) -> modal.Modes:
@@ -195,6 +199,7 @@ class Arm(Chain):
         q: ArrayLike | None = None,
         tau: ArrayLike | None = None,
         lock: Iterable[Any] | None = None,
+        *,
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
         voltages: Any = None,
@@ -230,7 +235,7 @@ class Arm(Chain):
         return found
 
     def inverse_derivatives(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, loads: Sequence[Load] | None = None, t: float = 0.0
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, loads: Sequence[Load] | None = None, t: float = 0.0
     ) -> tuple[Array, Array, Array]:
         """Exact dtau/dq (nv, nq), dtau/dv (nv, nv) and dtau/da = M (nv, nv) of `inverse_dynamics`, for one q (nq,) and
         v, a (nv,), by dual numbers through its sweeps. O(N^2)."""
@@ -243,6 +248,7 @@ class Arm(Chain):
         q: ArrayLike,
         v: ArrayLike,
         tau: ArrayLike | None = None,
+        *,
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
     ) -> linear.Derivatives:

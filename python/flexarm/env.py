@@ -203,7 +203,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         """One control period on; where that failed, and the state was left as it was."""
         n, arms = self.task.substeps, self._arms if self.task.randomize else self.task.arm
         force = ((u * self._torque) @ self._columns)[:, None, :]
-        out = rollout(arms, self._q, self._v, force, dt=self.task.dt, nstep=n, every=n, workers=self.workers)
+        out = rollout(arms, self._q, self._v, force, step=self.task.step, nstep=n, every=n, workers=self.workers)
         fine = np.asarray(out.status == 0)
         self._q[fine], self._v[fine] = out.q[fine, -1], out.v[fine, -1]
         self._count += 1

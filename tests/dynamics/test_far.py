@@ -142,7 +142,7 @@ EVALUATIONS = {
     "forward ab": lambda a, q, v, x: a.forward_dynamics(q, v, x),
     "forward ci": lambda a, q, v, x: a.forward_dynamics(q, v, x, method="ci"),
     "inverse": lambda a, q, v, x: a.inverse_dynamics(q, v, x),
-    "reaction": lambda a, q, v, x: a.joint_reaction(q, v, x),
+    "reaction": lambda a, q, v, x: a.joint_reaction(q, v, x, 0),
     "mass matrix": lambda a, q, v, x: a.mass_matrix(q),
     "bias": lambda a, q, v, x: a.bias(q, v),
     "energy": lambda a, q, v, x: a.energy(q, v),
@@ -154,10 +154,10 @@ EVALUATIONS = {
     "acceleration": lambda a, q, v, x: a.acceleration(q, v, x),
     "centre": lambda a, q, v, x: a.center_of_mass(q),
     "momentum": lambda a, q, v, x: a.momentum(q, v),
-    "strain": lambda a, q, v, x: a.strain(q),
-    "deflection": lambda a, q, v, x: a.deflection(q),
-    "charge": lambda a, q, v, x: a.charge(q) if a.patches else 0.0,
-    "voltage": lambda a, q, v, x: a.patch_voltage(q) if a.patches else 0.0,
+    "strain": lambda a, q, v, x: a.strain(q, 0),
+    "deflection": lambda a, q, v, x: a.deflection(q, 0),
+    "charge": lambda a, q, v, x: a.charge(q, 0) if a.patches else 0.0,
+    "voltage": lambda a, q, v, x: a.patch_voltage(q, 0) if a.patches else 0.0,
     "inverse derivatives": lambda a, q, v, x: a.inverse_derivatives(q, v, x),
     "forward derivatives": lambda a, q, v, x: a.forward_derivatives(q, v, x),
     "linearize": lambda a, q, v, x: a.linearize(q, v, tau=x),
@@ -198,7 +198,7 @@ def test_a_quaternion_without_a_usable_length_is_refused(length: float) -> None:
         lambda: arm.modes(q),
         lambda: arm.equilibrium(q),
         lambda: fa.simulate(arm, [0, 1e-3], q),
-        lambda: fa.rollout(arm, q[None], v[None], np.zeros((1, 1, arm.nv)), dt=1e-3),
+        lambda: fa.rollout(arm, q[None], v[None], np.zeros((1, 1, arm.nv)), step=1e-3),
     ):
         with pytest.raises(ValueError, match="the quaternion of link 0 must have a length"):
             call()

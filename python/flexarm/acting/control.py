@@ -137,14 +137,15 @@ class PD(_JointLaw):
 
     Args:
         kp, kv: gains, per rad (m) and per rad/s (m/s); of a torque (N m, N), or of the motor's current or voltage.
-        link, freedom: which joint, and which of its freedoms, where it has several; or link = (link, freedom).
+        link, freedom: which joint (-1 is the last), and which of its freedoms, where it has several; or
+            link = (link, freedom).
         reference: of q (rad, m): a number, samples (t, r) with straight lines between, or a callable t -> r.
         limit: u is kept within -limit .. limit; None: the motor's.
         motor: turns u into a torque; None: u is the torque.
     """
 
     def __init__(
-        self, kp: float, kv: float, link: Any = 0, freedom: int | None = None, *, reference: Any = 0.0,
+        self, kp: float, kv: float, link: Any = -1, freedom: int | None = None, *, reference: Any = 0.0,
         limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
         super().__init__(kp, kv, link, freedom, reference, limit, motor)
@@ -162,7 +163,7 @@ class StrainFeedback(_JointLaw):
     """
 
     def __init__(
-        self, kp: float, kv: float, ks: float, link: Any = 0, freedom: int | None = None, *, x: float = 0.0,
+        self, kp: float, kv: float, ks: float, link: Any = -1, freedom: int | None = None, *, x: float = 0.0,
         strain: str = "K3", beam: int | None = None, reference: Any = 0.0, limit: float | None = None,
         motor: Motor | None = None,
     ) -> None:  # fmt: skip
@@ -182,14 +183,14 @@ class StateFeedback(Controller):
     Args:
         K: gains (nu, 2 nv): by all coordinates, then by all rates, in the order of LinearModel.states of a model that
             locks nothing. For arms without balls.
-        actuate: nu links, (link, freedom), ("patch", link, patch), or columns (nv,) of generalised forces per unit
-            of u.
+        actuate: nu links (-1 is the last), (link, freedom), ("patch", link, patch), or columns (nv,) of generalised
+            forces per unit of u.
         q0, v0, u0: the state about which, and the forces there; None: zero.
         limit: of each |u|; None: none.
     """
 
     def __init__(
-        self, K: ArrayLike, actuate: Sequence[Any] = (0,), *, q0: ArrayLike | None = None, v0: ArrayLike | None = None,
+        self, K: ArrayLike, actuate: Sequence[Any] = (-1,), *, q0: ArrayLike | None = None, v0: ArrayLike | None = None,
         u0: ArrayLike | None = None, limit: float | None = None,
     ) -> None:  # fmt: skip
         self.K, self.actuate = np.atleast_2d(array("K", K)), _list("actuate", actuate)

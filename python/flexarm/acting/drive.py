@@ -85,6 +85,7 @@ class Motion(_Law):
         q: ArrayLike | None = None,
         v: ArrayLike | None = None,
         a: ArrayLike | None = None,
+        *,
         ends: str = "free",
     ) -> None:
         if callable(t):

@@ -32,6 +32,7 @@ class Load(_Law):
         self,
         link: int = -1,
         x: float | None = None,
+        *,
         force: Value | None = None,
         moment: Value | None = None,
         t: ArrayLike | None = None,

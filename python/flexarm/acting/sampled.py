@@ -22,7 +22,7 @@ _Reader = Callable[[float, Array, Array, Array], Array]  # (t, q, v, a) -> y
 
 
 def _sensor_reader(sensor: Any, arm: Chain, loads: Any) -> _Reader:
-    sampler = sensor.sampler(arm, loads)
+    sampler = sensor.sampler(arm, loads=loads)
     return lambda t, q, v, a: np.atleast_1d(sampler.sample(t, q, v, a))
 
 
@@ -64,8 +64,8 @@ class Sampled(Controller):
         rate: samples a second (Hz).
         measure: what y is: entries ("joint", link), ("rate", link), ("strain", link, x, "K3"), ("charge", link, patch),
             ("patch_voltage", link, patch), or sensors, in order; None: the whole state [q; v].
-        actuate: nu links, (link, freedom), ("patch", link, patch), or columns (nv,) of generalised forces per unit
-            of u.
+        actuate: nu links (-1 is the last), (link, freedom), ("patch", link, patch), or columns (nv,) of generalised
+            forces per unit of u.
         delay: from a sample to its force (s): what computing and the bus take.
         limit: of each |u|; None: the motor's.
         motor: turns u into torques; None: u are torques.
@@ -73,7 +73,7 @@ class Sampled(Controller):
 
     def __init__(
         self, law: Callable[[float, Array], Any], rate: float, measure: Sequence[Any] | None = None,
-        actuate: Sequence[Any] = (0,), *, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
+        actuate: Sequence[Any] = (-1,), *, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
         if not callable(law):
             raise ValueError(f"law = {law!r}: must be a callable (t, y) -> u")
@@ -152,7 +152,7 @@ class LinearController(Sampled):
 
     def __init__(
         self, A: Any, B: ArrayLike | None = None, C: ArrayLike | None = None, D: ArrayLike | None = None, *,
-        rate: float | None = None, measure: Sequence[Any], actuate: Sequence[Any] = (0,), reference: Any = 0.0,
+        rate: float | None = None, measure: Sequence[Any], actuate: Sequence[Any] = (-1,), reference: Any = 0.0,
         delay: float = 0.0, limit: float | None = None, motor: Motor | None = None, method: str = "bilinear",
     ) -> None:  # fmt: skip
         super().__init__(
@@ -169,7 +169,7 @@ class LinearController(Sampled):
 
     @staticmethod
     def pid(
-        kp: float, ki: float, kd: float, link: int = 0, *, rate: float | None = None, reference: Any = 0.0,
+        kp: float, ki: float, kd: float, link: int = -1, *, rate: float | None = None, reference: Any = 0.0,
         filter_time: float | None = None, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
     ) -> LinearController:  # fmt: skip
         """PID on a joint's angle: u = kp e + ki int e dt + kd de/dt, with e = reference - q, the derivative behind a

@@ -83,7 +83,7 @@ class Shaper:
         left = np.abs(np.exp(pole * w[..., None] * (t[-1] - t)) @ np.array(self.amplitudes))
         return left if w.ndim else float(left)
 
-    def __call__(self, t: ArrayLike, y: ArrayLike, before: ArrayLike | None = None) -> Array:
+    def __call__(self, t: ArrayLike, y: ArrayLike, *, before: ArrayLike | None = None) -> Array:
         """A sampled command, shaped.
 
         Args:
@@ -105,7 +105,7 @@ class Shaper:
                 out[:, k] += share * np.interp(times - delay, times, column, left=first[k])
         return out.reshape(values.shape)
 
-    def shape(self, command: Command, start: float = 0.0, before: float | None = None) -> Command:
+    def shape(self, command: Command, *, start: float = 0.0, before: float | None = None) -> Command:
         """A Motion or a Torque, shaped; of the same kind, and as smooth. Samples stay samples, evaluated in C++.
 
         Before it starts, a motion rests where it starts. After its samples, one that ends at rest stays there, so that

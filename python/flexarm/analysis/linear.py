@@ -208,14 +208,20 @@ def _strain_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
     return _Output(labels, p.arm.strain(p.q, n, x)[keep], p.rows(rows, None))
 
 
+def _patch_name(arm: Chain, column: int) -> str:
+    link, patch = arm.patches[column]
+    return f"link {link} patch {patch}"
+
+
 def _patch_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
     _need(field, entry, 3, f'("{entry[0]}", link, patch)', least=3)
     n = p.arm._link(entry[1], f"{field}: link")
-    row = p.arm.patch_matrix[:, p.arm.patch_column(n, entry[2], f"{field}: ")][None]
+    column = p.arm.patch_column(n, entry[2], f"{field}: ")
+    row = p.arm.patch_matrix[:, column][None]
     if entry[0] == "patch_voltage":
         row = -row / p.arm.capacitance(n, entry[2])
     y = row @ (p.E.T @ p.q)  # E is the identity on elastic coordinates
-    return _Output([f"{entry[0]} link {n} patch {entry[2]}"], y, p.rows(row, None))
+    return _Output([f"{entry[0]} {_patch_name(p.arm, column)}"], y, p.rows(row, None))
 
 
 _OUTPUT: dict[str, Callable[[_Point, str, tuple[Any, ...]], _Output]] = {
@@ -255,8 +261,8 @@ def _read_inputs(arm: Chain, q: Array, inputs: Sequence[Any] | None, locked: NDA
             continue
         if kind == "patch":
             _need(field, entry, 3, '("patch", link, patch)', least=3)
-            k = arm.patch_column(entry[1], _where(entry, 2), f"{field}: ")
-            out.append(_Input(f"patch link {entry[1]} patch {_where(entry, 2)}", arm.patch_matrix[:, k]))
+            column = arm.patch_column(entry[1], _where(entry, 2), f"{field}: ")
+            out.append(_Input("patch " + _patch_name(arm, column), arm.patch_matrix[:, column]))
             continue
         _need(field, entry, 2, f'a link, (link, freedom), or ("{kind}", link)')
         for i in arm.joint_rates(entry[1], f"{field}: link"):

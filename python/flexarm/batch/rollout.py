@@ -268,7 +268,7 @@ def rollout(
     v0: ArrayLike | None = None,
     tau: ArrayLike | None = None,
     *,
-    dt: float,
+    step: float,
     nstep: int | None = None,
     integrator: str = "implicit",
     every: int = 1,
@@ -288,8 +288,8 @@ def rollout(
         arm: an arm, or B arms with the same coordinates.
         q0, v0: initial coordinates (B, nq) or (nq,) and rates (B, nv) or (nv,); v0 is zero if None.
         tau: generalised forces (N, N m), (B, nstep, nv) or (nstep, nv), held over each step: tau[:, k] acts from
-            t = k dt to (k + 1) dt. An axis of length 1 stands for all scenarios or steps. None: zero.
-        dt: the step (s). nstep: how many; None: as many as tau has.
+            t = k step to (k + 1) step. An axis of length 1 stands for all scenarios or steps. None: zero.
+        step: length of a step (s). nstep: how many; None: as many as tau has.
         integrator: "implicit" or "rk4"; see `simulate`. Dry friction of joints needs "implicit".
         every: steps between two rows of the result.
         feedback: continuous controllers (PD, StrainFeedback, StateFeedback) alike for all scenarios: one, or a list of
@@ -328,7 +328,7 @@ def rollout(
     kept = 0 if out else 8 * nout * (one.nq + one.nv) * most
     check_memory(f"nstep = {steps}: {nout} rows of {most} scenarios, and {steps} steps,", kept + STEP_BYTES * steps,
                  "or fewer steps at once")  # fmt: skip
-    schedule = Schedule.uniform(dt, steps, every, held=force.shape[1] > 1)
+    schedule = Schedule.uniform(step, steps, every, held=force.shape[1] > 1)
     moved = {
         i: motion_table(f"motion of '{one.coordinates[i]}'", value, schedule)
         for i, value in one.by_rate("motion", motion).items()
@@ -371,7 +371,7 @@ def rollout(
         )  # fmt: skip
         if grown is not None:
             warnings.warn(grown[1].of(f"scenario {grown[0]}"), stacklevel=2)
-    blown = beyond_explicit(one, dt, float(schedule.ends[-1])) if integrator == "rk4" else None
+    blown = beyond_explicit(one, step, float(schedule.ends[-1])) if integrator == "rk4" else None
     if blown is not None:
         warnings.warn(blown, stacklevel=2)
     return result

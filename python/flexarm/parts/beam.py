@@ -7,7 +7,7 @@ Pa, rad. Axes of a beam: x along the undeformed neutral axis, y and z the princi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import KW_ONLY, dataclass, field, fields
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -230,6 +230,7 @@ class Beam(_Part):
     modes: Mapping[str, Any]
     basis: str = "clamped-free"
     order: int | str = 2
+    _: KW_ONLY
     rotary_inertia: bool = True
     damping_ratio: float = 0.0
     kelvin_voigt: float = 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ class Piezo(_Part):
     poisson_ratio: float
     density: float
     d31: float
+    _: KW_ONLY
     d15: float = 0.0
     permittivity: float = 0.0
     d32: float = 0.0
@@ -89,6 +90,7 @@ class Patch(_Part):
     thickness: float
     material: Piezo
     face: str = "y"
+    _: KW_ONLY
     angle: float = 0.0
     profile: Any = None
     offset: float | None = None

@@ -164,7 +164,7 @@ def simulate(
         q0, v0: initial coordinates (nq,) and rates (nv,); `arm.zero` and zero if None. Prescribed
             joints start where their motion does; a q0 or v0 that says otherwise is an error.
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
-        drive: by link number, or by (link, freedom), what drives that freedom of its joint: a Torque, or a Motion,
+        drive: by link number (-1 is the last), or by (link, freedom), what drives that freedom of its joint: a Torque, or a Motion,
             whose reaction is then in `Result.tau`. By ("patch", link, patch): a piezo patch's Voltage.
         loads: external forces and moments.
         control: controllers, whose forces add up with the torques. Continuous ones (PD, StrainFeedback, StateFeedback,

@@ -140,8 +140,9 @@ class Watch:
     def look(self, result: Result) -> WatchWarning | None:
         """The warning that a run deserves, of what it has left first; or None."""
         found: list[tuple[float, str, int, float, float]] = []
+        limits = {(what, result.arm._link(k)): limit for (what, k), limit in self.limits.items()}
         for (what, k), values in readings(result.arm, result, self.frequency).items():
-            limit = self.limits.get((what, k), np.inf)
+            limit = limits.get((what, k), np.inf)
             past = np.flatnonzero(~(values <= limit))
             if past.size:
                 found.append((float(result.t[past[0]]), what, k, float(values.max()), limit))

@@ -89,6 +89,7 @@ class Sensor(_Part):
         v: ArrayLike,
         a: ArrayLike | None = None,
         tau: ArrayLike | None = None,
+        *,
         loads: Sequence[Load] | None = None,
     ) -> Array:
         """What is there to be measured: no sampling, delay, noise, steps or saturation.
@@ -152,9 +153,9 @@ class Sensor(_Part):
         names, units = zip(*self.components(arm), strict=True)
         return Reading(t, chain(y), self.title(arm), names, units)
 
-    def sampler(self, arm: Arm, loads: Sequence[Load] | None = None) -> Sampler:
+    def sampler(self, arm: Arm, *, loads: Sequence[Load] | None = None) -> Sampler:
         """The instrument as a control loop sees it; see Sampler."""
-        return Sampler(self, arm, loads)
+        return Sampler(self, arm, loads=loads)
 
     def title(self, arm: Arm) -> str:
         """A name, such as "strain gauge +y, link 0 at 0.01 m"."""
@@ -164,7 +165,7 @@ class Sensor(_Part):
         return self.type.replace("_", " ")
 
     def _where(self, arm: Arm) -> str:
-        link, x = arm._link(getattr(self, "link", 0)), getattr(self, "x", None)
+        link, x = arm._link(getattr(self, "link", -1)), getattr(self, "x", None)
         return f"link {link} end" if x is None else f"link {link} at {x:g} m"
 
     def _each(self, name: str, count: int, without: float) -> Array:
@@ -197,6 +198,8 @@ class _Chain:
         self.range = sensor._each("range", count, np.inf)
         self.step = sensor.steps(arm)
         place = {k: v for k, v in sensor._arguments().items() if k not in _COMMON}
+        if "link" in place:  # -1 and the last link's number are one place
+            place["link"] = arm._link(place["link"])
         self.rng = np.random.default_rng([sensor.seed, zlib.crc32(f"{sensor.type} {place}".encode())])
 
     def __call__(self, y: Array, skip: int = 0) -> Array:
@@ -237,7 +240,7 @@ class Sampler:
         loads: external forces and moments, which a force/torque sensor feels.
     """
 
-    def __init__(self, sensor: Sensor, arm: Arm, loads: Sequence[Load] | None = None) -> None:
+    def __init__(self, sensor: Sensor, arm: Arm, *, loads: Sequence[Load] | None = None) -> None:
         sensor.check(arm)
         self.sensor, self.arm, self.loads = sensor, arm, loads
         self.reset()
@@ -259,7 +262,7 @@ class Sampler:
             self._start = t
         elif not t > self._seen[-1][0]:
             raise ValueError(f"t = {t}: must be later than the last call's, {self._seen[-1][0]}")
-        self._seen.append((t, s.measure(self.arm, t, q, v, a, tau, self.loads)))
+        self._seen.append((t, s.measure(self.arm, t, q, v, a, tau, loads=self.loads)))
         now, missed = t, 0
         if s.rate is not None:
             count = int(np.floor((t - self._start) * s.rate + 1e-6))

@@ -18,7 +18,7 @@ from .sensor import Component, Sensor
 
 @dataclass(frozen=True)
 class _OnFreedom(Sensor):
-    link: int = 0
+    link: int = -1
     freedom: int = 0
 
     def _rate(self, arm: Arm) -> int:
@@ -37,7 +37,7 @@ class Encoder(_OnFreedom):
     """Incremental encoder: the coordinate of a joint (rad; m), in steps.
 
     Args:
-        link, freedom: which joint, and which of its freedoms.
+        link, freedom: which joint (-1 is the last), and which of its freedoms.
         pulses: per revolution (per metre of a prismatic joint); None: no steps.
         quadrature: four counts a pulse, from both edges of both tracks.
         gear: turns of the encoder for one of the joint, where it sits on the motor.
@@ -81,7 +81,7 @@ class Tachometer(_OnFreedom):
     """The rate of a joint (rad/s; m/s).
 
     Args:
-        link, freedom: which joint, and which of its freedoms.
+        link, freedom: which joint (-1 is the last), and which of its freedoms.
     """
 
     type: ClassVar[str] = "tachometer"
@@ -98,11 +98,11 @@ class ForceTorque(Sensor):
     """Six-component force/torque sensor in a joint: what it passes on to its link, as `Arm.joint_reaction` has it.
 
     Args:
-        link: which joint.
+        link: which joint; -1 is the last.
         side: "outboard": at the link's origin, in its axes; "inboard": at the end of the link below, in its axes.
     """
 
-    link: int = 0
+    link: int = -1
     side: str = "outboard"
     type: ClassVar[str] = "force_torque"
     needs_a: ClassVar[bool] = True
@@ -120,9 +120,10 @@ class ForceTorque(Sensor):
 
     def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
         if not loads or t.ndim == 0:
-            return arm.joint_reaction(q, v, a, self.link, self.side, loads, float(t) if t.ndim == 0 else 0.0)
+            return arm.joint_reaction(q, v, a, self.link, self.side, loads=loads, t=float(t) if t.ndim == 0 else 0.0)
         rows = zip(t, q, v, array("a", a), strict=True)
-        return np.array([arm.joint_reaction(x, y, z, self.link, self.side, loads, float(s)) for s, x, y, z in rows])
+        place = (self.link, self.side)
+        return np.array([arm.joint_reaction(x, y, z, *place, loads=loads, t=float(s)) for s, x, y, z in rows])
 
 
 # -- on a slice ----------------------------------------------------------------------------------------------------
@@ -152,7 +153,7 @@ class StrainGauge(Sensor):
     and -y and -z the opposite. Curvature, as of Eq. 97, is K3 = -strain / y.
 
     Args:
-        link: which link's beam. x: where along it (m).
+        link: which link's beam; -1 is the last. x: where along it (m).
         face: "+y", "-y", "+z" or "-z".
         gauge_factor: None: the reading is the strain; else the relative change of resistance, gauge_factor * strain.
             A full bridge of four gauges in bending, two on each face, gives this share of its supply voltage.
@@ -160,7 +161,7 @@ class StrainGauge(Sensor):
             or a taper of either.
     """
 
-    link: int = 0
+    link: int = -1
     x: float = 0.0
     face: str = "+y"
     gauge_factor: float | None = None
@@ -202,7 +203,7 @@ class Accelerometer(Sensor):
     """Accelerometer on a slice, in the slice's own axes (m/s^2).
 
     Args:
-        link: which link. x: where along its beam (m); None: the link's end.
+        link: which link; -1 is the last. x: where along its beam (m); None: the link's end.
         axis: "x", "y", "z", a direction of three numbers, or "xyz" for all three axes.
         gravity: True: specific force, R^T (a - g), as a real one reads: at rest, 9.81 upwards. False: R^T a.
     """
@@ -248,7 +249,7 @@ class Camera(Sensor):
     """Camera, or another tracker, that follows the place of a slice (m, three components).
 
     Args:
-        link: which link. x: where along its beam (m); None: the link's end.
+        link: which link; -1 is the last. x: where along its beam (m); None: the link's end.
         axes: "world": a camera that stands still: the place in the world; "link": one that turns with the link's hub:
             the displacement from where the undeformed link has that slice, in the axes of the hub (needs a beam).
     """
