@@ -23,17 +23,17 @@ from .motor import Motor, finite, positive
 from .voltage import is_patch
 
 #: (column, by_q, by_v, reference, limit) and (first, period, delay, law): see flexarm/control.hpp
-_Feedback = tuple[Array, Array, Array, Any, float]
-_Sampler = tuple[float, float, float, Any]
+Feedback = tuple[Array, Array, Array, Any, float]
+SampledLaw = tuple[float, float, float, Any]
 
 
-def _list(name: str, value: Any) -> list[Any]:
+def listed(name: str, value: Any) -> list[Any]:
     if not isinstance(value, (list, tuple)) or not value:
         raise ValueError(f"{name} = {value!r}: must be a list of at least one entry")
     return list(value)
 
 
-def _limit(value: Any, motor: Any = None) -> float:
+def limit_of(value: Any, motor: Any = None) -> float:
     """What |u| is kept within: the limit, and the motor's."""
     if motor is not None and not isinstance(motor, Motor):
         raise ValueError(f"motor = {motor!r}: must be a Motor or None")
@@ -41,12 +41,12 @@ def _limit(value: Any, motor: Any = None) -> float:
     return limit if motor is None or motor.limit is None else min(limit, motor.limit)
 
 
-def _gain(motor: Motor | None) -> float:
+def gain_of(motor: Motor | None) -> float:
     """Force per unit of u."""
     return 1.0 if motor is None else motor.gain
 
 
-def _braking(arm: Chain, motor: Motor | None, units: Iterable[Array]) -> list[_Feedback]:
+def braking_laws(arm: Chain, motor: Motor | None, units: Iterable[Array]) -> list[Feedback]:
     """Of back-EMF, at joints given by unit columns (nv,)."""
     if motor is None or motor.braking == 0.0:
         return []
@@ -69,12 +69,12 @@ class Controller:
     #: how many states of its own a continuous law integrates
     memory = 0
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         raise NotImplementedError(f"{type(self).__name__} is no control law: subclass Sampled, or give one a function")
 
     def _columns(self, arm: Chain) -> list[Array]:
         """Generalised forces (nv,) per unit of each output."""
-        return _columns(arm, self.actuate)  # type: ignore[attr-defined]
+        return force_columns(arm, self.actuate)  # type: ignore[attr-defined]
 
 
 class _JointLaw(Controller):
@@ -101,7 +101,7 @@ class _JointLaw(Controller):
                 ) from None
             times = array("reference: t", t)
             reference = Torque(times, array("reference: r", r, times.shape))
-        self.reference, self.motor, self.limit = reference, motor, _limit(limit, motor)
+        self.reference, self.motor, self.limit = reference, motor, limit_of(limit, motor)
 
     def _rate(self, arm: Chain) -> int:
         return arm.joint_rate(self.link if self.freedom is None else (self.link, self.freedom), "link")
@@ -112,7 +112,7 @@ class _JointLaw(Controller):
     def _strain(self, arm: Chain) -> Array:
         return np.zeros(arm.nq)
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         i = self._rate(arm)
         at = arm.coordinate_of(i)
         if at < 0:
@@ -122,8 +122,8 @@ class _JointLaw(Controller):
         self.reference.check_span("reference", run.times)
         unit, by_q = np.eye(arm.nv)[i], self._strain(arm)
         by_q[at] += self.kp
-        law = (_gain(self.motor) * unit, by_q, self.kv * unit, _scaled(self.reference.law, self.kp), self.limit)
-        return [law, *_braking(arm, self.motor, [unit])], []
+        law = (gain_of(self.motor) * unit, by_q, self.kv * unit, _scaled(self.reference.law, self.kp), self.limit)
+        return [law, *braking_laws(arm, self.motor, [unit])], []
 
 
 def _scaled(law: Any, factor: float) -> Any:
@@ -173,7 +173,7 @@ class StrainFeedback(_JointLaw):
 
     def _strain(self, arm: Chain) -> Array:
         beam = self.link if self.beam is None else self.beam
-        row: Array = self.ks * _rows(arm, [("strain", beam, self.x, self.strain)])[0][0]
+        row: Array = self.ks * measured_rows(arm, [("strain", beam, self.x, self.strain)])[0][0]
         return row
 
 
@@ -193,15 +193,15 @@ class StateFeedback(Controller):
         self, K: ArrayLike, actuate: Sequence[Any] = (-1,), *, q0: ArrayLike | None = None, v0: ArrayLike | None = None,
         u0: ArrayLike | None = None, limit: float | None = None,
     ) -> None:  # fmt: skip
-        self.K, self.actuate = np.atleast_2d(array("K", K)), _list("actuate", actuate)
-        self.q0, self.v0, self.u0, self.limit = q0, v0, u0, _limit(limit)
+        self.K, self.actuate = np.atleast_2d(array("K", K)), listed("actuate", actuate)
+        self.q0, self.v0, self.u0, self.limit = q0, v0, u0, limit_of(limit)
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         if arm.nq != arm.nv:
             raise ValueError(
                 "StateFeedback: is for arms without balls, whose coordinates are not those of a linear model"
             )
-        columns = _columns(arm, self.actuate)
+        columns = force_columns(arm, self.actuate)
         K = array("K", self.K, (len(columns), 2 * arm.nv))
         q0 = np.zeros(arm.nq) if self.q0 is None else array("q0", self.q0, (arm.nq,))
         v0 = np.zeros(arm.nv) if self.v0 is None else array("v0", self.v0, (arm.nv,))
@@ -214,7 +214,7 @@ class StateFeedback(Controller):
         return laws, []
 
 
-def _columns(arm: Chain, actuate: Sequence[Any]) -> list[Array]:
+def force_columns(arm: Chain, actuate: Sequence[Any]) -> list[Array]:
     """A column of generalised forces (nv,) for each entry of `actuate`."""
     out = []
     for k, entry in enumerate(actuate):
@@ -230,7 +230,7 @@ def _columns(arm: Chain, actuate: Sequence[Any]) -> list[Array]:
     return out
 
 
-def _rows(arm: Chain, measure: Sequence[Any], first: int = 0) -> tuple[Array, Array]:
+def measured_rows(arm: Chain, measure: Sequence[Any], first: int = 0) -> tuple[Array, Array]:
     """by_q (ny, nq) and by_v (ny, nv) of measurements that are linear in the state: "joint", "rate", "strain"."""
     by_q, by_v = [], []
     for k, entry in enumerate(measure, first):
@@ -261,7 +261,7 @@ def _rows(arm: Chain, measure: Sequence[Any], first: int = 0) -> tuple[Array, Ar
 
 def control_laws(
     arm: Chain, control: Any, times: Array, loads: Any = (), prescribed: Sequence[int] = ()
-) -> tuple[list[_Feedback], list[_Sampler], int]:
+) -> tuple[list[Feedback], list[SampledLaw], int]:
     """What the core needs of all controllers of a run, for the arm extended by so many states of theirs.
     `prescribed`: the rates whose motion is given."""
     all_given = [] if control is None else [control] if isinstance(control, Controller) else control

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from .._check import Array, array, choice, number
-from .drive import Motion, Torque, _times
+from .drive import Motion, Torque, sample_times
 
 #: how many times "zv" each kind is, convolved with itself
 KINDS = {"zv": 1, "zvd": 2, "zvdd": 3}
@@ -94,7 +94,7 @@ class Shaper:
         Returns:
             The shaped command at the same times, of y's shape.
         """
-        times, values = _times(t), array("y", y)
+        times, values = sample_times(t), array("y", y)
         if values.ndim not in (1, 2) or len(values) != len(times):
             raise ValueError(f"y has shape {values.shape}: must have one row for each of the {len(times)} times")
         columns = values.reshape(len(times), -1)

@@ -44,7 +44,7 @@ def turning(arm: Chain, v: Array) -> Array:
     return W
 
 
-def _solve(M: Array, right: Array) -> Array:
+def solve_mass(M: Array, right: Array) -> Array:
     """M^-1 right by Cholesky, M scaled to a unit diagonal."""
     import scipy.linalg as la  # slow to import
 
@@ -61,7 +61,7 @@ def forward_derivatives(arm: Chain, q: Array, v: Array, tau: Array, loads: Any =
     given, zero = [False] * arm.nv, np.zeros((1, arm.nv))
     a = arm._core.forward_dynamics(q[None], v[None], tau[None], "ab", given, zero, *loads)[0]
     by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, a, *loads))
-    by_all = _solve(arm.mass_matrix(q), np.hstack([-by_q, -by_v, np.eye(arm.nv)]))
+    by_all = solve_mass(arm.mass_matrix(q), np.hstack([-by_q, -by_v, np.eye(arm.nv)]))
     return Derivatives(by_all[:, : arm.nq], by_all[:, arm.nq : -arm.nv], by_all[:, -arm.nv :])
 
 
@@ -317,7 +317,7 @@ def _about(
         if column.rate >= 0:
             right[:, 2 * nv + k] -= M[:, column.rate]
             X[column.rate, 2 * nv + k] = 1.0
-    X[free] = _solve(M[np.ix_(free, free)], right[free])
+    X[free] = solve_mass(M[np.ix_(free, free)], right[free])
     return _Point(arm, q, v, a, E, X, M, K)
 
 

@@ -5,20 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .. import _core
 from .._check import Array
-from ..acting.control import Run, _gain, _rows, padded
+from ..acting.control import Feedback, Run, gain_of, measured_rows, padded
 from ..acting.load import at_time
 from ..acting.sampled import Asked, LinearController, Sampled
 from ..parts.chain import Chain
-from .linear import _solve
-
-if TYPE_CHECKING:
-    from ..acting.control import _Feedback
+from .linear import solve_mass
 
 _MOST = 400  # states of a linear model that is looked at
 _GROWN = 2.0  # logarithm of what a loop must grow by in the time of a run, to be named
@@ -53,7 +50,7 @@ def _reads(arm: Chain, c: Any, k: int, q: Array) -> tuple[Array, Array, float, f
     rows, delays, most = [], [], np.inf
     for i, e in enumerate(c.measure):
         if not hasattr(e, "sampler"):
-            rows.append(_rows(arm, [e], i))
+            rows.append(measured_rows(arm, [e], i))
             delays.append(0.0)
             continue
         if e.needs_a or e.feels_loads or (e.rate is not None and e.rate < c.rate):
@@ -110,14 +107,14 @@ class Plant:
         E = arm._core.rates(q, zero)[2]
         return Plant(arm, q, free, E, by_q @ E, by_v, arm.mass_matrix(q))
 
-    def matrix(self, feedback: Iterable[_Feedback], factor: float = 1.0) -> tuple[Array, Array]:
+    def matrix(self, feedback: Iterable[Feedback], factor: float = 1.0) -> tuple[Array, Array]:
         """F and G with these continuous laws, their forces `factor` times as large."""
         K, C, n = self.K.copy(), self.C.copy(), self.free.size
         for column, by_q, by_v, *_ in feedback:
             K += factor * np.outer(column, by_q @ self.E)
             C += factor * np.outer(column, by_v)
         at = np.ix_(self.free, self.free)
-        by_all = _solve(self.M[at], np.hstack([-K[at], -C[at], np.eye(n)]))
+        by_all = solve_mass(self.M[at], np.hstack([-K[at], -C[at], np.eye(n)]))
         F = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), by_all[:, : 2 * n]])
         return F, np.vstack([np.zeros((n, n)), by_all[:, 2 * n :]])
 
@@ -190,7 +187,7 @@ def _sampled_loops(arm: Chain, controls: Sequence[Any], samplers: Sequence[Any],
         rows = np.zeros((len(by_q), 2 * total))
         rows[:, :n], rows[:, total : total + n] = by_q @ E, by_v
         columns = np.zeros((total, len(C)))
-        columns[:n] = _gain(c.motor) * np.array(c._columns(arm)).T
+        columns[:n] = gain_of(c.motor) * np.array(c._columns(arm)).T
         keep = np.concatenate([plant.free, total + plant.free])
         found.append(_Loop(k, A, B, C, D, rows[:, keep], columns[plant.free], period, delay + late,
                            c.limit if most else 0.0))  # fmt: skip
@@ -199,9 +196,9 @@ def _sampled_loops(arm: Chain, controls: Sequence[Any], samplers: Sequence[Any],
 
 def _continuous(
     arm: Chain, both: Chain, controls: Sequence[Any], times: Array, loads: Any
-) -> list[tuple[int, _Feedback]]:
+) -> list[tuple[int, Feedback]]:
     """Laws without samples, each with the index of its controller."""
-    found: list[tuple[int, _Feedback]] = []
+    found: list[tuple[int, Feedback]] = []
     first, total = 0, both.nv - arm.nv
     for k, c in enumerate(controls):
         for column, by_q, by_v, *rest in c._laws(arm, Run(times, loads, first, total))[0]:

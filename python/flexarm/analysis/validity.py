@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._check import Array
+from ..parts.beam import Beam
 from ..parts.chain import Chain
-
-if TYPE_CHECKING:
-    from ..parts.beam import Beam
 
 #: Rotation of a section against the beam's base (rad) up to which each order keeps the tip within 2 % of the length of
 #: where "exact" has it: the least over static loads and, but for order 1, the first swing of spin-ups, rounded; see

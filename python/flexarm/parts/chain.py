@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from .. import _core
 from .._check import Array, array, batch, finite, number
 from .link import Link
-from .part import _plain
+from .part import as_table
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -56,7 +56,7 @@ class Chain:
 
     def to_dict(self) -> dict[str, Any]:
         """The inverse of `from_dict`."""
-        return {"gravity": _plain(self.gravity), "link": [link.to_dict() for link in self.links]}
+        return {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in self.links]}
 
     def __reduce__(self) -> Any:
         return type(self)._made, (self.links, self.gravity)

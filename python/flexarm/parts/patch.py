@@ -11,14 +11,14 @@ from numpy.polynomial import legendre
 
 from .. import _core
 from .._check import array, choice, known_keys, number
-from .part import _Part
+from .part import Part
 from .shapes import coefficients
 
 FACES = ("y", "+y", "-y", "z", "+z", "-z")
 
 
 @dataclass(frozen=True)
-class Piezo(_Part):
+class Piezo(Part):
     """Piezoelectric material; its elasticity is isotropic.
 
     Args:
@@ -51,7 +51,7 @@ class Piezo(_Part):
 
 
 @dataclass(frozen=True)
-class Patch(_Part):
+class Patch(Part):
     """Piezoelectric patch on a face of a beam, or a pair on opposite faces.
 
     It adds stiffness (Eq. 58, first term, exact over its thickness) and mass, and per volt a moment (N m/V) over its

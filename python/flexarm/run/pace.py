@@ -5,14 +5,12 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._check import Array
-
-if TYPE_CHECKING:
-    from ..arm import Arm
+from ..arm import Arm
 
 _EXPLICIT = 2.83  # step times frequency up to which rk4 is stable
 _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt

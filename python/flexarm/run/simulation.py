@@ -56,7 +56,7 @@ class SimulationInterrupted(KeyboardInterrupt):
         return type(self), (str(self), self.time, self.result)
 
 
-def _events(events: Any) -> list[tuple[Any, int, int]]:
+def read_events(events: Any) -> list[tuple[Any, int, int]]:
     """(callable, occurrence that ends the run or 0, direction) of each event."""
     given = [] if events is None else [events] if callable(events) else events
     if not isinstance(given, (list, tuple)):
@@ -75,7 +75,7 @@ def _events(events: Any) -> list[tuple[Any, int, int]]:
     return out
 
 
-def _check_options(integrator: str, step: float | None, **options: Any) -> None:
+def check_integrator(integrator: str, step: float | None, **options: Any) -> None:
     """Raises ValueError where an option is given to an integrator that does not have it, or a step is missing."""
     choice("integrator", integrator, INTEGRATORS)
     for name, value in options.items():
@@ -164,8 +164,8 @@ def simulate(
         q0, v0: initial coordinates (nq,) and rates (nv,); `arm.zero` and zero if None. Prescribed
             joints start where their motion does; a q0 or v0 that says otherwise is an error.
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
-        drive: by link number (-1 is the last), or by (link, freedom), what drives that freedom of its joint: a Torque, or a Motion,
-            whose reaction is then in `Result.tau`. By ("patch", link, patch): a piezo patch's Voltage.
+        drive: by link number (-1 is the last), or by (link, freedom), what drives that freedom of its joint: a Torque,
+            or a Motion, whose reaction is then in `Result.tau`. By ("patch", link, patch): a piezo patch's Voltage.
         loads: external forces and moments.
         control: controllers, whose forces add up with the torques. Continuous ones (PD, StrainFeedback, StateFeedback,
             LinearController) are part of the equations; those with a rate (Sampled, LinearController) hold their force
@@ -236,7 +236,7 @@ def simulate(
         ModelWarning: a beam with too few shape functions for what it carries.
     """
     choice("method", method, METHODS)
-    _check_options(
+    check_integrator(
         integrator,
         step,
         max_order=max_order,
@@ -286,7 +286,7 @@ def simulate(
     both = extended(arm, memory) if memory else arm
     laws = [(i, moves, law, padded(column, both.nv) if column.size else column) for i, moves, law, column in laws]
     wrenches = [(place, load.law) for place, load in zip(places, loads or (), strict=True)]
-    watched = [(_of_arm(f, arm), n, direction) for f, n, direction in _events(events)]
+    watched = [(_of_arm(f, arm), n, direction) for f, n, direction in read_events(events)]
     linear_solver = choice("linear_solver", linear_solver or "auto", LINEAR_SOLVERS)
     rtol, atol = number("rtol", _RTOL[integrator] if rtol is None else rtol), number("atol", atol)
     order, stages = (

@@ -6,16 +6,14 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._check import Array
 from ..analysis.validity import rotation
-
-if TYPE_CHECKING:
-    from ..arm import Arm
-    from .result import Result
+from ..arm import Arm
+from .result import Result
 
 #: What is watched, of every beam, and in which words.
 KINDS = MappingProxyType(

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._check import Array
 from ..acting.control import PD, StateFeedback, StrainFeedback
-from ..acting.drive import Motion, Torque, _SpinUp
+from ..acting.drive import Motion, SpinUp, Torque
 from ..acting.load import Load
 from ..acting.motor import Motor
 from ..acting.sampled import is_samples
@@ -82,7 +82,7 @@ class _Laws:
 
     def motion(self, where: str, law: Motion) -> dict[str, Any]:
         """Positions, rates and accelerations at its knots: the same quintic pieces."""
-        if isinstance(law.law, _SpinUp):
+        if isinstance(law.law, SpinUp):
             return {"spin_up": {"speed": law.law.speed, "time": law.law.time}}
         times = getattr(law.law, "breaks", None)
         if times is None:

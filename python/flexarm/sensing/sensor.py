@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike
 from .._check import Array, array, number, whole
 from ..acting.load import Load
 from ..arm import Arm
-from ..parts.beam import _numbers
-from ..parts.part import _Part
+from ..parts.beam import as_floats
+from ..parts.part import Part
 from ..run.result import Result
 from .reading import Reading
 
@@ -30,7 +30,7 @@ _FINER = 10  # a sensor may sample so many times between two output times
 
 
 @dataclass(frozen=True)
-class Sensor(_Part):
+class Sensor(Part):
     """What all sensors share. `resolution`, `noise` and `range` are in the sensor's unit, each one number or one for
     each component; by default there is none of any.
 
@@ -69,7 +69,7 @@ class Sensor(_Part):
             if value is None:
                 continue
             if isinstance(value, (list, tuple)):
-                self._set(name, _numbers(array(name, value)))
+                self._set(name, as_floats(array(name, value)))
             if not (array(name, value) >= 0).all() or (name != "noise" and not np.all(value)):
                 raise ValueError(f"{name} = {value}: must {'not be negative' if name == 'noise' else 'be positive'}")
         if whole("seed", self.seed) < 0:
@@ -125,7 +125,7 @@ class Sensor(_Part):
             self._instants(t)
         zero = np.zeros(arm.nv)
         self.measure(arm, 0.0, arm.zero, zero, zero)
-        _Chain(self, arm)
+        _Instrument(self, arm)
 
     def read(self, result: Result) -> Reading:
         """What the instrument reads of a simulated run.
@@ -140,7 +140,7 @@ class Sensor(_Part):
                 that of the output times.
         """
         arm = result.arm
-        chain = _Chain(self, arm)
+        instrument = _Instrument(self, arm)
         if len(result.t) < 2:
             raise ValueError(f"result: has {len(result.t)} rows; a reading needs at least two")
         if self.feels_loads and result.loads is None:
@@ -151,7 +151,7 @@ class Sensor(_Part):
         state = _at(result, np.clip(t - self.delay, result.t[0], None) if self.delay or self.rate else None)
         y = self.measure(arm, *state, loads=result.loads)
         names, units = zip(*self.components(arm), strict=True)
-        return Reading(t, chain(y), self.title(arm), names, units)
+        return Reading(t, instrument(y), self.title(arm), names, units)
 
     def sampler(self, arm: Arm, *, loads: Sequence[Load] | None = None) -> Sampler:
         """The instrument as a control loop sees it; see Sampler."""
@@ -189,7 +189,7 @@ class Sensor(_Part):
         return np.asarray(t[0] + np.arange(count) / self.rate)
 
 
-class _Chain:
+class _Instrument:
     """From what is there to what is read: noise, then steps, then saturation, of rows (..., k) in turn."""
 
     def __init__(self, sensor: Sensor, arm: Arm) -> None:
@@ -247,7 +247,7 @@ class Sampler:
 
     def reset(self) -> None:
         """Forgets everything and starts its noise again."""
-        self._chain = _Chain(self.sensor, self.arm)
+        self._instrument = _Instrument(self.sensor, self.arm)
         self._seen: deque[tuple[float, Array]] = deque()
         self._start = 0.0
         self._count = -1
@@ -269,7 +269,7 @@ class Sampler:
             if count == self._count:
                 return self._last.copy()
             now, missed, self._count = self._start + count / s.rate, count - self._count - 1, count
-        self._last = self._chain(self._back_at(now - s.delay), missed)
+        self._last = self._instrument(self._back_at(now - s.delay), missed)
         return self._last.copy()
 
     def _back_at(self, t: float) -> Array:

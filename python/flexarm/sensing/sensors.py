@@ -9,8 +9,8 @@ import numpy as np
 
 from .._check import Array, array, choice, number, whole
 from ..arm import Arm
-from ..parts.beam import Beam, Circle, Rectangle, Taper, _numbers
-from ..parts.joints import _UNIT
+from ..parts.beam import Beam, Circle, Rectangle, Taper, as_floats
+from ..parts.joints import UNIT
 from .sensor import Component, Sensor
 
 # -- on a joint ----------------------------------------------------------------------------------------------------
@@ -132,10 +132,10 @@ class ForceTorque(Sensor):
 _FACES = {"+y": (2, -1.0), "-y": (2, 1.0), "+z": (1, 1.0), "-z": (1, -1.0)}
 
 
-def _half(section: Any, along: str, x: float) -> float | None:
+def half_thickness(section: Any, along: str, x: float) -> float | None:
     """From the neutral axis to a face (m); None where the section does not tell."""
     if isinstance(section, Taper):
-        parts = [_half(part, along, x) for part in section.sections]
+        parts = [half_thickness(part, along, x) for part in section.sections]
         if len({type(part) for part in section.sections}) > 1 or None in parts:
             return None
         return float(np.interp(x, section.x, np.array(parts, dtype=float)))
@@ -187,7 +187,7 @@ class StrainGauge(Sensor):
         beam = arm.links[arm._link(self.link)].beam
         if not isinstance(beam, Beam):
             raise ValueError(f"link = {self.link}: has no beam to bond a strain gauge on")
-        found = _half(beam.section, self.face[1], self.x) if self.distance is None else self.distance
+        found = half_thickness(beam.section, self.face[1], self.x) if self.distance is None else self.distance
         if found is None:
             raise ValueError("distance = None: this section does not tell how far its faces are; give it in m")
         return found
@@ -220,9 +220,9 @@ class Accelerometer(Sensor):
         if self.x is not None:
             number("x", self.x)
         if isinstance(self.axis, str):
-            choice("axis", self.axis, (*_UNIT, "xyz"))
+            choice("axis", self.axis, (*UNIT, "xyz"))
         else:
-            self._set("axis", _numbers(array("axis", self.axis, (3,))))
+            self._set("axis", as_floats(array("axis", self.axis, (3,))))
             if not np.any(self.axis):
                 raise ValueError(f"axis = {self.axis}: must not be zero")
         if not isinstance(self.gravity, bool):
@@ -240,7 +240,7 @@ class Accelerometer(Sensor):
         own: Array = np.einsum("...ij,...i->...j", arm.frame(q, self.link, self.x)[1], felt)  # R^T
         if self.axis == "xyz":
             return own
-        along = np.array(_UNIT[self.axis] if isinstance(self.axis, str) else self.axis)
+        along = np.array(UNIT[self.axis] if isinstance(self.axis, str) else self.axis)
         return np.asarray((own @ (along / np.linalg.norm(along)))[..., None])
 
 
