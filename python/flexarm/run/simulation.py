@@ -87,25 +87,165 @@ def check_integrator(integrator: str, step: float | None, **options: Any) -> Non
         raise ValueError(f'step: integrator="{integrator}" needs it, in seconds, such as step=1e-3')
 
 
-def _of_arm(event: Callable[..., Any], arm: Arm) -> Callable[..., Any]:
-    """The event, of the arm's part of q and v."""
-    return lambda t, q, v: event(t, q[: arm.nq], v[: arm.nv])
+class _Problem:
+    """What is to be simulated, checked, as the core takes it.
+
+    Attributes:
+        arm, times, loads, controls: as given.
+        start: q0, v0 and tau, of the arm alone.
+        laws: (rate or -1, whether it prescribes that rate's motion, law of time, column of forces) of each drive.
+        prescribed: the rates whose motion is given.
+        feedback, sampled: laws of the controllers. events: (callable, occurrence that ends the run or 0, direction).
+        both: the arm with a link for each state of a controller, which the core integrates.
+    """
+
+    def __init__(self, arm: Arm, t: ArrayLike, q0: Any, v0: Any, tau: Any, drive: Any, loads: Any, control: Any,
+                 events: Any) -> None:  # fmt: skip
+        self.arm, self.times = arm, _output_times(t)
+        self.start = _initial_state(arm, q0, v0, tau)
+        self.laws = _drive_laws(arm, drive, self.times, self.start, {"q0": q0, "v0": v0})
+        places, _ = at_time(arm, loads, float(self.times[0]))
+        self.loads = tuple(loads or ())
+        for k, load in enumerate(self.loads):
+            load.check_span(f"loads[{k}]", self.times)
+        self.wrenches = [(place, load.law) for place, load in zip(places, self.loads, strict=True)]
+        self.prescribed = [i for i, moves, *_ in self.laws if moves]
+        self.feedback, self.sampled, memory = control_laws(arm, control, self.times, self.loads, self.prescribed)
+        self.controls = [control] if isinstance(control, Controller) else list(control or ())
+        self.both = extended(arm, memory) if memory else arm
+        self.events = [(self._of_arm(f), n, direction) for f, n, direction in read_events(events)]
+
+    def _of_arm(self, event: Callable[..., Any]) -> Callable[..., Any]:
+        """The event, of the arm's part of q and v."""
+        nq, nv = self.arm.nq, self.arm.nv
+        return lambda t, q, v: event(t, q[:nq], v[:nv])
+
+    def unstable(self, time: float, failed: bool) -> loops.LoopWarning | None:
+        """The loop of control that has made the run grow in `time` (s), if one has."""
+        if not self.controls:
+            return None
+        start = padded(self.start["q0"], self.both.nq)
+        return loops.unstable(
+            self.arm, self.both, start, self.prescribed, self.times, self.loads, self.controls, self.sampled, time,
+            failed,
+        )  # fmt: skip
+
+    def integrate(self, integrator: str, method: str, options: Mapping[str, Any], alive: Any) -> dict[str, Any]:
+        """The core's run."""
+        nv = self.both.nv
+        laws = [(i, moves, law, padded(column, nv) if column.size else column) for i, moves, law, column in self.laws]
+        q0, v0, tau = (padded(x, self.both.nq if name == "q0" else nv) for name, x in self.start.items())
+        motion = (self.both._core, laws, self.times, q0, v0, tau)
+        last = (method == "ci", alive, self.wrenches, self.events, self.feedback, self.sampled)
+        if integrator == "ida":
+            rtol, atol, order, solver = (options[k] for k in ("rtol", "atol", "max_order", "linear_solver"))
+            pace = Pace(self.arm, self.times, lambda time: self.unstable(time, False))
+            return _core.simulate_ida(*motion, rtol, atol, order, solver, pace, *last)
+        step, rtol, radius, stages = (options[k] for k in ("step", "rtol", "spectral_radius", "stages"))
+        return _core.simulate_fixed(*motion, integrator, step, rtol, radius, stages, *last)
+
+    def result(self, out: dict[str, Any]) -> Result:
+        """What the core gave, without the controllers' states."""
+        arm, done = self.arm, len(out["q"])
+        sizes = {"q": arm.nq, "v": arm.nv, "a": arm.nv, "tau": arm.nv, "friction": arm.nv}
+        kept: dict[str, Any] = {k: out[k] for k in sizes}
+        if self.both is not arm:
+            kept = {k: None if x is None else np.ascontiguousarray(x[:, : sizes[k]]) for k, x in kept.items()}
+        status = int(out["terminated"])
+        found = Result(arm, self.times[:done], stats=out["stats"], loads=self.loads, status=status, **kept)
+        if self.events:
+            found.t_events, q, v = (list(x) for x in zip(*out["events"], strict=True))
+            found.q_events, found.v_events = [x[:, : arm.nq] for x in q], [x[:, : arm.nv] for x in v]
+        return found
+
+    def missed(self, asked: Any) -> Iterator[PulseWarning | None]:
+        """What the steps have not seen of callables: of drives, of loads, of the references of control."""
+        names = [f"drive of '{self.arm.coordinates[i]}'" if not len(column) else "voltage"
+                 for i, _, _, column in self.laws]  # fmt: skip
+        names += [f"loads[{k}]" for k in range(len(self.wrenches))]
+        callables = [law for _, _, law, _ in self.laws] + [law for _, law in self.wrenches]
+        references = [law for _, _, _, law, _ in self.feedback if law is not None]
+        names += ["reference of control"] * len(references)
+        for name, law, calls in zip(names, callables + references, asked, strict=True):
+            if calls is not None:
+                yield missed(name, law, calls, float(self.times[0]), float(self.times[-1]))
 
 
-def _leave_out_memory(out: dict[str, Any], arm: Arm) -> None:
-    """Takes the controllers' states out of what the core gives."""
-    for name, n in (("q", arm.nq), ("v", arm.nv), ("a", arm.nv), ("tau", arm.nv), ("friction", arm.nv)):
-        if out[name] is not None:
-            out[name] = np.ascontiguousarray(out[name][:, :n])
-    out["events"] = [(t, q[:, : arm.nq], v[:, : arm.nv]) for t, q, v in out["events"]]
+def _output_times(t: ArrayLike) -> Array:
+    times = array("t", t)
+    if times.ndim != 1 or times.size < 2:
+        raise ValueError(f"t has shape {times.shape}: must be one list of at least two times")
+    return times
 
 
-def _fail(
-    failure: str, time: float, step: float, result: Result, controlled: bool, loop: Warning | None,
-    beyond: Warning | None,
-) -> None:  # fmt: skip
-    """Raises the SimulationError, whose message begins with the cause, where that is known: not the step is to blame
-    then."""
+def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:
+    """q0, v0 and tau, zero where they are None."""
+    state = {}
+    for name, value, zero in (("q0", q0, arm.zero), ("v0", v0, np.zeros(arm.nv)), ("tau", tau, np.zeros(arm.nv))):
+        if name == "tau" and value is not None and np.ndim(value) > 1:
+            raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
+        state[name] = zero if value is None else array(name, value, zero.shape)
+    arm.check_balls("q0", state["q0"])
+    return state
+
+
+def _drive_laws(
+    arm: Arm, drive: Any, times: Array, state: Mapping[str, Array], given: Mapping[str, Any]
+) -> list[tuple[int, bool, Any, Array]]:
+    """What the core takes of drives. Prescribed joints start where their motion does, which is written into `state`;
+    a q0 or v0 that was `given` and says otherwise is an error."""
+    joints, patches = split_drives(drive)
+    laws = patch_laws(arm, patches, times)
+    for i, law in arm.by_rate("drive", joints).items():
+        where = f"drive of '{arm.coordinates[i]}'"
+        if not isinstance(law, (Motion, Torque)):
+            raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
+        law.check_span(where, times)
+        laws.append((i, isinstance(law, Motion), law.law, np.zeros(0)))
+        if isinstance(law, Torque):
+            continue
+        law.check_rates(where, times)
+        start = array(f"{where} at t = {times[0]}", law(float(times[0])), (3,))
+        k = arm.coordinate_of(i)
+        if k < 0:
+            raise ValueError(f"{where}: the motion of a ball cannot be prescribed; use three rotations (Axes)")
+        for name, at, value in (("q0", k, start[0]), ("v0", i, start[1])):
+            if given[name] is not None and abs(state[name][at] - value) > 1e-9 * max(1.0, abs(value)):
+                raise ValueError(f"{name}[{at}] = {state[name][at]}: {where} prescribes {value} at t = {times[0]}")
+            state[name][at] = value
+    return laws
+
+
+def _settings(
+    integrator: str, rtol: Any, atol: Any, max_order: Any, linear_solver: Any, step: Any, spectral_radius: Any,
+    stages: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """Options of the integrators, with those that are None."""
+    return {
+        "linear_solver": choice("linear_solver", linear_solver or "auto", LINEAR_SOLVERS),
+        "rtol": number("rtol", _RTOL[integrator] if rtol is None else rtol),
+        "atol": number("atol", atol),
+        "max_order": whole("max_order", 5 if max_order is None else max_order),
+        "stages": whole("stages", 4 if stages is None else stages),
+        "spectral_radius": number("spectral_radius", 1.0 if spectral_radius is None else spectral_radius),
+        "step": number("step", 0.0 if step is None else step),
+    }
+
+
+def _judged(run: _Problem, out: dict[str, Any], result: Result, integrator: str, step: float) -> list[Warning]:
+    """What is to be said of a run. One that failed is a SimulationError, whose message begins with the cause, where
+    that is known: not the step is to blame then."""
+    time = float(out["reached"])
+    if out["failure"] == "interrupted":
+        raise SimulationInterrupted(f"interrupted at t = {time:.9g} s", time, result)
+    beyond, failed = out_of_range(run.arm, result.t, result.q), bool(out["failure"])
+    span = time - float(run.times[0])
+    loop = run.unstable(span, failed) if failed or beyond is not None or loops.has_grown(result.v) else None
+    if not failed:
+        blown = beyond_explicit(run.arm, step, span) if integrator == "rk4" else None
+        said = [loop] if SILENT.get() else [loop or beyond, blown]
+        return [x for x in (*said, *run.missed(out["asked"])) if x]
+    failure = out["failure"]
     cause = loop or softened(result.arm, result)
     if cause:
         what = failure.partition(": take ")[0].partition(": look ")[0]
@@ -113,24 +253,10 @@ def _fail(
     limit = "over the highest frequency"
     if limit in failure:  # rk4's
         failure = failure.replace(limit, limit + explicit_limit(result.arm, step))
-    if controlled:
+    if run.controls:
         failure += "; and see whether the loop of control is stable"
     more = f" ({beyond})" if beyond else ""
     raise SimulationError(f"stopped at t = {time:.9g} s: {failure}{more}", time, result)
-
-
-def _missed(
-    arm: Arm, laws: Any, wrenches: Any, feedback: Any, asked: Any, times: Array
-) -> Iterator[PulseWarning | None]:
-    """What the steps have not seen of callables: of drives, of loads, of the references of control."""
-    names = [f"drive of '{arm.coordinates[i]}'" if not len(column) else "voltage" for i, _, _, column in laws]
-    names += [f"loads[{k}]" for k in range(len(wrenches))]
-    callables = [law for _, _, law, _ in laws] + [law for _, law in wrenches]
-    references = [law for _, _, _, law, _ in feedback if law is not None]
-    names += ["reference of control"] * len(references)
-    for name, law, calls in zip(names, callables + references, asked, strict=True):
-        if calls is not None:
-            yield missed(name, law, calls, float(times[0]), float(times[-1]))
 
 
 def simulate(
@@ -235,15 +361,10 @@ def simulate(
         WatchWarning: what `watch` asks for.
         ModelWarning: a beam with too few shape functions for what it carries.
     """
+    # Long for its docstring, which is the reference of every option.
     choice("method", method, METHODS)
-    check_integrator(
-        integrator,
-        step,
-        max_order=max_order,
-        linear_solver=linear_solver,
-        spectral_radius=spectral_radius,
-        stages=stages,
-    )
+    special = {"max_order": max_order, "linear_solver": linear_solver, "spectral_radius": spectral_radius}
+    check_integrator(integrator, step, **special, stages=stages)
     if not isinstance(arm, Arm):
         raise ValueError(f"arm = {arm!r}: must be an Arm")
     if not isinstance(watch, (bool, Watch)):
@@ -251,95 +372,19 @@ def simulate(
     arm._warn()
     for text in coarse(arm):
         warnings.warn(text, ModelWarning, stacklevel=2)
-    times = array("t", t)
-    if times.ndim != 1 or times.size < 2:
-        raise ValueError(f"t has shape {times.shape}: must be one list of at least two times")
-    state = {}
-    for name, value, zero in (("q0", q0, arm.zero), ("v0", v0, np.zeros(arm.nv)), ("tau", tau, np.zeros(arm.nv))):
-        if name == "tau" and value is not None and np.ndim(value) > 1:
-            raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
-        state[name] = zero if value is None else array(name, value, zero.shape)
-    arm.check_balls("q0", state["q0"])
-    joints, patches = split_drives(drive)
-    laws = patch_laws(arm, patches, times)
-    for i, law in arm.by_rate("drive", joints).items():
-        where = f"drive of '{arm.coordinates[i]}'"
-        if not isinstance(law, (Motion, Torque)):
-            raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
-        law.check_span(where, times)
-        laws.append((i, isinstance(law, Motion), law.law, np.zeros(0)))
-        if isinstance(law, Motion):
-            law.check_rates(where, times)
-            start = array(f"{where} at t = {times[0]}", law(float(times[0])), (3,))
-            k = arm.coordinate_of(i)
-            if k < 0:
-                raise ValueError(f"{where}: the motion of a ball cannot be prescribed; use three rotations (Axes)")
-            for name, given, at, value in (("q0", q0, k, start[0]), ("v0", v0, i, start[1])):
-                if given is not None and abs(state[name][at] - value) > 1e-9 * max(1.0, abs(value)):
-                    raise ValueError(f"{name}[{at}] = {state[name][at]}: {where} prescribes {value} at t = {times[0]}")
-                state[name][at] = value
-    places, _ = at_time(arm, loads, float(times[0]))
-    for k, load in enumerate(loads or ()):
-        load.check_span(f"loads[{k}]", times)
-    prescribed = [i for i, moves, *_ in laws if moves]
-    feedback, sampled, memory = control_laws(arm, control, times, loads, prescribed)
-    both = extended(arm, memory) if memory else arm
-    laws = [(i, moves, law, padded(column, both.nv) if column.size else column) for i, moves, law, column in laws]
-    wrenches = [(place, load.law) for place, load in zip(places, loads or (), strict=True)]
-    watched = [(_of_arm(f, arm), n, direction) for f, n, direction in read_events(events)]
-    linear_solver = choice("linear_solver", linear_solver or "auto", LINEAR_SOLVERS)
-    rtol, atol = number("rtol", _RTOL[integrator] if rtol is None else rtol), number("atol", atol)
-    order, stages = (
-        whole("max_order", 5 if max_order is None else max_order),
-        whole("stages", 4 if stages is None else stages),
-    )
-    radius = number("spectral_radius", 1.0 if spectral_radius is None else spectral_radius)
-    h = number("step", 0.0 if step is None else step)
-
-    def unstable(time: float, failed: bool) -> loops.LoopWarning | None:
-        if control is None:
-            return None
-        controls = [control] if isinstance(control, Controller) else list(control)
-        start = padded(state["q0"], both.nq)
-        return loops.unstable(arm, both, start, prescribed, times, loads, controls, sampled, time, failed)
-
-    def integrate(alive: Any = None) -> dict[str, Any]:
-        start = (padded(state["q0"], both.nq), padded(state["v0"], both.nv), padded(state["tau"], both.nv))
-        motion = (both._core, laws, times, *start)
-        ci, rest = method == "ci", (wrenches, watched, feedback, sampled)
-        if integrator == "ida":
-            pace = Pace(arm, times, lambda time: unstable(time, False))
-            return _core.simulate_ida(*motion, rtol, atol, order, linear_solver, pace, ci, alive, *rest)
-        return _core.simulate_fixed(*motion, integrator, h, rtol, radius, stages, ci, alive, *rest)
-
-    begin, end = float(times[0]), float(times[-1])
+    run = _Problem(arm, t, q0, v0, tau, drive, loads, control, events)
+    options = _settings(integrator, rtol, atol, **special, step=step, stages=stages)
+    begin, end = float(run.times[0]), float(run.times[-1])
     with progress_bar(progress, "simulating", end - begin) as bar:
 
         def show(now: float) -> None:
             assert bar is not None
             bar(now - begin, f"t = {now:.4g} of {end:.4g} s")
 
-        out = integrate(bar if bar is None or callable(progress) else show)
-    if memory:
-        _leave_out_memory(out, arm)
-    done = len(out["q"])
-    result = Result(arm, times[:done], out["q"], out["v"], out["a"], out["tau"], out["stats"], tuple(loads or ()))
-    result.status, result.friction = int(out["terminated"]), out["friction"]
-    if watched:
-        result.t_events, result.q_events, result.v_events = (list(x) for x in zip(*out["events"], strict=True))
-    if out["failure"] == "interrupted":
-        raise SimulationInterrupted(f"interrupted at t = {out['reached']:.9g} s", out["reached"], result)
-    beyond, failed = out_of_range(arm, result.t, result.q), bool(out["failure"])
-    grown = failed or beyond is not None or loops.has_grown(result.v)
-    loop = unstable(out["reached"] - float(times[0]), failed) if grown else None
-    if failed:
-        _fail(out["failure"], out["reached"], h, result, control is not None, loop, beyond)
-    blown = beyond_explicit(arm, h, out["reached"] - float(times[0])) if integrator == "rk4" else None
-    if SILENT.get():
-        beyond = blown = None
-    for warning in (loop or beyond, blown, *_missed(arm, laws, wrenches, feedback, out["asked"], times)):
-        if warning:
-            warnings.warn(warning, stacklevel=2)
+        out = run.integrate(integrator, method, options, bar if bar is None or callable(progress) else show)
+    result = run.result(out)
+    for warning in _judged(run, out, result, integrator, options["step"]):
+        warnings.warn(warning, stacklevel=2)
     if watch:
         (Watch.usual(arm) if watch is True else watch).warn(result)
     return result
