@@ -29,10 +29,6 @@ class Derivatives(NamedTuple):
     dtau: Array
 
 
-def tilde(w: Array) -> Array:
-    return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
-
-
 def turning(arm: Chain, v: Array) -> Array:
     """W (nv, nv) of d(theta)/dt = dv - W theta for small turns theta of balls in their links' axes, which the link
     carries along at w: from dR = R theta~ and dR/dt = R w~ follows d(theta)/dt = dw - w x theta. Zero otherwise."""
@@ -40,7 +36,7 @@ def turning(arm: Chain, v: Array) -> Array:
     for k, link in enumerate(arm.links):
         if link.joint.ball:
             i = arm._core.first(k) + link.joint.nv - 3
-            W[i : i + 3, i : i + 3] = tilde(v[i : i + 3])
+            W[i : i + 3, i : i + 3] = np.cross(np.eye(3), v[i : i + 3])  # w~
     return W
 
 
@@ -194,7 +190,7 @@ def _motion_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
         return _Output(labels, a, rows)
     # accelerometer, f = R^T (a - g): with dR = (J_R theta)~ R, df = R^T (da + (a - g) x J_R theta)
     R, f = p.arm.frame(p.q, n, x)[1], a - np.array(p.arm.gravity)
-    rows += p.rows(tilde(f) @ J[3:], None)
+    rows += p.rows(np.cross(f, J[3:].T).T, None)
     return _Output(labels, R.T @ f, R.T @ rows)
 
 

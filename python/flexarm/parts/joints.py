@@ -34,10 +34,9 @@ def _rotation(field_name: str, value: Any) -> Array:
         return a
     if a.shape != (3,):
         raise ValueError(f"{field_name} has shape {a.shape}: must be a rotation vector (rad) or a 3 x 3 matrix")
-    angle = float(np.linalg.norm(a))
-    x, y, z = a / angle if angle > 0 else a
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    return np.asarray(Rotation.from_rotvec(a).as_matrix())
 
 
 @dataclass(frozen=True)
