@@ -108,11 +108,11 @@ def test_rollout_with_feedback_and_motion(integrator, dt):
     halves = 0.5 * dt * np.arange(2 * n + 1)
     values = np.stack([0.5 * halves**2, halves, np.ones_like(halves)], axis=1)
     for given in (motion, values, np.stack([values, values])):
-        run = fa.rollout(arm, arm.zero, step=dt, nstep=n, feedback=law, motion={0: given}, integrator=integrator)
+        run = fa.rollout(arm, arm.zero, step=dt, nstep=n, control=law, motion={0: given}, integrator=integrator)
         for q in run.q:
             close(q, one.q, 1e-12)
     gains = [[fa.PD(kp, 0.05, 1)] for kp in (0.1, 2.0)]
-    run = fa.rollout(arm, arm.zero, step=dt, nstep=n, feedback=gains, integrator=integrator)
+    run = fa.rollout(arm, arm.zero, step=dt, nstep=n, control=gains, integrator=integrator)
     for q, law in zip(run.q, gains, strict=True):
         close(q, fa.simulate(arm, t, control=law, integrator=integrator, step=dt).q, 1e-12)
 
@@ -168,8 +168,8 @@ def test_rollout_says_what_is_wrong():
         ((q0,), {**good, "spectral_radius": 1.5}, "spectral_radius = 1.5: must be from 0 to 1"),
         ((q0,), {**good, "workers": 0}, "workers = 0"),
         ((q0,), {**good, "motion": {0: np.zeros((3, 3))}}, r"q, v, a at half steps: \(7, 3\)"),
-        ((q0,), {**good, "feedback": fa.LinearController.pid(1, 1, 0, rate=100)}, "must be continuous"),
-        ((q0,), {**good, "motion": {0: np.zeros((7, 3))}, "feedback": fa.PD(1, 1, 0)}, "whose motion is prescribed"),
+        ((q0,), {**good, "control": fa.LinearController.pid(1, 1, 0, rate=100)}, "must be continuous"),
+        ((q0,), {**good, "motion": {0: np.zeros((7, 3))}, "control": fa.PD(1, 1, 0)}, "whose motion is prescribed"),
     ):
         with pytest.raises(ValueError, match=text):
             fa.rollout(arm, *args, **options)

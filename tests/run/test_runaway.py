@@ -224,8 +224,8 @@ def test_batches_name_a_loop_that_grows_without_failing() -> None:
         r = fa.simulate_batch(rigid(), t, v0=v0, control=law, integrator="implicit", step=1e-3)
     assert r.stats["engine"] == "steps" and not r.failures
     with pytest.warns(fa.LoopWarning, match=said):
-        fa.rollout(rigid(), [0.0], v0, step=1e-3, nstep=2000, feedback=law)
-    fa.rollout(rigid(), [0.0], v0, step=1e-3, nstep=2000, feedback=fa.PD(5.0, 1.0, reference=0.1))
+        fa.rollout(rigid(), [0.0], v0, step=1e-3, nstep=2000, control=law)
+    fa.rollout(rigid(), [0.0], v0, step=1e-3, nstep=2000, control=fa.PD(5.0, 1.0, reference=0.1))
     fa.rollout(rigid(), [0.0], v0, tau=np.full((2000, 1), 0.3), step=1e-3)
 
 
@@ -265,7 +265,7 @@ def test_batches_name_the_loop_of_a_scenario_that_fails() -> None:
     t = np.linspace(0, 3, 4)
     with pytest.warns(fa.RangeWarning):
         runs = fa.simulate_batch(arm, t, control=law(1.0), parameters={"control.0.ks": ks}, step=1e-3)
-    rolled = fa.rollout(arm, arm.zero, step=1e-3, nstep=3000, feedback=[[law(k)] for k in ks])
+    rolled = fa.rollout(arm, arm.zero, step=1e-3, nstep=3000, control=[[law(k)] for k in ks])
     for failures in (runs.failures, rolled.failures):
         assert [f.index for f in failures] == [1]
         assert "control[0] feeds energy in" in failures[0].reason and "bent by" in failures[0].reason

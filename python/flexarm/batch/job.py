@@ -20,7 +20,8 @@ from ..acting.voltage import Voltage, split_drives
 from ..analysis.validity import SILENT, worst_range
 from ..arm import Arm
 from ..parts.chain import Chain
-from ..run.simulation import SimulationError, SimulationInterrupted, read_events, simulate
+from ..run.problem import read_events
+from ..run.simulation import SimulationError, SimulationInterrupted, simulate
 from .rollout import NOT_DONE, STEPPERS, Failure, check_balls, explained, failures_of, grown_loop, take_steps
 from .tables import Schedule, breaks_of, feedback_tables, sampled, stacked, wrench_table
 from .variation import Setup, Variation

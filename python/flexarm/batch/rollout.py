@@ -20,10 +20,10 @@ from ..acting.drive import Motion
 from ..analysis import loops
 from ..arm import Arm
 from ..run.pace import beyond_explicit
-from ..run.simulation import OPTION_OF
+from ..run.simulation import INTEGRATORS, OPTION_OF
 from .tables import STEP_BYTES, Schedule, feedback_tables, motion_table
 
-STEPPERS = ("implicit", "rk4")
+STEPPERS = tuple(name for name, row in INTEGRATORS.items() if row.in_batches)
 _REASONS = {
     1: "the mass matrix is singular",
     2: "the equations of a step could not be solved: take a smaller step; with control, see whether its loop is stable",
@@ -35,7 +35,7 @@ _LOOKS = 3  # scenarios that have grown, whose loops are looked at
 
 @dataclass(frozen=True)
 class Failure:
-    """A scenario that could not go on: its index, the time reached (s), and why."""
+    """A scenario that could not go on: its `index`, the `time` reached (s), and the `reason`."""
 
     index: int
     time: float
@@ -194,7 +194,7 @@ def take_steps(
         [a._core for a in arms], count, schedule.lengths, schedule.ends, schedule.hold, schedule.rows,
         q0[:, None], v0[:, None], tau, motions, pushes, loads, laws, integrator,
         1.0 if spectral_radius is None else number("spectral_radius", spectral_radius),
-        1e-10 if rtol is None else number("rtol", rtol), lanes, dict(blocks), workers, alive,
+        INTEGRATORS[integrator].rtol if rtol is None else number("rtol", rtol), lanes, dict(blocks), workers, alive,
     )  # fmt: skip
 
 
@@ -253,12 +253,12 @@ def grown_loop(
 
 def check_options(integrator: str, rtol: Any, spectral_radius: Any) -> None:
     choice("integrator", integrator, STEPPERS)
-    if integrator == "rk4" and rtol is not None:
-        raise ValueError(f'rtol = {rtol}: is for integrator="implicit", not for "rk4"')
-    if integrator != "implicit" and spectral_radius is not None:
+    implicit = OPTION_OF["spectral_radius"]
+    if INTEGRATORS[integrator].explicit and rtol is not None:
+        raise ValueError(f'rtol = {rtol}: is for integrator="{implicit}", not for "{integrator}"')
+    if integrator != implicit and spectral_radius is not None:
         raise ValueError(
-            f'spectral_radius = {spectral_radius}: is for integrator="{OPTION_OF["spectral_radius"]}", '
-            f'not for "{integrator}"'
+            f'spectral_radius = {spectral_radius}: is for integrator="{implicit}", not for "{integrator}"'
         )
 
 
@@ -272,7 +272,7 @@ def rollout(
     nstep: int | None = None,
     integrator: str = "implicit",
     every: int = 1,
-    feedback: Controller | Sequence[Any] | None = None,
+    control: Controller | Sequence[Any] | None = None,
     motion: Mapping[Any, Motion | ArrayLike] | None = None,
     workers: int | None = None,
     rtol: float | None = None,
@@ -292,7 +292,7 @@ def rollout(
         step: length of a step (s). nstep: how many; None: as many as tau has.
         integrator: "implicit" or "rk4"; see `simulate`. Dry friction of joints needs "implicit".
         every: steps between two rows of the result.
-        feedback: continuous controllers (PD, StrainFeedback, StateFeedback) alike for all scenarios: one, or a list of
+        control: continuous controllers (PD, StrainFeedback, StateFeedback) alike for all scenarios: one, or a list of
             them; or a list of B such lists.
         motion: prescribed motions by link or (link, freedom): a Motion, or values (q, v, a) at half steps,
             (2 nstep + 1, 3) or (B, 2 nstep + 1, 3). They take the place of q0 and v0 there.
@@ -336,9 +336,9 @@ def rollout(
     for i in moved:
         if one.coordinate_of(i) < 0:
             raise ValueError(f"motion of '{one.coordinates[i]}': that of a ball cannot be prescribed; use Axes")
-    several = isinstance(feedback, (list, tuple)) and any(isinstance(c, (list, tuple)) for c in feedback)
-    controls = list(feedback) if several else [feedback]  # type: ignore[arg-type]
-    sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "feedback": len(controls)}
+    several = isinstance(control, (list, tuple)) and any(isinstance(c, (list, tuple)) for c in control)
+    controls = list(control) if several else [control]  # type: ignore[arg-type]
+    sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "control": len(controls)}
     count = scenario_count(sizes | {f"motion of '{one.coordinates[i]}'": len(x) for i, x in moved.items()})
     check_balls(one, q)
     laws = feedback_tables(arms, controls, schedule, list(moved))
@@ -364,14 +364,14 @@ def rollout(
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
-    if feedback is not None:
+    if control is not None:
         grown = grown_loop(
             lambda k: (arms[k % len(arms)], q[k % len(q)], (), controls[k % len(controls)]),
             list(moved), schedule.ends, result.v, result.status,
         )  # fmt: skip
         if grown is not None:
             warnings.warn(grown[1].of(f"scenario {grown[0]}"), stacklevel=2)
-    blown = beyond_explicit(one, step, float(schedule.ends[-1])) if integrator == "rk4" else None
+    blown = beyond_explicit(one, step, float(schedule.ends[-1])) if INTEGRATORS[integrator].explicit else None
     if blown is not None:
         warnings.warn(blown, stacklevel=2)
     return result

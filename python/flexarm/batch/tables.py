@@ -176,7 +176,7 @@ def _law_tables(
 ) -> list[list[Array]]:
     feedback, samplers, memory = control_laws(arm, control, schedule.ends, (), prescribed)
     if samplers or memory:
-        raise ValueError("feedback: must be continuous and without memory (PD, StrainFeedback, StateFeedback)")
+        raise ValueError("control: must be continuous and without memory (PD, StrainFeedback, StateFeedback)")
     if id(control) not in references:
         laws = [law for *_, law, _ in feedback]
         references[id(control)] = [

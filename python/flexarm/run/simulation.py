@@ -3,33 +3,49 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from .._check import Array, array, choice, number, whole
+from .._check import choice, number, whole
 from .._console import progress_bar
-from ..acting.control import Controller, control_laws, extended, padded
+from ..acting.control import Controller, padded
 from ..acting.drive import Motion, Torque
-from ..acting.load import Load, at_time
-from ..acting.voltage import Voltage, patch_laws, split_drives
+from ..acting.load import Load
+from ..acting.voltage import Voltage
 from ..analysis import loops
 from ..analysis.doubts import ModelWarning, coarse
 from ..analysis.validity import SILENT, out_of_range
 from ..arm import METHODS, Arm
 from .pace import Pace, beyond_explicit, explicit_limit
-from .pulses import PulseWarning, missed
+from .problem import Problem
 from .result import Result
 from .watch import Watch, softened
 
-INTEGRATORS = ("ida", "implicit", "gauss", "rk4")
 LINEAR_SOLVERS = ("auto", "dense", "chain")
-_RTOL = {"ida": 1e-6, "implicit": 1e-10, "gauss": 1e-12, "rk4": 1e-6}
+
+
+class Integrator(NamedTuple):
+    """What is to be known of an integrator, beside its steps, which are C++'s."""
+
+    rtol: float  # if None is given
+    options: tuple[str, ...] = ()  # of `simulate`, which it alone has
+    fixed: bool = True  # whether it takes the steps that it is given
+    explicit: bool = False  # whether these have a limit; see pace
+    in_batches: bool = False  # whether the core's batches have it
+
+
+#: By name; the names are those of python/bindings/time.cpp.
+INTEGRATORS = {
+    "ida": Integrator(1e-6, ("max_order", "linear_solver"), fixed=False),
+    "implicit": Integrator(1e-10, ("spectral_radius",), in_batches=True),
+    "gauss": Integrator(1e-12, ("stages",)),
+    "rk4": Integrator(1e-6, explicit=True, in_batches=True),
+}
 #: The integrator that an option belongs to.
-OPTION_OF = {"max_order": "ida", "linear_solver": "ida", "spectral_radius": "implicit", "stages": "gauss"}
+OPTION_OF = {option: name for name, row in INTEGRATORS.items() for option in row.options}
 
 
 class SimulationError(RuntimeError):
@@ -56,164 +72,18 @@ class SimulationInterrupted(KeyboardInterrupt):
         return type(self), (str(self), self.time, self.result)
 
 
-def read_events(events: Any) -> list[tuple[Any, int, int]]:
-    """(callable, occurrence that ends the run or 0, direction) of each event."""
-    given = [] if events is None else [events] if callable(events) else events
-    if not isinstance(given, (list, tuple)):
-        raise ValueError(f"events = {events!r}: must be a callable (t, q, v) -> float, or a list of them")
-    out = []
-    for k, f in enumerate(given):
-        if not callable(f):
-            raise ValueError(f"events[{k}] = {f!r}: must be a callable (t, q, v) -> float")
-        terminal, direction = getattr(f, "terminal", False), getattr(f, "direction", 0)
-        count = int(terminal) if isinstance(terminal, (bool, np.bool_)) else whole(f"events[{k}].terminal", terminal)
-        if count < 0:
-            raise ValueError(f"events[{k}].terminal = {terminal}: must be True, False or a number of occurrences")
-        if number(f"events[{k}].direction", direction) not in (-1, 0, 1):
-            raise ValueError(f"events[{k}].direction = {direction}: must be -1, 0 or 1")
-        out.append((f, count, int(direction)))
-    return out
-
-
 def check_integrator(integrator: str, step: float | None, **options: Any) -> None:
     """Raises ValueError where an option is given to an integrator that does not have it, or a step is missing."""
     choice("integrator", integrator, INTEGRATORS)
     for name, value in options.items():
         if value is not None and OPTION_OF[name] != integrator:
             raise ValueError(f'{name} = {value}: is for integrator="{OPTION_OF[name]}", not for "{integrator}"')
-    if integrator == "ida" and step is not None:
-        raise ValueError(f'step = {step}: is for integrator="implicit", "gauss" or "rk4"; "ida" chooses its own steps')
-    if integrator != "ida" and step is None:
+    if not INTEGRATORS[integrator].fixed and step is not None:
+        *names, last = (f'"{name}"' for name, row in INTEGRATORS.items() if row.fixed)
+        others = f"{', '.join(names)} or {last}"
+        raise ValueError(f'step = {step}: is for integrator={others}; "{integrator}" chooses its own steps')
+    if INTEGRATORS[integrator].fixed and step is None:
         raise ValueError(f'step: integrator="{integrator}" needs it, in seconds, such as step=1e-3')
-
-
-class _Problem:
-    """What is to be simulated, checked, as the core takes it.
-
-    Attributes:
-        arm, times, loads, controls: as given.
-        start: q0, v0 and tau, of the arm alone.
-        laws: (rate or -1, whether it prescribes that rate's motion, law of time, column of forces) of each drive.
-        prescribed: the rates whose motion is given.
-        feedback, sampled: laws of the controllers. events: (callable, occurrence that ends the run or 0, direction).
-        both: the arm with a link for each state of a controller, which the core integrates.
-    """
-
-    def __init__(self, arm: Arm, t: ArrayLike, q0: Any, v0: Any, tau: Any, drive: Any, loads: Any, control: Any,
-                 events: Any) -> None:  # fmt: skip
-        self.arm, self.times = arm, _output_times(t)
-        self.start = _initial_state(arm, q0, v0, tau)
-        self.laws = _drive_laws(arm, drive, self.times, self.start, {"q0": q0, "v0": v0})
-        places, _ = at_time(arm, loads, float(self.times[0]))
-        self.loads = tuple(loads or ())
-        for k, load in enumerate(self.loads):
-            load.check_span(f"loads[{k}]", self.times)
-        self.wrenches = [(place, load.law) for place, load in zip(places, self.loads, strict=True)]
-        self.prescribed = [i for i, moves, *_ in self.laws if moves]
-        self.feedback, self.sampled, memory = control_laws(arm, control, self.times, self.loads, self.prescribed)
-        self.controls = [control] if isinstance(control, Controller) else list(control or ())
-        self.both = extended(arm, memory) if memory else arm
-        self.events = [(self._of_arm(f), n, direction) for f, n, direction in read_events(events)]
-
-    def _of_arm(self, event: Callable[..., Any]) -> Callable[..., Any]:
-        """The event, of the arm's part of q and v."""
-        nq, nv = self.arm.nq, self.arm.nv
-        return lambda t, q, v: event(t, q[:nq], v[:nv])
-
-    def unstable(self, time: float, failed: bool) -> loops.LoopWarning | None:
-        """The loop of control that has made the run grow in `time` (s), if one has."""
-        if not self.controls:
-            return None
-        start = padded(self.start["q0"], self.both.nq)
-        return loops.unstable(
-            self.arm, self.both, start, self.prescribed, self.times, self.loads, self.controls, self.sampled, time,
-            failed,
-        )  # fmt: skip
-
-    def integrate(self, integrator: str, method: str, options: Mapping[str, Any], alive: Any) -> dict[str, Any]:
-        """The core's run."""
-        nv = self.both.nv
-        laws = [(i, moves, law, padded(column, nv) if column.size else column) for i, moves, law, column in self.laws]
-        q0, v0, tau = (padded(x, self.both.nq if name == "q0" else nv) for name, x in self.start.items())
-        motion = (self.both._core, laws, self.times, q0, v0, tau)
-        last = (method == "ci", alive, self.wrenches, self.events, self.feedback, self.sampled)
-        if integrator == "ida":
-            rtol, atol, order, solver = (options[k] for k in ("rtol", "atol", "max_order", "linear_solver"))
-            pace = Pace(self.arm, self.times, lambda time: self.unstable(time, False))
-            return _core.simulate_ida(*motion, rtol, atol, order, solver, pace, *last)
-        step, rtol, radius, stages = (options[k] for k in ("step", "rtol", "spectral_radius", "stages"))
-        return _core.simulate_fixed(*motion, integrator, step, rtol, radius, stages, *last)
-
-    def result(self, out: dict[str, Any]) -> Result:
-        """What the core gave, without the controllers' states."""
-        arm, done = self.arm, len(out["q"])
-        sizes = {"q": arm.nq, "v": arm.nv, "a": arm.nv, "tau": arm.nv, "friction": arm.nv}
-        kept: dict[str, Any] = {k: out[k] for k in sizes}
-        if self.both is not arm:
-            kept = {k: None if x is None else np.ascontiguousarray(x[:, : sizes[k]]) for k, x in kept.items()}
-        status = int(out["terminated"])
-        found = Result(arm, self.times[:done], stats=out["stats"], loads=self.loads, status=status, **kept)
-        if self.events:
-            found.t_events, q, v = (list(x) for x in zip(*out["events"], strict=True))
-            found.q_events, found.v_events = [x[:, : arm.nq] for x in q], [x[:, : arm.nv] for x in v]
-        return found
-
-    def missed(self, asked: Any) -> Iterator[PulseWarning | None]:
-        """What the steps have not seen of callables: of drives, of loads, of the references of control."""
-        names = [f"drive of '{self.arm.coordinates[i]}'" if not len(column) else "voltage"
-                 for i, _, _, column in self.laws]  # fmt: skip
-        names += [f"loads[{k}]" for k in range(len(self.wrenches))]
-        callables = [law for _, _, law, _ in self.laws] + [law for _, law in self.wrenches]
-        references = [law for _, _, _, law, _ in self.feedback if law is not None]
-        names += ["reference of control"] * len(references)
-        for name, law, calls in zip(names, callables + references, asked, strict=True):
-            if calls is not None:
-                yield missed(name, law, calls, float(self.times[0]), float(self.times[-1]))
-
-
-def _output_times(t: ArrayLike) -> Array:
-    times = array("t", t)
-    if times.ndim != 1 or times.size < 2:
-        raise ValueError(f"t has shape {times.shape}: must be one list of at least two times")
-    return times
-
-
-def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:
-    """q0, v0 and tau, zero where they are None."""
-    state = {}
-    for name, value, zero in (("q0", q0, arm.zero), ("v0", v0, np.zeros(arm.nv)), ("tau", tau, np.zeros(arm.nv))):
-        if name == "tau" and value is not None and np.ndim(value) > 1:
-            raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
-        state[name] = zero if value is None else array(name, value, zero.shape)
-    arm.check_balls("q0", state["q0"])
-    return state
-
-
-def _drive_laws(
-    arm: Arm, drive: Any, times: Array, state: Mapping[str, Array], given: Mapping[str, Any]
-) -> list[tuple[int, bool, Any, Array]]:
-    """What the core takes of drives. Prescribed joints start where their motion does, which is written into `state`;
-    a q0 or v0 that was `given` and says otherwise is an error."""
-    joints, patches = split_drives(drive)
-    laws = patch_laws(arm, patches, times)
-    for i, law in arm.by_rate("drive", joints).items():
-        where = f"drive of '{arm.coordinates[i]}'"
-        if not isinstance(law, (Motion, Torque)):
-            raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
-        law.check_span(where, times)
-        laws.append((i, isinstance(law, Motion), law.law, np.zeros(0)))
-        if isinstance(law, Torque):
-            continue
-        law.check_rates(where, times)
-        start = array(f"{where} at t = {times[0]}", law(float(times[0])), (3,))
-        k = arm.coordinate_of(i)
-        if k < 0:
-            raise ValueError(f"{where}: the motion of a ball cannot be prescribed; use three rotations (Axes)")
-        for name, at, value in (("q0", k, start[0]), ("v0", i, start[1])):
-            if given[name] is not None and abs(state[name][at] - value) > 1e-9 * max(1.0, abs(value)):
-                raise ValueError(f"{name}[{at}] = {state[name][at]}: {where} prescribes {value} at t = {times[0]}")
-            state[name][at] = value
-    return laws
 
 
 def _settings(
@@ -223,7 +93,7 @@ def _settings(
     """Options of the integrators, with those that are None."""
     return {
         "linear_solver": choice("linear_solver", linear_solver or "auto", LINEAR_SOLVERS),
-        "rtol": number("rtol", _RTOL[integrator] if rtol is None else rtol),
+        "rtol": number("rtol", INTEGRATORS[integrator].rtol if rtol is None else rtol),
         "atol": number("atol", atol),
         "max_order": whole("max_order", 5 if max_order is None else max_order),
         "stages": whole("stages", 4 if stages is None else stages),
@@ -232,7 +102,22 @@ def _settings(
     }
 
 
-def _judged(run: _Problem, out: dict[str, Any], result: Result, integrator: str, step: float) -> list[Warning]:
+def _integrate(run: Problem, integrator: str, method: str, options: Mapping[str, Any], alive: Any) -> dict[str, Any]:
+    """The core's run."""
+    nv, padding = run.both.nv, {"q0": run.both.nq}
+    laws = [(i, moves, law, padded(column, nv) if column.size else column) for i, moves, law, column in run.laws]
+    q0, v0, tau = (padded(x, padding.get(name, nv)) for name, x in run.start.items())
+    motion = (run.both._core, laws, run.times, q0, v0, tau)
+    last = (method == "ci", alive, run.wrenches, run.events, run.feedback, run.sampled)
+    if not INTEGRATORS[integrator].fixed:
+        rtol, atol, order, solver = (options[k] for k in ("rtol", "atol", "max_order", "linear_solver"))
+        pace = Pace(run.arm, run.times, lambda time: run.unstable(time, False))
+        return _core.simulate_ida(*motion, rtol, atol, order, solver, pace, *last)
+    step, rtol, radius, stages = (options[k] for k in ("step", "rtol", "spectral_radius", "stages"))
+    return _core.simulate_fixed(*motion, integrator, step, rtol, radius, stages, *last)
+
+
+def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, step: float) -> list[Warning]:
     """What is to be said of a run. One that failed is a SimulationError, whose message begins with the cause, where
     that is known: not the step is to blame then."""
     time = float(out["reached"])
@@ -242,7 +127,7 @@ def _judged(run: _Problem, out: dict[str, Any], result: Result, integrator: str,
     span = time - float(run.times[0])
     loop = run.unstable(span, failed) if failed or beyond is not None or loops.has_grown(result.v) else None
     if not failed:
-        blown = beyond_explicit(run.arm, step, span) if integrator == "rk4" else None
+        blown = beyond_explicit(run.arm, step, span) if INTEGRATORS[integrator].explicit else None
         said = [loop] if SILENT.get() else [loop or beyond, blown]
         return [x for x in (*said, *run.missed(out["asked"])) if x]
     failure = out["failure"]
@@ -372,7 +257,7 @@ def simulate(
     arm._warn()
     for text in coarse(arm):
         warnings.warn(text, ModelWarning, stacklevel=2)
-    run = _Problem(arm, t, q0, v0, tau, drive, loads, control, events)
+    run = Problem(arm, t, q0, v0, tau, drive, loads, control, events)
     options = _settings(integrator, rtol, atol, **special, step=step, stages=stages)
     begin, end = float(run.times[0]), float(run.times[-1])
     with progress_bar(progress, "simulating", end - begin) as bar:
@@ -381,7 +266,7 @@ def simulate(
             assert bar is not None
             bar(now - begin, f"t = {now:.4g} of {end:.4g} s")
 
-        out = run.integrate(integrator, method, options, bar if bar is None or callable(progress) else show)
+        out = _integrate(run, integrator, method, options, bar if bar is None or callable(progress) else show)
     result = run.result(out)
     for warning in _judged(run, out, result, integrator, options["step"]):
         warnings.warn(warning, stacklevel=2)
