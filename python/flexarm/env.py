@@ -103,7 +103,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
 
     @property
     def state(self) -> State:
-        """Of all environments: see flexarm.tasks.State."""
+        """The state of all environments; see flexarm.tasks.State."""
         y = np.einsum("bij,bj->bi", self._by_q, self._q) + self._v @ self._rows[1].T
         end = self.task.arm.frame(self._q)[0]
         for i in np.flatnonzero(self._odd):

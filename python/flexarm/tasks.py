@@ -20,8 +20,15 @@ from .parts.link import Link
 
 
 class State(NamedTuple):
-    """Of B environments: time since their episodes' start (s) (B,); coordinates (B, nq) and rates (B, nv); what is
-    measured (B, ny); the position (B, 3) of the arm's end (m); and each one's goal (B, ng)."""
+    """The state of B environments.
+
+    Attributes:
+        t: time since the start of each episode (s), (B,).
+        q, v: coordinates (B, nq) and rates (B, nv).
+        y: what is measured, (B, ny).
+        end: position of the arm's end (m), (B, 3).
+        goal: of each environment, (B, ng).
+    """
 
     t: Array
     q: Array
@@ -62,7 +69,7 @@ class Task:
 
     @property
     def period(self) -> float:
-        """Of control (s)."""
+        """The period of control (s)."""
         return self.step * self.substeps
 
     def start(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -74,7 +81,7 @@ class Task:
         return np.zeros((len(state.t), self.extra))
 
     def reward(self, state: State, action: Array) -> Array:
-        """Of the state that an action (B, nu), of -1 to 1, has led to; (B,)."""
+        """The reward (B,) of the state that an action (B, nu), of -1 to 1, has led to."""
         raise NotImplementedError(f"{type(self).__name__} has no reward: give it reward(state, action) -> (B,)")
 
     def lost(self, state: State) -> NDArray[np.bool_]:

@@ -34,7 +34,7 @@ def listed(name: str, value: Any) -> list[Any]:
 
 
 def limit_of(value: Any, motor: Any = None) -> float:
-    """What |u| is kept within: the limit, and the motor's."""
+    """The bound that |u| is kept within: the lower of the limit and the motor's."""
     if motor is not None and not isinstance(motor, Motor):
         raise ValueError(f"motor = {motor!r}: must be a Motor or None")
     limit = np.inf if value is None else positive("limit", value)
@@ -47,15 +47,20 @@ def gain_of(motor: Motor | None) -> float:
 
 
 def braking_laws(arm: Chain, motor: Motor | None, units: Iterable[Array]) -> list[Feedback]:
-    """Of back-EMF, at joints given by unit columns (nv,)."""
+    """The laws of a motor's back-EMF, at joints given by unit columns (nv,)."""
     if motor is None or motor.braking == 0.0:
         return []
     return [(unit, np.zeros(arm.nq), motor.braking * unit, None, np.inf) for unit in units]
 
 
 class Run(NamedTuple):
-    """What controllers are told of a run: its times and loads; where a controller's states stand among the rates of
-    the extended arm (`extended`), and how many all have."""
+    """What a controller is told of a run.
+
+    Attributes:
+        times, loads: of the run.
+        first, total: where the controller's states begin among those of all, and how many there are of all; see
+            `extended`.
+    """
 
     times: Array
     loads: Any
@@ -262,8 +267,8 @@ def measured_rows(arm: Chain, measure: Sequence[Any], first: int = 0) -> tuple[A
 def control_laws(
     arm: Chain, control: Any, times: Array, loads: Any = (), prescribed: Sequence[int] = ()
 ) -> tuple[list[Feedback], list[SampledLaw], int]:
-    """What the core needs of all controllers of a run, for the arm extended by so many states of theirs.
-    `prescribed`: the rates whose motion is given."""
+    """The laws of all controllers of a run as the core takes them, continuous and sampled, and how many states of
+    theirs the arm is to be extended by. `prescribed`: the rates whose motion is given."""
     all_given = [] if control is None else [control] if isinstance(control, Controller) else control
     if not isinstance(all_given, (list, tuple)) or not all(isinstance(c, Controller) for c in all_given):
         raise ValueError(f"control = {control!r}: must be a controller, such as PD(...), or a list of them")

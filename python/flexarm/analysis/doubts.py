@@ -71,7 +71,7 @@ def _beam(where: str, beam: Beam) -> Iterator[str]:
 
 
 def doubts(arm: Chain) -> list[str]:
-    """What of an arm can hardly be meant."""
+    """Lists the numbers of an arm that can hardly be meant, a sentence each."""
     found: list[str] = []
     for k, link in enumerate(arm.links):
         for name, body in (("hub", link.hub), ("tip", link.tip)):

@@ -42,8 +42,9 @@ class LoopWarning(UserWarning):
 
 
 def _reads(arm: Chain, c: Any, k: int, q: Array) -> tuple[Array, Array, float, float] | None:
-    """What a sampled controller reads, about a state at rest: by q, by v, how late (s), and up to where; None where a
-    sensor feels accelerations, is slower than the controller, or as late as no other."""
+    """The derivatives of what a sampled controller reads, about a state at rest: by q and by v; how late it reads (s);
+    and up to where its sensors tell. None where no such linear reading exists: a sensor feels accelerations, is slower
+    than the controller, or has a delay of its own."""
     if c.measure is None:
         n = arm.nv
         return np.eye(arm.nq + n, arm.nq), np.eye(arm.nq + n, n, -arm.nq), 0.0, np.inf
@@ -120,7 +121,7 @@ class Plant:
 
 
 def _growth(F: Array) -> tuple[float, complex]:
-    """Of the fastest growing motion of x' = F x (1/s), and its pole."""
+    """The growth of the fastest growing motion of x' = F x (1/s), and its pole."""
     poles = np.linalg.eigvals(F)
     pole = complex(poles[np.argmax(poles.real)])
     return pole.real, pole
@@ -145,8 +146,8 @@ class _Sampling:
         self.free, self.before = last @ first, last @ before
 
     def growth(self, factor: float = 1.0) -> tuple[float, complex]:
-        """Of the fastest growing motion (1/s) with forces `factor` times as large, and its pole from sample to
-        sample."""
+        """The growth of the fastest growing motion (1/s) with forces `factor` times as large, and its pole from sample
+        to sample."""
         n, nx, nu = len(self.free), len(self.A), self.after.shape[1]
         # state: the arm's, the laws', and the outputs of the last late + 1 samples, the newest first
         count = self.late + 1
@@ -170,7 +171,7 @@ class _Sampling:
 
 
 def _sampled_loops(arm: Chain, controls: Sequence[Any], samplers: Sequence[Any], plant: Plant) -> list[_Loop]:
-    """Of the sampled controllers that are linear, or were in this run."""
+    """The loops of those sampled controllers that are linear, or have been so in this run."""
     found, laws = [], (s for s in samplers if isinstance(s[3], (Asked, _core.LinearLaw)))
     n, total = arm.nv, plant.arm.nv
     for k, c in enumerate(controls):
@@ -226,7 +227,7 @@ def unstable(
     arm: Chain, both: Chain, q: Array, prescribed: Sequence[int], times: Array, loads: Any, controls: Sequence[Any],
     samplers: Sequence[Any], time: float, failed: bool,
 ) -> LoopWarning | None:  # fmt: skip
-    """What is to be said of the loops of a run that has grown in `time` (s), or None where they are stable at its
+    """The warning that the loops of a run deserve which has grown in `time` (s); None where they are stable at its
     start, or are not linear. A loop that a limit may hold is not named unless the run has `failed`.
 
     Args:

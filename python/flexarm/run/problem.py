@@ -63,7 +63,7 @@ class Problem:
         )  # fmt: skip
 
     def result(self, out: dict[str, Any]) -> Result:
-        """What the core gave, without the controllers' states."""
+        """Makes a Result of what the core gave, and leaves the controllers' states out."""
         arm, done = self.arm, len(out["q"])
         sizes = {"q": arm.nq, "v": arm.nv, "a": arm.nv, "tau": arm.nv, "friction": arm.nv}
         kept: dict[str, Any] = {k: out[k] for k in sizes}
@@ -77,7 +77,7 @@ class Problem:
         return found
 
     def missed(self, asked: Any) -> Iterator[PulseWarning | None]:
-        """What the steps have not seen of callables: of drives, of loads, of the references of control."""
+        """Warnings of what the steps have not seen of callables: of drives, loads and references of control."""
         names = [f"drive of '{self.arm.coordinates[i]}'" if not len(column) else "voltage"
                  for i, _, _, column in self.laws]  # fmt: skip
         names += [f"loads[{k}]" for k in range(len(self.wrenches))]
@@ -110,8 +110,8 @@ def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:
 def _drive_laws(
     arm: Arm, drive: Any, times: Array, state: Mapping[str, Array], given: Mapping[str, Any]
 ) -> list[tuple[int, bool, Any, Array]]:
-    """What the core takes of drives. Prescribed joints start where their motion does, which is written into `state`;
-    a q0 or v0 that was `given` and says otherwise is an error."""
+    """The drives as the core takes them. Prescribed joints start where their motion does, which this writes into
+    `state`; a q0 or v0 that was `given` and says otherwise is an error."""
     joints, patches = split_drives(drive)
     laws = patch_laws(arm, patches, times)
     for i, law in arm.by_rate("drive", joints).items():

@@ -90,7 +90,7 @@ def _settings(
     integrator: str, rtol: Any, atol: Any, max_order: Any, linear_solver: Any, step: Any, spectral_radius: Any,
     stages: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """Options of the integrators, with those that are None."""
+    """Fills in the options of the integrators that are None."""
     return {
         "linear_solver": choice("linear_solver", linear_solver or "auto", LINEAR_SOLVERS),
         "rtol": number("rtol", INTEGRATORS[integrator].rtol if rtol is None else rtol),
@@ -118,8 +118,8 @@ def _integrate(run: Problem, integrator: str, method: str, options: Mapping[str,
 
 
 def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, step: float) -> list[Warning]:
-    """What is to be said of a run. One that failed is a SimulationError, whose message begins with the cause, where
-    that is known: not the step is to blame then."""
+    """The warnings that a run deserves. Raises SimulationError where the run failed; its message begins with the cause
+    where that is known, because the step is not to blame then."""
     time = float(out["reached"])
     if out["failure"] == "interrupted":
         raise SimulationInterrupted(f"interrupted at t = {time:.9g} s", time, result)

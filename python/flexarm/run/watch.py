@@ -55,7 +55,8 @@ def first_frequency(arm: Arm) -> float:
 
 
 def softened(arm: Arm, result: Result) -> str:
-    """Which beam of order 1 turns faster than its first frequency at the end of a run, where it diverges; or ""."""
+    """Names a beam of order 1 that turns faster than its first frequency at the end of a run, where it diverges; else
+    it returns ""."""
     for k, link in enumerate(arm.links):
         if link.beam is None or link.beam.order != 1 or not link.beam.ne:
             continue
@@ -70,7 +71,7 @@ def softened(arm: Arm, result: Result) -> str:
 
 
 def readings(arm: Arm, result: Result, frequency: float = np.nan) -> dict[tuple[str, int], Array]:
-    """By (what, link), each monitor along a run, (nt,). Costs some microseconds a row and beam.
+    """Each monitor along a run, (nt,), by (what, link). It costs some microseconds a row and beam.
 
     Args:
         frequency: the arm's first one (rad/s); nan: its spin is not read.

@@ -190,7 +190,7 @@ class Sensor(Part):
 
 
 class _Instrument:
-    """From what is there to what is read: noise, then steps, then saturation, of rows (..., k) in turn."""
+    """Turns what is there into what is read: it adds noise to rows (..., k), rounds them to steps, and saturates."""
 
     def __init__(self, sensor: Sensor, arm: Arm) -> None:
         count = len(sensor.components(arm))

@@ -133,7 +133,7 @@ _FACES = {"+y": (2, -1.0), "-y": (2, 1.0), "+z": (1, 1.0), "-z": (1, -1.0)}
 
 
 def half_thickness(section: Any, along: str, x: float) -> float | None:
-    """From the neutral axis to a face (m); None where the section does not tell."""
+    """The distance from the neutral axis to a face (m); None where the section does not tell."""
     if isinstance(section, Taper):
         parts = [half_thickness(part, along, x) for part in section.sections]
         if len({type(part) for part in section.sections}) > 1 or None in parts:
