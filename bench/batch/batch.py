@@ -66,7 +66,7 @@ def throughput(seconds: float) -> list[Row]:
 
         ways: dict[str, Callable[[], object]] = {"simulate": singly}
         for w in counts:
-            ways[f"rollout, {w}"] = lambda n=n, w=w: fa.rollout(arm, q0, dt=1e-3, nstep=n, workers=w)
+            ways[f"rollout, {w}"] = lambda n=n, w=w: fa.rollout(arm, q0, step=1e-3, nstep=n, workers=w)
         ways[f"simulate_batch, {w}"] = lambda t=t, w=w: fa.simulate_batch(arm, t, q0, workers=w)
         for name, took in in_turn(ways, seconds / 4).items():
             out.append({"kind": "steps", "way": name, "n": n, "value": 16 * n / took})

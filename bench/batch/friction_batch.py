@@ -59,10 +59,10 @@ def main() -> None:
         for _ in range(REPEATS):  # taking turns
             for k, arm in enumerate(arms):
                 begun = time.process_time()
-                run = fa.rollout(arm, arm.zero, tau=tau, dt=DT, every=STEPS, workers=1)
+                run = fa.rollout(arm, arm.zero, tau=tau, step=DT, every=STEPS, workers=1)
                 best[k] = min(best[k], time.process_time() - begun)
                 assert not run.failures
-        v = fa.rollout(arms[1], arms[1].zero, tau=tau, dt=DT).v[:, :, joints(arms[1])]
+        v = fa.rollout(arms[1], arms[1].zero, tau=tau, step=DT).v[:, :, joints(arms[1])]
         without, with_it = (1e6 * x / (SCENARIOS * STEPS) for x in best)
         print(f"| {name} | {(v == 0).mean():.0%} | {without:.2f} | {with_it:.2f} | {with_it / without:.2f} |")
 

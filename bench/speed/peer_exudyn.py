@@ -185,7 +185,7 @@ def run(case: Case, formulation: str, elements: int, every: int) -> None:
     """One setting."""
     setup, model = measure(lambda: Model(case, formulation, elements, every))
     cpu, path = measure(model.solve)
-    setting = f"{elements} elements, dt {case.end / case.outputs / every:.3g} s"
+    setting = f"{elements} elements, step {case.end / case.outputs / every:.3g} s"
     report("run", case, f"Exudyn {formulation}", setting, TRUTH[formulation], path, cpu_s=cpu, setup_s=setup)
 
 

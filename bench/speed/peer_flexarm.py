@@ -39,7 +39,7 @@ def ida(case: Case, modes: int) -> Iterator[list[Setting]]:
 def fixed(case: Case, modes: int) -> Iterator[list[Setting]]:
     """Steps that divide the output times, from long to short."""
     steps = [case.end / case.outputs / n for n in (1, 2, 5, 10, 20, 50, 100)]
-    yield [(f"dt {h:.3g} s", {"step": h}) for h in steps]
+    yield [(f"step {h:.3g} s", {"step": h}) for h in steps]
 
 
 def gauss(case: Case, modes: int) -> Iterator[list[Setting]]:
@@ -47,7 +47,7 @@ def gauss(case: Case, modes: int) -> Iterator[list[Setting]]:
     steps = [case.end / n for n in (12, 25, 50, 100, 200, 400, 800, 1600)]
     for stages, rtol in ((4, 1e-6), (4, 1e-12), (3, 1e-6), (2, 1e-6)):
         yield [
-            (f"{stages} stages, dt {h:.3g} s, rtol {rtol:.0e}", {"step": h, "stages": stages, "rtol": rtol})
+            (f"{stages} stages, step {h:.3g} s, rtol {rtol:.0e}", {"step": h, "stages": stages, "rtol": rtol})
             for h in steps
         ]
 

@@ -108,7 +108,7 @@ def run(case: Case, integrator: str, n: int, every: int) -> None:
     start = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
     cpu, (states, _) = measure(lambda: rollout.rollout(model, data, start, control[None]))
     rows = np.vstack([np.zeros(model.nq), states[0, every - 1 :: every, 1 : 1 + model.nq]])
-    setting = f"{n} hinges, dt {case.end / steps:.3g} s"
+    setting = f"{n} hinges, step {case.end / steps:.3g} s"
     path = tip(case, n, rows)
     report("run", case, f"MuJoCo {integrator}", setting, TRUTH, path, cpu_s=cpu, setup_s=setup)
 

@@ -74,7 +74,7 @@ def settings() -> Iterator[tuple[str, str, fa.Arm, str, float]]:
         for integrator, choices in STEPS.items():
             for every in choices:
                 dt = CASE.end / CASE.outputs / every
-                yield f"flexarm {integrator}", f"{name}, dt {dt:.3g} s", model, integrator, every
+                yield f"flexarm {integrator}", f"{name}, step {dt:.3g} s", model, integrator, every
 
 
 def mujoco_run(method: str, setting: str, model: fa.Arm, integrator: str, every: float) -> None:
@@ -89,7 +89,7 @@ def mujoco_run(method: str, setting: str, model: fa.Arm, integrator: str, every:
     start[:, 0] = 1e-3 * np.arange(BATCH)
 
     def run(count: int, workers: int = 1) -> fa.Rollout:
-        options = {"dt": t[1], "integrator": integrator, "every": max(1, int(every)), "workers": workers}
+        options = {"step": t[1], "integrator": integrator, "every": max(1, int(every)), "workers": workers}
         return fa.rollout(model, start[:count], None, tau, **options)  # type: ignore[arg-type]
 
     line: dict[str, Any] = {"kind": "run", "method": method, "setting": setting, "path": None}
@@ -128,7 +128,7 @@ def scene_lanes(name: str, integrator: str, dt: float) -> None:
     none = np.zeros((1, model.nv))
 
     def run(count: int, steps: int, workers: int = 1, **more: Any) -> fa.Rollout:
-        options = {"dt": dt, "nstep": steps, "integrator": integrator, "every": steps, "workers": workers, **more}
+        options = {"step": dt, "nstep": steps, "integrator": integrator, "every": steps, "workers": workers, **more}
         out = fa.rollout(model, start[:count], None, none, **options)
         if out.failures:
             raise RuntimeError(out.failures[0].reason)
@@ -170,7 +170,7 @@ def rods_run(rods: Rods, order: int | str) -> None:
     def run(**more: Any) -> fa.Rollout:
         options: dict[str, Any] = {
             **more,
-            "dt": 1e-7,
+            "step": 1e-7,
             "nstep": steps,
             "integrator": "rk4",
             "every": steps,

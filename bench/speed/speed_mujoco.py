@@ -82,7 +82,7 @@ def report(**line: Any) -> None:
 def run(integrator: str, every: int) -> None:
     """One integrator with one step: by rollouts of one thread and of two, and by mj_step."""
     model, control = model_of(SEGMENTS, integrator, every)
-    line = {"kind": "run", "method": f"MuJoCo {integrator}", "setting": f"dt {CASE.end / len(control):.3g} s"}
+    line = {"kind": "run", "method": f"MuJoCo {integrator}", "setting": f"step {CASE.end / len(control):.3g} s"}
     data = [mujoco.MjData(model) for _ in range(2)]
     if unstable(model, data[0], control):
         report(**line, path=None)

@@ -34,7 +34,8 @@ class Arm(Chain):
     ValueError.
 
     Args:
-        links: from the base to the tip.
+        links: from the base to the tip. Their numbers count from 0; -1 is the last one, which is meant where none is
+            named.
         gravity: world axes (m/s^2).
 
     Warns:
@@ -90,6 +91,7 @@ class Arm(Chain):
         v: ArrayLike,
         tau: ArrayLike | None = None,
         method: str = "ab",
+        *,
         prescribed: Mapping[Any, float] | None = None,
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
@@ -120,7 +122,7 @@ class Arm(Chain):
         )
 
     def inverse_dynamics(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, loads: Sequence[Load] | None = None, t: float = 0.0
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, loads: Sequence[Load] | None = None, t: float = 0.0
     ) -> Array:
         """Generalised forces tau = M a + h - J^T loads(t), shape (..., nv), by the sweeps of Eq. 84-87. O(N)."""
         lead, (q, v, a) = self._batch(q=q, v=v, a=a)
@@ -132,8 +134,9 @@ class Arm(Chain):
         q: ArrayLike,
         v: ArrayLike,
         a: ArrayLike,
-        link: int = 0,
+        link: int = -1,
         side: str = "outboard",
+        *,
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
     ) -> Array:
@@ -159,6 +162,7 @@ class Arm(Chain):
         q: ArrayLike | None = None,
         speed: Mapping[int, float] | None = None,
         lock: Iterable[int] | None = None,
+        *,
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
     ) -> modal.Modes:
@@ -201,6 +205,7 @@ class Arm(Chain):
         q: ArrayLike | None = None,
         tau: ArrayLike | None = None,
         lock: Iterable[Any] | None = None,
+        *,
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
         voltages: Any = None,
@@ -236,7 +241,7 @@ class Arm(Chain):
         return found
 
     def inverse_derivatives(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, loads: Sequence[Load] | None = None, t: float = 0.0
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, loads: Sequence[Load] | None = None, t: float = 0.0
     ) -> tuple[Array, Array, Array]:
         """Exact dtau/dq (nv, nq), dtau/dv (nv, nv) and dtau/da = M (nv, nv) of `inverse_dynamics`, for one q (nq,) and
         v, a (nv,), by dual numbers through its sweeps. O(N^2)."""
@@ -249,6 +254,7 @@ class Arm(Chain):
         q: ArrayLike,
         v: ArrayLike,
         tau: ArrayLike | None = None,
+        *,
         loads: Sequence[Load] | None = None,
         t: float = 0.0,
     ) -> linear.Derivatives:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._check import Array, array, choice, whole
-from .acting.control import _columns, _rows
+from .acting.control import force_columns, measured_rows
 from .arm import Arm
 from .batch.rollout import rollout
 from .batch.variation import Setup, Variation
@@ -83,9 +83,9 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self._mode}
         arm = self.task.arm
-        self._columns = np.array(_columns(arm, list(self.task.links)))  # (nu, nv)
+        self._columns = np.array(force_columns(arm, list(self.task.links)))  # (nu, nv)
         self._torque = array("torque", self.task.torque, (len(self._columns),))
-        nu, self._rows = len(self._columns), _rows(arm, self.task.measure)
+        nu, self._rows = len(self._columns), measured_rows(arm, self.task.measure)
         ny = len(self._rows[0]) + self.task.extra
         self.single_action_space = Box(-1.0, 1.0, (nu,), np.float32)
         self.single_observation_space = Box(-np.inf, np.inf, (ny,), np.float32)
@@ -103,7 +103,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
 
     @property
     def state(self) -> State:
-        """Of all environments: see flexarm.tasks.State."""
+        """The state of all environments; see flexarm.tasks.State."""
         y = np.einsum("bij,bj->bi", self._by_q, self._q) + self._v @ self._rows[1].T
         end = self.task.arm.frame(self._q)[0]
         for i in np.flatnonzero(self._odd):
@@ -160,7 +160,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
 
     def _take(self, i: int, arm: Arm) -> None:
         """Environment i goes on with this arm."""
-        self._arms[i], self._by_q[i] = arm, _rows(arm, self.task.measure)[0]
+        self._arms[i], self._by_q[i] = arm, measured_rows(arm, self.task.measure)[0]
         q = np.linspace(0.1, 0.2, arm.nq)
         self._odd[i] = not np.array_equal(arm.frame(q)[0], self.task.arm.frame(q)[0])
 
@@ -203,7 +203,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         """One control period on; where that failed, and the state was left as it was."""
         n, arms = self.task.substeps, self._arms if self.task.randomize else self.task.arm
         force = ((u * self._torque) @ self._columns)[:, None, :]
-        out = rollout(arms, self._q, self._v, force, dt=self.task.dt, nstep=n, every=n, workers=self.workers)
+        out = rollout(arms, self._q, self._v, force, step=self.task.step, nstep=n, every=n, workers=self.workers)
         fine = np.asarray(out.status == 0)
         self._q[fine], self._v[fine] = out.q[fine, -1], out.v[fine, -1]
         self._count += 1

@@ -20,8 +20,15 @@ from .parts.link import Link
 
 
 class State(NamedTuple):
-    """Of B environments: time since their episodes' start (s) (B,); coordinates (B, nq) and rates (B, nv); what is
-    measured (B, ny); the position (B, 3) of the arm's end (m); and each one's goal (B, ng)."""
+    """The state of B environments.
+
+    Attributes:
+        t: time since the start of each episode (s), (B,).
+        q, v: coordinates (B, nq) and rates (B, nv).
+        y: what is measured, (B, ny).
+        end: position of the arm's end (m), (B, 3).
+        goal: of each environment, (B, ng).
+    """
 
     t: Array
     q: Array
@@ -39,10 +46,10 @@ class Task:
         arm: the arm.
         torque: greatest torque (N m, N) at each of the joints in `links`; an action of 1 stands for it, -1 for its
             negative.
-        links: the joints that are driven.
+        links: the joints that are driven; -1 is the last.
         measure: what instruments read, entries as of `Sampled(measure=)`: ("joint", link), ("rate", link),
             ("strain", link, x, "K3").
-        dt: integration step (s). substeps: so many in a control period, over which an action is held.
+        step: of the integration (s). substeps: so many in a control period, over which an action is held.
         horizon: control periods of an episode.
         randomize: paths (as `simulate_batch(parameters=)` has them) and the range (low, high) that the value of each
             is drawn from, evenly, for every episode.
@@ -51,9 +58,9 @@ class Task:
 
     arm: Arm
     torque: Sequence[float]
-    links: Sequence[int] = (0,)
-    measure: Sequence[Any] = (("joint", 0), ("rate", 0))
-    dt: float = 2.5e-3
+    links: Sequence[int] = (-1,)
+    measure: Sequence[Any] = (("joint", -1), ("rate", -1))
+    step: float = 2.5e-3
     substeps: int = 4
     horizon: int = 200
     randomize: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -62,8 +69,8 @@ class Task:
 
     @property
     def period(self) -> float:
-        """Of control (s)."""
-        return self.dt * self.substeps
+        """The period of control (s)."""
+        return self.step * self.substeps
 
     def start(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """q (nq,), v (nv,) and the goal (goals,) of a new episode."""
@@ -74,7 +81,7 @@ class Task:
         return np.zeros((len(state.t), self.extra))
 
     def reward(self, state: State, action: Array) -> Array:
-        """Of the state that an action (B, nu), of -1 to 1, has led to; (B,)."""
+        """The reward (B,) of the state that an action (B, nu), of -1 to 1, has led to."""
         raise NotImplementedError(f"{type(self).__name__} has no reward: give it reward(state, action) -> (B,)")
 
     def lost(self, state: State) -> NDArray[np.bool_]:

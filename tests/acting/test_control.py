@@ -470,8 +470,8 @@ def test_interrupted_inside_a_law() -> None:
         return 0.0
 
     class Broken(fa.Tachometer):
-        def sampler(self, arm, loads=None):
-            inside = super().sampler(arm, loads)
+        def sampler(self, arm, *, loads=None):
+            inside = super().sampler(arm, loads=loads)
 
             class Late:
                 def sample(self, t, q, v, a):

@@ -21,8 +21,8 @@ def test_a_load_is_its_jacobian_transposed() -> None:
                 J = arm.jacobian(q, link, x)
                 R = arm.frame(q, link, x)[1]
                 for axes, W in (("world", np.concatenate([f, m])), ("section", np.concatenate([R @ f, R @ m]))):
-                    load = fa.Load(link, x, f, m, axes=axes)
-                    bare, loaded = arm.bias(q, v), arm.inverse_dynamics(q, v, np.zeros(arm.nv), [load])
+                    load = fa.Load(link, x, force=f, moment=m, axes=axes)
+                    bare, loaded = arm.bias(q, v), arm.inverse_dynamics(q, v, np.zeros(arm.nv), loads=[load])
                     np.testing.assert_allclose(bare - loaded, J.T @ W, atol=1e-11 * np.abs(bare).max() + 1e-11)
                     for method in ("ab", "ci"):
                         a = arm.forward_dynamics(q, v, tau, method, loads=[load])
@@ -34,14 +34,15 @@ def test_jacobians_hold_the_loads() -> None:
     rng = np.random.default_rng(1)
     arm = random_arm(rng, 3, orders=(2, 3, "exact"))
     q, v, a = random_state(rng, arm)
-    loads = [fa.Load(1, None, (1, 2, 3), (3, -1, 2), axes=axes) for axes in ("world", "section")]
+    loads = [fa.Load(1, None, force=(1, 2, 3), moment=(3, -1, 2), axes=axes) for axes in ("world", "section")]
     places, wrenches = [load.place(arm) for load in loads], [load(0.0) for load in loads]
     bare, full = (arm._core.inverse_derivatives(q, v, a, *x)[0] for x in ((), (places, wrenches)))
     h = 1e-5
     for i in range(arm.nq):
         step = h * np.eye(arm.nq)[i]
         up, down = (
-            arm.inverse_dynamics(q + k * step, v, a, loads) - arm.inverse_dynamics(q + k * step, v, a) for k in (1, -1)
+            arm.inverse_dynamics(q + k * step, v, a, loads=loads) - arm.inverse_dynamics(q + k * step, v, a)
+            for k in (1, -1)
         )
         np.testing.assert_allclose((full - bare)[:, i], (up - down) / (2 * h), atol=1e-4)
 

@@ -199,7 +199,7 @@ def test_place_on_the_command_line(tmp_path, capsys) -> None:
     patch = fa.load(path).arm.links[0].beam.patches[0]
     assert found["best"] == pytest.approx(fa.placement(bare, patch=patch, modes=2, weights=[0, 1]).best, abs=1e-8)
     assert main(["place", "ist"]) == 2
-    assert "link = 0: has no patches" in capsys.readouterr().err
+    assert "link = -1: has no patches" in capsys.readouterr().err
 
 
 def bad(**change) -> fa.Arm:
@@ -239,7 +239,7 @@ BAD = [
     (lambda: bad(material=replace(PZT, permittivity=1e-9)), r"permittivity = 1e-09: at constant stress must be above"),
     (lambda: bad(material=replace(PZT, permittivity=0.0)).patch_voltage([0, 0, 0]), r"permittivity = 0.0: patch 0 of"),
     (lambda: bonded().charge([0, 0, 0], 0, 1), r"patch = 1: must be from -1 to 0, the patches of link 0"),
-    (lambda: strip().charge([0, 0, 0]), r"link = 0: has no patches"),
+    (lambda: strip().charge([0, 0, 0]), r"link = -1: has no patches"),
     (lambda: bonded().equilibrium(voltages=[1, 2]), r"voltages has shape \(2,\): must be 1 numbers"),
     (lambda: bonded().equilibrium(voltages={0: 1.0}), r"voltages: 0: must be \(link, patch\)"),
     (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0, 0): fa.Torque(1.0)}), r"must be a Voltage"),

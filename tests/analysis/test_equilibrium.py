@@ -97,7 +97,7 @@ def slender(length: float = 1.0, **modes: int) -> fa.Arm:
 
 
 def left_over(arm: fa.Arm, q: np.ndarray, loads: list[fa.Load]) -> float:
-    return float(np.abs(arm.inverse_dynamics(q, np.zeros(arm.nv), np.zeros(arm.nv), loads)).max())
+    return float(np.abs(arm.inverse_dynamics(q, np.zeros(arm.nv), np.zeros(arm.nv), loads=loads)).max())
 
 
 @pytest.mark.parametrize("P", [2.0, 9.0, 25.0])

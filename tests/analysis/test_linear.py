@@ -31,8 +31,8 @@ def test_forward_derivatives_against_differences(seed: int) -> None:
     rng = np.random.default_rng(seed)
     arm = random_arm(rng, 3)
     q, v, tau = random_state(rng, arm)
-    push = [fa.Load(1, None, (1.0, -2.0, 0.5), (0.1, 0.3, -0.2), axes="section")]
-    found = arm.forward_derivatives(q, v, tau, push)
+    push = [fa.Load(1, None, force=(1.0, -2.0, 0.5), moment=(0.1, 0.3, -0.2), axes="section")]
+    found = arm.forward_derivatives(q, v, tau, loads=push)
     h = 1e-5
     close(found.dq, differences(lambda e: arm.forward_dynamics(q + e, v, tau, loads=push), arm.nq, h), 1e-6)
     close(found.dv, differences(lambda e: arm.forward_dynamics(q, v + e, tau, loads=push), arm.nv), 1e-6)
@@ -56,7 +56,8 @@ def test_derivatives_without_loads_are_those_with_a_load_of_nothing(modes: dict,
     arm = fa.Arm(links, (1, -9.81, 0 if flat else 2))
     rng = np.random.default_rng(0)
     q, v, a = random_state(rng, arm)
-    fast, general = arm.inverse_derivatives(q, v, a), arm.inverse_derivatives(q, v, a, [fa.Load(0, None, (0, 0, 0))])
+    nothing = [fa.Load(0, force=(0, 0, 0))]
+    fast, general = arm.inverse_derivatives(q, v, a), arm.inverse_derivatives(q, v, a, loads=nothing)
     for x, y in zip(fast, general, strict=True):
         np.testing.assert_allclose(x, y, atol=1e-11 * np.abs(y).max())
 
@@ -88,7 +89,8 @@ def test_every_output_against_differences_of_its_value() -> None:
     arm = floating_arm()
     q, v, tau = random_state(rng, arm)
     q = unit_balls(arm, q)
-    push = [fa.Load(1, 0.25, (0.3, -0.4, 0.5), (0.1, 0.2, 0.3), axes="section"), fa.Load(2, None, (1.0, 0.5, -2.0))]
+    follower = fa.Load(1, 0.25, force=(0.3, -0.4, 0.5), moment=(0.1, 0.2, 0.3), axes="section")
+    push = [follower, fa.Load(2, force=(1.0, 0.5, -2.0))]
     sys = arm.linearize(q, v, INPUTS, OUTPUTS, tau=tau, loads=push)
     assert sys.C.shape == (3 + 3 + 1 + 3 + 3 + 3 + 3 + 3 + 5 + 1 + 9, 2 * arm.nv) and sys.D.shape[1] == 6 + 1 + 3 + 3
     loads = np.hstack([arm.jacobian(q, 1, 0.3)[:3].T, arm.jacobian(q, 2)[:3].T])

@@ -185,7 +185,8 @@ def test_a_split_beam_is_the_whole_beam(order: int | str) -> None:
     t = np.linspace(0, 0.5, 101)
     tip = fa.simulate(whole, t, drive=drive, max_order=2).frame()[0]
     for parts, n, limit in ((2, 7, 1e-6), (4, 5, 1e-6)):
-        piece = fa.Beam(beam.length / parts, beam.section, beam.material, {"bending_y": n}, "legendre", order, False)
+        length, modes = beam.length / parts, {"bending_y": n}
+        piece = fa.Beam(length, beam.section, beam.material, modes, "legendre", order, rotary_inertia=False)
         links = [fa.Link(fa.Revolute("z"), whole.links[0].hub, piece)]
         split = fa.Arm(links + [fa.Link(fa.Fixed(), beam=piece)] * (parts - 1))
         for speed in (0.0, 10.0):

@@ -45,7 +45,7 @@ def test_rollout_is_simulate(arm, integrator, dt):
     tau = joint_torques(rng, arm, 2, 20)
     v0 = np.zeros((2, arm.nv))
     v0[1, 0] = 0.3
-    run = fa.rollout(arm, arm.zero, v0, tau, dt=dt, integrator=integrator)
+    run = fa.rollout(arm, arm.zero, v0, tau, step=dt, integrator=integrator)
     assert run.q.shape == (2, 21, arm.nq) and not run.status.any() and run.stats["steps"] == 40
     for i in range(2):
         t = dt * np.arange(21)
@@ -57,7 +57,7 @@ def test_rollout_is_simulate(arm, integrator, dt):
 def test_held_forces_keep_the_second_order():
     # a jump of the force at each step must not be smeared over two of them: impulse of a unit mass
     arm = fa.Arm([fa.Link(fa.Prismatic("x"), fa.RigidBody(1.0))])
-    run = fa.rollout(arm, [0.0], tau=np.array([[1.0], [0.0], [0.0]]), dt=0.1)
+    run = fa.rollout(arm, [0.0], tau=np.array([[1.0], [0.0], [0.0]]), step=0.1)
     np.testing.assert_allclose(run.v[0, :, 0], [0, 0.1, 0.1, 0.1], atol=1e-14)
     np.testing.assert_allclose(run.q[0, :, 0], [0, 0.005, 0.015, 0.025], atol=1e-14)
 
@@ -66,13 +66,13 @@ def test_rollout_does_not_depend_on_workers_neighbours_or_rows():
     arm, rng = two_links(), np.random.default_rng(2)
     q0 = 0.01 * rng.normal(size=(9, arm.nq))
     tau = joint_torques(rng, arm, 9, 30)
-    one = fa.rollout(arm, q0, tau=tau, dt=1e-3, workers=1)
-    two = fa.rollout(arm, q0, tau=tau, dt=1e-3, workers=2)
+    one = fa.rollout(arm, q0, tau=tau, step=1e-3, workers=1)
+    two = fa.rollout(arm, q0, tau=tau, step=1e-3, workers=2)
     assert two.stats["workers"] == 2
     np.testing.assert_array_equal(one.q, two.q)
-    alone = fa.rollout(arm, q0[4], tau=tau[4], dt=1e-3)
+    alone = fa.rollout(arm, q0[4], tau=tau[4], step=1e-3)
     np.testing.assert_array_equal(alone.v[0], one.v[4])
-    thin = fa.rollout(arm, q0, tau=tau, dt=1e-3, every=7)
+    thin = fa.rollout(arm, q0, tau=tau, step=1e-3, every=7)
     np.testing.assert_array_equal(thin.t, one.t[::7])
     np.testing.assert_array_equal(thin.q, one.q[:, ::7])
 
@@ -82,20 +82,20 @@ def test_rollout_broadcasts_without_copies():
     tau = np.zeros((1, arm.nv))
     tau[0, 0] = 0.2
     q0 = np.zeros((3, arm.nq))
-    run = fa.rollout(arm, q0, tau=tau, dt=1e-3, nstep=10)
-    full = fa.rollout([arm] * 3, q0, np.zeros(arm.nv), np.broadcast_to(tau, (3, 10, arm.nv)), dt=1e-3)
+    run = fa.rollout(arm, q0, tau=tau, step=1e-3, nstep=10)
+    full = fa.rollout([arm] * 3, q0, np.zeros(arm.nv), np.broadcast_to(tau, (3, 10, arm.nv)), step=1e-3)
     np.testing.assert_array_equal(run.q, full.q)
     assert np.ptp(run.q, axis=0).max() == 0 and abs(run.q[0, -1, 0]) > 1e-4
 
 
 def test_rollout_with_an_arm_for_each_scenario():
     arms = [two_links(m) for m in (0.0, 0.1)]
-    run = fa.rollout(arms, arms[0].zero, dt=1e-3, nstep=20)
+    run = fa.rollout(arms, arms[0].zero, step=1e-3, nstep=20)
     for i, arm in enumerate(arms):
-        np.testing.assert_array_equal(run.q[i], fa.rollout(arm, arm.zero, dt=1e-3, nstep=20).q[0])
+        np.testing.assert_array_equal(run.q[i], fa.rollout(arm, arm.zero, step=1e-3, nstep=20).q[0])
     assert np.abs(run.q[0] - run.q[1]).max() > 1e-6
     with pytest.raises(ValueError, match=r"arm\[1\]: must have the same coordinates"):
-        fa.rollout([arms[0], paper_link()], arms[0].zero, dt=1e-3, nstep=2)
+        fa.rollout([arms[0], paper_link()], arms[0].zero, step=1e-3, nstep=2)
 
 
 @pytest.mark.parametrize("integrator, dt", [("implicit", 1e-3), ("rk4", 1e-4)])
@@ -108,11 +108,11 @@ def test_rollout_with_feedback_and_motion(integrator, dt):
     halves = 0.5 * dt * np.arange(2 * n + 1)
     values = np.stack([0.5 * halves**2, halves, np.ones_like(halves)], axis=1)
     for given in (motion, values, np.stack([values, values])):
-        run = fa.rollout(arm, arm.zero, dt=dt, nstep=n, feedback=law, motion={0: given}, integrator=integrator)
+        run = fa.rollout(arm, arm.zero, step=dt, nstep=n, control=law, motion={0: given}, integrator=integrator)
         for q in run.q:
             close(q, one.q, 1e-12)
     gains = [[fa.PD(kp, 0.05, 1)] for kp in (0.1, 2.0)]
-    run = fa.rollout(arm, arm.zero, dt=dt, nstep=n, feedback=gains, integrator=integrator)
+    run = fa.rollout(arm, arm.zero, step=dt, nstep=n, control=gains, integrator=integrator)
     for q, law in zip(run.q, gains, strict=True):
         close(q, fa.simulate(arm, t, control=law, integrator=integrator, step=dt).q, 1e-12)
 
@@ -122,11 +122,11 @@ def test_failures_spoil_no_other():
     arm = paper_link(order=1)
     v0 = np.zeros((5, arm.nv))
     v0[1, 0], v0[3, 2] = 0.1, 1e200
-    run = fa.rollout(arm, arm.zero, v0, dt=1e-4, nstep=40, integrator="rk4")
+    run = fa.rollout(arm, arm.zero, v0, step=1e-4, nstep=40, integrator="rk4")
     assert run.status.tolist() == [0, 0, 0, 3, 0]
     assert [(f.index, f.time) for f in run.failures] == [(3, run.reached[3])] and "ran away" in run.failures[0].reason
     assert np.isnan(run.q[3, run.t > run.reached[3] + 1e-9]).all() and np.isfinite(np.delete(run.q, 3, axis=0)).all()
-    good = fa.rollout(arm, arm.zero, v0[1], dt=1e-4, nstep=40, integrator="rk4")
+    good = fa.rollout(arm, arm.zero, v0[1], step=1e-4, nstep=40, integrator="rk4")
     np.testing.assert_array_equal(run.q[1], good.q[0])
     batch = fa.simulate_batch(arm, run.t, v0=v0, integrator="rk4", step=1e-4)
     np.testing.assert_allclose(batch.q, run.q, rtol=1e-13, atol=1e-16)
@@ -138,7 +138,7 @@ def test_failures_spoil_no_other():
 def test_out_arrays_are_filled_and_checked():
     arm = two_links()
     out = {"q": np.empty((2, 6, arm.nq)), "v": np.empty((2, 6, arm.nv))}
-    run = fa.rollout(arm, np.zeros((2, arm.nq)), dt=1e-3, nstep=5, out=out)
+    run = fa.rollout(arm, np.zeros((2, arm.nq)), step=1e-3, nstep=5, out=out)
     assert run.q is out["q"] and np.isfinite(out["v"]).all() and np.abs(out["v"]).max() > 0
     for bad, text in (
         ({"q": np.empty((2, 5, arm.nq))}, "must be an array of float64, shape"),
@@ -147,29 +147,29 @@ def test_out_arrays_are_filled_and_checked():
         ({"p": out["q"]}, "did you mean 'q'|known are"),
     ):
         with pytest.raises(ValueError, match=text):
-            fa.rollout(arm, np.zeros((2, arm.nq)), dt=1e-3, nstep=5, out=bad)
+            fa.rollout(arm, np.zeros((2, arm.nq)), step=1e-3, nstep=5, out=bad)
     one = fa.simulate_batch(arm, [0, 1e-3, 2e-3], out={"q": (q := np.empty((1, 3, arm.nq)))})
     assert one.q is q
 
 
 def test_rollout_says_what_is_wrong():
     arm = two_links()
-    q0, good = arm.zero, {"dt": 1e-3, "nstep": 3}
+    q0, good = arm.zero, {"step": 1e-3, "nstep": 3}
     for args, options, text in (
         ((q0[1:],), good, r"q0 has shape \(5,\): must be \(6,\) or \(B, 6\)"),
         ((np.zeros((2, 6)), np.zeros((3, 6))), good, r"q0: is for 2 scenarios, v0 for 3"),
         ((q0, None, np.zeros((2, 6))), good, "tau has shape .* nstep = 3, or 1"),
         ((q0, None, np.full((3, 6), np.nan)), good, r"tau\[0, 0\] = nan: must be finite"),
-        ((q0,), {"dt": 1e-3}, "nstep = None"),
-        ((q0,), {"dt": 0.0, "nstep": 1}, "dt = 0.0: must be positive"),
+        ((q0,), {"step": 1e-3}, "nstep = None"),
+        ((q0,), {"step": 0.0, "nstep": 1}, "step = 0.0: must be positive"),
         ((q0,), {**good, "every": 4}, "every = 4: must be from 1 to the number of steps, 3"),
         ((q0,), {**good, "integrator": "ida"}, "integrator = 'ida': must be one of implicit, rk4"),
         ((q0,), {**good, "integrator": "rk4", "spectral_radius": 0.9}, 'is for integrator="implicit"'),
         ((q0,), {**good, "spectral_radius": 1.5}, "spectral_radius = 1.5: must be from 0 to 1"),
         ((q0,), {**good, "workers": 0}, "workers = 0"),
         ((q0,), {**good, "motion": {0: np.zeros((3, 3))}}, r"q, v, a at half steps: \(7, 3\)"),
-        ((q0,), {**good, "feedback": fa.LinearController.pid(1, 1, 0, rate=100)}, "must be continuous"),
-        ((q0,), {**good, "motion": {0: np.zeros((7, 3))}, "feedback": fa.PD(1, 1)}, "whose motion is prescribed"),
+        ((q0,), {**good, "control": fa.LinearController.pid(1, 1, 0, rate=100)}, "must be continuous"),
+        ((q0,), {**good, "motion": {0: np.zeros((7, 3))}, "control": fa.PD(1, 1, 0)}, "whose motion is prescribed"),
     ):
         with pytest.raises(ValueError, match=text):
             fa.rollout(arm, *args, **options)
@@ -282,7 +282,7 @@ def test_held_forces_by_every_engine():
     close(runs[1].q, runs[2].q, 3e-8)
     uneven = np.array([0, 1e-3, 4e-3])  # in the core, steps may be of several lengths
     run = fa.simulate_batch(arm, uneven, tau=tau[:, :3], integrator="rk4", step=1e-4)
-    again = fa.rollout(arm, arm.zero, tau=np.repeat(tau[:, :2], (10, 30), axis=1), dt=1e-4, integrator="rk4")
+    again = fa.rollout(arm, arm.zero, tau=np.repeat(tau[:, :2], (10, 30), axis=1), step=1e-4, integrator="rk4")
     close(run.q[:, 1:], again.q[:, [10, 40]], 1e-12)
     with pytest.raises(ValueError, match="need equal steps of t"):
         fa.simulate_batch(arm, uneven, tau=tau[:, :3], integrator="gauss", step=1e-4)
@@ -359,7 +359,7 @@ def test_a_rollout_that_does_not_fit_into_memory_is_refused(options, monkeypatch
     monkeypatch.setattr(sys.modules["flexarm.batch.rollout"], "_physical_memory", lambda: 24e9)
     q0 = np.zeros((options.pop("B", 1), arm.nq))
     with pytest.raises(ValueError, match=r"nstep = 10+: [0-9]+ rows of 10* scenarios, and 10* steps, take .* GB"):
-        fa.rollout(arm, q0, dt=1e-3, **options)
+        fa.rollout(arm, q0, step=1e-3, **options)
 
 
 
@@ -402,7 +402,7 @@ def test_ctrl_c_in_a_rollout():
         raise KeyboardInterrupt
 
     with pytest.raises(fa.BatchInterrupted) as caught:
-        fa.rollout(two_links(), np.zeros((500, 6)), dt=1e-4, nstep=5000, progress=stop, every=1000)
+        fa.rollout(two_links(), np.zeros((500, 6)), step=1e-4, nstep=5000, progress=stop, every=1000)
     run = caught.value.result
     assert (run.status == 4).any() and np.isnan(run.q[-1, -1]).all() and run.reached[-1] < 0.5
 
@@ -410,7 +410,7 @@ def test_ctrl_c_in_a_rollout():
         raise RuntimeError("enough")
 
     with pytest.raises(RuntimeError, match="enough"):
-        fa.rollout(two_links(), np.zeros((500, 6)), dt=1e-4, nstep=5000, progress=give_up, every=1000)
+        fa.rollout(two_links(), np.zeros((500, 6)), step=1e-4, nstep=5000, progress=give_up, every=1000)
 
 
 SWEEP = {"parameters": {"link.0.tip.mass": np.linspace(0.1, 1, 40)}, "batch": 4}
@@ -583,7 +583,7 @@ def test_a_number_that_is_none_is_named_with_its_scenario():
         with pytest.raises(ValueError, match=message):
             fa.simulate_batch(arm, t, **{field: bad})
         with pytest.raises(ValueError, match=message):
-            fa.rollout(arm, **{"q0": arm.zero, field: bad}, dt=0.01, nstep=3)
+            fa.rollout(arm, **{"q0": arm.zero, field: bad}, step=0.01, nstep=3)
     with pytest.raises(ValueError, match=r"parameters\['link.0.tip.mass'\]\[1\] = inf \(scenario 1\): must be finite"):
         fa.simulate_batch(arm, t, parameters={"link.0.tip.mass": [0.1, np.inf]})
 

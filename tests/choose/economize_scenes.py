@@ -150,7 +150,7 @@ def enriched(scene: fa.Scene, modes: dict[str, int]) -> fa.Scene:
         b = link.beam
         if b is not None:
             options = {"damping_ratio": b.damping_ratio, "patches": b.patches}
-            b = fa.Beam(b.length, b.section, b.material, modes, "legendre", "exact", True, **options)
+            b = fa.Beam(b.length, b.section, b.material, modes, "legendre", "exact", rotary_inertia=True, **options)
         links.append(fa.Link(link.joint, link.hub, b, link.tip))
     arm = fa.Arm(links, scene.arm.gravity)
     q0 = None

@@ -66,7 +66,7 @@ def test_finite_or_refused(scene: dict[str, Any], seed: int, size: float) -> Non
         lambda: made.velocity(q, v),
         lambda: made.acceleration(q, v, tau),
         lambda: made.momentum(q, v),
-        lambda: made.joint_reaction(q, v, tau),
+        lambda: made.joint_reaction(q, v, tau, 0),
         lambda: made.inverse_derivatives(q, v, tau),
         lambda: tuple(made.forward_derivatives(q, v, tau)),
     ):
@@ -164,7 +164,7 @@ def test_a_rollout_keeps_its_word(scene: dict[str, Any], seed: int) -> None:
     q0, v0 = (np.array([s[i] for s in starts]) for i in (0, 1))
     tau = rng.normal(size=(B, n, made.nv))
     try:
-        runs = fa.rollout(made, q0, v0, tau, dt=2e-3)
+        runs = fa.rollout(made, q0, v0, tau, step=2e-3)
     except ValueError:
         assume(False)
     failed = {f.index for f in runs.failures}
@@ -174,7 +174,7 @@ def test_a_rollout_keeps_its_word(scene: dict[str, Any], seed: int) -> None:
         assert rows[:done].all() and not rows[done:].any()  # then NaN, to the end
         assert (done == n + 1) == (k not in failed)
         np.testing.assert_array_equal(np.isfinite(runs.v[k]).all(axis=-1), rows)
-    alone = fa.rollout(made, q0[2:3], v0[2:3], tau[2:3], dt=2e-3)
+    alone = fa.rollout(made, q0[2:3], v0[2:3], tau[2:3], step=2e-3)
     np.testing.assert_array_equal(alone.q[0], runs.q[2])
 
 

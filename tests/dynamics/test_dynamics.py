@@ -239,7 +239,7 @@ def test_elastica_at_every_order() -> None:
         return p, float(np.arctan2(R[1, 0], R[0, 0]))
 
     def _dense(beam: fa.Beam) -> fa.Beam:  # a little mass, so that every coordinate has some
-        return fa.Beam(L, section, fa.Material(1e-9, EI), beam.modes, "legendre", beam.order, False)
+        return fa.Beam(L, section, fa.Material(1e-9, EI), beam.modes, "legendre", beam.order, rotary_inertia=False)
 
     p, slope = tip("exact", 1.0)
     np.testing.assert_allclose([p[1], 1 - p[0], slope], [0.30172077, 0.05643324, 0.46135195], atol=2e-8)

@@ -190,7 +190,7 @@ def test_jacobians(name: str) -> None:
     close(inverse[0] @ turns, by_q, 1e-9)
     close(inverse[1], by_v, 1e-9)
     close(inverse[2], M, 1e-9)
-    general = arm.inverse_derivatives(q, v, a, [fa.Load(0, None, (0, 0, 0))])
+    general = arm.inverse_derivatives(q, v, a, loads=[fa.Load(0, None, force=(0, 0, 0))])
     close(general[0] @ turns, by_q, 1e-9)
     close(general[1], by_v, 1e-9)
     forward = arm.forward_derivatives(q, v, oracle.inverse(q, v, a))

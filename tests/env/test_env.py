@@ -62,8 +62,8 @@ def test_a_step_is_a_simulation_with_the_torque_held():
     u = np.array([[0.7], [-5.0]])  # the second is cut off at -1
     o, *_ = envs.step(u)
     for i, torque in enumerate((0.35, -0.5)):
-        t = task.dt * np.arange(task.substeps + 1)
-        options = {"integrator": "implicit", "step": task.dt}
+        t = task.step * np.arange(task.substeps + 1)
+        options = {"integrator": "implicit", "step": task.step}
         run = fa.simulate(task.arm, t, q[i], v[i], drive={0: fa.Torque(torque)}, **options)
         np.testing.assert_allclose(envs.state.q[i], run.q[-1], rtol=1e-9, atol=1e-12)
         rate = run.strain(0, 0.0)[-1, 2]
@@ -200,8 +200,8 @@ def test_drawn_parameters_are_those_of_the_arms():
     q, v = state.q.copy(), state.v.copy()
     envs.step(np.zeros((3, 1)))
     for i, arm in enumerate(arms):
-        t = envs.task.dt * np.arange(5)
-        run = fa.simulate(arm, t, q[i], v[i], integrator="implicit", step=envs.task.dt)
+        t = envs.task.step * np.arange(5)
+        run = fa.simulate(arm, t, q[i], v[i], integrator="implicit", step=envs.task.step)
         np.testing.assert_allclose(envs.state.q[i], run.q[-1], rtol=1e-9, atol=1e-12)
     envs.reset()
     assert [a.links[0].tip.mass for a in envs._arms] != masses

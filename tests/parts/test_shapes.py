@@ -327,7 +327,7 @@ for length in map(float, sys.argv[1:]):
     for basis in ("clamped-free", "legendre", "loaded"):
         beam = fa.Beam(length, fa.Rectangle(0.002, length / 25), steel, modes, basis=basis, damping_ratio=0.01)
         arm = fa.Arm([fa.Link(fa.Revolute("z"), beam=beam)])
-        run = fa.rollout(arm, [0.0, *[1e-3] * 5], dt=1e-3, nstep=3)
+        run = fa.rollout(arm, [0.0, *[1e-3] * 5], step=1e-3, nstep=3)
         out[length, basis] = (beam._core.stiffness.tobytes() + run.q.tobytes()).hex()
 print(*(out[0.5, basis] for basis in ("clamped-free", "legendre", "loaded")))
 """

@@ -48,16 +48,16 @@ def held_waves(arm: fa.Arm, count: int, steps: int, dt: float, seed: int = 0) ->
 def test_a_torque_below_the_friction_moves_nothing(side_by_side: bool) -> None:
     tau = np.full((3, 100, 1), 0.1)
     tau[1] = -0.4999
-    r = fa.rollout(rotor(0.5), [0.3], tau=tau, dt=1e-3, lanes=side_by_side)
+    r = fa.rollout(rotor(0.5), [0.3], tau=tau, step=1e-3, lanes=side_by_side)
     assert np.all(r.q == 0.3) and np.all(r.v == 0.0) and not r.failures
 
 
 def test_runge_kutta_in_batches_refuses_dry_friction() -> None:
     for arm in (rotor(0.5), [rotor(0.0), rotor(0.5)]):
         with pytest.raises(ValueError, match=r"coulomb of 'link 0 revolute' = 0.5.*\"rk4\".*\"implicit\""):
-            fa.rollout(arm, [0.0], tau=np.zeros((2, 5, 1)), dt=1e-3, integrator="rk4")
+            fa.rollout(arm, [0.0], tau=np.zeros((2, 5, 1)), step=1e-3, integrator="rk4")
     with pytest.raises(ValueError, match=r"stiction of 'link 0 revolute' = 0.2"):
-        fa.rollout(rotor(0.0, 0.2), [0.0], tau=np.zeros((1, 5, 1)), dt=1e-3, integrator="rk4")
+        fa.rollout(rotor(0.0, 0.2), [0.0], tau=np.zeros((1, 5, 1)), step=1e-3, integrator="rk4")
 
 
 @lanes
@@ -67,7 +67,7 @@ def test_sliding_to_rest(side_by_side: bool) -> None:
     dt, steps = 7.3e-3, 80
     tau = np.zeros((5, steps, 1))
     tau[:, :, 0] = np.array([0.1, -0.1, 0.0, 0.3, 0.49])[:, None]
-    r = fa.rollout(rotor(0.5), [0.0], [1.0], tau, dt=dt, lanes=side_by_side)
+    r = fa.rollout(rotor(0.5), [0.0], [1.0], tau, step=dt, lanes=side_by_side)
     brake = (0.5 - tau[:, 0, 0]) / 0.1
     for k in range(4):
         still = r.t > 1 / brake[k] + dt
@@ -80,7 +80,7 @@ def test_sliding_to_rest(side_by_side: bool) -> None:
 def test_breakaway_at_the_stiction_then_coulomb(side_by_side: bool) -> None:
     """A torque that grows by 1 N m/s, held over steps: still up to the stiction, 0.3 N m; then tau - 0.2 N m."""
     dt, steps = 1e-3, 500
-    r = fa.rollout(rotor(0.2, 0.3), [0.0], tau=np.arange(steps)[None, :, None] * dt, dt=dt, lanes=side_by_side)
+    r = fa.rollout(rotor(0.2, 0.3), [0.0], tau=np.arange(steps)[None, :, None] * dt, step=dt, lanes=side_by_side)
     held, s = r.t < 0.3, r.t[r.t > 0.302] - 0.3
     assert np.all(r.q[0, held] == 0.0) and np.all(r.v[0, held] == 0.0)
     np.testing.assert_allclose(r.v[0, r.t > 0.302, 0], (0.1 * s + s**2 / 2) / 0.1, atol=2 * dt)
@@ -152,7 +152,7 @@ def test_friction_does_not_break_steps_that_go_well_without() -> None:
         arm = fa.Arm([link, link])
         tau = np.zeros((30, 1, arm.nv))
         tau[:, 0, joints(arm)] = pairs
-        r = fa.rollout(arm, arm.zero, tau=tau, dt=2e-3, nstep=250, every=250)
+        r = fa.rollout(arm, arm.zero, tau=tau, step=2e-3, nstep=250, every=250)
         assert not r.failures
         ends.append(r.q[:, -1])
         for k in range(5):
@@ -189,7 +189,7 @@ def test_joints_without_friction_beside_those_with_it() -> None:
     coulomb = [[0.0, 0.0], [0.02, 0.0], [0.0, 0.01], [0.02, 0.01], [0.0, 0.0]]
     arms, dt, steps = [chain(c) for c in coulomb], 2e-3, 250
     v0 = np.array([[1.0, -0.5, *np.zeros(arms[0].nv - 2)]]) * np.arange(1, 6)[:, None]
-    r = fa.rollout(arms, arms[0].zero, v0, dt=dt, nstep=steps)
+    r = fa.rollout(arms, arms[0].zero, v0, step=dt, nstep=steps)
     for i, arm in enumerate(arms):
         one = fa.simulate(arm, r.t, arm.zero, v0[i], integrator="implicit", step=dt)
         np.testing.assert_allclose(r.q[i], one.q, rtol=1e-9, atol=1e-9)
@@ -198,7 +198,7 @@ def test_joints_without_friction_beside_those_with_it() -> None:
 def test_lanes_agree_with_one_by_one() -> None:
     for arm in (chain([0.1, 0.05], [0.2, 0.1]), chain([0.05] * 5, flexible=False)):
         tau = held_waves(arm, 11, 300, 2e-3)
-        side, one = (fa.rollout(arm, arm.zero, tau=tau, dt=2e-3, lanes=x) for x in (True, False))
+        side, one = (fa.rollout(arm, arm.zero, tau=tau, step=2e-3, lanes=x) for x in (True, False))
         np.testing.assert_allclose(side.q, one.q, atol=1e-11)
         assert not side.failures
         rests = one.v[:, :, joints(arm)] == 0.0
@@ -232,7 +232,7 @@ def test_partners_that_stick_at_other_times_change_no_digit() -> None:
     arm, rng = fa.Arm([fa.Link(joint, body, tip=tip) for joint in joints]), np.random.default_rng(0)
     q0, v0 = rng.normal(size=(8, 3)), rng.normal(size=(8, 3)) * np.array([0, 0.3, 1, 3, 5, 7, 9, 10])[:, None]
     tau = rng.normal(size=(8, 30, 3))
-    together = fa.rollout(arm, q0, v0, tau, dt=2e-3)
+    together = fa.rollout(arm, q0, v0, tau, step=2e-3)
     for k in range(8):
-        alone = fa.rollout(arm, q0[k : k + 1], v0[k : k + 1], tau[k : k + 1], dt=2e-3)
+        alone = fa.rollout(arm, q0[k : k + 1], v0[k : k + 1], tau[k : k + 1], step=2e-3)
         np.testing.assert_array_equal(alone.q[0], together.q[k])

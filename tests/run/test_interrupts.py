@@ -35,7 +35,7 @@ def told(share):
 runs = {
     "simulate": lambda: fa.simulate(arm, t, v0=v0, progress=told),
     "callable": lambda: fa.simulate(arm, t, v0=v0, drive={0: fa.Torque(slow)}),
-    "rollout": lambda: fa.rollout(arm, np.zeros((20, 4)), v0, dt=1e-4, nstep=10**6, every=10**6, progress=told),
+    "rollout": lambda: fa.rollout(arm, np.zeros((20, 4)), v0, step=1e-4, nstep=10**6, every=10**6, progress=told),
     "batch": lambda: fa.simulate_batch(arm, t, v0=np.tile(v0, (20, 1)), integrator="ida", progress=told),
     "evaluations": lambda: (begun.set(), arm.forward_dynamics(np.zeros((3 * 10**6, 4)), v0, v0)),
 }

@@ -43,7 +43,7 @@ def test_batches_give_up_what_runs_away_alone(integrator: str, lanes: bool) -> N
     t = np.arange(2 * n + 1) * dt / 2
     spins = np.array([[[w * x, w, 0.0] for x in t] for w in (15.0, 30.0, 10.0)])
     q0 = np.array([0.0, 1e-6, 0.0, 0.0])
-    r = fa.rollout(paper_link(1), q0, dt=dt, nstep=n, motion={0: spins}, integrator=integrator, lanes=lanes)
+    r = fa.rollout(paper_link(1), q0, step=dt, nstep=n, motion={0: spins}, integrator=integrator, lanes=lanes)
     assert r.status.tolist() == [0, 3, 0] and [f.index for f in r.failures] == [1]
     assert "the beam of link 0 is bent by" in r.failures[0].reason
     rate = np.sqrt(30.0**2 - 20.9487**2)
@@ -224,9 +224,9 @@ def test_batches_name_a_loop_that_grows_without_failing() -> None:
         r = fa.simulate_batch(rigid(), t, v0=v0, control=law, integrator="implicit", step=1e-3)
     assert r.stats["engine"] == "steps" and not r.failures
     with pytest.warns(fa.LoopWarning, match=said):
-        fa.rollout(rigid(), [0.0], v0, dt=1e-3, nstep=2000, feedback=law)
-    fa.rollout(rigid(), [0.0], v0, dt=1e-3, nstep=2000, feedback=fa.PD(5.0, 1.0, reference=0.1))
-    fa.rollout(rigid(), [0.0], v0, tau=np.full((2000, 1), 0.3), dt=1e-3)
+        fa.rollout(rigid(), [0.0], v0, step=1e-3, nstep=2000, control=law)
+    fa.rollout(rigid(), [0.0], v0, step=1e-3, nstep=2000, control=fa.PD(5.0, 1.0, reference=0.1))
+    fa.rollout(rigid(), [0.0], v0, tau=np.full((2000, 1), 0.3), step=1e-3)
 
 
 @pytest.mark.parametrize("integrator", ["ida", "implicit"])
@@ -265,7 +265,7 @@ def test_batches_name_the_loop_of_a_scenario_that_fails() -> None:
     t = np.linspace(0, 3, 4)
     with pytest.warns(fa.RangeWarning):
         runs = fa.simulate_batch(arm, t, control=law(1.0), parameters={"control.0.ks": ks}, step=1e-3)
-    rolled = fa.rollout(arm, arm.zero, dt=1e-3, nstep=3000, feedback=[[law(k)] for k in ks])
+    rolled = fa.rollout(arm, arm.zero, step=1e-3, nstep=3000, control=[[law(k)] for k in ks])
     for failures in (runs.failures, rolled.failures):
         assert [f.index for f in failures] == [1]
         assert "control[0] feeds energy in" in failures[0].reason and "bent by" in failures[0].reason
@@ -371,9 +371,9 @@ def test_rk4_above_its_limit_is_told_where_nothing_runs_away() -> None:
     with pytest.warns(fa.StepWarning, match=said):
         fa.simulate_batch(arm, t, tau=np.tile(tau, (2, 1, 1)), integrator="rk4", step=h)
     with pytest.warns(fa.StepWarning, match=said):
-        fa.rollout(arm, arm.zero, tau=tau[None, None], dt=h, nstep=3000, integrator="rk4")
+        fa.rollout(arm, arm.zero, tau=tau[None, None], step=h, nstep=3000, integrator="rk4")
     fa.simulate(arm, t, tau=tau, integrator="rk4", step=2.7e-4)
-    fa.rollout(arm, arm.zero, tau=tau[None, None], dt=h, nstep=20, integrator="rk4")  # nothing felt yet
+    fa.rollout(arm, arm.zero, tau=tau[None, None], step=h, nstep=20, integrator="rk4")  # nothing felt yet
 
 
 def test_a_long_vibration_is_told_how_long_it_will_take() -> None:

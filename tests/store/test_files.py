@@ -90,7 +90,7 @@ def test_interruptions_survive_pickling(run: fa.Result) -> None:
         back = pickle.loads(pickle.dumps(error))
         assert type(back) is type(error) and str(back) == "stop" and back.time == 0.5
         np.testing.assert_array_equal(back.result.q, run.q)
-    done = fa.rollout(fa.Arm([fa.Link(fa.Revolute("z"), HINGE.hub)]), np.zeros((2, 1)), dt=0.1, nstep=2)
+    done = fa.rollout(fa.Arm([fa.Link(fa.Revolute("z"), HINGE.hub)]), np.zeros((2, 1)), step=0.1, nstep=2)
     back = pickle.loads(pickle.dumps(fa.BatchInterrupted("stop", done)))
     assert type(back) is fa.BatchInterrupted and str(back) == "stop"
     np.testing.assert_array_equal(back.result.q, done.q)

@@ -159,7 +159,7 @@ def test_outputs_that_an_arm_does_not_have_are_refused():
     rigid = fa.Arm([fa.Link(joint=fa.Revolute("z"), tip=fa.RigidBody(mass=1.0, inertia=(1, 1, 1)))])
     s = fa.Scene(rigid, t=np.linspace(0, 0.1, 3))
     p = Sweep([Vary("grid", {"link.0.tip.mass": [1.0, 2.0]})], outputs=["tip_deflection"])
-    with pytest.raises(ValueError, match="tip_deflection: link 0 has no beam"):
+    with pytest.raises(ValueError, match="tip_deflection: link -1 has no beam"):
         sweep(s, p)
     found = sweep(s, replace(p, outputs=["speed", "energy"]))
     assert found["link 0 revolute speed"].tolist() == [0, 0]

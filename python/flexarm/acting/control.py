@@ -24,39 +24,44 @@ from .motor import Motor, finite, positive
 from .voltage import is_patch
 
 #: (column, by_q, by_v, reference, limit) and (first, period, delay, law): see flexarm/control.hpp
-_Feedback = tuple[Array, Array, Array, Any, float]
-_Sampler = tuple[float, float, float, Any]
+Feedback = tuple[Array, Array, Array, Any, float]
+SampledLaw = tuple[float, float, float, Any]
 
 
-def _list(name: str, value: Any) -> list[Any]:
+def listed(name: str, value: Any) -> list[Any]:
     if not isinstance(value, (list, tuple)) or not value:
         raise ValueError(f"{name} = {value!r}: must be a list of at least one entry")
     return list(value)
 
 
-def _limit(value: Any, motor: Any = None) -> float:
-    """What |u| is kept within: the limit, and the motor's."""
+def limit_of(value: Any, motor: Any = None) -> float:
+    """The bound that |u| is kept within: the lower of the limit and the motor's."""
     if motor is not None and not isinstance(motor, Motor):
         raise ValueError(f"motor = {motor!r}: must be a Motor or None")
     limit = np.inf if value is None else positive("limit", value)
     return limit if motor is None or motor.limit is None else min(limit, motor.limit)
 
 
-def _gain(motor: Motor | None) -> float:
+def gain_of(motor: Motor | None) -> float:
     """Force per unit of u."""
     return 1.0 if motor is None else motor.gain
 
 
-def _braking(arm: Chain, motor: Motor | None, units: Iterable[Array]) -> list[_Feedback]:
-    """Of back-EMF, at joints given by unit columns (nv,)."""
+def braking_laws(arm: Chain, motor: Motor | None, units: Iterable[Array]) -> list[Feedback]:
+    """The laws of a motor's back-EMF, at joints given by unit columns (nv,)."""
     if motor is None or motor.braking == 0.0:
         return []
     return [(unit, np.zeros(arm.nq), motor.braking * unit, None, np.inf) for unit in units]
 
 
 class Run(NamedTuple):
-    """What controllers are told of a run: its times and loads; where a controller's states stand among the rates of
-    the extended arm (`extended`), and how many all have."""
+    """What a controller is told of a run.
+
+    Attributes:
+        times, loads: of the run.
+        first, total: where the controller's states begin among those of all, and how many there are of all; see
+            `extended`.
+    """
 
     times: Array
     loads: Any
@@ -77,12 +82,12 @@ class Controller:
         made: Any = type(self)
         return {name: getattr(self, name) for name in arguments(made)}
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         raise NotImplementedError(f"{type(self).__name__} is no control law: subclass Sampled, or give one a function")
 
     def _columns(self, arm: Chain) -> list[Array]:
         """Generalised forces (nv,) per unit of each output."""
-        return _columns(arm, self.actuate)  # type: ignore[attr-defined]
+        return force_columns(arm, self.actuate)  # type: ignore[attr-defined]
 
 
 class _JointLaw(Controller):
@@ -111,7 +116,7 @@ class _JointLaw(Controller):
                 ) from None
             times = array("reference: t", t)
             reference = Torque(times, array("reference: r", r, times.shape))
-        self.reference, self.motor, self.limit = reference, motor, _limit(limit, motor)
+        self.reference, self.motor, self.limit = reference, motor, limit_of(limit, motor)
 
     def _rate(self, arm: Chain) -> int:
         return arm.joint_rate(self.link if self.freedom is None else (self.link, self.freedom), "link")
@@ -122,7 +127,7 @@ class _JointLaw(Controller):
     def _strain(self, arm: Chain) -> Array:
         return np.zeros(arm.nq)
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         i = self._rate(arm)
         at = arm.coordinate_of(i)
         if at < 0:
@@ -132,8 +137,8 @@ class _JointLaw(Controller):
         self.reference.check_span("reference", run.times)
         unit, by_q = np.eye(arm.nv)[i], self._strain(arm)
         by_q[at] += self.kp
-        law = (_gain(self.motor) * unit, by_q, self.kv * unit, _scaled(self.reference.law, self.kp), self.limit)
-        return [law, *_braking(arm, self.motor, [unit])], []
+        law = (gain_of(self.motor) * unit, by_q, self.kv * unit, _scaled(self.reference.law, self.kp), self.limit)
+        return [law, *braking_laws(arm, self.motor, [unit])], []
 
 
 def _scaled(law: Any, factor: float) -> Any:
@@ -147,7 +152,8 @@ class PD(_JointLaw):
 
     Args:
         kp, kv: gains, per rad (m) and per rad/s (m/s); of a torque (N m, N), or of the motor's current or voltage.
-        link, freedom: which joint, and which of its freedoms, where it has several; or link = (link, freedom).
+        link, freedom: which joint (-1 is the last), and which of its freedoms, where it has several; or
+            link = (link, freedom).
         reference: of q (rad, m): a number, samples (t, r) with straight lines between, or a callable t -> r.
         limit: u is kept within -limit .. limit; None: the motor's.
         motor: turns u into a torque; None: u is the torque.
@@ -156,7 +162,7 @@ class PD(_JointLaw):
     type = "pd"
 
     def __init__(
-        self, kp: float, kv: float, link: Any = 0, freedom: int | None = None, *, reference: Any = 0.0,
+        self, kp: float, kv: float, link: Any = -1, freedom: int | None = None, *, reference: Any = 0.0,
         limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
         super().__init__(kp, kv, link, freedom, reference, limit, motor)
@@ -176,7 +182,7 @@ class StrainFeedback(_JointLaw):
     type = "strain_feedback"
 
     def __init__(
-        self, kp: float, kv: float, ks: float, link: Any = 0, freedom: int | None = None, *, x: float = 0.0,
+        self, kp: float, kv: float, ks: float, link: Any = -1, freedom: int | None = None, *, x: float = 0.0,
         strain: str = "K3", beam: int | None = None, reference: Any = 0.0, limit: float | None = None,
         motor: Motor | None = None,
     ) -> None:  # fmt: skip
@@ -186,7 +192,7 @@ class StrainFeedback(_JointLaw):
 
     def _strain(self, arm: Chain) -> Array:
         beam = self.link if self.beam is None else self.beam
-        row: Array = self.ks * _rows(arm, [("strain", beam, self.x, self.strain)])[0][0]
+        row: Array = self.ks * measured_rows(arm, [("strain", beam, self.x, self.strain)])[0][0]
         return row
 
 
@@ -196,8 +202,8 @@ class StateFeedback(Controller):
     Args:
         K: gains (nu, 2 nv): by all coordinates, then by all rates, in the order of LinearModel.states of a model that
             locks nothing. For arms without balls.
-        actuate: nu links, (link, freedom), ("patch", link, patch), or columns (nv,) of generalised forces per unit
-            of u.
+        actuate: nu links (-1 is the last), (link, freedom), ("patch", link, patch), or columns (nv,) of generalised
+            forces per unit of u.
         q0, v0, u0: the state about which, and the forces there; None: zero.
         limit: of each |u|; None: none.
     """
@@ -205,18 +211,18 @@ class StateFeedback(Controller):
     type = "state_feedback"
 
     def __init__(
-        self, K: ArrayLike, actuate: Sequence[Any] = (0,), *, q0: ArrayLike | None = None, v0: ArrayLike | None = None,
+        self, K: ArrayLike, actuate: Sequence[Any] = (-1,), *, q0: ArrayLike | None = None, v0: ArrayLike | None = None,
         u0: ArrayLike | None = None, limit: float | None = None,
     ) -> None:  # fmt: skip
-        self.K, self.actuate = np.atleast_2d(array("K", K)), _list("actuate", actuate)
-        self.q0, self.v0, self.u0, self.limit = q0, v0, u0, _limit(limit)
+        self.K, self.actuate = np.atleast_2d(array("K", K)), listed("actuate", actuate)
+        self.q0, self.v0, self.u0, self.limit = q0, v0, u0, limit_of(limit)
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         if arm.nq != arm.nv:
             raise ValueError(
                 "StateFeedback: is for arms without balls, whose coordinates are not those of a linear model"
             )
-        columns = _columns(arm, self.actuate)
+        columns = force_columns(arm, self.actuate)
         K = array("K", self.K, (len(columns), 2 * arm.nv))
         q0 = np.zeros(arm.nq) if self.q0 is None else array("q0", self.q0, (arm.nq,))
         v0 = np.zeros(arm.nv) if self.v0 is None else array("v0", self.v0, (arm.nv,))
@@ -229,7 +235,7 @@ class StateFeedback(Controller):
         return laws, []
 
 
-def _columns(arm: Chain, actuate: Sequence[Any]) -> list[Array]:
+def force_columns(arm: Chain, actuate: Sequence[Any]) -> list[Array]:
     """A column of generalised forces (nv,) for each entry of `actuate`."""
     out = []
     for k, entry in enumerate(actuate):
@@ -245,7 +251,7 @@ def _columns(arm: Chain, actuate: Sequence[Any]) -> list[Array]:
     return out
 
 
-def _rows(arm: Chain, measure: Sequence[Any], first: int = 0) -> tuple[Array, Array]:
+def measured_rows(arm: Chain, measure: Sequence[Any], first: int = 0) -> tuple[Array, Array]:
     """by_q (ny, nq) and by_v (ny, nv) of measurements that are linear in the state: "joint", "rate", "strain"."""
     by_q, by_v = [], []
     for k, entry in enumerate(measure, first):
@@ -276,9 +282,9 @@ def _rows(arm: Chain, measure: Sequence[Any], first: int = 0) -> tuple[Array, Ar
 
 def control_laws(
     arm: Chain, control: Any, times: Array, loads: Any = (), prescribed: Sequence[int] = ()
-) -> tuple[list[_Feedback], list[_Sampler], int]:
-    """What the core needs of all controllers of a run, for the arm extended by so many states of theirs.
-    `prescribed`: the rates whose motion is given."""
+) -> tuple[list[Feedback], list[SampledLaw], int]:
+    """The laws of all controllers of a run as the core takes them, continuous and sampled, and how many states of
+    theirs the arm is to be extended by. `prescribed`: the rates whose motion is given."""
     all_given = [] if control is None else [control] if isinstance(control, Controller) else control
     if not isinstance(all_given, (list, tuple)) or not all(isinstance(c, Controller) for c in all_given):
         raise ValueError(f"control = {control!r}: must be a controller, such as PD(...), or a list of them")

@@ -15,7 +15,7 @@ from .. import _core
 from .._check import Array, array, choice, number
 
 
-def _times(t: ArrayLike) -> Array:
+def sample_times(t: ArrayLike) -> Array:
     times = array("t", t)
     if times.ndim != 1 or times.size < 2:
         raise ValueError(f"t has shape {times.shape}: must be at least two times")
@@ -41,7 +41,7 @@ def _times_factor(law: Any, factor: float) -> Any:
     return _Scaled(law, factor)
 
 
-class _Law:
+class Law:
     """A function of time: samples turned into a piecewise polynomial that C++ evaluates, or a Python callable."""
 
     law: Any
@@ -68,7 +68,7 @@ class _Law:
             raise ValueError(f"{where}: samples cover t = {begin} to {end}, the simulation asks for {t[0]} to {t[-1]}")
 
 
-class Motion(_Law):
+class Motion(Law):
     """Prescribed motion of a joint ("displacement driven", paper Sec. 5.2); its reaction becomes an output.
 
     `Motion(t, q)` interpolates positions (rad or m) by a spline of degree 5 (fewer than six by the one polynomial
@@ -85,6 +85,7 @@ class Motion(_Law):
         q: ArrayLike | None = None,
         v: ArrayLike | None = None,
         a: ArrayLike | None = None,
+        *,
         ends: str = "free",
     ) -> None:
         if callable(t):
@@ -92,7 +93,7 @@ class Motion(_Law):
                 raise ValueError("q: a callable t -> (q, v, a) stands alone, without samples")
             self.law = t
             return
-        times = _times(t)
+        times = sample_times(t)
         if q is None:
             raise ValueError("q = None: samples (t, q) or (t, q, v, a), or a callable, are needed")
         if (v is None) != (a is None):
@@ -181,7 +182,7 @@ class SpinUp:
         return speed * s * t * half, speed * s * one, speed / time * 2 * math.sin(u / 2) ** 2
 
 
-class Scalar(_Law):
+class Scalar(Law):
     """One number that changes with time: samples, linear in between, a callable, or a constant."""
 
     def _read(self, name: str, t: Any, values: ArrayLike | None) -> None:
@@ -191,7 +192,7 @@ class Scalar(_Law):
             self.constant = True
             self.law = _core.PiecewisePolynomial([0.0, 1.0], [[array(name, t, ()).item()]])
         else:
-            times = _times(t)
+            times = sample_times(t)
             at = array(name, values, times.shape)
             self.law = _core.PiecewisePolynomial(times, [np.diff(at) / np.diff(times), at[:-1]])
 

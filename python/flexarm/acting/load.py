@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from .. import _core
 from .._check import Array, array, choice, number
 from ..parts.chain import Chain
-from .drive import _Law, _times
+from .drive import Law, sample_times
 
 Value = ArrayLike | Callable[[float], Any]
 
 
-class Load(_Law):
+class Load(Law):
     """A force and a moment on a slice, or spread along a beam (the external forces of the paper's Eq. 52, 53).
 
     Args:
@@ -32,6 +32,7 @@ class Load(_Law):
         self,
         link: int = -1,
         x: float | None = None,
+        *,
         force: Value | None = None,
         moment: Value | None = None,
         t: ArrayLike | None = None,
@@ -61,7 +62,7 @@ class Load(_Law):
                 raise ValueError("t: goes with samples, not with a callable")
             self.law: Any = _Wrench(_component("force", force), _component("moment", moment))
             return
-        times = np.array([0.0, 1.0]) if t is None else _times(t)
+        times = np.array([0.0, 1.0]) if t is None else sample_times(t)
         columns: list[Array] = []
         samples: tuple[tuple[str, Any], ...] = (("force", force), ("moment", moment))
         for name, value in samples:

@@ -11,8 +11,20 @@ from numpy.typing import ArrayLike
 from .. import _core
 from .._check import Array, array, number
 from ..parts.chain import Chain
-from .control import Controller, Run, _braking, _columns, _Feedback, _gain, _limit, _list, _rows, _Sampler, padded
-from .drive import Torque, _times
+from .control import (
+    Controller,
+    Feedback,
+    Run,
+    SampledLaw,
+    braking_laws,
+    force_columns,
+    gain_of,
+    limit_of,
+    listed,
+    measured_rows,
+    padded,
+)
+from .drive import Torque, sample_times
 from .motor import Motor, finite, positive
 from .seen import Seen
 
@@ -22,12 +34,12 @@ _Reader = Callable[[float, Array, Array, Array], Array]  # (t, q, v, a) -> y
 
 
 def _sensor_reader(sensor: Any, arm: Chain, loads: Any) -> _Reader:
-    sampler = sensor.sampler(arm, loads)
+    sampler = sensor.sampler(arm, loads=loads)
     return lambda t, q, v, a: np.atleast_1d(sampler.sample(t, q, v, a))
 
 
 def _row_reader(entry: Any, arm: Chain, k: int) -> _Reader:
-    by_q, by_v = _rows(arm, [entry], k)
+    by_q, by_v = measured_rows(arm, [entry], k)
     return lambda t, q, v, a: np.asarray(by_q @ q + by_v @ v)
 
 
@@ -64,8 +76,8 @@ class Sampled(Controller):
         rate: samples a second (Hz).
         measure: what y is: entries ("joint", link), ("rate", link), ("strain", link, x, "K3"), ("charge", link, patch),
             ("patch_voltage", link, patch), or sensors, in order; None: the whole state [q; v].
-        actuate: nu links, (link, freedom), ("patch", link, patch), or columns (nv,) of generalised forces per unit
-            of u.
+        actuate: nu links (-1 is the last), (link, freedom), ("patch", link, patch), or columns (nv,) of generalised
+            forces per unit of u.
         delay: from a sample to its force (s): what computing and the bus take.
         limit: of each |u|; None: the motor's.
         motor: turns u into torques; None: u are torques.
@@ -73,16 +85,16 @@ class Sampled(Controller):
 
     def __init__(
         self, law: Callable[[float, Array], Any], rate: float, measure: Sequence[Any] | None = None,
-        actuate: Sequence[Any] = (0,), *, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
+        actuate: Sequence[Any] = (-1,), *, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
         if not callable(law):
             raise ValueError(f"law = {law!r}: must be a callable (t, y) -> u")
         self.law, self.rate, self.delay = law, positive("rate", rate), number("delay", delay)
         if not 0.0 <= self.delay < np.inf:
             raise ValueError(f"delay = {delay}: must be zero or positive, in seconds")
-        self.measure = None if measure is None else _list("measure", measure)
-        self.actuate = _list("actuate", actuate)
-        self.motor, self.limit = motor, _limit(limit, motor)
+        self.measure = None if measure is None else listed("measure", measure)
+        self.actuate = listed("actuate", actuate)
+        self.motor, self.limit = motor, limit_of(limit, motor)
 
     def _reader(self, arm: Chain, loads: Any) -> _Reader:
         """(t, q, v, a) -> y of one run."""
@@ -98,22 +110,22 @@ class Sampled(Controller):
         read = self._reader(arm, run.loads)
         return Asked(self.law, read, columns, self.limit, arm.nv + run.total)
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
-        units = np.array(_columns(arm, self.actuate)).T
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+        units = np.array(force_columns(arm, self.actuate)).T
         span = float(run.times[-1] - run.times[0])
         if self.rate * span > _MOST:
             raise ValueError(
                 f"rate = {self.rate}: asks for {self.rate * span:.3g} samples in {span} s; at most {_MOST:g}"
             )
-        law = self._law(arm, _gain(self.motor) * units, run)
-        return _braking(arm, self.motor, units.T), [(float(run.times[0]), 1.0 / self.rate, self.delay, law)]
+        law = self._law(arm, gain_of(self.motor) * units, run)
+        return braking_laws(arm, self.motor, units.T), [(float(run.times[0]), 1.0 / self.rate, self.delay, law)]
 
 
 class _Samples:
     """A reference (ny,) of samples (t, r), linear in between."""
 
     def __init__(self, t: Any, r: Any, ny: int) -> None:
-        self.t, self.r = _times(array("reference: t", t)), array("reference: r", r)
+        self.t, self.r = sample_times(array("reference: t", t)), array("reference: r", r)
         if self.r.shape == self.t.shape:
             self.r = np.repeat(self.r[:, None], ny, axis=1)
         if self.r.shape != (self.t.size, ny):
@@ -152,7 +164,7 @@ class LinearController(Sampled):
 
     def __init__(
         self, A: Any, B: ArrayLike | None = None, C: ArrayLike | None = None, D: ArrayLike | None = None, *,
-        rate: float | None = None, measure: Sequence[Any], actuate: Sequence[Any] = (0,), reference: Any = 0.0,
+        rate: float | None = None, measure: Sequence[Any], actuate: Sequence[Any] = (-1,), reference: Any = 0.0,
         delay: float = 0.0, limit: float | None = None, motor: Motor | None = None, method: str = "bilinear",
     ) -> None:  # fmt: skip
         super().__init__(
@@ -169,7 +181,7 @@ class LinearController(Sampled):
 
     def _linear_rows(self, arm: Chain) -> tuple[Array, Array]:
         """y by q and by v, of the arm."""
-        by_q, by_v = _rows(arm, self.measure or [])
+        by_q, by_v = measured_rows(arm, self.measure or [])
         if len(by_q) != self.B.shape[1]:
             raise ValueError(f"measure: gives {len(by_q)} numbers; B has {self.B.shape[1]} columns")
         return by_q, by_v
@@ -206,16 +218,16 @@ class LinearController(Sampled):
         law = (lambda t: given(t)) if callable(given) else given
         return _core.LinearLaw(*matrices, *rows, self.limit, law, read)
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         if not self.continuous:
             return super()._laws(arm, run)
-        units = np.array(_columns(arm, self.actuate)).T
+        units = np.array(force_columns(arm, self.actuate)).T
         self._check_outputs(units.shape[1])
         by_q, by_v = self._linear_rows(arm)
         given, n = self._given(), self.A.shape[0]
         states = np.eye(arm.nv + run.total)[arm.nv + run.first :][:n]
 
-        def law(column: Array, by_x: Array, by_e: Array, limit: float) -> _Feedback:
+        def law(column: Array, by_x: Array, by_e: Array, limit: float) -> Feedback:
             """by_x x + by_e (reference - y), as -(by_q q + by_v v) and an offset."""
             rates = padded(by_e @ by_v, arm.nv + run.total) - by_x @ states
             if isinstance(given, _Samples):
@@ -226,10 +238,10 @@ class LinearController(Sampled):
                 offset = (lambda t: float(by_e @ given(t))) if callable(given) else Torque(float(by_e @ given)).law
             return column, by_e @ by_q, rates, offset, limit
 
-        gain = _gain(self.motor)
+        gain = gain_of(self.motor)
         outputs = [law(gain * u, c, d, self.limit) for u, c, d in zip(units.T, self.C, self.D, strict=True)]
         inside = [law(x, a, b, np.inf) for x, a, b in zip(states, self.A, self.B, strict=True)]
-        return [*outputs, *inside, *_braking(arm, self.motor, units.T)], []
+        return [*outputs, *inside, *braking_laws(arm, self.motor, units.T)], []
 
 
 class PID(LinearController):

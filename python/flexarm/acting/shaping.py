@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from .._check import Array, array, choice, number
-from .drive import Motion, Torque, _times
+from .drive import Motion, Torque, sample_times
 
 #: how many times "zv" each kind is, convolved with itself
 KINDS = {"zv": 1, "zvd": 2, "zvdd": 3}
@@ -83,7 +83,7 @@ class Shaper:
         left = np.abs(np.exp(pole * w[..., None] * (t[-1] - t)) @ np.array(self.amplitudes))
         return left if w.ndim else float(left)
 
-    def __call__(self, t: ArrayLike, y: ArrayLike, before: ArrayLike | None = None) -> Array:
+    def __call__(self, t: ArrayLike, y: ArrayLike, *, before: ArrayLike | None = None) -> Array:
         """A sampled command, shaped.
 
         Args:
@@ -94,7 +94,7 @@ class Shaper:
         Returns:
             The shaped command at the same times, of y's shape.
         """
-        times, values = _times(t), array("y", y)
+        times, values = sample_times(t), array("y", y)
         if values.ndim not in (1, 2) or len(values) != len(times):
             raise ValueError(f"y has shape {values.shape}: must have one row for each of the {len(times)} times")
         columns = values.reshape(len(times), -1)
@@ -105,7 +105,7 @@ class Shaper:
                 out[:, k] += share * np.interp(times - delay, times, column, left=first[k])
         return out.reshape(values.shape)
 
-    def shape(self, command: Command, start: float = 0.0, before: float | None = None) -> Command:
+    def shape(self, command: Command, *, start: float = 0.0, before: float | None = None) -> Command:
         """A Motion or a Torque, shaped; of the same kind, and as smooth. Samples stay samples, evaluated in C++.
 
         Before it starts, a motion rests where it starts. After its samples, one that ends at rest stays there, so that

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..parts.beam import Beam, GeneralSection, Taper, _inertia_matrix
+from ..parts.beam import Beam, GeneralSection, RigidBody, Taper, inertia_matrix
 from ..parts.chain import Chain
-
-if TYPE_CHECKING:
-    from ..parts.beam import RigidBody
 
 # Each is past anything that is built; what is said is a warning, for who means it.
 _SOFTEST, _LIGHT = 1e3, 100.0  # Pa; gels have 1e3 to 1e5. kg/m^3; what is lighter has no units: E = density = 1
@@ -30,7 +26,7 @@ class ModelWarning(UserWarning):
 
 
 def _body(where: str, body: RigidBody) -> Iterator[str]:
-    low, mid, high = np.linalg.eigvalsh(_inertia_matrix(body.inertia)).tolist()
+    low, mid, high = np.linalg.eigvalsh(inertia_matrix(body.inertia)).tolist()
     if mid > 1e-12 * high and high > (low + mid) * (1 + _TRIANGLE):  # else only the moment about one axis is given
         yield (
             f"{where}.inertia: no body has the principal moments {low:.4g}, {mid:.4g}, {high:.4g} kg m^2: none is "
@@ -75,7 +71,7 @@ def _beam(where: str, beam: Beam) -> Iterator[str]:
 
 
 def doubts(arm: Chain) -> list[str]:
-    """What of an arm can hardly be meant."""
+    """Lists the numbers of an arm that can hardly be meant, a sentence each."""
     found: list[str] = []
     for k, link in enumerate(arm.links):
         for name, body in (("hub", link.hub), ("tip", link.tip)):

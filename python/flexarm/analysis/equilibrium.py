@@ -56,8 +56,8 @@ def displaced(arm: Chain, q: Array, E: Array, step: Array) -> Array:
 
 
 def _sizes(arm: Chain) -> Array:
-    """Of one unit of each rate's coordinate, (nv,): the turn of a section (rad), or a shift in parts of the arm's
-    length. Strains of short beams are large numbers (1/m), and mean the same."""
+    """How far one unit of each rate's coordinate moves the arm, (nv,): the turn of a section (rad), or a shift in parts
+    of the arm's length. So coordinates compare, although strains of short beams are large numbers (1/m)."""
     length = sum(float(np.linalg.norm(arm.frame(arm.zero, k)[0])) for k in range(len(arm.links)))
     length = max(length, sum(link.beam.length for link in arm.links if link.beam is not None)) or 1.0
     sizes, first = np.ones(arm.nv), [*map(arm._core.first, range(len(arm.links))), arm.nv]
@@ -319,8 +319,8 @@ def locked_rates(arm: Chain, lock: Iterable[Any] | None) -> NDArray[np.bool_]:
 
 
 def _stable(b: _Balance, start: Array, q: Array, given: bool) -> Array:
-    """What Newton's iteration comes to from a balance q that is unstable; StateWarning if that is no stable one, unless
-    the start was given, and in balance."""
+    """Leaves an unstable balance q and lets Newton's iteration find a stable one. Warns (StateWarning) where it finds
+    none, unless the start was `given` and is that balance itself."""
     E = b.arm._core.rates(q, b.zero)[2]
     stayed = np.abs(b.sizes * (E.T @ (q - start))[b.free]).max() < 1e-8
     beside = _way_down(b, q)

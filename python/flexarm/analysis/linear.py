@@ -29,10 +29,6 @@ class Derivatives(NamedTuple):
     dtau: Array
 
 
-def tilde(w: Array) -> Array:
-    return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
-
-
 def turning(arm: Chain, v: Array) -> Array:
     """W (nv, nv) of d(theta)/dt = dv - W theta for small turns theta of balls in their links' axes, which the link
     carries along at w: from dR = R theta~ and dR/dt = R w~ follows d(theta)/dt = dw - w x theta. Zero otherwise."""
@@ -40,11 +36,11 @@ def turning(arm: Chain, v: Array) -> Array:
     for k, link in enumerate(arm.links):
         if link.joint.ball:
             i = arm._core.first(k) + link.joint.nv - 3
-            W[i : i + 3, i : i + 3] = tilde(v[i : i + 3])
+            W[i : i + 3, i : i + 3] = np.cross(np.eye(3), v[i : i + 3])  # w~
     return W
 
 
-def _solve(M: Array, right: Array) -> Array:
+def solve_mass(M: Array, right: Array) -> Array:
     """M^-1 right by Cholesky, M scaled to a unit diagonal."""
     import scipy.linalg as la  # slow to import
 
@@ -61,7 +57,7 @@ def forward_derivatives(arm: Chain, q: Array, v: Array, tau: Array, loads: Any =
     given, zero = [False] * arm.nv, np.zeros((1, arm.nv))
     a = arm._core.forward_dynamics(q[None], v[None], tau[None], "ab", given, zero, *loads)[0]
     by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, a, *loads))
-    by_all = _solve(arm.mass_matrix(q), np.hstack([-by_q, -by_v, np.eye(arm.nv)]))
+    by_all = solve_mass(arm.mass_matrix(q), np.hstack([-by_q, -by_v, np.eye(arm.nv)]))
     return Derivatives(by_all[:, : arm.nq], by_all[:, arm.nq : -arm.nv], by_all[:, -arm.nv :])
 
 
@@ -194,7 +190,7 @@ def _motion_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
         return _Output(labels, a, rows)
     # accelerometer, f = R^T (a - g): with dR = (J_R theta)~ R, df = R^T (da + (a - g) x J_R theta)
     R, f = p.arm.frame(p.q, n, x)[1], a - np.array(p.arm.gravity)
-    rows += p.rows(tilde(f) @ J[3:], None)
+    rows += p.rows(np.cross(f, J[3:].T).T, None)
     return _Output(labels, R.T @ f, R.T @ rows)
 
 
@@ -208,14 +204,20 @@ def _strain_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
     return _Output(labels, p.arm.strain(p.q, n, x)[keep], p.rows(rows, None))
 
 
+def _patch_name(arm: Chain, column: int) -> str:
+    link, patch = arm.patches[column]
+    return f"link {link} patch {patch}"
+
+
 def _patch_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
     _need(field, entry, 3, f'("{entry[0]}", link, patch)', least=3)
     n = p.arm._link(entry[1], f"{field}: link")
-    row = p.arm.patch_matrix[:, p.arm.patch_column(n, entry[2], f"{field}: ")][None]
+    column = p.arm.patch_column(n, entry[2], f"{field}: ")
+    row = p.arm.patch_matrix[:, column][None]
     if entry[0] == "patch_voltage":
         row = -row / p.arm.capacitance(n, entry[2])
     y = row @ (p.E.T @ p.q)  # E is the identity on elastic coordinates
-    return _Output([f"{entry[0]} link {n} patch {entry[2]}"], y, p.rows(row, None))
+    return _Output([f"{entry[0]} {_patch_name(p.arm, column)}"], y, p.rows(row, None))
 
 
 _OUTPUT: dict[str, Callable[[_Point, str, tuple[Any, ...]], _Output]] = {
@@ -255,8 +257,8 @@ def _read_inputs(arm: Chain, q: Array, inputs: Sequence[Any] | None, locked: NDA
             continue
         if kind == "patch":
             _need(field, entry, 3, '("patch", link, patch)', least=3)
-            k = arm.patch_column(entry[1], _where(entry, 2), f"{field}: ")
-            out.append(_Input(f"patch link {entry[1]} patch {_where(entry, 2)}", arm.patch_matrix[:, k]))
+            column = arm.patch_column(entry[1], _where(entry, 2), f"{field}: ")
+            out.append(_Input("patch " + _patch_name(arm, column), arm.patch_matrix[:, column]))
             continue
         _need(field, entry, 2, f'a link, (link, freedom), or ("{kind}", link)')
         for i in arm.joint_rates(entry[1], f"{field}: link"):
@@ -311,7 +313,7 @@ def _about(
         if column.rate >= 0:
             right[:, 2 * nv + k] -= M[:, column.rate]
             X[column.rate, 2 * nv + k] = 1.0
-    X[free] = _solve(M[np.ix_(free, free)], right[free])
+    X[free] = solve_mass(M[np.ix_(free, free)], right[free])
     return _Point(arm, q, v, a, E, X, M, K)
 
 

@@ -5,20 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .. import _core
 from .._check import Array
-from ..acting.control import Run, _gain, _rows, padded
+from ..acting.control import Feedback, Run, gain_of, measured_rows, padded
 from ..acting.load import at_time
 from ..acting.sampled import Asked, LinearController, Sampled
 from ..parts.chain import Chain
-from .linear import _solve
-
-if TYPE_CHECKING:
-    from ..acting.control import _Feedback
+from .linear import solve_mass
 
 _MOST = 400  # states of a linear model that is looked at
 _GROWN = 2.0  # logarithm of what a loop must grow by in the time of a run, to be named
@@ -45,15 +42,16 @@ class LoopWarning(UserWarning):
 
 
 def _reads(arm: Chain, c: Any, k: int, q: Array) -> tuple[Array, Array, float, float] | None:
-    """What a sampled controller reads, about a state at rest: by q, by v, how late (s), and up to where; None where a
-    sensor feels accelerations, is slower than the controller, or as late as no other."""
+    """The derivatives of what a sampled controller reads, about a state at rest: by q and by v; how late it reads (s);
+    and up to where its sensors tell. None where no such linear reading exists: a sensor feels accelerations, is slower
+    than the controller, or has a delay of its own."""
     if c.measure is None:
         n = arm.nv
         return np.eye(arm.nq + n, arm.nq), np.eye(arm.nq + n, n, -arm.nq), 0.0, np.inf
     rows, delays, most = [], [], np.inf
     for i, e in enumerate(c.measure):
         if not hasattr(e, "sampler"):
-            rows.append(_rows(arm, [e], i))
+            rows.append(measured_rows(arm, [e], i))
             delays.append(0.0)
             continue
         if e.needs_a or e.feels_loads or (e.rate is not None and e.rate < c.rate):
@@ -110,20 +108,20 @@ class Plant:
         E = arm._core.rates(q, zero)[2]
         return Plant(arm, q, free, E, by_q @ E, by_v, arm.mass_matrix(q))
 
-    def matrix(self, feedback: Iterable[_Feedback], factor: float = 1.0) -> tuple[Array, Array]:
+    def matrix(self, feedback: Iterable[Feedback], factor: float = 1.0) -> tuple[Array, Array]:
         """F and G with these continuous laws, their forces `factor` times as large."""
         K, C, n = self.K.copy(), self.C.copy(), self.free.size
         for column, by_q, by_v, *_ in feedback:
             K += factor * np.outer(column, by_q @ self.E)
             C += factor * np.outer(column, by_v)
         at = np.ix_(self.free, self.free)
-        by_all = _solve(self.M[at], np.hstack([-K[at], -C[at], np.eye(n)]))
+        by_all = solve_mass(self.M[at], np.hstack([-K[at], -C[at], np.eye(n)]))
         F = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), by_all[:, : 2 * n]])
         return F, np.vstack([np.zeros((n, n)), by_all[:, 2 * n :]])
 
 
 def _growth(F: Array) -> tuple[float, complex]:
-    """Of the fastest growing motion of x' = F x (1/s), and its pole."""
+    """The growth of the fastest growing motion of x' = F x (1/s), and its pole."""
     poles = np.linalg.eigvals(F)
     pole = complex(poles[np.argmax(poles.real)])
     return pole.real, pole
@@ -148,8 +146,8 @@ class _Sampling:
         self.free, self.before = last @ first, last @ before
 
     def growth(self, factor: float = 1.0) -> tuple[float, complex]:
-        """Of the fastest growing motion (1/s) with forces `factor` times as large, and its pole from sample to
-        sample."""
+        """The growth of the fastest growing motion (1/s) with forces `factor` times as large, and its pole from sample
+        to sample."""
         n, nx, nu = len(self.free), len(self.A), self.after.shape[1]
         # state: the arm's, the laws', and the outputs of the last late + 1 samples, the newest first
         count = self.late + 1
@@ -173,7 +171,7 @@ class _Sampling:
 
 
 def _sampled_loops(arm: Chain, controls: Sequence[Any], samplers: Sequence[Any], plant: Plant) -> list[_Loop]:
-    """Of the sampled controllers that are linear, or were in this run."""
+    """The loops of those sampled controllers that are linear, or have been so in this run."""
     found, laws = [], (s for s in samplers if isinstance(s[3], (Asked, _core.LinearLaw)))
     n, total = arm.nv, plant.arm.nv
     for k, c in enumerate(controls):
@@ -190,7 +188,7 @@ def _sampled_loops(arm: Chain, controls: Sequence[Any], samplers: Sequence[Any],
         rows = np.zeros((len(by_q), 2 * total))
         rows[:, :n], rows[:, total : total + n] = by_q @ E, by_v
         columns = np.zeros((total, len(C)))
-        columns[:n] = _gain(c.motor) * np.array(c._columns(arm)).T
+        columns[:n] = gain_of(c.motor) * np.array(c._columns(arm)).T
         keep = np.concatenate([plant.free, total + plant.free])
         found.append(_Loop(k, A, B, C, D, rows[:, keep], columns[plant.free], period, delay + late,
                            c.limit if most else 0.0))  # fmt: skip
@@ -199,9 +197,9 @@ def _sampled_loops(arm: Chain, controls: Sequence[Any], samplers: Sequence[Any],
 
 def _continuous(
     arm: Chain, both: Chain, controls: Sequence[Any], times: Array, loads: Any
-) -> list[tuple[int, _Feedback]]:
+) -> list[tuple[int, Feedback]]:
     """Laws without samples, each with the index of its controller."""
-    found: list[tuple[int, _Feedback]] = []
+    found: list[tuple[int, Feedback]] = []
     first, total = 0, both.nv - arm.nv
     for k, c in enumerate(controls):
         for column, by_q, by_v, *rest in c._laws(arm, Run(times, loads, first, total))[0]:
@@ -229,7 +227,7 @@ def unstable(
     arm: Chain, both: Chain, q: Array, prescribed: Sequence[int], times: Array, loads: Any, controls: Sequence[Any],
     samplers: Sequence[Any], time: float, failed: bool,
 ) -> LoopWarning | None:  # fmt: skip
-    """What is to be said of the loops of a run that has grown in `time` (s), or None where they are stable at its
+    """The warning that the loops of a run deserve which has grown in `time` (s); None where they are stable at its
     start, or are not linear. A loop that a limit may hold is not named unless the run has `failed`.
 
     Args:

@@ -87,6 +87,7 @@ def modes(
     lock: Iterable[int] | None = None,
     loads: Any = (),
 ) -> Modes:
+    """See Arm.modes."""
     q0 = arm.zero if q is None else array("q", q, (arm.nq,))
     v0 = np.zeros(arm.nv)
     for i, value in arm.by_rate("speed", speed).items():

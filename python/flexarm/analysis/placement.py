@@ -88,7 +88,7 @@ class PatchPlacement:
 
 def placement(
     arm: Chain,
-    link: int = 0,
+    link: int = -1,
     *,
     patch: Patch,
     length: float | None = None,
@@ -104,7 +104,7 @@ def placement(
 
     Args:
         arm: the arm, whose link has a beam.
-        link: where to bond it.
+        link: where to bond it; -1 is the last.
         patch: what to bond: its own start and end tell its length alone; its profile moves with it.
         length: another length of the patch (m); not with a profile.
         modes: how many modes, from the lowest up; those that leave this beam straight are passed over.

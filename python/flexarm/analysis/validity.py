@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._check import Array
+from ..parts.beam import Beam
 from ..parts.chain import Chain
-
-if TYPE_CHECKING:
-    from ..parts.beam import Beam
 
 #: Rotation of a section against the beam's base (rad) up to which each order keeps the tip within 2 % of the length of
 #: where "exact" has it: the least over static loads and, but for order 1, the first swing of spin-ups, rounded; see
@@ -53,9 +51,10 @@ def _turns(beam: Beam) -> Array:
 
 
 def rotation(beam: Beam, qe: Array, turns: Array | None = None) -> Array:
-    """What LIMITS limits, at each row of qe (nt, ne): the largest rotation, b = a in a plane; with torsion, which moves
-    nothing by itself, (b a^n)^(1/(n+1)) of the angle b of bending and the whole angle a, as the terms that order n
-    leaves out have it."""
+    """The measure that LIMITS bounds, at each row of qe (nt, ne): the largest rotation of a section (rad).
+
+    In a plane that is the whole angle a. Torsion moves nothing by itself, so that in space the measure is
+    (b a^n)^(1/(n+1)), with b the angle of bending: the terms that order n leaves out grow like that."""
     angles = (qe @ (_turns(beam) if turns is None else turns).T).reshape(len(qe), -1, 3)
     whole, bending = np.linalg.norm(angles, axis=2), np.linalg.norm(angles[:, :, 1:], axis=2)
     n = 1 if beam.order in (0, "exact") else int(beam.order)
@@ -64,15 +63,15 @@ def rotation(beam: Beam, qe: Array, turns: Array | None = None) -> Array:
 
 
 def _bound(qe: Array, turns: Array) -> float:
-    """What no rotation of a section exceeds in any row."""
+    """A bound (rad) that no section's rotation exceeds in any row."""
     sizes = np.linalg.norm(turns.reshape(-1, 3, qe.shape[1]), axis=1).max(axis=0)
     return float(np.abs(qe).max(axis=0, initial=0.0) @ sizes)
 
 
 def _unresolved(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
-    """Of the first exact beam whose Gauss points are too few for how it is bent, or None: its link, the time of the
+    """Finds the first exact beam whose Gauss points are too few for how it is bent. Returns its link, the time of the
     first row that is off by more than TRUNCATION (s), its largest rotation (rad), and by how much sections are off at
-    most. Rows are looked at where a coordinate is largest, and only then all."""
+    most; or None. It looks at the rows where a coordinate is largest, and at all rows only if one of these is off."""
     for k, link in enumerate(arm.links):
         beam = link.beam
         if beam is None or beam.order != "exact" or not beam.ne or not len(q):
@@ -95,9 +94,9 @@ SILENT: ContextVar[bool] = ContextVar("SILENT", default=False)
 
 
 def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
-    """Of the beam of a trajectory t (nt,), q (nt, nq) that is furthest beyond its order's range, or None: its link, the
-    time of the first row past the limit (s), its largest rotation (rad), and how many others are beyond theirs; where
-    none is, what `_unresolved` finds. Costs next to nothing while all is well."""
+    """Finds the beam of a trajectory t (nt,), q (nt, nq) that is furthest beyond its order's range. Returns its link,
+    the time of the first row past the limit (s), its largest rotation (rad), and how many others are beyond theirs;
+    where none is, what `_unresolved` finds. It costs next to nothing while all is well."""
     worst, others = None, -1
     for k, link in enumerate(arm.links):
         beam = link.beam
@@ -118,7 +117,7 @@ def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
 
 
 def range_warning(arm: Chain, found: Iterable[float], name: str = "", still: bool = False) -> RangeWarning:
-    """What `worst_range` found, as a warning; `name` of what it is about, which may be one state, still."""
+    """Words what `worst_range` found. `name` begins the message; `still`: it is about one state, without times."""
     link, time, rotation, others = map(float, found)
     since, passes = f"from t = {time:.6g} s ", f"passes that at t = {time:.6g} s and "
     if still:

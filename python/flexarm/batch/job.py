@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 
 from .._check import Array
 from .._threads import each
-from ..acting.control import Controller, Run, _Feedback, _Sampler, control_laws, padded
+from ..acting.control import Controller, Feedback, Run, SampledLaw, control_laws, padded
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage, split_drives
 from ..analysis.validity import SILENT, worst_range
 from ..arm import Arm
 from ..parts.chain import Chain
-from ..run.simulation import SimulationError, SimulationInterrupted, _events, simulate
+from ..run.problem import read_events
+from ..run.simulation import SimulationError, SimulationInterrupted, simulate
 from .rollout import NOT_DONE, STEPPERS, Failure, check_balls, explained, failures_of, grown_loop, take_steps
 from .tables import Schedule, breaks_of, feedback_tables, sampled, stacked, wrench_table
 from .variation import Setup, Variation
@@ -38,7 +39,7 @@ class _Held(Controller):
     def _columns(self, arm: Chain) -> list[Array]:
         return []
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[_Feedback], list[_Sampler]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         first, period = float(run.times[0]), float(run.times[-1] - run.times[0]) / (run.times.size - 1)
         last, rows = run.times.size - 2, self.rows
 
@@ -97,7 +98,7 @@ class Job:
     @property
     def events(self) -> int:
         """How many are looked for."""
-        return len(_events(self.options.get("events")))
+        return len(read_events(self.options.get("events")))
 
     def sizes(self) -> dict[str, int]:
         """Numbers in a row of each output."""

@@ -268,11 +268,11 @@ def rollout(
     v0: ArrayLike | None = None,
     tau: ArrayLike | None = None,
     *,
-    dt: float,
+    step: float,
     nstep: int | None = None,
     integrator: str = "implicit",
     every: int = 1,
-    feedback: Controller | Sequence[Any] | None = None,
+    control: Controller | Sequence[Any] | None = None,
     motion: Mapping[Any, Motion | ArrayLike] | None = None,
     workers: int | None = None,
     rtol: float | None = None,
@@ -288,11 +288,11 @@ def rollout(
         arm: an arm, or B arms with the same coordinates.
         q0, v0: initial coordinates (B, nq) or (nq,) and rates (B, nv) or (nv,); v0 is zero if None.
         tau: generalised forces (N, N m), (B, nstep, nv) or (nstep, nv), held over each step: tau[:, k] acts from
-            t = k dt to (k + 1) dt. An axis of length 1 stands for all scenarios or steps. None: zero.
-        dt: the step (s). nstep: how many; None: as many as tau has.
+            t = k step to (k + 1) step. An axis of length 1 stands for all scenarios or steps. None: zero.
+        step: length of a step (s). nstep: how many; None: as many as tau has.
         integrator: "implicit" or "rk4"; see `simulate`. Dry friction of joints needs "implicit".
         every: steps between two rows of the result.
-        feedback: continuous controllers (PD, StrainFeedback, StateFeedback) alike for all scenarios: one, or a list of
+        control: continuous controllers (PD, StrainFeedback, StateFeedback) alike for all scenarios: one, or a list of
             them; or a list of B such lists.
         motion: prescribed motions by link or (link, freedom): a Motion, or values (q, v, a) at half steps,
             (2 nstep + 1, 3) or (B, 2 nstep + 1, 3). They take the place of q0 and v0 there.
@@ -328,7 +328,7 @@ def rollout(
     kept = 0 if out else 8 * nout * (one.nq + one.nv) * most
     check_memory(f"nstep = {steps}: {nout} rows of {most} scenarios, and {steps} steps,", kept + STEP_BYTES * steps,
                  "or fewer steps at once")  # fmt: skip
-    schedule = Schedule.uniform(dt, steps, every, held=force.shape[1] > 1)
+    schedule = Schedule.uniform(step, steps, every, held=force.shape[1] > 1)
     moved = {
         i: motion_table(f"motion of '{one.coordinates[i]}'", value, schedule)
         for i, value in one.by_rate("motion", motion).items()
@@ -336,9 +336,9 @@ def rollout(
     for i in moved:
         if one.coordinate_of(i) < 0:
             raise ValueError(f"motion of '{one.coordinates[i]}': that of a ball cannot be prescribed; use Axes")
-    several = isinstance(feedback, (list, tuple)) and any(isinstance(c, (list, tuple)) for c in feedback)
-    controls = list(feedback) if several else [feedback]  # type: ignore[arg-type]
-    sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "feedback": len(controls)}
+    several = isinstance(control, (list, tuple)) and any(isinstance(c, (list, tuple)) for c in control)
+    controls = list(control) if several else [control]  # type: ignore[arg-type]
+    sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "control": len(controls)}
     count = scenario_count(sizes | {f"motion of '{one.coordinates[i]}'": len(x) for i, x in moved.items()})
     check_balls(one, q)
     laws = feedback_tables(arms, controls, schedule, list(moved))
@@ -364,14 +364,14 @@ def rollout(
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
-    if feedback is not None:
+    if control is not None:
         grown = grown_loop(
             lambda k: (arms[k % len(arms)], q[k % len(q)], (), controls[k % len(controls)]),
             list(moved), schedule.ends, result.v, result.status,
         )  # fmt: skip
         if grown is not None:
             warnings.warn(grown[1].of(f"scenario {grown[0]}"), stacklevel=2)
-    blown = beyond_explicit(one, dt, float(schedule.ends[-1])) if INTEGRATORS[integrator].explicit else None
+    blown = beyond_explicit(one, step, float(schedule.ends[-1])) if INTEGRATORS[integrator].explicit else None
     if blown is not None:
         warnings.warn(blown, stacklevel=2)
     return result

@@ -19,7 +19,7 @@ from ..acting.voltage import Voltage
 from ..analysis.doubts import ModelWarning, coarse
 from ..arm import Arm
 from ..run.pace import beyond_explicit
-from ..run.simulation import INTEGRATORS, _check_options
+from ..run.simulation import INTEGRATORS, check_integrator
 from .job import Job
 from .result import OUTPUTS, BatchResult
 from .rollout import (
@@ -61,7 +61,7 @@ def _make_job(
     if integrator != "ida" and step is None:
         step = float(np.diff(times).min())
     special = ("max_order", "linear_solver", "spectral_radius", "stages")
-    _check_options(integrator, step, **{k: options[k] for k in special if k in options})
+    check_integrator(integrator, step, **{k: options[k] for k in special if k in options})
     options = {k: x for k, x in options.items() if x is not None}
     if step is not None and not 0.0 < number("step", step) < np.inf:
         raise ValueError(f"step = {step}: must be positive and finite, in seconds")

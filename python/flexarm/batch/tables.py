@@ -40,16 +40,16 @@ class Schedule:
     halves: Array
 
     @staticmethod
-    def uniform(dt: float, nstep: int, every: int, held: bool) -> Schedule:
+    def uniform(step: float, nstep: int, every: int, held: bool) -> Schedule:
         """Equal steps, from t = 0."""
-        dt, every = number("dt", dt), whole("every", every)
-        if not 0.0 < dt < np.inf:
-            raise ValueError(f"dt = {dt}: must be positive and finite, in seconds")
+        step, every = number("step", step), whole("every", every)
+        if not 0.0 < step < np.inf:
+            raise ValueError(f"step = {step}: must be positive and finite, in seconds")
         check_every(every, nstep)
         hold = np.arange(nstep) if held else np.zeros(nstep, int)
         return Schedule(
-            np.full(nstep, dt), dt * np.arange(nstep + 1, dtype=float), hold, np.arange(0, nstep + 1, every),
-            0.5 * dt * np.arange(2 * nstep + 1, dtype=float),
+            np.full(nstep, step), step * np.arange(nstep + 1, dtype=float), hold, np.arange(0, nstep + 1, every),
+            0.5 * step * np.arange(2 * nstep + 1, dtype=float),
         )  # fmt: skip
 
     @staticmethod
@@ -176,7 +176,7 @@ def _law_tables(
 ) -> list[list[Array]]:
     feedback, samplers, memory = control_laws(arm, control, schedule.ends, (), prescribed)
     if samplers or memory:
-        raise ValueError("feedback: must be continuous and without memory (PD, StrainFeedback, StateFeedback)")
+        raise ValueError("control: must be continuous and without memory (PD, StrainFeedback, StateFeedback)")
     if id(control) not in references:
         laws = [law for *_, law, _ in feedback]
         references[id(control)] = [

@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array
 from .._threads import each
-from ..acting.control import Controller, _limit
+from ..acting.control import Controller, limit_of
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.motor import Motor
 from ..acting.voltage import Voltage
 from ..arm import Arm
-from ..parts.part import _Part
+from ..parts.part import Part
 
 _KEPT = 256  # parts kept of each place of the tree, so that what repeats is built once
 
@@ -58,7 +58,7 @@ def _fields(part: Any) -> dict[str, Any]:
     """What a part is made of, by name."""
     if isinstance(part, (tuple, list, np.ndarray)):
         return {str(k): p for k, p in enumerate(part)}
-    if isinstance(part, _Part):
+    if isinstance(part, Part):
         return part._arguments()
     if isinstance(part, Load):
         return {**part.given, "scale": 1.0}
@@ -74,7 +74,7 @@ def _fields(part: Any) -> dict[str, Any]:
 def _nested(value: Any) -> bool:
     if isinstance(value, (tuple, list)):
         return bool(value) and all(_nested(x) for x in value)
-    return isinstance(value, (_Part, Load, Motion, Torque, Voltage, Motor, Controller))
+    return isinstance(value, (Part, Load, Motion, Torque, Voltage, Motor, Controller))
 
 
 def _leaves(part: Any, prefix: str) -> Iterator[str]:
@@ -290,7 +290,7 @@ def _replaced(part: Any, new: dict[str, Any]) -> Any:
         for name, value in new.items():
             out[int(name)] = value
         return np.array(out) if isinstance(part, np.ndarray) else tuple(out)
-    if isinstance(part, _Part):
+    if isinstance(part, Part):
         return replace(part, **new)  # type: ignore[type-var]
     if isinstance(part, Motor):
         return Motor(**{**_fields(part), **new})
@@ -303,5 +303,5 @@ def _replaced(part: Any, new: dict[str, Any]) -> Any:
         return law.scaled(new["scale"]) if "scale" in new else law
     made = copy.copy(part)
     for name, value in new.items():
-        setattr(made, name, _limit(value) if name == "limit" else value)
+        setattr(made, name, limit_of(value) if name == "limit" else value)
     return made

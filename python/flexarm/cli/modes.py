@@ -25,10 +25,11 @@ TEXT = "About rest at the scene's initial position, or about a steady spin. Freq
 def arguments(p: argparse.ArgumentParser) -> None:
     """Adds the command's arguments to its parser."""
     options.scene(p)
-    speed = "steady speed of a joint (rad/s; m/s if prismatic), such as 0=10; repeat for more joints"
+    speed = "steady speed of a joint (rad/s; m/s if prismatic), such as 0=10, or --speed=-1=10 of the last link; "
+    speed += "repeat for more joints"
     p.add_argument("--speed", metavar="LINK=RAD_PER_S", action="append", default=[], help=speed)
-    lock = "hold a joint exactly to its steady motion; repeat for more joints, 'none' for no joint "
-    lock += "(default: those whose motion the scene prescribes)"
+    lock = "hold the joint of a link (-1: the last) exactly to its steady motion; repeat for more joints, "
+    lock += "'none' for no joint (default: those whose motion the scene prescribes)"
     p.add_argument("--lock", metavar="LINK", action="append", help=lock)
     count = "show the lowest COUNT (%(default)s)"
     p.add_argument("-n", dest="count", metavar="COUNT", type=int, default=10, help=count)

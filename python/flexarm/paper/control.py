@@ -49,7 +49,7 @@ IDENTIFIED = (
 
 
 def tip_acceleration(result: Result) -> Array:
-    """Of the tip across the beam (m/s^2), (nt,)."""
+    """The tip's acceleration across the beam (m/s^2), (nt,)."""
     r = result
     return np.asarray(Accelerometer(axis="y", gravity=False).measure(r.arm, r.t, r.q, r.v, r.a))[:, 0]
 
@@ -102,7 +102,7 @@ def _largest(t: Array, y: Array, start: float, end: float) -> float:
 
 
 def marks(result: Result, step: float, band: float = BAND) -> Marks:
-    """Of the response of joint 0 to a step from 0 (rad), settled within `band` of it."""
+    """The marks of joint 0's response to a step from 0 (rad), which has settled within `band` of it."""
     t, q, a = result.t, result.q[:, 0] / step, tip_acceleration(result)
     moving = np.flatnonzero(result.v[:, 0])
     early, late = _largest(t, a, 0.25, 0.75), _largest(t, a, 1.25, 1.75)

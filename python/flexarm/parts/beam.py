@@ -7,7 +7,7 @@ Pa, rad. Axes of a beam: x along the undeformed neutral axis, y and z the princi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import KW_ONLY, dataclass, field, fields
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import _core
 from .._check import array, choice, known_keys, number, whole
-from .part import _Part
+from .part import Part
 from .patch import Patch, core_patches
 from .shapes import coefficients, columns
 
@@ -25,7 +25,7 @@ Vector = Sequence[float]
 
 
 @dataclass(frozen=True)
-class Material(_Part):
+class Material(Part):
     """Linear elastic material.
 
     Args:
@@ -52,7 +52,7 @@ class Material(_Part):
         )
 
 
-class _Section(_Part):
+class _Section(Part):
     """A section of a beam that has two axes of symmetry, y and z."""
 
     _core: _core.Section
@@ -167,7 +167,7 @@ class GeneralSection(_Section):
 
 
 @dataclass(frozen=True)
-class Taper(_Part):
+class Taper(Part):
     """A section that varies along the beam: samples from the clamp to the tip, linear in between.
 
     Sections of one kind are interpolated by their sides or radii (so that a wedge or a cone is exact), or, if general,
@@ -210,7 +210,7 @@ class Taper(_Part):
 
 
 @dataclass(frozen=True)
-class Beam(_Part):
+class Beam(Part):
     """Elastic beam along x, clamped to its link's hub at X = 0 (paper Sec. 3).
 
     Args:
@@ -250,6 +250,7 @@ class Beam(_Part):
     modes: Mapping[str, Any]
     basis: str = "clamped-free"
     order: int | str = 2
+    _: KW_ONLY
     rotary_inertia: bool = True
     damping_ratio: float = 0.0
     kelvin_voigt: float = 0.0
@@ -327,7 +328,7 @@ class Beam(_Part):
             raise ValueError(f"basis_tip = {self.basis_tip!r}: must be a RigidBody")
         if self.basis != "loaded":
             raise ValueError(f"basis_tip: goes with basis = 'loaded', not {self.basis!r}")
-        return self.basis_tip.mass, self.basis_tip.com[0], np.diag(_inertia_matrix(self.basis_tip.inertia))
+        return self.basis_tip.mass, self.basis_tip.com[0], np.diag(inertia_matrix(self.basis_tip.inertia))
 
     @property
     def mass(self) -> float:
@@ -340,7 +341,7 @@ class Beam(_Part):
         return sum(self.counts.values())
 
 
-def _inertia_matrix(value: Any) -> Any:
+def inertia_matrix(value: Any) -> Any:
     """3 numbers: diagonal; 6: xx yy zz xy xz yz; or a 3 x 3 matrix."""
     a = array("inertia", value)
     if a.shape == (3,):
@@ -353,13 +354,13 @@ def _inertia_matrix(value: Any) -> Any:
     raise ValueError(f"inertia has shape {a.shape}: must be 3 numbers, 6 (xx yy zz xy xz yz) or a 3 x 3 matrix")
 
 
-def _numbers(value: Any) -> Any:
+def as_floats(value: Any) -> Any:
     """Nested tuples of floats, so that parts compare, print and pickle plainly."""
-    return tuple(_numbers(v) if np.ndim(v) else float(v) for v in value)
+    return tuple(as_floats(v) if np.ndim(v) else float(v) for v in value)
 
 
 @dataclass(frozen=True)
-class RigidBody(_Part):
+class RigidBody(Part):
     """Rigid hub or tip of a link.
 
     Args:
@@ -380,7 +381,7 @@ class RigidBody(_Part):
         super().__post_init__()
         self._set("mass", number("mass", self.mass))
         com, end = array("com", self.com, (3,)), array("end", self.end, (3,))
-        inertia = _inertia_matrix(self.inertia)
+        inertia = inertia_matrix(self.inertia)
         for name in ("com", "inertia", "end"):
-            self._set(name, _numbers(getattr(self, name)))
+            self._set(name, as_floats(getattr(self, name)))
         self._set("_core", _core.RigidBody(self.mass, com, inertia, end))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from .. import _core
 from .._check import Array, array, batch, finite, number
 from .link import Link
-from .part import _plain
+from .part import as_table
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 class Chain:
     """The data of an arm: its links and gravity, which coordinate is whose, where its slices are and how they move.
 
-    What stands below the `Arm` that users see takes a Chain. Shapes and conventions are those of `flexarm.Arm`.
+    What stands below the `Arm` that users see takes a Chain. Shapes and conventions are those of `flexarm.Arm`: links
+    count from 0 at the base, -1 is the last, and that is meant wherever none is named.
     """
 
     links: tuple[Link, ...]
@@ -55,7 +56,7 @@ class Chain:
 
     def to_dict(self) -> dict[str, Any]:
         """The inverse of `from_dict`."""
-        return {"gravity": _plain(self.gravity), "link": [link.to_dict() for link in self.links]}
+        return {"gravity": as_table(self.gravity), "link": [link.to_dict() for link in self.links]}
 
     def __reduce__(self) -> Any:
         return type(self)._made, (self.links, self.gravity)
@@ -218,12 +219,12 @@ class Chain:
         lead, (q, v) = self._batch(q=q, v=v)
         return finite("momentum", self._core.momentum(q, v)[0]).reshape(*lead, 6)
 
-    def strain(self, q: ArrayLike, link: int = 0, x: float = 0.0) -> Array:
+    def strain(self, q: ArrayLike, link: int = -1, x: float = 0.0) -> Array:
         """Strains K1, K2, K3 (1/m) and phi12, phi13 (rad) at x metres along a link's beam (Eq. 18-21), (..., 5)."""
         lead, (q,) = batch({"q": self.nq}, q=q)  # strains do not ask for a ball's quaternion
         return finite("strain", self._core.strain(q, self._link(link), number("x", x))).reshape(*lead, 5)
 
-    def deflection(self, q: ArrayLike, link: int = 0, x: float | None = None) -> Array:
+    def deflection(self, q: ArrayLike, link: int = -1, x: float | None = None) -> Array:
         """Displacement (..., 3) of the slice at x metres (None: the beam's tip) from rest, in the link's axes (m)."""
         lead, (q,) = self._batch(q=q)
         n = self._link(link)
@@ -234,7 +235,7 @@ class Chain:
             *lead, 3
         )
 
-    def charge(self, q: ArrayLike, link: int = 0, patch: int = 0) -> Array:
+    def charge(self, q: ArrayLike, link: int = -1, patch: int = 0) -> Array:
         """Charge (C) that strain brings onto the electrodes of a link's patch when they are short-circuited, (...): by
         reciprocity, the patch's forces per volt (Eq. 61) times the elastic coordinates."""
         lead, (q,) = batch({"q": self.nq}, q=q)
@@ -244,13 +245,13 @@ class Chain:
             charge = q[..., [self.coordinate_of(int(i)) for i in used]] @ force[used]
             return finite("charge", np.asarray(charge)).reshape(lead)
 
-    def patch_voltage(self, q: ArrayLike, link: int = 0, patch: int = 0) -> Array:
+    def patch_voltage(self, q: ArrayLike, link: int = -1, patch: int = 0) -> Array:
         """Voltage (V) of a link's patch when its electrodes are open, (...): -charge / capacitance, so that one that
         shrinks under a voltage shows it when stretched. What that voltage does to the motion is not in it."""
         with np.errstate(over="ignore"):
             return finite("patch voltage", -self.charge(q, link, patch) / self.capacitance(link, patch))
 
-    def capacitance(self, link: int = 0, patch: int = 0) -> float:
+    def capacitance(self, link: int = -1, patch: int = 0) -> float:
         """Capacitance (F) of a link's patch, of a pair in parallel, with all strains held.
 
         Raises:

@@ -10,10 +10,10 @@ import numpy as np
 
 from .. import _core
 from .._check import Array, array, number
-from .beam import Vector, _numbers
-from .part import _Part
+from .beam import Vector, as_floats
+from .part import Part
 
-_UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SPRINGS = ("stiffness", "rest", "damping", "lower", "upper", "limit_stiffness", "limit_damping")
 _FORCES = (*_SPRINGS, "coulomb", "stiction", "reflected_inertia")
 PerFreedom = float | Sequence[float]
@@ -22,9 +22,9 @@ _Freedom = tuple[str, bool, Vector]  # label, whether a rotation, axis
 
 def _axis(value: Any) -> Vector:
     if isinstance(value, str):
-        if value not in _UNIT:
+        if value not in UNIT:
             raise ValueError(f'axis = {value!r}: must be "x", "y", "z" or three numbers')
-        return _UNIT[value]
+        return UNIT[value]
     return value  # type: ignore[no-any-return]
 
 
@@ -35,14 +35,13 @@ def _rotation(field_name: str, value: Any) -> Array:
         return a
     if a.shape != (3,):
         raise ValueError(f"{field_name} has shape {a.shape}: must be a rotation vector (rad) or a 3 x 3 matrix")
-    angle = float(np.linalg.norm(a))
-    x, y, z = a / angle if angle > 0 else a
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    return np.asarray(Rotation.from_rotvec(a).as_matrix())
 
 
 @dataclass(frozen=True)
-class Placement(_Part):
+class Placement(Part):
     """A place on one side of a joint.
 
     Args:
@@ -57,13 +56,13 @@ class Placement(_Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         core = (array("position", self.position, (3,)), _rotation("rotation", self.rotation))
-        self._set("position", _numbers(self.position))
-        self._set("rotation", _numbers(self.rotation))
+        self._set("position", as_floats(self.position))
+        self._set("rotation", as_floats(self.rotation))
         self._set("_core", core)
 
 
 @dataclass(frozen=True, repr=False)
-class Joint(_Part):
+class Joint(Part):
     """What all joints share. Each value of springs, dampers, stops and friction is one number, or one for each freedom.
 
     Args:
@@ -125,7 +124,7 @@ class Joint(_Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(getattr(self, "axis", ""), str):
-            self._set("axis", _numbers(array("axis", self.axis, (3,))))  # type: ignore[attr-defined]
+            self._set("axis", as_floats(array("axis", self.axis, (3,))))  # type: ignore[attr-defined]
         freedoms = self._freedoms()
         labels = [f"{self.type} {name}".strip() for name, _, _ in freedoms]
         labels += [f"{self.type} w{a}" for a in "xyz"] if self.ball else []
@@ -223,7 +222,7 @@ class Universal(Joint):
     type: ClassVar[str] = "universal"
 
     def _freedoms(self) -> list[_Freedom]:
-        return [("x", True, _UNIT["x"]), ("y", True, _UNIT["y"])]
+        return [("x", True, UNIT["x"]), ("y", True, UNIT["y"])]
 
 
 @dataclass(frozen=True, repr=False)
@@ -233,7 +232,7 @@ class Planar(Joint):
     type: ClassVar[str] = "planar"
 
     def _freedoms(self) -> list[_Freedom]:
-        return [("x", False, _UNIT["x"]), ("y", False, _UNIT["y"]), ("rotation", True, _UNIT["z"])]
+        return [("x", False, UNIT["x"]), ("y", False, UNIT["y"]), ("rotation", True, UNIT["z"])]
 
 
 @dataclass(frozen=True, repr=False)
@@ -253,7 +252,7 @@ class Free(Joint):
     ball: ClassVar[bool] = True
 
     def _freedoms(self) -> list[_Freedom]:
-        return [(a, False, _UNIT[a]) for a in "xyz"]
+        return [(a, False, UNIT[a]) for a in "xyz"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -277,4 +276,4 @@ class Axes(Joint):
         for name in names:
             if name not in ("tx", "ty", "tz", "rx", "ry", "rz"):
                 raise ValueError(f"axes = {list(names)!r}: {name!r} must be one of tx, ty, tz, rx, ry, rz")
-        return [(name, name[0] == "r", _UNIT[name[1]]) for name in names]
+        return [(name, name[0] == "r", UNIT[name[1]]) for name in names]

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from .. import _core
 from .beam import Beam, RigidBody
 from .joints import Joint
-from .part import _Part
+from .part import Part
 
 
 @dataclass(frozen=True)
-class Link(_Part):
+class Link(Part):
     """A joint, a rigid hub, an elastic beam and a rigid tip; each of the three bodies may be missing (Sec. 4.2).
 
     The joint sits at the end of the link below, in its axes. The beam starts at `hub.end`; the tip sits on the beam's

@@ -10,7 +10,7 @@ from .._check import plain
 from .arguments import with_inherited
 
 
-class _Part:
+class Part:
     """Holds the core's counterpart in `_core`, outside equality, printing and pickling."""
 
     _core: Any
@@ -40,7 +40,7 @@ class _Part:
             out["type"] = kind
         for name, value in self._arguments().items():
             if value is not None and not (isinstance(value, tuple) and not value):
-                out[name] = _plain(value)
+                out[name] = as_table(value)
         return out
 
 
@@ -55,9 +55,9 @@ def _unwrapped(value: Any) -> Any:
     return tuple(_unwrapped(v) for v in value) if isinstance(value, tuple) else value
 
 
-def _plain(value: Any) -> Any:
+def as_table(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items()}
+        return {k: as_table(v) for k, v in value.items()}
     if isinstance(value, (tuple, list)):
-        return [_plain(v) for v in value]
-    return value.to_dict() if isinstance(value, _Part) else value
+        return [as_table(v) for v in value]
+    return value.to_dict() if isinstance(value, Part) else value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,14 +11,14 @@ from numpy.polynomial import legendre
 
 from .. import _core
 from .._check import array, choice, known_keys, number
-from .part import _Part
+from .part import Part
 from .shapes import coefficients
 
 FACES = ("y", "+y", "-y", "z", "+z", "-z")
 
 
 @dataclass(frozen=True)
-class Piezo(_Part):
+class Piezo(Part):
     """Piezoelectric material; its elasticity is isotropic.
 
     Args:
@@ -36,6 +36,7 @@ class Piezo(_Part):
     poisson_ratio: float
     density: float
     d31: float
+    _: KW_ONLY
     d15: float = 0.0
     permittivity: float = 0.0
     d32: float = 0.0
@@ -50,7 +51,7 @@ class Piezo(_Part):
 
 
 @dataclass(frozen=True)
-class Patch(_Part):
+class Patch(Part):
     """Piezoelectric patch on a face of a beam, or a pair on opposite faces.
 
     It adds stiffness (Eq. 58, first term, exact over its thickness) and mass, and per volt a moment (N m/V) over its
@@ -89,6 +90,7 @@ class Patch(_Part):
     thickness: float
     material: Piezo
     face: str = "y"
+    _: KW_ONLY
     angle: float = 0.0
     profile: Any = None
     offset: float | None = None

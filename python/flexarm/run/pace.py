@@ -5,14 +5,12 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._check import Array
-
-if TYPE_CHECKING:
-    from ..arm import Arm
+from ..arm import Arm
 
 _EXPLICIT = 2.83  # step times frequency up to which rk4 is stable
 _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
@@ -57,7 +55,7 @@ class StepWarning(UserWarning):
 
 
 def explicit_limit(arm: Arm, step: float) -> str:
-    """That of rk4 on this arm at rest, joints held, in words, if these steps are above; else ""."""
+    """Words the limit of rk4's steps on this arm at rest with its joints held; "" if these steps are below it."""
     modes = _fast_modes(arm)
     if modes is None or modes[0][-1] * step < _EXPLICIT:
         return ""
@@ -66,7 +64,7 @@ def explicit_limit(arm: Arm, step: float) -> str:
 
 
 def beyond_explicit(arm: Arm, step: float, span: float) -> StepWarning | None:
-    """Whether steps of rk4 have made something of nothing in a run of `span` (s)."""
+    """Warns where steps of rk4 above their limit have made rounding errors felt in a run of `span` (s)."""
     modes = _fast_modes(arm)
     if modes is None:
         return None

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from .._check import Array, array, choice, number, whole
+from .._check import choice, number, whole
 from .._console import progress_bar
-from ..acting.control import Controller, control_laws, extended, padded
+from ..acting.control import Controller, padded
 from ..acting.drive import Motion, Torque
-from ..acting.load import Load, at_time
-from ..acting.voltage import Voltage, patch_laws, split_drives
+from ..acting.load import Load
+from ..acting.voltage import Voltage
 from ..analysis import loops
 from ..analysis.doubts import ModelWarning, coarse
 from ..analysis.validity import SILENT, out_of_range
 from ..arm import METHODS, Arm
 from .pace import Pace, beyond_explicit, explicit_limit
-from .pulses import PulseWarning, missed
+from .problem import Problem
 from .result import Result
 from .watch import Watch, softened
 
@@ -73,26 +72,7 @@ class SimulationInterrupted(KeyboardInterrupt):
         return type(self), (str(self), self.time, self.result)
 
 
-def _events(events: Any) -> list[tuple[Any, int, int]]:
-    """(callable, occurrence that ends the run or 0, direction) of each event."""
-    given = [] if events is None else [events] if callable(events) else events
-    if not isinstance(given, (list, tuple)):
-        raise ValueError(f"events = {events!r}: must be a callable (t, q, v) -> float, or a list of them")
-    out = []
-    for k, f in enumerate(given):
-        if not callable(f):
-            raise ValueError(f"events[{k}] = {f!r}: must be a callable (t, q, v) -> float")
-        terminal, direction = getattr(f, "terminal", False), getattr(f, "direction", 0)
-        count = int(terminal) if isinstance(terminal, (bool, np.bool_)) else whole(f"events[{k}].terminal", terminal)
-        if count < 0:
-            raise ValueError(f"events[{k}].terminal = {terminal}: must be True, False or a number of occurrences")
-        if number(f"events[{k}].direction", direction) not in (-1, 0, 1):
-            raise ValueError(f"events[{k}].direction = {direction}: must be -1, 0 or 1")
-        out.append((f, count, int(direction)))
-    return out
-
-
-def _check_options(integrator: str, step: float | None, **options: Any) -> None:
+def check_integrator(integrator: str, step: float | None, **options: Any) -> None:
     """Raises ValueError where an option is given to an integrator that does not have it, or a step is missing."""
     choice("integrator", integrator, INTEGRATORS)
     for name, value in options.items():
@@ -106,25 +86,51 @@ def _check_options(integrator: str, step: float | None, **options: Any) -> None:
         raise ValueError(f'step: integrator="{integrator}" needs it, in seconds, such as step=1e-3')
 
 
-def _of_arm(event: Callable[..., Any], arm: Arm) -> Callable[..., Any]:
-    """The event, of the arm's part of q and v."""
-    return lambda t, q, v: event(t, q[: arm.nq], v[: arm.nv])
+def _settings(
+    integrator: str, rtol: Any, atol: Any, max_order: Any, linear_solver: Any, step: Any, spectral_radius: Any,
+    stages: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """Fills in the options of the integrators that are None."""
+    return {
+        "linear_solver": choice("linear_solver", linear_solver or "auto", LINEAR_SOLVERS),
+        "rtol": number("rtol", INTEGRATORS[integrator].rtol if rtol is None else rtol),
+        "atol": number("atol", atol),
+        "max_order": whole("max_order", 5 if max_order is None else max_order),
+        "stages": whole("stages", 4 if stages is None else stages),
+        "spectral_radius": number("spectral_radius", 1.0 if spectral_radius is None else spectral_radius),
+        "step": number("step", 0.0 if step is None else step),
+    }
 
 
-def _leave_out_memory(out: dict[str, Any], arm: Arm) -> None:
-    """Takes the controllers' states out of what the core gives."""
-    for name, n in (("q", arm.nq), ("v", arm.nv), ("a", arm.nv), ("tau", arm.nv), ("friction", arm.nv)):
-        if out[name] is not None:
-            out[name] = np.ascontiguousarray(out[name][:, :n])
-    out["events"] = [(t, q[:, : arm.nq], v[:, : arm.nv]) for t, q, v in out["events"]]
+def _integrate(run: Problem, integrator: str, method: str, options: Mapping[str, Any], alive: Any) -> dict[str, Any]:
+    """The core's run."""
+    nv, padding = run.both.nv, {"q0": run.both.nq}
+    laws = [(i, moves, law, padded(column, nv) if column.size else column) for i, moves, law, column in run.laws]
+    q0, v0, tau = (padded(x, padding.get(name, nv)) for name, x in run.start.items())
+    motion = (run.both._core, laws, run.times, q0, v0, tau)
+    last = (method == "ci", alive, run.wrenches, run.events, run.feedback, run.sampled)
+    if not INTEGRATORS[integrator].fixed:
+        rtol, atol, order, solver = (options[k] for k in ("rtol", "atol", "max_order", "linear_solver"))
+        pace = Pace(run.arm, run.times, lambda time: run.unstable(time, False))
+        return _core.simulate_ida(*motion, rtol, atol, order, solver, pace, *last)
+    step, rtol, radius, stages = (options[k] for k in ("step", "rtol", "spectral_radius", "stages"))
+    return _core.simulate_fixed(*motion, integrator, step, rtol, radius, stages, *last)
 
 
-def _fail(
-    failure: str, time: float, step: float, result: Result, controlled: bool, loop: Warning | None,
-    beyond: Warning | None,
-) -> None:  # fmt: skip
-    """Raises the SimulationError, whose message begins with the cause, where that is known: not the step is to blame
-    then."""
+def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, step: float) -> list[Warning]:
+    """The warnings that a run deserves. Raises SimulationError where the run failed; its message begins with the cause
+    where that is known, because the step is not to blame then."""
+    time = float(out["reached"])
+    if out["failure"] == "interrupted":
+        raise SimulationInterrupted(f"interrupted at t = {time:.9g} s", time, result)
+    beyond, failed = out_of_range(run.arm, result.t, result.q), bool(out["failure"])
+    span = time - float(run.times[0])
+    loop = run.unstable(span, failed) if failed or beyond is not None or loops.has_grown(result.v) else None
+    if not failed:
+        blown = beyond_explicit(run.arm, step, span) if INTEGRATORS[integrator].explicit else None
+        said = [loop] if SILENT.get() else [loop or beyond, blown]
+        return [x for x in (*said, *run.missed(out["asked"])) if x]
+    failure = out["failure"]
     cause = loop or softened(result.arm, result)
     if cause:
         what = failure.partition(": take ")[0].partition(": look ")[0]
@@ -132,24 +138,10 @@ def _fail(
     limit = "over the highest frequency"
     if limit in failure:  # rk4's
         failure = failure.replace(limit, limit + explicit_limit(result.arm, step))
-    if controlled:
+    if run.controls:
         failure += "; and see whether the loop of control is stable"
     more = f" ({beyond})" if beyond else ""
     raise SimulationError(f"stopped at t = {time:.9g} s: {failure}{more}", time, result)
-
-
-def _missed(
-    arm: Arm, laws: Any, wrenches: Any, feedback: Any, asked: Any, times: Array
-) -> Iterator[PulseWarning | None]:
-    """What the steps have not seen of callables: of drives, of loads, of the references of control."""
-    names = [f"drive of '{arm.coordinates[i]}'" if not len(column) else "voltage" for i, _, _, column in laws]
-    names += [f"loads[{k}]" for k in range(len(wrenches))]
-    callables = [law for _, _, law, _ in laws] + [law for _, law in wrenches]
-    references = [law for _, _, _, law, _ in feedback if law is not None]
-    names += ["reference of control"] * len(references)
-    for name, law, calls in zip(names, callables + references, asked, strict=True):
-        if calls is not None:
-            yield missed(name, law, calls, float(times[0]), float(times[-1]))
 
 
 def simulate(
@@ -183,8 +175,8 @@ def simulate(
         q0, v0: initial coordinates (nq,) and rates (nv,); `arm.zero` and zero if None. Prescribed
             joints start where their motion does; a q0 or v0 that says otherwise is an error.
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
-        drive: by link number, or by (link, freedom), what drives that freedom of its joint: a Torque, or a Motion,
-            whose reaction is then in `Result.tau`. By ("patch", link, patch): a piezo patch's Voltage.
+        drive: by link number (-1 is the last), or by (link, freedom), what drives that freedom of its joint: a Torque,
+            or a Motion, whose reaction is then in `Result.tau`. By ("patch", link, patch): a piezo patch's Voltage.
         loads: external forces and moments.
         control: controllers, whose forces add up with the torques. Continuous ones (PD, StrainFeedback, StateFeedback,
             LinearController) are part of the equations; those with a rate (Sampled, LinearController) hold their force
@@ -254,15 +246,10 @@ def simulate(
         WatchWarning: what `watch` asks for.
         ModelWarning: a beam with too few shape functions for what it carries.
     """
+    # Long for its docstring, which is the reference of every option.
     choice("method", method, METHODS)
-    _check_options(
-        integrator,
-        step,
-        max_order=max_order,
-        linear_solver=linear_solver,
-        spectral_radius=spectral_radius,
-        stages=stages,
-    )
+    special = {"max_order": max_order, "linear_solver": linear_solver, "spectral_radius": spectral_radius}
+    check_integrator(integrator, step, **special, stages=stages)
     if not isinstance(arm, Arm):
         raise ValueError(f"arm = {arm!r}: must be an Arm")
     if not isinstance(watch, (bool, Watch)):
@@ -270,95 +257,19 @@ def simulate(
     arm._warn()
     for text in coarse(arm):
         warnings.warn(text, ModelWarning, stacklevel=2)
-    times = array("t", t)
-    if times.ndim != 1 or times.size < 2:
-        raise ValueError(f"t has shape {times.shape}: must be one list of at least two times")
-    state = {}
-    for name, value, zero in (("q0", q0, arm.zero), ("v0", v0, np.zeros(arm.nv)), ("tau", tau, np.zeros(arm.nv))):
-        if name == "tau" and value is not None and np.ndim(value) > 1:
-            raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
-        state[name] = zero if value is None else array(name, value, zero.shape)
-    arm.check_balls("q0", state["q0"])
-    joints, patches = split_drives(drive)
-    laws = patch_laws(arm, patches, times)
-    for i, law in arm.by_rate("drive", joints).items():
-        where = f"drive of '{arm.coordinates[i]}'"
-        if not isinstance(law, (Motion, Torque)):
-            raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
-        law.check_span(where, times)
-        laws.append((i, isinstance(law, Motion), law.law, np.zeros(0)))
-        if isinstance(law, Motion):
-            law.check_rates(where, times)
-            start = array(f"{where} at t = {times[0]}", law(float(times[0])), (3,))
-            k = arm.coordinate_of(i)
-            if k < 0:
-                raise ValueError(f"{where}: the motion of a ball cannot be prescribed; use three rotations (Axes)")
-            for name, given, at, value in (("q0", q0, k, start[0]), ("v0", v0, i, start[1])):
-                if given is not None and abs(state[name][at] - value) > 1e-9 * max(1.0, abs(value)):
-                    raise ValueError(f"{name}[{at}] = {state[name][at]}: {where} prescribes {value} at t = {times[0]}")
-                state[name][at] = value
-    places, _ = at_time(arm, loads, float(times[0]))
-    for k, load in enumerate(loads or ()):
-        load.check_span(f"loads[{k}]", times)
-    prescribed = [i for i, moves, *_ in laws if moves]
-    feedback, sampled, memory = control_laws(arm, control, times, loads, prescribed)
-    both = extended(arm, memory) if memory else arm
-    laws = [(i, moves, law, padded(column, both.nv) if column.size else column) for i, moves, law, column in laws]
-    wrenches = [(place, load.law) for place, load in zip(places, loads or (), strict=True)]
-    watched = [(_of_arm(f, arm), n, direction) for f, n, direction in _events(events)]
-    linear_solver = choice("linear_solver", linear_solver or "auto", LINEAR_SOLVERS)
-    rtol, atol = number("rtol", INTEGRATORS[integrator].rtol if rtol is None else rtol), number("atol", atol)
-    order, stages = (
-        whole("max_order", 5 if max_order is None else max_order),
-        whole("stages", 4 if stages is None else stages),
-    )
-    radius = number("spectral_radius", 1.0 if spectral_radius is None else spectral_radius)
-    h = number("step", 0.0 if step is None else step)
-
-    def unstable(time: float, failed: bool) -> loops.LoopWarning | None:
-        if control is None:
-            return None
-        controls = [control] if isinstance(control, Controller) else list(control)
-        start = padded(state["q0"], both.nq)
-        return loops.unstable(arm, both, start, prescribed, times, loads, controls, sampled, time, failed)
-
-    def integrate(alive: Any = None) -> dict[str, Any]:
-        start = (padded(state["q0"], both.nq), padded(state["v0"], both.nv), padded(state["tau"], both.nv))
-        motion = (both._core, laws, times, *start)
-        ci, rest = method == "ci", (wrenches, watched, feedback, sampled)
-        if not INTEGRATORS[integrator].fixed:
-            pace = Pace(arm, times, lambda time: unstable(time, False))
-            return _core.simulate_ida(*motion, rtol, atol, order, linear_solver, pace, ci, alive, *rest)
-        return _core.simulate_fixed(*motion, integrator, h, rtol, radius, stages, ci, alive, *rest)
-
-    begin, end = float(times[0]), float(times[-1])
+    run = Problem(arm, t, q0, v0, tau, drive, loads, control, events)
+    options = _settings(integrator, rtol, atol, **special, step=step, stages=stages)
+    begin, end = float(run.times[0]), float(run.times[-1])
     with progress_bar(progress, "simulating", end - begin) as bar:
 
         def show(now: float) -> None:
             assert bar is not None
             bar(now - begin, f"t = {now:.4g} of {end:.4g} s")
 
-        out = integrate(bar if bar is None or callable(progress) else show)
-    if memory:
-        _leave_out_memory(out, arm)
-    done = len(out["q"])
-    result = Result(arm, times[:done], out["q"], out["v"], out["a"], out["tau"], out["stats"], tuple(loads or ()))
-    result.status, result.friction = int(out["terminated"]), out["friction"]
-    if watched:
-        result.t_events, result.q_events, result.v_events = (list(x) for x in zip(*out["events"], strict=True))
-    if out["failure"] == "interrupted":
-        raise SimulationInterrupted(f"interrupted at t = {out['reached']:.9g} s", out["reached"], result)
-    beyond, failed = out_of_range(arm, result.t, result.q), bool(out["failure"])
-    grown = failed or beyond is not None or loops.has_grown(result.v)
-    loop = unstable(out["reached"] - float(times[0]), failed) if grown else None
-    if failed:
-        _fail(out["failure"], out["reached"], h, result, control is not None, loop, beyond)
-    blown = beyond_explicit(arm, h, out["reached"] - float(times[0])) if INTEGRATORS[integrator].explicit else None
-    if SILENT.get():
-        beyond = blown = None
-    for warning in (loop or beyond, blown, *_missed(arm, laws, wrenches, feedback, out["asked"], times)):
-        if warning:
-            warnings.warn(warning, stacklevel=2)
+        out = _integrate(run, integrator, method, options, bar if bar is None or callable(progress) else show)
+    result = run.result(out)
+    for warning in _judged(run, out, result, integrator, options["step"]):
+        warnings.warn(warning, stacklevel=2)
     if watch:
         (Watch.usual(arm) if watch is True else watch).warn(result)
     return result

@@ -6,16 +6,14 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._check import Array
 from ..analysis.validity import rotation
-
-if TYPE_CHECKING:
-    from ..arm import Arm
-    from .result import Result
+from ..arm import Arm
+from .result import Result
 
 #: What is watched, of every beam, and in which words.
 KINDS = MappingProxyType(
@@ -57,7 +55,8 @@ def first_frequency(arm: Arm) -> float:
 
 
 def softened(arm: Arm, result: Result) -> str:
-    """Which beam of order 1 turns faster than its first frequency at the end of a run, where it diverges; or ""."""
+    """Names a beam of order 1 that turns faster than its first frequency at the end of a run, where it diverges; else
+    it returns ""."""
     for k, link in enumerate(arm.links):
         if link.beam is None or link.beam.order != 1 or not link.beam.ne:
             continue
@@ -72,7 +71,7 @@ def softened(arm: Arm, result: Result) -> str:
 
 
 def readings(arm: Arm, result: Result, frequency: float = np.nan) -> dict[tuple[str, int], Array]:
-    """By (what, link), each monitor along a run, (nt,). Costs some microseconds a row and beam.
+    """Each monitor along a run, (nt,), by (what, link). It costs some microseconds a row and beam.
 
     Args:
         frequency: the arm's first one (rad/s); nan: its spin is not read.
@@ -141,8 +140,9 @@ class Watch:
     def look(self, result: Result) -> WatchWarning | None:
         """The warning that a run deserves, of what it has left first; or None."""
         found: list[tuple[float, str, int, float, float]] = []
+        limits = {(what, result.arm._link(k)): limit for (what, k), limit in self.limits.items()}
         for (what, k), values in readings(result.arm, result, self.frequency).items():
-            limit = self.limits.get((what, k), np.inf)
+            limit = limits.get((what, k), np.inf)
             past = np.flatnonzero(~(values <= limit))
             if past.size:
                 found.append((float(result.t[past[0]]), what, k, float(values.max()), limit))

@@ -96,7 +96,7 @@ class PowerSpectrum:
         return np.asarray(self.frequency[at] + shift * (self.frequency[1] - self.frequency[0]))
 
 
-def psd(t: ArrayLike, y: ArrayLike, segment: float | None = None, window: str = "hann") -> PowerSpectrum:
+def psd(t: ArrayLike, y: ArrayLike, *, segment: float | None = None, window: str = "hann") -> PowerSpectrum:
     """Power spectral density of an evenly sampled signal, without its mean, as the paper's Fig. 7 shows of a gauge.
 
     Args:

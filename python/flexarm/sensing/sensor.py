@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike
 from .._check import Array, array, number, whole
 from ..acting.load import Load
 from ..arm import Arm
-from ..parts.beam import _numbers
-from ..parts.part import _Part
+from ..parts.beam import as_floats
+from ..parts.part import Part
 from ..run.result import Result
 from .reading import Reading
 
@@ -31,7 +31,7 @@ _FINER = 10  # a sensor may sample so many times between two output times
 
 
 @dataclass(frozen=True)
-class Sensor(_Part):
+class Sensor(Part):
     """What all sensors share. `resolution`, `noise` and `range` are in the sensor's unit, each one number or one for
     each component; by default there is none of any.
 
@@ -70,7 +70,7 @@ class Sensor(_Part):
             if value is None:
                 continue
             if isinstance(value, (list, tuple)):
-                self._set(name, _numbers(array(name, value)))
+                self._set(name, as_floats(array(name, value)))
             if not (array(name, value) >= 0).all() or (name != "noise" and not np.all(value)):
                 raise ValueError(f"{name} = {value}: must {'not be negative' if name == 'noise' else 'be positive'}")
         if whole("seed", self.seed) < 0:
@@ -90,6 +90,7 @@ class Sensor(_Part):
         v: ArrayLike,
         a: ArrayLike | None = None,
         tau: ArrayLike | None = None,
+        *,
         loads: Sequence[Load] | None = None,
     ) -> Array:
         """What is there to be measured: no sampling, delay, noise, steps or saturation.
@@ -125,7 +126,7 @@ class Sensor(_Part):
             self._instants(t)
         zero = np.zeros(arm.nv)
         self.measure(arm, 0.0, arm.zero, zero, zero)
-        _Chain(self, arm)
+        _Instrument(self, arm)
 
     def read(self, result: Result) -> Reading:
         """What the instrument reads of a simulated run.
@@ -140,7 +141,7 @@ class Sensor(_Part):
                 that of the output times.
         """
         arm = result.arm
-        chain = _Chain(self, arm)
+        instrument = _Instrument(self, arm)
         if len(result.t) < 2:
             raise ValueError(f"result: has {len(result.t)} rows; a reading needs at least two")
         if self.feels_loads and result.loads is None:
@@ -151,11 +152,11 @@ class Sensor(_Part):
         state = _at(result, np.clip(t - self.delay, result.t[0], None) if self.delay or self.rate else None)
         y = self.measure(arm, *state, loads=result.loads)
         names, units = zip(*self.components(arm), strict=True)
-        return Reading(t, chain(y), self.title(arm), names, units)
+        return Reading(t, instrument(y), self.title(arm), names, units)
 
-    def sampler(self, arm: Arm, loads: Sequence[Load] | None = None) -> Sampler:
+    def sampler(self, arm: Arm, *, loads: Sequence[Load] | None = None) -> Sampler:
         """The instrument as a control loop sees it; see Sampler."""
-        return Sampler(self, arm, loads)
+        return Sampler(self, arm, loads=loads)
 
     def title(self, arm: Arm) -> str:
         """A name, such as "strain gauge +y, link 0 at 0.01 m"."""
@@ -165,7 +166,7 @@ class Sensor(_Part):
         return self.type.replace("_", " ")
 
     def _where(self, arm: Arm) -> str:
-        link, x = arm._link(getattr(self, "link", 0)), getattr(self, "x", None)
+        link, x = arm._link(getattr(self, "link", -1)), getattr(self, "x", None)
         return f"link {link} end" if x is None else f"link {link} at {x:g} m"
 
     def _each(self, name: str, count: int, without: float) -> Array:
@@ -189,8 +190,8 @@ class Sensor(_Part):
         return np.asarray(t[0] + np.arange(count) / self.rate)
 
 
-class _Chain:
-    """From what is there to what is read: noise, then steps, then saturation, of rows (..., k) in turn."""
+class _Instrument:
+    """Turns what is there into what is read: it adds noise to rows (..., k), rounds them to steps, and saturates."""
 
     def __init__(self, sensor: Sensor, arm: Arm) -> None:
         count = len(sensor.components(arm))
@@ -198,6 +199,8 @@ class _Chain:
         self.range = sensor._each("range", count, np.inf)
         self.step = sensor.steps(arm)
         place = {k: v for k, v in sensor._arguments().items() if k not in _COMMON}
+        if "link" in place:  # -1 and the last link's number are one place
+            place["link"] = arm._link(place["link"])
         self.rng = np.random.default_rng([sensor.seed, zlib.crc32(f"{sensor.type} {place}".encode())])
 
     def __call__(self, y: Array, skip: int = 0) -> Array:
@@ -238,14 +241,14 @@ class Sampler:
         loads: external forces and moments, which a force/torque sensor feels.
     """
 
-    def __init__(self, sensor: Sensor, arm: Arm, loads: Sequence[Load] | None = None) -> None:
+    def __init__(self, sensor: Sensor, arm: Arm, *, loads: Sequence[Load] | None = None) -> None:
         sensor.check(arm)
         self.sensor, self.arm, self.loads = sensor, arm, loads
         self.reset()
 
     def reset(self) -> None:
         """Forgets everything and starts its noise again."""
-        self._chain = _Chain(self.sensor, self.arm)
+        self._instrument = _Instrument(self.sensor, self.arm)
         self._seen: deque[tuple[float, Array]] = deque()
         self._start = 0.0
         self._count = -1
@@ -260,14 +263,14 @@ class Sampler:
             self._start = t
         elif not t > self._seen[-1][0]:
             raise ValueError(f"t = {t}: must be later than the last call's, {self._seen[-1][0]}")
-        self._seen.append((t, s.measure(self.arm, t, q, v, a, tau, self.loads)))
+        self._seen.append((t, s.measure(self.arm, t, q, v, a, tau, loads=self.loads)))
         now, missed = t, 0
         if s.rate is not None:
             count = int(np.floor((t - self._start) * s.rate + 1e-6))
             if count == self._count:
                 return self._last.copy()
             now, missed, self._count = self._start + count / s.rate, count - self._count - 1, count
-        self._last = self._chain(self._back_at(now - s.delay), missed)
+        self._last = self._instrument(self._back_at(now - s.delay), missed)
         return self._last.copy()
 
     def _back_at(self, t: float) -> Array:

@@ -9,8 +9,8 @@ import numpy as np
 
 from .._check import Array, array, choice, number, whole
 from ..arm import Arm
-from ..parts.beam import Beam, Circle, Rectangle, Taper, Vector, _numbers
-from ..parts.joints import _UNIT
+from ..parts.beam import Beam, Circle, Rectangle, Taper, Vector, as_floats
+from ..parts.joints import UNIT
 from .sensor import Component, Sensor
 
 # -- on a joint ----------------------------------------------------------------------------------------------------
@@ -18,7 +18,7 @@ from .sensor import Component, Sensor
 
 @dataclass(frozen=True)
 class _OnFreedom(Sensor):
-    link: int = 0
+    link: int = -1
     freedom: int = 0
 
     def _rate(self, arm: Arm) -> int:
@@ -37,7 +37,7 @@ class Encoder(_OnFreedom):
     """Incremental encoder: the coordinate of a joint (rad; m), in steps.
 
     Args:
-        link, freedom: which joint, and which of its freedoms.
+        link, freedom: which joint (-1 is the last), and which of its freedoms.
         pulses: per revolution (per metre of a prismatic joint); None: no steps.
         quadrature: four counts a pulse, from both edges of both tracks.
         gear: turns of the encoder for one of the joint, where it sits on the motor.
@@ -81,7 +81,7 @@ class Tachometer(_OnFreedom):
     """The rate of a joint (rad/s; m/s).
 
     Args:
-        link, freedom: which joint, and which of its freedoms.
+        link, freedom: which joint (-1 is the last), and which of its freedoms.
     """
 
     type: ClassVar[str] = "tachometer"
@@ -98,11 +98,11 @@ class ForceTorque(Sensor):
     """Six-component force/torque sensor in a joint: what it passes on to its link, as `Arm.joint_reaction` has it.
 
     Args:
-        link: which joint.
+        link: which joint; -1 is the last.
         side: "outboard": at the link's origin, in its axes; "inboard": at the end of the link below, in its axes.
     """
 
-    link: int = 0
+    link: int = -1
     side: str = "outboard"
     type: ClassVar[str] = "force_torque"
     needs_a: ClassVar[bool] = True
@@ -120,9 +120,10 @@ class ForceTorque(Sensor):
 
     def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
         if not loads or t.ndim == 0:
-            return arm.joint_reaction(q, v, a, self.link, self.side, loads, float(t) if t.ndim == 0 else 0.0)
+            return arm.joint_reaction(q, v, a, self.link, self.side, loads=loads, t=float(t) if t.ndim == 0 else 0.0)
         rows = zip(t, q, v, array("a", a), strict=True)
-        return np.array([arm.joint_reaction(x, y, z, self.link, self.side, loads, float(s)) for s, x, y, z in rows])
+        place = (self.link, self.side)
+        return np.array([arm.joint_reaction(x, y, z, *place, loads=loads, t=float(s)) for s, x, y, z in rows])
 
 
 # -- on a slice ----------------------------------------------------------------------------------------------------
@@ -131,10 +132,10 @@ class ForceTorque(Sensor):
 _FACES = {"+y": (2, -1.0), "-y": (2, 1.0), "+z": (1, 1.0), "-z": (1, -1.0)}
 
 
-def _half(section: Any, along: str, x: float) -> float | None:
-    """From the neutral axis to a face (m); None where the section does not tell."""
+def half_thickness(section: Any, along: str, x: float) -> float | None:
+    """The distance from the neutral axis to a face (m); None where the section does not tell."""
     if isinstance(section, Taper):
-        parts = [_half(part, along, x) for part in section.sections]
+        parts = [half_thickness(part, along, x) for part in section.sections]
         if len({type(part) for part in section.sections}) > 1 or None in parts:
             return None
         return float(np.interp(x, section.x, np.array(parts, dtype=float)))
@@ -152,7 +153,7 @@ class StrainGauge(Sensor):
     and -y and -z the opposite. Curvature, as of Eq. 97, is K3 = -strain / y.
 
     Args:
-        link: which link's beam. x: where along it (m).
+        link: which link's beam; -1 is the last. x: where along it (m).
         face: "+y", "-y", "+z" or "-z".
         gauge_factor: None: the reading is the strain; else the relative change of resistance, gauge_factor * strain.
             A full bridge of four gauges in bending, two on each face, gives this share of its supply voltage.
@@ -160,7 +161,7 @@ class StrainGauge(Sensor):
             or a taper of either.
     """
 
-    link: int = 0
+    link: int = -1
     x: float = 0.0
     face: str = "+y"
     gauge_factor: float | None = None
@@ -186,7 +187,7 @@ class StrainGauge(Sensor):
         beam = arm.links[arm._link(self.link)].beam
         if not isinstance(beam, Beam):
             raise ValueError(f"link = {self.link}: has no beam to bond a strain gauge on")
-        found = _half(beam.section, self.face[1], self.x) if self.distance is None else self.distance
+        found = half_thickness(beam.section, self.face[1], self.x) if self.distance is None else self.distance
         if found is None:
             raise ValueError("distance = None: this section does not tell how far its faces are; give it in m")
         return found
@@ -202,7 +203,7 @@ class Accelerometer(Sensor):
     """Accelerometer on a slice, in the slice's own axes (m/s^2).
 
     Args:
-        link: which link. x: where along its beam (m); None: the link's end.
+        link: which link; -1 is the last. x: where along its beam (m); None: the link's end.
         axis: "x", "y", "z", a direction of three numbers, or "xyz" for all three axes.
         gravity: True: specific force, R^T (a - g), as a real one reads: at rest, 9.81 upwards. False: R^T a.
     """
@@ -219,9 +220,9 @@ class Accelerometer(Sensor):
         if self.x is not None:
             number("x", self.x)
         if isinstance(self.axis, str):
-            choice("axis", self.axis, (*_UNIT, "xyz"))
+            choice("axis", self.axis, (*UNIT, "xyz"))
         else:
-            self._set("axis", _numbers(array("axis", self.axis, (3,))))
+            self._set("axis", as_floats(array("axis", self.axis, (3,))))
             if not np.any(self.axis):
                 raise ValueError(f"axis = {self.axis}: must not be zero")
         if not isinstance(self.gravity, bool):
@@ -239,7 +240,7 @@ class Accelerometer(Sensor):
         own: Array = np.einsum("...ij,...i->...j", arm.frame(q, self.link, self.x)[1], felt)  # R^T
         if self.axis == "xyz":
             return own
-        along = np.array(_UNIT[self.axis] if isinstance(self.axis, str) else self.axis)
+        along = np.array(UNIT[self.axis] if isinstance(self.axis, str) else self.axis)
         return np.asarray((own @ (along / np.linalg.norm(along)))[..., None])
 
 
@@ -248,7 +249,7 @@ class Camera(Sensor):
     """Camera, or another tracker, that follows the place of a slice (m, three components).
 
     Args:
-        link: which link. x: where along its beam (m); None: the link's end.
+        link: which link; -1 is the last. x: where along its beam (m); None: the link's end.
         axes: "world": a camera that stands still: the place in the world; "link": one that turns with the link's hub:
             the displacement from where the undeformed link has that slice, in the axes of the hub (needs a beam).
     """

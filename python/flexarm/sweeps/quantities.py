@@ -12,7 +12,7 @@ from .._check import Array, array, choice
 from ..arm import Arm
 from ..parts.labels import joint_coordinates
 from ..run.result import Result
-from ..sensing.sensors import _half
+from ..sensing.sensors import half_thickness
 
 _PLACES = 17  # along a beam, where its strain is looked at
 
@@ -77,7 +77,7 @@ def _strain(result: Result, link: int, band: float) -> Array:
         curvature = np.abs(result.strain(link, float(x))[:, 1:3]).max(axis=0, initial=0.0)  # K2 bends z, K3 bends y
         for K, along in zip(curvature, "zy", strict=True):
             if K:
-                half = _half(beam.section, along, float(x))
+                half = half_thickness(beam.section, along, float(x))
                 greatest = max(greatest, float(K) * (np.nan if half is None else half))
     return np.array([greatest])
 
@@ -168,7 +168,7 @@ def check_quantities(arm: Arm, names: Sequence[Any], link: int) -> list[tuple[st
     for name in names:
         if name in ("tip_deflection", "residual", "strain") and beam is None:
             raise ValueError(f"outputs: {name}: link {link} has no beam; choose another link, or other outputs")
-        if name == "strain" and beam is not None and _half(beam.section, "y", 0.0) is None:
+        if name == "strain" and beam is not None and half_thickness(beam.section, "y", 0.0) is None:
             raise ValueError(f"outputs: strain: the section of link {link} does not tell how far its faces are")
     columns = [column for name in names for column in quantity(name).columns(arm, arm._link(link))]
     twice = {name for name, _ in columns if [n for n, _ in columns].count(name) > 1}

@@ -160,7 +160,7 @@ class Sweep:
             of all, then the second, ...
         outputs: what is noted of each run: names of flexarm.quantities.QUANTITIES, or functions of a Result that give
             one number.
-        link: whose beam is meant.
+        link: whose beam is meant; -1 is the last.
         band: of "settling": the part of the whole way.
         trajectories: whether q and v are kept too; every: of which output times.
         title: of tables and figures.
@@ -169,7 +169,7 @@ class Sweep:
     vary: Sequence[Vary]
     combine: str = "product"
     outputs: Sequence[str | Callable[[Any], float]] = ("tip_deflection", "settling", "strain")
-    link: int = 0
+    link: int = -1
     band: float = 0.02
     trajectories: bool = False
     every: int = 1

@@ -1,0 +1,153 @@
+"""What is to be simulated: the arguments of a run, checked, as the core takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._check import Array, array, number, whole
+from ..acting.control import Controller, control_laws, extended, padded
+from ..acting.drive import Motion, Torque
+from ..acting.load import at_time
+from ..acting.voltage import patch_laws, split_drives
+from ..analysis import loops
+from ..arm import Arm
+from .pulses import PulseWarning, missed
+from .result import Result
+
+
+class Problem:
+    """What is to be simulated, checked, as the core takes it.
+
+    Attributes:
+        arm, times, loads, controls: as given.
+        start: q0, v0 and tau, of the arm alone.
+        laws: (rate or -1, whether it prescribes that rate's motion, law of time, column of forces) of each drive.
+        prescribed: the rates whose motion is given.
+        feedback, sampled: laws of the controllers. events: (callable, occurrence that ends the run or 0, direction).
+        both: the arm with a link for each state of a controller, which the core integrates.
+    """
+
+    def __init__(self, arm: Arm, t: ArrayLike, q0: Any, v0: Any, tau: Any, drive: Any, loads: Any, control: Any,
+                 events: Any) -> None:  # fmt: skip
+        self.arm, self.times = arm, _output_times(t)
+        self.start = _initial_state(arm, q0, v0, tau)
+        self.laws = _drive_laws(arm, drive, self.times, self.start, {"q0": q0, "v0": v0})
+        places, _ = at_time(arm, loads, float(self.times[0]))
+        self.loads = tuple(loads or ())
+        for k, load in enumerate(self.loads):
+            load.check_span(f"loads[{k}]", self.times)
+        self.wrenches = [(place, load.law) for place, load in zip(places, self.loads, strict=True)]
+        self.prescribed = [i for i, moves, *_ in self.laws if moves]
+        self.feedback, self.sampled, memory = control_laws(arm, control, self.times, self.loads, self.prescribed)
+        self.controls = [control] if isinstance(control, Controller) else list(control or ())
+        self.both = extended(arm, memory) if memory else arm
+        self.events = [(self._of_arm(f), n, direction) for f, n, direction in read_events(events)]
+
+    def _of_arm(self, event: Callable[..., Any]) -> Callable[..., Any]:
+        """The event, of the arm's part of q and v."""
+        nq, nv = self.arm.nq, self.arm.nv
+        return lambda t, q, v: event(t, q[:nq], v[:nv])
+
+    def unstable(self, time: float, failed: bool) -> loops.LoopWarning | None:
+        """The loop of control that has made the run grow in `time` (s), if one has."""
+        if not self.controls:
+            return None
+        start = padded(self.start["q0"], self.both.nq)
+        return loops.unstable(
+            self.arm, self.both, start, self.prescribed, self.times, self.loads, self.controls, self.sampled, time,
+            failed,
+        )  # fmt: skip
+
+    def result(self, out: dict[str, Any]) -> Result:
+        """Makes a Result of what the core gave, and leaves the controllers' states out."""
+        arm, done = self.arm, len(out["q"])
+        sizes = {"q": arm.nq, "v": arm.nv, "a": arm.nv, "tau": arm.nv, "friction": arm.nv}
+        kept: dict[str, Any] = {k: out[k] for k in sizes}
+        if self.both is not arm:
+            kept = {k: None if x is None else np.ascontiguousarray(x[:, : sizes[k]]) for k, x in kept.items()}
+        status = int(out["terminated"])
+        found = Result(arm, self.times[:done], stats=out["stats"], loads=self.loads, status=status, **kept)
+        if self.events:
+            found.t_events, q, v = (list(x) for x in zip(*out["events"], strict=True))
+            found.q_events, found.v_events = [x[:, : arm.nq] for x in q], [x[:, : arm.nv] for x in v]
+        return found
+
+    def missed(self, asked: Any) -> Iterator[PulseWarning | None]:
+        """Warnings of what the steps have not seen of callables: of drives, loads and references of control."""
+        names = [f"drive of '{self.arm.coordinates[i]}'" if not len(column) else "voltage"
+                 for i, _, _, column in self.laws]  # fmt: skip
+        names += [f"loads[{k}]" for k in range(len(self.wrenches))]
+        callables = [law for _, _, law, _ in self.laws] + [law for _, law in self.wrenches]
+        references = [law for _, _, _, law, _ in self.feedback if law is not None]
+        names += ["reference of control"] * len(references)
+        for name, law, calls in zip(names, callables + references, asked, strict=True):
+            if calls is not None:
+                yield missed(name, law, calls, float(self.times[0]), float(self.times[-1]))
+
+
+def _output_times(t: ArrayLike) -> Array:
+    times = array("t", t)
+    if times.ndim != 1 or times.size < 2:
+        raise ValueError(f"t has shape {times.shape}: must be one list of at least two times")
+    return times
+
+
+def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:
+    """q0, v0 and tau, zero where they are None."""
+    state = {}
+    for name, value, zero in (("q0", q0, arm.zero), ("v0", v0, np.zeros(arm.nv)), ("tau", tau, np.zeros(arm.nv))):
+        if name == "tau" and value is not None and np.ndim(value) > 1:
+            raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
+        state[name] = zero if value is None else array(name, value, zero.shape)
+    arm.check_balls("q0", state["q0"])
+    return state
+
+
+def _drive_laws(
+    arm: Arm, drive: Any, times: Array, state: Mapping[str, Array], given: Mapping[str, Any]
+) -> list[tuple[int, bool, Any, Array]]:
+    """The drives as the core takes them. Prescribed joints start where their motion does, which this writes into
+    `state`; a q0 or v0 that was `given` and says otherwise is an error."""
+    joints, patches = split_drives(drive)
+    laws = patch_laws(arm, patches, times)
+    for i, law in arm.by_rate("drive", joints).items():
+        where = f"drive of '{arm.coordinates[i]}'"
+        if not isinstance(law, (Motion, Torque)):
+            raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
+        law.check_span(where, times)
+        laws.append((i, isinstance(law, Motion), law.law, np.zeros(0)))
+        if isinstance(law, Torque):
+            continue
+        law.check_rates(where, times)
+        start = array(f"{where} at t = {times[0]}", law(float(times[0])), (3,))
+        k = arm.coordinate_of(i)
+        if k < 0:
+            raise ValueError(f"{where}: the motion of a ball cannot be prescribed; use three rotations (Axes)")
+        for name, at, value in (("q0", k, start[0]), ("v0", i, start[1])):
+            if given[name] is not None and abs(state[name][at] - value) > 1e-9 * max(1.0, abs(value)):
+                raise ValueError(f"{name}[{at}] = {state[name][at]}: {where} prescribes {value} at t = {times[0]}")
+            state[name][at] = value
+    return laws
+
+
+def read_events(events: Any) -> list[tuple[Any, int, int]]:
+    """(callable, occurrence that ends the run or 0, direction) of each event."""
+    given = [] if events is None else [events] if callable(events) else events
+    if not isinstance(given, (list, tuple)):
+        raise ValueError(f"events = {events!r}: must be a callable (t, q, v) -> float, or a list of them")
+    out = []
+    for k, f in enumerate(given):
+        if not callable(f):
+            raise ValueError(f"events[{k}] = {f!r}: must be a callable (t, q, v) -> float")
+        terminal, direction = getattr(f, "terminal", False), getattr(f, "direction", 0)
+        count = int(terminal) if isinstance(terminal, (bool, np.bool_)) else whole(f"events[{k}].terminal", terminal)
+        if count < 0:
+            raise ValueError(f"events[{k}].terminal = {terminal}: must be True, False or a number of occurrences")
+        if number(f"events[{k}].direction", direction) not in (-1, 0, 1):
+            raise ValueError(f"events[{k}].direction = {direction}: must be -1, 0 or 1")
+        out.append((f, count, int(direction)))
+    return out
