@@ -1,10 +1,10 @@
-"""The walk of `economize`: indicators first, then models verified by simulation, then a check off the path."""
+"""How `economize` decides: indicators first, then models verified by simulation, then a check off the path."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,23 +14,31 @@ from ..arm import Arm
 from ..parts.beam import STRAINS
 from ..run.watch import first_frequency, readings
 from ..scene.scene import Scene
-from .descent import Descent, Estimates, Sizes, counts, keys
-from .indicate import Indicators, excited, growth
-from .measure import Quantity
-from .rung import ORDERS, Model, Rung, Rungs
-from .trial import OutOfTime, Trial, Trials
+from .coordinates import some_rows
+from .decisions import DECISIONS
+from .descent import Descent
+from .evidence import Estimates, Evidence, Sizes, keys
+from .indicators import Indicators
+from .integrators import by_tolerance
+from .measures import Measure
+from .models import ORDERS, BeamModel, Model, Models
+from .steps import differs, finer, settle
+from .symmetry import excited, growth
+from .times import times_to_compare
+from .trials import Budget, OutOfTime, Trial, Trials
 
 _SMALL = 1 / 30  # of the tolerance: what is estimated to do less is left out of the reference
 _AGREE = 1 / 3  # of the tolerance: how close reference and check must be
 _BEYOND = 1.5  # times the gap: what may be left beyond the check, where convergence is slow
 _ROUNDS = 3  # references, at most
+_SHEAR = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear"))
 _CLOSE = 1601  # rows of a run in which growth is looked for, where fewer show some
 _GROWTH = 100.0  # of what symmetry leaves out, within the run: more, and the run hangs on that nothing touches it
 
 
 @dataclass
 class Findings:
-    """What the walk found.
+    """What the search found.
 
     Attributes:
         base: the scene's own model, less what symmetry rules out. reference, check: rich runs. lean: the choice, with
@@ -58,21 +66,28 @@ class Findings:
     notes: list[str] = field(default_factory=list)
     sizes: Sizes = field(default_factory=dict)
 
+    @property
+    def rich(self) -> Trial:
+        """What errors are taken from: the check, or the reference where there is none."""
+        return self.check or self.reference
 
-class Economy:
+
+class EconomizeSearch:
     """Decides for one scene.
 
     Args:
-        scene: the scene. quantity: what matters. tol: its tolerance. deadline: time.perf_counter() of giving up.
+        scene: the scene. measure: what matters. tol: its tolerance. budget: time for deciding.
         tell: called with what is being done.
     """
 
     def __init__(
-        self, scene: Scene, quantity: Quantity, tol: float, deadline: float, tell: Callable[[str], None]
+        self, scene: Scene, measure: Measure, tol: float, budget: Budget, tell: Callable[[str], None]
     ) -> None:
-        self.scene, self.quantity, self.tol, self.tell = scene, quantity, tol, tell
-        self.rungs = Rungs(scene)
-        self.trials = Trials(self.rungs, quantity, deadline)
+        self.scene, self.measure, self.tol, self.tell = scene, measure, tol, tell
+        self.models = Models(scene)
+        # a user's own function of a Result may count on the scene's output times
+        own = scene.t[some_rows(len(scene.t), 400)]
+        self.trials = Trials(self.models, measure, budget, own if callable(measure.what) else times_to_compare(scene.t))
         self.reached: dict[int, Array] = {}
         self.estimates = Estimates()
         self.rebase = False
@@ -86,60 +101,52 @@ class Economy:
             all_strains: what it leaves out, too.
             than: more modes of every strain than this model has, too, in Legendre polynomials where they may stand in.
         """
-        many = sum(r is not None for r in self.rungs.given) > 4
+        many = sum(beam is not None for beam in self.models.given.beams) > 4
         least = (2, 2, 1, 1, 1) if many else (4, 4, 2, 2, 2)
         more = (1, 1, 0, 0, 0) if many else (2, 2, 1, 1, 1)
-        out: list[Rung | None] = []
-        for k, rung in enumerate(self.rungs.given):
-            if rung is None:
-                out.append(None)
-                continue
-            most = self.rungs.most(k)
-            numbers = []
-            for s, n in enumerate(rung.counts):
-                own = isinstance(self.scene.arm.links[k].beam.modes.get(STRAINS[s]), tuple)  # type: ignore[union-attr]
+
+        def rich(k: int, beam: BeamModel) -> BeamModel:
+            numbers, most = [], self.models.most(k)
+            for s, n in enumerate(beam.counts):
                 want = n
-                if not (self.rungs.pinned or own):
+                if not (self.models.pinned or self.models.own_shapes(k, s)):
                     want = max(n + more[s], least[s]) + (1 + (s < 2)) * extra
+                    want = want if than is None else max(want, than.counts(k)[s] + 1 + (s < 2))
                 limit = most[s]
-                if than is not None and not (self.rungs.pinned or own):
-                    want = max(want, counts(than[k])[s] + 1 + (s < 2))
                 want = want if limit is None else min(want, limit)
                 numbers.append(want if all_strains or k not in self.reached or self.reached[k][s] else 0)
-            out.append(Rung(tuple(numbers), "exact", True, None))
-        model: Model = tuple(out)
-        return self._based(model) if than is None else self.rungs.rebased(model)
+            return BeamModel(tuple(numbers), "exact", True)
+
+        model = self.models.given.each(rich)
+        return self._based(model) if than is None else self._rebased(model)
 
     def richer(self, lean: Model) -> Model:
         """The enriched model whose coordinates have those of the lean one among them."""
-        model = self.enriched(0)
-        if any(r is not None and r.basis for r in lean):
-            model = self.rungs.rebased(model)
-        more: list[Rung | None] = []
-        for r, own in zip(model, lean, strict=True):
-            more.append(r and own and replace(r, counts=tuple(map(max, r.counts, own.counts))))
-        return tuple(more)
+        model = self._rebased(self.enriched(0)) if lean.basis else self.enriched(0)
+        return model.each(lambda k, b: replace(b, counts=tuple(map(max, b.counts, lean.counts(k)))))
+
+    def _rebased(self, model: Model) -> Model:
+        """In Legendre polynomials, unless something reads the elastic coordinates by number."""
+        return model if self.models.pinned else self.models.rebased(model)
 
     def _based(self, model: Model) -> Model:
-        return self.rungs.rebased(model) if self.rebase else model
+        return self._rebased(model) if self.rebase else model
 
     def find_symmetry(self) -> None:
         """Which strains of which links nothing excites, not even by way of others."""
-        model = tuple(
-            None if r is None else Rung(tuple(min(n, 2) for n in r.counts), 2, True) for r in self.enriched(0)
-        )
-        scene = self.trials.scene(model, {})
+        few = self.enriched(0).each(lambda k, b: BeamModel(tuple(min(n, 2) for n in b.counts), 2, True))
+        scene = self.trials.scene(few, {})
         moves = excited(scene)
         found = {}
         for k, link in enumerate(scene.arm.links):
             if link.beam is None:
                 continue
-            at, reached = scene.arm._core.first(k) + link.joint.nv, np.zeros(5, dtype=bool)
+            at, reached = scene.arm._core.first(k) + link.joint.nv, np.zeros(len(STRAINS), dtype=bool)
             for s, name in enumerate(STRAINS):
                 n = link.beam.counts.get(name, 0)
                 reached[s], at = moves[at : at + n].any(), at + n
-            found[k] = reached if not self.rungs.pinned else np.array(counts(self.rungs.given[k])) > 0
-        for group in self.rungs.groups:  # chosen alike, so reached alike
+            found[k] = reached if not self.models.pinned else np.array(self.models.given.counts(k)) > 0
+        for group in self.models.groups:  # chosen alike, so reached alike
             together = np.any([found[k] for k in group], axis=0)
             self.reached |= {k: together for k in group}
 
@@ -148,20 +155,20 @@ class Economy:
         return self._based(self._own())
 
     def _own(self) -> Model:
-        return tuple(
-            r and replace(r, counts=tuple(n * bool(m) for n, m in zip(r.counts, self.reached[k], strict=True)))
-            for k, r in enumerate(self.rungs.given)
-        )
+        def moving(k: int, beam: BeamModel) -> BeamModel:
+            return replace(beam, counts=tuple(n * bool(m) for n, m in zip(beam.counts, self.reached[k], strict=True)))
+
+        return self.models.given.each(moving)
 
     def find_basis(self) -> None:
         """Whether Legendre polynomials serve better than the scene's basis, at the same count: where their first
         frequency, which Ritz's method has from above, is lower by what matters; and under patches that are driven."""
         own = self._own()
-        other = self.rungs.rebased(own)
+        other = self._rebased(own)
         if other == own:
             return
         driven = bool(split_drives(self.scene.drive)[1])
-        w, better = (first_frequency(self.rungs.arm(model)) for model in (own, other))
+        w, better = (first_frequency(self.models.arm(model)) for model in (own, other))
         self.rebase = driven or w - better > 0.1 * self.tol * w
 
     # -- indicators --------------------------------------------------------------------------------------------------
@@ -170,60 +177,56 @@ class Economy:
         """Estimates, from a run of the base, what each coordinate of the rich model and each order matters."""
         assert base.result is not None
         scene = self.trials.scene(rich, {})
-        found = Indicators(scene, base.result, self.quantity, {})
+        found = Indicators(scene, base.result, self.measure, {})
         share = dict(zip(keys(scene.arm), found.share, strict=True))
         share.pop((-1, -1, -1), None)
-        by_order, rotary = self._poorer(base)
+        by_order, without = self._poorer(base)
         assert base.arm is not None
         w = first_frequency(base.arm)
         most = {key: float(values.max()) for key, values in readings(base.arm, base.result, w).items()}
         spin, turn = ({k: x for (what, k), x in most.items() if what == kind} for kind in ("spin", "rotation"))
-        self.estimates = Estimates(share, by_order, rotary, spin, turn, w)
+        self.estimates = Estimates(share, by_order, without, spin, turn, w)
 
-    def _poorer(self, base: Trial) -> tuple[dict[int | str, float], float]:
-        """What each order is off by, and what leaving rotary inertia out costs."""
+    def _poorer(self, base: Trial) -> tuple[dict[int | str, float], dict[str, float]]:
+        """What each order is off by, and what leaving out costs, by name."""
         assert base.result is not None
-        exact = tuple(r and replace(r, order="exact", rotary=True, gauss=None) for r in base.model)
-        if not any(sum(counts(r)) for r in exact):
-            return {}, np.inf
-        poorer: dict[int | str, Model] = {o: tuple(r and replace(r, order=o) for r in exact) for o in ORDERS[:-1]}
-        poorer["rotary"] = tuple(r and replace(r, rotary=False) for r in exact)
-        variants: dict[int | str, Arm] = {}
-        for name, model in poorer.items():
-            try:
-                variants[name] = self.rungs.arm(model)
-            except ValueError:
-                continue  # torsion and shear need rotary inertia, order 0 inertia that an arm may not have
-        found = Indicators(self.trials.scene(exact, {}), base.result, self.quantity, variants).variants
-        rotary = found.pop("rotary", np.inf)
-        return {**found, "exact": 0.0}, rotary
+        exact = base.model.but(order="exact", rotary=True, gauss=None)
+        if not exact.elastic:
+            return {}, {}
+        variants: dict[Any, Arm] = {}
+        for decision in DECISIONS:
+            for name, model in decision.poorer(self.models, exact).items():
+                try:
+                    variants[name] = self.models.arm(model)
+                except ValueError:
+                    continue  # torsion and shear need rotary inertia, order 0 inertia that an arm may not have
+        found = Indicators(self.trials.scene(exact, {}), base.result, self.measure, variants).variants
+        by_order = {order: found.pop(order) for order in ORDERS if order in found}
+        return {**by_order, "exact": 0.0}, found
 
     def relevant(self, rich: Model, base: Model) -> Model:
         """Of the rich model, what the indicators say may matter; never less than the base."""
-        out: list[Rung | None] = []
-        small = _SMALL * self.tol
-        for k, (rung, own) in enumerate(zip(rich, base, strict=True)):
-            if rung is None or own is None:
-                out.append(None)
-                continue
-            group = next(g for g in self.rungs.groups if k in g)
-            share, numbers = self.estimates.share, []
-            for s, n in enumerate(rung.counts):
-                matters = [i for i in range(1, n + 1) if max(share[j, s, i] for j in group) > small]
-                numbers.append(max([min(own.counts[s], n), *matters]))
-            fair = self.estimates.by_order.get(2, np.inf) <= small
-            out.append(Rung(tuple(numbers), 2 if fair else "exact", True, None, rung.basis))
-        return tuple(out)
+        small, share = _SMALL * self.tol, self.estimates.share
+        order = 2 if self.estimates.by_order.get(2, np.inf) <= small else "exact"
+
+        def matters(k: int, beam: BeamModel) -> BeamModel:
+            group, numbers = next(g for g in self.models.groups if k in g), []
+            for s, (n, own) in enumerate(zip(beam.counts, base.counts(k), strict=True)):
+                seen = [i for i in range(1, n + 1) if max(share[j, s, i] for j in group) > small]
+                numbers.append(max([min(own, n), *seen]))
+            return BeamModel(tuple(numbers), order, True, None, beam.basis)
+
+        return rich.each(matters)
 
     # -- all together ------------------------------------------------------------------------------------------------
 
     def start(self) -> Trial:
         """A first run, of the scene's own model if it can be run."""
         own = self.own()
-        exact = tuple(r and replace(r, order="exact") for r in own)
+        exact = own.but(order="exact")
         for model in dict.fromkeys((own, exact)):
             self.tell("the scene's own model")
-            trial = self.trials.settle(model, self.tol)
+            trial = settle(self.trials, model, self.tol)
             if trial is not None:
                 return trial
         reasons = [t.reason for t in self.trials.runs.values() if t.reason]
@@ -239,9 +242,9 @@ class Economy:
         except OutOfTime:
             raise ValueError("time_budget: is over before the scene's own model could be run; give more") from None
         assert base.values is not None
-        if not self.quantity.span:
-            self.quantity.set_span(base.values)
-        self.trials.keep_state(base)
+        if not self.measure.span:
+            self.measure.set_span(base.values)
+        self.trials.keep_states(base)
         found = Findings(base, base, base)
         found.dormant = {k: tuple(s for s, r in zip(STRAINS, reached, strict=True) if not r)
                          for k, reached in self.reached.items()}  # fmt: skip
@@ -255,18 +258,16 @@ class Economy:
 
     def find_unstable(self, found: Findings) -> None:
         """Whether what symmetry leaves out would stay small, were it touched."""
-        if self.rungs.pinned or found.reference.result is None:
+        if self.models.pinned or found.reference.result is None:
             return
-        more: list[Rung | None] = []
-        for rung, own in zip(self.enriched(0, all_strains=True), found.reference.model, strict=True):
-            if rung is None or own is None:
-                more.append(None)
-                continue
-            few = tuple(n or min(m, 2) for n, m in zip(own.counts, rung.counts, strict=True))
-            order = own.order if own.order in (2, 3) else "exact"
-            more.append(Rung(few, order, True, None, own.basis))
+        rich, lean = self.enriched(0, all_strains=True), found.reference.model
+
+        def few(k: int, own: BeamModel) -> BeamModel:
+            numbers = tuple(n or min(m, 2) for n, m in zip(own.counts, rich.counts(k), strict=True))
+            return BeamModel(numbers, own.order if own.order in (2, 3) else "exact", True, None, own.basis)
+
         try:
-            scene = self.trials.scene(tuple(more), {})
+            scene = self.trials.scene(lean.each(few), {})
             moves = excited(scene)
             grown = growth(scene, found.reference.result, moves)
             if grown > _GROWTH:
@@ -287,17 +288,19 @@ class Economy:
         """A run of the enriched model, in steps that really are finer, at all output times. Where no integrator can do
         it, because friction switches while fast shear must be followed, say, shear is left out, if it is estimated to
         matter little; a note tells."""
-        finer, found.notes = self.trials.finer(reference), []
-        lost = max((x for (_, s, _), x in self.estimates.share.items() if s > 2), default=0.0)
-        unsheared = tuple(
-            r and replace(r, counts=(*r.counts[:3], *own.counts[3:])) if own is not None else r
-            for r, own in zip(rich, reference.model, strict=True)
-        )
-        check = self.trials.run(rich, finer, whole="step" in finer, most=max(10.0, 100.0 * found.base.time))
+        options, found.notes = finer(self.trials, reference), []
+        lost = max((x for (_, s, _), x in self.estimates.share.items() if s in _SHEAR), default=0.0)
+
+        def without_more_shear(k: int, beam: BeamModel) -> BeamModel:
+            numbers = zip(beam.counts, reference.model.counts(k), strict=True)
+            return replace(beam, counts=tuple(own if s in _SHEAR else n for s, (n, own) in enumerate(numbers)))
+
+        unsheared = rich.each(without_more_shear)
+        check = self.trials.run(rich, options, whole="step" in options, most=max(10.0, 100.0 * found.base.time))
         if check.values is None:
             check = self.hard(rich, reference)
         if check.values is None and unsheared != rich and lost <= _SMALL * self.tol:
-            check = self.trials.run(unsheared, finer, whole="step" in finer, most=self.patience())
+            check = self.trials.run(unsheared, options, whole="step" in options, most=self.patience())
             check = check if check.values is not None else self.hard(unsheared, reference)
             found.notes.append(f"the check could not be run with shear, which is estimated at {lost:.1g}")
         return check
@@ -307,10 +310,9 @@ class Economy:
         return max(5.0, 0.5 * self.trials.seconds)
 
     def hard(self, model: Model, other: Trial) -> Trial:
-        """A run of a model that the walk's integrator cannot do, with finer steps, or steps of variable length."""
-        walk, trial = self.trials.walk, other
-        slow = {"integrator": "ida", "rtol": 1e-6, "atol": 1e-9}
-        steps = [{**walk, "step": walk["step"] / k} for k in (8, 64)] if "step" in walk else []
+        """A run of a model that the integrator cannot do, with finer steps, or steps of variable length."""
+        setting, trial, slow = self.trials.setting, other, by_tolerance(1e-6)
+        steps = [{**setting, "step": setting["step"] / k} for k in (8, 64)] if "step" in setting else []
         for options in (*steps, slow, {**slow, "max_order": 2}):
             trial = self.trials.run(model, options, whole="step" in options, most=self.patience())
             if trial.values is not None:
@@ -328,10 +330,11 @@ class Economy:
             reference = found.base  # the check tells what that is worth
         for k in range(_ROUNDS):
             assert reference.values is not None
-            self.quantity.set_span(reference.values)
+            self.measure.set_span(reference.values)
             found.reference, found.reasons = reference, []
-            down = Descent(self.trials, self.estimates, self.tol, reference, self.tell)
-            model, found.sizes = down.reduce(), down.sizes
+            known = Evidence(self.trials, self.tol, reference, self.estimates)
+            down = Descent(known, self.tell)
+            model, found.sizes = down.reduce(), known.sizes
             self.tell("integrators")
             found.lean, found.settings = down.integrate(model)
             found.lean_model_error = self.trials.distance(self.trials.run(model), reference)
@@ -339,9 +342,9 @@ class Economy:
             rich = self.enriched(k, reference.model)
             check = found.check = self.checked(rich, reference, found)
             if check.values is None:
-                found.reasons.append(f"the check, {self.rungs.label(rich)}, cannot be run: {check.reason}")
+                found.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
                 return
-            if not (self.trials.differs(check, reference) and self.trials.differs(check, found.lean)):
+            if not (differs(check, reference) and differs(check, found.lean)):
                 found.reasons.append(f"the check took no more steps, {check.steps}, than what it is to check")
                 return
             found.error = self.trials.distance(found.lean, check)
@@ -352,13 +355,4 @@ class Economy:
                 f"against the check it is off by {found.error:.2g}, and the reference, against which choices were "
                 f"made, by {found.gap:.2g}; tolerance {self.tol:.2g}"
             ]
-            reference, self.trials.walk = check, check.options
-
-
-def decide(
-    scene: Scene, quantity: Quantity, tol: float, time_budget: float | None, tell: Callable[[str], None]
-) -> tuple[Economy, Findings]:
-    """The walk, and what it found."""
-    deadline = np.inf if time_budget is None else time.perf_counter() + time_budget
-    walk = Economy(scene, quantity, tol, deadline, tell)
-    return walk, walk()
+            reference, self.trials.setting = check, check.options
