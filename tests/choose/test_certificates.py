@@ -9,7 +9,8 @@ import flexarm as fa
 import numpy as np
 import pytest
 from choose.economize_scenes import ALUMINIUM, STEEL, STRIP, hub, times
-from flexarm.choose.economize_search import EconomizeSearch, Findings
+from flexarm.choose.economize_search import EconomizeSearch
+from flexarm.choose.findings import Findings
 from flexarm.choose.measures import Measure
 from flexarm.choose.models import Models
 from flexarm.choose.symmetry import excited
@@ -115,8 +116,8 @@ def test_the_run_that_is_judged_is_the_run_that_is_used() -> None:
         {"integrator": "rk4", "step": 0.003},
     ):
         judged = trials.run(model, options, whole=True)
-        used = trials.scene(model, options).run().frame()[0]
-        fine = replace(trials.scene(model, {"integrator": "gauss", "step": 0.02}), t=trials.all).run().frame()[0]
+        used = trials.models.at(model, options).run().frame()[0]
+        fine = replace(trials.models.at(model, {"integrator": "gauss", "step": 0.02}), t=trials.all).run().frame()[0]
         off = np.linalg.norm(judged.full["m"][:, 0] - fine, axis=1)
         assert np.abs(judged.full["m"][at, 0] - used).max() < 1e-12
         between = 1e-5 * TOL * np.ptp(fine, axis=0).max()  # what interpolation between a run's rows may cost
@@ -190,7 +191,7 @@ def test_what_rings_in_the_plane_is_not_taken_for_an_instability_out_of_it() -> 
     search = EconomizeSearch(scene, Measure(scene, "tip"), 0.05, Budget(), lambda doing: None)
     search.find_symmetry()
     base = search.trials.run(search.own(), {"integrator": "gauss", "step": 0.005})
-    found = Findings(base, base, base)
+    found = Findings(search.trials, search.tol, base)
     search.find_unstable(found)
     assert not found.reasons
     strains = {"bending_y": 2, "bending_z": 1, "torsion": 1}

@@ -13,9 +13,9 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, pendulum
-from flexarm.choose.chart_rows import Row
-from flexarm.choose.integrators import LINES
+from flexarm.choose.integrators import LINES, line_options
 from flexarm.choose.models import Models
+from flexarm.choose.trials import Run
 from flexarm.cli import main
 from flexarm.run.simulation import INTEGRATORS
 
@@ -63,7 +63,8 @@ def rerun(chart: fa.Chart, **change: object) -> fa.Result:
     it = chart.truth.row
     models = Models(chart.scene)
     model = models.uniform(change.get("order", it.model.order), change.get("shift", it.model.shift))
-    return chart.scene_of(Row(model, it.choice, change.get("value", it.value))).run()
+    options = line_options(chart.scene, it.choice, change.get("value", it.value), "ab")
+    return chart.scene_of(replace(it, model=model, options=options)).run()
 
 
 # -- the truth -----------------------------------------------------------------------------------------------
@@ -126,7 +127,7 @@ def test_nothing_beats_the_front(chart: fa.Chart) -> None:
 def test_best_on_known_points(chart: fa.Chart) -> None:
     model = chart.rows[0].model
     points = [(1, 5), (2, 6), (3, 1), (0.5, 9), (3, 0.9), (4, 0.9), (9, 1e-9)]
-    rows = [Row(model, "ida", 1.0, time=float(t), error=float(e)) for t, e in points]
+    rows = [Run(model, {"rtol": 1.0}, "ida", time=float(t), error=float(e)) for t, e in points]
     chosen = replace(chart, rows=rows).front
     assert [(r.time, r.error) for r in chosen] == [(0.5, 9), (1, 5), (3, 0.9), (9, 1e-9)]
 
@@ -210,15 +211,15 @@ import os, signal, sys, threading
 import flexarm as fa
 from flexarm import cli
 from flexarm.choose.trials import Trials
-make, calls = Trials.make, []
+run, calls = Trials.run, []
 def slow(*args, **options):
     calls.append(1)
     if len(calls) <= {calls}:
-        return make(*args, **options)
+        return run(*args, **options)
     threading.Timer(0.2, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
     arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, (1, 0, 0)))])
     fa.simulate(arm, [0, 1e6], v0=[1], integrator="rk4", step=1e-3)
-Trials.make = slow
+Trials.run = slow
 sys.exit(cli.main(["chart", {str(path)!r}, "-o", {str(tmp_path)!r}]))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)

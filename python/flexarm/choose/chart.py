@@ -14,10 +14,10 @@ from .._console import aligned, json_text, progress_bar, seconds
 from .._core import __version__
 from ..draw.tradeoff import Line, Point, plot_lines
 from ..scene.scene import Scene, load
-from .chart_rows import Row, Truth, best
-from .chart_search import ChartSearch
+from .chart_search import ChartSearch, Truth, best
 from .integrators import LINES, OVER_OUTPUTS, longest_gap
 from .models import Models
+from .trials import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,7 +43,7 @@ class Chart:
 
     scene: Scene
     quantity: str
-    rows: list[Row]
+    rows: list[Run]
     truth: Truth | None
     methods: dict[str, tuple[float, float]]
     complete: bool
@@ -56,12 +56,12 @@ class Chart:
     def __str__(self) -> str:
         return self.table()
 
-    def with_status(self, status: str) -> list[Row]:
+    def with_status(self, status: str) -> list[Run]:
         """The rows that are "ok", "failed", "skipped" or "cut"."""
         return [r for r in self.rows if r.status == status]
 
     @property
-    def _graded(self) -> list[Row]:
+    def _graded(self) -> list[Run]:
         """Runs with an error, without the truth's own."""
         if self.truth is None:
             return []
@@ -74,11 +74,11 @@ class Chart:
         return self.truth.tolerance if self.truth and math.isfinite(self.truth.tolerance) else 0.0
 
     @property
-    def front(self) -> list[Row]:
+    def front(self) -> list[Run]:
         """The Pareto front, fastest first: runs that no other beats in both time and error."""
         return best(self._graded, self._least)
 
-    def recommend(self, tol: float) -> Row | None:
+    def recommend(self, tol: float) -> Run | None:
         """The fastest run with an error of at most `tol` (over the quantity's span); None if there is none, or if the
         truth's own tolerance is coarser than that."""
         if not number("tol", tol) > 0:
@@ -86,9 +86,9 @@ class Chart:
         good = [r for r in self._graded if r.error is not None and r.error <= tol and self._least <= tol]
         return min(good, key=lambda r: r.time, default=None)
 
-    def scene_of(self, row: Row) -> Scene:
+    def scene_of(self, row: Run) -> Scene:
         """The scene with a row's model, integrator and setting, to run."""
-        return Models(self.scene).at(row.model, row.options(self.scene))
+        return Models(self.scene).at(row.model, row.options)
 
     def table(self) -> str:
         """What to take for 1e-2 to 1e-6, how far the truth is converged, and what failed or was skipped."""
@@ -120,10 +120,10 @@ class Chart:
         """Error against wall time, a line for each model and integrator, the Pareto front marked."""
         floor = max(self._least, 1e-12)
 
-        def point(row: Row) -> Point:
+        def point(row: Run) -> Point:
             return row.time, max(row.error or 0.0, floor)
 
-        groups: dict[tuple[str, str, str], list[Row]] = {}
+        groups: dict[tuple[str, str, str], list[Run]] = {}
         both = any(d > _SAME for d, _ in self.methods.values())
         for r in self._graded:
             if both or r.method == "ab":
@@ -257,9 +257,9 @@ def _methods(chart: Chart) -> list[str]:
     return lines
 
 
-def _left_out(rows: list[Row], word: str) -> list[str]:
+def _left_out(rows: list[Run], word: str) -> list[str]:
     """One line for each model and integrator, its settings together."""
-    groups: dict[tuple[str, str, str], list[Row]] = {}
+    groups: dict[tuple[str, str, str], list[Run]] = {}
     for r in rows:
         groups.setdefault((r.model.label, r.choice, r.setting), []).append(r)
     lines = [f"{len(rows)} {word}:"] if rows else []

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ..run.result import Result
 from ..run.simulation import INTEGRATORS
 from ..scene.scene import Scene
-from .chart_rows import Row, Truth, best
 from .coordinates import some_rows
-from .integrators import BY_TOLERANCE, LINES, OVER_OUTPUTS, line_settings
+from .integrators import BY_TOLERANCE, LINES, OVER_OUTPUTS, line_options, line_settings
 from .measures import Measure
 from .models import Model, Models
-from .times import thinned
-from .trials import Budget, Trials
+from .trials import Budget, Run, Trials
 
 _REFERENCE = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)  # rtol of the truth, until two agree to
 _AGREE = 1e-8
@@ -26,8 +25,55 @@ _FIRST, _NEXT = 0.2, 0.1  # share of the budget that a run for the truth may tak
 _SPARE = 2  # modes more that another basis has than the truth
 _AWAY = 100.0  # an error that counts as a failure
 _FAILURES = 8  # halvings (decades) in a row that may fail
+_MARGIN = 1.1  # the run in another basis is off by a little, too
 _SAMPLES = 501  # times at which trajectories are compared
 _REPEATS = 3  # of short runs, whose least time counts
+
+
+def best(rows: Iterable[Run], least: float = 0.0) -> list[Run]:
+    """The rows that no other one beats in both time and error, fastest first; errors below `least` count as that."""
+    graded = sorted((r.time, max(r.error, least), k, r) for k, r in enumerate(rows) if r.error is not None)
+    front: list[Run] = []
+    lowest = np.inf
+    for _, error, _, row in graded:
+        if error < lowest:
+            front.append(row)
+            lowest = error
+    return front
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What errors are measured against, and how far it is converged.
+
+    Attributes:
+        row: the run: the richest model, at a tolerance that no longer matters.
+        span: by unit, the largest range of any one component of the quantity.
+        modes, order, tolerance: distance over the span between this run and the next-richest in modes (one less
+            for each strain), in order, and in tolerance (or step); None where there is none, inf if it was not run.
+        basis: the same from a run in Legendre polynomials, two more for each strain: modes of a free beam converge
+            slowly under a payload, and one less says little of that. None where they may not stand in, or already do.
+        poorer: what those other runs are, in words.
+    """
+
+    row: Run
+    span: dict[str, float]
+    modes: float | None
+    order: float | None
+    tolerance: float
+    basis: float | None
+    poorer: dict[str, str]
+
+    @property
+    def uncertainty(self) -> float:
+        """The largest of the distances that say how far the truth may be off; exact rotation cuts nothing more."""
+        order = None if self.row.model.order == "exact" else self.order
+        basis = None if self.basis is None else _MARGIN * self.basis
+        return max((d for d in (self.modes, order, self.tolerance, basis) if d is not None), default=0.0)
+
+    def to_dict(self) -> dict[str, Any]:
+        keep = {k: getattr(self, k) for k in ("span", "modes", "order", "tolerance", "basis", "uncertainty", "poorer")}
+        return {"run": self.row.to_dict(), **keep}
 
 
 class ChartSearch:
@@ -51,17 +97,17 @@ class ChartSearch:
         self.scene, self.tell = scene, tell
         self.models, self.measure, self.budget = Models(scene), Measure(scene, quantity), Budget(budget)
         times = scene.t[some_rows(len(scene.t), _SAMPLES)]
-        self.trials = Trials(self.models, self.measure, self.budget, times)
-        self.truth: Row | None = None
-        self.looser: Row | None = None
+        self.trials = Trials(self.models, self.measure, times, Budget(), keep=False)  # each run has its share of ours
+        self.truth: Run | None = None
+        self.looser: Run | None = None
         self.tolerance = np.inf
-        self.poorer: dict[str, Row] = {}
+        self.poorer: dict[str, Run] = {}
         self.methods: dict[str, tuple[float, float]] = {}
         self.shifts, self.orders = self.models.shifts, self.models.orders
 
     @property
-    def rows(self) -> list[Row]:
-        return [run for run in self.trials.runs.values() if isinstance(run, Row)]
+    def rows(self) -> list[Run]:
+        return list(self.trials.runs.values())
 
     @property
     def used(self) -> float:
@@ -96,10 +142,10 @@ class ChartSearch:
 
     # -- one run -----------------------------------------------------------------------------------------------------
 
-    def size(self, row: Row) -> int:
+    def size(self, row: Run) -> int:
         return self.models.arm(row.model).nv
 
-    def predict(self, row: Row) -> float:
+    def predict(self, row: Run) -> float:
         """Wall time (s) of a run, from those like it; 0 if there are none."""
         nv = self.size(row)
         like = [r for r in self.rows if r.choice == row.choice]
@@ -110,53 +156,42 @@ class ChartSearch:
         if own:
             near = min(own, key=lambda r: abs(np.log(r.value / row.value)))
             growth = near.value / row.value  # as the number of steps, but for a method of order p by its 1 / (p + 1)
-            order = row.options(self.scene).get("max_order", 5) if row.setting == "rtol" else 0
+            order = row.options.get("max_order", 5) if row.setting == "rtol" else 0
             return max([*cut, float(near.time * growth ** (1 / (1 + order)))])
         rank = self.orders.index(row.model.order)
         above = [r for r in done if r.value == row.value and self.orders.index(r.model.order) >= rank]
         return max([*cut, min((r.time * (nv / max(1, self.size(r))) ** 2 for r in above), default=0.0)])
 
-    def keep(self, row: Row) -> Row:
-        self.trials.runs[row.model, row.choice, row.value, row.method] = row
-        self.grade(row)
-        return row
+    def planned(self, model: Model, choice: str, value: float, method: str) -> Run:
+        """A run, not yet made, or as it was made before."""
+        run = Run(model, line_options(self.scene, choice, float(value), method), choice, True)
+        return self.trials.runs.get(run.key, run)
 
-    def find(self, model: Model, choice: str, value: float, method: str) -> Row | None:
-        """This run, if it was made or thought of before."""
-        row = self.trials.runs.get((model, choice, value, method))
-        return row if isinstance(row, Row) else None
+    def skip(self, row: Run, guess: float, reason: str) -> Run:
+        return self.trials.note(replace(row, status="skipped", time=guess, reason=reason))
 
-    def run(self, model: Model, choice: str, value: float, share: float, method: str = "ab") -> Row:
+    def run(self, model: Model, choice: str, value: float, share: float, method: str = "ab") -> Run:
         """This run, made now unless it was made before, or is predicted to take more than its share of the budget."""
         allowed = min(share * self.budget.seconds, self.budget.left)
-        known = self.find(model, choice, value, method)
-        if known is not None and (known.status in ("ok", "failed") or known.time >= allowed):
-            return known
-        self.trials.runs.pop((model, choice, value, method), None)
-        row = Row(model, choice, float(value), method)
+        row = self.planned(model, choice, value, method)
+        if row.key in self.trials.runs and (row.status in ("ok", "failed") or row.time >= allowed):
+            return row
         guess = self.predict(row)
         if allowed <= 0 or guess > allowed:
-            row.status, row.time = "skipped", guess
-            row.reason = (
-                "the budget is used up" if allowed <= 0 else f"predicted {guess:.2g} s, with {allowed:.2g} s left to it"
-            )
-            return self.keep(row)
+            left = f"predicted {guess:.2g} s, with {allowed:.2g} s left to it"
+            return self.skip(row, guess, "the budget is used up" if allowed <= 0 else left)
 
         def tell() -> None:
             self.tell(self.used, row.label)
 
-        def read(result: Result) -> None:
-            row.values = self.measure.values(thinned(result, self.trials.t))
-
         tell()
-        self.trials.make(
-            row, lambda: self.models.at(model, row.options(self.scene)), read, allowed, _REPEATS, tell
-        )  # fmt: skip
+        row = self.trials.run(model, row.options, True, allowed, choice, _REPEATS, tell)
         if row.status == "cut":
             row.reason = f"given up after {row.time:.2g} s, its share of the budget"
-        return self.keep(row)
+        self.grade(row)
+        return row
 
-    def grade(self, row: Row) -> None:
+    def grade(self, row: Run) -> None:
         if self.truth is None or self.truth.values is None or row.values is None:
             return
         row.error = self.trials.distance(row, self.truth)
@@ -165,10 +200,10 @@ class ChartSearch:
             row.status, row.reason = "failed", f"the motion ran away, to {row.error:.1e} times the span"
             row.error, row.absolute = None, {}
 
-    def again(self, row: Row) -> None:
+    def again(self, row: Run) -> None:
         """Times a row once more and keeps its best time, if the budget allows."""
         if 1.5 * row.time < self.budget.left:
-            self.trials.again(row, row.options(self.scene), often=_REPEATS)
+            self.trials.again(row, self.budget.left, _REPEATS)
 
     # -- stages ------------------------------------------------------------------------------------------------------
 
@@ -187,7 +222,7 @@ class ChartSearch:
     def _converge(self, model: Model) -> bool:
         high = BY_TOLERANCE | OVER_OUTPUTS  # of high order, so first
         for choice in sorted(INTEGRATORS, key=lambda choice: choice not in high):
-            before: Row | None = None
+            before: Run | None = None
             failures = 0
             for value in line_settings(self.scene, choice, _REFERENCE):
                 row = self.run(model, choice, value, _FIRST if before is None else _NEXT)
@@ -274,19 +309,16 @@ class ChartSearch:
         lowest = np.inf
         patience = 30 if model == self.own_model() else 3  # the scene's own model is shown even where it is beaten
         for value in line_settings(self.scene, choice):
-            guess = self.predict(Row(model, choice, float(value), method))
+            row = self.planned(model, choice, value, method)
+            guess = self.predict(row)
             beaten = [r for r in self.rows if r.error is not None and r.error <= floor and patience * r.time < guess]
-            known = self.find(model, choice, float(value), method)
-            if beaten and known is None:
-                row = Row(model, choice, float(value), method, status="skipped", time=guess)
-                row.reason = (
-                    f"predicted {guess:.2g} s, where {min(beaten, key=lambda r: r.time).label} has no more error"
-                )
-                self.keep(row)
+            if beaten and row.key not in self.trials.runs:
+                other = min(beaten, key=lambda r: r.time).label
+                self.skip(row, guess, f"predicted {guess:.2g} s, where {other} has no more error")
                 return
             good = min((r.time for r in self.rows if r.error is not None and r.error <= floor), default=np.inf)
             enough = (patience * good + 0.1) / self.budget.seconds  # what takes longer than that would be beaten, too
-            row = self.run(model, choice, float(value), min(_NEXT, enough), method)
+            row = self.run(model, choice, value, min(_NEXT, enough), method)
             if row.status in ("skipped", "cut"):
                 return
             if row.error is None:

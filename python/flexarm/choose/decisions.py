@@ -14,10 +14,9 @@ from typing import Any
 
 from ..parts.beam import STRAINS
 from ..parts.link import Link
-from .evidence import ESTIMATE, RUN, Evidence
-from .models import ORDERS, BeamModel, Model, Models
+from .findings import ESTIMATE, RUN, SYMMETRY, Findings
+from .models import ORDERS, Model, Models
 
-SYMMETRY = "symmetry"
 UNLIKELY = 2.5  # times the tolerance: orders that are estimated to be off by more are not tried
 
 
@@ -28,7 +27,7 @@ class Choice:
     Attributes:
         where: "link 0", or "arm". what: such as "bending_y". chosen: such as "2", "none", "exact".
         without: what leaving it out costs (of what is in: its last mode, or the next poorer order), or costs now (of
-            what is out), in the terms of the tolerance; None where that is not known.
+            what is out), in the terms of the tolerance; None where that is not found.
         how: where that number is from: "run", "estimate", or "symmetry" (then it is zero).
         time: of one evaluation of the dynamics, the share that it takes (of what is in), or that it would add.
         inside: whether it is in the lean model.
@@ -46,23 +45,6 @@ class Choice:
         return dict(self.__dict__)
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where a decision is told of: a group of links of the chosen model, in words, and the seconds (`most`) that one
-    more run may take to measure what leaving something out costs."""
-
-    where: str
-    group: list[int]
-    model: Model
-    most: float
-
-    @property
-    def beam(self) -> BeamModel:
-        beam = self.model.beams[self.group[0]]
-        assert beam is not None
-        return beam
-
-
 class Decision:
     """Something that is decided for each group of links alike."""
 
@@ -74,45 +56,42 @@ class Decision:
         """By name, models with the same coordinates whose error the indicators are to estimate."""
         return {}
 
-    def moves(self, known: Evidence, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
+    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
         """(name, model, estimated error) of single steps down that save time."""
         yield from ()
 
-    def rows(self, known: Evidence, at: Place) -> Iterator[Choice]:
-        """What was chosen, for the table."""
+    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+        """What was chosen, for the table; `where` are these links in words."""
         yield from ()
 
 
 class Modes(Decision):
     """How many shape functions each strain of a beam has; none at all: the beam is rigid."""
 
-    def moves(self, known: Evidence, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
-        for s, n in enumerate(() if known.trials.models.pinned else model.counts(group[0])):
+    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
+        for s, n in enumerate(() if found.models.pinned else model.counts(group[0])):
             if n:
-                about = known.sizes.get((group[0], s, n), 0.0)
+                about = found.sizes.get((group[0], s, n), 0.0)
                 yield ("modes", group[0], s, n), model.with_count(group, s, n - 1), about
 
-    def rows(self, known: Evidence, at: Place) -> Iterator[Choice]:
-        if at.beam.rigid:
-            lost = max(known.size(at.group, s, 1) for s in range(len(STRAINS)))
-            yield Choice(at.where, "beam", "rigid", lost, ESTIMATE, None, False)
-        for s, n in enumerate(at.beam.counts):
-            yield self._in(known, at, s, n) if n else self._out(known, at, s)
-
-    def _in(self, known: Evidence, at: Place, s: int, n: int) -> Choice:
-        lower = at.model.with_count(at.group, s, n - 1)
-        error, how = known.without(lower, known.size(at.group, s, n), at.most)
-        return Choice(at.where, STRAINS[s], str(n), error, how, known.trials.share(at.model, lower), True)
-
-    def _out(self, known: Evidence, at: Place, s: int) -> Choice:
-        if known.trials.models.most(at.group[0])[s] == 0:
-            return Choice(at.where, STRAINS[s], "none", None, "no shear modulus", None, False)
-        more = at.model.with_count(at.group, s, 1).but(at.group, rotary=True)
-        if at.beam.rigid:
-            more = more.but(at.group, order=2)
-        dormant = STRAINS[s] in known.dormant.get(at.group[0], ())
-        error, how = (0.0, SYMMETRY) if dormant else (known.size(at.group, s, 1), ESTIMATE)
-        return Choice(at.where, STRAINS[s], "none", error, how, known.trials.share(more, at.model), False)
+    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+        model = found.lean.model
+        if model.beam(group[0]).rigid:
+            lost = max(found.size(group, s, 1) for s in range(len(STRAINS)))
+            yield Choice(where, "beam", "rigid", lost, ESTIMATE, None, False)
+        for s, n in enumerate(model.counts(group[0])):
+            if n:
+                lower = model.with_count(group, s, n - 1)
+                error, how = found.without(lower, found.size(group, s, n))
+                yield Choice(where, STRAINS[s], str(n), error, how, found.trials.share(model, lower), True)
+            elif found.models.most(group[0])[s] == 0:
+                yield Choice(where, STRAINS[s], "none", None, "no shear modulus", None, False)
+            else:
+                more = model.with_count(group, s, 1).but(group, rotary=True)
+                more = more.but(group, order=2) if model.beam(group[0]).rigid else more
+                dormant = STRAINS[s] in found.dormant.get(group[0], ())
+                error, how = (0.0, SYMMETRY) if dormant else (found.size(group, s, 1), ESTIMATE)
+                yield Choice(where, STRAINS[s], "none", error, how, found.trials.share(more, model), False)
 
 
 class Order(Decision):
@@ -121,35 +100,33 @@ class Order(Decision):
     def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
         return {order: model.but(order=order) for order in ORDERS[:-1]}
 
-    def moves(self, known: Evidence, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
-        beam = model.beams[group[0]]
-        if beam is None or beam.rigid:
-            return
-        for order in reversed(ORDERS[: ORDERS.index(beam.order)]):
+    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
+        beam = model.beam(group[0])
+        for order in reversed(() if beam.rigid else ORDERS[: ORDERS.index(beam.order)]):
             lower = model.but(group, order=order)
-            if not known.allowed(order):
+            if not found.allowed(order):
                 continue
-            time = known.trials.share(lower, model) if order == 3 else -1.0
+            time = found.trials.share(lower, model) if order == 3 else -1.0
             if time is not None and time < 0:
-                about = known.estimates.by_order.get(order, 0.0)
-                yield ("order", group[0], order), lower, about if about < UNLIKELY * known.tol else math.inf
+                about = found.estimates.by_order.get(order, 0.0)
+                yield ("order", group[0], order), lower, about if about < UNLIKELY * found.tol else math.inf
                 return
 
-    def rows(self, known: Evidence, at: Place) -> Iterator[Choice]:
-        if at.beam.rigid:
+    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+        model, share, by_order = found.lean.model, found.trials.share, found.estimates.by_order
+        beam = model.beam(group[0])
+        if beam.rigid:
             return
-        trials, order = known.trials, at.beam.order
-        for other in reversed(ORDERS[: ORDERS.index(order)]):
-            lower = at.model.but(at.group, order=other)
-            error, how = known.without(lower, known.estimates.by_order.get(other, math.inf), at.most)
-            time = trials.share(at.model, lower)
+        for other in reversed(ORDERS[: ORDERS.index(beam.order)]):
+            lower = model.but(group, order=other)
+            error, how = found.without(lower, by_order.get(other, math.inf))
+            time = share(model, lower)
             if other == 3 and how == ESTIMATE and (time or 0.0) < 0:
                 continue  # dearer than exact
-            yield Choice(at.where, "order", str(order), error, how, time, True)
+            yield Choice(where, "order", str(beam.order), error, how, time, True)
             return
-        now = known.estimates.by_order.get(order, math.inf)
-        time = trials.share(at.model.but(at.group, order=2), at.model)
-        yield Choice(at.where, "order", str(order), now, ESTIMATE, time, False)
+        now = by_order.get(beam.order, math.inf)
+        yield Choice(where, "order", str(beam.order), now, ESTIMATE, share(model.but(group, order=2), model), False)
 
 
 class Switch(Decision):
@@ -172,24 +149,24 @@ class Switch(Decision):
         links = [k for group in self.groups(models) for k in group]
         return {self.name: self.switched(model, links, False)} if links else {}
 
-    def moves(self, known: Evidence, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
+    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
         if self.inside(model, group):
-            about = min(known.estimates.without.get(self.name, math.inf), known.tol)
+            about = min(found.estimates.without.get(self.name, math.inf), found.tol)
             yield (self.name, group[0]), self.switched(model, group, False), about
 
-    def rows(self, known: Evidence, at: Place) -> Iterator[Choice]:
-        trials, inside = known.trials, self.inside(at.model, at.group)
-        other = self.switched(at.model, at.group, not inside)
-        estimate = known.estimates.without.get(self.name, math.inf)
+    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+        model, share, estimate = found.lean.model, found.trials.share, found.estimates.without.get(self.name, math.inf)
+        inside = self.inside(model, group)
+        other = self.switched(model, group, not inside)
         if inside:
-            error, how = known.without(other, estimate, at.most)
-            yield Choice(at.where, self.name, "yes", error, how, trials.share(at.model, other), True)
+            error, how = found.without(other, estimate)
+            yield Choice(where, self.name, "yes", error, how, share(model, other), True)
         elif math.isfinite(estimate):
-            yield Choice(at.where, self.name, "no", estimate, ESTIMATE, trials.share(other, at.model), False)
+            yield Choice(where, self.name, "no", estimate, ESTIMATE, share(other, model), False)
         else:  # something cannot do without
-            now, then = known.known(at.model), known.known(other)
+            now, then = found.known(model), found.known(other)
             lost = None if now is None or then is None else abs(now - then)
-            yield Choice(at.where, self.name, "no", lost, RUN, trials.share(other, at.model), False)
+            yield Choice(where, self.name, "no", lost, RUN, share(other, model), False)
 
 
 class RotaryInertia(Switch):
@@ -198,8 +175,7 @@ class RotaryInertia(Switch):
     name = "rotary inertia"
 
     def inside(self, model: Model, group: list[int]) -> bool:
-        beam = model.beams[group[0]]
-        return beam is not None and beam.rotary
+        return model.beam(group[0]).rotary
 
     def switched(self, model: Model, group: list[int], on: bool) -> Model:
         return model.but(group, rotary=on)
@@ -229,20 +205,21 @@ class LinkFeature(Switch):
 class GaussPoints(Decision):
     """How many slices a beam has. They are left out last; see Descent.slices."""
 
-    def rows(self, known: Evidence, at: Place) -> Iterator[Choice]:
-        if at.beam.rigid:
+    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+        model, gauss = found.lean.model, found.lean.model.beam(group[0]).gauss
+        if model.beam(group[0]).rigid:
             return
-        full = at.model.but(at.group, gauss=None)
-        beam = known.trials.models.arm(full).links[at.group[0]].beam
+        full = model.but(group, gauss=None)
+        beam = found.models.arm(full).links[group[0]].beam
         assert beam is not None
         most = beam._core.gauss_points
-        if at.beam.gauss is None:
-            yield Choice(at.where, "Gauss points", str(most), None, "of the basis", 0.0, True)
+        if gauss is None:
+            yield Choice(where, "Gauss points", str(most), None, "of the basis", 0.0, True)
             return
-        now, then = (known.known(model, any_gauss=False) for model in (at.model, at.model.but(gauss=None)))
+        now, then = (found.known(m, any_gauss=False) for m in (model, model.but(gauss=None)))
         cost = None if now is None or then is None else abs(now - then)
-        time = known.trials.share(full, at.model)
-        yield Choice(at.where, "Gauss points", f"{at.beam.gauss} of {most}", cost, RUN, time, False)
+        time = found.trials.share(full, model)
+        yield Choice(where, "Gauss points", f"{gauss} of {most}", cost, RUN, time, False)
 
 
 #: In the order of the table.

@@ -10,10 +10,10 @@ import numpy as np
 
 from .coordinates import embed, some_rows
 from .decisions import DECISIONS, UNLIKELY
-from .evidence import Evidence, Sizes, keys
+from .findings import Findings, Sizes, keys
 from .integrators import BY_TOLERANCE, DENSE, IN_TURN, OVER_OUTPUTS, longest_gap, trials_of
 from .models import ORDERS, BeamModel, Model
-from .trials import Trial
+from .trials import Run
 
 _GOAL = 0.7  # of the tolerance: what the models may use up; the rest is for the integrator and what is not known
 _WITHIN = 0.85  # of the tolerance: what the integrator may bring it to
@@ -24,15 +24,15 @@ class Descent:
     """From one reference.
 
     Args:
-        known: the reference, and what the indicators said. tell: called with what is being done.
+        found: the reference, and what the indicators said. tell: called with what is being done.
     """
 
-    def __init__(self, known: Evidence, tell: Callable[[str], None]) -> None:
-        self.known, self.tell = known, tell
-        self.trials, self.models, self.tol = known.trials, known.trials.models, known.tol
-        self.reference, self.by_order = known.reference, known.estimates.by_order
-        self.error = known.error
-        known.sizes = self.find_sizes()
+    def __init__(self, found: Findings, tell: Callable[[str], None]) -> None:
+        self.found, self.tell = found, tell
+        self.trials, self.models, self.tol = found.trials, found.models, found.tol
+        self.reference, self.by_order = found.reference, found.estimates.by_order
+        self.error = found.error
+        found.sizes = self.find_sizes()
 
     def likely(self) -> Model:
         """The reference, of the poorest order that is estimated to be good enough and is; runs are cheaper there."""
@@ -52,7 +52,7 @@ class Descent:
         given, goal = 0, _GOAL * self.tol
         top = max((ORDERS.index(beam.order) for beam in few.beams if beam is not None), default=0)
         for order in ORDERS[:top]:
-            if self.by_order.get(order, 0.0) > UNLIKELY * self.tol or not self.known.allowed(order):
+            if self.by_order.get(order, 0.0) > UNLIKELY * self.tol or not self.found.allowed(order):
                 continue
             model, full = few.but(order=order), start.but(order=order)
             time = self.trials.share(model, few) if order == 3 else 0.0
@@ -71,11 +71,12 @@ class Descent:
 
     def find_sizes(self) -> Sizes:
         """By (first link of the group, strain, number), how far that coordinate alone moves the quantity."""
-        assert self.reference.arm is not None and self.reference.result is not None
-        arm, r = self.reference.arm, self.reference.result
+        r = self.reference.result
+        assert r is not None
+        arm = r.arm
         rows = some_rows(len(r.t), 101)
         run = embed(r, arm, rows)
-        sense = self.trials.measure.sense(self.trials.scene(self.reference.model, {}), run.q)
+        sense = self.trials.measure.sense(self.models.at(self.reference.model, {}), run.q)
         names, out = keys(arm), {}
         by_rate = [arm.coordinate_of(i) for i in range(arm.nv)]
         M = arm.mass_matrix(run.q[len(rows) // 2]) if self.trials.measure.what == "joint" else None
@@ -97,7 +98,7 @@ class Descent:
         each step verified."""
         tails = []
         for group, s, n in self.models.items(start):
-            parts = [self.known.sizes.get((group[0], s, i), 0.0) for i in range(1, n + 1)]
+            parts = [self.found.sizes.get((group[0], s, i), 0.0) for i in range(1, n + 1)]
             tails += [(sum(parts[i - 1 :]), group[0], s, i) for i in range(1, n + 1)]
         tails.sort()
 
@@ -143,7 +144,7 @@ class Descent:
         """(name, model, estimated error) of all single steps down that save time."""
         for decision in DECISIONS:
             for group in decision.groups(self.models):
-                yield from decision.moves(self.known, model, group)
+                yield from decision.moves(self.found, model, group)
 
     def sliced(self, model: Model, share: float) -> Model:
         """The model with this share of the Gauss points that its bases ask for."""
@@ -191,9 +192,9 @@ class Descent:
             if integrator not in OVER_OUTPUTS or self.models.arm(model).nv <= DENSE:
                 yield trials_of(scene, integrator, step)
 
-    def integrate(self, model: Model) -> tuple[Trial, list[Trial]]:
+    def integrate(self, model: Model) -> tuple[Run, list[Run]]:
         """The fastest run of the model, with all output times, that keeps to 0.85 of the tolerance; and all tried."""
-        tried: list[Trial] = []
+        tried: list[Run] = []
         for line in self.settings(model):
             for options in line:
                 best = min((x.time for x in tried if self._good(x)), default=np.inf)
@@ -208,7 +209,8 @@ class Descent:
                     break  # samples cut longer steps into these
                 tried.append(trial)
                 meets = self._good(trial)
-                if meets == (integrator in BY_TOLERANCE) or trial.time > 1.5 * best:
+                time = trial.time if trial.values is not None else np.inf
+                if meets == (integrator in BY_TOLERANCE) or time > 1.5 * best:
                     break  # a longer step is worse still, a tighter tolerance dearer
         good = sorted((x for x in tried if self._good(x)), key=lambda x: x.time)
         if not good:
@@ -216,8 +218,8 @@ class Descent:
             return trial, [*tried, trial]
         for trial in good[:3]:
             if trial.time < 1.5 * good[0].time:
-                self.trials.again(trial, trial.options)
+                self.trials.again(trial)
         return min(good, key=lambda x: x.time), tried
 
-    def _good(self, trial: Trial) -> bool:
+    def _good(self, trial: Run) -> bool:
         return self.trials.distance(trial, self.reference) <= _WITHIN * self.tol

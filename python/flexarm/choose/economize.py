@@ -18,12 +18,12 @@ from ..run.result import Result
 from ..run.watch import Watch
 from ..scene.scene import Scene, load
 from .adapt import adapted, watched
-from .costs import choices_of, speed_of
-from .decisions import Choice
-from .economize_search import EconomizeSearch, Findings
+from .decisions import DECISIONS, Choice
+from .economize_search import EconomizeSearch
+from .findings import ESTIMATE, RUN, SYMMETRY, Findings
 from .integrators import setting_words
 from .measures import Measure
-from .trials import Budget, OutOfTime, Run, Trial
+from .trials import Budget, OutOfTime, Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,7 +100,7 @@ class Plan:
         def point(run: Run) -> Point:
             return run.time, max(trials.distance(run, found.rich), 1e-4 * self.tol)
 
-        ran = [r for r in trials.runs.values() if isinstance(r, Trial) and r.values is not None and r is not found.rich]
+        ran = [r for r in trials.runs.values() if r.values is not None and r is not found.rich]
         models = [point(r) for r in ran if not r.whole and r is not own]
         settings = [point(r) for r in found.settings if r in ran]
         unit = " ".join(self.span) if self.absolute else "over its span"
@@ -110,7 +110,7 @@ class Plan:
             title=f"{self.given.name}: {self.model} ({'' if self.certified else 'not '}certified)",
         )  # fmt: skip
 
-    def _own_run(self) -> Trial | None:
+    def _own_run(self) -> Run | None:
         """A run of the scene's own model as it is given, in its own basis; None where it cannot be run."""
         try:
             own = self._search.trials.run(self._search.models.given, self._found.base.options)
@@ -157,7 +157,7 @@ class Plan:
             **about,
             "coordinates": {"given": self.given.arm.nv, "lean": self.arm.nv, "rich": self.rich.arm.nv},
             "options": self.scene.options,
-            "evaluation": speed_of(self._search, self._found),
+            "evaluation": speed_of(self._found),
             "choices": [c.to_dict() for c in self.choices],
         }
 
@@ -203,7 +203,7 @@ def _head(plan: Plan) -> list[str]:
 
 def _speed(plan: Plan) -> list[str]:
     rows = [["model", "coordinates", "an evaluation", "operations"]]
-    for name, of in speed_of(plan._search, plan._found).items():
+    for name, of in speed_of(plan._found).items():
         time = "" if of["time"] is None else f"{1e6 * of['time']:.2f} µs"
         word = {"given": "the scene's own", "lean": "lean", "rich": "of the check"}[name]
         rows.append([word, str(of["coordinates"]), time, "" if of["operations"] is None else f"{of['operations']}"])
@@ -225,6 +225,65 @@ def _indicators(plan: Plan) -> list[str]:
             f"  speed of turning over the first frequency, {found.estimates.first_frequency:.4g} rad/s, by link: {spin}"
         )
     return lines
+
+
+# -- what each choice costs and saves -------------------------------------------------------------------------------
+
+
+def choices_of(found: Findings) -> list[Choice]:
+    """Every choice, with the error of leaving it out and the time of putting it in: link by link, then of the arm."""
+    trials, models, model = found.trials, found.models, found.lean.model
+    rows: list[Choice] = []
+    for group in models.link_groups:
+        where = f"link {group[0]}" + (f" and {len(group) - 1} alike" if len(group) > 1 else "")
+        for decision in DECISIONS:
+            if group in decision.groups(models):
+                rows += decision.rows(found, where, group)
+    out = [*rows, *_planes(found, rows)]
+    try:
+        ratio: float | None = trials.cost(model, "ci") / trials.cost(model) - 1.0
+    except ValueError:
+        ratio = None
+    out.append(Choice("arm", "method", "ab", None, "the same motion", ratio, True))
+    tried = sorted(found.settings, key=lambda run: (run.values is None, run.time))
+    return [*out, *(_setting(found, trial) for trial in tried)]
+
+
+def _planes(found: Findings, rows: list[Choice]) -> list[Choice]:
+    """Whether beams bend in a plane, or in space."""
+    names = [set(link.beam.counts) for link in found.models.arm(found.lean.model).links if link.beam is not None]
+    if not any(names):
+        return []
+    in_y = all(n <= {"bending_y", "shear_y"} for n in names)
+    in_z = all(n <= {"bending_z", "shear_z"} for n in names)
+    side = {"bending_z", "torsion", "shear_z"} if in_y else {"bending_y", "torsion", "shear_y"}
+    lost = max((c.without or 0.0 for c in rows if c.what in side), default=0.0)
+    how = SYMMETRY if lost == 0.0 else ESTIMATE
+    if in_y or in_z:
+        return [Choice("arm", "beams bend in", "one plane each", lost, how, None, False)]
+    return [Choice("arm", "beams bend in", "space", None, how, None, True)]
+
+
+def _setting(found: Findings, trial: Run) -> Choice:
+    words = setting_words(trial.options)
+    if trial.values is None:
+        return Choice("arm", "integrator", words, None, RUN, None, False)
+    error, time = found.trials.distance(trial, found.reference), trial.time / found.lean.time - 1.0
+    return Choice("arm", "integrator", words, error, RUN, time, trial is found.lean)
+
+
+def speed_of(found: Findings) -> dict[str, dict[str, float | int | None]]:
+    """Of the scene's own model, the lean and the rich one: coordinates, time (s) and floating point operations of one
+    evaluation of the dynamics; operations are None where the arm does not count them."""
+    out: dict[str, dict[str, float | int | None]] = {}
+    for name, model in (("given", found.models.given), ("lean", found.lean.model), ("rich", found.rich.model)):
+        arm = found.models.arm(model)
+        try:
+            time: float | None = found.trials.cost(model)
+        except ValueError:
+            time = None
+        out[name] = {"coordinates": arm.nv, "time": time, "operations": arm.operation_count()}
+    return out
 
 
 # -- deciding ----------------------------------------------------------------------------------------------------------
@@ -283,15 +342,15 @@ def economize(
         tell = (lambda doing: bar(0, doing)) if bar else lambda doing: None
         search = EconomizeSearch(scene, measure, limit, budget, tell)
         found = search()
-        choices = choices_of(search, found)
+        choices = choices_of(found)
     lean, rich, trials = found.lean, found.rich, search.trials
     assert lean.result is not None
     certified = found.check is not None and not found.reasons
-    error = found.error if found.check is not None else math.inf
+    error = found.off if found.check is not None else math.inf
     return Plan(
         scene,
-        trials.scene(lean.model, {**_kept(scene), **lean.options}),
-        trials.scene(rich.model, {**_kept(scene), **rich.options}),
+        search.models.at(lean.model, {**_kept(scene), **lean.options}),
+        search.models.at(rich.model, {**_kept(scene), **rich.options}),
         measure.name, limit, atol is not None, measure.ranges, certified, found.reasons, error,
         lean.time, budget.used, len(trials.runs), choices, Watch.around(lean.result), search, found,
     )  # fmt: skip

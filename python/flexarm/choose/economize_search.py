@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from ..scene.scene import Scene
 from .coordinates import some_rows
 from .decisions import DECISIONS
 from .descent import Descent
-from .evidence import Estimates, Evidence, Sizes, keys
+from .findings import Estimates, Findings, keys
 from .indicators import Indicators
 from .integrators import by_tolerance
 from .measures import Measure
@@ -25,7 +25,7 @@ from .models import ORDERS, BeamModel, Model, Models
 from .steps import differs, finer, settle
 from .symmetry import excited, growth
 from .times import times_to_compare
-from .trials import Budget, OutOfTime, Trial, Trials
+from .trials import Budget, OutOfTime, Run, Trials
 
 _SMALL = 1 / 30  # of the tolerance: what is estimated to do less is left out of the reference
 _AGREE = 1 / 3  # of the tolerance: how close reference and check must be
@@ -34,42 +34,6 @@ _ROUNDS = 3  # references, at most
 _SHEAR = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear"))
 _CLOSE = 1601  # rows of a run in which growth is looked for, where fewer show some
 _GROWTH = 100.0  # of what symmetry leaves out, within the run: more, and the run hangs on that nothing touches it
-
-
-@dataclass
-class Findings:
-    """What the search found.
-
-    Attributes:
-        base: the scene's own model, less what symmetry rules out. reference, check: rich runs. lean: the choice, with
-            all output times and the chosen integrator.
-        lean_model_error: of the lean model, with the reference's integrator, against the reference.
-        error: of the lean run against the check. gap: between reference and check.
-        dormant: by link, strains that nothing excites.
-        estimates: what the indicators said.
-        settings: runs of the lean model with other integrators.
-        sizes: how far each coordinate of the reference moves the quantity.
-        reasons: why it is not certified. notes: what the check lacks.
-    """
-
-    base: Trial
-    reference: Trial
-    lean: Trial
-    check: Trial | None = None
-    lean_model_error: float = np.inf
-    error: float = np.inf
-    gap: float = np.inf
-    dormant: dict[int, tuple[str, ...]] = field(default_factory=dict)
-    estimates: Estimates = field(default_factory=Estimates)
-    settings: list[Trial] = field(default_factory=list)
-    reasons: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    sizes: Sizes = field(default_factory=dict)
-
-    @property
-    def rich(self) -> Trial:
-        """What errors are taken from: the check, or the reference where there is none."""
-        return self.check or self.reference
 
 
 class EconomizeSearch:
@@ -87,9 +51,8 @@ class EconomizeSearch:
         self.models = Models(scene)
         # a user's own function of a Result may count on the scene's output times
         own = scene.t[some_rows(len(scene.t), 400)]
-        self.trials = Trials(self.models, measure, budget, own if callable(measure.what) else times_to_compare(scene.t))
+        self.trials = Trials(self.models, measure, own if callable(measure.what) else times_to_compare(scene.t), budget)
         self.reached: dict[int, Array] = {}
-        self.estimates = Estimates()
         self.rebase = False
 
     # -- models ------------------------------------------------------------------------------------------------------
@@ -135,7 +98,7 @@ class EconomizeSearch:
     def find_symmetry(self) -> None:
         """Which strains of which links nothing excites, not even by way of others."""
         few = self.enriched(0).each(lambda k, b: BeamModel(tuple(min(n, 2) for n in b.counts), 2, True))
-        scene = self.trials.scene(few, {})
+        scene = self.models.at(few, {})
         moves = excited(scene)
         found = {}
         for k, link in enumerate(scene.arm.links):
@@ -173,21 +136,20 @@ class EconomizeSearch:
 
     # -- indicators --------------------------------------------------------------------------------------------------
 
-    def look(self, rich: Model, base: Trial) -> None:
-        """Estimates, from a run of the base, what each coordinate of the rich model and each order matters."""
+    def look(self, rich: Model, base: Run) -> Estimates:
+        """From a run of the base, what each coordinate of the rich model and each order matters."""
         assert base.result is not None
-        scene = self.trials.scene(rich, {})
+        scene, arm = self.models.at(rich, {}), base.result.arm
         found = Indicators(scene, base.result, self.measure, {})
         share = dict(zip(keys(scene.arm), found.share, strict=True))
         share.pop((-1, -1, -1), None)
         by_order, without = self._poorer(base)
-        assert base.arm is not None
-        w = first_frequency(base.arm)
-        most = {key: float(values.max()) for key, values in readings(base.arm, base.result, w).items()}
+        w = first_frequency(arm)
+        most = {key: float(values.max()) for key, values in readings(arm, base.result, w).items()}
         spin, turn = ({k: x for (what, k), x in most.items() if what == kind} for kind in ("spin", "rotation"))
-        self.estimates = Estimates(share, by_order, without, spin, turn, w)
+        return Estimates(share, by_order, without, spin, turn, w)
 
-    def _poorer(self, base: Trial) -> tuple[dict[int | str, float], dict[str, float]]:
+    def _poorer(self, base: Run) -> tuple[dict[int | str, float], dict[str, float]]:
         """What each order is off by, and what leaving out costs, by name."""
         assert base.result is not None
         exact = base.model.but(order="exact", rotary=True, gauss=None)
@@ -200,14 +162,14 @@ class EconomizeSearch:
                     variants[name] = self.models.arm(model)
                 except ValueError:
                     continue  # torsion and shear need rotary inertia, order 0 inertia that an arm may not have
-        found = Indicators(self.trials.scene(exact, {}), base.result, self.measure, variants).variants
+        found = Indicators(self.models.at(exact, {}), base.result, self.measure, variants).variants
         by_order = {order: found.pop(order) for order in ORDERS if order in found}
         return {**by_order, "exact": 0.0}, found
 
-    def relevant(self, rich: Model, base: Model) -> Model:
+    def relevant(self, rich: Model, base: Model, estimates: Estimates) -> Model:
         """Of the rich model, what the indicators say may matter; never less than the base."""
-        small, share = _SMALL * self.tol, self.estimates.share
-        order = 2 if self.estimates.by_order.get(2, np.inf) <= small else "exact"
+        small, share = _SMALL * self.tol, estimates.share
+        order = 2 if estimates.by_order.get(2, np.inf) <= small else "exact"
 
         def matters(k: int, beam: BeamModel) -> BeamModel:
             group, numbers = next(g for g in self.models.groups if k in g), []
@@ -220,7 +182,7 @@ class EconomizeSearch:
 
     # -- all together ------------------------------------------------------------------------------------------------
 
-    def start(self) -> Trial:
+    def start(self) -> Run:
         """A first run, of the scene's own model if it can be run."""
         own = self.own()
         exact = own.but(order="exact")
@@ -245,14 +207,13 @@ class EconomizeSearch:
         if not self.measure.span:
             self.measure.set_span(base.values)
         self.trials.keep_states(base)
-        found = Findings(base, base, base)
+        found = Findings(self.trials, self.tol, base)
         found.dormant = {k: tuple(s for s, r in zip(STRAINS, reached, strict=True) if not r)
                          for k, reached in self.reached.items()}  # fmt: skip
         try:
             self._decide(found)
         except OutOfTime:
             found.reasons.append("the time for deciding was used up")
-        found.estimates = self.estimates
         self.find_unstable(found)
         return found
 
@@ -267,7 +228,7 @@ class EconomizeSearch:
             return BeamModel(numbers, own.order if own.order in (2, 3) else "exact", True, None, own.basis)
 
         try:
-            scene = self.trials.scene(lean.each(few), {})
+            scene = self.models.at(lean.each(few), {})
             moves = excited(scene)
             grown = growth(scene, found.reference.result, moves)
             if grown > _GROWTH:
@@ -284,12 +245,13 @@ class EconomizeSearch:
                 f"but a disturbance of them grows {grown:.2g} times within the run; put in what disturbs them"
             )
 
-    def checked(self, rich: Model, reference: Trial, found: Findings) -> Trial:
+    def checked(self, rich: Model, found: Findings) -> Run:
         """A run of the enriched model, in steps that really are finer, at all output times. Where no integrator can do
         it, because friction switches while fast shear must be followed, say, shear is left out, if it is estimated to
         matter little; a note tells."""
+        reference = found.reference
         options, found.notes = finer(self.trials, reference), []
-        lost = max((x for (_, s, _), x in self.estimates.share.items() if s in _SHEAR), default=0.0)
+        lost = max((x for (_, s, _), x in found.estimates.share.items() if s in _SHEAR), default=0.0)
 
         def without_more_shear(k: int, beam: BeamModel) -> BeamModel:
             numbers = zip(beam.counts, reference.model.counts(k), strict=True)
@@ -309,7 +271,7 @@ class EconomizeSearch:
         """Seconds for one more attempt at a run that has failed."""
         return max(5.0, 0.5 * self.trials.seconds)
 
-    def hard(self, model: Model, other: Trial) -> Trial:
+    def hard(self, model: Model, other: Run) -> Run:
         """A run of a model that the integrator cannot do, with finer steps, or steps of variable length."""
         setting, trial, slow = self.trials.setting, other, by_tolerance(1e-6)
         steps = [{**setting, "step": setting["step"] / k} for k in (8, 64)] if "step" in setting else []
@@ -322,8 +284,9 @@ class EconomizeSearch:
     def _decide(self, found: Findings) -> None:
         rich = self.enriched(0)
         self.tell("indicators")
-        self.look(rich, found.base)
-        reference = self.trials.run(self.relevant(rich, found.base.model), most=max(10.0, 100.0 * found.base.time))
+        found.estimates = self.look(rich, found.base)
+        relevant = self.relevant(rich, found.base.model, found.estimates)
+        reference = self.trials.run(relevant, most=max(10.0, 100.0 * found.base.time))
         if reference.values is None:
             reference = self.hard(reference.model, reference)
         if reference.values is None:
@@ -332,27 +295,25 @@ class EconomizeSearch:
             assert reference.values is not None
             self.measure.set_span(reference.values)
             found.reference, found.reasons = reference, []
-            known = Evidence(self.trials, self.tol, reference, self.estimates)
-            down = Descent(known, self.tell)
-            model, found.sizes = down.reduce(), known.sizes
+            down = Descent(found, self.tell)
+            model = down.reduce()
             self.tell("integrators")
             found.lean, found.settings = down.integrate(model)
-            found.lean_model_error = self.trials.distance(self.trials.run(model), reference)
             self.tell("check")
             rich = self.enriched(k, reference.model)
-            check = found.check = self.checked(rich, reference, found)
+            check = found.check = self.checked(rich, found)
             if check.values is None:
                 found.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
                 return
             if not (differs(check, reference) and differs(check, found.lean)):
                 found.reasons.append(f"the check took no more steps, {check.steps}, than what it is to check")
                 return
-            found.error = self.trials.distance(found.lean, check)
+            found.off = self.trials.distance(found.lean, check)
             found.gap = self.trials.distance(reference, check)
-            if found.error + _BEYOND * found.gap <= self.tol and found.gap <= _AGREE * self.tol:
+            if found.off + _BEYOND * found.gap <= self.tol and found.gap <= _AGREE * self.tol:
                 return
             found.reasons = [
-                f"against the check it is off by {found.error:.2g}, and the reference, against which choices were "
+                f"against the check it is off by {found.off:.2g}, and the reference, against which choices were "
                 f"made, by {found.gap:.2g}; tolerance {self.tol:.2g}"
             ]
             reference, self.trials.setting = check, check.options

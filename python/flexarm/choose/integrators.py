@@ -37,14 +37,10 @@ def longest_gap(scene: Scene) -> float:
     return float(np.diff(scene.t).max())
 
 
-def setting_name(line: str) -> str:
-    """What a line of the chart is set by: "rtol" or "step"."""
-    return "rtol" if LINES[line]["integrator"] in BY_TOLERANCE else "step"
-
-
 def line_options(scene: Scene, line: str, value: float, method: str) -> dict[str, Any]:
     """Arguments of `simulate`: the scene's, with a line's integrator at a setting."""
-    integrator, setting = LINES[line]["integrator"], setting_name(line)
+    integrator = LINES[line]["integrator"]
+    setting = "rtol" if integrator in BY_TOLERANCE else "step"
     out = {k: v for k, v in scene.options.items() if OPTION_OF.get(k) == integrator}
     out |= {**LINES[line], "method": method, setting: value}
     if setting == "rtol":
@@ -54,11 +50,10 @@ def line_options(scene: Scene, line: str, value: float, method: str) -> dict[str
 
 def line_settings(scene: Scene, line: str, rtols: Sequence[float] = ()) -> list[float]:
     """Of a line, from loose to tight; no step is longer than the gap between output times, where those are all met."""
-    if setting_name(line) == "rtol":
+    integrator, gap = LINES[line]["integrator"], longest_gap(scene)
+    if integrator in BY_TOLERANCE:
         return list(rtols or 10.0 ** -np.arange(2, 12))
-    gap = longest_gap(scene)
-    over = LINES[line]["integrator"] in OVER_OUTPUTS
-    longest = max(gap, float(np.ptp(scene.t)) / 16) if over else gap
+    longest = max(gap, float(np.ptp(scene.t)) / 16) if integrator in OVER_OUTPUTS else gap
     return list(longest / 2.0 ** np.arange(16))
 
 

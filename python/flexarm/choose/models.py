@@ -94,6 +94,12 @@ class Model:
     def with_count(self, links: list[int], strain: int, n: int) -> Model:
         return self.each(lambda k, b: b.with_count(strain, n) if k in links else b)
 
+    def beam(self, link: int) -> BeamModel:
+        """Of a link that has a beam."""
+        beam = self.beams[link]
+        assert beam is not None
+        return beam
+
     def counts(self, link: int) -> tuple[int, ...]:
         beam = self.beams[link]
         return (0,) * len(STRAINS) if beam is None else beam.counts
@@ -290,10 +296,8 @@ class Models:
         """What the model is, link by link."""
         parts = []
         for group in self.groups:
-            beam = model.beams[group[0]]
-            assert beam is not None
             name = f"link {group[0]}" + (f" and {len(group) - 1} like it" if len(group) > 1 else "")
-            parts.append((f"{name}: " if len(self.given.beams) > 1 else "") + beam.label)
+            parts.append((f"{name}: " if len(self.given.beams) > 1 else "") + model.beam(group[0]).label)
         for feature in sorted({feature.name for _, feature in model.without}):
             of = ", ".join(str(k) for k, f in sorted(model.without, key=lambda x: x[0]) if f.name == feature)
             parts.append(f"no {feature}" + (f" of link {of}" if len(self.given.beams) > 1 else ""))

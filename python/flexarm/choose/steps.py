@@ -11,7 +11,7 @@ from ..scene.scene import Scene
 from .integrators import DENSE, by_tolerance
 from .models import Model
 from .times import callables, probes
-from .trials import Trial, Trials
+from .trials import Run, Trials
 
 _GROWN = 1.6  # times as many steps: less, and a run in shorter steps is the same run
 _FEWER = 3  # stages of Gauss collocation, by which four of them are checked
@@ -47,11 +47,11 @@ def first_step(scene: Scene, tol: float) -> float:
     return step
 
 
-def settle(trials: Trials, model: Model, tol: float) -> Trial | None:
+def settle(trials: Trials, model: Model, tol: float) -> Run | None:
     """Finds the integrator and its setting whose own error no longer matters (tol / 10) with this model, for all
     runs that are compared; the run with it, or None."""
     if trials.models.arm(model).nv <= DENSE:
-        before: Trial | None = None
+        before: Run | None = None
         wasted = 0.0
         step = first_step(trials.models.scene, tol)
         for _ in range(_HALVINGS):
@@ -82,7 +82,7 @@ def settle(trials: Trials, model: Model, tol: float) -> Trial | None:
     return None
 
 
-def _close(trials: Trials, a: Trial, b: Trial, tol: float) -> bool:
+def _close(trials: Trials, a: Run, b: Run, tol: float) -> bool:
     if a.values is None or b.values is None:
         return False
     if not trials.measure.span:
@@ -90,26 +90,26 @@ def _close(trials: Trials, a: Trial, b: Trial, tol: float) -> bool:
     return trials.measure.distance(a.values, b.values) < tol / 10
 
 
-def mean_step(trials: Trials, trial: Trial) -> float:
+def mean_step(trials: Trials, trial: Run) -> float:
     """Of the steps that a run of a fixed-step method set out to take (s), which samples may have cut: at most the
     step that was asked for. (Each that was halved, because its equations could not be solved, is one.)"""
     tried = trial.steps - trial.halved
     return min(float(trial.options["step"]), float(trials.t[-1] - trials.t[0]) / max(1, tried))
 
 
-def cut(trials: Trials, trial: Trial) -> bool:
+def cut(trials: Trials, trial: Run) -> bool:
     """Whether samples cut the steps of a run of a fixed-step method."""
     return mean_step(trials, trial) * _GROWN < float(trial.options["step"])
 
 
-def differs(trial: Trial, other: Trial) -> bool:
+def differs(trial: Run, other: Run) -> bool:
     """Whether a run can tell the error of another one's steps: by another method, another order, or more steps."""
     if any(trial.options.get(k) != other.options.get(k) for k in ("integrator", "stages")):
         return True
     return "step" not in trial.options or trial.steps >= _GROWN * other.steps
 
 
-def finer(trials: Trials, trial: Trial) -> dict[str, Any]:
+def finer(trials: Trials, trial: Run) -> dict[str, Any]:
     """A setting that differs in all that the present one vouches for: another number of stages, because samples may cut
     some steps however long they are asked for, and shorter steps than those that this run in it really took. Where
     most of its steps are cut, the number of stages alone: that is cheaper, and no less honest."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 import warnings
 from collections.abc import Callable
@@ -12,7 +13,6 @@ import numpy as np
 
 from .._check import Array
 from ..analysis.validity import RangeWarning
-from ..arm import Arm
 from ..run.result import Result
 from ..run.simulation import SimulationError, simulate
 from ..scene.scene import Scene
@@ -69,65 +69,88 @@ def timed(scene: Scene, look: Callable[[float], None] | None = None) -> tuple[Re
 
 @dataclass(eq=False)
 class Run:
-    """A run of a model, or what became of it.
+    """A run of a model in some setting, or what became of it.
 
     Attributes:
         model: the model.
+        options: the arguments of `simulate`.
+        choice: its integrator's line in a chart, a key of LINES.
+        whole: whether it had all the scene's output times, too, or those of comparison alone.
         status: "ok", "failed", "skipped" (not begun) or "cut" (given up); `reason` says why.
         time: wall time of the integration (s), best of `runs`; predicted if skipped, spent if cut.
         steps, evaluations: of the integrator; so many of the steps were `halved` others.
         warning: what RangeWarning said, if a beam bent further than its order is good for.
+        error: in a chart, the largest distance from the truth over the quantity's span; None if not known.
+        absolute: the same by unit, such as {"m": 1e-5}.
         values: what is compared, at the times of comparison; None where the run failed.
+        full: of a whole run that is kept, the same at all the scene's output times and those of comparison.
+        result: at the times of comparison, where it is kept.
     """
 
     model: Model
-    status: str = field(default="ok", kw_only=True)
-    reason: str = field(default="", kw_only=True)
-    time: float = field(default=0.0, kw_only=True)
-    runs: int = field(default=0, kw_only=True)
-    steps: int = field(default=0, kw_only=True)
-    evaluations: int = field(default=0, kw_only=True)
-    halved: int = field(default=0, kw_only=True)
-    warning: str = field(default="", kw_only=True)
-    values: dict[str, Array] | None = field(default=None, repr=False, kw_only=True)
-
-    def fail(self, reason: str) -> None:
-        self.status, self.reason, self.values = "failed", reason, None
-
-
-@dataclass(eq=False)
-class Trial(Run):
-    """A run of a model in any setting.
-
-    Attributes:
-        options: the arguments of `simulate`.
-        whole: whether it had all the scene's output times, too, or those of comparison alone.
-        full: values of a whole run, at all the scene's output times and those of comparison.
-        result: at the times of comparison.
-    """
-
     options: dict[str, Any]
+    choice: str = ""
     whole: bool = False
-    full: dict[str, Array] | None = field(default=None, repr=False, kw_only=True)
-    result: Result | None = field(default=None, repr=False, kw_only=True)
-    arm: Arm | None = field(default=None, repr=False, kw_only=True)
+    status: str = "ok"
+    reason: str = ""
+    time: float = 0.0
+    runs: int = 0
+    steps: int = 0
+    evaluations: int = 0
+    halved: int = 0
+    warning: str = ""
+    error: float | None = None
+    absolute: dict[str, float] = field(default_factory=dict)
+    values: dict[str, Array] | None = field(default=None, repr=False)
+    full: dict[str, Array] | None = field(default=None, repr=False)
+    result: Result | None = field(default=None, repr=False)
+
+    @property
+    def key(self) -> Any:
+        return self.model, tuple(sorted(self.options.items())), self.whole
+
+    @property
+    def method(self) -> str:
+        """ "ab" or "ci", for the accelerations at the output times."""
+        return str(self.options.get("method", "ab"))
+
+    @property
+    def setting(self) -> str:
+        """What its integrator is set by: "rtol" or "step"."""
+        return "rtol" if "rtol" in self.options else "step"
+
+    @property
+    def value(self) -> float:
+        """Its rtol, or its step (s)."""
+        return float(self.options[self.setting])
+
+    @property
+    def label(self) -> str:
+        method = "" if self.method == "ab" else f", {self.method}"
+        unit = " s" if self.setting == "step" else ""
+        return f"{self.model.label}, {self.choice}{method}, {self.setting} {self.value:.4g}{unit}"
+
+    def to_dict(self) -> dict[str, Any]:
+        keep = ("choice", "setting", "value", "method", "status", "reason", "time", "runs", "error", "absolute")
+        about = {k: getattr(self.model, k) for k in ("order", "modes", "shift", "basis")}
+        return {**about, **{k: getattr(self, k) for k in (*keep, "steps", "evaluations", "warning")}}
 
 
 class Trials:
     """Runs of the models of a scene.
 
     Args:
-        models: the models. measure: what is compared. budget: the time for all of them.
-        t: the times at which runs are compared.
+        models: the models. measure: what is compared. t: the times at which runs are compared.
+        budget: the time for all of them. keep: whether results are kept, not the values alone.
 
     Attributes:
-        all: these and all of the scene's output times.
+        all: the times of comparison and all of the scene's output times.
         runs: all that were made, by what tells them apart. seconds: spent in them.
         setting: arguments of `simulate` with which models are compared.
     """
 
-    def __init__(self, models: Models, measure: Measure, budget: Budget, t: Array) -> None:
-        self.models, self.measure, self.budget, self.t = models, measure, budget, t
+    def __init__(self, models: Models, measure: Measure, t: Array, budget: Budget, keep: bool = True) -> None:
+        self.models, self.measure, self.t, self.budget, self.keep = models, measure, t, budget, keep
         self.all: Array = np.union1d(models.scene.t, t)
         self.runs: dict[Any, Run] = {}
         self.seconds = 0.0
@@ -137,52 +160,10 @@ class Trials:
 
     # -- runs --------------------------------------------------------------------------------------------------------
 
-    def make(
-        self, run: Run, make_scene: Callable[[], Scene], read: Callable[[Result], None], most: float = np.inf,
-        often: int = 1, tell: Callable[[], None] = lambda: None,
-    ) -> None:  # fmt: skip
-        """Makes a run, and notes its status, time and steps.
-
-        Args:
-            make_scene: the scene so modelled, with its options. read: takes what is to be kept of the result.
-            most: seconds after which it is given up, sooner where the budget is used up.
-            often: how often short runs are repeated, for the least time.
-            tell: called now and then, to keep a progress bar alive.
-
-        Raises:
-            KeyboardInterrupt: Ctrl-C.
-        """
-        started, spent, best = time.perf_counter(), 0.0, np.inf
-        deadline = started + min(most, self.budget.left)
-
-        def look(_: float) -> None:
-            tell()
-            if time.perf_counter() > deadline:
-                raise OutOfTime
-
-        try:
-            scene = make_scene()
-            while run.runs == 0 or (run.runs < often and spent < _LONG and time.perf_counter() + best < deadline):
-                result, time_used, run.warning = timed(scene, look)
-                run.runs, spent, best = run.runs + 1, spent + time_used, min(best, time_used)
-            run.time, stats = best, result.stats
-            run.steps, run.evaluations = int(stats["steps"]), int(stats["evaluations"])
-            run.halved = int(stats["failed_steps"])
-            with np.errstate(all="ignore"):
-                read(result)
-        except OutOfTime:
-            run.status, run.time = "cut", time.perf_counter() - started
-            run.reason = f"given up after {most:.2g} s"
-        except (SimulationError, ValueError) as e:
-            if isinstance(e, ValueError) and str(e).startswith("quantity"):
-                raise
-            run.fail(str(e))
-        finally:
-            self.seconds += time.perf_counter() - started
-
     def run(
-        self, model: Model, options: dict[str, Any] | None = None, whole: bool = False, most: float = np.inf
-    ) -> Trial:
+        self, model: Model, options: dict[str, Any] | None = None, whole: bool = False, most: float = np.inf,
+        choice: str = "", often: int = 1, tell: Callable[[], None] = lambda: None,
+    ) -> Run:  # fmt: skip
         """This run, made now unless it was made before.
 
         Args:
@@ -190,73 +171,99 @@ class Trials:
             whole: with all output times: as a user runs it, so that its steps are those of the user's run. What lies
                 between them is interpolated, where output times inside of a step would shorten it.
             most: seconds after which it is given up.
+            often: how often short runs are repeated, for the least time.
+            tell: called now and then, to keep a progress bar alive.
 
         Raises:
             OutOfTime: the budget is used up.
         """
-        options = self.setting if options is None else options
-        key = model, tuple(sorted(options.items())), whole
-        known = self.runs.get(key)
-        if isinstance(known, Trial) and known.status != "cut":
+        run = Run(model, self.setting if options is None else options, choice, whole)
+        known = self.runs.get(run.key)
+        if known is not None and known.status in ("ok", "failed"):
             return known
         if self.budget.left < 0:
             raise OutOfTime
-        trial = Trial(model, options, whole, time=np.inf)
-
-        def scene() -> Scene:
-            made = self.scene(model, options)
-            inside = options["integrator"] in OVER_OUTPUTS  # the steps of others depend on the output times
-            return replace(made, t=self.t if not whole else self.all if inside else made.t)
-
-        def read(result: Result) -> None:
-            result = between(result, self.all) if whole else result
-            trial.arm, trial.result = result.arm, thinned(result, self.t)
-            trial.values = self.measure.values(trial.result)
-            trial.full = self.measure.values(result) if whole else None
-            if not all(np.isfinite(x).all() for x in (trial.full or trial.values).values()):
-                trial.fail("it ran away")
-
-        self.make(trial, scene, read, most)
-        if trial.status == "cut":
+        started = time.perf_counter()
+        try:
+            scene = self.models.at(model, run.options)
+            inside = run.options["integrator"] in OVER_OUTPUTS  # the steps of others depend on the output times
+            times = self.t if not whole else self.all if inside else scene.t
+            self._read(run, self._timed(run, replace(scene, t=times), most, often, tell))
+        except OutOfTime:
             if self.budget.left < 0:
-                raise OutOfTime
-            trial.time = np.inf
-        self.runs[key] = trial
-        return trial
+                raise
+            run.status, run.time, run.reason = "cut", time.perf_counter() - started, f"given up after {most:.2g} s"
+        except (SimulationError, ValueError) as e:
+            if isinstance(e, ValueError) and str(e).startswith("quantity"):
+                raise
+            run.status, run.reason = "failed", str(e)
+        finally:
+            self.seconds += time.perf_counter() - started
+        return self.note(run)
 
-    def again(self, run: Run, options: dict[str, Any], whole: bool = True, often: int = 1) -> None:
+    def note(self, run: Run) -> Run:
+        """Keeps a run, as the last of all."""
+        self.runs.pop(run.key, None)
+        self.runs[run.key] = run
+        return run
+
+    def _timed(self, run: Run, scene: Scene, most: float, often: int, tell: Callable[[], None]) -> Result:
+        """Runs it, again while it is short, and notes its best time."""
+        deadline = time.perf_counter() + min(most, self.budget.left)
+
+        def look(_: float) -> None:
+            tell()
+            if time.perf_counter() > deadline:
+                raise OutOfTime
+
+        count, spent, best = 0, 0.0, run.time if run.runs else np.inf
+        while count == 0 or (count < often and spent < _LONG and time.perf_counter() + best < deadline):
+            result, used, run.warning = timed(scene, look)
+            count, spent, best = count + 1, spent + used, min(best, used)
+        run.time, run.runs = best, run.runs + count
+        return result
+
+    def _read(self, run: Run, result: Result) -> None:
+        run.steps, run.evaluations, run.halved = (
+            int(result.stats[name]) for name in ("steps", "evaluations", "failed_steps")
+        )
+        with np.errstate(all="ignore"):
+            result = between(result, self.all) if run.whole else result
+            seen = thinned(result, self.t)
+            values = self.measure.values(seen)
+            full = self.measure.values(result) if run.whole and self.keep else None
+        if not all(np.isfinite(x).all() for x in (full or values).values()):
+            run.status, run.reason = "failed", "it ran away"
+            return
+        run.values, run.full, run.result = values, full, seen if self.keep else None
+
+    def again(self, run: Run, most: float = np.inf, often: int = 1) -> None:
         """Times a run once more and keeps its best time. Not at times between the scene's output times, which a user's
         run does not have."""
-        scene = self.scene(run.model, options)
-        other = Run(run.model)
-        self.make(other, lambda: scene if whole else replace(scene, t=self.t), lambda result: None, often=often)
-        if other.status == "ok":
-            run.time, run.runs = min(run.time, other.time), run.runs + other.runs
+        scene = self.models.at(run.model, run.options)
+        with contextlib.suppress(OutOfTime, SimulationError):
+            self._timed(run, scene if run.whole else replace(scene, t=self.t), most, often, lambda: None)
 
-    def closely(self, trial: Trial, rows: int) -> Result:
+    def closely(self, run: Run, rows: int) -> Result:
         """The same run at so many times; at its own where that fails."""
-        assert trial.result is not None
-        scene = self.scene(trial.model, trial.options)
+        assert run.result is not None
+        scene = self.models.at(run.model, run.options)
         try:
             return timed(replace(scene, t=np.linspace(self.t[0], self.t[-1], rows)))[0]
         except SimulationError:
-            return trial.result
-
-    def scene(self, model: Model, options: dict[str, Any]) -> Scene:
-        return self.models.at(model, options)
+            return run.result
 
     def distance(self, a: Run, b: Run) -> float:
         """Over the span; inf where one failed."""
         if a.values is None or b.values is None:
             return np.inf
-        full = [getattr(run, "full", None) for run in (a, b)]
-        if full[0] is not None and full[1] is not None:
-            return self.measure.distance(full[0], full[1])
+        if a.full is not None and b.full is not None:
+            return self.measure.distance(a.full, b.full)
         return self.measure.distance(a.values, b.values)
 
     # -- cost of an evaluation ---------------------------------------------------------------------------------------
 
-    def keep_states(self, trial: Trial) -> None:
+    def keep_states(self, trial: Run) -> None:
         """States of this run are those at which evaluations are timed."""
         self._states = trial.result
 

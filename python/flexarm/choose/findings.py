@@ -1,4 +1,4 @@
-"""What is known of a scene's models: estimates of those that were not run, errors of those that were."""
+"""What `economize` finds out of a scene's models: estimates of those not run, errors of those run, what was chosen."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 
 from ..arm import Arm
 from ..parts.beam import STRAINS
-from .models import Model
-from .trials import OutOfTime, Trial, Trials
+from .models import Model, Models
+from .trials import OutOfTime, Run, Trials
 
-RUN, ESTIMATE = "run", "estimate"
+RUN, ESTIMATE, SYMMETRY = "run", "estimate", "symmetry"  # where a number is from
 _SPIN = 0.5  # of the first frequency: no order 1, which softens, above it
 
 #: By (link, strain, number of the mode, from 1), how far a coordinate moves the quantity, over its span.
@@ -51,25 +51,50 @@ class Estimates:
 
 
 @dataclass
-class Evidence:
-    """What decisions go by.
+class Findings:
+    """What decisions go by, and what was decided.
 
     Attributes:
-        trials: runs of the models. tol: the tolerance. reference: the rich run that errors are taken from.
-        estimates: of the indicators. sizes: how far each coordinate of the reference moves the quantity.
+        trials: runs of the models. tol: the tolerance.
+        base: the scene's own model, less what symmetry rules out. reference, check: rich runs. lean: the choice, with
+            all output times and the chosen integrator.
+        estimates: what the indicators said. sizes: how far each coordinate of the reference moves the quantity.
         dormant: by link, strains that nothing excites.
+        off: error of the lean run against the check. gap: between reference and check.
+        settings: runs of the lean model with other integrators.
+        reasons: why it is not certified. notes: what the check lacks.
     """
 
     trials: Trials
     tol: float
-    reference: Trial
-    estimates: Estimates
+    base: Run
+    reference: Run = field(init=False)
+    lean: Run = field(init=False)
+    check: Run | None = None
+    estimates: Estimates = field(default_factory=Estimates)
     sizes: Sizes = field(default_factory=dict)
     dormant: dict[int, tuple[str, ...]] = field(default_factory=dict)
+    off: float = np.inf
+    gap: float = np.inf
+    settings: list[Run] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.reference = self.lean = self.base
+
+    @property
+    def models(self) -> Models:
+        return self.trials.models
+
+    @property
+    def rich(self) -> Run:
+        """What errors are taken from: the check, or the reference where there is none."""
+        return self.check or self.reference
 
     def error(self, model: Model) -> float:
         """Of a model against the reference, by simulation; inf where it cannot be run."""
-        if self.trials.models.usable(model):
+        if self.models.usable(model):
             return np.inf
         try:
             most = max(0.5, 3 * self.reference.time)
@@ -80,19 +105,19 @@ class Evidence:
     def known(self, model: Model, any_gauss: bool = True) -> float | None:
         """The error of a model that was run, with as many Gauss points or (any_gauss) others."""
         for trial in self.trials.runs.values():
-            same = isinstance(trial, Trial) and trial.options == self.trials.setting and trial.values is not None
+            same = trial.options == self.trials.setting and trial.values is not None
             if same and (trial.model.but(gauss=None) == model.but(gauss=None) if any_gauss else trial.model == model):
                 return self.trials.distance(trial, self.reference)
         return None
 
-    def without(self, lower: Model, estimate: float, most: float) -> tuple[float, str]:
-        """What a poorer model is off by, and where that is from: a run, made if it takes no more than so many seconds,
-        or else the estimate."""
+    def without(self, lower: Model, estimate: float) -> tuple[float, str]:
+        """What a poorer model is off by, and where that is from: a run, if it takes no longer than some lean ones, or
+        else the estimate."""
         known = self.known(lower)
         if known is not None:
             return known, RUN
         try:  # a lean run more
-            trial = self.trials.run(lower, most=most)
+            trial = self.trials.run(lower, most=max(0.2, 3 * self.lean.time))
         except (OutOfTime, ValueError):
             return estimate, ESTIMATE
         return (estimate, ESTIMATE) if trial.status == "cut" else (self.trials.distance(trial, self.reference), RUN)
