@@ -19,11 +19,11 @@ from pathlib import Path
 
 import flexarm as fa
 import numpy as np
-from flexarm._console import seconds
 from flexarm.choose.models import BeamModel, Model, Models
 from flexarm.choose.trials import took
+from flexarm.draw.tradeoff import label_errors, scale_errors
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator
+from matplotlib.ticker import LogLocator
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
@@ -204,16 +204,9 @@ def draw(found: dict, path: Path) -> None:
     ax.text(
         0.99, found["tol"], "tolerance", transform=ax.get_yaxis_transform(), ha="right", va="bottom", color="#009E73"
     )
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylim(top=min(3.0, ax.get_ylim()[1]))
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda t, _: seconds(t)))
+    scale_errors(ax, 3.0)
     ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.xaxis.set_minor_formatter(FuncFormatter(lambda t, _: ""))
-    ax.grid(True, which="major", color="#DDDDDD", linewidth=0.6)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.set_xlabel("Wall time of one run")
-    ax.set_ylabel("Largest error of the tip, over its span")
+    label_errors(ax, "Largest error of the tip, over its span")
     ax.set_title(f"{found['scene'].name}: {len(found['points'])} models, all run", fontsize=11, fontweight="bold")
     fig.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=4)
     fig.savefig(path, dpi=150)

@@ -2,7 +2,8 @@
 
 A new decision is a class here, named in DECISIONS. What is there or not of a link, such as friction in its joint, is a
 LinkFeature: it says which links have it, and what such a link is without it. The way down then tries to leave it out,
-the indicators estimate what that costs, the table has a row of it, and the saved scene is without it.
+the table has a row of it, and the saved scene is without it. The indicators estimate what leaving it out costs, from
+forces at an instant; of what has none there, as dry friction has, `poorer` gives nothing to estimate.
 """
 
 from __future__ import annotations
@@ -192,7 +193,7 @@ class LinkFeature(Switch):
         raise NotImplementedError
 
     def groups(self, models: Models) -> list[list[int]]:
-        return [group for group in models.link_groups if all(self.has(models.scene.arm.links[k]) for k in group)]
+        return [[k] for k, link in enumerate(models.scene.arm.links) if self.has(link)]
 
     def inside(self, model: Model, group: list[int]) -> bool:
         return (group[0], self) not in model.without

@@ -234,11 +234,10 @@ def choices_of(found: Findings) -> list[Choice]:
     """Every choice, with the error of leaving it out and the time of putting it in: link by link, then of the arm."""
     trials, models, model = found.trials, found.models, found.lean.model
     rows: list[Choice] = []
-    for group in models.link_groups:
+    about = [(group, decision) for decision in DECISIONS for group in decision.groups(models)]
+    for group, decision in sorted(about, key=lambda pair: pair[0][0]):
         where = f"link {group[0]}" + (f" and {len(group) - 1} alike" if len(group) > 1 else "")
-        for decision in DECISIONS:
-            if group in decision.groups(models):
-                rows += decision.rows(found, where, group)
+        rows += decision.rows(found, where, group)
     out = [*rows, *_planes(found, rows)]
     try:
         ratio: float | None = trials.cost(model, "ci") / trials.cost(model) - 1.0

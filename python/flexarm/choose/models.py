@@ -169,7 +169,6 @@ class Models:
     Attributes:
         given: the scene's own model.
         groups: lists of links whose beams are chosen alike: one each, but where many beams are equal.
-        link_groups: the same, and the links that have no beam.
         pinned: why the modes cannot be changed, if something reads the elastic coordinates by number; else "".
     """
 
@@ -184,7 +183,6 @@ class Models:
                 alike[0].append(k)
             else:
                 self.groups.append([k])
-        self.link_groups = sorted([*self.groups, *([k] for k in range(len(self.given.beams)) if k not in beams)])
         self._arms: dict[Model, Arm] = {}
         self.pinned = self._pinned()
 

@@ -21,17 +21,18 @@ _BEATEN = "#AAAAAA"
 Point = tuple[float, float]
 
 
-def _scale(ax: Axes, top: float = 10.0) -> None:
+def scale_errors(ax: Axes, top: float = 10.0) -> None:
+    """Both axes logarithmic; errors above `top` are not shown."""
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_ylim(top=min(top, ax.get_ylim()[1]))
 
 
-def _label(ax: Axes, ylabel: str) -> None:
+def label_errors(ax: Axes, ylabel: str) -> None:
+    """Names the axes: errors over wall times."""
     from matplotlib.ticker import FuncFormatter
 
     label_axes(ax, ylabel, "Wall time of one run")
-    ax.grid(False, which="minor")
     ax.xaxis.set_major_formatter(FuncFormatter(lambda t, _: seconds(t)))
     ax.xaxis.set_minor_formatter(FuncFormatter(lambda t, _: ""))
 
@@ -80,14 +81,14 @@ def plot_lines(
         ax.plot(x, y, color=INK, lw=2.2, drawstyle="steps-post", zorder=1, alpha=0.55)
         ax.plot(x, y, "o", ms=11, mfc="none", mec=INK, mew=1.4, zorder=5)
     if lines:
-        _scale(ax)
+        scale_errors(ax)
         if ax.get_ylim()[0] < unsure < float("inf"):
             ax.axhspan(ax.get_ylim()[0], unsure, color="#EEEEEE", zorder=0)
             note = f"the truth is known to {unsure:.1e}"
             ax.text(0.01, unsure, note, transform=ax.get_yaxis_transform(), va="top", fontsize=9, color=INK)
     else:
         ax.text(0.5, 0.5, "nothing to compare yet", transform=ax.transAxes, ha="center", color=INK)
-    _label(ax, ylabel)
+    label_errors(ax, ylabel)
     handles = [Line2D([], [], color=c, lw=3, label=m) for m, c in colours.items()]
     if len(points) > len(colours):
         handles.append(Line2D([], [], color=_BEATEN, marker=".", ls="", ms=10, label="beaten models"))
@@ -124,9 +125,9 @@ def plot_tried(
     ax.plot(*chosen, "o", ms=15, mfc="none", mec=INK, mew=2, label="chosen")
     ax.axhline(tol, color=GREEN, lw=1.5, ls="--")
     ax.text(0.99, tol, "tolerance ", transform=ax.get_yaxis_transform(), ha="right", va="bottom", color=GREEN)
-    _scale(ax, float("inf") if absolute else 10.0)
+    scale_errors(ax, float("inf") if absolute else 10.0)
     ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    _label(ax, ylabel)
+    label_errors(ax, ylabel)
     ax.set_title(title, fontsize=10, fontweight="bold", parse_math=False, wrap=True)
     ax.legend(frameon=False, fontsize=9, loc="best")
     return fig
