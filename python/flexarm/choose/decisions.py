@@ -224,4 +224,4 @@ class GaussPoints(Decision):
 
 
 #: In the order of the table.
-DECISIONS: tuple[Decision, ...] = (Modes(), Order(), RotaryInertia(), GaussPoints())
+DECISIONS: list[Decision] = [Modes(), Order(), RotaryInertia(), GaussPoints()]
