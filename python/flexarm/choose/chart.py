@@ -13,10 +13,10 @@ from .._check import number
 from .._console import aligned, json_text, progress_bar, seconds
 from .._core import __version__
 from ..draw.tradeoff import Line, Point, plot_lines
-from ..scene.scene import Scene, load
+from ..scene.scene import Scene
 from .chart_search import ChartSearch, Truth, best
 from .integrators import LINES, OVER_OUTPUTS, longest_gap
-from .models import Models
+from .models import Models, read_scene
 from .trials import Run
 
 if TYPE_CHECKING:
@@ -296,10 +296,7 @@ def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "t
     Raises:
         ValueError: bad arguments, a scene that cannot be run, or a quantity that does not move in it.
     """
-    if isinstance(scene, (str, Path)):
-        scene = load(scene)
-    if not isinstance(scene, Scene):
-        raise ValueError(f"scene = {scene!r}: must be a Scene, or the path of a scene file")
+    scene = read_scene(scene)
     budget = number("budget", budget)
     if not 0 < budget < math.inf:
         raise ValueError(f"budget = {budget}: must be positive and finite, in seconds")

@@ -16,13 +16,14 @@ from ..arm import Arm
 from ..draw.tradeoff import Point, plot_tried
 from ..run.result import Result
 from ..run.watch import Watch
-from ..scene.scene import Scene, load
+from ..scene.scene import Scene
 from .adapt import adapted, watched
 from .decisions import DECISIONS, Choice
 from .economize_search import EconomizeSearch
 from .findings import ESTIMATE, RUN, SYMMETRY, Findings
 from .integrators import setting_words
 from .measures import Measure
+from .models import read_scene
 from .trials import Budget, OutOfTime, Run
 
 if TYPE_CHECKING:
@@ -204,7 +205,7 @@ def _head(plan: Plan) -> list[str]:
 def _speed(plan: Plan) -> list[str]:
     rows = [["model", "coordinates", "an evaluation", "operations"]]
     for name, of in speed_of(plan._found).items():
-        time = "" if of["time"] is None else f"{1e6 * of['time']:.2f} µs"
+        time = f"{1e6 * (of['time'] or 0.0):.2f} µs"
         word = {"given": "the scene's own", "lean": "lean", "rich": "of the check"}[name]
         rows.append([word, str(of["coordinates"]), time, "" if of["operations"] is None else f"{of['operations']}"])
     if not any(r[3] for r in rows[1:]):
@@ -232,20 +233,15 @@ def _indicators(plan: Plan) -> list[str]:
 
 def choices_of(found: Findings) -> list[Choice]:
     """Every choice, with the error of leaving it out and the time of putting it in: link by link, then of the arm."""
-    trials, models, model = found.trials, found.models, found.lean.model
+    model = found.lean.model
     rows: list[Choice] = []
-    about = [(group, decision) for decision in DECISIONS for group in decision.groups(models)]
+    about = [(group, decision) for decision in DECISIONS for group in decision.groups(found.models)]
     for group, decision in sorted(about, key=lambda pair: pair[0][0]):
         where = f"link {group[0]}" + (f" and {len(group) - 1} alike" if len(group) > 1 else "")
         rows += decision.rows(found, where, group)
-    out = [*rows, *_planes(found, rows)]
-    try:
-        ratio: float | None = trials.cost(model, "ci") / trials.cost(model) - 1.0
-    except ValueError:
-        ratio = None
-    out.append(Choice("arm", "method", "ab", None, "the same motion", ratio, True))
+    method = Choice("arm", "method", "ab", None, "the same motion", found.trials.share(model, model, "ci"), True)
     tried = sorted(found.settings, key=lambda run: (run.values is None, run.time))
-    return [*out, *(_setting(found, trial) for trial in tried)]
+    return [*rows, *_planes(found, rows), method, *(_setting(found, trial) for trial in tried)]
 
 
 def _planes(found: Findings, rows: list[Choice]) -> list[Choice]:
@@ -277,11 +273,7 @@ def speed_of(found: Findings) -> dict[str, dict[str, float | int | None]]:
     out: dict[str, dict[str, float | int | None]] = {}
     for name, model in (("given", found.models.given), ("lean", found.lean.model), ("rich", found.rich.model)):
         arm = found.models.arm(model)
-        try:
-            time: float | None = found.trials.cost(model)
-        except ValueError:
-            time = None
-        out[name] = {"coordinates": arm.nv, "time": time, "operations": arm.operation_count()}
+        out[name] = {"coordinates": arm.nv, "time": found.trials.cost(model), "operations": arm.operation_count()}
     return out
 
 
@@ -331,10 +323,7 @@ def economize(
         ValueError: bad arguments, a scene that cannot be run, or a quantity that does not move in it.
     """
     limit = _checked(tol, atol, time_budget)
-    if isinstance(scene, (str, Path)):
-        scene = load(scene)
-    if not isinstance(scene, Scene):
-        raise ValueError(f"scene = {scene!r}: must be a Scene, or the path of a scene file")
+    scene = read_scene(scene)
     measure = Measure(scene, quantity, atol)
     budget = Budget(math.inf if time_budget is None else time_budget)
     with progress_bar(progress, "deciding", None) as bar:

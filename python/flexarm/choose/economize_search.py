@@ -206,7 +206,7 @@ class EconomizeSearch:
         assert base.values is not None
         if not self.measure.span:
             self.measure.set_span(base.values)
-        self.trials.keep_states(base)
+        self.trials.states = base.result
         found = Findings(self.trials, self.tol, base)
         found.dormant = {k: tuple(s for s, r in zip(STRAINS, reached, strict=True) if not r)
                          for k, reached in self.reached.items()}  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,11 +14,20 @@ from ..acting.sampled import Sampled
 from ..arm import Arm
 from ..parts.beam import STRAINS, Beam
 from ..parts.link import Link
-from ..scene.scene import Scene
+from ..scene.scene import Scene, load
 from .coordinates import initial_state
 
 ORDERS: tuple[int | str, ...] = (0, 1, 2, 3, "exact")  # from poor to rich
 _MANY = 4  # more beams than this are treated alike where they are alike
+
+
+def read_scene(scene: Scene | str | Path) -> Scene:
+    """A scene, or that of a scene file or of a shipped scene's name."""
+    if isinstance(scene, (str, Path)):
+        return load(scene)
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene = {scene!r}: must be a Scene, or the path of a scene file")
+    return scene
 
 
 class Feature(Protocol):

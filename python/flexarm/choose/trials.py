@@ -147,6 +147,7 @@ class Trials:
         all: the times of comparison and all of the scene's output times.
         runs: all that were made, by what tells them apart. seconds: spent in them.
         setting: arguments of `simulate` with which models are compared.
+        states: a run at whose states evaluations of the dynamics are timed.
     """
 
     def __init__(self, models: Models, measure: Measure, t: Array, budget: Budget, keep: bool = True) -> None:
@@ -156,7 +157,7 @@ class Trials:
         self.seconds = 0.0
         self.setting: dict[str, Any] = {"integrator": "gauss"}
         self._costs: dict[tuple[Model, str], float] = {}
-        self._states: Result | None = None
+        self.states: Result | None = None
 
     # -- runs --------------------------------------------------------------------------------------------------------
 
@@ -263,15 +264,11 @@ class Trials:
 
     # -- cost of an evaluation ---------------------------------------------------------------------------------------
 
-    def keep_states(self, trial: Run) -> None:
-        """States of this run are those at which evaluations are timed."""
-        self._states = trial.result
-
     def cost(self, model: Model, method: str = "ab") -> float:
         """Time (s) of one forward dynamics of a model at states of the run, the least of some rounds. ValueError where
         such an arm cannot be."""
         if (model, method) not in self._costs:
-            arm, r = self.models.arm(model), self._states
+            arm, r = self.models.arm(model), self.states
             assert r is not None
             rows = some_rows(len(r.t), 16)
             q, v = carried_q(r.q[rows], r.arm, arm), carried_v(r.v[rows], r.arm, arm)
@@ -286,9 +283,10 @@ class Trials:
             self._costs[model, method] = least / len(q)
         return self._costs[model, method]
 
-    def share(self, more: Model, less: Model) -> float | None:
-        """Of the time of an evaluation, what one model takes above another; None where one of them cannot be."""
+    def share(self, more: Model, less: Model, method: str = "ab") -> float | None:
+        """Of the time of an evaluation, what one model takes above another (by "ab"); None where one of them cannot
+        be."""
         try:
-            return self.cost(more) / self.cost(less) - 1.0
+            return self.cost(more, method) / self.cost(less) - 1.0
         except ValueError:
             return None
