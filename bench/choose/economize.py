@@ -15,16 +15,15 @@ import platform
 import sys
 import time
 import warnings
-from dataclasses import replace
 from pathlib import Path
 
 import flexarm as fa
 import numpy as np
-from flexarm.choose.chart_text import seconds
-from flexarm.choose.rung import Rung, Rungs
-from flexarm.choose.trial import took
+from flexarm.choose.models import BeamModel, Model, Models
+from flexarm.choose.trials import took
+from flexarm.draw.tradeoff import label_errors, scale_errors
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator
+from matplotlib.ticker import LogLocator
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
@@ -120,42 +119,38 @@ def judged_table(rows: list[dict[str, object]]) -> list[str]:
 # -- exhaustive search -------------------------------------------------------------------------------------------------
 
 
-def candidates(scene: fa.Scene, plan: fa.Plan, most: dict[str, int], orders: tuple) -> list[tuple]:
+def candidates(scene: fa.Scene, plan: fa.Plan, most: dict[str, int], orders: tuple) -> list[Model]:
     """All models with up to so many modes of these strains, link by link, of these orders, in the plan's basis."""
-    rungs = Rungs(scene)
+    models = Models(scene)
     strains = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
     per_beam = list(itertools.product(*(range(most.get(s, 0) + 1) for s in strains)))
-    beams = [k for g in rungs.groups for k in g]
-    basis = next((r.basis for r in plan._found.lean.model if r is not None and r.basis), None)
-    models = {}
-    for counts in itertools.product(per_beam, repeat=len(rungs.groups)):
+    basis = plan._found.lean.model.basis or None
+    found = {}
+    for counts in itertools.product(per_beam, repeat=len(models.groups)):
         for order in orders:
-            of = {k: c for g, c in zip(rungs.groups, counts, strict=True) for k in g}
-            model = tuple(
-                Rung(of[k], order, False, None, basis) if k in beams else None for k in range(len(rungs.given))
-            )
-            models[model] = None
-    return [m for m in models if any(r is not None for r in m)]
+            of = {k: c for g, c in zip(models.groups, counts, strict=True) for k in g}
+            found[models.given.each(lambda k, _: BeamModel(of[k], order, False, None, basis))] = None  # noqa: B023
+    return list(found) if models.groups else []
 
 
 def search(name: str, scene: fa.Scene, tol: float, most: dict[str, int], orders: tuple) -> dict[str, object]:
     """Runs them all, with the plan's integrator and output times."""
     truth, _ = truth_of(name, scene)
     plan = fa.economize(scene, tol)
-    rungs, chosen = Rungs(scene), plan._found.lean.model
+    models, chosen = Models(scene), plan._found.lean.model
     _, default = timed(scene)
-    options = dict(plan._walk.trials.walk)
+    options = dict(plan._search.trials.setting)
     points = []
-    models = candidates(scene, plan, most, orders)
-    for model in models:
+    some = candidates(scene, plan, most, orders)
+    for model in some:
         try:
-            tip, least = timed(rungs.at(model, options), 2 if len(models) > 100 else 6)
+            tip, least = timed(models.at(model, options), 2 if len(some) > 100 else 6)
         except (ValueError, fa.SimulationError):
             continue  # torsion of the last link has no inertia but its slices'
         if np.isfinite(tip).all():
             points.append((model, least, scenes.off(tip, truth)))
-    plain = tuple(r and replace(r, gauss=None) for r in chosen)
-    tip, least = timed(rungs.at(plain, options))
+    plain = chosen.but(gauss=None)
+    tip, least = timed(models.at(plain, options))
     least = min([least, *(t for m, t, _ in points if m == plain)])  # one model has one time
     own = (plain, least, scenes.off(tip, truth))
     points = [*(p for p in points if p[0] != plain), own]
@@ -164,7 +159,7 @@ def search(name: str, scene: fa.Scene, tol: float, most: dict[str, int], orders:
     best = min(good, key=lambda p: p[1])
     return {
         "name": name, "scene": scene, "tol": tol, "plan": plan, "points": points, "own": own, "best": best,
-        "default": default, "lean": (lean, scenes.off(lean_tip, truth)), "label": rungs.label,
+        "default": default, "lean": (lean, scenes.off(lean_tip, truth)), "label": models.label,
         "default error": scenes.off(scene.run().frame()[0], truth),
     }  # fmt: skip
 
@@ -178,9 +173,9 @@ def front_of(points: list[tuple]) -> list[tuple]:
     return out
 
 
-def kind_of(model: tuple) -> int | str:
+def kind_of(model: Model) -> int | str:
     """Its order, or "rigid"."""
-    return next((r.order for r in model if r is not None and sum(r.counts)), "rigid")
+    return model.order if model.elastic else "rigid"
 
 
 def draw(found: dict, path: Path) -> None:
@@ -209,16 +204,9 @@ def draw(found: dict, path: Path) -> None:
     ax.text(
         0.99, found["tol"], "tolerance", transform=ax.get_yaxis_transform(), ha="right", va="bottom", color="#009E73"
     )
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylim(top=min(3.0, ax.get_ylim()[1]))
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda t, _: seconds(t)))
+    scale_errors(ax, 3.0)
     ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.xaxis.set_minor_formatter(FuncFormatter(lambda t, _: ""))
-    ax.grid(True, which="major", color="#DDDDDD", linewidth=0.6)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.set_xlabel("Wall time of one run")
-    ax.set_ylabel("Largest error of the tip, over its span")
+    label_errors(ax, "Largest error of the tip, over its span")
     ax.set_title(f"{found['scene'].name}: {len(found['points'])} models, all run", fontsize=11, fontweight="bold")
     fig.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=4)
     fig.savefig(path, dpi=150)

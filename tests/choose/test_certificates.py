@@ -9,11 +9,13 @@ import flexarm as fa
 import numpy as np
 import pytest
 from choose.economize_scenes import ALUMINIUM, STEEL, STRIP, hub, times
-from flexarm.choose.economy import Economy, Findings
-from flexarm.choose.indicate import excited
-from flexarm.choose.measure import Quantity
-from flexarm.choose.rung import Rungs
-from flexarm.choose.trial import times_to_compare
+from flexarm.choose.economize_search import EconomizeSearch
+from flexarm.choose.findings import Findings
+from flexarm.choose.measures import Measure
+from flexarm.choose.models import Models
+from flexarm.choose.symmetry import excited
+from flexarm.choose.times import times_to_compare
+from flexarm.choose.trials import Budget
 
 TOL = 1e-2
 
@@ -104,7 +106,7 @@ def test_the_run_that_is_judged_is_the_run_that_is_used() -> None:
     """Times of comparison must not shorten the steps: those of IDA depend on the output times."""
     scene = replace(scenes.SCENES["floating"](), t=times(0.3, 100))
     plan = fa.economize(scene, TOL)
-    trials, model = plan._walk.trials, plan._found.lean.model
+    trials, model = plan._search.trials, plan._found.lean.model
     at = np.isin(trials.all, scene.t)
     assert at.sum() == len(scene.t) < len(trials.all)
     for options in (
@@ -114,8 +116,8 @@ def test_the_run_that_is_judged_is_the_run_that_is_used() -> None:
         {"integrator": "rk4", "step": 0.003},
     ):
         judged = trials.run(model, options, whole=True)
-        used = trials.scene(model, options).run().frame()[0]
-        fine = replace(trials.scene(model, {"integrator": "gauss", "step": 0.02}), t=trials.all).run().frame()[0]
+        used = trials.models.at(model, options).run().frame()[0]
+        fine = replace(trials.models.at(model, {"integrator": "gauss", "step": 0.02}), t=trials.all).run().frame()[0]
         off = np.linalg.norm(judged.full["m"][:, 0] - fine, axis=1)
         assert np.abs(judged.full["m"][at, 0] - used).max() < 1e-12
         between = 1e-5 * TOL * np.ptp(fine, axis=0).max()  # what interpolation between a run's rows may cost
@@ -131,16 +133,15 @@ def bent() -> fa.Scene:
 
 def test_a_start_in_elastic_coordinates_does_not_tie_the_basis() -> None:
     scene = bent()
-    rungs = Rungs(scene)
-    other = rungs.at(rungs.rebased(rungs.given), {})
-    many = rungs.at(tuple(replace(r, counts=(9, 0, 0, 0, 0)) for r in rungs.rebased(rungs.given)), {})
+    models = Models(scene)
+    based = models.rebased(models.given)
+    other, many = models.at(based, {}), models.at(based.but(counts=(9, 0, 0, 0, 0)), {})
     x = np.linspace(0, 0.4, 41)
     given, two, nine = (np.array([s.arm.strain(s.q0, 0, p)[2] for p in x]) for s in (scene, other, many))
     assert other.arm.links[0].beam.basis == "legendre" and np.abs(two - given).max() > 1e-2 * np.abs(given).max()
     assert np.abs(nine - given).max() < 1e-3 * np.abs(given).max()
     plan = fa.economize(scene, 2e-3)
-    truth = replace(many, arm=rungs.arm(tuple(replace(r, counts=(9, 0, 0, 1, 0), order="exact", rotary=True)
-                                              for r in rungs.rebased(rungs.given))))  # fmt: skip
+    truth = replace(many, arm=models.arm(based.but(counts=(9, 0, 0, 1, 0), order="exact", rotary=True)))
     truth = replace(truth, q0=np.append(many.q0, 0.0), options={"integrator": "gauss", "step": 5e-4})
     assert plan.certified, plan.reasons
     assert scenes.off(plan.scene.run().frame()[0], truth.run().frame()[0]) <= 2e-3
@@ -187,11 +188,11 @@ def resonant() -> fa.Scene:
 def test_what_rings_in_the_plane_is_not_taken_for_an_instability_out_of_it() -> None:
     """Few rows of ringing make a stiffness that jumps: growth of 400, where a kick out of the plane hardly grows."""
     scene = resonant()
-    walk = Economy(scene, Quantity(scene, "tip"), 0.05, np.inf, lambda doing: None)
-    walk.find_symmetry()
-    base = walk.trials.run(walk.own(), {"integrator": "gauss", "step": 0.005})
-    found = Findings(base, base, base)
-    walk.find_unstable(found)
+    search = EconomizeSearch(scene, Measure(scene, "tip"), 0.05, Budget(), lambda doing: None)
+    search.find_symmetry()
+    base = search.trials.run(search.own(), {"integrator": "gauss", "step": 0.005})
+    found = Findings(search.trials, search.tol, base)
+    search.find_unstable(found)
     assert not found.reasons
     strains = {"bending_y": 2, "bending_z": 1, "torsion": 1}
     arm = fa.Arm([fa.Link(x.joint, x.hub, replace(x.beam, modes=strains, order="exact"), x.tip)

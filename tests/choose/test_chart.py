@@ -13,7 +13,9 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, pendulum
-from flexarm.choose import ladder
+from flexarm.choose.integrators import LINES, line_options
+from flexarm.choose.models import Models
+from flexarm.choose.trials import Run
 from flexarm.cli import main
 from flexarm.run.simulation import INTEGRATORS
 
@@ -59,8 +61,10 @@ def rerun(chart: fa.Chart, **change: object) -> fa.Result:
     """The scene at the truth's setting, but with another order, shift or value."""
     assert chart.truth is not None
     it = chart.truth.row
-    model = ladder.build(chart.scene.arm, change.get("order", it.model.order), change.get("shift", it.model.shift))
-    return chart.scene_of(ladder.Row(model, it.choice, change.get("value", it.value))).run()
+    models = Models(chart.scene)
+    model = models.uniform(change.get("order", it.model.order), change.get("shift", it.model.shift))
+    options = line_options(chart.scene, it.choice, change.get("value", it.value), "ab")
+    return chart.scene_of(replace(it, model=model, options=options)).run()
 
 
 # -- the truth -----------------------------------------------------------------------------------------------
@@ -123,7 +127,7 @@ def test_nothing_beats_the_front(chart: fa.Chart) -> None:
 def test_best_on_known_points(chart: fa.Chart) -> None:
     model = chart.rows[0].model
     points = [(1, 5), (2, 6), (3, 1), (0.5, 9), (3, 0.9), (4, 0.9), (9, 1e-9)]
-    rows = [ladder.Row(model, "ida", 1.0, time=float(t), error=float(e)) for t, e in points]
+    rows = [Run(model, {"rtol": 1.0}, "ida", time=float(t), error=float(e)) for t, e in points]
     chosen = replace(chart, rows=rows).front
     assert [(r.time, r.error) for r in chosen] == [(0.5, 9), (1, 5), (3, 0.9), (9, 1e-9)]
 
@@ -144,7 +148,7 @@ def test_poor_models_are_poor_and_kept(chart: fa.Chart) -> None:
     assert chart.truth is not None
     rich = {r.model.order: r.error for r in chart.rows if r.model.shift == 2 and r.value == chart.truth.row.value}
     assert rich[0] > 10 * rich[2] and rich["exact"] == 0
-    assert {r.choice for r in chart.rows if r.status == "ok"} == set(ladder.CHOICES)
+    assert {r.choice for r in chart.rows if r.status == "ok"} == set(LINES)
 
 
 def test_rk4_beyond_its_limit_is_a_row_with_a_reason(chart: fa.Chart) -> None:
@@ -206,16 +210,16 @@ def test_ctrl_c_keeps_what_was_done(calls: int, path: Path, tmp_path: Path) -> N
 import os, signal, sys, threading
 import flexarm as fa
 from flexarm import cli
-from flexarm.choose import ladder
-timed, calls = ladder.timed, []
-def slow(*args):
+from flexarm.choose.trials import Trials
+run, calls = Trials.run, []
+def slow(*args, **options):
     calls.append(1)
     if len(calls) <= {calls}:
-        return timed(*args)
+        return run(*args, **options)
     threading.Timer(0.2, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
     arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, (1, 0, 0)))])
     fa.simulate(arm, [0, 1e6], v0=[1], integrator="rk4", step=1e-3)
-ladder.timed = slow
+Trials.run = slow
 sys.exit(cli.main(["chart", {str(path)!r}, "-o", {str(tmp_path)!r}]))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
@@ -255,10 +259,11 @@ def test_strains_have_their_units_and_initial_bending_is_carried(path: Path) -> 
 def test_shapes_of_ones_own_are_not_added_to() -> None:
     beam = fa.Beam(1.0, fa.Circle(0.01), STEEL, {"bending_y": [lambda x: 1 - x, lambda x: (1 - x) ** 2], "torsion": 1})
     own = fa.Arm([fa.Link(fa.Revolute("z"), None, replace(beam, modes={"bending_y": beam.modes["bending_y"]}))])
-    assert ladder.models(own)[0] == [-1, 0]
+    assert Models(fa.Scene(own)).shifts == [-1, 0]
     both = fa.Arm([fa.Link(fa.Revolute("z"), None, beam)])
-    assert ladder.models(both)[0] == [-1, 0, 1, 2]
-    assert [ladder.build(both, 2, s).modes for s in (-1, 0, 2)] == ["1+1", "2+1", "2+3"]
+    models = Models(fa.Scene(both))
+    assert models.shifts == [-1, 0, 1, 2]
+    assert [models.uniform(2, s).modes for s in (-1, 0, 2)] == ["1+1", "2+1", "2+3"]
 
 
 # -- the command ---------------------------------------------------------------------------------------------

@@ -11,8 +11,9 @@ import choose.economize_scenes as scenes
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.choose.indicate import excited
-from flexarm.choose.rung import Rungs
+from flexarm.choose.decisions import DECISIONS, LinkFeature
+from flexarm.choose.models import Models
+from flexarm.choose.symmetry import excited
 from flexarm.cli import main
 
 TOL = 1e-3
@@ -51,10 +52,10 @@ def test_true_error_is_within_the_tolerance(plans: dict[str, fa.Plan], name: str
 def test_nothing_can_be_left_out(plans: dict[str, fa.Plan], name: str) -> None:
     """One mode less anywhere is beyond the walk's share of the tolerance: a local optimum, verified by other runs."""
     plan = plan_of(plans, name)
-    rungs, lean = Rungs(plan.given), plan._found.lean.model
+    models, lean = Models(plan.given), plan._found.lean.model
     truth = plan.rich.run().frame()[0]
-    for group, strain, n in rungs.items(lean):
-        less = rungs.at(rungs.with_count(lean, group, strain, n - 1), plan._walk.trials.walk)
+    for group, strain, n in models.items(lean):
+        less = models.at(lean.with_count(group, strain, n - 1), plan._search.trials.setting)
         assert scenes.off(less.run().frame()[0], truth) > 0.6 * TOL, f"link {group[0]}, strain {strain}"
 
 
@@ -81,9 +82,8 @@ def test_order_1_is_never_taken_near_the_first_frequency() -> None:
 
 
 def spatial_modes(scene: fa.Scene) -> fa.Scene:
-    rungs = Rungs(scene)
-    model = tuple(r and replace(r, counts=(2, 2, 1, 1, 1), rotary=True) for r in rungs.given)
-    return rungs.at(model, {})
+    models = Models(scene)
+    return models.at(models.given.but(counts=(2, 2, 1, 1, 1), rotary=True), {})
 
 
 @pytest.mark.parametrize("name", ["slow", "planar", "stocky", "controlled"])
@@ -125,11 +125,11 @@ def test_indicators_foresee_the_orders() -> None:
     """Estimated from one run of the scene's model; measured by runs of the orders themselves."""
     scene = fa.load("ist")
     plan = fa.economize(scene, 1e-3)
-    rungs = Rungs(scene)
+    models = Models(scene)
 
     def tip(order: int | str) -> np.ndarray:
-        model = tuple(r and replace(r, order=order) for r in rungs.given)
-        return rungs.at(model, {"integrator": "gauss", "step": 0.02}).run().frame()[0]
+        model = models.given.but(order=order)
+        return models.at(model, {"integrator": "gauss", "step": 0.02}).run().frame()[0]
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fa.RangeWarning)
@@ -156,12 +156,12 @@ def test_print_plot_and_json(plans: dict[str, fa.Plan]) -> None:
 
 
 def test_the_picture_has_the_scenes_own_model_as_it_is(plans: dict[str, fa.Plan]) -> None:
-    """In its own basis, whatever the walk takes in its place."""
+    """In its own basis, whatever the search takes in its place."""
     plan = plan_of(plans, "heavy_tip")
     scene = plan.given
     assert plan.arm.links[0].beam.basis == "legendre" != scene.arm.links[0].beam.basis
     own = next(line for line in plan.plot().axes[0].lines if line.get_marker() == "^")
-    t = plan._walk.trials.t
+    t = plan._search.trials.t
     fine = {"integrator": "gauss", "step": 0.002}
     tips = [replace(s, t=t, options=fine).run().frame()[0] for s in (scene, plan.rich)]
     assert own.get_ydata()[0] == pytest.approx(scenes.off(*tips), rel=0.1)
@@ -201,7 +201,7 @@ def test_other_quantities(quantity) -> None:
     scene = replace(scenes.SCENES["planar"](), t=np.linspace(0, 0.3, 201))
     plan = fa.economize(scene, 0.02, quantity)
     assert plan.certified, plan.reasons
-    values = [plan._walk.quantity.values(s.run()) for s in (plan.scene, plan.rich)]
+    values = [plan._search.measure.values(s.run()) for s in (plan.scene, plan.rich)]
     for unit, span in plan.span.items():
         assert np.linalg.norm(values[0][unit] - values[1][unit], axis=-1).max() <= 0.02 * span
 
@@ -257,7 +257,7 @@ def test_a_controller_that_reads_all_coordinates_keeps_them() -> None:
     gain[0, 0], gain[0, scene.arm.nv] = 60.0, 6.0
     scene = replace(scene, control=(fa.StateFeedback(gain, [0], q0=[0.5, 0, 0, 0, 0]),))
     plan = fa.economize(scene, 1e-2)
-    assert plan.arm.nv == scene.arm.nv and plan._walk.rungs.pinned
+    assert plan.arm.nv == scene.arm.nv and plan._search.models.pinned
 
 
 def test_initial_bending_is_kept() -> None:
@@ -266,6 +266,39 @@ def test_initial_bending_is_kept() -> None:
     plan = fa.economize(replace(scene, drive={0: fa.Motion([0, 1, 2], [0, 0, 0])}, q0=q0), 1e-3)
     assert plan.certified and plan.arm.links[0].beam.basis == "clamped-free"
     assert plan.scene.q0[1:3] == pytest.approx([0.02, 0.003])
+
+
+class Friction(LinkFeature):
+    """As one would add it."""
+
+    name = "joint friction"
+
+    def has(self, link: fa.Link) -> bool:
+        return bool(np.any(link.joint.coulomb))
+
+    def leave_out(self, link: fa.Link) -> fa.Link:
+        return replace(link, joint=replace(link.joint, coulomb=0.0))
+
+    def poorer(self, models, model) -> dict:
+        return {}
+
+
+@pytest.mark.parametrize("size, needed", [(1e-6, False), (0.02, True)])
+def test_a_new_decision_is_one_class(size: float, needed: bool) -> None:
+    """Of a link with a beam and of one without: tried on the way down, in the table, and in the lean scene."""
+    joint = fa.Revolute("z", coulomb=size)
+    beam = fa.Beam(0.4, fa.Rectangle(0.004, 0.02), scenes.STEEL, {"bending_y": 2})
+    arm = fa.Arm([fa.Link(joint, scenes.hub(0.05, 0.2)), fa.Link(joint, scenes.hub(0.05, 0.1), beam)])
+    drive = {0: fa.Torque([0, 0.5, 1], [0.05, 0.05, -0.05])}
+    DECISIONS.append(Friction())
+    try:
+        plan = fa.economize(fa.Scene(arm, drive, t=scenes.times(0.5, 50)), 1e-2)
+    finally:
+        DECISIONS.pop()
+    rows = [c for c in plan.choices if c.what == "joint friction"]
+    assert [c.where for c in rows] == ["link 0", "link 1"] and all(c.inside == needed for c in rows)
+    assert [link.joint.coulomb for link in plan.arm.links] == [size * needed] * 2
+    assert ("no joint friction of link 0, 1" in plan.model) != needed
 
 
 # -- saved, watched, adapted -------------------------------------------------------------------------------------------

@@ -16,8 +16,7 @@ from ..run.result import Result
 from ..run.simulation import simulate
 from ..run.watch import Watch
 from ..scene.scene import Scene
-from .indicate import embed
-from .ladder import _carried
+from .coordinates import carried_q, carried_v, embed
 
 
 def _simulated(scene: Scene, watch: Watch | bool, progress: bool) -> Result:
@@ -44,25 +43,17 @@ def adapted(lean: Scene, arm: Arm, options: dict[str, Any], watch: Watch, progre
     left = watch.look(first)
     if left is None:
         return first
-    state: dict[str, Any] = {
-        "q0": _carried(lean.q0, arm.zero, arm.q_names, lean.arm.q_names),
-        "v0": _carried(lean.v0, np.zeros(arm.nv), arm.coordinates, lean.arm.coordinates),
-    }
-    rich = replace(lean, arm=arm, options=options, **state)
+    q0 = None if lean.q0 is None else carried_q(lean.q0, lean.arm, arm)
+    v0 = None if lean.v0 is None else carried_v(lean.v0, lean.arm, arm)
+    rich = replace(lean, arm=arm, options=options, q0=q0, v0=v0)
     cut = max(0, int(np.searchsorted(first.t, left.time)) - 1)
     if cut == 0 or any(isinstance(c, Sampled) for c in lean.control):
         return _simulated(rich, False, progress)
     begin = embed(first, rich.arm, slice(cut, cut + 1))
     rest = _simulated(replace(rich, t=lean.t[cut:], q0=begin.q[0], v0=begin.v[0]), False, progress)
     before = embed(first, rich.arm, slice(0, cut))
-    tau = np.zeros((cut, rich.arm.nv))
-    names = {name: k for k, name in enumerate(first.arm.coordinates)}
-    for k, name in enumerate(rich.arm.coordinates):
-        if name in names:
-            tau[:, k] = first.tau[:cut, names[name]]
+    tau = np.vstack([carried_v(first.tau[:cut], first.arm, rich.arm), rest.tau])
     stats = {k: first.stats.get(k, 0) + v if isinstance(v, (int, float)) else v for k, v in rest.stats.items()}
     rows: dict[str, Any] = {name: np.vstack([getattr(before, name), getattr(rest, name)]) for name in ("q", "v", "a")}
     t = np.concatenate([first.t[:cut], rest.t])
-    return Result(
-        rich.arm, t, **rows, tau=np.vstack([tau, rest.tau]), stats=stats, loads=rest.loads, status=rest.status
-    )
+    return Result(rich.arm, t, **rows, tau=tau, stats=stats, loads=rest.loads, status=rest.status)

@@ -1,4 +1,4 @@
-"""Speed against accuracy: the ladder of models, integrators and tolerances on one scene (`flexarm chart`)."""
+"""Speed against accuracy: models, integrators and tolerances on one scene (`flexarm chart`)."""
 
 from __future__ import annotations
 
@@ -9,52 +9,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._check import choice, number
-from .._console import json_text, progress_bar
+from .._check import number
+from .._console import aligned, json_text, progress_bar, seconds
 from .._core import __version__
-from ..scene.scene import Scene, load
-from .ladder import QUANTITIES, Row, scene_of
-from .walk import Walk, best
+from ..draw.tradeoff import Line, Point, plot_lines
+from ..scene.scene import Scene
+from .chart_search import ChartSearch, Truth, best
+from .integrators import LINES, OVER_OUTPUTS, longest_gap
+from .models import Models, read_scene
+from .trials import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MARGIN = 1.1  # the run in another basis is off by a little, too
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What errors are measured against, and how far it is converged.
-
-    Attributes:
-        row: the run: the richest model, at a tolerance that no longer matters.
-        span: by unit, the largest range of any one component of the quantity.
-        modes, order, tolerance: distance over the span between this run and the next-richest in modes (one less
-            for each strain), in order, and in tolerance (or step); None where there is none, inf if it was not run.
-        basis: the same from a run in Legendre polynomials, two more for each strain: modes of a free beam converge
-            slowly under a payload, and one less says little of that. None where they may not stand in, or already do.
-        poorer: what those other runs are, in words.
-    """
-
-    row: Row
-    span: dict[str, float]
-    modes: float | None
-    order: float | None
-    tolerance: float
-    basis: float | None
-    poorer: dict[str, str]
-
-    @property
-    def uncertainty(self) -> float:
-        """The largest of the distances that say how far the truth may be off; exact rotation cuts nothing more."""
-        order = None if self.row.model.order == "exact" else self.order
-        basis = None if self.basis is None else _MARGIN * self.basis
-        return max((d for d in (self.modes, order, self.tolerance, basis) if d is not None), default=0.0)
-
-    def to_dict(self) -> dict[str, Any]:
-        keep = {k: getattr(self, k) for k in ("span", "modes", "order", "tolerance", "basis", "uncertainty", "poorer")}
-        return {"run": self.row.to_dict(), **keep}
+_SAME = 1e-9  # distance below which "ci" and "ab" are the same
+_SHOWN = 6  # failed or skipped runs listed one by one
 
 
 @dataclass(repr=False)
@@ -73,7 +43,7 @@ class Chart:
 
     scene: Scene
     quantity: str
-    rows: list[Row]
+    rows: list[Run]
     truth: Truth | None
     methods: dict[str, tuple[float, float]]
     complete: bool
@@ -86,17 +56,17 @@ class Chart:
     def __str__(self) -> str:
         return self.table()
 
-    def with_status(self, status: str) -> list[Row]:
+    def with_status(self, status: str) -> list[Run]:
         """The rows that are "ok", "failed", "skipped" or "cut"."""
         return [r for r in self.rows if r.status == status]
 
     @property
-    def _graded(self) -> list[Row]:
+    def _graded(self) -> list[Run]:
         """Runs with an error, without the truth's own."""
         if self.truth is None:
             return []
         it = self.truth.row
-        own = [r for r in self.rows if r.model is it.model and r.choice == it.choice and r.value == it.value]
+        own = [r for r in self.rows if r.model == it.model and r.choice == it.choice and r.value == it.value]
         return [r for r in self.rows if r.error is not None and r not in own]
 
     @property
@@ -104,11 +74,11 @@ class Chart:
         return self.truth.tolerance if self.truth and math.isfinite(self.truth.tolerance) else 0.0
 
     @property
-    def front(self) -> list[Row]:
+    def front(self) -> list[Run]:
         """The Pareto front, fastest first: runs that no other beats in both time and error."""
         return best(self._graded, self._least)
 
-    def recommend(self, tol: float) -> Row | None:
+    def recommend(self, tol: float) -> Run | None:
         """The fastest run with an error of at most `tol` (over the quantity's span); None if there is none, or if the
         truth's own tolerance is coarser than that."""
         if not number("tol", tol) > 0:
@@ -116,21 +86,59 @@ class Chart:
         good = [r for r in self._graded if r.error is not None and r.error <= tol and self._least <= tol]
         return min(good, key=lambda r: r.time, default=None)
 
-    def scene_of(self, row: Row) -> Scene:
+    def scene_of(self, row: Run) -> Scene:
         """The scene with a row's model, integrator and setting, to run."""
-        return scene_of(self.scene, row)
+        return Models(self.scene).at(row.model, row.options)
 
     def table(self) -> str:
         """What to take for 1e-2 to 1e-6, how far the truth is converged, and what failed or was skipped."""
-        from .chart_text import table
-
-        return table(self)
+        done, failed, skipped, cut = (self.with_status(s) for s in ("ok", "failed", "skipped", "cut"))
+        lines = []
+        if not self.complete:
+            lines.append("PARTIAL: interrupted; this is what was done until then.")
+        truth = self.truth
+        span = "" if truth is None else ", span " + ", ".join(f"{s:.4g} {u}" for u, s in truth.span.items())
+        runs = f"{len(done)} run{'s' * (len(done) != 1)} in {self.used:.1f} s of {self.budget:g} s"
+        lines.append(f"{self.scene.name}: {self.quantity}{span}; {runs}")
+        if truth is None:
+            lines.append("No truth: no run of a rich model came to an end. Give more budget, or a shorter scene.")
+        else:
+            lines += ["", *_truth(truth), "", *_advice(self, truth), "", *_models(self, truth)]
+            gap = longest_gap(self.scene)
+            if any(r.setting == "step" and r.choice not in OVER_OUTPUTS and r.value > 0.99 * gap for r in self.front):
+                lines.append("")
+                lines.append(f"But for gauss, no step is longer than the {gap:.3g} s between output times.")
+        lines += ["", *_methods(self)] if self.methods else []
+        beaten = [r for r in skipped if "has no more error" in r.reason]
+        if beaten:
+            lines.append(f"{len(beaten)} lines ended where another choice has no more error in a third of the time.")
+        lines += _left_out(failed, "failed")
+        lines += _left_out([*cut, *(r for r in skipped if r not in beaten)], "skipped or cut off for the budget")
+        return "\n".join(lines)
 
     def plot(self) -> Figure:
         """Error against wall time, a line for each model and integrator, the Pareto front marked."""
-        from .chart_figure import plot_chart
+        floor = max(self._least, 1e-12)
 
-        return plot_chart(self)
+        def point(row: Run) -> Point:
+            return row.time, max(row.error or 0.0, floor)
+
+        groups: dict[tuple[str, str, str], list[Run]] = {}
+        both = any(d > _SAME for d, _ in self.methods.values())
+        for r in self._graded:
+            if both or r.method == "ab":
+                groups.setdefault((r.model.label, r.choice, r.method), []).append(r)
+        lines = [
+            Line(model, choice, [point(r) for r in sorted(rows, key=lambda r: -r.value)], method != "ab")
+            for (model, choice, method), rows in groups.items()
+        ]
+        spans = ", ".join(f"{s:.3g} {u}" for u, s in self.truth.span.items()) if self.truth else ""
+        partial = "" if self.complete else " (partial: interrupted)"
+        return plot_lines(
+            lines, [point(r) for r in self.front], list(LINES), self.truth.uncertainty if self.truth else math.inf,
+            ylabel=f"Largest error of the {self.quantity}, over its span",
+            title=f"{self.scene.name}: {self.quantity}, span {spans}{partial}",
+        )  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the trajectories, ready for JSON; `front` and `recommend` hold indices of `rows`."""
@@ -176,6 +184,98 @@ class Chart:
         return names
 
 
+# -- the table ---------------------------------------------------------------------------------------------------------
+
+
+def _absolute(span: dict[str, float], tol: float) -> str:
+    return ", ".join(f"{tol * s:.2g} {u}" for u, s in span.items())
+
+
+def _truth(truth: Truth) -> list[str]:
+    row = truth.row
+    lines = [f"Truth: {row.label}. Over the span, it is"]
+    words = {"modes": "the next in fewer modes", "basis": "another basis", "order": "the next in lower order",
+             "tolerance": "the next in looser " + row.setting}  # fmt: skip
+    for name, word in words.items():
+        d = getattr(truth, name)
+        if d is None or d == math.inf:
+            why = "it was not run" if d else "there is none"
+            lines.append(f"  {'?' if d else '-':>7}  from {word}: {why}")
+        else:
+            cut = "; exact cuts nothing off" if name == "order" and row.model.order == "exact" else ""
+            lines.append(f"  {d:7.1e}  from {word} ({truth.poorer[name]}{cut})")
+    if truth.uncertainty > 1e-2:
+        lines.append("It is NOT CONVERGED: errors below say little. Give more budget, a shorter scene, or more modes.")
+    return lines
+
+
+def _advice(chart: Chart, truth: Truth) -> list[str]:
+    rows = [["for", "that is", "take this", "time", "error", ""]]
+    unsure = False
+    for tol in TOLERANCES:
+        row = chart.recommend(tol)
+        flag = "*" if tol < truth.uncertainty else ""
+        unsure = unsure or bool(flag)
+        head = [f"{tol:.0e}".replace("e-0", "e-"), _absolute(truth.span, tol)]
+        if row is None or row.error is None:
+            rows.append([*head, "none of those tried", "", "", flag])
+        else:
+            rows.append([*head, row.label, seconds(row.time), f"{row.error:.1e}", flag])
+    lines = aligned(rows, {3, 4})
+    if unsure:
+        known = "not known how far" if truth.uncertainty == math.inf else f"{truth.uncertainty:.1e}"
+        lines.append(f"* finer than the truth is known ({known}): near the truth's model, not near the arm")
+    return lines
+
+
+def _models(chart: Chart, truth: Truth) -> list[str]:
+    """Orders at the truth's modes, and modes at its order, at its tolerance."""
+    it = truth.row
+    same = [r for r in chart.rows if r.choice == it.choice and r.value == it.value and r.method == "ab"]
+    orders = [r for r in same if r.model.shift == it.model.shift]
+    modes = [r for r in same if r.model.order == it.model.order and r is not it]
+    rows = [["model", "time", "error", ""]]
+    for r in [*orders, *modes]:
+        error = "truth" if r is it else f"{r.error:.1e}" if r.error is not None else r.status
+        far = "bent beyond its range (RangeWarning)" if r.warning else ""
+        rows.append([r.model.label, seconds(r.time) if r.status == "ok" else "", error, far])
+    return [f"Models, by {it.choice} at {it.setting} {it.value:.3g}:", *aligned(rows, {1, 2})]
+
+
+def _methods(chart: Chart) -> list[str]:
+    same = {k: ratio for k, (d, ratio) in chart.methods.items() if d <= _SAME}
+    lines = []
+    if same:
+        times = ", ".join(f"{k} {ratio:.2f}" for k, ratio in same.items())
+        lines.append(
+            "AB or CI: no difference in the trajectory (CI enters at the output accelerations only), so AB is charted; "
+            f"CI's time over AB's: {times}"
+        )
+    for k, (d, ratio) in chart.methods.items():
+        if k not in same:
+            lines.append(f"AB or CI: {k} differs by {d:.1e}; CI takes {ratio:.2f} of AB's time; both are charted")
+    return lines
+
+
+def _left_out(rows: list[Run], word: str) -> list[str]:
+    """One line for each model and integrator, its settings together."""
+    groups: dict[tuple[str, str, str], list[Run]] = {}
+    for r in rows:
+        groups.setdefault((r.model.label, r.choice, r.setting), []).append(r)
+    lines = [f"{len(rows)} {word}:"] if rows else []
+    for (model, choice, setting), some in list(groups.items())[:_SHOWN]:
+        reason = some[0].reason
+        short = reason if len(reason) <= 80 else reason[:78].rsplit(" ", 1)[0] + " ..."
+        values = ", ".join(f"{r.value:.3g}" for r in some)
+        lines.append(f"  {model}, {choice}, {setting} {values}{' s' * (setting == 'step')}: {short}")
+    if len(groups) > _SHOWN:
+        lines.append(f"  and {sum(map(len, list(groups.values())[_SHOWN:]))} more, in chart.csv")
+    return lines
+
+
+# -- charting ----------------------------------------------------------------------------------------------------------
+
+
 def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "tip", progress: bool = False) -> Chart:
     """Charts speed against accuracy on a scene.
 
@@ -191,46 +291,31 @@ def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "t
             that are not prescribed (rad, m); "strain", of every beam at its clamp (1/m, rad).
         progress: shows a bar on stderr, where that is a terminal.
 
-    Ctrl-C ends the walk early: the chart holds what was done, and says that it is partial.
+    Ctrl-C ends it early: the chart holds what was done, and says that it is partial.
 
     Raises:
         ValueError: bad arguments, a scene that cannot be run, or a quantity that does not move in it.
     """
-    if isinstance(scene, (str, Path)):
-        scene = load(scene)
-    if not isinstance(scene, Scene):
-        raise ValueError(f"scene = {scene!r}: must be a Scene, or the path of a scene file")
+    scene = read_scene(scene)
     budget = number("budget", budget)
     if not 0 < budget < math.inf:
         raise ValueError(f"budget = {budget}: must be positive and finite, in seconds")
-    choice("quantity", quantity, QUANTITIES)
     with progress_bar(progress, "charting", budget) as bar:
 
         def tell(used: float, doing: str) -> None:
             if bar is not None:
                 bar(used, f"{used:.0f} of {budget:.0f} s  {doing}")
 
-        walk = Walk(scene, quantity, budget, tell)
+        search = ChartSearch(scene, quantity, budget, tell)
         complete = True
         try:
-            walk()
+            search()
         except KeyboardInterrupt:
             complete = False
-            for row in walk.rows:
-                walk.grade(row)
-    failed = [r for r in walk.rows if r.status == "failed"]
-    if complete and walk.truth is None and failed and len(failed) == len(walk.rows):
+            for row in search.rows:
+                search.grade(row)
+    rows = search.rows
+    failed = [r for r in rows if r.status == "failed"]
+    if complete and search.truth is None and failed and len(failed) == len(rows):
         raise ValueError(f"scene: cannot be run at any order, with any integrator: {failed[0].reason}")
-    truth = None
-    if walk.truth is not None:
-        poorer = {name: row.model.label for name, row in walk.poorer.items() if row.error is not None}
-        if walk.looser is not None:
-            poorer["tolerance"] = f"{walk.looser.setting} {walk.looser.value:.3g}"
-        modes, order = (
-            None if len(ladder) == 1 else walk.poorer[name].error if name in poorer else math.inf
-            for name, ladder in (("modes", walk.shifts), ("order", walk.orders))
-        )
-        other = walk.poorer.get("basis")
-        basis = None if other is None else math.inf if other.error is None else other.error
-        truth = Truth(walk.truth, walk.span, modes, order, walk.tolerance, basis, poorer)
-    return Chart(scene, quantity, walk.rows, truth, walk.methods, complete, budget, walk.used)
+    return Chart(scene, quantity, rows, search.conclude(), search.methods, complete, budget, search.used)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,15 +11,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._check import number
-from .._console import progress_bar
+from .._console import aligned, progress_bar, seconds
 from ..arm import Arm
+from ..draw.tradeoff import Point, plot_tried
 from ..run.result import Result
 from ..run.watch import Watch
-from ..scene.scene import Scene, load
-from .choices import Choice, choices_of, speed_of
-from .economy import Economy, Findings, decide
-from .measure import Quantity
-from .rung import Model
+from ..scene.scene import Scene
+from .adapt import adapted, watched
+from .decisions import DECISIONS, Choice
+from .economize_search import EconomizeSearch
+from .findings import ESTIMATE, RUN, SYMMETRY, Findings
+from .integrators import setting_words
+from .measures import Measure
+from .models import read_scene
+from .trials import Budget, OutOfTime, Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,7 +63,7 @@ class Plan:
     runs: int
     choices: list[Choice]
     watch: Watch
-    _walk: Economy
+    _search: EconomizeSearch
     _found: Findings
 
     @property
@@ -70,7 +74,7 @@ class Plan:
     @property
     def model(self) -> str:
         """The lean model in words."""
-        return self._walk.rungs.label(self._found.lean.model)
+        return self._search.models.label(self._found.lean.model)
 
     def __repr__(self) -> str:
         word = "certified" if self.certified else "not certified"
@@ -81,15 +85,39 @@ class Plan:
 
     def table(self) -> str:
         """The model, the check, and every choice with the error of leaving it out and the time of putting it in."""
-        from .economize_text import table
-
-        return table(self)
+        rows = [["", "choice", "", "error without", "from", "time", ""]]
+        last = ""
+        for c in self.choices:
+            where, last = ("" if c.where == last else c.where), c.where
+            rows.append([where, c.what, c.chosen, _number(c.without), c.how, _share(c), "in" if c.inside else ""])
+        table = aligned(rows, {3, 5})
+        return "\n".join([*_head(self), "", *_speed(self), "", *table, _NOTE, "", *_indicators(self)])
 
     def plot(self) -> Figure:
         """Error against wall time of all runs that deciding took, the chosen one marked."""
-        from .economize_figure import plot_plan
+        found, trials = self._found, self._search.trials
+        own = self._own_run()
 
-        return plot_plan(self)
+        def point(run: Run) -> Point:
+            return run.time, max(trials.distance(run, found.rich), 1e-4 * self.tol)
+
+        ran = [r for r in trials.runs.values() if r.values is not None and r is not found.rich]
+        models = [point(r) for r in ran if not r.whole and r is not own]
+        settings = [point(r) for r in found.settings if r in ran]
+        unit = " ".join(self.span) if self.absolute else "over its span"
+        return plot_tried(
+            models, settings, None if own is None else point(own), point(found.lean), self.tol, self.absolute,
+            ylabel=f"Largest error of the {self.quantity}, {unit}",
+            title=f"{self.given.name}: {self.model} ({'' if self.certified else 'not '}certified)",
+        )  # fmt: skip
+
+    def _own_run(self) -> Run | None:
+        """A run of the scene's own model as it is given, in its own basis; None where it cannot be run."""
+        try:
+            own = self._search.trials.run(self._search.models.given, self._found.base.options)
+        except (OutOfTime, ValueError):
+            return None
+        return None if own.values is None else own
 
     def save(self, path: str | Path) -> None:
         """Writes the lean scene as a scene file that `load` reads back. Functions of time are sampled.
@@ -112,45 +140,25 @@ class Plan:
         Warns:
             WatchWarning: the run left the range that the model was chosen for, and adapt is False.
         """
-        from .adapt import adapted, watched
-
         scene = self.scene if t is None else replace(self.scene, t=np.asarray(t, dtype=float))
         if not adapt:
             return watched(scene, self.watch, progress)
-        rungs = self._walk.rungs
         # a richer arm takes over with a jump, as it has what the lean one never bent: fast modes must bear that and die
         step = min(float(np.median(np.diff(scene.t))), self.rich.options.get("step", np.inf)) / 2
         options = {"integrator": "implicit", "step": step, "spectral_radius": 0.9}
-        richer = rungs.at(self._walk.richer(self._found.lean.model), options)
-        return adapted(scene, richer.arm, options, self.watch, progress)
-
-    @property
-    def _rich_model(self) -> Model:
-        return (self._found.check or self._found.reference).model
+        richer = self._search.models.arm(self._search.richer(self._found.lean.model))
+        return adapted(scene, richer, options, self.watch, progress)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the trajectories, ready for JSON."""
-        keep = (
-            "quantity",
-            "tol",
-            "absolute",
-            "span",
-            "certified",
-            "reasons",
-            "error",
-            "time",
-            "seconds",
-            "runs",
-            "model",
-        )
+        keep = "quantity tol absolute span certified reasons error time seconds runs model".split()
         about = {k: getattr(self, k) for k in keep}
-        count = speed_of(self._walk, self._found)
         return {
             "scene": self.given.name,
             **about,
             "coordinates": {"given": self.given.arm.nv, "lean": self.arm.nv, "rich": self.rich.arm.nv},
             "options": self.scene.options,
-            "evaluation": count,
+            "evaluation": speed_of(self._found),
             "choices": [c.to_dict() for c in self.choices],
         }
 
@@ -158,6 +166,118 @@ class Plan:
 def _tolerance(plan: Plan) -> str:
     unit = " ".join(plan.span) if plan.absolute else "of its span"
     return f"{plan.tol:g} {unit}".rstrip()
+
+
+# -- the table ---------------------------------------------------------------------------------------------------------
+
+_NOTE = """\
+error without: of what is in, when its last mode goes, or with the next poorer order; of what is out, what
+that costs now; of integrators, the whole error. time: of an evaluation of the dynamics (of integrators, of
+the run), what it takes, or would add."""
+
+
+def _number(x: float | None) -> str:
+    return "" if x is None else "0" if x == 0 else f"{x:.1e}" if math.isfinite(x) else "fails"
+
+
+def _share(choice: Choice) -> str:
+    """What it takes, of what is in; what it would add, of what is out."""
+    if choice.time is None or (choice.time == 0.0 and choice.inside):
+        return ""
+    return f"{100 * choice.time:+.0f} %"
+
+
+def _head(plan: Plan) -> list[str]:
+    spans = ", ".join(f"{s:.4g} {u}".rstrip() for u, s in plan.span.items())
+    tol = _tolerance(plan) if plan.absolute else f"{plan.tol:g} of it"
+    check = plan._search.models.label(plan._found.rich.model)
+    lines = [f"{plan.given.name}: {plan.quantity}, span {spans}, to {tol}", ""]
+    lines.append(f"Take   {plan.model}; {setting_words(plan.scene.options)}")
+    if plan.certified:
+        lines.append(f"CERTIFIED: error {plan.error:.1e} against {check}, which was not on the path")
+    else:
+        lines.append(f"NOT CERTIFIED: {'; '.join(plan.reasons)}")
+    lines += [f"Note: {note}" for note in plan._found.notes]
+    lines.append(f"A run takes {seconds(plan.time)}; deciding took {seconds(plan.seconds)} and {plan.runs} runs")
+    return lines
+
+
+def _speed(plan: Plan) -> list[str]:
+    rows = [["model", "coordinates", "an evaluation", "operations"]]
+    for name, of in speed_of(plan._found).items():
+        time = f"{1e6 * (of['time'] or 0.0):.2f} µs"
+        word = {"given": "the scene's own", "lean": "lean", "rich": "of the check"}[name]
+        rows.append([word, str(of["coordinates"]), time, "" if of["operations"] is None else f"{of['operations']}"])
+    if not any(r[3] for r in rows[1:]):
+        rows = [r[:3] for r in rows]
+    return aligned(rows, {1, 2, 3})
+
+
+def _indicators(plan: Plan) -> list[str]:
+    found = plan._found
+    orders = ", ".join(f"{o}: {e:.1e}" for o, e in found.estimates.by_order.items() if o != "exact")
+    lines = [f"Indicators: error by order, estimated: {orders}"] if orders else []
+    turn = ", ".join(f"{x:.2g}" for x in found.estimates.rotation.values())
+    spin = ", ".join(f"{x:.2g}" for x in found.estimates.spin.values())
+    if turn:
+        lines.append(f"  largest rotation of sections by link (rad): {turn}")
+    if spin:
+        lines.append(
+            f"  speed of turning over the first frequency, {found.estimates.first_frequency:.4g} rad/s, by link: {spin}"
+        )
+    return lines
+
+
+# -- what each choice costs and saves -------------------------------------------------------------------------------
+
+
+def choices_of(found: Findings) -> list[Choice]:
+    """Every choice, with the error of leaving it out and the time of putting it in: link by link, then of the arm."""
+    model = found.lean.model
+    rows: list[Choice] = []
+    about = [(group, decision) for decision in DECISIONS for group in decision.groups(found.models)]
+    for group, decision in sorted(about, key=lambda pair: pair[0][0]):
+        where = f"link {group[0]}" + (f" and {len(group) - 1} alike" if len(group) > 1 else "")
+        rows += decision.rows(found, where, group)
+    method = Choice("arm", "method", "ab", None, "the same motion", found.trials.share(model, model, "ci"), True)
+    tried = sorted(found.settings, key=lambda run: (run.values is None, run.time))
+    return [*rows, *_planes(found, rows), method, *(_setting(found, trial) for trial in tried)]
+
+
+def _planes(found: Findings, rows: list[Choice]) -> list[Choice]:
+    """Whether beams bend in a plane, or in space."""
+    names = [set(link.beam.counts) for link in found.models.arm(found.lean.model).links if link.beam is not None]
+    if not any(names):
+        return []
+    in_y = all(n <= {"bending_y", "shear_y"} for n in names)
+    in_z = all(n <= {"bending_z", "shear_z"} for n in names)
+    side = {"bending_z", "torsion", "shear_z"} if in_y else {"bending_y", "torsion", "shear_y"}
+    lost = max((c.without or 0.0 for c in rows if c.what in side), default=0.0)
+    how = SYMMETRY if lost == 0.0 else ESTIMATE
+    if in_y or in_z:
+        return [Choice("arm", "beams bend in", "one plane each", lost, how, None, False)]
+    return [Choice("arm", "beams bend in", "space", None, how, None, True)]
+
+
+def _setting(found: Findings, trial: Run) -> Choice:
+    words = setting_words(trial.options)
+    if trial.values is None:
+        return Choice("arm", "integrator", words, None, RUN, None, False)
+    error, time = found.trials.distance(trial, found.reference), trial.time / found.lean.time - 1.0
+    return Choice("arm", "integrator", words, error, RUN, time, trial is found.lean)
+
+
+def speed_of(found: Findings) -> dict[str, dict[str, float | int | None]]:
+    """Of the scene's own model, the lean and the rich one: coordinates, time (s) and floating point operations of one
+    evaluation of the dynamics; operations are None where the arm does not count them."""
+    out: dict[str, dict[str, float | int | None]] = {}
+    for name, model in (("given", found.models.given), ("lean", found.lean.model), ("rich", found.rich.model)):
+        arm = found.models.arm(model)
+        out[name] = {"coordinates": arm.nv, "time": found.trials.cost(model), "operations": arm.operation_count()}
+    return out
+
+
+# -- deciding ----------------------------------------------------------------------------------------------------------
 
 
 def _checked(tol: float, atol: float | None, time_budget: float | None) -> float:
@@ -183,7 +303,7 @@ def economize(
     """The cheapest model of a scene whose error over the scene's run is below a tolerance.
 
     First indicators: what symmetry rules out, and what a run of the scene's own model leaves unbalanced in a richer
-    one. Then a walk down from what these say may matter, each step verified by simulation. Then one check against an
+    one. Then a way down from what these say may matter, each step verified by simulation. Then one check against an
     enriched model, not on the path: more modes, every strain that moves at all, exact rotation, finer steps.
 
     Args:
@@ -203,28 +323,24 @@ def economize(
         ValueError: bad arguments, a scene that cannot be run, or a quantity that does not move in it.
     """
     limit = _checked(tol, atol, time_budget)
-    if isinstance(scene, (str, Path)):
-        scene = load(scene)
-    if not isinstance(scene, Scene):
-        raise ValueError(f"scene = {scene!r}: must be a Scene, or the path of a scene file")
-    what = Quantity(scene, quantity, atol)
-    started = time.perf_counter()
+    scene = read_scene(scene)
+    measure = Measure(scene, quantity, atol)
+    budget = Budget(math.inf if time_budget is None else time_budget)
     with progress_bar(progress, "deciding", None) as bar:
         tell = (lambda doing: bar(0, doing)) if bar else lambda doing: None
-        walk, found = decide(scene, what, limit, time_budget, tell)
-        choices = choices_of(walk, found)
-    lean = found.lean
+        search = EconomizeSearch(scene, measure, limit, budget, tell)
+        found = search()
+        choices = choices_of(found)
+    lean, rich, trials = found.lean, found.rich, search.trials
     assert lean.result is not None
-    rich = found.check or found.reference
     certified = found.check is not None and not found.reasons
-    error = found.error if found.check is not None else math.inf
+    error = found.off if found.check is not None else math.inf
     return Plan(
         scene,
-        walk.trials.scene(lean.model, {**_kept(scene), **lean.options}),
-        walk.trials.scene(rich.model, {**_kept(scene), **rich.options}),
-        what.name, limit, atol is not None, what.ranges, certified, found.reasons, error,
-        lean.time, time.perf_counter() - started, len(walk.trials.runs), choices,
-        Watch.around(lean.result), walk, found,
+        search.models.at(lean.model, {**_kept(scene), **lean.options}),
+        search.models.at(rich.model, {**_kept(scene), **rich.options}),
+        measure.name, limit, atol is not None, measure.ranges, certified, found.reasons, error,
+        lean.time, budget.used, len(trials.runs), choices, Watch.around(lean.result), search, found,
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from .._console import (
     output_folder,
 )
 from ..choose.economize import economize
-from ..choose.ladder import QUANTITIES
+from ..choose.measures import QUANTITIES
 from ..scene.scene import load
 from . import options
 

@@ -1,9 +1,9 @@
-"""The quantity whose error matters: its values along a run, its span, distances, and how coordinates move it."""
+"""What is compared of runs: its values along a run, its span, distances, and how coordinates move it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,45 +14,8 @@ from ..acting.voltage import split_drives
 from ..arm import Arm
 from ..run.result import Result
 from ..scene.scene import Scene
-from .ladder import QUANTITIES, distance, spans
 
-
-def thinned(result: Result, t: Array) -> Result:
-    """The rows of a result at the times t, which must be among its own."""
-    rows = np.searchsorted(result.t, t - 1e-12 * max(1.0, float(abs(t[-1]))))
-    if len(rows) == len(result.t):
-        return result
-    tau = result.tau[rows]
-    return replace(result, t=result.t[rows], q=result.q[rows], v=result.v[rows], a=result.a[rows], tau=tau)
-
-
-def between(result: Result, t: Array) -> Result:
-    """A result at other times within its own: polynomials of degree five through coordinates, rates and accelerations
-    at both ends (of balls, whose second derivatives are not at hand, of degree three); forces in straight lines."""
-    if np.isin(t, result.t).all():
-        return thinned(result, t)
-    arm, old = result.arm, result.t
-    k = np.clip(np.searchsorted(old, t, side="right") - 1, 0, len(old) - 2)
-    h, u = np.diff(old)[k][:, None], ((t - old[k]) / np.diff(old)[k])[:, None]
-
-    def through(x: Array, dx: Array, ddx: Array | None) -> Array:
-        rise = x[k + 1] - x[k]
-        c, d = h * dx[k] - rise, h * dx[k + 1] - rise  # what a straight line leaves of the slopes
-        out = x[k] + u * rise + u * (1 - u) * ((1 - u) * c - u * d)
-        if ddx is not None:  # what the cubic leaves of the curvatures
-            e, f = h**2 * ddx[k] + 4 * c + 2 * d, h**2 * ddx[k + 1] - (2 * c + 4 * d)
-            out = out + u**2 * (1 - u) ** 2 / 2 * ((1 - u) * e + u * f)
-        return np.asarray(out)
-
-    rates = np.array([arm._core.rates(x, y)[0] for x, y in zip(result.q, result.v, strict=True)])
-    q = through(result.q, rates, None)
-    plain = [(i, arm.coordinate_of(i)) for i in range(arm.nv) if arm.coordinate_of(i) >= 0]
-    of, at = [i for i, _ in plain], [j for _, j in plain]
-    q[:, at] = through(result.q[:, at], result.v[:, of], result.a[:, of])
-    for _, ball in arm.quaternions():
-        q[:, ball] /= np.linalg.norm(q[:, ball], axis=1, keepdims=True)
-    line = [x[k] + u * (x[k + 1] - x[k]) for x in (result.a, result.tau)]
-    return replace(result, t=t, q=q, v=through(result.v, result.a, None), a=line[0], tau=line[1], friction=None)
+QUANTITIES = ("tip", "joint", "strain")
 
 
 @dataclass
@@ -68,8 +31,8 @@ class Sense:
         return float(max((n.max(initial=0.0) for n in norms), default=0.0))
 
 
-class Quantity:
-    """A quantity of a scene's runs.
+class Measure:
+    """A quantity of a scene's runs whose error matters.
 
     Args:
         scene: whose joints and beams it is about. what: "tip", "joint", "strain", or a callable of a Result that
@@ -136,20 +99,28 @@ class Quantity:
         return {**out, "rad": both[:, :, 3:]} if self._sheared() else out
 
     def set_span(self, values: dict[str, Array]) -> None:
-        """Fixes what errors are divided by: the span (or, with atol, 1: errors are then in the quantity's unit).
+        """Fixes what errors are divided by: by unit, the largest range of any one component, units in which nothing
+        moves left out (or, with atol, 1: errors are then in the quantity's unit).
 
         Raises:
             ValueError: nothing moves.
         """
-        self.ranges = spans(values)
+        ranges = {unit: float(np.ptp(x, axis=0).max(initial=0.0)) for unit, x in values.items()}
+        least = {unit: 1e-12 * max(1.0, float(np.abs(values[unit]).max(initial=0.0))) for unit in ranges}
+        self.ranges = {unit: r for unit, r in ranges.items() if r > least[unit]}
         if not self.ranges:
             why = "nothing moves" if values else "there is none that is not prescribed"
             raise ValueError(f"quantity = {self.name!r}: {why} in this scene; take another")
         # shear angles beside curvatures, say: a unit that all but stands still does not set the scale
         self.span = {u: 1.0 for u in self.ranges} if self.atol is not None else dict(self.ranges)
 
+    def by_unit(self, a: dict[str, Array], b: dict[str, Array]) -> dict[str, float]:
+        """Largest distance over all times and places, in its unit."""
+        return {u: float(np.linalg.norm(a[u] - b[u], axis=-1).max()) for u in self.span}
+
     def distance(self, a: dict[str, Array], b: dict[str, Array]) -> float:
-        return distance(a, b, self.span)[0]
+        """Largest distance over all times and places, over the span: the largest of the units'."""
+        return max(d / self.span[u] for u, d in self.by_unit(a, b).items())
 
     def sense(self, scene: Scene, q: Array) -> Sense:
         """How small motions about q (nt, nq) change the quantity. Of a callable, how they change the tip."""

@@ -1,0 +1,227 @@
+"""What `economize` decides, a class for each: modes, order, rotary inertia, Gauss points.
+
+A new decision is a class here, named in DECISIONS. What is there or not of a link, such as friction in its joint, is a
+LinkFeature: it says which links have it, and what such a link is without it. The way down then tries to leave it out,
+the table has a row of it, and the saved scene is without it. The indicators estimate what leaving it out costs, from
+forces at an instant; of what has none there, as dry friction has, `poorer` gives nothing to estimate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..parts.beam import STRAINS
+from ..parts.link import Link
+from .findings import ESTIMATE, RUN, SYMMETRY, Findings
+from .models import ORDERS, Model, Models
+
+UNLIKELY = 2.5  # times the tolerance: orders that are estimated to be off by more are not tried
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One choice.
+
+    Attributes:
+        where: "link 0", or "arm". what: such as "bending_y". chosen: such as "2", "none", "exact".
+        without: what leaving it out costs (of what is in: its last mode, or the next poorer order), or costs now (of
+            what is out), in the terms of the tolerance; None where that is not found.
+        how: where that number is from: "run", "estimate", or "symmetry" (then it is zero).
+        time: of one evaluation of the dynamics, the share that it takes (of what is in), or that it would add.
+        inside: whether it is in the lean model.
+    """
+
+    where: str
+    what: str
+    chosen: str
+    without: float | None
+    how: str
+    time: float | None
+    inside: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        return dict(self.__dict__)
+
+
+class Decision:
+    """Something that is decided for each group of links alike."""
+
+    def groups(self, models: Models) -> list[list[int]]:
+        """The links that it is decided for."""
+        return models.groups
+
+    def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
+        """By name, models with the same coordinates whose error the indicators are to estimate."""
+        return {}
+
+    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
+        """(name, model, estimated error) of single steps down that save time."""
+        yield from ()
+
+    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+        """What was chosen, for the table; `where` are these links in words."""
+        yield from ()
+
+
+class Modes(Decision):
+    """How many shape functions each strain of a beam has; none at all: the beam is rigid."""
+
+    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
+        for s, n in enumerate(() if found.models.pinned else model.counts(group[0])):
+            if n:
+                about = found.sizes.get((group[0], s, n), 0.0)
+                yield ("modes", group[0], s, n), model.with_count(group, s, n - 1), about
+
+    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+        model = found.lean.model
+        if model.beam(group[0]).rigid:
+            lost = max(found.size(group, s, 1) for s in range(len(STRAINS)))
+            yield Choice(where, "beam", "rigid", lost, ESTIMATE, None, False)
+        for s, n in enumerate(model.counts(group[0])):
+            if n:
+                lower = model.with_count(group, s, n - 1)
+                error, how = found.without(lower, found.size(group, s, n))
+                yield Choice(where, STRAINS[s], str(n), error, how, found.trials.share(model, lower), True)
+            elif found.models.most(group[0])[s] == 0:
+                yield Choice(where, STRAINS[s], "none", None, "no shear modulus", None, False)
+            else:
+                more = model.with_count(group, s, 1).but(group, rotary=True)
+                more = more.but(group, order=2) if model.beam(group[0]).rigid else more
+                dormant = STRAINS[s] in found.dormant.get(group[0], ())
+                error, how = (0.0, SYMMETRY) if dormant else (found.size(group, s, 1), ESTIMATE)
+                yield Choice(where, STRAINS[s], "none", error, how, found.trials.share(more, model), False)
+
+
+class Order(Decision):
+    """Of the rotation of a beam's sections."""
+
+    def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
+        return {order: model.but(order=order) for order in ORDERS[:-1]}
+
+    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
+        beam = model.beam(group[0])
+        for order in reversed(() if beam.rigid else ORDERS[: ORDERS.index(beam.order)]):
+            lower = model.but(group, order=order)
+            if not found.allowed(order):
+                continue
+            time = found.trials.share(lower, model) if order == 3 else -1.0
+            if time is not None and time < 0:
+                about = found.estimates.by_order.get(order, 0.0)
+                yield ("order", group[0], order), lower, about if about < UNLIKELY * found.tol else math.inf
+                return
+
+    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+        model, share, by_order = found.lean.model, found.trials.share, found.estimates.by_order
+        beam = model.beam(group[0])
+        if beam.rigid:
+            return
+        for other in reversed(ORDERS[: ORDERS.index(beam.order)]):
+            lower = model.but(group, order=other)
+            error, how = found.without(lower, by_order.get(other, math.inf))
+            time = share(model, lower)
+            if other == 3 and how == ESTIMATE and (time or 0.0) < 0:
+                continue  # dearer than exact
+            yield Choice(where, "order", str(beam.order), error, how, time, True)
+            return
+        now = by_order.get(beam.order, math.inf)
+        yield Choice(where, "order", str(beam.order), now, ESTIMATE, share(model.but(group, order=2), model), False)
+
+
+class Switch(Decision):
+    """Something that is there or not.
+
+    Attributes:
+        name: what it is called in the table.
+    """
+
+    name: str
+
+    def inside(self, model: Model, group: list[int]) -> bool:
+        raise NotImplementedError
+
+    def switched(self, model: Model, group: list[int], on: bool) -> Model:
+        """The model with it, or without."""
+        raise NotImplementedError
+
+    def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
+        links = [k for group in self.groups(models) for k in group]
+        return {self.name: self.switched(model, links, False)} if links else {}
+
+    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
+        if self.inside(model, group):
+            about = min(found.estimates.without.get(self.name, math.inf), found.tol)
+            yield (self.name, group[0]), self.switched(model, group, False), about
+
+    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+        model, share, estimate = found.lean.model, found.trials.share, found.estimates.without.get(self.name, math.inf)
+        inside = self.inside(model, group)
+        other = self.switched(model, group, not inside)
+        if inside:
+            error, how = found.without(other, estimate)
+            yield Choice(where, self.name, "yes", error, how, share(model, other), True)
+        elif math.isfinite(estimate):
+            yield Choice(where, self.name, "no", estimate, ESTIMATE, share(other, model), False)
+        else:  # something cannot do without
+            now, then = found.known(model), found.known(other)
+            lost = None if now is None or then is None else abs(now - then)
+            yield Choice(where, self.name, "no", lost, RUN, share(other, model), False)
+
+
+class RotaryInertia(Switch):
+    """Of a beam's slices. Torsion and shear cannot do without."""
+
+    name = "rotary inertia"
+
+    def inside(self, model: Model, group: list[int]) -> bool:
+        return model.beam(group[0]).rotary
+
+    def switched(self, model: Model, group: list[int], on: bool) -> Model:
+        return model.but(group, rotary=on)
+
+
+class LinkFeature(Switch):
+    """Something of a link, beam or not, that the scene has."""
+
+    def has(self, link: Link) -> bool:
+        raise NotImplementedError
+
+    def leave_out(self, link: Link) -> Link:
+        """The link without it."""
+        raise NotImplementedError
+
+    def groups(self, models: Models) -> list[list[int]]:
+        return [[k] for k, link in enumerate(models.scene.arm.links) if self.has(link)]
+
+    def inside(self, model: Model, group: list[int]) -> bool:
+        return (group[0], self) not in model.without
+
+    def switched(self, model: Model, group: list[int], on: bool) -> Model:
+        these = {(k, self) for k in group}
+        return replace(model, without=model.without - these if on else model.without | these)
+
+
+class GaussPoints(Decision):
+    """How many slices a beam has. They are left out last; see Descent.slices."""
+
+    def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
+        model, gauss = found.lean.model, found.lean.model.beam(group[0]).gauss
+        if model.beam(group[0]).rigid:
+            return
+        full = model.but(group, gauss=None)
+        beam = found.models.arm(full).links[group[0]].beam
+        assert beam is not None
+        most = beam._core.gauss_points
+        if gauss is None:
+            yield Choice(where, "Gauss points", str(most), None, "of the basis", 0.0, True)
+            return
+        now, then = (found.known(m, any_gauss=False) for m in (model, model.but(gauss=None)))
+        cost = None if now is None or then is None else abs(now - then)
+        time = found.trials.share(full, model)
+        yield Choice(where, "Gauss points", f"{gauss} of {most}", cost, RUN, time, False)
+
+
+#: In the order of the table.
+DECISIONS: list[Decision] = [Modes(), Order(), RotaryInertia(), GaussPoints()]

@@ -1,0 +1,319 @@
+"""How `economize` decides: indicators first, then models verified by simulation, then a check off the path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from ..acting.voltage import split_drives
+from ..arm import Arm
+from ..parts.beam import STRAINS
+from ..run.watch import first_frequency, readings
+from ..scene.scene import Scene
+from .coordinates import some_rows
+from .decisions import DECISIONS
+from .descent import Descent
+from .findings import Estimates, Findings, keys
+from .indicators import Indicators
+from .integrators import by_tolerance
+from .measures import Measure
+from .models import ORDERS, BeamModel, Model, Models
+from .steps import differs, finer, settle
+from .symmetry import excited, growth
+from .times import times_to_compare
+from .trials import Budget, OutOfTime, Run, Trials
+
+_SMALL = 1 / 30  # of the tolerance: what is estimated to do less is left out of the reference
+_AGREE = 1 / 3  # of the tolerance: how close reference and check must be
+_BEYOND = 1.5  # times the gap: what may be left beyond the check, where convergence is slow
+_ROUNDS = 3  # references, at most
+_SHEAR = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear"))
+_CLOSE = 1601  # rows of a run in which growth is looked for, where fewer show some
+_GROWTH = 100.0  # of what symmetry leaves out, within the run: more, and the run hangs on that nothing touches it
+
+
+class EconomizeSearch:
+    """Decides for one scene.
+
+    Args:
+        scene: the scene. measure: what matters. tol: its tolerance. budget: time for deciding.
+        tell: called with what is being done.
+    """
+
+    def __init__(
+        self, scene: Scene, measure: Measure, tol: float, budget: Budget, tell: Callable[[str], None]
+    ) -> None:
+        self.scene, self.measure, self.tol, self.tell = scene, measure, tol, tell
+        self.models = Models(scene)
+        # a user's own function of a Result may count on the scene's output times
+        own = scene.t[some_rows(len(scene.t), 400)]
+        self.trials = Trials(self.models, measure, own if callable(measure.what) else times_to_compare(scene.t), budget)
+        self.reached: dict[int, Array] = {}
+        self.rebase = False
+
+    # -- models ------------------------------------------------------------------------------------------------------
+
+    def enriched(self, extra: int, than: Model | None = None, all_strains: bool = False) -> Model:
+        """Everything that symmetry leaves: more modes of every strain than the scene has, exact rotation.
+
+        Args:
+            all_strains: what it leaves out, too.
+            than: more modes of every strain than this model has, too, in Legendre polynomials where they may stand in.
+        """
+        many = sum(beam is not None for beam in self.models.given.beams) > 4
+        least = (2, 2, 1, 1, 1) if many else (4, 4, 2, 2, 2)
+        more = (1, 1, 0, 0, 0) if many else (2, 2, 1, 1, 1)
+
+        def rich(k: int, beam: BeamModel) -> BeamModel:
+            numbers, most = [], self.models.most(k)
+            for s, n in enumerate(beam.counts):
+                want = n
+                if not (self.models.pinned or self.models.own_shapes(k, s)):
+                    want = max(n + more[s], least[s]) + (1 + (s < 2)) * extra
+                    want = want if than is None else max(want, than.counts(k)[s] + 1 + (s < 2))
+                limit = most[s]
+                want = want if limit is None else min(want, limit)
+                numbers.append(want if all_strains or k not in self.reached or self.reached[k][s] else 0)
+            return BeamModel(tuple(numbers), "exact", True)
+
+        model = self.models.given.each(rich)
+        return self._based(model) if than is None else self._rebased(model)
+
+    def richer(self, lean: Model) -> Model:
+        """The enriched model whose coordinates have those of the lean one among them."""
+        model = self._rebased(self.enriched(0)) if lean.basis else self.enriched(0)
+        return model.each(lambda k, b: replace(b, counts=tuple(map(max, b.counts, lean.counts(k)))))
+
+    def _rebased(self, model: Model) -> Model:
+        """In Legendre polynomials, unless something reads the elastic coordinates by number."""
+        return model if self.models.pinned else self.models.rebased(model)
+
+    def _based(self, model: Model) -> Model:
+        return self._rebased(model) if self.rebase else model
+
+    def find_symmetry(self) -> None:
+        """Which strains of which links nothing excites, not even by way of others."""
+        few = self.enriched(0).each(lambda k, b: BeamModel(tuple(min(n, 2) for n in b.counts), 2, True))
+        scene = self.models.at(few, {})
+        moves = excited(scene)
+        found = {}
+        for k, link in enumerate(scene.arm.links):
+            if link.beam is None:
+                continue
+            at, reached = scene.arm._core.first(k) + link.joint.nv, np.zeros(len(STRAINS), dtype=bool)
+            for s, name in enumerate(STRAINS):
+                n = link.beam.counts.get(name, 0)
+                reached[s], at = moves[at : at + n].any(), at + n
+            found[k] = reached if not self.models.pinned else np.array(self.models.given.counts(k)) > 0
+        for group in self.models.groups:  # chosen alike, so reached alike
+            together = np.any([found[k] for k in group], axis=0)
+            self.reached |= {k: together for k in group}
+
+    def own(self) -> Model:
+        """The scene's model without dormant coordinates."""
+        return self._based(self._own())
+
+    def _own(self) -> Model:
+        def moving(k: int, beam: BeamModel) -> BeamModel:
+            return replace(beam, counts=tuple(n * bool(m) for n, m in zip(beam.counts, self.reached[k], strict=True)))
+
+        return self.models.given.each(moving)
+
+    def find_basis(self) -> None:
+        """Whether Legendre polynomials serve better than the scene's basis, at the same count: where their first
+        frequency, which Ritz's method has from above, is lower by what matters; and under patches that are driven."""
+        own = self._own()
+        other = self._rebased(own)
+        if other == own:
+            return
+        driven = bool(split_drives(self.scene.drive)[1])
+        w, better = (first_frequency(self.models.arm(model)) for model in (own, other))
+        self.rebase = driven or w - better > 0.1 * self.tol * w
+
+    # -- indicators --------------------------------------------------------------------------------------------------
+
+    def look(self, rich: Model, base: Run) -> Estimates:
+        """From a run of the base, what each coordinate of the rich model and each order matters."""
+        assert base.result is not None
+        scene, arm = self.models.at(rich, {}), base.result.arm
+        found = Indicators(scene, base.result, self.measure, {})
+        share = dict(zip(keys(scene.arm), found.share, strict=True))
+        share.pop((-1, -1, -1), None)
+        by_order, without = self._poorer(base)
+        w = first_frequency(arm)
+        most = {key: float(values.max()) for key, values in readings(arm, base.result, w).items()}
+        spin, turn = ({k: x for (what, k), x in most.items() if what == kind} for kind in ("spin", "rotation"))
+        return Estimates(share, by_order, without, spin, turn, w)
+
+    def _poorer(self, base: Run) -> tuple[dict[int | str, float], dict[str, float]]:
+        """What each order is off by, and what leaving out costs, by name."""
+        assert base.result is not None
+        exact = base.model.but(order="exact", rotary=True, gauss=None)
+        if not exact.elastic:
+            return {}, {}
+        variants: dict[Any, Arm] = {}
+        for decision in DECISIONS:
+            for name, model in decision.poorer(self.models, exact).items():
+                try:
+                    variants[name] = self.models.arm(model)
+                except ValueError:
+                    continue  # torsion and shear need rotary inertia, order 0 inertia that an arm may not have
+        found = Indicators(self.models.at(exact, {}), base.result, self.measure, variants).variants
+        by_order = {order: found.pop(order) for order in ORDERS if order in found}
+        return {**by_order, "exact": 0.0}, found
+
+    def relevant(self, rich: Model, base: Model, estimates: Estimates) -> Model:
+        """Of the rich model, what the indicators say may matter; never less than the base."""
+        small, share = _SMALL * self.tol, estimates.share
+        order = 2 if estimates.by_order.get(2, np.inf) <= small else "exact"
+
+        def matters(k: int, beam: BeamModel) -> BeamModel:
+            group, numbers = next(g for g in self.models.groups if k in g), []
+            for s, (n, own) in enumerate(zip(beam.counts, base.counts(k), strict=True)):
+                seen = [i for i in range(1, n + 1) if max(share[j, s, i] for j in group) > small]
+                numbers.append(max([min(own, n), *seen]))
+            return BeamModel(tuple(numbers), order, True, None, beam.basis)
+
+        return rich.each(matters)
+
+    # -- all together ------------------------------------------------------------------------------------------------
+
+    def start(self) -> Run:
+        """A first run, of the scene's own model if it can be run."""
+        own = self.own()
+        exact = own.but(order="exact")
+        for model in dict.fromkeys((own, exact)):
+            self.tell("the scene's own model")
+            trial = settle(self.trials, model, self.tol)
+            if trial is not None:
+                return trial
+        reasons = [t.reason for t in self.trials.runs.values() if t.reason]
+        why = reasons[0] if reasons else "no setting of any integrator agrees with the next finer one"
+        raise ValueError(f"scene: cannot be run to this tolerance: {why}")
+
+    def __call__(self) -> Findings:
+        """Decides. OutOfTime in the middle leaves what was found until then, not certified."""
+        self.find_symmetry()
+        self.find_basis()
+        try:
+            base = self.start()
+        except OutOfTime:
+            raise ValueError("time_budget: is over before the scene's own model could be run; give more") from None
+        assert base.values is not None
+        if not self.measure.span:
+            self.measure.set_span(base.values)
+        self.trials.states = base.result
+        found = Findings(self.trials, self.tol, base)
+        found.dormant = {k: tuple(s for s, r in zip(STRAINS, reached, strict=True) if not r)
+                         for k, reached in self.reached.items()}  # fmt: skip
+        try:
+            self._decide(found)
+        except OutOfTime:
+            found.reasons.append("the time for deciding was used up")
+        self.find_unstable(found)
+        return found
+
+    def find_unstable(self, found: Findings) -> None:
+        """Whether what symmetry leaves out would stay small, were it touched."""
+        if self.models.pinned or found.reference.result is None:
+            return
+        rich, lean = self.enriched(0, all_strains=True), found.reference.model
+
+        def few(k: int, own: BeamModel) -> BeamModel:
+            numbers = tuple(n or min(m, 2) for n, m in zip(own.counts, rich.counts(k), strict=True))
+            return BeamModel(numbers, own.order if own.order in (2, 3) else "exact", True, None, own.basis)
+
+        try:
+            scene = self.models.at(lean.each(few), {})
+            moves = excited(scene)
+            grown = growth(scene, found.reference.result, moves)
+            if grown > _GROWTH:
+                grown = growth(scene, found.reference.result, moves, 241)
+            if grown > _GROWTH:  # rows too few for what rings drive up what does not grow
+                grown = growth(scene, self.trials.closely(found.reference, _CLOSE), moves, _CLOSE)
+        except ValueError as e:
+            found.notes.append(f"whether what symmetry leaves out is stable could not be told: {e}")
+            return
+        if grown > _GROWTH:
+            left = [name for name, moving in zip(scene.arm.coordinates, moves, strict=True) if not moving]
+            found.reasons.append(
+                f"the motion is unstable: by symmetry {left[0]}{' and others stay' if left[1:] else ' stays'} at zero, "
+                f"but a disturbance of them grows {grown:.2g} times within the run; put in what disturbs them"
+            )
+
+    def checked(self, rich: Model, found: Findings) -> Run:
+        """A run of the enriched model, in steps that really are finer, at all output times. Where no integrator can do
+        it, because friction switches while fast shear must be followed, say, shear is left out, if it is estimated to
+        matter little; a note tells."""
+        reference = found.reference
+        options, found.notes = finer(self.trials, reference), []
+        lost = max((x for (_, s, _), x in found.estimates.share.items() if s in _SHEAR), default=0.0)
+
+        def without_more_shear(k: int, beam: BeamModel) -> BeamModel:
+            numbers = zip(beam.counts, reference.model.counts(k), strict=True)
+            return replace(beam, counts=tuple(own if s in _SHEAR else n for s, (n, own) in enumerate(numbers)))
+
+        unsheared = rich.each(without_more_shear)
+        check = self.trials.run(rich, options, whole="step" in options, most=max(10.0, 100.0 * found.base.time))
+        if check.values is None:
+            check = self.hard(rich, reference)
+        if check.values is None and unsheared != rich and lost <= _SMALL * self.tol:
+            check = self.trials.run(unsheared, options, whole="step" in options, most=self.patience())
+            check = check if check.values is not None else self.hard(unsheared, reference)
+            found.notes.append(f"the check could not be run with shear, which is estimated at {lost:.1g}")
+        return check
+
+    def patience(self) -> float:
+        """Seconds for one more attempt at a run that has failed."""
+        return max(5.0, 0.5 * self.trials.seconds)
+
+    def hard(self, model: Model, other: Run) -> Run:
+        """A run of a model that the integrator cannot do, with finer steps, or steps of variable length."""
+        setting, trial, slow = self.trials.setting, other, by_tolerance(1e-6)
+        steps = [{**setting, "step": setting["step"] / k} for k in (8, 64)] if "step" in setting else []
+        for options in (*steps, slow, {**slow, "max_order": 2}):
+            trial = self.trials.run(model, options, whole="step" in options, most=self.patience())
+            if trial.values is not None:
+                break
+        return trial
+
+    def _decide(self, found: Findings) -> None:
+        rich = self.enriched(0)
+        self.tell("indicators")
+        found.estimates = self.look(rich, found.base)
+        relevant = self.relevant(rich, found.base.model, found.estimates)
+        reference = self.trials.run(relevant, most=max(10.0, 100.0 * found.base.time))
+        if reference.values is None:
+            reference = self.hard(reference.model, reference)
+        if reference.values is None:
+            reference = found.base  # the check tells what that is worth
+        for k in range(_ROUNDS):
+            assert reference.values is not None
+            self.measure.set_span(reference.values)
+            found.reference, found.reasons = reference, []
+            down = Descent(found, self.tell)
+            model = down.reduce()
+            self.tell("integrators")
+            found.lean, found.settings = down.integrate(model)
+            self.tell("check")
+            rich = self.enriched(k, reference.model)
+            check = found.check = self.checked(rich, found)
+            if check.values is None:
+                found.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
+                return
+            if not (differs(check, reference) and differs(check, found.lean)):
+                found.reasons.append(f"the check took no more steps, {check.steps}, than what it is to check")
+                return
+            found.off = self.trials.distance(found.lean, check)
+            found.gap = self.trials.distance(reference, check)
+            if found.off + _BEYOND * found.gap <= self.tol and found.gap <= _AGREE * self.tol:
+                return
+            found.reasons = [
+                f"against the check it is off by {found.off:.2g}, and the reference, against which choices were "
+                f"made, by {found.gap:.2g}; tolerance {self.tol:.2g}"
+            ]
+            reference, self.trials.setting = check, check.options

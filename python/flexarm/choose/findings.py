@@ -1,0 +1,131 @@
+"""What `economize` finds out of a scene's models: estimates of those not run, errors of those run, what was chosen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from ..arm import Arm
+from ..parts.beam import STRAINS
+from .models import Model, Models
+from .trials import OutOfTime, Run, Trials
+
+RUN, ESTIMATE, SYMMETRY = "run", "estimate", "symmetry"  # where a number is from
+_SPIN = 0.5  # of the first frequency: no order 1, which softens, above it
+
+#: By (link, strain, number of the mode, from 1), how far a coordinate moves the quantity, over its span.
+Sizes: TypeAlias = dict[tuple[int, int, int], float]
+
+
+def keys(arm: Arm) -> list[tuple[int, int, int]]:
+    """(link, strain, number) of each rate; (-1, -1, -1) of joints."""
+    out = [(-1, -1, -1)] * arm.nv
+    for k, link in enumerate(arm.links):
+        at = arm._core.first(k) + link.joint.nv
+        for name, n in link.beam.counts.items() if link.beam is not None else ():
+            for i in range(n):
+                out[at] = k, STRAINS.index(name), i + 1
+                at += 1
+    return out
+
+
+@dataclass
+class Estimates:
+    """What the indicators say, before the models that they are about have been run.
+
+    Attributes:
+        share: what each coordinate of the enriched model adds to the quantity.
+        by_order: by order, what it is off by. without: by name, what leaving something else out costs.
+        spin: by link, its largest angular rate over the arm's first frequency with joints locked. rotation: of its
+            sections against its base, the largest (rad). first_frequency: rad/s.
+    """
+
+    share: Sizes = field(default_factory=dict)
+    by_order: dict[int | str, float] = field(default_factory=dict)
+    without: dict[str, float] = field(default_factory=dict)
+    spin: dict[int, float] = field(default_factory=dict)
+    rotation: dict[int, float] = field(default_factory=dict)
+    first_frequency: float = np.nan
+
+
+@dataclass
+class Findings:
+    """What decisions go by, and what was decided.
+
+    Attributes:
+        trials: runs of the models. tol: the tolerance.
+        base: the scene's own model, less what symmetry rules out. reference, check: rich runs. lean: the choice, with
+            all output times and the chosen integrator.
+        estimates: what the indicators said. sizes: how far each coordinate of the reference moves the quantity.
+        dormant: by link, strains that nothing excites.
+        off: error of the lean run against the check. gap: between reference and check.
+        settings: runs of the lean model with other integrators.
+        reasons: why it is not certified. notes: what the check lacks.
+    """
+
+    trials: Trials
+    tol: float
+    base: Run
+    reference: Run = field(init=False)
+    lean: Run = field(init=False)
+    check: Run | None = None
+    estimates: Estimates = field(default_factory=Estimates)
+    sizes: Sizes = field(default_factory=dict)
+    dormant: dict[int, tuple[str, ...]] = field(default_factory=dict)
+    off: float = np.inf
+    gap: float = np.inf
+    settings: list[Run] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.reference = self.lean = self.base
+
+    @property
+    def models(self) -> Models:
+        return self.trials.models
+
+    @property
+    def rich(self) -> Run:
+        """What errors are taken from: the check, or the reference where there is none."""
+        return self.check or self.reference
+
+    def error(self, model: Model) -> float:
+        """Of a model against the reference, by simulation; inf where it cannot be run."""
+        if self.models.usable(model):
+            return np.inf
+        try:
+            most = max(0.5, 3 * self.reference.time)
+            return self.trials.distance(self.trials.run(model, most=most), self.reference)
+        except ValueError:
+            return np.inf
+
+    def known(self, model: Model, any_gauss: bool = True) -> float | None:
+        """The error of a model that was run, with as many Gauss points or (any_gauss) others."""
+        for trial in self.trials.runs.values():
+            same = trial.options == self.trials.setting and trial.values is not None
+            if same and (trial.model.but(gauss=None) == model.but(gauss=None) if any_gauss else trial.model == model):
+                return self.trials.distance(trial, self.reference)
+        return None
+
+    def without(self, lower: Model, estimate: float) -> tuple[float, str]:
+        """What a poorer model is off by, and where that is from: a run, if it takes no longer than some lean ones, or
+        else the estimate."""
+        known = self.known(lower)
+        if known is not None:
+            return known, RUN
+        try:  # a lean run more
+            trial = self.trials.run(lower, most=max(0.2, 3 * self.lean.time))
+        except (OutOfTime, ValueError):
+            return estimate, ESTIMATE
+        return (estimate, ESTIMATE) if trial.status == "cut" else (self.trials.distance(trial, self.reference), RUN)
+
+    def size(self, group: list[int], strain: int, n: int) -> float:
+        """What the n-th coordinate of a strain does to the quantity."""
+        share = self.estimates.share
+        return self.sizes.get((group[0], strain, n), max((share.get((k, strain, n), 0.0) for k in group), default=0.0))
+
+    def allowed(self, order: int | str) -> bool:
+        return order != 1 or max(self.estimates.spin.values(), default=0.0) < _SPIN

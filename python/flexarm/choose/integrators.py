@@ -1,0 +1,78 @@
+"""Integrators and their settings, as arguments of `simulate`: which there are to try, from loose to tight.
+
+The names are those of run/simulation.py: a new integrator joins by itself, here with a fixed step unless it is added to
+BY_TOLERANCE.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..run.simulation import INTEGRATORS, OPTION_OF
+from ..scene.scene import Scene
+
+#: The integrators that choose their own steps for a tolerance; every other one takes `step`.
+BY_TOLERANCE = frozenset({"ida"})
+
+#: The fixed-step integrators that step over output times.
+OVER_OUTPUTS = frozenset({"gauss"})
+
+#: Those of high order first.
+IN_TURN = sorted(INTEGRATORS, key=lambda name: (name not in OVER_OUTPUTS, name not in BY_TOLERANCE))
+
+#: What the chart draws a line for, by name: arguments of `simulate`.
+LINES: dict[str, dict[str, Any]] = {
+    **{name: {"integrator": name} for name in INTEGRATORS},
+    "ida, BDF 2": {"integrator": "ida", "max_order": 2},
+}
+
+DENSE = 60  # coordinates up to which Gauss collocation, whose matrices are dense, is taken
+
+
+def longest_gap(scene: Scene) -> float:
+    """Between output times (s)."""
+    return float(np.diff(scene.t).max())
+
+
+def line_options(scene: Scene, line: str, value: float, method: str) -> dict[str, Any]:
+    """Arguments of `simulate`: the scene's, with a line's integrator at a setting."""
+    integrator = LINES[line]["integrator"]
+    setting = "rtol" if integrator in BY_TOLERANCE else "step"
+    out = {k: v for k, v in scene.options.items() if OPTION_OF.get(k) == integrator}
+    out |= {**LINES[line], "method": method, setting: value}
+    if setting == "rtol":
+        out["atol"] = value * scene.options.get("atol", 1e-9) / scene.options.get("rtol", 1e-6)
+    return out
+
+
+def line_settings(scene: Scene, line: str, rtols: Sequence[float] = ()) -> list[float]:
+    """Of a line, from loose to tight; no step is longer than the gap between output times, where those are all met."""
+    integrator, gap = LINES[line]["integrator"], longest_gap(scene)
+    if integrator in BY_TOLERANCE:
+        return list(rtols or 10.0 ** -np.arange(2, 12))
+    longest = max(gap, float(np.ptp(scene.t)) / 16) if integrator in OVER_OUTPUTS else gap
+    return list(longest / 2.0 ** np.arange(16))
+
+
+def by_tolerance(rtol: float, integrator: str = "ida") -> dict[str, Any]:
+    return {"integrator": integrator, "rtol": float(rtol), "atol": float(rtol * 1e-3)}
+
+
+def trials_of(scene: Scene, integrator: str, step: float) -> list[dict[str, Any]]:
+    """Of an integrator, what `economize` tries in turn: steps from short, this one, to long, tolerances from loose."""
+    if integrator in BY_TOLERANCE:
+        return [by_tolerance(rtol, integrator) for rtol in (1e-3, 1e-4, 1e-5)]
+    if integrator not in OVER_OUTPUTS:
+        return [{"integrator": integrator, "step": longest_gap(scene)}]
+    longer = [step * 2.0**k for k in range(6) if step * 2.0**k <= float(np.ptp(scene.t))]
+    return [{"integrator": integrator, "step": h} for h in longer or [step]]
+
+
+def setting_words(options: dict[str, Any]) -> str:
+    """Such as "gauss, step 0.05 s"."""
+    if "step" in options:
+        return f"{options['integrator']}, step {options['step']:.3g} s"
+    return f"{options['integrator']}, rtol {options['rtol']:.3g}" if "rtol" in options else str(options["integrator"])

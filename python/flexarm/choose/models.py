@@ -1,0 +1,312 @@
+"""Models of a scene's arm as data: how each beam is modelled, richer and poorer neighbours, the scene with a model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..acting.control import control_laws
+from ..acting.sampled import Sampled
+from ..arm import Arm
+from ..parts.beam import STRAINS, Beam
+from ..parts.link import Link
+from ..scene.scene import Scene, load
+from .coordinates import initial_state
+
+ORDERS: tuple[int | str, ...] = (0, 1, 2, 3, "exact")  # from poor to rich
+_MANY = 4  # more beams than this are treated alike where they are alike
+
+
+def read_scene(scene: Scene | str | Path) -> Scene:
+    """A scene, or that of a scene file or of a shipped scene's name."""
+    if isinstance(scene, (str, Path)):
+        return load(scene)
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene = {scene!r}: must be a Scene, or the path of a scene file")
+    return scene
+
+
+class Feature(Protocol):
+    """Something of a link that a model may be without."""
+
+    name: str
+
+    def leave_out(self, link: Link) -> Link:
+        """The link without it."""
+
+
+@dataclass(frozen=True)
+class BeamModel:
+    """How one beam is modelled.
+
+    Attributes:
+        counts: shape functions of bending_y, bending_z, torsion, shear_y, shear_z; all zero: rigid.
+        order: of the rotation of its sections.
+        rotary: whether its slices have rotary inertia.
+        gauss: its Gauss points; None: as many as its basis asks for.
+        basis: of its shape functions; None: the scene's.
+    """
+
+    counts: tuple[int, ...]
+    order: int | str
+    rotary: bool
+    gauss: int | None = None
+    basis: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.rigid:  # nothing turns in a rigid beam: all orders are the same
+            object.__setattr__(self, "order", 1)
+            object.__setattr__(self, "gauss", None)
+            object.__setattr__(self, "basis", None)
+
+    @property
+    def rigid(self) -> bool:
+        return not any(self.counts)
+
+    @property
+    def label(self) -> str:
+        """Such as "order 2, bending_y 3, torsion 1"."""
+        used = ", ".join(f"{s} {n}" for s, n in zip(STRAINS, self.counts, strict=True) if n)
+        rest = ("", ", no rotary inertia")[not self.rotary] + (f", {self.gauss} Gauss points" if self.gauss else "")
+        used += f" ({self.basis})" if self.basis else ""
+        return f"order {self.order}, {used}{rest}" if used else f"rigid{rest}"
+
+    def with_count(self, strain: int, n: int) -> BeamModel:
+        return replace(self, counts=(*self.counts[:strain], n, *self.counts[strain + 1 :]))
+
+
+@dataclass(frozen=True)
+class Model:
+    """How a scene's arm is modelled.
+
+    Attributes:
+        beams: one for each link; None where it has no beam.
+        without: (link, feature) that are left out.
+        shift: how many modes each strain has above (below) the scene's, where all beams are changed alike.
+    """
+
+    beams: tuple[BeamModel | None, ...]
+    without: frozenset[tuple[int, Feature]] = frozenset()
+    shift: int = field(default=0, compare=False)
+
+    def each(self, change: Callable[[int, BeamModel], BeamModel]) -> Model:
+        """The model with each beam changed: (link, how it is modelled) -> how it is to be."""
+        return replace(self, beams=tuple(b and change(k, b) for k, b in enumerate(self.beams)))
+
+    def but(self, links: list[int] | None = None, **change: Any) -> Model:
+        """The model with something else for these links' beams (None: for all): fields of BeamModel."""
+        return self.each(lambda k, b: replace(b, **change) if links is None or k in links else b)
+
+    def with_count(self, links: list[int], strain: int, n: int) -> Model:
+        return self.each(lambda k, b: b.with_count(strain, n) if k in links else b)
+
+    def beam(self, link: int) -> BeamModel:
+        """Of a link that has a beam."""
+        beam = self.beams[link]
+        assert beam is not None
+        return beam
+
+    def counts(self, link: int) -> tuple[int, ...]:
+        beam = self.beams[link]
+        return (0,) * len(STRAINS) if beam is None else beam.counts
+
+    @property
+    def elastic(self) -> list[BeamModel]:
+        return [b for b in self.beams if b is not None and not b.rigid]
+
+    # of models whose beams are changed alike:
+
+    @property
+    def order(self) -> int | str:
+        """Of the rotation of the beams' sections; "as given" if the arm has no elastic coordinates."""
+        return next((b.order for b in self.elastic), "as given")
+
+    @property
+    def basis(self) -> str:
+        """Of the shape functions; "": the scene's."""
+        return next((b.basis for b in self.elastic if b.basis), "")
+
+    @property
+    def modes(self) -> str:
+        """Modes of each strain in use, link by link, such as "3" or "3+2+1"."""
+        counts = [n for b in self.elastic for n in b.counts if n]
+        return "+".join(map(str, counts)) if len(counts) <= 6 else f"{sum(counts)} in all"
+
+    @property
+    def label(self) -> str:
+        """Such as "order 2, 3 modes (legendre)"."""
+        if not self.modes:
+            return "the rigid arm"
+        basis = f" ({self.basis})" if self.basis else ""
+        return f"order {self.order}, {self.modes} mode{'' if self.modes == '1' else 's'}{basis}"
+
+
+def model_of(beam: Beam | None) -> BeamModel | None:
+    if beam is None:
+        return None
+    return BeamModel(tuple(beam.counts.get(s, 0) for s in STRAINS), beam.order, beam.rotary_inertia, beam.gauss_points)
+
+
+def beam_at(beam: Beam, model: BeamModel) -> Beam:
+    """The beam so modelled; strain shapes of the user's own are left out from the last on, never added to."""
+    modes: dict[str, Any] = {}
+    for strain, n in zip(STRAINS, model.counts, strict=True):
+        own = beam.modes.get(strain)
+        if n:
+            modes[strain] = list(own[:n]) if isinstance(own, tuple) else n
+    given = {f.name: getattr(beam, f.name) for f in fields(beam) if f.init}
+    basis = {} if model.basis is None else {"basis": model.basis, "basis_tip": None}
+    choice = {"modes": modes, "order": model.order, "rotary_inertia": model.rotary, "gauss_points": model.gauss}
+    return Beam(**{**given, **choice, **basis})
+
+
+def other_basis(beam: Beam | None) -> str | None:
+    """A basis that may stand in for that of a beam: Legendre polynomials meet the conditions at a loaded tip, and what
+    a patch does, with fewer functions than modes of a free beam. None where nothing else may stand in: strains of the
+    user's own."""
+    if beam is None or beam.basis == "legendre" or any(isinstance(m, tuple) for m in beam.modes.values()):
+        return None
+    return "legendre"
+
+
+class Models:
+    """The models of a scene's arm.
+
+    Attributes:
+        given: the scene's own model.
+        groups: lists of links whose beams are chosen alike: one each, but where many beams are equal.
+        pinned: why the modes cannot be changed, if something reads the elastic coordinates by number; else "".
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.given = Model(tuple(model_of(link.beam) for link in scene.arm.links))
+        beams = [k for k, beam in enumerate(self.given.beams) if beam is not None]
+        self.groups: list[list[int]] = []
+        for k in beams:
+            alike = [g for g in self.groups if scene.arm.links[g[0]].beam == scene.arm.links[k].beam]
+            if len(beams) > _MANY and alike:
+                alike[0].append(k)
+            else:
+                self.groups.append([k])
+        self._arms: dict[Model, Arm] = {}
+        self.pinned = self._pinned()
+
+    def _pinned(self) -> str:
+        for k, c in enumerate(self.scene.control):
+            if isinstance(c, Sampled) and c.measure is None:
+                return f"control[{k}] reads the whole state"
+            if hasattr(c, "K"):
+                return f"control[{k}] has a gain for every coordinate"
+            if any(isinstance(e, (np.ndarray, list)) for e in getattr(c, "actuate", ())):
+                return f"control[{k}] acts on coordinates by number"
+        return ""
+
+    def own_shapes(self, link: int, strain: int) -> bool:
+        """Whether the shapes of a strain are the user's own: they are never added to."""
+        beam = self.scene.arm.links[link].beam
+        return beam is not None and isinstance(beam.modes.get(STRAINS[strain]), tuple)
+
+    def most(self, link: int) -> tuple[int | None, ...]:
+        """How many shapes each strain can have at most: None: any number."""
+        beam = self.scene.arm.links[link].beam
+        assert beam is not None
+        sheared = beam.material.poisson_ratio is not None or beam.material.shear_modulus is not None
+        free = (not s.startswith(("torsion", "shear")) or sheared for s in STRAINS)
+        return tuple(
+            beam.counts[s] if self.own_shapes(link, i) else None if some else 0
+            for i, (s, some) in enumerate(zip(STRAINS, free, strict=True))
+        )
+
+    # -- neighbours --------------------------------------------------------------------------------------------------
+
+    @property
+    def orders(self) -> list[int | str]:
+        """Orders that give different models, from poor to rich."""
+        return list(ORDERS) if self.given.elastic else ["as given"]
+
+    @property
+    def shifts(self) -> list[int]:
+        """Shifts of the numbers of modes that give different models, from poor to rich."""
+        used = [(k, s, n) for k, b in enumerate(self.given.beams) if b for s, n in enumerate(b.counts) if n]
+        if not used:
+            return [0]
+        own = all(self.own_shapes(k, s) for k, s, _ in used)
+        return list(range(1 - max(n for *_, n in used), 1 if own else 3))
+
+    def uniform(self, order: int | str, shift: int) -> Model:
+        """The scene's own with this order for all beams, and so many modes more for each strain in use (at least
+        one)."""
+
+        def change(k: int, beam: BeamModel) -> BeamModel:
+            wanted = [n and max(1, n + shift) for n in beam.counts]
+            counts = (n if most is None else min(n, most) for n, most in zip(wanted, self.most(k), strict=True))
+            return beam if beam.rigid else replace(beam, order=order, counts=tuple(counts))
+
+        return replace(self.given.each(change), shift=shift)
+
+    def rebased(self, model: Model) -> Model:
+        """The model in Legendre polynomials, where they may stand in."""
+        links = self.scene.arm.links
+        return model.each(lambda k, b: replace(b, basis=other_basis(links[k].beam)) if b.basis is None else b)
+
+    def items(self, model: Model) -> Iterator[tuple[list[int], int, int]]:
+        """(group, strain, count) of every strain that the model has."""
+        for group in self.groups:
+            for strain, n in enumerate(model.counts(group[0])):
+                if n:
+                    yield group, strain, n
+
+    # -- the scene with a model --------------------------------------------------------------------------------------
+
+    def arm(self, model: Model) -> Arm:
+        """The arm so modelled. ValueError where such an arm cannot be."""
+        if model not in self._arms:
+            made: dict[Any, Link] = {}
+            links = []
+            for k, (link, beam) in enumerate(zip(self.scene.arm.links, model.beams, strict=True)):
+                left = frozenset(feature for at, feature in model.without if at == k)
+                key = id(link), beam, left
+                if key not in made:
+                    made[key] = link
+                    if link.beam is not None and beam is not None and beam != self.given.beams[k]:
+                        made[key] = Link(link.joint, link.hub, beam_at(link.beam, beam), link.tip)
+                    for feature in left:
+                        made[key] = feature.leave_out(made[key])
+                links.append(made[key])
+            self._arms[model] = Arm._made(links, self.scene.arm.gravity)
+        return self._arms[model]
+
+    def at(self, model: Model, options: dict[str, Any]) -> Scene:
+        """The scene with this model, its initial state, and these arguments of `simulate`."""
+        arm = self.arm(model)
+        q0, v0 = initial_state(self.scene, arm)
+        return replace(self.scene, arm=arm, q0=q0, v0=v0, options=options)
+
+    def usable(self, model: Model) -> str:
+        """Why the scene's controllers or sensors cannot do with this model; "" if they can."""
+        if not self.scene.control and not self.scene.sensors:
+            return ""
+        try:
+            arm = self.arm(model)
+            control_laws(arm, self.scene.control, self.scene.t, self.scene.loads)
+            for sensor in self.scene.sensors:
+                sensor.check(arm, self.scene.t)
+        except ValueError as e:
+            return str(e)
+        return ""
+
+    def label(self, model: Model) -> str:
+        """What the model is, link by link."""
+        parts = []
+        for group in self.groups:
+            name = f"link {group[0]}" + (f" and {len(group) - 1} like it" if len(group) > 1 else "")
+            parts.append((f"{name}: " if len(self.given.beams) > 1 else "") + model.beam(group[0]).label)
+        for feature in sorted({feature.name for _, feature in model.without}):
+            of = ", ".join(str(k) for k, f in sorted(model.without, key=lambda x: x[0]) if f.name == feature)
+            parts.append(f"no {feature}" + (f" of link {of}" if len(self.given.beams) > 1 else ""))
+        return "; ".join(parts) or "the rigid arm"
