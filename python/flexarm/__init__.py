@@ -50,7 +50,8 @@ from .scene.scene import Scene, load
 from .sensing.reading import PowerSpectrum, Reading, psd
 from .sensing.sensor import Sampler, Sensor
 from .sensing.sensors import Accelerometer, Camera, Encoder, ForceTorque, StrainGauge, Tachometer
-from .sweeps.sweep import SweepInterrupted, SweepResult, sweep
+from .sweeps.result import SweepInterrupted, SweepResult
+from .sweeps.sweep import sweep
 from .sweeps.vary import Sweep, Vary, load_sweep
 
 __all__ = [

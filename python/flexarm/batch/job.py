@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from ..acting.voltage import Voltage, split_drives
 from ..analysis.validity import SILENT, worst_range
 from ..arm import Arm
 from ..parts.chain import Chain
+from ..run.result import Result
 from ..run.simulation import SimulationError, SimulationInterrupted, _events, simulate
 from .rollout import NOT_DONE, STEPPERS, Failure, check_balls, explained, failures_of, grown_loop, take_steps
 from .tables import Schedule, breaks_of, feedback_tables, sampled, stacked, wrench_table
@@ -52,6 +54,28 @@ def _friction(arm: Arm) -> bool:
     return any(np.any(x) for link in arm.links for x in (link.joint.coulomb, link.joint.stiction) if x is not None)
 
 
+class Summary(Protocol):
+    """What is kept of each scenario in place of its rows; its attributes are part of what a file knows a batch by.
+
+    Attributes:
+        every: how many of the job's rows between two that are kept.
+    """
+
+    @property
+    def every(self) -> int: ...
+
+    def kept(self, arm: Arm, rows: int) -> dict[str, tuple[int, ...]]:
+        """By name, the shape of what is kept of a scenario with so many rows."""
+
+    def __call__(self, arm: Arm, blocks: Mapping[str, Any], result: Callable[[int], Result]) -> dict[str, Any]:
+        """The same of all scenarios in `Job.blocks`, nan where one failed; `result` gives each as a Result."""
+
+
+def renamed(message: str, names: Any) -> str:
+    """A message about a scenario of a share, with the number (of `names`) that it has in the whole batch."""
+    return re.sub(r"^((?:parameters of )?scenario) (\d+):", lambda m: f"{m[1]} {names[int(m[2])]}:", message)
+
+
 @dataclass
 class Job:
     """A batch: everything that its scenarios are made of, and how they are run. It pickles, where its laws do.
@@ -62,6 +86,7 @@ class Job:
         q0, v0: (B or 1, n); None where nothing is given. tau: (B or 1, nt or 1, nv), held; None: zero.
         outputs: of "q", "v", "a", "tau".
         integrator, step, options: of `simulate`.
+        summary: what is kept of each scenario; None: the outputs.
     """
 
     variation: Variation
@@ -74,6 +99,7 @@ class Job:
     integrator: str
     step: float | None
     options: dict[str, Any] = field(default_factory=dict)
+    summary: Summary | None = None
 
     def taken(self, indices: NDArray[np.int64]) -> Job:
         """The batch of these scenarios alone."""
@@ -82,7 +108,10 @@ class Job:
             return x if x is None or len(x) == 1 else np.ascontiguousarray(x[indices])
 
         values = {path: part(v) for path, v in self.variation.values.items()}
-        variation = Variation(self.variation.setup, values)  # type: ignore[arg-type]
+        try:
+            variation = Variation(self.variation.setup, values)  # type: ignore[arg-type]
+        except ValueError as e:
+            raise ValueError(renamed(str(e), indices)) from None
         return replace(self, variation=variation, q0=part(self.q0), v0=part(self.v0), tau=part(self.tau))
 
     @property
@@ -103,6 +132,33 @@ class Job:
         """Numbers in a row of each output."""
         arm = self.variation.setup.arm
         return {k: arm.nq if k == "q" else arm.nv for k in self.outputs}
+
+    def kept(self) -> dict[str, tuple[int, ...]]:
+        """By name, the shape of what is kept of a scenario."""
+        if self.summary is not None:
+            return self.summary.kept(self.variation.setup.arm, self.rows)
+        return {k: (self.rows, size) for k, size in self.sizes().items()}
+
+    @property
+    def kept_times(self) -> Array:
+        """Of the rows that are kept."""
+        return self.t[:: self.every][:: self.summary.every if self.summary is not None else 1]
+
+    @property
+    def keeps_events(self) -> bool:
+        return bool(self.events) and self.summary is None
+
+    def event_sizes(self) -> tuple[int, int, int, int]:
+        """How many events, how many occurrences of each a file keeps, nq and nv."""
+        arm = self.variation.setup.arm
+        return self.events, self.rows, arm.nq, arm.nv
+
+    def blocks(self, count: int) -> dict[str, Any]:
+        """Arrays for so many scenarios, to be run into."""
+        out: dict[str, Any] = {k: np.empty((count, self.rows, size)) for k, size in self.sizes().items()}
+        out |= {"status": np.empty(count, np.int32), "reached": np.empty(count)}
+        out |= {"events": np.full(count, None)} if self.events else {}
+        return {**out, "out_of_range": np.full((count, 4), np.nan)}
 
     def schedule(self) -> Schedule:
         assert self.step is not None
@@ -135,18 +191,25 @@ class Job:
         workers: int,
         alive: Any,
     ) -> tuple[list[Failure], dict[str, Any]]:
-        """Runs these scenarios, made of these setups, into the blocks, (n, rows, size), status (n,), reached (n,), and,
-        where events are looked for, events (n,).
+        """Runs these scenarios, made of these setups, into their `blocks`.
 
         Returns:
-            What failed, and counts; counts["interrupted"] after Ctrl-C, counts["beyond"] (n, 4), of `simulate`'s
-            scenarios: what `worst_range` finds, or nan.
+            What failed, and counts; counts["interrupted"] after Ctrl-C.
         """
-        if engine == "steps":
-            found, stats = self._steps(setups, indices, blocks, workers, alive)
-        else:
-            found, stats = self._simulations(setups, indices, blocks, workers, alive)
+        run = self._steps if engine == "steps" else self._simulations
+        found, stats = run(setups, indices, blocks, workers, alive)
         return [Failure(int(indices[f.index]), f.time, f.reason) for f in found], stats
+
+    def _check_range(self, setups: Sequence[Setup], blocks: Mapping[str, Any]) -> None:
+        """Looks for beams bent beyond their order's range."""
+        t, q = self.t[:: self.every], blocks["q"]
+        if not self.variation.varies_arm:  # a look at all at once, which mostly is enough
+            flat = np.nan_to_num(q).reshape(-1, q.shape[2])
+            if worst_range(self.variation.setup.arm, np.zeros(len(flat)), flat) is None:
+                return
+        for k, rows in enumerate(q):
+            here = ~np.isnan(rows[:, 0])
+            blocks["out_of_range"][k] = worst_range(setups[k % len(setups)].arm, t[here], rows[here]) or np.nan
 
     def _steps(
         self, setups: Sequence[Setup], indices: NDArray[np.int64], blocks: Mapping[str, Any], workers: int, alive: Any
@@ -173,8 +236,11 @@ class Job:
             arms = arms[:1]
         stats = take_steps(
             arms, len(indices), schedule, q0, v0, tau, motions, pushes, loads, laws, self.integrator,
-            self.options.get("spectral_radius"), self.options.get("rtol"), blocks, workers, alive,
+            self.options.get("spectral_radius"), self.options.get("rtol"),
+            {k: blocks[k] for k in (*self.outputs, "status", "reached")}, workers, alive,
         )  # fmt: skip
+        if "q" in blocks:
+            self._check_range(setups, blocks)
         found = [
             explained(f, s.arm, q0[f.index % len(q0)], [i for i, _ in motions], self.t, s.loads, s.control)
             for f in failures_of(arms, blocks)
@@ -251,7 +317,7 @@ class Job:
             if np.ptp(steps) > 1e-9 * steps.max():
                 raise ValueError("tau: forces that are held, in scenarios that run one by one, need equal steps of t")
         stop, begun = threading.Event(), float(self.t[0])
-        shares, beyond = np.zeros(len(indices)), np.full((len(indices), 4), np.nan)
+        shares, beyond = np.zeros(len(indices)), blocks["out_of_range"]
         blocks["status"][:] = NOT_DONE
         blocks["reached"][:] = begun
         for name in self.outputs:
@@ -297,8 +363,7 @@ class Job:
         except KeyboardInterrupt:
             interrupted = True
         failures.sort(key=lambda f: f.index)
-        counts = {"steps": int(steps.sum()), "workers": workers, "interrupted": interrupted, "beyond": beyond}
-        return failures, counts
+        return failures, {"steps": int(steps.sum()), "workers": workers, "interrupted": interrupted}
 
     def _one(self, setup: Setup, i: int, look: Callable[[float], None]) -> tuple[Any, int, Failure | None]:
         """Result, status and failure of a scenario."""
