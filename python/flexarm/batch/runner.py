@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from .._check import whole
 from .._threads import later
+from .by_simulate import run_simulations
+from .by_steps import run_steps
 from .executor import gather
 from .job import Job, renamed
 from .result import one_result
@@ -104,7 +106,8 @@ class Runner:
             done = self.count - len(indices)
             for part, setups in self._made(parts, done, alive):
                 blocks, now = storage.blocks(part), _scaled(alive, done, len(part))
-                failures, stats = self.job.run(self.engine, setups, part, blocks, self.workers, now)
+                run = run_steps if self.engine == "steps" else run_simulations
+                failures, stats = run(self.job, setups, part, blocks, self.workers, now)
                 interrupted = bool(stats.pop("interrupted"))
                 self._add(stats)
                 yield part, self._kept(setups, blocks), failures, interrupted

@@ -22,21 +22,13 @@ from ..analysis.validity import range_warning
 from ..arm import Arm
 from ..run.pace import beyond_explicit
 from ..run.simulation import INTEGRATORS, _check_options
+from .arguments import check_memory, check_options, default_workers, forces, rows, scenario_count
 from .job import Job
 from .result import OUTPUTS, BatchResult
-from .rollout import (
-    NOT_DONE,
-    BatchInterrupted,
-    check_memory,
-    check_options,
-    default_workers,
-    forces,
-    rows,
-    scenario_count,
-)
+from .rollout import NOT_DONE, BatchInterrupted
 from .runner import Runner
+from .schedule import check_every
 from .storage import File, Memory
-from .tables import check_every
 from .variation import Setup, Variation
 
 

@@ -16,8 +16,9 @@ from ..store.files import zipped
 from ..store.fingerprint import marks
 from ..store.scenarios import Column, ScenarioFile, read_scenarios
 from . import events as batch_events
+from .arguments import prepared
 from .job import ENDED, FAILED, Job
-from .rollout import NOT_DONE, Failure, prepared
+from .rollout import NOT_DONE, Failure
 from .variation import Variation
 
 REASON_BYTES = 500  # of a failure's reason

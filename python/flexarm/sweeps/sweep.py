@@ -15,8 +15,9 @@ import numpy as np
 from .._console import progress_bar
 from ..analysis.doubts import ModelWarning, coarse
 from ..analysis.validity import RangeWarning, range_warning
+from ..batch.arguments import default_workers
 from ..batch.job import FAILED, Job
-from ..batch.rollout import NOT_DONE, default_workers
+from ..batch.rollout import NOT_DONE
 from ..batch.runner import Runner
 from ..batch.simulate import make_job, warn_of_steps
 from ..batch.storage import File, Memory
@@ -46,7 +47,8 @@ def sweep(
         plan: a Sweep, or the path or name of a sweep file.
         out: folder for sweep.csv, sweep.png, and sweep.h5, which is written as the scenarios are done, with
             trajectories where the plan keeps them. A sweep that was interrupted or killed goes on from there when it
-            is called again; what is damaged is computed again. Another sweep's folder is refused, finished or not, and that of another version of flexarm.
+            is called again; what is damaged is computed again. Another sweep's folder is refused, finished or not, and
+            that of another version of flexarm.
         resume: False forgets what the folder holds.
         fingerprint: as of `simulate_batch`, for functions that a folder cannot know a sweep by.
         workers: threads; None: one for each core. With an executor, threads in each of its workers (1 if None).
