@@ -179,6 +179,17 @@ def test_damaged_files_are_refused_or_harmless(tmp_path, kind):
         fa.BatchResult.load(tmp_path)
 
 
+def test_files_of_an_older_flexarm_are_refused(tmp_path):
+    path = tmp_path / "sweep.h5"
+    with h5py.File(path, "w") as f:
+        f["fingerprint"], f["q"], f["done"] = "{}", np.zeros((2, 3, 4)), np.ones(2, np.uint8)
+    data = path.read_bytes()
+    for call in (fa.BatchResult.load, run, lambda p: fa.sweep(scene(), plan(2), out=p.parent)):
+        with pytest.raises(ValueError, match=r"sweep\.h5': is not a file of a batch or a sweep, or one of an older"):
+            call(path)
+    assert path.read_bytes() == data and [p.name for p in tmp_path.iterdir()] == ["sweep.h5"]
+
+
 def test_an_array_or_the_numbers_of_another_arm_are_refused(tmp_path):
     run(tmp_path / "b.h5", 3).save(tmp_path / "b.npz")
     np.save(tmp_path / "one.npy", np.zeros(3))

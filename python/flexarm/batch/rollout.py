@@ -165,6 +165,18 @@ def grown_loop(
     return None
 
 
+def _motions(arm: Arm, motion: Any, schedule: Schedule) -> dict[int, Array]:
+    """The values of prescribed motions at half steps, by column of v."""
+    moved = {
+        i: motion_table(f"motion of '{arm.coordinates[i]}'", value, schedule)
+        for i, value in arm.by_rate("motion", motion).items()
+    }
+    for i in moved:
+        if arm.coordinate_of(i) < 0:
+            raise ValueError(f"motion of '{arm.coordinates[i]}': that of a ball cannot be prescribed; use Axes")
+    return moved
+
+
 def rollout(
     arm: Arm | Sequence[Arm],
     q0: ArrayLike,
@@ -232,13 +244,7 @@ def rollout(
     check_memory(f"nstep = {steps}: {nout} rows of {most} scenarios, and {steps} steps,", kept + STEP_BYTES * steps,
                  "or fewer steps at once")  # fmt: skip
     schedule = Schedule.uniform(dt, steps, every, held=force.shape[1] > 1)
-    moved = {
-        i: motion_table(f"motion of '{one.coordinates[i]}'", value, schedule)
-        for i, value in one.by_rate("motion", motion).items()
-    }
-    for i in moved:
-        if one.coordinate_of(i) < 0:
-            raise ValueError(f"motion of '{one.coordinates[i]}': that of a ball cannot be prescribed; use Axes")
+    moved = _motions(one, motion, schedule)
     several = isinstance(feedback, (list, tuple)) and any(isinstance(c, (list, tuple)) for c in feedback)
     controls = list(feedback) if several else [feedback]  # type: ignore[arg-type]
     sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "feedback": len(controls)}

@@ -56,11 +56,13 @@ def _complaint(indices: NDArray[np.int64]) -> Refused:
     )
 
 
-def _open(path: Path, verify: bool) -> tuple[dict[str, Any], dict[str, Column], dict[str, Place]]:
+def _open(path: Path, verify: bool, advice: str = "") -> tuple[dict[str, Any], dict[str, Column], dict[str, Place]]:
     """What is written once; the arrays, and where they lie."""
     import h5py
 
     with h5py.File(path, "r") as f:
+        if not {"arrays", "fingerprint"} <= f.keys():
+            raise Refused(f"is not a file of a batch or a sweep, or one of an older flexarm{advice}")
         if verify:
             check_seal(f)
         columns = {k: Column(*x) for k, x in json.loads(dataset(f, "arrays")[()]).items()}
@@ -116,7 +118,7 @@ class ScenarioFile:
         self, path: Path, count: int, columns: Mapping[str, Column], fixed: Mapping[str, Any], marks: Mapping[str, str],
         resume: bool, what: str, where: str, otherwise: str,
     ) -> None:  # fmt: skip
-        self._count, self._columns, self.damaged = count, {**columns, **_OURS}, 0
+        self._columns, self.damaged = {**columns, **_OURS}, 0
         found = path.exists()
         if found and not resume:
             Laid(where, path, {}).close()  # nobody writes over what another process is writing
@@ -125,7 +127,13 @@ class ScenarioFile:
             large = {k: ((count, *x.shape), x.kind, x.blank) for k, x in self._columns.items()}
             lay_out(where, path, {**words, **fixed}, large)
         with readable(where, path, f"a file of a {what} ({otherwise})"):
-            places = self._places(path, marks, what, otherwise)
+            fixed, _, places = _open(path, True, f"; {otherwise}")
+            theirs = json.loads(fixed["fingerprint"])
+            if theirs != marks:
+                raise Refused(f"holds another {what}, {difference(theirs, marks)}; {otherwise}")
+            mine = {k: ((count, *x.shape), np.dtype(x.kind)) for k, x in self._columns.items()}
+            if {k: (x.shape, x.kind) for k, x in places.items()} != mine:
+                raise Refused(f"its arrays are damaged; {otherwise}")
         self._file = Laid(where, path, places)
         if found and resume:
             try:
@@ -133,23 +141,6 @@ class ScenarioFile:
             except BaseException:
                 self.close()
                 raise
-
-    def _places(self, path: Path, mine: Mapping[str, str], what: str, otherwise: str) -> dict[str, Place]:
-        """Where the arrays lie in the file, if it is the one that is meant."""
-        import h5py
-
-        with h5py.File(path, "r") as f:
-            if not {"fingerprint", "arrays"} <= f.keys():
-                raise Refused(f"is not a file of a {what}, or one of an older flexarm; {otherwise}")
-            check_seal(f)
-            found = json.loads(dataset(f, "fingerprint")[()])
-            if found != mine:
-                raise Refused(f"holds another {what}, {difference(found, mine)}; {otherwise}")
-            places = {k: place(f, k, path, x.kind, 1 + len(x.shape)) for k, x in self._columns.items()}
-        for k, x in self._columns.items():
-            if places[k].shape != (self._count, *x.shape):
-                raise Refused(f"{k!r} is damaged; {otherwise}")
-        return places
 
     def _forget_what_is_torn(self) -> None:
         """Scenarios that were half written, or are damaged, are as if they had never run."""
