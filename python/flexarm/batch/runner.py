@@ -110,7 +110,7 @@ class Runner:
                 failures, stats = run(self.job, setups, part, blocks, self.workers, now)
                 interrupted = bool(stats.pop("interrupted"))
                 self._add(stats)
-                yield part, self._kept(setups, blocks), failures, interrupted
+                yield part, self._summed_up(setups, blocks), failures, interrupted
                 done += len(part)
                 if interrupted:
                     return
@@ -148,8 +148,8 @@ class Runner:
             stop.set()
             wait([coming] if coming else [])
 
-    def _kept(self, setups: list[Setup], blocks: dict[str, Any]) -> dict[str, Any]:
-        """What the summary makes of a chunk; without one, all."""
+    def _summed_up(self, setups: list[Setup], blocks: dict[str, Any]) -> dict[str, Any]:
+        """What is kept of a chunk."""
         job = self.job
         if job.summary is None:
             return blocks

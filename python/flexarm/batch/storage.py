@@ -106,9 +106,10 @@ class Memory:
         """After an error."""
 
     def close(self) -> tuple[dict[str, Any], list[Failure]]:
-        """What is kept, and what failed."""
-        for k in self._job.kept():
-            self._held[k][~self._touched] = np.nan
+        """What is kept, and what failed. Of scenarios that Ctrl-C came to before they were written, nothing."""
+        blank = {**dict.fromkeys(self._job.kept(), np.nan), "status": NOT_DONE, "reached": self._job.t[0]}
+        for k, value in {**blank, "out_of_range": np.nan}.items():
+            self._held[k][~self._touched] = value
         return self._held, sorted(self._failures, key=lambda f: f.index)
 
 
