@@ -20,7 +20,7 @@ from typing import Any
 import flexarm as fa
 import matplotlib
 import numpy as np
-from flexarm.batch.rollout import default_workers
+from flexarm.batch.arguments import default_workers
 from flexarm.batch.variation import Setup, Variation
 
 matplotlib.use("Agg")

@@ -129,7 +129,8 @@ from .sensing.sensors import (
     StrainGauge as StrainGauge,
     Tachometer as Tachometer,
 )
-from .sweeps.sweep import SweepInterrupted as SweepInterrupted, SweepResult as SweepResult, sweep as sweep
+from .sweeps.result import SweepInterrupted as SweepInterrupted, SweepResult as SweepResult
+from .sweeps.sweep import sweep as sweep
 from .sweeps.vary import Sweep as Sweep, Vary as Vary, load_sweep as load_sweep
 
 

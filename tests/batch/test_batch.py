@@ -348,7 +348,7 @@ def test_memory_is_known_beforehand(monkeypatch):
     arm = two_links()
     run = fa.simulate_batch(arm, np.linspace(0, 0.01, 11), parameters={"link.0.tip.mass": [0.1, 0.2]})
     assert fa.batch_memory(arm, 2, 11) == run.q.nbytes + run.v.nbytes
-    monkeypatch.setattr(sys.modules["flexarm.batch.rollout"], "_physical_memory", lambda: 1000.0)
+    monkeypatch.setattr(sys.modules["flexarm.batch.arguments"], "_physical_memory", lambda: 1000.0)
     with pytest.raises(ValueError, match=r"2 scenarios of 11 rows take .* GB, this machine has .* out='file.h5'"):
         fa.simulate_batch(arm, np.linspace(0, 0.01, 11), parameters={"link.0.tip.mass": [0.1, 0.2]})
 
@@ -356,7 +356,7 @@ def test_memory_is_known_beforehand(monkeypatch):
 @pytest.mark.parametrize("options", [{"nstep": 10**9}, {"nstep": 10**9, "every": 10**9}, {"B": 10**6, "nstep": 10**6}])
 def test_a_rollout_that_does_not_fit_into_memory_is_refused(options, monkeypatch):
     arm, options = paper_link(), dict(options)
-    monkeypatch.setattr(sys.modules["flexarm.batch.rollout"], "_physical_memory", lambda: 24e9)
+    monkeypatch.setattr(sys.modules["flexarm.batch.arguments"], "_physical_memory", lambda: 24e9)
     q0 = np.zeros((options.pop("B", 1), arm.nq))
     with pytest.raises(ValueError, match=r"nstep = 10+: [0-9]+ rows of 10* scenarios, and 10* steps, take .* GB"):
         fa.rollout(arm, q0, step=1e-3, **options)

@@ -347,7 +347,6 @@ def test_laws_of_scenes_and_installed_packages_are_looked_into():
 
 
 def test_the_batch_of_the_report(tmp_path):
-    pytest.importorskip("h5py")
     arm, t = fa.load("ist").arm, np.linspace(0, 0.02, 5)
 
     def run(w, **more):

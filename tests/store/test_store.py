@@ -9,13 +9,13 @@ import zipfile
 from pathlib import Path
 
 import flexarm as fa
+import h5py
 import numpy as np
 import pytest
-from flexarm.batch.shares import Executor, Future
+from flexarm.batch.executor import Executor, Future
+from flexarm.batch.storage import REASON_BYTES, in_bytes
 from flexarm.store import files, hdf5
 from sweeps.test_sweep import LENGTH, STIFF, plan, scene
-
-h5py = pytest.importorskip("h5py")
 
 TIMES = np.linspace(0, 0.02, 5)
 
@@ -102,7 +102,7 @@ def test_flipped_bytes_are_told_of_and_computed_again(tmp_path):
         offset, size = f["q"].id.get_offset(), f["q"][0].nbytes
         reasons = f["reason"].id.get_offset()
     flip(path, offset + 2 * size + 7)
-    flip(path, reasons + 4 * 200 + 3, 0xFF)  # no UTF-8
+    flip(path, reasons + 4 * REASON_BYTES + 3, 0xFF)  # no UTF-8
     with pytest.raises(ValueError, match=r"b\.h5': the data of scenario 2, 4 are damaged.*verify=False"):
         fa.BatchResult.load(path)
     assert fa.BatchResult.load(path, verify=False).q.shape == q.shape
@@ -177,6 +177,17 @@ def test_damaged_files_are_refused_or_harmless(tmp_path, kind):
         fa.BatchResult.load(tmp_path / "nowhere.h5")
     with pytest.raises(ValueError, match=r"is a folder|not allowed"):
         fa.BatchResult.load(tmp_path)
+
+
+def test_files_of_an_older_flexarm_are_refused(tmp_path):
+    path = tmp_path / "sweep.h5"
+    with h5py.File(path, "w") as f:
+        f["fingerprint"], f["q"], f["done"] = "{}", np.zeros((2, 3, 4)), np.ones(2, np.uint8)
+    data = path.read_bytes()
+    for call in (fa.BatchResult.load, run, lambda p: fa.sweep(scene(), plan(2), out=p.parent)):
+        with pytest.raises(ValueError, match=r"sweep\.h5': is not a file of a batch or a sweep, or one of an older"):
+            call(path)
+    assert path.read_bytes() == data and [p.name for p in tmp_path.iterdir()] == ["sweep.h5"]
 
 
 def test_an_array_or_the_numbers_of_another_arm_are_refused(tmp_path):
@@ -272,7 +283,7 @@ def test_what_the_disk_says_is_said_in_words(tmp_path, monkeypatch):
         m.setattr(files.shutil, "disk_usage", lambda path: usage)
         with pytest.raises(ValueError, match=r"out = .*: takes .* kB, and the disk has 100 B free"):
             run(tmp_path / "b.h5")
-        with pytest.raises(ValueError, match=r"output file .*: takes .* B, and the disk has"):
+        with pytest.raises(ValueError, match=r"output file .*: takes .* kB, and the disk has"):
             fa.sweep(scene(), plan(2), out=tmp_path / "s")
     assert [p.name for p in tmp_path.iterdir()] == ["s"]
 
@@ -290,6 +301,7 @@ for k, call in enumerate((
     lambda: run(None, 2).save(folder / "b.npz"),
     lambda: fa.sweep(scene(), plan(2), out=folder / "s").save(folder / "t"),
     lambda: run(folder / "later.h5", executor=Serial(), progress=lambda share: limit(100)),
+    lambda: fa.sweep(scene(), plan(4), out=folder / "u", batch=2, progress=lambda done, n: done == 2 and limit(100)),
 )):
     limit(600 if k < 3 else resource.RLIM_INFINITY)
     try:
@@ -306,11 +318,12 @@ def test_a_full_disk(tmp_path):
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0 and not done.stderr, done.stderr
     said = done.stdout.splitlines()
-    assert len(said) == 4 and all("a file may not be as large as that here" in x for x in said), said
-    for name, line in zip(("b.h5", "sweep.parts", "b.npz", "later.h5"), said, strict=True):
+    assert len(said) == 5 and all("a file may not be as large as that here" in x for x in said), said
+    for name, line in zip(("b.h5", "sweep.h5", "b.npz", "later.h5", "sweep.h5"), said, strict=True):
         assert name in line
     assert run(tmp_path / "later.h5").stats["resumed"] == 2
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["later.h5", "s", "t"]
+    assert fa.sweep(scene(), plan(4), out=tmp_path / "u").stats["computed"] == 2
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["later.h5", "s", "t", "u"]
     assert not [*tmp_path.rglob("*.new"), *tmp_path.rglob("*.part")]
 
 
@@ -366,7 +379,7 @@ def test_interruptions_pickle(tmp_path):
 
 
 def begun(tmp_path, p, count=2):
-    """A sweep that was interrupted, some of its shares of one scenario done; its shares' files."""
+    """A sweep that was interrupted when some of its scenarios were done; its file."""
 
     def stop(done, total):
         if done == count:
@@ -374,22 +387,28 @@ def begun(tmp_path, p, count=2):
 
     with pytest.raises(fa.SweepInterrupted):
         fa.sweep(scene(), p, out=tmp_path, batch=1, progress=stop)
-    return sorted((tmp_path / "sweep.parts").glob("*.npz"))
+    return tmp_path / "sweep.h5"
 
 
-def test_damaged_shares_are_computed_again(tmp_path):
-    p, foreign = plan(8), tmp_path / "sweep.parts" / "notes.npz"
-    truth, shares = fa.sweep(scene(), p), begun(tmp_path, p, 7)
-    data = shares[0].read_bytes()
-    foreign.write_bytes(b"of the user's")
-    bad = (b"", b"PK", data[:-40], data[:100], data.replace(b"failures", b"fxilures"), shares[6].read_bytes())
-    for path, content in zip(shares, bad, strict=False):
-        path.write_bytes(content)
+@pytest.mark.parametrize("count", [7, 8])
+def test_damaged_scenarios_of_a_sweep_are_computed_again(tmp_path, count):
+    """Of one that was interrupted, and of one that was finished: numbers, marks, reasons and trajectories."""
+    p, notes = plan(8, trajectories=True), tmp_path / "notes.txt"
+    notes.write_bytes(b"of the user's")
+    truth = fa.sweep(scene(), p, out=tmp_path / "whole")
+    path = begun(tmp_path, p, 7) if count == 7 else tmp_path / "sweep.h5"
+    if count == 8:
+        fa.sweep(scene(), p, out=tmp_path)
+    with h5py.File(path) as f:
+        names = ("columns/strain", "columns/settling", "status", "reason", "q", "done")
+        rows = {name: (f[name].id.get_offset(), f[name][:1].nbytes) for name in names}
+    for i, (at, size) in enumerate(rows.values()):
+        flip(path, at + i * size + size // 2, 4)
     found = fa.sweep(scene(), p, out=tmp_path)
-    assert found.complete and np.array_equal(found["strain"], truth["strain"])
-    assert found.stats["damaged"] == 6 and found.stats["computed"] == 7
-    assert list(foreign.parent.iterdir()) == [foreign]
-    assert fa.sweep(scene(), p, out=tmp_path).stats["computed"] == 0
+    assert found.complete and all(np.array_equal(found[name], truth[name], equal_nan=True) for name in truth.columns)
+    assert found.stats["damaged"] == 6 and found.stats["computed"] == 6 + (8 - count)
+    assert all(np.array_equal(found.trajectory(i)[1], truth.trajectory(i)[1]) for i in range(8))
+    assert fa.sweep(scene(), p, out=tmp_path).stats["computed"] == 0 and notes.read_bytes() == b"of the user's"
 
 
 def test_a_folder_of_another_sweep_is_refused_whatever_is_left_of_it(tmp_path):
@@ -398,65 +417,77 @@ def test_a_folder_of_another_sweep_is_refused_whatever_is_left_of_it(tmp_path):
     other = fa.Sweep([fa.Vary("grid", {LENGTH: [0.3, 0.4], STIFF: [2e11, 3e11]})])
     with pytest.raises(ValueError, match="holds another sweep, with another parameters; take another folder"):
         fa.sweep(scene(), other, out=tmp_path)
-    whole = tmp_path / "sweep.npz"
+    whole = tmp_path / "sweep.h5"
     data = whole.read_bytes()
     for bad in (b"", data[:200], data[:-30]):
         whole.write_bytes(bad)
-        with pytest.raises(ValueError, match=r"sweep\.npz': is not a finished sweep \(start anew .*--fresh"):
+        with pytest.raises(ValueError, match=r"sweep\.h5': is not a file of a sweep .*start anew .*--fresh"):
             fa.sweep(scene(), other, out=tmp_path)
     whole.unlink()
-    with pytest.raises(ValueError, match=r"holds another sweep, a sweep\.csv without its sweep\.npz"):
+    with pytest.raises(ValueError, match=r"holds another sweep, a sweep\.csv without its sweep\.h5"):
         fa.sweep(scene(), other, out=tmp_path)
     assert (tmp_path / "sweep.csv").read_bytes() == table
     assert fa.sweep(scene(), other, out=tmp_path, resume=False).complete
 
 
-def test_shares_without_a_mark_or_behind_a_link_are_not_taken(tmp_path):
-    begun(tmp_path, plan(3))
-    (tmp_path / "sweep.parts" / "fingerprint").write_bytes(b"\xff")
-    with pytest.raises(ValueError, match="holds another sweep, whose marks cannot be read"):
-        fa.sweep(scene(), plan(3), out=tmp_path)
-    keep = tmp_path / "sweep.parts" / "keep.txt"
-    keep.write_text("mine")
+def test_a_sweep_without_a_mark_is_not_taken_and_what_is_behind_a_link_stays(tmp_path):
+    path = begun(tmp_path / "s", plan(3))
+    with h5py.File(path) as f:
+        marks = f["fingerprint"][()]
+    whole = path.read_bytes()
+    assert whole.count(marks) == 1
+    path.write_bytes(whole.replace(marks, b"\xff" * len(marks)))
+    with pytest.raises(ValueError, match=r"sweep\.h5': its times, parameters or marks are damaged"):
+        fa.sweep(scene(), plan(3), out=tmp_path / "s")
     moved = tmp_path / "elsewhere"
-    keep.parent.rename(moved)
-    keep.parent.symlink_to(moved)
-    for resume in (True, False):
-        with pytest.raises(ValueError, match=r"sweep\.parts is a link"):
-            fa.sweep(scene(), plan(3), out=tmp_path, resume=resume)
-    keep.parent.unlink()
-    moved.rename(keep.parent)
-    assert fa.sweep(scene(), plan(3), out=tmp_path, resume=False).complete
-    assert keep.read_text() == "mine" and list(keep.parent.iterdir()) == [keep]
+    path.unlink()
+    moved.write_bytes(whole)
+    path.symlink_to(moved)
+    with pytest.raises(ValueError, match="holds another sweep"):
+        fa.sweep(scene(), plan(4), out=tmp_path / "s")
+    assert fa.sweep(scene(), plan(4), out=tmp_path / "s", resume=False).complete
+    assert moved.read_bytes() == whole and not path.is_symlink()
 
 
 def test_two_sweeps_that_begin_in_one_folder_do_not_mix(tmp_path):
     def meanwhile(done, total):
         if done == 0:
-            begun(tmp_path, plan(3))
+            for p, more in ((plan(3), {}), (plan(4), {}), (plan(3), {"resume": False})):
+                with pytest.raises(ValueError, match=r"holds another sweep|another process is using it"):
+                    fa.sweep(scene(), p, out=tmp_path, **more)
 
+    assert fa.sweep(scene(), plan(4), out=tmp_path, batch=1, progress=meanwhile).stats["computed"] == 4
     with pytest.raises(ValueError, match="holds another sweep"):
-        fa.sweep(scene(), plan(4), out=tmp_path, batch=1, progress=meanwhile)
-    assert fa.sweep(scene(), plan(3), out=tmp_path).stats["computed"] == 1
+        fa.sweep(scene(), plan(3), out=tmp_path)
+
+
+def test_a_batch_and_a_sweep_do_not_take_each_others_files(tmp_path):
+    run(tmp_path / "sweep.h5")
+    with pytest.raises(ValueError, match="holds another sweep"):
+        fa.sweep(scene(), plan(2), out=tmp_path)
+    assert fa.sweep(scene(), plan(2, trajectories=True), out=tmp_path, resume=False).complete
+    with pytest.raises(ValueError, match="holds another batch"):
+        run(tmp_path / "sweep.h5")
+    kept = fa.BatchResult.load(tmp_path / "sweep.h5")  # to be read it is one like the other
+    assert len(kept) == 2 and np.isfinite(kept.q).all() and kept.arm(0).links[0].beam.length == 0.3
 
 
 def test_trajectories_that_are_damaged_or_gone(tmp_path):
     p = plan(2, trajectories=True)
-    q = fa.sweep(scene(), p, out=tmp_path).trajectory(1)[1]
-    path = tmp_path / "trajectories.h5"
+    found = fa.sweep(scene(), p, out=tmp_path)
+    q, path = found.trajectory(1)[1], tmp_path / "sweep.h5"
     with h5py.File(path) as f:
         where = f["q"].id.get_offset() + f["q"][0].nbytes
     flip(path, where + 20)
-    found = fa.sweep(scene(), p, out=tmp_path)
     assert found.trajectory(0)[1].shape == q.shape
-    with pytest.raises(ValueError, match=r"trajectories\.h5': the trajectory of scenario 1 is damaged"):
+    with pytest.raises(ValueError, match=r"sweep\.h5': the data of scenario 1 are damaged"):
         found.trajectory(1)
+    again = fa.sweep(scene(), p, out=tmp_path)
+    assert again.stats["computed"] == 1 and again.stats["damaged"] == 1
+    np.testing.assert_array_equal(again.trajectory(1)[1], q)
     path.unlink()
     with pytest.raises(ValueError, match="no such file"):
         found.trajectory(1)
-    again = fa.sweep(scene(), p, out=tmp_path)
-    assert again.stats["computed"] == 2
-    np.testing.assert_array_equal(again.trajectory(1)[1], q)
 
 
 def test_a_sweep_knows_its_functions(tmp_path):
@@ -490,10 +521,8 @@ def test_failures_in_a_saved_batch_of_an_older_flexarm(tmp_path):
 
 
 def test_a_reason_is_cut_between_letters(tmp_path):
-    from flexarm.batch.file import in_bytes
-
-    assert len(in_bytes("ü" * 150)) == 200 and len(in_bytes("a" + "ü" * 150)) == 199
-    assert in_bytes("a" + "ü" * 150).decode() == "a" + "ü" * 99
+    assert len(in_bytes("ü" * 400)) == 500 and len(in_bytes("a" + "ü" * 400)) == 499
+    assert in_bytes("a" + "ü" * 400).decode() == "a" + "ü" * 249
 
 
 def test_zip_files_are_read_whole_or_not_at_all(tmp_path):

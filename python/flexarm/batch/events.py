@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..store.scenarios import Column
+
 PARTS = ("t_events", "q_events", "v_events")
-#: number of axes and type of the arrays that keep them
-ARRAYS = {"events": (2, "<i4"), "t_events": (3, "<f8"), "q_events": (4, "<f8"), "v_events": (4, "<f8")}
 
 
-def shapes(scenarios: int, events: int, most: int, nq: int, nv: int) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Shape and kind of the arrays by name: how often each event occurred, and what is kept of so many occurrences."""
-    all_of = (scenarios, events, most)
-    of = {"events": all_of[:2], "t_events": all_of, "q_events": (*all_of, nq), "v_events": (*all_of, nv)}
-    return {name: (of[name], kind) for name, (_, kind) in ARRAYS.items()}
+def columns(events: int, most: int, nq: int, nv: int) -> dict[str, Column]:
+    """The arrays by name: how often each event occurred, and what is kept of so many occurrences."""
+    of = (events, most)
+    rows = {k: Column(shape, "<f8", np.nan) for k, shape in zip(PARTS, (of, (*of, nq), (*of, nv)), strict=True)}
+    return {"events": Column(of[:1], "<i4", 0), **rows}
 
 
 def packed(found: NDArray[Any], events: int, most: int, nq: int, nv: int) -> dict[str, NDArray[Any]]:
-    """Arrays of these shapes from what occurred in each scenario (None: nothing is known of it); nan beyond."""
-    of = shapes(len(found), events, most, nq, nv)
-    out = {k: np.full(shape, 0 if k == "events" else np.nan, kind) for k, (shape, kind) in of.items()}
+    """These arrays from what occurred in each scenario (None: nothing is known of it); blank beyond."""
+    of = columns(events, most, nq, nv)
+    out = {k: np.full((len(found), *x.shape), x.blank, x.kind) for k, x in of.items()}
     for i, scenario in enumerate(found):
         for name, parts in zip(PARTS, scenario or (), strict=False):
             for k, part in enumerate(parts):

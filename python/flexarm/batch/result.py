@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,26 @@ from ..arm import Arm
 from ..run.result import Result
 from ..store.files import Refused, readable, write_whole
 from . import events as batch_events
-from .file import about, failures_in, in_bytes, read
 from .job import ENDED, FAILED
 from .rollout import NOT_DONE, Failure
+from .storage import REASON_BYTES, about, failures_in, in_bytes, read
 from .variation import Setup, Variation
 
 OUTPUTS = ("q", "v", "a", "tau")
+
+
+def one_result(setup: Setup, t: Array, held: Mapping[str, Any], i: int, keeps_loads: bool = True) -> Result:
+    """Scenario i of a batch's arrays: the rows up to where it got, at the times t."""
+    n = int((t <= held["reached"][i] + 1e-9 * (t[-1] - t[0])).sum())
+    sizes = {k: setup.arm.nq if k == "q" else setup.arm.nv for k in OUTPUTS}
+    arrays: dict[str, Any] = {
+        k: np.full((n, size), np.nan) if held.get(k) is None else np.array(held[k][i, :n]) for k, size in sizes.items()
+    }
+    result = Result(setup.arm, t[:n], **arrays, loads=setup.loads if keeps_loads else None)
+    result.status, events = int(held["status"][i] == ENDED), held.get("events")
+    if events is not None and events[i] is not None:
+        result.t_events, result.q_events, result.v_events = events[i]
+    return result
 
 
 @dataclass(repr=False)
@@ -75,18 +89,8 @@ class BatchResult:
     def __getitem__(self, i: int) -> Result:
         """Scenario i, with its own arm: the rows up to where it got. What was not asked for is nan."""
         i = range(len(self))[i]
-        setup = self.variation.scenario(i)
-        n = int((self.t <= self.reached[i] + 1e-9 * (self.t[-1] - self.t[0])).sum())
-        held = {k: getattr(self, k) for k in OUTPUTS}
-        sizes = {k: setup.arm.nq if k == "q" else setup.arm.nv for k in OUTPUTS}
-        arrays: dict[str, Any] = {
-            k: np.full((n, sizes[k]), np.nan) if x is None else np.array(x[i, :n]) for k, x in held.items()
-        }
-        result = Result(setup.arm, self.t[:n], **arrays, loads=setup.loads if self.keeps_loads else None)
-        result.status = int(self.status[i] == ENDED)
-        if self.events is not None and self.events[i] is not None:
-            result.t_events, result.q_events, result.v_events = self.events[i]
-        return result
+        held = {k: getattr(self, k) for k in (*OUTPUTS, "status", "reached", "events")}
+        return one_result(self.variation.scenario(i), self.t, held, i, self.keeps_loads)
 
     def map(self, f: Callable[[Result], Any]) -> Array:
         """f(result) of every scenario, such as `lambda r: r.tip_deflection()[-1]`, (B, ...)."""
@@ -96,7 +100,7 @@ class BatchResult:
         """Writes times, arrays, failures, parameters and the arm to one file (.npz) that `BatchResult.load` reads."""
         kept: dict[str, Any] = {k: getattr(self, k) for k in OUTPUTS if getattr(self, k) is not None}
         kept |= {f"parameters/{k}": v for k, v in self.variation.values.items()}
-        reason = np.zeros(len(self), "S200")
+        reason = np.zeros(len(self), f"S{REASON_BYTES}")
         for f in self.failures:
             reason[f.index] = in_bytes(f.reason)
         if self.events is not None:
@@ -119,7 +123,7 @@ class BatchResult:
             ValueError: no such file, another kind of file, or a damaged one.
         """
         with readable("batch", Path(path), "a file of a batch"):
-            held = read(Path(path), OUTPUTS, verify)
+            held = read(Path(path), verify)
             values, loads = held["parameters"], held["about"]["loads"]
             ours = {k: v for k, v in values.items() if k.split(".")[0] in ("link", "gravity", "q0", "v0")}
             variation = Variation(Setup(Arm.from_dict(held["about"]["arm"])), ours)

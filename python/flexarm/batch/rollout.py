@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
-import os
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from .._check import Array, array, check_finite, choice, known_keys, number, whole
+from .._check import Array, number, whole
 from .._console import progress_bar
 from ..acting.control import Controller
 from ..acting.drive import Motion
 from ..analysis import loops
 from ..arm import Arm
 from ..run.pace import beyond_explicit
-from ..run.simulation import INTEGRATORS, OPTION_OF
-from .tables import STEP_BYTES, Schedule, feedback_tables, motion_table
+from ..run.simulation import INTEGRATORS
+from .arguments import (
+    check_balls,
+    check_memory,
+    check_options,
+    default_workers,
+    forces,
+    prepared,
+    rows,
+    scenario_count,
+)
+from .schedule import STEP_BYTES, Schedule, feedback_tables, motion_table
 
-STEPPERS = tuple(name for name, row in INTEGRATORS.items() if row.in_batches)
 _REASONS = {
     1: "the mass matrix is singular",
     2: "the equations of a step could not be solved: take a smaller step; with control, see whether its loop is stable",
@@ -31,6 +39,9 @@ _REASONS = {
 }
 RAN_AWAY, NOT_DONE = 3, 4
 _LOOKS = 3  # scenarios that have grown, whose loops are looked at
+
+#: arm, q0, loads and controllers by index
+_Scenario = Callable[[int], tuple[Arm, Array, Any, Sequence[Controller]]]
 
 
 @dataclass(frozen=True)
@@ -83,15 +94,6 @@ class Rollout:
         return f"Rollout({len(self)} scenarios, {len(self.t)} rows, {len(self.failures)} failed)"
 
 
-def default_workers(workers: int | None) -> int:
-    """The number of threads: as many as this process may use cores, if None."""
-    if workers is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if whole("workers", workers) < 1:
-        raise ValueError(f"workers = {workers}: must be at least 1")
-    return workers
-
-
 def _check_arms(arm: Any) -> Sequence[Arm]:
     """One arm, or B of equal structure, as a list."""
     arms = [arm] if isinstance(arm, Arm) else arm
@@ -102,85 +104,6 @@ def _check_arms(arm: Any) -> Sequence[Arm]:
             raise ValueError(f"arm[{k}]: must have the same coordinates as arm[0]: {', '.join(arms[0].coordinates)}")
     arms[0]._warn()
     return arms
-
-
-def scenario_count(sizes: Mapping[str, int]) -> int:
-    """B, from how many scenarios each argument is for; 1 suits all."""
-    most = max(sizes, key=lambda k: sizes[k])
-    count = sizes[most]
-    for name, n in sizes.items():
-        if n not in (1, count):
-            raise ValueError(f"{name}: is for {n} scenarios, {most} for {count}; must be 1 or {count}")
-    return count
-
-
-def rows(name: str, value: ArrayLike | None, default: Array) -> Array:
-    """(B or 1, n) from (B, n) or (n,)."""
-    a = default if value is None else array(name, value, batch_ndim=2)
-    if a.ndim not in (1, 2) or a.shape[-1] != default.shape[-1] or not len(a):
-        n = default.shape[-1]
-        raise ValueError(f"{name} has shape {a.shape}: must be ({n},) or (B, {n})")
-    return np.atleast_2d(a)
-
-
-def forces(tau: ArrayLike | None, nv: int, count: int | None, name: str = "nstep") -> Array:
-    """(B or 1, count or 1, nv) from what is held over steps; not copied where it is such an array already."""
-    if tau is None:
-        return np.zeros((1, 1, nv))
-    try:
-        a = np.ascontiguousarray(tau, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"tau = {tau!r}: must be numbers") from None
-    if a.ndim not in (2, 3) or a.shape[-1] != nv or a.size == 0:
-        raise ValueError(f"tau has shape {a.shape}: must be ({name}, {nv}) or (B, {name}, {nv}); {name} may be 1")
-    if count is not None and a.shape[-2] not in (1, count):
-        raise ValueError(f"tau has shape {a.shape}: its last axis but one must be {name} = {count}, or 1")
-    check_finite("tau", a, a.ndim == 3)
-    return a if a.ndim == 3 else a[None]
-
-
-def _physical_memory() -> float:
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):
-        return np.inf
-
-
-def check_memory(what: str, need: float, otherwise: str) -> None:
-    """Refuses what takes more bytes than there are."""
-    there = _physical_memory()
-    if need > there:
-        raise ValueError(
-            f"{what} take {need / 1e9:.3g} GB, this machine has {there / 1e9:.3g} GB; take a larger `every`, "
-            f"{otherwise}"
-        )
-
-
-def prepared(out: Mapping[str, Array] | None, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
-    """Arrays of these shapes: those of `out`, checked, or new ones."""
-    known_keys("out", out or {}, shapes)
-    made = {}
-    for name, shape in shapes.items():
-        x = (out or {}).get(name)
-        if x is None:
-            x = np.empty(shape)
-        elif not isinstance(x, np.ndarray) or x.dtype != np.float64 or x.shape != shape:
-            what = f"{x.dtype} {x.shape}" if isinstance(x, np.ndarray) else repr(x)
-            raise ValueError(f"out['{name}'] is {what}: must be an array of float64, shape {shape}")
-        elif not x.flags.c_contiguous or not x.flags.writeable:
-            raise ValueError(f"out['{name}']: must be contiguous (C order) and writeable")
-        made[name] = x
-    return made
-
-
-def check_balls(arm: Arm, q: Array, field_name: str = "q0") -> None:
-    for k, at in arm.quaternions():
-        size = np.abs(q[:, at]).max(axis=1)
-        bad = np.flatnonzero((size < 1e-100) | (size > 1e100))
-        if bad.size:
-            raise ValueError(
-                f"{field_name}[{bad[0]}]: the quaternion of link {k} must have a length, from 1e-100 to 1e100"
-            )
 
 
 def take_steps(
@@ -198,51 +121,43 @@ def take_steps(
     )  # fmt: skip
 
 
-def failures_of(arms: Sequence[Arm], blocks: Mapping[str, Any]) -> list[Failure]:
-    """Of scenarios with these arms (one, or one each), whose `blocks` the core has written."""
+def failures_of(
+    blocks: Mapping[str, Any], scenario: _Scenario, prescribed: Sequence[int], times: Array
+) -> list[Failure]:
+    """What failed of scenarios whose `blocks` the core has written; of continuous control, with the loop that is to
+    blame, if one is.
+
+    Args:
+        scenario: arm, q0, loads and control by index. times: of the run.
+    """
     status, found = blocks["status"], []
-    for i in np.flatnonzero((status > 0) & (status != NOT_DONE)):
-        reason = _REASONS[int(status[i])]
+    for i in np.flatnonzero((status > 0) & (status != NOT_DONE)).tolist():
+        arm, q0, loads, control = scenario(i)
+        reason, reached = _REASONS[int(status[i])], float(blocks["reached"][i])
         if status[i] == RAN_AWAY and "q" in blocks and "v" in blocks:
             done = int(np.isfinite(blocks["q"][i]).all(axis=1).sum())
-            arm = arms[0 if len(arms) == 1 else int(i)]
             who = arm._core.farthest_out(blocks["q"][i, done - 1], blocks["v"][i, done - 1]) if done else ""
             reason = reason.replace(":", f"; {who} and grows:", 1) if who else reason
-        found.append(Failure(int(i), float(blocks["reached"][i]), reason))
+        if control and reached > times[0]:
+            loop = loops.unstable(arm, arm, q0, prescribed, times, loads, control, [], reached - float(times[0]), True)
+            reason = reason if loop is None else f"{loop} ({reason.partition(':')[0]})"
+        found.append(Failure(i, reached, reason))
     return found
 
 
-def explained(
-    failure: Failure, arm: Arm, q0: Array, prescribed: Sequence[int], times: Array, loads: Any, control: Any
-) -> Failure:
-    """With the loop of continuous control that is to blame, if one is."""
-    controls = [control] if isinstance(control, Controller) else list(control or ())
-    if not controls or failure.time <= times[0]:
-        return failure
-    time = failure.time - float(times[0])
-    loop = loops.unstable(arm, arm, q0, prescribed, times, loads, controls, [], time, True)
-    return failure if loop is None else replace(failure, reason=f"{loop} ({failure.reason.partition(':')[0]})")
-
-
 def grown_loop(
-    scenario: Callable[[int], tuple[Arm, Array, Any, Any]], prescribed: Sequence[int], times: Array, v: Array,
-    status: NDArray[np.int32],
-) -> tuple[int, loops.LoopWarning] | None:  # fmt: skip
-    """The first scenario that was done, but that a loop of continuous control has made grow.
-
-    Args:
-        scenario: arm, q0, loads and control by index. times: of the run. v: (B, rows, nv).
-    """
+    scenario: _Scenario, prescribed: Sequence[int], times: Array, v: Array, status: NDArray[np.int32]
+) -> tuple[int, loops.LoopWarning] | None:
+    """The first scenario that was done, but that a loop of continuous control has made grow; arguments as above."""
     looks = 0
     for k in np.flatnonzero(status == 0).tolist():
         if not loops.has_grown(v[k]):
             continue
         arm, q0, loads, control = scenario(k)
-        controls = [control] if isinstance(control, Controller) else list(control or ())
-        if not controls:
+        if not control:
             continue
         time = float(times[-1] - times[0])
-        loop = loops.unstable(arm, arm, q0, prescribed, times, loads, controls, [], time, False)
+        loop = loops.unstable(arm, arm, q0, prescribed, times, loads, control, [], time, False)
         looks += 1
         if loop is not None:
             return k, loop
@@ -251,15 +166,16 @@ def grown_loop(
     return None
 
 
-def check_options(integrator: str, rtol: Any, spectral_radius: Any) -> None:
-    choice("integrator", integrator, STEPPERS)
-    implicit = OPTION_OF["spectral_radius"]
-    if INTEGRATORS[integrator].explicit and rtol is not None:
-        raise ValueError(f'rtol = {rtol}: is for integrator="{implicit}", not for "{integrator}"')
-    if integrator != implicit and spectral_radius is not None:
-        raise ValueError(
-            f'spectral_radius = {spectral_radius}: is for integrator="{implicit}", not for "{integrator}"'
-        )
+def _motions(arm: Arm, motion: Any, schedule: Schedule) -> dict[int, Array]:
+    """The values of prescribed motions at half steps, by column of v."""
+    moved = {
+        i: motion_table(f"motion of '{arm.coordinates[i]}'", value, schedule)
+        for i, value in arm.by_rate("motion", motion).items()
+    }
+    for i in moved:
+        if arm.coordinate_of(i) < 0:
+            raise ValueError(f"motion of '{arm.coordinates[i]}': that of a ball cannot be prescribed; use Axes")
+    return moved
 
 
 def rollout(
@@ -329,13 +245,7 @@ def rollout(
     check_memory(f"nstep = {steps}: {nout} rows of {most} scenarios, and {steps} steps,", kept + STEP_BYTES * steps,
                  "or fewer steps at once")  # fmt: skip
     schedule = Schedule.uniform(step, steps, every, held=force.shape[1] > 1)
-    moved = {
-        i: motion_table(f"motion of '{one.coordinates[i]}'", value, schedule)
-        for i, value in one.by_rate("motion", motion).items()
-    }
-    for i in moved:
-        if one.coordinate_of(i) < 0:
-            raise ValueError(f"motion of '{one.coordinates[i]}': that of a ball cannot be prescribed; use Axes")
+    moved = _motions(one, motion, schedule)
     several = isinstance(control, (list, tuple)) and any(isinstance(c, (list, tuple)) for c in control)
     controls = list(control) if several else [control]  # type: ignore[arg-type]
     sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "control": len(controls)}
@@ -355,20 +265,19 @@ def rollout(
     interrupted = stats.pop("interrupted")
     stats |= {"wall_time": time.perf_counter() - started}
     t = schedule.ends[schedule.rows]
-    failures = [
-        explained(f, arms[f.index % len(arms)], q[f.index % len(q)], list(moved), schedule.ends, (),
-                  controls[f.index % len(controls)])
-        for f in failures_of(arms, blocks)
-    ]  # fmt: skip
+
+    def scenario(k: int) -> tuple[Arm, Array, Any, Sequence[Controller]]:
+        law = controls[k % len(controls)]
+        laws = [law] if isinstance(law, Controller) else list(law or ())
+        return arms[k % len(arms)], q[k % len(q)], (), laws
+
+    failures = failures_of(blocks, scenario, list(moved), schedule.ends)
     result = Rollout(t, **blocks, failures=failures, stats=stats)
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
     if control is not None:
-        grown = grown_loop(
-            lambda k: (arms[k % len(arms)], q[k % len(q)], (), controls[k % len(controls)]),
-            list(moved), schedule.ends, result.v, result.status,
-        )  # fmt: skip
+        grown = grown_loop(scenario, list(moved), schedule.ends, result.v, result.status)
         if grown is not None:
             warnings.warn(grown[1].of(f"scenario {grown[0]}"), stacklevel=2)
     blown = beyond_explicit(one, step, float(schedule.ends[-1])) if INTEGRATORS[integrator].explicit else None

@@ -12,28 +12,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array, array, choice, number, whole
+from .._console import progress_bar
 from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage
 from ..analysis.doubts import ModelWarning, coarse
+from ..analysis.validity import range_warning
 from ..arm import Arm
 from ..run.pace import beyond_explicit
 from ..run.simulation import INTEGRATORS, check_integrator
+from .arguments import STEPPERS, check_memory, check_options, default_workers, forces, rows, scenario_count
 from .job import Job
 from .result import OUTPUTS, BatchResult
-from .rollout import (
-    NOT_DONE,
-    BatchInterrupted,
-    check_memory,
-    check_options,
-    default_workers,
-    forces,
-    rows,
-    scenario_count,
-)
+from .rollout import NOT_DONE, BatchInterrupted
 from .runner import Runner
-from .tables import check_every
+from .schedule import check_every
+from .storage import File, Memory
 from .variation import Setup, Variation
 
 
@@ -47,31 +42,30 @@ def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = (
     return 8 * scenarios * rows * sum(arm.nq if k == "q" else arm.nv for k in outputs)
 
 
-def _make_job(
-    arm: Any, t: Any, q0: Any, v0: Any, tau: Any, setup: dict[str, Any], parameters: Any, outputs: Any, every: Any,
-    integrator: str, step: Any, options: dict[str, Any],
+def make_job(
+    arm: Any, t: Any, q0: Any, v0: Any, tau: Any = None, *, drive: Any, loads: Any, control: Any, parameters: Any,
+    outputs: Any, every: Any = 1, integrator: str, step: Any = None, **options: Any,
 ) -> tuple[Job, int]:  # fmt: skip
     """The batch, checked, and its number of scenarios."""
-    if not isinstance(arm, Arm):
-        raise ValueError(f"arm = {arm!r}: must be an Arm; what differs goes into parameters")
+    setup = _make_setup(arm, drive, loads, control)
     times = array("t", t)
     if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0).all():
         raise ValueError(f"t has shape {times.shape}: must be one list of at least two times, increasing")
     choice("integrator", integrator, INTEGRATORS)
-    if integrator != "ida" and step is None:
+    if INTEGRATORS[integrator].fixed and step is None:
         step = float(np.diff(times).min())
     special = ("max_order", "linear_solver", "spectral_radius", "stages")
     check_integrator(integrator, step, **{k: options[k] for k in special if k in options})
     options = {k: x for k, x in options.items() if x is not None}
     if step is not None and not 0.0 < number("step", step) < np.inf:
         raise ValueError(f"step = {step}: must be positive and finite, in seconds")
-    if integrator in ("implicit", "rk4"):
+    if integrator in STEPPERS:
         check_options(integrator, options.get("rtol"), options.get("spectral_radius"))
     check_every(whole("every", every), times.size - 1)
     if isinstance(outputs, str) or not outputs:
         raise ValueError(f"outputs = {outputs!r}: must be a list of some of {', '.join(OUTPUTS)}")
     wanted = tuple(k for k in OUTPUTS if k in [choice("outputs", x, OUTPUTS) for x in outputs])
-    variation = Variation(Setup(arm, **setup), parameters)
+    variation = Variation(setup, parameters)
     q, v = rows("q0", q0, arm.zero), rows("v0", v0, np.zeros(arm.nv))
     held = forces(tau, arm.nv, times.size, "nt")
     starts = {}
@@ -83,6 +77,30 @@ def _make_job(
     job = Job(variation, times, starts["q0"], starts["v0"], None if tau is None else held, wanted, every, integrator,
               step, options)  # fmt: skip
     return job, count
+
+
+def _make_setup(arm: Any, drive: Any, loads: Any, control: Any) -> Setup:
+    """What the scenarios have in common, checked."""
+    if drive is not None and not isinstance(drive, Mapping):
+        raise ValueError(f"drive = {drive!r}: must be a dictionary, by link number")
+    for key, law in (drive or {}).items():
+        if not isinstance(law, (Motion, Torque, Voltage)):
+            raise ValueError(f"drive[{key!r}] = {law!r}: must be a Motion, a Torque or a Voltage")
+    for name, kind, given in (("loads", "Load", loads), ("control", "controllers", control)):
+        if given is not None and not isinstance(given, (list, tuple, Controller)):
+            raise ValueError(f"{name} = {given!r}: must be a list of {kind}")
+    if not isinstance(arm, Arm):
+        raise ValueError(f"arm = {arm!r}: must be an Arm; what differs goes into parameters")
+    controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)
+    return Setup(arm, dict(drive or {}), tuple(loads or ()), controls)
+
+
+def warn_of_steps(job: Job, engine: str) -> None:
+    """StepWarning where "rk4" took steps above the limit of the arm."""
+    if engine == "steps" and INTEGRATORS[job.integrator].explicit and job.step is not None:
+        blown = beyond_explicit(job.variation.setup.arm, job.step, float(job.t[-1] - job.t[0]))
+        if blown is not None:
+            warnings.warn(blown, stacklevel=3)
 
 
 def simulate_batch(
@@ -131,8 +149,8 @@ def simulate_batch(
         workers: threads; None: one for each core.
         progress: shows a bar on stderr, where that is a terminal; or a callable, which is given the share done about
             ten times a second (with an executor: whenever a share is done) and at the end, and may raise to give up.
-        out: arrays by name that the result is written into; or a file ("sweep.h5", extra "batch"), written as the
-            scenarios are done: the same call again does what is missing, whatever stopped it, and what is damaged.
+        out: arrays by name that the result is written into; or a file ("sweep.h5"), written as the scenarios are
+            done: the same call again does what is missing, whatever stopped it, and what is damaged.
             Another batch's file is refused, and that of another version of flexarm; see docs/batch.md.
         resume: whether to go on with such a file; if not, it is written over.
         fingerprint: a name of yours for what functions read that such a file cannot know them by: what changes when it
@@ -158,44 +176,40 @@ def simulate_batch(
         StepWarning: steps of "rk4" above the limit of `arm`.
         ModelWarning: a beam of `arm` with too few shape functions for what it carries.
     """
-    if drive is not None and not isinstance(drive, Mapping):
-        raise ValueError(f"drive = {drive!r}: must be a dictionary, by link number")
-    for key, law in (drive or {}).items():
-        if not isinstance(law, (Motion, Torque, Voltage)):
-            raise ValueError(f"drive[{key!r}] = {law!r}: must be a Motion, a Torque or a Voltage")
-    for name, kind, given in (("loads", "Load", loads), ("control", "controllers", control)):
-        if given is not None and not isinstance(given, (list, tuple, Controller)):
-            raise ValueError(f"{name} = {given!r}: must be a list of {kind}")
     if isinstance(arm, Arm):
         arm._warn()
         for text in coarse(arm):
             warnings.warn(text, ModelWarning, stacklevel=2)
-    controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)
-    setup = {"drive": dict(drive or {}), "loads": tuple(loads or ()), "control": controls}
-    options = {"rtol": rtol, "spectral_radius": spectral_radius, **options}
-    job, count = _make_job(arm, t, q0, v0, tau, setup, parameters, outputs, every, integrator, step, options)
+    job, count = make_job(
+        arm, t, q0, v0, tau, drive=drive, loads=loads, control=control, parameters=parameters, outputs=outputs,
+        every=every, integrator=integrator, step=step, rtol=rtol, spectral_radius=spectral_radius, **options,
+    )  # fmt: skip
     workers = default_workers(1 if workers is None and executor is not None else workers)
-    path = Path(out) if isinstance(out, (str, Path)) else None
-    if path is None and not out:
+    if not out:
         what = f"outputs: {count} scenarios of {job.rows} rows"
         check_memory(what, batch_memory(arm, count, job.rows, job.outputs), "fewer `outputs`, or out='file.h5'")
     started = time.perf_counter()
     engine = job.engine()
     runner = Runner(job, count, engine, workers, batch, executor)
-    if path is None:
-        arrays = None if isinstance(out, (str, Path)) else out
-        result, interrupted = runner.in_memory(arrays, progress)
+    storage: File | Memory
+    if isinstance(out, (str, Path)):
+        storage = File(job, count, Path(out), resume, fingerprint)
     else:
-        result, interrupted = runner.in_file(path, resume, progress, fingerprint)
-    result.stats = {"engine": engine, **result.stats, "wall_time": time.perf_counter() - started}
+        storage = Memory(job, count, out)
+    with progress_bar(progress, "simulating") as bar:
+        show = None if bar is None else lambda done: bar(done / count)
+        held, failures, interrupted = runner.run(storage, show)
+    beyond = np.flatnonzero(~np.isnan(held["out_of_range"][:, 0]))
+    stats = {"engine": engine, **runner.stats, **({"out_of_range": beyond.size} if beyond.size else {})}
+    arrays: dict[str, Any] = {k: held.get(k) for k in (*OUTPUTS, "status", "reached", "events")}
+    result = BatchResult(job.t[:: job.every], **arrays, variation=job.variation, failures=failures,
+                         stats={**stats, "wall_time": time.perf_counter() - started})  # fmt: skip
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
-    beyond = runner.warning()
-    if beyond is not None:
-        warnings.warn(beyond, stacklevel=2)
-    if engine == "steps" and integrator == "rk4" and step is not None:
-        blown = beyond_explicit(job.variation.setup.arm, step, float(job.t[-1] - job.t[0]))
-        if blown is not None:
-            warnings.warn(blown, stacklevel=2)
+    if beyond.size:  # that of the first scenario that deserves one
+        i = int(beyond[0])
+        worst = range_warning(job.variation.scenario(i).arm, held["out_of_range"][i], f"scenario {i}: ")
+        warnings.warn(worst, stacklevel=2)
+    warn_of_steps(job, engine)
     return result

@@ -15,7 +15,7 @@ from ..run.simulation import INTEGRATORS, OPTION_OF
 from ..scene.scene import Scene
 
 #: The integrators that choose their own steps for a tolerance; every other one takes `step`.
-BY_TOLERANCE = frozenset({"ida"})
+BY_TOLERANCE = frozenset(name for name, row in INTEGRATORS.items() if not row.fixed)
 
 #: The fixed-step integrators that step over output times.
 OVER_OUTPUTS = frozenset({"gauss"})

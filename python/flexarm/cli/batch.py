@@ -15,14 +15,15 @@ from .._console import (
     print_table,
 )
 from ..scene.scene import load
-from ..sweeps.sweep import SweepInterrupted, sweep
+from ..sweeps.result import SweepInterrupted
+from ..sweeps.sweep import sweep
 from ..sweeps.vary import load_sweep
 from . import options
 
 SUMMARY = "simulate a scene many times over, its parameters varied"
 TEXT = (
-    "Writes sweep.csv, a line for each scenario, and sweep.png, and where SWEEP says so trajectories.h5. "
-    "What was interrupted goes on when the same command is given again."
+    "Writes sweep.csv, a line for each scenario, sweep.png, and sweep.h5, which holds what is done and, where SWEEP "
+    "says so, trajectories. What was interrupted goes on when the same command is given again."
 )
 
 

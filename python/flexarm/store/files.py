@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -82,20 +81,10 @@ def write_whole(path: Path, write: Callable[[Any], Any], where: str = "file") ->
             raise
 
 
-def packed(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Arrays as they are, and all else as JSON, for an .npz."""
-    return {k: v if isinstance(v, np.ndarray) else np.array(json.dumps(v)) for k, v in values.items()}
-
-
 def zipped(path: Path) -> dict[str, Any]:
-    """All of an .npz; each is checked by its checksum. For use in `readable`, as `unpacked`."""
+    """All of an .npz; each is checked by its checksum. For use in `readable`."""
     with path.open("rb") as f, np.load(f, allow_pickle=False) as z:
         return {k: z[k] for k in z.files}
-
-
-def unpacked(path: Path) -> dict[str, Any]:
-    """What `packed` made."""
-    return {k: json.loads(str(x)) if x.dtype.kind == "U" else x for k, x in zipped(path).items()}
 
 
 @contextmanager

@@ -22,26 +22,19 @@ _BLOCK = 1 << 22  # bytes that are filled at once
 _ROOM = 1 << 18  # bytes for the library's own tables
 
 
-def h5py(why: str = "out: a file") -> Any:
-    """The module; ImportError that says what needs it."""
-    try:
-        import h5py as module
-    except ImportError:
-        raise ImportError(f'{why} needs h5py; install it with  pip install "flexarm[batch]"') from None
-    return module
-
-
 def dataset(file: Any, name: str) -> Any:
     """A data set that stands in this file. What points elsewhere is refused: links, external and virtual storage; and
     so are filters, which may load a library."""
-    h5, at = h5py(), file
+    import h5py
+
+    at = file
     for part in name.split("/"):
         if part not in at:
             raise Refused(f"holds no {name!r}: is not whole, or of another kind")
-        if not isinstance(at.get(part, getlink=True), h5.HardLink):
+        if not isinstance(at.get(part, getlink=True), h5py.HardLink):
             raise Refused(f"{name!r} is a link to elsewhere, which is not followed")
         at = at[part]
-    if not isinstance(at, h5.Dataset):
+    if not isinstance(at, h5py.Dataset):
         raise Refused(f"{name!r} is no data set")
     made = at.id.get_create_plist()
     if made.get_external_count() or at.is_virtual:
@@ -117,7 +110,8 @@ def lay_out(
     Raises:
         ValueError: no room, or the system lets it not be written.
     """
-    h5 = h5py()
+    import h5py
+
     room = _ROOM + 2 * sum(np.asarray(x).nbytes for x in small.values())
     need = sum(int(np.prod(shape)) * np.dtype(kind).itemsize for shape, kind, _ in large.values())
     check_space(where, path, need + room)
@@ -128,15 +122,16 @@ def lay_out(
                 raw.write(bytes(room))
                 raw.truncate(room + need)
             # a version whose own tables have checksums, and that needs no clearing after a kill
-            with h5.File(temporary, "w", libver=("v108", "v108")) as f:
+            with h5py.File(temporary, "w", libver=("v108", "v108")) as f:
                 for name, value in small.items():
                     f[name] = value
+                make, place_in = h5py.h5p.create(h5py.h5p.DATASET_CREATE), h5py.h5p.create(h5py.h5p.LINK_CREATE)
+                make.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+                make.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+                place_in.set_create_intermediate_group(True)
                 for name, (shape, kind, _) in large.items():
-                    make = h5.h5p.create(h5.h5p.DATASET_CREATE)
-                    make.set_alloc_time(h5.h5d.ALLOC_TIME_EARLY)
-                    make.set_fill_time(h5.h5d.FILL_TIME_NEVER)
-                    row = h5.h5t.py_create(np.dtype(kind))
-                    h5.h5d.create(f.id, name.encode(), row, h5.h5s.create_simple(shape), make)
+                    row, space = h5py.h5t.py_create(np.dtype(kind)), h5py.h5s.create_simple(shape)
+                    h5py.h5d.create(f.id, name.encode(), row, space, make, place_in)
                 f.attrs["sealed"] = list(small)
                 f.attrs["seal"] = _seal(f)
                 f.flush()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,8 @@ import numpy as np
 
 from .._check import Array, array, choice
 from ..arm import Arm
+from ..batch.job import FAILED
+from ..batch.rollout import NOT_DONE
 from ..parts.labels import joint_coordinates
 from ..run.result import Result
 from ..sensing.sensors import half_thickness
@@ -175,3 +177,33 @@ def check_quantities(arm: Arm, names: Sequence[Any], link: int) -> list[tuple[st
     if twice:
         raise ValueError(f"outputs: {sorted(twice)[0]!r} is noted twice")
     return columns
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """What a sweep keeps of each run, as `Job.summary` has it: numbers, and, where it keeps `trajectories`, every
+    `every`-th row of q and v. The arguments are those of `Sweep`."""
+
+    outputs: tuple[str | Callable[[Result], float], ...]
+    link: int
+    band: float
+    trajectories: bool
+    every: int
+
+    def _columns(self, arm: Arm) -> list[str]:
+        return [f"columns/{name}" for name, _ in check_quantities(arm, self.outputs, self.link)]
+
+    def kept(self, arm: Arm, rows: int) -> dict[str, tuple[int, ...]]:
+        """By name, the shape of what is kept of a run with so many rows."""
+        few, numbers = len(range(0, rows, self.every)), dict.fromkeys(self._columns(arm), ())
+        return numbers | ({"q": (few, arm.nq), "v": (few, arm.nv)} if self.trajectories else {})
+
+    def __call__(self, arm: Arm, blocks: Mapping[str, Any], result: Callable[[int], Result]) -> dict[str, Any]:
+        """The same of all runs in a batch's blocks, nan where one failed."""
+        names, noted, link = self._columns(arm), [quantity(x) for x in self.outputs], arm._link(self.link)
+        table = np.full((len(blocks["status"]), len(names)), np.nan)
+        for k in np.flatnonzero(~np.isin(blocks["status"], (FAILED, NOT_DONE))).tolist():
+            run = result(k)
+            table[k] = np.concatenate([x.of(run, link, self.band) for x in noted])
+        kept = {k: blocks[k][:, :: self.every] for k in ("q", "v") if self.trajectories}
+        return {**dict(zip(names, table.T, strict=True)), **kept}

@@ -19,7 +19,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-#: A Latin hypercube's name, long and short, as well as the other kinds of a [[vary]].
+#: of a [[vary]] block; the last two are drawn
 KINDS = ("grid", "list", "random", "latin_hypercube")
 DISTRIBUTIONS = ("uniform", "loguniform", "normal", "lognormal")
 _SPACED = ("from", "to", "count", "scale")
@@ -158,8 +158,8 @@ class Sweep:
         vary: blocks of parameters.
         combine: "product": every scenario of a block with every one of the others, the last fastest; "zip": the first
             of all, then the second, ...
-        outputs: what is noted of each run: names of flexarm.quantities.QUANTITIES, or functions of a Result that give
-            one number.
+        outputs: what is noted of each run: names of flexarm.sweeps.quantities.QUANTITIES, or functions of a Result that
+            give one number.
         link: whose beam is meant; -1 is the last.
         band: of "settling": the part of the whole way.
         trajectories: whether q and v are kept too; every: of which output times.

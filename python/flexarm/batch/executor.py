@@ -13,13 +13,6 @@ RETRIES = 3
 _AHEAD = 64  # shares in flight where an executor does not tell how many workers it has
 
 
-def shares(count: int, size: int | None = None) -> list[range]:
-    """0 .. count-1 in ranges of `size`, or in up to 64 of about equal length."""
-    if size is None:
-        size = max(1, -(-count // 64))
-    return [range(first, min(first + size, count)) for first in range(0, count, size)]
-
-
 class Workers:
     """An executor, and another like it when its processes died and it can take no more work.
 

@@ -1,0 +1,144 @@
+"""The table that a sweep gives, its file and its figure."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._check import Array
+from ..draw.style import DPI
+from ..draw.sweep import plot_sweep
+from ..store.files import named, readable, write_whole
+from ..store.scenarios import read_scenario
+from .vary import Sweep
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FILE = "sweep.h5"  # what a sweep keeps in its folder
+_MOST = 4  # columns, and parameters, that a figure shows
+
+
+@dataclass(repr=False)
+class SweepResult:
+    """The table of a sweep; every array has one entry for each of its B scenarios.
+
+    Attributes:
+        plan: the sweep.
+        parameters: values by path, (B,) or (B, k).
+        columns: what was noted, by name, (B,); nan where a run failed, or was not done.
+        units: of each column.
+        done: (B,), whether that scenario was run.
+        failures: (index, time reached (s), reason) of each that could not go on.
+        beyond: (index, text, link, time, rotation, limit) of each that bent a beam further than its
+            order is good for (RangeWarning).
+        stats: scenarios, computed (now, not resumed), redone (shares whose worker died), wall_time (s).
+        folder: where it was written, or None.
+    """
+
+    plan: Sweep
+    parameters: dict[str, Array]
+    columns: dict[str, Array]
+    units: dict[str, str]
+    done: Any
+    failures: list[tuple[int, float, str]] = field(default_factory=list)
+    beyond: list[tuple[Any, ...]] = field(default_factory=list)
+    stats: dict[str, Any] = field(default_factory=dict)
+    folder: Path | None = None
+
+    def __len__(self) -> int:
+        return len(self.done)
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.columns)
+        return f"SweepResult({len(self)} scenarios, {len(self.failures)} failed; {names})"
+
+    def __getitem__(self, name: str) -> Array:
+        """A column, or a parameter, by name."""
+        known = {**self.parameters, **self.columns}
+        if name not in known:
+            raise ValueError(f"{name!r}: no column of this sweep; it has {', '.join(known)}")
+        return known[name]
+
+    @property
+    def complete(self) -> bool:
+        return bool(self.done.all())
+
+    def trajectory(self, i: int) -> tuple[Array, Array, Array]:
+        """t (nt,), q (nt, nq) and v (nt, nv) of scenario i, where the plan keeps them."""
+        if self.folder is None or not self.plan.trajectories:
+            raise ValueError("trajectories = false: this sweep did not keep them")
+        path = self.folder / FILE
+        with readable("trajectories", path, "what a sweep writes"):
+            fixed, rows = read_scenario(path, range(len(self))[i])
+            return fixed["t"], rows["q"], rows["v"]
+
+    def save(self, folder: str | Path) -> list[str]:
+        """Writes sweep.csv and sweep.png there; their names."""
+        path = Path(folder)
+        with named("output folder", path):
+            path.mkdir(parents=True, exist_ok=True)
+        _write_table(path / "sweep.csv", self)
+        figure = self.plot()
+        write_whole(path / "sweep.png", lambda f: figure.savefig(f, dpi=DPI, format="png"), "output file")
+        return ["sweep.csv", "sweep.png"]
+
+    def plot(self) -> Figure:
+        """A heat map of each column over a grid of two parameters, else each column over each parameter."""
+        names, numbers = _parameter_columns(self.parameters)
+        failed = f"; {len(self.failures)} failed" if self.failures else ""
+        left = "" if self.complete else f" of {len(self)}"
+        return plot_sweep(
+            [(self._label(n), self.columns[n]) for n in list(self.columns)[:_MOST]],
+            list(zip(names, numbers, strict=True))[:_MOST],
+            self.plan.grid(),
+            len(names) == 1 and self.plan.vary[0].kind in ("grid", "list"),
+            f"{self.plan.title}: {int(self.done.sum())}{left} runs{failed}",
+        )
+
+    def _label(self, column: str) -> str:
+        unit = self.units[column]
+        return f"{column} ({unit})" if unit not in ("", "1") else column
+
+
+class SweepInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a sweep. `.result` is the SweepResult up to there."""
+
+    def __init__(self, message: str, result: SweepResult) -> None:
+        super().__init__(message)
+        self.result = result
+
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.result)
+
+
+def _write_table(path: Path, result: SweepResult) -> None:
+    """One line for each scenario that was run."""
+    names, numbers = _parameter_columns(result.parameters)
+    reasons = {i: reason for i, _, reason in result.failures}
+    header = ["scenario", *names, *(_headed(n, result.units[n]) for n in result.columns), "failure"]
+    columns = [*numbers, *result.columns.values()]
+    with io.StringIO(newline="") as text:
+        out = csv.writer(text, lineterminator="\n")
+        out.writerow(header)
+        for i in np.flatnonzero(result.done):
+            out.writerow([int(i), *(repr(float(c[i])) for c in columns), reasons.get(int(i), "")])
+        write_whole(path, lambda f: f.write(text.getvalue().encode()), "output file")
+
+
+def _headed(name: str, unit: str) -> str:
+    return f"{name} ({unit})" if unit else name
+
+
+def _parameter_columns(parameters: Mapping[str, Array]) -> tuple[list[str], list[Array]]:
+    names, columns = [], []
+    for path, v in parameters.items():
+        names += [path] if v.ndim == 1 else [f"{path}.{k}" for k in range(v.shape[1])]
+        columns += [v] if v.ndim == 1 else list(v.T)
+    return names, columns
