@@ -3,8 +3,8 @@
 // A slice is at x = e + l q + s, with e the beam at rest, l q what is linear in the elastic coordinates and s what is
 // quadratic. All integrals over the beam are of products of two such functions of X. What is linear leaves constant
 // matrices, made at set-up. For the rest, set-up has chosen functions of X, orthonormal in the beam's mass, that span
-// every s (beam_points.cpp): a "point" is the projection of x on one of them. Points are far fewer than Gauss points, and
-// integrals are plain sums over them. P is their scalar: of one arm's points a pack takes several at once.
+// every s (beam_points.cpp): a "point" is the projection of x on one of them. Points are far fewer than Gauss points,
+// and integrals are plain sums over them. P is their scalar: of one arm's points a pack takes several at once.
 #pragma once
 
 #include "lanes/algebra.hpp"
