@@ -12,7 +12,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import Array, array, choice, number
 from ..parts.arguments import arguments
 from ..parts.beam import STRAIN_NAMES

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import Array, array, choice, number
 
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import Array, array, choice, number
 from ..parts.chain import Chain
 from .drive import Law, sample_times

@@ -14,7 +14,8 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import Array, array, choice, number
 from .drive import Motion, Torque, sample_times
 

@@ -6,7 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..parts.beam import Beam, GeneralSection, RigidBody, Taper, inertia_matrix
+import flexarm._core as _core
+
+from ..parts.beam import STRAINS, Beam, GeneralSection, RigidBody, Taper, inertia_matrix
 from ..parts.chain import Chain
 
 # Each is past anything that is built; what is said is a warning, for who means it.
@@ -103,8 +105,7 @@ def _compliances(arm: Chain, k: int, beam: Beam) -> Iterator[tuple[str, float]]:
         lever = 1.0 if strain == "torsion" else beam.length - x
         # rotation of the end, or its deflection: integral of the strain times the lever
         turns = np.asarray(beam._core.turns(np.array([*x, beam.length]))).reshape(-1, 3, K.shape[0])
-        axis = {"torsion": 0, "bending_z": 1, "bending_y": 2}[strain]
-        rotation = turns[:, axis, own]
+        rotation = turns[:, _core.STRAIN_FIELDS[STRAINS.index(strain)].rotation, own]
         reach = rotation[-1] if strain == "torsion" else w @ rotation[:-1]
         follows = reach @ np.linalg.solve(K[own, own], reach)
         exact = float(w @ (lever**2 / (E * of)))

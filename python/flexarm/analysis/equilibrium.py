@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array
+from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
 
 _AT_REST = 1e-6  # parts of the forces at work by which a state at rest may be out of balance
@@ -68,7 +69,8 @@ def _sizes(arm: Chain) -> Array:
             continue
         L, shapes = link.beam.length, np.eye(arm.nq)[[arm.coordinate_of(i) for i in range(*elastic.indices(arm.nv))]]
         strains = np.array([arm.strain(shapes, n, x) for x in np.linspace(0.0, L, 9)])  # (points, shapes, 5)
-        sizes[elastic] = np.abs(strains * [L, L, L, 1.0, 1.0]).max(axis=(0, 2))
+        turns = [L if name.startswith("K") else 1.0 for name in STRAIN_NAMES]
+        sizes[elastic] = np.abs(strains * turns).max(axis=(0, 2))
     return np.where(sizes > 0.0, sizes, 1.0)
 
 
@@ -124,10 +126,8 @@ class _Balance:
 
 def _ball_rates(arm: Chain) -> NDArray[np.bool_]:
     balls = np.zeros(arm.nv, dtype=bool)
-    for k, link in enumerate(arm.links):
-        if link.joint.ball:
-            end = arm._core.first(k) + link.joint.nv
-            balls[end - 3 : end] = True
+    for _, rates in arm.ball_rates():
+        balls[rates] = True
     return balls
 
 

@@ -33,10 +33,8 @@ def turning(arm: Chain, v: Array) -> Array:
     """W (nv, nv) of d(theta)/dt = dv - W theta for small turns theta of balls in their links' axes, which the link
     carries along at w: from dR = R theta~ and dR/dt = R w~ follows d(theta)/dt = dw - w x theta. Zero otherwise."""
     W = np.zeros((arm.nv, arm.nv))
-    for k, link in enumerate(arm.links):
-        if link.joint.ball:
-            i = arm._core.first(k) + link.joint.nv - 3
-            W[i : i + 3, i : i + 3] = np.cross(np.eye(3), v[i : i + 3])  # w~
+    for _, rates in arm.ball_rates():
+        W[rates, rates] = np.cross(np.eye(3), v[rates])  # w~
     return W
 
 
@@ -291,11 +289,9 @@ def _read_outputs(p: _Point, outputs: Sequence[Any]) -> list[_Output]:
 
 
 def _check_balls(arm: Chain, fixed: NDArray[np.bool_], field: str) -> None:
-    for k, link in enumerate(arm.links):
-        if link.joint.ball:
-            i = arm._core.first(k) + link.joint.nv
-            if fixed[i - 3 : i].any() and not fixed[i - 3 : i].all():
-                raise ValueError(f"{field}: the three rotations of the ball of link {k} go together")
+    for k, rates in arm.ball_rates():
+        if fixed[rates].any() and not fixed[rates].all():
+            raise ValueError(f"{field}: the three rotations of the ball of link {k} go together")
 
 
 def _about(

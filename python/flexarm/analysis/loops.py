@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import Array
 from ..acting.control import Feedback, Run, gain_of, measured_rows, padded
 from ..acting.load import at_time

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import Array, number, whole
 from .._console import progress_bar
 from ..acting.control import Controller

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import Array, array, number, whole
 from ..acting.control import control_laws
 from ..acting.drive import Motion

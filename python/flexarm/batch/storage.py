@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import Array
 from ..store.files import zipped
 from ..store.fingerprint import marks

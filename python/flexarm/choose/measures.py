@@ -62,8 +62,7 @@ class Measure:
         rates = {arm.coordinate_of(i): i for i in range(arm.nv)}
         for k, link in enumerate(arm.links):
             first, joint = arm._core.first_q(k), link.joint
-            units = joint.units[:-3] + ("1",) * 4 if joint.ball else joint.units
-            for i, unit in enumerate(units):
+            for i, unit in enumerate(joint.q_units):
                 if rates.get(first + i, -1) not in held:
                     out.setdefault(unit, []).append((first + i, rates.get(first + i, -1)))
         return out

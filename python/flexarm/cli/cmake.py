@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from .. import _core
+import flexarm._core as _core
 
 
 def cmake_dir() -> Path:

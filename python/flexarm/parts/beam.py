@@ -13,14 +13,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import array, choice, known_keys, number, whole
 from .part import Part
 from .patch import Patch, core_patches
 from .shapes import coefficients, columns
 
-STRAINS = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
-STRAIN_NAMES = ("K1", "K2", "K3", "phi12", "phi13")  # of a section, as Arm.strain orders them
+STRAINS = _core.STRAINS  #: "bending_y" and so on, in the order of a beam's coordinates (Eq. 33)
+STRAIN_NAMES = _core.STRAIN_NAMES  #: "K1" and so on, of a section, as Arm.strain orders them
 Vector = Sequence[float]
 
 

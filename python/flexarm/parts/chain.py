@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import Array, array, batch, finite, number
 from .link import Link
 from .part import as_table
@@ -127,6 +128,11 @@ class Chain:
         """The links whose joints hold a ball, and where its quaternion (w, x, y, z) stands in q."""
         ends = [self._core.first_q(k) + link.joint.nq for k, link in enumerate(self.links)]
         return [(k, slice(end - 4, end)) for k, end in enumerate(ends) if self.links[k].joint.ball]
+
+    def ball_rates(self) -> list[tuple[int, slice]]:
+        """The links whose joints hold a ball, and where its three rates stand in v."""
+        ends = [self._core.first(k) + link.joint.nv for k, link in enumerate(self.links)]
+        return [(k, slice(end - 3, end)) for k, end in enumerate(ends) if self.links[k].joint.ball]
 
     @property
     def zero(self) -> Array:

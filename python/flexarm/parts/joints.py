@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import Array, array, number
 from .beam import Vector, as_floats
 from .part import Part
@@ -161,6 +162,11 @@ class Joint(Part):
     def nq(self) -> int:
         """Number of coordinates; a ball has four for its three rates."""
         return self.nv + self.ball
+
+    @property
+    def q_units(self) -> tuple[str, ...]:
+        """A unit per coordinate: as `units`, but 1 of a ball's quaternion."""
+        return self.units[:-3] + ("1",) * 4 if self.ball else self.units
 
 
 @dataclass(frozen=True, repr=False)

@@ -10,8 +10,7 @@ def joint_coordinates(arm: Chain) -> list[tuple[int, str, str]]:
     out, names = [], arm.q_names
     for k, link in enumerate(arm.links):
         first = arm._core.first_q(k)
-        units = link.joint.units[:-3] + ("1",) * 4 if link.joint.ball else link.joint.units
-        out += [(first + n, names[first + n], unit) for n, unit in enumerate(units)]
+        out += [(first + n, names[first + n], unit) for n, unit in enumerate(link.joint.q_units)]
     return out
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from .. import _core
+import flexarm._core as _core
+
 from .beam import Beam, RigidBody
 from .joints import Joint
 from .part import Part

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import array, choice, known_keys, number
 from .part import Part
 from .shapes import coefficients

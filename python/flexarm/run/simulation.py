@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 from numpy.typing import ArrayLike
 
-from .. import _core
+import flexarm._core as _core
+
 from .._check import choice, number, whole
 from .._console import progress_bar
 from ..acting.control import Controller, padded

@@ -30,7 +30,8 @@ from typing import Any
 
 import numpy as np
 
-from .. import _core
+import flexarm._core as _core
+
 from .source import (
     NAMELESS,
     READERS,

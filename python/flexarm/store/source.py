@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from .. import _core
+import flexarm._core as _core
 
 _BEGUN = time.time()  # what is edited after this may not be what runs
 
