@@ -20,7 +20,7 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 from flexarm.choose.models import BeamModel, Model, Models
-from flexarm.choose.trials import took
+from flexarm.choose.trials import timed
 from flexarm.draw.tradeoff import label_errors, scale_errors
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
@@ -45,14 +45,10 @@ def truth_of(name: str, scene: fa.Scene) -> tuple[np.ndarray, float]:
     return fine, scenes.off(coarse, fine)
 
 
-def timed(scene: fa.Scene, count: int = _COUNT) -> tuple[np.ndarray, float]:
+def tip_and_time(scene: fa.Scene, count: int = _COUNT) -> tuple[np.ndarray, float]:
     """Tip positions of a run, and its wall time (s)."""
-    least = np.inf
-    for _ in range(count):
-        used = time.thread_time()
-        result = scene.run()
-        least = min(least, took(result, used))
-    return result.frame()[0], least
+    runs = [timed(scene) for _ in range(count)]
+    return runs[0][0].frame()[0], min(least for _, least, _ in runs)
 
 
 # -- twelve scenes, three tolerances -----------------------------------------------------------------------------------
@@ -64,12 +60,12 @@ def judge() -> list[dict[str, object]]:
     for name, make in scenes.SCENES.items():
         scene = make()
         truth, known = truth_of(name, scene)
-        tip, default = timed(scene)
+        tip, default = tip_and_time(scene)
         for tol in TOLERANCES:
             used = time.thread_time()
             plan = fa.economize(scene, tol)
             used = time.thread_time() - used
-            lean_tip, lean = timed(plan.scene)
+            lean_tip, lean = tip_and_time(plan.scene)
             rows.append(
                 {
                     "scene": name,
@@ -138,23 +134,23 @@ def search(name: str, scene: fa.Scene, tol: float, most: dict[str, int], orders:
     truth, _ = truth_of(name, scene)
     plan = fa.economize(scene, tol)
     models, chosen = Models(scene), plan._found.lean.model
-    _, default = timed(scene)
+    _, default = tip_and_time(scene)
     options = dict(plan._search.trials.setting)
     points = []
     some = candidates(scene, plan, most, orders)
     for model in some:
         try:
-            tip, least = timed(models.at(model, options), 2 if len(some) > 100 else 6)
+            tip, least = tip_and_time(models.at(model, options), 2 if len(some) > 100 else 6)
         except (ValueError, fa.SimulationError):
             continue  # torsion of the last link has no inertia but its slices'
         if np.isfinite(tip).all():
             points.append((model, least, scenes.off(tip, truth)))
     plain = chosen.but(gauss=None)
-    tip, least = timed(models.at(plain, options))
+    tip, least = tip_and_time(models.at(plain, options))
     least = min([least, *(t for m, t, _ in points if m == plain)])  # one model has one time
     own = (plain, least, scenes.off(tip, truth))
     points = [*(p for p in points if p[0] != plain), own]
-    lean_tip, lean = timed(plan.scene)
+    lean_tip, lean = tip_and_time(plan.scene)
     good = [p for p in points if p[2] <= tol]
     best = min(good, key=lambda p: p[1])
     return {

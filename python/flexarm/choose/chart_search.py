@@ -177,7 +177,7 @@ class ChartSearch:
         if row.key in self.trials.runs and (row.status in ("ok", "failed") or row.time >= allowed):
             return row
         guess = self.predict(row)
-        if allowed <= 0 or guess > allowed:
+        if allowed <= 0 or guess * self.trials.busy > allowed:
             left = f"predicted {guess:.2g} s, with {allowed:.2g} s left to it"
             return self.skip(row, guess, "the budget is used up" if allowed <= 0 else left)
 

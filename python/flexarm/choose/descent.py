@@ -11,7 +11,7 @@ import numpy as np
 from .coordinates import embed, some_rows
 from .decisions import DECISIONS, UNLIKELY
 from .findings import Findings, Sizes, keys
-from .integrators import BY_TOLERANCE, DENSE, IN_TURN, OVER_OUTPUTS, longest_gap, trials_of
+from .integrators import BY_TOLERANCE, DENSE, IN_TURN, OVER_OUTPUTS, longest_gap, settings_to_try
 from .models import ORDERS, BeamModel, Model
 from .trials import Run
 
@@ -190,7 +190,7 @@ class Descent:
         step = float(self.trials.setting.get("step", longest_gap(scene)))
         for integrator in IN_TURN:
             if integrator not in OVER_OUTPUTS or self.models.arm(model).nv <= DENSE:
-                yield trials_of(scene, integrator, step)
+                yield settings_to_try(scene, integrator, step)
 
     def integrate(self, model: Model) -> tuple[Run, list[Run]]:
         """The fastest run of the model, with all output times, that keeps to 0.85 of the tolerance; and all tried."""

@@ -61,7 +61,7 @@ def by_tolerance(rtol: float, integrator: str = "ida") -> dict[str, Any]:
     return {"integrator": integrator, "rtol": float(rtol), "atol": float(rtol * 1e-3)}
 
 
-def trials_of(scene: Scene, integrator: str, step: float) -> list[dict[str, Any]]:
+def settings_to_try(scene: Scene, integrator: str, step: float) -> list[dict[str, Any]]:
     """Of an integrator, what `economize` tries in turn: steps from short, this one, to long, tolerances from loose."""
     if integrator in BY_TOLERANCE:
         return [by_tolerance(rtol, integrator) for rtol in (1e-3, 1e-4, 1e-5)]

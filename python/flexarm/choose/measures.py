@@ -15,7 +15,7 @@ from ..arm import Arm
 from ..run.result import Result
 from ..scene.scene import Scene
 
-QUANTITIES = ("tip", "joint", "strain")
+MEASURES = ("tip", "joint", "strain")
 
 
 @dataclass
@@ -46,7 +46,7 @@ class Measure:
 
     def __init__(self, scene: Scene, what: str | Callable[[Result], Any], atol: float | None = None) -> None:
         if not callable(what):
-            choice("quantity", what, QUANTITIES)
+            choice("quantity", what, MEASURES)
         self.what, self.scene, self.atol = what, scene, atol
         self.span: dict[str, float] = {}
 

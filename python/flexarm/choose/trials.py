@@ -45,15 +45,10 @@ class Budget:
         return self.seconds - self.used
 
 
-def took(result: Result, used: float) -> float:
-    """Wall time (s) of a simulation that began when this thread had used so much processor time: the lesser of what
-    the simulation says and what the thread has used since, which a busy machine does not lengthen."""
-    return max(1e-6, min(float(result.stats["wall_time"]), time.thread_time() - used))  # 0 where nothing is integrated
-
-
 def timed(scene: Scene, look: Callable[[float], None] | None = None) -> tuple[Result, float, str]:
     """Runs a scene: the result, its time (s), and what RangeWarning said. (Whether its modes are enough, which
-    ModelWarning doubts, the distance from richer models tells.)
+    ModelWarning doubts, the distance from richer models tells.) The time is the lesser of the simulation's wall time
+    and what this thread has used of the processor, which a busy machine does not lengthen.
 
     Args:
         look: called now and then; may raise OutOfTime.
@@ -63,7 +58,8 @@ def timed(scene: Scene, look: Callable[[float], None] | None = None) -> tuple[Re
         warnings.simplefilter("always")
         used = time.thread_time()
         result = simulate(scene.arm, scene.t, scene.q0, scene.v0, progress=look or False, **given, **scene.options)
-        spent = took(result, used)
+        used = time.thread_time() - used
+    spent = max(1e-6, min(float(result.stats["wall_time"]), used))  # 0 where nothing is integrated
     return result, spent, "; ".join(str(w.message) for w in said if issubclass(w.category, RangeWarning))
 
 
@@ -147,6 +143,7 @@ class Trials:
         all: the times of comparison and all of the scene's output times.
         runs: all that were made, by what tells them apart. seconds: spent in them.
         setting: arguments of `simulate` with which models are compared.
+        busy: how many times as long as it took on this thread the last run lasted: other work slows it.
         states: a run at whose states evaluations of the dynamics are timed.
     """
 
@@ -154,7 +151,7 @@ class Trials:
         self.models, self.measure, self.t, self.budget, self.keep = models, measure, t, budget, keep
         self.all: Array = np.union1d(models.scene.t, t)
         self.runs: dict[Any, Run] = {}
-        self.seconds = 0.0
+        self.seconds, self.busy = 0.0, 1.0
         self.setting: dict[str, Any] = {"integrator": "gauss"}
         self._costs: dict[tuple[Model, str], float] = {}
         self.states: Result | None = None
@@ -210,18 +207,20 @@ class Trials:
 
     def _timed(self, run: Run, scene: Scene, most: float, often: int, tell: Callable[[], None]) -> Result:
         """Runs it, again while it is short, and notes its best time."""
-        deadline = time.perf_counter() + min(most, self.budget.left)
+        started = time.perf_counter()
+        deadline, enough = started + min(most, self.budget.left), started + _LONG
 
         def look(_: float) -> None:
             tell()
             if time.perf_counter() > deadline:
                 raise OutOfTime
 
-        count, spent, best = 0, 0.0, run.time if run.runs else np.inf
-        while count == 0 or (count < often and spent < _LONG and time.perf_counter() + best < deadline):
+        count, best = 0, run.time if run.runs else np.inf
+        while count == 0 or (count < often and time.perf_counter() < min(enough, deadline - best)):
             result, used, run.warning = timed(scene, look)
-            count, spent, best = count + 1, spent + used, min(best, used)
+            count, best = count + 1, min(best, used)
         run.time, run.runs = best, run.runs + count
+        self.busy = max(1.0, float(result.stats["wall_time"]) / used)
         return result
 
     def _read(self, run: Run, result: Result) -> None:

@@ -13,7 +13,7 @@ from .._console import (
     output_folder,
 )
 from ..choose.chart import chart
-from ..choose.measures import QUANTITIES
+from ..choose.measures import MEASURES
 from ..scene.scene import load
 from . import options
 
@@ -29,7 +29,7 @@ def arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument("--budget", metavar="SECONDS", type=float, default=60.0, help=budget)
     quantity = "what is compared: tip, the position of the arm's end; joint, the coordinates of joints that are not "
     quantity += "prescribed; strain, of each beam at its clamp (default: %(default)s)"
-    p.add_argument("--quantity", metavar="|".join(QUANTITIES), default="tip", help=quantity)
+    p.add_argument("--quantity", metavar="|".join(MEASURES), default="tip", help=quantity)
 
 
 def run(args: argparse.Namespace) -> int:

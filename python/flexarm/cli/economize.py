@@ -13,7 +13,7 @@ from .._console import (
     output_folder,
 )
 from ..choose.economize import economize
-from ..choose.measures import QUANTITIES
+from ..choose.measures import MEASURES
 from ..scene.scene import load
 from . import options
 
@@ -30,7 +30,7 @@ def arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument("--atol", type=float, default=None, help=atol)
     quantity = "whose error counts: tip, the position of the arm's end; joint, the coordinates of joints that are not "
     quantity += "prescribed; strain, of each beam at its clamp (default: %(default)s)"
-    p.add_argument("--quantity", metavar="|".join(QUANTITIES), default="tip", help=quantity)
+    p.add_argument("--quantity", metavar="|".join(MEASURES), default="tip", help=quantity)
     budget = "time for deciding (default: as long as it takes); what is found until then is not certified"
     p.add_argument("--time-budget", metavar="SECONDS", type=float, default=None, help=budget)
 
