@@ -18,7 +18,7 @@ def callables() -> Iterator[tuple[str, Callable[..., Any]]]:
         if callable(thing) and not (inspect.isclass(thing) and issubclass(thing, BaseException)):
             yield name, thing
         if inspect.isclass(thing):
-            for method, value in inspect.getmembers(thing, inspect.isroutine):
+            for method, value in inspect.getmembers(thing, callable):
                 if not method.startswith("_"):
                     yield f"{name}.{method}", value
 

@@ -63,7 +63,7 @@ class Shaper:
         found: dict[float, float] = {}
         for t, share in sorted((t + s, a * b) for t, a in self.impulses for s, b in other.impulses):
             last = next(reversed(found), -math.inf)
-            same = t - last <= 1e-12 * (1 + abs(t))
+            same = t - last <= 1e-15 * (1 + abs(t))  # equal but for rounding; a mode of w keeps w times this
             found[last if same else t] = share + (found[last] if same else 0.0)
         return Shaper(tuple(found), tuple(found.values()))
 
