@@ -14,7 +14,7 @@ from flexarm.tasks import Task, TipTracking
 
 def callables() -> Iterator[tuple[str, Callable[..., Any]]]:
     """All public functions, classes and methods."""
-    for name, thing in [*((n, getattr(fa, n)) for n in fa.__all__), ("tasks.Task", Task)]:
+    for name, thing in [*((n, getattr(fa, n)) for n in dir(fa)), ("tasks.Task", Task)]:
         if callable(thing) and not (inspect.isclass(thing) and issubclass(thing, BaseException)):
             yield name, thing
         if inspect.isclass(thing):
