@@ -1,5 +1,5 @@
-// What each thing costs: one forward dynamics on a ladder of arms, each a rung above another. bench/speed/counts.py runs it,
-// once alone for the times, and once under callgrind, which counts the instructions of `flexarm_measured`.
+// What each thing costs: one forward dynamics on a ladder of arms, each a rung above another. bench/speed/counts.py
+// runs it, once alone for the times, and once under callgrind, which counts the instructions of `flexarm_measured`.
 //   cmake --preset release && cmake --build --preset release && build/release/bench_counts [times]
 // Prints CSV: name of the rung, that of the one below, coordinates, Gauss points, evaluations that were counted, and
 // with `times` nanoseconds. Arms have two links on hinges along z, beams of 3 planar modes at order 2 with rotary

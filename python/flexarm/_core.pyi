@@ -12,6 +12,7 @@ STRAIN_NAMES: tuple[str, ...]  # of the rows of a section's strains
 STRAIN_FIELDS: tuple[StrainField, ...]  # in the order of STRAINS
 
 class StrainField:
+    def __init__(self, *args: Any, **kwargs: Any) -> None: ...  # made by the core alone
     @property
     def name(self) -> str: ...
     @property
