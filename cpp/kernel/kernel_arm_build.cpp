@@ -220,7 +220,7 @@ struct KernelArm::Builder {
     }
     body.add(link.tip(), end);
     end += link.tip().end;
-    node.body = true;
+    node.body = Node::quadratic;
     put(body.moved(turn, offset));
     offset += turn * end;
     return true;
@@ -386,7 +386,7 @@ bool KernelArm::Builder::add_beam(const Link& link, std::size_t n) {
   if (axes.planar)
     for (int k = 0; k < node.position_blocks; ++k)
       if (node.block[k].row != 0) return false;
-  node.body = true;
+  node.body = Node::quadratic;
   node.ne = beam.ne();
   node.ve = arm.first(n) + link.nj();
   node.qe = arm.first_q(n) + link.joint().nq();

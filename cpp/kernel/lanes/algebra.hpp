@@ -354,6 +354,7 @@ struct Plane {
   static Ang apply(const Sym& J, const Ang& a) { return {J.zz * a.z}; }
   static Rot turned(const Rot& R, int, const S& s, const S& c) { return {R.c * c - R.s * s, R.s * c + R.c * s}; }
   static Rot turn(int, const S& s, const S& c) { return {c, s}; }
+  static Rot times(const Rot& a, const Rot& b) { return turned(a, 2, b.s, b.c); }
   static S& component(Lin& a, int axis) { return axis == 0 ? a.x : a.y; }
   static S component(const Lin& a, int axis) { return axis == 0 ? a.x : a.y; }
   static S& angular_component(Ang& a, int) { return a.z; }

@@ -3,7 +3,7 @@
 // Velocities of origins never occur: accelerations are absolute, and a body's forces know only its angular velocity.
 #pragma once
 
-#include "lanes/beam.hpp"
+#include "lanes/quadratic.hpp"
 
 namespace {
 
@@ -12,13 +12,17 @@ constexpr double kSingular = 1e-14;  // parts of an inertia below which what a f
 using flexarm::lanes::Layout;
 using flexarm::lanes::Shift;
 
+/// Numbers P that the body of a node needs to work on.
+inline std::size_t scratch_of(const Node& node) { return node.body == Node::quadratic ? quadratic_scratch(node) : 0; }
+
 template <class Sp>
 struct State {
   using S = typename Sp::Scalar;
-  typename Sp::Rot R;       ///< this frame in the frame before
-  typename Sp::Lin r;       ///< and its place
-  typename Sp::Ang w;       ///< angular velocity, own axes
-  typename Sp::Lin bias_a;  ///< acceleration beyond what is carried and what its freedom gives, own axes (Eq. 83)
+  typename Sp::Rot R;         ///< this frame in the frame before
+  typename Sp::Lin r;         ///< and its place
+  typename Sp::Ang w;         ///< angular velocity, own axes
+  typename Sp::Rot attitude;  ///< in the world, where the layout asks for it
+  typename Sp::Lin bias_a;    ///< acceleration beyond what is carried and what its freedom gives, own axes (Eq. 83)
   typename Sp::Ang bias_w;
   typename Sp::Rigid body;  ///< the node's own (Eq. 80)
   S sine, cosine;           ///< of a joint that turns
@@ -57,20 +61,16 @@ struct Chain {
   State<Sp>* state;
   P* scratch;
 
-  /// Lays out the memory that `memory_needed` asks for.
   static std::size_t memory_needed(const Layout& layout) {
-    std::size_t bytes = sizeof(State<Sp>) * static_cast<std::size_t>(layout.nodes), most = 0;
+    std::size_t bytes = sizeof(State<Sp>) * static_cast<std::size_t>(layout.nodes) + scratch_bytes(layout);
     for (int i = 0; i < layout.nodes; ++i) {
-      const Node& node = layout.node[i];
-      const std::size_t ne = static_cast<std::size_t>(node.ne), pairs = ne * (ne + 1) / 2;
+      const std::size_t ne = static_cast<std::size_t>(layout.node[i].ne), pairs = ne * (ne + 1) / 2;
       bytes += 3 * ne * (sizeof(Lin) + sizeof(Ang)) + 2 * (pairs + ne) * sizeof(S);
-      const std::size_t points = static_cast<std::size_t>(node.passes + node.rotary);
-      const std::size_t need = 32 + 8 * ne + pairs + points * (3 * ne + 12);
-      most = need > most ? need : most;
     }
-    return bytes + most * sizeof(P);
+    return bytes;
   }
 
+  /// In memory, aligned for P, as large as `memory_needed` says.
   Chain(const Layout& layout_, const double* numbers_, void* memory) : layout(layout_), numbers(numbers_) {
     char* at = static_cast<char*>(memory);
     const auto take = [&](std::size_t bytes) {
@@ -78,30 +78,26 @@ struct Chain {
       at += bytes;
       return here;
     };
-    std::size_t most = 0;
-    for (int i = 0; i < layout.nodes; ++i) {
-      const Node& node = layout.node[i];
-      const std::size_t ne = static_cast<std::size_t>(node.ne);
-      const std::size_t need =
-          32 + 8 * ne + ne * (ne + 1) / 2 + static_cast<std::size_t>(node.passes + node.rotary) * (3 * ne + 12);
-      most = need > most ? need : most;
-    }
-    scratch = reinterpret_cast<P*>(take(most * sizeof(P)));
+    scratch = reinterpret_cast<P*>(take(scratch_bytes(layout)));
     state = reinterpret_cast<State<Sp>*>(take(sizeof(State<Sp>) * static_cast<std::size_t>(layout.nodes)));
     for (int i = 0; i < layout.nodes; ++i) {
       Elastic<Sp>& e = state[i].elastic;
       const std::size_t ne = static_cast<std::size_t>(layout.node[i].ne);
-      e.J_linear = reinterpret_cast<Lin*>(take(ne * sizeof(Lin)));
-      e.M_linear = reinterpret_cast<Lin*>(take(ne * sizeof(Lin)));
-      e.W_linear = reinterpret_cast<Lin*>(take(ne * sizeof(Lin)));
-      e.J_angular = reinterpret_cast<Ang*>(take(ne * sizeof(Ang)));
-      e.M_angular = reinterpret_cast<Ang*>(take(ne * sizeof(Ang)));
-      e.W_angular = reinterpret_cast<Ang*>(take(ne * sizeof(Ang)));
-      e.M = reinterpret_cast<S*>(take(ne * (ne + 1) / 2 * sizeof(S)));
-      e.L = reinterpret_cast<S*>(take(ne * (ne + 1) / 2 * sizeof(S)));
-      e.e = reinterpret_cast<S*>(take(ne * sizeof(S)));
-      e.y = reinterpret_cast<S*>(take(ne * sizeof(S)));
+      Lin** const linear[] = {&e.end.J_linear, &e.M_linear, &e.W_linear};
+      Ang** const angular[] = {&e.end.J_angular, &e.M_angular, &e.W_angular};
+      S** const triangles[] = {&e.M, &e.L};
+      S** const lists[] = {&e.e, &e.y};
+      for (Lin** x : linear) *x = reinterpret_cast<Lin*>(take(ne * sizeof(Lin)));
+      for (Ang** x : angular) *x = reinterpret_cast<Ang*>(take(ne * sizeof(Ang)));
+      for (S** x : triangles) *x = reinterpret_cast<S*>(take(ne * (ne + 1) / 2 * sizeof(S)));
+      for (S** x : lists) *x = reinterpret_cast<S*>(take(ne * sizeof(S)));
     }
+  }
+  static std::size_t scratch_bytes(const Layout& layout) {
+    std::size_t most = 0;
+    for (int i = 0; i < layout.nodes; ++i)
+      if (const std::size_t need = scratch_of(layout.node[i]); need > most) most = need;
+    return most * sizeof(P);
   }
 
   /// Springs, dampers and stops; see Joint::resistance.
@@ -132,6 +128,7 @@ struct Chain {
   /// Places, velocities, own inertias and bias forces of all nodes.
   void move(const S* q, const S* v) {
     Ang w = Sp::zero_angular();
+    typename Sp::Rot attitude = Sp::turn(0, S{}, number<S>(1.0));
     for (int i = 0; i < layout.nodes; ++i) {
       const Node& node = layout.node[i];
       State<Sp>& s = state[i];
@@ -171,16 +168,18 @@ struct Chain {
         s.bias_w = Sp::zero_angular();
       }
       w = s.w;
+      if (layout.attitudes) attitude = s.attitude = Sp::times(attitude, s.R);
       if (node.ne > 0) {
         Elastic<Sp>& e = s.elastic;
-        move_end(node, numbers + node.end, q + node.qe, v + node.ve, e);
+        move_slice(node, numbers + node.end, q + node.qe, v + node.ve, e.end);
         bend(node, p, numbers + node.points, q + node.qe, v + node.ve, s.w, s.body, s.body_f, s.body_n, e, scratch);
         // what is carried by the end moves with the slice there (Eq. 45, 46)
-        s.end_w = Sp::unrotate_angular(e.R, s.w + e.turning);
-        const Lin sweep = Sp::cross(s.w, e.x) + number<S>(2.0) * e.u_dot;
-        e.u_bias = Sp::cross(s.w, sweep) + e.u_bias;
-        e.turn_bias = Sp::cross(s.w, e.turning) + e.turn_bias;
+        s.end_w = Sp::unrotate_angular(e.end.R, s.w + e.end.turning);
+        const Lin sweep = Sp::cross(s.w, e.end.x) + number<S>(2.0) * e.end.u_dot;
+        e.end.u_bias = Sp::cross(s.w, sweep) + e.end.u_bias;
+        e.end.turn_bias = Sp::cross(s.w, e.end.turning) + e.end.turn_bias;
         w = s.end_w;
+        if (layout.attitudes) attitude = Sp::times(attitude, e.end.R);
         if (node.tip) {
           const double* t = numbers + node.tip_body;
           read_body(t, w, s.tip, s.tip_f, s.tip_n);
@@ -224,7 +223,7 @@ struct Chain {
         for (int j = 0; j < k; ++j) row += e.M[packed(k, j)] * d[j];
         sum += d[k] * (2.0 * row + e.M[packed(k, k)] * d[k]);
       }
-      u = Sp::unrotate(e.R, u + Sp::cross(w, e.x) + e.u_dot);
+      u = Sp::unrotate(e.end.R, u + Sp::cross(w, e.end.x) + e.end.u_dot);
       w = s.end_w;
       if (node.tip) add(s.tip, u, w);
     }
@@ -315,22 +314,23 @@ struct Chain {
     Elastic<Sp>& e = s.elastic;
     const int ne = node.ne;
     if constexpr (forces) {
-      f = Sp::rotate(e.R, f);
-      n = Sp::rotate_angular(e.R, n);
+      f = Sp::rotate(e.end.R, f);
+      n = Sp::rotate_angular(e.end.R, n);
     }
     if constexpr (inertia) {
-      const typename Sp::Inertia carried = Sp::rotate(e.R, M);
-      M = Sp::shift(carried, e.x);
+      const typename Sp::Inertia carried = Sp::rotate(e.end.R, M);
+      M = Sp::shift(carried, e.end.x);
       if constexpr (forces && biased) {
-        f += Sp::force(carried, e.u_bias, e.turn_bias);
-        n += Sp::torque(carried, e.u_bias, e.turn_bias);
+        f += Sp::force(carried, e.end.u_bias, e.end.turn_bias);
+        n += Sp::torque(carried, e.end.u_bias, e.end.turn_bias);
       }
       for (int k = 0; k < ne; ++k) {
-        const Lin g = Sp::force(carried, e.J_linear[k], e.J_angular[k]);
-        const Ang h = Sp::torque(carried, e.J_linear[k], e.J_angular[k]);
-        for (int j = 0; j <= k; ++j) e.M[packed(k, j)] += Sp::dot(e.J_linear[j], g) + Sp::dot(e.J_angular[j], h);
+        const Lin g = Sp::force(carried, e.end.J_linear[k], e.end.J_angular[k]);
+        const Ang h = Sp::torque(carried, e.end.J_linear[k], e.end.J_angular[k]);
+        for (int j = 0; j <= k; ++j)
+          e.M[packed(k, j)] += Sp::dot(e.end.J_linear[j], g) + Sp::dot(e.end.J_angular[j], h);
         e.M_linear[k] += g;
-        e.M_angular[k] += h + Sp::moment(e.x, g);
+        e.M_angular[k] += h + Sp::moment(e.end.x, g);
       }
       Sp::add(M, s.body);
       if (shift.stiffness != 0.0 || shift.damping != 0.0) {
@@ -366,12 +366,12 @@ struct Chain {
     }
     if constexpr (forces) {
       for (int k = 0; k < ne; ++k) {
-        S y = tau[node.ve + k] - (Sp::dot(e.J_linear[k], f) + Sp::dot(e.J_angular[k], n));
+        S y = tau[node.ve + k] - (Sp::dot(e.end.J_linear[k], f) + Sp::dot(e.end.J_angular[k], n));
         if constexpr (biased) y -= e.e[k];
         for (int j = 0; j < k; ++j) y -= e.L[packed(k, j)] * e.y[j];
         e.y[k] = y;
       }
-      n += Sp::moment(e.x, f);
+      n += Sp::moment(e.end.x, f);
       if constexpr (biased) {
         f += s.body_f;
         n += s.body_n;
@@ -421,17 +421,17 @@ struct Chain {
 
   template <bool biased>
   static void carry_end(const Node& node, const Elastic<Sp>& e, const S* xe, Lin& a, Ang& dw) {
-    a += Sp::cross(dw, e.x);
+    a += Sp::cross(dw, e.end.x);
     if constexpr (biased) {
-      a += e.u_bias;
-      dw += e.turn_bias;
+      a += e.end.u_bias;
+      dw += e.end.turn_bias;
     }
     for (int k = 0; k < node.ne; ++k) {
-      a += xe[k] * e.J_linear[k];
-      dw += xe[k] * e.J_angular[k];
+      a += xe[k] * e.end.J_linear[k];
+      dw += xe[k] * e.end.J_angular[k];
     }
-    a = Sp::unrotate(e.R, a);
-    dw = Sp::unrotate_angular(e.R, dw);
+    a = Sp::unrotate(e.end.R, a);
+    dw = Sp::unrotate_angular(e.end.R, dw);
   }
 
   /// Inverse dynamics after `move`: generalised forces of accelerations x (Eq. 84-87).
@@ -463,16 +463,16 @@ struct Chain {
           f += s.tip_f + Sp::force(s.tip, s.end_a, s.end_dw);
           n += s.tip_n + Sp::torque(s.tip, s.end_a, s.end_dw);
         }
-        f = Sp::rotate(e.R, f);
-        n = Sp::rotate_angular(e.R, n);
+        f = Sp::rotate(e.end.R, f);
+        n = Sp::rotate_angular(e.end.R, n);
         const S* xe = x + node.ve;
         for (int k = 0; k < node.ne; ++k) {
-          S sum = e.e[k] + Sp::dot(e.J_linear[k], f) + Sp::dot(e.J_angular[k], n) + Sp::dot(e.M_linear[k], s.a) +
-                  Sp::dot(e.M_angular[k], s.dw);
+          S sum = e.e[k] + Sp::dot(e.end.J_linear[k], f) + Sp::dot(e.end.J_angular[k], n) +
+                  Sp::dot(e.M_linear[k], s.a) + Sp::dot(e.M_angular[k], s.dw);
           for (int j = 0; j < node.ne; ++j) sum += e.M[j <= k ? packed(k, j) : packed(j, k)] * xe[j];
           tau[node.ve + k] = sum;
         }
-        n += Sp::moment(e.x, f);
+        n += Sp::moment(e.end.x, f);
         for (int k = 0; k < node.ne; ++k) {
           f += xe[k] * e.M_linear[k];
           n += xe[k] * e.M_angular[k];

@@ -23,8 +23,9 @@ struct Node {
   int q = -1, v = -1;   ///< its coordinate and its rate
   bool given = false;   ///< its motion is prescribed
   bool turned = false;  ///< it sits turned on the frame before
-  bool body = false;    ///< hub or beam: has inertia
-  bool tip = false;     ///< the tip body of a beam
+  enum Body { none, rigid, quadratic };
+  Body body = none;  ///< its hub, or hub and beam
+  bool tip = false;  ///< the tip body of a beam
   bool passive = false, stops = false;
   // elastic
   int ne = 0, qe = 0, ve = 0;
@@ -43,6 +44,7 @@ struct Node {
 
 struct Layout {
   bool planar = false;
+  bool attitudes = false;  ///< whether a body asks how it stands in the world
   int nodes = 0, nq = 0, nv = 0;
   const Node* node = nullptr;
 };

@@ -1,117 +1,21 @@
-// The elastic body of a node at order 1 and 2: what a link's M_rfr and N_rfr (Eq. 80, 81) are made of.
+// The elastic body at order 1 and 2: what a link's M_rfr and N_rfr (Eq. 80, 81) are made of.
 //
 // A slice is at x = e + l q + s, with e the beam at rest, l q what is linear in the elastic coordinates and s what is
 // quadratic. All integrals over the beam are of products of two such functions of X. What is linear leaves constant
 // matrices, made at set-up. For the rest, set-up has chosen functions of X, orthonormal in the beam's mass, that span
 // every s (beam_points.cpp): a "point" is the projection of x on one of them. Points are far fewer than Gauss points,
-// and integrals are plain sums over them. P is their scalar: of one arm's points a pack takes several at once.
+// and integrals are plain sums over them.
 #pragma once
 
-#include "lanes/algebra.hpp"
-#include "lanes/layout.hpp"
+#include "lanes/elastic.hpp"
 
 namespace {
 
-using flexarm::lanes::Block;
-using flexarm::lanes::kMostElastic;
-using flexarm::lanes::Node;
-
-// A scalar as the points' scalar, and sums over its lanes; where they are one type there is nothing to do.
-inline double widen(double x, double) { return x; }
-inline void sum_lanes(const double*, int, const double*) {}
-
-template <class S>
-S next(const double*& p) {
-  const S x = Lanes<S>::load(p);
-  p += Lanes<S>::width;
-  return x;
-}
-
-constexpr int packed(int i, int j) { return i * (i + 1) / 2 + j; }  // of a lower triangle, j <= i
-
-/// Adds a block's part of a row of a slice's motion to its value, slopes and convective second rate.
-template <class S, class P>
-void add_block(const Block& b, const double*& numbers, const S* q, const S* dq, P& value, P& bias, P* slope,
-               int stride) {
-  const bool square = b.i == b.j;
-  P total{}, total_bias{};
-  for (int c = 0; c < b.nj; ++c) {
-    const P qb = widen(q[b.j + c], P{}), db = widen(dq[b.j + c], P{});
-    P left{}, left_dot{};
-    for (int r = 0; r < b.ni; ++r) {
-      const P C = next<P>(numbers);
-      left += C * widen(q[b.i + r], P{});
-      left_dot += C * widen(dq[b.i + r], P{});
-      if (!square) slope[(b.i + r) * stride] += C * qb;
-    }
-    slope[(b.j + c) * stride] += left;
-    total += left * qb;
-    total_bias += left_dot * db;
-  }
-  value += square ? 0.5 * total : total;
-  bias += square ? total_bias : 2.0 * total_bias;
-}
-
-/// The lower triangle of F^T F, of n columns of so many rows.
-template <class P>
-void products(const P* F, int n, int rows, P* out) {
-  for (int i = 0; i < n; ++i) {
-    const P* a = F + i * rows;
-    int j = 0;
-    for (; j + 1 <= i; j += 2) {
-      const P *b = F + j * rows, *c = b + rows;
-      P ab{}, ac{};
-      for (int r = 0; r < rows; ++r) {
-        ab += a[r] * b[r];
-        ac += a[r] * c[r];
-      }
-      *out++ = ab;
-      *out++ = ac;
-    }
-    if (j > i) continue;
-    P aa{};
-    for (int r = 0; r < rows; ++r) aa += a[r] * a[r];
-    *out++ = aa;
-  }
-}
-
-/// What the dynamics asks of an elastic body. In link axes, about the link's origin.
-template <class Sp>
-struct Elastic {
-  using S = typename Sp::Scalar;
-  using Lin = typename Sp::Lin;
-  using Ang = typename Sp::Ang;
-  // the end, which carries what follows
-  typename Sp::Rot R;
-  Lin x, u_dot, u_bias;
-  Ang turning, turn_bias;
-  Lin* J_linear;   ///< ne
-  Ang* J_angular;  ///< ne
-  // inertia
-  Lin* M_linear;   ///< coupling Mre: forces, ne
-  Ang* M_angular;  ///< and moments
-  S* M;            ///< Mee, packed lower triangle
-  S* e;            ///< ne: bias, elastic and damping forces
-  // elimination: Mee = L D L^T, below the diagonal L, on it 1/D
-  S* L;
-  Lin* W_linear;
-  Ang* W_angular;
-  S* y;
-  const double* constants;  ///< stiffness K and damping, packed lower triangles
-};
-
-/// Forces of stiffness and damping into e.
-template <class S>
-void add_elastic_forces(const Node& node, const double* K, const S* q, const S* dq, S* e) {
-  for (int part = 0; part < (node.damped ? 2 : 1); ++part) {
-    const S* x = part == 0 ? q : dq;
-    for (int i = 0; i < node.ne; ++i)
-      for (int j = 0; j <= i; ++j) {
-        const S k = next<S>(K);
-        e[i] += k * x[j];
-        if (j < i) e[j] += k * x[i];
-      }
-  }
+/// Numbers P that `bend` needs to work on.
+inline std::size_t quadratic_scratch(const Node& node) {
+  const std::size_t ne = static_cast<std::size_t>(node.ne),
+                    points = static_cast<std::size_t>(node.passes + node.rotary);
+  return 32 + 8 * ne + ne * (ne + 1) / 2 + points * (3 * ne + 12);
 }
 
 // --- In the plane: y has no quadratic part, so that only the pairings with x need points. ---
@@ -207,8 +111,9 @@ void bend(const Node& node, const double* constants, const double* points, const
   add_elastic_forces(node, p, q, dq, out.e);
 }
 
+/// A slice of which `p` are the numbers.
 template <class S>
-void move_end(const Node& node, const double* p, const S* q, const S* dq, Elastic<Plane<S>>& out) {
+void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slice<Plane<S>>& out) {
   using Sp = Plane<S>;
   out.x = Sp::read(p);
   S turn{}, rate{}, y_dot{}, slope[kMostElastic], bias{};
@@ -478,7 +383,7 @@ void bend(const Node& node, const double* constants, const double* points, const
 }
 
 template <class S>
-void move_end(const Node& node, const double* p, const S* q, const S* dq, Elastic<Space<S>>& out) {
+void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slice<Space<S>>& out) {
   using Sp = Space<S>;
   const int ne = node.ne;
   S slope[6 * kMostElastic], value[6] = {}, bias[6] = {}, rate[6] = {};
