@@ -6,7 +6,6 @@
 #include "flexarm/check.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "lanes/alpha.hpp"
-#include "lanes/single.hpp"
 #include "sweeps.hpp"
 
 namespace flexarm {
@@ -24,7 +23,6 @@ struct Engine {
   int free_count = 0;
 
   explicit Engine(const Arm& arm_) : arm(arm_), q(arm.zero()), v(Eigen::VectorXd::Zero(arm.nv())), a(v), r(v), x(v) {}
-  bool fast() const { return ws->fast && ws->feedback.empty(); }
 
   void place(const double* q0, const double* u, double* out) const {
     for (std::size_t n = 0; n < arm.size(); ++n) {
@@ -35,27 +33,18 @@ struct Engine {
     }
   }
   void inverse(const double* q_, const double* v_, const double* a_, double* tau, bool with_masses) {
-    v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
-    if (fast()) {
-      ws->fast->inverse(q_, v_, a_, tau);
-      return;
-    }
     q = Eigen::Map<const Eigen::VectorXd>(q_, q.size());
+    v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
     a = Eigen::Map<const Eigen::VectorXd>(a_, a.size());
-    inverse_dynamics<double>(arm, *ws, q, v, a, with_masses);
+    inverse_dynamics(arm, *ws, q, v, a, with_masses);
     Eigen::Map<Eigen::VectorXd>(tau, v.size()) = ws->tau;
   }
   bool factor(const lanes::Shift& shift, double& twice_kinetic) {
-    if (fast()) return ws->fast->factor(shift, v.data(), twice_kinetic) == lanes::Outcome::good;
     const bool good = factor_shifted(arm, *ws, q, v, Shift{shift.damping, shift.stiffness}, true) == Status::ok;
     twice_kinetic = ws->twice_kinetic;
     return good;
   }
   void solve(const double* r_, double* x_) {
-    if (fast()) {
-      ws->fast->solve(r_, x_);
-      return;
-    }
     r = Eigen::Map<const Eigen::VectorXd>(r_, r.size());
     solve_shifted(arm, *ws, r, x);
     Eigen::Map<Eigen::VectorXd>(x_, x.size()) = x;

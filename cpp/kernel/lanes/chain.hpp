@@ -95,7 +95,8 @@ struct Chain {
     }
   }
   static std::size_t scratch_bytes(const Layout& layout) {
-    std::size_t most = 0;
+    constexpr std::size_t W = sizeof(P) / sizeof(S);
+    std::size_t most = 3 * ((static_cast<std::size_t>(layout.nodes) + W - 1) / W);  // of turn_hinges
     for (int i = 0; i < layout.nodes; ++i)
       if (const std::size_t need = scratch_of(layout.node[i]); need > most) most = need;
     return most * sizeof(P);
@@ -126,8 +127,29 @@ struct Chain {
     s.slope_q = Lanes<S>::select(s.slope_q < 0.0, o, s.slope_q);
   }
 
-  /// Places, velocities, own inertias and bias forces of all nodes.
+  /// Sines and cosines of all hinges; of one arm, of several hinges at once.
+  void turn_hinges(const S* q) {
+    constexpr int W = sizeof(P) / sizeof(S);
+    S* angle = reinterpret_cast<S*>(scratch);
+    int count = 0;
+    for (int i = 0; i < layout.nodes; ++i)
+      if (const Node& node = layout.node[i]; node.kind == Node::revolute) angle[count++] = node.sign * q[node.q];
+    while (count % W != 0) angle[count++] = S{};
+    P *sines = scratch + count / W, *cosines = sines + count / W;
+    for (int k = 0; k < count / W; ++k) sine_cosine(scratch[k], sines[k], cosines[k]);
+    const S *sine = reinterpret_cast<S*>(sines), *cosine = reinterpret_cast<S*>(cosines);
+    for (int i = 0; i < layout.nodes; ++i)
+      if (layout.node[i].kind == Node::revolute) {
+        state[i].sine = *sine++;
+        state[i].cosine = *cosine++;
+      }
+  }
+
+  /// Places, velocities, own inertias and bias forces of all nodes. Without rates: of an arm at rest, whose bias forces
+  /// are not needed.
+  template <bool rates = true>
   void move(const S* q, const S* v) {
+    turn_hinges(q);
     Ang w = Sp::zero_angular();
     typename Sp::Rot attitude = Sp::turn(0, S{}, number<S>(1.0));
     for (int i = 0; i < layout.nodes; ++i) {
@@ -138,42 +160,50 @@ struct Chain {
       s.r = Sp::read(p);
       typename Sp::Rot seat = Sp::turn(0, S{}, number<S>(1.0));
       if (node.turned) seat = Sp::read_rotation(p);
-      if (node.passive) resist(node, p, q[node.q], v[node.v], s);
+      if (node.passive) resist(node, p, q[node.q], rates ? v[node.v] : S{}, s);
       const Lin arm = s.r;
       if (node.kind == Node::revolute) {
         const S &sn = s.sine, &cs = s.cosine;
-        sine_cosine(S(sign * q[node.q]), s.sine, s.cosine);
         s.R = node.turned ? Sp::turned(seat, node.axis, sn, cs) : Sp::turn(node.axis, sn, cs);
-        const S rate = sign * v[node.v];
-        const Ang carried = Sp::unrotate_angular(s.R, w);
-        s.w = carried;
-        Sp::angular_component(s.w, node.axis) += rate;
-        s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, arm)));
-        Ang own = Sp::zero_angular();
-        Sp::angular_component(own, node.axis) += rate;
-        s.bias_w = Sp::cross(carried, own);
+        if constexpr (rates) {
+          const S rate = sign * v[node.v];
+          const Ang carried = Sp::unrotate_angular(s.R, w);
+          s.w = carried;
+          Sp::angular_component(s.w, node.axis) += rate;
+          s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, arm)));
+          Ang own = Sp::zero_angular();
+          Sp::angular_component(own, node.axis) += rate;
+          s.bias_w = Sp::cross(carried, own);
+        }
       } else {
         s.R = seat;
-        s.w = Sp::unrotate_angular(s.R, w);
         Lin slide = Sp::zero();
         if (node.kind == Node::prismatic) {
           Sp::component(slide, node.axis) += sign * q[node.q];
           s.r += Sp::rotate(s.R, slide);
         }
-        s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, s.r)));
-        if (node.kind == Node::prismatic) {
-          Lin rate = Sp::zero();
-          Sp::component(rate, node.axis) += 2.0 * (sign * v[node.v]);
-          s.bias_a += Sp::cross(s.w, rate);
+        if constexpr (rates) {
+          s.w = Sp::unrotate_angular(s.R, w);
+          s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, s.r)));
+          if (node.kind == Node::prismatic) {
+            Lin rate = Sp::zero();
+            Sp::component(rate, node.axis) += 2.0 * (sign * v[node.v]);
+            s.bias_a += Sp::cross(s.w, rate);
+          }
+          s.bias_w = Sp::zero_angular();
         }
-        s.bias_w = Sp::zero_angular();
       }
-      w = s.w;
+      if constexpr (rates)
+        w = s.w;
+      else
+        s.w = w;
       if (layout.attitudes) attitude = s.attitude = Sp::times(attitude, s.R);
       if (node.ne > 0) {
         Elastic<Sp>& e = s.elastic;
-        move_slice(node, numbers + node.end, q + node.qe, v + node.ve, e.end);
-        bend(node, p, numbers + node.points, q + node.qe, v + node.ve, s.w, s.body, s.body_f, s.body_n, e, scratch);
+        static const S still[kMostElastic]{};
+        const S* ve = rates ? v + node.ve : still;
+        move_slice(node, numbers + node.end, q + node.qe, ve, e.end);
+        bend(node, p, numbers + node.points, q + node.qe, ve, s.w, s.body, s.body_f, s.body_n, e, scratch);
         // what is carried by the end moves with the slice there (Eq. 45, 46)
         s.end_w = Sp::unrotate_angular(e.end.R, s.w + e.end.turning);
         const Lin sweep = Sp::cross(s.w, e.end.x) + number<S>(2.0) * e.end.u_dot;
@@ -183,19 +213,21 @@ struct Chain {
         if (layout.attitudes) attitude = Sp::times(attitude, e.end.R);
         if (node.tip) {
           const double* t = numbers + node.tip_body;
-          read_body(t, w, s.tip, s.tip_f, s.tip_n);
+          read_body<rates>(t, w, s.tip, s.tip_f, s.tip_n);
         }
       } else if (node.body) {
-        read_body(p, s.w, s.body, s.body_f, s.body_n);
+        read_body<rates>(p, s.w, s.body, s.body_f, s.body_n);
       }
     }
   }
 
+  template <bool rates>
   static void read_body(const double*& p, const Ang& w, typename Sp::Rigid& body, Lin& f, Ang& n) {
     const S m = next<S>(p);
     const Lin c = Sp::read(p);
     const typename Sp::Sym J = Sp::read_symmetric(p);
     body = {m, c, J};
+    if constexpr (!rates) return;
     f = Sp::cross(w, Sp::cross(w, c));
     n = Sp::cross(w, Sp::apply(J, w));
   }
@@ -285,18 +317,13 @@ struct Chain {
           if (!node.passive) (about ? Sp::angular_component(n, node.axis) : Sp::component(f, node.axis)) = applied;
         }
       }
-      if constexpr (biased) {
-        if (node.kind != Node::fixed && node.given) {
-          const S a = node.sign * given[node.v];
-          if (about)
-            Sp::angular_component(s.bias_w, node.axis) += a;
-          else
-            Sp::component(s.bias_a, node.axis) += a;
-        }
-        if constexpr (inertia && forces) {
-          f += Sp::force(M, s.bias_a, s.bias_w);
-          n += Sp::torque(M, s.bias_a, s.bias_w);
-        }
+      if constexpr (inertia && forces && biased) {
+        Lin a = s.bias_a;
+        Ang dw = s.bias_w;
+        if (node.kind != Node::fixed && node.given)  // what is prescribed is part of the bias
+          (about ? Sp::angular_component(dw, node.axis) : Sp::component(a, node.axis)) += node.sign * given[node.v];
+        f += Sp::force(M, a, dw);
+        n += Sp::torque(M, a, dw);
       }
       if (i == 0) break;
       if constexpr (inertia)
@@ -393,7 +420,7 @@ struct Chain {
     }
   }
 
-  /// Outward: accelerations, into x where they are not given. Without biases, of what solve_shifted asks for.
+  /// Outward: accelerations, into x, which holds those that are given. Without biases, of what solve_shifted asks for.
   template <bool biased>
   void outward(const Lin& base, S* x) {
     Lin a = base;  // of the frame before, at its end
@@ -408,13 +435,10 @@ struct Chain {
         a += s.bias_a;
         dw += s.bias_w;
       }
-      if (node.kind != Node::fixed && !node.given) {
-        const S qdd = s.u - s.over_d * (Sp::dot(s.U_f, a) + Sp::dot(s.U_n, dw));
-        x[node.v] = node.sign * qdd;
-        if (node.kind == Node::revolute)
-          Sp::angular_component(dw, node.axis) += qdd;
-        else
-          Sp::component(a, node.axis) += qdd;
+      if (node.kind != Node::fixed) {
+        if (!node.given) x[node.v] = node.sign * (s.u - s.over_d * (Sp::dot(s.U_f, a) + Sp::dot(s.U_n, dw)));
+        const S qdd = node.sign * x[node.v];
+        (node.kind == Node::revolute ? Sp::angular_component(dw, node.axis) : Sp::component(a, node.axis)) += qdd;
       }
       if (node.ne == 0) continue;
       Elastic<Sp>& e = s.elastic;

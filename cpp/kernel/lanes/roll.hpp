@@ -3,6 +3,7 @@
 
 #include "lanes/alpha.hpp"
 #include "lanes/chain.hpp"
+#include "lanes/feedback.hpp"
 #include "lanes/kernels.hpp"
 
 namespace {
@@ -21,14 +22,14 @@ struct Rolled {
   C chain;
   typename Sp::Lin base;
   const int* free;
-  int free_count, nq, nv, laws;
-  Pack* offset;                            // laws
-  Pack *total, *slopes, *columns, *G, *y;  // nv; nv laws; nv laws; laws^2; laws
+  int free_count, nq, nv;
+  FeedbackLaws<Pack> laws;
+  Pack* total;  // nv
   const Pack *q_now = nullptr, *v_now = nullptr;
 
   static std::size_t memory(const Roll& j) {
-    const std::size_t nv = static_cast<std::size_t>(j.layout->nv), n = static_cast<std::size_t>(j.laws);
-    return C::memory_needed(*j.layout) + (nv + 2 * n * nv + n * n + 2 * n) * sizeof(Pack);
+    const std::size_t nv = static_cast<std::size_t>(j.layout->nv);
+    return C::memory_needed(*j.layout) + (nv + FeedbackLaws<Pack>::scalars(j.laws, j.layout->nv)) * sizeof(Pack);
   }
   Rolled(const Roll& j, char* at)
       : job(j),
@@ -38,14 +39,10 @@ struct Rolled {
         free_count(j.free_count),
         nq(j.layout->nq),
         nv(j.layout->nv),
-        laws(j.laws) {
+        laws{j.laws, nq, nv, j.column, j.by_q, j.by_v, j.limit} {
     total = reinterpret_cast<Pack*>(at + C::memory_needed(*j.layout));
-    slopes = total + nv;
-    columns = slopes + laws * nv;
-    G = columns + laws * nv;
-    y = G + laws * laws;
-    offset = y + laws;
-    for (int i = 0; i < laws; ++i) offset[i] = Pack{};
+    laws.lay_out(total + nv);
+    for (int i = 0; i < j.laws; ++i) laws.offset[i] = Pack{};
   }
   static typename Sp::Lin first(const double* p) { return Sp::read(p); }
   static Pack of(const double* table, int i) { return L::load(table + i * FLEXARM_WIDTH); }
@@ -56,59 +53,19 @@ struct Rolled {
       q[c] = q0[c] + u[free[k]];
     }
   }
-  /// A law's force (see Feedback), and where it is at its limit.
-  Pack force(int law, const Pack* q, const Pack* v, PackMask& limited) const {
-    Pack u = offset[law];
-    for (int i = 0; i < nq; ++i) u -= of(job.by_q, law * nq + i) * q[i];
-    for (int i = 0; i < nv; ++i) u -= of(job.by_v, law * nv + i) * v[i];
-    const Pack most = of(job.limit, law);
-    limited = L::size(u) >= most;
-    return L::smaller(most, L::larger(-most, u));  // in this order, what is not a number stays so
-  }
-  void add_feedback(const Pack* q, const Pack* v, double sign, Pack* tau) const {
-    for (int l = 0; l < laws; ++l) {
-      PackMask limited;
-      const Pack u = sign * force(l, q, v, limited);
-      for (int i = 0; i < nv; ++i) tau[i] += u * of(job.column, l * nv + i);
-    }
-  }
-
   void inverse(const Pack* q, const Pack* v, const Pack* a, Pack* tau, bool) {
     chain.move(q, v);
     chain.forces(base, a, tau);
-    add_feedback(q, v, -1.0, tau);
+    laws.add(q, v, -1.0, tau);
     q_now = q;
     v_now = v;
   }
   PackMask factor(const Shift& shift, Pack& twice) {
     twice = chain.twice_kinetic(v_now);
     const PackMask good = chain.template inward<true, false, false>(nullptr, nullptr, shift);
-    for (int l = 0; l < laws; ++l) {  // Woodbury's formula for S + column slopes^T, as in ab.cpp
-      PackMask limited;
-      force(l, q_now, v_now, limited);
-      Pack* s = slopes + l * nv;
-      for (int i = 0; i < nv; ++i) s[i] = total[i] = Pack{};
-      for (int k = 0; k < free_count; ++k) {
-        const int i = free[k];
-        const Pack slope =
-            shift.damping * of(job.by_v, l * nv + i) + shift.stiffness * of(job.by_q, l * nq + job.coordinate[i]);
-        s[i] = L::select(limited, Pack{}, slope);
-      }
-      for (int i = 0; i < nv; ++i) total[i] = of(job.column, l * nv + i);
-      solve_chain(total, columns + l * nv);
-    }
-    for (int i = 0; i < laws; ++i)
-      for (int j = 0; j < laws; ++j) {
-        Pack sum = number<Pack>(i == j ? 1.0 : 0.0);
-        for (int k = 0; k < nv; ++k) sum += slopes[i * nv + k] * columns[j * nv + k];
-        G[i * laws + j] = sum;
-      }
-    for (int k = 0; k < laws; ++k)  // G = L U, below the diagonal L, above it U
-      for (int i = k + 1; i < laws; ++i) {
-        const Pack l = G[i * laws + k] / G[k * laws + k];
-        G[i * laws + k] = l;
-        for (int j = k + 1; j < laws; ++j) G[i * laws + j] -= l * G[k * laws + j];
-      }
+    laws.factor(
+        shift, q_now, v_now, free, free_count, [&](int i) { return job.coordinate[i]; },
+        [&](const Pack* r, Pack* x) { solve_chain(r, x); });
     return good;
   }
   void solve_chain(const Pack* r, Pack* x) {
@@ -118,24 +75,12 @@ struct Rolled {
   }
   void solve(const Pack* r, Pack* x) {
     solve_chain(r, x);
-    if (laws == 0) return;
-    for (int i = 0; i < laws; ++i) {
-      Pack sum{};
-      for (int k = 0; k < nv; ++k) sum += slopes[i * nv + k] * x[k];
-      for (int j = 0; j < i; ++j) sum -= G[i * laws + j] * y[j];
-      y[i] = sum;
-    }
-    for (int i = laws; i-- > 0;) {
-      Pack sum = y[i];
-      for (int j = i + 1; j < laws; ++j) sum -= G[i * laws + j] * y[j];
-      y[i] = sum / G[i * laws + i];
-      for (int k = 0; k < nv; ++k) x[k] -= columns[i * nv + k] * y[i];
-    }
+    laws.correct(x);
   }
   /// Accelerations into x, which holds those that are given.
   PackMask accelerate(const Pack* q, const Pack* v, const Pack* tau, Pack* x) {
     for (int i = 0; i < nv; ++i) total[i] = tau[i];
-    add_feedback(q, v, 1.0, total);
+    laws.add(q, v, 1.0, total);
     chain.move(q, v);
     const PackMask good = chain.template inward<true, true, true>(total, x, Shift{});
     chain.template outward<true>(base, x);
@@ -188,7 +133,7 @@ struct Roller {
 
   void set(long step, long half) {
     const auto raw = [](Pack* p) { return reinterpret_cast<double*>(p); };
-    job.set(job.context, step, half, raw(q), raw(v), raw(x), raw(tau), raw(arms.offset));
+    job.set(job.context, step, half, raw(q), raw(v), raw(x), raw(tau), raw(arms.laws.offset));
   }
   void lose(const PackMask& where, int status, long step) {
     for (int l = 0; l < W; ++l)
@@ -285,8 +230,8 @@ struct Roller {
       accelerate(rate, L::everywhere(true));
       arms.inverse(q, v, rate, scratch, false);
       for (int i = 0; i < arms.nv; ++i) arms.total[i] = tau[i];
-      arms.add_feedback(q, v, 1.0, arms.total);
-      arms.add_feedback(q, v, 1.0, scratch);  // the reactions of what is prescribed, and of nothing else
+      arms.laws.add(q, v, 1.0, arms.total);
+      arms.laws.add(q, v, 1.0, scratch);  // the reactions of what is prescribed, and of nothing else
       for (int k = 0; k < arms.free_count; ++k) scratch[arms.free[k]] = arms.total[arms.free[k]];
       for (int c = job.rubs; c < job.rubs + job.rubs_given; ++c) {  // a drive must overcome the friction, too
         const Pack speed = v[job.rubbing[c]], most = L::load(job.coulomb + c * W);
