@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 
 from .._console import (
     complain,
-    finite,
+    json_text,
     output_folder,
 )
 from ..choose.chart import chart
@@ -39,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     found = chart(scene, budget=args.budget, quantity=args.quantity, progress=True)
     files = found.save(folder)
     if args.json:
-        print(json.dumps(finite({**found.to_dict(), "folder": str(folder), "files": files}), indent=1))
+        print(json_text({**found.to_dict(), "folder": str(folder), "files": files}))
     else:
         print(found)
         print(f"\nPicture, table and data are in {folder}{os.sep}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import shutil
 import textwrap
 from collections.abc import Callable, Iterable
@@ -11,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._console import write_csv, write_table
+from .._console import json_text, write_csv, write_table
 from ..draw.style import DPI
 from ..scene.scene import SCENES, load
 from . import control, figures, single_link
@@ -146,7 +145,7 @@ def run(folder: str | Path, tick: Callable[[str], None] = lambda _: None) -> Dem
         draw().savefig(folder / name, dpi=DPI)
         tick(name)
     out = Demo(s, m, c, rows, folder, list(_FILES))
-    (folder / "demo.json").write_text(json.dumps(out.to_dict(), indent=1) + "\n", encoding="utf-8")
+    (folder / "demo.json").write_text(json_text(out.to_dict()) + "\n", encoding="utf-8")
     return out
 
 
