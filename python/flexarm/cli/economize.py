@@ -6,11 +6,7 @@ import argparse
 import os
 import sys
 
-from .._console import (
-    complain,
-    json_text,
-    output_folder,
-)
+from .._console import complain, json_text, output_folder
 from ..choose.economize import economize
 from ..choose.measures import MEASURES
 from ..scene.scene import load
