@@ -193,6 +193,8 @@ PARAMETERS = {
     "link.1.tip.com.1": [0.0, 0.01],
     "gravity": [[0, -G, 0], [0, 0, -G]],
     "control.0.kp": [0.5, 2.0],
+    "control.0.motor.gear_ratio": [1.0, 1.5],
+    "control.0.motor.resistance": [2.0, 1.0],
     "drive.0.scale": [1.0, -2.0],
     "q0.1": [0.002, -0.001],
 }
@@ -214,7 +216,8 @@ def varied(i: int) -> tuple[fa.Arm, np.ndarray, dict, list]:
     q0 = np.zeros(arm.nq)
     q0[1] = p["q0.1"]
     s = p["drive.0.scale"]
-    return arm, q0, {0: fa.Torque([0, 0.02, 0.05], [0, 0.1 * s, 0])}, [fa.PD(p["control.0.kp"], 0.01, 1)]
+    motor = fa.Motor(0.5, p["control.0.motor.gear_ratio"], resistance=p["control.0.motor.resistance"])
+    return arm, q0, {0: fa.Torque([0, 0.02, 0.05], [0, 0.1 * s, 0])}, [fa.PD(p["control.0.kp"], 0.01, 1, motor=motor)]
 
 
 @pytest.mark.parametrize("integrator", ["implicit", "rk4", "gauss", "ida"])
@@ -223,7 +226,7 @@ def test_parameters_are_what_they_say(integrator):
     common = {"integrator": integrator, "step": {"rk4": 1e-4, "ida": None}.get(integrator, 1e-3)}
     drive = {0: fa.Torque([0, 0.02, 0.05], [0, 0.1, 0])}
     every = fa.simulate_batch(
-        two_links(), t, parameters=PARAMETERS, drive=drive, control=fa.PD(1, 0.01, 1),
+        two_links(), t, parameters=PARAMETERS, drive=drive, control=fa.PD(1, 0.01, 1, motor=fa.Motor(0.5)),
         outputs=("tau", "q", "a", "v"), **common,
     )  # fmt: skip
     step_by_step = integrator in ("implicit", "rk4")
