@@ -24,7 +24,7 @@ struct Node {
   bool given = false;   ///< its motion is prescribed
   bool turned = false;  ///< it sits turned on the frame before
   enum Body { none, rigid, quadratic };
-  Body body = none;  ///< its hub, or hub and beam
+  Body body = none;  ///< rigid, or hub and beam
   bool tip = false;  ///< the tip body of a beam
   bool passive = false, stops = false;
   // elastic
