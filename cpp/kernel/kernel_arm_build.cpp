@@ -1,6 +1,7 @@
 // Set-up of joints and rigid bodies.
 #include "kernel_arm_builder.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace flexarm {
@@ -35,7 +36,8 @@ Axes find_plane(const Arm& arm) {
     bool fits = true;
     for (const Link& link : arm.links()) {
       const Joint& joint = link.joint();
-      fits = fits && turns_about(joint.inboard().rotation, axes.z) && turns_about(joint.outboard().rotation, axes.z);
+      fits = fits && !joint.has_ball() && turns_about(joint.inboard().rotation, axes.z) &&
+             turns_about(joint.outboard().rotation, axes.z);
       for (const ElementaryMotion& m : joint.motions()) {
         double sign;
         const bool about = aligned(m.axis, sign) == axes.z;
@@ -61,6 +63,17 @@ Node& ArmBuilder::begin_node(const Matrix3d& R) {
   put(offset);
   if (node.turned) put(R);
   offset.setZero();
+  return append(node);
+}
+
+Node& ArmBuilder::begin_coincident() {
+  Node node;
+  set(node.numbers, out.numbers_.size());
+  set(node.coincident, true);
+  return append(node);
+}
+
+Node& ArmBuilder::append(const Node& node) {
   out.nodes_.push_back(node);
   out.lists_.emplace_back();
   return out.nodes_.back();
@@ -98,17 +111,47 @@ void ArmBuilder::add_motion(const Link& link, std::size_t n, std::size_t i) {
     for (double x : {f.lower, f.upper, f.limit_stiffness, f.limit_damping}) put(x);
 }
 
+void ArmBuilder::add_ball(const Link& link, std::size_t n) {
+  const Joint& joint = link.joint();
+  const std::size_t before = joint.motions().size();
+  std::vector<JointForce> forces(3);
+  if (joint.passive())
+    std::copy(joint.forces().begin() + static_cast<std::ptrdiff_t>(before), joint.forces().end(), forces.begin());
+  bool passive = false;
+  for (const JointForce& f : forces)
+    passive = passive || std::isfinite(f.upper) || f.stiffness != 0.0 || f.damping != 0.0 || f.reflected_inertia != 0.0;
+  for (int k = 0; k < 3; ++k) {
+    Node& one = k == 0 ? begin_node(turn) : begin_coincident();
+    set(one.ball, k == 0);
+    set(one.kind, Node::revolute);
+    set(one.axis, k);
+    set(one.q, arm.first_q(n) + static_cast<int>(before));
+    set(one.v, arm.first(n) + static_cast<int>(before) + k);
+    set(one.passive, passive);
+    set(one.stops, std::isfinite(forces[0].upper));
+    if (k > 0 || !passive) continue;
+    put(forces[0].stiffness);
+    for (const JointForce& f : forces) {
+      put(f.damping);
+      put(f.reflected_inertia);
+    }
+    if (!one.stops) continue;
+    for (double x : {forces[0].upper, forces[0].limit_stiffness, forces[0].limit_damping}) put(x);
+  }
+  turn.setIdentity();
+}
+
 bool ArmBuilder::add_link(std::size_t n) {
   const Link& link = arm.link(n);
   const Joint& joint = link.joint();
-  if (joint.has_ball()) return false;
   offset += turn * joint.inboard().position;
   turn = turn * joint.inboard().rotation;
   for (std::size_t i = 0; i < joint.motions().size(); ++i) add_motion(link, n, i);
+  if (joint.has_ball()) add_ball(link, n);
   offset += turn * joint.outboard().position;
   turn = turn * joint.outboard().rotation;
   const bool elastic = link.ne() > 0;
-  if (joint.motions().empty() || (elastic && !(is_identity(turn) && offset.isZero(0.0)))) {
+  if (joint.nv() == 0 || (elastic && !(is_identity(turn) && offset.isZero(0.0)))) {
     begin_node(turn);
     turn.setIdentity();
   }

@@ -98,8 +98,12 @@ struct ArmBuilder {
 
   /// Begins a node where the last one ends.
   Node& begin_node(const Eigen::Matrix3d& R);
+  /// Begins one in the frame of the last one.
+  Node& begin_coincident();
+  Node& append(const Node& node);
   bool add_link(std::size_t n);
   void add_motion(const Link& link, std::size_t n, std::size_t i);
+  void add_ball(const Link& link, std::size_t n);
   /// The node's body, one of these; @return whether the kernels know it
   void add_rigid(const Link& link);
   bool add_beam(const Link& link, std::size_t n);
