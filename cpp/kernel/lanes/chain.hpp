@@ -3,13 +3,14 @@
 // Velocities of origins never occur: accelerations are absolute, and a body's forces know only its angular velocity.
 #pragma once
 
+#include "lanes/ball.hpp"
 #include "lanes/quadratic.hpp"
 
 namespace {
 
 constexpr double kSingular = 1e-14;  // parts of an inertia below which what a freedom moves is rounding
+constexpr double kSoftEntry = 1e-3;  // rad or m past a stop over which its damping sets in
 
-using flexarm::lanes::Layout;
 using flexarm::lanes::Shift;
 
 /// Numbers P that the body of a node needs to work on.
@@ -108,7 +109,6 @@ struct Chain {
     s.slope_q = stiffness;
     s.slope_v = damping;
     if (!node.stops) return;
-    constexpr double kSoftEntry = 1e-3;
     const S lower = next<S>(p), upper = next<S>(p), k = next<S>(p), d = next<S>(p), one = number<S>(1.0), o{};
     for (int side = 0; side < 2; ++side) {
       const S depth = side == 0 ? q - lower : q - upper;
@@ -125,6 +125,56 @@ struct Chain {
     s.slope_q = Lanes<S>::select(s.slope_q < 0.0, o, s.slope_q);
   }
 
+  /// The same of a ball, into the three nodes that it is.
+  static void resist_ball(const Node& node, const double*& p, const S* q, const S* v, State<Sp>* s) {
+    const S stiffness = next<S>(p);
+    const BallTurn<S> turn(q);
+    for (int k = 0; k < 3; ++k) {
+      const S damping = next<S>(p);
+      s[k].reflected = next<S>(p);
+      s[k].resistance = stiffness * turn.vector[k] + damping * v[k];
+      s[k].slope_q = stiffness;
+      s[k].slope_v = damping;
+    }
+    if (!node.stops) return;
+    const S upper = next<S>(p), stop_stiffness = next<S>(p), stop_damping = next<S>(p), one = number<S>(1.0), o{};
+    const S depth = turn.angle - upper, entry = depth * (1.0 / kSoftEntry);
+    const auto hit = depth > 0.0;
+    const S over = 1.0 / Lanes<S>::select(hit, turn.angle, one);
+    const S damping = stop_damping * Lanes<S>::select(entry < 1.0, entry, one);
+    const S rate = over * (turn.vector[0] * v[0] + turn.vector[1] * v[1] + turn.vector[2] * v[2]);
+    const S push = over * (stop_stiffness * depth + damping * rate);
+    for (int k = 0; k < 3; ++k) {
+      s[k].resistance += Lanes<S>::select(hit, push * turn.vector[k], o);
+      s[k].slope_q += Lanes<S>::select(hit, stop_stiffness, o);
+      s[k].slope_v += Lanes<S>::select(hit, damping, o);
+    }
+  }
+
+  /// A ball's first node, on a frame that turns by w. @param p  its numbers
+  void move_ball(const Node& node, const double*& p, const typename Sp::Rot& seat, const S* q, const S* v, const Ang& w,
+                 State<Sp>& s) {
+    if constexpr (!Sp::planar) {
+      const S *turn = q + node.q, *rates = v + node.v;
+      if (node.passive) resist_ball(node, p, turn, rates, &s);
+      const typename Sp::Rot R = ball_rotation(turn);
+      s.R = node.turned ? Sp::times(seat, R) : R;
+      const Ang carried = Sp::unrotate_angular(s.R, w), own{rates[0], rates[1], rates[2]};
+      s.w = carried + own;
+      s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, s.r)));
+      s.bias_w = Sp::cross(carried, own);
+    }
+  }
+
+  /// A node in the frame of the one before it.
+  static void stay(const Ang& w, State<Sp>& s) {
+    s.R = Sp::turn(0, S{}, number<S>(1.0));
+    s.r = Sp::zero();
+    s.w = w;
+    s.bias_a = Sp::zero();
+    s.bias_w = Sp::zero_angular();
+  }
+
   /// Places, velocities, own inertias and bias forces of all nodes.
   void move(const S* q, const S* v) {
     Ang w = Sp::zero_angular();
@@ -134,12 +184,18 @@ struct Chain {
       State<Sp>& s = state[i];
       const double* p = numbers + node.numbers;
       const double sign = node.sign;
-      s.r = Sp::read(p);
       typename Sp::Rot seat = Sp::turn(0, S{}, number<S>(1.0));
-      if (node.turned) seat = Sp::read_rotation(p);
-      if (node.passive) resist(node, p, q[node.q], v[node.v], s);
+      if (!node.coincident) {
+        s.r = Sp::read(p);
+        if (node.turned) seat = Sp::read_rotation(p);
+        if (node.passive && !node.ball) resist(node, p, q[node.q], v[node.v], s);
+      }
       const Lin arm = s.r;
-      if (node.kind == Node::revolute) {
+      if (node.coincident) {
+        stay(w, s);
+      } else if (node.ball) {
+        move_ball(node, p, seat, q, v, w, s);
+      } else if (node.kind == Node::revolute) {
         const S &sn = s.sine, &cs = s.cosine;
         sine_cosine(S(sign * q[node.q]), s.sine, s.cosine);
         s.R = node.turned ? Sp::turned(seat, node.axis, sn, cs) : Sp::turn(node.axis, sn, cs);
@@ -210,7 +266,7 @@ struct Chain {
     for (int i = 0; i < layout.nodes; ++i) {
       const Node& node = layout.node[i];
       const State<Sp>& s = state[i];
-      u = Sp::unrotate(s.R, u + Sp::cross(w, s.r));
+      if (!node.coincident) u = Sp::unrotate(s.R, u + Sp::cross(w, s.r));
       w = s.w;
       if (node.kind == Node::prismatic) Sp::component(u, node.axis) += node.sign * v[node.v];
       if (node.body) add(s.body, u, w);
@@ -291,14 +347,17 @@ struct Chain {
           else
             Sp::component(s.bias_a, node.axis) += a;
         }
-        if constexpr (inertia && forces) {
-          f += Sp::force(M, s.bias_a, s.bias_w);
-          n += Sp::torque(M, s.bias_a, s.bias_w);
-        }
+        if constexpr (inertia && forces)
+          if (!node.coincident || node.given) {
+            f += Sp::force(M, s.bias_a, s.bias_w);
+            n += Sp::torque(M, s.bias_a, s.bias_w);
+          }
       }
       if (i == 0) break;
+      if (node.coincident) continue;
       if constexpr (inertia)
-        M = Sp::shift(about && !node.turned ? Sp::rotate(node.axis, s.sine, s.cosine, M) : Sp::rotate(s.R, M), s.r);
+        M = Sp::shift(
+            about && !node.turned && !node.ball ? Sp::rotate(node.axis, s.sine, s.cosine, M) : Sp::rotate(s.R, M), s.r);
       if constexpr (forces) {
         f = Sp::rotate(s.R, f);
         n = Sp::rotate_angular(s.R, n) + Sp::moment(s.r, f);
@@ -392,9 +451,11 @@ struct Chain {
     for (int i = 0; i < layout.nodes; ++i) {
       const Node& node = layout.node[i];
       State<Sp>& s = state[i];
-      const Lin at = i == 0 ? a : a + Sp::cross(dw, s.r);
-      a = Sp::unrotate(s.R, at);
-      dw = Sp::unrotate_angular(s.R, dw);
+      if (!node.coincident) {
+        const Lin at = i == 0 ? a : a + Sp::cross(dw, s.r);
+        a = Sp::unrotate(s.R, at);
+        dw = Sp::unrotate_angular(s.R, dw);
+      }
       if constexpr (biased) {
         a += s.bias_a;
         dw += s.bias_w;
@@ -441,8 +502,10 @@ struct Chain {
     for (int i = 0; i < layout.nodes; ++i) {
       const Node& node = layout.node[i];
       State<Sp>& s = state[i];
-      a = Sp::unrotate(s.R, i == 0 ? a : a + Sp::cross(dw, s.r)) + s.bias_a;
-      dw = Sp::unrotate_angular(s.R, dw) + s.bias_w;
+      if (!node.coincident) {
+        a = Sp::unrotate(s.R, i == 0 ? a : a + Sp::cross(dw, s.r)) + s.bias_a;
+        dw = Sp::unrotate_angular(s.R, dw) + s.bias_w;
+      }
       if (node.kind == Node::revolute) Sp::angular_component(dw, node.axis) += node.sign * x[node.v];
       if (node.kind == Node::prismatic) Sp::component(a, node.axis) += node.sign * x[node.v];
       s.a = a;
@@ -489,6 +552,7 @@ struct Chain {
         tau[node.v] = own;
       }
       if (i == 0) break;
+      if (node.coincident) continue;
       f = Sp::rotate(s.R, f);
       n = Sp::rotate_angular(s.R, n) + Sp::moment(s.r, f);
     }

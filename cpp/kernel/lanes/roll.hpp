@@ -50,12 +50,7 @@ struct Rolled {
   static typename Sp::Lin first(const double* p) { return Sp::read(p); }
   static Pack of(const double* table, int i) { return L::load(table + i * FLEXARM_WIDTH); }
 
-  void place(const Pack* q0, const Pack* u, Pack* q) const {
-    for (int k = 0; k < free_count; ++k) {
-      const int c = job.coordinate[free[k]];
-      q[c] = q0[c] + u[free[k]];
-    }
-  }
+  void place(const Pack* q0, const Pack* u, Pack* q) const { displace(chain.layout, q0, u, q); }
   /// A law's force (see Feedback), and where it is at its limit.
   Pack force(int law, const Pack* q, const Pack* v, PackMask& limited) const {
     Pack u = offset[law];
@@ -90,8 +85,8 @@ struct Rolled {
       for (int i = 0; i < nv; ++i) s[i] = total[i] = Pack{};
       for (int k = 0; k < free_count; ++k) {
         const int i = free[k];
-        const Pack slope =
-            shift.damping * of(job.by_v, l * nv + i) + shift.stiffness * of(job.by_q, l * nq + job.coordinate[i]);
+        Pack slope = shift.damping * of(job.by_v, l * nv + i);
+        if (const int c = job.coordinate[i]; c >= 0) slope += shift.stiffness * of(job.by_q, l * nq + c);
         s[i] = L::select(limited, Pack{}, slope);
       }
       for (int i = 0; i < nv; ++i) total[i] = of(job.column, l * nv + i);
@@ -152,7 +147,7 @@ struct Roller {
   static std::size_t memory(const Roll& j) {
     const std::size_t nq = static_cast<std::size_t>(j.layout->nq), nv = static_cast<std::size_t>(j.layout->nv);
     return Rolled<Sp>::memory(j) +
-           (2 * nq + 6 * nv + 1 + Alpha<Rolled<Sp>>::scalars(j.layout->nq, j.layout->nv, j.rubs)) * sizeof(Pack);
+           (3 * nq + 5 * nv + 1 + Alpha<Rolled<Sp>>::scalars(j.layout->nq, j.layout->nv, j.rubs)) * sizeof(Pack);
   }
 
   Roll& job;
@@ -164,7 +159,7 @@ struct Roller {
   Roller(Roll& j, char* at) : job(j), arms(j, at) {
     const int nq = j.layout->nq, nv = j.layout->nv;
     Pack* p = reinterpret_cast<Pack*>(at + Rolled<Sp>::memory(j));
-    Pack **of_q[] = {&q, &q_kept}, **of_v[] = {&v, &v_kept, &tau, &x, &rate, &scratch};
+    Pack **of_q[] = {&q, &q_kept, &rate}, **of_v[] = {&v, &v_kept, &tau, &x, &scratch};
     for (Pack** y : of_q) {
       *y = p;
       p += nq;
@@ -257,24 +252,20 @@ struct Roller {
     }
     for (int stage = 0; stage < 4; ++stage) {
       if (stage > 0) {
-        for (int i = 0; i < arms.nv; ++i) {
-          const int c = job.coordinate[i];
-          q[c] = q_kept[c] + (times[stage] * h) * rate[i];
-          v[i] = v_kept[i] + (times[stage] * h) * x[i];
-        }
+        for (int i = 0; i < arms.nq; ++i) q[i] = q_kept[i] + (times[stage] * h) * rate[i];
+        for (int i = 0; i < arms.nv; ++i) v[i] = v_kept[i] + (times[stage] * h) * x[i];
       }
       if (job.varies) set(step, 2 * step + (stage + 1) / 2);
       ++alpha.evaluations;
       lose(~arms.accelerate(q, v, tau, x), not_finite, step);
-      for (int i = 0; i < arms.nv; ++i) {
-        rate[i] = v[i];
-        q_sum[job.coordinate[i]] += weights[stage] * v[i];
-        v_sum[i] += weights[stage] * x[i];
-      }
+      coordinate_rates(arms.chain.layout, q, v, rate);
+      for (int i = 0; i < arms.nq; ++i) q_sum[i] += weights[stage] * rate[i];
+      for (int i = 0; i < arms.nv; ++i) v_sum[i] += weights[stage] * x[i];
     }
     for (int i = 0; i < arms.nq; ++i) q[i] = q_kept[i] + (h / 6.0) * q_sum[i];
     for (int i = 0; i < arms.nv; ++i) v[i] = v_kept[i] + (h / 6.0) * v_sum[i];
     if (job.varies) set(step, 2 * step + 2);
+    normalise(arms.chain.layout, q);
   }
 
   void write(long step) {
@@ -294,7 +285,9 @@ struct Roller {
       }
     }
     const auto raw = [](const Pack* p) { return reinterpret_cast<const double*>(p); };
-    job.row(job.context, raw(q), raw(v), raw(rate), raw(scratch), job.status);
+    for (int i = 0; i < arms.nq; ++i) q_kept[i] = q[i];
+    normalise(arms.chain.layout, q_kept);
+    job.row(job.context, raw(q_kept), raw(v), raw(rate), raw(scratch), job.status);
   }
 
   /// From the state in `memory` (see isa.cpp).

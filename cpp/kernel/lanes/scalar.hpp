@@ -19,6 +19,7 @@ struct Lanes<double> {
   static bool lane(bool m, int) { return m; }
   static bool everywhere(bool m) { return m; }
   static double root(double x) { return __builtin_sqrt(x); }
+  static double atan2(double y, double x) { return __builtin_atan2(y, x); }
   static double size(double x) { return __builtin_fabs(x); }
   static double larger(double a, double b) { return a > b ? a : b; }
   static double smaller(double a, double b) { return a < b ? a : b; }
