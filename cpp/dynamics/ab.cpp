@@ -133,6 +133,12 @@ Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
   return status != Status::ok || all_finite(ws.a) ? status : Status::not_finite;
 }
 
+Status status_of(lanes::Outcome outcome) {
+  return outcome == lanes::Outcome::good       ? Status::ok
+         : outcome == lanes::Outcome::singular ? Status::singular
+                                               : Status::not_finite;
+}
+
 long operation_count(const Arm& arm) {
   const lanes::KernelArm* known = lanes::KernelArm::of(arm);
   return known ? lanes::operation_count(*known) : 0;
@@ -147,12 +153,9 @@ Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q,
     add_feedback(ws.feedback, q, v, 1.0, ws.total);
     total = &ws.total;
   }
-  const bool good = ws.fast->forward(q.data(), v.data(), total->data(), ws.a.data());
-  const bool finite = all_finite(q) && all_finite(v) && all_finite(ws.a);
-  if (good && finite) return Status::ok;
-  // the kernels do not say why: a pivot may be too small, or not a number
-  const Status status = forward_dynamics_ab(arm, ws, q, v, tau);
-  return status == Status::ok && !good && finite ? Status::singular : status;
+  const lanes::Outcome outcome = ws.fast->forward(q.data(), v.data(), total->data(), ws.a.data());
+  if (!all_finite(q) || !all_finite(v)) return Status::not_finite;
+  return outcome != lanes::Outcome::good || all_finite(ws.a) ? status_of(outcome) : Status::not_finite;
 }
 
 namespace {

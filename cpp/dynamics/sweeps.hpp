@@ -2,8 +2,11 @@
 #pragma once
 
 #include "flexarm/workspace.hpp"
+#include "lanes/kernels.hpp"
 
 namespace flexarm {
+
+Status status_of(lanes::Outcome outcome);
 
 /// Whether every number is finite, without a branch: what is not gives no zero times zero.
 template <class V>

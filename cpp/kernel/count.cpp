@@ -43,6 +43,8 @@ struct Lanes<Counted> {
   static bool everywhere(bool m) { return m; }
   static bool all(bool m) { return m; }
   static Counted atan2(const Counted& y, const Counted& x) { return Counted::note(__builtin_atan2(y.x, x.x)); }
+  static bool none_of(bool m) { return !m; }
+  static bool finite(const Counted& a) { return a.x - a.x == 0.0; }
   static Counted size(const Counted& a) { return a < 0.0 ? -a : a; }
   static Counted root(const Counted& a) { return Counted::note(__builtin_sqrt(a.x)); }
   static Counted larger(const Counted& a, const Counted& b) { return a > b ? a : b; }
@@ -59,7 +61,7 @@ void sum_lanes(const Counted*, int, const Counted*) {}
 
 }  // namespace
 
-#include "lanes/chain.hpp"
+#include "lanes/composite.hpp"
 #include "lanes/single.hpp"
 
 namespace flexarm {

@@ -2,10 +2,13 @@
 // table is in an unnamed namespace, so that no function of one set can end up in another's path.
 #include "lanes/pack.hpp"  // what the others need first
 // clang-format: keep
+#include "lanes/composite.hpp"
 #include "lanes/roll.hpp"
 #include "lanes/tangent.hpp"
 
 namespace {
+
+using flexarm::lanes::Outcome;
 
 template <class Sp>
 using Single = Chain<Sp, Pack>;
@@ -18,11 +21,15 @@ decltype(auto) on(void* self, const F& f) {
   return f(*reinterpret_cast<Single<Space<double>>*>(chain));
 }
 
-constexpr std::size_t kHead = 192;  // the layout's address, and the chain
+constexpr std::size_t kHead = 192;  // addresses of the layout and of Composite's memory; the chain
+
+template <class Sp>
+std::size_t memory_of(const Layout& layout) {
+  return kHead + Single<Sp>::memory_needed(layout) + Composite<Sp>::memory(layout);
+}
 
 std::size_t memory(const Layout& layout) {
-  return kHead +
-         (layout.planar ? Single<Plane<double>>::memory_needed(layout) : Single<Space<double>>::memory_needed(layout));
+  return layout.planar ? memory_of<Plane<double>>(layout) : memory_of<Space<double>>(layout);
 }
 
 template <class Sp>
@@ -30,6 +37,7 @@ void lay_out(const Layout& layout, const double* numbers, char* at) {
   static_assert(sizeof(Single<Sp>) <= kHead - 64, "the chain's head");
   const Single<Sp> chain(layout, numbers, at + kHead);
   __builtin_memcpy(at + 64, &chain, sizeof(chain));
+  reinterpret_cast<char**>(at)[1] = at + kHead + Single<Sp>::memory_needed(layout);
 }
 
 void begin(const Layout& layout, const double* numbers, void* memory) {
@@ -47,12 +55,17 @@ auto base_of(const C& chain) {
   return C::Space::read(p);
 }
 
-bool forward(void* self, const double* q, const double* v, const double* tau, double* a) {
+template <class C>
+Outcome outcome(const C& chain, bool good) {
+  return good ? Outcome::good : chain.lost ? Outcome::not_finite : Outcome::singular;
+}
+
+Outcome forward(void* self, const double* q, const double* v, const double* tau, double* a) {
   return on(self, [&](auto& chain) {
     chain.move(q, v);
     const bool good = chain.template inward<true, true, true>(tau, a, Shift{});
     chain.template outward<true>(base_of(chain), a);
-    return good;
+    return outcome(chain, good);
   });
 }
 
@@ -63,10 +76,27 @@ void inverse(void* self, const double* q, const double* v, const double* a, doub
   });
 }
 
-bool factor(void* self, const Shift& shift, const double* v, double* twice_kinetic) {
+void move(void* self, const double* q, const double* v) {
+  on(self, [&](auto& chain) { chain.move(q, v); });
+}
+
+void forces(void* self, const double* a, double* tau) {
+  on(self, [&](auto& chain) { chain.forces(base_of(chain), a, tau); });
+}
+
+template <class C>
+void fill(const C& chain, void* memory, double* M) {
+  Composite<typename C::Space>(chain.layout, memory).run(chain, M);
+}
+
+void mass_matrix(void* self, double* M) {
+  on(self, [&](auto& chain) { fill(chain, static_cast<char**>(self)[1], M); });
+}
+
+Outcome factor(void* self, const Shift& shift, const double* v, double* twice_kinetic) {
   return on(self, [&](auto& chain) {
     *twice_kinetic = chain.twice_kinetic(v);
-    return chain.template inward<true, false, false>(nullptr, nullptr, shift);
+    return outcome(chain, chain.template inward<true, false, false>(nullptr, nullptr, shift));
   });
 }
 
@@ -119,6 +149,9 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   begin,
                                                   forward,
                                                   inverse,
+                                                  move,
+                                                  forces,
+                                                  mass_matrix,
                                                   factor,
                                                   solve,
                                                   roll_memory,

@@ -75,11 +75,15 @@ void check(const Arm& arm, bool planar, const std::vector<bool>& given = {}, dou
       place(arm, phase, q, v, bent);
       x = flexarm_test::wave(nv, 2.0 * phase, 1.0);
       ws.a = x;
-      CHECK(kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), x.data()));
+      CHECK(kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), x.data()) == lanes::Outcome::good);
       inverse_dynamics<double>(arm, ws, q, v, x);
       const Eigen::VectorXd left = ws.tau - tau;
       composite_mass_matrix(arm, ws);
       const Eigen::MatrixXd M = ws.M;
+      Eigen::MatrixXd composite(nv, nv);
+      kernels->mass_matrix(fast.memory.get(), composite.data());
+      CHECK((composite - M).cwiseAbs().maxCoeff() < 1e-13 * M.cwiseAbs().maxCoeff());
+      CHECK(composite == composite.transpose());
       const double size = (ws.M.cwiseAbs() * x.cwiseAbs() + tau.cwiseAbs()).maxCoeff() + ws.tau.cwiseAbs().maxCoeff();
       for (int i : ws.free) CHECK(std::abs(left[i]) < 1e-10 * size);
       inverse_dynamics<double>(arm, ws, q, v, tau);
@@ -92,7 +96,8 @@ void check(const Arm& arm, bool planar, const std::vector<bool>& given = {}, dou
       Eigen::VectorXd expected = Eigen::VectorXd::Zero(nv);
       solve_shifted(arm, ws, tau, expected);
       double twice = 0.0;
-      CHECK(kernels->factor(fast.memory.get(), {shift.damping, shift.stiffness}, v.data(), &twice));
+      CHECK(kernels->factor(fast.memory.get(), {shift.damping, shift.stiffness}, v.data(), &twice) ==
+            lanes::Outcome::good);
       kernels->solve(fast.memory.get(), tau.data(), x.data());
       CHECK((x - expected).cwiseAbs().maxCoeff() < 1e-7 * expected.cwiseAbs().maxCoeff());
       CHECK(twice == doctest::Approx(v.dot(M * v)).epsilon(1e-11));
@@ -201,7 +206,7 @@ TEST_CASE("a rod that only twists is a hinge with a spring and a rotor, however 
         Fast fast(twisted, *kernels, {});
         const Eigen::Vector2d q(angle / turn, 0.7), v(8.0 / turn, -3.0), tau(0.02 * turn, 0.1);
         Eigen::Vector2d a;
-        CHECK(kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), a.data()));
+        CHECK(kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), a.data()) == lanes::Outcome::good);
         const Eigen::Vector2d scale(turn, 1.0);
         REQUIRE(forward_dynamics_ab(turned, ws, q.cwiseProduct(scale), v.cwiseProduct(scale),
                                     tau.cwiseQuotient(scale)) == Status::ok);

@@ -46,7 +46,7 @@ struct Engine {
     Eigen::Map<Eigen::VectorXd>(tau, v.size()) = ws->tau;
   }
   bool factor(const lanes::Shift& shift, double& twice_kinetic) {
-    if (fast()) return ws->fast->factor(shift, v.data(), twice_kinetic);
+    if (fast()) return ws->fast->factor(shift, v.data(), twice_kinetic) == lanes::Outcome::good;
     const bool good = factor_shifted(arm, *ws, q, v, Shift{shift.damping, shift.stiffness}, true) == Status::ok;
     twice_kinetic = ws->twice_kinetic;
     return good;

@@ -61,6 +61,7 @@ struct Chain {
   const double* numbers;  ///< of all nodes, in order
   State<Sp>* state;
   P* scratch;
+  Mask lost;  ///< where the first pivot that was not positive was not a number, or infinite
 
   static std::size_t memory_needed(const Layout& layout) {
     std::size_t bytes = sizeof(State<Sp>) * static_cast<std::size_t>(layout.nodes) + scratch_bytes(layout);
@@ -255,7 +256,7 @@ struct Chain {
     n = Sp::cross(w, Sp::apply(J, w));
   }
 
-  /// v^T M v (J), after `move` and before the inertias are articulated.
+  /// v^T M v (J), after `move`.
   S twice_kinetic(const S* v) const {
     Lin u = Sp::zero();  // velocity of the frame before, at its end
     Ang w = Sp::zero_angular();
@@ -287,10 +288,11 @@ struct Chain {
   }
 
   /// Inward: articulated inertias and their factors, or articulated forces, or both.
-  /// @return where every pivot is positive
+  /// @return where every pivot is positive; where not, `lost` says why
   template <bool inertia, bool forces, bool biased>
   Mask inward(const S* tau, const S* given, const Shift& shift) {
     Mask good = Lanes<S>::everywhere(true);
+    lost = Lanes<S>::everywhere(false);
     typename Sp::Inertia M = Sp::no_inertia();  // of what follows, in the axes of this node's end, about its end
     Lin f = Sp::zero();
     Ang n = Sp::zero_angular();
@@ -322,7 +324,7 @@ struct Chain {
           Sp::column(M, about, node.axis, s.U_f, s.U_n);
           S d = about ? Sp::angular_component(s.U_n, node.axis) : Sp::component(s.U_f, node.axis);
           if (node.passive) d += s.reflected + shift.damping * s.slope_v + shift.stiffness * s.slope_q;
-          good = good & (d > kSingular * Sp::trace(M, about));
+          accept(d, kSingular * Sp::trace(M, about), good);
           s.over_d = 1.0 / d;
           Sp::take(M, s.over_d, s.U_f, s.U_n);
           if (!node.passive)
@@ -366,6 +368,13 @@ struct Chain {
     return good;
   }
 
+  /// A pivot, which must be above the least.
+  void accept(const S& d, const S& least, Mask& good) {
+    const Mask above = d > least;
+    if (!Lanes<S>::all(above)) lost = lost | (good & Lanes<S>::none_of(above | Lanes<S>::finite(d + least)));
+    good = good & above;
+  }
+
   /// The elastic coordinates of a node: its own inertia with what its end carries, then without its coordinates.
   template <bool inertia, bool forces, bool biased>
   void condense(const Node& node, State<Sp>& s, typename Sp::Inertia& M, Lin& f, Ang& n, const S* tau,
@@ -387,27 +396,27 @@ struct Chain {
         const Lin g = Sp::force(carried, e.end.J_linear[k], e.end.J_angular[k]);
         const Ang h = Sp::torque(carried, e.end.J_linear[k], e.end.J_angular[k]);
         for (int j = 0; j <= k; ++j)
-          e.M[packed(k, j)] += Sp::dot(e.end.J_linear[j], g) + Sp::dot(e.end.J_angular[j], h);
-        e.M_linear[k] += g;
-        e.M_angular[k] += h + Sp::moment(e.end.x, g);
+          e.L[packed(k, j)] = e.M[packed(k, j)] + (Sp::dot(e.end.J_linear[j], g) + Sp::dot(e.end.J_angular[j], h));
+        e.W_linear[k] = e.M_linear[k] + g;
+        e.W_angular[k] = e.M_angular[k] + (h + Sp::moment(e.end.x, g));
       }
       Sp::add(M, s.body);
       if (shift.stiffness != 0.0 || shift.damping != 0.0) {
         const double* K = e.constants;
-        for (int k = 0; k < ne * (ne + 1) / 2; ++k) e.M[k] += shift.stiffness * next<S>(K);
+        for (int k = 0; k < ne * (ne + 1) / 2; ++k) e.L[k] += shift.stiffness * next<S>(K);
         if (node.damped)
-          for (int k = 0; k < ne * (ne + 1) / 2; ++k) e.M[k] += shift.damping * next<S>(K);
+          for (int k = 0; k < ne * (ne + 1) / 2; ++k) e.L[k] += shift.damping * next<S>(K);
       }
       // M = L D L^T in e.L: below the diagonal L, on it 1/D; W = L^-1 M_er
       for (int k = 0; k < ne; ++k) {
-        S d = e.M[packed(k, k)];
+        S d = e.L[packed(k, k)];
         for (int j = 0; j < k; ++j) {
-          S l = e.M[packed(k, j)];
+          S l = e.L[packed(k, j)];
           for (int i = 0; i < j; ++i) l -= e.L[packed(k, i)] * e.L[packed(j, i)];
           e.L[packed(k, j)] = l;  // L D still
         }
-        Lin wl = e.M_linear[k];
-        Ang wa = e.M_angular[k];
+        Lin wl = e.W_linear[k];
+        Ang wa = e.W_angular[k];
         for (int j = 0; j < k; ++j) {
           const S ld = e.L[packed(k, j)], l = ld * e.L[packed(j, j)];
           d -= l * ld;
@@ -415,7 +424,7 @@ struct Chain {
           wl = wl - l * e.W_linear[j];
           wa = wa - l * e.W_angular[j];
         }
-        good = good & (d > 0.0);
+        accept(d, S{}, good);
         const S over = 1.0 / d;
         e.L[packed(k, k)] = over;
         e.W_linear[k] = wl;

@@ -95,7 +95,7 @@ struct Elastic {
   Ang* M_angular;  ///< and moments
   S* M;            ///< Mee, packed lower triangle
   S* e;            ///< ne: bias, elastic and damping forces
-  // elimination: Mee = L D L^T, below the diagonal L, on it 1/D
+  // elimination: Mee, with what the end carries, = L D L^T, below the diagonal L, on it 1/D
   S* L;
   Lin* W_linear;
   Ang* W_angular;

@@ -42,6 +42,9 @@ struct Roll {
   long evaluations, factorisations, solves;  ///< of the pack
 };
 
+/// What became of a factorisation.
+enum class Outcome { good, singular, not_finite };
+
 /// Of one arm, points of its beams lie across the lanes.
 struct Kernels {
   const char* name;
@@ -49,12 +52,18 @@ struct Kernels {
   std::size_t (*memory)(const Layout&);
   /// Lays out the memory (aligned to 64 bytes), which then is the `self` of what follows.
   void (*begin)(const Layout&, const double* numbers, void* memory);
-  /// Accelerations; a holds those that are given. @return whether the mass matrix is positive definite
-  bool (*forward)(void* self, const double* q, const double* v, const double* tau, double* a);
+  /// Accelerations; a holds those that are given.
+  Outcome (*forward)(void* self, const double* q, const double* v, const double* tau, double* a);
   /// Inverse dynamics.
   void (*inverse)(void* self, const double* q, const double* v, const double* a, double* tau);
-  /// After `inverse` at rates v: factors M + shift, and gives v^T M v.
-  bool (*factor)(void* self, const Shift& shift, const double* v, double* twice_kinetic);
+  /// Coordinates q and rates v for what follows; `forward` and `inverse` do so, too.
+  void (*move)(void* self, const double* q, const double* v);
+  /// Inverse dynamics where the chain is.
+  void (*forces)(void* self, const double* a, double* tau);
+  /// The mass matrix (nv x nv) where the chain is.
+  void (*mass_matrix)(void* self, double* M);
+  /// Factors M + shift where the chain is, at rates v, and gives v^T M v.
+  Outcome (*factor)(void* self, const Shift& shift, const double* v, double* twice_kinetic);
   /// x = (M + shift)^-1 r, zero where given.
   void (*solve)(void* self, const double* r, double* x);
   std::size_t (*roll_memory)(const Roll&);

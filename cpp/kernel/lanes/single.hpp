@@ -37,13 +37,16 @@ class Single {
   Single(const Single& other) : kernels_(other.kernels_), arm_(other.arm_), memory_(other.memory_.size()) { begin(); }
   Single& operator=(const Single&) = delete;
 
-  bool forward(const double* q, const double* v, const double* tau, double* a) {
+  Outcome forward(const double* q, const double* v, const double* tau, double* a) {
     return kernels_.forward(self_, q, v, tau, a);
   }
   void inverse(const double* q, const double* v, const double* a, double* tau) {
     kernels_.inverse(self_, q, v, a, tau);
   }
-  bool factor(const Shift& shift, const double* v, double& twice_kinetic) {
+  void move(const double* q, const double* v) { kernels_.move(self_, q, v); }
+  void forces(const double* a, double* tau) { kernels_.forces(self_, a, tau); }
+  void mass_matrix(double* M) { kernels_.mass_matrix(self_, M); }
+  Outcome factor(const Shift& shift, const double* v, double& twice_kinetic) {
     return kernels_.factor(self_, shift, v, &twice_kinetic);
   }
   void solve(const double* r, double* x) { kernels_.solve(self_, r, x); }

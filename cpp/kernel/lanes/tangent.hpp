@@ -74,6 +74,8 @@ struct Lanes<LaneDual> {
   static LaneDual select(bool m, const LaneDual& a, const LaneDual& b) { return m ? a : b; }
   static bool everywhere(bool m) { return m; }
   static bool all(bool m) { return m; }
+  static bool none_of(bool m) { return !m; }
+  static bool finite(const LaneDual& a) { return a.x - a.x == 0.0; }
   static LaneDual root(const LaneDual& a) {
     const double x = __builtin_sqrt(a.x), slope = 0.5 / x;
     return LaneDual::map(x, [&](int i) { return slope * a.d[i]; });
