@@ -66,6 +66,12 @@ struct ArmBuilder {
         for (int j = 0; j < 3; ++j) put(R(i, j));
     }
   }
+  void put_angular(const Eigen::Vector3d& v) {
+    if (axes.planar)
+      put(axes.sign * v[axes.z]);
+    else
+      put(v);
+  }
   void put_symmetric(const Eigen::Matrix3d& J) {
     if (axes.planar) {
       put(J(axes.z, axes.z));
@@ -108,6 +114,7 @@ struct ArmBuilder {
   void add_rigid(const Link& link);
   bool add_beam(const Link& link, std::size_t n);
   bool add_quadratic(const Link& link);
+  bool add_cut(const Link& link);
 
   // what beams have in common, in the order of their numbers, behind the constants of the inertia
   bool find_slices(const Beam& beam);  ///< what their motion is made of; @return whether the kernels know it

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "lanes/ball.hpp"
+#include "lanes/cut.hpp"
 #include "lanes/quadratic.hpp"
 
 namespace {
@@ -225,11 +226,14 @@ struct Chain {
         s.bias_w = Sp::zero_angular();
       }
       w = s.w;
-      if (layout.attitudes) attitude = s.attitude = Sp::times(attitude, s.R);
+      if (layout.attitudes) attitude = s.attitude = node.coincident ? attitude : Sp::times(attitude, s.R);
       if (node.ne > 0) {
         Elastic<Sp>& e = s.elastic;
         move_slice(node, numbers + node.end, q + node.qe, v + node.ve, e.end);
-        bend(node, p, numbers + node.points, q + node.qe, v + node.ve, s.w, s.body, s.body_f, s.body_n, e, scratch);
+        if (node.body == Node::cut)
+          bend_cut<Sp>(node, p, gravity_in(attitude), q + node.qe, v + node.ve, s.w, s.body, s.body_f, s.body_n, e);
+        else
+          bend(node, p, numbers + node.points, q + node.qe, v + node.ve, s.w, s.body, s.body_f, s.body_n, e, scratch);
         // what is carried by the end moves with the slice there (Eq. 45, 46)
         s.end_w = Sp::unrotate_angular(e.end.R, s.w + e.end.turning);
         const Lin sweep = Sp::cross(s.w, e.end.x) + number<S>(2.0) * e.end.u_dot;
@@ -245,6 +249,12 @@ struct Chain {
         read_body(p, s.w, s.body, s.body_f, s.body_n);
       }
     }
+  }
+
+  /// Gravity in the axes of a frame: the base accelerates against it.
+  Lin gravity_in(const typename Sp::Rot& attitude) const {
+    const double* p = numbers;
+    return number<S>(-1.0) * Sp::unrotate(attitude, Sp::read(p));
   }
 
   static void read_body(const double*& p, const Ang& w, typename Sp::Rigid& body, Lin& f, Ang& n) {

@@ -26,7 +26,7 @@ struct Node {
   /// Three nodes are a ball: the first is turned by a quaternion at q and takes all three rates; the frames of the
   /// others coincide with the first one's.
   bool ball = false, coincident = false;
-  enum Body { none, rigid, quadratic };
+  enum Body { none, rigid, cut, quadratic };
   Body body = none;  ///< rigid, or hub and beam
   bool tip = false;  ///< the tip body of a beam
   bool passive = false, stops = false;
