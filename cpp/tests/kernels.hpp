@@ -83,7 +83,8 @@ inline void check(const flexarm::Arm& arm, bool planar, const std::vector<bool>&
       place(arm, phase, q, v, bent);
       x = wave(nv, 2.0 * phase, 1.0);
       ws.a = x;
-      const bool known = kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), x.data());
+      const bool known =
+          kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), x.data()) == lanes::Outcome::good;
       flexarm::inverse_dynamics<double>(arm, ws, q, v, x);
       const Eigen::VectorXd left = ws.tau - tau;
       composite_mass_matrix(arm, ws);
@@ -105,7 +106,8 @@ inline void check(const flexarm::Arm& arm, bool planar, const std::vector<bool>&
       flexarm::inverse_dynamics<double>(arm, ws, q, v, tau, true);
       const bool factored = factor_shifted(arm, ws, q, v, shift, true) == flexarm::Status::ok;
       double twice = 0.0;
-      CHECK(kernels->factor(fast.memory.get(), {shift.damping, shift.stiffness}, v.data(), &twice) == factored);
+      CHECK((kernels->factor(fast.memory.get(), {shift.damping, shift.stiffness}, v.data(), &twice) ==
+             lanes::Outcome::good) == factored);
       CHECK((factored || !definite));
       if (!factored) continue;
       Eigen::VectorXd expected = Eigen::VectorXd::Zero(nv);
