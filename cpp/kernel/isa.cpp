@@ -1,5 +1,7 @@
 // Compiled once for each instruction set, with FLEXARM_ISA its name and FLEXARM_WIDTH its doubles. Everything but the
 // table is in an unnamed namespace, so that no function of one set can end up in another's path.
+#include <type_traits>
+
 #include "lanes/pack.hpp"  // what the others need first
 // clang-format: keep
 #include "lanes/roll.hpp"
@@ -79,15 +81,29 @@ void solve(void* self, const double* r, double* x) {
   });
 }
 
+/// f of the Roller of this job, as its type.
+template <class Sp, class F>
+void with_roller(const Roll& job, const F& f) {
+  Methods::visit(job.method,
+                 [&](auto row) { f(static_cast<Roller<Chain<Sp, Pack>, decltype(row)::template On>*>(nullptr)); });
+}
+template <class F>
+void with_roller(const Roll& job, const F& f) {
+  if (job.width == 1)
+    job.layout->planar ? with_roller<Plane<double>>(job, f) : with_roller<Space<double>>(job, f);
+  else
+    job.layout->planar ? with_roller<Plane<Pack>>(job, f) : with_roller<Space<Pack>>(job, f);
+}
+
 std::size_t roll_memory(const Roll& job) {
-  return job.layout->planar ? Roller<Plane<Pack>>::memory(job) : Roller<Space<Pack>>::memory(job);
+  std::size_t bytes = 0;
+  with_roller(job, [&](auto* type) { bytes = std::remove_pointer_t<decltype(type)>::memory(job); });
+  return bytes;
 }
 
 void roll(Roll& job, void* memory, const double* q, const double* v) {
-  if (job.layout->planar)
-    Roller<Plane<Pack>>(job, static_cast<char*>(memory)).run(q, v);
-  else
-    Roller<Space<Pack>>(job, static_cast<char*>(memory)).run(q, v);
+  with_roller(job,
+              [&](auto* type) { std::remove_pointer_t<decltype(type)>(job, static_cast<char*>(memory)).run(q, v); });
 }
 
 std::size_t slopes_memory(const Layout& layout) {
