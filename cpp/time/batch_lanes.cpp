@@ -12,16 +12,16 @@ namespace {
 
 using Index = Eigen::Index;
 
-/// Scenarios, in parts of a pack's lanes, below which they are run one by one: what a pack costs in parts of an arm
-/// alone (bench/batch/few.py).
-constexpr double kFew = 0.3;
+/// Up to so many scenarios, in parts of a pack's lanes, are run one by one, as one is in any case: a pack costs 1.5 to 3
+/// times what an arm by itself costs (bench/batch/few.py).
+constexpr double kFew = 0.25;
 
 }  // namespace
 
 Index LaneGroup::width(const BatchProblem& p) {
   if (!p.loads.empty() || !lanes::KernelArm::of(*p.arms[0])) return 0;
   const int width = lanes::best_kernels().width;
-  const bool few = static_cast<double>(std::max(p.whole, p.scenarios)) <= kFew * width;
+  const bool few = static_cast<double>(std::max(p.whole, p.scenarios)) <= std::max(1.0, kFew * width);
   return p.lanes && !few ? width : 1;
 }
 

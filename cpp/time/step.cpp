@@ -208,14 +208,15 @@ Status OneStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::Vect
 
 Status OneStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
   run_->attach(ws);
-  if (!run_->begin(q.data(), v.data(), tau.data(), ws.a.data())) {
-    if (run_->rubs.empty())  // which says why
-      if (const Status status = forward_dynamics(*arm_, ws, q, v, tau); status != Status::ok) return status;
-    return all_finite(q) && all_finite(v) && all_finite(tau) && all_finite(ws.a) ? Status::singular
-                                                                                 : Status::not_finite;
+  const bool begun = run_->begin(q.data(), v.data(), tau.data(), ws.a.data());
+  if (!all_finite(q) || !all_finite(v)) return Status::not_finite;
+  if (begun) {
+    if (!run_->rubs.empty()) report(v, run_->contacts->before, friction_);
+    return Status::ok;
   }
-  if (!run_->rubs.empty()) report(v, run_->contacts->before, friction_);
-  return Status::ok;
+  if (run_->rubs.empty())  // which says why
+    if (const Status status = forward_dynamics(*arm_, ws, q, v, tau); status != Status::ok) return status;
+  return all_finite(tau) && all_finite(ws.a) ? Status::singular : Status::not_finite;
 }
 
 Status OneStep::accelerate(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
