@@ -1,7 +1,5 @@
 // Compiled once for each instruction set, with FLEXARM_ISA its name and FLEXARM_WIDTH its doubles. Everything but the
 // table is in an unnamed namespace, so that no function of one set can end up in another's path.
-#include <type_traits>
-
 #include "lanes/pack.hpp"  // what the others need first
 // clang-format: keep
 #include "lanes/roll.hpp"
@@ -81,11 +79,14 @@ void solve(void* self, const double* r, double* x) {
   });
 }
 
-/// f of the Roller of this job, as its type.
+template <class R>
+struct Type {
+  using type = R;
+};
+/// f of the type of this job's Roller.
 template <class Sp, class F>
 void with_roller(const Roll& job, const F& f) {
-  Methods::visit(job.method,
-                 [&](auto row) { f(static_cast<Roller<Chain<Sp, Pack>, decltype(row)::template On>*>(nullptr)); });
+  Methods::visit(job.method, [&](auto row) { f(Type<Roller<Chain<Sp, Pack>, decltype(row)::template On>>{}); });
 }
 template <class F>
 void with_roller(const Roll& job, const F& f) {
@@ -97,13 +98,12 @@ void with_roller(const Roll& job, const F& f) {
 
 std::size_t roll_memory(const Roll& job) {
   std::size_t bytes = 0;
-  with_roller(job, [&](auto* type) { bytes = std::remove_pointer_t<decltype(type)>::memory(job); });
+  with_roller(job, [&](auto t) { bytes = decltype(t)::type::memory(job); });
   return bytes;
 }
 
 void roll(Roll& job, void* memory, const double* q, const double* v) {
-  with_roller(job,
-              [&](auto* type) { std::remove_pointer_t<decltype(type)>(job, static_cast<char*>(memory)).run(q, v); });
+  with_roller(job, [&](auto t) { typename decltype(t)::type(job, static_cast<char*>(memory)).run(q, v); });
 }
 
 std::size_t slopes_memory(const Layout& layout) {

@@ -110,7 +110,8 @@ def _check_arms(arm: Any) -> Sequence[Arm]:
 def take_steps(
     arms: Sequence[Arm], count: int, schedule: Schedule, q0: Array, v0: Array, tau: Array, motions: Sequence[Any],
     pushes: Sequence[Any], loads: Sequence[Any], laws: Sequence[Any], integrator: str, spectral_radius: float | None,
-    rtol: float | None, blocks: Mapping[str, Array], workers: int, alive: Any = None, lanes: bool = True, whole: int = 0,
+    rtol: float | None, blocks: Mapping[str, Array], workers: int, alive: Any = None, lanes: bool = True,
+    whole: int = 0,
 ) -> dict[str, Any]:  # fmt: skip
     """The core's run of a batch: writes into `blocks` (q, v, a, tau of those wanted, status, reached), and gives its
     counts. What is prescribed must be in q0 and v0."""
