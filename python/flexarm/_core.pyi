@@ -10,6 +10,7 @@ __version__: str
 STRAINS: tuple[str, ...]  # names of the strain fields, in the order of a beam's coordinates
 STRAIN_NAMES: tuple[str, ...]  # of the rows of a section's strains
 STRAIN_FIELDS: tuple[StrainField, ...]  # in the order of STRAINS
+ONE_STEP: dict[str, dict[str, bool]]  # methods that batches have, too, by name: rubs, iterates, damps, limited
 
 class StrainField:
     def __init__(self, *args: Any, **kwargs: Any) -> None: ...  # made by the core alone
@@ -344,6 +345,7 @@ def batch(
     spectral_radius: float,
     rtol: float,
     lanes: bool,
+    whole: int,
     out: dict[str, Any],
     workers: int,
     alive: Callable[[float], None] | None,

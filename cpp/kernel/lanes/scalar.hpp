@@ -16,6 +16,7 @@ struct Lanes<double> {
   static double select(bool m, double a, double b) { return m ? a : b; }
   static bool all(bool m) { return m; }
   static bool none_of(bool m) { return !m; }
+  static bool any(bool m) { return m; }
   static bool lane(bool m, int) { return m; }
   static bool everywhere(bool m) { return m; }
   static double root(double x) { return __builtin_sqrt(x); }
