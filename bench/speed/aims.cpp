@@ -1,11 +1,12 @@
 // Times of one evaluation, for which docs/speed.md has aims; bench/speed/aims.py runs it.
 //   cmake --preset release && cmake --build --preset release && build/release/bench_aims [rounds]
-// Prints CSV: a work and its microseconds of CPU time, a row for each round; all in turn, so that ratios hold on a
-// noisy machine.
+// Prints CSV: a work, its microseconds of CPU time, and operations (0 where they are not known), a row for each round;
+// all in turn, so that ratios hold on a noisy machine.
 #include <cstdio>
 #include <functional>
 #include <memory>
 #include <string>
+#include <tuple>
 
 #include "common.hpp"
 
@@ -18,6 +19,7 @@ constexpr double kRound = 2000.0;  // us of one work in one round
 struct Work {
   std::string name;
   std::function<void()> once;
+  long operations = 0;
   int repeat = 1;
 };
 
@@ -36,7 +38,7 @@ struct Scene {
 };
 
 Work forward(std::string name, const std::shared_ptr<Scene>& s) {
-  return {std::move(name), [s] { must(forward_dynamics(s->arm, s->ws, s->q, s->v, s->tau)); }};
+  return {std::move(name), [s] { must(forward_dynamics(s->arm, s->ws, s->q, s->v, s->tau)); }, operation_count(s->arm)};
 }
 Work derivatives(std::string name, const std::shared_ptr<Scene>& s) {
   return {std::move(name), [s] { s->derivatives(s->arm, s->q, s->v, s->tau); }};
@@ -71,8 +73,8 @@ int main(int argc, char** argv) {
     work.once();
     work.repeat = std::max(1, static_cast<int>(kRound / microseconds(work.once, 10)));
   }
-  std::printf("work,us\n");
+  std::printf("work,us,operations\n");
   for (int round = 0; round < rounds; ++round)
     for (const Work& work : all)
-      std::printf("\"%s\",%.6g\n", work.name.c_str(), cpu_microseconds(work.once, work.repeat));
+      std::printf("\"%s\",%.6g,%ld\n", work.name.c_str(), cpu_microseconds(work.once, work.repeat), work.operations);
 }

@@ -17,7 +17,6 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,24 +31,18 @@ LANES = {8: "AVX-512", 4: "AVX2", 2: "two lanes"}
 
 @dataclass(frozen=True)
 class Aim:
-    """Something that is to be at most so large."""
+    """The time of a work, or its ratio to that of another, and how large it may be."""
 
-    work: str
-    unit: str
+    words: str
     aim: float
-    value: Callable[[Times], np.ndarray]  # of every round
+    work: str
+    base: str = ""
+    unit: str = "µs"
 
-
-def time_of(name: str) -> Callable[[Times], np.ndarray]:
-    return lambda t: t[name]
-
-
-def over(name: str, base: str) -> Callable[[Times], np.ndarray]:
-    return lambda t: t[name] / t[base]
-
-
-def more(name: str, base: str) -> Callable[[Times], np.ndarray]:
-    return lambda t: 100 * (t[name] / t[base] - 1)
+    def value(self, times: Times) -> float:
+        """Median over the rounds."""
+        ratio = times[self.work] / (times[self.base] if self.base else 1.0)
+        return float(np.median(100 * (ratio - 1) if self.unit == "% more" else ratio))
 
 
 def aims(one: list[str], python: list[str]) -> list[Aim]:
@@ -59,30 +52,26 @@ def aims(one: list[str], python: list[str]) -> list[Aim]:
         one: what a rollout of one scenario was measured on.
         python: arms whose forward dynamics were called from Python.
     """
-    seven = "7 x (3+3+1)"
-    out = [Aim("planar link of 3 curvatures, exact: forward dynamics", "µs", 0.4, time_of("planar link, exact"))]
+    seven, out = "7 x (3+3+1)", []
+    out.append(Aim("planar link of 3 curvatures, exact: forward dynamics", 0.4, "planar link, exact"))
     for order, alone, lanes in (("exact", 15.0, 4.0), ("order 2", 6.0, 2.0)):
-        out += [
-            Aim(f"{seven}, {order}: forward dynamics, alone", "µs", alone, time_of(f"{seven}, {order}")),
-            Aim(f"{seven}, {order}: an arm in lanes", "µs", lanes, time_of(f"in lanes, {order}")),
-        ]
+        out.append(Aim(f"{seven}, {order}: forward dynamics, alone", alone, f"{seven}, {order}"))
+        out.append(Aim(f"{seven}, {order}: an arm in lanes", lanes, f"in lanes, {order}"))
     for order in ("order 2", "exact"):
         base = f"two planar links, {order}"
-        out += [
-            Aim(f"{base}: a load at the tip", "% more", 5.0, more(f"load at the tip, {order}", base)),
-            Aim(f"{base}: a load along a beam", "% more", 15.0, more(f"load along the beam, {order}", base)),
-        ]
+        out.append(Aim(f"{base}: a load at the tip", 5.0, f"load at the tip, {order}", base, "% more"))
+        out.append(Aim(f"{base}: a load along a beam", 15.0, f"load along the beam, {order}", base, "% more"))
     for order in ("order 2", "exact"):
-        of = f"derivatives of {seven}, {order}"
-        out.append(Aim(f"{seven}, {order}: derivatives", "forward dynamics", 8.0, over(of, f"{seven}, {order}")))
-    out.append(Aim("an output of a run, state, acceleration and reaction", "µs", 0.5, time_of("output")))
-    out += [Aim(f"a rollout of one: {x}", "one by one", 1.1, over(f"one: {x}", f"alone: {x}")) for x in one]
-    out += [Aim(f"`arm.forward_dynamics` of one state: {x}", "µs", 4.0, time_of(f"python: {x}")) for x in python]
+        base = f"{seven}, {order}"
+        out.append(Aim(f"{base}: derivatives", 8.0, f"derivatives of {base}", base, "forward dynamics"))
+    out.append(Aim("an output of a run: state, acceleration, reaction", 0.5, "output"))
+    out += [Aim(f"a rollout of one: {x}", 1.1, f"one: {x}", f"alone: {x}", "one by one") for x in one]
+    out += [Aim(f"`arm.forward_dynamics` of one state: {x}", 4.0, f"python: {x}") for x in python]
     return out
 
 
-def run(program: Path, isa: str | None) -> tuple[dict[str, float], int]:
-    """Microseconds by work of one round, and how many lanes the kernels have."""
+def run(program: Path, isa: str | None) -> tuple[dict[str, float], dict[str, int], int]:
+    """Microseconds and operations by work of one round, and how many lanes the kernels have."""
     environment = {**os.environ, **ONE_THREAD, **({"FLEXARM_ISA": isa} if isa else {})}
 
     def answer(*command: Any) -> list[str]:
@@ -90,14 +79,16 @@ def run(program: Path, isa: str | None) -> tuple[dict[str, float], int]:
         return out.stdout.splitlines()
 
     found: dict[str, list[float]] = {}
+    operations: dict[str, int] = {}
     for row in csv.DictReader(answer(program, "5")):
         found.setdefault(row["work"], []).append(float(row["us"]))
+        operations[row["work"]] = int(row["operations"])
     lanes = 0
     for line in map(json.loads, answer(sys.executable, ROOT / "bench/speed/speed_flexarm.py", "aims")):
         if line["kind"] == "aim":
             found.setdefault(line["work"], []).append(line["us"])
             lanes = line.get("lanes", lanes)
-    return {k: float(np.median(v)) for k, v in found.items()}, lanes
+    return {k: float(np.median(v)) for k, v in found.items()}, operations, lanes
 
 
 def lines_of_code() -> int:
@@ -115,24 +106,25 @@ def main() -> None:
     rounds: dict[int, list[dict[str, float]]] = {}
     for _ in range(options.rounds):
         for isa in (None, "avx2"):
-            found, lanes = run(options.program, isa)
+            found, operations, lanes = run(options.program, isa)
             rounds.setdefault(lanes, []).append(found)
     times = {n: {k: np.array([r[k] for r in mine]) for k in mine[0]} for n, mine in rounds.items()}
     names = list(next(iter(times.values())))
     wanted = aims(*([k.removeprefix(p) for k in names if k.startswith(p)] for p in ("one: ", "python: ")))
     rows: list[list[Any]] = []
     for a in wanted:
-        values = [float(np.median(a.value(t))) for t in times.values()]
-        rows.append([a.work, *(f"{x:.3g} {a.unit}" for x in values), f"≤ {a.aim:g}", verdict(values[0], a.aim)])
-    rows.append(["lines of C++, without tests", *[lines_of_code()] * len(times), "< 12600", None])
+        values = [a.value(t) for t in times.values()]
+        cells = [f"{x:.3g} {a.unit}" for x in values]
+        rows.append([a.words, *cells, f"≤ {a.aim:g}", verdict(values[0], a.aim), operations.get(a.work) or None])
+    rows.append(["lines of C++, without tests and examples", *[lines_of_code()] * len(times), "< 12600", None, None])
     columns = [LANES.get(n, f"{n} lanes") for n in times]
     words = f"""
 One thread, CPU time. Alone: one state after another, in C++. In lanes: a stage of `rollout`'s rk4 in a batch of 64.
 Loads and derivatives: against the same arm's forward dynamics. An output: what each of 1000 more adds to a run of the
 paper's link. A rollout of one scenario: against the same without lanes. From Python: NumPy arrays in and out. Aims are
-of AVX-512.
+of AVX-512. Operations: additions, multiplications, divisions and roots of one forward dynamics.
 
-{table(["work", *columns, "aim", f"with {columns[0]}"], rows)}
+{table(["work", *columns, "aim", f"with {columns[0]}", "operations"], rows)}
 
 Measured by `python bench/speed/aims.py` ({about()}).
 """
