@@ -1,4 +1,4 @@
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from numpy import float64
@@ -187,7 +187,10 @@ class Link:
     @property
     def mass(self) -> float: ...
 
-class Arm:
+class ArmAlone:
+    def __init__(self, *args: Any, **kwargs: Any) -> None: ...  # raises TypeError; the base of what follows
+
+class Arm(ArmAlone):
     def __init__(self, links: Sequence[Link], gravity: ArrayLike) -> None: ...
     @property
     def nq(self) -> int: ...
@@ -204,14 +207,14 @@ class Arm:
     def coordinate_of(self, rate: int) -> int: ...
     def farthest_out(self, q: ArrayLike, v: ArrayLike) -> str: ...
     def rates(self, q: ArrayLike, v: ArrayLike) -> tuple[_Array, _Array, _Array]: ...
+    def one_state(self, named: dict[str, Any], balls: bool) -> bool: ...
     def forward_dynamics(
         self,
         q: ArrayLike,
         v: ArrayLike,
         tau: ArrayLike,
-        method: str,
-        prescribed: Sequence[bool],
-        a: ArrayLike,
+        method: str = ...,
+        prescribed: Mapping[int, float] = ...,
         loads: Sequence[Load] = ...,
         wrenches: ArrayLike = ...,
     ) -> _Array: ...
