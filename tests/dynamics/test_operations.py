@@ -33,8 +33,8 @@ def test_arms_that_the_kernels_do_not_know_have_no_count() -> None:
 
 
 def test_a_ball_costs_less_than_three_hinges() -> None:
-    def count(joint: fa.Joint) -> int | None:
+    def count(joint: fa.Joint) -> int:
         links = [fa.Link(joint, fa.RigidBody(1.0, inertia=(1, 1, 1), end=(0.1, 0.2, 0.3))) for _ in range(2)]
-        return fa.Arm(links).operation_count()
+        return fa.Arm(links).operation_count() or 0
 
-    assert count(fa.Spherical()) < count(fa.Axes(("rx", "ry", "rz")))
+    assert 0 < count(fa.Spherical()) < count(fa.Axes(("rx", "ry", "rz")))
