@@ -13,7 +13,7 @@ namespace lanes {
 class KernelArm {
  public:
   /// Made at the first asking, and kept with the arm.
-  /// @return null for what the kernels do not know: balls, beams of order 0, 3 and exact
+  /// @return null for what the kernels do not know: beams of order 3 and exact
   static const KernelArm* of(const Arm& arm);
   /// For kernels that take `width` points of a beam at once, with the motion of some rates prescribed.
   KernelArm grouped(int width, const std::vector<bool>& given) const;
