@@ -42,6 +42,7 @@ struct Lanes<Counted> {
   static Counted select(bool m, const Counted& a, const Counted& b) { return m ? a : b; }
   static bool everywhere(bool m) { return m; }
   static bool all(bool m) { return m; }
+  static Counted atan2(const Counted& y, const Counted& x) { return Counted::note(__builtin_atan2(y.x, x.x)); }
   static bool none_of(bool m) { return !m; }
   static bool finite(const Counted& a) { return a.x - a.x == 0.0; }
   static Counted size(const Counted& a) { return a < 0.0 ? -a : a; }

@@ -109,15 +109,31 @@ void solve(void* self, const double* r, double* x) {
   });
 }
 
+template <class R>
+struct Type {
+  using type = R;
+};
+/// f of the type of this job's Roller.
+template <class Sp, class F>
+void with_roller(const Roll& job, const F& f) {
+  Methods::visit(job.method, [&](auto row) { f(Type<Roller<Chain<Sp, Pack>, decltype(row)::template On>>{}); });
+}
+template <class F>
+void with_roller(const Roll& job, const F& f) {
+  if (job.width == 1)
+    job.layout->planar ? with_roller<Plane<double>>(job, f) : with_roller<Space<double>>(job, f);
+  else
+    job.layout->planar ? with_roller<Plane<Pack>>(job, f) : with_roller<Space<Pack>>(job, f);
+}
+
 std::size_t roll_memory(const Roll& job) {
-  return job.layout->planar ? Roller<Plane<Pack>>::memory(job) : Roller<Space<Pack>>::memory(job);
+  std::size_t bytes = 0;
+  with_roller(job, [&](auto t) { bytes = decltype(t)::type::memory(job); });
+  return bytes;
 }
 
 void roll(Roll& job, void* memory, const double* q, const double* v) {
-  if (job.layout->planar)
-    Roller<Plane<Pack>>(job, static_cast<char*>(memory)).run(q, v);
-  else
-    Roller<Space<Pack>>(job, static_cast<char*>(memory)).run(q, v);
+  with_roller(job, [&](auto t) { typename decltype(t)::type(job, static_cast<char*>(memory)).run(q, v); });
 }
 
 std::size_t slopes_memory(const Layout& layout) {

@@ -31,6 +31,7 @@ KernelArm& KernelArm::operator=(const KernelArm& other) {
   layout_ = other.layout_;
   nodes_ = other.nodes_;
   lists_ = other.lists_;
+  structure_ = other.structure_;
   numbers_ = other.numbers_;
   point();
   return *this;
@@ -69,27 +70,6 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     moved.rotary = (node.rotary + width - 1) / width;
   }
   return out;
-}
-
-bool KernelArm::like(const KernelArm& o) const {
-  if (layout_.planar != o.layout_.planar || nodes_.size() != o.nodes_.size() || numbers_.size() != o.numbers_.size() ||
-      layout_.nq != o.layout_.nq || layout_.nv != o.layout_.nv)
-    return false;
-  for (std::size_t k = 0; k < nodes_.size(); ++k) {
-    const Node &a = nodes_[k], &b = o.nodes_[k];
-    const bool joints = a.kind == b.kind && a.axis == b.axis && a.sign == b.sign && a.q == b.q && a.v == b.v &&
-                        a.turned == b.turned && a.body == b.body && a.tip == b.tip && a.passive == b.passive &&
-                        a.stops == b.stops;
-    const bool beams = a.ne == b.ne && a.damped == b.damped && a.directed == b.directed && a.blocks == b.blocks &&
-                       a.passes == b.passes && a.rotary == b.rotary && a.numbers == b.numbers && a.points == b.points;
-    if (!joints || !beams || lists_[k].which != o.lists_[k].which || lists_[k].direction != o.lists_[k].direction)
-      return false;
-    for (std::size_t i = 0; i < lists_[k].blocks.size(); ++i) {
-      const Block &x = lists_[k].blocks[i], &y = o.lists_[k].blocks[i];
-      if (x.row != y.row || x.i != y.i || x.ni != y.ni || x.j != y.j || x.nj != y.nj) return false;
-    }
-  }
-  return true;
 }
 
 KernelArm KernelArm::side_by_side(const std::vector<const KernelArm*>& arms, int width,

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "flexarm/dry_friction.hpp"
+#include "lanes/methods.hpp"
 
 namespace flexarm {
 
@@ -11,16 +12,25 @@ namespace {
 
 using Index = Eigen::Index;
 
-constexpr int kMostIterations = 20;
+/// Up to so many scenarios, in parts of a pack's lanes, are run one by one, as one is in any case: a pack costs 1.5 to 3
+/// times what an arm by itself costs (bench/batch/few.py).
+constexpr double kFew = 0.25;
 
 }  // namespace
 
 Index LaneGroup::width(const BatchProblem& p) {
-  return p.lanes && p.loads.empty() && lanes::KernelArm::of(*p.arms[0]) ? lanes::best_kernels().width : 1;
+  if (!p.loads.empty() || !lanes::KernelArm::of(*p.arms[0])) return 0;
+  const int width = lanes::best_kernels().width;
+  const bool few = static_cast<double>(std::max(p.whole, p.scenarios)) <= std::max(1.0, kFew * width);
+  return p.lanes && !few ? width : 1;
 }
 
-LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::function<bool(long)> alive)
-    : p_(problem), out_(out), alive_(std::move(alive)), kernels_(lanes::best_kernels()), width_(kernels_.width) {
+LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::function<bool(long)> tell)
+    : p_(problem),
+      out_(out),
+      tell_(std::move(tell)),
+      kernels_(lanes::best_kernels()),
+      width_(std::max<Index>(1, width(problem))) {
   const Arm& one = *p_.arms[0];
   std::vector<bool> given(static_cast<std::size_t>(one.nv()), false);
   for (const BatchMotion& m : p_.motions) given[static_cast<std::size_t>(m.coordinate)] = true;
@@ -80,7 +90,8 @@ void LaneGroup::pack_numbers() {
     for (Index i = 0; i < a.nq(); ++i) farthest_[static_cast<std::size_t>(i * width_ + l)] = a.farthest()[i];
     for (Index i = 0; i < a.nv(); ++i) fastest_[static_cast<std::size_t>(i * width_ + l)] = a.fastest()[i];
   }
-  packed_ = lanes::KernelArm::side_by_side(arms, static_cast<int>(width_), given);
+  packed_ = width_ == 1 ? arms[0]->grouped(kernels_.width, given)
+                        : lanes::KernelArm::side_by_side(arms, static_cast<int>(width_), given);
   pack_friction();
 }
 
@@ -103,7 +114,7 @@ void LaneGroup::pack(const BatchTable& table, Index n, double* out) const {
   }
 }
 
-void LaneGroup::set(long step, long half, double* q, double* v, double* a, double* tau, double* offset) const {
+void LaneGroup::set(long step, long half, double* q, double* v, double* a, double* tau, double* offset) {
   const Index nv = static_cast<Index>(coordinate_.size());
   const Index held = p_.hold[static_cast<std::size_t>(step)];
   for (Index l = 0; l < width_; ++l) {
@@ -126,7 +137,7 @@ void LaneGroup::set(long step, long half, double* q, double* v, double* a, doubl
   }
 }
 
-bool LaneGroup::jumps(long step, double* changed) const {
+bool LaneGroup::jumps(long step, double* changed) {
   const Index before = p_.hold[static_cast<std::size_t>(step - 1)], now = p_.hold[static_cast<std::size_t>(step)];
   if (before == now) return false;
   bool any = false;
@@ -137,6 +148,18 @@ bool LaneGroup::jumps(long step, double* changed) const {
     any = any || differ;
   }
   return any;
+}
+
+int LaneGroup::wanted(long step) {
+  if (row_ == static_cast<Index>(p_.rows.size()) || p_.rows[static_cast<std::size_t>(row_)] != step) return 0;
+  return out_.a || out_.tau ? 2 : 1;
+}
+
+bool LaneGroup::alive(long step) {
+  if (!pace_.due()) return true;
+  const long news = step - told_;
+  told_ = step;
+  return tell_(news * static_cast<long>(count_));
 }
 
 void LaneGroup::row(const double* q, const double* v, const double* a, const double* tau, const int* status) {
@@ -184,14 +207,14 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   told_ = 0;
 
   lanes::Roll job{};
+  job.width = static_cast<int>(width_);
   job.layout = &packed_->layout();
   job.numbers = packed_->numbers().data();
   job.length = p_.lengths.data();
   job.steps = static_cast<long>(p_.lengths.size());
-  job.implicit = !p_.rk4;
-  job.spectral_radius = p_.spectral_radius;
-  job.rtol = p_.rtol;
-  job.max_iterations = kMostIterations;
+  job.method = Methods::number(p_.integrator.c_str());
+  job.options.spectral_radius = p_.spectral_radius;
+  job.options.rtol = p_.rtol;
   job.weight = weight_.data();
   job.free = free_.data();
   job.coordinate = coordinate_.data();
@@ -209,43 +232,22 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   job.coulomb = coulomb_.data();
   job.stiction = stiction_.data();
   job.varies = varies;
-  job.context = this;
-  job.set = [](void* self, long step, long half, double* q, double* v, double* a, double* tau, double* offset) {
-    static_cast<LaneGroup*>(self)->set(step, half, q, v, a, tau, offset);
-  };
-  job.jumps = [](void* self, long step, double* changed) {
-    return static_cast<LaneGroup*>(self)->jumps(step, changed);
-  };
-  job.wanted = [](void* self, long step) {
-    const LaneGroup& g = *static_cast<LaneGroup*>(self);
-    if (g.row_ == static_cast<Index>(g.p_.rows.size()) || g.p_.rows[static_cast<std::size_t>(g.row_)] != step) return 0;
-    return g.out_.a || g.out_.tau ? 2 : 1;
-  };
-  job.row = [](void* self, const double* q, const double* v, const double* a, const double* tau, const int* status) {
-    static_cast<LaneGroup*>(self)->row(q, v, a, tau, status);
-  };
-  job.alive = [](void* self, long step) {
-    LaneGroup& g = *static_cast<LaneGroup*>(self);
-    if (!g.pace_.due()) return true;
-    const long news = step - g.told_;
-    g.told_ = step;
-    return g.alive_(news * static_cast<long>(g.count_));
-  };
+  job.scenarios = this;
   job.status = status_.data();
   job.reached = reached_.data();
   const std::size_t need = kernels_.roll_memory(job);
   if (need > memory_.size()) memory_ = lanes::Memory(need);
   kernels_.roll(job, memory_.get(), q_.data(), v_.data());
-  alive_((job.steps - told_) * static_cast<long>(count_));
+  tell_((job.steps - told_) * static_cast<long>(count_));
   for (Index l = 0; l < count_; ++l) {
     const std::size_t k = static_cast<std::size_t>(l);
     if (out_.status) out_.status[first + l] = status_[k];
     if (out_.reached) out_.reached[first + l] = p_.times[static_cast<std::size_t>(reached_[k])];
     fill_rows(p_, out_, first + l, rows_done_[k]);
     stats.steps += reached_[k];
-    stats.evaluations += job.evaluations;
-    stats.factorisations += job.factorisations;
-    stats.iterations += job.solves;
+    stats.evaluations += job.work.evaluations;
+    stats.factorisations += job.work.factorisations;
+    stats.iterations += job.work.solves;
   }
 }
 

@@ -1,4 +1,4 @@
-// Scenarios of a batch in the lanes of a pack.
+// Scenarios of a batch on the kernels: in the lanes of a pack, or one by one.
 #pragma once
 
 #include <algorithm>
@@ -32,14 +32,15 @@ class Pace {
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
-/// One thread's pack.
-class LaneGroup {
+/// One thread's arms: a pack, or one.
+class LaneGroup final : lanes::Scenarios {
  public:
-  /// Scenarios that a pack takes; 1 where the kernels do not know the arm or the loads that act on it.
+  /// Scenarios taken at once: those of a pack, or 1 where they are too few for it; 0 where the kernels do not know the
+  /// arm or the loads that act on it.
   static Eigen::Index width(const BatchProblem& problem);
 
-  /// @param alive  told about the steps done (of all lanes together); answers false to end the batch
-  LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::function<bool(long)> alive);
+  /// @param tell  told about the steps done (of all lanes together); answers false to end the batch
+  LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::function<bool(long)> tell);
   /// Runs scenarios first .. first + count - 1, at most `width`. Lanes without one repeat the last: a scenario's
   /// results are the same whoever shares the pack with it.
   void run(Eigen::Index first, Eigen::Index count, BatchStats& stats);
@@ -51,14 +52,16 @@ class LaneGroup {
   void pack_friction();
   const Arm& arm(Eigen::Index b) const { return *p_.arms[p_.arms.size() == 1 ? 0 : static_cast<std::size_t>(b)]; }
   Eigen::Index scenario(Eigen::Index lane) const { return first_ + std::min(lane, count_ - 1); }
-  void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset) const;
-  bool jumps(long step, double* changed) const;
-  void row(const double* q, const double* v, const double* a, const double* tau, const int* status);
+  void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset) override;
+  bool jumps(long step, double* changed) override;
+  int wanted(long step) override;
+  void row(const double* q, const double* v, const double* a, const double* tau, const int* status) override;
+  bool alive(long step) override;
   void pack(const BatchTable& table, Eigen::Index n, double* out) const;
 
   const BatchProblem& p_;
   const BatchOutput& out_;
-  std::function<bool(long)> alive_;
+  std::function<bool(long)> tell_;
   const lanes::Kernels& kernels_;
   Eigen::Index width_, first_ = 0, count_ = 1;
   std::optional<lanes::KernelArm> packed_;

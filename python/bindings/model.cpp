@@ -1,7 +1,7 @@
+#include "evaluation.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/load.hpp"
-#include "interpreter.hpp"
 
 using namespace flexarm;
 
@@ -209,7 +209,8 @@ void bind_model(py::module_& m) {
   bind_beam(m);
   bind_links(m);
 
-  py::class_<Arm> arm(m, "Arm");
+  py::class_<Arm>(m, "ArmAlone");  // PyArm's base, which what takes an arm asks for
+  py::class_<PyArm, Arm> arm(m, "Arm");
   py::class_<Load>(m, "Load")
       .def_static("at_end", &Load::at_end, py::arg("arm"), py::arg("link"), py::arg("world_axes"))
       .def_static("at_slice", &Load::at_slice, py::arg("arm"), py::arg("link"), py::arg("x"), py::arg("world_axes"))

@@ -164,4 +164,4 @@ def finite(x: Any) -> Any:
 
 def json_text(value: Any) -> str:
     """JSON; what is not finite becomes null."""
-    return json.dumps(finite(value), indent=1)
+    return json.dumps(finite(value), indent=1, allow_nan=False)

@@ -75,9 +75,10 @@ def test_strain_feedback_decays_as_its_linear_model_says(options: dict) -> None:
     np.testing.assert_allclose(r.tau[:, 0], -kp * r.q[:, 0] - kv * r.v[:, 0] - ks * strain, atol=1e-12)
 
 
-def test_strain_feedback_of_published_md() -> None:
-    """The hub moved so that its rate is k times the curvature at the root: Re(s) = -2k/L of every mode, to first
-    order; published.md's -0.2000 + 20.9479j and -0.2000 + 131.2830j for k = 0.05."""
+def test_strain_feedback_to_the_rate_damps_every_mode_alike() -> None:
+    """The hub moved so that its rate is k times the curvature at the root (direct strain feedback: Luo, IEEE Trans.
+    Automatic Control 38, 1993): Re(s) = -2k/L of every mode, to first order. For k = 0.05, an independent computation
+    gave -0.2000 + 20.9479j and -0.2000 + 131.2830j."""
     beam = fa.Beam(0.5, *(getattr(paper_link().links[0].beam, n) for n in ("section", "material")), {"bending_y": 8},
                    basis="legendre", rotary_inertia=False)  # fmt: skip
     arm = fa.Arm([fa.Link(fa.Revolute("z"), beam=beam)])

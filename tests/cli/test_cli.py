@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,6 +13,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from flexarm import _console
 from flexarm.cli import main
 from flexarm.paper import demo
 
@@ -255,8 +257,18 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"flexarm {fa.__version__}\n"
 
 
-def test_importing_flexarm_leaves_matplotlib_and_rich_alone() -> None:
-    code = "import sys, flexarm, flexarm.cli; print([m for m in ('matplotlib', 'rich') if m in sys.modules])"
+def test_json_has_no_word_for_what_is_not_finite(monkeypatch: pytest.MonkeyPatch) -> None:
+    """NaN and Infinity, which Python would write, are not JSON."""
+    value = {"a": [math.nan, 1.5], "b": {"c": (-math.inf,)}}
+    assert json.loads(_console.json_text(value)) == {"a": [None, 1.5], "b": {"c": [None]}}
+    monkeypatch.setattr(_console, "finite", lambda x: x)  # should it ever miss one
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        _console.json_text(value)
+
+
+def test_importing_flexarm_leaves_slow_packages_alone() -> None:
+    slow = ("matplotlib", "rich", "scipy", "h5py")
+    code = f"import sys, flexarm, flexarm.cli; print([m for m in {slow} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
 

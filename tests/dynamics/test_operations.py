@@ -28,4 +28,13 @@ def test_a_patch_costs_nothing_once_it_is_set_up() -> None:
 
 
 def test_arms_that_the_kernels_do_not_know_have_no_count() -> None:
-    assert fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))]).operation_count() is None
+    beam = fa.Beam(length=0.5, section=fa.Circle(0.004), material=STEEL, modes={"bending_y": 1}, order="exact")
+    assert fa.Arm([fa.Link(fa.Revolute("z"), beam=beam)]).operation_count() is None
+
+
+def test_a_ball_costs_less_than_three_hinges() -> None:
+    def count(joint: fa.Joint) -> int:
+        links = [fa.Link(joint, fa.RigidBody(1.0, inertia=(1, 1, 1), end=(0.1, 0.2, 0.3))) for _ in range(2)]
+        return fa.Arm(links).operation_count() or 0
+
+    assert 0 < count(fa.Spherical()) < count(fa.Axes(("rx", "ry", "rz")))

@@ -1,4 +1,4 @@
-"""Piezo patches, against numbers made without them: published ones, closed forms, other series, a transfer matrix."""
+"""Piezo patches, against numbers made without them: independent ones, closed forms, other series, a transfer matrix."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 E, G, D31, L, H, B, T = 60.6e9, 60.6e9 / 2.6, -274e-12, 0.5, 1e-3, 0.02, 0.2e-3
-MOMENT = 3.985056e-4  # N m per volt, published
+MOMENT = 3.985056e-4  # N m per volt, of a pair: Crawley & de Luis, AIAA Journal 25 (1987)
 PZT = fa.Piezo(E, 0.3, 7500, D31, permittivity=3e-8)
 FIBRE = replace(PZT, d31=4e-10, permittivity=4e-8)  # acts along its axis alone
 PAIR = fa.Patch(0.02, 0.07, B, T, PZT)
@@ -42,10 +42,10 @@ def clamped_free(k: int, x: np.ndarray, derivative: int) -> np.ndarray:
     return (b / L) ** derivative * (ch - c(z) - sigma * (sh - s(z))) / end
 
 
-# -- published -------------------------------------------------------------------------------------------------------
+# -- independent -----------------------------------------------------------------------------------------------------
 
 
-def test_published_moment_and_signs() -> None:
+def test_moment_and_signs() -> None:
     assert strip(GHOST, modes={"bending_y": 1}).patch_matrix[0, 0] == pytest.approx(MOMENT * 0.05, rel=1e-13)
     for face, strain, sign in (("y", 0, 2), ("+y", 0, 1), ("-y", 0, -1), ("z", 1, 2), ("+z", 1, 1), ("-z", 1, -1)):
         # equal sides, so that all faces are alike; positive: d31 < 0 bends towards +y, or +z
@@ -59,7 +59,7 @@ def test_published_moment_and_signs() -> None:
 @pytest.mark.parametrize(
     ("stiffness", "curvature", "tip"), [(False, 1.1440352e-3, 2.6026801e-5), (True, 7.5981472e-4, 1.7285785e-5)]
 )
-def test_published_curvature_and_tip(stiffness: bool, curvature: float, tip: float) -> None:
+def test_curvature_and_tip(stiffness: bool, curvature: float, tip: float) -> None:
     arm = split(replace(PAIR, stiffness=stiffness), n=2)
     q = arm.equilibrium(voltages={(1, 0): 1.0})
     assert arm.strain(q, 1, 0.02)[2] == pytest.approx(curvature, rel=5e-8)

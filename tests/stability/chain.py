@@ -71,7 +71,7 @@ def error(found: Sequence[float], truth: np.ndarray) -> float:
         return float(off / max(abs(truth)))
 
 
-CHAINS = {  # published.md's table: masses of n rods
+CHAINS = {  # masses of n rods
     "uniform": lambda n: [1.0] * n,
     "last link x 1e6": lambda n: [1.0] * (n - 1) + [1e6],
     "last link x 1e9": lambda n: [1.0] * (n - 1) + [1e9],

@@ -36,7 +36,8 @@ def test_order_zero_is_wrong_but_bounded() -> None:
 
 
 def test_monomials_lose_definiteness_and_legendre_does_not() -> None:
-    """published.md: condition 3e7 with 5 terms, 3e15 with 10; not positive definite in double precision with 12."""
+    """Condition 3e7 with 5 terms, 3e15 with 10, as of a Hilbert matrix without its first rows; not positive definite in
+    double precision with 12."""
     assert beams.monomial_condition(5) == pytest.approx(3.07e7, rel=0.01)
     assert beams.monomial_condition(10) == pytest.approx(3.01e15, rel=0.01)
     for n in (5, 10, 12, 20, 40):
@@ -76,8 +77,8 @@ def test_ab_keeps_digits_under_a_heavy_tip() -> None:
 
 @beyond_its_range
 def test_elastica() -> None:
-    """PL^2/EI = 1, tip force across: w/L 0.30172077, u/L 0.05643324, slope 0.46135195 (published.md); exact meets it,
-    order 2 misses it by 3 %."""
+    """PL^2/EI = 1, tip force across: w/L 0.30172077, u/L 0.05643324, slope 0.46135195 by elliptic integrals (Bisshopp &
+    Drucker, Quarterly of Applied Mathematics 3, 1945); exact meets it, order 2 misses it by 3 %."""
     arm = beams.clamped({"bending_y": 8}, "exact", fa.RigidBody(1e-9))
     p, R = arm.frame(arm.equilibrium(loads=beams.LOADS["tip force"](1.0)))
     np.testing.assert_allclose([p[1], 1 - p[0], np.arcsin(R[1, 0])], [0.30172077, 0.05643324, 0.46135195], atol=2e-8)

@@ -49,6 +49,7 @@ struct Space {
     const Lin a = read(p), b = read(p);
     return {a.x, a.y, a.z, b.x, b.y, b.z};
   }
+  static Ang read_angular(const double*& p) { return read(p); }
   static Lin cross(const Lin& a, const Lin& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
   }
@@ -159,6 +160,7 @@ struct Space {
     const S o{};
     return {none(), {o, o, o, o, o, o, o, o, o}, none()};
   }
+  static Sym scaled(const S& k, const Sym& a) { return {k * a.xx, k * a.yy, k * a.zz, k * a.xy, k * a.xz, k * a.yz}; }
   static void add(Sym& a, const Sym& b) {
     a.xx += b.xx;
     a.yy += b.yy;
@@ -383,6 +385,7 @@ struct Plane {
     p += Lanes<S>::width;
     return J;
   }
+  static Ang read_angular(const double*& p) { return {read_symmetric(p).zz}; }
   static Lin cross(const Ang& w, const Lin& r) { return {-w.z * r.y, w.z * r.x}; }
   static Ang cross(const Ang&, const Ang&) { return {S{}}; }
   static Ang moment(const Lin& r, const Lin& f) { return {r.x * f.y - r.y * f.x}; }
@@ -444,6 +447,7 @@ struct Plane {
     return {b.m, b.c + mr, {b.J.zz + dot(r, number<S>(2.0) * b.c + mr)}};
   }
   static Inertia rotate(int, const S& s, const S& c, const Inertia& M) { return rotate(Rot{c, s}, M); }
+  static Sym scaled(const S& k, const Sym& a) { return {k * a.zz}; }
   static void add(Sym& a, const Sym& b) { a.zz += b.zz; }
   static void add(Inertia& a, const Inertia& b) {
     a.A.xx += b.A.xx;

@@ -3,13 +3,15 @@
 // Velocities of origins never occur: accelerations are absolute, and a body's forces know only its angular velocity.
 #pragma once
 
+#include "lanes/ball.hpp"
+#include "lanes/cut.hpp"
 #include "lanes/quadratic.hpp"
 
 namespace {
 
 constexpr double kSingular = 1e-14;  // parts of an inertia below which what a freedom moves is rounding
+constexpr double kSoftEntry = 1e-3;  // rad or m past a stop over which its damping sets in
 
-using flexarm::lanes::Layout;
 using flexarm::lanes::Shift;
 
 /// Numbers P that the body of a node needs to work on.
@@ -110,7 +112,6 @@ struct Chain {
     s.slope_q = stiffness;
     s.slope_v = damping;
     if (!node.stops) return;
-    constexpr double kSoftEntry = 1e-3;
     const S lower = next<S>(p), upper = next<S>(p), k = next<S>(p), d = next<S>(p), one = number<S>(1.0), o{};
     for (int side = 0; side < 2; ++side) {
       const S depth = side == 0 ? q - lower : q - upper;
@@ -127,28 +128,110 @@ struct Chain {
     s.slope_q = Lanes<S>::select(s.slope_q < 0.0, o, s.slope_q);
   }
 
+  /// The same of a ball, into the three nodes that it is.
+  static void resist_ball(const Node& node, const double*& p, const S* q, const S* v, State<Sp>* s) {
+    const S stiffness = next<S>(p);
+    const BallTurn<S> turn(q);
+    for (int k = 0; k < 3; ++k) {
+      const S damping = next<S>(p);
+      s[k].reflected = next<S>(p);
+      s[k].resistance = stiffness * turn.vector[k] + damping * v[k];
+      s[k].slope_q = stiffness;
+      s[k].slope_v = damping;
+    }
+    if (!node.stops) return;
+    const S upper = next<S>(p), stop_stiffness = next<S>(p), stop_damping = next<S>(p), one = number<S>(1.0), o{};
+    const S depth = turn.angle - upper, entry = depth * (1.0 / kSoftEntry);
+    const auto hit = depth > 0.0;
+    const S over = 1.0 / Lanes<S>::select(hit, turn.angle, one);
+    const S damping = stop_damping * Lanes<S>::select(entry < 1.0, entry, one);
+    const S rate = over * (turn.vector[0] * v[0] + turn.vector[1] * v[1] + turn.vector[2] * v[2]);
+    const S push = over * (stop_stiffness * depth + damping * rate);
+    for (int k = 0; k < 3; ++k) {
+      s[k].resistance += Lanes<S>::select(hit, push * turn.vector[k], o);
+      s[k].slope_q += Lanes<S>::select(hit, stop_stiffness, o);
+      s[k].slope_v += Lanes<S>::select(hit, damping, o);
+    }
+  }
+
+  /// A ball's first node, on a frame that turns by w. @param p, q, v  its numbers, quaternion and rates
+  void move_ball(const Node& node, const double*& p, const typename Sp::Rot& seat, const S* q, const S* v, const Ang& w,
+                 State<Sp>& s) {
+    if constexpr (!Sp::planar) {
+      if (node.passive) resist_ball(node, p, q, v, &s);
+      const typename Sp::Rot R = ball_rotation(q);
+      s.R = node.turned ? Sp::times(seat, R) : R;
+      const Ang carried = Sp::unrotate_angular(s.R, w), own{v[0], v[1], v[2]};
+      s.w = carried + own;
+      s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, s.r)));
+      s.bias_w = Sp::cross(carried, own);
+    }
+  }
+
+  /// A node in the frame of the one before it.
+  static void stay(const Ang& w, State<Sp>& s) {
+    s.R = Sp::turn(0, S{}, number<S>(1.0));
+    s.r = Sp::zero();
+    s.w = w;
+    s.bias_a = Sp::zero();
+    s.bias_w = Sp::zero_angular();
+  }
+
+  static bool is_hinge(const Node& node) { return node.kind == Node::revolute && !node.ball && !node.coincident; }
+
   /// Sines and cosines of all hinges; of one arm, of several hinges at once.
   void turn_hinges(const S* q) {
     constexpr int W = sizeof(P) / sizeof(S);
     S* angle = reinterpret_cast<S*>(scratch);
     int count = 0;
     for (int i = 0; i < layout.nodes; ++i)
-      if (const Node& node = layout.node[i]; node.kind == Node::revolute) angle[count++] = node.sign * q[node.q];
+      if (const Node& node = layout.node[i]; is_hinge(node)) angle[count++] = node.sign * q[node.q];
     while (count % W != 0) angle[count++] = S{};
     P *sines = scratch + count / W, *cosines = sines + count / W;
     for (int k = 0; k < count / W; ++k) sine_cosine(scratch[k], sines[k], cosines[k]);
     const S *sine = reinterpret_cast<S*>(sines), *cosine = reinterpret_cast<S*>(cosines);
     for (int i = 0; i < layout.nodes; ++i)
-      if (layout.node[i].kind == Node::revolute) {
+      if (is_hinge(layout.node[i])) {
         state[i].sine = *sine++;
         state[i].cosine = *cosine++;
       }
+  }
+
+  /// A hinge, or a slide, or neither, seated on a frame that turns by w.
+  template <bool rates>
+  static void move_joint(const Node& node, const typename Sp::Rot& seat, const S* q, const S* v, const Ang& w,
+                         State<Sp>& s) {
+    const S &sn = s.sine, &cs = s.cosine;
+    const bool hinge = node.kind == Node::revolute, slide = node.kind == Node::prismatic;
+    s.R = !hinge ? seat : node.turned ? Sp::turned(seat, node.axis, sn, cs) : Sp::turn(node.axis, sn, cs);
+    if (slide) {
+      Lin along = Sp::zero();
+      Sp::component(along, node.axis) += node.sign * q[node.q];
+      s.r += Sp::rotate(s.R, along);
+    }
+    if constexpr (rates) {
+      const Ang carried = Sp::unrotate_angular(s.R, w);
+      s.w = carried;
+      s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, s.r)));
+      s.bias_w = Sp::zero_angular();
+      if (hinge) {
+        Ang own = Sp::zero_angular();
+        Sp::angular_component(own, node.axis) += node.sign * v[node.v];
+        s.w += own;
+        s.bias_w = Sp::cross(carried, own);
+      } else if (slide) {
+        Lin rate = Sp::zero();
+        Sp::component(rate, node.axis) += 2.0 * (node.sign * v[node.v]);
+        s.bias_a += Sp::cross(carried, rate);
+      }
+    }
   }
 
   /// Places, velocities, own inertias and bias forces of all nodes. Without rates: of an arm at rest, whose bias forces
   /// are not needed.
   template <bool rates = true>
   void move(const S* q, const S* v) {
+    static const S none[kMostElastic]{};
     turn_hinges(q);
     Ang w = Sp::zero_angular();
     typename Sp::Rot attitude = Sp::turn(0, S{}, number<S>(1.0));
@@ -156,54 +239,30 @@ struct Chain {
       const Node& node = layout.node[i];
       State<Sp>& s = state[i];
       const double* p = numbers + node.numbers;
-      const double sign = node.sign;
-      s.r = Sp::read(p);
       typename Sp::Rot seat = Sp::turn(0, S{}, number<S>(1.0));
-      if (node.turned) seat = Sp::read_rotation(p);
-      if (node.passive) resist(node, p, q[node.q], rates ? v[node.v] : S{}, s);
-      const Lin arm = s.r;
-      if (node.kind == Node::revolute) {
-        const S &sn = s.sine, &cs = s.cosine;
-        s.R = node.turned ? Sp::turned(seat, node.axis, sn, cs) : Sp::turn(node.axis, sn, cs);
-        if constexpr (rates) {
-          const S rate = sign * v[node.v];
-          const Ang carried = Sp::unrotate_angular(s.R, w);
-          s.w = carried;
-          Sp::angular_component(s.w, node.axis) += rate;
-          s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, arm)));
-          Ang own = Sp::zero_angular();
-          Sp::angular_component(own, node.axis) += rate;
-          s.bias_w = Sp::cross(carried, own);
-        }
-      } else {
-        s.R = seat;
-        Lin slide = Sp::zero();
-        if (node.kind == Node::prismatic) {
-          Sp::component(slide, node.axis) += sign * q[node.q];
-          s.r += Sp::rotate(s.R, slide);
-        }
-        if constexpr (rates) {
-          s.w = Sp::unrotate_angular(s.R, w);
-          s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, s.r)));
-          if (node.kind == Node::prismatic) {
-            Lin rate = Sp::zero();
-            Sp::component(rate, node.axis) += 2.0 * (sign * v[node.v]);
-            s.bias_a += Sp::cross(s.w, rate);
-          }
-          s.bias_w = Sp::zero_angular();
-        }
+      if (!node.coincident) {
+        s.r = Sp::read(p);
+        if (node.turned) seat = Sp::read_rotation(p);
+        if (node.passive && !node.ball) resist(node, p, q[node.q], rates ? v[node.v] : S{}, s);
       }
-      if constexpr (rates)
-        w = s.w;
-      else
-        s.w = w;
-      if (layout.attitudes) attitude = s.attitude = Sp::times(attitude, s.R);
+      if (node.coincident) {
+        stay(w, s);
+      } else if (node.ball) {
+        move_ball(node, p, seat, q + node.q, rates ? v + node.v : none, w, s);
+      } else {
+        move_joint<rates>(node, seat, q, v, w, s);
+      }
+      if constexpr (!rates) s.w = w;  // none
+      w = s.w;
+      if (layout.attitudes) attitude = s.attitude = node.coincident ? attitude : Sp::times(attitude, s.R);
       if (node.ne > 0) {
         Elastic<Sp>& e = s.elastic;
-        static const S still[kMostElastic]{};
-        const S* ve = rates ? v + node.ve : still;
+        const S* ve = rates ? v + node.ve : none;
         move_slice(node, numbers + node.end, q + node.qe, ve, e.end);
-        bend(node, p, numbers + node.points, q + node.qe, ve, s.w, s.body, s.body_f, s.body_n, e, scratch);
+        if (node.body == Node::cut)
+          bend_cut<Sp>(node, p, gravity_in(attitude), q + node.qe, ve, s.w, s.body, s.body_f, s.body_n, e);
+        else
+          bend(node, p, numbers + node.points, q + node.qe, ve, s.w, s.body, s.body_f, s.body_n, e, scratch);
         // what is carried by the end moves with the slice there (Eq. 45, 46)
         s.end_w = Sp::unrotate_angular(e.end.R, s.w + e.end.turning);
         const Lin sweep = Sp::cross(s.w, e.end.x) + number<S>(2.0) * e.end.u_dot;
@@ -219,6 +278,12 @@ struct Chain {
         read_body<rates>(p, s.w, s.body, s.body_f, s.body_n);
       }
     }
+  }
+
+  /// Gravity in the axes of a frame: the base accelerates against it.
+  Lin gravity_in(const typename Sp::Rot& attitude) const {
+    const double* p = numbers;
+    return number<S>(-1.0) * Sp::unrotate(attitude, Sp::read(p));
   }
 
   template <bool rates>
@@ -243,7 +308,7 @@ struct Chain {
     for (int i = 0; i < layout.nodes; ++i) {
       const Node& node = layout.node[i];
       const State<Sp>& s = state[i];
-      u = Sp::unrotate(s.R, u + Sp::cross(w, s.r));
+      if (!node.coincident) u = Sp::unrotate(s.R, u + Sp::cross(w, s.r));
       w = s.w;
       if (node.kind == Node::prismatic) Sp::component(u, node.axis) += node.sign * v[node.v];
       if (node.body) add(s.body, u, w);
@@ -317,17 +382,20 @@ struct Chain {
           if (!node.passive) (about ? Sp::angular_component(n, node.axis) : Sp::component(f, node.axis)) = applied;
         }
       }
-      if constexpr (inertia && forces && biased) {
-        Lin a = s.bias_a;
-        Ang dw = s.bias_w;
-        if (node.kind != Node::fixed && node.given)  // what is prescribed is part of the bias
-          (about ? Sp::angular_component(dw, node.axis) : Sp::component(a, node.axis)) += node.sign * given[node.v];
-        f += Sp::force(M, a, dw);
-        n += Sp::torque(M, a, dw);
-      }
+      if constexpr (inertia && forces && biased)
+        if (!node.coincident || node.given) {
+          Lin a = s.bias_a;
+          Ang dw = s.bias_w;
+          if (node.kind != Node::fixed && node.given)  // what is prescribed is part of the bias
+            (about ? Sp::angular_component(dw, node.axis) : Sp::component(a, node.axis)) += node.sign * given[node.v];
+          f += Sp::force(M, a, dw);
+          n += Sp::torque(M, a, dw);
+        }
       if (i == 0) break;
+      if (node.coincident) continue;
       if constexpr (inertia)
-        M = Sp::shift(about && !node.turned ? Sp::rotate(node.axis, s.sine, s.cosine, M) : Sp::rotate(s.R, M), s.r);
+        M = Sp::shift(
+            about && !node.turned && !node.ball ? Sp::rotate(node.axis, s.sine, s.cosine, M) : Sp::rotate(s.R, M), s.r);
       if constexpr (forces) {
         f = Sp::rotate(s.R, f);
         n = Sp::rotate_angular(s.R, n) + Sp::moment(s.r, f);
@@ -428,9 +496,11 @@ struct Chain {
     for (int i = 0; i < layout.nodes; ++i) {
       const Node& node = layout.node[i];
       State<Sp>& s = state[i];
-      const Lin at = i == 0 ? a : a + Sp::cross(dw, s.r);
-      a = Sp::unrotate(s.R, at);
-      dw = Sp::unrotate_angular(s.R, dw);
+      if (!node.coincident) {
+        const Lin at = i == 0 ? a : a + Sp::cross(dw, s.r);
+        a = Sp::unrotate(s.R, at);
+        dw = Sp::unrotate_angular(s.R, dw);
+      }
       if constexpr (biased) {
         a += s.bias_a;
         dw += s.bias_w;
@@ -474,8 +544,10 @@ struct Chain {
     for (int i = 0; i < layout.nodes; ++i) {
       const Node& node = layout.node[i];
       State<Sp>& s = state[i];
-      a = Sp::unrotate(s.R, i == 0 ? a : a + Sp::cross(dw, s.r)) + s.bias_a;
-      dw = Sp::unrotate_angular(s.R, dw) + s.bias_w;
+      if (!node.coincident) {
+        a = Sp::unrotate(s.R, i == 0 ? a : a + Sp::cross(dw, s.r)) + s.bias_a;
+        dw = Sp::unrotate_angular(s.R, dw) + s.bias_w;
+      }
       if (node.kind == Node::revolute) Sp::angular_component(dw, node.axis) += node.sign * x[node.v];
       if (node.kind == Node::prismatic) Sp::component(a, node.axis) += node.sign * x[node.v];
       s.a = a;
@@ -522,6 +594,7 @@ struct Chain {
         tau[node.v] = own;
       }
       if (i == 0) break;
+      if (node.coincident) continue;
       f = Sp::rotate(s.R, f);
       n = Sp::rotate_angular(s.R, n) + Sp::moment(s.r, f);
     }

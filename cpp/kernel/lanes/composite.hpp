@@ -60,9 +60,11 @@ struct Composite {
     for (int i = 0; i < chain.layout.nodes; ++i) {
       const Node& node = chain.layout.node[i];
       const State<Sp>& s = chain.state[i];
-      if (turned) p += Sp::rotate(R, s.r);
-      turned = turned || node.kind == Node::revolute || node.ne > 0;
-      R = i == 0 ? s.R : Sp::times(R, s.R);
+      if (!node.coincident) {
+        if (turned) p += Sp::rotate(R, s.r);
+        turned = turned || node.kind == Node::revolute || node.ne > 0;
+        R = i == 0 ? s.R : Sp::times(R, s.R);
+      }
       place[i] = {R, p};
       if (node.kind == Node::revolute) {
         const Ang w = number<S>(node.sign) * Sp::angular_axis(R, node.axis);
@@ -119,7 +121,9 @@ struct Composite {
         fill(node.v, node.v, place[i], sign * f, sign * n, M);
       }
       if (i == 0) break;
-      B = Sp::shift(about && !node.turned ? Sp::rotate(node.axis, s.sine, s.cosine, B) : Sp::rotate(s.R, B), s.r);
+      if (node.coincident) continue;
+      B = Sp::shift(
+          about && !node.turned && !node.ball ? Sp::rotate(node.axis, s.sine, s.cosine, B) : Sp::rotate(s.R, B), s.r);
     }
   }
 

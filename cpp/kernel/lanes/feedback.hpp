@@ -15,9 +15,9 @@ struct FeedbackLaws {
   int laws = 0, nq = 0, nv = 0;
   const double *column = nullptr, *by_q = nullptr, *by_v = nullptr, *limit = nullptr;  ///< law by law: nv, nq, nv, 1
   S* offset = nullptr;                                                                 ///< of each law, now
-  S *slopes = nullptr, *solved = nullptr;  ///< nv each; S^-1 column
-  S *G = nullptr, *y = nullptr;            ///< 1 + slopes^T S^-1 column, factored; scratch
-  S* r = nullptr;                          ///< scratch (nv)
+  S *slopes = nullptr, *solved = nullptr;                                              ///< nv each; S^-1 column
+  S *G = nullptr, *y = nullptr;  ///< 1 + slopes^T S^-1 column, factored; scratch
+  S* r = nullptr;                ///< scratch (nv)
 
   static std::size_t scalars(int laws, int nv) { return static_cast<std::size_t>(laws * (2 * nv + laws + 2) + nv); }
   void lay_out(S* at) {

@@ -13,12 +13,12 @@ namespace lanes {
 class KernelArm {
  public:
   /// Made at the first asking, and kept with the arm.
-  /// @return null for what the kernels do not know: balls, beams of order 0, 3 and exact
+  /// @return null for what the kernels do not know: beams of order 3 and exact
   static const KernelArm* of(const Arm& arm);
   /// For kernels that take `width` points of a beam at once, with the motion of some rates prescribed.
   KernelArm grouped(int width, const std::vector<bool>& given) const;
   /// Whether the arms are of one structure.
-  bool like(const KernelArm& other) const;
+  bool like(const KernelArm& other) const { return structure_ == other.structure_; }
   /// Arms of one structure, an arm in each lane: number i of arm k at i width + k. Lanes beyond the last arm
   /// repeat it.
   static KernelArm side_by_side(const std::vector<const KernelArm*>& arms, int width, const std::vector<bool>& given);
@@ -30,20 +30,21 @@ class KernelArm {
   const std::vector<double>& numbers() const { return numbers_; }
 
  private:
-  KernelArm() = default;
-  static std::optional<KernelArm> build(const Arm& arm);
-  struct Builder;
+  friend struct ArmBuilder;
   /// Lists of a node.
   struct Lists {
     std::vector<int> which, direction, about;
     std::vector<Block> blocks;
   };
+  KernelArm() = default;
+  static std::optional<KernelArm> build(const Arm& arm);
   void point();
   void prescribe(const std::vector<bool>& given);
 
   Layout layout_;
   std::vector<Node> nodes_;
-  std::vector<Lists> lists_;  ///< one for each node
+  std::vector<Lists> lists_;    ///< one for each node
+  std::vector<int> structure_;  ///< what arms share that lie side by side: of every node, as it was made
   std::vector<double> numbers_;
 };
 

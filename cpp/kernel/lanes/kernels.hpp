@@ -6,15 +6,55 @@
 namespace flexarm {
 namespace lanes {
 
-/// A pack of scenarios in fixed steps: what one call does. Numbers of lane l are at i width + l.
+/// How an arm in fixed steps ended: flexarm::Status and, beyond it, BatchStatus.
+enum Ending { ok, singular, not_converged, not_finite, not_done };
+
+/// What the one-step methods (methods.hpp) may be told; each reads what it has.
+struct MethodOptions {
+  double spectral_radius = 1.0, rtol = 1e-10;
+  int max_iterations = 20;
+};
+
+/// What is to be known of a one-step method, beside its steps.
+struct MethodTraits {
+  const char* name;
+  bool rubs;      ///< dry friction is in its equations
+  bool iterates;  ///< it reads rtol
+  bool damps;     ///< it reads spectral_radius
+  double limit;   ///< of its step times the highest frequency; 0: none
+};
+/// What a method has done.
+struct Work {
+  long evaluations = 0, factorisations = 0, solves = 0;
+};
+
+/// What arms in fixed steps are given, and what is made of their motion. Numbers of lane l are at i width + l.
+class Scenarios {
+ public:
+  /// Writes what is given at half step `half`, forces as held over `step`: prescribed entries of q, v, a; tau; the
+  /// laws' offsets.
+  virtual void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset) = 0;
+  /// Whether other forces are held from `step` on than before; in which lanes (1 or 0).
+  virtual bool jumps(long step, double* changed) = 0;
+  /// Whether the state after `step` is asked for (1), with accelerations and forces (2), or not (0).
+  virtual int wanted(long step) = 0;
+  virtual void row(const double* q, const double* v, const double* a, const double* tau, const int* status) = 0;
+  /// Whether to go on.
+  virtual bool alive(long step) = 0;
+
+ protected:
+  ~Scenarios() = default;
+};
+
+/// Arms in fixed steps: what one call does. Numbers of lane l are at i width + l.
 struct Roll {
   const Layout* layout;
-  const double* numbers;  ///< of KernelArm::side_by_side
+  const double* numbers;  ///< of KernelArm::side_by_side; of one arm, of KernelArm::grouped
+  int width;              ///< arms: one, with the points of its beams across the lanes; or one for each lane
   const double* length;   ///< of each step (s)
   long steps;
-  bool implicit;                 ///< generalised-alpha, or else rk4
-  double spectral_radius, rtol;  ///< of generalised-alpha
-  int max_iterations;
+  int method;  ///< the number of its row in methods.hpp
+  MethodOptions options;
   const double* weight;          ///< by lane: mass times gravity squared (N m/s^2)
   const int *free, *coordinate;  ///< rates that are not prescribed; the coordinate of each rate
   int free_count;
@@ -25,21 +65,11 @@ struct Roll {
   const int* rubbing;                          ///< which
   const double *coulomb, *stiction;            ///< of each
   bool varies;                                 ///< whether `set` gives other values within a step than at its beginning
+  Scenarios* scenarios;
 
-  void* context;
-  /// What is given at half step `half`, forces as held over `step`: prescribed entries of q, v, a; tau; the laws'
-  /// offsets.
-  void (*set)(void* context, long step, long half, double* q, double* v, double* a, double* tau, double* offset);
-  /// Whether other forces are held from `step` on than before; in which lanes (1 or 0).
-  bool (*jumps)(void* context, long step, double* changed);
-  /// Whether the state after `step` is asked for (1), with accelerations and forces (2), or not (0).
-  int (*wanted)(void* context, long step);
-  void (*row)(void* context, const double* q, const double* v, const double* a, const double* tau, const int* status);
-  bool (*alive)(void* context, long step);
-
-  int* status;                               ///< by lane: those of flexarm::Status, or 4: not done
-  long* reached;                             ///< by lane: steps
-  long evaluations, factorisations, solves;  ///< of the pack
+  int* status;    ///< by lane: an Ending
+  long* reached;  ///< by lane: steps
+  Work work;      ///< of all lanes together
 };
 
 /// What became of a factorisation.

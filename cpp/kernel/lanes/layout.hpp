@@ -23,8 +23,11 @@ struct Node {
   int q = -1, v = -1;   ///< its coordinate and its rate
   bool given = false;   ///< its motion is prescribed
   bool turned = false;  ///< it sits turned on the frame before
-  enum Body { none, rigid, quadratic };
-  Body body = none;  ///< its hub, or hub and beam
+  /// Three nodes are a ball: the first is turned by a quaternion at q and takes all three rates; the frames of the
+  /// others coincide with the first one's.
+  bool ball = false, coincident = false;
+  enum Body { none, rigid, cut, quadratic };
+  Body body = none;  ///< rigid, or hub and beam
   bool tip = false;  ///< the tip body of a beam
   bool passive = false, stops = false;
   // elastic

@@ -34,6 +34,11 @@ struct Lanes<Pack> {
     for (int i = 0; i < width; ++i) y[i] = __builtin_sqrt(x[i]);
     return y;
   }
+  static Pack atan2(const Pack& y, const Pack& x) {
+    Pack angle{};
+    for (int i = 0; i < width; ++i) angle[i] = __builtin_atan2(y[i], x[i]);
+    return angle;
+  }
   static Pack size(const Pack& x) { return x < 0.0 ? -x : x; }
   static Pack larger(const Pack& a, const Pack& b) { return a > b ? a : b; }
   static Pack smaller(const Pack& a, const Pack& b) { return a < b ? a : b; }

@@ -80,6 +80,10 @@ struct Lanes<LaneDual> {
     const double x = __builtin_sqrt(a.x), slope = 0.5 / x;
     return LaneDual::map(x, [&](int i) { return slope * a.d[i]; });
   }
+  static LaneDual atan2(const LaneDual& y, const LaneDual& x) {
+    const double over = 1.0 / (x.x * x.x + y.x * y.x);
+    return LaneDual::map(__builtin_atan2(y.x, x.x), [&](int i) { return over * (x.x * y.d[i] - y.x * x.d[i]); });
+  }
   static LaneDual size(const LaneDual& a) { return a < 0.0 ? -a : a; }
   static LaneDual larger(const LaneDual& a, const LaneDual& b) { return a > b ? a : b; }
   static LaneDual smaller(const LaneDual& a, const LaneDual& b) { return a < b ? a : b; }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .._console import aligned
 from ..parts.beam import Beam, Circle, Rectangle, Taper
 from ..parts.chain import Chain
 from ..parts.joints import Fixed
@@ -53,14 +54,12 @@ def _row(k: int, arm: Chain) -> list[str]:
 def describe(arm: Chain) -> str:
     """See Arm.describe."""
     rows = [_HEADS, *(_row(k, arm) for k in range(len(arm.links)))]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(_HEADS))]
-    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
-    lines.insert(1, "  ".join("-" * w for w in widths))
     mass = sum(link.mass for link in arm.links)
     gravity = ", ".join(f"{g:.4g}" for g in arm.gravity)
     elastic = sum(link.beam.ne for link in arm.links if link.beam is not None)
     reach = float(np.linalg.norm(arm.frame(arm.zero)[0])) if arm.links else 0.0
-    lines += [
+    lines = [
+        *aligned(rows),
         "",
         f"coordinates     {arm.nv}: {arm.nv - elastic} of joints, {elastic} elastic"
         + (f"; q has {arm.nq} entries" if arm.nq != arm.nv else ""),

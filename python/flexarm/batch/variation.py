@@ -22,6 +22,7 @@ from ..acting.load import Load
 from ..acting.motor import Motor
 from ..acting.voltage import Voltage
 from ..arm import Arm
+from ..parts.arguments import arguments
 from ..parts.part import Part
 
 _KEPT = 256  # parts kept of each place of the tree, so that what repeats is built once
@@ -66,8 +67,7 @@ def _fields(part: Any) -> dict[str, Any]:
         value = {"value": part(0.0)} if part.constant else {}
         return {**value, "scale": 1.0}
     if isinstance(part, Motor):
-        names = ("torque_constant", "gear_ratio", "efficiency", "limit", "resistance", "rotor_inertia")
-        return {name: getattr(part, name) for name in names}
+        return {name: getattr(part, name) for name in arguments(Motor)}
     return {k: v for k, v in vars(part).items() if not k.startswith("_")} if isinstance(part, Controller) else {}
 
 

@@ -1,7 +1,7 @@
 """Integrators and their settings, as arguments of `simulate`: which there are to try, from loose to tight.
 
-The names are those of run/simulation.py: a new integrator joins by itself, here with a fixed step unless it is added to
-BY_TOLERANCE.
+The names are those of INTEGRATORS in run/simulation.py: a new integrator joins by itself, and its row there says
+whether it takes steps or a tolerance.
 """
 
 from __future__ import annotations

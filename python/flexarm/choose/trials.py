@@ -271,11 +271,11 @@ class Trials:
             assert r is not None
             rows = some_rows(len(r.t), 16)
             q, v = carried_q(r.q[rows], r.arm, arm), carried_v(r.v[rows], r.arm, arm)
-            tau, given, least = np.zeros(v.shape), [False] * arm.nv, np.inf
+            tau, least = np.zeros(v.shape), np.inf
             for _ in range(_ROUNDS):
                 started = time.perf_counter()
                 try:
-                    arm._core.forward_dynamics(q, v, tau, method, given, tau)
+                    arm._core.forward_dynamics(q, v, tau, method)
                 except ValueError:
                     pass
                 least = min(least, time.perf_counter() - started)

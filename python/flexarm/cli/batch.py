@@ -7,13 +7,7 @@ import functools
 import os
 from typing import Any
 
-from .._console import (
-    complain,
-    empty_table,
-    json_text,
-    output_folder,
-    print_table,
-)
+from .._console import complain, empty_table, json_text, output_folder, print_table
 from ..scene.scene import load
 from ..sweeps.result import SweepInterrupted
 from ..sweeps.sweep import sweep

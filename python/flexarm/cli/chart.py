@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 
-from .._console import (
-    complain,
-    finite,
-    output_folder,
-)
+from .._console import complain, json_text, output_folder
 from ..choose.chart import chart
 from ..choose.measures import MEASURES
 from ..scene.scene import load
@@ -39,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     found = chart(scene, budget=args.budget, quantity=args.quantity, progress=True)
     files = found.save(folder)
     if args.json:
-        print(json.dumps(finite({**found.to_dict(), "folder": str(folder), "files": files}), indent=1))
+        print(json_text({**found.to_dict(), "folder": str(folder), "files": files}))
     else:
         print(found)
         print(f"\nPicture, table and data are in {folder}{os.sep}")

@@ -6,12 +6,7 @@ import argparse
 import itertools
 import os
 
-from .._console import (
-    json_text,
-    output_folder,
-    print_table,
-    progress_bar,
-)
+from .._console import json_text, output_folder, print_table, progress_bar
 from ..paper import demo
 from . import options
 

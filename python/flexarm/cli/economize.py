@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 
-from .._console import (
-    complain,
-    finite,
-    output_folder,
-)
+from .._console import complain, json_text, output_folder
 from ..choose.economize import economize
 from ..choose.measures import MEASURES
 from ..scene.scene import load
@@ -48,10 +43,10 @@ def run(args: argparse.Namespace) -> int:
         files.insert(0, "lean.toml")
     except ValueError as e:
         complain(f"warning: lean.toml was not written: {e}")
-    about = finite({**plan.to_dict(), "folder": str(folder), "files": files})
-    (folder / files[-1]).write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+    about = json_text({**plan.to_dict(), "folder": str(folder), "files": files})
+    (folder / files[-1]).write_text(about + "\n", encoding="utf-8")
     if args.json:
-        print(json.dumps(about, indent=1))
+        print(about)
     else:
         print(plan)
         print(f"\nThe lean scene, picture and table are in {folder}{os.sep}")

@@ -8,11 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._console import (
-    empty_table,
-    json_text,
-    print_table,
-)
+from .._console import empty_table, json_text, print_table
 from ..acting.drive import Motion
 from ..analysis.modes import Modes
 from ..scene.scene import Scene, load

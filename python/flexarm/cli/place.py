@@ -6,11 +6,7 @@ import argparse
 import os
 from dataclasses import replace
 
-from .._console import (
-    json_text,
-    output_folder,
-    write_csv,
-)
+from .._console import json_text, output_folder, write_csv
 from ..analysis.placement import placement
 from ..arm import Arm
 from ..draw import style as plots

@@ -8,15 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._console import (
-    complain,
-    empty_table,
-    json_text,
-    output_folder,
-    print_table,
-    write_csv,
-    write_table,
-)
+from .._console import complain, empty_table, json_text, output_folder, print_table, write_csv, write_table
 from ..draw import style as plots
 from ..parts.labels import deflections, joint_coordinates, joint_rates
 from ..run.result import Result

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import csv
-import json
 import shutil
 import textwrap
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
-from .._console import write_csv
+from .._console import json_text, write_csv, write_table
 from ..draw.style import DPI
 from ..scene.scene import SCENES, load
 from . import control, figures, single_link
@@ -67,14 +66,6 @@ def rich_table(rows: Iterable[Row]) -> Table:
     return table
 
 
-def print_table(rows: Iterable[Row], file: IO[str]) -> None:
-    """The table as plain text."""
-    from rich.console import Console
-
-    Console(file=file, width=100, color_system=None).print(rich_table(rows))
-    file.write(note() + "\n")
-
-
 _FILES = {
     "README.txt": "this text",
     "table.txt": "this program's numbers beside the paper's and the measured ones",
@@ -94,7 +85,8 @@ _FILES = {
 
 def _write_data(folder: Path, s: Spectrum, m: Manoeuvre, rows: list[Row]) -> None:
     with (folder / "table.txt").open("w", encoding="utf-8") as text:
-        print_table(rows, text)
+        write_table(text, rich_table(rows), 100)
+        text.write(note() + "\n")
     with (folder / "table.csv").open("w", newline="", encoding="utf-8") as f:
         out = csv.writer(f, lineterminator="\n")
         out.writerow(["key", "name", "unit", "flexarm", "paper", "paper_to", "measured", "agrees"])
@@ -153,7 +145,7 @@ def run(folder: str | Path, tick: Callable[[str], None] = lambda _: None) -> Dem
         draw().savefig(folder / name, dpi=DPI)
         tick(name)
     out = Demo(s, m, c, rows, folder, list(_FILES))
-    (folder / "demo.json").write_text(json.dumps(out.to_dict(), indent=1) + "\n", encoding="utf-8")
+    (folder / "demo.json").write_text(json_text(out.to_dict()) + "\n", encoding="utf-8")
     return out
 
 

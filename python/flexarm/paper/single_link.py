@@ -11,8 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq
 
 from .._check import Array
 from ..analysis.validity import RangeWarning
@@ -100,6 +98,8 @@ def with_order(arm: Arm, order: int) -> Arm:
 
 def spectrum(arm: Arm, tick: Callable[[], None] = lambda: None) -> Spectrum:
     """Frequencies of the arm, its hub held to a constant speed (Sec. 5.1); calls `tick` after each order."""
+    from scipy.optimize import brentq  # slow to import
+
     arms = {order: with_order(arm, order) for order in ORDERS}
 
     def square(speed: float) -> float:  # s^2 of order 1's first mode: negative while it oscillates
@@ -121,6 +121,8 @@ def spectrum(arm: Arm, tick: Callable[[], None] = lambda: None) -> Spectrum:
 
 def _peak(t: Array, y: Array, cruise: tuple[float, float]) -> tuple[float, float, float]:
     """Time and height of the first positive peak within `cruise`, and the time of the trough after it."""
+    from scipy.interpolate import CubicSpline  # slow to import
+
     curve = CubicSpline(t, y)
     turns = curve.derivative().roots(extrapolate=False)
     turns = turns[(turns > cruise[0]) & (turns < cruise[1])]

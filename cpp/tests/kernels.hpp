@@ -1,0 +1,169 @@
+// Every instruction set's kernels against the equations on Eigen.
+#pragma once
+
+#include <doctest/doctest.h>
+
+#include "arms.hpp"
+#include "flexarm/ab.hpp"
+#include "flexarm/ci.hpp"
+#include "flexarm/derivatives.hpp"
+#include "lanes/single.hpp"
+
+namespace flexarm {
+namespace lanes {
+extern const Kernels kernels_base;
+#ifdef FLEXARM_HAS_AVX2
+extern const Kernels kernels_avx2;
+#endif
+#ifdef FLEXARM_HAS_AVX512
+extern const Kernels kernels_avx512;
+#endif
+}  // namespace lanes
+}  // namespace flexarm
+
+namespace flexarm_test {
+
+namespace lanes = flexarm::lanes;
+
+inline std::vector<const lanes::Kernels*> all_kernels() {
+  std::vector<const lanes::Kernels*> out{&lanes::kernels_base};
+#ifdef FLEXARM_HAS_AVX2
+  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) out.push_back(&lanes::kernels_avx2);
+#endif
+#ifdef FLEXARM_HAS_AVX512
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq")) out.push_back(&lanes::kernels_avx512);
+#endif
+  return out;
+}
+
+/// One arm on one set of kernels.
+struct Fast {
+  const lanes::Kernels& kernels;
+  lanes::KernelArm fast;
+  lanes::Memory memory;
+  Fast(const flexarm::Arm& arm, const lanes::Kernels& k, const std::vector<bool>& given)
+      : kernels(k), fast(lanes::KernelArm::of(arm)->grouped(k.width, given)), memory(k.memory(fast.layout())) {
+    kernels.begin(fast.layout(), fast.numbers().data(), memory.get());
+  }
+};
+
+/// A place with beams bent by some tenths of their length (or turned by `bent` radians), and rates.
+inline void place(const flexarm::Arm& arm, double phase, Eigen::VectorXd& q, Eigen::VectorXd& v, double bent = 0.1) {
+  q = wave(arm.nq(), phase, 1.0);
+  v = wave(arm.nv(), phase + 1.0, 1.0);
+  for (std::size_t n = 0; n < arm.size(); ++n)
+    for (int k = 0; k < arm.link(n).ne(); ++k) {
+      const double size = 0.05 + arm.link(n).beam()->tip().linear.col(k).norm();
+      q[arm.first_q(n) + arm.link(n).joint().nq() + k] *= bent / size;
+      v[arm.first(n) + arm.link(n).nj() + k] *= 0.5 / size;
+    }
+}
+
+inline int lowest_order(const flexarm::Arm& arm) {
+  int lowest = 2;
+  for (const flexarm::Link& link : arm.links())
+    if (link.beam()) lowest = std::min(lowest, link.beam()->order());
+  return lowest;
+}
+
+/// Everything that the kernels offer, against the same on Eigen, in the size of the terms that are summed.
+inline void check(const flexarm::Arm& arm, bool planar, const std::vector<bool>& given = {}, double bent = 0.1) {
+  REQUIRE(lanes::KernelArm::of(arm) != nullptr);
+  CHECK(lanes::KernelArm::of(arm)->layout().planar == planar);
+  const int nv = arm.nv();
+  CAPTURE(nv);
+  for (const lanes::Kernels* kernels : all_kernels()) {
+    CAPTURE(std::string(kernels->name));
+    Fast fast(arm, *kernels, given);
+    flexarm::Workspace ws(arm, given);
+    ws.fast = flexarm::FastPath();
+    take_composite(arm, ws);
+    for (double phase : {0.1, 0.9, 2.0}) {
+      Eigen::VectorXd q, v, x(nv), tau = wave(nv, phase, 1.0), forces(nv);
+      place(arm, phase, q, v, bent);
+      x = wave(nv, 2.0 * phase, 1.0);
+      ws.a = x;
+      const bool known =
+          kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), x.data()) == lanes::Outcome::good;
+      flexarm::inverse_dynamics<double>(arm, ws, q, v, x);
+      const Eigen::VectorXd left = ws.tau - tau;
+      composite_mass_matrix(arm, ws);
+      const Eigen::MatrixXd M = ws.M;
+      Eigen::MatrixXd composite(nv, nv);
+      kernels->mass_matrix(fast.memory.get(), composite.data());
+      CHECK((composite - M).cwiseAbs().maxCoeff() < 1e-13 * M.cwiseAbs().maxCoeff());
+      CHECK(composite == composite.transpose());
+      const bool definite = M.llt().info() == Eigen::Success;  // at order 0, not everywhere
+      CHECK(known == definite);
+      CHECK((definite || lowest_order(arm) == 0));
+      const double size = (ws.M.cwiseAbs() * x.cwiseAbs() + tau.cwiseAbs()).maxCoeff() + ws.tau.cwiseAbs().maxCoeff();
+      for (int i : ws.free) CHECK((!definite || std::abs(left[i]) < 1e-10 * size));
+      flexarm::inverse_dynamics<double>(arm, ws, q, v, tau);
+      kernels->inverse(fast.memory.get(), q.data(), v.data(), tau.data(), forces.data());
+      CHECK((forces - ws.tau).cwiseAbs().maxCoeff() < 1e-10 * ws.tau.cwiseAbs().maxCoeff());
+
+      const flexarm::Shift shift{1e-3, 1e-5};  // D, K and the shift, by their effect
+      flexarm::inverse_dynamics<double>(arm, ws, q, v, tau, true);
+      const bool factored = factor_shifted(arm, ws, q, v, shift, true) == flexarm::Status::ok;
+      double twice = 0.0;
+      CHECK((kernels->factor(fast.memory.get(), {shift.damping, shift.stiffness}, v.data(), &twice) ==
+             lanes::Outcome::good) == factored);
+      CHECK((factored || !definite));
+      if (!factored) continue;
+      Eigen::VectorXd expected = Eigen::VectorXd::Zero(nv);
+      solve_shifted(arm, ws, tau, expected);
+      kernels->solve(fast.memory.get(), tau.data(), x.data());
+      CHECK((x - expected).cwiseAbs().maxCoeff() < 1e-7 * expected.cwiseAbs().maxCoeff());
+      CHECK(twice == doctest::Approx(v.dot(M * v)).epsilon(1e-11));
+      CHECK(ws.twice_kinetic == doctest::Approx(v.dot(M * v)).epsilon(1e-11));
+    }
+  }
+}
+
+/// The derivatives of inverse dynamics against those by dual numbers on Eigen.
+inline void check_slopes(const flexarm::Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  using flexarm::Tangent;
+  const lanes::KernelArm* known = lanes::KernelArm::of(arm);
+  REQUIRE(known != nullptr);
+  const int nq = arm.nq(), nv = arm.nv();
+  const Eigen::VectorXd a = wave(nv, 0.4, 1.0);
+  flexarm::SweepWorkspace<Tangent> ws(arm);
+  flexarm::VecX<Tangent> state[] = {q.cast<Tangent>(), v.cast<Tangent>()};
+  Eigen::MatrixXd expected(nv, nq + nv), found(nv, nq + nv);
+  for (int k = 0; k < nq + nv; ++k) {
+    Tangent& seeded = k < nq ? state[0][k] : state[1][k - nq];
+    seeded.d[0] = 1.0;
+    flexarm::inverse_dynamics<Tangent>(arm, ws, state[0], state[1], a.cast<Tangent>());
+    for (int i = 0; i < nv; ++i) expected(i, k) = ws.tau[i].d[0];
+    seeded.d[0] = 0.0;
+  }
+  for (const lanes::Kernels* kernels : all_kernels()) {
+    CAPTURE(std::string(kernels->name));
+    const lanes::Memory memory(kernels->slopes_memory(known->layout()));
+    kernels->slopes(known->layout(), known->numbers().data(), memory.get(), q.data(), v.data(), a.data(), found.data(),
+                    found.data() + nv * nq);
+    for (int k = 0; k < nq + nv; ++k)
+      CHECK((found.col(k) - expected.col(k)).norm() < 1e-11 * (expected.col(k).norm() + 1e-3 * expected.norm()));
+  }
+}
+
+inline void check_slopes(const flexarm::Arm& arm, double bent = 0.1) {
+  Eigen::VectorXd q, v;
+  place(arm, 0.9, q, v, bent);
+  check_slopes(arm, q, v);
+}
+
+inline flexarm::JointForce spring() {
+  flexarm::JointForce f;
+  f.stiffness = 3.0;
+  f.rest = 0.2;
+  f.damping = 0.4;
+  f.reflected_inertia = 0.05;
+  f.lower = -0.3;
+  f.upper = 0.3;
+  f.limit_stiffness = 50.0;
+  f.limit_damping = 2.0;
+  return f;
+}
+
+}  // namespace flexarm_test
