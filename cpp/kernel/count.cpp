@@ -36,12 +36,13 @@ thread_local long Counted::operations = 0;
 
 template <>
 struct Lanes<Counted> {
-  static constexpr int width = 1;
+  static constexpr int width = 1, lag = 0;
   using Mask = bool;
   static Counted load(const double* p) { return Counted(*p); }
   static Counted select(bool m, const Counted& a, const Counted& b) { return m ? a : b; }
   static bool everywhere(bool m) { return m; }
   static bool all(bool m) { return m; }
+  static bool none_of(bool m) { return !m; }
   static Counted size(const Counted& a) { return a < 0.0 ? -a : a; }
   static Counted root(const Counted& a) { return Counted::note(__builtin_sqrt(a.x)); }
   static Counted larger(const Counted& a, const Counted& b) { return a > b ? a : b; }

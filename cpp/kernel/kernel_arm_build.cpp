@@ -3,6 +3,7 @@
 
 #include "lanes/beam_points.hpp"
 #include "lanes/kernel_arm.hpp"
+#include "lanes/sampled_tables.hpp"
 
 namespace flexarm {
 namespace lanes {
@@ -229,6 +230,9 @@ struct KernelArm::Builder {
   // --- beams ---
 
   bool add_beam(const Link& link, std::size_t n);
+  bool add_sampled(const Link& link);
+  void put_tip(const Link& link, Node& node);
+  void put(const std::vector<double>& numbers) { out.numbers_.insert(out.numbers_.end(), numbers.begin(), numbers.end()); }
   Stations stations(const Link& link, const Node& node) const;
   bool directions(const Beam& beam, Lists& lists) const;
   bool products(const Beam& beam, std::vector<Block>& blocks, int& of_position) const;
@@ -374,10 +378,51 @@ void KernelArm::Builder::put_end(const Link& link, const Node& node) {
   if (!axes.planar) for_products(t.products, false, [&](double c) { put(c); });
 }
 
+void KernelArm::Builder::put_tip(const Link& link, Node& node) {
+  node.tip = link.tip().mass > 0.0 || !link.tip().inertia.isZero(0.0);
+  node.tip_body = out.numbers_.size();
+  if (!node.tip) return;
+  Mass tip;
+  tip.add(link.tip(), Vector3d::Zero());
+  put(tip);
+}
+
+bool KernelArm::Builder::add_sampled(const Link& link) {
+  const Beam& beam = *link.beam();
+  Node& node = out.nodes_.back();
+  Lists& lists = out.lists_.back();
+  describe_sampled(beam, axes.planar, node, lists.about);
+  lists.points = beam.series()->points;
+  lists.table = integral_table(lists.points, 1);
+  const SampledTables tables(link, {axes.planar, axes.y, axes.z, axes.sign}, node, lists.about);
+  Mass body;  // of the hub, and what of the beam does not move in it
+  body.add(link.hub(), Vector3d::Zero());
+  body.m += beam.mass();
+  if (axes.planar) body.J(axes.z, axes.z) += tables.rotary();
+  put(body);
+  if (axes.planar) {
+    for (double x : tables.rotary_by()) put(x);
+    put_lower(tables.rotary_of_pairs());
+  }
+  put_lower(beam.stiffness());
+  if (node.damped) put_lower(beam.damping());
+  put_tip(link, node);
+  node.end = out.numbers_.size();
+  put(tables.slice(beam.tip()));
+  node.points = out.numbers_.size();
+  put(tables.points());
+  offset = link.tip().end;
+  turn.setIdentity();
+  return true;
+}
+
 bool KernelArm::Builder::add_beam(const Link& link, std::size_t n) {
   const Beam& beam = *link.beam();
   Node& node = out.nodes_.back();
-  if (beam.order() < 1 || beam.order() > 2 || beam.ne() > kMostElastic) return false;
+  if (beam.order() < 1 || beam.ne() > kMostElastic) return false;
+  node.ve = arm.first(n) + link.nj();
+  node.qe = arm.first_q(n) + link.joint().nq();
+  if (beam.order() > 2) return add_sampled(link);
   Lists& lists = out.lists_.back();
   if (!directions(beam, lists) || !products(beam, lists.blocks, node.position_blocks)) return false;
   node.directed = static_cast<int>(lists.which.size());
@@ -388,8 +433,6 @@ bool KernelArm::Builder::add_beam(const Link& link, std::size_t n) {
       if (node.block[k].row != 0) return false;
   node.body = Node::quadratic;
   node.ne = beam.ne();
-  node.ve = arm.first(n) + link.nj();
-  node.qe = arm.first_q(n) + link.joint().nq();
   node.damped = beam.damped();
 
   const Stations at = stations(link, node);
@@ -438,13 +481,7 @@ bool KernelArm::Builder::add_beam(const Link& link, std::size_t n) {
   if (node.damped) put_lower(beam.damping());
   node.end = out.numbers_.size();
   put_end(link, node);
-  node.tip = link.tip().mass > 0.0 || !link.tip().inertia.isZero(0.0);
-  node.tip_body = out.numbers_.size();
-  if (node.tip) {
-    Mass tip;
-    tip.add(link.tip(), Vector3d::Zero());
-    put(tip);
-  }
+  put_tip(link, node);
   node.points = out.numbers_.size();
   node.passes = static_cast<int>(points.size());
   node.rotary = static_cast<int>(turning.size());

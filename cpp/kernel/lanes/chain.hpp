@@ -4,6 +4,7 @@
 #pragma once
 
 #include "lanes/quadratic.hpp"
+#include "lanes/sampled.hpp"
 
 namespace {
 
@@ -13,7 +14,10 @@ using flexarm::lanes::Layout;
 using flexarm::lanes::Shift;
 
 /// Numbers P that the body of a node needs to work on.
-inline std::size_t scratch_of(const Node& node) { return node.body == Node::quadratic ? quadratic_scratch(node) : 0; }
+inline std::size_t scratch_of(const Node& node) {
+  if (node.ne == 0) return 0;
+  return node.body == Node::sampled ? sampled_scratch(node) : quadratic_scratch(node);
+}
 
 template <class Sp>
 struct State {
@@ -171,8 +175,7 @@ struct Chain {
       if (layout.attitudes) attitude = s.attitude = Sp::times(attitude, s.R);
       if (node.ne > 0) {
         Elastic<Sp>& e = s.elastic;
-        move_slice(node, numbers + node.end, q + node.qe, v + node.ve, e.end);
-        bend(node, p, numbers + node.points, q + node.qe, v + node.ve, s.w, s.body, s.body_f, s.body_n, e, scratch);
+        bend_body(node, p, q + node.qe, v + node.ve, s);
         // what is carried by the end moves with the slice there (Eq. 45, 46)
         s.end_w = Sp::unrotate_angular(e.end.R, s.w + e.end.turning);
         const Lin sweep = Sp::cross(s.w, e.end.x) + number<S>(2.0) * e.end.u_dot;
@@ -187,6 +190,20 @@ struct Chain {
       } else if (node.body) {
         read_body(p, s.w, s.body, s.body_f, s.body_n);
       }
+    }
+  }
+
+  /// The end slice of an elastic body, its inertia and its forces.
+  void bend_body(const Node& node, const double* constants, const S* q, const S* dq, State<Sp>& s) {
+    Elastic<Sp>& e = s.elastic;
+    const double *end = numbers + node.end, *points = numbers + node.points;
+    if (node.body == Node::sampled) {
+      sampled::sample(Sp{}, node, points, q, dq, scratch);
+      sampled::move_slice(node, end, points, q, dq, scratch, e.end);
+      sampled::bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
+    } else {
+      move_slice(node, end, q, dq, e.end);
+      bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
     }
   }
 

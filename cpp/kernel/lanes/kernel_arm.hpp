@@ -1,11 +1,13 @@
 // An arm as the lane kernels know it: its nodes (layout.hpp) and their numbers.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include "flexarm/arm.hpp"
 #include "lanes/layout.hpp"
+#include "lanes/numbers.hpp"
 
 namespace flexarm {
 namespace lanes {
@@ -13,7 +15,7 @@ namespace lanes {
 class KernelArm {
  public:
   /// Made at the first asking, and kept with the arm.
-  /// @return null for what the kernels do not know: balls, beams of order 0, 3 and exact
+  /// @return null for what the kernels do not know: balls, beams of order 0
   static const KernelArm* of(const Arm& arm);
   /// For kernels that take `width` points of a beam at once, with the motion of some rates prescribed.
   KernelArm grouped(int width, const std::vector<bool>& given) const;
@@ -27,7 +29,7 @@ class KernelArm {
   KernelArm& operator=(const KernelArm& other);
 
   const Layout& layout() const { return layout_; }
-  const std::vector<double>& numbers() const { return numbers_; }
+  const Numbers& numbers() const { return numbers_; }
 
  private:
   KernelArm() = default;
@@ -37,6 +39,8 @@ class KernelArm {
   struct Lists {
     std::vector<int> which, direction, about;
     std::vector<Block> blocks;
+    int points = 0;                        ///< of a sampled body,
+    std::shared_ptr<const Numbers> table;  ///< and integrals over them
   };
   void point();
   void prescribe(const std::vector<bool>& given);
@@ -44,7 +48,7 @@ class KernelArm {
   Layout layout_;
   std::vector<Node> nodes_;
   std::vector<Lists> lists_;  ///< one for each node
-  std::vector<double> numbers_;
+  Numbers numbers_;
 };
 
 }  // namespace lanes

@@ -68,12 +68,13 @@ struct LaneDual {
 
 template <>
 struct Lanes<LaneDual> {
-  static constexpr int width = 1;
+  static constexpr int width = 1, lag = 2;
   using Mask = bool;
   static LaneDual load(const double* p) { return LaneDual{} + *p; }
   static LaneDual select(bool m, const LaneDual& a, const LaneDual& b) { return m ? a : b; }
   static bool everywhere(bool m) { return m; }
   static bool all(bool m) { return m; }
+  static bool none_of(bool m) { return !m; }
   static LaneDual root(const LaneDual& a) {
     const double x = __builtin_sqrt(a.x), slope = 0.5 / x;
     return LaneDual::map(x, [&](int i) { return slope * a.d[i]; });
