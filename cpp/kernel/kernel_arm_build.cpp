@@ -232,7 +232,9 @@ struct KernelArm::Builder {
   bool add_beam(const Link& link, std::size_t n);
   bool add_sampled(const Link& link);
   void put_tip(const Link& link, Node& node);
-  void put(const std::vector<double>& numbers) { out.numbers_.insert(out.numbers_.end(), numbers.begin(), numbers.end()); }
+  void put(const std::vector<double>& numbers) {
+    out.numbers_.insert(out.numbers_.end(), numbers.begin(), numbers.end());
+  }
   Stations stations(const Link& link, const Node& node) const;
   bool directions(const Beam& beam, Lists& lists) const;
   bool products(const Beam& beam, std::vector<Block>& blocks, int& of_position) const;

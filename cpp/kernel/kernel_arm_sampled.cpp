@@ -200,8 +200,7 @@ void fill_up(int count, int all, const double*& p, Numbers& out) {
 
 }  // namespace
 
-void group_points(const Node& from, const Node& to, bool planar, int width, const double*& p,
-                  Numbers& out) {
+void group_points(const Node& from, const Node& to, bool planar, int width, const double*& p, Numbers& out) {
   repeat(1 + dimensions(planar), width, p, out);
   const auto points = [&] {
     for (int k = 0; k < 2; ++k) fill_up(from.half, to.passes * width, p, out);
@@ -214,8 +213,7 @@ void group_points(const Node& from, const Node& to, bool planar, int width, cons
   for (int k = 0; k < from.further; ++k) group_slice(from, to, planar, width, p, out);
 }
 
-void group_slice(const Node& from, const Node& to, bool planar, int width, const double*& p,
-                 Numbers& out) {
+void group_slice(const Node& from, const Node& to, bool planar, int width, const double*& p, Numbers& out) {
   fill_up(dimensions(planar), dimensions(planar), p, out);
   for (int k = 0; k < 2; ++k) fill_up(from.half, to.passes * width, p, out);
   fill_up(turns(from, planar), turns(from, planar), p, out);

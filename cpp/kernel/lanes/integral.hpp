@@ -10,12 +10,12 @@
 namespace {
 
 /// The matrices: for each point of the first half its column of the one for even functions, and of the one for odd
-/// functions, by rows of points. One row beyond the points of the former is the integral of the first half. Where points
-/// lie across lanes, rows are filled up to whole packs, and columns as well.
+/// functions, by rows of points. One row beyond the points of the former is the integral of the first half. Where
+/// points lie across lanes, rows are filled up to whole packs, and columns as well.
 template <class S, class P>
 class Integral {
  public:
-  static constexpr int width = static_cast<int>(sizeof(P) / sizeof(S));  // points in one P
+  static constexpr int width = static_cast<int>(sizeof(P) / sizeof(S));                        // points in one P
   static constexpr int batch = Lanes<P>::width < 8 ? (width > 1 ? 6 : 2) : width > 1 ? 8 : 4;  // columns at once
 
   /// Numbers P that it works on.

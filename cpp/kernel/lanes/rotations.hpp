@@ -68,9 +68,9 @@ Quaternion<P> zero_where(const typename Lanes<P>::Mask& mask, const Quaternion<P
   return {L::select(mask, o, p.w), {L::select(mask, o, p.v.x), L::select(mask, o, p.v.y), L::select(mask, o, p.v.z)}};
 }
 
-/// A product 1 + v of which each factor squares what the ones before are off by: with p = P + ..., p' p^-1 - P' P^-1 = D,
-/// the next factor is 1 + v, v = int D, and then D becomes v D (1 + v)^-1. Quickly there where turns are small; where
-/// they are not, p = 1.
+/// A product 1 + v of which each factor squares what the ones before are off by: with p = P + ..., p' p^-1 - P' P^-1 =
+/// D, the next factor is 1 + v, v = int D, and then D becomes v D (1 + v)^-1. Quickly there where turns are small;
+/// where they are not, p = 1.
 template <class S, class P>
 void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int points, const Integral<S, P>& integral,
                     const Quaternions<P>& p, const Quaternions<P>& D, const Quaternions<P>& v) {
@@ -119,8 +119,8 @@ void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int 
 }
 
 /// Solves p = 1 + int p (0, K) / 2 by repeated integrals (Picard): what is still missing, integrated, converges like
-/// (|theta|/2)^i / i!, from anywhere. Terms of both signs grow as large as exp(|theta|/2) on the way, and leave no digit
-/// beyond some 60 rad: then the result is not a number.
+/// (|theta|/2)^i / i!, from anywhere. Terms of both signs grow as large as exp(|theta|/2) on the way, and leave no
+/// digit beyond some 60 rad: then the result is not a number.
 template <class S, class P>
 void solve_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int points, const Integral<S, P>& integral,
                     const Quaternions<P>& p, const Quaternions<P>& term, const Quaternions<P>& factor) {

@@ -1,6 +1,6 @@
-// The elastic body at order 3 and "exact". Its motion is that of x' = R (e1 + phi) and R' = R K~ (Eq. 24, 25), integrated
-// along the beam at Gauss points; its inertia and forces are sums over slices. `sample` comes first; then any slice can be
-// asked for, and `bend`.
+// The elastic body at order 3 and "exact". Its motion is that of x' = R (e1 + phi) and R' = R K~ (Eq. 24, 25),
+// integrated along the beam at Gauss points; its inertia and forces are sums over slices. `sample` comes first; then
+// any slice can be asked for, and `bend`.
 #pragma once
 
 #include "lanes/sampled_plane.hpp"
@@ -59,8 +59,7 @@ void bend(const Node& node, const double* constants, const double* points, const
   place_points(node, rows, dq, s, F);
   place_further<Sp>(node, rows.further, points, q, dq, s, scratch);
   typename Pt::Ang wide;
-  for (int c = 0; c < Sp::angular; ++c)
-    reinterpret_cast<P*>(&wide)[c] = widen(reinterpret_cast<const S*>(&w)[c], P{});
+  for (int c = 0; c < Sp::angular; ++c) reinterpret_cast<P*>(&wide)[c] = widen(reinterpret_cast<const S*>(&w)[c], P{});
   sum_slices(node, rows, s, dq, wide, sums, F);
   S* total = reinterpret_cast<S*>(at);
   sum_lanes(at, size, total);

@@ -1,5 +1,5 @@
-// The sampled body in space. Exact: R' = R K~ (Eq. 25), x' = R (e1 + phi) (Eq. 24). Order 3: their series, to third order
-// in all (Eq. 26, 27). Lengths of integrals are parts of the beam's: K is what turns over the whole length.
+// The sampled body in space. Exact: R' = R K~ (Eq. 25), x' = R (e1 + phi) (Eq. 24). Order 3: their series, to third
+// order in all (Eq. 26, 27). Lengths of integrals are parts of the beam's: K is what turns over the whole length.
 #pragma once
 
 #include "lanes/rotations.hpp"
@@ -74,7 +74,8 @@ void turn_jacobians(const Node& node, const Rows<Space<P>>& rows, const Integral
   for (int k = 0; k < node.ne; ++k) {
     const Field<Sp> J = s.turned.by(k);
     const Field<Sp>& axis = s.R[node.about[k]];
-    if (k >= node.turning) J.clear(0, rows.points);
+    if (k >= node.turning)
+      J.clear(0, rows.points);
     else
       for (int i = 0; i < rows.points; ++i) J.set(i, rows.shape(k, i) * axis(i));
   }
@@ -178,15 +179,14 @@ struct ThirdOrder {
   /// theta' = K + theta_1 x K / 2 + theta_2 x K / 2 + theta_1 x (theta_1 x K) / 12
   V twist() const {
     const V turned = Sp::cross(theta, K);
-    return K + times(0.5, turned) + times(0.5, Sp::cross(theta_2, K)) +
-           times(1.0 / 12.0, Sp::cross(theta, turned));
+    return K + times(0.5, turned) + times(0.5, Sp::cross(theta_2, K)) + times(1.0 / 12.0, Sp::cross(theta, turned));
   }
 };
 
 /// A vector function of the series into a jet.
 template <class S, class P, class F>
-void put_jet(const Node& node, const Rows<Space<P>>& rows, const S* dq, const SpaceSeries<P>& s, const Jet<Space<P>>& out,
-             const F& f) {
+void put_jet(const Node& node, const Rows<Space<P>>& rows, const S* dq, const SpaceSeries<P>& s,
+             const Jet<Space<P>>& out, const F& f) {
   using Lin = typename Space<P>::Lin;
   const auto rate_of = [&](const Jet<Space<P>>& jet, int i) {
     Lin rate = Space<P>::zero();

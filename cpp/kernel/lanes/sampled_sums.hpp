@@ -58,8 +58,7 @@ struct Jet {
 /// One point's value, point i in lane i of the column.
 template <class To, class Sp>
 void put_lane(Sp, const Field<To>& f, int i, const typename Sp::Lin& x) {
-  for (int c = 0; c < Sp::linear; ++c)
-    reinterpret_cast<typename Sp::Scalar*>(f.column(c))[i] = Sp::component(x, c);
+  for (int c = 0; c < Sp::linear; ++c) reinterpret_cast<typename Sp::Scalar*>(f.column(c))[i] = Sp::component(x, c);
 }
 
 template <class Sp>
@@ -181,8 +180,8 @@ void add_products(const P* F, int n, int apart, int rows, P* out) {
 template <class Sp>
 struct Station {
   typename Sp::Scalar root_mass;
-  typename Sp::Lin x, a;   ///< place; acceleration by velocities
-  typename Sp::Rot B;      ///< in space: R diag(root)
+  typename Sp::Lin x, a;    ///< place; acceleration by velocities
+  typename Sp::Rot B;       ///< in space: R diag(root)
   typename Sp::Lin torque;  ///< and what it takes to turn it so
 };
 
@@ -197,8 +196,7 @@ int rows_size(int ne) {
 /// A section's own inertia: what turns it, in its own axes.
 template <class P, class Motion>
 void add_turning(const Rows<Space<P>>& rows, const Motion& m, const typename Space<P>::Lin& w,
-                 const typename Space<P>::Lin& spin, int i, Station<Space<P>>& s,
-                 typename Sums<Space<P>>::Body& body) {
+                 const typename Space<P>::Lin& spin, int i, Station<Space<P>>& s, typename Sums<Space<P>>::Body& body) {
   using Sp = Space<P>;
   const auto root = rows.of_axes(rows.root, i), gyro = rows.of_axes(rows.gyro, i);
   const auto x = m.R[0](i), y = m.R[1](i), z = m.R[2](i);
@@ -291,9 +289,8 @@ void sum_slices(const Node& node, const Rows<Sp>& rows, const Motion& m, const S
 
 /// The sums, with the hub's part and the elastic forces, into what the dynamics asks for.
 template <class Sp, class S>
-void finish(const Node& node, const double* p, const Sums<Sp>& sums, const S* q, const S* dq,
-            const typename Sp::Ang& w, typename Sp::Rigid& M, typename Sp::Lin& f, typename Sp::Ang& n,
-            Elastic<Sp>& out) {
+void finish(const Node& node, const double* p, const Sums<Sp>& sums, const S* q, const S* dq, const typename Sp::Ang& w,
+            typename Sp::Rigid& M, typename Sp::Lin& f, typename Sp::Ang& n, Elastic<Sp>& out) {
   const int ne = node.ne, pairs = ne * (ne + 1) / 2;
   const S m = next<S>(p);  // all of it
   const typename Sp::Lin c = Sp::read(p);

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "flexarm/link.hpp"
-#include "lanes/numbers.hpp"
 #include "lanes/layout.hpp"
+#include "lanes/numbers.hpp"
 
 namespace flexarm {
 namespace lanes {
