@@ -51,7 +51,7 @@ struct Engine {
     for (std::size_t n = 0; n < arm.size(); ++n) arm.link(n).joint().normalise(q_ + arm.first_q(n));
   }
   bool accelerate(const double* q_, const double* v_, const double* tau, double* a_) {
-    if (fast()) return ws->fast->forward(q_, v_, tau, a_);
+    if (fast()) return ws->fast->forward(q_, v_, tau, a_) == lanes::Outcome::good;
     q = Eigen::Map<const Eigen::VectorXd>(q_, q.size());
     v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
     r = Eigen::Map<const Eigen::VectorXd>(tau, v.size());
@@ -169,7 +169,8 @@ struct OneStep::RunOf final : Run {
 const std::vector<OneStep::Traits>& OneStep::methods() {
   static const std::vector<Traits> rows = [] {
     std::vector<Traits> out;
-    for (const MethodTraits& row : Methods::traits) out.push_back({row.name, row.rubs, row.iterates, row.damps, row.limit});
+    for (const MethodTraits& row : Methods::traits)
+      out.push_back({row.name, row.rubs, row.iterates, row.damps, row.limit});
     return out;
   }();
   return rows;
