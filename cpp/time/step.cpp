@@ -169,7 +169,8 @@ struct OneStep::RunOf final : Run {
 const std::vector<OneStep::Traits>& OneStep::methods() {
   static const std::vector<Traits> rows = [] {
     std::vector<Traits> out;
-    for (const MethodTraits& row : Methods::traits) out.push_back({row.name, row.rubs, row.iterates, row.damps, row.limit});
+    for (const MethodTraits& row : Methods::traits)
+      out.push_back({row.name, row.rubs, row.iterates, row.damps, row.limit});
     return out;
   }();
   return rows;
