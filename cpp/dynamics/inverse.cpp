@@ -2,6 +2,7 @@
 
 #include <type_traits>
 
+#include "lanes/single.hpp"
 #include "sweeps.hpp"
 
 namespace flexarm {
@@ -47,6 +48,25 @@ void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a, bool 
     ws.tau.segment(e, link.ne()) = s.Fe;
   }
 }
+
+void move_arm(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  move_arm<double>(arm, ws, q, v);
+  if (ws.fast) ws.fast->move(q.data(), v.data());
+}
+
+void inverse_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                      const Eigen::VectorXd& a, bool with_masses) {
+  if (!ws.fast) return inverse_dynamics<double>(arm, ws, q, v, a, with_masses);
+  ws.fast->inverse(q.data(), v.data(), a.data(), ws.tau.data());
+  add_feedback(ws.feedback, q, v, -1.0, ws.tau);
+}
+
+void joint_forces(const Arm& arm, Workspace& ws, const Eigen::VectorXd& a) {
+  if (ws.fast) return ws.fast->forces(a.data(), ws.tau.data());
+  accelerate_arm<double>(arm, ws, a, -arm.gravity());
+  joint_forces<double>(arm, ws, a);
+}
+
 #define FLEXARM_INSTANTIATE(S)                                                                                      \
   template void inverse_dynamics<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&, const VecX<S>&, const VecX<S>&, \
                                     bool);                                                                          \

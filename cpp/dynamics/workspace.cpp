@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "flexarm/check.hpp"
+#include "lanes/feedback.hpp"
 #include "lanes/single.hpp"
 
 namespace flexarm {
@@ -36,7 +37,7 @@ Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::
     widest = std::max<Eigen::Index>(widest, link.nj() + link.ne());
   }
   rhs = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(free.size()));
-  total = Eigen::VectorXd::Zero(arm.nv());
+  total = rhs_all = Eigen::VectorXd::Zero(arm.nv());
   columns = Eigen::MatrixXd::Zero(6, widest);
   factor.compute(Eigen::MatrixXd::Identity(1, 1));  // so that a copy reads nothing that was never set
   if (!applied.empty()) return;
@@ -61,11 +62,15 @@ void Workspace::feed_back(const std::vector<Feedback>& laws) {
   feedback.clear();
   for (const Feedback& law : laws) feedback.push_back({&law});
   const Eigen::Index n = static_cast<Eigen::Index>(laws.size()), nv = a.size();
-  feedback_slopes = feedback_columns = Eigen::MatrixXd::Zero(nv, n);
-  feedback_matrix = Eigen::MatrixXd::Identity(n, n);
-  feedback_x = Eigen::VectorXd::Zero(nv);
-  feedback_rhs = feedback_share = Eigen::VectorXd::Zero(n);
-  feedback_factor.compute(feedback_matrix);
+  const auto scratch = FeedbackLaws<double>::scalars(static_cast<int>(n), static_cast<int>(nv));
+  feedback_numbers.setZero(n * (2 * nv + nq_ + 1) + static_cast<Eigen::Index>(scratch));
+  for (Eigen::Index l = 0; l < n; ++l) {
+    const Feedback& law = laws[static_cast<std::size_t>(l)];
+    feedback_numbers.segment(l * nv, nv) = law.column;
+    feedback_numbers.segment(n * nv + l * nq_, nq_) = law.by_q;
+    feedback_numbers.segment(n * (nv + nq_) + l * nv, nv) = law.by_v;
+    feedback_numbers[n * (2 * nv + nq_) + l] = law.limit;
+  }
 }
 
 }  // namespace flexarm

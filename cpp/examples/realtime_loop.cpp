@@ -142,7 +142,7 @@ class Controller {
     add_strain_feedback(v);
     // by name: the sweeps of the AB method, which leave in the workspace what joint_forces goes on from
     if (flexarm::forward_dynamics_ab(arm_, ws_, q, v, zero_) != flexarm::Status::ok) return nullptr;
-    flexarm::joint_forces<double>(arm_, ws_, ws_.a);
+    flexarm::joint_forces(arm_, ws_, ws_.a);
     for (const int i : joints_) tau_[i] = ws_.tau[i];
     return tau_.allFinite() ? &tau_ : nullptr;
   }

@@ -77,7 +77,7 @@ void inverse(void* self, const double* q, const double* v, const double* a, doub
 }
 
 void move(void* self, const double* q, const double* v) {
-  on(self, [&](auto& chain) { chain.move(q, v); });
+  on(self, [&](auto& chain) { v ? chain.move(q, v) : chain.template move<false>(q, v); });
 }
 
 void forces(void* self, const double* a, double* tau) {

@@ -89,8 +89,8 @@ struct HotPath {
 
   void dynamics() {
     if (forward_dynamics_ab(arm, ws, q, v, tau) != Status::ok) status = Status::singular;
-    inverse_dynamics<double>(arm, ws, q, v, a);
-    joint_forces<double>(arm, ws, a);
+    inverse_dynamics(arm, ws, q, v, a);
+    joint_forces(arm, ws, a);
     composite_mass_matrix(arm, ws);
     if (forward_dynamics_ci(arm, ws, q, v, tau) != Status::ok) status = Status::singular;
     move_arm(arm, ws, q, v);

@@ -168,7 +168,7 @@ class Sliding {
     s.drive(t);
     forward_dynamics_ab(arm_, s.ws, s.q, s.v, s.tau);
     s.a = s.ws.a;
-    joint_forces<double>(arm_, s.ws, s.ws.a);
+    joint_forces(arm_, s.ws, s.ws.a);
     add_feedback(s.ws.feedback, s.q, s.v, 1.0, s.tau);
     return s.ws.tau - s.tau;
   }

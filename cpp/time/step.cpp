@@ -7,7 +7,6 @@
 #include "flexarm/check.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "lanes/methods.hpp"
-#include "lanes/single.hpp"
 #include "sweeps.hpp"
 
 namespace flexarm {
@@ -31,7 +30,6 @@ struct Engine {
     for (const Link& link : arm.links()) mass += link.mass();
     weight = mass * arm.gravity().squaredNorm();
   }
-  bool fast() const { return ws->fast && ws->feedback.empty(); }
 
   void place(const double* q0, const double* u, double* out) const {
     for (std::size_t n = 0; n < arm.size(); ++n) {
@@ -51,7 +49,6 @@ struct Engine {
     for (std::size_t n = 0; n < arm.size(); ++n) arm.link(n).joint().normalise(q_ + arm.first_q(n));
   }
   bool accelerate(const double* q_, const double* v_, const double* tau, double* a_) {
-    if (fast()) return ws->fast->forward(q_, v_, tau, a_) == lanes::Outcome::good;
     q = Eigen::Map<const Eigen::VectorXd>(q_, q.size());
     v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
     r = Eigen::Map<const Eigen::VectorXd>(tau, v.size());
@@ -61,27 +58,18 @@ struct Engine {
     return good;
   }
   void inverse(const double* q_, const double* v_, const double* a_, double* tau, bool with_masses) {
-    v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
-    if (fast()) {
-      ws->fast->inverse(q_, v_, a_, tau);
-      return;
-    }
     q = Eigen::Map<const Eigen::VectorXd>(q_, q.size());
+    v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
     a = Eigen::Map<const Eigen::VectorXd>(a_, a.size());
-    inverse_dynamics<double>(arm, *ws, q, v, a, with_masses);
+    inverse_dynamics(arm, *ws, q, v, a, with_masses);
     Eigen::Map<Eigen::VectorXd>(tau, v.size()) = ws->tau;
   }
   bool factor(const lanes::Shift& shift, double& twice_kinetic) {
-    if (fast()) return ws->fast->factor(shift, v.data(), twice_kinetic) == lanes::Outcome::good;
     const bool good = factor_shifted(arm, *ws, q, v, Shift{shift.damping, shift.stiffness}, true) == Status::ok;
     twice_kinetic = ws->twice_kinetic;
     return good;
   }
   void solve(const double* r_, double* x_) {
-    if (fast()) {
-      ws->fast->solve(r_, x_);
-      return;
-    }
     r = Eigen::Map<const Eigen::VectorXd>(r_, r.size());
     solve_shifted(arm, *ws, r, x);
     Eigen::Map<Eigen::VectorXd>(x_, x.size()) = x;

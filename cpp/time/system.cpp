@@ -92,8 +92,7 @@ bool System::record(Trajectory& out, bool composite) {
   }
   a = ws.a;
   if (rubbing) move_arm(arm, ws, q, v);
-  if (rubbing || composite) accelerate_arm<double>(arm, ws, a, -arm.gravity());
-  joint_forces<double>(arm, ws, a);
+  joint_forces(arm, ws, a);
   if (!ws.tau.allFinite()) {
     out.failure = "the forces are no longer finite";
     return false;

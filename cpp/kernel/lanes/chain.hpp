@@ -103,7 +103,8 @@ struct Chain {
     }
   }
   static std::size_t scratch_bytes(const Layout& layout) {
-    std::size_t most = 0;
+    constexpr std::size_t W = sizeof(P) / sizeof(S);
+    std::size_t most = 3 * ((static_cast<std::size_t>(layout.nodes) + W - 1) / W);  // of turn_hinges
     for (int i = 0; i < layout.nodes; ++i)
       if (const std::size_t need = scratch_of(layout.node[i]); need > most) most = need;
     return most * sizeof(P);
@@ -159,15 +160,14 @@ struct Chain {
     }
   }
 
-  /// A ball's first node, on a frame that turns by w. @param p  its numbers
+  /// A ball's first node, on a frame that turns by w. @param p, q, v  its numbers, quaternion and rates
   void move_ball(const Node& node, const double*& p, const typename Sp::Rot& seat, const S* q, const S* v, const Ang& w,
                  State<Sp>& s) {
     if constexpr (!Sp::planar) {
-      const S *turn = q + node.q, *rates = v + node.v;
-      if (node.passive) resist_ball(node, p, turn, rates, &s);
-      const typename Sp::Rot R = ball_rotation(turn);
+      if (node.passive) resist_ball(node, p, q, v, &s);
+      const typename Sp::Rot R = ball_rotation(q);
       s.R = node.turned ? Sp::times(seat, R) : R;
-      const Ang carried = Sp::unrotate_angular(s.R, w), own{rates[0], rates[1], rates[2]};
+      const Ang carried = Sp::unrotate_angular(s.R, w), own{v[0], v[1], v[2]};
       s.w = carried + own;
       s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, s.r)));
       s.bias_w = Sp::cross(carried, own);
@@ -183,59 +183,87 @@ struct Chain {
     s.bias_w = Sp::zero_angular();
   }
 
-  /// Places, velocities, own inertias and bias forces of all nodes.
+  static bool is_hinge(const Node& node) { return node.kind == Node::revolute && !node.ball && !node.coincident; }
+
+  /// Sines and cosines of all hinges; of one arm, of several hinges at once.
+  void turn_hinges(const S* q) {
+    constexpr int W = sizeof(P) / sizeof(S);
+    S* angle = reinterpret_cast<S*>(scratch);
+    int count = 0;
+    for (int i = 0; i < layout.nodes; ++i)
+      if (const Node& node = layout.node[i]; is_hinge(node)) angle[count++] = node.sign * q[node.q];
+    while (count % W != 0) angle[count++] = S{};
+    P *sines = scratch + count / W, *cosines = sines + count / W;
+    for (int k = 0; k < count / W; ++k) sine_cosine(scratch[k], sines[k], cosines[k]);
+    const S *sine = reinterpret_cast<S*>(sines), *cosine = reinterpret_cast<S*>(cosines);
+    for (int i = 0; i < layout.nodes; ++i)
+      if (is_hinge(layout.node[i])) {
+        state[i].sine = *sine++;
+        state[i].cosine = *cosine++;
+      }
+  }
+
+  /// A hinge, or a slide, or neither, seated on a frame that turns by w.
+  template <bool rates>
+  static void move_joint(const Node& node, const typename Sp::Rot& seat, const S* q, const S* v, const Ang& w,
+                         State<Sp>& s) {
+    const S &sn = s.sine, &cs = s.cosine;
+    const bool hinge = node.kind == Node::revolute, slide = node.kind == Node::prismatic;
+    s.R = !hinge ? seat : node.turned ? Sp::turned(seat, node.axis, sn, cs) : Sp::turn(node.axis, sn, cs);
+    if (slide) {
+      Lin along = Sp::zero();
+      Sp::component(along, node.axis) += node.sign * q[node.q];
+      s.r += Sp::rotate(s.R, along);
+    }
+    if constexpr (rates) {
+      const Ang carried = Sp::unrotate_angular(s.R, w);
+      s.w = carried;
+      s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, s.r)));
+      s.bias_w = Sp::zero_angular();
+      if (hinge) {
+        Ang own = Sp::zero_angular();
+        Sp::angular_component(own, node.axis) += node.sign * v[node.v];
+        s.w += own;
+        s.bias_w = Sp::cross(carried, own);
+      } else if (slide) {
+        Lin rate = Sp::zero();
+        Sp::component(rate, node.axis) += 2.0 * (node.sign * v[node.v]);
+        s.bias_a += Sp::cross(carried, rate);
+      }
+    }
+  }
+
+  /// Places, velocities, own inertias and bias forces of all nodes. Without rates: of an arm at rest, whose bias forces
+  /// are not needed.
+  template <bool rates = true>
   void move(const S* q, const S* v) {
+    static const S none[kMostElastic]{};
+    turn_hinges(q);
     Ang w = Sp::zero_angular();
     typename Sp::Rot attitude = Sp::turn(0, S{}, number<S>(1.0));
     for (int i = 0; i < layout.nodes; ++i) {
       const Node& node = layout.node[i];
       State<Sp>& s = state[i];
       const double* p = numbers + node.numbers;
-      const double sign = node.sign;
       typename Sp::Rot seat = Sp::turn(0, S{}, number<S>(1.0));
       if (!node.coincident) {
         s.r = Sp::read(p);
         if (node.turned) seat = Sp::read_rotation(p);
-        if (node.passive && !node.ball) resist(node, p, q[node.q], v[node.v], s);
+        if (node.passive && !node.ball) resist(node, p, q[node.q], rates ? v[node.v] : S{}, s);
       }
-      const Lin arm = s.r;
       if (node.coincident) {
         stay(w, s);
       } else if (node.ball) {
-        move_ball(node, p, seat, q, v, w, s);
-      } else if (node.kind == Node::revolute) {
-        const S &sn = s.sine, &cs = s.cosine;
-        sine_cosine(S(sign * q[node.q]), s.sine, s.cosine);
-        s.R = node.turned ? Sp::turned(seat, node.axis, sn, cs) : Sp::turn(node.axis, sn, cs);
-        const S rate = sign * v[node.v];
-        const Ang carried = Sp::unrotate_angular(s.R, w);
-        s.w = carried;
-        Sp::angular_component(s.w, node.axis) += rate;
-        s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, arm)));
-        Ang own = Sp::zero_angular();
-        Sp::angular_component(own, node.axis) += rate;
-        s.bias_w = Sp::cross(carried, own);
+        move_ball(node, p, seat, q + node.q, rates ? v + node.v : none, w, s);
       } else {
-        s.R = seat;
-        s.w = Sp::unrotate_angular(s.R, w);
-        Lin slide = Sp::zero();
-        if (node.kind == Node::prismatic) {
-          Sp::component(slide, node.axis) += sign * q[node.q];
-          s.r += Sp::rotate(s.R, slide);
-        }
-        s.bias_a = Sp::unrotate(s.R, Sp::cross(w, Sp::cross(w, s.r)));
-        if (node.kind == Node::prismatic) {
-          Lin rate = Sp::zero();
-          Sp::component(rate, node.axis) += 2.0 * (sign * v[node.v]);
-          s.bias_a += Sp::cross(s.w, rate);
-        }
-        s.bias_w = Sp::zero_angular();
+        move_joint<rates>(node, seat, q, v, w, s);
       }
+      if constexpr (!rates) s.w = w;  // none
       w = s.w;
       if (layout.attitudes) attitude = s.attitude = node.coincident ? attitude : Sp::times(attitude, s.R);
       if (node.ne > 0) {
         Elastic<Sp>& e = s.elastic;
-        bend_body(node, p, gravity_in(attitude), q + node.qe, v + node.ve, s);
+        bend_body(node, p, gravity_in(attitude), q + node.qe, rates ? v + node.ve : none, s);
         // what is carried by the end moves with the slice there (Eq. 45, 46)
         s.end_w = Sp::unrotate_angular(e.end.R, s.w + e.end.turning);
         const Lin sweep = Sp::cross(s.w, e.end.x) + number<S>(2.0) * e.end.u_dot;
@@ -245,10 +273,10 @@ struct Chain {
         if (layout.attitudes) attitude = Sp::times(attitude, e.end.R);
         if (node.tip) {
           const double* t = numbers + node.tip_body;
-          read_body(t, w, s.tip, s.tip_f, s.tip_n);
+          read_body<rates>(t, w, s.tip, s.tip_f, s.tip_n);
         }
       } else if (node.body) {
-        read_body(p, s.w, s.body, s.body_f, s.body_n);
+        read_body<rates>(p, s.w, s.body, s.body_f, s.body_n);
       }
     }
   }
@@ -275,11 +303,13 @@ struct Chain {
       bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
   }
 
+  template <bool rates>
   static void read_body(const double*& p, const Ang& w, typename Sp::Rigid& body, Lin& f, Ang& n) {
     const S m = next<S>(p);
     const Lin c = Sp::read(p);
     const typename Sp::Sym J = Sp::read_symmetric(p);
     body = {m, c, J};
+    if constexpr (!rates) return;
     f = Sp::cross(w, Sp::cross(w, c));
     n = Sp::cross(w, Sp::apply(J, w));
   }
@@ -369,20 +399,15 @@ struct Chain {
           if (!node.passive) (about ? Sp::angular_component(n, node.axis) : Sp::component(f, node.axis)) = applied;
         }
       }
-      if constexpr (biased) {
-        if (node.kind != Node::fixed && node.given) {
-          const S a = node.sign * given[node.v];
-          if (about)
-            Sp::angular_component(s.bias_w, node.axis) += a;
-          else
-            Sp::component(s.bias_a, node.axis) += a;
+      if constexpr (inertia && forces && biased)
+        if (!node.coincident || node.given) {
+          Lin a = s.bias_a;
+          Ang dw = s.bias_w;
+          if (node.kind != Node::fixed && node.given)  // what is prescribed is part of the bias
+            (about ? Sp::angular_component(dw, node.axis) : Sp::component(a, node.axis)) += node.sign * given[node.v];
+          f += Sp::force(M, a, dw);
+          n += Sp::torque(M, a, dw);
         }
-        if constexpr (inertia && forces)
-          if (!node.coincident || node.given) {
-            f += Sp::force(M, s.bias_a, s.bias_w);
-            n += Sp::torque(M, s.bias_a, s.bias_w);
-          }
-      }
       if (i == 0) break;
       if (node.coincident) continue;
       if constexpr (inertia)
@@ -480,7 +505,7 @@ struct Chain {
     }
   }
 
-  /// Outward: accelerations, into x where they are not given. Without biases, of what solve_shifted asks for.
+  /// Outward: accelerations, into x, which holds those that are given. Without biases, of what solve_shifted asks for.
   template <bool biased>
   void outward(const Lin& base, S* x) {
     Lin a = base;  // of the frame before, at its end
@@ -497,13 +522,10 @@ struct Chain {
         a += s.bias_a;
         dw += s.bias_w;
       }
-      if (node.kind != Node::fixed && !node.given) {
-        const S qdd = s.u - s.over_d * (Sp::dot(s.U_f, a) + Sp::dot(s.U_n, dw));
-        x[node.v] = node.sign * qdd;
-        if (node.kind == Node::revolute)
-          Sp::angular_component(dw, node.axis) += qdd;
-        else
-          Sp::component(a, node.axis) += qdd;
+      if (node.kind != Node::fixed) {
+        if (!node.given) x[node.v] = node.sign * (s.u - s.over_d * (Sp::dot(s.U_f, a) + Sp::dot(s.U_n, dw)));
+        const S qdd = node.sign * x[node.v];
+        (node.kind == Node::revolute ? Sp::angular_component(dw, node.axis) : Sp::component(a, node.axis)) += qdd;
       }
       if (node.ne == 0) continue;
       Elastic<Sp>& e = s.elastic;

@@ -17,12 +17,12 @@ struct Composite {
   static constexpr int kRows = Sp::linear + Sp::angular;
   struct Place {
     Rot R;  ///< a node's frame in the base's axes
-    Lin p;
+    Lin p;  ///< from the origin: the first node that turns, so that no digits are lost where a base is far away
   };
 
   int nv;
   Place* place;  ///< by node
-  S* H;          ///< kRows of nv: by rate, the motion of what it moves at the base's origin, base axes (Eq. 91)
+  S* H;          ///< kRows of nv: by rate, the motion of what it moves at the origin, base axes (Eq. 91)
 
   static std::size_t memory(const Layout& layout) {
     return static_cast<std::size_t>(layout.nodes) * sizeof(Place) +
@@ -51,16 +51,18 @@ struct Composite {
     for (int r = 0; r < Sp::angular; ++r) H[(Sp::linear + r) * nv + rate] = y[r];
   }
 
-  /// What each rate moves, at the base's origin.
+  /// What each rate moves, at the origin.
   template <class C>
   void outward(const C& chain) {
     Rot R = Sp::turn(0, S{}, number<S>(1.0));
     Lin p = Sp::zero();
+    bool turned = false;
     for (int i = 0; i < chain.layout.nodes; ++i) {
       const Node& node = chain.layout.node[i];
       const State<Sp>& s = chain.state[i];
       if (!node.coincident) {
-        p += Sp::rotate(R, s.r);
+        if (turned) p += Sp::rotate(R, s.r);
+        turned = turned || node.kind == Node::revolute || node.ne > 0;
         R = i == 0 ? s.R : Sp::times(R, s.R);
       }
       place[i] = {R, p};

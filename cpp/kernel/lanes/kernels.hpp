@@ -86,7 +86,8 @@ struct Kernels {
   Outcome (*forward)(void* self, const double* q, const double* v, const double* tau, double* a);
   /// Inverse dynamics.
   void (*inverse)(void* self, const double* q, const double* v, const double* a, double* tau);
-  /// Coordinates q and rates v for what follows; `forward` and `inverse` do so, too.
+  /// Coordinates q and rates v for what follows; `forward` and `inverse` do so, too. Without v, for `mass_matrix`
+  /// alone.
   void (*move)(void* self, const double* q, const double* v);
   /// Inverse dynamics where the chain is.
   void (*forces)(void* self, const double* a, double* tau);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "lanes/chain.hpp"
+#include "lanes/feedback.hpp"
 #include "lanes/kernels.hpp"
 #include "lanes/methods.hpp"
 
@@ -22,15 +23,15 @@ struct Rolled {
   C chain;
   typename Sp::Lin base;
   const int* free;
-  int free_count, nq, nv, laws;
+  int free_count, nq, nv;
+  FeedbackLaws<S> laws;
   S weight;
-  S* offset;                            // laws
-  S *total, *slopes, *columns, *G, *y;  // nv; nv laws; nv laws; laws^2; laws
+  S* total;  // nv
   const S *q_now = nullptr, *v_now = nullptr;
 
   static std::size_t memory(const Roll& j) {
-    const std::size_t nv = static_cast<std::size_t>(j.layout->nv), n = static_cast<std::size_t>(j.laws);
-    return C::memory_needed(*j.layout) + (nv + 2 * n * nv + n * n + 2 * n) * sizeof(S);
+    const std::size_t nv = static_cast<std::size_t>(j.layout->nv);
+    return C::memory_needed(*j.layout) + (nv + FeedbackLaws<S>::scalars(j.laws, j.layout->nv)) * sizeof(S);
   }
   Rolled(const Roll& j, char* at)
       : job(j),
@@ -40,15 +41,11 @@ struct Rolled {
         free_count(j.free_count),
         nq(j.layout->nq),
         nv(j.layout->nv),
-        laws(j.laws),
+        laws{j.laws, nq, nv, j.column, j.by_q, j.by_v, j.limit},
         weight(L::load(j.weight)) {
     total = reinterpret_cast<S*>(at + C::memory_needed(*j.layout));
-    slopes = total + nv;
-    columns = slopes + laws * nv;
-    G = columns + laws * nv;
-    y = G + laws * laws;
-    offset = y + laws;
-    for (int i = 0; i < laws; ++i) offset[i] = S{};
+    laws.lay_out(total + nv);
+    for (int i = 0; i < j.laws; ++i) laws.offset[i] = S{};
   }
   static typename Sp::Lin first(const double* p) { return Sp::read(p); }
   static S of(const double* table, int i) { return L::load(table + i * L::width); }
@@ -56,59 +53,19 @@ struct Rolled {
   void place(const S* q0, const S* u, S* q) const { displace(chain.layout, q0, u, q); }
   void rates(const S* q, const S* v, S* dq) const { coordinate_rates(chain.layout, q, v, dq); }
   void normalise(S* q) const { ::normalise(chain.layout, q); }
-  /// A law's force (see Feedback), and where it is at its limit.
-  S force(int law, const S* q, const S* v, Mask& limited) const {
-    S u = offset[law];
-    for (int i = 0; i < nq; ++i) u -= of(job.by_q, law * nq + i) * q[i];
-    for (int i = 0; i < nv; ++i) u -= of(job.by_v, law * nv + i) * v[i];
-    const S most = of(job.limit, law);
-    limited = L::size(u) >= most;
-    return L::smaller(most, L::larger(-most, u));  // in this order, what is not a number stays so
-  }
-  void add_feedback(const S* q, const S* v, double sign, S* tau) const {
-    for (int l = 0; l < laws; ++l) {
-      Mask limited;
-      const S u = sign * force(l, q, v, limited);
-      for (int i = 0; i < nv; ++i) tau[i] += u * of(job.column, l * nv + i);
-    }
-  }
-
   void inverse(const S* q, const S* v, const S* a, S* tau, bool) {
     chain.move(q, v);
     chain.forces(base, a, tau);
-    add_feedback(q, v, -1.0, tau);
+    laws.add(q, v, -1.0, tau);
     q_now = q;
     v_now = v;
   }
   Mask factor(const Shift& shift, S& twice) {
     twice = chain.twice_kinetic(v_now);
     const Mask good = chain.template inward<true, false, false>(nullptr, nullptr, shift);
-    for (int l = 0; l < laws; ++l) {  // Woodbury's formula for S + column slopes^T, as in ab.cpp
-      Mask limited;
-      force(l, q_now, v_now, limited);
-      S* s = slopes + l * nv;
-      for (int i = 0; i < nv; ++i) s[i] = total[i] = S{};
-      for (int k = 0; k < free_count; ++k) {
-        const int i = free[k];
-        S slope = shift.damping * of(job.by_v, l * nv + i);
-        if (const int c = job.coordinate[i]; c >= 0) slope += shift.stiffness * of(job.by_q, l * nq + c);
-        s[i] = L::select(limited, S{}, slope);
-      }
-      for (int i = 0; i < nv; ++i) total[i] = of(job.column, l * nv + i);
-      solve_chain(total, columns + l * nv);
-    }
-    for (int i = 0; i < laws; ++i)
-      for (int j = 0; j < laws; ++j) {
-        S sum = number<S>(i == j ? 1.0 : 0.0);
-        for (int k = 0; k < nv; ++k) sum += slopes[i * nv + k] * columns[j * nv + k];
-        G[i * laws + j] = sum;
-      }
-    for (int k = 0; k < laws; ++k)  // G = L U, below the diagonal L, above it U
-      for (int i = k + 1; i < laws; ++i) {
-        const S l = G[i * laws + k] / G[k * laws + k];
-        G[i * laws + k] = l;
-        for (int j = k + 1; j < laws; ++j) G[i * laws + j] -= l * G[k * laws + j];
-      }
+    laws.factor(
+        shift, q_now, v_now, free, free_count, [&](int i) { return job.coordinate[i]; },
+        [&](const S* r, S* x) { solve_chain(r, x); });
     return good;
   }
   void solve_chain(const S* r, S* x) {
@@ -118,24 +75,12 @@ struct Rolled {
   }
   void solve(const S* r, S* x) {
     solve_chain(r, x);
-    if (laws == 0) return;
-    for (int i = 0; i < laws; ++i) {
-      S sum{};
-      for (int k = 0; k < nv; ++k) sum += slopes[i * nv + k] * x[k];
-      for (int j = 0; j < i; ++j) sum -= G[i * laws + j] * y[j];
-      y[i] = sum;
-    }
-    for (int i = laws; i-- > 0;) {
-      S sum = y[i];
-      for (int j = i + 1; j < laws; ++j) sum -= G[i * laws + j] * y[j];
-      y[i] = sum / G[i * laws + i];
-      for (int k = 0; k < nv; ++k) x[k] -= columns[i * nv + k] * y[i];
-    }
+    laws.correct(x);
   }
   /// Accelerations into x, which holds those that are given.
   Mask accelerate(const S* q, const S* v, const S* tau, S* x) {
     for (int i = 0; i < nv; ++i) total[i] = tau[i];
-    add_feedback(q, v, 1.0, total);
+    laws.add(q, v, 1.0, total);
     chain.move(q, v);
     const Mask good = chain.template inward<true, true, true>(total, x, Shift{});
     chain.template outward<true>(base, x);
@@ -186,7 +131,7 @@ struct Roller {
 
   void set(long step, long half) {
     const auto raw = [](S* p) { return reinterpret_cast<double*>(p); };
-    job.scenarios->set(step, half, raw(q), raw(v), raw(x), raw(tau), raw(arms.offset));
+    job.scenarios->set(step, half, raw(q), raw(v), raw(x), raw(tau), raw(arms.laws.offset));
   }
   void lose(const Mask& where, int status, long step) {
     for (int l = 0; l < W; ++l)
@@ -234,8 +179,8 @@ struct Roller {
       arms.inverse(q, v, y, forces, false);
       lose(L::none_of(good & finite(y) & finite(forces)), flexarm::lanes::not_finite, step);
       for (int i = 0; i < arms.nv; ++i) arms.total[i] = tau[i];
-      arms.add_feedback(q, v, 1.0, arms.total);
-      arms.add_feedback(q, v, 1.0, forces);  // the reactions of what is prescribed, and of nothing else
+      arms.laws.add(q, v, 1.0, arms.total);
+      arms.laws.add(q, v, 1.0, forces);  // the reactions of what is prescribed, and of nothing else
       for (int k = 0; k < arms.free_count; ++k) forces[arms.free[k]] = arms.total[arms.free[k]];
       for (int c = job.rubs; c < job.rubs + job.rubs_given; ++c) {  // a drive must overcome the friction, too
         const S speed = v[job.rubbing[c]], most = arms.of(job.coulomb, c);

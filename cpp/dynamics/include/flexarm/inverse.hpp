@@ -18,4 +18,10 @@ void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, c
 template <class S>
 void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a, bool with_masses = false);
 
+/// The same of one workspace, on the kernel where that knows the arm.
+void inverse_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                      const Eigen::VectorXd& a, bool with_masses = false);
+/// Inverse dynamics where the workspace is: after move_arm, forward or inverse dynamics at q and v. Without feedback.
+void joint_forces(const Arm& arm, Workspace& ws, const Eigen::VectorXd& a);
+
 }  // namespace flexarm

@@ -10,6 +10,9 @@ namespace flexarm {
 template <class S>
 void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v);
 
+/// The same of one workspace, for all that follows.
+void move_arm(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
+
 /// Takes the workspace's loads on a link off its force F and elastic forces Fe, by the transposed Jacobians of the
 /// slices they act on (Eq. 53); after move_arm.
 template <class S>

@@ -87,13 +87,10 @@ class Workspace : public SweepWorkspace<double> {
   /// @throws std::invalid_argument where their lengths are not those of the arm
   void feed_back(const std::vector<Feedback>& laws);
   void feed_back(const std::vector<Feedback>&& laws) = delete;  ///< they would be gone
-  // Feedback in factor_shifted, by Woodbury's formula for S + columns slopes^T
-  Eigen::MatrixXd feedback_slopes, feedback_columns;  ///< slopes; S^-1 columns (nv x laws)
-  Eigen::MatrixXd feedback_matrix;                    ///< 1 + slopes^T S^-1 columns
-  Eigen::PartialPivLU<Eigen::MatrixXd> feedback_factor;
-  Eigen::VectorXd feedback_x, feedback_rhs, feedback_share;
-  Eigen::VectorXd total;    ///< forces with those of feedback
-  Eigen::MatrixXd columns;  ///< 6 x n scratch
+  Eigen::VectorXd feedback_numbers;  ///< of the laws and of factor_shifted, see lanes/feedback.hpp
+  Eigen::VectorXd rhs_all;           ///< scratch (nv)
+  Eigen::VectorXd total;             ///< forces with those of feedback
+  Eigen::MatrixXd columns;           ///< 6 x n scratch
 
  private:
   int nq_;
