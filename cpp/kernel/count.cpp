@@ -36,7 +36,7 @@ thread_local long Counted::operations = 0;
 
 template <>
 struct Lanes<Counted> {
-  static constexpr int width = 1;
+  static constexpr int width = 1, lag = 0;
   using Mask = bool;
   static Counted load(const double* p) { return Counted(*p); }
   static Counted select(bool m, const Counted& a, const Counted& b) { return m ? a : b; }

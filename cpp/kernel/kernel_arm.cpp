@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "lanes/sampled_tables.hpp"
+
 namespace flexarm {
 namespace lanes {
 
@@ -18,6 +20,7 @@ void KernelArm::point() {
     nodes_[k].direction = lists_[k].direction.data();
     nodes_[k].about = lists_[k].about.data();
     nodes_[k].block = lists_[k].blocks.data();
+    if (lists_[k].table) nodes_[k].table = lists_[k].table->data();
   }
 }
 
@@ -48,14 +51,28 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     const std::size_t shift = out.numbers_.size() - from;  // modulo 2^64
     for (std::size_t Node::* place : {&Node::numbers, &Node::end, &Node::tip_body}) moved.*place += shift;
     if (node.ne == 0 && k + 1 < nodes_.size()) continue;  // its numbers are copied with the next ones
-    const std::size_t end = node.ne == 0 ? numbers_.size() : node.points;
+    const bool sampled = node.body == Node::sampled;
+    const std::size_t end = node.ne == 0 ? numbers_.size() : sampled ? node.end : node.points;
     out.numbers_.insert(out.numbers_.end(), numbers_.begin() + static_cast<std::ptrdiff_t>(from),
                         numbers_.begin() + static_cast<std::ptrdiff_t>(end));
     if (node.ne == 0) break;
-    while (out.numbers_.size() % w != 0) out.numbers_.push_back(0.0);
-    moved.points = out.numbers_.size();
-    const std::size_t next = k + 1 < nodes_.size() ? nodes_[k + 1].numbers : numbers_.size();
-    from = next;
+    const auto align = [&] {
+      while (out.numbers_.size() % w != 0) out.numbers_.push_back(0.0);
+      return out.numbers_.size();
+    };
+    from = k + 1 < nodes_.size() ? nodes_[k + 1].numbers : numbers_.size();
+    if (sampled) {
+      const double* p = numbers_.data() + node.end;
+      moved.passes = width == 1 ? node.half : node.half / width + 1;  // with room for one more (integral.hpp)
+      moved.further_passes = (node.further + width - 1) / width;
+      moved.end = align();
+      group_slice(node, moved, layout_.planar, width, p, out.numbers_);
+      moved.points = align();
+      group_points(node, moved, layout_.planar, width, p, out.numbers_);
+      out.lists_[k].table = integral_table(lists_[k].points, width);
+      continue;
+    }
+    moved.points = align();
     const std::size_t counts[] = {static_cast<std::size_t>(node.passes), static_cast<std::size_t>(node.rotary)};
     const std::size_t sizes[] = {node.point_numbers, node.rotary_numbers};
     const double* p = numbers_.data() + node.points;
@@ -69,6 +86,7 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     moved.passes = (node.passes + width - 1) / width;
     moved.rotary = (node.rotary + width - 1) / width;
   }
+  out.point();
   return out;
 }
 
@@ -79,7 +97,7 @@ KernelArm KernelArm::side_by_side(const std::vector<const KernelArm*>& arms, int
   const std::size_t w = static_cast<std::size_t>(width), n = out.numbers_.size();
   out.numbers_.resize(n * w);
   for (std::size_t l = 0; l < w; ++l) {
-    const std::vector<double>& from = arms[std::min(l, arms.size() - 1)]->numbers_;
+    const Numbers& from = arms[std::min(l, arms.size() - 1)]->numbers_;
     for (std::size_t i = 0; i < n; ++i) out.numbers_[i * w + l] = from[i];
   }
   for (Node& node : out.nodes_)

@@ -183,7 +183,7 @@ bool ArmBuilder::add_beam(const Link& link, std::size_t n) {
   set(node().ve, arm.first(n) + link.nj());
   set(node().qe, arm.first_q(n) + link.joint().nq());
   set(node().damped, beam.damped());
-  if (beam.order() > 2 || !(beam.order() == 0 ? add_cut(link) : add_quadratic(link))) return false;
+  if (!(beam.order() == 0 ? add_cut(link) : beam.order() <= 2 ? add_quadratic(link) : add_sampled(link))) return false;
   offset = link.tip().end;
   turn.setIdentity();
   return true;

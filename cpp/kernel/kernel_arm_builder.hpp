@@ -87,6 +87,9 @@ struct ArmBuilder {
     put(b.c);
     put_symmetric(b.J);
   }
+  void put(const std::vector<double>& numbers) {
+    out.numbers_.insert(out.numbers_.end(), numbers.begin(), numbers.end());
+  }
   void put_lower(const Eigen::MatrixXd& M) {
     for (Eigen::Index i = 0; i < M.rows(); ++i)
       for (Eigen::Index j = 0; j <= i; ++j) put(M(i, j));
@@ -115,6 +118,7 @@ struct ArmBuilder {
   bool add_beam(const Link& link, std::size_t n);
   bool add_quadratic(const Link& link);
   bool add_cut(const Link& link);
+  bool add_sampled(const Link& link);
 
   // what beams have in common, in the order of their numbers, behind the constants of the inertia
   bool find_slices(const Beam& beam);  ///< what their motion is made of; @return whether the kernels know it

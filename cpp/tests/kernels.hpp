@@ -166,4 +166,20 @@ inline flexarm::JointForce spring() {
   return f;
 }
 
+/// Links in one plane about `axis`, with everything that a joint may have.
+inline flexarm::Arm flat(const Eigen::Vector3d& axis, std::array<int, 5> modes, int order, double damping = 0.0) {
+  flexarm::Placement seat;
+  seat.position = {0.03, 0.02, 0.01};
+  seat.rotation = Eigen::AngleAxisd(0.4, axis).toRotationMatrix();
+  std::vector<flexarm::Link> links;
+  links.emplace_back(flexarm::Joint::revolute(-axis), body(0.5, {0.075, 0.01, -0.02}), beam(modes, order, damping),
+                     body(0.2, {0.04, 0, 0.01}));
+  links.emplace_back(flexarm::Joint({{true, axis}}, false, {"turn"}, {spring()}, seat, seat), std::nullopt,
+                     beam(modes, order), std::nullopt);
+  links.emplace_back(flexarm::Joint::fixed(), body(0.1, {0.02, 0, 0}), std::nullopt, std::nullopt);
+  links.emplace_back(flexarm::Joint::prismatic({0.6 * (1 - axis[0]), 0.8 * axis[2], 0.8 * axis[1]}),
+                     body(0.3, {0.1, 0, 0}), std::nullopt, std::nullopt);
+  return flexarm::Arm(std::move(links), {1.0, 2.0, -9.81});
+}
+
 }  // namespace flexarm_test

@@ -10,28 +10,11 @@ using Eigen::Vector3d;
 using flexarm_test::all_kernels;
 using flexarm_test::check;
 using flexarm_test::Fast;
+using flexarm_test::flat;
 using flexarm_test::place;
 using flexarm_test::spring;
 
-namespace {
-
-/// Links in one plane about `axis`, with everything that a joint may have.
-Arm flat(const Vector3d& axis, std::array<int, 5> modes, int order, double damping = 0.0) {
-  Placement seat;
-  seat.position = {0.03, 0.02, 0.01};
-  seat.rotation = Eigen::AngleAxisd(0.4, axis).toRotationMatrix();
-  std::vector<Link> links;
-  links.emplace_back(Joint::revolute(-axis), flexarm_test::body(0.5, {0.075, 0.01, -0.02}),
-                     flexarm_test::beam(modes, order, damping), flexarm_test::body(0.2, {0.04, 0, 0.01}));
-  links.emplace_back(Joint({{true, axis}}, false, {"turn"}, {spring()}, seat, seat), std::nullopt,
-                     flexarm_test::beam(modes, order), std::nullopt);
-  links.emplace_back(Joint::fixed(), flexarm_test::body(0.1, {0.02, 0, 0}), std::nullopt, std::nullopt);
-  links.emplace_back(Joint::prismatic({0.6 * (1 - axis[0]), 0.8 * axis[2], 0.8 * axis[1]}),
-                     flexarm_test::body(0.3, {0.1, 0, 0}), std::nullopt, std::nullopt);
-  return Arm(std::move(links), {1.0, 2.0, -9.81});
-}
-
-}  // namespace
+namespace {}  // namespace
 
 TEST_CASE("planar arms run in the plane, with the results of space") {
   for (int order : {1, 2})
@@ -142,7 +125,6 @@ TEST_CASE("a tilt acts, however small it is") {
 }
 
 TEST_CASE("what the kernels do not know takes the other way") {
-  for (int order : {3, kExact}) CHECK(lanes::KernelArm::of(flexarm_test::spatial_arm(order)) == nullptr);
   const Arm arm = flexarm_test::spatial_arm();
   CHECK(bool(Workspace(arm).fast));
   CHECK(!bool(Workspace(arm, {}, {Load::at_end(arm, 0, true)}).fast));

@@ -49,7 +49,8 @@ struct BallTurn {
   }
 };
 
-/// Calls `own(q, v)` for every coordinate that is the integral of a rate, `ball(q, v)` for a quaternion and its rates.
+/// Calls `own(q, v, given)` for every coordinate that is the integral of a rate, and whether it is prescribed;
+/// `ball(q, v)` for a quaternion and its rates.
 template <class Own, class Ball>
 void for_coordinates(const Layout& layout, const Own& own, const Ball& ball) {
   for (int i = 0; i < layout.nodes; ++i) {
@@ -57,8 +58,8 @@ void for_coordinates(const Layout& layout, const Own& own, const Ball& ball) {
     if (node.ball)
       ball(node.q, node.v);
     else if (node.kind != Node::fixed && !node.coincident)
-      own(node.q, node.v);
-    for (int k = 0; k < node.ne; ++k) own(node.qe + k, node.ve + k);
+      own(node.q, node.v, node.given);
+    for (int k = 0; k < node.ne; ++k) own(node.qe + k, node.ve + k, false);
   }
 }
 
@@ -68,12 +69,16 @@ void scale_to_one(S* p) {
   for (int k = 0; k < 4; ++k) p[k] = over * p[k];
 }
 
-/// q0 moved by u, rates times time: q0 + u, and a ball's quaternion times exp(u / 2), of unit length.
+/// q0 moved by u, rates times time: q0 + u, and a ball's quaternion times exp(u / 2), of unit length. What is
+/// prescribed stays as it is in q.
 template <class S>
 void displace(const Layout& layout, const S* q0, const S* u, S* q) {
   using L = Lanes<S>;
   for_coordinates(
-      layout, [&](int i, int j) { q[i] = q0[i] + u[j]; },
+      layout,
+      [&](int i, int j, bool given) {
+        if (!given) q[i] = q0[i] + u[j];
+      },
       [&](int i, int j) {
         const S x = 0.5 * u[j], y = 0.5 * u[j + 1], z = 0.5 * u[j + 2], square = x * x + y * y + z * z;
         const auto small = square < 1e-16;
@@ -95,7 +100,7 @@ void displace(const Layout& layout, const S* q0, const S* u, S* q) {
 template <class S>
 void coordinate_rates(const Layout& layout, const S* q, const S* v, S* dq) {
   for_coordinates(
-      layout, [&](int i, int j) { dq[i] = v[j]; },
+      layout, [&](int i, int j, bool) { dq[i] = v[j]; },
       [&](int i, int j) {
         const S *p = q + i, *w = v + j;
         const S pull = kPull * (1.0 - square_of(p));
@@ -109,7 +114,7 @@ void coordinate_rates(const Layout& layout, const S* q, const S* v, S* dq) {
 /// Scales quaternions to unit length.
 template <class S>
 void normalise(const Layout& layout, S* q) {
-  for_coordinates(layout, [](int, int) {}, [&](int i, int) { scale_to_one(q + i); });
+  for_coordinates(layout, [](int, int, bool) {}, [&](int i, int) { scale_to_one(q + i); });
 }
 
 }  // namespace

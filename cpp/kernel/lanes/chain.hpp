@@ -6,6 +6,7 @@
 #include "lanes/ball.hpp"
 #include "lanes/cut.hpp"
 #include "lanes/quadratic.hpp"
+#include "lanes/sampled.hpp"
 
 namespace {
 
@@ -15,7 +16,12 @@ constexpr double kSoftEntry = 1e-3;  // rad or m past a stop over which its damp
 using flexarm::lanes::Shift;
 
 /// Numbers P that the body of a node needs to work on.
-inline std::size_t scratch_of(const Node& node) { return node.body == Node::quadratic ? quadratic_scratch(node) : 0; }
+inline std::size_t scratch_of(const Node& node) {
+  if (node.ne == 0) return 0;
+  return node.body == Node::sampled     ? sampled_scratch(node)
+         : node.body == Node::quadratic ? quadratic_scratch(node)
+                                        : 0;
+}
 
 template <class Sp>
 struct State {
@@ -257,12 +263,7 @@ struct Chain {
       if (layout.attitudes) attitude = s.attitude = node.coincident ? attitude : Sp::times(attitude, s.R);
       if (node.ne > 0) {
         Elastic<Sp>& e = s.elastic;
-        const S* ve = rates ? v + node.ve : none;
-        move_slice(node, numbers + node.end, q + node.qe, ve, e.end);
-        if (node.body == Node::cut)
-          bend_cut<Sp>(node, p, gravity_in(attitude), q + node.qe, ve, s.w, s.body, s.body_f, s.body_n, e);
-        else
-          bend(node, p, numbers + node.points, q + node.qe, ve, s.w, s.body, s.body_f, s.body_n, e, scratch);
+        bend_body(node, p, gravity_in(attitude), q + node.qe, rates ? v + node.ve : none, s);
         // what is carried by the end moves with the slice there (Eq. 45, 46)
         s.end_w = Sp::unrotate_angular(e.end.R, s.w + e.end.turning);
         const Lin sweep = Sp::cross(s.w, e.end.x) + number<S>(2.0) * e.end.u_dot;
@@ -284,6 +285,22 @@ struct Chain {
   Lin gravity_in(const typename Sp::Rot& attitude) const {
     const double* p = numbers;
     return number<S>(-1.0) * Sp::unrotate(attitude, Sp::read(p));
+  }
+  /// The end slice of an elastic body, its inertia and its forces.
+  void bend_body(const Node& node, const double* constants, const Lin& gravity, const S* q, const S* dq, State<Sp>& s) {
+    Elastic<Sp>& e = s.elastic;
+    const double *end = numbers + node.end, *points = numbers + node.points;
+    if (node.body == Node::sampled) {
+      sampled::sample(Sp{}, node, points, q, dq, scratch);
+      sampled::move_slice(node, end, points, q, dq, scratch, e.end);
+      sampled::bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
+      return;
+    }
+    move_slice(node, end, q, dq, e.end);
+    if (node.body == Node::cut)
+      bend_cut<Sp>(node, constants, gravity, q, dq, s.w, s.body, s.body_f, s.body_n, e);
+    else
+      bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
   }
 
   template <bool rates>

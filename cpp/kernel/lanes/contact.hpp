@@ -9,6 +9,7 @@
 
 #include "lanes/layout.hpp"
 #include "lanes/scalar.hpp"
+#include "lanes/small.hpp"
 
 namespace {
 
@@ -119,18 +120,8 @@ struct Contacts {
       const S y = rate ? rate[at[c]] * (1.0 / d) : S{};
       turn[c] = L::select(holds, -y - x[at[c]], rhs[c] - force[c]);
     }
-    for (int k = 0; k < count; ++k) {
-      G[k * count + k] = number<S>(1.0) / G[k * count + k];
-      for (int c = k + 1; c < count; ++c) {
-        const S l = G[c * count + k] * G[k * count + k];
-        for (int j = k + 1; j < count; ++j) G[c * count + j] -= l * G[k * count + j];
-        turn[c] -= l * turn[k];
-      }
-    }
-    for (int c = count; c-- > 0;) {
-      for (int k = c + 1; k < count; ++k) turn[c] -= G[c * count + k] * turn[k];
-      turn[c] = turn[c] * G[c * count + c];
-    }
+    factor_small(G, count);
+    solve_small(G, count, turn);
   }
 
   /// One round, in each arm one of three things: all that has turned back comes to rest; or that one is let go whose

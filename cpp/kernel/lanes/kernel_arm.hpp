@@ -1,11 +1,13 @@
 // An arm as the lane kernels know it: its nodes (layout.hpp) and their numbers.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include "flexarm/arm.hpp"
 #include "lanes/layout.hpp"
+#include "lanes/numbers.hpp"
 
 namespace flexarm {
 namespace lanes {
@@ -13,7 +15,7 @@ namespace lanes {
 class KernelArm {
  public:
   /// Made at the first asking, and kept with the arm.
-  /// @return null for what the kernels do not know: beams of order 3 and exact
+  /// @return null for what the kernels do not know: beams of more than kMostElastic coordinates
   static const KernelArm* of(const Arm& arm);
   /// For kernels that take `width` points of a beam at once, with the motion of some rates prescribed.
   KernelArm grouped(int width, const std::vector<bool>& given) const;
@@ -27,7 +29,7 @@ class KernelArm {
   KernelArm& operator=(const KernelArm& other);
 
   const Layout& layout() const { return layout_; }
-  const std::vector<double>& numbers() const { return numbers_; }
+  const Numbers& numbers() const { return numbers_; }
 
  private:
   friend struct ArmBuilder;
@@ -35,6 +37,8 @@ class KernelArm {
   struct Lists {
     std::vector<int> which, direction, about;
     std::vector<Block> blocks;
+    int points = 0;                        ///< of a sampled body,
+    std::shared_ptr<const Numbers> table;  ///< and integrals over them
   };
   KernelArm() = default;
   static std::optional<KernelArm> build(const Arm& arm);
@@ -45,7 +49,7 @@ class KernelArm {
   std::vector<Node> nodes_;
   std::vector<Lists> lists_;    ///< one for each node
   std::vector<int> structure_;  ///< what arms share that lie side by side: of every node, as it was made
-  std::vector<double> numbers_;
+  Numbers numbers_;
 };
 
 }  // namespace lanes

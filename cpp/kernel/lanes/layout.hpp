@@ -26,7 +26,7 @@ struct Node {
   /// Three nodes are a ball: the first is turned by a quaternion at q and takes all three rates; the frames of the
   /// others coincide with the first one's.
   bool ball = false, coincident = false;
-  enum Body { none, rigid, cut, quadratic };
+  enum Body { none, rigid, cut, quadratic, sampled };
   Body body = none;  ///< rigid, or hub and beam
   bool tip = false;  ///< the tip body of a beam
   bool passive = false, stops = false;
@@ -41,6 +41,13 @@ struct Node {
   const Block* block = nullptr;
   int passes = 0, rotary = 0;                         ///< (groups of) points: of position, of rotation
   std::size_t point_numbers = 0, rotary_numbers = 0;  ///< of one of them
+  // sampled: of points that lie symmetrically about the middle, the first half, in so many passes; then other stations
+  int half = 0, further = 0, further_passes = 0;
+  int turning = 0;                ///< coordinates that are curvatures or twists; the others shear
+  bool exact = false;             ///< or else of order 3
+  bool uniaxial = false;          ///< all sections turn about one axis
+  bool points_have_mass = false;  ///< or else the other stations alone
+  const double* table = nullptr;  ///< of integrals over the points (integral.hpp); the same numbers for all lanes
   // where numbers begin: of the node (joint, body), of the beam's end, its points, and the tip body
   std::size_t numbers = 0, end = 0, points = 0, tip_body = 0;
 };

@@ -11,7 +11,7 @@ using PackMask = decltype(Pack{} < Pack{});
 
 template <>
 struct Lanes<Pack> {
-  static constexpr int width = FLEXARM_WIDTH;
+  static constexpr int width = FLEXARM_WIDTH, lag = 0;
   using Mask = PackMask;
   static Pack load(const double* p) {
     Pack x;

@@ -100,21 +100,20 @@ struct Roller {
 
   static std::size_t memory(const Roll& j) {
     const std::size_t nq = static_cast<std::size_t>(j.layout->nq), nv = static_cast<std::size_t>(j.layout->nv);
-    return Arms::memory(j) + (2 * nq + 5 * nv + 1 + Method::scalars(j.layout->nq, j.layout->nv, j.rubs)) * sizeof(S);
+    return Arms::memory(j) + (nq + 5 * nv + 1 + Method::scalars(j.layout->nq, j.layout->nv, j.rubs)) * sizeof(S);
   }
 
   Roll& job;
   Arms arms;
   Method method;
-  S *q, *q_row, *v, *tau, *x, *y, *forces, *changed;
+  S *q, *v, *tau, *x, *y, *forces, *changed;
   Mask lost = L::everywhere(false);
 
   Roller(Roll& j, char* at) : job(j), arms(j, at) {
     const int nq = j.layout->nq, nv = j.layout->nv;
     S* p = reinterpret_cast<S*>(at + Arms::memory(j));
     q = p;
-    q_row = q + nq;
-    p += 2 * nq;
+    p += nq;
     S** of_v[] = {&v, &tau, &x, &y, &forces};
     for (S** z : of_v) {
       *z = p;
@@ -176,8 +175,9 @@ struct Roller {
     if (wanted == 0) return;
     for (int i = 0; i < arms.nv; ++i) y[i] = x[i];
     if (wanted > 1) {
-      method.accelerate(arms, q, v, tau, y, L::everywhere(true));
+      const Mask good = method.accelerate(arms, q, v, tau, y, L::everywhere(true));
       arms.inverse(q, v, y, forces, false);
+      lose(L::none_of(good & finite(y) & finite(forces)), flexarm::lanes::not_finite, step);
       for (int i = 0; i < arms.nv; ++i) arms.total[i] = tau[i];
       arms.laws.add(q, v, 1.0, arms.total);
       arms.laws.add(q, v, 1.0, forces);  // the reactions of what is prescribed, and of nothing else
@@ -188,9 +188,7 @@ struct Roller {
       }
     }
     const auto raw = [](const S* p) { return reinterpret_cast<const double*>(p); };
-    for (int i = 0; i < arms.nq; ++i) q_row[i] = q[i];
-    arms.normalise(q_row);
-    job.scenarios->row(raw(q_row), raw(v), raw(y), raw(forces), job.status);
+    job.scenarios->row(raw(q), raw(v), raw(y), raw(forces), job.status);
   }
 
   /// From the state in `memory` (see isa.cpp).

@@ -10,6 +10,7 @@ struct Lanes;
 template <>
 struct Lanes<double> {
   static constexpr int width = 1;
+  static constexpr int lag = 0;  ///< rounds by which derivatives converge later
   using Mask = bool;
   static double load(const double* p) { return *p; }
   static void store(double* p, double x) { *p = x; }

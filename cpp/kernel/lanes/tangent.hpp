@@ -68,7 +68,7 @@ struct LaneDual {
 
 template <>
 struct Lanes<LaneDual> {
-  static constexpr int width = 1;
+  static constexpr int width = 1, lag = 2;
   using Mask = bool;
   static LaneDual load(const double* p) { return LaneDual{} + *p; }
   static LaneDual select(bool m, const LaneDual& a, const LaneDual& b) { return m ? a : b; }

@@ -1,0 +1,160 @@
+// R' = R K~ (Eq. 25) at Gauss points, as a unit quaternion: p' = p (0, K) / 2.
+#pragma once
+
+#include "lanes/sampled_sums.hpp"
+
+namespace {
+namespace sampled {
+
+template <class P>
+struct Quaternion {
+  using Sp = Space<P>;
+  P w;
+  typename Sp::Lin v;
+  friend Quaternion operator*(const Quaternion& a, const Quaternion& b) {
+    return {a.w * b.w - Sp::dot(a.v, b.v), a.w * b.v + b.w * a.v + Sp::cross(a.v, b.v)};
+  }
+  friend Quaternion operator+(const Quaternion& a, const Quaternion& b) { return {a.w + b.w, a.v + b.v}; }
+};
+
+template <class P>
+struct Quaternions {
+  P* at;
+  int stride;
+  Quaternion<P> operator()(int i) const { return {at[i], {at[stride + i], at[2 * stride + i], at[3 * stride + i]}}; }
+  void set(int i, const Quaternion<P>& p) const {
+    at[i] = p.w;
+    at[stride + i] = p.v.x;
+    at[2 * stride + i] = p.v.y;
+    at[3 * stride + i] = p.v.z;
+  }
+};
+
+/// R of a quaternion of any length.
+template <class P>
+typename Space<P>::Rot rotation_of(const Quaternion<P>& p) {
+  const auto& v = p.v;
+  const P scale = 2.0 / (p.w * p.w + Space<P>::dot(v, v)), x = scale * v.x, y = scale * v.y, z = scale * v.z;
+  const P xx = x * v.x, yy = y * v.y, zz = z * v.z, xy = x * v.y, xz = x * v.z, yz = y * v.z;
+  const P wx = p.w * x, wy = p.w * y, wz = p.w * z;
+  return {1.0 - (yy + zz), xy - wz, xz + wy, xy + wz, 1.0 - (xx + zz), yz - wx, xz - wy, yz + wx, 1.0 - (xx + yy)};
+}
+
+template <class P>
+Quaternion<P> slope_of(const Quaternion<P>& p, const typename Space<P>::Lin& K) {
+  return p * Quaternion<P>{P{}, number<P>(0.5) * K};
+}
+
+/// Where all sections turn about one axis, by theta.
+template <class P>
+void turn_about_axis(const Field<Space<P>>& theta, int axis, int points, const Quaternions<P>& p) {
+  for (int i = 0; i < points; ++i) {
+    Quaternion<P> turn{P{}, Space<P>::zero()};
+    sine_cosine(P(0.5 * theta.column(axis)[i]), Space<P>::component(turn.v, axis), turn.w);
+    p.set(i, turn);
+  }
+}
+
+/// Whether some component is larger.
+template <class P>
+typename Lanes<P>::Mask exceeds(const Quaternion<P>& p, double size) {
+  using L = Lanes<P>;
+  return L::larger(L::larger(L::size(p.w), L::size(p.v.x)), L::larger(L::size(p.v.y), L::size(p.v.z))) > size;
+}
+template <class P>
+Quaternion<P> zero_where(const typename Lanes<P>::Mask& mask, const Quaternion<P>& p) {
+  using L = Lanes<P>;
+  const P o{};
+  return {L::select(mask, o, p.w), {L::select(mask, o, p.v.x), L::select(mask, o, p.v.y), L::select(mask, o, p.v.z)}};
+}
+
+/// A product 1 + v of which each factor squares what the ones before are off by: with p = P + ..., p' p^-1 - P' P^-1 =
+/// D, the next factor is 1 + v, v = int D, and then D becomes v D (1 + v)^-1. Quickly there where turns are small;
+/// where they are not, p = 1.
+template <class S, class P>
+void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int points, const Integral<S, P>& integral,
+                    const Quaternions<P>& p, const Quaternions<P>& D, const Quaternions<P>& v) {
+  using Sp = Space<P>;
+  using Mask = typename Lanes<P>::Mask;
+  constexpr double kNear = 4.0;   // square of the largest turn (rad) to begin with
+  constexpr double kLarge = 0.7;  // a factor that leads nowhere
+  constexpr double kDone = 3e-9;  // the square of which is rounding
+  constexpr int kRounds = 7;
+  const P half = number<P>(0.5);
+  Mask far = Lanes<P>::everywhere(false);
+  for (int i = 0; i < points; ++i) far = far | (Sp::dot(theta(i), theta(i)) > kNear);
+  far = of_arm<S, P>(far);
+  Mask done = far;
+  for (int i = 0; i < points; ++i) {
+    const Quaternion<P> first = zero_where(done, Quaternion<P>{P{}, half * theta(i)});
+    v.set(i, first);
+    D.set(i, zero_where(done, Quaternion<P>{P{}, half * K(i)}));
+    p.set(i, {number<P>(1.0), first.v});
+  }
+  for (int round = 0; round < kRounds && !Lanes<P>::all(done); ++round) {
+    for (int i = 0; i < points; ++i) {
+      const Quaternion<P> by = v(i), factor{1.0 + by.w, by.v}, d = by * D(i);
+      const P over = 1.0 / (factor.w * factor.w + Sp::dot(by.v, by.v));
+      const Quaternion<P> next = d * Quaternion<P>{over * factor.w, (-over) * factor.v};
+      D.set(i, next);
+      v.set(i, next);
+    }
+    integral(v.at, v.stride, 4);
+    Mask open = Lanes<P>::everywhere(false);
+    for (int i = 0; i < points; ++i) {
+      const Quaternion<P> by = zero_where(done, v(i));
+      p.set(i, Quaternion<P>{1.0 + by.w, by.v} * p(i));
+      far = far | exceeds(by, kLarge);
+      open = open | exceeds(by, kDone);
+      v.set(i, by);
+    }
+    far = of_arm<S, P>(far);
+    open = of_arm<S, P>(open);
+    done = far | Lanes<P>::none_of(open);
+  }
+  for (int i = 0; i < points; ++i) {
+    const Quaternion<P> rest = zero_where(far, Quaternion<P>{p(i).w - 1.0, p(i).v});
+    p.set(i, {1.0 + rest.w, rest.v});
+  }
+}
+
+/// Solves p = 1 + int p (0, K) / 2 by repeated integrals (Picard): what is still missing, integrated, converges like
+/// (|theta|/2)^i / i!, from anywhere. Terms of both signs grow as large as exp(|theta|/2) on the way, and leave no
+/// digit beyond some 60 rad: then the result is not a number.
+template <class S, class P>
+void solve_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int points, const Integral<S, P>& integral,
+                    const Quaternions<P>& p, const Quaternions<P>& term, const Quaternions<P>& factor) {
+  using Mask = typename Lanes<P>::Mask;
+  constexpr double kSmall = 1e-15;  // what comes after is smaller still
+  constexpr double kLost = 1e12;    // a term of which the sum, of size 1, keeps four digits
+  constexpr int kMost = 400;
+  int later = Lanes<S>::lag;  // rounds
+  start_rotation(K, theta, points, integral, p, term, factor);
+  Mask done = Lanes<P>::everywhere(false), lost = done;
+  for (int round = 0; round < kMost; ++round) {
+    for (int i = 0; i < points; ++i) {
+      Quaternion<P> next = slope_of(round == 0 ? p(i) : term(i), K(i));
+      if (Lanes<S>::lag == 0) next = zero_where(done, next);
+      term.set(i, next);
+    }
+    integral(term.at, term.stride, 4);
+    Mask open = Lanes<P>::everywhere(false);
+    for (int i = 0; i < points; ++i) {
+      Quaternion<P> next = term(i), sum = p(i);
+      if (round == 0) {
+        next = {next.w + (1.0 - sum.w), next.v - sum.v};
+        term.set(i, next);
+      }
+      p.set(i, sum + next);
+      open = open | exceeds(next, kSmall);
+      lost = lost | exceeds(next, kLost);
+    }
+    lost = of_arm<S, P>(lost);
+    done = done | lost | Lanes<P>::none_of(of_arm<S, P>(open));
+    if (Lanes<P>::all(done) && later-- == 0) break;
+  }
+  for (int i = 0; i < points; ++i) p.set(i, {Lanes<P>::select(lost, number<P>(__builtin_nan("")), p(i).w), p(i).v});
+}
+
+}  // namespace sampled
+}  // namespace

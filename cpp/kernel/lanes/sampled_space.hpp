@@ -1,0 +1,411 @@
+// The sampled body in space. Exact: R' = R K~ (Eq. 25), x' = R (e1 + phi) (Eq. 24). Order 3: their series, to third
+// order in all (Eq. 26, 27). Lengths of integrals are parts of the beam's: K is what turns over the whole length.
+#pragma once
+
+#include "lanes/rotations.hpp"
+
+namespace {
+namespace sampled {
+
+/// Fields over the points, in scratch; those of the motion also over further stations.
+template <class P>
+struct SpaceSeries {
+  using Sp = Space<P>;
+  Field<Sp> K, K_rate, theta;       ///< strain and its rate; its integral
+  Field<Sp> shear, shear_rate;      ///< L phi and its rate
+  Quaternions<P> p, slope, factor;  ///< exact: the rotation, what a slice sums, and room for its making
+  Jet<Sp> theta_2, third;           ///< order 3: of the rotation vector; R_3 e1
+  Field<Sp> R[3];                   ///< R e1, R e2, R e3
+  Field<Sp> spin, spin_bias_slope;  ///< exact: Omega = J_R dq; the slope of (dJ_R/dt) dq
+  Jet<Sp> tangent, twist;           ///< x'; order 3: theta' (exact: tangent's value and bias alone)
+  Jet<Sp> place, turned;            ///< x; J_R and (dJ_R/dt) dq
+  P* end;
+
+  SpaceSeries(const Node& node, P* at) {
+    Columns<Sp> columns{at, stations_of(node)};
+    Field<Sp>* const fields[] = {&K,    &K_rate, &theta, &shear, &shear_rate,
+                                 &R[0], &R[1],   &R[2],  &spin,  &spin_bias_slope};
+    for (Field<Sp>* f : fields) *f = columns.field();
+    const int ne = node.exact ? 0 : node.ne;
+    if (node.exact) {
+      p = {columns.take(4), columns.stride};
+      slope = {columns.take(4), columns.stride};
+      factor = {columns.take(4), columns.stride};
+    } else {
+      theta_2 = columns.jet(ne);
+      third = columns.jet(ne);
+      twist = columns.jet(ne);
+    }
+    tangent = columns.jet(ne);
+    place = columns.jet(node.ne);
+    turned = columns.jet(node.ne);
+    end = columns.at;
+  }
+};
+
+/// The strains of all coordinates, and their integrals.
+template <class S, class P>
+void add_strains(const Node& node, const Rows<Space<P>>& rows, const S* q, const S* dq, SpaceSeries<P>& s) {
+  const Field<Space<P>> fields[] = {s.K, s.K_rate, s.theta, s.shear, s.shear_rate};
+  for (const Field<Space<P>>& f : fields) f.clear(0, rows.points);
+  for (int k = 0; k < node.ne; ++k) {
+    const bool bends = k < node.turning;
+    const int axis = node.about[k];
+    P *value = (bends ? s.K : s.shear).column(axis), *rate = (bends ? s.K_rate : s.shear_rate).column(axis);
+    P* theta = s.theta.column(axis);
+    const P qk = widen(q[k], P{}), dk = widen(dq[k], P{});
+    for (int i = 0; i < rows.points; ++i) {
+      const P shape = rows.shape(k, i);
+      value[i] += shape * qk;
+      rate[i] += shape * dk;
+      if (bends) theta[i] += rows.turned(k, i) * qk;
+    }
+  }
+}
+
+// --- Exact. ---
+
+/// J_R' = R dK/dq, and with Omega = J_R dq its convective part Omega x R dK (Eq. 39, 40).
+template <class S, class P>
+void turn_jacobians(const Node& node, const Rows<Space<P>>& rows, const Integral<S, P>& integral, const S* dq,
+                    const SpaceSeries<P>& s) {
+  using Sp = Space<P>;
+  s.spin.clear(0, rows.points);
+  for (int k = 0; k < node.ne; ++k) {
+    const Field<Sp> J = s.turned.by(k);
+    const Field<Sp>& axis = s.R[node.about[k]];
+    if (k >= node.turning)
+      J.clear(0, rows.points);
+    else
+      for (int i = 0; i < rows.points; ++i) J.set(i, rows.shape(k, i) * axis(i));
+  }
+  integral(s.turned.first.at, s.turned.first.stride, 3 * node.turning);
+  for (int k = 0; k < node.turning; ++k) {
+    const Field<Sp> J = s.turned.by(k);
+    const P rate = widen(dq[k], P{});
+    for (int i = 0; i < rows.points; ++i) s.spin.set(i, s.spin(i) + rate * J(i));
+  }
+  for (int i = 0; i < rows.points; ++i) {
+    const auto K = s.K_rate(i);
+    const auto slope = Sp::cross(s.spin(i), K.x * s.R[0](i) + K.y * s.R[1](i) + K.z * s.R[2](i));
+    s.spin_bias_slope.set(i, slope);
+    s.turned.bias.set(i, slope);
+  }
+  integral(s.turned.bias.at, s.turned.bias.stride, 3);
+}
+
+/// x' = R (e1 + phi), and the convective part of its second rate.
+template <class P>
+void exact_tangent(const Node& node, const Rows<Space<P>>& rows, const SpaceSeries<P>& s) {
+  using Sp = Space<P>;
+  const bool shears = node.turning < node.ne;
+  for (int i = 0; i < rows.points; ++i) {
+    const auto w = s.spin(i);
+    auto t = rows.length * s.R[0](i), rate = Sp::zero();
+    if (shears) {
+      const auto g = s.shear(i), g_rate = s.shear_rate(i);
+      t += g.y * s.R[1](i) + g.z * s.R[2](i);
+      rate = g_rate.y * s.R[1](i) + g_rate.z * s.R[2](i);
+    }
+    s.tangent.value.set(i, t);
+    s.tangent.bias.set(i, Sp::cross(s.turned.bias(i), t) + Sp::cross(w, Sp::cross(w, t) + number<P>(2.0) * rate));
+  }
+}
+
+/// Places at the points and their Jacobians: J_X' = J_R x x' + R dphi/dq (Eq. 37).
+template <class S, class P>
+void exact_places(const Node& node, const Rows<Space<P>>& rows, const Integral<S, P>& integral,
+                  const SpaceSeries<P>& s) {
+  using Sp = Space<P>;
+  for (int i = 0; i < rows.points; ++i) {
+    s.place.value.set(i, s.tangent.value(i));
+    s.place.bias.set(i, s.tangent.bias(i));
+  }
+  for (int k = 0; k < node.ne; ++k) {
+    const Field<Sp> J = s.place.by(k), turn = s.turned.by(k);
+    const Field<Sp>& axis = s.R[node.about[k]];
+    for (int i = 0; i < rows.points; ++i)
+      J.set(i, k < node.turning ? Sp::cross(turn(i), s.tangent.value(i)) : rows.shape(k, i) * axis(i));
+  }
+  integral(s.place.value.at, s.place.value.stride, 3 * (2 + node.ne));
+}
+
+// --- Order 3. ---
+
+/// A number along one direction: value and derivative.
+template <class P>
+struct Along {
+  P x, d;
+  friend Along operator+(const Along& a, const Along& b) { return {a.x + b.x, a.d + b.d}; }
+  friend Along operator-(const Along& a, const Along& b) { return {a.x - b.x, a.d - b.d}; }
+  friend Along operator*(const Along& a, const Along& b) { return {a.x * b.x, a.x * b.d + a.d * b.x}; }
+};
+/// A number in motion: value, rate, and second rate without accelerations.
+template <class P>
+struct Moving {
+  P x, d, b;
+  friend Moving operator+(const Moving& a, const Moving& b) { return {a.x + b.x, a.d + b.d, a.b + b.b}; }
+  friend Moving operator-(const Moving& a, const Moving& b) { return {a.x - b.x, a.d - b.d, a.b - b.b}; }
+  friend Moving operator*(const Moving& a, const Moving& b) {
+    return {a.x * b.x, a.x * b.d + a.d * b.x, a.x * b.b + a.b * b.x + 2.0 * (a.d * b.d)};
+  }
+};
+
+/// The series at one point, of vectors of such numbers.
+template <class T, class P>
+struct ThirdOrder {
+  using Sp = Space<T>;
+  using V = typename Sp::Lin;
+  V K, theta, shear, theta_2, third;
+  P length;
+
+  static T constant(const P& x) {
+    T out{};
+    out.x = x;
+    return out;
+  }
+  static V times(double k, const V& v) { return constant(number<P>(k)) * v; }
+  /// R_2 y, with R_2 = theta~^2 / 2 + theta_2~
+  V second(const V& y) const { return times(0.5, Sp::cross(theta, Sp::cross(theta, y))) + Sp::cross(theta_2, y); }
+  V e1() const { return {constant(number<P>(1.0)), T{}, T{}}; }
+  V theta_2_slope() const { return times(0.5, Sp::cross(theta, K)); }
+  /// R_3' e1 = R_2 K~ e1 (Eq. 27)
+  V third_slope() const { return second(Sp::cross(K, e1())); }
+  /// x' = (I + R_1 + R_2 + R_3) e1 + (I + R_1 + R_2) phi, times L (Eq. 22-24)
+  V tangent() const {
+    const V straight = e1() + Sp::cross(theta, e1()) + second(e1()) + third;
+    return constant(length) * straight + shear + Sp::cross(theta, shear) + second(shear);
+  }
+  /// theta' = K + theta_1 x K / 2 + theta_2 x K / 2 + theta_1 x (theta_1 x K) / 12
+  V twist() const {
+    const V turned = Sp::cross(theta, K);
+    return K + times(0.5, turned) + times(0.5, Sp::cross(theta_2, K)) + times(1.0 / 12.0, Sp::cross(theta, turned));
+  }
+};
+
+/// A vector function of the series into a jet.
+template <class S, class P, class F>
+void put_jet(const Node& node, const Rows<Space<P>>& rows, const S* dq, const SpaceSeries<P>& s,
+             const Jet<Space<P>>& out, const F& f) {
+  using Lin = typename Space<P>::Lin;
+  const auto rate_of = [&](const Jet<Space<P>>& jet, int i) {
+    Lin rate = Space<P>::zero();
+    for (int k = 0; k < node.ne; ++k) rate += widen(dq[k], P{}) * jet.by(k)(i);
+    return rate;
+  };
+  for (int i = 0; i < rows.points; ++i) {
+    const Lin K = s.K(i), theta = s.theta(i), shear = s.shear(i), theta_2 = s.theta_2.value(i),
+              third = s.third.value(i);
+    using M = Moving<P>;
+    const auto moving = [](const Lin& x, const Lin& d, const Lin& b) {
+      return typename Space<M>::Lin{{x.x, d.x, b.x}, {x.y, d.y, b.y}, {x.z, d.z, b.z}};
+    };
+    const Lin zero = Space<P>::zero();
+    Lin theta_rate = zero;
+    for (int k = 0; k < node.turning; ++k)
+      Space<P>::component(theta_rate, node.about[k]) += rows.turned(k, i) * widen(dq[k], P{});
+    const ThirdOrder<M, P> all{moving(K, s.K_rate(i), zero),
+                               moving(theta, theta_rate, zero),
+                               moving(shear, s.shear_rate(i), zero),
+                               moving(theta_2, rate_of(s.theta_2, i), s.theta_2.bias(i)),
+                               moving(third, rate_of(s.third, i), s.third.bias(i)),
+                               rows.length};
+    const auto y = f(all);
+    out.value.set(i, {y.x.x, y.y.x, y.z.x});
+    out.bias.set(i, {y.x.b, y.y.b, y.z.b});
+    using A = Along<P>;
+    const auto along = [](const Lin& x, const Lin& d) {
+      return typename Space<A>::Lin{{x.x, d.x}, {x.y, d.y}, {x.z, d.z}};
+    };
+    for (int k = 0; k < node.ne; ++k) {
+      Lin dK = zero, dtheta = zero, dshear = zero;
+      const bool bends = k < node.turning;
+      Space<P>::component(bends ? dK : dshear, node.about[k]) = rows.shape(k, i);
+      if (bends) Space<P>::component(dtheta, node.about[k]) = rows.turned(k, i);
+      const ThirdOrder<A, P> one{along(K, dK),
+                                 along(theta, dtheta),
+                                 along(shear, dshear),
+                                 along(theta_2, s.theta_2.by(k)(i)),
+                                 along(third, s.third.by(k)(i)),
+                                 rows.length};
+      const auto z = f(one);
+      out.by(k).set(i, {z.x.d, z.y.d, z.z.d});
+    }
+  }
+}
+
+template <class S, class P>
+void sample_order_3(const Node& node, const Rows<Space<P>>& rows, const Integral<S, P>& integral, const S* dq,
+                    const SpaceSeries<P>& s) {
+  const int columns = 3 * (2 + node.ne);
+  clear_stations(s.theta_2, node.ne, 0, rows.points);
+  clear_stations(s.third, node.ne, 0, rows.points);
+  put_jet(node, rows, dq, s, s.theta_2, [](const auto& a) { return a.theta_2_slope(); });
+  integral(s.theta_2.value.at, s.theta_2.value.stride, columns);
+  put_jet(node, rows, dq, s, s.third, [](const auto& a) { return a.third_slope(); });
+  integral(s.third.value.at, s.third.value.stride, columns);
+  put_jet(node, rows, dq, s, s.tangent, [](const auto& a) { return a.tangent(); });
+  put_jet(node, rows, dq, s, s.twist, [](const auto& a) { return a.twist(); });
+}
+
+/// Places at the points, and turns: of the rotation vector theta (Eq. 35, 39, 40).
+template <class S, class P>
+void third_order_places(const Node& node, const Rows<Space<P>>& rows, const Integral<S, P>& integral, const S* dq,
+                        const SpaceSeries<P>& s) {
+  using Lin = typename Space<P>::Lin;
+  const int stride = s.place.value.stride, columns = 3 * (2 + node.ne);
+  for (int c = 0; c < columns; ++c)
+    for (int i = 0; i < rows.points; ++i) {
+      s.place.value.at[c * stride + i] = s.tangent.value.at[c * stride + i];
+      s.turned.value.at[c * stride + i] = s.twist.value.at[c * stride + i];
+    }
+  integral(s.place.value.at, stride, columns);
+  integral(s.turned.value.at, stride, columns);
+  for (int i = 0; i < rows.points; ++i) {
+    const Turned<P> t(s.turned.value(i));
+    const auto R = t.rotation();
+    s.R[0].set(i, {R.xx, R.yx, R.zx});
+    s.R[1].set(i, {R.xy, R.yy, R.zy});
+    s.R[2].set(i, {R.xz, R.yz, R.zz});
+    Lin rate = Space<P>::zero();
+    for (int k = 0; k < node.ne; ++k) {
+      const Lin d = s.turned.by(k)(i);
+      rate += widen(dq[k], P{}) * d;
+      s.turned.by(k).set(i, t.jacobian(d, 1.0));
+    }
+    s.turned.bias.set(i, t.bias(rate, s.turned.bias(i), 1.0));
+  }
+}
+
+// --- Both. ---
+
+/// Fills the series: what any slice sums.
+template <class S, class P>
+void sample(Space<S>, const Node& node, const double* points, const S* q, const S* dq, P* scratch) {
+  SpaceSeries<P> s(node, scratch);
+  const Rows<Space<P>> rows(node, points);
+  const Integral<S, P> integral(node.table, node.half, node.passes, s.end);
+  add_strains(node, rows, q, dq, s);
+  if (!node.exact) return sample_order_3(node, rows, integral, dq, s);
+  if (node.uniaxial)
+    turn_about_axis(s.theta, node.about[0], rows.points, s.p);
+  else
+    solve_rotation(s.K, s.theta, rows.points, integral, s.p, s.slope, s.factor);
+  for (int i = 0; i < rows.points; ++i) {
+    const auto R = rotation_of(s.p(i));
+    s.R[0].set(i, {R.xx, R.yx, R.zx});
+    s.R[1].set(i, {R.xy, R.yy, R.zy});
+    s.R[2].set(i, {R.xz, R.yz, R.zz});
+    s.slope.set(i, slope_of(s.p(i), s.K(i)));
+  }
+  turn_jacobians(node, rows, integral, dq, s);
+  exact_tangent(node, rows, s);
+}
+
+/// Places at the points and their Jacobians; and at order 3 rotations.
+template <class S, class P>
+void place_points(const Node& node, const Rows<Space<P>>& rows, const S* dq, const SpaceSeries<P>& s, P* work) {
+  const Integral<S, P> integral(node.table, node.half, node.passes, work);
+  if (node.exact)
+    exact_places(node, rows, integral, s);
+  else
+    third_order_places(node, rows, integral, dq, s);
+  for (int i = 0; i < rows.points; ++i) s.place.value.set(i, rows.origin + s.place.value(i));
+}
+
+/// What the sums need of a slice, as station `i`.
+template <class S, class P>
+void put_slice(const Slice<Space<S>>& slice, int ne, int i, const SpaceSeries<P>& s) {
+  using Lin = typename Space<S>::Lin;
+  const auto& R = slice.R;
+  put_lane(Space<S>{}, s.place.value, i, slice.x);
+  put_lane(Space<S>{}, s.place.bias, i, slice.u_bias);
+  put_lane(Space<S>{}, s.turned.bias, i, slice.turn_bias);
+  put_lane(Space<S>{}, s.R[0], i, Lin{R.xx, R.yx, R.zx});
+  put_lane(Space<S>{}, s.R[1], i, Lin{R.xy, R.yy, R.zy});
+  put_lane(Space<S>{}, s.R[2], i, Lin{R.xz, R.yz, R.zz});
+  for (int k = 0; k < ne; ++k) {
+    put_lane(Space<S>{}, s.place.by(k), i, slice.J_linear[k]);
+    put_lane(Space<S>{}, s.turned.by(k), i, slice.J_angular[k]);
+  }
+}
+template <class P>
+void clear_stations(const Node& node, int from, int to, const SpaceSeries<P>& s) {
+  for (const auto& f : s.R) f.clear(from, to);
+  clear_stations(s.place, node.ne, from, to);
+  clear_stations(s.turned, node.ne, from, to);
+}
+
+/// A slice of which `p` are the numbers, after `sample`; goes on beyond them.
+template <class S, class P>
+void move_slice(const Node& node, const double*& p, const double* points, const S* q, const S* dq, P* scratch,
+                Slice<Space<S>>& out) {
+  using Sp = Space<S>;
+  using Lin = typename Space<P>::Lin;
+  const SpaceSeries<P> s(node, scratch);
+  const Rows<Space<P>> rows(node, points);
+  const int ne = node.ne;
+  out.x = Sp::read(p);
+  // sums by the weights of the integral from 0 to X: of x' and its bias, theta' (or the quaternion's slope) and its
+  // bias, then of derivatives of x' and theta'
+  Lin* sum = reinterpret_cast<Lin*>(s.end);
+  for (int k = 0; k < 5 + 2 * ne; ++k) sum[k] = Space<P>::zero();
+  for (int i = 0; i < rows.points; ++i) {
+    const P w = next<P>(p);
+    const Lin t = w * s.tangent.value(i);
+    sum[0] += t;
+    sum[1] += w * s.tangent.bias(i);
+    if (!node.exact) {
+      sum[2] += w * s.twist.value(i);
+      sum[3] += w * s.twist.bias(i);
+      for (int k = 0; k < ne; ++k) {
+        sum[5 + k] += w * s.tangent.by(k)(i);
+        sum[5 + ne + k] += w * s.twist.by(k)(i);
+      }
+      continue;
+    }
+    const Quaternion<P> slope = s.slope(i);
+    sum[2] += w * slope.v;
+    sum[4].x += w * slope.w;
+    sum[3] += w * s.spin_bias_slope(i);
+    for (int k = 0; k < ne; ++k) {
+      const Lin turn = (w * rows.shape(k, i)) * s.R[node.about[k]](i);
+      if (k < node.turning) {
+        sum[5 + k] += Space<P>::cross(s.turned.by(k)(i), t);
+        sum[5 + ne + k] += turn;
+      } else {
+        sum[5 + k] += turn;
+      }
+    }
+  }
+  S* total = reinterpret_cast<S*>(s.end);
+  sum_lanes(s.end, 3 * (5 + 2 * ne), total);
+  const auto of = [&](int k) { return typename Sp::Lin{total[3 * k], total[3 * k + 1], total[3 * k + 2]}; };
+  out.x += of(0);
+  out.u_bias = of(1);
+  out.u_dot = out.turning = Sp::zero();
+  for (int k = 0; k < ne; ++k) {
+    out.J_linear[k] = of(5 + k);
+    out.J_angular[k] = of(5 + ne + k);
+    out.u_dot += dq[k] * out.J_linear[k];
+    out.turning += dq[k] * out.J_angular[k];
+  }
+  out.turn_bias = of(3);
+  if (!node.exact) {
+    const Turned<S> turned(of(2));
+    out.R = turned.rotation();
+    out.turn_bias = turned.bias(out.turning, out.turn_bias, 1.0);
+    out.turning = turned.jacobian(out.turning, 1.0);
+    for (int k = 0; k < ne; ++k) out.J_angular[k] = turned.jacobian(out.J_angular[k], 1.0);
+  } else if (node.uniaxial) {
+    S turn{}, sine, cosine;
+    for (int k = 0; k < node.turning; ++k) turn += next<S>(p) * q[k];
+    sine_cosine(turn, sine, cosine);
+    out.R = Sp::turn(node.about[0], sine, cosine);
+  } else {
+    out.R = rotation_of(Quaternion<S>{1.0 + total[12], of(2)});
+  }
+}
+
+}  // namespace sampled
+}  // namespace
