@@ -122,7 +122,7 @@ double twice_kinetic(const LinkState<double>& s) {
 
 Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                            const Eigen::VectorXd& tau) {
-  move_arm(arm, ws, q, v);
+  move_arm<double>(arm, ws, q, v);
   if (!ws.feedback.empty()) {
     ws.total = tau;
     add_feedback(ws.feedback, q, v, 1.0, ws.total);
@@ -147,7 +147,7 @@ Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q,
     add_feedback(ws.feedback, q, v, 1.0, ws.total);
     total = &ws.total;
   }
-  const bool good = ws.fast->forward(q.data(), v.data(), total->data(), ws.a.data());
+  const bool good = ws.kernels().forward(q.data(), v.data(), total->data(), ws.a.data());
   const bool finite = all_finite(q) && all_finite(v) && all_finite(ws.a);
   if (good && finite) return Status::ok;
   // the kernels do not say why: a pivot may be too small, or not a number

@@ -5,9 +5,27 @@
 namespace flexarm {
 namespace lanes {
 
+namespace {
+
+/// What is kept with an arm.
+struct Made {
+  std::optional<KernelArm> best;
+  MadeOnce in_space;
+};
+
+}  // namespace
+
 const KernelArm* KernelArm::of(const Arm& arm) {
-  const auto& made = arm.kept().get<std::optional<KernelArm>>([&] { return build(arm); });
-  return made ? &*made : nullptr;
+  const Made& made = arm.kept().get<Made>([&] { return Made{build(arm, false), {}}; });
+  return made.best ? &*made.best : nullptr;
+}
+
+const KernelArm* KernelArm::in_space(const Arm& arm) {
+  const KernelArm* best = of(arm);
+  if (!best || !best->layout_.planar) return best;
+  const Made& made = arm.kept().get<Made>([] { return Made{}; });
+  const auto& spatial = made.in_space.get<std::optional<KernelArm>>([&] { return build(arm, true); });
+  return spatial ? &*spatial : nullptr;
 }
 
 void KernelArm::point() {
@@ -18,7 +36,12 @@ void KernelArm::point() {
     nodes_[k].direction = lists_[k].direction.data();
     nodes_[k].about = lists_[k].about.data();
     nodes_[k].block = lists_[k].blocks.data();
+    nodes_[k].load = lists_[k].loads.data();
+    nodes_[k].loads = static_cast<int>(lists_[k].loads.size());
   }
+  layout_.loads = static_cast<int>(loads_.size());
+  layout_.load = loads_.data();
+  layout_.load_numbers = load_numbers_.data();
 }
 
 void KernelArm::prescribe(const std::vector<bool>& given) {
@@ -32,6 +55,9 @@ KernelArm& KernelArm::operator=(const KernelArm& other) {
   nodes_ = other.nodes_;
   lists_ = other.lists_;
   numbers_ = other.numbers_;
+  seats_ = other.seats_;
+  loads_ = other.loads_;
+  load_numbers_ = other.load_numbers_;
   point();
   return *this;
 }
@@ -73,8 +99,14 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
 
 bool KernelArm::like(const KernelArm& o) const {
   if (layout_.planar != o.layout_.planar || nodes_.size() != o.nodes_.size() || numbers_.size() != o.numbers_.size() ||
-      layout_.nq != o.layout_.nq || layout_.nv != o.layout_.nv)
+      layout_.nq != o.layout_.nq || layout_.nv != o.layout_.nv || loads_.size() != o.loads_.size())
     return false;
+  for (std::size_t k = 0; k < loads_.size(); ++k) {
+    const PlacedLoad &a = loads_[k], &b = o.loads_[k];
+    if (a.place.on != b.place.on || a.place.node != b.place.node || a.world != b.world || a.mean != b.mean ||
+        a.slices != b.slices || a.size != b.size)
+      return false;
+  }
   for (std::size_t k = 0; k < nodes_.size(); ++k) {
     const Node &a = nodes_[k], &b = o.nodes_[k];
     const bool joints = a.kind == b.kind && a.axis == b.axis && a.sign == b.sign && a.q == b.q && a.v == b.v &&
@@ -96,12 +128,16 @@ KernelArm KernelArm::side_by_side(const std::vector<const KernelArm*>& arms, int
                                   const std::vector<bool>& given) {
   KernelArm out = *arms[0];
   out.prescribe(given);
-  const std::size_t w = static_cast<std::size_t>(width), n = out.numbers_.size();
-  out.numbers_.resize(n * w);
-  for (std::size_t l = 0; l < w; ++l) {
-    const std::vector<double>& from = arms[std::min(l, arms.size() - 1)]->numbers_;
-    for (std::size_t i = 0; i < n; ++i) out.numbers_[i * w + l] = from[i];
+  const std::size_t w = static_cast<std::size_t>(width);
+  for (std::vector<double> KernelArm::* all : {&KernelArm::numbers_, &KernelArm::load_numbers_}) {
+    const std::size_t n = (out.*all).size();
+    (out.*all).resize(n * w);
+    for (std::size_t l = 0; l < w; ++l) {
+      const std::vector<double>& from = arms[std::min(l, arms.size() - 1)]->*all;
+      for (std::size_t i = 0; i < n; ++i) (out.*all)[i * w + l] = from[i];
+    }
   }
+  out.point();
   for (Node& node : out.nodes_)
     for (std::size_t Node::* place : {&Node::numbers, &Node::end, &Node::points, &Node::tip_body}) node.*place *= w;
   return out;

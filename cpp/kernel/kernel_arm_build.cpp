@@ -109,7 +109,13 @@ struct KernelArm::Builder {
   Vector3d offset = Vector3d::Zero();
   Matrix3d turn = Matrix3d::Identity();
 
-  explicit Builder(const Arm& a) : arm(a), axes(find_plane(a)) {}
+  Builder(const Arm& a, bool in_space) : arm(a), axes(in_space ? Axes{} : find_plane(a)) {
+    out.layout_.planar = axes.planar;
+    out.layout_.along[0] = axes.x;
+    out.layout_.along[1] = axes.y;
+    out.layout_.about = axes.z;
+    out.layout_.turning = axes.sign;
+  }
 
   void put(double x) { out.numbers_.push_back(x); }
   void put(const Vector3d& v) {
@@ -205,7 +211,13 @@ struct KernelArm::Builder {
       begin_node(turn);
       turn.setIdentity();
     }
-    return elastic ? add_beam(link, n) : add_body(link);
+    Seat seat;
+    seat.node = static_cast<int>(out.nodes_.size()) - 1;
+    seat.origin = {offset, turn};
+    const bool known = elastic ? add_beam(link, n) : add_body(link);
+    seat.end = {offset, turn};
+    out.seats_.push_back(seat);
+    return known;
   }
 
   bool add_body(const Link& link) {
@@ -220,7 +232,7 @@ struct KernelArm::Builder {
     }
     body.add(link.tip(), end);
     end += link.tip().end;
-    node.body = Node::quadratic;
+    node.body = Node::rigid;
     put(body.moved(turn, offset));
     offset += turn * end;
     return true;
@@ -358,20 +370,8 @@ void KernelArm::Builder::put_space(const Link& link, const Node& node, const Sta
 }
 
 void KernelArm::Builder::put_end(const Link& link, const Node& node) {
-  const SliceTable& t = link.beam()->tip();
   const Vector3d rest = link.hub().end + link.beam()->length() * Vector3d::UnitX();
-  put(rest);
-  if (axes.planar) {
-    for (int k = 0; k < node.ne; ++k) {
-      put(t.linear(axes.y, k));
-      put(axes.sign * t.linear(3 + axes.z, k));
-    }
-  } else {
-    for (int d = 0; d < node.directed; ++d) put(t.linear(node.direction[d], node.which[d]));
-    for (int k = 0; k < node.ne; ++k) put(t.linear(3 + node.about[k], k));
-  }
-  for_products(t.products, true, [&](double c) { put(c); });
-  if (!axes.planar) for_products(t.products, false, [&](double c) { put(c); });
+  put_slice(out.layout_, node, rest, link.beam()->tip(), out.numbers_);
 }
 
 bool KernelArm::Builder::add_beam(const Link& link, std::size_t n) {
@@ -458,12 +458,11 @@ bool KernelArm::Builder::add_beam(const Link& link, std::size_t n) {
   return true;
 }
 
-std::optional<KernelArm> KernelArm::build(const Arm& arm) {
-  Builder b(arm);
+std::optional<KernelArm> KernelArm::build(const Arm& arm, bool in_space) {
+  Builder b(arm, in_space);
   b.put(Vector3d(-arm.gravity()));
   for (std::size_t n = 0; n < arm.size(); ++n)
     if (!b.add_link(n)) return std::nullopt;
-  b.out.layout_.planar = b.axes.planar;
   b.out.layout_.nq = arm.nq();
   b.out.layout_.nv = arm.nv();
   b.out.point();

@@ -37,7 +37,7 @@ struct Engine {
   void inverse(const double* q_, const double* v_, const double* a_, double* tau, bool with_masses) {
     v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
     if (fast()) {
-      ws->fast->inverse(q_, v_, a_, tau);
+      ws->kernels().inverse(q_, v_, a_, tau);
       return;
     }
     q = Eigen::Map<const Eigen::VectorXd>(q_, q.size());

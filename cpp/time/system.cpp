@@ -91,7 +91,7 @@ bool System::record(Trajectory& out, bool composite) {
     return false;
   }
   a = ws.a;
-  if (rubbing) move_arm(arm, ws, q, v);
+  if (rubbing) move_arm<double>(arm, ws, q, v);
   if (rubbing || composite) accelerate_arm<double>(arm, ws, a, -arm.gravity());
   joint_forces<double>(arm, ws, a);
   if (!ws.tau.allFinite()) {

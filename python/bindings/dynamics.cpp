@@ -50,25 +50,19 @@ Rows forward(const Arm& arm, const Rows& q, const Rows& v, const Rows& tau, cons
   return a;
 }
 
-/// Runs visit(row, slice) for every row of q, the arm at rest or moving at v, with the slice of `link` at x metres
-/// along its beam, or its end. Without the interpreter's lock.
+/// Runs visit(row, place) for every row of q, the arm at rest or moving at v. Without the interpreter's lock.
 template <class Visit>
 void at_slice(const Arm& arm, const Rows& q, const Rows* v, std::size_t link, std::optional<double> x, Workspace& ws,
               const Visit& visit) {
-  const Link& l = arm.link(link);
-  SliceTable table;
-  Slice<double> slice(l.ne());
-  if (x) table = l.slice_at(*x);
+  const PlacedSlice at(arm, link, x);
   Eigen::VectorXd rates = Eigen::VectorXd::Zero(arm.nv());
   Lookout look;
   const Unlocked free;
   for (Eigen::Index k = 0; k < q.rows(); ++k) {
     look();
     if (v) rates = v->row(k);
-    move_arm<double>(arm, ws, q.row(k), rates);
-    const LinkState<double>& s = ws.links[link];
-    if (x) l.move_slice(table, s, true, slice);
-    visit(k, x ? slice : s.end);
+    move_arm(arm, ws, q.row(k), rates);
+    visit(k, at);
   }
 }
 
@@ -182,8 +176,8 @@ void bind_motion(py::class_<Arm>& arm) {
         Rows p(q.rows(), 3);
         Cube R = cube(q.rows(), 3, 3);
         Workspace ws(self);
-        at_slice(self, q, nullptr, link, x, ws, [&](Eigen::Index k, const auto& slice) {
-          const Pose<double> pose = slice_pose<double>(ws, link, slice);
+        at_slice(self, q, nullptr, link, x, ws, [&](Eigen::Index k, const PlacedSlice& at) {
+          const Pose<double> pose = slice_pose(ws, at);
           p.row(k) = pose.p;
           page(R, k) = pose.R;
         });
@@ -196,8 +190,10 @@ void bind_motion(py::class_<Arm>& arm) {
       [](const Arm& self, const Rows& q, std::size_t link, std::optional<double> x) {
         Cube J = cube(q.rows(), 6, self.nv());
         Workspace ws(self);
-        at_slice(self, q, nullptr, link, x, ws, [&](Eigen::Index k, const auto& slice) {
-          page(J, k) = slice_jacobian<double>(self, ws, link, slice);
+        Mat6X<double> one(6, self.nv());
+        at_slice(self, q, nullptr, link, x, ws, [&](Eigen::Index k, const PlacedSlice& at) {
+          slice_jacobian(self, ws, at, one);
+          page(J, k) = one;
         });
         return J;
       },
@@ -208,10 +204,9 @@ void bind_motion(py::class_<Arm>& arm) {
       [](const Arm& self, const Rows& q, const Rows& v, const Rows& a, std::size_t link, std::optional<double> x) {
         Rows velocity(q.rows(), 6), acceleration(q.rows(), 6);
         Workspace ws(self);
-        at_slice(self, q, &v, link, x, ws, [&](Eigen::Index k, const auto& slice) {
-          const Eigen::VectorXd ak = a.row(k);
-          accelerate_arm<double>(self, ws, ak, Eigen::Vector3d::Zero());
-          const SliceMotion<double> m = slice_motion<double>(self, ws, link, slice, ak);
+        at_slice(self, q, &v, link, x, ws, [&](Eigen::Index k, const PlacedSlice& at) {
+          accelerate_arm(self, ws, a.row(k));
+          const SliceMotion<double> m = slice_motion(self, ws, at);
           velocity.row(k) = m.velocity;
           acceleration.row(k) = m.acceleration;
         });
@@ -291,7 +286,8 @@ void bind_sums(py::class_<Arm>& arm) {
         Rows u(q.rows(), 3);
         Workspace ws(self);
         const Eigen::Vector3d rest = self.link(link).hub().end + x * Eigen::Vector3d::UnitX();
-        at_slice(self, q, nullptr, link, x, ws, [&](Eigen::Index k, const auto& slice) { u.row(k) = slice.x - rest; });
+        at_slice(self, q, nullptr, link, x, ws,
+                 [&](Eigen::Index k, const PlacedSlice& at) { u.row(k) = slice_in_link(ws, at).p - rest; });
         return u;
       },
       py::arg("q"), py::arg("link"), py::arg("x"));

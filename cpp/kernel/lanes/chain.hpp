@@ -3,7 +3,7 @@
 // Velocities of origins never occur: accelerations are absolute, and a body's forces know only its angular velocity.
 #pragma once
 
-#include "lanes/quadratic.hpp"
+#include "lanes/loads.hpp"
 
 namespace {
 
@@ -11,9 +11,6 @@ constexpr double kSingular = 1e-14;  // parts of an inertia below which what a f
 
 using flexarm::lanes::Layout;
 using flexarm::lanes::Shift;
-
-/// Numbers P that the body of a node needs to work on.
-inline std::size_t scratch_of(const Node& node) { return node.body == Node::quadratic ? quadratic_scratch(node) : 0; }
 
 template <class Sp>
 struct State {
@@ -60,6 +57,8 @@ struct Chain {
   const double* numbers;  ///< of all nodes, in order
   State<Sp>* state;
   P* scratch;
+  S* wrench;         ///< of each load, six numbers [f; m]
+  Slice<Sp>* slice;  ///< that a load acts on, or that is asked for
 
   static std::size_t memory_needed(const Layout& layout) {
     std::size_t bytes = sizeof(State<Sp>) * static_cast<std::size_t>(layout.nodes) + scratch_bytes(layout);
@@ -67,7 +66,8 @@ struct Chain {
       const std::size_t ne = static_cast<std::size_t>(layout.node[i].ne), pairs = ne * (ne + 1) / 2;
       bytes += 3 * ne * (sizeof(Lin) + sizeof(Ang)) + 2 * (pairs + ne) * sizeof(S);
     }
-    return bytes;
+    return bytes + sizeof(Slice<Sp>) + most_elastic(layout) * (sizeof(Lin) + sizeof(Ang)) +
+           6 * static_cast<std::size_t>(layout.loads) * sizeof(S);
   }
 
   /// In memory, aligned for P, as large as `memory_needed` says.
@@ -92,6 +92,16 @@ struct Chain {
       for (S** x : triangles) *x = reinterpret_cast<S*>(take(ne * (ne + 1) / 2 * sizeof(S)));
       for (S** x : lists) *x = reinterpret_cast<S*>(take(ne * sizeof(S)));
     }
+    slice = reinterpret_cast<Slice<Sp>*>(take(sizeof(Slice<Sp>)));
+    slice->J_linear = reinterpret_cast<Lin*>(take(most_elastic(layout) * sizeof(Lin)));
+    slice->J_angular = reinterpret_cast<Ang*>(take(most_elastic(layout) * sizeof(Ang)));
+    wrench = reinterpret_cast<S*>(take(6 * static_cast<std::size_t>(layout.loads) * sizeof(S)));
+    for (int i = 0; i < 6 * layout.loads; ++i) wrench[i] = S{};
+  }
+  static std::size_t most_elastic(const Layout& layout) {
+    int most = 0;
+    for (int i = 0; i < layout.nodes; ++i) most = layout.node[i].ne > most ? layout.node[i].ne : most;
+    return static_cast<std::size_t>(most);
   }
   static std::size_t scratch_bytes(const Layout& layout) {
     std::size_t most = 0;
@@ -125,7 +135,8 @@ struct Chain {
     s.slope_q = Lanes<S>::select(s.slope_q < 0.0, o, s.slope_q);
   }
 
-  /// Places, velocities, own inertias and bias forces of all nodes.
+  /// Places, velocities, own inertias and bias forces of all nodes; or places and velocities alone.
+  template <bool forces = true>
   void move(const S* q, const S* v) {
     Ang w = Sp::zero_angular();
     typename Sp::Rot attitude = Sp::turn(0, S{}, number<S>(1.0));
@@ -172,7 +183,8 @@ struct Chain {
       if (node.ne > 0) {
         Elastic<Sp>& e = s.elastic;
         move_slice(node, numbers + node.end, q + node.qe, v + node.ve, e.end);
-        bend(node, p, numbers + node.points, q + node.qe, v + node.ve, s.w, s.body, s.body_f, s.body_n, e, scratch);
+        if constexpr (forces)
+          bend(node, p, numbers + node.points, q + node.qe, v + node.ve, s.w, s.body, s.body_f, s.body_n, e, scratch);
         // what is carried by the end moves with the slice there (Eq. 45, 46)
         s.end_w = Sp::unrotate_angular(e.end.R, s.w + e.end.turning);
         const Lin sweep = Sp::cross(s.w, e.end.x) + number<S>(2.0) * e.end.u_dot;
@@ -180,13 +192,17 @@ struct Chain {
         e.end.turn_bias = Sp::cross(s.w, e.end.turning) + e.end.turn_bias;
         w = s.end_w;
         if (layout.attitudes) attitude = Sp::times(attitude, e.end.R);
-        if (node.tip) {
+        s.tip_f = Sp::zero();
+        s.tip_n = Sp::zero_angular();
+        if (forces && node.tip) {
           const double* t = numbers + node.tip_body;
           read_body(t, w, s.tip, s.tip_f, s.tip_n);
         }
-      } else if (node.body) {
+      } else if (forces && node.body) {
         read_body(p, s.w, s.body, s.body_f, s.body_n);
       }
+      if (forces && node.loads > 0)
+        subtract_loads(layout, node, wrench, attitude, q + node.qe, v + node.ve, s, *slice, scratch);
     }
   }
 
@@ -245,7 +261,7 @@ struct Chain {
         if constexpr (inertia)
           if (node.tip) Sp::add(M, s.tip);
         if constexpr (forces && biased)
-          if (node.tip) {
+          if (node.tip || node.loads > 0) {
             f += s.tip_f;
             n += s.tip_n;
           }
@@ -434,8 +450,8 @@ struct Chain {
     dw = Sp::unrotate_angular(e.end.R, dw);
   }
 
-  /// Inverse dynamics after `move`: generalised forces of accelerations x (Eq. 84-87).
-  void forces(const Lin& base, const S* x, S* tau) {
+  /// Accelerations of all frames, of coordinates' accelerations x (Eq. 86); after `move`.
+  void accelerate(const Lin& base, const S* x) {
     Lin a = base;
     Ang dw = Sp::zero_angular();
     for (int i = 0; i < layout.nodes; ++i) {
@@ -452,6 +468,11 @@ struct Chain {
       s.end_a = a;
       s.end_dw = dw;
     }
+  }
+
+  /// Inverse dynamics after `move`: generalised forces of accelerations x (Eq. 84-87).
+  void forces(const Lin& base, const S* x, S* tau) {
+    accelerate(base, x);
     Lin f = Sp::zero();
     Ang n = Sp::zero_angular();
     for (int i = layout.nodes; i-- > 0;) {
@@ -459,9 +480,13 @@ struct Chain {
       State<Sp>& s = state[i];
       if (node.ne > 0) {
         const Elastic<Sp>& e = s.elastic;
+        if (node.tip || node.loads > 0) {
+          f += s.tip_f;
+          n += s.tip_n;
+        }
         if (node.tip) {
-          f += s.tip_f + Sp::force(s.tip, s.end_a, s.end_dw);
-          n += s.tip_n + Sp::torque(s.tip, s.end_a, s.end_dw);
+          f += Sp::force(s.tip, s.end_a, s.end_dw);
+          n += Sp::torque(s.tip, s.end_a, s.end_dw);
         }
         f = Sp::rotate(e.end.R, f);
         n = Sp::rotate_angular(e.end.R, n);

@@ -4,7 +4,7 @@
 #include <optional>
 #include <vector>
 
-#include "flexarm/arm.hpp"
+#include "flexarm/load.hpp"
 #include "lanes/layout.hpp"
 
 namespace flexarm {
@@ -15,6 +15,10 @@ class KernelArm {
   /// Made at the first asking, and kept with the arm.
   /// @return null for what the kernels do not know: balls, beams of order 0, 3 and exact
   static const KernelArm* of(const Arm& arm);
+  /// The same arm in space, though it may move in a plane alone.
+  static const KernelArm* in_space(const Arm& arm);
+  /// With loads on it; the arm that this one was made of.
+  KernelArm loaded(const Arm& arm, const std::vector<Load>& loads) const;
   /// For kernels that take `width` points of a beam at once, with the motion of some rates prescribed.
   KernelArm grouped(int width, const std::vector<bool>& given) const;
   /// Whether the arms are of one structure.
@@ -29,15 +33,31 @@ class KernelArm {
   const Layout& layout() const { return layout_; }
   const std::vector<double>& numbers() const { return numbers_; }
 
+  /// A place and its numbers.
+  struct Spot {
+    Place place;
+    std::vector<double> numbers;
+  };
+  Spot origin(std::size_t link) const;  ///< of the link's own frame
+  Spot end(std::size_t link) const;     ///< where the next joint sits
+  Spot slice(const Arm& arm, std::size_t link, const SliceTable& table) const;
+
  private:
   KernelArm() = default;
-  static std::optional<KernelArm> build(const Arm& arm);
+  static std::optional<KernelArm> build(const Arm& arm, bool in_space);
   struct Builder;
   /// Lists of a node.
   struct Lists {
-    std::vector<int> which, direction, about;
+    std::vector<int> which, direction, about, loads;
     std::vector<Block> blocks;
   };
+  /// Where a link sits in its last node's frame, and its end in that frame or the beam's end.
+  struct Seat {
+    int node = 0;
+    Placement origin, end;
+  };
+  Spot fixed(const Seat& seat, Place::On on, const Placement& at) const;
+  PlacedLoad put_load(const Arm& arm, const Load& load);
   void point();
   void prescribe(const std::vector<bool>& given);
 
@@ -45,7 +65,14 @@ class KernelArm {
   std::vector<Node> nodes_;
   std::vector<Lists> lists_;  ///< one for each node
   std::vector<double> numbers_;
+  std::vector<Seat> seats_;  ///< one for each link
+  std::vector<PlacedLoad> loads_;
+  std::vector<double> load_numbers_;
 };
+
+/// The numbers of `slice_at` for a slice of a node's beam, of which the link's origin sees the place at rest.
+void put_slice(const Layout& layout, const Node& node, const Eigen::Vector3d& rest, const SliceTable& table,
+               std::vector<double>& out);
 
 }  // namespace lanes
 }  // namespace flexarm

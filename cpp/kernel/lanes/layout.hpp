@@ -40,6 +40,26 @@ struct Node {
   std::size_t point_numbers = 0, rotary_numbers = 0;  ///< of one of them
   // where numbers begin: of the node (joint, body), of the beam's end, its points, and the tip body
   std::size_t numbers = 0, end = 0, points = 0, tip_body = 0;
+  int loads = 0;              ///< that act on it,
+  const int* load = nullptr;  ///< which
+};
+
+/// A place on an arm: fixed to a node's frame or to the end of its beam (its numbers: where it sits there, and how it
+/// is turned), or a slice of the beam (its numbers: those of `slice_at`).
+struct Place {
+  enum On { frame, end, slice };
+  On on = frame;
+  int node = 0;
+};
+
+/// A load [f; m] on one or more slices. Of each: its weight, and its numbers as a place. Where there is a mean slice,
+/// it comes before these, and stands for all of them where the load has no moment; where there are no others, always.
+struct PlacedLoad {
+  Place place;
+  bool world = false;                 ///< axes of the world; else those of each slice
+  bool mean = false;                  ///< whether there is a mean slice
+  int slices = 0;                     ///< besides it
+  std::size_t numbers = 0, size = 0;  ///< where they begin; of one slice
 };
 
 struct Layout {
@@ -47,6 +67,11 @@ struct Layout {
   bool attitudes = false;  ///< whether a body asks how it stands in the world
   int nodes = 0, nq = 0, nv = 0;
   const Node* node = nullptr;
+  int along[2] = {0, 1}, about = 2;  ///< of a planar arm: axes of the world (and of each link) that it moves in,
+  double turning = 1.0;              ///< and the sign of a turn about the third
+  int loads = 0;
+  const PlacedLoad* load = nullptr;
+  const double* load_numbers = nullptr;
 };
 
 /// Time, in the kernels' terms.

@@ -3,6 +3,7 @@
 
 #include <memory>
 
+#include "lanes/frame_kernels.hpp"
 #include "lanes/kernel_arm.hpp"
 #include "lanes/kernels.hpp"
 
@@ -37,6 +38,8 @@ class Single {
   Single(const Single& other) : kernels_(other.kernels_), arm_(other.arm_), memory_(other.memory_.size()) { begin(); }
   Single& operator=(const Single&) = delete;
 
+  /// Value of a load from now on.
+  void load(const double* wrenches) { kernels_.load(self_, wrenches); }
   bool forward(const double* q, const double* v, const double* tau, double* a) {
     return kernels_.forward(self_, q, v, tau, a);
   }
@@ -57,6 +60,42 @@ class Single {
   const Kernels& kernels_;
   KernelArm arm_;
   Memory memory_;
+  void* self_ = nullptr;
+};
+
+/// Its frames, in space.
+class SingleFrames {
+ public:
+  /// @param links  of the arm that this one was made of
+  SingleFrames(const KernelArm& in_space, std::size_t links)
+      : kernels_(best_frames()), arm_(in_space), memory_(kernels_.memory(arm_.layout())) {
+    for (std::size_t n = 0; n < links; ++n) {
+      origins_.push_back(arm_.origin(n));
+      ends_.push_back(arm_.end(n));
+    }
+    begin();
+  }
+  SingleFrames(const SingleFrames& o)
+      : kernels_(o.kernels_), arm_(o.arm_), memory_(o.memory_.size()), origins_(o.origins_), ends_(o.ends_) {
+    begin();
+  }
+  SingleFrames& operator=(const SingleFrames&) = delete;
+
+  const FrameKernels* operator->() const { return &kernels_; }
+  void* self() const { return self_; }
+  const KernelArm::Spot& origin(std::size_t link) const { return origins_[link]; }
+  const KernelArm::Spot& end(std::size_t link) const { return ends_[link]; }
+
+ private:
+  void begin() {
+    self_ = memory_.get();
+    kernels_.begin(arm_.layout(), arm_.numbers().data(), self_);
+  }
+
+  const FrameKernels& kernels_;
+  KernelArm arm_;
+  Memory memory_;
+  std::vector<KernelArm::Spot> origins_, ends_;  ///< of links
   void* self_ = nullptr;
 };
 
