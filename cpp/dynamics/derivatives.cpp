@@ -89,7 +89,8 @@ void InverseDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, co
 MotionDerivatives::MotionDerivatives(const Arm& arm, std::size_t link, std::optional<double> x)
     : dq(Eigen::MatrixXd::Zero(12, arm.nq())), dv(Eigen::MatrixXd::Zero(12, arm.nv())), at_(arm, link, x) {
   if (const lanes::KernelArm* fast = lanes::KernelArm::in_space(arm)) {
-    fast_ = std::make_shared<const lanes::KernelArm>(*fast);
+    kept_ = arm.kept();
+    fast_ = fast;
     memory_.resize((kAligned + lanes::best_frames().slopes_memory(fast->layout())) / sizeof(double) + 1);
     return;
   }

@@ -202,12 +202,10 @@ FLEXARM_INSTANTIATE(Tangent)
 
 namespace {
 
-/// Of places and slices, on Eigen.
-Slice<double> slice_of(const Workspace& ws, const PlacedSlice& at) {
+const Slice<double>& slice_of(const Workspace& ws, const PlacedSlice& at) {
   if (!at.table()) return ws.links[at.link()].end;
-  Slice<double> slice(at.of().ne());
-  at.of().move_slice(*at.table(), ws.links[at.link()], true, slice);
-  return slice;
+  at.of().move_slice(*at.table(), ws.links[at.link()], true, at.scratch());
+  return at.scratch();
 }
 
 Energy energy_on_eigen(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
@@ -289,7 +287,7 @@ PlacedSlice::PlacedSlice(const Arm& arm, std::size_t link, std::optional<double>
 }
 
 PlacedSlice::PlacedSlice(const Arm& arm, std::size_t link, const SliceTable& table)
-    : link_(link), table_(table), of_(&arm.link(link)) {
+    : link_(link), table_(table), of_(&arm.link(link)), scratch_(of_->ne()) {
   if (const lanes::KernelArm* known = lanes::KernelArm::in_space(arm)) {
     const lanes::KernelArm::Spot spot = known->slice(arm, link, table);
     on_ = spot.place.on;
@@ -313,12 +311,12 @@ void accelerate_arm(const Arm& arm, Workspace& ws, const Eigen::VectorXd& a, con
 
 Pose<double> link_pose(const Workspace& ws, std::size_t link) {
   if (!ws.frames) return link_pose<double>(ws, link);
-  const lanes::KernelArm::Spot& at = ws.frames->origin(link);
+  const lanes::KernelArm::Spot& at = ws.frames->arm().origin(link);
   return pose(*ws.frames, at.place, at.numbers.data(), true);
 }
 Pose<double> slice_pose(const Workspace& ws, std::size_t link) {
   if (!ws.frames) return slice_pose<double>(ws, link, ws.links[link].end);
-  const lanes::KernelArm::Spot& at = ws.frames->end(link);
+  const lanes::KernelArm::Spot& at = ws.frames->arm().end(link);
   return pose(*ws.frames, at.place, at.numbers.data(), true);
 }
 Pose<double> slice_pose(const Workspace& ws, const PlacedSlice& at) {
@@ -327,7 +325,7 @@ Pose<double> slice_pose(const Workspace& ws, const PlacedSlice& at) {
 }
 Pose<double> slice_in_link(const Workspace& ws, const PlacedSlice& at) {
   if (!ws.frames) {
-    const Slice<double> slice = slice_of(ws, at);
+    const Slice<double>& slice = slice_of(ws, at);
     return {slice.x, slice.R};
   }
   if (at.place().on == lanes::Place::slice) return pose(*ws.frames, at.place(), at.numbers(), false);
@@ -337,7 +335,7 @@ Pose<double> slice_in_link(const Workspace& ws, const PlacedSlice& at) {
 
 void slice_jacobian(const Arm& arm, const Workspace& ws, std::size_t link, Mat6X<double>& J) {
   if (!ws.frames) return slice_jacobian<double>(arm, ws, link, ws.links[link].end, J);
-  const lanes::KernelArm::Spot& at = ws.frames->end(link);
+  const lanes::KernelArm::Spot& at = ws.frames->arm().end(link);
   jacobian(*ws.frames, at.place, at.numbers.data(), J, ws.a.size());
 }
 void slice_jacobian(const Arm& arm, const Workspace& ws, const PlacedSlice& at, Mat6X<double>& J) {
@@ -347,7 +345,7 @@ void slice_jacobian(const Arm& arm, const Workspace& ws, const PlacedSlice& at, 
 
 SliceMotion<double> slice_motion(const Arm& arm, const Workspace& ws, std::size_t link) {
   if (!ws.frames) return slice_motion<double>(arm, ws, link, ws.links[link].end, ws.placed_a);
-  const lanes::KernelArm::Spot& at = ws.frames->end(link);
+  const lanes::KernelArm::Spot& at = ws.frames->arm().end(link);
   return motion(*ws.frames, at.place, at.numbers.data());
 }
 SliceMotion<double> slice_motion(const Arm& arm, const Workspace& ws, const PlacedSlice& at) {

@@ -43,8 +43,7 @@ Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::
   if (const lanes::KernelArm* known = lanes::KernelArm::of(arm))
     fast = FastPath(applied.empty() ? new lanes::Single(*known, prescribed)
                                     : new lanes::Single(known->loaded(arm, applied), prescribed));
-  if (const lanes::KernelArm* known = lanes::KernelArm::in_space(arm))
-    frames = Held<lanes::SingleFrames>(new lanes::SingleFrames(*known, arm.size()));
+  if (lanes::KernelArm::in_space(arm)) frames = Held<lanes::SingleFrames>(new lanes::SingleFrames(arm));
 }
 
 lanes::Single& Workspace::kernels() {

@@ -94,6 +94,28 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     moved.passes = (node.passes + width - 1) / width;
     moved.rotary = (node.rotary + width - 1) / width;
   }
+  out.load_numbers_.clear();
+  for (PlacedLoad& load : out.loads_) {
+    const double* p = load_numbers_.data() + load.numbers;
+    load.numbers = out.load_numbers_.size();
+    if (load.mean) {
+      out.load_numbers_.insert(out.load_numbers_.end(), p, p + load.size);
+      p += load.size;
+    }
+    const std::size_t slices = static_cast<std::size_t>(load.slices);
+    if (!slices_in_groups(nodes_[static_cast<std::size_t>(load.place.node)])) {
+      out.load_numbers_.insert(out.load_numbers_.end(), p, p + slices * load.size);
+      continue;
+    }
+    for (std::size_t a = 0; a < slices; a += w)
+      for (std::size_t i = 0; i < load.size; ++i)
+        for (std::size_t l = a; l < a + w; ++l)  // what is too much repeats the last, without weight
+          out.load_numbers_.push_back(l < slices ? p[l * load.size + i]
+                                      : i == 0   ? 0.0
+                                                 : p[(slices - 1) * load.size + i]);
+    load.slices = (load.slices + width - 1) / width;
+  }
+  out.point();
   return out;
 }
 

@@ -214,8 +214,9 @@ struct KernelArm::Builder {
     Seat seat;
     seat.node = static_cast<int>(out.nodes_.size()) - 1;
     seat.origin = {offset, turn};
+    seat.origin_spot = out.fixed(seat.node, Place::frame, seat.origin);
     const bool known = elastic ? add_beam(link, n) : add_body(link);
-    seat.end = {offset, turn};
+    seat.end_spot = out.fixed(seat.node, Place::end, {offset, turn});
     out.seats_.push_back(seat);
     return known;
   }

@@ -43,26 +43,19 @@ void put_slice(const Layout& layout, const Node& node, const Vector3d& rest, con
     if (position || !layout.planar) for_products(table.products, position, [&](double c) { out.push_back(c); });
 }
 
-KernelArm::Spot KernelArm::fixed(const Seat& seat, Place::On on, const Placement& at) const {
-  Spot spot{{on, seat.node}, {}};
+KernelArm::Spot KernelArm::fixed(int node, Place::On on, const Placement& at) const {
+  Spot spot{{on, node}, {}};
   put(layout_, at.position, spot.numbers);
   put(layout_, at.rotation, spot.numbers);
   return spot;
 }
-
-KernelArm::Spot KernelArm::origin(std::size_t link) const {
-  return fixed(seats_[link], Place::frame, seats_[link].origin);
-}
-
-KernelArm::Spot KernelArm::end(std::size_t link) const { return fixed(seats_[link], Place::end, seats_[link].end); }
 
 KernelArm::Spot KernelArm::slice(const Arm& arm, std::size_t link, const SliceTable& table) const {
   const Seat& seat = seats_[link];
   const Node& node = nodes_[static_cast<std::size_t>(seat.node)];
   const Vector3d rest = arm.link(link).hub().end + table.X * Vector3d::UnitX();
   if (node.ne == 0)
-    return fixed(seat, Place::frame,
-                 {seat.origin.position + seat.origin.rotation * rest, seat.origin.rotation});
+    return fixed(seat.node, Place::frame, {seat.origin.position + seat.origin.rotation * rest, seat.origin.rotation});
   Spot spot{{Place::slice, seat.node}, {}};
   put_slice(layout_, node, rest, table, spot.numbers);
   return spot;

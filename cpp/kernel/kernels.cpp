@@ -1,5 +1,5 @@
-#include "lanes/frame_kernels.hpp"
 #include "lanes/kernels.hpp"
+#include "lanes/frame_kernels.hpp"
 
 #include <cstdlib>
 #include <cstring>

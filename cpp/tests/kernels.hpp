@@ -7,11 +7,14 @@
 namespace flexarm {
 namespace lanes {
 extern const Kernels kernels_base;
+extern const FrameKernels frames_base;
 #ifdef FLEXARM_HAS_AVX2
 extern const Kernels kernels_avx2;
+extern const FrameKernels frames_avx2;
 #endif
 #ifdef FLEXARM_HAS_AVX512
 extern const Kernels kernels_avx512;
+extern const FrameKernels frames_avx512;
 #endif
 }  // namespace lanes
 }  // namespace flexarm
@@ -24,8 +27,23 @@ inline std::vector<const flexarm::lanes::Kernels*> all_kernels() {
   if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) out.push_back(&flexarm::lanes::kernels_avx2);
 #endif
 #ifdef FLEXARM_HAS_AVX512
-  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq")) out.push_back(&flexarm::lanes::kernels_avx512);
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq"))
+    out.push_back(&flexarm::lanes::kernels_avx512);
 #endif
+  return out;
+}
+
+inline std::vector<const flexarm::lanes::FrameKernels*> all_frames() {
+  std::vector<const flexarm::lanes::FrameKernels*> out;
+  for (const flexarm::lanes::Kernels* k : all_kernels()) {
+    if (k == &flexarm::lanes::kernels_base) out.push_back(&flexarm::lanes::frames_base);
+#ifdef FLEXARM_HAS_AVX2
+    if (k == &flexarm::lanes::kernels_avx2) out.push_back(&flexarm::lanes::frames_avx2);
+#endif
+#ifdef FLEXARM_HAS_AVX512
+    if (k == &flexarm::lanes::kernels_avx512) out.push_back(&flexarm::lanes::frames_avx512);
+#endif
+  }
   return out;
 }
 

@@ -116,10 +116,10 @@ TEST_CASE("loads of all kinds, in the plane") {
   first[0] = true;
   check(flat({0, 0, 1}, {3, 0, 0, 0, 0}, 2), true, first);
   // rigid, also in the third plane
-  const Arm rigid({Link(Joint::revolute({-1, 0, 0}), flexarm_test::body(0.5, {0.1, 0.2, 0.3}), std::nullopt,
-                        std::nullopt),
-                   Link(Joint::revolute({1, 0, 0}), flexarm_test::body(0.5, {0.1, 0.2, 0.3}), std::nullopt,
-                        flexarm_test::body(0.1, {0.1, 0.1, 0}))});
+  const Arm rigid(
+      {Link(Joint::revolute({-1, 0, 0}), flexarm_test::body(0.5, {0.1, 0.2, 0.3}), std::nullopt, std::nullopt),
+       Link(Joint::revolute({1, 0, 0}), flexarm_test::body(0.5, {0.1, 0.2, 0.3}), std::nullopt,
+            flexarm_test::body(0.1, {0.1, 0.1, 0}))});
   check(rigid, true);
 }
 

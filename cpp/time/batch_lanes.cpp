@@ -234,9 +234,7 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   job.varies = varies;
   job.context = this;
   job.set = [](void* self, long step, long half, double* q, double* v, double* a, double* tau, double* offset,
-               double* wrenches) {
-    static_cast<LaneGroup*>(self)->set(step, half, q, v, a, tau, offset, wrenches);
-  };
+               double* wrenches) { static_cast<LaneGroup*>(self)->set(step, half, q, v, a, tau, offset, wrenches); };
   job.jumps = [](void* self, long step, double* changed) {
     return static_cast<LaneGroup*>(self)->jumps(step, changed);
   };

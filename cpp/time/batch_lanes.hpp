@@ -64,7 +64,7 @@ class LaneGroup {
   const lanes::Kernels& kernels_;
   Eigen::Index width_, first_ = 0, count_ = 1;
   std::optional<lanes::KernelArm> packed_;
-  bool one_for_all_ = true;                                 ///< one arm, with loads at the same places
+  bool one_for_all_ = true;                                ///< one arm, with loads at the same places
   std::vector<std::unique_ptr<lanes::KernelArm>> loaded_;  ///< with loads: that one, or of each scenario
   lanes::Memory memory_;
   std::vector<double> weight_, laws_, coulomb_, stiction_, q_, v_, farthest_, fastest_;

@@ -202,7 +202,8 @@ struct Chain {
         read_body(p, s.w, s.body, s.body_f, s.body_n);
       }
       if (forces && node.loads > 0)
-        subtract_loads(layout, node, wrench, attitude, q + node.qe, v + node.ve, s, *slice, scratch);
+        subtract_loads(layout, node, wrench, attitude, numbers + node.points, q + node.qe, v + node.ve, s, *slice,
+                       s.elastic.y, scratch);
     }
   }
 

@@ -14,8 +14,8 @@ struct Sums {
   double momentum[6];
 };
 
-/// Of arms in space (KernelArm::in_space). `self` is memory (aligned to 64 bytes) that `begin` has laid out; numbers of a
-/// place are those of KernelArm's spots. Vectors are [linear; angular], world axes.
+/// Of arms in space (KernelArm::in_space). `self` is memory (aligned to 64 bytes) that `begin` has laid out; numbers of
+/// a place are those of KernelArm's spots. Vectors are [linear; angular], world axes.
 struct FrameKernels {
   std::size_t (*memory)(const Layout&);
   void (*begin)(const Layout&, const double* numbers, void* memory);

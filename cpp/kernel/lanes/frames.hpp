@@ -84,7 +84,7 @@ struct Frames {
     const State<Sp>& s = chain.state[at.node];
     Slice<Sp>& slice = *chain.slice;
     if (at.on == Place::slice)
-      slice_at(node, numbers, q + node.qe, v + node.ve, chain.scratch, slice);
+      slice_at(node, numbers, chain.numbers + node.points, q + node.qe, v + node.ve, chain.scratch, slice);
     else
       fixed_slice(numbers, slice);
     if (at.on == Place::end && node.ne > 0) return {node, s, end[at.node], s.end_w, s.end_dw, s.end_a, slice, 0};

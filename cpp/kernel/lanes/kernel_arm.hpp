@@ -38,8 +38,8 @@ class KernelArm {
     Place place;
     std::vector<double> numbers;
   };
-  Spot origin(std::size_t link) const;  ///< of the link's own frame
-  Spot end(std::size_t link) const;     ///< where the next joint sits
+  const Spot& origin(std::size_t link) const { return seats_[link].origin_spot; }  ///< of the link's own frame
+  const Spot& end(std::size_t link) const { return seats_[link].end_spot; }        ///< where the next joint sits
   Spot slice(const Arm& arm, std::size_t link, const SliceTable& table) const;
 
  private:
@@ -54,9 +54,10 @@ class KernelArm {
   /// Where a link sits in its last node's frame, and its end in that frame or the beam's end.
   struct Seat {
     int node = 0;
-    Placement origin, end;
+    Placement origin;
+    Spot origin_spot, end_spot;
   };
-  Spot fixed(const Seat& seat, Place::On on, const Placement& at) const;
+  Spot fixed(int node, Place::On on, const Placement& at) const;
   PlacedLoad put_load(const Arm& arm, const Load& load);
   void point();
   void prescribe(const std::vector<bool>& given);

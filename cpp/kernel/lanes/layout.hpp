@@ -58,7 +58,7 @@ struct PlacedLoad {
   Place place;
   bool world = false;                 ///< axes of the world; else those of each slice
   bool mean = false;                  ///< whether there is a mean slice
-  int slices = 0;                     ///< besides it
+  int slices = 0;                     ///< besides it; of one arm on packs, groups of them
   std::size_t numbers = 0, size = 0;  ///< where they begin; of one slice
 };
 
@@ -73,6 +73,9 @@ struct Layout {
   const PlacedLoad* load = nullptr;
   const double* load_numbers = nullptr;
 };
+
+/// Whether kernels of one arm take the slices of loads on a node as many at a time as a pack has lanes.
+inline bool slices_in_groups(const Node& node) { return node.ne > 0 && node.body == Node::quadratic; }
 
 /// Time, in the kernels' terms.
 struct Shift {

@@ -188,8 +188,7 @@ struct Roller {
 
   void set(long step, long half) {
     const auto raw = [](Pack* p) { return reinterpret_cast<double*>(p); };
-    job.set(job.context, step, half, raw(q), raw(v), raw(x), raw(tau), raw(arms.offset),
-            raw(arms.chain.wrench));
+    job.set(job.context, step, half, raw(q), raw(v), raw(x), raw(tau), raw(arms.offset), raw(arms.chain.wrench));
   }
   void lose(const PackMask& where, int status, long step) {
     for (int l = 0; l < W; ++l)

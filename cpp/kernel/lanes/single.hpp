@@ -66,25 +66,19 @@ class Single {
 /// Its frames, in space.
 class SingleFrames {
  public:
-  /// @param links  of the arm that this one was made of
-  SingleFrames(const KernelArm& in_space, std::size_t links)
-      : kernels_(best_frames()), arm_(in_space), memory_(kernels_.memory(arm_.layout())) {
-    for (std::size_t n = 0; n < links; ++n) {
-      origins_.push_back(arm_.origin(n));
-      ends_.push_back(arm_.end(n));
-    }
+  /// Of an arm that the kernels know.
+  explicit SingleFrames(const Arm& arm, const FrameKernels& kernels = best_frames())
+      : kernels_(kernels), kept_(arm.kept()), arm_(*KernelArm::in_space(arm)), memory_(kernels_.memory(arm_.layout())) {
     begin();
   }
-  SingleFrames(const SingleFrames& o)
-      : kernels_(o.kernels_), arm_(o.arm_), memory_(o.memory_.size()), origins_(o.origins_), ends_(o.ends_) {
+  SingleFrames(const SingleFrames& o) : kernels_(o.kernels_), kept_(o.kept_), arm_(o.arm_), memory_(o.memory_.size()) {
     begin();
   }
   SingleFrames& operator=(const SingleFrames&) = delete;
 
   const FrameKernels* operator->() const { return &kernels_; }
+  const KernelArm& arm() const { return arm_; }
   void* self() const { return self_; }
-  const KernelArm::Spot& origin(std::size_t link) const { return origins_[link]; }
-  const KernelArm::Spot& end(std::size_t link) const { return ends_[link]; }
 
  private:
   void begin() {
@@ -93,9 +87,9 @@ class SingleFrames {
   }
 
   const FrameKernels& kernels_;
-  KernelArm arm_;
+  MadeOnce kept_;  ///< which owns the next
+  const KernelArm& arm_;
   Memory memory_;
-  std::vector<KernelArm::Spot> origins_, ends_;  ///< of links
   void* self_ = nullptr;
 };
 

@@ -58,7 +58,8 @@ class MotionDerivatives {
 
  private:
   PlacedSlice at_;
-  std::shared_ptr<const lanes::KernelArm> fast_;  ///< in space, with its memory; or else:
+  MadeOnce kept_;                           ///< which owns the next
+  const lanes::KernelArm* fast_ = nullptr;  ///< in space, with its memory; or else:
   std::vector<double> memory_;
   const Slice<Tangent>& slice(const Arm& arm);  ///< after move_arm
   Slice<Tangent> slice_;

@@ -54,6 +54,7 @@ class PlacedSlice {
   // as Eigen's path knows it
   const std::optional<SliceTable>& table() const { return table_; }
   const Link& of() const { return *of_; }
+  Slice<double>& scratch() const { return scratch_; }
 
  private:
   std::size_t link_;
@@ -61,6 +62,7 @@ class PlacedSlice {
   std::vector<double> numbers_;
   std::optional<SliceTable> table_;
   const Link* of_;
+  mutable Slice<double> scratch_;
 };
 
 template <class S>
