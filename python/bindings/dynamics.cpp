@@ -53,29 +53,24 @@ void inverse(const PyArm& arm, const Vectors& q, const Vectors& v, const Vectors
   Workspace& ws = *lent;
   loads.set(ws);
   for_states(arm, count(q), [&](Eigen::Index k) {
-    inverse_dynamics<double>(arm, ws, rows(q).row(k), rows(v).row(k), rows(a).row(k));
+    inverse_dynamics(arm, ws, rows(q).row(k), rows(v).row(k), rows(a).row(k));
     visit(k, ws);
   });
 }
 
-/// Runs visit(k, workspace, slice) for every state, the arm at rest or moving at v, with the slice of `link` at x
+/// Runs visit(k, workspace, place) for every state, the arm at rest or moving at v, with the slice of `link` at x
 /// metres along its beam, or its end.
 template <class Visit>
 void at_slice(const PyArm& arm, const Vectors& q, const Vectors* v, std::size_t link, std::optional<double> x,
               const Visit& visit) {
-  const Link& l = arm.link(link);
-  SliceTable table;
-  Slice<double> slice(l.ne());
-  if (x) table = l.slice_at(*x);
+  const PlacedSlice at(arm, link, x);
   Eigen::VectorXd rates = Eigen::VectorXd::Zero(arm.nv());
   const auto lent = arm.workspace();
   Workspace& ws = *lent;
   for_states(arm, count(q), [&](Eigen::Index k) {
     if (v) rates = rows(*v).row(k);
-    move_arm<double>(arm, ws, rows(q).row(k), rates);
-    const LinkState<double>& s = ws.links[link];
-    if (x) l.move_slice(table, s, true, slice);
-    visit(k, ws, x ? slice : s.end);
+    move_arm(arm, ws, rows(q).row(k), rates);
+    visit(k, ws, at);
   });
 }
 
@@ -171,8 +166,8 @@ void bind_motion(py::class_<PyArm, Arm>& arm) {
       "frame",
       [](const PyArm& self, const Vectors& q, std::size_t link, std::optional<double> x) {
         Answers p(q, {3}), R(q, {3, 3});
-        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const auto& slice) {
-          const Pose<double> pose = slice_pose<double>(ws, link, slice);
+        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const PlacedSlice& at) {
+          const Pose<double> pose = slice_pose(ws, at);
           p[k] = pose.p.transpose();
           R[k] = pose.R;
         });
@@ -184,8 +179,10 @@ void bind_motion(py::class_<PyArm, Arm>& arm) {
       "jacobian",
       [](const PyArm& self, const Vectors& q, std::size_t link, std::optional<double> x) {
         Answers J(q, {6, self.nv()});
-        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const auto& slice) {
-          J[k] = slice_jacobian<double>(self, ws, link, slice);
+        Mat6X<double> one(6, self.nv());
+        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const PlacedSlice& at) {
+          slice_jacobian(self, ws, at, one);
+          J[k] = one;
         });
         return J.all();
       },
@@ -196,10 +193,9 @@ void bind_motion(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Vectors& q, const Vectors& v, const Vectors& a, std::size_t link,
          std::optional<double> x) {
         Answers velocity(q, {6}), acceleration(q, {6});
-        at_slice(self, q, &v, link, x, [&](Eigen::Index k, Workspace& ws, const auto& slice) {
-          const Eigen::VectorXd ak = rows(a).row(k);
-          accelerate_arm<double>(self, ws, ak, Eigen::Vector3d::Zero());
-          const SliceMotion<double> m = slice_motion<double>(self, ws, link, slice, ak);
+        at_slice(self, q, &v, link, x, [&](Eigen::Index k, Workspace& ws, const PlacedSlice& at) {
+          accelerate_arm(self, ws, rows(a).row(k));
+          const SliceMotion<double> m = slice_motion(self, ws, at);
           velocity[k] = m.velocity.transpose();
           acceleration[k] = m.acceleration.transpose();
         });
@@ -264,8 +260,9 @@ void bind_sums(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Vectors& q, std::size_t link, double x) {
         Answers u(q, {3});
         const Eigen::Vector3d rest = self.link(link).hub().end + x * Eigen::Vector3d::UnitX();
-        at_slice(self, q, nullptr, link, x,
-                 [&](Eigen::Index k, const Workspace&, const auto& slice) { u[k] = (slice.x - rest).transpose(); });
+        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const PlacedSlice& at) {
+          u[k] = (slice_in_link(ws, at).p - rest).transpose();
+        });
         return u.all();
       },
       py::arg("q"), py::arg("link"), py::arg("x"));
