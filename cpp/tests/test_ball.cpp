@@ -181,7 +181,7 @@ TEST_CASE("packs of arms with balls, and of order 0, move as one by one") {
         p.tau = {tau.data(), 0, 0};
         p.feedback.push_back(
             {{column.data(), 0, 0}, {by_q.data(), 0, 0}, {by_v.data(), 0, 0}, {&zero, 0, 0}, {&limit, 0, 0}});
-        p.rk4 = rk4;
+        p.integrator = rk4 ? "rk4" : "implicit";
         p.lanes = side_by_side;
         Eigen::MatrixXd q(2 * nq, count);
         std::vector<int> status(static_cast<std::size_t>(count));
