@@ -29,7 +29,7 @@ Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd&
     add_feedback(ws.feedback, q, v, 1.0, ws.total);
     total = &ws.total;
   }
-  const Status status = status_of(ws.fast->forward(q.data(), v.data(), total->data(), ws.a.data()));
+  const Status status = status_of(ws.kernels().forward(q.data(), v.data(), total->data(), ws.a.data()));
   if (!all_finite(q) || !all_finite(v)) return Status::not_finite;
   return status != Status::ok || all_finite(ws.a) ? status : Status::not_finite;
 }

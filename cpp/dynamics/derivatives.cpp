@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <memory>
 
+#include "lanes/frame_kernels.hpp"
 #include "lanes/kernel_arm.hpp"
 #include "lanes/kernels.hpp"
 
@@ -39,6 +40,13 @@ namespace {
 
 constexpr std::size_t kAligned = 64;  // bytes, as the kernels want their memory
 
+/// Memory within, as the kernels want it.
+void* aligned(std::vector<double>& memory) {
+  void* at = memory.data();
+  std::size_t space = memory.size() * sizeof(double);
+  return std::align(kAligned, space - kAligned, at, space);
+}
+
 /// Writes direction k of `values` into the columns of dq, then of dv.
 void put(const VecX<Tangent>& values, Eigen::Index k, std::size_t lane, Eigen::MatrixXd& dq, Eigen::MatrixXd& dv) {
   for (Eigen::Index i = 0; i < values.size(); ++i)
@@ -49,24 +57,28 @@ void put(const VecX<Tangent>& values, Eigen::Index k, std::size_t lane, Eigen::M
 
 InverseDerivatives::InverseDerivatives(const Arm& arm, const std::vector<Load>& loads)
     : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nq())), dv(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())) {
-  const lanes::KernelArm* fast = lanes::KernelArm::of(arm);
-  if (fast && loads.empty()) {
-    memory_.resize((kAligned + lanes::best_kernels().slopes_memory(fast->layout())) / sizeof(double) + 1);
+  if (const lanes::KernelArm* fast = lanes::KernelArm::of(arm)) {
+    fast_ = std::make_shared<const lanes::KernelArm>(loads.empty() ? *fast : fast->loaded(arm, loads));
+    wrenches_.resize(6 * loads.size());
+    memory_.resize((kAligned + lanes::best_kernels().slopes_memory(fast_->layout())) / sizeof(double) + 1);
     return;
   }
   ws_.emplace(arm, loads);
   state_.emplace(arm);
 }
 
+void InverseDerivatives::set_wrench(std::size_t load, const Vec6<double>& wrench) {
+  if (fast_)
+    Eigen::Map<Vec6<double>>(wrenches_.data() + 6 * load) = wrench;
+  else
+    ws_->loads[load].wrench = wrench;
+}
+
 void InverseDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                     const Eigen::VectorXd& a, bool by_v) {
-  if (!ws_) {
-    const lanes::KernelArm& fast = *lanes::KernelArm::of(arm);
-    void* at = memory_.data();
-    std::size_t space = memory_.size() * sizeof(double);
-    at = std::align(kAligned, space - kAligned, at, space);
-    lanes::best_kernels().slopes(fast.layout(), fast.numbers().data(), at, q.data(), v.data(), a.data(), dq.data(),
-                                 dv.data());
+  if (fast_) {
+    lanes::best_kernels().slopes(fast_->layout(), fast_->numbers().data(), wrenches_.data(), aligned(memory_), q.data(),
+                                 v.data(), a.data(), dq.data(), dv.data());
     return;
   }
   state_->set(q, v, a);
@@ -75,43 +87,57 @@ void InverseDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, co
 }
 
 MotionDerivatives::MotionDerivatives(const Arm& arm, std::size_t link, std::optional<double> x)
-    : dq(Eigen::MatrixXd::Zero(12, arm.nq())),
-      dv(Eigen::MatrixXd::Zero(12, arm.nv())),
-      link_(link),
-      slice_(arm.link(link).ne()),
-      ws_(arm),
-      state_(arm) {
-  if (x) table_ = arm.link(link).slice_at(*x);
+    : dq(Eigen::MatrixXd::Zero(12, arm.nq())), dv(Eigen::MatrixXd::Zero(12, arm.nv())), at_(arm, link, x) {
+  if (const lanes::KernelArm* fast = lanes::KernelArm::in_space(arm)) {
+    kept_ = arm.kept();
+    fast_ = fast;
+    memory_.resize((kAligned + lanes::best_frames().slopes_memory(fast->layout())) / sizeof(double) + 1);
+    return;
+  }
+  slice_ = Slice<Tangent>(arm.link(link).ne());
+  ws_.emplace(arm);
+  state_.emplace(arm);
 }
 
 const Slice<Tangent>& MotionDerivatives::slice(const Arm& arm) {
-  if (!table_) return ws_.links[link_].end;
-  arm.link(link_).move_slice(*table_, ws_.links[link_], true, slice_);
+  if (!at_.table()) return ws_->links[at_.link()].end;
+  arm.link(at_.link()).move_slice(*at_.table(), ws_->links[at_.link()], true, slice_);
   return slice_;
 }
 
 void MotionDerivatives::operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                    const Eigen::VectorXd& a) {
+  if (fast_) {
+    lanes::best_frames().slopes(fast_->layout(), fast_->numbers().data(), aligned(memory_), at_.place(), at_.numbers(),
+                                q.data(), v.data(), a.data(), dq.data(), dv.data());
+    return;
+  }
   VecX<Tangent> motion(12);
-  state_.set(q, v, a);
-  state_.sweep(
+  state_->set(q, v, a);
+  state_->sweep(
       [&] {
-        move_arm(arm, ws_, state_.q, state_.v);
-        accelerate_arm(arm, ws_, state_.a, Eigen::Vector3d::Zero());
-        const SliceMotion<Tangent> m = slice_motion(arm, ws_, link_, slice(arm), state_.a);
+        move_arm(arm, *ws_, state_->q, state_->v);
+        accelerate_arm(arm, *ws_, state_->a, Eigen::Vector3d::Zero());
+        const SliceMotion<Tangent> m = slice_motion(arm, *ws_, at_.link(), slice(arm), state_->a);
         motion << m.velocity, m.acceleration;
       },
       [&](Eigen::Index k, std::size_t lane) { put(motion, k, lane, dq, dv); });
 }
 
 Mat6X<double> MotionDerivatives::jacobian_rate(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-  state_.set(q, v, v);
   Eigen::VectorXd rate(arm.nq());
   coordinate_rates(arm, q, v, rate);
-  for (Eigen::Index i = 0; i < rate.size(); ++i) state_.q[i].d[0] = rate[i];
-  move_arm(arm, ws_, state_.q, state_.v);
-  const Mat6X<Tangent> J = slice_jacobian(arm, ws_, link_, slice(arm));
-  for (Eigen::Index i = 0; i < rate.size(); ++i) state_.q[i].d[0] = 0.0;
+  if (fast_) {
+    Mat6X<double> J(6, arm.nv());
+    lanes::best_frames().jacobian_rate(fast_->layout(), fast_->numbers().data(), aligned(memory_), at_.place(),
+                                       at_.numbers(), q.data(), rate.data(), J.data());
+    return J;
+  }
+  state_->set(q, v, v);
+  for (Eigen::Index i = 0; i < rate.size(); ++i) state_->q[i].d[0] = rate[i];
+  move_arm(arm, *ws_, state_->q, state_->v);
+  const Mat6X<Tangent> J = slice_jacobian(arm, *ws_, at_.link(), slice(arm));
+  for (Eigen::Index i = 0; i < rate.size(); ++i) state_->q[i].d[0] = 0.0;
   return J.unaryExpr([](const Tangent& x) { return x.d[0]; });
 }
 

@@ -49,15 +49,10 @@ void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a, bool 
   }
 }
 
-void move_arm(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-  move_arm<double>(arm, ws, q, v);
-  if (ws.fast) ws.fast->move(q.data(), v.data());
-}
-
 void inverse_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                       const Eigen::VectorXd& a, bool with_masses) {
   if (!ws.fast) return inverse_dynamics<double>(arm, ws, q, v, a, with_masses);
-  ws.fast->inverse(q.data(), v.data(), a.data(), ws.tau.data());
+  ws.kernels().inverse(q.data(), v.data(), a.data(), ws.tau.data());
   add_feedback(ws.feedback, q, v, -1.0, ws.tau);
 }
 

@@ -2,6 +2,9 @@
 
 #include <cmath>
 
+#include "flexarm/check.hpp"
+#include "lanes/single.hpp"
+
 namespace flexarm {
 
 template <class S>
@@ -195,7 +198,17 @@ SliceMotion<S> slice_motion(const Arm& arm, const SweepWorkspace<S>& ws, std::si
 FLEXARM_INSTANTIATE(double)
 FLEXARM_INSTANTIATE(Tangent)
 
-Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+// --- On the kernels; the lines with `!ws.frames` are for arms that these do not know. ---
+
+namespace {
+
+const Slice<double>& slice_of(const Workspace& ws, const PlacedSlice& at) {
+  if (!at.table()) return ws.links[at.link()].end;
+  at.of().move_slice(*at.table(), ws.links[at.link()], true, at.scratch());
+  return at.scratch();
+}
+
+Energy energy_on_eigen(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
   move_arm(arm, ws, q, v);
   Energy e{0.0, 0.0};
   for (std::size_t n = 0; n < arm.size(); ++n) {
@@ -220,7 +233,7 @@ Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eig
   return e;
 }
 
-Momentum momentum(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+Momentum momentum_on_eigen(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
   move_arm(arm, ws, q, v);
   Momentum sum{Vec6<double>::Zero(), 0.0, Eigen::Vector3d::Zero()};
   for (std::size_t n = 0; n < arm.size(); ++n) {
@@ -238,6 +251,132 @@ Momentum momentum(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const
   }
   sum.centre_of_mass /= sum.mass;
   return sum;
+}
+
+Pose<double> pose(const lanes::SingleFrames& frames, const lanes::Place& place, const double* numbers, bool in_world) {
+  Pose<double> out;
+  Eigen::Matrix<double, 3, 3, Eigen::RowMajor> R;
+  frames->pose(frames.self(), place, numbers, in_world, out.p.data(), R.data());
+  out.R = R;
+  return out;
+}
+void jacobian(const lanes::SingleFrames& frames, const lanes::Place& place, const double* numbers, Mat6X<double>& J,
+              Eigen::Index nv) {
+  J.resize(6, nv);
+  frames->jacobian(frames.self(), place, numbers, J.data());
+}
+SliceMotion<double> motion(const lanes::SingleFrames& frames, const lanes::Place& place, const double* numbers) {
+  SliceMotion<double> m;
+  frames->motion(frames.self(), place, numbers, m.velocity.data(), m.acceleration.data());
+  return m;
+}
+
+}  // namespace
+
+PlacedSlice::PlacedSlice(const Arm& arm, std::size_t link, std::optional<double> x) : link_(link) {
+  if (link >= arm.size()) bad_value("link", link, "there is no such link");
+  of_ = &arm.link(link);
+  if (x) {
+    *this = PlacedSlice(arm, link, of_->slice_at(*x));
+  } else if (const lanes::KernelArm* known = lanes::KernelArm::in_space(arm)) {
+    const lanes::KernelArm::Spot spot = known->end(link);
+    on_ = spot.place.on;
+    node_ = spot.place.node;
+    numbers_.assign(spot.numbers.begin(), spot.numbers.end());
+  }
+}
+
+PlacedSlice::PlacedSlice(const Arm& arm, std::size_t link, const SliceTable& table)
+    : link_(link), table_(table), of_(&arm.link(link)), scratch_(of_->ne()) {
+  if (const lanes::KernelArm* known = lanes::KernelArm::in_space(arm)) {
+    const lanes::KernelArm::Spot spot = known->slice(arm, link, table);
+    on_ = spot.place.on;
+    node_ = spot.place.node;
+    numbers_.assign(spot.numbers.begin(), spot.numbers.end());
+  }
+}
+
+lanes::Place PlacedSlice::place() const { return {static_cast<lanes::Place::On>(on_), node_}; }
+
+void move_arm(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  if (ws.frames) (*ws.frames)->place(ws.frames->self(), q.data(), v.data());
+  if (ws.fast)
+    ws.kernels().move(q.data(), v.data());
+  else
+    move_arm<double>(arm, ws, q, v);
+}
+
+void accelerate_arm(const Arm& arm, Workspace& ws, const Eigen::VectorXd& a, const Eigen::Vector3d& base) {
+  if (ws.frames) return (*ws.frames)->accelerate(ws.frames->self(), base.data(), a.data());
+  ws.placed_a = a;
+  accelerate_arm<double>(arm, ws, a, base);
+}
+
+Pose<double> link_pose(const Workspace& ws, std::size_t link) {
+  if (!ws.frames) return link_pose<double>(ws, link);
+  const lanes::KernelArm::Spot& at = ws.frames->arm().origin(link);
+  return pose(*ws.frames, at.place, at.numbers.data(), true);
+}
+Pose<double> slice_pose(const Workspace& ws, std::size_t link) {
+  if (!ws.frames) return slice_pose<double>(ws, link, ws.links[link].end);
+  const lanes::KernelArm::Spot& at = ws.frames->arm().end(link);
+  return pose(*ws.frames, at.place, at.numbers.data(), true);
+}
+Pose<double> slice_pose(const Workspace& ws, const PlacedSlice& at) {
+  if (!ws.frames) return slice_pose<double>(ws, at.link(), slice_of(ws, at));
+  return pose(*ws.frames, at.place(), at.numbers(), true);
+}
+Pose<double> slice_in_link(const Workspace& ws, const PlacedSlice& at) {
+  if (!ws.frames) {
+    const Slice<double>& slice = slice_of(ws, at);
+    return {slice.x, slice.R};
+  }
+  if (at.place().on == lanes::Place::slice) return pose(*ws.frames, at.place(), at.numbers(), false);
+  const Pose<double> link = link_pose(ws, at.link()), out = slice_pose(ws, at);
+  return {link.R.transpose() * (out.p - link.p), link.R.transpose() * out.R};
+}
+
+void slice_jacobian(const Arm& arm, const Workspace& ws, std::size_t link, Mat6X<double>& J) {
+  if (!ws.frames) return slice_jacobian<double>(arm, ws, link, ws.links[link].end, J);
+  const lanes::KernelArm::Spot& at = ws.frames->arm().end(link);
+  jacobian(*ws.frames, at.place, at.numbers.data(), J, ws.a.size());
+}
+void slice_jacobian(const Arm& arm, const Workspace& ws, const PlacedSlice& at, Mat6X<double>& J) {
+  if (!ws.frames) return slice_jacobian<double>(arm, ws, at.link(), slice_of(ws, at), J);
+  jacobian(*ws.frames, at.place(), at.numbers(), J, ws.a.size());
+}
+
+SliceMotion<double> slice_motion(const Arm& arm, const Workspace& ws, std::size_t link) {
+  if (!ws.frames) return slice_motion<double>(arm, ws, link, ws.links[link].end, ws.placed_a);
+  const lanes::KernelArm::Spot& at = ws.frames->arm().end(link);
+  return motion(*ws.frames, at.place, at.numbers.data());
+}
+SliceMotion<double> slice_motion(const Arm& arm, const Workspace& ws, const PlacedSlice& at) {
+  if (!ws.frames) return slice_motion<double>(arm, ws, at.link(), slice_of(ws, at), ws.placed_a);
+  return motion(*ws.frames, at.place(), at.numbers());
+}
+
+Energy energy(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  if (!ws.frames) return energy_on_eigen(arm, ws, q, v);
+  lanes::Sums sums;
+  (*ws.frames)->sums(ws.frames->self(), q.data(), v.data(), sums);
+  Energy e{sums.kinetic, -arm.gravity().dot(Eigen::Map<const Eigen::Vector3d>(sums.moment))};
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const Link& link = arm.link(n);
+    e.potential += link.joint().potential(q.data() + arm.first_q(n));
+    if (!link.beam()) continue;
+    const auto qe = q.segment(arm.first_q(n) + link.joint().nq(), link.ne());
+    e.potential += 0.5 * qe.dot(link.beam()->stiffness().lazyProduct(qe));
+  }
+  return e;
+}
+
+Momentum momentum(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  if (!ws.frames) return momentum_on_eigen(arm, ws, q, v);
+  lanes::Sums sums;
+  (*ws.frames)->sums(ws.frames->self(), q.data(), v.data(), sums);
+  return {Eigen::Map<const Vec6<double>>(sums.momentum), sums.mass,
+          Eigen::Map<const Eigen::Vector3d>(sums.moment) / sums.mass};
 }
 
 }  // namespace flexarm

@@ -37,11 +37,22 @@ Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::
     widest = std::max<Eigen::Index>(widest, link.nj() + link.ne());
   }
   rhs = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(free.size()));
-  total = rhs_all = Eigen::VectorXd::Zero(arm.nv());
+  total = rhs_all = placed_a = Eigen::VectorXd::Zero(arm.nv());
   columns = Eigen::MatrixXd::Zero(6, widest);
   factor.compute(Eigen::MatrixXd::Identity(1, 1));  // so that a copy reads nothing that was never set
-  if (!applied.empty()) return;
-  if (const lanes::KernelArm* known = lanes::KernelArm::of(arm)) fast = FastPath(new lanes::Single(*known, prescribed));
+  wrenches_.resize(6 * applied.size());
+  if (const lanes::KernelArm* known = lanes::KernelArm::of(arm))
+    fast = FastPath(applied.empty() ? new lanes::Single(*known, prescribed)
+                                    : new lanes::Single(known->loaded(arm, applied), prescribed));
+  if (lanes::KernelArm::in_space(arm)) frames = Held<lanes::SingleFrames>(new lanes::SingleFrames(arm));
+}
+
+lanes::Single& Workspace::kernels() {
+  lanes::Single& k = *fast.operator->();
+  if (loads.empty()) return k;
+  for (std::size_t i = 0; i < loads.size(); ++i) Eigen::Map<Vec6<double>>(wrenches_.data() + 6 * i) = loads[i].wrench;
+  k.load(wrenches_.data());
+  return k;
 }
 
 FastPath::FastPath() = default;

@@ -170,13 +170,13 @@ class Controller {
 
   Vector3d tip_of(const flexarm::Workspace& ws) const {
     const std::size_t last = arm_.size() - 1;
-    return flexarm::slice_pose<double>(ws, last, ws.links[last].end).p;
+    return flexarm::slice_pose(ws, last).p;
   }
 
   /// Moves the joints' references against the error of the tip, by damped least squares.
   void correct() {
     const std::size_t last = arm_.size() - 1;
-    flexarm::slice_jacobian<double>(arm_, ws_, last, ws_.links[last].end, J_);
+    flexarm::slice_jacobian(arm_, ws_, last, J_);
     Eigen::Matrix3d JJ = kSingular * kSingular * Eigen::Matrix3d::Identity();
     for (const int i : joints_) JJ.noalias() += J_.col(i).head<3>() * J_.col(i).head<3>().transpose();
     const Vector3d y = JJ.ldlt().solve(kTip * error_);

@@ -60,6 +60,12 @@ Outcome outcome(const C& chain, bool good) {
   return good ? Outcome::good : chain.lost ? Outcome::not_finite : Outcome::singular;
 }
 
+void load(void* self, const double* wrenches) {
+  on(self, [&](auto& chain) {
+    for (int i = 0; i < 6 * chain.layout.loads; ++i) chain.wrench[i] = wrenches[i];
+  });
+}
+
 Outcome forward(void* self, const double* q, const double* v, const double* tau, double* a) {
   return on(self, [&](auto& chain) {
     chain.move(q, v);
@@ -140,12 +146,12 @@ std::size_t slopes_memory(const Layout& layout) {
   return layout.planar ? Slopes<Plane<LaneDual>>::memory(layout) : Slopes<Space<LaneDual>>::memory(layout);
 }
 
-void slopes(const Layout& layout, const double* numbers, void* memory, const double* q, const double* v,
-            const double* a, double* by_q, double* by_v) {
+void slopes(const Layout& layout, const double* numbers, const double* wrenches, void* memory, const double* q,
+            const double* v, const double* a, double* by_q, double* by_v) {
   if (layout.planar)
-    Slopes<Plane<LaneDual>>::run(layout, numbers, memory, q, v, a, by_q, by_v);
+    Slopes<Plane<LaneDual>>::run(layout, numbers, wrenches, memory, q, v, a, by_q, by_v);
   else
-    Slopes<Space<LaneDual>>::run(layout, numbers, memory, q, v, a, by_q, by_v);
+    Slopes<Space<LaneDual>>::run(layout, numbers, wrenches, memory, q, v, a, by_q, by_v);
 }
 
 }  // namespace
@@ -163,6 +169,7 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   FLEXARM_WIDTH,
                                                   memory,
                                                   begin,
+                                                  load,
                                                   forward,
                                                   inverse,
                                                   move,

@@ -7,9 +7,27 @@
 namespace flexarm {
 namespace lanes {
 
+namespace {
+
+/// What is kept with an arm.
+struct Made {
+  std::optional<KernelArm> best;
+  MadeOnce in_space;
+};
+
+}  // namespace
+
 const KernelArm* KernelArm::of(const Arm& arm) {
-  const auto& made = arm.kept().get<std::optional<KernelArm>>([&] { return build(arm); });
-  return made ? &*made : nullptr;
+  const Made& made = arm.kept().get<Made>([&] { return Made{build(arm, false), {}}; });
+  return made.best ? &*made.best : nullptr;
+}
+
+const KernelArm* KernelArm::in_space(const Arm& arm) {
+  const KernelArm* best = of(arm);
+  if (!best || !best->layout_.planar) return best;
+  const Made& made = arm.kept().get<Made>([] { return Made{}; });
+  const auto& spatial = made.in_space.get<std::optional<KernelArm>>([&] { return build(arm, true); });
+  return spatial ? &*spatial : nullptr;
 }
 
 void KernelArm::point() {
@@ -21,7 +39,12 @@ void KernelArm::point() {
     nodes_[k].about = lists_[k].about.data();
     nodes_[k].block = lists_[k].blocks.data();
     if (lists_[k].table) nodes_[k].table = lists_[k].table->data();
+    nodes_[k].load = lists_[k].loads.data();
+    nodes_[k].loads = static_cast<int>(lists_[k].loads.size());
   }
+  layout_.loads = static_cast<int>(loads_.size());
+  layout_.load = loads_.data();
+  layout_.load_numbers = load_numbers_.data();
 }
 
 void KernelArm::prescribe(const std::vector<bool>& given) {
@@ -36,6 +59,9 @@ KernelArm& KernelArm::operator=(const KernelArm& other) {
   lists_ = other.lists_;
   structure_ = other.structure_;
   numbers_ = other.numbers_;
+  seats_ = other.seats_;
+  loads_ = other.loads_;
+  load_numbers_ = other.load_numbers_;
   point();
   return *this;
 }
@@ -86,20 +112,53 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     moved.passes = (node.passes + width - 1) / width;
     moved.rotary = (node.rotary + width - 1) / width;
   }
+  out.load_numbers_.clear();
+  for (PlacedLoad& load : out.loads_) out.group_load(load, *this, width);
   out.point();
   return out;
+}
+
+void KernelArm::group_load(PlacedLoad& load, const KernelArm& alone, int width) {
+  const std::size_t node = static_cast<std::size_t>(load.place.node), size = load.size;
+  const bool sampled = nodes_[node].body == Node::sampled && load.place.on == Place::slice;
+  const double* p = alone.load_numbers_.data() + load.numbers;
+  load.numbers = load_numbers_.size();
+  const auto move_one = [&] {
+    const std::size_t begin = load_numbers_.size();
+    load_numbers_.push_back(*p++);  // its weight
+    if (sampled)
+      group_slice(alone.nodes_[node], nodes_[node], layout_.planar, width, p, load_numbers_);
+    else
+      for (std::size_t i = 1; i < size; ++i) load_numbers_.push_back(*p++);
+    load.size = load_numbers_.size() - begin;
+  };
+  if (load.mean) move_one();
+  const std::size_t slices = static_cast<std::size_t>(load.slices), w = static_cast<std::size_t>(width);
+  if (!slices_in_groups(nodes_[node])) {
+    for (std::size_t k = 0; k < slices; ++k) move_one();
+    return;
+  }
+  for (std::size_t a = 0; a < slices; a += w)
+    for (std::size_t i = 0; i < size; ++i)
+      for (std::size_t l = a; l < a + w; ++l)  // what is too much repeats the last, without weight
+        load_numbers_.push_back(l < slices ? p[l * size + i] : i == 0 ? 0.0 : p[(slices - 1) * size + i]);
+  load.slices = (load.slices + width - 1) / width;
 }
 
 KernelArm KernelArm::side_by_side(const std::vector<const KernelArm*>& arms, int width,
                                   const std::vector<bool>& given) {
   KernelArm out = *arms[0];
   out.prescribe(given);
-  const std::size_t w = static_cast<std::size_t>(width), n = out.numbers_.size();
-  out.numbers_.resize(n * w);
-  for (std::size_t l = 0; l < w; ++l) {
-    const Numbers& from = arms[std::min(l, arms.size() - 1)]->numbers_;
-    for (std::size_t i = 0; i < n; ++i) out.numbers_[i * w + l] = from[i];
+  const std::size_t w = static_cast<std::size_t>(width);
+  for (Numbers KernelArm::* all : {&KernelArm::numbers_, &KernelArm::load_numbers_}) {
+    const std::size_t n = (out.*all).size();
+    (out.*all).resize(n * w);
+    for (std::size_t l = 0; l < w; ++l) {
+      const Numbers& from = arms[std::min(l, arms.size() - 1)]->*all;
+      for (std::size_t i = 0; i < n; ++i) (out.*all)[i * w + l] = from[i];
+    }
   }
+  out.point();
   for (Node& node : out.nodes_)
     for (std::size_t Node::* place : {&Node::numbers, &Node::end, &Node::points, &Node::tip_body}) node.*place *= w;
   return out;

@@ -54,7 +54,13 @@ Axes find_plane(const Arm& arm) {
 
 }  // namespace
 
-ArmBuilder::ArmBuilder(const Arm& a) : arm(a), axes(find_plane(a)) {}
+ArmBuilder::ArmBuilder(const Arm& a, bool in_space) : arm(a), axes(in_space ? Axes{} : find_plane(a)) {
+  set(out.layout_.planar, axes.planar);
+  out.layout_.along[0] = axes.x;
+  out.layout_.along[1] = axes.y;
+  out.layout_.about = axes.z;
+  out.layout_.turning = axes.sign;
+}
 
 Node& ArmBuilder::begin_node(const Matrix3d& R) {
   Node node;
@@ -155,8 +161,16 @@ bool ArmBuilder::add_link(std::size_t n) {
     begin_node(turn);
     turn.setIdentity();
   }
-  if (elastic) return add_beam(link, n);
-  add_rigid(link);
+  KernelArm::Seat seat;
+  seat.node = static_cast<int>(out.nodes_.size()) - 1;
+  seat.origin = {offset, turn};
+  seat.origin_spot = out.fixed(seat.node, Place::frame, seat.origin);
+  if (!elastic)
+    add_rigid(link);
+  else if (!add_beam(link, n))
+    return false;
+  seat.end_spot = out.fixed(seat.node, Place::end, {offset, turn});
+  out.seats_.push_back(seat);
   return true;
 }
 
@@ -194,6 +208,11 @@ void ArmBuilder::put_stiffness(const Link& link) {
   if (node().damped) put_lower(link.beam()->damping());
 }
 
+void ArmBuilder::put_end(const Link& link) {
+  const Vector3d rest = link.hub().end + link.beam()->length() * Vector3d::UnitX();
+  put_slice(out.layout_, node(), rest, link.beam()->tip(), out.numbers_);
+}
+
 void ArmBuilder::put_tip(const Link& link) {
   set(node().tip, link.tip().mass > 0.0 || !link.tip().inertia.isZero(0.0));
   set(node().tip_body, out.numbers_.size());
@@ -203,12 +222,11 @@ void ArmBuilder::put_tip(const Link& link) {
   put(tip);
 }
 
-std::optional<KernelArm> KernelArm::build(const Arm& arm) {
-  ArmBuilder b(arm);
+std::optional<KernelArm> KernelArm::build(const Arm& arm, bool in_space) {
+  ArmBuilder b(arm, in_space);
   b.put(Vector3d(-arm.gravity()));
   for (std::size_t n = 0; n < arm.size(); ++n)
     if (!b.add_link(n)) return std::nullopt;
-  b.set(b.out.layout_.planar, b.axes.planar);
   b.set(b.out.layout_.nq, arm.nq());
   b.set(b.out.layout_.nv, arm.nv());
   b.out.structure_.push_back(static_cast<int>(b.out.numbers_.size()));

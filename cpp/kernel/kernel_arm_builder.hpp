@@ -49,7 +49,7 @@ struct ArmBuilder {
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
 
-  explicit ArmBuilder(const Arm& a);
+  ArmBuilder(const Arm& a, bool in_space);
 
   void put(double x) { out.numbers_.push_back(x); }
   void put(const Eigen::Vector3d& v) {
@@ -124,7 +124,7 @@ struct ArmBuilder {
   bool find_slices(const Beam& beam);  ///< what their motion is made of; @return whether the kernels know it
   void put_stiffness(const Link& link);
   void begin_end() { set(node().end, out.numbers_.size()); }  ///< the slice there
-  void put_slice(const Link& link, const SliceTable& table);  ///< the numbers of `move_slice` of quadratic.hpp
+  void put_end(const Link& link);                             ///< the slice there, for quadratic.hpp
   void put_tip(const Link& link);
   void begin_points() { set(node().points, out.numbers_.size()); }  ///< of which kernels may take several at once
 };

@@ -70,7 +70,7 @@ bool ArmBuilder::add_cut(const Link& link) {
   put_lower(cut.Mee);
   put_stiffness(link);
   begin_end();
-  put_slice(link, beam.tip());
+  put_end(link);
   begin_points();
   out.layout_.attitudes = true;
   return true;

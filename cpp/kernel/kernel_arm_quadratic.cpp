@@ -216,22 +216,6 @@ bool ArmBuilder::find_slices(const Beam& beam) {
   return true;
 }
 
-void ArmBuilder::put_slice(const Link& link, const SliceTable& t) {
-  const Node& n = node();
-  put(Vector3d(link.hub().end + t.X * Vector3d::UnitX()));
-  if (axes.planar) {
-    for (int k = 0; k < n.ne; ++k) {
-      put(t.linear(axes.y, k));
-      put(axes.sign * t.linear(3 + axes.z, k));
-    }
-  } else {
-    for (int d = 0; d < n.directed; ++d) put(t.linear(n.direction[d], n.which[d]));
-    for (int k = 0; k < n.ne; ++k) put(t.linear(3 + n.about[k], k));
-  }
-  for_products(t.products, true, [&](double c) { put(c); });
-  if (!axes.planar) for_products(t.products, false, [&](double c) { put(c); });
-}
-
 bool ArmBuilder::add_quadratic(const Link& link) {
   const Beam& beam = *link.beam();
   if (!find_slices(beam)) return false;
@@ -246,7 +230,7 @@ bool ArmBuilder::add_quadratic(const Link& link) {
     put_space(*this, link, at);
   put_stiffness(link);
   begin_end();
-  put_slice(link, beam.tip());
+  put_end(link);
   put_tip(link);
   begin_points();
   set(n.passes, points.size());

@@ -12,11 +12,14 @@
 namespace flexarm {
 namespace lanes {
 extern const Kernels kernels_base;
+extern const FrameKernels frames_base;
 #ifdef FLEXARM_HAS_AVX2
 extern const Kernels kernels_avx2;
+extern const FrameKernels frames_avx2;
 #endif
 #ifdef FLEXARM_HAS_AVX512
 extern const Kernels kernels_avx512;
+extern const FrameKernels frames_avx512;
 #endif
 }  // namespace lanes
 }  // namespace flexarm
@@ -36,13 +39,30 @@ inline std::vector<const lanes::Kernels*> all_kernels() {
   return out;
 }
 
+inline std::vector<const lanes::FrameKernels*> all_frames() {
+  std::vector<const lanes::FrameKernels*> out;
+  for (const lanes::Kernels* k : all_kernels()) {
+    if (k == &lanes::kernels_base) out.push_back(&lanes::frames_base);
+#ifdef FLEXARM_HAS_AVX2
+    if (k == &lanes::kernels_avx2) out.push_back(&lanes::frames_avx2);
+#endif
+#ifdef FLEXARM_HAS_AVX512
+    if (k == &lanes::kernels_avx512) out.push_back(&lanes::frames_avx512);
+#endif
+  }
+  return out;
+}
+
 /// One arm on one set of kernels.
 struct Fast {
   const lanes::Kernels& kernels;
   lanes::KernelArm fast;
   lanes::Memory memory;
-  Fast(const flexarm::Arm& arm, const lanes::Kernels& k, const std::vector<bool>& given)
-      : kernels(k), fast(lanes::KernelArm::of(arm)->grouped(k.width, given)), memory(k.memory(fast.layout())) {
+  Fast(const flexarm::Arm& arm, const lanes::Kernels& k, const std::vector<bool>& given,
+       const std::vector<flexarm::Load>& loads = {})
+      : kernels(k),
+        fast(lanes::KernelArm::of(arm)->loaded(arm, loads).grouped(k.width, given)),
+        memory(k.memory(fast.layout())) {
     kernels.begin(fast.layout(), fast.numbers().data(), memory.get());
   }
 };
@@ -140,7 +160,7 @@ inline void check_slopes(const flexarm::Arm& arm, const Eigen::VectorXd& q, cons
   for (const lanes::Kernels* kernels : all_kernels()) {
     CAPTURE(std::string(kernels->name));
     const lanes::Memory memory(kernels->slopes_memory(known->layout()));
-    kernels->slopes(known->layout(), known->numbers().data(), memory.get(), q.data(), v.data(), a.data(), found.data(),
+    kernels->slopes(known->layout(), known->numbers().data(), nullptr, memory.get(), q.data(), v.data(), a.data(), found.data(),
                     found.data() + nv * nq);
     for (int k = 0; k < nq + nv; ++k)
       CHECK((found.col(k) - expected.col(k)).norm() < 1e-11 * (expected.col(k).norm() + 1e-3 * expected.norm()));

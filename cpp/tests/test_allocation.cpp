@@ -52,9 +52,8 @@ struct HotPath {
   std::vector<Feedback> laws;
   Eigen::VectorXd q, v, tau, dq, a, x;
   Mat6X<double> J;
-  SliceTable table;  // in the middle of the last beam
+  PlacedSlice at;  // in the middle of the last beam
   std::size_t last = 0;
-  Slice<double> slice;
   ImplicitStep implicit;
   Rk4Step rk4;
   Status status = Status::ok;
@@ -71,6 +70,7 @@ struct HotPath {
         a(tau),
         x(tau),
         J(6, of.nv()),
+        at(of, 0),
         implicit(of, 1e-5),
         rk4(of, 1e-7) {
     laws[0].column = Eigen::VectorXd::Unit(arm.nv(), 0);
@@ -83,8 +83,7 @@ struct HotPath {
     }
     for (std::size_t n = 0; n < arm.size(); ++n)
       if (arm.link(n).beam()) last = n;
-    slice = Slice<double>(arm.link(last).ne());
-    if (arm.link(last).beam()) table = arm.link(last).slice_at(0.5 * arm.link(last).beam()->length());
+    if (arm.link(last).beam()) at = PlacedSlice(arm, last, 0.5 * arm.link(last).beam()->length());
   }
 
   void dynamics() {
@@ -100,11 +99,11 @@ struct HotPath {
   void kinematics() {
     move_arm(arm, ws, q, v);
     coordinate_rates(arm, q, v, dq);
-    accelerate_arm<double>(arm, ws, a, Eigen::Vector3d::Zero());
-    if (arm.link(last).beam()) arm.link(last).move_slice(table, ws.links[last], true, slice);
-    slice_jacobian(arm, ws, last, slice, J);
-    x[0] += slice_pose(ws, last, slice).p[0] + link_pose(ws, last).p[0];
-    x[0] += slice_motion(arm, ws, last, slice, a).acceleration[0];
+    accelerate_arm(arm, ws, a);
+    slice_jacobian(arm, ws, last, J);
+    slice_jacobian(arm, ws, at, J);
+    x[0] += slice_pose(ws, at).p[0] + slice_pose(ws, last).p[0] + link_pose(ws, last).p[0] + slice_in_link(ws, at).p[0];
+    x[0] += slice_motion(arm, ws, at).acceleration[0] + slice_motion(arm, ws, last).acceleration[0];
     x[0] += energy(arm, ws, q, v).kinetic + momentum(arm, ws, q, v).mass;
   }
   template <class S>

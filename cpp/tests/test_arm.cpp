@@ -29,6 +29,7 @@ TEST_CASE("the kinetic energy is that of the mass matrix, and the same from any 
   Workspace ws(arm);
   const Eigen::VectorXd q = flexarm_test::wave(arm.nv(), 0.2, 0.2), v = flexarm_test::wave(arm.nv(), 0.9, 1.0);
   const Energy e = energy(arm, ws, q, v);
+  move_arm(arm, ws, q, v);
   composite_mass_matrix(arm, ws);
   CHECK(0.5 * v.dot(ws.M * v) == doctest::Approx(e.kinetic).epsilon(1e-13));
 }

@@ -3,6 +3,7 @@
 
 #include "flexarm/batch.hpp"
 #include "flexarm/kinematics.hpp"
+#include "flexarm/step.hpp"
 #include "kernels.hpp"
 #include "lanes/ball.hpp"
 
@@ -151,10 +152,10 @@ TEST_CASE("packs of arms with balls, and of order 0, move as one by one") {
   rigid.emplace_back(ball(), body(0.5, {0.1, 0.2, 0}), std::nullopt, std::nullopt);
   for (const Case& c : {Case{arm_of(rigid), 2e-3, 0.0}, Case{many_balls(2, 0.3), 1e-5, 1e-4},
                         Case{many_balls(0, 3.0), 1e-5, 1e-4}, Case{cut_arm({0, 1, 0}, {0, 2, 0, 0, 0}), 1e-4, 1e-3}})
-    for (bool rk4 : {false, true}) {
+    for (const OneStep::Traits& method : OneStep::methods()) {
       const Arm& arm = c.arm;
       const int nq = arm.nq(), nv = arm.nv();
-      const double step = rk4 && c.bent > 0.0 ? 1e-6 : c.step, limit = 100.0, zero = 0.0;
+      const double step = method.limit > 0.0 && c.bent > 0.0 ? 1e-6 : c.step, limit = 100.0, zero = 0.0;
       Eigen::MatrixXd q0(nq, kScenarios), v0(nv, kScenarios);
       for (int b = 0; b < kScenarios; ++b) {
         Eigen::VectorXd q, v;
@@ -169,7 +170,7 @@ TEST_CASE("packs of arms with balls, and of order 0, move as one by one") {
       v0(0, 4) = std::numeric_limits<double>::infinity();  // runs away, and spoils no other
       const Eigen::VectorXd tau = flexarm_test::wave(nv, 0.5, 1e-2), by_q = flexarm_test::wave(nq, 0.1, 0.1),
                             by_v = flexarm_test::wave(nv, 0.2, 0.1), column = Eigen::VectorXd::Unit(nv, 0);
-      const auto run = [&](int first, int count, bool side_by_side) {
+      const auto run = [&](int first, int count, bool side_by_side, int whole = 0) {
         BatchProblem p{{&arm}, count, {}, {0.0}, {}, {0, kSteps}, {}, {}, {}};
         for (int k = 0; k < kSteps; ++k) {
           p.lengths.push_back(step);
@@ -181,7 +182,8 @@ TEST_CASE("packs of arms with balls, and of order 0, move as one by one") {
         p.tau = {tau.data(), 0, 0};
         p.feedback.push_back(
             {{column.data(), 0, 0}, {by_q.data(), 0, 0}, {by_v.data(), 0, 0}, {&zero, 0, 0}, {&limit, 0, 0}});
-        p.integrator = rk4 ? "rk4" : "implicit";
+        p.integrator = method.name;
+        p.whole = whole;
         p.lanes = side_by_side;
         Eigen::MatrixXd q(2 * nq, count);
         std::vector<int> status(static_cast<std::size_t>(count));
@@ -195,12 +197,13 @@ TEST_CASE("packs of arms with balls, and of order 0, move as one by one") {
         return q;
       };
       CAPTURE(nq);
-      CAPTURE(rk4);
+      CAPTURE(method.name);
       const Eigen::MatrixXd all = run(0, kScenarios, true), alone = run(0, kScenarios, false);
       for (int b = 0; b < kScenarios; ++b) {
         if (b == 4) continue;
         CHECK((all.col(b) - alone.col(b)).cwiseAbs().maxCoeff() < 1e-12);
-        CHECK(run(b, 1, true) == all.col(b));
+        CHECK(run(b, 1, true, kScenarios) == all.col(b));
+        CHECK(run(b, 1, false) == alone.col(b));
         CHECK((all.col(b).tail(nq) - all.col(b).head(nq)).norm() > 1e-6);
       }
     }

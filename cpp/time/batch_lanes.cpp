@@ -19,7 +19,7 @@ constexpr double kFew = 0.25;
 }  // namespace
 
 Index LaneGroup::width(const BatchProblem& p) {
-  if (!p.loads.empty() || !lanes::KernelArm::of(*p.arms[0])) return 0;
+  if (!lanes::KernelArm::of(*p.arms[0])) return 0;
   const int width = lanes::best_kernels().width;
   const bool few = static_cast<double>(std::max(p.whole, p.scenarios)) <= std::max(1.0, kFew * width);
   return p.lanes && !few ? width : 1;
@@ -31,6 +31,8 @@ LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::f
       tell_(std::move(tell)),
       kernels_(lanes::best_kernels()),
       width_(std::max<Index>(1, width(problem))) {
+  one_for_all_ = p_.arms.size() == 1;
+  for (const BatchLoad& l : p_.loads) one_for_all_ = one_for_all_ && l.places.size() == 1;
   const Arm& one = *p_.arms[0];
   std::vector<bool> given(static_cast<std::size_t>(one.nv()), false);
   for (const BatchMotion& m : p_.motions) given[static_cast<std::size_t>(m.coordinate)] = true;
@@ -61,24 +63,40 @@ LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::f
   laws_.resize(w * p_.feedback.size() * static_cast<std::size_t>(2 * one.nv() + one.nq() + 1));
 }
 
-Index LaneGroup::alike(Index first, Index count) const {
-  const lanes::KernelArm* one = lanes::KernelArm::of(arm(first));
-  if (!one) return 0;
-  if (p_.arms.size() == 1) return count;
+Index LaneGroup::alike(Index first, Index count) {
+  if (!lanes::KernelArm::of(arm(first))) return 0;
+  if (one_for_all_) {
+    if (!p_.loads.empty() && loaded_.empty()) load(first);
+    return count;
+  }
+  loaded_.clear();
+  const lanes::KernelArm* one = load(first);
   Index n = 1;
   for (; n < count; ++n) {
-    const lanes::KernelArm* other = lanes::KernelArm::of(arm(first + n));
+    const lanes::KernelArm* other = load(first + n);
     if (!other || !other->like(*one)) break;
   }
   return n;
 }
 
+const lanes::KernelArm* LaneGroup::load(Index b) {
+  const lanes::KernelArm* bare = lanes::KernelArm::of(arm(b));
+  if (!bare || p_.loads.empty()) return bare;
+  std::vector<Load> loads;
+  for (const BatchLoad& l : p_.loads) loads.push_back(l.places[l.places.size() == 1 ? 0 : static_cast<std::size_t>(b)]);
+  loaded_.push_back(std::make_unique<lanes::KernelArm>(bare->loaded(arm(b), loads)));
+  return loaded_.back().get();
+}
+
 void LaneGroup::pack_numbers() {
-  if (packed_ && p_.arms.size() == 1) return;
+  if (packed_ && one_for_all_) return;
   std::vector<const lanes::KernelArm*> arms;
   for (Index l = 0; l < width_; ++l) {
     const Arm& a = arm(scenario(l));
-    arms.push_back(lanes::KernelArm::of(a));
+    if (p_.loads.empty())
+      arms.push_back(lanes::KernelArm::of(a));
+    else
+      arms.push_back(loaded_[one_for_all_ ? 0 : static_cast<std::size_t>(std::min(l, count_ - 1))].get());
     double mass = 0.0;
     for (const Link& link : a.links()) mass += link.mass();
     weight_[static_cast<std::size_t>(l)] = mass * a.gravity().squaredNorm();
@@ -114,7 +132,8 @@ void LaneGroup::pack(const BatchTable& table, Index n, double* out) const {
   }
 }
 
-void LaneGroup::set(long step, long half, double* q, double* v, double* a, double* tau, double* offset) {
+void LaneGroup::set(long step, long half, double* q, double* v, double* a, double* tau, double* offset,
+                    double* wrenches) {
   const Index nv = static_cast<Index>(coordinate_.size());
   const Index held = p_.hold[static_cast<std::size_t>(step)];
   for (Index l = 0; l < width_; ++l) {
@@ -134,6 +153,9 @@ void LaneGroup::set(long step, long half, double* q, double* v, double* a, doubl
     }
     for (std::size_t k = 0; k < p_.feedback.size(); ++k)
       offset[static_cast<Index>(k) * width_ + l] = *p_.feedback[k].reference.at(b, half);
+    for (std::size_t k = 0; k < p_.loads.size(); ++k)
+      for (Index i = 0; i < 6; ++i)
+        wrenches[(6 * static_cast<Index>(k) + i) * width_ + l] = p_.loads[k].wrench.at(b, half)[i];
   }
 }
 
@@ -199,6 +221,7 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   }
   bool varies = false;
   for (const BatchForce& f : p_.forces) varies = varies || f.value.time != 0;
+  for (const BatchLoad& l : p_.loads) varies = varies || l.wrench.time != 0;
   for (const BatchMotion& m : p_.motions) varies = varies || m.value.time != 0;
   for (const BatchFeedback& f : p_.feedback) varies = varies || f.reference.time != 0;
   std::fill(status_.begin(), status_.end(), 0);

@@ -25,11 +25,11 @@ Vectors forward(const PyArm& arm, const Vectors& q, const Vectors& v, const Vect
   if (!ab && method != "ci") bad_value("method", "\"" + method + "\"", "must be \"ab\" or \"ci\"");
   std::vector<bool> given(prescribed.empty() ? 0 : static_cast<std::size_t>(arm.nv()));
   for (const auto& [rate, value] : prescribed) given.at(static_cast<std::size_t>(rate)) = true;
-  const auto lent = arm.workspace({std::move(given), loads.places});
+  const auto lent = arm.workspace({std::move(given), loads.places}, !ab);
   Workspace& ws = *lent;
   loads.set(ws);
   Answers out(v, {arm.nv()});
-  for_states(arm, count(q), [&](Eigen::Index k) {
+  for_states(arm, count(q), ab ? 1 : 1 + arm.nv() / 8, [&](Eigen::Index k) {
     for (const auto& [rate, value] : prescribed) ws.a[rate] = value;
     const auto qk = rows(q).row(k);
     const Status status = ab ? forward_dynamics(arm, ws, qk, rows(v).row(k), rows(tau).row(k))
@@ -52,30 +52,25 @@ void inverse(const PyArm& arm, const Vectors& q, const Vectors& v, const Vectors
   const auto lent = arm.workspace({{}, loads.places});
   Workspace& ws = *lent;
   loads.set(ws);
-  for_states(arm, count(q), [&](Eigen::Index k) {
-    inverse_dynamics<double>(arm, ws, rows(q).row(k), rows(v).row(k), rows(a).row(k));
+  for_states(arm, count(q), 1, [&](Eigen::Index k) {
+    inverse_dynamics(arm, ws, rows(q).row(k), rows(v).row(k), rows(a).row(k));
     visit(k, ws);
   });
 }
 
-/// Runs visit(k, workspace, slice) for every state, the arm at rest or moving at v, with the slice of `link` at x
+/// Runs visit(k, workspace, place) for every state, the arm at rest or moving at v, with the slice of `link` at x
 /// metres along its beam, or its end.
 template <class Visit>
 void at_slice(const PyArm& arm, const Vectors& q, const Vectors* v, std::size_t link, std::optional<double> x,
               const Visit& visit) {
-  const Link& l = arm.link(link);
-  SliceTable table;
-  Slice<double> slice(l.ne());
-  if (x) table = l.slice_at(*x);
+  const PlacedSlice at(arm, link, x);
   Eigen::VectorXd rates = Eigen::VectorXd::Zero(arm.nv());
   const auto lent = arm.workspace();
   Workspace& ws = *lent;
-  for_states(arm, count(q), [&](Eigen::Index k) {
+  for_states(arm, count(q), 1, [&](Eigen::Index k) {
     if (v) rates = rows(*v).row(k);
-    move_arm<double>(arm, ws, rows(q).row(k), rates);
-    const LinkState<double>& s = ws.links[link];
-    if (x) l.move_slice(table, s, true, slice);
-    visit(k, ws, x ? slice : s.end);
+    move_arm(arm, ws, rows(q).row(k), rates);
+    visit(k, ws, at);
   });
 }
 
@@ -127,12 +122,11 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
       "inverse_derivatives",
       [](const PyArm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
          const std::vector<Load>& places, const Vectors& wrenches, bool by_v) {
-        const auto lent =
-            self.derivatives.lend({{}, places}, [&](const Setting& s) { return InverseDerivatives(self, s.loads); });
+        const auto lent = self.derivatives(places);
         InverseDerivatives& d = *lent;
         const Loads loads{places, wrenches};
         for (std::size_t k = 0; k < places.size(); ++k) d.set_wrench(k, loads.at(k));
-        for_states(self, 1, [&](Eigen::Index) { d(self, q, v, a, by_v); }, self.nv());
+        for_states(self, 1, self.nv(), [&](Eigen::Index) { d(self, q, v, a, by_v); });
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
       py::arg("q"), py::arg("v"), py::arg("a"), py::arg("loads") = std::vector<Load>{},
@@ -142,9 +136,9 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
       "mass_matrix",
       [](const PyArm& self, const Vectors& q) {
         Answers out(q, {self.nv(), self.nv()});
-        const auto lent = self.workspace();
+        const auto lent = self.workspace({}, true);
         const Eigen::VectorXd zero = Eigen::VectorXd::Zero(self.nv());
-        for_states(self, count(q), [&](Eigen::Index k) {
+        for_states(self, count(q), 1 + self.nv() / 8, [&](Eigen::Index k) {
           move_arm<double>(self, *lent, rows(q).row(k), zero);
           composite_mass_matrix(self, *lent);
           out[k] = (*lent).M;
@@ -171,8 +165,8 @@ void bind_motion(py::class_<PyArm, Arm>& arm) {
       "frame",
       [](const PyArm& self, const Vectors& q, std::size_t link, std::optional<double> x) {
         Answers p(q, {3}), R(q, {3, 3});
-        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const auto& slice) {
-          const Pose<double> pose = slice_pose<double>(ws, link, slice);
+        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const PlacedSlice& at) {
+          const Pose<double> pose = slice_pose(ws, at);
           p[k] = pose.p.transpose();
           R[k] = pose.R;
         });
@@ -184,8 +178,10 @@ void bind_motion(py::class_<PyArm, Arm>& arm) {
       "jacobian",
       [](const PyArm& self, const Vectors& q, std::size_t link, std::optional<double> x) {
         Answers J(q, {6, self.nv()});
-        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const auto& slice) {
-          J[k] = slice_jacobian<double>(self, ws, link, slice);
+        Mat6X<double> one(6, self.nv());
+        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const PlacedSlice& at) {
+          slice_jacobian(self, ws, at, one);
+          J[k] = one;
         });
         return J.all();
       },
@@ -196,10 +192,9 @@ void bind_motion(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Vectors& q, const Vectors& v, const Vectors& a, std::size_t link,
          std::optional<double> x) {
         Answers velocity(q, {6}), acceleration(q, {6});
-        at_slice(self, q, &v, link, x, [&](Eigen::Index k, Workspace& ws, const auto& slice) {
-          const Eigen::VectorXd ak = rows(a).row(k);
-          accelerate_arm<double>(self, ws, ak, Eigen::Vector3d::Zero());
-          const SliceMotion<double> m = slice_motion<double>(self, ws, link, slice, ak);
+        at_slice(self, q, &v, link, x, [&](Eigen::Index k, Workspace& ws, const PlacedSlice& at) {
+          accelerate_arm(self, ws, rows(a).row(k));
+          const SliceMotion<double> m = slice_motion(self, ws, at);
           velocity[k] = m.velocity.transpose();
           acceleration[k] = m.acceleration.transpose();
         });
@@ -212,7 +207,7 @@ void bind_motion(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
          std::size_t link, std::optional<double> x) {
         MotionDerivatives d(self, link, x);
-        for_states(self, 1, [&](Eigen::Index) { d(self, q, v, a); }, self.nv());
+        for_states(self, 1, self.nv(), [&](Eigen::Index) { d(self, q, v, a); });
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
       py::arg("q"), py::arg("v"), py::arg("a"), py::arg("link"), py::arg("x"));
@@ -222,9 +217,8 @@ void bind_motion(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Vectors& q, const Vectors& v, std::size_t link, std::optional<double> x) {
         Answers out(q, {6, self.nv()});
         MotionDerivatives d(self, link, x);
-        for_states(
-            self, count(q), [&](Eigen::Index k) { out[k] = d.jacobian_rate(self, rows(q).row(k), rows(v).row(k)); },
-            self.nv());
+        for_states(self, count(q), self.nv(),
+                   [&](Eigen::Index k) { out[k] = d.jacobian_rate(self, rows(q).row(k), rows(v).row(k)); });
         return out.all();
       },
       py::arg("q"), py::arg("v"), py::arg("link"), py::arg("x"));
@@ -237,7 +231,7 @@ void bind_sums(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Vectors& q, const Vectors& v) {
         Answers out(q, {2});
         const auto lent = self.workspace();
-        for_states(self, count(q), [&](Eigen::Index k) {
+        for_states(self, count(q), 1, [&](Eigen::Index k) {
           const Energy e = energy(self, *lent, rows(q).row(k), rows(v).row(k));
           out[k] << e.kinetic, e.potential;
         });
@@ -250,7 +244,7 @@ void bind_sums(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Vectors& q, const Vectors& v) {
         Answers out(q, {6}), centre(q, {3});
         const auto lent = self.workspace();
-        for_states(self, count(q), [&](Eigen::Index k) {
+        for_states(self, count(q), 1, [&](Eigen::Index k) {
           const Momentum m = momentum(self, *lent, rows(q).row(k), rows(v).row(k));
           out[k] = m.momentum.transpose();
           centre[k] = m.centre_of_mass.transpose();
@@ -264,8 +258,9 @@ void bind_sums(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Vectors& q, std::size_t link, double x) {
         Answers u(q, {3});
         const Eigen::Vector3d rest = self.link(link).hub().end + x * Eigen::Vector3d::UnitX();
-        at_slice(self, q, nullptr, link, x,
-                 [&](Eigen::Index k, const Workspace&, const auto& slice) { u[k] = (slice.x - rest).transpose(); });
+        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const PlacedSlice& at) {
+          u[k] = (slice_in_link(ws, at).p - rest).transpose();
+        });
         return u.all();
       },
       py::arg("q"), py::arg("link"), py::arg("x"));

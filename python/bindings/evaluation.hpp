@@ -56,30 +56,34 @@ class Pool {
   /// As long as it lives, some memory is the caller's.
   class Lent {
    public:
-    Lent(Pool& pool, std::unique_ptr<Kept> kept) : pool_(pool), kept_(std::move(kept)) {}
+    Lent(Pool& pool, std::unique_ptr<Kept> kept, bool keep) : pool_(pool), kept_(std::move(kept)), keep_(keep) {}
     Lent(const Lent&) = delete;
     Lent& operator=(const Lent&) = delete;
-    ~Lent() { pool_.take_back(std::move(kept_)); }
+    ~Lent() {
+      if (keep_) pool_.take_back(std::move(kept_));
+    }
     T& operator*() const { return kept_->memory; }
 
    private:
     Pool& pool_;
     std::unique_ptr<Kept> kept_;
+    bool keep_;
   };
 
+  /// @param keep  or it goes after this call
   /// @param make  makes some where none for this setting is idle
   template <class Make>
-  Lent lend(Setting setting, const Make& make) {
+  Lent lend(Setting setting, bool keep, const Make& make) {
     std::unique_lock<std::mutex> lock(mutex_);
     const auto found = std::find_if(idle_.rbegin(), idle_.rend(), [&](const auto& k) { return k->setting == setting; });
     if (found != idle_.rend()) {
       std::unique_ptr<Kept> kept = std::move(*found);
       idle_.erase(std::next(found).base());
-      return {*this, std::move(kept)};
+      return {*this, std::move(kept), keep};
     }
     lock.unlock();
     T memory = make(setting);
-    return {*this, std::unique_ptr<Kept>(new Kept{std::move(setting), std::move(memory)})};
+    return {*this, std::unique_ptr<Kept>(new Kept{std::move(setting), std::move(memory)}), keep};
   }
 
  private:
@@ -95,25 +99,34 @@ class Pool {
   std::vector<std::unique_ptr<Kept>> idle_;
 };
 
-/// An arm with the memory of its evaluations, which goes with it.
-struct PyArm : flexarm::Arm {
+/// An arm with the memory of its evaluations, which goes with it; but for matrices that are too large to keep.
+class PyArm : public flexarm::Arm {
+ public:
   using Arm::Arm;
-  mutable Pool<flexarm::Workspace> workspaces;
-  mutable Pool<flexarm::InverseDerivatives> derivatives;
-
-  Pool<flexarm::Workspace>::Lent workspace(Setting setting = {}) const {
-    return workspaces.lend(std::move(setting),
-                           [&](const Setting& s) { return flexarm::Workspace(*this, s.prescribed, s.loads); });
+  /// @param matrices  whether its matrices of nv^2 will be used
+  Pool<flexarm::Workspace>::Lent workspace(Setting setting = {}, bool matrices = false) const {
+    return workspaces_.lend(std::move(setting), !matrices || small(),
+                            [&](const Setting& s) { return flexarm::Workspace(*this, s.prescribed, s.loads); });
+  }
+  Pool<flexarm::InverseDerivatives>::Lent derivatives(std::vector<flexarm::Load> loads) const {
+    return derivatives_.lend({{}, std::move(loads)}, small(),
+                             [&](const Setting& s) { return flexarm::InverseDerivatives(*this, s.loads); });
   }
   /// Whether arguments (name: value) are of one state, and nothing is wrong with them: contiguous arrays of doubles,
   /// as long as they must be, all finite; and a ball's quaternion in q has a length, if `balls`.
   bool one_state(const py::dict& named, bool balls) const;
+
+ private:
+  bool small() const { return nv() <= 1000; }
+
+  mutable Pool<flexarm::Workspace> workspaces_;
+  mutable Pool<flexarm::InverseDerivatives> derivatives_;
 };
 
-/// Runs visit(k), which takes `each` evaluations, for each of n states; looks around, and leaves the interpreter's lock
-/// to others where that takes long.
+/// Runs visit(k), which takes about `each` evaluations, for each of n states; looks around, and leaves the
+/// interpreter's lock to others where that takes long.
 template <class Visit>
-void for_states(const flexarm::Arm& arm, Eigen::Index n, const Visit& visit, Eigen::Index each = 1) {
+void for_states(const flexarm::Arm& arm, Eigen::Index n, Eigen::Index each, const Visit& visit) {
   constexpr Eigen::Index kShort = 256;  // rates, of which each takes about 0.1 us
   Lookout look;                         // while the thread has the lock
   std::optional<Unlocked> free;

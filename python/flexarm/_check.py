@@ -122,7 +122,8 @@ def named(path: Any, *suffixes: str) -> Path:
 
 def choice(field: str, value: Any, known: Iterable[str]) -> str:
     known = tuple(known)
-    if isinstance(value := plain(value), str) and value in known:
+    value = value if type(value) is str else plain(value)
+    if isinstance(value, str) and value in known:
         return value
     near = difflib.get_close_matches(str(value), known, n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ""

@@ -4,9 +4,7 @@
 #pragma once
 
 #include "lanes/ball.hpp"
-#include "lanes/cut.hpp"
-#include "lanes/quadratic.hpp"
-#include "lanes/sampled.hpp"
+#include "lanes/loads.hpp"
 
 namespace {
 
@@ -14,14 +12,6 @@ constexpr double kSingular = 1e-14;  // parts of an inertia below which what a f
 constexpr double kSoftEntry = 1e-3;  // rad or m past a stop over which its damping sets in
 
 using flexarm::lanes::Shift;
-
-/// Numbers P that the body of a node needs to work on.
-inline std::size_t scratch_of(const Node& node) {
-  if (node.ne == 0) return 0;
-  return node.body == Node::sampled     ? sampled_scratch(node)
-         : node.body == Node::quadratic ? quadratic_scratch(node)
-                                        : 0;
-}
 
 template <class Sp>
 struct State {
@@ -68,7 +58,9 @@ struct Chain {
   const double* numbers;  ///< of all nodes, in order
   State<Sp>* state;
   P* scratch;
-  Mask lost;  ///< where the first pivot that was not positive was not a number, or infinite
+  Mask lost;         ///< where the first pivot that was not positive was not a number, or infinite
+  S* wrench;         ///< of each load, six numbers [f; m]
+  Slice<Sp>* slice;  ///< that a load acts on, or that is asked for
 
   static std::size_t memory_needed(const Layout& layout) {
     std::size_t bytes = sizeof(State<Sp>) * static_cast<std::size_t>(layout.nodes) + scratch_bytes(layout);
@@ -76,7 +68,8 @@ struct Chain {
       const std::size_t ne = static_cast<std::size_t>(layout.node[i].ne), pairs = ne * (ne + 1) / 2;
       bytes += 3 * ne * (sizeof(Lin) + sizeof(Ang)) + 2 * (pairs + ne) * sizeof(S);
     }
-    return bytes;
+    return bytes + sizeof(Slice<Sp>) + most_elastic(layout) * (sizeof(Lin) + sizeof(Ang)) +
+           6 * static_cast<std::size_t>(layout.loads) * sizeof(S);
   }
 
   /// In memory, aligned for P, as large as `memory_needed` says.
@@ -101,6 +94,16 @@ struct Chain {
       for (S** x : triangles) *x = reinterpret_cast<S*>(take(ne * (ne + 1) / 2 * sizeof(S)));
       for (S** x : lists) *x = reinterpret_cast<S*>(take(ne * sizeof(S)));
     }
+    slice = reinterpret_cast<Slice<Sp>*>(take(sizeof(Slice<Sp>)));
+    slice->J_linear = reinterpret_cast<Lin*>(take(most_elastic(layout) * sizeof(Lin)));
+    slice->J_angular = reinterpret_cast<Ang*>(take(most_elastic(layout) * sizeof(Ang)));
+    wrench = reinterpret_cast<S*>(take(6 * static_cast<std::size_t>(layout.loads) * sizeof(S)));
+    for (int i = 0; i < 6 * layout.loads; ++i) wrench[i] = S{};
+  }
+  static std::size_t most_elastic(const Layout& layout) {
+    int most = 0;
+    for (int i = 0; i < layout.nodes; ++i) most = layout.node[i].ne > most ? layout.node[i].ne : most;
+    return static_cast<std::size_t>(most);
   }
   static std::size_t scratch_bytes(const Layout& layout) {
     constexpr std::size_t W = sizeof(P) / sizeof(S);
@@ -233,9 +236,9 @@ struct Chain {
     }
   }
 
-  /// Places, velocities, own inertias and bias forces of all nodes. Without rates: of an arm at rest, whose bias forces
-  /// are not needed.
-  template <bool rates = true>
+  /// Places, velocities, own inertias and bias forces of all nodes; or places and velocities alone. Without rates: of
+  /// an arm at rest, whose bias forces are not needed.
+  template <bool rates = true, bool forces = true>
   void move(const S* q, const S* v) {
     static const S none[kMostElastic]{};
     turn_hinges(q);
@@ -263,7 +266,7 @@ struct Chain {
       if (layout.attitudes) attitude = s.attitude = node.coincident ? attitude : Sp::times(attitude, s.R);
       if (node.ne > 0) {
         Elastic<Sp>& e = s.elastic;
-        bend_body(node, p, gravity_in(attitude), q + node.qe, rates ? v + node.ve : none, s);
+        bend_body<forces>(node, p, gravity_in(attitude), q + node.qe, rates ? v + node.ve : none, s);
         // what is carried by the end moves with the slice there (Eq. 45, 46)
         s.end_w = Sp::unrotate_angular(e.end.R, s.w + e.end.turning);
         const Lin sweep = Sp::cross(s.w, e.end.x) + number<S>(2.0) * e.end.u_dot;
@@ -271,13 +274,19 @@ struct Chain {
         e.end.turn_bias = Sp::cross(s.w, e.end.turning) + e.end.turn_bias;
         w = s.end_w;
         if (layout.attitudes) attitude = Sp::times(attitude, e.end.R);
-        if (node.tip) {
+        s.tip_f = Sp::zero();
+        s.tip_n = Sp::zero_angular();
+        if (forces && node.tip) {
           const double* t = numbers + node.tip_body;
           read_body<rates>(t, w, s.tip, s.tip_f, s.tip_n);
         }
-      } else if (node.body) {
+      } else if (forces && node.body) {
         read_body<rates>(p, s.w, s.body, s.body_f, s.body_n);
       }
+      if constexpr (rates && forces)
+        if (node.loads > 0)
+          subtract_loads(layout, node, wrench, attitude, numbers + node.points, q + node.qe, v + node.ve, s, *slice,
+                         s.elastic.y, scratch);
     }
   }
 
@@ -286,18 +295,17 @@ struct Chain {
     const double* p = numbers;
     return number<S>(-1.0) * Sp::unrotate(attitude, Sp::read(p));
   }
-  /// The end slice of an elastic body, its inertia and its forces.
+  /// The end slice of an elastic body, its inertia and its forces; or the slice alone.
+  template <bool forces>
   void bend_body(const Node& node, const double* constants, const Lin& gravity, const S* q, const S* dq, State<Sp>& s) {
     Elastic<Sp>& e = s.elastic;
     const double *end = numbers + node.end, *points = numbers + node.points;
-    if (node.body == Node::sampled) {
-      sampled::sample(Sp{}, node, points, q, dq, scratch);
-      sampled::move_slice(node, end, points, q, dq, scratch, e.end);
+    if (node.body == Node::sampled) sampled::sample(Sp{}, node, points, q, dq, scratch);
+    slice_at(node, end, points, q, dq, scratch, e.end);
+    if constexpr (!forces) return;
+    if (node.body == Node::sampled)
       sampled::bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
-      return;
-    }
-    move_slice(node, end, q, dq, e.end);
-    if (node.body == Node::cut)
+    else if (node.body == Node::cut)
       bend_cut<Sp>(node, constants, gravity, q, dq, s.w, s.body, s.body_f, s.body_n, e);
     else
       bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
@@ -361,7 +369,7 @@ struct Chain {
         if constexpr (inertia)
           if (node.tip) Sp::add(M, s.tip);
         if constexpr (forces && biased)
-          if (node.tip) {
+          if (node.tip || node.loads > 0) {
             f += s.tip_f;
             n += s.tip_n;
           }
@@ -554,8 +562,8 @@ struct Chain {
     dw = Sp::unrotate_angular(e.end.R, dw);
   }
 
-  /// Inverse dynamics after `move`: generalised forces of accelerations x (Eq. 84-87).
-  void forces(const Lin& base, const S* x, S* tau) {
+  /// Accelerations of all frames, of coordinates' accelerations x (Eq. 86); after `move`.
+  void accelerate(const Lin& base, const S* x) {
     Lin a = base;
     Ang dw = Sp::zero_angular();
     for (int i = 0; i < layout.nodes; ++i) {
@@ -574,6 +582,11 @@ struct Chain {
       s.end_a = a;
       s.end_dw = dw;
     }
+  }
+
+  /// Inverse dynamics after `move`: generalised forces of accelerations x (Eq. 84-87).
+  void forces(const Lin& base, const S* x, S* tau) {
+    accelerate(base, x);
     Lin f = Sp::zero();
     Ang n = Sp::zero_angular();
     for (int i = layout.nodes; i-- > 0;) {
@@ -581,9 +594,13 @@ struct Chain {
       State<Sp>& s = state[i];
       if (node.ne > 0) {
         const Elastic<Sp>& e = s.elastic;
+        if (node.tip || node.loads > 0) {
+          f += s.tip_f;
+          n += s.tip_n;
+        }
         if (node.tip) {
-          f += s.tip_f + Sp::force(s.tip, s.end_a, s.end_dw);
-          n += s.tip_n + Sp::torque(s.tip, s.end_a, s.end_dw);
+          f += Sp::force(s.tip, s.end_a, s.end_dw);
+          n += Sp::torque(s.tip, s.end_a, s.end_dw);
         }
         f = Sp::rotate(e.end.R, f);
         n = Sp::rotate_angular(e.end.R, n);

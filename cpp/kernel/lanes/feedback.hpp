@@ -4,6 +4,7 @@
 
 #include "lanes/layout.hpp"
 #include "lanes/scalar.hpp"
+#include "lanes/small.hpp"
 
 namespace {
 
@@ -73,27 +74,17 @@ struct FeedbackLaws {
         for (int k = 0; k < nv; ++k) sum += slopes[i * nv + k] * solved[j * nv + k];
         G[i * laws + j] = sum;
       }
-    for (int k = 0; k < laws; ++k)  // G = L U, below the diagonal L, above it U
-      for (int i = k + 1; i < laws; ++i) {
-        const S l = G[i * laws + k] / G[k * laws + k];
-        G[i * laws + k] = l;
-        for (int j = k + 1; j < laws; ++j) G[i * laws + j] -= l * G[k * laws + j];
-      }
+    factor_small(G, laws);
   }
   /// x = S^-1 r, without the laws, becomes that with them.
   void correct(S* x) const {
     for (int i = 0; i < laws; ++i) {
-      S sum{};
-      for (int k = 0; k < nv; ++k) sum += slopes[i * nv + k] * x[k];
-      for (int j = 0; j < i; ++j) sum -= G[i * laws + j] * y[j];
-      y[i] = sum;
+      y[i] = S{};
+      for (int k = 0; k < nv; ++k) y[i] += slopes[i * nv + k] * x[k];
     }
-    for (int i = laws; i-- > 0;) {
-      S sum = y[i];
-      for (int j = i + 1; j < laws; ++j) sum -= G[i * laws + j] * y[j];
-      y[i] = sum / G[i * laws + i];
+    solve_small(G, laws, y);
+    for (int i = laws; i-- > 0;)
       for (int k = 0; k < nv; ++k) x[k] -= solved[i * nv + k] * y[i];
-    }
   }
 };
 

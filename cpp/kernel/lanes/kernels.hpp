@@ -32,8 +32,9 @@ struct Work {
 class Scenarios {
  public:
   /// Writes what is given at half step `half`, forces as held over `step`: prescribed entries of q, v, a; tau; the
-  /// laws' offsets.
-  virtual void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset) = 0;
+  /// laws' offsets; the loads [f; m].
+  virtual void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset,
+                   double* wrenches) = 0;
   /// Whether other forces are held from `step` on than before; in which lanes (1 or 0).
   virtual bool jumps(long step, double* changed) = 0;
   /// Whether the state after `step` is asked for (1), with accelerations and forces (2), or not (0).
@@ -82,6 +83,8 @@ struct Kernels {
   std::size_t (*memory)(const Layout&);
   /// Lays out the memory (aligned to 64 bytes), which then is the `self` of what follows.
   void (*begin)(const Layout&, const double* numbers, void* memory);
+  /// The loads' forces and moments from now on: [f; m] of each.
+  void (*load)(void* self, const double* wrenches);
   /// Accelerations; a holds those that are given.
   Outcome (*forward)(void* self, const double* q, const double* v, const double* tau, double* a);
   /// Inverse dynamics.
@@ -103,8 +106,8 @@ struct Kernels {
   std::size_t (*slopes_memory)(const Layout&);
   /// Exact dtau/dq (nv x nq) and dtau/dv (nv x nv) of inverse dynamics, by columns; numbers of a KernelArm that is
   /// not grouped, memory aligned to 64 bytes.
-  void (*slopes)(const Layout&, const double* numbers, void* memory, const double* q, const double* v, const double* a,
-                 double* by_q, double* by_v);
+  void (*slopes)(const Layout&, const double* numbers, const double* wrenches, void* memory, const double* q,
+                 const double* v, const double* a, double* by_q, double* by_v);
 };
 
 /// The widest that this processor has; FLEXARM_ISA = base or avx2 in the environment asks for less.

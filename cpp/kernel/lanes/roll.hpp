@@ -131,7 +131,7 @@ struct Roller {
 
   void set(long step, long half) {
     const auto raw = [](S* p) { return reinterpret_cast<double*>(p); };
-    job.scenarios->set(step, half, raw(q), raw(v), raw(x), raw(tau), raw(arms.laws.offset));
+    job.scenarios->set(step, half, raw(q), raw(v), raw(x), raw(tau), raw(arms.laws.offset), raw(arms.chain.wrench));
   }
   void lose(const Mask& where, int status, long step) {
     for (int l = 0; l < W; ++l)

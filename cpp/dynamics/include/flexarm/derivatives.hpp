@@ -1,5 +1,5 @@
 // Exact derivatives, by dual numbers through the sweeps of inverse dynamics and kinematics. O(N^2). On the fast kernels
-// where they know the arm (Arm::plan) and no load acts.
+// where they know the arm.
 #pragma once
 
 #include <memory>
@@ -8,6 +8,10 @@
 #include "flexarm/inverse.hpp"
 
 namespace flexarm {
+
+namespace lanes {
+class KernelArm;
+}
 
 /// State of an arm in dual numbers, and its directions: every coordinate, then every rate, four at a time.
 class TangentState {
@@ -26,7 +30,7 @@ class InverseDerivatives {
  public:
   explicit InverseDerivatives(const Arm& arm, const std::vector<Load>& loads = {});
   /// Value of a load from now on.
-  void set_wrench(std::size_t load, const Vec6<double>& wrench) { ws_->loads[load].wrench = wrench; }
+  void set_wrench(std::size_t load, const Vec6<double>& wrench);
   /// dtau/dq (nv x nq) and dtau/dv (nv x nv) at (q, v, a). (dtau/da is the mass matrix.) Without `by_v` dv may be left
   /// as it is, which takes half the time.
   void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
@@ -34,7 +38,8 @@ class InverseDerivatives {
   Eigen::MatrixXd dq, dv;
 
  private:
-  std::vector<double> memory_;  ///< of the fast kernels, or else:
+  std::shared_ptr<const lanes::KernelArm> fast_;  ///< with its loads' values and memory; or else:
+  std::vector<double> wrenches_, memory_;
   std::optional<SweepWorkspace<Tangent>> ws_;
   std::optional<TangentState> state_;
 };
@@ -52,12 +57,14 @@ class MotionDerivatives {
   Mat6X<double> jacobian_rate(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
 
  private:
+  PlacedSlice at_;
+  MadeOnce kept_;                           ///< which owns the next
+  const lanes::KernelArm* fast_ = nullptr;  ///< in space, with its memory; or else:
+  std::vector<double> memory_;
   const Slice<Tangent>& slice(const Arm& arm);  ///< after move_arm
-  std::size_t link_;
-  std::optional<SliceTable> table_;
   Slice<Tangent> slice_;
-  SweepWorkspace<Tangent> ws_;
-  TangentState state_;
+  std::optional<SweepWorkspace<Tangent>> ws_;
+  std::optional<TangentState> state_;
 };
 
 }  // namespace flexarm

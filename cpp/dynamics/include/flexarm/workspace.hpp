@@ -45,9 +45,28 @@ struct ArticulatedLink : ArticulatedInertia {
 
 namespace lanes {
 class Single;
-}
+class SingleFrames;
+}  // namespace lanes
 
-/// The arm on the fast kernels of this processor, where they know it and no loads act; else empty.
+/// A thing of its own, copied with its owner, that the owner's header need not know; or none.
+template <class T>
+class Held {
+ public:
+  Held() = default;
+  explicit Held(T* thing) : thing_(thing, [](T* t) { delete t; }), copy_([](const T& t) { return Held(new T(t)); }) {}
+  Held(const Held& other) : Held(other ? other.copy_(*other.thing_) : Held()) {}
+  Held(Held&&) noexcept = default;
+  Held& operator=(Held&&) noexcept = default;
+  explicit operator bool() const { return thing_ != nullptr; }
+  T& operator*() const { return *thing_; }
+  T* operator->() const { return thing_.get(); }
+
+ private:
+  std::unique_ptr<T, void (*)(T*)> thing_{nullptr, [](T*) {}};
+  Held (*copy_)(const T&) = nullptr;
+};
+
+/// The arm on the fast kernels of this processor, where they know it; else empty.
 class FastPath {
  public:
   FastPath();
@@ -77,6 +96,10 @@ class Workspace : public SweepWorkspace<double> {
   std::vector<ArticulatedLink> articulated;
   double twice_kinetic = 0.0;  ///< v^T M v (J), set by factor_shifted
   FastPath fast;
+  Eigen::VectorXd placed_a;          ///< of accelerate_arm, for Eigen's path
+  Held<lanes::SingleFrames> frames;  ///< of the arm in space; empty where the kernels do not know it
+  /// The fast kernels with the present values of the loads.
+  lanes::Single& kernels();
 
   // Of the CI method; the matrices of nv^2 are empty until `take_composite` (ci.hpp) or CI's first call.
   Eigen::MatrixXd M;       ///< result of composite_mass_matrix
@@ -94,6 +117,7 @@ class Workspace : public SweepWorkspace<double> {
 
  private:
   int nq_;
+  std::vector<double> wrenches_;  ///< of all loads, in a row
 };
 
 /// singular: a coordinate has no inertia. not_converged: an implicit step found no solution. not_finite: nan or inf, or
