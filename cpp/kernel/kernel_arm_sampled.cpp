@@ -28,7 +28,7 @@ const StrainField& strain_of(const Beam& beam, int coordinate) {
 }
 
 std::vector<SliceTable> point_tables(const Beam& beam) {
-  const VectorXd parts = GaussRule(beam.series()->points).points;
+  const VectorXd parts = GaussRule(beam.points()).points;
   return beam.tables_at({parts.data(), parts.data() + parts.size()});
 }
 
@@ -46,7 +46,7 @@ void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int
   }
   node.uniaxial = node.exact && std::all_of(about.begin(), about.begin() + node.turning,
                                             [&](int axis) { return axis == about.front(); });
-  node.half = node.passes = (beam.series()->points + 1) / 2;
+  node.half = node.passes = (beam.points() + 1) / 2;
   for (const MassSlice& s : beam.slices()) {
     if (!planar && !s.inertia.isZero(0.0)) node.rotary = 1;
     if (!at_point(s)) ++node.further;
@@ -222,7 +222,7 @@ bool ArmBuilder::add_sampled(const Link& link) {
   const Beam& beam = *link.beam();
   KernelArm::Lists& list = lists();
   describe_sampled(beam, axes.planar, node(), list.about);
-  list.points = beam.series()->points;
+  list.points = beam.points();
   list.table = integral_table(list.points, 1);
   const Node& n = node();
   note(list.about);
