@@ -196,13 +196,12 @@ struct Chain {
   /// The end slice of an elastic body, its inertia and its forces.
   void bend_body(const Node& node, const double* constants, const S* q, const S* dq, State<Sp>& s) {
     Elastic<Sp>& e = s.elastic;
-    const double *end = numbers + node.end, *points = numbers + node.points;
+    const double* points = numbers + node.points;
     if (node.body == Node::sampled) {
       sampled::sample(Sp{}, node, points, q, dq, scratch);
-      sampled::move_slice(node, end, points, q, dq, scratch, e.end);
       sampled::bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
     } else {
-      move_slice(node, end, q, dq, e.end);
+      move_slice(node, numbers + node.end, q, dq, e.end);
       bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
     }
   }

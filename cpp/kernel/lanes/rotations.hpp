@@ -97,9 +97,8 @@ void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int 
       const P over = 1.0 / (factor.w * factor.w + Sp::dot(by.v, by.v));
       const Quaternion<P> next = d * Quaternion<P>{over * factor.w, (-over) * factor.v};
       D.set(i, next);
-      v.set(i, next);
     }
-    integral(v.at, v.stride, 4);
+    integral(4, columns_of(Field<Sp>{D.at, D.stride}), v.at, v.stride);
     Mask open = Lanes<P>::everywhere(false);
     for (int i = 0; i < points; ++i) {
       const Quaternion<P> by = zero_where(done, v(i));
