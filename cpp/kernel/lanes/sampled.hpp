@@ -53,10 +53,10 @@ void bend(const Node& node, const double* constants, const double* points, const
   const Rows<Pt> rows(node, points);
   P* at = s.end;
   const int size = Sums<Pt>::size(node.ne);
-  for (int k = 0; k < size; ++k) at[k] = P{};
-  Sums<Pt> sums(at, node.ne);
   place_points(node, rows, dq, s, at + size);
   place_further<Sp>(node, rows.further, points, q, dq, s, scratch);
+  for (int k = 0; k < size; ++k) at[k] = P{};
+  const Sums<Pt> sums(at, node.ne);
   typename Pt::Ang wide;
   for (int c = 0; c < Sp::angular; ++c) reinterpret_cast<P*>(&wide)[c] = widen(reinterpret_cast<const S*>(&w)[c], P{});
   sum_slices(node, rows, s, dq, wide, sums, at + size);
