@@ -203,7 +203,7 @@ struct Chain {
       }
       if (forces && node.loads > 0)
         subtract_loads(layout, node, wrench, attitude, numbers + node.points, q + node.qe, v + node.ve, s, *slice,
-                       s.elastic.y, scratch);
+                       scratch);
     }
   }
 
