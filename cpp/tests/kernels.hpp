@@ -160,8 +160,8 @@ inline void check_slopes(const flexarm::Arm& arm, const Eigen::VectorXd& q, cons
   for (const lanes::Kernels* kernels : all_kernels()) {
     CAPTURE(std::string(kernels->name));
     const lanes::Memory memory(kernels->slopes_memory(known->layout()));
-    kernels->slopes(known->layout(), known->numbers().data(), nullptr, memory.get(), q.data(), v.data(), a.data(), found.data(),
-                    found.data() + nv * nq);
+    kernels->slopes(known->layout(), known->numbers().data(), nullptr, memory.get(), q.data(), v.data(), a.data(),
+                    found.data(), found.data() + nv * nq);
     for (int k = 0; k < nq + nv; ++k)
       CHECK((found.col(k) - expected.col(k)).norm() < 1e-11 * (expected.col(k).norm() + 1e-3 * expected.norm()));
   }

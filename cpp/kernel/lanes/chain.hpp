@@ -286,7 +286,7 @@ struct Chain {
       if constexpr (rates && forces)
         if (node.loads > 0)
           subtract_loads(layout, node, wrench, attitude, numbers + node.points, q + node.qe, v + node.ve, s, *slice,
-                         s.elastic.y, scratch);
+                         scratch);
     }
   }
 
