@@ -145,7 +145,7 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
         const auto lent = self.workspace();
         const Eigen::VectorXd zero = Eigen::VectorXd::Zero(self.nv());
         for_states(self, count(q), [&](Eigen::Index k) {
-          move_arm<double>(self, *lent, rows(q).row(k), zero);
+          move_arm(self, *lent, Eigen::VectorXd(rows(q).row(k)), zero);
           composite_mass_matrix(self, *lent);
           out[k] = (*lent).M;
         });
