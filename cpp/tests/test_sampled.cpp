@@ -3,9 +3,8 @@
 #include "flexarm/derivatives.hpp"
 #include "kernels.hpp"
 
-using flexarm::kExact;
-using flexarm_test::check;
-using flexarm_test::flat;
+using namespace flexarm;
+using namespace flexarm_test;
 
 namespace {
 
@@ -38,25 +37,6 @@ Patch patch(double start, double end) {
   layer.inner = 3e-3;
   const Piezo pzt(60.6e9, 0.3, 7500.0, -274e-12, 0.0, 0.0, 3e-8);
   return {start, end, [=](double) { return patch_section(pzt, layer); }};
-}
-
-/// dtau/dq and dtau/dv of inverse dynamics, against those of the dual numbers on Eigen.
-void check_derivatives(const Arm& arm, double bent = 0.3) {
-  const lanes::KernelArm& fast = *lanes::KernelArm::of(arm);
-  const Eigen::Index nq = arm.nq(), nv = arm.nv();
-  InverseDerivatives expected(arm, {Load::at_end(arm, 0, true)});  // a load, which is zero, keeps it there
-  Eigen::VectorXd q, v, a = flexarm_test::wave(arm.nv(), 0.7, 1.0);
-  place(arm, 0.4, q, v, bent);
-  expected(arm, q, v, a);
-  for (const lanes::Kernels* kernels : all_kernels()) {
-    CAPTURE(std::string(kernels->name));
-    const lanes::Memory memory(kernels->slopes_memory(fast.layout()));
-    Eigen::MatrixXd by_q(nv, nq), by_v(nv, nv);
-    kernels->slopes(fast.layout(), fast.numbers().data(), memory.get(), q.data(), v.data(), a.data(), by_q.data(),
-                    by_v.data());
-    CHECK((by_q - expected.dq).cwiseAbs().maxCoeff() < 1e-10 * expected.dq.cwiseAbs().maxCoeff());
-    CHECK((by_v - expected.dv).cwiseAbs().maxCoeff() < 1e-10 * expected.dv.cwiseAbs().maxCoeff());
-  }
 }
 
 TEST_CASE("planar arms of order 3 and exact") {
@@ -99,8 +79,8 @@ TEST_CASE("patches and tapered beams of order 3 and exact: slices that are not a
           check(
               of_beams(fine_beam({2, 2, 1, 1, 0}, order, points, on, tapered), flexarm_test::beam({1, 1, 1, 0, 0}, 2)),
               false);
-          check_derivatives(of_beams(fine_beam({1, 1, 1, 0, 1}, order, points, on, tapered),
-                                     flexarm_test::beam({2, 0, 0, 0, 0}, kExact)));
+          check_slopes(of_beams(fine_beam({1, 1, 1, 0, 1}, order, points, on, tapered),
+                                flexarm_test::beam({2, 0, 0, 0, 0}, kExact)));
           std::vector<Link> links;
           links.emplace_back(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.075, 0.01, 0}),
                              fine_beam({3, 0, 0, 1, 0}, order, points, on, tapered), std::nullopt);
@@ -114,10 +94,10 @@ TEST_CASE("derivatives at order 3 and exact") {
     CAPTURE(order);
     for (double bent : {1e-9, 1e-4, 0.3, 3.0}) {
       CAPTURE(bent);
-      check_derivatives(flexarm_test::spatial_arm(order), bent);
-      check_derivatives(flat({0, 0, 1}, {2, 1, 1, 0, 0}, order, 0.01), bent);
-      check_derivatives(flat({0, 0, 1}, {0, 0, 2, 0, 0}, order), bent);
-      check_derivatives(flat({0, 1, 0}, {0, 2, 0, 0, 1}, order), bent);
+      check_slopes(flexarm_test::spatial_arm(order), bent);
+      check_slopes(flat({0, 0, 1}, {2, 1, 1, 0, 0}, order, 0.01), bent);
+      check_slopes(flat({0, 0, 1}, {0, 0, 2, 0, 0}, order), bent);
+      check_slopes(flat({0, 1, 0}, {0, 2, 0, 0, 1}, order), bent);
     }
   }
 }
@@ -196,7 +176,7 @@ void check_lanes(const std::vector<const Arm*>& arms, double h) {
     p.q0 = {q0.col(first).data(), nq, 0};
     p.v0 = {v0.col(first).data(), nv, 0};
     p.tau = {tau.data(), 0, 0};
-    p.rk4 = true;
+    p.integrator = "rk4";
     p.lanes = side_by_side;
     Eigen::MatrixXd q(nq, count);
     std::vector<int> status(static_cast<std::size_t>(count));

@@ -139,7 +139,7 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
         const auto lent = self.workspace({}, true);
         const Eigen::VectorXd zero = Eigen::VectorXd::Zero(self.nv());
         for_states(self, count(q), 1 + self.nv() / 8, [&](Eigen::Index k) {
-          move_arm<double>(self, *lent, rows(q).row(k), zero);
+          move_arm(self, *lent, Eigen::VectorXd(rows(q).row(k)), zero);
           composite_mass_matrix(self, *lent);
           out[k] = (*lent).M;
         });
