@@ -124,12 +124,6 @@ TEST_CASE("a tilt acts, however small it is") {
     }
 }
 
-TEST_CASE("what the kernels do not know takes the other way") {
-  const Arm arm = flexarm_test::spatial_arm();
-  CHECK(bool(Workspace(arm).fast));
-  CHECK(!bool(Workspace(arm, {}, {Load::at_end(arm, 0, true)}).fast));
-}
-
 TEST_CASE("a copy of a workspace moves by itself") {
   const Arm arm = flexarm_test::spatial_arm();
   Workspace one(arm), two(one);

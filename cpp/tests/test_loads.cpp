@@ -83,7 +83,7 @@ void check(const Arm& arm, bool planar, const std::vector<bool>& given = {}) {
         kernels->inverse(fast.memory.get(), q.data(), v.data(), tau.data(), forces.data());
         CHECK((forces - expected).cwiseAbs().maxCoeff() < 1e-12 * expected.cwiseAbs().maxCoeff());
         Eigen::VectorXd a = tau;
-        CHECK(kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), a.data()));
+        CHECK(kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), a.data()) == lanes::Outcome::good);
         CHECK((a - accelerations).cwiseAbs().maxCoeff() < 1e-8 * accelerations.cwiseAbs().maxCoeff());
       }
     }

@@ -178,6 +178,7 @@ void check_lanes(const std::vector<const Arm*>& arms, double h) {
     p.tau = {tau.data(), 0, 0};
     p.integrator = "rk4";
     p.lanes = side_by_side;
+    p.whole = kScenarios;
     Eigen::MatrixXd q(nq, count);
     std::vector<int> status(static_cast<std::size_t>(count));
     BatchOutput out;

@@ -95,6 +95,7 @@ struct Elastic {
   Ang* M_angular;  ///< and moments
   S* M;            ///< Mee, packed lower triangle
   S* e;            ///< ne: bias, elastic and damping forces
+  Lin left_out;    ///< of a cut body alone: mass times what the cut leaves out of the tip body's displacement
   // elimination: Mee, with what the end carries, = L D L^T, below the diagonal L, on it 1/D
   S* L;
   Lin* W_linear;
