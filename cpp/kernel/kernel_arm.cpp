@@ -87,7 +87,7 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     from = k + 1 < nodes_.size() ? nodes_[k + 1].numbers : numbers_.size();
     if (sampled) {
       const double* p = numbers_.data() + node.end;
-      moved.passes = width == 1 ? node.half : node.half / width + 1;  // with room for one more (integral.hpp)
+      moved.passes = node.half / width + 1;
       moved.further_passes = (node.further + width - 1) / width;
       moved.end = align();
       group_slice(node, moved, layout_.planar, width, p, out.numbers_);

@@ -27,9 +27,13 @@ const StrainField& strain_of(const Beam& beam, int coordinate) {
   return kStrainFields[s];
 }
 
+/// Of X = 0, the points, and the end.
 std::vector<SliceTable> point_tables(const Beam& beam) {
-  const VectorXd parts = GaussRule(beam.points()).points;
-  return beam.tables_at({parts.data(), parts.data() + parts.size()});
+  const VectorXd points = GaussRule(beam.points()).points;
+  std::vector<double> parts{0.0};
+  parts.insert(parts.end(), points.data(), points.data() + points.size());
+  parts.push_back(1.0);
+  return beam.tables_at(parts);
 }
 
 void append(std::vector<double>& out, const VectorXd& x) { out.insert(out.end(), x.data(), x.data() + x.size()); }
@@ -46,7 +50,8 @@ void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int
   }
   node.uniaxial = node.exact && std::all_of(about.begin(), about.begin() + node.turning,
                                             [&](int axis) { return axis == about.front(); });
-  node.half = node.passes = (beam.points() + 1) / 2;
+  node.half = (beam.points() + 1) / 2;
+  node.passes = node.half + 1;  // with X = 0, or the end
   for (const MassSlice& s : beam.slices()) {
     if (!planar && !s.inertia.isZero(0.0)) node.rotary = 1;
     if (!at_point(s)) ++node.further;
@@ -58,12 +63,13 @@ void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int
 SampledTables::SampledTables(const Link& link, const BeamAxes& axes, const Node& node, const std::vector<int>& about)
     : link_(link), beam_(*link.beam()), axes_(axes), node_(node), about_(about) {}
 
-/// In the order of the points; the middle one of an odd number is there twice, and what is summed is shared.
+/// In the order of the points, of a function at X = 0, the points, and the end. The middle one of an odd number is
+/// there twice, and what is summed is shared.
 VectorXd SampledTables::of_points(const VectorXd& f, bool shared) const {
   const Index half = node_.half;
-  VectorXd out(2 * half);
-  out << f.head(half), f.reverse().head(half);
-  if (shared && f.size() % 2 == 1) out[half - 1] = out[2 * half - 1] = 0.5 * out[half - 1];
+  VectorXd out(2 * (half + 1));
+  out << f.segment(1, half), f.head(1), f.reverse().segment(1, half), f.tail(1);
+  if (shared && f.size() % 2 == 1) out[half - 1] = out[2 * half] = 0.5 * out[half - 1];
   return out;
 }
 
@@ -89,31 +95,22 @@ std::vector<double> SampledTables::points() const {
     rows([&](const SliceTable& t, int k) {
       return k < node_.turning ? t.linear(3 + about_[static_cast<std::size_t>(k)], k) : 0.0;
     });
-  // masses: those of the points, then others; roots of them, and of moments of inertia
+  // masses and moments of inertia: those of the points, then others
   const auto of_stations = [&](const auto& value) {
-    VectorXd at = VectorXd::Zero(n);
+    VectorXd at = VectorXd::Zero(n);  // nothing at the ends
     std::vector<double> others;
     for (const MassSlice& s : beam_.slices()) {
       if (at_point(s))
-        at[s.table.point] = value(s);
+        at[1 + s.table.point] = value(s);
       else
         others.push_back(value(s));
     }
-    VectorXd all(2 * node_.half + node_.further);
-    all.head(2 * node_.half) = of_points(at, true);
-    for (std::size_t k = 0; k < others.size(); ++k) all[2 * node_.half + static_cast<Index>(k)] = others[k];
-    return all;
+    append(out, of_points(at, true));
+    out.insert(out.end(), others.begin(), others.end());
   };
-  append(out, of_stations([](const MassSlice& s) { return s.mass; }).cwiseSqrt());
-  if (node_.rotary) {
-    MatrixXd inertia(2 * node_.half + node_.further, 3);
-    for (int c = 0; c < 3; ++c) inertia.col(c) = of_stations([&](const MassSlice& s) { return s.inertia[c]; });
-    for (int c = 0; c < 3; ++c) append(out, inertia.col(c).cwiseSqrt());
-    for (int c = 0; c < 3; ++c) {
-      const VectorXd root = inertia.col(c).cwiseSqrt(), between = inertia.col((c + 2) % 3) - inertia.col((c + 1) % 3);
-      append(out, (root.array() > 0.0).select(between.array() / root.array(), 0.0).matrix());
-    }
-  }
+  of_stations([](const MassSlice& s) { return s.mass; });
+  if (node_.rotary)
+    for (int c = 0; c < 3; ++c) of_stations([&](const MassSlice& s) { return s.inertia[c]; });
   for (const MassSlice& s : beam_.slices())
     if (!at_point(s)) {
       const std::vector<double> numbers = slice(s.table);
@@ -126,7 +123,9 @@ std::vector<double> SampledTables::slice(const SliceTable& at) const {
   const Vector3d& origin = link_.hub().end;
   std::vector<double> out{origin[0], origin[axes_.y]};
   if (!axes_.planar) out.push_back(origin[axes_.z]);
-  append(out, of_points(at.weights.transpose() / beam_.length(), true));
+  VectorXd weights = VectorXd::Zero(at.weights.size() + 2);
+  weights.segment(1, at.weights.size()) = at.weights.transpose() / beam_.length();
+  append(out, of_points(weights, true));
   for (int k = 0; k < turns(node_, axes_.planar); ++k)
     out.push_back(axes_.planar ? axes_.sign * at.linear(3 + axes_.z, k) : at.linear(3 + about_.front(), k));
   return out;
@@ -202,10 +201,10 @@ void fill_up(int count, int all, const double*& p, Numbers& out) {
 void group_points(const Node& from, const Node& to, bool planar, int width, const double*& p, Numbers& out) {
   repeat(1 + dimensions(planar), width, p, out);
   const auto points = [&] {
-    for (int k = 0; k < 2; ++k) fill_up(from.half, to.passes * width, p, out);
+    for (int k = 0; k < 2; ++k) fill_up(from.passes, to.passes * width, p, out);
   };
   for (int k = 0; k < (planar ? 1 : 2) * from.ne; ++k) points();
-  for (int k = 0; k < (from.rotary ? 7 : 1); ++k) {
+  for (int k = 0; k < (from.rotary ? 4 : 1); ++k) {
     points();
     fill_up(from.further, to.further_passes * width, p, out);
   }
@@ -214,7 +213,7 @@ void group_points(const Node& from, const Node& to, bool planar, int width, cons
 
 void group_slice(const Node& from, const Node& to, bool planar, int width, const double*& p, Numbers& out) {
   fill_up(dimensions(planar), dimensions(planar), p, out);
-  for (int k = 0; k < 2; ++k) fill_up(from.half, to.passes * width, p, out);
+  for (int k = 0; k < 2; ++k) fill_up(from.passes, to.passes * width, p, out);
   fill_up(turns(from, planar), turns(from, planar), p, out);
 }
 

@@ -286,7 +286,7 @@ struct Chain {
       if constexpr (rates && forces)
         if (node.loads > 0)
           subtract_loads(layout, node, wrench, attitude, numbers + node.points, q + node.qe, v + node.ve, s, *slice,
-                         s.elastic.y, scratch);
+                         scratch);
     }
   }
 
@@ -299,13 +299,18 @@ struct Chain {
   template <bool forces>
   void bend_body(const Node& node, const double* constants, const Lin& gravity, const S* q, const S* dq, State<Sp>& s) {
     Elastic<Sp>& e = s.elastic;
-    const double *end = numbers + node.end, *points = numbers + node.points;
-    if (node.body == Node::sampled) sampled::sample(Sp{}, node, points, q, dq, scratch);
-    slice_at(node, end, points, q, dq, scratch, e.end);
+    const double* points = numbers + node.points;
+    if (node.body == Node::sampled) {
+      sampled::sample(Sp{}, node, points, q, dq, scratch);
+      if constexpr (forces)
+        sampled::bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
+      else
+        slice_at(node, numbers + node.end, points, q, dq, scratch, e.end);
+      return;
+    }
+    move_slice(node, numbers + node.end, q, dq, e.end);
     if constexpr (!forces) return;
-    if (node.body == Node::sampled)
-      sampled::bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
-    else if (node.body == Node::cut)
+    if (node.body == Node::cut)
       bend_cut<Sp>(node, constants, gravity, q, dq, s.w, s.body, s.body_f, s.body_n, e);
     else
       bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);

@@ -44,6 +44,7 @@ void bend_cut(const Node& node, const double* p, const typename Sp::Lin& gravity
   }
   for (int k = 0; k < node.ne * (node.ne + 1) / 2; ++k) out.M[k] = next<S>(p);
   M = {m, c, J};
+  out.left_out = beyond;
   f = Sp::cross(w, Sp::cross(w, c) + number<S>(2.0) * c_rate);
   n = turning + Sp::cross(w, Sp::apply(J, w) + spin) - Sp::moment(beyond, gravity);
   out.constants = p;

@@ -25,27 +25,27 @@ S next(const double*& p) {
 
 constexpr int packed(int i, int j) { return i * (i + 1) / 2 + j; }  // of a lower triangle, j <= i
 
-/// Adds a block's part of a row of a slice's motion to its value, slopes and convective second rate.
-template <class S, class P>
+/// Adds a block's part of a row of a slice's motion to its value, slopes and, with `rates`, convective second rate.
+template <bool rates = true, class S, class P>
 void add_block(const Block& b, const double*& numbers, const S* q, const S* dq, P& value, P& bias, P* slope,
                int stride) {
   const bool square = b.i == b.j;
   P total{}, total_bias{};
   for (int c = 0; c < b.nj; ++c) {
-    const P qb = widen(q[b.j + c], P{}), db = widen(dq[b.j + c], P{});
+    const P qb = widen(q[b.j + c], P{});
     P left{}, left_dot{};
     for (int r = 0; r < b.ni; ++r) {
       const P C = next<P>(numbers);
       left += C * widen(q[b.i + r], P{});
-      left_dot += C * widen(dq[b.i + r], P{});
+      if constexpr (rates) left_dot += C * widen(dq[b.i + r], P{});
       if (!square) slope[(b.i + r) * stride] += C * qb;
     }
     slope[(b.j + c) * stride] += left;
     total += left * qb;
-    total_bias += left_dot * db;
+    if constexpr (rates) total_bias += left_dot * widen(dq[b.j + c], P{});
   }
   value += square ? 0.5 * total : total;
-  bias += square ? total_bias : 2.0 * total_bias;
+  if constexpr (rates) bias += square ? total_bias : 2.0 * total_bias;
 }
 
 /// The lower triangle of F^T F, of n columns of so many rows.
@@ -95,6 +95,7 @@ struct Elastic {
   Ang* M_angular;  ///< and moments
   S* M;            ///< Mee, packed lower triangle
   S* e;            ///< ne: bias, elastic and damping forces
+  Lin left_out;    ///< of a cut body alone: mass times what the cut leaves out of the tip body's displacement
   // elimination: Mee, with what the end carries, = L D L^T, below the diagonal L, on it 1/D
   S* L;
   Lin* W_linear;

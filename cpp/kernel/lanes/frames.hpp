@@ -166,6 +166,7 @@ struct Frames {
         angular += v[node.ve + k] * s.elastic.M_angular[k];
       }
       add(frame[i], s.body, linear, angular);
+      if (node.body == Node::cut) sum.moment += Sp::rotate(frame[i].R, s.elastic.left_out);  // there gravity acts, too
       if (node.tip) add(end[i], s.tip, Sp::force(s.tip, end[i].u, s.end_w), Sp::torque(s.tip, end[i].u, s.end_w));
     }
     return sum;

@@ -1,8 +1,9 @@
 // Integrals from 0 to X of functions that are given at Gauss points: of the polynomial through them.
 //
-// Gauss points lie symmetrically about the middle. A column holds a function at those of the first half, and then at
-// their mirror images. Of a function that is even about the middle, the integral from the middle is odd, and the other
-// way round: two matrices of half the size do what one would, in half the operations. Lengths are parts of the beam's.
+// Gauss points lie symmetrically about the middle. A column holds a function at those of the first half and at X = 0,
+// and then at their mirror images. Of a function that is even about the middle, the integral from the middle is odd,
+// and the other way round: two matrices of half the size do what one would, in half the operations. Lengths are parts
+// of the beam's.
 #pragma once
 
 #include "lanes/elastic.hpp"
@@ -10,87 +11,99 @@
 namespace {
 
 /// The matrices: for each point of the first half its column of the one for even functions, and of the one for odd
-/// functions, by rows of points. One row beyond the points of the former is the integral of the first half. Where
-/// points lie across lanes, rows are filled up to whole packs, and columns as well.
+/// functions, by rows of points. Where points lie across lanes, columns and rows are filled up to whole packs.
 template <class S, class P>
 class Integral {
  public:
-  static constexpr int width = static_cast<int>(sizeof(P) / sizeof(S));                        // points in one P
-  static constexpr int batch = Lanes<P>::width < 8 ? (width > 1 ? 6 : 2) : width > 1 ? 8 : 4;  // columns at once
+  static constexpr int width = static_cast<int>(sizeof(P) / sizeof(S));  // points in one P
+  static constexpr bool many = Lanes<P>::width >= 8;                     // registers
+  static constexpr int batch = many ? (width > 1 ? 6 : 4) : 2;           // columns at once
+  static constexpr int rows = width > 1 || !many ? 2 : 3;                // P of each matrix at once
 
   /// Numbers P that it works on.
   static std::size_t scratch(int packs) { return static_cast<std::size_t>(2 * batch * packs); }
-  /// @param half points of the first half @param packs P of them in a column
+  /// @param half points of the first half @param packs P of a column's first half
   Integral(const double* table, int half, int packs, P* work)
-      : table_(table), half_(half), packs_(packs), rows_(width > 1 ? packs : half + 1), work_(work) {}
+      : table_(table), half_(half), packs_(packs), work_(work) {}
 
-  /// Takes functions in columns, `stride` apart, to their integrals, in their place.
+  /// Integrals of so many functions into columns, `stride` apart. slope(c) is function c: it gives its values at
+  /// points.
+  template <class Slope>
+  void operator()(int columns, const Slope& slope, P* out, int stride) const {
+    for (int c = 0; c < columns;) c += some<batch>(c, columns, slope, out, stride);
+  }
+  /// In place.
   void operator()(P* f, int stride, int columns) const {
-    while (columns > 0) columns -= some<batch>(f, stride, columns);
+    (*this)(
+        columns,
+        [&](int c) {
+          const P* column = f + c * stride;
+          return [column](int i) { return column[i]; };
+        },
+        f, stride);
   }
 
  private:
-  template <int C>
-  int some(P*& f, int stride, int columns) const {
+  template <int C, class Slope>
+  int some(int c, int columns, const Slope& slope, P* out, int stride) const {
     if constexpr (C > 1)
-      if (columns < C) return some<C - 1>(f, stride, columns);
-    integrate<C>(f, stride);
-    f += C * stride;
+      if (columns - c < C) return some<C - 1>(c, columns, slope, out, stride);
+    for (int k = 0; k < C; ++k) {
+      const auto f = slope(c + k);
+      P *sum = work_ + k * packs_, *difference = sum + C * packs_;
+      for (int i = 0; i < packs_; ++i) {
+        const P first = f(i), second = f(packs_ + i);
+        sum[i] = first + second;
+        difference[i] = first - second;
+      }
+    }
+    integrate<C>(out + c * stride, stride);
     return C;
   }
 
   template <int C>
-  void integrate(P* f, int stride) const {
-    P *sum = work_, *difference = work_ + C * packs_;
-    for (int c = 0; c < C; ++c)
-      for (int i = 0; i < packs_; ++i) {
-        const P first = f[c * stride + i], second = f[c * stride + packs_ + i];
-        sum[c * packs_ + i] = first + second;
-        difference[c * packs_ + i] = first - second;
-      }
-    P* odd[C];
-    for (int c = 0; c < C; ++c) odd[c] = f + c * stride + packs_;
-    S first_half[C] = {};
-    multiply<C>(0, rows_, sum, [&](int c, int i, const P& x) {
-      if (i < packs_) odd[c][i] = x;
-      if constexpr (width == 1)
-        if (i == half_) first_half[c] = x;
-    });
-    if constexpr (width > 1)
-      for (int c = 0; c < C; ++c) first_half[c] = reinterpret_cast<const S*>(odd[c])[half_];
-    multiply<C>(1, packs_, difference, [&](int c, int i, const P& x) {
-      const P even = x + widen(first_half[c], P{}), o = odd[c][i];
-      odd[c][i] = even + o;
-      odd[c][i - packs_] = even - o;
-    });
+  void integrate(P* out, int stride) const {
+    P first_half[C] = {};  // integrals
+    for (int i = packs_; i > 0;) i -= block<C, rows>(i, out, stride, first_half);
   }
 
-  /// put(column, row, product) of matrix `which` with columns that lie one after the other.
-  template <int C, class Put>
-  void multiply(int which, int rows, const P* columns, const Put& put) const {
-    constexpr int most = width > 1 ? 2 : 4;
-    for (int i = 0; i < rows;) i += block<C, most>(which, i, rows, columns, put);
-  }
-  template <int C, int R, class Put>
-  int block(int which, int i, int rows, const P* columns, const Put& put) const {
+  /// The rows before `end`.
+  template <int C, int R>
+  int block(int end, P* out, int stride, P* first_half) const {
     if constexpr (R > 1)
-      if (rows - i < R) return block<C, R - 1>(which, i, rows, columns, put);
-    P total[C][R] = {};
-    const S* f = reinterpret_cast<const S*>(columns);
-    const double* A = table_ + (which * rows_ + i) * width;
-    for (int j = 0; j < half_; ++j, A += 2 * rows_ * width) {
-      decltype(entry(A)) a[R];
+      if (end < R) return block<C, R - 1>(end, out, stride, first_half);
+    const int i = end - R;
+    P odd[C][R], even[C][R];
+#pragma GCC unroll 8
+    for (int c = 0; c < C; ++c)
 #pragma GCC unroll 4
-      for (int r = 0; r < R; ++r) a[r] = entry(A + r * width);
+      for (int r = 0; r < R; ++r) odd[c][r] = even[c][r] = P{};
+    const S *sum = reinterpret_cast<const S*>(work_), *difference = sum + C * packs_ * width;
+    const double* A = table_ + i * width;
+    for (int j = 0; j < half_; ++j, A += 2 * packs_ * width) {
+      const double* B = A + packs_ * width;
 #pragma GCC unroll 8
       for (int c = 0; c < C; ++c) {
-        const P x = widen(f[c * packs_ * width + j], P{});
+        const P s = widen(sum[c * packs_ * width + j], P{}), d = widen(difference[c * packs_ * width + j], P{});
 #pragma GCC unroll 4
-        for (int r = 0; r < R; ++r) total[c][r] += a[r] * x;
+        for (int r = 0; r < R; ++r) {
+          odd[c][r] += entry(A + r * width) * s;
+          even[c][r] += entry(B + r * width) * d;
+        }
       }
     }
-    for (int c = 0; c < C; ++c)
-      for (int r = 0; r < R; ++r) put(c, i + r, total[c][r]);
+    if (end == packs_)
+#pragma GCC unroll 8
+      for (int c = 0; c < C; ++c) first_half[c] = from_zero(odd[c][R - 1]);
+#pragma GCC unroll 8
+    for (int c = 0; c < C; ++c) {
+#pragma GCC unroll 4
+      for (int r = 0; r < R; ++r) {
+        const P centre = even[c][r] + first_half[c];
+        out[c * stride + i + r] = centre - odd[c][r];
+        out[c * stride + packs_ + i + r] = centre + odd[c][r];
+      }
+    }
     return R;
   }
   static auto entry(const double* p) {
@@ -99,9 +112,16 @@ class Integral {
     else
       return *p;
   }
+  /// The row of X = 0, in its last pack.
+  P from_zero(const P& x) const {
+    if constexpr (width > 1)
+      return widen(x[half_ % width], P{});
+    else
+      return x;
+  }
 
   const double* table_;
-  int half_, packs_, rows_;
+  int half_, packs_;
   P* work_;
 };
 

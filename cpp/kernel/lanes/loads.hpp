@@ -29,8 +29,8 @@ void fixed_slice(const double* p, Slice<Sp>& out) {
 
 /// A slice of a node's body at elastic coordinates q and rates dq, of which `p` are the numbers, by those of the body's
 /// points: what hangs on an arm (its end, loads, sensors, frames) hangs on one of these. A sampled body has been
-/// sampled into `scratch`.
-template <class Sp, class S, class P>
+/// sampled into `scratch`. Without `rates`, what tells of its velocity may be left as it is.
+template <bool rates = true, class Sp, class S, class P>
 void slice_at(const Node& node, const double* p, const double* points, const S* q, const S* dq, P* scratch,
               Slice<Sp>& out) {
   if (node.ne == 0)
@@ -38,7 +38,7 @@ void slice_at(const Node& node, const double* p, const double* points, const S* 
   else if (node.body == Node::sampled)
     sampled::move_slice(node, p, points, q, dq, scratch, out);
   else
-    move_slice(node, p, q, dq, out);
+    move_slice<rates>(node, p, q, dq, out);
 }
 
 template <class S>
@@ -75,14 +75,14 @@ struct SpaceOf<Plane<S>, P> {
   using type = Plane<P>;
 };
 
-/// What a load takes off: the body's (or the end's) force and moment, and elastic forces (ne).
+/// A force and moment about a body's origin, and elastic forces.
 template <class Sp>
-struct Taken {
-  typename Sp::Lin f;
-  typename Sp::Ang n;
+struct Forces {
+  typename Sp::Lin& f;
+  typename Sp::Ang& n;
   typename Sp::Scalar* e;
 
-  /// A force and moment on a slice, by its transposed Jacobian (Eq. 52, 53).
+  /// Adds those of a force and moment on a slice, by its transposed Jacobian (Eq. 52, 53).
   void add(const Slice<Sp>& at, int ne, const typename Sp::Lin& force, const typename Sp::Ang& moment) {
     f += force;
     n += Sp::moment(at.x, force) + moment;
@@ -105,58 +105,56 @@ typename SpaceOf<Sp, P>::type::Ang widen_angular(const typename Sp::Ang& x) {
     return widen_linear<Sp, P>(x);
 }
 
-/// Adds what a load on one arm takes off, of as many slices at a time as a pack has lanes.
+/// Takes a load on one arm off a body's forces, as many slices at a time as a pack has lanes.
 /// @param p     numbers of the first
 /// @param f, m  force and moment, of the world turned into the node's axes; or in those of the slices
 template <class Sp, class S, class P>
-void add_groups(const Node& node, const PlacedLoad& load, const double* p, const typename Sp::Lin& f,
-                const typename Sp::Ang& m, const S* q, const S* dq, P* scratch, Taken<Sp>& taken) {
+void take_groups(const Node& node, const PlacedLoad& load, const double* p, const typename Sp::Lin& f,
+                 const typename Sp::Ang& m, const S* q, P* scratch, const Forces<Sp>& body) {
   using Pt = typename SpaceOf<Sp, P>::type;
-  const int ne = node.ne, n = Pt::linear + Pt::angular + ne;
-  P *all = scratch, *qp = all + n, *dqp = qp + ne;
+  constexpr int W = Lanes<P>::width / Lanes<S>::width;
+  const int ne = node.ne, n = Pt::linear + Pt::angular + ne, square = (n + W - 1) / W * W;  // what sum_lanes likes
+  P *all = scratch, *qp = all + square;
   Slice<Pt> at;
-  at.J_linear = reinterpret_cast<typename Pt::Lin*>(dqp + ne);
+  at.J_linear = reinterpret_cast<typename Pt::Lin*>(qp + ne);
   at.J_angular = reinterpret_cast<typename Pt::Ang*>(at.J_linear + ne);
-  for (int i = 0; i < ne; ++i) {
-    qp[i] = widen(q[i], P{});
-    dqp[i] = widen(dq[i], P{});
-  }
+  for (int i = 0; i < ne; ++i) qp[i] = widen(q[i], P{});
   const typename Pt::Lin fp = widen_linear<Sp, P>(f);
   const typename Pt::Ang mp = widen_angular<Sp, P>(m);
-  Taken<Pt> sum{Pt::zero(), Pt::zero_angular(), all + n - ne};
-  for (int i = 0; i < ne; ++i) sum.e[i] = P{};
+  for (int i = 0; i < square; ++i) all[i] = P{};
+  typename Pt::Lin f_sum = Pt::zero();
+  typename Pt::Ang n_sum = Pt::zero_angular();
+  Forces<Pt> sum{f_sum, n_sum, all + Pt::linear + Pt::angular};
   for (int i = 0; i < load.slices; ++i) {
     const double* of_slice = p + static_cast<std::size_t>(i) * load.size * Lanes<P>::width;
     const P weight = next<P>(of_slice);
-    move_slice(node, of_slice, qp, dqp, at);
+    move_slice<false>(node, of_slice, qp, qp, at);
     sum.add(at, ne, weight * (load.world ? fp : Pt::rotate(at.R, fp)),
             weight * (load.world ? mp : Pt::rotate_angular(at.R, mp)));
   }
-  __builtin_memcpy(all, &sum.f, sizeof(sum.f));
-  __builtin_memcpy(all + Pt::linear, &sum.n, sizeof(sum.n));
+  __builtin_memcpy(all, &f_sum, sizeof(f_sum));
+  __builtin_memcpy(all + Pt::linear, &n_sum, sizeof(n_sum));
   S* total = reinterpret_cast<S*>(all);
-  sum_lanes(all, n, total);
+  sum_lanes(all, square, total);
   typename Sp::Lin force;
   typename Sp::Ang moment;
   __builtin_memcpy(&force, total, sizeof(force));
   __builtin_memcpy(&moment, total + Sp::linear, sizeof(moment));
-  taken.f += force;
-  taken.n += moment;
-  for (int i = 0; i < ne; ++i) taken.e[i] += total[n - ne + i];
+  body.f = body.f - force;
+  body.n = body.n - moment;
+  for (int i = 0; i < ne; ++i) body.e[i] -= total[Sp::linear + Sp::angular + i];
 }
 
 /// Takes the loads on a node off its body's forces, or off those of what its end carries; after these are set.
 /// @param wrench        of all loads
 /// @param end_attitude  in the world; of the beam's end
 /// @param points        numbers of the node's points
-/// @param e             scratch, ne
 template <class Sp, class S, class P, class State>
 void subtract_loads(const Layout& layout, const Node& node, const S* wrench, const typename Sp::Rot& end_attitude,
-                    const double* points, const S* q, const S* dq, State& s, Slice<Sp>& at, S* e, P* scratch) {
+                    const double* points, const S* q, const S* dq, State& s, Slice<Sp>& at, P* scratch) {
   using Lin = typename Sp::Lin;
   using Ang = typename Sp::Ang;
-  for (int i = 0; i < node.ne; ++i) e[i] = S{};
-  Taken<Sp> own{Sp::zero(), Sp::zero_angular(), e}, carried{Sp::zero(), Sp::zero_angular(), nullptr};
+  Forces<Sp> own{s.body_f, s.body_n, s.elastic.e}, carried{s.tip_f, s.tip_n, nullptr};
   for (int k = 0; k < node.loads; ++k) {
     const PlacedLoad& load = layout.load[node.load[k]];
     const bool on_end = load.place.on == Place::end && node.ne > 0;
@@ -172,10 +170,10 @@ void subtract_loads(const Layout& layout, const Node& node, const S* wrench, con
     const auto act = [&](const Lin& force, const Ang& moment) {  // on the slice whose numbers are next
       const double* of_slice = p;
       p += load.size * Lanes<S>::width;
-      const S weight = next<S>(of_slice);
+      const S weight = -next<S>(of_slice);
       const bool moves = load.place.on == Place::slice;
       if (moves)
-        slice_at(node, of_slice, points, q, dq, scratch, at);
+        slice_at<false>(node, of_slice, points, q, dq, scratch, at);
       else
         fixed_slice(of_slice, at);
       (on_end ? carried : own)
@@ -187,16 +185,11 @@ void subtract_loads(const Layout& layout, const Node& node, const S* wrench, con
     const Lin rest = load.mean ? Sp::zero() : f;
     if constexpr (sizeof(P) != sizeof(S))
       if (flexarm::lanes::slices_in_groups(node)) {
-        add_groups(node, load, p, rest, m, q, dq, scratch, own);
+        take_groups(node, load, p, rest, m, q, scratch, own);
         continue;
       }
     for (int i = 0; i < load.slices; ++i) act(rest, m);
   }
-  s.body_f = s.body_f - own.f;
-  s.body_n = s.body_n - own.n;
-  for (int i = 0; i < node.ne; ++i) s.elastic.e[i] -= e[i];
-  s.tip_f = s.tip_f - carried.f;
-  s.tip_n = s.tip_n - carried.n;
 }
 
 }  // namespace

@@ -111,8 +111,8 @@ void bend(const Node& node, const double* constants, const double* points, const
   add_elastic_forces(node, p, q, dq, out.e);
 }
 
-/// A slice of which `p` are the numbers.
-template <class S>
+/// A slice of which `p` are the numbers; without `rates`, its place and Jacobian alone.
+template <bool rates = true, class S>
 void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slice<Plane<S>>& out) {
   using Sp = Plane<S>;
   out.x = Sp::read(p);
@@ -127,7 +127,7 @@ void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slic
     out.J_linear[k].y = l;
     out.J_angular[k] = {t};
   }
-  for (int k = 0; k < node.position_blocks; ++k) add_block(node.block[k], p, q, dq, out.x.x, bias, slope, 1);
+  for (int k = 0; k < node.position_blocks; ++k) add_block<rates>(node.block[k], p, q, dq, out.x.x, bias, slope, 1);
   S x_dot{};
   for (int k = 0; k < node.ne; ++k) {
     out.J_linear[k].x = slope[k];
@@ -136,6 +136,7 @@ void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slic
   S s, c;
   sine_cosine(turn, s, c);
   out.R = {c, s};
+  if constexpr (!rates) return;
   out.u_dot = {x_dot, y_dot};
   out.u_bias = {bias, S{}};
   out.turning = {rate};
@@ -382,7 +383,7 @@ void bend(const Node& node, const double* constants, const double* points, const
   add_elastic_forces(node, p, q, dq, out.e);
 }
 
-template <class S>
+template <bool rates = true, class S>
 void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slice<Space<S>>& out) {
   using Sp = Space<S>;
   const int ne = node.ne;
@@ -402,18 +403,20 @@ void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slic
   }
   for (int k = 0; k < node.blocks; ++k) {
     const Block& b = node.block[k];
-    add_block(b, p, q, dq, value[b.row], bias[b.row], slope + b.row * ne, 1);
+    add_block<rates>(b, p, q, dq, value[b.row], bias[b.row], slope + b.row * ne, 1);
   }
-  for (int r = 0; r < 6; ++r)
-    for (int k = 0; k < ne; ++k) rate[r] += slope[r * ne + k] * dq[k];
-  const typename Sp::Lin th_dot{rate[3], rate[4], rate[5]};
   const Turned<S> turned({value[3], value[4], value[5]});
   out.x = {value[0], value[1], value[2]};
-  out.u_dot = {rate[0], rate[1], rate[2]};
-  out.u_bias = {bias[0], bias[1], bias[2]};
   out.R = turned.rotation();
-  out.turning = turned.jacobian(th_dot, 1.0);
-  out.turn_bias = turned.bias(th_dot, {bias[3], bias[4], bias[5]}, 1.0);
+  if constexpr (rates) {
+    for (int r = 0; r < 6; ++r)
+      for (int k = 0; k < ne; ++k) rate[r] += slope[r * ne + k] * dq[k];
+    const typename Sp::Lin th_dot{rate[3], rate[4], rate[5]};
+    out.u_dot = {rate[0], rate[1], rate[2]};
+    out.u_bias = {bias[0], bias[1], bias[2]};
+    out.turning = turned.jacobian(th_dot, 1.0);
+    out.turn_bias = turned.bias(th_dot, {bias[3], bias[4], bias[5]}, 1.0);
+  }
   for (int k = 0; k < ne; ++k) {
     out.J_linear[k] = {slope[k], slope[ne + k], slope[2 * ne + k]};
     out.J_angular[k] = turned.jacobian({slope[3 * ne + k], slope[4 * ne + k], slope[5 * ne + k]}, 1.0);

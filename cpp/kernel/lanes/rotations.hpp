@@ -97,9 +97,8 @@ void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int 
       const P over = 1.0 / (factor.w * factor.w + Sp::dot(by.v, by.v));
       const Quaternion<P> next = d * Quaternion<P>{over * factor.w, (-over) * factor.v};
       D.set(i, next);
-      v.set(i, next);
     }
-    integral(v.at, v.stride, 4);
+    integral(4, columns_of(Field<Sp>{D.at, D.stride}), v.at, v.stride);
     Mask open = Lanes<P>::everywhere(false);
     for (int i = 0; i < points; ++i) {
       const Quaternion<P> by = zero_where(done, v(i));
@@ -119,39 +118,47 @@ void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int 
 }
 
 /// Solves p = 1 + int p (0, K) / 2 by repeated integrals (Picard): what is still missing, integrated, converges like
-/// (|theta|/2)^i / i!, from anywhere. Terms of both signs grow as large as exp(|theta|/2) on the way, and leave no
-/// digit beyond some 60 rad: then the result is not a number.
+/// (|theta|/2)^i / i!, from anywhere. Terms of both signs grow as large as exp(|theta|/2) on the way; the digits that
+/// this costs come back when what is then missing is integrated again. Beyond some 60 rad none is left, and the result
+/// is not a number.
 template <class S, class P>
 void solve_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int points, const Integral<S, P>& integral,
                     const Quaternions<P>& p, const Quaternions<P>& term, const Quaternions<P>& factor) {
   using Mask = typename Lanes<P>::Mask;
   constexpr double kSmall = 1e-15;  // what comes after is smaller still
-  constexpr double kLost = 1e12;    // a term of which the sum, of size 1, keeps four digits
-  constexpr int kMost = 400;
-  int later = Lanes<S>::lag;  // rounds
+  constexpr double kRough = 10.0;   // a term that costs digits
+  constexpr double kLost = 1e12;    // one of which the sum, of size 1, keeps four digits
+  constexpr int kTimes = 5, kRounds = 400;
   start_rotation(K, theta, points, integral, p, term, factor);
-  Mask done = Lanes<P>::everywhere(false), lost = done;
-  for (int round = 0; round < kMost; ++round) {
-    for (int i = 0; i < points; ++i) {
-      Quaternion<P> next = slope_of(round == 0 ? p(i) : term(i), K(i));
-      if (Lanes<S>::lag == 0) next = zero_where(done, next);
-      term.set(i, next);
-    }
-    integral(term.at, term.stride, 4);
-    Mask open = Lanes<P>::everywhere(false);
-    for (int i = 0; i < points; ++i) {
-      Quaternion<P> next = term(i), sum = p(i);
-      if (round == 0) {
-        next = {next.w + (1.0 - sum.w), next.v - sum.v};
-        term.set(i, next);
+  const Mask none = Lanes<P>::everywhere(false);
+  Mask over = none, lost = none;
+  for (int time = 0; time < kTimes && !Lanes<P>::all(over); ++time) {
+    Mask done = over, rough = none;
+    int later = Lanes<S>::lag;
+    for (int round = 0; round < kRounds; ++round) {
+      for (int i = 0; i < points; ++i) {
+        const Quaternion<P> next = slope_of(round == 0 ? p(i) : term(i), K(i));
+        term.set(i, Lanes<S>::lag == 0 ? zero_where(done, next) : next);
       }
-      p.set(i, sum + next);
-      open = open | exceeds(next, kSmall);
-      lost = lost | exceeds(next, kLost);
+      integral(term.at, term.stride, 4);
+      Mask open = none;
+      for (int i = 0; i < points; ++i) {
+        Quaternion<P> next = term(i);
+        const Quaternion<P> sum = p(i);
+        if (round == 0) {
+          next = zero_where(done, Quaternion<P>{next.w + (1.0 - sum.w), next.v - sum.v});
+          term.set(i, next);
+        }
+        p.set(i, sum + next);
+        open = open | exceeds(next, kSmall);
+        rough = rough | exceeds(next, kRough);
+        lost = lost | exceeds(next, kLost);
+      }
+      lost = of_arm<S, P>(lost);
+      done = done | lost | Lanes<P>::none_of(of_arm<S, P>(open));
+      if (Lanes<P>::all(done) && later-- == 0) break;
     }
-    lost = of_arm<S, P>(lost);
-    done = done | lost | Lanes<P>::none_of(of_arm<S, P>(open));
-    if (Lanes<P>::all(done) && later-- == 0) break;
+    over = over | lost | Lanes<P>::none_of(of_arm<S, P>(rough));
   }
   for (int i = 0; i < points; ++i) p.set(i, {Lanes<P>::select(lost, number<P>(__builtin_nan("")), p(i).w), p(i).v});
 }

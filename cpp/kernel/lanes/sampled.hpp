@@ -42,7 +42,7 @@ void place_further(const Node& node, const double* numbers, const double* points
   }
 }
 
-/// Inertia and forces, after `sample`.
+/// Inertia and forces, and the end slice, after `sample`.
 template <class Sp, class P>
 void bend(const Node& node, const double* constants, const double* points, const typename Sp::Scalar* q,
           const typename Sp::Scalar* dq, const typename Sp::Ang& w, typename Sp::Rigid& M, typename Sp::Lin& f,
@@ -53,17 +53,17 @@ void bend(const Node& node, const double* constants, const double* points, const
   const Rows<Pt> rows(node, points);
   P* at = s.end;
   const int size = Sums<Pt>::size(node.ne);
-  for (int k = 0; k < size; ++k) at[k] = P{};
-  Sums<Pt> sums(at, node.ne);
-  P* F = at + size;
-  place_points(node, rows, dq, s, F);
+  place_points(node, rows, dq, s, at + size);
   place_further<Sp>(node, rows.further, points, q, dq, s, scratch);
+  for (int k = 0; k < size; ++k) at[k] = P{};
+  const Sums<Pt> sums(at, node.ne);
   typename Pt::Ang wide;
   for (int c = 0; c < Sp::angular; ++c) reinterpret_cast<P*>(&wide)[c] = widen(reinterpret_cast<const S*>(&w)[c], P{});
-  sum_slices(node, rows, s, dq, wide, sums, F);
+  sum_slices(node, rows, s, dq, wide, sums, at + size);
   S* total = reinterpret_cast<S*>(at);
   sum_lanes(at, size, total);
   finish(node, constants, Sums<Sp>(total, node.ne), q, dq, w, M, f, n, out);
+  end_slice(node, rows, q, dq, s, out.end);
 }
 
 }  // namespace sampled
@@ -73,9 +73,9 @@ inline std::size_t sampled_scratch(const Node& node) {
   using P = double;
   P* const begin = reinterpret_cast<P*>(sizeof(P));
   const sampled::SpaceSeries<P> space(node, begin);
-  const int sums = sampled::Sums<Space<P>>::size(node.ne), rows = sampled::rows_size<Space<P>>(node.ne),
-            work = 2 * sampled::kMostColumns * node.passes;
-  return static_cast<std::size_t>((space.end - begin) + sums + (rows > work ? rows : work));
+  const int sums = sampled::Sums<Space<P>>::size(node.ne), work = 2 * sampled::kMostColumns * node.passes,
+            rows = sampled::rows_size<Space<P>>(node.ne);
+  return static_cast<std::size_t>((space.end - begin) + sums + (work > rows ? work : rows));
 }
 
 }  // namespace

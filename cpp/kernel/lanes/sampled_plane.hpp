@@ -15,7 +15,7 @@ struct PlaneSeries {
   Jet<Sp> place;                    ///< x, at the stations
   P* end;
   PlaneSeries(const Node& node, P* at) {
-    Columns<Sp> columns{at, stations_of(node)};
+    Columns<Sp> columns{at, stride_of(node)};
     tangent = columns.field();
     tangent_bias = columns.field();
     by_turn = columns.field();
@@ -90,15 +90,44 @@ void sample(Plane<S>, const Node& node, const double* points, const S* q, const 
 /// Places at the points and their Jacobians.
 template <class S, class P>
 void place_points(const Node& node, const Rows<Plane<P>>& rows, const S*, const PlaneSeries<P>& s, P* work) {
-  for (int i = 0; i < rows.points; ++i) {
-    s.place.value.set(i, s.tangent(i));
-    s.place.bias.set(i, s.tangent_bias(i));
-    const auto by_turn = s.by_turn(i), by_shear = s.by_shear(i);
-    for (int k = 0; k < node.ne; ++k) s.place.by(k).set(i, rows.shape(k, i) * (k < node.turning ? by_turn : by_shear));
-  }
   const Integral<S, P> integral(node.table, node.half, node.passes, work);
-  integral(s.place.value.at, s.place.value.stride, 2 * (2 + node.ne));
+  const int stride = s.place.value.stride;
+  integral(4, columns_of(s.tangent), s.place.value.at, stride);  // and of the bias
+  integral(
+      2 * node.ne,
+      [&](int c) {
+        const P* slope = (c / 2 < node.turning ? s.by_turn : s.by_shear).column(c % 2);
+        return [=, &rows](int i) { return rows.shape(c / 2, i) * slope[i]; };
+      },
+      s.place.first.at, stride);
   for (int i = 0; i < rows.points; ++i) s.place.value.set(i, rows.origin + s.place.value(i));
+}
+
+/// The slice at the end, after `place_points`.
+template <class S, class P>
+void end_slice(const Node& node, const Rows<Plane<P>>& rows, const S* q, const S* dq, const PlaneSeries<P>& s,
+               Slice<Plane<S>>& out) {
+  using Sp = Plane<S>;
+  const int end = end_point<S, P>(node);
+  out.x = get_lane(Sp{}, s.place.value, end);
+  out.u_bias = get_lane(Sp{}, s.place.bias, end);
+  out.u_dot = Sp::zero();
+  S turn{}, rate{};
+  for (int k = 0; k < node.ne; ++k) {
+    out.J_linear[k] = get_lane(Sp{}, s.place.by(k), end);
+    out.u_dot += dq[k] * out.J_linear[k];
+    out.J_angular[k] = Sp::zero_angular();
+    if (k >= node.turning) continue;
+    const S t = rows.template shape_in_lane<S>(k, end);
+    turn += t * q[k];
+    rate += t * dq[k];
+    out.J_angular[k] = {t};
+  }
+  S sine, cosine;
+  sine_cosine(turn, sine, cosine);
+  out.R = {cosine, sine};
+  out.turning = {rate};
+  out.turn_bias = Sp::zero_angular();
 }
 
 /// What the sums need of a slice, as station `i`.

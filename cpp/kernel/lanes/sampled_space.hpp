@@ -22,7 +22,7 @@ struct SpaceSeries {
   P* end;
 
   SpaceSeries(const Node& node, P* at) {
-    Columns<Sp> columns{at, stations_of(node)};
+    Columns<Sp> columns{at, stride_of(node)};
     Field<Sp>* const fields[] = {&K,    &K_rate, &theta, &shear, &shear_rate,
                                  &R[0], &R[1],   &R[2],  &spin,  &spin_bias_slope};
     for (Field<Sp>* f : fields) *f = columns.field();
@@ -45,20 +45,26 @@ struct SpaceSeries {
 
 /// The strains of all coordinates, and their integrals.
 template <class S, class P>
-void add_strains(const Node& node, const Rows<Space<P>>& rows, const S* q, const S* dq, SpaceSeries<P>& s) {
+void add_strains(const Node& node, const Rows<Space<P>>& rows, const S* q, const S* dq, const SpaceSeries<P>& s) {
   const Field<Space<P>> fields[] = {s.K, s.K_rate, s.theta, s.shear, s.shear_rate};
   for (const Field<Space<P>>& f : fields) f.clear(0, rows.points);
-  for (int k = 0; k < node.ne; ++k) {
-    const bool bends = k < node.turning;
-    const int axis = node.about[k];
-    P *value = (bends ? s.K : s.shear).column(axis), *rate = (bends ? s.K_rate : s.shear_rate).column(axis);
+  for (int first = 0, end = 0; first < node.ne; first = end) {  // of one component
+    const bool turns = first < node.turning;
+    const int axis = node.about[first];
+    while (end < node.ne && node.about[end] == axis && (end < node.turning) == turns) ++end;
+    P *value = (turns ? s.K : s.shear).column(axis), *rate = (turns ? s.K_rate : s.shear_rate).column(axis);
     P* theta = s.theta.column(axis);
-    const P qk = widen(q[k], P{}), dk = widen(dq[k], P{});
     for (int i = 0; i < rows.points; ++i) {
-      const P shape = rows.shape(k, i);
-      value[i] += shape * qk;
-      rate[i] += shape * dk;
-      if (bends) theta[i] += rows.turned(k, i) * qk;
+      P x{}, d{}, t{};
+      for (int k = first; k < end; ++k) {
+        const P shape = rows.shape(k, i), qk = widen(q[k], P{});
+        x += shape * qk;
+        d += shape * widen(dq[k], P{});
+        if (turns) t += rows.turned(k, i) * qk;
+      }
+      value[i] = x;
+      rate[i] = d;
+      if (turns) theta[i] = t;
     }
   }
 }
@@ -70,28 +76,22 @@ template <class S, class P>
 void turn_jacobians(const Node& node, const Rows<Space<P>>& rows, const Integral<S, P>& integral, const S* dq,
                     const SpaceSeries<P>& s) {
   using Sp = Space<P>;
-  s.spin.clear(0, rows.points);
-  for (int k = 0; k < node.ne; ++k) {
-    const Field<Sp> J = s.turned.by(k);
-    const Field<Sp>& axis = s.R[node.about[k]];
-    if (k >= node.turning)
-      J.clear(0, rows.points);
-    else
-      for (int i = 0; i < rows.points; ++i) J.set(i, rows.shape(k, i) * axis(i));
-  }
-  integral(s.turned.first.at, s.turned.first.stride, 3 * node.turning);
-  for (int k = 0; k < node.turning; ++k) {
-    const Field<Sp> J = s.turned.by(k);
-    const P rate = widen(dq[k], P{});
-    for (int i = 0; i < rows.points; ++i) s.spin.set(i, s.spin(i) + rate * J(i));
-  }
+  integral(
+      3 * node.turning,
+      [&](int c) {
+        const P* axis = s.R[node.about[c / 3]].column(c % 3);
+        return [=, &rows](int i) { return rows.shape(c / 3, i) * axis[i]; };
+      },
+      s.turned.first.at, s.turned.first.stride);
+  for (int k = node.turning; k < node.ne; ++k) s.turned.by(k).clear(0, rows.points);
   for (int i = 0; i < rows.points; ++i) {
+    auto spin = Sp::zero();
+    for (int k = 0; k < node.turning; ++k) spin += widen(dq[k], P{}) * s.turned.by(k)(i);
     const auto K = s.K_rate(i);
-    const auto slope = Sp::cross(s.spin(i), K.x * s.R[0](i) + K.y * s.R[1](i) + K.z * s.R[2](i));
-    s.spin_bias_slope.set(i, slope);
-    s.turned.bias.set(i, slope);
+    s.spin.set(i, spin);
+    s.spin_bias_slope.set(i, Sp::cross(spin, K.x * s.R[0](i) + K.y * s.R[1](i) + K.z * s.R[2](i)));
   }
-  integral(s.turned.bias.at, s.turned.bias.stride, 3);
+  integral(3, columns_of(s.spin_bias_slope), s.turned.bias.at, s.turned.bias.stride);
 }
 
 /// x' = R (e1 + phi), and the convective part of its second rate.
@@ -116,18 +116,25 @@ void exact_tangent(const Node& node, const Rows<Space<P>>& rows, const SpaceSeri
 template <class S, class P>
 void exact_places(const Node& node, const Rows<Space<P>>& rows, const Integral<S, P>& integral,
                   const SpaceSeries<P>& s) {
-  using Sp = Space<P>;
-  for (int i = 0; i < rows.points; ++i) {
-    s.place.value.set(i, s.tangent.value(i));
-    s.place.bias.set(i, s.tangent.bias(i));
-  }
-  for (int k = 0; k < node.ne; ++k) {
-    const Field<Sp> J = s.place.by(k), turn = s.turned.by(k);
-    const Field<Sp>& axis = s.R[node.about[k]];
-    for (int i = 0; i < rows.points; ++i)
-      J.set(i, k < node.turning ? Sp::cross(turn(i), s.tangent.value(i)) : rows.shape(k, i) * axis(i));
-  }
-  integral(s.place.value.at, s.place.value.stride, 3 * (2 + node.ne));
+  const int stride = s.place.value.stride;
+  integral(6, columns_of(s.tangent.value), s.place.value.at, stride);  // and of the bias
+  integral(
+      3 * node.turning,
+      [&](int c) {
+        const int d = (c + 1) % 3, e = (c + 2) % 3;
+        const Field<Space<P>> J = s.turned.by(c / 3);
+        const P *Jd = J.column(d), *Je = J.column(e), *td = s.tangent.value.column(d), *te = s.tangent.value.column(e);
+        return [=](int i) { return Jd[i] * te[i] - Je[i] * td[i]; };
+      },
+      s.place.first.at, stride);
+  integral(
+      3 * (node.ne - node.turning),
+      [&](int c) {
+        const int k = node.turning + c / 3;
+        const P* axis = s.R[node.about[k]].column(c % 3);
+        return [=, &rows](int i) { return rows.shape(k, i) * axis[i]; };
+      },
+      s.place.by(node.turning).at, stride);
 }
 
 // --- Order 3. ---
@@ -254,13 +261,8 @@ void third_order_places(const Node& node, const Rows<Space<P>>& rows, const Inte
                         const SpaceSeries<P>& s) {
   using Lin = typename Space<P>::Lin;
   const int stride = s.place.value.stride, columns = 3 * (2 + node.ne);
-  for (int c = 0; c < columns; ++c)
-    for (int i = 0; i < rows.points; ++i) {
-      s.place.value.at[c * stride + i] = s.tangent.value.at[c * stride + i];
-      s.turned.value.at[c * stride + i] = s.twist.value.at[c * stride + i];
-    }
-  integral(s.place.value.at, stride, columns);
-  integral(s.turned.value.at, stride, columns);
+  integral(columns, columns_of(s.tangent.value), s.place.value.at, stride);
+  integral(columns, columns_of(s.twist.value), s.turned.value.at, stride);
   for (int i = 0; i < rows.points; ++i) {
     const Turned<P> t(s.turned.value(i));
     const auto R = t.rotation();
@@ -274,6 +276,7 @@ void third_order_places(const Node& node, const Rows<Space<P>>& rows, const Inte
       s.turned.by(k).set(i, t.jacobian(d, 1.0));
     }
     s.turned.bias.set(i, t.bias(rate, s.turned.bias(i), 1.0));
+    s.spin.set(i, t.jacobian(rate, 1.0));
   }
 }
 
@@ -313,6 +316,26 @@ void place_points(const Node& node, const Rows<Space<P>>& rows, const S* dq, con
   for (int i = 0; i < rows.points; ++i) s.place.value.set(i, rows.origin + s.place.value(i));
 }
 
+/// The slice at the end, after `place_points`.
+template <class S, class P>
+void end_slice(const Node& node, const Rows<Space<P>>&, const S*, const S* dq, const SpaceSeries<P>& s,
+               Slice<Space<S>>& out) {
+  using Sp = Space<S>;
+  const int end = end_point<S, P>(node);
+  out.x = get_lane(Sp{}, s.place.value, end);
+  out.u_bias = get_lane(Sp{}, s.place.bias, end);
+  out.turning = get_lane(Sp{}, s.spin, end);
+  out.turn_bias = get_lane(Sp{}, s.turned.bias, end);
+  out.u_dot = Sp::zero();
+  for (int k = 0; k < node.ne; ++k) {
+    out.J_linear[k] = get_lane(Sp{}, s.place.by(k), end);
+    out.J_angular[k] = get_lane(Sp{}, s.turned.by(k), end);
+    out.u_dot += dq[k] * out.J_linear[k];
+  }
+  const auto x = get_lane(Sp{}, s.R[0], end), y = get_lane(Sp{}, s.R[1], end), z = get_lane(Sp{}, s.R[2], end);
+  out.R = {x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z};
+}
+
 /// What the sums need of a slice, as station `i`.
 template <class S, class P>
 void put_slice(const Slice<Space<S>>& slice, int ne, int i, const SpaceSeries<P>& s) {
@@ -320,6 +343,7 @@ void put_slice(const Slice<Space<S>>& slice, int ne, int i, const SpaceSeries<P>
   const auto& R = slice.R;
   put_lane(Space<S>{}, s.place.value, i, slice.x);
   put_lane(Space<S>{}, s.place.bias, i, slice.u_bias);
+  put_lane(Space<S>{}, s.spin, i, slice.turning);
   put_lane(Space<S>{}, s.turned.bias, i, slice.turn_bias);
   put_lane(Space<S>{}, s.R[0], i, Lin{R.xx, R.yx, R.zx});
   put_lane(Space<S>{}, s.R[1], i, Lin{R.xy, R.yy, R.zy});
@@ -332,6 +356,7 @@ void put_slice(const Slice<Space<S>>& slice, int ne, int i, const SpaceSeries<P>
 template <class P>
 void clear_stations(const Node& node, int from, int to, const SpaceSeries<P>& s) {
   for (const auto& f : s.R) f.clear(from, to);
+  s.spin.clear(from, to);
   clear_stations(s.place, node.ne, from, to);
   clear_stations(s.turned, node.ne, from, to);
 }

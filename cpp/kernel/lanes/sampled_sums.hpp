@@ -55,10 +55,27 @@ struct Jet {
   Field<Sp> by(int k) const { return {first.at + k * Sp::linear * first.stride, first.stride}; }
 };
 
+/// Columns one after the other, from this field's on, as an Integral takes them.
+template <class Sp>
+auto columns_of(const Field<Sp>& f) {
+  return [f](int c) {
+    const typename Sp::Scalar* column = f.column(c);
+    return [column](int i) { return column[i]; };
+  };
+}
+
 /// One point's value, point i in lane i of the column.
 template <class To, class Sp>
 void put_lane(Sp, const Field<To>& f, int i, const typename Sp::Lin& x) {
   for (int c = 0; c < Sp::linear; ++c) reinterpret_cast<typename Sp::Scalar*>(f.column(c))[i] = Sp::component(x, c);
+}
+
+template <class Sp, class From>
+typename Sp::Lin get_lane(Sp, const Field<From>& f, int i) {
+  typename Sp::Lin x = Sp::zero();
+  for (int c = 0; c < Sp::linear; ++c)
+    Sp::component(x, c) = reinterpret_cast<const typename Sp::Scalar*>(f.column(c))[i];
+  return x;
 }
 
 template <class Sp>
@@ -87,9 +104,16 @@ struct Columns {
   }
 };
 
+/// The beam's end, among points that may lie in lanes.
+template <class S, class P>
+int end_point(const Node& node) {
+  return node.passes * static_cast<int>(sizeof(P) / sizeof(S)) + node.half;
+}
 /// Of a node: P of points, and of all stations that carry mass; which of these do.
 inline int points_of(const Node& node) { return 2 * node.passes; }
 inline int stations_of(const Node& node) { return points_of(node) + node.further_passes; }
+/// Between the columns of long fields, so that one place in all of them does not share a few lines of the cache.
+inline int stride_of(const Node& node) { return stations_of(node) < 16 ? stations_of(node) : stations_of(node) | 1; }
 inline int first_station(const Node& node) { return node.points_have_mass ? 0 : points_of(node); }
 
 /// The numbers of a node's points.
@@ -100,7 +124,7 @@ struct Rows {
   int points, stations;
   P length;
   typename Sp::Lin origin;  ///< of the beam, in the link
-  const double *strain, *turn, *mass, *root, *gyro, *further;
+  const double *strain, *turn, *mass, *inertia, *further;
 
   Rows(const Node& node, const double* p) : points(points_of(node)), stations(stations_of(node)) {
     length = next<P>(p);
@@ -113,18 +137,21 @@ struct Rows {
     strain = rows(node.ne, points);
     turn = rows(Sp::planar ? 0 : node.ne, points);
     mass = rows(1, stations);
-    root = rows(node.rotary ? 3 : 0, stations);
-    gyro = rows(node.rotary ? 3 : 0, stations);
+    inertia = rows(node.rotary ? 3 : 0, stations);
     further = p;
   }
   /// Of coordinate k: its strain at point i times the beam's length (in the plane, of bending: the turn it gives).
   P shape(int k, int i) const { return Lanes<P>::load(strain + (k * points + i) * width); }
+  template <class S>
+  S shape_in_lane(int k, int i) const {
+    return Lanes<S>::load(strain + k * points * width + i * Lanes<S>::width);
+  }
   P turned(int k, int i) const { return Lanes<P>::load(turn + (k * points + i) * width); }
-  /// The root of a station's mass; of its moments of inertia; and their differences over their roots.
-  P root_mass(int i) const { return Lanes<P>::load(mass + i * width); }
-  typename Sp::Lin of_axes(const double* p, int i) const {
+  /// Of station i: its mass, and its moments of inertia about its own axes.
+  P mass_of(int i) const { return Lanes<P>::load(mass + i * width); }
+  typename Sp::Lin inertia_of(int i) const {
     typename Sp::Lin x = Sp::zero();
-    for (int c = 0; c < Sp::linear; ++c) Sp::component(x, c) = Lanes<P>::load(p + (c * stations + i) * width);
+    for (int c = 0; c < Sp::linear; ++c) Sp::component(x, c) = Lanes<P>::load(inertia + (c * stations + i) * width);
     return x;
   }
 };
@@ -155,136 +182,175 @@ struct Sums {
   }
 };
 
-/// Adds F^T F (lower triangle) of n columns, so far apart, of so many rows.
-template <class P>
-void add_products(const P* F, int n, int apart, int rows, P* out) {
-  const auto some = [&](auto count, const P* a, const P* b) {
-    constexpr int C = decltype(count)::value;
-    P sum[C] = {};
-    for (int r = 0; r < rows; ++r)
-#pragma GCC unroll 4
-      for (int c = 0; c < C; ++c) sum[c] += a[r] * b[c * apart + r];
-    for (int c = 0; c < C; ++c) *out++ += sum[c];
-  };
-  for (int i = 0; i < n; ++i) {
-    const P* a = F + i * apart;
-    int j = 0;
-    for (; j + 4 <= i + 1; j += 4) some(Count<4>{}, a, F + j * apart);
-    if (i + 1 - j == 3) some(Count<3>{}, a, F + j * apart);
-    if (i + 1 - j == 2) some(Count<2>{}, a, F + j * apart);
-    if (i + 1 - j == 1) some(Count<1>{}, a, F + j * apart);
-  }
-}
-
-/// A slice as the sums need it, times the root of its mass or inertia.
+/// A slice as the sums need it.
 template <class Sp>
 struct Station {
-  typename Sp::Scalar root_mass;
-  typename Sp::Lin x, a;    ///< place; acceleration by velocities
-  typename Sp::Rot B;       ///< in space: R diag(root)
-  typename Sp::Lin torque;  ///< and what it takes to turn it so
+  typename Sp::Scalar mass;
+  typename Sp::Lin x, force;  ///< place; what it takes to move it as velocities do, without other accelerations
+  typename Sp::Sym J;         ///< in space: its inertia in the link's axes
+  typename Sp::Lin torque;    ///< and what it takes to turn it so
 };
 
-constexpr int kTogether = 4;  // stations whose rows are multiplied together
+constexpr int kTogether = 4;  // stations that are summed together
 
-/// Of so many stations' rows, all coordinates.
+/// Numbers P of the rows of so many stations: mass times J_T, and in space inertia times J_R, of all coordinates.
 template <class Sp>
 int rows_size(int ne) {
   return ne * kTogether * 2 * Sp::linear;
 }
 
-/// A section's own inertia: what turns it, in its own axes.
+/// Adds to sums the products of rows i to i + R - 1 with the Jacobians of coordinates j to j + C - 1, at N stations.
+template <int N, int R, int C, class Sp>
+void add_block(const typename Sp::Scalar* rows, int each, const Field<Sp>& J, const Field<Sp>& J_turn, bool turning,
+               int i, int j, typename Sp::Scalar* sums) {
+  using P = typename Sp::Scalar;
+  P sum[R][C] = {};
+  const P* row = rows + i * each;
+  const auto add = [&](const P* column, int stride) {
+    const int apart = Sp::linear * stride;
+    for (int c = 0; c < Sp::linear; ++c, column += stride, row += N)
+      for (int a = 0; a < N; ++a)
+#pragma GCC unroll 2
+        for (int r = 0; r < R; ++r)
+#pragma GCC unroll 4
+          for (int k = 0; k < C; ++k) sum[r][k] += row[r * each + a] * column[k * apart + a];
+  };
+  add(J.at + j * Sp::linear * J.stride, J.stride);
+  if constexpr (!Sp::planar)
+    if (turning) add(J_turn.at + j * Sp::linear * J.stride, J.stride);
+#pragma GCC unroll 2
+  for (int r = 0; r < R; ++r)
+#pragma GCC unroll 4
+    for (int k = 0; k < C; ++k)
+      if (j + k <= i + r) sums[packed(i + r, j + k)] += sum[r][k];
+}
+
+/// The same of all pairs of coordinates (the lower triangle).
+template <int N, class Sp>
+void add_products(const typename Sp::Scalar* rows, int each, const Field<Sp>& J, const Field<Sp>& J_turn, bool turning,
+                  int ne, typename Sp::Scalar* sums) {
+  const auto along = [&](auto height, int i, int end) {
+    constexpr int R = decltype(height)::value;
+    int j = 0;
+    for (; j + 4 <= end; j += 4) add_block<N, R, 4>(rows, each, J, J_turn, turning, i, j, sums);
+    if (end - j == 3) add_block<N, R, 3>(rows, each, J, J_turn, turning, i, j, sums);
+    if (end - j == 2) add_block<N, R, 2>(rows, each, J, J_turn, turning, i, j, sums);
+    if (end - j == 1) add_block<N, R, 1>(rows, each, J, J_turn, turning, i, j, sums);
+  };
+  int i = 0;
+  for (; i + 2 <= ne; i += 2) along(Count<2>{}, i, i + 2);
+  if (i < ne) along(Count<1>{}, i, ne);
+}
+
+/// A section's own inertia: what turns it.
 template <class P, class Motion>
-void add_turning(const Rows<Space<P>>& rows, const Motion& m, const typename Space<P>::Lin& w,
-                 const typename Space<P>::Lin& spin, int i, Station<Space<P>>& s, typename Sums<Space<P>>::Body& body) {
+void add_turning(const Rows<Space<P>>& rows, const Motion& m, const typename Space<P>::Lin& w, int i,
+                 Station<Space<P>>& s, typename Sums<Space<P>>::Body& body) {
   using Sp = Space<P>;
-  const auto root = rows.of_axes(rows.root, i), gyro = rows.of_axes(rows.gyro, i);
-  const auto x = m.R[0](i), y = m.R[1](i), z = m.R[2](i);
-  const typename Sp::Rot R{x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z};
-  const auto carried = Sp::unrotate(R, w), own = Sp::unrotate(R, spin), W = carried + own;
-  const auto W_dot = Sp::cross(carried, own) + Sp::unrotate(R, m.turned.bias(i));  // Eq. 46
-  s.torque = {root.x * W_dot.x + gyro.x * (W.y * W.z), root.y * W_dot.y + gyro.y * (W.z * W.x),
-              root.z * W_dot.z + gyro.z * (W.x * W.y)};
-  s.B = {R.xx * root.x, R.xy * root.y, R.xz * root.z, R.yx * root.x, R.yy * root.y,
-         R.yz * root.z, R.zx * root.x, R.zy * root.y, R.zz * root.z};
-  const typename Sp::Rot J = Sp::times_transposed(s.B, s.B);
-  Sp::add(body.J, typename Sp::Sym{J.xx, J.yy, J.zz, J.xy, J.xz, J.yz});
-  body.n += Sp::rotate(s.B, s.torque);
+  const auto I = rows.inertia_of(i), x = m.R[0](i), y = m.R[1](i), z = m.R[2](i);
+  const auto entry = [&](const P& x1, const P& x2, const P& y1, const P& y2, const P& z1, const P& z2) {
+    return I.x * x1 * x2 + I.y * y1 * y2 + I.z * z1 * z2;
+  };
+  s.J = {entry(x.x, x.x, y.x, y.x, z.x, z.x), entry(x.y, x.y, y.y, y.y, z.y, z.y), entry(x.z, x.z, y.z, y.z, z.z, z.z),
+         entry(x.x, x.y, y.x, y.y, z.x, z.y), entry(x.x, x.z, y.x, y.z, z.x, z.z), entry(x.y, x.z, y.y, y.z, z.y, z.z)};
+  const auto spin = m.spin(i), W = w + spin, W_dot = Sp::cross(w, spin) + m.turned.bias(i);  // Eq. 46
+  s.torque = Sp::apply(s.J, W_dot) + Sp::cross(W, Sp::apply(s.J, W));
+  Sp::add(body.J, s.J);
+  body.n += s.torque;
 }
 
 template <class P>
-void add_second_moment(const typename Space<P>::Lin& x, typename Space<P>::Sym& J) {
-  const P xx = x.x * x.x, yy = x.y * x.y, zz = x.z * x.z;
+void add_second_moment(const P& m, const typename Space<P>::Lin& x, typename Space<P>::Sym& J) {
+  const typename Space<P>::Lin mx = m * x;
+  const P xx = mx.x * x.x, yy = mx.y * x.y, zz = mx.z * x.z;
   J.xx += yy + zz;
   J.yy += xx + zz;
   J.zz += xx + yy;
-  J.xy -= x.x * x.y;
-  J.xz -= x.x * x.z;
-  J.yz -= x.y * x.z;
+  J.xy -= mx.x * x.y;
+  J.xz -= mx.x * x.z;
+  J.yz -= mx.y * x.z;
 }
 template <class P>
-void add_second_moment(const typename Plane<P>::Lin& x, typename Plane<P>::Sym& J) {
-  J.zz += x.x * x.x + x.y * x.y;
+void add_second_moment(const P& m, const typename Plane<P>::Lin& x, typename Plane<P>::Sym& J) {
+  J.zz += m * (x.x * x.x + x.y * x.y);
+}
+
+/// Of station i: its part of the body's inertia and force.
+template <class Sp, class S, class Motion>
+Station<Sp> add_station(const Node& node, const Rows<Sp>& rows, const Motion& m, const S* dq, const typename Sp::Ang& w,
+                        int i, typename Sums<Sp>::Body& body) {
+  using P = typename Sp::Scalar;
+  using Lin = typename Sp::Lin;
+  Station<Sp> s;
+  Lin u_dot = Sp::zero();
+  for (int k = 0; k < node.ne; ++k) u_dot += widen(dq[k], P{}) * m.place.by(k)(i);
+  s.mass = rows.mass_of(i);
+  s.x = m.place.value(i);
+  const Lin sweep = Sp::cross(w, s.x) + number<P>(2.0) * u_dot;
+  s.force = s.mass * (Sp::cross(w, sweep) + m.place.bias(i));  // Eq. 45
+  body.c += s.mass * s.x;
+  body.f += s.force;
+  body.n += Sp::moment(s.x, s.force);
+  add_second_moment<P>(s.mass, s.x, body.J);
+  if constexpr (!Sp::planar)
+    if (node.rotary) add_turning<P>(rows, m, w, i, s, body);
+  return s;
+}
+
+/// Of N stations.
+template <int N, class Sp, class S, class Motion>
+void sum_stations(const Node& node, const Rows<Sp>& rows, const Motion& m, const S* dq, const typename Sp::Ang& w,
+                  int from, const Sums<Sp>& sums, typename Sp::Scalar* products) {
+  using P = typename Sp::Scalar;
+  using Lin = typename Sp::Lin;
+  const bool turning = !Sp::planar && node.rotary;
+  const int each = N * (turning ? 2 : 1) * Sp::linear;
+  Station<Sp> station[N];
+  for (int a = 0; a < N; ++a) station[a] = add_station(node, rows, m, dq, w, from + a, *sums.body);
+  for (int k = 0; k < node.ne; ++k) {
+    P e{}, *row = products + k * each;
+    Lin f = Sp::zero();
+    typename Sp::Ang n = Sp::zero_angular();
+    const Field<Sp> J_T = m.place.by(k);
+#pragma GCC unroll 4
+    for (int a = 0; a < N; ++a) {
+      const Station<Sp>& s = station[a];
+      const Lin J = J_T(from + a), mJ = s.mass * J;
+      e += Sp::dot(J, s.force);
+      f += mJ;
+      n += Sp::moment(s.x, mJ);
+      for (int c = 0; c < Sp::linear; ++c) row[c * N + a] = Sp::component(mJ, c);
+    }
+    if constexpr (!Sp::planar)
+      if (turning) {
+        const Field<Sp> J_R = m.turned.by(k);
+#pragma GCC unroll 4
+        for (int a = 0; a < N; ++a) {
+          const Station<Sp>& s = station[a];
+          const Lin J = J_R(from + a), IJ = Sp::apply(s.J, J);
+          e += Sp::dot(J, s.torque);
+          n += IJ;
+          for (int c = 0; c < Sp::linear; ++c) row[(Sp::linear + c) * N + a] = Sp::component(IJ, c);
+        }
+      }
+    sums.e[k] += e;
+    sums.M_linear[k] += f;
+    sums.M_angular[k] += n;
+  }
+  const Field<Sp> J{m.place.first.at + from, m.place.first.stride};
+  Field<Sp> J_turn = J;
+  if constexpr (!Sp::planar) J_turn.at = m.turned.first.at + from;
+  add_products<N>(products, each, J, J_turn, turning, node.ne, sums.M);
 }
 
 /// Mass matrix and bias force of all slices (Eq. 80, 81), in a link that turns at w and does not accelerate.
 template <class Sp, class S, class Motion>
 void sum_slices(const Node& node, const Rows<Sp>& rows, const Motion& m, const S* dq, const typename Sp::Ang& w,
-                Sums<Sp>& sums, typename Sp::Scalar* F) {
-  using P = typename Sp::Scalar;
-  using Lin = typename Sp::Lin;
-  using Ang = typename Sp::Ang;
-  const bool turning = !Sp::planar && node.rotary;
-  const int ne = node.ne, each = turning ? 2 * Sp::linear : Sp::linear, apart = kTogether * each;
-  for (int from = first_station(node); from < rows.stations; from += kTogether) {
-    const int count = rows.stations - from < kTogether ? rows.stations - from : kTogether;
-    Station<Sp> station[kTogether];
-    for (int a = 0; a < count; ++a) {
-      const int i = from + a;
-      Station<Sp>& s = station[a];
-      Lin u_dot = Sp::zero();
-      for (int k = 0; k < ne; ++k) u_dot += widen(dq[k], P{}) * m.place.by(k)(i);
-      const Lin x = m.place.value(i);
-      s.root_mass = rows.root_mass(i);
-      s.x = s.root_mass * x;
-      s.a = s.root_mass * (Sp::cross(w, Sp::cross(w, x) + number<P>(2.0) * u_dot) + m.place.bias(i));  // Eq. 45
-      sums.body->c += s.root_mass * s.x;
-      sums.body->f += s.root_mass * s.a;
-      sums.body->n += Sp::moment(s.x, s.a);
-      add_second_moment<P>(s.x, sums.body->J);
-      if constexpr (!Sp::planar)
-        if (turning) {
-          Lin spin = Sp::zero();
-          for (int k = 0; k < node.turning; ++k) spin += widen(dq[k], P{}) * m.turned.by(k)(i);
-          add_turning<P>(rows, m, w, spin, i, s, *sums.body);
-        }
-    }
-    for (int k = 0; k < ne; ++k) {
-      P* row = F + k * apart;
-      P e{};
-      Lin f = Sp::zero();
-      Ang n = Sp::zero_angular();
-      for (int a = 0; a < count; ++a) {
-        const Station<Sp>& s = station[a];
-        const Lin J = s.root_mass * m.place.by(k)(from + a);
-        e += Sp::dot(J, s.a);
-        f += s.root_mass * J;
-        n += Sp::moment(s.x, J);
-        for (int c = 0; c < Sp::linear; ++c) *row++ = Sp::component(J, c);
-        if constexpr (!Sp::planar)
-          if (turning) {
-            const Lin J_turn = Sp::unrotate(s.B, m.turned.by(k)(from + a));
-            e += Sp::dot(J_turn, s.torque);
-            n += Sp::rotate(s.B, J_turn);
-            for (int c = 0; c < Sp::linear; ++c) *row++ = Sp::component(J_turn, c);
-          }
-      }
-      sums.e[k] += e;
-      sums.M_linear[k] += f;
-      sums.M_angular[k] += n;
-    }
-    add_products(F, ne, apart, count * each, sums.M);
-  }
+                const Sums<Sp>& sums, typename Sp::Scalar* products) {
+  int from = first_station(node);
+  for (; from + kTogether <= rows.stations; from += kTogether)
+    sum_stations<kTogether>(node, rows, m, dq, w, from, sums, products);
+  for (; from < rows.stations; ++from) sum_stations<1>(node, rows, m, dq, w, from, sums, products);
 }
 
 /// The sums, with the hub's part and the elastic forces, into what the dynamics asks for.
