@@ -76,8 +76,7 @@ class ForwardDerivatives {
   void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
     must(forward_dynamics(arm, ws_, q, v, tau));
     inverse_(arm, q, v, ws_.a);
-    move_arm<double>(arm, ws_, q, v);
-    composite_mass_matrix(arm, ws_);
+    composite_mass_matrix(arm, ws_);  // where forward_dynamics left the workspace
     factor_.compute(ws_.M);
     by_tau = factor_.solve(Eigen::MatrixXd::Identity(arm.nv(), arm.nv()));
     by_q.noalias() = -by_tau * inverse_.dq;

@@ -2,7 +2,6 @@
 
 #include <cmath>
 
-#include "eigen.hpp"
 #include "lanes/feedback.hpp"
 #include "lanes/single.hpp"
 #include "sweeps.hpp"
@@ -15,21 +14,17 @@ Status status_of(lanes::Outcome outcome) {
                                                : Status::not_finite;
 }
 
-long operation_count(const Arm& arm) {
-  const lanes::KernelArm* known = lanes::KernelArm::of(arm);
-  return known ? lanes::operation_count(*known) : 0;
-}
+long operation_count(const Arm& arm) { return lanes::operation_count(lanes::KernelArm::of(arm)); }
 
-Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+Status forward_dynamics_ab(const Arm&, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                            const Eigen::VectorXd& tau) {
-  if (!ws.fast) return eigen::forward_dynamics_ab(arm, ws, q, v, tau);
   const Eigen::VectorXd* total = &tau;
   if (!ws.feedback.empty()) {
     ws.total = tau;
     add_feedback(ws.feedback, q, v, 1.0, ws.total);
     total = &ws.total;
   }
-  const Status status = status_of(ws.kernels().forward(q.data(), v.data(), total->data(), ws.a.data()));
+  const Status status = status_of(ws.chain().forward(q.data(), v.data(), total->data(), ws.a.data()));
   if (!all_finite(q) || !all_finite(v)) return Status::not_finite;
   return status != Status::ok || all_finite(ws.a) ? status : Status::not_finite;
 }
@@ -40,14 +35,6 @@ Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q,
 }
 
 namespace {
-
-/// x = S^-1 r, without feedback.
-void solve_chain(const Arm& arm, Workspace& ws, const Eigen::VectorXd& r, Eigen::VectorXd& x) {
-  if (ws.fast)
-    ws.fast->solve(r.data(), x.data());
-  else
-    eigen::solve_shifted(arm, ws, r, x);
-}
 
 /// The laws that the workspace was told of, for the kernel's text of Woodbury's formula.
 FeedbackLaws<double> laws_of(const Arm& arm, Workspace& ws) {
@@ -67,28 +54,22 @@ FeedbackLaws<double> laws_of(const Arm& arm, Workspace& ws) {
 }  // namespace
 
 Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                      const Shift& shift, bool have_masses) {
+                      const Shift& shift) {
   const lanes::Shift s{shift.damping, shift.stiffness};
-  const Status status = ws.fast ? status_of(ws.fast->factor(s, v.data(), ws.twice_kinetic))
-                                : eigen::factor_shifted(arm, ws, q, v, shift, have_masses);
+  const Status status = status_of(ws.chain().factor(s, v.data(), ws.twice_kinetic));
   if (status != Status::ok) return status;
   if (!ws.feedback.empty()) {
     FeedbackLaws<double> laws = laws_of(arm, ws);
     for (int l = 0; l < laws.laws; ++l) laws.offset[l] = ws.feedback[static_cast<std::size_t>(l)].offset;
     laws.factor(
         s, q.data(), v.data(), ws.free.data(), static_cast<int>(ws.free.size()),
-        [&](int i) { return arm.coordinate_of(i); },
-        [&](const double* r, double* x) {
-          ws.rhs_all = Eigen::Map<const Eigen::VectorXd>(r, arm.nv());
-          solve_chain(arm, ws, ws.rhs_all, ws.total);
-          Eigen::Map<Eigen::VectorXd>(x, arm.nv()) = ws.total;
-        });
+        [&](int i) { return arm.coordinate_of(i); }, [&](const double* r, double* x) { ws.chain().solve(r, x); });
   }
   return std::isfinite(ws.twice_kinetic) ? Status::ok : Status::not_finite;
 }
 
 void solve_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& r, Eigen::VectorXd& x) {
-  solve_chain(arm, ws, r, x);
+  ws.chain().solve(r.data(), x.data());
   if (!ws.feedback.empty()) laws_of(arm, ws).correct(x.data());
 }
 

@@ -1,6 +1,5 @@
 #include "flexarm/ci.hpp"
 
-#include "eigen.hpp"
 #include "lanes/single.hpp"
 #include "sweeps.hpp"
 
@@ -13,22 +12,22 @@ void take_composite(const Arm& arm, Workspace& ws) {
   ws.factor.compute(ws.M_free);
 }
 
-void composite_inertias(const Arm& arm, Workspace& ws, bool have_masses) {
-  eigen::composite_inertias(arm, ws, have_masses);
+void composite_mass_matrix(const Arm& arm, Workspace& ws) {
+  ws.M.resize(arm.nv(), arm.nv());
+  ws.chain().mass_matrix(ws.M.data());
 }
 
-void composite_mass_matrix(const Arm& arm, Workspace& ws, bool have_masses) {
-  if (!ws.fast) return eigen::composite_mass_matrix(arm, ws, have_masses);
-  ws.M.resize(arm.nv(), arm.nv());
-  ws.fast->mass_matrix(ws.M.data());
+void composite_mass_matrix(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q) {
+  ws.chain().move(q.data(), nullptr);
+  composite_mass_matrix(arm, ws);
 }
 
 Status forward_dynamics_ci(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                            const Eigen::VectorXd& tau) {
   // tau - H^T Phi^T (M Phi N + N) of Eq. 90: inverse dynamics with the free accelerations at zero
   for (int i : ws.free) ws.a[i] = 0.0;
-  inverse_dynamics(arm, ws, q, v, ws.a, true);
-  composite_mass_matrix(arm, ws, true);
+  inverse_dynamics(arm, ws, q, v, ws.a);
+  composite_mass_matrix(arm, ws);
   const Eigen::Index n = static_cast<Eigen::Index>(ws.free.size());
   ws.M_free.resize(n, n);
   for (Eigen::Index k = 0; k < n; ++k) {

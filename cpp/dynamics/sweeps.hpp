@@ -8,6 +8,9 @@ namespace flexarm {
 
 Status status_of(lanes::Outcome outcome);
 
+/// Of move_arm, what factor_shifted and composite_mass_matrix go on from.
+void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
+
 /// Whether every number is finite, without a branch: what is not gives no zero times zero.
 template <class V>
 bool all_finite(const Eigen::DenseBase<V>& x) {

@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "sweeps.hpp"
+
 namespace flexarm {
 
 ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control* control)
@@ -22,7 +24,7 @@ ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, 
 }
 
 bool ChainInverse::factor(const Eigen::VectorXd& q, const Eigen::VectorXd& v, double cj) {
-  move_arm(*arm_, ws_, q, v);
+  move_chain(ws_, q, v);
   for (std::size_t n = 0; n < arm_->size(); ++n) {
     const Joint& joint = arm_->link(n).joint();
     const double *qn = q.data() + arm_->first_q(n), *vn = v.data() + arm_->first(n);

@@ -69,6 +69,20 @@ void motion(void* self, const Place& place, const double* numbers, double* veloc
   put(angular, acceleration + 3);
 }
 
+void reaction(void* self, const Place& link, const double* numbers, const double* base, const double* wrenches,
+              const double* q, const double* v, const double* a, double* out) {
+  One& f = of(self);
+  for (int i = 0; i < f.chain.layout.nq; ++i) f.q[i] = q[i];
+  for (int i = 0; i < f.chain.layout.nv; ++i) f.v[i] = v[i];
+  for (int i = 0; i < 6 * f.chain.layout.loads; ++i) f.chain.wrench[i] = wrenches[i];
+  f.place<true>();
+  f.chain.forces(One::Sp::read(base), a, f.a);  // which has room for the forces
+  const One::Spot at = f.spot(link, numbers);
+  const One::Lin force = at.state.f, moment = at.state.n - One::Sp::cross(at.slice.x, force);
+  put(One::Sp::unrotate(at.slice.R, force), out);
+  put(One::Sp::unrotate(at.slice.R, moment), out + 3);
+}
+
 void sums(void* self, const double* q, const double* v, Sums& out) {
   One& f = of(self);
   for (int i = 0; i < f.chain.layout.nq; ++i) f.q[i] = q[i];
@@ -142,8 +156,8 @@ namespace flexarm {
 namespace lanes {
 
 extern const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA);
-const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA){memory, begin, place,         accelerate, pose,         jacobian,
-                                                      motion, sums,  slopes_memory, slopes,     jacobian_rate};
+const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA){memory, begin,    place, accelerate,    pose,   jacobian,
+                                                      motion, reaction, sums,  slopes_memory, slopes, jacobian_rate};
 
 }  // namespace lanes
 }  // namespace flexarm

@@ -11,23 +11,21 @@ namespace {
 
 /// What is kept with an arm.
 struct Made {
-  std::optional<KernelArm> best;
+  KernelArm best;
   MadeOnce in_space;
 };
 
 }  // namespace
 
-const KernelArm* KernelArm::of(const Arm& arm) {
-  const Made& made = arm.kept().get<Made>([&] { return Made{build(arm, false), {}}; });
-  return made.best ? &*made.best : nullptr;
+const KernelArm& KernelArm::of(const Arm& arm) {
+  return arm.kept().get<Made>([&] { return Made{build(arm, false), {}}; }).best;
 }
 
-const KernelArm* KernelArm::in_space(const Arm& arm) {
-  const KernelArm* best = of(arm);
-  if (!best || !best->layout_.planar) return best;
-  const Made& made = arm.kept().get<Made>([] { return Made{}; });
-  const auto& spatial = made.in_space.get<std::optional<KernelArm>>([&] { return build(arm, true); });
-  return spatial ? &*spatial : nullptr;
+const KernelArm& KernelArm::in_space(const Arm& arm) {
+  const KernelArm& best = of(arm);
+  if (!best.layout_.planar) return best;
+  const Made& made = arm.kept().get<Made>([&] { return Made{best, {}}; });  // which is there
+  return made.in_space.get<KernelArm>([&] { return build(arm, true); });
 }
 
 void KernelArm::point() {

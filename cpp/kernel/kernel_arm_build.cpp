@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 namespace flexarm {
 namespace lanes {
@@ -192,7 +193,6 @@ void ArmBuilder::add_rigid(const Link& link) {
 
 bool ArmBuilder::add_beam(const Link& link, std::size_t n) {
   const Beam& beam = *link.beam();
-  if (beam.ne() > kMostElastic) return false;
   set(node().ne, beam.ne());
   set(node().ve, arm.first(n) + link.nj());
   set(node().qe, arm.first_q(n) + link.joint().nq());
@@ -222,11 +222,11 @@ void ArmBuilder::put_tip(const Link& link) {
   put(tip);
 }
 
-std::optional<KernelArm> KernelArm::build(const Arm& arm, bool in_space) {
+KernelArm KernelArm::build(const Arm& arm, bool in_space) {
   ArmBuilder b(arm, in_space);
   b.put(Vector3d(-arm.gravity()));
   for (std::size_t n = 0; n < arm.size(); ++n)
-    if (!b.add_link(n)) return std::nullopt;
+    if (!b.add_link(n)) throw std::logic_error("a beam whose strains move sections as the kernels do not know");
   b.set(b.out.layout_.nq, arm.nq());
   b.set(b.out.layout_.nv, arm.nv());
   b.out.structure_.push_back(static_cast<int>(b.out.numbers_.size()));

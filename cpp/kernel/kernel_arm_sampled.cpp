@@ -29,7 +29,7 @@ const StrainField& strain_of(const Beam& beam, int coordinate) {
 
 /// Of X = 0, the points, and the end.
 std::vector<SliceTable> point_tables(const Beam& beam) {
-  const VectorXd points = GaussRule(beam.series()->points).points;
+  const VectorXd points = GaussRule(beam.points()).points;
   std::vector<double> parts{0.0};
   parts.insert(parts.end(), points.data(), points.data() + points.size());
   parts.push_back(1.0);
@@ -50,7 +50,7 @@ void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int
   }
   node.uniaxial = node.exact && std::all_of(about.begin(), about.begin() + node.turning,
                                             [&](int axis) { return axis == about.front(); });
-  node.half = (beam.series()->points + 1) / 2;
+  node.half = (beam.points() + 1) / 2;
   node.passes = node.half + 1;  // with X = 0, or the end
   for (const MassSlice& s : beam.slices()) {
     if (!planar && !s.inertia.isZero(0.0)) node.rotary = 1;
@@ -221,7 +221,7 @@ bool ArmBuilder::add_sampled(const Link& link) {
   const Beam& beam = *link.beam();
   KernelArm::Lists& list = lists();
   describe_sampled(beam, axes.planar, node(), list.about);
-  list.points = beam.series()->points;
+  list.points = beam.points();
   list.table = integral_table(list.points, 1);
   const Node& n = node();
   note(list.about);

@@ -1,6 +1,8 @@
 // Balls, and beams of order 0, on the kernels.
 #include <doctest/doctest.h>
 
+#include <algorithm>
+
 #include "flexarm/batch.hpp"
 #include "flexarm/kinematics.hpp"
 #include "flexarm/step.hpp"
@@ -95,8 +97,7 @@ TEST_CASE("a ball alone, at any turn and any length of its quaternion") {
   for (double upper : {none, 0.5, 3.0, 1e-3}) {
     links[0] = Link(ball(ball_forces(upper)), body(1.0, {0.1, 0, 0}), std::nullopt, std::nullopt);
     const Arm arm = arm_of(links);
-    Workspace ws(arm);
-    ws.fast = FastPath();
+    const oracle::Oracle truth(arm);
     const Eigen::VectorXd v = flexarm_test::wave(arm.nv(), 1.0, 2.0), a = flexarm_test::wave(arm.nv(), 2.0, 3.0);
     for (const lanes::Kernels* kernels : flexarm_test::all_kernels())
       for (double turn : {0.0, 1e-9, 1e-5, 1e-4, 3e-4, 1e-3, 1.5e-3, 0.4, 0.5, 0.5005, 2.0, 3.0, 3.14159, 4.0, 6.28})
@@ -107,10 +108,12 @@ TEST_CASE("a ball alone, at any turn and any length of its quaternion") {
           Eigen::VectorXd q(arm.nq()), tau(arm.nv());
           q << std::cos(0.5 * turn), std::sin(0.5 * turn) * Vector3d(0.48, -0.64, 0.6);
           q *= length;
-          inverse_dynamics<double>(arm, ws, q, v, a);
+          const Eigen::VectorXd expected = truth.inverse(q, v, a);
           kernels->inverse(fast.memory.get(), q.data(), v.data(), a.data(), tau.data());
-          CHECK((tau - ws.tau).norm() < 1e-13 * (ws.tau.norm() + 10.0));
-          if (turn > 0.0) check_slopes(arm, q, v);  // at none the angle has no slope
+          CHECK((tau - expected).norm() < 1e-13 * (expected.norm() + 10.0));
+          const double kinks[] = {0.0, upper, upper + 1e-3, 3.141592653589793};  // where differences see none
+          if (std::all_of(std::begin(kinks), std::end(kinks), [&](double k) { return !(std::abs(turn - k) < 1e-4); }))
+            check_slopes(arm, q, v);
         }
   }
 }
@@ -191,7 +194,7 @@ TEST_CASE("packs of arms with balls, and of order 0, move as one by one") {
         out.q = q.data();
         out.status = status.data();
         const BatchStats stats = run_batch(p, out, 1);
-        CHECK((stats.lanes > 1) == side_by_side);
+        CHECK((stats.lanes > 1) == (side_by_side && count > 1));
         CAPTURE(first);
         for (int b = 0; b < count; ++b) CHECK((status[static_cast<std::size_t>(b)] == 0) == (first + b != 4));
         return q;
@@ -211,7 +214,7 @@ TEST_CASE("packs of arms with balls, and of order 0, move as one by one") {
 
 TEST_CASE("a kernel moves coordinates as the joints do") {
   const Arm arm = many_balls(2, 3.0);
-  const lanes::Layout& layout = lanes::KernelArm::of(arm)->layout();
+  const lanes::Layout& layout = lanes::KernelArm::of(arm).layout();
   const Eigen::VectorXd q0 = flexarm_test::wave(arm.nq(), 0.3, 1.0);
   Eigen::VectorXd q(arm.nq()), expected = q0;
   for (double size : {0.0, 1e-9, 1e-7, 0.3, 7.0}) {

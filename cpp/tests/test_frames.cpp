@@ -1,4 +1,4 @@
-// Frames, Jacobians, motions and sums on the kernels, against the equations on Eigen.
+// Frames, Jacobians, motions, reactions and sums on the kernels, against the oracle.
 #include <doctest/doctest.h>
 
 #include "flexarm/derivatives.hpp"
@@ -10,12 +10,22 @@ using Eigen::Vector3d;
 
 namespace {
 
-std::vector<PlacedSlice> places(const Arm& arm) {
-  std::vector<PlacedSlice> out;
+/// A place, as the kernels and as the oracle know it.
+struct Site {
+  PlacedSlice at;
+  std::optional<SliceTable> table;
+  const SliceTable* slice() const { return table ? &*table : nullptr; }
+};
+
+std::vector<Site> places(const Arm& arm) {
+  std::vector<Site> out;
   for (std::size_t n = 0; n < arm.size(); ++n) {
-    out.emplace_back(arm, n);
+    out.push_back({PlacedSlice(arm, n), {}});
     if (arm.link(n).beam())
-      for (double part : {0.0, 0.37, 1.0}) out.emplace_back(arm, n, part * arm.link(n).beam()->length());
+      for (double part : {0.0, 0.37, 1.0}) {
+        const double x = part * arm.link(n).beam()->length();
+        out.push_back({PlacedSlice(arm, n, x), arm.link(n).slice_at(x)});
+      }
   }
   return out;
 }
@@ -26,97 +36,108 @@ double apart(const A& a, const B& b) {
   return (a - b).cwiseAbs().maxCoeff() / (1e-3 + b.cwiseAbs().maxCoeff());
 }
 
-/// [velocity; acceleration] and Jacobian of a place in dual numbers.
-struct Duals {
-  VecX<Tangent> motion{12};
-  Mat6X<Tangent> J;
-  void evaluate(const Arm& arm, SweepWorkspace<Tangent>& ws, const TangentState& state, const PlacedSlice& at) {
-    move_arm(arm, ws, state.q, state.v);
-    accelerate_arm(arm, ws, state.a, Vector3d::Zero());
-    Slice<Tangent> slice(arm.link(at.link()).ne());
-    if (at.table())
-      arm.link(at.link()).move_slice(*at.table(), ws.links[at.link()], true, slice);
-    else
-      slice = ws.links[at.link()].end;
-    const SliceMotion<Tangent> m = slice_motion(arm, ws, at.link(), slice, state.a);
-    motion << m.velocity, m.acceleration;
-    J = slice_jacobian(arm, ws, at.link(), slice);
-  }
-  Eigen::VectorXd slope() const {
-    return motion.unaryExpr([](const Tangent& x) { return x.d[0]; });
-  }
-};
-
 void check(const Arm& arm, double bent = 0.1) {
-  const lanes::KernelArm* known = lanes::KernelArm::in_space(arm);
-  REQUIRE(known != nullptr);
-  CHECK(!known->layout().planar);
+  const lanes::KernelArm& known = lanes::KernelArm::in_space(arm);
+  CHECK(!known.layout().planar);
   const int nq = arm.nq(), nv = arm.nv();
-  Workspace eigen(arm), ws(arm);
-  eigen.frames = {};
-  REQUIRE(bool(ws.frames));
+  const oracle::Oracle truth(arm);
+  Workspace ws(arm);
   Eigen::VectorXd q, v, a = flexarm_test::wave(nv, 1.1, 1.0);
   flexarm_test::place(arm, 0.7, q, v, bent);
-  const Vector3d base(0.3, 0.2, 9.0);
-  Mat6X<double> J(6, nv), expected_J(6, nv);
+  Eigen::VectorXd rates(nq);
+  coordinate_rates(arm, q, v, rates);
+  Mat6X<double> J(6, nv);
   for (const lanes::FrameKernels* kernels : flexarm_test::all_frames()) {
     ws.frames = Held<lanes::SingleFrames>(new lanes::SingleFrames(arm, *kernels));
-    for (Workspace* w : {&eigen, &ws}) {
-      move_arm(arm, *w, q, v);
-      accelerate_arm(arm, *w, a, base);
-    }
+    move_arm(arm, ws, q, v);
+    accelerate_arm(arm, ws, a);
     for (std::size_t n = 0; n < arm.size(); ++n) {
-      CHECK(apart(link_pose(ws, n).p, link_pose(eigen, n).p) < 1e-13);
-      CHECK(apart(link_pose(ws, n).R, link_pose(eigen, n).R) < 1e-13);
-      CHECK(apart(slice_pose(ws, n).p, slice_pose(eigen, n).p) < 1e-13);
-      CHECK(apart(slice_motion(arm, ws, n).acceleration, slice_motion(arm, eigen, n).acceleration) < 1e-12);
+      CHECK(apart(link_pose(ws, n).p, truth.link_pose(n, q).p) < 1e-13);
+      CHECK(apart(link_pose(ws, n).R, truth.link_pose(n, q).R) < 1e-13);
+      CHECK(apart(slice_pose(ws, n).p, truth.pose(n, nullptr, q).p) < 1e-13);
+      CHECK(apart(slice_motion(arm, ws, n).acceleration, truth.motion(n, nullptr, q, v, a)) < 1e-12);
     }
-    const Energy e = energy(arm, ws, q, v), expected_e = energy(arm, eigen, q, v);
-    CHECK(e.kinetic == doctest::Approx(expected_e.kinetic).epsilon(1e-12));
-    CHECK(e.potential == doctest::Approx(expected_e.potential).epsilon(1e-12));
-    const Momentum m = momentum(arm, ws, q, v), expected_m = momentum(arm, eigen, q, v);
-    CHECK(apart(m.momentum, expected_m.momentum) < 1e-12);
-    CHECK(m.mass == doctest::Approx(expected_m.mass).epsilon(1e-13));
-    CHECK(apart(m.centre_of_mass, expected_m.centre_of_mass) < 1e-12);
-    const lanes::Memory memory(kernels->slopes_memory(known->layout()));
-    for (const PlacedSlice& at : places(arm)) {
-      CAPTURE(at.link());
-      CAPTURE(bool(at.table()));
-      CHECK(apart(slice_pose(ws, at).p, slice_pose(eigen, at).p) < 1e-13);
-      CHECK(apart(slice_pose(ws, at).R, slice_pose(eigen, at).R) < 1e-13);
-      CHECK(apart(slice_in_link(ws, at).p, slice_in_link(eigen, at).p) < 1e-13);
-      CHECK(apart(slice_in_link(ws, at).R, slice_in_link(eigen, at).R) < 1e-13);
+    const Energy e = energy(arm, ws, q, v);
+    CHECK(e.kinetic == doctest::Approx(0.5 * v.dot(truth.mass_matrix(q) * v)).epsilon(1e-12));
+    CHECK(e.potential == doctest::Approx(truth.potential(q)).epsilon(1e-12));
+    const Momentum m = momentum(arm, ws, q, v);
+    CHECK(apart(m.momentum, truth.momentum(q, v)) < 1e-12);
+    double mass = 0.0;
+    for (const Link& link : arm.links()) mass += link.mass();
+    CHECK(m.mass == doctest::Approx(mass).epsilon(1e-13));
+    CHECK(apart(m.mass * m.centre_of_mass, truth.mass_moment(q)) < 1e-12);
+    const lanes::Memory memory(kernels->slopes_memory(known.layout()));
+    for (const Site& site : places(arm)) {
+      const PlacedSlice& at = site.at;
+      const std::size_t n = at.link();
+      CAPTURE(n);
+      CAPTURE(at.on_beam());
+      move_arm(arm, ws, q, v);
+      accelerate_arm(arm, ws, a);
+      const oracle::Pose pose = truth.pose(n, site.slice(), q), link = truth.link_pose(n, q);
+      CHECK(apart(slice_pose(ws, at).p, pose.p) < 1e-13);
+      CHECK(apart(slice_pose(ws, at).R, pose.R) < 1e-13);
+      CHECK(apart(slice_in_link(ws, at).p, link.R.transpose() * (pose.p - link.p)) < 1e-13);
+      CHECK(apart(slice_in_link(ws, at).R, link.R.transpose() * pose.R) < 1e-13);
       slice_jacobian(arm, ws, at, J);
-      slice_jacobian(arm, eigen, at, expected_J);
-      CHECK(apart(J, expected_J) < 1e-12);
-      const SliceMotion<double> motion = slice_motion(arm, ws, at), expected = slice_motion(arm, eigen, at);
-      CHECK(apart(motion.velocity, expected.velocity) < 1e-12);
-      CHECK(apart(motion.acceleration, expected.acceleration) < 1e-12);
-      CHECK(apart(J * v, expected.velocity) < 1e-12);
-      // derivatives
+      CHECK(apart(J, truth.jacobian(n, site.slice(), q)) < 1e-12);
+      const SliceMotion motion = slice_motion(arm, ws, at);
+      CHECK(apart(motion.velocity, J * v) < 1e-12);
+      CHECK(apart(motion.acceleration, truth.motion(n, site.slice(), q, v, a)) < 1e-12);
+      // derivatives, by differences
       Eigen::MatrixXd by_q(12, nq), by_v(12, nv);
-      kernels->slopes(known->layout(), known->numbers().data(), memory.get(), at.place(), at.numbers(), q.data(),
+      kernels->slopes(known.layout(), known.numbers().data(), memory.get(), at.place(), at.numbers(), q.data(),
                       v.data(), a.data(), by_q.data(), by_v.data());
-      SweepWorkspace<Tangent> dual(arm);
-      TangentState state(arm);
-      state.set(q, v, a);
-      Duals duals;
+      const auto moved = [&](const Eigen::VectorXd& q_, const Eigen::VectorXd& v_) {
+        Eigen::VectorXd both(12);
+        both << truth.jacobian(n, site.slice(), q_) * v_, truth.motion(n, site.slice(), q_, v_, a);
+        return both;
+      };
       for (int i = 0; i < nq + nv; ++i) {
-        Tangent& x = i < nq ? state.q[i] : state.v[i - nq];
-        x.d[0] = 1.0;
-        duals.evaluate(arm, dual, state, at);
-        x.d[0] = 0.0;
-        const Eigen::VectorXd column = i < nq ? by_q.col(i) : by_v.col(i - nq);
-        const double size = 1e-3 + (i < nq ? by_q : by_v).cwiseAbs().maxCoeff();
-        CHECK((column - duals.slope()).cwiseAbs().maxCoeff() < 1e-11 * size);
+        const bool of_q = i < nq;
+        const Eigen::VectorXd expected =
+            of_q ? flexarm_test::slope([&](const Eigen::VectorXd& x) { return moved(x, v); }, q,
+                                       Eigen::VectorXd::Unit(nq, i), 1e-5)
+                 : flexarm_test::slope([&](const Eigen::VectorXd& x) { return moved(q, x); }, v,
+                                       Eigen::VectorXd::Unit(nv, i - nq), 1e-4);
+        const Eigen::VectorXd column = of_q ? by_q.col(i) : by_v.col(i - nq);
+        const double size = 1e-3 + (of_q ? by_q : by_v).cwiseAbs().maxCoeff();
+        CHECK((column - expected).cwiseAbs().maxCoeff() < 1e-7 * size);
       }
-      kernels->jacobian_rate(known->layout(), known->numbers().data(), memory.get(), at.place(), at.numbers(), q.data(),
-                             v.data(), J.data());
-      for (int i = 0; i < nq; ++i) state.q[i].d[0] = v[i];
-      duals.evaluate(arm, dual, state, at);
-      expected_J = duals.J.unaryExpr([](const Tangent& x) { return x.d[0]; });
-      CHECK(apart(J, expected_J) < 1e-11);
+      kernels->jacobian_rate(known.layout(), known.numbers().data(), memory.get(), at.place(), at.numbers(), q.data(),
+                             rates.data(), J.data());
+      const auto columns = [&](const Eigen::VectorXd& x) {
+        return Eigen::VectorXd(truth.jacobian(n, site.slice(), x).reshaped());
+      };
+      CHECK(apart(Eigen::VectorXd(J.reshaped()), flexarm_test::slope(columns, q, rates, 1e-5)) < 1e-7);
     }
+  }
+}
+
+/// What goes through a joint does the work of what is beyond it: its part along a freedom is that freedom's force.
+void check_reactions(const Arm& arm) {
+  std::vector<Load> loads{Load::at_end(arm, arm.size() - 1, true)};
+  JointReactions reaction(arm, loads);
+  Workspace ws(arm, {}, loads);
+  ws.loads[0].wrench = flexarm_test::wave(6, 0.3, 2.0);
+  reaction.set_wrench(0, ws.loads[0].wrench);
+  Eigen::VectorXd q, v, a = flexarm_test::wave(arm.nv(), 1.1, 1.0);
+  flexarm_test::place(arm, 0.7, q, v);
+  inverse_dynamics(arm, ws, q, v, a);
+  move_arm(arm, ws, q, v);
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const Vec6<double> own = reaction(arm, q, v, a, n, false), below = reaction(arm, q, v, a, n, true);
+    const oracle::JointMotion joint(arm.link(n).joint(), q.data() + arm.first_q(n), v.data() + arm.first(n));
+    for (int k = 0; k < arm.link(n).nj(); ++k) {
+      const int i = arm.first(n) + k;
+      double passive = oracle::resistance(arm.link(n).joint(), k, q.data() + arm.first_q(n), v.data() + arm.first(n));
+      if (arm.link(n).joint().passive())
+        passive += arm.link(n).joint().forces()[static_cast<std::size_t>(k)].reflected_inertia * a[i];
+      CHECK(joint.H.col(k).dot(own) + passive == doctest::Approx(ws.tau[i]).epsilon(1e-11));
+    }
+    // the same in the axes of the seat, about it
+    CHECK(apart(below.head<3>(), joint.R * own.head<3>()) < 1e-12);
+    CHECK(apart(below.tail<3>(), joint.R * own.tail<3>() + joint.p.cross(Vector3d(joint.R * own.head<3>()))) < 1e-12);
   }
 }
 
@@ -144,7 +165,7 @@ Arm flat(const Vector3d& axis, std::array<int, 5> modes, int order) {
 
 TEST_CASE("kinematics of arms that move in a plane, in space") {
   for (int order : {1, 2}) {
-    CHECK(lanes::KernelArm::of(flat({0, 0, 1}, {3, 0, 0, 0, 0}, order))->layout().planar);
+    CHECK(lanes::KernelArm::of(flat({0, 0, 1}, {3, 0, 0, 0, 0}, order)).layout().planar);
     check(flat({0, 0, 1}, {3, 0, 0, 0, 0}, order));
     check(flat({0, 1, 0}, {0, 2, 0, 0, 1}, order));
   }
@@ -156,6 +177,12 @@ TEST_CASE("kinematics of arms in space, also bent by many turns") {
       check(flexarm_test::spatial_arm(order), bent);
       check(flat({0, 0, 1}, {2, 1, 1, 1, 1}, order), bent);
     }
+}
+
+TEST_CASE("what goes through joints") {
+  check_reactions(flat({0, 0, 1}, {3, 0, 0, 0, 0}, 2));
+  check_reactions(flat({0, 1, 0}, {2, 1, 1, 1, 1}, kExact));
+  for (int order : {1, 2, 3, kExact}) check_reactions(flexarm_test::spatial_arm(order));
 }
 
 TEST_CASE("a place asked for outside of the arm is refused") {

@@ -1,4 +1,5 @@
-// The oracle against the library.
+// The library's functions of a workspace against the oracle: loads, laws and prescribed rates at once, of every order
+// and joint.
 #include <doctest/doctest.h>
 
 #include "arms.hpp"
@@ -34,7 +35,7 @@ void check(const Arm& arm, double size, double tolerance) {
   for (double phase : {0.3, 1.7}) {
     const Eigen::VectorXd q = arm.zero() + wave(arm.nq(), phase, size), v = wave(arm.nv(), phase + 1.0, 0.7),
                           x = wave(arm.nv(), phase + 2.0, 1.3);
-    inverse_dynamics<double>(arm, ws, q, v, x);
+    inverse_dynamics(arm, ws, q, v, x);
     const Eigen::VectorXd tau = ws.tau;
     CHECK(largest(truth.inverse(q, v, x) - tau) < tolerance * largest(tau));
     composite_mass_matrix(arm, ws);
@@ -43,7 +44,7 @@ void check(const Arm& arm, double size, double tolerance) {
     REQUIRE(forward_dynamics_ab(arm, ws, q, v, x) == Status::ok);
     const Eigen::VectorXd a = truth.forward(q, v, x, x);
     CHECK(largest(ws.M * (a - ws.a)) < 1e2 * tolerance * (largest(ws.M * a) + largest(tau)));
-    move_arm<double>(arm, ws, q, v);
+    move_arm(arm, ws, q, v);
     REQUIRE(factor_shifted(arm, ws, q, v, {1e-3, 1e-5}) == Status::ok);
     Eigen::VectorXd solved(arm.nv());
     solve_shifted(arm, ws, x, solved);
@@ -55,15 +56,17 @@ void check(const Arm& arm, double size, double tolerance) {
     CHECK(0.5 * v.dot(truth.mass_matrix(q) * v) == doctest::Approx(e.kinetic).epsilon(1e-12));
     const Momentum p = momentum(arm, ws, q, v);
     CHECK(largest(truth.momentum(q, v) - p.momentum) < tolerance * largest(p.momentum));
-    CHECK(largest(truth.mass_moment(q) - p.mass * p.centre_of_mass) < 1e-13);
-    const LinkState<double>& s = ws.links[last];
-    accelerate_arm<double>(arm, ws, x, Eigen::Vector3d::Zero());
-    CHECK(largest(truth.jacobian(last, nullptr, q) - slice_jacobian(arm, ws, last, s.end)) < 1e-12);
-    const Eigen::VectorXd motion = slice_motion<double>(arm, ws, last, s.end, x).acceleration;
+    CHECK(largest(truth.mass_moment(q) - p.mass * p.centre_of_mass) < 1e-12);
+    move_arm(arm, ws, q, v);
+    accelerate_arm(arm, ws, x);
+    Mat6X<double> J(6, arm.nv());
+    slice_jacobian(arm, ws, last, J);
+    CHECK(largest(truth.jacobian(last, nullptr, q) - J) < 1e-12);
+    const Eigen::VectorXd motion = slice_motion(arm, ws, last).acceleration;
     CHECK(largest(truth.motion(last, nullptr, q, v, x) - motion) < 10 * tolerance * largest(motion));
     const oracle::Pose pose = truth.pose(last, nullptr, q);
-    CHECK(largest(pose.p - slice_pose(ws, last, s.end).p) < 1e-13);
-    CHECK(largest(pose.R - slice_pose(ws, last, s.end).R) < 1e-13);
+    CHECK(largest(pose.p - slice_pose(ws, last).p) < 1e-12);
+    CHECK(largest(pose.R - slice_pose(ws, last).R) < 1e-12);
   }
 }
 
@@ -78,7 +81,7 @@ Arm one(std::array<int, 5> modes, int order, const Joint& joint) {
 
 }  // namespace
 
-TEST_CASE("the oracle says what the library says, of every order and joint") {
+TEST_CASE("the library says what the oracle says, of every order and joint") {
   JointForce spring;
   spring.stiffness = 3.0;
   spring.damping = 0.4;
@@ -97,7 +100,7 @@ TEST_CASE("the oracle says what the library says, of every order and joint") {
   const Joint ball({{true, {0, 0, 1}}}, true, {"a", "x", "y", "z"}, {spring, held, held, held}, seat, seat);
   for (int order : {0, 1, 2, 3, kExact}) {
     CAPTURE(order);
-    const double tolerance = 1e-13, size = order == 0 ? 0.03 : 1.0;  // far out the cut kinetic energy is not positive
+    const double tolerance = 1e-12, size = order == 0 ? 0.03 : 1.0;  // far out the cut kinetic energy is not positive
     check(flexarm_test::spatial_arm(order), 0.1 * size, tolerance);
     for (const Joint& joint : {cardan, ball}) {
       check(one({3, 0, 0, 1, 0}, order, joint), 0.3 * size, tolerance);
@@ -107,5 +110,5 @@ TEST_CASE("the oracle says what the library says, of every order and joint") {
       if (order > 0) check(one({0, 0, 2, 0, 0}, order, joint), 40.0, order < kExact ? tolerance : 1e-11);
     }
   }
-  check(flexarm_test::floating_arm(), 0.1, 1e-13);
+  check(flexarm_test::floating_arm(), 0.1, 1e-12);
 }

@@ -19,7 +19,6 @@ constexpr double kFew = 0.25;
 }  // namespace
 
 Index LaneGroup::width(const BatchProblem& p) {
-  if (!lanes::KernelArm::of(*p.arms[0])) return 0;
   const int width = lanes::best_kernels().width;
   const bool few = static_cast<double>(std::max(p.whole, p.scenarios)) <= std::max(1.0, kFew * width);
   return p.lanes && !few ? width : 1;
@@ -64,7 +63,6 @@ LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::f
 }
 
 Index LaneGroup::alike(Index first, Index count) {
-  if (!lanes::KernelArm::of(arm(first))) return 0;
   if (one_for_all_) {
     if (!p_.loads.empty() && loaded_.empty()) load(first);
     return count;
@@ -74,17 +72,17 @@ Index LaneGroup::alike(Index first, Index count) {
   Index n = 1;
   for (; n < count; ++n) {
     const lanes::KernelArm* other = load(first + n);
-    if (!other || !other->like(*one)) break;
+    if (!other->like(*one)) break;
   }
   return n;
 }
 
 const lanes::KernelArm* LaneGroup::load(Index b) {
-  const lanes::KernelArm* bare = lanes::KernelArm::of(arm(b));
-  if (!bare || p_.loads.empty()) return bare;
+  const lanes::KernelArm& bare = lanes::KernelArm::of(arm(b));
+  if (p_.loads.empty()) return &bare;
   std::vector<Load> loads;
   for (const BatchLoad& l : p_.loads) loads.push_back(l.places[l.places.size() == 1 ? 0 : static_cast<std::size_t>(b)]);
-  loaded_.push_back(std::make_unique<lanes::KernelArm>(bare->loaded(arm(b), loads)));
+  loaded_.push_back(std::make_unique<lanes::KernelArm>(bare.loaded(arm(b), loads)));
   return loaded_.back().get();
 }
 
@@ -94,7 +92,7 @@ void LaneGroup::pack_numbers() {
   for (Index l = 0; l < width_; ++l) {
     const Arm& a = arm(scenario(l));
     if (p_.loads.empty())
-      arms.push_back(lanes::KernelArm::of(a));
+      arms.push_back(&lanes::KernelArm::of(a));
     else
       arms.push_back(loaded_[one_for_all_ ? 0 : static_cast<std::size_t>(std::min(l, count_ - 1))].get());
     double mass = 0.0;

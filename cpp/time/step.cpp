@@ -57,15 +57,15 @@ struct Engine {
     std::copy(ws->a.begin(), ws->a.end(), a_);
     return good;
   }
-  void inverse(const double* q_, const double* v_, const double* a_, double* tau, bool with_masses) {
+  void inverse(const double* q_, const double* v_, const double* a_, double* tau, bool) {
     q = Eigen::Map<const Eigen::VectorXd>(q_, q.size());
     v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
     a = Eigen::Map<const Eigen::VectorXd>(a_, a.size());
-    inverse_dynamics(arm, *ws, q, v, a, with_masses);
+    inverse_dynamics(arm, *ws, q, v, a);
     Eigen::Map<Eigen::VectorXd>(tau, v.size()) = ws->tau;
   }
   bool factor(const lanes::Shift& shift, double& twice_kinetic) {
-    const bool good = factor_shifted(arm, *ws, q, v, Shift{shift.damping, shift.stiffness}, true) == Status::ok;
+    const bool good = factor_shifted(arm, *ws, q, v, Shift{shift.damping, shift.stiffness}) == Status::ok;
     twice_kinetic = ws->twice_kinetic;
     return good;
   }

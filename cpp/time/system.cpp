@@ -91,7 +91,7 @@ bool System::record(Trajectory& out, bool composite) {
     return false;
   }
   a = ws.a;
-  if (rubbing) move_arm(arm, ws, q, v);
+  if (rubbing) move_chain(ws, q, v);
   joint_forces(arm, ws, a);
   if (!ws.tau.allFinite()) {
     out.failure = "the forces are no longer finite";

@@ -45,19 +45,6 @@ Vectors forward(const PyArm& arm, const Vectors& q, const Vectors& v, const Vect
   return out.all();
 }
 
-/// Runs visit(k, workspace) after inverse_dynamics of each state.
-template <class Visit>
-void inverse(const PyArm& arm, const Vectors& q, const Vectors& v, const Vectors& a, const Loads& loads,
-             const Visit& visit) {
-  const auto lent = arm.workspace({{}, loads.places});
-  Workspace& ws = *lent;
-  loads.set(ws);
-  for_states(arm, count(q), 1, [&](Eigen::Index k) {
-    inverse_dynamics(arm, ws, rows(q).row(k), rows(v).row(k), rows(a).row(k));
-    visit(k, ws);
-  });
-}
-
 /// Runs visit(k, workspace, place) for every state, the arm at rest or moving at v, with the slice of `link` at x
 /// metres along its beam, or its end.
 template <class Visit>
@@ -92,8 +79,13 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Vectors& q, const Vectors& v, const Vectors& a, const std::vector<Load>& loads,
          const Vectors& wrenches) {
         Answers tau(v, {self.nv()});
-        inverse(self, q, v, a, {loads, wrenches},
-                [&](Eigen::Index k, const Workspace& ws) { tau[k] = ws.tau.transpose(); });
+        const auto lent = self.workspace({{}, loads});
+        Workspace& ws = *lent;
+        Loads{loads, wrenches}.set(ws);
+        for_states(self, count(q), 1, [&](Eigen::Index k) {
+          inverse_dynamics(self, ws, rows(q).row(k), rows(v).row(k), rows(a).row(k));
+          tau[k] = ws.tau.transpose();
+        });
         return tau.all();
       },
       py::arg("q"), py::arg("v"), py::arg("a"), py::arg("loads") = std::vector<Load>{},
@@ -104,14 +96,10 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Vectors& q, const Vectors& v, const Vectors& a, std::size_t link, bool inboard,
          const std::vector<Load>& loads, const Vectors& wrenches) {
         Answers out(q, {6});
-        inverse(self, q, v, a, {loads, wrenches}, [&](Eigen::Index k, const Workspace& ws) {
-          const LinkState<double>& s = ws.links[link];
-          Phi<double> joint;
-          if (inboard) {
-            joint.R = s.joint.R;
-            joint.r = s.joint.p;
-          }
-          out[k] = joint.inward(s.F).transpose();
+        JointReactions reaction(self, loads);
+        for (std::size_t k = 0; k < loads.size(); ++k) reaction.set_wrench(k, Loads{loads, wrenches}.at(k));
+        for_states(self, count(q), 1, [&](Eigen::Index k) {
+          out[k] = reaction(self, rows(q).row(k), rows(v).row(k), rows(a).row(k), link, inboard).transpose();
         });
         return out.all();
       },
@@ -137,10 +125,8 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Vectors& q) {
         Answers out(q, {self.nv(), self.nv()});
         const auto lent = self.workspace({}, true);
-        const Eigen::VectorXd zero = Eigen::VectorXd::Zero(self.nv());
         for_states(self, count(q), 1 + self.nv() / 8, [&](Eigen::Index k) {
-          move_arm(self, *lent, Eigen::VectorXd(rows(q).row(k)), zero);
-          composite_mass_matrix(self, *lent);
+          composite_mass_matrix(self, *lent, rows(q).row(k));
           out[k] = (*lent).M;
         });
         return out.all();
@@ -166,7 +152,7 @@ void bind_motion(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Vectors& q, std::size_t link, std::optional<double> x) {
         Answers p(q, {3}), R(q, {3, 3});
         at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const PlacedSlice& at) {
-          const Pose<double> pose = slice_pose(ws, at);
+          const Pose pose = slice_pose(ws, at);
           p[k] = pose.p.transpose();
           R[k] = pose.R;
         });
@@ -194,7 +180,7 @@ void bind_motion(py::class_<PyArm, Arm>& arm) {
         Answers velocity(q, {6}), acceleration(q, {6});
         at_slice(self, q, &v, link, x, [&](Eigen::Index k, Workspace& ws, const PlacedSlice& at) {
           accelerate_arm(self, ws, rows(a).row(k));
-          const SliceMotion<double> m = slice_motion(self, ws, at);
+          const SliceMotion m = slice_motion(self, ws, at);
           velocity[k] = m.velocity.transpose();
           acceleration[k] = m.acceleration.transpose();
         });

@@ -2,6 +2,7 @@
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/load.hpp"
+#include "flexarm/truncation.hpp"
 
 using namespace flexarm;
 
@@ -154,7 +155,7 @@ void bind_beam(py::module_& m) {
             return out;
           },
           py::arg("x"))
-      .def("truncation", &Beam::truncation, py::arg("q"), py::call_guard<py::gil_scoped_release>())
+      .def("truncation", &truncation, py::arg("q"), py::call_guard<py::gil_scoped_release>())
       .def_property_readonly("damping", &Beam::damping);
 }
 

@@ -109,12 +109,8 @@ void add_flexarm(std::vector<Job>& jobs, const std::string& scene, Scene& x) {
   };
   add("forward dynamics",
       [](Scene& y, const State& s) { flexarm::must(flexarm::forward_dynamics(y.arm, y.ws, s.q, s.v, s.tau)); });
-  add("mass matrix", [](Scene& y, const State& s) {
-    flexarm::move_arm(y.arm, y.ws, s.q, s.v);
-    flexarm::composite_mass_matrix(y.arm, y.ws);
-  });
-  add("inverse dynamics",
-      [](Scene& y, const State& s) { flexarm::inverse_dynamics<double>(y.arm, y.ws, s.q, s.v, s.tau); });
+  add("mass matrix", [](Scene& y, const State& s) { flexarm::composite_mass_matrix(y.arm, y.ws, s.q); });
+  add("inverse dynamics", [](Scene& y, const State& s) { flexarm::inverse_dynamics(y.arm, y.ws, s.q, s.v, s.tau); });
   add("derivatives", [](Scene& y, const State& s) { y.derivatives(y.arm, s.q, s.v, s.tau); });
 }
 
@@ -133,7 +129,7 @@ void add_rigid(std::vector<Job>& jobs, std::vector<std::unique_ptr<Scene>>& scen
   const State& x = s.all[0];
   flexarm::must(flexarm::forward_dynamics(s.arm, s.ws, x.q, x.v, x.tau));
   const double forward = spread<Eigen::VectorXd>(s.ws.a, s.peer->aba(x.q, x.v, x.tau, false));
-  flexarm::inverse_dynamics<double>(s.arm, s.ws, x.q, x.v, x.tau);
+  flexarm::inverse_dynamics(s.arm, s.ws, x.q, x.v, x.tau);
   const double inverse = spread<Eigen::VectorXd>(s.ws.tau, s.peer->rnea(x.q, x.v, x.tau));
   s.derivatives(s.arm, x.q, x.v, x.tau);
   s.peer->aba_derivatives(x.q, x.v, x.tau);

@@ -626,6 +626,8 @@ struct Chain {
         f += s.body_f + Sp::force(s.body, s.a, s.dw);
         n += s.body_n + Sp::torque(s.body, s.a, s.dw);
       }
+      s.f = f;  // what goes through the joint (Eq. 84)
+      s.n = n;
       if (node.kind != Node::fixed) {
         S own = node.kind == Node::revolute ? Sp::angular_component(n, node.axis) : Sp::component(f, node.axis);
         own *= node.sign;

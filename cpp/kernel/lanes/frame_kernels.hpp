@@ -29,6 +29,10 @@ struct FrameKernels {
   void (*jacobian)(void* self, const Place&, const double* numbers, double* J);
   /// Velocity and acceleration (Eq. 85, 86), 6 each; after `accelerate`.
   void (*motion)(void* self, const Place&, const double* numbers, double* velocity, double* acceleration);
+  /// Force and moment (6) through the joint of a link of which `link` is its own frame, on it and in its axes (Eq. 84);
+  /// of an arm with its loads' values. Places all frames.
+  void (*reaction)(void* self, const Place& link, const double* numbers, const double* base, const double* wrenches,
+                   const double* q, const double* v, const double* a, double* out);
   void (*sums)(void* self, const double* q, const double* v, Sums& out);
   std::size_t (*slopes_memory)(const Layout&);
   /// Exact derivatives of [velocity; acceleration] at fixed a, by q (12 x nq) and v (12 x nv), by columns.

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <memory>
-#include <optional>
 #include <vector>
 
 #include "flexarm/load.hpp"
@@ -15,10 +14,9 @@ namespace lanes {
 class KernelArm {
  public:
   /// Made at the first asking, and kept with the arm.
-  /// @return null for what the kernels do not know: beams of more than kMostElastic coordinates
-  static const KernelArm* of(const Arm& arm);
+  static const KernelArm& of(const Arm& arm);
   /// The same arm in space, though it may move in a plane alone.
-  static const KernelArm* in_space(const Arm& arm);
+  static const KernelArm& in_space(const Arm& arm);
   /// With loads on it; the arm that this one was made of.
   KernelArm loaded(const Arm& arm, const std::vector<Load>& loads) const;
   /// For kernels that take `width` points of a beam at once, with the motion of some rates prescribed.
@@ -60,7 +58,7 @@ class KernelArm {
     Spot origin_spot, end_spot;
   };
   KernelArm() = default;
-  static std::optional<KernelArm> build(const Arm& arm, bool in_space);
+  static KernelArm build(const Arm& arm, bool in_space);
   Spot fixed(int node, Place::On on, const Placement& at) const;
   PlacedLoad put_load(const Arm& arm, const Load& load);
   /// Numbers of a load of `alone`, for packs of points.

@@ -104,8 +104,8 @@ struct Kernels {
   /// From coordinates q and rates v; memory aligned to 64 bytes.
   void (*roll)(Roll&, void* memory, const double* q, const double* v);
   std::size_t (*slopes_memory)(const Layout&);
-  /// Exact dtau/dq (nv x nq) and dtau/dv (nv x nv) of inverse dynamics, by columns; numbers of a KernelArm that is
-  /// not grouped, memory aligned to 64 bytes.
+  /// Exact dtau/dq (nv x nq) and dtau/dv (nv x nv, or null) of inverse dynamics, by columns; numbers of a KernelArm
+  /// that is not grouped, memory aligned to 64 bytes.
   void (*slopes)(const Layout&, const double* numbers, const double* wrenches, void* memory, const double* q,
                  const double* v, const double* a, double* by_q, double* by_v);
 };

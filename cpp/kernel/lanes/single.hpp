@@ -69,9 +69,8 @@ class Single {
 /// Its frames, in space.
 class SingleFrames {
  public:
-  /// Of an arm that the kernels know.
   explicit SingleFrames(const Arm& arm, const FrameKernels& kernels = best_frames())
-      : kernels_(kernels), kept_(arm.kept()), arm_(*KernelArm::in_space(arm)), memory_(kernels_.memory(arm_.layout())) {
+      : kernels_(kernels), kept_(arm.kept()), arm_(KernelArm::in_space(arm)), memory_(kernels_.memory(arm_.layout())) {
     begin();
   }
   SingleFrames(const SingleFrames& o) : kernels_(o.kernels_), kept_(o.kept_), arm_(o.arm_), memory_(o.memory_.size()) {

@@ -143,7 +143,7 @@ struct Slopes {
     for (int i = 0; i < 6 * layout.loads; ++i) chain.wrench[i] = LaneDual{} + wrenches[i];
     const double* p = numbers;
     const typename Sp::Lin base = Sp::read(p);
-    for_directions(q, nq + nv, [&](int first, int count) {  // q and v lie in one row
+    for_directions(q, by_v ? nq + nv : nq, [&](int first, int count) {  // q and v lie in one row
       chain.move(q, v);
       chain.forces(base, a, tau);
       for (int k = 0; k < count; ++k) {

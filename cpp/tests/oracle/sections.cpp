@@ -1,6 +1,7 @@
 #include "oracle/sections.hpp"
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 
 #include "flexarm/quadrature.hpp"
 
@@ -228,7 +229,7 @@ void Sections::move_order_3() {
                      Jet(1.0 / 12.0) * (cross_matrix(theta_1[j]) * twist[j]);
 }
 
-/// R' = R K~, as a unit quaternion: p' = p (0, K) / 2, by repeated integrals. Then Omega' = R dK/dt, J_R' = R dK/dq,
+/// R' = R K~, as a unit quaternion: p' = p (0, K) / 2. Then Omega' = R dK/dt, J_R' = R dK/dq,
 /// and x' = R (e_x + phi).
 void Sections::move_exact() {
   const std::size_t n = points_.size();
@@ -251,25 +252,24 @@ void Sections::move_exact() {
     }
     return out;
   };
-  const auto slope = [&](const std::vector<Vector4d>& p) {
-    std::vector<Vector4d> out(n);
-    for (std::size_t j = 0; j < n; ++j) {
-      const Vector3d v = p[j].tail<3>(), half = 0.5 * K[j];
-      out[j] << -v.dot(half), p[j][0] * half + v.cross(half);
-    }
-    return out;
-  };
-  std::vector<Vector4d> term(n, Vector4d::Unit(0)), p = term;
-  for (int i = 1; i < 400; ++i) {
-    term = integrated(slope(term));
-    double largest = 0.0;
-    for (std::size_t j = 0; j < n; ++j) {
-      p[j] += term[j];
-      largest = std::max(largest, term[j].cwiseAbs().maxCoeff());
-    }
-    if (!(largest > 1e-17)) break;
+  // p_i = (1, 0, 0, 0) + sum_j w_ij Q_j p_j, with Q p = p (0, K) / 2
+  std::vector<Eigen::Matrix4d> Q(n);
+  for (std::size_t j = 0; j < n; ++j) {
+    Q[j] << 0.0, -K[j].transpose(), K[j], -cross_matrix(K[j]);
+    Q[j] *= 0.5;
   }
-  spin_ = slope(p);
+  const Index size = 4 * static_cast<Index>(n);
+  Eigen::MatrixXd system = Eigen::MatrixXd::Identity(size, size);
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t j = 0; j < n; ++j)
+      system.block<4, 4>(4 * static_cast<Index>(i), 4 * static_cast<Index>(j)) -=
+          points_[i].weights[static_cast<Index>(j)] * Q[j];
+  const VectorXd solved = system.partialPivLu().solve(Vector4d(Vector4d::Unit(0)).replicate(static_cast<Index>(n), 1));
+  std::vector<Vector4d> p(n);
+  for (std::size_t j = 0; j < n; ++j) {
+    p[j] = solved.segment<4>(4 * static_cast<Index>(j));
+    spin_[j] = Q[j] * p[j];
+  }
   std::vector<Matrix3d> R(n);
   std::vector<Vector3d> Omega_slope(n), bias_slope(n);
   std::vector<Eigen::Matrix3Xd> JR_slope(n);
