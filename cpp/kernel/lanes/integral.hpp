@@ -63,7 +63,9 @@ class Integral {
 
   template <int C>
   void integrate(P* out, int stride) const {
-    P first_half[C] = {};  // integrals
+    P first_half[C];  // integrals
+#pragma GCC unroll 8
+    for (int c = 0; c < C; ++c) first_half[c] = P{};
     for (int i = packs_; i > 0;) i -= block<C, rows>(i, out, stride, first_half);
   }
 

@@ -40,7 +40,7 @@ struct Lanes<Pack> {
   static PackMask finite(const Pack& x) { return x - x == 0.0; }
 };
 
-inline Pack widen(double x, const Pack&) { return Pack{} + x; }
+inline Pack widen(double x, const Pack&) { return x - Pack{}; }  // no operation: x + 0 is not -0 where x is
 inline Pack widen(const Pack& x, const Pack&) { return x; }
 
 /// Sums of neighbours `half` lanes apart: of a where that bit of the lane is 0, of b where it is 1.

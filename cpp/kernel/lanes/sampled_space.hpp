@@ -13,7 +13,7 @@ struct SpaceSeries {
   using Sp = Space<P>;
   Field<Sp> K, K_rate, theta;       ///< strain and its rate; its integral
   Field<Sp> shear, shear_rate;      ///< L phi and its rate
-  Quaternions<P> p, slope, factor;  ///< exact: the rotation, what a slice sums, and room for its making
+  Quaternions<P> p, term, factor;   ///< exact: the rotation, and room for its making
   Jet<Sp> theta_2, third;           ///< order 3: of the rotation vector; R_3 e1
   Field<Sp> R[3];                   ///< R e1, R e2, R e3
   Field<Sp> spin, spin_bias_slope;  ///< exact: Omega = J_R dq; the slope of (dJ_R/dt) dq
@@ -29,7 +29,7 @@ struct SpaceSeries {
     const int ne = node.exact ? 0 : node.ne;
     if (node.exact) {
       p = {columns.take(4), columns.stride};
-      slope = {columns.take(4), columns.stride};
+      term = {columns.take(4), columns.stride};
       factor = {columns.take(4), columns.stride};
     } else {
       theta_2 = columns.jet(ne);
@@ -46,8 +46,8 @@ struct SpaceSeries {
 /// The strains of all coordinates, and their integrals.
 template <class S, class P>
 void add_strains(const Node& node, const Rows<Space<P>>& rows, const S* q, const S* dq, const SpaceSeries<P>& s) {
-  const Field<Space<P>> fields[] = {s.K, s.K_rate, s.theta, s.shear, s.shear_rate};
-  for (const Field<Space<P>>& f : fields) f.clear(0, rows.points);
+  P* all = s.K.at;  // five fields, one after the other
+  for (int k = 0; k < 15 * s.K.stride; ++k) all[k] = P{};
   for (int first = 0, end = 0; first < node.ne; first = end) {  // of one component
     const bool turns = first < node.turning;
     const int axis = node.about[first];
@@ -293,13 +293,12 @@ void sample(Space<S>, const Node& node, const double* points, const S* q, const 
   if (node.uniaxial)
     turn_about_axis(s.theta, node.about[0], rows.points, s.p);
   else
-    solve_rotation(s.K, s.theta, rows.points, integral, s.p, s.slope, s.factor);
+    solve_rotation(s.K, s.theta, rows.points, integral, s.p, s.term, s.factor);
   for (int i = 0; i < rows.points; ++i) {
     const auto R = rotation_of(s.p(i));
     s.R[0].set(i, {R.xx, R.yx, R.zx});
     s.R[1].set(i, {R.xy, R.yy, R.zy});
     s.R[2].set(i, {R.xz, R.yz, R.zz});
-    s.slope.set(i, slope_of(s.p(i), s.K(i)));
   }
   turn_jacobians(node, rows, integral, dq, s);
   exact_tangent(node, rows, s);
@@ -389,7 +388,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
       }
       continue;
     }
-    const Quaternion<P> slope = s.slope(i);
+    const Quaternion<P> slope = slope_of(s.p(i), s.K(i));
     sum[2] += w * slope.v;
     sum[4].x += w * slope.w;
     sum[3] += w * s.spin_bias_slope(i);

@@ -204,7 +204,11 @@ template <int N, int R, int C, class Sp>
 void add_block(const typename Sp::Scalar* rows, int each, const Field<Sp>& J, const Field<Sp>& J_turn, bool turning,
                int i, int j, typename Sp::Scalar* sums) {
   using P = typename Sp::Scalar;
-  P sum[R][C] = {};
+  P sum[R][C];
+#pragma GCC unroll 2
+  for (int r = 0; r < R; ++r)
+#pragma GCC unroll 4
+    for (int k = 0; k < C; ++k) sum[r][k] = P{};
   const P* row = rows + i * each;
   const auto add = [&](const P* column, int stride) {
     const int apart = Sp::linear * stride;
