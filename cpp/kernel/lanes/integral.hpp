@@ -17,8 +17,8 @@ class Integral {
  public:
   static constexpr int width = static_cast<int>(sizeof(P) / sizeof(S));  // points in one P
   static constexpr bool many = Lanes<P>::width >= 8;                     // registers
-  static constexpr int batch = many ? (width > 1 ? 6 : 4) : 2;           // columns at once
-  static constexpr int rows = width > 1 || !many ? 2 : 3;                // P of each matrix at once
+  static constexpr int batch = many ? 6 : 2;                             // columns at once
+  static constexpr int rows = 2;                                         // P of each matrix at once
 
   /// Numbers P that it works on.
   static std::size_t scratch(int packs) { return static_cast<std::size_t>(2 * batch * packs); }
@@ -86,7 +86,9 @@ class Integral {
       const double* B = A + packs_ * width;
 #pragma GCC unroll 8
       for (int c = 0; c < C; ++c) {
-        const P s = widen(sum[c * packs_ * width + j], P{}), d = widen(difference[c * packs_ * width + j], P{});
+        P s = widen(sum[c * packs_ * width + j], P{}), d = widen(difference[c * packs_ * width + j], P{});
+        in_register(s);
+        in_register(d);
 #pragma GCC unroll 4
         for (int r = 0; r < R; ++r) {
           odd[c][r] += entry(A + r * width) * s;

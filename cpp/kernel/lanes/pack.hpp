@@ -43,6 +43,15 @@ struct Lanes<Pack> {
 inline Pack widen(double x, const Pack&) { return x - Pack{}; }  // no operation: x + 0 is not -0 where x is
 inline Pack widen(const Pack& x, const Pack&) { return x; }
 
+/// Loads a factor once: compilers load it again for each product, and loads are then what products wait for.
+inline void in_register(Pack& x) {
+#if FLEXARM_WIDTH == 8
+  asm("" : "+v"(x));
+#else
+  (void)x;
+#endif
+}
+
 /// Sums of neighbours `half` lanes apart: of a where that bit of the lane is 0, of b where it is 1.
 inline Pack fold_pair(const Pack& a, const Pack& b, int half) {
   constexpr int w = FLEXARM_WIDTH;

@@ -214,10 +214,13 @@ void add_block(const typename Sp::Scalar* rows, int each, const Field<Sp>& J, co
     const int apart = Sp::linear * stride;
     for (int c = 0; c < Sp::linear; ++c, column += stride, row += N)
       for (int a = 0; a < N; ++a)
-#pragma GCC unroll 2
-        for (int r = 0; r < R; ++r)
 #pragma GCC unroll 4
-          for (int k = 0; k < C; ++k) sum[r][k] += row[r * each + a] * column[k * apart + a];
+        for (int k = 0; k < C; ++k) {
+          P x = column[k * apart + a];
+          in_register(x);
+#pragma GCC unroll 2
+          for (int r = 0; r < R; ++r) sum[r][k] += row[r * each + a] * x;
+        }
   };
   add(J.at + j * Sp::linear * J.stride, J.stride);
   if constexpr (!Sp::planar)
