@@ -409,9 +409,7 @@ bool KernelArm::Builder::add_sampled(const Link& link) {
   put_lower(beam.stiffness());
   if (node.damped) put_lower(beam.damping());
   put_tip(link, node);
-  node.end = out.numbers_.size();
-  put(tables.slice(beam.tip()));
-  node.points = out.numbers_.size();
+  node.end = node.points = out.numbers_.size();  // the end is one of the points
   put(tables.points());
   offset = link.tip().end;
   turn.setIdentity();

@@ -10,6 +10,8 @@
 
 namespace {
 
+constexpr int kMostColumns = 6;  // that an Integral takes at once
+
 /// The matrices: for each point of the first half its column of the one for even functions, and of the one for odd
 /// functions, by rows of points. Where points lie across lanes, columns and rows are filled up to whole packs.
 template <class S, class P>
@@ -20,9 +22,9 @@ class Integral {
   static constexpr int batch = many ? 6 : 2;                             // columns at once
   static constexpr int rows = 2;                                         // P of each matrix at once
 
-  /// Numbers P that it works on.
-  static std::size_t scratch(int packs) { return static_cast<std::size_t>(2 * batch * packs); }
-  /// @param half points of the first half @param packs P of a column's first half
+  static_assert(batch <= kMostColumns, "the room to work in");
+
+  /// @param half points of the first half @param packs P of a column's first half @param work 2 kMostColumns packs of P
   Integral(const double* table, int half, int packs, P* work)
       : table_(table), half_(half), packs_(packs), work_(work) {}
 

@@ -8,8 +8,6 @@
 namespace {
 namespace sampled {
 
-constexpr int kMostColumns = 8;  // that an Integral takes at once
-
 template <int C>
 struct Count {
   static constexpr int value = C;
