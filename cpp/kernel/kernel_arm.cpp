@@ -75,31 +75,23 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     const std::size_t shift = out.numbers_.size() - from;  // modulo 2^64
     for (std::size_t Node::* place : {&Node::numbers, &Node::end, &Node::tip_body}) moved.*place += shift;
     if (node.ne == 0 && k + 1 < nodes_.size()) continue;  // its numbers are copied with the next ones
-    const bool sampled = node.body == Node::sampled;
-    const std::size_t end = node.ne == 0 ? numbers_.size() : sampled ? node.end : node.points;
+    const std::size_t end = node.ne == 0 ? numbers_.size() : node.points;
     out.numbers_.insert(out.numbers_.end(), numbers_.begin() + static_cast<std::ptrdiff_t>(from),
                         numbers_.begin() + static_cast<std::ptrdiff_t>(end));
     if (node.ne == 0) break;
-    const auto align = [&] {
-      while (out.numbers_.size() % w != 0) out.numbers_.push_back(0.0);
-      return out.numbers_.size();
-    };
+    while (out.numbers_.size() % w != 0) out.numbers_.push_back(0.0);
+    moved.points = out.numbers_.size();
     from = k + 1 < nodes_.size() ? nodes_[k + 1].numbers : numbers_.size();
-    if (sampled) {
-      const double* p = numbers_.data() + node.end;
+    const double* p = numbers_.data() + node.points;
+    if (node.body == Node::sampled) {
       moved.passes = node.half / width + 1;
       moved.further_passes = (node.further + width - 1) / width;
-      moved.end = align();
-      group_slice(node, moved, layout_.planar, width, p, out.numbers_);
-      moved.points = align();
       group_points(node, moved, layout_.planar, width, p, out.numbers_);
       out.lists_[k].table = integral_table(lists_[k].points, width);
       continue;
     }
-    moved.points = align();
     const std::size_t counts[] = {static_cast<std::size_t>(node.passes), static_cast<std::size_t>(node.rotary)};
     const std::size_t sizes[] = {node.point_numbers, node.rotary_numbers};
-    const double* p = numbers_.data() + node.points;
     for (int group = 0; group < 2; ++group) {
       for (std::size_t a = 0; a < counts[group]; a += w)
         for (std::size_t i = 0; i < sizes[group]; ++i)

@@ -238,9 +238,7 @@ bool ArmBuilder::add_sampled(const Link& link) {
   }
   put_stiffness(link);
   put_tip(link);
-  begin_end();
-  put(tables.slice(beam.tip()));
-  begin_points();
+  begin_points();  // of which the end is one
   put(tables.points());
   return true;
 }

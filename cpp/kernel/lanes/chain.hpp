@@ -302,10 +302,7 @@ struct Chain {
     const double* points = numbers + node.points;
     if (node.body == Node::sampled) {
       sampled::sample(Sp{}, node, points, q, dq, scratch);
-      if constexpr (forces)
-        sampled::bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
-      else
-        slice_at(node, numbers + node.end, points, q, dq, scratch, e.end);
+      sampled::bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
       return;
     }
     move_slice(node, numbers + node.end, q, dq, e.end);

@@ -16,6 +16,10 @@ using flexarm::lanes::Node;
 inline double widen(double x, double) { return x; }
 inline void sum_lanes(const double*, int, const double*) {}
 
+/// Keeps a factor of many products in a register (pack.hpp); other scalars than packs need no help.
+template <class T>
+void in_register(T&) {}
+
 template <class S>
 S next(const double*& p) {
   const S x = Lanes<S>::load(p);

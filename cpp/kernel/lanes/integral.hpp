@@ -10,6 +10,8 @@
 
 namespace {
 
+constexpr int kMostColumns = 6;  // that an Integral takes at once
+
 /// The matrices: for each point of the first half its column of the one for even functions, and of the one for odd
 /// functions, by rows of points. Where points lie across lanes, columns and rows are filled up to whole packs.
 template <class S, class P>
@@ -17,12 +19,12 @@ class Integral {
  public:
   static constexpr int width = static_cast<int>(sizeof(P) / sizeof(S));  // points in one P
   static constexpr bool many = Lanes<P>::width >= 8;                     // registers
-  static constexpr int batch = many ? (width > 1 ? 6 : 4) : 2;           // columns at once
-  static constexpr int rows = width > 1 || !many ? 2 : 3;                // P of each matrix at once
+  static constexpr int batch = many ? 6 : 2;                             // columns at once
+  static constexpr int rows = 2;                                         // P of each matrix at once
 
-  /// Numbers P that it works on.
-  static std::size_t scratch(int packs) { return static_cast<std::size_t>(2 * batch * packs); }
-  /// @param half points of the first half @param packs P of a column's first half
+  static_assert(batch <= kMostColumns, "the room to work in");
+
+  /// @param half points of the first half @param packs P of a column's first half @param work 2 kMostColumns packs of P
   Integral(const double* table, int half, int packs, P* work)
       : table_(table), half_(half), packs_(packs), work_(work) {}
 
@@ -63,7 +65,9 @@ class Integral {
 
   template <int C>
   void integrate(P* out, int stride) const {
-    P first_half[C] = {};  // integrals
+    P first_half[C];  // integrals
+#pragma GCC unroll 8
+    for (int c = 0; c < C; ++c) first_half[c] = P{};
     for (int i = packs_; i > 0;) i -= block<C, rows>(i, out, stride, first_half);
   }
 
@@ -84,7 +88,9 @@ class Integral {
       const double* B = A + packs_ * width;
 #pragma GCC unroll 8
       for (int c = 0; c < C; ++c) {
-        const P s = widen(sum[c * packs_ * width + j], P{}), d = widen(difference[c * packs_ * width + j], P{});
+        P s = widen(sum[c * packs_ * width + j], P{}), d = widen(difference[c * packs_ * width + j], P{});
+        in_register(s);
+        in_register(d);
 #pragma GCC unroll 4
         for (int r = 0; r < R; ++r) {
           odd[c][r] += entry(A + r * width) * s;

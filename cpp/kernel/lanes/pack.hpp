@@ -45,8 +45,17 @@ struct Lanes<Pack> {
   static PackMask finite(const Pack& x) { return x - x == 0.0; }
 };
 
-inline Pack widen(double x, const Pack&) { return Pack{} + x; }
+inline Pack widen(double x, const Pack&) { return x - Pack{}; }  // no operation: x + 0 is not -0 where x is
 inline Pack widen(const Pack& x, const Pack&) { return x; }
+
+/// Loads a factor once: compilers load it again for each product, and loads are then what products wait for.
+inline void in_register(Pack& x) {
+#if FLEXARM_WIDTH == 8
+  asm("" : "+v"(x));
+#else
+  (void)x;
+#endif
+}
 
 /// Sums of neighbours `half` lanes apart: of a where that bit of the lane is 0, of b where it is 1.
 inline Pack fold_pair(const Pack& a, const Pack& b, int half) {

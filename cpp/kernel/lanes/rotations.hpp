@@ -68,52 +68,57 @@ Quaternion<P> zero_where(const typename Lanes<P>::Mask& mask, const Quaternion<P
   return {L::select(mask, o, p.w), {L::select(mask, o, p.v.x), L::select(mask, o, p.v.y), L::select(mask, o, p.v.z)}};
 }
 
-/// A product 1 + v of which each factor squares what the ones before are off by: with p = P + ..., p' p^-1 - P' P^-1 =
-/// D, the next factor is 1 + v, v = int D, and then D becomes v D (1 + v)^-1. Quickly there where turns are small;
-/// where they are not, p = 1.
+/// A product of turns 1 + v, each over its length, of which each squares what those before are off by: with P of those,
+/// D = the vector of p' p^-1 - P' P^-1 gives the next by v = int D, and then becomes that of v D (1 + v)^-1. Quickly
+/// there where turns are small; where they are not, p = 1.
 template <class S, class P>
 void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int points, const Integral<S, P>& integral,
-                    const Quaternions<P>& p, const Quaternions<P>& D, const Quaternions<P>& v) {
+                    const Quaternions<P>& p, const Field<Space<P>>& D, const Field<Space<P>>& v) {
   using Sp = Space<P>;
-  using Mask = typename Lanes<P>::Mask;
-  constexpr double kNear = 4.0;   // square of the largest turn (rad) to begin with
-  constexpr double kLarge = 0.7;  // a factor that leads nowhere
-  constexpr double kDone = 3e-9;  // the square of which is rounding
+  using L = Lanes<P>;
+  using Lin = typename Sp::Lin;
+  constexpr double kNear = 9.0;    // square of the largest turn (rad) to begin with
+  constexpr double kLarge = 0.5;   // square of a v that leads nowhere
+  constexpr double kDone = 1e-17;  // and of one that is the last
   constexpr int kRounds = 7;
-  const P half = number<P>(0.5);
-  Mask far = Lanes<P>::everywhere(false);
+  const P half = number<P>(0.5), one = number<P>(1.0);
+  const auto zero_at = [](const typename L::Mask& mask, const Lin& x) {
+    return Lin{L::select(mask, P{}, x.x), L::select(mask, P{}, x.y), L::select(mask, P{}, x.z)};
+  };
+  const typename L::Mask none = L::everywhere(false);
+  typename L::Mask far = none;
   for (int i = 0; i < points; ++i) far = far | (Sp::dot(theta(i), theta(i)) > kNear);
   far = of_arm<S, P>(far);
-  Mask done = far;
+  typename L::Mask done = far;
   for (int i = 0; i < points; ++i) {
-    const Quaternion<P> first = zero_where(done, Quaternion<P>{P{}, half * theta(i)});
+    const Lin first = zero_at(far, half * theta(i));
     v.set(i, first);
-    D.set(i, zero_where(done, Quaternion<P>{P{}, half * K(i)}));
-    p.set(i, {number<P>(1.0), first.v});
+    D.set(i, half * K(i));
+    p.set(i, {one, first});
   }
-  for (int round = 0; round < kRounds && !Lanes<P>::all(done); ++round) {
+  for (int round = 0; round < kRounds && !L::all(done); ++round) {
     for (int i = 0; i < points; ++i) {
-      const Quaternion<P> by = v(i), factor{1.0 + by.w, by.v}, d = by * D(i);
-      const P over = 1.0 / (factor.w * factor.w + Sp::dot(by.v, by.v));
-      const Quaternion<P> next = d * Quaternion<P>{over * factor.w, (-over) * factor.v};
-      D.set(i, next);
+      const Lin by = v(i), d = D(i);
+      const P square = Sp::dot(by, by), along = 2.0 * Sp::dot(by, d), over = 1.0 / (1.0 + square);
+      D.set(i, over * (Sp::cross(by, d) + along * by - square * d));
     }
-    integral(4, columns_of(Field<Sp>{D.at, D.stride}), v.at, v.stride);
-    Mask open = Lanes<P>::everywhere(false);
+    integral(3, columns_of(D), v.at, v.stride);
+    typename L::Mask open = none;
     for (int i = 0; i < points; ++i) {
-      const Quaternion<P> by = zero_where(done, v(i));
-      p.set(i, Quaternion<P>{1.0 + by.w, by.v} * p(i));
-      far = far | exceeds(by, kLarge);
-      open = open | exceeds(by, kDone);
+      const Lin by = zero_at(done, v(i));
+      const P square = Sp::dot(by, by);
       v.set(i, by);
+      p.set(i, Quaternion<P>{one, by} * p(i));
+      far = far | (square > kLarge);
+      open = open | (square > kDone);
     }
     far = of_arm<S, P>(far);
-    open = of_arm<S, P>(open);
-    done = far | Lanes<P>::none_of(open);
+    done = done | far | L::none_of(of_arm<S, P>(open));
   }
   for (int i = 0; i < points; ++i) {
-    const Quaternion<P> rest = zero_where(far, Quaternion<P>{p(i).w - 1.0, p(i).v});
-    p.set(i, {1.0 + rest.w, rest.v});
+    const Quaternion<P> all = p(i);
+    const P over = 1.0 / L::root(all.w * all.w + Sp::dot(all.v, all.v));
+    p.set(i, {L::select(far, one, over * all.w), zero_at(far, over * all.v)});
   }
 }
 
@@ -129,7 +134,8 @@ void solve_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int 
   constexpr double kRough = 10.0;   // a term that costs digits
   constexpr double kLost = 1e12;    // one of which the sum, of size 1, keeps four digits
   constexpr int kTimes = 5, kRounds = 400;
-  start_rotation(K, theta, points, integral, p, term, factor);
+  start_rotation(K, theta, points, integral, p, Field<Space<P>>{term.at, term.stride},
+                 Field<Space<P>>{factor.at, factor.stride});
   const Mask none = Lanes<P>::everywhere(false);
   Mask over = none, lost = none;
   for (int time = 0; time < kTimes && !Lanes<P>::all(over); ++time) {

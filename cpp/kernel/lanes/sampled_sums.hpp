@@ -8,8 +8,6 @@
 namespace {
 namespace sampled {
 
-constexpr int kMostColumns = 8;  // that an Integral takes at once
-
 template <int C>
 struct Count {
   static constexpr int value = C;
@@ -204,16 +202,23 @@ template <int N, int R, int C, class Sp>
 void add_block(const typename Sp::Scalar* rows, int each, const Field<Sp>& J, const Field<Sp>& J_turn, bool turning,
                int i, int j, typename Sp::Scalar* sums) {
   using P = typename Sp::Scalar;
-  P sum[R][C] = {};
+  P sum[R][C];
+#pragma GCC unroll 2
+  for (int r = 0; r < R; ++r)
+#pragma GCC unroll 4
+    for (int k = 0; k < C; ++k) sum[r][k] = P{};
   const P* row = rows + i * each;
   const auto add = [&](const P* column, int stride) {
     const int apart = Sp::linear * stride;
     for (int c = 0; c < Sp::linear; ++c, column += stride, row += N)
       for (int a = 0; a < N; ++a)
-#pragma GCC unroll 2
-        for (int r = 0; r < R; ++r)
 #pragma GCC unroll 4
-          for (int k = 0; k < C; ++k) sum[r][k] += row[r * each + a] * column[k * apart + a];
+        for (int k = 0; k < C; ++k) {
+          P x = column[k * apart + a];
+          in_register(x);
+#pragma GCC unroll 2
+          for (int r = 0; r < R; ++r) sum[r][k] += row[r * each + a] * x;
+        }
   };
   add(J.at + j * Sp::linear * J.stride, J.stride);
   if constexpr (!Sp::planar)
