@@ -18,10 +18,10 @@ void inverse_dynamics(const Arm&, Workspace& ws, const Eigen::VectorXd& q, const
 void joint_forces(const Arm&, Workspace& ws, const Eigen::VectorXd& a) { ws.chain().forces(a.data(), ws.tau.data()); }
 
 struct JointReactions::InSpace {
+  const lanes::FrameKernels& kernels = lanes::best_frames();
   lanes::KernelArm arm;
   lanes::Memory memory;
   std::vector<double> wrenches;
-  const lanes::FrameKernels& kernels = lanes::best_frames();
 
   InSpace(const Arm& of, const std::vector<Load>& loads)
       : arm(lanes::KernelArm::in_space(of).loaded(of, loads)),
