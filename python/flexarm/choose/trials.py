@@ -24,6 +24,7 @@ from .times import between, thinned
 
 _LONG = 0.3  # seconds after which a run is not repeated
 _ROUNDS = 5  # of the timing of an evaluation
+_EQUAL = 0.05  # of the time of an evaluation: what a busy moment may make of two that take the same
 
 
 class OutOfTime(Exception):
@@ -289,3 +290,8 @@ class Trials:
             return self.cost(more, method) / self.cost(less) - 1.0
         except ValueError:
             return None
+
+    def cheaper(self, model: Model, than: Model) -> bool:
+        """Whether an evaluation of a model is measured to take less time; not where one of them cannot be."""
+        share = self.share(model, than)
+        return share is not None and share < -_EQUAL
