@@ -80,10 +80,9 @@ class Arm(Chain):
 
     # -- dynamics ------------------------------------------------------------------------------------------------------
 
-    def operation_count(self) -> int | None:
-        """Floating-point operations (+ - * /) of one forward dynamics on the fast kernels; None for arms that these do
-        not know: with balls, or beams of order 0, 3 or "exact"."""
-        return self._core.operation_count() or None
+    def operation_count(self) -> int:
+        """Floating-point operations (+ - * /) of one forward dynamics, without loads."""
+        return self._core.operation_count()
 
     def forward_dynamics(
         self,
