@@ -82,6 +82,18 @@ def test_a_poorer_order_is_taken_if_it_is_measured_to_be_cheaper(
     assert [name[2] for name, *_ in Order().moves(found, exact, [0])] == list(cheap[-1:])
 
 
+def test_what_is_saved_counts_by_the_beams_that_are_changed(
+    plans: dict[str, fa.Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A beam of two need not save what both would."""
+    trials = plan_of(plans, "planar")._found.trials
+    exact = trials.models.given.but(order="exact")
+    one, both = exact.but([0], order=2), exact.but(order=2)
+    monkeypatch.setattr(trials, "_costs", {(one, "ab"): 0.97, (both, "ab"): 0.97, (exact, "ab"): 1.0})
+    assert trials.cheaper(one, exact) and not trials.cheaper(both, exact)
+    assert not trials.cheaper(exact, one) and not trials.cheaper(exact, exact)
+
+
 def test_order_1_is_never_taken_near_the_first_frequency() -> None:
     for tol in (3e-2, 1e-2, 1e-3):
         plan = fa.economize(scenes.paper(20.0, 1.0, 1.4, order=1), tol)
