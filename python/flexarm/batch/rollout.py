@@ -218,7 +218,7 @@ def rollout(
         workers: threads; None: one for each core.
         rtol, spectral_radius: of "implicit"; see `simulate`.
         lanes: whether scenarios run side by side in the processor's vector lanes, as many as it has, where there are
-            enough to be worth it; for arms with beams of order 0, 1 and 2. It changes results by rounding (1e-12).
+            enough to be worth it. It changes results by rounding (1e-12).
         out: arrays "q" and "v" that the result is written into, float64, C-contiguous, of the result's shapes.
         progress: shows a bar on stderr, where that is a terminal; or a callable, which is given the share of steps
             taken about ten times a second, and may raise to give up.
