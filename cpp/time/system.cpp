@@ -91,11 +91,13 @@ bool System::record(Trajectory& out, bool composite) {
     return false;
   }
   a = ws.a;
-  if (rubbing) move_chain(ws, q, v);
-  joint_forces(arm, ws, a);
-  if (!ws.tau.allFinite()) {
-    out.failure = "the forces are no longer finite";
-    return false;
+  if (std::any_of(drives.begin(), drives.end(), [](const Drive& d) { return bool(d.motion); })) {
+    if (rubbing) move_chain(ws, q, v);
+    joint_forces(arm, ws, a);
+    if (!ws.tau.allFinite()) {
+      out.failure = "the forces are no longer finite";
+      return false;
+    }
   }
   ws.total = tau;
   add_feedback(ws.feedback, q, v, 1.0, ws.total);
