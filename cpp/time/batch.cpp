@@ -10,7 +10,6 @@
 #include <thread>
 
 #include "batch_lanes.hpp"
-#include "batch_serial.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "flexarm/step.hpp"
@@ -61,15 +60,14 @@ class Worker {
       : shared_(shared),
         calling_(calling),
         width_(LaneGroup::width(shared.problem)),
-        group_(shared.problem, shared.out, [this](long steps) { return tell(steps); }),
-        serial_(shared.problem, shared.out, [this](long steps) { return tell(steps); }) {}
+        group_(shared.problem, shared.out, [this](long steps) { return tell(steps); }) {}
 
   void run() {
-    const Index count = std::max<Index>(1, width_), all = shared_.problem.scenarios;
+    const Index all = shared_.problem.scenarios;
     while (!shared_.stop) {
-      const Index first = shared_.next.fetch_add(count);
+      const Index first = shared_.next.fetch_add(width_);
       if (first >= all) return;
-      run_scenarios(first, std::min(first + count, all));
+      run_scenarios(first, std::min(first + width_, all));
     }
   }
   const BatchStats& stats() const { return stats_; }
@@ -82,12 +80,9 @@ class Worker {
   }
   void run_scenarios(Index first, Index end) {
     while (first < end) {
-      const Index known = width_ > 0 ? group_.alike(first, end - first) : 0;
-      if (known > 0)
-        group_.run(first, known, stats_);
-      else
-        serial_.run(first, stats_);
-      first += std::max<Index>(1, known);
+      const Index alike = group_.alike(first, end - first);
+      group_.run(first, alike, stats_);
+      first += alike;
     }
   }
 
@@ -95,7 +90,6 @@ class Worker {
   bool calling_;
   Index width_;
   LaneGroup group_;
-  Serial serial_;
   BatchStats stats_;
 };
 
@@ -153,7 +147,7 @@ BatchStats run_batch(const BatchProblem& problem, const BatchOutput& out, int wo
   std::fill_n(out.status, problem.scenarios, static_cast<int>(BatchStatus::not_done));
   Shared shared{problem, out, alive};
   const Index steps = problem.scenarios * static_cast<Index>(problem.lengths.size());
-  const Index group = std::max<Index>(1, LaneGroup::width(problem));
+  const Index group = LaneGroup::width(problem);
   const Index useful = std::max<Index>(1, std::min((problem.scenarios + group - 1) / group, steps / kWorthThread));
   const int count = static_cast<int>(std::min<Index>(workers, useful));
   std::vector<std::unique_ptr<Worker>> all;

@@ -1,4 +1,4 @@
-// Scenarios of a batch on the kernels: in the lanes of a pack, or one by one.
+// Scenarios of a batch: in the lanes of a pack, or one by one.
 #pragma once
 
 #include <algorithm>
@@ -35,8 +35,7 @@ class Pace {
 /// One thread's arms: a pack, or one.
 class LaneGroup final : lanes::Scenarios {
  public:
-  /// Scenarios taken at once: those of a pack, or 1 where they are too few for it; 0 where the kernels do not know the
-  /// arm.
+  /// Scenarios taken at once: those of a pack, or 1 where they are too few for it or lanes are not wanted.
   static Eigen::Index width(const BatchProblem& problem);
 
   /// @param tell  told about the steps done (of all lanes together); answers false to end the batch
@@ -44,8 +43,7 @@ class LaneGroup final : lanes::Scenarios {
   /// Runs scenarios first .. first + count - 1, at most `width`. Lanes without one repeat the last: a scenario's
   /// results are the same whoever shares the pack with it.
   void run(Eigen::Index first, Eigen::Index count, BatchStats& stats);
-  /// How many of these scenarios, from the first on, have arms of one structure; 0 where the kernels do not know it.
-  /// To be asked before `run`.
+  /// How many of these scenarios, from the first on, have arms of one structure. To be asked before `run`.
   Eigen::Index alike(Eigen::Index first, Eigen::Index count);
 
  private:
