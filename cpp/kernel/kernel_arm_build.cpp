@@ -57,10 +57,10 @@ Axes find_plane(const Arm& arm) {
 
 ArmBuilder::ArmBuilder(const Arm& a, bool in_space) : arm(a), axes(in_space ? Axes{} : find_plane(a)) {
   set(out.layout_.planar, axes.planar);
-  out.layout_.along[0] = axes.x;
-  out.layout_.along[1] = axes.y;
-  out.layout_.about = axes.z;
-  out.layout_.turning = axes.sign;
+  set(out.layout_.along[0], axes.x);
+  set(out.layout_.along[1], axes.y);
+  set(out.layout_.about, axes.z);
+  set(out.layout_.turning, axes.sign);
 }
 
 Node& ArmBuilder::begin_node(const Matrix3d& R) {

@@ -6,7 +6,7 @@ import pytest
 from stability import chain
 
 # Formulation stiffness (Ascher, Pai & Cloutier, Int. J. Robotics Research 16, 1997): relative error of CI and of AB in
-# an independent program, at one state, which is not told. Both are met within a factor of ten; AB also because ab.cpp
+# an independent program, at one state, which is not told. Both are met within a factor of ten; AB also because the kernel
 # leaves nothing along a free coordinate but what is applied to it (without that, the last link x 1e9 was 50 times above
 # the mark).
 MARKS = [
