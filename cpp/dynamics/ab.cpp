@@ -2,9 +2,9 @@
 
 #include <cmath>
 
+#include "arrays.hpp"
 #include "lanes/feedback.hpp"
 #include "lanes/single.hpp"
-#include "sweeps.hpp"
 
 namespace flexarm {
 

@@ -4,12 +4,12 @@
 #include <cmath>
 #include <sstream>
 
+#include "arrays.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "lanes/ball.hpp"
 #include "lanes/methods.hpp"
 #include "lanes/single.hpp"
-#include "sweeps.hpp"
 
 namespace flexarm {
 
