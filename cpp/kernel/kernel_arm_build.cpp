@@ -226,7 +226,8 @@ KernelArm KernelArm::build(const Arm& arm, bool in_space) {
   ArmBuilder b(arm, in_space);
   b.put(Vector3d(-arm.gravity()));
   for (std::size_t n = 0; n < arm.size(); ++n)
-    if (!b.add_link(n)) throw std::logic_error("a beam whose strains move sections as the kernels do not know");
+    if (!b.add_link(n))
+      throw std::logic_error("a beam whose strains move sections in another form than lanes/elastic.hpp has");
   b.set(b.out.layout_.nq, arm.nq());
   b.set(b.out.layout_.nv, arm.nv());
   b.out.structure_.push_back(static_cast<int>(b.out.numbers_.size()));

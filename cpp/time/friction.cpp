@@ -5,10 +5,10 @@
 #include <deque>
 #include <memory>
 
+#include "arrays.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/inverse.hpp"
-#include "sweeps.hpp"
 #include "system.hpp"
 
 namespace flexarm {

@@ -609,7 +609,7 @@ def test_counts_of_a_batch_in_chunks():
 
 
 def test_arms_that_move_in_other_planes_have_loads_of_their_own() -> None:
-    """A load of one world axis turns the hinge about z, and does nothing to the one about -y, whoever shares the pack."""
+    """A load along one world axis turns one of two hinges, about z or about -y, whoever shares the pack."""
     body = fa.RigidBody(1.0, com=(0.5, 0, 0), inertia=(0.1, 0.1, 0.1), end=(1, 0, 0))
     t, axes = np.linspace(0, 0.1, 11), [(0, 0, 1.0), (0, -1.0, 0)]
     arms = [fa.Arm([fa.Link(fa.Revolute(axis), body)]) for axis in axes]
