@@ -19,7 +19,7 @@ from pathlib import Path
 
 import flexarm as fa
 import numpy as np
-from flexarm.choose.models import BeamModel, Model, Models
+from flexarm.choose.models import ORDERS, BeamModel, Model, Models
 from flexarm.choose.trials import timed
 from flexarm.draw.tradeoff import label_errors, scale_errors
 from matplotlib.figure import Figure
@@ -115,21 +115,21 @@ def judged_table(rows: list[dict[str, object]]) -> list[str]:
 # -- exhaustive search -------------------------------------------------------------------------------------------------
 
 
-def candidates(scene: fa.Scene, plan: fa.Plan, most: dict[str, int], orders: tuple) -> list[Model]:
-    """All models with up to so many modes of these strains, link by link, of these orders, in the plan's basis."""
+def candidates(scene: fa.Scene, plan: fa.Plan, most: dict[str, int]) -> list[Model]:
+    """All models with up to so many modes of these strains, link by link, of every order, in the plan's basis."""
     models = Models(scene)
     strains = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
     per_beam = list(itertools.product(*(range(most.get(s, 0) + 1) for s in strains)))
     basis = plan._found.lean.model.basis or None
     found = {}
     for counts in itertools.product(per_beam, repeat=len(models.groups)):
-        for order in orders:
+        for order in ORDERS:
             of = {k: c for g, c in zip(models.groups, counts, strict=True) for k in g}
             found[models.given.each(lambda k, _: BeamModel(of[k], order, False, None, basis))] = None  # noqa: B023
     return list(found) if models.groups else []
 
 
-def search(name: str, scene: fa.Scene, tol: float, most: dict[str, int], orders: tuple) -> dict[str, object]:
+def search(name: str, scene: fa.Scene, tol: float, most: dict[str, int]) -> dict[str, object]:
     """Runs them all, with the plan's integrator and output times."""
     truth, _ = truth_of(name, scene)
     plan = fa.economize(scene, tol)
@@ -137,7 +137,7 @@ def search(name: str, scene: fa.Scene, tol: float, most: dict[str, int], orders:
     _, default = tip_and_time(scene)
     options = dict(plan._search.trials.setting)
     points = []
-    some = candidates(scene, plan, most, orders)
+    some = candidates(scene, plan, most)
     for model in some:
         try:
             tip, least = tip_and_time(models.at(model, options), 2 if len(some) > 100 else 6)
@@ -209,18 +209,18 @@ def draw(found: dict, path: Path) -> None:
 
 
 SEARCHES = {
-    "slow": (lambda: scenes.SCENES["slow"](), 1e-3, {"bending_y": 4}, (0, 1, 2, 3, "exact")),
-    "ist": (lambda: fa.load("ist"), 1e-3, {"bending_y": 4}, (0, 1, 2, 3, "exact")),
-    "spatial": (scenes.spatial_two, 1e-3, {"bending_y": 2, "bending_z": 2, "torsion": 1}, (0, 2)),
-    "spliced": (scenes.spliced, 1e-3, {"bending_y": 3, "shear_y": 1}, (0, 1, 2, "exact")),
+    "slow": (lambda: scenes.SCENES["slow"](), 1e-3, {"bending_y": 4}),
+    "ist": (lambda: fa.load("ist"), 1e-3, {"bending_y": 4}),
+    "spatial": (scenes.spatial_two, 1e-3, {"bending_y": 2, "bending_z": 2, "torsion": 1}),
+    "spliced": (scenes.spliced, 1e-3, {"bending_y": 3, "shear_y": 1}),
 }
 
 
 def searches(folder: Path) -> list[dict]:
     out = []
-    for name, (make, tol, most, orders) in SEARCHES.items():
+    for name, (make, tol, most) in SEARCHES.items():
         begun = time.perf_counter()
-        found = search(name, make(), tol, most, orders)
+        found = search(name, make(), tol, most)
         draw(found, folder / f"economize-{name}.png")
         label = found["label"]
         words = [f"{label(m)}, {t:.2g} s, error {e:.1e}" for m, t, e in (found["own"], found["best"])]

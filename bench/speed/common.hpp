@@ -3,16 +3,20 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <ctime>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "flexarm/ab.hpp"
+#include "flexarm/ci.hpp"
+#include "flexarm/derivatives.hpp"
 
 namespace flexarm {
 
-/// A chain of equal links with hinges along z and y in turn.
-inline Arm chain(int links, std::array<int, 5> modes, int order) {
+/// A chain of equal links with hinges along z and y in turn, or along z alone, with gravity in that plane.
+inline Arm chain(int links, std::array<int, 5> modes, int order, bool planar = false) {
   BeamOptions o;
   o.modes = modes;
   o.order = order;
@@ -25,10 +29,10 @@ inline Arm chain(int links, std::array<int, 5> modes, int order) {
     hub.mass = 0.3;
     hub.inertia = Eigen::Vector3d(1e-4, 2e-4, 2e-4).asDiagonal();
     hub.end = {0.075, 0, 0};
-    const Joint joint = Joint::revolute(k % 2 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitZ());
+    const Joint joint = Joint::revolute(k % 2 && !planar ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitZ());
     parts.emplace_back(joint, hub, beam, std::nullopt);
   }
-  return Arm(std::move(parts), {0, 0, -9.81});
+  return Arm(std::move(parts), planar ? Eigen::Vector3d(0, -9.81, 0) : Eigen::Vector3d(0, 0, -9.81));
 }
 
 inline double median(std::vector<double> x) {
@@ -54,5 +58,36 @@ double cpu_microseconds(const F& f, int repeat) {
 inline void must(Status status) {
   if (status != Status::ok) throw std::runtime_error("a step failed");
 }
+
+/// Coordinates and rates of an arm in some motion, which bends beams by parts of a millimetre.
+inline std::pair<Eigen::VectorXd, Eigen::VectorXd> some_motion(const Arm& arm) {
+  std::pair<Eigen::VectorXd, Eigen::VectorXd> out{arm.nv(), arm.nv()};
+  for (int i = 0; i < arm.nv(); ++i) {
+    out.first[i] = 0.001 * std::sin(1.7 * i + 1.0);
+    out.second[i] = 0.01 * std::cos(2.3 * i);
+  }
+  return out;
+}
+
+/// Derivatives of forward dynamics, from those of inverse dynamics: da = M^-1 (dtau - dID).
+class ForwardDerivatives {
+ public:
+  explicit ForwardDerivatives(const Arm& arm) : ws_(arm), inverse_(arm) { take_composite(arm, ws_); }
+  void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
+    must(forward_dynamics(arm, ws_, q, v, tau));
+    inverse_(arm, q, v, ws_.a);
+    composite_mass_matrix(arm, ws_);  // where forward_dynamics left the workspace
+    factor_.compute(ws_.M);
+    by_tau = factor_.solve(Eigen::MatrixXd::Identity(arm.nv(), arm.nv()));
+    by_q.noalias() = -by_tau * inverse_.dq;
+    by_v.noalias() = -by_tau * inverse_.dv;
+  }
+  Eigen::MatrixXd by_q, by_v, by_tau;
+
+ private:
+  Workspace ws_;
+  InverseDerivatives inverse_;
+  Eigen::LLT<Eigen::MatrixXd> factor_;
+};
 
 }  // namespace flexarm

@@ -13,6 +13,7 @@ from peer_common import CASES, Case
 
 BEGIN, END = "<!-- written by bench/speed/peers.py: begin -->", "<!-- end -->"
 TARGETS = (1e-4, 1e-5, 1e-6)  # m
+EXUDYN, ROUGH = ("Exudyn exact", "8 elements, step 0.0005 s"), 1.3e-5  # its setting, and m, that an aim is about
 PEERS = ("Exudyn", "MuJoCo", "SciPy")
 COLOURS = {"flexarm": "Blues", "Exudyn": "Oranges", "MuJoCo": "Greens", "SciPy": "Purples"}
 MARKS = "osD^vP*X<>"
@@ -58,6 +59,33 @@ def ratios(runs: list[Row]) -> list[Row]:
     return out
 
 
+def aims(runs: list[Row]) -> list[tuple[str, float | None, float]]:
+    """What was aimed at: Exudyn's time over flexarm's, and that it should be at least."""
+
+    def fastest(rows: list[Row], error: float) -> float | None:
+        return min((r["cpu_s"] for r in rows if r["error"] and r["error"] <= error), default=None)
+
+    def over(theirs: float | None, own: float | None) -> float | None:
+        return theirs / own if theirs and own else None
+
+    out = []
+    mine = {case: [r for r in runs if r["case"] == case] for case in CASES}
+    exudyn, own = ({c: [r for r in rows if program(r) == p] for c, rows in mine.items()} for p in ("Exudyn", "flexarm"))
+    theirs = next((r for r in exudyn["a"] if (r["method"], r["setting"]) == EXUDYN and r["error"]), None)
+    if theirs:
+        for name, rows, aim in (
+            ("any integrator", own["a"], 500.0),
+            ("IDA", [r for r in own["a"] if "ida" in r["method"]], 50.0),
+        ):
+            words = f"(a) {', '.join(EXUDYN)} ({theirs['error']:.1e} m), against {name} at {ROUGH:.1e} m"
+            out.append((words, over(theirs["cpu_s"], fastest(rows, ROUGH)), aim))
+    for case, target, aim in (("a", 1e-6, 300.0), ("c", 1e-5, 40.0)):
+        if mine[case]:
+            words = f"({case}) at {target:.0e} m, both interpolated on their fronts"
+            out.append((words, over(time_for(target, exudyn[case]), time_for(target, own[case])), aim))
+    return out
+
+
 def _ms(t: float | None) -> str:
     return "not reached" if t is None else f"{1e3 * t:.3g}"
 
@@ -72,6 +100,9 @@ def table(rows: list[Row], truths: list[Row], runs: list[Row], about: Row) -> st
         ratio = "" if r["ratio"] is None else f"{r['ratio']:.2g}"
         times = [_ms(r["times"][p]) for p in COLOURS]
         text.append(_line([r["case"], f"{r['target']:.0e}", *times, r["best_peer"] or "none", ratio]))
+    text += ["", "Exudyn's time over flexarm's, and what was aimed at:", ""]
+    for name, ratio, aim in aims(runs):
+        text.append(f"- {name}: {'not reached' if ratio is None else f'**{ratio:.3g}**'} (aim ≥ {aim:g})")
     text += ["", "The settings on flexarm's and on Exudyn's front:", ""]
     text += [_line(["case", "method", "setting", "error (m)", "CPU (ms)"]), _line(["-"] * 5)]
     for case in sorted({r["case"] for r in runs}):

@@ -17,7 +17,7 @@ from peers import machine, python_of
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "speed.md"
 
-__all__ = ["ROOT", "Figure", "Table", "about", "keep", "machine", "python_of", "ratio", "table", "text"]
+__all__ = ["ROOT", "Figure", "Table", "about", "keep", "machine", "python_of", "ratio", "table", "text", "verdict"]
 
 Table = Sequence[Sequence[Any]]
 
@@ -41,14 +41,17 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return "\n".join("| " + " | ".join(text(x) for x in line) + " |" for line in lines)
 
 
+def verdict(measured: float, aim: float, *, below: bool = True) -> str:
+    """Whether an aim is met, and by how much it is missed."""
+    factor = measured / aim if below else aim / measured
+    return "met" if factor <= 1 else f"missed, by a factor of {text(factor)}"
+
+
 def ratio(measured: float, aim: float, *, below: bool) -> str:
-    """A ratio beside its aim, and by how much it misses it."""
+    """A ratio beside its aim."""
     if np.isnan(measured):
         return f"aim {text(aim)}: not measured"
-    met = measured <= aim if below else measured >= aim
-    factor = measured / aim if below else aim / measured
-    verdict = "met" if met else f"missed, by a factor of {text(factor)}"
-    return f"**{text(measured)}** (aim {'≤' if below else '≥'} {text(aim)}: {verdict})"
+    return f"**{text(measured)}** (aim {'≤' if below else '≥'} {text(aim)}: {verdict(measured, aim, below=below)})"
 
 
 def keep(name: str, words: str, rows: list[dict[str, Any]], figure: Figure | None, folder: Path | None) -> None:

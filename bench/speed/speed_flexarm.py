@@ -1,15 +1,15 @@
-"""Worker of bench/speed/speed_batch.py: flexarm's rollouts on MuJoCo's case, on scenes from small to large, and its
-forward dynamics on SoRoMoX's rods.
-Times are CPU seconds of the process, all its threads together, but where two threads are
-compared with one.
+"""Worker of bench/speed/speed_batch.py and aims.py: flexarm's rollouts on MuJoCo's case, on scenes from small to large,
+its forward dynamics on SoRoMoX's rods, and what it is aimed at without others.
+
+Times are CPU seconds of the process, all its threads together, but where two threads are compared with one.
 """
 
 from __future__ import annotations
 
 import argparse
-import inspect
 import json
 import time
+import timeit
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -36,7 +36,6 @@ BATCH = 64
 COUNTS = (1, 2, 4, 8, 16, 32, 64)
 SHORTEST = 0.005  # s of CPU of one scenario alone, where lanes are measured: below, calls would count
 LONGEST = 0.25  # s of CPU: no larger batch, and no shorter step, is tried beyond
-LANES = "lanes" in inspect.signature(fa.rollout).parameters  # whether a rollout can be told to use none
 
 
 def report(**line: Any) -> None:
@@ -104,10 +103,10 @@ def mujoco_run(method: str, setting: str, model: fa.Arm, integrator: str, every:
     report(**line)
 
 
-def chain(links: int, modes: dict[str, int], planar: bool) -> fa.Arm:
+def chain(links: int, modes: dict[str, int], planar: bool, order: int | str = 2) -> fa.Arm:
     """Links of half a metre on hinges along z, or z and y in turn."""
     steel = fa.Material(7850, 209e9, 0.3)
-    beam = fa.Beam(0.5, fa.Rectangle(0.004, 0.01), steel, modes) if modes else None
+    beam = fa.Beam(0.5, fa.Rectangle(0.004, 0.01), steel, modes, order=order) if modes else None
     hub = fa.RigidBody(0.3, inertia=(1e-4, 2e-4, 2e-4), end=(0.075 if modes else 0.5, 0, 0))
     joints = [fa.Revolute("y" if k % 2 and not planar else "z") for k in range(links)]
     return fa.Arm([fa.Link(joint, hub, beam) for joint in joints])
@@ -120,32 +119,76 @@ SCENES: dict[str, tuple[int, dict[str, int], bool]] = {
 }
 
 
-def scene_lanes(name: str, integrator: str, dt: float) -> None:
-    """Time of a step of a scenario in batches from small to large; scalar, and by two threads."""
-    model = chain(*SCENES[name])
-    start = 0.2 * np.sin(np.arange(64 * model.nq)).reshape(64, model.nq)
-    start[:, ["bending" in c or "torsion" in c for c in model.coordinates]] *= 1e-3
-    none = np.zeros((1, model.nv))
+EXPLICIT = (1e-5, 1e-3, 2e-6)  # s, that rk4 can follow on each
 
-    def run(count: int, steps: int, workers: int = 1, **more: Any) -> fa.Rollout:
+
+class Scene:
+    """An arm in many states near each other."""
+
+    def __init__(self, name: str, order: int | str = 2) -> None:
+        self.arm = chain(*SCENES[name], order)
+        self.start = 0.2 * np.sin(np.arange(64 * self.arm.nq)).reshape(64, self.arm.nq)
+        self.start[:, ["bending" in c or "torsion" in c for c in self.arm.coordinates]] *= 1e-3
+
+    def run(self, count: int, steps: int, integrator: str, dt: float, workers: int = 1, **more: Any) -> fa.Rollout:
         options = {"step": dt, "nstep": steps, "integrator": integrator, "every": steps, "workers": workers, **more}
-        out = fa.rollout(model, start[:count], None, none, **options)
+        out = fa.rollout(self.arm, self.start[:count], None, np.zeros((1, self.arm.nv)), **options)
         if out.failures:
             raise RuntimeError(out.failures[0].reason)
         return out
 
-    steps = int(np.clip(20 * SHORTEST / clocks(lambda: run(1, 20))[0], 20, 2000))
+    def enough(self, integrator: str, dt: float) -> int:
+        """Steps that one scenario takes some milliseconds for."""
+        return int(np.clip(20 * SHORTEST / clocks(lambda: self.run(1, 20, integrator, dt))[0], 20, 2000))
+
+
+def scene_lanes(name: str, integrator: str, dt: float) -> None:
+    """Time of a step of a scenario in batches from small to large; scalar, and by two threads."""
+    scene = Scene(name)
+    steps = scene.enough(integrator, dt)
     line = {"kind": "lanes", "scene": name, "integrator": integrator}
     for count in COUNTS:
-        cpu, _, out = clocks(lambda count=count: run(count, steps))
+        cpu, _, out = clocks(lambda count=count: scene.run(count, steps, integrator, dt))
         kind = {"engine": out.stats.get("engine"), "lanes": out.stats.get("lanes")}
         report(**line, count=count, us=1e6 * cpu / count / steps, **kind)
-    own = clocks(lambda: run(64, steps, lanes=False))[0] / 64 if LANES else clocks(lambda: run(1, steps))[0]
+    own = clocks(lambda: scene.run(64, steps, integrator, dt, lanes=False))[0] / 64
     ones, twos = [], []
     for _ in range(3):  # in turn: what else the machine does changes
-        ones.append(clocks(lambda: run(64, steps))[1])
-        twos.append(clocks(lambda: run(64, steps, 2))[1])
+        ones.append(clocks(lambda: scene.run(64, steps, integrator, dt))[1])
+        twos.append(clocks(lambda: scene.run(64, steps, integrator, dt, 2))[1])
     report(**{**line, "kind": "threads"}, scalar_us=1e6 * own / steps, one_s=min(ones), two_s=min(twos))
+
+
+def aims() -> None:
+    """What is aimed at without others, in microseconds."""
+
+    def tell(work: str, seconds: float, **more: Any) -> None:
+        report(kind="aim", work=work, us=1e6 * seconds, **more)
+
+    for order in ("exact", 2):
+        scene = Scene("7 links of 3 + 3 + 1 modes", order)
+        cpu, _, out = clocks(lambda scene=scene: scene.run(64, 5, "rk4", 1e-7))
+        name = f"in lanes, {order if order == 'exact' else f'order {order}'}"
+        tell(name, cpu / (64 * 5 * 4), lanes=out.stats["lanes"])
+    for name, explicit in zip(SCENES, EXPLICIT, strict=True):
+        scene = Scene(name)
+        for integrator, dt in (("implicit", 1e-3), ("rk4", explicit)):
+            steps = scene.enough(integrator, dt)
+            for kind, lanes in (("one", True), ("alone", False)):
+                cpu = clocks(lambda lanes=lanes: scene.run(1, steps, integrator, dt, lanes=lanes))[0]  # noqa: B023
+                tell(f"{kind}: {name}, {integrator}", cpu / steps)
+    case = CASES["a"]
+    model, laws, t = arm_of(case, 3, 2, "clamped-free"), drive(case), np.linspace(0.0, case.end, 1001)
+    many, few = (
+        clocks(lambda t=t: fa.simulate(model, t, drive=laws, integrator="implicit", step=1e-3))[0]
+        for t in (t, t[::1000])
+    )
+    tell("output", (many - few) / (len(t) - 2))
+    for name in list(SCENES)[:2]:
+        model = chain(*SCENES[name])
+        q, v, tau = 1e-3 * np.sin(np.arange(model.nq)), 1e-2 * np.cos(np.arange(model.nv)), np.zeros(model.nv)
+        clock = timeit.Timer(lambda: model.forward_dynamics(q, v, tau), timer=time.process_time)  # noqa: B023
+        tell(f"python: {name}", min(clock.repeat(9, 2000)) / 2000)
 
 
 def rod_arm(rods: Rods, order: int | str) -> fa.Arm:
@@ -179,7 +222,7 @@ def rods_run(rods: Rods, order: int | str) -> None:
         return fa.rollout(model, many_q[:BATCH], many_v[:BATCH], none, **options)
 
     batch, _, out = clocks(run)
-    loop, _, _ = clocks(lambda: run(lanes=False)) if LANES else (batch, None, None)
+    loop, _, _ = clocks(lambda: run(lanes=False))
     if out.failures:
         raise RuntimeError(out.failures[0].reason)
     line = {"kind": "rods", "name": rods.name, "order": str(order), "coordinates": model.nv}
@@ -190,7 +233,7 @@ def rods_run(rods: Rods, order: int | str) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
-    parser.add_argument("what", choices=["truth", "mujoco", "lanes", "rods"])
+    parser.add_argument("what", choices=["truth", "mujoco", "lanes", "rods", "aims"])
     what = parser.parse_args().what
     report(kind="versions", flexarm=fa.__version__, NumPy=np.__version__)
     if what == "truth":
@@ -202,7 +245,9 @@ if __name__ == "__main__":
         for rods in RODS:
             for order in ("exact", 2):
                 rods_run(rods, order)
+    elif what == "aims":
+        aims()
     else:
-        for name, explicit in zip(SCENES, (1e-5, 1e-3, 2e-6), strict=True):  # s, that rk4 can follow
+        for name, explicit in zip(SCENES, EXPLICIT, strict=True):
             scene_lanes(name, "implicit", 1e-3)
             scene_lanes(name, "rk4", explicit)

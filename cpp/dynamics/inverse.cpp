@@ -1,57 +1,73 @@
 #include "flexarm/inverse.hpp"
 
-#include <type_traits>
-
-#include "sweeps.hpp"
+#include "arrays.hpp"
+#include "lanes/single.hpp"
 
 namespace flexarm {
 
-template <class S>
-void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v, const VecX<S>& a,
-                      bool with_masses) {
-  move_arm(arm, ws, q, v);
-  accelerate_arm<S>(arm, ws, a, -arm.gravity());  // the base accelerates against gravity
-  joint_forces(arm, ws, a, with_masses);
-  if constexpr (std::is_same_v<S, double>) add_feedback(ws.feedback, q, v, -1.0, ws.tau);
+void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  ws.chain().move(q.data(), v.data());
 }
 
-template <class S>
-void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a, bool with_masses) {
-  // inward: F = M_rfr A_rfr + N_rfr + Phi^T F+ (Eq. 84); T = H_rfr^T F_rfr (Eq. 87)
-  for (std::size_t n = arm.size(); n-- > 0;) {
-    const Link& link = arm.link(n);
-    LinkState<S>& s = ws.links[n];
-    const int j = arm.first(n), e = j + link.nj();
-    if (with_masses)
-      link.mass_matrix_and_force(s, s.A, a.data() + e, s.F, s.Fe);
-    else
-      link.inertial_force(s, s.A, a.data() + e, s.F, s.Fe);
-    if (!ws.loads.empty()) subtract_loads(arm, ws, n, s.F, s.Fe);
-    if (link.beam()) {  // elastic and damping forces (Eq. 62)
-      const Eigen::MatrixXd &K = link.beam()->stiffness(), &D = link.beam()->damping();
-      const bool damped = link.beam()->damped();
-      for (int k = 0; k < link.ne(); ++k)
-        for (int i = 0; i < link.ne(); ++i) {
-          s.Fe[k] += K(k, i) * s.qe[i];
-          if (damped) s.Fe[k] += D(k, i) * s.dqe[i];
-        }
-    }
-    if (n + 1 < arm.size()) {
-      const LinkState<S>& above = ws.links[n + 1];
-      s.F += above.phi.inward(above.F);
-      for (Eigen::Index k = 0; k < link.ne(); ++k) s.Fe[k] += above.phi_e.col(k).dot(above.F);
-    }
-    for (Eigen::Index k = 0; k < s.H.cols(); ++k) ws.tau[j + k] = s.H.col(k).dot(s.F) + s.resistance[k];
-    if (link.joint().passive())
-      for (int k = 0; k < link.nj(); ++k) ws.tau[j + k] += link.joint().forces()[k].reflected_inertia * a[j + k];
-    ws.tau.segment(e, link.ne()) = s.Fe;
-  }
+void inverse(Workspace& ws, const double* q, const double* v, const double* a, double* tau) {
+  using Array = Eigen::Map<const Eigen::VectorXd>;
+  const Eigen::Index nv = ws.tau.size();
+  ws.chain().inverse(q, v, a, tau);
+  add_feedback(ws.feedback, Array(q, ws.nq()), Array(v, nv), -1.0, Eigen::Map<Eigen::VectorXd>(tau, nv));
 }
-#define FLEXARM_INSTANTIATE(S)                                                                                      \
-  template void inverse_dynamics<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&, const VecX<S>&, const VecX<S>&, \
-                                    bool);                                                                          \
-  template void joint_forces<S>(const Arm&, SweepWorkspace<S>&, const VecX<S>&, bool);
-FLEXARM_INSTANTIATE(double)
-FLEXARM_INSTANTIATE(Tangent)
+
+void inverse_dynamics(const Arm&, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                      const Eigen::VectorXd& a) {
+  inverse(ws, q.data(), v.data(), a.data(), ws.tau.data());
+}
+
+void joint_forces(const Arm&, Workspace& ws, const Eigen::VectorXd& a) { ws.chain().forces(a.data(), ws.tau.data()); }
+
+struct JointReactions::InSpace {
+  const lanes::FrameKernels& kernels = lanes::best_frames();
+  lanes::KernelArm arm;
+  lanes::Memory memory;
+  std::vector<double> wrenches;
+
+  InSpace(const Arm& of, const std::vector<Load>& loads)
+      : arm(lanes::KernelArm::in_space(of).loaded(of, loads)),
+        memory(kernels.memory(arm.layout())),
+        wrenches(6 * loads.size()) {
+    kernels.begin(arm.layout(), arm.numbers().data(), memory.get());
+  }
+  Pose pose(const lanes::KernelArm::Spot& at) const {
+    Pose out;
+    Eigen::Matrix<double, 3, 3, Eigen::RowMajor> R;
+    kernels.pose(memory.get(), at.place, at.numbers.data(), true, out.p.data(), R.data());
+    out.R = R;
+    return out;
+  }
+};
+
+JointReactions::JointReactions(const Arm& arm, const std::vector<Load>& loads)
+    : in_space_(std::make_unique<InSpace>(arm, loads)) {}
+JointReactions::~JointReactions() = default;
+
+void JointReactions::set_wrench(std::size_t load, const Vec6<double>& wrench) {
+  Eigen::Map<Vec6<double>>(in_space_->wrenches.data() + 6 * load) = wrench;
+}
+
+Vec6<double> JointReactions::operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                                        const Eigen::VectorXd& a, std::size_t link, bool inboard) {
+  InSpace& s = *in_space_;
+  const lanes::KernelArm::Spot& origin = s.arm.origin(link);
+  const Eigen::Vector3d base = -arm.gravity();  // which accelerates against gravity
+  Vec6<double> F;
+  s.kernels.reaction(s.memory.get(), origin.place, origin.numbers.data(), base.data(), s.wrenches.data(), q.data(),
+                     v.data(), a.data(), F.data());
+  if (!inboard) return F;
+  const Pose own = s.pose(origin), seat = link > 0 ? s.pose(s.arm.end(link - 1)) : Pose{};
+  const Eigen::Matrix3d R = seat.R.transpose() * own.R;
+  Vec6<double> out;  // Phi^T F
+  out.head<3>() = R * F.head<3>();
+  out.tail<3>() =
+      R * F.tail<3>() + Eigen::Vector3d(seat.R.transpose() * (own.p - seat.p)).cross(Eigen::Vector3d(out.head<3>()));
+  return out;
+}
 
 }  // namespace flexarm

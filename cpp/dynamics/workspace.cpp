@@ -1,54 +1,44 @@
 #include "flexarm/workspace.hpp"
 
-#include <algorithm>
 #include <string>
-#include <utility>
 
 #include "flexarm/check.hpp"
+#include "lanes/feedback.hpp"
 #include "lanes/single.hpp"
 
 namespace flexarm {
 
 Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::vector<Load>& applied)
-    : SweepWorkspace<double>(arm, applied), a(Eigen::VectorXd::Zero(arm.nv())), prescribed(given), nq_(arm.nq()) {
+    : tau(Eigen::VectorXd::Zero(arm.nv())), a(tau), prescribed(given), rhs(tau), total(tau), nq_(arm.nq()) {
   if (!given.empty() && given.size() != static_cast<std::size_t>(arm.nv()))
     bad_value("prescribed", std::to_string(given.size()) + " entries",
               "must be one for each of the arm's " + std::to_string(arm.nv()) + " rates, or none");
   prescribed.resize(static_cast<std::size_t>(arm.nv()), false);
-  Eigen::Index widest = 0;
-  for (std::size_t n = 0; n < arm.size(); ++n) {
-    const Link& link = arm.link(n);
-    std::vector<int> free_columns;
-    for (int k = 0; k < link.nj() + link.ne(); ++k) {
+  for (std::size_t n = 0; n < arm.size(); ++n)
+    for (int k = 0; k < arm.link(n).nj() + arm.link(n).ne(); ++k) {
       const int i = arm.first(n) + k;
-      if (prescribed[i]) {
-        if (k >= link.nj()) bad_value("prescribed", arm.coordinates()[i], "must be a joint's");
-        continue;
-      }
-      free.push_back(i);
-      if (k < link.nj()) free_columns.push_back(k);
+      if (!prescribed[static_cast<std::size_t>(i)])
+        free.push_back(i);
+      else if (k >= arm.link(n).nj())
+        bad_value("prescribed", arm.coordinates()[static_cast<std::size_t>(i)], "must be a joint's");
     }
-    ArticulatedLink b(std::move(free_columns), link.ne());
-    b.T = b.turn = Eigen::VectorXd::Zero(b.D.rows());
-    b.N.setZero();
-    b.Ne = Eigen::VectorXd::Zero(link.ne());
-    articulated.push_back(std::move(b));
-    widest = std::max<Eigen::Index>(widest, link.nj() + link.ne());
-  }
-  rhs = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(free.size()));
-  total = Eigen::VectorXd::Zero(arm.nv());
-  columns = Eigen::MatrixXd::Zero(6, widest);
+  rhs.resize(static_cast<Eigen::Index>(free.size()));
   factor.compute(Eigen::MatrixXd::Identity(1, 1));  // so that a copy reads nothing that was never set
-  if (!applied.empty()) return;
-  if (const lanes::KernelArm* known = lanes::KernelArm::of(arm)) fast = FastPath(new lanes::Single(*known, prescribed));
+  for (const Load& load : applied) loads.push_back({load});
+  wrenches_.resize(6 * applied.size());
+  const lanes::KernelArm& known = lanes::KernelArm::of(arm);
+  chain_ = Held<lanes::Single>(applied.empty() ? new lanes::Single(known, prescribed)
+                                               : new lanes::Single(known.loaded(arm, applied), prescribed));
+  frames = Held<lanes::SingleFrames>(new lanes::SingleFrames(arm));
 }
 
-FastPath::FastPath() = default;
-FastPath::FastPath(lanes::Single* arm) : arm_(arm) {}
-FastPath::FastPath(const FastPath& other) : arm_(other.arm_ ? new lanes::Single(*other.arm_) : nullptr) {}
-FastPath::FastPath(FastPath&&) noexcept = default;
-FastPath& FastPath::operator=(FastPath&&) noexcept = default;
-FastPath::~FastPath() = default;
+lanes::Single& Workspace::chain() {
+  if (!loads.empty()) {
+    for (std::size_t i = 0; i < loads.size(); ++i) Eigen::Map<Vec6<double>>(wrenches_.data() + 6 * i) = loads[i].wrench;
+    chain_->load(wrenches_.data());
+  }
+  return *chain_;
+}
 
 void Workspace::feed_back(const std::vector<Feedback>& laws) {
   for (const Feedback& law : laws)
@@ -61,11 +51,15 @@ void Workspace::feed_back(const std::vector<Feedback>& laws) {
   feedback.clear();
   for (const Feedback& law : laws) feedback.push_back({&law});
   const Eigen::Index n = static_cast<Eigen::Index>(laws.size()), nv = a.size();
-  feedback_slopes = feedback_columns = Eigen::MatrixXd::Zero(nv, n);
-  feedback_matrix = Eigen::MatrixXd::Identity(n, n);
-  feedback_x = Eigen::VectorXd::Zero(nv);
-  feedback_rhs = feedback_share = Eigen::VectorXd::Zero(n);
-  feedback_factor.compute(feedback_matrix);
+  const auto scratch = FeedbackLaws<double>::scalars(static_cast<int>(n), static_cast<int>(nv));
+  feedback_numbers.setZero(n * (2 * nv + nq_ + 1) + static_cast<Eigen::Index>(scratch));
+  for (Eigen::Index l = 0; l < n; ++l) {
+    const Feedback& law = laws[static_cast<std::size_t>(l)];
+    feedback_numbers.segment(l * nv, nv) = law.column;
+    feedback_numbers.segment(n * nv + l * nq_, nq_) = law.by_q;
+    feedback_numbers.segment(n * (nv + nq_) + l * nv, nv) = law.by_v;
+    feedback_numbers[n * (2 * nv + nq_) + l] = law.limit;
+  }
 }
 
 }  // namespace flexarm

@@ -140,9 +140,8 @@ class Controller {
       ws_.a[i] = r.a + kStiffness * (r.q + shift_[j] - q[c]) + kDamping * (r.v + shift_rate_[j] - v[i]);
     }
     add_strain_feedback(v);
-    // by name: the sweeps of the AB method, which leave in the workspace what joint_forces goes on from
-    if (flexarm::forward_dynamics_ab(arm_, ws_, q, v, zero_) != flexarm::Status::ok) return nullptr;
-    flexarm::joint_forces<double>(arm_, ws_, ws_.a);
+    if (flexarm::forward_dynamics(arm_, ws_, q, v, zero_) != flexarm::Status::ok) return nullptr;
+    flexarm::joint_forces(arm_, ws_, ws_.a);
     for (const int i : joints_) tau_[i] = ws_.tau[i];
     return tau_.allFinite() ? &tau_ : nullptr;
   }
@@ -170,13 +169,13 @@ class Controller {
 
   Vector3d tip_of(const flexarm::Workspace& ws) const {
     const std::size_t last = arm_.size() - 1;
-    return flexarm::slice_pose<double>(ws, last, ws.links[last].end).p;
+    return flexarm::slice_pose(ws, last).p;
   }
 
   /// Moves the joints' references against the error of the tip, by damped least squares.
   void correct() {
     const std::size_t last = arm_.size() - 1;
-    flexarm::slice_jacobian<double>(arm_, ws_, last, ws_.links[last].end, J_);
+    flexarm::slice_jacobian(arm_, ws_, last, J_);
     Eigen::Matrix3d JJ = kSingular * kSingular * Eigen::Matrix3d::Identity();
     for (const int i : joints_) JJ.noalias() += J_.col(i).head<3>() * J_.col(i).head<3>().transpose();
     const Vector3d y = JJ.ldlt().solve(kTip * error_);
@@ -198,8 +197,9 @@ class Controller {
         const int first = arm_.first(n) + link.nj() + link.beam()->first(s);
         if (field.bending) rate[field.strain] += field.sign * gauge.dot(v.segment(first, gauge.size()));
       }
-      for (int k = 0; k < link.nj(); ++k)
-        ws_.a[arm_.first(n) + k] += strain_ * kStrain * ws_.links[n].H.col(k).tail<3>().dot(rate);
+      const Vector3d in_world = flexarm::link_pose(ws_, n).R * rate;
+      for (int i = arm_.first(n); i < arm_.first(n) + link.nj(); ++i)  // a joint turns the tip about its own axis
+        ws_.a[i] += strain_ * kStrain * J_.col(i).tail<3>().dot(in_world);
     }
   }
 

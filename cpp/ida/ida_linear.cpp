@@ -25,8 +25,7 @@ int dense_jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vec
     for (std::size_t k = 0; k < s.ws.loads.size(); ++k) d.derivatives.set_wrench(k, s.ws.loads[k].wrench);
     d.derivatives(s.arm, s.q, s.v, s.a);
     add_feedback_slopes(s.ws.feedback, s.q, s.v, d.derivatives.dq, d.derivatives.dv);
-    move_arm<double>(s.arm, s.ws, s.q, s.v);
-    composite_mass_matrix(s.arm, s.ws);
+    composite_mass_matrix(s.arm, s.ws, s.q);
     coordinate_rate_jacobians(s.arm, s.q, s.v, d.rate_by_q, d.rate_by_v);
     const int nq = s.n_q(), nv = s.n_v();
     for (int k = 0; k < nq; ++k) {

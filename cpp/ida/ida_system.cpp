@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "arrays.hpp"
+
 namespace flexarm {
 
 ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control* control)
@@ -22,7 +24,7 @@ ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, 
 }
 
 bool ChainInverse::factor(const Eigen::VectorXd& q, const Eigen::VectorXd& v, double cj) {
-  move_arm<double>(*arm_, ws_, q, v);
+  move_chain(ws_, q, v);
   for (std::size_t n = 0; n < arm_->size(); ++n) {
     const Joint& joint = arm_->link(n).joint();
     const double *qn = q.data() + arm_->first_q(n), *vn = v.data() + arm_->first(n);
@@ -92,7 +94,7 @@ std::pair<Eigen::VectorXd, Eigen::VectorXd> IdaSystem::state() {
 }
 
 bool IdaSystem::residual(const double* yp, double* r) {
-  inverse_dynamics<double>(arm, ws, q, v, a);
+  inverse_dynamics(arm, ws, q, v, a);
   coordinate_rates(arm, q, v, dq);
   for (int k = 0; k < n_q(); ++k) r[k] = yp[k] - dq[free_q[k]];
   double sum = 0.0;

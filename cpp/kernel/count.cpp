@@ -36,12 +36,15 @@ thread_local long Counted::operations = 0;
 
 template <>
 struct Lanes<Counted> {
-  static constexpr int width = 1;
+  static constexpr int width = 1, lag = 0;
   using Mask = bool;
   static Counted load(const double* p) { return Counted(*p); }
   static Counted select(bool m, const Counted& a, const Counted& b) { return m ? a : b; }
   static bool everywhere(bool m) { return m; }
   static bool all(bool m) { return m; }
+  static Counted atan2(const Counted& y, const Counted& x) { return Counted::note(__builtin_atan2(y.x, x.x)); }
+  static bool none_of(bool m) { return !m; }
+  static bool finite(const Counted& a) { return a.x - a.x == 0.0; }
   static Counted size(const Counted& a) { return a < 0.0 ? -a : a; }
   static Counted root(const Counted& a) { return Counted::note(__builtin_sqrt(a.x)); }
   static Counted larger(const Counted& a, const Counted& b) { return a > b ? a : b; }
@@ -58,7 +61,8 @@ void sum_lanes(const Counted*, int, const Counted*) {}
 
 }  // namespace
 
-#include "lanes/chain.hpp"
+#include "lanes/composite.hpp"
+#include "lanes/elimination.hpp"
 #include "lanes/single.hpp"
 
 namespace flexarm {
@@ -76,8 +80,8 @@ long count(const KernelArm& arm) {
   const double* p = arm.numbers().data();
   Counted::operations = 0;
   chain.move(q.data(), v.data());
-  chain.template inward<true, true, true>(tau.data(), a.data(), Shift{});
-  chain.template outward<true>(Sp::read(p), a.data());
+  inward<true, true, true>(chain, tau.data(), a.data(), Shift{});
+  outward<true>(chain, Sp::read(p), a.data());
   return Counted::operations;
 }
 

@@ -2,10 +2,14 @@
 // table is in an unnamed namespace, so that no function of one set can end up in another's path.
 #include "lanes/pack.hpp"  // what the others need first
 // clang-format: keep
+#include "lanes/composite.hpp"
+#include "lanes/elimination.hpp"
 #include "lanes/roll.hpp"
 #include "lanes/tangent.hpp"
 
 namespace {
+
+using flexarm::lanes::Outcome;
 
 template <class Sp>
 using Single = Chain<Sp, Pack>;
@@ -18,11 +22,15 @@ decltype(auto) on(void* self, const F& f) {
   return f(*reinterpret_cast<Single<Space<double>>*>(chain));
 }
 
-constexpr std::size_t kHead = 192;  // the layout's address, and the chain
+constexpr std::size_t kHead = 192;  // addresses of the layout and of Composite's memory; the chain
+
+template <class Sp>
+std::size_t memory_of(const Layout& layout) {
+  return kHead + Single<Sp>::memory_needed(layout) + Composite<Sp>::memory(layout);
+}
 
 std::size_t memory(const Layout& layout) {
-  return kHead +
-         (layout.planar ? Single<Plane<double>>::memory_needed(layout) : Single<Space<double>>::memory_needed(layout));
+  return layout.planar ? memory_of<Plane<double>>(layout) : memory_of<Space<double>>(layout);
 }
 
 template <class Sp>
@@ -30,6 +38,7 @@ void lay_out(const Layout& layout, const double* numbers, char* at) {
   static_assert(sizeof(Single<Sp>) <= kHead - 64, "the chain's head");
   const Single<Sp> chain(layout, numbers, at + kHead);
   __builtin_memcpy(at + 64, &chain, sizeof(chain));
+  reinterpret_cast<char**>(at)[1] = at + kHead + Single<Sp>::memory_needed(layout);
 }
 
 void begin(const Layout& layout, const double* numbers, void* memory) {
@@ -47,12 +56,23 @@ auto base_of(const C& chain) {
   return C::Space::read(p);
 }
 
-bool forward(void* self, const double* q, const double* v, const double* tau, double* a) {
+template <class C>
+Outcome outcome(const C& chain, bool good) {
+  return good ? Outcome::good : chain.lost ? Outcome::not_finite : Outcome::singular;
+}
+
+void load(void* self, const double* wrenches) {
+  on(self, [&](auto& chain) {
+    for (int i = 0; i < 6 * chain.layout.loads; ++i) chain.wrench[i] = wrenches[i];
+  });
+}
+
+Outcome forward(void* self, const double* q, const double* v, const double* tau, double* a) {
   return on(self, [&](auto& chain) {
     chain.move(q, v);
-    const bool good = chain.template inward<true, true, true>(tau, a, Shift{});
-    chain.template outward<true>(base_of(chain), a);
-    return good;
+    const bool good = inward<true, true, true>(chain, tau, a, Shift{});
+    outward<true>(chain, base_of(chain), a);
+    return outcome(chain, good);
   });
 }
 
@@ -63,43 +83,76 @@ void inverse(void* self, const double* q, const double* v, const double* a, doub
   });
 }
 
-bool factor(void* self, const Shift& shift, const double* v, double* twice_kinetic) {
+void move(void* self, const double* q, const double* v) {
+  on(self, [&](auto& chain) { v ? chain.move(q, v) : chain.template move<false>(q, v); });
+}
+
+void forces(void* self, const double* a, double* tau) {
+  on(self, [&](auto& chain) { chain.forces(base_of(chain), a, tau); });
+}
+
+template <class C>
+void fill(const C& chain, void* memory, double* M) {
+  Composite<typename C::Space>(chain.layout, memory).run(chain, M);
+}
+
+void mass_matrix(void* self, double* M) {
+  on(self, [&](auto& chain) { fill(chain, static_cast<char**>(self)[1], M); });
+}
+
+Outcome factor(void* self, const Shift& shift, const double* v, double* twice_kinetic) {
   return on(self, [&](auto& chain) {
     *twice_kinetic = chain.twice_kinetic(v);
-    return chain.template inward<true, false, false>(nullptr, nullptr, shift);
+    return outcome(chain, inward<true, false, false>(chain, nullptr, nullptr, shift));
   });
 }
 
 void solve(void* self, const double* r, double* x) {
   on(self, [&](auto& chain) {
-    chain.template inward<false, true, false>(r, nullptr, Shift{});
+    inward<false, true, false>(chain, r, nullptr, Shift{});
     for (int i = 0; i < chain.layout.nodes; ++i)
       if (chain.layout.node[i].given) x[chain.layout.node[i].v] = 0.0;
-    chain.template outward<false>({}, x);
+    outward<false>(chain, {}, x);
   });
 }
 
+template <class R>
+struct Type {
+  using type = R;
+};
+/// f of the type of this job's Roller.
+template <class Sp, class F>
+void with_roller(const Roll& job, const F& f) {
+  Methods::visit(job.method, [&](auto row) { f(Type<Roller<Chain<Sp, Pack>, decltype(row)::template On>>{}); });
+}
+template <class F>
+void with_roller(const Roll& job, const F& f) {
+  if (job.width == 1)
+    job.layout->planar ? with_roller<Plane<double>>(job, f) : with_roller<Space<double>>(job, f);
+  else
+    job.layout->planar ? with_roller<Plane<Pack>>(job, f) : with_roller<Space<Pack>>(job, f);
+}
+
 std::size_t roll_memory(const Roll& job) {
-  return job.layout->planar ? Roller<Plane<Pack>>::memory(job) : Roller<Space<Pack>>::memory(job);
+  std::size_t bytes = 0;
+  with_roller(job, [&](auto t) { bytes = decltype(t)::type::memory(job); });
+  return bytes;
 }
 
 void roll(Roll& job, void* memory, const double* q, const double* v) {
-  if (job.layout->planar)
-    Roller<Plane<Pack>>(job, static_cast<char*>(memory)).run(q, v);
-  else
-    Roller<Space<Pack>>(job, static_cast<char*>(memory)).run(q, v);
+  with_roller(job, [&](auto t) { typename decltype(t)::type(job, static_cast<char*>(memory)).run(q, v); });
 }
 
 std::size_t slopes_memory(const Layout& layout) {
   return layout.planar ? Slopes<Plane<LaneDual>>::memory(layout) : Slopes<Space<LaneDual>>::memory(layout);
 }
 
-void slopes(const Layout& layout, const double* numbers, void* memory, const double* q, const double* v,
-            const double* a, double* by_q, double* by_v) {
+void slopes(const Layout& layout, const double* numbers, const double* wrenches, void* memory, const double* q,
+            const double* v, const double* a, double* by_q, double* by_v) {
   if (layout.planar)
-    Slopes<Plane<LaneDual>>::run(layout, numbers, memory, q, v, a, by_q, by_v);
+    Slopes<Plane<LaneDual>>::run(layout, numbers, wrenches, memory, q, v, a, by_q, by_v);
   else
-    Slopes<Space<LaneDual>>::run(layout, numbers, memory, q, v, a, by_q, by_v);
+    Slopes<Space<LaneDual>>::run(layout, numbers, wrenches, memory, q, v, a, by_q, by_v);
 }
 
 }  // namespace
@@ -117,8 +170,12 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   FLEXARM_WIDTH,
                                                   memory,
                                                   begin,
+                                                  load,
                                                   forward,
                                                   inverse,
+                                                  move,
+                                                  forces,
+                                                  mass_matrix,
                                                   factor,
                                                   solve,
                                                   roll_memory,

@@ -2,12 +2,30 @@
 
 #include <algorithm>
 
+#include "lanes/sampled_tables.hpp"
+
 namespace flexarm {
 namespace lanes {
 
-const KernelArm* KernelArm::of(const Arm& arm) {
-  const auto& made = arm.kept().get<std::optional<KernelArm>>([&] { return build(arm); });
-  return made ? &*made : nullptr;
+namespace {
+
+/// What is kept with an arm.
+struct Made {
+  KernelArm best;
+  MadeOnce in_space;
+};
+
+}  // namespace
+
+const KernelArm& KernelArm::of(const Arm& arm) {
+  return arm.kept().get<Made>([&] { return Made{build(arm, false), {}}; }).best;
+}
+
+const KernelArm& KernelArm::in_space(const Arm& arm) {
+  const KernelArm& best = of(arm);
+  if (!best.layout_.planar) return best;
+  const Made& made = arm.kept().get<Made>([&] { return Made{best, {}}; });  // `of` has made it
+  return made.in_space.get<KernelArm>([&] { return build(arm, true); });
 }
 
 void KernelArm::point() {
@@ -18,7 +36,13 @@ void KernelArm::point() {
     nodes_[k].direction = lists_[k].direction.data();
     nodes_[k].about = lists_[k].about.data();
     nodes_[k].block = lists_[k].blocks.data();
+    if (lists_[k].table) nodes_[k].table = lists_[k].table->data();
+    nodes_[k].load = lists_[k].loads.data();
+    nodes_[k].loads = static_cast<int>(lists_[k].loads.size());
   }
+  layout_.loads = static_cast<int>(loads_.size());
+  layout_.load = loads_.data();
+  layout_.load_numbers = load_numbers_.data();
 }
 
 void KernelArm::prescribe(const std::vector<bool>& given) {
@@ -31,7 +55,11 @@ KernelArm& KernelArm::operator=(const KernelArm& other) {
   layout_ = other.layout_;
   nodes_ = other.nodes_;
   lists_ = other.lists_;
+  structure_ = other.structure_;
   numbers_ = other.numbers_;
+  seats_ = other.seats_;
+  loads_ = other.loads_;
+  load_numbers_ = other.load_numbers_;
   point();
   return *this;
 }
@@ -53,11 +81,17 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     if (node.ne == 0) break;
     while (out.numbers_.size() % w != 0) out.numbers_.push_back(0.0);
     moved.points = out.numbers_.size();
-    const std::size_t next = k + 1 < nodes_.size() ? nodes_[k + 1].numbers : numbers_.size();
-    from = next;
+    from = k + 1 < nodes_.size() ? nodes_[k + 1].numbers : numbers_.size();
+    const double* p = numbers_.data() + node.points;
+    if (node.body == Node::sampled) {
+      moved.passes = node.half / width + 1;
+      moved.further_passes = (node.further + width - 1) / width;
+      group_points(node, moved, layout_.planar, width, p, out.numbers_);
+      out.lists_[k].table = integral_table(lists_[k].points, width);
+      continue;
+    }
     const std::size_t counts[] = {static_cast<std::size_t>(node.passes), static_cast<std::size_t>(node.rotary)};
     const std::size_t sizes[] = {node.point_numbers, node.rotary_numbers};
-    const double* p = numbers_.data() + node.points;
     for (int group = 0; group < 2; ++group) {
       for (std::size_t a = 0; a < counts[group]; a += w)
         for (std::size_t i = 0; i < sizes[group]; ++i)
@@ -68,40 +102,53 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     moved.passes = (node.passes + width - 1) / width;
     moved.rotary = (node.rotary + width - 1) / width;
   }
+  out.load_numbers_.clear();
+  for (PlacedLoad& load : out.loads_) out.group_load(load, *this, width);
+  out.point();
   return out;
 }
 
-bool KernelArm::like(const KernelArm& o) const {
-  if (layout_.planar != o.layout_.planar || nodes_.size() != o.nodes_.size() || numbers_.size() != o.numbers_.size() ||
-      layout_.nq != o.layout_.nq || layout_.nv != o.layout_.nv)
-    return false;
-  for (std::size_t k = 0; k < nodes_.size(); ++k) {
-    const Node &a = nodes_[k], &b = o.nodes_[k];
-    const bool joints = a.kind == b.kind && a.axis == b.axis && a.sign == b.sign && a.q == b.q && a.v == b.v &&
-                        a.turned == b.turned && a.body == b.body && a.tip == b.tip && a.passive == b.passive &&
-                        a.stops == b.stops;
-    const bool beams = a.ne == b.ne && a.damped == b.damped && a.directed == b.directed && a.blocks == b.blocks &&
-                       a.passes == b.passes && a.rotary == b.rotary && a.numbers == b.numbers && a.points == b.points;
-    if (!joints || !beams || lists_[k].which != o.lists_[k].which || lists_[k].direction != o.lists_[k].direction)
-      return false;
-    for (std::size_t i = 0; i < lists_[k].blocks.size(); ++i) {
-      const Block &x = lists_[k].blocks[i], &y = o.lists_[k].blocks[i];
-      if (x.row != y.row || x.i != y.i || x.ni != y.ni || x.j != y.j || x.nj != y.nj) return false;
-    }
+void KernelArm::group_load(PlacedLoad& load, const KernelArm& alone, int width) {
+  const std::size_t node = static_cast<std::size_t>(load.place.node), size = load.size;
+  const bool sampled = nodes_[node].body == Node::sampled && load.place.on == Place::slice;
+  const double* p = alone.load_numbers_.data() + load.numbers;
+  load.numbers = load_numbers_.size();
+  const auto move_one = [&] {
+    const std::size_t begin = load_numbers_.size();
+    load_numbers_.push_back(*p++);  // its weight
+    if (sampled)
+      group_slice(alone.nodes_[node], nodes_[node], layout_.planar, width, p, load_numbers_);
+    else
+      for (std::size_t i = 1; i < size; ++i) load_numbers_.push_back(*p++);
+    load.size = load_numbers_.size() - begin;
+  };
+  if (load.mean) move_one();
+  const std::size_t slices = static_cast<std::size_t>(load.slices), w = static_cast<std::size_t>(width);
+  if (!slices_in_groups(nodes_[node])) {
+    for (std::size_t k = 0; k < slices; ++k) move_one();
+    return;
   }
-  return true;
+  for (std::size_t a = 0; a < slices; a += w)
+    for (std::size_t i = 0; i < size; ++i)
+      for (std::size_t l = a; l < a + w; ++l)  // what is too much repeats the last, without weight
+        load_numbers_.push_back(l < slices ? p[l * size + i] : i == 0 ? 0.0 : p[(slices - 1) * size + i]);
+  load.slices = (load.slices + width - 1) / width;
 }
 
 KernelArm KernelArm::side_by_side(const std::vector<const KernelArm*>& arms, int width,
                                   const std::vector<bool>& given) {
   KernelArm out = *arms[0];
   out.prescribe(given);
-  const std::size_t w = static_cast<std::size_t>(width), n = out.numbers_.size();
-  out.numbers_.resize(n * w);
-  for (std::size_t l = 0; l < w; ++l) {
-    const std::vector<double>& from = arms[std::min(l, arms.size() - 1)]->numbers_;
-    for (std::size_t i = 0; i < n; ++i) out.numbers_[i * w + l] = from[i];
+  const std::size_t w = static_cast<std::size_t>(width);
+  for (Numbers KernelArm::* all : {&KernelArm::numbers_, &KernelArm::load_numbers_}) {
+    const std::size_t n = (out.*all).size();
+    (out.*all).resize(n * w);
+    for (std::size_t l = 0; l < w; ++l) {
+      const Numbers& from = arms[std::min(l, arms.size() - 1)]->*all;
+      for (std::size_t i = 0; i < n; ++i) (out.*all)[i * w + l] = from[i];
+    }
   }
+  out.point();
   for (Node& node : out.nodes_)
     for (std::size_t Node::* place : {&Node::numbers, &Node::end, &Node::points, &Node::tip_body}) node.*place *= w;
   return out;

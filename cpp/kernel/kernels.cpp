@@ -1,4 +1,5 @@
 #include "lanes/kernels.hpp"
+#include "lanes/frame_kernels.hpp"
 
 #include <cstdlib>
 #include <cstring>
@@ -7,16 +8,25 @@ namespace flexarm {
 namespace lanes {
 
 extern const Kernels kernels_base;
+extern const FrameKernels frames_base;
 #ifdef FLEXARM_HAS_AVX2
 extern const Kernels kernels_avx2;
+extern const FrameKernels frames_avx2;
 #endif
 #ifdef FLEXARM_HAS_AVX512
 extern const Kernels kernels_avx512;
+extern const FrameKernels frames_avx512;
 #endif
 
 namespace {
 
-const Kernels& choose() {
+/// Of one instruction set.
+struct Set {
+  const Kernels& kernels;
+  const FrameKernels& frames;
+};
+
+Set choose() {
 #if defined(FLEXARM_HAS_AVX2) || defined(FLEXARM_HAS_AVX512)
   const char* asked = std::getenv("FLEXARM_ISA");
   const auto allowed = [&](const char* name) { return !asked || std::strcmp(asked, name) == 0; };
@@ -25,20 +35,23 @@ const Kernels& choose() {
 #ifdef FLEXARM_HAS_AVX512
   const bool avx512 = avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
                       __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw");
-  if (avx512 && allowed("avx512")) return kernels_avx512;
+  if (avx512 && allowed("avx512")) return {kernels_avx512, frames_avx512};
 #endif
 #ifdef FLEXARM_HAS_AVX2
-  if (avx2 && (allowed("avx2") || allowed("avx512"))) return kernels_avx2;
+  if (avx2 && (allowed("avx2") || allowed("avx512"))) return {kernels_avx2, frames_avx2};
 #endif
-  return kernels_base;
+  return {kernels_base, frames_base};
+}
+
+const Set& best() {
+  static const Set set = choose();
+  return set;
 }
 
 }  // namespace
 
-const Kernels& best_kernels() {
-  static const Kernels& best = choose();
-  return best;
-}
+const Kernels& best_kernels() { return best().kernels; }
+const FrameKernels& best_frames() { return best().frames; }
 
 }  // namespace lanes
 }  // namespace flexarm

@@ -3,12 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
-#include <optional>
 #include <sstream>
 #include <utility>
 
-#include "flexarm/articulated.hpp"
 #include "flexarm/check.hpp"
 
 namespace flexarm {
@@ -67,57 +64,6 @@ Arm::Arm(std::vector<Link> links, const Eigen::Vector3d& gravity)
             .cwiseMin(std::numeric_limits<double>::max());
   }
   check_inertia();
-}
-
-/// Every coordinate must move some inertia, or no force law gives its acceleration. Tried at a place where no two
-/// joints line up: what is left of a coordinate's inertia after elimination, against what it was.
-void Arm::check_inertia() const {
-  Eigen::VectorXd q = zero();
-  for (std::size_t n = 0; n < size(); ++n)
-    for (int k = first_[n]; k < first_[n] + links_[n].nj(); ++k)
-      if (coordinate_of(k) >= 0) q[coordinate_of(k)] = 0.3 + 0.7 * std::sin(1.0 + 2.0 * k);
-  const Eigen::VectorXd still = Eigen::VectorXd::Zero(nv_);
-  std::vector<LinkState<double>> composite;
-  for (std::size_t n = 0; n < size(); ++n) {
-    const Link& link = links_[n];
-    composite.emplace_back(link.nj(), link.beam() ? &*link.beam() : nullptr, n == 0 ? 0 : links_[n - 1].ne());
-    LinkState<double>& s = composite[n];
-    link.joint().move(q.data() + first_q_[n], still.data(), s.joint);
-    s.H = s.joint.H;
-    link.move(s);
-    if (n > 0) s.sit_on(composite[n - 1]);
-    link.mass_matrix(s);
-  }
-  std::vector<LinkState<double>> articulated = composite;
-  std::optional<ArticulatedInertia> left;  // of the link above
-  for (std::size_t n = size(); n-- > 0;) {
-    const Link& link = links_[n];
-    const LinkState<double>* above = n + 1 < size() ? &articulated[n + 1] : nullptr;
-    LinkState<double>& s = composite[n];
-    if (above) carry_inertia(composite[n + 1], composite[n + 1].M.topLeftCorner<6, 6>(), s);
-    std::vector<int> free(static_cast<std::size_t>(link.nj()));
-    std::iota(free.begin(), free.end(), 0);
-    ArticulatedInertia b(std::move(free), link.ne());
-    b.articulate(link, above, left ? &*left : nullptr, articulated[n]);
-    const bool definite = b.factorise();
-    for (Eigen::Index k = 0; k < b.D.rows(); ++k) {
-      const Eigen::Index elastic = k - link.nj();
-      double whole = 0.0;  // diagonal of M
-      if (elastic >= 0)
-        whole = s.M(6 + elastic, 6 + elastic);
-      else
-        whole = s.H.col(k).dot(s.M.topLeftCorner<6, 6>() * s.H.col(k));
-      if (elastic < 0 && link.joint().passive())
-        whole += link.joint().forces()[static_cast<std::size_t>(k)].reflected_inertia;
-      const double rest = definite ? std::pow(b.factor.matrixLLT()(k, k), 2) : b.D(k, k);
-      if (!(whole > 0.0) || !(rest > 1e-14 * whole))
-        bad_value("inertia of coordinate '" + coordinates()[static_cast<std::size_t>(first_[n] + k)] + "'", rest,
-                  "must be positive; give what moves with it a mass or an inertia (shear tells itself from bending by "
-                  "rotary inertia alone), and a beam enough gauss_points");
-    }
-    if (!definite) bad_value("mass matrix", "singular", "its coordinates must move independent inertias");
-    left = std::move(b);
-  }
 }
 
 Eigen::VectorXd Arm::zero() const {

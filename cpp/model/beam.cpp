@@ -259,9 +259,6 @@ std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
     if (profile.uniform && options_.order > 2) slices.back().table.point = g;
   }
   tip_ = all[n];
-  if (options_.order > 2 && ne_ > 0)  // a beam without coordinates is rigid at any order
-    series_ = std::make_shared<const SeriesTables>(options_.order, plane_,
-                                                   tables({rule_.points.data(), rule_.points.data() + n}));
   return slices;
 }
 
@@ -352,36 +349,14 @@ std::vector<SliceTable> Beam::tables_at(const std::vector<double>& parts, const 
   return out;
 }
 
-Eigen::VectorXd Beam::truncation(const Eigen::MatrixXd& q) const {
-  Eigen::VectorXd out = Eigen::VectorXd::Zero(q.rows());
-  if (!series_ || options_.order != kExact) return out;
-  constexpr int kPlaces = 8;
-  std::vector<double> places;
-  for (int k = 1; k <= kPlaces; ++k) places.push_back(length_ * k / kPlaces);
-  const GaussRule finer(2 * static_cast<int>(rule_.points.size()) + 8, length_);
-  const double* points = finer.points.data();
-  const SeriesTables twice(kExact, plane_, tables({points, points + finer.points.size()}, finer));
-  const std::array<std::vector<SliceTable>, 2> at{tables(places), tables(places, finer)};
-  Series<double> own(*series_, ne_), fine(twice, ne_);
-  std::array<Slice<double>, 2> slice{Slice<double>(ne_), Slice<double>(ne_)};
-  const Eigen::VectorXd still = Eigen::VectorXd::Zero(ne_);
-  for (Eigen::Index row = 0; row < q.rows(); ++row) {
-    const Eigen::VectorXd qe = q.row(row);
-    fill_series(*series_, qe.data(), still.data(), own);
-    fill_series(twice, qe.data(), still.data(), fine);
-    for (std::size_t k = 0; k < places.size(); ++k) {
-      for (std::size_t i : {0u, 1u}) {
-        const Series<double>& s = i == 0 ? own : fine;
-        if (plane_ == Plane::none)
-          move_slice(at[i][k], Eigen::Vector3d::Zero(), kExact, s, slice[i]);
-        else
-          move_planar_slice(at[i][k], Eigen::Vector3d::Zero(), s, qe.data(), still.data(), true, slice[i]);
-      }
-      const double wrong = std::max((slice[0].x - slice[1].x).cwiseAbs().maxCoeff() / length_,
-                                    (slice[0].R - slice[1].R).cwiseAbs().maxCoeff());
-      if (!(wrong <= out[row])) out[row] = wrong;  // NaN as well
-    }
-  }
+Beam Beam::with_points(int points) const {
+  Beam out = *this;
+  out.kept_ = MadeOnce();
+  out.rule_ = GaussRule(points, length_);
+  out.tip_ = out.slice_at(length_);
+  std::vector<MassSlice> slices = *slices_;
+  for (MassSlice& s : slices) s.table = out.slice_at(s.table.X);
+  out.slices_ = std::make_shared<const std::vector<MassSlice>>(std::move(slices));
   return out;
 }
 

@@ -3,7 +3,6 @@
 #include <cmath>
 
 #include "flexarm/check.hpp"
-#include "flexarm/dual.hpp"
 
 namespace flexarm {
 
@@ -26,58 +25,10 @@ void check_placement(const char* side, const Placement& place) {
     bad_value(std::string(side) + ".rotation", R.reshaped().transpose(), "must be a rotation matrix");
 }
 
-/// Moves what is known of the motion (V, c, H in the moving frame's axes) into a frame turned by R.
-template <class S>
-void turn(const Mat3<S>& R, JointMotion<S>& m) {
-  const Mat3<S> Rt = R.transpose();
-  const auto both = [&](auto&& x) {
-    const Vec3<S> a = Rt * x.template head<3>(), b = Rt * x.template tail<3>();
-    x.template head<3>() = a;
-    x.template tail<3>() = b;
-  };
-  both(m.V);
-  both(m.c);
-  for (Eigen::Index k = 0; k < m.H.cols(); ++k) both(m.H.col(k));
-  m.R = m.R * R;
+/// The angle of a ball's turn, from its quaternion (of any length): at most pi.
+double angle_of(const double* q) {
+  return 2.0 * std::atan2(Eigen::Map<const Eigen::Vector3d>(q + 1).norm(), std::abs(q[0]));
 }
-
-/// Moves it to a point at d in the moving frame.
-template <class S>
-void shift(const Vec3<S>& d, JointMotion<S>& m) {
-  m.p += m.R * d;
-  const Vec3<S> w = m.V.template tail<3>(), wd = w.cross(d);
-  m.V.template head<3>() += wd;
-  m.c.template head<3>() += m.c.template tail<3>().cross(d) + w.cross(wd);
-  for (Eigen::Index k = 0; k < m.H.cols(); ++k) m.H.col(k).template head<3>() += m.H.col(k).template tail<3>().cross(d);
-}
-
-/// The turn of a ball, from its quaternion (of any length): rotation vector and angle, at most pi.
-template <class S>
-struct BallTurn {
-  Vec3<S> vector;
-  S angle;
-
-  explicit BallTurn(const S* q) : vector(q[1], q[2], q[3]) {
-    using std::atan2;
-    using std::sqrt;
-    S w = q[0];
-    if (w < 0.0) {  // the same rotation
-      w = -w;
-      vector = -vector;
-    }
-    const S square = vector.dot(vector);
-    if (square - 1e-8 * w * w < 0.0) {  // 2 atan(x) = 2 (x - x^3/3 + x^5/5 - ..)
-      const S x2 = square / (w * w);
-      vector *= 2.0 / w * (1.0 - x2 / 3.0 + x2 * x2 / 5.0);
-      angle = S(0);
-      if (-square < 0.0) angle = sqrt(vector.dot(vector));
-      return;
-    }
-    const S length = sqrt(square);
-    angle = 2.0 * atan2(length, w);
-    vector *= angle / length;
-  }
-};
 
 }  // namespace
 
@@ -140,53 +91,6 @@ void Joint::check_ball_forces() const {
 Joint Joint::fixed() { return Joint({}, false, {}); }
 Joint Joint::revolute(const Eigen::Vector3d& axis) { return Joint({{true, axis}}, false, {"revolute"}); }
 Joint Joint::prismatic(const Eigen::Vector3d& axis) { return Joint({{false, axis}}, false, {"prismatic"}); }
-
-template <class S>
-void Joint::move(const S* q, const S* v, JointMotion<S>& m) const {
-  m.R = inboard_.rotation.template cast<S>();
-  m.p = inboard_.position.template cast<S>();
-  m.V.setZero();
-  m.c.setZero();
-  m.H.resize(6, 0);
-  const auto append = [&](const Vec3<S>& linear, const Vec3<S>& angular) {
-    m.H.conservativeResize(6, m.H.cols() + 1);
-    m.H.col(m.H.cols() - 1) << linear, angular;
-  };
-  // Each motion acts like a joint on a massless link: V = Phi V + H dq and A = Phi A + H ddq + N (Eq. 68, 69).
-  const Vec3<S> zero = Vec3<S>::Zero();
-  for (std::size_t i = 0; i < motions_.size(); ++i) {
-    const Vec3<S> u = motions_[i].axis.template cast<S>(), rate = u * v[i];
-    if (motions_[i].rotation) {
-      turn(rotation(Vec3<S>(u * q[i]), RotationCoefficients<S>(q[i] * q[i])), m);
-      m.c.template tail<3>() += m.V.template tail<3>().cross(rate);
-      m.V.template tail<3>() += rate;
-      append(zero, u);
-    } else {
-      shift(Vec3<S>(u * q[i]), m);
-      m.c.template head<3>() += 2.0 * m.V.template tail<3>().cross(rate);
-      m.V.template head<3>() += rate;
-      append(u, zero);
-    }
-  }
-  if (ball_) {
-    const std::size_t n = motions_.size();
-    const Vec3<S> e(q[n + 1], q[n + 2], q[n + 3]), w(v[n], v[n + 1], v[n + 2]);
-    const S square = q[n] * q[n] + e.dot(e), scale = 2.0 / square;
-    const Mat3<S> et = tilde(e);
-    Mat3<S> R = scale * (et * et) + (scale * q[n]) * et;
-    R.diagonal().array() += 0.5 * (scale * square);  // 1; not a number where the square overflows
-    turn(R, m);
-    m.c.template tail<3>() += m.V.template tail<3>().cross(w);
-    m.V.template tail<3>() += w;
-    for (Eigen::Index k = 0; k < 3; ++k) {
-      Vec3<S> axis = zero;
-      axis[k] = S(1);
-      append(zero, axis);
-    }
-  }
-  shift(Vec3<S>(outboard_.position.template cast<S>()), m);
-  turn(Mat3<S>(outboard_.rotation.template cast<S>()), m);
-}
 
 void Joint::rates(const double* q, const double* v, double* dq) const {
   const std::size_t n = motions_.size();
@@ -251,31 +155,6 @@ Eigen::VectorXd Joint::zero() const {
   return q;
 }
 
-template <class S>
-S Joint::resistance(int i, const S* q, const S* v) const {
-  const JointForce& f = forces_[i];
-  S force = f.damping * v[i];
-  const auto stop = [&](const S& depth, const S& rate) -> S {  // the damping sets in over the first of the depth
-    const S entry = (depth < 0.0 ? -depth : depth) / kSoftEntry;
-    return f.limit_stiffness * depth + f.limit_damping * (entry < 1.0 ? entry : S(1)) * rate;
-  };
-  const int n = static_cast<int>(motions_.size());
-  if (i >= n) {
-    if (f.stiffness == 0.0 && !std::isfinite(f.upper)) return force;
-    const BallTurn<S> turn(q + n);
-    force += f.stiffness * turn.vector[i - n];
-    if (-turn.angle < -f.upper) {
-      const Vec3<S> axis = turn.vector / turn.angle;
-      force += axis[i - n] * stop(turn.angle - f.upper, axis.dot(Vec3<S>(v[n], v[n + 1], v[n + 2])));
-    }
-    return force;
-  }
-  force += f.stiffness * (q[i] - f.rest);
-  if (q[i] < f.lower) force += stop(q[i] - f.lower, v[i]);
-  if (-q[i] < -f.upper) force += stop(q[i] - f.upper, v[i]);
-  return force;
-}
-
 std::pair<double, double> Joint::resistance_slopes(int i, const double* q, const double* v) const {
   const JointForce& f = forces_[i];
   double by_q = f.stiffness, by_v = f.damping;
@@ -290,7 +169,7 @@ std::pair<double, double> Joint::resistance_slopes(int i, const double* q, const
     if (q[i] < f.lower) stop(q[i] - f.lower, v[i]);
     if (q[i] > f.upper) stop(q[i] - f.upper, v[i]);
   } else if (std::isfinite(f.upper)) {
-    const double depth = BallTurn<double>(q + n).angle - f.upper;
+    const double depth = angle_of(q + n) - f.upper;
     if (depth > 0.0) stop(depth, 0.0);
   }
   return {std::max(by_q, 0.0), by_v};
@@ -306,17 +185,11 @@ double Joint::potential(const double* q) const {
     add(f, q[i] - f.rest, std::max(0.0, q[i] - f.upper) + std::max(0.0, f.lower - q[i]));
   }
   if (ball_ && !forces_.empty()) {
-    const double angle = BallTurn<double>(q + motions_.size()).angle;
+    const double angle = angle_of(q + motions_.size());
     const JointForce& f = forces_[motions_.size()];
     add(f, angle, std::max(0.0, angle - f.upper));
   }
   return sum;
 }
-
-#define FLEXARM_INSTANTIATE(S)                                             \
-  template void Joint::move<S>(const S*, const S*, JointMotion<S>&) const; \
-  template S Joint::resistance<S>(int, const S*, const S*) const;
-FLEXARM_INSTANTIATE(double)
-FLEXARM_INSTANTIATE(Tangent)
 
 }  // namespace flexarm

@@ -120,7 +120,7 @@ Placement read_placement(const At& joint, const std::string& side) {
   }
   if (!at.is(Value::Kind::list) || at.size() != 3) at.bad("must be a rotation vector (rad) or a 3 x 3 matrix");
   const Eigen::Vector3d turn = at.vector();
-  place.rotation = rotation(turn, RotationCoefficients<double>(turn.squaredNorm()));
+  place.rotation = Eigen::AngleAxisd(turn.norm(), turn.normalized()).toRotationMatrix();
   return place;
 }
 

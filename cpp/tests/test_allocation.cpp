@@ -52,9 +52,8 @@ struct HotPath {
   std::vector<Feedback> laws;
   Eigen::VectorXd q, v, tau, dq, a, x;
   Mat6X<double> J;
-  SliceTable table;  // in the middle of the last beam
+  PlacedSlice at;  // in the middle of the last beam
   std::size_t last = 0;
-  Slice<double> slice;
   ImplicitStep implicit;
   Rk4Step rk4;
   Status status = Status::ok;
@@ -71,6 +70,7 @@ struct HotPath {
         a(tau),
         x(tau),
         J(6, of.nv()),
+        at(of, 0),
         implicit(of, 1e-5),
         rk4(of, 1e-7) {
     laws[0].column = Eigen::VectorXd::Unit(arm.nv(), 0);
@@ -83,14 +83,13 @@ struct HotPath {
     }
     for (std::size_t n = 0; n < arm.size(); ++n)
       if (arm.link(n).beam()) last = n;
-    slice = Slice<double>(arm.link(last).ne());
-    if (arm.link(last).beam()) table = arm.link(last).slice_at(0.5 * arm.link(last).beam()->length());
+    if (arm.link(last).beam()) at = PlacedSlice(arm, last, 0.5 * arm.link(last).beam()->length());
   }
 
   void dynamics() {
     if (forward_dynamics_ab(arm, ws, q, v, tau) != Status::ok) status = Status::singular;
-    inverse_dynamics<double>(arm, ws, q, v, a);
-    joint_forces<double>(arm, ws, a);
+    inverse_dynamics(arm, ws, q, v, a);
+    joint_forces(arm, ws, a);
     composite_mass_matrix(arm, ws);
     if (forward_dynamics_ci(arm, ws, q, v, tau) != Status::ok) status = Status::singular;
     move_arm(arm, ws, q, v);
@@ -100,11 +99,11 @@ struct HotPath {
   void kinematics() {
     move_arm(arm, ws, q, v);
     coordinate_rates(arm, q, v, dq);
-    accelerate_arm<double>(arm, ws, a, Eigen::Vector3d::Zero());
-    if (arm.link(last).beam()) arm.link(last).move_slice(table, ws.links[last], true, slice);
-    slice_jacobian(arm, ws, last, slice, J);
-    x[0] += slice_pose(ws, last, slice).p[0] + link_pose(ws, last).p[0];
-    x[0] += slice_motion(arm, ws, last, slice, a).acceleration[0];
+    accelerate_arm(arm, ws, a);
+    slice_jacobian(arm, ws, last, J);
+    slice_jacobian(arm, ws, at, J);
+    x[0] += slice_pose(ws, at).p[0] + slice_pose(ws, last).p[0] + link_pose(ws, last).p[0] + slice_in_link(ws, at).p[0];
+    x[0] += slice_motion(arm, ws, at).acceleration[0] + slice_motion(arm, ws, last).acceleration[0];
     x[0] += energy(arm, ws, q, v).kinetic + momentum(arm, ws, q, v).mass;
   }
   template <class S>
@@ -161,7 +160,7 @@ TEST_CASE("dynamics, kinematics and steps ask nothing of the system") {
     check_arm(arm, first);
   }
   check_arm(flexarm_test::floating_arm(), {}, true);
-  std::vector<Link> many;  // more elastic coordinates than Eigen's small kernels take
+  std::vector<Link> many;  // with many elastic coordinates
   many.emplace_back(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.075, 0, 0}),
                     flexarm_test::beam({12, 12, 8, 4, 4}, 2), flexarm_test::body(0.2, {0.04, 0, 0.01}));
   check_arm(Arm(std::move(many)), {}, true);
@@ -184,7 +183,7 @@ TEST_CASE("a step that fails throws nothing and asks for nothing") {
 }
 
 TEST_CASE("joints that stick and slide within steps ask nothing of the system") {
-  for (const double height : {0.004, 0.3}) {  // on the fast kernels, and with loads not on them
+  for (const double height : {0.004, 0.3}) {  // without a load, and with one
     JointForce rough;
     rough.coulomb = 0.2;
     rough.stiction = 0.3;

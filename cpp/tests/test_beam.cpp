@@ -1,8 +1,10 @@
 #include <doctest/doctest.h>
 
+#include <Eigen/Geometry>
+
 #include "arms.hpp"
 #include "flexarm/quadrature.hpp"
-#include "flexarm/workspace.hpp"
+#include "oracle/sections.hpp"
 
 using namespace flexarm;
 
@@ -53,16 +55,6 @@ TEST_CASE("clamped-free modes keep their digits: orthogonal up to the fortieth")
 }
 
 TEST_CASE("a slice's Jacobians and convective terms are the derivatives of its motion (Eq. 35-40)") {
-  using D = Tangent;
-  const auto move = [](const Beam& b, const SliceTable& table, const Eigen::Vector3d& origin, const auto* q,
-                       const auto* dq, auto& out) {
-    using S = std::decay_t<decltype(*q)>;
-    if (!b.series()) return move_slice(table, origin, q, dq, true, out);
-    Series<S> series(*b.series(), b.ne());
-    fill_series(*b.series(), q, dq, series);
-    if (table.plane == Plane::none) return move_slice(table, origin, b.order(), series, out);
-    move_planar_slice(table, origin, series, q, dq, true, out);
-  };
   using Modes = std::array<int, kStrains>;
   for (const auto& [order, modes] : std::vector<std::pair<int, Modes>>{{1, {2, 2, 2, 1, 1}},
                                                                        {2, {2, 2, 2, 1, 1}},
@@ -80,26 +72,21 @@ TEST_CASE("a slice's Jacobians and convective terms are the derivatives of its m
     const int ne = b.ne();
     const Eigen::Vector3d origin(0.1, -0.2, 0.3);
     const Eigen::VectorXd q = flexarm_test::wave(ne, 0.3, 0.4), dq = flexarm_test::wave(ne, 1.1, 0.6);
-    // along q + e dq, with constant dq: d/de of x is u_dot, of R gives Omega, of u_dot and Omega the
-    // convective terms
-    VecX<D> qd(ne), dqd(ne);
-    for (int i = 0; i < ne; ++i) {
-      qd[i] = D(q[i]);
-      qd[i].d[0] = dq[i];
-      dqd[i] = D(dq[i]);
-    }
-    Slice<D> s(ne);
-    move(b, table, origin, qd.data(), dqd.data(), s);
-    Slice<double> p(ne);
-    move(b, table, origin, q.data(), dq.data(), p);
-    Mat3<double> R_dot;
-    for (int i = 0; i < 3; ++i) {
-      CHECK(s.x[i].d[0] == doctest::Approx(p.u_dot[i]).epsilon(1e-12));
-      CHECK(s.u_dot[i].d[0] == doctest::Approx(p.u_bias[i]).epsilon(1e-12));
-      CHECK(s.Omega[i].d[0] == doctest::Approx(p.Omega_bias[i]).epsilon(1e-10));
-      for (int j = 0; j < 3; ++j) R_dot(i, j) = s.R(i, j).d[0];
-    }
-    CHECK((R_dot * p.R.transpose() - tilde(p.Omega)).norm() < 1e-12);
+    oracle::Sections sections(b);
+    const auto at = [&](double e) {  // along q + e dq, with constant dq
+      sections.move(q + e * dq, dq);
+      return sections.at(table).from(origin);
+    };
+    const double h = 1e-4;
+    const oracle::Section p = at(0.0), up = at(h), down = at(-h), far_up = at(2 * h), far_down = at(-2 * h);
+    const auto slope = [&](const auto& field) {
+      return ((8.0 * (field(up) - field(down)) - (field(far_up) - field(far_down))) / (12.0 * h)).eval();
+    };
+    using S = const oracle::Section&;
+    CHECK((slope([](S s) { return s.x; }) - p.u_dot).norm() < 1e-11);
+    CHECK((slope([](S s) { return s.u_dot; }) - p.u_bias).norm() < 1e-11);
+    CHECK((slope([](S s) { return s.Omega; }) - p.Omega_bias).norm() < 1e-10);
+    CHECK((slope([](S s) { return s.R; }) * p.R.transpose() - tilde(p.Omega)).norm() < 1e-10);
     CHECK((p.R * p.R.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-13);
     CHECK((p.J.topRows<3>() * dq - p.u_dot).norm() < 1e-14);
     CHECK((p.J.bottomRows<3>() * dq - p.Omega).norm() < 1e-14);
@@ -121,13 +108,16 @@ TEST_CASE("position follows the strains: order 2 against the integral of R [1, p
     for (int i = 0; i < n; ++i) {  // midpoint rule
       const Eigen::VectorXd e = b.slice_at((i + 0.5) * h).strains * q;
       const Eigen::Vector3d half = 0.5 * h * e.head<3>(), full = h * e.head<3>();
-      const Eigen::Matrix3d Rm = R * rotation(half, RotationCoefficients<double>(half.squaredNorm()));
+      const auto turned = [](const Eigen::Vector3d& t) {
+        return Eigen::AngleAxisd(t.norm(), t.normalized()).toRotationMatrix();
+      };
+      const Eigen::Matrix3d Rm = R * turned(half);
       x += h * Rm * Eigen::Vector3d(1.0, e[3], e[4]);
-      R = R * rotation(full, RotationCoefficients<double>(full.squaredNorm()));
+      R = R * turned(full);
     }
-    Slice<double> tip(b.ne());
-    const Eigen::VectorXd still = Eigen::VectorXd::Zero(b.ne());
-    move_slice(b.tip(), Eigen::Vector3d::Zero(), q.data(), still.data(), true, tip);
+    oracle::Sections sections(b);
+    sections.move(q, Eigen::VectorXd::Zero(b.ne()));
+    const oracle::Section tip = sections.at(b.tip());
     error[run] = (tip.x - x).norm();
     turn[run] = (tip.R - R).norm();
   }

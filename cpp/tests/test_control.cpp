@@ -47,8 +47,8 @@ TEST_CASE("feedback is a force: every algorithm agrees with the same force appli
   forward_dynamics_ci(arm, with, q, v, tau);
   CHECK((with.a - without.a).norm() <= 1e-9 * without.a.norm());
   const Eigen::VectorXd a = without.a;
-  inverse_dynamics<double>(arm, without, q, v, a);
-  inverse_dynamics<double>(arm, with, q, v, a);
+  inverse_dynamics(arm, without, q, v, a);
+  inverse_dynamics(arm, with, q, v, a);
   CHECK((without.tau - law(0.3, q, v) * law.column - with.tau).norm() <= 1e-14 * without.tau.norm());
 }
 
@@ -85,7 +85,7 @@ TEST_CASE("the implicit step's matrix has the slopes of feedback, whatever joins
     Workspace without(arm, prescribed), with(arm, prescribed);
     with.feed_back(laws);
     for (Workspace* ws : {&without, &with}) {
-      move_arm<double>(arm, *ws, q, v);
+      move_arm(arm, *ws, q, v);
       REQUIRE(factor_shifted(arm, *ws, q, v, shift) == Status::ok);
     }
     const Eigen::VectorXd r = flexarm_test::wave(arm.nv(), 0.8);

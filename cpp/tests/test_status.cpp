@@ -153,7 +153,7 @@ TEST_CASE("a factorisation of what is not finite is not one") {
   for (double bad : {std::nan(""), kInf, 1e200}) {
     Eigen::VectorXd q = flexarm_test::wave(arm.nq(), 0.3);
     q[2] = bad;
-    move_arm<double>(arm, ws, q, v);
+    move_arm(arm, ws, q, v);
     CHECK(factor_shifted(arm, ws, q, v, {1e-3, 1e-5}) == Status::not_finite);
   }
 }

@@ -30,8 +30,8 @@ void check_solve(const Arm& arm, const Eigen::VectorXd& q, const std::vector<boo
   for (double h : {0.0, 1e-3, 1.0}) {
     const Shift shift{0.5 * h, 0.25 * h * h};
     Workspace ws(arm, prescribed), other(arm);
-    move_arm<double>(arm, ws, q, v);
-    move_arm<double>(arm, other, q, v);
+    move_arm(arm, ws, q, v);
+    move_arm(arm, other, q, v);
     const Eigen::MatrixXd S = dense(arm, other, shift, passive);
     REQUIRE(factor_shifted(arm, ws, q, v, shift) == Status::ok);
     CHECK(ws.twice_kinetic == doctest::Approx(v.dot(other.M * v)).epsilon(1e-12));

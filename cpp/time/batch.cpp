@@ -1,5 +1,6 @@
 #include "flexarm/batch.hpp"
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
@@ -12,7 +13,6 @@
 #include "flexarm/check.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "flexarm/step.hpp"
-#include "system.hpp"
 
 namespace flexarm {
 
@@ -53,213 +53,43 @@ struct Shared {
   }
 };
 
-bool differs(const BatchTable& t) { return t.scenario != 0; }
-bool changes(const BatchTable& t) { return t.time != 0; }
-
-/// One thread's memory, and the scenarios it runs one after the other.
+/// One thread's memory, and the scenarios it runs.
 class Worker {
  public:
   Worker(Shared& shared, bool calling)
       : shared_(shared),
-        p_(shared.problem),
         calling_(calling),
-        group_(LaneGroup::width(shared.problem)),
-        lanes_(shared.problem, shared.out, [this](long steps) {
-          shared_.done += steps;
-          if (calling_) shared_.look_around();
-          return !shared_.stop;
-        }) {
-    for (const BatchForce& f : p_.forces) {
-      own_laws_ = own_laws_ || differs(f.column);
-      varies_ = varies_ || changes(f.value);
-    }
-    for (const BatchLoad& l : p_.loads) {
-      own_laws_ = own_laws_ || l.places.size() > 1;
-      varies_ = varies_ || changes(l.wrench);
-    }
-    for (const BatchMotion& m : p_.motions) varies_ = varies_ || changes(m.value);
-    for (const BatchFeedback& f : p_.feedback) {
-      own_laws_ = own_laws_ || differs(f.column) || differs(f.by_q) || differs(f.by_v) || differs(f.limit);
-      varies_ = varies_ || changes(f.reference);
-    }
-  }
+        width_(LaneGroup::width(shared.problem)),
+        group_(shared.problem, shared.out, [this](long steps) { return tell(steps); }) {}
 
   void run() {
+    const Index all = shared_.problem.scenarios;
     while (!shared_.stop) {
-      const Index first = shared_.next.fetch_add(group_);
-      if (first >= p_.scenarios) return;
-      run_group(first, std::min(group_, p_.scenarios - first));
+      const Index first = shared_.next.fetch_add(width_);
+      if (first >= all) return;
+      run_scenarios(first, std::min(first + width_, all));
     }
   }
   const BatchStats& stats() const { return stats_; }
 
  private:
-  /// Side by side where the kernels know the arms, one after the other where not.
-  void run_group(Index first, Index count) {
-    for (const Index end = first + count; first < end;) {
-      const Index side_by_side = group_ > 1 ? lanes_.alike(first, end - first) : 0;
-      if (side_by_side > 0) {
-        lanes_.run(first, side_by_side, stats_);
-        first += side_by_side;
-        continue;
-      }
-      b_ = first++;
-      prepare();
-      const BatchStatus status = run_scenario();
-      if (shared_.out.status) shared_.out.status[b_] = static_cast<int>(status);
-      if (shared_.out.reached) shared_.out.reached[b_] = p_.times[static_cast<std::size_t>(step_)];
-      fill_rows(p_, shared_.out, b_, row_done_);
-    }
+  bool tell(long steps) {
+    shared_.done += steps;
+    if (calling_) shared_.look_around();
+    return !shared_.stop;
   }
-
-  /// The system and the method, made anew where the arm or the laws are others than before.
-  void prepare() {
-    const Arm* arm = p_.arms[p_.arms.size() == 1 ? 0 : static_cast<std::size_t>(b_)];
-    if (arm == arm_ && !own_laws_) return;
-    const int nq = arm->nq(), nv = arm->nv();
-    const auto vector = [this](const BatchTable& t, int n) {
-      return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(t.at(b_), n));
-    };
-    system_.reset();
-    tau_ = Eigen::VectorXd::Zero(nv);
-    std::vector<Feedback> laws;
-    for (const BatchFeedback& f : p_.feedback) {
-      Feedback law{vector(f.column, nv), vector(f.by_q, nq), vector(f.by_v, nv)};
-      law.reference = [this, &f](double) { return *f.reference.at(b_, half_); };
-      law.limit = *f.limit.at(b_);
-      laws.push_back(std::move(law));
+  void run_scenarios(Index first, Index end) {
+    while (first < end) {
+      const Index alike = group_.alike(first, end - first);
+      group_.run(first, alike, stats_);
+      first += alike;
     }
-    drives_.clear();
-    for (const BatchMotion& m : p_.motions) {
-      Drive d{m.coordinate, {}, {}};
-      d.motion = [this, &m](double) {
-        const double* value = m.value.at(b_, half_);
-        return MotionValue{value[0], value[1], value[2]};
-      };
-      drives_.push_back(std::move(d));
-    }
-    for (const BatchForce& f : p_.forces) {
-      Drive d{0, {}, [this, &f](double) { return *f.value.at(b_, half_); }};
-      d.column = vector(f.column, nv);
-      drives_.push_back(std::move(d));
-    }
-    loads_.clear();
-    for (const BatchLoad& l : p_.loads)
-      loads_.push_back({l.places[l.places.size() == 1 ? 0 : static_cast<std::size_t>(b_)],
-                        [this, &l](double) { return Vec6<double>(l.wrench.at(b_, half_)); }});
-    control_ = std::make_unique<Control>(std::move(laws), std::vector<Sampler>{}, nv);
-    system_ = std::make_unique<System>(*arm, drives_, loads_, tau_, control_.get());
-    if (arm != arm_) {
-      if (p_.rk4)
-        method_ = std::make_unique<Rk4Step>(*arm, p_.lengths[0]);
-      else
-        method_ = std::make_unique<ImplicitStep>(*arm, p_.lengths[0], ImplicitOptions{p_.spectral_radius, p_.rtol});
-      row_.q.resize(1, nq);
-      for (Trajectory::Rows* x : {&row_.v, &row_.a, &row_.tau, &row_.friction}) x->resize(1, nv);
-      q_ = Eigen::VectorXd(nq);
-      arm_ = arm;
-    }
-    system_->rubbing = method_->rubbing();
-  }
-
-  /// Holds a row of tau. @return whether the forces have changed
-  bool hold(Index row) {
-    const Eigen::Map<const Eigen::VectorXd> tau(p_.tau.at(b_, row), arm_->nv());
-    if (tau_ == tau) return false;
-    tau_ = tau;
-    system_->drive(0.0);
-    return true;
-  }
-
-  BatchStatus run_scenario() {
-    System& s = *system_;
-    const auto steps = static_cast<Index>(p_.lengths.size());
-    const Step::Counts before = method_->counts();
-    const Step::Given given = varies_ ? Step::Given([this](double c) {
-      half_ = 2 * step_ + static_cast<Index>(2.0 * c);
-      system_->drive(0.0);
-    })
-                                      : Step::Given();
-    step_ = row_done_ = half_ = 0;
-    s.q = Eigen::Map<const Eigen::VectorXd>(p_.q0.at(b_), arm_->nq());
-    s.v = Eigen::Map<const Eigen::VectorXd>(p_.v0.at(b_), arm_->nv());
-    tau_ = Eigen::Map<const Eigen::VectorXd>(p_.tau.at(b_, p_.hold[0]), arm_->nv());
-    s.a.setZero();
-    s.ws.a.setZero();
-    s.drive(0.0);
-    Status status = method_->start(s.ws, s.q, s.v, s.tau);
-    long since = 0;
-    bool stopped = false;
-    while (status == Status::ok && write_row() && step_ < steps && !stopped) {
-      const auto k = static_cast<std::size_t>(step_);
-      status = method_->advance(p_.lengths[k], s.ws, s.q, s.v, s.tau, given);
-      if (status != Status::ok) break;
-      ++step_;
-      half_ = 2 * step_;
-      if (step_ < steps && p_.hold[k + 1] != p_.hold[k] && hold(p_.hold[k + 1]))
-        status = method_->jump(s.ws, s.q, s.v, s.tau);
-      ++since;
-      if (pace_.due() || step_ == steps) {
-        shared_.done += since;
-        since = 0;
-        if (calling_) shared_.look_around();
-        stopped = shared_.stop && step_ < steps;
-      }
-    }
-    const Step::Counts& after = method_->counts();
-    stats_.steps += step_;
-    stats_.evaluations += after.evaluations - before.evaluations;
-    stats_.factorisations += after.factorisations - before.factorisations;
-    stats_.iterations += after.iterations - before.iterations;
-    if (stopped) return BatchStatus::not_done;
-    if (status == Status::ok && row_done_ < static_cast<Index>(p_.rows.size())) status = Status::not_finite;
-    return static_cast<BatchStatus>(status);
-  }
-
-  /// Writes the state, if a row is due. @return whether it is finite
-  bool write_row() {
-    if (row_done_ == static_cast<Index>(p_.rows.size()) || p_.rows[static_cast<std::size_t>(row_done_)] != step_)
-      return true;
-    System& s = *system_;
-    q_ = s.q;
-    if (shared_.out.a || shared_.out.tau) {
-      row_.done = 0;
-      const bool good = s.record(row_, false);
-      s.q = q_;
-      if (!good) return false;
-    }
-    for (std::size_t n = 0; n < arm_->size(); ++n) arm_->link(n).joint().normalise(q_.data() + arm_->first_q(n));
-    put(shared_.out.q, q_.data(), arm_->nq());
-    put(shared_.out.v, s.v.data(), arm_->nv());
-    put(shared_.out.a, row_.a.data(), arm_->nv());
-    put(shared_.out.tau, row_.tau.data(), arm_->nv());
-    ++row_done_;
-    return true;
-  }
-
-  void put(double* block, const double* x, int n) const {
-    if (block) std::copy(x, x + n, block + (b_ * static_cast<Index>(p_.rows.size()) + row_done_) * n);
   }
 
   Shared& shared_;
-  const BatchProblem& p_;
   bool calling_;
-  Index group_;  // scenarios taken at once
-  Pace pace_;
-  LaneGroup lanes_;
-  bool own_laws_ = false;  // whether columns or gains differ from scenario to scenario
-  bool varies_ = false;    // whether anything changes within a step
-  Index b_ = 0;            // scenario
-  Index step_ = 0, half_ = 0, row_done_ = 0;
-  const Arm* arm_ = nullptr;
-  std::vector<Drive> drives_;
-  std::vector<LoadDrive> loads_;
-  Eigen::VectorXd tau_;  // held now
-  std::unique_ptr<Control> control_;
-  std::unique_ptr<System> system_;
-  std::unique_ptr<Step> method_;
-  Trajectory row_;     // of one row
-  Eigen::VectorXd q_;  // with quaternions of unit length
+  Index width_;
+  LaneGroup group_;
   BatchStats stats_;
 };
 
@@ -281,8 +111,12 @@ void check(const BatchProblem& p, const BatchOutput& out, int workers) {
   for (const BatchLoad& l : p.loads)
     if (l.places.size() != 1 && static_cast<Index>(l.places.size()) != p.scenarios)
       bad_value("places of a load", l.places.size(), "must be one, or one for each scenario");
+  const auto& methods = OneStep::methods();
+  const auto method =
+      std::find_if(methods.begin(), methods.end(), [&](const auto& m) { return m.name == p.integrator; });
+  if (method == methods.end()) bad_value("integrator", p.integrator, "is none that batches have");
   for (const Arm* arm : p.arms)
-    if (p.rk4) refuse_friction(*arm, "rk4");
+    if (!method->rubs) refuse_friction(*arm, method->name.c_str());
   if (!p.q0.data || !p.v0.data || !p.tau.data) bad_value("q0, v0, tau", "null", "must be given");
   positive("rtol", p.rtol);
   if (!(p.spectral_radius >= 0.0 && p.spectral_radius <= 1.0))

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "flexarm/dry_friction.hpp"
+#include "lanes/methods.hpp"
 
 namespace flexarm {
 
@@ -11,16 +12,22 @@ namespace {
 
 using Index = Eigen::Index;
 
-constexpr int kMostIterations = 20;
+/// Up to so many scenarios, in parts of a pack's lanes, are run one by one, as one is in any case: a pack costs 1.2 to
+/// 3 times what an arm by itself costs (bench/batch/few.py).
+constexpr double kFew = 0.25;
 
 }  // namespace
 
 Index LaneGroup::width(const BatchProblem& p) {
-  return p.lanes && p.loads.empty() && lanes::KernelArm::of(*p.arms[0]) ? lanes::best_kernels().width : 1;
+  const int width = lanes::best_kernels().width;
+  const bool few = static_cast<double>(std::max(p.whole, p.scenarios)) <= std::max(1.0, kFew * width);
+  return p.lanes && !few ? width : 1;
 }
 
-LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::function<bool(long)> alive)
-    : p_(problem), out_(out), alive_(std::move(alive)), kernels_(lanes::best_kernels()), width_(kernels_.width) {
+LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::function<bool(long)> tell)
+    : p_(problem), out_(out), tell_(std::move(tell)), kernels_(lanes::best_kernels()), width_(width(problem)) {
+  one_for_all_ = p_.arms.size() == 1;
+  for (const BatchLoad& l : p_.loads) one_for_all_ = one_for_all_ && l.places.size() == 1;
   const Arm& one = *p_.arms[0];
   std::vector<bool> given(static_cast<std::size_t>(one.nv()), false);
   for (const BatchMotion& m : p_.motions) given[static_cast<std::size_t>(m.coordinate)] = true;
@@ -51,24 +58,39 @@ LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::f
   laws_.resize(w * p_.feedback.size() * static_cast<std::size_t>(2 * one.nv() + one.nq() + 1));
 }
 
-Index LaneGroup::alike(Index first, Index count) const {
-  const lanes::KernelArm* one = lanes::KernelArm::of(arm(first));
-  if (!one) return 0;
-  if (p_.arms.size() == 1) return count;
+Index LaneGroup::alike(Index first, Index count) {
+  if (one_for_all_) {
+    if (!p_.loads.empty() && loaded_.empty()) load(first);
+    return count;
+  }
+  loaded_.clear();
+  const lanes::KernelArm* one = load(first);
   Index n = 1;
   for (; n < count; ++n) {
-    const lanes::KernelArm* other = lanes::KernelArm::of(arm(first + n));
-    if (!other || !other->like(*one)) break;
+    const lanes::KernelArm* other = load(first + n);
+    if (!other->like(*one)) break;
   }
   return n;
 }
 
+const lanes::KernelArm* LaneGroup::load(Index b) {
+  const lanes::KernelArm& bare = lanes::KernelArm::of(arm(b));
+  if (p_.loads.empty()) return &bare;
+  std::vector<Load> loads;
+  for (const BatchLoad& l : p_.loads) loads.push_back(l.places[l.places.size() == 1 ? 0 : static_cast<std::size_t>(b)]);
+  loaded_.push_back(std::make_unique<lanes::KernelArm>(bare.loaded(arm(b), loads)));
+  return loaded_.back().get();
+}
+
 void LaneGroup::pack_numbers() {
-  if (packed_ && p_.arms.size() == 1) return;
+  if (packed_ && one_for_all_) return;
   std::vector<const lanes::KernelArm*> arms;
   for (Index l = 0; l < width_; ++l) {
     const Arm& a = arm(scenario(l));
-    arms.push_back(lanes::KernelArm::of(a));
+    if (p_.loads.empty())
+      arms.push_back(&lanes::KernelArm::of(a));
+    else
+      arms.push_back(loaded_[one_for_all_ ? 0 : static_cast<std::size_t>(std::min(l, count_ - 1))].get());
     double mass = 0.0;
     for (const Link& link : a.links()) mass += link.mass();
     weight_[static_cast<std::size_t>(l)] = mass * a.gravity().squaredNorm();
@@ -80,7 +102,8 @@ void LaneGroup::pack_numbers() {
     for (Index i = 0; i < a.nq(); ++i) farthest_[static_cast<std::size_t>(i * width_ + l)] = a.farthest()[i];
     for (Index i = 0; i < a.nv(); ++i) fastest_[static_cast<std::size_t>(i * width_ + l)] = a.fastest()[i];
   }
-  packed_ = lanes::KernelArm::side_by_side(arms, static_cast<int>(width_), given);
+  packed_ = width_ == 1 ? arms[0]->grouped(kernels_.width, given)
+                        : lanes::KernelArm::side_by_side(arms, static_cast<int>(width_), given);
   pack_friction();
 }
 
@@ -103,7 +126,8 @@ void LaneGroup::pack(const BatchTable& table, Index n, double* out) const {
   }
 }
 
-void LaneGroup::set(long step, long half, double* q, double* v, double* a, double* tau, double* offset) const {
+void LaneGroup::set(long step, long half, double* q, double* v, double* a, double* tau, double* offset,
+                    double* wrenches) {
   const Index nv = static_cast<Index>(coordinate_.size());
   const Index held = p_.hold[static_cast<std::size_t>(step)];
   for (Index l = 0; l < width_; ++l) {
@@ -123,10 +147,13 @@ void LaneGroup::set(long step, long half, double* q, double* v, double* a, doubl
     }
     for (std::size_t k = 0; k < p_.feedback.size(); ++k)
       offset[static_cast<Index>(k) * width_ + l] = *p_.feedback[k].reference.at(b, half);
+    for (std::size_t k = 0; k < p_.loads.size(); ++k)
+      for (Index i = 0; i < 6; ++i)
+        wrenches[(6 * static_cast<Index>(k) + i) * width_ + l] = p_.loads[k].wrench.at(b, half)[i];
   }
 }
 
-bool LaneGroup::jumps(long step, double* changed) const {
+bool LaneGroup::jumps(long step, double* changed) {
   const Index before = p_.hold[static_cast<std::size_t>(step - 1)], now = p_.hold[static_cast<std::size_t>(step)];
   if (before == now) return false;
   bool any = false;
@@ -137,6 +164,18 @@ bool LaneGroup::jumps(long step, double* changed) const {
     any = any || differ;
   }
   return any;
+}
+
+int LaneGroup::wanted(long step) {
+  if (row_ == static_cast<Index>(p_.rows.size()) || p_.rows[static_cast<std::size_t>(row_)] != step) return 0;
+  return out_.a || out_.tau ? 2 : 1;
+}
+
+bool LaneGroup::alive(long step) {
+  if (!pace_.due()) return true;
+  const long news = step - told_;
+  told_ = step;
+  return tell_(news * static_cast<long>(count_));
 }
 
 void LaneGroup::row(const double* q, const double* v, const double* a, const double* tau, const int* status) {
@@ -176,6 +215,7 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   }
   bool varies = false;
   for (const BatchForce& f : p_.forces) varies = varies || f.value.time != 0;
+  for (const BatchLoad& l : p_.loads) varies = varies || l.wrench.time != 0;
   for (const BatchMotion& m : p_.motions) varies = varies || m.value.time != 0;
   for (const BatchFeedback& f : p_.feedback) varies = varies || f.reference.time != 0;
   std::fill(status_.begin(), status_.end(), 0);
@@ -184,14 +224,14 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   told_ = 0;
 
   lanes::Roll job{};
+  job.width = static_cast<int>(width_);
   job.layout = &packed_->layout();
   job.numbers = packed_->numbers().data();
   job.length = p_.lengths.data();
   job.steps = static_cast<long>(p_.lengths.size());
-  job.implicit = !p_.rk4;
-  job.spectral_radius = p_.spectral_radius;
-  job.rtol = p_.rtol;
-  job.max_iterations = kMostIterations;
+  job.method = Methods::number(p_.integrator.c_str());
+  job.options.spectral_radius = p_.spectral_radius;
+  job.options.rtol = p_.rtol;
   job.weight = weight_.data();
   job.free = free_.data();
   job.coordinate = coordinate_.data();
@@ -209,43 +249,22 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   job.coulomb = coulomb_.data();
   job.stiction = stiction_.data();
   job.varies = varies;
-  job.context = this;
-  job.set = [](void* self, long step, long half, double* q, double* v, double* a, double* tau, double* offset) {
-    static_cast<LaneGroup*>(self)->set(step, half, q, v, a, tau, offset);
-  };
-  job.jumps = [](void* self, long step, double* changed) {
-    return static_cast<LaneGroup*>(self)->jumps(step, changed);
-  };
-  job.wanted = [](void* self, long step) {
-    const LaneGroup& g = *static_cast<LaneGroup*>(self);
-    if (g.row_ == static_cast<Index>(g.p_.rows.size()) || g.p_.rows[static_cast<std::size_t>(g.row_)] != step) return 0;
-    return g.out_.a || g.out_.tau ? 2 : 1;
-  };
-  job.row = [](void* self, const double* q, const double* v, const double* a, const double* tau, const int* status) {
-    static_cast<LaneGroup*>(self)->row(q, v, a, tau, status);
-  };
-  job.alive = [](void* self, long step) {
-    LaneGroup& g = *static_cast<LaneGroup*>(self);
-    if (!g.pace_.due()) return true;
-    const long news = step - g.told_;
-    g.told_ = step;
-    return g.alive_(news * static_cast<long>(g.count_));
-  };
+  job.scenarios = this;
   job.status = status_.data();
   job.reached = reached_.data();
   const std::size_t need = kernels_.roll_memory(job);
   if (need > memory_.size()) memory_ = lanes::Memory(need);
   kernels_.roll(job, memory_.get(), q_.data(), v_.data());
-  alive_((job.steps - told_) * static_cast<long>(count_));
+  tell_((job.steps - told_) * static_cast<long>(count_));
   for (Index l = 0; l < count_; ++l) {
     const std::size_t k = static_cast<std::size_t>(l);
     if (out_.status) out_.status[first + l] = status_[k];
     if (out_.reached) out_.reached[first + l] = p_.times[static_cast<std::size_t>(reached_[k])];
     fill_rows(p_, out_, first + l, rows_done_[k]);
     stats.steps += reached_[k];
-    stats.evaluations += job.evaluations;
-    stats.factorisations += job.factorisations;
-    stats.iterations += job.solves;
+    stats.evaluations += job.work.evaluations;
+    stats.factorisations += job.work.factorisations;
+    stats.iterations += job.work.solves;
   }
 }
 

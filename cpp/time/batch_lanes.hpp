@@ -1,4 +1,4 @@
-// Scenarios of a batch in the lanes of a pack.
+// Scenarios of a batch: in the lanes of a pack, or one by one.
 #pragma once
 
 #include <algorithm>
@@ -32,36 +32,42 @@ class Pace {
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
-/// One thread's pack.
-class LaneGroup {
+/// One thread's arms: a pack, or one.
+class LaneGroup final : lanes::Scenarios {
  public:
-  /// Scenarios that a pack takes; 1 where the kernels do not know the arm or the loads that act on it.
+  /// Scenarios taken at once: those of a pack, or 1 where they are too few for it or lanes are not wanted.
   static Eigen::Index width(const BatchProblem& problem);
 
-  /// @param alive  told about the steps done (of all lanes together); answers false to end the batch
-  LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::function<bool(long)> alive);
+  /// @param tell  told about the steps done (of all lanes together); answers false to end the batch
+  LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::function<bool(long)> tell);
   /// Runs scenarios first .. first + count - 1, at most `width`. Lanes without one repeat the last: a scenario's
   /// results are the same whoever shares the pack with it.
   void run(Eigen::Index first, Eigen::Index count, BatchStats& stats);
-  /// How many of these scenarios, from the first on, have arms of one structure; 0 where the kernels do not know it.
-  Eigen::Index alike(Eigen::Index first, Eigen::Index count) const;
+  /// How many of these scenarios, from the first on, have arms of one structure. To be asked before `run`.
+  Eigen::Index alike(Eigen::Index first, Eigen::Index count);
 
  private:
   void pack_numbers();
   void pack_friction();
   const Arm& arm(Eigen::Index b) const { return *p_.arms[p_.arms.size() == 1 ? 0 : static_cast<std::size_t>(b)]; }
   Eigen::Index scenario(Eigen::Index lane) const { return first_ + std::min(lane, count_ - 1); }
-  void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset) const;
-  bool jumps(long step, double* changed) const;
-  void row(const double* q, const double* v, const double* a, const double* tau, const int* status);
+  void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset,
+           double* wrenches) override;
+  bool jumps(long step, double* changed) override;
+  int wanted(long step) override;
+  void row(const double* q, const double* v, const double* a, const double* tau, const int* status) override;
+  bool alive(long step) override;
+  const lanes::KernelArm* load(Eigen::Index b);  ///< the arm of a scenario with its loads
   void pack(const BatchTable& table, Eigen::Index n, double* out) const;
 
   const BatchProblem& p_;
   const BatchOutput& out_;
-  std::function<bool(long)> alive_;
+  std::function<bool(long)> tell_;
   const lanes::Kernels& kernels_;
   Eigen::Index width_, first_ = 0, count_ = 1;
   std::optional<lanes::KernelArm> packed_;
+  bool one_for_all_ = true;                                ///< one arm, with loads at the same places
+  std::vector<std::unique_ptr<lanes::KernelArm>> loaded_;  ///< with loads: that one, or of each scenario
   lanes::Memory memory_;
   std::vector<double> weight_, laws_, coulomb_, stiction_, q_, v_, farthest_, fastest_;
   std::vector<int> rubbing_;  // rates with dry friction in any scenario; first those that are not prescribed

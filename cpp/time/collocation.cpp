@@ -2,11 +2,11 @@
 
 #include <cmath>
 
+#include "arrays.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "flexarm/quadrature.hpp"
-#include "sweeps.hpp"
 
 namespace flexarm {
 
@@ -65,7 +65,7 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
   a_.colwise() = ws.a;
   q_.colwise() = q;
   std::vector<Load> loads;
-  for (const AppliedLoad<double>& l : ws.loads) loads.push_back(l.load);
+  for (const AppliedLoad& l : ws.loads) loads.push_back(l.load);
   derivatives_.emplace(*arm_, loads);
   offsets_.setZero(static_cast<Eigen::Index>(ws.feedback.size()), s_);
   wrenches_.assign(static_cast<std::size_t>(s_), std::vector<Vec6<double>>(loads.size(), Vec6<double>::Zero()));
@@ -148,8 +148,7 @@ void CollocationStep::differentiate(Workspace& ws) {
   add_feedback_slopes(ws.feedback, qs_, vs_, derivatives_->dq, derivatives_->dv);
   coordinate_rate_jacobians(*arm_, qs_, vs_, rate_by_q_, rate_by_v_);
   K_full_.noalias() = derivatives_->dq * rate_by_v_;
-  move_arm<double>(*arm_, ws, qs_, vs_);
-  composite_mass_matrix(*arm_, ws);
+  composite_mass_matrix(*arm_, ws, qs_);
   M_all_ = ws.M;
   const Eigen::Index n = M_.rows();
   for (Eigen::Index k = 0; k < n; ++k)
@@ -208,8 +207,7 @@ bool CollocationStep::believable(double h, Workspace& ws) {
       if (forward_dynamics(*arm_, ws, qs_, vs_, as_) != Status::ok) return false;
       as_ = ws.a;
       if (i == 0) {
-        move_arm<double>(*arm_, ws, qs_, vs_);
-        composite_mass_matrix(*arm_, ws);
+        composite_mass_matrix(*arm_, ws, qs_);
       }
       allowed = std::max(allowed, vs_.dot(ws.M * vs_) + h * h * as_.dot(ws.M * as_));
     }
@@ -251,7 +249,7 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
       vs_ = v_.col(i);
       as_ = a_.col(i);
       set_forces(i, ws);
-      inverse_dynamics<double>(*arm_, ws, qs_, vs_, as_);
+      inverse_dynamics(*arm_, ws, qs_, vs_, as_);
       ++counts_.evaluations;
       for (Eigen::Index k = 0; k < n; ++k) {
         const int row = ws.free[static_cast<std::size_t>(k)];

@@ -5,10 +5,10 @@
 #include <deque>
 #include <memory>
 
+#include "arrays.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/inverse.hpp"
-#include "sweeps.hpp"
 #include "system.hpp"
 
 namespace flexarm {
@@ -18,7 +18,6 @@ namespace {
 constexpr double kStill = 1e-10;    // speed (rad/s, m/s) below which a freedom may stick
 constexpr double kOneTime = 1e-12;  // parts of the time simulated that are no time at all
 constexpr double kSlack = 1e-9;     // parts of its stiction by which a contact may be held beyond it
-constexpr std::size_t kRounds = 8;  // tries for each contact to find what sticks and what slides
 constexpr std::size_t kMany = 100;  // so many switches
 constexpr const char* kRanAway = "the motion ran away: take a smaller step, or look for what drives it";
 constexpr double kShort = 1e-6;  // in a step, or in so small a part of the time simulated, are no motion
@@ -44,7 +43,12 @@ class Sliding {
  public:
   Sliding(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& tau,
           const std::vector<LoadDrive>& loads, Control* control)
-      : contacts_(contacts(arm, drives)), arm_(arm), drives_(drives), loads_(loads), applied_(tau), control_(control) {}
+      : contacts_(contacts(arm, drives)), arm_(arm), drives_(drives), loads_(loads), applied_(tau), control_(control) {
+    if (none()) return;
+    rests_ = std::make_unique<OneStep>("implicit", arm, 1.0);
+    free_ = std::make_unique<System>(arm, drives, loads, tau, control);
+    free_->rubbing = rests_.get();
+  }
 
   bool none() const { return contacts_.empty(); }
 
@@ -56,28 +60,21 @@ class Sliding {
     return probe_->sample(t);
   }
 
-  /// Which freedoms stick and which slide, from t on; the speeds of those that stick become zero. All that are still
-  /// are held; then, one after the other, the one that this takes most of what it may is let go; and those that would
-  /// then move against their own friction are held again.
+  /// Which freedoms stick and which slide, from t on, as the implicit method has it (contact.hpp); the speeds of those
+  /// that stick become zero.
   /// @param switched  the contact that has come to rest or has been torn loose, or null
   void settle(double t, const Eigen::VectorXd& q, Eigen::VectorXd& v, const Contact* switched) {
-    const Contact* loose = switched && switched->sense == 0 ? switched : nullptr;
+    for (const Contact& c : contacts_)
+      if (!c.given && (&c == switched || std::abs(v[c.coordinate]) <= kStill)) v[c.coordinate] = 0.0;
+    System& s = *free_;
+    s.q = q;
+    s.v = v;
+    s.drive(t);
+    if (s.accelerate() != Status::ok) s.ws.a.setZero();  // the next step says why; what rests stays at rest
     for (Contact& c : contacts_) {
       if (c.given) continue;
-      double& speed = v[c.coordinate];
-      const bool still = &c == switched || std::abs(speed) <= kStill;
-      c.sense = still ? 0 : speed > 0.0 ? 1 : -1;
-      if (still) speed = 0.0;
-    }
-    for (std::size_t round = 0; round < kRounds * contacts_.size(); ++round) {
-      prepare(q);
-      const Eigen::VectorXd held = holding(t, q, v);
-      if (Contact* worst = overburdened(held, loose)) {
-        worst->sense = held[worst->coordinate] > 0.0 ? -1 : 1;
-      } else if (!hold_again(v)) {
-        return;
-      }
-      loose = nullptr;
+      const double speed = v[c.coordinate], along = speed == 0.0 ? s.ws.a[c.coordinate] : speed;
+      c.sense = along > 0.0 ? 1 : along < 0.0 ? -1 : 0;
     }
     prepare(q);
   }
@@ -147,32 +144,6 @@ class Sliding {
   }
 
  private:
-  /// The sticking contact whose hold takes more than its stiction, and most by that; or the loose one.
-  Contact* overburdened(const Eigen::VectorXd& held, const Contact* loose) {
-    Contact* worst = nullptr;
-    double most = 1.0;
-    for (Contact& c : contacts_) {
-      if (c.given || c.sense != 0) continue;
-      if (&c == loose) return &c;
-      const double share = std::abs(held[c.coordinate]) / c.stiction;
-      if (!(share > most)) continue;
-      most = share;
-      worst = &c;
-    }
-    return worst;
-  }
-
-  /// Contacts at rest that were let go, but would be moved against their sense, are held. @return whether there are any
-  bool hold_again(const Eigen::VectorXd& v) {
-    bool any = false;
-    for (Contact& c : contacts_) {
-      if (c.given || v[c.coordinate] != 0.0 || !(probe_->ws.a[c.coordinate] * c.sense < 0.0)) continue;
-      c.sense = 0;
-      any = true;
-    }
-    return any;
-  }
-
   /// Sticking freedoms are prescribed; sliding ones carry a constant force.
   void prepare(const Eigen::VectorXd& q) {
     all_drives_ = drives_;
@@ -197,7 +168,7 @@ class Sliding {
     s.drive(t);
     forward_dynamics_ab(arm_, s.ws, s.q, s.v, s.tau);
     s.a = s.ws.a;
-    joint_forces<double>(arm_, s.ws, s.ws.a);
+    joint_forces(arm_, s.ws, s.ws.a);
     add_feedback(s.ws.feedback, s.q, s.v, 1.0, s.tau);
     return s.ws.tau - s.tau;
   }
@@ -210,7 +181,9 @@ class Sliding {
   std::vector<Drive> all_drives_;
   Eigen::VectorXd tau_;
   Control* control_;
-  std::unique_ptr<System> probe_;
+  std::unique_ptr<OneStep> rests_;  // knows what rests and what slides
+  std::unique_ptr<System> free_;    // with nothing held but what is prescribed
+  std::unique_ptr<System> probe_;   // with what sticks held
   std::vector<const Contact*> switching_;
   bool ran_away_ = false;
 };

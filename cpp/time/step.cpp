@@ -2,91 +2,94 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
+#include "arrays.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/dry_friction.hpp"
-#include "lanes/alpha.hpp"
+#include "lanes/ball.hpp"
+#include "lanes/methods.hpp"
 #include "lanes/single.hpp"
-#include "sweeps.hpp"
 
 namespace flexarm {
 
 namespace {
 
-/// An arm's workspace as the generalised-alpha method sees it.
+/// An arm's workspace as the methods see it (lanes/methods.hpp).
 struct Engine {
   using Scalar = double;
   using Mask = bool;
   const Arm& arm;
   Workspace* ws = nullptr;
-  Eigen::VectorXd q, v, a, r, x;  // the workspace's functions take vectors
+  const lanes::Layout* layout = nullptr;            // the workspace's
+  const double *q_now = nullptr, *v_now = nullptr;  // of the last `inverse`
   const int* free = nullptr;
   int free_count = 0;
+  double weight;
 
-  explicit Engine(const Arm& arm_) : arm(arm_), q(arm.zero()), v(Eigen::VectorXd::Zero(arm.nv())), a(v), r(v), x(v) {}
-  bool fast() const { return ws->fast && ws->feedback.empty(); }
-
-  void place(const double* q0, const double* u, double* out) const {
-    for (std::size_t n = 0; n < arm.size(); ++n) {
-      const Link& link = arm.link(n);
-      const int i = arm.first_q(n), j = arm.first(n), nq = link.joint().nq(), nj = link.nj();
-      link.joint().displace(q0 + i, u + j, out + i);
-      for (int k = 0; k < link.ne(); ++k) out[i + nq + k] = q0[i + nq + k] + u[j + nj + k];
-    }
+  explicit Engine(const Arm& arm_) : arm(arm_) {
+    double mass = 0.0;
+    for (const Link& link : arm.links()) mass += link.mass();
+    weight = mass * arm.gravity().squaredNorm();
   }
-  void inverse(const double* q_, const double* v_, const double* a_, double* tau, bool with_masses) {
-    v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
-    if (fast()) {
-      ws->fast->inverse(q_, v_, a_, tau);
-      return;
-    }
-    q = Eigen::Map<const Eigen::VectorXd>(q_, q.size());
-    a = Eigen::Map<const Eigen::VectorXd>(a_, a.size());
-    inverse_dynamics<double>(arm, *ws, q, v, a, with_masses);
-    Eigen::Map<Eigen::VectorXd>(tau, v.size()) = ws->tau;
+
+  void place(const double* q0, const double* u, double* out) const { displace(*layout, q0, u, out); }
+  void rates(const double* q, const double* v, double* dq) const { ::coordinate_rates(*layout, q, v, dq); }
+  void normalise(double* q) const { ::normalise(*layout, q); }
+  bool accelerate(const double* q, const double* v, const double* tau, double* a) {
+    return forward(*ws, q, v, tau, a) == Status::ok;
+  }
+  void inverse(const double* q, const double* v, const double* a, double* tau, bool) {
+    flexarm::inverse(*ws, q, v, a, tau);
+    q_now = q;
+    v_now = v;
   }
   bool factor(const lanes::Shift& shift, double& twice_kinetic) {
-    if (fast()) return ws->fast->factor(shift, v.data(), twice_kinetic);
-    const bool good = factor_shifted(arm, *ws, q, v, Shift{shift.damping, shift.stiffness}, true) == Status::ok;
+    const bool good = flexarm::factor(arm, *ws, q_now, v_now, shift) == Status::ok;
     twice_kinetic = ws->twice_kinetic;
     return good;
   }
-  void solve(const double* r_, double* x_) {
-    if (fast()) {
-      ws->fast->solve(r_, x_);
-      return;
-    }
-    r = Eigen::Map<const Eigen::VectorXd>(r_, r.size());
-    solve_shifted(arm, *ws, r, x);
-    Eigen::Map<Eigen::VectorXd>(x_, x.size()) = x;
-  }
+  void solve(const double* r, double* x) { flexarm::solve(arm, *ws, r, x); }
 };
 
 }  // namespace
 
-struct ImplicitStep::Iteration {
+/// A method on an engine, whatever its type.
+struct OneStep::Run {
   Engine engine;
-  Alpha<Engine> alpha;
   const std::vector<Rub> rubs;
-  std::vector<int> rubbing, now;  // their rates, those that are not prescribed
-  Eigen::VectorXd x;              // accelerations
-  explicit Iteration(const Arm& arm) : engine(arm), rubs(flexarm::rubs(arm)), x(Eigen::VectorXd::Zero(arm.nv())) {
+  std::vector<int> rubbing, now;         // their rates, those that are not prescribed
+  Contacts<Engine>* contacts = nullptr;  // of a method with friction in its equations
+  const Work* work = nullptr;
+  const double *q0 = nullptr, *v0 = nullptr;
+  Status unsolved = Status::not_converged;
+
+  Run(const Arm& arm, std::vector<Rub> rubs_) : engine(arm), rubs(std::move(rubs_)) {
     rubbing.reserve(rubs.size());
     now.reserve(rubs.size());
   }
+  virtual ~Run() = default;
+  virtual void forget() = 0;
+  virtual bool begin(const double* q, const double* v, const double* tau, double* x) = 0;
+  virtual bool accelerate(const double* q, const double* v, const double* tau, double* x) = 0;
+  virtual bool step(double h, double* q, double* v, const double* tau, double* x, const Given& given) = 0;
+  virtual bool accept(double h, double* v, double* x) = 0;
+  virtual int iterations() const = 0;
 
   /// To be called before anything is done with another workspace.
   void attach(Workspace& ws) {
     engine.ws = &ws;
+    engine.layout = &ws.chain().layout();
     engine.free = ws.free.data();
     engine.free_count = static_cast<int>(ws.free.size());
+    if (!contacts) return;
     now.clear();
     for (const Rub& r : rubs)
       if (std::binary_search(ws.free.begin(), ws.free.end(), r.rate)) now.push_back(r.rate);
     if (now == rubbing) return;
     std::swap(now, rubbing);
-    Contacts<Engine>& c = alpha.contacts;
-    c.lay_out(c.coulomb, rubbing.data(), static_cast<int>(rubbing.size()), alpha.nv);
+    Contacts<Engine>& c = *contacts;
+    c.lay_out(c.coulomb, rubbing.data(), static_cast<int>(rubbing.size()), engine.arm.nv());
     int k = 0;
     for (const Rub& r : rubs) {
       if (k == c.count || c.at[k] != r.rate) continue;
@@ -94,156 +97,137 @@ struct ImplicitStep::Iteration {
       c.stiction[k++] = r.stiction;
     }
   }
-  Status settle(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
-    x = ws.a;
-    const bool good = alpha.settle(engine, q.data(), v.data(), tau.data(), x.data(), true);
-    if (!all_finite(q) || !all_finite(v) || !all_finite(tau) || (good && !all_finite(x))) return Status::not_finite;
-    if (!good) return Status::singular;
-    ws.a = x;
-    return Status::ok;
-  }
 };
 
-ImplicitStep::~ImplicitStep() = default;
-int ImplicitStep::iterations() const { return iteration_->alpha.iterations; }
-ImplicitStep* ImplicitStep::rubbing() { return iteration_->rubs.empty() ? nullptr : this; }
+template <class Row>
+struct OneStep::RunOf final : Run {
+  typename Row::template On<Engine> method;
+  std::vector<double> numbers;
 
-ImplicitStep::ImplicitStep(const Arm& arm, double h, const ImplicitOptions& options)
-    : arm_(&arm),
-      h_(positive("step", h)),
-      options_(options),
-      friction_(Eigen::VectorXd::Zero(arm.nv())),
-      iteration_(std::make_unique<Iteration>(arm)) {
+  RunOf(const Arm& arm, const ImplicitOptions& o)
+      : Run(arm, Row::traits.rubs ? flexarm::rubs(arm) : std::vector<Rub>{}) {
+    numbers.resize(method.scalars(arm.nq(), arm.nv(), static_cast<int>(rubs.size())));
+    method.lay_out(numbers.data(), arm.nq(), arm.nv(), nullptr, 0, {o.spectral_radius, o.rtol, o.max_iterations});
+    contacts = method.friction();
+    work = &method.work;
+    q0 = method.q0;
+    v0 = method.v0;
+    unsolved = static_cast<Status>(method.unsolved);
+  }
+  void forget() override { method.forget(); }
+  bool begin(const double* q, const double* v, const double* tau, double* x) override {
+    return method.begin(engine, q, v, tau, x, true);
+  }
+  bool accelerate(const double* q, const double* v, const double* tau, double* x) override {
+    return method.accelerate(engine, q, v, tau, x, true);
+  }
+  bool step(double h, double* q, double* v, const double* tau, double* x, const Given& given) override {
+    const auto set = [&given](double c) {
+      if (given) given(c);
+    };
+    return method.step(engine, h, q, v, tau, x, set, false);
+  }
+  bool accept(double h, double* v, double* x) override { return method.accept(h, v, x, true); }
+  int iterations() const override { return method.iterations; }
+};
+
+const std::vector<OneStep::Traits>& OneStep::methods() {
+  static const std::vector<Traits> rows = [] {
+    std::vector<Traits> out;
+    for (const MethodTraits& row : Methods::traits)
+      out.push_back({row.name, row.rubs, row.iterates, row.damps, row.limit});
+    return out;
+  }();
+  return rows;
+}
+
+OneStep::OneStep(const std::string& method, const Arm& arm, double h, const ImplicitOptions& options,
+                 DryFriction friction)
+    : arm_(&arm), h_(positive("step", h)), remedy_(Step::remedy()), friction_(Eigen::VectorXd::Zero(arm.nv())) {
   const double rho = options.spectral_radius;
   if (!(rho >= 0.0 && rho <= 1.0)) bad_value("spectral_radius", rho, "must be from 0 to 1");
   positive("rtol", options.rtol);
   if (options.max_iterations < 1) bad_value("max_iterations", options.max_iterations, "must be at least 1");
-  Alpha<Engine>& alpha = iteration_->alpha;
-  numbers_.resize(
-      static_cast<Eigen::Index>(Alpha<Engine>::scalars(arm.nq(), arm.nv(), static_cast<int>(iteration_->rubs.size()))));
-  alpha.lay_out(numbers_.data(), arm.nq(), arm.nv(), nullptr, 0);
-  alpha.o = AlphaOptions::of(rho, options.rtol, options.max_iterations);
-  double mass = 0.0;
-  for (const Link& link : arm.links()) mass += link.mass();
-  alpha.weight = mass * arm.gravity().squaredNorm();
+  const int number = Methods::number(method.c_str());
+  if (number < 0) bad_value("method", method, "is not known");
+  const MethodTraits& traits = Methods::traits[number];
+  if (!traits.rubs && friction == DryFriction::refused) refuse_friction(arm, traits.name);
+  if (traits.limit > 0.0) {
+    std::ostringstream text;
+    text << "take a smaller step (" << traits.name << " is stable below " << traits.limit
+         << " over the highest frequency), or an implicit method";
+    remedy_ = text.str();
+  }
+  Methods::visit(number, [&](auto row) { run_ = std::make_unique<RunOf<decltype(row)>>(arm, options); });
 }
 
-Status ImplicitStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                           const Eigen::VectorXd& tau) {
+OneStep::~OneStep() = default;
+int OneStep::iterations() const { return run_->iterations(); }
+OneStep* OneStep::rubbing() { return run_->rubs.empty() ? nullptr : this; }
+
+Status OneStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
+  run_->forget();
   const Status status = jump(ws, q, v, tau);
-  if (status != Status::ok) return status;
-  iteration_->alpha.contraction = 1.0;
-  iteration_->alpha.scale = 0.0;
-  started_ = true;
-  return Status::ok;
-}
-
-Status ImplicitStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                          const Eigen::VectorXd& tau) {
-  Alpha<Engine>& alpha = iteration_->alpha;
-  const Status status = accelerate(ws, q, v, tau, friction_);
-  if (status != Status::ok) return status;
-  alpha.contacts.end_instant(v.data(), true);
-  alpha.begin(ws.a.data(), true);
-  alpha.h_before = 0.0;
-  return Status::ok;
-}
-
-Status ImplicitStep::accelerate(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                                const Eigen::VectorXd& tau, Eigen::VectorXd& friction) {
-  iteration_->attach(ws);
-  if (iteration_->rubs.empty()) return forward_dynamics(*arm_, ws, q, v, tau);
-  const Status status = iteration_->settle(ws, q, v, tau);
-  report(v, iteration_->alpha.contacts.force, friction);
+  started_ = status == Status::ok;
   return status;
 }
 
-void ImplicitStep::report(const Eigen::VectorXd& v, const double* force, Eigen::VectorXd& friction) const {
+Status OneStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
+  run_->attach(ws);
+  const bool begun = run_->begin(q.data(), v.data(), tau.data(), ws.a.data());
+  if (!all_finite(q) || !all_finite(v)) return Status::not_finite;
+  if (begun) {
+    if (!run_->rubs.empty()) report(v, run_->contacts->before, friction_);
+    return Status::ok;
+  }
+  if (run_->rubs.empty())  // which says why
+    if (const Status status = forward_dynamics(*arm_, ws, q, v, tau); status != Status::ok) return status;
+  return all_finite(tau) && all_finite(ws.a) ? Status::singular : Status::not_finite;
+}
+
+Status OneStep::accelerate(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                           const Eigen::VectorXd& tau, Eigen::VectorXd& friction) {
+  run_->attach(ws);
+  if (run_->rubs.empty()) return forward_dynamics(*arm_, ws, q, v, tau);
+  const bool good = run_->accelerate(q.data(), v.data(), tau.data(), ws.a.data());
+  report(v, run_->contacts->force, friction);
+  if (!all_finite(q) || !all_finite(v) || !all_finite(tau) || (good && !all_finite(ws.a))) return Status::not_finite;
+  return good ? Status::ok : Status::singular;
+}
+
+void OneStep::report(const Eigen::VectorXd& v, const double* force, Eigen::VectorXd& friction) const {
   friction.setZero();
-  for (const Rub& r : iteration_->rubs)  // of those that are prescribed; the others follow
+  for (const Rub& r : run_->rubs)  // of those that are prescribed; the others follow
     friction[r.rate] = v[r.rate] == 0.0 ? 0.0 : -std::copysign(r.coulomb, v[r.rate]);
-  const Contacts<Engine>& contacts = iteration_->alpha.contacts;
+  const Contacts<Engine>& contacts = *run_->contacts;
   for (int c = 0; c < contacts.count; ++c) friction[contacts.at[c]] = force[c];
 }
 
-Status ImplicitStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v,
-                             const Eigen::VectorXd& tau, const Given& given) {
+Status OneStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+                        const Given& given) {
   if (!started_) {
     const Status status = start(ws, q, v, tau);
     if (status != Status::ok) return status;
   }
-  iteration_->attach(ws);
-  Engine& engine = iteration_->engine;
-  Alpha<Engine>& alpha = iteration_->alpha;
-  std::copy(v.begin(), v.end(), alpha.v0);
-  if (given) given(1.0);
-  std::copy(q.begin(), q.end(), alpha.q0);  // free ones are still those of the beginning
-  alpha.predict(engine, h, ws.a.data());
-  const bool good = alpha.iterate(engine, h, q.data(), v.data(), tau.data(), false);
-  counts_.evaluations = alpha.evaluations;
-  counts_.factorisations = alpha.factorisations;
-  counts_.iterations = alpha.solves;
-  const bool arrived = all_finite(q) && all_finite(v) && arm_->within_reach(q, v);
-  if (!good || !arrived) {
-    std::copy(alpha.q0, alpha.q0 + q.size(), q.begin());
-    std::copy(alpha.v0, alpha.v0 + v.size(), v.begin());
+  Run& run = *run_;
+  run.attach(ws);
+  const Work before = *run.work;
+  const bool solved = run.step(h, q.data(), v.data(), tau.data(), ws.a.data(), given);
+  counts_.evaluations += run.work->evaluations - before.evaluations;
+  counts_.factorisations += run.work->factorisations - before.factorisations;
+  counts_.iterations += run.work->solves - before.solves;
+  if (!solved || !arm_->within_reach(q, v)) {
+    std::copy(run.q0, run.q0 + q.size(), q.begin());
+    std::copy(run.v0, run.v0 + v.size(), v.begin());
     const bool sane = all_finite(q) && all_finite(v) && all_finite(tau) && all_finite(ws.a);
-    return good || !sane ? Status::not_finite : Status::not_converged;
+    return solved || !sane ? Status::not_finite : run.unsolved;
   }
-  alpha.end(h, true);
-  std::copy(alpha.a0, alpha.a0 + v.size(), ws.a.begin());
-  if (iteration_->rubs.empty()) return Status::ok;
   Status status = Status::ok;
-  if (alpha.contacts.end_step(v.data(), true)) {  // other forces act from here on
+  if (run.accept(h, v.data(), ws.a.data())) {  // other forces act from here on
     ++counts_.switches;
-    status = iteration_->settle(ws, q, v, tau);
-    alpha.contacts.end_instant(v.data(), true);
-    alpha.begin(ws.a.data(), true);
-  }
-  report(v, alpha.contacts.before, friction_);
-  return status;
-}
-
-Rk4Step::Rk4Step(const Arm& arm, double h, DryFriction friction)
-    : arm_(&arm),
-      h_(positive("step", h)),
-      q0_(arm.zero()),
-      v0_(Eigen::VectorXd::Zero(arm.nv())),
-      dq_(q0_),
-      q_sum_(q0_),
-      v_sum_(v0_) {
-  if (friction == DryFriction::refused) refuse_friction(arm, "rk4");
-}
-
-Status Rk4Step::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
-                        const Given& given) {
-  constexpr double times[] = {0.0, 0.5, 0.5, 1.0}, weights[] = {1.0, 2.0, 2.0, 1.0};
-  q0_ = q;
-  v0_ = v;
-  q_sum_.setZero();
-  v_sum_.setZero();
-  Status status = Status::ok;
-  for (int stage = 0; stage < 4 && status == Status::ok; ++stage) {
-    if (stage > 0) {
-      q = q0_ + times[stage] * h * dq_;
-      v = v0_ + times[stage] * h * ws.a;
-    }
-    if (given) given(times[stage]);
-    status = forward_dynamics(*arm_, ws, q, v, tau);
-    ++counts_.evaluations;
-    coordinate_rates(*arm_, q, v, dq_);
-    q_sum_ += weights[stage] * dq_;
-    v_sum_ += weights[stage] * ws.a;
-  }
-  if (status == Status::singular) status = Status::not_finite;  // no arm is; the motion has run away
-  q = q0_ + h / 6.0 * q_sum_;
-  v = v0_ + h / 6.0 * v_sum_;
-  if (given) given(1.0);
-  for (std::size_t n = 0; n < arm_->size(); ++n) arm_->link(n).joint().normalise(q.data() + arm_->first_q(n));
-  if (!arm_->within_reach(q, v)) status = Status::not_finite;
-  if (status != Status::ok) {
-    q = q0_;
-    v = v0_;
+    status = jump(ws, q, v, tau);
+  } else if (!run.rubs.empty()) {
+    report(v, run.contacts->before, friction_);
   }
   return status;
 }

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 
+#include "arrays.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
-#include "sweeps.hpp"
 
 namespace flexarm {
 
@@ -91,12 +91,13 @@ bool System::record(Trajectory& out, bool composite) {
     return false;
   }
   a = ws.a;
-  if (rubbing) move_arm(arm, ws, q, v);
-  if (rubbing || composite) accelerate_arm<double>(arm, ws, a, -arm.gravity());
-  joint_forces<double>(arm, ws, a);
-  if (!ws.tau.allFinite()) {
-    out.failure = "the forces are no longer finite";
-    return false;
+  if (std::any_of(drives.begin(), drives.end(), [](const Drive& d) { return bool(d.motion); })) {
+    if (rubbing) move_chain(ws, q, v);
+    joint_forces(arm, ws, a);
+    if (!ws.tau.allFinite()) {
+      out.failure = "the forces are no longer finite";
+      return false;
+    }
   }
   ws.total = tau;
   add_feedback(ws.feedback, q, v, 1.0, ws.total);

@@ -18,10 +18,10 @@ struct System {
   const Eigen::VectorXd& constant_tau;
   Control* control;  // or null
   Workspace ws;
-  std::vector<int> free_q;          // coordinates that are not prescribed
-  Eigen::VectorXd q, v, a, tau;     // of all coordinates
-  ImplicitStep* rubbing = nullptr;  // the method, where dry friction is in its equations
-  Eigen::VectorXd friction;         // of that
+  std::vector<int> free_q;       // coordinates that are not prescribed
+  Eigen::VectorXd q, v, a, tau;  // of all coordinates
+  OneStep* rubbing = nullptr;    // the method, where dry friction is in its equations
+  Eigen::VectorXd friction;      // of that
 
   System(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
          const Eigen::VectorXd& tau_, Control* control_ = nullptr);

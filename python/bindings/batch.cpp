@@ -55,8 +55,8 @@ py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const
                const std::vector<double>& times, const std::vector<Eigen::Index>& hold,
                const std::vector<Eigen::Index>& rows, const Table& q0, const Table& v0, const Table& tau,
                const Motions& motions, const Forces& forces, const Loads& loads, const Laws& laws,
-               const std::string& integrator, double spectral_radius, double rtol, bool lanes, py::dict& out,
-               int workers, const py::object& alive) {
+               const std::string& integrator, double spectral_radius, double rtol, bool lanes, py::ssize_t whole,
+               py::dict& out, int workers, const py::object& alive) {
   if (arms.empty()) bad_value("arms", "[]", "must be one, or one for each scenario");
   BatchProblem p{arms, scenarios, lengths, times, hold, rows, {}, {}, {}};
   const int nq = arms[0]->nq(), nv = arms[0]->nv();
@@ -66,10 +66,11 @@ py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const
   for (Eigen::Index row : hold)
     if (row < 0 || (row >= tau.shape(1) && tau.shape(1) != 1)) bad_value("hold", row, "is no row of tau");
   add_drives(p, motions, forces, loads, laws);
-  p.rk4 = integrator == "rk4";
+  p.integrator = integrator;
   p.spectral_radius = spectral_radius;
   p.rtol = rtol;
   p.lanes = lanes;
+  p.whole = whole;
   const py::ssize_t all = scenarios * static_cast<py::ssize_t>(rows.size());
   BatchOutput o;
   o.q = block<double>(out, "q", all * nq);
@@ -102,5 +103,5 @@ void bind_batch(py::module_& m) {
   m.def("batch", &batch, py::arg("arms"), py::arg("scenarios"), py::arg("lengths"), py::arg("times"), py::arg("hold"),
         py::arg("rows"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("motions"), py::arg("forces"),
         py::arg("loads"), py::arg("laws"), py::arg("integrator"), py::arg("spectral_radius"), py::arg("rtol"),
-        py::arg("lanes"), py::arg("out"), py::arg("workers"), py::arg("alive"));
+        py::arg("lanes"), py::arg("whole"), py::arg("out"), py::arg("workers"), py::arg("alive"));
 }

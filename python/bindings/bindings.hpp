@@ -14,7 +14,6 @@ namespace py = pybind11;
 /// A batch of vectors, one per row; C-contiguous on the Python side.
 using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-void bind_model(py::module_& m);                    // section, shape, beam, joint, link, arm
-void bind_dynamics(py::class_<flexarm::Arm>& arm);  // ab, ci, inverse, kinematics
-void bind_time(py::module_& m);                     // drive, ida
-void bind_batch(py::module_& m);                    // batch
+void bind_model(py::module_& m);  // section, shape, beam, joint, link, arm
+void bind_time(py::module_& m);   // drive, ida
+void bind_batch(py::module_& m);  // batch

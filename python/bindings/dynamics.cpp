@@ -1,144 +1,120 @@
+#include "evaluation.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
-#include "flexarm/derivatives.hpp"
-#include "interpreter.hpp"
 
 using namespace flexarm;
 
 namespace {
 
-using Cube = py::array_t<double, py::array::c_style>;
-
-Cube cube(Eigen::Index n, Eigen::Index rows, Eigen::Index columns) { return Cube({n, rows, columns}); }
-Eigen::Map<Rows> page(Cube& c, Eigen::Index k) {
-  return {c.mutable_data() + k * c.shape(1) * c.shape(2), static_cast<Eigen::Index>(c.shape(1)),
-          static_cast<Eigen::Index>(c.shape(2))};
-}
-
 /// Loads with their wrenches [f; m], one per row.
 struct Loads {
   const std::vector<Load>& places;
-  const Rows& wrenches;
+  const Vectors& wrenches;
 
-  template <class S>
-  void set(SweepWorkspace<S>& ws) const {
-    for (std::size_t k = 0; k < places.size(); ++k) ws.loads[k].wrench = wrenches.row(static_cast<Eigen::Index>(k));
+  void set(Workspace& ws) const {
+    for (std::size_t k = 0; k < places.size(); ++k) ws.loads[k].wrench = at(k);
   }
+  Vec6<double> at(std::size_t k) const { return rows(wrenches).row(static_cast<Eigen::Index>(k)); }
 };
 
-/// Accelerations of a batch. Columns of `a` that are prescribed are inputs.
-Rows forward(const Arm& arm, const Rows& q, const Rows& v, const Rows& tau, const std::string& method,
-             const std::vector<bool>& prescribed, Rows a, const Loads& loads, Lookout& look) {
+/// Accelerations for generalised forces; of some rates they are prescribed.
+Vectors forward(const PyArm& arm, const Vectors& q, const Vectors& v, const Vectors& tau, const std::string& method,
+                const std::map<int, double>& prescribed, const Loads& loads) {
   const bool ab = method == "ab";
   if (!ab && method != "ci") bad_value("method", "\"" + method + "\"", "must be \"ab\" or \"ci\"");
-  Workspace ws(arm, prescribed, loads.places);
+  std::vector<bool> given(prescribed.empty() ? 0 : static_cast<std::size_t>(arm.nv()));
+  for (const auto& [rate, value] : prescribed) given.at(static_cast<std::size_t>(rate)) = true;
+  const auto lent = arm.workspace({std::move(given), loads.places}, !ab);
+  Workspace& ws = *lent;
   loads.set(ws);
-  for (Eigen::Index k = 0; k < q.rows(); ++k) {
-    look();
-    ws.a = a.row(k);
-    const Status status = ab ? forward_dynamics(arm, ws, q.row(k), v.row(k), tau.row(k))
-                             : forward_dynamics_ci(arm, ws, q.row(k), v.row(k), tau.row(k));
+  Answers out(v, {arm.nv()});
+  for_states(arm, count(q), ab ? 1 : 1 + arm.nv() / 8, [&](Eigen::Index k) {
+    for (const auto& [rate, value] : prescribed) ws.a[rate] = value;
+    const auto qk = rows(q).row(k);
+    const Status status = ab ? forward_dynamics(arm, ws, qk, rows(v).row(k), rows(tau).row(k))
+                             : forward_dynamics_ci(arm, ws, qk, rows(v).row(k), rows(tau).row(k));
     if (status == Status::singular)
-      bad_value("mass matrix at q", q.row(k),
+      bad_value("mass matrix at q", qk,
                 "is not positive definite in double precision (at order 0: deflected beyond what its cut kinetic "
                 "energy allows)");
     if (status != Status::ok)
-      bad_value("accelerations at q", q.row(k), "are not finite; coordinates, rates or forces are too large");
-    a.row(k) = ws.a;
-  }
-  return a;
+      bad_value("accelerations at q", qk, "are not finite; coordinates, rates or forces are too large");
+    out[k] = ws.a.transpose();
+  });
+  return out.all();
 }
 
-/// Runs visit(row, slice) for every row of q, the arm at rest or moving at v, with the slice of `link` at x metres
-/// along its beam, or its end. Without the interpreter's lock.
+/// Runs visit(k, workspace, place) for every state, the arm at rest or moving at v, with the slice of `link` at x
+/// metres along its beam, or its end.
 template <class Visit>
-void at_slice(const Arm& arm, const Rows& q, const Rows* v, std::size_t link, std::optional<double> x, Workspace& ws,
+void at_slice(const PyArm& arm, const Vectors& q, const Vectors* v, std::size_t link, std::optional<double> x,
               const Visit& visit) {
-  const Link& l = arm.link(link);
-  SliceTable table;
-  Slice<double> slice(l.ne());
-  if (x) table = l.slice_at(*x);
+  const PlacedSlice at(arm, link, x);
   Eigen::VectorXd rates = Eigen::VectorXd::Zero(arm.nv());
-  Lookout look;
-  const Unlocked free;
-  for (Eigen::Index k = 0; k < q.rows(); ++k) {
-    look();
-    if (v) rates = v->row(k);
-    move_arm<double>(arm, ws, q.row(k), rates);
-    const LinkState<double>& s = ws.links[link];
-    if (x) l.move_slice(table, s, true, slice);
-    visit(k, x ? slice : s.end);
-  }
+  const auto lent = arm.workspace();
+  Workspace& ws = *lent;
+  for_states(arm, count(q), 1, [&](Eigen::Index k) {
+    if (v) rates = rows(*v).row(k);
+    move_arm(arm, ws, rows(q).row(k), rates);
+    visit(k, ws, at);
+  });
 }
 
 /// Forces and accelerations.
-void bind_forces(py::class_<Arm>& arm) {
+void bind_forces(py::class_<PyArm, Arm>& arm) {
+  arm.def("one_state", &PyArm::one_state, py::arg("named"), py::arg("balls"));
+
   arm.def(
       "forward_dynamics",
-      [](const Arm& self, const Rows& q, const Rows& v, const Rows& tau, const std::string& method,
-         const std::vector<bool>& prescribed, const Rows& a, const std::vector<Load>& loads, const Rows& wrenches) {
-        Lookout look;  // while the thread has the lock
-        const Unlocked free;
-        return forward(self, q, v, tau, method, prescribed, a, {loads, wrenches}, look);
-      },
-      py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("method"), py::arg("prescribed"), py::arg("a"),
-      py::arg("loads") = std::vector<Load>{}, py::arg("wrenches") = Rows(0, 6));
+      [](const PyArm& self, const Vectors& q, const Vectors& v, const Vectors& tau, const std::string& method,
+         const std::map<int, double>& prescribed, const std::vector<Load>& loads,
+         const Vectors& wrenches) { return forward(self, q, v, tau, method, prescribed, {loads, wrenches}); },
+      py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("method") = "ab",
+      py::arg("prescribed") = std::map<int, double>{}, py::arg("loads") = std::vector<Load>{},
+      py::arg("wrenches") = Rows(0, 6));
 
   arm.def(
       "inverse_dynamics",
-      [](const Arm& self, const Rows& q, const Rows& v, const Rows& a, const std::vector<Load>& loads,
-         const Rows& wrenches) {
-        Lookout look;
-        const Unlocked free;
-        SweepWorkspace<double> ws(self, loads);
+      [](const PyArm& self, const Vectors& q, const Vectors& v, const Vectors& a, const std::vector<Load>& loads,
+         const Vectors& wrenches) {
+        Answers tau(v, {self.nv()});
+        const auto lent = self.workspace({{}, loads});
+        Workspace& ws = *lent;
         Loads{loads, wrenches}.set(ws);
-        Rows tau(v.rows(), v.cols());
-        for (Eigen::Index k = 0; k < q.rows(); ++k) {
-          look();
-          inverse_dynamics<double>(self, ws, q.row(k), v.row(k), a.row(k));
-          tau.row(k) = ws.tau;
-        }
-        return tau;
+        for_states(self, count(q), 1, [&](Eigen::Index k) {
+          inverse_dynamics(self, ws, rows(q).row(k), rows(v).row(k), rows(a).row(k));
+          tau[k] = ws.tau.transpose();
+        });
+        return tau.all();
       },
       py::arg("q"), py::arg("v"), py::arg("a"), py::arg("loads") = std::vector<Load>{},
       py::arg("wrenches") = Rows(0, 6));
 
   arm.def(
       "joint_reaction",
-      [](const Arm& self, const Rows& q, const Rows& v, const Rows& a, std::size_t link, bool inboard,
-         const std::vector<Load>& loads, const Rows& wrenches) {
-        Lookout look;
-        const Unlocked free;
-        SweepWorkspace<double> ws(self, loads);
-        Loads{loads, wrenches}.set(ws);
-        Rows out(q.rows(), 6);
-        for (Eigen::Index k = 0; k < q.rows(); ++k) {
-          look();
-          inverse_dynamics<double>(self, ws, q.row(k), v.row(k), a.row(k));
-          const LinkState<double>& s = ws.links[link];
-          Phi<double> joint;
-          if (inboard) {
-            joint.R = s.joint.R;
-            joint.r = s.joint.p;
-          }
-          out.row(k) = joint.inward(s.F);
-        }
-        return out;
+      [](const PyArm& self, const Vectors& q, const Vectors& v, const Vectors& a, std::size_t link, bool inboard,
+         const std::vector<Load>& loads, const Vectors& wrenches) {
+        Answers out(q, {6});
+        JointReactions reaction(self, loads);
+        for (std::size_t k = 0; k < loads.size(); ++k) reaction.set_wrench(k, Loads{loads, wrenches}.at(k));
+        for_states(self, count(q), 1, [&](Eigen::Index k) {
+          out[k] = reaction(self, rows(q).row(k), rows(v).row(k), rows(a).row(k), link, inboard).transpose();
+        });
+        return out.all();
       },
       py::arg("q"), py::arg("v"), py::arg("a"), py::arg("link"), py::arg("inboard"),
       py::arg("loads") = std::vector<Load>{}, py::arg("wrenches") = Rows(0, 6));
 
   arm.def(
       "inverse_derivatives",
-      [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
-         const std::vector<Load>& loads, const Rows& wrenches, bool by_v) {
-        InverseDerivatives d(self, loads);
-        {
-          const Unlocked free;
-          for (std::size_t k = 0; k < loads.size(); ++k) d.set_wrench(k, wrenches.row(static_cast<Eigen::Index>(k)));
-          d(self, q, v, a, by_v);
-        }
+      [](const PyArm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
+         const std::vector<Load>& places, const Vectors& wrenches, bool by_v) {
+        const auto lent = self.derivatives(places);
+        InverseDerivatives& d = *lent;
+        const Loads loads{places, wrenches};
+        for (std::size_t k = 0; k < places.size(); ++k) d.set_wrench(k, loads.at(k));
+        for_states(self, 1, self.nv(), [&](Eigen::Index) { d(self, q, v, a, by_v); });
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
       py::arg("q"), py::arg("v"), py::arg("a"), py::arg("loads") = std::vector<Load>{},
@@ -146,28 +122,23 @@ void bind_forces(py::class_<Arm>& arm) {
 
   arm.def(
       "mass_matrix",
-      [](const Arm& self, const Rows& q) {
-        Cube out = cube(q.rows(), self.nv(), self.nv());
-        Lookout look;
-        const Unlocked free;
-        Workspace ws(self);
-        const Eigen::VectorXd zero = Eigen::VectorXd::Zero(self.nv());
-        for (Eigen::Index k = 0; k < q.rows(); ++k) {
-          look();
-          move_arm<double>(self, ws, q.row(k), zero);
-          composite_mass_matrix(self, ws);
-          page(out, k) = ws.M;
-        }
-        return out;
+      [](const PyArm& self, const Vectors& q) {
+        Answers out(q, {self.nv(), self.nv()});
+        const auto lent = self.workspace({}, true);
+        for_states(self, count(q), 1 + self.nv() / 8, [&](Eigen::Index k) {
+          composite_mass_matrix(self, *lent, rows(q).row(k));
+          out[k] = (*lent).M;
+        });
+        return out.all();
       },
       py::arg("q"));
 }
 
 /// How sections move.
-void bind_motion(py::class_<Arm>& arm) {
+void bind_motion(py::class_<PyArm, Arm>& arm) {
   arm.def(
       "rates",
-      [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+      [](const PyArm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
         Eigen::VectorXd dq(self.nq());
         Eigen::MatrixXd by_q(self.nq(), self.nq()), by_v(self.nq(), self.nv());
         coordinate_rates(self, q, v, dq);
@@ -178,138 +149,125 @@ void bind_motion(py::class_<Arm>& arm) {
 
   arm.def(
       "frame",
-      [](const Arm& self, const Rows& q, std::size_t link, std::optional<double> x) {
-        Rows p(q.rows(), 3);
-        Cube R = cube(q.rows(), 3, 3);
-        Workspace ws(self);
-        at_slice(self, q, nullptr, link, x, ws, [&](Eigen::Index k, const auto& slice) {
-          const Pose<double> pose = slice_pose<double>(ws, link, slice);
-          p.row(k) = pose.p;
-          page(R, k) = pose.R;
+      [](const PyArm& self, const Vectors& q, std::size_t link, std::optional<double> x) {
+        Answers p(q, {3}), R(q, {3, 3});
+        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const PlacedSlice& at) {
+          const Pose pose = slice_pose(ws, at);
+          p[k] = pose.p.transpose();
+          R[k] = pose.R;
         });
-        return py::make_tuple(p, R);
+        return py::make_tuple(p.all(), R.all());
       },
       py::arg("q"), py::arg("link"), py::arg("x"));
 
   arm.def(
       "jacobian",
-      [](const Arm& self, const Rows& q, std::size_t link, std::optional<double> x) {
-        Cube J = cube(q.rows(), 6, self.nv());
-        Workspace ws(self);
-        at_slice(self, q, nullptr, link, x, ws, [&](Eigen::Index k, const auto& slice) {
-          page(J, k) = slice_jacobian<double>(self, ws, link, slice);
+      [](const PyArm& self, const Vectors& q, std::size_t link, std::optional<double> x) {
+        Answers J(q, {6, self.nv()});
+        Mat6X<double> one(6, self.nv());
+        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const PlacedSlice& at) {
+          slice_jacobian(self, ws, at, one);
+          J[k] = one;
         });
-        return J;
+        return J.all();
       },
       py::arg("q"), py::arg("link"), py::arg("x"));
 
   arm.def(
       "slice_motion",
-      [](const Arm& self, const Rows& q, const Rows& v, const Rows& a, std::size_t link, std::optional<double> x) {
-        Rows velocity(q.rows(), 6), acceleration(q.rows(), 6);
-        Workspace ws(self);
-        at_slice(self, q, &v, link, x, ws, [&](Eigen::Index k, const auto& slice) {
-          const Eigen::VectorXd ak = a.row(k);
-          accelerate_arm<double>(self, ws, ak, Eigen::Vector3d::Zero());
-          const SliceMotion<double> m = slice_motion<double>(self, ws, link, slice, ak);
-          velocity.row(k) = m.velocity;
-          acceleration.row(k) = m.acceleration;
+      [](const PyArm& self, const Vectors& q, const Vectors& v, const Vectors& a, std::size_t link,
+         std::optional<double> x) {
+        Answers velocity(q, {6}), acceleration(q, {6});
+        at_slice(self, q, &v, link, x, [&](Eigen::Index k, Workspace& ws, const PlacedSlice& at) {
+          accelerate_arm(self, ws, rows(a).row(k));
+          const SliceMotion m = slice_motion(self, ws, at);
+          velocity[k] = m.velocity.transpose();
+          acceleration[k] = m.acceleration.transpose();
         });
-        return py::make_tuple(velocity, acceleration);
+        return py::make_tuple(velocity.all(), acceleration.all());
       },
       py::arg("q"), py::arg("v"), py::arg("a"), py::arg("link"), py::arg("x"));
 
   arm.def(
       "motion_derivatives",
-      [](const Arm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
+      [](const PyArm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
          std::size_t link, std::optional<double> x) {
         MotionDerivatives d(self, link, x);
-        {
-          const Unlocked free;
-          d(self, q, v, a);
-        }
+        for_states(self, 1, self.nv(), [&](Eigen::Index) { d(self, q, v, a); });
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
       py::arg("q"), py::arg("v"), py::arg("a"), py::arg("link"), py::arg("x"));
 
   arm.def(
       "jacobian_rate",
-      [](const Arm& self, const Rows& q, const Rows& v, std::size_t link, std::optional<double> x) {
-        Cube out = cube(q.rows(), 6, self.nv());
+      [](const PyArm& self, const Vectors& q, const Vectors& v, std::size_t link, std::optional<double> x) {
+        Answers out(q, {6, self.nv()});
         MotionDerivatives d(self, link, x);
-        Lookout look;
-        const Unlocked free;
-        for (Eigen::Index k = 0; k < q.rows(); ++k) {
-          look();
-          page(out, k) = d.jacobian_rate(self, q.row(k), v.row(k));
-        }
-        return out;
+        for_states(self, count(q), self.nv(),
+                   [&](Eigen::Index k) { out[k] = d.jacobian_rate(self, rows(q).row(k), rows(v).row(k)); });
+        return out.all();
       },
       py::arg("q"), py::arg("v"), py::arg("link"), py::arg("x"));
 }
 
 /// Of the whole arm, and of its beams.
-void bind_sums(py::class_<Arm>& arm) {
+void bind_sums(py::class_<PyArm, Arm>& arm) {
   arm.def(
       "energy",
-      [](const Arm& self, const Rows& q, const Rows& v) {
-        Lookout look;
-        const Unlocked free;
-        Workspace ws(self);
-        Rows out(q.rows(), 2);
-        for (Eigen::Index k = 0; k < q.rows(); ++k) {
-          look();
-          const Energy e = energy(self, ws, q.row(k), v.row(k));
-          out.row(k) << e.kinetic, e.potential;
-        }
-        return out;
+      [](const PyArm& self, const Vectors& q, const Vectors& v) {
+        Answers out(q, {2});
+        const auto lent = self.workspace();
+        for_states(self, count(q), 1, [&](Eigen::Index k) {
+          const Energy e = energy(self, *lent, rows(q).row(k), rows(v).row(k));
+          out[k] << e.kinetic, e.potential;
+        });
+        return out.all();
       },
       py::arg("q"), py::arg("v"));
 
   arm.def(
       "momentum",
-      [](const Arm& self, const Rows& q, const Rows& v) {
-        Rows out(q.rows(), 6), centre(q.rows(), 3);
-        Workspace ws(self);
-        Lookout look;
-        {
-          const Unlocked free;
-          for (Eigen::Index k = 0; k < q.rows(); ++k) {
-            look();
-            const Momentum m = momentum(self, ws, q.row(k), v.row(k));
-            out.row(k) = m.momentum;
-            centre.row(k) = m.centre_of_mass;
-          }
-        }
-        return py::make_tuple(out, centre);
+      [](const PyArm& self, const Vectors& q, const Vectors& v) {
+        Answers out(q, {6}), centre(q, {3});
+        const auto lent = self.workspace();
+        for_states(self, count(q), 1, [&](Eigen::Index k) {
+          const Momentum m = momentum(self, *lent, rows(q).row(k), rows(v).row(k));
+          out[k] = m.momentum.transpose();
+          centre[k] = m.centre_of_mass.transpose();
+        });
+        return py::make_tuple(out.all(), centre.all());
       },
       py::arg("q"), py::arg("v"));
 
   arm.def(
       "deflection",
-      [](const Arm& self, const Rows& q, std::size_t link, double x) {
-        Rows u(q.rows(), 3);
-        Workspace ws(self);
+      [](const PyArm& self, const Vectors& q, std::size_t link, double x) {
+        Answers u(q, {3});
         const Eigen::Vector3d rest = self.link(link).hub().end + x * Eigen::Vector3d::UnitX();
-        at_slice(self, q, nullptr, link, x, ws, [&](Eigen::Index k, const auto& slice) { u.row(k) = slice.x - rest; });
-        return u;
+        at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const PlacedSlice& at) {
+          u[k] = (slice_in_link(ws, at).p - rest).transpose();
+        });
+        return u.all();
       },
       py::arg("q"), py::arg("link"), py::arg("x"));
 
   arm.def(
       "strain",
-      [](const Arm& self, const Rows& q, std::size_t link, double x) {
+      [](const PyArm& self, const Vectors& q, std::size_t link, double x) {
         const Link& l = self.link(link);
         if (!l.beam()) bad_value("link", link, "has no beam, so no strain");
         const SliceTable table = l.beam()->slice_at(x);
-        return Rows(q.middleCols(self.first_q(link) + l.joint().nq(), l.ne()) * table.strains.transpose());
+        Answers out(q, {kStrains});
+        for (Eigen::Index k = 0; k < count(q); ++k)
+          out[k] = rows(q).row(k).segment(self.first_q(link) + l.joint().nq(), l.ne()) * table.strains.transpose();
+        return out.all();
       },
       py::arg("q"), py::arg("link"), py::arg("x"));
 }
 
 }  // namespace
 
-void bind_dynamics(py::class_<Arm>& arm) {
+void bind_dynamics(py::class_<PyArm, Arm>& arm) {
   bind_forces(arm);
   bind_motion(arm);
   bind_sums(arm);

@@ -1,7 +1,8 @@
+#include "evaluation.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/load.hpp"
-#include "interpreter.hpp"
+#include "flexarm/truncation.hpp"
 
 using namespace flexarm;
 
@@ -154,7 +155,7 @@ void bind_beam(py::module_& m) {
             return out;
           },
           py::arg("x"))
-      .def("truncation", &Beam::truncation, py::arg("q"), py::call_guard<py::gil_scoped_release>())
+      .def("truncation", &truncation, py::arg("q"), py::call_guard<py::gil_scoped_release>())
       .def_property_readonly("damping", &Beam::damping);
 }
 
@@ -209,7 +210,8 @@ void bind_model(py::module_& m) {
   bind_beam(m);
   bind_links(m);
 
-  py::class_<Arm> arm(m, "Arm");
+  py::class_<Arm>(m, "ArmAlone");  // PyArm's base, which what takes an arm asks for
+  py::class_<PyArm, Arm> arm(m, "Arm");
   py::class_<Load>(m, "Load")
       .def_static("at_end", &Load::at_end, py::arg("arm"), py::arg("link"), py::arg("world_axes"))
       .def_static("at_slice", &Load::at_slice, py::arg("arm"), py::arg("link"), py::arg("x"), py::arg("world_axes"))

@@ -246,18 +246,23 @@ py::dict run(const Given& given, bool rubs, double step, const Integrate& integr
   return out;
 }
 
-/// The fixed-step method of a name: a further one has its line here.
+/// The fixed-step method of a name; those of one step have their rows in lanes/methods.hpp.
 std::unique_ptr<Step> make_step(const std::string& integrator, const Arm& arm, double step, double rtol,
                                 double spectral_radius, int stages) {
   constexpr DryFriction ours = DryFriction::left_to_caller;
-  if (integrator == "rk4") return std::make_unique<Rk4Step>(arm, step, ours);
   if (integrator == "gauss") return std::make_unique<CollocationStep>(arm, CollocationOptions{stages, rtol}, ours);
-  return std::make_unique<ImplicitStep>(arm, step, ImplicitOptions{spectral_radius, rtol});
+  return std::make_unique<OneStep>(integrator, arm, step, ImplicitOptions{spectral_radius, rtol}, ours);
 }
 
 }  // namespace
 
 void bind_time(py::module_& m) {
+  py::dict methods;
+  for (const OneStep::Traits& t : OneStep::methods())
+    methods[t.name.c_str()] = py::dict(py::arg("rubs") = t.rubs, py::arg("iterates") = t.iterates,
+                                       py::arg("damps") = t.damps, py::arg("limited") = t.limit > 0.0);
+  m.attr("ONE_STEP") = methods;
+
   py::class_<PiecewisePolynomial>(m, "PiecewisePolynomial")
       .def(py::init<Eigen::VectorXd, Eigen::MatrixXd>(), py::arg("breaks"), py::arg("coefficients"))
       .def(

@@ -76,13 +76,14 @@ def check_finite(field: str, values: Array, scenarios: bool = False) -> None:
 
 def finite(what: str, values: Array) -> Array:
     """The result of a computation, unless it overflowed."""
-    if not np.isfinite(values).all():
+    quick = np.vdot(values, values)  # finite only if all are, and fast
+    if not math.isfinite(quick) and not np.isfinite(values).all():
         raise ValueError(f"{what}: is not finite; the coordinates or rates are too large")
     return values
 
 
-def batch(sizes: Mapping[str, int], **named: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
-    """Arrays (..., n), broadcast over their leading axes: that leading shape, and each as (B, n)."""
+def batch(sizes: Mapping[str, int], **named: ArrayLike) -> list[Array]:
+    """Arrays (..., n), broadcast over their leading axes."""
     arrays = []
     for field, value in named.items():
         a = array(field, value)
@@ -95,10 +96,7 @@ def batch(sizes: Mapping[str, int], **named: ArrayLike) -> tuple[tuple[int, ...]
     except ValueError:
         shapes = ", ".join(f"{k} {a.shape}" for k, a in zip(named, arrays, strict=True))
         raise ValueError(f"leading axes do not fit each other: {shapes}") from None
-    rows = math.prod(lead)  # not -1, which n = 0 leaves open
-    return lead, [
-        np.ascontiguousarray(np.broadcast_to(a, (*lead, a.shape[-1])).reshape(rows, a.shape[-1])) for a in arrays
-    ]
+    return [np.ascontiguousarray(np.broadcast_to(a, (*lead, a.shape[-1]))) for a in arrays]
 
 
 def known_keys(where: str, given: Mapping[str, Any], known: Iterable[str]) -> None:
@@ -123,7 +121,8 @@ def named(path: Any, *suffixes: str) -> Path:
 
 
 def choice(field: str, value: Any, known: Iterable[str]) -> str:
-    known, value = list(known), plain(value)
+    known = tuple(known)
+    value = value if type(value) is str else plain(value)
     if isinstance(value, str) and value in known:
         return value
     near = difflib.get_close_matches(str(value), known, n=1)

@@ -1,4 +1,4 @@
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from numpy import float64
@@ -10,6 +10,7 @@ __version__: str
 STRAINS: tuple[str, ...]  # names of the strain fields, in the order of a beam's coordinates
 STRAIN_NAMES: tuple[str, ...]  # of the rows of a section's strains
 STRAIN_FIELDS: tuple[StrainField, ...]  # in the order of STRAINS
+ONE_STEP: dict[str, dict[str, bool]]  # methods that batches have, too, by name: rubs, iterates, damps, limited
 
 class StrainField:
     def __init__(self, *args: Any, **kwargs: Any) -> None: ...  # made by the core alone
@@ -186,7 +187,10 @@ class Link:
     @property
     def mass(self) -> float: ...
 
-class Arm:
+class ArmAlone:
+    def __init__(self, *args: Any, **kwargs: Any) -> None: ...  # raises TypeError; the base of what follows
+
+class Arm(ArmAlone):
     def __init__(self, links: Sequence[Link], gravity: ArrayLike) -> None: ...
     @property
     def nq(self) -> int: ...
@@ -203,14 +207,14 @@ class Arm:
     def coordinate_of(self, rate: int) -> int: ...
     def farthest_out(self, q: ArrayLike, v: ArrayLike) -> str: ...
     def rates(self, q: ArrayLike, v: ArrayLike) -> tuple[_Array, _Array, _Array]: ...
+    def one_state(self, named: dict[str, Any], balls: bool) -> bool: ...
     def forward_dynamics(
         self,
         q: ArrayLike,
         v: ArrayLike,
         tau: ArrayLike,
-        method: str,
-        prescribed: Sequence[bool],
-        a: ArrayLike,
+        method: str = ...,
+        prescribed: Mapping[int, float] = ...,
         loads: Sequence[Load] = ...,
         wrenches: ArrayLike = ...,
     ) -> _Array: ...
@@ -344,6 +348,7 @@ def batch(
     spectral_radius: float,
     rtol: float,
     lanes: bool,
+    whole: int,
     out: dict[str, Any],
     workers: int,
     alive: Callable[[float], None] | None,

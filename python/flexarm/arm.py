@@ -30,8 +30,8 @@ class Arm(Chain):
     Coordinates q are stacked link by link: the joint's, then the beam's elastic coordinates in the order bending_y,
     bending_z, torsion, shear_y, shear_z (Eq. 33); `coordinates` names their rates. Ball joints have a quaternion, so
     that nq is above nv. Dynamics, energies and kinematics take arrays q (..., nq) and v, a, tau (..., nv) and broadcast
-    over the leading axes; modes, equilibrium, derivatives and linear models are of one state. Bad arguments raise
-    ValueError.
+    over the leading axes; modes, equilibrium, derivatives and linear models are of one state. NumPy arrays of doubles
+    are the fastest to pass. Any number of threads may use an arm at once. Bad arguments raise ValueError.
 
     Args:
         links: from the base to the tip. Their numbers count from 0; -1 is the last one, which is meant where none is
@@ -80,10 +80,9 @@ class Arm(Chain):
 
     # -- dynamics ------------------------------------------------------------------------------------------------------
 
-    def operation_count(self) -> int | None:
-        """Floating-point operations (+ - * /) of one forward dynamics on the fast kernels; None for arms that these do
-        not know: with balls, or beams of order 0, 3 or "exact"."""
-        return self._core.operation_count() or None
+    def operation_count(self) -> int:
+        """Floating-point operations (+ - * /) of one forward dynamics, without loads."""
+        return self._core.operation_count()
 
     def forward_dynamics(
         self,
@@ -111,23 +110,16 @@ class Arm(Chain):
             ValueError: bad shapes or values, or a singular mass matrix.
         """
         choice("method", method, METHODS)
-        lead, (q, v, tau) = self._batch(q=q, v=v, tau=np.zeros(self.nv) if tau is None else tau)
-        given = [False] * self.nv
-        a = np.zeros_like(v)
-        for i, value in self.by_rate("prescribed", prescribed).items():
-            given[i] = True
-            a[:, i] = array("prescribed", value, ())
-        return self._core.forward_dynamics(q, v, tau, method, given, a, *at_time(self, loads, t)).reshape(
-            *lead, self.nv
-        )
+        q, v, tau = self._batch(q=q, v=v, tau=np.zeros(self.nv) if tau is None else tau)
+        given = {i: float(array("prescribed", a, ())) for i, a in self.by_rate("prescribed", prescribed).items()}
+        return self._core.forward_dynamics(q, v, tau, method, given, *at_time(self, loads, t))
 
     def inverse_dynamics(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, loads: Sequence[Load] | None = None, t: float = 0.0
     ) -> Array:
         """Generalised forces tau = M a + h - J^T loads(t), shape (..., nv), by the sweeps of Eq. 84-87. O(N)."""
-        lead, (q, v, a) = self._batch(q=q, v=v, a=a)
-        tau = self._core.inverse_dynamics(q, v, a, *at_time(self, loads, t))
-        return finite("inverse dynamics", tau).reshape(*lead, self.nv)
+        q, v, a = self._batch(q=q, v=v, a=a)
+        return finite("inverse dynamics", self._core.inverse_dynamics(q, v, a, *at_time(self, loads, t)))
 
     def joint_reaction(
         self,
@@ -147,9 +139,9 @@ class Arm(Chain):
         time t (s).
         """
         choice("side", side, ("outboard", "inboard"))
-        lead, (q, v, a) = self._batch(q=q, v=v, a=a)
+        q, v, a = self._batch(q=q, v=v, a=a)
         F = self._core.joint_reaction(q, v, a, self._link(link), side == "inboard", *at_time(self, loads, t))
-        return finite("joint reaction", F).reshape(*lead, 6)
+        return finite("joint reaction", F)
 
     def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
         """h(q, v) of M a + h = tau, shape (..., nv): inertial, gravity, elastic and damping forces."""

@@ -70,8 +70,15 @@ def test_rollout_does_not_depend_on_workers_neighbours_or_rows():
     two = fa.rollout(arm, q0, tau=tau, step=1e-3, workers=2)
     assert two.stats["workers"] == 2
     np.testing.assert_array_equal(one.q, two.q)
-    alone = fa.rollout(arm, q0[4], tau=tau[4], step=1e-3)
-    np.testing.assert_array_equal(alone.v[0], one.v[4])
+    others = [4, 7, 1, 1, 1]
+    apart = fa.rollout(arm, q0[others], tau=tau[others], step=1e-3)
+    np.testing.assert_array_equal(apart.v[0], one.v[4])
+    np.testing.assert_array_equal(apart.v[1], one.v[7])
+    few = fa.rollout(arm, q0[4], tau=tau[4], step=1e-3)  # so few run one by one
+    assert few.stats["lanes"] == 1
+    close(few.v[0], one.v[4], 1e-12)
+    singly = fa.rollout(arm, q0, tau=tau, step=1e-3, lanes=False)
+    np.testing.assert_array_equal(singly.v[4], few.v[0])
     thin = fa.rollout(arm, q0, tau=tau, step=1e-3, every=7)
     np.testing.assert_array_equal(thin.t, one.t[::7])
     np.testing.assert_array_equal(thin.q, one.q[:, ::7])
@@ -388,16 +395,17 @@ def test_ctrl_c_keeps_what_is_done(integrator, step):
         if share > 0.2:
             os.kill(os.getpid(), signal.SIGINT)
 
-    t, masses = np.linspace(0, 1.0, 1001), {"link.0.tip.mass": np.linspace(0.1, 1, 200)}
+    t, sweep = np.linspace(0, 1.0, 1001), {"link.0.tip.mass": np.linspace(0.1, 1, 200)}
+    how = {"integrator": integrator, "step": step}
     with pytest.raises(fa.BatchInterrupted) as caught:
-        fa.simulate_batch(arm, t, parameters=masses, integrator=integrator, step=step, progress=stop, workers=2)
+        fa.simulate_batch(arm, t, parameters=sweep, progress=stop, workers=2, **how)
     run = caught.value.result
     done = np.flatnonzero(run.status == 0)
     assert 0 < len(done) < 200 and asked and threading.active_count() == before
     assert np.isfinite(run.q[done]).all() and np.isnan(run.q[run.status == 4, -1]).all()
     i = int(done[-1])
-    alone = fa.simulate_batch(run.arm(i), t, integrator=integrator, step=step)
-    np.testing.assert_array_equal(run.q[i], alone.q[0])
+    again = fa.simulate_batch(arm, t, parameters={k: np.repeat(x[i], 5) for k, x in sweep.items()}, **how)
+    np.testing.assert_array_equal(run.q[i], again.q[0])
 
 
 def test_ctrl_c_in_a_rollout():
@@ -520,7 +528,8 @@ def test_ctrl_c_and_the_file(tmp_path):
     assert 0 < done < 60
     run = fa.simulate_batch(two_links(), TIMES, out=path, **sweep)
     assert run.stats["resumed"] == done and not run.status.any()
-    np.testing.assert_array_equal(run.q[-1], fa.simulate_batch(run.arm(59), TIMES, integrator="rk4", step=2e-6).q[0])
+    alone = fa.simulate_batch(run.arm(59), TIMES, integrator="rk4", step=2e-6)
+    np.testing.assert_allclose(run.q[-1], alone.q[0], rtol=0, atol=1e-11 * np.abs(alone.q).max())
 
 
 # -- events ----------------------------------------------------------------------------------------------------------
@@ -597,3 +606,16 @@ def test_counts_of_a_batch_in_chunks():
     chunks = fa.simulate_batch(arm, t, v0=np.full((16, arm.nv), 0.1), workers=1, batch=8)
     for name in ("lanes", "workers", "steps"):
         assert whole.stats[name] == chunks.stats[name]
+
+
+def test_arms_that_move_in_other_planes_have_loads_of_their_own() -> None:
+    """A load along one world axis turns one of two hinges, about z or about -y, whoever shares the pack."""
+    body = fa.RigidBody(1.0, com=(0.5, 0, 0), inertia=(0.1, 0.1, 0.1), end=(1, 0, 0))
+    t, axes = np.linspace(0, 0.1, 11), [(0, 0, 1.0), (0, -1.0, 0)]
+    arms = [fa.Arm([fa.Link(fa.Revolute(axis), body)]) for axis in axes]
+    for wrench in ({"force": (0, 1.0, 0)}, {"force": (0, 0, 1.0)}, {"moment": (0, 0, 1.0)}):
+        options = {"loads": [fa.Load(0, **wrench)], "step": 0.01}
+        alone = [fa.simulate(arm, t, integrator="implicit", **options).q[-1] for arm in arms]
+        assert np.abs(alone[0] - alone[1]) > 1e-3
+        batch = fa.simulate_batch(arms[0], t, parameters={"link.0.joint.axis": axes * 8}, **options)
+        np.testing.assert_allclose(batch.q[:, -1], alone * 8, atol=1e-12)

@@ -13,6 +13,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, pendulum
+from flexarm.choose.chart_search import ChartSearch
 from flexarm.choose.integrators import LINES, line_options
 from flexarm.choose.models import Models
 from flexarm.choose.trials import Run
@@ -201,6 +202,13 @@ def test_a_run_longer_than_the_budget_is_given_up() -> None:
     chart = fa.chart(fa.Scene(arm, t=np.linspace(0, 1e4, 1001)), budget=0.5)
     assert time.perf_counter() - start < 3.0 and chart.truth is None and "No truth" in str(chart)
     assert chart.with_status("cut") and not chart.with_status("ok")
+
+
+def test_an_order_that_was_given_up_stands_for_richer_ones_alone(path: Path) -> None:
+    search = ChartSearch(fa.load(path), "tip", 1.0, lambda used, doing: None)
+    exact, third, second = (search.planned(search.models.uniform(o, 0), "ida", 1e-6, "ab") for o in ("exact", 3, 2))
+    search.trials.note(replace(third, status="cut", time=5.0))
+    assert search.predict(exact) == 5.0 and search.predict(second) == 0.0
 
 
 @pytest.mark.parametrize("calls", [1, 2, 12])

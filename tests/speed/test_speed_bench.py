@@ -98,6 +98,35 @@ def test_a_ratio_says_by_how_much_its_aim_is_missed(bench):
     assert "not measured" in speed_common.ratio(float("nan"), 30.0, below=False)
 
 
+def test_aims_are_of_medians_of_ratios_of_the_same_round(bench):
+    import aims
+
+    times = {"a": np.array([1.0, 2.0, 30.0]), "b": np.array([2.0, 4.0, 5.0])}
+    assert aims.Aim("", 1.0, "a").value(times) == 2.0
+    assert aims.Aim("", 1.0, "a", "b", "one by one").value(times) == 0.5
+    assert aims.Aim("", 1.0, "b", "a", "% more").value(times) == 100.0
+    wanted = aims.aims(["x"], ["y"])
+    assert wanted[-1].work == "python: y" and (wanted[-2].work, wanted[-2].base) == ("one: x", "alone: x")
+
+
+def test_aims_against_exudyn_are_of_its_setting_and_of_fronts(bench):
+    import peer_report
+
+    def run(case, method, error, cpu_s, setting=""):
+        return {"case": case, "method": method, "setting": setting, "error": error, "cpu_s": cpu_s}
+
+    runs = [
+        run("a", *peer_report.EXUDYN[:1], 4e-6, 0.1, peer_report.EXUDYN[1]),
+        run("a", "flexarm gauss", 1e-5, 1e-3),
+        run("a", "flexarm ida", 1e-5, 4e-3),
+        run("a", "flexarm gauss", 1e-4, 1e-4),
+        run("c", "Exudyn exact", 1e-5, 0.05),
+        run("c", "flexarm gauss", 1e-5, 0.01),
+    ]
+    found = [ratio for _, ratio, _ in peer_report.aims(runs)]
+    assert found == pytest.approx([100, 25, None, 5])  # at 1e-6 m neither has a run
+
+
 def test_coordinates_of_rods_are_sorted_for_the_peer(bench):
     import peer_rods
 

@@ -1,5 +1,6 @@
 #include "peer.hpp"
 
+#include <pinocchio/algorithm/aba-derivatives.hpp>
 #include <pinocchio/algorithm/aba.hpp>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
@@ -55,6 +56,17 @@ const Eigen::MatrixXd& Peer::crba(const Eigen::VectorXd& q, bool local) {
 
 const Eigen::VectorXd& Peer::rnea(const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a) {
   return pin::rnea(parts_->model, parts_->data, q, v, a);
+}
+
+void Peer::aba_derivatives(const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
+  pin::computeABADerivatives(parts_->model, parts_->data, q, v, tau);
+}
+
+Eigen::MatrixXd Peer::last_derivatives() const {
+  const Eigen::Index n = parts_->model.nv;
+  Eigen::MatrixXd out(n, 2 * n);
+  out << parts_->data.ddq_dq, parts_->data.ddq_dv;
+  return out;
 }
 
 const char* Peer::version() { return PINOCCHIO_VERSION; }

@@ -24,6 +24,10 @@ class Peer {
   const Eigen::MatrixXd& crba(const Eigen::VectorXd& q, bool local);
   /// Inverse dynamics.
   const Eigen::VectorXd& rnea(const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
+  /// Derivatives of the accelerations by q, v and the forces (of these the upper half), which stay in pinocchio's data.
+  void aba_derivatives(const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau);
+  /// Those by q and by v side by side.
+  Eigen::MatrixXd last_derivatives() const;
   static const char* version();
 
  private:

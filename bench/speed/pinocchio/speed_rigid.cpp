@@ -1,8 +1,8 @@
-// Time of one evaluation: pinocchio's aba, crba and rnea and flexarm's counterparts on the same rigid chains, and
-// flexarm on flexible arms. bench/speed/speed_rigid.py builds and runs it, twice: portable, and for this processor.
-// Prints CSV: a row for each round and function, in nanoseconds of CPU time; all functions in turn, so that ratios hold
-// on a noisy machine. Every function runs over the same 16 states. Pinocchio's algorithms come in two conventions
-// (world and local axes): both are here. A comment line says how far the two programs' answers differ.
+// Time of one evaluation: pinocchio's aba, crba, rnea and computeABADerivatives and flexarm's counterparts on the same
+// rigid chains, and flexarm on flexible arms. bench/speed/speed_rigid.py builds and runs it, twice: portable, and for
+// this processor. Prints CSV: a row for each round and function, in nanoseconds of CPU time; all functions in turn, so
+// that ratios hold on a noisy machine. Every function runs over the same 16 states. Pinocchio's algorithms come in two
+// conventions (world and local axes): both are here. A comment line says how far the two programs' answers differ.
 #include <cstdio>
 #include <functional>
 #include <memory>
@@ -11,7 +11,6 @@
 #include <utility>
 
 #include "common.hpp"
-#include "flexarm/ci.hpp"
 #include "peer.hpp"
 
 using flexarm::Arm;
@@ -83,34 +82,37 @@ struct Job {
   int repeat = 1;
 };
 
-double spread(const Eigen::VectorXd& a, const Eigen::VectorXd& b) { return (a - b).norm() / b.norm(); }
-
-/// flexarm's functions on an arm.
-void add_flexarm(std::vector<Job>& jobs, const std::string& scene, const Arm& arm, Workspace& ws,
-                 const std::vector<State>& all) {
-  jobs.push_back({scene, "flexarm forward dynamics", [&] {
-                    for (const State& s : all) flexarm::must(flexarm::forward_dynamics(arm, ws, s.q, s.v, s.tau));
-                  }});
-  jobs.push_back({scene, "flexarm mass matrix", [&] {
-                    for (const State& s : all) {
-                      flexarm::move_arm(arm, ws, s.q, s.v);
-                      flexarm::composite_mass_matrix(arm, ws);
-                    }
-                  }});
-  jobs.push_back({scene, "flexarm inverse dynamics", [&] {
-                    for (const State& s : all) flexarm::inverse_dynamics<double>(arm, ws, s.q, s.v, s.tau);
-                  }});
+template <class M>
+double spread(const M& a, const M& b) {
+  return (a - b).norm() / b.norm();
 }
 
 /// Everything about one scene, which must outlive its jobs.
 struct Scene {
   Arm arm;
   Workspace ws;
+  flexarm::ForwardDerivatives derivatives;
   std::vector<State> all;
   std::optional<Peer> peer;
 
-  explicit Scene(Arm a) : arm(std::move(a)), ws(arm), all(states(arm)) { flexarm::take_composite(arm, ws); }
+  explicit Scene(Arm a) : arm(std::move(a)), ws(arm), derivatives(arm), all(states(arm)) {
+    flexarm::take_composite(arm, ws);
+  }
 };
+
+/// flexarm's functions on an arm.
+void add_flexarm(std::vector<Job>& jobs, const std::string& scene, Scene& x) {
+  const auto add = [&](const std::string& function, const auto& one) {
+    jobs.push_back({scene, "flexarm " + function, [&x, one] {
+                      for (const State& s : x.all) one(x, s);
+                    }});
+  };
+  add("forward dynamics",
+      [](Scene& y, const State& s) { flexarm::must(flexarm::forward_dynamics(y.arm, y.ws, s.q, s.v, s.tau)); });
+  add("mass matrix", [](Scene& y, const State& s) { flexarm::composite_mass_matrix(y.arm, y.ws, s.q); });
+  add("inverse dynamics", [](Scene& y, const State& s) { flexarm::inverse_dynamics(y.arm, y.ws, s.q, s.v, s.tau); });
+  add("derivatives", [](Scene& y, const State& s) { y.derivatives(y.arm, s.q, s.v, s.tau); });
+}
 
 template <class F>
 void add_peer(std::vector<Job>& jobs, Scene& s, const std::string& scene, const std::string& function, const F& one) {
@@ -126,10 +128,15 @@ void add_rigid(std::vector<Job>& jobs, std::vector<std::unique_ptr<Scene>>& scen
   s.peer.emplace(all, kEnd, kGravity);
   const State& x = s.all[0];
   flexarm::must(flexarm::forward_dynamics(s.arm, s.ws, x.q, x.v, x.tau));
-  const double forward = spread(s.ws.a, s.peer->aba(x.q, x.v, x.tau, false));
-  flexarm::inverse_dynamics<double>(s.arm, s.ws, x.q, x.v, x.tau);
-  const double inverse = spread(s.ws.tau, s.peer->rnea(x.q, x.v, x.tau));
-  std::printf("# rigid %d: relative difference of accelerations %.1e, of torques %.1e\n", n, forward, inverse);
+  const double forward = spread<Eigen::VectorXd>(s.ws.a, s.peer->aba(x.q, x.v, x.tau, false));
+  flexarm::inverse_dynamics(s.arm, s.ws, x.q, x.v, x.tau);
+  const double inverse = spread<Eigen::VectorXd>(s.ws.tau, s.peer->rnea(x.q, x.v, x.tau));
+  s.derivatives(s.arm, x.q, x.v, x.tau);
+  s.peer->aba_derivatives(x.q, x.v, x.tau);
+  Eigen::MatrixXd own(n, 2 * n);
+  own << s.derivatives.by_q, s.derivatives.by_v;
+  std::printf("# rigid %d: relative difference of accelerations %.1e, of torques %.1e, of derivatives %.1e\n", n,
+              forward, inverse, spread(own, s.peer->last_derivatives()));
   const std::string scene = "rigid " + std::to_string(n);
   for (bool local : {false, true}) {
     const std::string in = local ? " (local)" : " (world)";
@@ -137,29 +144,16 @@ void add_rigid(std::vector<Job>& jobs, std::vector<std::unique_ptr<Scene>>& scen
     add_peer(jobs, s, scene, "crba" + in, [local](Peer& p, const State& y) { p.crba(y.q, local); });
   }
   add_peer(jobs, s, scene, "rnea", [](Peer& p, const State& y) { p.rnea(y.q, y.v, y.tau); });
-  add_flexarm(jobs, scene, s.arm, s.ws, s.all);
-}
-
-/// Links on hinges along z, that bend in one plane.
-Arm planar(int n, int modes) {
-  flexarm::BeamOptions o;
-  o.modes = {modes, 0, 0, 0, 0};
-  const flexarm::Beam beam(0.5, flexarm::Section::rectangle(0.004, 0.01), flexarm::Material(7850, 209e9, 0.3), o);
-  flexarm::RigidBody hub;
-  hub.mass = 0.3;
-  hub.inertia = Eigen::Vector3d(1e-4, 2e-4, 2e-4).asDiagonal();
-  hub.end = {0.075, 0, 0};
-  std::vector<flexarm::Link> links;
-  for (int k = 0; k < n; ++k)
-    links.emplace_back(flexarm::Joint::revolute(Eigen::Vector3d::UnitZ()), hub, beam, std::nullopt);
-  return Arm(std::move(links));
+  add_peer(jobs, s, scene, "computeABADerivatives",
+           [](Peer& p, const State& y) { p.aba_derivatives(y.q, y.v, y.tau); });
+  add_flexarm(jobs, scene, s);
 }
 
 void add_flexible(std::vector<Job>& jobs, std::vector<std::unique_ptr<Scene>>& scenes, const std::string& name,
                   Arm arm) {
   scenes.push_back(std::make_unique<Scene>(std::move(arm)));
   Scene& s = *scenes.back();
-  add_flexarm(jobs, name, s.arm, s.ws, s.all);
+  add_flexarm(jobs, name, s);
 }
 
 }  // namespace
@@ -170,7 +164,7 @@ int main(int argc, char** argv) {
   std::vector<std::unique_ptr<Scene>> scenes;
   for (int n : {7, 20, 100}) add_rigid(jobs, scenes, n);
   add_flexible(jobs, scenes, "flexible 7 x (3+3+1)", flexarm::chain(7, {3, 3, 1, 0, 0}, 2));
-  add_flexible(jobs, scenes, "planar 2 x 3", planar(2, 3));
+  add_flexible(jobs, scenes, "planar 2 x 3", flexarm::chain(2, {3, 0, 0, 0, 0}, 2, true));
   for (Job& job : jobs)
     job.repeat = std::max(1, static_cast<int>(kRound / flexarm::microseconds(job.once, 3)));  // and warms up
   std::printf("# pinocchio %s, %s\nround,scene,function,ns\n", Peer::version(), __VERSION__);

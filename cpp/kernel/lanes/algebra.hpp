@@ -49,6 +49,7 @@ struct Space {
     const Lin a = read(p), b = read(p);
     return {a.x, a.y, a.z, b.x, b.y, b.z};
   }
+  static Ang read_angular(const double*& p) { return read(p); }
   static Lin cross(const Lin& a, const Lin& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
   }
@@ -85,6 +86,11 @@ struct Space {
     if (axis == 1) return {c, o, s, o, i, o, -s, o, c};
     return {i, o, o, o, c, -s, o, s, c};
   }
+  /// The axes of a frame, in those in which it is turned by R.
+  static Lin axis(const Rot& R, int i) {
+    return i == 0 ? Lin{R.xx, R.yx, R.zx} : i == 1 ? Lin{R.xy, R.yy, R.zy} : Lin{R.xz, R.yz, R.zz};
+  }
+  static Ang angular_axis(const Rot& R, int i) { return axis(R, i); }
   static S& component(Lin& a, int axis) { return axis == 0 ? a.x : axis == 1 ? a.y : a.z; }
   static S component(const Lin& a, int axis) { return axis == 0 ? a.x : axis == 1 ? a.y : a.z; }
   static S& angular_component(Ang& a, int axis) { return component(a, axis); }
@@ -116,10 +122,45 @@ struct Space {
   static Lin force(const Rigid& b, const Lin& a, const Ang& w) { return b.m * a + cross(w, b.c); }
   static Ang torque(const Rigid& b, const Lin& a, const Ang& w) { return cross(b.c, a) + apply(b.J, w); }
 
+  static Rigid no_body() { return {S{}, zero(), none()}; }
+  static void add(Rigid& a, const Rigid& b) {
+    a.m += b.m;
+    a.c += b.c;
+    add(a.J, b.J);
+  }
+  static void column(const Rigid& b, bool about, int axis, Lin& f, Ang& n) {
+    const S o{};
+    if (about) {
+      f = axis == 0 ? Lin{o, -b.c.z, b.c.y} : axis == 1 ? Lin{b.c.z, o, -b.c.x} : Lin{-b.c.y, b.c.x, o};
+      n = axis == 0   ? Lin{b.J.xx, b.J.xy, b.J.xz}
+          : axis == 1 ? Lin{b.J.xy, b.J.yy, b.J.yz}
+                      : Lin{b.J.xz, b.J.yz, b.J.zz};
+    } else {
+      f = axis == 0 ? Lin{b.m, o, o} : axis == 1 ? Lin{o, b.m, o} : Lin{o, o, b.m};
+      n = axis == 0 ? Lin{o, b.c.z, -b.c.y} : axis == 1 ? Lin{-b.c.z, o, b.c.x} : Lin{b.c.y, -b.c.x, o};
+    }
+  }
+  static Rigid rotate(const Rot& R, const Rigid& b) { return {b.m, rotate(R, b.c), rotate(R, b.J)}; }
+  static Rigid rotate(int axis, const S& s, const S& c, const Rigid& b) {
+    return axis == 2   ? Rigid{b.m, {c * b.c.x - s * b.c.y, s * b.c.x + c * b.c.y, b.c.z}, rotate<2>(s, c, b.J)}
+           : axis == 1 ? Rigid{b.m, {c * b.c.x + s * b.c.z, b.c.y, c * b.c.z - s * b.c.x}, rotate<1>(s, c, b.J)}
+                       : Rigid{b.m, {b.c.x, c * b.c.y - s * b.c.z, s * b.c.y + c * b.c.z}, rotate<0>(s, c, b.J)};
+  }
+  /// Seen from the origin of a frame in which the body's own is at r.
+  static Rigid shift(const Rigid& b, const Lin& r) {
+    const Lin mr = b.m * r, d = b.c + number<S>(0.5) * mr;  // J + 2 r.d - r d^T - d r^T
+    const S xx = 2.0 * r.x * d.x, yy = 2.0 * r.y * d.y, zz = 2.0 * r.z * d.z;
+    return {b.m,
+            b.c + mr,
+            {b.J.xx + (yy + zz), b.J.yy + (xx + zz), b.J.zz + (xx + yy), b.J.xy - (r.x * d.y + r.y * d.x),
+             b.J.xz - (r.x * d.z + r.z * d.x), b.J.yz - (r.y * d.z + r.z * d.y)}};
+  }
+
   static Inertia no_inertia() {
     const S o{};
     return {none(), {o, o, o, o, o, o, o, o, o}, none()};
   }
+  static Sym scaled(const S& k, const Sym& a) { return {k * a.xx, k * a.yy, k * a.zz, k * a.xy, k * a.xz, k * a.yz}; }
   static void add(Sym& a, const Sym& b) {
     a.xx += b.xx;
     a.yy += b.yy;
@@ -235,24 +276,26 @@ struct Space {
   }
   /// The same for a turn about one axis.
   template <int axis>
-  static Inertia rotate(const S& s, const S& c, const Inertia& M) {
+  static Sym rotate(const S& s, const S& c, const Sym& J) {
     constexpr int i = (axis + 1) % 3, j = (axis + 2) % 3;
     constexpr int beside[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};  // where a Sym keeps its entries
     const S cc = c * c, ss = s * s, cs = c * s;
-    Inertia out = M;
-    const auto turn_symmetric = [&](const Sym& from, Sym& to) {
-      const S* x = &from.xx;
-      S* y = &to.xx;
-      const S ii = x[i], jj = x[j], ij = x[beside[i][j]], ki = x[beside[axis][i]], kj = x[beside[axis][j]];
-      const S cross_term = 2.0 * cs * ij;
-      y[i] = cc * ii - cross_term + ss * jj;
-      y[j] = ss * ii + cross_term + cc * jj;
-      y[beside[i][j]] = cs * (ii - jj) + (cc - ss) * ij;
-      y[beside[axis][i]] = c * ki - s * kj;
-      y[beside[axis][j]] = s * ki + c * kj;
-    };
-    turn_symmetric(M.A, out.A);
-    turn_symmetric(M.D, out.D);
+    Sym out = J;
+    const S* x = &J.xx;
+    S* y = &out.xx;
+    const S ii = x[i], jj = x[j], ij = x[beside[i][j]], ki = x[beside[axis][i]], kj = x[beside[axis][j]];
+    const S cross_term = 2.0 * cs * ij;
+    y[i] = cc * ii - cross_term + ss * jj;
+    y[j] = ss * ii + cross_term + cc * jj;
+    y[beside[i][j]] = cs * (ii - jj) + (cc - ss) * ij;
+    y[beside[axis][i]] = c * ki - s * kj;
+    y[beside[axis][j]] = s * ki + c * kj;
+    return out;
+  }
+  template <int axis>
+  static Inertia rotate(const S& s, const S& c, const Inertia& M) {
+    constexpr int i = (axis + 1) % 3, j = (axis + 2) % 3;
+    Inertia out{rotate<axis>(s, c, M.A), M.B, rotate<axis>(s, c, M.D)};
     S* B = &out.B.xx;
     for (int k = 0; k < 3; ++k) {  // rows
       const S x = B[3 * i + k], y = B[3 * j + k];
@@ -342,6 +385,7 @@ struct Plane {
     p += Lanes<S>::width;
     return J;
   }
+  static Ang read_angular(const double*& p) { return {read_symmetric(p).zz}; }
   static Lin cross(const Ang& w, const Lin& r) { return {-w.z * r.y, w.z * r.x}; }
   static Ang cross(const Ang&, const Ang&) { return {S{}}; }
   static Ang moment(const Lin& r, const Lin& f) { return {r.x * f.y - r.y * f.x}; }
@@ -354,6 +398,9 @@ struct Plane {
   static Ang apply(const Sym& J, const Ang& a) { return {J.zz * a.z}; }
   static Rot turned(const Rot& R, int, const S& s, const S& c) { return {R.c * c - R.s * s, R.s * c + R.c * s}; }
   static Rot turn(int, const S& s, const S& c) { return {c, s}; }
+  static Rot times(const Rot& a, const Rot& b) { return turned(a, 2, b.s, b.c); }
+  static Lin axis(const Rot& R, int i) { return i == 0 ? Lin{R.c, R.s} : Lin{-R.s, R.c}; }
+  static Ang angular_axis(const Rot&, int) { return {number<S>(1.0)}; }
   static S& component(Lin& a, int axis) { return axis == 0 ? a.x : a.y; }
   static S component(const Lin& a, int axis) { return axis == 0 ? a.x : a.y; }
   static S& angular_component(Ang& a, int) { return a.z; }
@@ -377,7 +424,30 @@ struct Plane {
   }
   static Lin force(const Rigid& b, const Lin& a, const Ang& w) { return b.m * a + cross(w, b.c); }
   static Ang torque(const Rigid& b, const Lin& a, const Ang& w) { return moment(b.c, a) + apply(b.J, w); }
+  static Rigid no_body() { return {S{}, zero(), {S{}}}; }
+  static void add(Rigid& a, const Rigid& b) {
+    a.m += b.m;
+    a.c += b.c;
+    a.J.zz += b.J.zz;
+  }
+  static void column(const Rigid& b, bool about, int axis, Lin& f, Ang& n) {
+    const S o{};
+    if (about) {
+      f = {-b.c.y, b.c.x};
+      n = {b.J.zz};
+    } else {
+      f = axis == 0 ? Lin{b.m, o} : Lin{o, b.m};
+      n = {axis == 0 ? -b.c.y : b.c.x};
+    }
+  }
+  static Rigid rotate(const Rot& R, const Rigid& b) { return {b.m, rotate(R, b.c), b.J}; }
+  static Rigid rotate(int, const S& s, const S& c, const Rigid& b) { return rotate(Rot{c, s}, b); }
+  static Rigid shift(const Rigid& b, const Lin& r) {
+    const Lin mr = b.m * r;
+    return {b.m, b.c + mr, {b.J.zz + dot(r, number<S>(2.0) * b.c + mr)}};
+  }
   static Inertia rotate(int, const S& s, const S& c, const Inertia& M) { return rotate(Rot{c, s}, M); }
+  static Sym scaled(const S& k, const Sym& a) { return {k * a.zz}; }
   static void add(Sym& a, const Sym& b) { a.zz += b.zz; }
   static void add(Inertia& a, const Inertia& b) {
     a.A.xx += b.A.xx;

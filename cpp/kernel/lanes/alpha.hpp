@@ -1,33 +1,17 @@
-// The generalised-alpha method (Chung & Hulbert 1993) on any engine: one arm's workspace, or a pack of arms. What an
-// engine offers:
-//   Scalar, Mask, nv, free (count, and the rates that are not prescribed)
-//   place(q0, u, q)          coordinates q0 displaced by u, rates times time
-//   inverse(q, v, a, tau)    inverse dynamics; keeps what `factor` needs
-//   factor(shift, twice)     of M + shift: where it is positive definite; and v^T M v
-//   solve(r, x)
+// The generalised-alpha method (Chung & Hulbert 1993), with dry friction in its equations. See methods.hpp for what it
+// asks of an engine, and what it offers.
 #pragma once
 
 #include "lanes/contact.hpp"
+#include "lanes/kernels.hpp"
 #include "lanes/layout.hpp"
 #include "lanes/scalar.hpp"
 
 namespace {
 
-struct AlphaOptions {
-  double rtol, alpha_m, alpha_f, beta, gamma;
-  int max_iterations;
-
-  static AlphaOptions of(double radius, double rtol, int max_iterations) {
-    AlphaOptions o{};
-    o.rtol = rtol;
-    o.max_iterations = max_iterations;
-    o.alpha_m = (2.0 * radius - 1.0) / (radius + 1.0);
-    o.alpha_f = radius / (radius + 1.0);
-    o.gamma = 0.5 - o.alpha_m + o.alpha_f;
-    o.beta = 0.25 * (o.gamma + 0.5) * (o.gamma + 0.5);
-    return o;
-  }
-};
+using flexarm::lanes::MethodOptions;
+using flexarm::lanes::MethodTraits;
+using flexarm::lanes::Work;
 
 constexpr double kBest = 1e-4;       // contraction that is believed without having been measured in the same step
 constexpr double kRounding = 1e-14;  // parts of the applied forces: a residual below is noise
@@ -41,28 +25,36 @@ constexpr double kForget = 0.99;     // per step, of the motion's scale
 inline bool new_matrix(int iteration) { return iteration == 1 || (iteration >= 4 && iteration % 2 == 0); }
 
 template <class Engine>
-struct Alpha {
+struct GeneralisedAlpha {
   using S = typename Engine::Scalar;
   using L = Lanes<S>;
   using Mask = typename L::Mask;
+  static constexpr flexarm::lanes::Ending unsolved = flexarm::lanes::not_converged;
 
-  AlphaOptions o;
+  double rtol, alpha_m, alpha_f, beta, gamma;
+  int max_iterations;
   int nq = 0, nv = 0;
   double h_before = 0.0;
-  S contraction, scale, weight;  ///< the last: mass of the arm times gravity squared
+  S contraction, scale;
   // of nq; of nv
   S* q0;
   S *v0, *a0, *a_before, *alpha0, *alpha, *a, *u, *r, *turn, *tau_own;
   int iterations = 0;
-  long evaluations = 0, factorisations = 0, solves = 0;
+  Work work;
   Contacts<Engine> contacts;
 
   static std::size_t own_scalars(int nq, int nv) { return static_cast<std::size_t>(nq + 10 * nv); }
   static std::size_t scalars(int nq, int nv, int rubbing) {
     return own_scalars(nq, nv) + Contacts<Engine>::scalars(nv, rubbing);
   }
-  /// @param rubbing  rates with dry friction that are not prescribed
-  void lay_out(S* at, int nq_, int nv_, const int* rubbing, int rubbing_count) {
+  void lay_out(S* at, int nq_, int nv_, const int* rubbing, int rubbing_count, const MethodOptions& options) {
+    const double radius = options.spectral_radius;
+    rtol = options.rtol;
+    max_iterations = options.max_iterations;
+    alpha_m = (2.0 * radius - 1.0) / (radius + 1.0);
+    alpha_f = radius / (radius + 1.0);
+    gamma = 0.5 - alpha_m + alpha_f;
+    beta = 0.25 * (gamma + 0.5) * (gamma + 0.5);
     nq = nq_;
     nv = nv_;
     for (std::size_t i = 0; i < own_scalars(nq, nv); ++i) at[i] = S{};
@@ -74,19 +66,41 @@ struct Alpha {
       *p = at;
       at += nv;
     }
+    forget();
   }
+  Contacts<Engine>* friction() { return &contacts; }
 
-  /// Begins where accelerations are x, in some lanes.
-  void begin(const S* x, const Mask& where) {
+  void forget() {
+    h_before = 0.0;
+    contraction = number<S>(1.0);
+    scale = S{};
+  }
+  Mask begin(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where) {
+    ++work.evaluations;
+    Mask good = accelerate(engine, q, v, tau, x, where);
+    for (int i = 0; i < nv; ++i) good = good & L::finite(x[i]);
+    const Mask now = where & good;
     for (int i = 0; i < nv; ++i) {
-      a0[i] = L::select(where, x[i], a0[i]);
-      a_before[i] = L::select(where, x[i], a_before[i]);
-      alpha0[i] = L::select(where, x[i], alpha0[i]);
+      a0[i] = L::select(now, x[i], a0[i]);
+      a_before[i] = L::select(now, x[i], a_before[i]);
+      alpha0[i] = L::select(now, x[i], alpha0[i]);
     }
+    contacts.end_instant(v, now);
+    return good;
+  }
+  /// Arms without friction get what they get in a pack that has none.
+  Mask accelerate(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where) {
+    const Mask rubs = contacts.anywhere();
+    if (!L::any(rubs)) return engine.accelerate(q, v, tau, x);
+    Mask good = settle(engine, q, v, tau, x, where);
+    if (L::all(rubs)) return good;
+    for (int i = 0; i < nv; ++i) turn[i] = x[i];
+    good = (good & rubs) | (engine.accelerate(q, v, tau, turn) & L::none_of(rubs));
+    for (int i = 0; i < nv; ++i) x[i] = L::select(rubs, x[i], turn[i]);
+    return good;
   }
 
   /// Accelerations under dry friction, of which what does not move takes what holds it, as far as it may.
-  /// @param x  the prescribed ones; gets all
   /// @return where the mass matrix is positive definite; `contacts` has the forces of friction
   Mask settle(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where) {
     for (int k = 0; k < engine.free_count; ++k) x[engine.free[k]] = S{};
@@ -104,6 +118,24 @@ struct Alpha {
     return good;
   }
 
+  template <class Given>
+  Mask step(Engine& engine, double h, S* q, S* v, const S* tau, S* x, const Given& given, const Mask& skip) {
+    for (int i = 0; i < nv; ++i) v0[i] = v[i];
+    given(1.0);
+    for (int i = 0; i < nq; ++i) q0[i] = q[i];  // free ones are still those of the beginning
+    predict(engine, h, x);
+    return iterate(engine, h, q, v, tau, skip);
+  }
+  Mask accept(double h, S* v, S* x, const Mask& where) {
+    for (int i = 0; i < nv; ++i) {
+      a_before[i] = L::select(where, a0[i], a_before[i]);
+      x[i] = a0[i] = L::select(where, a[i], a0[i]);
+      alpha0[i] = L::select(where, alpha[i], alpha0[i]);
+    }
+    h_before = h;
+    return contacts.end_step(v, where);
+  }
+
   /// Accelerations extrapolated, and the auxiliary ones that follow:
   ///   (1 - alpha_m) alpha + alpha_m alpha0 = (1 - alpha_f) a + alpha_f a0
   /// The auxiliary ones lag the true ones by (alpha_f - alpha_m) h: where h changes, so does the lag. Where it grows
@@ -119,7 +151,7 @@ struct Alpha {
       const int i = engine.free[k];
       if (changed) alpha0[i] = a0[i] + ahead * (alpha0[i] - a0[i]);
       a[i] = a0[i] + ahead * (a0[i] - a_before[i]);
-      alpha[i] = ((1.0 - o.alpha_f) * a[i] + o.alpha_f * a0[i] - o.alpha_m * alpha0[i]) * (1.0 / (1.0 - o.alpha_m));
+      alpha[i] = ((1.0 - alpha_f) * a[i] + alpha_f * a0[i] - alpha_m * alpha0[i]) * (1.0 / (1.0 - alpha_m));
     }
   }
 
@@ -127,8 +159,8 @@ struct Alpha {
   void place(Engine& engine, double h, S* q, S* v) {
     for (int k = 0; k < engine.free_count; ++k) {
       const int i = engine.free[k];
-      u[i] = h * v0[i] + (h * h) * ((0.5 - o.beta) * alpha0[i] + o.beta * alpha[i]);
-      v[i] = v0[i] + h * ((1.0 - o.gamma) * alpha0[i] + o.gamma * alpha[i]);
+      u[i] = h * v0[i] + (h * h) * ((0.5 - beta) * alpha0[i] + beta * alpha[i]);
+      v[i] = v0[i] + h * ((1.0 - gamma) * alpha0[i] + gamma * alpha[i]);
     }
     engine.place(q0, u, q);
   }
@@ -137,29 +169,29 @@ struct Alpha {
   /// @param skip  lanes that are not asked
   /// @return where it converged; elsewhere q and v are of no use
   Mask iterate(Engine& engine, double h, S* q, S* v, const S* tau, const Mask& skip) {
-    const double by_a = (1.0 - o.alpha_f) / (1.0 - o.alpha_m);  // d alpha / d a
-    const flexarm::lanes::Shift shift{h * o.gamma * by_a, h * h * o.beta * by_a};
-    const S fall = (h * h) * weight;
+    const double by_a = (1.0 - alpha_f) / (1.0 - alpha_m);  // d alpha / d a
+    const flexarm::lanes::Shift shift{h * gamma * by_a, h * h * beta * by_a};
+    const S fall = (h * h) * engine.weight;
     // old knowledge, doubted more with every step
     contraction = L::larger(number<S>(kBest), L::root(contraction) * L::root(L::root(contraction)));
     S last{}, size{}, one = number<S>(1.0);
     contacts.begin_step();
     Mask good = L::everywhere(false), bad = skip;
-    for (iterations = 1; iterations <= o.max_iterations; ++iterations) {
+    for (iterations = 1; iterations <= max_iterations; ++iterations) {
       place(engine, h, q, v);
       const bool anew = new_matrix(iterations);
       engine.inverse(q, v, a, tau_own, anew);
-      ++evaluations;
+      ++work.evaluations;
       if (anew) {
         S twice;
         bad = bad | (L::none_of(good) & L::none_of(engine.factor(shift, twice)));
-        ++factorisations;
+        ++work.factorisations;
         contacts.refactored();
         scale = L::select(good, scale, L::larger(twice, kForget * scale));
         size = L::select(good, size, L::root(scale + fall));
         if (L::all(good | bad)) break;  // an engine that could not factor has nothing to solve with
       }
-      S work{}, residual{}, force = contacts.take_from(tau_own);
+      S released{}, residual{}, force = contacts.take_from(tau_own);
       for (int k = 0; k < engine.free_count; ++k) {
         const int i = engine.free[k];
         r[i] = tau[i] - tau_own[i];
@@ -167,14 +199,15 @@ struct Alpha {
         force = L::larger(force, L::size(tau[i]));
       }
       engine.solve(r, turn);
-      ++solves;
+      ++work.solves;
       const Mask switching = contacts.count == 0 ? L::everywhere(false)
-                                                 : contacts.resolve(engine, turn, v, v0, shift.damping, o.gamma * by_a,
+                                                 : contacts.resolve(engine, turn, v, v0, shift.damping, gamma * by_a,
                                                                     L::none_of(good | bad), tau_own);
-      for (int c = 0; c < contacts.count; ++c) work += contacts.turn[c] * turn[contacts.at[c]];
-      for (int k = 0; k < engine.free_count; ++k) work += r[engine.free[k]] * turn[engine.free[k]];  // turn^T S turn
-      bad = bad | (L::none_of(good) & L::none_of(L::finite(work) & L::finite(size)));
-      const S moved = shift.damping * L::root(L::size(work));  // of the velocities, in the norm of energy
+      for (int c = 0; c < contacts.count; ++c) released += contacts.turn[c] * turn[contacts.at[c]];
+      for (int k = 0; k < engine.free_count; ++k)
+        released += r[engine.free[k]] * turn[engine.free[k]];  // turn^T S turn
+      bad = bad | (L::none_of(good) & L::none_of(L::finite(released) & L::finite(size)));
+      const S moved = shift.damping * L::root(L::size(released));  // of the velocities, in the norm of energy
       const Mask open = L::none_of(good | bad);
       for (int k = 0; k < engine.free_count; ++k) {
         const int i = engine.free[k];
@@ -189,24 +222,20 @@ struct Alpha {
       const Mask stalled = (contraction > 0.5) & (moved <= kFloor * size) & L::everywhere(iterations > 2);
       last = L::select(open, moved, last);
       const S left = L::smaller(one, contraction / L::larger(1.0 - contraction, number<S>(1e-3))) * moved;
-      const Mask end = (left <= o.rtol * size) | (residual <= kRounding * force) | stalled;
+      const Mask end = (left <= rtol * size) | (residual <= kRounding * force) | stalled;
       good = good | (open & end & L::none_of(switching));
       if (L::all(good | bad)) break;
     }
-    if (iterations > o.max_iterations) iterations = o.max_iterations;
+    if (iterations > max_iterations) iterations = max_iterations;
     place(engine, h, q, v);
     return good;
   }
+};
 
-  /// After a step that converged in some lanes.
-  void end(double h, const Mask& where) {
-    for (int i = 0; i < nv; ++i) {
-      a_before[i] = L::select(where, a0[i], a_before[i]);
-      a0[i] = L::select(where, a[i], a0[i]);
-      alpha0[i] = L::select(where, alpha[i], alpha0[i]);
-    }
-    h_before = h;
-  }
+struct Implicit {
+  static constexpr MethodTraits traits{"implicit", true, true, true, 0.0};
+  template <class Engine>
+  using On = GeneralisedAlpha<Engine>;
 };
 
 }  // namespace

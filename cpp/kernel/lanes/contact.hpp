@@ -9,6 +9,7 @@
 
 #include "lanes/layout.hpp"
 #include "lanes/scalar.hpp"
+#include "lanes/small.hpp"
 
 namespace {
 
@@ -53,7 +54,6 @@ struct Contacts {
 
   static S yes(const Mask& m) { return L::select(m, number<S>(1.0), S{}); }
   static Mask is(const S& x) { return x > 0.5; }
-  static bool any(const Mask& m) { return !L::all(L::none_of(m)); }
   static S sign(const S& x) { return L::select(x > 0.0, number<S>(1.0), L::select(x < 0.0, number<S>(-1.0), S{})); }
   static S part(const S& x) { return L::larger(S{}, L::smaller(number<S>(1.0), x)); }
 
@@ -98,7 +98,7 @@ struct Contacts {
   /// is, so that an arm's digits do not depend on when its partners need theirs. What slides on needs none.
   void make_column(Engine& engine, int c, const Mask& need, S* unit) {
     const Mask now = need & L::none_of(is(made[c]));
-    if (!any(now)) return;
+    if (!L::any(now)) return;
     made[c] = L::select(now, number<S>(1.0), made[c]);
     for (int i = 0; i < nv; ++i) unit[i] = S{};
     unit[at[c]] = number<S>(1.0);
@@ -120,18 +120,8 @@ struct Contacts {
       const S y = rate ? rate[at[c]] * (1.0 / d) : S{};
       turn[c] = L::select(holds, -y - x[at[c]], rhs[c] - force[c]);
     }
-    for (int k = 0; k < count; ++k) {
-      G[k * count + k] = number<S>(1.0) / G[k * count + k];
-      for (int c = k + 1; c < count; ++c) {
-        const S l = G[c * count + k] * G[k * count + k];
-        for (int j = k + 1; j < count; ++j) G[c * count + j] -= l * G[k * count + j];
-        turn[c] -= l * turn[k];
-      }
-    }
-    for (int c = count; c-- > 0;) {
-      for (int k = c + 1; k < count; ++k) turn[c] -= G[c * count + k] * turn[k];
-      turn[c] = turn[c] * G[c * count + c];
-    }
+    factor_small(G, count);
+    solve_small(G, count, turn);
   }
 
   /// One round, in each arm one of three things: all that has turned back comes to rest; or that one is let go whose
@@ -159,13 +149,13 @@ struct Contacts {
       const S most = stiction[c] * L::select(slides, one - share[c], L::select(marked, one - mark, one));
       const Mask beyond = is(held[c]) & (L::size(pull[c]) > most);
       burden[c] = S{};
-      if (any(open & beyond)) burden[c] = L::select(beyond & (most > 0.0), L::size(pull[c]) / most, S{});
+      if (L::any(open & beyond)) burden[c] = L::select(beyond & (most > 0.0), L::size(pull[c]) / most, S{});
       worst = L::larger(worst, burden[c]);
       wrong = wrong | (is(over[c]) & (way[c] * end[c] < 0.0));
     }
     const Mask releasing = open & L::none_of(arresting) & (left > 0.0) & (worst > 0.0);
     const Mask holding = open & wrong & L::none_of(arresting | releasing);
-    if (!any(arresting | releasing | holding)) return changed;
+    if (!L::any(arresting | releasing | holding)) return changed;
     for (int c = 0; c < count; ++c) {
       const S s = v0 ? sense[c] : S{}, f = force[c] + turn[c], p = sign(pull[c]);
       const Mask holds = is(held[c]), gone = is(over[c]), slides = s * s > 0.5;
@@ -203,18 +193,18 @@ struct Contacts {
       turn[c] = S{};
       need = need | is(held[c]) | (along * y < 0.0);
     }
-    if (!any(need & open)) return changed;
+    if (!L::any(need & open)) return changed;
     for (int round = 0; round < 12 * (count + 1); ++round) {
       for (int c = 0; c < count; ++c) make_column(engine, c, open & (is(held[c]) | (rhs[c] != force[c])), unit);
       find_turn(x, rate, d);
       const Mask now = pivot(x, rate, v0, d, weight, open, round > 2 * count);
-      if (!any(now)) break;
+      if (!L::any(now)) break;
       changed = changed | now;
     }
     for (int c = 0; c < count; ++c) {
       turn[c] = L::select(open, turn[c], S{});
       force[c] += turn[c];
-      if (!any(turn[c] != 0.0)) continue;
+      if (!L::any(turn[c] != 0.0)) continue;
       for (int i = 0; i < nv; ++i) x[i] += columns[c * nv + i] * turn[c];
     }
     for (int c = 0; c < count; ++c) {  // to the last bit

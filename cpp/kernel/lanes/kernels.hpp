@@ -6,15 +6,56 @@
 namespace flexarm {
 namespace lanes {
 
-/// A pack of scenarios in fixed steps: what one call does. Numbers of lane l are at i width + l.
+/// How an arm in fixed steps ended: flexarm::Status and, beyond it, BatchStatus.
+enum Ending { ok, singular, not_converged, not_finite, not_done };
+
+/// What the one-step methods (methods.hpp) may be told; each reads what it has.
+struct MethodOptions {
+  double spectral_radius = 1.0, rtol = 1e-10;
+  int max_iterations = 20;
+};
+
+/// What is to be known of a one-step method, beside its steps.
+struct MethodTraits {
+  const char* name;
+  bool rubs;      ///< dry friction is in its equations
+  bool iterates;  ///< it reads rtol
+  bool damps;     ///< it reads spectral_radius
+  double limit;   ///< of its step times the highest frequency; 0: none
+};
+/// What a method has done.
+struct Work {
+  long evaluations = 0, factorisations = 0, solves = 0;
+};
+
+/// What arms in fixed steps are given, and what is made of their motion. Numbers of lane l are at i width + l.
+class Scenarios {
+ public:
+  /// Writes what is given at half step `half`, forces as held over `step`: prescribed entries of q, v, a; tau; the
+  /// laws' offsets; the loads [f; m].
+  virtual void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset,
+                   double* wrenches) = 0;
+  /// Whether other forces are held from `step` on than before; in which lanes (1 or 0).
+  virtual bool jumps(long step, double* changed) = 0;
+  /// Whether the state after `step` is asked for (1), with accelerations and forces (2), or not (0).
+  virtual int wanted(long step) = 0;
+  virtual void row(const double* q, const double* v, const double* a, const double* tau, const int* status) = 0;
+  /// Whether to go on.
+  virtual bool alive(long step) = 0;
+
+ protected:
+  ~Scenarios() = default;
+};
+
+/// Arms in fixed steps: what one call does. Numbers of lane l are at i width + l.
 struct Roll {
   const Layout* layout;
-  const double* numbers;  ///< of KernelArm::side_by_side
+  const double* numbers;  ///< of KernelArm::side_by_side; of one arm, of KernelArm::grouped
+  int width;              ///< arms: one, with the points of its beams across the lanes; or one for each lane
   const double* length;   ///< of each step (s)
   long steps;
-  bool implicit;                 ///< generalised-alpha, or else rk4
-  double spectral_radius, rtol;  ///< of generalised-alpha
-  int max_iterations;
+  int method;  ///< the number of its row in methods.hpp
+  MethodOptions options;
   const double* weight;          ///< by lane: mass times gravity squared (N m/s^2)
   const int *free, *coordinate;  ///< rates that are not prescribed; the coordinate of each rate
   int free_count;
@@ -25,22 +66,15 @@ struct Roll {
   const int* rubbing;                          ///< which
   const double *coulomb, *stiction;            ///< of each
   bool varies;                                 ///< whether `set` gives other values within a step than at its beginning
+  Scenarios* scenarios;
 
-  void* context;
-  /// What is given at half step `half`, forces as held over `step`: prescribed entries of q, v, a; tau; the laws'
-  /// offsets.
-  void (*set)(void* context, long step, long half, double* q, double* v, double* a, double* tau, double* offset);
-  /// Whether other forces are held from `step` on than before; in which lanes (1 or 0).
-  bool (*jumps)(void* context, long step, double* changed);
-  /// Whether the state after `step` is asked for (1), with accelerations and forces (2), or not (0).
-  int (*wanted)(void* context, long step);
-  void (*row)(void* context, const double* q, const double* v, const double* a, const double* tau, const int* status);
-  bool (*alive)(void* context, long step);
-
-  int* status;                               ///< by lane: those of flexarm::Status, or 4: not done
-  long* reached;                             ///< by lane: steps
-  long evaluations, factorisations, solves;  ///< of the pack
+  int* status;    ///< by lane: an Ending
+  long* reached;  ///< by lane: steps
+  Work work;      ///< of all lanes together
 };
+
+/// What became of a factorisation.
+enum class Outcome { good, singular, not_finite };
 
 /// Of one arm, points of its beams lie across the lanes.
 struct Kernels {
@@ -49,22 +83,31 @@ struct Kernels {
   std::size_t (*memory)(const Layout&);
   /// Lays out the memory (aligned to 64 bytes), which then is the `self` of what follows.
   void (*begin)(const Layout&, const double* numbers, void* memory);
-  /// Accelerations; a holds those that are given. @return whether the mass matrix is positive definite
-  bool (*forward)(void* self, const double* q, const double* v, const double* tau, double* a);
+  /// The loads' forces and moments from now on: [f; m] of each.
+  void (*load)(void* self, const double* wrenches);
+  /// Accelerations; a holds those that are given.
+  Outcome (*forward)(void* self, const double* q, const double* v, const double* tau, double* a);
   /// Inverse dynamics.
   void (*inverse)(void* self, const double* q, const double* v, const double* a, double* tau);
-  /// After `inverse` at rates v: factors M + shift, and gives v^T M v.
-  bool (*factor)(void* self, const Shift& shift, const double* v, double* twice_kinetic);
+  /// Coordinates q and rates v for what follows; `forward` and `inverse` do so, too. Without v, for `mass_matrix`
+  /// alone.
+  void (*move)(void* self, const double* q, const double* v);
+  /// Inverse dynamics where the chain is.
+  void (*forces)(void* self, const double* a, double* tau);
+  /// The mass matrix (nv x nv) where the chain is.
+  void (*mass_matrix)(void* self, double* M);
+  /// Factors M + shift where the chain is, at rates v, and gives v^T M v.
+  Outcome (*factor)(void* self, const Shift& shift, const double* v, double* twice_kinetic);
   /// x = (M + shift)^-1 r, zero where given.
   void (*solve)(void* self, const double* r, double* x);
   std::size_t (*roll_memory)(const Roll&);
   /// From coordinates q and rates v; memory aligned to 64 bytes.
   void (*roll)(Roll&, void* memory, const double* q, const double* v);
   std::size_t (*slopes_memory)(const Layout&);
-  /// Exact dtau/dq (nv x nq) and dtau/dv (nv x nv) of inverse dynamics, by columns; numbers of a KernelArm that is
-  /// not grouped, memory aligned to 64 bytes.
-  void (*slopes)(const Layout&, const double* numbers, void* memory, const double* q, const double* v, const double* a,
-                 double* by_q, double* by_v);
+  /// Exact dtau/dq (nv x nq) and dtau/dv (nv x nv, or null) of inverse dynamics, by columns; numbers of a KernelArm
+  /// that is not grouped, memory aligned to 64 bytes.
+  void (*slopes)(const Layout&, const double* numbers, const double* wrenches, void* memory, const double* q,
+                 const double* v, const double* a, double* by_q, double* by_v);
 };
 
 /// The widest that this processor has; FLEXARM_ISA = base or avx2 in the environment asks for less.

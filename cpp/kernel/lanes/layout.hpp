@@ -8,7 +8,7 @@
 namespace flexarm {
 namespace lanes {
 
-constexpr int kMostElastic = 64;  ///< elastic coordinates of a beam; with more, Eigen's path is as good
+constexpr int kMostElastic = 200;  ///< elastic coordinates of a beam: kMostModes of each strain
 
 /// One block q_i^T C q_j (or q_i^T C q_i / 2, C symmetric) of a row of a slice's motion; see slice.hpp.
 struct Block {
@@ -23,8 +23,12 @@ struct Node {
   int q = -1, v = -1;   ///< its coordinate and its rate
   bool given = false;   ///< its motion is prescribed
   bool turned = false;  ///< it sits turned on the frame before
-  bool body = false;    ///< hub or beam: has inertia
-  bool tip = false;     ///< the tip body of a beam
+  /// Three nodes are a ball: the first is turned by a quaternion at q and takes all three rates; the frames of the
+  /// others coincide with the first one's.
+  bool ball = false, coincident = false;
+  enum Body { none, rigid, cut, quadratic, sampled };
+  Body body = none;  ///< rigid, or hub and beam
+  bool tip = false;  ///< the tip body of a beam
   bool passive = false, stops = false;
   // elastic
   int ne = 0, qe = 0, ve = 0;
@@ -32,20 +36,56 @@ struct Node {
   int directed = 0;                     ///< coordinates that displace slices across the beam at first order,
   const int* which = nullptr;           ///< their numbers,
   const int* about = nullptr;           ///< the axis about which each coordinate turns slices at first order
-  const int* direction = nullptr;       ///< and 1 or 2 for along y or z (in the plane: 1)
+  const int* direction = nullptr;       ///< and 1 or 2 for along y or z
   int blocks = 0, position_blocks = 0;  ///< of rotation and position; those of position come first
   const Block* block = nullptr;
   int passes = 0, rotary = 0;                         ///< (groups of) points: of position, of rotation
   std::size_t point_numbers = 0, rotary_numbers = 0;  ///< of one of them
+  // sampled: of points that lie symmetrically about the middle, the first half, in so many passes; then other stations
+  int half = 0, further = 0, further_passes = 0;
+  int turning = 0;                ///< coordinates that are curvatures or twists; the others shear
+  bool exact = false;             ///< or else of order 3
+  bool uniaxial = false;          ///< all sections turn about one axis
+  bool points_have_mass = false;  ///< or else the other stations alone
+  const double* table = nullptr;  ///< of integrals over the points (integral.hpp); the same numbers for all lanes
   // where numbers begin: of the node (joint, body), of the beam's end, its points, and the tip body
   std::size_t numbers = 0, end = 0, points = 0, tip_body = 0;
+  int loads = 0;              ///< that act on it,
+  const int* load = nullptr;  ///< which
+};
+
+/// A place on an arm: fixed to a node's frame or to the end of its beam (its numbers: where it sits there, and how it
+/// is turned), or a slice of the beam (its numbers: those of `slice_at`).
+struct Place {
+  enum On { frame, end, slice };
+  On on = frame;
+  int node = 0;
+};
+
+/// A load [f; m] on one or more slices. Of each: its weight, and its numbers as a place. Where there is a mean slice,
+/// it comes before these, and stands for all of them where the load has no moment; where there are no others, always.
+struct PlacedLoad {
+  Place place;
+  bool world = false;                 ///< axes of the world; else those of each slice
+  bool mean = false;                  ///< whether there is a mean slice
+  int slices = 0;                     ///< besides it; of one arm on packs, groups of them
+  std::size_t numbers = 0, size = 0;  ///< where they begin; of one slice
 };
 
 struct Layout {
   bool planar = false;
+  bool attitudes = false;  ///< whether a body or a load asks how it stands in the world
   int nodes = 0, nq = 0, nv = 0;
   const Node* node = nullptr;
+  int along[2] = {0, 1}, about = 2;  ///< of a planar arm: axes of the world (and of each link) that it moves in,
+  double turning = 1.0;              ///< and the sign of a turn about the third
+  int loads = 0;
+  const PlacedLoad* load = nullptr;
+  const double* load_numbers = nullptr;
 };
+
+/// Whether kernels of one arm take the slices of loads on a node as many at a time as a pack has lanes.
+inline bool slices_in_groups(const Node& node) { return node.ne > 0 && node.body == Node::quadratic; }
 
 /// Time, in the kernels' terms.
 struct Shift {

@@ -11,7 +11,7 @@ using PackMask = decltype(Pack{} < Pack{});
 
 template <>
 struct Lanes<Pack> {
-  static constexpr int width = FLEXARM_WIDTH;
+  static constexpr int width = FLEXARM_WIDTH, lag = 0;
   using Mask = PackMask;
   static Pack load(const double* p) {
     Pack x;
@@ -34,14 +34,28 @@ struct Lanes<Pack> {
     for (int i = 0; i < width; ++i) y[i] = __builtin_sqrt(x[i]);
     return y;
   }
+  static Pack atan2(const Pack& y, const Pack& x) {
+    Pack angle{};
+    for (int i = 0; i < width; ++i) angle[i] = __builtin_atan2(y[i], x[i]);
+    return angle;
+  }
   static Pack size(const Pack& x) { return x < 0.0 ? -x : x; }
   static Pack larger(const Pack& a, const Pack& b) { return a > b ? a : b; }
   static Pack smaller(const Pack& a, const Pack& b) { return a < b ? a : b; }
   static PackMask finite(const Pack& x) { return x - x == 0.0; }
 };
 
-inline Pack widen(double x, const Pack&) { return Pack{} + x; }
+inline Pack widen(double x, const Pack&) { return x - Pack{}; }  // no operation: x + 0 is not -0 where x is
 inline Pack widen(const Pack& x, const Pack&) { return x; }
+
+/// Loads a factor once: compilers load it again for each product, and loads are then what products wait for.
+inline void in_register(Pack& x) {
+#if FLEXARM_WIDTH == 8
+  asm("" : "+v"(x));
+#else
+  (void)x;
+#endif
+}
 
 /// Sums of neighbours `half` lanes apart: of a where that bit of the lane is 0, of b where it is 1.
 inline Pack fold_pair(const Pack& a, const Pack& b, int half) {

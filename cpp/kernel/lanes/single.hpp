@@ -3,6 +3,7 @@
 
 #include <memory>
 
+#include "lanes/frame_kernels.hpp"
 #include "lanes/kernel_arm.hpp"
 #include "lanes/kernels.hpp"
 
@@ -37,13 +38,19 @@ class Single {
   Single(const Single& other) : kernels_(other.kernels_), arm_(other.arm_), memory_(other.memory_.size()) { begin(); }
   Single& operator=(const Single&) = delete;
 
-  bool forward(const double* q, const double* v, const double* tau, double* a) {
+  const Layout& layout() const { return arm_.layout(); }
+  /// Value of a load from now on.
+  void load(const double* wrenches) { kernels_.load(self_, wrenches); }
+  Outcome forward(const double* q, const double* v, const double* tau, double* a) {
     return kernels_.forward(self_, q, v, tau, a);
   }
   void inverse(const double* q, const double* v, const double* a, double* tau) {
     kernels_.inverse(self_, q, v, a, tau);
   }
-  bool factor(const Shift& shift, const double* v, double& twice_kinetic) {
+  void move(const double* q, const double* v) { kernels_.move(self_, q, v); }
+  void forces(const double* a, double* tau) { kernels_.forces(self_, a, tau); }
+  void mass_matrix(double* M) { kernels_.mass_matrix(self_, M); }
+  Outcome factor(const Shift& shift, const double* v, double& twice_kinetic) {
     return kernels_.factor(self_, shift, v, &twice_kinetic);
   }
   void solve(const double* r, double* x) { kernels_.solve(self_, r, x); }
@@ -56,6 +63,35 @@ class Single {
 
   const Kernels& kernels_;
   KernelArm arm_;
+  Memory memory_;
+  void* self_ = nullptr;
+};
+
+/// Its frames, in space.
+class SingleFrames {
+ public:
+  explicit SingleFrames(const Arm& arm, const FrameKernels& kernels = best_frames())
+      : kernels_(kernels), kept_(arm.kept()), arm_(KernelArm::in_space(arm)), memory_(kernels_.memory(arm_.layout())) {
+    begin();
+  }
+  SingleFrames(const SingleFrames& o) : kernels_(o.kernels_), kept_(o.kept_), arm_(o.arm_), memory_(o.memory_.size()) {
+    begin();
+  }
+  SingleFrames& operator=(const SingleFrames&) = delete;
+
+  const FrameKernels* operator->() const { return &kernels_; }
+  const KernelArm& arm() const { return arm_; }
+  void* self() const { return self_; }
+
+ private:
+  void begin() {
+    self_ = memory_.get();
+    kernels_.begin(arm_.layout(), arm_.numbers().data(), self_);
+  }
+
+  const FrameKernels& kernels_;
+  MadeOnce kept_;  ///< which owns the next
+  const KernelArm& arm_;
   Memory memory_;
   void* self_ = nullptr;
 };

@@ -6,7 +6,7 @@
 
 namespace {
 
-/// Dual numbers of `flexarm::Dual`, on packs.
+/// A number and its derivatives in several directions.
 struct LaneDual {
   static constexpr int packs = FLEXARM_WIDTH < 8 ? 8 / FLEXARM_WIDTH : 1, directions = packs * FLEXARM_WIDTH;
   double x;
@@ -68,15 +68,21 @@ struct LaneDual {
 
 template <>
 struct Lanes<LaneDual> {
-  static constexpr int width = 1;
+  static constexpr int width = 1, lag = 2;
   using Mask = bool;
   static LaneDual load(const double* p) { return LaneDual{} + *p; }
   static LaneDual select(bool m, const LaneDual& a, const LaneDual& b) { return m ? a : b; }
   static bool everywhere(bool m) { return m; }
   static bool all(bool m) { return m; }
+  static bool none_of(bool m) { return !m; }
+  static bool finite(const LaneDual& a) { return a.x - a.x == 0.0; }
   static LaneDual root(const LaneDual& a) {
     const double x = __builtin_sqrt(a.x), slope = 0.5 / x;
     return LaneDual::map(x, [&](int i) { return slope * a.d[i]; });
+  }
+  static LaneDual atan2(const LaneDual& y, const LaneDual& x) {
+    const double over = 1.0 / (x.x * x.x + y.x * y.x);
+    return LaneDual::map(__builtin_atan2(y.x, x.x), [&](int i) { return over * (x.x * y.d[i] - y.x * x.d[i]); });
   }
   static LaneDual size(const LaneDual& a) { return a < 0.0 ? -a : a; }
   static LaneDual larger(const LaneDual& a, const LaneDual& b) { return a > b ? a : b; }
@@ -95,6 +101,25 @@ inline void sine_cosine<LaneDual>(const LaneDual& x, LaneDual& s, LaneDual& c) {
   c = LaneDual::map(cosine, [&](int i) { return -sine * at.d[i]; });
 }
 
+inline double slope_of(const LaneDual& x, int direction) {
+  return x.d[direction / FLEXARM_WIDTH][direction % FLEXARM_WIDTH];
+}
+
+/// Calls visit(first, count) with the slopes of x[first], x[first + 1], .. set to 1, each in a direction of its own.
+template <class Visit>
+void for_directions(LaneDual* x, int all, const Visit& visit) {
+  constexpr int W = FLEXARM_WIDTH, D = LaneDual::directions;
+  for (int first = 0; first < all; first += D) {
+    const int count = all - first < D ? all - first : D;
+    const auto seed = [&](double slope) {
+      for (int k = 0; k < count; ++k) x[first + k].d[k / W][k % W] = slope;
+    };
+    seed(1.0);
+    visit(first, count);
+    seed(0.0);
+  }
+}
+
 /// dtau/dq (nv x nq) and dtau/dv (nv x nv) of inverse dynamics, by columns, as many directions at a time.
 template <class Sp>
 struct Slopes {
@@ -103,10 +128,9 @@ struct Slopes {
     return C::memory_needed(layout) + static_cast<std::size_t>(layout.nq + 3 * layout.nv) * sizeof(LaneDual);
   }
 
-  static void run(const Layout& layout, const double* numbers, void* at, const double* q0, const double* v0,
-                  const double* a0, double* by_q, double* by_v) {
-    constexpr int W = FLEXARM_WIDTH, D = LaneDual::directions;
-    const int nq = layout.nq, nv = layout.nv, all = nq + nv;
+  static void run(const Layout& layout, const double* numbers, const double* wrenches, void* at, const double* q0,
+                  const double* v0, const double* a0, double* by_q, double* by_v) {
+    const int nq = layout.nq, nv = layout.nv;
     LaneDual* q = static_cast<LaneDual*>(at);
     LaneDual *v = q + nq, *a = v + nv, *tau = a + nv;
     C chain(layout, numbers, tau + nv);
@@ -116,23 +140,18 @@ struct Slopes {
       a[i] = LaneDual{} + a0[i];
       tau[i] = LaneDual{};
     }
+    for (int i = 0; i < 6 * layout.loads; ++i) chain.wrench[i] = LaneDual{} + wrenches[i];
     const double* p = numbers;
     const typename Sp::Lin base = Sp::read(p);
-    for (int first = 0; first < all; first += D) {
-      const int count = all - first < D ? all - first : D;
-      const auto seed = [&](double slope) {  // q and v lie in one row
-        for (int k = 0; k < count; ++k) q[first + k].d[k / W][k % W] = slope;
-      };
-      seed(1.0);
+    for_directions(q, by_v ? nq + nv : nq, [&](int first, int count) {  // q and v lie in one row
       chain.move(q, v);
       chain.forces(base, a, tau);
-      seed(0.0);
       for (int k = 0; k < count; ++k) {
         const int direction = first + k;
         double* column = direction < nq ? by_q + direction * nv : by_v + (direction - nq) * nv;
-        for (int i = 0; i < nv; ++i) column[i] = tau[i].d[k / W][k % W];
+        for (int i = 0; i < nv; ++i) column[i] = slope_of(tau[i], k);
       }
-    }
+    });
   }
 };
 

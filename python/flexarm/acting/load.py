@@ -115,12 +115,16 @@ def _component(name: str, value: Any) -> Callable[[float], Array]:
     return lambda t: constant
 
 
+_NONE = np.zeros((0, 6))
+
+
 def at_time(arm: Chain, loads: Sequence[Load] | None, t: float) -> tuple[list[_core.Load], Array]:
     """Places and wrenches (n, 6) of loads at time t."""
-    if loads is not None and not isinstance(loads, (list, tuple)):
+    if loads is None:
+        return [], _NONE
+    if not isinstance(loads, (list, tuple)):
         raise ValueError(f"loads = {loads!r}: must be a list of Load")
-    for k, load in enumerate(loads or ()):
+    for k, load in enumerate(loads):
         if not isinstance(load, Load):
             raise ValueError(f"loads[{k}] = {load!r}: must be a Load")
-    places = [load.place(arm) for load in loads or ()]
-    return places, np.array([load(t) for load in loads or ()]).reshape(-1, 6)
+    return [load.place(arm) for load in loads], np.array([load(t) for load in loads]).reshape(-1, 6)

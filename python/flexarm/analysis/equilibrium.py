@@ -95,7 +95,7 @@ class _Balance:
         return r
 
     def _left_over(self, arm: Chain, q: Array, v: Array, loads: Any) -> Array:
-        r: Array = np.asarray(arm._core.inverse_dynamics(q[None], v[None], self.zero[None], *loads)[0])[self.free]
+        r: Array = arm._core.inverse_dynamics(q, v, self.zero, *loads)[self.free]
         return r
 
     def jacobian(self, q: Array, E: Array) -> Array:
@@ -188,7 +188,7 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
     r, forces, steps = b.residual(q), 0.0, 0
     while steps < tries:
         steps += 1
-        M: Array = np.asarray(arm._core.mass_matrix(q[None])[0])[b.at]
+        M: Array = arm._core.mass_matrix(q)[b.at]
         E = arm._core.rates(q, b.zero)[2]
         K = b.jacobian(q, E)
         if not (np.isfinite(K).all() and np.isfinite(r).all() and np.isfinite(M).all() and (np.diag(M) > 0.0).all()):
@@ -265,7 +265,7 @@ def _way_down(b: _Balance, q: Array) -> Array | None:
     nothing has a potential."""
     import scipy.linalg as la  # slow to import
 
-    M, E = np.asarray(b.arm._core.mass_matrix(q[None])[0])[b.at], b.arm._core.rates(q, b.zero)[2]
+    M, E = b.arm._core.mass_matrix(q)[b.at], b.arm._core.rates(q, b.zero)[2]
     K = b.jacobian(q, E)
     if not b.has_potential(K):
         return None

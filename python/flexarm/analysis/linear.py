@@ -52,8 +52,7 @@ def solve_mass(M: Array, right: Array) -> Array:
 
 def forward_derivatives(arm: Chain, q: Array, v: Array, tau: Array, loads: Any = ()) -> Derivatives:
     """See Arm.forward_derivatives: M da = dtau - (dh/dq + d(M a)/dq) dq - dh/dv dv."""
-    given, zero = [False] * arm.nv, np.zeros((1, arm.nv))
-    a = arm._core.forward_dynamics(q[None], v[None], tau[None], "ab", given, zero, *loads)[0]
+    a = arm._core.forward_dynamics(q, v, tau, "ab", {}, *loads)
     by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, a, *loads))
     by_all = solve_mass(arm.mass_matrix(q), np.hstack([-by_q, -by_v, np.eye(arm.nv)]))
     return Derivatives(by_all[:, : arm.nq], by_all[:, arm.nq : -arm.nv], by_all[:, -arm.nv :])
@@ -335,7 +334,8 @@ def linearize(
     given[[i.rate for i in columns if i.rate >= 0]] = True
     _check_balls(arm, given, "inputs")
     forces = zero if tau is None else array("tau", tau, (nv,))
-    a0 = arm._core.forward_dynamics(q0[None], v0[None], forces[None], "ab", list(given), zero[None], *loads)[0]
+    still = {int(i): 0.0 for i in np.flatnonzero(given)}
+    a0 = arm._core.forward_dynamics(q0, v0, forces, "ab", still, *loads)
 
     point = _about(arm, q0, v0, a0, columns, ~given, loads)
     if outputs is None:
@@ -348,7 +348,7 @@ def linearize(
     Y = np.vstack([np.zeros((0, point.X.shape[1])), *(o.rows for o in read)])
     keep = np.flatnonzero(np.tile(~locked, 2))
     F, u = np.vstack([turns, point.X])[keep], slice(2 * nv, None)
-    reaction = arm._core.inverse_dynamics(q0[None], v0[None], a0[None], *loads)[0]
+    reaction = arm._core.inverse_dynamics(q0, v0, a0, *loads)
     rates = np.array([*arm.coordinates, *(f"rate {c}" for c in arm.coordinates)])[keep]
     return LinearModel(
         *(F[:, keep], F[:, u], Y[:, keep], Y[:, u]),

@@ -304,7 +304,7 @@ def _text(pole: complex) -> str:
 def has_grown(v: Array) -> bool:
     """Whether rates (nt, n) are in the last fifth of the rows far above those of the first tenth, and near the largest
     of all: what settles is not growing."""
-    size = np.abs(v)
-    first = size[: max(2, len(v) // 10)].max(axis=0, initial=0.0)
-    last = size[-max(2, len(v) // 5) :].max(axis=0, initial=0.0)
-    return bool(((last > 3.0 * first) & (last >= 0.5 * size.max(axis=0, initial=0.0))).any())
+    parts = v[: max(2, len(v) // 10)], v[-max(2, len(v) // 5) :]
+    first, last = (np.abs(part).max(axis=0, initial=0.0) for part in parts)
+    grown = last > 3.0 * first
+    return bool(grown.any() and (grown & (last >= 0.5 * np.abs(v).max(axis=0, initial=0.0))).any())

@@ -95,7 +95,7 @@ def modes(
     free = ~locked_rates(arm, lock)
     if not free.any():
         raise ValueError("lock: no coordinate is left to move")
-    if not np.isfinite(arm._core.inverse_dynamics(q0[None], v0[None], np.zeros((1, arm.nv)), *loads)).all():
+    if not np.isfinite(arm._core.inverse_dynamics(q0, v0, np.zeros(arm.nv), *loads)).all():
         raise ValueError("speed, q: are too large, the forces there are not finite")
     q0 = steady_state(arm, q0, v0, loads)
 
@@ -104,7 +104,7 @@ def modes(
     still = np.zeros(arm.nv)
     by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q0, v0, still, *loads))
     _, _, E = arm._core.rates(q0, v0)  # dq = E v: small turns of a ball move its quaternion so
-    M, W = np.asarray(arm._core.mass_matrix(q0[None])[0]), turning(arm, v0)
+    M, W = arm._core.mass_matrix(q0), turning(arm, v0)
     # dv = d(theta)/dt + W theta: a ball's turn theta is measured in axes that turn with it
     K, G = (by_q @ E + by_v @ W)[at], (by_v + M @ W)[at]
     M = M[at]

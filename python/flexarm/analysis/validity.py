@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextvars import ContextVar
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
+
+import flexarm._core as _core
 
 from .._check import Array
 from ..parts.beam import Beam
@@ -43,29 +46,35 @@ class RangeWarning(UserWarning):
         return type(self), (str(self), self.link, self.time, self.rotation, self.limit)
 
 
-def _turns(beam: Beam) -> Array:
-    """Rotation vector, integral of K from 0 to X, of a unit of each elastic coordinate, at places X: (3 nx, ne)."""
-    places = max(8, 2 * max(beam.counts.values()))
-    turns: Array = beam._core.turns(np.linspace(0.0, beam.length, places + 1)[1:])
-    return turns
+_KNOWN: WeakKeyDictionary[_core.Beam, tuple[Array, Array]] = WeakKeyDictionary()  # every run asks
 
 
-def rotation(beam: Beam, qe: Array, turns: Array | None = None) -> Array:
+def _turns(beam: Beam) -> tuple[Array, Array]:
+    """Rotation vector, integral of K from 0 to X, of a unit of each elastic coordinate, at places X, (3 nx, ne); and of
+    each coordinate the largest rotation of a section, (ne,)."""
+    if beam._core not in _KNOWN:
+        places = max(8, 2 * max(beam.counts.values()))
+        turns = beam._core.turns(np.linspace(0.0, beam.length, places + 1)[1:])
+        sizes = np.linalg.norm(turns.reshape(-1, 3, turns.shape[1]), axis=1).max(axis=0)
+        _KNOWN[beam._core] = turns, sizes
+    return _KNOWN[beam._core]
+
+
+def rotation(beam: Beam, qe: Array) -> Array:
     """The measure that LIMITS bounds, at each row of qe (nt, ne): the largest rotation of a section (rad).
 
     In a plane that is the whole angle a. Torsion moves nothing by itself, so that in space the measure is
     (b a^n)^(1/(n+1)), with b the angle of bending: the terms that order n leaves out grow like that."""
-    angles = (qe @ (_turns(beam) if turns is None else turns).T).reshape(len(qe), -1, 3)
+    angles = (qe @ _turns(beam)[0].T).reshape(len(qe), -1, 3)
     whole, bending = np.linalg.norm(angles, axis=2), np.linalg.norm(angles[:, :, 1:], axis=2)
     n = 1 if beam.order in (0, "exact") else int(beam.order)
     out: Array = ((bending * whole**n) ** (1.0 / (n + 1))).max(axis=1)
     return out
 
 
-def _bound(qe: Array, turns: Array) -> float:
+def _bound(beam: Beam, qe: Array) -> float:
     """A bound (rad) that no section's rotation exceeds in any row."""
-    sizes = np.linalg.norm(turns.reshape(-1, 3, qe.shape[1]), axis=1).max(axis=0)
-    return float(np.abs(qe).max(axis=0, initial=0.0) @ sizes)
+    return float(np.abs(qe).max(axis=0, initial=0.0) @ _turns(beam)[1])
 
 
 def _unresolved(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
@@ -77,10 +86,10 @@ def _unresolved(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
         if beam is None or beam.order != "exact" or not beam.ne or not len(q):
             continue
         first = arm._core.first_q(k) + link.joint.nq
-        qe, turns = q[:, first : first + beam.ne], _turns(beam)
-        if beam.gauss_points is None and _bound(qe, turns) <= _RESOLVED:
+        qe = q[:, first : first + beam.ne]
+        if beam.gauss_points is None and _bound(beam, qe) <= _RESOLVED:
             continue
-        angle = rotation(beam, qe, turns)
+        angle = rotation(beam, qe)
         rows = np.unique([*np.abs(qe).argmax(axis=0), angle.argmax()])
         if (beam._core.truncation(qe[rows]) <= TRUNCATION).all():
             continue
@@ -104,10 +113,9 @@ def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
             continue
         first = arm._core.first_q(k) + link.joint.nq
         qe, limit = q[:, first : first + beam.ne], LIMITS[int(beam.order)]
-        turns = _turns(beam)
-        if _bound(qe, turns) <= limit:
+        if _bound(beam, qe) <= limit:
             continue
-        angle = rotation(beam, qe, turns)
+        angle = rotation(beam, qe)
         past = np.flatnonzero(~(angle <= limit))
         if past.size:
             others += 1

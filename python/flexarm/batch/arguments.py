@@ -107,7 +107,7 @@ def check_balls(arm: Arm, q: Array, field_name: str = "q0") -> None:
 def check_options(integrator: str, rtol: Any, spectral_radius: Any) -> None:
     choice("integrator", integrator, STEPPERS)
     implicit = OPTION_OF["spectral_radius"]
-    if INTEGRATORS[integrator].explicit and rtol is not None:
+    if rtol is not None and not INTEGRATORS[integrator].iterates:
         raise ValueError(f'rtol = {rtol}: is for integrator="{implicit}", not for "{integrator}"')
     if integrator != implicit and spectral_radius is not None:
         raise ValueError(

@@ -55,7 +55,7 @@ def run_steps(
     stats = take_steps(
         arms, len(indices), schedule, q0, v0, tau, motions, pushes, loads, laws, job.integrator,
         job.options.get("spectral_radius"), job.options.get("rtol"),
-        {k: blocks[k] for k in (*job.outputs, "status", "reached")}, workers, alive,
+        {k: blocks[k] for k in (*job.outputs, "status", "reached")}, workers, alive, whole=job.whole,
     )  # fmt: skip
     if "q" in blocks:
         _check_range(job, setups, blocks)

@@ -61,6 +61,7 @@ class Job:
         outputs: of "q", "v", "a", "tau".
         integrator, step, options: of `simulate`.
         summary: what is kept of each scenario; None: the outputs.
+        whole: scenarios of the whole batch, where this is a part of it, too; few ones are not worth the lanes.
     """
 
     variation: Variation
@@ -74,6 +75,7 @@ class Job:
     step: float | None
     options: dict[str, Any] = field(default_factory=dict)
     summary: Summary | None = None
+    whole: int = 0
 
     def taken(self, indices: NDArray[np.int64]) -> Job:
         """The batch of these scenarios alone."""
@@ -144,7 +146,7 @@ class Job:
         known = all(k in ("rtol", "spectral_radius") for k in self.options)
         if self.integrator not in STEPPERS or not known:
             return "simulate"
-        if INTEGRATORS[self.integrator].explicit and (_friction(setup.arm) or self._varies_friction()):
+        if not INTEGRATORS[self.integrator].rubs and (_friction(setup.arm) or self._varies_friction()):
             return "simulate"
         feedback, samplers, memory = control_laws(setup.arm, setup.control, self.t)
         if samplers or memory:

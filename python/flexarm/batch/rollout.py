@@ -111,6 +111,7 @@ def take_steps(
     arms: Sequence[Arm], count: int, schedule: Schedule, q0: Array, v0: Array, tau: Array, motions: Sequence[Any],
     pushes: Sequence[Any], loads: Sequence[Any], laws: Sequence[Any], integrator: str, spectral_radius: float | None,
     rtol: float | None, blocks: Mapping[str, Array], workers: int, alive: Any = None, lanes: bool = True,
+    whole: int = 0,
 ) -> dict[str, Any]:  # fmt: skip
     """The core's run of a batch: writes into `blocks` (q, v, a, tau of those wanted, status, reached), and gives its
     counts. What is prescribed must be in q0 and v0."""
@@ -118,7 +119,8 @@ def take_steps(
         [a._core for a in arms], count, schedule.lengths, schedule.ends, schedule.hold, schedule.rows,
         q0[:, None], v0[:, None], tau, motions, pushes, loads, laws, integrator,
         1.0 if spectral_radius is None else number("spectral_radius", spectral_radius),
-        INTEGRATORS[integrator].rtol if rtol is None else number("rtol", rtol), lanes, dict(blocks), workers, alive,
+        INTEGRATORS[integrator].rtol if rtol is None else number("rtol", rtol), lanes, whole,
+        dict(blocks), workers, alive,
     )  # fmt: skip
 
 
@@ -215,8 +217,8 @@ def rollout(
             (2 nstep + 1, 3) or (B, 2 nstep + 1, 3). They take the place of q0 and v0 there.
         workers: threads; None: one for each core.
         rtol, spectral_radius: of "implicit"; see `simulate`.
-        lanes: whether scenarios run side by side in the processor's vector lanes, as many as it has; for arms without
-            balls and with beams of order 1 and 2. It changes results by rounding (1e-12).
+        lanes: whether scenarios run side by side in the processor's vector lanes, as many as it has, where there are
+            enough to be worth it. It changes results by rounding (1e-12).
         out: arrays "q" and "v" that the result is written into, float64, C-contiguous, of the result's shapes.
         progress: shows a bar on stderr, where that is a terminal; or a callable, which is given the share of steps
             taken about ten times a second, and may raise to give up.

@@ -75,7 +75,7 @@ def make_job(
     sizes = {name: len(x) for name, x in starts.items() if x is not None}
     count = scenario_count({"arm": 1, **sizes, "tau": len(held), **variation.sizes})
     job = Job(variation, times, starts["q0"], starts["v0"], None if tau is None else held, wanted, every, integrator,
-              step, options)  # fmt: skip
+              step, options, whole=count)  # fmt: skip
     return job, count
 
 

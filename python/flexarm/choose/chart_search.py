@@ -149,8 +149,10 @@ class ChartSearch:
         """Wall time (s) of a run, from those like it; 0 if there are none."""
         nv = self.size(row)
         like = [r for r in self.rows if r.choice == row.choice]
+        rank = {r: self.orders.index(r.model.order) for r in [row, *like]}
         # where an easier one was cut off, this one takes at least as long
-        cut = [r.time for r in like if r.status == "cut" and r.value >= row.value and self.size(r) <= nv]
+        easier = (r for r in like if r.value >= row.value and self.size(r) <= nv and rank[r] <= rank[row])
+        cut = [r.time for r in easier if r.status == "cut"]
         done = [r for r in like if r.status == "ok"]
         own = [r for r in done if r.model == row.model]
         if own:
@@ -158,8 +160,7 @@ class ChartSearch:
             growth = near.value / row.value  # as the number of steps, but for a method of order p by its 1 / (p + 1)
             order = row.options.get("max_order", 5) if row.setting == "rtol" else 0
             return max([*cut, float(near.time * growth ** (1 / (1 + order)))])
-        rank = self.orders.index(row.model.order)
-        above = [r for r in done if r.value == row.value and self.orders.index(r.model.order) >= rank]
+        above = [r for r in done if r.value == row.value and rank[r] >= rank[row]]
         return max([*cut, min((r.time * (nv / max(1, self.size(r))) ** 2 for r in above), default=0.0)])
 
     def planned(self, model: Model, choice: str, value: float, method: str) -> Run:
@@ -254,13 +255,12 @@ class ChartSearch:
         choice, value, rich = self.truth.choice, self.truth.value, self.truth.model
         orders = self.orders[: self.orders.index(rich.order) + 1]
         shifts = self.shifts[: self.shifts.index(rich.shift) + 1]
-        dear = sorted(reversed(orders), key=lambda order: order == 3)  # last: in space it costs most, more than exact
-        at_order = [self.run(self.models.uniform(order, rich.shift), choice, value, _FIRST) for order in dear]
+        at_order = [self.run(self.models.uniform(o, rich.shift), choice, value, _FIRST) for o in reversed(orders)]
         other = self.models.rebased(self.models.uniform(rich.order, rich.shift + _SPARE))
         if other.basis:
             self.poorer["basis"] = self.run(other, choice, value, _FIRST)
         if len(orders) > 1:
-            self.poorer["order"] = next(r for r in at_order if r.model.order == orders[-2])
+            self.poorer["order"] = at_order[1]
         rows = list(at_order)
         for row in best(r for r in at_order if r.status == "ok"):
             for shift in reversed(shifts[:-1]):

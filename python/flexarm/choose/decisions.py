@@ -101,33 +101,31 @@ class Order(Decision):
     def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
         return {order: model.but(order=order) for order in ORDERS[:-1]}
 
-    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
+    def lower(self, found: Findings, model: Model, group: list[int]) -> tuple[int | str, Model] | None:
+        """The next poorer order that is cheaper, and the model with it."""
         beam = model.beam(group[0])
         for order in reversed(() if beam.rigid else ORDERS[: ORDERS.index(beam.order)]):
             lower = model.but(group, order=order)
-            if not found.allowed(order):
-                continue
-            time = found.trials.share(lower, model) if order == 3 else -1.0
-            if time is not None and time < 0:
-                about = found.estimates.by_order.get(order, 0.0)
-                yield ("order", group[0], order), lower, about if about < UNLIKELY * found.tol else math.inf
-                return
+            if found.allowed(order) and found.trials.cheaper(lower, model):
+                return order, lower
+        return None
+
+    def moves(self, found: Findings, model: Model, group: list[int]) -> Iterator[tuple[Any, Model, float]]:
+        next_one = self.lower(found, model, group)
+        if next_one is not None:
+            about = found.estimates.by_order.get(next_one[0], 0.0)
+            name = "order", group[0], next_one[0]
+            yield name, next_one[1], about if about < UNLIKELY * found.tol else math.inf
 
     def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
         model, share, by_order = found.lean.model, found.trials.share, found.estimates.by_order
-        beam = model.beam(group[0])
-        if beam.rigid:
-            return
-        for other in reversed(ORDERS[: ORDERS.index(beam.order)]):
-            lower = model.but(group, order=other)
-            error, how = found.without(lower, by_order.get(other, math.inf))
-            time = share(model, lower)
-            if other == 3 and how == ESTIMATE and (time or 0.0) < 0:
-                continue  # dearer than exact
-            yield Choice(where, "order", str(beam.order), error, how, time, True)
-            return
-        now = by_order.get(beam.order, math.inf)
-        yield Choice(where, "order", str(beam.order), now, ESTIMATE, share(model.but(group, order=2), model), False)
+        beam, next_one = model.beam(group[0]), self.lower(found, model, group)
+        if next_one is not None:
+            error, how = found.without(next_one[1], by_order.get(next_one[0], math.inf))
+            yield Choice(where, "order", str(beam.order), error, how, share(model, next_one[1]), True)
+        elif not beam.rigid:
+            now, more = by_order.get(beam.order, math.inf), share(model.but(group, order=2), model)
+            yield Choice(where, "order", str(beam.order), now, ESTIMATE, more, False)
 
 
 class Switch(Decision):

@@ -35,33 +35,27 @@ class Descent:
         found.sizes = self.find_sizes()
 
     def likely(self) -> Model:
-        """The reference, of the poorest order that is estimated to be good enough and is; runs are cheaper there."""
+        """The reference at order 2, or else 3, if that is cheaper, and is estimated to be good enough and is."""
+        reference = self.reference.model
         for order in (2, 3):
-            if self.by_order.get(order, np.inf) > _GOAL / 2 * self.tol:
-                continue
-            model = self.reference.model.but(order=order)
-            if order == 3 and self.trials.cost(model) > self.trials.cost(self.reference.model):
-                continue
-            if self.error(model) <= _GOAL * self.tol:
-                return model
-        return self.reference.model
+            model = reference.but(order=order)
+            if self.by_order.get(order, np.inf) <= _GOAL / 2 * self.tol and self.trials.cheaper(model, reference):
+                if self.error(model) <= _GOAL * self.tol:
+                    return model
+        return reference
 
     def orders(self, start: Model, few: Model) -> Iterator[Model]:
-        """The reduced model with poorer orders that still meet the goal, the poorest first; at most two. Where that
-        order leaves no room for so few modes, they are chosen anew."""
+        """The reduced model with poorer orders that are cheaper and still meet the goal, at most two, the poorest
+        first. Where such an order leaves no room for so few modes, they are chosen anew."""
         given, goal = 0, _GOAL * self.tol
         top = max((ORDERS.index(beam.order) for beam in few.beams if beam is not None), default=0)
         for order in ORDERS[:top]:
-            if self.by_order.get(order, 0.0) > UNLIKELY * self.tol or not self.found.allowed(order):
+            model, full, about = few.but(order=order), start.but(order=order), self.by_order.get(order, 0.0)
+            if about > UNLIKELY * self.tol or not self.found.allowed(order) or not self.trials.cheaper(model, few):
                 continue
-            model, full = few.but(order=order), start.but(order=order)
-            time = self.trials.share(model, few) if order == 3 else 0.0
-            if time is None:
-                continue
-            dear = time > 0
-            if not dear and self.error(model) <= goal:
+            if self.error(model) <= goal:
                 yield model
-            elif not dear and self.by_order.get(order, 0.0) <= goal and self.error(full) <= goal:
+            elif about <= goal and self.error(full) <= goal:
                 yield self.fewer(full)
             else:
                 continue

@@ -205,11 +205,9 @@ def _head(plan: Plan) -> list[str]:
 def _speed(plan: Plan) -> list[str]:
     rows = [["model", "coordinates", "an evaluation", "operations"]]
     for name, of in speed_of(plan._found).items():
-        time = f"{1e6 * (of['time'] or 0.0):.2f} µs"
+        time = f"{1e6 * of['time']:.2f} µs"
         word = {"given": "the scene's own", "lean": "lean", "rich": "of the check"}[name]
-        rows.append([word, str(of["coordinates"]), time, "" if of["operations"] is None else f"{of['operations']}"])
-    if not any(r[3] for r in rows[1:]):
-        rows = [r[:3] for r in rows]
+        rows.append([word, str(of["coordinates"]), time, str(of["operations"])])
     return aligned(rows, {1, 2, 3})
 
 
@@ -267,10 +265,10 @@ def _setting(found: Findings, trial: Run) -> Choice:
     return Choice("arm", "integrator", words, error, RUN, time, trial is found.lean)
 
 
-def speed_of(found: Findings) -> dict[str, dict[str, float | int | None]]:
+def speed_of(found: Findings) -> dict[str, dict[str, float | int]]:
     """Of the scene's own model, the lean and the rich one: coordinates, time (s) and floating point operations of one
-    evaluation of the dynamics; operations are None where the arm does not count them."""
-    out: dict[str, dict[str, float | int | None]] = {}
+    evaluation of the dynamics."""
+    out: dict[str, dict[str, float | int]] = {}
     for name, model in (("given", found.models.given), ("lean", found.lean.model), ("rich", found.rich.model)):
         arm = found.models.arm(model)
         out[name] = {"coordinates": arm.nv, "time": found.trials.cost(model), "operations": arm.operation_count()}

@@ -169,14 +169,13 @@ class EconomizeSearch:
     def relevant(self, rich: Model, base: Model, estimates: Estimates) -> Model:
         """Of the rich model, what the indicators say may matter; never less than the base."""
         small, share = _SMALL * self.tol, estimates.share
-        order = 2 if estimates.by_order.get(2, np.inf) <= small else "exact"
 
         def matters(k: int, beam: BeamModel) -> BeamModel:
             group, numbers = next(g for g in self.models.groups if k in g), []
             for s, (n, own) in enumerate(zip(beam.counts, base.counts(k), strict=True)):
                 seen = [i for i in range(1, n + 1) if max(share[j, s, i] for j in group) > small]
                 numbers.append(max([min(own, n), *seen]))
-            return BeamModel(tuple(numbers), order, True, None, beam.basis)
+            return replace(beam, counts=tuple(numbers))
 
         return rich.each(matters)
 
@@ -225,7 +224,7 @@ class EconomizeSearch:
 
         def few(k: int, own: BeamModel) -> BeamModel:
             numbers = tuple(n or min(m, 2) for n, m in zip(own.counts, rich.counts(k), strict=True))
-            return BeamModel(numbers, own.order if own.order in (2, 3) else "exact", True, None, own.basis)
+            return BeamModel(numbers, "exact", True, None, own.basis)
 
         try:
             scene = self.models.at(lean.each(few), {})

@@ -52,7 +52,7 @@ def _forces(scene: Scene, arm: Arm, run: Embedded) -> Array:
         return np.asarray(arm._core.inverse_dynamics(run.q, run.v, run.a))
     out = []
     for t, q, v, a in zip(run.t, run.q, run.v, run.a, strict=True):
-        r = arm._core.inverse_dynamics(q[None], v[None], a[None], *at_time(arm, scene.loads, float(t)))[0]
+        r = arm._core.inverse_dynamics(q, v, a, *at_time(arm, scene.loads, float(t)))
         out.append(r - arm.patch_matrix @ _voltages(scene, float(t)) if patched else r)
     return np.array(out)
 
@@ -110,7 +110,7 @@ class Indicators:
     @staticmethod
     def _response(scene: Scene, run: Embedded, forces: Array) -> Array:
         arm, mid = scene.arm, len(run.t) // 2
-        M = np.asarray(arm._core.mass_matrix(run.q[mid][None])[0])
+        M = arm._core.mass_matrix(run.q[mid])
         K, D = np.zeros((arm.nv, arm.nv)), np.zeros((arm.nv, arm.nv))
         for k, link in enumerate(arm.links):
             if link.beam is not None and link.beam.ne:

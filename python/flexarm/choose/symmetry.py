@@ -131,7 +131,7 @@ def _tangent(
     vs = np.array([v] * n + [v + eps * e for e in units])
     r = arm._core.inverse_dynamics(qs, vs, np.tile(a, (2 * n, 1)), *at_time(arm, scene.loads, t))
     K, D = (np.asarray(part)[:, out].T / eps for part in (r[:n], r[n:]))
-    M = np.asarray(arm._core.mass_matrix(q[None])[0])[np.ix_(out, out)]
+    M = arm._core.mass_matrix(q)[np.ix_(out, out)]
     turn = np.zeros((n, n))  # of the axes that a ball's rates are about, as it turns
     rates = np.asarray(arm._core.rates(q, v)[0])
     for _, at in arm.quaternions():

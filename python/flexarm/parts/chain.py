@@ -154,16 +154,21 @@ class Chain:
     def _x(x: float | None) -> float | None:
         return None if x is None else number("x", x)
 
-    def _batch(self, **named: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
-        lead, rows = batch({k: self.nq if k == "q" else self.nv for k in named}, **named)
-        if "q" in named:
-            self.check_balls("q", rows[list(named).index("q")])
-        return lead, rows
-
-    def _single(self, **named: ArrayLike) -> list[Array]:
-        arrays = [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
-        if "q" in named:
+    def _batch(self, balls: bool = True, /, **named: Any) -> list[Array]:
+        """q (..., nq) and all else (..., nv), checked and broadcast; one state, about which there is nothing to say, by
+        a quick look. Without `balls` quaternions need not have a length."""
+        if self._core.one_state(named, balls):
+            return list(named.values())
+        arrays = batch({k: self.nq if k == "q" else self.nv for k in named}, **named)
+        if balls:
             self.check_balls("q", arrays[list(named).index("q")])
+        return arrays
+
+    def _single(self, **named: Any) -> list[Array]:
+        if self._core.one_state(named, True):
+            return list(named.values())
+        arrays = [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
+        self.check_balls("q", arrays[list(named).index("q")])
         return arrays
 
     def check_balls(self, field: str, q: Array) -> None:
@@ -184,72 +189,65 @@ class Chain:
 
         x = None is the link's end, where the next joint sits. The columns of R are the slice's axes.
         """
-        lead, (q,) = self._batch(q=q)
+        (q,) = self._batch(q=q)
         p, R = self._core.frame(q, self._link(link), self._x(x))
-        return finite("frame", p).reshape(*lead, 3), finite("frame", R).reshape(*lead, 3, 3)
+        return finite("frame", p), finite("frame", R)
 
     def jacobian(self, q: ArrayLike, link: int = -1, x: float | None = None) -> Array:
         """Jacobian (..., 6, nv) of such a frame: [linear; angular] velocity in world axes (Phi H of Eq. 91)."""
-        lead, (q,) = self._batch(q=q)
-        return finite("jacobian", self._core.jacobian(q, self._link(link), self._x(x))).reshape(*lead, 6, self.nv)
+        (q,) = self._batch(q=q)
+        return finite("jacobian", self._core.jacobian(q, self._link(link), self._x(x)))
 
     def jacobian_rate(self, q: ArrayLike, v: ArrayLike, link: int = -1, x: float | None = None) -> Array:
         """Time derivative (..., 6, nv) of that Jacobian at the rates v: acceleration = J a + dJ/dt v."""
-        lead, (q, v) = self._batch(q=q, v=v)
-        rate = self._core.jacobian_rate(q, v, self._link(link), self._x(x))
-        return finite("jacobian rate", rate).reshape(*lead, 6, self.nv)
+        q, v = self._batch(q=q, v=v)
+        return finite("jacobian rate", self._core.jacobian_rate(q, v, self._link(link), self._x(x)))
 
     def velocity(self, q: ArrayLike, v: ArrayLike, link: int = -1, x: float | None = None) -> Array:
         """Velocity (..., 6) of such a frame: [linear (m/s); angular (rad/s)] in world axes (Eq. 85)."""
-        lead, (q, v) = self._batch(q=q, v=v)
-        velocity, _ = self._core.slice_motion(q, v, v, self._link(link), self._x(x))
-        return finite("velocity", velocity).reshape(*lead, 6)
+        q, v = self._batch(q=q, v=v)
+        return finite("velocity", self._core.slice_motion(q, v, v, self._link(link), self._x(x))[0])
 
     def acceleration(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int = -1, x: float | None = None) -> Array:
         """Acceleration (..., 6) of such a frame: [linear (m/s^2); angular (rad/s^2)] in world axes (Eq. 86)."""
-        lead, (q, v, a) = self._batch(q=q, v=v, a=a)
-        _, acceleration = self._core.slice_motion(q, v, a, self._link(link), self._x(x))
-        return finite("acceleration", acceleration).reshape(*lead, 6)
+        q, v, a = self._batch(q=q, v=v, a=a)
+        return finite("acceleration", self._core.slice_motion(q, v, a, self._link(link), self._x(x))[1])
 
     def center_of_mass(self, q: ArrayLike) -> Array:
         """Position (..., 3) of the whole arm's centre of mass in the world (m)."""
-        lead, (q,) = self._batch(q=q)
+        (q,) = self._batch(q=q)
         if not any(link.mass for link in self.links):
             raise ValueError("links: no link has a mass, so there is no centre of mass")
-        _, centre = self._core.momentum(q, np.zeros((len(q), self.nv)))
-        return finite("centre of mass", centre).reshape(*lead, 3)
+        return finite("centre of mass", self._core.momentum(q, np.zeros((*q.shape[:-1], self.nv)))[1])
 
     def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
         """The whole arm's momentum (..., 6): [linear (kg m/s); angular about the world's origin (kg m^2/s)], world
         axes. At order 0 it is that of the cut kinetic energy, a little off mass times the centre of mass's velocity."""
-        lead, (q, v) = self._batch(q=q, v=v)
-        return finite("momentum", self._core.momentum(q, v)[0]).reshape(*lead, 6)
+        q, v = self._batch(q=q, v=v)
+        return finite("momentum", self._core.momentum(q, v)[0])
 
     def strain(self, q: ArrayLike, link: int = -1, x: float = 0.0) -> Array:
         """Strains K1, K2, K3 (1/m) and phi12, phi13 (rad) at x metres along a link's beam (Eq. 18-21), (..., 5)."""
-        lead, (q,) = batch({"q": self.nq}, q=q)  # strains do not ask for a ball's quaternion
-        return finite("strain", self._core.strain(q, self._link(link), number("x", x))).reshape(*lead, 5)
+        (q,) = self._batch(False, q=q)
+        return finite("strain", self._core.strain(q, self._link(link), number("x", x)))
 
     def deflection(self, q: ArrayLike, link: int = -1, x: float | None = None) -> Array:
         """Displacement (..., 3) of the slice at x metres (None: the beam's tip) from rest, in the link's axes (m)."""
-        lead, (q,) = self._batch(q=q)
+        (q,) = self._batch(q=q)
         n = self._link(link)
         beam = self.links[n].beam
         if beam is None:
             raise ValueError(f"link = {link}: has no beam, so no deflection")
-        return finite("deflection", self._core.deflection(q, n, beam.length if x is None else number("x", x))).reshape(
-            *lead, 3
-        )
+        return finite("deflection", self._core.deflection(q, n, beam.length if x is None else number("x", x)))
 
     def charge(self, q: ArrayLike, link: int = -1, patch: int = 0) -> Array:
         """Charge (C) that strain brings onto the electrodes of a link's patch when they are short-circuited, (...): by
         reciprocity, the patch's forces per volt (Eq. 61) times the elastic coordinates."""
-        lead, (q,) = batch({"q": self.nq}, q=q)
+        (q,) = self._batch(False, q=q)
         with np.errstate(over="ignore", invalid="ignore"):
             force = self.patch_matrix[:, self.patch_column(link, patch)]
             used = np.flatnonzero(force)
-            charge = q[..., [self.coordinate_of(int(i)) for i in used]] @ force[used]
-            return finite("charge", np.asarray(charge)).reshape(lead)
+            return finite("charge", np.asarray(q[..., [self.coordinate_of(int(i)) for i in used]] @ force[used]))
 
     def patch_voltage(self, q: ArrayLike, link: int = -1, patch: int = 0) -> Array:
         """Voltage (V) of a link's patch when its electrodes are open, (...): -charge / capacitance, so that one that
@@ -279,13 +277,9 @@ class Chain:
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """Joint-space mass matrix of Eq. 90, shape (..., nv, nv)."""
-        lead, rows = self._batch(q=q)
-        return finite("mass matrix", self._core.mass_matrix(*rows)).reshape(*lead, self.nv, self.nv)
+        return finite("mass matrix", self._core.mass_matrix(*self._batch(q=q)))
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> tuple[Any, Any]:
         """Kinetic and potential energy (J), each of shape (...): potential is elastic less sum of m g . p."""
-        lead, rows = self._batch(q=q, v=v)
-        e = finite("energy", self._core.energy(*rows))
-        if lead == ():
-            return float(e[0, 0]), float(e[0, 1])
-        return e[:, 0].reshape(lead), e[:, 1].reshape(lead)
+        e = finite("energy", self._core.energy(*self._batch(q=q, v=v)))
+        return tuple(e.tolist()) if e.ndim == 1 else (e[..., 0], e[..., 1])

@@ -35,16 +35,23 @@ class Integrator(NamedTuple):
     options: tuple[str, ...] = ()  # of `simulate`, which it alone has
     fixed: bool = True  # whether it takes the steps that it is given
     explicit: bool = False  # whether these have a limit; see pace
+    iterates: bool = True  # whether it reads rtol
+    rubs: bool = False  # whether dry friction is in its equations
     in_batches: bool = False  # whether the core's batches have it
 
 
-#: By name; the names are those of python/bindings/time.cpp.
+def _one_step(rubs: bool, iterates: bool, damps: bool, limited: bool) -> Integrator:
+    options = ("spectral_radius",) if damps else ()
+    return Integrator(1e-10, options, explicit=limited, iterates=iterates, rubs=rubs, in_batches=True)
+
+
+#: By name, explicit ones last. Those of one step are C++'s (cpp/kernel/lanes/methods.hpp).
 INTEGRATORS = {
     "ida": Integrator(1e-6, ("max_order", "linear_solver"), fixed=False),
-    "implicit": Integrator(1e-10, ("spectral_radius",), in_batches=True),
+    **{name: _one_step(**row) for name, row in _core.ONE_STEP.items()},
     "gauss": Integrator(1e-12, ("stages",)),
-    "rk4": Integrator(1e-6, explicit=True, in_batches=True),
 }
+INTEGRATORS = dict(sorted(INTEGRATORS.items(), key=lambda item: item[1].explicit))
 #: The integrator that an option belongs to.
 OPTION_OF = {option: name for name, row in INTEGRATORS.items() for option in row.options}
 

@@ -27,13 +27,9 @@ struct Load {
 };
 
 /// A load and its value now, in a workspace.
-template <class S>
 struct AppliedLoad {
   Load load;
   Vec6<double> wrench = Vec6<double>::Zero();  ///< [f; m]
-  Slice<S> slice;
-
-  AppliedLoad(const Load& l, int ne) : load(l), slice(ne) {}
 };
 
 /// A load that changes with time, for the integrators.

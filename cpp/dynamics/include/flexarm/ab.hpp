@@ -10,8 +10,7 @@ namespace flexarm {
 Status forward_dynamics_ab(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                            const Eigen::VectorXd& tau);
 
-/// Floating-point operations of one forward_dynamics on the fast kernels, one pack lane; 0 for arms that these do not
-/// know: with balls, or beams of order 0, 3 or exact.
+/// Floating-point operations of one forward_dynamics.
 long operation_count(const Arm& arm);
 
 /// What an implicit step adds to the mass matrix.
@@ -22,17 +21,15 @@ struct Shift {
 
 /// Factors S = M + shift.damping D + shift.stiffness K of the coordinates that are not prescribed, in O(N). D and K are
 /// the damping and stiffness of beams and of joints (springs, dampers, the stops they touch at q, v): they are
-/// block-diagonal by link, so that they enter the elimination for nothing. At the place where move_arm or
-/// inverse_dynamics left the workspace. Also sets ws.twice_kinetic.
-/// @param have_masses  after inverse_dynamics(..., with_masses = true)
+/// block-diagonal by link, so that they enter the elimination for nothing. At the place where move_arm, forward or
+/// inverse dynamics left the workspace. Also sets ws.twice_kinetic.
 /// @return Status::singular when S is not positive definite
 Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                      const Shift& shift, bool have_masses = false);
+                      const Shift& shift);
 /// x = S^-1 r (length nv) by the last factor_shifted, zero where prescribed; r and x are two vectors.
 void solve_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& r, Eigen::VectorXd& x);
 
-/// The method of choice: AB, on the fast kernels where these know the arm. Its results are in ws.a alone; what else
-/// forward_dynamics_ab leaves in the workspace is not there.
+/// The method of choice: AB.
 Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                         const Eigen::VectorXd& tau);
 

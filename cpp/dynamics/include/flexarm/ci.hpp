@@ -9,12 +9,11 @@ namespace flexarm {
 /// what it needs; further calls allocate nothing.
 void take_composite(const Arm& arm, Workspace& ws);
 
-/// M of every link with everything above it, the links above held rigid, into its M (Eq. 80); after move_arm. O(N).
-/// @param have_masses  after inverse_dynamics(..., with_masses = true)
-void composite_inertias(const Arm& arm, Workspace& ws, bool have_masses = false);
-
-/// H^T Phi^T M Phi H of Eq. 90 into ws.M (nv x nv, symmetric), by composite inertias; after move_arm.
-void composite_mass_matrix(const Arm& arm, Workspace& ws, bool have_masses = false);
+/// H^T Phi^T M Phi H of Eq. 90 into ws.M (nv x nv, symmetric), by composite inertias, where the workspace is: after
+/// move_arm, or forward or inverse dynamics. O(N^2).
+void composite_mass_matrix(const Arm& arm, Workspace& ws);
+/// The same at q (nq), which leaves the workspace nowhere: nothing but this goes on from there.
+void composite_mass_matrix(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q);
 
 /// Accelerations from generalised forces, into ws.a; same contract as forward_dynamics_ab.
 Status forward_dynamics_ci(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,

@@ -1,5 +1,4 @@
-// Exact derivatives, by dual numbers through the sweeps of inverse dynamics and kinematics. O(N^2). On the fast kernels
-// where they know the arm (Arm::plan) and no load acts.
+// Exact derivatives, by dual numbers through the recursions of inverse dynamics and kinematics. O(N^2).
 #pragma once
 
 #include <memory>
@@ -9,34 +8,25 @@
 
 namespace flexarm {
 
-/// State of an arm in dual numbers, and its directions: every coordinate, then every rate, four at a time.
-class TangentState {
- public:
-  explicit TangentState(const Arm& arm);
-  void set(const Eigen::VectorXd& q_value, const Eigen::VectorXd& v_value, const Eigen::VectorXd& a_value);
-  /// Calls evaluate() with four directions seeded at once, then store(k, lane) for each: k < nq a coordinate, then
-  /// rates, but for those where by_v is false.
-  template <class Evaluate, class Store>
-  void sweep(const Evaluate& evaluate, const Store& store, bool by_v = true);
-  VecX<Tangent> q, v, a;
-};
+namespace lanes {
+class KernelArm;
+}
 
 /// Exact Jacobians of inverse dynamics.
 class InverseDerivatives {
  public:
   explicit InverseDerivatives(const Arm& arm, const std::vector<Load>& loads = {});
   /// Value of a load from now on.
-  void set_wrench(std::size_t load, const Vec6<double>& wrench) { ws_->loads[load].wrench = wrench; }
-  /// dtau/dq (nv x nq) and dtau/dv (nv x nv) at (q, v, a). (dtau/da is the mass matrix.) Without `by_v` dv may be left
-  /// as it is, which takes half the time.
+  void set_wrench(std::size_t load, const Vec6<double>& wrench);
+  /// dtau/dq (nv x nq) and dtau/dv (nv x nv) at (q, v, a). (dtau/da is the mass matrix.) Without `by_v` dv is left as
+  /// it is, which takes half the time.
   void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
                   bool by_v = true);
   Eigen::MatrixXd dq, dv;
 
  private:
-  std::vector<double> memory_;  ///< of the fast kernels, or else:
-  std::optional<SweepWorkspace<Tangent>> ws_;
-  std::optional<TangentState> state_;
+  std::shared_ptr<const lanes::KernelArm> known_;  ///< with its loads
+  std::vector<double> wrenches_, memory_;
 };
 
 /// Exact derivatives of the motion of one slice, world axes.
@@ -52,12 +42,10 @@ class MotionDerivatives {
   Mat6X<double> jacobian_rate(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
 
  private:
-  const Slice<Tangent>& slice(const Arm& arm);  ///< after move_arm
-  std::size_t link_;
-  std::optional<SliceTable> table_;
-  Slice<Tangent> slice_;
-  SweepWorkspace<Tangent> ws_;
-  TangentState state_;
+  PlacedSlice at_;
+  MadeOnce kept_;                  ///< which owns the next
+  const lanes::KernelArm* known_;  ///< in space
+  std::vector<double> memory_;
 };
 
 }  // namespace flexarm

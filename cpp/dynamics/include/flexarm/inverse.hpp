@@ -1,21 +1,36 @@
-// Inverse dynamics: tau = M(q) a + h(q, v), by one sweep outward and one inward. No factorisation.
+// Inverse dynamics: tau = M(q) a + h(q, v), by one sweep outward and one inward (Eq. 84-87). No factorisation.
 #pragma once
+
+#include <memory>
 
 #include "flexarm/kinematics.hpp"
 
 namespace flexarm {
 
-/// Generalised forces for given accelerations, into ws.tau. h holds gravity, elastic and damping forces.
-/// O(N).
-/// @param q, v, a coordinates (rad, m), rates and accelerations, length nv
-/// @param with_masses  leaves each link's own mass matrix (Eq. 80) in its M, for little
-template <class S>
-void inverse_dynamics(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v, const VecX<S>& a,
-                      bool with_masses = false);
+/// Generalised forces for given accelerations, into ws.tau, less those of the workspace's loads and laws. h holds
+/// gravity, elastic and damping forces. O(N).
+/// @param q, v, a coordinates (nq; rad, m), rates and accelerations (nv)
+void inverse_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                      const Eigen::VectorXd& a);
 
-/// Its inward half alone: the forces of a motion whose accelerations are in the workspace already, after
-/// forward_dynamics_ab or accelerate_arm.
-template <class S>
-void joint_forces(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a, bool with_masses = false);
+/// The same where the workspace is, after move_arm, forward or inverse dynamics. Without the laws.
+void joint_forces(const Arm& arm, Workspace& ws, const Eigen::VectorXd& a);
+
+/// What goes through joints. Takes its memory at set-up.
+class JointReactions {
+ public:
+  explicit JointReactions(const Arm& arm, const std::vector<Load>& loads = {});
+  ~JointReactions();
+  /// Value of a load from now on.
+  void set_wrench(std::size_t load, const Vec6<double>& wrench);
+  /// Force and moment [f; m] (N, N m) through the joint of a link, on it: at its own frame and in its axes, or
+  /// (inboard) where the joint sits on what is below it.
+  Vec6<double> operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a,
+                          std::size_t link, bool inboard);
+
+ private:
+  struct InSpace;
+  std::unique_ptr<InSpace> in_space_;
+};
 
 }  // namespace flexarm

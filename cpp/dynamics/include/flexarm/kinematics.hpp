@@ -1,19 +1,14 @@
-// Outward sweep of positions and velocities, and what follows from it alone: frames, Jacobians, energy.
+// Positions and velocities, and what follows from them alone: frames, Jacobians, energy, momentum.
 #pragma once
+
+#include <optional>
 
 #include "flexarm/workspace.hpp"
 
 namespace flexarm {
 
-/// Moves every slice; fills phi, phi_e, H, V and N of every link (Eq. 68, 69, 73-75, 82, 83, 85). q, v:
-/// length nv.
-template <class S>
-void move_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& q, const VecX<S>& v);
-
-/// Takes the workspace's loads on a link off its force F and elastic forces Fe, by the transposed Jacobians of the
-/// slices they act on (Eq. 53); after move_arm.
-template <class S>
-void subtract_loads(const Arm& arm, SweepWorkspace<S>& ws, std::size_t link, Vec6<S>& F, VecX<S>& Fe);
+/// Places the arm, all its frames, at q (nq), moving at v (nv; Eq. 82, 83, 85).
+void move_arm(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
 
 /// Rates of the coordinates, dq/dt = E(q) v, length nq; the same as v without balls.
 void coordinate_rates(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::VectorXd& dq);
@@ -21,44 +16,64 @@ void coordinate_rates(const Arm& arm, const Eigen::VectorXd& q, const Eigen::Vec
 void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                Eigen::MatrixXd& by_q, Eigen::MatrixXd& by_v);
 
-/// Accelerations of every link, into s.A, for given coordinate accelerations and that of the base in world axes (Eq.
-/// 86); after move_arm. A base that accelerates against gravity stands for gravity.
-template <class S>
-void accelerate_arm(const Arm& arm, SweepWorkspace<S>& ws, const VecX<S>& a, const Eigen::Vector3d& base);
+/// Accelerations of all frames (Eq. 86), of coordinate accelerations a (nv) and that of the base in world axes; after
+/// move_arm. A base that accelerates against gravity stands for gravity.
+void accelerate_arm(const Arm& arm, Workspace& ws, const Eigen::VectorXd& a,
+                    const Eigen::Vector3d& base = Eigen::Vector3d::Zero());
 
-template <class S>
-struct Pose {
-  Vec3<S> p = Vec3<S>::Zero();      ///< world axes (m)
-  Mat3<S> R = Mat3<S>::Identity();  ///< columns: the frame's axes in world axes
-};
-
-/// Pose in the world of a link's own frame, after move_arm.
-template <class S>
-Pose<S> link_pose(const SweepWorkspace<S>& ws, std::size_t link);
-/// Pose in the world of a slice (in link axes) of a link, after move_arm.
-template <class S>
-Pose<S> slice_pose(const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice);
-/// Jacobian of such a slice into J: 6 x nv, [linear; angular], world axes (Eq. 91: Phi H). A J of that size already is
-/// not allocated anew.
-template <class S>
-void slice_jacobian(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice, Mat6X<S>& J);
-/// The same, allocated.
-template <class S>
-Mat6X<S> slice_jacobian(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice) {
-  Mat6X<S> J;
-  slice_jacobian(arm, ws, link, slice, J);
-  return J;
+namespace lanes {
+struct Place;
 }
 
-/// Velocity and acceleration [linear; angular] of a slice, world axes (Eq. 85, 86).
-template <class S>
-struct SliceMotion {
-  Vec6<S> velocity, acceleration;
+/// A place on an arm, made at set-up: a slice of a beam, or a link's end, where the next joint sits.
+class PlacedSlice {
+ public:
+  /// @param x  metres along the link's beam, or nothing for the link's end
+  /// @throws std::invalid_argument where there is no such place
+  PlacedSlice(const Arm& arm, std::size_t link, std::optional<double> x = {});
+  PlacedSlice(const Arm& arm, std::size_t link, const SliceTable& table);
+
+  std::size_t link() const { return link_; }
+  /// Whether it is a slice of a beam, rather than a link's end.
+  bool on_beam() const { return on_beam_; }
+  // as the kernels know it
+  lanes::Place place() const;
+  const double* numbers() const { return numbers_.data(); }
+
+ private:
+  template <class Spot>
+  void put(const Spot& spot);
+  std::size_t link_;
+  bool on_beam_ = false;
+  int on_ = 0, node_ = 0;
+  std::vector<double> numbers_;
 };
-/// After move_arm and accelerate_arm with the same a.
-template <class S>
-SliceMotion<S> slice_motion(const Arm& arm, const SweepWorkspace<S>& ws, std::size_t link, const Slice<S>& slice,
-                            const VecX<S>& a);
+
+struct Pose {
+  Eigen::Vector3d p = Eigen::Vector3d::Zero();      ///< world axes (m)
+  Eigen::Matrix3d R = Eigen::Matrix3d::Identity();  ///< columns: the frame's axes in world axes
+};
+
+// After move_arm:
+/// Pose in the world of a link's own frame, of its end, and of any place.
+Pose link_pose(const Workspace& ws, std::size_t link);
+Pose slice_pose(const Workspace& ws, std::size_t link);
+Pose slice_pose(const Workspace& ws, const PlacedSlice& at);
+/// A slice's pose in the axes of its link.
+Pose slice_in_link(const Workspace& ws, const PlacedSlice& at);
+
+/// Jacobian of a link's end, and of any place, into J: 6 x nv, [linear; angular], world axes (Eq. 91: Phi H). A J of
+/// that size already is not allocated anew.
+void slice_jacobian(const Arm& arm, const Workspace& ws, std::size_t link, Mat6X<double>& J);
+void slice_jacobian(const Arm& arm, const Workspace& ws, const PlacedSlice& at, Mat6X<double>& J);
+
+/// Velocity and acceleration [linear; angular] of a slice, world axes (Eq. 85, 86).
+struct SliceMotion {
+  Vec6<double> velocity, acceleration;
+};
+/// Of a link's end, and of any place; after move_arm and accelerate_arm.
+SliceMotion slice_motion(const Arm& arm, const Workspace& ws, std::size_t link);
+SliceMotion slice_motion(const Arm& arm, const Workspace& ws, const PlacedSlice& at);
 
 struct Energy {
   double kinetic;    ///< J

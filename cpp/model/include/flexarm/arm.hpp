@@ -69,7 +69,8 @@ class Arm {
   const MadeOnce& kept() const { return kept_; }
 
  private:
-  void check_inertia() const;
+  /// Every coordinate must move some inertia, or no force law gives its acceleration.
+  void check_inertia() const;  // inertia_check.cpp
 
   std::vector<Link> links_;
   Eigen::Vector3d gravity_;

@@ -10,7 +10,6 @@
 #include "flexarm/patch.hpp"
 #include "flexarm/quadrature.hpp"
 #include "flexarm/section.hpp"
-#include "flexarm/series.hpp"
 #include "flexarm/shape.hpp"
 #include "flexarm/slice.hpp"
 
@@ -65,8 +64,10 @@ class Beam {
 
   const Eigen::MatrixXd& stiffness() const { return stiffness_; }  ///< Eq. 62, ne x ne
   const Eigen::MatrixXd& damping() const { return damping_; }      ///< ne x ne
-  /// Beyond order 2, what the series needs; else null.
-  const SeriesTables* series() const { return series_.get(); }
+  /// Gauss points over which strains are integrated beyond order 2.
+  int points() const { return static_cast<int>(rule_.points.size()); }
+  /// The same beam with as many such points, for comparison.
+  Beam with_points(int points) const;
   const ShapeSet& shapes(int strain) const { return shapes_[strain]; }
   bool damped() const { return options_.damping_ratio > 0.0 || options_.kelvin_voigt > 0.0; }
   const std::vector<MassSlice>& slices() const { return *slices_; }
@@ -87,9 +88,6 @@ class Beam {
   std::vector<SliceTable> tables(const std::vector<double>& stations) const { return tables(stations, rule_); }
   /// The same at parts of the length, 0 to 1.
   std::vector<SliceTable> tables_at(const std::vector<double>& parts) const { return tables_at(parts, rule_); }
-  /// At order "exact", by how much too few Gauss points put the sections wrong at elastic coordinates q (rows): parts
-  /// of the length and radians, the larger. Against twice as many points. Zero at other orders.
-  Eigen::VectorXd truncation(const Eigen::MatrixXd& q) const;
   /// Whether the slices are those of a section that is the same from end to end.
   bool uniform() const { return uniform_; }
   /// The shape functions at length 1.
@@ -124,10 +122,9 @@ class Beam {
   SliceTable tip_;
   // what is large is shared by copies: a chain of equal beams reads one table, which stays in the processor's cache
   std::shared_ptr<const std::vector<MassSlice>> slices_;
-  std::shared_ptr<const SeriesTables> series_;
   MadeOnce kept_;
   std::shared_ptr<const UnitShapes> unit_;
-  GaussRule rule_{1};  ///< of the series' points, and of the slices of a uniform beam
+  GaussRule rule_{1};  ///< of the points, and of the slices of a uniform beam
 };
 
 /// Gauss points that integrate the inertia of the beam's slices to about 1e-12: exactly what the polynomials of the

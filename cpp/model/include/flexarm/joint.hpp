@@ -1,5 +1,5 @@
 // Joints (Sec. 4.1): a row of elementary motions, ended by a ball (unit quaternion) where freedom from singularity is
-// asked for. A joint offers its motion, its Jacobian H and the rate term; no sweep asks for its kind.
+// asked for. A joint says what it is; the kernel moves it.
 #pragma once
 
 #include <limits>
@@ -10,16 +10,6 @@
 #include "flexarm/spatial.hpp"
 
 namespace flexarm {
-
-/// Motion of a link's frame relative to the frame that its joint sits on.
-template <class S>
-struct JointMotion {
-  Mat3<S> R = Mat3<S>::Identity();  ///< orientation of the link
-  Vec3<S> p = Vec3<S>::Zero();      ///< position of the link's origin, in the axes the joint sits on
-  Eigen::Matrix<S, 6, Eigen::Dynamic, Eigen::ColMajor, 6, 6> H;  ///< V_rel = H v, in link axes (Eq. 66, 67)
-  Vec6<S> V = Vec6<S>::Zero();                                   ///< H v
-  Vec6<S> c = Vec6<S>::Zero();  ///< acceleration of the link relative to the seat, in link axes, when dv/dt = 0
-};
 
 /// One elementary motion: a translation along, or a rotation about, an axis of the frame that the motions before it
 /// have moved.
@@ -74,10 +64,6 @@ class Joint {
   const Placement& inboard() const { return inboard_; }
   const Placement& outboard() const { return outboard_; }
 
-  /// R, p, H, V and c at q (nq) and v (nv). A ball's quaternion need not be of unit length.
-  template <class S>
-  void move(const S* q, const S* v, JointMotion<S>& out) const;
-
   /// Rates of the coordinates, dq/dt = E(q) v; a quaternion that has drifted is drawn back to unit length.
   void rates(const double* q, const double* v, double* dq) const;
   /// d(dq/dt)/dq (nq x nq) and d(dq/dt)/dv (nq x nv) of `rates`.
@@ -93,11 +79,8 @@ class Joint {
   bool passive() const { return !forces_.empty(); }
   /// One for each rate, or none.
   const std::vector<JointForce>& forces() const { return forces_; }
-  /// Generalised force that opposes coordinate i of the joint (to be added to the bias).
-  template <class S>
-  S resistance(int i, const S* q, const S* v) const;
-  /// Its slopes by coordinate and by rate, for an implicit step: none below zero, and of a ball those of its spring and
-  /// stop as if the turn were about that axis.
+  /// Slopes by coordinate and by rate of the generalised force that opposes coordinate i, for an implicit step: none
+  /// below zero, and of a ball those of its spring and stop as if the turn were about that axis.
   std::pair<double, double> resistance_slopes(int i, const double* q, const double* v) const;
   /// Potential energy of springs and stops.
   double potential(const double* q) const;

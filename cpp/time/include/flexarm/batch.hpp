@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <functional>
+#include <string>
 #include <vector>
 
 #include "flexarm/load.hpp"
@@ -50,10 +51,11 @@ struct BatchProblem {
   std::vector<BatchForce> forces = {};
   std::vector<BatchLoad> loads = {};
   std::vector<BatchFeedback> feedback = {};
-  bool rk4 = false;              ///< or ImplicitStep
-  double spectral_radius = 1.0;  ///< of ImplicitStep
-  double rtol = 1e-10;           ///< of ImplicitStep
-  bool lanes = true;             ///< whether scenarios may run side by side in the lanes of a pack
+  std::string integrator = "implicit";  ///< one of OneStep::methods
+  double spectral_radius = 1.0;         ///< see ImplicitOptions
+  double rtol = 1e-10;                  ///< see ImplicitOptions
+  bool lanes = true;                    ///< whether scenarios may run side by side in the lanes of a pack
+  Eigen::Index whole = 0;  ///< scenarios of the batch that this is a part of, or zero: too few of them run one by one
 };
 
 /// How a scenario ended. The first four are those of Status.
@@ -74,7 +76,8 @@ struct BatchStats {
   bool interrupted = false;
 };
 
-/// Runs all scenarios. What one gives depends on nothing but its own numbers: not on the workers, nor on the others.
+/// Runs all scenarios. What one gives depends on nothing but its own numbers, and by rounding on whether they are few:
+/// not on the workers, nor on the others.
 /// A scenario that fails is reported and spoils no other. Each worker has one workspace: memory does not grow with the
 /// number of scenarios.
 /// @param workers  threads, the calling one included; fewer where there is little to do

@@ -4,13 +4,15 @@
 
 #include <functional>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "flexarm/ab.hpp"
 #include "flexarm/dry_friction.hpp"
 
 namespace flexarm {
 
-class ImplicitStep;
+class OneStep;
 
 /// A fixed-step method. It remembers what it needs from one step to the next: one object per arm in motion.
 class Step {
@@ -41,7 +43,7 @@ class Step {
   virtual Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                          const Given& given) = 0;
   /// This, if the dry friction of the arm's joints is in its equations.
-  virtual ImplicitStep* rubbing() { return nullptr; }
+  virtual OneStep* rubbing() { return nullptr; }
   /// Whether `inside` knows the state within the last step; if not, steps must end where it is asked for.
   virtual bool interpolates() const { return false; }
   /// The state c h after the last step's beginning, 0 <= c <= 1, but for what is prescribed.
@@ -67,22 +69,30 @@ struct ImplicitOptions {
   int max_iterations = 20;
 };
 
-/// Generalised-alpha method (Chung & Hulbert 1993; with the rotations of balls by exponentials, Bruels & Cardona 2010,
-/// Arnold & Bruels 2007): second order, unconditionally stable on linear vibration, O(N). Its equations
-///   residual of inverse dynamics at t + h = 0
-/// are solved by Newton's iteration with the matrix of factor_shifted, which leaves out gyroscopic and geometric terms:
-/// it contracts by a factor of order h. Modes too fast for the step may be quiet or ring softly; where they are loud,
-/// with (h omega)^2 times their share of the bending not small, the iteration fails, and a smaller step is needed.
-/// Joints with dry friction stick and slide: what sticks is still to the last bit. Where a joint comes to rest, turns
-/// or is torn loose within a step, the mean force over it is that of the law, so that the order stays two.
-class ImplicitStep final : public Step {
+/// A method of the kernel's table, which batches take as well (lanes/methods.hpp), on an arm's workspace.
+class OneStep : public Step {
  public:
-  /// @param h  step of operator() (s)
-  /// @throws std::invalid_argument naming the field and the value
-  ImplicitStep(const Arm& arm, double h, const ImplicitOptions& options = {});
-  ImplicitStep(const Arm&& arm, double h, const ImplicitOptions& options = {}) = delete;  ///< the arm must outlive it
+  /// What is to be known of a method.
+  struct Traits {
+    std::string name;
+    bool rubs;      ///< dry friction of joints is in its equations
+    bool iterates;  ///< it reads ImplicitOptions::rtol
+    bool damps;     ///< it reads ImplicitOptions::spectral_radius
+    double limit;   ///< of its step times the highest frequency; 0: none
+  };
+  static const std::vector<Traits>& methods();
 
-  /// Advances by the step of the constructor; `start`s by itself the first time. tau is the force at the step's end.
+  /// @param method  its name
+  /// @param h       step of operator() (s)
+  /// @throws std::invalid_argument naming the field and the value; for joints with dry friction, where it has none
+  OneStep(const std::string& method, const Arm& arm, double h, const ImplicitOptions& options = {},
+          DryFriction friction = DryFriction::refused);
+  OneStep(const std::string& method, const Arm&& arm, double h, const ImplicitOptions& options = {},
+          DryFriction friction = DryFriction::refused) = delete;  ///< the arm must outlive it
+  ~OneStep() override;
+
+  /// Advances by the step of the constructor; `start`s by itself the first time. tau, and what is prescribed, are those
+  /// of the step's end.
   Status operator()(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
     return advance(h_, ws, q, v, tau, {});
   }
@@ -90,7 +100,8 @@ class ImplicitStep final : public Step {
   Status jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) override;
   Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                  const Given& given) override;
-  ImplicitStep* rubbing() override;
+  const char* remedy() const override { return remedy_.c_str(); }
+  OneStep* rubbing() override;
   /// Accelerations into ws.a, which holds what is prescribed, and the forces of dry friction (nv): what does not move
   /// sticks as far as it may.
   Status accelerate(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau,
@@ -99,44 +110,41 @@ class ImplicitStep final : public Step {
   const Eigen::VectorXd& friction() const { return friction_; }
   /// Iterations of the last step.
   int iterations() const;
-  ~ImplicitStep() override;
 
  private:
-  struct Iteration;
+  struct Run;
+  template <class Row>
+  struct RunOf;
   void report(const Eigen::VectorXd& v, const double* force, Eigen::VectorXd& friction) const;
   const Arm* arm_;
   double h_;
-  ImplicitOptions options_;
+  std::string remedy_;
   bool started_ = false;
-  Eigen::VectorXd numbers_, friction_;
-  std::unique_ptr<Iteration> iteration_;
+  Eigen::VectorXd friction_;
+  std::unique_ptr<Run> run_;
+};
+
+/// Generalised-alpha method (Chung & Hulbert 1993; with the rotations of balls by exponentials, Bruels & Cardona 2010,
+/// Arnold & Bruels 2007): second order, unconditionally stable on linear vibration, O(N). Its equations
+///   residual of inverse dynamics at t + h = 0
+/// are solved by Newton's iteration with the matrix of factor_shifted, which leaves out gyroscopic and geometric terms:
+/// it contracts by a factor of order h. Modes too fast for the step may be quiet or ring softly; where they are loud,
+/// with (h omega)^2 times their share of the bending not small, the iteration fails, and a smaller step is needed.
+/// Joints with dry friction stick and slide: what sticks is still to the last bit. Where a joint comes to rest, turns
+/// or is torn loose within a step, the mean force over it is that of the law, so that the order stays two.
+class ImplicitStep final : public OneStep {
+ public:
+  ImplicitStep(const Arm& arm, double h, const ImplicitOptions& options = {}) : OneStep("implicit", arm, h, options) {}
+  ImplicitStep(const Arm&& arm, double h, const ImplicitOptions& options = {}) = delete;
 };
 
 /// The classical Runge-Kutta method: fourth order, four forward dynamics (AB) per step; stable only while h times the
 /// highest frequency is below 2.83.
-class Rk4Step final : public Step {
+class Rk4Step final : public OneStep {
  public:
-  /// @param h  step of operator() (s)
-  /// @throws std::invalid_argument for joints with dry friction, which it does not know
-  Rk4Step(const Arm& arm, double h, DryFriction friction = DryFriction::refused);
-  Rk4Step(const Arm&& arm, double h, DryFriction friction = DryFriction::refused) = delete;  ///< it must outlive this
-  /// Advances by the step of the constructor. tau and prescribed accelerations are constant over the step.
-  Status operator()(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
-    return advance(h_, ws, q, v, tau, {});
-  }
-  Status start(Workspace&, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&) override {
-    return Status::ok;
-  }
-  const char* remedy() const override {
-    return "take a smaller step (rk4 is stable below 2.83 over the highest frequency), or an implicit method";
-  }
-  Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
-                 const Given& given) override;
-
- private:
-  const Arm* arm_;
-  double h_;
-  Eigen::VectorXd q0_, v0_, dq_, q_sum_, v_sum_;
+  Rk4Step(const Arm& arm, double h, DryFriction friction = DryFriction::refused)
+      : OneStep("rk4", arm, h, {}, friction) {}
+  Rk4Step(const Arm&& arm, double h, DryFriction friction = DryFriction::refused) = delete;
 };
 
 }  // namespace flexarm

@@ -1,0 +1,163 @@
+// Compiled once for each instruction set, as isa.cpp.
+#include "lanes/pack.hpp"  // what the others need first
+// clang-format: keep
+#include "lanes/frames.hpp"
+#include "lanes/tangent.hpp"
+
+namespace {
+
+using One = Frames<double>;
+
+constexpr std::size_t kHead = 128;
+
+One& of(void* self) { return *static_cast<One*>(self); }
+
+std::size_t memory(const Layout& layout) { return kHead + One::memory(layout); }
+
+void begin(const Layout& layout, const double* numbers, void* memory) {
+  static_assert(sizeof(One) <= kHead, "the head");
+  char* at = static_cast<char*>(memory);
+  const One frames(layout, numbers, at + kHead);
+  __builtin_memcpy(at, &frames, sizeof(frames));
+}
+
+void place(void* self, const double* q, const double* v) {
+  One& f = of(self);
+  for (int i = 0; i < f.chain.layout.nq; ++i) f.q[i] = q[i];
+  for (int i = 0; i < f.chain.layout.nv; ++i) f.v[i] = v[i];
+  f.place();
+}
+
+void accelerate(void* self, const double* base, const double* a) {
+  One& f = of(self);
+  for (int i = 0; i < f.chain.layout.nv; ++i) f.a[i] = a[i];
+  f.chain.accelerate(One::Sp::read(base), f.a);
+}
+
+void put(const One::Lin& x, double* out) {
+  out[0] = x.x;
+  out[1] = x.y;
+  out[2] = x.z;
+}
+
+void pose(void* self, const Place& place, const double* numbers, bool in_world, double* p, double* R) {
+  One& f = of(self);
+  const One::Spot at = f.spot(place, numbers);
+  const One::Rot turn = in_world ? One::Sp::times(at.frame.R, at.slice.R) : at.slice.R;
+  put(in_world ? at.p() : at.slice.x, p);
+  __builtin_memcpy(R, &turn, sizeof(turn));
+}
+
+void jacobian(void* self, const Place& place, const double* numbers, double* J) {
+  One& f = of(self);
+  for (int i = 0; i < 6 * f.chain.layout.nv; ++i) J[i] = 0.0;
+  f.jacobian(place, numbers, [&](int rate, const One::Lin& linear, const One::Lin& angular) {
+    put(linear, J + 6 * rate);
+    put(angular, J + 6 * rate + 3);
+  });
+}
+
+void motion(void* self, const Place& place, const double* numbers, double* velocity, double* acceleration) {
+  One& f = of(self);
+  const One::Spot at = f.spot(place, numbers);
+  One::Lin linear, angular;
+  f.velocity(at, linear, angular);
+  put(linear, velocity);
+  put(angular, velocity + 3);
+  f.acceleration(at, linear, angular);
+  put(linear, acceleration);
+  put(angular, acceleration + 3);
+}
+
+void reaction(void* self, const Place& link, const double* numbers, const double* base, const double* wrenches,
+              const double* q, const double* v, const double* a, double* out) {
+  One& f = of(self);
+  for (int i = 0; i < f.chain.layout.nq; ++i) f.q[i] = q[i];
+  for (int i = 0; i < f.chain.layout.nv; ++i) f.v[i] = v[i];
+  for (int i = 0; i < 6 * f.chain.layout.loads; ++i) f.chain.wrench[i] = wrenches[i];
+  f.place<true>();
+  f.chain.forces(One::Sp::read(base), a, f.a);  // which has room for the forces
+  const One::Spot at = f.spot(link, numbers);
+  const One::Lin force = at.state.f, moment = at.state.n - One::Sp::cross(at.slice.x, force);
+  put(One::Sp::unrotate(at.slice.R, force), out);
+  put(One::Sp::unrotate(at.slice.R, moment), out + 3);
+}
+
+void sums(void* self, const double* q, const double* v, Sums& out) {
+  One& f = of(self);
+  for (int i = 0; i < f.chain.layout.nq; ++i) f.q[i] = q[i];
+  for (int i = 0; i < f.chain.layout.nv; ++i) f.v[i] = v[i];
+  f.place<true>();
+  const One::Whole whole = f.whole();
+  out.kinetic = 0.5 * whole.twice_kinetic;
+  out.mass = whole.mass;
+  put(whole.moment, out.moment);
+  put(whole.linear, out.momentum);
+  put(whole.angular, out.momentum + 3);
+}
+
+// --- Derivatives, by dual numbers. ---
+
+using Dual = Frames<LaneDual>;
+
+std::size_t slopes_memory(const Layout& layout) { return Dual::memory(layout); }
+
+void set(const double* from, int n, LaneDual* to) {
+  for (int i = 0; i < n; ++i) to[i] = LaneDual{} + from[i];
+}
+
+void put_slope(const Dual::Lin& x, int direction, double*& out) {
+  *out++ = slope_of(x.x, direction);
+  *out++ = slope_of(x.y, direction);
+  *out++ = slope_of(x.z, direction);
+}
+
+void slopes(const Layout& layout, const double* arm, void* memory, const Place& place, const double* numbers,
+            const double* q, const double* v, const double* a, double* by_q, double* by_v) {
+  Dual f(layout, arm, static_cast<char*>(memory));
+  set(q, layout.nq, f.q);
+  set(v, layout.nv, f.v);
+  set(a, layout.nv, f.a);
+  for_directions(f.q, layout.nq + layout.nv, [&](int first, int count) {  // q and v lie in one row
+    f.place();
+    f.chain.accelerate(Dual::Sp::zero(), f.a);
+    const Dual::Spot at = f.spot(place, numbers);
+    Dual::Lin motion[4];
+    f.velocity(at, motion[0], motion[1]);
+    f.acceleration(at, motion[2], motion[3]);
+    for (int k = 0; k < count; ++k) {
+      const int direction = first + k;
+      double* column = direction < layout.nq ? by_q + 12 * direction : by_v + 12 * (direction - layout.nq);
+      for (const Dual::Lin& m : motion) put_slope(m, k, column);
+    }
+  });
+}
+
+void jacobian_rate(const Layout& layout, const double* arm, void* memory, const Place& place, const double* numbers,
+                   const double* q, const double* rate, double* J) {
+  Dual f(layout, arm, static_cast<char*>(memory));
+  set(q, layout.nq, f.q);
+  for (int i = 0; i < layout.nq; ++i) f.q[i].d[0][0] = rate[i];
+  f.place();
+  for (int i = 0; i < 6 * layout.nv; ++i) J[i] = 0.0;
+  f.jacobian(place, numbers, [&](int i, const Dual::Lin& linear, const Dual::Lin& angular) {
+    double* column = J + 6 * i;
+    put_slope(linear, 0, column);
+    put_slope(angular, 0, column);
+  });
+}
+
+}  // namespace
+
+#define FLEXARM_JOIN_(a, b) a##b
+#define FLEXARM_JOIN(a, b) FLEXARM_JOIN_(a, b)
+
+namespace flexarm {
+namespace lanes {
+
+extern const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA);
+const FrameKernels FLEXARM_JOIN(frames_, FLEXARM_ISA){memory, begin,    place, accelerate,    pose,   jacobian,
+                                                      motion, reaction, sums,  slopes_memory, slopes, jacobian_rate};
+
+}  // namespace lanes
+}  // namespace flexarm

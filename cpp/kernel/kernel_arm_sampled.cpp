@@ -1,0 +1,247 @@
+#include <algorithm>
+#include <cmath>
+
+#include "kernel_arm_builder.hpp"
+#include "lanes/sampled_tables.hpp"
+#include "shape_tables.hpp"
+
+namespace flexarm {
+namespace lanes {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+bool at_point(const MassSlice& s) { return s.table.point >= 0; }
+int dimensions(bool planar) { return planar ? 2 : 3; }
+/// Numbers of a slice besides its place and weights.
+int turns(const Node& node, bool planar) { return planar ? node.ne : node.uniaxial ? node.turning : 0; }
+
+/// The strain that a coordinate is one of.
+const StrainField& strain_of(const Beam& beam, int coordinate) {
+  int s = kStrains - 1;
+  while (beam.first(s) > coordinate || beam.options().modes[static_cast<std::size_t>(s)] == 0) --s;
+  return kStrainFields[s];
+}
+
+/// Of X = 0, the points, and the end.
+std::vector<SliceTable> point_tables(const Beam& beam) {
+  const VectorXd points = GaussRule(beam.points()).points;
+  std::vector<double> parts{0.0};
+  parts.insert(parts.end(), points.data(), points.data() + points.size());
+  parts.push_back(1.0);
+  return beam.tables_at(parts);
+}
+
+void append(std::vector<double>& out, const VectorXd& x) { out.insert(out.end(), x.data(), x.data() + x.size()); }
+
+}  // namespace
+
+void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int>& about) {
+  node.body = Node::sampled;
+  node.exact = beam.order() == kExact;
+  for (int k = 0; k < node.ne; ++k) {
+    const StrainField& f = strain_of(beam, k);
+    if (f.is_curvature()) ++node.turning;  // these come first (Eq. 33)
+    about.push_back(f.is_curvature() ? f.rotation : f.position);
+  }
+  node.uniaxial = node.exact && std::all_of(about.begin(), about.begin() + node.turning,
+                                            [&](int axis) { return axis == about.front(); });
+  node.half = (beam.points() + 1) / 2;
+  node.passes = node.half + 1;  // with X = 0, or the end
+  for (const MassSlice& s : beam.slices()) {
+    if (!planar && !s.inertia.isZero(0.0)) node.rotary = 1;
+    if (!at_point(s)) ++node.further;
+    node.points_have_mass = node.points_have_mass || at_point(s);
+  }
+  node.further_passes = node.further;
+}
+
+SampledTables::SampledTables(const Link& link, const BeamAxes& axes, const Node& node, const std::vector<int>& about)
+    : link_(link), beam_(*link.beam()), axes_(axes), node_(node), about_(about) {}
+
+/// In the order of the points, of a function at X = 0, the points, and the end. The middle one of an odd number is
+/// there twice, and what is summed is shared.
+VectorXd SampledTables::of_points(const VectorXd& f, bool shared) const {
+  const Index half = node_.half;
+  VectorXd out(2 * (half + 1));
+  out << f.segment(1, half), f.head(1), f.reverse().segment(1, half), f.tail(1);
+  if (shared && f.size() % 2 == 1) out[half - 1] = out[2 * half] = 0.5 * out[half - 1];
+  return out;
+}
+
+std::vector<double> SampledTables::points() const {
+  const std::vector<SliceTable> tables = point_tables(beam_);
+  const Index n = static_cast<Index>(tables.size());
+  const double L = beam_.length();
+  const Vector3d& origin = link_.hub().end;
+  std::vector<double> out{L, origin[0], origin[axes_.y]};
+  if (!axes_.planar) out.push_back(origin[axes_.z]);
+  const auto rows = [&](const auto& value) {
+    for (int k = 0; k < node_.ne; ++k) {
+      VectorXd row(n);
+      for (Index j = 0; j < n; ++j) row[j] = value(tables[static_cast<std::size_t>(j)], k);
+      append(out, of_points(row, false));
+    }
+  };
+  rows([&](const SliceTable& t, int k) {
+    if (axes_.planar && k < node_.turning) return axes_.sign * t.linear(3 + axes_.z, k);
+    return (axes_.planar ? 1.0 : L) * t.strains(strain_of(beam_, k).strain, k);
+  });
+  if (!axes_.planar)
+    rows([&](const SliceTable& t, int k) {
+      return k < node_.turning ? t.linear(3 + about_[static_cast<std::size_t>(k)], k) : 0.0;
+    });
+  // masses and moments of inertia: those of the points, then others
+  const auto of_stations = [&](const auto& value) {
+    VectorXd at = VectorXd::Zero(n);  // nothing at the ends
+    std::vector<double> others;
+    for (const MassSlice& s : beam_.slices()) {
+      if (at_point(s))
+        at[1 + s.table.point] = value(s);
+      else
+        others.push_back(value(s));
+    }
+    append(out, of_points(at, true));
+    out.insert(out.end(), others.begin(), others.end());
+  };
+  of_stations([](const MassSlice& s) { return s.mass; });
+  if (node_.rotary)
+    for (int c = 0; c < 3; ++c) of_stations([&](const MassSlice& s) { return s.inertia[c]; });
+  for (const MassSlice& s : beam_.slices())
+    if (!at_point(s)) {
+      const std::vector<double> numbers = slice(s.table);
+      out.insert(out.end(), numbers.begin(), numbers.end());
+    }
+  return out;
+}
+
+std::vector<double> SampledTables::slice(const SliceTable& at) const {
+  const Vector3d& origin = link_.hub().end;
+  std::vector<double> out{origin[0], origin[axes_.y]};
+  if (!axes_.planar) out.push_back(origin[axes_.z]);
+  VectorXd weights = VectorXd::Zero(at.weights.size() + 2);
+  weights.segment(1, at.weights.size()) = at.weights.transpose() / beam_.length();
+  append(out, of_points(weights, true));
+  for (int k = 0; k < turns(node_, axes_.planar); ++k)
+    out.push_back(axes_.planar ? axes_.sign * at.linear(3 + axes_.z, k) : at.linear(3 + about_.front(), k));
+  return out;
+}
+
+double SampledTables::rotary() const {
+  double sum = 0.0;
+  for (const MassSlice& s : beam_.slices()) sum += s.inertia[axes_.z];
+  return sum;
+}
+VectorXd SampledTables::rotary_by() const {
+  VectorXd sum = VectorXd::Zero(node_.ne);
+  for (const MassSlice& s : beam_.slices())
+    sum += axes_.sign * s.inertia[axes_.z] * s.table.linear.row(3 + axes_.z).transpose();
+  return sum;
+}
+MatrixXd SampledTables::rotary_of_pairs() const {
+  MatrixXd sum = MatrixXd::Zero(node_.ne, node_.ne);
+  for (const MassSlice& s : beam_.slices()) {
+    const VectorXd turn = s.table.linear.row(3 + axes_.z);
+    sum += s.inertia[axes_.z] * turn * turn.transpose();
+  }
+  return sum;
+}
+
+namespace {
+
+Numbers make_integral_table(int points, int width) {
+  const GaussRule rule(points);
+  MatrixXd C(points, points);  // row i: weights of the integral from 0 to X_i
+  for (Index i = 0; i < points; ++i) C.row(i) = integral_weights(rule, 1.0, rule.points[i]);
+  const int half = (points + 1) / 2, rows = (half + width) / width * width;
+  Numbers out;
+  for (Index j = 0; j < half; ++j) {
+    const Index mirror = points - 1 - j;
+    const double share = j == mirror ? 0.5 : 1.0;  // the middle one is there twice
+    const auto column = [&](const auto& value, double beyond) {
+      for (Index i = 0; i < rows; ++i)
+        out.push_back(i < half ? share * value(i, points - 1 - i) : i == half ? share * beyond : 0.0);
+    };
+    column([&](Index i, Index m) { return 0.25 * ((C(m, j) + C(m, mirror)) - (C(i, j) + C(i, mirror))); },
+           0.5 * rule.weights[j]);
+    column([&](Index i, Index m) { return 0.25 * ((C(i, j) - C(i, mirror)) + (C(m, j) - C(m, mirror))); }, 0.0);
+  }
+  return out;
+}
+
+}  // namespace
+
+std::shared_ptr<const Numbers> integral_table(int points, int width) {
+  static auto& kept = *new Kept<Numbers>(std::size_t(8) << 20);  // never destroyed: a thread may be at it at the end
+  return kept.get(
+      std::to_string(points) + "," + std::to_string(width),
+      [&] { return std::make_shared<const Numbers>(make_integral_table(points, width)); },
+      [](const Numbers& x) { return 8 * x.size(); });
+}
+
+namespace {
+
+/// Numbers that all points share, in each lane.
+void repeat(int count, int width, const double*& p, Numbers& out) {
+  for (; count > 0; --count, ++p) out.insert(out.end(), static_cast<std::size_t>(width), *p);
+}
+/// So many numbers, filled up with zeros to so many.
+void fill_up(int count, int all, const double*& p, Numbers& out) {
+  out.insert(out.end(), p, p + count);
+  out.insert(out.end(), static_cast<std::size_t>(all - count), 0.0);
+  p += count;
+}
+
+}  // namespace
+
+void group_points(const Node& from, const Node& to, bool planar, int width, const double*& p, Numbers& out) {
+  repeat(1 + dimensions(planar), width, p, out);
+  const auto points = [&] {
+    for (int k = 0; k < 2; ++k) fill_up(from.passes, to.passes * width, p, out);
+  };
+  for (int k = 0; k < (planar ? 1 : 2) * from.ne; ++k) points();
+  for (int k = 0; k < (from.rotary ? 4 : 1); ++k) {
+    points();
+    fill_up(from.further, to.further_passes * width, p, out);
+  }
+  for (int k = 0; k < from.further; ++k) group_slice(from, to, planar, width, p, out);
+}
+
+void group_slice(const Node& from, const Node& to, bool planar, int width, const double*& p, Numbers& out) {
+  fill_up(dimensions(planar), dimensions(planar), p, out);
+  for (int k = 0; k < 2; ++k) fill_up(from.passes, to.passes * width, p, out);
+  fill_up(turns(from, planar), turns(from, planar), p, out);
+}
+
+bool ArmBuilder::add_sampled(const Link& link) {
+  const Beam& beam = *link.beam();
+  KernelArm::Lists& list = lists();
+  describe_sampled(beam, axes.planar, node(), list.about);
+  list.points = beam.points();
+  list.table = integral_table(list.points, 1);
+  const Node& n = node();
+  note(list.about);
+  note({n.body, n.exact, n.turning, n.further, n.points_have_mass, n.uniaxial, n.rotary, list.points});
+  const SampledTables tables(link, {axes.planar, axes.y, axes.z, axes.sign}, n, list.about);
+  Mass body;  // of the hub, and what of the beam does not move in it
+  body.add(link.hub(), Vector3d::Zero());
+  body.m += beam.mass();
+  if (axes.planar) body.J(axes.z, axes.z) += tables.rotary();
+  put(body);
+  if (axes.planar) {
+    for (double x : tables.rotary_by()) put(x);
+    put_lower(tables.rotary_of_pairs());
+  }
+  put_stiffness(link);
+  put_tip(link);
+  begin_points();  // of which the end is one
+  put(tables.points());
+  return true;
+}
+
+}  // namespace lanes
+}  // namespace flexarm

@@ -1,0 +1,91 @@
+// Feedback laws without memory, u = offset - by_q . q - by_v . v within -limit .. limit, whose generalised force is
+// column u: in the forces, and in the matrix of an implicit step, S + sum column slopes^T, by Woodbury's formula.
+#pragma once
+
+#include "lanes/layout.hpp"
+#include "lanes/scalar.hpp"
+#include "lanes/small.hpp"
+
+namespace {
+
+template <class S>
+struct FeedbackLaws {
+  using L = Lanes<S>;
+  using Mask = typename L::Mask;
+
+  int laws = 0, nq = 0, nv = 0;
+  const double *column = nullptr, *by_q = nullptr, *by_v = nullptr, *limit = nullptr;  ///< law by law: nv, nq, nv, 1
+  S* offset = nullptr;                                                                 ///< of each law, now
+  S *slopes = nullptr, *solved = nullptr;                                              ///< nv each; S^-1 column
+  S *G = nullptr, *y = nullptr;  ///< 1 + slopes^T S^-1 column, factored; scratch
+  S* r = nullptr;                ///< scratch (nv)
+
+  static std::size_t scalars(int laws, int nv) { return static_cast<std::size_t>(laws * (2 * nv + laws + 2) + nv); }
+  void lay_out(S* at) {
+    offset = at;
+    slopes = offset + laws;
+    solved = slopes + laws * nv;
+    G = solved + laws * nv;
+    y = G + laws * laws;
+    r = y + laws;
+  }
+  static S of(const double* table, int i) { return L::load(table + i * L::width); }
+
+  /// A law's u, and where it is at its limit.
+  S value(int law, const S* q, const S* v, Mask& limited) const {
+    S u = offset[law];
+    for (int i = 0; i < nq; ++i) u -= of(by_q, law * nq + i) * q[i];
+    for (int i = 0; i < nv; ++i) u -= of(by_v, law * nv + i) * v[i];
+    const S most = of(limit, law);
+    limited = L::size(u) >= most;
+    return L::smaller(most, L::larger(-most, u));  // in this order, what is not a number stays so
+  }
+  /// Adds sign times the laws' forces.
+  void add(const S* q, const S* v, double sign, S* tau) const {
+    for (int l = 0; l < laws; ++l) {
+      Mask limited;
+      const S u = sign * value(l, q, v, limited);
+      for (int i = 0; i < nv; ++i) tau[i] += u * of(column, l * nv + i);
+    }
+  }
+  /// After S, without the laws, was factored at q and v: solve(r, x) gives x = S^-1 r.
+  /// @param free        rates that are not prescribed
+  /// @param coordinate  of a rate, or -1
+  template <class Coordinate, class Solve>
+  void factor(const flexarm::lanes::Shift& shift, const S* q, const S* v, const int* free, int free_count,
+              const Coordinate& coordinate, const Solve& solve) {
+    for (int l = 0; l < laws; ++l) {
+      Mask limited;
+      value(l, q, v, limited);
+      S* s = slopes + l * nv;
+      for (int i = 0; i < nv; ++i) s[i] = S{};
+      for (int k = 0; k < free_count; ++k) {
+        const int i = free[k], c = coordinate(i);
+        S slope = shift.damping * of(by_v, l * nv + i);
+        if (c >= 0) slope += shift.stiffness * of(by_q, l * nq + c);
+        s[i] = L::select(limited, S{}, slope);
+      }
+      for (int i = 0; i < nv; ++i) r[i] = of(column, l * nv + i);
+      solve(r, solved + l * nv);
+    }
+    for (int i = 0; i < laws; ++i)
+      for (int j = 0; j < laws; ++j) {
+        S sum = number<S>(i == j ? 1.0 : 0.0);
+        for (int k = 0; k < nv; ++k) sum += slopes[i * nv + k] * solved[j * nv + k];
+        G[i * laws + j] = sum;
+      }
+    factor_small(G, laws);
+  }
+  /// x = S^-1 r, without the laws, becomes that with them.
+  void correct(S* x) const {
+    for (int i = 0; i < laws; ++i) {
+      y[i] = S{};
+      for (int k = 0; k < nv; ++k) y[i] += slopes[i * nv + k] * x[k];
+    }
+    solve_small(G, laws, y);
+    for (int i = laws; i-- > 0;)
+      for (int k = 0; k < nv; ++k) x[k] -= solved[i * nv + k] * y[i];
+  }
+};
+
+}  // namespace

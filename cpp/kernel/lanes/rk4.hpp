@@ -1,0 +1,84 @@
+// The classical Runge-Kutta method of fourth order. See methods.hpp for what it asks of an engine, and what it offers.
+#pragma once
+
+#include "lanes/contact.hpp"
+#include "lanes/kernels.hpp"
+#include "lanes/scalar.hpp"
+
+namespace {
+
+using flexarm::lanes::MethodOptions;
+using flexarm::lanes::MethodTraits;
+using flexarm::lanes::Work;
+
+template <class Engine>
+struct RungeKutta4 {
+  using S = typename Engine::Scalar;
+  using L = Lanes<S>;
+  using Mask = typename L::Mask;
+  static constexpr flexarm::lanes::Ending unsolved = flexarm::lanes::not_finite;  // no arm is singular; it has run away
+
+  int nq = 0, nv = 0;
+  S *q0, *q_sum, *dq, *v0, *v_sum;
+  static constexpr int iterations = 0;
+  Work work;
+
+  static std::size_t scalars(int nq, int nv, int) { return static_cast<std::size_t>(3 * nq + 2 * nv); }
+  void lay_out(S* at, int nq_, int nv_, const int*, int, const MethodOptions&) {
+    nq = nq_;
+    nv = nv_;
+    for (std::size_t i = 0; i < scalars(nq, nv, 0); ++i) at[i] = S{};
+    q0 = at;
+    q_sum = q0 + nq;
+    dq = q_sum + nq;
+    v0 = dq + nq;
+    v_sum = v0 + nv;
+  }
+  Contacts<Engine>* friction() { return nullptr; }
+
+  void forget() {}
+  Mask begin(Engine&, const S*, const S*, const S*, S*, const Mask&) { return L::everywhere(true); }
+  Mask accelerate(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask&) {
+    return engine.accelerate(q, v, tau, x);
+  }
+  template <class Given>
+  Mask step(Engine& engine, double h, S* q, S* v, const S* tau, S* x, const Given& given, const Mask& skip) {
+    constexpr double times[] = {0.0, 0.5, 0.5, 1.0}, weights[] = {1.0, 2.0, 2.0, 1.0};
+    Mask good = L::none_of(skip);
+    for (int i = 0; i < nq; ++i) {
+      q0[i] = q[i];
+      q_sum[i] = S{};
+    }
+    for (int i = 0; i < nv; ++i) {
+      v0[i] = v[i];
+      v_sum[i] = S{};
+    }
+    for (int stage = 0; stage < 4; ++stage) {
+      if (stage > 0) {
+        for (int i = 0; i < nq; ++i) q[i] = q0[i] + (times[stage] * h) * dq[i];
+        for (int i = 0; i < nv; ++i) v[i] = v0[i] + (times[stage] * h) * x[i];
+      }
+      given(times[stage]);
+      good = good & engine.accelerate(q, v, tau, x);
+      ++work.evaluations;
+      if (!L::any(good)) return good;
+      engine.rates(q, v, dq);
+      for (int i = 0; i < nq; ++i) q_sum[i] += weights[stage] * dq[i];
+      for (int i = 0; i < nv; ++i) v_sum[i] += weights[stage] * x[i];
+    }
+    for (int i = 0; i < nq; ++i) q[i] = q0[i] + (h / 6.0) * q_sum[i];
+    for (int i = 0; i < nv; ++i) v[i] = v0[i] + (h / 6.0) * v_sum[i];
+    given(1.0);
+    engine.normalise(q);
+    return good;
+  }
+  Mask accept(double, S*, S*, const Mask&) { return L::everywhere(false); }
+};
+
+struct Rk4 {
+  static constexpr MethodTraits traits{"rk4", false, false, false, 2.83};
+  template <class Engine>
+  using On = RungeKutta4<Engine>;
+};
+
+}  // namespace

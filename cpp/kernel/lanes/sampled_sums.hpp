@@ -1,0 +1,388 @@
+// The elastic body at order 3 and "exact": its rotation and position at Gauss points, by integrals along the beam, and
+// sums over slices. Points lie across the lanes of one arm; or each lane holds an arm. sampled_plane.hpp and
+// sampled_space.hpp make the motion of its slices; the sums here are the same for both.
+#pragma once
+
+#include "lanes/integral.hpp"
+
+namespace {
+namespace sampled {
+
+template <int C>
+struct Count {
+  static constexpr int value = C;
+};
+
+/// What a masked lane says: of an arm in each lane, its own; of one arm, what any of its lanes says.
+template <class S, class P>
+typename Lanes<P>::Mask of_arm(const typename Lanes<P>::Mask& mask) {
+  if constexpr (sizeof(S) == sizeof(P))
+    return mask;
+  else
+    return Lanes<P>::everywhere(Lanes<P>::any(mask));
+}
+
+/// A vector as a function of X: a column for each component, of its values at the points and then at further stations.
+template <class Sp>
+struct Field {
+  using P = typename Sp::Scalar;
+  using Lin = typename Sp::Lin;
+  P* at;
+  int stride;
+
+  Lin operator()(int i) const {
+    Lin x = Sp::zero();
+    for (int c = 0; c < Sp::linear; ++c) Sp::component(x, c) = at[c * stride + i];
+    return x;
+  }
+  void set(int i, const Lin& x) const {
+    for (int c = 0; c < Sp::linear; ++c) at[c * stride + i] = Sp::component(x, c);
+  }
+  P* column(int c) const { return at + c * stride; }
+  void clear(int from, int to) const {
+    for (int c = 0; c < Sp::linear; ++c)
+      for (int i = from; i < to; ++i) at[c * stride + i] = P{};
+  }
+};
+
+/// Such a function with what an elastic motion does to it: its value, the convective part of its second rate, and its
+/// derivative by each elastic coordinate.
+template <class Sp>
+struct Jet {
+  Field<Sp> value, bias, first;
+  Field<Sp> by(int k) const { return {first.at + k * Sp::linear * first.stride, first.stride}; }
+};
+
+/// Columns one after the other, from this field's on, as an Integral takes them.
+template <class Sp>
+auto columns_of(const Field<Sp>& f) {
+  return [f](int c) {
+    const typename Sp::Scalar* column = f.column(c);
+    return [column](int i) { return column[i]; };
+  };
+}
+
+/// One point's value, point i in lane i of the column.
+template <class To, class Sp>
+void put_lane(Sp, const Field<To>& f, int i, const typename Sp::Lin& x) {
+  for (int c = 0; c < Sp::linear; ++c) reinterpret_cast<typename Sp::Scalar*>(f.column(c))[i] = Sp::component(x, c);
+}
+
+template <class Sp, class From>
+typename Sp::Lin get_lane(Sp, const Field<From>& f, int i) {
+  typename Sp::Lin x = Sp::zero();
+  for (int c = 0; c < Sp::linear; ++c)
+    Sp::component(x, c) = reinterpret_cast<const typename Sp::Scalar*>(f.column(c))[i];
+  return x;
+}
+
+template <class Sp>
+void clear_stations(const Jet<Sp>& jet, int ne, int from, int to) {
+  jet.value.clear(from, to);
+  jet.bias.clear(from, to);
+  for (int k = 0; k < ne; ++k) jet.by(k).clear(from, to);
+}
+
+/// Hands out columns one after the other.
+template <class Sp>
+struct Columns {
+  using P = typename Sp::Scalar;
+  P* at;
+  int stride;
+  P* take(int columns) {
+    P* here = at;
+    at += columns * stride;
+    return here;
+  }
+  Field<Sp> field() { return {take(Sp::linear), stride}; }
+  Jet<Sp> jet(int ne) {
+    Jet<Sp> out{field(), field(), {nullptr, stride}};
+    out.first.at = take(ne * Sp::linear);
+    return out;
+  }
+};
+
+/// The beam's end, among points that may lie in lanes.
+template <class S, class P>
+int end_point(const Node& node) {
+  return node.passes * static_cast<int>(sizeof(P) / sizeof(S)) + node.half;
+}
+/// Of a node: P of points, and of all stations that carry mass; which of these do.
+inline int points_of(const Node& node) { return 2 * node.passes; }
+inline int stations_of(const Node& node) { return points_of(node) + node.further_passes; }
+/// Between the columns of long fields, so that one place in all of them does not share a few lines of the cache.
+inline int stride_of(const Node& node) { return stations_of(node) < 16 ? stations_of(node) : stations_of(node) | 1; }
+inline int first_station(const Node& node) { return node.points_have_mass ? 0 : points_of(node); }
+
+/// The numbers of a node's points.
+template <class Sp>
+struct Rows {
+  using P = typename Sp::Scalar;
+  static constexpr int width = Lanes<P>::width;
+  int points, stations;
+  P length;
+  typename Sp::Lin origin;  ///< of the beam, in the link
+  const double *strain, *turn, *mass, *inertia, *further;
+
+  Rows(const Node& node, const double* p) : points(points_of(node)), stations(stations_of(node)) {
+    length = next<P>(p);
+    origin = Sp::read(p);
+    const auto rows = [&](int count, int length_of) {
+      const double* here = p;
+      p += count * length_of * width;
+      return here;
+    };
+    strain = rows(node.ne, points);
+    turn = rows(Sp::planar ? 0 : node.ne, points);
+    mass = rows(1, stations);
+    inertia = rows(node.rotary ? 3 : 0, stations);
+    further = p;
+  }
+  /// Of coordinate k: its strain at point i times the beam's length (in the plane, of bending: the turn it gives).
+  P shape(int k, int i) const { return Lanes<P>::load(strain + (k * points + i) * width); }
+  template <class S>
+  S shape_in_lane(int k, int i) const {
+    return Lanes<S>::load(strain + k * points * width + i * Lanes<S>::width);
+  }
+  P turned(int k, int i) const { return Lanes<P>::load(turn + (k * points + i) * width); }
+  /// Of station i: its mass, and its moments of inertia about its own axes.
+  P mass_of(int i) const { return Lanes<P>::load(mass + i * width); }
+  typename Sp::Lin inertia_of(int i) const {
+    typename Sp::Lin x = Sp::zero();
+    for (int c = 0; c < Sp::linear; ++c) Sp::component(x, c) = Lanes<P>::load(inertia + (c * stations + i) * width);
+    return x;
+  }
+};
+
+/// What is summed over the slices: of one body, and of each coordinate.
+template <class Sp>
+struct Sums {
+  using T = typename Sp::Scalar;
+  struct Body {
+    typename Sp::Lin c, f;  ///< first moment; force
+    typename Sp::Ang n;     ///< and moment of the accelerations that velocities give (Eq. 81)
+    typename Sp::Sym J;     ///< second moment
+  };
+  static int size(int ne) {
+    return static_cast<int>(sizeof(Body) / sizeof(T)) + ne * (1 + Sp::linear + Sp::angular) + ne * (ne + 1) / 2;
+  }
+  Body* body;
+  T* e;
+  typename Sp::Lin* M_linear;
+  typename Sp::Ang* M_angular;
+  T* M;
+
+  Sums(T* at, int ne) : body(reinterpret_cast<Body*>(at)) {
+    e = reinterpret_cast<T*>(body + 1);
+    M_linear = reinterpret_cast<typename Sp::Lin*>(e + ne);
+    M_angular = reinterpret_cast<typename Sp::Ang*>(M_linear + ne);
+    M = reinterpret_cast<T*>(M_angular + ne);
+  }
+};
+
+/// A slice as the sums need it.
+template <class Sp>
+struct Station {
+  typename Sp::Scalar mass;
+  typename Sp::Lin x, force;  ///< place; what it takes to move it as velocities do, without other accelerations
+  typename Sp::Sym J;         ///< in space: its inertia in the link's axes
+  typename Sp::Lin torque;    ///< and what it takes to turn it so
+};
+
+constexpr int kTogether = 4;  // stations that are summed together
+
+/// Numbers P of the rows of so many stations: mass times J_T, and in space inertia times J_R, of all coordinates.
+template <class Sp>
+int rows_size(int ne) {
+  return ne * kTogether * 2 * Sp::linear;
+}
+
+/// Adds to sums the products of rows i to i + R - 1 with the Jacobians of coordinates j to j + C - 1, at N stations.
+template <int N, int R, int C, class Sp>
+void add_block(const typename Sp::Scalar* rows, int each, const Field<Sp>& J, const Field<Sp>& J_turn, bool turning,
+               int i, int j, typename Sp::Scalar* sums) {
+  using P = typename Sp::Scalar;
+  P sum[R][C];
+#pragma GCC unroll 2
+  for (int r = 0; r < R; ++r)
+#pragma GCC unroll 4
+    for (int k = 0; k < C; ++k) sum[r][k] = P{};
+  const P* row = rows + i * each;
+  const auto add = [&](const P* column, int stride) {
+    const int apart = Sp::linear * stride;
+    for (int c = 0; c < Sp::linear; ++c, column += stride, row += N)
+      for (int a = 0; a < N; ++a)
+#pragma GCC unroll 4
+        for (int k = 0; k < C; ++k) {
+          P x = column[k * apart + a];
+          in_register(x);
+#pragma GCC unroll 2
+          for (int r = 0; r < R; ++r) sum[r][k] += row[r * each + a] * x;
+        }
+  };
+  add(J.at + j * Sp::linear * J.stride, J.stride);
+  if constexpr (!Sp::planar)
+    if (turning) add(J_turn.at + j * Sp::linear * J.stride, J.stride);
+#pragma GCC unroll 2
+  for (int r = 0; r < R; ++r)
+#pragma GCC unroll 4
+    for (int k = 0; k < C; ++k)
+      if (j + k <= i + r) sums[packed(i + r, j + k)] += sum[r][k];
+}
+
+/// The same of all pairs of coordinates (the lower triangle).
+template <int N, class Sp>
+void add_products(const typename Sp::Scalar* rows, int each, const Field<Sp>& J, const Field<Sp>& J_turn, bool turning,
+                  int ne, typename Sp::Scalar* sums) {
+  const auto along = [&](auto height, int i, int end) {
+    constexpr int R = decltype(height)::value;
+    int j = 0;
+    for (; j + 4 <= end; j += 4) add_block<N, R, 4>(rows, each, J, J_turn, turning, i, j, sums);
+    if (end - j == 3) add_block<N, R, 3>(rows, each, J, J_turn, turning, i, j, sums);
+    if (end - j == 2) add_block<N, R, 2>(rows, each, J, J_turn, turning, i, j, sums);
+    if (end - j == 1) add_block<N, R, 1>(rows, each, J, J_turn, turning, i, j, sums);
+  };
+  int i = 0;
+  for (; i + 2 <= ne; i += 2) along(Count<2>{}, i, i + 2);
+  if (i < ne) along(Count<1>{}, i, ne);
+}
+
+/// A section's own inertia: what turns it.
+template <class P, class Motion>
+void add_turning(const Rows<Space<P>>& rows, const Motion& m, const typename Space<P>::Lin& w, int i,
+                 Station<Space<P>>& s, typename Sums<Space<P>>::Body& body) {
+  using Sp = Space<P>;
+  const auto I = rows.inertia_of(i), x = m.R[0](i), y = m.R[1](i), z = m.R[2](i);
+  const auto entry = [&](const P& x1, const P& x2, const P& y1, const P& y2, const P& z1, const P& z2) {
+    return I.x * x1 * x2 + I.y * y1 * y2 + I.z * z1 * z2;
+  };
+  s.J = {entry(x.x, x.x, y.x, y.x, z.x, z.x), entry(x.y, x.y, y.y, y.y, z.y, z.y), entry(x.z, x.z, y.z, y.z, z.z, z.z),
+         entry(x.x, x.y, y.x, y.y, z.x, z.y), entry(x.x, x.z, y.x, y.z, z.x, z.z), entry(x.y, x.z, y.y, y.z, z.y, z.z)};
+  const auto spin = m.spin(i), W = w + spin, W_dot = Sp::cross(w, spin) + m.turned.bias(i);  // Eq. 46
+  s.torque = Sp::apply(s.J, W_dot) + Sp::cross(W, Sp::apply(s.J, W));
+  Sp::add(body.J, s.J);
+  body.n += s.torque;
+}
+
+template <class P>
+void add_second_moment(const P& m, const typename Space<P>::Lin& x, typename Space<P>::Sym& J) {
+  const typename Space<P>::Lin mx = m * x;
+  const P xx = mx.x * x.x, yy = mx.y * x.y, zz = mx.z * x.z;
+  J.xx += yy + zz;
+  J.yy += xx + zz;
+  J.zz += xx + yy;
+  J.xy -= mx.x * x.y;
+  J.xz -= mx.x * x.z;
+  J.yz -= mx.y * x.z;
+}
+template <class P>
+void add_second_moment(const P& m, const typename Plane<P>::Lin& x, typename Plane<P>::Sym& J) {
+  J.zz += m * (x.x * x.x + x.y * x.y);
+}
+
+/// Of station i: its part of the body's inertia and force.
+template <class Sp, class S, class Motion>
+Station<Sp> add_station(const Node& node, const Rows<Sp>& rows, const Motion& m, const S* dq, const typename Sp::Ang& w,
+                        int i, typename Sums<Sp>::Body& body) {
+  using P = typename Sp::Scalar;
+  using Lin = typename Sp::Lin;
+  Station<Sp> s;
+  Lin u_dot = Sp::zero();
+  for (int k = 0; k < node.ne; ++k) u_dot += widen(dq[k], P{}) * m.place.by(k)(i);
+  s.mass = rows.mass_of(i);
+  s.x = m.place.value(i);
+  const Lin sweep = Sp::cross(w, s.x) + number<P>(2.0) * u_dot;
+  s.force = s.mass * (Sp::cross(w, sweep) + m.place.bias(i));  // Eq. 45
+  body.c += s.mass * s.x;
+  body.f += s.force;
+  body.n += Sp::moment(s.x, s.force);
+  add_second_moment<P>(s.mass, s.x, body.J);
+  if constexpr (!Sp::planar)
+    if (node.rotary) add_turning<P>(rows, m, w, i, s, body);
+  return s;
+}
+
+/// Of N stations.
+template <int N, class Sp, class S, class Motion>
+void sum_stations(const Node& node, const Rows<Sp>& rows, const Motion& m, const S* dq, const typename Sp::Ang& w,
+                  int from, const Sums<Sp>& sums, typename Sp::Scalar* products) {
+  using P = typename Sp::Scalar;
+  using Lin = typename Sp::Lin;
+  const bool turning = !Sp::planar && node.rotary;
+  const int each = N * (turning ? 2 : 1) * Sp::linear;
+  Station<Sp> station[N];
+  for (int a = 0; a < N; ++a) station[a] = add_station(node, rows, m, dq, w, from + a, *sums.body);
+  for (int k = 0; k < node.ne; ++k) {
+    P e{}, *row = products + k * each;
+    Lin f = Sp::zero();
+    typename Sp::Ang n = Sp::zero_angular();
+    const Field<Sp> J_T = m.place.by(k);
+#pragma GCC unroll 4
+    for (int a = 0; a < N; ++a) {
+      const Station<Sp>& s = station[a];
+      const Lin J = J_T(from + a), mJ = s.mass * J;
+      e += Sp::dot(J, s.force);
+      f += mJ;
+      n += Sp::moment(s.x, mJ);
+      for (int c = 0; c < Sp::linear; ++c) row[c * N + a] = Sp::component(mJ, c);
+    }
+    if constexpr (!Sp::planar)
+      if (turning) {
+        const Field<Sp> J_R = m.turned.by(k);
+#pragma GCC unroll 4
+        for (int a = 0; a < N; ++a) {
+          const Station<Sp>& s = station[a];
+          const Lin J = J_R(from + a), IJ = Sp::apply(s.J, J);
+          e += Sp::dot(J, s.torque);
+          n += IJ;
+          for (int c = 0; c < Sp::linear; ++c) row[(Sp::linear + c) * N + a] = Sp::component(IJ, c);
+        }
+      }
+    sums.e[k] += e;
+    sums.M_linear[k] += f;
+    sums.M_angular[k] += n;
+  }
+  const Field<Sp> J{m.place.first.at + from, m.place.first.stride};
+  Field<Sp> J_turn = J;
+  if constexpr (!Sp::planar) J_turn.at = m.turned.first.at + from;
+  add_products<N>(products, each, J, J_turn, turning, node.ne, sums.M);
+}
+
+/// Mass matrix and bias force of all slices (Eq. 80, 81), in a link that turns at w and does not accelerate.
+template <class Sp, class S, class Motion>
+void sum_slices(const Node& node, const Rows<Sp>& rows, const Motion& m, const S* dq, const typename Sp::Ang& w,
+                const Sums<Sp>& sums, typename Sp::Scalar* products) {
+  int from = first_station(node);
+  for (; from + kTogether <= rows.stations; from += kTogether)
+    sum_stations<kTogether>(node, rows, m, dq, w, from, sums, products);
+  for (; from < rows.stations; ++from) sum_stations<1>(node, rows, m, dq, w, from, sums, products);
+}
+
+/// The sums, with the hub's part and the elastic forces, into what the dynamics asks for.
+template <class Sp, class S>
+void finish(const Node& node, const double* p, const Sums<Sp>& sums, const S* q, const S* dq, const typename Sp::Ang& w,
+            typename Sp::Rigid& M, typename Sp::Lin& f, typename Sp::Ang& n, Elastic<Sp>& out) {
+  const int ne = node.ne, pairs = ne * (ne + 1) / 2;
+  const S m = next<S>(p);  // all of it
+  const typename Sp::Lin c = Sp::read(p);
+  const typename Sp::Sym J = Sp::read_symmetric(p);
+  M = {m, c + sums.body->c, J};
+  Sp::add(M.J, sums.body->J);
+  f = sums.body->f + Sp::cross(w, Sp::cross(w, c));
+  n = sums.body->n + Sp::cross(w, Sp::apply(J, w));
+  for (int k = 0; k < ne; ++k) {
+    out.e[k] = sums.e[k];
+    out.M_linear[k] = sums.M_linear[k];
+    out.M_angular[k] = sums.M_angular[k];
+    if constexpr (Sp::planar) out.M_angular[k].z += next<S>(p);  // sections turn by what is linear in q
+  }
+  for (int k = 0; k < pairs; ++k) {
+    out.M[k] = sums.M[k];
+    if constexpr (Sp::planar) out.M[k] += next<S>(p);
+  }
+  out.constants = p;
+  add_elastic_forces(node, p, q, dq, out.e);
+}
+
+}  // namespace sampled
+}  // namespace

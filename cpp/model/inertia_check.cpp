@@ -1,0 +1,132 @@
+// Whether every coordinate of an arm moves an inertia of its own: tried with the beams straight, where sections move as
+// their tables say at first order.
+#include <Eigen/Cholesky>
+#include <cmath>
+
+#include "flexarm/arm.hpp"
+#include "flexarm/check.hpp"
+
+namespace flexarm {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Matrix6Xd = Mat6X<double>;
+
+/// A link's frame against the one its joint sits on, and its velocity there by the joint's rates, in link axes.
+struct JointAt {
+  Matrix3d R;
+  Vector3d p;
+  Matrix6Xd H;
+
+  JointAt(const Joint& joint, const double* q)
+      : R(joint.inboard().rotation), p(joint.inboard().position), H(6, joint.nv()) {
+    H.setZero();
+    std::vector<Vector3d> at;  // of each freedom
+    const auto free = [&](bool rotation, const Vector3d& axis) {
+      const Index k = static_cast<Index>(at.size());
+      (rotation ? H.col(k).tail<3>() : H.col(k).head<3>()) = axis;
+      at.push_back(p);
+    };
+    for (std::size_t i = 0; i < joint.motions().size(); ++i) {
+      const ElementaryMotion& m = joint.motions()[i];
+      const Vector3d axis = R * m.axis;
+      if (!m.rotation) p += q[i] * axis;
+      free(m.rotation, axis);
+      if (m.rotation) R = R * Eigen::AngleAxisd(q[i], m.axis);
+    }
+    for (int k = 0; joint.has_ball() && k < 3; ++k) free(true, R.col(k));  // its quaternion is 1 0 0 0
+    p += R * joint.outboard().position;
+    R = R * joint.outboard().rotation;
+    for (Index k = 0; k < H.cols(); ++k) {
+      const Vector3d w = H.col(k).tail<3>();
+      H.col(k).head<3>() = R.transpose() * (H.col(k).head<3>() + w.cross(p - at[static_cast<std::size_t>(k)]));
+      H.col(k).tail<3>() = R.transpose() * w;
+    }
+  }
+};
+
+/// Velocity by a link's [V; dqe] of a section at x, which the elastic rates move by J.
+Matrix6Xd moved(const Vector3d& x, const Matrix6Xd& J) {
+  Matrix6Xd out(6, 6 + J.cols());
+  out << Mat6<double>::Identity(), J;
+  out.block<3, 3>(0, 3) = -tilde(x);
+  return out;
+}
+
+/// The beam's end, or the hub's, and what the elastic rates do to a point at `offset` from it.
+Matrix6Xd moved_end(const Link& link, const Vector3d& offset) {
+  Vector3d x = link.hub().end + offset;
+  Matrix6Xd J = Matrix6Xd::Zero(6, link.ne());
+  if (link.beam()) {
+    x[0] += link.beam()->length();
+    J = link.beam()->tip().linear;
+    J.topRows<3>() -= (tilde(offset) * J.bottomRows<3>()).eval();
+  }
+  return moved(x, J);
+}
+
+/// M_rfr (Eq. 80).
+MatrixXd mass_matrix(const Link& link) {
+  MatrixXd M = MatrixXd::Zero(6 + link.ne(), 6 + link.ne());
+  const auto add = [&](double mass, const Matrix3d& inertia, const Matrix6Xd& B) {
+    M += mass * B.topRows<3>().transpose() * B.topRows<3>() +
+         B.bottomRows<3>().transpose() * inertia * B.bottomRows<3>();
+  };
+  add(link.hub().mass, link.hub().inertia, moved(link.hub().com, Matrix6Xd::Zero(6, link.ne())));
+  if (link.beam())
+    for (const MassSlice& s : link.beam()->slices())
+      add(s.mass, s.inertia.asDiagonal(), moved(link.hub().end + s.table.X * Vector3d::UnitX(), s.table.linear));
+  add(link.tip().mass, link.tip().inertia, moved_end(link, link.tip().com));
+  return M;
+}
+
+}  // namespace
+
+/// What is left of a coordinate's inertia after the elimination of what follows it (Eq. 93-96), against what it was, at
+/// a place where no two joints line up.
+void Arm::check_inertia() const {
+  Eigen::VectorXd q = zero();
+  for (std::size_t n = 0; n < size(); ++n)
+    for (int k = first_[n]; k < first_[n] + links_[n].nj(); ++k)
+      if (coordinate_of(k) >= 0) q[coordinate_of(k)] = 0.3 + 0.7 * std::sin(1.0 + 2.0 * k);
+  Mat6<double> composite = Mat6<double>::Zero(),
+               articulated = composite;  // of all that follows, in the next link's axes
+  for (std::size_t n = size(); n-- > 0;) {
+    const Link& link = links_[n];
+    const Index nj = link.nj(), ne = link.ne();
+    MatrixXd whole = mass_matrix(link), M = whole;
+    if (n + 1 < size()) {  // through Phi_rfr of the link above (Eq. 68, 73)
+      const JointAt above(links_[n + 1].joint(), q.data() + first_q_[n + 1]);
+      Matrix6Xd phi = moved_end(link, link.tip().end + above.p);
+      phi.topRows<3>() = (above.R.transpose() * phi.topRows<3>()).eval();
+      phi.bottomRows<3>() = (above.R.transpose() * phi.bottomRows<3>()).eval();
+      whole += phi.transpose() * composite * phi;
+      M += phi.transpose() * articulated * phi;
+    }
+    MatrixXd H = MatrixXd::Zero(6 + ne, nj + ne);
+    H.topLeftCorner(6, nj) = JointAt(link.joint(), q.data() + first_q_[n]).H;
+    H.bottomRightCorner(ne, ne).setIdentity();
+    const MatrixXd U = M * H;
+    MatrixXd D = H.transpose() * U, own = H.transpose() * whole * H;
+    for (std::size_t k = 0; k < link.joint().forces().size(); ++k)
+      for (MatrixXd* m : {&D, &own}) m->diagonal()[static_cast<Index>(k)] += link.joint().forces()[k].reflected_inertia;
+    const Eigen::LLT<MatrixXd> factor(D);
+    const bool definite = factor.info() == Eigen::Success;
+    for (Index k = 0; k < D.rows(); ++k) {
+      const double rest = definite ? std::pow(factor.matrixLLT()(k, k), 2) : D(k, k);
+      if (!(own(k, k) > 0.0) || !(rest > 1e-14 * own(k, k)))
+        bad_value("inertia of coordinate '" + coordinates()[static_cast<std::size_t>(first_[n] + k)] + "'", rest,
+                  "must be positive; give what moves with it a mass or an inertia (shear tells itself from bending by "
+                  "rotary inertia alone), and a beam enough gauss_points");
+    }
+    if (!definite) bad_value("mass matrix", "singular", "its coordinates must move independent inertias");
+    composite = whole.topLeftCorner<6, 6>();
+    articulated = M.topLeftCorner<6, 6>() - U.topRows<6>() * factor.solve(U.topRows<6>().transpose());
+  }
+}
+
+}  // namespace flexarm
