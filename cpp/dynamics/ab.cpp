@@ -2,9 +2,9 @@
 
 #include <cmath>
 
+#include "arrays.hpp"
 #include "lanes/feedback.hpp"
 #include "lanes/single.hpp"
-#include "sweeps.hpp"
 
 namespace flexarm {
 
@@ -16,17 +16,23 @@ Status status_of(lanes::Outcome outcome) {
 
 long operation_count(const Arm& arm) { return lanes::operation_count(lanes::KernelArm::of(arm)); }
 
+Status forward(Workspace& ws, const double* q, const double* v, const double* tau, double* a) {
+  using Array = Eigen::Map<const Eigen::VectorXd>;
+  const Eigen::Index nv = ws.a.size();
+  const Array all_q(q, ws.nq()), all_v(v, nv);
+  if (!ws.feedback.empty()) {
+    ws.total = Array(tau, nv);
+    add_feedback(ws.feedback, all_q, all_v, 1.0, ws.total);
+    tau = ws.total.data();
+  }
+  const Status status = status_of(ws.chain().forward(q, v, tau, a));
+  if (!all_finite(all_q) || !all_finite(all_v)) return Status::not_finite;
+  return status != Status::ok || all_finite(Array(a, nv)) ? status : Status::not_finite;
+}
+
 Status forward_dynamics_ab(const Arm&, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                            const Eigen::VectorXd& tau) {
-  const Eigen::VectorXd* total = &tau;
-  if (!ws.feedback.empty()) {
-    ws.total = tau;
-    add_feedback(ws.feedback, q, v, 1.0, ws.total);
-    total = &ws.total;
-  }
-  const Status status = status_of(ws.chain().forward(q.data(), v.data(), total->data(), ws.a.data()));
-  if (!all_finite(q) || !all_finite(v)) return Status::not_finite;
-  return status != Status::ok || all_finite(ws.a) ? status : Status::not_finite;
+  return forward(ws, q.data(), v.data(), tau.data(), ws.a.data());
 }
 
 Status forward_dynamics(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
@@ -53,24 +59,31 @@ FeedbackLaws<double> laws_of(const Arm& arm, Workspace& ws) {
 
 }  // namespace
 
-Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                      const Shift& shift) {
-  const lanes::Shift s{shift.damping, shift.stiffness};
-  const Status status = status_of(ws.chain().factor(s, v.data(), ws.twice_kinetic));
+Status factor(const Arm& arm, Workspace& ws, const double* q, const double* v, const lanes::Shift& shift) {
+  const Status status = status_of(ws.chain().factor(shift, v, ws.twice_kinetic));
   if (status != Status::ok) return status;
   if (!ws.feedback.empty()) {
     FeedbackLaws<double> laws = laws_of(arm, ws);
     for (int l = 0; l < laws.laws; ++l) laws.offset[l] = ws.feedback[static_cast<std::size_t>(l)].offset;
     laws.factor(
-        s, q.data(), v.data(), ws.free.data(), static_cast<int>(ws.free.size()),
-        [&](int i) { return arm.coordinate_of(i); }, [&](const double* r, double* x) { ws.chain().solve(r, x); });
+        shift, q, v, ws.free.data(), static_cast<int>(ws.free.size()), [&](int i) { return arm.coordinate_of(i); },
+        [&](const double* r, double* x) { ws.chain().solve(r, x); });
   }
   return std::isfinite(ws.twice_kinetic) ? Status::ok : Status::not_finite;
 }
 
+void solve(const Arm& arm, Workspace& ws, const double* r, double* x) {
+  ws.chain().solve(r, x);
+  if (!ws.feedback.empty()) laws_of(arm, ws).correct(x);
+}
+
+Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                      const Shift& shift) {
+  return factor(arm, ws, q.data(), v.data(), {shift.damping, shift.stiffness});
+}
+
 void solve_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& r, Eigen::VectorXd& x) {
-  ws.chain().solve(r.data(), x.data());
-  if (!ws.feedback.empty()) laws_of(arm, ws).correct(x.data());
+  solve(arm, ws, r.data(), x.data());
 }
 
 }  // namespace flexarm

@@ -1,7 +1,7 @@
 #include "flexarm/inverse.hpp"
 
+#include "arrays.hpp"
 #include "lanes/single.hpp"
-#include "sweeps.hpp"
 
 namespace flexarm {
 
@@ -9,10 +9,16 @@ void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& 
   ws.chain().move(q.data(), v.data());
 }
 
+void inverse(Workspace& ws, const double* q, const double* v, const double* a, double* tau) {
+  using Array = Eigen::Map<const Eigen::VectorXd>;
+  const Eigen::Index nv = ws.tau.size();
+  ws.chain().inverse(q, v, a, tau);
+  add_feedback(ws.feedback, Array(q, ws.nq()), Array(v, nv), -1.0, Eigen::Map<Eigen::VectorXd>(tau, nv));
+}
+
 void inverse_dynamics(const Arm&, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                       const Eigen::VectorXd& a) {
-  ws.chain().inverse(q.data(), v.data(), a.data(), ws.tau.data());
-  add_feedback(ws.feedback, q, v, -1.0, ws.tau);
+  inverse(ws, q.data(), v.data(), a.data(), ws.tau.data());
 }
 
 void joint_forces(const Arm&, Workspace& ws, const Eigen::VectorXd& a) { ws.chain().forces(a.data(), ws.tau.data()); }

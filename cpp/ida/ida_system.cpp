@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "sweeps.hpp"
+#include "arrays.hpp"
 
 namespace flexarm {
 

@@ -62,6 +62,7 @@ void sum_lanes(const Counted*, int, const Counted*) {}
 }  // namespace
 
 #include "lanes/composite.hpp"
+#include "lanes/elimination.hpp"
 #include "lanes/single.hpp"
 
 namespace flexarm {
@@ -79,8 +80,8 @@ long count(const KernelArm& arm) {
   const double* p = arm.numbers().data();
   Counted::operations = 0;
   chain.move(q.data(), v.data());
-  chain.template inward<true, true, true>(tau.data(), a.data(), Shift{});
-  chain.template outward<true>(Sp::read(p), a.data());
+  inward<true, true, true>(chain, tau.data(), a.data(), Shift{});
+  outward<true>(chain, Sp::read(p), a.data());
   return Counted::operations;
 }
 

@@ -3,6 +3,7 @@
 #include "lanes/pack.hpp"  // what the others need first
 // clang-format: keep
 #include "lanes/composite.hpp"
+#include "lanes/elimination.hpp"
 #include "lanes/roll.hpp"
 #include "lanes/tangent.hpp"
 
@@ -69,8 +70,8 @@ void load(void* self, const double* wrenches) {
 Outcome forward(void* self, const double* q, const double* v, const double* tau, double* a) {
   return on(self, [&](auto& chain) {
     chain.move(q, v);
-    const bool good = chain.template inward<true, true, true>(tau, a, Shift{});
-    chain.template outward<true>(base_of(chain), a);
+    const bool good = inward<true, true, true>(chain, tau, a, Shift{});
+    outward<true>(chain, base_of(chain), a);
     return outcome(chain, good);
   });
 }
@@ -102,16 +103,16 @@ void mass_matrix(void* self, double* M) {
 Outcome factor(void* self, const Shift& shift, const double* v, double* twice_kinetic) {
   return on(self, [&](auto& chain) {
     *twice_kinetic = chain.twice_kinetic(v);
-    return outcome(chain, chain.template inward<true, false, false>(nullptr, nullptr, shift));
+    return outcome(chain, inward<true, false, false>(chain, nullptr, nullptr, shift));
   });
 }
 
 void solve(void* self, const double* r, double* x) {
   on(self, [&](auto& chain) {
-    chain.template inward<false, true, false>(r, nullptr, Shift{});
+    inward<false, true, false>(chain, r, nullptr, Shift{});
     for (int i = 0; i < chain.layout.nodes; ++i)
       if (chain.layout.node[i].given) x[chain.layout.node[i].v] = 0.0;
-    chain.template outward<false>({}, x);
+    outward<false>(chain, {}, x);
   });
 }
 

@@ -24,7 +24,7 @@ const KernelArm& KernelArm::of(const Arm& arm) {
 const KernelArm& KernelArm::in_space(const Arm& arm) {
   const KernelArm& best = of(arm);
   if (!best.layout_.planar) return best;
-  const Made& made = arm.kept().get<Made>([&] { return Made{best, {}}; });  // which is there
+  const Made& made = arm.kept().get<Made>([&] { return Made{best, {}}; });  // `of` has made it
   return made.in_space.get<KernelArm>([&] { return build(arm, true); });
 }
 

@@ -57,10 +57,10 @@ Axes find_plane(const Arm& arm) {
 
 ArmBuilder::ArmBuilder(const Arm& a, bool in_space) : arm(a), axes(in_space ? Axes{} : find_plane(a)) {
   set(out.layout_.planar, axes.planar);
-  out.layout_.along[0] = axes.x;
-  out.layout_.along[1] = axes.y;
-  out.layout_.about = axes.z;
-  out.layout_.turning = axes.sign;
+  set(out.layout_.along[0], axes.x);
+  set(out.layout_.along[1], axes.y);
+  set(out.layout_.about, axes.z);
+  set(out.layout_.turning, axes.sign);
 }
 
 Node& ArmBuilder::begin_node(const Matrix3d& R) {
@@ -226,7 +226,8 @@ KernelArm KernelArm::build(const Arm& arm, bool in_space) {
   ArmBuilder b(arm, in_space);
   b.put(Vector3d(-arm.gravity()));
   for (std::size_t n = 0; n < arm.size(); ++n)
-    if (!b.add_link(n)) throw std::logic_error("a beam whose strains move sections as the kernels do not know");
+    if (!b.add_link(n))
+      throw std::logic_error("a beam whose strains move sections in another form than lanes/elastic.hpp has");
   b.set(b.out.layout_.nq, arm.nq());
   b.set(b.out.layout_.nv, arm.nv());
   b.out.structure_.push_back(static_cast<int>(b.out.numbers_.size()));

@@ -113,7 +113,7 @@ struct ArmBuilder {
   bool add_link(std::size_t n);
   void add_motion(const Link& link, std::size_t n, std::size_t i);
   void add_ball(const Link& link, std::size_t n);
-  /// The node's body, one of these; @return whether the kernels know it
+  /// The node's body, one of these; @return whether its sections move in the forms that lanes/elastic.hpp has
   void add_rigid(const Link& link);
   bool add_beam(const Link& link, std::size_t n);
   bool add_quadratic(const Link& link);
@@ -121,7 +121,7 @@ struct ArmBuilder {
   bool add_sampled(const Link& link);
 
   // what beams have in common, in the order of their numbers, behind the constants of the inertia
-  bool find_slices(const Beam& beam);  ///< what their motion is made of; @return whether the kernels know it
+  bool find_slices(const Beam& beam);  ///< what their motion is made of; @return as above
   void put_stiffness(const Link& link);
   void begin_end() { set(node().end, out.numbers_.size()); }  ///< the slice there
   void put_end(const Link& link);                             ///< the slice there, for quadratic.hpp

@@ -183,7 +183,7 @@ Points position_points(const Axes& axes, const Node& node, const Beam& beam, con
   return points;
 }
 
-/// Of all slices: fewer would do for small turns alone.
+/// Takes all slices: a smaller number of points would be right for small turns only.
 Points rotation_points(const Node& node, const Beam& beam) {
   Points points;
   for (const MassSlice& s : beam.slices()) {

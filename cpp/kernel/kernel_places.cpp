@@ -83,8 +83,8 @@ PlacedLoad KernelArm::put_load(const Arm& arm, const Load& load) {
   out.world = load.world_axes;
   out.numbers = load_numbers_.size();
   out.size = 1 + spots[0].numbers.size();
-  // A force that is alike on all slices works on their positions alone, and these are linear in the numbers: so works a
-  // moment where turns about one axis add, or where nothing bends.
+  // A force that is the same on all slices depends on their positions alone, which are linear in the numbers: one mean
+  // slice stands for all. The same is true of a moment where the turns add (about one axis), or where nothing bends.
   const bool stiff = out.place.on != Place::slice;
   out.mean = stiff || load.world_axes || spots.size() == 1;
   out.slices = out.mean && (stiff || layout_.planar || spots.size() == 1) ? 0 : static_cast<int>(spots.size());

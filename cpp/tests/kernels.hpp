@@ -55,16 +55,16 @@ inline std::vector<const lanes::FrameKernels*> all_frames() {
 }
 
 /// One arm on one set of kernels.
-struct Fast {
+struct OnKernels {
   const lanes::Kernels& kernels;
-  lanes::KernelArm fast;
+  lanes::KernelArm known;
   lanes::Memory memory;
-  Fast(const flexarm::Arm& arm, const lanes::Kernels& k, const std::vector<bool>& given,
-       const std::vector<flexarm::Load>& loads = {})
+  OnKernels(const flexarm::Arm& arm, const lanes::Kernels& k, const std::vector<bool>& given,
+            const std::vector<flexarm::Load>& loads = {})
       : kernels(k),
-        fast(lanes::KernelArm::of(arm).loaded(arm, loads).grouped(k.width, given)),
-        memory(k.memory(fast.layout())) {
-    kernels.begin(fast.layout(), fast.numbers().data(), memory.get());
+        known(lanes::KernelArm::of(arm).loaded(arm, loads).grouped(k.width, given)),
+        memory(k.memory(known.layout())) {
+    kernels.begin(known.layout(), known.numbers().data(), memory.get());
   }
 };
 
@@ -109,8 +109,8 @@ inline void check(const flexarm::Arm& arm, bool planar, const std::vector<bool>&
     CHECK((factors || !definite));
     for (const lanes::Kernels* kernels : all_kernels()) {
       CAPTURE(std::string(kernels->name));
-      Fast fast(arm, *kernels, given);
-      void* self = fast.memory.get();
+      OnKernels on(arm, *kernels, given);
+      void* self = on.memory.get();
       Eigen::VectorXd x = given_a, forces(nv);
       CHECK((kernels->forward(self, q.data(), v.data(), tau.data(), x.data()) == lanes::Outcome::good) == definite);
       Eigen::MatrixXd composite(nv, nv);

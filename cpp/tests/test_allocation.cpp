@@ -160,7 +160,7 @@ TEST_CASE("dynamics, kinematics and steps ask nothing of the system") {
     check_arm(arm, first);
   }
   check_arm(flexarm_test::floating_arm(), {}, true);
-  std::vector<Link> many;  // more elastic coordinates than Eigen's small kernels take
+  std::vector<Link> many;  // with many elastic coordinates
   many.emplace_back(Joint::revolute({0, 0, 1}), flexarm_test::body(0.5, {0.075, 0, 0}),
                     flexarm_test::beam({12, 12, 8, 4, 4}, 2), flexarm_test::body(0.2, {0.04, 0, 0.01}));
   check_arm(Arm(std::move(many)), {}, true);
@@ -183,7 +183,7 @@ TEST_CASE("a step that fails throws nothing and asks for nothing") {
 }
 
 TEST_CASE("joints that stick and slide within steps ask nothing of the system") {
-  for (const double height : {0.004, 0.3}) {  // on the fast kernels, and with loads not on them
+  for (const double height : {0.004, 0.3}) {  // without a load, and with one
     JointForce rough;
     rough.coulomb = 0.2;
     rough.stiction = 0.3;

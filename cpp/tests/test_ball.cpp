@@ -104,12 +104,12 @@ TEST_CASE("a ball alone, at any turn and any length of its quaternion") {
         for (double length : {1.0, -0.7}) {
           CAPTURE(upper);
           CAPTURE(turn);
-          flexarm_test::Fast fast(arm, *kernels, {});
+          flexarm_test::OnKernels on(arm, *kernels, {});
           Eigen::VectorXd q(arm.nq()), tau(arm.nv());
           q << std::cos(0.5 * turn), std::sin(0.5 * turn) * Vector3d(0.48, -0.64, 0.6);
           q *= length;
           const Eigen::VectorXd expected = truth.inverse(q, v, a);
-          kernels->inverse(fast.memory.get(), q.data(), v.data(), a.data(), tau.data());
+          kernels->inverse(on.memory.get(), q.data(), v.data(), a.data(), tau.data());
           CHECK((tau - expected).norm() < 1e-13 * (expected.norm() + 10.0));
           const double kinks[] = {0.0, upper, upper + 1e-3, 3.141592653589793};  // where differences see none
           if (std::all_of(std::begin(kinks), std::end(kinks), [&](double k) { return !(std::abs(turn - k) < 1e-4); }))

@@ -1,4 +1,4 @@
-// The fast kernels, of every instruction set that this processor has, against the equations on Eigen.
+// The kernels, of every instruction set that this processor has, against the paper's equations (oracle/).
 #include <doctest/doctest.h>
 
 #include "flexarm/batch.hpp"
@@ -9,8 +9,8 @@ using namespace flexarm;
 using Eigen::Vector3d;
 using flexarm_test::all_kernels;
 using flexarm_test::check;
-using flexarm_test::Fast;
 using flexarm_test::flat;
+using flexarm_test::OnKernels;
 using flexarm_test::place;
 using flexarm_test::spring;
 
@@ -82,10 +82,10 @@ TEST_CASE("a rod that only twists is a hinge with a spring and a rotor, however 
       for (double angle = -30.0; angle <= 30.0; angle += 0.37) {
         CAPTURE(std::string(kernels->name));
         CAPTURE(angle);
-        Fast fast(twisted, *kernels, {});
+        OnKernels on(twisted, *kernels, {});
         const Eigen::Vector2d q(angle / turn, 0.7), v(8.0 / turn, -3.0), tau(0.02 * turn, 0.1);
         Eigen::Vector2d a;
-        CHECK(kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), a.data()) == lanes::Outcome::good);
+        CHECK(kernels->forward(on.memory.get(), q.data(), v.data(), tau.data(), a.data()) == lanes::Outcome::good);
         const Eigen::Vector2d scale(turn, 1.0);
         REQUIRE(forward_dynamics_ab(turned, ws, q.cwiseProduct(scale), v.cwiseProduct(scale),
                                     tau.cwiseQuotient(scale)) == Status::ok);

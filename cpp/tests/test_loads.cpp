@@ -59,12 +59,12 @@ void check(const Arm& arm, bool planar, const std::vector<bool>& given = {}) {
       }
       for (const lanes::Kernels* kernels : flexarm_test::all_kernels()) {
         CAPTURE(std::string(kernels->name));
-        flexarm_test::Fast fast(arm, *kernels, given, loads);
-        kernels->load(fast.memory.get(), wrenches.data());
-        kernels->inverse(fast.memory.get(), q.data(), v.data(), tau.data(), forces.data());
+        flexarm_test::OnKernels on(arm, *kernels, given, loads);
+        kernels->load(on.memory.get(), wrenches.data());
+        kernels->inverse(on.memory.get(), q.data(), v.data(), tau.data(), forces.data());
         CHECK((forces - expected).cwiseAbs().maxCoeff() < 1e-12 * expected.cwiseAbs().maxCoeff());
         Eigen::VectorXd a = tau;
-        CHECK(kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), a.data()) == lanes::Outcome::good);
+        CHECK(kernels->forward(on.memory.get(), q.data(), v.data(), tau.data(), a.data()) == lanes::Outcome::good);
         CHECK((a - accelerations).cwiseAbs().maxCoeff() < 1e-8 * accelerations.cwiseAbs().maxCoeff());
       }
     }

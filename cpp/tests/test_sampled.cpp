@@ -1,4 +1,4 @@
-// The fast kernels at order 3 and "exact".
+// The kernels at order 3 and "exact".
 #include "flexarm/batch.hpp"
 #include "flexarm/derivatives.hpp"
 #include "kernels.hpp"
@@ -127,8 +127,8 @@ TEST_CASE(
     const Eigen::VectorXd truth = oracle::Oracle(arm).inverse(q, v, a);
     for (const lanes::Kernels* kernels : all_kernels()) {
       CAPTURE(std::string(kernels->name));
-      Fast fast(arm, *kernels, {}), fine(finer, *kernels, {});
-      kernels->inverse(fast.memory.get(), q.data(), v.data(), a.data(), tau.data());
+      OnKernels on(arm, *kernels, {}), fine(finer, *kernels, {});
+      kernels->inverse(on.memory.get(), q.data(), v.data(), a.data(), tau.data());
       kernels->inverse(fine.memory.get(), q.data(), v.data(), a.data(), expected.data());
       CHECK((tau - expected).cwiseAbs().maxCoeff() < 1e-12 * expected.cwiseAbs().maxCoeff());
       CHECK((tau - truth).cwiseAbs().maxCoeff() < 1e-11 * expected.cwiseAbs().maxCoeff());
@@ -139,10 +139,10 @@ TEST_CASE(
 TEST_CASE("turns beyond what the series of the rotation keeps digits of are not a number") {
   const Arm arm = of_beams(fine_beam({2, 2, 1, 0, 0}, kExact, 60), flexarm_test::beam({1, 0, 0, 0, 0}, 2));
   for (const lanes::Kernels* kernels : all_kernels()) {
-    Fast fast(arm, *kernels, {});
+    OnKernels on(arm, *kernels, {});
     Eigen::VectorXd q, v, tau = Eigen::VectorXd::Zero(arm.nv()), a = tau;
     place(arm, 0.4, q, v, 100.0);
-    kernels->forward(fast.memory.get(), q.data(), v.data(), tau.data(), a.data());
+    kernels->forward(on.memory.get(), q.data(), v.data(), tau.data(), a.data());
     CHECK(a.array().isNaN().all());
   }
 }

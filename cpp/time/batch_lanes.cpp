@@ -25,11 +25,7 @@ Index LaneGroup::width(const BatchProblem& p) {
 }
 
 LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::function<bool(long)> tell)
-    : p_(problem),
-      out_(out),
-      tell_(std::move(tell)),
-      kernels_(lanes::best_kernels()),
-      width_(width(problem)) {
+    : p_(problem), out_(out), tell_(std::move(tell)), kernels_(lanes::best_kernels()), width_(width(problem)) {
   one_for_all_ = p_.arms.size() == 1;
   for (const BatchLoad& l : p_.loads) one_for_all_ = one_for_all_ && l.places.size() == 1;
   const Arm& one = *p_.arms[0];

@@ -1,4 +1,4 @@
-// Scenarios of a batch on the kernels: in the lanes of a pack, or one by one.
+// Scenarios of a batch: in the lanes of a pack, or one by one.
 #pragma once
 
 #include <algorithm>
@@ -35,7 +35,7 @@ class Pace {
 /// One thread's arms: a pack, or one.
 class LaneGroup final : lanes::Scenarios {
  public:
-  /// Scenarios taken at once: those of a pack, or 1 where they are too few for it.
+  /// Scenarios taken at once: those of a pack, or 1 where they are too few for it or lanes are not wanted.
   static Eigen::Index width(const BatchProblem& problem);
 
   /// @param tell  told about the steps done (of all lanes together); answers false to end the batch

@@ -2,11 +2,11 @@
 
 #include <cmath>
 
+#include "arrays.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "flexarm/quadrature.hpp"
-#include "sweeps.hpp"
 
 namespace flexarm {
 

@@ -5,10 +5,10 @@
 #include <deque>
 #include <memory>
 
+#include "arrays.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/inverse.hpp"
-#include "sweeps.hpp"
 #include "system.hpp"
 
 namespace flexarm {
@@ -70,7 +70,7 @@ class Sliding {
     s.q = q;
     s.v = v;
     s.drive(t);
-    s.accelerate();
+    if (s.accelerate() != Status::ok) s.ws.a.setZero();  // the next step says why; what rests stays at rest
     for (Contact& c : contacts_) {
       if (c.given) continue;
       const double speed = v[c.coordinate], along = speed == 0.0 ? s.ws.a[c.coordinate] : speed;

@@ -4,10 +4,12 @@
 #include <cmath>
 #include <sstream>
 
+#include "arrays.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/dry_friction.hpp"
+#include "lanes/ball.hpp"
 #include "lanes/methods.hpp"
-#include "sweeps.hpp"
+#include "lanes/single.hpp"
 
 namespace flexarm {
 
@@ -19,61 +21,35 @@ struct Engine {
   using Mask = bool;
   const Arm& arm;
   Workspace* ws = nullptr;
-  Eigen::VectorXd q, v, a, r, x, dq_;  // the workspace's functions take vectors
+  const lanes::Layout* layout = nullptr;            // the workspace's
+  const double *q_now = nullptr, *v_now = nullptr;  // of the last `inverse`
   const int* free = nullptr;
   int free_count = 0;
   double weight;
 
-  explicit Engine(const Arm& arm_)
-      : arm(arm_), q(arm.zero()), v(Eigen::VectorXd::Zero(arm.nv())), a(v), r(v), x(v), dq_(q) {
+  explicit Engine(const Arm& arm_) : arm(arm_) {
     double mass = 0.0;
     for (const Link& link : arm.links()) mass += link.mass();
     weight = mass * arm.gravity().squaredNorm();
   }
 
-  void place(const double* q0, const double* u, double* out) const {
-    for (std::size_t n = 0; n < arm.size(); ++n) {
-      const Link& link = arm.link(n);
-      const int i = arm.first_q(n), j = arm.first(n), nq = link.joint().nq(), nj = link.nj();
-      link.joint().displace(q0 + i, u + j, out + i);
-      for (int k = 0; k < link.ne(); ++k) out[i + nq + k] = q0[i + nq + k] + u[j + nj + k];
-    }
+  void place(const double* q0, const double* u, double* out) const { displace(*layout, q0, u, out); }
+  void rates(const double* q, const double* v, double* dq) const { ::coordinate_rates(*layout, q, v, dq); }
+  void normalise(double* q) const { ::normalise(*layout, q); }
+  bool accelerate(const double* q, const double* v, const double* tau, double* a) {
+    return forward(*ws, q, v, tau, a) == Status::ok;
   }
-  void rates(const double* q_, const double* v_, double* dq) {
-    q = Eigen::Map<const Eigen::VectorXd>(q_, q.size());
-    v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
-    coordinate_rates(arm, q, v, dq_);
-    std::copy(dq_.begin(), dq_.end(), dq);
-  }
-  void normalise(double* q_) const {
-    for (std::size_t n = 0; n < arm.size(); ++n) arm.link(n).joint().normalise(q_ + arm.first_q(n));
-  }
-  bool accelerate(const double* q_, const double* v_, const double* tau, double* a_) {
-    q = Eigen::Map<const Eigen::VectorXd>(q_, q.size());
-    v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
-    r = Eigen::Map<const Eigen::VectorXd>(tau, v.size());
-    ws->a = Eigen::Map<const Eigen::VectorXd>(a_, v.size());
-    const bool good = forward_dynamics(arm, *ws, q, v, r) == Status::ok;
-    std::copy(ws->a.begin(), ws->a.end(), a_);
-    return good;
-  }
-  void inverse(const double* q_, const double* v_, const double* a_, double* tau, bool) {
-    q = Eigen::Map<const Eigen::VectorXd>(q_, q.size());
-    v = Eigen::Map<const Eigen::VectorXd>(v_, v.size());
-    a = Eigen::Map<const Eigen::VectorXd>(a_, a.size());
-    inverse_dynamics(arm, *ws, q, v, a);
-    Eigen::Map<Eigen::VectorXd>(tau, v.size()) = ws->tau;
+  void inverse(const double* q, const double* v, const double* a, double* tau, bool) {
+    flexarm::inverse(*ws, q, v, a, tau);
+    q_now = q;
+    v_now = v;
   }
   bool factor(const lanes::Shift& shift, double& twice_kinetic) {
-    const bool good = factor_shifted(arm, *ws, q, v, Shift{shift.damping, shift.stiffness}) == Status::ok;
+    const bool good = flexarm::factor(arm, *ws, q_now, v_now, shift) == Status::ok;
     twice_kinetic = ws->twice_kinetic;
     return good;
   }
-  void solve(const double* r_, double* x_) {
-    r = Eigen::Map<const Eigen::VectorXd>(r_, r.size());
-    solve_shifted(arm, *ws, r, x);
-    Eigen::Map<Eigen::VectorXd>(x_, x.size()) = x;
-  }
+  void solve(const double* r, double* x) { flexarm::solve(arm, *ws, r, x); }
 };
 
 }  // namespace
@@ -103,6 +79,7 @@ struct OneStep::Run {
   /// To be called before anything is done with another workspace.
   void attach(Workspace& ws) {
     engine.ws = &ws;
+    engine.layout = &ws.chain().layout();
     engine.free = ws.free.data();
     engine.free_count = static_cast<int>(ws.free.size());
     if (!contacts) return;

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 
+#include "arrays.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
-#include "sweeps.hpp"
 
 namespace flexarm {
 

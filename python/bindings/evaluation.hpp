@@ -70,7 +70,7 @@ class Pool {
     bool keep_;
   };
 
-  /// @param keep  or it goes after this call
+  /// @param keep  whether the pool keeps the memory after this call
   /// @param make  makes some where none for this setting is idle
   template <class Make>
   Lent lend(Setting setting, bool keep, const Make& make) {

@@ -42,7 +42,7 @@ def test_forward_derivatives_against_differences(seed: int) -> None:
 @pytest.mark.parametrize("modes", [{}, {"bending_y": 3, "shear_y": 1}, {"bending_y": 2, "bending_z": 2, "torsion": 2}])
 @pytest.mark.parametrize("order", [1, 2])
 def test_derivatives_without_loads_are_those_with_a_load_of_nothing(modes: dict, order: int) -> None:
-    """One goes through the fast kernels, the other through Eigen's sweeps; in the plane and in space, with springs,
+    """A load of nothing changes nothing: in the plane and in space, with springs,
     stops that are met, rotors and placements."""
     beam = fa.Beam(0.6, fa.Rectangle(0.01, 0.02), STEEL, modes, order=order, kelvin_voigt=1e-3) if modes else None
     stop = {"lower": -0.1, "upper": 0.2, "limit_stiffness": 1e3, "limit_damping": 2.0, "reflected_inertia": 0.01}

@@ -606,3 +606,16 @@ def test_counts_of_a_batch_in_chunks():
     chunks = fa.simulate_batch(arm, t, v0=np.full((16, arm.nv), 0.1), workers=1, batch=8)
     for name in ("lanes", "workers", "steps"):
         assert whole.stats[name] == chunks.stats[name]
+
+
+def test_arms_that_move_in_other_planes_have_loads_of_their_own() -> None:
+    """A load along one world axis turns one of two hinges, about z or about -y, whoever shares the pack."""
+    body = fa.RigidBody(1.0, com=(0.5, 0, 0), inertia=(0.1, 0.1, 0.1), end=(1, 0, 0))
+    t, axes = np.linspace(0, 0.1, 11), [(0, 0, 1.0), (0, -1.0, 0)]
+    arms = [fa.Arm([fa.Link(fa.Revolute(axis), body)]) for axis in axes]
+    for wrench in ({"force": (0, 1.0, 0)}, {"force": (0, 0, 1.0)}, {"moment": (0, 0, 1.0)}):
+        options = {"loads": [fa.Load(0, **wrench)], "step": 0.01}
+        alone = [fa.simulate(arm, t, integrator="implicit", **options).q[-1] for arm in arms]
+        assert np.abs(alone[0] - alone[1]) > 1e-3
+        batch = fa.simulate_batch(arms[0], t, parameters={"link.0.joint.axis": axes * 8}, **options)
+        np.testing.assert_allclose(batch.q[:, -1], alone * 8, atol=1e-12)

@@ -182,7 +182,7 @@ def test_forces(name: str) -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_jacobians(name: str) -> None:
-    """Of inverse dynamics, and of forward dynamics at the same motion; by the fast kernels, and as with a load."""
+    """Of inverse dynamics, and of forward dynamics at the same motion; without a load, and with one of nothing."""
     oracle, arm, (q, v, a) = both(name)
     by_q, by_v, M = oracle.jacobians(q, v, a)
     turns = oracle.small_turns(q)

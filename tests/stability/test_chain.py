@@ -6,9 +6,9 @@ import pytest
 from stability import chain
 
 # Formulation stiffness (Ascher, Pai & Cloutier, Int. J. Robotics Research 16, 1997): relative error of CI and of AB in
-# an independent program, at one state, which is not told. Both are met within a factor of ten; AB also because ab.cpp
-# leaves nothing along a free coordinate but what is applied to it (without that, the last link x 1e9 was 50 times above
-# the mark).
+# an independent program, at one state, which is not told. Both are met within a factor of ten; AB also because the
+# kernel leaves nothing along a free coordinate but what is applied to it (without that, the last link x 1e9 was 50
+# times above the mark).
 MARKS = [
     ("uniform", 64, 3.5e-11, 1.3e-14),
     ("last link x 1e6", 16, 2.3e-7, 7.4e-11),

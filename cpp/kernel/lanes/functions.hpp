@@ -58,7 +58,8 @@ struct TurnSeries {
 };
 constexpr TurnSeries kTurn;
 
-/// Of the rotation exp(t~) and its Jacobian, as functions of s = |t|^2; see spatial.hpp. Taylor series are right to the
+/// Of the rotation exp(t~) and its Jacobian, as functions of s = |t|^2: R = 1 + a t~ + b t~^2, and
+/// J = 1 + b t~ + c t~^2 (Eq. 35). Taylor series are right to the
 /// last digit for turns up to pi; sines take over where they are no longer needed for their digits.
 template <class S>
 struct Turn {

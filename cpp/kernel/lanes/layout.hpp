@@ -36,7 +36,7 @@ struct Node {
   int directed = 0;                     ///< coordinates that displace slices across the beam at first order,
   const int* which = nullptr;           ///< their numbers,
   const int* about = nullptr;           ///< the axis about which each coordinate turns slices at first order
-  const int* direction = nullptr;       ///< and 1 or 2 for along y or z (in the plane: 1)
+  const int* direction = nullptr;       ///< and 1 or 2 for along y or z
   int blocks = 0, position_blocks = 0;  ///< of rotation and position; those of position come first
   const Block* block = nullptr;
   int passes = 0, rotary = 0;                         ///< (groups of) points: of position, of rotation
@@ -74,7 +74,7 @@ struct PlacedLoad {
 
 struct Layout {
   bool planar = false;
-  bool attitudes = false;  ///< whether a body asks how it stands in the world
+  bool attitudes = false;  ///< whether a body or a load asks how it stands in the world
   int nodes = 0, nq = 0, nv = 0;
   const Node* node = nullptr;
   int along[2] = {0, 1}, about = 2;  ///< of a planar arm: axes of the world (and of each link) that it moves in,

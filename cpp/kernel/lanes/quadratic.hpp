@@ -11,85 +11,168 @@
 
 namespace {
 
-/// Numbers P that `bend` needs to work on.
-inline std::size_t quadratic_scratch(const Node& node) {
-  const std::size_t ne = static_cast<std::size_t>(node.ne),
-                    points = static_cast<std::size_t>(node.passes + node.rotary);
-  return 32 + 8 * ne + ne * (ne + 1) / 2 + points * (3 * ne + 12);
+/// A rotation vector theta, which takes its slopes through the left Jacobian I + b t~ + c t~^2 (or through the right
+/// one: sign -1), and its second rate likewise (Eq. 35, 39, 40).
+template <class S>
+struct Turned {
+  typename Space<S>::Lin t;
+  Turn<S> k;
+  explicit Turned(const typename Space<S>::Lin& t_) : t(t_), k(Space<S>::dot(t_, t_)) {}
+  typename Space<S>::Lin jacobian(const typename Space<S>::Lin& y, double sign) const {
+    const auto ty = Space<S>::cross(t, y);
+    return y + (sign * k.b) * ty + k.c * Space<S>::cross(t, ty);
+  }
+  typename Space<S>::Lin bias(const typename Space<S>::Lin& rate, const typename Space<S>::Lin& second,
+                              double sign) const {
+    const auto tt = Space<S>::cross(t, rate);
+    const S s_dot = 2.0 * Space<S>::dot(t, rate);
+    return jacobian(second, sign) + (sign * (k.db * s_dot)) * tt + (k.dc * s_dot) * Space<S>::cross(t, tt) +
+           k.c * Space<S>::cross(rate, tt);
+  }
+  typename Space<S>::Rot rotation() const {
+    const S xx = t.x * t.x, yy = t.y * t.y, zz = t.z * t.z, xy = k.b * t.x * t.y, xz = k.b * t.x * t.z,
+            yz = k.b * t.y * t.z, x = k.a * t.x, y = k.a * t.y, z = k.a * t.z;
+    return {1.0 - k.b * (yy + zz), xy - z, xz + y, xy + z, 1.0 - k.b * (xx + zz), yz - x, xz - y, yz + x,
+            1.0 - k.b * (xx + yy)};
+  }
+};
+
+namespace quadratic {
+
+/// Sums over the points, of the body alone. In the plane, y has no quadratic part: the pairings with x need points.
+template <class Sp>
+struct Moments;
+template <class T>
+struct Moments<Plane<T>> {
+  using Linear = T;   ///< what points know of a coordinate's first moment: its part along x
+  T c, c_rate, bias;  ///< first moment along x, its rate, and the convective part of its second rate
+  T J, n;             ///< second moment; moment of the accelerations that velocities give
+};
+template <class T>
+struct Moments<Space<T>> {
+  using Linear = typename Space<T>::Lin;
+  typename Space<T>::Lin c, c_rate, bias;
+  typename Space<T>::Sym xx;  ///< the integral of x x^T
+  typename Space<T>::Lin n;
+  typename Space<T>::Sym J_turn;  ///< of sections that turn: their own inertia,
+  typename Space<T>::Lin n_turn;  ///< and the moment that turns them
+};
+
+/// All sums over the points: first packs, and then, in the same place, the sums of their lanes. Functions take it by
+/// value: packs may alias anything, and so also pointers that lie in memory.
+template <class Sp>
+struct Sums {
+  using T = typename Sp::Scalar;
+  using Body = Moments<Sp>;
+  using Linear = typename Body::Linear;
+  using Ang = typename Sp::Ang;
+  Body* body;
+  T* e;              ///< of each coordinate: its force,
+  Linear* M_linear;  ///< its coupling with forces
+  Ang* M_angular;    ///< and with moments;
+  T* M;              ///< of each pair, packed
+  int size;          ///< numbers T of all this
+
+  Sums(T* at, int ne) : body(reinterpret_cast<Body*>(at)) {
+    e = at + sizeof(Body) / sizeof(T);
+    M_linear = reinterpret_cast<Linear*>(e + ne);
+    M_angular = reinterpret_cast<Ang*>(M_linear + ne);
+    M = reinterpret_cast<T*>(M_angular + ne);
+    size = size_of(ne);
+  }
+  static int size_of(int ne) {
+    return static_cast<int>((sizeof(Body) + static_cast<std::size_t>(ne) * (sizeof(T) + sizeof(Linear) + sizeof(Ang))) /
+                            sizeof(T)) +
+           packed(ne, 0);
+  }
+};
+
+/// Where a position was found: what the constant 1 is there, and x.
+template <class P>
+struct Position {
+  P one;
+  typename Space<P>::Lin x;
+};
+
+/// How scratch is divided: where each part begins, in numbers P, and how many these are in all.
+template <class Sp>
+struct Parts {
+  int rows;       ///< of a coordinate's column of slopes
+  int slopes;     ///< columns by coordinate, after the sums
+  int forces;     ///< in space: by row, what the accelerations that velocities give ask for;
+  int positions;  ///< a Position of each point of position,
+  int turns;      ///< and for each of rotation, R times the root of its inertia
+  int size;
+
+  explicit Parts(const Node& node) : rows(Sp::planar ? node.passes : 3 * (node.passes + node.rotary)) {
+    slopes = Sums<Sp>::size_of(node.ne);
+    forces = slopes + rows * node.ne;
+    positions = forces + (Sp::planar ? 0 : rows);
+    turns = positions + (Sp::planar ? 0 : 4 * node.passes);
+    size = turns + (Sp::planar ? 0 : 9 * node.rotary);
+  }
+};
+
+// --- In the plane. ---
+
+/// Sums over the points of position.
+template <class S, class P>
+void sum_positions(const Node& node, const double* t, const S* q, const S* dq, const S& w, P* slopes,
+                   Sums<Plane<P>> sums) {
+  const int ne = node.ne, points = node.passes;
+  const P wp = widen(w, P{});
+  P c{}, c_rate{}, bias{}, J{}, n{};
+  for (int k = 0; k < ne; ++k) sums.e[k] = sums.M_linear[k] = sums.M_angular[k].z = P{};
+  for (int a = 0; a < points; ++a) {
+    P* slope = slopes + a;  // by coordinates, in strides of the number of points
+    for (int k = 0; k < ne; ++k) slope[k * points] = P{};
+    const P one = next<P>(t), X = next<P>(t), Y = next<P>(t);
+    const double* l = t;
+    P y = Y, y_dot{};
+    for (int k = 0; k < ne; ++k) {
+      const P lk = next<P>(t);
+      y += lk * widen(q[k], P{});
+      y_dot += lk * widen(dq[k], P{});
+    }
+    P s{}, b{}, s_dot{};
+    for (int k = 0; k < node.position_blocks; ++k) add_block(node.block[k], t, q, dq, s, b, slope, points);
+    for (int k = 0; k < ne; ++k) s_dot += slope[k * points] * widen(dq[k], P{});
+    // acceleration along x, and what s adds to it along y (Eq. 45)
+    const P x = X + s, push = 2.0 * (wp * s_dot);
+    const P acc = b - wp * (wp * x + 2.0 * y_dot);
+    c += one * s;
+    c_rate += one * s_dot;
+    bias += one * b;
+    J += (X + x) * s;
+    n += x * push - y * b;
+    for (int k = 0; k < ne; ++k) {
+      const P lk = next<P>(l);
+      const P gk = slope[k * points];
+      sums.e[k] += gk * acc + lk * push;
+      sums.M_linear[k] += one * gk;
+      sums.M_angular[k].z += s * lk - y * gk;
+    }
+  }
+  *sums.body = {c, c_rate, bias, J, n};
+  products(slopes, ne, points, sums.M);
 }
 
-// --- In the plane: y has no quadratic part, so that only the pairings with x need points. ---
-
-template <class S, class P>
-void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
-          const typename Plane<S>::Ang& spin, typename Plane<S>::Rigid& M, typename Plane<S>::Lin& f,
-          typename Plane<S>::Ang& n, Elastic<Plane<S>>& out, P* scratch) {
+/// Adds what is linear in q, and the body that does not bend, to the sums (Eq. 80, 81).
+template <class S>
+void finish(const Node& node, const double* p, const S* q, const S* dq, const S& w, Sums<Plane<S>> sums,
+            typename Plane<S>::Rigid& M, typename Plane<S>::Lin& f, typename Plane<S>::Ang& n, Elastic<Plane<S>>& out) {
   using Sp = Plane<S>;
-  const int ne = node.ne, pairs = ne * (ne + 1) / 2;
-  const S w = spin.z;
-  const double* p = constants;
-  // sums over points: c, its rate, b; J; n; then e, Mre (linear x, angular), Mee
-  enum { at_c, at_rate, at_b, at_J, at_n, at_lists };
-  P* sums = scratch;
-  S* sum = reinterpret_cast<S*>(scratch);
-  const int n_sums = at_lists + 3 * ne + pairs;
-  if (node.passes > 0) {
-    P* g = sums + n_sums;  // slopes, all points
-    const P wp = widen(w, P{});
-    P c{}, rate{}, b_sum{}, J{}, n_sum{};
-    for (int k = 0; k < 3 * ne; ++k) sums[at_lists + k] = P{};
-    const double* t = points;
-    for (int a = 0; a < node.passes; ++a) {
-      P* ga = g + a;  // by coordinates, in strides of the number of points
-      for (int k = 0; k < ne; ++k) ga[k * node.passes] = P{};
-      const P one = next<P>(t), X = next<P>(t), Y = next<P>(t);
-      const double* l = t;
-      P y = Y, y_dot{};
-      for (int k = 0; k < ne; ++k) {
-        const P lk = next<P>(t);
-        y += lk * widen(q[k], P{});
-        y_dot += lk * widen(dq[k], P{});
-      }
-      P s{}, b{}, s_dot{};
-      for (int k = 0; k < node.position_blocks; ++k) add_block(node.block[k], t, q, dq, s, b, ga, node.passes);
-      for (int k = 0; k < ne; ++k) s_dot += ga[k * node.passes] * widen(dq[k], P{});
-      const P x = X + s, push = 2.0 * (wp * s_dot);
-      const P acc = b - wp * (wp * x + 2.0 * y_dot);
-      c += one * s;
-      rate += one * s_dot;
-      b_sum += one * b;
-      J += (X + x) * s;
-      n_sum += x * push - y * b;
-      for (int k = 0; k < ne; ++k) {
-        const P lk = next<P>(l);
-        const P gk = ga[k * node.passes];
-        sums[at_lists + k] += gk * acc + lk * push;
-        sums[at_lists + ne + k] += one * gk;
-        sums[at_lists + 2 * ne + k] += s * lk - y * gk;
-      }
-    }
-    sums[at_c] = c;
-    sums[at_rate] = rate;
-    sums[at_b] = b_sum;
-    sums[at_J] = J;
-    sums[at_n] = n_sum;
-    products(g, ne, node.passes, sums + at_lists + 3 * ne);
-    sum_lanes(sums, n_sums, sum);
-  } else {
-    for (int k = 0; k < n_sums; ++k) sum[k] = S{};
-  }
-  const S* lists = sum + at_lists;
+  const Moments<Sp>& body = *sums.body;
   const S m = next<S>(p);
   typename Sp::Lin c = Sp::read(p);
   typename Sp::Sym J = Sp::read_symmetric(p);
-  c.x += sum[at_c];
-  J.zz += sum[at_J];
-  S c_y_rate{}, swirl{};
-  // linear in q: c_y, and the matrix of y with y
-  for (int k = 0; k < ne; ++k) {
+  c.x += body.c;
+  J.zz += body.J;
+  S c_y_rate{}, swirl{};  // the swirl is the integral of y dy/dt
+  for (int k = 0; k < node.ne; ++k) {
     const S cl = next<S>(p), ex = next<S>(p), ey = next<S>(p), rotary = next<S>(p);
-    S my = ey, my_dot{};
-    for (int j = 0; j < ne; ++j) {
+    S my = ey, my_dot{};  // l_k is paired with y here
+    for (int j = 0; j < node.ne; ++j) {
       const S L = next<S>(p);
       my += L * q[j];
       my_dot += L * dq[j];
@@ -98,20 +181,312 @@ void bend(const Node& node, const double* constants, const double* points, const
     c_y_rate += cl * dq[k];
     J.zz += q[k] * (ey + my);
     swirl += dq[k] * my;
-    out.e[k] = lists[k] - w * w * my;
-    out.M_linear[k] = {lists[ne + k], cl};
-    out.M_angular[k] = {ex + rotary + lists[2 * ne + k]};
+    out.e[k] = sums.e[k] - w * w * my;
+    out.M_linear[k] = {sums.M_linear[k], cl};
+    out.M_angular[k] = {ex + rotary + sums.M_angular[k].z};
   }
-  for (int k = 0; k < pairs; ++k) out.M[k] = next<S>(p) + lists[3 * ne + k];
+  for (int k = 0; k < packed(node.ne, 0); ++k) out.M[k] = next<S>(p) + sums.M[k];
   out.constants = p;
   M = {m, c, J};
   const S ww = w * w, w2 = 2.0 * w;
-  f = {sum[at_b] - ww * c.x - w2 * c_y_rate, w2 * sum[at_rate] - ww * c.y};
-  n = {w2 * swirl + sum[at_n]};
-  add_elastic_forces(node, p, q, dq, out.e);
+  f = {body.bias - ww * c.x - w2 * c_y_rate, w2 * body.c_rate - ww * c.y};
+  n = {w2 * swirl + body.n};
+  add_elastic_forces(node, p, q, dq, out.e);  // Eq. 62
 }
 
-/// A slice of which `p` are the numbers; without `rates`, its place and Jacobian alone.
+// --- In space. ---
+
+template <class P>
+typename Space<P>::Lin vector_at(const P* x) {
+  return {x[0], x[1], x[2]};
+}
+template <class P>
+void put_vector(P* at, const typename Space<P>::Lin& x) {
+  at[0] = x.x;
+  at[1] = x.y;
+  at[2] = x.z;
+}
+
+/// Adds x x^T.
+template <class T>
+void add_square(const typename Space<T>::Lin& x, typename Space<T>::Sym& xx) {
+  xx.xx += x.x * x.x;
+  xx.yy += x.y * x.y;
+  xx.zz += x.z * x.z;
+  xx.xy += x.x * x.y;
+  xx.xz += x.x * x.z;
+  xx.yz += x.y * x.z;
+}
+
+/// Sums over the points of position, which leave their slopes, forces and places in scratch.
+template <class S, class P>
+void sum_positions(const Node& node, const double*& t, const S* q, const S* dq, const typename Space<P>::Ang& w,
+                   Parts<Space<P>> parts, P* scratch, Moments<Space<P>>& sums) {
+  using Pt = Space<P>;
+  using Lin = typename Pt::Lin;
+  const int rows = parts.rows;
+  P *slopes = scratch + parts.slopes, *forces = scratch + parts.forces;
+  Position<P>* place = reinterpret_cast<Position<P>*>(scratch + parts.positions);
+  Lin c = Pt::zero(), c_rate = c, bias = c, n = c;
+  typename Pt::Sym xx = Pt::none();
+  for (int a = 0; a < node.passes; ++a) {
+    P* slope = slopes + 3 * a;
+    for (int k = 0; k < node.ne; ++k) put_vector(slope + k * rows, Pt::zero());
+    const P one = next<P>(t);
+    P x[3], b[3] = {P{}, P{}, P{}}, u[3] = {P{}, P{}, P{}};
+    for (P& xi : x) xi = next<P>(t);
+    for (int d = 0; d < node.directed; ++d) {
+      const P l = next<P>(t);
+      const int k = node.which[d], row = node.direction[d];
+      x[row] += l * widen(q[k], P{});
+      slope[k * rows + row] = l;
+    }
+    for (int k = 0; k < node.position_blocks; ++k) {
+      const Block& block = node.block[k];
+      add_block(block, t, q, dq, x[block.row], b[block.row], slope + block.row, rows);
+    }
+    for (int k = 0; k < node.ne; ++k)
+      for (int r = 0; r < 3; ++r) u[r] += slope[k * rows + r] * widen(dq[k], P{});
+    const Lin at = vector_at(x), u_dot = vector_at(u), u_bias = vector_at(b);
+    const Lin drift = number<P>(2.0) * Pt::cross(w, u_dot) + u_bias;
+    put_vector(forces + 3 * a, Pt::cross(w, Pt::cross(w, at)) + drift);  // Eq. 45
+    place[a] = {one, at};
+    c += one * at;
+    c_rate += one * u_dot;
+    bias += one * u_bias;
+    add_square<P>(at, xx);
+    n += Pt::cross(at, drift);
+  }
+  sums.c = c;
+  sums.c_rate = c_rate;
+  sums.bias = bias;
+  sums.xx = xx;
+  sums.n = n;
+}
+
+/// A point of rotation: what it takes to turn the section there, and R times the root of its inertia, from the slopes
+/// of its rotation vector, in place of which it leaves the root of its inertia times J_R. All but R is in section axes.
+template <class S, class P>
+void turn_section(const Node& node, const double*& t, const S* q, const S* dq, const typename Space<P>::Ang& w,
+                  P* slope, int rows, typename Space<P>::Lin& torque, typename Space<P>::Rot& turn) {
+  using Pt = Space<P>;
+  using Lin = typename Pt::Lin;
+  const Lin root = Pt::read(t), gyro = Pt::read(t);
+  P theta[3] = {P{}, P{}, P{}}, b[3] = {P{}, P{}, P{}}, d[3] = {P{}, P{}, P{}};
+  for (int k = 0; k < node.ne; ++k) {
+    const P l = next<P>(t);
+    P* column = slope + k * rows;
+    put_vector(column, Pt::zero());
+    column[node.about[k]] = l;
+    theta[node.about[k]] += l * widen(q[k], P{});
+  }
+  for (int k = node.position_blocks; k < node.blocks; ++k) {
+    const Block& block = node.block[k];
+    const int r = block.row - 3;
+    add_block(block, t, q, dq, theta[r], b[r], slope + r, rows);
+  }
+  const Turned<P> turned(vector_at(theta));
+  for (int k = 0; k < node.ne; ++k) {
+    const P qd = widen(dq[k], P{});
+    P* column = slope + k * rows;
+    for (int r = 0; r < 3; ++r) d[r] += column[r] * qd;
+    const Lin J = turned.jacobian(vector_at(column), -1.0);  // Eq. 39
+    put_vector(column, {root.x * J.x, root.y * J.y, root.z * J.z});
+  }
+  const Lin theta_dot = vector_at(d);
+  const typename Pt::Rot R = turned.rotation();
+  // carried and own angular velocity, and the rate of their sum with accelerations left out (Eq. 46)
+  const Lin carried = Pt::unrotate(R, w), own = turned.jacobian(theta_dot, -1.0), W = carried + own;
+  const Lin W_dot = Pt::cross(carried, own) + turned.bias(theta_dot, vector_at(b), -1.0);
+  torque = {root.x * W_dot.x + gyro.x * (W.y * W.z), root.y * W_dot.y + gyro.y * (W.z * W.x),
+            root.z * W_dot.z + gyro.z * (W.x * W.y)};
+  turn = {R.xx * root.x, R.xy * root.y, R.xz * root.z, R.yx * root.x, R.yy * root.y,
+          R.yz * root.z, R.zx * root.x, R.zy * root.y, R.zz * root.z};
+}
+
+/// Sums over the points of rotation, which leave their slopes, torques and turns in scratch.
+template <class S, class P>
+void sum_rotations(const Node& node, const double* t, const S* q, const S* dq, const typename Space<P>::Ang& w,
+                   Parts<Space<P>> parts, P* scratch, Moments<Space<P>>& sums) {
+  using Pt = Space<P>;
+  typename Pt::Rot* turns = reinterpret_cast<typename Pt::Rot*>(scratch + parts.turns);
+  typename Pt::Lin n = Pt::zero();
+  typename Pt::Sym J = Pt::none();
+  for (int a = 0; a < node.rotary; ++a) {
+    const int row = 3 * (node.passes + a);
+    typename Pt::Lin torque;
+    typename Pt::Rot B;
+    turn_section(node, t, q, dq, w, scratch + parts.slopes + row, parts.rows, torque, B);
+    put_vector(scratch + parts.forces + row, torque);
+    turns[a] = B;
+    const typename Pt::Rot BB = Pt::times_transposed(B, B);
+    Pt::add(J, typename Pt::Sym{BB.xx, BB.yy, BB.zz, BB.xy, BB.xz, BB.yz});
+    n += Pt::rotate(B, torque);
+  }
+  sums.J_turn = J;
+  sums.n_turn = n;
+}
+
+/// Sums over the columns that all points left: force and coupling of each coordinate, and inertia of each pair.
+template <class P>
+void sum_columns(const Node& node, Parts<Space<P>> parts, const P* scratch, Sums<Space<P>> sums) {
+  using Pt = Space<P>;
+  using Lin = typename Pt::Lin;
+  const P *slopes = scratch + parts.slopes, *forces = scratch + parts.forces;
+  const Position<P>* place = reinterpret_cast<const Position<P>*>(scratch + parts.positions);
+  const typename Pt::Rot* turns = reinterpret_cast<const typename Pt::Rot*>(scratch + parts.turns);
+  for (int k = 0; k < node.ne; ++k) {
+    const P *column = slopes + k * parts.rows, *of_turns = column + 3 * node.passes;
+    P e{};
+    Lin linear = Pt::zero(), angular = linear;
+    for (int r = 0; r < parts.rows; ++r) e += column[r] * forces[r];
+    for (int a = 0; a < node.passes; ++a) {
+      const Lin slope = vector_at(column + 3 * a);
+      linear += place[a].one * slope;
+      angular += Pt::cross(place[a].x, slope);
+    }
+    for (int a = 0; a < node.rotary; ++a) angular += Pt::rotate(turns[a], vector_at(of_turns + 3 * a));
+    sums.e[k] = e;
+    sums.M_linear[k] = linear;
+    sums.M_angular[k] = angular;
+  }
+  products(slopes, node.ne, parts.rows, sums.M);
+}
+
+/// The body without the turning of its sections.
+template <class Sp>
+struct Whole {
+  typename Sp::Lin c, c_rate;  ///< first moment and its rate
+  typename Sp::Sym xx;         ///< the integral of x x^T
+  typename Sp::Lin Py, Pz;     ///< integrals of x times what is linear in dy/dt, dz/dt
+};
+
+/// Adds what points leave over of the functions linear in q: those that displace slices along y and z.
+template <class S>
+void add_linear(const Node& node, const double*& p, const S* q, const S* dq, const typename Space<S>::Ang& w,
+                Whole<Space<S>>& whole, Elastic<Space<S>>& out) {
+  using Sp = Space<S>;
+  for (int d = 0; d < node.directed; ++d) {
+    const int k = node.which[d];
+    const S cl = next<S>(p);
+    const typename Sp::Lin rest = Sp::read(p);
+    S my{}, mz{}, my_dot{}, mz_dot{};  // l_k is paired with y and z here
+    for (int g = 0; g < node.directed; ++g) {
+      const S L = next<S>(p), Lq = L * q[node.which[g]], Ld = L * dq[node.which[g]];
+      if (node.direction[g] == 1) {
+        my += Lq;
+        my_dot += Ld;
+      } else {
+        mz += Lq;
+        mz_dot += Ld;
+      }
+    }
+    const typename Sp::Lin mk{rest.x, rest.y + my, rest.z + mz};
+    if (node.direction[d] == 1) {
+      whole.c.y += cl * q[k];
+      whole.c_rate.y += cl * dq[k];
+      whole.xx.xy += q[k] * rest.x;
+      whole.xx.yy += q[k] * (rest.y + mk.y);
+      whole.xx.yz += q[k] * mk.z;
+      whole.Py += dq[k] * mk;
+      const S across = w.y * Sp::dot(w, mk) - Sp::dot(w, w) * mk.y;
+      out.e[k] += across - 2.0 * w.x * mz_dot;
+      out.M_linear[k].y += cl;
+      out.M_angular[k].x -= mk.z;
+      out.M_angular[k].z += mk.x;
+    } else {
+      whole.c.z += cl * q[k];
+      whole.c_rate.z += cl * dq[k];
+      whole.xx.xz += q[k] * rest.x;
+      whole.xx.zz += q[k] * (rest.z + mk.z);
+      whole.xx.yz += q[k] * rest.y;
+      whole.Pz += dq[k] * mk;
+      const S across = w.z * Sp::dot(w, mk) - Sp::dot(w, w) * mk.z;
+      out.e[k] += across + 2.0 * w.x * my_dot;
+      out.M_linear[k].z += cl;
+      out.M_angular[k].x += mk.y;
+      out.M_angular[k].y -= mk.x;
+    }
+  }
+}
+
+/// Adds what is linear in q, and the body that does not bend, to the sums (Eq. 80, 81).
+template <class S>
+void finish(const Node& node, const double* p, const S* q, const S* dq, const typename Space<S>::Ang& w,
+            Sums<Space<S>> sums, typename Space<S>::Rigid& M, typename Space<S>::Lin& f, typename Space<S>::Ang& n,
+            Elastic<Space<S>>& out) {
+  using Sp = Space<S>;
+  using Lin = typename Sp::Lin;
+  const Moments<Sp>& body = *sums.body;
+  for (int k = 0; k < node.ne; ++k) {
+    out.M_linear[k] = sums.M_linear[k];
+    out.M_angular[k] = sums.M_angular[k];
+    out.e[k] = sums.e[k];
+  }
+  const S m = next<S>(p);
+  const Lin c = Sp::read(p);
+  const typename Sp::Sym J_rest = Sp::read_symmetric(p);
+  Whole<Sp> whole{c + body.c, body.c_rate, body.xx, Sp::zero(), Sp::zero()};
+  add_linear(node, p, q, dq, w, whole, out);
+  for (int k = 0; k < packed(node.ne, 0); ++k) out.M[k] = next<S>(p) + sums.M[k];
+  out.constants = p;
+  const typename Sp::Sym& xx = whole.xx;
+  const S trace = xx.xx + xx.yy + xx.zz;
+  typename Sp::Sym J{J_rest.xx + trace - xx.xx, J_rest.yy + trace - xx.yy, J_rest.zz + trace - xx.zz,
+                     J_rest.xy - xx.xy,         J_rest.xz - xx.xz,         J_rest.yz - xx.yz};
+  // the turning of sections brings its own gyroscopic moments: J of what is carried alone goes into w x J w
+  const Lin h = Sp::apply(J, w);
+  const S tr = whole.Py.y + whole.Pz.z;
+  n = Sp::cross(w, h) + body.n + body.n_turn +
+      number<S>(2.0) * (tr * w - Lin{S{}, Sp::dot(whole.Py, w), Sp::dot(whole.Pz, w)});
+  f = Sp::cross(w, Sp::cross(w, whole.c)) + number<S>(2.0) * Sp::cross(w, whole.c_rate) + body.bias;
+  Sp::add(J, body.J_turn);
+  M = {m, whole.c, J};
+  add_elastic_forces(node, p, q, dq, out.e);  // Eq. 62
+}
+
+}  // namespace quadratic
+
+/// Numbers P that `bend` needs to work on in space; in the plane it needs fewer, and so do loads (loads.hpp).
+inline std::size_t quadratic_scratch(const Node& node) {
+  return static_cast<std::size_t>(quadratic::Parts<Space<double>>(node).size);
+}
+
+/// Inertia and inertial force of the body, in a link that turns at w and does not accelerate (Eq. 80, 81).
+template <class S, class P>
+void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
+          const typename Plane<S>::Ang& w, typename Plane<S>::Rigid& M, typename Plane<S>::Lin& f,
+          typename Plane<S>::Ang& n, Elastic<Plane<S>>& out, P* scratch) {
+  const quadratic::Parts<Plane<P>> parts(node);
+  const quadratic::Sums<Plane<P>> packs(scratch, node.ne);
+  S* lanes = reinterpret_cast<S*>(scratch);
+  if (node.passes > 0) {
+    quadratic::sum_positions(node, points, q, dq, w.z, scratch + parts.slopes, packs);
+    sum_lanes(scratch, packs.size, lanes);
+  } else {
+    for (int k = 0; k < packs.size; ++k) lanes[k] = S{};
+  }
+  quadratic::finish(node, constants, q, dq, w.z, quadratic::Sums<Plane<S>>(lanes, node.ne), M, f, n, out);
+}
+
+/// The same in space.
+template <class S, class P>
+void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
+          const typename Space<S>::Ang& w, typename Space<S>::Rigid& M, typename Space<S>::Lin& f,
+          typename Space<S>::Ang& n, Elastic<Space<S>>& out, P* scratch) {
+  const quadratic::Parts<Space<P>> parts(node);
+  const quadratic::Sums<Space<P>> packs(scratch, node.ne);
+  const typename Space<P>::Ang wp{widen(w.x, P{}), widen(w.y, P{}), widen(w.z, P{})};
+  quadratic::sum_positions(node, points, q, dq, wp, parts, scratch, *packs.body);
+  quadratic::sum_rotations(node, points, q, dq, wp, parts, scratch, *packs.body);
+  quadratic::sum_columns(node, parts, scratch, packs);
+  S* lanes = reinterpret_cast<S*>(scratch);
+  sum_lanes(scratch, packs.size, lanes);
+  quadratic::finish(node, constants, q, dq, w, quadratic::Sums<Space<S>>(lanes, node.ne), M, f, n, out);
+}
+
+/// Moves a slice of which `p` are the numbers (Eq. 24, 37, 38; in the plane turns add, so that Eq. 35, 39 are linear);
+/// without `rates`, it makes its place and Jacobian alone.
 template <bool rates = true, class S>
 void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slice<Plane<S>>& out) {
   using Sp = Plane<S>;
@@ -143,246 +518,7 @@ void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slic
   out.turn_bias = {S{}};
 }
 
-// --- In space. ---
-
-template <class S>
-struct Turned {  // theta, its slopes taken through the left Jacobian I + b t~ + c t~^2 (or the right one: sign -1)
-  typename Space<S>::Lin t;
-  Turn<S> k;
-  explicit Turned(const typename Space<S>::Lin& t_) : t(t_), k(Space<S>::dot(t_, t_)) {}
-  typename Space<S>::Lin jacobian(const typename Space<S>::Lin& y, double sign) const {
-    const auto ty = Space<S>::cross(t, y);
-    return y + (sign * k.b) * ty + k.c * Space<S>::cross(t, ty);
-  }
-  typename Space<S>::Lin bias(const typename Space<S>::Lin& rate, const typename Space<S>::Lin& second,
-                              double sign) const {
-    const auto tt = Space<S>::cross(t, rate);
-    const S s_dot = 2.0 * Space<S>::dot(t, rate);
-    return jacobian(second, sign) + (sign * (k.db * s_dot)) * tt + (k.dc * s_dot) * Space<S>::cross(t, tt) +
-           k.c * Space<S>::cross(rate, tt);
-  }
-  typename Space<S>::Rot rotation() const {
-    const S xx = t.x * t.x, yy = t.y * t.y, zz = t.z * t.z, xy = k.b * t.x * t.y, xz = k.b * t.x * t.z,
-            yz = k.b * t.y * t.z, x = k.a * t.x, y = k.a * t.y, z = k.a * t.z;
-    return {1.0 - k.b * (yy + zz), xy - z, xz + y, xy + z, 1.0 - k.b * (xx + zz), yz - x, xz - y, yz + x,
-            1.0 - k.b * (xx + yy)};
-  }
-};
-
-template <class S, class P>
-void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
-          const typename Space<S>::Ang& w, typename Space<S>::Rigid& M, typename Space<S>::Lin& f,
-          typename Space<S>::Ang& n, Elastic<Space<S>>& out, P* scratch) {
-  using Sp = Space<S>;
-  using Pt = Space<P>;
-  using PLin = typename Pt::Lin;
-  const int ne = node.ne, pairs = ne * (ne + 1) / 2, rows = 3 * (node.passes + node.rotary);
-  // sums: c, its rate, b; second moments (xx yy zz xy xz yz); n; J and n of rotation; then e, Mre (linear, angular),
-  // Mee
-  enum { at_c = 0, at_rate = 3, at_b = 6, at_x = 9, at_n = 15, at_J = 18, at_turn = 24, at_lists = 27 };
-  const int n_sums = at_lists + 7 * ne + pairs;
-  P* sums = scratch;
-  S* sum = reinterpret_cast<S*>(scratch);
-  P* F = sums + n_sums;    // slopes by row and coordinate
-  P* acc = F + rows * ne;  // accelerations by row
-  P* place = acc + rows;   // of a position: one, x; of a rotation: R times the root of the inertia
-  const PLin wp{widen(w.x, P{}), widen(w.y, P{}), widen(w.z, P{})};
-  PLin c = Pt::zero(), rate = c, b_sum = c, n_sum = c, turn_sum = c;
-  typename Pt::Sym xx = Pt::none(), J_turn = xx;
-  const double* t = points;
-  for (int a = 0; a < node.passes; ++a) {
-    P* Fa = F + 3 * a;
-    for (int k = 0; k < ne; ++k)
-      for (int r = 0; r < 3; ++r) Fa[k * rows + r] = P{};
-    const P one = next<P>(t);
-    P x[3], b[3] = {P{}, P{}, P{}}, u[3] = {P{}, P{}, P{}};
-    for (P& xi : x) xi = next<P>(t);
-    for (int d = 0; d < node.directed; ++d) {
-      const P l = next<P>(t);
-      const int k = node.which[d], row = node.direction[d];
-      x[row] += l * widen(q[k], P{});
-      Fa[k * rows + row] = l;
-    }
-    for (int k = 0; k < node.position_blocks; ++k) {
-      const Block& block = node.block[k];
-      add_block(block, t, q, dq, x[block.row], b[block.row], Fa + block.row, rows);
-    }
-    for (int k = 0; k < ne; ++k)
-      for (int r = 0; r < 3; ++r) u[r] += Fa[k * rows + r] * widen(dq[k], P{});
-    const PLin at{x[0], x[1], x[2]}, u_dot{u[0], u[1], u[2]}, u_bias{b[0], b[1], b[2]};
-    const PLin drift = number<P>(2.0) * Pt::cross(wp, u_dot) + u_bias;
-    const PLin field = Pt::cross(wp, Pt::cross(wp, at)) + drift;
-    acc[3 * a] = field.x;
-    acc[3 * a + 1] = field.y;
-    acc[3 * a + 2] = field.z;
-    P* pl = place + 9 * a;
-    pl[0] = one;
-    pl[1] = at.x;
-    pl[2] = at.y;
-    pl[3] = at.z;
-    c += one * at;
-    rate += one * u_dot;
-    b_sum += one * u_bias;
-    xx.xx += at.x * at.x;
-    xx.yy += at.y * at.y;
-    xx.zz += at.z * at.z;
-    xx.xy += at.x * at.y;
-    xx.xz += at.x * at.z;
-    xx.yz += at.y * at.z;
-    n_sum += Pt::cross(at, drift);
-  }
-  for (int a = 0; a < node.rotary; ++a) {
-    const int row = 3 * (node.passes + a);
-    P* Fa = F + row;
-    const PLin root = Pt::read(t), gyro = Pt::read(t);
-    P th[3] = {P{}, P{}, P{}}, b[3] = {P{}, P{}, P{}}, d[3] = {P{}, P{}, P{}};
-    for (int k = 0; k < ne; ++k) {
-      const P l = next<P>(t);
-      P* Fk = Fa + k * rows;
-      Fk[0] = Fk[1] = Fk[2] = P{};
-      Fk[node.about[k]] = l;
-      th[node.about[k]] += l * widen(q[k], P{});
-    }
-    for (int k = node.position_blocks; k < node.blocks; ++k) {
-      const Block& block = node.block[k];
-      const int r = block.row - 3;
-      add_block(block, t, q, dq, th[r], b[r], Fa + r, rows);
-    }
-    const Turned<P> turned(PLin{th[0], th[1], th[2]});
-    for (int k = 0; k < ne; ++k) {
-      const P qd = widen(dq[k], P{});
-      P* Fk = Fa + k * rows;
-      for (int r = 0; r < 3; ++r) d[r] += Fk[r] * qd;
-      const PLin j = turned.jacobian({Fk[0], Fk[1], Fk[2]}, -1.0);
-      Fk[0] = root.x * j.x;
-      Fk[1] = root.y * j.y;
-      Fk[2] = root.z * j.z;
-    }
-    const PLin th_dot{d[0], d[1], d[2]};
-    const typename Pt::Rot R = turned.rotation();
-    // in slice axes: carried and own angular velocity, and the rate of their sum with accelerations left out
-    const PLin carried = Pt::unrotate(R, wp), own = turned.jacobian(th_dot, -1.0), W = carried + own;
-    const PLin W_dot = Pt::cross(carried, own) + turned.bias(th_dot, {b[0], b[1], b[2]}, -1.0);
-    const PLin tau{root.x * W_dot.x + gyro.x * (W.y * W.z), root.y * W_dot.y + gyro.y * (W.z * W.x),
-                   root.z * W_dot.z + gyro.z * (W.x * W.y)};
-    const typename Pt::Rot B{R.xx * root.x, R.xy * root.y, R.xz * root.z, R.yx * root.x, R.yy * root.y,
-                             R.yz * root.z, R.zx * root.x, R.zy * root.y, R.zz * root.z};
-    acc[row] = tau.x;
-    acc[row + 1] = tau.y;
-    acc[row + 2] = tau.z;
-    P* pl = place + 9 * (node.passes + a);
-    __builtin_memcpy(pl, &B, sizeof(B));
-    const typename Pt::Rot BB = Pt::times_transposed(B, B);
-    J_turn.xx += BB.xx;
-    J_turn.yy += BB.yy;
-    J_turn.zz += BB.zz;
-    J_turn.xy += BB.xy;
-    J_turn.xz += BB.xz;
-    J_turn.yz += BB.yz;
-    turn_sum += Pt::rotate(B, tau);
-  }
-  const auto keep = [&](int i, const auto& x) { __builtin_memcpy(sums + i, &x, sizeof(x)); };
-  keep(at_c, c);
-  keep(at_rate, rate);
-  keep(at_b, b_sum);
-  keep(at_x, xx);
-  keep(at_n, n_sum);
-  keep(at_J, J_turn);
-  keep(at_turn, turn_sum);
-  for (int k = 0; k < ne; ++k) {
-    const P* Fk = F + k * rows;
-    P e{};
-    PLin ml = Pt::zero(), ma = Pt::zero();
-    for (int r = 0; r < rows; ++r) e += Fk[r] * acc[r];
-    for (int a = 0; a < node.passes; ++a) {
-      const P *pl = place + 9 * a, *f3 = Fk + 3 * a;
-      const PLin slope{f3[0], f3[1], f3[2]};
-      ml += pl[0] * slope;
-      ma += Pt::cross({pl[1], pl[2], pl[3]}, slope);
-    }
-    for (int a = node.passes; a < node.passes + node.rotary; ++a) {
-      const P *B = place + 9 * a, *f3 = Fk + 3 * a;
-      ma += PLin{B[0] * f3[0] + B[1] * f3[1] + B[2] * f3[2], B[3] * f3[0] + B[4] * f3[1] + B[5] * f3[2],
-                 B[6] * f3[0] + B[7] * f3[1] + B[8] * f3[2]};
-    }
-    sums[at_lists + k] = e;
-    keep(at_lists + ne + 3 * k, ml);
-    keep(at_lists + 4 * ne + 3 * k, ma);
-  }
-  products(F, ne, rows, sums + at_lists + 7 * ne);
-  sum_lanes(sums, n_sums, sum);
-
-  // what is left over of the functions linear in q, and the body that does not bend
-  const double* p = constants;
-  const S m = next<S>(p);
-  typename Sp::Lin centre = Sp::read(p) + typename Sp::Lin{sum[0], sum[1], sum[2]};
-  typename Sp::Lin centre_rate{sum[3], sum[4], sum[5]};
-  typename Sp::Sym J = Sp::read_symmetric(p);
-  typename Sp::Sym Q{sum[9], sum[10], sum[11], sum[12], sum[13], sum[14]};  // second moments
-  for (int k = 0; k < ne; ++k) {
-    __builtin_memcpy(&out.M_linear[k], sum + at_lists + ne + 3 * k, sizeof(typename Sp::Lin));
-    __builtin_memcpy(&out.M_angular[k], sum + at_lists + 4 * ne + 3 * k, sizeof(typename Sp::Lin));
-    out.e[k] = sum[at_lists + k];
-  }
-  typename Sp::Lin Py = Sp::zero(), Pz = Sp::zero();
-  for (int d = 0; d < node.directed; ++d) {
-    const int k = node.which[d];
-    const S cl = next<S>(p);
-    const typename Sp::Lin rest = Sp::read(p);
-    S my{}, mz{}, my_dot{}, mz_dot{};
-    for (int g = 0; g < node.directed; ++g) {
-      const S L = next<S>(p), Lq = L * q[node.which[g]], Ld = L * dq[node.which[g]];
-      if (node.direction[g] == 1) {
-        my += Lq;
-        my_dot += Ld;
-      } else {
-        mz += Lq;
-        mz_dot += Ld;
-      }
-    }
-    const typename Sp::Lin mk{rest.x, rest.y + my, rest.z + mz};
-    if (node.direction[d] == 1) {
-      centre.y += cl * q[k];
-      centre_rate.y += cl * dq[k];
-      Q.xy += q[k] * rest.x;
-      Q.yy += q[k] * (rest.y + mk.y);
-      Q.yz += q[k] * mk.z;
-      Py += dq[k] * mk;
-      const S across = w.y * Sp::dot(w, mk) - Sp::dot(w, w) * mk.y;
-      out.e[k] += across - 2.0 * w.x * mz_dot;
-      out.M_linear[k].y += cl;
-      out.M_angular[k].x -= mk.z;
-      out.M_angular[k].z += mk.x;
-    } else {
-      centre.z += cl * q[k];
-      centre_rate.z += cl * dq[k];
-      Q.xz += q[k] * rest.x;
-      Q.zz += q[k] * (rest.z + mk.z);
-      Q.yz += q[k] * rest.y;
-      Pz += dq[k] * mk;
-      const S across = w.z * Sp::dot(w, mk) - Sp::dot(w, w) * mk.z;
-      out.e[k] += across + 2.0 * w.x * my_dot;
-      out.M_linear[k].z += cl;
-      out.M_angular[k].x += mk.y;
-      out.M_angular[k].y -= mk.x;
-    }
-  }
-  for (int k = 0; k < pairs; ++k) out.M[k] = next<S>(p) + sum[at_lists + 7 * ne + k];
-  out.constants = p;
-  const S trace = Q.xx + Q.yy + Q.zz;
-  J = {J.xx + trace - Q.xx, J.yy + trace - Q.yy, J.zz + trace - Q.zz, J.xy - Q.xy, J.xz - Q.xz, J.yz - Q.yz};
-  // the turning of slices brings its own gyroscopic moments: J of what is carried alone goes into w x J w
-  const typename Sp::Lin h = Sp::apply(J, w);
-  const S tr = Py.y + Pz.z;
-  n = Sp::cross(w, h) + typename Sp::Lin{sum[15], sum[16], sum[17]} + typename Sp::Lin{sum[24], sum[25], sum[26]} +
-      number<S>(2.0) * (tr * w - typename Sp::Lin{S{}, Sp::dot(Py, w), Sp::dot(Pz, w)});
-  f = Sp::cross(w, Sp::cross(w, centre)) + number<S>(2.0) * Sp::cross(w, centre_rate) +
-      typename Sp::Lin{sum[6], sum[7], sum[8]};
-  Sp::add(J, typename Sp::Sym{sum[18], sum[19], sum[20], sum[21], sum[22], sum[23]});
-  M = {m, centre, J};
-  add_elastic_forces(node, p, q, dq, out.e);
-}
-
+/// The same in space: rows 0 to 2 make the place (Eq. 24, 37, 38), rows 3 to 5 the rotation vector (Eq. 35, 39, 40).
 template <bool rates = true, class S>
 void move_slice(const Node& node, const double* p, const S* q, const S* dq, Slice<Space<S>>& out) {
   using Sp = Space<S>;

@@ -1,7 +1,7 @@
 // Scenarios in fixed steps: side by side, one in each lane, or one alone with the points of its beams across the lanes.
 #pragma once
 
-#include "lanes/chain.hpp"
+#include "lanes/elimination.hpp"
 #include "lanes/feedback.hpp"
 #include "lanes/kernels.hpp"
 #include "lanes/methods.hpp"
@@ -62,16 +62,16 @@ struct Rolled {
   }
   Mask factor(const Shift& shift, S& twice) {
     twice = chain.twice_kinetic(v_now);
-    const Mask good = chain.template inward<true, false, false>(nullptr, nullptr, shift);
+    const Mask good = inward<true, false, false>(chain, nullptr, nullptr, shift);
     laws.factor(
         shift, q_now, v_now, free, free_count, [&](int i) { return job.coordinate[i]; },
         [&](const S* r, S* x) { solve_chain(r, x); });
     return good;
   }
   void solve_chain(const S* r, S* x) {
-    chain.template inward<false, true, false>(r, nullptr, Shift{});
+    inward<false, true, false>(chain, r, nullptr, Shift{});
     for (int i = 0; i < nv; ++i) x[i] = S{};
-    chain.template outward<false>(Sp::zero(), x);
+    outward<false>(chain, Sp::zero(), x);
   }
   void solve(const S* r, S* x) {
     solve_chain(r, x);
@@ -82,8 +82,8 @@ struct Rolled {
     for (int i = 0; i < nv; ++i) total[i] = tau[i];
     laws.add(q, v, 1.0, total);
     chain.move(q, v);
-    const Mask good = chain.template inward<true, true, true>(total, x, Shift{});
-    chain.template outward<true>(base, x);
+    const Mask good = inward<true, true, true>(chain, total, x, Shift{});
+    outward<true>(chain, base, x);
     return good;
   }
 };

@@ -68,9 +68,9 @@ Quaternion<P> zero_where(const typename Lanes<P>::Mask& mask, const Quaternion<P
   return {L::select(mask, o, p.w), {L::select(mask, o, p.v.x), L::select(mask, o, p.v.y), L::select(mask, o, p.v.z)}};
 }
 
-/// A product of turns 1 + v, each over its length, of which each squares what those before are off by: with P of those,
-/// D = the vector of p' p^-1 - P' P^-1 gives the next by v = int D, and then becomes that of v D (1 + v)^-1. Quickly
-/// there where turns are small; where they are not, p = 1.
+/// Starts the rotation as a product P of unit turns, (1 + v) over its length each. What P still lacks turns by the rate
+/// D, the vector of p' p^-1 - P' P^-1. The next turn is v = int D; behind it the rate is the vector of v D (1 + v)^-1,
+/// so that each turn squares the error. Where turns are large, that does not converge, and p starts at 1.
 template <class S, class P>
 void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int points, const Integral<S, P>& integral,
                     const Quaternions<P>& p, const Field<Space<P>>& D, const Field<Space<P>>& v) {

@@ -23,7 +23,7 @@ struct OfPoints<Space<S>, P> {
   using Series = SpaceSeries<P>;
 };
 
-/// Slices that are not at points, one by one, to where they are summed: in lanes, or each lane its own.
+/// Moves the slices that are not at points, one by one, and puts them where they are summed.
 template <class Sp, class P, class Series>
 void place_further(const Node& node, const double* numbers, const double* points, const typename Sp::Scalar* q,
                    const typename Sp::Scalar* dq, const Series& s, P* scratch) {

@@ -38,6 +38,7 @@ class Single {
   Single(const Single& other) : kernels_(other.kernels_), arm_(other.arm_), memory_(other.memory_.size()) { begin(); }
   Single& operator=(const Single&) = delete;
 
+  const Layout& layout() const { return arm_.layout(); }
   /// Value of a load from now on.
   void load(const double* wrenches) { kernels_.load(self_, wrenches); }
   Outcome forward(const double* q, const double* v, const double* tau, double* a) {

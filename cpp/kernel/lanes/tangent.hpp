@@ -6,7 +6,7 @@
 
 namespace {
 
-/// Dual numbers of `flexarm::Dual`, on packs.
+/// A number and its derivatives in several directions.
 struct LaneDual {
   static constexpr int packs = FLEXARM_WIDTH < 8 ? 8 / FLEXARM_WIDTH : 1, directions = packs * FLEXARM_WIDTH;
   double x;

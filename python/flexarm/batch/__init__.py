@@ -1,1 +1,1 @@
-"""Many runs at once: batches on the fast kernels, threads, executors, files that resume."""
+"""Many runs at once: batches in the lanes of vectors, threads, executors, files that resume."""

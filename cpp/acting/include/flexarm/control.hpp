@@ -19,7 +19,8 @@ struct Feedback {
   Eigen::VectorXd breaks = {};                   ///< times that no step may pass over
   double limit = std::numeric_limits<double>::infinity();
 
-  double operator()(double offset, const Eigen::VectorXd& q, const Eigen::VectorXd& v) const {
+  double operator()(double offset, const Eigen::Ref<const Eigen::VectorXd>& q,
+                    const Eigen::Ref<const Eigen::VectorXd>& v) const {
     const double u = offset - by_q.dot(q) - by_v.dot(v);
     return u > limit ? limit : u < -limit ? -limit : u;
   }

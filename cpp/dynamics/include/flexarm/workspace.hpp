@@ -61,6 +61,7 @@ class Workspace {
   Eigen::VectorXd rhs;
 
   // What the functions that take a workspace work with.
+  int nq() const { return nq_; }
   lanes::Single& chain();            ///< the arm's recursions, with the present values of the loads
   Held<lanes::SingleFrames> frames;  ///< its frames, in space
   Eigen::VectorXd total;             ///< forces with those of feedback

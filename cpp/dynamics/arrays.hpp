@@ -1,0 +1,34 @@
+// Dynamics on plain arrays, which the functions of vectors and the methods of steps share; lengths are the arm's.
+#pragma once
+
+#include "flexarm/workspace.hpp"
+#include "lanes/kernels.hpp"
+
+namespace flexarm {
+
+Status status_of(lanes::Outcome outcome);
+
+/// Forward dynamics into a, which holds the prescribed ones.
+Status forward(Workspace& ws, const double* q, const double* v, const double* tau, double* a);
+/// Inverse dynamics into tau.
+void inverse(Workspace& ws, const double* q, const double* v, const double* a, double* tau);
+/// See factor_shifted, solve_shifted.
+Status factor(const Arm& arm, Workspace& ws, const double* q, const double* v, const lanes::Shift& shift);
+void solve(const Arm& arm, Workspace& ws, const double* r, double* x);
+
+/// Of move_arm, what factor_shifted and composite_mass_matrix go on from.
+void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
+
+/// Whether every number is finite, without a branch: what is not gives no zero times zero.
+template <class V>
+bool all_finite(const Eigen::DenseBase<V>& x) {
+  return (x.derived().array() * 0.0).sum() == 0.0;
+}
+
+/// Adds sign times the generalised forces of feedback at q and v.
+inline void add_feedback(const std::vector<AppliedFeedback>& feedback, const Eigen::Ref<const Eigen::VectorXd>& q,
+                         const Eigen::Ref<const Eigen::VectorXd>& v, double sign, Eigen::Ref<Eigen::VectorXd> tau) {
+  for (const AppliedFeedback& f : feedback) tau += sign * (*f.law)(f.offset, q, v) * f.law->column;
+}
+
+}  // namespace flexarm
