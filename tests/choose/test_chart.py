@@ -188,9 +188,10 @@ def test_the_picture(chart: fa.Chart) -> None:
 
 
 def test_the_budget_is_kept(path: Path) -> None:
+    whole = min(fa.chart(path, budget=15.0).used for _ in range(2))
     start = time.perf_counter()
-    chart = fa.chart(path, budget=0.3)
-    assert time.perf_counter() - start < 1.0
+    chart = fa.chart(path, budget=0.4 * whole)
+    assert time.perf_counter() - start < whole + 0.5
     skipped = chart.with_status("skipped")
     assert skipped and all(r.reason and r.error is None for r in skipped) and "for the budget" in str(chart)
     assert chart.complete and chart.truth is not None and chart.front

@@ -12,6 +12,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.choose.decisions import DECISIONS, LinkFeature, Order
+from flexarm.choose.descent import Descent
 from flexarm.choose.models import ORDERS, Models
 from flexarm.choose.symmetry import excited
 from flexarm.cli import main
@@ -190,6 +191,15 @@ def test_the_picture_has_the_scenes_own_model_as_it_is(plans: dict[str, fa.Plan]
     fine = {"integrator": "gauss", "step": 0.002}
     tips = [replace(s, t=t, options=fine).run().frame()[0] for s in (scene, plan.rich)]
     assert own.get_ydata()[0] == pytest.approx(scenes.off(*tips), rel=0.1)
+
+
+def test_a_plan_has_no_fewer_gauss_points_than_its_run_wants() -> None:
+    """Whatever the tolerance allows: a scene that was certified runs without a RangeWarning."""
+    found = fa.economize("ist", 1e-2)._found
+    descent, model = Descent(found, lambda doing: None), found.lean.model.but(order="exact", gauss=None)
+    few = descent.sliced(descent.sliced(model, 0.7), 0.5)
+    assert descent.error(few) < found.tol / 10 and "Gauss points" in found.trials.run(few).warning  # tol would allow it
+    assert not found.trials.run(descent.slices(model)).warning
 
 
 def test_deciding_costs_a_few_runs() -> None:
