@@ -21,10 +21,14 @@ void begin(const Layout& layout, const double* numbers, void* memory) {
   __builtin_memcpy(at, &frames, sizeof(frames));
 }
 
-void place(void* self, const double* q, const double* v) {
-  One& f = of(self);
+void set(One& f, const double* q, const double* v) {
   for (int i = 0; i < f.chain.layout.nq; ++i) f.q[i] = q[i];
   for (int i = 0; i < f.chain.layout.nv; ++i) f.v[i] = v[i];
+}
+
+void place(void* self, const double* q, const double* v) {
+  One& f = of(self);
+  set(f, q, v);
   f.place();
 }
 
@@ -72,8 +76,7 @@ void motion(void* self, const Place& place, const double* numbers, double* veloc
 void reaction(void* self, const Place& link, const double* numbers, const double* base, const double* wrenches,
               const double* q, const double* v, const double* a, double* out) {
   One& f = of(self);
-  for (int i = 0; i < f.chain.layout.nq; ++i) f.q[i] = q[i];
-  for (int i = 0; i < f.chain.layout.nv; ++i) f.v[i] = v[i];
+  set(f, q, v);
   for (int i = 0; i < 6 * f.chain.layout.loads; ++i) f.chain.wrench[i] = wrenches[i];
   f.place<true>();
   f.chain.forces(One::Sp::read(base), a, f.a);  // which has room for the forces
@@ -85,8 +88,7 @@ void reaction(void* self, const Place& link, const double* numbers, const double
 
 void sums(void* self, const double* q, const double* v, Sums& out) {
   One& f = of(self);
-  for (int i = 0; i < f.chain.layout.nq; ++i) f.q[i] = q[i];
-  for (int i = 0; i < f.chain.layout.nv; ++i) f.v[i] = v[i];
+  set(f, q, v);
   f.place<true>();
   const One::Whole whole = f.whole();
   out.kinetic = 0.5 * whole.twice_kinetic;

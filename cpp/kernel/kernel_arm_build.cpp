@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
 
 namespace flexarm {
 namespace lanes {
@@ -148,7 +147,7 @@ void ArmBuilder::add_ball(const Link& link, std::size_t n) {
   turn.setIdentity();
 }
 
-bool ArmBuilder::add_link(std::size_t n) {
+void ArmBuilder::add_link(std::size_t n) {
   const Link& link = arm.link(n);
   const Joint& joint = link.joint();
   offset += turn * joint.inboard().position;
@@ -166,13 +165,12 @@ bool ArmBuilder::add_link(std::size_t n) {
   seat.node = static_cast<int>(out.nodes_.size()) - 1;
   seat.origin = {offset, turn};
   seat.origin_spot = out.fixed(seat.node, Place::frame, seat.origin);
-  if (!elastic)
+  if (elastic)
+    add_beam(link, n);
+  else
     add_rigid(link);
-  else if (!add_beam(link, n))
-    return false;
   seat.end_spot = out.fixed(seat.node, Place::end, {offset, turn});
   out.seats_.push_back(seat);
-  return true;
 }
 
 void ArmBuilder::add_rigid(const Link& link) {
@@ -191,16 +189,15 @@ void ArmBuilder::add_rigid(const Link& link) {
   offset += turn * end;
 }
 
-bool ArmBuilder::add_beam(const Link& link, std::size_t n) {
+void ArmBuilder::add_beam(const Link& link, std::size_t n) {
   const Beam& beam = *link.beam();
   set(node().ne, beam.ne());
   set(node().ve, arm.first(n) + link.nj());
   set(node().qe, arm.first_q(n) + link.joint().nq());
   set(node().damped, beam.damped());
-  if (!(beam.order() == 0 ? add_cut(link) : beam.order() <= 2 ? add_quadratic(link) : add_sampled(link))) return false;
+  beam.order() == 0 ? add_cut(link) : beam.order() <= 2 ? add_quadratic(link) : add_sampled(link);
   offset = link.tip().end;
   turn.setIdentity();
-  return true;
 }
 
 void ArmBuilder::put_stiffness(const Link& link) {
@@ -225,9 +222,7 @@ void ArmBuilder::put_tip(const Link& link) {
 KernelArm KernelArm::build(const Arm& arm, bool in_space) {
   ArmBuilder b(arm, in_space);
   b.put(Vector3d(-arm.gravity()));
-  for (std::size_t n = 0; n < arm.size(); ++n)
-    if (!b.add_link(n))
-      throw std::logic_error("a beam whose strains move sections in another form than lanes/elastic.hpp has");
+  for (std::size_t n = 0; n < arm.size(); ++n) b.add_link(n);
   b.set(b.out.layout_.nq, arm.nq());
   b.set(b.out.layout_.nv, arm.nv());
   b.out.structure_.push_back(static_cast<int>(b.out.numbers_.size()));

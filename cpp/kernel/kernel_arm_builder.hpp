@@ -52,20 +52,8 @@ struct ArmBuilder {
   ArmBuilder(const Arm& a, bool in_space);
 
   void put(double x) { out.numbers_.push_back(x); }
-  void put(const Eigen::Vector3d& v) {
-    put(v[axes.x]);
-    put(v[axes.y]);
-    if (!axes.planar) put(v[axes.z]);
-  }
-  void put(const Eigen::Matrix3d& R) {  // a rotation
-    if (axes.planar) {
-      put(R(axes.x, axes.x));
-      put(R(axes.y, axes.x));
-    } else {
-      for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) put(R(i, j));
-    }
-  }
+  void put(const Eigen::Vector3d& v) { lanes::put(out.layout_, v, out.numbers_); }
+  void put(const Eigen::Matrix3d& R) { lanes::put(out.layout_, R, out.numbers_); }
   void put_angular(const Eigen::Vector3d& v) {
     if (axes.planar)
       put(axes.sign * v[axes.z]);
@@ -110,18 +98,19 @@ struct ArmBuilder {
   /// Begins one in the frame of the last one.
   Node& begin_coincident();
   Node& append(const Node& node);
-  bool add_link(std::size_t n);
+  void add_link(std::size_t n);
   void add_motion(const Link& link, std::size_t n, std::size_t i);
   void add_ball(const Link& link, std::size_t n);
-  /// The node's body, one of these; @return whether its sections move in the forms that lanes/elastic.hpp has
+  /// The node's body, one of these.
   void add_rigid(const Link& link);
-  bool add_beam(const Link& link, std::size_t n);
-  bool add_quadratic(const Link& link);
-  bool add_cut(const Link& link);
-  bool add_sampled(const Link& link);
+  void add_beam(const Link& link, std::size_t n);
+  void add_quadratic(const Link& link);
+  void add_cut(const Link& link);
+  void add_sampled(const Link& link);
 
   // what beams have in common, in the order of their numbers, behind the constants of the inertia
-  bool find_slices(const Beam& beam);  ///< what their motion is made of; @return as above
+  /// What their motion is made of. @throws std::logic_error where it has not the forms of lanes/elastic.hpp
+  void find_slices(const Beam& beam);
   void put_stiffness(const Link& link);
   void begin_end() { set(node().end, out.numbers_.size()); }  ///< the slice there
   void put_end(const Link& link);                             ///< the slice there, for quadratic.hpp

@@ -41,9 +41,9 @@ struct Cut {
 
 }  // namespace
 
-bool ArmBuilder::add_cut(const Link& link) {
+void ArmBuilder::add_cut(const Link& link) {
   const Beam& beam = *link.beam();
-  if (!find_slices(beam) || node().blocks > 0) return false;
+  find_slices(beam);
   set(node().body, Node::cut);
   const auto place = [&](const SliceTable& t) { return Vector3d(link.hub().end + t.X * Vector3d::UnitX()); };
   Cut cut(beam.ne());
@@ -73,7 +73,6 @@ bool ArmBuilder::add_cut(const Link& link) {
   put_end(link);
   begin_points();
   out.layout_.attitudes = true;
-  return true;
 }
 
 }  // namespace lanes

@@ -1,5 +1,6 @@
 // Set-up of beams of order 1 and 2 (lanes/quadratic.hpp).
 #include <algorithm>
+#include <stdexcept>
 
 #include "kernel_arm_builder.hpp"
 #include "lanes/beam_points.hpp"
@@ -200,25 +201,24 @@ Points rotation_points(const Node& node, const Beam& beam) {
 
 }  // namespace
 
-bool ArmBuilder::find_slices(const Beam& beam) {
+void ArmBuilder::find_slices(const Beam& beam) {
   Node& n = node();
   KernelArm::Lists& own = lists();
-  if (!find_directions(beam, own.which, own.direction, own.about)) return false;
-  if (!find_products(beam, own.blocks, n.position_blocks)) return false;
+  bool known = find_directions(beam, own.which, own.direction, own.about) &&
+               find_products(beam, own.blocks, n.position_blocks) && (beam.order() > 0 || own.blocks.empty());
   n.directed = static_cast<int>(own.which.size());
   n.blocks = static_cast<int>(own.blocks.size());
   out.point();
   for (const std::vector<int>* list : {&own.which, &own.direction, &own.about}) note(*list);
   for (const Block& b : own.blocks) note({b.row, b.i, b.ni, b.j, b.nj});
   if (axes.planar)
-    for (int k = 0; k < n.position_blocks; ++k)
-      if (n.block[k].row != 0) return false;
-  return true;
+    for (int k = 0; known && k < n.position_blocks; ++k) known = own.blocks[static_cast<std::size_t>(k)].row == 0;
+  if (!known) throw std::logic_error("a beam whose strains move sections in another form than lanes/elastic.hpp has");
 }
 
-bool ArmBuilder::add_quadratic(const Link& link) {
+void ArmBuilder::add_quadratic(const Link& link) {
   const Beam& beam = *link.beam();
-  if (!find_slices(beam)) return false;
+  find_slices(beam);
   Node& n = node();
   set(n.body, Node::quadratic);
   const Stations at = stations(link, n);
@@ -240,7 +240,6 @@ bool ArmBuilder::add_quadratic(const Link& link) {
   for (const Points* group : {&points, &turning})
     for (const std::vector<double>& point : *group)
       for (double x : point) put(x);
-  return true;
 }
 
 }  // namespace lanes

@@ -217,7 +217,7 @@ void group_slice(const Node& from, const Node& to, bool planar, int width, const
   fill_up(turns(from, planar), turns(from, planar), p, out);
 }
 
-bool ArmBuilder::add_sampled(const Link& link) {
+void ArmBuilder::add_sampled(const Link& link) {
   const Beam& beam = *link.beam();
   KernelArm::Lists& list = lists();
   describe_sampled(beam, axes.planar, node(), list.about);
@@ -240,7 +240,6 @@ bool ArmBuilder::add_sampled(const Link& link) {
   put_tip(link);
   begin_points();  // of which the end is one
   put(tables.points());
-  return true;
 }
 
 }  // namespace lanes

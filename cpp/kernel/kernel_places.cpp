@@ -8,8 +8,6 @@
 namespace flexarm {
 namespace lanes {
 
-namespace {
-
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
@@ -25,8 +23,6 @@ void put(const Layout& layout, const Matrix3d& R, Numbers& out) {
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) out.push_back(R(i, j));
 }
-
-}  // namespace
 
 void put_slice(const Layout& layout, const Node& node, const Vector3d& rest, const SliceTable& table, Numbers& out) {
   put(layout, rest, out);

@@ -25,7 +25,6 @@ struct State {
   typename Sp::Lin tip_f;
   typename Sp::Ang tip_n;
   // articulated
-  typename Sp::Inertia M;  ///< as the frame before feels it
   typename Sp::Lin f;
   typename Sp::Ang n;
   typename Sp::Lin U_f;

@@ -22,8 +22,6 @@ struct Product {
 
 /// A beam that bends and shears in one plane alone: the rotations of its sections add, about one axis.
 enum class Plane { none, xy, xz };
-inline int row_across(Plane plane) { return plane == Plane::xy ? 1 : 2; }  ///< of the position, besides row 0
-inline int row_of_turn(Plane plane) { return plane == Plane::xy ? 5 : 4; }
 
 /// What a slice at X needs, built once at set-up. At order 0 to 2: position x = x0 + L_x q + products (Eq. 24) and
 /// rotation vector theta = L_theta q + products (Magnus series), both cut at the beam's order. Blocks that a beam lacks
