@@ -25,7 +25,7 @@ Status forward(Workspace& ws, const double* q, const double* v, const double* ta
     add_feedback(ws.feedback, all_q, all_v, 1.0, ws.total);
     tau = ws.total.data();
   }
-  const Status status = status_of(ws.chain().forward(q, v, tau, a));
+  const Status status = status_of(ws.chain_to_move().forward(q, v, tau, a));
   if (!all_finite(all_q) || !all_finite(all_v)) return Status::not_finite;
   return status != Status::ok || all_finite(Array(a, nv)) ? status : Status::not_finite;
 }
@@ -60,7 +60,7 @@ FeedbackLaws<double> laws_of(const Arm& arm, Workspace& ws) {
 }  // namespace
 
 Status factor(const Arm& arm, Workspace& ws, const double* q, const double* v, const lanes::Shift& shift) {
-  const Status status = status_of(ws.chain().factor(shift, v, ws.twice_kinetic));
+  const Status status = status_of(ws.placed_chain().factor(shift, v, ws.twice_kinetic));
   if (status != Status::ok) return status;
   if (!ws.feedback.empty()) {
     FeedbackLaws<double> laws = laws_of(arm, ws);

@@ -1,7 +1,7 @@
 // Dynamics on plain arrays, which the functions of vectors and the methods of steps share; lengths are the arm's.
 #pragma once
 
-#include "flexarm/workspace.hpp"
+#include "flexarm/kinematics.hpp"
 #include "lanes/kernels.hpp"
 
 namespace flexarm {
@@ -18,6 +18,15 @@ void solve(const Arm& arm, Workspace& ws, const double* r, double* x);
 
 /// Of move_arm, what factor_shifted and composite_mass_matrix go on from.
 void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
+
+/// Slopes of the joints' springs, dampers and stops by their coordinates (nv), where the workspace is; see Node.
+void joint_stiffness(Workspace& ws, Eigen::VectorXd& slopes);
+
+/// E(p) of a ball's quaternion, dp/dt = E w; E^T E is a quarter of the unit matrix.
+Eigen::Matrix<double, 4, 3> ball_rate_matrix(const double* p);
+
+/// Of a place, in the world or in its node's axes.
+Pose pose(const lanes::SingleFrames& frames, const lanes::Place& place, const double* numbers, bool in_world);
 
 /// Whether every number is finite, without a branch: what is not gives no zero times zero.
 template <class V>

@@ -14,11 +14,11 @@ void take_composite(const Arm& arm, Workspace& ws) {
 
 void composite_mass_matrix(const Arm& arm, Workspace& ws) {
   ws.M.resize(arm.nv(), arm.nv());
-  ws.chain().mass_matrix(ws.M.data());
+  ws.placed_chain().mass_matrix(ws.M.data());
 }
 
 void composite_mass_matrix(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q) {
-  ws.chain().move(q.data(), nullptr);
+  ws.chain_to_move().move(q.data(), nullptr);
   composite_mass_matrix(arm, ws);
 }
 

@@ -1,32 +1,52 @@
 #include "flexarm/kinematics.hpp"
 
+#include "arrays.hpp"
 #include "flexarm/check.hpp"
+#include "lanes/ball.hpp"
 #include "lanes/single.hpp"
 
 namespace flexarm {
 
+Eigen::Matrix<double, 4, 3> ball_rate_matrix(const double* p) {
+  const Eigen::Vector3d e(p[1], p[2], p[3]);
+  Eigen::Matrix<double, 4, 3> E;
+  E.row(0) = -0.5 * e.transpose();
+  E.bottomRows<3>() = 0.5 * (p[0] * Eigen::Matrix3d::Identity() + tilde(e));
+  return E;
+}
+
+namespace {
+
+/// d(dp/dt)/dp of `ball_rates`.
+Eigen::Matrix4d ball_rate_slopes(const Eigen::Vector4d& p, const Eigen::Vector3d& w) {
+  Eigen::Matrix4d Q = kPull * ((1.0 - p.squaredNorm()) * Eigen::Matrix4d::Identity() - 2.0 * p * p.transpose());
+  Q.block<1, 3>(0, 1) -= 0.5 * w.transpose();
+  Q.block<3, 1>(1, 0) += 0.5 * w;
+  Q.block<3, 3>(1, 1) -= 0.5 * tilde(w);
+  return Q;
+}
+
+const lanes::Layout& layout_of(const Arm& arm) { return lanes::KernelArm::of(arm).layout(); }
+
+}  // namespace
+
 void coordinate_rates(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::VectorXd& dq) {
-  for (std::size_t n = 0; n < arm.size(); ++n) {
-    const Joint& joint = arm.link(n).joint();
-    const int i = arm.first_q(n), j = arm.first(n), ne = arm.link(n).ne();
-    joint.rates(q.data() + i, v.data() + j, dq.data() + i);
-    dq.segment(i + joint.nq(), ne) = v.segment(j + joint.nv(), ne);
-  }
+  ::coordinate_rates(layout_of(arm), q.data(), v.data(), dq.data());
 }
 
 void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                Eigen::MatrixXd& by_q, Eigen::MatrixXd& by_v) {
   by_q.setZero();
   by_v.setZero();
-  for (std::size_t n = 0; n < arm.size(); ++n) {
-    const Joint& joint = arm.link(n).joint();
-    const int i = arm.first_q(n), j = arm.first(n), nq = joint.nq(), nv = joint.nv(), ne = arm.link(n).ne();
-    joint.rate_jacobians(q.data() + i, v.data() + j, by_q.block(i, i, nq, nq), by_v.block(i, j, nq, nv));
-    by_v.block(i + nq, j + nv, ne, ne).setIdentity();
-  }
+  for_coordinates(
+      layout_of(arm), [&](int i, int j, bool) { by_v(i, j) = 1.0; },
+      [&](int i, int j) {
+        by_q.block<4, 4>(i, i) = ball_rate_slopes(q.segment<4>(i), v.segment<3>(j));
+        by_v.block<4, 3>(i, j) = ball_rate_matrix(q.data() + i);
+      });
 }
 
-namespace {
+void normalise(const Arm& arm, Eigen::VectorXd& q) { ::normalise(layout_of(arm), q.data()); }
 
 Pose pose(const lanes::SingleFrames& frames, const lanes::Place& place, const double* numbers, bool in_world) {
   Pose out;
@@ -35,6 +55,9 @@ Pose pose(const lanes::SingleFrames& frames, const lanes::Place& place, const do
   out.R = R;
   return out;
 }
+
+namespace {
+
 void jacobian(const lanes::SingleFrames& frames, const lanes::Place& place, const double* numbers, Mat6X<double>& J,
               Eigen::Index nv) {
   J.resize(6, nv);
@@ -71,7 +94,7 @@ lanes::Place PlacedSlice::place() const { return {static_cast<lanes::Place::On>(
 
 void move_arm(const Arm&, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
   (*ws.frames)->place(ws.frames->self(), q.data(), v.data());
-  ws.chain().move(q.data(), v.data());
+  ws.place(q, v);
 }
 
 void accelerate_arm(const Arm&, Workspace& ws, const Eigen::VectorXd& a, const Eigen::Vector3d& base) {

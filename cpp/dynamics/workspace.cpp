@@ -9,7 +9,14 @@
 namespace flexarm {
 
 Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::vector<Load>& applied)
-    : tau(Eigen::VectorXd::Zero(arm.nv())), a(tau), prescribed(given), rhs(tau), total(tau), nq_(arm.nq()) {
+    : tau(Eigen::VectorXd::Zero(arm.nv())),
+      a(tau),
+      prescribed(given),
+      rhs(tau),
+      total(tau),
+      nq_(arm.nq()),
+      q_(Eigen::VectorXd::Zero(arm.nq())),
+      v_(tau) {
   if (!given.empty() && given.size() != static_cast<std::size_t>(arm.nv()))
     bad_value("prescribed", std::to_string(given.size()) + " entries",
               "must be one for each of the arm's " + std::to_string(arm.nv()) + " rates, or none");
@@ -30,6 +37,22 @@ Workspace::Workspace(const Arm& arm, const std::vector<bool>& given, const std::
   chain_ = Held<lanes::Single>(applied.empty() ? new lanes::Single(known, prescribed)
                                                : new lanes::Single(known.loaded(arm, applied), prescribed));
   frames = Held<lanes::SingleFrames>(new lanes::SingleFrames(arm));
+}
+
+void Workspace::place(const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+  q_ = q;
+  v_ = v;
+  placed_ = false;
+}
+
+lanes::Single& Workspace::placed_chain() {
+  if (!placed_) chain_to_move().move(q_.data(), v_.data());
+  return chain();
+}
+
+lanes::Single& Workspace::chain_to_move() {
+  placed_ = true;
+  return chain();
 }
 
 lanes::Single& Workspace::chain() {

@@ -171,7 +171,7 @@ class Watch {
 void occurred(const Solver& solver, IdaSystem& s, double t, std::vector<int>& found, Trajectory& out) {
   IDAGetRootInfo(solver.memory, found.data());
   s.set(t, N_VGetArrayPointer(solver.y), nullptr);
-  for (std::size_t k = 0; k < s.arm.size(); ++k) s.arm.link(k).joint().normalise(s.q.data() + s.arm.first_q(k));
+  normalise(s.arm, s.q);
   for (std::size_t k = 0; k < found.size(); ++k)
     if (found[k] != 0 && (out.events[k].t.empty() || t - out.events[k].t.back() > kOneTime * std::abs(t)))
       s.log(*s.events, k, t, out);

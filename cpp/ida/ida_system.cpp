@@ -12,26 +12,16 @@ ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, 
       spring_(Eigen::VectorXd::Zero(arm.nv())),
       turn_(spring_),
       rhs_(spring_),
-      by_q_(arm.size()),
-      by_v_(arm.size()) {
+      ball_(arm.size()) {
   if (control) ws_.feed_back(control->feedback());
-  for (std::size_t n = 0; n < arm.size(); ++n) {
-    const Joint& joint = arm.link(n).joint();
-    if (!joint.has_ball()) continue;
-    by_q_[n].setZero(joint.nq(), joint.nq());
-    by_v_[n].setZero(joint.nq(), joint.nv());
-  }
 }
 
 bool ChainInverse::factor(const Eigen::VectorXd& q, const Eigen::VectorXd& v, double cj) {
   move_chain(ws_, q, v);
-  for (std::size_t n = 0; n < arm_->size(); ++n) {
-    const Joint& joint = arm_->link(n).joint();
-    const double *qn = q.data() + arm_->first_q(n), *vn = v.data() + arm_->first(n);
-    if (joint.has_ball()) joint.rate_jacobians(qn, vn, by_q_[n], by_v_[n]);
-    if (joint.passive())
-      for (int k = 0; k < joint.nv(); ++k) spring_[arm_->first(n) + k] = joint.resistance_slopes(k, qn, vn).first;
-  }
+  joint_stiffness(ws_, spring_);
+  for (std::size_t n = 0; n < arm_->size(); ++n)
+    if (const Joint& joint = arm_->link(n).joint(); joint.has_ball())
+      ball_[n] = ball_rate_matrix(q.data() + arm_->first_q(n) + joint.nq() - 4);
   return factor_shifted(*arm_, ws_, q, v, {1.0 / cj, 1.0 / (cj * cj)}) == Status::ok;
 }
 
@@ -42,8 +32,7 @@ void ChainInverse::solve(const Eigen::VectorXd& r1, const Eigen::VectorXd& r2, d
     const int i = arm_->first_q(n), j = arm_->first(n), nq = link.joint().nq(), nj = link.nj(), ne = link.ne();
     turn_.segment(j, nj) = r1.segment(i, nj);
     if (link.joint().has_ball())  // E^T E is a quarter of the unit matrix
-      turn_.segment<3>(j + nj - 3).noalias() =
-          4.0 * by_v_[n].bottomRightCorner<4, 3>().transpose() * r1.segment<4>(i + nq - 4);
+      turn_.segment<3>(j + nj - 3).noalias() = 4.0 * ball_[n].transpose() * r1.segment<4>(i + nq - 4);
     rhs_.segment(j, nj) = spring_.segment(j, nj).cwiseProduct(turn_.segment(j, nj));
     if (ne > 0) rhs_.segment(j + nj, ne).noalias() = link.beam()->stiffness() * r1.segment(i + nq, ne);
   }
@@ -52,10 +41,8 @@ void ChainInverse::solve(const Eigen::VectorXd& r1, const Eigen::VectorXd& r2, d
   for (std::size_t n = 0; n < arm_->size(); ++n) {
     const Link& link = arm_->link(n);
     const int i = arm_->first_q(n), j = arm_->first(n), nq = link.joint().nq(), nj = link.nj(), ne = link.ne();
-    if (link.joint().has_ball())
-      dq.segment(i, nq).noalias() = by_v_[n] * dv.segment(j, nj);
-    else
-      dq.segment(i, nq) = dv.segment(j, nj);
+    dq.segment(i, nj) = dv.segment(j, nj);
+    if (link.joint().has_ball()) dq.segment<4>(i + nq - 4).noalias() = ball_[n] * dv.segment<3>(j + nj - 3);
     dq.segment(i + nq, ne) = dv.segment(j + nj, ne);
   }
   dq = (dq + r1) / cj;

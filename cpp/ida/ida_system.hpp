@@ -38,7 +38,7 @@ class ChainInverse {
   Eigen::VectorXd spring_;  ///< slopes of the joints' forces by their coordinates (nv)
   Eigen::VectorXd turn_;    ///< r1 as rates times time (nv)
   Eigen::VectorXd rhs_;
-  std::vector<Eigen::MatrixXd> by_q_, by_v_;  ///< of each link's rates: of balls only
+  std::vector<Eigen::Matrix<double, 4, 3>> ball_;  ///< E of each link's quaternion: of balls only
 };
 
 /// State y = [q; v] of the free coordinates and rates.

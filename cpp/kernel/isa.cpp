@@ -116,6 +116,14 @@ void solve(void* self, const double* r, double* x) {
   });
 }
 
+void joint_stiffness(void* self, double* slopes) {
+  on(self, [&](auto& chain) {
+    for (int i = 0; i < chain.layout.nodes; ++i)
+      if (const Node& node = chain.layout.node[i]; node.kind != Node::fixed)
+        slopes[node.v] = node.passive ? chain.state[i].slope_q : 0.0;
+  });
+}
+
 template <class R>
 struct Type {
   using type = R;
@@ -178,6 +186,7 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   mass_matrix,
                                                   factor,
                                                   solve,
+                                                  joint_stiffness,
                                                   roll_memory,
                                                   roll,
                                                   slopes_memory,

@@ -8,9 +8,7 @@ namespace flexarm {
 
 namespace {
 
-constexpr double kSoftEntry = 1e-3;  // rad or m past a stop over which its damping sets in, so that force is continuous
 constexpr double kPi = 3.14159265358979323846;
-constexpr double kPull = 1.0;  // 1/s, of a quaternion's length to 1
 
 Eigen::Vector3d unit(const Eigen::Vector3d& axis) {
   finite("axis", axis);
@@ -92,87 +90,10 @@ Joint Joint::fixed() { return Joint({}, false, {}); }
 Joint Joint::revolute(const Eigen::Vector3d& axis) { return Joint({{true, axis}}, false, {"revolute"}); }
 Joint Joint::prismatic(const Eigen::Vector3d& axis) { return Joint({{false, axis}}, false, {"prismatic"}); }
 
-void Joint::rates(const double* q, const double* v, double* dq) const {
-  const std::size_t n = motions_.size();
-  std::copy(v, v + n, dq);
-  if (!ball_) return;
-  const Eigen::Map<const Eigen::Vector3d> e(q + n + 1), w(v + n);
-  const double pull = kPull * (1.0 - q[n] * q[n] - e.squaredNorm());
-  dq[n] = -0.5 * e.dot(w) + pull * q[n];
-  Eigen::Map<Eigen::Vector3d>(dq + n + 1) = 0.5 * (q[n] * w + e.cross(w)) + pull * e;
-}
-
-void Joint::rate_jacobians(const double* q, const double* v, Eigen::Ref<Eigen::MatrixXd> by_q,
-                           Eigen::Ref<Eigen::MatrixXd> by_v) const {
-  by_q.setZero();
-  by_v.setZero();
-  const Eigen::Index n = static_cast<Eigen::Index>(motions_.size());
-  by_v.topLeftCorner(n, n).setIdentity();
-  if (!ball_) return;
-  const Eigen::Map<const Eigen::Vector4d> p(q + n);
-  const Eigen::Map<const Eigen::Vector3d> e(q + n + 1), w(v + n);
-  auto Q = by_q.block<4, 4>(n, n);
-  Q.block<1, 3>(0, 1) = -0.5 * w.transpose();
-  Q.block<3, 1>(1, 0) = 0.5 * w;
-  Q.block<3, 3>(1, 1) = -0.5 * tilde(w);
-  Q += kPull * ((1.0 - p.squaredNorm()) * Eigen::Matrix4d::Identity() - 2.0 * p * p.transpose());
-  auto E = by_v.block<4, 3>(n, n);
-  E.row(0) = -0.5 * e.transpose();
-  E.bottomRows<3>() = 0.5 * (p[0] * Eigen::Matrix3d::Identity() + tilde(e));
-}
-
-void turn_ball(const double* p0, const Eigen::Vector3d& u, double* p) {
-  const double angle = 0.5 * u.norm();
-  const double c = std::cos(angle), sinc = angle > 1e-8 ? std::sin(angle) / angle : 1.0;
-  const Eigen::Vector3d e(p0[1], p0[2], p0[3]), s = 0.5 * sinc * u;
-  Eigen::Map<Eigen::Vector4d> out(p);
-  const double w = p0[0];
-  out << w * c - e.dot(s), w * s + c * e + e.cross(s);
-  out.normalize();
-}
-
-Eigen::Vector3d turn_rate(const Eigen::Vector3d& u, const Eigen::Vector3d& w) {
-  const double square = u.squaredNorm(), half = 0.5 * std::sqrt(square);
-  const double k =
-      square < 2e-3 ? (1.0 + square * (1.0 + square / 42.0) / 60.0) / 12.0 : (1.0 - half / std::tan(half)) / square;
-  const Eigen::Vector3d uw = u.cross(w);
-  return w + 0.5 * uw + k * u.cross(uw);
-}
-
-void Joint::displace(const double* q0, const double* u, double* q) const {
-  const std::size_t n = motions_.size();
-  for (std::size_t i = 0; i < n; ++i) q[i] = q0[i] + u[i];
-  if (ball_) turn_ball(q0 + n, Eigen::Map<const Eigen::Vector3d>(u + n), q + n);
-}
-
-void Joint::normalise(double* q) const {
-  if (ball_) Eigen::Map<Eigen::Vector4d>(q + motions_.size()).normalize();
-}
-
 Eigen::VectorXd Joint::zero() const {
   Eigen::VectorXd q = Eigen::VectorXd::Zero(nq());
   if (ball_) q[static_cast<Eigen::Index>(motions_.size())] = 1.0;
   return q;
-}
-
-std::pair<double, double> Joint::resistance_slopes(int i, const double* q, const double* v) const {
-  const JointForce& f = forces_[i];
-  double by_q = f.stiffness, by_v = f.damping;
-  const auto stop = [&](double depth, double rate) {
-    const double entry = std::abs(depth) / kSoftEntry;
-    by_q += f.limit_stiffness;
-    if (entry < 1.0) by_q += f.limit_damping * rate / std::copysign(kSoftEntry, depth);
-    by_v += f.limit_damping * std::min(entry, 1.0);
-  };
-  const int n = static_cast<int>(motions_.size());
-  if (i < n) {
-    if (q[i] < f.lower) stop(q[i] - f.lower, v[i]);
-    if (q[i] > f.upper) stop(q[i] - f.upper, v[i]);
-  } else if (std::isfinite(f.upper)) {
-    const double depth = angle_of(q + n) - f.upper;
-    if (depth > 0.0) stop(depth, 0.0);
-  }
-  return {std::max(by_q, 0.0), by_v};
 }
 
 double Joint::potential(const double* q) const {

@@ -165,8 +165,8 @@ TEST_CASE("packs of arms with balls, and of order 0, move as one by one") {
         flexarm_test::place(arm, 0.3 * b, q, v, c.bent);
         for (std::size_t n = 0; n < arm.size(); ++n) {
           v.segment(arm.first(n) + arm.link(n).nj(), arm.link(n).ne()) *= 1e-3;
-          arm.link(n).joint().normalise(q.data() + arm.first_q(n));
         }
+        normalise(arm, q);
         q0.col(b) = q;
         v0.col(b) = v;
       }
@@ -212,7 +212,9 @@ TEST_CASE("packs of arms with balls, and of order 0, move as one by one") {
     }
 }
 
-TEST_CASE("a kernel moves coordinates as the joints do") {
+TEST_CASE("a kernel moves coordinates as quaternions' algebra does") {
+  const auto quaternion = [](const double* p) { return Eigen::Quaterniond(p[0], p[1], p[2], p[3]); };
+  const auto put = [](const Eigen::Quaterniond& p, double* out) { Eigen::Map<Eigen::Vector4d>(out) << p.w(), p.vec(); };
   const Arm arm = many_balls(2, 3.0);
   const lanes::Layout& layout = lanes::KernelArm::of(arm).layout();
   const Eigen::VectorXd q0 = flexarm_test::wave(arm.nq(), 0.3, 1.0);
@@ -221,18 +223,35 @@ TEST_CASE("a kernel moves coordinates as the joints do") {
     const Eigen::VectorXd u = flexarm_test::wave(arm.nv(), 0.7, size);
     for (std::size_t n = 0; n < arm.size(); ++n) {
       const Link& link = arm.link(n);
-      const int i = arm.first_q(n), j = arm.first(n), nq = link.joint().nq();
-      link.joint().displace(q0.data() + i, u.data() + j, expected.data() + i);
-      expected.segment(i + nq, link.ne()) = q0.segment(i + nq, link.ne()) + u.segment(j + link.nj(), link.ne());
+      const int i = arm.first_q(n), j = arm.first(n), nq = link.joint().nq(), nj = link.nj(),
+                before = nq - (link.joint().has_ball() ? 4 : 0);
+      expected.segment(i, before) = q0.segment(i, before) + u.segment(j, before);
+      expected.segment(i + nq, link.ne()) = q0.segment(i + nq, link.ne()) + u.segment(j + nj, link.ne());
+      if (!link.joint().has_ball()) continue;
+      const Eigen::Vector3d by = u.segment<3>(j + before);
+      const Eigen::AngleAxisd turn(by.norm(), by.norm() > 0.0 ? by.normalized() : Eigen::Vector3d::UnitX());
+      put((quaternion(q0.data() + i + before) * turn).normalized(), expected.data() + i + before);
     }
     displace(layout, q0.data(), u.data(), q.data());
     CHECK((q - expected).norm() < 1e-14);
-    coordinate_rates(arm, q0, u, expected);
+    for (std::size_t n = 0; n < arm.size(); ++n) {
+      const Link& link = arm.link(n);
+      const int i = arm.first_q(n), j = arm.first(n), nq = link.joint().nq(), nj = link.nj(),
+                before = nq - (link.joint().has_ball() ? 4 : 0);
+      expected.segment(i, before) = u.segment(j, before);
+      expected.segment(i + nq, link.ne()) = u.segment(j + nj, link.ne());
+      if (!link.joint().has_ball()) continue;
+      const Eigen::Quaterniond p = quaternion(q0.data() + i + before);
+      const Eigen::Vector3d w = 0.5 * u.segment<3>(j + before);
+      put(p * Eigen::Quaterniond(0.0, w[0], w[1], w[2]), expected.data() + i + before);
+      expected.segment<4>(i + before) += (1.0 - p.squaredNorm()) * q0.segment<4>(i + before);
+    }
     ::coordinate_rates(layout, q0.data(), u.data(), q.data());
     CHECK((q - expected).norm() < 1e-13 * (1.0 + size));
   }
   q = expected = q0;
   normalise(layout, q.data());
-  for (std::size_t n = 0; n < arm.size(); ++n) arm.link(n).joint().normalise(expected.data() + arm.first_q(n));
+  for (std::size_t n = 0; n < arm.size(); ++n)
+    if (arm.link(n).joint().has_ball()) expected.segment<4>(arm.first_q(n) + arm.link(n).joint().nq() - 4).normalize();
   CHECK((q - expected).norm() < 1e-15);
 }

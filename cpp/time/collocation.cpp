@@ -7,6 +7,7 @@
 #include "flexarm/ci.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "flexarm/quadrature.hpp"
+#include "lanes/ball.hpp"
 
 namespace flexarm {
 
@@ -22,6 +23,19 @@ constexpr double kForget = 0.99;
 constexpr double kFar = 30.0;  // times the energy that a step begins with and its forces bring: no solution is so far
 constexpr int kTurns = 60;     // passes that the turns of a ball may take
 constexpr double kTurned = 2e-15;  // rad: they have converged
+
+/// Rate of the rotation vector u by which a ball is turned, at an angular velocity w in the axes that turn; |u| below
+/// 2 pi.
+Eigen::Vector3d turn_rate(const Eigen::Vector3d& u, const Eigen::Vector3d& w) {
+  const double square = u.squaredNorm(), half = 0.5 * std::sqrt(square);
+  const double k =
+      square < 2e-3 ? (1.0 + square * (1.0 + square / 42.0) / 60.0) / 12.0 : (1.0 - half / std::tan(half)) / square;
+  const Eigen::Vector3d uw = u.cross(w);
+  return w + 0.5 * uw + k * u.cross(uw);
+}
+
+/// The quaternion at `k` of p0, turned by u, into p.
+void turn(const double* p0, const Eigen::Vector3d& u, double* p, Eigen::Index k) { turn_ball(p0 + k, u.data(), p + k); }
 
 }  // namespace
 
@@ -128,8 +142,8 @@ bool CollocationStep::turn_balls(double h) {
       }
     }
     if (!(moved <= kTurned)) return false;
-    turn_ball(q0_.data() + ball.q, 0.5 * h * (du * b_), middle_.data() + ball.q);
-    for (int i = 0; i < s_; ++i) turn_ball(middle_.data() + ball.q, u.col(i), q_.col(i).data() + ball.q);
+    turn(q0_.data(), 0.5 * h * (du * b_), middle_.data(), ball.q);
+    for (int i = 0; i < s_; ++i) turn(middle_.data(), u.col(i), q_.col(i).data(), ball.q);
   }
   return true;
 }
@@ -342,7 +356,7 @@ void CollocationStep::inside(double c, Eigen::VectorXd& q, Eigen::VectorXd& v) c
     if (arm_->coordinate_of(i) >= 0) q[arm_->coordinate_of(i)] += h_ * c * v0_[i];
   for (const Ball& ball : balls_) {
     const auto du = du_.middleRows<3>(ball.v);
-    turn_ball(middle_.data() + ball.q, h_ * (du * (once.head(s_) - 0.5 * b_)), q.data() + ball.q);
+    turn(middle_.data(), h_ * (du * (once.head(s_) - 0.5 * b_)), q.data(), ball.q);
   }
 }
 

@@ -88,7 +88,7 @@ void StepEvents::place(double t) {
     s_.v = v1_;
   }
   s_.drive(t);
-  for (std::size_t n = 0; n < s_.arm.size(); ++n) s_.arm.link(n).joint().normalise(s_.q.data() + s_.arm.first_q(n));
+  normalise(s_.arm, s_.q);
 }
 
 /// By bisection, to the last digit: the end after the zero.

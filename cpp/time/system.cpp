@@ -110,7 +110,7 @@ bool System::record(Trajectory& out, bool composite) {
     else
       force = ws.tau[d.coordinate] - friction[d.coordinate];
   }
-  for (std::size_t k = 0; k < arm.size(); ++k) arm.link(k).joint().normalise(q.data() + arm.first_q(k));
+  normalise(arm, q);
   out.q.row(out.done) = q;
   out.v.row(out.done) = v;
   out.a.row(out.done) = a;
@@ -120,7 +120,7 @@ bool System::record(Trajectory& out, bool composite) {
 }
 
 void System::evaluate(const std::vector<Event>& events, double t, double* values) {
-  for (std::size_t k = 0; k < arm.size(); ++k) arm.link(k).joint().normalise(q.data() + arm.first_q(k));
+  normalise(arm, q);
   for (std::size_t k = 0; k < events.size(); ++k) {
     values[k] = events[k].value(t, q, v);
     if (!std::isfinite(values[k]))

@@ -69,46 +69,53 @@ void scale_to_one(S* p) {
   for (int k = 0; k < 4; ++k) p[k] = over * p[k];
 }
 
-/// q0 moved by u, rates times time: q0 + u, and a ball's quaternion times exp(u / 2), of unit length. What is
-/// prescribed stays as it is in q.
+/// The quaternion p0 turned by the rotation vector u, in the axes that turn: p0 exp(u / 2), of unit length.
+template <class S>
+void turn_ball(const S* p0, const S* u, S* p) {
+  using L = Lanes<S>;
+  const S x = 0.5 * u[0], y = 0.5 * u[1], z = 0.5 * u[2], square = x * x + y * y + z * z;
+  const auto small = square < 1e-16;
+  const S angle = L::root(L::select(small, number<S>(1.0), square));
+  S sine, cosine;
+  sine_cosine(angle, sine, cosine);
+  const S c = L::select(small, 1.0 - 0.5 * square, cosine);
+  const S k = L::select(small, 1.0 - square * (1.0 / 6.0), sine / angle);
+  const S w = p0[0], a = p0[1], b = p0[2], d = p0[3], sx = k * x, sy = k * y, sz = k * z;
+  p[0] = w * c - (a * sx + b * sy + d * sz);
+  p[1] = w * sx + c * a + (b * sz - d * sy);
+  p[2] = w * sy + c * b + (d * sx - a * sz);
+  p[3] = w * sz + c * d + (a * sy - b * sx);
+  scale_to_one(p);
+}
+
+/// Rates of a quaternion at an angular velocity w in the axes that turn: E(p) w, and, where its length has drifted,
+/// what draws it back to 1.
+template <class S>
+void ball_rates(const S* p, const S* w, S* dp) {
+  const S pull = kPull * (1.0 - square_of(p));
+  dp[0] = pull * p[0] - 0.5 * (p[1] * w[0] + p[2] * w[1] + p[3] * w[2]);
+  dp[1] = 0.5 * (p[0] * w[0] + (p[2] * w[2] - p[3] * w[1])) + pull * p[1];
+  dp[2] = 0.5 * (p[0] * w[1] + (p[3] * w[0] - p[1] * w[2])) + pull * p[2];
+  dp[3] = 0.5 * (p[0] * w[2] + (p[1] * w[1] - p[2] * w[0])) + pull * p[3];
+}
+
+/// q0 moved by u, rates times time: q0 + u, and a ball's quaternion turned by u. What is prescribed stays as it is in
+/// q.
 template <class S>
 void displace(const Layout& layout, const S* q0, const S* u, S* q) {
-  using L = Lanes<S>;
   for_coordinates(
       layout,
       [&](int i, int j, bool given) {
         if (!given) q[i] = q0[i] + u[j];
       },
-      [&](int i, int j) {
-        const S x = 0.5 * u[j], y = 0.5 * u[j + 1], z = 0.5 * u[j + 2], square = x * x + y * y + z * z;
-        const auto small = square < 1e-16;
-        const S angle = L::root(L::select(small, number<S>(1.0), square));
-        S sine, cosine;
-        sine_cosine(angle, sine, cosine);
-        const S c = L::select(small, 1.0 - 0.5 * square, cosine);
-        const S k = L::select(small, 1.0 - square * (1.0 / 6.0), sine / angle);
-        const S w = q0[i], a = q0[i + 1], b = q0[i + 2], d = q0[i + 3], sx = k * x, sy = k * y, sz = k * z;
-        q[i] = w * c - (a * sx + b * sy + d * sz);
-        q[i + 1] = w * sx + c * a + (b * sz - d * sy);
-        q[i + 2] = w * sy + c * b + (d * sx - a * sz);
-        q[i + 3] = w * sz + c * d + (a * sy - b * sx);
-        scale_to_one(q + i);
-      });
+      [&](int i, int j) { turn_ball(q0 + i, u + j, q + i); });
 }
 
 /// dq/dt = E(q) v; a quaternion that has drifted is drawn back to unit length.
 template <class S>
 void coordinate_rates(const Layout& layout, const S* q, const S* v, S* dq) {
   for_coordinates(
-      layout, [&](int i, int j, bool) { dq[i] = v[j]; },
-      [&](int i, int j) {
-        const S *p = q + i, *w = v + j;
-        const S pull = kPull * (1.0 - square_of(p));
-        dq[i] = pull * p[0] - 0.5 * (p[1] * w[0] + p[2] * w[1] + p[3] * w[2]);
-        dq[i + 1] = 0.5 * (p[0] * w[0] + (p[2] * w[2] - p[3] * w[1])) + pull * p[1];
-        dq[i + 2] = 0.5 * (p[0] * w[1] + (p[3] * w[0] - p[1] * w[2])) + pull * p[2];
-        dq[i + 3] = 0.5 * (p[0] * w[2] + (p[1] * w[1] - p[2] * w[0])) + pull * p[3];
-      });
+      layout, [&](int i, int j, bool) { dq[i] = v[j]; }, [&](int i, int j) { ball_rates(q + i, v + j, dq + i); });
 }
 
 /// Scales quaternions to unit length.

@@ -100,6 +100,8 @@ struct Kernels {
   Outcome (*factor)(void* self, const Shift& shift, const double* v, double* twice_kinetic);
   /// x = (M + shift)^-1 r, zero where given.
   void (*solve)(void* self, const double* r, double* x);
+  /// Slopes of the joints' forces by their coordinates (nv) as implicit steps take them, where the chain is.
+  void (*joint_stiffness)(void* self, double* slopes);
   std::size_t (*roll_memory)(const Roll&);
   /// From coordinates q and rates v; memory aligned to 64 bytes.
   void (*roll)(Roll&, void* memory, const double* q, const double* v);

@@ -54,6 +54,7 @@ class Single {
     return kernels_.factor(self_, shift, v, &twice_kinetic);
   }
   void solve(const double* r, double* x) { kernels_.solve(self_, r, x); }
+  void joint_stiffness(double* slopes) { kernels_.joint_stiffness(self_, slopes); }
 
  private:
   void begin() {
@@ -71,29 +72,26 @@ class Single {
 class SingleFrames {
  public:
   explicit SingleFrames(const Arm& arm, const FrameKernels& kernels = best_frames())
-      : kernels_(kernels), kept_(arm.kept()), arm_(KernelArm::in_space(arm)), memory_(kernels_.memory(arm_.layout())) {
-    begin();
-  }
-  SingleFrames(const SingleFrames& o) : kernels_(o.kernels_), kept_(o.kept_), arm_(o.arm_), memory_(o.memory_.size()) {
-    begin();
-  }
+      : SingleFrames({std::make_shared<MadeOnce>(arm.kept()), &KernelArm::in_space(arm)}, kernels) {}
+  /// With loads.
+  SingleFrames(const Arm& arm, const std::vector<Load>& loads)
+      : SingleFrames(std::make_shared<KernelArm>(KernelArm::in_space(arm).loaded(arm, loads)), best_frames()) {}
+  SingleFrames(const SingleFrames& o) : SingleFrames(o.arm_, o.kernels_) {}
   SingleFrames& operator=(const SingleFrames&) = delete;
 
   const FrameKernels* operator->() const { return &kernels_; }
-  const KernelArm& arm() const { return arm_; }
-  void* self() const { return self_; }
+  const KernelArm& arm() const { return *arm_; }
+  void* self() const { return memory_.get(); }
 
  private:
-  void begin() {
-    self_ = memory_.get();
-    kernels_.begin(arm_.layout(), arm_.numbers().data(), self_);
+  SingleFrames(std::shared_ptr<const KernelArm> arm, const FrameKernels& kernels)
+      : kernels_(kernels), arm_(std::move(arm)), memory_(kernels_.memory(arm_->layout())) {
+    kernels_.begin(arm_->layout(), arm_->numbers().data(), self());
   }
 
   const FrameKernels& kernels_;
-  MadeOnce kept_;  ///< which owns the next
-  const KernelArm& arm_;
+  std::shared_ptr<const KernelArm> arm_;  ///< which is never changed
   Memory memory_;
-  void* self_ = nullptr;
 };
 
 }  // namespace lanes

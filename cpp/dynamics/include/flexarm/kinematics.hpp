@@ -15,6 +15,8 @@ void coordinate_rates(const Arm& arm, const Eigen::VectorXd& q, const Eigen::Vec
 /// Their Jacobians by q (nq x nq) and v (nq x nv).
 void coordinate_rate_jacobians(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                Eigen::MatrixXd& by_q, Eigen::MatrixXd& by_v);
+/// Scales the quaternions of balls in q to unit length.
+void normalise(const Arm& arm, Eigen::VectorXd& q);
 
 /// Accelerations of all frames (Eq. 86), of coordinate accelerations a (nv) and that of the base in world axes; after
 /// move_arm. A base that accelerates against gravity stands for gravity.

@@ -62,7 +62,10 @@ class Workspace {
 
   // What the functions that take a workspace work with.
   int nq() const { return nq_; }
-  lanes::Single& chain();            ///< the arm's recursions, with the present values of the loads
+  lanes::Single& chain();          ///< the arm's recursions, with the present values of the loads
+  lanes::Single& chain_to_move();  ///< of which the caller moves it
+  lanes::Single& placed_chain();   ///< which is where the workspace was placed or moved last
+  void place(const Eigen::VectorXd& q, const Eigen::VectorXd& v);
   Held<lanes::SingleFrames> frames;  ///< its frames, in space
   Eigen::VectorXd total;             ///< forces with those of feedback
   Eigen::VectorXd feedback_numbers;  ///< of the laws and of factor_shifted, see lanes/feedback.hpp
@@ -70,6 +73,8 @@ class Workspace {
  private:
   int nq_;
   Held<lanes::Single> chain_;
+  Eigen::VectorXd q_, v_;         ///< of `place`
+  bool placed_ = true;            ///< the chain is there: it moves when it is asked for
   std::vector<double> wrenches_;  ///< of all loads, in a row
 };
 

@@ -36,11 +36,6 @@ struct JointForce {
   double reflected_inertia = 0.0;  ///< of the rotor, seen at the joint: gear ratio squared times its own
 };
 
-/// The quaternion p0 (w x y z) times that of the rotation vector u, of unit length.
-void turn_ball(const double* p0, const Eigen::Vector3d& u, double* p);
-/// Rate of the u of `turn_ball` at an angular velocity w in the axes that turn; |u| below 2 pi.
-Eigen::Vector3d turn_rate(const Eigen::Vector3d& u, const Eigen::Vector3d& w);
-
 class Joint {
  public:
   /// @param motions  at most six freedoms together with the ball's three
@@ -64,24 +59,12 @@ class Joint {
   const Placement& inboard() const { return inboard_; }
   const Placement& outboard() const { return outboard_; }
 
-  /// Rates of the coordinates, dq/dt = E(q) v; a quaternion that has drifted is drawn back to unit length.
-  void rates(const double* q, const double* v, double* dq) const;
-  /// d(dq/dt)/dq (nq x nq) and d(dq/dt)/dv (nq x nv) of `rates`.
-  void rate_jacobians(const double* q, const double* v, Eigen::Ref<Eigen::MatrixXd> by_q,
-                      Eigen::Ref<Eigen::MatrixXd> by_v) const;
-  /// q0 (nq) moved by u (nv), rates times time: q0 + u, and a ball's quaternion times exp(u / 2), of unit length.
-  void displace(const double* q0, const double* u, double* q) const;
-  /// Scales a ball's quaternion to unit length.
-  void normalise(double* q) const;
   /// The zero position (a ball's: the unit quaternion 1 0 0 0).
   Eigen::VectorXd zero() const;
 
   bool passive() const { return !forces_.empty(); }
   /// One for each rate, or none.
   const std::vector<JointForce>& forces() const { return forces_; }
-  /// Slopes by coordinate and by rate of the generalised force that opposes coordinate i, for an implicit step: none
-  /// below zero, and of a ball those of its spring and stop as if the turn were about that axis.
-  std::pair<double, double> resistance_slopes(int i, const double* q, const double* v) const;
   /// Potential energy of springs and stops.
   double potential(const double* q) const;
 
