@@ -53,7 +53,8 @@ FeedbackLaws<double> laws_of(const Arm& arm, Workspace& ws) {
   laws.by_q = laws.column + laws.laws * laws.nv;
   laws.by_v = laws.by_q + laws.laws * laws.nq;
   laws.limit = laws.by_v + laws.laws * laws.nv;
-  laws.lay_out(at + laws.laws * (2 * laws.nv + laws.nq + 1));
+  Room room(at + laws.laws * (2 * laws.nv + laws.nq + 1));
+  laws.lay_out(room);
   return laws;
 }
 

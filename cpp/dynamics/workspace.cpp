@@ -74,8 +74,10 @@ void Workspace::feed_back(const std::vector<Feedback>& laws) {
   feedback.clear();
   for (const Feedback& law : laws) feedback.push_back({&law});
   const Eigen::Index n = static_cast<Eigen::Index>(laws.size()), nv = a.size();
-  const auto scratch = FeedbackLaws<double>::scalars(static_cast<int>(n), static_cast<int>(nv));
-  feedback_numbers.setZero(n * (2 * nv + nq_ + 1) + static_cast<Eigen::Index>(scratch));
+  FeedbackLaws<double> counted{static_cast<int>(n), nq_, static_cast<int>(nv)};
+  Room scratch;
+  counted.lay_out(scratch);
+  feedback_numbers.setZero(n * (2 * nv + nq_ + 1) + static_cast<Eigen::Index>(scratch.bytes() / sizeof(double)));
   for (Eigen::Index l = 0; l < n; ++l) {
     const Feedback& law = laws[static_cast<std::size_t>(l)];
     feedback_numbers.segment(l * nv, nv) = law.column;

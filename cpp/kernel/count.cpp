@@ -75,7 +75,7 @@ long count(const KernelArm& arm) {
   using C = Chain<Sp, Counted>;
   const std::size_t nv = static_cast<std::size_t>(arm.layout().nv);
   const Memory memory(C::memory_needed(arm.layout()));
-  C chain(arm.layout(), arm.numbers().data(), memory.get());
+  C chain(arm.layout(), arm.numbers().data(), Room(memory.get()));
   std::vector<Counted> q(static_cast<std::size_t>(arm.layout().nq), Counted(0.1)), v(nv, Counted(0.1)), tau = v, a = v;
   const double* p = arm.numbers().data();
   Counted::operations = 0;

@@ -24,30 +24,29 @@ decltype(auto) on(void* self, const F& f) {
 
 constexpr std::size_t kHead = 192;  // addresses of the layout and of Composite's memory; the chain
 
+/// @return bytes that are taken behind the head
 template <class Sp>
-std::size_t memory_of(const Layout& layout) {
-  return kHead + Single<Sp>::memory_needed(layout) + Composite<Sp>::memory(layout);
-}
-
-std::size_t memory(const Layout& layout) {
-  return layout.planar ? memory_of<Plane<double>>(layout) : memory_of<Space<double>>(layout);
-}
-
-template <class Sp>
-void lay_out(const Layout& layout, const double* numbers, char* at) {
+std::size_t lay_out(const Layout& layout, const double* numbers, char* at) {
   static_assert(sizeof(Single<Sp>) <= kHead - 64, "the chain's head");
-  const Single<Sp> chain(layout, numbers, at + kHead);
-  __builtin_memcpy(at + 64, &chain, sizeof(chain));
-  reinterpret_cast<char**>(at)[1] = at + kHead + Single<Sp>::memory_needed(layout);
+  Room room = at ? Room(at + kHead) : Room();
+  const Single<Sp> chain(layout, numbers, room);
+  if (at) {
+    __builtin_memcpy(at + 64, &chain, sizeof(chain));
+    reinterpret_cast<char**>(at)[1] = at + kHead + room.bytes();
+  }
+  Composite<Sp>(layout, room);
+  return room.bytes();
 }
+std::size_t lay_out(const Layout& layout, const double* numbers, char* at) {
+  return layout.planar ? lay_out<Plane<double>>(layout, numbers, at) : lay_out<Space<double>>(layout, numbers, at);
+}
+
+std::size_t memory(const Layout& layout) { return kHead + lay_out(layout, nullptr, nullptr); }
 
 void begin(const Layout& layout, const double* numbers, void* memory) {
   char* at = static_cast<char*>(memory);
   *reinterpret_cast<const Layout**>(at) = &layout;
-  if (layout.planar)
-    lay_out<Plane<double>>(layout, numbers, at);
-  else
-    lay_out<Space<double>>(layout, numbers, at);
+  lay_out(layout, numbers, at);
 }
 
 template <class C>
@@ -93,7 +92,7 @@ void forces(void* self, const double* a, double* tau) {
 
 template <class C>
 void fill(const C& chain, void* memory, double* M) {
-  Composite<typename C::Space>(chain.layout, memory).run(chain, M);
+  Composite<typename C::Space>(chain.layout, Room(memory)).run(chain, M);
 }
 
 void mass_matrix(void* self, double* M) {
@@ -141,14 +140,21 @@ void with_roller(const Roll& job, const F& f) {
     job.layout->planar ? with_roller<Plane<Pack>>(job, f) : with_roller<Space<Pack>>(job, f);
 }
 
-std::size_t roll_memory(const Roll& job) {
+std::size_t roll_memory(Roll& job) {
   std::size_t bytes = 0;
-  with_roller(job, [&](auto t) { bytes = decltype(t)::type::memory(job); });
+  with_roller(job, [&](auto t) {
+    Room none;
+    typename decltype(t)::type(job, none);
+    bytes = none.bytes();
+  });
   return bytes;
 }
 
 void roll(Roll& job, void* memory, const double* q, const double* v) {
-  with_roller(job, [&](auto t) { typename decltype(t)::type(job, static_cast<char*>(memory)).run(q, v); });
+  with_roller(job, [&](auto t) {
+    Room room(memory);
+    typename decltype(t)::type(job, room).run(q, v);
+  });
 }
 
 std::size_t slopes_memory(const Layout& layout) {

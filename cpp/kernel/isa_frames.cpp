@@ -17,7 +17,8 @@ std::size_t memory(const Layout& layout) { return kHead + One::memory(layout); }
 void begin(const Layout& layout, const double* numbers, void* memory) {
   static_assert(sizeof(One) <= kHead, "the head");
   char* at = static_cast<char*>(memory);
-  const One frames(layout, numbers, at + kHead);
+  Room room(at + kHead);
+  const One frames(layout, numbers, room);
   __builtin_memcpy(at, &frames, sizeof(frames));
 }
 
@@ -116,7 +117,8 @@ void put_slope(const Dual::Lin& x, int direction, double*& out) {
 
 void slopes(const Layout& layout, const double* arm, void* memory, const Place& place, const double* numbers,
             const double* q, const double* v, const double* a, double* by_q, double* by_v) {
-  Dual f(layout, arm, static_cast<char*>(memory));
+  Room room(memory);
+  Dual f(layout, arm, room);
   set(q, layout.nq, f.q);
   set(v, layout.nv, f.v);
   set(a, layout.nv, f.a);
@@ -137,7 +139,8 @@ void slopes(const Layout& layout, const double* arm, void* memory, const Place& 
 
 void jacobian_rate(const Layout& layout, const double* arm, void* memory, const Place& place, const double* numbers,
                    const double* q, const double* rate, double* J) {
-  Dual f(layout, arm, static_cast<char*>(memory));
+  Room room(memory);
+  Dual f(layout, arm, room);
   set(q, layout.nq, f.q);
   for (int i = 0; i < layout.nq; ++i) f.q[i].d[0][0] = rate[i];
   f.place();

@@ -89,7 +89,8 @@ struct OneStep::Run {
     if (now == rubbing) return;
     std::swap(now, rubbing);
     Contacts<Engine>& c = *contacts;
-    c.lay_out(c.coulomb, rubbing.data(), static_cast<int>(rubbing.size()), engine.arm.nv());
+    Room room(c.coulomb);
+    c.lay_out(room, rubbing.data(), static_cast<int>(rubbing.size()), engine.arm.nv());
     int k = 0;
     for (const Rub& r : rubs) {
       if (k == c.count || c.at[k] != r.rate) continue;
@@ -106,8 +107,12 @@ struct OneStep::RunOf final : Run {
 
   RunOf(const Arm& arm, const ImplicitOptions& o)
       : Run(arm, Row::traits.rubs ? flexarm::rubs(arm) : std::vector<Rub>{}) {
-    numbers.resize(method.scalars(arm.nq(), arm.nv(), static_cast<int>(rubs.size())));
-    method.lay_out(numbers.data(), arm.nq(), arm.nv(), nullptr, 0, {o.spectral_radius, o.rtol, o.max_iterations});
+    const lanes::MethodOptions told{o.spectral_radius, o.rtol, o.max_iterations};
+    Room most;
+    method.lay_out(most, arm.nq(), arm.nv(), nullptr, static_cast<int>(rubs.size()), told);
+    numbers.resize(most.bytes() / sizeof(double));
+    Room room(numbers.data());
+    method.lay_out(room, arm.nq(), arm.nv(), nullptr, 0, told);
     contacts = method.friction();
     work = &method.work;
     q0 = method.q0;

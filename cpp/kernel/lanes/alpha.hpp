@@ -43,11 +43,7 @@ struct GeneralisedAlpha {
   Work work;
   Contacts<Engine> contacts;
 
-  static std::size_t own_scalars(int nq, int nv) { return static_cast<std::size_t>(nq + 10 * nv); }
-  static std::size_t scalars(int nq, int nv, int rubbing) {
-    return own_scalars(nq, nv) + Contacts<Engine>::scalars(nv, rubbing);
-  }
-  void lay_out(S* at, int nq_, int nv_, const int* rubbing, int rubbing_count, const MethodOptions& options) {
+  void lay_out(Room& room, int nq_, int nv_, const int* rubbing, int rubbing_count, const MethodOptions& options) {
     const double radius = options.spectral_radius;
     rtol = options.rtol;
     max_iterations = options.max_iterations;
@@ -57,15 +53,9 @@ struct GeneralisedAlpha {
     beta = 0.25 * (gamma + 0.5) * (gamma + 0.5);
     nq = nq_;
     nv = nv_;
-    for (std::size_t i = 0; i < own_scalars(nq, nv); ++i) at[i] = S{};
-    contacts.lay_out(at + own_scalars(nq, nv), rubbing, rubbing_count, nv);
-    q0 = at;
-    S** all[] = {&v0, &a0, &a_before, &alpha0, &alpha, &a, &u, &r, &turn, &tau_own};
-    at += nq;
-    for (S** p : all) {
-      *p = at;
-      at += nv;
-    }
+    room.take_zeros(nq, q0);
+    room.take_zeros(nv, v0, a0, a_before, alpha0, alpha, a, u, r, turn, tau_own);
+    contacts.lay_out(room, rubbing, rubbing_count, nv);
     forget();
   }
   Contacts<Engine>* friction() { return &contacts; }

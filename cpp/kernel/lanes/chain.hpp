@@ -5,6 +5,7 @@
 
 #include "lanes/joints.hpp"
 #include "lanes/loads.hpp"
+#include "lanes/room.hpp"
 
 namespace {
 
@@ -25,54 +26,42 @@ struct Chain {
   S* wrench;         ///< of each load, six numbers [f; m]
   Slice<Sp>* slice;  ///< that a load acts on, or that is asked for
 
+  Chain(const Layout& layout_, const double* numbers_, Room& room) : layout(layout_), numbers(numbers_) {
+    room.take(most_scratch(layout), scratch);  // first, as the memory is aligned for P
+    room.take(layout.nodes, state);
+    for (int i = 0; i < layout.nodes; ++i) {
+      Elastic<Sp> counted;
+      Elastic<Sp>& e = room.counts() ? counted : state[i].elastic;
+      const int ne = layout.node[i].ne;
+      room.take(ne, e.end.J_linear, e.M_linear, e.W_linear);
+      room.take(ne, e.end.J_angular, e.M_angular, e.W_angular);
+      room.take(ne * (ne + 1) / 2, e.M, e.L);
+      room.take(ne, e.e, e.y);
+    }
+    room.take(1, slice);
+    Slice<Sp> counted;
+    Slice<Sp>& s = room.counts() ? counted : *slice;
+    room.take(most_elastic(layout), s.J_linear);
+    room.take(most_elastic(layout), s.J_angular);
+    room.take_zeros(6 * layout.loads, wrench);
+  }
+  Chain(const Layout& layout_, const double* numbers_, Room&& room) : Chain(layout_, numbers_, room) {}
+  /// Bytes, aligned for P.
   static std::size_t memory_needed(const Layout& layout) {
-    std::size_t bytes = sizeof(State<Sp>) * static_cast<std::size_t>(layout.nodes) + scratch_bytes(layout);
-    for (int i = 0; i < layout.nodes; ++i) {
-      const std::size_t ne = static_cast<std::size_t>(layout.node[i].ne), pairs = ne * (ne + 1) / 2;
-      bytes += 3 * ne * (sizeof(Lin) + sizeof(Ang)) + 2 * (pairs + ne) * sizeof(S);
-    }
-    return bytes + sizeof(Slice<Sp>) + most_elastic(layout) * (sizeof(Lin) + sizeof(Ang)) +
-           6 * static_cast<std::size_t>(layout.loads) * sizeof(S);
+    Room none;
+    Chain(layout, nullptr, none);
+    return none.bytes();
   }
-
-  /// In memory, aligned for P, as large as `memory_needed` says.
-  Chain(const Layout& layout_, const double* numbers_, void* memory) : layout(layout_), numbers(numbers_) {
-    char* at = static_cast<char*>(memory);
-    const auto take = [&](std::size_t bytes) {
-      char* here = at;
-      at += bytes;
-      return here;
-    };
-    scratch = reinterpret_cast<P*>(take(scratch_bytes(layout)));
-    state = reinterpret_cast<State<Sp>*>(take(sizeof(State<Sp>) * static_cast<std::size_t>(layout.nodes)));
-    for (int i = 0; i < layout.nodes; ++i) {
-      Elastic<Sp>& e = state[i].elastic;
-      const std::size_t ne = static_cast<std::size_t>(layout.node[i].ne);
-      Lin** const linear[] = {&e.end.J_linear, &e.M_linear, &e.W_linear};
-      Ang** const angular[] = {&e.end.J_angular, &e.M_angular, &e.W_angular};
-      S** const triangles[] = {&e.M, &e.L};
-      S** const lists[] = {&e.e, &e.y};
-      for (Lin** x : linear) *x = reinterpret_cast<Lin*>(take(ne * sizeof(Lin)));
-      for (Ang** x : angular) *x = reinterpret_cast<Ang*>(take(ne * sizeof(Ang)));
-      for (S** x : triangles) *x = reinterpret_cast<S*>(take(ne * (ne + 1) / 2 * sizeof(S)));
-      for (S** x : lists) *x = reinterpret_cast<S*>(take(ne * sizeof(S)));
-    }
-    slice = reinterpret_cast<Slice<Sp>*>(take(sizeof(Slice<Sp>)));
-    slice->J_linear = reinterpret_cast<Lin*>(take(most_elastic(layout) * sizeof(Lin)));
-    slice->J_angular = reinterpret_cast<Ang*>(take(most_elastic(layout) * sizeof(Ang)));
-    wrench = reinterpret_cast<S*>(take(6 * static_cast<std::size_t>(layout.loads) * sizeof(S)));
-    for (int i = 0; i < 6 * layout.loads; ++i) wrench[i] = S{};
-  }
-  static std::size_t most_elastic(const Layout& layout) {
+  static int most_elastic(const Layout& layout) {
     int most = 0;
     for (int i = 0; i < layout.nodes; ++i) most = layout.node[i].ne > most ? layout.node[i].ne : most;
-    return static_cast<std::size_t>(most);
+    return most;
   }
-  static std::size_t scratch_bytes(const Layout& layout) {
+  static int most_scratch(const Layout& layout) {
     std::size_t most = hinge_scratch<S, P>(layout);
     for (int i = 0; i < layout.nodes; ++i)
       if (const std::size_t need = scratch_of(layout.node[i]); need > most) most = need;
-    return most * sizeof(P);
+    return static_cast<int>(most);
   }
 
   /// Places, velocities, own inertias and bias forces of all nodes; or places and velocities alone. Without rates: of

@@ -24,14 +24,11 @@ struct Composite {
   Place* place;  ///< by node
   S* H;          ///< kRows of nv: by rate, the motion of what it moves at the origin, base axes (Eq. 91)
 
-  static std::size_t memory(const Layout& layout) {
-    return static_cast<std::size_t>(layout.nodes) * sizeof(Place) +
-           static_cast<std::size_t>(kRows * layout.nv) * sizeof(S);
+  Composite(const Layout& layout, Room& room) : nv(layout.nv) {
+    room.take(layout.nodes, place);
+    room.take(kRows * nv, H);
   }
-  Composite(const Layout& layout, void* at)
-      : nv(layout.nv),
-        place(static_cast<Place*>(at)),
-        H(reinterpret_cast<S*>(static_cast<char*>(at) + static_cast<std::size_t>(layout.nodes) * sizeof(Place))) {}
+  Composite(const Layout& layout, Room&& room) : Composite(layout, room) {}
 
   /// M (nv x nv, symmetric).
   template <class C>

@@ -8,6 +8,7 @@
 #pragma once
 
 #include "lanes/layout.hpp"
+#include "lanes/room.hpp"
 #include "lanes/scalar.hpp"
 #include "lanes/small.hpp"
 
@@ -33,22 +34,15 @@ struct Contacts {
   S* made;                 ///< whether a column of W is of the last factorisation
   S left;                  ///< rounds of pivoting that are left
 
-  static std::size_t scalars(int nv, int n) { return static_cast<std::size_t>(15 * n + 2 * n * n + (n + 1) * nv); }
-  void lay_out(S* p, const int* at_, int count_, int nv_) {
+  void lay_out(Room& room, const int* at_, int count_, int nv_) {
     at = at_;
     count = count_;
     nv = nv_;
-    for (std::size_t i = 0; i < scalars(nv, count); ++i) p[i] = S{};
-    S** all[] = {&coulomb, &stiction, &sense, &before, &force, &held, &over, &way,
-                 &share,   &end,      &pull,  &burden, &turn,  &rhs,  &made};
-    for (S** x : all) {
-      *x = p;
-      p += count;
-    }
-    W = p;
-    G = W + count * count;
-    columns = G + count * count;
-    column = columns + count * nv;
+    room.take_zeros(count, coulomb, stiction, sense, before, force, held, over, way);
+    room.take_zeros(count, share, end, pull, burden, turn, rhs, made);
+    room.take_zeros(count * count, W, G);
+    room.take_zeros(count * nv, columns);
+    room.take_zeros(nv, column);
     left = S{};
   }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "lanes/layout.hpp"
+#include "lanes/room.hpp"
 #include "lanes/scalar.hpp"
 #include "lanes/small.hpp"
 
@@ -20,14 +21,12 @@ struct FeedbackLaws {
   S *G = nullptr, *y = nullptr;  ///< 1 + slopes^T S^-1 column, factored; scratch
   S* r = nullptr;                ///< scratch (nv)
 
-  static std::size_t scalars(int laws, int nv) { return static_cast<std::size_t>(laws * (2 * nv + laws + 2) + nv); }
-  void lay_out(S* at) {
-    offset = at;
-    slopes = offset + laws;
-    solved = slopes + laws * nv;
-    G = solved + laws * nv;
-    y = G + laws * laws;
-    r = y + laws;
+  void lay_out(Room& room) {
+    room.take_zeros(laws, offset);
+    room.take(laws * nv, slopes, solved);
+    room.take(laws * laws, G);
+    room.take(laws, y);
+    room.take(nv, r);
   }
   static S of(const double* table, int i) { return L::load(table + i * L::width); }
 

@@ -27,17 +27,18 @@ struct Frames {
   Frame *frame, *end;  ///< of each node; where there is no beam, they are one
   S *q, *v, *a;
 
-  static std::size_t memory(const Layout& layout) {
-    return C::memory_needed(layout) + 2 * static_cast<std::size_t>(layout.nodes) * sizeof(Frame) +
-           static_cast<std::size_t>(layout.nq + 2 * layout.nv) * sizeof(S);
-  }
-  Frames(const Layout& layout, const double* numbers, char* at) : chain(layout, numbers, at) {
-    frame = reinterpret_cast<Frame*>(at + C::memory_needed(layout));
-    end = frame + layout.nodes;
-    q = reinterpret_cast<S*>(end + layout.nodes);
+  Frames(const Layout& layout, const double* numbers, Room& room) : chain(layout, numbers, room) {
+    room.take(layout.nodes, frame, end);
+    S* all = nullptr;  // in one row
+    room.take_zeros(layout.nq + 2 * layout.nv, all);
+    q = all;
     v = q + layout.nq;
     a = v + layout.nv;
-    for (int i = 0; i < layout.nq + 2 * layout.nv; ++i) q[i] = S{};
+  }
+  static std::size_t memory(const Layout& layout) {
+    Room none;
+    Frames(layout, nullptr, none);
+    return none.bytes();
   }
 
   /// Moves all frames (Eq. 82, 85) from the coordinates and rates in q and v; with inertias and forces, or without.

@@ -102,7 +102,7 @@ struct Kernels {
   void (*solve)(void* self, const double* r, double* x);
   /// Slopes of the joints' forces by their coordinates (nv) as implicit steps take them, where the chain is.
   void (*joint_stiffness)(void* self, double* slopes);
-  std::size_t (*roll_memory)(const Roll&);
+  std::size_t (*roll_memory)(Roll&);
   /// From coordinates q and rates v; memory aligned to 64 bytes.
   void (*roll)(Roll&, void* memory, const double* q, const double* v);
   std::size_t (*slopes_memory)(const Layout&);

@@ -11,7 +11,7 @@
 //   factor(shift, twice)          of M + shift: where it is positive definite; twice = v^T M v
 //   solve(r, x)                   x = (M + shift)^-1 r, zero where prescribed
 // What a method offers, a class over the engine, in a header of its own with its row:
-//   scalars, lay_out              its memory, the rates that may rub, its options
+//   lay_out                       takes its memory (room.hpp); the rates that may rub, its options
 //   friction()                    its contacts, whose Coulomb friction and stiction the caller sets; null: it has none
 //   forget()                      what it knows of steps before
 //   begin(.., x, where)           begins at a state under these forces; x gets the accelerations.

@@ -23,16 +23,11 @@ struct RungeKutta4 {
   static constexpr int iterations = 0;
   Work work;
 
-  static std::size_t scalars(int nq, int nv, int) { return static_cast<std::size_t>(3 * nq + 2 * nv); }
-  void lay_out(S* at, int nq_, int nv_, const int*, int, const MethodOptions&) {
+  void lay_out(Room& room, int nq_, int nv_, const int*, int, const MethodOptions&) {
     nq = nq_;
     nv = nv_;
-    for (std::size_t i = 0; i < scalars(nq, nv, 0); ++i) at[i] = S{};
-    q0 = at;
-    q_sum = q0 + nq;
-    dq = q_sum + nq;
-    v0 = dq + nq;
-    v_sum = v0 + nv;
+    room.take_zeros(nq, q0, q_sum, dq);
+    room.take_zeros(nv, v0, v_sum);
   }
   Contacts<Engine>* friction() { return nullptr; }
 

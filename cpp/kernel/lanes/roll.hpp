@@ -29,25 +29,20 @@ struct Rolled {
   S* total;  // nv
   const S *q_now = nullptr, *v_now = nullptr;
 
-  static std::size_t memory(const Roll& j) {
-    const std::size_t nv = static_cast<std::size_t>(j.layout->nv);
-    return C::memory_needed(*j.layout) + (nv + FeedbackLaws<S>::scalars(j.laws, j.layout->nv)) * sizeof(S);
-  }
-  Rolled(const Roll& j, char* at)
+  Rolled(const Roll& j, Room& room)
       : job(j),
-        chain(*j.layout, j.numbers, at),
-        base(first(j.numbers)),
+        chain(*j.layout, j.numbers, room),
         free(j.free),
         free_count(j.free_count),
         nq(j.layout->nq),
         nv(j.layout->nv),
         laws{j.laws, nq, nv, j.column, j.by_q, j.by_v, j.limit},
         weight(L::load(j.weight)) {
-    total = reinterpret_cast<S*>(at + C::memory_needed(*j.layout));
-    laws.lay_out(total + nv);
-    for (int i = 0; i < j.laws; ++i) laws.offset[i] = S{};
+    const double* p = j.numbers;
+    base = Sp::read(p);
+    room.take(nv, total);
+    laws.lay_out(room);
   }
-  static typename Sp::Lin first(const double* p) { return Sp::read(p); }
   static S of(const double* table, int i) { return L::load(table + i * L::width); }
 
   void place(const S* q0, const S* u, S* q) const { displace(chain.layout, q0, u, q); }
@@ -98,35 +93,25 @@ struct Roller {
   using Mask = typename L::Mask;
   static constexpr int W = L::width;
 
-  static std::size_t memory(const Roll& j) {
-    const std::size_t nq = static_cast<std::size_t>(j.layout->nq), nv = static_cast<std::size_t>(j.layout->nv);
-    return Arms::memory(j) + (nq + 5 * nv + 1 + Method::scalars(j.layout->nq, j.layout->nv, j.rubs)) * sizeof(S);
-  }
-
   Roll& job;
   Arms arms;
   Method method;
   S *q, *v, *tau, *x, *y, *forces, *changed;
   Mask lost = L::everywhere(false);
 
-  Roller(Roll& j, char* at) : job(j), arms(j, at) {
+  Roller(Roll& j, Room& room) : job(j), arms(j, room) {
     const int nq = j.layout->nq, nv = j.layout->nv;
-    S* p = reinterpret_cast<S*>(at + Arms::memory(j));
-    q = p;
-    p += nq;
-    S** of_v[] = {&v, &tau, &x, &y, &forces};
-    for (S** z : of_v) {
-      *z = p;
-      p += nv;
-    }
-    changed = p++;
-    method.lay_out(p, nq, nv, j.rubbing, j.rubs, j.options);
+    room.take(nq, q);
+    room.take(nv, v, tau, y, forces);
+    room.take_zeros(nv, x);
+    room.take(1, changed);
+    method.lay_out(room, nq, nv, j.rubbing, j.rubs, j.options);
+    if (room.counts()) return;
     if (Contacts<Arms>* contacts = method.friction())
       for (int c = 0; c < j.rubs; ++c) {
         contacts->coulomb[c] = arms.of(j.coulomb, c);
         contacts->stiction[c] = arms.of(j.stiction, c);
       }
-    for (int i = 0; i < nv; ++i) x[i] = S{};
   }
 
   void set(long step, long half) {

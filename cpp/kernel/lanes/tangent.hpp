@@ -133,7 +133,7 @@ struct Slopes {
     const int nq = layout.nq, nv = layout.nv;
     LaneDual* q = static_cast<LaneDual*>(at);
     LaneDual *v = q + nq, *a = v + nv, *tau = a + nv;
-    C chain(layout, numbers, tau + nv);
+    C chain(layout, numbers, Room(tau + nv));
     for (int i = 0; i < nq; ++i) q[i] = LaneDual{} + q0[i];
     for (int i = 0; i < nv; ++i) {
       v[i] = LaneDual{} + v0[i];
