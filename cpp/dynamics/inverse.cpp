@@ -34,6 +34,7 @@ struct JointReactions::InSpace {
 
 JointReactions::JointReactions(const Arm& arm, const std::vector<Load>& loads)
     : in_space_(new InSpace{lanes::SingleFrames(arm, loads), std::vector<double>(6 * loads.size())}) {}
+JointReactions::JointReactions(JointReactions&&) noexcept = default;
 JointReactions::~JointReactions() = default;
 
 void JointReactions::set_wrench(std::size_t load, const Vec6<double>& wrench) {

@@ -96,7 +96,8 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
       [](const PyArm& self, const Vectors& q, const Vectors& v, const Vectors& a, std::size_t link, bool inboard,
          const std::vector<Load>& loads, const Vectors& wrenches) {
         Answers out(q, {6});
-        JointReactions reaction(self, loads);
+        const auto lent = self.reactions(loads);
+        JointReactions& reaction = *lent;
         for (std::size_t k = 0; k < loads.size(); ++k) reaction.set_wrench(k, Loads{loads, wrenches}.at(k));
         for_states(self, count(q), 1, [&](Eigen::Index k) {
           out[k] = reaction(self, rows(q).row(k), rows(v).row(k), rows(a).row(k), link, inboard).transpose();

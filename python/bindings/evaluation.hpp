@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include "flexarm/derivatives.hpp"
+#include "flexarm/inverse.hpp"
 #include "interpreter.hpp"
 
 /// Vectors (..., n) as NumPy has them; of one state (n,).
@@ -112,6 +113,10 @@ class PyArm : public flexarm::Arm {
     return derivatives_.lend({{}, std::move(loads)}, small(),
                              [&](const Setting& s) { return flexarm::InverseDerivatives(*this, s.loads); });
   }
+  Pool<flexarm::JointReactions>::Lent reactions(std::vector<flexarm::Load> loads) const {
+    return reactions_.lend({{}, std::move(loads)}, true,
+                           [&](const Setting& s) { return flexarm::JointReactions(*this, s.loads); });
+  }
   /// Whether arguments (name: value) are of one state, and nothing is wrong with them: contiguous arrays of doubles,
   /// as long as they must be, all finite; and a ball's quaternion in q has a length, if `balls`.
   bool one_state(const py::dict& named, bool balls) const;
@@ -121,6 +126,7 @@ class PyArm : public flexarm::Arm {
 
   mutable Pool<flexarm::Workspace> workspaces_;
   mutable Pool<flexarm::InverseDerivatives> derivatives_;
+  mutable Pool<flexarm::JointReactions> reactions_;
 };
 
 /// Runs visit(k), which takes about `each` evaluations, for each of n states; looks around, and leaves the

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,9 @@ from ..parts.chain import Chain
 from .drive import Law, sample_times
 
 Value = ArrayLike | Callable[[float], Any]
+
+_MOST = 64  # places on an arm that are kept
+_PLACES: WeakKeyDictionary[_core.Arm, dict[Any, _core.Load]] = WeakKeyDictionary()  # every evaluation asks
 
 
 class Load(Law):
@@ -53,6 +57,7 @@ class Load(Law):
             raise ValueError(f"along = {along!r}: give x or along, not both")
         if force is None and moment is None:
             raise ValueError("force = None: give a force, a moment, or both")
+        self._steady: Array | None = None  # what does not change
         #: the arguments it was made of
         self.given: dict[str, Any] = {
             "link": link, "x": self.x, "force": _kept("force", force), "moment": _kept("moment", moment), "t": t,
@@ -73,11 +78,14 @@ class Load(Law):
                 columns.append(array(name, np.zeros((len(times), 3)) if value is None else value, (len(times), 3)))
         self.constant = t is None
         wrench = np.hstack(columns)
+        self._steady = wrench[0] if self.constant else None
         slope = np.diff(wrench, axis=0) / np.diff(times)[:, None]
         self.law = tuple(_core.PiecewisePolynomial(times, [slope[:, k], wrench[:-1, k]]) for k in range(6))
 
     def __call__(self, t: float) -> Array:
         """[force; moment] at time t (s), (6,)."""
+        if self._steady is not None:
+            return self._steady
         if isinstance(self.law, tuple):
             return np.array([part(t)[0] for part in self.law])
         return np.asarray(self.law(t))
@@ -89,11 +97,17 @@ class Load(Law):
     def place(self, arm: Chain) -> _core.Load:
         """Where it acts on an arm. ValueError when the arm has no such link or slice."""
         n, world = arm._link(self.link, "load: link"), self.axes == "world"
-        if self.along is not None:
-            return _core.Load.along(arm._core, n, *self.along, world)
-        if self.x is not None:
-            return _core.Load.at_slice(arm._core, n, self.x, world)
-        return _core.Load.at_end(arm._core, n, world)
+        known, key = _PLACES.setdefault(arm._core, {}), (n, self.x, self.along, world)
+        if key not in known:
+            if len(known) == _MOST:
+                known.clear()
+            if self.along is not None:
+                known[key] = _core.Load.along(arm._core, n, *self.along, world)
+            elif self.x is not None:
+                known[key] = _core.Load.at_slice(arm._core, n, self.x, world)
+            else:
+                known[key] = _core.Load.at_end(arm._core, n, world)
+        return known[key]
 
 
 class _Wrench:

@@ -20,6 +20,7 @@ void joint_forces(const Arm& arm, Workspace& ws, const Eigen::VectorXd& a);
 class JointReactions {
  public:
   explicit JointReactions(const Arm& arm, const std::vector<Load>& loads = {});
+  JointReactions(JointReactions&&) noexcept;
   ~JointReactions();
   /// Value of a load from now on.
   void set_wrench(std::size_t load, const Vec6<double>& wrench);
