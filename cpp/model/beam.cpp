@@ -116,7 +116,7 @@ void check_options(const BeamOptions& o, const Material& material) {
                 "must be from 0 to " + std::to_string(kMostModes));
   if (o.order < 0 || o.order > kExact) bad_value("order", o.order, "must be 0, 1, 2, 3 or \"exact\"");
   non_negative("damping_ratio", o.damping_ratio);
-  non_negative("kelvin_voigt", o.kelvin_voigt);
+  for (double time : o.kelvin_voigt) non_negative("kelvin_voigt", time);
   if (o.gauss_points < 0 || o.gauss_points > 400)
     bad_value("gauss_points", o.gauss_points, "must be from 1 to 400, or 0 to let the basis choose");
   non_negative("basis_tip.mass", o.tip.mass);
@@ -126,6 +126,18 @@ void check_options(const BeamOptions& o, const Material& material) {
   for (int s = 0; s < kStrains; ++s) needs_shear = needs_shear || (is_shear(s) && o.modes[s] > 0);
   if (needs_shear && material.shear_modulus <= 0.0)
     bad_value("shear_modulus", "not given", "torsion and shear need the material's poisson_ratio or shear_modulus");
+}
+
+void check_damping(const MatrixXd& D, int ne) {
+  if (D.rows() != ne || D.cols() != ne)
+    bad_value("damping", std::to_string(D.rows()) + " x " + std::to_string(D.cols()),
+              "must be a matrix of the beam's " + std::to_string(ne) + " elastic coordinates");
+  const double size = D.cwiseAbs().maxCoeff();
+  if (!D.allFinite()) bad_value("damping", size, "must be finite");
+  if ((D - D.transpose()).cwiseAbs().maxCoeff() > 1e-9 * size)
+    bad_value("damping", D.reshaped().transpose(), "must be symmetric");
+  const double least = Eigen::SelfAdjointEigenSolver<MatrixXd>(D, Eigen::EigenvaluesOnly).eigenvalues()[0];
+  if (least < -1e-9 * size) bad_value("damping", least, "no eigenvalue may be negative: it would drive the beam");
 }
 
 /// Modes 1..n of one strain of the clamped beam with a body on its end, as coefficients of Legendre strains, by Ritz;
@@ -290,7 +302,14 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
   }
   for (const Patch& p : patches)
     if (p.stiffness) stiffness_ += patch_stiffness(p);
-  damping_ = options_.kelvin_voigt * stiffness_;
+  Eigen::VectorXd share(ne_);  // of what two strains share, the mean of their retardation times by geometry
+  for (int s = 0; s < kStrains; ++s)
+    share.segment(first_[s], options_.modes[s]).setConstant(std::sqrt(options_.kelvin_voigt[s]));
+  damping_ = share.asDiagonal() * stiffness_ * share.asDiagonal();
+  if (options_.damping.size() > 0) {
+    check_damping(options_.damping, ne_);
+    damping_ += 0.5 * (options_.damping + options_.damping.transpose());
+  }
   if (options_.damping_ratio > 0.0 && ne_ > 0) {
     MatrixXd M = MatrixXd::Zero(ne_, ne_);
     for (const MassSlice& s : *slices_) {

@@ -107,9 +107,14 @@ Eigen::MatrixXd read_shapes(const At& list) {
   return out;
 }
 
+Names strain_names() {
+  Names names;
+  for (const StrainField& f : kStrainFields) names.push_back(f.name);
+  return names;
+}
+
 void read_modes(const At& modes, BeamOptions& o) {
-  Names known;
-  for (const StrainField& f : kStrainFields) known.push_back(f.name);
+  const Names known = strain_names();
   modes.known_keys(known);
   for (std::size_t s = 0; s < known.size(); ++s) {
     if (!modes.has(known[s])) continue;
@@ -134,6 +139,25 @@ void read_order(const At& at, BeamOptions& o) {
   if (o.order < 0 || o.order > 3) at.bad(right);
 }
 
+void read_kelvin_voigt(const At& at, BeamOptions& o) {
+  if (!at.is(Value::Kind::table)) {
+    o.kelvin_voigt.fill(at.number());
+    return;
+  }
+  at.known_keys(strain_names());
+  for (std::size_t s = 0; s < kStrains; ++s) o.kelvin_voigt[s] = at.number(kStrainFields[s].name, 0.0);
+}
+
+Eigen::MatrixXd read_matrix(const At& at) {
+  const std::vector<At> rows = at.list("rows");
+  Eigen::MatrixXd out(rows.size(), rows.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const std::vector<double> row = rows[i].numbers(rows.size());
+    out.row(static_cast<Eigen::Index>(i)) = Eigen::Map<const Eigen::RowVectorXd>(row.data(), out.cols());
+  }
+  return out;
+}
+
 BeamOptions read_options(const At& table) {
   BeamOptions o;
   read_modes(table["modes"], o);
@@ -141,7 +165,8 @@ BeamOptions read_options(const At& table) {
   if (table.has("order")) read_order(table["order"], o);
   o.rotary_inertia = table.truth("rotary_inertia", true);
   o.damping_ratio = table.number("damping_ratio", 0.0);
-  o.kelvin_voigt = table.number("kelvin_voigt", 0.0);
+  if (table.has("kelvin_voigt")) read_kelvin_voigt(table["kelvin_voigt"], o);
+  if (table.has("damping")) o.damping = read_matrix(table["damping"]);
   if (table.has("gauss_points")) {
     o.gauss_points = table["gauss_points"].whole();
     if (o.gauss_points < 1) table["gauss_points"].bad("must be from 1 to 400, or left out");
@@ -189,7 +214,7 @@ SectionSpec SectionAlong::at(double place) const {
 
 Beam read_beam(const At& table) {
   table.known_keys({"length", "section", "material", "modes", "basis", "order", "rotary_inertia", "damping_ratio",
-                    "kelvin_voigt", "gauss_points", "basis_tip", "patches"});
+                    "kelvin_voigt", "damping", "gauss_points", "basis_tip", "patches"});
   table.needs({"length", "section", "material", "modes"});
   const double length = table["length"].number();
   Names kinds = kSections;

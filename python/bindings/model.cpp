@@ -69,7 +69,8 @@ void bind_sections(py::module_& m) {
   py::class_<BeamOptions>(m, "BeamOptions")
       .def(py::init([](const std::array<int, kStrains>& modes, const std::string& basis,
                        const std::array<Eigen::MatrixXd, kStrains>& shapes, int order, bool rotary_inertia,
-                       double damping_ratio, double kelvin_voigt, int gauss_points, double tip_mass, double tip_offset,
+                       double damping_ratio, const std::array<double, kStrains>& kelvin_voigt,
+                       const Eigen::MatrixXd& damping, int gauss_points, double tip_mass, double tip_offset,
                        const Eigen::Vector3d& tip_inertia) {
              BeamOptions o;
              o.modes = modes;
@@ -80,12 +81,13 @@ void bind_sections(py::module_& m) {
              o.rotary_inertia = rotary_inertia;
              o.damping_ratio = damping_ratio;
              o.kelvin_voigt = kelvin_voigt;
+             o.damping = damping;
              o.gauss_points = gauss_points;
              return o;
            }),
            py::arg("modes"), py::arg("basis"), py::arg("shapes"), py::arg("order"), py::arg("rotary_inertia"),
-           py::arg("damping_ratio"), py::arg("kelvin_voigt"), py::arg("gauss_points"), py::arg("tip_mass"),
-           py::arg("tip_offset"), py::arg("tip_inertia"));
+           py::arg("damping_ratio"), py::arg("kelvin_voigt"), py::arg("damping"), py::arg("gauss_points"),
+           py::arg("tip_mass"), py::arg("tip_offset"), py::arg("tip_inertia"));
 }
 
 /// Piezoelectric patches.
@@ -156,7 +158,8 @@ void bind_beam(py::module_& m) {
           },
           py::arg("x"))
       .def("truncation", &truncation, py::arg("q"), py::call_guard<py::gil_scoped_release>())
-      .def_property_readonly("damping", &Beam::damping);
+      .def_property_readonly("damping", &Beam::damping)
+      .def("strains", [](const Beam& self, double x) { return Rows(self.slice_at(x).strains); }, py::arg("x"));
 }
 
 /// Bodies, joints and links.

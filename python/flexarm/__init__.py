@@ -20,6 +20,7 @@ What acts on it
 Analysis
     LinearModel, Derivatives            what arm.linearize and arm.forward_derivatives give
     Modes, ModeShapes                   what arm.modes and arm.mode_shapes give
+    fit_decay, Decay                    frequencies and damping of a measured decay
     placement, PatchPlacement           where to bond a patch
 One run
     simulate, Result                    an arm over time, and its trajectory
@@ -70,6 +71,7 @@ from .analysis.doubts import ModelWarning as ModelWarning
 from .analysis.equilibrium import StateWarning as StateWarning
 from .analysis.linear import Derivatives as Derivatives, LinearModel as LinearModel
 from .analysis.loops import LoopWarning as LoopWarning
+from .analysis.damping import Decay as Decay, fit_decay as fit_decay
 from .analysis.modes import Modes as Modes, ModeShapes as ModeShapes
 from .analysis.placement import PatchPlacement as PatchPlacement, placement as placement
 from .analysis.validity import RangeWarning as RangeWarning

@@ -70,7 +70,8 @@ class BeamOptions:
         order: int,
         rotary_inertia: bool,
         damping_ratio: float,
-        kelvin_voigt: float,
+        kelvin_voigt: Sequence[float],
+        damping: ArrayLike,
         gauss_points: int,
         tip_mass: float,
         tip_offset: float,
@@ -152,6 +153,7 @@ class Beam:
     def truncation(self, q: ArrayLike) -> _Array: ...
     @property
     def damping(self) -> _Array: ...
+    def strains(self, x: float) -> _Array: ...
 
 class RigidBody:
     def __init__(self, mass: float, com: ArrayLike, inertia: ArrayLike, end: ArrayLike) -> None: ...

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ._check import Array, array, choice, finite
 from .acting.load import Load, at_time
 from .acting.voltage import voltage_forces
-from .analysis import describe, linear
+from .analysis import damping, describe, linear
 from .analysis import equilibrium as balance
 from .analysis import modes as modal
 from .analysis.doubts import ModelWarning, doubts
@@ -189,6 +189,41 @@ class Arm(Chain):
             ValueError: modes of another arm, or fewer than two points.
         """
         return modal.sample(self, modes, points)
+
+    def modal_damping(
+        self,
+        ratios: Any,
+        q: ArrayLike | None = None,
+        lock: Iterable[int] | None = None,
+        *,
+        loads: Sequence[Load] | None = None,
+        t: float = 0.0,
+    ) -> Arm:
+        """The same arm with beams so damped that its modes have given damping ratios: whatever it carries, unlike
+        `Beam.damping_ratio`, which is of the bare beam, clamped.
+
+        Modes that are not named keep what they have, if the arm has one beam; of several, which are damped one by one,
+        some of it spills over. Of one beam at every mode it is the classical modal damping (Caughey 1960). Each beam's
+        share stands in its `damping`.
+
+        Args:
+            ratios: {mode: ratio}, numbered as `modes(q, lock=lock)` has them without damping; a list, from mode 0 on;
+                or one number for all that vibrate. 2 % is 0.02.
+            q, lock, loads, t: where, and with which joints locked, as of `modes`.
+
+        Raises:
+            ValueError: a mode that is not there, does not vibrate, or bends no beam; a ratio below what damping there
+                is already.
+        """
+        q = None if q is None else self._single(q=q)[0]
+        links = damping.modal_damping(self, ratios, q, lock, at_time(self, loads, t))
+        return Arm._made(links, self.gravity)
+
+    def rayleigh_damping(self, mass: float = 0.0, stiffness: float = 0.0) -> Arm:
+        """The same arm with beams damped in proportion to their inertia and stiffness: `mass` (1/s) times the inertia
+        of each beam's coordinates, with all that it carries, at q = `zero`; `stiffness` (s) times their stiffness. A
+        mode of frequency w then has about the ratio mass / (2 w) + stiffness w / 2."""
+        return Arm._made(damping.rayleigh_damping(self, mass, stiffness), self.gravity)
 
     # -- equilibrium and linear models --------------------------------------------------------------------------------
 

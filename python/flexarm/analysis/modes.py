@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -80,14 +80,66 @@ def sample(arm: Chain, found: Modes, points: int = 21) -> ModeShapes:
     )
 
 
-def modes(
+@dataclass(frozen=True)
+class SmallMotions:
+    """M dv + G v + K q = 0 about a steady state.
+
+    Attributes:
+        arm: the chain. q: the state, (nq,). free: which rates are not locked, (nv,).
+        M, G, K: of the free coordinates.
+    """
+
+    arm: Chain
+    q: Array
+    free: NDArray[np.bool_]
+    M: Array
+    G: Array
+    K: Array
+
+    def solve(self, C: Array | float = 0.0) -> Modes:
+        """The modes, with further damping C."""
+        with np.errstate(all="ignore"):  # scaled so that M has a unit diagonal
+            d = finite("modes: the root of the masses", 1.0 / np.sqrt(np.diag(self.M)))
+            M, G, K = (
+                finite("modes, scaled by the masses", d[:, None] * x * d) for x in (self.M, self.G + C, self.K)
+            )
+        if np.linalg.eigvalsh(M)[0] < -1e-12:
+            raise ValueError(
+                "q: the mass matrix is not positive definite here; beams of order 0 are for small deflections"
+            )
+        size = float(np.abs(K).max()) or 1.0
+        conservative = np.abs(G).max() <= 1e-13 * np.sqrt(size) and np.abs(K - K.T).max() <= 1e-10 * size
+        s, vectors = _conservative(M, K) if conservative else _general(M, G, K)
+
+        shapes = np.zeros((self.arm.nv, s.size), dtype=vectors.dtype)
+        shapes[self.free] = d[:, None] * vectors
+        largest = np.abs(shapes).argmax(axis=0)
+        shapes = shapes / shapes[largest, np.arange(s.size)]
+        radius = np.abs(s)
+        oscillates = np.abs(s.imag) > 1e-9 * max(radius.max(), 1e-300)
+        frequencies = np.where(oscillates | ((s.real < 0) & (radius > 0)), radius, 0.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            damping = np.where(radius > 0, -s.real / radius, 0.0)
+        damping[np.abs(damping) < 1e-12] = 0.0
+        share = np.zeros(shapes.shape)
+        share[self.free] = np.abs(np.real(np.conj(vectors) * (M @ vectors)))
+        share /= share.sum(axis=0)
+        up = np.lexsort((radius, frequencies))
+        return Modes(frequencies[up], damping[up], shapes[:, up], share[:, up], s[up], self.q)
+
+    def undamped(self) -> Modes:
+        """The modes without damping, and without what gyroscopic forces do."""
+        return replace(self, G=np.zeros_like(self.G)).solve()
+
+
+def small_motions(
     arm: Chain,
     q: ArrayLike | None = None,
     speed: Mapping[int, float] | None = None,
     lock: Iterable[int] | None = None,
     loads: Any = (),
-) -> Modes:
-    """See Arm.modes."""
+) -> SmallMotions:
+    """See Arm.modes, for what the arguments are."""
     q0 = arm.zero if q is None else array("q", q, (arm.nq,))
     v0 = np.zeros(arm.nv)
     for i, value in arm.by_rate("speed", speed).items():
@@ -98,40 +150,24 @@ def modes(
     if not np.isfinite(arm._core.inverse_dynamics(q0, v0, np.zeros(arm.nv), *loads)).all():
         raise ValueError("speed, q: are too large, the forces there are not finite")
     q0 = steady_state(arm, q0, v0, loads)
-
-    # M dv + G v + K q = 0 for small motions; scaled so that M has a unit diagonal
     at = np.ix_(free, free)
     still = np.zeros(arm.nv)
     by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q0, v0, still, *loads))
     _, _, E = arm._core.rates(q0, v0)  # dq = E v: small turns of a ball move its quaternion so
     M, W = arm._core.mass_matrix(q0), turning(arm, v0)
     # dv = d(theta)/dt + W theta: a ball's turn theta is measured in axes that turn with it
-    K, G = (by_q @ E + by_v @ W)[at], (by_v + M @ W)[at]
-    M = M[at]
-    with np.errstate(all="ignore"):
-        d = finite("modes: the root of the masses", 1.0 / np.sqrt(np.diag(M)))
-        M, G, K = (finite("modes, scaled by the masses", d[:, None] * x * d) for x in (M, G, K))
-    if np.linalg.eigvalsh(M)[0] < -1e-12:
-        raise ValueError("q: the mass matrix is not positive definite here; beams of order 0 are for small deflections")
-    size = float(np.abs(K).max()) or 1.0
-    conservative = np.abs(G).max() <= 1e-13 * np.sqrt(size) and np.abs(K - K.T).max() <= 1e-10 * size
-    s, vectors = _conservative(M, K) if conservative else _general(M, G, K)
+    return SmallMotions(arm, q0, free, M[at], (by_v + M @ W)[at], (by_q @ E + by_v @ W)[at])
 
-    shapes = np.zeros((arm.nv, s.size), dtype=vectors.dtype)
-    shapes[free] = d[:, None] * vectors
-    largest = np.abs(shapes).argmax(axis=0)
-    shapes = shapes / shapes[largest, np.arange(s.size)]
-    radius = np.abs(s)
-    oscillates = np.abs(s.imag) > 1e-9 * max(radius.max(), 1e-300)
-    frequencies = np.where(oscillates | ((s.real < 0) & (radius > 0)), radius, 0.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        damping = np.where(radius > 0, -s.real / radius, 0.0)
-    damping[np.abs(damping) < 1e-12] = 0.0
-    share = np.zeros(shapes.shape)
-    share[free] = np.abs(np.real(np.conj(vectors) * (M @ vectors)))
-    share /= share.sum(axis=0)
-    up = np.lexsort((radius, frequencies))
-    return Modes(frequencies[up], damping[up], shapes[:, up], share[:, up], s[up], q0)
+
+def modes(
+    arm: Chain,
+    q: ArrayLike | None = None,
+    speed: Mapping[int, float] | None = None,
+    lock: Iterable[int] | None = None,
+    loads: Any = (),
+) -> Modes:
+    """See Arm.modes."""
+    return small_motions(arm, q, speed, lock, loads).solve()
 
 
 def _shift(M: Array, K: Array, rate: float) -> float:

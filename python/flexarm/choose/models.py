@@ -161,7 +161,21 @@ def beam_at(beam: Beam, model: BeamModel) -> Beam:
     given = {f.name: getattr(beam, f.name) for f in fields(beam) if f.init}
     basis = {} if model.basis is None else {"basis": model.basis, "basis_tip": None}
     choice = {"modes": modes, "order": model.order, "rotary_inertia": model.rotary, "gauss_points": model.gauss}
-    return Beam(**{**given, **choice, **basis})
+    made = Beam(**{**given, **choice, **basis, "damping": ()})
+    return replace(made, damping=damping_in(made, beam)) if beam.damping and made.ne else made
+
+
+def damping_in(beam: Beam, other: Beam) -> list[list[float]]:
+    """The damping matrix of another beam in the coordinates of this one: of the strains nearest to its own."""
+    x, weights = np.polynomial.legendre.leggauss(40)
+    places = np.sqrt(weights), beam.length * (x + 1) / 2
+    own, others = (
+        np.vstack([w * np.asarray(b._core.strains(float(p))) for w, p in zip(*places, strict=True)])
+        for b in (beam, other)
+    )
+    P = np.linalg.lstsq(others, own, rcond=None)[0]
+    D = P.T @ np.array(other.damping) @ P
+    return [[float(v) for v in row] for row in 0.5 * (D + D.T)]
 
 
 def other_basis(beam: Beam | None) -> str | None:

@@ -233,7 +233,10 @@ class Beam(Part):
             "exact" (no truncation) are for large bending and cost more.
         rotary_inertia: whether slices have rotary inertia.
         damping_ratio: modal, of every mode of the beam clamped at its base.
-        kelvin_voigt: retardation time (s) of the material: stress = E (strain + kelvin_voigt d(strain)/dt).
+        kelvin_voigt: retardation time (s) of the material: stress = E (strain + kelvin_voigt d(strain)/dt); or one for
+            each strain, by name; those left out are zero.
+        damping: more, as a matrix of the elastic coordinates, (ne, ne), symmetric, without negative eigenvalues: forces
+            damping @ rates. `Arm.modal_damping` and `Arm.rayleigh_damping` make such.
         gauss_points: slices that carry the inertia, and points along which order "exact" integrates the rotation. None
             lets the basis choose enough for about 1e-12; in "exact" beams that turn their sections by far more than a
             radian these may be too few, of which a RangeWarning tells.
@@ -254,7 +257,8 @@ class Beam(Part):
     _: KW_ONLY
     rotary_inertia: bool = True
     damping_ratio: float = 0.0
-    kelvin_voigt: float = 0.0
+    kelvin_voigt: float | Mapping[str, float] = 0.0
+    damping: Sequence[Sequence[float]] = ()
     gauss_points: int | None = None
     basis_tip: RigidBody | None = None
     patches: Sequence[Patch] = ()
@@ -264,8 +268,9 @@ class Beam(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("length", "damping_ratio", "kelvin_voigt"):
+        for name in ("length", "damping_ratio"):
             self._set(name, number(name, getattr(self, name)))
+        self._set("damping", as_floats(array("damping", self.damping)))
         if not isinstance(self.section, (_Section, Taper)):
             raise ValueError(f"section = {self.section!r}: must be a Rectangle, Circle, GeneralSection or Taper")
         if isinstance(self.section, Taper) and not abs(self.section.x[-1] - self.length) <= 1e-9 * self.length:
@@ -292,7 +297,8 @@ class Beam(Part):
             4 if order == "exact" else int(order),
             self.rotary_inertia,
             self.damping_ratio,
-            self.kelvin_voigt,
+            self._read_kelvin_voigt(),
+            self.damping or np.zeros((0, 0)),
             self.gauss_points or 0,
             *tip,
         )
@@ -321,6 +327,16 @@ class Beam(Part):
         self._set("modes", MappingProxyType({s: m for s, m in modes.items() if m}))
         self._set("counts", MappingProxyType({s: n for s, n in zip(STRAINS, counts, strict=True) if n}))
         return counts, own
+
+    def _read_kelvin_voigt(self) -> list[float]:
+        times = self.kelvin_voigt
+        if not isinstance(times, Mapping):
+            self._set("kelvin_voigt", number("kelvin_voigt", times))
+            return [number("kelvin_voigt", times)] * len(STRAINS)
+        known_keys("kelvin_voigt", times, STRAINS)
+        times = {s: number(f"kelvin_voigt.{s}", t) for s, t in times.items()}
+        self._set("kelvin_voigt", MappingProxyType(times))
+        return [times.get(s, 0.0) for s in STRAINS]
 
     def _read_tip(self) -> tuple[float, float, Any]:
         if self.basis_tip is None:

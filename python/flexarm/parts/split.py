@@ -23,7 +23,7 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
     pieces, each smooth, converge exponentially. Use it as Arm([*split(link), ...]). Links above are numbered anew.
 
     Args:
-        link: with a beam. Its damping must be kelvin_voigt: a damping_ratio is of a whole beam's modes.
+        link: with a beam. Its damping must be kelvin_voigt: a damping_ratio, and a damping, is of a whole beam.
         modes: shape functions of each piece (Legendre), for each strain that the beam has; or by strain.
         places: where to cut instead (m from the clamp). A patch that is cut becomes one of each piece.
 
@@ -35,6 +35,8 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
     beam = link.beam
     if beam.damping_ratio > 0:
         raise ValueError(f"damping_ratio = {beam.damping_ratio}: is of the whole beam's modes; give kelvin_voigt")
+    if beam.damping:
+        raise ValueError("damping: is of the whole beam's coordinates; give kelvin_voigt")
     if places is None:
         cuts = np.array([x for p in beam.patches for x in (p.start, p.end)])
     else:

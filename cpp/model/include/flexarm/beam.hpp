@@ -39,8 +39,10 @@ struct BeamOptions {
   int order = 2;               ///< of rotation (Eq. 26): 0 (the paper's simplified model), 1, 2, 3 or kExact
   bool rotary_inertia = true;  ///< of the slices
   double damping_ratio = 0.0;  ///< modal, of every mode of the beam clamped at its base
-  double kelvin_voigt = 0.0;   ///< retardation time (s): stress = E (strain + kelvin_voigt dstrain/dt)
-  int gauss_points = 0;        ///< 0: enough for the basis, see `enough_gauss_points`
+  /// Of each strain, retardation time (s): stress = E (strain + kelvin_voigt dstrain/dt).
+  std::array<double, kStrains> kelvin_voigt{};
+  Eigen::MatrixXd damping;  ///< further, of the elastic coordinates (ne x ne); or empty
+  int gauss_points = 0;     ///< 0: enough for the basis, see `enough_gauss_points`
 };
 
 struct UnitShapes;
@@ -69,7 +71,7 @@ class Beam {
   /// The same beam with as many such points, for comparison.
   Beam with_points(int points) const;
   const ShapeSet& shapes(int strain) const { return shapes_[strain]; }
-  bool damped() const { return options_.damping_ratio > 0.0 || options_.kelvin_voigt > 0.0; }
+  bool damped() const { return !damping_.isZero(0.0); }
   const std::vector<MassSlice>& slices() const { return *slices_; }
   /// For what a room above makes of the beam.
   const MadeOnce& kept() const { return kept_; }

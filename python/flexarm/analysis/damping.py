@@ -1,0 +1,269 @@
+"""Damping of beams, given by the modes of the whole arm, or found from a decay."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._check import Array, array, number, whole
+from ..parts.chain import Chain
+from ..parts.link import Link
+from .modes import Modes, SmallMotions, small_motions
+
+_ROUNDS = 20  # of Newton's iteration
+_CLOSE, _NEAR = 1e-12, 1e-9  # ratio to which it is brought, and with which it is content
+_OTHERS = 1e-3  # what modes that are not named weigh
+_MOST = 0.5  # damping ratio: what is given is of modes that ring
+
+
+def elastic(arm: Chain) -> list[tuple[int, slice]]:
+    """The links with elastic coordinates, and where the rates of these stand in v."""
+    ends = [(k, arm._core.first(k) + link.joint.nv, link.beam) for k, link in enumerate(arm.links)]
+    return [(k, slice(at, at + beam.ne)) for k, at, beam in ends if beam is not None and beam.ne]
+
+
+def with_damping(arm: Chain, D: Array) -> list[Link]:
+    """The links, with what stands in D (nv, nv) for each beam added to its damping."""
+    links = list(arm.links)
+    for k, at in elastic(arm):
+        beam = links[k].beam
+        assert beam is not None
+        more = D[at, at] + (np.array(beam.damping) if beam.damping else 0.0)
+        links[k] = replace(links[k], beam=replace(beam, damping=(0.5 * (more + more.T)).tolist()))
+    return links
+
+
+def _wanted(ratios: Any, frequencies: Array) -> dict[int, float]:
+    """Damping ratio by mode."""
+    if isinstance(ratios, Mapping):
+        items = [(whole("ratios: mode", mode), ratio) for mode, ratio in ratios.items()]
+    elif np.ndim(ratios):
+        items = list(enumerate(ratios))
+    else:
+        items = [(k, ratios) for k in np.flatnonzero(frequencies).tolist()]
+    out = {}
+    for mode, ratio in items:
+        if not 0 <= mode < len(frequencies):
+            raise ValueError(f"ratios: mode = {mode}: must be from 0 to {len(frequencies) - 1}, the modes of this arm")
+        out[mode] = value = number(f"ratios[{mode}]", ratio)
+        if not 0 <= value < _MOST:
+            raise ValueError(f"ratios[{mode}] = {ratio}: must be from 0 to below {_MOST}; 2 % is 0.02")
+        if not frequencies[mode] > 0:
+            raise ValueError(f"ratios[{mode}] = {ratio}: mode {mode} does not vibrate, its frequency is zero")
+    if not out:
+        raise ValueError(f"ratios = {ratios!r}: must be a ratio, a list of them, or a dictionary by mode")
+    return out
+
+
+def _patterns(arm: Chain, found: SmallMotions, shapes: Array, rich: bool) -> list[tuple[slice, Array]]:
+    """Vectors u of which u u^T is a damping matrix of one beam, and where its coordinates stand in v. For each of some
+    modes, and each beam, that which damps the mode and others as little as the beam can: of an arm with one beam, not
+    at all. Where these are not enough (`rich`), sums and differences of any two, too."""
+    parts, free = elastic(arm), found.free
+    at = np.concatenate([np.arange(s.start, s.stop) for _, s in parts])
+    moving = np.setdiff1d(np.flatnonzero(free), at)  # joints that give way: what remains of the inertia
+    M = np.zeros((arm.nv, arm.nv))
+    M[np.ix_(free, free)] = found.M
+    G = np.zeros_like(M)
+    G[np.ix_(at, at)] = M[np.ix_(at, at)]
+    if moving.size:
+        G[np.ix_(at, at)] -= M[np.ix_(at, moving)] @ np.linalg.solve(M[np.ix_(moving, moving)], M[np.ix_(moving, at)])
+    out = []
+    for _, s in parts:
+        U = [u for u in (G @ shapes)[s].T if np.linalg.norm(u) > 1e-12 * np.linalg.norm(G[s])]
+        if rich:
+            U += list(np.linalg.cholesky(G[s, s]).T)  # any direction
+            U = [u / np.linalg.norm(u) for u in U]
+            U += [a + sign * b for a, b in combinations(U, 2) for sign in (1, -1)]
+        out += [(s, u) for u in U]
+    return out
+
+
+def modal_damping(
+    arm: Chain, ratios: Any, q: ArrayLike | None, lock: Iterable[int] | None, loads: Any = ()
+) -> list[Link]:
+    """See Arm.modal_damping."""
+    found = small_motions(arm, q, None, lock, loads)
+    modes = found.undamped()
+    wanted = _wanted(ratios, modes.frequencies)
+    if np.iscomplexobj(modes.shapes):
+        raise ValueError("modal_damping: the forces here are not those of a potential; its modes have no real shapes")
+    if not elastic(arm):
+        raise ValueError("modal_damping: the arm has no beam that bends")
+    reached = {k for k in wanted for _, s in elastic(arm) if np.abs(modes.shapes[s, k]).max() > 1e-9}
+    for k in sorted(wanted.keys() - reached):
+        raise ValueError(f"ratios[{k}]: mode {k} bends no beam, so that no damping of beams reaches it")
+    rings = np.flatnonzero(modes.frequencies)
+    D, now, goal = _fitted(found, modes, rings, wanted, _patterns(arm, found, modes.shapes[:, list(wanted)], False))
+    if np.abs(now - goal).max() > _NEAR:
+        D, now, goal = _fitted(found, modes, rings, wanted, _patterns(arm, found, modes.shapes[:, rings], True))
+    worst = int(np.abs(now - goal).argmax())
+    mode, off = list(wanted)[worst], now[worst] - goal[worst]
+    if abs(off) > _NEAR:
+        why = "so little: the others', or what beams and joints have already, gives it" if off > 0 else "more than"
+        raise ValueError(f"ratios[{mode}] = {wanted[mode]}: the mode cannot be damped {why} {now[worst]:.3g}")
+    return with_damping(arm, D)
+
+
+def _fitted(
+    found: SmallMotions,
+    modes: Modes,
+    rings: NDArray[np.intp],
+    wanted: Mapping[int, float],
+    patterns: list[tuple[slice, Array]],
+) -> tuple[Array, Array, Array]:
+    """A sum of patterns (nv, nv) that gives the ratios that are wanted, as far as it can, and changes others as little
+    as it can; the ratios that it gives, and those wanted."""
+    from scipy.optimize import nnls  # slow to import
+
+    goal, numbers = np.array(list(wanted.values())), list(wanted)
+    mass = np.array([_power(modes.shapes[found.free, k], found.M) for k in rings])
+    power = np.array([[(u @ modes.shapes[s, k]) ** 2 for s, u in patterns] for k in rings])
+    slope = power / (2 * modes.frequencies[rings] * mass)[:, None]  # of the ratios, where small ones add up
+    size = slope.max(axis=0)
+    named = np.array([int(np.flatnonzero(rings == k)[0]) for k in numbers])
+    weight = np.full(len(rings), _OTHERS)
+    weight[named] = 1.0
+    at = np.ix_(found.free, found.free)
+    aim = np.zeros(len(rings))
+    aim[named] = goal - _ratios(found, modes.shapes[:, numbers], np.zeros_like(found.M))
+    for _ in range(_ROUNDS):
+        times = nnls(weight[:, None] * slope / size, weight * aim, maxiter=100 * len(patterns))[0] / size
+        D = np.zeros((found.arm.nv, found.arm.nv))
+        for x, (s, u) in zip(times, patterns, strict=True):
+            D[s, s] += x * np.outer(u, u)
+        now = _ratios(found, modes.shapes[:, numbers], D[at])
+        if np.abs(now - goal).max() < _CLOSE:
+            break
+        aim[named] += goal - now
+    return D, now, goal
+
+
+def _ratios(found: SmallMotions, shapes: Array, C: Array) -> Array:
+    """Damping ratios with this damping, of the modes that look most like these."""
+    damped = found.solve(C)
+    M = np.zeros((found.arm.nv,) * 2)
+    M[np.ix_(found.free, found.free)] = found.M
+    alike = np.abs(shapes.T @ M @ damped.shapes) ** 2
+    size = np.einsum("ik,ij,jk->k", damped.shapes.conj(), M, damped.shapes).real
+    return np.asarray(damped.damping[(alike / size).argmax(axis=1)])
+
+
+def _power(shape: Array, D: Array) -> float:
+    return float(shape @ D @ shape)
+
+
+def rayleigh_damping(arm: Chain, mass: float, stiffness: float) -> list[Link]:
+    """See Arm.rayleigh_damping."""
+    mass, stiffness = number("mass", mass), number("stiffness", stiffness)
+    for name, value in (("mass", mass), ("stiffness", stiffness)):
+        if not (0 <= value < np.inf):
+            raise ValueError(f"{name} = {value}: must not be negative")
+    M = arm._core.mass_matrix(arm.zero)
+    D = np.zeros((arm.nv, arm.nv))
+    for k, at in elastic(arm):
+        beam = arm.links[k].beam
+        assert beam is not None
+        D[at, at] = mass * M[at, at] + stiffness * np.asarray(beam._core.stiffness)
+    return with_damping(arm, D)
+
+
+@dataclass(frozen=True)
+class Decay:
+    """Vibrations that die away, as a sum of exponentials.
+
+    Attributes:
+        frequencies: undamped, |s| (rad/s), ascending, (n,).
+        damping: ratios -Re(s)/|s|, (n,); what `Arm.modal_damping` takes.
+        amplitudes: at the first sample, (n,) or (n, k) where there are k signals.
+        residual: root mean square of what is left, over that of the signals (without their means).
+    """
+
+    frequencies: Array
+    damping: Array
+    amplitudes: Array
+    residual: float
+
+
+def fit_decay(t: ArrayLike, y: ArrayLike, modes: int = 1) -> Decay:
+    """Frequencies and damping ratios of a free decay: of a measured deflection, strain or acceleration, or several.
+
+    The matrix pencil method (Hua & Sarkar 1990) on samples at equal steps, then nonlinear least squares. Constant
+    offsets are fitted, too.
+
+    Args:
+        t: times (s), at equal steps, (nt,).
+        y: (nt,), or (nt, k) of k signals that ring in the same modes.
+        modes: how many vibrations to look for.
+
+    Raises:
+        ValueError: bad shapes or values, times at unequal steps, or fewer vibrations than were asked for.
+    """
+    from scipy.optimize import least_squares  # slow to import
+
+    t, n = array("t", t), whole("modes", modes)
+    y = array("y", y)
+    rows = y[:, None] if y.ndim == 1 else y
+    if n < 1:
+        raise ValueError(f"modes = {modes}: must be at least 1")
+    if t.ndim != 1 or rows.ndim != 2 or len(rows) != len(t):
+        raise ValueError(f"t, y have shapes {t.shape}, {y.shape}: must be (nt,) and (nt,) or (nt, k)")
+    if len(t) < 8 * n:
+        raise ValueError(f"t: {len(t)} samples are too few for {n} modes; give {8 * n} at least")
+    step = (t[-1] - t[0]) / (len(t) - 1)
+    if not (step > 0 and np.abs(np.diff(t) - step).max() < 1e-3 * step):
+        raise ValueError("t: must increase by equal steps")
+    centred = rows - rows.mean(axis=0)
+    size = float(np.sqrt((centred**2).mean()))
+    if size == 0:
+        raise ValueError("y: is constant")
+    s = _pencil(centred, n, step)
+    if len(s) < n:
+        raise ValueError(f"modes = {modes}: only {len(s)} vibrations are found in y")
+    time = t - t[0]
+
+    def basis(x: Array) -> Array:
+        w, z = np.abs(x[:n]), x[n:]
+        decay = np.exp(-np.outer(time, z * w))
+        turn = np.outer(time, w * np.sqrt(np.maximum(1e-12, 1 - z**2)))
+        return np.hstack([decay * np.cos(turn), decay * np.sin(turn), np.ones((len(t), 1))])
+
+    def left(x: Array) -> Array:  # variable projection: amplitudes are linear
+        A = basis(x)
+        return ((rows - A @ np.linalg.lstsq(A, rows, rcond=None)[0]) / size).ravel()
+
+    start = np.concatenate([np.abs(s), -s.real / np.abs(s)])
+    scale = np.concatenate([np.abs(s), np.full(n, 0.01)])
+    found = least_squares(left, start, x_scale=scale, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    order = np.argsort(np.abs(found.x[:n]))
+    parts = np.linalg.lstsq(basis(found.x), rows, rcond=None)[0]
+    amplitudes = np.hypot(parts[:n], parts[n : 2 * n])[order]
+    residual = float(np.sqrt((found.fun**2).mean()))
+    single = amplitudes[:, 0] if y.ndim == 1 else amplitudes
+    return Decay(np.abs(found.x[:n])[order], found.x[n:][order], single, residual)
+
+
+def _pencil(y: Array, n: int, step: float) -> Array:
+    """Of the strongest vibrations, s (1/s) with a positive imaginary part, at most n."""
+    every = max(1, len(y) // 1200)  # a pencil of some hundred rows tells
+    y, step = y[::every], step * every
+    L = len(y) // 3
+    H = np.vstack([np.lib.stride_tricks.sliding_window_view(column, L + 1) for column in y.T])
+    rank = min(2 * n + 1, L)  # with what the mean leaves
+    rows = np.linalg.svd(H, full_matrices=False)[2][:rank].conj()
+    z = np.linalg.eigvals(np.linalg.pinv(rows[:, :-1].T) @ rows[:, 1:].T)
+    s = np.log(z[np.abs(z) > 0].astype(complex)) / step
+    s = s[s.imag > 0]
+    if len(s) > n:
+        E = np.exp(np.outer(np.arange(len(y)) * step, s))
+        size = np.abs(np.linalg.lstsq(np.hstack([E, E.conj()]), y.astype(complex), rcond=None)[0][: len(s)]).max(axis=1)
+        s = s[np.argsort(size)[-n:]]
+    return np.asarray(s)
+
+
+__all__: Sequence[str] = ("Decay", "fit_decay", "modal_damping", "rayleigh_damping")
