@@ -194,6 +194,7 @@ void ArmBuilder::add_beam(const Link& link, std::size_t n) {
   set(node().ne, beam.ne());
   set(node().ve, arm.first(n) + link.nj());
   set(node().qe, arm.first_q(n) + link.joint().nq());
+  set(node().stretching, beam.options().modes[extension]);
   set(node().damped, beam.damped());
   beam.order() == 0 ? add_cut(link) : beam.order() <= 2 ? add_quadratic(link) : add_sampled(link);
   offset = link.tip().end;

@@ -61,7 +61,7 @@ int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& sha
     const MatrixXd wrong = gram(GaussRule(n, length)) - truth;
     if ((size.asDiagonal() * wrong * size.asDiagonal()).cwiseAbs().maxCoeff() > 1e-12) continue;
     const bool products_turn = o.order > 2 || (o.order == 1 && o.rotary_inertia);
-    if (o.order == kExact && plane_of(o.modes) == Plane::none) return 2 * n + 2;
+    if (o.order == kExact && plane_of(o.modes, o.order) == Plane::none) return 2 * n + 2;
     return products_turn ? n + n / 2 + 2 : n;
   }
   return most;
@@ -78,13 +78,13 @@ int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shape
     most = std::max(most, o.modes[s]);
   }
   if (o.basis == Basis::legendre) {
-    // degree of a slice's position: deflection n + 1; shortening 2n + 1; alpha and gamma n; at order i products of i
+    // degree of a slice's position: deflection n + 1; shortening 2n + 1; alpha, gamma and u n; at order i products of i
     const int linear = std::max(bending + 1, simple), m = std::max(bending, simple);
     const int quadratic = std::max({linear, 2 * bending + 1, bending + simple + 1});
     const int degree = o.order < 2 ? linear : o.order == 2 ? quadratic : 3 * m + 1;
     // The rotation is no polynomial: in space what these resolve to 1e-10 is a whole turn of all shapes together, or
     // most of a radian of the highest alone.
-    if (o.order == kExact) return plane_of(o.modes) != Plane::none ? 4 * m + 12 : 6 * m + 12;
+    if (o.order == kExact) return plane_of(o.modes, o.order) != Plane::none ? 4 * m + 12 : 6 * m + 12;
     return o.order > 0 && o.rotary_inertia ? std::max(degree, quadratic) + 3 + (bending + simple) / 2 : degree + 1;
   }
   // The integrand holds products of two (order i: 2 i) modes of wave number beta ~ (n - 1/2) pi over the
@@ -210,7 +210,7 @@ Beam::Beam(double length, const Profile& profile, const Material& material, cons
     first_[s] = ne_;
     ne_ += n;
   }
-  plane_ = plane_of(options_.modes);
+  plane_ = plane_of(options_.modes, options_.order);
   unit_ = std::make_shared<const UnitShapes>(unit_shapes(shapes_, first_, options_.order == 2));
   uniform_ = profile.uniform;
   std::vector<MassSlice> slices = build_slices(profile);

@@ -67,7 +67,7 @@ void bind_sections(py::module_& m) {
            py::arg("at"), py::arg("breaks"));
 
   py::class_<BeamOptions>(m, "BeamOptions")
-      .def(py::init([](const std::array<int, kStrains>& modes, const std::string& basis,
+      .def(py::init([](const StrainCounts& modes, const std::string& basis,
                        const std::array<Eigen::MatrixXd, kStrains>& shapes, int order, bool rotary_inertia,
                        double damping_ratio, double kelvin_voigt, int gauss_points, double tip_mass, double tip_offset,
                        const Eigen::Vector3d& tip_inertia) {

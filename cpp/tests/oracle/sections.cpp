@@ -159,21 +159,22 @@ Section Sections::quadratic(const SliceTable& table) const {
   return out;
 }
 
-/// In a plane the turns of sections add, whatever the order: b about one axis. x' = [1, p] turned by b (Eq. 22), to
+/// In a plane the turns of sections add, whatever the order: b about one axis. x' = [1 + e, p] turned by b (Eq. 22), to
 /// third order in all at order 3.
 void Sections::move_planar() {
   for (std::size_t j = 0; j < points_.size(); ++j) {
     const SliceTable& at = points_[j];
     const StrainField& bending = bending_in(at.plane);
     const Jet b = linear(bending.sign * at.linear.row(3 + bending.rotation)),
-              p = linear(at.strains.row(shear_in(at.plane).strain));
+              p = linear(at.strains.row(shear_in(at.plane).strain)),
+              e = linear(at.strains.row(flexarm::StrainRow::eps));
     const bool exact = beam_->order() == flexarm::kExact;
     const Jet bb = 0.5 * (b * b), c = exact ? cos(b) : 1.0 - bb;
     const Jet s = exact ? sin(b) : b * (1.0 - (1.0 / 3.0) * bb), s1 = exact ? s : b;  // s1: to second order
     Jet3& x = x_slope_[j];
     x = Jet3::Zero();
-    x[0] = c - p * s1;
-    x[bending.position] = s + p * c;
+    x[0] = c + e * c - p * s1;
+    x[bending.position] = s + e * s1 + p * c;
   }
 }
 Section Sections::planar(const SliceTable& table) const {
@@ -186,8 +187,8 @@ Section Sections::planar(const SliceTable& table) const {
   return out;
 }
 
-/// R = 1 + R_1 + R_2 + R_3 with R_i = int R_{i-1} K~ (Eq. 25-27), its products with the shear angles to the same order,
-/// and the Magnus series of the rotation vector.
+/// R = 1 + R_1 + R_2 + R_3 with R_i = int R_{i-1} K~ (Eq. 25-27), its products with the shear angles and the stretch to
+/// the same order, and the Magnus series of the rotation vector.
 void Sections::move_order_3() {
   const std::size_t n = points_.size();
   std::vector<Jet3> K(n), phi(n);
@@ -210,7 +211,7 @@ void Sections::move_order_3() {
     for (int i = 0; i <= 3; ++i) {
       for (std::size_t j = 0; j < n; ++j) {
         x_slope_[j][m] += r[j][0];
-        if (i < 3) x_slope_[j][m] += r[j][1] * phi[j][1] + r[j][2] * phi[j][2];
+        if (i < 3) x_slope_[j][m] += r[j][0] * phi[j][0] + r[j][1] * phi[j][1] + r[j][2] * phi[j][2];
       }
       for (std::size_t j = 0; j < n; ++j) r[j] = -cross_matrix(K[j]) * r[j];
       r = integrated(r);

@@ -30,7 +30,7 @@ struct BasisTip {
 };
 
 struct BeamOptions {
-  std::array<int, kStrains> modes{};  ///< shape functions of each strain (shape.hpp)
+  StrainCounts modes{};  ///< shape functions of each strain (shape.hpp)
   Basis basis = Basis::clamped_free;
   /// User-given shapes of a strain, if any, in place of the basis: one column each, coefficients in P_0, P_1, ...
   /// (see ShapeSet); `modes` is then their number.
@@ -115,7 +115,7 @@ class Beam {
   std::vector<ShapeSet> shapes_;  ///< one for each strain
   Plane plane_ = Plane::none;
   int ne_ = 0;
-  std::array<int, kStrains> first_{};
+  StrainCounts first_{};
   double mass_ = 0.0;
   Eigen::MatrixXd stiffness_, damping_, patch_forces_;
   Eigen::VectorXd patch_capacitances_;
