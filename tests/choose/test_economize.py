@@ -109,7 +109,7 @@ def test_order_1_is_never_taken_near_the_first_frequency() -> None:
 
 def spatial_modes(scene: fa.Scene) -> fa.Scene:
     models = Models(scene)
-    return models.at(models.given.but(counts=(2, 2, 1, 1, 1), rotary=True), {})
+    return models.at(models.given.but(counts=(2, 2, 1, 1, 1, 1), rotary=True), {})
 
 
 @pytest.mark.parametrize("name", ["slow", "planar", "stocky", "controlled"])

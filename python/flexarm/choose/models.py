@@ -44,7 +44,7 @@ class BeamModel:
     """How one beam is modelled.
 
     Attributes:
-        counts: shape functions of bending_y, bending_z, torsion, shear_y, shear_z; all zero: rigid.
+        counts: shape functions of each of STRAINS; all zero: rigid.
         order: of the rotation of its sections.
         rotary: whether its slices have rotary inertia.
         gauss: its Gauss points; None: as many as its basis asks for.
