@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "beam_profile.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/quadrature.hpp"
 #include "shape_tables.hpp"
@@ -69,7 +70,16 @@ int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& sha
 
 }  // namespace
 
-int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, double part) {
+/// Points that a beam takes beyond those of a straight one: sections that turn by k at rest add exp(i k X/L) to what is
+/// integrated, which takes e k / 4 points more, and as many as the curvature has degrees.
+int points_at_rest(const Eigen::MatrixXd& curvature, double length) {
+  if (curvature.size() == 0) return 0;
+  const double k = length * curvature.cwiseAbs().colwise().sum().norm();
+  return static_cast<int>(std::ceil(k)) + static_cast<int>(curvature.rows()) - 1;
+}
+
+/// Of a straight beam.
+int enough_when_straight(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, double part) {
   for (const Eigen::MatrixXd& given : o.shapes)
     if (given.size() > 0) return gauss_points_by_trial(o, shapes, length);
   int bending = 0, simple = 0;  // most modes of a strain that is integrated twice, and once
@@ -97,15 +107,9 @@ int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shape
   return n;
 }
 
-struct Beam::Profile {
-  SectionProfile section;
-  Material material;
-  bool uniform;
-
-  double mass(const Section& s) const { return material.density * s.area; }
-  /// Many points, on each stretch where the section is smooth.
-  GaussRule fine(int n, double length) const { return GaussRule(n, length, section.breaks); }
-};
+int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, double part) {
+  return enough_when_straight(o, shapes, length, part) + points_at_rest(o.curvature, length);
+}
 
 namespace {
 
@@ -211,6 +215,7 @@ Beam::Beam(double length, const Profile& profile, const Material& material, cons
     ne_ += n;
   }
   plane_ = plane_of(options_.modes, options_.order);
+  if (options_.curvature.size() > 0) curve(profile);
   unit_ = std::make_shared<const UnitShapes>(unit_shapes(shapes_, first_, options_.order == 2));
   uniform_ = profile.uniform;
   std::vector<MassSlice> slices = build_slices(profile);
@@ -294,7 +299,8 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
   if (options_.damping_ratio > 0.0 && ne_ > 0) {
     MatrixXd M = MatrixXd::Zero(ne_, ne_);
     for (const MassSlice& s : *slices_) {
-      const auto Jx = s.table.linear.topRows<3>(), Jt = s.table.linear.bottomRows<3>();
+      const auto Jx = s.table.at_rest().topRows<3>();
+      const MatrixXd Jt = s.table.rest.R.transpose() * s.table.at_rest().bottomRows<3>();
       M += s.mass * Jx.transpose() * Jx + Jt.transpose() * s.inertia.asDiagonal() * Jt;
     }
     const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> modes(stiffness_, M);
@@ -343,6 +349,7 @@ std::vector<SliceTable> Beam::tables_at(const std::vector<double>& parts, const 
     }
     t.products = at.products;
     for (Product& p : t.products) p.C *= (p.row < 3 ? length_ : 1.0) * shrink[strain_of(p.i)] * shrink[strain_of(p.j)];
+    t.rest = rest_at(t.X);
     if (options_.order > 2) t.weights = integral_weights(rule, length_, t.X);
     out.push_back(std::move(t));
   }

@@ -1,5 +1,5 @@
-"""Order "exact" in space, against SciPy's integration of R' = R K~, x' = R [1 + eps, phi12, phi13] from strains written down
-here; bent by a whole turn and beyond."""
+"""Order "exact" in space, against SciPy's integration of R' = R K~, x' = R [1 + eps, phi12, phi13] from strains written
+down here; bent by a whole turn and beyond."""
 
 import warnings
 
@@ -17,7 +17,8 @@ SHAPES = {
     "eight along y": {"bending_y": 8, "bending_z": 1, "shear_y": 1},
     "every strain": {"bending_y": 2, "bending_z": 2, "torsion": 1, "shear_y": 1, "shear_z": 1, "extension": 2},
 }
-ROWS = {"bending_y": (2, 1), "bending_z": (1, -1), "torsion": (0, 1), "shear_y": (3, 1), "shear_z": (4, 1), "extension": (5, 1)}
+ROWS = {"bending_y": (2, 1), "bending_z": (1, -1), "torsion": (0, 1), "shear_y": (3, 1), "shear_z": (4, 1)}
+ROWS["extension"] = 5, 1
 X = np.array([0.1, 0.37, 0.5, 0.83, 1.0])
 
 

@@ -93,7 +93,8 @@ def state(arm: fa.Arm, elastic: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
     """q, v, a with tip deflections of a third of the length, where the orders differ."""
 
     def scale(name: str) -> float:
-        return elastic if "bending" in name or "torsion" in name else 0.1 if "shear" in name or "extension" in name else 1.0
+        turns, strains = ("bending" in name or "torsion" in name), ("shear" in name or "extension" in name)
+        return elastic if turns else 0.1 if strains else 1.0
 
     rng = np.random.default_rng(len(arm.coordinates))
     q, v, a = (rng.normal(size=n) for n in (arm.nq, arm.nv, arm.nv))

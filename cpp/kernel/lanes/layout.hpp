@@ -47,6 +47,7 @@ struct Node {
   int turning = 0;        ///< coordinates that are curvatures or twists, the first ones; the others shear or stretch
   bool exact = false;     ///< or else of order 3
   bool uniaxial = false;  ///< all sections turn about one axis
+  bool curved = false;    ///< at rest
   bool points_have_mass = false;  ///< or else the other stations alone
   const double* table = nullptr;  ///< of integrals over the points (integral.hpp); the same numbers for all lanes
   // where numbers begin: of the node (joint, body), of the beam's end, its points, and the tip body

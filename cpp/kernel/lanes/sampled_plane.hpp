@@ -85,6 +85,7 @@ void sample(Plane<S>, const Node& node, const double* points, const S* q, const 
   const int sheared = node.ne - node.stretching;
   for (int i = 0; i < rows.points; ++i) {
     P b{}, p{}, e{}, b_dot{}, p_dot{}, e_dot{};
+    if (node.curved) b = rows.at_rest(0, i);
     for (int k = 0; k < node.turning; ++k) {
       const P shape = rows.shape(k, i);
       b += shape * widen(q[k], P{});
@@ -145,6 +146,7 @@ void end_slice(const Node& node, const Rows<Plane<P>>& rows, const S* q, const S
   out.u_bias = get_lane(Sp{}, s.place.bias, end);
   out.u_dot = Sp::zero();
   S turn{}, rate{};
+  if (node.curved) turn = rows.template rest_in_lane<S>(end);
   for (int k = 0; k < node.ne; ++k) {
     out.J_linear[k] = get_lane(Sp{}, s.place.by(k), end);
     out.u_dot += dq[k] * out.J_linear[k];
@@ -202,6 +204,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
   out.u_bias = of(1);
   out.u_dot = Sp::zero();
   S turn{}, rate{};
+  if (node.curved) turn = next<S>(p);
   for (int k = 0; k < node.ne; ++k) {
     out.J_linear[k] = of(2 + k);
     out.u_dot += dq[k] * out.J_linear[k];

@@ -222,6 +222,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
     for (int k = 0; k < ne; ++k) out.J_angular[k] = turned.jacobian(out.J_angular[k], 1.0);
   } else if (node.uniaxial) {
     S turn{}, sine, cosine;
+    if (node.curved) turn = next<S>(p);
     for (int k = 0; k < node.turning; ++k) turn += next<S>(p) * q[k];
     sine_cosine(turn, sine, cosine);
     out.R = Sp::turn(node.about[0], sine, cosine);

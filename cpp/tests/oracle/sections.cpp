@@ -139,6 +139,12 @@ Section Sections::at(const SliceTable& table) const {
 
 /// Orders 0 to 2: position (Eq. 24) and rotation vector are quadratic in the coordinates.
 Section Sections::quadratic(const SliceTable& table) const {
+  if (q_.size() == 0) {
+    Section still(0);
+    still.x = table.rest.x;
+    still.R = table.rest.R;
+    return still;
+  }
   Jet row[6];
   for (int r = 0; r < 6; ++r) row[r] = linear(table.linear.row(r));
   row[0] += table.X;
@@ -165,7 +171,7 @@ void Sections::move_planar() {
   for (std::size_t j = 0; j < points_.size(); ++j) {
     const SliceTable& at = points_[j];
     const StrainField& bending = bending_in(at.plane);
-    const Jet b = linear(bending.sign * at.linear.row(3 + bending.rotation)),
+    const Jet b = bending.sign * (linear(at.linear.row(3 + bending.rotation)) + Jet(at.rest.theta[bending.rotation])),
               p = linear(at.strains.row(shear_in(at.plane).strain)),
               e = linear(at.strains.row(flexarm::StrainRow::eps));
     const bool exact = beam_->order() == flexarm::kExact;
@@ -182,7 +188,7 @@ Section Sections::planar(const SliceTable& table) const {
   place(integral(table.weights, x_slope_), out);
   const StrainField& bending = bending_in(table.plane);
   Jet3 t = Jet3::Zero();
-  t[bending.rotation] = linear(table.linear.row(3 + bending.rotation));
+  t[bending.rotation] = linear(table.linear.row(3 + bending.rotation)) + Jet(table.rest.theta[bending.rotation]);
   turn(t, out);
   return out;
 }
@@ -240,7 +246,7 @@ void Sections::move_exact() {
   for (std::size_t j = 0; j < n; ++j) {
     for (const StrainField& f : kStrainFields)
       (f.is_curvature() ? dK[j].row(f.rotation) : dphi[j].row(f.position)) = points_[j].strains.row(f.strain);
-    K[j] = dK[j] * q_;
+    K[j] = points_[j].rest.K + dK[j] * q_;
     K_dot[j] = dK[j] * dq_;
     phi[j] = Vector3d::UnitX() + dphi[j] * q_;
     phi_dot[j] = dphi[j] * dq_;

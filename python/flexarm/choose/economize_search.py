@@ -268,7 +268,7 @@ class EconomizeSearch:
         if check.values is None and without_fast != rich and lost <= _SMALL * self.tol:
             check = self.trials.run(without_fast, options, whole="step" in options, most=self.patience())
             check = check if check.values is not None else self.hard(without_fast, reference)
-            found.notes.append(f"the check could not be run with shear and extension, which are estimated at {lost:.1g}")
+            found.notes.append(f"the check could not be run with shear and extension, estimated at {lost:.1g}")
         return check
 
     def worth_a_check(self, rich: Model, found: Findings) -> Model:

@@ -12,13 +12,14 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.polynomial import legendre
 
 import flexarm._core as _core
 
 from .._check import array, choice, known_keys, number, whole
 from .part import Part
 from .patch import Patch, core_patches
-from .shapes import coefficients, columns
+from .shapes import coefficients, columns, curvature
 
 STRAINS = _core.STRAINS  #: "bending_y" and so on, in the order of a beam's coordinates (Eq. 33)
 STRAIN_NAMES = _core.STRAIN_NAMES  #: "K1" and so on, of a section, as Arm.strain orders them
@@ -230,8 +231,8 @@ class Beam(Part):
         basis: "clamped-free" (Euler-Bernoulli clamped-free modes; sines for torsion, shear and extension; each 1 at
             X = L, so that a coordinate is its share of the tip's displacement in m, or of its twist in rad), "legendre"
             (Legendre polynomials as strains, so that a coordinate is a curvature or twist in 1/m, a shear angle in rad
-            or a stretch; well conditioned at any count), or "loaded" (modes of this beam, tapered or not, clamped, with `basis_tip` on its
-            end; each 1 at its largest deflection).
+            or a stretch; well conditioned at any count), or "loaded" (modes of this beam, tapered or not,
+            clamped, with `basis_tip` on its end; each 1 at its largest deflection).
         order: of the rotation of the sections (Eq. 26). 0 is the paper's simplified model, which neither stiffens nor
             softens with speed; 1 softens; 2 has the right centrifugal stiffening; 3 and
             "exact" (no truncation) are for large bending and cost more.
@@ -244,6 +245,13 @@ class Beam(Part):
         basis_tip: what the modes of the loaded basis carry on the beam's end: its mass, its com along x and its
             principal inertia are used. It shapes the basis and no more; the load itself is the link's `tip`.
         patches: piezoelectric patches; see Patch. The loaded basis does not feel them.
+        curvature: at rest, with no stress (1/m): twist K1 and curvatures K2, K3, about the section's x, y and z as the
+            strains are (K3 > 0 bends towards +y, K2 > 0 towards -z). Three numbers; a smooth callable of x (m); samples
+            {"x": ..., "K": ...} or (x, K), K (n, 3), through which a spline goes; or Legendre coefficients {"legendre":
+            three lists}. None: straight. The elastic coordinates are the strains beyond it (so q = 0 is the shape at
+            rest), in the axes of the sections, which turn with it. It needs order "exact": the other orders are series
+            about a straight beam. The basis' modes and a damping ratio's beam: those of the straight beam, and of this
+            one.
 
     Raises:
         ValueError: naming the field and the value.
@@ -262,6 +270,7 @@ class Beam(Part):
     gauss_points: int | None = None
     basis_tip: RigidBody | None = None
     patches: Sequence[Patch] = ()
+    curvature: Any = None
     #: number of shape functions of each strain that has any
     counts: Mapping[str, int] = field(init=False, repr=False, compare=False)
     _core: _core.Beam = field(init=False, repr=False, compare=False)
@@ -299,6 +308,7 @@ class Beam(Part):
             self.kelvin_voigt,
             self.gauss_points or 0,
             *tip,
+            self._read_curvature(),
         )
         if not isinstance(self.patches, (list, tuple)) or not all(isinstance(p, Patch) for p in self.patches):
             raise ValueError(f"patches = {self.patches!r}: must be a list of Patch")
@@ -325,6 +335,27 @@ class Beam(Part):
         self._set("modes", MappingProxyType({s: m for s, m in modes.items() if m}))
         self._set("counts", MappingProxyType({s: n for s, n in zip(STRAINS, counts, strict=True) if n}))
         return counts, own
+
+    def _read_curvature(self) -> Any:
+        if self.curvature is None:
+            return np.zeros((0, 0))
+        if not self.length > 0:
+            raise ValueError(f"length = {self.length}: must be positive and finite")
+        c = curvature("curvature", self.curvature, self.length)
+        kept: Any = None
+        if len(c) == 1:
+            kept = tuple(c[0].tolist())
+        elif len(c):
+            kept = MappingProxyType({"legendre": tuple(tuple(column) for column in c.T.tolist())})
+        self._set("curvature", kept)
+        return c if len(c) else np.zeros((0, 0))
+
+    def _curvature_at(self, x: float) -> Any:
+        """K1, K2, K3 at rest at x metres (1/m), (3,)."""
+        if not isinstance(self.curvature, Mapping):
+            return np.zeros(3) if self.curvature is None else np.array(self.curvature)
+        rows = np.array(self.curvature["legendre"])
+        return legendre.legval(2 * x / self.length - 1, rows.T)
 
     def _read_tip(self) -> tuple[float, float, Any]:
         if self.basis_tip is None:
