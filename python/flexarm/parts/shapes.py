@@ -114,6 +114,7 @@ def curvature(field: str, value: Any, length: float) -> Array:
         out = columns([tuple(row.tolist()) for row in given])
     elif callable(value) or isinstance(value, Mapping) or (isinstance(value, (list, tuple)) and len(value) == 2):
         out = columns(_curvature_along(field, value, length))
+        out[np.abs(out) < 1e-14 * np.abs(out).max(initial=0.0)] = 0.0  # rounding of the fit
     else:
         out = array(field, value)
         if out.shape != (3,):
