@@ -75,7 +75,7 @@ int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& sha
 int points_at_rest(const Eigen::MatrixXd& curvature, double length) {
   if (curvature.size() == 0) return 0;
   const double k = length * curvature.cwiseAbs().colwise().sum().norm();
-  return static_cast<int>(std::ceil(k)) + static_cast<int>(curvature.rows()) - 1;
+  return static_cast<int>(std::ceil(0.7 * k)) + static_cast<int>(curvature.rows()) - 1;
 }
 
 /// Of a straight beam.
