@@ -53,7 +53,7 @@ def random_arm(rng: np.random.Generator, links: int, orders=(0, 1, 2, 3, "exact"
         section = (
             fa.Rectangle(*rng.uniform(0.004, 0.02, 2)) if rng.random() < 0.5 else fa.Circle(rng.uniform(0.003, 0.01))
         )
-        modes = {s: int(rng.integers(0, 3)) for s in ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")}
+        modes = {s: int(rng.integers(0, 3)) for s in fa._core.STRAINS}
         return fa.Beam(
             rng.uniform(0.3, 1.0),
             section,
@@ -102,7 +102,7 @@ def random_state(rng: np.random.Generator, arm: fa.Arm) -> tuple[np.ndarray, np.
     kinetic energy, cut at first order, is not positive further out."""
     small = any(link.beam and link.beam.order == 0 for link in arm.links)
     elastic = 0.003 if small else 0.05
-    strains = ("bending", "torsion", "shear")
+    strains = fa._core.STRAINS
     q = np.array([elastic if any(s in c for s in strains) else 1.0 for c in arm.q_names]) * rng.normal(size=arm.nq)
     v = np.array([elastic if any(s in c for s in strains) else 1.0 for c in arm.coordinates]) * rng.normal(size=arm.nv)
     return q, v, rng.normal(size=arm.nv)

@@ -141,7 +141,7 @@ def point_inertia(moments) -> np.ndarray:
 class Beam:
     """Sections at Gauss points and, last, at the tip; functions of X are integrated through their polynomial there."""
 
-    strains = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
+    strains = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z", "extension")
 
     def __init__(self, beam: dict, points: int) -> None:
         assert beam["order"] != 0 and not beam.get("damping_ratio")
@@ -152,12 +152,12 @@ class Beam:
         coefficients = np.linalg.inv(legendre.legvander(s, points - 1))
         integrals = legendre.legint(np.eye(points), lbnd=-1, axis=0)  # of P_0, P_1, ..., column by column
         self.integrate = 0.5 * length * legendre.legval(self.s, integrals).T @ coefficients  # (points + 1, points)
-        # strains K1 K2 K3 phi12 phi13 at the points are B q: v2'' = K3, v3'' = -K2
+        # strains K1 K2 K3 phi12 phi13 eps at the points are B q: v2'' = K3, v3'' = -K2
         counts = [beam["modes"].get(name, 0) for name in self.strains]
         self.ne = sum(counts)
-        self.B = np.zeros((points + 1, 5, self.ne))
+        self.B = np.zeros((points + 1, 6, self.ne))
         column = 0
-        for (row, sign), n in zip(((2, 1), (1, -1), (0, 1), (3, 1), (4, 1)), counts, strict=True):
+        for (row, sign), n in zip(((2, 1), (1, -1), (0, 1), (3, 1), (4, 1), (5, 1)), counts, strict=True):
             for k in range(n):
                 self.B[:, row, column] = sign * self.shape(beam["basis"], row in (1, 2), k, length)
                 column += 1
@@ -167,7 +167,7 @@ class Beam:
         kGA = section["shear_correction"] * G * section["area"]
         self.mass = self.w * rho * section["area"]
         self.inertia = self.w[:, None, None] * rho * np.diag([0, Iz, Iy]) * beam.get("rotary_inertia", True)
-        self.rigidity = np.array([G * section["torsion_constant"], E * Iy, E * Iz, kGA, kGA])
+        self.rigidity = np.array([G * section["torsion_constant"], E * Iy, E * Iz, kGA, kGA, E * section["area"]])
         self.retardation = beam.get("kelvin_voigt", 0.0)
 
     def shape(self, basis: str, bending: bool, k: int, length: float) -> np.ndarray:
@@ -199,11 +199,11 @@ class Beam:
     def sections(self, q: Jet) -> tuple[Jet, Jet]:
         """Position (..., 3) and orientation (..., 3, 3) of the sections.
 
-        R' = R K~ is solved by the sum of R_i = int R_(i-1) K~, and x' = R [1, phi12, phi13] is cut at total order
+        R' = R K~ is solved by the sum of R_i = int R_(i-1) K~, and x' = R [1 + eps, phi12, phi13] is cut at total order
         `order`; when exact, at an order where nothing is left. Below, R is the exp of the Magnus series."""
         strain = self.strain(q)
         K = strain[..., :3]
-        phi = strain.linear(lambda x: np.concatenate([0 * x[..., :1], x[..., 3:]], -1))
+        phi = strain[..., [5, 3, 4]]
         W = tilde(K)
         n = 28 if self.order == "exact" else self.order
         R = Jet({0: np.eye(3) * np.ones((1, 1, self.s.size, 1, 1))})

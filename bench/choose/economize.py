@@ -118,7 +118,7 @@ def judged_table(rows: list[dict[str, object]]) -> list[str]:
 def candidates(scene: fa.Scene, plan: fa.Plan, most: dict[str, int]) -> list[Model]:
     """All models with up to so many modes of these strains, link by link, of every order, in the plan's basis."""
     models = Models(scene)
-    strains = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
+    strains = fa._core.STRAINS
     per_beam = list(itertools.product(*(range(most.get(s, 0) + 1) for s in strains)))
     basis = plan._found.lean.model.basis or None
     found = {}

@@ -45,7 +45,7 @@ Work derivatives(std::string name, const std::shared_ptr<Scene>& s) {
 }
 
 std::vector<Work> works() {
-  const std::array<int, 5> planar{3, 0, 0, 0, 0}, spatial{3, 3, 1, 0, 0};
+  const flexarm::StrainCounts planar{3, 0, 0, 0, 0}, spatial{3, 3, 1, 0, 0};
   const auto scene = [](const Arm& arm, const std::vector<Load>& loads = {}) {
     return std::make_shared<Scene>(arm, loads);
   };

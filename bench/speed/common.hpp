@@ -16,7 +16,7 @@
 namespace flexarm {
 
 /// A chain of equal links with hinges along z and y in turn, or along z alone, with gravity in that plane.
-inline Arm chain(int links, std::array<int, 5> modes, int order, bool planar = false) {
+inline Arm chain(int links, flexarm::StrainCounts modes, int order, bool planar = false) {
   BeamOptions o;
   o.modes = modes;
   o.order = order;

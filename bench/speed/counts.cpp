@@ -29,7 +29,7 @@ constexpr int kEvaluations = 4;
 
 struct Rung {
   std::string name, below;
-  std::array<int, kStrains> modes{3, 0, 0, 0, 0};
+  StrainCounts modes{3, 0, 0, 0, 0};
   BeamOptions options{};
   std::vector<Patch> patches{};
   JointForce force{};
@@ -70,7 +70,7 @@ Arm arm_of(const Rung& r) {
 }
 
 std::vector<Rung> ladder() {
-  const std::array<int, kStrains> none{}, spatial{3, 3, 0, 0, 0}, torsion{3, 3, 1, 0, 0};
+  const StrainCounts none{}, spatial{3, 3, 0, 0, 0}, torsion{3, 3, 1, 0, 0};
   std::vector<Rung> all;
   const auto add = [&](std::string name, std::string below, const std::function<void(Rung&)>& change) {
     const auto found = std::find_if(all.begin(), all.end(), [&](const Rung& r) { return r.name == below; });

@@ -38,7 +38,7 @@ void print(const char* scene, const char* clock, std::vector<double> us) {
 }
 
 /// The links of `chain` on hinges with springs and dampers, as motors with a stiff loop of their own have them.
-Arm held(std::array<int, 5> modes) {
+Arm held(flexarm::StrainCounts modes) {
   const JointForce motor{20.0, 0.0, 2.0};
   std::vector<Link> links;
   const Arm from = chain(7, modes, 2);

@@ -46,7 +46,7 @@ struct Column {
   }
 };
 
-void row(const char* kind, int links, const std::array<int, 5>& modes, Column& ab, Column& ci, Column& dense,
+void row(const char* kind, int links, const flexarm::StrainCounts& modes, Column& ab, Column& ci, Column& dense,
          Column& chained, Column& implicit) {
   const Arm arm = chain(links, modes, 2);
   Workspace ws(arm);
@@ -85,7 +85,7 @@ void row(const char* kind, int links, const std::array<int, 5>& modes, Column& a
 }
 
 /// AB on 1000 links as one arm, and as 20 arms of 50 in turn, which is as much memory but no longer chain (us).
-void apart(const char* kind, const std::array<int, 5>& modes) {
+void apart(const char* kind, const flexarm::StrainCounts& modes) {
   std::vector<double> times;
   for (int links : {1000, 50}) {
     std::vector<Arm> arms;
@@ -114,7 +114,7 @@ double allocated() {
 }
 
 /// What it takes to make an arm of 1000 links, and the workspace of AB, inverse dynamics and steps.
-void set_up(const char* kind, const std::array<int, 5>& modes) {
+void set_up(const char* kind, const flexarm::StrainCounts& modes) {
   const Arm links = chain(1000, modes, 2);
   std::optional<Arm> arm;
   std::optional<Workspace> ws;
@@ -131,8 +131,8 @@ void set_up(const char* kind, const std::array<int, 5>& modes) {
 
 int main() {
   std::printf("kind,links,coordinates,ab_us,ci_us,ida_dense_us,ida_chain_us,implicit_us,dense_steps,chain_steps\n");
-  for (const auto& [kind, modes] : {std::pair<const char*, std::array<int, 5>>{"rigid", {}},
-                                    std::pair<const char*, std::array<int, 5>>{"flexible", {2, 2, 1, 0, 0}}}) {
+  for (const auto& [kind, modes] : {std::pair<const char*, flexarm::StrainCounts>{"rigid", {}},
+                                    std::pair<const char*, flexarm::StrainCounts>{"flexible", {2, 2, 1, 0, 0}}}) {
     Column ab, ci, dense, chained, implicit;
     for (int links : {1, 2, 3, 5, 7, 10, 20, 50, 100, 200, 300, 500, 1000})
       row(kind, links, modes, ab, ci, dense, chained, implicit);

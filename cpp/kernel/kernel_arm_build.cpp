@@ -43,6 +43,7 @@ Axes find_plane(const Arm& arm) {
         const bool about = aligned(m.axis, sign) == axes.z;
         fits = fits && (m.rotation ? about : std::abs(m.axis[axes.z]) < kAligned);
       }
+      if (link.beam() && link.ne() == 0) fits = fits && turns_about(link.beam()->tip().rest.R, axes.z);
       if (link.ne() > 0)
         fits =
             fits && link.beam()->tip().plane == (axes.z == 2 ? flexarm::Plane::xy : flexarm::Plane::xz) && axes.x == 0;
@@ -176,17 +177,22 @@ void ArmBuilder::add_link(std::size_t n) {
 void ArmBuilder::add_rigid(const Link& link) {
   Mass body;
   Vector3d end = link.hub().end;
+  Matrix3d R = Matrix3d::Identity();
   body.add(link.hub(), Vector3d::Zero());
   if (link.beam()) {
-    for (const MassSlice& s : link.beam()->slices())
-      body.add(s.mass, end + s.table.X * Vector3d::UnitX(), s.inertia.asDiagonal());
-    end += link.beam()->length() * Vector3d::UnitX();
+    for (const MassSlice& s : link.beam()->slices()) {
+      const SliceAtRest& at = s.table.rest;
+      body.add(s.mass, end + at.x, at.R * s.inertia.asDiagonal() * at.R.transpose());
+    }
+    end += link.beam()->tip().rest.x;
+    R = link.beam()->tip().rest.R;
   }
-  body.add(link.tip(), end);
-  end += link.tip().end;
+  body.add(link.tip().mass, end + R * link.tip().com, R * link.tip().inertia * R.transpose());
+  end += R * link.tip().end;
   set(node().body, Node::rigid);
   put(body.moved(turn, offset));
   offset += turn * end;
+  turn = turn * R;
 }
 
 void ArmBuilder::add_beam(const Link& link, std::size_t n) {
@@ -194,6 +200,7 @@ void ArmBuilder::add_beam(const Link& link, std::size_t n) {
   set(node().ne, beam.ne());
   set(node().ve, arm.first(n) + link.nj());
   set(node().qe, arm.first_q(n) + link.joint().nq());
+  set(node().stretching, beam.options().modes[extension]);
   set(node().damped, beam.damped());
   beam.order() == 0 ? add_cut(link) : beam.order() <= 2 ? add_quadratic(link) : add_sampled(link);
   offset = link.tip().end;

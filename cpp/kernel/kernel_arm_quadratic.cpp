@@ -30,16 +30,15 @@ struct Stations {
   }
 };
 
-/// Coordinates that displace slices, along y or z, and the axis about which each turns them. @return whether there is
-/// but one
+/// Coordinates that displace slices, along x, y or z, and the axis about which each turns them. @return whether there
+/// is but one
 bool find_directions(const Beam& beam, std::vector<int>& which, std::vector<int>& direction, std::vector<int>& about) {
   std::vector<const SliceTable*> tables{&beam.tip()};
   for (const MassSlice& s : beam.slices()) tables.push_back(&s.table);
   for (int k = 0; k < beam.ne(); ++k) {
     int row = -1;
     for (const SliceTable* t : tables) {
-      if (t->linear(0, k) != 0.0) return false;
-      for (int r = 1; r < 3; ++r)
+      for (int r = 0; r < 3; ++r)
         if (t->linear(r, k) != 0.0) {
           if (row >= 0 && row != r) return false;
           row = r;

@@ -18,7 +18,11 @@ using Eigen::VectorXd;
 bool at_point(const MassSlice& s) { return s.table.point >= 0; }
 int dimensions(bool planar) { return planar ? 2 : 3; }
 /// Numbers of a slice besides its place and weights.
-int turns(const Node& node, bool planar) { return planar ? node.ne : node.uniaxial ? node.turning : 0; }
+int turns(const Node& node, bool planar) {
+  return planar ? node.curved + node.ne : node.uniaxial ? node.curved + node.turning : 0;
+}
+/// Rows of the curvature at rest.
+int rest_rows(const Node& node, bool planar) { return node.curved ? (planar ? 1 : 6) : 0; }
 
 /// The strain that a coordinate is one of.
 const StrainField& strain_of(const Beam& beam, int coordinate) {
@@ -48,8 +52,10 @@ void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int
     if (f.is_curvature()) ++node.turning;  // these come first (Eq. 33)
     about.push_back(f.is_curvature() ? f.rotation : f.position);
   }
+  node.curved = beam.curved();
   node.uniaxial = node.exact && std::all_of(about.begin(), about.begin() + node.turning,
                                             [&](int axis) { return axis == about.front(); });
+  if (node.curved) node.uniaxial = node.uniaxial && node.turning > 0 && beam.curved_about(about.front());
   node.half = (beam.points() + 1) / 2;
   node.passes = node.half + 1;  // with X = 0, or the end
   for (const MassSlice& s : beam.slices()) {
@@ -95,6 +101,14 @@ std::vector<double> SampledTables::points() const {
     rows([&](const SliceTable& t, int k) {
       return k < node_.turning ? t.linear(3 + about_[static_cast<std::size_t>(k)], k) : 0.0;
     });
+  for (int row = 0; row < rest_rows(node_, axes_.planar); ++row) {
+    VectorXd values(n);
+    for (Index j = 0; j < n; ++j) {
+      const SliceAtRest& rest = tables[static_cast<std::size_t>(j)].rest;
+      values[j] = axes_.planar ? axes_.sign * rest.theta[axes_.z] : row < 3 ? L * rest.K[row] : rest.theta[row - 3];
+    }
+    append(out, of_points(values, false));
+  }
   // masses and moments of inertia: those of the points, then others
   const auto of_stations = [&](const auto& value) {
     VectorXd at = VectorXd::Zero(n);  // nothing at the ends
@@ -126,8 +140,11 @@ std::vector<double> SampledTables::slice(const SliceTable& at) const {
   VectorXd weights = VectorXd::Zero(at.weights.size() + 2);
   weights.segment(1, at.weights.size()) = at.weights.transpose() / beam_.length();
   append(out, of_points(weights, true));
-  for (int k = 0; k < turns(node_, axes_.planar); ++k)
-    out.push_back(axes_.planar ? axes_.sign * at.linear(3 + axes_.z, k) : at.linear(3 + about_.front(), k));
+  const bool planar = axes_.planar;
+  if (node_.curved && (planar || node_.uniaxial))
+    out.push_back(planar ? axes_.sign * at.rest.theta[axes_.z] : at.rest.theta[about_.front()]);
+  for (int k = 0; k < turns(node_, planar) - node_.curved; ++k)
+    out.push_back(planar ? axes_.sign * at.linear(3 + axes_.z, k) : at.linear(3 + about_.front(), k));
   return out;
 }
 
@@ -203,7 +220,7 @@ void group_points(const Node& from, const Node& to, bool planar, int width, cons
   const auto points = [&] {
     for (int k = 0; k < 2; ++k) fill_up(from.passes, to.passes * width, p, out);
   };
-  for (int k = 0; k < (planar ? 1 : 2) * from.ne; ++k) points();
+  for (int k = 0; k < (planar ? 1 : 2) * from.ne + rest_rows(from, planar); ++k) points();
   for (int k = 0; k < (from.rotary ? 4 : 1); ++k) {
     points();
     fill_up(from.further, to.further_passes * width, p, out);
@@ -225,7 +242,7 @@ void ArmBuilder::add_sampled(const Link& link) {
   list.table = integral_table(list.points, 1);
   const Node& n = node();
   note(list.about);
-  note({n.body, n.exact, n.turning, n.further, n.points_have_mass, n.uniaxial, n.rotary, list.points});
+  note({n.body, n.exact, n.turning, n.further, n.points_have_mass, n.curved, n.uniaxial, n.rotary, list.points});
   const SampledTables tables(link, {axes.planar, axes.y, axes.z, axes.sign}, n, list.about);
   Mass body;  // of the hub, and what of the beam does not move in it
   body.add(link.hub(), Vector3d::Zero());

@@ -49,9 +49,10 @@ KernelArm::Spot KernelArm::fixed(int node, Place::On on, const Placement& at) co
 KernelArm::Spot KernelArm::slice(const Arm& arm, std::size_t link, const SliceTable& table) const {
   const Seat& seat = seats_[link];
   const Node& node = nodes_[static_cast<std::size_t>(seat.node)];
-  const Vector3d rest = arm.link(link).hub().end + table.X * Vector3d::UnitX();
+  const Vector3d rest = arm.link(link).hub().end + table.rest.x;
+  const Placement& origin = seat.origin;
   if (node.ne == 0)
-    return fixed(seat.node, Place::frame, {seat.origin.position + seat.origin.rotation * rest, seat.origin.rotation});
+    return fixed(seat.node, Place::frame, {origin.position + origin.rotation * rest, origin.rotation * table.rest.R});
   Spot spot{{Place::slice, seat.node}, {}};
   if (node.body == Node::sampled) {
     const BeamAxes axes{layout_.planar, layout_.along[1], layout_.about, layout_.turning};

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "beam_profile.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/quadrature.hpp"
 #include "shape_tables.hpp"
@@ -61,7 +62,7 @@ int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& sha
     const MatrixXd wrong = gram(GaussRule(n, length)) - truth;
     if ((size.asDiagonal() * wrong * size.asDiagonal()).cwiseAbs().maxCoeff() > 1e-12) continue;
     const bool products_turn = o.order > 2 || (o.order == 1 && o.rotary_inertia);
-    if (o.order == kExact && plane_of(o.modes) == Plane::none) return 2 * n + 2;
+    if (o.order == kExact && plane_of(o.modes, o.order) == Plane::none) return 2 * n + 2;
     return products_turn ? n + n / 2 + 2 : n;
   }
   return most;
@@ -69,7 +70,16 @@ int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& sha
 
 }  // namespace
 
-int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, double part) {
+/// Points that a beam takes beyond those of a straight one: sections that turn by k at rest add exp(i k X/L) to what is
+/// integrated, which takes e k / 4 points more, and as many as the curvature has degrees.
+int points_at_rest(const Eigen::MatrixXd& curvature, double length) {
+  if (curvature.size() == 0) return 0;
+  const double k = length * curvature.cwiseAbs().colwise().sum().norm();
+  return static_cast<int>(std::ceil(0.7 * k)) + static_cast<int>(curvature.rows()) - 1;
+}
+
+/// Of a straight beam.
+int enough_when_straight(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, double part) {
   for (const Eigen::MatrixXd& given : o.shapes)
     if (given.size() > 0) return gauss_points_by_trial(o, shapes, length);
   int bending = 0, simple = 0;  // most modes of a strain that is integrated twice, and once
@@ -78,13 +88,13 @@ int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shape
     most = std::max(most, o.modes[s]);
   }
   if (o.basis == Basis::legendre) {
-    // degree of a slice's position: deflection n + 1; shortening 2n + 1; alpha and gamma n; at order i products of i
+    // degree of a slice's position: deflection n + 1; shortening 2n + 1; alpha, gamma and u n; at order i products of i
     const int linear = std::max(bending + 1, simple), m = std::max(bending, simple);
     const int quadratic = std::max({linear, 2 * bending + 1, bending + simple + 1});
     const int degree = o.order < 2 ? linear : o.order == 2 ? quadratic : 3 * m + 1;
     // The rotation is no polynomial: in space what these resolve to 1e-10 is a whole turn of all shapes together, or
     // most of a radian of the highest alone.
-    if (o.order == kExact) return plane_of(o.modes) != Plane::none ? 4 * m + 12 : 6 * m + 12;
+    if (o.order == kExact) return plane_of(o.modes, o.order) != Plane::none ? 4 * m + 12 : 6 * m + 12;
     return o.order > 0 && o.rotary_inertia ? std::max(degree, quadratic) + 3 + (bending + simple) / 2 : degree + 1;
   }
   // The integrand holds products of two (order i: 2 i) modes of wave number beta ~ (n - 1/2) pi over the
@@ -97,15 +107,9 @@ int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shape
   return n;
 }
 
-struct Beam::Profile {
-  SectionProfile section;
-  Material material;
-  bool uniform;
-
-  double mass(const Section& s) const { return material.density * s.area; }
-  /// Many points, on each stretch where the section is smooth.
-  GaussRule fine(int n, double length) const { return GaussRule(n, length, section.breaks); }
-};
+int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, double part) {
+  return enough_when_straight(o, shapes, length, part) + points_at_rest(o.curvature, length);
+}
 
 namespace {
 
@@ -222,7 +226,8 @@ Beam::Beam(double length, const Profile& profile, const Material& material, cons
     first_[s] = ne_;
     ne_ += n;
   }
-  plane_ = plane_of(options_.modes);
+  plane_ = plane_of(options_.modes, options_.order);
+  if (options_.curvature.size() > 0) curve(profile);
   unit_ = std::make_shared<const UnitShapes>(unit_shapes(shapes_, first_, options_.order == 2));
   uniform_ = profile.uniform;
   std::vector<MassSlice> slices = build_slices(profile);
@@ -313,7 +318,8 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
   if (options_.damping_ratio > 0.0 && ne_ > 0) {
     MatrixXd M = MatrixXd::Zero(ne_, ne_);
     for (const MassSlice& s : *slices_) {
-      const auto Jx = s.table.linear.topRows<3>(), Jt = s.table.linear.bottomRows<3>();
+      const auto Jx = s.table.at_rest().topRows<3>();
+      const MatrixXd Jt = s.table.rest.R.transpose() * s.table.at_rest().bottomRows<3>();
       M += s.mass * Jx.transpose() * Jx + Jt.transpose() * s.inertia.asDiagonal() * Jt;
     }
     const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> modes(stiffness_, M);
@@ -362,6 +368,7 @@ std::vector<SliceTable> Beam::tables_at(const std::vector<double>& parts, const 
     }
     t.products = at.products;
     for (Product& p : t.products) p.C *= (p.row < 3 ? length_ : 1.0) * shrink[strain_of(p.i)] * shrink[strain_of(p.j)];
+    t.rest = rest_at(t.X);
     if (options_.order > 2) t.weights = integral_weights(rule, length_, t.X);
     out.push_back(std::move(t));
   }

@@ -1,5 +1,5 @@
-// Whether every coordinate of an arm moves an inertia of its own: tried with the beams straight, where sections move as
-// their tables say at first order.
+// Whether every coordinate of an arm moves an inertia of its own: tried with the beams at rest, where sections move as
+// their tables say.
 #include <Eigen/Cholesky>
 #include <cmath>
 
@@ -59,15 +59,22 @@ Matrix6Xd moved(const Vector3d& x, const Matrix6Xd& J) {
 
 /// The beam's end, or the hub's, and what the elastic rates do to a point at `offset` from it.
 Matrix6Xd moved_end(const Link& link, const Vector3d& offset) {
-  Vector3d x = link.hub().end + offset;
+  Vector3d r = offset, x = link.hub().end;
   Matrix6Xd J = Matrix6Xd::Zero(6, link.ne());
   if (link.beam()) {
-    x[0] += link.beam()->length();
-    J = link.beam()->tip().linear;
-    J.topRows<3>() -= (tilde(offset) * J.bottomRows<3>()).eval();
+    const SliceTable& tip = link.beam()->tip();
+    r = tip.rest.R * offset;
+    x += tip.rest.x;
+    J = tip.at_rest();
+    J.topRows<3>() -= (tilde(r) * J.bottomRows<3>()).eval();
   }
-  return moved(x, J);
+  return moved(x + r, J);
 }
+
+Matrix3d turned_end(const Link& link) {
+  return link.beam() ? link.beam()->tip().rest.R : Matrix3d(Matrix3d::Identity());
+}
+Matrix3d turned(const Matrix3d& R, const Matrix3d& inertia) { return R * inertia * R.transpose(); }
 
 /// M_rfr (Eq. 80).
 MatrixXd mass_matrix(const Link& link) {
@@ -79,8 +86,9 @@ MatrixXd mass_matrix(const Link& link) {
   add(link.hub().mass, link.hub().inertia, moved(link.hub().com, Matrix6Xd::Zero(6, link.ne())));
   if (link.beam())
     for (const MassSlice& s : link.beam()->slices())
-      add(s.mass, s.inertia.asDiagonal(), moved(link.hub().end + s.table.X * Vector3d::UnitX(), s.table.linear));
-  add(link.tip().mass, link.tip().inertia, moved_end(link, link.tip().com));
+      add(s.mass, turned(s.table.rest.R, s.inertia.asDiagonal()),
+          moved(link.hub().end + s.table.rest.x, s.table.at_rest()));
+  add(link.tip().mass, turned(turned_end(link), link.tip().inertia), moved_end(link, link.tip().com));
   return M;
 }
 
@@ -102,8 +110,9 @@ void Arm::check_inertia() const {
     if (n + 1 < size()) {  // through Phi_rfr of the link above (Eq. 68, 73)
       const JointAt above(links_[n + 1].joint(), q.data() + first_q_[n + 1]);
       Matrix6Xd phi = moved_end(link, link.tip().end + above.p);
-      phi.topRows<3>() = (above.R.transpose() * phi.topRows<3>()).eval();
-      phi.bottomRows<3>() = (above.R.transpose() * phi.bottomRows<3>()).eval();
+      const Matrix3d R = (turned_end(link) * above.R).transpose();
+      phi.topRows<3>() = (R * phi.topRows<3>()).eval();
+      phi.bottomRows<3>() = (R * phi.bottomRows<3>()).eval();
       whole += phi.transpose() * composite * phi;
       M += phi.transpose() * articulated * phi;
     }

@@ -36,10 +36,11 @@ PatchSection patch_section(const Piezo& m, const PatchLayer& l) {
   const double across = l.width * (std::pow(outer, 3) - std::pow(l.inner, 3)) / 3.0;  // int r^2 dA
   const double along = area * l.width * l.width / 12.0;                               // int s^2 dA
   const double arm = l.electrode * l.width * (l.inner + 0.5 * l.thickness);           // int r dA / t of the electrode
-  // Strains in the layer: at +-r along the normal, xx = bend K_b + ..., xs = phi_s + turn K1, xn = phi_n
+  // Strains in the layer: at +-r along the normal, xx = eps + bend K_b + ..., xs = phi_s + turn K1, xn = phi_n
   const bool y = l.across == 1;
   const auto K1 = StrainRow::K1, bend = y ? StrainRow::K3 : StrainRow::K2, flap = y ? StrainRow::K2 : StrainRow::K3;
-  const auto in_plane = y ? StrainRow::phi13 : StrainRow::phi12, normal = y ? StrainRow::phi12 : StrainRow::phi13;
+  const auto eps = StrainRow::eps, in_plane = y ? StrainRow::phi13 : StrainRow::phi12,
+             normal = y ? StrainRow::phi12 : StrainRow::phi13;
   const double bend_sign = y ? -1.0 : 1.0, turn_sign = (y ? 1.0 : -1.0) * l.twist;
   PatchSection out;
   for (int side : {1, -1}) {
@@ -49,14 +50,19 @@ PatchSection patch_section(const Piezo& m, const PatchLayer& l) {
     const double angle = second && !l.opposed ? -l.angle : l.angle;
     const double c = std::cos(angle), s = std::sin(angle);
     const double xx = c * c * m.d31 + s * s * m.d32, xs = 2.0 * s * c * (m.d31 - m.d32), xn = c * m.d15;
+    const double lever = side * area * (l.inner + 0.5 * l.thickness);  // int r dA
+    out.rigidity(eps, eps) += E * area;
+    out.rigidity(eps, bend) += E * bend_sign * lever;
+    out.rigidity(bend, eps) += E * bend_sign * lever;
     out.rigidity(bend, bend) += E * across;
     out.rigidity(flap, flap) += E * along;
     out.rigidity(K1, K1) += G * l.twist * l.twist * across;
     out.rigidity(in_plane, in_plane) += G * area;
-    const double coupling = side * G * turn_sign * area * (l.inner + 0.5 * l.thickness);
+    const double coupling = G * turn_sign * lever;
     out.rigidity(K1, in_plane) += coupling;
     out.rigidity(in_plane, K1) += coupling;
     if (m.d15 != 0.0) out.rigidity(normal, normal) += G * area;
+    out.force[eps] += volts * E * xx * l.electrode * l.width;
     out.force[bend] += volts * E * xx * bend_sign * side * arm;
     out.force[K1] += volts * G * xs * turn_sign * side * arm;
     out.force[in_plane] += volts * G * xs * l.electrode * l.width;

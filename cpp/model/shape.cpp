@@ -76,7 +76,7 @@ ShapeValues legendre_shapes(bool bending, int n, double length, double x) {
   return v;
 }
 
-/// Bending: Euler-Bernoulli modes. Torsion and shear: sin((2i - 1) pi X / 2L), scaled to 1 at X = L.
+/// Bending: Euler-Bernoulli modes. Torsion, shear and extension: sin((2i - 1) pi X / 2L), scaled to 1 at X = L.
 ShapeValues clamped_free_shapes(bool bending, int n, double length, double x) {
   ShapeValues v{Eigen::VectorXd(bending ? n : 0), Eigen::VectorXd(n), Eigen::VectorXd(n)};
   for (int i = 0; i < n; ++i) {

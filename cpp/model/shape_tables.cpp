@@ -22,7 +22,7 @@ Eigen::Index most_terms(const std::vector<ShapeSet>& shapes) {
 }
 
 std::vector<UnitSlice> make_slices(const UnitShapes& unit, const std::vector<double>& places) {
-  std::array<int, kStrains> n;
+  StrainCounts n;
   for (int i = 0; i < kStrains; ++i) n[i] = unit.shapes[i].size();
   const auto shapes_at = [&](double x) {
     std::array<ShapeValues, kStrains> s;
@@ -57,7 +57,7 @@ bool combined(const UnitShapes& unit) {
 /// The slices of such shapes from those of the polynomials.
 std::vector<UnitSlice> combine(const UnitShapes& unit, const std::vector<double>& places) {
   std::vector<ShapeSet> polynomials;
-  std::array<int, kStrains> first;
+  StrainCounts first;
   int n = 0;
   for (int i = 0; i < kStrains; ++i) {
     const ShapeSet& s = unit.shapes[i];
@@ -115,10 +115,10 @@ int UnitShapes::power(int strain) const {
   const StrainField& f = kStrainFields[strain];
   const int motion = f.position < 0 ? 0 : 1;  // of modes, whose coordinates are angles or deflections
   if (shapes[static_cast<std::size_t>(strain)].clamped_free()) return motion;
-  return f.is_curvature() ? -1 : 0;  // else they are curvatures, twists per length, or shear angles
+  return f.is_curvature() ? -1 : 0;  // else they are curvatures, twists per length, shear angles or stretches
 }
 
-UnitShapes unit_shapes(const std::vector<ShapeSet>& shapes, const std::array<int, kStrains>& first, bool quadratic) {
+UnitShapes unit_shapes(const std::vector<ShapeSet>& shapes, const StrainCounts& first, bool quadratic) {
   UnitShapes out{{}, first, quadratic, quadratic ? "2" : "1"};
   for (const ShapeSet& s : shapes) {
     out.shapes.push_back(s.at_length(1.0));

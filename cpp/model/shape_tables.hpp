@@ -62,14 +62,14 @@ void append(std::string& key, const double* x, Eigen::Index n);
 
 /// The shapes of a beam of length 1, and names for what they are.
 struct UnitShapes {
-  std::vector<ShapeSet> shapes;     ///< one for each strain
-  std::array<int, kStrains> first;  ///< coordinate of each strain
-  bool quadratic;                   ///< whether slices have products
-  std::string key;                  ///< tells them from others
+  std::vector<ShapeSet> shapes;  ///< one for each strain
+  StrainCounts first;            ///< coordinate of each strain
+  bool quadratic;                ///< whether slices have products
+  std::string key;               ///< tells them from others
   /// A coordinate of this strain at length L is L^power times that at length 1, of the same motion scaled by L.
   int power(int strain) const;
 };
-UnitShapes unit_shapes(const std::vector<ShapeSet>& shapes, const std::array<int, kStrains>& first, bool quadratic);
+UnitShapes unit_shapes(const std::vector<ShapeSet>& shapes, const StrainCounts& first, bool quadratic);
 
 /// A slice of a beam of length 1.
 struct UnitSlice {

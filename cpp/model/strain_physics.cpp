@@ -6,12 +6,13 @@ namespace flexarm {
 
 using Eigen::MatrixXd;
 
-bool is_shear(int strain) { return !is_bending(strain); }
+bool is_shear(int strain) { return !is_bending(strain) && strain != extension; }
 
 double section_form(int strain, const Section& s) {
   if (strain == bending_y) return s.second_moment_z;
   if (strain == bending_z) return s.second_moment_y;
-  return strain == torsion ? s.torsion_constant : s.shear_correction * s.area;
+  if (strain == torsion) return s.torsion_constant;
+  return strain == extension ? s.area : s.shear_correction * s.area;
 }
 
 double rigidity(int strain, const Material& material, const Section& s) {
@@ -28,16 +29,10 @@ double modal_inertia(int strain, const Material& material, const Section& s) {
   return f.position < 0 ? rotary_inertia(material, s)[f.rotation] : material.density * s.area;
 }
 
-PlanarStrains strains_in(Plane plane) {
-  return plane == Plane::xy ? PlanarStrains{bending_y, shear_y} : PlanarStrains{bending_z, shear_z};
-}
-
-Plane plane_of(const StrainCounts& modes) {
-  const int all = std::accumulate(modes.begin(), modes.end(), 0);
-  for (const Plane plane : {Plane::xy, Plane::xz}) {
-    const PlanarStrains in = strains_in(plane);
-    if (all > 0 && modes[in.bending] + modes[in.shear] == all) return plane;
-  }
+Plane plane_of(const StrainCounts& modes, int order) {
+  const int all = std::accumulate(modes.begin(), modes.end(), order <= 2 ? 0 : -modes[extension]);
+  if (all > 0 && modes[bending_y] + modes[shear_y] == all) return Plane::xy;
+  if (all > 0 && modes[bending_z] + modes[shear_z] == all) return Plane::xz;
   return Plane::none;
 }
 
@@ -59,10 +54,13 @@ std::vector<Product> second_order(const ProductIntegrals& I, const StrainCounts&
   add(0, bending_z, shear_z, -I.slope_strain[bending_z][shear_z]);
   // x2 = v2 + gamma2 - int (int alpha v3'' + alpha gamma3'),  x3 = v3 + gamma3 + int (int alpha v2'' + alpha
   // gamma2')
+  // and, of a slope and a stretch, int v2' u1' and int v3' u1'
   add(1, torsion, bending_z, -I.nested[bending_z]);
   add(1, torsion, shear_z, -I.slope_strain[torsion][shear_z]);
   add(2, torsion, bending_y, I.nested[bending_y]);
   add(2, torsion, shear_y, I.slope_strain[torsion][shear_y]);
+  add(1, bending_y, extension, I.slope_strain[bending_y][extension]);
+  add(2, bending_z, extension, I.slope_strain[bending_z][extension]);
   // theta_2 = 1/2 int (v2' v3'' - v3' v2'', v2' alpha' - alpha v2'', v3' alpha' - alpha v3'')
   const auto antisymmetric = [&](int i, int j) -> MatrixXd {
     return 0.5 * (I.slope_strain[i][j] - I.slope_strain[j][i].transpose());

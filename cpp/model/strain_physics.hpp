@@ -13,25 +13,19 @@
 
 namespace flexarm {
 
-using StrainCounts = std::array<int, kStrains>;
-
 /// Whether the shear modulus resists a strain; else Young's.
 bool is_shear(int strain);
-/// I_z, I_y, J, kA, kA of Eq. 62.
+/// I_z, I_y, J, kA, kA of Eq. 62; A.
 double section_form(int strain, const Section& s);
-/// EI_z, EI_y, GJ, kGA, kGA (N m^2, N).
+/// EI_z, EI_y, GJ, kGA, kGA, EA (N m^2, N).
 double rigidity(int strain, const Material& material, const Section& s);
 /// Inertia per length of the section's rotation about x, y and z (kg m).
 Eigen::Vector3d rotary_inertia(const Material& material, const Section& s);
 /// What a clamped mode of one strain vibrates against, per length (Euler-Bernoulli for bending).
 double modal_inertia(int strain, const Material& material, const Section& s);
-/// The strains that move a beam in one plane alone.
-struct PlanarStrains {
-  int bending, shear;
-};
-PlanarStrains strains_in(Plane plane);
-/// The plane of a beam that has no others.
-Plane plane_of(const StrainCounts& modes);
+/// The plane of a beam that bends and shears in no other. At order 2 and below, one that stretches has none: the
+/// product of a slope and a stretch displaces it across, where the kernels of a plane have what is linear alone.
+Plane plane_of(const StrainCounts& modes, int order);
 
 /// Running integrals from 0 to X of the products of shape functions that the second-order terms are made of.
 struct ProductIntegrals {
@@ -60,8 +54,8 @@ void ProductIntegrals::advance(double from, double to, const Shapes& shapes_at) 
     for (int t : {bending_y, bending_z}) nested[t] += w * left * s[torsion].slope * s[t].strain.transpose();
   }
 }
-/// The second-order terms of position (Eq. 24-27 with the shear angles, to total order 2) and of the rotation
-/// vector (theta_2 = 1/2 int theta_1 x K), with theta_1 = (alpha, -v3', v2') and K = (alpha', -v3'', v2'').
+/// The second-order terms of position (Eq. 24-27 with the shear angles and the stretch, to total order 2) and of the
+/// rotation vector (theta_2 = 1/2 int theta_1 x K), with theta_1 = (alpha, -v3', v2') and K = (alpha', -v3'', v2'').
 std::vector<Product> second_order(const ProductIntegrals& I, const StrainCounts& first);
 
 }  // namespace flexarm

@@ -158,9 +158,34 @@ Eigen::MatrixXd read_matrix(const At& at) {
   return out;
 }
 
+/// Twist and curvatures at rest: three numbers, or {legendre = [[...], [...], [...]]}.
+Eigen::MatrixXd read_curvature(const At& at) {
+  const bool along = at.is(Value::Kind::table);
+  if (along && !at.has("legendre"))
+    at.bad(
+        "must be three numbers or {legendre = [...]}; samples are fitted by the Python package alone, whose "
+        "fa.load(scene).arm.to_dict() has the coefficients");
+  if (along) at.known_keys({"legendre"});
+  std::vector<std::vector<double>> rows;
+  if (along)
+    for (const At& row : at["legendre"].list("numbers")) rows.push_back(row.numbers());
+  else
+    for (const double x : at.numbers()) rows.push_back({x});
+  if (rows.size() != 3) at.bad("must have K1, K2 and K3");
+  std::size_t terms = 1;
+  for (const std::vector<double>& row : rows) terms = std::max(terms, row.size());
+  if (terms > kTerms) at.bad("must have at most 60 coefficients");
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(terms), 3);
+  for (std::size_t c = 0; c < 3; ++c)
+    for (std::size_t k = 0; k < rows[c].size(); ++k)
+      out(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(c)) = rows[c][k];
+  return out.isZero(0.0) ? Eigen::MatrixXd() : out;
+}
+
 BeamOptions read_options(const At& table) {
   BeamOptions o;
   read_modes(table["modes"], o);
+  if (table.has("curvature")) o.curvature = read_curvature(table["curvature"]);
   if (table.has("basis")) o.basis = basis_from_name(table["basis"].choice({"clamped-free", "legendre", "loaded"}));
   if (table.has("order")) read_order(table["order"], o);
   o.rotary_inertia = table.truth("rotary_inertia", true);
@@ -214,7 +239,7 @@ SectionSpec SectionAlong::at(double place) const {
 
 Beam read_beam(const At& table) {
   table.known_keys({"length", "section", "material", "modes", "basis", "order", "rotary_inertia", "damping_ratio",
-                    "kelvin_voigt", "damping", "gauss_points", "basis_tip", "patches"});
+                    "kelvin_voigt", "damping", "gauss_points", "basis_tip", "patches", "curvature"});
   table.needs({"length", "section", "material", "modes"});
   const double length = table["length"].number();
   Names kinds = kSections;

@@ -7,7 +7,7 @@ namespace flexarm_test {
 
 inline flexarm::Material steel() { return {7850.0, 209e9, 0.3}; }
 
-inline flexarm::Beam beam(std::array<int, 5> modes, int order, double damping_ratio = 0.0,
+inline flexarm::Beam beam(flexarm::StrainCounts modes, int order, double damping_ratio = 0.0,
                           flexarm::Basis basis = flexarm::Basis::legendre) {
   flexarm::BeamOptions o;
   o.damping_ratio = damping_ratio;

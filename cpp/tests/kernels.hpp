@@ -190,7 +190,7 @@ inline flexarm::JointForce spring() {
 }
 
 /// Links in one plane about `axis`, with everything that a joint may have.
-inline flexarm::Arm flat(const Eigen::Vector3d& axis, std::array<int, 5> modes, int order, double damping = 0.0) {
+inline flexarm::Arm flat(const Eigen::Vector3d& axis, flexarm::StrainCounts modes, int order, double damping = 0.0) {
   flexarm::Placement seat;
   seat.position = {0.03, 0.02, 0.01};
   seat.rotation = Eigen::AngleAxisd(0.4, axis).toRotationMatrix();

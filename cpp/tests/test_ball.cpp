@@ -74,7 +74,7 @@ void check_all(const Arm& arm, bool planar, double bent = 0.1) {
 }
 
 /// Beams of order 0 whose bodies sit off their axes.
-Arm cut_arm(const Vector3d& axis, std::array<int, 5> modes, double damping = 0.0) {
+Arm cut_arm(const Vector3d& axis, flexarm::StrainCounts modes, double damping = 0.0) {
   RigidBody tip = body(0.7, {0.04, 0, 0.03});
   tip.com = {0.2, 0.1 * axis[2], 0.1 * axis[1]};
   std::vector<Link> links;

@@ -142,7 +142,7 @@ void check_reactions(const Arm& arm) {
 }
 
 /// Planar, but for the axes of bodies; one link is rigid with a beam that does not bend.
-Arm flat(const Vector3d& axis, std::array<int, 5> modes, int order) {
+Arm flat(const Vector3d& axis, flexarm::StrainCounts modes, int order) {
   JointForce spring;
   spring.stiffness = 3.0;
   spring.reflected_inertia = 0.05;

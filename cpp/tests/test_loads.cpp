@@ -71,7 +71,7 @@ void check(const Arm& arm, bool planar, const std::vector<bool>& given = {}) {
 }
 
 /// Links in one plane about `axis`; one is rigid with a beam that does not bend.
-Arm flat(const Vector3d& axis, std::array<int, 5> modes, int order) {
+Arm flat(const Vector3d& axis, flexarm::StrainCounts modes, int order) {
   Placement seat;
   seat.position = {0.03, 0.02, 0.01};
   seat.rotation = Eigen::AngleAxisd(0.4, axis).toRotationMatrix();

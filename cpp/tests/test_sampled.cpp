@@ -9,7 +9,7 @@ using namespace flexarm_test;
 namespace {
 
 /// A beam with enough points for turns by tens of radians.
-Beam fine_beam(std::array<int, 5> modes, int order, int points, const std::vector<Patch>& patches = {},
+Beam fine_beam(flexarm::StrainCounts modes, int order, int points, const std::vector<Patch>& patches = {},
                bool tapered = false) {
   BeamOptions o;
   o.modes = modes;

@@ -244,7 +244,7 @@ void bind_sums(py::class_<PyArm, Arm>& arm) {
       "deflection",
       [](const PyArm& self, const Vectors& q, std::size_t link, double x) {
         Answers u(q, {3});
-        const Eigen::Vector3d rest = self.link(link).hub().end + x * Eigen::Vector3d::UnitX();
+        const Eigen::Vector3d rest = self.link(link).hub().end + self.link(link).slice_at(x).rest.x;
         at_slice(self, q, nullptr, link, x, [&](Eigen::Index k, const Workspace& ws, const PlacedSlice& at) {
           u[k] = (slice_in_link(ws, at).p - rest).transpose();
         });

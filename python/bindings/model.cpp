@@ -67,16 +67,17 @@ void bind_sections(py::module_& m) {
            py::arg("at"), py::arg("breaks"));
 
   py::class_<BeamOptions>(m, "BeamOptions")
-      .def(py::init([](const std::array<int, kStrains>& modes, const std::string& basis,
+      .def(py::init([](const StrainCounts& modes, const std::string& basis,
                        const std::array<Eigen::MatrixXd, kStrains>& shapes, int order, bool rotary_inertia,
                        double damping_ratio, const std::array<double, kStrains>& kelvin_voigt,
                        const Eigen::MatrixXd& damping, int gauss_points, double tip_mass, double tip_offset,
-                       const Eigen::Vector3d& tip_inertia) {
+                       const Eigen::Vector3d& tip_inertia, const Eigen::MatrixXd& curvature) {
              BeamOptions o;
              o.modes = modes;
              o.basis = basis_from_name(basis);
              o.shapes = shapes;
              o.tip = {tip_mass, tip_offset, tip_inertia};
+             o.curvature = curvature;
              o.order = order;
              o.rotary_inertia = rotary_inertia;
              o.damping_ratio = damping_ratio;
@@ -87,7 +88,7 @@ void bind_sections(py::module_& m) {
            }),
            py::arg("modes"), py::arg("basis"), py::arg("shapes"), py::arg("order"), py::arg("rotary_inertia"),
            py::arg("damping_ratio"), py::arg("kelvin_voigt"), py::arg("damping"), py::arg("gauss_points"),
-           py::arg("tip_mass"), py::arg("tip_offset"), py::arg("tip_inertia"));
+           py::arg("tip_mass"), py::arg("tip_offset"), py::arg("tip_inertia"), py::arg("curvature"));
 }
 
 /// Piezoelectric patches.

@@ -76,6 +76,7 @@ class BeamOptions:
         tip_mass: float,
         tip_offset: float,
         tip_inertia: ArrayLike,
+        curvature: ArrayLike,
     ) -> None: ...
 
 class Piezo:

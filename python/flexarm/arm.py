@@ -28,10 +28,11 @@ class Arm(Chain):
     """A serial chain of links; the first joint sits at the world's origin, in its axes.
 
     Coordinates q are stacked link by link: the joint's, then the beam's elastic coordinates in the order bending_y,
-    bending_z, torsion, shear_y, shear_z (Eq. 33); `coordinates` names their rates. Ball joints have a quaternion, so
-    that nq is above nv. Dynamics, energies and kinematics take arrays q (..., nq) and v, a, tau (..., nv) and broadcast
-    over the leading axes; modes, equilibrium, derivatives and linear models are of one state. NumPy arrays of doubles
-    are the fastest to pass. Any number of threads may use an arm at once. Bad arguments raise ValueError.
+    bending_z, torsion, shear_y, shear_z, extension (Eq. 33); `coordinates` names their rates. Ball joints have a
+    quaternion, so that nq is above nv. Dynamics, energies and kinematics take arrays q (..., nq) and v, a, tau
+    (..., nv) and broadcast over the leading axes; modes, equilibrium, derivatives and linear models are of one state.
+    NumPy arrays of doubles are the fastest to pass. Any number of threads may use an arm at once. Bad arguments raise
+    ValueError.
 
     Args:
         links: from the base to the tip. Their numbers count from 0; -1 is the last one, which is meant where none is

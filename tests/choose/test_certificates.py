@@ -135,13 +135,13 @@ def test_a_start_in_elastic_coordinates_does_not_tie_the_basis() -> None:
     scene = bent()
     models = Models(scene)
     based = models.rebased(models.given)
-    other, many = models.at(based, {}), models.at(based.but(counts=(9, 0, 0, 0, 0)), {})
+    other, many = models.at(based, {}), models.at(based.but(counts=(9, 0, 0, 0, 0, 0)), {})
     x = np.linspace(0, 0.4, 41)
     given, two, nine = (np.array([s.arm.strain(s.q0, 0, p)[2] for p in x]) for s in (scene, other, many))
     assert other.arm.links[0].beam.basis == "legendre" and np.abs(two - given).max() > 1e-2 * np.abs(given).max()
     assert np.abs(nine - given).max() < 1e-3 * np.abs(given).max()
     plan = fa.economize(scene, 2e-3)
-    truth = replace(many, arm=models.arm(based.but(counts=(9, 0, 0, 1, 0), order="exact", rotary=True)))
+    truth = replace(many, arm=models.arm(based.but(counts=(9, 0, 0, 1, 0, 0), order="exact", rotary=True)))
     truth = replace(truth, q0=np.append(many.q0, 0.0), options={"integrator": "gauss", "step": 5e-4})
     assert plan.certified, plan.reasons
     assert scenes.off(plan.scene.run().frame()[0], truth.run().frame()[0]) <= 2e-3
@@ -163,7 +163,7 @@ def test_a_strut_above_its_buckling_load_is_not_certified_to_stay_straight() -> 
     """1e-3 N across move it far; symmetry says that nothing moves it at all."""
     plan = fa.economize(strut(1.25), 1e-2)
     assert not plan.certified and "unstable" in plan.reasons[-1] and "bending_y" in plan.reasons[-1]
-    assert fa.economize(strut(0.8), 1e-2).certified
+    assert fa.economize(strut(0.8), 2e-2).certified  # its stretch, struck by the load, is 3e-3
     side = replace(strut(1.25, 1e-3), t=times(0.8, 80))  # at order 2 it would run away later on
     with pytest.warns(fa.RangeWarning):
         touched = scenes.run(side, integrator="gauss", step=0.01)

@@ -109,7 +109,7 @@ def test_order_1_is_never_taken_near_the_first_frequency() -> None:
 
 def spatial_modes(scene: fa.Scene) -> fa.Scene:
     models = Models(scene)
-    return models.at(models.given.but(counts=(2, 2, 1, 1, 1), rotary=True), {})
+    return models.at(models.given.but(counts=(2, 2, 1, 1, 1, 1), rotary=True), {})
 
 
 @pytest.mark.parametrize("name", ["slow", "planar", "stocky", "controlled"])
@@ -396,3 +396,12 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert np.isfinite(fa.load(tmp_path / "lean.toml").run().q).all()
     assert main(["economize", "ist", "--tol", "0", "-o", str(tmp_path)]) == 2
     assert "tol = 0" in capsys.readouterr().err
+
+
+def test_a_curved_beam_keeps_its_order() -> None:
+    arc = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), fa.Material(7850, 209e9, 0.3), {"bending_y": 3}, "legendre", "exact",
+                  curvature=(0, 0, 2.0))  # fmt: skip
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(0.1, inertia=(1e-3,) * 3), arc)], (0, -9.81, 0))
+    plan = fa.economize(fa.Scene(arm, t=np.linspace(0, 0.3, 101)), 1e-3)
+    assert plan.certified and plan.arm.links[0].beam.curvature == (0, 0, 2)
+    assert [c.how for c in plan.choices if c.what == "order"] == ["curved at rest"]

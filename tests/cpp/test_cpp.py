@@ -116,6 +116,8 @@ def rich_arms() -> dict[str, fa.Arm]:
         "patches on a wedge": arm(drive, fa.Beam(**ROD | {"section": wedge}, modes=three, patches=patches[:1])),
         "taper": arm(axes, fa.Beam(**ROD | {"section": wedge}, modes=three, order="exact", damping_ratio=0.01)),
         "mixed taper": arm(axes, fa.Beam(**ROD | {"section": mixed}, modes=three, order=3, rotary_inertia=False)),
+        "curved": arm(axes, fa.Beam(**ROD, modes=three | {"extension": 1}, order="exact", curvature=(2.0, 0.0, -3.0))),
+        "coiled": arm(drive, fa.Beam(**ROD, modes=three, order="exact", curvature=lambda x: (9 + x, 9 * x, -40 * x))),
         "own shapes": arm(fa.Spherical(stiffness=1.0), fa.Beam(**ROD, modes=own, kelvin_voigt=1e-4, gauss_points=24)),
         "loaded": arm(
             fa.Planar(),

@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-STRAINS = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z")
+STRAINS = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z", "extension")
 #: FLEXARM_EXAMPLES=1000 draws so many scenes for each property; without it few, and the same ones every time
 EXAMPLES = int(os.environ.get("FLEXARM_EXAMPLES", "0"))
 

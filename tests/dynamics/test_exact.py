@@ -1,5 +1,5 @@
-"""Order "exact" in space, against SciPy's integration of R' = R K~, x' = R [1, phi12, phi13] from strains written down
-here; bent by a whole turn and beyond."""
+"""Order "exact" in space, against SciPy's integration of R' = R K~, x' = R [1 + eps, phi12, phi13] from strains written
+down here; bent by a whole turn and beyond."""
 
 import warnings
 
@@ -15,8 +15,10 @@ SHAPES = {
     "two of each": {"bending_y": 2, "bending_z": 2, "torsion": 2},
     "eight bending shapes, one shear": {"bending_y": 4, "bending_z": 4, "shear_y": 1},
     "eight along y": {"bending_y": 8, "bending_z": 1, "shear_y": 1},
+    "every strain": {"bending_y": 2, "bending_z": 2, "torsion": 1, "shear_y": 1, "shear_z": 1, "extension": 2},
 }
 ROWS = {"bending_y": (2, 1), "bending_z": (1, -1), "torsion": (0, 1), "shear_y": (3, 1), "shear_z": (4, 1)}
+ROWS["extension"] = 5, 1
 X = np.array([0.1, 0.37, 0.5, 0.83, 1.0])
 
 
@@ -27,9 +29,9 @@ def make(modes: dict, order: int | str = "exact", **options) -> fa.Arm:
 
 
 def strains(modes: dict, q: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """K1 K2 K3 phi12 phi13 at places of a beam of 1 m (5, nx)."""
-    out, at = np.zeros((5, np.size(x))), 0
-    for name in ("bending_y", "bending_z", "torsion", "shear_y", "shear_z"):
+    """K1 K2 K3 phi12 phi13 eps at places of a beam of 1 m (6, nx)."""
+    out, at = np.zeros((6, np.size(x))), 0
+    for name in ROWS:
         n = modes.get(name, 0)
         row, sign = ROWS[name]
         if n:
@@ -40,9 +42,9 @@ def strains(modes: dict, q: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def truth(modes: dict, q: np.ndarray, x: np.ndarray = X) -> tuple[np.ndarray, np.ndarray]:
     """Position and orientation of the sections at x."""
-    line = [np.zeros(1) for _ in range(5)]  # strains as polynomials of X
+    line = [np.zeros(1) for _ in ROWS]  # strains as polynomials of X
     at = 0
-    for name in ("bending_y", "bending_z", "torsion", "shear_y", "shear_z"):
+    for name in ROWS:
         n, (row, sign) = modes.get(name, 0), ROWS[name]
         if n:
             line[row] = sign * legendre.Legendre(q[at : at + n], [0, 1]).convert(kind=np.polynomial.Polynomial).coef
@@ -52,7 +54,7 @@ def truth(modes: dict, q: np.ndarray, x: np.ndarray = X) -> tuple[np.ndarray, np
     powers = np.arange(most)
 
     def slope(s: float, y: np.ndarray) -> list[float]:
-        K1, K2, K3, f, g = C @ s**powers
+        K1, K2, K3, f, g, e = C @ s**powers
         w, a, b, c = y[:4]
         n = w * w + a * a + b * b + c * c
         return [
@@ -60,9 +62,9 @@ def truth(modes: dict, q: np.ndarray, x: np.ndarray = X) -> tuple[np.ndarray, np
             0.5 * (w * K1 + b * K3 - c * K2),
             0.5 * (w * K2 + c * K1 - a * K3),
             0.5 * (w * K3 + a * K2 - b * K1),
-            (w * w + a * a - b * b - c * c + 2 * (a * b - w * c) * f + 2 * (a * c + w * b) * g) / n,
-            (2 * (a * b + w * c) + (w * w - a * a + b * b - c * c) * f + 2 * (b * c - w * a) * g) / n,
-            (2 * (a * c - w * b) + 2 * (b * c + w * a) * f + (w * w - a * a - b * b + c * c) * g) / n,
+            ((w * w + a * a - b * b - c * c) * (1 + e) + 2 * (a * b - w * c) * f + 2 * (a * c + w * b) * g) / n,
+            (2 * (a * b + w * c) * (1 + e) + (w * w - a * a + b * b - c * c) * f + 2 * (b * c - w * a) * g) / n,
+            (2 * (a * c - w * b) * (1 + e) + 2 * (b * c + w * a) * f + (w * w - a * a - b * b + c * c) * g) / n,
         ]
 
     y = solve_ivp(slope, (0, 1), [1.0, 0, 0, 0, 0, 0, 0], "DOP853", x, rtol=1e-13, atol=1e-14).y
@@ -73,7 +75,7 @@ def bent(modes: dict, turn: float, seed: int = 0) -> np.ndarray:
     """Coordinates of which the integral of K is `turn` where it is largest."""
     rng = np.random.default_rng(seed)
     q = rng.normal(size=sum(modes.values()))
-    n = sum(k for name, k in modes.items() if "shear" not in name)
+    n = sum(k for name, k in modes.items() if "shear" not in name and name != "extension")
     q[n:] = 0
     x, w = legendre.leggauss(400)
     angle = np.cumsum(0.5 * w * strains(modes, q, 0.5 * (1 + x))[:3], axis=1)

@@ -74,13 +74,27 @@ SCENES = {
         link("planar", {}, beam({"bending_y": 1, "shear_y": 2}, 3, basis="clamped-free"), TIP),
     ],
 } | {f"order {n}": [link("revolute", HUB, beam(SPATIAL, n), TIP, axis="y")] for n in ORDERS}
+SCENES |= {
+    f"stretching, order {n}": [
+        link("revolute", HUB, beam(SPATIAL | {"extension": 2}, n), TIP, axis="y"),
+        link("revolute", {}, beam({"bending_y": 2, "extension": 1}, n, kelvin_voigt=0.01), axis="z"),
+    ]
+    for n in ORDERS
+}
+SCENES |= {
+    f"{b}, stretching in the plane, order {n}": [
+        link("revolute", {}, beam({"bending_y": 2, "shear_y": 1, "extension": 2}, n, basis=b), TIP, axis="z")
+    ]
+    for n, b in ((2, "clamped-free"), (3, "legendre"), (3, "clamped-free"), ("exact", "legendre"))
+}
 
 
 def state(arm: fa.Arm, elastic: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q, v, a with tip deflections of a third of the length, where the orders differ."""
 
     def scale(name: str) -> float:
-        return elastic if "bending" in name or "torsion" in name else 0.1 if "shear" in name else 1.0
+        turns, strains = ("bending" in name or "torsion" in name), ("shear" in name or "extension" in name)
+        return elastic if turns else 0.1 if strains else 1.0
 
     rng = np.random.default_rng(len(arm.coordinates))
     q, v, a = (rng.normal(size=n) for n in (arm.nq, arm.nv, arm.nv))
@@ -91,7 +105,7 @@ def state(arm: fa.Arm, elastic: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
 def both(name: str) -> tuple[Oracle, fa.Arm, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     scene = {"gravity": G, "link": SCENES[name]}
     arm = fa.Arm.from_dict(scene)
-    return Oracle(scene, 20), arm, state(arm, 0.1 if name == "clamped-free" else 1.0)
+    return Oracle(scene, 20), arm, state(arm, 0.1 if name.startswith("clamped-free") else 1.0)
 
 
 def close(found: np.ndarray, expected: np.ndarray, rtol: float) -> None:

@@ -263,12 +263,12 @@ def test_mass_and_rotary_inertia() -> None:
 
 
 def test_rigidities_of_a_section() -> None:
-    """Of both bendings, torsion, and shear in the patch's plane; every order and basis sees the same."""
+    """Of both bendings, torsion, stretch, and shear in the patch's plane; every order and basis sees the same."""
     layer = replace(PAIR, face="+y", width=0.01)._layer(5e-4, 1.0, 1.9)
     r1, r2 = 0.01 * T * 6e-4, 0.01 * (7e-4**3 - 5e-4**3) / 3
-    expected = np.zeros((5, 5))
-    expected[np.diag_indices(5)] = [G * 1.9**2 * r2, E * T * 0.01**3 / 12, E * r2, 0, G * 0.01 * T]
+    expected = np.diag([G * 1.9**2 * r2, E * T * 0.01**3 / 12, E * r2, 0, G * 0.01 * T, E * 0.01 * T])
     expected[0, 4] = expected[4, 0] = G * 1.9 * r1
+    expected[2, 5] = expected[5, 2] = -E * r1
     np.testing.assert_allclose(layer.rigidity, expected, rtol=1e-12)
 
 

@@ -297,7 +297,7 @@ def test_bad_tapers(arguments: tuple, message: str) -> None:
         fa.Taper(*arguments)
 
 
-ALL = {"bending_y": 2, "bending_z": 2, "torsion": 2, "shear_y": 1, "shear_z": 1}
+ALL = {"bending_y": 2, "bending_z": 2, "torsion": 2, "shear_y": 1, "shear_z": 1, "extension": 2}
 
 
 @pytest.mark.parametrize("length", [0.3, 1.7])
@@ -307,9 +307,9 @@ def test_second_order_is_the_start_of_the_exact_rotation_at_any_length(basis, le
     rng, errors = np.random.default_rng(3), []
     beams = [fa.Beam(length, fa.Rectangle(0.02, 0.03), STEEL, ALL, basis=basis, order=k) for k in (2, "exact")]
     arms = [fa.Arm([fa.Link(fa.Revolute("z"), beam=beam)]) for beam in beams]
-    q = np.append(0.0, rng.normal(size=8))
+    q = np.append(0.0, rng.normal(size=10))
     strains = arms[0].strain(q, 0, 0.4 * length)
-    q /= np.abs(strains * [length, length, length, 1, 1]).max()
+    q /= np.abs(strains * [length, length, length, 1, 1, 1]).max()
     for size in (0.02, 0.01):
         (p, R), (p_exact, R_exact) = (arm.frame(size * q, 0, 0.8 * length) for arm in arms)
         errors.append([np.abs(p - p_exact).max() / length, np.abs(R - R_exact).max()])

@@ -8,7 +8,7 @@
 namespace flexarm {
 namespace lanes {
 
-constexpr int kMostElastic = 200;  ///< elastic coordinates of a beam: kMostModes of each strain
+constexpr int kMostElastic = 240;  ///< elastic coordinates of a beam: kMostModes of each strain
 
 /// One block q_i^T C q_j (or q_i^T C q_i / 2, C symmetric) of a row of a slice's motion; see slice.hpp.
 struct Block {
@@ -32,20 +32,22 @@ struct Node {
   bool passive = false, stops = false;
   // elastic
   int ne = 0, qe = 0, ve = 0;
+  int stretching = 0;  ///< coordinates that stretch the beam's axis, the last ones
   bool damped = false;
-  int directed = 0;                     ///< coordinates that displace slices across the beam at first order,
+  int directed = 0;                     ///< coordinates that displace slices at first order,
   const int* which = nullptr;           ///< their numbers,
   const int* about = nullptr;           ///< the axis about which each coordinate turns slices at first order
-  const int* direction = nullptr;       ///< and 1 or 2 for along y or z
+  const int* direction = nullptr;       ///< and 0, 1 or 2 for along x, y or z
   int blocks = 0, position_blocks = 0;  ///< of rotation and position; those of position come first
   const Block* block = nullptr;
   int passes = 0, rotary = 0;                         ///< (groups of) points: of position, of rotation
   std::size_t point_numbers = 0, rotary_numbers = 0;  ///< of one of them
   // sampled: of points that lie symmetrically about the middle, the first half, in so many passes; then other stations
   int half = 0, further = 0, further_passes = 0;
-  int turning = 0;                ///< coordinates that are curvatures or twists; the others shear
-  bool exact = false;             ///< or else of order 3
-  bool uniaxial = false;          ///< all sections turn about one axis
+  int turning = 0;        ///< coordinates that are curvatures or twists, the first ones; the others shear or stretch
+  bool exact = false;     ///< or else of order 3
+  bool uniaxial = false;  ///< all sections turn about one axis
+  bool curved = false;    ///< at rest
   bool points_have_mass = false;  ///< or else the other stations alone
   const double* table = nullptr;  ///< of integrals over the points (integral.hpp); the same numbers for all lanes
   // where numbers begin: of the node (joint, body), of the beam's end, its points, and the tip body

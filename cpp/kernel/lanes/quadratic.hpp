@@ -356,53 +356,72 @@ void sum_columns(const Node& node, Parts<Space<P>> parts, const P* scratch, Sums
 /// The body without the turning of its sections.
 template <class Sp>
 struct Whole {
-  typename Sp::Lin c, c_rate;  ///< first moment and its rate
-  typename Sp::Sym xx;         ///< the integral of x x^T
-  typename Sp::Lin Py, Pz;     ///< integrals of x times what is linear in dy/dt, dz/dt
+  typename Sp::Lin c, c_rate;   ///< first moment and its rate
+  typename Sp::Sym xx;          ///< the integral of x x^T
+  typename Sp::Lin Px, Py, Pz;  ///< integrals of x times what is linear in dx/dt, dy/dt, dz/dt
 };
 
-/// Adds what points leave over of the functions linear in q: those that displace slices along y and z.
+/// Adds what points leave over of the functions linear in q: those that displace slices along x, y and z.
 template <class S>
 void add_linear(const Node& node, const double*& p, const S* q, const S* dq, const typename Space<S>::Ang& w,
                 Whole<Space<S>>& whole, Elastic<Space<S>>& out) {
   using Sp = Space<S>;
+  const bool stretches = node.stretching > 0;
   for (int d = 0; d < node.directed; ++d) {
     const int k = node.which[d];
     const S cl = next<S>(p);
     const typename Sp::Lin rest = Sp::read(p);
-    S my{}, mz{}, my_dot{}, mz_dot{};  // l_k is paired with y and z here
+    S mx{}, my{}, mz{}, mx_dot{}, my_dot{}, mz_dot{};  // l_k is paired with x, y and z here
     for (int g = 0; g < node.directed; ++g) {
       const S L = next<S>(p), Lq = L * q[node.which[g]], Ld = L * dq[node.which[g]];
       if (node.direction[g] == 1) {
         my += Lq;
         my_dot += Ld;
-      } else {
+      } else if (!stretches || node.direction[g] == 2) {
         mz += Lq;
         mz_dot += Ld;
+      } else {
+        mx += Lq;
+        mx_dot += Ld;
       }
     }
-    const typename Sp::Lin mk{rest.x, rest.y + my, rest.z + mz};
-    if (node.direction[d] == 1) {
+    typename Sp::Lin mk{rest.x, rest.y + my, rest.z + mz};
+    if (stretches) mk.x += mx;
+    if (node.direction[d] == 0) {
+      whole.c.x += cl * q[k];
+      whole.c_rate.x += cl * dq[k];
+      whole.xx.xx += q[k] * (rest.x + mk.x);
+      whole.xx.xy += q[k] * rest.y;
+      whole.xx.xz += q[k] * rest.z;
+      whole.Px += dq[k] * mk;
+      const S along = w.x * Sp::dot(w, mk) - Sp::dot(w, w) * mk.x;
+      out.e[k] += along + 2.0 * (w.y * mz_dot - w.z * my_dot);
+      out.M_linear[k].x += cl;
+      out.M_angular[k].y += mk.z;
+      out.M_angular[k].z -= mk.y;
+    } else if (node.direction[d] == 1) {
       whole.c.y += cl * q[k];
       whole.c_rate.y += cl * dq[k];
-      whole.xx.xy += q[k] * rest.x;
+      whole.xx.xy += q[k] * mk.x;
       whole.xx.yy += q[k] * (rest.y + mk.y);
       whole.xx.yz += q[k] * mk.z;
       whole.Py += dq[k] * mk;
       const S across = w.y * Sp::dot(w, mk) - Sp::dot(w, w) * mk.y;
       out.e[k] += across - 2.0 * w.x * mz_dot;
+      if (stretches) out.e[k] += 2.0 * w.z * mx_dot;
       out.M_linear[k].y += cl;
       out.M_angular[k].x -= mk.z;
       out.M_angular[k].z += mk.x;
     } else {
       whole.c.z += cl * q[k];
       whole.c_rate.z += cl * dq[k];
-      whole.xx.xz += q[k] * rest.x;
+      whole.xx.xz += q[k] * mk.x;
       whole.xx.zz += q[k] * (rest.z + mk.z);
       whole.xx.yz += q[k] * rest.y;
       whole.Pz += dq[k] * mk;
       const S across = w.z * Sp::dot(w, mk) - Sp::dot(w, w) * mk.z;
       out.e[k] += across + 2.0 * w.x * my_dot;
+      if (stretches) out.e[k] -= 2.0 * w.y * mx_dot;
       out.M_linear[k].z += cl;
       out.M_angular[k].x += mk.y;
       out.M_angular[k].y -= mk.x;
@@ -426,7 +445,7 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const ty
   const S m = next<S>(p);
   const Lin c = Sp::read(p);
   const typename Sp::Sym J_rest = Sp::read_symmetric(p);
-  Whole<Sp> whole{c + body.c, body.c_rate, body.xx, Sp::zero(), Sp::zero()};
+  Whole<Sp> whole{c + body.c, body.c_rate, body.xx, Sp::zero(), Sp::zero(), Sp::zero()};
   add_linear(node, p, q, dq, w, whole, out);
   for (int k = 0; k < packed(node.ne, 0); ++k) out.M[k] = next<S>(p) + sums.M[k];
   out.constants = p;
@@ -439,6 +458,7 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const ty
   const S tr = whole.Py.y + whole.Pz.z;
   n = Sp::cross(w, h) + body.n + body.n_turn +
       number<S>(2.0) * (tr * w - Lin{S{}, Sp::dot(whole.Py, w), Sp::dot(whole.Pz, w)});
+  if (node.stretching > 0) n += number<S>(2.0) * (whole.Px.x * w - Lin{Sp::dot(whole.Px, w), S{}, S{}});
   f = Sp::cross(w, Sp::cross(w, whole.c)) + number<S>(2.0) * Sp::cross(w, whole.c_rate) + body.bias;
   Sp::add(J, body.J_turn);
   M = {m, whole.c, J};

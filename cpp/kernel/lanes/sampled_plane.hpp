@@ -1,4 +1,5 @@
-// The sampled body in the plane: sections turn by b, which is linear in q, and shear by p; x' = [f, g](b, p).
+// The sampled body in the plane: sections turn by b, which is linear in q, and shear by p; the axis stretches by e;
+// x' = [f, g](b, p, e).
 #pragma once
 
 #include "lanes/sampled_sums.hpp"
@@ -12,6 +13,7 @@ struct PlaneSeries {
   using Sp = Plane<P>;
   Field<Sp> tangent, tangent_bias;  ///< x' and the convective part of its second rate
   Field<Sp> by_turn, by_shear;      ///< dx'/db, dx'/dp
+  Field<Sp> by_stretch;             ///< dx'/de, where some coordinate stretches
   Jet<Sp> place;                    ///< x, at the stations
   P* end;
   PlaneSeries(const Node& node, P* at) {
@@ -20,12 +22,17 @@ struct PlaneSeries {
     tangent_bias = columns.field();
     by_turn = columns.field();
     by_shear = columns.field();
+    if (node.stretching > 0) by_stretch = columns.field();
     place = columns.jet(node.ne);
     end = columns.at;
   }
+  /// dx' by the strain, or the turn, of coordinate k.
+  const Field<Sp>& by(const Node& node, int k) const {
+    return k < node.turning ? by_turn : k < node.ne - node.stretching ? by_shear : by_stretch;
+  }
 };
 
-/// x' = [f, g] of slope b and shear p, and its slopes.
+/// x' = [f, g] of slope b and shear p, and its slopes; `stretch` adds what a stretch e does.
 template <class P>
 struct PlanarTangent {
   P f, g, f_b, g_b, f_p, g_p, f_bb, g_bb, f_bp, g_bp;
@@ -58,6 +65,16 @@ struct PlanarTangent {
     f_bp = number<P>(-1.0);
     g_bp = -b;
   }
+
+  /// Adds what a stretch e does: e times [c, s], where p has [-s, c].
+  void stretch(bool exact, const P& e) {
+    f += e * g_p;
+    g -= e * f_p;
+    f_b += e * g_bp;
+    g_b -= e * f_bp;
+    f_bb += e * f_bp;
+    if (exact) g_bb += e * g_bp;
+  }
 };
 
 /// Fills the series: x' and its derivatives at the points.
@@ -65,25 +82,41 @@ template <class S, class P>
 void sample(Plane<S>, const Node& node, const double* points, const S* q, const S* dq, P* scratch) {
   const PlaneSeries<P> s(node, scratch);
   const Rows<Plane<P>> rows(node, points);
+  const int sheared = node.ne - node.stretching;
   for (int i = 0; i < rows.points; ++i) {
-    P b{}, p{}, b_dot{}, p_dot{};
+    P b{}, p{}, e{}, b_dot{}, p_dot{}, e_dot{};
+    if (node.curved) b = rows.at_rest(0, i);
     for (int k = 0; k < node.turning; ++k) {
       const P shape = rows.shape(k, i);
       b += shape * widen(q[k], P{});
       b_dot += shape * widen(dq[k], P{});
     }
-    for (int k = node.turning; k < node.ne; ++k) {
+    for (int k = node.turning; k < sheared; ++k) {
       const P shape = rows.shape(k, i);
       p += shape * widen(q[k], P{});
       p_dot += shape * widen(dq[k], P{});
     }
-    const PlanarTangent<P> t(node.exact, b, p);
+    for (int k = sheared; k < node.ne; ++k) {
+      const P shape = rows.shape(k, i);
+      e += shape * widen(q[k], P{});
+      e_dot += shape * widen(dq[k], P{});
+    }
+    PlanarTangent<P> t(node.exact, b, p);
     const P& L = rows.length;
+    if (node.stretching > 0) {
+      t.stretch(node.exact, e);
+      s.by_stretch.set(i, {L * t.g_p, -L * t.f_p});
+    }
     s.tangent.set(i, {L * t.f, L * t.g});
     s.by_turn.set(i, {L * t.f_b, L * t.g_b});
     s.by_shear.set(i, {L * t.f_p, L * t.g_p});
     const P rate = L * b_dot, twice = 2.0 * p_dot;
-    s.tangent_bias.set(i, {rate * (t.f_bb * b_dot + t.f_bp * twice), rate * (t.g_bb * b_dot + t.g_bp * twice)});
+    typename Plane<P>::Lin bias{rate * (t.f_bb * b_dot + t.f_bp * twice), rate * (t.g_bb * b_dot + t.g_bp * twice)};
+    if (node.stretching > 0) {
+      const P swept = 2.0 * (rate * e_dot);
+      bias += {swept * t.g_bp, -swept * t.f_bp};
+    }
+    s.tangent_bias.set(i, bias);
   }
 }
 
@@ -96,7 +129,7 @@ void place_points(const Node& node, const Rows<Plane<P>>& rows, const S*, const 
   integral(
       2 * node.ne,
       [&](int c) {
-        const P* slope = (c / 2 < node.turning ? s.by_turn : s.by_shear).column(c % 2);
+        const P* slope = s.by(node, c / 2).column(c % 2);
         return [=, &rows](int i) { return rows.shape(c / 2, i) * slope[i]; };
       },
       s.place.first.at, stride);
@@ -113,6 +146,7 @@ void end_slice(const Node& node, const Rows<Plane<P>>& rows, const S* q, const S
   out.u_bias = get_lane(Sp{}, s.place.bias, end);
   out.u_dot = Sp::zero();
   S turn{}, rate{};
+  if (node.curved) turn = rows.template rest_in_lane<S>(end);
   for (int k = 0; k < node.ne; ++k) {
     out.J_linear[k] = get_lane(Sp{}, s.place.by(k), end);
     out.u_dot += dq[k] * out.J_linear[k];
@@ -159,7 +193,9 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
     sum[0] += w * s.tangent(i);
     sum[1] += w * s.tangent_bias(i);
     const Lin by_turn = w * s.by_turn(i), by_shear = w * s.by_shear(i);
-    for (int k = 0; k < node.ne; ++k) sum[2 + k] += rows.shape(k, i) * (k < node.turning ? by_turn : by_shear);
+    const int sheared = node.ne - node.stretching;
+    for (int k = 0; k < sheared; ++k) sum[2 + k] += rows.shape(k, i) * (k < node.turning ? by_turn : by_shear);
+    for (int k = sheared; k < node.ne; ++k) sum[2 + k] += rows.shape(k, i) * (w * s.by_stretch(i));
   }
   S* total = reinterpret_cast<S*>(s.end);
   sum_lanes(s.end, 2 * (2 + node.ne), total);
@@ -168,6 +204,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
   out.u_bias = of(1);
   out.u_dot = Sp::zero();
   S turn{}, rate{};
+  if (node.curved) turn = next<S>(p);
   for (int k = 0; k < node.ne; ++k) {
     out.J_linear[k] = of(2 + k);
     out.u_dot += dq[k] * out.J_linear[k];

@@ -36,7 +36,7 @@ void turn_jacobians(const Node& node, const Rows<Space<P>>& rows, const Integral
 template <class P>
 void exact_tangent(const Node& node, const Rows<Space<P>>& rows, const SpaceSeries<P>& s) {
   using Sp = Space<P>;
-  const bool shears = node.turning < node.ne;
+  const bool shears = node.turning < node.ne;  // or stretches
   for (int i = 0; i < rows.points; ++i) {
     const auto w = s.spin(i);
     auto t = rows.length * s.R[0](i), rate = Sp::zero();
@@ -44,6 +44,10 @@ void exact_tangent(const Node& node, const Rows<Space<P>>& rows, const SpaceSeri
       const auto g = s.shear(i), g_rate = s.shear_rate(i);
       t += g.y * s.R[1](i) + g.z * s.R[2](i);
       rate = g_rate.y * s.R[1](i) + g_rate.z * s.R[2](i);
+      if (node.stretching > 0) {
+        t += g.x * s.R[0](i);
+        rate += g_rate.x * s.R[0](i);
+      }
     }
     s.tangent.value.set(i, t);
     s.tangent.bias.set(i, Sp::cross(s.turned.bias(i), t) + Sp::cross(w, Sp::cross(w, t) + number<P>(2.0) * rate));
@@ -218,6 +222,7 @@ void move_slice(const Node& node, const double*& p, const double* points, const 
     for (int k = 0; k < ne; ++k) out.J_angular[k] = turned.jacobian(out.J_angular[k], 1.0);
   } else if (node.uniaxial) {
     S turn{}, sine, cosine;
+    if (node.curved) turn = next<S>(p);
     for (int k = 0; k < node.turning; ++k) turn += next<S>(p) * q[k];
     sine_cosine(turn, sine, cosine);
     out.R = Sp::turn(node.about[0], sine, cosine);

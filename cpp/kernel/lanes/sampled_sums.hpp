@@ -122,7 +122,7 @@ struct Rows {
   int points, stations;
   P length;
   typename Sp::Lin origin;  ///< of the beam, in the link
-  const double *strain, *turn, *mass, *inertia, *further;
+  const double *strain, *turn, *rest, *mass, *inertia, *further;
 
   Rows(const Node& node, const double* p) : points(points_of(node)), stations(stations_of(node)) {
     length = next<P>(p);
@@ -134,6 +134,7 @@ struct Rows {
     };
     strain = rows(node.ne, points);
     turn = rows(Sp::planar ? 0 : node.ne, points);
+    rest = rows(node.curved ? (Sp::planar ? 1 : 6) : 0, points);
     mass = rows(1, stations);
     inertia = rows(node.rotary ? 3 : 0, stations);
     further = p;
@@ -145,6 +146,13 @@ struct Rows {
     return Lanes<S>::load(strain + k * points * width + i * Lanes<S>::width);
   }
   P turned(int k, int i) const { return Lanes<P>::load(turn + (k * points + i) * width); }
+  /// Of a beam that is curved at rest: rows of its K times the length, and of the integrals of that; in the plane, of
+  /// how far it is turned.
+  P at_rest(int row, int i) const { return Lanes<P>::load(rest + (row * points + i) * width); }
+  template <class S>
+  S rest_in_lane(int i) const {
+    return Lanes<S>::load(rest + i * Lanes<S>::width);
+  }
   /// Of station i: its mass, and its moments of inertia about its own axes.
   P mass_of(int i) const { return Lanes<P>::load(mass + i * width); }
   typename Sp::Lin inertia_of(int i) const {

@@ -139,6 +139,12 @@ Section Sections::at(const SliceTable& table) const {
 
 /// Orders 0 to 2: position (Eq. 24) and rotation vector are quadratic in the coordinates.
 Section Sections::quadratic(const SliceTable& table) const {
+  if (q_.size() == 0) {
+    Section still(0);
+    still.x = table.rest.x;
+    still.R = table.rest.R;
+    return still;
+  }
   Jet row[6];
   for (int r = 0; r < 6; ++r) row[r] = linear(table.linear.row(r));
   row[0] += table.X;
@@ -159,21 +165,22 @@ Section Sections::quadratic(const SliceTable& table) const {
   return out;
 }
 
-/// In a plane the turns of sections add, whatever the order: b about one axis. x' = [1, p] turned by b (Eq. 22), to
+/// In a plane the turns of sections add, whatever the order: b about one axis. x' = [1 + e, p] turned by b (Eq. 22), to
 /// third order in all at order 3.
 void Sections::move_planar() {
   for (std::size_t j = 0; j < points_.size(); ++j) {
     const SliceTable& at = points_[j];
     const StrainField& bending = bending_in(at.plane);
-    const Jet b = linear(bending.sign * at.linear.row(3 + bending.rotation)),
-              p = linear(at.strains.row(shear_in(at.plane).strain));
+    const Jet b = bending.sign * (linear(at.linear.row(3 + bending.rotation)) + Jet(at.rest.theta[bending.rotation])),
+              p = linear(at.strains.row(shear_in(at.plane).strain)),
+              e = linear(at.strains.row(flexarm::StrainRow::eps));
     const bool exact = beam_->order() == flexarm::kExact;
     const Jet bb = 0.5 * (b * b), c = exact ? cos(b) : 1.0 - bb;
     const Jet s = exact ? sin(b) : b * (1.0 - (1.0 / 3.0) * bb), s1 = exact ? s : b;  // s1: to second order
     Jet3& x = x_slope_[j];
     x = Jet3::Zero();
-    x[0] = c - p * s1;
-    x[bending.position] = s + p * c;
+    x[0] = c + e * c - p * s1;
+    x[bending.position] = s + e * s1 + p * c;
   }
 }
 Section Sections::planar(const SliceTable& table) const {
@@ -181,13 +188,13 @@ Section Sections::planar(const SliceTable& table) const {
   place(integral(table.weights, x_slope_), out);
   const StrainField& bending = bending_in(table.plane);
   Jet3 t = Jet3::Zero();
-  t[bending.rotation] = linear(table.linear.row(3 + bending.rotation));
+  t[bending.rotation] = linear(table.linear.row(3 + bending.rotation)) + Jet(table.rest.theta[bending.rotation]);
   turn(t, out);
   return out;
 }
 
-/// R = 1 + R_1 + R_2 + R_3 with R_i = int R_{i-1} K~ (Eq. 25-27), its products with the shear angles to the same order,
-/// and the Magnus series of the rotation vector.
+/// R = 1 + R_1 + R_2 + R_3 with R_i = int R_{i-1} K~ (Eq. 25-27), its products with the shear angles and the stretch to
+/// the same order, and the Magnus series of the rotation vector.
 void Sections::move_order_3() {
   const std::size_t n = points_.size();
   std::vector<Jet3> K(n), phi(n);
@@ -210,7 +217,7 @@ void Sections::move_order_3() {
     for (int i = 0; i <= 3; ++i) {
       for (std::size_t j = 0; j < n; ++j) {
         x_slope_[j][m] += r[j][0];
-        if (i < 3) x_slope_[j][m] += r[j][1] * phi[j][1] + r[j][2] * phi[j][2];
+        if (i < 3) x_slope_[j][m] += r[j][0] * phi[j][0] + r[j][1] * phi[j][1] + r[j][2] * phi[j][2];
       }
       for (std::size_t j = 0; j < n; ++j) r[j] = -cross_matrix(K[j]) * r[j];
       r = integrated(r);
@@ -239,7 +246,7 @@ void Sections::move_exact() {
   for (std::size_t j = 0; j < n; ++j) {
     for (const StrainField& f : kStrainFields)
       (f.is_curvature() ? dK[j].row(f.rotation) : dphi[j].row(f.position)) = points_[j].strains.row(f.strain);
-    K[j] = dK[j] * q_;
+    K[j] = points_[j].rest.K + dK[j] * q_;
     K_dot[j] = dK[j] * dq_;
     phi[j] = Vector3d::UnitX() + dphi[j] * q_;
     phi_dot[j] = dphi[j] * dq_;

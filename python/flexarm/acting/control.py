@@ -176,7 +176,8 @@ class StrainFeedback(_JointLaw):
         kp, kv, link, freedom, reference, limit, motor: as of PD.
         ks: gain per 1/m.
         x: where the gauge is on the beam (m).
-        strain: which strain, as `Arm.strain` orders them: "K1", "K2", "K3", "phi12" or "phi13".
+        strain: which strain, as `Arm.strain` orders them: "K1", "K2", "K3", "phi12", "phi13" or
+            "eps".
         beam: the link whose beam bears the gauge; None: the controlled joint's own.
     """
 

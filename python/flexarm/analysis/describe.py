@@ -14,6 +14,17 @@ _HEADS = ("link", "joint", "beam (m)", "modes", "order", "hub (kg)", "beam (kg)"
 
 
 def _size(beam: Beam) -> str:
+    shape = _section(beam)
+    if beam.curvature is None:
+        return shape
+    x, w = np.polynomial.legendre.leggauss(64)
+    K = np.array([beam._curvature_at(beam.length * (1 + s) / 2) for s in x])
+    turns = beam.length / 2 * (w @ np.column_stack([np.linalg.norm(K[:, 1:], axis=1), np.abs(K[:, 0])]))
+    words = (f"{what} {turn:.3g} rad" for what, turn in zip(("bent", "twisted"), turns, strict=True) if turn)
+    return f"{shape}, " + ", ".join(words)
+
+
+def _section(beam: Beam) -> str:
     section = beam.section
     if isinstance(section, Rectangle):
         return f"{beam.length:.4g}, {section.y:.4g} x {section.z:.4g}"

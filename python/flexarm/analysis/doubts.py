@@ -117,7 +117,7 @@ def coarse(arm: Chain) -> list[str]:
 
     One clamped-free mode leaves out 3 % of the deflection under a force at the end and 19 % of the twist, two 0.5 and
     10 %; what a beam carries is such a force, statically and in its low modes, once it is heavier than the beam. Beams
-    with patches are not looked at, nor are loads.
+    with patches are not looked at, nor are curved ones, nor loads.
     """
     found = []
     carried = 0.0
@@ -125,7 +125,7 @@ def coarse(arm: Chain) -> list[str]:
         link = arm.links[k]
         carried += link.tip.mass if link.tip is not None else 0.0
         beam = link.beam
-        if beam is not None and beam.ne and not beam.patches and carried > beam.mass:
+        if beam is not None and beam.ne and not (beam.patches or beam.curvature) and carried > beam.mass:
             for strain, missing in _compliances(arm, k, beam):
                 if missing > _MISSING[strain]:
                     found.append(

@@ -68,7 +68,7 @@ def _sizes(arm: Chain) -> Array:
         if link.beam is None or elastic.start == elastic.stop:
             continue
         L, shapes = link.beam.length, np.eye(arm.nq)[[arm.coordinate_of(i) for i in range(*elastic.indices(arm.nv))]]
-        strains = np.array([arm.strain(shapes, n, x) for x in np.linspace(0.0, L, 9)])  # (points, shapes, 5)
+        strains = np.array([arm.strain(shapes, n, x) for x in np.linspace(0.0, L, 9)])  # (points, shapes, 6)
         turns = [L if name.startswith("K") else 1.0 for name in STRAIN_NAMES]
         sizes[elastic] = np.abs(strains * turns).max(axis=(0, 2))
     return np.where(sizes > 0.0, sizes, 1.0)

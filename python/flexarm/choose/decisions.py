@@ -101,9 +101,17 @@ class Order(Decision):
     def poorer(self, models: Models, model: Model) -> dict[Any, Model]:
         return {order: model.but(order=order) for order in ORDERS[:-1]}
 
+    @staticmethod
+    def curved(found: Findings, group: list[int]) -> bool:
+        """Whether the beam knows no other order."""
+        beam = found.models.scene.arm.links[group[0]].beam
+        return beam is not None and beam.curvature is not None
+
     def lower(self, found: Findings, model: Model, group: list[int]) -> tuple[int | str, Model] | None:
         """The next poorer order that is cheaper, and the model with it."""
         beam = model.beam(group[0])
+        if self.curved(found, group):
+            return None
         for order in reversed(() if beam.rigid else ORDERS[: ORDERS.index(beam.order)]):
             lower = model.but(group, order=order)
             if found.allowed(order) and found.trials.cheaper(lower, model):
@@ -120,6 +128,9 @@ class Order(Decision):
     def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
         model, share, by_order = found.lean.model, found.trials.share, found.estimates.by_order
         beam, next_one = model.beam(group[0]), self.lower(found, model, group)
+        if self.curved(found, group) and not beam.rigid:
+            yield Choice(where, "order", "exact", None, "curved at rest", None, True)
+            return
         if next_one is not None:
             error, how = found.without(next_one[1], by_order.get(next_one[0], math.inf))
             yield Choice(where, "order", str(beam.order), error, how, share(model, next_one[1]), True)

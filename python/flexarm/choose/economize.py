@@ -247,8 +247,8 @@ def _planes(found: Findings, rows: list[Choice]) -> list[Choice]:
     names = [set(link.beam.counts) for link in found.models.arm(found.lean.model).links if link.beam is not None]
     if not any(names):
         return []
-    in_y = all(n <= {"bending_y", "shear_y"} for n in names)
-    in_z = all(n <= {"bending_z", "shear_z"} for n in names)
+    in_y = all(n <= {"bending_y", "shear_y", "extension"} for n in names)
+    in_z = all(n <= {"bending_z", "shear_z", "extension"} for n in names)
     side = {"bending_z", "torsion", "shear_z"} if in_y else {"bending_y", "torsion", "shear_y"}
     lost = max((c.without or 0.0 for c in rows if c.what in side), default=0.0)
     how = SYMMETRY if lost == 0.0 else ESTIMATE
@@ -308,8 +308,8 @@ def economize(
         scene: a Scene, a scene file, or the name of a shipped scene.
         tol: over the quantity's span, the largest range of any one component, between 0 and 1.
         quantity: "tip", the position of the arm's end; "joint", the coordinates of those joints that are not
-            prescribed; "strain", the curvatures of every beam at its clamp (and shear angles, where the scene's own
-            beams have them); or a callable of a Result that returns an array (nt,) or (nt, k).
+            prescribed; "strain", the curvatures of every beam at its clamp (and shear angles and stretches, where the
+            scene's own beams have them); or a callable of a Result that returns an array (nt,) or (nt, k).
         time_budget: seconds for deciding; None: as many as it takes. What is found until then is not certified.
         atol: an absolute tolerance in the quantity's SI unit, in place of tol: atol=1e-3 is a millimetre of the tip.
         progress: shows what is being done on stderr, where that is a terminal.

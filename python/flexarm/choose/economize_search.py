@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+import flexarm._core as _core
+
 from .._check import Array
 from ..acting.voltage import split_drives
 from ..arm import Arm
@@ -31,7 +33,9 @@ _SMALL = 1 / 30  # of the tolerance: what is estimated to do less is left out of
 _AGREE = 1 / 3  # of the tolerance: how close reference and check must be
 _BEYOND = 1.5  # times the gap: what may be left beyond the check, where convergence is slow
 _ROUNDS = 3  # references, at most
-_SHEAR = tuple(s for s, name in enumerate(STRAINS) if name.startswith("shear"))
+#: strains whose modes are the fastest
+_EXTENSION = STRAINS.index("extension")
+_FAST = (*(s for s, name in enumerate(STRAINS) if name.startswith("shear")), _EXTENSION)
 _CLOSE = 1601  # rows of a run in which growth is looked for, where fewer show some
 _GROWTH = 100.0  # of what symmetry leaves out, within the run: more, and the run hangs on that nothing touches it
 
@@ -65,16 +69,17 @@ class EconomizeSearch:
             than: more modes of every strain than this model has, too, in Legendre polynomials where they may stand in.
         """
         many = sum(beam is not None for beam in self.models.given.beams) > 4
-        least = (2, 2, 1, 1, 1) if many else (4, 4, 2, 2, 2)
-        more = (1, 1, 0, 0, 0) if many else (2, 2, 1, 1, 1)
+        bends = [field.bending for field in _core.STRAIN_FIELDS]
+        least = [2 if bend else 1 for bend in bends] if many else [4 if bend else 2 for bend in bends]
+        more = [1 if bend else 0 for bend in bends] if many else [2 if bend else 1 for bend in bends]
 
         def rich(k: int, beam: BeamModel) -> BeamModel:
             numbers, most = [], self.models.most(k)
             for s, n in enumerate(beam.counts):
                 want = n
                 if not (self.models.pinned or self.models.own_shapes(k, s)):
-                    want = max(n + more[s], least[s]) + (1 + (s < 2)) * extra
-                    want = want if than is None else max(want, than.counts(k)[s] + 1 + (s < 2))
+                    want = max(n + more[s], least[s]) + (1 + bends[s]) * extra
+                    want = want if than is None else max(want, than.counts(k)[s] + 1 + bends[s])
                 limit = most[s]
                 want = want if limit is None else min(want, limit)
                 numbers.append(want if all_strains or k not in self.reached or self.reached[k][s] else 0)
@@ -246,25 +251,33 @@ class EconomizeSearch:
 
     def checked(self, rich: Model, found: Findings) -> Run:
         """A run of the enriched model, in steps that really are finer, at all output times. Where no integrator can do
-        it, because friction switches while fast shear must be followed, say, shear is left out, if it is estimated to
-        matter little; a note tells."""
+        it, because friction switches while fast shear must be followed, say, shear and extension are left out, if they
+        are estimated to matter little; a note tells."""
         reference = found.reference
         options, found.notes = finer(self.trials, reference), []
-        lost = max((x for (_, s, _), x in found.estimates.share.items() if s in _SHEAR), default=0.0)
+        lost = max((x for (_, s, _), x in found.estimates.share.items() if s in _FAST), default=0.0)
 
-        def without_more_shear(k: int, beam: BeamModel) -> BeamModel:
+        def without_more(k: int, beam: BeamModel) -> BeamModel:
             numbers = zip(beam.counts, reference.model.counts(k), strict=True)
-            return replace(beam, counts=tuple(own if s in _SHEAR else n for s, (n, own) in enumerate(numbers)))
+            return replace(beam, counts=tuple(own if s in _FAST else n for s, (n, own) in enumerate(numbers)))
 
-        unsheared = rich.each(without_more_shear)
+        without_fast = rich.each(without_more)
         check = self.trials.run(rich, options, whole="step" in options, most=max(10.0, 100.0 * found.base.time))
         if check.values is None:
             check = self.hard(rich, reference)
-        if check.values is None and unsheared != rich and lost <= _SMALL * self.tol:
-            check = self.trials.run(unsheared, options, whole="step" in options, most=self.patience())
-            check = check if check.values is not None else self.hard(unsheared, reference)
-            found.notes.append(f"the check could not be run with shear, which is estimated at {lost:.1g}")
+        if check.values is None and without_fast != rich and lost <= _SMALL * self.tol:
+            check = self.trials.run(without_fast, options, whole="step" in options, most=self.patience())
+            check = check if check.values is not None else self.hard(without_fast, reference)
+            found.notes.append(f"the check could not be run with shear and extension, estimated at {lost:.1g}")
         return check
+
+    def worth_a_check(self, rich: Model, found: Findings) -> Model:
+        """The enriched model without more extension than the reference has, where that is estimated to matter little: a
+        beam that hardly stretches asks for steps that nothing else needs, as a constraint does."""
+        lost = max((x for (_, s, _), x in found.estimates.share.items() if s == _EXTENSION), default=0.0)
+        if lost > _SMALL * self.tol:
+            return rich
+        return rich.each(lambda k, b: b.with_count(_EXTENSION, found.reference.model.counts(k)[_EXTENSION]))
 
     def patience(self) -> float:
         """Seconds for one more attempt at a run that has failed."""
@@ -299,7 +312,7 @@ class EconomizeSearch:
             self.tell("integrators")
             found.lean, found.settings = down.integrate(model)
             self.tell("check")
-            rich = self.enriched(k, reference.model)
+            rich = self.worth_a_check(self.enriched(k, reference.model), found)
             check = found.check = self.checked(rich, found)
             if check.values is None:
                 found.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")

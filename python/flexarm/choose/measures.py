@@ -12,6 +12,7 @@ from .._check import Array, choice
 from ..acting.drive import Motion
 from ..acting.voltage import split_drives
 from ..arm import Arm
+from ..parts.beam import STRAIN_NAMES
 from ..run.result import Result
 from ..scene.scene import Scene
 
@@ -70,10 +71,13 @@ class Measure:
     def _beams(self) -> list[int]:
         return [k for k, link in enumerate(self.scene.arm.links) if link.beam is not None]
 
-    def _sheared(self) -> bool:
-        """Whether the scene's own beams have shear angles: only then are they part of the strains."""
-        beams = [link.beam for link in self.scene.arm.links if link.beam is not None]
-        return any("shear_y" in b.counts or "shear_z" in b.counts for b in beams)
+    def _strains(self) -> dict[str, slice]:
+        """By unit, which strains count: shear angles and stretches only where the scene's own beams have them."""
+        has = {name for link in self.scene.arm.links if link.beam is not None for name in link.beam.counts}
+        out = {"1/m": slice(0, 3)}
+        if has & {"shear_y", "shear_z"}:
+            out["rad"] = slice(3, 5)
+        return {**out, "1": slice(5, 6)} if "extension" in has else out
 
     def values(self, result: Result) -> dict[str, Array]:
         """By unit, (nt, places, components)."""
@@ -91,11 +95,10 @@ class Measure:
         beams = self._beams()
         if not beams:
             return {}
-        rigid = np.zeros((len(result.t), 5))
+        rigid = np.zeros((len(result.t), len(STRAIN_NAMES)))
         rows = [arm.strain(result.q, k, 0.0) if arm.links[k].beam.ne else rigid for k in beams]  # type: ignore[union-attr]
         both = np.stack(rows, axis=1)
-        out = {"1/m": both[:, :, :3]}
-        return {**out, "rad": both[:, :, 3:]} if self._sheared() else out
+        return {unit: both[:, :, rows] for unit, rows in self._strains().items()}
 
     def set_span(self, values: dict[str, Array]) -> None:
         """Fixes what errors are divided by: by unit, the largest range of any one component, units in which nothing
@@ -133,8 +136,7 @@ class Measure:
             E = np.asarray(arm._core.rates(arm.zero, np.zeros(arm.nv))[2])
             beams = [k for k in self._beams() if arm.links[k].beam.ne]  # type: ignore[union-attr]
             S = np.array([arm.strain(E.T, k, 0.0) for k in beams]).transpose(0, 2, 1)  # strains are linear in q
-            return Sense([part[None] / self.span[u] for u, part in (("1/m", S[:, :3]), ("rad", S[:, 3:]))
-                          if u in self.span])  # fmt: skip
+            return Sense([S[None, :, rows] / self.span[u] for u, rows in self._strains().items() if u in self.span])
         J = arm.jacobian(q)[:, None, :3, :]
         if self.what == "tip":
             return Sense([J / self.span["m"]])

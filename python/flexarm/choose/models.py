@@ -44,7 +44,7 @@ class BeamModel:
     """How one beam is modelled.
 
     Attributes:
-        counts: shape functions of bending_y, bending_z, torsion, shear_y, shear_z; all zero: rigid.
+        counts: shape functions of each of STRAINS; all zero: rigid.
         order: of the rotation of its sections.
         rotary: whether its slices have rotary inertia.
         gauss: its Gauss points; None: as many as its basis asks for.
@@ -152,7 +152,8 @@ def model_of(beam: Beam | None) -> BeamModel | None:
 
 
 def beam_at(beam: Beam, model: BeamModel) -> Beam:
-    """The beam so modelled; strain shapes of the user's own are left out from the last on, never added to."""
+    """The beam so modelled; strain shapes of the user's own are left out from the last on, never added to; one that is
+    curved at rest stays at order "exact"."""
     modes: dict[str, Any] = {}
     for strain, n in zip(STRAINS, model.counts, strict=True):
         own = beam.modes.get(strain)
@@ -160,7 +161,8 @@ def beam_at(beam: Beam, model: BeamModel) -> Beam:
             modes[strain] = list(own[:n]) if isinstance(own, tuple) else n
     given = {f.name: getattr(beam, f.name) for f in fields(beam) if f.init}
     basis = {} if model.basis is None else {"basis": model.basis, "basis_tip": None}
-    choice = {"modes": modes, "order": model.order, "rotary_inertia": model.rotary, "gauss_points": model.gauss}
+    order = model.order if beam.curvature is None else "exact"
+    choice = {"modes": modes, "order": order, "rotary_inertia": model.rotary, "gauss_points": model.gauss}
     made = Beam(**{**given, **choice, **basis, "damping": ()})
     return replace(made, damping=damping_in(made, beam)) if beam.damping and made.ne else made
 
@@ -241,7 +243,10 @@ class Models:
     @property
     def orders(self) -> list[int | str]:
         """Orders that give different models, from poor to rich."""
-        return list(ORDERS) if self.given.elastic else ["as given"]
+        if not self.given.elastic:
+            return ["as given"]
+        beams = [link.beam for link in self.scene.arm.links if link.beam is not None and link.beam.ne]
+        return list(ORDERS) if any(beam.curvature is None for beam in beams) else ["exact"]
 
     @property
     def shifts(self) -> list[int]:

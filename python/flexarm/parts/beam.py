@@ -12,13 +12,14 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.polynomial import legendre
 
 import flexarm._core as _core
 
 from .._check import array, choice, known_keys, number, whole
 from .part import Part
 from .patch import Patch, core_patches
-from .shapes import coefficients, columns
+from .shapes import coefficients, columns, curvature
 
 STRAINS = _core.STRAINS  #: "bending_y" and so on, in the order of a beam's coordinates (Eq. 33)
 STRAIN_NAMES = _core.STRAIN_NAMES  #: "K1" and so on, of a section, as Arm.strain orders them
@@ -218,16 +219,20 @@ class Beam(Part):
         length: m.
         section: a Rectangle, Circle or GeneralSection, or a Taper.
         material: a Material.
-        modes: for each strain, `bending_y`, `bending_z`, `torsion`, `shear_y`, `shear_z`, how many shape functions of
-            the basis, or a list of strain shapes of your own; those left out are zero. The beam's elastic coordinates
-            stand in that order (Eq. 33). Each shape of your own is a callable of x (m), samples at equal steps from
-            the clamp to the tip, {"x": ..., "strain": ...} or Legendre coefficients {"legendre": ...}; it is the strain
-            (Eq. 28-32): the curvature v'' of bending, not the deflection. They must be independent.
-        basis: "clamped-free" (Euler-Bernoulli clamped-free modes; sines for torsion and shear; each 1 at X = L, so that
-            a coordinate is its share of the tip's deflection in m, or of its twist in rad), "legendre" (Legendre
-            polynomials as strains, so that a coordinate is a curvature or twist in 1/m, or a shear angle in rad; well
-            conditioned at any count), or "loaded" (modes of this beam, tapered or not, clamped, with `basis_tip` on its
-            end; each 1 at its largest deflection).
+        modes: for each strain, `bending_y`, `bending_z`, `torsion`, `shear_y`, `shear_z`, `extension`, how many shape
+            functions of the basis, or a list of strain shapes of your own; those left out are zero. The beam's elastic
+            coordinates stand in that order (Eq. 33; the paper has no extension). Each shape of your own is a callable
+            of x (m), samples at equal steps from the clamp to the tip, {"x": ..., "strain": ...} or Legendre
+            coefficients {"legendre": ...}; it is the strain (Eq. 28-32): the curvature v'' of bending, not the
+            deflection. They must be independent. Sections move by x' = R (1 + eps, phi12, phi13), with eps the
+            extension: of its terms orders 0 and 1 have eps itself, order 2 its products with a slope too, order 3 those
+            with two slopes. At orders 0 to 2 a beam that stretches is reckoned in space, also where it moves in a
+            plane, where 3 and "exact" are then faster.
+        basis: "clamped-free" (Euler-Bernoulli clamped-free modes; sines for torsion, shear and extension; each 1 at
+            X = L, so that a coordinate is its share of the tip's displacement in m, or of its twist in rad), "legendre"
+            (Legendre polynomials as strains, so that a coordinate is a curvature or twist in 1/m, a shear angle in rad
+            or a stretch; well conditioned at any count), or "loaded" (modes of this beam, tapered or not,
+            clamped, with `basis_tip` on its end; each 1 at its largest deflection).
         order: of the rotation of the sections (Eq. 26). 0 is the paper's simplified model, which neither stiffens nor
             softens with speed; 1 softens; 2 has the right centrifugal stiffening; 3 and
             "exact" (no truncation) are for large bending and cost more.
@@ -243,6 +248,13 @@ class Beam(Part):
         basis_tip: what the modes of the loaded basis carry on the beam's end: its mass, its com along x and its
             principal inertia are used. It shapes the basis and no more; the load itself is the link's `tip`.
         patches: piezoelectric patches; see Patch. The loaded basis does not feel them.
+        curvature: at rest, with no stress (1/m): twist K1 and curvatures K2, K3, about the section's x, y and z as the
+            strains are (K3 > 0 bends towards +y, K2 > 0 towards -z). Three numbers; a smooth callable of x (m); samples
+            {"x": ..., "K": ...} or (x, K), K (n, 3), through which a spline goes; or Legendre coefficients {"legendre":
+            three lists}. None: straight. The elastic coordinates are the strains beyond it (so q = 0 is the shape at
+            rest), in the axes of the sections, which turn with it. It needs order "exact": the other orders are series
+            about a straight beam. The basis' modes and a damping ratio's beam: those of the straight beam, and of this
+            one.
 
     Raises:
         ValueError: naming the field and the value.
@@ -262,6 +274,7 @@ class Beam(Part):
     gauss_points: int | None = None
     basis_tip: RigidBody | None = None
     patches: Sequence[Patch] = ()
+    curvature: Any = None
     #: number of shape functions of each strain that has any
     counts: Mapping[str, int] = field(init=False, repr=False, compare=False)
     _core: _core.Beam = field(init=False, repr=False, compare=False)
@@ -301,6 +314,7 @@ class Beam(Part):
             self.damping or np.zeros((0, 0)),
             self.gauss_points or 0,
             *tip,
+            self._read_curvature(),
         )
         if not isinstance(self.patches, (list, tuple)) or not all(isinstance(p, Patch) for p in self.patches):
             raise ValueError(f"patches = {self.patches!r}: must be a list of Patch")
@@ -337,6 +351,27 @@ class Beam(Part):
         times = {s: number(f"kelvin_voigt.{s}", t) for s, t in times.items()}
         self._set("kelvin_voigt", MappingProxyType(times))
         return [times.get(s, 0.0) for s in STRAINS]
+
+    def _read_curvature(self) -> Any:
+        if self.curvature is None:
+            return np.zeros((0, 0))
+        if not self.length > 0:
+            raise ValueError(f"length = {self.length}: must be positive and finite")
+        c = curvature("curvature", self.curvature, self.length)
+        kept: Any = None
+        if len(c) == 1:
+            kept = tuple(c[0].tolist())
+        elif len(c):
+            kept = MappingProxyType({"legendre": tuple(tuple(column) for column in c.T.tolist())})
+        self._set("curvature", kept)
+        return c if len(c) else np.zeros((0, 0))
+
+    def _curvature_at(self, x: float) -> Any:
+        """K1, K2, K3 at rest at x metres (1/m), (3,)."""
+        if not isinstance(self.curvature, Mapping):
+            return np.zeros(3) if self.curvature is None else np.array(self.curvature)
+        rows = np.array(self.curvature["legendre"])
+        return legendre.legval(2 * x / self.length - 1, rows.T)
 
     def _read_tip(self) -> tuple[float, float, Any]:
         if self.basis_tip is None:

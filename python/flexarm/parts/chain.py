@@ -227,7 +227,8 @@ class Chain:
         return finite("momentum", self._core.momentum(q, v)[0])
 
     def strain(self, q: ArrayLike, link: int = -1, x: float = 0.0) -> Array:
-        """Strains K1, K2, K3 (1/m) and phi12, phi13 (rad) at x metres along a link's beam (Eq. 18-21), (..., 5)."""
+        """Strains (Eq. 18-21) at x metres along a link's beam, (..., 6): K1, K2, K3 (1/m), phi12, phi13 (rad) and eps;
+        of a beam that is curved at rest, those beyond its `curvature`."""
         (q,) = self._batch(False, q=q)
         return finite("strain", self._core.strain(q, self._link(link), number("x", x)))
 

@@ -21,10 +21,12 @@ def joint_rates(arm: Chain) -> list[tuple[int, str, str]]:
 
 
 def deflections(arm: Chain) -> list[tuple[int, int, str]]:
-    """(link, component, label) of every tip deflection an arm's beams can have; component 1 is y, 2 is z."""
+    """(link, component, label) of every tip deflection an arm's beams can have; component 0 is x, 1 is y, 2 is z."""
     out = []
     for k, link in enumerate(arm.links):
-        for component, axis in ((1, "y"), (2, "z")):
-            if link.beam and any(link.beam.counts.get(f"{strain}_{axis}") for strain in ("bending", "shear")):
-                out.append((k, component, f"link {k} tip {axis}"))
+        if link.beam is None or not link.beam.ne:
+            continue
+        for component, names in enumerate(({"extension"}, {"bending_y", "shear_y"}, {"bending_z", "shear_z"})):
+            if link.beam.curvature is not None or names & set(link.beam.counts):
+                out.append((k, component, f"link {k} tip {'xyz'[component]}"))
     return out

@@ -62,8 +62,9 @@ class Patch(Part):
     V has V on +y and -V on -y, and does twice what the one on +y does; wired in series, each gets half the voltage.
 
     In torsion the faces of a rectangle shear as Saint-Venant has it, in a thin strip twice as much as in sections that
-    stay plane (the paper's Eq. 18), and so twist twice as much. The neutral axis does not stretch: a single patch does
-    not couple bending to extension, and its mass counts as if it were on the axis, but for rotary inertia.
+    stay plane (the paper's Eq. 18), and so twist twice as much. On a beam with
+    `extension` a patch pulls along the axis too, and a single one couples bending to it; without, the axis does not
+    stretch. A patch's mass counts as if it were on the axis, but for rotary inertia.
 
     Args:
         start, end: metres from the clamp.
@@ -77,8 +78,8 @@ class Patch(Part):
         offset: from the neutral axis to the layer's inner face (m); None: the section's surface. 0 is a beam whose
             own layers are piezoelectric (then stiffness and mass may be in it already).
         pair: "opposed": the second face has -V, at the same angle: bends, and twists too at other angles than 0 and
-            pi/2; "same": both have V, the second at -angle, which neither bends nor stretches: at pi/4 it twists and at
-            0 only d15 does anything, shear.
+            pi/2; "same": both have V, the second at -angle, which does not bend: at pi/4 it twists, at 0 it stretches
+            a beam with `extension`, and d15 shears.
         stiffness, mass: whether the patch adds its own.
 
     Raises:

@@ -95,3 +95,55 @@ def columns(shapes: Sequence[tuple[float, ...]]) -> Array:
     for k, c in enumerate(shapes):
         out[: len(c), k] = c
     return out
+
+
+def curvature(field: str, value: Any, length: float) -> Array:
+    """Twist and curvatures at rest as coefficients in P_0, P_1, ... of 2x/L - 1, one column each of K1, K2, K3, (n, 3);
+    without rows where the beam is straight.
+
+    `value` is three numbers; a callable of x (m) that gives three; samples {"x": (m), "K": (n, 3)} or (x, K); or the
+    coefficients {"legendre": three lists}.
+    """
+    if isinstance(value, Mapping) and set(value) == {"legendre"}:
+        rows = value["legendre"]
+        if not isinstance(rows, (list, tuple, np.ndarray)) or len(rows) != 3:
+            raise ValueError(f"{field}.legendre = {rows!r}: must be three lists, of K1, K2 and K3")
+        given = [array(f"{field}.legendre[{c}]", row) for c, row in enumerate(rows)]
+        if any(row.ndim != 1 or not 1 <= row.size <= _TERMS for row in given):
+            raise ValueError(f"{field}.legendre: must be three lists of 1 to {_TERMS} numbers")
+        out = columns([tuple(row.tolist()) for row in given])
+    elif callable(value) or isinstance(value, Mapping) or (isinstance(value, (list, tuple)) and len(value) == 2):
+        out = columns(_curvature_along(field, value, length))
+        out[np.abs(out) < 1e-14 * np.abs(out).max(initial=0.0)] = 0.0  # rounding of the fit
+    else:
+        out = array(field, value)
+        if out.shape != (3,):
+            raise ValueError(f"{field} has shape {out.shape}: must be three numbers, K1 (twist), K2 and K3 (1/m)")
+        out = out[None]
+    while len(out) and not out[-1].any():
+        out = out[:-1]
+    return out
+
+
+def _curvature_along(field: str, value: Any, length: float) -> list[tuple[float, ...]]:
+    """The columns of one that varies."""
+    if callable(value):
+
+        def at(x: float) -> Array:
+            return array(f"{field} at x = {x:g}", value(x), (3,))
+
+        seen = np.array([at(float(x)) for x in np.linspace(0.0, length, 33)])
+        parts: list[Any] = [lambda x, c=c: float(at(x)[c]) for c in range(3)]
+    else:
+        if isinstance(value, Mapping):
+            known_keys(field, value, ("x", "K", "legendre"))
+            if set(value) != {"x", "K"}:
+                raise ValueError(f"{field} = {value!r}: must have x and K, or legendre")
+            value = value["x"], value["K"]
+        x, seen = array(f"{field}.x", value[0]), array(f"{field}.K", value[1])
+        if x.ndim != 1 or seen.shape != (x.size, 3):
+            raise ValueError(f"{field} has shapes x {x.shape}, K {seen.shape}: must be (n,) and (n, 3)")
+        parts = [{"x": x, "strain": column} for column in seen.T]
+    largest = np.abs(seen).max(axis=0)
+    zero = largest <= 1e-13 * largest.max()
+    return [(0.0,) if none else coefficients(field, part, length) for part, none in zip(parts, zero, strict=True)]

@@ -65,7 +65,14 @@ def _piece(beam: Beam, a: float, b: float, counts: Mapping[str, int]) -> Beam:
         x = np.array([a, *(v for v in section.x if a < v < b), b])
         section = Taper((x - a).tolist(), [section.at(float(v)) for v in x])
     patches = [_part(p, a, b) for p in beam.patches if min(p.end, b) - max(p.start, a) > 1e-9 * beam.length]
+    curvature: Any = beam.curvature
+    if isinstance(curvature, Mapping):
+
+        def curvature(x: float) -> Any:
+            return beam._curvature_at(x + a)
+
     given: dict[str, Any] = {"section": section, "patches": patches, "modes": dict(counts), "length": b - a}
+    given["curvature"] = curvature
     return replace(beam, basis="legendre", basis_tip=None, gauss_points=None, **given)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._check import Array
 from ..arm import Arm
+from ..parts.beam import STRAINS
 
 _EXPLICIT = 2.83  # step times frequency up to which rk4 is stable
 _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
@@ -90,7 +91,7 @@ def _fast_modes(arm: Arm) -> tuple[Array, Array, str] | None:
 
 
 def _find_fast_modes(arm: Arm) -> tuple[Array, Array, str] | None:
-    elastic = [i for i, name in enumerate(arm.coordinates) if any(s in name for s in ("bending", "torsion", "shear"))]
+    elastic = [i for i, name in enumerate(arm.coordinates) if any(s in name for s in STRAINS)]
     if not elastic:
         return None
     try:

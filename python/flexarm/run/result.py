@@ -63,7 +63,7 @@ class Result:
         return self.arm.frame(self.q, link, x)
 
     def strain(self, link: int = -1, x: float = 0.0) -> Array:
-        """K1, K2, K3 (1/m), phi12, phi13 (rad) at x metres along a link's beam, (nt, 5)."""
+        """K1, K2, K3 (1/m), phi12, phi13 (rad), eps at x metres along a link's beam, (nt, 6); see Arm.strain."""
         return self.arm.strain(self.q, link, x)
 
     def energy(self) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._check import Array, array, choice, number, whole
 from ..arm import Arm
-from ..parts.beam import Beam, Circle, Rectangle, Taper, Vector, as_floats
+from ..parts.beam import STRAIN_NAMES, Beam, Circle, Rectangle, Taper, Vector, as_floats
 from ..parts.joints import UNIT
 from .sensor import Component, Sensor
 
@@ -129,6 +129,7 @@ class ForceTorque(Sensor):
 # -- on a slice ----------------------------------------------------------------------------------------------------
 
 #: face of a section: (component of the strain, sign) such that the face's strain is sign * distance * K
+_EPS = STRAIN_NAMES.index("eps")
 _FACES = {"+y": (2, -1.0), "-y": (2, 1.0), "+z": (1, 1.0), "-z": (1, -1.0)}
 
 
@@ -148,8 +149,8 @@ def half_thickness(section: Any, along: str, x: float) -> float | None:
 class StrainGauge(Sensor):
     """Strain gauge along a beam, on one of its faces.
 
-    A fibre at (y, z) of the section is strained by z K2 - y K3 (the neutral axis does not stretch). So a beam bent
-    towards +y (K3 > 0: its tip goes to +y) is compressed on its +y face, where the gauge reads -y K3; +z reads +z K2,
+    A fibre at (y, z) of the section is strained by eps + z K2 - y K3, with eps the extension. So a beam bent towards
+    +y (K3 > 0: its tip goes to +y) is compressed on its +y face, where the gauge reads -y K3; +z reads +z K2,
     and -y and -z the opposite. Curvature, as of Eq. 97, is K3 = -strain / y.
 
     Args:
@@ -194,8 +195,9 @@ class StrainGauge(Sensor):
 
     def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
         component, sign = _FACES[self.face]
-        factor = sign * self._distance(arm) * (1.0 if self.gauge_factor is None else self.gauge_factor)
-        return np.asarray(factor * arm.strain(q, self.link, self.x)[..., component, None])
+        distance, scale = sign * self._distance(arm), 1.0 if self.gauge_factor is None else self.gauge_factor
+        strain = arm.strain(q, self.link, self.x)
+        return np.asarray(scale * (distance * strain[..., component, None] + strain[..., _EPS, None]))
 
 
 @dataclass(frozen=True)

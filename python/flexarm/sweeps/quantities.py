@@ -12,6 +12,7 @@ from .._check import Array, array, choice
 from ..arm import Arm
 from ..batch.job import FAILED
 from ..batch.rollout import NOT_DONE
+from ..parts.beam import STRAIN_NAMES
 from ..parts.labels import joint_coordinates
 from ..run.result import Result
 from ..sensing.sensors import half_thickness
@@ -76,11 +77,12 @@ def _strain(result: Result, link: int, band: float) -> Array:
     assert beam is not None
     greatest = 0.0
     for x in np.linspace(0.0, beam.length, _PLACES):
-        curvature = np.abs(result.strain(link, float(x))[:, 1:3]).max(axis=0, initial=0.0)  # K2 bends z, K3 bends y
-        for K, along in zip(curvature, "zy", strict=True):
-            if K:
-                half = half_thickness(beam.section, along, float(x))
-                greatest = max(greatest, float(K) * (np.nan if half is None else half))
+        strains = np.abs(result.strain(link, float(x)))
+        stretch = strains[:, STRAIN_NAMES.index("eps")]
+        for row, along in ((1, "z"), (2, "y")):  # K2 bends z, K3 bends y
+            half = half_thickness(beam.section, along, float(x)) if strains[:, row].any() else 0.0
+            on_face = stretch + strains[:, row] * (np.nan if half is None else half)
+            greatest = max(greatest, float(on_face.max(initial=0.0)))
     return np.array([greatest])
 
 

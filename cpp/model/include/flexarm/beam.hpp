@@ -30,12 +30,15 @@ struct BasisTip {
 };
 
 struct BeamOptions {
-  std::array<int, kStrains> modes{};  ///< shape functions of each strain (shape.hpp)
+  StrainCounts modes{};  ///< shape functions of each strain (shape.hpp)
   Basis basis = Basis::clamped_free;
   /// User-given shapes of a strain, if any, in place of the basis: one column each, coefficients in P_0, P_1, ...
   /// (see ShapeSet); `modes` is then their number.
   std::array<Eigen::MatrixXd, kStrains> shapes{};
-  BasisTip tip{};              ///< of the loaded basis
+  BasisTip tip{};  ///< of the loaded basis
+  /// Twist and curvatures at rest, K1, K2, K3 (1/m): a column of coefficients in P_0, P_1, ... for each; empty:
+  /// straight.
+  Eigen::MatrixXd curvature{};
   int order = 2;               ///< of rotation (Eq. 26): 0 (the paper's simplified model), 1, 2, 3 or kExact
   bool rotary_inertia = true;  ///< of the slices
   double damping_ratio = 0.0;  ///< modal, of every mode of the beam clamped at its base
@@ -46,6 +49,7 @@ struct BeamOptions {
 };
 
 struct UnitShapes;
+struct RestShape;
 
 /// Beam along x, clamped to its link's hub at X = 0. Immutable; copies share their tables.
 class Beam {
@@ -71,6 +75,9 @@ class Beam {
   /// The same beam with as many such points, for comparison.
   Beam with_points(int points) const;
   const ShapeSet& shapes(int strain) const { return shapes_[strain]; }
+  bool curved() const { return rest_ != nullptr; }  ///< at rest
+  /// Whether that turns sections about one axis alone.
+  bool curved_about(int axis) const;
   bool damped() const { return !damping_.isZero(0.0); }
   const std::vector<MassSlice>& slices() const { return *slices_; }
   /// For what a room above makes of the beam.
@@ -104,6 +111,8 @@ class Beam {
        const std::vector<Patch>& patches);
   std::vector<MassSlice> build_slices(const Profile& profile);
   void build_stiffness(const Profile& profile, const std::vector<Patch>& patches);
+  void curve(const Profile& profile);
+  SliceAtRest rest_at(double X) const;
   void check_patch(const Patch& patch) const;
   void add_patch_slices(const Patch& patch, std::vector<MassSlice>& slices);
   Eigen::MatrixXd patch_stiffness(const Patch& patch) const;
@@ -117,7 +126,7 @@ class Beam {
   std::vector<ShapeSet> shapes_;  ///< one for each strain
   Plane plane_ = Plane::none;
   int ne_ = 0;
-  std::array<int, kStrains> first_{};
+  StrainCounts first_{};
   double mass_ = 0.0;
   Eigen::MatrixXd stiffness_, damping_, patch_forces_;
   Eigen::VectorXd patch_capacitances_;
@@ -126,12 +135,14 @@ class Beam {
   std::shared_ptr<const std::vector<MassSlice>> slices_;
   MadeOnce kept_;
   std::shared_ptr<const UnitShapes> unit_;
-  GaussRule rule_{1};  ///< of the points, and of the slices of a uniform beam
+  std::shared_ptr<const RestShape> rest_;  ///< of a curved beam
+  GaussRule rule_{1};                      ///< of the points, and of the slices of a uniform beam
 };
 
 /// Gauss points that integrate the inertia of the beam's slices to about 1e-12: exactly what the polynomials of the
 /// Legendre basis need, from the wave number of the highest mode for clamped-free and loaded modes, and by trial for
 /// user-given shapes. For slices on a part of the length alone, clamped-free modes need fewer.
+/// A beam that is curved at rest needs more.
 int enough_gauss_points(const BeamOptions& options, const std::vector<ShapeSet>& shapes, double length,
                         double part = 1.0);
 

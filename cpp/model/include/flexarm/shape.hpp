@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <iterator>
 #include <string>
 
@@ -9,10 +10,10 @@ namespace flexarm {
 
 /// The generalised strains, in the order of Eq. 33, by the names under which their physics calls them
 /// (strain_physics.hpp). The one list of them is the table below.
-enum Strain { bending_y, bending_z, torsion, shear_y, shear_z };
+enum Strain { bending_y, bending_z, torsion, shear_y, shear_z, extension };
 /// Rows of a section's strains (Eq. 28-32).
 struct StrainRow {
-  enum { K1, K2, K3, phi12, phi13 };
+  enum { K1, K2, K3, phi12, phi13, eps };
 };
 constexpr int kMostModes = 40;  ///< of one strain
 
@@ -27,7 +28,7 @@ struct StrainField {
   const char* row_name;
   double sign;  ///< of rotation and strain
 
-  /// A curvature or twist, of K (1/m); else a part of phi, of x' = R (e_x + phi).
+  /// A curvature or twist, of K (1/m); else a part of phi = (eps, phi12, phi13), of x' = R (e_x + phi).
   constexpr bool is_curvature() const { return rotation >= 0; }
 };
 constexpr StrainField kStrainFields[] = {
@@ -36,9 +37,11 @@ constexpr StrainField kStrainFields[] = {
     {torsion, "torsion", false, -1, 0, StrainRow::K1, "K1", 1.0},        // alpha' = K1
     {shear_y, "shear_y", false, 1, -1, StrainRow::phi12, "phi12", 1.0},  // gamma2' = phi12
     {shear_z, "shear_z", false, 2, -1, StrainRow::phi13, "phi13", 1.0},  // gamma3' = phi13
+    {extension, "extension", false, 0, -1, StrainRow::eps, "eps", 1.0},  // u1' = eps, which the paper has not
 };
 constexpr int kStrains = static_cast<int>(std::size(kStrainFields));
-/// Strains of a section, and those per coordinate of a beam; rows K1 K2 K3 phi12 phi13.
+using StrainCounts = std::array<int, kStrains>;  ///< of each strain, in the table's order
+/// Strains of a section, and those per coordinate of a beam; rows K1 K2 K3 phi12 phi13 eps.
 using StrainVector = Eigen::Matrix<double, kStrains, 1>;
 using StrainMatrix = Eigen::Matrix<double, kStrains, Eigen::Dynamic>;
 inline bool is_bending(int strain) { return kStrainFields[strain].bending; }
@@ -48,11 +51,12 @@ enum class Basis { clamped_free, legendre, loaded };
 Basis basis_from_name(const std::string& name);
 
 /// Values at one place of the n shape functions of one strain. Bending has deflection, slope and curvature;
-/// torsion and shear have an angle (or deflection) and its slope, the strain; `deflection` is empty for them.
+/// torsion, shear and extension have an angle (or displacement) and its slope, the strain; `deflection` is empty for
+/// them.
 struct ShapeValues {
   Eigen::VectorXd deflection;  ///< v2, v3
-  Eigen::VectorXd slope;       ///< v2', v3', or alpha, gamma2, gamma3
-  Eigen::VectorXd strain;      ///< v2'', v3'', or alpha', gamma2', gamma3'
+  Eigen::VectorXd slope;       ///< v2', v3', or alpha, gamma2, gamma3, u1
+  Eigen::VectorXd strain;      ///< v2'', v3'', or alpha', gamma2', gamma3', u1'
 };
 
 /// The shape functions of one strain of a beam.

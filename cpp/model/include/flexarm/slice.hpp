@@ -23,6 +23,15 @@ struct Product {
 /// A beam that bends and shears in one plane alone: the rotations of its sections add, about one axis.
 enum class Plane { none, xy, xz };
 
+/// A slice of a beam that is not strained, in the axes at X = 0.
+struct SliceAtRest {
+  Eigen::Vector3d x = Eigen::Vector3d::Zero();      ///< place
+  Eigen::Matrix3d R = Eigen::Matrix3d::Identity();  ///< orientation
+  Eigen::Vector3d K = Eigen::Vector3d::Zero();      ///< twist and curvatures K1, K2, K3 there (1/m),
+  Eigen::Vector3d theta = Eigen::Vector3d::Zero();  ///< and their integrals from 0 (rad)
+  Eigen::Matrix<double, 6, Eigen::Dynamic> J;       ///< [J_T; J_R] (Eq. 37, 39), where the beam is curved
+};
+
 /// What a slice at X needs, built once at set-up. At order 0 to 2: position x = x0 + L_x q + products (Eq. 24) and
 /// rotation vector theta = L_theta q + products (Magnus series), both cut at the beam's order. Blocks that a beam lacks
 /// are not stored.
@@ -32,6 +41,9 @@ struct SliceTable {
   Eigen::Matrix<double, 6, Eigen::Dynamic> linear;  ///< [L_x; L_theta]
   std::vector<Product> products;                    ///< second order; empty at order 0 and 1
   StrainMatrix strains;                             ///< per coordinate (Eq. 28-32)
+  SliceAtRest rest;
+  /// [J_T; J_R] at rest (Eq. 37, 39).
+  const Eigen::Matrix<double, 6, Eigen::Dynamic>& at_rest() const { return rest.J.size() > 0 ? rest.J : linear; }
   Eigen::RowVectorXd weights;  ///< beyond order 2: of the integral from 0 to X over the Gauss points
   int point = -1;              ///< of these, the one that the slice is at
 };
