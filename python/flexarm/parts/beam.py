@@ -248,10 +248,9 @@ class Beam(Part):
         curvature: at rest, with no stress (1/m): twist K1 and curvatures K2, K3, about the section's x, y and z as the
             strains are (K3 > 0 bends towards +y, K2 > 0 towards -z). Three numbers; a smooth callable of x (m); samples
             {"x": ..., "K": ...} or (x, K), K (n, 3), through which a spline goes; or Legendre coefficients {"legendre":
-            three lists}. None: straight. The elastic coordinates are the strains beyond it (so q = 0 is the shape at
-            rest), in the axes of the sections, which turn with it. It needs order "exact": the other orders are series
-            about a straight beam. The basis' modes and a damping ratio's beam: those of the straight beam, and of this
-            one.
+            three lists}. None: straight. The elastic coordinates are the strains beyond it (q = 0 is the shape at
+            rest) in the axes of the sections, which turn with it. It needs order "exact": the other orders are series
+            about a straight beam. A basis has the modes of the straight beam; a damping ratio is of this one's.
 
     Raises:
         ValueError: naming the field and the value.
