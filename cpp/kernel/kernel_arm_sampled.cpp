@@ -22,7 +22,7 @@ int turns(const Node& node, bool planar) {
   return planar ? node.curved + node.ne : node.uniaxial ? node.curved + node.turning : 0;
 }
 /// Rows of the curvature at rest.
-int rest_rows(const Node& node, bool planar) { return node.curved ? (planar ? 1 : 6) : 0; }
+int rest_rows(const Node& node, bool planar) { return node.curved ? (planar || node.uniaxial ? 1 : 7) : 0; }
 
 /// The strain that a coordinate is one of.
 const StrainField& strain_of(const Beam& beam, int coordinate) {
@@ -79,6 +79,11 @@ VectorXd SampledTables::of_points(const VectorXd& f, bool shared) const {
   return out;
 }
 
+/// About the one axis.
+double SampledTables::turn_at_rest(const SliceAtRest& rest) const {
+  return axes_.planar ? axes_.sign * rest.theta[axes_.z] : rest.theta[about_.front()];
+}
+
 std::vector<double> SampledTables::points() const {
   const std::vector<SliceTable> tables = point_tables(beam_);
   const Index n = static_cast<Index>(tables.size());
@@ -102,10 +107,11 @@ std::vector<double> SampledTables::points() const {
       return k < node_.turning ? t.linear(3 + about_[static_cast<std::size_t>(k)], k) : 0.0;
     });
   for (int row = 0; row < rest_rows(node_, axes_.planar); ++row) {
+    const bool one = axes_.planar || node_.uniaxial;
     VectorXd values(n);
     for (Index j = 0; j < n; ++j) {
       const SliceAtRest& rest = tables[static_cast<std::size_t>(j)].rest;
-      values[j] = axes_.planar ? axes_.sign * rest.theta[axes_.z] : row < 3 ? L * rest.K[row] : rest.theta[row - 3];
+      values[j] = one ? turn_at_rest(rest) : row < 3 ? L * rest.K[row] : rest.p[row - 3] - (row == 3 ? 1.0 : 0.0);
     }
     append(out, of_points(values, false));
   }
@@ -141,8 +147,7 @@ std::vector<double> SampledTables::slice(const SliceTable& at) const {
   weights.segment(1, at.weights.size()) = at.weights.transpose() / beam_.length();
   append(out, of_points(weights, true));
   const bool planar = axes_.planar;
-  if (node_.curved && (planar || node_.uniaxial))
-    out.push_back(planar ? axes_.sign * at.rest.theta[axes_.z] : at.rest.theta[about_.front()]);
+  if (node_.curved && (planar || node_.uniaxial)) out.push_back(turn_at_rest(at.rest));
   for (int k = 0; k < turns(node_, planar) - node_.curved; ++k)
     out.push_back(planar ? axes_.sign * at.linear(3 + axes_.z, k) : at.linear(3 + about_.front(), k));
   return out;

@@ -58,7 +58,8 @@ SliceAtRest Beam::rest_at(double X) const {
   if (!rest_) return out;
   const Eigen::RowVectorXd w = integral_weights(rest_->rule, length_, X);
   out.x = rest_->place * w.transpose();
-  out.R = rotation_of(Vector4d::Unit(0) + rest_->turn * w.transpose());
+  out.p = (Vector4d::Unit(0) + rest_->turn * w.transpose()).normalized();
+  out.R = rotation_of(out.p);
   out.K = rest_->at(X, false);
   out.theta = rest_->at(X, true);
   out.J.setZero(6, ne_);

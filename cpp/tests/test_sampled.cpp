@@ -211,6 +211,18 @@ TEST_CASE("arms in lanes at order 3 and exact") {
       arms.push_back(of_beams(beam, beam));
     }
     check_lanes({&arms[0], &arms[1], &arms[2]}, 1e-7);
+    o.gauss_points = 36;
+    o.modes = {2, 1, 1, 0, 0, 1};  // that stretch; and, where that can be, are curved, near to straight and far from it
+    arms.clear();
+    for (double K : {1.0, 2.5, -20.0}) {
+      if (order == kExact) {
+        o.curvature.resize(2, 3);
+        o.curvature << K, 0.3, 1.0, 0.5, K, 0.2;
+      }
+      const Beam beam(0.5, Section::rectangle(0.004, 0.006 + 1e-4 * K), flexarm_test::steel(), o);
+      arms.push_back(of_beams(beam, beam));
+    }
+    check_lanes({&arms[0], &arms[1], &arms[2]}, 1e-7);
   }
 }
 

@@ -70,10 +70,11 @@ Quaternion<P> zero_where(const typename Lanes<P>::Mask& mask, const Quaternion<P
 
 /// Starts the rotation as a product P of unit turns, (1 + v) over its length each. What P still lacks turns by the rate
 /// D, the vector of p' p^-1 - P' P^-1. The next turn is v = int D; behind it the rate is the vector of v D (1 + v)^-1,
-/// so that each turn squares the error. Where turns are large, that does not converge, and p starts at 1.
+/// so that each turn squares the error. Where turns are large, that does not converge, and p starts at 1. The product
+/// begins at 1, or, of a beam that is curved at rest, at p, with its D.
 template <class S, class P>
 void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int points, const Integral<S, P>& integral,
-                    const Quaternions<P>& p, const Field<Space<P>>& D, const Field<Space<P>>& v) {
+                    bool curved, const Quaternions<P>& p, const Field<Space<P>>& D, const Field<Space<P>>& v) {
   using Sp = Space<P>;
   using L = Lanes<P>;
   using Lin = typename Sp::Lin;
@@ -87,14 +88,18 @@ void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int 
   };
   const typename L::Mask none = L::everywhere(false);
   typename L::Mask far = none;
-  for (int i = 0; i < points; ++i) far = far | (Sp::dot(theta(i), theta(i)) > kNear);
+  if (curved) integral(3, columns_of(D), v.at, v.stride);
+  for (int i = 0; i < points; ++i) {
+    if (!curved) v.set(i, half * theta(i));
+    far = far | ((curved ? 4.0 * Sp::dot(v(i), v(i)) : Sp::dot(theta(i), theta(i))) > kNear);
+  }
   far = of_arm<S, P>(far);
   typename L::Mask done = far;
   for (int i = 0; i < points; ++i) {
-    const Lin first = zero_at(far, half * theta(i));
+    const Lin first = zero_at(far, v(i));
     v.set(i, first);
-    D.set(i, half * K(i));
-    p.set(i, {one, first});
+    if (!curved) D.set(i, half * K(i));
+    p.set(i, curved ? Quaternion<P>{one, first} * p(i) : Quaternion<P>{one, first});
   }
   for (int round = 0; round < kRounds && !L::all(done); ++round) {
     for (int i = 0; i < points; ++i) {
@@ -128,13 +133,13 @@ void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int 
 /// is not a number.
 template <class S, class P>
 void solve_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int points, const Integral<S, P>& integral,
-                    const Quaternions<P>& p, const Quaternions<P>& term, const Quaternions<P>& factor) {
+                    bool curved, const Quaternions<P>& p, const Quaternions<P>& term, const Quaternions<P>& factor) {
   using Mask = typename Lanes<P>::Mask;
   constexpr double kSmall = 1e-15;  // what comes after is smaller still
   constexpr double kRough = 10.0;   // a term that costs digits
   constexpr double kLost = 1e12;    // one of which the sum, of size 1, keeps four digits
   constexpr int kTimes = 5, kRounds = 400;
-  start_rotation(K, theta, points, integral, p, Field<Space<P>>{term.at, term.stride},
+  start_rotation(K, theta, points, integral, curved, p, Field<Space<P>>{term.at, term.stride},
                  Field<Space<P>>{factor.at, factor.stride});
   const Mask none = Lanes<P>::everywhere(false);
   Mask over = none, lost = none;

@@ -81,6 +81,23 @@ void exact_places(const Node& node, const Rows<Space<P>>& rows, const Integral<S
 
 // --- Both. ---
 
+/// Adds the curvature at rest to K, and starts the rotation there: R = P R_rest, with P' P^-1 of R_rest K.
+template <class P>
+void add_rest(const Node& node, const Rows<Space<P>>& rows, const SpaceSeries<P>& s) {
+  if (node.uniaxial) {
+    for (int i = 0; i < rows.points; ++i) s.theta.column(node.about[0])[i] += rows.at_rest(0, i);
+    return;
+  }
+  using Sp = Space<P>;
+  const Field<Sp> D{s.term.at, s.term.stride};
+  for (int i = 0; i < rows.points; ++i) {
+    const Quaternion<P> p{1.0 + rows.at_rest(3, i), {rows.at_rest(4, i), rows.at_rest(5, i), rows.at_rest(6, i)}};
+    s.p.set(i, p);
+    D.set(i, number<P>(0.5) * Sp::rotate(rotation_of(p), s.K(i)));
+    s.K.set(i, s.K(i) + typename Sp::Lin{rows.at_rest(0, i), rows.at_rest(1, i), rows.at_rest(2, i)});
+  }
+}
+
 /// Fills the series: what any slice sums.
 template <class S, class P>
 void sample(Space<S>, const Node& node, const double* points, const S* q, const S* dq, P* scratch) {
@@ -89,10 +106,11 @@ void sample(Space<S>, const Node& node, const double* points, const S* q, const 
   const Integral<S, P> integral(node.table, node.half, node.passes, s.end);
   add_strains(node, rows, q, dq, s);
   if (!node.exact) return sample_order_3(node, rows, integral, dq, s);
+  if (node.curved) add_rest(node, rows, s);
   if (node.uniaxial)
     turn_about_axis(s.theta, node.about[0], rows.points, s.p);
   else
-    solve_rotation(s.K, s.theta, rows.points, integral, s.p, s.term, s.factor);
+    solve_rotation(s.K, s.theta, rows.points, integral, node.curved, s.p, s.term, s.factor);
   for (int i = 0; i < rows.points; ++i) {
     const auto R = rotation_of(s.p(i));
     s.R[0].set(i, {R.xx, R.yx, R.zx});

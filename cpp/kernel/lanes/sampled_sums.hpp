@@ -134,7 +134,7 @@ struct Rows {
     };
     strain = rows(node.ne, points);
     turn = rows(Sp::planar ? 0 : node.ne, points);
-    rest = rows(node.curved ? (Sp::planar ? 1 : 6) : 0, points);
+    rest = rows(node.curved ? (Sp::planar || node.uniaxial ? 1 : 7) : 0, points);
     mass = rows(1, stations);
     inertia = rows(node.rotary ? 3 : 0, stations);
     further = p;
@@ -146,8 +146,8 @@ struct Rows {
     return Lanes<S>::load(strain + k * points * width + i * Lanes<S>::width);
   }
   P turned(int k, int i) const { return Lanes<P>::load(turn + (k * points + i) * width); }
-  /// Of a beam that is curved at rest: rows of its K times the length, and of the integrals of that; in the plane, of
-  /// how far it is turned.
+  /// Of a beam that is curved at rest: of how far it is turned about its axis, or rows of its K times the length, and
+  /// of its quaternion less 1, w x y z.
   P at_rest(int row, int i) const { return Lanes<P>::load(rest + (row * points + i) * width); }
   template <class S>
   S rest_in_lane(int i) const {

@@ -37,6 +37,7 @@ class SampledTables {
 
  private:
   Eigen::VectorXd of_points(const Eigen::VectorXd& at_points, bool shared) const;
+  double turn_at_rest(const SliceAtRest& rest) const;
 
   const Link& link_;
   const Beam& beam_;

@@ -42,7 +42,7 @@ struct SpaceSeries {
   }
 };
 
-/// The strains of all coordinates, and their integrals; with the curvature at rest.
+/// The strains of all coordinates, and their integrals.
 template <class S, class P>
 void add_strains(const Node& node, const Rows<Space<P>>& rows, const S* q, const S* dq, const SpaceSeries<P>& s) {
   P* all = s.K.at;  // five fields, one after the other
@@ -66,12 +66,6 @@ void add_strains(const Node& node, const Rows<Space<P>>& rows, const S* q, const
       if (turns) theta[i] = t;
     }
   }
-  if (node.curved)
-    for (int c = 0; c < 3; ++c)
-      for (int i = 0; i < rows.points; ++i) {
-        s.K.column(c)[i] += rows.at_rest(c, i);
-        s.theta.column(c)[i] += rows.at_rest(3 + c, i);
-      }
 }
 
 }  // namespace sampled

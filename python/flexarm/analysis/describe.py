@@ -8,6 +8,7 @@ from .._console import aligned
 from ..parts.beam import Beam, Circle, Rectangle, Taper
 from ..parts.chain import Chain
 from ..parts.joints import Fixed
+from ..parts.shapes import curvature_at
 from .modes import modes
 
 _HEADS = ("link", "joint", "beam (m)", "modes", "order", "hub (kg)", "beam (kg)", "tip (kg)", "clamped (rad/s)")
@@ -18,7 +19,7 @@ def _size(beam: Beam) -> str:
     if beam.curvature is None:
         return shape
     x, w = np.polynomial.legendre.leggauss(64)
-    K = np.array([beam._curvature_at(beam.length * (1 + s) / 2) for s in x])
+    K = np.array([curvature_at(beam.curvature, beam.length, beam.length * (1 + s) / 2) for s in x])
     turns = beam.length / 2 * (w @ np.column_stack([np.linalg.norm(K[:, 1:], axis=1), np.abs(K[:, 0])]))
     words = (f"{what} {turn:.3g} rad" for what, turn in zip(("bent", "twisted"), turns, strict=True) if turn)
     return f"{shape}, " + ", ".join(words)

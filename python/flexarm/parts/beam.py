@@ -12,14 +12,13 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.polynomial import legendre
 
 import flexarm._core as _core
 
 from .._check import array, choice, known_keys, number, whole
 from .part import Part
 from .patch import Patch, core_patches
-from .shapes import coefficients, columns, curvature
+from .shapes import coefficients, columns, curvature, kept_curvature
 
 STRAINS = _core.STRAINS  #: "bending_y" and so on, in the order of a beam's coordinates (Eq. 33)
 STRAIN_NAMES = _core.STRAIN_NAMES  #: "K1" and so on, of a section, as Arm.strain orders them
@@ -227,7 +226,7 @@ class Beam(Part):
             deflection. They must be independent. Sections move by x' = R (1 + eps, phi12, phi13), with eps the
             extension: of its terms orders 0 and 1 have eps itself, order 2 its products with a slope too, order 3 those
             with two slopes. At orders 0 to 2 a beam that stretches is reckoned in space, also where it moves in a
-            plane, where 3 and "exact" are then faster.
+            plane; order 3 is then faster.
         basis: "clamped-free" (Euler-Bernoulli clamped-free modes; sines for torsion, shear and extension; each 1 at
             X = L, so that a coordinate is its share of the tip's displacement in m, or of its twist in rad), "legendre"
             (Legendre polynomials as strains, so that a coordinate is a curvature or twist in 1/m, a shear angle in rad
@@ -251,10 +250,9 @@ class Beam(Part):
         curvature: at rest, with no stress (1/m): twist K1 and curvatures K2, K3, about the section's x, y and z as the
             strains are (K3 > 0 bends towards +y, K2 > 0 towards -z). Three numbers; a smooth callable of x (m); samples
             {"x": ..., "K": ...} or (x, K), K (n, 3), through which a spline goes; or Legendre coefficients {"legendre":
-            three lists}. None: straight. The elastic coordinates are the strains beyond it (so q = 0 is the shape at
-            rest), in the axes of the sections, which turn with it. It needs order "exact": the other orders are series
-            about a straight beam. The basis' modes and a damping ratio's beam: those of the straight beam, and of this
-            one.
+            three lists}. None: straight. The elastic coordinates are the strains beyond it (q = 0 is the shape at
+            rest) in the axes of the sections, which turn with it. It needs order "exact": the other orders are series
+            about a straight beam. A basis has the modes of the straight beam; a damping ratio is of this one's.
 
     Raises:
         ValueError: naming the field and the value.
@@ -358,20 +356,8 @@ class Beam(Part):
         if not self.length > 0:
             raise ValueError(f"length = {self.length}: must be positive and finite")
         c = curvature("curvature", self.curvature, self.length)
-        kept: Any = None
-        if len(c) == 1:
-            kept = tuple(c[0].tolist())
-        elif len(c):
-            kept = MappingProxyType({"legendre": tuple(tuple(column) for column in c.T.tolist())})
-        self._set("curvature", kept)
+        self._set("curvature", kept_curvature(c))
         return c if len(c) else np.zeros((0, 0))
-
-    def _curvature_at(self, x: float) -> Any:
-        """K1, K2, K3 at rest at x metres (1/m), (3,)."""
-        if not isinstance(self.curvature, Mapping):
-            return np.zeros(3) if self.curvature is None else np.array(self.curvature)
-        rows = np.array(self.curvature["legendre"])
-        return legendre.legval(2 * x / self.length - 1, rows.T)
 
     def _read_tip(self) -> tuple[float, float, Any]:
         if self.basis_tip is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -123,6 +124,20 @@ def curvature(field: str, value: Any, length: float) -> Array:
     while len(out) and not out[-1].any():
         out = out[:-1]
     return out
+
+
+def kept_curvature(c: Array) -> Any:
+    """Those coefficients as a beam keeps them: three numbers, {"legendre": three lists}, or None of a straight one."""
+    if len(c) == 1:
+        return tuple(c[0].tolist())
+    return MappingProxyType({"legendre": tuple(tuple(column) for column in c.T.tolist())}) if len(c) else None
+
+
+def curvature_at(kept: Any, length: float, x: float) -> Array:
+    """K1, K2, K3 at rest at x metres (1/m), (3,), of what a beam of a length (m) keeps."""
+    if not isinstance(kept, Mapping):
+        return np.zeros(3) if kept is None else np.array(kept)
+    return np.asarray(legendre.legval(2 * x / length - 1, np.array(kept["legendre"]).T))
 
 
 def _curvature_along(field: str, value: Any, length: float) -> list[tuple[float, ...]]:

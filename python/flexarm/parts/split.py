@@ -13,6 +13,7 @@ from .beam import STRAINS, Beam, Taper
 from .joints import Fixed
 from .link import Link
 from .patch import Patch
+from .shapes import curvature_at
 
 
 def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float] | None = None) -> list[Link]:
@@ -69,7 +70,7 @@ def _piece(beam: Beam, a: float, b: float, counts: Mapping[str, int]) -> Beam:
     if isinstance(curvature, Mapping):
 
         def curvature(x: float) -> Any:
-            return beam._curvature_at(x + a)
+            return curvature_at(beam.curvature, beam.length, x + a)
 
     given: dict[str, Any] = {"section": section, "patches": patches, "modes": dict(counts), "length": b - a}
     given["curvature"] = curvature

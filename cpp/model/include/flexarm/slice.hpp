@@ -27,6 +27,7 @@ enum class Plane { none, xy, xz };
 struct SliceAtRest {
   Eigen::Vector3d x = Eigen::Vector3d::Zero();      ///< place
   Eigen::Matrix3d R = Eigen::Matrix3d::Identity();  ///< orientation
+  Eigen::Vector4d p = Eigen::Vector4d::Unit(0);     ///< its quaternion w x y z, without jumps from 1 0 0 0 at X = 0
   Eigen::Vector3d K = Eigen::Vector3d::Zero();      ///< twist and curvatures K1, K2, K3 there (1/m),
   Eigen::Vector3d theta = Eigen::Vector3d::Zero();  ///< and their integrals from 0 (rad)
   Eigen::Matrix<double, 6, Eigen::Dynamic> J;       ///< [J_T; J_R] (Eq. 37, 39), where the beam is curved
