@@ -24,6 +24,7 @@ struct Chain {
   Mask lost;         ///< where the first pivot that was not positive was not a number, or infinite
   S* wrench;         ///< of each load, six numbers [f; m]
   Slice<Sp>* slice;  ///< that a load acts on, or that is asked for
+  S* kept;           ///< numbers of a body, while others of the pack are found
 
   static std::size_t memory_needed(const Layout& layout) {
     std::size_t bytes = sizeof(State<Sp>) * static_cast<std::size_t>(layout.nodes) + scratch_bytes(layout);
@@ -32,7 +33,11 @@ struct Chain {
       bytes += 3 * ne * (sizeof(Lin) + sizeof(Ang)) + 2 * (pairs + ne) * sizeof(S);
     }
     return bytes + sizeof(Slice<Sp>) + most_elastic(layout) * (sizeof(Lin) + sizeof(Ang)) +
-           6 * static_cast<std::size_t>(layout.loads) * sizeof(S);
+           (6 * static_cast<std::size_t>(layout.loads) + kept_numbers(layout)) * sizeof(S);
+  }
+  static std::size_t kept_numbers(const Layout& layout) {
+    const std::size_t ne = most_elastic(layout), each = 1 + 2 * (Sp::linear + Sp::angular) + (ne + 1) / 2;
+    return Lanes<S>::width > 1 ? sizeof(State<Sp>) / sizeof(S) + ne * (each + 1) : 0;
   }
 
   /// In memory, aligned for P, as large as `memory_needed` says.
@@ -62,6 +67,7 @@ struct Chain {
     slice->J_angular = reinterpret_cast<Ang*>(take(most_elastic(layout) * sizeof(Ang)));
     wrench = reinterpret_cast<S*>(take(6 * static_cast<std::size_t>(layout.loads) * sizeof(S)));
     for (int i = 0; i < 6 * layout.loads; ++i) wrench[i] = S{};
+    kept = reinterpret_cast<S*>(take(kept_numbers(layout) * sizeof(S)));
   }
   static std::size_t most_elastic(const Layout& layout) {
     int most = 0;
@@ -139,17 +145,71 @@ struct Chain {
   void bend_body(const Node& node, const double* constants, const Lin& gravity, const S* q, const S* dq, State<Sp>& s) {
     Elastic<Sp>& e = s.elastic;
     const double* points = numbers + node.points;
-    if (node.body == Node::sampled) {
-      sampled::sample(Sp{}, node, points, q, dq, scratch);
-      sampled::bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
-      return;
-    }
+    if (node.body == Node::sampled) return bend_sampled(node, constants, q, dq, s);
     move_slice(node, numbers + node.end, q, dq, e.end);
     if constexpr (!forces) return;
     if (node.body == Node::cut)
       bend_cut<Sp>(node, constants, gravity, q, dq, s.w, s.body, s.body_f, s.body_n, e);
     else
       bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
+  }
+
+  /// With few points where these are enough. In lanes, each arm by itself: no bit depends on who shares the pack.
+  void bend_sampled(const Node& node, const double* constants, const S* q, const S* dq, State<Sp>& s) {
+    Mask small = Lanes<S>::everywhere(false);
+    if (node.few) {
+      const double* p = numbers + node.bounds;
+      S sum{};
+      for (int k = 0; k < node.ne; ++k) sum += next<S>(p) * Lanes<S>::size(q[k]);
+      small = sum < 1.0;  // NaN is not
+    }
+    const bool all = Lanes<S>::all(small), none = Lanes<S>::all(Lanes<S>::none_of(small));
+    for (int round = 0; round < 2; ++round) {
+      const bool few = round == 0;
+      if (few ? none : all) continue;
+      const Node& on = few ? *node.few : node;
+      sampled::sample(Sp{}, on, numbers + on.points, q, dq, scratch);
+      sampled::bend(on, constants, numbers + on.points, q, dq, s.w, s.body, s.body_f, s.body_n, s.elastic, scratch);
+      if constexpr (Lanes<S>::width > 1)
+        if (!all && !none) few ? keep_body(node, s) : put_back(node, small, s);
+    }
+  }
+
+  /// visit(x, n) for the numbers that `bend_sampled` finds.
+  template <class Visit>
+  static void body_numbers(const Node& node, State<Sp>& s, const Visit& visit) {
+    const auto one = [&](auto& x) { visit(reinterpret_cast<S*>(&x), sizeof(x) / sizeof(S)); };
+    const auto list = [&](auto* x, int n) {
+      visit(reinterpret_cast<S*>(x), static_cast<std::size_t>(n) * sizeof(*x) / sizeof(S));
+    };
+    Elastic<Sp>& e = s.elastic;
+    one(s.body);
+    one(s.body_f);
+    one(s.body_n);
+    one(e.end.R);
+    one(e.end.x);
+    one(e.end.u_dot);
+    one(e.end.u_bias);
+    one(e.end.turning);
+    one(e.end.turn_bias);
+    list(e.end.J_linear, node.ne);
+    list(e.end.J_angular, node.ne);
+    list(e.M_linear, node.ne);
+    list(e.M_angular, node.ne);
+    list(e.M, node.ne * (node.ne + 1) / 2);
+    list(e.e, node.ne);
+  }
+  void keep_body(const Node& node, State<Sp>& s) {
+    S* at = kept;
+    body_numbers(node, s, [&](S* x, std::size_t n) {
+      for (std::size_t i = 0; i < n; ++i) *at++ = x[i];
+    });
+  }
+  void put_back(const Node& node, const Mask& where, State<Sp>& s) {
+    const S* at = kept;
+    body_numbers(node, s, [&](S* x, std::size_t n) {
+      for (std::size_t i = 0; i < n; ++i) x[i] = Lanes<S>::select(where, *at++, x[i]);
+    });
   }
 
   template <bool rates>
