@@ -51,7 +51,7 @@ int few_points(const Beam& beam) {
                 : o.basis == Basis::legendre ? 2 * *std::max_element(o.modes.begin(), o.modes.end()) + 6
                                              : enough_gauss_points(o, {}, beam.length(), kPart),
             even = n + n % 2;
-  return even + 4 <= beam.points() ? even : 0;
+  return even + 3 <= beam.points() ? even : 0;
 }
 
 std::vector<SliceTable> tables_at_points(const Beam& beam, int points) {
@@ -66,6 +66,7 @@ VectorXd bounds_of_few(const Beam& beam, const std::vector<SliceTable>& few, con
   constexpr double kSmall = 1e-13;    // part of a coordinate's inertia
   constexpr double kNothing = 2e-15;  // which rounding leaves
   constexpr double kMost = 2.0;       // rad
+  constexpr double kSafe = 0.6;       // for what coordinates do together, and in motion
   constexpr int kPowers = 12;
   const ShapeTable coarse(beam, few), fine(beam, all);
   const Eigen::RowVectorXd size = fine.turned.abs().colwise().maxCoeff();
@@ -86,7 +87,7 @@ VectorXd bounds_of_few(const Beam& beam, const std::vector<SliceTable>& few, con
     }
     factorial *= power + 1;
   }
-  return size.transpose().cwiseQuotient(most);
+  return size.transpose().cwiseQuotient(kSafe * most);
 }
 
 }  // namespace
