@@ -105,12 +105,8 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
       Node& few = out.few_[k];
       few.points = out.numbers_.size();
       few.passes = few.half / width + 1;
-      if (few.passes < moved.passes) {
-        group_points(*node.few, few, layout_.planar, width, p, out.numbers_);
-        out.lists_[k].few_table = integral_table(lists_[k].few_points, width);
-      } else {
-        few.half = 0;  // they would save nothing
-      }
+      group_points(*node.few, few, layout_.planar, width, p, out.numbers_);
+      out.lists_[k].few_table = integral_table(lists_[k].few_points, width);
       continue;
     }
     const std::size_t counts[] = {static_cast<std::size_t>(node.passes), static_cast<std::size_t>(node.rotary)};

@@ -145,7 +145,7 @@ struct Chain {
   void bend_body(const Node& node, const double* constants, const Lin& gravity, const S* q, const S* dq, State<Sp>& s) {
     Elastic<Sp>& e = s.elastic;
     const double* points = numbers + node.points;
-    if (node.body == Node::sampled) return bend_sampled(node, constants, q, dq, s);
+    if (node.body == Node::sampled) return bend_sampled<forces>(node, constants, q, dq, s);
     move_slice(node, numbers + node.end, q, dq, e.end);
     if constexpr (!forces) return;
     if (node.body == Node::cut)
@@ -155,6 +155,7 @@ struct Chain {
   }
 
   /// With few points where these are enough. In lanes, each arm by itself: no bit depends on who shares the pack.
+  template <bool forces>
   void bend_sampled(const Node& node, const double* constants, const S* q, const S* dq, State<Sp>& s) {
     Mask small = Lanes<S>::everywhere(false);
     if (node.few) {
@@ -168,8 +169,12 @@ struct Chain {
       const bool few = round == 0;
       if (few ? none : all) continue;
       const Node& on = few ? *node.few : node;
-      sampled::sample(Sp{}, on, numbers + on.points, q, dq, scratch);
-      sampled::bend(on, constants, numbers + on.points, q, dq, s.w, s.body, s.body_f, s.body_n, s.elastic, scratch);
+      const double* points = numbers + on.points;
+      sampled::sample(Sp{}, on, points, q, dq, scratch);
+      if constexpr (forces)
+        sampled::bend(on, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, s.elastic, scratch);
+      else
+        sampled::move_end(on, points, q, dq, s.elastic.end, scratch);
       if constexpr (Lanes<S>::width > 1)
         if (!all && !none) few ? keep_body(node, s) : put_back(node, small, s);
     }
