@@ -39,6 +39,17 @@ void KernelArm::point() {
     if (lists_[k].table) nodes_[k].table = lists_[k].table->data();
     nodes_[k].load = lists_[k].loads.data();
     nodes_[k].loads = static_cast<int>(lists_[k].loads.size());
+    if (few_[k].half == 0) {
+      nodes_[k].few = nullptr;
+      continue;
+    }
+    Node few = nodes_[k];
+    few.half = few_[k].half;
+    few.passes = few_[k].passes;
+    few.points = few_[k].points;
+    few.table = lists_[k].few_table->data();
+    few_[k] = few;
+    nodes_[k].few = &few_[k];
   }
   layout_.loads = static_cast<int>(loads_.size());
   layout_.load = loads_.data();
@@ -55,6 +66,7 @@ KernelArm& KernelArm::operator=(const KernelArm& other) {
   layout_ = other.layout_;
   nodes_ = other.nodes_;
   lists_ = other.lists_;
+  few_ = other.few_;
   structure_ = other.structure_;
   numbers_ = other.numbers_;
   seats_ = other.seats_;
@@ -73,7 +85,8 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
     const Node& node = nodes_[k];
     Node& moved = out.nodes_[k];
     const std::size_t shift = out.numbers_.size() - from;  // modulo 2^64
-    for (std::size_t Node::* place : {&Node::numbers, &Node::end, &Node::tip_body}) moved.*place += shift;
+    for (std::size_t Node::* place : {&Node::numbers, &Node::end, &Node::tip_body, &Node::bounds})
+      moved.*place += shift;
     if (node.ne == 0 && k + 1 < nodes_.size()) continue;  // its numbers are copied with the next ones
     const std::size_t end = node.ne == 0 ? numbers_.size() : node.points;
     out.numbers_.insert(out.numbers_.end(), numbers_.begin() + static_cast<std::ptrdiff_t>(from),
@@ -88,6 +101,12 @@ KernelArm KernelArm::grouped(int width, const std::vector<bool>& given) const {
       moved.further_passes = (node.further + width - 1) / width;
       group_points(node, moved, layout_.planar, width, p, out.numbers_);
       out.lists_[k].table = integral_table(lists_[k].points, width);
+      if (!node.few) continue;
+      Node& few = out.few_[k];
+      few.points = out.numbers_.size();
+      few.passes = few.half / width + 1;
+      group_points(*node.few, few, layout_.planar, width, p, out.numbers_);
+      out.lists_[k].few_table = integral_table(lists_[k].few_points, width);
       continue;
     }
     const std::size_t counts[] = {static_cast<std::size_t>(node.passes), static_cast<std::size_t>(node.rotary)};
@@ -148,9 +167,11 @@ KernelArm KernelArm::side_by_side(const std::vector<const KernelArm*>& arms, int
       for (std::size_t i = 0; i < n; ++i) (out.*all)[i * w + l] = from[i];
     }
   }
-  out.point();
   for (Node& node : out.nodes_)
-    for (std::size_t Node::* place : {&Node::numbers, &Node::end, &Node::points, &Node::tip_body}) node.*place *= w;
+    for (std::size_t Node::* place : {&Node::numbers, &Node::end, &Node::points, &Node::tip_body, &Node::bounds})
+      node.*place *= w;
+  for (Node& few : out.few_) few.points *= w;
+  out.point();
   return out;
 }
 

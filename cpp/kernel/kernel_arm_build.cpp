@@ -83,6 +83,7 @@ Node& ArmBuilder::begin_coincident() {
 Node& ArmBuilder::append(const Node& node) {
   out.nodes_.push_back(node);
   out.lists_.emplace_back();
+  out.few_.emplace_back();
   return out.nodes_.back();
 }
 

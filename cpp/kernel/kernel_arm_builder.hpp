@@ -91,6 +91,7 @@ struct ArmBuilder {
   }
   void note(const std::vector<int>& list) { out.structure_.insert(out.structure_.end(), list.begin(), list.end()); }
   Node& node() { return out.nodes_.back(); }
+  Node& few() { return out.few_.back(); }
   KernelArm::Lists& lists() { return out.lists_.back(); }
 
   /// Begins a node where the last one ends.

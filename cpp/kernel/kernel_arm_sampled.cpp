@@ -24,25 +24,15 @@ int turns(const Node& node, bool planar) {
 /// Rows of the curvature at rest.
 int rest_rows(const Node& node, bool planar) { return node.curved ? (planar || node.uniaxial ? 1 : 7) : 0; }
 
-/// The strain that a coordinate is one of.
+void append(std::vector<double>& out, const VectorXd& x) { out.insert(out.end(), x.data(), x.data() + x.size()); }
+
+}  // namespace
+
 const StrainField& strain_of(const Beam& beam, int coordinate) {
   int s = kStrains - 1;
   while (beam.first(s) > coordinate || beam.options().modes[static_cast<std::size_t>(s)] == 0) --s;
   return kStrainFields[s];
 }
-
-/// Of X = 0, the points, and the end.
-std::vector<SliceTable> point_tables(const Beam& beam) {
-  const VectorXd points = GaussRule(beam.points()).points;
-  std::vector<double> parts{0.0};
-  parts.insert(parts.end(), points.data(), points.data() + points.size());
-  parts.push_back(1.0);
-  return beam.tables_at(parts);
-}
-
-void append(std::vector<double>& out, const VectorXd& x) { out.insert(out.end(), x.data(), x.data() + x.size()); }
-
-}  // namespace
 
 void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int>& about) {
   node.body = Node::sampled;
@@ -84,8 +74,24 @@ double SampledTables::turn_at_rest(const SliceAtRest& rest) const {
   return axes_.planar ? axes_.sign * rest.theta[axes_.z] : rest.theta[about_.front()];
 }
 
-std::vector<double> SampledTables::points() const {
-  const std::vector<SliceTable> tables = point_tables(beam_);
+/// The slices that carry the inertia; or at other points than the beam's the same, whose section is uniform.
+std::vector<MassSlice> SampledTables::stations(const std::vector<SliceTable>& tables) const {
+  const int n = PointTables::points(tables);
+  if (n == beam_.points()) return beam_.slices();
+  const VectorXd parts = GaussRule(n).weights;
+  const MassSlice& one = beam_.slices().front();
+  std::vector<MassSlice> out;
+  for (int i = 0; i < n; ++i) {
+    const double mass = parts[i] * beam_.mass();
+    out.push_back(
+        {tables[static_cast<std::size_t>(i + 1)], mass, one.inertia * (one.mass > 0.0 ? mass / one.mass : 0.0)});
+    out.back().table.point = i;
+  }
+  return out;
+}
+
+std::vector<double> SampledTables::points(const std::vector<SliceTable>& tables) const {
+  const std::vector<MassSlice> slices = stations(tables);
   const Index n = static_cast<Index>(tables.size());
   const double L = beam_.length();
   const Vector3d& origin = link_.hub().end;
@@ -119,7 +125,7 @@ std::vector<double> SampledTables::points() const {
   const auto of_stations = [&](const auto& value) {
     VectorXd at = VectorXd::Zero(n);  // nothing at the ends
     std::vector<double> others;
-    for (const MassSlice& s : beam_.slices()) {
+    for (const MassSlice& s : slices) {
       if (at_point(s))
         at[1 + s.table.point] = value(s);
       else
@@ -131,7 +137,7 @@ std::vector<double> SampledTables::points() const {
   of_stations([](const MassSlice& s) { return s.mass; });
   if (node_.rotary)
     for (int c = 0; c < 3; ++c) of_stations([&](const MassSlice& s) { return s.inertia[c]; });
-  for (const MassSlice& s : beam_.slices())
+  for (const MassSlice& s : slices)
     if (!at_point(s)) {
       const std::vector<double> numbers = slice(s.table);
       out.insert(out.end(), numbers.begin(), numbers.end());
@@ -260,8 +266,19 @@ void ArmBuilder::add_sampled(const Link& link) {
   }
   put_stiffness(link);
   put_tip(link);
+  const PointTables& at = PointTables::of(beam);
+  set(node().bounds, out.numbers_.size());
+  for (double x : at.bounds) put(x);
   begin_points();  // of which the end is one
-  put(tables.points());
+  put(tables.points(at.all));
+  set(list.few_points, at.few.empty() ? 0 : PointTables::points(at.few));
+  if (list.few_points == 0) return;
+  list.few_table = integral_table(list.few_points, 1);
+  few() = node();
+  few().half = list.few_points / 2;
+  few().passes = few().half + 1;
+  set(few().points, out.numbers_.size());
+  put(SampledTables(link, {axes.planar, axes.y, axes.z, axes.sign}, few(), list.about).points(at.few));
 }
 
 }  // namespace lanes

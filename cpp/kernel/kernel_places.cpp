@@ -107,6 +107,8 @@ KernelArm KernelArm::loaded(const Arm& arm, const std::vector<Load>& loads) cons
   for (const Load& load : loads) {
     const PlacedLoad placed = out.put_load(arm, load);
     out.lists_[static_cast<std::size_t>(placed.place.node)].loads.push_back(static_cast<int>(out.loads_.size()));
+    // between fewer points, slices are not as right as sums over all of them
+    if (placed.place.on == Place::slice) out.few_[static_cast<std::size_t>(placed.place.node)].half = 0;
     out.loads_.push_back(placed);
     for (int x : {int(placed.place.on), placed.place.node, int(placed.world), int(placed.mean), placed.slices})
       out.structure_.push_back(x);

@@ -331,15 +331,15 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
   }
 }
 
-std::vector<SliceTable> Beam::tables(const std::vector<double>& stations, const GaussRule& rule) const {
+std::vector<SliceTable> Beam::tables(const std::vector<double>& stations) const {
   std::vector<double> parts;
   for (double X : stations) parts.push_back(X / length_);
-  std::vector<SliceTable> out = tables_at(parts, rule);
+  std::vector<SliceTable> out = tables_at(parts);
   for (std::size_t k = 0; k < stations.size(); ++k) out[k].X = stations[k];
   return out;
 }
 
-std::vector<SliceTable> Beam::tables_at(const std::vector<double>& parts, const GaussRule& rule) const {
+std::vector<SliceTable> Beam::tables_at(const std::vector<double>& parts, bool weights) const {
   const std::shared_ptr<const std::vector<UnitSlice>> unit = unit_slices(*unit_, parts);
   std::array<double, kStrains> shrink;  // of a strain's coordinates to those at length 1
   const auto strain_of = [&](int coordinate) {
@@ -369,7 +369,7 @@ std::vector<SliceTable> Beam::tables_at(const std::vector<double>& parts, const 
     t.products = at.products;
     for (Product& p : t.products) p.C *= (p.row < 3 ? length_ : 1.0) * shrink[strain_of(p.i)] * shrink[strain_of(p.j)];
     t.rest = rest_at(t.X);
-    if (options_.order > 2) t.weights = integral_weights(rule, length_, t.X);
+    if (weights && options_.order > 2) t.weights = integral_weights(rule_, length_, t.X);
     out.push_back(std::move(t));
   }
   return out;

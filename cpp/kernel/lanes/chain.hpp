@@ -25,6 +25,7 @@ struct Chain {
   Mask lost;         ///< where the first pivot that was not positive was not a number, or infinite
   S* wrench;         ///< of each load, six numbers [f; m]
   Slice<Sp>* slice;  ///< that a load acts on, or that is asked for
+  S* kept;           ///< numbers of a body, while others of the pack are found
 
   Chain(const Layout& layout_, const double* numbers_, Room& room) : layout(layout_), numbers(numbers_) {
     room.take(most_scratch(layout), scratch);  // first, as the memory is aligned for P
@@ -44,6 +45,7 @@ struct Chain {
     room.take(most_elastic(layout), s.J_linear);
     room.take(most_elastic(layout), s.J_angular);
     room.take_zeros(6 * layout.loads, wrench);
+    room.take(kept_numbers(layout), kept);
   }
   Chain(const Layout& layout_, const double* numbers_, Room&& room) : Chain(layout_, numbers_, room) {}
   /// Bytes, aligned for P.
@@ -51,6 +53,10 @@ struct Chain {
     Room none;
     Chain(layout, nullptr, none);
     return none.bytes();
+  }
+  static int kept_numbers(const Layout& layout) {
+    const int ne = most_elastic(layout), each = 1 + 2 * (Sp::linear + Sp::angular) + (ne + 1) / 2;
+    return Lanes<S>::width > 1 ? static_cast<int>(sizeof(State<Sp>) / sizeof(S)) + ne * (each + 1) : 0;
   }
   static int most_elastic(const Layout& layout) {
     int most = 0;
@@ -128,17 +134,76 @@ struct Chain {
   void bend_body(const Node& node, const double* constants, const Lin& gravity, const S* q, const S* dq, State<Sp>& s) {
     Elastic<Sp>& e = s.elastic;
     const double* points = numbers + node.points;
-    if (node.body == Node::sampled) {
-      sampled::sample(Sp{}, node, points, q, dq, scratch);
-      sampled::bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
-      return;
-    }
+    if (node.body == Node::sampled) return bend_sampled<forces>(node, constants, q, dq, s);
     move_slice(node, numbers + node.end, q, dq, e.end);
     if constexpr (!forces) return;
     if (node.body == Node::cut)
       bend_cut<Sp>(node, constants, gravity, q, dq, s.w, s.body, s.body_f, s.body_n, e);
     else
       bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
+  }
+
+  /// With few points where these are enough. In lanes, each arm by itself: no bit depends on who shares the pack.
+  template <bool forces>
+  void bend_sampled(const Node& node, const double* constants, const S* q, const S* dq, State<Sp>& s) {
+    Mask small = Lanes<S>::everywhere(false);
+    if (node.few) {
+      const double* p = numbers + node.bounds;
+      S sum{};
+      for (int k = 0; k < node.ne; ++k) sum += next<S>(p) * Lanes<S>::size(q[k]);
+      small = sum < 1.0;  // NaN is not
+    }
+    const bool all = Lanes<S>::all(small), none = Lanes<S>::all(Lanes<S>::none_of(small));
+    for (int round = 0; round < 2; ++round) {
+      const bool few = round == 0;
+      if (few ? none : all) continue;
+      const Node& on = few ? *node.few : node;
+      const double* points = numbers + on.points;
+      sampled::sample(Sp{}, on, points, q, dq, scratch);
+      if constexpr (forces)
+        sampled::bend(on, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, s.elastic, scratch);
+      else
+        sampled::move_end(on, points, q, dq, s.elastic.end, scratch);
+      if constexpr (Lanes<S>::width > 1)
+        if (!all && !none) few ? keep_body(node, s) : put_back(node, small, s);
+    }
+  }
+
+  /// visit(x, n) for the numbers that `bend_sampled` finds.
+  template <class Visit>
+  static void body_numbers(const Node& node, State<Sp>& s, const Visit& visit) {
+    const auto one = [&](auto& x) { visit(reinterpret_cast<S*>(&x), sizeof(x) / sizeof(S)); };
+    const auto list = [&](auto* x, int n) {
+      visit(reinterpret_cast<S*>(x), static_cast<std::size_t>(n) * sizeof(*x) / sizeof(S));
+    };
+    Elastic<Sp>& e = s.elastic;
+    one(s.body);
+    one(s.body_f);
+    one(s.body_n);
+    one(e.end.R);
+    one(e.end.x);
+    one(e.end.u_dot);
+    one(e.end.u_bias);
+    one(e.end.turning);
+    one(e.end.turn_bias);
+    list(e.end.J_linear, node.ne);
+    list(e.end.J_angular, node.ne);
+    list(e.M_linear, node.ne);
+    list(e.M_angular, node.ne);
+    list(e.M, node.ne * (node.ne + 1) / 2);
+    list(e.e, node.ne);
+  }
+  void keep_body(const Node& node, State<Sp>& s) {
+    S* at = kept;
+    body_numbers(node, s, [&](S* x, std::size_t n) {
+      for (std::size_t i = 0; i < n; ++i) *at++ = x[i];
+    });
+  }
+  void put_back(const Node& node, const Mask& where, State<Sp>& s) {
+    const S* at = kept;
+    body_numbers(node, s, [&](S* x, std::size_t n) {
+      for (std::size_t i = 0; i < n; ++i) x[i] = Lanes<S>::select(where, *at++, x[i]);
+    });
   }
 
   template <bool rates>

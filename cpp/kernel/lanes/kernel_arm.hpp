@@ -48,8 +48,8 @@ class KernelArm {
   struct Lists {
     std::vector<int> which, direction, about, loads;
     std::vector<Block> blocks;
-    int points = 0;                        ///< of a sampled body,
-    std::shared_ptr<const Numbers> table;  ///< and integrals over them
+    int points = 0, few_points = 0;                   ///< of a sampled body, and fewer of them,
+    std::shared_ptr<const Numbers> table, few_table;  ///< and integrals over them
   };
   /// Where a link sits in its last node's frame, and its end in that frame or the beam's end.
   struct Seat {
@@ -69,6 +69,7 @@ class KernelArm {
   Layout layout_;
   std::vector<Node> nodes_;
   std::vector<Lists> lists_;    ///< one for each node
+  std::vector<Node> few_;       ///< for each node the same with few points: without any, where it has no such
   std::vector<int> structure_;  ///< what arms share that lie side by side: of every node, as it was made
   Numbers numbers_;
   std::vector<Seat> seats_;  ///< one for each link

@@ -50,6 +50,10 @@ struct Node {
   bool curved = false;    ///< at rest
   bool points_have_mass = false;  ///< or else the other stations alone
   const double* table = nullptr;  ///< of integrals over the points (integral.hpp); the same numbers for all lanes
+  /// The same with fewer points, or null. These are enough where the sizes of the coordinates, times so many numbers,
+  /// sum up to less than 1.
+  const Node* few = nullptr;
+  std::size_t bounds = 0;
   // where numbers begin: of the node (joint, body), of the beam's end, its points, and the tip body
   std::size_t numbers = 0, end = 0, points = 0, tip_body = 0;
   int loads = 0;              ///< that act on it,

@@ -2,6 +2,10 @@
 // kernels alone.
 #pragma once
 
+#ifdef __SSE2__
+#include <immintrin.h>
+#endif
+
 #include "lanes/scalar.hpp"
 
 namespace {
@@ -29,10 +33,18 @@ struct Lanes<Pack> {
   static bool any(const PackMask& m) { return !all(~m); }
   static bool lane(const PackMask& m, int i) { return m[i] != 0; }
   static PackMask everywhere(bool m) { return PackMask{} - (m ? 1 : 0); }
-  static Pack root(const Pack& x) {
+  static Pack root(const Pack& x) {  // compilers make one instruction for each lane of a loop
+#if FLEXARM_WIDTH == 8 && defined(__AVX512F__)
+    return reinterpret_cast<Pack>(_mm512_maskz_sqrt_pd(0xff, reinterpret_cast<__m512d>(x)));
+#elif FLEXARM_WIDTH == 4 && defined(__AVX__)
+    return reinterpret_cast<Pack>(_mm256_sqrt_pd(reinterpret_cast<__m256d>(x)));
+#elif FLEXARM_WIDTH == 2 && defined(__SSE2__)
+    return reinterpret_cast<Pack>(_mm_sqrt_pd(reinterpret_cast<__m128d>(x)));
+#else
     Pack y{};
     for (int i = 0; i < width; ++i) y[i] = __builtin_sqrt(x[i]);
     return y;
+#endif
   }
   static Pack atan2(const Pack& y, const Pack& x) {
     Pack angle{};

@@ -30,11 +30,16 @@ struct Quaternions {
   }
 };
 
+template <class P>
+P square_of(const Quaternion<P>& p) {
+  return p.w * p.w + Space<P>::dot(p.v, p.v);
+}
+
 /// R of a quaternion of any length.
 template <class P>
 typename Space<P>::Rot rotation_of(const Quaternion<P>& p) {
   const auto& v = p.v;
-  const P scale = 2.0 / (p.w * p.w + Space<P>::dot(v, v)), x = scale * v.x, y = scale * v.y, z = scale * v.z;
+  const P scale = 2.0 / square_of(p), x = scale * v.x, y = scale * v.y, z = scale * v.z;
   const P xx = x * v.x, yy = y * v.y, zz = z * v.z, xy = x * v.y, xz = x * v.z, yz = y * v.z;
   const P wx = p.w * x, wy = p.w * y, wz = p.w * z;
   return {1.0 - (yy + zz), xy - wz, xz + wy, xy + wz, 1.0 - (xx + zz), yz - wx, xz - wy, yz + wx, 1.0 - (xx + yy)};
@@ -55,12 +60,6 @@ void turn_about_axis(const Field<Space<P>>& theta, int axis, int points, const Q
   }
 }
 
-/// Whether some component is larger.
-template <class P>
-typename Lanes<P>::Mask exceeds(const Quaternion<P>& p, double size) {
-  using L = Lanes<P>;
-  return L::larger(L::larger(L::size(p.w), L::size(p.v.x)), L::larger(L::size(p.v.y), L::size(p.v.z))) > size;
-}
 template <class P>
 Quaternion<P> zero_where(const typename Lanes<P>::Mask& mask, const Quaternion<P>& p) {
   using L = Lanes<P>;
@@ -122,7 +121,7 @@ void start_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int 
   }
   for (int i = 0; i < points; ++i) {
     const Quaternion<P> all = p(i);
-    const P over = 1.0 / L::root(all.w * all.w + Sp::dot(all.v, all.v));
+    const P over = 1.0 / L::root(square_of(all));
     p.set(i, {L::select(far, one, over * all.w), zero_at(far, over * all.v)});
   }
 }
@@ -135,13 +134,16 @@ template <class S, class P>
 void solve_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int points, const Integral<S, P>& integral,
                     bool curved, const Quaternions<P>& p, const Quaternions<P>& term, const Quaternions<P>& factor) {
   using Mask = typename Lanes<P>::Mask;
-  constexpr double kSmall = 1e-15;  // what comes after is smaller still
-  constexpr double kRough = 10.0;   // a term that costs digits
-  constexpr double kLost = 1e12;    // one of which the sum, of size 1, keeps four digits
+  // squares: of a term behind which nothing comes; of one that costs digits; of one of which the sum, of size 1, keeps
+  // four digits
+  constexpr double kSmall = 4e-30, kRough = 1e2, kLost = 1e24;
   constexpr int kTimes = 5, kRounds = 400;
   start_rotation(K, theta, points, integral, curved, p, Field<Space<P>>{term.at, term.stride},
                  Field<Space<P>>{factor.at, factor.stride});
   const Mask none = Lanes<P>::everywhere(false);
+  P reach{};  // of the square of a term, the most that the next one's is
+  for (int i = 0; i < points; ++i) reach = Lanes<P>::larger(reach, P(0.25 * Space<P>::dot(K(i), K(i))));
+  reach = Lanes<P>::smaller(number<P>(1.0), most_of_arm<S>(reach));
   Mask over = none, lost = none;
   for (int time = 0; time < kTimes && !Lanes<P>::all(over); ++time) {
     Mask done = over, rough = none;
@@ -161,9 +163,10 @@ void solve_rotation(const Field<Space<P>>& K, const Field<Space<P>>& theta, int 
           term.set(i, next);
         }
         p.set(i, sum + next);
-        open = open | exceeds(next, kSmall);
-        rough = rough | exceeds(next, kRough);
-        lost = lost | exceeds(next, kLost);
+        const P square = square_of(next);
+        open = open | (square * reach > kSmall);
+        rough = rough | (square > kRough);
+        lost = lost | (square > kLost);
       }
       lost = of_arm<S, P>(lost);
       done = done | lost | Lanes<P>::none_of(of_arm<S, P>(open));

@@ -42,6 +42,16 @@ void place_further(const Node& node, const double* numbers, const double* points
   }
 }
 
+/// The end slice alone, after `sample`.
+template <class Sp, class P>
+void move_end(const Node& node, const double* points, const typename Sp::Scalar* q, const typename Sp::Scalar* dq,
+              Slice<Sp>& out, P* scratch) {
+  const typename OfPoints<Sp, P>::Series s(node, scratch);
+  const Rows<typename OfPoints<Sp, P>::Space> rows(node, points);
+  place_points(node, rows, dq, s, s.end);
+  end_slice(node, rows, q, dq, s, out);
+}
+
 /// Inertia and forces, and the end slice, after `sample`.
 template <class Sp, class P>
 void bend(const Node& node, const double* constants, const double* points, const typename Sp::Scalar* q,

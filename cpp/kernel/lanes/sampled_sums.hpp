@@ -22,6 +22,18 @@ typename Lanes<P>::Mask of_arm(const typename Lanes<P>::Mask& mask) {
     return Lanes<P>::everywhere(Lanes<P>::any(mask));
 }
 
+/// And the most that one has.
+template <class S, class P>
+P most_of_arm(const P& x) {
+  if constexpr (sizeof(S) == sizeof(P)) {
+    return x;
+  } else {
+    S most = x[0];
+    for (int i = 1; i < Lanes<P>::width; ++i) most = Lanes<S>::larger(most, x[i]);
+    return widen(most, P{});
+  }
+}
+
 /// A vector as a function of X: a column for each component, of its values at the points and then at further stations.
 template <class Sp>
 struct Field {

@@ -21,12 +21,25 @@ struct BeamAxes {
 /// What a node says of a sampled body, and the axes of its coordinates (Node::about).
 void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int>& about);
 
+/// The strain that a coordinate is one of.
+const StrainField& strain_of(const Beam& beam, int coordinate);
+
+/// Slices at X = 0, the points of a beam, and the end.
+struct PointTables {
+  std::vector<SliceTable> all, few;  ///< the few are enough for small coordinates; none, where they save too little
+  /// Numbers by which the sizes of coordinates are multiplied and summed: below 1, the few integrate as all do.
+  Eigen::VectorXd bounds;
+  static int points(const std::vector<SliceTable>& tables) { return static_cast<int>(tables.size()) - 2; }
+  /// Kept with the beam.
+  static const PointTables& of(const Beam& beam);
+};
+
 /// The numbers of one body, a point at a time. `node` and `about` are as described.
 class SampledTables {
  public:
   SampledTables(const Link& link, const BeamAxes& axes, const Node& node, const std::vector<int>& about);
-  /// Of the points (sampled.hpp's Rows).
-  std::vector<double> points() const;
+  /// Of the points (sampled.hpp's Rows), by their tables.
+  std::vector<double> points(const std::vector<SliceTable>& tables) const;
   /// Of a slice: where the beam begins, weights of the integral from 0 to X, and how it turns.
   std::vector<double> slice(const SliceTable& at) const;
   /// In the plane, where sections turn by what is linear: their moment of inertia, and its sums with the coordinates'
@@ -38,6 +51,7 @@ class SampledTables {
  private:
   Eigen::VectorXd of_points(const Eigen::VectorXd& at_points, bool shared) const;
   double turn_at_rest(const SliceAtRest& rest) const;
+  std::vector<MassSlice> stations(const std::vector<SliceTable>& tables) const;
 
   const Link& link_;
   const Beam& beam_;

@@ -243,7 +243,8 @@ class Beam(Part):
             damping @ rates. `Arm.modal_damping` and `Arm.rayleigh_damping` make such.
         gauss_points: slices that carry the inertia, and points along which order "exact" integrates the rotation. None
             lets the basis choose enough for about 1e-12; in "exact" beams that turn their sections by far more than a
-            radian these may be too few, of which a RangeWarning tells.
+            radian these may be too few, of which a RangeWarning tells. Where None is given, uniform beams of order 3
+            and "exact" take fewer of them while their coordinates are so small that this changes nothing but rounding.
         basis_tip: what the modes of the loaded basis carry on the beam's end: its mass, its com along x and its
             principal inertia are used. It shapes the basis and no more; the load itself is the link's `tip`.
         patches: piezoelectric patches; see Patch. The loaded basis does not feel them.

@@ -94,17 +94,15 @@ class Beam {
   /// The slice at any X in [0, L]. @throws std::invalid_argument outside
   SliceTable slice_at(double X) const;
   /// The slices at places that increase: in one sweep.
-  std::vector<SliceTable> tables(const std::vector<double>& stations) const { return tables(stations, rule_); }
-  /// The same at parts of the length, 0 to 1.
-  std::vector<SliceTable> tables_at(const std::vector<double>& parts) const { return tables_at(parts, rule_); }
+  std::vector<SliceTable> tables(const std::vector<double>& stations) const;
+  /// The same at parts of the length, 0 to 1; or without weights.
+  std::vector<SliceTable> tables_at(const std::vector<double>& parts, bool weights = true) const;
   /// Whether the slices are those of a section that is the same from end to end.
   bool uniform() const { return uniform_; }
   /// The shape functions at length 1.
   const UnitShapes& unit() const { return *unit_; }
 
  private:
-  std::vector<SliceTable> tables(const std::vector<double>& stations, const GaussRule& rule) const;
-  std::vector<SliceTable> tables_at(const std::vector<double>& parts, const GaussRule& rule) const;
   /// Section and material along the beam.
   struct Profile;
   Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options,
