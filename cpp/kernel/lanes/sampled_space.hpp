@@ -10,18 +10,20 @@ namespace sampled {
 // --- Exact. ---
 
 /// J_R' = R dK/dq, and with Omega = J_R dq its convective part Omega x R dK (Eq. 39, 40).
-template <class S, class P>
+template <bool again, class S, class P>
 void turn_jacobians(const Node& node, const Rows<Space<P>>& rows, const Integral<S, P>& integral, const S* dq,
                     const SpaceSeries<P>& s) {
   using Sp = Space<P>;
-  integral(
-      3 * node.turning,
-      [&](int c) {
-        const P* axis = s.R[node.about[c / 3]].column(c % 3);
-        return [=, &rows](int i) { return rows.shape(c / 3, i) * axis[i]; };
-      },
-      s.turned.first.at, s.turned.first.stride);
-  for (int k = node.turning; k < node.ne; ++k) s.turned.by(k).clear(0, rows.points);
+  if constexpr (!again) {
+    integral(
+        3 * node.turning,
+        [&](int c) {
+          const P* axis = s.R[node.about[c / 3]].column(c % 3);
+          return [=, &rows](int i) { return rows.shape(c / 3, i) * axis[i]; };
+        },
+        s.turned.first.at, s.turned.first.stride);
+    for (int k = node.turning; k < node.ne; ++k) s.turned.by(k).clear(0, rows.points);
+  }
   for (int i = 0; i < rows.points; ++i) {
     auto spin = Sp::zero();
     for (int k = 0; k < node.turning; ++k) spin += widen(dq[k], P{}) * s.turned.by(k)(i);
@@ -51,10 +53,11 @@ void exact_tangent(const Node& node, const Rows<Space<P>>& rows, const SpaceSeri
 }
 
 /// Places at the points and their Jacobians: J_X' = J_R x x' + R dphi/dq (Eq. 37).
-template <class S, class P>
+template <bool again, class S, class P>
 void exact_places(const Node& node, const Rows<Space<P>>& rows, const Integral<S, P>& integral,
                   const SpaceSeries<P>& s) {
   const int stride = s.place.value.stride;
+  if constexpr (again) return integral(3, columns_of(s.tangent.bias), s.place.bias.at, stride);
   integral(6, columns_of(s.tangent.value), s.place.value.at, stride);  // and of the bias
   integral(
       3 * node.turning,
@@ -77,36 +80,39 @@ void exact_places(const Node& node, const Rows<Space<P>>& rows, const Integral<S
 
 // --- Both. ---
 
-/// Fills the series: what any slice sums.
-template <class S, class P>
+/// Fills the series: what any slice sums; with `again`, what other rates change.
+template <bool again, class S, class P>
 void sample(Space<S>, const Node& node, const double* points, const S* q, const S* dq, P* scratch) {
   SpaceSeries<P> s(node, scratch);
   const Rows<Space<P>> rows(node, points);
   const Integral<S, P> integral(node.table, node.half, node.passes, s.end);
   add_strains(node, rows, q, dq, s);
   if (!node.exact) return sample_order_3(node, rows, integral, dq, s);
-  if (node.uniaxial)
+  if (again)
+    ;  // rotations stay
+  else if (node.uniaxial)
     turn_about_axis(s.theta, node.about[0], rows.points, s.p);
   else
     solve_rotation(s.K, s.theta, rows.points, integral, s.p, s.term, s.factor);
-  for (int i = 0; i < rows.points; ++i) {
+  for (int i = 0; i < rows.points && !again; ++i) {
     const auto R = rotation_of(s.p(i));
     s.R[0].set(i, {R.xx, R.yx, R.zx});
     s.R[1].set(i, {R.xy, R.yy, R.zy});
     s.R[2].set(i, {R.xz, R.yz, R.zz});
   }
-  turn_jacobians(node, rows, integral, dq, s);
+  turn_jacobians<again>(node, rows, integral, dq, s);
   exact_tangent(node, rows, s);
 }
 
 /// Places at the points and their Jacobians; and at order 3 rotations.
-template <class S, class P>
+template <bool again, class S, class P>
 void place_points(const Node& node, const Rows<Space<P>>& rows, const S* dq, const SpaceSeries<P>& s, P* work) {
   const Integral<S, P> integral(node.table, node.half, node.passes, work);
   if (node.exact)
-    exact_places(node, rows, integral, s);
+    exact_places<again>(node, rows, integral, s);
   else
     third_order_places(node, rows, integral, dq, s);
+  if (again && node.exact) return;
   for (int i = 0; i < rows.points; ++i) s.place.value.set(i, rows.origin + s.place.value(i));
 }
 

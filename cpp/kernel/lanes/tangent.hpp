@@ -1,5 +1,4 @@
-// Dual numbers for the kernels: a double with its derivatives in some directions, and the Jacobians of inverse
-// dynamics. Included by the kernels alone.
+// Dual numbers for the kernels: a double with its derivatives in some directions. Included by the kernels alone.
 #pragma once
 
 #include "lanes/chain.hpp"
@@ -119,40 +118,5 @@ void for_directions(LaneDual* x, int all, const Visit& visit) {
     seed(0.0);
   }
 }
-
-/// dtau/dq (nv x nq) and dtau/dv (nv x nv) of inverse dynamics, by columns, as many directions at a time.
-template <class Sp>
-struct Slopes {
-  using C = Chain<Sp, LaneDual>;
-  static std::size_t memory(const Layout& layout) {
-    return C::memory_needed(layout) + static_cast<std::size_t>(layout.nq + 3 * layout.nv) * sizeof(LaneDual);
-  }
-
-  static void run(const Layout& layout, const double* numbers, const double* wrenches, void* at, const double* q0,
-                  const double* v0, const double* a0, double* by_q, double* by_v) {
-    const int nq = layout.nq, nv = layout.nv;
-    LaneDual* q = static_cast<LaneDual*>(at);
-    LaneDual *v = q + nq, *a = v + nv, *tau = a + nv;
-    C chain(layout, numbers, tau + nv);
-    for (int i = 0; i < nq; ++i) q[i] = LaneDual{} + q0[i];
-    for (int i = 0; i < nv; ++i) {
-      v[i] = LaneDual{} + v0[i];
-      a[i] = LaneDual{} + a0[i];
-      tau[i] = LaneDual{};
-    }
-    for (int i = 0; i < 6 * layout.loads; ++i) chain.wrench[i] = LaneDual{} + wrenches[i];
-    const double* p = numbers;
-    const typename Sp::Lin base = Sp::read(p);
-    for_directions(q, by_v ? nq + nv : nq, [&](int first, int count) {  // q and v lie in one row
-      chain.move(q, v);
-      chain.forces(base, a, tau);
-      for (int k = 0; k < count; ++k) {
-        const int direction = first + k;
-        double* column = direction < nq ? by_q + direction * nv : by_v + (direction - nq) * nv;
-        for (int i = 0; i < nv; ++i) column[i] = slope_of(tau[i], k);
-      }
-    });
-  }
-};
 
 }  // namespace
