@@ -29,7 +29,7 @@ struct Chain {
     std::size_t bytes = sizeof(State<Sp>) * static_cast<std::size_t>(layout.nodes) + scratch_bytes(layout);
     for (int i = 0; i < layout.nodes; ++i) {
       const std::size_t ne = static_cast<std::size_t>(layout.node[i].ne), pairs = ne * (ne + 1) / 2;
-      bytes += 3 * ne * (sizeof(Lin) + sizeof(Ang)) + 2 * (pairs + ne) * sizeof(S);
+      bytes += 3 * ne * (sizeof(Lin) + sizeof(Ang)) + (2 * pairs + ne) * sizeof(S);
     }
     return bytes + sizeof(Slice<Sp>) + most_elastic(layout) * (sizeof(Lin) + sizeof(Ang)) +
            6 * static_cast<std::size_t>(layout.loads) * sizeof(S);
@@ -51,11 +51,10 @@ struct Chain {
       Lin** const linear[] = {&e.end.J_linear, &e.M_linear, &e.W_linear};
       Ang** const angular[] = {&e.end.J_angular, &e.M_angular, &e.W_angular};
       S** const triangles[] = {&e.M, &e.L};
-      S** const lists[] = {&e.e, &e.y};
       for (Lin** x : linear) *x = reinterpret_cast<Lin*>(take(ne * sizeof(Lin)));
       for (Ang** x : angular) *x = reinterpret_cast<Ang*>(take(ne * sizeof(Ang)));
       for (S** x : triangles) *x = reinterpret_cast<S*>(take(ne * (ne + 1) / 2 * sizeof(S)));
-      for (S** x : lists) *x = reinterpret_cast<S*>(take(ne * sizeof(S)));
+      e.e = reinterpret_cast<S*>(take(ne * sizeof(S)));
     }
     slice = reinterpret_cast<Slice<Sp>*>(take(sizeof(Slice<Sp>)));
     slice->J_linear = reinterpret_cast<Lin*>(take(most_elastic(layout) * sizeof(Lin)));
@@ -83,9 +82,10 @@ struct Chain {
     Ang w = Sp::zero_angular();
     typename Sp::Rot attitude = Sp::turn(0, S{}, number<S>(1.0));
     for (int i = 0; i < layout.nodes; ++i)
-      move_node<rates, forces>(i, q, v, w, attitude, [&](const Node& node, const double* constants, const Lin& gravity) {
-        bend_body<forces>(node, constants, gravity, q + node.qe, rates ? v + node.ve : none(), state[i]);
-      });
+      move_node<rates, forces>(
+          i, q, v, w, attitude, [&](const Node& node, const double* constants, const Lin& gravity) {
+            bend_body<forces>(node, constants, gravity, q + node.qe, rates ? v + node.ve : none(), state[i]);
+          });
   }
 
   /// One node, after its hinge was turned. w and attitude are those of the frame before it, and then of its end.
@@ -220,19 +220,22 @@ struct Chain {
     return sum;
   }
 
-  template <bool biased>
-  static void carry_end(const Node& node, const Elastic<Sp>& e, const S* xe, Lin& a, Ang& dw) {
-    a += Sp::cross(dw, e.end.x);
+  template <bool biased, class V>
+  static void carry_end(const Node& node, const Elastic<Sp>& e, const V* xe, typename SpaceOf<Sp, V>::type::Lin& a,
+                        typename SpaceOf<Sp, V>::type::Ang& dw) {
+    using Vs = typename SpaceOf<Sp, V>::type;
+    a += Vs::cross(dw, widen_linear<Sp, V>(e.end.x));
     if constexpr (biased) {
       a += e.end.u_bias;
       dw += e.end.turn_bias;
     }
     for (int k = 0; k < node.ne; ++k) {
-      a += xe[k] * e.end.J_linear[k];
-      dw += xe[k] * e.end.J_angular[k];
+      a += xe[k] * widen_linear<Sp, V>(e.end.J_linear[k]);
+      dw += xe[k] * widen_angular<Sp, V>(e.end.J_angular[k]);
     }
-    a = Sp::unrotate(e.end.R, a);
-    dw = Sp::unrotate_angular(e.end.R, dw);
+    const typename Vs::Rot R = widen_rotation<Sp, V>(e.end.R);
+    a = Vs::unrotate(R, a);
+    dw = Vs::unrotate_angular(R, dw);
   }
 
   /// Accelerations of all frames, of coordinates' accelerations x (Eq. 86); after `move`.
@@ -287,8 +290,8 @@ struct Chain {
       n = Sp::rotate_angular(e.end.R, n);
       const S* xe = x + node.ve;
       for (int k = 0; k < node.ne; ++k) {
-        S sum = e.e[k] + Sp::dot(e.end.J_linear[k], f) + Sp::dot(e.end.J_angular[k], n) +
-                Sp::dot(e.M_linear[k], s.a) + Sp::dot(e.M_angular[k], s.dw);
+        S sum = e.e[k] + Sp::dot(e.end.J_linear[k], f) + Sp::dot(e.end.J_angular[k], n) + Sp::dot(e.M_linear[k], s.a) +
+                Sp::dot(e.M_angular[k], s.dw);
         for (int j = 0; j < node.ne; ++j) sum += e.M[j <= k ? packed(k, j) : packed(j, k)] * xe[j];
         tau[node.ve + k] = sum;
       }

@@ -127,7 +127,6 @@ struct Elastic {
   S* L;
   Lin* W_linear;
   Ang* W_angular;
-  S* y;
   const double* constants;  ///< stiffness K and damping, packed lower triangles
 };
 

@@ -481,8 +481,8 @@ inline std::size_t quadratic_scratch(const Node& node) {
   return static_cast<std::size_t>(quadratic::Parts<Space<double>>(node).size);
 }
 
-/// Inertia and inertial force of the body, in a link that turns at w and does not accelerate (Eq. 80, 81). With `again`,
-/// of other rates where the body is: forces without the elastic ones, and nothing that rates do not change.
+/// Inertia and inertial force of the body, in a link that turns at w and does not accelerate (Eq. 80, 81). With
+/// `again`, of other rates where the body is: forces without the elastic ones, and nothing that rates do not change.
 template <bool again = false, class S, class P>
 void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
           const typename Plane<S>::Ang& w, typename Plane<S>::Rigid& M, typename Plane<S>::Lin& f,

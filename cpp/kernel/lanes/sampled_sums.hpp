@@ -62,17 +62,25 @@ auto columns_of(const Field<Sp>& f) {
   };
 }
 
-/// One point's value, point i in lane i of the column.
+/// A column's number at point i, which is in lane i.
+template <class S, class P>
+S lane_of(const P* column, int i) {
+  return reinterpret_cast<const S*>(column)[i];
+}
+template <class S, class P>
+void put_lane(P* column, int i, const S& x) {
+  reinterpret_cast<S*>(column)[i] = x;
+}
+/// One point's value.
 template <class To, class Sp>
 void put_lane(Sp, const Field<To>& f, int i, const typename Sp::Lin& x) {
-  for (int c = 0; c < Sp::linear; ++c) reinterpret_cast<typename Sp::Scalar*>(f.column(c))[i] = Sp::component(x, c);
+  for (int c = 0; c < Sp::linear; ++c) put_lane(f.column(c), i, Sp::component(x, c));
 }
 
 template <class Sp, class From>
 typename Sp::Lin get_lane(Sp, const Field<From>& f, int i) {
   typename Sp::Lin x = Sp::zero();
-  for (int c = 0; c < Sp::linear; ++c)
-    Sp::component(x, c) = reinterpret_cast<const typename Sp::Scalar*>(f.column(c))[i];
+  for (int c = 0; c < Sp::linear; ++c) Sp::component(x, c) = lane_of<typename Sp::Scalar>(f.column(c), i);
   return x;
 }
 

@@ -5,6 +5,7 @@
 
 #include <new>
 
+#include "lanes/elimination.hpp"
 #include "lanes/tangent.hpp"
 
 namespace {
@@ -27,7 +28,7 @@ class Room {
 };
 
 /// Columns are taken as many at a time as a dual number has directions.
-constexpr int kTogetherColumns = LaneDual::directions;
+constexpr int kTogetherColumns = kDirections;
 
 /// out = add + A B, of so many rows of A, n columns of A, and kTogetherColumns of B. Strides are of rows.
 inline void add_product(const double* add, int add_stride, const double* A, int A_stride, const double* B, int B_stride,
@@ -53,18 +54,17 @@ inline void add_product(const double* add, int add_stride, const double* A, int 
   }
 }
 
-/// What inverse dynamics is asked for, and where: an arm as it is, and grouped for packs of points.
-struct SlopesOf {
-  const Layout &layout, &grouped;
-  const double *numbers, *grouped_numbers;
-};
+using flexarm::lanes::SlopesOf;
 
-/// dtau/dq (nv x nq) and dtau/dv (nv x nv) of inverse dynamics.
+constexpr int kBending = 4;  // elastic coordinates by which a body is differentiated at once
+
+/// dtau/dq (nv x nq) and dtau/dv (nv x nv) of inverse dynamics; and of forward dynamics, by M^-1 of the chain.
 template <class Sp>
 class Slopes {
   using C = Chain<Sp, LaneDual>;
   using One = typename SpaceOf<Sp, double>::type;
   using Value = Chain<One, Pack>;
+  using Bent = Chain<typename SpaceOf<Sp, Dual<double, double, kBending>>::type, Dual<Pack, Pack, kBending>>;
   using Lin = typename Sp::Lin;
   using Ang = typename Sp::Ang;
   static constexpr int D = kTogetherColumns;
@@ -92,17 +92,39 @@ class Slopes {
   }
   Slopes(const SlopesOf& of, void* memory, bool by_v) : Slopes(of, Room(memory), by_v) {}
 
-  /// @param by_v  null where it is not asked for
-  void run(const double* wrenches, const double* q0, const double* v0, const double* a0, double* by_q, double* by_v) {
-    begin(wrenches, q0, v0, a0);
-    for (int k = 0; k < segments_; ++k) differentiate(segment_[k]);
-    for (int k = segments_; k-- > 1;) respond(k);
-    double* columns = columns_;
-    for (int k = 0; k < segments_; ++k)
-      for (int first = 0; first < segment_[k].own; first += D, columns += D * nv_) {
-        chain_rule(k, first, columns);
-        put(segment_[k].direction + first, columns, by_q, by_v);
+  /// Of inverse dynamics. @param by_v  null where it is not asked for
+  void inverse(const double* wrenches, const double* q, const double* v, const double* a, double* by_q, double* by_v) {
+    begin(wrenches, q, v, a);
+    move_value(q, v);
+    differentiate(a);
+    for_columns([&](const int* direction) { put(direction, columns_, 1.0, by_q, by_v); });
+  }
+
+  /// Of forward dynamics, whose accelerations go into a. @return what became of it
+  Outcome forward(const double* wrenches, const double* q, const double* v, const double* tau, double* a, double* by_q,
+                  double* by_v, double* by_tau) {
+    begin(wrenches, q, v, a);
+    move_value(q, v);
+    const bool good = inward<true, true, true>(*value_, tau, a, Shift{});
+    outward<true>(*value_, base_, a);
+    if (!good) return outcome(*value_, good);
+    for (int i = 0; i < nv_; ++i) q_[nq_ + nv_ + i].x = a[i];
+    differentiate(a);
+    for_columns([&](const int* direction) {
+      solve_columns();
+      put(direction, columns_, -1.0, by_q, by_v);
+    });
+    for (int first = 0; first < nv_; first += D) {
+      int direction[D];
+      for (int i = 0; i < nv_ * D; ++i) columns_[i] = 0.0;
+      for (int k = 0; k < D; ++k) {
+        direction[k] = first + k < nv_ ? first + k : -1;
+        if (first + k < nv_) columns_[(first + k) * D + k] = 1.0;
       }
+      solve_columns();
+      put(direction, columns_, 1.0, by_tau, nullptr);
+    }
+    return Outcome::good;
   }
 
  private:
@@ -114,6 +136,8 @@ class Slopes {
         motion_((layout_.attitudes ? 3 : 2) * Sp::angular + Sp::linear) {
     dual_ = make<C>(layout_, of.numbers, room);
     value_ = make<Value>(of.grouped, of.grouped_numbers, room);
+    bent_ = make<Bent>(of.grouped, of.grouped_numbers, room);
+    bent_q_ = room.take<typename Bent::S>(2 * C::most_elastic(layout_));
     q_ = room.take<LaneDual>(static_cast<std::size_t>(nq_ + 3 * nv_));  // and v, a, tau
     tau_ = room.take<double>(static_cast<std::size_t>(nv_));
     table_ = room.take<Table>(static_cast<std::size_t>(layout_.nodes));
@@ -126,7 +150,6 @@ class Slopes {
       still_[i] = false;
     }
     segment_ = room.take<Segment>(static_cast<std::size_t>(layout_.nodes));
-    int own = 0;
     for (int first = 0; first < layout_.nodes; ++segments_) {
       int end = first, columns = 0;
       while (end < layout_.nodes) {
@@ -136,10 +159,10 @@ class Slopes {
         ++end;
       }
       lay_out(first, end, columns, by_v, room);
-      own += filled(columns);
       first = end;
     }
-    columns_ = room.take<double>(static_cast<std::size_t>(own) * static_cast<std::size_t>(nv_));
+    columns_ = room.take<double>(static_cast<std::size_t>(D * nv_));
+    solved_ = room.take<Pack>(static_cast<std::size_t>(2 * nv_));
   }
   template <class Any>
   static Any* make(const Layout& layout, const double* numbers, Room& room) {
@@ -200,10 +223,8 @@ class Slopes {
     set(q0, nq_, q_);
     set(v0, nv_, q_ + nq_);
     set(a0, nv_, q_ + nq_ + nv_);
-    move_value(q0, v0);
     const double* p = value_->numbers;
     base_ = One::read(p);
-    value_->forces(base_, a0, tau_);
     for (int i = 0; i < layout_.nodes; ++i) still_[i] = false;
   }
 
@@ -216,19 +237,81 @@ class Slopes {
       value_->template move_node<true, true>(
           i, q, v, w, attitude, [&](const Node& node, const double* constants, const typename One::Lin& gravity) {
             value_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, value_->state[i]);
-            if (table_[i].at) tabulate(i, constants, q + node.qe, v + node.ve);
+            if (!table_[i].at) return;
+            tabulate(i, constants, q + node.qe, v + node.ve);
+            bend_slowly(i, constants, q + node.qe, v + node.ve);
           });
+  }
+
+  // --- What its elastic coordinates q change of a body: everything. ---
+
+  /// visit(numbers, count) for what does not depend on rates, and then for f, n, e and the end's u_dot, u_bias, turning
+  /// and turn_bias.
+  template <class Any, class Visit>
+  static void for_parts(State<Any>& s, int ne, const Visit& visit) {
+    using T = typename Any::Scalar;
+    const auto put = [&](auto& x, int count) {
+      visit(reinterpret_cast<T*>(&x), count * static_cast<int>(sizeof(x) / sizeof(T)));
+    };
+    Elastic<Any>& e = s.elastic;
+    put(s.body, 1);
+    put(e.end.R, 1);
+    put(e.end.x, 1);
+    put(*e.end.J_linear, ne);
+    put(*e.end.J_angular, ne);
+    put(*e.M_linear, ne);
+    put(*e.M_angular, ne);
+    put(*e.M, packed(ne, 0));
+    put(s.body_f, 1);
+    put(s.body_n, 1);
+    put(*e.e, ne);
+    put(e.end.u_dot, 1);
+    put(e.end.u_bias, 1);
+    put(e.end.turning, 1);
+    put(e.end.turn_bias, 1);
+  }
+  static int still_parts(int ne) {
+    return static_cast<int>((sizeof(typename One::Rigid) + sizeof(typename One::Rot) + sizeof(typename One::Lin)) /
+                            sizeof(double)) +
+           2 * kForce * ne + packed(ne, 0);
+  }
+
+  /// By dual numbers through the body, points in the lanes, so many directions at a time.
+  void bend_slowly(int i, const double* constants, const double* q0, const double* dq0) {
+    using B = typename Bent::S;
+    const Node& node = bent_->layout.node[i];
+    auto& s = bent_->state[i];
+    const int ne = node.ne;
+    B *q = bent_q_, *dq = q + ne;
+    for (int k = 0; k < ne; ++k) {
+      q[k] = B{} + q0[k];
+      dq[k] = B{} + dq0[k];
+    }
+    for (int k = 0; k < Sp::angular; ++k)
+      reinterpret_cast<B*>(&s.w)[k] = B{} + reinterpret_cast<const double*>(&value_->state[i].w)[k];
+    for (int first = 0; first < ne; first += kBending) {
+      const int count = ne - first < kBending ? ne - first : kBending;
+      for (int k = 0; k < count; ++k) q[first + k].d[k] = 1.0;
+      bent_->template bend_body<true>(node, constants, Bent::Space::zero(), q, dq, s);
+      for (int k = 0; k < count; ++k) q[first + k].d[k] = 0.0;
+      double* row = table_[i].by_q + first;
+      for_parts(s, ne, [&](const B* x, int n) {
+        for (int r = 0; r < n; ++r, row += ne)
+          for (int k = 0; k < count; ++k) row[k] = x[r].d[k];
+      });
+    }
   }
 
   // --- What an elastic body's rates dq and angular velocity w change, as long as it is where it is: its forces, which
   // are quadratic in both, and how they move its end. ---
 
-  /// Rows of f, n, e and the end's u_dot, u_bias, turning and turn_bias; columns by dq and w, and their values.
+  /// Rows of f, n, e and the end's u_dot, u_bias, turning and turn_bias; columns by dq and w.
   struct Table {
-    double* at;
+    double *at, *by_q, *values;  ///< the latter two: of all parts of the body
     int rows, columns;
   };
   static bool has_table(const Layout& layout, const Node& node) {
+    if (node.ne == 0) return false;
     if (node.body == Node::quadratic) return true;
     if (node.body != Node::sampled || !(Sp::planar || node.exact)) return false;
     for (int k = 0; k < node.loads; ++k)  // slices are moved where the body was sampled
@@ -236,11 +319,13 @@ class Slopes {
     return true;
   }
   static Table table_of(const Layout& layout, const Node& node, Room& room) {
-    Table t{nullptr, 0, 0};
+    Table t{nullptr, nullptr, nullptr, 0, 0};
     if (!has_table(layout, node)) return t;
     t.rows = kForce + node.ne + 2 * kForce;
-    t.columns = node.ne + Sp::angular + 1;
+    t.columns = node.ne + Sp::angular;
     t.at = room.take<double>(static_cast<std::size_t>(t.rows * t.columns));
+    t.values = room.take<double>(static_cast<std::size_t>(still_parts(node.ne) + t.rows));
+    t.by_q = room.take<double>(static_cast<std::size_t>((still_parts(node.ne) + t.rows) * node.ne));
     return t;
   }
   /// What a table has rows of.
@@ -267,7 +352,7 @@ class Slopes {
   static double trace(const Plane<double>::Sym& J) { return J.zz; }
   /// By central differences, which are exact of what is quadratic, over steps of as much kinetic energy as there is.
   void tabulate(int i, const double* constants, const double* q, const double* dq) {
-    const Node &node = value_->layout.node[i];
+    const Node& node = value_->layout.node[i];
     const Table& t = table_[i];
     auto& s = value_->state[i];
     const int ne = node.ne;
@@ -275,7 +360,10 @@ class Slopes {
       for_rows<One>(moved, e, ne, [&](int r, double x) { t.at[r * t.columns + column] += factor * x; });
     };
     for (int k = 0; k < t.rows * t.columns; ++k) t.at[k] = 0.0;
-    put(ne + Sp::angular, 1.0, Moved<One>::of(s.body_f, s.body_n, s.elastic.end), s.elastic.e);
+    double* value = t.values;
+    for_parts(s, ne, [&](const double* x, int n) {
+      for (int r = 0; r < n; ++r) *value++ = x[r];
+    });
     double *rates = work_, *e = rates + ne;
     typename One::Ang w = s.w;
     for (int k = 0; k < ne; ++k) rates[k] = dq[k];
@@ -321,49 +409,37 @@ class Slopes {
       });
     });
   }
-  /// The body of node i, whose coordinates do not change, and its end slice; what may not change is set already where
-  /// it is `still`.
-  void look_up(int i, const LaneDual* dq) {
+  static void add_slopes(double factor, const LaneDual& from, LaneDual& to) {
+    for (int k = 0; k < kDirections / FLEXARM_WIDTH; ++k) to.d[k] += factor * from.d[k];
+  }
+  /// The body of node i and its end slice, from what was tabulated; what rates do not change is set already where it is
+  /// `still`.
+  void look_up(int i, bool bends, const LaneDual* q, const LaneDual* dq) {
     const Node& node = layout_.node[i];
     const Table& t = table_[i];
     State<Sp>& s = dual_->state[i];
-    const State<One>& from = value_->state[i];
-    if (!still_[i]) {
-      const auto copy = [](const auto& x, auto& to, int count) {
-        const double* p = reinterpret_cast<const double*>(&x);
-        LaneDual* at = reinterpret_cast<LaneDual*>(&to);
-        for (std::size_t k = 0; k < static_cast<std::size_t>(count) * sizeof(x) / sizeof(double); ++k)
-          at[k] = LaneDual{} + p[k];
-      };
-      const Elastic<One>& e = from.elastic;
-      copy(from.body, s.body, 1);
-      copy(e.end.R, s.elastic.end.R, 1);
-      copy(e.end.x, s.elastic.end.x, 1);
-      copy(*e.end.J_linear, *s.elastic.end.J_linear, node.ne);
-      copy(*e.end.J_angular, *s.elastic.end.J_angular, node.ne);
-      copy(*e.M_linear, *s.elastic.M_linear, node.ne);
-      copy(*e.M_angular, *s.elastic.M_angular, node.ne);
-      copy(*e.M, *s.elastic.M, packed(node.ne, 0));
-      still_[i] = true;
-    }
     const LaneDual* w = reinterpret_cast<const LaneDual*>(&s.w);
-    const double* row = t.at;
-    Moved<Sp> moved;
-    for_rows<Sp>(moved, s.elastic.e, node.ne, [&](int, LaneDual& x) {
-      x = LaneDual{} + row[t.columns - 1];
-      for (int k = 0; k < t.columns - 1; ++k) {
-        const LaneDual& by = k < node.ne ? dq[k] : w[k - node.ne];
-        for (int d = 0; d < LaneDual::packs; ++d) x.d[d] += row[k] * by.d[d];
+    const int ne = node.ne, parts = still_parts(ne);
+    const double *values = t.values, *by_q = t.by_q, *row = t.at;
+    int part = 0;
+    for_parts(s, ne, [&](LaneDual* x, int n) {
+      if (part < parts && !bends && still_[i]) {
+        part += n;
+        return;
       }
-      row += t.columns;
+      for (int r = 0; r < n; ++r, ++part) {
+        LaneDual y = LaneDual{} + values[part];
+        if (bends)
+          for (int k = 0; k < ne; ++k) add_slopes(by_q[part * ne + k], q[k], y);
+        if (part >= parts) {
+          for (int k = 0; k < ne; ++k) add_slopes(row[k], dq[k], y);
+          for (int k = 0; k < Sp::angular; ++k) add_slopes(row[ne + k], w[k], y);
+          row += t.columns;
+        }
+        x[r] = y;
+      }
     });
-    s.body_f = moved.f;
-    s.body_n = moved.n;
-    Slice<Sp>& end = s.elastic.end;
-    end.u_dot = moved.u_dot;
-    end.u_bias = moved.u_bias;
-    end.turning = moved.turning;
-    end.turn_bias = moved.turn_bias;
+    still_[i] = !bends;
   }
   /// Whether one of D directions is an elastic coordinate of a node.
   bool bends(const Node& node, const int* direction) const {
@@ -444,6 +520,13 @@ class Slopes {
 
   // --- Derivatives of a segment. ---
 
+  /// Of all segments, where the chain is.
+  void differentiate(const double* a) {
+    value_->forces(base_, a, tau_);
+    for (int k = 0; k < segments_; ++k) differentiate(segment_[k]);
+    for (int k = segments_; k-- > 1;) respond(k);
+  }
+
   void differentiate(const Segment& s) {
     Ends ends = ends_of(s);
     LaneDual* const inputs = reinterpret_cast<LaneDual*>(&ends);
@@ -489,10 +572,10 @@ class Slopes {
     for (int i = s.first; i < s.end; ++i)
       dual_->template move_node<true, true>(
           i, q, v, w, attitude, [&](const Node& node, const double* constants, const Lin& gravity) {
-            const bool bent = first < s.own && bends(node, s.direction + first);
-            if (table_[i].at && !bent) return look_up(i, v + node.ve);
-            dual_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, dual_->state[i]);
-            still_[i] = false;
+            if (table_[i].at)
+              look_up(i, first < s.own && bends(node, s.direction + first), q + node.qe, v + node.ve);
+            else
+              dual_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, dual_->state[i]);
           });
     for (int i = s.first; i < s.end; ++i) dual_->accelerate_node(i, x, a, dw);
     put_all(w);
@@ -577,11 +660,30 @@ class Slopes {
     }
   }
 
-  void put(const int* direction, const double* columns, double* by_q, double* by_v) const {
+  /// Calls visit(directions) with D columns at a time in `columns_`.
+  template <class Visit>
+  void for_columns(const Visit& visit) {
+    for (int k = 0; k < segments_; ++k)
+      for (int first = 0; first < segment_[k].own; first += D) {
+        chain_rule(k, first, columns_);
+        visit(segment_[k].direction + first);
+      }
+  }
+  /// Those of M^-1 times them, by the chain's factors, as many as a pack has lanes at a time.
+  void solve_columns() {
+    constexpr int W = FLEXARM_WIDTH;
+    Pack *r = solved_, *x = r + nv_;
+    for (double* first = columns_; first < columns_ + D; first += W) {
+      for (int i = 0; i < nv_; ++i) r[i] = Lanes<Pack>::load(first + i * D);
+      ::solve(*value_, r, x);
+      for (int i = 0; i < nv_; ++i) Lanes<Pack>::store(first + i * D, x[i]);
+    }
+  }
+  void put(const int* direction, const double* columns, double factor, double* by_q, double* by_v) const {
     for (int k = 0; k < D; ++k) {
       if (direction[k] < 0) continue;
       double* column = direction[k] < nq_ ? by_q + direction[k] * nv_ : by_v + (direction[k] - nq_) * nv_;
-      for (int i = 0; i < nv_; ++i) column[i] = columns[i * D + k];
+      for (int i = 0; i < nv_; ++i) column[i] = factor * columns[i * D + k];
     }
   }
 
@@ -590,6 +692,8 @@ class Slopes {
   int motion_;  ///< numbers of X: angular velocity, acceleration, angular acceleration, and the turn if it is asked for
   C* dual_;
   Value* value_;
+  Bent* bent_;
+  typename Bent::S* bent_q_;
   LaneDual* q_;
   double* tau_;
   Table* table_;  ///< of each node
@@ -597,7 +701,8 @@ class Slopes {
   double* work_;
   Segment* segment_;
   int segments_ = 0;
-  double* columns_;
+  double* columns_;  ///< D columns of all rates
+  Pack* solved_;
   typename One::Lin base_{};
 };
 
