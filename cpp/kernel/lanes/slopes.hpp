@@ -3,60 +3,10 @@
 // carries, F. Between segments the chain rule remains: dX goes outward, dF inward, both by small matrices.
 #pragma once
 
-#include <new>
-
+#include "lanes/body_slopes.hpp"
 #include "lanes/elimination.hpp"
-#include "lanes/tangent.hpp"
 
 namespace {
-
-/// Hands out memory in lines of the cache; from nowhere, it counts.
-class Room {
- public:
-  explicit Room(void* at) : begin_(static_cast<char*>(at)) {}
-  template <class T>
-  T* take(std::size_t count) {
-    const std::size_t at = used_;
-    used_ += (count * sizeof(T) + 63) / 64 * 64;
-    return begin_ ? reinterpret_cast<T*>(begin_ + at) : nullptr;
-  }
-  std::size_t used() const { return used_; }
-
- private:
-  char* begin_;
-  std::size_t used_ = 0;
-};
-
-/// Columns are taken as many at a time as a dual number has directions.
-constexpr int kTogetherColumns = kDirections;
-
-/// out = add + A B, of so many rows of A, n columns of A, and kTogetherColumns of B. Strides are of rows.
-inline void add_product(const double* add, int add_stride, const double* A, int A_stride, const double* B, int B_stride,
-                        int rows, int n, double* out, int out_stride) {
-  constexpr int W = FLEXARM_WIDTH, R = 4;
-  const auto some = [&](auto count, int r, int column) {
-    constexpr int C = decltype(count)::value;
-    Pack sum[C];
-#pragma GCC unroll 4
-    for (int k = 0; k < C; ++k) sum[k] = add ? Lanes<Pack>::load(add + (r + k) * add_stride + column) : Pack{};
-    for (int j = 0; j < n; ++j) {
-      const Pack b = Lanes<Pack>::load(B + j * B_stride + column);
-#pragma GCC unroll 4
-      for (int k = 0; k < C; ++k) sum[k] += A[(r + k) * A_stride + j] * b;
-    }
-#pragma GCC unroll 4
-    for (int k = 0; k < C; ++k) Lanes<Pack>::store(out + (r + k) * out_stride + column, sum[k]);
-  };
-  for (int column = 0; column < kTogetherColumns; column += W) {
-    int r = 0;
-    for (; r + R <= rows; r += R) some(sampled::Count<R>{}, r, column);
-    for (; r < rows; ++r) some(sampled::Count<1>{}, r, column);
-  }
-}
-
-using flexarm::lanes::SlopesOf;
-
-constexpr int kBending = 4;  // elastic coordinates by which a body is differentiated at once
 
 /// dtau/dq (nv x nq) and dtau/dv (nv x nv) of inverse dynamics; and of forward dynamics, by M^-1 of the chain.
 template <class Sp>
@@ -64,10 +14,9 @@ class Slopes {
   using C = Chain<Sp, LaneDual>;
   using One = typename SpaceOf<Sp, double>::type;
   using Value = Chain<One, Pack>;
-  using Bent = Chain<typename SpaceOf<Sp, Dual<double, double, kBending>>::type, Dual<Pack, Pack, kBending>>;
   using Lin = typename Sp::Lin;
   using Ang = typename Sp::Ang;
-  static constexpr int D = kTogetherColumns;
+  static constexpr int D = kColumns;
   static constexpr int kForce = Sp::linear + Sp::angular;
   static constexpr int kMostMotion = 3 * Sp::angular + Sp::linear;
   static constexpr int kEnough = 2 * D;  ///< own columns of a segment
@@ -134,21 +83,13 @@ class Slopes {
         nq_(layout_.nq),
         nv_(layout_.nv),
         motion_((layout_.attitudes ? 3 : 2) * Sp::angular + Sp::linear) {
-    dual_ = make<C>(layout_, of.numbers, room);
-    value_ = make<Value>(of.grouped, of.grouped_numbers, room);
-    bent_ = make<Bent>(of.grouped, of.grouped_numbers, room);
-    bent_q_ = room.take<typename Bent::S>(2 * C::most_elastic(layout_));
+    dual_ = make_chain<C>(layout_, of.numbers, room);
+    value_ = make_chain<Value>(of.grouped, of.grouped_numbers, room);
+    bodies_ = room.take<BodySlopes<Sp>>(1);
+    BodySlopes<Sp> bodies(of, room);
+    if (bodies_) new (bodies_) BodySlopes<Sp>(bodies);
     q_ = room.take<LaneDual>(static_cast<std::size_t>(nq_ + 3 * nv_));  // and v, a, tau
     tau_ = room.take<double>(static_cast<std::size_t>(nv_));
-    table_ = room.take<Table>(static_cast<std::size_t>(layout_.nodes));
-    still_ = room.take<bool>(static_cast<std::size_t>(layout_.nodes));
-    work_ = room.take<double>(2 * C::most_elastic(layout_));
-    for (int i = 0; i < layout_.nodes; ++i) {
-      const Table t = table_of(layout_, layout_.node[i], room);
-      if (!table_) continue;
-      table_[i] = t;
-      still_[i] = false;
-    }
     segment_ = room.take<Segment>(static_cast<std::size_t>(layout_.nodes));
     for (int first = 0; first < layout_.nodes; ++segments_) {
       int end = first, columns = 0;
@@ -163,12 +104,6 @@ class Slopes {
     }
     columns_ = room.take<double>(static_cast<std::size_t>(D * nv_));
     solved_ = room.take<Pack>(static_cast<std::size_t>(2 * nv_));
-  }
-  template <class Any>
-  static Any* make(const Layout& layout, const double* numbers, Room& room) {
-    Any* chain = room.take<Any>(1);
-    void* memory = room.take<char>(Any::memory_needed(layout));
-    return chain ? new (chain) Any(layout, numbers, memory) : nullptr;
   }
   static int filled(int columns) { return (columns + D - 1) / D * D; }
 
@@ -225,7 +160,6 @@ class Slopes {
     set(a0, nv_, q_ + nq_ + nv_);
     const double* p = value_->numbers;
     base_ = One::read(p);
-    for (int i = 0; i < layout_.nodes; ++i) still_[i] = false;
   }
 
   /// The chain's values, and what rates change of its elastic bodies.
@@ -237,210 +171,12 @@ class Slopes {
       value_->template move_node<true, true>(
           i, q, v, w, attitude, [&](const Node& node, const double* constants, const typename One::Lin& gravity) {
             value_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, value_->state[i]);
-            if (!table_[i].at) return;
-            tabulate(i, constants, q + node.qe, v + node.ve);
-            bend_slowly(i, constants, q + node.qe, v + node.ve);
+            if (bodies_->has(i))
+              bodies_->tabulate(i, constants, q + node.qe, v + node.ve, *value_, dual_->state[i], q_ + node.qe,
+                                q_ + nq_ + node.ve);
           });
   }
 
-  // --- What its elastic coordinates q change of a body: everything. ---
-
-  /// visit(numbers, count) for what does not depend on rates, and then for f, n, e and the end's u_dot, u_bias, turning
-  /// and turn_bias.
-  template <class Any, class Visit>
-  static void for_parts(State<Any>& s, int ne, const Visit& visit) {
-    using T = typename Any::Scalar;
-    const auto put = [&](auto& x, int count) {
-      visit(reinterpret_cast<T*>(&x), count * static_cast<int>(sizeof(x) / sizeof(T)));
-    };
-    Elastic<Any>& e = s.elastic;
-    put(s.body, 1);
-    put(e.end.R, 1);
-    put(e.end.x, 1);
-    put(*e.end.J_linear, ne);
-    put(*e.end.J_angular, ne);
-    put(*e.M_linear, ne);
-    put(*e.M_angular, ne);
-    put(*e.M, packed(ne, 0));
-    put(s.body_f, 1);
-    put(s.body_n, 1);
-    put(*e.e, ne);
-    put(e.end.u_dot, 1);
-    put(e.end.u_bias, 1);
-    put(e.end.turning, 1);
-    put(e.end.turn_bias, 1);
-  }
-  static int still_parts(int ne) {
-    return static_cast<int>((sizeof(typename One::Rigid) + sizeof(typename One::Rot) + sizeof(typename One::Lin)) /
-                            sizeof(double)) +
-           2 * kForce * ne + packed(ne, 0);
-  }
-
-  /// By dual numbers through the body, points in the lanes, so many directions at a time.
-  void bend_slowly(int i, const double* constants, const double* q0, const double* dq0) {
-    using B = typename Bent::S;
-    const Node& node = bent_->layout.node[i];
-    auto& s = bent_->state[i];
-    const int ne = node.ne;
-    B *q = bent_q_, *dq = q + ne;
-    for (int k = 0; k < ne; ++k) {
-      q[k] = B{} + q0[k];
-      dq[k] = B{} + dq0[k];
-    }
-    for (int k = 0; k < Sp::angular; ++k)
-      reinterpret_cast<B*>(&s.w)[k] = B{} + reinterpret_cast<const double*>(&value_->state[i].w)[k];
-    for (int first = 0; first < ne; first += kBending) {
-      const int count = ne - first < kBending ? ne - first : kBending;
-      for (int k = 0; k < count; ++k) q[first + k].d[k] = 1.0;
-      bent_->template bend_body<true>(node, constants, Bent::Space::zero(), q, dq, s);
-      for (int k = 0; k < count; ++k) q[first + k].d[k] = 0.0;
-      double* row = table_[i].by_q + first;
-      for_parts(s, ne, [&](const B* x, int n) {
-        for (int r = 0; r < n; ++r, row += ne)
-          for (int k = 0; k < count; ++k) row[k] = x[r].d[k];
-      });
-    }
-  }
-
-  // --- What an elastic body's rates dq and angular velocity w change, as long as it is where it is: its forces, which
-  // are quadratic in both, and how they move its end. ---
-
-  /// Rows of f, n, e and the end's u_dot, u_bias, turning and turn_bias; columns by dq and w.
-  struct Table {
-    double *at, *by_q, *values;  ///< the latter two: of all parts of the body
-    int rows, columns;
-  };
-  static bool has_table(const Layout& layout, const Node& node) {
-    if (node.ne == 0) return false;
-    if (node.body == Node::quadratic) return true;
-    if (node.body != Node::sampled || !(Sp::planar || node.exact)) return false;
-    for (int k = 0; k < node.loads; ++k)  // slices are moved where the body was sampled
-      if (layout.load[node.load[k]].place.on == Place::slice) return false;
-    return true;
-  }
-  static Table table_of(const Layout& layout, const Node& node, Room& room) {
-    Table t{nullptr, nullptr, nullptr, 0, 0};
-    if (!has_table(layout, node)) return t;
-    t.rows = kForce + node.ne + 2 * kForce;
-    t.columns = node.ne + Sp::angular;
-    t.at = room.take<double>(static_cast<std::size_t>(t.rows * t.columns));
-    t.values = room.take<double>(static_cast<std::size_t>(still_parts(node.ne) + t.rows));
-    t.by_q = room.take<double>(static_cast<std::size_t>((still_parts(node.ne) + t.rows) * node.ne));
-    return t;
-  }
-  /// What a table has rows of.
-  template <class Any>
-  struct Moved {
-    typename Any::Lin f;
-    typename Any::Ang n;
-    typename Any::Lin u_dot, u_bias;
-    typename Any::Ang turning, turn_bias;
-    static Moved of(const typename Any::Lin& f, const typename Any::Ang& n, const Slice<Any>& end) {
-      return {f, n, end.u_dot, end.u_bias, end.turning, end.turn_bias};
-    }
-  };
-  /// visit(row, number) for f, n and e, and for those of the end.
-  template <class Any, class Visit>
-  static void for_rows(Moved<Any>& moved, typename Any::Scalar* e, int ne, const Visit& visit) {
-    typename Any::Scalar* x = reinterpret_cast<typename Any::Scalar*>(&moved);
-    for (int k = 0; k < kForce; ++k) visit(k, x[k]);
-    for (int k = 0; k < ne; ++k) visit(kForce + k, e[k]);
-    for (int k = 0; k < 2 * kForce; ++k) visit(kForce + ne + k, x[kForce + k]);
-  }
-
-  static double trace(const Space<double>::Sym& J) { return J.xx + J.yy + J.zz; }
-  static double trace(const Plane<double>::Sym& J) { return J.zz; }
-  /// By central differences, which are exact of what is quadratic, over steps of as much kinetic energy as there is.
-  void tabulate(int i, const double* constants, const double* q, const double* dq) {
-    const Node& node = value_->layout.node[i];
-    const Table& t = table_[i];
-    auto& s = value_->state[i];
-    const int ne = node.ne;
-    const auto put = [&](int column, double factor, Moved<One> moved, double* e) {
-      for_rows<One>(moved, e, ne, [&](int r, double x) { t.at[r * t.columns + column] += factor * x; });
-    };
-    for (int k = 0; k < t.rows * t.columns; ++k) t.at[k] = 0.0;
-    double* value = t.values;
-    for_parts(s, ne, [&](const double* x, int n) {
-      for (int r = 0; r < n; ++r) *value++ = x[r];
-    });
-    double *rates = work_, *e = rates + ne;
-    typename One::Ang w = s.w;
-    for (int k = 0; k < ne; ++k) rates[k] = dq[k];
-    const double J = trace(s.body.J);
-    double energy = J * One::dot(w, w);
-    for (int k = 0; k < ne; ++k) energy += s.elastic.M[packed(k, k)] * dq[k] * dq[k];
-    Elastic<One> moved = s.elastic;
-    moved.e = e;
-    for (int column = 0; column < ne + Sp::angular; ++column) {
-      double& x = column < ne ? rates[column] : reinterpret_cast<double*>(&w)[column - ne];
-      const double at = x, step2 = energy / (column < ne ? s.elastic.M[packed(column, column)] : J);
-      const double step = step2 > 1e-200 && step2 < 1e200 ? __builtin_sqrt(step2) : 1.0;
-      for (double sign = 1.0; sign > -2.0; sign -= 2.0) {
-        typename One::Lin f;
-        typename One::Ang n;
-        x = at + sign * step;
-        value_->bend_again(node, constants, q, rates, w, f, n, moved);
-        put(column, sign * 0.5 / step, Moved<One>::of(f, n, moved.end), e);
-      }
-      x = at;
-    }
-    if (node.body == Node::quadratic) tabulate_end(i);
-    if (!node.damped) return;
-    for (int k = 0; k < ne; ++k) {
-      for (int j = 0; j < ne; ++j) rates[j] = e[j] = 0.0;
-      rates[k] = 1.0;
-      add_elastic_forces(node, s.elastic.constants, e, rates, e);
-      for (int j = 0; j < ne; ++j) t.at[(kForce + j) * t.columns + k] += e[j];
-    }
-  }
-  /// The end of a quadratic body, whose slices do not need its points.
-  void tabulate_end(int i) {
-    const Node& node = layout_.node[i];
-    const Table& t = table_[i];
-    Elastic<Sp>& e = dual_->state[i].elastic;
-    LaneDual* dq = q_ + nq_ + node.ve;
-    for_directions(dq, node.ne, [&](int first, int count) {
-      move_slice(node, dual_->numbers + node.end, q_ + node.qe, dq, e.end);
-      Moved<Sp> moved = Moved<Sp>::of(Sp::zero(), Sp::zero_angular(), e.end);
-      for_rows<Sp>(moved, nullptr, 0, [&](int r, const LaneDual& x) {
-        if (r >= kForce)
-          for (int k = 0; k < count; ++k) t.at[(r + node.ne) * t.columns + first + k] = slope_of(x, k);
-      });
-    });
-  }
-  static void add_slopes(double factor, const LaneDual& from, LaneDual& to) {
-    for (int k = 0; k < kDirections / FLEXARM_WIDTH; ++k) to.d[k] += factor * from.d[k];
-  }
-  /// The body of node i and its end slice, from what was tabulated; what rates do not change is set already where it is
-  /// `still`.
-  void look_up(int i, bool bends, const LaneDual* q, const LaneDual* dq) {
-    const Node& node = layout_.node[i];
-    const Table& t = table_[i];
-    State<Sp>& s = dual_->state[i];
-    const LaneDual* w = reinterpret_cast<const LaneDual*>(&s.w);
-    const int ne = node.ne, parts = still_parts(ne);
-    const double *values = t.values, *by_q = t.by_q, *row = t.at;
-    int part = 0;
-    for_parts(s, ne, [&](LaneDual* x, int n) {
-      if (part < parts && !bends && still_[i]) {
-        part += n;
-        return;
-      }
-      for (int r = 0; r < n; ++r, ++part) {
-        LaneDual y = LaneDual{} + values[part];
-        if (bends)
-          for (int k = 0; k < ne; ++k) add_slopes(by_q[part * ne + k], q[k], y);
-        if (part >= parts) {
-          for (int k = 0; k < ne; ++k) add_slopes(row[k], dq[k], y);
-          for (int k = 0; k < Sp::angular; ++k) add_slopes(row[ne + k], w[k], y);
-          row += t.columns;
-        }
-        x[r] = y;
-      }
-    });
-    still_[i] = !bends;
-  }
   /// Whether one of D directions is an elastic coordinate of a node.
   bool bends(const Node& node, const int* direction) const {
     for (int k = 0; k < D; ++k)
@@ -572,8 +308,9 @@ class Slopes {
     for (int i = s.first; i < s.end; ++i)
       dual_->template move_node<true, true>(
           i, q, v, w, attitude, [&](const Node& node, const double* constants, const Lin& gravity) {
-            if (table_[i].at)
-              look_up(i, first < s.own && bends(node, s.direction + first), q + node.qe, v + node.ve);
+            if (bodies_->has(i))
+              bodies_->look_up(i, first < s.own && bends(node, s.direction + first), q + node.qe, v + node.ve,
+                               dual_->state[i]);
             else
               dual_->template bend_body<true>(node, constants, gravity, q + node.qe, v + node.ve, dual_->state[i]);
           });
@@ -692,13 +429,9 @@ class Slopes {
   int motion_;  ///< numbers of X: angular velocity, acceleration, angular acceleration, and the turn if it is asked for
   C* dual_;
   Value* value_;
-  Bent* bent_;
-  typename Bent::S* bent_q_;
+  BodySlopes<Sp>* bodies_;
   LaneDual* q_;
   double* tau_;
-  Table* table_;  ///< of each node
-  bool* still_;   ///< of each node: what coordinates change of its body is set in the dual chain, and does not change
-  double* work_;
   Segment* segment_;
   int segments_ = 0;
   double* columns_;  ///< D columns of all rates

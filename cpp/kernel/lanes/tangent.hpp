@@ -16,7 +16,6 @@ struct Dual {
   static Dual map(const T& x, const F& f) {
     Dual out;
     out.x = x;
-#pragma GCC unroll 8
     for (int i = 0; i < count; ++i) out.d[i] = f(i);
     return out;
   }
@@ -118,6 +117,10 @@ constexpr int kDirections = FLEXARM_WIDTH < 8 ? 8 : FLEXARM_WIDTH;
 
 inline double slope_of(const LaneDual& x, int direction) {
   return x.d[direction / FLEXARM_WIDTH][direction % FLEXARM_WIDTH];
+}
+
+inline void add_slopes(double factor, const LaneDual& from, LaneDual& to) {
+  for (int k = 0; k < kDirections / FLEXARM_WIDTH; ++k) to.d[k] += factor * from.d[k];
 }
 
 /// Calls visit(first, count) with the slopes of x[first], x[first + 1], .. set to 1, each in a direction of its own.
