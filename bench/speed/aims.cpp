@@ -28,10 +28,11 @@ struct Scene {
   Arm arm;
   Workspace ws;
   ForwardDerivatives derivatives;
+  InverseDerivatives inverse;
   Eigen::VectorXd q, v, tau;
 
   explicit Scene(Arm a, const std::vector<Load>& loads = {})
-      : arm(std::move(a)), ws(arm, {}, loads), derivatives(arm), tau(Eigen::VectorXd::Zero(arm.nv())) {
+      : arm(std::move(a)), ws(arm, {}, loads), derivatives(arm), inverse(arm), tau(Eigen::VectorXd::Zero(arm.nv())) {
     std::tie(q, v) = some_motion(arm);
     for (auto& load : ws.loads) load.wrench << 1.0, 2.0, 0.0, 0.0, 0.0, 0.1;
   }
@@ -41,7 +42,10 @@ Work forward(std::string name, const std::shared_ptr<Scene>& s) {
   return {std::move(name), [s] { must(forward_dynamics(s->arm, s->ws, s->q, s->v, s->tau)); }, operation_count(s->arm)};
 }
 Work derivatives(std::string name, const std::shared_ptr<Scene>& s) {
-  return {std::move(name), [s] { s->derivatives(s->arm, s->q, s->v, s->tau); }};
+  return {std::move(name), [s] { must(s->derivatives(s->arm, s->q, s->v, s->tau)); }};
+}
+Work inverse_derivatives(std::string name, const std::shared_ptr<Scene>& s) {
+  return {std::move(name), [s] { s->inverse(s->arm, s->q, s->v, s->derivatives.a); }};
 }
 
 std::vector<Work> works() {
@@ -57,6 +61,7 @@ std::vector<Work> works() {
     all.push_back(forward("planar link" + name, scene(chain(1, planar, order, true))));
     all.push_back(forward("7 x (3+3+1)" + name, seven));
     all.push_back(derivatives("derivatives of 7 x (3+3+1)" + name, seven));
+    all.push_back(inverse_derivatives("inverse derivatives of 7 x (3+3+1)" + name, seven));
     all.push_back(forward("two planar links" + name, scene(two)));
     all.push_back(forward("load at the tip" + name, scene(two, {Load::at_end(two, 1, true)})));
     all.push_back(forward("load along the beam" + name, scene(two, {Load::along(two, 1, 0.1, 0.5, true)})));

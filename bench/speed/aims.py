@@ -26,6 +26,7 @@ from speed_common import ROOT, about, keep, table, verdict
 
 Times = dict[str, np.ndarray]  # us of every round, by work
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR")}
+FORWARD = "forward dynamics"  # the unit of derivatives
 LANES = {8: "AVX-512", 4: "AVX2", 2: "two lanes"}
 
 
@@ -63,7 +64,8 @@ def aims(one: list[str], python: list[str]) -> list[Aim]:
         out.append(Aim(f"{base}: a load along a beam", 15.0, f"load along the beam, {order}", base, "% more"))
     for order in ("order 2", "exact"):
         base = f"{seven}, {order}"
-        out.append(Aim(f"{base}: derivatives", 8.0, f"derivatives of {base}", base, "forward dynamics"))
+        out.append(Aim(f"{base}: derivatives of forward dynamics", 8.0, f"derivatives of {base}", base, FORWARD))
+        out.append(Aim(f"{base}: of inverse dynamics", 8.0, f"inverse derivatives of {base}", base, FORWARD))
     out.append(Aim("an output of a run: state, acceleration, reaction", 0.5, "output"))
     out += [Aim(f"a rollout of one: {x}", 1.1, f"one: {x}", f"alone: {x}", "one by one") for x in one]
     out += [Aim(f"`arm.forward_dynamics` of one state: {x}", 4.0, f"python: {x}") for x in python]

@@ -69,25 +69,4 @@ inline std::pair<Eigen::VectorXd, Eigen::VectorXd> some_motion(const Arm& arm) {
   return out;
 }
 
-/// Derivatives of forward dynamics, from those of inverse dynamics: da = M^-1 (dtau - dID).
-class ForwardDerivatives {
- public:
-  explicit ForwardDerivatives(const Arm& arm) : ws_(arm), inverse_(arm) { take_composite(arm, ws_); }
-  void operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
-    must(forward_dynamics(arm, ws_, q, v, tau));
-    inverse_(arm, q, v, ws_.a);
-    composite_mass_matrix(arm, ws_);  // where forward_dynamics left the workspace
-    factor_.compute(ws_.M);
-    by_tau = factor_.solve(Eigen::MatrixXd::Identity(arm.nv(), arm.nv()));
-    by_q.noalias() = -by_tau * inverse_.dq;
-    by_v.noalias() = -by_tau * inverse_.dv;
-  }
-  Eigen::MatrixXd by_q, by_v, by_tau;
-
- private:
-  Workspace ws_;
-  InverseDerivatives inverse_;
-  Eigen::LLT<Eigen::MatrixXd> factor_;
-};
-
 }  // namespace flexarm

@@ -1,41 +1,65 @@
 #include "flexarm/derivatives.hpp"
 
-#include <memory>
-
-#include "lanes/frame_kernels.hpp"
-#include "lanes/kernel_arm.hpp"
-#include "lanes/kernels.hpp"
+#include "arrays.hpp"
+#include "lanes/single.hpp"
 
 namespace flexarm {
 
-namespace {
+namespace lanes {
 
-constexpr std::size_t kAligned = 64;  // bytes, as the kernels want their memory
+/// An arm with loads as the kernels' derivatives want it, and their memory.
+class SlopesMemory {
+ public:
+  SlopesMemory(const Arm& arm, const std::vector<Load>& loads, const std::vector<bool>& prescribed)
+      : wrenches(6 * loads.size()),
+        arm_(KernelArm::of(arm).loaded(arm, loads)),
+        grouped_(arm_.grouped(kernels.width, prescribed)),
+        memory_(kernels.slopes_memory(of())) {}
+  SlopesOf of() const { return {arm_.layout(), grouped_.layout(), arm_.numbers().data(), grouped_.numbers().data()}; }
+  void* memory() const { return memory_.get(); }
+  void set_wrench(std::size_t load, const Vec6<double>& wrench) {
+    Eigen::Map<Vec6<double>>(wrenches.data() + 6 * load) = wrench;
+  }
 
-/// Memory within, as the kernels want it.
-void* aligned(std::vector<double>& memory) {
-  void* at = memory.data();
-  std::size_t space = memory.size() * sizeof(double);
-  return std::align(kAligned, space - kAligned, at, space);
-}
+  const Kernels& kernels = best_kernels();
+  std::vector<double> wrenches;
 
-}  // namespace
+ private:
+  KernelArm arm_, grouped_;
+  Memory memory_;
+};
+
+}  // namespace lanes
 
 InverseDerivatives::InverseDerivatives(const Arm& arm, const std::vector<Load>& loads)
     : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nq())),
       dv(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())),
-      known_(std::make_shared<const lanes::KernelArm>(lanes::KernelArm::of(arm).loaded(arm, loads))),
-      wrenches_(6 * loads.size()),
-      memory_((kAligned + lanes::best_kernels().slopes_memory(known_->layout())) / sizeof(double) + 1) {}
+      memory_(new lanes::SlopesMemory(arm, loads, {})) {}
 
-void InverseDerivatives::set_wrench(std::size_t load, const Vec6<double>& wrench) {
-  Eigen::Map<Vec6<double>>(wrenches_.data() + 6 * load) = wrench;
-}
+void InverseDerivatives::set_wrench(std::size_t load, const Vec6<double>& wrench) { memory_->set_wrench(load, wrench); }
 
 void InverseDerivatives::operator()(const Arm&, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                     const Eigen::VectorXd& a, bool by_v) {
-  lanes::best_kernels().slopes(known_->layout(), known_->numbers().data(), wrenches_.data(), aligned(memory_), q.data(),
-                               v.data(), a.data(), dq.data(), by_v ? dv.data() : nullptr);
+  memory_->kernels.inverse_slopes(memory_->of(), memory_->memory(), memory_->wrenches.data(), q.data(), v.data(),
+                                  a.data(), dq.data(), by_v ? dv.data() : nullptr);
+}
+
+ForwardDerivatives::ForwardDerivatives(const Arm& arm, const std::vector<Load>& loads,
+                                       const std::vector<bool>& prescribed)
+    : dq(Eigen::MatrixXd::Zero(arm.nv(), arm.nq())),
+      dv(Eigen::MatrixXd::Zero(arm.nv(), arm.nv())),
+      dtau(dv),
+      a(Eigen::VectorXd::Zero(arm.nv())),
+      memory_(new lanes::SlopesMemory(arm, loads, prescribed)) {}
+
+void ForwardDerivatives::set_wrench(std::size_t load, const Vec6<double>& wrench) { memory_->set_wrench(load, wrench); }
+
+Status ForwardDerivatives::operator()(const Arm&, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                                      const Eigen::VectorXd& tau) {
+  const Status status =
+      status_of(memory_->kernels.forward_slopes(memory_->of(), memory_->memory(), memory_->wrenches.data(), q.data(),
+                                                v.data(), tau.data(), a.data(), dq.data(), dv.data(), dtau.data()));
+  return status != Status::ok || (all_finite(q) && all_finite(v) && all_finite(a)) ? status : Status::not_finite;
 }
 
 MotionDerivatives::MotionDerivatives(const Arm& arm, std::size_t link, std::optional<double> x)
@@ -44,11 +68,11 @@ MotionDerivatives::MotionDerivatives(const Arm& arm, std::size_t link, std::opti
       at_(arm, link, x),
       kept_(arm.kept()),
       known_(&lanes::KernelArm::in_space(arm)),
-      memory_((kAligned + lanes::best_frames().slopes_memory(known_->layout())) / sizeof(double) + 1) {}
+      memory_(new lanes::Memory(lanes::best_frames().slopes_memory(known_->layout()))) {}
 
 void MotionDerivatives::operator()(const Arm&, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                    const Eigen::VectorXd& a) {
-  lanes::best_frames().slopes(known_->layout(), known_->numbers().data(), aligned(memory_), at_.place(), at_.numbers(),
+  lanes::best_frames().slopes(known_->layout(), known_->numbers().data(), memory_->get(), at_.place(), at_.numbers(),
                               q.data(), v.data(), a.data(), dq.data(), dv.data());
 }
 
@@ -56,7 +80,7 @@ Mat6X<double> MotionDerivatives::jacobian_rate(const Arm& arm, const Eigen::Vect
   Eigen::VectorXd rate(arm.nq());
   coordinate_rates(arm, q, v, rate);
   Mat6X<double> J(6, arm.nv());
-  lanes::best_frames().jacobian_rate(known_->layout(), known_->numbers().data(), aligned(memory_), at_.place(),
+  lanes::best_frames().jacobian_rate(known_->layout(), known_->numbers().data(), memory_->get(), at_.place(),
                                      at_.numbers(), q.data(), rate.data(), J.data());
   return J;
 }

@@ -5,11 +5,9 @@
 #include "lanes/composite.hpp"
 #include "lanes/elimination.hpp"
 #include "lanes/roll.hpp"
-#include "lanes/tangent.hpp"
+#include "lanes/slopes.hpp"
 
 namespace {
-
-using flexarm::lanes::Outcome;
 
 template <class Sp>
 using Single = Chain<Sp, Pack>;
@@ -55,11 +53,6 @@ auto base_of(const C& chain) {
   return C::Space::read(p);
 }
 
-template <class C>
-Outcome outcome(const C& chain, bool good) {
-  return good ? Outcome::good : chain.lost ? Outcome::not_finite : Outcome::singular;
-}
-
 void load(void* self, const double* wrenches) {
   on(self, [&](auto& chain) {
     for (int i = 0; i < 6 * chain.layout.loads; ++i) chain.wrench[i] = wrenches[i];
@@ -102,17 +95,12 @@ void mass_matrix(void* self, double* M) {
 Outcome factor(void* self, const Shift& shift, const double* v, double* twice_kinetic) {
   return on(self, [&](auto& chain) {
     *twice_kinetic = chain.twice_kinetic(v);
-    return outcome(chain, inward<true, false, false>(chain, nullptr, nullptr, shift));
+    return outcome(chain, ::factor(chain, shift));
   });
 }
 
 void solve(void* self, const double* r, double* x) {
-  on(self, [&](auto& chain) {
-    inward<false, true, false>(chain, r, nullptr, Shift{});
-    for (int i = 0; i < chain.layout.nodes; ++i)
-      if (chain.layout.node[i].given) x[chain.layout.node[i].v] = 0.0;
-    outward<false>(chain, {}, x);
-  });
+  on(self, [&](auto& chain) { ::solve(chain, r, x); });
 }
 
 void joint_stiffness(void* self, double* slopes) {
@@ -157,16 +145,28 @@ void roll(Roll& job, void* memory, const double* q, const double* v) {
   });
 }
 
-std::size_t slopes_memory(const Layout& layout) {
-  return layout.planar ? Slopes<Plane<LaneDual>>::memory(layout) : Slopes<Space<LaneDual>>::memory(layout);
+/// f of the arm's Slopes.
+template <class F>
+decltype(auto) with_slopes(const SlopesOf& of, const F& f) {
+  return of.layout.planar ? f(Type<Slopes<Plane<LaneDual>>>{}) : f(Type<Slopes<Space<LaneDual>>>{});
 }
 
-void slopes(const Layout& layout, const double* numbers, const double* wrenches, void* memory, const double* q,
-            const double* v, const double* a, double* by_q, double* by_v) {
-  if (layout.planar)
-    Slopes<Plane<LaneDual>>::run(layout, numbers, wrenches, memory, q, v, a, by_q, by_v);
-  else
-    Slopes<Space<LaneDual>>::run(layout, numbers, wrenches, memory, q, v, a, by_q, by_v);
+std::size_t slopes_memory(const SlopesOf& of) {
+  return with_slopes(of, [&](auto t) { return decltype(t)::type::memory(of); });
+}
+
+void inverse_slopes(const SlopesOf& of, void* memory, const double* wrenches, const double* q, const double* v,
+                    const double* a, double* by_q, double* by_v) {
+  with_slopes(of, [&](auto t) {
+    typename decltype(t)::type(of, memory, by_v != nullptr).inverse(wrenches, q, v, a, by_q, by_v);
+  });
+}
+
+Outcome forward_slopes(const SlopesOf& of, void* memory, const double* wrenches, const double* q, const double* v,
+                       const double* tau, double* a, double* by_q, double* by_v, double* by_tau) {
+  return with_slopes(of, [&](auto t) {
+    return typename decltype(t)::type(of, memory, true).forward(wrenches, q, v, tau, a, by_q, by_v, by_tau);
+  });
 }
 
 }  // namespace
@@ -196,7 +196,8 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   roll_memory,
                                                   roll,
                                                   slopes_memory,
-                                                  slopes};
+                                                  inverse_slopes,
+                                                  forward_slopes};
 
 }  // namespace lanes
 }  // namespace flexarm

@@ -101,15 +101,15 @@ void sums(void* self, const double* q, const double* v, Sums& out) {
 
 // --- Derivatives, by dual numbers. ---
 
-using Dual = Frames<LaneDual>;
+using Tangent = Frames<LaneDual>;
 
-std::size_t slopes_memory(const Layout& layout) { return Dual::memory(layout); }
+std::size_t slopes_memory(const Layout& layout) { return Tangent::memory(layout); }
 
 void set(const double* from, int n, LaneDual* to) {
   for (int i = 0; i < n; ++i) to[i] = LaneDual{} + from[i];
 }
 
-void put_slope(const Dual::Lin& x, int direction, double*& out) {
+void put_slope(const Tangent::Lin& x, int direction, double*& out) {
   *out++ = slope_of(x.x, direction);
   *out++ = slope_of(x.y, direction);
   *out++ = slope_of(x.z, direction);
@@ -118,21 +118,21 @@ void put_slope(const Dual::Lin& x, int direction, double*& out) {
 void slopes(const Layout& layout, const double* arm, void* memory, const Place& place, const double* numbers,
             const double* q, const double* v, const double* a, double* by_q, double* by_v) {
   Room room(memory);
-  Dual f(layout, arm, room);
+  Tangent f(layout, arm, room);
   set(q, layout.nq, f.q);
   set(v, layout.nv, f.v);
   set(a, layout.nv, f.a);
   for_directions(f.q, layout.nq + layout.nv, [&](int first, int count) {  // q and v lie in one row
     f.place();
-    f.chain.accelerate(Dual::Sp::zero(), f.a);
-    const Dual::Spot at = f.spot(place, numbers);
-    Dual::Lin motion[4];
+    f.chain.accelerate(Tangent::Sp::zero(), f.a);
+    const Tangent::Spot at = f.spot(place, numbers);
+    Tangent::Lin motion[4];
     f.velocity(at, motion[0], motion[1]);
     f.acceleration(at, motion[2], motion[3]);
     for (int k = 0; k < count; ++k) {
       const int direction = first + k;
       double* column = direction < layout.nq ? by_q + 12 * direction : by_v + 12 * (direction - layout.nq);
-      for (const Dual::Lin& m : motion) put_slope(m, k, column);
+      for (const Tangent::Lin& m : motion) put_slope(m, k, column);
     }
   });
 }
@@ -140,12 +140,12 @@ void slopes(const Layout& layout, const double* arm, void* memory, const Place& 
 void jacobian_rate(const Layout& layout, const double* arm, void* memory, const Place& place, const double* numbers,
                    const double* q, const double* rate, double* J) {
   Room room(memory);
-  Dual f(layout, arm, room);
+  Tangent f(layout, arm, room);
   set(q, layout.nq, f.q);
   for (int i = 0; i < layout.nq; ++i) f.q[i].d[0][0] = rate[i];
   f.place();
   for (int i = 0; i < 6 * layout.nv; ++i) J[i] = 0.0;
-  f.jacobian(place, numbers, [&](int i, const Dual::Lin& linear, const Dual::Lin& angular) {
+  f.jacobian(place, numbers, [&](int i, const Tangent::Lin& linear, const Tangent::Lin& angular) {
     double* column = J + 6 * i;
     put_slope(linear, 0, column);
     put_slope(angular, 0, column);

@@ -162,9 +162,11 @@ inline void check_slopes(const flexarm::Arm& arm, const Eigen::VectorXd& q, cons
         slope([&](const Eigen::VectorXd& x) { return truth.inverse(q, x, a); }, v, Eigen::VectorXd::Unit(nv, k), 1e-4);
   for (const lanes::Kernels* kernels : all_kernels()) {
     CAPTURE(std::string(kernels->name));
-    const lanes::Memory memory(kernels->slopes_memory(known.layout()));
-    kernels->slopes(known.layout(), known.numbers().data(), nullptr, memory.get(), q.data(), v.data(), a.data(),
-                    found.data(), found.data() + nv * nq);
+    const lanes::KernelArm grouped = known.grouped(kernels->width, {});
+    const lanes::SlopesOf of{known.layout(), grouped.layout(), known.numbers().data(), grouped.numbers().data()};
+    const lanes::Memory memory(kernels->slopes_memory(of));
+    kernels->inverse_slopes(of, memory.get(), nullptr, q.data(), v.data(), a.data(), found.data(),
+                            found.data() + nv * nq);
     for (int k = 0; k < nq + nv; ++k)
       CHECK((found.col(k) - expected.col(k)).norm() < 5e-7 * (expected.col(k).norm() + 1e-3 * expected.norm()));
   }

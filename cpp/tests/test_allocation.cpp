@@ -8,6 +8,7 @@
 
 #include "arms.hpp"
 #include "flexarm/ci.hpp"
+#include "flexarm/derivatives.hpp"
 #include "flexarm/ida.hpp"
 #include "flexarm/step.hpp"
 #include "watch.hpp"
@@ -56,6 +57,8 @@ struct HotPath {
   std::size_t last = 0;
   ImplicitStep implicit;
   Rk4Step rk4;
+  InverseDerivatives by_inverse;
+  ForwardDerivatives by_forward;
   Status status = Status::ok;
 
   HotPath(const Arm& of, const std::vector<bool>& prescribed, const std::vector<Load>& loads)
@@ -72,7 +75,9 @@ struct HotPath {
         J(6, of.nv()),
         at(of, 0),
         implicit(of, 1e-5),
-        rk4(of, 1e-7) {
+        rk4(of, 1e-7),
+        by_inverse(of, loads),
+        by_forward(of, loads, prescribed) {
     laws[0].column = Eigen::VectorXd::Unit(arm.nv(), 0);
     laws[0].by_q = flexarm_test::wave(arm.nq(), 0.1);
     laws[0].by_v = flexarm_test::wave(arm.nv(), 0.2);
@@ -95,6 +100,10 @@ struct HotPath {
     move_arm(arm, ws, q, v);
     if (factor_shifted(arm, ws, q, v, {1e-3, 1e-6}) != Status::ok) status = Status::singular;
     solve_shifted(arm, ws, tau, x);
+  }
+  void derivatives() {
+    by_inverse(arm, q, v, a);
+    if (by_forward(arm, q, v, tau) != Status::ok) status = Status::singular;
   }
   void kinematics() {
     move_arm(arm, ws, q, v);
@@ -122,6 +131,7 @@ void check_arm(const Arm& arm, const std::vector<bool>& prescribed, bool calls =
   const std::vector<Load> loads{Load::at_end(arm, arm.size() - 1, true)};
   HotPath hot(arm, prescribed, loads);
   check_nothing("dynamics", [&] { hot.dynamics(); });
+  check_nothing("derivatives", [&] { hot.derivatives(); });
   check_nothing("kinematics", [&] { hot.kinematics(); });
   check_nothing("implicit", [&] { hot.steps(hot.implicit); });
   check_nothing("rk4", [&] { hot.steps(hot.rk4); });

@@ -18,6 +18,17 @@ struct Loads {
   Vec6<double> at(std::size_t k) const { return rows(wrenches).row(static_cast<Eigen::Index>(k)); }
 };
 
+/// @throws ValueError where forward dynamics at q failed
+template <class Q>
+void check(Status status, const Q& q) {
+  if (status == Status::singular)
+    bad_value("mass matrix at q", q,
+              "is not positive definite in double precision (at order 0: deflected beyond what its cut kinetic "
+              "energy allows)");
+  if (status != Status::ok)
+    bad_value("accelerations at q", q, "are not finite; coordinates, rates or forces are too large");
+}
+
 /// Accelerations for generalised forces; of some rates they are prescribed.
 Vectors forward(const PyArm& arm, const Vectors& q, const Vectors& v, const Vectors& tau, const std::string& method,
                 const std::map<int, double>& prescribed, const Loads& loads) {
@@ -34,12 +45,7 @@ Vectors forward(const PyArm& arm, const Vectors& q, const Vectors& v, const Vect
     const auto qk = rows(q).row(k);
     const Status status = ab ? forward_dynamics(arm, ws, qk, rows(v).row(k), rows(tau).row(k))
                              : forward_dynamics_ci(arm, ws, qk, rows(v).row(k), rows(tau).row(k));
-    if (status == Status::singular)
-      bad_value("mass matrix at q", qk,
-                "is not positive definite in double precision (at order 0: deflected beyond what its cut kinetic "
-                "energy allows)");
-    if (status != Status::ok)
-      bad_value("accelerations at q", qk, "are not finite; coordinates, rates or forces are too large");
+    check(status, qk);
     out[k] = ws.a.transpose();
   });
   return out.all();
@@ -120,6 +126,20 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
       },
       py::arg("q"), py::arg("v"), py::arg("a"), py::arg("loads") = std::vector<Load>{},
       py::arg("wrenches") = Rows(0, 6), py::arg("by_v") = true);
+
+  arm.def(
+      "forward_derivatives",
+      [](const PyArm& self, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+         const std::vector<Load>& places, const Vectors& wrenches) {
+        const auto lent = self.forward_derivatives(places);
+        ForwardDerivatives& d = *lent;
+        const Loads loads{places, wrenches};
+        for (std::size_t k = 0; k < places.size(); ++k) d.set_wrench(k, loads.at(k));
+        for_states(self, 1, self.nv(), [&](Eigen::Index) { check(d(self, q, v, tau), q.transpose()); });
+        return py::make_tuple(Rows(d.dq), Rows(d.dv), Rows(d.dtau));
+      },
+      py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("loads") = std::vector<Load>{},
+      py::arg("wrenches") = Rows(0, 6));
 
   arm.def(
       "mass_matrix",

@@ -117,6 +117,10 @@ class PyArm : public flexarm::Arm {
     return reactions_.lend({{}, std::move(loads)}, true,
                            [&](const Setting& s) { return flexarm::JointReactions(*this, s.loads); });
   }
+  Pool<flexarm::ForwardDerivatives>::Lent forward_derivatives(std::vector<flexarm::Load> loads) const {
+    return forward_derivatives_.lend({{}, std::move(loads)}, small(),
+                                     [&](const Setting& s) { return flexarm::ForwardDerivatives(*this, s.loads); });
+  }
   /// Whether arguments (name: value) are of one state, and nothing is wrong with them: contiguous arrays of doubles,
   /// as long as they must be, all finite; and a ball's quaternion in q has a length, if `balls`.
   bool one_state(const py::dict& named, bool balls) const;
@@ -127,6 +131,7 @@ class PyArm : public flexarm::Arm {
   mutable Pool<flexarm::Workspace> workspaces_;
   mutable Pool<flexarm::InverseDerivatives> derivatives_;
   mutable Pool<flexarm::JointReactions> reactions_;
+  mutable Pool<flexarm::ForwardDerivatives> forward_derivatives_;
 };
 
 /// Runs visit(k), which takes about `each` evaluations, for each of n states; looks around, and leaves the

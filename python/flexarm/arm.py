@@ -288,8 +288,9 @@ class Arm(Chain):
     ) -> linear.Derivatives:
         """Exact da/dq (nv, nq), da/dv and da/dtau (nv, nv) of `forward_dynamics`, as `.dq`, `.dv` and `.dtau`.
 
-        From those of inverse dynamics at the acceleration a: da/dq = -M^-1 dtau/dq, da/dv = -M^-1 dtau/dv. Columns of
-        a ball's quaternion do not depend on its length.
+        From those of inverse dynamics at the acceleration a: da/dq = -M^-1 dtau/dq, da/dv = -M^-1 dtau/dv, with M^-1
+        by the articulated-body method's factors (Eq. 92-96). O(N^2). Columns of a ball's quaternion do not depend on
+        its length.
 
         Args:
             q: (nq,). v, tau: (nv,); tau is zero if None.

@@ -111,7 +111,7 @@ void add_flexarm(std::vector<Job>& jobs, const std::string& scene, Scene& x) {
       [](Scene& y, const State& s) { flexarm::must(flexarm::forward_dynamics(y.arm, y.ws, s.q, s.v, s.tau)); });
   add("mass matrix", [](Scene& y, const State& s) { flexarm::composite_mass_matrix(y.arm, y.ws, s.q); });
   add("inverse dynamics", [](Scene& y, const State& s) { flexarm::inverse_dynamics(y.arm, y.ws, s.q, s.v, s.tau); });
-  add("derivatives", [](Scene& y, const State& s) { y.derivatives(y.arm, s.q, s.v, s.tau); });
+  add("derivatives", [](Scene& y, const State& s) { flexarm::must(y.derivatives(y.arm, s.q, s.v, s.tau)); });
 }
 
 template <class F>
@@ -131,10 +131,10 @@ void add_rigid(std::vector<Job>& jobs, std::vector<std::unique_ptr<Scene>>& scen
   const double forward = spread<Eigen::VectorXd>(s.ws.a, s.peer->aba(x.q, x.v, x.tau, false));
   flexarm::inverse_dynamics(s.arm, s.ws, x.q, x.v, x.tau);
   const double inverse = spread<Eigen::VectorXd>(s.ws.tau, s.peer->rnea(x.q, x.v, x.tau));
-  s.derivatives(s.arm, x.q, x.v, x.tau);
+  flexarm::must(s.derivatives(s.arm, x.q, x.v, x.tau));
   s.peer->aba_derivatives(x.q, x.v, x.tau);
   Eigen::MatrixXd own(n, 2 * n);
-  own << s.derivatives.by_q, s.derivatives.by_v;
+  own << s.derivatives.dq, s.derivatives.dv;
   std::printf("# rigid %d: relative difference of accelerations %.1e, of torques %.1e, of derivatives %.1e\n", n,
               forward, inverse, spread(own, s.peer->last_derivatives()));
   const std::string scene = "rigid " + std::to_string(n);

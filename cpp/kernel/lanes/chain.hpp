@@ -37,7 +37,7 @@ struct Chain {
       room.take(ne, e.end.J_linear, e.M_linear, e.W_linear);
       room.take(ne, e.end.J_angular, e.M_angular, e.W_angular);
       room.take(ne * (ne + 1) / 2, e.M, e.L);
-      room.take(ne, e.e, e.y);
+      room.take(ne, e.e);
     }
     room.take(1, slice);
     Slice<Sp> counted;
@@ -74,54 +74,67 @@ struct Chain {
   /// an arm at rest, whose bias forces are not needed.
   template <bool rates = true, bool forces = true>
   void move(const S* q, const S* v) {
-    static const S none[kMostElastic]{};
-    turn_hinges(layout, q, state, scratch);
+    turn_hinges(layout, 0, layout.nodes, q, state, scratch);
     Ang w = Sp::zero_angular();
     typename Sp::Rot attitude = Sp::turn(0, S{}, number<S>(1.0));
-    for (int i = 0; i < layout.nodes; ++i) {
-      const Node& node = layout.node[i];
-      State<Sp>& s = state[i];
-      const double* p = numbers + node.numbers;
-      typename Sp::Rot seat = Sp::turn(0, S{}, number<S>(1.0));
-      if (!node.coincident) {
-        s.r = Sp::read(p);
-        if (node.turned) seat = Sp::read_rotation(p);
-        if (node.passive && !node.ball) resist(node, p, q[node.q], rates ? v[node.v] : S{}, s);
-      }
-      if (node.coincident) {
-        stay(w, s);
-      } else if (node.ball) {
-        move_ball(node, p, seat, q + node.q, rates ? v + node.v : none, w, s);
-      } else {
-        move_joint<rates>(node, seat, q, v, w, s);
-      }
-      if constexpr (!rates) s.w = w;  // none
-      w = s.w;
-      if (layout.attitudes) attitude = s.attitude = node.coincident ? attitude : Sp::times(attitude, s.R);
-      if (node.ne > 0) {
-        Elastic<Sp>& e = s.elastic;
-        bend_body<forces>(node, p, gravity_in(attitude), q + node.qe, rates ? v + node.ve : none, s);
-        // what is carried by the end moves with the slice there (Eq. 45, 46)
-        s.end_w = Sp::unrotate_angular(e.end.R, s.w + e.end.turning);
-        const Lin sweep = Sp::cross(s.w, e.end.x) + number<S>(2.0) * e.end.u_dot;
-        e.end.u_bias = Sp::cross(s.w, sweep) + e.end.u_bias;
-        e.end.turn_bias = Sp::cross(s.w, e.end.turning) + e.end.turn_bias;
-        w = s.end_w;
-        if (layout.attitudes) attitude = Sp::times(attitude, e.end.R);
-        s.tip_f = Sp::zero();
-        s.tip_n = Sp::zero_angular();
-        if (forces && node.tip) {
-          const double* t = numbers + node.tip_body;
-          read_body<rates>(t, w, s.tip, s.tip_f, s.tip_n);
-        }
-      } else if (forces && node.body) {
-        read_body<rates>(p, s.w, s.body, s.body_f, s.body_n);
-      }
-      if constexpr (rates && forces)
-        if (node.loads > 0)
-          subtract_loads(layout, node, wrench, attitude, numbers + node.points, q + node.qe, v + node.ve, s, *slice,
-                         scratch);
+    for (int i = 0; i < layout.nodes; ++i)
+      move_node<rates, forces>(
+          i, q, v, w, attitude, [&](const Node& node, const double* constants, const Lin& gravity) {
+            bend_body<forces>(node, constants, gravity, q + node.qe, rates ? v + node.ve : none(), state[i]);
+          });
+  }
+
+  /// One node, after its hinge was turned. w and attitude are those of the frame before it, and then of its end.
+  /// @param bend  makes the elastic body and its end slice, of (node, constants, gravity)
+  template <bool rates, bool forces, class Bend>
+  void move_node(int i, const S* q, const S* v, Ang& w, typename Sp::Rot& attitude, const Bend& bend) {
+    const Node& node = layout.node[i];
+    State<Sp>& s = state[i];
+    const double* p = numbers + node.numbers;
+    typename Sp::Rot seat = Sp::turn(0, S{}, number<S>(1.0));
+    if (!node.coincident) {
+      s.r = Sp::read(p);
+      if (node.turned) seat = Sp::read_rotation(p);
+      if (node.passive && !node.ball) resist(node, p, q[node.q], rates ? v[node.v] : S{}, s);
     }
+    if (node.coincident) {
+      stay(w, s);
+    } else if (node.ball) {
+      move_ball(node, p, seat, q + node.q, rates ? v + node.v : none(), w, s);
+    } else {
+      move_joint<rates>(node, seat, q, v, w, s);
+    }
+    if constexpr (!rates) s.w = w;  // none
+    w = s.w;
+    if (layout.attitudes) attitude = s.attitude = node.coincident ? attitude : Sp::times(attitude, s.R);
+    if (node.ne > 0) {
+      Elastic<Sp>& e = s.elastic;
+      bend(node, p, gravity_in(attitude));
+      // what is carried by the end moves with the slice there (Eq. 45, 46)
+      s.end_w = Sp::unrotate_angular(e.end.R, s.w + e.end.turning);
+      const Lin sweep = Sp::cross(s.w, e.end.x) + number<S>(2.0) * e.end.u_dot;
+      e.end.u_bias = Sp::cross(s.w, sweep) + e.end.u_bias;
+      e.end.turn_bias = Sp::cross(s.w, e.end.turning) + e.end.turn_bias;
+      w = s.end_w;
+      if (layout.attitudes) attitude = Sp::times(attitude, e.end.R);
+      s.tip_f = Sp::zero();
+      s.tip_n = Sp::zero_angular();
+      if (forces && node.tip) {
+        const double* t = numbers + node.tip_body;
+        read_body<rates>(t, w, s.tip, s.tip_f, s.tip_n);
+      }
+    } else if (forces && node.body) {
+      read_body<rates>(p, s.w, s.body, s.body_f, s.body_n);
+    }
+    if constexpr (rates && forces)
+      if (node.loads > 0)
+        subtract_loads(layout, node, wrench, attitude, numbers + node.points, q + node.qe, v + node.ve, s, *slice,
+                       scratch);
+  }
+  /// Rates of elastic coordinates that rest.
+  static const S* none() {
+    static const S zeros[kMostElastic]{};
+    return zeros;
   }
 
   /// Gravity in the axes of a frame: the base accelerates against it.
@@ -143,25 +156,27 @@ struct Chain {
       bend(node, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, e, scratch);
   }
 
+  /// Where few points are enough.
+  Mask is_small(const Node& node, const S* q) const {
+    if (!node.few) return Lanes<S>::everywhere(false);
+    const double* p = numbers + node.bounds;
+    S sum{};
+    for (int k = 0; k < node.ne; ++k) sum += next<S>(p) * Lanes<S>::size(q[k]);
+    return sum < 1.0;  // NaN is not
+  }
   /// With few points where these are enough. In lanes, each arm by itself: no bit depends on who shares the pack.
   template <bool forces>
   void bend_sampled(const Node& node, const double* constants, const S* q, const S* dq, State<Sp>& s) {
-    Mask small = Lanes<S>::everywhere(false);
-    if (node.few) {
-      const double* p = numbers + node.bounds;
-      S sum{};
-      for (int k = 0; k < node.ne; ++k) sum += next<S>(p) * Lanes<S>::size(q[k]);
-      small = sum < 1.0;  // NaN is not
-    }
+    const Mask small = is_small(node, q);
     const bool all = Lanes<S>::all(small), none = Lanes<S>::all(Lanes<S>::none_of(small));
     for (int round = 0; round < 2; ++round) {
       const bool few = round == 0;
       if (few ? none : all) continue;
       const Node& on = few ? *node.few : node;
       const double* points = numbers + on.points;
-      sampled::sample(Sp{}, on, points, q, dq, scratch);
+      sampled::sample<false>(Sp{}, on, points, q, dq, scratch);
       if constexpr (forces)
-        sampled::bend(on, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, s.elastic, scratch);
+        sampled::bend<false>(on, constants, points, q, dq, s.w, s.body, s.body_f, s.body_n, s.elastic, scratch);
       else
         sampled::move_end(on, points, q, dq, s.elastic.end, scratch);
       if constexpr (Lanes<S>::width > 1)
@@ -206,6 +221,21 @@ struct Chain {
     });
   }
 
+  /// Of other rates, after `bend_body` of this node's points: forces without the elastic ones and, of a sampled body,
+  /// how its end moves.
+  void bend_again(const Node& node, const double* constants, const S* q, const S* dq, const Ang& w, Lin& f, Ang& n,
+                  Elastic<Sp>& e) {
+    const Node& on = Lanes<S>::all(is_small(node, q)) ? *node.few : node;
+    const double* points = numbers + on.points;
+    typename Sp::Rigid body;
+    if (node.body == Node::sampled) {
+      sampled::sample<true>(Sp{}, on, points, q, dq, scratch);
+      sampled::bend<true>(on, constants, points, q, dq, w, body, f, n, e, scratch);
+    } else {
+      bend<true>(node, constants, points, q, dq, w, body, f, n, e, scratch);
+    }
+  }
+
   template <bool rates>
   static void read_body(const double*& p, const Ang& w, typename Sp::Rigid& body, Lin& f, Ang& n) {
     const S m = next<S>(p);
@@ -248,41 +278,46 @@ struct Chain {
     return sum;
   }
 
-  template <bool biased>
-  static void carry_end(const Node& node, const Elastic<Sp>& e, const S* xe, Lin& a, Ang& dw) {
-    a += Sp::cross(dw, e.end.x);
+  template <bool biased, class V>
+  static void carry_end(const Node& node, const Elastic<Sp>& e, const V* xe, typename SpaceOf<Sp, V>::type::Lin& a,
+                        typename SpaceOf<Sp, V>::type::Ang& dw) {
+    using Vs = typename SpaceOf<Sp, V>::type;
+    a += Vs::cross(dw, widen_linear<Sp, V>(e.end.x));
     if constexpr (biased) {
       a += e.end.u_bias;
       dw += e.end.turn_bias;
     }
     for (int k = 0; k < node.ne; ++k) {
-      a += xe[k] * e.end.J_linear[k];
-      dw += xe[k] * e.end.J_angular[k];
+      a += xe[k] * widen_linear<Sp, V>(e.end.J_linear[k]);
+      dw += xe[k] * widen_angular<Sp, V>(e.end.J_angular[k]);
     }
-    a = Sp::unrotate(e.end.R, a);
-    dw = Sp::unrotate_angular(e.end.R, dw);
+    const typename Vs::Rot R = widen_rotation<Sp, V>(e.end.R);
+    a = Vs::unrotate(R, a);
+    dw = Vs::unrotate_angular(R, dw);
   }
 
   /// Accelerations of all frames, of coordinates' accelerations x (Eq. 86); after `move`.
   void accelerate(const Lin& base, const S* x) {
     Lin a = base;
     Ang dw = Sp::zero_angular();
-    for (int i = 0; i < layout.nodes; ++i) {
-      const Node& node = layout.node[i];
-      State<Sp>& s = state[i];
-      if (!node.coincident) {
-        a = Sp::unrotate(s.R, i == 0 ? a : a + Sp::cross(dw, s.r)) + s.bias_a;
-        dw = Sp::unrotate_angular(s.R, dw) + s.bias_w;
-      }
-      if (node.kind == Node::revolute) Sp::angular_component(dw, node.axis) += node.sign * x[node.v];
-      if (node.kind == Node::prismatic) Sp::component(a, node.axis) += node.sign * x[node.v];
-      s.a = a;
-      s.dw = dw;
-      if (node.ne == 0) continue;
-      carry_end<true>(node, s.elastic, x + node.ve, a, dw);
-      s.end_a = a;
-      s.end_dw = dw;
+    for (int i = 0; i < layout.nodes; ++i) accelerate_node(i, x, a, dw);
+  }
+  /// a and dw are those of the frame before, at its end, and then of this node's end.
+  void accelerate_node(int i, const S* x, Lin& a, Ang& dw) {
+    const Node& node = layout.node[i];
+    State<Sp>& s = state[i];
+    if (!node.coincident) {
+      a = Sp::unrotate(s.R, i == 0 ? a : a + Sp::cross(dw, s.r)) + s.bias_a;
+      dw = Sp::unrotate_angular(s.R, dw) + s.bias_w;
     }
+    if (node.kind == Node::revolute) Sp::angular_component(dw, node.axis) += node.sign * x[node.v];
+    if (node.kind == Node::prismatic) Sp::component(a, node.axis) += node.sign * x[node.v];
+    s.a = a;
+    s.dw = dw;
+    if (node.ne == 0) return;
+    carry_end<true>(node, s.elastic, x + node.ve, a, dw);
+    s.end_a = a;
+    s.end_dw = dw;
   }
 
   /// Inverse dynamics after `move`: generalised forces of accelerations x (Eq. 84-87).
@@ -291,50 +326,57 @@ struct Chain {
     Lin f = Sp::zero();
     Ang n = Sp::zero_angular();
     for (int i = layout.nodes; i-- > 0;) {
-      const Node& node = layout.node[i];
-      State<Sp>& s = state[i];
-      if (node.ne > 0) {
-        const Elastic<Sp>& e = s.elastic;
-        if (node.tip || node.loads > 0) {
-          f += s.tip_f;
-          n += s.tip_n;
-        }
-        if (node.tip) {
-          f += Sp::force(s.tip, s.end_a, s.end_dw);
-          n += Sp::torque(s.tip, s.end_a, s.end_dw);
-        }
-        f = Sp::rotate(e.end.R, f);
-        n = Sp::rotate_angular(e.end.R, n);
-        const S* xe = x + node.ve;
-        for (int k = 0; k < node.ne; ++k) {
-          S sum = e.e[k] + Sp::dot(e.end.J_linear[k], f) + Sp::dot(e.end.J_angular[k], n) +
-                  Sp::dot(e.M_linear[k], s.a) + Sp::dot(e.M_angular[k], s.dw);
-          for (int j = 0; j < node.ne; ++j) sum += e.M[j <= k ? packed(k, j) : packed(j, k)] * xe[j];
-          tau[node.ve + k] = sum;
-        }
-        n += Sp::moment(e.end.x, f);
-        for (int k = 0; k < node.ne; ++k) {
-          f += xe[k] * e.M_linear[k];
-          n += xe[k] * e.M_angular[k];
-        }
-      }
-      if (node.body) {
-        f += s.body_f + Sp::force(s.body, s.a, s.dw);
-        n += s.body_n + Sp::torque(s.body, s.a, s.dw);
-      }
-      s.f = f;  // what goes through the joint (Eq. 84)
-      s.n = n;
-      if (node.kind != Node::fixed) {
-        S own = node.kind == Node::revolute ? Sp::angular_component(n, node.axis) : Sp::component(f, node.axis);
-        own *= node.sign;
-        if (node.passive) own += s.resistance + s.reflected * x[node.v];
-        tau[node.v] = own;
-      }
-      if (i == 0) break;
-      if (node.coincident) continue;
-      f = Sp::rotate(s.R, f);
-      n = Sp::rotate_angular(s.R, n) + Sp::moment(s.r, f);
+      force_node(i, x, f, n, tau);
+      if (i > 0) carry_inward(i, f, n);
     }
+  }
+  /// f and n are what the node's end carries, and then what goes through its joint, in its axes.
+  void force_node(int i, const S* x, Lin& f, Ang& n, S* tau) {
+    const Node& node = layout.node[i];
+    State<Sp>& s = state[i];
+    if (node.ne > 0) {
+      const Elastic<Sp>& e = s.elastic;
+      if (node.tip || node.loads > 0) {
+        f += s.tip_f;
+        n += s.tip_n;
+      }
+      if (node.tip) {
+        f += Sp::force(s.tip, s.end_a, s.end_dw);
+        n += Sp::torque(s.tip, s.end_a, s.end_dw);
+      }
+      f = Sp::rotate(e.end.R, f);
+      n = Sp::rotate_angular(e.end.R, n);
+      const S* xe = x + node.ve;
+      for (int k = 0; k < node.ne; ++k) {
+        S sum = e.e[k] + Sp::dot(e.end.J_linear[k], f) + Sp::dot(e.end.J_angular[k], n) + Sp::dot(e.M_linear[k], s.a) +
+                Sp::dot(e.M_angular[k], s.dw);
+        for (int j = 0; j < node.ne; ++j) sum += e.M[j <= k ? packed(k, j) : packed(j, k)] * xe[j];
+        tau[node.ve + k] = sum;
+      }
+      n += Sp::moment(e.end.x, f);
+      for (int k = 0; k < node.ne; ++k) {
+        f += xe[k] * e.M_linear[k];
+        n += xe[k] * e.M_angular[k];
+      }
+    }
+    if (node.body) {
+      f += s.body_f + Sp::force(s.body, s.a, s.dw);
+      n += s.body_n + Sp::torque(s.body, s.a, s.dw);
+    }
+    s.f = f;  // what goes through the joint (Eq. 84)
+    s.n = n;
+    if (node.kind == Node::fixed) return;
+    S own = node.kind == Node::revolute ? Sp::angular_component(n, node.axis) : Sp::component(f, node.axis);
+    own *= node.sign;
+    if (node.passive) own += s.resistance + s.reflected * x[node.v];
+    tau[node.v] = own;
+  }
+  /// From a node's frame to the end of the frame before it.
+  void carry_inward(int i, Lin& f, Ang& n) const {
+    const State<Sp>& s = state[i];
+    if (layout.node[i].coincident) return;
+    f = Sp::rotate(s.R, f);
+    n = Sp::rotate_angular(s.R, n) + Sp::moment(s.r, f);
   }
 };
 

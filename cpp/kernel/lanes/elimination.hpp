@@ -3,9 +3,11 @@
 #pragma once
 
 #include "lanes/chain.hpp"
+#include "lanes/kernels.hpp"
 
 namespace {
 
+using flexarm::lanes::Outcome;
 using flexarm::lanes::Shift;
 
 constexpr double kSingular = 1e-14;  // parts of an inertia below which what a freedom moves is rounding
@@ -19,12 +21,27 @@ inline void accept(C& chain, const typename C::S& d, const typename C::S& least,
   good = good & above;
 }
 
+/// The chain's numbers as scalars V, of forces and accelerations: as they are or, of one arm, V a pack, the same in all
+/// lanes.
+template <class C, class V>
+struct Among {
+  using Own = typename C::Space;
+  using Space = typename SpaceOf<Own, V>::type;
+  using Lin = typename Space::Lin;
+  using Ang = typename Space::Ang;
+  static Lin linear(const typename Own::Lin& x) { return widen_linear<Own, V>(x); }
+  static Ang angular(const typename Own::Ang& x) { return widen_angular<Own, V>(x); }
+  static typename Space::Rot rotation(const typename Own::Rot& R) { return widen_rotation<Own, V>(R); }
+};
+
 /// Eliminates the elastic coordinates of a node: M, f and n, of what its end carries, become those of the whole body
 /// without these coordinates.
-template <bool inertia, bool forces, bool biased, class C>
+template <bool inertia, bool forces, bool biased, class C, class V>
 inline void condense(C& chain, const Node& node, State<typename C::Space>& s, typename C::Space::Inertia& M,
-                     typename C::Lin& f, typename C::Ang& n, const typename C::S* tau, const Shift& shift,
+                     typename Among<C, V>::Lin& f, typename Among<C, V>::Ang& n, const V* tau, V* x, const Shift& shift,
                      typename C::Mask& good) {
+  using A = Among<C, V>;
+  using Vs = typename A::Space;
   using Sp = typename C::Space;
   using S = typename C::S;
   using Lin = typename C::Lin;
@@ -32,8 +49,9 @@ inline void condense(C& chain, const Node& node, State<typename C::Space>& s, ty
   Elastic<Sp>& e = s.elastic;
   const int ne = node.ne;
   if constexpr (forces) {
-    f = Sp::rotate(e.end.R, f);
-    n = Sp::rotate_angular(e.end.R, n);
+    const typename Vs::Rot R = A::rotation(e.end.R);
+    f = Vs::rotate(R, f);
+    n = Vs::rotate_angular(R, n);
   }
   if constexpr (inertia) {
     const typename Sp::Inertia carried = Sp::rotate(e.end.R, M);
@@ -83,38 +101,42 @@ inline void condense(C& chain, const Node& node, State<typename C::Space>& s, ty
     }
   }
   if constexpr (forces) {
+    V* y = x + node.ve;
     for (int k = 0; k < ne; ++k) {
-      S y = tau[node.ve + k] - (Sp::dot(e.end.J_linear[k], f) + Sp::dot(e.end.J_angular[k], n));
-      if constexpr (biased) y -= e.e[k];
-      for (int j = 0; j < k; ++j) y -= e.L[packed(k, j)] * e.y[j];
-      e.y[k] = y;
+      V left =
+          tau[node.ve + k] - (Vs::dot(A::linear(e.end.J_linear[k]), f) + Vs::dot(A::angular(e.end.J_angular[k]), n));
+      if constexpr (biased) left -= e.e[k];
+      for (int j = 0; j < k; ++j) left -= e.L[packed(k, j)] * y[j];
+      y[k] = left;
     }
-    n += Sp::moment(e.end.x, f);
+    n += Vs::moment(A::linear(e.end.x), f);
     if constexpr (biased) {
       f += s.body_f;
       n += s.body_n;
     }
     for (int k = 0; k < ne; ++k) {
-      e.y[k] *= e.L[packed(k, k)];
-      f += e.y[k] * e.W_linear[k];
-      n += e.y[k] * e.W_angular[k];
+      y[k] *= e.L[packed(k, k)];
+      f += y[k] * A::linear(e.W_linear[k]);
+      n += y[k] * A::angular(e.W_angular[k]);
     }
   }
 }
 
 /// Inward: articulated inertias and their factors, or articulated forces, or both.
+/// @param tau  generalised forces
+/// @param x    accelerations that are given; gets what `outward` goes on from
 /// @return where every pivot is positive; where not, `chain.lost` says why
-template <bool inertia, bool forces, bool biased, class C>
-inline typename C::Mask inward(C& chain, const typename C::S* tau, const typename C::S* given, const Shift& shift) {
+template <bool inertia, bool forces, bool biased, class C, class V>
+inline typename C::Mask inward(C& chain, const V* tau, V* x, const Shift& shift) {
+  using A = Among<C, V>;
+  using Vs = typename A::Space;
   using Sp = typename C::Space;
   using S = typename C::S;
-  using Lin = typename C::Lin;
-  using Ang = typename C::Ang;
   typename C::Mask good = Lanes<S>::everywhere(true);
   chain.lost = Lanes<S>::everywhere(false);
   typename Sp::Inertia M = Sp::no_inertia();  // of what follows, in the axes of this node's end, about its end
-  Lin f = Sp::zero();
-  Ang n = Sp::zero_angular();
+  typename A::Lin f = Vs::zero();
+  typename A::Ang n = Vs::zero_angular();
   for (int i = chain.layout.nodes; i-- > 0;) {
     const Node& node = chain.layout.node[i];
     State<Sp>& s = chain.state[i];
@@ -126,7 +148,7 @@ inline typename C::Mask inward(C& chain, const typename C::S* tau, const typenam
           f += s.tip_f;
           n += s.tip_n;
         }
-      condense<inertia, forces, biased>(chain, node, s, M, f, n, tau, shift, good);
+      condense<inertia, forces, biased>(chain, node, s, M, f, n, tau, x, shift, good);
     } else {
       if constexpr (inertia)
         if (node.body) Sp::add(M, s.body);
@@ -149,22 +171,23 @@ inline typename C::Mask inward(C& chain, const typename C::S* tau, const typenam
         if (!node.passive) Sp::clear(M, about, node.axis);  // M~ H = 0: not even rounding, of which much would be left
       }
       if constexpr (forces) {
-        const S applied = node.sign * tau[node.v];
-        S u = applied - (about ? Sp::angular_component(n, node.axis) : Sp::component(f, node.axis));
+        const V applied = node.sign * tau[node.v];
+        V u = applied - (about ? Vs::angular_component(n, node.axis) : Vs::component(f, node.axis));
         if constexpr (biased)
           if (node.passive) u -= node.sign * s.resistance;
-        s.u = s.over_d * u;
-        f += s.u * s.U_f;
-        n += s.u * s.U_n;
-        if (!node.passive) (about ? Sp::angular_component(n, node.axis) : Sp::component(f, node.axis)) = applied;
+        u *= s.over_d;
+        f += u * A::linear(s.U_f);
+        n += u * A::angular(s.U_n);
+        if (!node.passive) (about ? Vs::angular_component(n, node.axis) : Vs::component(f, node.axis)) = applied;
+        x[node.v] = u;
       }
     }
     if constexpr (inertia && forces && biased)
       if (!node.coincident || node.given) {
-        Lin a = s.bias_a;
-        Ang dw = s.bias_w;
+        typename C::Lin a = s.bias_a;
+        typename C::Ang dw = s.bias_w;
         if (node.kind != Node::fixed && node.given)  // what is prescribed is part of the bias
-          (about ? Sp::angular_component(dw, node.axis) : Sp::component(a, node.axis)) += node.sign * given[node.v];
+          (about ? Sp::angular_component(dw, node.axis) : Sp::component(a, node.axis)) += node.sign * x[node.v];
         f += Sp::force(M, a, dw);
         n += Sp::torque(M, a, dw);
       }
@@ -174,49 +197,76 @@ inline typename C::Mask inward(C& chain, const typename C::S* tau, const typenam
       M = Sp::shift(
           about && !node.turned && !node.ball ? Sp::rotate(node.axis, s.sine, s.cosine, M) : Sp::rotate(s.R, M), s.r);
     if constexpr (forces) {
-      f = Sp::rotate(s.R, f);
-      n = Sp::rotate_angular(s.R, n) + Sp::moment(s.r, f);
+      const typename Vs::Rot R = A::rotation(s.R);
+      f = Vs::rotate(R, f);
+      n = Vs::rotate_angular(R, n) + Vs::moment(A::linear(s.r), f);
     }
   }
   return good;
 }
 
-/// Outward: accelerations, into x, which holds those that are given. Without biases, of what solve_shifted asks for.
-template <bool biased, class C>
-inline void outward(C& chain, const typename C::Lin& base, typename C::S* x) {
+/// Outward: accelerations, into x as `inward` left it, which holds those that are given. Without biases, of what
+/// solve_shifted asks for.
+template <bool biased, class C, class V>
+inline void outward(C& chain, const typename Among<C, V>::Lin& base, V* x) {
+  using A = Among<C, V>;
+  using Vs = typename A::Space;
   using Sp = typename C::Space;
-  using S = typename C::S;
-  using Lin = typename C::Lin;
-  using Ang = typename C::Ang;
-  Lin a = base;  // of the frame before, at its end
-  Ang dw = Sp::zero_angular();
+  typename A::Lin a = base;  // of the frame before, at its end
+  typename A::Ang dw = Vs::zero_angular();
   for (int i = 0; i < chain.layout.nodes; ++i) {
     const Node& node = chain.layout.node[i];
     State<Sp>& s = chain.state[i];
     if (!node.coincident) {
-      const Lin at = i == 0 ? a : a + Sp::cross(dw, s.r);
-      a = Sp::unrotate(s.R, at);
-      dw = Sp::unrotate_angular(s.R, dw);
+      const typename A::Lin at = i == 0 ? a : a + Vs::cross(dw, A::linear(s.r));
+      const typename Vs::Rot R = A::rotation(s.R);
+      a = Vs::unrotate(R, at);
+      dw = Vs::unrotate_angular(R, dw);
     }
     if constexpr (biased) {
       a += s.bias_a;
       dw += s.bias_w;
     }
     if (node.kind != Node::fixed) {
-      if (!node.given) x[node.v] = node.sign * (s.u - s.over_d * (Sp::dot(s.U_f, a) + Sp::dot(s.U_n, dw)));
-      const S qdd = node.sign * x[node.v];
-      (node.kind == Node::revolute ? Sp::angular_component(dw, node.axis) : Sp::component(a, node.axis)) += qdd;
+      if (!node.given) {
+        const V carried = Vs::dot(A::linear(s.U_f), a) + Vs::dot(A::angular(s.U_n), dw);
+        x[node.v] = node.sign * (x[node.v] - s.over_d * carried);
+      }
+      const V qdd = node.sign * x[node.v];
+      (node.kind == Node::revolute ? Vs::angular_component(dw, node.axis) : Vs::component(a, node.axis)) += qdd;
     }
     if (node.ne == 0) continue;
     Elastic<Sp>& e = s.elastic;
-    S* xe = x + node.ve;
+    V* xe = x + node.ve;
     for (int k = node.ne; k-- > 0;) {  // L^T x = y - D^-1 W A
-      S value = e.y[k] - e.L[packed(k, k)] * (Sp::dot(e.W_linear[k], a) + Sp::dot(e.W_angular[k], dw));
+      const V carried = Vs::dot(A::linear(e.W_linear[k]), a) + Vs::dot(A::angular(e.W_angular[k]), dw);
+      V value = xe[k] - e.L[packed(k, k)] * carried;
       for (int j = k + 1; j < node.ne; ++j) value -= e.L[packed(j, k)] * xe[j];
       xe[k] = value;
     }
     if (i + 1 < chain.layout.nodes) C::template carry_end<biased>(node, e, xe, a, dw);
   }
+}
+
+/// What became of the factors of one arm.
+template <class C>
+inline Outcome outcome(const C& chain, bool good) {
+  return good ? Outcome::good : chain.lost ? Outcome::not_finite : Outcome::singular;
+}
+
+/// Factors M + shift of a chain after its `move`.
+template <class C>
+inline typename C::Mask factor(C& chain, const Shift& shift) {
+  const typename C::S* none = nullptr;
+  return inward<true, false, false>(chain, none, static_cast<typename C::S*>(nullptr), shift);
+}
+/// x = (M + shift)^-1 r, zero where given.
+template <class C, class V>
+inline void solve(C& chain, const V* r, V* x) {
+  for (int i = 0; i < chain.layout.nodes; ++i)
+    if (chain.layout.node[i].given) x[chain.layout.node[i].v] = V{};
+  inward<false, true, false>(chain, r, x, Shift{});
+  outward<false>(chain, Among<C, V>::Space::zero(), x);
 }
 
 }  // namespace

@@ -42,19 +42,19 @@ inline std::size_t hinge_scratch(const Layout& layout) {
   return 3 * ((static_cast<std::size_t>(layout.nodes) + W - 1) / W);
 }
 
-/// Sines and cosines of all hinges; of one arm, of several hinges at once.
+/// Sines and cosines of the hinges of nodes from `first` to before `end`; of one arm, of several hinges at once.
 template <class Sp, class S, class P>
-inline void turn_hinges(const Layout& layout, const S* q, State<Sp>* state, P* scratch) {
+inline void turn_hinges(const Layout& layout, int first, int end, const S* q, State<Sp>* state, P* scratch) {
   constexpr int W = sizeof(P) / sizeof(S);
   S* angle = reinterpret_cast<S*>(scratch);
   int count = 0;
-  for (int i = 0; i < layout.nodes; ++i)
+  for (int i = first; i < end; ++i)
     if (const Node& node = layout.node[i]; is_hinge(node)) angle[count++] = node.sign * q[node.q];
   while (count % W != 0) angle[count++] = S{};
   P *sines = scratch + count / W, *cosines = sines + count / W;
   for (int k = 0; k < count / W; ++k) sine_cosine(scratch[k], sines[k], cosines[k]);
   const S *sine = reinterpret_cast<S*>(sines), *cosine = reinterpret_cast<S*>(cosines);
-  for (int i = 0; i < layout.nodes; ++i)
+  for (int i = first; i < end; ++i)
     if (is_hinge(layout.node[i])) {
       state[i].sine = *sine++;
       state[i].cosine = *cosine++;

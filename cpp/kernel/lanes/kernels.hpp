@@ -73,6 +73,12 @@ struct Roll {
   Work work;      ///< of all lanes together
 };
 
+/// Of derivatives: an arm as it is, and grouped for kernels of one arm.
+struct SlopesOf {
+  const Layout &layout, &grouped;
+  const double *numbers, *grouped_numbers;
+};
+
 /// What became of a factorisation.
 enum class Outcome { good, singular, not_finite };
 
@@ -105,11 +111,15 @@ struct Kernels {
   std::size_t (*roll_memory)(Roll&);
   /// From coordinates q and rates v; memory aligned to 64 bytes.
   void (*roll)(Roll&, void* memory, const double* q, const double* v);
-  std::size_t (*slopes_memory)(const Layout&);
-  /// Exact dtau/dq (nv x nq) and dtau/dv (nv x nv, or null) of inverse dynamics, by columns; numbers of a KernelArm
-  /// that is not grouped, memory aligned to 64 bytes.
-  void (*slopes)(const Layout&, const double* numbers, const double* wrenches, void* memory, const double* q,
-                 const double* v, const double* a, double* by_q, double* by_v);
+  std::size_t (*slopes_memory)(const SlopesOf&);
+  /// Exact dtau/dq (nv x nq) and dtau/dv (nv x nv, or null) of inverse dynamics, by columns; memory aligned to 64
+  /// bytes.
+  void (*inverse_slopes)(const SlopesOf&, void* memory, const double* wrenches, const double* q, const double* v,
+                         const double* a, double* by_q, double* by_v);
+  /// Accelerations of forward dynamics, into a, which holds those that are given; and exact da/dq (nv x nq), da/dv and
+  /// da/dtau (nv x nv), by columns, zero where given.
+  Outcome (*forward_slopes)(const SlopesOf&, void* memory, const double* wrenches, const double* q, const double* v,
+                            const double* tau, double* a, double* by_q, double* by_v, double* by_tau);
 };
 
 /// The widest that this processor has; FLEXARM_ISA = base or avx2 in the environment asks for less.

@@ -105,6 +105,15 @@ typename SpaceOf<Sp, P>::type::Ang widen_angular(const typename Sp::Ang& x) {
     return widen_linear<Sp, P>(x);
 }
 
+template <class Sp, class P>
+typename SpaceOf<Sp, P>::type::Rot widen_rotation(const typename Sp::Rot& R) {
+  if constexpr (Sp::planar)
+    return {widen(R.c, P{}), widen(R.s, P{})};
+  else
+    return {widen(R.xx, P{}), widen(R.xy, P{}), widen(R.xz, P{}), widen(R.yx, P{}), widen(R.yy, P{}),
+            widen(R.yz, P{}), widen(R.zx, P{}), widen(R.zy, P{}), widen(R.zz, P{})};
+}
+
 /// Takes a load on one arm off a body's forces, as many slices at a time as a pack has lanes.
 /// @param p     numbers of the first
 /// @param f, m  force and moment, of the world turned into the node's axes; or in those of the slices

@@ -71,7 +71,8 @@ struct Sums {
   Linear* M_linear;  ///< its coupling with forces
   Ang* M_angular;    ///< and with moments;
   T* M;              ///< of each pair, packed
-  int size;          ///< numbers T of all this
+  int size;          ///< numbers T of all this,
+  int forces;        ///< and of what comes before the couplings
 
   Sums(T* at, int ne) : body(reinterpret_cast<Body*>(at)) {
     e = at + sizeof(Body) / sizeof(T);
@@ -79,6 +80,7 @@ struct Sums {
     M_angular = reinterpret_cast<Ang*>(M_linear + ne);
     M = reinterpret_cast<T*>(M_angular + ne);
     size = size_of(ne);
+    forces = static_cast<int>(sizeof(Body) / sizeof(T)) + ne;
   }
   static int size_of(int ne) {
     return static_cast<int>((sizeof(Body) + static_cast<std::size_t>(ne) * (sizeof(T) + sizeof(Linear) + sizeof(Ang))) /
@@ -115,17 +117,19 @@ struct Parts {
 
 // --- In the plane. ---
 
-/// Sums over the points of position.
-template <class S, class P>
+/// Sums over the points of position. Here and below, `again` is for other rates where the body is: what these do not
+/// change is left as it is in scratch, and not summed.
+template <bool again, class S, class P>
 void sum_positions(const Node& node, const double* t, const S* q, const S* dq, const S& w, P* slopes,
                    Sums<Plane<P>> sums) {
   const int ne = node.ne, points = node.passes;
   const P wp = widen(w, P{});
   P c{}, c_rate{}, bias{}, J{}, n{};
-  for (int k = 0; k < ne; ++k) sums.e[k] = sums.M_linear[k] = sums.M_angular[k].z = P{};
+  for (int k = 0; k < ne; ++k) sums.e[k] = P{};
+  for (int k = 0; k < ne && !again; ++k) sums.M_linear[k] = sums.M_angular[k].z = P{};
   for (int a = 0; a < points; ++a) {
     P* slope = slopes + a;  // by coordinates, in strides of the number of points
-    for (int k = 0; k < ne; ++k) slope[k * points] = P{};
+    for (int k = 0; k < ne && !again; ++k) slope[k * points] = P{};
     const P one = next<P>(t), X = next<P>(t), Y = next<P>(t);
     const double* l = t;
     P y = Y, y_dot{};
@@ -135,8 +139,12 @@ void sum_positions(const Node& node, const double* t, const S* q, const S* dq, c
       y_dot += lk * widen(dq[k], P{});
     }
     P s{}, b{}, s_dot{};
-    for (int k = 0; k < node.position_blocks; ++k) add_block(node.block[k], t, q, dq, s, b, slope, points);
-    for (int k = 0; k < ne; ++k) s_dot += slope[k * points] * widen(dq[k], P{});
+    if constexpr (again) {
+      for (int k = 0; k < node.position_blocks; ++k) move_block(node.block[k], t, q, dq, s, s_dot, b);
+    } else {
+      for (int k = 0; k < node.position_blocks; ++k) add_block(node.block[k], t, q, dq, s, b, slope, points);
+      for (int k = 0; k < ne; ++k) s_dot += slope[k * points] * widen(dq[k], P{});
+    }
     // acceleration along x, and what s adds to it along y (Eq. 45)
     const P x = X + s, push = 2.0 * (wp * s_dot);
     const P acc = b - wp * (wp * x + 2.0 * y_dot);
@@ -149,16 +157,17 @@ void sum_positions(const Node& node, const double* t, const S* q, const S* dq, c
       const P lk = next<P>(l);
       const P gk = slope[k * points];
       sums.e[k] += gk * acc + lk * push;
+      if constexpr (again) continue;
       sums.M_linear[k] += one * gk;
       sums.M_angular[k].z += s * lk - y * gk;
     }
   }
   *sums.body = {c, c_rate, bias, J, n};
-  products(slopes, ne, points, sums.M);
+  if constexpr (!again) products(slopes, ne, points, sums.M);
 }
 
 /// Adds what is linear in q, and the body that does not bend, to the sums (Eq. 80, 81).
-template <class S>
+template <bool again, class S>
 void finish(const Node& node, const double* p, const S* q, const S* dq, const S& w, Sums<Plane<S>> sums,
             typename Plane<S>::Rigid& M, typename Plane<S>::Lin& f, typename Plane<S>::Ang& n, Elastic<Plane<S>>& out) {
   using Sp = Plane<S>;
@@ -182,15 +191,17 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const S&
     J.zz += q[k] * (ey + my);
     swirl += dq[k] * my;
     out.e[k] = sums.e[k] - w * w * my;
+    if constexpr (again) continue;
     out.M_linear[k] = {sums.M_linear[k], cl};
     out.M_angular[k] = {ex + rotary + sums.M_angular[k].z};
   }
-  for (int k = 0; k < packed(node.ne, 0); ++k) out.M[k] = next<S>(p) + sums.M[k];
-  out.constants = p;
   M = {m, c, J};
   const S ww = w * w, w2 = 2.0 * w;
   f = {body.bias - ww * c.x - w2 * c_y_rate, w2 * body.c_rate - ww * c.y};
   n = {w2 * swirl + body.n};
+  if constexpr (again) return;
+  for (int k = 0; k < packed(node.ne, 0); ++k) out.M[k] = next<S>(p) + sums.M[k];
+  out.constants = p;
   add_elastic_forces(node, p, q, dq, out.e);  // Eq. 62
 }
 
@@ -219,7 +230,7 @@ void add_square(const typename Space<T>::Lin& x, typename Space<T>::Sym& xx) {
 }
 
 /// Sums over the points of position, which leave their slopes, forces and places in scratch.
-template <class S, class P>
+template <bool again, class S, class P>
 void sum_positions(const Node& node, const double*& t, const S* q, const S* dq, const typename Space<P>::Ang& w,
                    Parts<Space<P>> parts, P* scratch, Moments<Space<P>>& sums) {
   using Pt = Space<P>;
@@ -231,7 +242,7 @@ void sum_positions(const Node& node, const double*& t, const S* q, const S* dq, 
   typename Pt::Sym xx = Pt::none();
   for (int a = 0; a < node.passes; ++a) {
     P* slope = slopes + 3 * a;
-    for (int k = 0; k < node.ne; ++k) put_vector(slope + k * rows, Pt::zero());
+    for (int k = 0; k < node.ne && !again; ++k) put_vector(slope + k * rows, Pt::zero());
     const P one = next<P>(t);
     P x[3], b[3] = {P{}, P{}, P{}}, u[3] = {P{}, P{}, P{}};
     for (P& xi : x) xi = next<P>(t);
@@ -239,13 +250,19 @@ void sum_positions(const Node& node, const double*& t, const S* q, const S* dq, 
       const P l = next<P>(t);
       const int k = node.which[d], row = node.direction[d];
       x[row] += l * widen(q[k], P{});
-      slope[k * rows + row] = l;
+      if constexpr (again)
+        u[row] += l * widen(dq[k], P{});
+      else
+        slope[k * rows + row] = l;
     }
     for (int k = 0; k < node.position_blocks; ++k) {
       const Block& block = node.block[k];
-      add_block(block, t, q, dq, x[block.row], b[block.row], slope + block.row, rows);
+      if constexpr (again)
+        move_block(block, t, q, dq, x[block.row], u[block.row], b[block.row]);
+      else
+        add_block(block, t, q, dq, x[block.row], b[block.row], slope + block.row, rows);
     }
-    for (int k = 0; k < node.ne; ++k)
+    for (int k = 0; k < node.ne && !again; ++k)
       for (int r = 0; r < 3; ++r) u[r] += slope[k * rows + r] * widen(dq[k], P{});
     const Lin at = vector_at(x), u_dot = vector_at(u), u_bias = vector_at(b);
     const Lin drift = number<P>(2.0) * Pt::cross(w, u_dot) + u_bias;
@@ -266,7 +283,7 @@ void sum_positions(const Node& node, const double*& t, const S* q, const S* dq, 
 
 /// A point of rotation: what it takes to turn the section there, and R times the root of its inertia, from the slopes
 /// of its rotation vector, in place of which it leaves the root of its inertia times J_R. All but R is in section axes.
-template <class S, class P>
+template <bool again, class S, class P>
 void turn_section(const Node& node, const double*& t, const S* q, const S* dq, const typename Space<P>::Ang& w,
                   P* slope, int rows, typename Space<P>::Lin& torque, typename Space<P>::Rot& turn) {
   using Pt = Space<P>;
@@ -276,17 +293,24 @@ void turn_section(const Node& node, const double*& t, const S* q, const S* dq, c
   for (int k = 0; k < node.ne; ++k) {
     const P l = next<P>(t);
     P* column = slope + k * rows;
-    put_vector(column, Pt::zero());
-    column[node.about[k]] = l;
     theta[node.about[k]] += l * widen(q[k], P{});
+    if constexpr (again) {
+      d[node.about[k]] += l * widen(dq[k], P{});
+    } else {
+      put_vector(column, Pt::zero());
+      column[node.about[k]] = l;
+    }
   }
   for (int k = node.position_blocks; k < node.blocks; ++k) {
     const Block& block = node.block[k];
     const int r = block.row - 3;
-    add_block(block, t, q, dq, theta[r], b[r], slope + r, rows);
+    if constexpr (again)
+      move_block(block, t, q, dq, theta[r], d[r], b[r]);
+    else
+      add_block(block, t, q, dq, theta[r], b[r], slope + r, rows);
   }
   const Turned<P> turned(vector_at(theta));
-  for (int k = 0; k < node.ne; ++k) {
+  for (int k = 0; k < node.ne && !again; ++k) {
     const P qd = widen(dq[k], P{});
     P* column = slope + k * rows;
     for (int r = 0; r < 3; ++r) d[r] += column[r] * qd;
@@ -305,7 +329,7 @@ void turn_section(const Node& node, const double*& t, const S* q, const S* dq, c
 }
 
 /// Sums over the points of rotation, which leave their slopes, torques and turns in scratch.
-template <class S, class P>
+template <bool again, class S, class P>
 void sum_rotations(const Node& node, const double* t, const S* q, const S* dq, const typename Space<P>::Ang& w,
                    Parts<Space<P>> parts, P* scratch, Moments<Space<P>>& sums) {
   using Pt = Space<P>;
@@ -316,7 +340,7 @@ void sum_rotations(const Node& node, const double* t, const S* q, const S* dq, c
     const int row = 3 * (node.passes + a);
     typename Pt::Lin torque;
     typename Pt::Rot B;
-    turn_section(node, t, q, dq, w, scratch + parts.slopes + row, parts.rows, torque, B);
+    turn_section<again>(node, t, q, dq, w, scratch + parts.slopes + row, parts.rows, torque, B);
     put_vector(scratch + parts.forces + row, torque);
     turns[a] = B;
     const typename Pt::Rot BB = Pt::times_transposed(B, B);
@@ -328,7 +352,7 @@ void sum_rotations(const Node& node, const double* t, const S* q, const S* dq, c
 }
 
 /// Sums over the columns that all points left: force and coupling of each coordinate, and inertia of each pair.
-template <class P>
+template <bool again, class P>
 void sum_columns(const Node& node, Parts<Space<P>> parts, const P* scratch, Sums<Space<P>> sums) {
   using Pt = Space<P>;
   using Lin = typename Pt::Lin;
@@ -340,17 +364,18 @@ void sum_columns(const Node& node, Parts<Space<P>> parts, const P* scratch, Sums
     P e{};
     Lin linear = Pt::zero(), angular = linear;
     for (int r = 0; r < parts.rows; ++r) e += column[r] * forces[r];
+    sums.e[k] = e;
+    if constexpr (again) continue;
     for (int a = 0; a < node.passes; ++a) {
       const Lin slope = vector_at(column + 3 * a);
       linear += place[a].one * slope;
       angular += Pt::cross(place[a].x, slope);
     }
     for (int a = 0; a < node.rotary; ++a) angular += Pt::rotate(turns[a], vector_at(of_turns + 3 * a));
-    sums.e[k] = e;
     sums.M_linear[k] = linear;
     sums.M_angular[k] = angular;
   }
-  products(slopes, node.ne, parts.rows, sums.M);
+  if constexpr (!again) products(slopes, node.ne, parts.rows, sums.M);
 }
 
 /// The body without the turning of its sections.
@@ -362,7 +387,7 @@ struct Whole {
 };
 
 /// Adds what points leave over of the functions linear in q: those that displace slices along x, y and z.
-template <class S>
+template <bool again, class S>
 void add_linear(const Node& node, const double*& p, const S* q, const S* dq, const typename Space<S>::Ang& w,
                 Whole<Space<S>>& whole, Elastic<Space<S>>& out) {
   using Sp = Space<S>;
@@ -396,6 +421,7 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
       whole.Px += dq[k] * mk;
       const S along = w.x * Sp::dot(w, mk) - Sp::dot(w, w) * mk.x;
       out.e[k] += along + 2.0 * (w.y * mz_dot - w.z * my_dot);
+      if constexpr (again) continue;
       out.M_linear[k].x += cl;
       out.M_angular[k].y += mk.z;
       out.M_angular[k].z -= mk.y;
@@ -409,6 +435,7 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
       const S across = w.y * Sp::dot(w, mk) - Sp::dot(w, w) * mk.y;
       out.e[k] += across - 2.0 * w.x * mz_dot;
       if (stretches) out.e[k] += 2.0 * w.z * mx_dot;
+      if constexpr (again) continue;
       out.M_linear[k].y += cl;
       out.M_angular[k].x -= mk.z;
       out.M_angular[k].z += mk.x;
@@ -422,6 +449,7 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
       const S across = w.z * Sp::dot(w, mk) - Sp::dot(w, w) * mk.z;
       out.e[k] += across + 2.0 * w.x * my_dot;
       if (stretches) out.e[k] -= 2.0 * w.y * mx_dot;
+      if constexpr (again) continue;
       out.M_linear[k].z += cl;
       out.M_angular[k].x += mk.y;
       out.M_angular[k].y -= mk.x;
@@ -430,7 +458,7 @@ void add_linear(const Node& node, const double*& p, const S* q, const S* dq, con
 }
 
 /// Adds what is linear in q, and the body that does not bend, to the sums (Eq. 80, 81).
-template <class S>
+template <bool again, class S>
 void finish(const Node& node, const double* p, const S* q, const S* dq, const typename Space<S>::Ang& w,
             Sums<Space<S>> sums, typename Space<S>::Rigid& M, typename Space<S>::Lin& f, typename Space<S>::Ang& n,
             Elastic<Space<S>>& out) {
@@ -438,17 +466,16 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const ty
   using Lin = typename Sp::Lin;
   const Moments<Sp>& body = *sums.body;
   for (int k = 0; k < node.ne; ++k) {
+    out.e[k] = sums.e[k];
+    if constexpr (again) continue;
     out.M_linear[k] = sums.M_linear[k];
     out.M_angular[k] = sums.M_angular[k];
-    out.e[k] = sums.e[k];
   }
   const S m = next<S>(p);
   const Lin c = Sp::read(p);
   const typename Sp::Sym J_rest = Sp::read_symmetric(p);
   Whole<Sp> whole{c + body.c, body.c_rate, body.xx, Sp::zero(), Sp::zero(), Sp::zero()};
-  add_linear(node, p, q, dq, w, whole, out);
-  for (int k = 0; k < packed(node.ne, 0); ++k) out.M[k] = next<S>(p) + sums.M[k];
-  out.constants = p;
+  add_linear<again>(node, p, q, dq, w, whole, out);
   const typename Sp::Sym& xx = whole.xx;
   const S trace = xx.xx + xx.yy + xx.zz;
   typename Sp::Sym J{J_rest.xx + trace - xx.xx, J_rest.yy + trace - xx.yy, J_rest.zz + trace - xx.zz,
@@ -462,6 +489,9 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const ty
   f = Sp::cross(w, Sp::cross(w, whole.c)) + number<S>(2.0) * Sp::cross(w, whole.c_rate) + body.bias;
   Sp::add(J, body.J_turn);
   M = {m, whole.c, J};
+  if constexpr (again) return;
+  for (int k = 0; k < packed(node.ne, 0); ++k) out.M[k] = next<S>(p) + sums.M[k];
+  out.constants = p;
   add_elastic_forces(node, p, q, dq, out.e);  // Eq. 62
 }
 
@@ -472,8 +502,9 @@ inline std::size_t quadratic_scratch(const Node& node) {
   return static_cast<std::size_t>(quadratic::Parts<Space<double>>(node).size);
 }
 
-/// Inertia and inertial force of the body, in a link that turns at w and does not accelerate (Eq. 80, 81).
-template <class S, class P>
+/// Inertia and inertial force of the body, in a link that turns at w and does not accelerate (Eq. 80, 81). With
+/// `again`, of other rates where the body is: forces without the elastic ones, and nothing that rates do not change.
+template <bool again = false, class S, class P>
 void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
           const typename Plane<S>::Ang& w, typename Plane<S>::Rigid& M, typename Plane<S>::Lin& f,
           typename Plane<S>::Ang& n, Elastic<Plane<S>>& out, P* scratch) {
@@ -481,28 +512,28 @@ void bend(const Node& node, const double* constants, const double* points, const
   const quadratic::Sums<Plane<P>> packs(scratch, node.ne);
   S* lanes = reinterpret_cast<S*>(scratch);
   if (node.passes > 0) {
-    quadratic::sum_positions(node, points, q, dq, w.z, scratch + parts.slopes, packs);
-    sum_lanes(scratch, packs.size, lanes);
+    quadratic::sum_positions<again>(node, points, q, dq, w.z, scratch + parts.slopes, packs);
+    sum_lanes(scratch, again ? packs.forces : packs.size, lanes);
   } else {
     for (int k = 0; k < packs.size; ++k) lanes[k] = S{};
   }
-  quadratic::finish(node, constants, q, dq, w.z, quadratic::Sums<Plane<S>>(lanes, node.ne), M, f, n, out);
+  quadratic::finish<again>(node, constants, q, dq, w.z, quadratic::Sums<Plane<S>>(lanes, node.ne), M, f, n, out);
 }
 
 /// The same in space.
-template <class S, class P>
+template <bool again = false, class S, class P>
 void bend(const Node& node, const double* constants, const double* points, const S* q, const S* dq,
           const typename Space<S>::Ang& w, typename Space<S>::Rigid& M, typename Space<S>::Lin& f,
           typename Space<S>::Ang& n, Elastic<Space<S>>& out, P* scratch) {
   const quadratic::Parts<Space<P>> parts(node);
   const quadratic::Sums<Space<P>> packs(scratch, node.ne);
   const typename Space<P>::Ang wp{widen(w.x, P{}), widen(w.y, P{}), widen(w.z, P{})};
-  quadratic::sum_positions(node, points, q, dq, wp, parts, scratch, *packs.body);
-  quadratic::sum_rotations(node, points, q, dq, wp, parts, scratch, *packs.body);
-  quadratic::sum_columns(node, parts, scratch, packs);
+  quadratic::sum_positions<again>(node, points, q, dq, wp, parts, scratch, *packs.body);
+  quadratic::sum_rotations<again>(node, points, q, dq, wp, parts, scratch, *packs.body);
+  quadratic::sum_columns<again>(node, parts, scratch, packs);
   S* lanes = reinterpret_cast<S*>(scratch);
-  sum_lanes(scratch, packs.size, lanes);
-  quadratic::finish(node, constants, q, dq, w, quadratic::Sums<Space<S>>(lanes, node.ne), M, f, n, out);
+  sum_lanes(scratch, again ? packs.forces : packs.size, lanes);
+  quadratic::finish<again>(node, constants, q, dq, w, quadratic::Sums<Space<S>>(lanes, node.ne), M, f, n, out);
 }
 
 /// Moves a slice of which `p` are the numbers (Eq. 24, 37, 38; in the plane turns add, so that Eq. 35, 39 are linear);

@@ -57,19 +57,14 @@ struct Rolled {
   }
   Mask factor(const Shift& shift, S& twice) {
     twice = chain.twice_kinetic(v_now);
-    const Mask good = inward<true, false, false>(chain, nullptr, nullptr, shift);
+    const Mask good = ::factor(chain, shift);
     laws.factor(
         shift, q_now, v_now, free, free_count, [&](int i) { return job.coordinate[i]; },
-        [&](const S* r, S* x) { solve_chain(r, x); });
+        [&](const S* r, S* x) { ::solve(chain, r, x); });
     return good;
   }
-  void solve_chain(const S* r, S* x) {
-    inward<false, true, false>(chain, r, nullptr, Shift{});
-    for (int i = 0; i < nv; ++i) x[i] = S{};
-    outward<false>(chain, Sp::zero(), x);
-  }
   void solve(const S* r, S* x) {
-    solve_chain(r, x);
+    ::solve(chain, r, x);
     laws.correct(x);
   }
   /// Accelerations into x, which holds those that are given.

@@ -26,6 +26,14 @@ class Room {
     take(n, pieces...);
     for (int i = 0; at_ && i < n; ++i) ((pieces[i] = S{}), ...);
   }
+  /// In lines of the cache of its own; null where this counts.
+  template <class T>
+  T* take_lines(std::size_t n) {
+    bytes_ = (bytes_ + 63) / 64 * 64;
+    T* piece;
+    take_piece(piece, n);
+    return piece;
+  }
 
  private:
   template <class T>

@@ -22,14 +22,20 @@ typename Lanes<P>::Mask of_arm(const typename Lanes<P>::Mask& mask) {
     return Lanes<P>::everywhere(Lanes<P>::any(mask));
 }
 
-/// And the most that one has.
+/// A column's number at point i, which is in lane i.
+template <class S, class P>
+S lane_of(const P* column, int i) {
+  return reinterpret_cast<const S*>(column)[i];
+}
+
+/// The most that an arm has: of one arm, in any lane.
 template <class S, class P>
 P most_of_arm(const P& x) {
   if constexpr (sizeof(S) == sizeof(P)) {
     return x;
   } else {
-    S most = x[0];
-    for (int i = 1; i < Lanes<P>::width; ++i) most = Lanes<S>::larger(most, x[i]);
+    S most = lane_of<S>(&x, 0);
+    for (int i = 1; i < Lanes<P>::width; ++i) most = Lanes<S>::larger(most, lane_of<S>(&x, i));
     return widen(most, P{});
   }
 }
@@ -74,17 +80,20 @@ auto columns_of(const Field<Sp>& f) {
   };
 }
 
-/// One point's value, point i in lane i of the column.
+template <class S, class P>
+void put_lane(P* column, int i, const S& x) {
+  reinterpret_cast<S*>(column)[i] = x;
+}
+/// One point's value.
 template <class To, class Sp>
 void put_lane(Sp, const Field<To>& f, int i, const typename Sp::Lin& x) {
-  for (int c = 0; c < Sp::linear; ++c) reinterpret_cast<typename Sp::Scalar*>(f.column(c))[i] = Sp::component(x, c);
+  for (int c = 0; c < Sp::linear; ++c) put_lane(f.column(c), i, Sp::component(x, c));
 }
 
 template <class Sp, class From>
 typename Sp::Lin get_lane(Sp, const Field<From>& f, int i) {
   typename Sp::Lin x = Sp::zero();
-  for (int c = 0; c < Sp::linear; ++c)
-    Sp::component(x, c) = reinterpret_cast<const typename Sp::Scalar*>(f.column(c))[i];
+  for (int c = 0; c < Sp::linear; ++c) Sp::component(x, c) = lane_of<typename Sp::Scalar>(f.column(c), i);
   return x;
 }
 
@@ -183,9 +192,8 @@ struct Sums {
     typename Sp::Ang n;     ///< and moment of the accelerations that velocities give (Eq. 81)
     typename Sp::Sym J;     ///< second moment
   };
-  static int size(int ne) {
-    return static_cast<int>(sizeof(Body) / sizeof(T)) + ne * (1 + Sp::linear + Sp::angular) + ne * (ne + 1) / 2;
-  }
+  static int forces(int ne) { return static_cast<int>(sizeof(Body) / sizeof(T)) + ne; }  ///< of body and e alone
+  static int size(int ne) { return forces(ne) + ne * (Sp::linear + Sp::angular) + ne * (ne + 1) / 2; }
   Body* body;
   T* e;
   typename Sp::Lin* M_linear;
@@ -323,7 +331,7 @@ Station<Sp> add_station(const Node& node, const Rows<Sp>& rows, const Motion& m,
 }
 
 /// Of N stations.
-template <int N, class Sp, class S, class Motion>
+template <bool again, int N, class Sp, class S, class Motion>
 void sum_stations(const Node& node, const Rows<Sp>& rows, const Motion& m, const S* dq, const typename Sp::Ang& w,
                   int from, const Sums<Sp>& sums, typename Sp::Scalar* products) {
   using P = typename Sp::Scalar;
@@ -342,6 +350,7 @@ void sum_stations(const Node& node, const Rows<Sp>& rows, const Motion& m, const
       const Station<Sp>& s = station[a];
       const Lin J = J_T(from + a), mJ = s.mass * J;
       e += Sp::dot(J, s.force);
+      if constexpr (again) continue;
       f += mJ;
       n += Sp::moment(s.x, mJ);
       for (int c = 0; c < Sp::linear; ++c) row[c * N + a] = Sp::component(mJ, c);
@@ -354,32 +363,37 @@ void sum_stations(const Node& node, const Rows<Sp>& rows, const Motion& m, const
           const Station<Sp>& s = station[a];
           const Lin J = J_R(from + a), IJ = Sp::apply(s.J, J);
           e += Sp::dot(J, s.torque);
+          if constexpr (again) continue;
           n += IJ;
           for (int c = 0; c < Sp::linear; ++c) row[(Sp::linear + c) * N + a] = Sp::component(IJ, c);
         }
       }
     sums.e[k] += e;
+    if constexpr (again) continue;
     sums.M_linear[k] += f;
     sums.M_angular[k] += n;
   }
+  if constexpr (again) return;
   const Field<Sp> J{m.place.first.at + from, m.place.first.stride};
   Field<Sp> J_turn = J;
   if constexpr (!Sp::planar) J_turn.at = m.turned.first.at + from;
   add_products<N>(products, each, J, J_turn, turning, node.ne, sums.M);
 }
 
-/// Mass matrix and bias force of all slices (Eq. 80, 81), in a link that turns at w and does not accelerate.
-template <class Sp, class S, class Motion>
+/// Mass matrix and bias force of all slices (Eq. 80, 81), in a link that turns at w and does not accelerate; with
+/// `again`, the forces alone.
+template <bool again, class Sp, class S, class Motion>
 void sum_slices(const Node& node, const Rows<Sp>& rows, const Motion& m, const S* dq, const typename Sp::Ang& w,
                 const Sums<Sp>& sums, typename Sp::Scalar* products) {
   int from = first_station(node);
   for (; from + kTogether <= rows.stations; from += kTogether)
-    sum_stations<kTogether>(node, rows, m, dq, w, from, sums, products);
-  for (; from < rows.stations; ++from) sum_stations<1>(node, rows, m, dq, w, from, sums, products);
+    sum_stations<again, kTogether>(node, rows, m, dq, w, from, sums, products);
+  for (; from < rows.stations; ++from) sum_stations<again, 1>(node, rows, m, dq, w, from, sums, products);
 }
 
-/// The sums, with the hub's part and the elastic forces, into what the dynamics asks for.
-template <class Sp, class S>
+/// The sums, with the hub's part and the elastic forces, into what the dynamics asks for; with `again`, forces without
+/// the elastic ones.
+template <bool again, class Sp, class S>
 void finish(const Node& node, const double* p, const Sums<Sp>& sums, const S* q, const S* dq, const typename Sp::Ang& w,
             typename Sp::Rigid& M, typename Sp::Lin& f, typename Sp::Ang& n, Elastic<Sp>& out) {
   const int ne = node.ne, pairs = ne * (ne + 1) / 2;
@@ -392,10 +406,12 @@ void finish(const Node& node, const double* p, const Sums<Sp>& sums, const S* q,
   n = sums.body->n + Sp::cross(w, Sp::apply(J, w));
   for (int k = 0; k < ne; ++k) {
     out.e[k] = sums.e[k];
+    if constexpr (again) continue;
     out.M_linear[k] = sums.M_linear[k];
     out.M_angular[k] = sums.M_angular[k];
     if constexpr (Sp::planar) out.M_angular[k].z += next<S>(p);  // sections turn by what is linear in q
   }
+  if constexpr (again) return;
   for (int k = 0; k < pairs; ++k) {
     out.M[k] = sums.M[k];
     if constexpr (Sp::planar) out.M[k] += next<S>(p);

@@ -17,6 +17,9 @@ long operation_count(const KernelArm& arm);
 class Memory {
  public:
   explicit Memory(std::size_t bytes = 0) : bytes_(bytes), block_(new unsigned char[bytes + 64]()) {}
+  Memory(const Memory& other) : Memory(other.size()) {}  ///< as much, with nothing in it
+  Memory(Memory&&) = default;
+  Memory& operator=(Memory&&) = default;
   std::size_t size() const { return bytes_; }
   void* get() const {
     void* p = block_.get();
@@ -35,7 +38,7 @@ class Single {
       : kernels_(best_kernels()), arm_(arm.grouped(kernels_.width, given)), memory_(kernels_.memory(arm_.layout())) {
     begin();
   }
-  Single(const Single& other) : kernels_(other.kernels_), arm_(other.arm_), memory_(other.memory_.size()) { begin(); }
+  Single(const Single& other) : kernels_(other.kernels_), arm_(other.arm_), memory_(other.memory_) { begin(); }
   Single& operator=(const Single&) = delete;
 
   const Layout& layout() const { return arm_.layout(); }

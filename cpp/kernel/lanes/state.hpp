@@ -29,7 +29,7 @@ struct State {
   typename Sp::Ang n;
   typename Sp::Lin U_f;
   typename Sp::Ang U_n;
-  S over_d, u;
+  S over_d;
   // accelerations
   typename Sp::Lin a, end_a;
   typename Sp::Ang dw, end_dw;

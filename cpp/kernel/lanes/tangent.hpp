@@ -1,114 +1,132 @@
-// Dual numbers for the kernels: a double with its derivatives in some directions, and the Jacobians of inverse
-// dynamics. Included by the kernels alone.
+// Dual numbers for the kernels: a number with its derivatives in some directions. Included by the kernels alone.
 #pragma once
 
 #include "lanes/chain.hpp"
 
 namespace {
 
-/// A number and its derivatives in several directions.
-struct LaneDual {
-  static constexpr int packs = FLEXARM_WIDTH < 8 ? 8 / FLEXARM_WIDTH : 1, directions = packs * FLEXARM_WIDTH;
-  double x;
-  Pack d[packs];
+/// A number T and its derivatives, `count` of type D: T a double and D a pack, of as many directions as there are
+/// lanes; or both a double, or a pack, of one direction each.
+template <class T, class D, int count>
+struct Dual {
+  T x;
+  D d[count];
 
-  LaneDual operator-() const {
-    return map(-x, [&](int i) { return -d[i]; });
-  }
   template <class F>
-  static LaneDual map(double x, const F& f) {
-    LaneDual out;
+  static Dual map(const T& x, const F& f) {
+    Dual out;
     out.x = x;
-    for (int i = 0; i < packs; ++i) out.d[i] = f(i);
+    for (int i = 0; i < count; ++i) out.d[i] = f(i);
     return out;
   }
-  friend LaneDual operator+(const LaneDual& a, const LaneDual& b) {
+  Dual operator-() const {
+    return map(-x, [&](int i) { return -d[i]; });
+  }
+  friend Dual operator+(const Dual& a, const Dual& b) {
     return map(a.x + b.x, [&](int i) { return a.d[i] + b.d[i]; });
   }
-  friend LaneDual operator-(const LaneDual& a, const LaneDual& b) {
+  friend Dual operator-(const Dual& a, const Dual& b) {
     return map(a.x - b.x, [&](int i) { return a.d[i] - b.d[i]; });
   }
-  friend LaneDual operator*(const LaneDual& a, const LaneDual& b) {
+  friend Dual operator*(const Dual& a, const Dual& b) {
     return map(a.x * b.x, [&](int i) { return a.x * b.d[i] + b.x * a.d[i]; });
   }
-  friend LaneDual operator+(const LaneDual& a, double b) {
+  friend Dual operator+(const Dual& a, double b) {
     return map(a.x + b, [&](int i) { return a.d[i]; });
   }
-  friend LaneDual operator-(const LaneDual& a, double b) { return a + (-b); }
-  friend LaneDual operator*(const LaneDual& a, double b) {
+  friend Dual operator-(const Dual& a, double b) { return a + (-b); }
+  friend Dual operator*(const Dual& a, double b) {
     return map(a.x * b, [&](int i) { return a.d[i] * b; });
   }
-  friend LaneDual operator+(double a, const LaneDual& b) { return b + a; }
-  friend LaneDual operator-(double a, const LaneDual& b) {
+  friend Dual operator+(double a, const Dual& b) { return b + a; }
+  friend Dual operator-(double a, const Dual& b) {
     return map(a - b.x, [&](int i) { return -b.d[i]; });
   }
-  friend LaneDual operator*(double a, const LaneDual& b) { return b * a; }
-  friend LaneDual operator/(const LaneDual& a, const LaneDual& b) {
-    const double over = 1.0 / b.x, x = a.x * over;
+  friend Dual operator*(double a, const Dual& b) { return b * a; }
+  friend Dual operator/(const Dual& a, const Dual& b) {
+    const T over = 1.0 / b.x, x = a.x * over;
     return map(x, [&](int i) { return (a.d[i] - x * b.d[i]) * over; });
   }
-  friend LaneDual operator/(const LaneDual& a, double b) { return a * (1.0 / b); }
-  friend LaneDual operator/(double a, const LaneDual& b) {
-    const double x = a / b.x, slope = -x / b.x;
+  friend Dual operator/(const Dual& a, double b) { return a * (1.0 / b); }
+  friend Dual operator/(double a, const Dual& b) {
+    const T x = a / b.x, slope = -x / b.x;
     return map(x, [&](int i) { return slope * b.d[i]; });
   }
-#define FLEXARM_IN_PLACE(op)                                                   \
-  LaneDual& operator op## = (const LaneDual& b) { return *this = *this op b; } \
-  LaneDual& operator op## = (double b) { return *this = *this op b; }
+#define FLEXARM_IN_PLACE(op)                                           \
+  Dual& operator op## = (const Dual& b) { return *this = *this op b; } \
+  Dual& operator op## = (double b) { return *this = *this op b; }
   FLEXARM_IN_PLACE(+)
   FLEXARM_IN_PLACE(-)
   FLEXARM_IN_PLACE(*)
   FLEXARM_IN_PLACE(/)
 #undef FLEXARM_IN_PLACE
-  bool operator<(double b) const { return x < b; }
-  bool operator>(double b) const { return x > b; }
-  bool operator<(const LaneDual& b) const { return x < b.x; }
-  bool operator>(const LaneDual& b) const { return x > b.x; }
+  auto operator<(double b) const { return x < b; }
+  auto operator>(double b) const { return x > b; }
+  auto operator<(const Dual& b) const { return x < b.x; }
+  auto operator>(const Dual& b) const { return x > b.x; }
 };
 
-template <>
-struct Lanes<LaneDual> {
-  static constexpr int width = 1, lag = 2;
-  using Mask = bool;
-  static LaneDual load(const double* p) { return LaneDual{} + *p; }
-  static LaneDual select(bool m, const LaneDual& a, const LaneDual& b) { return m ? a : b; }
-  static bool everywhere(bool m) { return m; }
-  static bool all(bool m) { return m; }
-  static bool none_of(bool m) { return !m; }
-  static bool finite(const LaneDual& a) { return a.x - a.x == 0.0; }
-  static LaneDual root(const LaneDual& a) {
-    const double x = __builtin_sqrt(a.x), slope = 0.5 / x;
-    return LaneDual::map(x, [&](int i) { return slope * a.d[i]; });
+template <class T, class D, int count>
+struct Lanes<Dual<T, D, count>> : Lanes<T> {
+  using L = Lanes<T>;
+  using X = Dual<T, D, count>;
+  using Mask = typename L::Mask;
+  static constexpr int lag = 2;
+  static X load(const double* p) {
+    X out{};
+    out.x = L::load(p);
+    return out;
   }
-  static LaneDual atan2(const LaneDual& y, const LaneDual& x) {
-    const double over = 1.0 / (x.x * x.x + y.x * y.x);
-    return LaneDual::map(__builtin_atan2(y.x, x.x), [&](int i) { return over * (x.x * y.d[i] - y.x * x.d[i]); });
+  static X select(const Mask& m, const X& a, const X& b) {
+    return X::map(L::select(m, a.x, b.x), [&](int i) { return m ? a.d[i] : b.d[i]; });
   }
-  static LaneDual size(const LaneDual& a) { return a < 0.0 ? -a : a; }
-  static LaneDual larger(const LaneDual& a, const LaneDual& b) { return a > b ? a : b; }
-  static LaneDual smaller(const LaneDual& a, const LaneDual& b) { return a < b ? a : b; }
+  static Mask finite(const X& a) { return L::finite(a.x); }
+  static X root(const X& a) {
+    const T x = L::root(a.x), slope = 0.5 / x;
+    return X::map(x, [&](int i) { return slope * a.d[i]; });
+  }
+  static X atan2(const X& y, const X& x) {
+    const T over = 1.0 / (x.x * x.x + y.x * y.x);
+    return X::map(L::atan2(y.x, x.x), [&](int i) { return over * (x.x * y.d[i] - y.x * x.d[i]); });
+  }
+  static X size(const X& a) { return select(a.x < 0.0, -a, a); }
+  static X larger(const X& a, const X& b) { return select(a.x > b.x, a, b); }
+  static X smaller(const X& a, const X& b) { return select(a.x < b.x, a, b); }
 };
 
-inline LaneDual widen(const LaneDual& x, const LaneDual&) { return x; }
-inline void sum_lanes(const LaneDual*, int, const LaneDual*) {}
-
-template <>
-inline void sine_cosine<LaneDual>(const LaneDual& x, LaneDual& s, LaneDual& c) {
-  double sine, cosine;
+template <class T, class D, int count>
+void sine_cosine(const Dual<T, D, count>& x, Dual<T, D, count>& s, Dual<T, D, count>& c) {
+  T sine, cosine;
   sine_cosine(x.x, sine, cosine);
-  const LaneDual at = x;  // s or c may be x
-  s = LaneDual::map(sine, [&](int i) { return cosine * at.d[i]; });
-  c = LaneDual::map(cosine, [&](int i) { return -sine * at.d[i]; });
+  const Dual<T, D, count> at = x;  // s or c may be x
+  s = Dual<T, D, count>::map(sine, [&](int i) { return cosine * at.d[i]; });
+  c = Dual<T, D, count>::map(cosine, [&](int i) { return -sine * at.d[i]; });
 }
+
+template <class T, class D, int count>
+Dual<T, D, count> widen(const Dual<T, D, count>& x, const Dual<T, D, count>&) {
+  return x;
+}
+template <class T, class D, int count>
+void sum_lanes(const Dual<T, D, count>*, int, const Dual<T, D, count>*) {}
+
+// --- A direction in each lane. ---
+
+using LaneDual = Dual<double, Pack, (FLEXARM_WIDTH < 8 ? 8 / FLEXARM_WIDTH : 1)>;
+constexpr int kDirections = FLEXARM_WIDTH < 8 ? 8 : FLEXARM_WIDTH;
 
 inline double slope_of(const LaneDual& x, int direction) {
   return x.d[direction / FLEXARM_WIDTH][direction % FLEXARM_WIDTH];
 }
 
+inline void add_slopes(double factor, const LaneDual& from, LaneDual& to) {
+  for (int k = 0; k < kDirections / FLEXARM_WIDTH; ++k) to.d[k] += factor * from.d[k];
+}
+
 /// Calls visit(first, count) with the slopes of x[first], x[first + 1], .. set to 1, each in a direction of its own.
 template <class Visit>
 void for_directions(LaneDual* x, int all, const Visit& visit) {
-  constexpr int W = FLEXARM_WIDTH, D = LaneDual::directions;
+  constexpr int W = FLEXARM_WIDTH, D = kDirections;
   for (int first = 0; first < all; first += D) {
     const int count = all - first < D ? all - first : D;
     const auto seed = [&](double slope) {
@@ -120,39 +138,79 @@ void for_directions(LaneDual* x, int all, const Visit& visit) {
   }
 }
 
-/// dtau/dq (nv x nq) and dtau/dv (nv x nv) of inverse dynamics, by columns, as many directions at a time.
-template <class Sp>
-struct Slopes {
-  using C = Chain<Sp, LaneDual>;
-  static std::size_t memory(const Layout& layout) {
-    return C::memory_needed(layout) + static_cast<std::size_t>(layout.nq + 3 * layout.nv) * sizeof(LaneDual);
+// --- Points of a beam in the lanes, and some directions one after the other. ---
+
+template <int count>
+Dual<Pack, Pack, count> widen(const Dual<double, double, count>& x, const Dual<Pack, Pack, count>&) {
+  return Dual<Pack, Pack, count>::map(widen(x.x, Pack{}), [&](int i) { return widen(x.d[i], Pack{}); });
+}
+template <int count>
+void sum_lanes(const Dual<Pack, Pack, count>* in, int n, Dual<double, double, count>* out) {
+  sum_lanes(reinterpret_cast<const Pack*>(in), n * (1 + count), reinterpret_cast<double*>(out));
+}
+template <class S, int count>
+S lane_of(const Dual<Pack, Pack, count>* column, int i) {
+  constexpr int W = FLEXARM_WIDTH;
+  const Dual<Pack, Pack, count>& at = column[i / W];
+  return S::map(at.x[i % W], [&](int k) { return at.d[k][i % W]; });
+}
+template <class S, int count>
+void put_lane(Dual<Pack, Pack, count>* column, int i, const S& x) {
+  constexpr int W = FLEXARM_WIDTH;
+  Dual<Pack, Pack, count>& at = column[i / W];
+  at.x[i % W] = x.x;
+  for (int k = 0; k < count; ++k) at.d[k][i % W] = x.d[k];
+}
+
+/// Integrals are linear: those of a dual number's parts, as of plain columns.
+template <int count>
+class Integral<Dual<double, double, count>, Dual<Pack, Pack, count>> {
+  using P = Dual<Pack, Pack, count>;
+
+ public:
+  Integral(const double* table, int half, int packs, P* work)
+      : plain_(table, half, packs, reinterpret_cast<Pack*>(work + 4 * packs)),
+        points_(2 * packs),
+        in_(reinterpret_cast<Pack*>(work)),
+        out_(reinterpret_cast<Pack*>(work + 2 * packs)) {}
+
+  template <class Slope>
+  void operator()(int columns, const Slope& slope, P* out, int stride) const {
+    for (int c = 0; c < columns; ++c) {
+      const auto f = slope(c);
+      for (int i = 0; i < points_; ++i) {
+        const P x = f(i);
+        in_[i] = x.x;
+        for (int k = 0; k < count; ++k) in_[(1 + k) * points_ + i] = x.d[k];
+      }
+      plain_(
+          1 + count,
+          [&](int k) {
+            const Pack* column = in_ + k * points_;
+            return [column](int i) { return column[i]; };
+          },
+          out_, points_);
+      P* to = out + c * stride;
+      for (int i = 0; i < points_; ++i) {
+        to[i].x = out_[i];
+        for (int k = 0; k < count; ++k) to[i].d[k] = out_[(1 + k) * points_ + i];
+      }
+    }
+  }
+  void operator()(P* f, int stride, int columns) const {
+    (*this)(
+        columns,
+        [&](int c) {
+          const P* column = f + c * stride;
+          return [column](int i) { return column[i]; };
+        },
+        f, stride);
   }
 
-  static void run(const Layout& layout, const double* numbers, const double* wrenches, void* at, const double* q0,
-                  const double* v0, const double* a0, double* by_q, double* by_v) {
-    const int nq = layout.nq, nv = layout.nv;
-    LaneDual* q = static_cast<LaneDual*>(at);
-    LaneDual *v = q + nq, *a = v + nv, *tau = a + nv;
-    C chain(layout, numbers, Room(tau + nv));
-    for (int i = 0; i < nq; ++i) q[i] = LaneDual{} + q0[i];
-    for (int i = 0; i < nv; ++i) {
-      v[i] = LaneDual{} + v0[i];
-      a[i] = LaneDual{} + a0[i];
-      tau[i] = LaneDual{};
-    }
-    for (int i = 0; i < 6 * layout.loads; ++i) chain.wrench[i] = LaneDual{} + wrenches[i];
-    const double* p = numbers;
-    const typename Sp::Lin base = Sp::read(p);
-    for_directions(q, by_v ? nq + nv : nq, [&](int first, int count) {  // q and v lie in one row
-      chain.move(q, v);
-      chain.forces(base, a, tau);
-      for (int k = 0; k < count; ++k) {
-        const int direction = first + k;
-        double* column = direction < nq ? by_q + direction * nv : by_v + (direction - nq) * nv;
-        for (int i = 0; i < nv; ++i) column[i] = slope_of(tau[i], k);
-      }
-    });
-  }
+ private:
+  Integral<double, Pack> plain_;
+  int points_;
+  Pack *in_, *out_;
 };
 
 }  // namespace

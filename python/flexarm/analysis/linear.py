@@ -52,10 +52,8 @@ def solve_mass(M: Array, right: Array) -> Array:
 
 def forward_derivatives(arm: Chain, q: Array, v: Array, tau: Array, loads: Any = ()) -> Derivatives:
     """See Arm.forward_derivatives: M da = dtau - (dh/dq + d(M a)/dq) dq - dh/dv dv."""
-    a = arm._core.forward_dynamics(q, v, tau, "ab", {}, *loads)
-    by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, a, *loads))
-    by_all = solve_mass(arm.mass_matrix(q), np.hstack([-by_q, -by_v, np.eye(arm.nv)]))
-    return Derivatives(by_all[:, : arm.nq], by_all[:, arm.nq : -arm.nv], by_all[:, -arm.nv :])
+    found = arm._core.forward_derivatives(q, v, tau, *loads)
+    return Derivatives(*(finite("forward derivatives", x) for x in found))
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 // Exact derivatives, by dual numbers through the recursions of inverse dynamics and kinematics. O(N^2).
 #pragma once
 
-#include <memory>
 #include <optional>
 
 #include "flexarm/inverse.hpp"
@@ -10,9 +9,11 @@ namespace flexarm {
 
 namespace lanes {
 class KernelArm;
-}
+class Memory;
+class SlopesMemory;
+}  // namespace lanes
 
-/// Exact Jacobians of inverse dynamics.
+/// Exact Jacobians of inverse dynamics. Feedback laws are not in them: see add_feedback_slopes.
 class InverseDerivatives {
  public:
   explicit InverseDerivatives(const Arm& arm, const std::vector<Load>& loads = {});
@@ -25,8 +26,28 @@ class InverseDerivatives {
   Eigen::MatrixXd dq, dv;
 
  private:
-  std::shared_ptr<const lanes::KernelArm> known_;  ///< with its loads
-  std::vector<double> wrenches_, memory_;
+  Held<lanes::SlopesMemory> memory_;
+};
+
+/// Exact Jacobians of forward dynamics, from those of inverse dynamics at its accelerations: da/dq = -M^-1 dtau/dq,
+/// da/dv = -M^-1 dtau/dv, da/dtau = M^-1. M^-1 is the articulated-body method's, in O(N) for a column.
+class ForwardDerivatives {
+ public:
+  /// @param prescribed  rates whose acceleration is given (in `a`), as of a Workspace: their rows are zero, and what
+  ///                    forces them does nothing
+  explicit ForwardDerivatives(const Arm& arm, const std::vector<Load>& loads = {},
+                              const std::vector<bool>& prescribed = {});
+  /// Value of a load from now on.
+  void set_wrench(std::size_t load, const Vec6<double>& wrench);
+  /// da/dq (nv x nq), da/dv and da/dtau (nv x nv) at (q, v, tau), and a. Columns of a ball's quaternion are those of
+  /// the turn that the quaternion stands for, whatever its length.
+  /// @return Status::singular where a coordinate has no inertia, Status::not_finite; the matrices are then as they were
+  Status operator()(const Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau);
+  Eigen::MatrixXd dq, dv, dtau;
+  Eigen::VectorXd a;  ///< result; input where prescribed
+
+ private:
+  Held<lanes::SlopesMemory> memory_;
 };
 
 /// Exact derivatives of the motion of one slice, world axes.
@@ -45,7 +66,7 @@ class MotionDerivatives {
   PlacedSlice at_;
   MadeOnce kept_;                  ///< which owns the next
   const lanes::KernelArm* known_;  ///< in space
-  std::vector<double> memory_;
+  Held<lanes::Memory> memory_;
 };
 
 }  // namespace flexarm
