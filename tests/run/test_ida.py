@@ -46,7 +46,7 @@ def test_chain_and_dense_agree_on_random_arms(seed: int) -> None:
         v[i] = 1.0
         q[arm.coordinate_of(i)] = 0.0
     t = np.linspace(0, 0.01, 3)
-    chain, dense = both(arm, t, q0=q, v0=v, tau=tau, loads=[load], drive=drive, rtol=1e-8, atol=1e-10)
+    chain, dense = both(arm, t, q0=q, v0=v, tau=tau, loads=[load], drive=drive, rtol=1e-9, atol=1e-11)
     np.testing.assert_allclose(chain.q, dense.q, atol=1e-6)
     np.testing.assert_allclose(chain.v, dense.v, atol=2e-6 * max(1.0, np.abs(dense.v).max()) * 10)
     assert chain.stats["steps"] < 1.4 * dense.stats["steps"] + 20
