@@ -201,13 +201,13 @@ def lanes_page(batches: list[Row], threads: list[Row], found: dict[str, str]) ->
                 t["one_s"] / t["two_s"],
             ]
         )
-    engines = ", ".join(sorted({f"{r['engine']}" + (f" ({r['lanes']} lanes)" if r["lanes"] else "") for r in batches}))
+    lanes = max(r["lanes"] or 1 for r in batches)
     head = ["scene", "integrator", "one by one (µs)", *(f"{c}" for c in counts)]
     head += ["lanes gain (aim ≥ 5 on AVX-512, 3.5 on AVX2)", "lanes pay from", "two threads (aim ≥ 1.9)"]
     return f"""
 Time of one step of one scenario, in µs of CPU, in batches of 1 to {max(counts)} on one thread. One by one: without
 lanes. Two threads: the clock's time of one over that of two, for a batch of 64; both cores must be idle for this to say
-anything. Engine: {engines}.
+anything. Lanes: {lanes}.
 
 {table(head, rows)}
 

@@ -149,7 +149,7 @@ def scene_lanes(name: str, integrator: str, dt: float) -> None:
     line = {"kind": "lanes", "scene": name, "integrator": integrator}
     for count in COUNTS:
         cpu, _, out = clocks(lambda count=count: scene.run(count, steps, integrator, dt))
-        kind = {"engine": out.stats.get("engine"), "lanes": out.stats.get("lanes")}
+        kind = {"lanes": out.stats.get("lanes")}
         report(**line, count=count, us=1e6 * cpu / count / steps, **kind)
     own = clocks(lambda: scene.run(64, steps, integrator, dt, lanes=False))[0] / 64
     ones, twos = [], []

@@ -97,6 +97,8 @@ def page(times: Times, remarks: list[str]) -> str:
         head += [f"flexarm {name} (ns)", "pinocchio (ns)", "ratio"]
     aims, hardest = [], {"-O3", "-march=native"} <= set(runs)
     last = ["flexarm -O3, pinocchio -march=native"] if hardest else []
+    of_last = " The last column is the hardest: flexarm as it is shipped, pinocchio compiled for this processor."
+    flags = "" if hardest else " --flags " + RUNS[runs[0]][0]
     for scene, function, aim in AIMS:
         found = [against(times, name, scene, function) for name in runs]
         if hardest:
@@ -115,7 +117,7 @@ Flexible arms (order 2) are held against pinocchio's *rigid* chain of 7.
 
 {table(head, rows)}
 
-Aims. {"The last column is the hardest: flexarm as it is shipped, pinocchio compiled for this processor." if last else ""}
+Aims.{of_last if hardest else ""}
 
 {table(["", *(f"both {name}" for name in runs), *last], aims)}
 
@@ -123,7 +125,7 @@ Aims. {"The last column is the hardest: flexarm as it is shipped, pinocchio comp
 
 ![Time of one evaluation](figures/speed_rigid.png)
 
-Measured by `python bench/speed/speed_rigid.py{"" if hardest else " --flags " + RUNS[runs[0]][0]}` ({about(pinocchio=version, compiler=compiler)}).
+Measured by `python bench/speed/speed_rigid.py{flags}` ({about(pinocchio=version, compiler=compiler)}).
 """
 
 
