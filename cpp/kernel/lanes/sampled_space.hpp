@@ -113,17 +113,17 @@ void sample(Space<S>, const Node& node, const double* points, const S* q, const 
   add_strains(node, rows, q, dq, s);
   if (!node.exact) return sample_order_3(node, rows, integral, dq, s);
   if (node.curved) add_rest<again>(node, rows, s);
-  if (again)
-    ;  // rotations stay
-  else if (node.uniaxial)
-    turn_about_axis(s.theta, node.about[0], rows.points, s.p);
-  else
-    solve_rotation(s.K, s.theta, rows.points, integral, node.curved, s.p, s.term, s.factor);
-  for (int i = 0; i < rows.points && !again; ++i) {
-    const auto R = rotation_of(s.p(i));
-    s.R[0].set(i, {R.xx, R.yx, R.zx});
-    s.R[1].set(i, {R.xy, R.yy, R.zy});
-    s.R[2].set(i, {R.xz, R.yz, R.zz});
+  if constexpr (!again) {
+    if (node.uniaxial)
+      turn_about_axis(s.theta, node.about[0], rows.points, s.p);
+    else
+      solve_rotation(s.K, s.theta, rows.points, integral, node.curved, s.p, s.term, s.factor);
+    for (int i = 0; i < rows.points; ++i) {
+      const auto R = rotation_of(s.p(i));
+      s.R[0].set(i, {R.xx, R.yx, R.zx});
+      s.R[1].set(i, {R.xy, R.yy, R.zy});
+      s.R[2].set(i, {R.xz, R.yz, R.zz});
+    }
   }
   turn_jacobians<again>(node, rows, integral, dq, s);
   exact_tangent(node, rows, s);
