@@ -268,20 +268,24 @@ class Trials:
         """Time (s) of one forward dynamics of a model at states of the run, the least of some rounds. ValueError where
         such an arm cannot be."""
         if (model, method) not in self._costs:
-            arm, r = self.models.arm(model), self.states
-            assert r is not None
-            rows = some_rows(len(r.t), 16)
-            q, v = carried_q(r.q[rows], r.arm, arm), carried_v(r.v[rows], r.arm, arm)
-            tau, least = np.zeros(v.shape), np.inf
-            for _ in range(_ROUNDS):
-                started = time.perf_counter()
-                try:
-                    arm._core.forward_dynamics(q, v, tau, method)
-                except ValueError:
-                    pass
-                least = min(least, time.perf_counter() - started)
-            self._costs[model, method] = least / len(q)
+            self._costs[model, method] = self.measured(model, method)
         return self._costs[model, method]
+
+    def measured(self, model: Model, method: str) -> float:
+        """That time, measured now."""
+        arm, r = self.models.arm(model), self.states
+        assert r is not None
+        rows = some_rows(len(r.t), 16)
+        q, v = carried_q(r.q[rows], r.arm, arm), carried_v(r.v[rows], r.arm, arm)
+        tau, least = np.zeros(v.shape), np.inf
+        for _ in range(_ROUNDS):
+            started = time.perf_counter()
+            try:
+                arm._core.forward_dynamics(q, v, tau, method)
+            except ValueError:
+                pass
+            least = min(least, time.perf_counter() - started)
+        return least / len(q)
 
     def share(self, more: Model, less: Model, method: str = "ab") -> float | None:
         """Of the time of an evaluation, what one model takes above another (by "ab"); None where one of them cannot
