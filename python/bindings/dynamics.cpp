@@ -15,6 +15,11 @@ struct Loads {
   void set(Workspace& ws) const {
     for (std::size_t k = 0; k < places.size(); ++k) ws.loads[k].wrench = at(k);
   }
+  /// The same to what takes them one by one.
+  template <class Taker>
+  void tell(Taker& taker) const {
+    for (std::size_t k = 0; k < places.size(); ++k) taker.set_wrench(k, at(k));
+  }
   Vec6<double> at(std::size_t k) const { return rows(wrenches).row(static_cast<Eigen::Index>(k)); }
 };
 
@@ -104,7 +109,7 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
         Answers out(q, {6});
         const auto lent = self.reactions(loads);
         JointReactions& reaction = *lent;
-        for (std::size_t k = 0; k < loads.size(); ++k) reaction.set_wrench(k, Loads{loads, wrenches}.at(k));
+        Loads{loads, wrenches}.tell(reaction);
         for_states(self, count(q), 1, [&](Eigen::Index k) {
           out[k] = reaction(self, rows(q).row(k), rows(v).row(k), rows(a).row(k), link, inboard).transpose();
         });
@@ -119,8 +124,7 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
          const std::vector<Load>& places, const Vectors& wrenches, bool by_v) {
         const auto lent = self.derivatives(places);
         InverseDerivatives& d = *lent;
-        const Loads loads{places, wrenches};
-        for (std::size_t k = 0; k < places.size(); ++k) d.set_wrench(k, loads.at(k));
+        Loads{places, wrenches}.tell(d);
         for_states(self, 1, self.nv(), [&](Eigen::Index) { d(self, q, v, a, by_v); });
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
@@ -133,8 +137,7 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
          const std::vector<Load>& places, const Vectors& wrenches) {
         const auto lent = self.forward_derivatives(places);
         ForwardDerivatives& d = *lent;
-        const Loads loads{places, wrenches};
-        for (std::size_t k = 0; k < places.size(); ++k) d.set_wrench(k, loads.at(k));
+        Loads{places, wrenches}.tell(d);
         for_states(self, 1, self.nv(), [&](Eigen::Index) { check(d(self, q, v, tau), q.transpose()); });
         return py::make_tuple(Rows(d.dq), Rows(d.dv), Rows(d.dtau));
       },

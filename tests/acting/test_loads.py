@@ -139,3 +139,9 @@ def test_equilibrium_under_a_tip_force_is_the_elastica() -> None:
     np.testing.assert_allclose(
         [p[1], 1 - p[0], np.arctan2(R[1, 0], R[0, 0])], [0.30172077, 0.05643324, 0.46135195], atol=2e-8
     )
+
+
+def test_what_a_load_gives_is_a_copy() -> None:
+    load = fa.Load(0, None, force=(1, 2, 3))
+    load(0.0)[:] = 7.0
+    np.testing.assert_array_equal(load(0.0), [1, 2, 3, 0, 0, 0])

@@ -12,6 +12,15 @@ namespace {
 
 constexpr int kMostColumns = 6;  // that an Integral takes at once
 
+/// Columns, `stride` apart, as an Integral takes them: function c gives its value at a point.
+template <class P>
+auto columns_at(const P* first, int stride) {
+  return [=](int c) {
+    const P* column = first + c * stride;
+    return [column](int i) { return column[i]; };
+  };
+}
+
 /// The matrices: for each point of the first half its column of the one for even functions, and of the one for odd
 /// functions, by rows of points. Where points lie across lanes, columns and rows are filled up to whole packs.
 template <class S, class P>
@@ -35,15 +44,7 @@ class Integral {
     for (int c = 0; c < columns;) c += some<batch>(c, columns, slope, out, stride);
   }
   /// In place.
-  void operator()(P* f, int stride, int columns) const {
-    (*this)(
-        columns,
-        [&](int c) {
-          const P* column = f + c * stride;
-          return [column](int i) { return column[i]; };
-        },
-        f, stride);
-  }
+  void operator()(P* f, int stride, int columns) const { (*this)(columns, columns_at(f, stride), f, stride); }
 
  private:
   template <int C, class Slope>

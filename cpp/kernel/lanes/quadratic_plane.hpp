@@ -89,9 +89,7 @@ void finish(const Node& node, const double* p, const S* q, const S* dq, const S&
   f = {body.bias - ww * c.x - w2 * c_y_rate, w2 * body.c_rate - ww * c.y};
   n = {w2 * swirl + body.n};
   if constexpr (again) return;
-  for (int k = 0; k < packed(node.ne, 0); ++k) out.M[k] = next<S>(p) + sums.M[k];
-  out.constants = p;
-  add_elastic_forces(node, p, q, dq, out.e);  // Eq. 62
+  finish_elastic(node, p, sums.M, q, dq, out);
 }
 
 }  // namespace quadratic

@@ -109,5 +109,13 @@ struct Parts {
   }
 };
 
+/// Mee of sums and what is constant of it, whose numbers are next, and elastic forces (Eq. 62).
+template <class Sp, class S>
+void finish_elastic(const Node& node, const double* p, const S* M, const S* q, const S* dq, Elastic<Sp>& out) {
+  for (int k = 0; k < packed(node.ne, 0); ++k) out.M[k] = next<S>(p) + M[k];
+  out.constants = p;
+  add_elastic_forces(node, p, q, dq, out.e);
+}
+
 }  // namespace quadratic
 }  // namespace

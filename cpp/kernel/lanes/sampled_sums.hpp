@@ -74,10 +74,7 @@ struct Jet {
 /// Columns one after the other, from this field's on, as an Integral takes them.
 template <class Sp>
 auto columns_of(const Field<Sp>& f) {
-  return [f](int c) {
-    const typename Sp::Scalar* column = f.column(c);
-    return [column](int i) { return column[i]; };
-  };
+  return columns_at(f.at, f.stride);
 }
 
 template <class S, class P>

@@ -183,13 +183,7 @@ class Integral<Dual<double, double, count>, Dual<Pack, Pack, count>> {
         in_[i] = x.x;
         for (int k = 0; k < count; ++k) in_[(1 + k) * points_ + i] = x.d[k];
       }
-      plain_(
-          1 + count,
-          [&](int k) {
-            const Pack* column = in_ + k * points_;
-            return [column](int i) { return column[i]; };
-          },
-          out_, points_);
+      plain_(1 + count, columns_at(in_, points_), out_, points_);
       P* to = out + c * stride;
       for (int i = 0; i < points_; ++i) {
         to[i].x = out_[i];
@@ -197,15 +191,7 @@ class Integral<Dual<double, double, count>, Dual<Pack, Pack, count>> {
       }
     }
   }
-  void operator()(P* f, int stride, int columns) const {
-    (*this)(
-        columns,
-        [&](int c) {
-          const P* column = f + c * stride;
-          return [column](int i) { return column[i]; };
-        },
-        f, stride);
-  }
+  void operator()(P* f, int stride, int columns) const { (*this)(columns, columns_at(f, stride), f, stride); }
 
  private:
   Integral<double, Pack> plain_;

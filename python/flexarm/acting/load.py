@@ -85,7 +85,7 @@ class Load(Law):
     def __call__(self, t: float) -> Array:
         """[force; moment] at time t (s), (6,)."""
         if self._steady is not None:
-            return self._steady
+            return self._steady.copy()
         if isinstance(self.law, tuple):
             return np.array([part(t)[0] for part in self.law])
         return np.asarray(self.law(t))

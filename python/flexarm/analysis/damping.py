@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -64,11 +64,9 @@ def _patterns(arm: Chain, found: SmallMotions, shapes: Array, rich: bool) -> lis
     """Vectors u of which u u^T is a damping matrix of one beam, and where its coordinates stand in v. For each of some
     modes, and each beam, that which damps the mode and others as little as the beam can: of an arm with one beam, not
     at all. Where these are not enough (`rich`), sums and differences of any two, too."""
-    parts, free = elastic(arm), found.free
+    parts, M = elastic(arm), found.mass
     at = np.concatenate([np.arange(s.start, s.stop) for _, s in parts])
-    moving = np.setdiff1d(np.flatnonzero(free), at)  # joints that give way: what remains of the inertia
-    M = np.zeros((arm.nv, arm.nv))
-    M[np.ix_(free, free)] = found.M
+    moving = np.setdiff1d(np.flatnonzero(found.free), at)  # joints that give way: what remains of the inertia
     G = np.zeros_like(M)
     G[np.ix_(at, at)] = M[np.ix_(at, at)]
     if moving.size:
@@ -122,7 +120,7 @@ def _fitted(
     from scipy.optimize import nnls  # slow to import
 
     goal, numbers = np.array(list(wanted.values())), list(wanted)
-    mass = np.array([_power(modes.shapes[found.free, k], found.M) for k in rings])
+    mass = np.array([_power(modes.shapes[:, k], found.mass) for k in rings])
     power = np.array([[(u @ modes.shapes[s, k]) ** 2 for s, u in patterns] for k in rings])
     slope = power / (2 * modes.frequencies[rings] * mass)[:, None]  # of the ratios, where small ones add up
     size = slope.max(axis=0)
@@ -146,9 +144,7 @@ def _fitted(
 
 def _ratios(found: SmallMotions, shapes: Array, C: Array) -> Array:
     """Damping ratios with this damping, of the modes that look most like these."""
-    damped = found.solve(C)
-    M = np.zeros((found.arm.nv,) * 2)
-    M[np.ix_(found.free, found.free)] = found.M
+    damped, M = found.solve(C), found.mass
     alike = np.abs(shapes.T @ M @ damped.shapes) ** 2
     size = np.einsum("ik,ij,jk->k", damped.shapes.conj(), M, damped.shapes).real
     return np.asarray(damped.damping[(alike / size).argmax(axis=1)])
@@ -264,6 +260,3 @@ def _pencil(y: Array, n: int, step: float) -> Array:
         size = np.abs(np.linalg.lstsq(np.hstack([E, E.conj()]), y.astype(complex), rcond=None)[0][: len(s)]).max(axis=1)
         s = s[np.argsort(size)[-n:]]
     return np.asarray(s)
-
-
-__all__: Sequence[str] = ("Decay", "fit_decay", "modal_damping", "rayleigh_damping")

@@ -100,9 +100,7 @@ class SmallMotions:
         """The modes, with further damping C."""
         with np.errstate(all="ignore"):  # scaled so that M has a unit diagonal
             d = finite("modes: the root of the masses", 1.0 / np.sqrt(np.diag(self.M)))
-            M, G, K = (
-                finite("modes, scaled by the masses", d[:, None] * x * d) for x in (self.M, self.G + C, self.K)
-            )
+            M, G, K = (finite("modes, scaled by the masses", d[:, None] * x * d) for x in (self.M, self.G + C, self.K))
         if np.linalg.eigvalsh(M)[0] < -1e-12:
             raise ValueError(
                 "q: the mass matrix is not positive definite here; beams of order 0 are for small deflections"
@@ -126,6 +124,13 @@ class SmallMotions:
         share /= share.sum(axis=0)
         up = np.lexsort((radius, frequencies))
         return Modes(frequencies[up], damping[up], shapes[:, up], share[:, up], s[up], self.q)
+
+    @property
+    def mass(self) -> Array:
+        """The mass matrix of all coordinates, (nv, nv); zero where they are locked."""
+        whole = np.zeros((self.arm.nv, self.arm.nv))
+        whole[np.ix_(self.free, self.free)] = self.M
+        return whole
 
     def undamped(self) -> Modes:
         """The modes without damping, and without what gyroscopic forces do."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from .._check import Array
 from ..arm import Arm
+from ..parts.beam import Beam
 from ..run.result import Result
 from ..scene.scene import Scene
 
@@ -44,19 +45,20 @@ def initial_state(scene: Scene, arm: Arm) -> tuple[Array | None, Array | None]:
             continue
         new_q, old_q = (a._core.first_q(k) + link.joint.nq for a in (arm, scene.arm))
         new_v, old_v = (a._core.first(k) + link.joint.nv for a in (arm, scene.arm))
+        P = nearest(old, beam)
         for out, value, at, of in ((q0, scene.q0, new_q, old_q), (v0, scene.v0, new_v, old_v)):
-            if out is None or value is None:
-                continue
-            shapes, start = np.zeros((beam.ne, arm.nq)) + arm.zero, np.array(scene.arm.zero)
-            shapes[:, new_q : new_q + beam.ne] = np.eye(beam.ne)
-            start[old_q : old_q + old.ne] = value[of : of + old.ne]
-            x, weights = np.polynomial.legendre.leggauss(40)
-            places = beam.length * (x + 1) / 2
-            S = [w * arm.strain(shapes, k, float(p)) for w, p in zip(np.sqrt(weights), places, strict=True)]
-            y = [w * scene.arm.strain(start, k, float(p)) for w, p in zip(np.sqrt(weights), places, strict=True)]
-            A = np.hstack(S)  # (ne, places and strains)
-            out[at : at + beam.ne] = np.linalg.lstsq(A.T, np.ravel(y), rcond=None)[0]
+            if out is not None and value is not None:
+                out[at : at + beam.ne] = P @ value[of : of + old.ne]
     return q0, v0
+
+
+def nearest(of: Beam, to: Beam) -> Array:
+    """Elastic coordinates (to.ne, of.ne) of one beam by those of another, of the strains that are nearest to the
+    other's along the beam."""
+    x, weights = np.polynomial.legendre.leggauss(40)
+    places = list(zip(np.sqrt(weights), of.length * (x + 1) / 2, strict=True))
+    given, own = (np.vstack([w * np.asarray(b._core.strains(float(p))) for w, p in places]) for b in (of, to))
+    return np.asarray(np.linalg.lstsq(own, given, rcond=None)[0])
 
 
 @dataclass

@@ -15,7 +15,7 @@ from ..arm import Arm
 from ..parts.beam import STRAINS, Beam
 from ..parts.link import Link
 from ..scene.scene import Scene, load
-from .coordinates import initial_state
+from .coordinates import initial_state, nearest
 
 ORDERS: tuple[int | str, ...] = (0, 1, 2, 3, "exact")  # from poor to rich
 _MANY = 4  # more beams than this are treated alike where they are alike
@@ -169,13 +169,7 @@ def beam_at(beam: Beam, model: BeamModel) -> Beam:
 
 def damping_in(beam: Beam, other: Beam) -> list[list[float]]:
     """The damping matrix of another beam in the coordinates of this one: of the strains nearest to its own."""
-    x, weights = np.polynomial.legendre.leggauss(40)
-    places = np.sqrt(weights), beam.length * (x + 1) / 2
-    own, others = (
-        np.vstack([w * np.asarray(b._core.strains(float(p))) for w, p in zip(*places, strict=True)])
-        for b in (beam, other)
-    )
-    P = np.linalg.lstsq(others, own, rcond=None)[0]
+    P = nearest(beam, other)
     D = P.T @ np.array(other.damping) @ P
     return [[float(v) for v in row] for row in 0.5 * (D + D.T)]
 
