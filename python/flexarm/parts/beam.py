@@ -60,7 +60,7 @@ class Beam(Part):
 
     Args:
         length: m.
-        section: a Rectangle, Circle or GeneralSection, or a Taper.
+        section: a Rectangle, Circle, Tube, Ellipse, Box, IBeam or GeneralSection, or a Taper of these.
         material: a Material.
         modes: for each strain, `bending_y`, `bending_z`, `torsion`, `shear_y`, `shear_z`, `extension`, how many shape
             functions of the basis, or a list of strain shapes of your own; those left out are zero. The beam's elastic
@@ -128,7 +128,7 @@ class Beam(Part):
             self._set(name, number(name, getattr(self, name)))
         self._set("damping", as_floats(array("damping", self.damping)))
         if not isinstance(self.section, (Section, Taper)):
-            raise ValueError(f"section = {self.section!r}: must be a Rectangle, Circle, GeneralSection or Taper")
+            raise ValueError(f"section = {self.section!r}: must be a Rectangle, another section or a Taper")
         if isinstance(self.section, Taper) and not abs(self.section.x[-1] - self.length) <= 1e-9 * self.length:
             raise ValueError(f"section.x = {self.section.x}: must end at the beam's length, {self.length} m")
         if not isinstance(self.material, Material):
