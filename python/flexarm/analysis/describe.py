@@ -8,7 +8,7 @@ from .._console import aligned
 from ..parts.beam import Beam
 from ..parts.chain import Chain
 from ..parts.joints import Fixed
-from ..parts.sections import Circle, Rectangle, Taper
+from ..parts.sections import Circle, Rectangle, SectionMatrix, Taper
 from ..parts.shapes import curvature_at
 from .modes import modes
 
@@ -35,6 +35,8 @@ def _section(beam: Beam) -> str:
         return f"{beam.length:.4g}, round {2 * section.radius:.4g}{tube}"
     if isinstance(section, Taper):
         return f"{beam.length:.4g}, taper of {len(section.x)}"
+    if isinstance(section, SectionMatrix):
+        return f"{beam.length:.4g}, matrices, {section.mass:.4g} kg/m"
     return f"{beam.length:.4g}, area {section._core.area:.4g} m^2"
 
 

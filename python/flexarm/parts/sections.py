@@ -11,13 +11,14 @@ import numpy as np
 import flexarm._core as _core
 
 from .._check import array, number
+from .material import Material
 from .part import Part
 
 
 class Section(Part):
-    """A section of a beam that has two axes of symmetry, y and z."""
+    """A section of a beam."""
 
-    _core: _core.Section
+    _core: Any
 
     def _face(self, axis: str) -> tuple[float, float, bool] | None:
         """Of the faces across an axis: their distance from the neutral axis and their breadth (m), and whether the
@@ -26,7 +27,9 @@ class Section(Part):
 
 
 class Shape(Section):
-    """A section whose integrals follow from its sides."""
+    """A section with two axes of symmetry, whose integrals follow from its sides."""
+
+    _core: _core.Section
 
     @property
     def area(self) -> float:
@@ -129,15 +132,103 @@ class GeneralSection(Section):
 
 
 @dataclass(frozen=True)
+class SectionMatrix(Section):
+    """Any section, by its stiffness and its inertia per unit length. It holds its material: a beam of it has none.
+
+    Rows and columns stand for x, y, z (force or velocity), then about x, y, z (moment or angular velocity), with x
+    along the beam, all at the beam's axis: N, V_y, V_z, M_x, M_y, M_z = stiffness @ (eps, phi12, phi13, K1, K2, K3), the
+    strains of `Arm.strain`. Couplings of bending with torsion, of stretch with bending, and so on are its entries off
+    the diagonal: where the shear centre or the neutral axis is off the beam's axis, or plies lie at an angle. A strain
+    without modes stays zero, whatever is coupled to it.
+
+    Args:
+        stiffness: 6 x 6 (N, N m, N m^2), symmetric, positive definite of the strains that the beam has modes of.
+        inertia: 6 x 6 (kg/m, kg, kg m), [m 1, -m c~; m c~, J]: m the mass per length, c = (0, y, z) the centre of mass
+            (c~ v = c x v), J about the beam's axis. Centres of mass off the axis, and products of inertia, need a beam
+            of order 3 or "exact".
+
+    Raises:
+        ValueError: naming the entry and the value.
+    """
+
+    stiffness: Sequence[Sequence[float]]
+    inertia: Sequence[Sequence[float]]
+    type: ClassVar[str] = "matrix"
+    _core: _core.SectionMatrix = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        matrices = [array(name, getattr(self, name), (6, 6)) for name in ("stiffness", "inertia")]
+        for name, matrix in zip(("stiffness", "inertia"), matrices, strict=True):
+            self._set(name, tuple(tuple(row) for row in matrix.tolist()))
+        self._set("_core", _core.SectionMatrix(*matrices))
+
+    @classmethod
+    def of(
+        cls, section: Shape | GeneralSection, material: Material, *, y: float = 0.0, z: float = 0.0, angle: float = 0.0
+    ) -> SectionMatrix:
+        """The matrices of a doubly symmetric section, turned and off the beam's axis.
+
+        Args:
+            section: a Rectangle, Circle, ... or GeneralSection.
+            material: with poisson_ratio or shear_modulus.
+            y, z: where its centre lies from the beam's axis (m).
+            angle: of its own y from the beam's (rad), about x.
+
+        Raises:
+            ValueError: naming the field and the value.
+        """
+        if not isinstance(section, Section) or isinstance(section, SectionMatrix):
+            raise ValueError(f"section = {section!r}: must be a doubly symmetric one, as Rectangle")
+        if not isinstance(material, Material):
+            raise ValueError(f"material = {material!r}: must be a Material")
+        if material.shear_modulus is None and material.poisson_ratio is None:
+            raise ValueError(f"material = {material!r}: must have a poisson_ratio or a shear_modulus")
+        s, E, G = section._core, material.youngs_modulus, material._core.shear_modulus
+        shear = G * s.shear_correction * s.area
+        iy, iz = s.second_moment_y, s.second_moment_z
+        K = np.diag([E * s.area, shear, shear, G * s.torsion_constant, E * iy, E * iz])
+        M = material.density * np.diag([s.area, s.area, s.area, iy + iz, iy, iz])
+        cosine, sine = np.cos(number("angle", angle)), np.sin(angle)
+        R = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+        y, z = number("y", y), number("z", z)
+        c = np.array([[0, -z, y], [z, 0, 0], [-y, 0, 0]])
+        T = np.block([[R.T, -R.T @ c], [np.zeros((3, 3)), R.T]])  # strains and velocities at the section's centre
+        return cls(*(0.5 * (A + A.T) for A in (T.T @ K @ T, T.T @ M @ T)))
+
+    @property
+    def mass(self) -> float:
+        """kg/m"""
+        return self.inertia[0][0]
+
+    @property
+    def com(self) -> tuple[float, float]:
+        """y and z of the centre of mass (m)."""
+        _, y, z = self._core.com
+        return float(y), float(z)
+
+    def rigidity(self, strain: str) -> float:
+        """Its entry on the diagonal of the stiffness, of "bending_y" and so on (N m^2, N)."""
+        row = ("extension", "shear_y", "shear_z", "torsion", "bending_z", "bending_y").index(strain)
+        return self.stiffness[row][row]
+
+    @property
+    def off_axis(self) -> bool:
+        """Whether its inertia has a centre of mass off the beam's axis, or products."""
+        J = np.array(self._core.inertia_about_com)
+        return any(self.com) or bool((J != np.diag(np.diag(J))).any())
+
+
+@dataclass(frozen=True)
 class Taper(Part):
     """A section that varies along the beam: samples from the clamp to the tip, linear in between.
 
     Sections of one kind are interpolated by their sides or radii (so that a wedge or a cone is exact), or, if general,
-    by their integrals; sections of different kinds by their integrals.
+    by their integrals or their matrices; doubly symmetric ones of different kinds by their integrals.
 
     Args:
         x: places (m), increasing from 0 to the beam's length.
-        sections: one Rectangle, Circle or GeneralSection at each.
+        sections: a section at each.
     """
 
     x: Sequence[float]
@@ -156,16 +247,21 @@ class Taper(Part):
             raise ValueError(f"sections = {self.sections!r}: must be one section for each of the {x.size} places of x")
         for k, part in enumerate(self.sections):
             if not isinstance(part, Section):
-                raise ValueError(f"sections[{k}] = {part!r}: must be a Rectangle, Circle or GeneralSection")
+                raise ValueError(f"sections[{k}] = {part!r}: must be a Rectangle or another section")
         kind = type(self.sections[0])
         cls: Any = kind if all(type(part) is kind for part in self.sections) else GeneralSection
+        if cls is not kind and any(isinstance(part, SectionMatrix) for part in self.sections):
+            raise ValueError("sections: must all be a SectionMatrix where one is; see SectionMatrix.of")
         names = [f.name for f in fields(cls) if f.init]
         table = np.array([[getattr(p if cls is kind else p._core, n) for n in names] for p in self.sections])
+        law = _core.SectionMatrixProfile if cls is SectionMatrix else _core.SectionProfile
+        columns = table.reshape(x.size, -1).T
         self._set("x", tuple(x.tolist()))
         self._set("sections", tuple(self.sections))
 
         def at(place: float) -> Any:
-            return cls(*(float(np.interp(place, x, column)) for column in table.T))
+            values = [np.interp(place, x, column) for column in columns]
+            return cls(*np.reshape(values, table.shape[1:]))
 
         self._set("at", at)
-        self._set("_core", _core.SectionProfile(lambda place: at(place)._core, x[1:-1].tolist()))
+        self._set("_core", law(lambda place: at(place)._core, x[1:-1].tolist()))
