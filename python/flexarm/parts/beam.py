@@ -53,7 +53,7 @@ class Beam(Part):
             softens with speed; 1 softens; 2 has the right centrifugal stiffening; 3 and
             "exact" (no truncation) are for large bending and cost more.
         rotary_inertia: whether slices have rotary inertia.
-        damping_ratio: modal, of every mode of the beam clamped at its base.
+        damping_ratio: modal, of every mode of the beam clamped at its base, 0 to 1; 2 % is 0.02.
         kelvin_voigt: retardation time (s) of the material: stress = E (strain + kelvin_voigt d(strain)/dt); or one for
             each strain, by name; those left out are zero.
         damping: more, as a matrix of the elastic coordinates, (ne, ne), symmetric, without negative eigenvalues: forces
@@ -99,7 +99,10 @@ class Beam(Part):
         super().__post_init__()
         for name in ("length", "damping_ratio"):
             self._set(name, number(name, getattr(self, name)))
-        self._set("damping", as_floats(array("damping", self.damping)))
+        damping = array("damping", self.damping)
+        if damping.ndim != 2 and (damping.size or not damping.ndim):
+            raise ValueError(f"damping has shape {damping.shape}: must be a matrix of the elastic coordinates")
+        self._set("damping", as_floats(damping))
         if not isinstance(self.section, (Section, Taper)):
             raise ValueError(f"section = {self.section!r}: must be a Rectangle, another section or a Taper")
         if isinstance(self.section, Taper) and not abs(self.section.x[-1] - self.length) <= 1e-9 * self.length:
@@ -230,7 +233,8 @@ class RigidBody(Part):
         mass: kg.
         com: centre of mass in body axes (m).
         inertia: about the centre of mass, body axes (kg m^2): 3 numbers (diagonal), 6 (xx yy zz xy xz yz, the entries
-            of the matrix) or a symmetric 3 x 3 matrix.
+            of the matrix) or a symmetric 3 x 3 matrix. No principal moment is above the sum of the others, but in a
+            plane one alone, about the axis of its joints, may be given.
         end: where the next body, or the next link's joint, begins, in body axes (m).
     """
 

@@ -131,6 +131,9 @@ class GeneralSection(Section):
         self._set("_core", _core.Section(*(getattr(self, f) for f in names)))
 
 
+_ROWS = ("extension", "shear_y", "shear_z", "torsion", "bending_z", "bending_y")  # of a SectionMatrix, by strains
+
+
 @dataclass(frozen=True)
 class SectionMatrix(Section):
     """Any section, by its stiffness and its inertia per unit length. It holds its material: a beam of it has none.
@@ -209,8 +212,13 @@ class SectionMatrix(Section):
 
     def rigidity(self, strain: str) -> float:
         """Its entry on the diagonal of the stiffness, of "bending_y" and so on (N m^2, N)."""
-        row = ("extension", "shear_y", "shear_z", "torsion", "bending_z", "bending_y").index(strain)
+        row = _ROWS.index(strain)
         return self.stiffness[row][row]
+
+    def coupling(self, one: str, other: str) -> float:
+        """By which part of its stiffness a strain is softer where the other is free, from 0 to 1."""
+        size = self.rigidity(one) * self.rigidity(other)
+        return self.stiffness[_ROWS.index(one)][_ROWS.index(other)] ** 2 / size if size else 0.0
 
     @property
     def off_axis(self) -> bool:
