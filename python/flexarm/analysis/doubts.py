@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -127,7 +128,7 @@ def _compliances(arm: Chain, k: int, beam: Beam) -> Iterator[tuple[str, float]]:
     functions cannot follow, but for those that it has no functions of."""
     x, w = np.polynomial.legendre.leggauss(16)
     x, w = 0.5 * beam.length * (1 + x), 0.5 * beam.length * w
-    sections = [beam.section.at(float(s)) if isinstance(beam.section, Taper) else beam.section for s in x]
+    sections: list[Any] = [beam.section.at(float(s)) if isinstance(beam.section, Taper) else beam.section for s in x]
     moments = {"bending_y": "second_moment_z", "bending_z": "second_moment_y", "torsion": "torsion_constant"}
     K, first = np.asarray(beam._core.stiffness), 0
     for strain, n in beam.counts.items():

@@ -113,7 +113,7 @@ class Beam(Part):
             raise ValueError(f"material = {self.material!r}: must be left out, for a SectionMatrix has its own")
         if not matrices and not isinstance(self.material, Material):
             raise ValueError(f"material = {self.material!r}: must be a Material")
-        if self.modes is None:  # type: ignore[unreachable]
+        if self.modes is None:
             raise ValueError("modes: missing: how many shape functions of each strain")
         if not isinstance(self.rotary_inertia, bool):
             raise ValueError(f"rotary_inertia = {self.rotary_inertia!r}: must be true or false")
@@ -146,7 +146,8 @@ class Beam(Part):
         self._set("patches", tuple(self.patches))
         glued = core_patches(self.patches, self.section, self.length)
         made_of = () if self.material is None else (self.material._core,)
-        self._set("_core", _core.Beam(self.length, self.section._core, *made_of, options, glued))
+        core: Any = _core.Beam
+        self._set("_core", core(self.length, self.section._core, *made_of, options, glued))
 
     def _read_modes(self) -> tuple[list[int], list[list[tuple[float, ...]]]]:
         known_keys("modes", self.modes, STRAINS)

@@ -139,10 +139,10 @@ class SectionMatrix(Section):
     """Any section, by its stiffness and its inertia per unit length. It holds its material: a beam of it has none.
 
     Rows and columns stand for x, y, z (force or velocity), then about x, y, z (moment or angular velocity), with x
-    along the beam, all at the beam's axis: N, V_y, V_z, M_x, M_y, M_z = stiffness @ (eps, phi12, phi13, K1, K2, K3), the
-    strains of `Arm.strain`. Couplings of bending with torsion, of stretch with bending, and so on are its entries off
-    the diagonal: where the shear centre or the neutral axis is off the beam's axis, or plies lie at an angle. A strain
-    without modes stays zero, whatever is coupled to it.
+    along the beam, all at the beam's axis: N, V_y, V_z, M_x, M_y, M_z = stiffness @ (eps, phi12, phi13, K1, K2, K3),
+    the strains of `Arm.strain`. Couplings of bending with torsion, of stretch with bending, and so on are its entries
+    off the diagonal: where the shear centre or the neutral axis is off the beam's axis, or plies lie at an angle. A
+    strain without modes stays zero, whatever is coupled to it.
 
     Args:
         stiffness: 6 x 6 (N, N m, N m^2), symmetric, positive definite of the strains that the beam has modes of.
@@ -168,7 +168,7 @@ class SectionMatrix(Section):
 
     @classmethod
     def of(
-        cls, section: Shape | GeneralSection, material: Material, *, y: float = 0.0, z: float = 0.0, angle: float = 0.0
+        cls, section: Section, material: Material, *, y: float = 0.0, z: float = 0.0, angle: float = 0.0
     ) -> SectionMatrix:
         """The matrices of a doubly symmetric section, turned and off the beam's axis.
 
