@@ -48,6 +48,14 @@ std::optional<ShearCorrection> shear(const std::optional<Two>& k) {
   return k ? std::optional<ShearCorrection>({(*k)[0], (*k)[1]}) : std::nullopt;
 }
 
+template <class Any>
+void bind_profile(py::module_& m, const char* name) {
+  py::class_<Along<Any>>(m, name).def(py::init([](const py::object& at, std::vector<double> breaks) {
+                                        return Along<Any>{along<Any>(at), std::move(breaks)};
+                                      }),
+                                      py::arg("at"), py::arg("breaks"));
+}
+
 /// What a beam is made of.
 void bind_sections(py::module_& m) {
   py::class_<Material>(m, "Material")
@@ -100,11 +108,14 @@ void bind_sections(py::module_& m) {
       .def_property_readonly("reach", [](const Section& s) { return py::make_tuple(s.reach[0], s.reach[1]); })
       .def_property_readonly("faces", [](const Section& s) { return py::make_tuple(s.faces[0], s.faces[1]); });
 
-  py::class_<SectionProfile>(m, "SectionProfile")
-      .def(py::init([](const py::object& at, std::vector<double> breaks) {
-             return SectionProfile{along<Section>(at), std::move(breaks)};
-           }),
-           py::arg("at"), py::arg("breaks"));
+  py::class_<SectionMatrix>(m, "SectionMatrix")
+      .def(py::init<const SectionMatrix::Matrix&, const SectionMatrix::Matrix&>(), py::arg("stiffness"),
+           py::arg("inertia"))
+      .def_property_readonly("com", &SectionMatrix::com)
+      .def_property_readonly("inertia_about_com", &SectionMatrix::inertia_about_com);
+
+  bind_profile<Section>(m, "SectionProfile");
+  bind_profile<SectionMatrix>(m, "SectionMatrixProfile");
 
   py::class_<BeamOptions>(m, "BeamOptions")
       .def(py::init([](const StrainCounts& modes, const std::string& basis,
@@ -170,7 +181,11 @@ void bind_beam(py::module_& m) {
            py::call_guard<Unlocked>())  // so that batches build theirs on all cores
       .def(py::init<double, const SectionProfile&, const Material&, const BeamOptions&, const std::vector<Patch>&>(),
            py::arg("length"), py::arg("section"), py::arg("material"), py::arg("options"), py::arg("patches"),
-           py::call_guard<Unlocked>())  // so that batches build theirs on all cores
+           py::call_guard<Unlocked>())
+      .def(py::init<double, const SectionMatrix&, const BeamOptions&, const std::vector<Patch>&>(), py::arg("length"),
+           py::arg("section"), py::arg("options"), py::arg("patches"), py::call_guard<Unlocked>())
+      .def(py::init<double, const SectionMatrixProfile&, const BeamOptions&, const std::vector<Patch>&>(),
+           py::arg("length"), py::arg("section"), py::arg("options"), py::arg("patches"), py::call_guard<Unlocked>())
       .def_property_readonly("patch_forces", &Beam::patch_forces)
       .def_property_readonly("patch_capacitances", &Beam::patch_capacitances)
       .def(

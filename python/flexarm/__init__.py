@@ -87,7 +87,7 @@ from .batch.rollout import (
 from .batch.simulate import batch_memory as batch_memory, simulate_batch as simulate_batch
 from .choose.chart import Chart as Chart, chart as chart
 from .choose.economize import Plan as Plan, economize as economize
-from .parts.beam import Beam as Beam, Material as Material, RigidBody as RigidBody
+from .parts.beam import Beam as Beam, RigidBody as RigidBody
 from .parts.joints import (
     Axes as Axes,
     Cylindrical as Cylindrical,
@@ -102,6 +102,7 @@ from .parts.joints import (
     Universal as Universal,
 )
 from .parts.link import Link as Link
+from .parts.material import Material as Material
 from .parts.patch import Patch as Patch, Piezo as Piezo
 from .parts.sections import (
     Box as Box,
@@ -110,6 +111,7 @@ from .parts.sections import (
     GeneralSection as GeneralSection,
     IBeam as IBeam,
     Rectangle as Rectangle,
+    SectionMatrix as SectionMatrix,
     Taper as Taper,
     Tube as Tube,
 )

@@ -1,5 +1,5 @@
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, overload
 
 from numpy import float64
 from numpy.typing import ArrayLike, NDArray
@@ -82,8 +82,18 @@ class Section:
     @property
     def faces(self) -> tuple[Face | None, Face | None]: ...
 
+class SectionMatrix:
+    def __init__(self, stiffness: ArrayLike, inertia: ArrayLike) -> None: ...
+    @property
+    def com(self) -> _Array: ...
+    @property
+    def inertia_about_com(self) -> _Array: ...
+
 class SectionProfile:
     def __init__(self, at: Callable[[float], Section], breaks: Sequence[float]) -> None: ...
+
+class SectionMatrixProfile:
+    def __init__(self, at: Callable[[float], SectionMatrix], breaks: Sequence[float]) -> None: ...
 
 class BeamOptions:
     def __init__(
@@ -155,11 +165,20 @@ class Patch:
     ) -> None: ...
 
 class Beam:
+    @overload
     def __init__(
         self,
         length: float,
         section: Section | SectionProfile,
         material: Material,
+        options: BeamOptions,
+        patches: Sequence[Patch],
+    ) -> None: ...
+    @overload
+    def __init__(
+        self,
+        length: float,
+        section: SectionMatrix | SectionMatrixProfile,
         options: BeamOptions,
         patches: Sequence[Patch],
     ) -> None: ...

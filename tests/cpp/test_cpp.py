@@ -209,6 +209,8 @@ BAD = [  # a link's lines, or all of a scene; what both readers must name
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{gauss_points = 0, length"), ["link[0].beam.gauss_points"]),
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{rotary_inertia = 1, length"), ["link[0].beam.rotary_inertia"]),
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{damping_ratio = -1, length"), ["link[0].beam.damping_ratio"]),
+    (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{damping_ratio = 2, length"), ["damping_ratio", "per cent"]),
+    (f"{JOINT}\n{BEAM}\nhub = {{inertia = [1, 1, 5]}}", ["link[0].hub.inertia", "no body has"]),
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{basis_tip = {mass = 1}, length"), ["link[0].beam.basis_tip"]),
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{patches = [{start = 0}], length"), ["beam.patches[0]", "missing"]),
 ]

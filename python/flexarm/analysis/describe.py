@@ -8,7 +8,7 @@ from .._console import aligned
 from ..parts.beam import Beam
 from ..parts.chain import Chain
 from ..parts.joints import Fixed
-from ..parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, Taper, Tube
+from ..parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, SectionMatrix, Taper, Tube
 from ..parts.shapes import curvature_at
 from .modes import modes
 
@@ -36,6 +36,8 @@ def _section(beam: Beam) -> str:
     elif isinstance(section, (Circle, Tube)):
         inner = section.radius - section.thickness if isinstance(section, Tube) else section.inner_radius
         words = f"round {2 * section.radius:.4g}" + (f" bore {2 * inner:.4g}" if inner else "")
+    elif isinstance(section, SectionMatrix):
+        words = f"matrices, {section.mass:.4g} kg/m"
     else:
         words = f"area {section._core.area:.4g} m^2"
     return f"{beam.length:.4g}, {words}"

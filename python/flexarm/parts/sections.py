@@ -10,7 +10,8 @@ import numpy as np
 
 import flexarm._core as _core
 
-from .._check import array, number
+from .._check import array, number, plain
+from .material import Material
 from .part import Part
 
 Face = _core.Face
@@ -32,19 +33,21 @@ def _both(value: float | Sequence[float]) -> tuple[float, float]:
 class Section(Part):
     """A section of a beam."""
 
-    _core: _core.Section
+    _core: Any
 
     def _face(self, axis: str) -> Face | None:
         """The faces across an axis; None where there are no such faces."""
-        return self._core.faces["yz".index(axis)]
+        return None
 
     def _reach(self, axis: str) -> float | None:
         """How far it reaches along an axis (m); None where it does not tell."""
-        return self._core.reach["yz".index(axis)]
+        return None
 
 
 class Shape(Section):
-    """A section whose integrals follow from its sides."""
+    """A section with two axes of symmetry, whose integrals follow from its sides."""
+
+    _core: _core.Section
 
     #: the core's maker, what it takes one number of, and what one or two of, apart from the shear correction
     _shape: ClassVar[tuple[str, tuple[str, ...], tuple[str, ...]]]
@@ -61,6 +64,12 @@ class Shape(Section):
         sizes = [*(getattr(self, f) for f in numbers), *(_both(getattr(self, f)) for f in pairs)]
         k = None if self.shear_correction is None else _both(self.shear_correction)
         self._set("_core", getattr(_core.Section, maker)(*sizes, k))
+
+    def _face(self, axis: str) -> Face | None:
+        return self._core.faces["yz".index(axis)]
+
+    def _reach(self, axis: str) -> float | None:
+        return self._core.reach["yz".index(axis)]
 
     @property
     def area(self) -> float:
@@ -244,19 +253,114 @@ class GeneralSection(Section):
         self._set("_core", _core.Section(*sizes, k))
 
 
+_ROWS = ("extension", "shear_y", "shear_z", "torsion", "bending_z", "bending_y")  # of a SectionMatrix, by strains
+
+
+@dataclass(frozen=True)
+class SectionMatrix(Section):
+    """Any section, by its stiffness and its inertia per unit length. It holds its material: a beam of it has none.
+
+    Rows and columns stand for x, y, z (force or velocity), then about x, y, z (moment or angular velocity), with x
+    along the beam, all at the beam's axis: N, V_y, V_z, M_x, M_y, M_z = stiffness @ (eps, phi12, phi13, K1, K2, K3),
+    the strains of `Arm.strain`. Couplings of bending with torsion, of stretch with bending, and so on are its entries
+    off the diagonal: where the shear centre or the neutral axis is off the beam's axis, or plies lie at an angle. A
+    strain without modes stays zero, whatever is coupled to it.
+
+    Args:
+        stiffness: 6 x 6 (N, N m, N m^2), symmetric, positive definite of the strains that the beam has modes of.
+        inertia: 6 x 6 (kg/m, kg, kg m), [m 1, -m c~; m c~, J]: m the mass per length, c = (0, y, z) the centre of mass
+            (c~ v = c x v), J about the beam's axis. Centres of mass off the axis, and products of inertia, need a beam
+            of order 3 or "exact".
+
+    Raises:
+        ValueError: naming the entry and the value.
+    """
+
+    stiffness: Sequence[Sequence[float]]
+    inertia: Sequence[Sequence[float]]
+    type: ClassVar[str] = "matrix"
+    _core: _core.SectionMatrix = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        matrices = [array(name, getattr(self, name), (6, 6)) for name in ("stiffness", "inertia")]
+        for name, matrix in zip(("stiffness", "inertia"), matrices, strict=True):
+            self._set(name, tuple(tuple(row) for row in matrix.tolist()))
+        self._set("_core", _core.SectionMatrix(*matrices))
+
+    @classmethod
+    def of(
+        cls, section: Section, material: Material, *, y: float = 0.0, z: float = 0.0, angle: float = 0.0
+    ) -> SectionMatrix:
+        """The matrices of a doubly symmetric section, turned and off the beam's axis.
+
+        Args:
+            section: a Rectangle, Circle, ... or GeneralSection.
+            material: with poisson_ratio or shear_modulus.
+            y, z: where its centre lies from the beam's axis (m).
+            angle: of its own y from the beam's (rad), about x.
+
+        Raises:
+            ValueError: naming the field and the value.
+        """
+        if not isinstance(section, Section) or isinstance(section, SectionMatrix):
+            raise ValueError(f"section = {section!r}: must be a doubly symmetric one, as Rectangle")
+        if not isinstance(material, Material):
+            raise ValueError(f"material = {material!r}: must be a Material")
+        if material.shear_modulus is None and material.poisson_ratio is None:
+            raise ValueError(f"material = {material!r}: must have a poisson_ratio or a shear_modulus")
+        s, E, G = section._core, material.youngs_modulus, material._core.shear_modulus
+        shear_y, shear_z = (G * k * s.area for k in s.shear_correction)
+        iy, iz = s.second_moment_y, s.second_moment_z
+        K = np.diag([E * s.area, shear_y, shear_z, G * s.torsion_constant, E * iy, E * iz])
+        M = material.density * np.diag([s.area, s.area, s.area, iy + iz, iy, iz])
+        cosine, sine = np.cos(number("angle", angle)), np.sin(angle)
+        R = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+        y, z = number("y", y), number("z", z)
+        c = np.array([[0, -z, y], [z, 0, 0], [-y, 0, 0]])
+        T = np.block([[R.T, -R.T @ c], [np.zeros((3, 3)), R.T]])  # strains and velocities at the section's centre
+        return cls(*(0.5 * (A + A.T) for A in (T.T @ K @ T, T.T @ M @ T)))
+
+    @property
+    def mass(self) -> float:
+        """kg/m"""
+        return self.inertia[0][0]
+
+    @property
+    def com(self) -> tuple[float, float]:
+        """y and z of the centre of mass (m)."""
+        _, y, z = self._core.com
+        return float(y), float(z)
+
+    def rigidity(self, strain: str) -> float:
+        """Its entry on the diagonal of the stiffness, of "bending_y" and so on (N m^2, N)."""
+        row = _ROWS.index(strain)
+        return self.stiffness[row][row]
+
+    def coupling(self, one: str, other: str) -> float:
+        """By which part of its stiffness a strain is softer where the other is free, from 0 to 1."""
+        size = self.rigidity(one) * self.rigidity(other)
+        return self.stiffness[_ROWS.index(one)][_ROWS.index(other)] ** 2 / size if size else 0.0
+
+    @property
+    def off_axis(self) -> bool:
+        """Whether its inertia has a centre of mass off the beam's axis, or products."""
+        J = np.array(self._core.inertia_about_com)
+        return any(self.com) or bool((J != np.diag(np.diag(J))).any())
+
+
 def _column(sections: Sequence[Section], name: str, alike: bool) -> Any:
-    """What sections have at this name: (n,), or (n, 2) if two numbers each; None where all leave it out."""
+    """What sections have at this name, (n, ...); None where all leave it out."""
     values = [getattr(part if alike else part._core, name) for part in sections]
     if all(v is None for v in values):
         return None
     values = [getattr(p._core, name) if v is None else v for p, v in zip(sections, values, strict=True)]
-    return np.array([_both(v) for v in values]) if any(np.ndim(v) for v in values) else np.array(values)
+    return np.array(values if len({np.ndim(v) for v in values}) == 1 else [_both(v) for v in values])
 
 
 def _between(place: float, x: Any, column: Any) -> Any:
-    if column.ndim == 1:
-        return float(np.interp(place, x, column))
-    return tuple(float(np.interp(place, x, c)) for c in column.T)
+    values = [np.interp(place, x, c) for c in column.reshape(len(x), -1).T]
+    return plain(np.reshape(values, column.shape[1:]))
 
 
 @dataclass(frozen=True)
@@ -264,11 +368,11 @@ class Taper(Part):
     """A section that varies along the beam: samples from the clamp to the tip, linear in between.
 
     Sections of one kind are interpolated by their sides or radii (so that a wedge or a cone is exact), or, if general,
-    by their integrals; sections of different kinds by their integrals.
+    by their integrals or their matrices; doubly symmetric ones of different kinds by their integrals.
 
     Args:
         x: places (m), increasing from 0 to the beam's length.
-        sections: one section at each.
+        sections: a section at each.
     """
 
     x: Sequence[float]
@@ -290,7 +394,10 @@ class Taper(Part):
                 raise ValueError(f"sections[{k}] = {part!r}: must be a Rectangle or another section")
         kind = type(self.sections[0])
         cls: Any = kind if all(type(part) is kind for part in self.sections) else GeneralSection
+        if cls is not kind and any(isinstance(part, SectionMatrix) for part in self.sections):
+            raise ValueError("sections: must all be a SectionMatrix where one is; see SectionMatrix.of")
         columns = [_column(self.sections, f.name, cls is kind) for f in fields(cls) if f.init]
+        law = _core.SectionMatrixProfile if cls is SectionMatrix else _core.SectionProfile
         self._set("x", tuple(x.tolist()))
         self._set("sections", tuple(self.sections))
 
@@ -298,4 +405,4 @@ class Taper(Part):
             return cls(*(None if c is None else _between(place, x, c) for c in columns))
 
         self._set("at", at)
-        self._set("_core", _core.SectionProfile(lambda place: at(place)._core, x[1:-1].tolist()))
+        self._set("_core", law(lambda place: at(place)._core, x[1:-1].tolist()))
