@@ -68,7 +68,6 @@ from .acting.motor import Motor as Motor
 from .acting.sampled import LinearController as LinearController, Sampled as Sampled
 from .acting.shaping import Shaper as Shaper, input_shaper as input_shaper
 from .acting.voltage import Voltage as Voltage
-from .analysis.doubts import ModelWarning as ModelWarning
 from .analysis.equilibrium import StateWarning as StateWarning
 from .analysis.linear import Derivatives as Derivatives, LinearModel as LinearModel
 from .analysis.loops import LoopWarning as LoopWarning
@@ -103,7 +102,10 @@ from .parts.joints import (
 )
 from .parts.link import Link as Link
 from .parts.material import Material as Material
+from .parts.laminate import Orthotropic as Orthotropic, Ply as Ply, laminate as laminate
+from .parts.part import ModelWarning as ModelWarning
 from .parts.patch import Patch as Patch, Piezo as Piezo
+from .parts.polygon import polygon as polygon
 from .parts.sections import (
     Box as Box,
     Circle as Circle,

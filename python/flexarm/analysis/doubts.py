@@ -30,10 +30,6 @@ _COUPLED = 0.01  # of a strain's stiffness, by another that is held
 _MISSING = {"bending_y": 0.01, "bending_z": 0.01, "torsion": 0.15}  # share of the end's static compliance; see coarse
 
 
-class ModelWarning(UserWarning):
-    """A number of a model that can hardly be meant, with the unit or the remedy."""
-
-
 def _body(where: str, body: RigidBody, length: float) -> Iterator[str]:
     for name, place in (("com", body.com), ("end", body.end)):
         far = float(np.linalg.norm(place))
