@@ -33,7 +33,7 @@ class Beam(Part):
 
     Args:
         length: m.
-        section: a Rectangle, Circle, ..., GeneralSection or SectionMatrix, or a Taper of these.
+        section: a Rectangle, Circle, Tube, Ellipse, Box, IBeam, GeneralSection or SectionMatrix, or a Taper of these.
         material: a Material; None for a SectionMatrix, which has its own.
         modes: for each strain, `bending_y`, `bending_z`, `torsion`, `shear_y`, `shear_z`, `extension`, how many shape
             functions of the basis, or a list of strain shapes of your own; those left out are zero. The beam's elastic
