@@ -77,6 +77,7 @@ const SectionKind& section_kind(const std::string& name) {
 Names section_kinds() {
   Names names;
   for (const SectionKind& kind : kSections) names.emplace_back(kind.name);
+  names.emplace_back("matrix");
   return names;
 }
 
@@ -118,8 +119,26 @@ std::string read_type(const At& table, const Names& kinds) {
   return table["type"].choice(kinds);
 }
 
+SectionSpec read_section_matrix(const At& table) {
+  table.known_keys({"type", "stiffness", "inertia"});
+  table.needs({"stiffness", "inertia"});
+  SectionSpec spec{nullptr, {}};
+  for (const char* name : {"stiffness", "inertia"}) {
+    const std::vector<At> rows = table[name].list("rows");
+    if (rows.size() != 6) table[name].bad("must be 6 rows of 6 numbers");
+    for (const At& row : rows) {
+      const std::vector<double> numbers = row.numbers(6);
+      spec.sizes.insert(spec.sizes.end(), numbers.begin(), numbers.end());
+    }
+  }
+  within(table.where(), [&] { return spec.matrix(); });
+  return spec;
+}
+
 SectionSpec read_section(const At& table) {
-  const SectionKind& kind = section_kind(read_type(table, section_kinds()));
+  const std::string type = read_type(table, section_kinds());
+  if (type == "matrix") return read_section_matrix(table);
+  const SectionKind& kind = section_kind(type);
   SectionSpec spec{&kind, read_sizes(table, kind)};
   within(table.where(), [&] { return spec.section(); });
   return spec;
@@ -157,8 +176,10 @@ SectionAlong read_taper(const At& table, double length) {
   if (out.parts.size() != out.x.size()) table["sections"].bad("must be one section for each of the places of x");
   const SectionKind* kind = out.parts[0].kind;
   const bool alike = std::all_of(out.parts.begin(), out.parts.end(), [&](const auto& p) { return p.kind == kind; });
+  if (!alike && std::any_of(out.parts.begin(), out.parts.end(), [](const auto& p) { return !p.kind; }))
+    table["sections"].bad("must all be of type 'matrix' where one is");
   if (!alike) std::transform(out.parts.begin(), out.parts.end(), out.parts.begin(), general);
-  agree(out.parts);
+  if (kind) agree(out.parts);
   return out;
 }
 
@@ -306,6 +327,11 @@ Section SectionSpec::section() const {
   return kind->make(sizes.data(), std::isnan(k.y) ? Shear() : k);
 }
 
+SectionMatrix SectionSpec::matrix() const {
+  using Rows = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
+  return {Eigen::Map<const Rows>(sizes.data()), Eigen::Map<const Rows>(sizes.data() + 36)};
+}
+
 SectionSpec SectionAlong::at(double place) const {
   SectionSpec out = parts[0];
   if (x.empty()) return out;
@@ -320,7 +346,7 @@ SectionSpec SectionAlong::at(double place) const {
 Beam read_beam(const At& table) {
   table.known_keys({"length", "section", "material", "modes", "basis", "order", "rotary_inertia", "damping_ratio",
                     "kelvin_voigt", "damping", "gauss_points", "basis_tip", "patches", "curvature"});
-  table.needs({"length", "section", "material", "modes"});
+  table.needs({"length", "section", "modes"});
   const double length = table["length"].number();
   Names kinds = section_kinds();
   kinds.push_back("taper");
@@ -329,16 +355,26 @@ Beam read_beam(const At& table) {
     along = read_taper(table["section"], length);
   else
     along.parts = {read_section(table["section"])};
-  const Material material = read_material(table["material"]);
+  const bool matrices = along.parts[0].kind == nullptr;
+  if (matrices && table.has("material"))
+    table["material"].bad("must be left out: a section of type 'matrix' has its own");
+  if (!matrices) table.needs({"material"});
+  std::optional<Material> material;
+  if (!matrices) material = read_material(table["material"]);
   const BeamOptions options = read_options(table);
   std::vector<Patch> patches;
   if (table.has("patches"))
     for (const At& patch : table["patches"].list("tables")) patches.push_back(read_patch(patch, along, length));
+  const bool uniform = along.x.empty();
+  const std::vector<double> breaks(uniform ? along.x.end() : along.x.begin() + 1, along.x.end() - (uniform ? 0 : 1));
   return within(table.where(), [&] {
-    if (along.x.empty()) return Beam(length, along.parts[0].section(), material, options, patches);
-    const SectionProfile profile{[along](double x) { return along.at(x).section(); },
-                                 {along.x.begin() + 1, along.x.end() - 1}};
-    return Beam(length, profile, material, options, patches);
+    if (matrices && uniform) return Beam(length, along.parts[0].matrix(), options, patches);
+    if (matrices)
+      return Beam(length, SectionMatrixProfile{[along](double x) { return along.at(x).matrix(); }, breaks}, options,
+                  patches);
+    if (uniform) return Beam(length, along.parts[0].section(), *material, options, patches);
+    const SectionProfile profile{[along](double x) { return along.at(x).section(); }, breaks};
+    return Beam(length, profile, *material, options, patches);
   });
 }
 

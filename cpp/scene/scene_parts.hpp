@@ -14,10 +14,11 @@ struct SectionKind;
 
 /// A cross section as a scene has it: by its sides, radii or integrals; NaN: left out.
 struct SectionSpec {
-  const SectionKind* kind;
+  const SectionKind* kind;  ///< null: a SectionMatrix, of rows of stiffness and inertia
   std::vector<double> sizes;
 
   Section section() const;
+  SectionMatrix matrix() const;
 };
 
 /// Sections along a beam, linear between the places x; a uniform one has no places.

@@ -90,7 +90,7 @@ Profile read_profile(const At& at, double start, double end) {
 
 /// Where the layer lies on the section at a place.
 void seat(const SectionSpec& section, char axis, const std::optional<double>& offset, PatchLayer& layer) {
-  const auto face = section.section().faces[axis == 'y' ? 0 : 1];
+  const auto face = section.kind ? section.section().faces[axis == 'y' ? 0 : 1] : std::nullopt;
   if (!face) {
     if (!offset)
       throw std::invalid_argument(

@@ -42,18 +42,18 @@ void bind_strains(py::module_& m) {
   m.attr("STRAIN_NAMES") = rows;
 }
 
-using Two = std::array<double, 2>;
-
-std::optional<ShearCorrection> shear(const std::optional<Two>& k) {
-  return k ? std::optional<ShearCorrection>({(*k)[0], (*k)[1]}) : std::nullopt;
-}
-
 template <class Any>
 void bind_profile(py::module_& m, const char* name) {
   py::class_<Along<Any>>(m, name).def(py::init([](const py::object& at, std::vector<double> breaks) {
                                         return Along<Any>{along<Any>(at), std::move(breaks)};
                                       }),
                                       py::arg("at"), py::arg("breaks"));
+}
+
+using Two = std::array<double, 2>;
+
+std::optional<ShearCorrection> shear(const std::optional<Two>& k) {
+  return k ? std::optional<ShearCorrection>({(*k)[0], (*k)[1]}) : std::nullopt;
 }
 
 /// What a beam is made of.

@@ -79,7 +79,7 @@ def goland() -> tuple[fa.SectionMatrix, float]:
 def test_a_wing_that_bends_and_twists_together() -> None:
     """Against the transfer matrix of Euler-Bernoulli bending with Saint-Venant torsion."""
     section, length = goland()
-    beam = fa.Beam(length, section, modes={"bending_z": 9, "torsion": 9}, basis="legendre", order="exact")
+    beam = fa.Beam(length, section, modes={"bending_z": 14, "torsion": 14}, basis="legendre", order="exact")
     found = fa.Arm([fa.Link(fa.Fixed(), None, beam)]).modes().frequencies[:6]
     m, offset = section.mass, section.com[0]
     EI, GJ, J = section.stiffness[4][4], section.stiffness[3][3], section.inertia[3][3]
@@ -93,7 +93,7 @@ def test_a_wing_that_bends_and_twists_together() -> None:
 
     for f in found:
         exact = scipy.optimize.brentq(end, 0.995 * f, 1.005 * f)
-        assert abs(f / exact - 1) < 1e-5
+        assert abs(f / exact - 1) < 1e-7
 
 
 def test_bending_that_twists() -> None:
@@ -118,7 +118,7 @@ def test_energy_and_momentum_of_a_free_rod() -> None:
     a = fa.Arm([fa.Link(fa.Free(), None, beam)])
     rng = np.random.default_rng(2)
     v0 = rng.normal(size=a.nv) * np.array([*[1.0] * 6, *[3.0] * 6, *[0.01] * 6])
-    result = fa.simulate(a, 0.02, v0=v0, integrator="gauss", step=2e-5)
+    result = fa.simulate(a, np.linspace(0.0, 0.02, 11), v0=v0, integrator="gauss", step=2e-5)
     energy = np.array([a.energy(q, v) for q, v in zip(result.q, result.v, strict=True)])
     total = energy.reshape(len(result.t), -1)
     total = total.sum(axis=1) if total.shape[1] > 1 else total[:, 0]

@@ -10,7 +10,7 @@ import numpy as np
 
 import flexarm._core as _core
 
-from .._check import array, number, plain
+from .._check import array, number
 from .material import Material
 from .part import Part
 
@@ -37,11 +37,11 @@ class Section(Part):
 
     def _face(self, axis: str) -> Face | None:
         """The faces across an axis; None where there are no such faces."""
-        return None
+        return self._core.faces["yz".index(axis)]
 
     def _reach(self, axis: str) -> float | None:
         """How far it reaches along an axis (m); None where it does not tell."""
-        return None
+        return self._core.reach["yz".index(axis)]
 
 
 class Shape(Section):
@@ -64,12 +64,6 @@ class Shape(Section):
         sizes = [*(getattr(self, f) for f in numbers), *(_both(getattr(self, f)) for f in pairs)]
         k = None if self.shear_correction is None else _both(self.shear_correction)
         self._set("_core", getattr(_core.Section, maker)(*sizes, k))
-
-    def _face(self, axis: str) -> Face | None:
-        return self._core.faces["yz".index(axis)]
-
-    def _reach(self, axis: str) -> float | None:
-        return self._core.reach["yz".index(axis)]
 
     @property
     def area(self) -> float:
@@ -253,6 +247,20 @@ class GeneralSection(Section):
         self._set("_core", _core.Section(*sizes, k))
 
 
+def _column(sections: Sequence[Section], name: str, alike: bool) -> Any:
+    """What sections have at this name: (n, ...) numbers; None where all leave it out."""
+    values = [getattr(part if alike else part._core, name) for part in sections]
+    if all(v is None for v in values):
+        return None
+    values = [getattr(p._core, name) if v is None else v for p, v in zip(sections, values, strict=True)]
+    return np.array([np.broadcast_to(v, max(map(np.shape, values), key=len)) for v in values])
+
+
+def _between(place: float, x: Any, column: Any) -> Any:
+    values = [np.interp(place, x, c) for c in column.reshape(len(x), -1).T]
+    return np.reshape(values, column.shape[1:]).tolist()
+
+
 _ROWS = ("extension", "shear_y", "shear_z", "torsion", "bending_z", "bending_y")  # of a SectionMatrix, by strains
 
 
@@ -321,6 +329,12 @@ class SectionMatrix(Section):
         T = np.block([[R.T, -R.T @ c], [np.zeros((3, 3)), R.T]])  # strains and velocities at the section's centre
         return cls(*(0.5 * (A + A.T) for A in (T.T @ K @ T, T.T @ M @ T)))
 
+    def _face(self, axis: str) -> None:
+        return None
+
+    def _reach(self, axis: str) -> None:
+        return None
+
     @property
     def mass(self) -> float:
         """kg/m"""
@@ -349,20 +363,6 @@ class SectionMatrix(Section):
         return any(self.com) or bool((J != np.diag(np.diag(J))).any())
 
 
-def _column(sections: Sequence[Section], name: str, alike: bool) -> Any:
-    """What sections have at this name, (n, ...); None where all leave it out."""
-    values = [getattr(part if alike else part._core, name) for part in sections]
-    if all(v is None for v in values):
-        return None
-    values = [getattr(p._core, name) if v is None else v for p, v in zip(sections, values, strict=True)]
-    return np.array(values if len({np.ndim(v) for v in values}) == 1 else [_both(v) for v in values])
-
-
-def _between(place: float, x: Any, column: Any) -> Any:
-    values = [np.interp(place, x, c) for c in column.reshape(len(x), -1).T]
-    return plain(np.reshape(values, column.shape[1:]))
-
-
 @dataclass(frozen=True)
 class Taper(Part):
     """A section that varies along the beam: samples from the clamp to the tip, linear in between.
@@ -372,7 +372,7 @@ class Taper(Part):
 
     Args:
         x: places (m), increasing from 0 to the beam's length.
-        sections: a section at each.
+        sections: one section at each.
     """
 
     x: Sequence[float]
@@ -394,10 +394,10 @@ class Taper(Part):
                 raise ValueError(f"sections[{k}] = {part!r}: must be a Rectangle or another section")
         kind = type(self.sections[0])
         cls: Any = kind if all(type(part) is kind for part in self.sections) else GeneralSection
+        law = _core.SectionMatrixProfile if cls is SectionMatrix else _core.SectionProfile
         if cls is not kind and any(isinstance(part, SectionMatrix) for part in self.sections):
             raise ValueError("sections: must all be a SectionMatrix where one is; see SectionMatrix.of")
         columns = [_column(self.sections, f.name, cls is kind) for f in fields(cls) if f.init]
-        law = _core.SectionMatrixProfile if cls is SectionMatrix else _core.SectionProfile
         self._set("x", tuple(x.tolist()))
         self._set("sections", tuple(self.sections))
 
