@@ -177,10 +177,10 @@ def _stiffness(b: float, plies: Sequence[Ply], edges: Any, normal: str) -> Array
     shear, wide = (1, 4) if normal == "y" else (2, 5)
     out[shear, shear] = b / through
     out[wide, wide] = held * b**3 / 12
-    return 0.5 * (out + out.T)
+    return 0.5 * (out + out.T) + 0.0  # and no -0.0
 
 
-def _through(plies: Sequence[Ply], edges: Any, bent: Array) -> float:
+def _through(plies: Sequence[Ply], edges: Any, bent: Any) -> float:
     """Shear angle by shear force per width (m/N): the energy of shear stresses that balance those of bending, whose
     strains per moment are `bent`."""
     below, energy = np.zeros(2), 0.0
@@ -205,4 +205,4 @@ def _inertia(b: float, plies: Sequence[Ply], edges: Any, normal: str) -> Array:
     c = np.array([0.0, first, 0.0] if normal == "y" else [0.0, 0.0, first])
     about = np.diag([second + wide, wide, second] if normal == "y" else [second + wide, second, wide])
     C = np.array([[0, -c[2], c[1]], [c[2], 0, -c[0]], [-c[1], c[0], 0]])
-    return np.block([[m * np.eye(3), -C], [C, about]])
+    return np.block([[m * np.eye(3), -C], [C, about]]) + 0.0

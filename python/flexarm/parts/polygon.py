@@ -100,4 +100,4 @@ def _assembled(of: Any, shear_centre: tuple[float, float], material: Material, a
     m, c = density * area, np.array([[0.0, -z, y], [z, 0.0, 0.0], [-y, 0.0, 0.0]])
     about = density * np.array([[iy + iz, 0, 0], [0, iy, -iyz], [0, -iyz, iz]]) - m * c @ c
     stiffness, inertia = T.T @ K @ T, np.block([[m * np.eye(3), -m * c], [m * c, about]])
-    return SectionMatrix(*((0.5 * (A + A.T)).tolist() for A in (stiffness, inertia)))
+    return SectionMatrix(*((0.5 * (A + A.T) + 0.0).tolist() for A in (stiffness, inertia)))
