@@ -112,7 +112,7 @@ TEST_CASE("a doubly symmetric section by its matrices is that section") {
   const Section s = Section::rectangle(0.004, 0.01);
   const Material m = flexarm_test::steel();
   Matrix K = Matrix::Zero(), M = Matrix::Zero();
-  const double kGA = m.shear_modulus * s.shear_correction * s.area, E = m.youngs_modulus;
+  const double kGA = m.shear_modulus * s.shear_correction.y * s.area, E = m.youngs_modulus;
   K.diagonal() << E * s.area, kGA, kGA, m.shear_modulus * s.torsion_constant, E * s.second_moment_y,
       E * s.second_moment_z;
   const double rho = m.density, iy = s.second_moment_y, iz = s.second_moment_z;
