@@ -37,17 +37,27 @@ class Section(Part):
 
     def _face(self, axis: str) -> Face | None:
         """The faces across an axis; None where there are no such faces."""
-        return self._core.faces["yz".index(axis)]
+        return None
 
     def _reach(self, axis: str) -> float | None:
         """How far it reaches along an axis (m); None where it does not tell."""
+        return None
+
+
+class SymmetricSection(Section):
+    """A section with two axes of symmetry, y and z."""
+
+    _core: _core.Section
+
+    def _face(self, axis: str) -> Face | None:
+        return self._core.faces["yz".index(axis)]
+
+    def _reach(self, axis: str) -> float | None:
         return self._core.reach["yz".index(axis)]
 
 
-class Shape(Section):
-    """A section with two axes of symmetry, whose integrals follow from its sides."""
-
-    _core: _core.Section
+class Shape(SymmetricSection):
+    """Such a section, whose integrals follow from its sides."""
 
     #: the core's maker, what it takes one number of, and what one or two of, apart from the shear correction
     _shape: ClassVar[tuple[str, tuple[str, ...], tuple[str, ...]]]
@@ -218,7 +228,7 @@ class IBeam(Shape):
 
 
 @dataclass(frozen=True)
-class GeneralSection(Section):
+class GeneralSection(SymmetricSection):
     """Any doubly symmetric section, by its integrals.
 
     Args:
@@ -298,7 +308,7 @@ class SectionMatrix(Section):
 
     @classmethod
     def of(
-        cls, section: Section, material: Material, *, y: float = 0.0, z: float = 0.0, angle: float = 0.0
+        cls, section: SymmetricSection, material: Material, *, y: float = 0.0, z: float = 0.0, angle: float = 0.0
     ) -> SectionMatrix:
         """The matrices of a doubly symmetric section, turned and off the beam's axis.
 
@@ -311,7 +321,7 @@ class SectionMatrix(Section):
         Raises:
             ValueError: naming the field and the value.
         """
-        if not isinstance(section, Section) or isinstance(section, SectionMatrix):
+        if not isinstance(section, SymmetricSection):
             raise ValueError(f"section = {section!r}: must be a doubly symmetric one, as Rectangle")
         if not isinstance(material, Material):
             raise ValueError(f"material = {material!r}: must be a Material")
@@ -328,12 +338,6 @@ class SectionMatrix(Section):
         c = np.array([[0, -z, y], [z, 0, 0], [-y, 0, 0]])
         T = np.block([[R.T, -R.T @ c], [np.zeros((3, 3)), R.T]])  # strains and velocities at the section's centre
         return cls(*(0.5 * (A + A.T) for A in (T.T @ K @ T, T.T @ M @ T)))
-
-    def _face(self, axis: str) -> None:
-        return None
-
-    def _reach(self, axis: str) -> None:
-        return None
 
     @property
     def mass(self) -> float:
