@@ -33,8 +33,13 @@ TEST_CASE("sections by their shape: limits that are known") {
   CHECK(thin.torsion_constant == doctest::Approx(4 * 4e-4 / (0.4 / 2e-5 + 0.2 / 1e-5)).epsilon(1e-3));
   CHECK(Section::tube(1.0, 1e-6).shear_correction.y == doctest::Approx(0.5).epsilon(1e-4));
   const Section flat = Section::i_beam(0.2, 0.1, 0.01, 0.005, ShearCorrection(0.3, 0.6));
-  CHECK(section_form(shear_y, flat) == doctest::Approx(0.3 * flat.area));
-  CHECK(section_form(shear_z, flat) == doctest::Approx(0.6 * flat.area));
+  BeamOptions o;
+  o.modes[shear_y] = o.modes[shear_z] = 1;
+  o.basis = Basis::legendre;
+  const Material steel = flexarm_test::steel();
+  const Eigen::MatrixXd stiffness = Beam(1.0, flat, steel, o).stiffness();
+  CHECK(stiffness(0, 0) == doctest::Approx(0.3 * flat.area * steel.shear_modulus));
+  CHECK(stiffness(1, 1) == doctest::Approx(0.6 * flat.area * steel.shear_modulus));
   CHECK_THROWS_WITH(Section::box(0.2, 0.1, 0.01, 0.05),
                     "thickness = 0.05: must be less than half of z; a full section is a Rectangle");
   CHECK_THROWS_WITH(Section::i_beam(0.2, 0.1, 0.1, 0.01),
