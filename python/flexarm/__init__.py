@@ -9,7 +9,7 @@ Parts of an arm
     Joint                   what joints share: springs, stops, friction; their Placement. There are
                             Fixed Revolute Prismatic Cylindrical Universal Planar Spherical Free Axes
     RigidBody, Beam         the bodies; of a beam the Material and the section: Rectangle Circle Tube Ellipse Box IBeam
-                            GeneralSection Taper
+                            GeneralSection SectionMatrix Taper
     Patch, Piezo            a piezo patch on a beam, and its material
     split                   a link in pieces that end where patches end
 What acts on it
