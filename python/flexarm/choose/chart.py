@@ -280,10 +280,10 @@ def _left_out(rows: list[Run], word: str) -> list[str]:
 def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "tip", progress: bool = False) -> Chart:
     """Charts speed against accuracy on a scene.
 
-    Runs the scene at orders 0 to 3 and exact, with 1 to n + 2 modes per strain where the scene has n, in the scene's
-    basis and in Legendre polynomials, and with every integrator at looser and tighter settings; not all of them, but
-    first the orders, then the modes of those orders that no other beats in time and error, then the integrators on
-    those models that no other beats. Errors are largest distances from the richest converged model, which has n + 4
+    Runs the scene at orders 0 to 3 and exact, with 1 to n + 2 modes per strain where the scene has n, in every basis
+    that may stand in, and with every integrator at looser and tighter settings; not all of them, but first the orders,
+    then the modes of those orders that no other beats in time and error, then the integrators on those models that no
+    other beats. Errors are largest distances from the richest converged model, which has n + 4
     Legendre polynomials where these may stand in, over the quantity's span.
 
     Args:

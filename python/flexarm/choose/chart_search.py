@@ -91,7 +91,7 @@ class ChartSearch:
         truth: the richest converged run; `looser` the same at the next looser tolerance, `tolerance` their distance.
         poorer: the runs with one mode less per strain ("modes"), of the next order ("order"), and in the scene's basis
             ("basis").
-        bases: whether models are in Legendre polynomials: not, and, where these may stand in, also so.
+        bases: those that models are charted in; "": the scene's.
         methods: by integrator, distance of "ci" from "ab" and its time over that of "ab".
     """
 
@@ -107,7 +107,8 @@ class ChartSearch:
         self.methods: dict[str, tuple[float, float]] = {}
         self.shifts, self.orders = self.models.shifts, self.models.orders
         given = self.models.uniform(self.orders[-1], 0)
-        self.bases = [False, True] if self.models.rebased(given) != given else [False]
+        others = ("legendre", "loaded", "clamped-free")
+        self.bases = ["", *(basis for basis in others if self.models.rebased(given, basis) != given)]
 
     @property
     def rows(self) -> list[Run]:
@@ -142,7 +143,8 @@ class ChartSearch:
             for name, some in (("modes", fewer), ("order", len(self.orders) > 1))
         )
         other = self.poorer.get("basis")
-        basis = None if len(self.bases) == 1 else math.inf if other is None or other.error is None else other.error
+        basis = None if other is None and "legendre" not in self.bases else math.inf
+        basis = other.error if other is not None and other.error is not None else basis
         return Truth(self.truth, self.measure.span, modes, order, self.tolerance, basis, poorer)
 
     # -- one run -----------------------------------------------------------------------------------------------------
@@ -216,9 +218,9 @@ class ChartSearch:
     def reference(self) -> bool:
         """Finds the truth: the richest model that can be run, at a tolerance that no longer matters."""
         for order in reversed(self.orders):
-            for legendre in reversed(self.bases):
+            for basis in ("legendre", "") if "legendre" in self.bases else ("",):
                 for shift in reversed(self.shifts[-3:]):
-                    if self._converge(self.model(order, shift + _SPARE * legendre, legendre)):
+                    if self._converge(self.model(order, shift + _SPARE * bool(basis), basis)):
                         for row in self.rows:
                             self.grade(row)
                         return True
@@ -226,10 +228,10 @@ class ChartSearch:
                         return False
         return False
 
-    def model(self, order: int | str, shift: int, legendre: bool) -> Model:
+    def model(self, order: int | str, shift: int, basis: str) -> Model:
         """The scene's own, with all beams changed alike."""
         model = self.models.uniform(order, shift)
-        return self.models.rebased(model) if legendre else model
+        return self.models.rebased(model, basis) if basis else model
 
     def _converge(self, model: Model) -> bool:
         high = BY_TOLERANCE | OVER_OUTPUTS  # of high order, so first
@@ -270,16 +272,16 @@ class ChartSearch:
         if len(orders) > 1:
             self.poorer["order"] = self.run(rich.but(order=orders[-2]), choice, value, _FIRST)
         if rich.basis:
-            self.poorer["modes"] = self.run(self.model(rich.order, rich.shift - 1, True), choice, value, _FIRST)
+            self.poorer["modes"] = self.run(self.model(rich.order, rich.shift - 1, rich.basis), choice, value, _FIRST)
         rows = [self.truth]
-        for legendre in self.bases if rich.basis else (False,):
-            at_order = [self.run(self.model(o, shifts[-1], legendre), choice, value, _FIRST) for o in reversed(orders)]
-            if rich.basis and not legendre:
+        for basis in self.bases if rich.basis else ("",):
+            at_order = [self.run(self.model(o, shifts[-1], basis), choice, value, _FIRST) for o in reversed(orders)]
+            if rich.basis and not basis:
                 self.poorer["basis"] = at_order[0]
             rows += at_order
             for row in best(r for r in at_order if r.status == "ok"):
                 for shift in reversed(shifts[:-1]):
-                    fewer = self.run(self.model(row.model.order, shift, legendre), choice, value, _FIRST)
+                    fewer = self.run(self.model(row.model.order, shift, basis), choice, value, _FIRST)
                     rows.append(fewer)
                     if row.model == rich and shift == shifts[-2]:
                         self.poorer["modes"] = fewer
