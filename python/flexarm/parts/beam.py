@@ -48,7 +48,9 @@ class Beam(Part):
             X = L, so that a coordinate is its share of the tip's displacement in m, or of its twist in rad), "legendre"
             (Legendre polynomials as strains, so that a coordinate is a curvature or twist in 1/m, a shear angle in rad
             or a stretch; well conditioned at any count), or "loaded" (modes of this beam, tapered or not,
-            clamped, with `basis_tip` on its end; each 1 at its largest deflection).
+            clamped, with `basis_tip` on its end; each 1 at its largest deflection). Clamped-free modes suit a beam that
+            carries nothing: they have no curvature at the end, where a payload or another link bends the beam. Three
+            or more Legendre polynomials follow that; a ModelWarning tells where it matters.
         order: of the rotation of the sections (Eq. 26). 0 is the paper's simplified model, which neither stiffens nor
             softens with speed; 1 softens; 2 has the right centrifugal stiffening; 3 and
             "exact" (no truncation) are for large bending and cost more.
