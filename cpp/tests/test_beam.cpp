@@ -19,6 +19,33 @@ TEST_CASE("Gauss-Legendre rules integrate polynomials of degree 2n - 1") {
   }
 }
 
+TEST_CASE("sections by their shape: limits that are known") {
+  const auto same = [](const Section& a, const Section& b, double relative) {
+    CHECK(a.area == doctest::Approx(b.area).epsilon(relative));
+    CHECK(a.second_moment_y == doctest::Approx(b.second_moment_y).epsilon(relative));
+    CHECK(a.second_moment_z == doctest::Approx(b.second_moment_z).epsilon(relative));
+    CHECK(a.torsion_constant == doctest::Approx(b.torsion_constant).epsilon(relative));
+  };
+  same(Section::tube(0.1, 0.03), Section::circle(0.1, 0.07), 1e-14);
+  same(Section::ellipse(0.2, 0.2), Section::circle(0.1), 1e-14);
+  same(Section::i_beam(0.2, 0.1, 0.01, 0.1 - 1e-9), Section::rectangle(0.2, 0.1), 1e-3);  // all web
+  const Section thin = Section::box(0.2, 0.1, 1e-5, 2e-5);                                // Bredt: 4 A^2 / (int ds/t)
+  CHECK(thin.torsion_constant == doctest::Approx(4 * 4e-4 / (0.4 / 2e-5 + 0.2 / 1e-5)).epsilon(1e-3));
+  CHECK(Section::tube(1.0, 1e-6).shear_correction.y == doctest::Approx(0.5).epsilon(1e-4));
+  const Section flat = Section::i_beam(0.2, 0.1, 0.01, 0.005, ShearCorrection(0.3, 0.6));
+  BeamOptions o;
+  o.modes[shear_y] = o.modes[shear_z] = 1;
+  o.basis = Basis::legendre;
+  const Material steel = flexarm_test::steel();
+  const Eigen::MatrixXd stiffness = Beam(1.0, flat, steel, o).stiffness();
+  CHECK(stiffness(0, 0) == doctest::Approx(0.3 * flat.area * steel.shear_modulus));
+  CHECK(stiffness(1, 1) == doctest::Approx(0.6 * flat.area * steel.shear_modulus));
+  CHECK_THROWS_WITH(Section::box(0.2, 0.1, 0.01, 0.05),
+                    "thickness = 0.05: must be less than half of z; a full section is a Rectangle");
+  CHECK_THROWS_WITH(Section::i_beam(0.2, 0.1, 0.1, 0.01),
+                    "flange = 0.1: must be less than half of y; a full section is a Rectangle");
+}
+
 TEST_CASE("shape functions are clamped, and each row is the derivative of the one above") {
   const double L = 0.7, h = 1e-4;
   for (Basis basis : {Basis::clamped_free, Basis::legendre})

@@ -9,7 +9,8 @@ Parts of an arm
     Joint                   what joints share: springs, stops, friction; their Placement. There are
                             Fixed Revolute Prismatic Cylindrical Universal Planar Spherical Free Axes
     RigidBody, Beam         the bodies; of a beam the Material and the section: Rectangle Circle Tube Ellipse Box IBeam
-                            GeneralSection SectionMatrix Taper
+                            GeneralSection Taper, or
+    SectionMatrix           any section, 6 x 6; laminate makes one of a list of Ply (Orthotropic), polygon of an outline
     Patch, Piezo            a piezo patch on a beam, and its material
     split                   a link in pieces that end where patches end
 What acts on it
@@ -68,7 +69,6 @@ from .acting.motor import Motor as Motor
 from .acting.sampled import LinearController as LinearController, Sampled as Sampled
 from .acting.shaping import Shaper as Shaper, input_shaper as input_shaper
 from .acting.voltage import Voltage as Voltage
-from .analysis.doubts import ModelWarning as ModelWarning
 from .analysis.equilibrium import StateWarning as StateWarning
 from .analysis.linear import Derivatives as Derivatives, LinearModel as LinearModel
 from .analysis.loops import LoopWarning as LoopWarning
@@ -103,7 +103,10 @@ from .parts.joints import (
 )
 from .parts.link import Link as Link
 from .parts.material import Material as Material
+from .parts.laminate import Orthotropic as Orthotropic, Ply as Ply, laminate as laminate
+from .parts.part import ModelWarning as ModelWarning
 from .parts.patch import Patch as Patch, Piezo as Piezo
+from .parts.polygon import polygon as polygon
 from .parts.sections import (
     Box as Box,
     Circle as Circle,

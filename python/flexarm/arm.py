@@ -15,10 +15,11 @@ from .acting.voltage import voltage_forces
 from .analysis import damping, describe, linear
 from .analysis import equilibrium as balance
 from .analysis import modes as modal
-from .analysis.doubts import ModelWarning, doubts
+from .analysis.doubts import doubts
 from .analysis.validity import range_warning, worst_range
 from .parts.chain import Chain
 from .parts.link import Link
+from .parts.part import ModelWarning
 from .parts.tables import ArmFile, read_file
 
 METHODS = ("ab", "ci")

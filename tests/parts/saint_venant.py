@@ -79,6 +79,32 @@ class Mesh:
         return second**2 / self.integral(np.ones_like(along)) / self.integral(along * (p[self.elements] @ _N.T))
 
 
+def classical_stiffness(m, moduli):
+    """Stiffness of (eps, K1, K2, K3) of an anisotropic section (4, 4): of the displacements w that warp it, three per
+    node, those of the least energy. Moduli: (element, 6, 6), stress by strain in the order xx yy zz yz xz xy."""
+    one, y, z = np.ones_like(m.y), m.y, m.z
+    e = np.zeros((*y.shape, 6, 4))
+    e[..., 0, 0], e[..., 0, 2], e[..., 0, 3] = one, z, -y
+    e[..., 5, 1], e[..., 4, 1] = -z, y
+    B = np.zeros((*y.shape, 6, 9, 3))
+    dy, dz = m.slope[..., 0, :], m.slope[..., 1, :]
+    B[..., 5, :, 0], B[..., 4, :, 0] = dy, dz
+    B[..., 1, :, 1], B[..., 3, :, 1] = dy, dz
+    B[..., 2, :, 2], B[..., 3, :, 2] = dz, dy
+    B = B.reshape(*y.shape, 6, 27)
+    stressed = np.einsum("ep,eij,epjk->epik", m.weight, moduli, B)
+    dof = (3 * m.elements[:, :, None] + np.arange(3)).reshape(-1, 27)
+    rows, columns = np.repeat(dof, 27, axis=1).ravel(), np.tile(dof, (1, 27)).ravel()
+    each = np.einsum("epij,epik->ejk", B, stressed)
+    K = csr_array(coo_array((each.ravel(), (rows, columns))))
+    load = np.zeros((K.shape[0], 4))
+    np.add.at(load, dof, np.einsum("epij,epik->ejk", stressed, e))
+    far = int(np.argmax(np.abs(m.nodes - m.nodes[0]).sum(axis=1)))
+    free = np.setdiff1d(np.arange(K.shape[0]), [0, 1, 2, 3 * far + 1])  # of the rigid motions, turning about x too
+    w = splu(K[free][:, free].tocsc()).solve(load[free])
+    return np.einsum("ep,epij,eik,epkl->jl", m.weight, e, moduli, e) - load[free].T @ w
+
+
 def grid(u, v, place=lambda u, v: (u, v), keep=lambda u, v: np.ones_like(u, dtype=bool), ring=False):
     """Elements between the lines u and v (odd in number: every second is the middle of elements) of a plane that
     `place` maps to the section's; of these those whose middle `keep` takes. A ring closes on itself in v."""

@@ -38,10 +38,6 @@ _OFF = 1e-3  # of a beam's length
 _OWN = 0.236  # of a beam's mass, that moves with its end in its first mode: 3 / 3.516^2
 
 
-class ModelWarning(UserWarning):
-    """A number of a model that can hardly be meant, with the unit or the remedy."""
-
-
 def _body(where: str, body: RigidBody, length: float) -> Iterator[str]:
     for name, place in (("com", body.com), ("end", body.end)):
         far = float(np.linalg.norm(place))
@@ -59,10 +55,11 @@ def _numbers(values: Iterable[float]) -> str:
     return "(" + ", ".join(f"{x:g}" for x in values) + ")"
 
 
-def _thickness(beam: Beam, axis: str) -> tuple[float, float]:
-    """Area (m^2) and second moment (m^4) against bending along an axis, at the clamp."""
+def _thickness(beam: Beam, axis: str) -> tuple[float, float, float]:
+    """At the clamp: area (m^2), second moment (m^4) against bending along an axis, area that bears shear along it."""
     section = (beam.section.at(0.0) if isinstance(beam.section, Taper) else beam.section)._core
-    return section.area, section.second_moment_z if axis == "y" else section.second_moment_y
+    second = section.second_moment_z if axis == "y" else section.second_moment_y
+    return section.area, second, section.area * section.shear_correction["yz".index(axis)]
 
 
 def _beam(where: str, beam: Beam) -> Iterator[str]:
@@ -84,7 +81,7 @@ def _beam(where: str, beam: Beam) -> Iterator[str]:
     if density > _DENSEST:
         yield f"{where}.material.density = {density:g} kg/m^3: no solid is so dense; what is its unit?"
     general = isinstance(beam.section, GeneralSection)  # its integrals may be but numbers
-    radii = [(i / a) ** 0.5 for a, i in (_thickness(beam, axis) for axis in "yz")]
+    radii = [(i / a) ** 0.5 for a, i, _ in (_thickness(beam, axis) for axis in "yz")]
     if (L > _LONG and L > _THIN * min(radii)) or beam.mass > _HEAVY:
         yield f"{where}.length = {L:g} m, of a beam of {beam.mass:.3g} kg, {min(radii):.3g} m thin: are they in mm?"
     thin, broad = (12**0.5 * f(radii) for f in (min, max))  # sides, of a rectangle
@@ -93,11 +90,11 @@ def _beam(where: str, beam: Beam) -> Iterator[str]:
         return
     for axis in "" if general or odd else "yz":
         if beam.counts.get(f"bending_{axis}") and not beam.counts.get(f"shear_{axis}"):
-            area, second = _thickness(beam, axis)
+            _, second, shear = _thickness(beam, axis)
             ratio = 2 * (1 + (0.3 if material.poisson_ratio is None else material.poisson_ratio))
             if material.shear_modulus is not None:
                 ratio = E / material.shear_modulus
-            share = 3 * ratio * second / (5 / 6 * area * L * L)
+            share = 3 * ratio * second / (shear * L * L)
             if share > _SHEAR:
                 yield (
                     f"{where}: is so short for its thickness that shear adds {100 * share:.2g} % to the deflection of "

@@ -17,9 +17,10 @@ from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage
-from ..analysis.doubts import ModelWarning, coarse
+from ..analysis.doubts import coarse
 from ..analysis.validity import range_warning
 from ..arm import Arm
+from ..parts.part import ModelWarning
 from ..run.pace import beyond_explicit
 from ..run.simulation import INTEGRATORS, check_integrator
 from .arguments import STEPPERS, check_memory, check_options, default_workers, forces, rows, scenario_count

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..acting.sampled import Sampled
-from ..analysis.doubts import ModelWarning
 from ..analysis.validity import RangeWarning
 from ..arm import Arm
+from ..parts.part import ModelWarning
 from ..run.result import Result
 from ..run.simulation import simulate
 from ..run.watch import Watch

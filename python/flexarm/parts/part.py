@@ -10,6 +10,10 @@ from .._check import plain
 from .arguments import with_inherited
 
 
+class ModelWarning(UserWarning):
+    """A number of a model that can hardly be meant, with the unit or the remedy."""
+
+
 class Part:
     """Holds the core's counterpart in `_core`, outside equality, printing and pickling."""
 

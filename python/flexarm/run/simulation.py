@@ -17,9 +17,10 @@ from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage
 from ..analysis import loops
-from ..analysis.doubts import ModelWarning, coarse
+from ..analysis.doubts import coarse
 from ..analysis.validity import SILENT, out_of_range
 from ..arm import METHODS, Arm
+from ..parts.part import ModelWarning
 from .pace import Pace, beyond_explicit, explicit_limit
 from .problem import Problem
 from .result import Result

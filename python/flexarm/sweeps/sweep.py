@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .._console import progress_bar
-from ..analysis.doubts import ModelWarning, coarse
+from ..analysis.doubts import coarse
 from ..analysis.validity import RangeWarning, range_warning
 from ..batch.arguments import default_workers
 from ..batch.job import FAILED, Job
@@ -21,6 +21,7 @@ from ..batch.rollout import NOT_DONE
 from ..batch.runner import Runner
 from ..batch.simulate import make_job, warn_of_steps
 from ..batch.storage import File, Memory
+from ..parts.part import ModelWarning
 from ..scene.scene import Scene, load
 from ..store.files import named
 from .quantities import RunSummary, check_quantities, quantity

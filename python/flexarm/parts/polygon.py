@@ -1,0 +1,103 @@
+"""Sections of any outline, by finite elements of the library sectionproperties."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .._check import Array, array, whole
+from .material import Material
+from .sections import SectionMatrix
+
+Points = Sequence[Sequence[float]]
+
+
+def polygon(points: Points, material: Material, holes: Sequence[Points] = (), elements: int = 1000) -> SectionMatrix:
+    """Section of any outline, about the origin of its points: the beam's axis.
+
+    Torsion is Saint-Venant's, with free warping, about the shear centre; bending is about the centroid; shear has the
+    energy of the shear flow with Poisson's ratio zero, as that of the other sections. Where these points are not the
+    origin, or the axes are not principal, the matrix has the couplings.
+
+    Args:
+        points: (n, 2), y and z of the corners (m), in turn.
+        material: with poisson_ratio or shear_modulus.
+        holes: outlines of holes, as `points`.
+        elements: how many triangles the section is divided into, about. Thin walls need more: two across them.
+
+    Returns:
+        SectionMatrix, which holds the material.
+
+    Raises:
+        ImportError: without sectionproperties: pip install 'flexarm[sections]'.
+        ValueError: naming the field and the value.
+    """
+    try:
+        from sectionproperties.analysis import Section
+        from sectionproperties.pre import Geometry
+    except ImportError as e:
+        raise ImportError("polygon needs sectionproperties: pip install 'flexarm[sections]'") from e
+    if not isinstance(material, Material):
+        raise ValueError(f"material = {material!r}: must be a Material")
+    if not material._core.shear_modulus > 0.0:
+        raise ValueError(f"material = {material!r}: must have a poisson_ratio or a shear_modulus")
+    if whole("elements", elements) < 20:
+        raise ValueError(f"elements = {elements}: must be at least 20")
+    outline, inner = _corners("points", points), [_corners(f"holes[{k}]", h) for k, h in enumerate(holes)]
+    at, size = outline.mean(axis=0), float(np.ptp(outline, axis=0).max())
+    shape = _shape(outline, inner, at, size)
+    geometry = Geometry(shape).create_mesh(mesh_sizes=[shape.area / elements])
+    section = Section(geometry)
+    section.calculate_geometric_properties()
+    section.calculate_warping_properties()
+    return _assembled(section.section_props, section.get_sc(), material, at, size)
+
+
+def _corners(field: str, points: Any) -> Array:
+    out = array(field, points)
+    if out.ndim != 2 or out.shape[1] != 2 or len(out) < 3:
+        raise ValueError(f"{field} has shape {out.shape}: must be three corners (y, z) or more")
+    if not np.ptp(out, axis=0).min() > 0.0:
+        raise ValueError(f"{field}: must enclose an area; all its corners lie on a line")
+    return out
+
+
+def _shape(outline: Array, holes: Sequence[Array], at: Array, size: float) -> Any:
+    """The section, of unit size about the origin."""
+    from shapely import Polygon
+    from shapely.validation import explain_validity
+
+    for field, one in (("points", outline), *((f"holes[{k}]", h) for k, h in enumerate(holes))):
+        if not Polygon(one).is_valid:
+            raise ValueError(f"{field}: must not cross itself: {explain_validity(Polygon(one))} (m)")
+    for k, hole in enumerate(holes):
+        if not Polygon(outline).contains_properly(Polygon(hole)):
+            raise ValueError(f"holes[{k}]: must lie inside the outline, and not touch it")
+    shape = Polygon((outline - at) / size, [(h - at) / size for h in holes])
+    if not shape.is_valid:
+        raise ValueError(f"holes: must not touch nor overlap: {explain_validity(shape)}")
+    return shape
+
+
+def _assembled(of: Any, shear_centre: tuple[float, float], material: Material, at: Array, size: float) -> SectionMatrix:
+    """Matrices about the origin, from the properties of the section of unit size, whose x and y are the beam's y, z."""
+    E, G, density = material.youngs_modulus, material._core.shear_modulus, material.density
+    (y, z), (ys, zs) = at + size * np.array([of.cx, of.cy]), at + size * np.array(shear_centre)
+    area = size**2 * of.area
+    iy, iz, iyz = (size**4 * i for i in (of.ixx_c, of.iyy_c, of.ixy_c))
+    # strains at the centroid (eps, K2, K3; a fibre is strained by eps + z K2 - y K3) and at the shear centre (phi12,
+    # phi13, K1), by those at the origin
+    T = np.eye(6)
+    T[0, 4:] = z, -y
+    T[1:3, 3] = -zs, ys
+    K = np.zeros((6, 6))
+    K[0, 0], K[3, 3] = E * area, G * size**4 * of.j
+    K[4:, 4:] = E * np.array([[iy, -iyz], [-iyz, iz]])
+    flexible = np.array([[1 / of.a_sx, 1 / of.a_sxy], [1 / of.a_sxy, 1 / of.a_sy]])
+    K[1:3, 1:3] = G * size**2 * np.linalg.inv(flexible)
+    m, c = density * area, np.array([[0.0, -z, y], [z, 0.0, 0.0], [-y, 0.0, 0.0]])
+    about = density * np.array([[iy + iz, 0, 0], [0, iy, -iyz], [0, -iyz, iz]]) - m * c @ c
+    stiffness, inertia = T.T @ K @ T, np.block([[m * np.eye(3), -m * c], [m * c, about]])
+    return SectionMatrix(*((0.5 * (A + A.T) + 0.0).tolist() for A in (stiffness, inertia)))

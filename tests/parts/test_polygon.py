@@ -1,0 +1,77 @@
+"""Sections of any outline, against the shapes and closed forms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import flexarm as fa
+import numpy as np
+import pytest
+
+pytest.importorskip("sectionproperties")
+
+STEEL = fa.Material(7850.0, 209e9, poisson_ratio=0.3)
+
+
+def rectangle(y: float, z: float) -> np.ndarray:
+    return np.array([[-y, -z], [y, -z], [y, z], [-y, z]]) / 2
+
+
+def close(one: fa.SectionMatrix, other: fa.SectionMatrix, rel: float) -> None:
+    for name in ("stiffness", "inertia"):
+        expected = np.array(getattr(other, name))
+        size = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
+        np.testing.assert_allclose(np.array(getattr(one, name)) / size, expected / size, atol=rel, err_msg=name)
+
+
+def test_a_rectangle_wherever_it_lies() -> None:
+    corners = rectangle(0.01, 0.02)
+    close(fa.polygon(corners, STEEL), fa.SectionMatrix.of(fa.Rectangle(0.01, 0.02), STEEL), 1e-3)
+    c, s = np.cos(0.4), np.sin(0.4)
+    moved = corners @ np.array([[c, s], [-s, c]]) + (0.003, -0.008)
+    expected = fa.SectionMatrix.of(fa.Rectangle(0.01, 0.02), STEEL, y=0.003, z=-0.008, angle=0.4)
+    close(fa.polygon(moved, STEEL), expected, 1e-3)
+
+
+@pytest.mark.parametrize("thickness", [0.002, 0.005])
+def test_a_hollow_one_is_the_box(thickness: float) -> None:
+    inner = rectangle(0.04 - 2 * thickness, 0.06 - 2 * thickness)
+    got = fa.polygon(rectangle(0.04, 0.06), STEEL, holes=[inner])
+    expected = fa.SectionMatrix.of(fa.Box(0.04, 0.06, thickness), STEEL)
+    close(got, expected, 0.03)  # so good is the box's shear; of the others:
+    for k in (0, 3, 4, 5):
+        assert got.stiffness[k][k] == pytest.approx(expected.stiffness[k][k], rel=1e-3)
+    h, b = 0.04 - thickness, 0.06 - thickness
+    bredt = 2 * thickness * (h * b) ** 2 / (h + b)
+    assert got.stiffness[3][3] == pytest.approx(STEEL._core.shear_modulus * bredt, rel=0.08)
+
+
+def test_a_channels_shear_centre() -> None:
+    """Behind the web, 3 b^2 / (h + 6 b) from its middle (thin walls)."""
+    h, b, t = 0.1, 0.05, 0.002
+    y, z, w = b, h / 2 + t / 2, t / 2
+    outline = [(-w, -z), (y, -z), (y, t - z), (w, t - z), (w, z - t), (y, z - t), (y, z), (-w, z)]
+    section = fa.polygon(outline, STEEL, elements=2000)
+    F = np.linalg.inv(np.array(section.stiffness))
+    assert -F[3, 2] / F[3, 3] == pytest.approx(-3 * b**2 / (h + 6 * b), rel=0.02)  # y of a force along z without twist
+    assert F[3, 1] / F[3, 3] == pytest.approx(0.0, abs=1e-5)
+    assert section.com == pytest.approx((b**2 / (h + 2 * b), 0.0), rel=0.02, abs=1e-6)
+    assert 1 / F[3, 3] == pytest.approx(STEEL._core.shear_modulus * (h + 2 * b) * t**3 / 3, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"points": [[0, 0], [1, 0]]}, r"points has shape \(2, 2\): must be three corners"),
+        ({"points": [[0, 0], [1, 0], [2, 0]]}, r"points: must enclose an area"),
+        ({"points": [[0, 0], [1, 1], [1, 0], [0, 1]]}, r"points: must not cross itself"),
+        ({"points": [[0, 0], [1, np.nan], [1, 0]]}, r"points.* must be finite"),
+        ({"holes": [rectangle(0.02, 0.001)]}, r"holes\[0\]: must lie inside the outline"),
+        ({"holes": [rectangle(0.002, 0.001), rectangle(0.001, 0.002)]}, r"holes: must not touch nor overlap"),
+        ({"material": fa.Material(1.0, 1.0)}, r"material = .*: must have a poisson_ratio"),
+        ({"elements": 3}, r"elements = 3: must be at least 20"),
+    ],
+)
+def test_bad_polygons(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        fa.polygon(**{"points": rectangle(0.01, 0.02), "material": STEEL} | change)
