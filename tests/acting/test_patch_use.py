@@ -231,7 +231,7 @@ BAD = [
     (lambda: bad(profile={"x": [0, 1], "shar": [1, 1]}), r"profile: unknown key 'shar'; did you mean 'share'"),
     (lambda: bad(profile=lambda x: abs(x - 0.04)), r"profile: a callable must be smooth .* samples"),
     (lambda: bad(profile=0.5), r"profile has shape \(\): must be a callable, or two samples"),
-    (lambda: bonded(section=fa.GeneralSection(2e-5, 1e-12, 1e-12, 1e-12)), r"patches\[0\].offset = None: a section without such a face"),
+    (lambda: bonded(section=fa.GeneralSection(2e-5, 1e-12, 1e-12, 1e-12)), r"patches\[0\].offset = None: a section"),
     (lambda: strip(7), r"patches = \[7\]: must be a list of Patch"),
     (lambda: fa.Piezo(-1, 0.3, 7500, 0), r"youngs_modulus = -1: must be positive"),
     (lambda: fa.Piezo(6e10, 0.7, 7500, 0), r"poisson_ratio = 0.7"),

@@ -151,7 +151,7 @@ def test_small_perturbation_follows_the_linear_model() -> None:
     quadratic terms are 1e-5 of the linear ones."""
     from scipy.linalg import expm
 
-    beam = fa.Beam(0.5, fa.Rectangle(0.004, 0.02), STEEL, {"bending_y": 2}, order=2, damping_ratio=0.02)
+    beam = fa.Beam(0.5, fa.Rectangle(0.004, 0.02), STEEL, {"bending_y": 2}, "legendre", damping_ratio=0.02)
     tip = fa.RigidBody(0.2, end=(0.02, 0, 0))
     arm = fa.Arm([fa.Link(fa.Revolute("z", damping=0.01), BODY, beam, tip)] * 2, gravity=(0, -G, 0))
     q = arm.equilibrium()

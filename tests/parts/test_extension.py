@@ -71,6 +71,7 @@ def test_a_spinning_rod(order) -> None:
         np.testing.assert_allclose(arm.deflection(found, 0, x), [u, 0, 0], rtol=1e-8, atol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore::flexarm.ModelWarning")
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("modes", [{"bending_y": 2}, {"bending_y": 1, "bending_z": 1, "torsion": 1, "shear_z": 1}])
 def test_energy_is_kept(order, modes: dict) -> None:

@@ -179,12 +179,13 @@ def simulate_batch(
     """
     if isinstance(arm, Arm):
         arm._warn()
-        for text in coarse(arm):
-            warnings.warn(text, ModelWarning, stacklevel=2)
     job, count = make_job(
         arm, t, q0, v0, tau, drive=drive, loads=loads, control=control, parameters=parameters, outputs=outputs,
         every=every, integrator=integrator, step=step, rtol=rtol, spectral_radius=spectral_radius, **options,
     )  # fmt: skip
+    if isinstance(arm, Arm):
+        for text in coarse(arm, drive, control):
+            warnings.warn(text, ModelWarning, stacklevel=2)
     workers = default_workers(1 if workers is None and executor is not None else workers)
     if not out:
         what = f"outputs: {count} scenarios of {job.rows} rows"

@@ -22,10 +22,9 @@ _AGREE = 1e-8
 _FINEST = 3e-7  # no line goes below this error
 _WORST = 0.1  # models further off are not timed at other settings
 _FIRST, _NEXT = 0.2, 0.1  # share of the budget that a run for the truth may take
-_SPARE = 2  # modes more that another basis has than the truth
+_SPARE = 2  # modes more that the truth has in Legendre polynomials
 _AWAY = 100.0  # an error that counts as a failure
 _FAILURES = 8  # halvings (decades) in a row that may fail
-_MARGIN = 1.1  # the run in another basis is off by a little, too
 _SAMPLES = 501  # times at which trajectories are compared
 _REPEATS = 3  # of short runs, whose least time counts
 
@@ -51,8 +50,9 @@ class Truth:
         span: by unit, the largest range of any one component of the quantity.
         modes, order, tolerance: distance over the span between this run and the next-richest in modes (one less
             for each strain), in order, and in tolerance (or step); None where there is none, inf if it was not run.
-        basis: the same from a run in Legendre polynomials, two more for each strain: modes of a free beam converge
-            slowly under a payload, and one less says little of that. None where they may not stand in, or already do.
+        basis: the same from the richest run in the scene's basis, where the truth is in Legendre polynomials, and inf
+            where it should be, but is not: modes of a free beam converge slowly under a payload, and one less says
+            little of that. None where Legendre polynomials may not stand in, or stand in already.
         poorer: what those other runs are, in words.
     """
 
@@ -66,9 +66,10 @@ class Truth:
 
     @property
     def uncertainty(self) -> float:
-        """The largest of the distances that say how far the truth may be off; exact rotation cuts nothing more."""
+        """The largest of the distances that say how far the truth may be off; exact rotation cuts nothing more, and
+        another basis that is poorer tells nothing."""
         order = None if self.row.model.order == "exact" else self.order
-        basis = None if self.basis is None else _MARGIN * self.basis
+        basis = None if self.row.model.basis else self.basis
         return max((d for d in (self.modes, order, self.tolerance, basis) if d is not None), default=0.0)
 
     def to_dict(self) -> dict[str, Any]:
@@ -88,8 +89,9 @@ class ChartSearch:
     Attributes:
         rows: all runs so far.
         truth: the richest converged run; `looser` the same at the next looser tolerance, `tolerance` their distance.
-        poorer: the runs with one mode less per strain ("modes") and of the next order ("order"), and that in another
-            basis ("basis"), with modes to spare.
+        poorer: the runs with one mode less per strain ("modes"), of the next order ("order"), and in the scene's basis
+            ("basis").
+        bases: those that models are charted in; "": the scene's.
         methods: by integrator, distance of "ci" from "ab" and its time over that of "ab".
     """
 
@@ -104,6 +106,9 @@ class ChartSearch:
         self.poorer: dict[str, Run] = {}
         self.methods: dict[str, tuple[float, float]] = {}
         self.shifts, self.orders = self.models.shifts, self.models.orders
+        given = self.models.uniform(self.orders[-1], 0)
+        others = ("legendre", "loaded", "clamped-free")
+        self.bases = ["", *(basis for basis in others if self.models.rebased(given, basis) != given)]
 
     @property
     def rows(self) -> list[Run]:
@@ -132,12 +137,14 @@ class ChartSearch:
         poorer = {name: row.model.label for name, row in self.poorer.items() if row.error is not None}
         if self.looser is not None:
             poorer["tolerance"] = f"{self.looser.setting} {self.looser.value:.3g}"
+        fewer = len(self.shifts) > 1 or bool(self.truth.model.basis)
         modes, order = (
-            None if len(choices) == 1 else self.poorer[name].error if name in poorer else math.inf
-            for name, choices in (("modes", self.shifts), ("order", self.orders))
+            None if not some else self.poorer[name].error if name in poorer else math.inf
+            for name, some in (("modes", fewer), ("order", len(self.orders) > 1))
         )
         other = self.poorer.get("basis")
-        basis = None if other is None else math.inf if other.error is None else other.error
+        basis = None if other is None and "legendre" not in self.bases else math.inf
+        basis = other.error if other is not None and other.error is not None else basis
         return Truth(self.truth, self.measure.span, modes, order, self.tolerance, basis, poorer)
 
     # -- one run -----------------------------------------------------------------------------------------------------
@@ -211,14 +218,20 @@ class ChartSearch:
     def reference(self) -> bool:
         """Finds the truth: the richest model that can be run, at a tolerance that no longer matters."""
         for order in reversed(self.orders):
-            for shift in reversed(self.shifts[-3:]):
-                if self._converge(self.models.uniform(order, shift)):
-                    for row in self.rows:
-                        self.grade(row)
-                    return True
-                if self.budget.left <= 0:
-                    return False
+            for basis in ("legendre", "") if "legendre" in self.bases else ("",):
+                for shift in reversed(self.shifts[-3:]):
+                    if self._converge(self.model(order, shift + _SPARE * bool(basis), basis)):
+                        for row in self.rows:
+                            self.grade(row)
+                        return True
+                    if self.budget.left <= 0:
+                        return False
         return False
+
+    def model(self, order: int | str, shift: int, basis: str) -> Model:
+        """The scene's own, with all beams changed alike."""
+        model = self.models.uniform(order, shift)
+        return self.models.rebased(model, basis) if basis else model
 
     def _converge(self, model: Model) -> bool:
         high = BY_TOLERANCE | OVER_OUTPUTS  # of high order, so first
@@ -254,22 +267,26 @@ class ChartSearch:
         assert self.truth is not None
         choice, value, rich = self.truth.choice, self.truth.value, self.truth.model
         orders = self.orders[: self.orders.index(rich.order) + 1]
-        shifts = self.shifts[: self.shifts.index(rich.shift) + 1]
-        at_order = [self.run(self.models.uniform(o, rich.shift), choice, value, _FIRST) for o in reversed(orders)]
-        other = self.models.rebased(self.models.uniform(rich.order, rich.shift + _SPARE))
-        if other.basis:
-            self.poorer["basis"] = self.run(other, choice, value, _FIRST)
+        spare = _SPARE * bool(rich.basis)
+        shifts = self.shifts[: self.shifts.index(rich.shift - spare) + 1]
         if len(orders) > 1:
-            self.poorer["order"] = at_order[1]
-        rows = list(at_order)
-        for row in best(r for r in at_order if r.status == "ok"):
-            for shift in reversed(shifts[:-1]):
-                fewer = self.run(self.models.uniform(row.model.order, shift), choice, value, _FIRST)
-                rows.append(fewer)
-                if row.model == rich and shift == shifts[-2]:
-                    self.poorer["modes"] = fewer
-                if fewer.error is not None and fewer.error > _WORST:
-                    break
+            self.poorer["order"] = self.run(rich.but(order=orders[-2]), choice, value, _FIRST)
+        if rich.basis:
+            self.poorer["modes"] = self.run(self.model(rich.order, rich.shift - 1, rich.basis), choice, value, _FIRST)
+        rows = [self.truth]
+        for basis in self.bases if rich.basis else ("",):
+            at_order = [self.run(self.model(o, shifts[-1], basis), choice, value, _FIRST) for o in reversed(orders)]
+            if rich.basis and not basis:
+                self.poorer["basis"] = at_order[0]
+            rows += at_order
+            for row in best(r for r in at_order if r.status == "ok"):
+                for shift in reversed(shifts[:-1]):
+                    fewer = self.run(self.model(row.model.order, shift, basis), choice, value, _FIRST)
+                    rows.append(fewer)
+                    if row.model == rich and shift == shifts[-2]:
+                        self.poorer["modes"] = fewer
+                    if fewer.error is not None and fewer.error > _WORST:
+                        break
         own = self.own_model()
         if own is not None:
             rows.append(self.run(own, choice, value, _FIRST))

@@ -12,7 +12,7 @@ import numpy as np
 from ..acting.control import control_laws
 from ..acting.sampled import Sampled
 from ..arm import Arm
-from ..parts.beam import STRAINS, Beam
+from ..parts.beam import STRAINS, Beam, RigidBody
 from ..parts.link import Link
 from ..parts.sections import SectionMatrix, Taper
 from ..scene.scene import Scene, load
@@ -170,16 +170,16 @@ def model_of(beam: Beam | None) -> BeamModel | None:
     return BeamModel(tuple(beam.counts.get(s, 0) for s in STRAINS), beam.order, beam.rotary_inertia, beam.gauss_points)
 
 
-def beam_at(beam: Beam, model: BeamModel) -> Beam:
-    """The beam so modelled; strain shapes of the user's own are left out from the last on, never added to; its order is
-    as high as it must be."""
+def beam_at(beam: Beam, model: BeamModel, tip: RigidBody | None = None) -> Beam:
+    """The beam so modelled; strain shapes of the user's own are left out from the last on, never added to; its order
+    is as high as it must be. Modes of the loaded basis are those with this tip."""
     modes: dict[str, Any] = {}
     for strain, n in zip(STRAINS, model.counts, strict=True):
         own = beam.modes.get(strain)
         if n:
             modes[strain] = list(own[:n]) if isinstance(own, tuple) else n
     given = {f.name: getattr(beam, f.name) for f in fields(beam) if f.init}
-    basis = {} if model.basis is None else {"basis": model.basis, "basis_tip": None}
+    basis = {} if model.basis is None else {"basis": model.basis, "basis_tip": tip if model.basis == "loaded" else None}
     order = max(model.order, lowest_order(beam), key=ORDERS.index)
     choice = {"modes": modes, "order": order, "rotary_inertia": model.rotary, "gauss_points": model.gauss}
     made = Beam(**{**given, **choice, **basis, "damping": ()})
@@ -191,15 +191,6 @@ def damping_in(beam: Beam, other: Beam) -> list[list[float]]:
     P = nearest(beam, other)
     D = P.T @ np.array(other.damping) @ P
     return [[float(v) for v in row] for row in 0.5 * (D + D.T)]
-
-
-def other_basis(beam: Beam | None) -> str | None:
-    """A basis that may stand in for that of a beam: Legendre polynomials meet the conditions at a loaded tip, and what
-    a patch does, with fewer functions than modes of a free beam. None where nothing else may stand in: strains of the
-    user's own."""
-    if beam is None or beam.basis == "legendre" or any(isinstance(m, tuple) for m in beam.modes.values()):
-        return None
-    return "legendre"
 
 
 class Models:
@@ -280,10 +271,22 @@ class Models:
 
         return replace(self.given.each(change), shift=shift)
 
-    def rebased(self, model: Model) -> Model:
-        """The model in Legendre polynomials, where they may stand in."""
+    def rebased(self, model: Model, basis: str = "legendre") -> Model:
+        """The model in another basis, where that may stand in: Legendre polynomials do; "clamped-free"; or "loaded",
+        with the tip of the last link."""
         links = self.scene.arm.links
-        return model.each(lambda k, b: replace(b, basis=other_basis(links[k].beam)) if b.basis is None else b)
+
+        def change(k: int, b: BeamModel) -> BeamModel:
+            beam, tip = links[k].beam, links[k].tip
+            if b.basis is not None or beam is None or beam.basis == basis:
+                return b
+            if any(isinstance(m, tuple) for m in beam.modes.values()):  # strains of the user's own
+                return b
+            if basis == "loaded" and not (k == len(links) - 1 and tip is not None and tip.mass):
+                return b
+            return replace(b, basis=basis)
+
+        return model.each(change)
 
     def items(self, model: Model) -> Iterator[tuple[list[int], int, int]]:
         """(group, strain, count) of every strain that the model has."""
@@ -305,7 +308,7 @@ class Models:
                 if key not in made:
                     made[key] = link
                     if link.beam is not None and beam is not None and beam != self.given.beams[k]:
-                        made[key] = Link(link.joint, link.hub, beam_at(link.beam, beam), link.tip)
+                        made[key] = Link(link.joint, link.hub, beam_at(link.beam, beam, link.tip), link.tip)
                     for feature in left:
                         made[key] = feature.leave_out(made[key])
                 links.append(made[key])

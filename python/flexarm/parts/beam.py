@@ -35,11 +35,11 @@ class Beam(Part):
         length: m.
         section: a Rectangle, Circle, Tube, Ellipse, Box, IBeam, GeneralSection or SectionMatrix, or a Taper of these.
         material: a Material; None for a SectionMatrix, which has its own.
-        modes: for each strain, `bending_y`, `bending_z`, `torsion`, `shear_y`, `shear_z`, `extension`, how many shape
-            functions of the basis, or a list of strain shapes of your own; those left out are zero. The beam's elastic
-            coordinates stand in that order (Eq. 33; the paper has no extension). Each shape of your own is a callable
-            of x (m), samples at equal steps from the clamp to the tip, {"x": ..., "strain": ...} or Legendre
-            coefficients {"legendre": ...}; it is the strain (Eq. 28-32): the curvature v'' of bending, not the
+        modes: must be given: for each strain, `bending_y`, `bending_z`, `torsion`, `shear_y`, `shear_z`, `extension`,
+            how many shape functions of the basis, or a list of strain shapes of your own; those left out are zero. The
+            beam's elastic coordinates stand in that order (Eq. 33; the paper has no extension). Each shape of your own
+            is a callable of x (m), samples at equal steps from the clamp to the tip, {"x": ..., "strain": ...} or
+            Legendre coefficients {"legendre": ...}; it is the strain (Eq. 28-32): the curvature v'' of bending, not the
             deflection. They must be independent. Sections move by x' = R (1 + eps, phi12, phi13), with eps the
             extension: of its terms orders 0 and 1 have eps itself, order 2 its products with a slope too, order 3 those
             with two slopes. At orders 0 to 2 a beam that stretches is reckoned in space, also where it moves in a
@@ -48,7 +48,9 @@ class Beam(Part):
             X = L, so that a coordinate is its share of the tip's displacement in m, or of its twist in rad), "legendre"
             (Legendre polynomials as strains, so that a coordinate is a curvature or twist in 1/m, a shear angle in rad
             or a stretch; well conditioned at any count), or "loaded" (modes of this beam, tapered or not,
-            clamped, with `basis_tip` on its end; each 1 at its largest deflection).
+            clamped, with `basis_tip` on its end; each 1 at its largest deflection). Clamped-free modes suit a beam that
+            carries nothing: they have no curvature at the end, where a payload or another link bends the beam. Three
+            or more Legendre polynomials follow that; a ModelWarning tells where it matters.
         order: of the rotation of the sections (Eq. 26). 0 is the paper's simplified model, which neither stiffens nor
             softens with speed; 1 softens; 2 has the right centrifugal stiffening; 3 and
             "exact" (no truncation) are for large bending and cost more.

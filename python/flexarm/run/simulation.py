@@ -253,7 +253,7 @@ def simulate(
         SlowWarning: "ida" takes very many steps; what they follow, if that is known, and what to do. While it runs.
         StepWarning: steps of "rk4" above its limit.
         WatchWarning: what `watch` asks for.
-        ModelWarning: a beam with too few shape functions for what it carries.
+        ModelWarning: a beam with too few shape functions for what it carries, or of a basis that does not suit it.
     """
     # Long for its docstring, which is the reference of every option.
     choice("method", method, METHODS)
@@ -264,8 +264,6 @@ def simulate(
     if not isinstance(watch, (bool, Watch)):
         raise ValueError(f"watch = {watch!r}: must be True, False or a Watch")
     arm._warn()
-    for text in coarse(arm):
-        warnings.warn(text, ModelWarning, stacklevel=2)
     run = Problem(arm, t, q0, v0, tau, drive, loads, control, events)
     options = _settings(integrator, rtol, atol, **special, step=step, stages=stages)
     begin, end = float(run.times[0]), float(run.times[-1])
@@ -279,6 +277,9 @@ def simulate(
     result = run.result(out)
     for warning in _judged(run, out, result, integrator, options["step"]):
         warnings.warn(warning, stacklevel=2)
+    if not SILENT.get():
+        for text in coarse(arm, drive, control, tau, (result.t, result.q, result.v)):
+            warnings.warn(text, ModelWarning, stacklevel=2)
     if watch:
         (Watch.usual(arm) if watch is True else watch).warn(result)
     return result

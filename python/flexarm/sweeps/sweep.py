@@ -71,7 +71,7 @@ def sweep(
     if plan.trajectories and out is None:
         raise ValueError("trajectories = true: needs a folder to write them to, out=")
     scene.arm._warn()
-    for text in coarse(scene.arm):
+    for text in coarse(scene.arm, scene.drive, scene.control):
         warnings.warn(text, ModelWarning, stacklevel=2)
     job, count = _job(scene, plan)
     workers = default_workers(1 if workers is None and executor is not None else workers)
