@@ -161,7 +161,7 @@ def test_a_moment_on_the_end_asks_for_another_basis() -> None:
     loads = {"1.4": fa.Load(moment=(0, 0, 2.0)), "0.14": fa.Load(force=(0, 50.0, 0))}
     for says, load in loads.items():
         times = np.linspace(0, 0.5, 51)
-        with pytest.warns(fa.ModelWarning, match=f"leave out {says} % .* under the load there.* legendre"):
+        with pytest.warns(fa.ModelWarning, match=f"leave out {says} % .* under the load there.*legendre"):
             fa.simulate(made["clamped-free"], times, drive=held, loads=[load])
         fa.simulate(made["legendre"], times, drive=held, loads=[load])
     fa.simulate(made["clamped-free"], [0, 0.01], drive=held, loads=[fa.Load(moment=(0, 0, 1e-3))])  # hardly bends
