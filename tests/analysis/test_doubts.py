@@ -119,6 +119,9 @@ def test_links_that_are_carried_count_and_tapers_are_measured() -> None:
     assert 1 - sag(light) / fine == pytest.approx(share, rel=0.05)
 
 
+BASES = ("clamped-free", "legendre")
+
+
 def moved(made: fa.Arm, drive: dict[int, Any]) -> np.ndarray:
     return fa.simulate(made, np.linspace(0, 1, 51), drive=drive, integrator="gauss", step=0.01).frame()[0]
 
@@ -150,6 +153,18 @@ def test_a_basis_that_loses_a_thousandth_of_the_span_is_said_and_no_other(carrie
     if said and n > 2:
         assert off("legendre") < 0.1 * wrong  # without a warning
     assert bool(said) == (carries == "link" or (carries == "tip" and n < 4))
+
+
+def test_a_moment_on_the_end_asks_for_another_basis() -> None:
+    made = {b: arm(modes={"bending_y": 3}, basis=b, section=fa.Rectangle(0.002, 0.02), order="exact") for b in BASES}
+    held = {0: fa.Motion([0, 1], [0, 0])}
+    loads = {"1.4": fa.Load(moment=(0, 0, 2.0)), "0.14": fa.Load(force=(0, 50.0, 0))}
+    for says, load in loads.items():
+        times = np.linspace(0, 0.5, 51)
+        with pytest.warns(fa.ModelWarning, match=f"leave out {says} % .* under the load there.*legendre"):
+            fa.simulate(made["clamped-free"], times, drive=held, loads=[load])
+        fa.simulate(made["legendre"], times, drive=held, loads=[load])
+    fa.simulate(made["clamped-free"], [0, 0.01], drive=held, loads=[fa.Load(moment=(0, 0, 1e-3))])  # hardly bends
 
 
 def test_a_joint_that_gives_way_passes_no_moment_on() -> None:

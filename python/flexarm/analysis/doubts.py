@@ -35,6 +35,9 @@ _SHEAR = 0.05  # of the static tip deflection; shear's share: a beam a quarter a
 _COUPLED = 0.01  # of a strain's stiffness, by another that is held
 _MISSING = {"bending_y": 0.01, "bending_z": 0.01, "torsion": 0.15}  # share of the static compliance; see coarse
 _OFF = 1e-3  # of a beam's length
+_LOAD = "the load there"
+_LOOKS = 5  # at a load, in a run
+_MOST = 16  # ways of holding an arm that are kept
 _OWN = 0.236  # of a beam's mass, that moves with its end in its first mode: 3 / 3.516^2
 
 
@@ -138,6 +141,7 @@ class _Stiffened:
         heavy: whether that is heavier than the beam.
         carried: displacement (m) of what it carries by a unit of each of the strain's coordinates, (n,).
         first: where these stand in the arm's v.
+        under: what pulls.
     """
 
     link: int
@@ -147,9 +151,10 @@ class _Stiffened:
     heavy: bool
     carried: Array
     first: int
+    under: str = "what it carries"
 
 
-_KNOWN: WeakKeyDictionary[_core.Arm, dict[frozenset[int], list[_Stiffened]]] = WeakKeyDictionary()  # every run asks
+_KNOWN: WeakKeyDictionary[_core.Arm, dict[Any, list[_Stiffened]]] = WeakKeyDictionary()  # every run asks
 #: of each strain: what it moves of the end, of x y z and the rotations about them; the second's sign by the first; and
 #: the section's integral
 _MOVES = {
@@ -190,8 +195,21 @@ def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
     return A
 
 
-def _stiffened(arm: Chain, k: int, beam: Beam, A: Array) -> Iterator[_Stiffened]:
-    """Of each strain of a beam that carries the inertia A."""
+def _end_loads(arm: Chain, loads: Any, t: Array) -> dict[int, tuple[float, float]]:
+    """The sizes of force (N) and moment (N m) that loads put on the end of a link's beam, by link."""
+    out: dict[int, tuple[float, float]] = {}
+    for load in loads or ():
+        k = arm._link(load.link)
+        beam = arm.links[k].beam
+        if beam is not None and load.along is None and load.x in (None, beam.length):
+            most = np.abs([load(float(x)) for x in np.linspace(t[0], t[-1], _LOOKS)]).max(axis=0)
+            force, moment = out.get(k, (0.0, 0.0))
+            out[k] = force + float(np.linalg.norm(most[:3])), moment + float(np.linalg.norm(most[3:]))
+    return out
+
+
+def _stiffened(arm: Chain, k: int, beam: Beam, A: Array, pull: tuple[float, float]) -> Iterator[_Stiffened]:
+    """Of each strain of a beam that carries the inertia A, and of bending under a force and a moment at the end."""
     x, w = np.polynomial.legendre.leggauss(16)
     x, w = 0.5 * beam.length * (1 + x), 0.5 * beam.length * w
     sections: list[Any] = [beam.section.at(float(s)) if isinstance(beam.section, Taper) else beam.section for s in x]
@@ -230,43 +248,63 @@ def _stiffened(arm: Chain, k: int, beam: Beam, A: Array) -> Iterator[_Stiffened]
         share, weight = float(f @ missing @ f) / max(given, 1e-300), given / max(total, 1e-300)
         start = arm._core.first(k) + arm.links[k].joint.nv + at.start
         yield _Stiffened(k, strain, share, weight, mass > beam.mass, towards @ reach, start)
+        if any(pull) and len(moved) == 2:
+            share = float(np.abs(missing[0]) @ pull / (np.abs(exact[0]) @ pull))
+            yield _Stiffened(k, strain, share, 1.0, False, reach[0], start, _LOAD)
 
 
-def _all_stiffened(arm: Chain, drive: Any, control: Any, tau: Any) -> list[_Stiffened]:
+def _all_stiffened(
+    arm: Chain, drive: Any, control: Any, tau: Any, pulls: dict[int, tuple[float, float]]
+) -> list[_Stiffened]:
     """Of an arm's beams, but for those with patches and those that are curved."""
     last = len(arm.links) - 1
     loaded = [
-        (k, link.beam)
+        (k, link.beam, k < last or bool(link.tip is not None and link.tip.mass))
         for k, link in enumerate(arm.links)
-        if link.beam is not None and link.beam.ne and not (link.beam.patches or link.beam.curvature)
-        if link.beam.mass and (k < last or (link.tip is not None and link.tip.mass))
+        if link.beam is not None and link.beam.ne and link.beam.mass and not (link.beam.patches or link.beam.curvature)
     ]
+    loaded = [x for x in loaded if x[2] or x[0] in pulls]
     if not loaded:
         return []
     known, held = _KNOWN.setdefault(arm._core, {}), _held_rates(arm, drive, control, tau)
-    if held not in known:
-        known[held] = [x for k, beam in loaded for x in _stiffened(arm, k, beam, _carried(arm, k, beam, held))]
-    return known[held]
+    key = held, tuple(pulls.items())
+    if key not in known:
+        if len(known) == _MOST:
+            known.clear()
+        known[key] = [
+            found
+            for k, beam, carries in loaded
+            for A in (_carried(arm, k, beam, held) if carries else np.zeros((6, 6)),)
+            for found in _stiffened(arm, k, beam, A, pulls.get(k, (0.0, 0.0)))
+        ]
+    return known[key]
 
 
 def _late(s: _Stiffened, away: float, rate: float, time: float) -> float:
     """Displacement (m) that is wrong of one up to `away` (m), at rates up to `rate` (m/s): at once, and because half
     as much is wrong of the frequency, at which it gets out of phase."""
+    time = 0.0 if s.under == _LOAD else time  # which has no inertia
     return min(2 * away, s.share * s.weight * (away + 0.5 * time * rate))
 
 
 def coarse(
-    arm: Chain, drive: Any, control: Any, tau: Any = None, run: tuple[Array, Array, Array] | None = None
+    arm: Chain,
+    drive: Any,
+    control: Any,
+    tau: Any = None,
+    loads: Any = None,
+    run: tuple[Array, Array, Array] | None = None,
 ) -> list[str]:
     """Beams whose shape functions are too few for what they carry, or of the wrong basis.
 
     Clamped-free modes have no curvature at the end. Under a force there, one leaves out 3 % of the deflection, two
     0.5 %, three 0.2 %; under a moment, of what is driven beyond the next joint, they converge as 1 / n. A sentence each
-    where more is left out than in `_MISSING` under what is heavier than the beam, and, of a run (t, q, v), where this
-    moves what the beam carries by more than `_OFF` of the beam's length.
+    where more is left out than in `_MISSING` under what is heavier than the beam, and, of a run (t, q, v), where that,
+    or what is left out under a load on the end, is more than `_OFF` of the beam's length.
     """
     said = []
-    for s in _all_stiffened(arm, drive, control, tau):
+    pulls = _end_loads(arm, loads, run[0]) if run is not None and loads else {}
+    for s in _all_stiffened(arm, drive, control, tau, pulls):
         beam = arm.links[s.link].beam
         assert beam is not None
         n, off = len(s.carried), 0.0
@@ -276,11 +314,11 @@ def coarse(
             away, rate = (float(np.abs(x @ s.carried).max()) for x in (q[:, at : at + n], v[:, s.first : s.first + n]))
             off = _late(s, away, rate, float(t[len(q) - 1] - t[0])) / beam.length
         if (s.heavy and s.share > _MISSING[s.strain]) or off > _OFF:
-            wrong = f"; here that moves it by about {off:.1g} of the beam's length" if off > _OFF else ""
+            wrong = f"; here that is about {off:.1g} of the beam's length" if off > _OFF else ""
             few = "three or more" if s.strain != "torsion" and n < 3 else "as many"
             better = f'{few} of basis "legendre"' if beam.basis != "legendre" else "more of them"
             said.append(
                 f"link[{s.link}].beam.modes: {n} of {s.strain} leave out {100 * s.share:.2g} % of how far the end "
-                f"gives way under what it carries{wrong}; take {better}"
+                f"gives way under {s.under}{wrong}; take {better}"
             )
     return said

@@ -278,7 +278,7 @@ def simulate(
     for warning in _judged(run, out, result, integrator, options["step"]):
         warnings.warn(warning, stacklevel=2)
     if not SILENT.get():
-        for text in coarse(arm, drive, control, tau, (result.t, result.q, result.v)):
+        for text in coarse(arm, drive, control, tau, loads, (result.t, result.q, result.v)):
             warnings.warn(text, ModelWarning, stacklevel=2)
     if watch:
         (Watch.usual(arm) if watch is True else watch).warn(result)
