@@ -143,6 +143,27 @@ def test_scenes_and_copies(tmp_path: object) -> None:
     assert "kg/m" in a.describe()
 
 
+def test_a_coupled_strain_without_modes_is_said() -> None:
+    with pytest.warns(fa.ModelWarning, match="extension has none .* couples it to bending_y, 8. % of whose"):
+        arm(fa.SectionMatrix.of(STRIP, STEEL, y=0.003), {"bending_y": 2})
+
+
+def test_economize_knows_them() -> None:
+    """Sections off the axis need order 3 or more, whatever else is left out."""
+    beam = fa.Beam(
+        0.5,
+        fa.SectionMatrix.of(STRIP, STEEL, y=0.001),
+        modes={"bending_y": 3, "extension": 2, "shear_y": 1},
+        basis="legendre",
+        order="exact",
+    )
+    one = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(0.2, inertia=(1e-3,) * 3), beam)])
+    scene = fa.Scene(one, {0: fa.Motion.spin_up(3.0, 0.15)}, t=np.linspace(0.0, 0.2, 21))
+    plan = fa.economize(scene, tol=1e-2)
+    found = plan.scene.arm.links[0].beam
+    assert found.order in (3, "exact") and found.ne < beam.ne
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [

@@ -1,22 +1,13 @@
-"""Numbers of a model that can hardly be meant: wrong units, bodies that cannot be, beams without what they need."""
+"""Numbers of a model that can hardly be meant: wrong units, bodies that cannot be, strains that a beam lacks."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
-import flexarm._core as _core
-
-from .._check import Array
-from ..acting.voltage import split_drives
 from ..parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
 from ..parts.chain import Chain
-from ..parts.joints import Axes
-from ..parts.link import Link
 from ..parts.sections import GeneralSection, SectionMatrix, Taper
 
 # Each is past anything that is built; what is said is a warning, for who means it.
@@ -33,12 +24,6 @@ _WIDE, _WIDE_SPREAD = 40.0, 20.0  # a radius of gyration, the same; hubs may hav
 _STIFFEST_SHEAR, _SOFTEST_SHEAR = 2.0, 1e-3  # shear modulus over Young's
 _SHEAR = 0.05  # of the static tip deflection; shear's share: a beam a quarter as thick as long
 _COUPLED = 0.01  # of a strain's stiffness, by another that is held
-_MISSING = {"bending_y": 0.01, "bending_z": 0.01, "torsion": 0.15}  # share of the static compliance; see coarse
-_OFF = 1e-3  # of a beam's length
-_LOAD = "the load there"
-_LOOKS = 5  # at a load, in a run
-_MOST = 16  # ways of holding an arm that are kept
-_OWN = 0.236  # of a beam's mass, that moves with its end in its first mode: 3 / 3.516^2
 
 
 def _body(where: str, body: RigidBody, length: float) -> Iterator[str]:
@@ -115,7 +100,8 @@ def _matrices(where: str, beam: Beam) -> Iterator[str]:
         if pulled and section.coupling(pulled, strain) > _COUPLED:
             yield (
                 f"{where}.modes: {strain} has none and is held at zero, while the section's stiffness couples it to "
-                f"{pulled}, which that makes stiffer by {100 * section.coupling(pulled, strain):.2g} %; give it modes"
+                f"{pulled}, {100 * section.coupling(pulled, strain):.2g} % of whose stiffness is due to that; give it "
+                "modes"
             )
 
 
@@ -129,196 +115,3 @@ def doubts(arm: Chain) -> list[str]:
         if link.beam is not None:
             found += _beam(f"link[{k}].beam", link.beam)
     return found
-
-
-@dataclass(frozen=True)
-class _Stiffened:
-    """How much a strain's shape functions miss of how a beam gives way to what it carries.
-
-    Attributes:
-        share: of the end's static compliance to the inertia of what it carries, in the first mode.
-        weight: what that inertia does beside the beam's own.
-        heavy: whether that is heavier than the beam.
-        carried: displacement (m) of what it carries by a unit of each of the strain's coordinates, (n,).
-        first: where these stand in the arm's v.
-        under: what pulls.
-    """
-
-    link: int
-    strain: str
-    share: float
-    weight: float
-    heavy: bool
-    carried: Array
-    first: int
-    under: str = "what it carries"
-
-
-_KNOWN: WeakKeyDictionary[_core.Arm, dict[Any, list[_Stiffened]]] = WeakKeyDictionary()  # every run asks
-#: of each strain: what it moves of the end, of x y z and the rotations about them; the second's sign by the first; and
-#: the section's integral
-_MOVES = {
-    "bending_y": ([1, 5], 1.0, "second_moment_z"),
-    "bending_z": ([2, 4], -1.0, "second_moment_y"),
-    "torsion": ([3], 1.0, "torsion_constant"),
-}
-
-
-def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int]:
-    """The rates of joints that something drives or holds. Others pass no force on."""
-    if control:
-        return frozenset(range(arm.nv))
-    held = set(arm.by_rate("drive", split_drives(drive)[0]))
-    held |= set(np.flatnonzero(tau).tolist()) if tau is not None and np.shape(tau) == (arm.nv,) else set()
-    for k, link in enumerate(arm.links):
-        if np.any(link.joint.stiffness) or np.any(link.joint.coulomb):
-            held |= {arm._core.first(k) + i for i in range(link.joint.nv)}
-    return frozenset(held)
-
-
-def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
-    """Inertia (6, 6), in the axes of a beam's end, of all that follows it when it stands straight and stiff; joints
-    that nothing holds give way."""
-    own = beam.mass * np.repeat([1.0, beam.length**2], 3)  # that the joint may move a body without inertia
-    joint = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"), reflected_inertia=own.tolist())
-    rest = arm._made([Link(joint, arm.links[k].tip), *arm.links[k + 1 :]])
-    M = rest._core.mass_matrix(rest.zero)
-    A = np.asarray(M[:6, :6]) - np.diag(own)
-    free = [
-        rest._core.first(j - k) + i
-        for j in range(k + 1, len(arm.links))
-        for i in range(arm.links[j].joint.nv)
-        if arm._core.first(j) + i not in held
-    ]
-    if free:
-        A -= M[:6, free] @ np.linalg.pinv(M[np.ix_(free, free)]) @ M[free, :6]
-    return A
-
-
-def _end_loads(arm: Chain, loads: Any, t: Array) -> dict[int, tuple[float, float]]:
-    """The sizes of force (N) and moment (N m) that loads put on the end of a link's beam, by link."""
-    out: dict[int, tuple[float, float]] = {}
-    for load in loads or ():
-        k = arm._link(load.link)
-        beam = arm.links[k].beam
-        if beam is not None and load.along is None and load.x in (None, beam.length):
-            most = np.abs([load(float(x)) for x in np.linspace(t[0], t[-1], _LOOKS)]).max(axis=0)
-            force, moment = out.get(k, (0.0, 0.0))
-            out[k] = force + float(np.linalg.norm(most[:3])), moment + float(np.linalg.norm(most[3:]))
-    return out
-
-
-def _stiffened(arm: Chain, k: int, beam: Beam, A: Array, pull: tuple[float, float]) -> Iterator[_Stiffened]:
-    """Of each strain of a beam that carries the inertia A, and of bending under a force and a moment at the end."""
-    x, w = np.polynomial.legendre.leggauss(16)
-    x, w = 0.5 * beam.length * (1 + x), 0.5 * beam.length * w
-    sections: list[Any] = [beam.section.at(float(s)) if isinstance(beam.section, Taper) else beam.section for s in x]
-    K, first = np.asarray(beam._core.stiffness), 0
-    turns = np.asarray(beam._core.turns(np.array([*x, beam.length]))).reshape(-1, 3, K.shape[0])
-    for strain, n in beam.counts.items():
-        at, first = slice(first, first + n), first + n
-        moved, sign, integral = _MOVES.get(strain, ([], 0.0, ""))
-        if not moved or not all(isinstance(x, SectionMatrix) or hasattr(x, integral) for x in sections):
-            continue  # neither shear nor extension
-        if beam.material is None:
-            rigidity = np.array([s.rigidity(strain) for s in sections])
-        else:
-            modulus = beam.material.youngs_modulus if len(moved) == 2 else beam.material._core.shear_modulus
-            rigidity = modulus * np.array([getattr(s, integral) for s in sections])
-        # displacement and rotation of the end, by the strain at x and by the coordinates
-        rotation = turns[:, _core.STRAIN_FIELDS[STRAINS.index(strain)].rotation, at] * sign
-        lever = np.array([beam.length - x, np.ones_like(x)])[-len(moved) :]
-        reach = np.array([w @ rotation[:-1], rotation[-1]])[-len(moved) :]
-        exact = (lever * (w / rigidity)) @ lever.T
-        missing = exact - reach @ np.linalg.solve(K[at, at], reach.T)
-        carried = A[np.ix_(moved, moved)]
-        mass = max(float(A[0, 0]), 1e-300)
-        towards = np.sqrt(np.maximum(A[3:4, 3], 0.0) / mass)
-        whole = carried.copy()
-        if len(moved) == 2:
-            carried = carried * np.array([[1.0, sign], [sign, 1.0]])
-            whole = carried + np.diag([_OWN * beam.mass, 0.0])
-            towards = np.array([1.0, carried[0, 1] / mass])
-        u = np.eye(len(moved))[0]
-        for _ in range(3):  # to the first mode
-            u = exact @ whole @ u
-            u /= max(float(np.abs(u).max()), 1e-300)
-        f, g = carried @ u, whole @ u
-        given, total = float(f @ exact @ f), float(g @ exact @ g)
-        share, weight = float(f @ missing @ f) / max(given, 1e-300), given / max(total, 1e-300)
-        start = arm._core.first(k) + arm.links[k].joint.nv + at.start
-        yield _Stiffened(k, strain, share, weight, mass > beam.mass, towards @ reach, start)
-        if any(pull) and len(moved) == 2:
-            share = float(np.abs(missing[0]) @ pull / (np.abs(exact[0]) @ pull))
-            yield _Stiffened(k, strain, share, 1.0, False, reach[0], start, _LOAD)
-
-
-def _all_stiffened(
-    arm: Chain, drive: Any, control: Any, tau: Any, pulls: dict[int, tuple[float, float]]
-) -> list[_Stiffened]:
-    """Of an arm's beams, but for those with patches and those that are curved."""
-    last = len(arm.links) - 1
-    loaded = [
-        (k, link.beam, k < last or bool(link.tip is not None and link.tip.mass))
-        for k, link in enumerate(arm.links)
-        if link.beam is not None and link.beam.ne and link.beam.mass and not (link.beam.patches or link.beam.curvature)
-    ]
-    loaded = [x for x in loaded if x[2] or x[0] in pulls]
-    if not loaded:
-        return []
-    known, held = _KNOWN.setdefault(arm._core, {}), _held_rates(arm, drive, control, tau)
-    key = held, tuple(pulls.items())
-    if key not in known:
-        if len(known) == _MOST:
-            known.clear()
-        known[key] = [
-            found
-            for k, beam, carries in loaded
-            for A in (_carried(arm, k, beam, held) if carries else np.zeros((6, 6)),)
-            for found in _stiffened(arm, k, beam, A, pulls.get(k, (0.0, 0.0)))
-        ]
-    return known[key]
-
-
-def _late(s: _Stiffened, away: float, rate: float, time: float) -> float:
-    """Displacement (m) that is wrong of one up to `away` (m), at rates up to `rate` (m/s): at once, and because half
-    as much is wrong of the frequency, at which it gets out of phase."""
-    time = 0.0 if s.under == _LOAD else time  # which has no inertia
-    return min(2 * away, s.share * s.weight * (away + 0.5 * time * rate))
-
-
-def coarse(
-    arm: Chain,
-    drive: Any,
-    control: Any,
-    tau: Any = None,
-    loads: Any = None,
-    run: tuple[Array, Array, Array] | None = None,
-) -> list[str]:
-    """Beams whose shape functions are too few for what they carry, or of the wrong basis.
-
-    Clamped-free modes have no curvature at the end. Under a force there, one leaves out 3 % of the deflection, two
-    0.5 %, three 0.2 %; under a moment, of what is driven beyond the next joint, they converge as 1 / n. A sentence each
-    where more is left out than in `_MISSING` under what is heavier than the beam, and, of a run (t, q, v), where that,
-    or what is left out under a load on the end, is more than `_OFF` of the beam's length.
-    """
-    said = []
-    pulls = _end_loads(arm, loads, run[0]) if run is not None and loads else {}
-    for s in _all_stiffened(arm, drive, control, tau, pulls):
-        beam = arm.links[s.link].beam
-        assert beam is not None
-        n, off = len(s.carried), 0.0
-        if run is not None and len(run[1]):
-            t, q, v = run
-            at = arm.coordinate_of(s.first)
-            away, rate = (float(np.abs(x @ s.carried).max()) for x in (q[:, at : at + n], v[:, s.first : s.first + n]))
-            off = _late(s, away, rate, float(t[len(q) - 1] - t[0])) / beam.length
-        if (s.heavy and s.share > _MISSING[s.strain]) or off > _OFF:
-            wrong = f"; here that is about {off:.1g} of the beam's length" if off > _OFF else ""
-            few = "three or more" if s.strain != "torsion" and n < 3 else "as many"
-            better = f'{few} of basis "legendre"' if beam.basis != "legendre" else "more of them"
-            said.append(
-                f"link[{s.link}].beam.modes: {n} of {s.strain} leave out {100 * s.share:.2g} % of how far the end "
-                f"gives way under {s.under}{wrong}; take {better}"
-            )
-    return said

@@ -17,7 +17,7 @@ from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage
-from ..analysis.doubts import coarse
+from ..analysis.coarse import coarse
 from ..analysis.validity import range_warning
 from ..arm import Arm
 from ..parts.part import ModelWarning

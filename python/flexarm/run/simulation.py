@@ -17,7 +17,7 @@ from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage
 from ..analysis import loops
-from ..analysis.doubts import coarse
+from ..analysis.coarse import coarse
 from ..analysis.validity import SILENT, out_of_range
 from ..arm import METHODS, Arm
 from ..parts.part import ModelWarning

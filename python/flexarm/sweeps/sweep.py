@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .._console import progress_bar
-from ..analysis.doubts import coarse
+from ..analysis.coarse import coarse
 from ..analysis.validity import RangeWarning, range_warning
 from ..batch.arguments import default_workers
 from ..batch.job import FAILED, Job
