@@ -1,13 +1,14 @@
 #include <algorithm>
 #include <memory>
 
+#include "evaluation.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/collocation.hpp"
 #include "flexarm/control.hpp"
 #include "flexarm/friction.hpp"
 #include "flexarm/ida.hpp"
 #include "flexarm/simulate.hpp"
-#include "interpreter.hpp"
+#include "flexarm/step_derivatives.hpp"
 
 using namespace flexarm;
 
@@ -284,6 +285,30 @@ void bind_time(py::module_& m) {
                       }))
       .def_property_readonly("breaks", &PiecewisePolynomial::breaks)
       .def_property_readonly("coefficients", [](const PiecewisePolynomial& p) { return Rows(p.coefficients()); });
+
+  m.def(
+      "step_derivatives",
+      [](const PyArm& arm, const Vectors& q, const Vectors& v, const Vectors& tau, const std::string& integrator,
+         double step, double rtol, double spectral_radius, const std::vector<Load>& places, const Vectors& wrenches) {
+        StepDerivatives d(integrator, arm, step, ImplicitOptions{spectral_radius, rtol}, places);
+        const auto lent = arm.workspace({{}, places}, true);
+        for (std::size_t k = 0; k < places.size(); ++k)
+          (*lent).loads[k].wrench = rows(wrenches).row(static_cast<Eigen::Index>(k));
+        const int n = arm.nv();
+        Answers end_q(q, {arm.nq()}), end_v(v, {n}), A(q, {2 * n, 2 * n}), B(q, {2 * n, n});
+        std::vector<int> status(static_cast<std::size_t>(count(q)));
+        for_states(arm, count(q), 4 * n, [&](Eigen::Index k) {
+          Eigen::VectorXd x = rows(q).row(k), y = rows(v).row(k);
+          status[static_cast<std::size_t>(k)] = static_cast<int>(d(*lent, x, y, rows(tau).row(k)));
+          end_q[k] = x.transpose();
+          end_v[k] = y.transpose();
+          A[k] = d.A;
+          B[k] = d.B;
+        });
+        return py::make_tuple(end_q.all(), end_v.all(), A.all(), B.all(), status);
+      },
+      py::arg("arm"), py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("integrator"), py::arg("step"),
+      py::arg("rtol"), py::arg("spectral_radius"), py::arg("loads"), py::arg("wrenches"));
 
   py::class_<LinearLaw>(m, "LinearLaw")
       .def(py::init([](const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, const Eigen::MatrixXd& C,

@@ -38,6 +38,8 @@ Scenes
 Many runs
     simulate_batch, BatchResult         runs that differ in start, forces, parameters
     rollout, Rollout                    the same from arrays to arrays
+    rollout_gradient, Gradient          its derivatives by its start and its forces; of one step:
+                                        step_derivatives, StepDerivatives
     sweep, SweepResult                  a scene over parameters: Sweep, Vary, load_sweep
     Failure, batch_memory               a run that could not go on; bytes that a batch takes
     BatchInterrupted, SweepInterrupted  Ctrl-C; each holds what was done
@@ -78,6 +80,12 @@ from .analysis.placement import PatchPlacement as PatchPlacement, placement as p
 from .analysis.validity import RangeWarning as RangeWarning
 from .arm import Arm as Arm
 from .batch.result import BatchResult as BatchResult
+from .batch.gradient import (
+    Gradient as Gradient,
+    StepDerivatives as StepDerivatives,
+    rollout_gradient as rollout_gradient,
+    step_derivatives as step_derivatives,
+)
 from .batch.rollout import (
     BatchInterrupted as BatchInterrupted,
     Failure as Failure,

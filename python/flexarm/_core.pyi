@@ -365,6 +365,18 @@ def simulate_ida(
     feedback: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike, Any, float]],
     sampled: Sequence[tuple[float, float, float, Any]],
 ) -> dict[str, Any]: ...
+def step_derivatives(
+    arm: Arm,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike,
+    integrator: str,
+    step: float,
+    rtol: float,
+    spectral_radius: float,
+    loads: Sequence[Load],
+    wrenches: ArrayLike,
+) -> tuple[_Array, _Array, _Array, _Array, list[int]]: ...
 def simulate_fixed(
     arm: Arm,
     drives: Sequence[tuple[int, bool, Any, ArrayLike]],

@@ -24,14 +24,28 @@ constexpr double kForget = 0.99;     // per step, of the motion's scale
 /// how an iteration goes, so that arms in the lanes of a pack do not disturb one another.
 inline bool new_matrix(int iteration) { return iteration == 1 || (iteration >= 4 && iteration % 2 == 0); }
 
+/// What the method is made of, by its spectral radius.
+struct AlphaNumbers {
+  double alpha_m, alpha_f, beta, gamma;
+  AlphaNumbers() = default;
+  explicit AlphaNumbers(double radius)
+      : alpha_m((2.0 * radius - 1.0) / (radius + 1.0)),
+        alpha_f(radius / (radius + 1.0)),
+        gamma(0.5 - alpha_m + alpha_f) {
+    beta = 0.25 * (gamma + 0.5) * (gamma + 0.5);
+  }
+  /// Derivative of the auxiliary acceleration by the true one.
+  double by_a() const { return (1.0 - alpha_f) / (1.0 - alpha_m); }
+};
+
 template <class Engine>
-struct GeneralisedAlpha {
+struct GeneralisedAlpha : AlphaNumbers {
   using S = typename Engine::Scalar;
   using L = Lanes<S>;
   using Mask = typename L::Mask;
   static constexpr flexarm::lanes::Ending unsolved = flexarm::lanes::not_converged;
 
-  double rtol, alpha_m, alpha_f, beta, gamma;
+  double rtol;
   int max_iterations;
   int nq = 0, nv = 0;
   double h_before = 0.0;
@@ -44,13 +58,9 @@ struct GeneralisedAlpha {
   Contacts<Engine> contacts;
 
   void lay_out(Room& room, int nq_, int nv_, const int* rubbing, int rubbing_count, const MethodOptions& options) {
-    const double radius = options.spectral_radius;
+    static_cast<AlphaNumbers&>(*this) = AlphaNumbers(options.spectral_radius);
     rtol = options.rtol;
     max_iterations = options.max_iterations;
-    alpha_m = (2.0 * radius - 1.0) / (radius + 1.0);
-    alpha_f = radius / (radius + 1.0);
-    gamma = 0.5 - alpha_m + alpha_f;
-    beta = 0.25 * (gamma + 0.5) * (gamma + 0.5);
     nq = nq_;
     nv = nv_;
     room.take_zeros(nq, q0);
@@ -159,7 +169,7 @@ struct GeneralisedAlpha {
   /// @param skip  lanes that are not asked
   /// @return where it converged; elsewhere q and v are of no use
   Mask iterate(Engine& engine, double h, S* q, S* v, const S* tau, const Mask& skip) {
-    const double by_a = (1.0 - alpha_f) / (1.0 - alpha_m);  // d alpha / d a
+    const double by_a = this->by_a();
     const flexarm::lanes::Shift shift{h * gamma * by_a, h * h * beta * by_a};
     const S fall = (h * h) * engine.weight;
     // old knowledge, doubted more with every step
