@@ -182,8 +182,8 @@ void ArmBuilder::add_rigid(const Link& link) {
   body.add(link.hub(), Vector3d::Zero());
   if (link.beam()) {
     for (const MassSlice& s : link.beam()->slices()) {
-      const SliceAtRest& at = s.table.rest;
-      body.add(s.mass, end + at.x, at.R * s.inertia.asDiagonal() * at.R.transpose());
+      const SliceAtRest at = s.at_rest();
+      body.add(s.mass, end + at.x, at.R * s.inertia * at.R.transpose());
     }
     end += link.beam()->tip().rest.x;
     R = link.beam()->tip().rest.R;

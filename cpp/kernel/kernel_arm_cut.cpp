@@ -49,8 +49,7 @@ void ArmBuilder::add_cut(const Link& link) {
   Cut cut(beam.ne());
   cut.rest.add(link.hub(), Vector3d::Zero());
   for (const MassSlice& s : beam.slices())
-    cut.add(s.mass, place(s.table), s.inertia.asDiagonal(), s.table.linear.topRows<3>(),
-            s.table.linear.bottomRows<3>());
+    cut.add(s.mass, place(s.table), s.inertia, s.table.linear.topRows<3>(), s.table.linear.bottomRows<3>());
   const RigidBody& tip = link.tip();
   const Matrix3Xd turned = beam.tip().linear.bottomRows<3>();
   const Matrix3Xd moved = beam.tip().linear.topRows<3>() - tilde(tip.com) * turned;

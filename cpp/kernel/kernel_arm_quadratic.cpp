@@ -108,10 +108,10 @@ void put_plane(ArmBuilder& b, const Link& link, const Stations& at) {
   MatrixXd l = MatrixXd::Zero(T.rows(), ne);
   for (Eigen::Index g = 0; g < T.rows(); ++g) {
     const MassSlice& s = beam.slices()[static_cast<std::size_t>(g)];
-    body.add(s.mass, at.rest.col(g), s.inertia.asDiagonal());
+    body.add(s.mass, at.rest.col(g), s.inertia);
     T.row(g) = axes.sign * s.table.linear.row(3 + axes.z);
     l.row(g) = s.table.linear.row(axes.y);
-    inertia[g] = s.inertia[axes.z];
+    inertia[g] = s.inertia(axes.z, axes.z);
   }
   b.put(body);
   const MatrixXd Lambda = l.transpose() * at.mass.asDiagonal() * l;
@@ -187,7 +187,7 @@ Points position_points(const Axes& axes, const Node& node, const Beam& beam, con
 Points rotation_points(const Node& node, const Beam& beam) {
   Points points;
   for (const MassSlice& s : beam.slices()) {
-    const Vector3d I = s.inertia, root = I.cwiseSqrt();
+    const Vector3d I = s.inertia.diagonal(), root = I.cwiseSqrt();
     if (I.isZero(0.0)) continue;
     std::vector<double> p{root[0], root[1], root[2]};
     for (int i = 0; i < 3; ++i) p.push_back(root[i] > 0.0 ? (I[(i + 2) % 3] - I[(i + 1) % 3]) / root[i] : 0.0);

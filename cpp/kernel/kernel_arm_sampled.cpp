@@ -49,7 +49,8 @@ void describe_sampled(const Beam& beam, bool planar, Node& node, std::vector<int
   node.half = (beam.points() + 1) / 2;
   node.passes = node.half + 1;  // with X = 0, or the end
   for (const MassSlice& s : beam.slices()) {
-    if (!planar && !s.inertia.isZero(0.0)) node.rotary = 1;
+    if (!planar && !s.inertia.isZero(0.0)) node.rotary = std::max(node.rotary, 3);
+    if (!s.com.isZero(0.0) || (!planar && !s.inertia.isDiagonal(0.0))) node.rotary = 9;
     if (!at_point(s)) ++node.further;
     node.points_have_mass = node.points_have_mass || at_point(s);
   }
@@ -83,8 +84,8 @@ std::vector<MassSlice> SampledTables::stations(const std::vector<SliceTable>& ta
   std::vector<MassSlice> out;
   for (int i = 0; i < n; ++i) {
     const double mass = parts[i] * beam_.mass();
-    out.push_back(
-        {tables[static_cast<std::size_t>(i + 1)], mass, one.inertia * (one.mass > 0.0 ? mass / one.mass : 0.0)});
+    out.push_back({tables[static_cast<std::size_t>(i + 1)], mass, one.com,
+                   one.inertia * (one.mass > 0.0 ? mass / one.mass : 0.0)});
     out.back().table.point = i;
   }
   return out;
@@ -121,8 +122,8 @@ std::vector<double> SampledTables::points(const std::vector<SliceTable>& tables)
     }
     append(out, of_points(values, false));
   }
-  // masses and moments of inertia: those of the points, then others
-  const auto of_stations = [&](const auto& value) {
+  // masses, inertia and centres of mass: those of the points, then others
+  const auto of_stations = [&](bool summed, const auto& value) {
     VectorXd at = VectorXd::Zero(n);  // nothing at the ends
     std::vector<double> others;
     for (const MassSlice& s : slices) {
@@ -131,12 +132,13 @@ std::vector<double> SampledTables::points(const std::vector<SliceTable>& tables)
       else
         others.push_back(value(s));
     }
-    append(out, of_points(at, true));
+    append(out, of_points(at, summed));
     out.insert(out.end(), others.begin(), others.end());
   };
-  of_stations([](const MassSlice& s) { return s.mass; });
-  if (node_.rotary)
-    for (int c = 0; c < 3; ++c) of_stations([&](const MassSlice& s) { return s.inertia[c]; });
+  of_stations(true, [](const MassSlice& s) { return s.mass; });
+  constexpr int entry[][2] = {{0, 0}, {1, 1}, {2, 2}, {0, 1}, {0, 2}, {1, 2}};
+  for (int c = 0; c < node_.rotary; ++c)
+    of_stations(c < 6, [&](const MassSlice& s) { return c < 6 ? s.inertia(entry[c][0], entry[c][1]) : s.com[c - 6]; });
   for (const MassSlice& s : slices)
     if (!at_point(s)) {
       const std::vector<double> numbers = slice(s.table);
@@ -161,20 +163,20 @@ std::vector<double> SampledTables::slice(const SliceTable& at) const {
 
 double SampledTables::rotary() const {
   double sum = 0.0;
-  for (const MassSlice& s : beam_.slices()) sum += s.inertia[axes_.z];
+  for (const MassSlice& s : beam_.slices()) sum += s.inertia(axes_.z, axes_.z);
   return sum;
 }
 VectorXd SampledTables::rotary_by() const {
   VectorXd sum = VectorXd::Zero(node_.ne);
   for (const MassSlice& s : beam_.slices())
-    sum += axes_.sign * s.inertia[axes_.z] * s.table.linear.row(3 + axes_.z).transpose();
+    sum += axes_.sign * s.inertia(axes_.z, axes_.z) * s.table.linear.row(3 + axes_.z).transpose();
   return sum;
 }
 MatrixXd SampledTables::rotary_of_pairs() const {
   MatrixXd sum = MatrixXd::Zero(node_.ne, node_.ne);
   for (const MassSlice& s : beam_.slices()) {
     const VectorXd turn = s.table.linear.row(3 + axes_.z);
-    sum += s.inertia[axes_.z] * turn * turn.transpose();
+    sum += s.inertia(axes_.z, axes_.z) * turn * turn.transpose();
   }
   return sum;
 }
@@ -232,7 +234,7 @@ void group_points(const Node& from, const Node& to, bool planar, int width, cons
     for (int k = 0; k < 2; ++k) fill_up(from.passes, to.passes * width, p, out);
   };
   for (int k = 0; k < (planar ? 1 : 2) * from.ne + rest_rows(from, planar); ++k) points();
-  for (int k = 0; k < (from.rotary ? 4 : 1); ++k) {
+  for (int k = 0; k < 1 + from.rotary; ++k) {
     points();
     fill_up(from.further, to.further_passes * width, p, out);
   }

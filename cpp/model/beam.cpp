@@ -7,8 +7,8 @@
 #include "beam_profile.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/quadrature.hpp"
+#include "flexarm/spatial.hpp"
 #include "shape_tables.hpp"
-#include "strain_physics.hpp"
 
 namespace flexarm {
 
@@ -113,7 +113,7 @@ int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shape
 
 namespace {
 
-void check_options(const BeamOptions& o, const Material& material) {
+void check_options(const BeamOptions& o, bool shears) {
   for (int s = 0; s < kStrains; ++s)
     if (o.modes[s] < 0 || o.modes[s] > kMostModes)
       bad_value(std::string("modes.") + kStrainFields[s].name, o.modes[s],
@@ -128,7 +128,7 @@ void check_options(const BeamOptions& o, const Material& material) {
   for (double moment : o.tip.inertia) non_negative("basis_tip.inertia", moment);
   bool needs_shear = false;
   for (int s = 0; s < kStrains; ++s) needs_shear = needs_shear || (is_shear(s) && o.modes[s] > 0);
-  if (needs_shear && material.shear_modulus <= 0.0)
+  if (needs_shear && !shears)
     bad_value("shear_modulus", "not given", "torsion and shear need the material's poisson_ratio or shear_modulus");
 }
 
@@ -153,11 +153,12 @@ MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, i
   const auto moved = [&](const ShapeValues& v) { return is_bending(strain) ? v.deflection : v.slope; };
   MatrixXd M = MatrixXd::Zero(terms, terms), K = M;
   const GaussRule fine = profile.fine(terms + 16, length);
+  const double stiff = profile.at(0.0).rigidity_of(strain);  // that of a uniform beam does not matter
   for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
-    const Section section = profile.section.at(fine.points[g]);
+    const SectionLaw law = profile.at(fine.points[g]);
     const ShapeValues v = ritz.at(fine.points[g]);
-    K += fine.weights[g] * section_form(strain, section) * v.strain * v.strain.transpose();  // of any E and G
-    M += fine.weights[g] * modal_inertia(strain, profile.material, section) * moved(v) * moved(v).transpose();
+    K += fine.weights[g] * (law.rigidity_of(strain) / stiff) * v.strain * v.strain.transpose();
+    M += fine.weights[g] * law.modal_inertia(strain) * moved(v) * moved(v).transpose();
   }
   const StrainField& field = kStrainFields[strain];
   const ShapeValues end = ritz.at(length);
@@ -185,10 +186,9 @@ template <class Profile>
 MatrixXd kept_loaded_modes(const Profile& profile, const BasisTip& tip, int strain, int n, double length) {
   const auto make = [&] { return std::make_shared<const MatrixXd>(loaded_modes(profile, tip, strain, n, length)); };
   if (!profile.uniform) return *make();
-  const Section section = profile.section.at(0.0);
   std::string key = std::to_string(strain) + "," + std::to_string(n) + ":";
-  for (double x : {length, section_form(strain, section), modal_inertia(strain, profile.material, section), tip.mass,
-                   tip.offset, tip.inertia[0], tip.inertia[1], tip.inertia[2]})
+  for (double x : {length, profile.at(0.0).modal_inertia(strain), tip.mass, tip.offset, tip.inertia[0], tip.inertia[1],
+                   tip.inertia[2]})
     append(key, &x, 1);
   static auto& kept = *new Kept<MatrixXd>(std::size_t(1) << 20);
   return *kept.get(key, make, [](const MatrixXd& m) { return static_cast<std::size_t>(8 * m.size()); });
@@ -196,25 +196,41 @@ MatrixXd kept_loaded_modes(const Profile& profile, const BasisTip& tip, int stra
 
 }  // namespace
 
+namespace {
+
+/// From end to end.
+template <class Any>
+Along<Any> same(const Any& section) {
+  return {[section](double) { return section; }, {}};
+}
+
+}  // namespace
+
 Beam::Beam(double length, const Section& section, const Material& material, const BeamOptions& options,
            const std::vector<Patch>& patches)
-    : Beam(length, Profile{{[section](double) { return section; }, {}}, material, true}, material, options, patches) {}
+    : Beam(length, Profile(same(section), true, material), options, patches) {}
+
+Beam::Beam(double length, const SectionMatrix& section, const BeamOptions& options, const std::vector<Patch>& patches)
+    : Beam(length, Profile(same(section), true), options, patches) {}
 
 Beam::Beam(double length, const SectionProfile& section, const Material& material, const BeamOptions& options,
            const std::vector<Patch>& patches)
-    : Beam(length, Profile{section, material, false}, material, options, patches) {}
+    : Beam(length, Profile(section, false, material), options, patches) {}
 
-Beam::Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options,
+Beam::Beam(double length, const SectionMatrixProfile& section, const BeamOptions& options,
            const std::vector<Patch>& patches)
+    : Beam(length, Profile(section, false), options, patches) {}
+
+Beam::Beam(double length, const Profile& profile, const BeamOptions& options, const std::vector<Patch>& patches)
     : length_(positive("length", length)), options_(options) {
   double from = 0.0;
-  for (double b : profile.section.breaks) {
+  for (double b : profile.breaks) {
     if (!(b > from && b < length_)) bad_value("section: break", b, "must increase, between 0 and the length");
     from = b;
   }
   for (int s = 0; s < kStrains; ++s)
     if (options_.shapes[s].size() > 0) options_.modes[s] = static_cast<int>(options_.shapes[s].cols());
-  check_options(options_, material);
+  check_options(options_, profile.shears);
   for (int s = 0; s < kStrains; ++s) {
     const int n = options_.modes[s];
     if (options_.shapes[s].size() > 0)
@@ -227,6 +243,12 @@ Beam::Beam(double length, const Profile& profile, const Material& material, cons
     ne_ += n;
   }
   plane_ = plane_of(options_.modes, options_.order);
+  if (off_axis(profile)) {
+    if (options_.order <= 2 && ne_ > 0)
+      bad_value("order", options_.order,
+                "must be 3 or \"exact\" where the section's inertia has a centre of mass off the axis or products");
+    plane_ = Plane::none;
+  }
   if (options_.curvature.size() > 0) curve(profile);
   unit_ = std::make_shared<const UnitShapes>(unit_shapes(shapes_, first_, options_.order == 2));
   uniform_ = profile.uniform;
@@ -245,17 +267,25 @@ Beam::Beam(double length, const Profile& profile, const Material& material, cons
   build_stiffness(profile, patches);
 }
 
+SliceAtRest MassSlice::at_rest() const {
+  SliceAtRest out = table.rest;
+  out.J = table.at_rest();
+  const Eigen::Vector3d r = out.R * com;
+  out.x += r;
+  out.J.topRows<3>() -= tilde(r) * out.J.bottomRows<3>().eval();
+  return out;
+}
+
 std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
   const int n = options_.gauss_points > 0 ? options_.gauss_points : enough_gauss_points(options_, shapes_, length_);
   rule_ = GaussRule(n, length_);
   // Where the section varies, points and masses are the Gauss rule of the mass along the beam, so that they are as few.
   GaussRule masses = rule_;
   if (profile.uniform) {
-    masses.weights *= profile.mass(profile.section.at(0.0));
+    masses.weights *= profile.at(0.0).mass;
   } else {
     GaussRule along = profile.fine(2 * n + 16, length_);
-    for (Eigen::Index g = 0; g < along.points.size(); ++g)
-      along.weights[g] *= profile.mass(profile.section.at(along.points[g]));
+    for (Eigen::Index g = 0; g < along.points.size(); ++g) along.weights[g] *= profile.at(along.points[g]).mass;
     if (along.weights.sum() > 0.0)
       masses = gauss_rule_of(along, n);
     else
@@ -268,15 +298,47 @@ std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
   mass_ = masses.weights.sum();
   std::vector<MassSlice> slices;
   for (int g = 0; g < n; ++g) {
-    const Section section = profile.section.at(masses.points[g]);
-    Eigen::Vector3d inertia = Eigen::Vector3d::Zero();
-    if (options_.rotary_inertia && mass_ > 0.0)
-      inertia = masses.weights[g] / profile.mass(section) * rotary_inertia(profile.material, section);
-    slices.push_back({all[g], masses.weights[g], inertia});
+    const SectionLaw law = profile.at(masses.points[g]);
+    slices.push_back({all[g], masses.weights[g], law.com});
+    if (options_.rotary_inertia && mass_ > 0.0) slices.back().inertia = masses.weights[g] / law.mass * law.inertia;
     if (profile.uniform && options_.order > 2) slices.back().table.point = g;
   }
   tip_ = all[n];
   return slices;
+}
+
+/// Whether the centres of mass lie off it, or sections have products of inertia.
+bool Beam::off_axis(const Profile& profile) const {
+  const auto off = [&](double X) {
+    const SectionLaw law = profile.at(X);
+    return !law.com.isZero(0.0) || (options_.rotary_inertia && !law.inertia.isDiagonal(0.0));
+  };
+  if (profile.uniform) return off(0.0);
+  const GaussRule fine = profile.fine(8, length_);
+  return std::any_of(fine.points.begin(), fine.points.end(), off);
+}
+
+/// That the strains which the beam has are all resisted.
+void Beam::check_section(const SectionLaw& law, double X) const {
+  std::vector<int> rows;
+  std::string names;
+  for (int s = 0; s < kStrains; ++s) {
+    if (options_.modes[s] == 0) continue;
+    rows.push_back(kStrainFields[s].strain);
+    names += (names.empty() ? "" : ", ") + std::string(kStrainFields[s].name);
+  }
+  const MatrixXd used = law.rigidity(rows, rows);
+  const Eigen::VectorXd size = used.diagonal().cwiseMax(0.0).cwiseSqrt();
+  if (rows.empty()) return;
+  double least = 0.0;
+  if (size.minCoeff() > 0.0) {
+    const MatrixXd one = size.cwiseInverse().asDiagonal() * used * size.cwiseInverse().asDiagonal();
+    least = Eigen::SelfAdjointEigenSolver<MatrixXd>(one, Eigen::EigenvaluesOnly).eigenvalues()[0];
+  }
+  if (!(least > 1e-12))
+    bad_value("section: stiffness", least,
+              "its least eigenvalue at x = " + std::to_string(X) + " m, scaled to a diagonal of ones, of the strains " +
+                  names + ": must be positive");
 }
 
 void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& patches) {
@@ -285,11 +347,12 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
   const auto block = [&](int s) {
     return stiffness_.block(first_[s], first_[s], options_.modes[s], options_.modes[s]);
   };
-  if (profile.uniform) {
+  const SectionLaw at_clamp = profile.at(0.0);
+  if (profile.uniform && at_clamp.uncoupled()) {
+    check_section(at_clamp, 0.0);
     const std::shared_ptr<const std::array<MatrixXd, kStrains>> unit = unit_stiffness(*unit_);
-    const Section section = profile.section.at(0.0);
     for (int s = 0; s < kStrains; ++s)  // a curvature is one over the length, a shear angle none
-      block(s) = rigidity(s, profile.material, section) *
+      block(s) = at_clamp.rigidity_of(s) *
                  std::pow(length_, (kStrainFields[s].is_curvature() ? -1 : 1) - 2 * unit_->power(s)) *
                  (*unit)[static_cast<std::size_t>(s)];
   } else {
@@ -297,12 +360,10 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
     for (const ShapeSet& s : shapes_) most = std::max(most, static_cast<int>(s.terms()));
     const GaussRule fine = profile.fine(2 * most + 16, length_);
     for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
-      const Section section = profile.section.at(fine.points[g]);
-      for (int s = 0; s < kStrains; ++s) {
-        if (options_.modes[s] == 0) continue;
-        const Eigen::VectorXd e = shapes_[s].at(fine.points[g]).strain;
-        block(s) += fine.weights[g] * rigidity(s, profile.material, section) * e * e.transpose();
-      }
+      const SectionLaw law = profile.at(fine.points[g]);
+      check_section(law, fine.points[g]);
+      const StrainMatrix strains = strains_at(fine.points[g]);
+      stiffness_ += fine.weights[g] * strains.transpose() * law.rigidity * strains;
     }
   }
   for (const Patch& p : patches)
@@ -318,9 +379,9 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
   if (options_.damping_ratio > 0.0 && ne_ > 0) {
     MatrixXd M = MatrixXd::Zero(ne_, ne_);
     for (const MassSlice& s : *slices_) {
-      const auto Jx = s.table.at_rest().topRows<3>();
-      const MatrixXd Jt = s.table.rest.R.transpose() * s.table.at_rest().bottomRows<3>();
-      M += s.mass * Jx.transpose() * Jx + Jt.transpose() * s.inertia.asDiagonal() * Jt;
+      const SliceAtRest at = s.at_rest();
+      const MatrixXd Jx = at.J.topRows<3>(), Jt = at.R.transpose() * at.J.bottomRows<3>();
+      M += s.mass * Jx.transpose() * Jx + Jt.transpose() * s.inertia * Jt;
     }
     const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> modes(stiffness_, M);
     if (modes.info() != Eigen::Success || !modes.eigenvalues().allFinite())

@@ -88,9 +88,10 @@ void Beam::curve(const Profile& profile) {
     const double X = s.rule.points[j];
     W.row(j) = integral_weights(s.rule, length_, X);
     const Vector3d k = s.at(X, false);
-    const Section section = profile.section.at(X);
-    const double folded =
-        std::sqrt(3.0 / section.area * (section.second_moment_y * k[1] * k[1] + section.second_moment_z * k[2] * k[2]));
+    const SectionLaw law = profile.at(X);
+    const double stretch = law.rigidity_of(extension), flap = law.rigidity_of(bending_z),
+                 edge = law.rigidity_of(bending_y);
+    const double folded = stretch > 0.0 ? std::sqrt(3.0 / stretch * (flap * k[1] * k[1] + edge * k[2] * k[2])) : 0.0;
     if (!(folded < 1.0))
       bad_value("curvature", k.transpose(),
                 "at x = " + std::to_string(X) + " m folds the beam: its radius must be above half the section's size");

@@ -73,9 +73,8 @@ void Beam::add_patch_slices(const Patch& p, std::vector<MassSlice>& slices) {
     const PatchSection section = p.at(rule.points[g]);
     const double mass = rule.weights[g] * section.mass;
     if (!(mass > 0.0)) continue;
-    Eigen::Vector3d inertia = Eigen::Vector3d::Zero();
-    if (options_.rotary_inertia) inertia = rule.weights[g] * section.inertia;
-    slices.push_back({all[static_cast<std::size_t>(g)], mass, inertia});
+    slices.push_back({all[static_cast<std::size_t>(g)], mass});
+    if (options_.rotary_inertia) slices.back().inertia = (rule.weights[g] * section.inertia).asDiagonal();
     mass_ += mass;
   }
 }

@@ -2,17 +2,23 @@
 #pragma once
 
 #include "flexarm/beam.hpp"
+#include "strain_physics.hpp"
 
 namespace flexarm {
 
-struct Beam::Profile {
-  SectionProfile section;
-  Material material;
+struct Beam::Profile : Along<SectionLaw> {
   bool uniform;
+  bool shears = true;  ///< whether it has a shear modulus
 
-  double mass(const Section& s) const { return material.density * s.area; }
+  template <class Any, class... More>
+  Profile(const Along<Any>& along, bool is_uniform, const More&... material)
+      : Along<SectionLaw>{[=](double x) { return SectionLaw(material..., along.at(x)); }, along.breaks},
+        uniform(is_uniform) {
+    ((shears = material.shear_modulus > 0.0), ...);
+  }
+
   /// Many points, on each stretch where the section is smooth.
-  GaussRule fine(int n, double length) const { return GaussRule(n, length, section.breaks); }
+  GaussRule fine(int n, double length) const { return GaussRule(n, length, breaks); }
 };
 
 }  // namespace flexarm

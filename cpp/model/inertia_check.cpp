@@ -85,9 +85,10 @@ MatrixXd mass_matrix(const Link& link) {
   };
   add(link.hub().mass, link.hub().inertia, moved(link.hub().com, Matrix6Xd::Zero(6, link.ne())));
   if (link.beam())
-    for (const MassSlice& s : link.beam()->slices())
-      add(s.mass, turned(s.table.rest.R, s.inertia.asDiagonal()),
-          moved(link.hub().end + s.table.rest.x, s.table.at_rest()));
+    for (const MassSlice& s : link.beam()->slices()) {
+      const SliceAtRest at = s.at_rest();
+      add(s.mass, turned(at.R, s.inertia), moved(link.hub().end + at.x, at.J));
+    }
   add(link.tip().mass, turned(turned_end(link), link.tip().inertia), moved_end(link, link.tip().com));
   return M;
 }

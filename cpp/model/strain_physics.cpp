@@ -8,6 +8,9 @@ using Eigen::MatrixXd;
 
 bool is_shear(int strain) { return !is_bending(strain) && strain != extension; }
 
+namespace {
+
+/// I_z, I_y, J, kA, kA; A.
 double section_form(int strain, const Section& s) {
   if (strain == bending_y) return s.second_moment_z;
   if (strain == bending_z) return s.second_moment_y;
@@ -15,18 +18,35 @@ double section_form(int strain, const Section& s) {
   return strain == extension ? s.area : s.shear_correction * s.area;
 }
 
-double rigidity(int strain, const Material& material, const Section& s) {
-  return (is_shear(strain) ? material.shear_modulus : material.youngs_modulus) * section_form(strain, s);
-}
+}  // namespace
 
-Eigen::Vector3d rotary_inertia(const Material& material, const Section& s) {
+SectionLaw::SectionLaw(const Material& material, const Section& s) : mass(material.density * s.area) {
+  rigidity.setZero();
+  for (int k = 0; k < kStrains; ++k) {
+    const int row = kStrainFields[k].strain;
+    rigidity(row, row) = (is_shear(k) ? material.shear_modulus : material.youngs_modulus) * section_form(k, s);
+  }
   const double iy = s.second_moment_y, iz = s.second_moment_z;
-  return material.density * Eigen::Vector3d(iy + iz, iy, iz);
+  inertia = material.density * Eigen::Vector3d(iy + iz, iy, iz).asDiagonal().toDenseMatrix();
 }
 
-double modal_inertia(int strain, const Material& material, const Section& s) {
+SectionLaw::SectionLaw(const SectionMatrix& s) : mass(s.mass()), com(s.com()), inertia(s.inertia_about_com()) {
+  constexpr int row[] = {StrainRow::eps, StrainRow::phi12, StrainRow::phi13,
+                         StrainRow::K1,  StrainRow::K2,    StrainRow::K3};
+  for (int i = 0; i < kStrains; ++i)
+    for (int j = 0; j < kStrains; ++j) rigidity(row[i], row[j]) = 0.5 * (s.stiffness(i, j) + s.stiffness(j, i));
+}
+
+double SectionLaw::rigidity_of(int strain) const {
+  const int row = kStrainFields[strain].strain;
+  return rigidity(row, row);
+}
+
+bool SectionLaw::uncoupled() const { return rigidity.isDiagonal(0.0); }
+
+double SectionLaw::modal_inertia(int strain) const {
   const StrainField& f = kStrainFields[strain];
-  return f.position < 0 ? rotary_inertia(material, s)[f.rotation] : material.density * s.area;
+  return f.position < 0 ? inertia(f.rotation, f.rotation) : mass;
 }
 
 Plane plane_of(const StrainCounts& modes, int order) {

@@ -15,14 +15,23 @@ namespace flexarm {
 
 /// Whether the shear modulus resists a strain; else Young's.
 bool is_shear(int strain);
-/// I_z, I_y, J, kA, kA of Eq. 62; A.
-double section_form(int strain, const Section& s);
-/// EI_z, EI_y, GJ, kGA, kGA, EA (N m^2, N).
-double rigidity(int strain, const Material& material, const Section& s);
-/// Inertia per length of the section's rotation about x, y and z (kg m).
-Eigen::Vector3d rotary_inertia(const Material& material, const Section& s);
-/// What a clamped mode of one strain vibrates against, per length (Euler-Bernoulli for bending).
-double modal_inertia(int strain, const Material& material, const Section& s);
+/// What a beam needs of a section, per length.
+struct SectionLaw {
+  Eigen::Matrix<double, kStrains, kStrains> rigidity;  ///< stresses by strains, in the order of StrainRow (N, N m^2)
+  double mass;                                         ///< kg/m
+  Eigen::Vector3d com = Eigen::Vector3d::Zero();       ///< of the centre of mass (m)
+  Eigen::Matrix3d inertia = Eigen::Matrix3d::Zero();   ///< about it (kg m)
+
+  /// EI_z, EI_y, GJ, kGA, kGA, EA of Eq. 62.
+  SectionLaw(const Material& material, const Section& s);
+  explicit SectionLaw(const SectionMatrix& s);
+
+  double rigidity_of(int strain) const;
+  /// Whether a strain has part in no other's stress.
+  bool uncoupled() const;
+  /// What a clamped mode of one strain vibrates against (Euler-Bernoulli for bending).
+  double modal_inertia(int strain) const;
+};
 /// The plane of a beam that bends and shears in no other. At order 2 and below, one that stretches has none: the
 /// product of a slope and a stretch displaces it across, where the kernels of a plane have what is linear alone.
 Plane plane_of(const StrainCounts& modes, int order);

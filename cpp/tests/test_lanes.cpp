@@ -64,7 +64,7 @@ TEST_CASE("a rod that only twists is a hinge with a spring and a rotor, however 
     const Beam beam = flexarm_test::beam({0, 0, 1, 0, 0}, order);
     const double turn = beam.tip().linear(3, 0);  // of the end, by the coordinate
     double inertia = 0.0;
-    for (const MassSlice& s : beam.slices()) inertia += s.inertia[0] * std::pow(s.table.linear(3, 0), 2);
+    for (const MassSlice& s : beam.slices()) inertia += s.inertia(0, 0) * std::pow(s.table.linear(3, 0), 2);
     JointForce spring;
     spring.stiffness = beam.stiffness()(0, 0) / (turn * turn);
     spring.reflected_inertia = inertia / (turn * turn);

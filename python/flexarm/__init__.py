@@ -86,15 +86,7 @@ from .batch.rollout import (
 from .batch.simulate import batch_memory as batch_memory, simulate_batch as simulate_batch
 from .choose.chart import Chart as Chart, chart as chart
 from .choose.economize import Plan as Plan, economize as economize
-from .parts.beam import (
-    Beam as Beam,
-    Circle as Circle,
-    GeneralSection as GeneralSection,
-    Material as Material,
-    Rectangle as Rectangle,
-    RigidBody as RigidBody,
-    Taper as Taper,
-)
+from .parts.beam import Beam as Beam, Material as Material, RigidBody as RigidBody
 from .parts.joints import (
     Axes as Axes,
     Cylindrical as Cylindrical,
@@ -110,6 +102,12 @@ from .parts.joints import (
 )
 from .parts.link import Link as Link
 from .parts.patch import Patch as Patch, Piezo as Piezo
+from .parts.sections import (
+    Circle as Circle,
+    GeneralSection as GeneralSection,
+    Rectangle as Rectangle,
+    Taper as Taper,
+)
 from .parts.split import split as split
 from .run.pace import SlowWarning as SlowWarning, StepWarning as StepWarning
 from .run.pulses import PulseWarning as PulseWarning

@@ -40,7 +40,8 @@ struct Node {
   const int* direction = nullptr;       ///< and 0, 1 or 2 for along x, y or z
   int blocks = 0, position_blocks = 0;  ///< of rotation and position; those of position come first
   const Block* block = nullptr;
-  int passes = 0, rotary = 0;                         ///< (groups of) points: of position, of rotation
+  int passes = 0, rotary = 0;                         ///< (groups of) points: of position, of rotation; of a sampled
+                                                      ///< body, numbers of a section's inertia: see Rows
   std::size_t point_numbers = 0, rotary_numbers = 0;  ///< of one of them
   // sampled: of points that lie symmetrically about the middle, the first half, in so many passes; then other stations
   int half = 0, further = 0, further_passes = 0;

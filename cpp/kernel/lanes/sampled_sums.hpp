@@ -154,7 +154,7 @@ struct Rows {
     turn = rows(Sp::planar ? 0 : node.ne, points);
     rest = rows(node.curved ? (Sp::planar || node.uniaxial ? 1 : 7) : 0, points);
     mass = rows(1, stations);
-    inertia = rows(node.rotary ? 3 : 0, stations);
+    inertia = rows(node.rotary, stations);
     further = p;
   }
   /// Of coordinate k: its strain at point i times the beam's length (in the plane, of bending: the turn it gives).
@@ -171,13 +171,10 @@ struct Rows {
   S rest_in_lane(int i) const {
     return Lanes<S>::load(rest + i * Lanes<S>::width);
   }
-  /// Of station i: its mass, and its moments of inertia about its own axes.
+  /// Of station i: its mass, and of its inertia about its centre of mass: the moments, the products xy, xz, yz, and
+  /// where that centre lies from the axis; all in its own axes.
   P mass_of(int i) const { return Lanes<P>::load(mass + i * width); }
-  typename Sp::Lin inertia_of(int i) const {
-    typename Sp::Lin x = Sp::zero();
-    for (int c = 0; c < Sp::linear; ++c) Sp::component(x, c) = Lanes<P>::load(inertia + (c * stations + i) * width);
-    return x;
-  }
+  P inertia_of(int row, int i) const { return Lanes<P>::load(inertia + (row * stations + i) * width); }
 };
 
 /// What is summed over the slices: of one body, and of each coordinate.
@@ -210,8 +207,9 @@ template <class Sp>
 struct Station {
   typename Sp::Scalar mass;
   typename Sp::Lin x, force;  ///< place; what it takes to move it as velocities do, without other accelerations
-  typename Sp::Sym J;         ///< in space: its inertia in the link's axes
+  typename Sp::Sym J;         ///< in space: its inertia about its place, in the link's axes
   typename Sp::Lin torque;    ///< and what it takes to turn it so
+  typename Sp::Lin arm;       ///< from its place to its centre of mass, where these differ
 };
 
 constexpr int kTogether = 4;  // stations that are summed together
@@ -272,23 +270,6 @@ void add_products(const typename Sp::Scalar* rows, int each, const Field<Sp>& J,
   if (i < ne) along(Count<1>{}, i, ne);
 }
 
-/// A section's own inertia: what turns it.
-template <class P, class Motion>
-void add_turning(const Rows<Space<P>>& rows, const Motion& m, const typename Space<P>::Lin& w, int i,
-                 Station<Space<P>>& s, typename Sums<Space<P>>::Body& body) {
-  using Sp = Space<P>;
-  const auto I = rows.inertia_of(i), x = m.R[0](i), y = m.R[1](i), z = m.R[2](i);
-  const auto entry = [&](const P& x1, const P& x2, const P& y1, const P& y2, const P& z1, const P& z2) {
-    return I.x * x1 * x2 + I.y * y1 * y2 + I.z * z1 * z2;
-  };
-  s.J = {entry(x.x, x.x, y.x, y.x, z.x, z.x), entry(x.y, x.y, y.y, y.y, z.y, z.y), entry(x.z, x.z, y.z, y.z, z.z, z.z),
-         entry(x.x, x.y, y.x, y.y, z.x, z.y), entry(x.x, x.z, y.x, y.z, z.x, z.z), entry(x.y, x.z, y.y, y.z, z.y, z.z)};
-  const auto spin = m.spin(i), W = w + spin, W_dot = Sp::cross(w, spin) + m.turned.bias(i);  // Eq. 46
-  s.torque = Sp::apply(s.J, W_dot) + Sp::cross(W, Sp::apply(s.J, W));
-  Sp::add(body.J, s.J);
-  body.n += s.torque;
-}
-
 template <class P>
 void add_second_moment(const P& m, const typename Space<P>::Lin& x, typename Space<P>::Sym& J) {
   const typename Space<P>::Lin mx = m * x;
@@ -303,6 +284,41 @@ void add_second_moment(const P& m, const typename Space<P>::Lin& x, typename Spa
 template <class P>
 void add_second_moment(const P& m, const typename Plane<P>::Lin& x, typename Plane<P>::Sym& J) {
   J.zz += m * (x.x * x.x + x.y * x.y);
+}
+
+/// A section's own inertia: what turns it.
+template <class P, class Motion>
+void add_turning(const Rows<Space<P>>& rows, const Motion& m, const typename Space<P>::Lin& w, int i, bool off_axis,
+                 Station<Space<P>>& s, typename Sums<Space<P>>::Body& body) {
+  using Sp = Space<P>;
+  using Lin = typename Sp::Lin;
+  const auto I = [&](int row) { return rows.inertia_of(row, i); };
+  const Lin x = m.R[0](i), y = m.R[1](i), z = m.R[2](i);
+  Lin Ix = I(0) * x, Iy = I(1) * y, Iz = I(2) * z;
+  if (off_axis) {
+    Ix += I(3) * y + I(4) * z;
+    Iy += I(3) * x + I(5) * z;
+    Iz += I(4) * x + I(5) * y;
+  }
+  s.J = {Ix.x * x.x + Iy.x * y.x + Iz.x * z.x, Ix.y * x.y + Iy.y * y.y + Iz.y * z.y,
+         Ix.z * x.z + Iy.z * y.z + Iz.z * z.z, Ix.x * x.y + Iy.x * y.y + Iz.x * z.y,
+         Ix.x * x.z + Iy.x * y.z + Iz.x * z.z, Ix.y * x.z + Iy.y * y.z + Iz.y * z.z};
+  const Lin spin = m.spin(i), W = w + spin, W_dot = Sp::cross(w, spin) + m.turned.bias(i);  // Eq. 46
+  s.torque = Sp::apply(s.J, W_dot) + Sp::cross(W, Sp::apply(s.J, W));
+  Sp::add(body.J, s.J);
+  if (off_axis) {  // about the section's place, of the centre of mass, which it carries
+    s.arm = I(6) * x + I(7) * y + I(8) * z;
+    const Lin swing = s.mass * (Sp::cross(W_dot, s.arm) + Sp::cross(W, Sp::cross(W, s.arm)));
+    s.force += swing;
+    body.c += s.mass * s.arm;
+    body.f += swing;
+    body.n += Sp::moment(s.x, swing);
+    s.torque += Sp::cross(s.arm, s.force);
+    add_second_moment<P>(s.mass, s.arm, s.J);
+    add_second_moment<P>(s.mass, s.x + s.arm, body.J);
+    add_second_moment<P>(-s.mass, s.x, body.J);
+  }
+  body.n += s.torque;
 }
 
 /// Of station i: its part of the body's inertia and force.
@@ -323,7 +339,7 @@ Station<Sp> add_station(const Node& node, const Rows<Sp>& rows, const Motion& m,
   body.n += Sp::moment(s.x, s.force);
   add_second_moment<P>(s.mass, s.x, body.J);
   if constexpr (!Sp::planar)
-    if (node.rotary) add_turning<P>(rows, m, w, i, s, body);
+    if (node.rotary) add_turning<P>(rows, m, w, i, node.rotary > 3, s, body);
   return s;
 }
 
@@ -363,6 +379,16 @@ void sum_stations(const Node& node, const Rows<Sp>& rows, const Motion& m, const
           if constexpr (again) continue;
           n += IJ;
           for (int c = 0; c < Sp::linear; ++c) row[(Sp::linear + c) * N + a] = Sp::component(IJ, c);
+        }
+        for (int a = 0; a < N && node.rotary > 3 && !again; ++a) {  // momenta by centres of mass off the axis
+          const Station<Sp>& s = station[a];
+          const Lin p = s.mass * Sp::cross(J_R(from + a), s.arm), h = Sp::cross(s.arm, s.mass * J_T(from + a));
+          f += p;
+          n += Sp::moment(s.x, p) + h;
+          for (int c = 0; c < Sp::linear; ++c) {
+            row[c * N + a] += Sp::component(p, c);
+            row[(Sp::linear + c) * N + a] += Sp::component(h, c);
+          }
         }
       }
     sums.e[k] += e;

@@ -36,7 +36,7 @@ Section LinkMotion::root() const { return sections_ ? at(link_->beam()->tip()) :
 void LinkMotion::for_each_body(const Visit& visit) const {
   visit(link_->hub().mass, link_->hub().inertia, Section(ne()).at(link_->hub().com));
   if (sections_)
-    for (const flexarm::MassSlice& s : link_->beam()->slices()) visit(s.mass, s.inertia.asDiagonal(), at(s.table));
+    for (const flexarm::MassSlice& s : link_->beam()->slices()) visit(s.mass, s.inertia, at(s.table).at(s.com));
   visit(link_->tip().mass, link_->tip().inertia, root().at(link_->tip().com));
 }
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from .._console import aligned
-from ..parts.beam import Beam, Circle, Rectangle, Taper
+from ..parts.beam import Beam
 from ..parts.chain import Chain
 from ..parts.joints import Fixed
+from ..parts.sections import Circle, Rectangle, Taper
 from ..parts.shapes import curvature_at
 from .modes import modes
 

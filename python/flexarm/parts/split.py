@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from .._check import array, whole
-from .beam import STRAINS, Beam, Taper
+from .beam import STRAINS, Beam
 from .joints import Fixed
 from .link import Link
 from .patch import Patch
+from .sections import Taper
 from .shapes import curvature_at
 
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from .._check import Array, array, choice, number, whole
 from ..arm import Arm
-from ..parts.beam import STRAIN_NAMES, Beam, Circle, Rectangle, Taper, Vector, as_floats
+from ..parts.beam import STRAIN_NAMES, Beam, Vector, as_floats
 from ..parts.joints import UNIT
+from ..parts.sections import Circle, Rectangle, Taper
 from .sensor import Component, Sensor
 
 # -- on a joint ----------------------------------------------------------------------------------------------------

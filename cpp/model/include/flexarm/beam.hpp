@@ -18,8 +18,12 @@ namespace flexarm {
 /// A slice that carries inertia: a Gauss point of the beam.
 struct MassSlice {
   SliceTable table;
-  double mass;              ///< rho A dX (kg)
-  Eigen::Vector3d inertia;  ///< rho I dX about the slice's axes (kg m^2); zero without rotary inertia
+  double mass = 0.0;                                  ///< rho A dX (kg)
+  Eigen::Vector3d com = Eigen::Vector3d::Zero();      ///< of its centre of mass, in the slice's axes (m)
+  Eigen::Matrix3d inertia = Eigen::Matrix3d::Zero();  ///< rho I dX about it (kg m^2); zero without rotary inertia
+
+  /// At rest: of the centre of mass, place, turn of the axes, and [J_T; J_R].
+  SliceAtRest at_rest() const;
 };
 
 /// What the modes of the loaded basis carry at their end.
@@ -48,6 +52,7 @@ struct BeamOptions {
   int gauss_points = 0;     ///< 0: enough for the basis, see `enough_gauss_points`
 };
 
+struct SectionLaw;
 struct UnitShapes;
 struct RestShape;
 
@@ -57,8 +62,11 @@ class Beam {
   /// @throws std::invalid_argument naming the field and the value
   Beam(double length, const Section& section, const Material& material, const BeamOptions& options,
        const std::vector<Patch>& patches = {});
+  Beam(double length, const SectionMatrix& section, const BeamOptions& options, const std::vector<Patch>& patches = {});
   /// Tapered.
   Beam(double length, const SectionProfile& section, const Material& material, const BeamOptions& options,
+       const std::vector<Patch>& patches = {});
+  Beam(double length, const SectionMatrixProfile& section, const BeamOptions& options,
        const std::vector<Patch>& patches = {});
 
   double length() const { return length_; }
@@ -105,9 +113,10 @@ class Beam {
  private:
   /// Section and material along the beam.
   struct Profile;
-  Beam(double length, const Profile& profile, const Material& material, const BeamOptions& options,
-       const std::vector<Patch>& patches);
+  Beam(double length, const Profile& profile, const BeamOptions& options, const std::vector<Patch>& patches);
   std::vector<MassSlice> build_slices(const Profile& profile);
+  bool off_axis(const Profile& profile) const;
+  void check_section(const SectionLaw& law, double X) const;
   void build_stiffness(const Profile& profile, const std::vector<Patch>& patches);
   void curve(const Profile& profile);
   SliceAtRest rest_at(double X) const;

@@ -1,6 +1,7 @@
 // Materials and cross sections. Axes of a section: y and z, its principal axes; x is the beam's axis.
 #pragma once
 
+#include <Eigen/Core>
 #include <functional>
 #include <optional>
 #include <vector>
@@ -36,10 +37,28 @@ struct Section {
   static Section circle(double radius, double inner_radius = 0.0, double shear_correction = 9.0 / 10.0);
 };
 
-/// The section along a beam that is not uniform.
-struct SectionProfile {
-  std::function<Section(double)> at;  ///< at x metres from the clamp
-  std::vector<double> breaks;         ///< between 0 and the length: where it is not smooth
+/// Any cross section, by its matrices per unit length, in the order force or velocity along x, y, z, then moment or
+/// angular velocity about them. It holds its material.
+struct SectionMatrix {
+  using Matrix = Eigen::Matrix<double, 6, 6>;
+  Matrix stiffness;  ///< [N V_y V_z M_x M_y M_z] by [eps phi12 phi13 K1 K2 K3] (N, N m, N m^2)
+  Matrix inertia;    ///< [m 1, -m c~; m c~, J], with c the centre of mass and J about the axis (kg/m, kg, kg m)
+
+  /// @throws std::invalid_argument naming the field and the value
+  SectionMatrix(const Matrix& stiffness, const Matrix& inertia);
+
+  double mass() const { return inertia(0, 0); }  ///< kg/m
+  Eigen::Vector3d com() const;                   ///< zero without mass
+  Eigen::Matrix3d inertia_about_com() const;
 };
+
+/// The section along a beam that is not uniform.
+template <class Any>
+struct Along {
+  std::function<Any(double)> at;  ///< at x metres from the clamp
+  std::vector<double> breaks;     ///< between 0 and the length: where it is not smooth
+};
+using SectionProfile = Along<Section>;
+using SectionMatrixProfile = Along<SectionMatrix>;
 
 }  // namespace flexarm
