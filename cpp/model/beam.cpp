@@ -120,6 +120,7 @@ void check_options(const BeamOptions& o, bool shears) {
                 "must be from 0 to " + std::to_string(kMostModes));
   if (o.order < 0 || o.order > kExact) bad_value("order", o.order, "must be 0, 1, 2, 3 or \"exact\"");
   non_negative("damping_ratio", o.damping_ratio);
+  if (o.damping_ratio > 1.0) bad_value("damping_ratio", o.damping_ratio, "2 % is 0.02; is it in per cent?");
   for (double time : o.kelvin_voigt) non_negative("kelvin_voigt", time);
   if (o.gauss_points < 0 || o.gauss_points > 400)
     bad_value("gauss_points", o.gauss_points, "must be from 1 to 400, or 0 to let the basis choose");

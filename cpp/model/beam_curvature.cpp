@@ -17,6 +17,9 @@ using Eigen::Vector4d;
 
 namespace {
 
+constexpr double kMostTurned = 500.0;  ///< rad; equations of all points together are solved
+constexpr int kLooks = 100;            ///< at a curvature that is to be checked
+
 /// Of a quaternion w x y z of any length.
 Matrix3d rotation_of(const Vector4d& p) {
   return Eigen::Quaterniond(p[0], p[1], p[2], p[3]).normalized().toRotationMatrix();
@@ -32,7 +35,10 @@ struct RestShape {
   Eigen::Matrix3Xd place;                  ///< x' = R e1 (Eq. 24)
   std::vector<Mat6X<double>> slope;        ///< of [J_T; J_R] (Eq. 37, 39)
 
-  RestShape(int points, double length) : rule(points, length) {}
+  RestShape(const MatrixXd& given, double length) : rule(1, length) {
+    for (Index c = 0; c < 3; ++c)
+      if (!given.col(c).isZero(0.0)) K[static_cast<std::size_t>(c)].emplace_back(torsion, given.col(c), length);
+  }
 
   /// K, or its integral from 0.
   Vector3d at(double X, bool integral) const {
@@ -45,6 +51,33 @@ struct RestShape {
     return out;
   }
 };
+
+namespace {
+
+/// Of the shape at rest: whether it can be, and whether it can be integrated.
+void check_bend(const RestShape& shape, const Along<SectionLaw>& sections, double length) {
+  const GaussRule rule(kLooks, length);
+  double turned = 0.0;
+  for (Index j = 0; j < rule.points.size(); ++j) {
+    const double X = rule.points[j];
+    const Vector3d k = shape.at(X, false);
+    const SectionLaw law = sections.at(X);
+    const double stretch = law.rigidity_of(extension), flap = law.rigidity_of(bending_z),
+                 edge = law.rigidity_of(bending_y);  // over the former, squares of radii of gyration
+    const double folded = stretch > 0.0 ? std::sqrt(3.0 / stretch * (flap * k[1] * k[1] + edge * k[2] * k[2])) : 0.0;
+    if (!(folded < 1.0))
+      bad_value("curvature", k.transpose(),
+                "at x = " + std::to_string(X) + " m folds the beam: its radius must be above half the section's size");
+    turned += rule.weights[j] * k.norm();
+  }
+  if (!(turned < kMostTurned))
+    bad_value("curvature", shape.at(0.0, false).transpose(),
+              "at x = 0 and so on turns the beam's sections by " + std::to_string(static_cast<long>(turned)) +
+                  " rad in all, beyond " + std::to_string(static_cast<int>(kMostTurned)) +
+                  "; is it in 1/m? Split the beam, if so");
+}
+
+}  // namespace
 
 bool Beam::curved_about(int axis) const {
   for (int c = 0; c < 3; ++c)
@@ -76,11 +109,11 @@ void Beam::curve(const Profile& profile) {
     bad_value(
         "order", options_.order,
         "must be \"exact\" where the beam has a curvature at rest: the other orders are series about a straight beam");
-  const int n = enough_gauss_points(options_, shapes_, length_) + 8;
-  const auto made = std::make_shared<RestShape>(n, length_);
+  const auto made = std::make_shared<RestShape>(given, length_);
   RestShape& s = *made;
-  for (Index c = 0; c < 3; ++c)
-    if (!given.col(c).isZero(0.0)) s.K[static_cast<std::size_t>(c)].emplace_back(torsion, given.col(c), length_);
+  check_bend(s, profile, length_);
+  const int n = enough_gauss_points(options_, shapes_, length_) + 8;
+  s.rule = GaussRule(n, length_);
   std::vector<Vector3d> K;
   MatrixXd W(n, n), system = MatrixXd::Identity(4 * n, 4 * n);
   std::vector<Eigen::Matrix4d> Q(static_cast<std::size_t>(n));
@@ -88,13 +121,6 @@ void Beam::curve(const Profile& profile) {
     const double X = s.rule.points[j];
     W.row(j) = integral_weights(s.rule, length_, X);
     const Vector3d k = s.at(X, false);
-    const SectionLaw law = profile.at(X);
-    const double stretch = law.rigidity_of(extension), flap = law.rigidity_of(bending_z),
-                 edge = law.rigidity_of(bending_y);
-    const double folded = stretch > 0.0 ? std::sqrt(3.0 / stretch * (flap * k[1] * k[1] + edge * k[2] * k[2])) : 0.0;
-    if (!(folded < 1.0))
-      bad_value("curvature", k.transpose(),
-                "at x = " + std::to_string(X) + " m folds the beam: its radius must be above half the section's size");
     Q[static_cast<std::size_t>(j)] << 0.0, -k.transpose(), k, -tilde(k);
   }
   for (Index i = 0; i < n; ++i)

@@ -14,9 +14,16 @@ void RigidBody::check() const {
   const double scale = inertia.cwiseAbs().maxCoeff();
   if ((inertia - inertia.transpose()).cwiseAbs().maxCoeff() > 1e-12 * scale)
     bad_value("inertia", inertia.reshaped().transpose(), "must be symmetric");
-  const double least = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(inertia).eigenvalues()[0];
-  if (least < -1e-12 * scale)
+  const Eigen::Vector3d moments = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(inertia).eigenvalues();
+  if (moments[0] < -1e-12 * scale)
     bad_value("inertia", inertia.reshaped().transpose(), "must not have a negative principal moment");
+  // A plate has equality, and tables round; where one moment alone is given, it is about the axis of a planar arm.
+  if (moments[1] > 1e-12 * scale && moments[2] > 1.01 * (moments[0] + moments[1])) {
+    std::ostringstream right;
+    right << "no body has the principal moments " << moments.transpose()
+          << " kg m^2: none is larger than the sum of the others; are they about the centre of mass?";
+    bad_value("inertia", inertia.reshaped().transpose(), right.str());
+  }
 }
 
 Link::Link(Joint joint, std::optional<RigidBody> hub, std::optional<Beam> beam, std::optional<RigidBody> tip)

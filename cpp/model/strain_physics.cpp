@@ -15,7 +15,8 @@ double section_form(int strain, const Section& s) {
   if (strain == bending_y) return s.second_moment_z;
   if (strain == bending_z) return s.second_moment_y;
   if (strain == torsion) return s.torsion_constant;
-  return strain == extension ? s.area : s.shear_correction * s.area;
+  if (strain == extension) return s.area;
+  return (strain == shear_y ? s.shear_correction.y : s.shear_correction.z) * s.area;
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // Beams of a scene: sections, materials, modes.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "flexarm/check.hpp"
 #include "scene_parts.hpp"
@@ -11,19 +12,101 @@ namespace {
 
 constexpr std::size_t kTerms = 60;  // Legendre polynomials of one shape, at most
 
-const Names kSections{"rectangle", "circle", "general"};
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();  // what is left out
+using Sizes = const double*;
+using Shear = std::optional<ShearCorrection>;
 
-/// The numbers of a table: those that must be there, then those with a default.
-std::vector<double> read_sizes(const At& table, const Names& needed,
-                               const std::vector<std::pair<std::string, double>>& more) {
-  Names known = needed;
-  known.push_back("type");
-  for (const auto& [name, value] : more) known.push_back(name);
+}  // namespace
+
+/// A kind of section: its numbers, then those that are one number or two, along y and along z.
+struct SectionKind {
+  const char* name;
+  Names needed;
+  std::vector<std::pair<std::string, double>> more;  ///< with what they are if left out
+  Names pairs;
+  double shear_correction;  ///< the last pair, if left out; kNone: the shape's own
+  Section (*make)(Sizes, const Shear&);
+};
+
+namespace {
+
+const std::vector<SectionKind> kSections{
+    {"rectangle",
+     {"y", "z"},
+     {},
+     {},
+     5.0 / 6.0,
+     [](Sizes s, const Shear& k) { return Section::rectangle(s[0], s[1], *k); }},
+    {"circle",
+     {"radius"},
+     {{"inner_radius", 0.0}},
+     {},
+     9.0 / 10.0,
+     [](Sizes s, const Shear& k) { return Section::circle(s[0], s[1], *k); }},
+    {"tube",
+     {"radius", "thickness"},
+     {},
+     {},
+     kNone,
+     [](Sizes s, const Shear& k) { return Section::tube(s[0], s[1], k); }},
+    {"ellipse", {"y", "z"}, {}, {}, kNone, [](Sizes s, const Shear& k) { return Section::ellipse(s[0], s[1], k); }},
+    {"box",
+     {"y", "z"},
+     {},
+     {"thickness"},
+     kNone,
+     [](Sizes s, const Shear& k) { return Section::box(s[0], s[1], s[2], s[3], k); }},
+    {"i_beam",
+     {"y", "z", "flange", "web"},
+     {},
+     {},
+     kNone,
+     [](Sizes s, const Shear& k) { return Section::i_beam(s[0], s[1], s[2], s[3], k); }},
+    {"general",
+     {"area", "second_moment_y", "second_moment_z", "torsion_constant"},
+     {},
+     {},
+     5.0 / 6.0,
+     [](Sizes s, const Shear& k) { return Section(s[0], s[1], s[2], s[3], *k); }},
+};
+
+const SectionKind& section_kind(const std::string& name) {
+  return *std::find_if(kSections.begin(), kSections.end(), [&](const auto& kind) { return kind.name == name; });
+}
+
+Names section_kinds() {
+  Names names;
+  for (const SectionKind& kind : kSections) names.emplace_back(kind.name);
+  names.emplace_back("matrix");
+  return names;
+}
+
+/// One number for both axes, or two, along y and along z.
+void read_pair(const At& at, std::vector<double>& out) {
+  if (!at.is(Value::Kind::list)) {
+    out.insert(out.end(), 2, at.number());
+    return;
+  }
+  const std::vector<double> two = at.numbers();
+  if (two.size() != 2) at.bad("must be one number, or two, along y and along z");
+  out.insert(out.end(), two.begin(), two.end());
+}
+
+std::vector<double> read_sizes(const At& table, const SectionKind& kind) {
+  Names known = kind.needed, needed = kind.needed;
+  known.insert(known.end(), {"type", "shear_correction"});
+  for (const auto& [name, value] : kind.more) known.push_back(name);
+  for (const std::string& name : kind.pairs) known.push_back(name), needed.push_back(name);
   table.known_keys(known);
   table.needs(needed);
   std::vector<double> out;
-  for (const std::string& name : needed) out.push_back(table[name].number());
-  for (const auto& [name, value] : more) out.push_back(table.number(name, value));
+  for (const std::string& name : kind.needed) out.push_back(table[name].number());
+  for (const auto& [name, value] : kind.more) out.push_back(table.number(name, value));
+  for (const std::string& name : kind.pairs) read_pair(table[name], out);
+  if (table.has("shear_correction"))
+    read_pair(table["shear_correction"], out);
+  else
+    out.insert(out.end(), 2, kind.shear_correction);
   return out;
 }
 
@@ -36,25 +119,47 @@ std::string read_type(const At& table, const Names& kinds) {
   return table["type"].choice(kinds);
 }
 
+SectionSpec read_section_matrix(const At& table) {
+  table.known_keys({"type", "stiffness", "inertia"});
+  table.needs({"stiffness", "inertia"});
+  SectionSpec spec{nullptr, {}};
+  for (const char* name : {"stiffness", "inertia"}) {
+    const std::vector<At> rows = table[name].list("rows");
+    if (rows.size() != 6) table[name].bad("must be 6 rows of 6 numbers");
+    for (const At& row : rows) {
+      const std::vector<double> numbers = row.numbers(6);
+      spec.sizes.insert(spec.sizes.end(), numbers.begin(), numbers.end());
+    }
+  }
+  within(table.where(), [&] { return spec.matrix(); });
+  return spec;
+}
+
 SectionSpec read_section(const At& table) {
-  using Kind = SectionSpec::Kind;
-  const std::string type = read_type(table, kSections);
-  SectionSpec spec;
-  if (type == "rectangle")
-    spec = {Kind::rectangle, read_sizes(table, {"y", "z"}, {{"shear_correction", 5.0 / 6.0}})};
-  else if (type == "circle")
-    spec = {Kind::circle, read_sizes(table, {"radius"}, {{"inner_radius", 0.0}, {"shear_correction", 9.0 / 10.0}})};
-  else
-    spec = {Kind::general, read_sizes(table, {"area", "second_moment_y", "second_moment_z", "torsion_constant"},
-                                      {{"shear_correction", 5.0 / 6.0}})};
+  const std::string type = read_type(table, section_kinds());
+  if (type == "matrix") return read_section_matrix(table);
+  const SectionKind& kind = section_kind(type);
+  SectionSpec spec{&kind, read_sizes(table, kind)};
   within(table.where(), [&] { return spec.section(); });
   return spec;
 }
 
 SectionSpec general(const SectionSpec& spec) {
   const Section s = spec.section();
-  return {SectionSpec::Kind::general,
-          {s.area, s.second_moment_y, s.second_moment_z, s.torsion_constant, s.shear_correction}};
+  return {
+      &section_kind("general"),
+      {s.area, s.second_moment_y, s.second_moment_z, s.torsion_constant, s.shear_correction.y, s.shear_correction.z}};
+}
+
+/// Where one section of a taper has a shear correction, all have: the others their shapes'.
+void agree(std::vector<SectionSpec>& parts) {
+  const auto left_out = [](const SectionSpec& p) { return std::isnan(p.sizes.back()); };
+  if (std::all_of(parts.begin(), parts.end(), left_out)) return;
+  for (SectionSpec& p : parts) {
+    const ShearCorrection k = p.section().shear_correction;
+    p.sizes.end()[-2] = k.y;
+    p.sizes.end()[-1] = k.z;
+  }
 }
 
 SectionAlong read_taper(const At& table, double length) {
@@ -69,9 +174,12 @@ SectionAlong read_taper(const At& table, double length) {
     x.bad("must end at the beam's length, " + std::to_string(length) + " m");
   for (const At& part : table["sections"].list("sections")) out.parts.push_back(read_section(part));
   if (out.parts.size() != out.x.size()) table["sections"].bad("must be one section for each of the places of x");
-  const SectionSpec::Kind kind = out.parts[0].kind;
+  const SectionKind* kind = out.parts[0].kind;
   const bool alike = std::all_of(out.parts.begin(), out.parts.end(), [&](const auto& p) { return p.kind == kind; });
+  if (!alike && std::any_of(out.parts.begin(), out.parts.end(), [](const auto& p) { return !p.kind; }))
+    table["sections"].bad("must all be of type 'matrix' where one is");
   if (!alike) std::transform(out.parts.begin(), out.parts.end(), out.parts.begin(), general);
+  if (kind) agree(out.parts);
   return out;
 }
 
@@ -215,15 +323,13 @@ double interpolated(double at, const std::vector<double>& x, const std::vector<d
 }
 
 Section SectionSpec::section() const {
-  if (kind == Kind::rectangle) return Section::rectangle(sizes[0], sizes[1], sizes[2]);
-  if (kind == Kind::circle) return Section::circle(sizes[0], sizes[1], sizes[2]);
-  return Section(sizes[0], sizes[1], sizes[2], sizes[3], sizes[4]);
+  const ShearCorrection k(sizes.end()[-2], sizes.end()[-1]);
+  return kind->make(sizes.data(), std::isnan(k.y) ? Shear() : k);
 }
 
-std::optional<Face> SectionSpec::face(char axis) const {
-  if (kind == Kind::circle) return Face{sizes[0], 2.0 * sizes[0], false};
-  if (kind == Kind::general) return {};
-  return axis == 'y' ? Face{sizes[0] / 2.0, sizes[1], true} : Face{sizes[1] / 2.0, sizes[0], true};
+SectionMatrix SectionSpec::matrix() const {
+  using Rows = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
+  return {Eigen::Map<const Rows>(sizes.data()), Eigen::Map<const Rows>(sizes.data() + 36)};
 }
 
 SectionSpec SectionAlong::at(double place) const {
@@ -240,25 +346,35 @@ SectionSpec SectionAlong::at(double place) const {
 Beam read_beam(const At& table) {
   table.known_keys({"length", "section", "material", "modes", "basis", "order", "rotary_inertia", "damping_ratio",
                     "kelvin_voigt", "damping", "gauss_points", "basis_tip", "patches", "curvature"});
-  table.needs({"length", "section", "material", "modes"});
+  table.needs({"length", "section", "modes"});
   const double length = table["length"].number();
-  Names kinds = kSections;
+  Names kinds = section_kinds();
   kinds.push_back("taper");
   SectionAlong along;
   if (read_type(table["section"], kinds) == "taper")
     along = read_taper(table["section"], length);
   else
     along.parts = {read_section(table["section"])};
-  const Material material = read_material(table["material"]);
+  const bool matrices = along.parts[0].kind == nullptr;
+  if (matrices && table.has("material"))
+    table["material"].bad("must be left out: a section of type 'matrix' has its own");
+  if (!matrices) table.needs({"material"});
+  std::optional<Material> material;
+  if (!matrices) material = read_material(table["material"]);
   const BeamOptions options = read_options(table);
   std::vector<Patch> patches;
   if (table.has("patches"))
     for (const At& patch : table["patches"].list("tables")) patches.push_back(read_patch(patch, along, length));
+  const bool uniform = along.x.empty();
+  const std::vector<double> breaks(uniform ? along.x.end() : along.x.begin() + 1, along.x.end() - (uniform ? 0 : 1));
   return within(table.where(), [&] {
-    if (along.x.empty()) return Beam(length, along.parts[0].section(), material, options, patches);
-    const SectionProfile profile{[along](double x) { return along.at(x).section(); },
-                                 {along.x.begin() + 1, along.x.end() - 1}};
-    return Beam(length, profile, material, options, patches);
+    if (matrices && uniform) return Beam(length, along.parts[0].matrix(), options, patches);
+    if (matrices)
+      return Beam(length, SectionMatrixProfile{[along](double x) { return along.at(x).matrix(); }, breaks}, options,
+                  patches);
+    if (uniform) return Beam(length, along.parts[0].section(), *material, options, patches);
+    const SectionProfile profile{[along](double x) { return along.at(x).section(); }, breaks};
+    return Beam(length, profile, *material, options, patches);
   });
 }
 

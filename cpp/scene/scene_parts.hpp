@@ -10,20 +10,15 @@ namespace flexarm {
 RigidBody read_body(const At& table);
 Beam read_beam(const At& table);
 
-/// Of the faces of a section across an axis.
-struct Face {
-  double distance, breadth;  ///< from the neutral axis; along the face (m)
-  bool warps;                ///< in torsion, as a rectangle does
-};
+struct SectionKind;
 
-/// A cross section as a scene has it: by its sides, radii or integrals.
+/// A cross section as a scene has it: by its sides, radii or integrals; NaN: left out.
 struct SectionSpec {
-  enum class Kind { rectangle, circle, general };
-  Kind kind;
+  const SectionKind* kind;  ///< null: a SectionMatrix, of rows of stiffness and inertia
   std::vector<double> sizes;
 
   Section section() const;
-  std::optional<Face> face(char axis) const;
+  SectionMatrix matrix() const;
 };
 
 /// Sections along a beam, linear between the places x; a uniform one has no places.

@@ -90,18 +90,19 @@ Profile read_profile(const At& at, double start, double end) {
 
 /// Where the layer lies on the section at a place.
 void seat(const SectionSpec& section, char axis, const std::optional<double>& offset, PatchLayer& layer) {
-  const auto face = section.face(axis);
+  const auto face = section.kind ? section.section().faces[axis == 'y' ? 0 : 1] : std::nullopt;
   if (!face) {
     if (!offset)
-      throw std::invalid_argument("offset: a general section needs it, from the neutral axis to the face (m)");
+      throw std::invalid_argument(
+          "offset: a section without such a face needs it, from the neutral axis to the patch (m)");
     layer.inner = *offset;
     return;
   }
   if (layer.width > face->breadth * (1.0 + 1e-9))
     bad_value("width", layer.width, "must be at most the face's, " + std::to_string(face->breadth) + " m");
   layer.inner = offset ? *offset : face->distance;
-  if (face->warps)
-    layer.twist = surface_twist(2.0 * face->distance, face->breadth, std::min(layer.width, face->breadth));
+  layer.twist = face->twist ? *face->twist
+                            : surface_twist(2.0 * face->distance, face->breadth, std::min(layer.width, face->breadth));
 }
 
 PatchLayer read_layer(const At& table) {

@@ -42,6 +42,20 @@ void bind_strains(py::module_& m) {
   m.attr("STRAIN_NAMES") = rows;
 }
 
+template <class Any>
+void bind_profile(py::module_& m, const char* name) {
+  py::class_<Along<Any>>(m, name).def(py::init([](const py::object& at, std::vector<double> breaks) {
+                                        return Along<Any>{along<Any>(at), std::move(breaks)};
+                                      }),
+                                      py::arg("at"), py::arg("breaks"));
+}
+
+using Two = std::array<double, 2>;
+
+std::optional<ShearCorrection> shear(const std::optional<Two>& k) {
+  return k ? std::optional<ShearCorrection>({(*k)[0], (*k)[1]}) : std::nullopt;
+}
+
 /// What a beam is made of.
 void bind_sections(py::module_& m) {
   py::class_<Material>(m, "Material")
@@ -49,22 +63,59 @@ void bind_sections(py::module_& m) {
            py::arg("youngs_modulus"), py::arg("poisson_ratio"), py::arg("shear_modulus"))
       .def_readonly("shear_modulus", &Material::shear_modulus);
 
+  py::class_<Face>(m, "Face")
+      .def_readonly("distance", &Face::distance)
+      .def_readonly("breadth", &Face::breadth)
+      .def_readonly("twist", &Face::twist);
+
   py::class_<Section>(m, "Section")
-      .def(py::init<double, double, double, double, double>(), py::arg("area"), py::arg("second_moment_y"),
-           py::arg("second_moment_z"), py::arg("torsion_constant"), py::arg("shear_correction"))
-      .def_static("rectangle", &Section::rectangle, py::arg("y"), py::arg("z"), py::arg("shear_correction"))
-      .def_static("circle", &Section::circle, py::arg("radius"), py::arg("inner_radius"), py::arg("shear_correction"))
+      .def(py::init([](double area, double iy, double iz, double j, const Two& k) {
+             return Section(area, iy, iz, j, {k[0], k[1]});
+           }),
+           py::arg("area"), py::arg("second_moment_y"), py::arg("second_moment_z"), py::arg("torsion_constant"),
+           py::arg("shear_correction"))
+      .def_static(
+          "rectangle", [](double y, double z, const Two& k) { return Section::rectangle(y, z, {k[0], k[1]}); },
+          py::arg("y"), py::arg("z"), py::arg("shear_correction"))
+      .def_static(
+          "circle", [](double r, double inner, const Two& k) { return Section::circle(r, inner, {k[0], k[1]}); },
+          py::arg("radius"), py::arg("inner_radius"), py::arg("shear_correction"))
+      .def_static(
+          "tube", [](double r, double t, const std::optional<Two>& k) { return Section::tube(r, t, shear(k)); },
+          py::arg("radius"), py::arg("thickness"), py::arg("shear_correction"))
+      .def_static(
+          "ellipse", [](double y, double z, const std::optional<Two>& k) { return Section::ellipse(y, z, shear(k)); },
+          py::arg("y"), py::arg("z"), py::arg("shear_correction"))
+      .def_static(
+          "box",
+          [](double y, double z, const Two& t, const std::optional<Two>& k) {
+            return Section::box(y, z, t[0], t[1], shear(k));
+          },
+          py::arg("y"), py::arg("z"), py::arg("thickness"), py::arg("shear_correction"))
+      .def_static(
+          "i_beam",
+          [](double y, double z, double flange, double web, const std::optional<Two>& k) {
+            return Section::i_beam(y, z, flange, web, shear(k));
+          },
+          py::arg("y"), py::arg("z"), py::arg("flange"), py::arg("web"), py::arg("shear_correction"))
       .def_readonly("area", &Section::area)
       .def_readonly("second_moment_y", &Section::second_moment_y)
       .def_readonly("second_moment_z", &Section::second_moment_z)
       .def_readonly("torsion_constant", &Section::torsion_constant)
-      .def_readonly("shear_correction", &Section::shear_correction);
+      .def_property_readonly(
+          "shear_correction",
+          [](const Section& s) { return py::make_tuple(s.shear_correction.y, s.shear_correction.z); })
+      .def_property_readonly("reach", [](const Section& s) { return py::make_tuple(s.reach[0], s.reach[1]); })
+      .def_property_readonly("faces", [](const Section& s) { return py::make_tuple(s.faces[0], s.faces[1]); });
 
-  py::class_<SectionProfile>(m, "SectionProfile")
-      .def(py::init([](const py::object& at, std::vector<double> breaks) {
-             return SectionProfile{along<Section>(at), std::move(breaks)};
-           }),
-           py::arg("at"), py::arg("breaks"));
+  py::class_<SectionMatrix>(m, "SectionMatrix")
+      .def(py::init<const SectionMatrix::Matrix&, const SectionMatrix::Matrix&>(), py::arg("stiffness"),
+           py::arg("inertia"))
+      .def_property_readonly("com", &SectionMatrix::com)
+      .def_property_readonly("inertia_about_com", &SectionMatrix::inertia_about_com);
+
+  bind_profile<Section>(m, "SectionProfile");
+  bind_profile<SectionMatrix>(m, "SectionMatrixProfile");
 
   py::class_<BeamOptions>(m, "BeamOptions")
       .def(py::init([](const StrainCounts& modes, const std::string& basis,
@@ -130,7 +181,11 @@ void bind_beam(py::module_& m) {
            py::call_guard<Unlocked>())  // so that batches build theirs on all cores
       .def(py::init<double, const SectionProfile&, const Material&, const BeamOptions&, const std::vector<Patch>&>(),
            py::arg("length"), py::arg("section"), py::arg("material"), py::arg("options"), py::arg("patches"),
-           py::call_guard<Unlocked>())  // so that batches build theirs on all cores
+           py::call_guard<Unlocked>())
+      .def(py::init<double, const SectionMatrix&, const BeamOptions&, const std::vector<Patch>&>(), py::arg("length"),
+           py::arg("section"), py::arg("options"), py::arg("patches"), py::call_guard<Unlocked>())
+      .def(py::init<double, const SectionMatrixProfile&, const BeamOptions&, const std::vector<Patch>&>(),
+           py::arg("length"), py::arg("section"), py::arg("options"), py::arg("patches"), py::call_guard<Unlocked>())
       .def_property_readonly("patch_forces", &Beam::patch_forces)
       .def_property_readonly("patch_capacitances", &Beam::patch_capacitances)
       .def(

@@ -8,7 +8,8 @@ Parts of an arm
     Link                    joint, hub, beam and tip
     Joint                   what joints share: springs, stops, friction; their Placement. There are
                             Fixed Revolute Prismatic Cylindrical Universal Planar Spherical Free Axes
-    RigidBody, Beam         the bodies; of a beam the Material and the section: Rectangle Circle GeneralSection Taper
+    RigidBody, Beam         the bodies; of a beam the Material and the section: Rectangle Circle Tube Ellipse Box IBeam
+                            GeneralSection Taper
     Patch, Piezo            a piezo patch on a beam, and its material
     split                   a link in pieces that end where patches end
 What acts on it
@@ -86,7 +87,7 @@ from .batch.rollout import (
 from .batch.simulate import batch_memory as batch_memory, simulate_batch as simulate_batch
 from .choose.chart import Chart as Chart, chart as chart
 from .choose.economize import Plan as Plan, economize as economize
-from .parts.beam import Beam as Beam, Material as Material, RigidBody as RigidBody
+from .parts.beam import Beam as Beam, RigidBody as RigidBody
 from .parts.joints import (
     Axes as Axes,
     Cylindrical as Cylindrical,
@@ -101,12 +102,18 @@ from .parts.joints import (
     Universal as Universal,
 )
 from .parts.link import Link as Link
+from .parts.material import Material as Material
 from .parts.patch import Patch as Patch, Piezo as Piezo
 from .parts.sections import (
+    Box as Box,
     Circle as Circle,
+    Ellipse as Ellipse,
     GeneralSection as GeneralSection,
+    IBeam as IBeam,
     Rectangle as Rectangle,
+    SectionMatrix as SectionMatrix,
     Taper as Taper,
+    Tube as Tube,
 )
 from .parts.split import split as split
 from .run.pace import SlowWarning as SlowWarning, StepWarning as StepWarning

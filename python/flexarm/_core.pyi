@@ -1,5 +1,5 @@
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, overload
 
 from numpy import float64
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +34,14 @@ class Material:
     @property
     def shear_modulus(self) -> float: ...
 
+class Face:
+    @property
+    def distance(self) -> float: ...
+    @property
+    def breadth(self) -> float: ...
+    @property
+    def twist(self) -> float | None: ...
+
 class Section:
     def __init__(
         self,
@@ -41,12 +49,24 @@ class Section:
         second_moment_y: float,
         second_moment_z: float,
         torsion_constant: float,
-        shear_correction: float,
+        shear_correction: Sequence[float],
     ) -> None: ...
     @staticmethod
-    def rectangle(y: float, z: float, shear_correction: float) -> Section: ...
+    def rectangle(y: float, z: float, shear_correction: Sequence[float]) -> Section: ...
     @staticmethod
-    def circle(radius: float, inner_radius: float, shear_correction: float) -> Section: ...
+    def circle(radius: float, inner_radius: float, shear_correction: Sequence[float]) -> Section: ...
+    @staticmethod
+    def tube(radius: float, thickness: float, shear_correction: Sequence[float] | None) -> Section: ...
+    @staticmethod
+    def ellipse(y: float, z: float, shear_correction: Sequence[float] | None) -> Section: ...
+    @staticmethod
+    def box(
+        y: float, z: float, thickness: Sequence[float], shear_correction: Sequence[float] | None
+    ) -> Section: ...
+    @staticmethod
+    def i_beam(
+        y: float, z: float, flange: float, web: float, shear_correction: Sequence[float] | None
+    ) -> Section: ...
     @property
     def area(self) -> float: ...
     @property
@@ -56,10 +76,24 @@ class Section:
     @property
     def torsion_constant(self) -> float: ...
     @property
-    def shear_correction(self) -> float: ...
+    def shear_correction(self) -> tuple[float, float]: ...
+    @property
+    def reach(self) -> tuple[float | None, float | None]: ...
+    @property
+    def faces(self) -> tuple[Face | None, Face | None]: ...
+
+class SectionMatrix:
+    def __init__(self, stiffness: ArrayLike, inertia: ArrayLike) -> None: ...
+    @property
+    def com(self) -> _Array: ...
+    @property
+    def inertia_about_com(self) -> _Array: ...
 
 class SectionProfile:
     def __init__(self, at: Callable[[float], Section], breaks: Sequence[float]) -> None: ...
+
+class SectionMatrixProfile:
+    def __init__(self, at: Callable[[float], SectionMatrix], breaks: Sequence[float]) -> None: ...
 
 class BeamOptions:
     def __init__(
@@ -131,11 +165,20 @@ class Patch:
     ) -> None: ...
 
 class Beam:
+    @overload
     def __init__(
         self,
         length: float,
         section: Section | SectionProfile,
         material: Material,
+        options: BeamOptions,
+        patches: Sequence[Patch],
+    ) -> None: ...
+    @overload
+    def __init__(
+        self,
+        length: float,
+        section: SectionMatrix | SectionMatrixProfile,
         options: BeamOptions,
         patches: Sequence[Patch],
     ) -> None: ...

@@ -40,8 +40,8 @@ class Arm(Chain):
         gravity: world axes (m/s^2).
 
     Warns:
-        ModelWarning: numbers that can hardly be meant: a modulus in GPa, a length in mm, a damping ratio in per cent,
-            principal moments of inertia that no body has, a short thick beam without shear.
+        ModelWarning: numbers that can hardly be meant: a modulus in GPa, a length or a place in mm, an inertia in
+            g mm², a short thick beam without shear.
     """
 
     def __init__(self, links: Sequence[Link], gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> None:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from ._check import Array
 from .arm import Arm
-from .parts.beam import Beam, Material, RigidBody
+from .parts.beam import Beam, RigidBody
 from .parts.joints import Revolute
 from .parts.link import Link
+from .parts.material import Material
 from .parts.sections import Rectangle
 
 

@@ -217,12 +217,10 @@ def test_damped_modes() -> None:
     found = arm.modes()
     assert found.stable and found.frequencies[0] == 0.0 and found.damping[0] == 0.0
     rest = paper_link(2).modes(lock=[0]).frequencies
-    with pytest.warns(fa.ModelWarning, match="per cent"):
-        overdamped = paper_link(2, damping_ratio=2.0)
-    roots = overdamped.modes(lock=[0]).eigenvalues.real
-    np.testing.assert_allclose(
-        np.sort(-roots), np.sort([w * (2 + s * np.sqrt(3)) for w in rest for s in (1, -1)]), rtol=1e-6
-    )
+    roots = paper_link(2, kelvin_voigt=4.0 / rest[0]).modes(lock=[0]).eigenvalues.real
+    ratios = 2.0 * rest / rest[0]
+    known = [w * (z + s * np.sqrt(z * z - 1)) for w, z in zip(rest, ratios, strict=True) for s in (1, -1)]
+    np.testing.assert_allclose(np.sort(-roots), np.sort(known), rtol=1e-6)
 
 
 def test_participation_names_the_coordinate_that_moves() -> None:

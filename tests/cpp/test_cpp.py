@@ -98,6 +98,10 @@ def rich_arms() -> dict[str, fa.Arm]:
     three = {"bending_y": 3, "bending_z": 1, "torsion": 1}
     wedge = fa.Taper([0, 0.1, 0.4], [fa.Rectangle(0.01, 0.01), fa.Rectangle(0.006, 0.01), fa.Rectangle(0.004, 0.008)])
     mixed = fa.Taper([0, 0.4], [fa.Circle(0.01, 0.004), fa.GeneralSection(1e-4, 1e-9, 2e-9, 2e-9)])
+    hollow = fa.Taper([0, 0.4], [fa.Box(0.02, 0.03, 0.002), fa.Box(0.01, 0.02, (0.001, 0.002), 0.4)])
+    slim = fa.Taper([0, 0.4], [fa.IBeam(0.03, 0.02, 0.002, 0.001), fa.IBeam(0.02, 0.01, 0.001, 0.001)])
+    flat = fa.Rectangle(0.02, 0.01, (0.8, 0.7))
+    pipes = fa.Taper([0, 0.2, 0.4], [fa.Tube(0.01, 0.002), fa.Ellipse(0.02, 0.01), flat])
     drive = fa.Revolute(
         (0, 1, 1), stiffness=3, rest=0.2, damping=0.1, lower=-1, upper=1, limit_stiffness=9, coulomb=0.1
     )
@@ -116,6 +120,9 @@ def rich_arms() -> dict[str, fa.Arm]:
         "patches on a wedge": arm(drive, fa.Beam(**ROD | {"section": wedge}, modes=three, patches=patches[:1])),
         "taper": arm(axes, fa.Beam(**ROD | {"section": wedge}, modes=three, order="exact", damping_ratio=0.01)),
         "mixed taper": arm(axes, fa.Beam(**ROD | {"section": mixed}, modes=three, order=3, rotary_inertia=False)),
+        "box": arm(drive, fa.Beam(**ROD | {"section": hollow}, modes=three | {"shear_z": 1}, patches=patches[:2])),
+        "I-beam": arm(drive, fa.Beam(**ROD | {"section": slim}, modes=three | {"shear_y": 1}, patches=patches[:1])),
+        "pipes": arm(axes, fa.Beam(**ROD | {"section": pipes}, modes=three | {"shear_y": 1, "shear_z": 1})),
         "curved": arm(axes, fa.Beam(**ROD, modes=three | {"extension": 1}, order="exact", curvature=(2.0, 0.0, -3.0))),
         "coiled": arm(drive, fa.Beam(**ROD, modes=three, order="exact", curvature=lambda x: (9 + x, 9 * x, -40 * x))),
         "own shapes": arm(fa.Spherical(stiffness=1.0), fa.Beam(**ROD, modes=own, kelvin_voigt=1e-4, gauss_points=24)),
@@ -202,6 +209,8 @@ BAD = [  # a link's lines, or all of a scene; what both readers must name
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{gauss_points = 0, length"), ["link[0].beam.gauss_points"]),
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{rotary_inertia = 1, length"), ["link[0].beam.rotary_inertia"]),
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{damping_ratio = -1, length"), ["link[0].beam.damping_ratio"]),
+    (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{damping_ratio = 2, length"), ["damping_ratio", "per cent"]),
+    (f"{JOINT}\n{BEAM}\nhub = {{inertia = [1, 1, 5]}}", ["link[0].hub.inertia", "no body has"]),
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{basis_tip = {mass = 1}, length"), ["link[0].beam.basis_tip"]),
     (f"{JOINT}\n{HUB}\n{BEAM}".replace("{length", "{patches = [{start = 0}], length"), ["beam.patches[0]", "missing"]),
 ]

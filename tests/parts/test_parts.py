@@ -33,6 +33,8 @@ KINDS: list[tuple[Callable[..., Any], dict[str, Any]]] = [
     (fa.Material, STEEL),
     (fa.Rectangle, {"y": 0.5, "z": 0.25, "shear_correction": 0.75}),
     (fa.Circle, {"radius": 0.5, "inner_radius": 0.25}),
+    (fa.Box, {"y": 0.5, "z": 0.25, "thickness": [0.0625, 0.03125], "shear_correction": [0.5, 0.25]}),
+    (fa.IBeam, {"y": 0.5, "z": 0.25, "flange": 0.0625, "web": 0.03125}),
     (fa.GeneralSection, {"area": 0.5, "second_moment_y": 1.0, "second_moment_z": 2.0, "torsion_constant": 0.5}),
     (fa.Taper, {"x": [0.0, 0.5], "sections": [fa.Circle(0.5), fa.Circle(0.25)]}),
     (fa.RigidBody, {"mass": 2, "com": [0.5, 0.0, 1.0], "inertia": [1.0, 1.0, 1.5], "end": [1.0, 0.0, 0.0]}),

@@ -8,7 +8,7 @@ from .._console import aligned
 from ..parts.beam import Beam
 from ..parts.chain import Chain
 from ..parts.joints import Fixed
-from ..parts.sections import Circle, Rectangle, Taper
+from ..parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, SectionMatrix, Taper, Tube
 from ..parts.shapes import curvature_at
 from .modes import modes
 
@@ -28,14 +28,19 @@ def _size(beam: Beam) -> str:
 
 def _section(beam: Beam) -> str:
     section = beam.section
-    if isinstance(section, Rectangle):
-        return f"{beam.length:.4g}, {section.y:.4g} x {section.z:.4g}"
-    if isinstance(section, Circle):
-        tube = f" bore {2 * section.inner_radius:.4g}" if section.inner_radius else ""
-        return f"{beam.length:.4g}, round {2 * section.radius:.4g}{tube}"
     if isinstance(section, Taper):
-        return f"{beam.length:.4g}, taper of {len(section.x)}"
-    return f"{beam.length:.4g}, area {section._core.area:.4g} m^2"
+        words = f"taper of {len(section.x)}"
+    elif isinstance(section, (Rectangle, Ellipse, Box, IBeam)):
+        name = "" if isinstance(section, Rectangle) else section.type.replace("i_beam", "I-beam") + " "
+        words = f"{name}{section.y:.4g} x {section.z:.4g}"
+    elif isinstance(section, (Circle, Tube)):
+        inner = section.radius - section.thickness if isinstance(section, Tube) else section.inner_radius
+        words = f"round {2 * section.radius:.4g}" + (f" bore {2 * inner:.4g}" if inner else "")
+    elif isinstance(section, SectionMatrix):
+        words = f"matrices, {section.mass:.4g} kg/m"
+    else:
+        words = f"area {section._core.area:.4g} m^2"
+    return f"{beam.length:.4g}, {words}"
 
 
 def lowest_frequencies(arm: Chain, n: int) -> str:

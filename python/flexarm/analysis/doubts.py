@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -10,17 +11,22 @@ import flexarm._core as _core
 
 from ..parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
 from ..parts.chain import Chain
-from ..parts.sections import GeneralSection, Taper
+from ..parts.sections import GeneralSection, SectionMatrix, Taper
 
 # Each is past anything that is built; what is said is a warning, for who means it.
 _SOFTEST, _LIGHT = 1e3, 100.0  # Pa; gels have 1e3 to 1e5. kg/m^3; what is lighter has no units: E = density = 1
-_DENSE, _DENSE_SOFTEST = 5e3, 1e6  # kg/m^3, Pa; what is as dense as metal is not softer than rubber
+#: kg/m^3, Pa; what is as dense as metal is not softer than rubber, as dense as fibres or magnesium not than silicone
+_DENSE = ((5e3, 1e6), (1.5e3, 2e5))
 _DENSEST = 3e4  # kg/m^3; osmium has 2.3e4
 _IN_GRAMS, _FASTEST = (0.5, 25.0), 1e9  # g/cm^3 of what has mass; (m/s)^2 of E / density: diamond has 3.4e8
 _LONG, _THIN = 100.0, 1e4  # m; and lengths over thickness: the longest blades have 120 m and 1e2
 _HEAVY = 1e6  # kg; of a beam
-_TRIANGLE = 0.01  # a principal moment over the sum of the others; a plate has 1 exactly, and tables round
+_THICK, _BROAD = 1.5, 5.0  # thickness and breadth over the length
+_FAR, _FAR_AWAY = 20.0, 2.0  # a place on a body, over the beam's length, and m
+_WIDE, _WIDE_SPREAD = 40.0, 20.0  # a radius of gyration, the same; hubs may have a rotor's inertia through its gear
+_STIFFEST_SHEAR, _SOFTEST_SHEAR = 2.0, 1e-3  # shear modulus over Young's
 _SHEAR = 0.05  # of the static tip deflection; shear's share: a beam a quarter as thick as long
+_COUPLED = 0.01  # of a strain's stiffness, by another that is held
 _MISSING = {"bending_y": 0.01, "bending_z": 0.01, "torsion": 0.15}  # share of the end's static compliance; see coarse
 
 
@@ -28,13 +34,21 @@ class ModelWarning(UserWarning):
     """A number of a model that can hardly be meant, with the unit or the remedy."""
 
 
-def _body(where: str, body: RigidBody) -> Iterator[str]:
-    low, mid, high = np.linalg.eigvalsh(inertia_matrix(body.inertia)).tolist()
-    if mid > 1e-12 * high and high > (low + mid) * (1 + _TRIANGLE):  # else only the moment about one axis is given
+def _body(where: str, body: RigidBody, length: float) -> Iterator[str]:
+    for name, place in (("com", body.com), ("end", body.end)):
+        far = float(np.linalg.norm(place))
+        if far > max(_FAR * length, _FAR_AWAY):
+            yield f"{where}.{name} = {_numbers(place)} m, on a beam of {length:g} m: is it in mm?"
+    most = float(np.linalg.eigvalsh(inertia_matrix(body.inertia))[-1])
+    if body.mass > 0 and (most / body.mass) ** 0.5 > max(_WIDE * length, _WIDE_SPREAD):
         yield (
-            f"{where}.inertia: no body has the principal moments {low:.4g}, {mid:.4g}, {high:.4g} kg m^2: none is "
-            "larger than the sum of the others; are they about the centre of mass?"
+            f"{where}.inertia: {most:g} kg m^2 of {body.mass:g} kg would be {(most / body.mass) ** 0.5:.3g} m away, on "
+            f"a beam of {length:g} m: is it in g mm^2 or kg mm^2?"
         )
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return "(" + ", ".join(f"{x:g}" for x in values) + ")"
 
 
 def _thickness(beam: Beam, axis: str) -> tuple[float, float]:
@@ -45,21 +59,31 @@ def _thickness(beam: Beam, axis: str) -> tuple[float, float]:
 
 def _beam(where: str, beam: Beam) -> Iterator[str]:
     material, L = beam.material, beam.length
+    if material is None:
+        yield from _matrices(where, beam)
+        return
     E, density = material.youngs_modulus, material.density
-    if beam.damping_ratio > 1.0:
-        yield f"{where}.damping_ratio = {beam.damping_ratio:g}: 2 % is 0.02; is it in per cent?"
     if _IN_GRAMS[0] < density < min(_IN_GRAMS[1], E / _FASTEST) and not isinstance(beam.section, GeneralSection):
         yield f"{where}.material.density = {density:g} kg/m^3: no solid so stiff is so light; is it in g/cm^3?"
     if density < _LIGHT:
         return
-    if E < _SOFTEST or (density > _DENSE and E < _DENSE_SOFTEST):
+    if E < _SOFTEST or any(density > dense and E < softest for dense, softest in _DENSE):
         yield f"{where}.material.youngs_modulus = {E:g} Pa: is softer than any such material; is it in GPa or MPa?"
+    G = material.shear_modulus
+    odd = G is not None and not _SOFTEST_SHEAR * E <= G <= _STIFFEST_SHEAR * E
+    if odd:
+        yield f"{where}.material.shear_modulus = {G:g} Pa, of a Young's modulus of {E:g} Pa: is its unit Pa?"
     if density > _DENSEST:
         yield f"{where}.material.density = {density:g} kg/m^3: no solid is so dense; what is its unit?"
-    radius = min((i / a) ** 0.5 for a, i in (_thickness(beam, axis) for axis in "yz"))
-    if (L > _LONG and L > _THIN * radius) or beam.mass > _HEAVY:
-        yield f"{where}.length = {L:g} m, of a beam of {beam.mass:.3g} kg, {radius:.3g} m thin: are its sizes in mm?"
-    for axis in "" if isinstance(beam.section, GeneralSection) else "yz":  # its integrals may be but numbers
+    general = isinstance(beam.section, GeneralSection)  # its integrals may be but numbers
+    radii = [(i / a) ** 0.5 for a, i in (_thickness(beam, axis) for axis in "yz")]
+    if (L > _LONG and L > _THIN * min(radii)) or beam.mass > _HEAVY:
+        yield f"{where}.length = {L:g} m, of a beam of {beam.mass:.3g} kg, {min(radii):.3g} m thin: are they in mm?"
+    thin, broad = (12**0.5 * f(radii) for f in (min, max))  # sides, of a rectangle
+    if not general and (thin > _THICK * L or broad > _BROAD * L):
+        yield f"{where}.section: is {thin:.3g} m by {broad:.3g} m, of a beam of length {L:g} m: is it in mm?"
+        return
+    for axis in "" if general or odd else "yz":
         if beam.counts.get(f"bending_{axis}") and not beam.counts.get(f"shear_{axis}"):
             area, second = _thickness(beam, axis)
             ratio = 2 * (1 + (0.3 if material.poisson_ratio is None else material.poisson_ratio))
@@ -73,13 +97,27 @@ def _beam(where: str, beam: Beam) -> Iterator[str]:
                 )
 
 
+def _matrices(where: str, beam: Beam) -> Iterator[str]:
+    """Of a beam of SectionMatrix: strains that it lacks, and others pull at."""
+    section = beam.section.sections[0] if isinstance(beam.section, Taper) else beam.section
+    assert isinstance(section, SectionMatrix)
+    given = list(beam.counts)
+    for strain in (s for s in STRAINS if s not in given and section.rigidity(s) > 0):
+        pulled = max(given, key=lambda s: section.coupling(s, strain), default="")
+        if pulled and section.coupling(pulled, strain) > _COUPLED:
+            yield (
+                f"{where}.modes: {strain} has none and is held at zero, while the section's stiffness couples it to "
+                f"{pulled}, which that makes stiffer by {100 * section.coupling(pulled, strain):.2g} %; give it modes"
+            )
+
+
 def doubts(arm: Chain) -> list[str]:
     """Lists the numbers of an arm that can hardly be meant, a sentence each."""
     found: list[str] = []
     for k, link in enumerate(arm.links):
         for name, body in (("hub", link.hub), ("tip", link.tip)):
-            if body is not None:
-                found += _body(f"link[{k}].{name}", body)
+            if body is not None and link.beam is not None:
+                found += _body(f"link[{k}].{name}", body, link.beam.length)
         if link.beam is not None:
             found += _beam(f"link[{k}].beam", link.beam)
     return found
@@ -90,7 +128,7 @@ def _compliances(arm: Chain, k: int, beam: Beam) -> Iterator[tuple[str, float]]:
     functions cannot follow, but for those that it has no functions of."""
     x, w = np.polynomial.legendre.leggauss(16)
     x, w = 0.5 * beam.length * (1 + x), 0.5 * beam.length * w
-    sections = [beam.section.at(float(s)) if isinstance(beam.section, Taper) else beam.section for s in x]
+    sections: list[Any] = [beam.section.at(float(s)) if isinstance(beam.section, Taper) else beam.section for s in x]
     moments = {"bending_y": "second_moment_z", "bending_z": "second_moment_y", "torsion": "torsion_constant"}
     K, first = np.asarray(beam._core.stiffness), 0
     for strain, n in beam.counts.items():
@@ -98,18 +136,18 @@ def _compliances(arm: Chain, k: int, beam: Beam) -> Iterator[tuple[str, float]]:
         first += n
         if strain not in moments or n > 2:  # whatever the basis, three are enough
             continue
-        of = np.array([getattr(s, moments[strain]) for s in sections])
-        E = beam.material.youngs_modulus
-        if strain == "torsion":
-            given = beam.material.shear_modulus
-            E = E / (2 + 2 * (beam.material.poisson_ratio or 0.0)) if given is None else given
+        if beam.material is None:
+            stiff = np.array([s.rigidity(strain) for s in sections])
+        else:
+            E = beam.material._core.shear_modulus if strain == "torsion" else beam.material.youngs_modulus
+            stiff = E * np.array([getattr(s, moments[strain]) for s in sections])
         lever = 1.0 if strain == "torsion" else beam.length - x
         # rotation of the end, or its deflection: integral of the strain times the lever
         turns = np.asarray(beam._core.turns(np.array([*x, beam.length]))).reshape(-1, 3, K.shape[0])
         rotation = turns[:, _core.STRAIN_FIELDS[STRAINS.index(strain)].rotation, own]
         reach = rotation[-1] if strain == "torsion" else w @ rotation[:-1]
         follows = reach @ np.linalg.solve(K[own, own], reach)
-        exact = float(w @ (lever**2 / (E * of)))
+        exact = float(w @ (lever**2 / stiff))
         yield strain, 1.0 - float(follows) / exact
 
 

@@ -9,14 +9,14 @@ forces at an instant; of what has none there, as dry friction has, `poorer` give
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ..parts.beam import STRAINS
 from ..parts.link import Link
 from .findings import ESTIMATE, RUN, SYMMETRY, Findings
-from .models import ORDERS, Model, Models
+from .models import ORDERS, Model, Models, lowest_order
 
 UNLIKELY = 2.5  # times the tolerance: orders that are estimated to be off by more are not tried
 
@@ -102,17 +102,15 @@ class Order(Decision):
         return {order: model.but(order=order) for order in ORDERS[:-1]}
 
     @staticmethod
-    def curved(found: Findings, group: list[int]) -> bool:
-        """Whether the beam knows no other order."""
+    def known(found: Findings, group: list[int]) -> Sequence[int | str]:
+        """The orders that the beam may have."""
         beam = found.models.scene.arm.links[group[0]].beam
-        return beam is not None and beam.curvature is not None
+        return ORDERS if beam is None else ORDERS[ORDERS.index(lowest_order(beam)) :]
 
     def lower(self, found: Findings, model: Model, group: list[int]) -> tuple[int | str, Model] | None:
         """The next poorer order that is cheaper, and the model with it."""
-        beam = model.beam(group[0])
-        if self.curved(found, group):
-            return None
-        for order in reversed(() if beam.rigid else ORDERS[: ORDERS.index(beam.order)]):
+        beam, known = model.beam(group[0]), self.known(found, group)
+        for order in reversed(() if beam.rigid else known[: known.index(beam.order)]):
             lower = model.but(group, order=order)
             if found.allowed(order) and found.trials.cheaper(lower, model):
                 return order, lower
@@ -128,14 +126,16 @@ class Order(Decision):
     def rows(self, found: Findings, where: str, group: list[int]) -> Iterator[Choice]:
         model, share, by_order = found.lean.model, found.trials.share, found.estimates.by_order
         beam, next_one = model.beam(group[0]), self.lower(found, model, group)
-        if self.curved(found, group) and not beam.rigid:
+        known = self.known(found, group)
+        if len(known) == 1 and not beam.rigid:
             yield Choice(where, "order", "exact", None, "curved at rest", None, True)
             return
         if next_one is not None:
             error, how = found.without(next_one[1], by_order.get(next_one[0], math.inf))
             yield Choice(where, "order", str(beam.order), error, how, share(model, next_one[1]), True)
         elif not beam.rigid:
-            now, more = by_order.get(beam.order, math.inf), share(model.but(group, order=2), model)
+            richer = 2 if 2 in known else known[-1]
+            now, more = by_order.get(beam.order, math.inf), share(model.but(group, order=richer), model)
             yield Choice(where, "order", str(beam.order), now, ESTIMATE, more, False)
 
 

@@ -14,6 +14,7 @@ from ..acting.sampled import Sampled
 from ..arm import Arm
 from ..parts.beam import STRAINS, Beam
 from ..parts.link import Link
+from ..parts.sections import SectionMatrix, Taper
 from ..scene.scene import Scene, load
 from .coordinates import initial_state, nearest
 
@@ -145,6 +146,24 @@ class Model:
         return f"order {self.order}, {self.modes} mode{'' if self.modes == '1' else 's'}{basis}"
 
 
+def lowest_order(beam: Beam) -> int | str:
+    """The poorest that it may have: a series about a straight beam is not about a curved one, and up to order 2
+    sections have their centres of mass on the axis."""
+    if beam.curvature is not None:
+        return "exact"
+    sections = beam.section.sections if isinstance(beam.section, Taper) else [beam.section]
+    return 3 if any(isinstance(s, SectionMatrix) and s.off_axis for s in sections) else 0
+
+
+def resists(beam: Beam, strain: str) -> bool:
+    """Whether it is known how stiff it is against a strain."""
+    if beam.material is not None:
+        sheared = beam.material.poisson_ratio is not None or beam.material.shear_modulus is not None
+        return sheared or not strain.startswith(("torsion", "shear"))
+    section = beam.section.sections[0] if isinstance(beam.section, Taper) else beam.section
+    return not isinstance(section, SectionMatrix) or section.rigidity(strain) > 0.0
+
+
 def model_of(beam: Beam | None) -> BeamModel | None:
     if beam is None:
         return None
@@ -152,8 +171,8 @@ def model_of(beam: Beam | None) -> BeamModel | None:
 
 
 def beam_at(beam: Beam, model: BeamModel) -> Beam:
-    """The beam so modelled; strain shapes of the user's own are left out from the last on, never added to; one that is
-    curved at rest stays at order "exact"."""
+    """The beam so modelled; strain shapes of the user's own are left out from the last on, never added to; its order is
+    as high as it must be."""
     modes: dict[str, Any] = {}
     for strain, n in zip(STRAINS, model.counts, strict=True):
         own = beam.modes.get(strain)
@@ -161,7 +180,7 @@ def beam_at(beam: Beam, model: BeamModel) -> Beam:
             modes[strain] = list(own[:n]) if isinstance(own, tuple) else n
     given = {f.name: getattr(beam, f.name) for f in fields(beam) if f.init}
     basis = {} if model.basis is None else {"basis": model.basis, "basis_tip": None}
-    order = model.order if beam.curvature is None else "exact"
+    order = max(model.order, lowest_order(beam), key=ORDERS.index)
     choice = {"modes": modes, "order": order, "rotary_inertia": model.rotary, "gauss_points": model.gauss}
     made = Beam(**{**given, **choice, **basis, "damping": ()})
     return replace(made, damping=damping_in(made, beam)) if beam.damping and made.ne else made
@@ -225,8 +244,7 @@ class Models:
         """How many shapes each strain can have at most: None: any number."""
         beam = self.scene.arm.links[link].beam
         assert beam is not None
-        sheared = beam.material.poisson_ratio is not None or beam.material.shear_modulus is not None
-        free = (not s.startswith(("torsion", "shear")) or sheared for s in STRAINS)
+        free = (resists(beam, s) for s in STRAINS)
         return tuple(
             beam.counts[s] if self.own_shapes(link, i) else None if some else 0
             for i, (s, some) in enumerate(zip(STRAINS, free, strict=True))
@@ -240,7 +258,7 @@ class Models:
         if not self.given.elastic:
             return ["as given"]
         beams = [link.beam for link in self.scene.arm.links if link.beam is not None and link.beam.ne]
-        return list(ORDERS) if any(beam.curvature is None for beam in beams) else ["exact"]
+        return list(ORDERS[min(ORDERS.index(lowest_order(beam)) for beam in beams) :])
 
     @property
     def shifts(self) -> list[int]:

@@ -130,8 +130,8 @@ def respond(
 def with_density(arm: Arm, density: float) -> Arm:
     """A one-link arm with its beam's density (kg/m^3) changed."""
     link = arm.links[0]
-    if link.beam is None:
-        raise ValueError("arm: its first link has no beam")
+    if link.beam is None or link.beam.material is None:
+        raise ValueError("arm: its first link has no beam with a material")
     material = replace(link.beam.material, density=density)
     return Arm([replace(link, beam=replace(link.beam, material=material))], arm.gravity)
 
@@ -169,7 +169,7 @@ def compute(tick: Callable[[], None] = lambda: None) -> Control:
     """Runs the experiments; calls `tick` after each of the two."""
     arm = load("ist_control").arm
     beam = arm.links[0].beam
-    assert beam is not None
+    assert beam is not None and beam.material is not None
     fine = {}
     for density in (STEEL, beam.material.density):
         fine[density] = psd(*gauge_after_impact(with_density(arm, density), 8 * SAMPLES))

@@ -1,4 +1,4 @@
-"""Materials, beams and rigid bodies.
+"""Beams and rigid bodies.
 
 Each part is an immutable dataclass; the C++ core checks its numbers when it is made. SI units throughout: m, kg, s, N,
 Pa, rad. Axes of a beam: x along the undeformed neutral axis, y and z the principal axes of its section.
@@ -16,9 +16,10 @@ import numpy as np
 import flexarm._core as _core
 
 from .._check import array, choice, known_keys, number, whole
+from .material import Material
 from .part import Part
 from .patch import Patch, core_patches
-from .sections import Section, Taper
+from .sections import Section, SectionMatrix, Taper
 from .shapes import coefficients, columns, curvature, kept_curvature
 
 STRAINS = _core.STRAINS  #: "bending_y" and so on, in the order of a beam's coordinates (Eq. 33)
@@ -27,41 +28,13 @@ Vector = Sequence[float]
 
 
 @dataclass(frozen=True)
-class Material(Part):
-    """Linear elastic material.
-
-    Args:
-        density: kg/m^3.
-        youngs_modulus: Pa.
-        poisson_ratio: for torsion and shear; this or `shear_modulus`, not both.
-        shear_modulus: Pa.
-    """
-
-    density: float
-    youngs_modulus: float
-    poisson_ratio: float | None = None
-    shear_modulus: float | None = None
-    _core: _core.Material = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for f in ("density", "youngs_modulus", "poisson_ratio", "shear_modulus"):
-            if getattr(self, f) is not None or f in ("density", "youngs_modulus"):
-                self._set(f, number(f, getattr(self, f)))
-        self._set(
-            "_core",
-            _core.Material(self.density, self.youngs_modulus, self.poisson_ratio, self.shear_modulus),
-        )
-
-
-@dataclass(frozen=True)
 class Beam(Part):
     """Elastic beam along x, clamped to its link's hub at X = 0 (paper Sec. 3).
 
     Args:
         length: m.
-        section: a Rectangle, Circle or GeneralSection, or a Taper.
-        material: a Material.
+        section: a Rectangle, Circle, Tube, Ellipse, Box, IBeam, GeneralSection or SectionMatrix, or a Taper of these.
+        material: a Material; None for a SectionMatrix, which has its own.
         modes: for each strain, `bending_y`, `bending_z`, `torsion`, `shear_y`, `shear_z`, `extension`, how many shape
             functions of the basis, or a list of strain shapes of your own; those left out are zero. The beam's elastic
             coordinates stand in that order (Eq. 33; the paper has no extension). Each shape of your own is a callable
@@ -80,7 +53,7 @@ class Beam(Part):
             softens with speed; 1 softens; 2 has the right centrifugal stiffening; 3 and
             "exact" (no truncation) are for large bending and cost more.
         rotary_inertia: whether slices have rotary inertia.
-        damping_ratio: modal, of every mode of the beam clamped at its base.
+        damping_ratio: modal, of every mode of the beam clamped at its base, 0 to 1; 2 % is 0.02.
         kelvin_voigt: retardation time (s) of the material: stress = E (strain + kelvin_voigt d(strain)/dt); or one for
             each strain, by name; those left out are zero.
         damping: more, as a matrix of the elastic coordinates, (ne, ne), symmetric, without negative eigenvalues: forces
@@ -105,8 +78,8 @@ class Beam(Part):
 
     length: float
     section: Section | Taper
-    material: Material
-    modes: Mapping[str, Any]
+    material: Material | None = None
+    modes: Mapping[str, Any] = None  # type: ignore[assignment]  # must be given
     basis: str = "clamped-free"
     order: int | str = 2
     _: KW_ONLY
@@ -126,13 +99,22 @@ class Beam(Part):
         super().__post_init__()
         for name in ("length", "damping_ratio"):
             self._set(name, number(name, getattr(self, name)))
-        self._set("damping", as_floats(array("damping", self.damping)))
+        damping = array("damping", self.damping)
+        if damping.ndim != 2 and (damping.size or not damping.ndim):
+            raise ValueError(f"damping has shape {damping.shape}: must be a matrix of the elastic coordinates")
+        self._set("damping", as_floats(damping))
         if not isinstance(self.section, (Section, Taper)):
-            raise ValueError(f"section = {self.section!r}: must be a Rectangle, Circle, GeneralSection or Taper")
+            raise ValueError(f"section = {self.section!r}: must be a Rectangle, another section or a Taper")
         if isinstance(self.section, Taper) and not abs(self.section.x[-1] - self.length) <= 1e-9 * self.length:
             raise ValueError(f"section.x = {self.section.x}: must end at the beam's length, {self.length} m")
-        if not isinstance(self.material, Material):
+        one = self.section.sections[0] if isinstance(self.section, Taper) else self.section
+        matrices = isinstance(one, SectionMatrix)
+        if matrices and self.material is not None:
+            raise ValueError(f"material = {self.material!r}: must be left out, for a SectionMatrix has its own")
+        if not matrices and not isinstance(self.material, Material):
             raise ValueError(f"material = {self.material!r}: must be a Material")
+        if self.modes is None:
+            raise ValueError("modes: missing: how many shape functions of each strain")
         if not isinstance(self.rotary_inertia, bool):
             raise ValueError(f"rotary_inertia = {self.rotary_inertia!r}: must be true or false")
         choice("basis", self.basis, ("clamped-free", "legendre", "loaded"))
@@ -163,7 +145,9 @@ class Beam(Part):
             raise ValueError(f"patches = {self.patches!r}: must be a list of Patch")
         self._set("patches", tuple(self.patches))
         glued = core_patches(self.patches, self.section, self.length)
-        self._set("_core", _core.Beam(self.length, self.section._core, self.material._core, options, glued))
+        made_of = () if self.material is None else (self.material._core,)
+        core: Any = _core.Beam
+        self._set("_core", core(self.length, self.section._core, *made_of, options, glued))
 
     def _read_modes(self) -> tuple[list[int], list[list[tuple[float, ...]]]]:
         known_keys("modes", self.modes, STRAINS)
@@ -250,7 +234,8 @@ class RigidBody(Part):
         mass: kg.
         com: centre of mass in body axes (m).
         inertia: about the centre of mass, body axes (kg m^2): 3 numbers (diagonal), 6 (xx yy zz xy xz yz, the entries
-            of the matrix) or a symmetric 3 x 3 matrix.
+            of the matrix) or a symmetric 3 x 3 matrix. No principal moment is above the sum of the others, but in a
+            plane one alone, about the axis of its joints, may be given.
         end: where the next body, or the next link's joint, begins, in body axes (m).
     """
 

@@ -62,9 +62,9 @@ class Patch(Part):
     V has V on +y and -V on -y, and does twice what the one on +y does; wired in series, each gets half the voltage.
 
     In torsion the faces of a rectangle shear as Saint-Venant has it, in a thin strip twice as much as in sections that
-    stay plane (the paper's Eq. 18), and so twist twice as much. On a beam with
-    `extension` a patch pulls along the axis too, and a single one couples bending to it; without, the axis does not
-    stretch. A patch's mass counts as if it were on the axis, but for rotary inertia.
+    stay plane (the paper's Eq. 18), and so twist twice as much; those of a box as Bredt's flow has it, a flange as a
+    strip. On a beam with `extension` a patch pulls along the axis too, and a single one couples bending to it; without,
+    the axis does not stretch. A patch's mass counts as if it were on the axis, but for rotary inertia.
 
     Args:
         start, end: metres from the clamp.
@@ -147,13 +147,16 @@ class Patch(Part):
             face = at(x)._face(axis)
             if face is None:
                 if self.offset is None:
-                    raise ValueError("offset = None: a general section needs it, from the neutral axis to the face (m)")
+                    raise ValueError(
+                        "offset = None: a section without such a face needs it, from the neutral axis to the patch (m)"
+                    )
                 return self.offset, 1.0
-            half, breadth, warps = face
-            if self.width > breadth * (1 + 1e-9):
-                raise ValueError(f"width = {self.width}: must be at most the face's, {breadth} m")
-            twist = _core.surface_twist(2 * half, breadth, min(self.width, breadth)) if warps else 1.0
-            return half if self.offset is None else self.offset, twist
+            if self.width > face.breadth * (1 + 1e-9):
+                raise ValueError(f"width = {self.width}: must be at most the face's, {face.breadth} m")
+            twist = face.twist
+            if twist is None:
+                twist = _core.surface_twist(2 * face.distance, face.breadth, min(self.width, face.breadth))
+            return face.distance if self.offset is None else self.offset, twist
 
         fixed = seat(self.start)
         kinks = [*getattr(section, "x", ()), *((self.profile or {}).get("x", ()))]

@@ -11,22 +11,59 @@ import numpy as np
 import flexarm._core as _core
 
 from .._check import array, number
+from .material import Material
 from .part import Part
+
+Face = _core.Face
+
+
+def _pair(name: str, value: Any) -> float | tuple[float, float]:
+    if not isinstance(value, (tuple, list, np.ndarray)):
+        return number(name, value)
+    if np.shape(value) != (2,):
+        raise ValueError(f"{name} = {value!r}: must be one number, or two, along y and along z")
+    return number(name, value[0]), number(name, value[1])
+
+
+def _both(value: float | Sequence[float]) -> tuple[float, float]:
+    y, z = np.broadcast_to(value, 2).tolist()
+    return y, z
 
 
 class Section(Part):
-    """A section of a beam that has two axes of symmetry, y and z."""
+    """A section of a beam."""
 
-    _core: _core.Section
+    _core: Any
 
-    def _face(self, axis: str) -> tuple[float, float, bool] | None:
-        """Of the faces across an axis: their distance from the neutral axis and their breadth (m), and whether the
-        section warps in torsion as a rectangle does; None where there are no such faces."""
-        return None
+    def _face(self, axis: str) -> Face | None:
+        """The faces across an axis; None where there are no such faces."""
+        return self._core.faces["yz".index(axis)]
+
+    def _reach(self, axis: str) -> float | None:
+        """How far it reaches along an axis (m); None where it does not tell."""
+        return self._core.reach["yz".index(axis)]
 
 
 class Shape(Section):
-    """A section whose integrals follow from its sides."""
+    """A section with two axes of symmetry, whose integrals follow from its sides."""
+
+    _core: _core.Section
+
+    #: the core's maker, what it takes one number of, and what one or two of, apart from the shear correction
+    _shape: ClassVar[tuple[str, tuple[str, ...], tuple[str, ...]]]
+    shear_correction: float | Sequence[float] | None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        maker, numbers, pairs = self._shape
+        for f in numbers:
+            self._set(f, number(f, getattr(self, f)))
+        for f in (*pairs, "shear_correction"):
+            if f in pairs or getattr(self, f) is not None:
+                self._set(f, _pair(f, getattr(self, f)))
+        sizes = [*(getattr(self, f) for f in numbers), *(_both(getattr(self, f)) for f in pairs)]
+        k = None if self.shear_correction is None else _both(self.shear_correction)
+        self._set("_core", getattr(_core.Section, maker)(*sizes, k))
 
     @property
     def area(self) -> float:
@@ -48,6 +85,12 @@ class Shape(Section):
         """Saint-Venant's torsion constant (m^4)."""
         return float(self._core.torsion_constant)
 
+    @property
+    def shear_areas(self) -> tuple[float, float]:
+        """Areas that bear shear along y and along z (m^2): the area times the shear correction."""
+        y, z = self._core.shear_correction
+        return y * self.area, z * self.area
+
 
 @dataclass(frozen=True)
 class Rectangle(Shape):
@@ -55,24 +98,15 @@ class Rectangle(Shape):
 
     Args:
         y, z: sides along the beam's y and z (m).
-        shear_correction: share of the area that bears shear.
+        shear_correction: share of the area that bears shear: one number, or two, along y and along z.
     """
 
     y: float
     z: float
-    shear_correction: float = 5 / 6
+    shear_correction: float | Sequence[float] = 5 / 6
     type: ClassVar[str] = "rectangle"
+    _shape: ClassVar = ("rectangle", ("y", "z"), ())
     _core: _core.Section = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for f in ("y", "z", "shear_correction"):
-            self._set(f, number(f, getattr(self, f)))
-        self._set("_core", _core.Section.rectangle(self.y, self.z, self.shear_correction))
-
-    def _face(self, axis: str) -> tuple[float, float, bool]:
-        depth, breadth = (self.y, self.z) if axis == "y" else (self.z, self.y)
-        return depth / 2, breadth, True
 
 
 @dataclass(frozen=True)
@@ -81,23 +115,106 @@ class Circle(Shape):
 
     Args:
         radius, inner_radius: m.
-        shear_correction: share of the area that bears shear; that of a thin tube is about 1/2.
+        shear_correction: share of the area that bears shear: one number, or two, along y and along z; that of a thin
+            tube is about 1/2.
     """
 
     radius: float
     inner_radius: float = 0.0
-    shear_correction: float = 9 / 10
+    shear_correction: float | Sequence[float] = 9 / 10
     type: ClassVar[str] = "circle"
+    _shape: ClassVar = ("circle", ("radius", "inner_radius"), ())
     _core: _core.Section = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for f in ("radius", "inner_radius", "shear_correction"):
-            self._set(f, number(f, getattr(self, f)))
-        self._set("_core", _core.Section.circle(self.radius, self.inner_radius, self.shear_correction))
 
-    def _face(self, axis: str) -> tuple[float, float, bool]:
-        return self.radius, 2 * self.radius, False
+@dataclass(frozen=True)
+class Tube(Shape):
+    """Round tube. All its integrals are exact.
+
+    Args:
+        radius: of the outside (m). thickness: of the wall (m).
+        shear_correction: share of the area that bears shear: one number, or two, along y and along z. None: Cowper's
+            (J. Appl. Mech. 33, 1966), with Poisson's ratio zero as for all shapes: from 6/7 of a disc to 1/2 of a thin
+            tube; with 0.3 it would be 3 to 6 % more.
+    """
+
+    radius: float
+    thickness: float
+    shear_correction: float | Sequence[float] | None = None
+    type: ClassVar[str] = "tube"
+    _shape: ClassVar = ("tube", ("radius", "thickness"), ())
+    _core: _core.Section = field(init=False, repr=False, compare=False)
+
+
+@dataclass(frozen=True)
+class Ellipse(Shape):
+    """Full ellipse. All its integrals are exact.
+
+    Args:
+        y, z: its axes along the beam's y and z, from edge to edge (m).
+        shear_correction: share of the area that bears shear: one number, or two, along y and along z. None: Cowper's
+            (1966), with Poisson's ratio zero.
+    """
+
+    y: float
+    z: float
+    shear_correction: float | Sequence[float] | None = None
+    type: ClassVar[str] = "ellipse"
+    _shape: ClassVar = ("ellipse", ("y", "z"), ())
+    _core: _core.Section = field(init=False, repr=False, compare=False)
+
+
+@dataclass(frozen=True)
+class Box(Shape):
+    """Hollow rectangle with sharp corners.
+
+    Area and second moments are exact. The torsion constant is Bredt's, 4 A^2 / int ds/t, with the walls' own torsion
+    and with what the corners add, which is 1 to 6 %: against a solution of Saint-Venant's equation it is off by less
+    than 5e-4 (walls that differ by up to a factor of 5), and by 3e-3 of a nearly full section.
+
+    Args:
+        y, z: outer sides along the beam's y and z (m).
+        thickness: of the walls (m), or two: of those across y and of those across z.
+        shear_correction: share of the area that bears shear: one number, or two, along y and along z. None: that of
+            the shear flow in walls as thick as these, with Poisson's ratio zero (Cowper's 1966 formula is its limit of
+            thin walls); about the share of the walls along the force. It is right to 3 % for walls up to a tenth of
+            the smaller side, and to 6 % up to a fifth.
+    """
+
+    y: float
+    z: float
+    thickness: float | Sequence[float]
+    shear_correction: float | Sequence[float] | None = None
+    type: ClassVar[str] = "box"
+    _shape: ClassVar = ("box", ("y", "z"), ("thickness",))
+    _core: _core.Section = field(init=False, repr=False, compare=False)
+
+
+@dataclass(frozen=True)
+class IBeam(Shape):
+    """I-beam with two equal flanges, without fillets: its web along y, its flanges across the ends of y.
+
+    Area and second moments are exact. The torsion constant is that of its strips with what their ends lack and the
+    junctions add (as El Darwish and Johnston, Proc. ASCE 91 ST1, 1965, but for webs of 0.1 to 4 flange thicknesses):
+    against a solution of Saint-Venant's equation it is off by less than 2e-3 where the flanges are wider than 4 times
+    their thickness and the web's. It twists freely: warping that is held at the clamp makes it stiffer there.
+
+    Args:
+        y: depth along the beam's y, over both flanges (m). z: width of the flanges, along the beam's z (m).
+        flange: thickness of a flange (m). web: thickness of the web (m).
+        shear_correction: share of the area that bears shear: one number, or two, along y and along z. None: that of
+            the shear flow, with Poisson's ratio zero (Cowper's 1966 formula is its limit of thin walls): about the
+            web's share along y, 5/6 of the flanges' along z; right to 3 % for walls up to a tenth of the depth.
+    """
+
+    y: float
+    z: float
+    flange: float
+    web: float
+    shear_correction: float | Sequence[float] | None = None
+    type: ClassVar[str] = "i_beam"
+    _shape: ClassVar = ("i_beam", ("y", "z", "flange", "web"), ())
+    _core: _core.Section = field(init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -109,23 +226,141 @@ class GeneralSection(Section):
         second_moment_y: integral of z^2 dA (m^4); resists bending along z.
         second_moment_z: integral of y^2 dA (m^4); resists bending along y.
         torsion_constant: Saint-Venant's (m^4).
-        shear_correction: share of the area that bears shear.
+        shear_correction: share of the area that bears shear: one number, or two, along y and along z.
     """
 
     area: float
     second_moment_y: float
     second_moment_z: float
     torsion_constant: float
-    shear_correction: float = 5 / 6
+    shear_correction: float | Sequence[float] = 5 / 6
     type: ClassVar[str] = "general"
     _core: _core.Section = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        names = ("area", "second_moment_y", "second_moment_z", "torsion_constant", "shear_correction")
-        for f in names:
+        for f in ("area", "second_moment_y", "second_moment_z", "torsion_constant"):
             self._set(f, number(f, getattr(self, f)))
-        self._set("_core", _core.Section(*(getattr(self, f) for f in names)))
+        self._set("shear_correction", _pair("shear_correction", self.shear_correction))
+        k = _both(self.shear_correction)
+        sizes = (self.area, self.second_moment_y, self.second_moment_z, self.torsion_constant)
+        self._set("_core", _core.Section(*sizes, k))
+
+
+def _column(sections: Sequence[Section], name: str, alike: bool) -> Any:
+    """What sections have at this name: (n, ...) numbers; None where all leave it out."""
+    values = [getattr(part if alike else part._core, name) for part in sections]
+    if all(v is None for v in values):
+        return None
+    values = [getattr(p._core, name) if v is None else v for p, v in zip(sections, values, strict=True)]
+    return np.array([np.broadcast_to(v, max(map(np.shape, values), key=len)) for v in values])
+
+
+def _between(place: float, x: Any, column: Any) -> Any:
+    values = [np.interp(place, x, c) for c in column.reshape(len(x), -1).T]
+    return np.reshape(values, column.shape[1:]).tolist()
+
+
+_ROWS = ("extension", "shear_y", "shear_z", "torsion", "bending_z", "bending_y")  # of a SectionMatrix, by strains
+
+
+@dataclass(frozen=True)
+class SectionMatrix(Section):
+    """Any section, by its stiffness and its inertia per unit length. It holds its material: a beam of it has none.
+
+    Rows and columns stand for x, y, z (force or velocity), then about x, y, z (moment or angular velocity), with x
+    along the beam, all at the beam's axis: N, V_y, V_z, M_x, M_y, M_z = stiffness @ (eps, phi12, phi13, K1, K2, K3),
+    the strains of `Arm.strain`. Couplings of bending with torsion, of stretch with bending, and so on are its entries
+    off the diagonal: where the shear centre or the neutral axis is off the beam's axis, or plies lie at an angle. A
+    strain without modes stays zero, whatever is coupled to it.
+
+    Args:
+        stiffness: 6 x 6 (N, N m, N m^2), symmetric, positive definite of the strains that the beam has modes of.
+        inertia: 6 x 6 (kg/m, kg, kg m), [m 1, -m c~; m c~, J]: m the mass per length, c = (0, y, z) the centre of mass
+            (c~ v = c x v), J about the beam's axis. Centres of mass off the axis, and products of inertia, need a beam
+            of order 3 or "exact".
+
+    Raises:
+        ValueError: naming the entry and the value.
+    """
+
+    stiffness: Sequence[Sequence[float]]
+    inertia: Sequence[Sequence[float]]
+    type: ClassVar[str] = "matrix"
+    _core: _core.SectionMatrix = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        matrices = [array(name, getattr(self, name), (6, 6)) for name in ("stiffness", "inertia")]
+        for name, matrix in zip(("stiffness", "inertia"), matrices, strict=True):
+            self._set(name, tuple(tuple(row) for row in matrix.tolist()))
+        self._set("_core", _core.SectionMatrix(*matrices))
+
+    @classmethod
+    def of(
+        cls, section: Section, material: Material, *, y: float = 0.0, z: float = 0.0, angle: float = 0.0
+    ) -> SectionMatrix:
+        """The matrices of a doubly symmetric section, turned and off the beam's axis.
+
+        Args:
+            section: a Rectangle, Circle, ... or GeneralSection.
+            material: with poisson_ratio or shear_modulus.
+            y, z: where its centre lies from the beam's axis (m).
+            angle: of its own y from the beam's (rad), about x.
+
+        Raises:
+            ValueError: naming the field and the value.
+        """
+        if not isinstance(section, Section) or isinstance(section, SectionMatrix):
+            raise ValueError(f"section = {section!r}: must be a doubly symmetric one, as Rectangle")
+        if not isinstance(material, Material):
+            raise ValueError(f"material = {material!r}: must be a Material")
+        if material.shear_modulus is None and material.poisson_ratio is None:
+            raise ValueError(f"material = {material!r}: must have a poisson_ratio or a shear_modulus")
+        s, E, G = section._core, material.youngs_modulus, material._core.shear_modulus
+        shear_y, shear_z = (G * k * s.area for k in s.shear_correction)
+        iy, iz = s.second_moment_y, s.second_moment_z
+        K = np.diag([E * s.area, shear_y, shear_z, G * s.torsion_constant, E * iy, E * iz])
+        M = material.density * np.diag([s.area, s.area, s.area, iy + iz, iy, iz])
+        cosine, sine = np.cos(number("angle", angle)), np.sin(angle)
+        R = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+        y, z = number("y", y), number("z", z)
+        c = np.array([[0, -z, y], [z, 0, 0], [-y, 0, 0]])
+        T = np.block([[R.T, -R.T @ c], [np.zeros((3, 3)), R.T]])  # strains and velocities at the section's centre
+        return cls(*(0.5 * (A + A.T) for A in (T.T @ K @ T, T.T @ M @ T)))
+
+    def _face(self, axis: str) -> None:
+        return None
+
+    def _reach(self, axis: str) -> None:
+        return None
+
+    @property
+    def mass(self) -> float:
+        """kg/m"""
+        return self.inertia[0][0]
+
+    @property
+    def com(self) -> tuple[float, float]:
+        """y and z of the centre of mass (m)."""
+        _, y, z = self._core.com
+        return float(y), float(z)
+
+    def rigidity(self, strain: str) -> float:
+        """Its entry on the diagonal of the stiffness, of "bending_y" and so on (N m^2, N)."""
+        row = _ROWS.index(strain)
+        return self.stiffness[row][row]
+
+    def coupling(self, one: str, other: str) -> float:
+        """By which part of its stiffness a strain is softer where the other is free, from 0 to 1."""
+        size = self.rigidity(one) * self.rigidity(other)
+        return self.stiffness[_ROWS.index(one)][_ROWS.index(other)] ** 2 / size if size else 0.0
+
+    @property
+    def off_axis(self) -> bool:
+        """Whether its inertia has a centre of mass off the beam's axis, or products."""
+        J = np.array(self._core.inertia_about_com)
+        return any(self.com) or bool((J != np.diag(np.diag(J))).any())
 
 
 @dataclass(frozen=True)
@@ -133,11 +368,11 @@ class Taper(Part):
     """A section that varies along the beam: samples from the clamp to the tip, linear in between.
 
     Sections of one kind are interpolated by their sides or radii (so that a wedge or a cone is exact), or, if general,
-    by their integrals; sections of different kinds by their integrals.
+    by their integrals or their matrices; doubly symmetric ones of different kinds by their integrals.
 
     Args:
         x: places (m), increasing from 0 to the beam's length.
-        sections: one Rectangle, Circle or GeneralSection at each.
+        sections: one section at each.
     """
 
     x: Sequence[float]
@@ -156,16 +391,18 @@ class Taper(Part):
             raise ValueError(f"sections = {self.sections!r}: must be one section for each of the {x.size} places of x")
         for k, part in enumerate(self.sections):
             if not isinstance(part, Section):
-                raise ValueError(f"sections[{k}] = {part!r}: must be a Rectangle, Circle or GeneralSection")
+                raise ValueError(f"sections[{k}] = {part!r}: must be a Rectangle or another section")
         kind = type(self.sections[0])
         cls: Any = kind if all(type(part) is kind for part in self.sections) else GeneralSection
-        names = [f.name for f in fields(cls) if f.init]
-        table = np.array([[getattr(p if cls is kind else p._core, n) for n in names] for p in self.sections])
+        law = _core.SectionMatrixProfile if cls is SectionMatrix else _core.SectionProfile
+        if cls is not kind and any(isinstance(part, SectionMatrix) for part in self.sections):
+            raise ValueError("sections: must all be a SectionMatrix where one is; see SectionMatrix.of")
+        columns = [_column(self.sections, f.name, cls is kind) for f in fields(cls) if f.init]
         self._set("x", tuple(x.tolist()))
         self._set("sections", tuple(self.sections))
 
         def at(place: float) -> Any:
-            return cls(*(float(np.interp(place, x, column)) for column in table.T))
+            return cls(*(None if c is None else _between(place, x, c) for c in columns))
 
         self._set("at", at)
-        self._set("_core", _core.SectionProfile(lambda place: at(place)._core, x[1:-1].tolist()))
+        self._set("_core", law(lambda place: at(place)._core, x[1:-1].tolist()))

@@ -11,7 +11,7 @@ from .._check import Array, array, choice, number, whole
 from ..arm import Arm
 from ..parts.beam import STRAIN_NAMES, Beam, Vector, as_floats
 from ..parts.joints import UNIT
-from ..parts.sections import Circle, Rectangle, Taper
+from ..parts.sections import Taper
 from .sensor import Component, Sensor
 
 # -- on a joint ----------------------------------------------------------------------------------------------------
@@ -136,14 +136,8 @@ _FACES = {"+y": (2, -1.0), "-y": (2, 1.0), "+z": (1, 1.0), "-z": (1, -1.0)}
 
 def half_thickness(section: Any, along: str, x: float) -> float | None:
     """The distance from the neutral axis to a face (m); None where the section does not tell."""
-    if isinstance(section, Taper):
-        parts = [half_thickness(part, along, x) for part in section.sections]
-        if len({type(part) for part in section.sections}) > 1 or None in parts:
-            return None
-        return float(np.interp(x, section.x, np.array(parts, dtype=float)))
-    if isinstance(section, Rectangle):
-        return float(getattr(section, along)) / 2
-    return section.radius if isinstance(section, Circle) else None
+    reach = (section.at(x) if isinstance(section, Taper) else section)._reach(along)
+    return None if reach is None else float(reach)
 
 
 @dataclass(frozen=True)
@@ -159,8 +153,8 @@ class StrainGauge(Sensor):
         face: "+y", "-y", "+z" or "-z".
         gauge_factor: None: the reading is the strain; else the relative change of resistance, gauge_factor * strain.
             A full bridge of four gauges in bending, two on each face, gives this share of its supply voltage.
-        distance: from the neutral axis to the gauge (m); None: to the face, where the section is a rectangle, a circle
-            or a taper of either.
+        distance: from the neutral axis to the gauge (m); None: to the face, which all sections tell but
+            those given by their integrals.
     """
 
     link: int = -1
