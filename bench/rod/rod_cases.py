@@ -119,8 +119,102 @@ STATICS = (
 
 
 @dataclass(frozen=True)
+class Buckling:
+    """Loads that grow with a factor until the equilibrium has neighbours."""
+
+    name: str
+    pieces: tuple[Piece, ...]
+    between: tuple[float, float]  # factors
+    unit: float  # that factors are told in
+    known: str  # in that unit
+    force: tuple[float, float, float] = Z  # of factor 1, on the tip
+    arms: tuple[tuple[Any, Any], ...] = ()  # dead forces of factor 1 on rigid bars: place in the tip's axes, force
+    shoots: bool = True
+
+
+def _strip(ratio: float) -> Piece:
+    """Weak against strong bending stiffness."""
+    return Piece(1.0, (1e6, 1e6, 1e6, 1.0, 1.3, 1.3 / ratio))
+
+
+_ROOT = math.sqrt(1.3)  # of EI GJ of the strip
+_AXIAL = (((0.0, 0.5, 0.0), (-1.0, 0.0, 0.0)), ((0.0, -0.5, 0.0), (1.0, 0.0, 0.0)))
+_BOTH = tuple((a, tuple(x / 2 for x in f)) for a, f in _AXIAL) + (
+    ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0)),
+    ((-0.5, 0.0, 0.0), (0.0, -0.5, 0.0)),
+)
+# Argyris et al. 1979: legs of 240 mm, 30 x 0.6 mm, E 71240 N/mm², nu 0.31; N and mm
+_LEG = rectangle(71240.0, 71240.0 / 2.62, 30.0, 0.6, 30.0 * 0.6**3 / 3)
+_FRAME = (Piece(240.0, _LEG), Piece(240.0, _LEG, turn=(0.0, 0.0, -math.pi / 2)))
+BUCKLING = (
+    *(
+        Buckling(
+            f"strip, force at the tip, stiffness {1 / r:g} to 1",
+            (_strip(r),), (3.3 * _ROOT, 4.8 * _ROOT), _ROOT, "4.01260, the stiff way rigid",
+            force=(0.0, -1.0, 0.0), shoots=r == 1e-2,
+        )
+        for r in (1e-2, 1e-3, 1e-4)
+    ),
+    Buckling(
+        "strip, moment by dead forces along it on a bar across",
+        (_strip(1e-4),), (1.3 * _ROOT, 1.9 * _ROOT), _ROOT, "π/2 = 1.57080, the stiff way rigid", arms=_AXIAL,
+    ),
+    Buckling(
+        "strip, moment by dead forces on two bars (semitangential)",
+        (_strip(1e-4),), (2.5 * _ROOT, 3.8 * _ROOT), _ROOT, "π = 3.14159, the stiff way rigid", arms=_BOTH,
+        shoots=False,
+    ),
+    Buckling("right-angle frame, force along the clamped leg, outwards (N)", _FRAME, (0.6, 1.4), 1.0,
+             "1.09 Argyris et al.", force=(1.0, 0.0, 0.0)),
+    Buckling("right-angle frame, force inwards (N)", _FRAME, (0.4, 0.9), 1.0, "",
+             force=(-1.0, 0.0, 0.0)),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Ring:
+    """A curved rod, clamped at one end, to vibrate."""
+
+    name: str
+    piece: Piece
+    shapes: int  # of each strain
+    links: int = 1  # of as many beams of the same curvature
+    points: int = 30  # of collocation
+
+    @property
+    def curvature(self) -> np.ndarray:
+        return np.array(self.piece.curvature)
+
+
+def _inertia(density: float, A: float, Iy: float, Iz: float) -> tuple[float, ...]:
+    return (density * A, density * A, density * A, density * (Iy + Iz), density * Iy, density * Iz)
+
+
+def _bow(turns: float) -> Ring:
+    """Aluminium, 10 mm square, radius 0.5 m."""
+    side, radius = 0.01, 0.5
+    stiffness = rectangle(70e9, 26e9, side, side, 0.1406 * side**4)
+    inertia = _inertia(2700.0, side**2, side**4 / 12, side**4 / 12)
+    piece = Piece(turns * 2 * math.pi * radius, stiffness, (0.0, 0.0, 1 / radius), inertia=inertia)
+    return Ring(f"arc of {360 * turns:g}°", piece, 12)
+
+
+def _spring() -> Ring:
+    """Mottershead 1980: wire of 1 mm, mean radius 5 mm, 7.6 turns, pitch angle 8.5744°."""
+    d, radius, pitch, E, density, nu = 1e-3, 5e-3, math.radians(8.5744), 2.06e11, 7900.0, 0.3
+    A, I, G = math.pi * d**2 / 4, math.pi * d**4 / 64, E / (2 + 2 * nu)
+    stiffness = (E * A, 0.9 * G * A, 0.9 * G * A, 2 * G * I, E * I, E * I)
+    curvature = (math.sin(pitch) * math.cos(pitch) / radius, 0.0, math.cos(pitch) ** 2 / radius)
+    piece = Piece(15.2 * math.pi * radius / math.cos(pitch), stiffness, curvature, inertia=_inertia(density, A, I, I))
+    return Ring("helical spring of 7.6 turns, 8 beams", piece, 8, links=8, points=70)
+
+
+RINGS = (_bow(0.25), _bow(0.5), _bow(0.75), _bow(1.0), _spring())
+
+
+@dataclass(frozen=True)
 class Pulse:
-    """Dead or following force and moment at the end of a piece: a triangle in time, or the square of a sine."""
+    """Dead or following force and moment at the end of a piece: a triangle in time, or a sine to the sixth."""
 
     piece: int  # its end; -1: the root of the first
     force: tuple[float, float, float] = Z
@@ -132,7 +226,7 @@ class Pulse:
     def share(self, t: float) -> float:
         """Of force and moment, at a time."""
         if self.smooth:
-            return math.sin(math.pi * t / self.knots[2]) ** 2 if t < self.knots[2] else 0.0
+            return math.sin(math.pi * t / self.knots[2]) ** 6 if t < self.knots[2] else 0.0
         return float(np.interp(t, self.knots, (0.0, 1.0, 0.0)))
 
 
@@ -156,31 +250,30 @@ class Dynamic:
 
 _ELBOW = Piece(10.0, (1e6, 1e6, 1e6, 1e3, 1e3, 1e3), inertia=(1.0, 1.0, 1.0, 20.0, 10.0, 10.0))
 _FLYING = Piece(10.0, (1e4, 1e4, 1e4, 500.0, 500.0, 500.0), inertia=(1.0, 1.0, 1.0, 20.0, 10.0, 10.0))
+
+
+def _elbow(name: str, title: str, smooth: bool) -> Dynamic:
+    pieces = (_ELBOW, Piece(10.0, _ELBOW.stiffness, turn=(0.0, 0.0, math.pi / 2), inertia=_ELBOW.inertia))
+    return Dynamic(name, title, pieces, (Pulse(0, force=(0.0, 0.0, 50.0), smooth=smooth),), end=4.0, outputs=40)
+
+
+def _spaghetti(name: str, title: str, smooth: bool) -> Dynamic:
+    pulse = Pulse(-1, (20.0, 0.0, 0.0), (0.0, 100.0, 200.0), (0.0, 2.5, 5.0), smooth=smooth)
+    root = ((6.0, 0.0, 0.0), (0.0, 0.0, math.pi - math.asin(0.8)))
+    return Dynamic(name, title, (_FLYING,), (pulse,), end=5.0, outputs=50, free=True, root=root)
+
+
 DYNAMICS = (
-    Dynamic(
-        "elbow",
-        "right-angle cantilever (Simo & Vu-Quoc 1988), a force of 50 N out of its plane at the elbow",
-        (_ELBOW, Piece(10.0, _ELBOW.stiffness, turn=(0.0, 0.0, math.pi / 2), inertia=_ELBOW.inertia)),
-        (Pulse(0, force=(0.0, 0.0, 50.0)),),
-        end=6.0,
-        outputs=60,
-    ),
-    Dynamic(
-        "spaghetti",
-        "flying spaghetti (Simo & Vu-Quoc 1988): a free rod with a force and moments at one end",
-        (_FLYING,),
-        (Pulse(-1, (20.0, 0.0, 0.0), (0.0, 100.0, 200.0), (0.0, 2.5, 5.0)),),
-        end=5.0,
-        outputs=100,
-        free=True,
-        root=((6.0, 0.0, 0.0), (0.0, 0.0, math.pi - math.asin(0.8))),
-    ),
+    _elbow("elbow", "right-angle cantilever, triangular pulse", False),
+    _elbow("elbow-smooth", "right-angle cantilever, smooth pulse", True),
+    _spaghetti("spaghetti", "flying spaghetti, triangular pulse", False),
+    _spaghetti("spaghetti-smooth", "flying spaghetti, smooth pulse", True),
     Dynamic(
         "follower",
-        "a cantilever under a pulse that follows its tip",
+        "cantilever, smooth pulse following the tip",
         (_ELBOW,),
         (Pulse(0, force=(0.0, 30.0, 40.0), follows=True, smooth=True),),
         end=5.0,
-        outputs=100,
+        outputs=50,
     ),
 )

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import flexarm as fa
 import numpy as np
-from rod_cases import Dynamic, Piece, Pulse, Static
+from rod_cases import Buckling, Dynamic, Piece, Pulse, Static
+from scipy.optimize import brentq
 
 STRAINS = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z", "extension")
 
@@ -67,3 +69,43 @@ def simulate(case: Dynamic, shapes: int, step: float, stages: int = 4) -> tuple[
     ends = [result.frame(k)[0] for k in range(len(case.pieces))]
     root = result.frame(0, 0.0)[0] if case.free else np.zeros_like(ends[0])
     return np.hstack([root, *ends]), cpu, model.nv
+
+
+def softest(model: fa.Arm, q: np.ndarray, loads: list[fa.Load]) -> tuple[float, np.ndarray]:
+    """The lowest square of a frequency (rad^2/s^2), negative where it grows instead, about the balance near q; and
+    that balance."""
+    modes = model.modes(q, loads=loads)
+    return float(-np.real(modes.eigenvalues**2).max()), modes.q
+
+
+def critical(model: fa.Arm, loads: Callable[[float], list[fa.Load]], low: float, high: float) -> float:
+    """The load factor between two at which a frequency about the equilibrium comes to zero: where the polynomial
+    through its squares at somewhat less load does. (Close to it a square is told as zero, as double precision knows no
+    better; and beyond it another mode may be the lowest.)"""
+    q = model.equilibrium(loads=loads(low))
+    near = float(brentq(lambda f: softest(model, q, loads(f))[0], low, high, rtol=1e-3))
+    factors = near * (0.93 + 0.05 * np.cos(np.pi * (np.arange(8) + 0.5) / 8))
+    squares = np.array([softest(model, q, loads(f))[0] for f in factors])
+    roots = np.polynomial.Chebyshev.fit(factors, squares, factors.size - 1).roots()
+    roots = roots[np.abs(roots.imag) < 1e-6 * near].real
+    return float(roots[np.abs(roots - near).argmin()])
+
+
+def buckled(case: Buckling, shapes: int) -> float:
+    """The critical factor; bars on the tip are massless links."""
+    links, at = list(arm(case.pieces, shapes).links), np.zeros(3)
+    for place, _ in case.arms:
+        links.append(fa.Link(fa.Fixed(), fa.RigidBody(end=tuple(np.array(place) - at))))
+        at = np.array(place)
+    first = len(case.pieces)
+
+    def loads(factor: float) -> list[fa.Load]:
+        forces = [(first - 1, case.force), *((first + k, force) for k, (_, force) in enumerate(case.arms))]
+        return [fa.Load(link, force=tuple(factor * np.array(force))) for link, force in forces]
+
+    return critical(fa.Arm(links), loads, *case.between)
+
+
+def split(piece: Piece, links: int, shapes: int) -> fa.Arm:
+    """A curved rod as so many beams in a row."""
+    return arm((replace(piece, length=piece.length / links),) * links, shapes)

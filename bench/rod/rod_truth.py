@@ -130,15 +130,11 @@ def frequencies(rod: Rod, inertia: Any, count: int, points: int = 40, clamped: b
     m' + K x m + e1 x n = J theta'', at Chebyshev's points."""
     C, M = np.linalg.inv(rod.compliance), np.asarray(inertia, dtype=float)
     M = np.diag(M) if M.ndim == 1 else M
-    k = np.arange(points + 1)
-    x = np.cos(np.pi * k / points)
-    c = np.where((k == 0) | (k == points), 2.0, 1.0) * (-1.0) ** k
-    D = np.outer(c, 1.0 / c) / (x[:, None] - x + np.eye(points + 1))
-    D = (D - np.diag(D.sum(axis=1))) * 2.0 / rod.length  # d/ds; x[0] = 1 is the tip
+    x, D = chebyshev(points, rod.length)
     size = 6 * (points + 1)
     strain, balance = np.kron(D, np.eye(6)), np.kron(D, np.eye(6))
     e1 = _cross(np.array([1.0, 0.0, 0.0]))
-    for i, s in enumerate((x + 1.0) * rod.length / 2.0):
+    for i, s in enumerate(x):
         K, at = _cross(np.asarray(rod.curvature(s), dtype=float)), slice(6 * i, 6 * i + 6)
         strain[at, at] += np.block([[K, e1], [np.zeros((3, 3)), K]])
         balance[at, at] += np.block([[K, np.zeros((3, 3))], [e1, K]])
@@ -154,5 +150,66 @@ def frequencies(rod: Rod, inertia: Any, count: int, points: int = 40, clamped: b
     return np.asarray(1.0 / np.sqrt(values))
 
 
+def chebyshev(points: int, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Chebyshev's points from `length` down to zero, and the matrix that differentiates there."""
+    k = np.arange(points + 1)
+    x = np.cos(np.pi * k / points)
+    c = np.where((k == 0) | (k == points), 2.0, 1.0) * (-1.0) ** k
+    D = np.outer(c, 1.0 / c) / (x[:, None] - x + np.eye(points + 1))
+    return (x + 1.0) * length / 2.0, (D - np.diag(D.sum(axis=1))) * 2.0 / length
+
+
 def _cross(a: np.ndarray) -> np.ndarray:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+@dataclass(frozen=True)
+class Blade:
+    """A straight rod of length 1, EI = 1 and rho A = 1, turning about z, its root on the axis.
+
+    slenderness: its length over the section's radius of gyration. ratio: of EA to GA."""
+
+    slenderness: float
+    ratio: float = 3.059
+
+    @property
+    def stiffness(self) -> tuple[float, ...]:
+        EA = self.slenderness**2
+        GA = EA / self.ratio
+        return (EA, GA, GA, 2.0 * GA / EA, 1.0, 1.0)
+
+    @property
+    def inertia(self) -> tuple[float, ...]:
+        J = self.slenderness**-2
+        return (1.0, 1.0, 1.0, 2.0 * J, J, J)
+
+    def tip(self, speed: float) -> float:
+        """Where the end is: X'' = -k^2 X, X(0) = 0, X'(1) = 1."""
+        k = speed / self.slenderness
+        return float(np.tan(k) / k) if k else 1.0
+
+    def flap(self, speed: float, count: int, points: int = 30) -> np.ndarray:
+        """Frequencies (rad/s) out of the plane of rotation, of deflection w, slope phi and twist alpha about the rod
+        that its turning stretches by lambda = X' and pulls by T = EA (lambda - 1): gamma = w' - lambda phi,
+        (GA gamma + T phi)' = rho A w'', EI phi'' + (lambda GA - T) gamma + J speed^2 phi = J phi'' + 2 J speed alpha',
+        GJ alpha'' = 2 J alpha'' - 2 J speed phi' (primes on the right: of time)."""
+        EA, GA, _, GJ, EI, _ = self.stiffness
+        J, k, n = self.inertia[4], speed / self.slenderness, points + 1
+        x, D = chebyshev(points, 1.0)
+        stretch = np.cos(k * x) / np.cos(k)
+        pull, I, O = EA * (stretch - 1.0), np.eye(n), np.zeros((n, n))
+        shear = np.hstack([D, -np.diag(stretch), O])
+        across = GA * shear + np.hstack([O, np.diag(pull), O])
+        bend, twist = np.hstack([O, D, O]), np.hstack([O, O, D])
+        moment = EI * D @ bend + np.diag(stretch * GA - pull) @ shear + J * speed**2 * np.hstack([O, I, O])
+        K = -np.vstack([D @ across, moment, GJ * D @ twist])
+        M = np.diag(np.repeat([1.0, J, 2.0 * J], n))
+        G = 2.0 * J * speed * np.block([[O, O, O], [O, O, -I], [O, I, O]])
+        for row, force in ((0, across[0]), (n, bend[0]), (2 * n, twist[0])):
+            K[row], M[row], G[row] = force, 0.0, 0.0
+        free = [i for i in range(3 * n) if i % n != points]
+        K, M, G = (a[np.ix_(free, free)] / np.abs(K[np.ix_(free, free)]).max(axis=1)[:, None] for a in (K, M, G))
+        A = np.block([[-np.linalg.solve(K, G), -np.linalg.solve(K, M)], [np.eye(len(free)), np.zeros_like(K)]])
+        values = np.linalg.eigvals(A)
+        values = np.sort(1.0 / np.abs(values[np.argsort(-np.abs(values))][: 2 * count]))
+        return np.asarray(values[::2])
