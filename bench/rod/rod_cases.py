@@ -118,6 +118,25 @@ STATICS = (
 )
 
 
+_ANGLE = (0.0, 0.0, math.pi / 2)
+MORE = (  # kept for the tests
+    Static("post-buckled column", (_ROD,), force=(-8.0, 0.2, 0.3), steps=40),
+    Static("follower force and moment", (_ROD,), follower_force=(0.0, 3.0, 4.0), follower_moment=(1.0, 2.0, 3.0)),
+    Static("moment about a fixed skew axis", (_ROD,), moment=(1.0, 2.0, 3.0)),
+    Static("stretched by half", (Piece(1.0, (10.0, 5.0, 5.0, 1.0, 1.0, 1.5)),), force=(5.0, 1.0, 1.0)),
+    Static(
+        "half a ring under a follower", (Piece(math.pi, UNIT, (0.0, 0.0, 1.0)),), follower_force=(0.5, 0.0, 0.5)
+    ),
+    Static("frame under a follower", (_ROD, Piece(1.0, UNIT, turn=_ANGLE)), follower_force=(2.0, 1.0, 1.0)),
+    Static(
+        "composite frame, its second leg twisted at rest",
+        (Piece(10.0, COMPOSITE), Piece(5.0, COMPOSITE, (math.pi / 20, 0.0, 0.0), (0.0, 0.0, math.pi / 3))),
+        force=(-100.0, 100.0, 200.0),
+        follower_moment=(300.0, 0.0, -200.0),
+    ),
+)
+
+
 @dataclass(frozen=True)
 class Buckling:
     """Loads that grow with a factor until the equilibrium has neighbours."""
@@ -139,7 +158,8 @@ def _strip(ratio: float) -> Piece:
 
 _ROOT = math.sqrt(1.3)  # of EI GJ of the strip
 _AXIAL = (((0.0, 0.5, 0.0), (-1.0, 0.0, 0.0)), ((0.0, -0.5, 0.0), (1.0, 0.0, 0.0)))
-_BOTH = tuple((a, tuple(x / 2 for x in f)) for a, f in _AXIAL) + (
+_BOTH = (
+    *((place, tuple(x / 2 for x in force)) for place, force in _AXIAL),
     ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0)),
     ((-0.5, 0.0, 0.0), (0.0, -0.5, 0.0)),
 )
