@@ -290,7 +290,7 @@ DYNAMICS = (
     _spaghetti("spaghetti-smooth", "flying spaghetti, smooth pulse", True),
     Dynamic(
         "follower",
-        "cantilever, smooth pulse following the tip",
+        "cantilever, smooth follower pulse",
         (_ELBOW,),
         (Pulse(0, force=(0.0, 30.0, 40.0), follows=True, smooth=True),),
         end=5.0,

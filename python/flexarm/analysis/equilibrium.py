@@ -178,9 +178,9 @@ def _convex(M: Array, K: Array) -> tuple[Array, Array] | None:
 
 
 def _descent_step(M: Array, K: Array, r: Array, forces: float) -> tuple[Array, bool]:
-    """Newton's step with |lambda| for the eigenvalues lambda of the scaled K: downhill in potential energy. Where lambda
-    is zero the arm is indifferent and stays, unless a force above the noise of `forces` (sqrt(kg) m/s^2) pushes it. And
-    whether K is positive definite."""
+    """Newton's step with |lambda| for the eigenvalues lambda of the scaled K: downhill in potential energy. Where
+    lambda is zero the arm is indifferent and stays, unless a force above the noise of `forces` (sqrt(kg) m/s^2) pushes
+    it. And whether K is positive definite."""
     import scipy.linalg as la  # slow to import
 
     K = 0.5 * (K + K.T)
