@@ -220,7 +220,7 @@ def _bow(turns: float) -> Ring:
 
 
 def _spring() -> Ring:
-    """Mottershead 1980: wire of 1 mm, mean radius 5 mm, 7.6 turns, pitch angle 8.5744°."""
+    """Mottershead's spring (1980): wire of 1 mm, mean radius 5 mm, 7.6 turns, pitch angle 8.5744°."""
     d, radius, pitch, E, density, nu = 1e-3, 5e-3, math.radians(8.5744), 2.06e11, 7900.0, 0.3
     A, I, G = math.pi * d**2 / 4, math.pi * d**4 / 64, E / (2 + 2 * nu)
     stiffness = (E * A, 0.9 * G * A, 0.9 * G * A, 2 * G * I, E * I, E * I)
