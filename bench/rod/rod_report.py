@@ -159,6 +159,7 @@ def _draw_strip(rows: list[Row]) -> Figure:
             if all(r["exudyn"] for r in mine):
                 ax.plot(angle, [1e3 * r["exudyn"][i] for r in mine], "x", color=f"C{k}", ms=5)
         axes[2].plot(angle, [abs(r["twist"]) for r in mine], "-", color=f"C{k}")
+        axes[2].plot(angle, [abs(r["own_twist"]) for r in mine], "o", mfc="none", color=f"C{k}")
     labels = ("across the flat side (mm)", "across the edge (mm)", "twist of the tip (°)")
     for ax, label in zip(axes, labels, strict=True):
         ax.set(xlabel="angle of the load (°)", ylabel=label, xticks=range(0, 91, 30))

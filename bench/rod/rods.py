@@ -112,11 +112,12 @@ def strip(peer: list[Row]) -> list[Row]:
     for load in PRINCETON_LOADS:
         for angle in PRINCETON_ANGLES:
             case = princeton(load, angle)
-            (tip, R), (own, _, _, _) = shot(case), rod_flexarm.equilibrium(case, 8)
-            twist = np.degrees(np.arctan2(R[2, 1], R[1, 1]))
+            (tip, R), (own, turned, _, _) = shot(case), rod_flexarm.equilibrium(case, 8)
+            twist, own_twist = (float(np.degrees(np.arctan2(x[2, 1], x[1, 1]))) for x in (R, turned))
             apart = _apart(theirs[load, angle], tip) / PRINCETON_LENGTH if (load, angle) in theirs else None
             row = {"load": load, "angle": angle, "tip": tip, "own": own, "exudyn": theirs.get((load, angle))}
-            out.append({**row, "twist": twist, "error": _apart(own, tip) / PRINCETON_LENGTH, "exudyn_error": apart})
+            row |= {"twist": twist, "own_twist": own_twist}
+            out.append({**row, "error": _apart(own, tip) / PRINCETON_LENGTH, "exudyn_error": apart})
     return out
 
 
