@@ -197,6 +197,17 @@ def test_no_saddle_is_given_for_a_balance() -> None:
     assert column.modes(column.equilibrium(straight + 1e-3, loads=push), loads=push).stable
 
 
+def test_a_strip_that_hardly_stretches_tips_over() -> None:
+    """Strains with hardly any inertia and much stiffness do not hide what is soft, just above the critical load."""
+    section = fa.GeneralSection(1e-6, 1.3e-15, 1.3e-13, 1e-15, 1.0)
+    beam = fa.Beam(1.0, section, fa.Material(1.0, 1e15, shear_modulus=1e15),
+                   {s: 6 for s in fa._core.STRAINS}, "legendre", "exact")  # fmt: skip
+    arm = fa.Arm([fa.Link(fa.Fixed(), beam=beam)])
+    loads = [fa.Load(force=(0.0, -1.05 * 4.0126 * np.sqrt(1.3), 0.0))]
+    q = arm.equilibrium(loads=loads)
+    assert abs(arm.frame(q)[0][2]) > 0.1 and arm.modes(q, loads=loads).stable
+
+
 def test_a_balance_beyond_an_orders_range_is_told() -> None:
     section, material = fa.GeneralSection(1.0, 1.0, 1.0, 2.0), fa.Material(1.0, 1.0, shear_modulus=0.4)
     arm = fa.Arm([fa.Link(fa.Fixed(), beam=fa.Beam(1.0, section, material, {"bending_y": 4}, "legendre", 2))])

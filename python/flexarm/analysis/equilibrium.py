@@ -157,27 +157,50 @@ class _Solver:
         return float(np.linalg.norm(self.d * (self.K @ x - b)) / max(float(np.linalg.norm(self.d * b)), 1e-300))
 
 
+def _equilibrated(M: Array, K: Array) -> Array:
+    """Scales d (n,) by which the largest entry in each row of d K d is about 1. (The pencil of K and M will not do: its
+    highest eigenvalues, of strains with hardly any inertia, drown the lowest.)"""
+    size = np.abs(K)
+    d = 1.0 / np.sqrt(np.diag(M))
+    for _ in range(20):
+        largest = d * (size * d).max(axis=1)
+        d = d / np.sqrt(np.where(largest > 0.0, largest, 1.0))
+    return np.asarray(d)
+
+
+def _convex(M: Array, K: Array) -> tuple[Array, Array] | None:
+    """Cholesky's factor of K scaled by d to a unit diagonal, and d; None unless positive definite beyond rounding."""
+    import scipy.linalg as la  # slow to import
+
+    d = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-14 * np.diag(M)))
+    factor, wrong = la.lapack.dpotrf(d[:, None] * K * d)
+    return (factor, d) if wrong == 0 and np.diag(factor).min() > 1e-6 else None
+
+
 def _descent_step(M: Array, K: Array, r: Array, forces: float) -> tuple[Array, bool]:
-    """Newton's step with |lambda| for the eigenvalues lambda of (K, M): downhill in potential energy. Where lambda is
-    zero the arm is indifferent and stays, unless a force above the noise of `forces` (sqrt(kg) m/s^2) pushes it. And
-    whether K is positive definite."""
+    """Newton's step with |lambda| for the eigenvalues lambda of the scaled K: downhill in potential energy. Where
+    lambda is zero the arm is indifferent and stays, unless a force above the noise of `forces` (sqrt(kg) m/s^2) pushes
+    it. And whether K is positive definite."""
     import scipy.linalg as la  # slow to import
 
     K = 0.5 * (K + K.T)
-    d = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-14 * np.diag(M)))
-    factor, wrong = la.lapack.dpotrf(d[:, None] * K * d)
-    if wrong == 0 and np.diag(factor).min() > 1e-6:  # positive definite beyond rounding: no need of its eigenvalues
+    convex = _convex(M, K)
+    if convex:  # no need of its eigenvalues
+        factor, d = convex
         step: Array = -d * la.cho_solve((factor, False), d * r)
         return step, True
+    d = _equilibrated(M, K)
     try:
-        lam, Z = la.eigh(K, M)
-    except la.LinAlgError:  # M is not positive definite
+        lam, V = la.eigh(d[:, None] * K * d)
+    except la.LinAlgError:
         return np.full_like(r, np.nan), False
+    Z = d[:, None] * V
     g = Z.T @ r
-    least = 1e-14 * float(np.abs(lam).max())
-    flat = (np.abs(lam) <= max(least, 1e-300)) & (np.abs(g) <= 1e-11 * forces)
+    least = 1e-14
+    flat = np.abs(lam) <= least
+    flat &= np.abs(g) <= 1e-11 * forces * np.sqrt(np.einsum("ik,ij,jk->k", Z, M, Z))
     g[flat] = 0.0
-    step = -Z @ (g / np.maximum(np.abs(lam), max(least, 1e-300)))
+    step = -Z @ (g / np.maximum(np.abs(lam), least))
     return step, False
 
 
@@ -269,11 +292,12 @@ def _way_down(b: _Balance, q: Array) -> Array | None:
     K = b.jacobian(q, E)
     if not b.has_potential(K):
         return None
-    d = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-14 * np.diag(M)))
-    factor, wrong = la.lapack.dpotrf(d[:, None] * (0.5 * (K + K.T)) * d)
-    if wrong == 0 and np.diag(factor).min() > 1e-6:  # as in _descent_step
+    K = 0.5 * (K + K.T)
+    if _convex(M, K):
         return None
-    softest = la.eigh(0.5 * (K + K.T), M, subset_by_index=[0, 0])[1][:, 0]
+    d = _equilibrated(M, K)
+    softest: Array = d * la.eigh(d[:, None] * K * d, subset_by_index=[0, 0])[1][:, 0]
+    softest /= np.sqrt(softest @ M @ softest)
     softest *= np.sign(softest[np.abs(softest).argmax()])
     aside = np.zeros(b.arm.nv)
     aside[b.free] = _ASIDE * softest / np.abs(b.sizes * softest).max()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
         ValueError: naming the field and the value.
     """
     if not isinstance(link, Link) or link.beam is None:
-        raise ValueError(f"link = {link!r}: must be a Link with a beam")
+        raise ValueError(f"link = {shorten(repr(link), 80)}: must be a Link with a beam")
     beam = link.beam
     if beam.damping_ratio > 0:
         raise ValueError(f"damping_ratio = {beam.damping_ratio}: is of the whole beam's modes; give kelvin_voigt")
