@@ -4,6 +4,7 @@
 #include "flexarm/ci.hpp"
 #include "flexarm/collocation.hpp"
 #include "flexarm/simulate.hpp"
+#include "flexarm/step_derivatives.hpp"
 #include "lanes/ball.hpp"
 
 using namespace flexarm;
@@ -233,3 +234,45 @@ TEST_CASE("the time loop meets outputs and samples exactly and counts its work")
   CHECK(stopped.reached < 0.01);
   CHECK(stopped.done == 1);
 }
+
+namespace {
+
+/// [q; v] at the end of a step, by [q; v; tau].
+Eigen::VectorXd end_of_step(StepDerivatives& d, Workspace& ws, const Eigen::VectorXd& x) {
+  const Eigen::Index n = x.size() / 3;
+  Eigen::VectorXd q = x.head(n), v = x.segment(n, n), out(2 * n);
+  REQUIRE(d(ws, q, v, x.tail(n)) == Status::ok);
+  out << q, v;
+  return out;
+}
+
+TEST_CASE("derivatives of a step, against differences and between themselves") {
+  const Arm arm = flexarm_test::spatial_arm(2);
+  const Eigen::Index n = arm.nv();
+  for (const char* method : {"implicit", "rk4"}) {
+    CAPTURE(std::string(method));
+    StepDerivatives d(method, arm, std::string(method) == "rk4" ? 1e-6 : 1e-4, {0.6, 1e-14, 40});
+    Workspace ws(arm);
+    const Eigen::VectorXd x = flexarm_test::wave(3 * static_cast<int>(n), 0.3, 1e-3);
+    end_of_step(d, ws, x);
+    Eigen::MatrixXd A, B, both(2 * n, 3 * n);
+    d.matrices(A, B);
+    both << A, B;
+    const Eigen::VectorXd y = flexarm_test::wave(2 * static_cast<int>(n), 1.0, 1.0);
+    Eigen::VectorXd by_q = y.head(n), by_v = y.tail(n), by_tau(n), pulled(3 * n);
+    d.pull_back(by_q, by_v, by_tau);
+    pulled << by_q, by_v, by_tau;
+    CHECK((pulled - both.transpose() * y).norm() < 1e-12 * pulled.norm());
+    for (Eigen::Index k = 0; k < 3 * n; ++k) {
+      const double h = 1e-4;
+      const auto at = [&](double s) { return end_of_step(d, ws, x + s * h * Eigen::VectorXd::Unit(3 * n, k)); };
+      const Eigen::VectorXd wide = (at(2.0) - at(-2.0)) / (4.0 * h), near = (at(1.0) - at(-1.0)) / (2.0 * h);
+      const Eigen::VectorXd expected = (4.0 * near - wide) / 3.0;
+      CHECK((expected - both.col(k)).norm() < 1e-5 * (1e-2 + both.col(k).norm()));
+    }
+  }
+  const Arm floating = flexarm_test::floating_arm();  // on balls
+  CHECK_THROWS_AS(StepDerivatives("implicit", floating, 1e-3), std::invalid_argument);
+}
+
+}  // namespace

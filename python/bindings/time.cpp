@@ -295,20 +295,52 @@ void bind_time(py::module_& m) {
         for (std::size_t k = 0; k < places.size(); ++k)
           (*lent).loads[k].wrench = rows(wrenches).row(static_cast<Eigen::Index>(k));
         const int n = arm.nv();
-        Answers end_q(q, {arm.nq()}), end_v(v, {n}), A(q, {2 * n, 2 * n}), B(q, {2 * n, n});
+        Answers end_q(q, {arm.nq()}), end_v(v, {n}), by_state(q, {2 * n, 2 * n}), by_tau(q, {2 * n, n});
         std::vector<int> status(static_cast<std::size_t>(count(q)));
+        Eigen::MatrixXd A, B;
         for_states(arm, count(q), 4 * n, [&](Eigen::Index k) {
           Eigen::VectorXd x = rows(q).row(k), y = rows(v).row(k);
           status[static_cast<std::size_t>(k)] = static_cast<int>(d(*lent, x, y, rows(tau).row(k)));
+          d.matrices(A, B);
           end_q[k] = x.transpose();
           end_v[k] = y.transpose();
-          A[k] = d.A;
-          B[k] = d.B;
+          by_state[k] = A;
+          by_tau[k] = B;
         });
-        return py::make_tuple(end_q.all(), end_v.all(), A.all(), B.all(), status);
+        return py::make_tuple(end_q.all(), end_v.all(), by_state.all(), by_tau.all(), status);
       },
       py::arg("arm"), py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("integrator"), py::arg("step"),
       py::arg("rtol"), py::arg("spectral_radius"), py::arg("loads"), py::arg("wrenches"));
+
+  m.def(
+      "rollout_gradient",
+      [](const PyArm& arm, const Rows& q, const Rows& v, const Rows& tau, const Rows& by_q, const Rows& by_v,
+         const std::string& integrator, double step, double rtol, double spectral_radius) {
+        StepDerivatives d(integrator, arm, step, ImplicitOptions{spectral_radius, rtol});
+        const auto lent = arm.workspace({}, true);
+        Eigen::VectorXd back_q = by_q.bottomRows(1).transpose(), back_v = by_v.bottomRows(1).transpose(),
+                        back_tau(arm.nv());
+        Rows by_tau(tau.rows(), tau.cols());
+        Eigen::Index failed = -1;
+        int status = 0;
+        for_states(arm, tau.rows(), 4 * arm.nv(), [&](Eigen::Index step_back) {
+          const Eigen::Index k = tau.rows() - 1 - step_back;
+          Eigen::VectorXd x = q.row(k), y = v.row(k);
+          if (failed >= 0) return;
+          status = static_cast<int>(d(*lent, x, y, tau.row(k)));
+          if (status != 0) {
+            failed = k;
+            return;
+          }
+          d.pull_back(back_q, back_v, back_tau);
+          by_tau.row(k) = back_tau.transpose();
+          back_q += by_q.row(k).transpose();
+          back_v += by_v.row(k).transpose();
+        });
+        return py::make_tuple(back_q, back_v, by_tau, failed, status);
+      },
+      py::arg("arm"), py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("by_q"), py::arg("by_v"),
+      py::arg("integrator"), py::arg("step"), py::arg("rtol"), py::arg("spectral_radius"));
 
   py::class_<LinearLaw>(m, "LinearLaw")
       .def(py::init([](const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, const Eigen::MatrixXd& C,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,7 +74,7 @@ def step_derivatives(
     q, v, tau = arm._batch(q=q, v=v, tau=tau)
     shape = np.broadcast_shapes(q.shape[:-1], v.shape[:-1], tau.shape[:-1])
     q, v, tau = (np.ascontiguousarray(np.broadcast_to(x, (*shape, x.shape[-1]))) for x in (q, v, tau))
-    options = 1e-10 if rtol is None else number("rtol", rtol), _radius(spectral_radius)
+    options = _options(rtol, spectral_radius)
     acting = at_time(arm, loads, t)
     found = _core.step_derivatives(arm._core, q, v, tau, integrator, number("step", step), *options, *acting)
     failed = np.flatnonzero(found[-1])
@@ -84,8 +84,8 @@ def step_derivatives(
     return StepDerivatives(*found[:-1])
 
 
-def _radius(given: float | None) -> float:
-    return 1.0 if given is None else number("spectral_radius", given)
+def _options(rtol: float | None, radius: float | None) -> tuple[float, float]:
+    return 1e-10 if rtol is None else number("rtol", rtol), 1.0 if radius is None else number("spectral_radius", radius)
 
 
 def rollout_gradient(
@@ -124,11 +124,15 @@ def rollout_gradient(
         raise ValueError(f"tau has shape {tau.shape}: must be {(*v.shape[:-2], v.shape[-2] - 1, arm.nv)}")
     rows = [np.zeros(x.shape) if g is None else array(name, g, x.shape)
             for name, g, x in (("by_q", by_q, q), ("by_v", by_v, v))]  # fmt: skip
-    given = np.concatenate(rows, axis=-1)
-    at, forces = given[..., -1, :], np.zeros(tau.shape)
-    more: dict[str, Any] = {"integrator": integrator, "rtol": rtol, "spectral_radius": spectral_radius}
-    for k in reversed(range(tau.shape[-2])):
-        d = step_derivatives(arm, q[..., k, :], v[..., k, :], tau[..., k, :], step=step, **more)
-        forces[..., k, :] = np.einsum("...ij,...i->...j", d.B, at)
-        at = np.einsum("...ij,...i->...j", d.A, at) + given[..., k, :]
-    return Gradient(at[..., : arm.nq], at[..., arm.nq :], forces)
+    check_options(integrator, rtol, spectral_radius)
+    options = number("step", step), *_options(rtol, spectral_radius)
+    batch = q.shape[:-2]
+    out = Gradient(np.zeros((*batch, arm.nq)), np.zeros((*batch, arm.nv)), np.zeros(tau.shape))
+    for i in np.ndindex(batch):
+        run, given = (q[i], v[i], tau[i]), [x[i] for x in rows]
+        *found, failed, status = _core.rollout_gradient(arm._core, *run, *given, integrator, *options)
+        if failed >= 0:
+            raise ValueError(f"step {failed}{f' of scenario {i}' if batch else ''}: {_STATUS[status]}")
+        for whole, part in zip(out, found, strict=True):
+            whole[i] = part
+    return out
