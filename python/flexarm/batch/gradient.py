@@ -129,8 +129,9 @@ def rollout_gradient(
     batch = q.shape[:-2]
     out = Gradient(np.zeros((*batch, arm.nq)), np.zeros((*batch, arm.nv)), np.zeros(tau.shape))
     for i in np.ndindex(batch):
-        run, given = (q[i], v[i], tau[i]), [x[i] for x in rows]
-        *found, failed, status = _core.rollout_gradient(arm._core, *run, *given, integrator, *options)
+        *found, failed, status = _core.rollout_gradient(
+            arm._core, q[i], v[i], tau[i], rows[0][i], rows[1][i], integrator, *options
+        )
         if failed >= 0:
             raise ValueError(f"step {failed}{f' of scenario {i}' if batch else ''}: {_STATUS[status]}")
         for whole, part in zip(out, found, strict=True):
