@@ -116,7 +116,8 @@ class Data:
         lines = [f"Data {self.name}: ".replace(" :", ":") + f"{len(self)} rows, {span}{rate}"]
         cells = [["column", "unit", "min", "max", "mean", "std"]]
         for name, y in self.columns.items():
-            cells.append([name, self.units[name], *(f"{x:.5g}" for x in (y.min(), y.max(), y.mean(), y.std()))])
+            std = 0.0 if constant(y) else y.std()
+            cells.append([name, self.units[name], *(f"{x:.5g}" for x in (y.min(), y.max(), y.mean(), std))])
         return "\n".join([*lines, *aligned(cells, range(2, 6))])
 
     # -- other times ---------------------------------------------------------------------------------------------------

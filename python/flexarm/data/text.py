@@ -144,7 +144,9 @@ def _without_last_empty(headings: list[str], rows: list[str], separator: str) ->
 def _fast(rows: list[str], separator: str, width: int) -> Array | None:
     """All numbers at once; None where they are not plain ones."""
     if separator != "," and any("," in row for row in rows):
-        return None
+        if any("." in row for row in rows):
+            return None
+        rows = [row.replace(",", ".") for row in rows]
     try:
         mark = None if separator == " " else separator
         out = np.loadtxt(io.StringIO("\n".join(rows)), delimiter=mark, comments=None, ndmin=2)
@@ -159,9 +161,10 @@ def _slow(rows: list[str], lines: list[int], separator: str, headings: list[str]
         if len(cells) == width + 1 and not cells[-1]:
             cells = cells[:-1]
         if len(cells) != width:
-            commas = separator == "," and len(cells) > width
-            hint = "; are there decimal commas? Then another separator, such as ';', must part the cells" * commas
-            raise Refused(f"line {line} has {len(cells)} cells, and there are {width} names{hint}")
+            commas = separator == "," and len(cells) == 2 * width
+            hint = "; are these decimal commas? Then another separator, such as ';', must part the cells" * commas
+            names = f" ({', '.join(headings)})" * (width < 8)
+            raise Refused(f"line {line}: there are {len(cells)} cells, and {width} names{names}{hint}")
         out.append(tuple(cells))
     return out
 

@@ -99,7 +99,7 @@ def _marked(text: str) -> str:
 
 def _factor(part: str, whole: str) -> tuple[float, dict[str, int], int]:
     """Factor, SI units and power of "mm^2" and the like."""
-    split = re.fullmatch(r"(.*?[^\d^-])\^?(-?\d)?", part) or re.fullmatch(r"(1)(?:\^(1))?", part)
+    split = re.fullmatch(r"(.*?[^\d^-])(?:\^?(-?\d))?", part) or re.fullmatch(r"(1)()", part)
     if split is None:
         raise _unknown(whole)
     name, power = split[1], int(split[2] or 1)
