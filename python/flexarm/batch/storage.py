@@ -76,11 +76,13 @@ def write_file(path: Path, arrays: Mapping[str, NDArray[Any]], fixed: Mapping[st
     blank = {"f": np.nan, "i": 0, "S": ""}
     columns = {k: Column(x.shape[1:], x.dtype.str, blank[x.dtype.kind]) for k, x in arrays.items()}
     columns["status"] = columns["status"]._replace(blank=NOT_DONE)
-    count, saved = len(arrays["status"]), {"file": "saved by BatchResult.save"}
+    count, saved = len(arrays["status"]), {"flexarm": _core.__version__, "origin (BatchResult.save)": ""}
     file = ScenarioFile(path, count, columns, fixed, saved, False, "batch", "path =", "give another name")
     try:
         done = np.flatnonzero(arrays["status"] != NOT_DONE)
-        file.write(done, {k: x[done] for k, x in arrays.items()})
+        for first in range(0, len(done), 1024):  # pieces, so that little of it is in memory at once
+            part = done[first : first + 1024]
+            file.write(part, {k: x[part] for k, x in arrays.items()})
     finally:
         file.close()
 

@@ -19,6 +19,8 @@ from .units import titled
 CSV, HDF5, MAT, NPZ = (".csv", ".txt"), (".h5", ".hdf5"), (".mat",), (".npz",)
 SUFFIXES = (*CSV, *HDF5, *MAT, *NPZ)
 
+_OF_MANY = "is of a batch or of an older flexarm: fa.BatchResult.load(...)[k] or fa.Result.load(...) has .to_data()"
+
 #: Name and unit of each column of an array, by the array's name.
 Titles = Mapping[str, Sequence[tuple[str, str]]]
 
@@ -53,19 +55,26 @@ def write_columns(path: Any, columns: Mapping[str, tuple[str, Array]]) -> None:
 
 def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: Any) -> None:
     """Arrays by name. A vector with a title has its unit in an attribute "unit", a matrix the names and units of its
-    columns in "columns" and "units"; `about`, unless it is None, is an attribute of the file, in JSON."""
+    columns in "columns" and "units"; `about`, unless it is None, is a data set, in JSON."""
     import h5py
 
+    def text(words: Sequence[str]) -> Any:
+        # of fixed length: where one of variable length is damaged, the library may read on for ever
+        raw = [word.encode() for word in words]
+        return np.array(raw, h5py.string_dtype("utf-8", max(map(len, [*raw, b" "]))))
+
     def write(file: Any) -> None:
-        with h5py.File(file, "w", track_order=True) as f:
-            f.attrs.update({} if about is None else {"about": json.dumps(about)})
+        # a version whose own tables have checksums, and whose attributes may be long
+        with h5py.File(file, "w", libver=("v108", "v108"), track_order=True) as f:
+            if about is not None:
+                f["about"] = text([json.dumps(about)])
             for name, x in arrays.items():
                 made = f.create_dataset(name, data=x, **({"fletcher32": True, "compression": "gzip"} if x.size else {}))
-                names, units = [n for n, _ in titles.get(name, ())], [of for _, of in titles.get(name, ())]
-                if x.ndim == 1 and units:
-                    made.attrs["unit"] = units[0]
-                elif units:
-                    made.attrs.update({"columns": names, "units": units})
+                titled = titles.get(name, ())
+                if x.ndim == 1 and titled:
+                    made.attrs["unit"] = text([titled[0][1]])[0]
+                elif titled:
+                    made.attrs["columns"], made.attrs["units"] = (text(part) for part in zip(*titled, strict=True))
 
     write_whole(path, write, "path")
 
@@ -126,7 +135,10 @@ def read_npz(path: Path) -> Raw:
     """For use in `readable`."""
     held, titles = zipped(path), dict[str, Any]()
     if "about" in held and held["about"].dtype.kind == "U":
-        titles = json.loads(str(held.pop("about"))).get("columns", {})
+        about = json.loads(str(held.pop("about")))
+        if "arm" in about and "columns" not in about:
+            raise Refused(_OF_MANY)
+        titles = about.get("columns", {})
     out: Raw = {}
     for name, x in held.items():
         out |= _spread(name, x, titles.get(name)) if name in titles or not titles else {}
@@ -145,6 +157,8 @@ def read_hdf5(path: Path, key: str | None, matlab: bool = False) -> Raw:
     import h5py
 
     with h5py.File(path, "r") as f:
+        if "sealed" in f.attrs:
+            raise Refused(_OF_MANY)
         at = f
         for part in () if key is None else key.strip("/").split("/"):
             if not isinstance(at, h5py.Group) or part not in _members(at):
@@ -156,7 +170,7 @@ def read_hdf5(path: Path, key: str | None, matlab: bool = False) -> Raw:
             at = at[inner[0]]
         if {"axis0", "block0_values"} <= set(at) or "pandas_type" in at.attrs:
             raise Refused("is of pandas' own kind: give fa.load_data(pandas.read_hdf(...))")
-        if "about" in f.attrs:  # of Result.save: what has no titles is no column
+        if "about" in at and _is_text(at["about"]):  # of Result.save: what has no titles is no column
             return _of_group("", at, matlab, lambda x: "unit" in x.attrs or "columns" in x.attrs)
         return _of_group("", at, matlab)
 
@@ -171,13 +185,17 @@ def read_arrays(content: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
     with h5py.File(BytesIO(content), "r") as f:
         for name in _members(f):
             check_inside(name, f[name])
-        return json.loads(f.attrs["about"]), {name: f[name][()] for name in _members(f)}
+        return json.loads(f["about"][0]), {name: f[name][()] for name in _members(f) if name != "about"}
 
 
 def check_inside(name: str, x: Any) -> None:
     """Refuses a data set whose numbers lie in another file."""
     if x.id.get_create_plist().get_external_count() or x.is_virtual:
         raise Refused(f"{name!r} is stored outside of the file, where it is not read")
+
+
+def _is_text(x: Any) -> bool:
+    return bool(getattr(getattr(x, "dtype", None), "kind", "") == "S")
 
 
 def _members(group: Any) -> list[str]:

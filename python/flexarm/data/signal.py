@@ -10,7 +10,7 @@ from .._check import Array
 
 GAP = 2.5  # median steps: what is longer misses two samples or more
 _ORDER, _SHARE = 8, 0.8  # of the low-pass before samples are thinned out: its order, its corner in the new Nyquist rate
-_MOST = 20_000_000  # samples of an even grid
+_MOST = 10_000_000  # samples of an even grid
 
 
 class DataWarning(UserWarning):
@@ -51,9 +51,9 @@ def low_passed(t: Array, y: Array, step: float, method: str) -> tuple[Array, Arr
     forward and backward, so that nothing comes later. On even times."""
     from scipy.signal import butter, sosfiltfilt
 
-    h = float(t[-1] - t[0]) / max(1, round(float(t[-1] - t[0]) / median_step(t)))
-    even = t[0] + h * np.arange(round((t[-1] - t[0]) / h) + 1)
-    even[-1] = t[-1]
+    span = float(t[-1] - t[0])
+    h = span / max(1, round(span / median_step(t)))
+    even = even_times(t[0], t[-1], h)
     rows = at_times(t, y, even, method)
     sections = butter(_ORDER, _SHARE * h / step, output="sos")
     room = min(len(even) - 1, int(3 * _ORDER * step / h))
