@@ -152,6 +152,13 @@ def test_what_is_not_asked_for_may_be_anything(tmp_path: Path) -> None:
     assert data.names == ("y",)
 
 
+def test_units_that_are_told_count_more(tmp_path: Path) -> None:
+    table = "t,theta [deg]\n0,1\n1,2\n"
+    assert read(tmp_path, table, units={"theta": "rad"})["theta"].tolist() == [1, 2]
+    assert read(tmp_path, table, units={"theta [deg]": "mrad", "t": "ms"}).t.tolist() == [0, 1e-3]
+    assert read(tmp_path, "t (s),time\n0,1\n1,2\n").names == ("time",)
+
+
 def test_times_by_a_rate_and_missing_rows(tmp_path: Path) -> None:
     assert read(tmp_path, "x\n1\n2\n3\n", rate=200.0).t.tolist() == [0, 0.005, 0.01]
     data = read(tmp_path, "t,x,y\n0,1,1\n1,,1\n2,3,inf\n3,4,5\n", missing="drop")
@@ -166,7 +173,7 @@ def test_gaps_are_told(tmp_path: Path) -> None:
     assert data.gaps().tolist() == [[9, 4], [19, 11]]
 
 
-def test_a_large_table_takes_no_longer_than_numpy(tmp_path: Path) -> None:
+def test_a_table_as_numpy_writes_it(tmp_path: Path) -> None:
     x = np.random.default_rng(0).normal(size=(20_000, 5))
     x[:, 0] = np.arange(20_000)
     np.savetxt(tmp_path / "x.dat", x, header="t a b c d")

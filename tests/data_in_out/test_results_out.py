@@ -117,9 +117,12 @@ def test_a_failed_batch_with_events_goes_through_hdf5(tmp_path: Path) -> None:
     for k in range(3):
         np.testing.assert_array_equal(one[k].q, two[k].q)
         np.testing.assert_array_equal(one[k].t_events[0], two[k].t_events[0])
+    for name in ("a.npz", "a.h5"):
+        with pytest.raises(ValueError, match=r"is of a batch .*BatchResult\.load\(\.\.\.\)\[k\]"):
+            fa.load_data(tmp_path / name)
     two[1].save(tmp_path / "one.csv")
     assert len(fa.load_data(tmp_path / "one.csv")) == len(TIMES)
-    with pytest.raises(ValueError, match="holds another batch"):
+    with pytest.raises(ValueError, match=r"holds another batch, with another origin \(BatchResult\.save\)"):
         fa.simulate_batch(arm, TIMES, v0=[[1.0], [2.0], [0.0]], out=tmp_path / "a.h5")
 
 

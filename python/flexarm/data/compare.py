@@ -75,7 +75,7 @@ def compared(measured: Data, simulated: Data) -> Comparison:
     still = [name for name, y in measured.columns.items() if constant(y)]
     if still:
         text = f"measured column '{still[0]}' is constant ({measured[still[0]][0]:g}): its NRMSE is not defined"
-        warnings.warn(text, DataWarning, stacklevel=3)
+        warnings.warn(text, DataWarning, stacklevel=4)  # Result.compare, its outputs.compare, this
     for name, y in measured.columns.items():
         x = simulated[name]
         error, rigid = x - y, constant(x) or constant(y)

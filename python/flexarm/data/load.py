@@ -72,6 +72,8 @@ def load_data(
         raise ValueError(f"columns = {columns!r}: must be a list of names")
     if units is not None and not isinstance(units, Mapping):
         raise ValueError(f"units = {units!r}: must be units by name, such as {{'theta': 'deg'}}")
+    for name, of in (units or {}).items():
+        unit_of(name, of)
     if rate is not None and not 0 < number("rate", rate) < np.inf:
         raise ValueError(f"rate = {rate}: must be positive and finite (Hz)")
     take = partial(_made, wanted=columns, time=time, rate=rate, given=dict(units or {}), missing=missing)
@@ -213,10 +215,9 @@ def _find(name: str, found: Found, where: str) -> str:
     heads = {head: n for n, (head, _, _) in found.items()}
     if name in heads and name not in found:
         return heads[name]
-    try:
-        return choice(where, name, found)
-    except ValueError:
-        raise Refused(f"{where}: has no column '{name}'; there are {', '.join(found) or 'none'}") from None
+    if name in found:
+        return name
+    raise Refused(f"{where}: has no column '{name}'; there are {', '.join(found) or 'none'}")
 
 
 def _clock(found: Found, kept: list[str] | None, time: str | None, rate: float | None) -> str | None:
@@ -227,8 +228,9 @@ def _clock(found: Found, kept: list[str] | None, time: str | None, rate: float |
         return None
     if time is not None:
         return _find(time, found, "time")
-    named = [name for name in found if name.lower() in _TIMES]
-    named = named or [name for name, (_, of, _) in found.items() if of and _is_time(of)]
+    in_time = [name for name, (_, of, _) in found.items() if of and _is_time(of)]
+    called = [name for name in found if name.lower() in _TIMES]
+    named = [name for name in called if name in in_time] or called or in_time
     if len(named) != 1:
         none = f"no column of times: there are {', '.join(found) or 'none'}"
         many = f"times may be {' or '.join(named)}" if named else none
