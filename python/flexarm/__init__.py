@@ -33,6 +33,9 @@ Sensors
     Encoder Tachometer ForceTorque StrainGauge Accelerometer Camera
     Sensor, Sampler, Reading            what they share; one in a control loop; what one reads of a run
     psd, PowerSpectrum                  power spectral density
+Data
+    load_data, Data         columns over time with units, from CSV, HDF5, .mat, .npz, pandas or a result
+    Comparison              what result.compare(data) gives: a run beside what was measured
 Scenes
     load, Scene                         a TOML file, or a shipped one: an arm, what drives it, for how long
 Many runs
@@ -51,6 +54,7 @@ Warnings
     RangeWarning, WatchWarning          a beam bent too far for its order; a run that left its model's range
     LoopWarning, PulseWarning           a control loop that grows; a pulse that the steps have missed
     SlowWarning, StepWarning            very many steps; steps above the limit of "rk4"
+    DataWarning                         gaps in time, constant signals
 
 Elsewhere: flexarm.env (Gymnasium environments), flexarm.tasks (what they ask), flexarm.cli (the command line).
 """
@@ -95,6 +99,10 @@ from .batch.rollout import (
 from .batch.simulate import batch_memory as batch_memory, simulate_batch as simulate_batch
 from .choose.chart import Chart as Chart, chart as chart
 from .choose.economize import Plan as Plan, economize as economize
+from .data.compare import Comparison as Comparison
+from .data.data import Data as Data
+from .data.load import load_data as load_data
+from .data.signal import DataWarning as DataWarning
 from .parts.beam import Beam as Beam, RigidBody as RigidBody
 from .parts.joints import (
     Axes as Axes,

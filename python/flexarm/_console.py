@@ -145,12 +145,18 @@ def output_folder(path: str) -> Path:
     return made
 
 
-def write_csv(path: Path, header: Iterable[str], columns: Iterable[Array]) -> None:
+def csv_text(header: Iterable[str], columns: Iterable[Array]) -> str:
     """Columns of numbers, all digits, under one header line."""
-    with path.open("w", newline="", encoding="utf-8") as f:
-        out = csv.writer(f, lineterminator="\n")
-        out.writerow(header)
-        out.writerows([repr(float(x)) for x in row] for row in zip(*columns, strict=True))
+    f = io.StringIO()
+    out = csv.writer(f, lineterminator="\n")
+    out.writerow(header)
+    out.writerows([repr(float(x)) for x in row] for row in zip(*columns, strict=True))
+    return f.getvalue()
+
+
+def write_csv(path: Path, header: Iterable[str], columns: Iterable[Array]) -> None:
+    """The same in a file."""
+    path.write_text(csv_text(header, columns), encoding="utf-8", newline="")
 
 
 def finite(x: Any) -> Any:

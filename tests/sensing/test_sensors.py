@@ -375,3 +375,15 @@ def test_bad_scenes(old: str, new: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(SCENE.replace(old, new))
     with pytest.raises(ValueError, match=message):
         fa.load(tmp_path / "s.toml")
+
+
+def test_a_reading_is_columns(tmp_path: Path) -> None:
+    run = fa.load("ist").run()
+    reading = fa.Camera(0).read(run)
+    data = reading.to_data()
+    assert data.names == reading.labels == ("position x", "position y", "position z") and data.name == reading.name
+    np.testing.assert_array_equal(np.column_stack(list(data.columns.values())), reading.y)
+    reading.save(tmp_path / "camera.csv")
+    back = fa.load_data(tmp_path / "camera.csv")
+    assert back.units == data.units
+    np.testing.assert_array_equal(back["position y"], data["position y"])

@@ -19,7 +19,7 @@ def run() -> fa.Result:
     return fa.simulate(fa.Arm([HINGE]), np.linspace(0, 1, 11), v0=[1.0], events=lambda t, q, v: q[0] - 0.3)
 
 
-@pytest.mark.parametrize("name", ["run.csv", "run.mat", "run.h5", "run.hdf5", "run.npy", "run.json", "run.CSV"])
+@pytest.mark.parametrize("name", ["run.npy", "run.json", "run.xlsx", "run.png", "run.CSV2"])
 def test_a_result_is_not_written_under_another_formats_name(name: str, run: fa.Result, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"run\.\w+': must end in \.npz"):
         run.save(tmp_path / name)

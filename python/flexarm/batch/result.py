@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._check import Array
+from .._check import Array, named
 from ..arm import Arm
 from ..run.result import Result
 from ..store.files import Refused, readable, write_whole
 from . import events as batch_events
 from .job import ENDED, FAILED
 from .rollout import NOT_DONE, Failure
-from .storage import REASON_BYTES, about, failures_in, in_bytes, read
+from .storage import REASON_BYTES, about, failures_in, in_bytes, read, write_file
 from .variation import Setup, Variation
 
 OUTPUTS = ("q", "v", "a", "tau")
@@ -97,17 +97,27 @@ class BatchResult:
         return np.array([f(self[i]) for i in range(len(self))])
 
     def save(self, path: str | Path) -> None:
-        """Writes times, arrays, failures, parameters and the arm to one file (.npz) that `BatchResult.load` reads."""
+        """Writes times, arrays, failures, parameters and the arm to one file that `BatchResult.load` reads: .npz (or
+        no suffix), .h5 or .hdf5. `fa.Data` and tables are of one run: `batch[k].save("x.csv")`.
+
+        Raises:
+            ValueError: another suffix, or where nothing can be written.
+        """
+        file = named(path, ".npz", ".h5", ".hdf5")
         kept: dict[str, Any] = {k: getattr(self, k) for k in OUTPUTS if getattr(self, k) is not None}
-        kept |= {f"parameters/{k}": v for k, v in self.variation.values.items()}
         reason = np.zeros(len(self), f"S{REASON_BYTES}")
         for f in self.failures:
             reason[f.index] = in_bytes(f.reason)
         if self.events is not None:
             kept |= batch_events.kept(self.events)
-        kept |= {"t": self.t, "status": self.status, "reached": self.reached, "reason": reason}
+        kept |= {"status": self.status, "reached": self.reached, "reason": reason}
         words = json.dumps({**about(self.variation), **({} if self.keeps_loads else {"loads": 1})})
-        write_whole(Path(path), lambda file: np.savez_compressed(file, about=np.array(words), **kept), "batch")
+        fixed = {"t": self.t, **{f"parameters/{k}": v for k, v in self.variation.values.items()}}
+        if file.suffix.lower() in (".h5", ".hdf5"):
+            write_file(file, kept, {"about": words, **fixed})
+        else:
+            arrays = {**kept, **fixed, "about": np.array(words)}
+            write_whole(file, lambda out: np.savez_compressed(out, **arrays), "batch")
 
     @staticmethod
     def load(path: str | Path, verify: bool = True) -> BatchResult:

@@ -71,6 +71,22 @@ def read(path: Path, verify: bool) -> dict[str, Any]:
     return {**held, "parameters": values}
 
 
+def write_file(path: Path, arrays: Mapping[str, NDArray[Any]], fixed: Mapping[str, Any]) -> None:
+    """A finished file as `File` makes it, of arrays with a row for each scenario, which no batch takes up again."""
+    blank = {"f": np.nan, "i": 0, "S": ""}
+    columns = {k: Column(x.shape[1:], x.dtype.str, blank[x.dtype.kind]) for k, x in arrays.items()}
+    columns["status"] = columns["status"]._replace(blank=NOT_DONE)
+    count, saved = len(arrays["status"]), {"flexarm": _core.__version__, "origin (BatchResult.save)": ""}
+    file = ScenarioFile(path, count, columns, fixed, saved, False, "batch", "path =", "give another name")
+    try:
+        done = np.flatnonzero(arrays["status"] != NOT_DONE)
+        for first in range(0, len(done), 1024):  # pieces, so that little of it is in memory at once
+            part = done[first : first + 1024]
+            file.write(part, {k: x[part] for k, x in arrays.items()})
+    finally:
+        file.close()
+
+
 class Memory:
     """Arrays for all scenarios.
 

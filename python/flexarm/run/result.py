@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +12,12 @@ import numpy as np
 from .._check import Array, named
 from ..acting.load import Load
 from ..arm import Arm
+from ..data.compare import Comparison
+from ..data.data import Data
+from ..data.files import CSV, HDF5, MAT, NPZ, read_arrays, write_hdf5, write_npz
 from ..draw.trajectory import plot_panels
 from ..parts.labels import deflections, joint_coordinates
-from ..store.files import write_whole
+from . import outputs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -112,39 +114,89 @@ class Result:
             panels.append(("Position of the end (m)", [(axis, position[:, i]) for i, axis in enumerate("xyz")]))
         return plot_panels(t, panels)
 
-    def save(self, path: str | Path) -> None:
-        """Writes everything, the arm included, to one file (.npz) that `Result.load` reads.
+    def to_data(self) -> Data:
+        """Columns over time: "q ...", "v ...", "a ..." and "tau ..." of each coordinate by its name (`arm.q_names`,
+        `arm.coordinates`), "friction ..." where there is any, "link 0 tip y deflection" (m) and the like, and the place
+        of the arm's end, "end x", "end y", "end z" (m). Units are those of joints; elastic coordinates have "", since
+        theirs depend on the beam's basis. What a batch did not keep is left out.
 
         Raises:
-            ValueError: a name that promises another format, or where nothing can be written. `flexarm run` writes a
-                table, run.csv.
+            ValueError: no rows.
         """
-        file = named(path, ".npz")
+        return outputs.table(self)
+
+    def to_pandas(self) -> Any:
+        """A pandas DataFrame of `to_data`: its index is t (s), `.attrs["units"]` has the units. It needs
+        `pip install 'flexarm[pandas]'`."""
+        return self.to_data().to_pandas()
+
+    def compare(self, data: Data, columns: Mapping[str, Any] | Iterable[str] | str | None = None) -> Comparison:
+        """This run beside measured data, at the times of the data that lie within the run's (it is interpolated there
+        by cubic splines).
+
+        Args:
+            data: measured.
+            columns: by name of a column of the data, what it is compared with: the name of a column of `to_data`; a
+                sensor of one component, such as `fa.StrainGauge(0)`; a function of a result that gives (nt,); or
+                numbers (nt,). A list of names: both have them. None: all names that both have.
+
+        Returns:
+            Comparison: `.nrmse["name"]`, `.bias`, `.lag`, `.correlation`, `print`, `.plot()`.
+
+        Raises:
+            ValueError: no such column, different units, shapes that do not fit, less than two rows in common.
+            (DataWarning: a measured column is constant: it has no NRMSE.)
+        """
+        return outputs.compare(self, data, columns)
+
+    def save(self, path: str | Path) -> None:
+        """Writes a file, in the format of its suffix.
+
+        .npz (or none), .h5 (or .hdf5, where each matrix has attributes "columns" and "units"): everything, the arm and
+        events included; `Result.load` reads it. .csv (or .txt) and .mat: the columns of `to_data`. `fa.load_data` reads
+        the columns of all of them.
+
+        Raises:
+            ValueError: another suffix, or where nothing can be written.
+        """
+        file = named(path, *NPZ, *HDF5, *CSV, *MAT)
+        kind = file.suffix.lower()
+        if kind in (*CSV, *MAT):
+            self.to_data().save(file)
+            return
+        arrays, about = self._packed()
+        names, values = outputs.derived(self)
+        arrays, names = {**arrays, **values}, {"t": [("t", "s")], **outputs.titles(self.arm), **names}
+        (write_hdf5 if kind in HDF5 else write_npz)(file, arrays, names, about)
+
+    def _packed(self) -> tuple[dict[str, Array], dict[str, Any]]:
+        """All arrays by name, and what JSON tells of the rest."""
         kept = None if self.loads is None else len(self.loads)
         more = {f"{name}_events_{k}": x for name in "tqv" for k, x in enumerate(getattr(self, f"{name}_events") or ())}
         if self.friction is not None:
             more["friction"] = self.friction
         about = {"arm": self.arm.to_dict(), "stats": self.stats, "loads": kept is None or kept, "status": self.status}
         about["events"] = None if self.t_events is None else len(self.t_events)
-        rows = {"t": self.t, "q": self.q, "v": self.v, "a": self.a, "tau": self.tau, **more}
-        write_whole(file, lambda f: np.savez_compressed(f, about=np.array(json.dumps(about)), **rows), "path")
+        return {"t": self.t, "q": self.q, "v": self.v, "a": self.a, "tau": self.tau, **more}, about
 
     @staticmethod
     def load(path: str | Path) -> Result:
-        """Reads what `save` wrote.
+        """Reads what `save` wrote as .npz or .h5; tables (.csv, .mat) keep no arm: `fa.load_data` reads their columns.
 
         Raises:
             ValueError: no such file, another kind of file, a damaged one.
         """
         if not isinstance(path, (str, Path)):
             raise ValueError(f"result = {path!r}: must be a path")
+        if Path(path).suffix.lower() in (*CSV, *MAT):
+            raise ValueError(f"result {str(path)!r}: a table keeps no arm: fa.load_data reads its columns")
         try:
-            content = BytesIO(Path(path).read_bytes())
+            content = Path(path).read_bytes()
         except OSError as e:
             raise ValueError(f"result {str(path)!r}: {e.strerror}") from None
         try:
-            with np.load(content, allow_pickle=False) as f:
-                about, held = json.loads(str(f["about"])), {k: f[k] for k in f.files if k != "about"}
+            about, arrays = read_arrays(content)
+            held: dict[str, Any] = {name: x for name, x in arrays.items() if name not in ("deflection", "end")}
             arm = Arm.from_dict(about["arm"])
             count, wide = about.get("events"), {"q": arm.nq}
             events: dict[str, Any] = {

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from .._check import Array, array, choice, named, number, whole
 from .._console import write_csv
+from ..data.data import Data
 from ..draw.trajectory import plot_samples
 
 if TYPE_CHECKING:
@@ -43,6 +44,15 @@ class Reading:
 
     def __repr__(self) -> str:
         return f"Reading({self.name}: {len(self.t)} samples of {', '.join(self.labels)} ({self.unit}))"
+
+    def to_data(self) -> Data:
+        """The components as columns over time by their labels, beside measured data or in another format: see Data.
+        ValueError where two are called alike."""
+        lost = [label for k, label in enumerate(self.labels) if label in self.labels[:k]]
+        if lost:
+            raise ValueError(f"labels: two components are called '{lost[0]}'")
+        columns = dict(zip(self.labels, self.y.T, strict=True))
+        return Data(self.t, columns, dict(zip(self.labels, self.units, strict=True)), self.name)
 
     def plot(self) -> Figure:
         """A figure of the samples over time, each held until the next."""

@@ -1,0 +1,272 @@
+"""Tables of columns in files of HDF5, MATLAB and NumPy: written with their units, and read, whoever wrote them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._check import Array, named
+from .._console import csv_text
+from ..store.files import Refused, write_whole, zipped
+from .units import titled
+
+CSV, HDF5, MAT, NPZ = (".csv", ".txt"), (".h5", ".hdf5"), (".mat",), (".npz",)
+SUFFIXES = (*CSV, *HDF5, *MAT, *NPZ)
+
+_OF_MANY = "is of a batch or of an older flexarm: fa.BatchResult.load(...)[k] or fa.Result.load(...) has .to_data()"
+
+#: Name and unit of each column of an array, by the array's name.
+Titles = Mapping[str, Sequence[tuple[str, str]]]
+
+#: Values by heading, each with its unit where the file has a place for it, else None.
+Raw = dict[str, tuple[Any, str | None]]
+
+
+# -- out ---------------------------------------------------------------------------------------------------------------
+
+
+def with_suffix(path: Any, *suffixes: str) -> Path:
+    """The path of a file whose suffix says in which format it is written."""
+    if isinstance(path, (str, Path)) and not Path(path).suffix:
+        raise ValueError(f"path = {str(path)!r}: must end in {' or '.join(suffixes)}, the format that is written")
+    return named(path, *suffixes)
+
+
+def write_columns(path: Any, columns: Mapping[str, tuple[str, Array]]) -> None:
+    """Columns (unit, values) by name, in the format of the path's suffix. ValueError of an unknown one, or where it
+    cannot be written."""
+    file = with_suffix(path, *SUFFIXES)
+    kind = file.suffix.lower()
+    if kind in CSV:
+        text = csv_text([titled(name, of) for name, (of, _) in columns.items()], [y for _, y in columns.values()])
+        write_whole(file, lambda f: f.write(text.encode()), "path")
+    elif kind in MAT:
+        _write_mat(file, columns)
+    else:
+        arrays, titles = {k: y for k, (_, y) in columns.items()}, {k: [(k, of)] for k, (of, _) in columns.items()}
+        (write_hdf5 if kind in HDF5 else write_npz)(file, arrays, titles, None)
+
+
+def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: Any) -> None:
+    """Arrays by name. A vector with a title has its unit in an attribute "unit", a matrix the names and units of its
+    columns in "columns" and "units"; `about`, unless it is None, is a data set, in JSON."""
+    import h5py
+
+    def text(words: Sequence[str]) -> Any:
+        # of fixed length: where one of variable length is damaged, the library may read on for ever
+        raw = [word.encode() for word in words]
+        return np.array(raw, h5py.string_dtype("utf-8", max(map(len, [*raw, b" "]))))
+
+    def write(file: Any) -> None:
+        # a version whose own tables have checksums, and whose attributes may be long
+        with h5py.File(file, "w", libver=("v108", "v108"), track_order=True) as f:
+            if about is not None:
+                f["about"] = text([json.dumps(about)])
+            for name, x in arrays.items():
+                made = f.create_dataset(name, data=x, **({"fletcher32": True, "compression": "gzip"} if x.size else {}))
+                titled = titles.get(name, ())
+                if x.ndim == 1 and titled:
+                    made.attrs["unit"] = text([titled[0][1]])[0]
+                elif titled:
+                    made.attrs["columns"], made.attrs["units"] = (text(part) for part in zip(*titled, strict=True))
+
+    write_whole(path, write, "path")
+
+
+def write_npz(path: Path, arrays: Mapping[str, Array], titles: Titles, about: Any) -> None:
+    """Arrays by name, and "about", in JSON, which holds their titles, too."""
+    if "about" in arrays or "file" in arrays:
+        raise ValueError("columns: 'about' and 'file' are no names for columns of an .npz")
+    words = np.array(json.dumps({**(about or {}), "columns": {k: titles[k] for k in arrays if k in titles}}))
+    held: dict[str, Any] = {"about": words, **arrays}
+    write_whole(path, lambda f: np.savez_compressed(f, **held), "path")
+
+
+def _write_mat(path: Path, columns: Mapping[str, tuple[str, Array]]) -> None:
+    """MATLAB takes letters, digits and underscores for a name, 63 at most: the true names stand beside."""
+    from scipy.io import savemat
+
+    held: dict[str, Any] = {}
+    for name, (_, y) in columns.items():
+        word = re.sub(r"\W", "_", name, flags=re.ASCII)[:63]
+        word = word if word[0].isalpha() else f"x{word}"[:63]
+        while word in held or word == "flexarm":
+            word = f"{word[:58]}_{len(held)}"
+        held[word] = y[:, None]
+    names, units = np.empty((len(held), 1), object), np.empty((len(held), 1), object)
+    names[:, 0], units[:, 0] = list(columns), [of for of, _ in columns.values()]
+    variables = np.empty((len(held), 1), object)
+    variables[:, 0] = list(held)
+    held["flexarm"] = {"variables": variables, "names": names, "units": units}
+    write_whole(path, lambda f: savemat(f, held, long_field_names=True, do_compression=True), "path")
+
+
+# -- in ----------------------------------------------------------------------------------------------------------------
+
+
+def _spread(name: str, values: Any, titles: Any = None) -> Raw:
+    """A variable as columns: a vector is one, a matrix (n, k) is k, called `name_0`, `name_1`, ... unless there are
+    titles (name, unit). What is no numbers, or is one number alone, is none."""
+    x = np.asarray(values)
+    if x.dtype.names:  # a record array
+        out: Raw = {}
+        for k in x.dtype.names:
+            out |= _spread(str(k), x[k])
+        return out
+    if x.dtype.kind not in "fiub" or x.ndim not in (1, 2) or (x.size < 2 and x.ndim == 2 and not titles):
+        return {}
+    if x.ndim == 2 and 1 in x.shape and not titles:
+        x = x.ravel()
+    if x.ndim == 1:
+        title, of = titles[0] if titles else (name, None)
+        return {title: (x, of)}
+    if titles is None:
+        return {f"{name}_{k}": (column, None) for k, column in enumerate(x.T)}
+    return {title: (column, of) for (title, of), column in zip(titles, x.T, strict=True)}
+
+
+def read_npz(path: Path) -> Raw:
+    """For use in `readable`."""
+    held, titles = zipped(path), dict[str, Any]()
+    if "about" in held and held["about"].dtype.kind == "U":
+        about = json.loads(str(held.pop("about")))
+        if "arm" in about and "columns" not in about:
+            raise Refused(_OF_MANY)
+        titles = about.get("columns", {})
+    out: Raw = {}
+    for name, x in held.items():
+        out |= _spread(name, x, titles.get(name)) if name in titles or not titles else {}
+    return out
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.reshape(-1)[0]
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def read_hdf5(path: Path, key: str | None, matlab: bool = False) -> Raw:
+    """The data sets of a group, and of those below it; what points out of the file is not followed. In MATLAB's files,
+    matrices lie transposed. For use in `readable`."""
+    import h5py
+
+    with h5py.File(path, "r") as f:
+        if "sealed" in f.attrs:
+            raise Refused(_OF_MANY)
+        at = f
+        for part in () if key is None else key.strip("/").split("/"):
+            if not isinstance(at, h5py.Group) or part not in _members(at):
+                raise Refused(f"key = {key!r}: there is no such group; there are {', '.join(_members(f)) or 'none'}")
+            at = at[part]
+        if isinstance(at, h5py.Dataset):
+            return _of_dataset(key or "", at, matlab)
+        while len(inner := _members(at)) == 1 and isinstance(at[inner[0]], h5py.Group):
+            at = at[inner[0]]
+        if {"axis0", "block0_values"} <= set(at) or "pandas_type" in at.attrs:
+            raise Refused("is of pandas' own kind: give fa.load_data(pandas.read_hdf(...))")
+        if "about" in at and _is_text(at["about"]):  # of Result.save: what has no titles is no column
+            return _of_group("", at, matlab, lambda x: "unit" in x.attrs or "columns" in x.attrs)
+        return _of_group("", at, matlab)
+
+
+def read_arrays(content: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
+    """What `write_hdf5` or `write_npz` wrote: "about", of JSON, and arrays by name. Errors of many kinds."""
+    if not content.startswith(b"\x89HDF"):
+        with np.load(BytesIO(content), allow_pickle=False) as z:
+            return json.loads(str(z["about"])), {k: z[k] for k in z.files if k != "about"}
+    import h5py
+
+    with h5py.File(BytesIO(content), "r") as f:
+        for name in _members(f):
+            check_inside(name, f[name])
+        return json.loads(f["about"][0]), {name: f[name][()] for name in _members(f) if name != "about"}
+
+
+def check_inside(name: str, x: Any) -> None:
+    """Refuses a data set whose numbers lie in another file."""
+    if x.id.get_create_plist().get_external_count() or x.is_virtual:
+        raise Refused(f"{name!r} is stored outside of the file, where it is not read")
+
+
+def _is_text(x: Any) -> bool:
+    return bool(getattr(getattr(x, "dtype", None), "kind", "") == "S")
+
+
+def _members(group: Any) -> list[str]:
+    import h5py
+
+    return [k for k in group if not k.startswith("#") and isinstance(group.get(k, getlink=True), h5py.HardLink)]
+
+
+def _of_group(before: str, group: Any, matlab: bool, wanted: Callable[[Any], bool] = lambda x: True) -> Raw:
+    import h5py
+
+    out: Raw = {}
+    for k in _members(group):
+        inner = group[k]
+        if isinstance(inner, h5py.Group):
+            out |= _of_group(f"{before}{k}/", inner, matlab, wanted)
+        elif wanted(inner):
+            out |= _of_dataset(f"{before}{k}", inner, matlab)
+    return out
+
+
+def _of_dataset(name: str, x: Any, matlab: bool) -> Raw:
+    check_inside(name, x)
+    if matlab and _text(x.attrs.get("MATLAB_class", "double")) in ("char", "cell", "function_handle", "struct"):
+        return {}
+    if x.dtype.kind not in "fiubV" or x.ndim not in (1, 2):
+        return {}
+    values = x[()].T if matlab else x[()]
+    if "columns" in x.attrs:
+        names, units = (np.atleast_1d(x.attrs.get(k, [])) for k in ("columns", "units"))
+        padded = [*map(_text, units), *[None] * (len(names) - len(units))]
+        return _spread(name, values, list(zip(map(_text, names), padded, strict=True)))
+    of = next((_text(x.attrs[k]) for k in ("unit", "units", "Unit", "Units") if k in x.attrs), None)
+    if of is None:
+        return _spread(name, values)
+    return {title: (column, of) for title, (column, _) in _spread(name, values).items()}
+
+
+def read_mat(path: Path, key: str | None) -> Raw:
+    """MATLAB's files, up to version 7 by SciPy, of 7.3 by h5py. For use in `readable`."""
+    from scipy.io import loadmat
+
+    with path.open("rb") as f:
+        if f.read(520)[512:] == b"\x89HDF\r\n\x1a\n":
+            return read_hdf5(path, key, matlab=True)
+    held = {k: x for k, x in loadmat(path, struct_as_record=True).items() if not k.startswith("__")}
+    ours = held.pop("flexarm", None)
+    if key is not None:
+        if key not in held:
+            raise Refused(f"key = {key!r}: there is no such variable; there are {', '.join(held) or 'none'}")
+        held = {key: held[key]}
+    if len(held) == 1 and _is_struct(only := next(iter(held.values()))):
+        held = {k: only[k].reshape(-1)[0] for k in only.dtype.names}
+    titles: dict[str, Any] = {}
+    if ours is not None and _is_struct(ours) and {"variables", "names", "units"} <= set(ours.dtype.names):
+        parts = [[_text(x) for x in ours[k].reshape(-1)[0].ravel()] for k in ("variables", "names", "units")]
+        parts = [["" if x == "[]" else x for x in part] for part in parts]
+        titles = {variable: [(name, of)] for variable, name, of in zip(*parts, strict=True)}
+    return _of_variables("", held, titles)
+
+
+def _is_struct(x: Any) -> bool:
+    return isinstance(x, np.ndarray) and x.dtype.names is not None and x.dtype.kind == "V" and x.size == 1
+
+
+def _of_variables(before: str, held: Mapping[str, Any], titles: Mapping[str, Any]) -> Raw:
+    out: Raw = {}
+    for k, x in held.items():
+        if _is_struct(x):
+            out |= _of_variables(f"{before}{k}/", {n: x[n].reshape(-1)[0] for n in x.dtype.names}, {})
+        elif isinstance(x, np.ndarray):
+            flat = x.ravel() if k in titles else x
+            out |= _spread(f"{before}{k}", flat, titles.get(k))
+    return out

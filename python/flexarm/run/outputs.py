@@ -1,0 +1,135 @@
+"""A result as columns with names and units, in files and beside measured data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from .._check import Array, array, choice
+from ..arm import Arm
+from ..data.compare import Comparison, compared
+from ..data.data import Data
+from ..data.signal import at_times
+from ..data.units import unit
+from ..parts.labels import deflections, joint_coordinates, joint_rates
+
+Titles = dict[str, list[tuple[str, str]]]
+
+
+class Rows(Protocol):
+    """What is asked of a result here."""
+
+    arm: Arm
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    tau: Array
+    friction: Array | None
+
+    def frame(self, link: int = ..., x: float | None = ...) -> tuple[Array, Array]: ...
+    def tip_deflection(self, link: int = ...) -> Array: ...
+
+
+def titles(arm: Arm) -> Titles:
+    """Name and unit of each column of q, v, a, tau and friction."""
+    places = {i: of for i, _, of in joint_coordinates(arm)}
+    rates = {i: of for i, _, of in joint_rates(arm)}
+    forces = {"rad": "N m", "m": "N"}
+    out: Titles = {"q": [(f"q {name}", places.get(i, "")) for i, name in enumerate(arm.q_names)]}
+    for kind, per in (("v", "/s"), ("a", "/s^2")):
+        out[kind] = [(f"{kind} {n}", rates[i] + per if i in rates else "") for i, n in enumerate(arm.coordinates)]
+    for kind in ("tau", "friction"):
+        out[kind] = [(f"{kind} {n}", forces[rates[i]] if i in rates else "") for i, n in enumerate(arm.coordinates)]
+    return out
+
+
+def derived(result: Rows) -> tuple[Titles, dict[str, Array]]:
+    """Titles and values, (nt, k), of what follows from q: the tips' deflections and the end's place. None without q."""
+    if not len(result.t) or not np.isfinite(result.q).all():
+        return {}, {}
+    bent = deflections(result.arm)
+    tips = {k: result.tip_deflection(k) for k in sorted({k for k, _, _ in bent})}
+    names: Titles = {"deflection": [(f"{label} deflection", "m") for _, _, label in bent]} if bent else {}
+    values = {"deflection": np.column_stack([tips[k][:, c] for k, c, _ in bent])} if bent else {}
+    names["end"] = [(f"end {axis}", "m") for axis in "xyz"]
+    return names, {**values, "end": result.frame()[0]}
+
+
+def table(result: Rows) -> Data:
+    """See Result.to_data."""
+    if not len(result.t):
+        raise ValueError("result: has no rows")
+    names, values = derived(result)
+    names = {**titles(result.arm), **names}
+    values = {**{k: getattr(result, k) for k in ("q", "v", "a", "tau", "friction")}, **values}
+    columns: dict[str, Array] = {}
+    for kind, x in values.items():
+        if x is not None and np.isfinite(x).any():
+            columns |= {name: y for (name, _), y in zip(names[kind], x.T, strict=True)}
+    units = {name: of for group in names.values() for name, of in group if name in columns}
+    return Data(result.t, columns, units)
+
+
+# -- beside measured data ----------------------------------------------------------------------------------------------
+
+
+def compare(result: Rows, data: Data, columns: Mapping[str, Any] | Iterable[str] | str | None) -> Comparison:
+    """See Result.compare."""
+    if not isinstance(data, Data):
+        raise ValueError(f"data = {type(data).__name__}: must be fa.Data, such as fa.load_data(...) gives")
+    own = table(result)
+    if columns is None:
+        columns = [name for name in data if name in own]
+        if not columns:
+            raise ValueError(
+                f"columns: the data ({', '.join(data) or 'none'}) and the result ({', '.join(own)}) have no name in "
+                "common; give {'name in the data': 'name in the result', or a sensor}"
+            )
+    elif isinstance(columns, str):
+        columns = [columns]
+    pairs = dict(columns) if isinstance(columns, Mapping) else {name: name for name in columns}
+    for name in pairs:
+        choice("columns", name, data)
+    found = {name: _signal(result, own, name, what) for name, what in pairs.items()}
+    for name, (_, _, of) in found.items():
+        theirs = data.units[name]
+        if of and theirs and of != theirs:
+            raise ValueError(f"columns['{name}']: the data are in {theirs}, and the result is in {of}")
+    first = max(t[0] for t, _, _ in found.values())
+    last = min(t[-1] for t, _, _ in found.values())
+    slack = 1e-9 * max(1.0, abs(first), abs(last))
+    kept = (data.t >= first - slack) & (data.t <= last + slack)
+    if kept.sum() < 2:
+        raise ValueError(
+            f"data: are from {data.t[0]:g} to {data.t[-1]:g} s, the result from {first:g} to {last:g} s: they have "
+            f"{kept.sum()} rows in common, and two are needed; data.shift moves times"
+        )
+    t, units = data.t[kept], {name: data.units[name] or of for name, (_, _, of) in found.items()}
+    measured = Data(t, {name: data[name][kept] for name in pairs}, units, data.name)
+    at = {name: at_times(own_t, y[:, None], np.clip(t, own_t[0], own_t[-1]), "cubic")[:, 0]
+          for name, (own_t, y, _) in found.items()}  # fmt: skip
+    return compared(measured, Data(t, at, units))
+
+
+def _signal(result: Rows, own: Data, name: str, what: Any) -> tuple[Array, Array, str]:
+    """Times, values and unit of what a column is compared with."""
+    where = f"columns['{name}']"
+    if isinstance(what, str):
+        choice(where, what, own)
+        return own.t, own[what], own.units[what]
+    if hasattr(what, "read"):  # a sensor, whose room stands above this one
+        reading = what.read(result)
+        if reading.y.shape[1] != 1:
+            parts = ", ".join(reading.labels)
+            raise ValueError(
+                f"{where}: this sensor has {reading.y.shape[1]} components ({parts}); a function can choose one, such "
+                "as lambda r: sensor.read(r).y[:, 0]"
+            )
+        return reading.t, reading.y[:, 0], unit(reading.units[0]).si
+    y = array(where, what(result) if callable(what) else what)
+    if y.shape not in (result.t.shape, (*result.t.shape, 1)):
+        raise ValueError(f"{where} has shape {y.shape}: must be {len(result.t)} numbers, one for each row")
+    return result.t, y.reshape(-1), ""

@@ -1,0 +1,197 @@
+"""Signals at other times, beside each other, and out again."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import flexarm as fa
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+T = np.linspace(0, 4, 2001)
+
+
+def made(t: np.ndarray = T, late: float = 0.0) -> fa.Data:
+    """A smooth motion that does not repeat, in deg and mm."""
+    s = t - late
+    theta = np.sin(2 * s) + 0.5 * np.sin(5.3 * s + 1) + 0.2 * s
+    return fa.Data(t, {"theta": np.rad2deg(theta), "x": 1000 * np.cos(3 * s)}, {"theta": "deg", "x": "mm"}, "made")
+
+
+def test_columns_are_in_si_and_found_by_name() -> None:
+    data = made()
+    assert data.names == ("theta", "x") == tuple(data) and "x" in data and len(data) == 2001
+    assert dict(data.units) == {"theta": "rad", "x": "m"} and data.step == pytest.approx(0.002)
+    np.testing.assert_allclose(data["x"], np.cos(3 * T), rtol=1e-14)
+    assert data[["x"]].names == ("x",) and data[["x"]].units == {"x": "m"}
+    lines = repr(data).splitlines()
+    assert lines[0] == "Data made: 2001 rows, t = 0 to 4 s, every 0.002 s" and lines[1].split()[:3] == [
+        "column", "unit", "min",
+    ]  # fmt: skip
+    assert lines[4].split()[:3] == ["x", "m", "-1"]
+    with pytest.raises(ValueError, match="column = 'thet': must be one of theta, x; did you mean 'theta'"):
+        data["thet"]
+
+
+BAD: list[tuple[tuple[Any, ...], str]] = [
+    (([], {}), "t has shape"), (([[0.0]], {}), "t has shape"), (([0, 0], {}), "t must increase: row 1 has 0 s after 0"),
+    (([0, np.nan], {}), r"t = \[0.0, nan\]"), (([0, 1], {"x": [1]}), r"columns\['x'\] has shape \(1,\): must be 2"),
+    (([0, 1], {"x": [1, np.nan]}), r"columns\['x'\] = \[1.0, nan\]: must be finite"),
+    (([0, 1], {"x": [1, 2]}, {"y": "m"}), r"units\['y'\]: there is no such column; there are x"),
+    (([0, 1], {"x": [1, 2]}, {"x": "furlong"}), "column 'x': unknown unit 'furlong'"),
+    (([0, 1], {"t": [1, 2]}), "'t' is the name of the times"), (([0, 1], {3: [1, 2]}), "a name must be text"),
+    (([0, 1], {"x": ["a", "b"]}), "must be numbers"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("given", "says"), BAD)
+def test_what_is_no_data(given: tuple[Any, ...], says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        fa.Data(*given)
+
+
+def test_between_and_shift() -> None:
+    data = made()
+    part = data.between(1.0, 2.0)
+    assert part.t[0] == 1.0 and part.t[-1] == 2.0 and len(part) == 501
+    assert data.between(None, 0.5).t[-1] == 0.5 and data.between(3.5).t[0] == 3.5
+    assert part.shift(-1.0).t[0] == 0.0
+    with pytest.raises(ValueError, match="t0 = 5, t1 = None: no rows; there are some from 0 to 4 s"):
+        data.between(5)
+
+
+# -- resampling --------------------------------------------------------------------------------------------------------
+
+
+def test_resampling_finer_is_interpolation() -> None:
+    data, fine = made(np.linspace(0, 4, 201)), made(np.linspace(0, 4, 2001))
+    cubic, linear = (data.resample(fine.t, method) for method in ("cubic", "linear"))
+    assert np.abs(cubic["theta"] - fine["theta"]).max() < 1e-5
+    h2 = 0.02**2 / 8 * (4 + 0.5 * 5.3**2)  # h^2 / 8 of the greatest second derivative
+    assert 1e-5 < np.abs(linear["theta"] - fine["theta"]).max() < h2
+    same = data.resample(data.t)
+    np.testing.assert_array_equal(same["theta"], data["theta"])
+    assert same.units == data.units and len(data.resample(0.01)) == 401
+
+
+def test_resampling_coarser_folds_nothing_back() -> None:
+    """45 Hz on samples each 1/50 s would be seen as 5 Hz; 1 Hz passes, and comes no later."""
+    t = np.arange(0, 10, 0.002)
+    data = fa.Data(t, {"y": np.sin(2 * np.pi * t) + np.sin(2 * np.pi * 45 * t)})
+    inner = slice(25, -25)
+    clean = data.resample(0.02)
+    assert np.abs(clean["y"] - np.sin(2 * np.pi * clean.t))[inner].max() < 1e-3
+    folded = data.resample(0.02, antialias=False)
+    assert np.abs(folded["y"] - np.sin(2 * np.pi * folded.t))[inner].max() > 0.9
+
+
+def test_resampling_is_refused_or_warns() -> None:
+    data = made()
+    for t, says in ((0.0, "t = 0: one number is a step"), ([3.0, 5.0], "t: from 3 to 5 s, but the data are from 0"),
+                    ([2.0, 1.0], "t must increase: row 1"), ([], "t has shape"), (1e-9, "makes 4e")):  # fmt: skip
+        with pytest.raises(ValueError, match=says):
+            data.resample(t)
+    with pytest.raises(ValueError, match="method = 'quintic': must be one of linear, cubic"):
+        data.resample(0.1, "quintic")
+    holed = fa.Data(np.r_[T[:500], T[800:]], {"x": np.r_[T[:500], T[800:]]})
+    with pytest.warns(fa.DataWarning, match="a gap of 0.602 s from t = 0.998 s on is interpolated"):
+        holed.resample(0.002)
+    holed.between(2.0).resample(0.002)
+
+
+# -- lags --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("late", [0.0, 0.1, 0.1234567, -0.3217])
+@pytest.mark.parametrize("step", [0.002, 0.003])
+def test_a_lag_is_found_between_samples(late: float, step: float) -> None:
+    other = made(np.arange(0, 4, step))
+    data = made(late=late)
+    found = data.lag(other, "theta")
+    assert found == pytest.approx(late, abs=2e-5)
+    moved = data.align(other, "theta")
+    assert moved.t[0] == pytest.approx(-late, abs=2e-5)
+    assert other.lag(data, "theta") == pytest.approx(-late, abs=2e-5)
+
+
+def test_a_lag_minds_neither_clock_offset_scale_nor_noise() -> None:
+    rng = np.random.default_rng(1)
+    data, other = made(late=0.0871), made()
+    noisy = fa.Data(data.t + 1e4, {"gauge": 3e-6 * data["theta"] + 5 + 3e-7 * rng.normal(size=len(T))})
+    assert noisy.lag(other, "gauge", "theta") == pytest.approx(1e4 + 0.0871, abs=2e-3)
+    periodic = fa.Data(T, {"theta": np.sin(10 * (T - 0.05))})
+    assert periodic.lag(fa.Data(T, {"theta": np.sin(10 * T)}), "theta") == pytest.approx(0.05, abs=1e-4)
+
+
+def test_lags_that_are_none() -> None:
+    data, rng = made(), np.random.default_rng(0)
+    still = fa.Data(T, {"theta": np.full(len(T), 0.1)})
+    with pytest.raises(ValueError, match=r"column 'theta' is constant \(0\.1\): it has no lag"):
+        data.lag(still, "theta")
+    with pytest.raises(ValueError, match=r"no lag is found: .* no peak within max_lag = 0\.01 s"):
+        made(late=0.5).lag(data, "theta", max_lag=0.01)
+    with pytest.warns(fa.DataWarning, match="at best: its lag tells little"):
+        fa.Data(T, {"a": rng.normal(size=len(T))}).lag(fa.Data(T, {"a": rng.normal(size=len(T))}), "a")
+    for call, says in (
+        (lambda: data.lag(data, "y"), "column = 'y'"), (lambda: data.lag(data, "x", "y"), "column = 'y'"),
+        (lambda: data.lag(T, "x"), "other = ndarray: must be fa.Data"),  # type: ignore[arg-type]
+        (lambda: data.lag(data, "x", max_lag=-1), "max_lag = -1"),
+        (lambda: data.between(0, 0.01).lag(data, "x"), "column 'x' has 6 rows: a lag needs eight"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=says):
+            call()
+
+
+# -- out ---------------------------------------------------------------------------------------------------------------
+
+ODD = ("theta", "t_s", "a (b)", "a [b]", "w_deg_s", "é/ü 漢", "1st", "x" * 80, "x" * 79 + "y", "flexarm", 'q"u,o;te')
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".txt", ".h5", ".hdf5", ".mat", ".npz", ".CSV"])
+def test_what_is_saved_is_loaded_to_the_bit(suffix: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    columns = {name: rng.normal(size=7) * 10.0 ** rng.integers(-300, 300, 7) for name in ODD}
+    units = {name: of for name, of in zip(ODD, ("rad", "", "m/s^2", "", "1", "W/(m K)"), strict=False)}
+    data = fa.Data(np.cumsum(rng.uniform(0.5, 1.0, 7)) - 3, columns, units)
+    data = fa.Data(data.t[:1], {k: y[:1] for k, y in columns.items()}, units) if suffix == ".txt" else data
+    data.save(tmp_path / f"x{suffix}")
+    back = fa.load_data(tmp_path / f"x{suffix}", time="t")
+    assert back.names == data.names and back.units == data.units
+    np.testing.assert_array_equal(back.t, data.t)
+    for name in data:
+        np.testing.assert_array_equal(back[name], data[name])
+
+
+def test_matlab_sees_plain_names(tmp_path: Path) -> None:
+    fa.Data([0.0, 1.0], {"link 0 tip": [1, 2], "link_0_tip": [3, 4], "2nd": [5, 6]}).save(tmp_path / "x.mat")
+    held = loadmat(tmp_path / "x.mat")
+    assert [k for k in held if not k.startswith("__")] == ["t", "link_0_tip", "link_0_tip_2", "x2nd", "flexarm"]
+
+
+def test_other_suffixes_are_refused(tmp_path: Path) -> None:
+    for name in ("x.xlsx", "x.json", "x", "x.tsv"):
+        with pytest.raises(ValueError, match=r"must end in \.csv or"):
+            made().save(tmp_path / name)
+    with pytest.raises(ValueError, match=r"path .*none"):
+        made().save(tmp_path / "none" / "x.csv")
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_figure_has_a_panel_for_each_unit() -> None:
+    figure = made().plot()
+    assert [ax.get_ylabel() for ax in figure.axes] == ["theta (rad)", "x (m)"]
+    assert figure.axes[-1].get_xlabel() == "Time (s)"
+    two = fa.Data(T, {"a": T, "b": -T}, {"a": "deg", "b": "rad"}).plot()
+    assert [ax.get_ylabel() for ax in two.axes] == ["Angle (rad)"] and len(two.axes[0].lines) == 2
+    assert len(made().plot("x").axes) == 1
+    with pytest.raises(ValueError, match="columns = 'y'"):
+        made().plot(["y"])
+
+
+def test_pandas_is_asked_for_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match=r"pip install 'flexarm\[pandas\]'"):
+        made().to_pandas()
