@@ -312,12 +312,7 @@ class Sampler:
     ) -> Array:
         """The reading (k,) at time t (s), which must increase from call to call; q (nq,), v, a, tau (nv,)."""
         s = self.sensor
-        if not self._seen:
-            self._start = t
-        elif not t > self._seen[-1][0]:
-            raise ValueError(f"t = {t}: must be later than the last call's, {self._seen[-1][0]}")
-        y = s.measure(self.arm, t, q, v, a, tau, loads=self.loads)
-        self._seen.append((t, y, None) if s.filter is None else (t, *self._filtered(y, t, q, v, a, tau)))
+        self.observe(t, q, v, a, tau)
         now, missed = t, 0
         if s.rate is not None:
             count = int(np.floor((t - self._start) * s.rate + 1e-6))
@@ -326,6 +321,17 @@ class Sampler:
             now, missed, self._count = self._start + count / s.rate, count - self._count - 1, count
         self._last = self._instrument(self._back_at(now - s.delay), missed)
         return self._last.copy()
+
+    def observe(
+        self, t: float, q: ArrayLike, v: ArrayLike, a: ArrayLike | None = None, tau: ArrayLike | None = None
+    ) -> None:
+        """Shows the instrument the state at time t (s) without a reading: between samples, to a filter or a delay."""
+        if not self._seen:
+            self._start = t
+        elif not t > self._seen[-1][0]:
+            raise ValueError(f"t = {t}: must be later than the last call's, {self._seen[-1][0]}")
+        y = self.sensor.measure(self.arm, t, q, v, a, tau, loads=self.loads)
+        self._seen.append((t, y, None) if self.sensor.filter is None else (t, *self._filtered(y, t, q, v, a, tau)))
 
     def _filtered(self, y: Array, t: float, *state: Any) -> tuple[Array, tuple[Array, Array] | None]:
         """What leaves the filter at t, y coming in; its state before, and what came in meanwhile."""
@@ -337,7 +343,7 @@ class Sampler:
             self._filter = f.settled(y)
             return y, None
         if len(self._seen) == 1 and (coarse := s._coarse(t - self._seen[-1][0])):
-            warnings.warn(coarse, stacklevel=3)
+            warnings.warn(coarse, stacklevel=4)
         rows: list[Any] = [None if x0 is None or x1 is None else np.stack([x0, x1])
                            for x0, x1 in zip(before[1:], self._before[1:], strict=True)]  # fmt: skip
         middle = s.measure(self.arm, *_midway(self.arm, *rows), loads=self.loads)[0]
