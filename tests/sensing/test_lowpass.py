@@ -11,7 +11,7 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import close, paper_link
+from arms import close, floating_arm, paper_link
 from scipy.linalg import expm
 
 CUT = 5.0  # Hz
@@ -189,6 +189,22 @@ def test_coarse_output_times_follow_a_fine_run() -> None:
         assert np.abs(coarse - fine).max() < 1e-3 * np.ptp(fine, axis=0).max()
 
 
+def test_turning_balls_and_loads_that_change_are_filtered() -> None:
+    arm = floating_arm()
+    rng = np.random.default_rng(5)
+    v = 0.3 * rng.normal(size=arm.nv)
+    v[6:] *= 0.05
+    loads = [fa.Load(force=lambda t: [0, 2 * np.sin(90 * t), 0])]
+    coarse, fine = (fa.simulate(arm, np.linspace(0, 0.05, n), arm.zero, v, loads=loads, rtol=1e-9) for n in (101, 1001))
+    for sensor in (fa.Tachometer(), fa.Camera(), fa.Accelerometer(axis="xyz"), fa.ForceTorque()):
+        sensor = replace(sensor, filter=fa.LowPass(50.0, 2))
+        y = sensor.read(coarse).y
+        assert np.abs(y - sensor.read(fine).y[::10]).max() < 1e-3 * np.ptp(y, axis=0).max()
+        sampler = sensor.sampler(arm, loads=loads)
+        heard = [sampler.sample(*x) for x in zip(coarse.t, coarse.q, coarse.v, coarse.a, strict=True)]
+        close(np.array(heard), y, 1e-9)
+
+
 def test_the_filter_comes_first_and_noise_is_added_behind_it() -> None:
     t = np.linspace(0, 1, 2001)
     run = moved(t, 0 * t, 0 * t, 0 * t)
@@ -321,6 +337,23 @@ def test_looking_at_an_arm_does_not_move_it() -> None:
         ]
         close(runs[1].q, runs[0].q, 1e-6 * np.abs(runs[0].q).max())
         assert runs[1].stats["steps"] < 1.6 * runs[0].stats["steps"]  # IDA ends steps there, and does not begin anew
+
+
+@pytest.mark.parametrize("integrator", ["implicit", "gauss", "ida"])
+def test_looking_at_a_joint_with_friction_does_not_move_it(integrator: str) -> None:
+    rod = fa.RigidBody(1.0, inertia=(1, 1, 1))
+    arm, t = fa.Arm([fa.Link(fa.Revolute("z", coulomb=1.0, stiction=1.5), rod)]), np.arange(401) / 200
+    options = {} if integrator == "ida" else {"integrator": integrator, "step": 5e-3}
+
+    def law(t: float, y: np.ndarray) -> float:
+        return 3.0 * np.sin(5 * t)
+
+    runs = [
+        fa.simulate(arm, t, control=fa.Sampled(law, 20.0, [s]), **options)
+        for s in (fa.Tachometer(0), fa.Tachometer(0, filter=10.0))
+    ]
+    assert runs[0].stats["switches"] >= 2
+    close(runs[1].q, runs[0].q, 1e-5)
 
 
 def test_an_accelerometer_has_the_mean_right_where_forces_jump() -> None:
