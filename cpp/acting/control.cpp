@@ -67,10 +67,10 @@ bool Control::run(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, 
       ++l.sampled;
     }
     while (!l.coming.empty() && l.coming.front().first <= t) {
+      changed = changed || l.coming.front().second != l.force;
       held_ += l.coming.front().second - l.force;
       l.force = l.coming.front().second;
       l.coming.pop_front();
-      changed = true;
     }
   }
   return changed;

@@ -119,6 +119,13 @@ TEST_CASE("samples come at their times, and their forces after the delay") {
   CHECK(control.run(0.16, none, none, none));
   CHECK(control.held()[0] == 2.0);
   CHECK_FALSE(control.due(0.19));
+  const auto same = [](double, const auto&, const auto&, const auto&) -> Eigen::VectorXd {
+    return Eigen::VectorXd::Constant(1, 2.0);
+  };
+  Control held({}, {{0.0, 0.1, 0.0, same}}, 1);
+  CHECK(held.run(0.0, none, none, none));
+  CHECK_FALSE(held.run(0.1, none, none, none));  // the force held before
+  CHECK(held.held()[0] == 2.0);
   CHECK_THROWS_WITH_AS(Control({}, {{0.0, 0.0, 0.0, law}}, 1), "period = 0: must be positive and finite",
                        std::invalid_argument);
 }

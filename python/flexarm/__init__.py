@@ -32,6 +32,7 @@ One run
 Sensors
     Encoder Tachometer ForceTorque StrainGauge Accelerometer Camera
     Sensor, Sampler, Reading            what they share; one in a control loop; what one reads of a run
+    LowPass                             the filter of a sensor, of the first or second order
     psd, PowerSpectrum                  power spectral density
 Data
     load_data, Data         columns over time with units, from CSV, HDF5, .mat, .npz, pandas or a result
@@ -145,6 +146,7 @@ from .run.simulation import (
 )
 from .run.watch import Watch as Watch, WatchWarning as WatchWarning
 from .scene.scene import Scene as Scene, load as load
+from .sensing.lowpass import LowPass as LowPass
 from .sensing.reading import PowerSpectrum as PowerSpectrum, Reading as Reading, psd as psd
 from .sensing.sensor import Sampler as Sampler, Sensor as Sensor
 from .sensing.sensors import (

@@ -34,8 +34,10 @@ _MOST = 1e8  # samples of a run
 _Reader = Callable[[float, Array, Array, Array], Array]  # (t, q, v, a) -> y
 
 
-def _sensor_reader(sensor: Any, arm: Chain, loads: Any) -> _Reader:
+def _sensor_reader(sensor: Any, arm: Chain, loads: Any, opened: list[Any]) -> _Reader:
     sampler = sensor.sampler(arm, loads=loads)
+    if getattr(sensor, "filter", None) is not None and hasattr(sampler, "observe"):
+        opened.append(sampler)
     return lambda t, q, v, a: np.atleast_1d(sampler.sample(t, q, v, a))
 
 
@@ -69,6 +71,21 @@ class Asked:
         return padded(self.columns @ np.clip(u, -self.limit, self.limit), self.size)
 
 
+class _Between:
+    """Shows the arm to the filters of sensors between the samples of their law, `parts` times a sample; no force."""
+
+    def __init__(self, samplers: list[Any], parts: int, arm: Chain, size: int) -> None:
+        self.samplers, self.parts, self.nq, self.nv, self.none = samplers, parts, arm.nq, arm.nv, np.zeros(size)
+        self.count = 0
+
+    def __call__(self, t: float, q: Array, v: Array, a: Array) -> Array:
+        if self.count % self.parts:  # else the law itself looks
+            for sampler in self.samplers:
+                sampler.observe(t, q[: self.nq], v[: self.nv], a[: self.nv])
+        self.count += 1
+        return self.none
+
+
 class Sampled(Controller):
     """A law that is asked at a rate, in Python, and whose answer is held until the next.
 
@@ -97,18 +114,18 @@ class Sampled(Controller):
         self.actuate = listed("actuate", actuate)
         self.motor, self.limit = motor, limit_of(limit, motor)
 
-    def _reader(self, arm: Chain, loads: Any) -> _Reader:
-        """(t, q, v, a) -> y of one run."""
+    def _reader(self, arm: Chain, loads: Any, opened: list[Any]) -> _Reader:
+        """(t, q, v, a) -> y of one run; samplers with filters are noted in `opened`."""
         nq, nv = arm.nq, arm.nv  # behind them, q, v and a may have states of other controllers
         if self.measure is None:
             return lambda t, q, v, a: np.concatenate([q[:nq], v[:nv]])
-        readers = [_sensor_reader(e, arm, loads) if hasattr(e, "sampler") else _row_reader(e, arm, k)
+        readers = [_sensor_reader(e, arm, loads, opened) if hasattr(e, "sampler") else _row_reader(e, arm, k)
                    for k, e in enumerate(self.measure)]  # fmt: skip
         return lambda t, q, v, a: np.concatenate([r(t, q[:nq], v[:nv], a[:nv]) for r in readers])
 
-    def _law(self, arm: Chain, columns: Array, run: Run) -> Any:
+    def _law(self, arm: Chain, columns: Array, run: Run, opened: list[Any]) -> Any:
         """What the core asks for forces, once a sample."""
-        read = self._reader(arm, run.loads)
+        read = self._reader(arm, run.loads, opened)
         return Asked(self.law, read, columns, self.limit, arm.nv + run.total)
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
@@ -118,8 +135,15 @@ class Sampled(Controller):
             raise ValueError(
                 f"rate = {self.rate}: asks for {self.rate * span:.3g} samples in {span} s; at most {_MOST:g}"
             )
-        law = self._law(arm, gain_of(self.motor) * units, run)
-        return braking_laws(arm, self.motor, units.T), [(float(run.times[0]), 1.0 / self.rate, self.delay, law)]
+        opened: list[Any] = []
+        law = self._law(arm, gain_of(self.motor) * units, run, opened)
+        start, period = float(run.times[0]), 1.0 / self.rate
+        laws: list[SampledLaw] = [(start, period, self.delay, law)]
+        gap = float(np.diff(run.times).max()) if len(run.times) > 1 else period
+        parts = int(np.ceil(period / gap - 1e-6))
+        if opened and parts > 1:  # filters see the arm as often as the result will show it
+            laws.insert(0, (start, period / parts, 0.0, _Between(opened, parts, arm, arm.nv + run.total)))
+        return braking_laws(arm, self.motor, units.T), laws
 
 
 class _Samples:
@@ -203,7 +227,7 @@ class LinearController(Sampled):
         if count != self.C.shape[0]:
             raise ValueError(f"actuate: names {count}; the controller has {self.C.shape[0]} outputs")
 
-    def _law(self, arm: Chain, columns: Array, run: Run) -> Any:
+    def _law(self, arm: Chain, columns: Array, run: Run, opened: list[Any]) -> Any:
         self._check_outputs(columns.shape[1])
         extra = run.total
         rows = np.zeros((0, arm.nq)), np.zeros((0, arm.nv))
@@ -212,7 +236,7 @@ class LinearController(Sampled):
             by_q, by_v = self._linear_rows(arm)
             rows = np.pad(by_q, ((0, 0), (0, extra))), np.pad(by_v, ((0, 0), (0, extra)))
         matrices = (self.A, self.B, self.C, self.D, np.pad(columns, ((0, extra), (0, 0))))
-        read = self._reader(arm, run.loads) if sensed else None
+        read = self._reader(arm, run.loads, opened) if sensed else None
         given = self._given()
         if isinstance(given, _Samples):
             given.along(np.ones(given.r.shape[1])).check_span("reference", run.times)

@@ -42,17 +42,18 @@ class LoopWarning(UserWarning):
         return LoopWarning(f"{whom}: {self}", self.control, self.growth)
 
 
-def _reads(arm: Chain, c: Any, k: int, q: Array) -> tuple[Array, Array, float, float] | None:
-    """The derivatives of what a sampled controller reads, about a state at rest: by q and by v; how late it reads (s);
-    and up to where its sensors tell. None where no such linear reading exists: a sensor feels accelerations, is slower
-    than the controller, or has a delay of its own."""
+def _reads(arm: Chain, c: Any, k: int, q: Array) -> tuple[Array, Array, list[Any], float, float] | None:
+    """The derivatives of what a sampled controller reads, about a state at rest: by q and by v; the low pass of each,
+    or None; how late it reads (s); and up to where its sensors tell. None where no such linear reading exists: a sensor
+    feels accelerations, is slower than the controller, or has a delay of its own."""
     if c.measure is None:
         n = arm.nv
-        return np.eye(arm.nq + n, arm.nq), np.eye(arm.nq + n, n, -arm.nq), 0.0, np.inf
-    rows, delays, most = [], [], np.inf
+        return np.eye(arm.nq + n, arm.nq), np.eye(arm.nq + n, n, -arm.nq), [None] * (arm.nq + n), 0.0, np.inf
+    rows, filters, delays, most = [], [], [], np.inf
     for i, e in enumerate(c.measure):
         if not hasattr(e, "sampler"):
             rows.append(measured_rows(arm, [e], i))
+            filters += [None] * len(rows[-1][0])
             delays.append(0.0)
             continue
         if e.needs_a or e.feels_loads or (e.rate is not None and e.rate < c.rate):
@@ -62,18 +63,19 @@ def _reads(arm: Chain, c: Any, k: int, q: Array) -> tuple[Array, Array, float, f
         y = e.measure(arm, np.zeros(len(ends)), ends[:, : arm.nq], ends[:, arm.nq :])
         by = (y[: at.size] - y[at.size :]).T / (2.0 * _SMALL)
         rows.append((by[:, : arm.nq], by[:, arm.nq :]))
+        filters += [e.filter] * len(by)
         delays.append(e.delay)
         most = most if e.range is None else 0.0  # it may hold the loop
     if len(set(delays)) > 1:
         return None
     by_q, by_v = (np.vstack(x) for x in zip(*rows, strict=True))
-    return by_q, by_v, delays[0] if delays else 0.0, most
+    return by_q, by_v, filters, delays[0] if delays else 0.0, most
 
 
 @dataclass
 class _Loop:
-    """A sampled linear law of controller `control`: x+ = A x - B y, u = C x - D y, y = rows [theta; v], and `columns` u
-    is its force."""
+    """A sampled linear law of controller `control`: x+ = A x - B y, u = C x - D y, y = rows [theta; v], each behind its
+    low pass, if it has one, and `columns` u is its force."""
 
     control: int
     A: Array
@@ -81,6 +83,7 @@ class _Loop:
     C: Array
     D: Array
     rows: Array
+    filters: list[Any]
     columns: Array
     period: float
     delay: float
@@ -128,15 +131,29 @@ def _growth(F: Array) -> tuple[float, complex]:
     return pole.real, pole
 
 
+def _with_filters(F: Array, G: Array, rows: Array, filters: Sequence[Any]) -> tuple[Array, Array, Array]:
+    """x' = F x + G u and y = rows x, with the states of the low passes that parts of y go through behind x."""
+    rows = rows.copy()
+    for k, f in enumerate(filters):
+        if f is not None:
+            (A, B), n = f.matrices(), F.shape[0]
+            F = np.block([[F, np.zeros((n, len(A)))], [np.outer(B, rows[k]), A]])
+            G, rows = np.pad(G, ((0, len(A)), (0, 0))), np.pad(rows, ((0, 0), (0, len(A))))
+            rows[k] = np.eye(F.shape[0])[n]
+    return F, G, rows
+
+
 class _Sampling:
     """The arm (x' = F x + G tau) between the samples of laws with one period and delay, each with forces held."""
 
     def __init__(self, F: Array, G: Array, loops: Sequence[_Loop]) -> None:
         import scipy.linalg as la  # slow to import
 
-        self.period, n = loops[0].period, F.shape[0]
+        self.period = loops[0].period
         self.A, self.B, self.C, self.D = (la.block_diag(*(getattr(loop, name) for loop in loops)) for name in "ABCD")
-        self.rows, columns = np.vstack([x.rows for x in loops]), G @ np.hstack([x.columns for x in loops])
+        rows, columns = np.vstack([x.rows for x in loops]), G @ np.hstack([x.columns for x in loops])
+        F, columns, self.rows = _with_filters(F, columns, rows, [f for x in loops for f in x.filters])
+        n = F.shape[0]
         late, rest = divmod(loops[0].delay / self.period, 1.0)
         self.late, nu = int(late), columns.shape[1]
         halves = []
@@ -183,7 +200,7 @@ def _sampled_loops(arm: Chain, controls: Sequence[Any], samplers: Sequence[Any],
         seen = (c.A, c.B, c.C, c.D) if isinstance(c, LinearController) else law.seen.law()
         if reads is None or seen is None:
             continue
-        by_q, by_v, late, most = reads
+        by_q, by_v, filters, late, most = reads
         A, B, C, D = seen
         E = plant.E[: arm.nq, :n]
         rows = np.zeros((len(by_q), 2 * total))
@@ -191,7 +208,7 @@ def _sampled_loops(arm: Chain, controls: Sequence[Any], samplers: Sequence[Any],
         columns = np.zeros((total, len(C)))
         columns[:n] = gain_of(c.motor) * np.array(c._columns(arm)).T
         keep = np.concatenate([plant.free, total + plant.free])
-        found.append(_Loop(k, A, B, C, D, rows[:, keep], columns[plant.free], period, delay + late,
+        found.append(_Loop(k, A, B, C, D, rows[:, keep], filters, columns[plant.free], period, delay + late,
                            c.limit if most else 0.0))  # fmt: skip
     return found
 

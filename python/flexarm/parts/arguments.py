@@ -39,6 +39,11 @@ class Argument:
         return _own(self.hint)
 
     @property
+    def number(self) -> bool:
+        """Whether a number alone will do."""
+        return float in members(self.hint, deep=False)
+
+    @property
     def many(self) -> bool:
         """Whether it takes a list of these: in a file, a list of tables."""
         return any(get_origin(h) is Sequence and _own(h) for h in members(self.hint, deep=False))

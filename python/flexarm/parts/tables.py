@@ -69,6 +69,8 @@ def _value(where: str, argument: Argument, value: Any, own: Readers) -> Any:
         return own[argument.name](where, value)
     if not argument.parts:
         return value
+    if argument.number and not isinstance(value, Mapping):
+        return value
     if not argument.many:
         return _part(where, argument.parts, value, own)
     if not isinstance(value, (list, tuple)) or (argument.required and not value):

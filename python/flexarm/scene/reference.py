@@ -95,7 +95,9 @@ def _takes(argument: Argument, groups: _Groups) -> str:
     if argument.parts:
         group = _home(argument.parts, groups)
         title = _title(group, groups[group])
-        return "list of " + _link("tables", title) if argument.many else _link("table", title)
+        if argument.many:
+            return "list of " + _link("tables", title)
+        return ("number, or " if argument.number else "") + _link("table", title)
     return _words(argument.hint)
 
 

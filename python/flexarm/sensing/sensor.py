@@ -1,12 +1,13 @@
 """What all sensors share (paper Sec. 5): how an instrument on the arm reads, in an instant and of a whole run.
 
 A sensor hangs on a joint or on a slice. `measure` tells what is there to be measured; `read` (of a Result) and
-`sampler` (inside a control loop) add what the instrument makes of it: it samples, comes late, adds noise, reads in
-steps and saturates, in this order.
+`sampler` (inside a control loop) add what the instrument makes of it: it filters, samples, comes late, adds noise,
+reads in steps and saturates, in this order.
 """
 
 from __future__ import annotations
 
+import warnings
 import zlib
 from collections import deque
 from collections.abc import Sequence
@@ -20,13 +21,14 @@ from .._check import Array, array, number, whole
 from ..acting.load import Load
 from ..arm import Arm
 from ..parts.beam import as_floats
-from ..parts.part import Part
+from ..parts.part import ModelWarning, Part
 from ..run.result import Result
+from .lowpass import Filtered, LowPass, as_low_pass
 from .reading import Reading
 
 PerComponent = float | Sequence[float]
 Component = tuple[str, str]  # label, unit
-_COMMON = ("rate", "delay", "resolution", "noise", "range", "seed")
+_COMMON = ("filter", "rate", "delay", "resolution", "noise", "range", "seed")
 _FINER = 10  # a sensor may sample so many times between two output times
 
 
@@ -36,6 +38,8 @@ class Sensor(Part):
     each component; by default there is none of any.
 
     Attributes:
+        filter: analogue low pass ahead of sampling, noise and steps: a cut-off (Hz) for one of the first order, or a
+            LowPass. It starts settled.
         rate: samples a second (Hz); None: a sample at every output time, or every time a sampler is asked.
         delay: what comes out was so this long ago (s); before the start, the arm stood as it started.
         noise: standard deviation of each sample, white and Gaussian. (Of a density n, in unit/sqrt(Hz), that is
@@ -46,6 +50,7 @@ class Sensor(Part):
             the same one elsewhere) another; two alike in one place need two seeds.
     """
 
+    filter: LowPass | float | None = field(default=None, kw_only=True)
     rate: float | None = field(default=None, kw_only=True)
     delay: float = field(default=0.0, kw_only=True)
     resolution: PerComponent | None = field(default=None, kw_only=True)
@@ -61,6 +66,8 @@ class Sensor(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.filter is not None:
+            self._set("filter", as_low_pass("filter", self.filter))
         if self.rate is not None and not 0 < number("rate", self.rate) < np.inf:
             raise ValueError(f"rate = {self.rate}: must be positive and finite (Hz)")
         if not 0 <= number("delay", self.delay) < np.inf:
@@ -93,7 +100,7 @@ class Sensor(Part):
         *,
         loads: Sequence[Load] | None = None,
     ) -> Array:
-        """What is there to be measured: no sampling, delay, noise, steps or saturation.
+        """What is there to be measured: no filter, sampling, delay, noise, steps or saturation.
 
         Args:
             arm: the arm.
@@ -133,12 +140,15 @@ class Sensor(Part):
 
         Between output times the state is interpolated: q by cubic Hermite pieces from q and dq/dt, v likewise from v
         and a, a is the derivative of the latter. A jump of a force between two output times is smoothed over that time.
-        Nothing filters before sampling: what is faster than half the rate is folded back, as in an instrument
-        without such a filter.
+        A filter is exact for parabolas through what there is to be measured at the output times and halfway between; it
+        starts settled at the first value. Without one, what is faster than half the rate is folded back.
 
         Raises:
             ValueError: a place that the arm does not have, a result of fewer than two rows, or a rate above ten times
                 that of the output times.
+
+        Warns:
+            ModelWarning: a filter's frequency is above half the rate of the output times.
         """
         arm = result.arm
         instrument = _Instrument(self, arm)
@@ -149,8 +159,17 @@ class Sensor(Part):
                 "loads = None: the file does not keep the loads of this result, so reactions are not known"
             )
         t = self._instants(result.t)
-        state = _at(result, np.clip(t - self.delay, result.t[0], None) if self.delay or self.rate else None)
-        y = self.measure(arm, *state, loads=result.loads)
+        at = np.clip(t - self.delay, result.t[0], result.t[-1]) if self.delay or self.rate else None
+        if isinstance(self.filter, LowPass):
+            coarse = self._coarse(float(np.diff(result.t).max()))
+            if coarse:
+                warnings.warn(coarse, stacklevel=2)
+            state = result.t, result.q, result.v, result.a, result.tau
+            y, middle = (self.measure(arm, *x, loads=result.loads) for x in (state, _midway(arm, *state)))
+            filtered = Filtered(self.filter, result.t, y, middle)
+            y = filtered.states[:, 0] if at is None else filtered.at(at)
+        else:
+            y = self.measure(arm, *_at(result, at), loads=result.loads)
         names, units = zip(*self.components(arm), strict=True)
         return Reading(t, instrument(y), self.title(arm), names, units)
 
@@ -176,6 +195,16 @@ class Sensor(Part):
         if np.ndim(value) and np.shape(value) != (count,):
             raise ValueError(f"{name} = {value}: must be one number, or {count}, one for each component")
         return np.array(np.broadcast_to(np.asarray(value, dtype=float), count))
+
+    def _coarse(self, gap: float) -> ModelWarning | None:
+        """The warning that a filter deserves of states that are `gap` (s) apart."""
+        frequency = self.filter.frequency if isinstance(self.filter, LowPass) else 0.0
+        if frequency * gap <= 0.5 * (1 + 1e-9):
+            return None
+        return ModelWarning(
+            f"filter: {frequency:g} Hz is above half the rate of the states that this {self._kind()} sees, every "
+            f"{gap:g} s: it would let pass what is not known between them; have one every {0.5 / frequency:.3g} s"
+        )
 
     def _instants(self, t: Array) -> Array:
         if self.rate is None:
@@ -221,7 +250,6 @@ def _at(result: Result, t: Array | None) -> tuple[Array, Array, Array, Array, Ar
         return result.t, result.q, result.v, result.a, result.tau
     from scipy.interpolate import CubicHermiteSpline  # slow to import
 
-    t = np.minimum(t, result.t[-1])
     rates = np.array([result.arm._core.rates(q, v)[0] for q, v in zip(result.q, result.v, strict=True)])
     q = CubicHermiteSpline(result.t, result.q, rates)(t)
     v = CubicHermiteSpline(result.t, result.v, result.a)
@@ -229,12 +257,34 @@ def _at(result: Result, t: Array | None) -> tuple[Array, Array, Array, Array, Ar
     return t, q, v(t), v(t, 1), tau
 
 
+def _slope(h: Array, x: Array, rate: Array) -> Array:
+    """The rates halfway between rows of the cubic pieces through x and `rate`; straight where x stands still."""
+    move, mean = np.diff(x, axis=0), 0.5 * (rate[:-1] + rate[1:])
+    return np.asarray(mean + np.where(move == 0, 0.0, 1.5 * (move / h - mean)))
+
+
+def _midway(
+    arm: Arm, t: Array, q: Array, v: Array, a: Array | None, tau: Array | None
+) -> tuple[Array, Array, Array, Array | None, Array | None]:
+    """Times and states halfway between rows: q of cubic pieces through q and dq/dt, v their slope, a of those through
+    v and a. A force that jumps at a row so leaves v right, and a in the mean."""
+    h = np.diff(t)[:, None]
+    rates = np.array([arm._core.rates(*x)[0] for x in zip(q, v, strict=True)])
+    qm, vm = 0.5 * (q[:-1] + q[1:]) - h / 8 * np.diff(rates, axis=0), _slope(h, q, rates)
+    if arm.nq != arm.nv:  # balls
+        zero = np.zeros(arm.nv)
+        vm = np.array([np.linalg.lstsq(arm._core.rates(x, zero)[2], y)[0] for x, y in zip(qm, vm, strict=True)])
+    am = None if a is None else _slope(h, v, a)
+    return 0.5 * (t[:-1] + t[1:]), qm, vm, am, None if tau is None else 0.5 * (tau[:-1] + tau[1:])
+
+
 class Sampler:
     """An instrument in a control loop: remembers what its delay needs, holds its last sample until the next is due.
 
     Asked at the same times, it gives what `read` gives of the run, noise included. Where its samples (`rate`) or what
     they tell (`delay`) fall between two calls, it interpolates linearly between what those saw; where they fall due
-    more often than it is asked, the last one counts.
+    more often than it is asked, the last one counts. A filter goes on from call to call, as `read` has it from output
+    time to output time.
 
     Args:
         sensor: the sensor. arm: the arm.
@@ -249,7 +299,10 @@ class Sampler:
     def reset(self) -> None:
         """Forgets everything and starts its noise again."""
         self._instrument = _Instrument(self.sensor, self.arm)
-        self._seen: deque[tuple[float, Array]] = deque()
+        #: time, what there is to read, and, behind a filter, its state before and what came in since the last call
+        self._seen: deque[tuple[float, Array, tuple[Array, Array] | None]] = deque()
+        self._filter: Array = np.empty(0)  #: the filter's state
+        self._before: tuple[Any, ...] = ()  #: what came in at the last call, and its time and state
         self._start = 0.0
         self._count = -1
         self._last: Array = np.empty(0)
@@ -259,11 +312,7 @@ class Sampler:
     ) -> Array:
         """The reading (k,) at time t (s), which must increase from call to call; q (nq,), v, a, tau (nv,)."""
         s = self.sensor
-        if not self._seen:
-            self._start = t
-        elif not t > self._seen[-1][0]:
-            raise ValueError(f"t = {t}: must be later than the last call's, {self._seen[-1][0]}")
-        self._seen.append((t, s.measure(self.arm, t, q, v, a, tau, loads=self.loads)))
+        self.observe(t, q, v, a, tau)
         now, missed = t, 0
         if s.rate is not None:
             count = int(np.floor((t - self._start) * s.rate + 1e-6))
@@ -273,12 +322,45 @@ class Sampler:
         self._last = self._instrument(self._back_at(now - s.delay), missed)
         return self._last.copy()
 
+    def observe(
+        self, t: float, q: ArrayLike, v: ArrayLike, a: ArrayLike | None = None, tau: ArrayLike | None = None
+    ) -> None:
+        """Shows the instrument the state at time t (s) without a reading: between samples, to a filter or a delay."""
+        if not self._seen:
+            self._start = t
+        elif not t > self._seen[-1][0]:
+            raise ValueError(f"t = {t}: must be later than the last call's, {self._seen[-1][0]}")
+        y = self.sensor.measure(self.arm, t, q, v, a, tau, loads=self.loads)
+        self._seen.append((t, y, None) if self.sensor.filter is None else (t, *self._filtered(y, t, q, v, a, tau)))
+
+    def _filtered(self, y: Array, t: float, *state: Any) -> tuple[Array, tuple[Array, Array] | None]:
+        """What leaves the filter at t, y coming in; its state before, and what came in meanwhile."""
+        s, f = self.sensor, self.sensor.filter
+        assert isinstance(f, LowPass)
+        now = [None if x is None else np.array(x, dtype=float) for x in (t, *state)]
+        before, self._before = self._before, (y, *now)
+        if not self._seen:
+            self._filter = f.settled(y)
+            return y, None
+        if len(self._seen) == 1 and (coarse := s._coarse(t - self._seen[-1][0])):
+            warnings.warn(coarse, stacklevel=4)
+        rows: list[Any] = [None if x0 is None or x1 is None else np.stack([x0, x1])
+                           for x0, x1 in zip(before[1:], self._before[1:], strict=True)]  # fmt: skip
+        middle = s.measure(self.arm, *_midway(self.arm, *rows), loads=self.loads)[0]
+        old, given = self._filter, np.stack([before[0], middle, y])
+        self._filter = f.step(t - self._seen[-1][0]) @ np.vstack([old, given])
+        return self._filter[0], (old, given)
+
     def _back_at(self, t: float) -> Array:
         while len(self._seen) > 2 and self._seen[1][0] <= t:
             self._seen.popleft()
-        times = [seen for seen, _ in self._seen]
+        times = [seen[0] for seen in self._seen]
         k = int(np.searchsorted(times, t))
         if k == 0 or k == len(times):
             return self._seen[min(k, len(times) - 1)][1]
-        (before, y0), (after, y1) = self._seen[k - 1], self._seen[k]
-        return np.asarray(y0 + (t - before) / (after - before) * (y1 - y0))
+        (before, y0, _), (after, y1, inside) = self._seen[k - 1], self._seen[k]
+        part = (t - before) / (after - before)
+        if inside is None:
+            return np.asarray(y0 + part * (y1 - y0))
+        assert isinstance(self.sensor.filter, LowPass)
+        return np.asarray((self.sensor.filter.step(after - before, part) @ np.vstack(inside))[0])
