@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
@@ -12,7 +13,7 @@ import flexarm._core as _core
 
 from .._check import array, number
 from .material import Material
-from .part import Part
+from .part import ModelWarning, Part
 
 Face = _core.Face
 
@@ -318,6 +319,9 @@ class SectionMatrix(Section):
             y, z: where its centre lies from the beam's axis (m).
             angle: of its own y from the beam's (rad), about x.
 
+        Warns:
+            ModelWarning: an angle of more than a turn, as if in degrees.
+
         Raises:
             ValueError: naming the field and the value.
         """
@@ -332,9 +336,11 @@ class SectionMatrix(Section):
         iy, iz = s.second_moment_y, s.second_moment_z
         K = np.diag([E * s.area, shear_y, shear_z, G * s.torsion_constant, E * iy, E * iz])
         M = material.density * np.diag([s.area, s.area, s.area, iy + iz, iy, iz])
-        cosine, sine = np.cos(number("angle", angle)), np.sin(angle)
+        y, z, angle = (float(array(name, v, ())) for name, v in (("y", y), ("z", z), ("angle", angle)))
+        if abs(angle) > 2 * np.pi:
+            warnings.warn(f"angle = {angle:g} rad of a section: is it in degrees?", ModelWarning, stacklevel=2)
+        cosine, sine = np.cos(angle), np.sin(angle)
         R = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
-        y, z = number("y", y), number("z", z)
         c = np.array([[0, -z, y], [z, 0, 0], [-y, 0, 0]])
         T = np.block([[R.T, -R.T @ c], [np.zeros((3, 3)), R.T]])  # strains and velocities at the section's centre
         return cls(*(0.5 * (A + A.T) for A in (T.T @ K @ T, T.T @ M @ T)))
