@@ -254,6 +254,10 @@ def test_an_angle_in_degrees_is_doubted() -> None:
         (lambda: fa.Beam(0.5, STRIP, None, ALL), "material = None: must be a Material"),
         (lambda: fa.Beam(0.5, STRIP, STEEL), "modes: missing"),
         (lambda: arm(fa.SectionMatrix(np.diag([1, 1, 1, 0, 1, 1]) * K, M)), "torsion.*must be positive"),
+        (
+            lambda: fa.Beam(0.5, fa.SectionMatrix(np.diag([1, 1, 1, 0, 1, 1]) * K, M), modes=ALL, basis="loaded"),
+            "section: stiffness = 0.*torsion.*must be positive",
+        ),
         (lambda: arm(fa.SectionMatrix.of(STRIP, STEEL, y=0.01), order=2), 'order = 2: must be 3 or "exact"'),
         (lambda: fa.Taper((0, 1), (STRIP, fa.SectionMatrix(K, M))), "must all be a SectionMatrix"),
     ],

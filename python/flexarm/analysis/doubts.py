@@ -8,7 +8,8 @@ import numpy as np
 
 from ..parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
 from ..parts.chain import Chain
-from ..parts.sections import GeneralSection, SectionMatrix, Taper
+from ..parts.sections import GeneralSection, SectionMatrix
+from ..parts.taper import Taper
 
 # Each is past anything that is built; what is said is a warning, for who means it.
 _SOFTEST, _LIGHT = 1e3, 100.0  # Pa; gels have 1e3 to 1e5. kg/m^3; what is lighter has no units: E = density = 1

@@ -53,7 +53,9 @@ def _numeric(value: Any) -> bool:
 
 
 #: fields that are None where nothing is given, but can be given numbers
-_OPTIONAL = ("poisson_ratio", "shear_modulus", "shear_correction", "lower", "upper", "stiction", "resistance", "limit", "x")
+_OPTIONAL = (
+    "poisson_ratio", "shear_modulus", "shear_correction", "lower", "upper", "stiction", "resistance", "limit", "x",
+)  # fmt: skip
 
 
 def _fields(part: Any) -> dict[str, Any]:
