@@ -39,7 +39,7 @@ GaussRule::GaussRule(int n, double length, const std::vector<double>& breaks) : 
   }
 }
 
-GaussRule gauss_rule_of(const GaussRule& measure, int n) {
+GaussRule gauss_rule_of(const GaussRule& measure, int n, Eigen::MatrixXd* shares) {
   // Lanczos on diag(points) from sqrt(weights), every vector made orthogonal to all before it: the matrix of the
   // three-term recurrence of the measure's orthogonal polynomials.
   Eigen::MatrixXd Q(measure.points.size(), n);
@@ -59,6 +59,10 @@ GaussRule gauss_rule_of(const GaussRule& measure, int n) {
   GaussRule rule(n);
   rule.points = nodes.eigenvalues();
   rule.weights = total * nodes.eigenvectors().row(0).cwiseAbs2().transpose();
+  if (shares) {  // the polynomial that is 1 at one of the rule's points, 0 at the others, over the weight there
+    const Eigen::RowVectorXd one = nodes.eigenvectors().row(0);
+    *shares = one.cwiseInverse().asDiagonal() * (Q * nodes.eigenvectors()).transpose() * Q.col(0).asDiagonal();
+  }
   return rule;
 }
 

@@ -7,7 +7,6 @@
 #include "beam_profile.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/quadrature.hpp"
-#include "flexarm/spatial.hpp"
 #include "shape_tables.hpp"
 
 namespace flexarm {
@@ -154,7 +153,7 @@ MatrixXd loaded_modes(const Profile& profile, const BasisTip& tip, int strain, i
   const auto moved = [&](const ShapeValues& v) { return is_bending(strain) ? v.deflection : v.slope; };
   MatrixXd M = MatrixXd::Zero(terms, terms), K = M;
   const GaussRule fine = profile.fine(terms + 16, length);
-  const double stiff = profile.at(0.0).rigidity_of(strain);  // that of a uniform beam does not matter
+  const double stiff = profile.at(0.5 * length).rigidity_of(strain);  // that of a uniform beam does not matter
   for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
     const SectionLaw law = profile.at(fine.points[g]);
     const ShapeValues v = ritz.at(fine.points[g]);
@@ -195,10 +194,6 @@ MatrixXd kept_loaded_modes(const Profile& profile, const BasisTip& tip, int stra
   return *kept.get(key, make, [](const MatrixXd& m) { return static_cast<std::size_t>(8 * m.size()); });
 }
 
-}  // namespace
-
-namespace {
-
 /// From end to end.
 template <class Any>
 Along<Any> same(const Any& section) {
@@ -232,6 +227,7 @@ Beam::Beam(double length, const Profile& profile, const BeamOptions& options, co
   for (int s = 0; s < kStrains; ++s)
     if (options_.shapes[s].size() > 0) options_.modes[s] = static_cast<int>(options_.shapes[s].cols());
   check_options(options_, profile.shears);
+  if (profile.uniform) check_section(profile.at(0.0), 0.0);
   for (int s = 0; s < kStrains; ++s) {
     const int n = options_.modes[s];
     if (options_.shapes[s].size() > 0)
@@ -268,57 +264,6 @@ Beam::Beam(double length, const Profile& profile, const BeamOptions& options, co
   build_stiffness(profile, patches);
 }
 
-SliceAtRest MassSlice::at_rest() const {
-  SliceAtRest out = table.rest;
-  out.J = table.at_rest();
-  const Eigen::Vector3d r = out.R * com;
-  out.x += r;
-  out.J.topRows<3>() -= tilde(r) * out.J.bottomRows<3>().eval();
-  return out;
-}
-
-std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
-  const int n = options_.gauss_points > 0 ? options_.gauss_points : enough_gauss_points(options_, shapes_, length_);
-  rule_ = GaussRule(n, length_);
-  // Where the section varies, points and masses are the Gauss rule of the mass along the beam, so that they are as few.
-  GaussRule masses = rule_;
-  if (profile.uniform) {
-    masses.weights *= profile.at(0.0).mass;
-  } else {
-    GaussRule along = profile.fine(2 * n + 16, length_);
-    for (Eigen::Index g = 0; g < along.points.size(); ++g) along.weights[g] *= profile.at(along.points[g]).mass;
-    if (along.weights.sum() > 0.0)
-      masses = gauss_rule_of(along, n);
-    else
-      masses.weights.setZero();
-  }
-  const Eigen::VectorXd parts = profile.uniform ? GaussRule(n).points : Eigen::VectorXd(masses.points / length_);
-  std::vector<double> stations(parts.data(), parts.data() + n);
-  stations.push_back(1.0);
-  std::vector<SliceTable> all = tables_at(stations);
-  mass_ = masses.weights.sum();
-  std::vector<MassSlice> slices;
-  for (int g = 0; g < n; ++g) {
-    const SectionLaw law = profile.at(masses.points[g]);
-    slices.push_back({all[g], masses.weights[g], law.com});
-    if (options_.rotary_inertia && mass_ > 0.0) slices.back().inertia = masses.weights[g] / law.mass * law.inertia;
-    if (profile.uniform && options_.order > 2) slices.back().table.point = g;
-  }
-  tip_ = all[n];
-  return slices;
-}
-
-/// Whether the centres of mass lie off it, or sections have products of inertia.
-bool Beam::off_axis(const Profile& profile) const {
-  const auto off = [&](double X) {
-    const SectionLaw law = profile.at(X);
-    return !law.com.isZero(0.0) || (options_.rotary_inertia && !law.inertia.isDiagonal(0.0));
-  };
-  if (profile.uniform) return off(0.0);
-  const GaussRule fine = profile.fine(8, length_);
-  return std::any_of(fine.points.begin(), fine.points.end(), off);
-}
-
 /// That the strains which the beam has are all resisted.
 void Beam::check_section(const SectionLaw& law, double X) const {
   std::vector<int> rows;
@@ -350,7 +295,6 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
   };
   const SectionLaw at_clamp = profile.at(0.0);
   if (profile.uniform && at_clamp.uncoupled()) {
-    check_section(at_clamp, 0.0);
     const std::shared_ptr<const std::array<MatrixXd, kStrains>> unit = unit_stiffness(*unit_);
     for (int s = 0; s < kStrains; ++s)  // a curvature is one over the length, a shear angle none
       block(s) = at_clamp.rigidity_of(s) *

@@ -132,10 +132,10 @@ from .parts.sections import (
     IBeam as IBeam,
     Rectangle as Rectangle,
     SectionMatrix as SectionMatrix,
-    Taper as Taper,
     Tube as Tube,
 )
 from .parts.split import split as split
+from .parts.taper import Taper as Taper
 from .run.pace import SlowWarning as SlowWarning, StepWarning as StepWarning
 from .run.pulses import PulseWarning as PulseWarning
 from .run.result import Result as Result

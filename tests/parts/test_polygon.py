@@ -33,6 +33,19 @@ def test_a_rectangle_wherever_it_lies() -> None:
     close(fa.polygon(moved, STEEL), expected, 1e-3)
 
 
+def test_a_symmetric_one_is_on_its_axis() -> None:
+    """To the last bit, so that beams of it need no higher order."""
+    section = fa.polygon(rectangle(0.01, 0.02), STEEL)
+    assert section.com == (0.0, 0.0) and not section.off_axis
+    fa.Beam(0.5, section, modes={"bending_y": 2}, order=2)
+
+
+def test_corners_that_repeat() -> None:
+    once = rectangle(0.01, 0.02)
+    again = fa.polygon(np.vstack([once[:1], once, once[:1]]), STEEL)
+    close(again, fa.polygon(once, STEEL), 1e-6)
+
+
 @pytest.mark.parametrize("thickness", [0.002, 0.005])
 def test_a_hollow_one_is_the_box(thickness: float) -> None:
     inner = rectangle(0.04 - 2 * thickness, 0.06 - 2 * thickness)
@@ -79,7 +92,9 @@ def test_a_channels_shear_centre() -> None:
         ({"holes": [rectangle(0.02, 0.001)]}, r"holes\[0\]: must lie inside the outline"),
         ({"holes": [rectangle(0.002, 0.001), rectangle(0.001, 0.002)]}, r"holes: must not touch nor overlap"),
         ({"material": fa.Material(1.0, 1.0)}, r"material = .*: must have a poisson_ratio"),
-        ({"elements": 3}, r"elements = 3: must be at least 20"),
+        ({"elements": 3}, r"elements = 3: must be from 20 to 100000"),
+        ({"elements": 10**9}, r"elements = 1000000000: must be from 20"),
+        ({"holes": 5}, r"holes = 5: must be a list of outlines"),
     ],
 )
 def test_bad_polygons(change: dict[str, Any], message: str) -> None:

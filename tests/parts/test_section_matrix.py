@@ -135,6 +135,45 @@ def test_tapers_are_linear_in_the_matrices() -> None:
     assert sum(link.beam.mass for link in pieces) == pytest.approx(a.links[0].beam.mass)
 
 
+def summed(beam: fa.Beam, a: fa.Arm, q: np.ndarray, breaks: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Mass matrix and first moment of mass, by a quadrature of each stretch of the beam."""
+    M, moment = np.zeros((a.nv, a.nv)), np.zeros(3)
+    for low, high in zip((0.0, *breaks), (*breaks, beam.length), strict=True):
+        for x, w in zip(*np.polynomial.legendre.leggauss(30), strict=True):
+            at = low + (high - low) / 2 * (1 + x)
+            section = beam.section.at(at)
+            if not isinstance(section, fa.SectionMatrix):
+                section = fa.SectionMatrix.of(section, beam.material)
+            inertia = w * (high - low) / 2 * np.array(section.inertia)
+            place, R = a.frame(q, 0, at)
+            J = scipy.linalg.block_diag(R.T, R.T) @ a.jacobian(q, 0, at)
+            M += J.T @ inertia @ J
+            moment += inertia[0, 0] * (place + R @ (0.0, *section.com))
+    return M, moment
+
+
+@pytest.mark.parametrize("kind", ["matrices", "shapes"])
+def test_kinks_of_a_taper_are_integrated(kind: str) -> None:
+    """Centres of mass and moments of inertia that have kinks along the beam, as its mass has."""
+    sections = [STRIP, fa.Rectangle(0.02, 0.01), fa.Rectangle(0.004, 0.004)]
+    if kind == "matrices":
+        sections = [fa.SectionMatrix.of(s, STEEL, y=y) for s, y in zip(sections, (0.0, 0.02, 0.0), strict=True)]
+    beam = fa.Beam(
+        0.5,
+        fa.Taper((0.0, 0.2, 0.5), sections),
+        STEEL if kind == "shapes" else None,
+        {"bending_y": 2, "torsion": 3},
+        "legendre",
+        3,
+    )
+    a = fa.Arm([fa.Link(fa.Revolute("x"), None, beam)])
+    q = 0.1 * np.random.default_rng(3).normal(size=a.nq)
+    M, moment = summed(beam, a, q, (0.2,))
+    size = np.sqrt(np.outer(M.diagonal(), M.diagonal()))
+    np.testing.assert_allclose(a.mass_matrix(q) / size, M / size, atol=1e-9)
+    np.testing.assert_allclose(a.center_of_mass(q), moment / beam.mass, atol=1e-12)
+
+
 def test_scenes_and_copies(tmp_path: object) -> None:
     one = fa.SectionMatrix.of(STRIP, STEEL, y=0.004, angle=0.3)
     a = arm(one)
@@ -146,6 +185,36 @@ def test_scenes_and_copies(tmp_path: object) -> None:
 def test_a_coupled_strain_without_modes_is_said() -> None:
     with pytest.warns(fa.ModelWarning, match="extension has none .* couples it to bending_y, 8. % of whose"):
         arm(fa.SectionMatrix.of(STRIP, STEEL, y=0.003), {"bending_y": 2})
+
+
+@pytest.mark.parametrize(
+    ("section", "says"),
+    [
+        (fa.SectionMatrix.of(STRIP, fa.Material(7850.0, 209.0, 0.3)), "Young's modulus of 209 Pa.*is it in GPa or MPa"),
+        (fa.SectionMatrix.of(STRIP, fa.Material(7850.0, 209e3, 0.3)), "is it in GPa or MPa"),
+        (fa.SectionMatrix.of(fa.Rectangle(4, 10), STEEL), r"is 4 m by 10 m, of a beam of length 0.5 m: is it in mm"),
+    ],
+)
+def test_units_of_matrices_are_doubted(section: fa.SectionMatrix, says: str) -> None:
+    with pytest.warns(fa.ModelWarning, match=says):
+        arm(section)
+
+
+def test_matrices_without_units_are_not() -> None:
+    arm(fa.SectionMatrix(np.eye(6), np.eye(6)))  # warnings are errors here
+
+
+def test_parameters_of_matrices_vary() -> None:
+    """The whole matrix, or an entry of it."""
+    a = arm(fa.SectionMatrix(K, M))
+    t, path = np.linspace(0.0, 0.01, 3), "link.0.beam.section.stiffness"
+    other = K.copy()
+    other[3, 3] *= 2.0
+    v0 = 0.1 * np.random.default_rng(4).normal(size=a.nv)
+    whole = fa.simulate_batch(a, t, v0=v0, parameters={path: [K, other]}, step=1e-4)
+    entry = fa.simulate_batch(a, t, v0=v0, parameters={path + ".3.3": [K[3, 3], other[3, 3]]}, step=1e-4)
+    np.testing.assert_array_equal(whole.q, entry.q)
+    assert np.abs(whole.q[0] - whole.q[1]).max() > 0
 
 
 def test_economize_knows_them() -> None:
@@ -164,6 +233,11 @@ def test_economize_knows_them() -> None:
     assert found.order in (3, "exact") and found.ne < beam.ne
 
 
+def test_an_angle_in_degrees_is_doubted() -> None:
+    with pytest.warns(fa.ModelWarning, match="angle = 45 rad of a section: is it in degrees"):
+        fa.SectionMatrix.of(STRIP, STEEL, angle=45)
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [
@@ -173,10 +247,17 @@ def test_economize_knows_them() -> None:
         (lambda: fa.SectionMatrix(K, np.diag(np.diag(M) * [1, 2, 1, 1, 1, 1])), r"inertia\[1\]\[1\]"),
         (lambda: fa.SectionMatrix.of(STRIP, fa.Material(1.0, 1.0)), "poisson_ratio"),
         (lambda: fa.SectionMatrix.of(fa.SectionMatrix(K, M), STEEL), "doubly symmetric"),
+        (lambda: fa.SectionMatrix.of(STRIP, STEEL, y=np.nan), "^y = nan: must be finite"),
+        (lambda: fa.SectionMatrix.of(STRIP, STEEL, z=np.inf), "^z = inf: must be finite"),
+        (lambda: fa.SectionMatrix.of(STRIP, STEEL, angle=np.inf), "^angle = inf: must be finite"),
         (lambda: fa.Beam(0.5, fa.SectionMatrix(K, M), STEEL, ALL), "material = .*: must be left out"),
         (lambda: fa.Beam(0.5, STRIP, None, ALL), "material = None: must be a Material"),
         (lambda: fa.Beam(0.5, STRIP, STEEL), "modes: missing"),
         (lambda: arm(fa.SectionMatrix(np.diag([1, 1, 1, 0, 1, 1]) * K, M)), "torsion.*must be positive"),
+        (
+            lambda: fa.Beam(0.5, fa.SectionMatrix(np.diag([1, 1, 1, 0, 1, 1]) * K, M), modes=ALL, basis="loaded"),
+            "section: stiffness = 0.*torsion.*must be positive",
+        ),
         (lambda: arm(fa.SectionMatrix.of(STRIP, STEEL, y=0.01), order=2), 'order = 2: must be 3 or "exact"'),
         (lambda: fa.Taper((0, 1), (STRIP, fa.SectionMatrix(K, M))), "must all be a SectionMatrix"),
     ],

@@ -17,7 +17,8 @@ from ..parts.beam import STRAINS, Beam
 from ..parts.chain import Chain
 from ..parts.joints import Axes
 from ..parts.link import Link
-from ..parts.sections import SectionMatrix, Taper
+from ..parts.sections import SectionMatrix
+from ..parts.taper import Taper
 
 _MISSING = {"bending_y": 0.01, "bending_z": 0.01, "torsion": 0.15}  # share of the static compliance
 _OFF = 1e-3  # of a beam's length

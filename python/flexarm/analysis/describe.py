@@ -8,8 +8,9 @@ from .._console import aligned
 from ..parts.beam import Beam
 from ..parts.chain import Chain
 from ..parts.joints import Fixed
-from ..parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, SectionMatrix, Taper, Tube
+from ..parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, SectionMatrix, Tube
 from ..parts.shapes import curvature_at
+from ..parts.taper import Taper
 from .modes import modes
 
 _HEADS = ("link", "joint", "beam (m)", "modes", "order", "hub (kg)", "beam (kg)", "tip (kg)", "clamped (rad/s)")

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
 from ..parts.chain import Chain
-from ..parts.sections import GeneralSection, SectionMatrix, Taper
+from ..parts.sections import GeneralSection, SectionMatrix
+from ..parts.taper import Taper
 
 # Each is past anything that is built; what is said is a warning, for who means it.
 _SOFTEST, _LIGHT = 1e3, 100.0  # Pa; gels have 1e3 to 1e5. kg/m^3; what is lighter has no units: E = density = 1
@@ -50,6 +51,18 @@ def _thickness(beam: Beam, axis: str) -> tuple[float, float, float]:
     return section.area, second, section.area * section.shear_correction["yz".index(axis)]
 
 
+def _too_soft(E: float, density: float) -> bool:
+    return E < _SOFTEST or any(density > dense and E < softest for dense, softest in _DENSE)
+
+
+def _too_thick(thin: float, broad: float, length: float) -> bool:
+    return thin > _THICK * length or broad > _BROAD * length
+
+
+def _in_mm(where: str, thin: float, broad: float, length: float) -> str:
+    return f"{where}.section: is {thin:.3g} m by {broad:.3g} m, of a beam of length {length:g} m: is it in mm?"
+
+
 def _beam(where: str, beam: Beam) -> Iterator[str]:
     material, L = beam.material, beam.length
     if material is None:
@@ -60,7 +73,7 @@ def _beam(where: str, beam: Beam) -> Iterator[str]:
         yield f"{where}.material.density = {density:g} kg/m^3: no solid so stiff is so light; is it in g/cm^3?"
     if density < _LIGHT:
         return
-    if E < _SOFTEST or any(density > dense and E < softest for dense, softest in _DENSE):
+    if _too_soft(E, density):
         yield f"{where}.material.youngs_modulus = {E:g} Pa: is softer than any such material; is it in GPa or MPa?"
     G = material.shear_modulus
     odd = G is not None and not _SOFTEST_SHEAR * E <= G <= _STIFFEST_SHEAR * E
@@ -73,8 +86,8 @@ def _beam(where: str, beam: Beam) -> Iterator[str]:
     if (L > _LONG and L > _THIN * min(radii)) or beam.mass > _HEAVY:
         yield f"{where}.length = {L:g} m, of a beam of {beam.mass:.3g} kg, {min(radii):.3g} m thin: are they in mm?"
     thin, broad = (12**0.5 * f(radii) for f in (min, max))  # sides, of a rectangle
-    if not general and (thin > _THICK * L or broad > _BROAD * L):
-        yield f"{where}.section: is {thin:.3g} m by {broad:.3g} m, of a beam of length {L:g} m: is it in mm?"
+    if not general and _too_thick(thin, broad, L):
+        yield _in_mm(where, thin, broad, L)
         return
     for axis in "" if general or odd else "yz":
         if beam.counts.get(f"bending_{axis}") and not beam.counts.get(f"shear_{axis}"):
@@ -91,9 +104,22 @@ def _beam(where: str, beam: Beam) -> Iterator[str]:
 
 
 def _matrices(where: str, beam: Beam) -> Iterator[str]:
-    """Of a beam of SectionMatrix: strains that it lacks, and others pull at."""
+    """Of a beam of SectionMatrix: units, as if it were a rectangle of one material; strains that it lacks, and others
+    pull at."""
     section = beam.section.sections[0] if isinstance(beam.section, Taper) else beam.section
     assert isinstance(section, SectionMatrix)
+    EA, *EI = (section.rigidity(s) for s in ("extension", "bending_y", "bending_z"))
+    thin, broad = sorted((12 * x / EA) ** 0.5 if EA else 0.0 for x in EI)
+    density = section.mass / (thin * broad) if thin else 0.0
+    if density >= _LIGHT:
+        E = EA / (thin * broad)
+        if _too_soft(E, density):
+            yield (
+                f"{where}.section: stiffness {EA:g} N and {section.mass:g} kg/m, of about {thin:.3g} m by {broad:.3g} "
+                f"m, are of a Young's modulus of {E:.3g} Pa, softer than any such material; is it in GPa or MPa?"
+            )
+        if _too_thick(thin, broad, beam.length):
+            yield _in_mm(where, thin, broad, beam.length)
     given = list(beam.counts)
     for strain in (s for s in STRAINS if s not in given and section.rigidity(s) > 0):
         pulled = max(given, key=lambda s: section.coupling(s, strain), default="")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import difflib
+import re
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -52,7 +53,9 @@ def _numeric(value: Any) -> bool:
 
 
 #: fields that are None where nothing is given, but can be given numbers
-_OPTIONAL = ("poisson_ratio", "shear_modulus", "lower", "upper", "stiction", "resistance", "limit", "x")
+_OPTIONAL = (
+    "poisson_ratio", "shear_modulus", "shear_correction", "lower", "upper", "stiction", "resistance", "limit", "x",
+)  # fmt: skip
 
 
 def _fields(part: Any) -> dict[str, Any]:
@@ -117,8 +120,7 @@ class Variation:
         self.values: dict[str, Array] = {}
         known = known_paths(setup) if parameters else []
         for path, value in (parameters or {}).items():
-            base, _, last = str(path).rpartition(".")
-            if path not in known and not (base in known and last.isdigit()):
+            if path not in known and re.sub(r"(\.\d+){1,2}$", "", str(path)) not in known:
                 near = difflib.get_close_matches(str(path), known, n=1, cutoff=0.3)
                 hint = f"; did you mean '{near[0]}'?" if near else ""
                 raise ValueError(f"parameters: '{path}' is nothing that can vary{hint}")

@@ -14,7 +14,8 @@ from ..acting.sampled import Sampled
 from ..arm import Arm
 from ..parts.beam import STRAINS, Beam, RigidBody
 from ..parts.link import Link
-from ..parts.sections import SectionMatrix, Taper
+from ..parts.sections import SectionMatrix
+from ..parts.taper import Taper
 from ..scene.scene import Scene, load
 from .coordinates import initial_state, nearest
 

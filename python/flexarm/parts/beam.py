@@ -19,8 +19,9 @@ from .._check import array, choice, known_keys, number, whole
 from .material import Material
 from .part import Part
 from .patch import Patch, core_patches
-from .sections import Section, SectionMatrix, Taper
+from .sections import Section, SectionMatrix
 from .shapes import coefficients, columns, curvature, kept_curvature
+from .taper import Taper
 
 STRAINS = _core.STRAINS  #: "bending_y" and so on, in the order of a beam's coordinates (Eq. 33)
 STRAIN_NAMES = _core.STRAIN_NAMES  #: "K1" and so on, of a section, as Arm.strain orders them

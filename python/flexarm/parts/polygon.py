@@ -13,6 +13,9 @@ from .sections import SectionMatrix
 
 Points = Sequence[Sequence[float]]
 
+_MOST = 100_000  # elements: some gigabytes
+_ROUNDING = 1e-12  # of the section's size
+
 
 def polygon(points: Points, material: Material, holes: Sequence[Points] = (), elements: int = 1000) -> SectionMatrix:
     """Section of any outline, about the origin of its points: the beam's axis.
@@ -25,7 +28,8 @@ def polygon(points: Points, material: Material, holes: Sequence[Points] = (), el
         points: (n, 2), y and z of the corners (m), in turn.
         material: with poisson_ratio or shear_modulus.
         holes: outlines of holes, as `points`.
-        elements: how many triangles the section is divided into, about. Thin walls need more: two across them.
+        elements: how many triangles the section is divided into, about, 20 to 100 000. Thin walls need more: two across
+            them.
 
     Returns:
         SectionMatrix, which holds the material.
@@ -43,8 +47,10 @@ def polygon(points: Points, material: Material, holes: Sequence[Points] = (), el
         raise ValueError(f"material = {material!r}: must be a Material")
     if not material._core.shear_modulus > 0.0:
         raise ValueError(f"material = {material!r}: must have a poisson_ratio or a shear_modulus")
-    if whole("elements", elements) < 20:
-        raise ValueError(f"elements = {elements}: must be at least 20")
+    if not 20 <= whole("elements", elements) <= _MOST:
+        raise ValueError(f"elements = {elements}: must be from 20 to {_MOST}")
+    if not isinstance(holes, (list, tuple, np.ndarray)):
+        raise ValueError(f"holes = {holes!r}: must be a list of outlines")
     outline, inner = _corners("points", points), [_corners(f"holes[{k}]", h) for k, h in enumerate(holes)]
     at, size = outline.mean(axis=0), float(np.ptp(outline, axis=0).max())
     shape = _shape(outline, inner, at, size)
@@ -66,7 +72,7 @@ def _corners(field: str, points: Any) -> Array:
 
 def _shape(outline: Array, holes: Sequence[Array], at: Array, size: float) -> Any:
     """The section, of unit size about the origin."""
-    from shapely import Polygon
+    from shapely import Polygon, remove_repeated_points
     from shapely.validation import explain_validity
 
     for field, one in (("points", outline), *((f"holes[{k}]", h) for k, h in enumerate(holes))):
@@ -75,18 +81,23 @@ def _shape(outline: Array, holes: Sequence[Array], at: Array, size: float) -> An
     for k, hole in enumerate(holes):
         if not Polygon(outline).contains_properly(Polygon(hole)):
             raise ValueError(f"holes[{k}]: must lie inside the outline, and not touch it")
-    shape = Polygon((outline - at) / size, [(h - at) / size for h in holes])
+    shape = remove_repeated_points(Polygon((outline - at) / size, [(h - at) / size for h in holes]), _ROUNDING)
     if not shape.is_valid:
         raise ValueError(f"holes: must not touch nor overlap: {explain_validity(shape)}")
     return shape
 
 
+def _rounded(values: Array, size: float) -> Array:
+    """Without what is zero but for rounding, so that a centre on the axis is on it."""
+    return np.where(np.abs(values) < _ROUNDING * size, 0.0, values)
+
+
 def _assembled(of: Any, shear_centre: tuple[float, float], material: Material, at: Array, size: float) -> SectionMatrix:
     """Matrices about the origin, from the properties of the section of unit size, whose x and y are the beam's y, z."""
     E, G, density = material.youngs_modulus, material._core.shear_modulus, material.density
-    (y, z), (ys, zs) = at + size * np.array([of.cx, of.cy]), at + size * np.array(shear_centre)
+    (y, z), (ys, zs) = (_rounded(at + size * np.array(c), size) for c in ((of.cx, of.cy), shear_centre))
     area = size**2 * of.area
-    iy, iz, iyz = (size**4 * i for i in (of.ixx_c, of.iyy_c, of.ixy_c))
+    iy, iz, iyz = size**4 * _rounded(np.array([of.ixx_c, of.iyy_c, of.ixy_c]), of.ixx_c + of.iyy_c)
     # strains at the centroid (eps, K2, K3; a fibre is strained by eps + z K2 - y K3) and at the shear centre (phi12,
     # phi13, K1), by those at the origin
     T = np.eye(6)

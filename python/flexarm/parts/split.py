@@ -14,8 +14,8 @@ from .beam import STRAINS, Beam
 from .joints import Fixed
 from .link import Link
 from .patch import Patch
-from .sections import Taper
 from .shapes import curvature_at
+from .taper import Taper
 
 
 def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float] | None = None) -> list[Link]:

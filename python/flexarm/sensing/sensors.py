@@ -11,7 +11,7 @@ from .._check import Array, array, choice, number, whole
 from ..arm import Arm
 from ..parts.beam import STRAIN_NAMES, Beam, Vector, as_floats
 from ..parts.joints import UNIT
-from ..parts.sections import Taper
+from ..parts.taper import Taper
 from .sensor import Component, Sensor
 
 # -- on a joint ----------------------------------------------------------------------------------------------------
