@@ -42,7 +42,7 @@ def polygon(points: Points, material: Material, holes: Sequence[Points] = (), el
         from sectionproperties.analysis import Section
         from sectionproperties.pre import Geometry
     except ImportError as e:
-        raise ImportError("polygon needs sectionproperties: pip install 'flexarm[sections]'") from e
+        raise ImportError(f"polygon needs sectionproperties: pip install 'flexarm[sections]' ({e})") from e
     if not isinstance(material, Material):
         raise ValueError(f"material = {material!r}: must be a Material")
     if not material._core.shear_modulus > 0.0:
