@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,16 @@ def test_siblings_refuse_other_formats_names(run: fa.Result, tmp_path: Path) -> 
     for name in ("run.npz", "run.NPZ", "run"):
         run.save(tmp_path / name)
         assert fa.Result.load(tmp_path / name).arm == run.arm
+
+
+def test_a_result_whose_part_has_another_name_is_damaged(run: fa.Result, tmp_path: Path) -> None:
+    run.save(tmp_path / "run.npz")
+    for part in ("friction", "tau", "t"):
+        with zipfile.ZipFile(tmp_path / "run.npz") as old, zipfile.ZipFile(tmp_path / "other.npz", "w") as new:
+            for name in old.namelist():
+                new.writestr(name.replace(f"{part}.npy", "x.npy"), old.read(name))
+        with pytest.raises(ValueError, match="is not a file that Result"):
+            fa.Result.load(tmp_path / "other.npz")
 
 
 def test_damaged_results_are_value_errors(run: fa.Result, tmp_path: Path) -> None:

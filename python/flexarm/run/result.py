@@ -199,6 +199,9 @@ class Result:
             held: dict[str, Any] = {name: x for name, x in arrays.items() if name not in ("deflection", "end")}
             arm = Arm.from_dict(about["arm"])
             count, wide = about.get("events"), {"q": arm.nq}
+            more = {f"{x}_events_{k}" for x in "tqv" for k in range(count or 0)}
+            if not set(held) <= {"t", "q", "v", "a", "tau", "friction", *more}:
+                raise ValueError
             events: dict[str, Any] = {
                 f"{name}_events": None if count is None else [held[f"{name}_events_{k}"] for k in range(count)]
                 for name in "tqv"
