@@ -39,8 +39,8 @@ def polygon(points: Points, material: Material, holes: Sequence[Points] = (), el
         ValueError: naming the field and the value.
     """
     try:
-        from sectionproperties.analysis import Section
-        from sectionproperties.pre import Geometry
+        from sectionproperties.analysis.section import Section
+        from sectionproperties.pre.geometry import Geometry
     except ImportError as e:
         raise ImportError(f"polygon needs sectionproperties: pip install 'flexarm[sections]' ({e})") from e
     if not isinstance(material, Material):
