@@ -35,6 +35,7 @@ class Material:
     def shear_modulus(self) -> float: ...
 
 class Face:
+    def __init__(self, *args: Any, **kwargs: Any) -> None: ...  # made by the core alone
     @property
     def distance(self) -> float: ...
     @property
