@@ -330,33 +330,56 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   h_ = h;
   inside(1.0, q, v);
   if (given) given(1.0);
+  if (tape_) {
+    tape_->entries.push_back({h, 1.0, tape_->points()});
+    for (int i = 0; i < s_; ++i) tape_->add(tape_->now + c_[i] * h, q_.col(i), v_.col(i), a_.col(i));
+  }
   if (arm_->within_reach(q, v)) return Status::ok;
   q = q0_;
   v = v0_;
   return Status::not_finite;
 }
 
+void CollocationStep::weights(double c, Eigen::VectorXd& once, Eigen::VectorXd& twice) const {
+  once.setZero(s_);
+  twice.setZero(s_);
+  for (int j = 0; j < s_; ++j) {  // the Lagrange polynomial of point j, integrated once and twice
+    for (int k = s_; k-- > 0;) {
+      once[j] = (once[j] + monomials_(k, j) / (k + 1.0)) * c;
+      twice[j] = (twice[j] + monomials_(k, j) / ((k + 1.0) * (k + 2.0))) * c;
+    }
+    twice[j] *= c;
+  }
+}
+
+Stages CollocationStep::stages() const {
+  Stages out;
+  out.c.resize(s_ + 1);
+  out.v_by_a.resize(s_ + 1, s_);
+  out.q_by_a.resize(s_ + 1, s_);
+  Eigen::VectorXd once, twice;
+  weights(1.0, once, twice);
+  out.c << c_, 1.0;
+  out.v_by_a << A_, once.transpose();
+  out.q_by_a << A2_, twice.transpose();
+  out.v_by_start = out.q_by_start = Eigen::MatrixXd::Zero(s_ + 1, 2);
+  return out;
+}
+
 void CollocationStep::inside(double c, Eigen::VectorXd& q, Eigen::VectorXd& v) const {
   q = q0_;
   v = v0_;
-  Eigen::Vector4d once;
-  for (int j = 0; j < s_; ++j) {  // the Lagrange polynomial of point j, integrated once and twice
-    once[j] = 0.0;
-    double twice = 0.0;
-    for (int k = s_; k-- > 0;) {
-      once[j] = (once[j] + monomials_(k, j) / (k + 1.0)) * c;
-      twice = (twice + monomials_(k, j) / ((k + 1.0) * (k + 2.0))) * c;
-    }
-    twice *= c;
-    v += h_ * once[j] * a_.col(j);
+  weights(c, once_, twice_);
+  for (int j = 0; j < s_; ++j) {
+    v += h_ * once_[j] * a_.col(j);
     for (int i = 0; i < arm_->nv(); ++i)
-      if (arm_->coordinate_of(i) >= 0) q[arm_->coordinate_of(i)] += h_ * h_ * twice * a_(i, j);
+      if (arm_->coordinate_of(i) >= 0) q[arm_->coordinate_of(i)] += h_ * h_ * twice_[j] * a_(i, j);
   }
   for (int i = 0; i < arm_->nv(); ++i)
     if (arm_->coordinate_of(i) >= 0) q[arm_->coordinate_of(i)] += h_ * c * v0_[i];
   for (const Ball& ball : balls_) {
     const auto du = du_.middleRows<3>(ball.v);
-    turn(middle_.data(), h_ * (du * (once.head(s_) - 0.5 * b_)), q.data(), ball.q);
+    turn(middle_.data(), h_ * (du * (once_ - 0.5 * b_)), q.data(), ball.q);
   }
 }
 

@@ -117,9 +117,17 @@ std::vector<double> speeds(const std::vector<Drive>& drives, const Eigen::Vector
   return out;
 }
 
+/// Writes the row of results that has just been recorded; of a state within a step if `inside` is given.
+void write_row(const System& s, const Step* inside, double c, double t, Tape& tape) {
+  Tape::Row row{static_cast<Eigen::Index>(tape.entries.size()) - 1, c, {}, {}, tape.add(t, s.q, s.v, s.a)};
+  if (s.rubbing) s.rubbing->contacts(s.v, true, tape.last_contacts());
+  if (inside) inside->weights(c, row.v_by_a, row.q_by_a);
+  tape.rows.push_back(std::move(row));
+}
+
 /// Records the output times inside the step of h from `from`, and leaves the state as it was.
 bool record_inside(System& s, const Step& method, double from, double h, Trajectory& out, const Eigen::VectorXd& t,
-                   bool composite, const std::function<void()>& look) {
+                   bool composite, const std::function<void()>& look, Tape* tape) {
   const Eigen::VectorXd q = s.q, v = s.v;
   bool good = true;
   for (; good && out.done + 1 < t.size() &&
@@ -129,6 +137,7 @@ bool record_inside(System& s, const Step& method, double from, double h, Traject
     method.inside((at - from) / h, s.q, s.v);
     s.drive(at);
     good = s.record(out, composite);
+    if (tape && good) write_row(s, &method, (at - from) / h, at, *tape);
   }
   s.q = q;
   s.v = v;
@@ -157,7 +166,8 @@ void look_inside(System& s, const Step& method, double from, double h, Trajector
 Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                           const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                           Step& method, double step, bool composite, const Alive& alive,
-                          const std::vector<LoadDrive>& loads, const std::vector<Event>& events, Control* control) {
+                          const std::vector<LoadDrive>& loads, const std::vector<Event>& events, Control* control,
+                          Tape* tape) {
   check_arguments(arm, drives, t, q0, v0, tau);
   check_step(step, t);
   const auto started = std::chrono::steady_clock::now();
@@ -188,10 +198,18 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
     if (alive && !alive(out.reached)) throw Interrupted();
   };
   method.look_with(look);
+  method.record(tape);
   const struct Forget {
     Step& method;
-    ~Forget() { method.look_with({}); }
+    ~Forget() {
+      method.look_with({});
+      method.record(nullptr);
+    }
   } forget{method};
+  if (tape) {
+    tape->now = t[0];
+    write_row(s, nullptr, 1.0, t[0], *tape);
+  }
   Status status = method.start(s.ws, s.q, s.v, s.tau);
   StepEvents seen(s, events, out);
   seen.start(t[0]);
@@ -205,6 +223,7 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
       now.from = from;
       now.h = h;
       now.last = last;
+      if (tape) tape->now = from;
       const bool visible = !method.interpolates() || level >= kLooks || resolved(drives, motion_speeds, from, h);
       const Status found = visible ? method.advance(h, s.ws, s.q, s.v, s.tau, given) : Status::not_converged;
       if (found == Status::ok) {
@@ -215,7 +234,7 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
           return found;
         }
         if (!events.empty()) look_inside(s, method, from, h, out, seen);
-        return record_inside(s, method, from, h, out, t, composite, look) ? found : Status::not_finite;
+        return record_inside(s, method, from, h, out, t, composite, look, tape) ? found : Status::not_finite;
       }
       if (found != Status::not_converged || level == kSplits || !method.interpolates()) return found;
       ++out.stats.failed_steps;
@@ -244,7 +263,10 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
       out.failure = kInterrupted;
     }
     while (out.done < t.size() && t[out.done] <= stop && out.failure.empty())
-      if (!s.record(out, composite)) out.failure = reason(Status::not_finite, now.h, method, s);
+      if (!s.record(out, composite))
+        out.failure = reason(Status::not_finite, now.h, method, s);
+      else if (tape)
+        write_row(s, nullptr, 1.0, stop, *tape);
     if (status != Status::ok) out.failure = reason(status, now.h, method, s);
     if (!out.failure.empty() || out.terminated) break;
   }

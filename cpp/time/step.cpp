@@ -52,6 +52,44 @@ struct Engine {
   void solve(const double* r, double* x) { flexarm::solve(arm, *ws, r, x); }
 };
 
+/// The equations of GeneralisedAlpha::predict and place, with alpha = (by_a, ...) (a, a0, alpha0) put in.
+Stages stages_of(const GeneralisedAlpha<Engine>& m) {
+  const double h_a = m.by_a(), h_a0 = m.alpha_f / (1.0 - m.alpha_m), h_alpha0 = -m.alpha_m / (1.0 - m.alpha_m);
+  Stages out;
+  out.remembers = true;
+  out.auxiliary << h_a, h_a0, h_alpha0;
+  out.c = Eigen::Vector2d::Ones();
+  out.v_by_a = Eigen::MatrixXd::Constant(2, 1, m.gamma * h_a);
+  out.q_by_a = Eigen::MatrixXd::Constant(2, 1, m.beta * h_a);
+  out.v_by_start.resize(2, 2);
+  out.q_by_start.resize(2, 2);
+  for (int row = 0; row < 2; ++row) {  // the stage is the step's end
+    out.v_by_start.row(row) << m.gamma * h_a0, 1.0 - m.gamma + m.gamma * h_alpha0;
+    out.q_by_start.row(row) << m.beta * h_a0, 0.5 - m.beta + m.beta * h_alpha0;
+  }
+  return out;
+}
+
+double lag_of(const GeneralisedAlpha<Engine>& m, double h) { return m.lag(h); }
+const double* accelerations_of(const GeneralisedAlpha<Engine>& m) { return m.a; }
+
+double lag_of(const RungeKutta4<Engine>&, double) { return 1.0; }
+const double* accelerations_of(const RungeKutta4<Engine>&) { return nullptr; }
+
+Stages stages_of(const RungeKutta4<Engine>&) {
+  Stages out;
+  out.in_turn = true;
+  out.c.resize(5);
+  out.c << 0.0, 0.5, 0.5, 1.0, 1.0;
+  out.v_by_a = Eigen::MatrixXd::Zero(5, 4);
+  out.v_by_a(1, 0) = out.v_by_a(2, 1) = 0.5;
+  out.v_by_a(3, 2) = 1.0;
+  out.v_by_a.row(4) << 1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0;
+  out.q_by_a = out.v_by_a * out.v_by_a.topRows(4);
+  out.v_by_start = out.q_by_start = Eigen::MatrixXd::Zero(5, 2);
+  return out;
+}
+
 }  // namespace
 
 /// A method on an engine, whatever its type.
@@ -75,6 +113,9 @@ struct OneStep::Run {
   virtual bool step(double h, double* q, double* v, const double* tau, double* x, const Given& given) = 0;
   virtual bool accept(double h, double* v, double* x) = 0;
   virtual int iterations() const = 0;
+  virtual Stages stages() const = 0;
+  virtual double lag(double h) const = 0;
+  virtual const double* accelerations() const = 0;
 
   /// To be called before anything is done with another workspace.
   void attach(Workspace& ws) {
@@ -134,6 +175,9 @@ struct OneStep::RunOf final : Run {
   }
   bool accept(double h, double* v, double* x) override { return method.accept(h, v, x, true); }
   int iterations() const override { return method.iterations; }
+  Stages stages() const override { return stages_of(method); }
+  double lag(double h) const override { return lag_of(method, h); }
+  const double* accelerations() const override { return accelerations_of(method); }
 };
 
 const std::vector<OneStep::Traits>& OneStep::methods() {
@@ -168,6 +212,7 @@ OneStep::OneStep(const std::string& method, const Arm& arm, double h, const Impl
 
 OneStep::~OneStep() = default;
 int OneStep::iterations() const { return run_->iterations(); }
+Stages OneStep::stages() const { return run_->stages(); }
 OneStep* OneStep::rubbing() { return run_->rubs.empty() ? nullptr : this; }
 
 Status OneStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
@@ -183,6 +228,10 @@ Status OneStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::Vecto
   if (!all_finite(q) || !all_finite(v)) return Status::not_finite;
   if (begun) {
     if (!run_->rubs.empty()) report(v, run_->contacts->before, friction_);
+    if (tape_ && run_->stages().remembers) {
+      tape_->entries.push_back({0.0, 1.0, tape_->add(tape_->now, q, v, ws.a)});
+      contacts(v, true, tape_->last_contacts());
+    }
     return Status::ok;
   }
   if (run_->rubs.empty())  // which says why
@@ -208,6 +257,47 @@ void OneStep::report(const Eigen::VectorXd& v, const double* force, Eigen::Vecto
   for (int c = 0; c < contacts.count; ++c) friction[contacts.at[c]] = force[c];
 }
 
+/// The stages of the last step, before it is accepted. Those that follow in turn are gone: they are made again.
+void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+                    const Given& given) {
+  const Stages& of = tape_->stages;
+  tape_->entries.push_back({h, run_->lag(h), tape_->points()});
+  if (!of.in_turn) {
+    const Eigen::Map<const Eigen::VectorXd> a(run_->accelerations(), v.size());
+    tape_->add(tape_->now + h, q, v, a);
+    contacts(v, false, tape_->last_contacts());
+    return;
+  }
+  const Eigen::VectorXd q1 = q, v1 = v, a1 = ws.a;
+  const Eigen::Map<const Eigen::VectorXd> q0(run_->q0, q.size()), v0(run_->v0, v.size());
+  Eigen::MatrixXd a(v.size(), of.count());
+  for (int i = 0; i < of.count(); ++i) {
+    q = q0 + h * of.c[i] * v0;
+    v = v0;
+    for (int j = 0; j < i; ++j) {
+      v += h * of.v_by_a(i, j) * a.col(j);
+      q += h * h * of.q_by_a(i, j) * a.col(j);
+    }
+    if (given) given(of.c[i]);
+    forward_dynamics(*arm_, ws, q, v, tau);
+    a.col(i) = ws.a;
+    tape_->add(tape_->now + of.c[i] * h, q, v, ws.a);
+  }
+  q = q1;
+  v = v1;
+  if (given) given(1.0);
+  ws.a = a1;
+}
+
+void OneStep::contacts(const Eigen::VectorXd& v, bool instant, signed char* out) const {
+  if (!run_->contacts) return;
+  const Contacts<Engine>& c = *run_->contacts;
+  for (int k = 0; k < c.count; ++k) {
+    const double rate = v[c.at[k]], way = c.over[k] > 0.5 ? c.way[k] : instant ? c.sign(rate) : c.sense[k];
+    out[c.at[k]] = c.held[k] > 0.5 ? Tape::held : way > 0.0 ? Tape::ahead : way < 0.0 ? Tape::back : Tape::free;
+  }
+}
+
 Status OneStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                         const Given& given) {
   if (!started_) {
@@ -227,6 +317,7 @@ Status OneStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
     const bool sane = all_finite(q) && all_finite(v) && all_finite(tau) && all_finite(ws.a);
     return solved || !sane ? Status::not_finite : run.unsolved;
   }
+  if (tape_) write(h, ws, q, v, tau, given);
   Status status = Status::ok;
   if (run.accept(h, v.data(), ws.a.data())) {  // other forces act from here on
     ++counts_.switches;

@@ -136,13 +136,18 @@ struct GeneralisedAlpha : AlphaNumbers {
     return contacts.end_step(v, where);
   }
 
+  bool changed(double h) const { return !(h <= h_before * (1.0 + kSame) && h >= h_before * (1.0 - kSame)); }
+  double continued(double h) const { return h_before > 0.0 && h <= kGrown * h_before ? h / h_before : 0.0; }
+  /// What is left of alpha0 - a0 where a step of h begins.
+  double lag(double h) const { return changed(h) ? continued(h) : 1.0; }
+
   /// Accelerations extrapolated, and the auxiliary ones that follow:
   ///   (1 - alpha_m) alpha + alpha_m alpha0 = (1 - alpha_f) a + alpha_f a0
   /// The auxiliary ones lag the true ones by (alpha_f - alpha_m) h: where h changes, so does the lag. Where it grows
   /// much, as behind a short pulse, they begin anew.
   void predict(const Engine& engine, double h, const S* given) {
-    const double ratio = h_before > 0.0 ? h / h_before : 0.0, ahead = ratio > kGrown ? 0.0 : ratio;
-    const bool changed = ratio - 1.0 > kSame || ratio - 1.0 < -kSame;
+    const double ahead = continued(h);
+    const bool changed = this->changed(h);
     for (int i = 0; i < nv; ++i) {
       a[i] = given[i];  // where prescribed
       u[i] = S{};

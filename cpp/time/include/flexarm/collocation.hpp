@@ -40,6 +40,8 @@ class CollocationStep final : public Step {
   }
   bool interpolates() const override { return true; }
   void inside(double c, Eigen::VectorXd& q, Eigen::VectorXd& v) const override;
+  Stages stages() const override;
+  void weights(double c, Eigen::VectorXd& once, Eigen::VectorXd& twice) const override;
 
  private:
   struct Ball {
@@ -70,6 +72,7 @@ class CollocationStep final : public Step {
   Eigen::MatrixXd offsets_;                          ///< of feedback at the points
   std::vector<std::vector<Vec6<double>>> wrenches_;  ///< of the loads at the points
   Eigen::VectorXd q0_, v0_, qs_, vs_, as_, middle_;
+  mutable Eigen::VectorXd once_, twice_;  ///< of `inside`
   std::optional<InverseDerivatives> derivatives_;
   Eigen::MatrixXd M_, C_, K_, M_all_, rate_by_q_, rate_by_v_, K_full_;
   Eigen::MatrixXd newton_;

@@ -19,11 +19,12 @@ namespace flexarm {
 /// @param tau    constant generalised forces, length nv, to which force drives are added
 /// @param composite  accelerations at the output times by CI instead of AB
 /// @param events  seen where their sign differs between the ends of a step, and located on cubic interpolants
+/// @param tape  of the method's `stages`: what it did, for derivatives
 /// @throws std::invalid_argument for bad arguments; what a drive, an event or `alive` throws goes through
 Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                           const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                           Step& method, double step, bool composite = false, const Alive& alive = {},
                           const std::vector<LoadDrive>& loads = {}, const std::vector<Event>& events = {},
-                          Control* control = nullptr);
+                          Control* control = nullptr, Tape* tape = nullptr);
 
 }  // namespace flexarm

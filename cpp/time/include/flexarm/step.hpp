@@ -9,6 +9,7 @@
 
 #include "flexarm/ab.hpp"
 #include "flexarm/dry_friction.hpp"
+#include "flexarm/tape.hpp"
 
 namespace flexarm {
 
@@ -48,6 +49,13 @@ class Step {
   virtual bool interpolates() const { return false; }
   /// The state c h after the last step's beginning, 0 <= c <= 1, but for what is prescribed.
   virtual void inside(double, Eigen::VectorXd&, Eigen::VectorXd&) const {}
+  /// Of a method that interpolates: weights of the stages' accelerations (s) in the rates, and, times h, in the
+  /// coordinates there, in parts of h.
+  virtual void weights(double, Eigen::VectorXd&, Eigen::VectorXd&) const {}
+  /// What its derivatives are made of.
+  virtual Stages stages() const = 0;
+  /// Writes every beginning and step from now on; null: no more.
+  void record(Tape* tape) { tape_ = tape; }
   const Counts& counts() const { return counts_; }
   /// What a step that takes long calls now and then; what it throws leaves the step. Empty: nothing.
   void look_with(std::function<void()> look) { look_ = std::move(look); }
@@ -55,6 +63,7 @@ class Step {
   virtual const char* remedy() const { return "take a smaller step, or look for what drives it"; }
 
  protected:
+  Tape* tape_ = nullptr;
   Counts counts_;
   std::function<void()> look_;
 };
@@ -101,6 +110,7 @@ class OneStep : public Step {
   Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                  const Given& given) override;
   const char* remedy() const override { return remedy_.c_str(); }
+  Stages stages() const override;
   OneStep* rubbing() override;
   /// Accelerations into ws.a, which holds what is prescribed, and the forces of dry friction (nv): what does not move
   /// sticks as far as it may.
@@ -108,6 +118,8 @@ class OneStep : public Step {
                     Eigen::VectorXd& friction);
   /// Forces of dry friction behind the last step (nv; N, N m): what opposes sliding, or holds what sticks.
   const Eigen::VectorXd& friction() const { return friction_; }
+  /// What rubs, and is free to, at the last step's end, or where `accelerate` was asked (nv of Tape::Contact).
+  void contacts(const Eigen::VectorXd& v, bool instant, signed char* out) const;
   /// Iterations of the last step.
   int iterations() const;
 
@@ -116,6 +128,8 @@ class OneStep : public Step {
   template <class Row>
   struct RunOf;
   void report(const Eigen::VectorXd& v, const double* force, Eigen::VectorXd& friction) const;
+  void write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
+             const Given& given);
   const Arm* arm_;
   double h_;
   std::string remedy_;
