@@ -240,7 +240,7 @@ Beam::Beam(double length, const Profile& profile, const BeamOptions& options, co
     ne_ += n;
   }
   plane_ = plane_of(options_.modes, options_.order);
-  if (off_axis(profile)) {
+  if (profile.matrices && off_axis(profile)) {
     if (options_.order <= 2 && ne_ > 0)
       bad_value("order", options_.order,
                 "must be 3 or \"exact\" where the section's inertia has a centre of mass off the axis or products");
@@ -306,7 +306,7 @@ void Beam::build_stiffness(const Profile& profile, const std::vector<Patch>& pat
     const GaussRule fine = profile.fine(2 * most + 16, length_);
     for (Eigen::Index g = 0; g < fine.points.size(); ++g) {
       const SectionLaw law = profile.at(fine.points[g]);
-      check_section(law, fine.points[g]);
+      if (!profile.uniform) check_section(law, fine.points[g]);
       const StrainMatrix strains = strains_at(fine.points[g]);
       stiffness_ += fine.weights[g] * strains.transpose() * law.rigidity * strains;
     }

@@ -9,11 +9,13 @@ namespace flexarm {
 struct Beam::Profile : Along<SectionLaw> {
   bool uniform;
   bool shears = true;  ///< whether it has a shear modulus
+  bool matrices;       ///< or else doubly symmetric
 
   template <class Any, class... More>
   Profile(const Along<Any>& along, bool is_uniform, const More&... material)
       : Along<SectionLaw>{[=](double x) { return SectionLaw(material..., along.at(x)); }, along.breaks},
-        uniform(is_uniform) {
+        uniform(is_uniform),
+        matrices(sizeof...(More) == 0) {
     ((shears = material.shear_modulus > 0.0), ...);
   }
 

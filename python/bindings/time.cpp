@@ -300,7 +300,9 @@ void bind_time(py::module_& m) {
         Eigen::MatrixXd A, B;
         for_states(arm, count(q), 4 * n, [&](Eigen::Index k) {
           Eigen::VectorXd x = rows(q).row(k), y = rows(v).row(k);
-          status[static_cast<std::size_t>(k)] = static_cast<int>(d(*lent, x, y, rows(tau).row(k)));
+          const Status found = d(*lent, x, y, rows(tau).row(k));
+          status[static_cast<std::size_t>(k)] = static_cast<int>(found);
+          if (found != Status::ok) return;
           d.matrices(A, B);
           end_q[k] = x.transpose();
           end_v[k] = y.transpose();

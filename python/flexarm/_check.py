@@ -128,3 +128,8 @@ def choice(field: str, value: Any, known: Iterable[str]) -> str:
     near = difflib.get_close_matches(str(value), known, n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ""
     raise ValueError(f"{field} = {value!r}: must be one of {', '.join(known)}{hint}")
+
+
+def tilde(v: Any) -> Array:
+    """v~ of v~ u = v x u (Eq. 2), (3, 3)."""
+    return np.cross(np.eye(3), v)

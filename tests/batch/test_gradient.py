@@ -108,3 +108,13 @@ def test_bad_input(change: dict, says: str) -> None:
     q = arm.zero + change.pop("q", 0.0)
     with pytest.raises(ValueError, match=says):
         fa.step_derivatives(arm, q, np.zeros(arm.nv), np.zeros(arm.nv), **{"step": 1e-3} | change)
+
+
+def test_a_step_without_a_solution_is_said() -> None:
+    arm = arm_of()
+    rng = np.random.default_rng(1)
+    q, v, tau = (0.2 * rng.normal(size=arm.nv) for _ in range(3))  # a torsion far too fast for the step, and loud
+    with pytest.raises(ValueError, match="no solution was found; take a smaller step"):
+        fa.step_derivatives(arm, q, v, tau, step=1e-3)
+    with pytest.raises(ValueError, match="step 0: no solution was found"):
+        fa.rollout_gradient(arm, np.stack([q, q]), np.stack([v, v]), tau[None], step=1e-3)

@@ -18,7 +18,6 @@ from ..parts.chain import Chain
 from ..parts.joints import Axes
 from ..parts.link import Link
 from ..parts.sections import SectionMatrix
-from ..parts.taper import Taper
 
 _MISSING = {"bending_y": 0.01, "bending_z": 0.01, "torsion": 0.15}  # share of the static compliance
 _OFF = 1e-3  # of a beam's length
@@ -109,7 +108,7 @@ def _stiffened(arm: Chain, k: int, beam: Beam, A: Array, pull: tuple[float, floa
     """Of each strain of a beam that carries the inertia A, and of bending under a force and a moment at the end."""
     x, w = np.polynomial.legendre.leggauss(16)
     x, w = 0.5 * beam.length * (1 + x), 0.5 * beam.length * w
-    sections: list[Any] = [beam.section.at(float(s)) if isinstance(beam.section, Taper) else beam.section for s in x]
+    sections: list[Any] = [beam.section.at(float(s)) for s in x]
     K, first = np.asarray(beam._core.stiffness), 0
     turns = np.asarray(beam._core.turns(np.array([*x, beam.length]))).reshape(-1, 3, K.shape[0])
     for strain, n in beam.counts.items():

@@ -9,7 +9,6 @@ import numpy as np
 from ..parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
 from ..parts.chain import Chain
 from ..parts.sections import GeneralSection, SectionMatrix
-from ..parts.taper import Taper
 
 # Each is past anything that is built; what is said is a warning, for who means it.
 _SOFTEST, _LIGHT = 1e3, 100.0  # Pa; gels have 1e3 to 1e5. kg/m^3; what is lighter has no units: E = density = 1
@@ -46,7 +45,7 @@ def _numbers(values: Iterable[float]) -> str:
 
 def _thickness(beam: Beam, axis: str) -> tuple[float, float, float]:
     """At the clamp: area (m^2), second moment (m^4) against bending along an axis, area that bears shear along it."""
-    section = (beam.section.at(0.0) if isinstance(beam.section, Taper) else beam.section)._core
+    section = beam.section.at(0.0)._core
     second = section.second_moment_z if axis == "y" else section.second_moment_y
     return section.area, second, section.area * section.shear_correction["yz".index(axis)]
 
@@ -106,7 +105,7 @@ def _beam(where: str, beam: Beam) -> Iterator[str]:
 def _matrices(where: str, beam: Beam) -> Iterator[str]:
     """Of a beam of SectionMatrix: units, as if it were a rectangle of one material; strains that it lacks, and others
     pull at."""
-    section = beam.section.sections[0] if isinstance(beam.section, Taper) else beam.section
+    section = beam.section.at(0.0)
     assert isinstance(section, SectionMatrix)
     EA, *EI = (section.rigidity(s) for s in ("extension", "bending_y", "bending_z"))
     thin, broad = sorted((12 * x / EA) ** 0.5 if EA else 0.0 for x in EI)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, choice, finite, number
+from .._check import Array, array, choice, finite, number, tilde
 from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
 from .equilibrium import locked_rates, warn_unless_at_rest
@@ -34,7 +34,7 @@ def turning(arm: Chain, v: Array) -> Array:
     carries along at w: from dR = R theta~ and dR/dt = R w~ follows d(theta)/dt = dw - w x theta. Zero otherwise."""
     W = np.zeros((arm.nv, arm.nv))
     for _, rates in arm.ball_rates():
-        W[rates, rates] = np.cross(np.eye(3), v[rates])  # w~
+        W[rates, rates] = tilde(v[rates])
     return W
 
 

@@ -161,7 +161,7 @@ def resists(beam: Beam, strain: str) -> bool:
     if beam.material is not None:
         sheared = beam.material.poisson_ratio is not None or beam.material.shear_modulus is not None
         return sheared or not strain.startswith(("torsion", "shear"))
-    section = beam.section.sections[0] if isinstance(beam.section, Taper) else beam.section
+    section = beam.section.at(0.0)
     return not isinstance(section, SectionMatrix) or section.rigidity(strain) > 0.0
 
 

@@ -110,8 +110,7 @@ class Beam(Part):
             raise ValueError(f"section = {self.section!r}: must be a Rectangle, another section or a Taper")
         if isinstance(self.section, Taper) and not abs(self.section.x[-1] - self.length) <= 1e-9 * self.length:
             raise ValueError(f"section.x = {self.section.x}: must end at the beam's length, {self.length} m")
-        one = self.section.sections[0] if isinstance(self.section, Taper) else self.section
-        matrices = isinstance(one, SectionMatrix)
+        matrices = isinstance(self.section.at(0.0), SectionMatrix)
         if matrices and self.material is not None:
             raise ValueError(f"material = {self.material!r}: must be left out, for a SectionMatrix has its own")
         if not matrices and not isinstance(self.material, Material):

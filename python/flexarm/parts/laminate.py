@@ -11,7 +11,7 @@ import numpy as np
 
 import flexarm._core as _core
 
-from .._check import Array, choice, number
+from .._check import Array, choice, number, tilde
 from .material import Material
 from .part import ModelWarning, Part
 from .sections import SectionMatrix
@@ -207,5 +207,5 @@ def _inertia(b: float, plies: Sequence[Ply], edges: Any, normal: str) -> Array:
     wide = m * b * b / 12
     c = np.array([0.0, first, 0.0] if normal == "y" else [0.0, 0.0, first])
     about = np.diag([second + wide, wide, second] if normal == "y" else [second + wide, second, wide])
-    C = np.array([[0, -c[2], c[1]], [c[2], 0, -c[0]], [-c[1], c[0], 0]])
+    C = tilde(c)
     return np.block([[m * np.eye(3), -C], [C, about]]) + 0.0

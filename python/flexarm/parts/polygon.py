@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, array, whole
+from .._check import Array, array, tilde, whole
 from .material import Material
 from .sections import SectionMatrix
 
@@ -108,7 +108,7 @@ def _assembled(of: Any, shear_centre: tuple[float, float], material: Material, a
     K[4:, 4:] = E * np.array([[iy, -iyz], [-iyz, iz]])
     flexible = np.array([[1 / of.a_sx, 1 / of.a_sxy], [1 / of.a_sxy, 1 / of.a_sy]])
     K[1:3, 1:3] = G * size**2 * np.linalg.inv(flexible)
-    m, c = density * area, np.array([[0.0, -z, y], [z, 0.0, 0.0], [-y, 0.0, 0.0]])
+    m, c = density * area, tilde((0.0, y, z))
     about = density * np.array([[iy + iz, 0, 0], [0, iy, -iyz], [0, -iyz, iz]]) - m * c @ c
     stiffness, inertia = T.T @ K @ T, np.block([[m * np.eye(3), -m * c], [m * c, about]])
     return SectionMatrix(*((0.5 * (A + A.T) + 0.0).tolist() for A in (stiffness, inertia)))

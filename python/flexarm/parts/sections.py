@@ -11,7 +11,7 @@ import numpy as np
 
 import flexarm._core as _core
 
-from .._check import array, number
+from .._check import array, number, tilde
 from .material import Material
 from .part import ModelWarning, Part
 
@@ -35,6 +35,10 @@ class Section(Part):
     """A section of a beam."""
 
     _core: Any
+
+    def at(self, place: float) -> Any:
+        """The section at a place along the beam (m): this one, as of a Taper another."""
+        return self
 
     def _face(self, axis: str) -> Face | None:
         """The faces across an axis; None where there are no such faces."""
@@ -327,7 +331,7 @@ class SectionMatrix(Section):
             warnings.warn(f"angle = {angle:g} rad of a section: is it in degrees?", ModelWarning, stacklevel=2)
         cosine, sine = np.cos(angle), np.sin(angle)
         R = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
-        c = np.array([[0, -z, y], [z, 0, 0], [-y, 0, 0]])
+        c = tilde((0.0, y, z))
         T = np.block([[R.T, -R.T @ c], [np.zeros((3, 3)), R.T]])  # strains and velocities at the section's centre
         return cls(*(0.5 * (A + A.T) for A in (T.T @ K @ T, T.T @ M @ T)))
 

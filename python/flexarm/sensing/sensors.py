@@ -11,7 +11,6 @@ from .._check import Array, array, choice, number, whole
 from ..arm import Arm
 from ..parts.beam import STRAIN_NAMES, Beam, Vector, as_floats
 from ..parts.joints import UNIT
-from ..parts.taper import Taper
 from .sensor import Component, Sensor
 
 # -- on a joint ----------------------------------------------------------------------------------------------------
@@ -136,7 +135,7 @@ _FACES = {"+y": (2, -1.0), "-y": (2, 1.0), "+z": (1, 1.0), "-z": (1, -1.0)}
 
 def half_thickness(section: Any, along: str, x: float) -> float | None:
     """The distance from the neutral axis to a face (m); None where the section does not tell."""
-    reach = (section.at(x) if isinstance(section, Taper) else section)._reach(along)
+    reach = section.at(x)._reach(along)
     return None if reach is None else float(reach)
 
 
