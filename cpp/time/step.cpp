@@ -317,7 +317,10 @@ Status OneStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
     const bool sane = all_finite(q) && all_finite(v) && all_finite(tau) && all_finite(ws.a);
     return solved || !sane ? Status::not_finite : run.unsolved;
   }
-  if (tape_) write(h, ws, q, v, tau, given);
+  if (tape_) {
+    write(h, ws, q, v, tau, given);
+    tape_->now += h;
+  }
   Status status = Status::ok;
   if (run.accept(h, v.data(), ws.a.data())) {  // other forces act from here on
     ++counts_.switches;

@@ -7,6 +7,7 @@
 #include "flexarm/control.hpp"
 #include "flexarm/friction.hpp"
 #include "flexarm/ida.hpp"
+#include "flexarm/run_derivatives.hpp"
 #include "flexarm/simulate.hpp"
 #include "flexarm/step_derivatives.hpp"
 
@@ -179,6 +180,25 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
   }
   return Control(std::move(laws), std::move(samplers), nv);
 }
+
+/// A run's problem from Python, as its derivatives take it.
+struct Problem {
+  std::vector<Drive> drives;
+  std::vector<LoadDrive> loads;
+  AllAsked asked;
+  Control control;
+  Eigen::VectorXd tau;
+  const Arm& arm;
+
+  Problem(const Arm& arm_, const Laws& laws, const Eigen::VectorXd& t, const Eigen::VectorXd& tau_,
+          const LoadLaws& wrenches, const FeedbackLaws& feedback)
+      : control(make_control(feedback, {}, arm_.nv(), t, asked)), tau(tau_), arm(arm_) {
+    for (const auto& [coordinate, is_motion, law, column] : laws)
+      drives.push_back(make_drive(coordinate, is_motion, law, column, t, asked));
+    for (const auto& [load, law] : wrenches) loads.push_back(make_load(load, law, t, asked));
+  }
+  operator Driven() { return {arm, drives, loads, tau, &control}; }
+};
 
 /// What a run is given beside its integrator.
 struct Given {
@@ -398,8 +418,9 @@ void bind_time(py::module_& m) {
       [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
          const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, const std::string& integrator, double step, double rtol,
          double spectral_radius, int stages, bool composite, const py::object& alive, const LoadLaws& loads,
-         const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled) {
+         const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled, Tape* tape) {
         const std::unique_ptr<Step> method = make_step(integrator, arm, step, rtol, spectral_radius, stages);
+        if (tape) *tape = Tape(method->stages());
         return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled},
                    method->rubbing() != nullptr, step,
                    [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
@@ -408,11 +429,67 @@ void bind_time(py::module_& m) {
                      const double left = times[times.size() - 1] - times[0];
                      return simulate_fixed(arm, laws, times, q, v, forces, *method,
                                            times[0] > t[0] ? std::min(step, left) : step, composite, look_around,
-                                           wrenches, watched, &control);
+                                           wrenches, watched, &control, tape);
                    });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"),
       py::arg("integrator"), py::arg("step"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("stages"),
       py::arg("composite"), py::arg("alive"), py::arg("loads"), py::arg("events"), py::arg("feedback"),
-      py::arg("sampled"));
+      py::arg("sampled"), py::arg("tape") = nullptr);
+
+  py::class_<Problem>(m, "Problem")
+      .def(py::init<const Arm&, const Laws&, const Eigen::VectorXd&, const Eigen::VectorXd&, const LoadLaws&,
+                    const FeedbackLaws&>(),
+           py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("tau"), py::arg("loads"), py::arg("feedback"),
+           py::keep_alive<1, 2>());
+
+  const auto shaped = [](const std::vector<double>& x, const Tape& tape) {
+    const auto height = tape.points();
+    return Rows(Eigen::Map<const Rows>(x.data(), height, height > 0 ? static_cast<Eigen::Index>(x.size()) / height : 0));
+  };
+  py::class_<Tape>(m, "Tape")
+      .def(py::init([] { return Tape(Stages{}); }))
+      .def_property_readonly("t",
+                             [](const Tape& tape) {
+                               return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(tape.t.data(), tape.points()));
+                             })
+      .def_property_readonly("q", [shaped](const Tape& tape) { return shaped(tape.q, tape); })
+      .def_property_readonly("v", [shaped](const Tape& tape) { return shaped(tape.v, tape); })
+      .def_property_readonly("a", [shaped](const Tape& tape) { return shaped(tape.a, tape); })
+      .def(
+          "balance",
+          [](const Tape& tape, Problem& of) {
+            Balance found;
+            {
+              const Unlocked free;
+              found = balance(of, tape);
+            }
+            return py::make_tuple(found.needed, found.applied);
+          },
+          py::arg("problem"))
+      .def(
+          "tangents",
+          [](const Tape& tape, Problem& of, const std::vector<std::pair<Rows, Rows>>& by_p, const Rows& q0,
+             const Rows& v0, bool accelerations) {
+            std::vector<Balance> balances;
+            for (const auto& [needed, applied] : by_p) balances.push_back({needed, applied});
+            Tangents found;
+            {
+              const Unlocked free;
+              found = tangents(of, tape, balances, q0, v0, accelerations);
+            }
+            return py::make_tuple(found.q, found.v, found.a, found.tau);
+          },
+          py::arg("problem"), py::arg("by_p"), py::arg("q0"), py::arg("v0"), py::arg("accelerations"))
+      .def(
+          "adjoint",
+          [](const Tape& tape, Problem& of, const Rows& q, const Rows& v, const Rows& a, const Rows& tau) {
+            Adjoint found;
+            {
+              const Unlocked free;
+              found = adjoint(of, tape, q, v, a, tau);
+            }
+            return py::make_tuple(found.q0, found.v0, found.needed, found.applied);
+          },
+          py::arg("problem"), py::arg("q"), py::arg("v"), py::arg("a"), py::arg("tau"));
 }

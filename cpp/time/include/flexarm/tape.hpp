@@ -11,11 +11,12 @@ namespace flexarm {
 /// sums of the accelerations a_j there and, of a method that remembers, of a0 and alpha0 at the step's beginning:
 ///   v_i = v0 + h (sum_j v_by_a_ij a_j + v_by_start_i0 a0 + v_by_start_i1 alpha0)
 ///   q_i = q0 + h c_i v0 + h^2 (sum_j q_by_a_ij a_j + q_by_start_i0 a0 + q_by_start_i1 alpha0)
-/// The row behind the stages is the step's end, where a0 becomes a_s, and alpha0 the sum `auxiliary` of a_s, a0, alpha0.
+/// The row behind the stages is the step's end, where a0 becomes a_s, and alpha0 the sum `auxiliary` of a_s, a0,
+/// alpha0.
 struct Stages {
-  Eigen::VectorXd c;                        ///< (s + 1)
-  Eigen::MatrixXd v_by_a, q_by_a;           ///< (s + 1, s)
-  Eigen::MatrixXd v_by_start, q_by_start;   ///< (s + 1, 2)
+  Eigen::VectorXd c;                       ///< (s + 1)
+  Eigen::MatrixXd v_by_a, q_by_a;          ///< (s + 1, s)
+  Eigen::MatrixXd v_by_start, q_by_start;  ///< (s + 1, 2)
   Eigen::Vector3d auxiliary = {0, 0, 0};
   bool remembers = false;  ///< a0 and alpha0 go on from step to step; else both are nothing
   bool in_turn = false;    ///< each stage depends on those before it alone
@@ -24,20 +25,20 @@ struct Stages {
 
 /// The places of a run at which the equations of motion hold, and the order in which its steps met them.
 struct Tape {
-  /// Of a rate at such a place: it is free; its motion is given, or dry friction holds it, so that its equation does not
-  /// count; or it slides (1 or -1).
+  /// Of a rate at such a place: it is free; its motion is given, or dry friction holds it, so that its equation does
+  /// not count; or it slides (1 or -1).
   enum Contact : signed char { back = -1, free = 0, ahead = 1, held = 2 };
   struct Entry {
-    double h;              ///< length of the step (s); 0: the method begins anew here
-    double lag;            ///< of alpha0 - a0, what is left of it at the beginning: 1 but where the step changes
-    Eigen::Index point;    ///< its first place
+    double h;            ///< length of the step (s); 0: the method begins anew here
+    double lag;          ///< of alpha0 - a0, what is left of it at the beginning: 1 but where the step changes
+    Eigen::Index point;  ///< its first place
   };
   /// A row of the results: the state within, or at the end of, the step of an entry.
   struct Row {
-    Eigen::Index entry;             ///< -1: the start
-    double c = 1.0;                 ///< part of the step
-    Eigen::VectorXd v_by_a, q_by_a; ///< (s) as of Stages, within a step; empty: at its end
-    Eigen::Index point;             ///< place of the row's accelerations
+    Eigen::Index entry;              ///< -1: the start
+    double c = 1.0;                  ///< part of the step
+    Eigen::VectorXd v_by_a, q_by_a;  ///< (s) as of Stages, within a step; empty: at its end
+    Eigen::Index point;              ///< place of the row's accelerations
   };
 
   Stages stages;

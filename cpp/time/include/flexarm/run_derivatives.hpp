@@ -1,0 +1,56 @@
+// Exact derivatives of a run by fixed steps, forward (tangents) and backward (adjoint), along its tape.
+#pragma once
+
+#include <vector>
+
+#include "flexarm/control.hpp"
+#include "flexarm/drive.hpp"
+#include "flexarm/load.hpp"
+#include "flexarm/tape.hpp"
+#include "flexarm/trajectory.hpp"
+
+namespace flexarm {
+
+/// What the equations of motion say at the places of a tape, (places, nv) each: forces that the motion needs, by
+/// inverse dynamics and the dry friction of what slides, and forces that are applied, of drives, laws and loads. They
+/// are equal where a rate is free.
+struct Balance {
+  Trajectory::Rows needed, applied;
+};
+
+/// A run's problem: an arm and what drives it, without sampled controllers.
+struct Driven {
+  const Arm& arm;
+  const std::vector<Drive>& drives;
+  const std::vector<LoadDrive>& loads;
+  const Eigen::VectorXd& tau;
+  Control* control = nullptr;
+};
+
+/// Of this problem at the places of another's tape: those of the same arm with other numbers, say, whose motions are
+/// the other's where they are not prescribed here.
+Balance balance(const Driven& of, const Tape& tape);
+
+/// Derivatives of a run's rows by parameters p: of each parameter a matrix (rows, nv).
+struct Tangents {
+  std::vector<Trajectory::Rows> q, v, a, tau;
+};
+/// Derivatives of a number by what it depends on.
+struct Adjoint {
+  Eigen::VectorXd q0, v0;            ///< by the start
+  Trajectory::Rows needed, applied;  ///< by the forces of `Balance` at the places, as if these were free to choose
+};
+
+/// Derivatives of the method's own equations at their solution, exact but for rounding. In steps in which dry friction
+/// holds, lets go or turns a joint, see `Switches`.
+/// @param by_p   derivatives of the balance by each parameter, at fixed q, v and a, but for those prescribed
+/// @param q0, v0  derivatives of the start by each parameter (np, nv)
+/// @param accelerations  whether a and tau are asked for as well
+/// @throws std::invalid_argument for ball joints
+Tangents tangents(const Driven& of, const Tape& tape, const std::vector<Balance>& by_p, const Trajectory::Rows& q0,
+                  const Trajectory::Rows& v0, bool accelerations);
+/// @param q, v, a, tau  derivatives of the number by the run's rows (rows, nv); a and tau may be empty
+Adjoint adjoint(const Driven& of, const Tape& tape, const Trajectory::Rows& q, const Trajectory::Rows& v,
+                const Trajectory::Rows& a, const Trajectory::Rows& tau);
+
+}  // namespace flexarm

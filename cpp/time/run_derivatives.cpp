@@ -1,0 +1,400 @@
+#include "flexarm/run_derivatives.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+#include "arrays.hpp"
+#include "flexarm/check.hpp"
+#include "flexarm/ci.hpp"
+#include "flexarm/derivatives.hpp"
+#include "flexarm/dry_friction.hpp"
+#include "system.hpp"
+
+namespace flexarm {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using Rows = Trajectory::Rows;
+
+namespace {
+
+/// The problem at the places of a tape.
+class Places {
+ public:
+  Places(const Driven& of, const Tape& tape)
+      : n(of.arm.nv()),
+        tape_(tape),
+        s_(of.arm, of.drives, of.loads, of.tau, of.control),
+        slopes_(of.arm, places(of.loads)),
+        rubs_(rubs(of.arm)) {
+    for (std::size_t k = 0; k < of.arm.size(); ++k)
+      if (of.arm.link(k).joint().has_ball())
+        bad_value("link[" + std::to_string(k) + "].joint", "a ball", "derivatives of a run know no quaternions");
+  }
+
+  /// Forces at place e: see Balance. Moves the workspace there.
+  void balance(Index e, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
+    move(e);
+    inverse_dynamics(s_.arm, s_.ws, s_.q, s_.v, s_.a);
+    applied = s_.tau;
+    add_feedback(s_.ws.feedback, s_.q, s_.v, 1.0, s_.tau);
+    needed = s_.ws.tau + s_.tau - applied;
+    applied = s_.tau;
+    for (const Rub& r : rubs_) {
+      const bool given = s_.ws.prescribed[static_cast<std::size_t>(r.rate)];
+      const int is = contact(e, r.rate);
+      const double v = s_.v[r.rate], way = given ? (v > 0.0) - (v < 0.0) : is == Tape::held ? 0.0 : is;
+      needed[r.rate] += r.coulomb * way;
+    }
+  }
+
+  /// Mass matrix and slopes of the residual, needed - applied, at place e.
+  void differentiate(Index e) {
+    move(e);
+    for (std::size_t k = 0; k < s_.ws.loads.size(); ++k) slopes_.set_wrench(k, s_.ws.loads[k].wrench);
+    slopes_(s_.arm, s_.q, s_.v, s_.a);
+    K_needed = K = slopes_.dq;
+    C_needed = C = slopes_.dv;
+    add_feedback_slopes(s_.ws.feedback, s_.q, s_.v, K, C);
+    K_applied = K_needed - K;
+    C_applied = C_needed - C;
+    composite_mass_matrix(s_.arm, s_.ws, s_.q);
+    M_needed = M = s_.ws.M;
+    for (Index i = 0; i < n; ++i)
+      if (fixed(e, i)) {
+        M.row(i).setZero();
+        K.row(i).setZero();
+        C.row(i).setZero();
+        M(i, i) = 1.0;
+      }
+  }
+  /// Whether the equation of a rate does not count at a place: it is given, or held.
+  bool fixed(Index e, Index i) const { return given(i) || contact(e, i) == Tape::held; }
+  bool given(Index i) const { return s_.ws.prescribed[static_cast<std::size_t>(i)]; }
+
+  const Index n;
+  MatrixXd M, C, K;  ///< of the equations that count
+  MatrixXd M_needed, C_needed, K_needed, C_applied, K_applied;
+
+ private:
+  int contact(Index e, Index i) const { return tape_.contact[static_cast<std::size_t>(e * n + i)]; }
+  void move(Index e) {
+    const auto at = [&](const std::vector<double>& x) { return Eigen::Map<const VectorXd>(x.data() + e * n, n); };
+    s_.q = at(tape_.q);
+    s_.v = at(tape_.v);
+    s_.a = at(tape_.a);
+    s_.drive(tape_.t[static_cast<std::size_t>(e)]);
+  }
+
+  const Tape& tape_;
+  System s_;
+  InverseDerivatives slopes_;
+  std::vector<Rub> rubs_;
+};
+
+/// The equations of a step, in changes: of its stages, N da = rhs.
+class StepEquations {
+ public:
+  StepEquations(Places& places, const Stages& of) : at_(places), of_(of), s_(of.count()), slopes_(of.count()) {}
+
+  void factor(const Tape::Entry& entry) {
+    const Index n = at_.n;
+    for (int i = 0; i < s_; ++i) {
+      at_.differentiate(entry.point + i);
+      slopes_[i] = {at_.M, at_.C, at_.K};
+    }
+    h_ = entry.h;
+    if (of_.in_turn) {
+      for (int i = 0; i < s_; ++i) slopes_[i].lu.compute(slopes_[i].M);
+      return;
+    }
+    newton_.resize(s_ * n, s_ * n);
+    for (int i = 0; i < s_; ++i)
+      for (int j = 0; j < s_; ++j) newton_.block(i * n, j * n, n, n) = coupling(i, j);
+    lu_.compute(newton_);
+  }
+  /// N x = rhs in place.
+  void solve(MatrixXd& x) const {
+    if (!of_.in_turn) {
+      x = lu_.solve(x);
+      return;
+    }
+    for (int i = 0; i < s_; ++i) {
+      for (int j = 0; j < i; ++j)
+        if (of_.v_by_a(i, j) != 0.0 || of_.q_by_a(i, j) != 0.0) rows(x, i) -= coupling(i, j) * rows(x, j);
+      rows(x, i) = slopes_[i].lu.solve(MatrixXd(rows(x, i)));
+    }
+  }
+  /// N^T x = rhs in place.
+  void solve_transposed(MatrixXd& x) const {
+    if (!of_.in_turn) {
+      x = lu_.transpose().solve(x);
+      return;
+    }
+    for (int i = s_; i-- > 0;) {
+      rows(x, i) = slopes_[i].lu.transpose().solve(MatrixXd(rows(x, i)));
+      for (int j = 0; j < i; ++j)
+        if (of_.v_by_a(i, j) != 0.0 || of_.q_by_a(i, j) != 0.0) rows(x, j) -= coupling(i, j).transpose() * rows(x, i);
+    }
+  }
+  const MatrixXd& C(int i) const { return slopes_[i].C; }
+  const MatrixXd& K(int i) const { return slopes_[i].K; }
+
+ private:
+  struct Slopes {
+    MatrixXd M, C, K;
+    Eigen::PartialPivLU<MatrixXd> lu = {};
+  };
+  Eigen::Block<MatrixXd> rows(MatrixXd& x, int i) const { return x.block(i * at_.n, 0, at_.n, x.cols()); }
+  /// Of the residual at stage i, by the accelerations of stage j.
+  MatrixXd coupling(int i, int j) const {
+    MatrixXd out = h_ * of_.v_by_a(i, j) * slopes_[i].C + h_ * h_ * of_.q_by_a(i, j) * slopes_[i].K;
+    if (i == j) out += slopes_[i].M;
+    return out;
+  }
+
+  Places& at_;
+  const Stages& of_;
+  int s_;
+  double h_ = 0.0;
+  std::vector<Slopes> slopes_;
+  MatrixXd newton_;
+  Eigen::PartialPivLU<MatrixXd> lu_;
+};
+
+/// Column p: of the parameter p, its derivative of needed - applied at place e, and zero where that does not count.
+void residual_by(const std::vector<Balance>& by_p, Index e, const Places& at, MatrixXd& out) {
+  out.resize(at.n, static_cast<Index>(by_p.size()));
+  for (std::size_t p = 0; p < by_p.size(); ++p)
+    out.col(static_cast<Index>(p)) = (by_p[p].needed.row(e) - by_p[p].applied.row(e)).transpose();
+  for (Index i = 0; i < at.n; ++i)
+    if (at.fixed(e, i)) out.row(i).setZero();
+}
+
+/// First row of `tape.rows` of each entry, from that of the start (entry -1) on; and one behind.
+std::vector<std::size_t> rows_of_entries(const Tape& tape) {
+  std::vector<std::size_t> first(tape.entries.size() + 2, tape.rows.size());
+  for (std::size_t r = tape.rows.size(); r-- > 0;) first[static_cast<std::size_t>(tape.rows[r].entry + 1)] = r;
+  for (std::size_t k = first.size() - 1; k-- > 0;) first[k] = std::min(first[k], first[k + 1]);
+  return first;
+}
+
+}  // namespace
+
+Balance balance(const Driven& of, const Tape& tape) {
+  Places at(of, tape);
+  Balance out{Rows(tape.points(), at.n), Rows(tape.points(), at.n)};
+  VectorXd needed(at.n), applied(at.n);
+  for (Index e = 0; e < tape.points(); ++e) {
+    at.balance(e, needed, applied);
+    out.needed.row(e) = needed;
+    out.applied.row(e) = applied;
+  }
+  return out;
+}
+
+Tangents tangents(const Driven& of, const Tape& tape, const std::vector<Balance>& by_p, const Rows& q0, const Rows& v0,
+                  bool accelerations) {
+  Places at(of, tape);
+  const Index n = at.n, np = q0.rows();
+  const Stages& method = tape.stages;
+  const int s = method.count();
+  StepEquations step(at, method);
+  const auto count = static_cast<Index>(tape.rows.size());
+  const auto empty = [&](Index height) { return std::vector<Rows>(static_cast<std::size_t>(np), Rows(height, n)); };
+  Tangents out{empty(count), empty(count), empty(accelerations ? count : 0), empty(accelerations ? count : 0)};
+  MatrixXd q = q0.transpose(), v = v0.transpose(), a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q, stage_v;
+  for (Index i = 0; i < n; ++i)
+    if (at.given(i)) {
+      q.row(i).setZero();  // what a parameter makes of a motion is in the balance
+      v.row(i).setZero();
+    }
+  const auto accelerate = [&](Index e, const MatrixXd& x, const MatrixXd& y) -> MatrixXd {
+    at.differentiate(e);
+    residual_by(by_p, e, at, by);
+    by += at.K * x + at.C * y;
+    return -Eigen::PartialPivLU<MatrixXd>(at.M).solve(by);
+  };
+  const auto write = [&](Index row, const MatrixXd& x, const MatrixXd& y) {
+    const Index e = tape.rows[static_cast<std::size_t>(row)].point;
+    MatrixXd z, f;
+    if (accelerations) {
+      z = accelerate(e, x, y);
+      f = at.K_applied * x + at.C_applied * y;
+      for (Index i = 0; i < n; ++i)
+        if (at.given(i)) f.row(i) = at.K_needed.row(i) * x + at.C_needed.row(i) * y + at.M_needed.row(i) * z;
+    }
+    for (Index p = 0; p < np; ++p) {
+      const auto k = static_cast<std::size_t>(p);
+      out.q[k].row(row) = x.col(p);
+      out.v[k].row(row) = y.col(p);
+      if (!accelerations) continue;
+      out.a[k].row(row) = z.col(p);
+      for (Index i = 0; i < n; ++i)
+        out.tau[k](row, i) = f(i, p) + (at.given(i) ? by_p[k].needed(e, i) : by_p[k].applied(e, i));
+    }
+  };
+  const std::vector<std::size_t> first = rows_of_entries(tape);
+  for (std::size_t r = first[0]; r < first[1]; ++r) write(static_cast<Index>(r), q, v);
+  for (std::size_t k = 0; k < tape.entries.size(); ++k) {
+    const Tape::Entry& entry = tape.entries[k];
+    if (entry.h == 0.0) {
+      a0 = alpha0 = accelerate(entry.point, q, v);
+      continue;
+    }
+    const double h = entry.h;
+    step.factor(entry);
+    if (entry.lag != 1.0) alpha0 = a0 + entry.lag * (alpha0 - a0);
+    a.resize(s * n, np);
+    for (int i = 0; i <= s; ++i) {
+      stage_q = q + h * method.c[i] * v;
+      stage_v = v;
+      if (method.remembers) {
+        stage_q += h * h * (method.q_by_start(i, 0) * a0 + method.q_by_start(i, 1) * alpha0);
+        stage_v += h * (method.v_by_start(i, 0) * a0 + method.v_by_start(i, 1) * alpha0);
+      }
+      if (i == s) break;
+      residual_by(by_p, entry.point + i, at, by);
+      a.middleRows(i * n, n) = -(by + step.K(i) * stage_q + step.C(i) * stage_v);
+    }
+    step.solve(a);
+    std::size_t r = first[k + 1];
+    for (; r < first[k + 2] && tape.rows[r].v_by_a.size() > 0; ++r) {  // within the step, of methods that start anew
+      const Tape::Row& row = tape.rows[r];
+      MatrixXd x = q + h * row.c * v, y = v;
+      for (int j = 0; j < s; ++j) {
+        x += h * h * row.q_by_a[j] * a.middleRows(j * n, n);
+        y += h * row.v_by_a[j] * a.middleRows(j * n, n);
+      }
+      write(static_cast<Index>(r), x, y);
+    }
+    q = stage_q;
+    v = stage_v;
+    for (int j = 0; j < s; ++j) {
+      q += h * h * method.q_by_a(s, j) * a.middleRows(j * n, n);
+      v += h * method.v_by_a(s, j) * a.middleRows(j * n, n);
+    }
+    if (method.remembers) {
+      const MatrixXd last = a.bottomRows(n);
+      alpha0 = method.auxiliary[0] * last + method.auxiliary[1] * a0 + method.auxiliary[2] * alpha0;
+      a0 = last;
+    }
+    for (; r < first[k + 2]; ++r) write(static_cast<Index>(r), q, v);
+  }
+  return out;
+}
+
+Adjoint adjoint(const Driven& of, const Tape& tape, const Rows& by_q, const Rows& by_v, const Rows& by_a,
+                const Rows& by_tau) {
+  Places at(of, tape);
+  const Index n = at.n;
+  const Stages& method = tape.stages;
+  const int s = method.count();
+  StepEquations step(at, method);
+  Adjoint out{VectorXd::Zero(n), VectorXd::Zero(n), Rows::Zero(tape.points(), n), Rows::Zero(tape.points(), n)};
+  // derivatives of the number by the state at the end of what comes next, going back
+  VectorXd q = out.q0, v = q, a0 = q, alpha0 = q, x, y, mu;
+  MatrixXd stage;
+  Eigen::PartialPivLU<MatrixXd> mass;
+  const auto count = [&](Index e, Index i, double force) {  // of the residual, where it counts
+    if (at.fixed(e, i)) return;
+    out.needed(e, i) += force;
+    out.applied(e, i) -= force;
+  };
+  /// What the accelerations at a place mean for q and v there.
+  const auto accelerate = [&](Index e, const VectorXd& by, VectorXd& to_q, VectorXd& to_v) {
+    mass.compute(at.M);
+    mu = mass.transpose().solve(by);
+    mu = -mu;
+    for (Index i = 0; i < n; ++i)
+      if (at.fixed(e, i)) mu[i] = 0.0;
+    to_q += at.K.transpose() * mu;
+    to_v += at.C.transpose() * mu;
+    for (Index i = 0; i < n; ++i) count(e, i, mu[i]);
+  };
+  /// Adds what a row of results means for the state there.
+  const auto read = [&](std::size_t row, VectorXd& to_q, VectorXd& to_v) {
+    const auto r = static_cast<Index>(row);
+    to_q += by_q.row(r).transpose();
+    to_v += by_v.row(r).transpose();
+    if (by_a.rows() == 0 && by_tau.rows() == 0) return;
+    const Index e = tape.rows[row].point;
+    at.differentiate(e);
+    VectorXd by = by_a.rows() > 0 ? VectorXd(by_a.row(r)) : VectorXd::Zero(n);
+    for (Index i = 0; by_tau.rows() > 0 && i < n; ++i) {
+      const double f = by_tau(r, i);
+      if (f == 0.0) continue;
+      if (at.given(i)) {
+        to_q += f * at.K_needed.row(i).transpose();
+        to_v += f * at.C_needed.row(i).transpose();
+        by += f * at.M_needed.row(i).transpose();
+      } else {
+        to_q += f * at.K_applied.row(i).transpose();
+        to_v += f * at.C_applied.row(i).transpose();
+      }
+      (at.given(i) ? out.needed : out.applied)(e, i) += f;
+    }
+    accelerate(e, by, to_q, to_v);
+  };
+  const std::vector<std::size_t> first = rows_of_entries(tape);
+  for (std::size_t k = tape.entries.size(); k-- > 0;) {
+    const Tape::Entry& entry = tape.entries[k];
+    std::size_t last = first[k + 2];
+    for (; last > first[k + 1] && tape.rows[last - 1].v_by_a.size() == 0; --last) read(last - 1, q, v);
+    if (entry.h == 0.0) {
+      at.differentiate(entry.point);
+      a0 += alpha0;
+      accelerate(entry.point, a0, q, v);
+      a0.setZero();
+      alpha0.setZero();
+      continue;
+    }
+    const double h = entry.h;
+    step.factor(entry);
+    stage.resize(s * n, 1);
+    for (int j = 0; j < s; ++j)
+      stage.middleRows(j * n, n) = h * h * method.q_by_a(s, j) * q + h * method.v_by_a(s, j) * v;
+    if (method.remembers) {
+      stage.bottomRows(n) += a0 + method.auxiliary[0] * alpha0;
+      a0 = method.auxiliary[1] * alpha0 + h * h * method.q_by_start(s, 0) * q + h * method.v_by_start(s, 0) * v;
+      alpha0 = method.auxiliary[2] * alpha0 + h * h * method.q_by_start(s, 1) * q + h * method.v_by_start(s, 1) * v;
+    }
+    v += h * q;
+    for (; last > first[k + 1]; --last) {  // rows within
+      const Tape::Row& row = tape.rows[last - 1];
+      x.setZero(n);
+      y.setZero(n);
+      read(last - 1, x, y);
+      q += x;
+      v += y + h * row.c * x;
+      for (int j = 0; j < s; ++j) stage.middleRows(j * n, n) += h * h * row.q_by_a[j] * x + h * row.v_by_a[j] * y;
+    }
+    step.solve_transposed(stage);
+    for (int i = 0; i < s; ++i) {
+      mu = -stage.middleRows(i * n, n);
+      for (Index j = 0; j < n; ++j)
+        if (at.fixed(entry.point + i, j)) mu[j] = 0.0;
+      for (Index j = 0; j < n; ++j) count(entry.point + i, j, mu[j]);
+      x.noalias() = step.K(i).transpose() * mu;
+      y.noalias() = step.C(i).transpose() * mu;
+      q += x;
+      v += y + h * method.c[i] * x;
+      if (!method.remembers) continue;
+      a0 += h * h * method.q_by_start(i, 0) * x + h * method.v_by_start(i, 0) * y;
+      alpha0 += h * h * method.q_by_start(i, 1) * x + h * method.v_by_start(i, 1) * y;
+    }
+    if (entry.lag != 1.0) {
+      a0 += (1.0 - entry.lag) * alpha0;
+      alpha0 *= entry.lag;
+    }
+  }
+  for (std::size_t r = first[1]; r-- > first[0];) read(r, q, v);
+  for (Index i = 0; i < n; ++i)
+    if (at.given(i)) q[i] = v[i] = 0.0;
+  out.q0 = q;
+  out.v0 = v;
+  return out;
+}
+
+}  // namespace flexarm
