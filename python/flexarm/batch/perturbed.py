@@ -1,0 +1,116 @@
+"""The neighbours of a problem: the same with one parameter a little larger or smaller. What a parameter does to the
+equations of motion at a given state follows from them by differences."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._check import Array
+from ..run.problem import Problem
+from .variation import Setup, Variation, _drive_name, _fields, known_paths
+
+#: Steps of a difference, and its weights: of sixth order, central and (at the border of what is allowed) on one side.
+_CENTRAL = (-3, -2, -1, 1, 2, 3), (-1 / 60, 3 / 20, -3 / 4, 3 / 4, -3 / 20, 1 / 60)
+_AHEAD = (0, 1, 2, 3, 4, 5, 6), (-147 / 60, 6.0, -15 / 2, 20 / 3, -15 / 4, 6 / 5, -1 / 6)
+_BEHIND = tuple(-k for k in _AHEAD[0]), tuple(-w for w in _AHEAD[1])
+_STEP = 3e-3  # of a difference, in parts of the parameter's scale
+_SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one leaves what is allowed
+
+
+class Neighbour(NamedTuple):
+    """The problem with the parameter changed by `offset`; `weight` times what it gives, summed over all neighbours, is
+    the derivative by the parameter."""
+
+    weight: float
+    offset: float
+    problem: Problem
+
+
+class Parameter(NamedTuple):
+    """A number that a problem depends on: its dotted path, its value, its size (where it is zero, that of its like),
+    and the problem's neighbours."""
+
+    path: str
+    value: float
+    scale: float
+    neighbours: list[Neighbour]
+
+
+def problems(
+    setup: Setup, parameters: Sequence[str], t: ArrayLike, q0: Array | None, v0: Array | None, tau: Array | None
+) -> list[Parameter]:
+    """The neighbours of a problem by each parameter.
+
+    Args:
+        setup: the arm, and what acts on it.
+        parameters: paths of single numbers, as of `simulate_batch`: "link.0.tip.mass", "control.0.kp", "q0.1".
+        t, q0, v0, tau: as of `simulate`. Prescribed coordinates start where their motion does.
+
+    Raises:
+        ValueError: naming the parameter: nothing that can vary, no single number, or no room to vary in.
+    """
+    if isinstance(parameters, str) or len(set(parameters)) != len(parameters) or not len(parameters):
+        raise ValueError(f"parameters = {parameters!r}: must be a list of different paths, such as ['link.0.tip.mass']")
+    arm = setup.arm
+    start = {"q0": arm.zero if q0 is None else q0, "v0": np.zeros(arm.nv) if v0 is None else v0}
+    return [_parameter(setup, path, t, start, tau) for path in parameters]
+
+
+def _parameter(setup: Setup, path: str, t: ArrayLike, start: dict[str, Array], tau: Array | None) -> Parameter:
+    value, scale = _value(setup, path, start)
+    why: ValueError | None = None
+    for smaller in _SMALLER:
+        h = _STEP * scale * smaller
+        for steps, weights in (_CENTRAL, _AHEAD, _BEHIND):
+            offsets = h * np.array(steps)
+            try:
+                near = Variation(setup, {path: value + offsets})
+                found = [_problem(near, i, t, start, tau) for i in range(len(steps))]
+            except ValueError as e:
+                why = why or e
+                continue
+            return Parameter(path, value, scale, [Neighbour(w / h, float(d), p)
+                             for w, d, p in zip(weights, offsets, found, strict=True)])  # fmt: skip
+    raise ValueError(f"parameters: '{path}' = {value} cannot be varied: {why}") from None
+
+
+def _problem(near: Variation, i: int, t: ArrayLike, start: dict[str, Array], tau: Array | None) -> Problem:
+    made = near.scenario(i)
+    out = Problem(made.arm, t, None, None, tau, made.drive, made.loads, made.control, None)
+    given = {"q0": [made.arm.coordinate_of(k) for k in out.prescribed], "v0": out.prescribed}
+    for name, value in start.items():
+        rows = near.initial(name, value[None])
+        free = np.setdiff1d(np.arange(value.size), given[name])
+        out.start[name][free] = rows[i % len(rows)][free]
+    return out
+
+
+def _value(setup: Setup, path: str, start: dict[str, Array]) -> tuple[float, float]:
+    """The number at a path, and its size."""
+    root, *names = str(path).split(".")
+    arm = setup.arm
+    here: Any = None
+    like: Any = None
+    tree = {"link": arm.links, "load": setup.loads, "control": setup.control, "gravity": arm.gravity, **start}
+    if root == "drive":
+        for key, law in setup.drive.items():
+            name = _drive_name(key).split(".")
+            if names[: len(name)] == name:
+                here, names = law, names[len(name) :]
+    else:
+        here = tree.get(root)
+    for name in names:
+        like, here = here, _fields(here).get(name)
+    if not isinstance(here, (int, float, np.floating)) or isinstance(here, bool) or not np.isfinite(here):
+        if not {str(path), re.sub(r"(\.\d+){1,2}$", "", str(path))} & set(known_paths(setup)):
+            Variation(setup, {path: [1.0]})  # whose message has a path that is like it
+        raise ValueError(f"parameters: '{path}' is no single number that can vary")
+    size = abs(float(here))
+    if size == 0.0 and isinstance(like, (np.ndarray, tuple, list)):
+        size = float(np.max(np.abs(np.asarray(like, dtype=float))))
+    return float(here), size or 1.0
