@@ -21,7 +21,7 @@ import flexarm as fa
 import matplotlib
 import numpy as np
 from flexarm.batch.arguments import default_workers
-from flexarm.batch.variation import Setup, Variation
+from flexarm.run.variation import Setup, Variation
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

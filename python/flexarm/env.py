@@ -17,7 +17,7 @@ from ._check import Array, array, choice, whole
 from .acting.control import force_columns, measured_rows
 from .arm import Arm
 from .batch.rollout import rollout
-from .batch.variation import Setup, Variation
+from .run.variation import Setup, Variation
 from .tasks import TASKS, State, Task
 
 try:

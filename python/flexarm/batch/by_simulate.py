@@ -17,7 +17,7 @@ from ..parts.chain import Chain
 from ..run.simulation import SimulationError, SimulationInterrupted, simulate
 from .job import ENDED, FAILED, Job
 from .rollout import NOT_DONE, Failure
-from .variation import Setup
+from ..run.variation import Setup
 
 
 class _Held(Controller):

@@ -21,7 +21,7 @@ from .arguments import check_balls
 from .job import FAILED, Job
 from .rollout import Failure, failures_of, grown_loop, take_steps
 from .schedule import Schedule, feedback_tables, sampled, stacked, wrench_table
-from .variation import Setup
+from ..run.variation import Setup
 
 
 def run_steps(

@@ -18,7 +18,7 @@ from ..run.result import Result
 from ..run.simulation import INTEGRATORS
 from .arguments import STEPPERS
 from .schedule import Schedule, breaks_of
-from .variation import Variation
+from ..run.variation import Variation
 
 ENDED = 1  #: by a terminal event, as `Result.status` has it
 FAILED = 5

@@ -19,7 +19,7 @@ from . import events as batch_events
 from .job import ENDED, FAILED
 from .rollout import NOT_DONE, Failure
 from .storage import REASON_BYTES, about, failures_in, in_bytes, read, write_file
-from .variation import Setup, Variation
+from ..run.variation import Setup, Variation
 
 OUTPUTS = ("q", "v", "a", "tau")
 

@@ -21,7 +21,7 @@ from .job import Job, renamed
 from .result import one_result
 from .rollout import Failure
 from .storage import File, Memory
-from .variation import Setup
+from ..run.variation import Setup
 
 CHUNK_BYTES = 1 << 26  # what a file is written in, and what a worker sends back at once
 

@@ -30,7 +30,7 @@ from .rollout import NOT_DONE, BatchInterrupted
 from .runner import Runner
 from .schedule import check_every
 from .storage import File, Memory
-from .variation import Setup, Variation
+from ..run.variation import Setup, Variation
 
 
 def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = ("q", "v")) -> int:

@@ -20,7 +20,7 @@ from . import events as batch_events
 from .arguments import prepared
 from .job import ENDED, FAILED, Job
 from .rollout import NOT_DONE, Failure
-from .variation import Variation
+from ..run.variation import Variation
 
 REASON_BYTES = 500  # of a failure's reason
 

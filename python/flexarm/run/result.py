@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,6 +55,7 @@ class Result:
     v_events: list[Array] | None = None
     status: int = 0
     friction: Array | None = None
+    _source: Any = field(default=None, compare=False)
 
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no times"
@@ -124,6 +125,47 @@ class Result:
             ValueError: no rows.
         """
         return outputs.table(self)
+
+    def sensitivities(self, parameters: Sequence[str]) -> Any:
+        """Derivatives of all rows by parameters, forward: at a cost that grows with their number. The run is made
+        again, and derived step by step: these are derivatives of the integrator's own equations.
+
+        Args:
+            parameters: dotted paths as of `simulate_batch`: "link.0.tip.mass", "control.0.kp", "drive.0.scale",
+                "q0.1"; "gravity" stands for its three components.
+
+        Raises:
+            ValueError: naming the parameter: nothing that can vary, or no room to vary in; where derivatives do not
+                go through: ball joints, controllers that sample, dry friction but with "implicit"; of a result that is
+                not one of `simulate`.
+        """
+        return self._made().sensitivities(parameters)
+
+    def gradient(self, loss: Any, parameters: Sequence[str]) -> dict[str, Any]:
+        """Derivatives of a number that depends on the rows, by the adjoint method: backwards through the run, at a cost
+        that hardly grows with the number of parameters.
+
+        Args:
+            loss: derivatives of the number by rows, such as {"q": (nt, nq), "tau": (nt, nv)}, of "q", "v", "a", "tau";
+                or a function of a Result that gives the number and these.
+            parameters: paths as of `sensitivities`; "tau" is the constant forces, and "drive.0.samples" the samples of
+                a torque or voltage.
+
+        Returns:
+            By path a number, or an array where the path stands for several.
+
+        Raises:
+            ValueError: as of `sensitivities`; a loss of wrong names or shapes.
+        """
+        return self._made().gradient(loss, parameters)
+
+    def _made(self) -> Any:
+        if self._source is None:
+            raise ValueError("this result does not know what it was made of: only one that `simulate` gives has derivatives")
+        return self._source
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_source": None}
 
     def to_pandas(self) -> Any:
         """A pandas DataFrame of `to_data`: its index is t (s), `.attrs["units"]` has the units. It needs

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
 from .._check import choice, number, whole
 from .._console import progress_bar
-from ..acting.control import Controller, padded
+from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage
@@ -22,8 +24,11 @@ from ..analysis.validity import SILENT, out_of_range
 from ..arm import METHODS, Arm
 from ..parts.part import ModelWarning
 from .pace import Pace, beyond_explicit, explicit_limit
+from .parameter import core_laws, core_start
 from .problem import Problem
 from .result import Result
+from .sensitivity import Source
+from .variation import Setup
 from .watch import Watch, softened
 
 LINEAR_SOLVERS = ("auto", "dense", "chain")
@@ -111,19 +116,18 @@ def _settings(
     }
 
 
-def _integrate(run: Problem, integrator: str, method: str, options: Mapping[str, Any], alive: Any) -> dict[str, Any]:
-    """The core's run."""
-    nv, padding = run.both.nv, {"q0": run.both.nq}
-    laws = [(i, moves, law, padded(column, nv) if column.size else column) for i, moves, law, column in run.laws]
-    q0, v0, tau = (padded(x, padding.get(name, nv)) for name, x in run.start.items())
-    motion = (run.both._core, laws, run.times, q0, v0, tau)
+def _integrate(
+    run: Problem, integrator: str, method: str, options: Mapping[str, Any], alive: Any, tape: Any = None
+) -> dict[str, Any]:
+    """The core's run, which writes a tape."""
+    motion = (run.both._core, core_laws(run), run.times, *core_start(run))
     last = (method == "ci", alive, run.wrenches, run.events, run.feedback, run.sampled)
     if not INTEGRATORS[integrator].fixed:
         rtol, atol, order, solver = (options[k] for k in ("rtol", "atol", "max_order", "linear_solver"))
         pace = Pace(run.arm, run.times, lambda time: run.unstable(time, False))
         return _core.simulate_ida(*motion, rtol, atol, order, solver, pace, *last)
     step, rtol, radius, stages = (options[k] for k in ("step", "rtol", "spectral_radius", "stages"))
-    return _core.simulate_fixed(*motion, integrator, step, rtol, radius, stages, *last)
+    return _core.simulate_fixed(*motion, integrator, step, rtol, radius, stages, *last, tape)
 
 
 def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, step: float) -> list[Warning]:
@@ -275,6 +279,10 @@ def simulate(
 
         out = _integrate(run, integrator, method, options, bar if bar is None or callable(progress) else show)
     result = run.result(out)
+    setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
+    given = (None if x is None else np.array(x, dtype=float) for x in (q0, v0, tau))
+    again = partial(_integrate, integrator=integrator, method=method, options=options, alive=None)
+    result._source = Source(setup, run.times, *given, again, integrator)
     for warning in _judged(run, out, result, integrator, options["step"]):
         warnings.warn(warning, stacklevel=2)
     if not SILENT.get():

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array
-from ..run.problem import Problem
+from .parameter import Neighbour, Parameter
+from .problem import Problem
 from .variation import Setup, Variation, _drive_name, _fields, known_paths
 
 #: Steps of a difference, and its weights: of sixth order, central and (at the border of what is allowed) on one side.
@@ -20,25 +21,6 @@ _AHEAD = (0, 1, 2, 3, 4, 5, 6), (-147 / 60, 6.0, -15 / 2, 20 / 3, -15 / 4, 6 / 5
 _BEHIND = tuple(-k for k in _AHEAD[0]), tuple(-w for w in _AHEAD[1])
 _STEP = 3e-3  # of a difference, in parts of the parameter's scale
 _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one leaves what is allowed
-
-
-class Neighbour(NamedTuple):
-    """The problem with the parameter changed by `offset`; `weight` times what it gives, summed over all neighbours, is
-    the derivative by the parameter."""
-
-    weight: float
-    offset: float
-    problem: Problem
-
-
-class Parameter(NamedTuple):
-    """A number that a problem depends on: its dotted path, its value, its size (where it is zero, that of its like),
-    and the problem's neighbours."""
-
-    path: str
-    value: float
-    scale: float
-    neighbours: list[Neighbour]
 
 
 def problems(
@@ -74,12 +56,15 @@ def _parameter(setup: Setup, path: str, t: ArrayLike, start: dict[str, Array], t
             except ValueError as e:
                 why = why or e
                 continue
-            return Parameter(path, value, scale, [Neighbour(w / h, float(d), p)
-                             for w, d, p in zip(weights, offsets, found, strict=True)])  # fmt: skip
+            near_by = [Neighbour(w / h, float(d), p, s)
+                       for w, d, (p, s) in zip(weights, offsets, found, strict=True)]  # fmt: skip
+            return Parameter(path, value, scale, near_by)
     raise ValueError(f"parameters: '{path}' = {value} cannot be varied: {why}") from None
 
 
-def _problem(near: Variation, i: int, t: ArrayLike, start: dict[str, Array], tau: Array | None) -> Problem:
+def _problem(
+    near: Variation, i: int, t: ArrayLike, start: dict[str, Array], tau: Array | None
+) -> tuple[Problem, Setup]:
     made = near.scenario(i)
     out = Problem(made.arm, t, None, None, tau, made.drive, made.loads, made.control, None)
     given = {"q0": [made.arm.coordinate_of(k) for k in out.prescribed], "v0": out.prescribed}
@@ -87,16 +72,27 @@ def _problem(near: Variation, i: int, t: ArrayLike, start: dict[str, Array], tau
         rows = near.initial(name, value[None])
         free = np.setdiff1d(np.arange(value.size), given[name])
         out.start[name][free] = rows[i % len(rows)][free]
-    return out
+    return out, made
 
 
-def _value(setup: Setup, path: str, start: dict[str, Array]) -> tuple[float, float]:
-    """The number at a path, and its size."""
+def drive_of(setup: Setup, path: str) -> tuple[Any, Any]:
+    """The key of a drive, and the drive, by its name in a path."""
+    for key, law in setup.drive.items():
+        if _drive_name(key) == path:
+            return key, law
+    known = ", ".join(_drive_name(key) for key in setup.drive) or "none"
+    raise ValueError(f"parameters: there is no drive '{path}'; drives are {known}")
+
+
+def _at(setup: Setup, path: str, start: dict[str, Array]) -> tuple[Any, Any]:
+    """What stands at a path, and what holds it."""
     root, *names = str(path).split(".")
-    arm = setup.arm
     here: Any = None
     like: Any = None
-    tree = {"link": arm.links, "load": setup.loads, "control": setup.control, "gravity": arm.gravity, **start}
+    tree: dict[str, Any] = {
+        "link": setup.arm.links, "load": setup.loads, "control": setup.control, "sensor": getattr(setup, "sensors", ()),
+        "gravity": setup.arm.gravity, **start,
+    }  # fmt: skip
     if root == "drive":
         for key, law in setup.drive.items():
             name = _drive_name(key).split(".")
@@ -106,6 +102,20 @@ def _value(setup: Setup, path: str, start: dict[str, Array]) -> tuple[float, flo
         here = tree.get(root)
     for name in names:
         like, here = here, _fields(here).get(name)
+    return here, like
+
+
+def components(setup: Setup, path: str, start: dict[str, Array]) -> list[str]:
+    """The paths of the single numbers at a path: itself, or one for each of its components."""
+    here, _ = _at(setup, path, start)
+    if isinstance(here, (tuple, list, np.ndarray)) and np.ndim(here) == 1 and all(np.isreal(x) for x in here):
+        return [f"{path}.{k}" for k in range(len(here))]
+    return [path]
+
+
+def _value(setup: Setup, path: str, start: dict[str, Array]) -> tuple[float, float]:
+    """The number at a path, and its size."""
+    here, like = _at(setup, path, start)
     if not isinstance(here, (int, float, np.floating)) or isinstance(here, bool) or not np.isfinite(here):
         if not {str(path), re.sub(r"(\.\d+){1,2}$", "", str(path))} & set(known_paths(setup)):
             Variation(setup, {path: [1.0]})  # whose message has a path that is like it

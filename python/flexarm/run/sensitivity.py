@@ -1,0 +1,223 @@
+"""Exact derivatives of a run by parameters, start and forces: forward, and by the adjoint method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import flexarm._core as _core
+
+from .._check import Array, array, choice
+from ..acting.drive import Torque
+from ..acting.voltage import Voltage
+from .parameter import Neighbour, Parameter, core_laws, core_start
+from .perturbed import components, drive_of, problems
+from .problem import Problem
+from .result import Result
+from .variation import Setup
+
+ROWS = ("q", "v", "a", "tau")
+
+#: What is read of a run: of its rows, and of what it is made of.
+Output = Callable[[Result, Setup], ArrayLike]
+#: Derivatives of a number by rows of the result, by their names; or a function that gives the number and these.
+Loss = Mapping[str, ArrayLike] | Callable[[Result], tuple[float, Mapping[str, ArrayLike]]]
+
+
+@dataclass(repr=False)
+class Sensitivities:
+    """A run, and its derivatives by np parameters, exact but for rounding; of an integrator's equations, not of
+    differences.
+
+    Attributes:
+        result: the run.
+        parameters: their paths.
+        q, v, a, tau: derivatives of the result's rows, (np, nt, nq) and (np, nt, nv).
+    """
+
+    result: Result
+    parameters: tuple[str, ...]
+    q: Array
+    v: Array
+    a: Array
+    tau: Array
+    _neighbours: list[Parameter]
+
+    def __repr__(self) -> str:
+        return f"Sensitivities({len(self.result.t)} rows by {', '.join(self.parameters)})"
+
+    def of(self, output: Output) -> Array:
+        """Derivatives of what is read of a run, (np, *shape): its direct dependence on the parameters is in it.
+
+        Args:
+            output: a function of a Result, and of the Setup that it is made of (arm, drive, loads, control, sensors),
+                that gives an array. It must be smooth.
+        """
+        found = []
+        for k in range(len(self.parameters)):
+            rates = {name: getattr(self, name)[k] for name in ROWS}
+            total: Array = np.zeros(())
+            for near in self._neighbours[k].neighbours:
+                state = {name: getattr(self.result, name) + near.offset * x for name, x in rates.items()}
+                changed = Result(near.setup.arm, self.result.t, **state, loads=near.setup.loads)
+                total = total + near.weight * np.asarray(output(changed, near.setup), dtype=float)
+            found.append(total)
+        return np.array(found)
+
+
+@dataclass
+class Source:
+    """What a result came from, so that it can be run again.
+
+    Attributes:
+        setup: what it is made of. t, q0, v0, tau: as of `simulate`.
+        integrate: the core's run of a problem; with a tape, of a fixed-step method, which it writes.
+        integrator: its name.
+    """
+
+    setup: Setup
+    t: Array
+    q0: Array | None
+    v0: Array | None
+    tau: Array | None
+    integrate: Callable[..., dict[str, Any]]
+    integrator: str
+
+    def _problem(self) -> Problem:
+        s = self.setup
+        return Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, None)
+
+    def _taped(self) -> tuple[Problem, Result, Any, Any]:
+        """The run once more, and its tape."""
+        run = self._problem()
+        for k, control in enumerate(run.controls):
+            if run.sampled:
+                raise ValueError(
+                    f"control[{k}] = {type(control).__name__}: derivatives of a run do not pass through controllers "
+                    "that sample; leave out their rate"
+                )
+        tape = _core.Tape()
+        out = self.integrate(run, tape=tape)
+        if out["friction"] is not None and self.integrator != "implicit":
+            raise ValueError(f"integrator = '{self.integrator}': derivatives through dry friction need \"implicit\"")
+        if out["failure"]:
+            raise ValueError(f"the run stopped at t = {out['reached']:.9g} s: {out['failure']}")
+        return run, run.result(out), tape, _balanced(run)
+
+    def sensitivities(self, parameters: Sequence[str]) -> Sensitivities:
+        paths = self._paths(parameters, False)
+        run, result, tape, core = self._taped()
+        near = self._near([p for path in paths for p in paths[path]])
+        start = [_sum(p, lambda n: core_start(n.problem)[:2]) for p in near]
+        by = [_by(tape, p, run) for p in near]
+        q0, v0 = (np.array([x[k] for x in start]).reshape(len(near), run.both.nv) for k in range(2))
+        found = dict(zip(ROWS, tape.tangents(core, by, q0, v0, True), strict=True))
+        sizes = {"q": self.setup.arm.nq}
+        rows = {k: np.array(x)[:, :, : sizes.get(k, self.setup.arm.nv)] for k, x in found.items()}
+        for k, p in enumerate(near):
+            for i, moved in self._moved(run, p):
+                for name, change in zip(("q", "v", "a"), moved, strict=True):
+                    rows[name][k, :, i] = change
+        return Sensitivities(result, tuple(p.path for p in near), **rows, _neighbours=near)
+
+    def gradient(self, loss: Loss, parameters: Sequence[str]) -> dict[str, Any]:
+        paths = self._paths(parameters, True)
+        run, result, tape, core = self._taped()
+        weights = _weights(loss, result)
+        full = [np.zeros((0, run.both.nv)) if w is None else np.pad(w, ((0, 0), (0, run.both.nv - w.shape[1])))
+                for w in (weights.get(k) for k in ROWS)]  # fmt: skip
+        full[:2] = [w if len(w) else np.zeros((len(result.t), run.both.nv)) for w in full[:2]]
+        q0, v0, needed, applied = tape.adjoint(core, *full)
+        near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
+        whole = {"q0": q0, "v0": v0, "tau": applied.sum(axis=0)}
+        out: dict[str, Any] = {}
+        for path, parts in paths.items():
+            if path in whole:
+                out[path] = whole[path][: self.setup.arm.nv]
+                continue
+            if path.endswith(".samples"):
+                out[path] = self._by_samples(path, tape.t, applied)
+                continue
+            values = []
+            for p in (near[part] for part in parts):
+                by_needed, by_applied = _by(tape, p, run)
+                a, b = _sum(p, lambda n: core_start(n.problem)[:2])
+                value = (needed * by_needed).sum() + (applied * by_applied).sum() + q0 @ a + v0 @ b
+                for i, moved in self._moved(run, p):
+                    value += sum((weights[name][:, i] * change).sum()
+                                 for name, change in zip(("q", "v", "a"), moved, strict=True) if name in weights)  # fmt: skip
+                values.append(float(value))
+            out[path] = values[0] if parts == [path] else np.array(values)
+        return out
+
+    def _paths(self, parameters: Sequence[str], adjoint: bool) -> dict[str, list[str]]:
+        """The numbers that each path stands for."""
+        if isinstance(parameters, str) or not len(parameters) or len(set(parameters)) != len(parameters):
+            raise ValueError(f"parameters = {parameters!r}: must be a list of different paths, such as ['link.0.tip.mass']")
+        whole = [p for p in parameters if p in ("q0", "v0", "tau") or (p.startswith("drive.") and p.endswith(".samples"))]
+        arm = self.setup.arm
+        start = {"q0": arm.zero if self.q0 is None else self.q0, "v0": np.zeros(arm.nv) if self.v0 is None else self.v0}
+        return {p: [] if p in whole and adjoint else components(self.setup, p, start) for p in parameters}
+
+    def _near(self, paths: list[str]) -> list[Parameter]:
+        return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau) if paths else []
+
+    def _moved(self, run: Problem, p: Parameter) -> list[tuple[int, Array]]:
+        """Of each prescribed rate whose motion the parameter changes: derivatives (3, nt) of its q, v and a."""
+        if not p.path.startswith("drive."):
+            return []
+        return [(i, _sum(p, lambda n, k=k: np.array([n.problem.laws[k][2](t) for t in run.times]).T))  # type: ignore[misc]
+                for k, (i, moves, *_) in enumerate(run.laws) if moves]  # fmt: skip
+
+    def _by_samples(self, path: str, t: Array, applied: Array) -> Array:
+        """Derivatives by the samples of a torque or a voltage, between which it is linear."""
+        key, law = drive_of(self.setup, path.removeprefix("drive.").removesuffix(".samples"))
+        if not isinstance(law, (Torque, Voltage)) or law.constant or not hasattr(law.law, "breaks"):
+            raise ValueError(f"parameters: '{path}' is nothing that can vary: drive {key} has no samples of a force")
+        run = self._problem()
+        at = list(self.setup.drive).index(key)
+        i, _, _, column = core_laws(run)[at]
+        force = applied @ column if column.size else applied[:, i]
+        breaks = law.law.breaks
+        k = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(breaks) - 2)
+        part = (t - breaks[k]) / (breaks[k + 1] - breaks[k])
+        out = np.zeros(len(breaks))
+        np.add.at(out, k, (1 - part) * force)
+        np.add.at(out, k + 1, part * force)
+        return out
+
+
+def _balanced(run: Problem) -> Any:
+    _, _, tau = core_start(run)
+    return _core.Problem(run.both._core, core_laws(run), run.times, tau, run.wrenches, run.feedback)
+
+
+def _sum(p: Parameter, value: Callable[[Neighbour], Any]) -> Any:
+    """The derivative of a value by a parameter."""
+    return sum(n.weight * np.asarray(value(n), dtype=float) for n in p.neighbours)
+
+
+def _by(tape: Any, p: Parameter, run: Problem) -> tuple[Array, Array]:
+    """Derivatives of the forces at the places of a tape that are needed, and applied, at fixed motion."""
+    if p.path.split(".")[0] in ("q0", "v0", "sensor"):
+        zero = np.zeros((len(tape.t), run.both.nv))
+        return zero, zero
+    needed, applied = _sum(p, lambda n: tape.balance(_balanced(n.problem)))
+    return needed, applied
+
+
+def _weights(loss: Loss, result: Result) -> dict[str, Array]:
+    """Derivatives of a number by the rows of the result."""
+    given = loss
+    if callable(loss):
+        pair = loss(result)
+        if not (isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[1], Mapping)):
+            raise ValueError(f"loss: gave {pair!r}; must give (value, derivatives by rows), such as (x, {{'q': dx_dq}})")
+        given = pair[1]
+    if not isinstance(given, Mapping) or not given:
+        raise ValueError(f"loss = {loss!r}: must be derivatives by rows, such as {{'q': (nt, nq)}}, or a function")
+    return {choice("loss", name, ROWS): array(f"loss['{name}']", w, getattr(result, name).shape) for name, w in given.items()}
