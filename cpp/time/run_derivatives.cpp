@@ -1,7 +1,9 @@
 #include "flexarm/run_derivatives.hpp"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <optional>
 
 #include "arrays.hpp"
 #include "flexarm/check.hpp"
@@ -163,6 +165,65 @@ class StepEquations {
   Eigen::PartialPivLU<MatrixXd> lu_;
 };
 
+/// Steps in which dry friction switches, taken again.
+class Switches {
+ public:
+  Switches(const Driven& of, const Tape& tape, ImplicitOptions options)
+      : s_(of.arm, of.drives, of.loads, of.tau, of.control), tape_(tape), n_(of.arm.nv()), rubs_(rubs(of.arm)) {
+    if (tape.switches.empty()) return;
+    options.rtol = std::min(options.rtol, kSolved);
+    step_.emplace("implicit", of.arm, 1.0, options);
+  }
+  /// The state that a step leads to; forces of friction that slides are this arm's.
+  VectorXd end(Tape::Switch from) {
+    for (std::size_t c = 0; c < from.rates.size(); ++c)
+      for (const Rub& r : rubs_)
+        if (const auto k = static_cast<Index>(c); r.rate == from.rates[c] && from.sense[k] != 0.0)
+          from.before[k] = -from.sense[k] * r.coulomb;
+    s_.q = from.q;
+    s_.v = from.v;
+    s_.drive(from.t);
+    const Step::Given given = [&](double c) { s_.drive(from.t + c * from.h); };
+    step_->repeat(from, s_.ws, s_.q, s_.v, s_.tau, given);
+    VectorXd out(2 * n_);
+    out << s_.q, s_.v;
+    return out;
+  }
+  /// Derivatives of that end by q, v, a0 and alpha0 (nv columns each), and by the forces before, of what rubs.
+  MatrixXd slopes(const Tape::Switch& from) {
+    const auto count = static_cast<Index>(from.rates.size());
+    MatrixXd out(2 * n_, 4 * n_ + count);
+    const double sizes[] = {kMoved, kMoved, kMoved / from.h, kMoved / from.h};
+    for (Index k = 0; k < out.cols(); ++k) {
+      const bool force = k >= 4 * n_;
+      const auto which = [&](Tape::Switch& of) -> double& {
+        if (force) return of.before[k - 4 * n_];
+        VectorXd* parts[] = {&of.q, &of.v, &of.a0, &of.alpha0};
+        return (*parts[k / n_])[k % n_];
+      };
+      const double by = force ? kMoved * (1.0 + std::abs(from.before[k - 4 * n_])) : sizes[k / n_];
+      Tape::Switch less = from, more = from;
+      which(less) -= by;
+      which(more) += by;
+      out.col(k) = (end(more) - end(less)) / (2.0 * by);
+    }
+    return out;
+  }
+  /// The switch of an entry; entries are asked for one after another, either way.
+  const Tape::Switch& of(Index entry) const {
+    return *std::lower_bound(tape_.switches.begin(), tape_.switches.end(), entry,
+                             [](const Tape::Switch& s, Index k) { return s.entry < k; });
+  }
+
+ private:
+  static constexpr double kSolved = 1e-13, kMoved = 1e-7;
+  System s_;
+  const Tape& tape_;
+  Index n_;
+  std::vector<Rub> rubs_;
+  std::optional<OneStep> step_;
+};
+
 /// Column p: of the parameter p, its derivative of needed - applied at place e, and zero where that does not count.
 void residual_by(const std::vector<Balance>& by_p, Index e, const Places& at, MatrixXd& out) {
   out.resize(at.n, static_cast<Index>(by_p.size()));
@@ -180,6 +241,12 @@ std::vector<std::size_t> rows_of_entries(const Tape& tape) {
   return first;
 }
 
+/// The place whose forces hold what is held when a step begins: the one that the method was at before.
+Index place_before(const Tape& tape, Index entry) {
+  const Tape::Entry& last = tape.entries[static_cast<std::size_t>(entry - 1)];
+  return last.point + (last.h == 0.0 ? 0 : tape.stages.count() - 1);
+}
+
 }  // namespace
 
 Balance balance(const Driven& of, const Tape& tape) {
@@ -194,9 +261,18 @@ Balance balance(const Driven& of, const Tape& tape) {
   return out;
 }
 
-Tangents tangents(const Driven& of, const Tape& tape, const std::vector<Balance>& by_p, const Rows& q0, const Rows& v0,
-                  bool accelerations) {
+Rows repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptions& options) {
+  Switches steps(of, tape, options);
+  Rows out(static_cast<Index>(tape.switches.size()), 2 * of.arm.nv());
+  Index k = 0;
+  for (const Tape::Switch& from : tape.switches) out.row(k++) = steps.end(from);
+  return out;
+}
+
+Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& options, const std::vector<Balance>& by_p,
+                  const std::vector<Rows>& switches_by_p, const Rows& q0, const Rows& v0, bool accelerations) {
   Places at(of, tape);
+  Switches switches(of, tape, options);
   const Index n = at.n, np = q0.rows();
   const Stages& method = tape.stages;
   const int s = method.count();
@@ -241,11 +317,38 @@ Tangents tangents(const Driven& of, const Tape& tape, const std::vector<Balance>
     const Tape::Entry& entry = tape.entries[k];
     if (entry.h == 0.0) {
       a0 = alpha0 = accelerate(entry.point, q, v);
+      for (std::size_t r = first[k + 1]; r < first[k + 2]; ++r) write(static_cast<Index>(r), q, v);
       continue;
     }
     const double h = entry.h;
-    step.factor(entry);
     if (entry.lag != 1.0) alpha0 = a0 + entry.lag * (alpha0 - a0);
+    if (entry.point < 0) {
+      const auto index = static_cast<Index>(k);
+      const Tape::Switch& from = switches.of(index);
+      const auto number = &from - tape.switches.data();
+      const auto count_rubs = static_cast<Index>(from.rates.size());
+      MatrixXd state = MatrixXd::Zero(4 * n + count_rubs, np);
+      state.topRows(4 * n) << q, v, a0, alpha0;
+      const Index e = place_before(tape, index);
+      at.differentiate(e);
+      for (Index c = 0; c < count_rubs; ++c) {
+        const Index i = from.rates[static_cast<std::size_t>(c)];
+        if (from.sense[c] != 0.0) continue;
+        state.row(4 * n + c) =
+            at.M_needed.row(i) * a0 + (at.C_needed - at.C_applied).row(i) * v + (at.K_needed - at.K_applied).row(i) * q;
+        for (Index p = 0; p < np; ++p) {
+          const Balance& by_one = by_p[static_cast<std::size_t>(p)];
+          state(4 * n + c, p) += by_one.needed(e, i) - by_one.applied(e, i);
+        }
+      }
+      MatrixXd end = switches.slopes(from) * state;
+      for (Index p = 0; p < np; ++p) end.col(p) += switches_by_p[static_cast<std::size_t>(p)].row(number).transpose();
+      q = end.topRows(n);
+      v = end.bottomRows(n);
+      for (std::size_t r = first[k + 1]; r < first[k + 2]; ++r) write(static_cast<Index>(r), q, v);
+      continue;
+    }
+    step.factor(entry);
     a.resize(s * n, np);
     for (int i = 0; i <= s; ++i) {
       stage_q = q + h * method.c[i] * v;
@@ -285,14 +388,16 @@ Tangents tangents(const Driven& of, const Tape& tape, const std::vector<Balance>
   return out;
 }
 
-Adjoint adjoint(const Driven& of, const Tape& tape, const Rows& by_q, const Rows& by_v, const Rows& by_a,
-                const Rows& by_tau) {
+Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& options, const Rows& by_q, const Rows& by_v,
+                const Rows& by_a, const Rows& by_tau) {
   Places at(of, tape);
+  Switches switches(of, tape, options);
   const Index n = at.n;
   const Stages& method = tape.stages;
   const int s = method.count();
   StepEquations step(at, method);
-  Adjoint out{VectorXd::Zero(n), VectorXd::Zero(n), Rows::Zero(tape.points(), n), Rows::Zero(tape.points(), n)};
+  Adjoint out{VectorXd::Zero(n), VectorXd::Zero(n), Rows::Zero(tape.points(), n), Rows::Zero(tape.points(), n),
+              Rows::Zero(static_cast<Index>(tape.switches.size()), 2 * n)};
   // derivatives of the number by the state at the end of what comes next, going back
   VectorXd q = out.q0, v = q, a0 = q, alpha0 = q, x, y, mu;
   MatrixXd stage;
@@ -351,6 +456,39 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const Rows& by_q, const Rows
       continue;
     }
     const double h = entry.h;
+    const auto delay = [&] {
+      if (entry.lag == 1.0) return;
+      a0 += (1.0 - entry.lag) * alpha0;
+      alpha0 *= entry.lag;
+    };
+    if (entry.point < 0) {
+      const auto index = static_cast<Index>(k);
+      const Tape::Switch& from = switches.of(index);
+      VectorXd end(2 * n);
+      end << q, v;
+      out.switches.row(&from - tape.switches.data()) = end;
+      const VectorXd state = switches.slopes(from).transpose() * end;
+      q = state.segment(0, n);
+      v = state.segment(n, n);
+      a0 = state.segment(2 * n, n);
+      alpha0 = state.segment(3 * n, n);
+      const Index e = place_before(tape, index);
+      at.differentiate(e);
+      x.setZero(n);
+      for (std::size_t c = 0; c < from.rates.size(); ++c) {
+        const double f = state[4 * n + static_cast<Index>(c)];
+        const Index i = from.rates[c];
+        if (from.sense[static_cast<Index>(c)] != 0.0) continue;
+        x += f * at.M_needed.row(i).transpose();
+        v += f * (at.C_needed - at.C_applied).row(i).transpose();
+        q += f * (at.K_needed - at.K_applied).row(i).transpose();
+        out.needed(e, i) += f;
+        out.applied(e, i) -= f;
+      }
+      delay();
+      a0 += x;
+      continue;
+    }
     step.factor(entry);
     stage.resize(s * n, 1);
     for (int j = 0; j < s; ++j)
@@ -384,10 +522,7 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const Rows& by_q, const Rows
       a0 += h * h * method.q_by_start(i, 0) * x + h * method.v_by_start(i, 0) * y;
       alpha0 += h * h * method.q_by_start(i, 1) * x + h * method.v_by_start(i, 1) * y;
     }
-    if (entry.lag != 1.0) {
-      a0 += (1.0 - entry.lag) * alpha0;
-      alpha0 *= entry.lag;
-    }
+    delay();
   }
   for (std::size_t r = first[1]; r-- > first[0];) read(r, q, v);
   for (Index i = 0; i < n; ++i)

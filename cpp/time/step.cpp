@@ -70,6 +70,29 @@ Stages stages_of(const GeneralisedAlpha<Engine>& m) {
   return out;
 }
 
+/// Into what a step's beginning is, or from that.
+template <class To, class From>
+void copy(const From& from, To* to) {
+  std::copy(from.begin(), from.end(), to);
+}
+void begin_again(GeneralisedAlpha<Engine>& m, const Tape::Switch& from) {
+  m.forget();
+  copy(from.a0, m.a0);
+  copy(from.alpha0, m.alpha0);
+  copy(from.a0 - from.gain, m.a_before);
+  m.h_before = from.h;
+  copy(from.sense, m.contacts.sense);
+  copy(from.before, m.contacts.before);
+}
+void note_beginning(const GeneralisedAlpha<Engine>& m, double h, Tape::Switch& out) {
+  const auto all = [&m](const double* x) { return Eigen::Map<const Eigen::VectorXd>(x, m.nv); };
+  out.a0 = all(m.a0);
+  out.alpha0 = all(m.alpha0);
+  out.gain = m.continued(h) * (all(m.a0) - all(m.a_before));
+}
+void begin_again(RungeKutta4<Engine>&, const Tape::Switch&) {}
+void note_beginning(const RungeKutta4<Engine>&, double, Tape::Switch&) {}
+
 double lag_of(const GeneralisedAlpha<Engine>& m, double h) { return m.lag(h); }
 const double* accelerations_of(const GeneralisedAlpha<Engine>& m) { return m.a; }
 
@@ -116,6 +139,8 @@ struct OneStep::Run {
   virtual Stages stages() const = 0;
   virtual double lag(double h) const = 0;
   virtual const double* accelerations() const = 0;
+  virtual void begin_again(const Tape::Switch& from) = 0;
+  virtual void note_beginning(double h, Tape::Switch& out) const = 0;
 
   /// To be called before anything is done with another workspace.
   void attach(Workspace& ws) {
@@ -178,6 +203,8 @@ struct OneStep::RunOf final : Run {
   Stages stages() const override { return stages_of(method); }
   double lag(double h) const override { return lag_of(method, h); }
   const double* accelerations() const override { return accelerations_of(method); }
+  void begin_again(const Tape::Switch& from) override { flexarm::begin_again(method, from); }
+  void note_beginning(double h, Tape::Switch& out) const override { flexarm::note_beginning(method, h, out); }
 };
 
 const std::vector<OneStep::Traits>& OneStep::methods() {
@@ -262,6 +289,25 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
                     const Given& given) {
   const Stages& of = tape_->stages;
   tape_->entries.push_back({h, run_->lag(h), tape_->points()});
+  if (run_->contacts && run_->contacts->switches()) {
+    const Contacts<Engine>& c = *run_->contacts;
+    const auto all = [](const double* x, Eigen::Index n) { return Eigen::Map<const Eigen::VectorXd>(x, n); };
+    Tape::Switch now{static_cast<Eigen::Index>(tape_->entries.size()) - 1,
+                     tape_->now,
+                     h,
+                     all(run_->q0, q.size()),
+                     all(run_->v0, v.size()),
+                     {},
+                     {},
+                     {},
+                     all(c.sense, c.count),
+                     all(c.before, c.count),
+                     {c.at, c.at + c.count}};
+    run_->note_beginning(h, now);
+    tape_->entries.back().point = -1;
+    tape_->switches.push_back(std::move(now));
+    return;
+  }
   if (!of.in_turn) {
     const Eigen::Map<const Eigen::VectorXd> a(run_->accelerations(), v.size());
     tape_->add(tape_->now + h, q, v, a);
@@ -287,6 +333,17 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
   v = v1;
   if (given) given(1.0);
   ws.a = a1;
+}
+
+bool OneStep::repeat(const Tape::Switch& from, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v,
+                     const Eigen::VectorXd& tau, const Given& given) {
+  run_->attach(ws);
+  run_->begin_again(from);
+  q = from.q;
+  v = from.v;
+  const bool solved = run_->step(from.h, q.data(), v.data(), tau.data(), ws.a.data(), given);
+  run_->accept(from.h, v.data(), ws.a.data());
+  return solved;
 }
 
 void OneStep::contacts(const Eigen::VectorXd& v, bool instant, signed char* out) const {

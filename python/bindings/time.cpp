@@ -445,7 +445,8 @@ void bind_time(py::module_& m) {
 
   const auto shaped = [](const std::vector<double>& x, const Tape& tape) {
     const auto height = tape.points();
-    return Rows(Eigen::Map<const Rows>(x.data(), height, height > 0 ? static_cast<Eigen::Index>(x.size()) / height : 0));
+    return Rows(
+        Eigen::Map<const Rows>(x.data(), height, height > 0 ? static_cast<Eigen::Index>(x.size()) / height : 0));
   };
   py::class_<Tape>(m, "Tape")
       .def(py::init([] { return Tape(Stages{}); }))
@@ -456,6 +457,7 @@ void bind_time(py::module_& m) {
       .def_property_readonly("q", [shaped](const Tape& tape) { return shaped(tape.q, tape); })
       .def_property_readonly("v", [shaped](const Tape& tape) { return shaped(tape.v, tape); })
       .def_property_readonly("a", [shaped](const Tape& tape) { return shaped(tape.a, tape); })
+      .def_property_readonly("switches", [](const Tape& tape) { return tape.switches.size(); })
       .def(
           "balance",
           [](const Tape& tape, Problem& of) {
@@ -468,28 +470,39 @@ void bind_time(py::module_& m) {
           },
           py::arg("problem"))
       .def(
+          "repeat_switches",
+          [](const Tape& tape, Problem& of, double rtol, double spectral_radius) {
+            const Unlocked free;
+            return repeat_switches(of, tape, {spectral_radius, rtol});
+          },
+          py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"))
+      .def(
           "tangents",
-          [](const Tape& tape, Problem& of, const std::vector<std::pair<Rows, Rows>>& by_p, const Rows& q0,
+          [](const Tape& tape, Problem& of, double rtol, double spectral_radius,
+             const std::vector<std::pair<Rows, Rows>>& by_p, const std::vector<Rows>& switches, const Rows& q0,
              const Rows& v0, bool accelerations) {
             std::vector<Balance> balances;
             for (const auto& [needed, applied] : by_p) balances.push_back({needed, applied});
             Tangents found;
             {
               const Unlocked free;
-              found = tangents(of, tape, balances, q0, v0, accelerations);
+              found = tangents(of, tape, {spectral_radius, rtol}, balances, switches, q0, v0, accelerations);
             }
             return py::make_tuple(found.q, found.v, found.a, found.tau);
           },
-          py::arg("problem"), py::arg("by_p"), py::arg("q0"), py::arg("v0"), py::arg("accelerations"))
+          py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("by_p"), py::arg("switches"),
+          py::arg("q0"), py::arg("v0"), py::arg("accelerations"))
       .def(
           "adjoint",
-          [](const Tape& tape, Problem& of, const Rows& q, const Rows& v, const Rows& a, const Rows& tau) {
+          [](const Tape& tape, Problem& of, double rtol, double spectral_radius, const Rows& q, const Rows& v,
+             const Rows& a, const Rows& tau) {
             Adjoint found;
             {
               const Unlocked free;
-              found = adjoint(of, tape, q, v, a, tau);
+              found = adjoint(of, tape, {spectral_radius, rtol}, q, v, a, tau);
             }
-            return py::make_tuple(found.q0, found.v0, found.needed, found.applied);
+            return py::make_tuple(found.q0, found.v0, found.needed, found.applied, found.switches);
           },
-          py::arg("problem"), py::arg("q"), py::arg("v"), py::arg("a"), py::arg("tau"));
+          py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("q"), py::arg("v"), py::arg("a"),
+          py::arg("tau"));
 }

@@ -208,6 +208,12 @@ struct Contacts {
     return changed;
   }
 
+  /// Whether the step that was taken holds, lets go or turns anything, of one arm.
+  bool switches() const {
+    bool found = false;
+    for (int c = 0; c < count; ++c) found = found || is(over[c]) || (is(held[c]) && sense[c] != 0.0);
+    return found;
+  }
   /// Behind a step, or `begin_instant`: what rests is exactly still.
   /// @return where a freedom has come to rest, has been torn loose or has turned
   Mask end_step(S* v, const Mask& where) {

@@ -19,19 +19,21 @@ from .variation import Setup, Variation, _drive_name, _fields, known_paths
 _CENTRAL = (-3, -2, -1, 1, 2, 3), (-1 / 60, 3 / 20, -3 / 4, 3 / 4, -3 / 20, 1 / 60)
 _AHEAD = (0, 1, 2, 3, 4, 5, 6), (-147 / 60, 6.0, -15 / 2, 20 / 3, -15 / 4, 6 / 5, -1 / 6)
 _BEHIND = tuple(-k for k in _AHEAD[0]), tuple(-w for w in _AHEAD[1])
-_STEP = 3e-3  # of a difference, in parts of the parameter's scale
+STEP = 3e-3  # of a difference, in parts of the parameter's scale
 _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one leaves what is allowed
 
 
 def problems(
-    setup: Setup, parameters: Sequence[str], t: ArrayLike, q0: Array | None, v0: Array | None, tau: Array | None
-) -> list[Parameter]:
+    setup: Setup, parameters: Sequence[str], t: ArrayLike, q0: Array | None, v0: Array | None, tau: Array | None,
+    part: float = STEP,
+) -> list[Parameter]:  # fmt: skip
     """The neighbours of a problem by each parameter.
 
     Args:
         setup: the arm, and what acts on it.
         parameters: paths of single numbers, as of `simulate_batch`: "link.0.tip.mass", "control.0.kp", "q0.1".
         t, q0, v0, tau: as of `simulate`. Prescribed coordinates start where their motion does.
+        part: step of the differences, in parts of a parameter's size.
 
     Raises:
         ValueError: naming the parameter: nothing that can vary, no single number, or no room to vary in.
@@ -40,14 +42,14 @@ def problems(
         raise ValueError(f"parameters = {parameters!r}: must be a list of different paths, such as ['link.0.tip.mass']")
     arm = setup.arm
     start = {"q0": arm.zero if q0 is None else q0, "v0": np.zeros(arm.nv) if v0 is None else v0}
-    return [_parameter(setup, path, t, start, tau) for path in parameters]
+    return [_parameter(setup, path, t, start, tau, part) for path in parameters]
 
 
-def _parameter(setup: Setup, path: str, t: ArrayLike, start: dict[str, Array], tau: Array | None) -> Parameter:
+def _parameter(setup: Setup, path: str, t: ArrayLike, start: dict[str, Array], tau: Array | None, part: float) -> Parameter:
     value, scale = _value(setup, path, start)
     why: ValueError | None = None
     for smaller in _SMALLER:
-        h = _STEP * scale * smaller
+        h = part * scale * smaller
         for steps, weights in (_CENTRAL, _AHEAD, _BEHIND):
             offsets = h * np.array(steps)
             try:

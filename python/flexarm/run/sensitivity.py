@@ -15,12 +15,14 @@ from .._check import Array, array, choice
 from ..acting.drive import Torque
 from ..acting.voltage import Voltage
 from .parameter import Neighbour, Parameter, core_laws, core_start
-from .perturbed import components, drive_of, problems
+from .perturbed import STEP, components, drive_of, problems
 from .problem import Problem
 from .result import Result
 from .variation import Setup
 
 ROWS = ("q", "v", "a", "tau")
+_NEAR = 1e-6  # step of differences in steps in which friction switches: a larger one may switch in another step
+_STARTS = ("q0", "v0", "sensor")  # what does not change the equations of motion
 
 #: What is read of a run: of its rows, and of what it is made of.
 Output = Callable[[Result, Setup], ArrayLike]
@@ -76,7 +78,7 @@ class Source:
     Attributes:
         setup: what it is made of. t, q0, v0, tau: as of `simulate`.
         integrate: the core's run of a problem; with a tape, of a fixed-step method, which it writes.
-        integrator: its name.
+        integrator, options: its name, and its options.
     """
 
     setup: Setup
@@ -86,6 +88,7 @@ class Source:
     tau: Array | None
     integrate: Callable[..., dict[str, Any]]
     integrator: str
+    options: Mapping[str, Any]
 
     def _problem(self) -> Problem:
         s = self.setup
@@ -114,8 +117,9 @@ class Source:
         near = self._near([p for path in paths for p in paths[path]])
         start = [_sum(p, lambda n: core_start(n.problem)[:2]) for p in near]
         by = [_by(tape, p, run) for p in near]
+        switches = [self._switches(tape, p, run) for p in near]
         q0, v0 = (np.array([x[k] for x in start]).reshape(len(near), run.both.nv) for k in range(2))
-        found = dict(zip(ROWS, tape.tangents(core, by, q0, v0, True), strict=True))
+        found = dict(zip(ROWS, tape.tangents(core, *self._numbers, by, switches, q0, v0, True), strict=True))
         sizes = {"q": self.setup.arm.nq}
         rows = {k: np.array(x)[:, :, : sizes.get(k, self.setup.arm.nv)] for k, x in found.items()}
         for k, p in enumerate(near):
@@ -131,7 +135,7 @@ class Source:
         full = [np.zeros((0, run.both.nv)) if w is None else np.pad(w, ((0, 0), (0, run.both.nv - w.shape[1])))
                 for w in (weights.get(k) for k in ROWS)]  # fmt: skip
         full[:2] = [w if len(w) else np.zeros((len(result.t), run.both.nv)) for w in full[:2]]
-        q0, v0, needed, applied = tape.adjoint(core, *full)
+        q0, v0, needed, applied, switches = tape.adjoint(core, *self._numbers, *full)
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
         whole = {"q0": q0, "v0": v0, "tau": applied.sum(axis=0)}
         out: dict[str, Any] = {}
@@ -147,12 +151,25 @@ class Source:
                 by_needed, by_applied = _by(tape, p, run)
                 a, b = _sum(p, lambda n: core_start(n.problem)[:2])
                 value = (needed * by_needed).sum() + (applied * by_applied).sum() + q0 @ a + v0 @ b
+                value += (switches * self._switches(tape, p, run)).sum()
                 for i, moved in self._moved(run, p):
                     value += sum((weights[name][:, i] * change).sum()
                                  for name, change in zip(("q", "v", "a"), moved, strict=True) if name in weights)  # fmt: skip
                 values.append(float(value))
             out[path] = values[0] if parts == [path] else np.array(values)
         return out
+
+    @property
+    def _numbers(self) -> tuple[float, float]:
+        """Options of "implicit"."""
+        return self.options["rtol"], self.options["spectral_radius"]
+
+    def _switches(self, tape: Any, p: Parameter, run: Problem) -> Array:
+        """Derivatives of the ends of steps in which dry friction switches, from where they begin."""
+        if p.path.split(".")[0] in _STARTS or not tape.switches:
+            return np.zeros((tape.switches, 2 * run.both.nv))
+        near = self._near([p.path], _NEAR)[0]
+        return _sum(near, lambda n: tape.repeat_switches(_balanced(n.problem), *self._numbers))
 
     def _paths(self, parameters: Sequence[str], adjoint: bool) -> dict[str, list[str]]:
         """The numbers that each path stands for."""
@@ -163,8 +180,8 @@ class Source:
         start = {"q0": arm.zero if self.q0 is None else self.q0, "v0": np.zeros(arm.nv) if self.v0 is None else self.v0}
         return {p: [] if p in whole and adjoint else components(self.setup, p, start) for p in parameters}
 
-    def _near(self, paths: list[str]) -> list[Parameter]:
-        return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau) if paths else []
+    def _near(self, paths: list[str], part: float = STEP) -> list[Parameter]:
+        return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau, part) if paths else []
 
     def _moved(self, run: Problem, p: Parameter) -> list[tuple[int, Array]]:
         """Of each prescribed rate whose motion the parameter changes: derivatives (3, nt) of its q, v and a."""
@@ -203,7 +220,7 @@ def _sum(p: Parameter, value: Callable[[Neighbour], Any]) -> Any:
 
 def _by(tape: Any, p: Parameter, run: Problem) -> tuple[Array, Array]:
     """Derivatives of the forces at the places of a tape that are needed, and applied, at fixed motion."""
-    if p.path.split(".")[0] in ("q0", "v0", "sensor"):
+    if p.path.split(".")[0] in _STARTS:
         zero = np.zeros((len(tape.t), run.both.nv))
         return zero, zero
     needed, applied = _sum(p, lambda n: tape.balance(_balanced(n.problem)))

@@ -282,7 +282,7 @@ def simulate(
     setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
     given = (None if x is None else np.array(x, dtype=float) for x in (q0, v0, tau))
     again = partial(_integrate, integrator=integrator, method=method, options=options, alive=None)
-    result._source = Source(setup, run.times, *given, again, integrator)
+    result._source = Source(setup, run.times, *given, again, integrator, options)
     for warning in _judged(run, out, result, integrator, options["step"]):
         warnings.warn(warning, stacklevel=2)
     if not SILENT.get():

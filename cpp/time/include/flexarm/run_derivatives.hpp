@@ -6,7 +6,7 @@
 #include "flexarm/control.hpp"
 #include "flexarm/drive.hpp"
 #include "flexarm/load.hpp"
-#include "flexarm/tape.hpp"
+#include "flexarm/step.hpp"
 #include "flexarm/trajectory.hpp"
 
 namespace flexarm {
@@ -31,6 +31,9 @@ struct Driven {
 /// the other's where they are not prescribed here.
 Balance balance(const Driven& of, const Tape& tape);
 
+/// States [q; v] (switches, 2 nv) to which this problem's steps lead from the beginnings of the tape's switches.
+Trajectory::Rows repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptions& options);
+
 /// Derivatives of a run's rows by parameters p: of each parameter a matrix (rows, nv).
 struct Tangents {
   std::vector<Trajectory::Rows> q, v, a, tau;
@@ -39,18 +42,21 @@ struct Tangents {
 struct Adjoint {
   Eigen::VectorXd q0, v0;            ///< by the start
   Trajectory::Rows needed, applied;  ///< by the forces of `Balance` at the places, as if these were free to choose
+  Trajectory::Rows switches;         ///< by what `repeat_switches` gives
 };
 
-/// Derivatives of the method's own equations at their solution, exact but for rounding. In steps in which dry friction
-/// holds, lets go or turns a joint, see `Switches`.
+/// Derivatives of the method's own equations at their solution, exact but for rounding; of steps in which dry friction
+/// holds, lets go or turns a joint, by differences of such a step.
 /// @param by_p   derivatives of the balance by each parameter, at fixed q, v and a, but for those prescribed
+/// @param switches_by_p  derivatives of `repeat_switches` by each parameter (switches, 2 nv)
 /// @param q0, v0  derivatives of the start by each parameter (np, nv)
 /// @param accelerations  whether a and tau are asked for as well
 /// @throws std::invalid_argument for ball joints
-Tangents tangents(const Driven& of, const Tape& tape, const std::vector<Balance>& by_p, const Trajectory::Rows& q0,
+Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& options, const std::vector<Balance>& by_p,
+                  const std::vector<Trajectory::Rows>& switches_by_p, const Trajectory::Rows& q0,
                   const Trajectory::Rows& v0, bool accelerations);
 /// @param q, v, a, tau  derivatives of the number by the run's rows (rows, nv); a and tau may be empty
-Adjoint adjoint(const Driven& of, const Tape& tape, const Trajectory::Rows& q, const Trajectory::Rows& v,
-                const Trajectory::Rows& a, const Trajectory::Rows& tau);
+Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& options, const Trajectory::Rows& q,
+                const Trajectory::Rows& v, const Trajectory::Rows& a, const Trajectory::Rows& tau);
 
 }  // namespace flexarm

@@ -120,6 +120,9 @@ class OneStep : public Step {
   const Eigen::VectorXd& friction() const { return friction_; }
   /// What rubs, and is free to, at the last step's end, or where `accelerate` was asked (nv of Tape::Contact).
   void contacts(const Eigen::VectorXd& v, bool instant, signed char* out) const;
+  /// Takes the step of a switch again, into q and v. @return whether it was solved
+  bool repeat(const Tape::Switch& from, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v,
+              const Eigen::VectorXd& tau, const Given& given);
   /// Iterations of the last step.
   int iterations() const;
 

@@ -33,6 +33,14 @@ struct Tape {
     double lag;          ///< of alpha0 - a0, what is left of it at the beginning: 1 but where the step changes
     Eigen::Index point;  ///< its first place
   };
+  /// The beginning of a step in which dry friction came to hold a joint, let it go, or turned: its entry has no places.
+  struct Switch {
+    Eigen::Index entry;
+    double t, h;                             ///< time and length (s)
+    Eigen::VectorXd q, v, a0, alpha0, gain;  ///< state; gain: what the first guess of the accelerations adds to a0
+    Eigen::VectorXd sense, before;           ///< of each rate that rubs: 1, -1 or 0, held; force of friction
+    std::vector<int> rates;                  ///< which these are
+  };
   /// A row of the results: the state within, or at the end of, the step of an entry.
   struct Row {
     Eigen::Index entry;              ///< -1: the start
@@ -46,6 +54,7 @@ struct Tape {
   std::vector<signed char> contact;
   std::vector<Entry> entries;
   std::vector<Row> rows;
+  std::vector<Switch> switches;
   double now = 0.0;  ///< time at which the step begins that is being taken (s)
 
   explicit Tape(Stages of) : stages(std::move(of)) {}
