@@ -2,8 +2,14 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <exception>
+#include <limits>
+#include <memory>
+#include <mutex>
 #include <optional>
+#include <thread>
 
 #include "arrays.hpp"
 #include "flexarm/check.hpp"
@@ -20,6 +26,12 @@ using Eigen::VectorXd;
 using Rows = Trajectory::Rows;
 
 namespace {
+
+/// Slopes by accelerations, rates and coordinates at a place.
+struct Slopes {
+  MatrixXd M, C, K;  ///< of the residual, needed - applied; of what does not count the acceleration itself
+  MatrixXd M_needed, C_needed, K_needed, C_applied, K_applied;
+};
 
 /// The problem at the places of a tape.
 class Places {
@@ -51,24 +63,29 @@ class Places {
     }
   }
 
-  /// Mass matrix and slopes of the residual, needed - applied, at place e.
-  void differentiate(Index e) {
+  /// @param whole  whether more than M, C and K are asked for
+  void differentiate(Index e, bool whole, Slopes& out) {
     move(e);
     for (std::size_t k = 0; k < s_.ws.loads.size(); ++k) slopes_.set_wrench(k, s_.ws.loads[k].wrench);
     slopes_(s_.arm, s_.q, s_.v, s_.a);
-    K_needed = K = slopes_.dq;
-    C_needed = C = slopes_.dv;
-    add_feedback_slopes(s_.ws.feedback, s_.q, s_.v, K, C);
-    K_applied = K_needed - K;
-    C_applied = C_needed - C;
+    out.K = slopes_.dq;
+    out.C = slopes_.dv;
+    add_feedback_slopes(s_.ws.feedback, s_.q, s_.v, out.K, out.C);
     composite_mass_matrix(s_.arm, s_.ws, s_.q);
-    M_needed = M = s_.ws.M;
+    out.M = s_.ws.M;
+    if (whole) {
+      out.K_needed = slopes_.dq;
+      out.C_needed = slopes_.dv;
+      out.K_applied = slopes_.dq - out.K;
+      out.C_applied = slopes_.dv - out.C;
+      out.M_needed = s_.ws.M;
+    }
     for (Index i = 0; i < n; ++i)
       if (fixed(e, i)) {
-        M.row(i).setZero();
-        K.row(i).setZero();
-        C.row(i).setZero();
-        M(i, i) = 1.0;
+        out.M.row(i).setZero();
+        out.K.row(i).setZero();
+        out.C.row(i).setZero();
+        out.M(i, i) = 1.0;
       }
   }
   /// Whether the equation of a rate does not count at a place: it is given, or held.
@@ -76,8 +93,6 @@ class Places {
   bool given(Index i) const { return s_.ws.prescribed[static_cast<std::size_t>(i)]; }
 
   const Index n;
-  MatrixXd M, C, K;  ///< of the equations that count
-  MatrixXd M_needed, C_needed, K_needed, C_applied, K_applied;
 
  private:
   int contact(Index e, Index i) const { return tape_.contact[static_cast<std::size_t>(e * n + i)]; }
@@ -95,16 +110,80 @@ class Places {
   std::vector<Rub> rubs_;
 };
 
+/// The place whose forces hold what is held when a step begins: the one that the method was at before.
+Index place_before(const Tape& tape, Index entry) {
+  const Tape::Entry& last = tape.entries[static_cast<std::size_t>(entry - 1)];
+  return last.point + (last.h == 0.0 ? 0 : tape.stages.count() - 1);
+}
+
+/// Slopes at the places of a tape, asked for one after another, either way: made by several threads, some ahead.
+class Ahead {
+ public:
+  /// @param rows  whether the places of rows are asked for
+  Ahead(const Driven& of, const Tape& tape, bool rows, int threads)
+      : asked_(static_cast<std::size_t>(tape.points()), 1),
+        kept_(static_cast<std::size_t>(threads > 1 ? threads * std::max(kFewest, kRates / of.arm.nv()) : 1)) {
+    for (const Tape::Row& row : tape.rows) asked_[static_cast<std::size_t>(row.point)] = rows ? 2 : 0;
+    for (const Tape::Switch& s : tape.switches) asked_[static_cast<std::size_t>(place_before(tape, s.entry))] = 2;
+    for (int k = 0; k < threads; ++k) places_.push_back(std::make_unique<Places>(of, tape));
+  }
+  const Slopes& operator()(Index e) {
+    const auto count = static_cast<Index>(kept_.size());
+    if (e < first_ || e >= last_) {
+      const bool back = e < first_;
+      first_ = back ? std::max<Index>(0, e + 1 - count) : e;
+      last_ = back ? e + 1 : std::min(e + count, static_cast<Index>(asked_.size()));
+      make();
+    }
+    return kept_[static_cast<std::size_t>(e - first_)];
+  }
+  Places& places() { return *places_.front(); }
+
+ private:
+  static constexpr int kFewest = 16, kRates = 4096;  // places that a thread makes at a time, and their rates
+
+  void make() {
+    std::exception_ptr wrong;
+    std::mutex lock;
+    std::atomic<Index> next{first_};
+    const auto work = [&](Places& at) {
+      try {
+        for (Index e; (e = next++) < last_;)
+          if (const char how = asked_[static_cast<std::size_t>(e)]; how > 0)
+            at.differentiate(e, how > 1, kept_[static_cast<std::size_t>(e - first_)]);
+      } catch (...) {
+        const std::lock_guard<std::mutex> mine(lock);
+        wrong = std::current_exception();
+      }
+    };
+    std::vector<std::thread> others;
+    for (std::size_t k = 1; k < places_.size(); ++k) others.emplace_back(work, std::ref(*places_[k]));
+    work(*places_.front());
+    for (std::thread& t : others) t.join();
+    if (wrong) std::rethrow_exception(wrong);
+  }
+
+  std::vector<std::unique_ptr<Places>> places_;
+  std::vector<char> asked_;
+  std::vector<Slopes> kept_;
+  Index first_ = std::numeric_limits<Index>::max(), last_ = first_;
+};
+
 /// The equations of a step, in changes: of its stages, N da = rhs.
 class StepEquations {
  public:
-  StepEquations(Places& places, const Stages& of) : at_(places), of_(of), s_(of.count()), slopes_(of.count()) {}
+  StepEquations(Ahead& slopes, const Stages& of)
+      : ahead_(slopes), n_(slopes.places().n), of_(of), s_(of.count()), slopes_(of.count()) {}
 
-  void factor(const Tape::Entry& entry) {
-    const Index n = at_.n;
+  /// @param back  whether the places are asked for backwards
+  void factor(const Tape::Entry& entry, bool back) {
+    const Index n = n_;
     for (int i = 0; i < s_; ++i) {
-      at_.differentiate(entry.point + i);
-      slopes_[i] = {at_.M, at_.C, at_.K};
+      const Slopes& at = ahead_(back ? entry.point + s_ - 1 - i : entry.point + i);
+      Stage& stage = slopes_[back ? s_ - 1 - i : i];
+      stage.M = at.M;
+      stage.C = at.C;
+      stage.K = at.K;
     }
     h_ = entry.h;
     if (of_.in_turn) {
@@ -144,11 +223,11 @@ class StepEquations {
   const MatrixXd& K(int i) const { return slopes_[i].K; }
 
  private:
-  struct Slopes {
+  struct Stage {
     MatrixXd M, C, K;
     Eigen::PartialPivLU<MatrixXd> lu = {};
   };
-  Eigen::Block<MatrixXd> rows(MatrixXd& x, int i) const { return x.block(i * at_.n, 0, at_.n, x.cols()); }
+  Eigen::Block<MatrixXd> rows(MatrixXd& x, int i) const { return x.block(i * n_, 0, n_, x.cols()); }
   /// Of the residual at stage i, by the accelerations of stage j.
   MatrixXd coupling(int i, int j) const {
     MatrixXd out = h_ * of_.v_by_a(i, j) * slopes_[i].C + h_ * h_ * of_.q_by_a(i, j) * slopes_[i].K;
@@ -156,11 +235,12 @@ class StepEquations {
     return out;
   }
 
-  Places& at_;
+  Ahead& ahead_;
+  Index n_;
   const Stages& of_;
   int s_;
   double h_ = 0.0;
-  std::vector<Slopes> slopes_;
+  std::vector<Stage> slopes_;
   MatrixXd newton_;
   Eigen::PartialPivLU<MatrixXd> lu_;
 };
@@ -241,12 +321,6 @@ std::vector<std::size_t> rows_of_entries(const Tape& tape) {
   return first;
 }
 
-/// The place whose forces hold what is held when a step begins: the one that the method was at before.
-Index place_before(const Tape& tape, Index entry) {
-  const Tape::Entry& last = tape.entries[static_cast<std::size_t>(entry - 1)];
-  return last.point + (last.h == 0.0 ? 0 : tape.stages.count() - 1);
-}
-
 }  // namespace
 
 Balance balance(const Driven& of, const Tape& tape) {
@@ -270,25 +344,27 @@ Rows repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptions& 
 }
 
 Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& options, const std::vector<Balance>& by_p,
-                  const std::vector<Rows>& switches_by_p, const Rows& q0, const Rows& v0, bool accelerations) {
-  Places at(of, tape);
+                  const std::vector<Rows>& switches_by_p, const Rows& q0, const Rows& v0, bool accelerations,
+                  int threads) {
+  Ahead slopes(of, tape, accelerations, threads);
+  const Places& places = slopes.places();
   Switches switches(of, tape, options);
-  const Index n = at.n, np = q0.rows();
+  const Index n = places.n, np = q0.rows();
   const Stages& method = tape.stages;
   const int s = method.count();
-  StepEquations step(at, method);
+  StepEquations step(slopes, method);
   const auto count = static_cast<Index>(tape.rows.size());
   const auto empty = [&](Index height) { return std::vector<Rows>(static_cast<std::size_t>(np), Rows(height, n)); };
   Tangents out{empty(count), empty(count), empty(accelerations ? count : 0), empty(accelerations ? count : 0)};
   MatrixXd q = q0.transpose(), v = v0.transpose(), a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q, stage_v;
   for (Index i = 0; i < n; ++i)
-    if (at.given(i)) {
+    if (places.given(i)) {
       q.row(i).setZero();  // what a parameter makes of a motion is in the balance
       v.row(i).setZero();
     }
   const auto accelerate = [&](Index e, const MatrixXd& x, const MatrixXd& y) -> MatrixXd {
-    at.differentiate(e);
-    residual_by(by_p, e, at, by);
+    const Slopes& at = slopes(e);
+    residual_by(by_p, e, places, by);
     by += at.K * x + at.C * y;
     return -Eigen::PartialPivLU<MatrixXd>(at.M).solve(by);
   };
@@ -297,9 +373,10 @@ Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& opt
     MatrixXd z, f;
     if (accelerations) {
       z = accelerate(e, x, y);
+      const Slopes& at = slopes(e);
       f = at.K_applied * x + at.C_applied * y;
       for (Index i = 0; i < n; ++i)
-        if (at.given(i)) f.row(i) = at.K_needed.row(i) * x + at.C_needed.row(i) * y + at.M_needed.row(i) * z;
+        if (places.given(i)) f.row(i) = at.K_needed.row(i) * x + at.C_needed.row(i) * y + at.M_needed.row(i) * z;
     }
     for (Index p = 0; p < np; ++p) {
       const auto k = static_cast<std::size_t>(p);
@@ -308,7 +385,7 @@ Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& opt
       if (!accelerations) continue;
       out.a[k].row(row) = z.col(p);
       for (Index i = 0; i < n; ++i)
-        out.tau[k](row, i) = f(i, p) + (at.given(i) ? by_p[k].needed(e, i) : by_p[k].applied(e, i));
+        out.tau[k](row, i) = f(i, p) + (places.given(i) ? by_p[k].needed(e, i) : by_p[k].applied(e, i));
     }
   };
   const std::vector<std::size_t> first = rows_of_entries(tape);
@@ -330,7 +407,7 @@ Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& opt
       MatrixXd state = MatrixXd::Zero(4 * n + count_rubs, np);
       state.topRows(4 * n) << q, v, a0, alpha0;
       const Index e = place_before(tape, index);
-      at.differentiate(e);
+      const Slopes& at = slopes(e);
       for (Index c = 0; c < count_rubs; ++c) {
         const Index i = from.rates[static_cast<std::size_t>(c)];
         if (from.sense[c] != 0.0) continue;
@@ -348,7 +425,7 @@ Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& opt
       for (std::size_t r = first[k + 1]; r < first[k + 2]; ++r) write(static_cast<Index>(r), q, v);
       continue;
     }
-    step.factor(entry);
+    step.factor(entry, false);
     a.resize(s * n, np);
     for (int i = 0; i <= s; ++i) {
       stage_q = q + h * method.c[i] * v;
@@ -358,7 +435,7 @@ Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& opt
         stage_v += h * (method.v_by_start(i, 0) * a0 + method.v_by_start(i, 1) * alpha0);
       }
       if (i == s) break;
-      residual_by(by_p, entry.point + i, at, by);
+      residual_by(by_p, entry.point + i, places, by);
       a.middleRows(i * n, n) = -(by + step.K(i) * stage_q + step.C(i) * stage_v);
     }
     step.solve(a);
@@ -389,13 +466,14 @@ Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& opt
 }
 
 Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& options, const Rows& by_q, const Rows& by_v,
-                const Rows& by_a, const Rows& by_tau) {
-  Places at(of, tape);
+                const Rows& by_a, const Rows& by_tau, int threads) {
+  Ahead slopes(of, tape, by_a.rows() > 0 || by_tau.rows() > 0, threads);
+  const Places& places = slopes.places();
   Switches switches(of, tape, options);
-  const Index n = at.n;
+  const Index n = places.n;
   const Stages& method = tape.stages;
   const int s = method.count();
-  StepEquations step(at, method);
+  StepEquations step(slopes, method);
   Adjoint out{VectorXd::Zero(n), VectorXd::Zero(n), Rows::Zero(tape.points(), n), Rows::Zero(tape.points(), n),
               Rows::Zero(static_cast<Index>(tape.switches.size()), 2 * n)};
   // derivatives of the number by the state at the end of what comes next, going back
@@ -403,17 +481,18 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& optio
   MatrixXd stage;
   Eigen::PartialPivLU<MatrixXd> mass;
   const auto count = [&](Index e, Index i, double force) {  // of the residual, where it counts
-    if (at.fixed(e, i)) return;
+    if (places.fixed(e, i)) return;
     out.needed(e, i) += force;
     out.applied(e, i) -= force;
   };
   /// What the accelerations at a place mean for q and v there.
   const auto accelerate = [&](Index e, const VectorXd& by, VectorXd& to_q, VectorXd& to_v) {
+    const Slopes& at = slopes(e);
     mass.compute(at.M);
     mu = mass.transpose().solve(by);
     mu = -mu;
     for (Index i = 0; i < n; ++i)
-      if (at.fixed(e, i)) mu[i] = 0.0;
+      if (places.fixed(e, i)) mu[i] = 0.0;
     to_q += at.K.transpose() * mu;
     to_v += at.C.transpose() * mu;
     for (Index i = 0; i < n; ++i) count(e, i, mu[i]);
@@ -425,12 +504,12 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& optio
     to_v += by_v.row(r).transpose();
     if (by_a.rows() == 0 && by_tau.rows() == 0) return;
     const Index e = tape.rows[row].point;
-    at.differentiate(e);
+    const Slopes& at = slopes(e);
     VectorXd by = by_a.rows() > 0 ? VectorXd(by_a.row(r)) : VectorXd::Zero(n);
     for (Index i = 0; by_tau.rows() > 0 && i < n; ++i) {
       const double f = by_tau(r, i);
       if (f == 0.0) continue;
-      if (at.given(i)) {
+      if (places.given(i)) {
         to_q += f * at.K_needed.row(i).transpose();
         to_v += f * at.C_needed.row(i).transpose();
         by += f * at.M_needed.row(i).transpose();
@@ -438,7 +517,7 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& optio
         to_q += f * at.K_applied.row(i).transpose();
         to_v += f * at.C_applied.row(i).transpose();
       }
-      (at.given(i) ? out.needed : out.applied)(e, i) += f;
+      (places.given(i) ? out.needed : out.applied)(e, i) += f;
     }
     accelerate(e, by, to_q, to_v);
   };
@@ -448,7 +527,6 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& optio
     std::size_t last = first[k + 2];
     for (; last > first[k + 1] && tape.rows[last - 1].v_by_a.size() == 0; --last) read(last - 1, q, v);
     if (entry.h == 0.0) {
-      at.differentiate(entry.point);
       a0 += alpha0;
       accelerate(entry.point, a0, q, v);
       a0.setZero();
@@ -473,7 +551,7 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& optio
       a0 = state.segment(2 * n, n);
       alpha0 = state.segment(3 * n, n);
       const Index e = place_before(tape, index);
-      at.differentiate(e);
+      const Slopes& at = slopes(e);
       x.setZero(n);
       for (std::size_t c = 0; c < from.rates.size(); ++c) {
         const double f = state[4 * n + static_cast<Index>(c)];
@@ -489,7 +567,7 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& optio
       a0 += x;
       continue;
     }
-    step.factor(entry);
+    step.factor(entry, true);
     stage.resize(s * n, 1);
     for (int j = 0; j < s; ++j)
       stage.middleRows(j * n, n) = h * h * method.q_by_a(s, j) * q + h * method.v_by_a(s, j) * v;
@@ -512,7 +590,7 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& optio
     for (int i = 0; i < s; ++i) {
       mu = -stage.middleRows(i * n, n);
       for (Index j = 0; j < n; ++j)
-        if (at.fixed(entry.point + i, j)) mu[j] = 0.0;
+        if (places.fixed(entry.point + i, j)) mu[j] = 0.0;
       for (Index j = 0; j < n; ++j) count(entry.point + i, j, mu[j]);
       x.noalias() = step.K(i).transpose() * mu;
       y.noalias() = step.C(i).transpose() * mu;
@@ -526,7 +604,7 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& optio
   }
   for (std::size_t r = first[1]; r-- > first[0];) read(r, q, v);
   for (Index i = 0; i < n; ++i)
-    if (at.given(i)) q[i] = v[i] = 0.0;
+    if (places.given(i)) q[i] = v[i] = 0.0;
   out.q0 = q;
   out.v0 = v;
   return out;

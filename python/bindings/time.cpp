@@ -480,29 +480,29 @@ void bind_time(py::module_& m) {
           "tangents",
           [](const Tape& tape, Problem& of, double rtol, double spectral_radius,
              const std::vector<std::pair<Rows, Rows>>& by_p, const std::vector<Rows>& switches, const Rows& q0,
-             const Rows& v0, bool accelerations) {
+             const Rows& v0, bool accelerations, int threads) {
             std::vector<Balance> balances;
             for (const auto& [needed, applied] : by_p) balances.push_back({needed, applied});
             Tangents found;
             {
               const Unlocked free;
-              found = tangents(of, tape, {spectral_radius, rtol}, balances, switches, q0, v0, accelerations);
+              found = tangents(of, tape, {spectral_radius, rtol}, balances, switches, q0, v0, accelerations, threads);
             }
             return py::make_tuple(found.q, found.v, found.a, found.tau);
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("by_p"), py::arg("switches"),
-          py::arg("q0"), py::arg("v0"), py::arg("accelerations"))
+          py::arg("q0"), py::arg("v0"), py::arg("accelerations"), py::arg("threads"))
       .def(
           "adjoint",
           [](const Tape& tape, Problem& of, double rtol, double spectral_radius, const Rows& q, const Rows& v,
-             const Rows& a, const Rows& tau) {
+             const Rows& a, const Rows& tau, int threads) {
             Adjoint found;
             {
               const Unlocked free;
-              found = adjoint(of, tape, {spectral_radius, rtol}, q, v, a, tau);
+              found = adjoint(of, tape, {spectral_radius, rtol}, q, v, a, tau, threads);
             }
             return py::make_tuple(found.q0, found.v0, found.needed, found.applied, found.switches);
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("q"), py::arg("v"), py::arg("a"),
-          py::arg("tau"));
+          py::arg("tau"), py::arg("threads"));
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +14,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, choice
+from .._threads import each
 from ..acting.drive import Torque
 from ..acting.voltage import Voltage
 from .parameter import Neighbour, Parameter, core_laws, core_start
@@ -116,10 +119,10 @@ class Source:
         run, result, tape, core = self._taped()
         near = self._near([p for path in paths for p in paths[path]])
         start = [_sum(p, lambda n: core_start(n.problem)[:2]) for p in near]
-        by = [_by(tape, p, run) for p in near]
+        by = self._by(tape, near, run)
         switches = [self._switches(tape, p, run) for p in near]
         q0, v0 = (np.array([x[k] for x in start]).reshape(len(near), run.both.nv) for k in range(2))
-        found = dict(zip(ROWS, tape.tangents(core, *self._numbers, by, switches, q0, v0, True), strict=True))
+        found = dict(zip(ROWS, tape.tangents(core, *self._numbers, by, switches, q0, v0, True, _workers()), strict=True))
         sizes = {"q": self.setup.arm.nq}
         rows = {k: np.array(x)[:, :, : sizes.get(k, self.setup.arm.nv)] for k, x in found.items()}
         for k, p in enumerate(near):
@@ -135,8 +138,9 @@ class Source:
         full = [np.zeros((0, run.both.nv)) if w is None else np.pad(w, ((0, 0), (0, run.both.nv - w.shape[1])))
                 for w in (weights.get(k) for k in ROWS)]  # fmt: skip
         full[:2] = [w if len(w) else np.zeros((len(result.t), run.both.nv)) for w in full[:2]]
-        q0, v0, needed, applied, switches = tape.adjoint(core, *self._numbers, *full)
+        q0, v0, needed, applied, switches = tape.adjoint(core, *self._numbers, *full, _workers())
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
+        by = dict(zip(near, self._by(tape, list(near.values()), run), strict=True))
         whole = {"q0": q0, "v0": v0, "tau": applied.sum(axis=0)}
         out: dict[str, Any] = {}
         for path, parts in paths.items():
@@ -148,7 +152,7 @@ class Source:
                 continue
             values = []
             for p in (near[part] for part in parts):
-                by_needed, by_applied = _by(tape, p, run)
+                by_needed, by_applied = by[p.path]
                 a, b = _sum(p, lambda n: core_start(n.problem)[:2])
                 value = (needed * by_needed).sum() + (applied * by_applied).sum() + q0 @ a + v0 @ b
                 value += (switches * self._switches(tape, p, run)).sum()
@@ -163,6 +167,25 @@ class Source:
     def _numbers(self) -> tuple[float, float]:
         """Options of "implicit"."""
         return self.options["rtol"], self.options["spectral_radius"]
+
+    def _by(self, tape: Any, near: Sequence[Parameter], run: Problem) -> list[tuple[Array, Array]]:
+        """By each parameter: derivatives of the forces at the places of a tape that are needed, and applied, at fixed
+        motion."""
+        shape = len(tape.t), run.both.nv
+        out = [(np.zeros(shape), np.zeros(shape)) for _ in near]
+        jobs = [(total, n) for p, total in zip(near, out, strict=True) if p.path.split(".")[0] not in _STARTS
+                for n in p.neighbours]  # fmt: skip
+        lock = threading.Lock()
+
+        def add(k: int) -> None:
+            total, n = jobs[k]
+            found = tape.balance(_balanced(n.problem))
+            with lock:
+                for x, y in zip(total, found, strict=True):
+                    x += n.weight * y
+
+        each(add, len(jobs), min(_workers(), len(jobs)))
+        return out
 
     def _switches(self, tape: Any, p: Parameter, run: Problem) -> Array:
         """Derivatives of the ends of steps in which dry friction switches, from where they begin."""
@@ -218,13 +241,8 @@ def _sum(p: Parameter, value: Callable[[Neighbour], Any]) -> Any:
     return sum(n.weight * np.asarray(value(n), dtype=float) for n in p.neighbours)
 
 
-def _by(tape: Any, p: Parameter, run: Problem) -> tuple[Array, Array]:
-    """Derivatives of the forces at the places of a tape that are needed, and applied, at fixed motion."""
-    if p.path.split(".")[0] in _STARTS:
-        zero = np.zeros((len(tape.t), run.both.nv))
-        return zero, zero
-    needed, applied = _sum(p, lambda n: tape.balance(_balanced(n.problem)))
-    return needed, applied
+def _workers() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _weights(loss: Loss, result: Result) -> dict[str, Array]:

@@ -51,12 +51,13 @@ struct Adjoint {
 /// @param switches_by_p  derivatives of `repeat_switches` by each parameter (switches, 2 nv)
 /// @param q0, v0  derivatives of the start by each parameter (np, nv)
 /// @param accelerations  whether a and tau are asked for as well
+/// @param threads  that make slopes; laws of `of` must bear it
 /// @throws std::invalid_argument for ball joints
 Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& options, const std::vector<Balance>& by_p,
                   const std::vector<Trajectory::Rows>& switches_by_p, const Trajectory::Rows& q0,
-                  const Trajectory::Rows& v0, bool accelerations);
+                  const Trajectory::Rows& v0, bool accelerations, int threads = 1);
 /// @param q, v, a, tau  derivatives of the number by the run's rows (rows, nv); a and tau may be empty
 Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& options, const Trajectory::Rows& q,
-                const Trajectory::Rows& v, const Trajectory::Rows& a, const Trajectory::Rows& tau);
+                const Trajectory::Rows& v, const Trajectory::Rows& a, const Trajectory::Rows& tau, int threads = 1);
 
 }  // namespace flexarm
