@@ -14,17 +14,41 @@ namespace flexarm {
 
 namespace {
 
-constexpr int kLook = 200;          // most steps between two calls of `alive`
-constexpr long kSlow = 20000;       // steps after which somebody is told
-constexpr double kLookTime = 0.02;  // s: about the longest time between them
-constexpr int kFollow = 1000;       // times in a run at which events are looked at where nothing is integrated
-constexpr double kOneTime = 1e-13;  // parts of the time by which two zeros of one event are still one
+constexpr int kLook = 200;              // most steps between two calls of `alive`
+constexpr long kSlow = 20000;           // steps after which somebody is told
+constexpr double kLookTime = 0.02;      // s: about the longest time between them
+constexpr int kFollow = 1000;           // times in a run at which events are looked at where nothing is integrated
+constexpr int kTangentIterations = 10;  // linear, but the chain's solver is not exact
+constexpr double kOneTime = 1e-13;      // parts of the time by which two zeros of one event are still one
 
 int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
   IdaSystem& s = *static_cast<IdaSystem*>(data);
   try {
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
     return s.residual(N_VGetArrayPointer(yp), N_VGetArrayPointer(r)) ? 0 : 1;  // 1: IDA tries a smaller step
+  } catch (...) {
+    s.thrown = std::current_exception();
+    return -1;
+  }
+}
+
+/// F_y s + F_y' s' + F_p of each tangent s.
+int tangent_residual(int count, sunrealtype t, N_Vector y, N_Vector yp, N_Vector, N_Vector* ys, N_Vector* yps,
+                     N_Vector* rs, void* data, N_Vector, N_Vector, N_Vector) {
+  IdaSystem& s = *static_cast<IdaSystem*>(data);
+  try {
+    s.linearise(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
+    const Eigen::Index n = s.n_v();
+    const auto numbers = [n](N_Vector x) { return Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(x), 2 * n); };
+    Eigen::MatrixXd q(n, count), v(n, count), a(n, count), r(n, count);
+    for (int k = 0; k < count; ++k) {
+      q.col(k) = numbers(ys[k]).head(n);
+      v.col(k) = numbers(ys[k]).tail(n);
+      a.col(k) = numbers(yps[k]).tail(n);
+    }
+    s.tangents->residual(q, v, a, r);
+    for (int k = 0; k < count; ++k) numbers(rs[k]) << numbers(yps[k]).head(n) - v.col(k), r.col(k);
+    return r.allFinite() ? 0 : 1;
   } catch (...) {
     s.thrown = std::current_exception();
     return -1;
@@ -53,6 +77,8 @@ void keep_message(int, const char*, const char*, char* text, void* data) {
 struct Solver {
   SUNContext context = nullptr;
   N_Vector y = nullptr, yp = nullptr;
+  N_Vector *ys = nullptr, *yps = nullptr;  // tangents
+  int tangents = 0;
   std::optional<LinearPart> linear;
   void* memory = nullptr;
 
@@ -82,9 +108,45 @@ struct Solver {
     check_flag(IDASetMaxOrd(memory, o.max_order));
     check_flag(IDASetStopTime(memory, t_end));
   }
+  /// Integrates the tangents of s, too; `scales` of their parameters.
+  void follow(IdaSystem& s, const IdaOptions& o, const std::vector<Parameter>& parameters) {
+    tangents = s.tangents->size();
+    ys = N_VCloneVectorArray(tangents, y);
+    yps = N_VCloneVectorArray(tangents, y);
+    if (!ys || !yps) throw std::bad_alloc();
+    put(*s.tangents, s.ws.free);
+    check_flag(IDASensInit(memory, tangents, IDA_STAGGERED, tangent_residual, ys, yps));
+    std::vector<double> atol;
+    for (const Parameter& p : parameters) atol.push_back(o.atol / p.scale);
+    check_flag(IDASensSStolerances(memory, o.rtol, atol.data()));
+    check_flag(IDASetSensErrCon(memory, 1));
+    check_flag(IDASetSensMaxNonlinIters(memory, kTangentIterations));
+  }
+  /// The tangents as vectors.
+  void put(const Tangents& from, const std::vector<int>& free) {
+    const auto n = static_cast<Eigen::Index>(free.size());
+    for (int k = 0; k < tangents; ++k) {
+      Eigen::Map<Eigen::VectorXd> x(N_VGetArrayPointer(ys[k]), 2 * n), rate(N_VGetArrayPointer(yps[k]), 2 * n);
+      x << from.q.col(k)(free), from.v.col(k)(free);
+      rate << from.v.col(k)(free), from.a.col(k)(free);
+    }
+  }
+  /// Those at the time reached, into `to`.
+  void get(Tangents& to, const std::vector<int>& free) {
+    sunrealtype t = 0.0;
+    const auto n = static_cast<Eigen::Index>(free.size());
+    check_flag(IDAGetSens(memory, &t, ys));
+    for (int k = 0; k < tangents; ++k) {
+      const Eigen::Map<const Eigen::VectorXd> x(N_VGetArrayPointer(ys[k]), 2 * n);
+      to.q.col(k)(free) = x.head(n);
+      to.v.col(k)(free) = x.tail(n);
+    }
+  }
   ~Solver() {
     if (memory) IDAFree(&memory);
     linear.reset();
+    if (yps) N_VDestroyVectorArray(yps, tangents);
+    if (ys) N_VDestroyVectorArray(ys, tangents);
     if (yp) N_VDestroy(yp);
     if (y) N_VDestroy(y);
     if (context) SUNContext_Free(&context);
@@ -197,10 +259,17 @@ void count_work(void* memory, const IdaSystem& s, SimulationStats& stats) {
   }
 }
 
+/// Lets the sampled controllers do what is due up to time t, those of the parameters' neighbours, too.
+/// @return whether a force has jumped
+bool sample_all(IdaSystem& s, double t) {
+  const bool near = s.tangents && s.tangents->sample(t);
+  return s.sample(t) || near;
+}
+
 /// Lets the sampled controllers do what is due at time t; where a force jumps, the solver begins anew, and what events
 /// jump with it over zero is logged.
 /// @return whether it has jumped
-bool sample(const Solver& solver, IdaSystem& s, double t, Trajectory& out) {
+bool sample(Solver& solver, IdaSystem& s, double t, Trajectory& out) {
   const double about = t + kOneTime * std::abs(t);
   if (!s.control || !s.control->due(about)) return false;
   s.driven = std::nan("");
@@ -208,13 +277,21 @@ bool sample(const Solver& solver, IdaSystem& s, double t, Trajectory& out) {
   const std::vector<Event>& events = *s.events;
   std::vector<double> before(events.size()), after(events.size());
   s.evaluate(events, t, before.data());
-  if (!s.sample(about) || forward_dynamics(s.arm, s.ws, s.q, s.v, s.tau) != Status::ok) return false;
+  if (s.tangents) solver.get(*s.tangents, s.ws.free);
+  if (!sample_all(s, about) || forward_dynamics(s.arm, s.ws, s.q, s.v, s.tau) != Status::ok) return false;
   s.a = s.ws.a;
   const auto [y, yp] = s.state();
   Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(solver.y), y.size()) = y;
   Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(solver.yp), y.size()) = yp;
   count_work(solver.memory, s, out.stats);
   check_flag(IDAReInit(solver.memory, t, solver.y, solver.yp));
+  if (s.tangents) {
+    s.tangents->linearise(t);
+    s.at_t = std::nan("");
+    if (!s.tangents->accelerate()) return false;
+    solver.put(*s.tangents, s.ws.free);
+    check_flag(IDASensReInit(solver.memory, IDA_STAGGERED, solver.ys, solver.yps));
+  }
   s.evaluate(events, t, after.data());
   for (std::size_t k = 0; k < events.size(); ++k)
     if (crosses(before[k], after[k], events[k].direction)) s.log(events, k, t, out);
@@ -227,6 +304,16 @@ void choose_solver(IdaSystem& s, LinearSolver wanted) {
     s.dense.emplace(s.arm, places(s.loads));
   else
     s.chain.emplace(s.arm, s.ws.prescribed, s.control);
+}
+
+/// Adds a row, and those of the tangents.
+bool record(IdaSystem& s, double t, bool composite, Trajectory& out) {
+  if (!s.record(out, composite)) return false;
+  s.at_t = std::nan("");
+  if (!s.tangents || s.tangents->record(t, out, out.done - 1)) return true;
+  --out.done;
+  out.failure = "the derivatives by parameters are no longer finite numbers";
+  return false;
 }
 
 /// Everything is prescribed: nothing to integrate. Events are looked at at the samples of drives, the output times,
@@ -248,13 +335,13 @@ void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::v
       s.drive(looks[next]);
       if (seen.look(looks[next])) return;
       out.reached = looks[next];
-      s.sample(out.reached);
+      sample_all(s, out.reached);
     }
     s.drive(t[k]);
     if (seen.look(t[k]) && out.reached < t[k]) return;
-    s.sample(t[k]);
+    sample_all(s, t[k]);
     out.reached = t[k];
-    if (!s.record(out, composite) || out.terminated) return;
+    if (!record(s, t[k], composite, out) || out.terminated) return;
     if (alive && !alive(t[k]) && out.done < t.size()) {
       out.failure = kInterrupted;
       return;
@@ -267,7 +354,7 @@ double seconds_since(std::chrono::steady_clock::time_point clock) {
 }
 
 /// From the state in `solver` to the last of t, or until something stops it.
-void integrate(const Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std::vector<double>& stops,
+void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std::vector<double>& stops,
                const IdaOptions& options, const Alive& alive, Trajectory& out) {
   const bool composite = options.composite;
   long steps = 0, told = kSlow;
@@ -300,7 +387,8 @@ void integrate(const Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, con
       // a zero at an output time would be found again and again if that were asked for once more
       if (now >= goal - (flag == IDA_ROOT_RETURN || jumped ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
         s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
-        s.record(out, composite);
+        if (s.tangents && !jumped) solver.get(*s.tangents, s.ws.free);
+        record(s, goal, composite, out);
       }
     }
     if (out.done == t.size() || !out.failure.empty()) break;
@@ -320,19 +408,20 @@ void integrate(const Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, con
 Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                         const IdaOptions& options, const Alive& alive, const std::vector<LoadDrive>& loads,
-                        const std::vector<Event>& events, Control* control) {
+                        const std::vector<Event>& events, Control* control, const std::vector<Parameter>& parameters) {
   check_arguments(arm, drives, t, q0, v0, tau);
   check_options(options);
   if (options.friction == DryFriction::refused) refuse_friction(arm, "ida");
   const auto started = std::chrono::steady_clock::now();
   IdaSystem s(arm, drives, loads, tau, control);
   s.events = &events;
-  Trajectory out = empty_trajectory(arm, t, events);
+  Trajectory out = empty_trajectory(arm, t, events, parameters.size());
+  if (!parameters.empty()) s.tangents.emplace(s, parameters);
   s.q = q0;
   s.v = v0;
   s.drive(t[0]);
-  s.sample(t[0]);
-  if (!s.record(out, options.composite)) return out;
+  sample_all(s, t[0]);
+  if (!record(s, t[0], options.composite, out)) return out;
   if (s.size() == 0) {
     follow(s, t, options.composite, events, alive, out);
     return out;
@@ -341,6 +430,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   choose_solver(s, options.linear_solver);
   const auto [y0, yp0] = s.state();
   Solver solver(s, options, t[0], y0, yp0, t[t.size() - 1]);
+  if (s.tangents) solver.follow(s, options, parameters);
   watch(solver.memory, events);
   const std::vector<double> stops = stop_times(drives, loads, control, t);
   try {

@@ -10,6 +10,7 @@
 #include "flexarm/event.hpp"
 #include "flexarm/ida.hpp"
 #include "system.hpp"
+#include "tangents.hpp"
 
 namespace flexarm {
 
@@ -52,6 +53,9 @@ struct IdaSystem : System {
   std::string message;                                       // IDA's last word
   void* memory = nullptr;                                    // IDA's
   const std::vector<Event>* events = nullptr;
+  std::optional<Tangents> tangents;
+  Eigen::VectorXd at_y, at_yp;  // where they were linearised last
+  double at_t = std::numeric_limits<double>::quiet_NaN();
 
   IdaSystem(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
             const Eigen::VectorXd& tau_, Control* control_)
@@ -72,6 +76,8 @@ struct IdaSystem : System {
   /// F(t, y, y') of what `set` set.
   /// @return whether it is finite
   bool residual(const double* yp, double* r);
+  /// The tangents' matrices at t, y and y'.
+  void linearise(double t, const double* y, const double* yp);
 };
 
 }  // namespace flexarm

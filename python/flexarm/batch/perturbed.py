@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array
+from ..run.parameter import Neighbour, Parameter
 from ..run.problem import Problem
 from .variation import Setup, Variation, _drive_name, _fields, known_paths
 
@@ -20,25 +21,6 @@ _AHEAD = (0, 1, 2, 3, 4, 5, 6), (-147 / 60, 6.0, -15 / 2, 20 / 3, -15 / 4, 6 / 5
 _BEHIND = tuple(-k for k in _AHEAD[0]), tuple(-w for w in _AHEAD[1])
 _STEP = 3e-3  # of a difference, in parts of the parameter's scale
 _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one leaves what is allowed
-
-
-class Neighbour(NamedTuple):
-    """The problem with the parameter changed by `offset`; `weight` times what it gives, summed over all neighbours, is
-    the derivative by the parameter."""
-
-    weight: float
-    offset: float
-    problem: Problem
-
-
-class Parameter(NamedTuple):
-    """A number that a problem depends on: its dotted path, its value, its size (where it is zero, that of its like),
-    and the problem's neighbours."""
-
-    path: str
-    value: float
-    scale: float
-    neighbours: list[Neighbour]
 
 
 def problems(
@@ -96,7 +78,7 @@ def _value(setup: Setup, path: str, start: dict[str, Array]) -> tuple[float, flo
     arm = setup.arm
     here: Any = None
     like: Any = None
-    tree = {"link": arm.links, "load": setup.loads, "control": setup.control, "gravity": arm.gravity, **start}
+    tree: dict[str, Any] = {"link": arm.links, "load": setup.loads, "control": setup.control, "gravity": arm.gravity, **start}
     if root == "drive":
         for key, law in setup.drive.items():
             name = _drive_name(key).split(".")

@@ -6,13 +6,14 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import choice, number, whole
+from .._check import Array, choice, number, whole
 from .._console import progress_bar
-from ..acting.control import Controller, padded
+from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage
@@ -22,6 +23,7 @@ from ..analysis.validity import SILENT, out_of_range
 from ..arm import METHODS, Arm
 from ..parts.part import ModelWarning
 from .pace import Pace, beyond_explicit, explicit_limit
+from .parameter import Parameter, core_laws, core_parameters, core_start
 from .problem import Problem
 from .result import Result
 from .watch import Watch, softened
@@ -111,17 +113,17 @@ def _settings(
     }
 
 
-def _integrate(run: Problem, integrator: str, method: str, options: Mapping[str, Any], alive: Any) -> dict[str, Any]:
+def _integrate(
+    run: Problem, integrator: str, method: str, options: Mapping[str, Any], alive: Any,
+    parameters: Sequence[Parameter] = (),
+) -> dict[str, Any]:  # fmt: skip
     """The core's run."""
-    nv, padding = run.both.nv, {"q0": run.both.nq}
-    laws = [(i, moves, law, padded(column, nv) if column.size else column) for i, moves, law, column in run.laws]
-    q0, v0, tau = (padded(x, padding.get(name, nv)) for name, x in run.start.items())
-    motion = (run.both._core, laws, run.times, q0, v0, tau)
+    motion = (run.both._core, core_laws(run), run.times, *core_start(run))
     last = (method == "ci", alive, run.wrenches, run.events, run.feedback, run.sampled)
     if not INTEGRATORS[integrator].fixed:
         rtol, atol, order, solver = (options[k] for k in ("rtol", "atol", "max_order", "linear_solver"))
         pace = Pace(run.arm, run.times, lambda time: run.unstable(time, False))
-        return _core.simulate_ida(*motion, rtol, atol, order, solver, pace, *last)
+        return _core.simulate_ida(*motion, rtol, atol, order, solver, pace, *last, core_parameters(run, parameters))
     step, rtol, radius, stages = (options[k] for k in ("step", "rtol", "spectral_radius", "stages"))
     return _core.simulate_fixed(*motion, integrator, step, rtol, radius, stages, *last)
 
@@ -151,6 +153,34 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
         failure += "; and see whether the loop of control is stable"
     more = f" ({beyond})" if beyond else ""
     raise SimulationError(f"stopped at t = {time:.9g} s: {failure}{more}", time, result)
+
+
+def with_tangents(
+    run: Problem, parameters: Sequence[Parameter], *, rtol: float | None = None, atol: float = 1e-9,
+    max_order: int | None = None, linear_solver: str | None = None, method: str = "ab", alive: Any = None,
+) -> tuple[Result, dict[str, Array]]:  # fmt: skip
+    """A run of "ida", and the derivatives of its rows by each parameter: forward sensitivities, integrated with it by
+    IDAS, whose errors are kept below the tolerances as those of the state are.
+
+    Returns:
+        The result, and q, v, a and tau by the parameters, (np, nt, nq) or (np, nt, nv).
+
+    Raises:
+        ValueError: an arm with balls; controllers that are sampled in Python; parameters that change when a
+            controller samples.
+    """
+    for k, (*_, law) in enumerate(run.sampled):
+        if not isinstance(law, _core.LinearLaw) or law.reads:
+            raise ValueError(f"control: sampled law {k} runs in Python, of which no derivative is known: give a "
+                             "LinearController without sensors")  # fmt: skip
+    options = _settings("ida", rtol, atol, max_order, linear_solver, None, None, None)
+    out = _integrate(run, "ida", method, options, alive, parameters)
+    result = run.result(out)
+    for warning in _judged(run, out, result, "ida", 0.0):
+        warnings.warn(warning, stacklevel=2)
+    arm, found = run.arm, out["tangents"]
+    sizes = {"q": arm.nq, "v": arm.nv, "a": arm.nv, "tau": arm.nv, "friction": arm.nv}
+    return result, {name: np.ascontiguousarray(found[name][..., :n]) for name, n in sizes.items()}
 
 
 def simulate(
