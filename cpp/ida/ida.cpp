@@ -298,6 +298,14 @@ bool sample(Solver& solver, IdaSystem& s, double t, Trajectory& out) {
   return true;
 }
 
+/// Keeps the tangents where an event has ended the run.
+void end(IdaSystem& s, Trajectory& out) {
+  s.drive(out.reached);
+  if (s.accelerate() == Status::ok) s.a = s.ws.a;
+  out.ends = empty_trajectory(s.arm, Eigen::VectorXd::Constant(1, out.reached), {}, out.tangents.size()).tangents;
+  s.tangents->record(out.reached, out.ends, 0);
+}
+
 /// The linear solver asked for; the chain's is the faster one from a single link on (bench/speed/scaling.py).
 void choose_solver(IdaSystem& s, LinearSolver wanted) {
   if (wanted == LinearSolver::dense)
@@ -310,7 +318,7 @@ void choose_solver(IdaSystem& s, LinearSolver wanted) {
 bool record(IdaSystem& s, double t, bool composite, Trajectory& out) {
   if (!s.record(out, composite)) return false;
   s.at_t = std::nan("");
-  if (!s.tangents || s.tangents->record(t, out, out.done - 1)) return true;
+  if (!s.tangents || s.tangents->record(t, out.tangents, out.done - 1)) return true;
   --out.done;
   out.failure = "the derivatives by parameters are no longer finite numbers";
   return false;
@@ -383,6 +391,10 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std
       out.failure = "the motion ran away: " + s.arm.farthest_out(s.q, s.v) + " and grows: look for what drives it";
     } else if (flag >= 0) {
       if (flag == IDA_ROOT_RETURN) occurred(solver, s, now, found, out);
+      if (out.terminated && s.tangents) {
+        solver.get(*s.tangents, s.ws.free);
+        end(s, out);
+      }
       const bool jumped = !out.terminated && sample(solver, s, now, out);
       // a zero at an output time would be found again and again if that were asked for once more
       if (now >= goal - (flag == IDA_ROOT_RETURN || jumped ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
@@ -424,6 +436,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   if (!record(s, t[0], options.composite, out)) return out;
   if (s.size() == 0) {
     follow(s, t, options.composite, events, alive, out);
+    if (out.terminated && s.tangents) end(s, out);
     return out;
   }
 

@@ -80,7 +80,8 @@ void Tangents::differ(double t, int column, const std::vector<std::unique_ptr<Ne
       v(i, column) += weight * n.v[i];
       a(i, column) += weight * n.a[i];
     }
-    if (forces_only_[static_cast<std::size_t>(column)]) continue;
+    if (forces_only_[static_cast<std::size_t>(column)] && s_.n_v() == s_.arm.nv())
+      continue;  // else it may move what is held
     inverse_dynamics(n.arm, n.ws, n.q, n.v, n.a);
     inverse += weight * n.ws.tau;
   }
@@ -123,7 +124,7 @@ bool Tangents::sample(double t) {
   return changed;
 }
 
-bool Tangents::record(double t, Trajectory& out, Eigen::Index row) {
+bool Tangents::record(double t, std::vector<Trajectory::Tangent>& out, Eigen::Index row) {
   linearise(t);
   if (!accelerate()) return false;
   const std::vector<int>& free = s_.ws.free;
@@ -142,7 +143,7 @@ bool Tangents::record(double t, Trajectory& out, Eigen::Index row) {
       total.row(i) = reaction;
   }
   for (int k = 0; k < size(); ++k) {
-    Trajectory::Tangent& tangent = out.tangents[static_cast<std::size_t>(k)];
+    Trajectory::Tangent& tangent = out[static_cast<std::size_t>(k)];
     tangent.q.row(row) = q.col(k);
     tangent.v.row(row) = v.col(k);
     tangent.a.row(row) = a.col(k);

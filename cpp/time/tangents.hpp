@@ -37,9 +37,9 @@ class Tangents {
   /// Lets the neighbours' controllers do what is due up to time t, each at its own state.
   /// @return whether any force has changed
   bool sample(double t);
-  /// Writes the tangents at the system's state, which has just been recorded as row `row` at time t, behind them.
+  /// Writes row `row` of each parameter: the tangents at the system's q, v and a, which has been driven at time t.
   /// @return whether they are finite
-  bool record(double t, Trajectory& out, Eigen::Index row);
+  bool record(double t, std::vector<Trajectory::Tangent>& out, Eigen::Index row);
 
  private:
   /// A neighbour as a system of its own.

@@ -260,12 +260,12 @@ py::dict run(const Given& given, bool rubs, double step, const Integrate& integr
   {
     const Unlocked free;
     const auto part = [&](const auto& drives, const auto& t, const auto& q, const auto& v, const auto& tau,
-                          const auto& events) {
-      return integrate(drives, t, q, v, tau, look_around, wrenches, events, control, parameters.all);
+                          const auto& events, const auto& by) {
+      return integrate(drives, t, q, v, tau, look_around, wrenches, events, control, by);
     };
-    r = rubs ? part(laws, given.t, given.q0, given.v0, given.tau, watched)
+    r = rubs ? part(laws, given.t, given.q0, given.v0, given.tau, watched, parameters.all)
              : simulate_with_friction(given.arm, laws, given.t, given.q0, given.v0, given.tau, wrenches, watched,
-                                      given.composite, part, &control, step);
+                                      given.composite, part, &control, step, parameters.all);
   }
   py::dict stats, out;
   stats["steps"] = r.stats.steps;

@@ -46,6 +46,7 @@ struct Trajectory {
     Rows q, v, a, tau, friction;
   };
   std::vector<Tangent> tangents;  ///< derivatives of the rows, one for each parameter
+  std::vector<Tangent> ends;      ///< of one row each, at `reached`, where an event has terminated the run
 };
 
 }  // namespace flexarm
