@@ -9,46 +9,23 @@
 #include "flexarm/check.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "ida_linear.hpp"
+#include "ida_tangents.hpp"
 
 namespace flexarm {
 
 namespace {
 
-constexpr int kLook = 200;              // most steps between two calls of `alive`
-constexpr long kSlow = 20000;           // steps after which somebody is told
-constexpr double kLookTime = 0.02;      // s: about the longest time between them
-constexpr int kFollow = 1000;           // times in a run at which events are looked at where nothing is integrated
-constexpr int kTangentIterations = 10;  // linear, but the chain's solver is not exact
-constexpr double kOneTime = 1e-13;      // parts of the time by which two zeros of one event are still one
+constexpr int kLook = 200;          // most steps between two calls of `alive`
+constexpr long kSlow = 20000;       // steps after which somebody is told
+constexpr double kLookTime = 0.02;  // s: about the longest time between them
+constexpr int kFollow = 1000;       // times in a run at which events are looked at where nothing is integrated
+constexpr double kOneTime = 1e-13;  // parts of the time by which two zeros of one event are still one
 
 int residual(sunrealtype t, N_Vector y, N_Vector yp, N_Vector r, void* data) {
   IdaSystem& s = *static_cast<IdaSystem*>(data);
   try {
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
     return s.residual(N_VGetArrayPointer(yp), N_VGetArrayPointer(r)) ? 0 : 1;  // 1: IDA tries a smaller step
-  } catch (...) {
-    s.thrown = std::current_exception();
-    return -1;
-  }
-}
-
-/// F_y s + F_y' s' + F_p of each tangent s.
-int tangent_residual(int count, sunrealtype t, N_Vector y, N_Vector yp, N_Vector, N_Vector* ys, N_Vector* yps,
-                     N_Vector* rs, void* data, N_Vector, N_Vector, N_Vector) {
-  IdaSystem& s = *static_cast<IdaSystem*>(data);
-  try {
-    s.linearise(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
-    const Eigen::Index n = s.n_v();
-    const auto numbers = [n](N_Vector x) { return Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(x), 2 * n); };
-    Eigen::MatrixXd q(n, count), v(n, count), a(n, count), r(n, count);
-    for (int k = 0; k < count; ++k) {
-      q.col(k) = numbers(ys[k]).head(n);
-      v.col(k) = numbers(ys[k]).tail(n);
-      a.col(k) = numbers(yps[k]).tail(n);
-    }
-    s.tangents->residual(q, v, a, r);
-    for (int k = 0; k < count; ++k) numbers(rs[k]) << numbers(yps[k]).head(n) - v.col(k), r.col(k);
-    return r.allFinite() ? 0 : 1;
   } catch (...) {
     s.thrown = std::current_exception();
     return -1;
@@ -77,9 +54,8 @@ void keep_message(int, const char*, const char*, char* text, void* data) {
 struct Solver {
   SUNContext context = nullptr;
   N_Vector y = nullptr, yp = nullptr;
-  N_Vector *ys = nullptr, *yps = nullptr;  // tangents
-  int tangents = 0;
   std::optional<LinearPart> linear;
+  std::optional<TangentPart> tangents;
   void* memory = nullptr;
 
   Solver(IdaSystem& s, const IdaOptions& o, double t0, const Eigen::VectorXd& y0, const Eigen::VectorXd& yp0,
@@ -108,45 +84,10 @@ struct Solver {
     check_flag(IDASetMaxOrd(memory, o.max_order));
     check_flag(IDASetStopTime(memory, t_end));
   }
-  /// Integrates the tangents of s, too; `scales` of their parameters.
-  void follow(IdaSystem& s, const IdaOptions& o, const std::vector<Parameter>& parameters) {
-    tangents = s.tangents->size();
-    ys = N_VCloneVectorArray(tangents, y);
-    yps = N_VCloneVectorArray(tangents, y);
-    if (!ys || !yps) throw std::bad_alloc();
-    put(*s.tangents, s.ws.free);
-    check_flag(IDASensInit(memory, tangents, IDA_STAGGERED, tangent_residual, ys, yps));
-    std::vector<double> atol;
-    for (const Parameter& p : parameters) atol.push_back(o.atol / p.scale);
-    check_flag(IDASensSStolerances(memory, o.rtol, atol.data()));
-    check_flag(IDASetSensErrCon(memory, 1));
-    check_flag(IDASetSensMaxNonlinIters(memory, kTangentIterations));
-  }
-  /// The tangents as vectors.
-  void put(const Tangents& from, const std::vector<int>& free) {
-    const auto n = static_cast<Eigen::Index>(free.size());
-    for (int k = 0; k < tangents; ++k) {
-      Eigen::Map<Eigen::VectorXd> x(N_VGetArrayPointer(ys[k]), 2 * n), rate(N_VGetArrayPointer(yps[k]), 2 * n);
-      x << from.q.col(k)(free), from.v.col(k)(free);
-      rate << from.v.col(k)(free), from.a.col(k)(free);
-    }
-  }
-  /// Those at the time reached, into `to`.
-  void get(Tangents& to, const std::vector<int>& free) {
-    sunrealtype t = 0.0;
-    const auto n = static_cast<Eigen::Index>(free.size());
-    check_flag(IDAGetSens(memory, &t, ys));
-    for (int k = 0; k < tangents; ++k) {
-      const Eigen::Map<const Eigen::VectorXd> x(N_VGetArrayPointer(ys[k]), 2 * n);
-      to.q.col(k)(free) = x.head(n);
-      to.v.col(k)(free) = x.tail(n);
-    }
-  }
   ~Solver() {
     if (memory) IDAFree(&memory);
     linear.reset();
-    if (yps) N_VDestroyVectorArray(yps, tangents);
-    if (ys) N_VDestroyVectorArray(ys, tangents);
+    tangents.reset();
     if (yp) N_VDestroy(yp);
     if (y) N_VDestroy(y);
     if (context) SUNContext_Free(&context);
@@ -277,7 +218,7 @@ bool sample(Solver& solver, IdaSystem& s, double t, Trajectory& out) {
   const std::vector<Event>& events = *s.events;
   std::vector<double> before(events.size()), after(events.size());
   s.evaluate(events, t, before.data());
-  if (s.tangents) solver.get(*s.tangents, s.ws.free);
+  if (s.tangents) solver.tangents->get(solver.memory, s);
   if (!sample_all(s, about) || forward_dynamics(s.arm, s.ws, s.q, s.v, s.tau) != Status::ok) return false;
   s.a = s.ws.a;
   const auto [y, yp] = s.state();
@@ -287,10 +228,8 @@ bool sample(Solver& solver, IdaSystem& s, double t, Trajectory& out) {
   check_flag(IDAReInit(solver.memory, t, solver.y, solver.yp));
   if (s.tangents) {
     s.tangents->linearise(t);
-    s.at_t = std::nan("");
     if (!s.tangents->accelerate()) return false;
-    solver.put(*s.tangents, s.ws.free);
-    check_flag(IDASensReInit(solver.memory, IDA_STAGGERED, solver.ys, solver.yps));
+    solver.tangents->restart(solver.memory, s);
   }
   s.evaluate(events, t, after.data());
   for (std::size_t k = 0; k < events.size(); ++k)
@@ -317,7 +256,6 @@ void choose_solver(IdaSystem& s, LinearSolver wanted) {
 /// Adds a row, and those of the tangents.
 bool record(IdaSystem& s, double t, bool composite, Trajectory& out) {
   if (!s.record(out, composite)) return false;
-  s.at_t = std::nan("");
   if (!s.tangents || s.tangents->record(t, out.tangents, out.done - 1)) return true;
   --out.done;
   out.failure = "the derivatives by parameters are no longer finite numbers";
@@ -392,14 +330,14 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std
     } else if (flag >= 0) {
       if (flag == IDA_ROOT_RETURN) occurred(solver, s, now, found, out);
       if (out.terminated && s.tangents) {
-        solver.get(*s.tangents, s.ws.free);
+        solver.tangents->get(solver.memory, s);
         end(s, out);
       }
       const bool jumped = !out.terminated && sample(solver, s, now, out);
       // a zero at an output time would be found again and again if that were asked for once more
       if (now >= goal - (flag == IDA_ROOT_RETURN || jumped ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
         s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
-        if (s.tangents && !jumped) solver.get(*s.tangents, s.ws.free);
+        if (s.tangents && !jumped) solver.tangents->get(solver.memory, s);
         record(s, goal, composite, out);
       }
     }
@@ -443,7 +381,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   choose_solver(s, options.linear_solver);
   const auto [y0, yp0] = s.state();
   Solver solver(s, options, t[0], y0, yp0, t[t.size() - 1]);
-  if (s.tangents) solver.follow(s, options, parameters);
+  if (s.tangents) solver.tangents.emplace().attach(solver.memory, s, solver.y, solver.context, options, parameters);
   watch(solver.memory, events);
   const std::vector<double> stops = stop_times(drives, loads, control, t);
   try {

@@ -93,14 +93,4 @@ bool IdaSystem::residual(const double* yp, double* r) {
   return std::isfinite(sum);
 }
 
-void IdaSystem::linearise(double t, const double* y, const double* yp) {
-  const Eigen::Map<const Eigen::VectorXd> now(y, size()), rate(yp, size());
-  if (t == at_t && now == at_y && rate == at_yp) return;  // the same step's next iteration
-  set(t, y, yp);
-  tangents->linearise(t);
-  at_t = t;
-  at_y = now;
-  at_yp = rate;
-}
-
 }  // namespace flexarm

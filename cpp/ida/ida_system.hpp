@@ -54,9 +54,6 @@ struct IdaSystem : System {
   void* memory = nullptr;                                    // IDA's
   const std::vector<Event>* events = nullptr;
   std::optional<Tangents> tangents;
-  Eigen::VectorXd at_y, at_yp;  // where they were linearised last
-  double at_t = std::numeric_limits<double>::quiet_NaN();
-
   IdaSystem(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
             const Eigen::VectorXd& tau_, Control* control_)
       : System(arm_, drives_, loads_, tau_, control_),
@@ -76,8 +73,6 @@ struct IdaSystem : System {
   /// F(t, y, y') of what `set` set.
   /// @return whether it is finite
   bool residual(const double* yp, double* r);
-  /// The tangents' matrices at t, y and y'.
-  void linearise(double t, const double* y, const double* yp);
 };
 
 }  // namespace flexarm

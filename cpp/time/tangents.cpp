@@ -108,6 +108,12 @@ bool Tangents::accelerate() {
   return a.allFinite();
 }
 
+void Tangents::correct(double cj, const MatrixXd& r1, const MatrixXd& r2, MatrixXd& dq, MatrixXd& dv) {
+  factor_.compute(cj * M_ + C_ + K_ / cj);
+  dv = factor_.solve(K_ * r1 / cj - r2);
+  dq = (dv - r1) / cj;
+}
+
 bool Tangents::sample(double t) {
   bool changed = false;
   for (std::size_t k = 0; k < near_.size(); ++k)

@@ -1,6 +1,7 @@
 // Derivatives of a system's state by parameters, along a run.
 #pragma once
 
+#include <Eigen/LU>
 #include <memory>
 
 #include "flexarm/derivatives.hpp"
@@ -34,6 +35,10 @@ class Tangents {
     out.noalias() += M_ * a_free;
     out += P_;
   }
+  /// dq and dv with  cj dq - dv = -r1  and  K dq + (cj M + C) dv = -r2  (n_v x size), behind `linearise`: dq = (dv -
+  /// r1) / cj leaves (cj M + C + K / cj) dv = K r1 / cj - r2.
+  void correct(double cj, const Eigen::MatrixXd& r1, const Eigen::MatrixXd& r2, Eigen::MatrixXd& dq,
+               Eigen::MatrixXd& dv);
   /// Lets the neighbours' controllers do what is due up to time t, each at its own state.
   /// @return whether any force has changed
   bool sample(double t);
@@ -62,6 +67,7 @@ class Tangents {
   InverseDerivatives slopes_;
   std::vector<std::vector<std::unique_ptr<Near>>> near_;  // of each parameter
   std::vector<bool> forces_only_;
+  Eigen::PartialPivLU<Eigen::MatrixXd> factor_;
   Eigen::MatrixXd K_, C_, M_, P_;                // of the free coordinates
   Eigen::MatrixXd by_q_, by_v_;                  // slopes of inverse dynamics less those of feedback
   Eigen::MatrixXd inverse_by_p_, applied_by_p_;  // parts of dr/dp
