@@ -9,6 +9,7 @@
 #include "flexarm/check.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "ida_linear.hpp"
+#include "ida_tangents.hpp"
 
 namespace flexarm {
 
@@ -54,6 +55,7 @@ struct Solver {
   SUNContext context = nullptr;
   N_Vector y = nullptr, yp = nullptr;
   std::optional<LinearPart> linear;
+  std::optional<TangentPart> tangents;
   void* memory = nullptr;
 
   Solver(IdaSystem& s, const IdaOptions& o, double t0, const Eigen::VectorXd& y0, const Eigen::VectorXd& yp0,
@@ -85,6 +87,7 @@ struct Solver {
   ~Solver() {
     if (memory) IDAFree(&memory);
     linear.reset();
+    tangents.reset();
     if (yp) N_VDestroy(yp);
     if (y) N_VDestroy(y);
     if (context) SUNContext_Free(&context);
@@ -197,10 +200,17 @@ void count_work(void* memory, const IdaSystem& s, SimulationStats& stats) {
   }
 }
 
+/// Lets the sampled controllers do what is due up to time t, those of the parameters' neighbours, too.
+/// @return whether a force has jumped
+bool sample_all(IdaSystem& s, double t) {
+  const bool near = s.tangents && s.tangents->sample(t);
+  return s.sample(t) || near;
+}
+
 /// Lets the sampled controllers do what is due at time t; where a force jumps, the solver begins anew, and what events
 /// jump with it over zero is logged.
 /// @return whether it has jumped
-bool sample(const Solver& solver, IdaSystem& s, double t, Trajectory& out) {
+bool sample(Solver& solver, IdaSystem& s, double t, Trajectory& out) {
   const double about = t + kOneTime * std::abs(t);
   if (!s.control || !s.control->due(about)) return false;
   s.driven = std::nan("");
@@ -208,17 +218,31 @@ bool sample(const Solver& solver, IdaSystem& s, double t, Trajectory& out) {
   const std::vector<Event>& events = *s.events;
   std::vector<double> before(events.size()), after(events.size());
   s.evaluate(events, t, before.data());
-  if (!s.sample(about) || forward_dynamics(s.arm, s.ws, s.q, s.v, s.tau) != Status::ok) return false;
+  if (s.tangents) solver.tangents->get(solver.memory, s);
+  if (!sample_all(s, about) || forward_dynamics(s.arm, s.ws, s.q, s.v, s.tau) != Status::ok) return false;
   s.a = s.ws.a;
   const auto [y, yp] = s.state();
   Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(solver.y), y.size()) = y;
   Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(solver.yp), y.size()) = yp;
   count_work(solver.memory, s, out.stats);
   check_flag(IDAReInit(solver.memory, t, solver.y, solver.yp));
+  if (s.tangents) {
+    s.tangents->linearise(t);
+    if (!s.tangents->accelerate()) return false;
+    solver.tangents->restart(solver.memory, s);
+  }
   s.evaluate(events, t, after.data());
   for (std::size_t k = 0; k < events.size(); ++k)
     if (crosses(before[k], after[k], events[k].direction)) s.log(events, k, t, out);
   return true;
+}
+
+/// Keeps the tangents where an event has ended the run.
+void end(IdaSystem& s, Trajectory& out) {
+  s.drive(out.reached);
+  if (s.accelerate() == Status::ok) s.a = s.ws.a;
+  out.ends = empty_trajectory(s.arm, Eigen::VectorXd::Constant(1, out.reached), {}, out.tangents.size()).tangents;
+  s.tangents->record(out.reached, out.ends, 0);
 }
 
 /// The linear solver asked for; the chain's is the faster one from a single link on (bench/speed/scaling.py).
@@ -227,6 +251,15 @@ void choose_solver(IdaSystem& s, LinearSolver wanted) {
     s.dense.emplace(s.arm, places(s.loads));
   else
     s.chain.emplace(s.arm, s.ws.prescribed, s.control);
+}
+
+/// Adds a row, and those of the tangents.
+bool record(IdaSystem& s, double t, bool composite, Trajectory& out) {
+  if (!s.record(out, composite)) return false;
+  if (!s.tangents || s.tangents->record(t, out.tangents, out.done - 1)) return true;
+  --out.done;
+  out.failure = "the derivatives by parameters are no longer finite numbers";
+  return false;
 }
 
 /// Everything is prescribed: nothing to integrate. Events are looked at at the samples of drives, the output times,
@@ -248,13 +281,13 @@ void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::v
       s.drive(looks[next]);
       if (seen.look(looks[next])) return;
       out.reached = looks[next];
-      s.sample(out.reached);
+      sample_all(s, out.reached);
     }
     s.drive(t[k]);
     if (seen.look(t[k]) && out.reached < t[k]) return;
-    s.sample(t[k]);
+    sample_all(s, t[k]);
     out.reached = t[k];
-    if (!s.record(out, composite) || out.terminated) return;
+    if (!record(s, t[k], composite, out) || out.terminated) return;
     if (alive && !alive(t[k]) && out.done < t.size()) {
       out.failure = kInterrupted;
       return;
@@ -267,7 +300,7 @@ double seconds_since(std::chrono::steady_clock::time_point clock) {
 }
 
 /// From the state in `solver` to the last of t, or until something stops it.
-void integrate(const Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std::vector<double>& stops,
+void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std::vector<double>& stops,
                const IdaOptions& options, const Alive& alive, Trajectory& out) {
   const bool composite = options.composite;
   long steps = 0, told = kSlow;
@@ -296,11 +329,16 @@ void integrate(const Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, con
       out.failure = "the motion ran away: " + s.arm.farthest_out(s.q, s.v) + " and grows: look for what drives it";
     } else if (flag >= 0) {
       if (flag == IDA_ROOT_RETURN) occurred(solver, s, now, found, out);
+      if (out.terminated && s.tangents) {
+        solver.tangents->get(solver.memory, s);
+        end(s, out);
+      }
       const bool jumped = !out.terminated && sample(solver, s, now, out);
       // a zero at an output time would be found again and again if that were asked for once more
       if (now >= goal - (flag == IDA_ROOT_RETURN || jumped ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
         s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
-        s.record(out, composite);
+        if (s.tangents && !jumped) solver.tangents->get(solver.memory, s);
+        record(s, goal, composite, out);
       }
     }
     if (out.done == t.size() || !out.failure.empty()) break;
@@ -320,27 +358,30 @@ void integrate(const Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, con
 Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                         const IdaOptions& options, const Alive& alive, const std::vector<LoadDrive>& loads,
-                        const std::vector<Event>& events, Control* control) {
+                        const std::vector<Event>& events, Control* control, const std::vector<Parameter>& parameters) {
   check_arguments(arm, drives, t, q0, v0, tau);
   check_options(options);
   if (options.friction == DryFriction::refused) refuse_friction(arm, "ida");
   const auto started = std::chrono::steady_clock::now();
   IdaSystem s(arm, drives, loads, tau, control);
   s.events = &events;
-  Trajectory out = empty_trajectory(arm, t, events);
+  Trajectory out = empty_trajectory(arm, t, events, parameters.size());
+  if (!parameters.empty()) s.tangents.emplace(s, parameters);
   s.q = q0;
   s.v = v0;
   s.drive(t[0]);
-  s.sample(t[0]);
-  if (!s.record(out, options.composite)) return out;
+  sample_all(s, t[0]);
+  if (!record(s, t[0], options.composite, out)) return out;
   if (s.size() == 0) {
     follow(s, t, options.composite, events, alive, out);
+    if (out.terminated && s.tangents) end(s, out);
     return out;
   }
 
   choose_solver(s, options.linear_solver);
   const auto [y0, yp0] = s.state();
   Solver solver(s, options, t[0], y0, yp0, t[t.size() - 1]);
+  if (s.tangents) solver.tangents.emplace().attach(solver.memory, s, solver.y, solver.context, options, parameters);
   watch(solver.memory, events);
   const std::vector<double> stops = stop_times(drives, loads, control, t);
   try {

@@ -1,7 +1,7 @@
 // SUNDIALS' view of the linear systems: owns the matrix or the Krylov solver. Included by ida*.cpp alone.
 #pragma once
 
-#include <ida/ida.h>
+#include <idas/idas.h>
 #include <nvector/nvector_serial.h>
 #include <sundials/sundials_config.h>
 

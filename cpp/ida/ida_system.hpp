@@ -10,6 +10,7 @@
 #include "flexarm/event.hpp"
 #include "flexarm/ida.hpp"
 #include "system.hpp"
+#include "tangents.hpp"
 
 namespace flexarm {
 
@@ -52,7 +53,7 @@ struct IdaSystem : System {
   std::string message;                                       // IDA's last word
   void* memory = nullptr;                                    // IDA's
   const std::vector<Event>* events = nullptr;
-
+  std::optional<Tangents> tangents;
   IdaSystem(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
             const Eigen::VectorXd& tau_, Control* control_)
       : System(arm_, drives_, loads_, tau_, control_),

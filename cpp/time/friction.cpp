@@ -10,6 +10,7 @@
 #include "flexarm/check.hpp"
 #include "flexarm/inverse.hpp"
 #include "system.hpp"
+#include "tangents.hpp"
 
 namespace flexarm {
 
@@ -20,7 +21,9 @@ constexpr double kOneTime = 1e-12;  // parts of the time simulated that are no t
 constexpr double kSlack = 1e-9;     // parts of its stiction by which a contact may be held beyond it
 constexpr std::size_t kMany = 100;  // so many switches
 constexpr const char* kRanAway = "the motion ran away: take a smaller step, or look for what drives it";
-constexpr double kShort = 1e-6;  // in a step, or in so small a part of the time simulated, are no motion
+constexpr double kDifference = 2e-6;  // of the time simulated, for the rate of a holding force
+constexpr double kAtOnce = 1e-6;      // parts of its stiction by which a holding force leaps over it
+constexpr double kShort = 1e-6;       // in a step, or in so small a part of the time simulated, are no motion
 
 /// A freedom with friction, and what it does now.
 struct Contact {
@@ -42,12 +45,19 @@ std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) 
 class Sliding {
  public:
   Sliding(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& tau,
-          const std::vector<LoadDrive>& loads, Control* control)
-      : contacts_(contacts(arm, drives)), arm_(arm), drives_(drives), loads_(loads), applied_(tau), control_(control) {
+          const std::vector<LoadDrive>& loads, Control* control, const std::vector<Parameter>& parameters)
+      : contacts_(contacts(arm, drives)),
+        arm_(arm),
+        drives_(drives),
+        loads_(loads),
+        applied_(tau),
+        control_(control),
+        parameters_(parameters) {
     if (none()) return;
     rests_ = std::make_unique<OneStep>("implicit", arm, 1.0);
     free_ = std::make_unique<System>(arm, drives, loads, tau, control);
     free_->rubbing = rests_.get();
+    start_tangents();
   }
 
   bool none() const { return contacts_.empty(); }
@@ -76,11 +86,29 @@ class Sliding {
       const double speed = v[c.coordinate], along = speed == 0.0 ? s.ws.a[c.coordinate] : speed;
       c.sense = along > 0.0 ? 1 : along < 0.0 ? -1 : 0;
     }
-    prepare(q);
+    prepare(q, v);
+  }
+
+  /// `settle`, and the tangents' leap, where a part of the run has been ended by the switch of a contact.
+  void settle(const Trajectory& part, const Eigen::VectorXd& q, Eigen::VectorXd& v, const Contact& switched,
+              double span) {
+    const double t = part.reached;
+    if (parameters_.empty() || part.ends.empty()) return settle(t, q, v, &switched);
+    const Eigen::RowVectorXd sooner = lead(part, q, v, switched, span);
+    const Eigen::VectorXd before = probe_->a;
+    for (std::size_t k = 0; k < parameters_.size(); ++k) {
+      by_q_.col(static_cast<Eigen::Index>(k)) = part.ends[k].q.row(0);
+      by_v_.col(static_cast<Eigen::Index>(k)) = part.ends[k].v.row(0);
+    }
+    settle(t, q, v, &switched);
+    holding(t, q, v);
+    by_v_ += (before - probe_->a) * sooner;
+    prepare(q, v);
   }
 
   const std::vector<Drive>& drives() const { return all_drives_; }
   const Eigen::VectorXd& tau() const { return tau_; }
+  const std::vector<Parameter>& parameters() const { return near_; }
 
   /// The events of the run, and after them one for each contact that may switch.
   std::vector<Event> watch(std::vector<Event> events) {
@@ -112,12 +140,14 @@ class Sliding {
     probe_->q = q;
     probe_->v = v;
     probe_->drive(t);
-    return probe_->record(out, composite);
+    if (!probe_->record(out, composite)) return false;
+    return near_.empty() || Tangents(*probe_, near_).record(t, out.tangents, out.done - 1);
   }
 
   /// Writes the last row anew: a sample at the end of the run may tear loose what sticks, and no step follows to see
   /// it.
   void end(bool composite, Trajectory& out) {
+    if (!near_.empty()) return;  // nothing is sampled then
     const Eigen::Index last = out.done - 1;
     const Eigen::VectorXd q = out.q.row(last);
     Eigen::VectorXd v = out.v.row(last);
@@ -128,6 +158,7 @@ class Sliding {
 
   /// Takes the friction of what slides out of a row of tau.
   void separate(Trajectory& out, Eigen::Index row) const {
+    for (std::size_t n = 0; n < contacts_.size(); ++n) separate_tangents(out, row, n);
     for (const Contact& c : contacts_) {
       const double speed = out.v(row, c.coordinate);
       double& force = out.friction(row, c.coordinate);
@@ -145,22 +176,106 @@ class Sliding {
 
  private:
   /// Sticking freedoms are prescribed; sliding ones carry a constant force.
-  void prepare(const Eigen::VectorXd& q) {
+  void prepare(const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
     all_drives_ = drives_;
     tau_ = applied_;
     for (const Contact& c : contacts_) {
       if (c.given) continue;
       tau_[c.coordinate] -= c.sense * c.coulomb;
-      const double place = q[arm_.coordinate_of(c.coordinate)];
-      if (c.sense == 0) {
-        const auto still = [place](double) { return MotionValue{place, 0.0, 0.0}; };
-        all_drives_.push_back({c.coordinate, still, {}, Eigen::Vector2d(-1e300, 1e300), {}, true});
-      }
+      if (c.sense == 0) hold(c, q, all_drives_);
     }
     probe_ = std::make_unique<System>(arm_, all_drives_, loads_, tau_, control_);
+    for (std::size_t k = 0; k < parameters_.size(); ++k) prepare(static_cast<Eigen::Index>(k), q, v);
   }
 
-  /// Force on each sticking freedom that holds it (of all coordinates).
+  void hold(const Contact& c, const Eigen::VectorXd& q, std::vector<Drive>& drives) const {
+    const double place = q[arm_.coordinate_of(c.coordinate)];
+    const auto still = [place](double) { return MotionValue{place, 0.0, 0.0}; };
+    drives.push_back({c.coordinate, still, {}, Eigen::Vector2d(-1e300, 1e300), {}, true});
+  }
+
+  /// The same for the neighbours by parameter k, which are where its tangent leads.
+  void prepare(Eigen::Index k, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+    const std::vector<Neighbour>& given = parameters_[static_cast<std::size_t>(k)].neighbours;
+    for (const Contact& c : contacts_)
+      if (!c.given && c.sense == 0) by_v_(c.coordinate, k) = 0.0;
+    for (std::size_t i = 0; i < given.size(); ++i) {
+      Neighbour& n = near_[static_cast<std::size_t>(k)].neighbours[i];
+      n.drives = given[i].drives;
+      n.tau = given[i].tau;
+      n.q0 = q + n.offset * by_q_.col(k);
+      n.v0 = v + n.offset * by_v_.col(k);
+      const std::vector<Rub> rub = rubs(*n.arm);
+      for (std::size_t j = 0; j < contacts_.size(); ++j) {
+        const Contact& c = contacts_[j];
+        if (c.given) continue;
+        n.tau[c.coordinate] -= c.sense * rub[j].coulomb;
+        if (c.sense == 0) hold(c, n.q0, n.drives);
+      }
+    }
+  }
+
+  void start_tangents() {
+    if (parameters_.empty()) return;
+    if (control_ && control_->due(1e300))
+      bad_value("control", "sampled", "of dry friction and sampled controllers together no derivatives are known");
+    near_ = parameters_;
+    Tangents all(*free_, near_);  // which checks them
+    by_q_ = all.q;
+    by_v_ = all.v;
+    coulomb_by_ = stiction_by_ = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(contacts_.size()), all.size());
+    for (std::size_t k = 0; k < near_.size(); ++k)
+      for (const Neighbour& n : near_[k].neighbours) {
+        const std::vector<Rub> rub = rubs(*n.arm);
+        for (std::size_t j = 0; j < contacts_.size(); ++j) {
+          const auto row = static_cast<Eigen::Index>(j), column = static_cast<Eigen::Index>(k);
+          coulomb_by_(row, column) += n.weight * rub[j].coulomb;
+          stiction_by_(row, column) += n.weight * rub[j].stiction;
+        }
+      }
+  }
+
+  /// Derivatives of the time of a switch, from which the state goes on with another acceleration. Leaves the system as
+  /// it was just before.
+  Eigen::RowVectorXd lead(const Trajectory& part, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Contact& c,
+                          double span) {
+    const int i = c.coordinate;
+    const auto count = static_cast<Eigen::Index>(parameters_.size());
+    Eigen::RowVectorXd by(count);
+    const double force = holding(part.reached, q, v)[i];
+    const Eigen::VectorXd a = probe_->a;
+    if (c.sense != 0) {  // its speed has come down to zero
+      for (Eigen::Index k = 0; k < count; ++k) by[k] = -part.ends[static_cast<std::size_t>(k)].v(0, i) / a[i];
+      return by;
+    }
+    if (std::abs(std::abs(force) - c.stiction) > kAtOnce * c.stiction) return by.setZero();  // a sample tore it loose
+    const double sense = force > 0.0 ? 1.0 : -1.0, d = kDifference * span;
+    double rate = 25.0 * force;
+    const double weights[] = {-48.0, 36.0, -16.0, 3.0};
+    for (int n = 1; n <= 4; ++n)  // along the flow's tangent
+      rate += weights[n - 1] * holding(part.reached - n * d, q - n * d * v, v - n * d * a)[i];
+    rate /= 12.0 * d;
+    const auto row = static_cast<Eigen::Index>(&c - contacts_.data());
+    for (Eigen::Index k = 0; k < count; ++k)
+      by[k] = (sense * stiction_by_(row, k) - part.ends[static_cast<std::size_t>(k)].friction(0, i)) / rate;
+    holding(part.reached, q, v);
+    return by;
+  }
+
+  /// Takes the friction of contact n out of a row of tau's tangents.
+  void separate_tangents(Trajectory& out, Eigen::Index row, std::size_t n) const {
+    const Contact& c = contacts_[n];
+    const double speed = out.v(row, c.coordinate);
+    const double sense = !c.given ? c.sense : speed > 0.0 ? 1.0 : speed < 0.0 ? -1.0 : 0.0;
+    if (!c.given && c.sense == 0) return;
+    for (std::size_t k = 0; k < out.tangents.size(); ++k) {
+      double& force = out.tangents[k].friction(row, c.coordinate);
+      force = -sense * coulomb_by_(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(k));
+      out.tangents[k].tau(row, c.coordinate) -= force;
+    }
+  }
+
+  /// Force on each sticking freedom that holds it (of all coordinates); the system's accelerations are those then.
   Eigen::VectorXd holding(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) const {
     System& s = *probe_;
     s.q = q;
@@ -181,9 +296,13 @@ class Sliding {
   std::vector<Drive> all_drives_;
   Eigen::VectorXd tau_;
   Control* control_;
-  std::unique_ptr<OneStep> rests_;  // knows what rests and what slides
-  std::unique_ptr<System> free_;    // with nothing held but what is prescribed
-  std::unique_ptr<System> probe_;   // with what sticks held
+  const std::vector<Parameter>& parameters_;
+  std::vector<Parameter> near_;               // for the part of the run that comes
+  Eigen::MatrixXd by_q_, by_v_;               // tangents where it begins
+  Eigen::MatrixXd coulomb_by_, stiction_by_;  // by the parameters
+  std::unique_ptr<OneStep> rests_;            // knows what rests and what slides
+  std::unique_ptr<System> free_;              // with nothing held but what is prescribed
+  std::unique_ptr<System> probe_;             // with what sticks held
   std::vector<const Contact*> switching_;
   bool ran_away_ = false;
 };
@@ -213,6 +332,15 @@ void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
     out.a.row(out.done) = part.a.row(k);
     out.tau.row(out.done) = part.tau.row(k);
     out.friction.row(out.done) = part.friction.row(k);
+    for (std::size_t p = 0; p < out.tangents.size(); ++p) {
+      Trajectory::Tangent& to = out.tangents[p];
+      const Trajectory::Tangent& from = part.tangents[p];
+      to.q.row(out.done) = from.q.row(k);
+      to.v.row(out.done) = from.v.row(k);
+      to.a.row(out.done) = from.a.row(k);
+      to.tau.row(out.done) = from.tau.row(k);
+      to.friction.row(out.done) = from.friction.row(k);
+    }
     sliding.separate(out, out.done);
   }
   for (std::size_t k = 0; k < out.events.size(); ++k) {
@@ -232,20 +360,25 @@ void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
 Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                                   const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                                   const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,
-                                  const Integrate& integrate, Control* control, double step) {
-  Sliding sliding(arm, drives, tau, loads, control);
-  if (sliding.none()) return integrate(drives, t, q0, v0, tau, events);
+                                  const Integrate& integrate, Control* control, double step,
+                                  const std::vector<Parameter>& parameters) {
+  Sliding sliding(arm, drives, tau, loads, control, parameters);
+  if (sliding.none()) return integrate(drives, t, q0, v0, tau, events, parameters);
   check_arguments(arm, drives, t, q0, v0, tau);
   const double instant = kOneTime * (t[t.size() - 1] - t[0]);
-  Trajectory out = empty_trajectory(arm, t, events);
+  Trajectory out = empty_trajectory(arm, t, events, parameters.size());
   out.rubs = true;
   Eigen::VectorXd q = q0, v = v0;
   const Contact* switched = nullptr;
+  Trajectory part;
   std::deque<double> switches;
   try {
     for (;;) {
       const double now = out.reached;
-      sliding.settle(now, q, v, switched);
+      if (switched)
+        sliding.settle(part, q, v, *switched, t[t.size() - 1] - t[0]);
+      else
+        sliding.settle(now, q, v, nullptr);
       if (sliding.sample(now, q, v)) sliding.settle(now, q, v, nullptr);
       for (; out.done < t.size() && t[out.done] <= now + instant; sliding.separate(out, out.done - 1))
         if (!sliding.record(now, q, v, composite, out)) {
@@ -255,8 +388,8 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
       if (out.done == t.size()) return out;
       Eigen::VectorXd times(1 + t.size() - out.done);
       times << now, t.tail(t.size() - out.done);
-      const Trajectory part =
-          integrate(sliding.drives(), times, q, v, sliding.tau(), sliding.watch(remaining(events, out)));
+      part = integrate(sliding.drives(), times, q, v, sliding.tau(), sliding.watch(remaining(events, out)),
+                       sliding.parameters());
       append(part, sliding, out);
       if (part.done == 0 && now > t[0] && !out.failure.empty() && out.failure != kInterrupted) out.failure = kRanAway;
       if (!out.failure.empty()) return out;

@@ -139,11 +139,14 @@ bool System::log(const std::vector<Event>& events, std::size_t k, double t, Traj
   return true;
 }
 
-Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std::vector<Event>& events) {
+Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std::vector<Event>& events,
+                            std::size_t parameters) {
   Trajectory out;
+  const Trajectory::Rows rows(t.size(), arm.nv());
+  out.tangents.assign(parameters, {rows, rows, rows, rows, rows});
   out.events.resize(events.size());
   out.q.resize(t.size(), arm.nq());
-  for (Trajectory::Rows* rows : {&out.v, &out.a, &out.tau, &out.friction}) rows->resize(t.size(), arm.nv());
+  for (Trajectory::Rows* x : {&out.v, &out.a, &out.tau, &out.friction}) x->resize(t.size(), arm.nv());
   out.reached = t[0];
   return out;
 }

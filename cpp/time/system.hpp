@@ -49,7 +49,8 @@ struct System {
 std::vector<Load> places(const std::vector<LoadDrive>& loads);
 
 /// A trajectory of no rows yet, for the times t.
-Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std::vector<Event>& events);
+Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std::vector<Event>& events,
+                            std::size_t parameters = 0);
 
 /// @throws std::invalid_argument naming the argument and the value
 void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,

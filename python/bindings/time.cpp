@@ -200,6 +200,50 @@ struct Problem {
   operator Driven() { return {arm, drives, loads, tau, &control}; }
 };
 
+/// (weight, offset, arm, drives, loads, tau, feedback, sampled, q0, v0) of each neighbour of a problem, and (scale,
+/// whether it changes no more than controllers and the start, neighbours) of each parameter.
+using NeighbourLaws = std::tuple<double, double, py::object, Laws, LoadLaws, Eigen::VectorXd, FeedbackLaws, SampledLaws,
+                                 Eigen::VectorXd, Eigen::VectorXd>;
+using ParameterLaws = std::vector<std::tuple<double, bool, std::vector<NeighbourLaws>>>;
+
+/// Parameters, and the controllers of their neighbours.
+struct Parameters {
+  std::vector<Parameter> all;
+  std::vector<std::unique_ptr<Control>> controls;
+
+  Parameters(const ParameterLaws& given, const Eigen::VectorXd& times) {
+    AllAsked asked;  // nobody looks at where the neighbours' callables were asked
+    for (const auto& [scale, forces_only, neighbours] : given) {
+      all.push_back({scale, forces_only, {}});
+      for (const auto& [weight, offset, arm, drives, loads, tau, feedback, sampled, q0, v0] : neighbours) {
+        const Arm& its = arm.cast<const Arm&>();
+        controls.push_back(std::make_unique<Control>(make_control(feedback, sampled, its.nv(), times, asked)));
+        Neighbour n{weight, offset, &its, {}, {}, tau, controls.back().get(), q0, v0};
+        for (const auto& [coordinate, is_motion, law, column] : drives)
+          n.drives.push_back(make_drive(coordinate, is_motion, law, column, times, asked));
+        for (const auto& [load, law] : loads) n.loads.push_back(make_load(load, law, times, asked));
+        all.back().neighbours.push_back(std::move(n));
+      }
+    }
+  }
+};
+
+/// q, v, a, tau and friction by the parameters, (np, nt, n) each.
+py::dict tangent_rows(const Trajectory& r) {
+  const auto stacked = [&](auto part) {
+    const auto count = static_cast<py::ssize_t>(r.tangents.size()), done = static_cast<py::ssize_t>(r.done);
+    py::array_t<double> out({count, done, static_cast<py::ssize_t>(r.v.cols())});
+    for (py::ssize_t k = 0; k < count; ++k)
+      Eigen::Map<Rows>(out.mutable_data(k), done, r.v.cols()) =
+          (r.tangents[static_cast<std::size_t>(k)].*part).topRows(done);
+    return out;
+  };
+  using Tangent = Trajectory::Tangent;
+  return py::dict(py::arg("q") = stacked(&Tangent::q), py::arg("v") = stacked(&Tangent::v),
+                  py::arg("a") = stacked(&Tangent::a), py::arg("tau") = stacked(&Tangent::tau),
+                  py::arg("friction") = stacked(&Tangent::friction));
+}
+
 /// What a run is given beside its integrator.
 struct Given {
   const Arm& arm;
@@ -211,6 +255,7 @@ struct Given {
   const EventLaws& events;
   const FeedbackLaws& feedback;
   const SampledLaws& sampled;
+  const ParameterLaws& parameters;
 };
 
 /// Runs integrate(drives, t, q, v, tau, alive, loads, events, control) -> Trajectory, once where the method `rubs`,
@@ -228,18 +273,19 @@ py::dict run(const Given& given, bool rubs, double step, const Integrate& integr
   std::vector<Event> watched;
   for (std::size_t k = 0; k < given.events.size(); ++k)
     std::apply([&](const auto&... parts) { watched.push_back(make_event(k, parts...)); }, given.events[k]);
+  const Parameters parameters(given.parameters, given.t);
   Lookout lookout(given.alive);
   const auto look_around = [&lookout](double now) { return lookout(now); };
   Trajectory r;
   {
     const Unlocked free;
     const auto part = [&](const auto& drives, const auto& t, const auto& q, const auto& v, const auto& tau,
-                          const auto& events) {
-      return integrate(drives, t, q, v, tau, look_around, wrenches, events, control);
+                          const auto& events, const auto& by) {
+      return integrate(drives, t, q, v, tau, look_around, wrenches, events, control, by);
     };
-    r = rubs ? part(laws, given.t, given.q0, given.v0, given.tau, watched)
+    r = rubs ? part(laws, given.t, given.q0, given.v0, given.tau, watched, parameters.all)
              : simulate_with_friction(given.arm, laws, given.t, given.q0, given.v0, given.tau, wrenches, watched,
-                                      given.composite, part, &control, step);
+                                      given.composite, part, &control, step, parameters.all);
   }
   py::dict stats, out;
   stats["steps"] = r.stats.steps;
@@ -261,6 +307,7 @@ py::dict run(const Given& given, bool rubs, double step, const Integrate& integr
   out["terminated"] = r.terminated;
   out["events"] = event_rows(r);
   out["stats"] = stats;
+  if (!r.tangents.empty()) out["tangents"] = tangent_rows(r);
   py::list calls;
   for (const auto& a : asked) calls.append(a ? py::cast(a->calls) : py::none());
   out["asked"] = calls;
@@ -385,14 +432,16 @@ void bind_time(py::module_& m) {
              return law;
            }),
            py::arg("A"), py::arg("B"), py::arg("C"), py::arg("D"), py::arg("columns"), py::arg("by_q"), py::arg("by_v"),
-           py::arg("limit"), py::arg("reference"), py::arg("read"));
+           py::arg("limit"), py::arg("reference"), py::arg("read"))
+      .def_property_readonly("reads", [](const LinearLaw& law) { return bool(law.read); });
 
   m.def(
       "simulate_ida",
       [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
          const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol, int max_order,
          const std::string& linear_solver, const py::object& slow, bool composite, const py::object& alive,
-         const LoadLaws& loads, const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled) {
+         const LoadLaws& loads, const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled,
+         const ParameterLaws& by) {
         const LinearSolver solver = linear_solver == "dense"   ? LinearSolver::dense
                                     : linear_solver == "chain" ? LinearSolver::chain
                                                                : LinearSolver::automatic;
@@ -402,16 +451,18 @@ void bind_time(py::module_& m) {
             const Locked lock;
             call(slow, now, steps);
           };
-        return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled}, false, 0.0,
+        return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled, by}, false, 0.0,
                    [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
-                       const auto& look_around, const auto& wrenches, const auto& watched, Control& control) {
+                       const auto& look_around, const auto& wrenches, const auto& watched, Control& control,
+                       const auto& parameters) {
                      return simulate_ida(arm, laws, times, q, v, forces, options, look_around, wrenches, watched,
-                                         &control);
+                                         &control, parameters);
                    });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("rtol"),
       py::arg("atol"), py::arg("max_order"), py::arg("linear_solver"), py::arg("slow"), py::arg("composite"),
-      py::arg("alive"), py::arg("loads"), py::arg("events"), py::arg("feedback"), py::arg("sampled"));
+      py::arg("alive"), py::arg("loads"), py::arg("events"), py::arg("feedback"), py::arg("sampled"),
+      py::arg("parameters"));
 
   m.def(
       "simulate_fixed",
@@ -421,16 +472,17 @@ void bind_time(py::module_& m) {
          const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled, Tape* tape) {
         const std::unique_ptr<Step> method = make_step(integrator, arm, step, rtol, spectral_radius, stages);
         if (tape) *tape = Tape(method->stages());
-        return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled},
-                   method->rubbing() != nullptr, step,
-                   [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
-                       const auto& look_around, const auto& wrenches, const auto& watched, Control& control) {
-                     // what is left after a switch may be shorter than a step
-                     const double left = times[times.size() - 1] - times[0];
-                     return simulate_fixed(arm, laws, times, q, v, forces, *method,
-                                           times[0] > t[0] ? std::min(step, left) : step, composite, look_around,
-                                           wrenches, watched, &control, tape);
-                   });
+        return run(
+            {arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled, {}},
+            method->rubbing() != nullptr, step,
+            [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
+                const auto& look_around, const auto& wrenches, const auto& watched, Control& control, const auto&) {
+              // what is left after a switch may be shorter than a step
+              const double left = times[times.size() - 1] - times[0];
+              return simulate_fixed(arm, laws, times, q, v, forces, *method,
+                                    times[0] > t[0] ? std::min(step, left) : step, composite, look_around, wrenches,
+                                    watched, &control, tape);
+            });
       },
       py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"),
       py::arg("integrator"), py::arg("step"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("stages"),

@@ -346,6 +346,8 @@ class LinearLaw:
         reference: Any,
         read: Callable[[float, _Array, _Array, _Array], _Array] | None,
     ) -> None: ...
+    @property
+    def reads(self) -> bool: ...
 
 def simulate_ida(
     arm: Arm,
@@ -365,6 +367,7 @@ def simulate_ida(
     events: Sequence[tuple[Any, int, int]],
     feedback: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike, Any, float]],
     sampled: Sequence[tuple[float, float, float, Any]],
+    parameters: Sequence[tuple[float, bool, Sequence[tuple[Any, ...]]]],
 ) -> dict[str, Any]: ...
 def step_derivatives(
     arm: Arm,

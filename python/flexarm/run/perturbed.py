@@ -15,11 +15,11 @@ from .parameter import Neighbour, Parameter
 from .problem import Problem
 from .variation import Setup, Variation, _drive_name, _fields, known_paths
 
-#: Steps of a difference, and its weights: of sixth order, central and (at the border of what is allowed) on one side.
-_CENTRAL = (-3, -2, -1, 1, 2, 3), (-1 / 60, 3 / 20, -3 / 4, 3 / 4, -3 / 20, 1 / 60)
-_AHEAD = (0, 1, 2, 3, 4, 5, 6), (-147 / 60, 6.0, -15 / 2, 20 / 3, -15 / 4, 6 / 5, -1 / 6)
+#: Steps of a difference, and its weights: of fourth order, central and (at the border of what is allowed) on one side.
+_CENTRAL = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)
+_AHEAD = (0, 1, 2, 3, 4), (-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4)
 _BEHIND = tuple(-k for k in _AHEAD[0]), tuple(-w for w in _AHEAD[1])
-STEP = 3e-3  # of a difference, in parts of the parameter's scale
+STEP = 3e-4  # of a difference, in parts of the parameter's scale
 _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one leaves what is allowed
 
 

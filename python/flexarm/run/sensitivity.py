@@ -110,14 +110,27 @@ class Source:
         out = self.integrate(run, tape=tape)
         if out["friction"] is not None and self.integrator != "implicit":
             raise ValueError(f"integrator = '{self.integrator}': derivatives through dry friction need \"implicit\"")
-        if out["failure"]:
-            raise ValueError(f"the run stopped at t = {out['reached']:.9g} s: {out['failure']}")
-        return run, run.result(out), tape, _balanced(run)
+        return run, run.result(_done(out)), tape, _balanced(run)
 
     def sensitivities(self, parameters: Sequence[str]) -> Sensitivities:
-        paths = self._paths(parameters, False)
+        near = self._near(list(dict.fromkeys(p for parts in self._paths(parameters, False).values() for p in parts)))
+        result, rows = self._with_ida(near) if self.integrator == "ida" else self._forward(near)
+        return Sensitivities(result, tuple(p.path for p in near), **{k: rows[k] for k in ROWS}, _neighbours=near)
+
+    def _with_ida(self, near: list[Parameter]) -> tuple[Result, dict[str, Array]]:
+        """Forward sensitivities integrated with the run, by IDAS."""
+        run = self._problem()
+        for k, (*_, law) in enumerate(run.sampled):
+            if not isinstance(law, _core.LinearLaw) or law.reads:
+                raise ValueError(f"control: sampled law {k} runs in Python, of which no derivative is known: give a "
+                                 "LinearController without sensors")  # fmt: skip
+        out = _done(self.integrate(run, parameters=near))
+        arm, found = self.setup.arm, out["tangents"]
+        return run.result(out), {k: np.ascontiguousarray(found[k][..., : arm.nq if k == "q" else arm.nv]) for k in ROWS}
+
+    def _forward(self, near: list[Parameter]) -> tuple[Result, dict[str, Array]]:
+        """Tangents along a tape."""
         run, result, tape, core = self._taped()
-        near = self._near([p for path in paths for p in paths[path]])
         start = [_sum(p, lambda n: core_start(n.problem)[:2]) for p in near]
         by = self._by(tape, near, run)
         switches = [self._switches(tape, p, run) for p in near]
@@ -129,10 +142,17 @@ class Source:
             for i, moved in self._moved(run, p):
                 for name, change in zip(("q", "v", "a"), moved, strict=True):
                     rows[name][k, :, i] = change
-        return Sensitivities(result, tuple(p.path for p in near), **rows, _neighbours=near)
+        return result, rows
 
     def gradient(self, loss: Loss, parameters: Sequence[str]) -> dict[str, Any]:
-        paths = self._paths(parameters, True)
+        paths = self._paths(parameters, self.integrator != "ida")
+        if self.integrator == "ida":
+            found = self.sensitivities(parameters)
+            weights = _weights(loss, found.result)
+            by = {p: float(sum((w * getattr(found, name)[k]).sum() for name, w in weights.items()))
+                  for k, p in enumerate(found.parameters)}  # fmt: skip
+            return {path: by[path] if parts == [path] else np.array([by[p] for p in parts])
+                    for path, parts in paths.items()}  # fmt: skip
         run, result, tape, core = self._taped()
         weights = _weights(loss, result)
         full = [np.zeros((0, run.both.nv)) if w is None else np.pad(w, ((0, 0), (0, run.both.nv - w.shape[1])))
@@ -140,7 +160,7 @@ class Source:
         full[:2] = [w if len(w) else np.zeros((len(result.t), run.both.nv)) for w in full[:2]]
         q0, v0, needed, applied, switches = tape.adjoint(core, *self._numbers, *full, _workers())
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
-        by = dict(zip(near, self._by(tape, list(near.values()), run), strict=True))
+        forces = dict(zip(near, self._by(tape, list(near.values()), run), strict=True))
         whole = {"q0": q0, "v0": v0, "tau": applied.sum(axis=0)}
         out: dict[str, Any] = {}
         for path, parts in paths.items():
@@ -152,7 +172,7 @@ class Source:
                 continue
             values = []
             for p in (near[part] for part in parts):
-                by_needed, by_applied = by[p.path]
+                by_needed, by_applied = forces[p.path]
                 a, b = _sum(p, lambda n: core_start(n.problem)[:2])
                 value = (needed * by_needed).sum() + (applied * by_applied).sum() + q0 @ a + v0 @ b
                 value += (switches * self._switches(tape, p, run)).sum()
@@ -229,6 +249,12 @@ class Source:
         np.add.at(out, k, (1 - part) * force)
         np.add.at(out, k + 1, part * force)
         return out
+
+
+def _done(out: dict[str, Any]) -> dict[str, Any]:
+    if out["failure"]:
+        raise ValueError(f"the run stopped at t = {out['reached']:.9g} s: {out['failure']}")
+    return out
 
 
 def _balanced(run: Problem) -> Any:

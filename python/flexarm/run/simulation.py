@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import choice, number, whole
+from .._check import Array, choice, number, whole
 from .._console import progress_bar
 from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
@@ -24,7 +24,7 @@ from ..analysis.validity import SILENT, out_of_range
 from ..arm import METHODS, Arm
 from ..parts.part import ModelWarning
 from .pace import Pace, beyond_explicit, explicit_limit
-from .parameter import core_laws, core_start
+from .parameter import Parameter, core_laws, core_parameters, core_start
 from .problem import Problem
 from .result import Result
 from .sensitivity import Source
@@ -117,15 +117,16 @@ def _settings(
 
 
 def _integrate(
-    run: Problem, integrator: str, method: str, options: Mapping[str, Any], alive: Any, tape: Any = None
-) -> dict[str, Any]:
-    """The core's run, which writes a tape."""
+    run: Problem, integrator: str, method: str, options: Mapping[str, Any], alive: Any,
+    parameters: Sequence[Parameter] = (), tape: Any = None,
+) -> dict[str, Any]:  # fmt: skip
+    """The core's run: of "ida" with derivatives by parameters, of others on a tape for them."""
     motion = (run.both._core, core_laws(run), run.times, *core_start(run))
     last = (method == "ci", alive, run.wrenches, run.events, run.feedback, run.sampled)
     if not INTEGRATORS[integrator].fixed:
         rtol, atol, order, solver = (options[k] for k in ("rtol", "atol", "max_order", "linear_solver"))
         pace = Pace(run.arm, run.times, lambda time: run.unstable(time, False))
-        return _core.simulate_ida(*motion, rtol, atol, order, solver, pace, *last)
+        return _core.simulate_ida(*motion, rtol, atol, order, solver, pace, *last, core_parameters(run, parameters))
     step, rtol, radius, stages = (options[k] for k in ("step", "rtol", "spectral_radius", "stages"))
     return _core.simulate_fixed(*motion, integrator, step, rtol, radius, stages, *last, tape)
 

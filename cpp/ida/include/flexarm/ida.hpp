@@ -1,4 +1,5 @@
-// Variable-step, variable-order integration by SUNDIALS IDA on the inverse-dynamics residual
+// Variable-step, variable-order integration by SUNDIALS IDA (as its superset IDAS has it) on the inverse-dynamics
+// residual
 //   [dq/dt - v; M(q) dv/dt + h(q, v) - tau] = 0
 // of the coordinates that are not prescribed. Its linear systems are solved with the exact Jacobian, or, on long arms,
 // in O(N) by GMRES preconditioned with AB's elimination.
@@ -13,6 +14,7 @@
 #include "flexarm/dry_friction.hpp"
 #include "flexarm/event.hpp"
 #include "flexarm/load.hpp"
+#include "flexarm/parameter.hpp"
 #include "flexarm/trajectory.hpp"
 
 namespace flexarm {
@@ -37,10 +39,13 @@ struct IdaOptions {
 /// Integrates from t[0] to the last of t, which must increase.
 /// @param tau    constant generalised forces, length nv, to which force drives are added
 /// @param events found by IDA's root finding, to the precision of its interpolation
+/// @param parameters what Trajectory::tangents are by: IDAS' forward sensitivities, whose errors count as those of the
+///                   state do. Their controllers go along with `control`
 /// @throws std::invalid_argument for bad arguments; what a drive, an event or `alive` throws goes through
 Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                         const IdaOptions& options, const Alive& alive = {}, const std::vector<LoadDrive>& loads = {},
-                        const std::vector<Event>& events = {}, Control* control = nullptr);
+                        const std::vector<Event>& events = {}, Control* control = nullptr,
+                        const std::vector<Parameter>& parameters = {});
 
 }  // namespace flexarm

@@ -9,21 +9,27 @@
 #include "flexarm/drive.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "flexarm/load.hpp"
+#include "flexarm/parameter.hpp"
 #include "flexarm/trajectory.hpp"
 
 namespace flexarm {
 
 /// Integrates from t[0] to t[end], or to the first terminal event.
-using Integrate =
-    std::function<Trajectory(const std::vector<Drive>& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
-                             const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, const std::vector<Event>& events)>;
+using Integrate = std::function<Trajectory(
+    const std::vector<Drive>& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0, const Eigen::VectorXd& v0,
+    const Eigen::VectorXd& tau, const std::vector<Event>& events, const std::vector<Parameter>& parameters)>;
 
 /// `integrate` from one switch of a joint's friction to the next, over all times of t. In the trajectory `tau` is what
 /// is applied, and `friction` what the friction adds. Without friction in the arm: `integrate`, once.
 /// @param step  of a fixed-step method: a hundred switches within one are no motion
+/// @param parameters  of Trajectory::tangents, which `integrate` must then give; at a switch they jump, because the
+/// time
+///                    of the switch depends on the parameters, too (saltation: Aizerman & Gantmakher 1958). Between
+///                    the switches what sticks is held. There must be no sampled controllers then
 Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
                                   const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
                                   const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,
-                                  const Integrate& integrate, Control* control = nullptr, double step = 0.0);
+                                  const Integrate& integrate, Control* control = nullptr, double step = 0.0,
+                                  const std::vector<Parameter>& parameters = {});
 
 }  // namespace flexarm

@@ -42,6 +42,11 @@ struct Trajectory {
   bool terminated = false;       ///< by a terminal event, at `reached`
   std::vector<EventLog> events;  ///< one per event
   SimulationStats stats;
+  struct Tangent {
+    Rows q, v, a, tau, friction;
+  };
+  std::vector<Tangent> tangents;  ///< derivatives of the rows, one for each parameter
+  std::vector<Tangent> ends;      ///< of one row each, at `reached`, where an event has terminated the run
 };
 
 }  // namespace flexarm

@@ -1,0 +1,162 @@
+#include "tangents.hpp"
+
+#include "arrays.hpp"
+#include "flexarm/check.hpp"
+#include "flexarm/ci.hpp"
+#include "flexarm/dry_friction.hpp"
+
+namespace flexarm {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+Tangents::Tangents(System& system, const std::vector<Parameter>& parameters)
+    : s_(system), slopes_(s_.arm, places(s_.loads)) {
+  for (std::size_t n = 0; n < s_.arm.size(); ++n)
+    if (s_.arm.link(n).joint().has_ball())
+      bad_value("link[" + std::to_string(n) + "].joint", "a ball",
+                "derivatives of a run know no quaternions: use Axes");
+  const auto count = static_cast<Eigen::Index>(parameters.size());
+  q = v = a = inverse_by_p_ = applied_by_p_ = MatrixXd::Zero(s_.arm.nv(), count);
+  P_.resize(s_.n_v(), count);
+  for (const Parameter& p : parameters) {
+    near_.emplace_back();
+    forces_only_.push_back(p.forces_only);
+    for (const Neighbour& n : p.neighbours) {
+      const auto column = static_cast<Eigen::Index>(near_.size() - 1);
+      near_.back().push_back(std::make_unique<Near>(n));
+      check(*near_.back().back());
+      q.col(column) += n.weight * n.q0;
+      v.col(column) += n.weight * n.v0;
+    }
+  }
+}
+
+void Tangents::check(const Near& near) const {
+  const Arm& arm = *near.of.arm;
+  if (arm.nq() != s_.arm.nq() || arm.nv() != s_.arm.nv() || near.system.ws.free != s_.ws.free ||
+      near.laws.size() != s_.ws.feedback.size() || near.of.q0.size() != arm.nq() || near.of.v0.size() != arm.nv())
+    bad_value("a neighbour's coordinates, motions or controllers", "others", "must be those of the run");
+  if (rubs(arm).size() != rubs(s_.arm).size())
+    bad_value("coulomb or stiction", 0.0, "has no derivative where there is no dry friction");
+}
+
+void Tangents::Near::drive(double t) {
+  system.drive(t);
+  if (of.control) system.tau += of.control->held();
+  for (AppliedFeedback& f : laws)
+    if (f.law->reference) f.offset = f.law->reference(t);
+}
+
+/// Forces on the neighbour at its state: laws of feedback are at their limits where the system's own are.
+VectorXd Tangents::applied(const Near& near) const {
+  VectorXd out = near.system.tau;
+  for (std::size_t k = 0; k < near.laws.size(); ++k) {
+    const AppliedFeedback &own = s_.ws.feedback[k], &its = near.laws[k];
+    const double u = own.offset - own.law->by_q.dot(s_.q) - own.law->by_v.dot(s_.v), limit = its.law->limit;
+    const double free = its.offset - its.law->by_q.dot(near.system.q) - its.law->by_v.dot(near.system.v);
+    out += (u > own.law->limit ? limit : u < -own.law->limit ? -limit : free) * its.law->column;
+  }
+  return out;
+}
+
+void Tangents::differ(double t, int column, const std::vector<std::unique_ptr<Near>>& all) {
+  auto inverse = inverse_by_p_.col(column), forces = applied_by_p_.col(column);
+  inverse.setZero();
+  forces.setZero();
+  for (int i = 0; i < s_.arm.nv(); ++i)
+    if (s_.ws.prescribed[static_cast<std::size_t>(i)]) q(i, column) = v(i, column) = a(i, column) = 0.0;
+  for (const std::unique_ptr<Near>& near : all) {
+    System& n = near->system;
+    const double weight = near->of.weight;
+    n.q = s_.q;
+    n.v = s_.v;
+    n.a = s_.a;
+    near->drive(t);
+    forces += weight * applied(*near);
+    for (int i = 0; i < s_.arm.nv(); ++i) {
+      if (!s_.ws.prescribed[static_cast<std::size_t>(i)]) continue;
+      q(i, column) += weight * n.q[i];
+      v(i, column) += weight * n.v[i];
+      a(i, column) += weight * n.a[i];
+    }
+    if (forces_only_[static_cast<std::size_t>(column)] && s_.n_v() == s_.arm.nv())
+      continue;  // else it may move what is held
+    inverse_dynamics(n.arm, n.ws, n.q, n.v, n.a);
+    inverse += weight * n.ws.tau;
+  }
+}
+
+void Tangents::linearise(double t) {
+  for (std::size_t k = 0; k < s_.ws.loads.size(); ++k) slopes_.set_wrench(k, s_.ws.loads[k].wrench);
+  slopes_(s_.arm, s_.q, s_.v, s_.a);
+  by_q_ = slopes_.dq;
+  by_v_ = slopes_.dv;
+  add_feedback_slopes(s_.ws.feedback, s_.q, s_.v, by_q_, by_v_);
+  composite_mass_matrix(s_.arm, s_.ws, s_.q);
+  K_ = by_q_(s_.ws.free, s_.ws.free);
+  C_ = by_v_(s_.ws.free, s_.ws.free);
+  M_ = s_.ws.M(s_.ws.free, s_.ws.free);
+  for (int k = 0; k < size(); ++k) differ(t, k, near_[static_cast<std::size_t>(k)]);
+  P_ = inverse_by_p_(s_.ws.free, Eigen::all) - applied_by_p_(s_.ws.free, Eigen::all);
+}
+
+bool Tangents::accelerate() {
+  const MatrixXd force = -(K_ * q(s_.ws.free, Eigen::all) + C_ * v(s_.ws.free, Eigen::all) + P_);
+  const MatrixXd found = M_.ldlt().solve(force);
+  a(s_.ws.free, Eigen::all) = found;
+  return a.allFinite();
+}
+
+void Tangents::correct(double cj, const MatrixXd& r1, const MatrixXd& r2, MatrixXd& dq, MatrixXd& dv) {
+  factor_.compute(cj * M_ + C_ + K_ / cj);
+  dv = factor_.solve(K_ * r1 / cj - r2);
+  dq = (dv - r1) / cj;
+}
+
+bool Tangents::sample(double t) {
+  bool changed = false;
+  for (std::size_t k = 0; k < near_.size(); ++k)
+    for (const std::unique_ptr<Near>& near : near_[k]) {
+      if (!near->of.control || !near->of.control->due(t)) continue;
+      const auto column = static_cast<Eigen::Index>(k);
+      System& n = near->system;
+      n.q = s_.q + near->of.offset * q.col(column);
+      n.v = s_.v + near->of.offset * v.col(column);
+      n.a = s_.a;  // a linear law does not read it
+      n.drive(t);
+      changed = near->of.control->run(t, n.q, n.v, n.a) || changed;
+    }
+  return changed;
+}
+
+bool Tangents::record(double t, std::vector<Trajectory::Tangent>& out, Eigen::Index row) {
+  linearise(t);
+  if (!accelerate()) return false;
+  const std::vector<int>& free = s_.ws.free;
+  const auto all = Eigen::all;
+  const MatrixXd q_free = q(free, all), v_free = v(free, all);
+  MatrixXd total = applied_by_p_ + (slopes_.dq - by_q_)(all, free) * q_free + (slopes_.dv - by_v_)(all, free) * v_free;
+  MatrixXd friction = MatrixXd::Zero(s_.arm.nv(), size());
+  for (const Drive& d : s_.drives) {
+    if (!d.motion) continue;
+    const int i = d.coordinate;
+    const Eigen::RowVectorXd reaction = inverse_by_p_.row(i) + slopes_.dq.row(i)(free) * q_free +
+                                        slopes_.dv.row(i)(free) * v_free + s_.ws.M.row(i)(free) * a(free, all);
+    if (d.holds)
+      friction.row(i) = reaction - total.row(i);
+    else
+      total.row(i) = reaction;
+  }
+  for (int k = 0; k < size(); ++k) {
+    Trajectory::Tangent& tangent = out[static_cast<std::size_t>(k)];
+    tangent.q.row(row) = q.col(k);
+    tangent.v.row(row) = v.col(k);
+    tangent.a.row(row) = a.col(k);
+    tangent.tau.row(row) = total.col(k);
+    tangent.friction.row(row) = friction.col(k);
+  }
+  return total.allFinite();
+}
+
+}  // namespace flexarm

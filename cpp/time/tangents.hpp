@@ -1,0 +1,76 @@
+// Derivatives of a system's state by parameters, along a run.
+#pragma once
+
+#include <Eigen/LU>
+#include <memory>
+
+#include "flexarm/derivatives.hpp"
+#include "flexarm/parameter.hpp"
+#include "system.hpp"
+
+namespace flexarm {
+
+/// Tangents of the state, a column for each parameter p: with the residual r(t, q, v, a; p) = inverse dynamics less the
+/// forces, they keep to  M da + C dv + K dq + dr/dp = 0.  K, C and M are exact; dr/dp at a given state comes from the
+/// parameters' neighbours, as do the tangents of prescribed motions, with which it is taken.
+class Tangents {
+ public:
+  /// @param parameters  must outlive this; their controllers go along with the run's
+  /// @throws std::invalid_argument for a ball, and for neighbours that are not made like the system
+  Tangents(System& system, const std::vector<Parameter>& parameters);
+  int size() const { return static_cast<int>(q.cols()); }
+
+  Eigen::MatrixXd q, v, a;  ///< of all coordinates (nv x size)
+
+  /// Takes K, C, M and dr/dp at the system's q, v and a, which has been driven at time t.
+  void linearise(double t);
+  /// The accelerations' tangents behind `linearise`.
+  /// @return whether they are finite
+  bool accelerate();
+  /// dr of tangents of the free coordinates, rates and accelerations (n_v x size), behind `linearise`.
+  template <class In, class Out>
+  void residual(const In& q_free, const In& v_free, const In& a_free, Out&& out) const {
+    out.noalias() = K_ * q_free;
+    out.noalias() += C_ * v_free;
+    out.noalias() += M_ * a_free;
+    out += P_;
+  }
+  /// dq and dv with  cj dq - dv = -r1  and  K dq + (cj M + C) dv = -r2  (n_v x size), behind `linearise`: dq = (dv -
+  /// r1) / cj leaves (cj M + C + K / cj) dv = K r1 / cj - r2.
+  void correct(double cj, const Eigen::MatrixXd& r1, const Eigen::MatrixXd& r2, Eigen::MatrixXd& dq,
+               Eigen::MatrixXd& dv);
+  /// Lets the neighbours' controllers do what is due up to time t, each at its own state.
+  /// @return whether any force has changed
+  bool sample(double t);
+  /// Writes row `row` of each parameter: the tangents at the system's q, v and a, which has been driven at time t.
+  /// @return whether they are finite
+  bool record(double t, std::vector<Trajectory::Tangent>& out, Eigen::Index row);
+
+ private:
+  /// A neighbour as a system of its own.
+  struct Near {
+    const Neighbour& of;
+    System system;
+    std::vector<AppliedFeedback> laws;
+    explicit Near(const Neighbour& neighbour)
+        : of(neighbour), system(*neighbour.arm, neighbour.drives, neighbour.loads, neighbour.tau) {
+      if (of.control)
+        for (const Feedback& law : of.control->feedback()) laws.push_back({&law});
+    }
+    void drive(double t);
+  };
+  void check(const Near& near) const;
+  Eigen::VectorXd applied(const Near& near) const;
+  void differ(double t, int column, const std::vector<std::unique_ptr<Near>>& all);
+
+  System& s_;
+  InverseDerivatives slopes_;
+  std::vector<std::vector<std::unique_ptr<Near>>> near_;  // of each parameter
+  std::vector<bool> forces_only_;
+  Eigen::PartialPivLU<Eigen::MatrixXd> factor_;
+  Eigen::MatrixXd K_, C_, M_, P_;                // of the free coordinates
+  Eigen::MatrixXd by_q_, by_v_;                  // slopes of inverse dynamics less those of feedback
+  Eigen::MatrixXd inverse_by_p_, applied_by_p_;  // parts of dr/dp
+};
+
+}  // namespace flexarm
