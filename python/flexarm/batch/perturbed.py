@@ -78,14 +78,14 @@ def _value(setup: Setup, path: str, start: dict[str, Array]) -> tuple[float, flo
     arm = setup.arm
     here: Any = None
     like: Any = None
-    tree: dict[str, Any] = {"link": arm.links, "load": setup.loads, "control": setup.control, "gravity": arm.gravity, **start}
+    tree: dict[str, Any] = {"link": arm.links, "load": setup.loads, "control": setup.control, "gravity": arm.gravity}
     if root == "drive":
         for key, law in setup.drive.items():
-            name = _drive_name(key).split(".")
-            if names[: len(name)] == name:
-                here, names = law, names[len(name) :]
+            own = _drive_name(key).split(".")
+            if names[: len(own)] == own:
+                here, names = law, names[len(own) :]
     else:
-        here = tree.get(root)
+        here = (tree | start).get(root)
     for name in names:
         like, here = here, _fields(here).get(name)
     if not isinstance(here, (int, float, np.floating)) or isinstance(here, bool) or not np.isfinite(here):
