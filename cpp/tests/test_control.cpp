@@ -138,11 +138,11 @@ TEST_CASE("friction: a block pushed by less than the stiction does not move; by 
     const Eigen::VectorXd tau = Eigen::VectorXd::Constant(1, push);
     CollocationStep gauss(arm, {}, DryFriction::left_to_caller);
     const auto fixed = [&](const auto& drives, const auto& times, const auto& q, const auto& v, const auto& forces,
-                           const auto& events) {
+                           const auto& events, const auto&) {
       return simulate_fixed(arm, drives, times, q, v, forces, gauss, 0.1, false, {}, {}, events);
     };
     const auto ida = [&](const auto& drives, const auto& times, const auto& q, const auto& v, const auto& forces,
-                         const auto& events) {
+                         const auto& events, const auto&) {
       IdaOptions options;
       options.friction = DryFriction::left_to_caller;
       return simulate_ida(arm, drives, times, q, v, forces, options, {}, {}, events);

@@ -4,13 +4,13 @@
 #include <cmath>
 #include <deque>
 #include <memory>
+#include <optional>
 
 #include "arrays.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/inverse.hpp"
-#include "system.hpp"
-#include "tangents.hpp"
+#include "sliding_tangents.hpp"
 
 namespace flexarm {
 
@@ -21,17 +21,7 @@ constexpr double kOneTime = 1e-12;  // parts of the time simulated that are no t
 constexpr double kSlack = 1e-9;     // parts of its stiction by which a contact may be held beyond it
 constexpr std::size_t kMany = 100;  // so many switches
 constexpr const char* kRanAway = "the motion ran away: take a smaller step, or look for what drives it";
-constexpr double kDifference = 2e-6;  // of the time simulated, for the rate of a holding force
-constexpr double kAtOnce = 1e-6;      // parts of its stiction by which a holding force leaps over it
-constexpr double kShort = 1e-6;       // in a step, or in so small a part of the time simulated, are no motion
-
-/// A freedom with friction, and what it does now.
-struct Contact {
-  int coordinate;
-  double coulomb, stiction;
-  bool given;  // its motion is prescribed
-  int sense;   // of sliding: 1, -1; 0: it sticks
-};
+constexpr double kShort = 1e-6;  // in a step, or in so small a part of the time simulated, are no motion
 
 std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) {
   std::vector<Contact> out;
@@ -46,18 +36,15 @@ class Sliding {
  public:
   Sliding(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& tau,
           const std::vector<LoadDrive>& loads, Control* control, const std::vector<Parameter>& parameters)
-      : contacts_(contacts(arm, drives)),
-        arm_(arm),
-        drives_(drives),
-        loads_(loads),
-        applied_(tau),
-        control_(control),
-        parameters_(parameters) {
+      : contacts_(contacts(arm, drives)), arm_(arm), drives_(drives), loads_(loads), applied_(tau), control_(control) {
     if (none()) return;
     rests_ = std::make_unique<OneStep>("implicit", arm, 1.0);
     free_ = std::make_unique<System>(arm, drives, loads, tau, control);
     free_->rubbing = rests_.get();
-    start_tangents();
+    if (parameters.empty()) return;
+    if (control && control->due(1e300))
+      bad_value("control", "sampled", "of dry friction and sampled controllers together no derivatives are known");
+    tangents_.emplace(parameters, *free_, contacts_.size());
   }
 
   bool none() const { return contacts_.empty(); }
@@ -93,22 +80,27 @@ class Sliding {
   void settle(const Trajectory& part, const Eigen::VectorXd& q, Eigen::VectorXd& v, const Contact& switched,
               double span) {
     const double t = part.reached;
-    if (parameters_.empty() || part.ends.empty()) return settle(t, q, v, &switched);
-    const Eigen::RowVectorXd sooner = lead(part, q, v, switched, span);
+    if (!tangents_) return settle(t, q, v, &switched);
+    const auto on = [this](std::size_t n, double when, const Eigen::VectorXd& at, const Eigen::VectorXd& rate) {
+      return holding(when, at, rate)[contacts_[n].coordinate];
+    };
+    holding(t, q, v);
     const Eigen::VectorXd before = probe_->a;
-    for (std::size_t k = 0; k < parameters_.size(); ++k) {
-      by_q_.col(static_cast<Eigen::Index>(k)) = part.ends[k].q.row(0);
-      by_v_.col(static_cast<Eigen::Index>(k)) = part.ends[k].v.row(0);
-    }
+    const auto n = static_cast<std::size_t>(&switched - contacts_.data());
+    const Eigen::RowVectorXd lead = tangents_->lead(part, n, switched, q, v, before, span, on);
+    tangents_->end(part);
     settle(t, q, v, &switched);
     holding(t, q, v);
-    by_v_ += (before - probe_->a) * sooner;
-    prepare(q, v);
+    tangents_->leap(before, probe_->a, lead);
+    tangents_->prepare(arm_, contacts_, q, v);
   }
 
   const std::vector<Drive>& drives() const { return all_drives_; }
   const Eigen::VectorXd& tau() const { return tau_; }
-  const std::vector<Parameter>& parameters() const { return near_; }
+  const std::vector<Parameter>& parameters() const {
+    static const std::vector<Parameter> none;
+    return tangents_ ? tangents_->parameters() : none;
+  }
 
   /// The events of the run, and after them one for each contact that may switch.
   std::vector<Event> watch(std::vector<Event> events) {
@@ -141,13 +133,13 @@ class Sliding {
     probe_->v = v;
     probe_->drive(t);
     if (!probe_->record(out, composite)) return false;
-    return near_.empty() || Tangents(*probe_, near_).record(t, out.tangents, out.done - 1);
+    return !tangents_ || Tangents(*probe_, tangents_->parameters()).record(t, out.tangents, out.done - 1);
   }
 
   /// Writes the last row anew: a sample at the end of the run may tear loose what sticks, and no step follows to see
   /// it.
   void end(bool composite, Trajectory& out) {
-    if (!near_.empty()) return;  // nothing is sampled then
+    if (tangents_) return;  // nothing is sampled then
     const Eigen::Index last = out.done - 1;
     const Eigen::VectorXd q = out.q.row(last);
     Eigen::VectorXd v = out.v.row(last);
@@ -158,19 +150,17 @@ class Sliding {
 
   /// Takes the friction of what slides out of a row of tau.
   void separate(Trajectory& out, Eigen::Index row) const {
-    for (std::size_t n = 0; n < contacts_.size(); ++n) separate_tangents(out, row, n);
     for (const Contact& c : contacts_) {
       const double speed = out.v(row, c.coordinate);
+      const double sense = !c.given ? c.sense : speed > 0.0 ? 1.0 : speed < 0.0 ? -1.0 : 0.0;
       double& force = out.friction(row, c.coordinate);
-      if (c.given)
-        force = speed == 0.0 ? 0.0 : -std::copysign(c.coulomb, speed);
-      else if (c.sense != 0)
-        force = -c.sense * c.coulomb;
-      else {
+      if (!c.given && c.sense == 0) {
         force = std::clamp(force, -c.stiction, c.stiction);  // but for kSlack
         continue;
       }
+      force = sense == 0.0 ? 0.0 : -sense * c.coulomb;
       out.tau(row, c.coordinate) -= force;
+      if (tangents_) tangents_->separate(out, row, static_cast<std::size_t>(&c - contacts_.data()), c, sense);
     }
   }
 
@@ -182,97 +172,10 @@ class Sliding {
     for (const Contact& c : contacts_) {
       if (c.given) continue;
       tau_[c.coordinate] -= c.sense * c.coulomb;
-      if (c.sense == 0) hold(c, q, all_drives_);
+      if (c.sense == 0) all_drives_.push_back(held(arm_, c, q));
     }
     probe_ = std::make_unique<System>(arm_, all_drives_, loads_, tau_, control_);
-    for (std::size_t k = 0; k < parameters_.size(); ++k) prepare(static_cast<Eigen::Index>(k), q, v);
-  }
-
-  void hold(const Contact& c, const Eigen::VectorXd& q, std::vector<Drive>& drives) const {
-    const double place = q[arm_.coordinate_of(c.coordinate)];
-    const auto still = [place](double) { return MotionValue{place, 0.0, 0.0}; };
-    drives.push_back({c.coordinate, still, {}, Eigen::Vector2d(-1e300, 1e300), {}, true});
-  }
-
-  /// The same for the neighbours by parameter k, which are where its tangent leads.
-  void prepare(Eigen::Index k, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-    const std::vector<Neighbour>& given = parameters_[static_cast<std::size_t>(k)].neighbours;
-    for (const Contact& c : contacts_)
-      if (!c.given && c.sense == 0) by_v_(c.coordinate, k) = 0.0;
-    for (std::size_t i = 0; i < given.size(); ++i) {
-      Neighbour& n = near_[static_cast<std::size_t>(k)].neighbours[i];
-      n.drives = given[i].drives;
-      n.tau = given[i].tau;
-      n.q0 = q + n.offset * by_q_.col(k);
-      n.v0 = v + n.offset * by_v_.col(k);
-      const std::vector<Rub> rub = rubs(*n.arm);
-      for (std::size_t j = 0; j < contacts_.size(); ++j) {
-        const Contact& c = contacts_[j];
-        if (c.given) continue;
-        n.tau[c.coordinate] -= c.sense * rub[j].coulomb;
-        if (c.sense == 0) hold(c, n.q0, n.drives);
-      }
-    }
-  }
-
-  void start_tangents() {
-    if (parameters_.empty()) return;
-    if (control_ && control_->due(1e300))
-      bad_value("control", "sampled", "of dry friction and sampled controllers together no derivatives are known");
-    near_ = parameters_;
-    Tangents all(*free_, near_);  // which checks them
-    by_q_ = all.q;
-    by_v_ = all.v;
-    coulomb_by_ = stiction_by_ = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(contacts_.size()), all.size());
-    for (std::size_t k = 0; k < near_.size(); ++k)
-      for (const Neighbour& n : near_[k].neighbours) {
-        const std::vector<Rub> rub = rubs(*n.arm);
-        for (std::size_t j = 0; j < contacts_.size(); ++j) {
-          const auto row = static_cast<Eigen::Index>(j), column = static_cast<Eigen::Index>(k);
-          coulomb_by_(row, column) += n.weight * rub[j].coulomb;
-          stiction_by_(row, column) += n.weight * rub[j].stiction;
-        }
-      }
-  }
-
-  /// Derivatives of the time of a switch, from which the state goes on with another acceleration. Leaves the system as
-  /// it was just before.
-  Eigen::RowVectorXd lead(const Trajectory& part, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Contact& c,
-                          double span) {
-    const int i = c.coordinate;
-    const auto count = static_cast<Eigen::Index>(parameters_.size());
-    Eigen::RowVectorXd by(count);
-    const double force = holding(part.reached, q, v)[i];
-    const Eigen::VectorXd a = probe_->a;
-    if (c.sense != 0) {  // its speed has come down to zero
-      for (Eigen::Index k = 0; k < count; ++k) by[k] = -part.ends[static_cast<std::size_t>(k)].v(0, i) / a[i];
-      return by;
-    }
-    if (std::abs(std::abs(force) - c.stiction) > kAtOnce * c.stiction) return by.setZero();  // a sample tore it loose
-    const double sense = force > 0.0 ? 1.0 : -1.0, d = kDifference * span;
-    double rate = 25.0 * force;
-    const double weights[] = {-48.0, 36.0, -16.0, 3.0};
-    for (int n = 1; n <= 4; ++n)  // along the flow's tangent
-      rate += weights[n - 1] * holding(part.reached - n * d, q - n * d * v, v - n * d * a)[i];
-    rate /= 12.0 * d;
-    const auto row = static_cast<Eigen::Index>(&c - contacts_.data());
-    for (Eigen::Index k = 0; k < count; ++k)
-      by[k] = (sense * stiction_by_(row, k) - part.ends[static_cast<std::size_t>(k)].friction(0, i)) / rate;
-    holding(part.reached, q, v);
-    return by;
-  }
-
-  /// Takes the friction of contact n out of a row of tau's tangents.
-  void separate_tangents(Trajectory& out, Eigen::Index row, std::size_t n) const {
-    const Contact& c = contacts_[n];
-    const double speed = out.v(row, c.coordinate);
-    const double sense = !c.given ? c.sense : speed > 0.0 ? 1.0 : speed < 0.0 ? -1.0 : 0.0;
-    if (!c.given && c.sense == 0) return;
-    for (std::size_t k = 0; k < out.tangents.size(); ++k) {
-      double& force = out.tangents[k].friction(row, c.coordinate);
-      force = -sense * coulomb_by_(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(k));
-      out.tangents[k].tau(row, c.coordinate) -= force;
-    }
+    if (tangents_) tangents_->prepare(arm_, contacts_, q, v);
   }
 
   /// Force on each sticking freedom that holds it (of all coordinates); the system's accelerations are those then.
@@ -296,13 +199,10 @@ class Sliding {
   std::vector<Drive> all_drives_;
   Eigen::VectorXd tau_;
   Control* control_;
-  const std::vector<Parameter>& parameters_;
-  std::vector<Parameter> near_;               // for the part of the run that comes
-  Eigen::MatrixXd by_q_, by_v_;               // tangents where it begins
-  Eigen::MatrixXd coulomb_by_, stiction_by_;  // by the parameters
-  std::unique_ptr<OneStep> rests_;            // knows what rests and what slides
-  std::unique_ptr<System> free_;              // with nothing held but what is prescribed
-  std::unique_ptr<System> probe_;             // with what sticks held
+  std::optional<SlidingTangents> tangents_;
+  std::unique_ptr<OneStep> rests_;  // knows what rests and what slides
+  std::unique_ptr<System> free_;    // with nothing held but what is prescribed
+  std::unique_ptr<System> probe_;   // with what sticks held
   std::vector<const Contact*> switching_;
   bool ran_away_ = false;
 };

@@ -343,9 +343,9 @@ Rows repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptions& 
   return out;
 }
 
-Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& options, const std::vector<Balance>& by_p,
-                  const std::vector<Rows>& switches_by_p, const Rows& q0, const Rows& v0, bool accelerations,
-                  int threads) {
+std::vector<Trajectory::Tangent> tangents(const Driven& of, const Tape& tape, const ImplicitOptions& options,
+                                          const std::vector<Balance>& by_p, const std::vector<Rows>& switches_by_p,
+                                          const Rows& q0, const Rows& v0, bool accelerations, int threads) {
   Ahead slopes(of, tape, accelerations, threads);
   const Places& places = slopes.places();
   Switches switches(of, tape, options);
@@ -354,8 +354,8 @@ Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& opt
   const int s = method.count();
   StepEquations step(slopes, method);
   const auto count = static_cast<Index>(tape.rows.size());
-  const auto empty = [&](Index height) { return std::vector<Rows>(static_cast<std::size_t>(np), Rows(height, n)); };
-  Tangents out{empty(count), empty(count), empty(accelerations ? count : 0), empty(accelerations ? count : 0)};
+  const Rows rows(count, n), others(accelerations ? count : 0, n);
+  std::vector<Trajectory::Tangent> out(static_cast<std::size_t>(np), {rows, rows, others, others, {}});
   MatrixXd q = q0.transpose(), v = v0.transpose(), a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q, stage_v;
   for (Index i = 0; i < n; ++i)
     if (places.given(i)) {
@@ -380,12 +380,12 @@ Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& opt
     }
     for (Index p = 0; p < np; ++p) {
       const auto k = static_cast<std::size_t>(p);
-      out.q[k].row(row) = x.col(p);
-      out.v[k].row(row) = y.col(p);
+      out[k].q.row(row) = x.col(p);
+      out[k].v.row(row) = y.col(p);
       if (!accelerations) continue;
-      out.a[k].row(row) = z.col(p);
+      out[k].a.row(row) = z.col(p);
       for (Index i = 0; i < n; ++i)
-        out.tau[k](row, i) = f(i, p) + (places.given(i) ? by_p[k].needed(e, i) : by_p[k].applied(e, i));
+        out[k].tau(row, i) = f(i, p) + (places.given(i) ? by_p[k].needed(e, i) : by_p[k].applied(e, i));
     }
   };
   const std::vector<std::size_t> first = rows_of_entries(tape);

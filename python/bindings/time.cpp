@@ -229,13 +229,14 @@ struct Parameters {
 };
 
 /// q, v, a, tau and friction by the parameters, (np, nt, n) each.
-py::dict tangent_rows(const Trajectory& r) {
+py::dict tangent_rows(const std::vector<Trajectory::Tangent>& all, Eigen::Index done, Eigen::Index rates) {
   const auto stacked = [&](auto part) {
-    const auto count = static_cast<py::ssize_t>(r.tangents.size()), done = static_cast<py::ssize_t>(r.done);
-    py::array_t<double> out({count, done, static_cast<py::ssize_t>(r.v.cols())});
-    for (py::ssize_t k = 0; k < count; ++k)
-      Eigen::Map<Rows>(out.mutable_data(k), done, r.v.cols()) =
-          (r.tangents[static_cast<std::size_t>(k)].*part).topRows(done);
+    const auto count = static_cast<py::ssize_t>(all.size());
+    py::array_t<double> out({count, static_cast<py::ssize_t>(done), static_cast<py::ssize_t>(rates)});
+    for (py::ssize_t k = 0; k < count; ++k) {
+      const auto& rows = all[static_cast<std::size_t>(k)].*part;
+      if (rows.size() > 0) Eigen::Map<Rows>(out.mutable_data(k), done, rates) = rows.topRows(done);
+    }
     return out;
   };
   using Tangent = Trajectory::Tangent;
@@ -307,7 +308,7 @@ py::dict run(const Given& given, bool rubs, double step, const Integrate& integr
   out["terminated"] = r.terminated;
   out["events"] = event_rows(r);
   out["stats"] = stats;
-  if (!r.tangents.empty()) out["tangents"] = tangent_rows(r);
+  if (!r.tangents.empty()) out["tangents"] = tangent_rows(r.tangents, r.done, r.v.cols());
   py::list calls;
   for (const auto& a : asked) calls.append(a ? py::cast(a->calls) : py::none());
   out["asked"] = calls;
@@ -535,12 +536,12 @@ void bind_time(py::module_& m) {
              const Rows& v0, bool accelerations, int threads) {
             std::vector<Balance> balances;
             for (const auto& [needed, applied] : by_p) balances.push_back({needed, applied});
-            Tangents found;
+            std::vector<Trajectory::Tangent> found;
             {
               const Unlocked free;
               found = tangents(of, tape, {spectral_radius, rtol}, balances, switches, q0, v0, accelerations, threads);
             }
-            return py::make_tuple(found.q, found.v, found.a, found.tau);
+            return tangent_rows(found, static_cast<Eigen::Index>(tape.rows.size()), of.arm.nv());
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("by_p"), py::arg("switches"),
           py::arg("q0"), py::arg("v0"), py::arg("accelerations"), py::arg("threads"))

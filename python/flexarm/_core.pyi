@@ -411,7 +411,57 @@ def simulate_fixed(
     events: Sequence[tuple[Any, int, int]],
     feedback: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike, Any, float]],
     sampled: Sequence[tuple[float, float, float, Any]],
+    tape: Tape | None = None,
 ) -> dict[str, Any]: ...
+class Problem:
+    def __init__(
+        self,
+        arm: Arm,
+        drives: Sequence[tuple[int, bool, Any, ArrayLike]],
+        t: ArrayLike,
+        tau: ArrayLike,
+        loads: Sequence[tuple[Load, Any]],
+        feedback: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike, Any, float]],
+    ) -> None: ...
+
+class Tape:
+    def __init__(self) -> None: ...
+    @property
+    def t(self) -> _Array: ...
+    @property
+    def q(self) -> _Array: ...
+    @property
+    def v(self) -> _Array: ...
+    @property
+    def a(self) -> _Array: ...
+    @property
+    def switches(self) -> int: ...
+    def balance(self, problem: Problem) -> tuple[_Array, _Array]: ...
+    def repeat_switches(self, problem: Problem, rtol: float, spectral_radius: float) -> _Array: ...
+    def tangents(
+        self,
+        problem: Problem,
+        rtol: float,
+        spectral_radius: float,
+        by_p: Sequence[tuple[_Array, _Array]],
+        switches: Sequence[_Array],
+        q0: ArrayLike,
+        v0: ArrayLike,
+        accelerations: bool,
+        threads: int,
+    ) -> dict[str, _Array]: ...
+    def adjoint(
+        self,
+        problem: Problem,
+        rtol: float,
+        spectral_radius: float,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        tau: ArrayLike,
+        threads: int,
+    ) -> tuple[_Array, _Array, _Array, _Array, _Array]: ...
+
 def batch(
     arms: Sequence[Arm],
     scenarios: int,

@@ -15,9 +15,9 @@ from ..acting.control import Controller, Feedback, Run, SampledLaw, padded
 from ..analysis.validity import SILENT, worst_range
 from ..parts.chain import Chain
 from ..run.simulation import SimulationError, SimulationInterrupted, simulate
+from ..run.variation import Setup
 from .job import ENDED, FAILED, Job
 from .rollout import NOT_DONE, Failure
-from ..run.variation import Setup
 
 
 class _Held(Controller):

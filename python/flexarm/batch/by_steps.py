@@ -17,11 +17,11 @@ from ..acting.load import Load
 from ..acting.voltage import Voltage, split_drives
 from ..analysis.validity import worst_range
 from ..arm import Arm
+from ..run.variation import Setup
 from .arguments import check_balls
 from .job import FAILED, Job
 from .rollout import Failure, failures_of, grown_loop, take_steps
 from .schedule import Schedule, feedback_tables, sampled, stacked, wrench_table
-from ..run.variation import Setup
 
 
 def run_steps(

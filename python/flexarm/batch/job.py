@@ -16,9 +16,9 @@ from ..arm import Arm
 from ..run.problem import read_events
 from ..run.result import Result
 from ..run.simulation import INTEGRATORS
+from ..run.variation import Variation
 from .arguments import STEPPERS
 from .schedule import Schedule, breaks_of
-from ..run.variation import Variation
 
 ENDED = 1  #: by a terminal event, as `Result.status` has it
 FAILED = 5

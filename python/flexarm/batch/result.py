@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from .._check import Array, named
 from ..arm import Arm
 from ..run.result import Result
+from ..run.variation import Setup, Variation
 from ..store.files import Refused, readable, write_whole
 from . import events as batch_events
 from .job import ENDED, FAILED
 from .rollout import NOT_DONE, Failure
 from .storage import REASON_BYTES, about, failures_in, in_bytes, read, write_file
-from ..run.variation import Setup, Variation
 
 OUTPUTS = ("q", "v", "a", "tau")
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .._check import whole
 from .._threads import later
+from ..run.variation import Setup
 from .by_simulate import run_simulations
 from .by_steps import run_steps
 from .executor import gather
@@ -21,7 +22,6 @@ from .job import Job, renamed
 from .result import one_result
 from .rollout import Failure
 from .storage import File, Memory
-from ..run.variation import Setup
 
 CHUNK_BYTES = 1 << 26  # what a file is written in, and what a worker sends back at once
 

@@ -23,6 +23,7 @@ from ..arm import Arm
 from ..parts.part import ModelWarning
 from ..run.pace import beyond_explicit
 from ..run.simulation import INTEGRATORS, check_integrator
+from ..run.variation import Setup, Variation
 from .arguments import STEPPERS, check_memory, check_options, default_workers, forces, rows, scenario_count
 from .job import Job
 from .result import OUTPUTS, BatchResult
@@ -30,7 +31,6 @@ from .rollout import NOT_DONE, BatchInterrupted
 from .runner import Runner
 from .schedule import check_every
 from .storage import File, Memory
-from ..run.variation import Setup, Variation
 
 
 def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = ("q", "v")) -> int:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import flexarm._core as _core
 
 from .._check import Array
+from ..run.variation import Variation
 from ..store.files import zipped
 from ..store.fingerprint import marks
 from ..store.scenarios import Column, ScenarioFile, read_scenarios
@@ -20,7 +21,6 @@ from . import events as batch_events
 from .arguments import prepared
 from .job import ENDED, FAILED, Job
 from .rollout import NOT_DONE, Failure
-from ..run.variation import Variation
 
 REASON_BYTES = 500  # of a failure's reason
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from .._check import Array
 from ..acting.control import padded
 from .problem import Problem
 from .variation import Setup
@@ -35,10 +36,10 @@ class Parameter(NamedTuple):
         return self.path.partition(".")[0] in ("control", "q0", "v0")
 
 
-def core_start(run: Problem) -> tuple[Any, ...]:
+def core_start(run: Problem) -> tuple[Array, Array, Array]:
     """q0, v0 and tau of a problem, as the core takes them: with the states of its controllers."""
-    sizes = {"q0": run.both.nq}
-    return tuple(padded(x, sizes.get(name, run.both.nv)) for name, x in run.start.items())
+    start, both = run.start, run.both
+    return padded(start["q0"], both.nq), padded(start["v0"], both.nv), padded(start["tau"], both.nv)
 
 
 def core_laws(run: Problem) -> list[tuple[int, bool, Any, Any]]:

@@ -40,12 +40,18 @@ def problems(
     """
     if isinstance(parameters, str) or len(set(parameters)) != len(parameters) or not len(parameters):
         raise ValueError(f"parameters = {parameters!r}: must be a list of different paths, such as ['link.0.tip.mass']")
-    arm = setup.arm
-    start = {"q0": arm.zero if q0 is None else q0, "v0": np.zeros(arm.nv) if v0 is None else v0}
+    start = start_of(setup, q0, v0)
     return [_parameter(setup, path, t, start, tau, part) for path in parameters]
 
 
-def _parameter(setup: Setup, path: str, t: ArrayLike, start: dict[str, Array], tau: Array | None, part: float) -> Parameter:
+def start_of(setup: Setup, q0: Array | None, v0: Array | None) -> dict[str, Array]:
+    arm = setup.arm
+    return {"q0": arm.zero if q0 is None else q0, "v0": np.zeros(arm.nv) if v0 is None else v0}
+
+
+def _parameter(
+    setup: Setup, path: str, t: ArrayLike, start: dict[str, Array], tau: Array | None, part: float
+) -> Parameter:
     value, scale = _value(setup, path, start)
     why: ValueError | None = None
     for smaller in _SMALLER:
@@ -93,15 +99,15 @@ def _at(setup: Setup, path: str, start: dict[str, Array]) -> tuple[Any, Any]:
     like: Any = None
     tree: dict[str, Any] = {
         "link": setup.arm.links, "load": setup.loads, "control": setup.control, "sensor": getattr(setup, "sensors", ()),
-        "gravity": setup.arm.gravity, **start,
+        "gravity": setup.arm.gravity,
     }  # fmt: skip
     if root == "drive":
         for key, law in setup.drive.items():
-            name = _drive_name(key).split(".")
-            if names[: len(name)] == name:
-                here, names = law, names[len(name) :]
+            own = _drive_name(key).split(".")
+            if names[: len(own)] == own:
+                here, names = law, names[len(own) :]
     else:
-        here = tree.get(root)
+        here = (tree | start).get(root)
     for name in names:
         like, here = here, _fields(here).get(name)
     return here, like

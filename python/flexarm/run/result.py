@@ -157,11 +157,12 @@ class Result:
         Raises:
             ValueError: as of `sensitivities`; a loss of wrong names or shapes.
         """
-        return self._made().gradient(loss, parameters)
+        found: dict[str, Any] = self._made().gradient(loss, parameters)
+        return found
 
     def _made(self) -> Any:
         if self._source is None:
-            raise ValueError("this result does not know what it was made of: only one that `simulate` gives has derivatives")
+            raise ValueError("this result does not know what it was made of; one that `simulate` gives does")
         return self._source
 
     def __getstate__(self) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,12 +19,13 @@ from .._threads import each
 from ..acting.drive import Torque
 from ..acting.voltage import Voltage
 from .parameter import Neighbour, Parameter, core_laws, core_start
-from .perturbed import STEP, components, drive_of, problems
+from .perturbed import STEP, components, drive_of, problems, start_of
 from .problem import Problem
 from .result import Result
 from .variation import Setup
 
 ROWS = ("q", "v", "a", "tau")
+_SAMPLES = re.compile(r"drive\..+\.samples")
 _NEAR = 1e-6  # step of differences in steps in which friction switches: a larger one may switch in another step
 _STARTS = ("q0", "v0", "sensor")  # what does not change the equations of motion
 
@@ -95,6 +97,8 @@ class Source:
 
     def _problem(self) -> Problem:
         s = self.setup
+        for k, _ in s.arm.ball_rates():
+            raise ValueError(f"link[{k}].joint: a ball, which derivatives of a run do not go through; take three Axes")
         return Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, None)
 
     def _taped(self) -> tuple[Problem, Result, Any, Any]:
@@ -135,9 +139,8 @@ class Source:
         by = self._by(tape, near, run)
         switches = [self._switches(tape, p, run) for p in near]
         q0, v0 = (np.array([x[k] for x in start]).reshape(len(near), run.both.nv) for k in range(2))
-        found = dict(zip(ROWS, tape.tangents(core, *self._numbers, by, switches, q0, v0, True, _workers()), strict=True))
-        sizes = {"q": self.setup.arm.nq}
-        rows = {k: np.array(x)[:, :, : sizes.get(k, self.setup.arm.nv)] for k, x in found.items()}
+        found = tape.tangents(core, *self._numbers, by, switches, q0, v0, True, _workers())
+        rows = {k: np.ascontiguousarray(found[k][..., : self.setup.arm.nv]) for k in ROWS}
         for k, p in enumerate(near):
             for i, moved in self._moved(run, p):
                 for name, change in zip(("q", "v", "a"), moved, strict=True):
@@ -167,7 +170,7 @@ class Source:
             if path in whole:
                 out[path] = whole[path][: self.setup.arm.nv]
                 continue
-            if path.endswith(".samples"):
+            if _SAMPLES.fullmatch(path):
                 out[path] = self._by_samples(path, tape.t, applied)
                 continue
             values = []
@@ -177,8 +180,8 @@ class Source:
                 value = (needed * by_needed).sum() + (applied * by_applied).sum() + q0 @ a + v0 @ b
                 value += (switches * self._switches(tape, p, run)).sum()
                 for i, moved in self._moved(run, p):
-                    value += sum((weights[name][:, i] * change).sum()
-                                 for name, change in zip(("q", "v", "a"), moved, strict=True) if name in weights)  # fmt: skip
+                    for name, change in zip(("q", "v", "a"), moved, strict=True):
+                        value += (weights[name][:, i] * change).sum() if name in weights else 0.0
                 values.append(float(value))
             out[path] = values[0] if parts == [path] else np.array(values)
         return out
@@ -212,16 +215,17 @@ class Source:
         if p.path.split(".")[0] in _STARTS or not tape.switches:
             return np.zeros((tape.switches, 2 * run.both.nv))
         near = self._near([p.path], _NEAR)[0]
-        return _sum(near, lambda n: tape.repeat_switches(_balanced(n.problem), *self._numbers))
+        found: Array = _sum(near, lambda n: tape.repeat_switches(_balanced(n.problem), *self._numbers))
+        return found
 
     def _paths(self, parameters: Sequence[str], adjoint: bool) -> dict[str, list[str]]:
         """The numbers that each path stands for."""
         if isinstance(parameters, str) or not len(parameters) or len(set(parameters)) != len(parameters):
-            raise ValueError(f"parameters = {parameters!r}: must be a list of different paths, such as ['link.0.tip.mass']")
-        whole = [p for p in parameters if p in ("q0", "v0", "tau") or (p.startswith("drive.") and p.endswith(".samples"))]
-        arm = self.setup.arm
-        start = {"q0": arm.zero if self.q0 is None else self.q0, "v0": np.zeros(arm.nv) if self.v0 is None else self.v0}
-        return {p: [] if p in whole and adjoint else components(self.setup, p, start) for p in parameters}
+            wanted = "must be a list of different paths, such as ['link.0.tip.mass']"
+            raise ValueError(f"parameters = {parameters!r}: {wanted}")
+        start = start_of(self.setup, self.q0, self.v0)
+        whole = {p for p in parameters if p in ("q0", "v0", "tau") or _SAMPLES.fullmatch(p)} if adjoint else set()
+        return {p: [] if p in whole else components(self.setup, p, start) for p in parameters}
 
     def _near(self, paths: list[str], part: float = STEP) -> list[Parameter]:
         return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau, part) if paths else []
@@ -277,8 +281,9 @@ def _weights(loss: Loss, result: Result) -> dict[str, Array]:
     if callable(loss):
         pair = loss(result)
         if not (isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[1], Mapping)):
-            raise ValueError(f"loss: gave {pair!r}; must give (value, derivatives by rows), such as (x, {{'q': dx_dq}})")
+            raise ValueError(f"loss: gave {pair!r}; must give (value, derivatives), such as (x, {{'q': dx_dq}})")
         given = pair[1]
     if not isinstance(given, Mapping) or not given:
         raise ValueError(f"loss = {loss!r}: must be derivatives by rows, such as {{'q': (nt, nq)}}, or a function")
-    return {choice("loss", name, ROWS): array(f"loss['{name}']", w, getattr(result, name).shape) for name, w in given.items()}
+    return {choice("loss", name, ROWS): array(f"loss['{name}']", w, getattr(result, name).shape)
+            for name, w in given.items()}  # fmt: skip

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import Array, choice, number, whole
+from .._check import choice, number, whole
 from .._console import progress_bar
 from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
@@ -281,9 +281,9 @@ def simulate(
         out = _integrate(run, integrator, method, options, bar if bar is None or callable(progress) else show)
     result = run.result(out)
     setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
-    given = (None if x is None else np.array(x, dtype=float) for x in (q0, v0, tau))
+    q, v, forces = (None if x is None else np.array(x, dtype=float) for x in (q0, v0, tau))
     again = partial(_integrate, integrator=integrator, method=method, options=options, alive=None)
-    result._source = Source(setup, run.times, *given, again, integrator, options)
+    result._source = Source(setup, run.times, q, v, forces, again, integrator, options)
     for warning in _judged(run, out, result, integrator, options["step"]):
         warnings.warn(warning, stacklevel=2)
     if not SILENT.get():

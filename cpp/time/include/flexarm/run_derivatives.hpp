@@ -34,10 +34,6 @@ Balance balance(const Driven& of, const Tape& tape);
 /// States [q; v] (switches, 2 nv) to which this problem's steps lead from the beginnings of the tape's switches.
 Trajectory::Rows repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptions& options);
 
-/// Derivatives of a run's rows by parameters p: of each parameter a matrix (rows, nv).
-struct Tangents {
-  std::vector<Trajectory::Rows> q, v, a, tau;
-};
 /// Derivatives of a number by what it depends on.
 struct Adjoint {
   Eigen::VectorXd q0, v0;            ///< by the start
@@ -52,10 +48,13 @@ struct Adjoint {
 /// @param q0, v0  derivatives of the start by each parameter (np, nv)
 /// @param accelerations  whether a and tau are asked for as well
 /// @param threads  that make slopes; laws of `of` must bear it
+/// @return of each parameter derivatives of the rows; of friction none
 /// @throws std::invalid_argument for ball joints
-Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& options, const std::vector<Balance>& by_p,
-                  const std::vector<Trajectory::Rows>& switches_by_p, const Trajectory::Rows& q0,
-                  const Trajectory::Rows& v0, bool accelerations, int threads = 1);
+std::vector<Trajectory::Tangent> tangents(const Driven& of, const Tape& tape, const ImplicitOptions& options,
+                                          const std::vector<Balance>& by_p,
+                                          const std::vector<Trajectory::Rows>& switches_by_p,
+                                          const Trajectory::Rows& q0, const Trajectory::Rows& v0, bool accelerations,
+                                          int threads = 1);
 /// @param q, v, a, tau  derivatives of the number by the run's rows (rows, nv); a and tau may be empty
 Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& options, const Trajectory::Rows& q,
                 const Trajectory::Rows& v, const Trajectory::Rows& a, const Trajectory::Rows& tau, int threads = 1);

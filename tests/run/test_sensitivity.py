@@ -1,0 +1,275 @@
+"""Derivatives of a run against complex steps of a program written apart, and against differences of runs."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import flexarm as fa
+import numpy as np
+import pytest
+
+STEEL = fa.Material(7850.0, 209e9, 0.3)
+#: Central differences of sixth order.
+WEIGHTS = {-3: -1 / 60, -2: 3 / 20, -1: -3 / 4, 1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
+
+
+def differences(run: Callable[[float], Any], at: float, h: float, rows: tuple[str, ...] = ("q", "v")) -> dict[str, Any]:
+    results = {k: run(at + k * h) for k in WEIGHTS}
+    return {name: sum(w / h * getattr(results[k], name) for k, w in WEIGHTS.items()) for name in rows}
+
+
+def pendulum(mass: Any, damping: Any, gravity: Any, q0: Any, torque: Any, step: float, count: int) -> Any:
+    """Angle and rate after each step of the classical Runge-Kutta method: (2, count + 1), of any type of number."""
+    arm, own = 0.3, 0.02
+
+    def rate(x: Any, t: float) -> Any:
+        force = torque * (1 + t) - damping * x[1] - mass * gravity * arm * np.cos(x[0])
+        return np.array([x[1], force / (own + mass * arm**2)])
+
+    x = np.array([q0, 0 * q0])
+    out = [x]
+    for n in range(count):
+        t = n * step
+        a = rate(x, t)
+        b = rate(x + step / 2 * a, t + step / 2)
+        c = rate(x + step / 2 * b, t + step / 2)
+        d = rate(x + step * c, t + step)
+        x = x + step / 6 * (a + 2 * b + 2 * c + d)
+        out.append(x)
+    return np.array(out).T
+
+
+def test_a_pendulum_equals_complex_steps_of_another_program() -> None:
+    given = {"mass": 0.7, "damping": 0.05, "gravity": 9.81, "q0": 0.4, "torque": 0.3}
+    step, count = 0.01, 200
+    t = step * np.arange(count + 1)
+    body = fa.RigidBody(given["mass"], com=(0.3, 0, 0), inertia=(0.02, 0.02, 0.02))
+    arm = fa.Arm([fa.Link(fa.Revolute("z", damping=given["damping"]), body)], gravity=(0, -given["gravity"], 0))
+    torque = fa.Torque([0.0, 2.0], [given["torque"], 3 * given["torque"]])
+    run = fa.simulate(arm, t, [given["q0"]], drive={0: torque}, integrator="rk4", step=step)
+    np.testing.assert_allclose(run.q[:, 0], pendulum(**given, step=step, count=count)[0], atol=1e-13)
+
+    paths = {"mass": "link.0.hub.mass", "damping": "link.0.joint.damping", "gravity": "gravity.1", "q0": "q0.0",
+             "torque": "drive.0.scale"}  # fmt: skip
+    found = run.sensitivities(list(paths.values()))
+    for k, name in enumerate(paths):
+        moved = {**given, name: given[name] + 1e-30j}
+        expected = pendulum(**moved, step=step, count=count).imag / 1e-30
+        expected *= {"gravity": -1.0, "torque": given["torque"]}.get(name, 1.0)
+        size = np.abs(expected).max(axis=1)
+        assert np.abs(found.q[k, :, 0] - expected[0]).max() < 1e-11 * size[0], name
+        assert np.abs(found.v[k, :, 0] - expected[1]).max() < 1e-11 * size[1], name
+
+
+def flexible(**given: Any) -> dict[str, Any]:
+    """What a run of two flexible links in space is made of."""
+    at = {"mass": 0.1, "length": 0.5, "damping": 0.01, "kp": 2.0, "ratio": 0.01, "start": 0.2, "peak": 0.3}
+    at |= {"end": 0.1, **given}
+    beams = [fa.Beam(x, fa.Rectangle(0.004, 0.01), STEEL, {"bending_y": 2, "bending_z": 1}, "legendre", "exact",
+                     damping_ratio=r) for x, r in ((at["length"], at["ratio"]), (0.4, 0.01))]  # fmt: skip
+    links = [fa.Link(fa.Revolute("z", damping=at["damping"]), fa.RigidBody(0.2, inertia=(1e-3,) * 3), beams[0])]
+    links += [fa.Link(fa.Revolute("y"), None, beams[1], fa.RigidBody(at["mass"], inertia=(1e-4,) * 3))]
+    arm = fa.Arm(links, gravity=(0, 0, -9.81))
+    return {
+        "arm": arm,
+        "t": np.linspace(0, at["end"], 21),
+        "q0": [at["start"], *[0.0] * 7],
+        "drive": {0: fa.Torque([0, 0.05, 0.1], [0.0, at["peak"], 0.1])},
+        "control": fa.PD(at["kp"], 0.1, 1, reference=0.3),
+        "loads": [fa.Load(-1, force=(0.1, 0.2, 0.3))],
+    }
+
+
+PATHS = {
+    "mass": "link.1.tip.mass", "length": "link.0.beam.length", "damping": "link.0.joint.damping",
+    "kp": "control.0.kp", "ratio": "link.0.beam.damping_ratio", "start": "q0.0",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"integrator": "gauss", "step": 4e-3, "rtol": 1e-14},
+        {"integrator": "rk4", "step": 2e-5},
+        {"integrator": "implicit", "step": 5e-4, "rtol": 1e-13},
+        {"integrator": "implicit", "step": 5e-4, "rtol": 1e-13, "spectral_radius": 0.8},
+    ],
+)
+def test_flexible_links_equal_differences(options: dict[str, Any]) -> None:
+    end = 0.02 if options["integrator"] == "rk4" else 0.1
+    run = fa.simulate(**flexible(end=end), **options)
+    found = run.sensitivities(list(PATHS.values()))
+    np.testing.assert_array_equal(found.result.q, run.q)
+    # what the runs' own iteration leaves of differences
+    rough = {"q": 1e-6, "v": 1e-6, "a": 1e-4, "tau": 1e-6}
+    few = ("start", "mass") if options["integrator"] == "rk4" else ("start", "mass", "length", "damping", "kp", "ratio")
+    size = {"start": 0.2, "mass": 0.1, "length": 0.5, "damping": 0.01, "kp": 2.0, "ratio": 0.01}
+    for name in few:
+        expected = differences(lambda x, n=name: fa.simulate(**flexible(**{n: x}, end=end), **options), size[name],
+                               1e-3 * size[name], ("q", "v", "a", "tau"))  # fmt: skip
+        for rows, x in expected.items():
+            mine = getattr(found, rows)[list(PATHS).index(name)]
+            assert np.abs(mine - x).max() < rough[rows] * max(np.abs(x).max(), 1e-9), (name, rows)
+
+
+@pytest.mark.parametrize("options", [{"integrator": "gauss", "step": 4e-3}, {"integrator": "rk4", "step": 5e-5},
+                                     {"integrator": "implicit", "step": 5e-4, "spectral_radius": 0.9}])  # fmt: skip
+def test_the_adjoint_is_the_transpose(options: dict[str, Any]) -> None:
+    end = 0.02 if options["integrator"] == "rk4" else 0.1
+    run = fa.simulate(**flexible(end=end), **options)
+    rng = np.random.default_rng(1)
+    weights = {name: rng.normal(size=getattr(run, name).shape) for name in ("q", "v", "a", "tau")}
+    found = run.sensitivities(list(PATHS.values()))
+    gradient = run.gradient(weights, [*PATHS.values(), "q0", "gravity", "load.0.force", "tau", "drive.0.samples"])
+    for k, path in enumerate(PATHS.values()):
+        parts = [(w * getattr(found, name)[k]).sum() for name, w in weights.items()]
+        assert abs(gradient[path] - sum(parts)) < 5e-8 * max(np.abs(parts)), path
+    assert gradient["q0"][0] == pytest.approx(gradient["q0.0"], rel=1e-9)
+    assert gradient["gravity"].shape == gradient["load.0.force"].shape == (3,) and gradient["tau"].shape == (8,)
+
+    def loss(result: fa.Result) -> tuple[float, dict[str, Any]]:
+        return (weights["q"] * result.q).sum(), {"q": weights["q"]}
+
+    by_peak = differences(lambda x: fa.simulate(**flexible(peak=x, end=end), **options), 0.3, 1e-3)["q"]
+    samples = run.gradient(loss, ["drive.0.samples"])["drive.0.samples"]
+    assert samples.shape == (3,) and samples[1] == pytest.approx((weights["q"] * by_peak).sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("options", [{"integrator": "gauss", "step": 4e-3}, {"integrator": "implicit", "step": 1e-3}])
+def test_a_prescribed_motion(options: dict[str, Any]) -> None:
+    """By its scale, and by a mass: the reaction is in tau."""
+    t = np.linspace(0, 0.2, 41)
+
+    def run(scale: float, mass: float = 0.1) -> fa.Result:
+        given = flexible(mass=mass)
+        drive = {0: fa.Motion(t, 0.3 * np.sin(10 * t)).scaled(scale), 1: fa.Torque(0.1)}
+        return fa.simulate(given["arm"], t, drive=drive, rtol=1e-14, **options)
+
+    found = run(1.0).sensitivities(["drive.0.scale", "link.1.tip.mass"])
+    weights = {name: np.random.default_rng(2).normal(size=getattr(found, name)[0].shape) for name in ("q", "v", "tau")}
+    gradient = run(1.0).gradient(weights, list(found.parameters))
+    for k, way in enumerate((lambda x: run(x), lambda x: run(1.0, x))):
+        expected = differences(way, (1.0, 0.1)[k], (1e-3, 1e-4)[k], ("q", "v", "a", "tau"))
+        for rows, x in expected.items():
+            rough = {"q": 1e-6, "v": 1e-6, "a": 1e-4, "tau": 1e-6}[rows]
+            assert np.abs(getattr(found, rows)[k] - x).max() < rough * np.abs(x).max(), (k, rows)
+        total = [(w * getattr(found, name)[k]).sum() for name, w in weights.items()]
+        assert abs(gradient[found.parameters[k]] - sum(total)) < 1e-9 * max(np.abs(total))
+
+
+def test_a_controller_with_memory() -> None:
+    given = {**flexible(), "control": [fa.LinearController.pid(3.0, 5.0, 0.2, 1, reference=0.3, filter_time=0.01)]}
+    options = {"integrator": "gauss", "step": 4e-3}
+    found = fa.simulate(**given, **options).sensitivities(["link.1.tip.mass"])
+
+    def run(mass: float) -> fa.Result:
+        return fa.simulate(**{**given, "arm": flexible(mass=mass)["arm"]}, **options)
+
+    expected = differences(run, 0.1, 1e-4)["q"]
+    assert np.abs(found.q[0] - expected).max() < 3e-8 * np.abs(expected).max()
+
+
+def sticking(**given: float) -> fa.Result:
+    at = {"mass": 0.1, "coulomb": 0.15, "stiction": 0.2, "scale": 1.0, "damping": 0.01, "start": 0.0, **given}
+    beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 2}, "clamped-free", damping_ratio=0.01)
+    joint = fa.Revolute("z", damping=at["damping"], coulomb=at["coulomb"], stiction=at["stiction"])
+    tip = fa.RigidBody(at["mass"], inertia=(1e-4,) * 3)
+    arm = fa.Arm([fa.Link(joint, fa.RigidBody(0.2, inertia=(1e-3,) * 3), beam, tip)])
+    t = np.linspace(0, 1.0, 101)
+    torque = fa.Torque(t, at["scale"] * 0.5 * np.sin(4 * np.pi * t))
+    return fa.simulate(arm, t, [at["start"], 0, 0], drive={0: torque}, integrator="implicit", step=1e-3, rtol=1e-13)
+
+
+def test_through_sticking_and_sliding() -> None:
+    paths = {"mass": "link.0.tip.mass", "coulomb": "link.0.joint.coulomb", "stiction": "link.0.joint.stiction",
+             "scale": "drive.0.scale", "damping": "link.0.joint.damping", "start": "q0.0"}  # fmt: skip
+    run = sticking()
+    assert run.stats["switches"] >= 6
+    found = run.sensitivities(list(paths.values()))
+    rng = np.random.default_rng(3)
+    weights = {name: rng.normal(size=getattr(run, name).shape) for name in ("q", "v")}
+    gradient = run.gradient(weights, list(paths.values()))
+    sizes = {"mass": 0.1, "coulomb": 0.15, "stiction": 0.2, "scale": 1.0, "damping": 0.01, "start": 0.0}
+    for k, (name, path) in enumerate(paths.items()):
+        h = 1e-6 * (sizes[name] or 1.0)
+        less, more = (sticking(**{name: sizes[name] + x}) for x in (-h, h))
+        assert less.stats["switches"] == more.stats["switches"] == run.stats["switches"]
+        for rows in ("q", "v"):
+            expected = (getattr(more, rows) - getattr(less, rows)) / (2 * h)
+            assert np.abs(getattr(found, rows)[k] - expected).max() <= 3e-6 * np.abs(expected).max(), (name, rows)
+        parts = [(w * getattr(found, rows)[k]).sum() for rows, w in weights.items()]
+        assert abs(gradient[path] - sum(parts)) < 5e-8 * max(np.abs(parts)), path
+
+
+def test_what_is_read_of_a_run() -> None:
+    """The place of the end depends on the length itself, too."""
+    options = {"integrator": "gauss", "step": 4e-3}
+    found = fa.simulate(**flexible(), **options).sensitivities(["link.0.beam.length"])
+    mine = found.of(lambda result, _: result.frame()[0])
+    ends = {k: fa.simulate(**flexible(length=0.5 + 1e-4 * k), **options).frame()[0] for k in WEIGHTS}
+    expected = sum(w / 1e-4 * ends[k] for k, w in WEIGHTS.items())
+    assert mine.shape == (1, 21, 3) and np.abs(mine[0] - expected).max() < 1e-7 * np.abs(expected).max()
+
+
+def test_ida_agrees_with_gauss() -> None:
+    parameters = ["link.1.tip.mass", "control.0.kp", "q0.0"]
+    by_gauss = fa.simulate(**flexible(), integrator="gauss", step=2e-3).sensitivities(parameters)
+    run = fa.simulate(**flexible(), rtol=1e-9, atol=1e-12)
+    by_ida = run.sensitivities(parameters)
+    for k in range(3):
+        size = np.abs(by_gauss.q[k]).max()
+        assert np.abs(by_ida.q[k] - by_gauss.q[k]).max() < 1e-5 * size
+    gradient = run.gradient({"q": np.ones(run.q.shape)}, parameters)
+    assert gradient["q0.0"] == pytest.approx(by_ida.q[2].sum(), rel=1e-9)
+
+
+def one_joint(joint: fa.Joint) -> fa.Arm:
+    return fa.Arm([fa.Link(joint, fa.RigidBody(1.0, (0.1, 0, 0), (1, 1, 1)))])
+
+
+@pytest.mark.parametrize(
+    ("change", "parameters", "says"),
+    [
+        ({}, [], "parameters = "),
+        ({}, "link.0.tip.mass", "must be a list"),
+        ({}, ["link.0.hub.mas"], "did you mean 'link.0.hub.mass'"),
+        ({}, ["link.0.hub.mass", "link.0.hub.mass"], "different"),
+        ({}, ["drive.7.samples"], "drive.*7"),
+        ({"arm": one_joint(fa.Spherical())}, ["link.0.hub.mass"], "ball"),
+        ({"arm": one_joint(fa.Revolute("z", coulomb=0.1)), "integrator": "rk4"}, ["link.0.hub.mass"], "friction"),
+        ({"control": fa.LinearController.pid(1.0, 0.0, 0.1, 0, rate=100)}, ["link.0.hub.mass"], "sample"),
+    ],
+)
+def test_what_has_no_derivative_says_so(change: dict[str, Any], parameters: Any, says: str) -> None:
+    given = {"arm": one_joint(fa.Revolute("z")), "integrator": "implicit", "step": 1e-3, **change}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        run = fa.simulate(t=np.linspace(0, 0.1, 11), **given)
+    for way in (lambda: run.sensitivities(parameters), lambda: run.gradient({"q": np.ones(run.q.shape)}, parameters)):
+        with pytest.raises(ValueError, match=says):
+            way()
+
+
+@pytest.mark.parametrize(
+    ("loss", "says"),
+    [
+        ({"q": np.ones(3)}, "loss"),
+        ({"x": np.ones((11, 1))}, "'x'"),
+        ({}, "loss"),
+        (lambda r: 1.0, "must give"),
+        ({"q": np.full((11, 1), np.nan)}, "finite"),
+    ],
+)
+def test_a_loss_of_wrong_shape(loss: Any, says: str) -> None:
+    run = fa.simulate(one_joint(fa.Revolute("z")), np.linspace(0, 0.1, 11), integrator="implicit", step=1e-3)
+    with pytest.raises(ValueError, match=says):
+        run.gradient(loss, ["link.0.hub.mass"])
+
+
+def test_a_result_from_a_file_has_none() -> None:
+    run = fa.simulate(one_joint(fa.Revolute("z")), np.linspace(0, 0.1, 11), integrator="implicit", step=1e-3)
+    with pytest.raises(ValueError, match="simulate"):
+        pickle.loads(pickle.dumps(run)).sensitivities(["link.0.hub.mass"])
