@@ -11,9 +11,12 @@ import numpy as np
 from .._check import Array
 from ._differences import RunFailed
 from .problem import Problem
+from .statistics import pseudo_inverse
 
-_ROUNDS = 8  # of weights
+_ROUNDS = 12  # of weights
 _SETTLED = 0.01  # by which noise changes from round to round at the end
+_HELD = 1e-4  # of a derivative's norm: by so much a number is held where a least squares begins
+_PULLED = 0.02  # standard deviations that this may hold a number back at the end
 _LEAST = 1e-9  # of a column's first weight, below which noise counts as rounding
 
 
@@ -71,6 +74,9 @@ def estimated(
 def fitted(problem: Problem, inner: Array, sigma: Mapping[str, float], best: Best, most: int) -> tuple[Array, Any]:
     """Least squares from one point: where it ends, and what scipy tells of it.
 
+    Each number is held a little where it begins, so that combinations that the data cannot tell stay there (they would
+    wander off on rounding errors); the next least squares begins where this one has ended, until that changes nothing.
+
     Raises:
         RunFailed: the run at the start, or derivatives on the way, could not go on.
     """
@@ -87,10 +93,15 @@ def fitted(problem: Problem, inner: Array, sigma: Mapping[str, float], best: Bes
 
     if not np.isfinite(residuals(inner)).all():
         raise RunFailed(problem.why, np.nan)
+    norms = np.linalg.norm(problem.jacobian(inner, sigma), axis=0)
+    hold = np.diag(_HELD * np.where(norms > 0, norms, 1.0))
     done = least_squares(
-        residuals, inner, lambda u: problem.jacobian(u, sigma), bounds=(low, high), x_scale="jac", max_nfev=most,
-        xtol=1e-9, ftol=1e-9, gtol=1e-12,
+        lambda u: np.append(residuals(u), hold @ (u - inner)), inner,
+        lambda u: np.vstack([problem.jacobian(u, sigma), hold]),
+        bounds=(low, high), x_scale="jac", max_nfev=most, xtol=1e-9, ftol=1e-9, gtol=1e-12,
     )  # fmt: skip
+    std = np.sqrt(np.diag(pseudo_inverse(done.jac)))
+    done.pulled = float(np.max(std * np.diag(hold) ** 2 * np.abs(done.x - inner)))
     return np.asarray(done.x), done
 
 
@@ -116,7 +127,8 @@ def search(
     for i in order:
         try:
             inner, done = fitted(problem, starts[i], first, best, most)
-            ends[i] = (float(np.sqrt(2 * done.cost / len(done.fun))), inner, done)
+            rms = np.sqrt(np.mean(problem.weighted(inner, first) ** 2))
+            ends[i] = (float(rms), inner, done)
         except RunFailed as e:
             failed = e
     if not ends:
@@ -138,7 +150,7 @@ def weighed(
         best.cost = np.inf  # other weights, other costs
         found.inner, done = fitted(problem, found.inner, sigma, best, most)
         found.sigma, sigma = sigma, estimated(problem, found.inner, first, told)
-        if all(abs(sigma[k] / found.sigma[k] - 1) < _SETTLED for k in sigma):
+        if done.pulled < _PULLED and all(abs(sigma[k] / found.sigma[k] - 1) < _SETTLED for k in sigma):
             break
     found.sigma, found.message, found.converged = sigma, str(done.message), bool(done.status > 0)
     return found

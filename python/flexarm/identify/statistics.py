@@ -144,11 +144,24 @@ def untold(J: Array, sizes: Array, names: Sequence[str]) -> list[Untold]:
     if not some:
         return found
     _, s, V = np.linalg.svd(scaled[:, some] / norms[some])
+    lost = []
     for value, row in zip(np.append(s, np.zeros(len(V) - len(s))), V, strict=True):
         change = row / norms[some]
-        change = change / change[np.argmax(np.abs(change))]
+        change = change / np.abs(change).max()
+        if float(np.linalg.norm(scaled[:, some] @ change)) < _SEEN or value < _RANK * s.max():
+            lost.append(change)
+    for change in _sparse(np.array(lost).reshape(-1, len(some))):
+        part = np.flatnonzero(np.abs(change) > 0.02).tolist()
         seen = float(np.linalg.norm(scaled[:, some] @ change))
-        if seen < _SEEN or value < _RANK * s.max():
-            part = np.flatnonzero(np.abs(change) > 0.02).tolist()
-            found.append(Untold(tuple(names[some[k]] for k in part), tuple(float(change[k]) for k in part), seen))
+        found.append(Untold(tuple(names[some[k]] for k in part), tuple(float(change[k]) for k in part), seen))
     return found
+
+
+def _sparse(rows: Array) -> Array:
+    """The same combinations (k, n), mixed so that each has a number that the others leave alone, its largest 1."""
+    if len(rows) > 1:
+        from scipy.linalg import qr  # slow to import
+
+        pivots = qr(rows, mode="r", pivoting=True)[1][: len(rows)]
+        rows = np.linalg.solve(rows[:, pivots], rows)
+    return np.array([row / row[np.argmax(np.abs(row))] for row in rows]).reshape(rows.shape)
