@@ -158,12 +158,14 @@ def _named_alike(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> 
     arm = scene.arm
     zero = np.zeros((2, arm.nv))
     still = Result(arm, np.array([0.0, 1.0]), np.tile(arm.zero, (2, 1)), zero, zero, zero)
-    own = [*still.to_data(), *(f"sensor.{k}" for k in range(len(scene.sensors)))]
+    sensors = [f"sensor.{k}" for k in range(len(scene.sensors))]
+    own = [*sensors, *still.to_data()]
     alike = {name: name for name in data if name in own and name not in used_inputs(inputs)}
     if not alike:
         raise ValueError(
-            f"outputs: the data ({', '.join(data) or 'none'}) and the scene's runs ({', '.join(own)}) have no name in "
-            "common; give {'name in the data': 'sensor.0', a sensor, or a name in the run}"
+            f"outputs: tell what was measured: no column of the data ({', '.join(data) or 'none'}) is called as a sensor "
+            f"of the scene ({', '.join(sensors) or 'none'}) or a column of its runs ({', '.join(own[len(sensors):][:3])}, "
+            "...); give {'name in the data': 'sensor.0', a sensor, or a name in the run}"
         )
     return alike
 

@@ -142,7 +142,8 @@ def _filled(setup: Setup, state: tuple[Array, Array], path: str, unknown: Unknow
         try:
             _tried(setup, path, start)
         except ValueError as e:
-            raise ValueError(f"start = {start:g}: {e}") from None
+            said = str(e).removeprefix("parameters of scenario 0: ")
+            raise ValueError(f"start = {start:g}: {said}") from None
         if low < 0 and not _takes(setup, path, -size):
             low = 0.0
         if log is None:
@@ -189,6 +190,8 @@ def current(setup: Setup, state: tuple[Array, Array], path: str) -> float | None
         states = [f"{k}.{i}" for k, x in zip(("q0", "v0"), state, strict=True) for i in range(len(x))]
         near = difflib.get_close_matches(path, [*known, *states], n=1, cutoff=0.3)
         hint = f"; did you mean '{near[0]}'?" if near else ""
+        if root == "sensor" and inner[1:2] == ["filter"] and len(inner) == 3 and inner[0].isdigit():
+            hint = "; give this sensor a filter in the scene, such as filter=fa.LowPass(20.0)"
         raise ValueError(f"is nothing that can vary{hint}")
     if np.ndim(node) or isinstance(node, Mapping) or isinstance(node, str):
         raise ValueError(f"is no single number; take one of it, such as '{path}.0'")
