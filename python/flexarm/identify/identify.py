@@ -25,13 +25,14 @@ from ._differences import RunFailed
 from .fit import Fit, FitError, FitInterrupted, FitWarning
 from .problem import Problem
 from .runs import Run, made, scales
-from .search import Best, Found, search, weighed
+from .search import Best, Found, estimated, search, weighed
 from .statistics import coloured, covariance, untold, whiteness
 from .unknown import Asked, Sought, Unknown, drawn, sought
 
 _STEPPED = "implicit"  # in place of an integrator that chooses its own steps
 _HALVINGS = 4  # of a step that was not given
 _MOVED = 0.25  # standard deviations by which steps may move a value
+_POOR = 0.5  # NRMSE above which a fit explains little
 _ROWS = 4  # at most so many rows between two of the data, for filters and delays
 
 
@@ -89,7 +90,8 @@ def identify(
         FitInterrupted: (a KeyboardInterrupt) Ctrl-C; its `fit` is the best so far.
 
     Warns:
-        FitWarning: numbers, or combinations of them, that the data cannot tell; steps that are too long.
+        FitWarning: numbers, or combinations of them, that the data cannot tell; columns that are not explained; steps
+            that are too long.
         (DataWarning: gaps in the data.)
     """
     began = time.perf_counter()
@@ -113,15 +115,23 @@ def identify(
             found = search(problem, points, keep, first, told, max_iterations, best)
             missed = task.refined(found, max_iterations, best)
         except RunFailed as e:
+            if problem.refused:
+                raise ValueError(problem.why.removeprefix("parameters of scenario 0: ")) from None
             values = {x.name: float(x.of.start or 0.0) for x in problem.sought}
             said = ", ".join(f"{k} = {x:g}" for k, x in values.items())
             which = "the start" if starts == 1 else f"all {starts} starts"
             raise FitError(f"the run fails at {which} ({said}): {e}", values) from None
         except KeyboardInterrupt:
-            fit = None if best.inner is None else task.fit(Found(best.inner, first, "interrupted"), points, began)
+            fit = None if best.inner is None else task.interrupted(best.inner, first, points, began)
             raise FitInterrupted(f"interrupted after {problem.count} runs; .fit is the best so far", fit) from None
         fit = task.fit(found, points, began)
-    for text in [*(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
+    poor = [
+        f"column '{name}': what is left is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
+        "or this is a local minimum; try more starts"
+        for name, x in fit.nrmse.items()
+        if x > _POOR
+    ]
+    for text in [*poor, *(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
         warnings.warn(text, FitWarning, stacklevel=2)
     return fit
 
@@ -225,6 +235,8 @@ class _Task:
         values, slopes = p.values(inner), p.slopes_of_values(inner)
         sizes = np.array([1.0 if x.log else max(1.0, abs(u)) for x, u in zip(p.sought, inner, strict=True)])
         names = [x.name for x in p.sought]
+        with np.errstate(divide="ignore"):
+            parts = np.minimum(10.0, np.where([x.log for x in p.sought], 1.0, sizes / np.abs(inner)))
         with np.errstate(invalid="ignore"):
             correlation = C / np.outer(std, std)
         correlation[~np.isfinite(correlation)] = np.nan
@@ -245,7 +257,7 @@ class _Task:
             noise_told=frozenset(self.told),
             comparisons=runs,
             whiteness=tests,
-            untold=untold(J, sizes, names),
+            untold=untold(J, sizes, names, parts) if J.any() else [],
             at_bounds=[x.name for x, v in zip(p.sought, values, strict=True) if _at_bound(x, float(v))],
             converged=found.converged,
             message=found.message,
@@ -253,6 +265,11 @@ class _Task:
             stats={"runs": p.count, "step": p.options.get("step"), "wall_time": time.perf_counter() - began},
             _again=lambda data, inputs: self._validated(inner, data, inputs),
         )  # fmt: skip
+
+    def interrupted(self, inner: Array, first: Mapping[str, float], points: Array, began: float) -> Fit:
+        """The best point of a search that Ctrl-C has ended."""
+        sigma = estimated(self.problem, inner, first, self.told)
+        return self.fit(Found(inner, sigma, "interrupted"), points, began)
 
     def _scene(self, inner: Array, q0: Array, v0: Array) -> Scene:
         """The scene with the values of its first run."""

@@ -80,14 +80,22 @@ def drives(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> dict[A
     """The scene's drives, with the measured ones in their places."""
     if inputs is not None and not isinstance(inputs, Mapping):
         raise ValueError(f"inputs = {inputs!r}: must be a dictionary, such as {{0: 'torque'}}, by keys of drives")
-    n = len(scene.arm.links)
     found = dict(scene.drive)
     for key, what in (inputs or {}).items():
-        if key not in found:  # -1 and the last link's number are one
-            same = [k for k in found if isinstance(k, int) and isinstance(key, int) and (k - key) % n == 0]
-            key = same[0] if same else key
-        found[key] = _law(scene.arm, data, key, what)
+        place = _place(scene.arm, f"inputs[{key!r}]", key)
+        same = [k for k in found if _place(scene.arm, f"drive[{k!r}]", k) == place]  # -1 and the last link are one
+        found[same[0] if same else key] = _law(scene.arm, data, key, what)
     return found
+
+
+def _place(arm: Arm, where: str, key: Any) -> Any:
+    """What a drive's key stands for: a rate, or a patch."""
+    try:
+        if is_patch(key):
+            return "patch", arm.patch_column(key[1], key[2])
+        return arm.joint_rate(key)
+    except (ValueError, TypeError) as e:
+        raise ValueError(f"{where}: {e}") from None
 
 
 def _law(arm: Arm, data: Data, key: Any, what: Any) -> Any:
@@ -163,9 +171,10 @@ def _named_alike(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> 
     alike = {name: name for name in data if name in own and name not in used_inputs(inputs)}
     if not alike:
         raise ValueError(
-            f"outputs: tell what was measured: no column of the data ({', '.join(data) or 'none'}) is called as a sensor "
-            f"of the scene ({', '.join(sensors) or 'none'}) or a column of its runs ({', '.join(own[len(sensors):][:3])}, "
-            "...); give {'name in the data': 'sensor.0', a sensor, or a name in the run}"
+            f"outputs: tell what was measured: no column of the data ({', '.join(data) or 'none'}) is called as a "
+            f"sensor of the scene ({', '.join(sensors) or 'none'}) or a column of its runs "
+            f"({', '.join(own[len(sensors) :][:3])}, ...); give {{'name in the data': 'sensor.0', a sensor, or a name "
+            "in the run}"
         )
     return alike
 
@@ -262,7 +271,10 @@ def made(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None, asked: Any,
     run = Run(data, setup, q0, v0, found)
     _check(run)
     for begin, length in data.gaps():
-        text = f"{where}: a gap of {length:.4g} s after t = {begin:.6g} s: measured inputs are interpolated there"
+        text = (
+            f"{where}: a gap of {length:.4g} s after t = {begin:.6g} s: measured inputs are interpolated there; where "
+            "that matters, fit the parts as runs of their own (data.between)"
+        )
         warnings.warn(text, DataWarning, stacklevel=4)
     return run
 
