@@ -262,9 +262,9 @@ def test_bad_input_is_named(parameters: Any, given: dict[str, Any], said: str, d
 
 
 def test_bad_data_are_named(data: fa.Data) -> None:
-    with pytest.raises(ValueError, match="must be fa.Data"):
+    with pytest.raises(ValueError, match=r"must be fa\.Data"):
         fa.identify(scene(), "rig.csv", [MASS], **MEASURED)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="must be an fa.Scene"):
+    with pytest.raises(ValueError, match=r"must be an fa\.Scene"):
         fa.identify(scene().arm, data, [MASS], **MEASURED)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="empty list"):
         fa.identify(scene(), [], [MASS], **MEASURED)

@@ -172,13 +172,16 @@ class _Task:
         p = self.problem
         if p.options.get("step") is None:
             return []
-        for k in range(_HALVINGS + 1):
+        left = _HALVINGS if self.auto else 0
+        while True:
             moved, name = self._moved(found)
             if moved < _MOVED:
                 return []
-            if not self.auto or k == _HALVINGS:
+            if not left:
                 break
-            p.options["step"] /= 2
+            times = min(left, int(np.ceil(np.log(moved / _MOVED) / np.log(4))))  # the error falls as the step squared
+            left -= times
+            p.options["step"] /= 2**times
             p.forget()
             _finer(p)
             weighed(p, found, self.told, most, best)
