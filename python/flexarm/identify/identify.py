@@ -153,7 +153,8 @@ class _Task:
         workers: Any,
     ) -> _Task:  # fmt: skip
         """Checks the arguments."""
-        runs = _runs(scene, data, inputs, outputs)
+        paths = [parameters] if isinstance(parameters, str) else [str(path) for path in parameters]
+        runs = _runs(scene, data, inputs, outputs, paths)
         names = dict.fromkeys(name for run in runs for name in run.outputs)
         known_keys("noise", noise or {}, names)
         told = {name: number(f"noise['{name}']", x) for name, x in (noise or {}).items()}
@@ -292,7 +293,7 @@ class _Task:
         p = self.problem
         if inputs is None:
             inputs = self.inputs[0] if isinstance(self.inputs, (list, tuple)) else self.inputs
-        run = made(self.scene, data, inputs, self.outputs, "data")
+        run = made(self.scene, data, inputs, self.outputs, "data", [x.path for x in p.sought])
         fixed = {x.path: np.array([v]) for x, v in zip(p.sought, p.values(inner), strict=True) if not _own(x)}
         run.setup = Variation(run.setup, fixed).scenario(0)
         for path, value in fixed.items():
@@ -322,7 +323,7 @@ def _own(x: Sought) -> bool:
     return x.run is not None or bool(x.of.each_run) or (x.of.each_run is None and x.path.startswith(("q0", "v0")))
 
 
-def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any) -> list[Run]:
+def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any, paths: list[str]) -> list[Run]:
     """The measured runs."""
     several = isinstance(data, (list, tuple))
     all_data = list(data) if several else [data]
@@ -332,7 +333,7 @@ def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any) -> list[Run]:
     if len(all_inputs) != len(all_data):
         raise ValueError(f"inputs: are for {len(all_inputs)} runs, data for {len(all_data)}")
     named = [f"data[{k}]" if several else "data" for k in range(len(all_data))]
-    return [made(scene, d, i, outputs, name) for d, i, name in zip(all_data, all_inputs, named, strict=True)]
+    return [made(scene, d, i, outputs, name, paths) for d, i, name in zip(all_data, all_inputs, named, strict=True)]
 
 
 def _check_states(runs: list[Run], unknown: list[Sought]) -> None:

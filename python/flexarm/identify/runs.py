@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -259,8 +259,10 @@ class _Function:
 # -- all of it ---------------------------------------------------------------------------------------------------------
 
 
-def made(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None, asked: Any, where: str) -> Run:
-    """A measured run of a scene, checked."""
+def made(
+    scene: Scene, data: Data, inputs: Mapping[Any, Any] | None, asked: Any, where: str, paths: Collection[str] = ()
+) -> Run:
+    """A measured run of a scene, checked; `paths` are sought."""
     if not isinstance(data, Data):
         raise ValueError(f"{where} = {type(data).__name__}: must be fa.Data, such as fa.load_data(...) gives")
     if len(data) < 3:
@@ -269,7 +271,7 @@ def made(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None, asked: Any,
     setup = Setup(scene.arm, drives(scene, data, inputs), tuple(scene.loads), tuple(scene.control), sensors)
     q0, v0 = start(setup, float(data.t[0]), scene.q0, scene.v0)
     run = Run(data, setup, q0, v0, found)
-    _check(run)
+    _check(run, paths)
     for begin, length in data.gaps():
         text = (
             f"{where}: a gap of {length:.4g} s after t = {begin:.6g} s: measured inputs are interpolated there; where "
@@ -279,7 +281,7 @@ def made(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None, asked: Any,
     return run
 
 
-def _check(run: Run) -> None:
+def _check(run: Run, paths: Collection[str]) -> None:
     """ValueError for outputs that cannot be read, and units that do not fit."""
     arm, still = run.setup.arm, np.zeros((2, run.setup.arm.nv))
     t = run.data.t[:2]
@@ -288,9 +290,17 @@ def _check(run: Run) -> None:
     for name, f in run.outputs.items():
         f(result, run.setup)
         own = table.units[f.name] if isinstance(f, _Column) else getattr(f, "unit", "")
+        if isinstance(f, _Reading):
+            sensor = run.setup.sensors[f.sensor]
+            scaled = np.any(getattr(sensor, "gain", 1.0) != 1.0)
+            if scaled or any(path.startswith(f"sensor.{f.sensor}.gain") for path in paths):
+                own = ""  # a gain may have a unit
         theirs = run.data.units[name]
         if own and theirs and own != theirs:
-            raise ValueError(f"outputs['{name}']: the data are in {theirs}, and what is read of the run is in {own}")
+            hint = "; give the sensor a gain, if it is in these units" if isinstance(f, _Reading) else ""
+            raise ValueError(
+                f"outputs['{name}']: the data are in {theirs}, and what is read of the run is in {own}{hint}"
+            )
 
 
 def scales(runs: list[Run], noise: Mapping[str, float]) -> dict[str, float]:

@@ -42,7 +42,8 @@ class Sensor(Part):
             LowPass. It starts settled.
         rate: samples a second (Hz); None: a sample at every output time, or every time a sampler is asked.
         delay: what comes out was so this long ago (s); before the start, the arm stood as it started.
-        gain, offset: what is read is gain (1) times what is there, plus offset: errors of calibration, another scale.
+        gain, offset: what is read is gain (1) times what is there, plus offset: errors of calibration, or another scale
+            (a gain in V gives a reading in V, whatever unit the sensor tells).
         noise: standard deviation of each sample, white and Gaussian. (Of a density n, in unit/sqrt(Hz), that is
             n sqrt(rate / 2).)
         resolution: the reading is the nearest multiple of this.
