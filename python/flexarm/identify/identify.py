@@ -125,9 +125,10 @@ def identify(
             fit = None if best.inner is None else task.interrupted(best.inner, first, points, began)
             raise FitInterrupted(f"interrupted after {problem.count} runs; .fit is the best so far", fit) from None
         fit = task.fit(found, points, began)
+        turned = task.turned(points[0])
     poor = [
         f"column '{name}': what is left is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
-        "or this is a local minimum; try more starts"
+        + (turned.get(name) or "or this is a local minimum; try more starts")
         for name, x in fit.nrmse.items()
         if x > _POOR
     ]
@@ -167,6 +168,17 @@ class _Task:
         problem = Problem(runs, unknown, options, default_workers(workers))
         _finer(problem)
         return _Task(scene, problem, told, inputs, outputs, auto)
+
+    def turned(self, inner: Array) -> dict[str, str]:
+        """Of columns that go against what is read at a point: a hint, by name."""
+        found, hints = self.problem.residuals(inner), {}
+        for run, y in zip(self.problem.runs, found or [], strict=False):
+            for name, r in zip(run.outputs, y, strict=True):
+                with np.errstate(invalid="ignore"):
+                    agreed = np.corrcoef(r + run.data[name], run.data[name])[0, 1]
+                if agreed < -_POOR:
+                    hints[name] = f"and at the start it goes the other way (correlation {agreed:.2f}): look at its sign"
+        return hints
 
     def refined(self, found: Found, most: int, best: Best) -> list[str]:
         """Shortens the step until it does not matter; what there is to be said of it in the end."""

@@ -14,6 +14,7 @@ from .._check import Array
 _WHITE = 0.01  # below this probability residuals count as coloured
 _SEEN = 2.0  # standard deviations of the data: what changes them less is not seen
 _TRACE = 0.02  # of the largest change in a combination, below which one is left out
+_APART = 1e3  # condition up to which numbers tell directions apart
 _MIXES = 5000  # of combinations that are looked through
 _RANK = 1e-6  # of the largest singular value, below which derivatives are taken for dependent
 
@@ -148,33 +149,27 @@ def untold(J: Array, sizes: Array, names: Sequence[str], parts: Array) -> list[U
     some = np.flatnonzero(norms).tolist()
     if not some:
         return found
-    _, s, V = np.linalg.svd(scaled[:, some] / norms[some])
-    lost = []
-    for value, row in zip(np.append(s, np.zeros(len(V) - len(s))), V, strict=True):
-        change = row / norms[some]
-        change = change / np.abs(change).max()
-        if float(np.linalg.norm(scaled[:, some] @ change)) < _SEEN or value < _RANK * s.max():
-            lost.append(change)
-    for change in _sparse(np.array(lost).reshape(-1, len(some))):
-        seen = float(np.linalg.norm(scaled[:, some] @ change))
-        told = change * parts[some]
-        told = told / told[np.argmax(np.abs(told))]
-        part = np.flatnonzero(np.abs(told) > _TRACE).tolist()
-        found.append(Untold(tuple(names[some[k]] for k in part), tuple(float(told[k]) for k in part), seen))
+    R = np.linalg.qr(scaled[:, some] / norms[some], mode="r")
+    _, s, V = np.linalg.svd(R)
+    reach = np.abs(V / norms[some]).max(axis=1)  # of each direction, the largest change
+    s = np.append(s, np.zeros(len(V) - len(s)))
+    for change in _sparse(V[(s < _SEEN * reach) | (s < _RANK * s.max())], norms[some] / parts[some]):
+        part = np.flatnonzero(np.abs(change) > _TRACE).tolist()
+        seen = float(np.linalg.norm(scaled[:, some] @ (change / parts[some])))
+        found.append(Untold(tuple(names[some[k]] for k in part), tuple(float(change[k]) for k in part), seen))
     return found
 
 
-def _sparse(rows: Array) -> Array:
-    """The same combinations (k, n), mixed so that each has a number that the others leave alone, and that as few
-    numbers as possible are in them; the largest change of each is 1."""
+def _sparse(rows: Array, by: Array) -> Array:
+    """Orthonormal directions (k, n) as combinations of numbers, over `by`, mixed so that each has a number that the
+    others leave alone, and that as few numbers as possible are in them; the largest change of each is 1."""
     k, n = rows.shape
-    best = rows
+    best, fewest = rows / by, n * k + 1
     if k > 1 and math.comb(n, k) <= _MIXES:
-        fewest = n * k + 1
         for pivots in itertools.combinations(range(n), k):
             part = rows[:, list(pivots)]
-            if np.linalg.cond(part) < 1e3:
-                mixed = np.linalg.solve(part, rows)
+            if np.linalg.cond(part) < _APART:
+                mixed = np.linalg.solve(part, rows) / by
                 mixed = mixed / np.abs(mixed).max(axis=1, keepdims=True)
                 count = int((np.abs(mixed) > _TRACE).sum())
                 if count < fewest:
