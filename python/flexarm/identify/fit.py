@@ -65,8 +65,8 @@ class Fit:
         untold: combinations of numbers that the data cannot tell; str() of each says which.
         at_bounds: names of values that are at a bound.
         converged, message: whether the search came to its end, and why it ended.
-        starts: at each start, the root mean square of the residuals in units of the columns' own deviations (of noise
-            that was told), and that after the fit of the best ones, else None.
+        starts: at each start, the root mean square of the residuals, in per cent of the columns' own deviations (where
+            noise was told, in units of that), and the same after the fit of the best ones, else None.
         stats: runs simulated, step (s) of the integrator, wall_time (s).
     """
 
@@ -157,7 +157,8 @@ class Fit:
             said = ", ".join(f"{x:.4g}" for x in ends)
             failed = sum(not np.isfinite(x) for x, _ in self.starts)
             lost = f" ({failed} could not be simulated)" if failed else ""
-            notes.append(f"Of {len(self.starts)} starts{lost} {len(ends)} were fitted; rms of what they left: {said}.")
+            of = "units of noise" if self.noise_told else "% of the deviation"
+            notes.append(f"Of {len(self.starts)} starts{lost} {len(ends)} were fitted; they left {said} {of}.")
         notes += [f"The data cannot tell: {x}." for x in self.untold]
         notes += [f"{name} is at its bound." for name in self.at_bounds]
         names = list(self.values)

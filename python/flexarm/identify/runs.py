@@ -24,6 +24,7 @@ from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
 from ._differences import Output, start
 
+_FIRST = 0.01  # of a column's deviation, its weight as long as its noise is not known
 _INSTRUMENT: dict[str, Any] = {"noise": None, "resolution": None, "range": None, "rate": None, "pulses": None}
 
 
@@ -304,7 +305,7 @@ def _check(run: Run, paths: Collection[str]) -> None:
 
 
 def scales(runs: list[Run], noise: Mapping[str, float]) -> dict[str, float]:
-    """The first weight of each column: its noise where that is told, else its standard deviation."""
+    """The first weight of each column: its noise where that is told, else a hundredth of its standard deviation."""
     names = dict.fromkeys(name for run in runs for name in run.outputs)
     found = {}
     for name in names:
@@ -314,7 +315,6 @@ def scales(runs: list[Run], noise: Mapping[str, float]) -> dict[str, float]:
                 f"data: column '{name}' is constant ({y[0]:g}), it tells nothing; leave it out of outputs, or tell its "
                 f"noise={{'{name}': ...}}"
             )
-        found[name] = noise.get(name, float(np.sqrt(np.mean([r.data[name].var() for r in runs if name in r.outputs]))))
-        if not found[name] > 0:
-            found[name] = float(y.std())
+        own = float(np.sqrt(np.mean([r.data[name].var() for r in runs if name in r.outputs])))
+        found[name] = noise.get(name, _FIRST * (own or float(y.std())))
     return found

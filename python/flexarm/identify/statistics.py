@@ -155,7 +155,10 @@ def untold(J: Array, sizes: Array, names: Sequence[str], parts: Array) -> list[U
     s = np.append(s, np.zeros(len(V) - len(s)))
     for change in _sparse(V[(s < _SEEN * reach) | (s < _RANK * s.max())], norms[some] / parts[some]):
         part = np.flatnonzero(np.abs(change) > _TRACE).tolist()
-        seen = float(np.linalg.norm(scaled[:, some] @ (change / parts[some])))
+        moved = change / parts[some]
+        seen = float(np.linalg.norm(scaled[:, some] @ moved))
+        if seen > 2 * _SEEN and seen > 1e3 * _RANK * float(np.abs(moved) @ norms[some]):
+            continue  # what was mixed with one that is not seen
         found.append(Untold(tuple(names[some[k]] for k in part), tuple(float(change[k]) for k in part), seen))
     return found
 
