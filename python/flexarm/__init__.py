@@ -37,6 +37,10 @@ Sensors
 Data
     load_data, Data         columns over time with units, from CSV, HDF5, .mat, .npz, pandas or a result
     Comparison              what result.compare(data) gives: a run beside what was measured
+From data to a model
+    identify, Fit           unknown numbers of a scene from measured runs, with intervals
+    Unknown                 one of them: start, bounds, what is known beforehand
+    FitError, FitInterrupted            no start could be simulated; Ctrl-C: it holds the best so far
 Scenes
     load, Scene                         a TOML file, or a shipped one: an arm, what drives it, for how long
 Many runs
@@ -55,7 +59,7 @@ Warnings
     RangeWarning, WatchWarning          a beam bent too far for its order; a run that left its model's range
     LoopWarning, PulseWarning           a control loop that grows; a pulse that the steps have missed
     SlowWarning, StepWarning            very many steps; steps above the limit of "rk4"
-    DataWarning                         gaps in time, constant signals
+    DataWarning, FitWarning             gaps in time, constant signals; what data cannot tell, steps too long for them
 
 Elsewhere: flexarm.env (Gymnasium environments), flexarm.tasks (what they ask), flexarm.cli (the command line).
 """
@@ -104,6 +108,14 @@ from .data.compare import Comparison as Comparison
 from .data.data import Data as Data
 from .data.load import load_data as load_data
 from .data.signal import DataWarning as DataWarning
+from .identify.fit import (
+    Fit as Fit,
+    FitError as FitError,
+    FitInterrupted as FitInterrupted,
+    FitWarning as FitWarning,
+)
+from .identify.identify import identify as identify
+from .identify.unknown import Unknown as Unknown
 from .parts.beam import Beam as Beam, RigidBody as RigidBody
 from .parts.joints import (
     Axes as Axes,
