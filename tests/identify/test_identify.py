@@ -9,7 +9,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.batch.variation import Setup, Variation
+from flexarm.run.variation import Setup, Variation
 
 MASS, MODULUS, DAMPING = "link.0.tip.mass", "link.0.beam.material.youngs_modulus", "link.0.joint.damping"
 TRUE = {MASS: 0.05, MODULUS: 2.09e11, DAMPING: 0.05}

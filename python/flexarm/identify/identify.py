@@ -15,17 +15,17 @@ from .._console import progress_bar
 from ..acting.drive import Motion
 from ..acting.voltage import split_drives
 from ..batch.arguments import default_workers
-from ..batch.variation import Variation
 from ..data.compare import Comparison
 from ..data.data import Data
 from ..run.simulation import INTEGRATORS, check_integrator
+from ..run.variation import Variation
 from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
-from ._differences import RunFailed
 from .fit import Fit, FitError, FitInterrupted, FitWarning
 from .problem import Problem
 from .runs import Run, made, scales
 from .search import Best, Found, estimated, search, weighed
+from .simulated import RunFailed
 from .statistics import coloured, covariance, untold, whiteness
 from .unknown import Asked, Sought, Unknown, drawn, sought
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from .._check import Array
 from .._threads import each
-from ..batch.variation import Setup, Variation
 from ..run.result import Result
-from ._differences import RunFailed, sensitivities, start
-from ._differences import runs as run_many
+from ..run.variation import Setup, Variation
 from .runs import Run
+from .simulated import RunFailed, scenario, sensitivities
+from .simulated import runs as run_many
 from .unknown import Sought
 
 _KEPT = 4  # points of the search whose residuals and derivatives are kept
@@ -171,10 +171,7 @@ class Problem:
         run, values = self.runs[k], self.values(inner)
         parameters = {self.sought[j].path: values[j : j + 1] for j in self._of_run(k)}
         setup, result = run_many(run.setup, parameters, run.t, run.q0, run.v0, **self._options(self.workers))[0]
-        q0, v0 = start(setup, float(run.t[0]), run.q0, run.v0)
-        states = {path: x for path, x in parameters.items() if path[:3] in ("q0.", "v0.")}
-        for path, x in states.items():
-            (q0 if path[0] == "q" else v0)[int(path[3:])] = x[0]
+        _, q0, v0 = scenario(run.setup, parameters, run.t, run.q0, run.v0)
         return setup, q0, v0, result
 
     def setup(self, inner: Array, sensors: Any, k: int = 0) -> Setup:

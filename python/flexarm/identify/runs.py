@@ -13,16 +13,16 @@ from .._check import Array, array, choice
 from ..acting.drive import Motion, Torque
 from ..acting.voltage import Voltage, is_patch
 from ..arm import Arm
-from ..batch.variation import Setup
 from ..data.compare import Comparison
 from ..data.data import Data, constant
 from ..data.signal import DataWarning
 from ..data.units import unit
 from ..run import outputs as run_outputs
 from ..run.result import Result
+from ..run.variation import Setup
 from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
-from ._differences import Output, start
+from .simulated import Output, start
 
 _FIRST = 0.01  # of a column's deviation, its weight as long as its noise is not known
 _INSTRUMENT: dict[str, Any] = {"noise": None, "resolution": None, "range": None, "rate": None, "pulses": None}

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
-from ._differences import RunFailed
 from .problem import Problem
+from .simulated import RunFailed
 from .statistics import pseudo_inverse
 
 _ROUNDS = 12  # of weights

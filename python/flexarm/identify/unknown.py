@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._check import Array, number
-from ..batch.variation import Setup, Variation, fields_of, known_paths
+from ..run.variation import Setup, Variation, fields_of, known_paths
 
 _FACTOR = 3.0  # by which starts differ where no bounds tell
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .._check import Array
 from .parameter import Neighbour, Parameter
 from .problem import Problem
-from .variation import Setup, Variation, _drive_name, _fields, known_paths
+from .variation import Setup, Variation, drive_name, fields_of, known_paths
 
 #: Steps of a difference, and its weights: of fourth order, central and (at the border of what is allowed) on one side.
 _CENTRAL = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)
@@ -86,9 +86,9 @@ def _problem(
 def drive_of(setup: Setup, path: str) -> tuple[Any, Any]:
     """The key of a drive, and the drive, by its name in a path."""
     for key, law in setup.drive.items():
-        if _drive_name(key) == path:
+        if drive_name(key) == path:
             return key, law
-    known = ", ".join(_drive_name(key) for key in setup.drive) or "none"
+    known = ", ".join(drive_name(key) for key in setup.drive) or "none"
     raise ValueError(f"parameters: there is no drive '{path}'; drives are {known}")
 
 
@@ -103,13 +103,13 @@ def _at(setup: Setup, path: str, start: dict[str, Array]) -> tuple[Any, Any]:
     }  # fmt: skip
     if root == "drive":
         for key, law in setup.drive.items():
-            own = _drive_name(key).split(".")
+            own = drive_name(key).split(".")
             if names[: len(own)] == own:
                 here, names = law, names[len(own) :]
     else:
         here = (tree | start).get(root)
     for name in names:
-        like, here = here, _fields(here).get(name)
+        like, here = here, fields_of(here).get(name)
     return here, like
 
 

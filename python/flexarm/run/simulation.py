@@ -131,6 +131,22 @@ def _integrate(
     return _core.simulate_fixed(*motion, integrator, step, rtol, radius, stages, *last, tape)
 
 
+def source(
+    setup: Setup, t: ArrayLike, q0: ArrayLike | None, v0: ArrayLike | None, tau: ArrayLike | None = None, *,
+    integrator: str = "ida", method: str = "ab", rtol: float | None = None, atol: float = 1e-9,
+    max_order: int | None = None, linear_solver: str | None = None, step: float | None = None,
+    spectral_radius: float | None = None, stages: int | None = None, alive: Any = None,
+) -> Source:  # fmt: skip
+    """What a run is made of, to be run or derived; arguments as of `simulate`. `alive` is called with the time reached
+    now and then, and may raise."""
+    special = {"max_order": max_order, "linear_solver": linear_solver, "spectral_radius": spectral_radius}
+    check_integrator(integrator, step, **special, stages=stages)
+    options = _settings(integrator, rtol, atol, **special, step=step, stages=stages)
+    q, v, forces = (None if x is None else np.array(x, dtype=float) for x in (q0, v0, tau))
+    integrate = partial(_integrate, integrator=integrator, method=method, options=options, alive=alive)
+    return Source(setup, np.array(t, dtype=float), q, v, forces, integrate, integrator, options)
+
+
 def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, step: float) -> list[Warning]:
     """The warnings that a run deserves. Raises SimulationError where the run failed; its message begins with the cause
     where that is known, because the step is not to blame then."""
@@ -281,9 +297,9 @@ def simulate(
         out = _integrate(run, integrator, method, options, bar if bar is None or callable(progress) else show)
     result = run.result(out)
     setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
-    q, v, forces = (None if x is None else np.array(x, dtype=float) for x in (q0, v0, tau))
-    again = partial(_integrate, integrator=integrator, method=method, options=options, alive=None)
-    result._source = Source(setup, run.times, q, v, forces, again, integrator, options)
+    result._source = source(setup, run.times, q0, v0, tau, integrator=integrator, method=method, rtol=rtol, atol=atol,
+                            max_order=max_order, linear_solver=linear_solver, step=step,
+                            spectral_radius=spectral_radius, stages=stages)  # fmt: skip
     for warning in _judged(run, out, result, integrator, options["step"]):
         warnings.warn(warning, stacklevel=2)
     if not SILENT.get():

@@ -91,7 +91,7 @@ def _leaves(part: Any, prefix: str) -> Iterator[str]:
             yield f"{prefix}.{name}"
 
 
-def _drive_name(key: Any) -> str:
+def drive_name(key: Any) -> str:
     return ".".join(str(k) for k in key) if isinstance(key, tuple) else str(key)
 
 
@@ -100,7 +100,7 @@ def known_paths(setup: Setup) -> list[str]:
     out = ["gravity", "q0", "v0"]
     out += _leaves(setup.arm.links, "link")
     for key, law in setup.drive.items():
-        out += _leaves(law, f"drive.{_drive_name(key)}")
+        out += _leaves(law, f"drive.{drive_name(key)}")
     out += _leaves(setup.loads, "load")
     out += _leaves(setup.control, "control")
     out += _leaves(setup.sensors, "sensor")
@@ -172,7 +172,7 @@ class Variation:
         arm = self._memo("arm", {"link": self._trees["link"], "gravity": self._trees["gravity"]}, i, self._arm)
         drive = base.drive
         if self._trees["drive"]:
-            drive = {k: self._rebuilt(f"drive.{_drive_name(k)}", law, self._below("drive", _drive_name(k)), i)
+            drive = {k: self._rebuilt(f"drive.{drive_name(k)}", law, self._below("drive", drive_name(k)), i)
                      for k, law in drive.items()}  # fmt: skip
         loads = self._rebuilt("load", base.loads, self._trees["load"], i)
         control = self._rebuilt("control", base.control, self._trees["control"], i)
