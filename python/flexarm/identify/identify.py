@@ -31,7 +31,7 @@ from .unknown import Asked, Sought, Unknown, drawn, sought
 
 _STEPPED = "implicit"  # in place of an integrator that chooses its own steps
 _HALVINGS = 4  # of a step that was not given
-_MOVED = 0.25  # standard deviations by which steps may move a value
+_MOVED = 0.1  # standard deviations by which steps may move a value
 _POOR = 0.5  # NRMSE above which a fit explains little
 _ROWS = 4  # at most so many rows between two of the data, for filters and delays
 
