@@ -31,7 +31,7 @@ from .unknown import Asked, Sought, Unknown, drawn, sought
 
 _STEPPED = "implicit"  # in place of an integrator that chooses its own steps
 _HALVINGS = 4  # of a step that was not given
-_MOVED = 0.25  # standard deviations by which steps may move a value
+_MOVED = 0.1  # standard deviations by which steps may move a value
 _POOR = 0.5  # NRMSE above which a fit explains little
 _ROWS = 4  # at most so many rows between two of the data, for filters and delays
 
@@ -92,6 +92,7 @@ def identify(
     Warns:
         FitWarning: numbers, or combinations of them, that the data cannot tell; columns that are not explained; steps
             that are too long.
+        RangeWarning, ModelWarning, ...: of the fitted runs, as `simulate_batch`.
         (DataWarning: gaps in the data.)
     """
     began = time.perf_counter()
@@ -124,7 +125,9 @@ def identify(
         except KeyboardInterrupt:
             fit = None if best.inner is None else task.interrupted(best.inner, first, points, began)
             raise FitInterrupted(f"interrupted after {problem.count} runs; .fit is the best so far", fit) from None
-        fit = task.fit(found, points, began)
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            fit = task.fit(found, points, began)
         turned = task.turned(points[0])
     poor = [
         f"column '{name}': what is left is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
@@ -132,6 +135,8 @@ def identify(
         for name, x in fit.nrmse.items()
         if x > _POOR
     ]
+    for message in {str(w.message).removeprefix("scenario 0: "): w.category for w in heard}.items():
+        warnings.warn(*message, stacklevel=2)  # of the fitted runs
     for text in [*poor, *(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
         warnings.warn(text, FitWarning, stacklevel=2)
     return fit
