@@ -52,7 +52,7 @@ struct Content {
 int solve(SUNNonlinearSolver solver, N_Vector sum, void* memory) {
   Content& c = Content::of(solver);
   if (!c.change) c.change = N_VClone(sum);
-  if (!c.change) return SUN_NLS_MEM_FAIL;
+  if (!c.change) return -1;
   N_VConst(0.0, sum);
   if (const int flag = c.system(sum, c.change, memory); flag != 0) return flag;
   N_VScale(1.0, c.change, sum);
