@@ -104,7 +104,7 @@ void TangentPart::restart(void* memory, const IdaSystem& s) {
 }
 
 void TangentPart::put(const IdaSystem& s) {
-  const Tangents& from = *s.tangents;
+  const StateTangents& from = *s.tangents;
   for (int k = 0; k < count_; ++k) {
     const auto vector = [&](N_Vector x) { return Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(x), s.size()); };
     vector(y_[k]) << from.q.col(k)(s.ws.free), from.v.col(k)(s.ws.free);
