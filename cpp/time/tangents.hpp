@@ -10,7 +10,7 @@
 
 namespace flexarm {
 
-/// StateTangents of the state, a column for each parameter p: with the residual r(t, q, v, a; p) = inverse dynamics
+/// Tangents of the state, a column for each parameter p: with the residual r(t, q, v, a; p) = inverse dynamics
 /// less the forces, they keep to  M da + C dv + K dq + dr/dp = 0.  K, C and M are exact; dr/dp at a given state comes
 /// from the parameters' neighbours, as do the tangents of prescribed motions, with which it is taken.
 class StateTangents {
