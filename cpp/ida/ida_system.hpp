@@ -53,7 +53,7 @@ struct IdaSystem : System {
   std::string message;                                       // IDA's last word
   void* memory = nullptr;                                    // IDA's
   const std::vector<Event>* events = nullptr;
-  std::optional<Tangents> tangents;
+  std::optional<StateTangents> tangents;
   IdaSystem(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
             const Eigen::VectorXd& tau_, Control* control_)
       : System(arm_, drives_, loads_, tau_, control_),

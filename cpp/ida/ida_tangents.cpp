@@ -52,7 +52,7 @@ struct Content {
 int solve(SUNNonlinearSolver solver, N_Vector sum, void* memory) {
   Content& c = Content::of(solver);
   if (!c.change) c.change = N_VClone(sum);
-  if (!c.change) return SUN_NLS_MEM_FAIL;
+  if (!c.change) return -1;
   N_VConst(0.0, sum);
   if (const int flag = c.system(sum, c.change, memory); flag != 0) return flag;
   N_VScale(1.0, c.change, sum);
@@ -104,7 +104,7 @@ void TangentPart::restart(void* memory, const IdaSystem& s) {
 }
 
 void TangentPart::put(const IdaSystem& s) {
-  const Tangents& from = *s.tangents;
+  const StateTangents& from = *s.tangents;
   for (int k = 0; k < count_; ++k) {
     const auto vector = [&](N_Vector x) { return Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(x), s.size()); };
     vector(y_[k]) << from.q.col(k)(s.ws.free), from.v.col(k)(s.ws.free);

@@ -133,7 +133,7 @@ class Sliding {
     probe_->v = v;
     probe_->drive(t);
     if (!probe_->record(out, composite)) return false;
-    return !tangents_ || Tangents(*probe_, tangents_->parameters()).record(t, out.tangents, out.done - 1);
+    return !tangents_ || StateTangents(*probe_, tangents_->parameters()).record(t, out.tangents, out.done - 1);
   }
 
   /// Writes the last row anew: a sample at the end of the run may tear loose what sticks, and no step follows to see

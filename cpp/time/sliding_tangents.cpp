@@ -24,7 +24,7 @@ Drive held(const Arm& arm, const Contact& contact, const VectorXd& q) {
 
 SlidingTangents::SlidingTangents(const std::vector<Parameter>& parameters, System& free, std::size_t contacts)
     : parameters_(parameters), near_(parameters) {
-  const Tangents all(free, near_);  // which checks them
+  const StateTangents all(free, near_);  // which checks them
   by_q_ = all.q;
   by_v_ = all.v;
   coulomb_by_ = stiction_by_ = Eigen::MatrixXd::Zero(static_cast<Index>(contacts), all.size());

@@ -26,7 +26,7 @@ class SlidingTangents {
   using Holding = std::function<double(std::size_t n, double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v)>;
 
   /// @param free  the system with nothing held. `parameters` must outlive this
-  /// @throws std::invalid_argument as Tangents does
+  /// @throws std::invalid_argument as StateTangents does
   SlidingTangents(const std::vector<Parameter>& parameters, System& free, std::size_t contacts);
 
   /// The neighbours of the part of the run that comes.

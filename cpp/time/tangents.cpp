@@ -10,7 +10,7 @@ namespace flexarm {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-Tangents::Tangents(System& system, const std::vector<Parameter>& parameters)
+StateTangents::StateTangents(System& system, const std::vector<Parameter>& parameters)
     : s_(system), slopes_(s_.arm, places(s_.loads)) {
   for (std::size_t n = 0; n < s_.arm.size(); ++n)
     if (s_.arm.link(n).joint().has_ball())
@@ -32,7 +32,7 @@ Tangents::Tangents(System& system, const std::vector<Parameter>& parameters)
   }
 }
 
-void Tangents::check(const Near& near) const {
+void StateTangents::check(const Near& near) const {
   const Arm& arm = *near.of.arm;
   if (arm.nq() != s_.arm.nq() || arm.nv() != s_.arm.nv() || near.system.ws.free != s_.ws.free ||
       near.laws.size() != s_.ws.feedback.size() || near.of.q0.size() != arm.nq() || near.of.v0.size() != arm.nv())
@@ -41,7 +41,7 @@ void Tangents::check(const Near& near) const {
     bad_value("coulomb or stiction", 0.0, "has no derivative where there is no dry friction");
 }
 
-void Tangents::Near::drive(double t) {
+void StateTangents::Near::drive(double t) {
   system.drive(t);
   if (of.control) system.tau += of.control->held();
   for (AppliedFeedback& f : laws)
@@ -49,7 +49,7 @@ void Tangents::Near::drive(double t) {
 }
 
 /// Forces on the neighbour at its state: laws of feedback are at their limits where the system's own are.
-VectorXd Tangents::applied(const Near& near) const {
+VectorXd StateTangents::applied(const Near& near) const {
   VectorXd out = near.system.tau;
   for (std::size_t k = 0; k < near.laws.size(); ++k) {
     const AppliedFeedback &own = s_.ws.feedback[k], &its = near.laws[k];
@@ -60,7 +60,7 @@ VectorXd Tangents::applied(const Near& near) const {
   return out;
 }
 
-void Tangents::differ(double t, int column, const std::vector<std::unique_ptr<Near>>& all) {
+void StateTangents::differ(double t, int column, const std::vector<std::unique_ptr<Near>>& all) {
   auto inverse = inverse_by_p_.col(column), forces = applied_by_p_.col(column);
   inverse.setZero();
   forces.setZero();
@@ -87,7 +87,7 @@ void Tangents::differ(double t, int column, const std::vector<std::unique_ptr<Ne
   }
 }
 
-void Tangents::linearise(double t) {
+void StateTangents::linearise(double t) {
   for (std::size_t k = 0; k < s_.ws.loads.size(); ++k) slopes_.set_wrench(k, s_.ws.loads[k].wrench);
   slopes_(s_.arm, s_.q, s_.v, s_.a);
   by_q_ = slopes_.dq;
@@ -101,20 +101,20 @@ void Tangents::linearise(double t) {
   P_ = inverse_by_p_(s_.ws.free, Eigen::all) - applied_by_p_(s_.ws.free, Eigen::all);
 }
 
-bool Tangents::accelerate() {
+bool StateTangents::accelerate() {
   const MatrixXd force = -(K_ * q(s_.ws.free, Eigen::all) + C_ * v(s_.ws.free, Eigen::all) + P_);
   const MatrixXd found = M_.ldlt().solve(force);
   a(s_.ws.free, Eigen::all) = found;
   return a.allFinite();
 }
 
-void Tangents::correct(double cj, const MatrixXd& r1, const MatrixXd& r2, MatrixXd& dq, MatrixXd& dv) {
+void StateTangents::correct(double cj, const MatrixXd& r1, const MatrixXd& r2, MatrixXd& dq, MatrixXd& dv) {
   factor_.compute(cj * M_ + C_ + K_ / cj);
   dv = factor_.solve(K_ * r1 / cj - r2);
   dq = (dv - r1) / cj;
 }
 
-bool Tangents::sample(double t) {
+bool StateTangents::sample(double t) {
   bool changed = false;
   for (std::size_t k = 0; k < near_.size(); ++k)
     for (const std::unique_ptr<Near>& near : near_[k]) {
@@ -130,7 +130,7 @@ bool Tangents::sample(double t) {
   return changed;
 }
 
-bool Tangents::record(double t, std::vector<Trajectory::Tangent>& out, Eigen::Index row) {
+bool StateTangents::record(double t, std::vector<Trajectory::Tangent>& out, Eigen::Index row) {
   linearise(t);
   if (!accelerate()) return false;
   const std::vector<int>& free = s_.ws.free;

@@ -10,14 +10,14 @@
 
 namespace flexarm {
 
-/// Tangents of the state, a column for each parameter p: with the residual r(t, q, v, a; p) = inverse dynamics less the
-/// forces, they keep to  M da + C dv + K dq + dr/dp = 0.  K, C and M are exact; dr/dp at a given state comes from the
-/// parameters' neighbours, as do the tangents of prescribed motions, with which it is taken.
-class Tangents {
+/// Tangents of the state, a column for each parameter p: with the residual r(t, q, v, a; p) = inverse dynamics
+/// less the forces, they keep to  M da + C dv + K dq + dr/dp = 0.  K, C and M are exact; dr/dp at a given state comes
+/// from the parameters' neighbours, as do the tangents of prescribed motions, with which it is taken.
+class StateTangents {
  public:
   /// @param parameters  must outlive this; their controllers go along with the run's
   /// @throws std::invalid_argument for a ball, and for neighbours that are not made like the system
-  Tangents(System& system, const std::vector<Parameter>& parameters);
+  StateTangents(System& system, const std::vector<Parameter>& parameters);
   int size() const { return static_cast<int>(q.cols()); }
 
   Eigen::MatrixXd q, v, a;  ///< of all coordinates (nv x size)
