@@ -200,7 +200,6 @@ def test_what_is_refused():
         (Setup(two()), "link.0.joint.coulomb", "no derivative where there is no dry friction"),
         (Setup(rubs, control=(law,)), "link.0.tip.mass", "dry friction and sampled controllers"),
         (Setup(two()), "link.0.tip.mas", "did you mean 'link.0.tip.mass'"),
-        (Setup(two()), "gravity", "no single number"),
     ]
     for setup, path, message in cases:
         with pytest.raises(ValueError, match=message):

@@ -135,8 +135,11 @@ def identify(
         for name, x in fit.nrmse.items()
         if x > _POOR
     ]
-    for message in {str(w.message).removeprefix("scenario 0: "): w.category for w in heard}.items():
-        warnings.warn(*message, stacklevel=2)  # of the fitted runs
+    own = {str(w.message).removeprefix("scenario 0: "): w.message for w in heard if issubclass(w.category, UserWarning)}
+    for text, message in own.items():  # of the fitted runs
+        assert isinstance(message, Warning)
+        message.args = (text,)
+        warnings.warn(message, stacklevel=2)
     for text in [*poor, *(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
         warnings.warn(text, FitWarning, stacklevel=2)
     return fit

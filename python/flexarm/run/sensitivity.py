@@ -61,6 +61,7 @@ class Sensitivities:
     a: Array
     tau: Array
     _neighbours: list[Parameter]
+    _setup: Setup
 
     def __repr__(self) -> str:
         return f"Sensitivities({len(self.result.t)} rows by {', '.join(self.parameters)})"
@@ -73,13 +74,14 @@ class Sensitivities:
                 that gives an array. It must be smooth.
         """
         found = []
+        base = np.asarray(output(self.result, self._setup), dtype=float)
         for k in range(len(self.parameters)):
             rates = {name: getattr(self, name)[k] for name in ROWS}
-            total: Array = np.zeros(())
+            total = np.zeros(base.shape)
             for near in self._neighbours[k].neighbours:
                 state = {name: getattr(self.result, name) + near.offset * x for name, x in rates.items()}
                 changed = Result(near.setup.arm, self.result.t, **state, loads=near.setup.loads)
-                total = total + near.weight * np.asarray(output(changed, near.setup), dtype=float)
+                total += near.weight * (np.asarray(output(changed, near.setup), dtype=float) - base)
             found.append(total)
         return np.array(found)
 
@@ -127,7 +129,8 @@ class Source:
     def sensitivities(self, parameters: Sequence[str]) -> Sensitivities:
         near = self._near(list(dict.fromkeys(p for parts in self._paths(parameters, False).values() for p in parts)))
         result, rows = self._with_ida(near) if self.integrator == "ida" else self._forward(near)
-        return Sensitivities(result, tuple(p.path for p in near), **{k: rows[k] for k in ROWS}, _neighbours=near)
+        paths = tuple(p.path for p in near)
+        return Sensitivities(result, paths, **{k: rows[k] for k in ROWS}, _neighbours=near, _setup=self.setup)
 
     def _with_ida(self, near: list[Parameter]) -> tuple[Result, dict[str, Array]]:
         """Forward sensitivities integrated with the run, by IDAS."""
