@@ -280,6 +280,7 @@ def test_bad_data_are_named(data: fa.Data) -> None:
         fa.identify(scene(), gap, [MASS], **MEASURED)
 
 
+@pytest.mark.filterwarnings("ignore::flexarm.StepWarning")
 def test_a_run_that_diverges_within_the_fit_shortens_the_step(data: fa.Data) -> None:
     """rk4 above its limit at the start's stiffness is an error; from a start below it, the search goes on past it."""
     stiff = replace(scene(modulus=2e14), options={"integrator": "rk4", "step": 1e-3})
