@@ -40,7 +40,7 @@ class Places {
       : n(of.arm.nv()),
         tape_(tape),
         s_(of.arm, of.drives, of.loads, of.tau, of.control),
-        slopes_(of.arm, places(of.loads)),
+        loads_(of.loads),
         rubs_(rubs(of.arm)) {
     for (std::size_t k = 0; k < of.arm.size(); ++k)
       if (of.arm.link(k).joint().has_ball())
@@ -66,18 +66,20 @@ class Places {
   /// @param whole  whether more than M, C and K are asked for
   void differentiate(Index e, bool whole, Slopes& out) {
     move(e);
-    for (std::size_t k = 0; k < s_.ws.loads.size(); ++k) slopes_.set_wrench(k, s_.ws.loads[k].wrench);
-    slopes_(s_.arm, s_.q, s_.v, s_.a);
-    out.K = slopes_.dq;
-    out.C = slopes_.dv;
+    if (!made_) made_.emplace(s_.arm, flexarm::places(loads_));
+    InverseDerivatives& slopes = *made_;
+    for (std::size_t k = 0; k < s_.ws.loads.size(); ++k) slopes.set_wrench(k, s_.ws.loads[k].wrench);
+    slopes(s_.arm, s_.q, s_.v, s_.a);
+    out.K = slopes.dq;
+    out.C = slopes.dv;
     add_feedback_slopes(s_.ws.feedback, s_.q, s_.v, out.K, out.C);
     composite_mass_matrix(s_.arm, s_.ws, s_.q);
     out.M = s_.ws.M;
     if (whole) {
-      out.K_needed = slopes_.dq;
-      out.C_needed = slopes_.dv;
-      out.K_applied = slopes_.dq - out.K;
-      out.C_applied = slopes_.dv - out.C;
+      out.K_needed = slopes.dq;
+      out.C_needed = slopes.dv;
+      out.K_applied = slopes.dq - out.K;
+      out.C_applied = slopes.dv - out.C;
       out.M_needed = s_.ws.M;
     }
     for (Index i = 0; i < n; ++i)
@@ -106,7 +108,8 @@ class Places {
 
   const Tape& tape_;
   System s_;
-  InverseDerivatives slopes_;
+  const std::vector<LoadDrive>& loads_;
+  std::optional<InverseDerivatives> made_;  // when first asked for: what is only balanced needs none
   std::vector<Rub> rubs_;
 };
 

@@ -81,7 +81,7 @@ def rollout(
         ValueError: naming the argument and the value; numbers of 64 bits are not switched on.
         jax.errors.JaxRuntimeError: a rollout cannot go on; it says why.
     """
-    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+    if not jax.config.jax_enable_x64:
         raise ValueError("jax_enable_x64 = False: must be True: jax.config.update('jax_enable_x64', True)")
     values = dict(parameters or {})
     of = Rolling(arm, list(values), {"step": step, "integrator": integrator, "rtol": rtol,

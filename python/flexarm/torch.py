@@ -15,7 +15,7 @@ except ImportError as e:
     raise ImportError(f"flexarm.torch needs PyTorch ({e}): pip install 'flexarm[torch]'") from None
 
 
-class _Rollout(torch.autograd.Function):
+class _Rollout(torch.autograd.Function):  # type: ignore[misc]
     @staticmethod
     def forward(ctx: Any, of: Rolling, *arguments: Any) -> Any:
         given = [x.detach().cpu() for x in arguments]
@@ -25,7 +25,7 @@ class _Rollout(torch.autograd.Function):
         return q, v
 
     @staticmethod
-    @once_differentiable
+    @once_differentiable  # type: ignore[untyped-decorator]
     def backward(ctx: Any, by_q: Any, by_v: Any) -> Any:
         rows = (x.detach().cpu().numpy() for x in (by_q, by_v, *ctx.saved_tensors))
         asked = ctx.needs_input_grad[1:]

@@ -6,8 +6,8 @@ import pytest
 from arms import paper_link
 from flexarm.run.variation import Setup, Variation
 
-PATHS = ["link.1.tip.mass", "link.0.beam.length", "link.1.beam.material.youngs_modulus", "link.0.joint.damping", "gravity",
-         "link.1.tip.com"]  # fmt: skip
+PATHS = ["link.1.tip.mass", "link.0.beam.length", "link.1.beam.material.youngs_modulus", "link.0.joint.damping",
+         "gravity", "link.1.tip.com"]  # fmt: skip
 
 
 def arm_of() -> fa.Arm:

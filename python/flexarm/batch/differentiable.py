@@ -29,7 +29,7 @@ class Rolling:
             raise ValueError(f"arm = {arm!r}: must be an Arm; its parameters may differ by scenario")
         self.arm, self.paths, self.options = arm, list(paths), dict(options)
         #: of each argument, its axes behind those of scenarios; None: of any length
-        self.tails: list[tuple[int | None, ...]] = [(arm.nq,), (arm.nv,), (None, arm.nv)]
+        self.tails: list[tuple[Any, ...]] = [(arm.nq,), (arm.nv,), (None, arm.nv)]
         for path in self.paths:
             if str(path).split(".")[0] in ("q0", "v0"):
                 raise ValueError(f"parameters: '{path}' is an argument of its own")
@@ -72,13 +72,13 @@ class Rolling:
             parameters: whether those by parameters are asked for; else they are zero.
         """
         batch, arms, (_, _, tau) = self._read(arguments)
-        one = (int(np.prod(batch)),)
+        one: tuple[int, ...] = (int(np.prod(batch)),)
         by_q, by_v, q, v = (np.asarray(x, dtype=float) for x in (by_q, by_v, q, v))
         by_q, by_v, q, v = (np.broadcast_to(x, (*batch, *x.shape[-2:])).reshape((*one, *x.shape[-2:]))
                             for x in (by_q, by_v, q, v))  # fmt: skip
         paths = self.paths if parameters else []
         g = rollout_gradient(arms, q, v, tau, by_q, by_v, parameters=paths, **self.options)
-        tails = [tau.shape[1:] if None in tail else tail for tail in self.tails]
+        tails = [(self.arm.nq,), (self.arm.nv,), tau.shape[1:], *self.tails[3:]]
         by = [g.q0, g.v0, g.tau, *(g.parameters.get(path, np.zeros(one + tail))
                                    for path, tail in zip(self.paths, tails[3:], strict=True))]  # fmt: skip
         return [x.reshape((*batch, *tail)) for x, tail in zip(by, tails, strict=True)]

@@ -115,8 +115,8 @@ def rollout_gradient(
     workers: int | None = None,
 ) -> Gradient:
     """Derivatives of a number that depends on the rows of a rollout by its start, its forces and parameters of the arm,
-    by the adjoint method: backwards through the steps, at a cost that does not depend on how many forces there are. They
-    are exact but for rounding: of the method's own equations, which begin anew where the forces change.
+    by the adjoint method: backwards through the steps, at a cost that does not depend on how many forces there are.
+    They are exact but for rounding: of the method's own equations, which begin anew where the forces change.
 
     Args:
         arm: without ball joints; with dry friction for "implicit" alone. Or an arm for each scenario, in their order.
@@ -161,11 +161,15 @@ def rollout_gradient(
             raise ValueError(f"{e}, in scenario {tuple(map(int, i))}" if batch else str(e)) from None
 
     each(go_back, count, workers)
-    whole = [np.array([x[n] for x in found]).reshape((*batch, *like))
-             for n, like in enumerate([(one.nq,), (one.nv,), tau.shape[-2:]])]  # fmt: skip
-    by = {path: np.array([x[3][path] for x in found]).reshape((*batch, *found[0][3][path].shape)) if found else
-          np.zeros(batch) for path in parameters}  # fmt: skip
-    return Gradient(*whole, by)
+    q0, v0, forces, by = zip(*found, strict=True) if found else ([], [], [], [])
+
+    def whole(parts: Sequence[Array], tail: tuple[int, ...]) -> Array:
+        return np.array(parts).reshape((*batch, *tail))
+
+    return Gradient(
+        whole(q0, (one.nq,)), whole(v0, (one.nv,)), whole(forces, tau.shape[-2:]),
+        {path: whole([x[path] for x in by], by[0][path].shape if by else ()) for path in parameters},
+    )  # fmt: skip
 
 
 _SAME = 1e-3  # parts of a motion by which it may differ from the same rollout in the processor's lanes, and no more
@@ -198,7 +202,8 @@ class _Rolls:
         paths = {path: components(Setup(arm), path, {}) for path in self.paths}
         single = list(dict.fromkeys(p for parts in paths.values() for p in parts))
         found = problems(Setup(arm), single, self.times, None, None, None) if single else []
-        return _Near(arm, balanced(Problem(arm, self.times, None, None, None, {}, (), (), None)), paths, {p.path: p for p in found})
+        problem = Problem(arm, self.times, None, None, None, {}, (), (), None)
+        return _Near(arm, balanced(problem), paths, {p.path: p for p in found})
 
     def back(self, of: _Near, q: Array, v: Array, tau: Array, by_q: Array, by_v: Array) -> tuple[Any, ...]:
         nv, options = of.arm.nv, self.options
@@ -210,7 +215,8 @@ class _Rolls:
         for name, given, taken in (("q", q, x), ("v", v, y)):
             off = np.abs(given - taken).max(axis=1) > _SAME * np.abs(taken).max()
             if off.any():
-                raise ValueError(f"{name}: is no rollout of this arm, these forces and this step: row {off.argmax()} is off")
+                row = int(off.argmax())
+                raise ValueError(f"{name}: is no rollout of this arm, these forces and this step: see row {row}")
         none = np.zeros((0, nv))
         found = tape.adjoint(of.problem, *options, by_q, by_v, none, none, self.workers)
         q0, v0, needed, applied, switches, held = found

@@ -230,8 +230,8 @@ class Source:
 
 
 def by_parameters(tape: Any, near: Sequence[Parameter], needed: Array, applied: Array, workers: int) -> Array:
-    """Derivatives by parameters of a number whose derivatives by the forces at the places of a tape, needed and applied,
-    are given (np)."""
+    """Derivatives by parameters (np) of a number whose derivatives by the forces at the places of a tape, `needed` and
+    `applied`, are given."""
     by = [(k, n) for k, p in enumerate(near) if p.path.split(".")[0] not in _STARTS for n in p.neighbours]
     found = tape.weigh([balanced(n.problem) for _, n in by], needed, applied, workers)
     out = np.zeros(len(near))
