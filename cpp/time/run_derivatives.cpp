@@ -40,7 +40,7 @@ class Places {
       : n(of.arm.nv()),
         tape_(tape),
         s_(of.arm, of.drives, of.loads, of.tau, of.control),
-        slopes_(of.arm, places(of.loads)),
+        loads_(of.loads),
         rubs_(rubs(of.arm)) {
     for (std::size_t k = 0; k < of.arm.size(); ++k)
       if (of.arm.link(k).joint().has_ball())
@@ -66,18 +66,20 @@ class Places {
   /// @param whole  whether more than M, C and K are asked for
   void differentiate(Index e, bool whole, Slopes& out) {
     move(e);
-    for (std::size_t k = 0; k < s_.ws.loads.size(); ++k) slopes_.set_wrench(k, s_.ws.loads[k].wrench);
-    slopes_(s_.arm, s_.q, s_.v, s_.a);
-    out.K = slopes_.dq;
-    out.C = slopes_.dv;
+    if (!made_) made_.emplace(s_.arm, flexarm::places(loads_));
+    InverseDerivatives& slopes = *made_;
+    for (std::size_t k = 0; k < s_.ws.loads.size(); ++k) slopes.set_wrench(k, s_.ws.loads[k].wrench);
+    slopes(s_.arm, s_.q, s_.v, s_.a);
+    out.K = slopes.dq;
+    out.C = slopes.dv;
     add_feedback_slopes(s_.ws.feedback, s_.q, s_.v, out.K, out.C);
     composite_mass_matrix(s_.arm, s_.ws, s_.q);
     out.M = s_.ws.M;
     if (whole) {
-      out.K_needed = slopes_.dq;
-      out.C_needed = slopes_.dv;
-      out.K_applied = slopes_.dq - out.K;
-      out.C_applied = slopes_.dv - out.C;
+      out.K_needed = slopes.dq;
+      out.C_needed = slopes.dv;
+      out.K_applied = slopes.dq - out.K;
+      out.C_applied = slopes.dv - out.C;
       out.M_needed = s_.ws.M;
     }
     for (Index i = 0; i < n; ++i)
@@ -106,7 +108,8 @@ class Places {
 
   const Tape& tape_;
   System s_;
-  InverseDerivatives slopes_;
+  const std::vector<LoadDrive>& loads_;
+  std::optional<InverseDerivatives> made_;  // when first asked for: what is only balanced needs none
   std::vector<Rub> rubs_;
 };
 
@@ -123,7 +126,8 @@ class Ahead {
   Ahead(const Driven& of, const Tape& tape, bool rows, int threads)
       : asked_(static_cast<std::size_t>(tape.points()), 1),
         kept_(static_cast<std::size_t>(threads > 1 ? threads * std::max(kFewest, kRates / of.arm.nv()) : 1)) {
-    for (const Tape::Row& row : tape.rows) asked_[static_cast<std::size_t>(row.point)] = rows ? 2 : 0;
+    for (const Tape::Row& row : tape.rows)
+      if (row.point >= 0) asked_[static_cast<std::size_t>(row.point)] = rows ? 2 : 0;
     for (const Tape::Switch& s : tape.switches) asked_[static_cast<std::size_t>(place_before(tape, s.entry))] = 2;
     for (int k = 0; k < threads; ++k) places_.push_back(std::make_unique<Places>(of, tape));
   }
@@ -249,7 +253,12 @@ class StepEquations {
 class Switches {
  public:
   Switches(const Driven& of, const Tape& tape, ImplicitOptions options)
-      : s_(of.arm, of.drives, of.loads, of.tau, of.control), tape_(tape), n_(of.arm.nv()), rubs_(rubs(of.arm)) {
+      : tau_(of.tau),
+        own_(of.tau),
+        s_(of.arm, of.drives, of.loads, tau_, of.control),
+        tape_(tape),
+        n_(of.arm.nv()),
+        rubs_(rubs(of.arm)) {
     if (tape.switches.empty()) return;
     options.rtol = std::min(options.rtol, kSolved);
     step_.emplace("implicit", of.arm, 1.0, options);
@@ -262,6 +271,8 @@ class Switches {
           from.before[k] = -from.sense[k] * r.coulomb;
     s_.q = from.q;
     s_.v = from.v;
+    tau_ = own_;
+    if (from.tau.size() > 0) tau_ += from.tau;
     s_.drive(from.t);
     const Step::Given given = [&](double c) { s_.drive(from.t + c * from.h); };
     step_->repeat(from, s_.ws, s_.q, s_.v, s_.tau, given);
@@ -269,20 +280,23 @@ class Switches {
     out << s_.q, s_.v;
     return out;
   }
-  /// Derivatives of that end by q, v, a0 and alpha0 (nv columns each), and by the forces before, of what rubs.
-  MatrixXd slopes(const Tape::Switch& from) {
+  /// Derivatives of that end by q, v, a0 and alpha0 (nv columns each), by the forces before, of what rubs, and, if
+  /// `held`, by forces held over the step (nv columns).
+  MatrixXd slopes(const Tape::Switch& from, bool held) {
     const auto count = static_cast<Index>(from.rates.size());
-    MatrixXd out(2 * n_, 4 * n_ + count);
+    Tape::Switch at = from;
+    if (at.tau.size() == 0) at.tau = VectorXd::Zero(n_);
+    MatrixXd out(2 * n_, 4 * n_ + count + (held ? n_ : 0));
     const double sizes[] = {kMoved, kMoved, kMoved / from.h, kMoved / from.h};
     for (Index k = 0; k < out.cols(); ++k) {
-      const bool force = k >= 4 * n_;
       const auto which = [&](Tape::Switch& of) -> double& {
-        if (force) return of.before[k - 4 * n_];
+        if (k >= 4 * n_ + count) return of.tau[k - 4 * n_ - count];
+        if (k >= 4 * n_) return of.before[k - 4 * n_];
         VectorXd* parts[] = {&of.q, &of.v, &of.a0, &of.alpha0};
         return (*parts[k / n_])[k % n_];
       };
-      const double by = force ? kMoved * (1.0 + std::abs(from.before[k - 4 * n_])) : sizes[k / n_];
-      Tape::Switch less = from, more = from;
+      const double by = k >= 4 * n_ ? kMoved * (1.0 + std::abs(which(at))) : sizes[k / n_];
+      Tape::Switch less = at, more = at;
       which(less) -= by;
       which(more) += by;
       out.col(k) = (end(more) - end(less)) / (2.0 * by);
@@ -297,6 +311,8 @@ class Switches {
 
  private:
   static constexpr double kSolved = 1e-13, kMoved = 1e-7;
+  VectorXd tau_;  // of the step
+  const VectorXd& own_;
   System s_;
   const Tape& tape_;
   Index n_;
@@ -332,6 +348,39 @@ Balance balance(const Driven& of, const Tape& tape) {
     out.needed.row(e) = needed;
     out.applied.row(e) = applied;
   }
+  return out;
+}
+
+VectorXd weigh(const std::vector<Driven>& problems, const Tape& tape, const Rows& needed, const Rows& applied,
+               int threads) {
+  VectorXd out(static_cast<Index>(problems.size()));
+  std::exception_ptr wrong;
+  std::mutex lock;
+  std::atomic<Index> next{0};
+  const auto work = [&] {
+    try {
+      for (Index k; (k = next++) < out.size();) {
+        const Driven& of = problems[static_cast<std::size_t>(k)];
+        Places at(of, tape);
+        VectorXd need(at.n), apply(at.n);
+        double sum = 0.0;
+        for (Index e = 0; e < tape.points(); ++e) {
+          if (needed.row(e).isZero(0.0) && applied.row(e).isZero(0.0)) continue;  // of a row that is not asked for
+          at.balance(e, need, apply);
+          sum += needed.row(e).dot(need) + applied.row(e).dot(apply);
+        }
+        out[k] = sum;
+      }
+    } catch (...) {
+      const std::lock_guard<std::mutex> mine(lock);
+      wrong = std::current_exception();
+    }
+  };
+  std::vector<std::thread> others;
+  for (Index k = 1; k < std::min<Index>(threads, out.size()); ++k) others.emplace_back(work);
+  work();
+  for (std::thread& t : others) t.join();
+  if (wrong) std::rethrow_exception(wrong);
   return out;
 }
 
@@ -418,7 +467,7 @@ std::vector<Trajectory::Tangent> tangents(const Driven& of, const Tape& tape, co
           state(4 * n + c, p) += by_one.needed(e, i) - by_one.applied(e, i);
         }
       }
-      MatrixXd end = switches.slopes(from) * state;
+      MatrixXd end = switches.slopes(from, false) * state;
       for (Index p = 0; p < np; ++p) end.col(p) += switches_by_p[static_cast<std::size_t>(p)].row(number).transpose();
       q = end.topRows(n);
       v = end.bottomRows(n);
@@ -474,8 +523,12 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& optio
   const Stages& method = tape.stages;
   const int s = method.count();
   StepEquations step(slopes, method);
-  Adjoint out{VectorXd::Zero(n), VectorXd::Zero(n), Rows::Zero(tape.points(), n), Rows::Zero(tape.points(), n),
-              Rows::Zero(static_cast<Index>(tape.switches.size()), 2 * n)};
+  Adjoint out{VectorXd::Zero(n),
+              VectorXd::Zero(n),
+              Rows::Zero(tape.points(), n),
+              Rows::Zero(tape.points(), n),
+              Rows::Zero(static_cast<Index>(tape.switches.size()), 2 * n),
+              Rows::Zero(static_cast<Index>(tape.switches.size()), n)};
   // derivatives of the number by the state at the end of what comes next, going back
   VectorXd q = out.q0, v = q, a0 = q, alpha0 = q, x, y, mu;
   MatrixXd stage;
@@ -545,7 +598,8 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& optio
       VectorXd end(2 * n);
       end << q, v;
       out.switches.row(&from - tape.switches.data()) = end;
-      const VectorXd state = switches.slopes(from).transpose() * end;
+      const VectorXd state = switches.slopes(from, true).transpose() * end;
+      out.held.row(&from - tape.switches.data()) = state.tail(n);
       q = state.segment(0, n);
       v = state.segment(n, n);
       a0 = state.segment(2 * n, n);

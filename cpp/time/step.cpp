@@ -302,7 +302,8 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
                      {},
                      all(c.sense, c.count),
                      all(c.before, c.count),
-                     {c.at, c.at + c.count}};
+                     {c.at, c.at + c.count},
+                     tape_->tau};
     run_->note_beginning(h, now);
     tape_->entries.back().point = -1;
     tape_->switches.push_back(std::move(now));

@@ -7,6 +7,7 @@
 #include "flexarm/control.hpp"
 #include "flexarm/friction.hpp"
 #include "flexarm/ida.hpp"
+#include "flexarm/rollout_tape.hpp"
 #include "flexarm/run_derivatives.hpp"
 #include "flexarm/simulate.hpp"
 #include "flexarm/step_derivatives.hpp"
@@ -382,36 +383,6 @@ void bind_time(py::module_& m) {
       py::arg("arm"), py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("integrator"), py::arg("step"),
       py::arg("rtol"), py::arg("spectral_radius"), py::arg("loads"), py::arg("wrenches"));
 
-  m.def(
-      "rollout_gradient",
-      [](const PyArm& arm, const Rows& q, const Rows& v, const Rows& tau, const Rows& by_q, const Rows& by_v,
-         const std::string& integrator, double step, double rtol, double spectral_radius) {
-        StepDerivatives d(integrator, arm, step, ImplicitOptions{spectral_radius, rtol});
-        const auto lent = arm.workspace({}, true);
-        Eigen::VectorXd back_q = by_q.bottomRows(1).transpose(), back_v = by_v.bottomRows(1).transpose(),
-                        back_tau(arm.nv());
-        Rows by_tau(tau.rows(), tau.cols());
-        Eigen::Index failed = -1;
-        int status = 0;
-        for_states(arm, tau.rows(), 4 * arm.nv(), [&](Eigen::Index step_back) {
-          const Eigen::Index k = tau.rows() - 1 - step_back;
-          Eigen::VectorXd x = q.row(k), y = v.row(k);
-          if (failed >= 0) return;
-          status = static_cast<int>(d(*lent, x, y, tau.row(k)));
-          if (status != 0) {
-            failed = k;
-            return;
-          }
-          d.pull_back(back_q, back_v, back_tau);
-          by_tau.row(k) = back_tau.transpose();
-          back_q += by_q.row(k).transpose();
-          back_v += by_v.row(k).transpose();
-        });
-        return py::make_tuple(back_q, back_v, by_tau, failed, status);
-      },
-      py::arg("arm"), py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("by_q"), py::arg("by_v"),
-      py::arg("integrator"), py::arg("step"), py::arg("rtol"), py::arg("spectral_radius"));
-
   py::class_<LinearLaw>(m, "LinearLaw")
       .def(py::init([](const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, const Eigen::MatrixXd& C,
                        const Eigen::MatrixXd& D, const Eigen::MatrixXd& columns, const Eigen::MatrixXd& by_q,
@@ -510,7 +481,15 @@ void bind_time(py::module_& m) {
       .def_property_readonly("q", [shaped](const Tape& tape) { return shaped(tape.q, tape); })
       .def_property_readonly("v", [shaped](const Tape& tape) { return shaped(tape.v, tape); })
       .def_property_readonly("a", [shaped](const Tape& tape) { return shaped(tape.a, tape); })
-      .def_property_readonly("switches", [](const Tape& tape) { return tape.switches.size(); })
+      .def_property_readonly("switches",
+                             [](const Tape& tape) {
+                               Eigen::VectorXd ends(static_cast<Eigen::Index>(tape.switches.size()));
+                               for (Eigen::Index k = 0; k < ends.size(); ++k) {
+                                 const Tape::Switch& s = tape.switches[static_cast<std::size_t>(k)];
+                                 ends[k] = s.t + s.h;
+                               }
+                               return ends;
+                             })
       .def(
           "balance",
           [](const Tape& tape, Problem& of) {
@@ -522,6 +501,16 @@ void bind_time(py::module_& m) {
             return py::make_tuple(found.needed, found.applied);
           },
           py::arg("problem"))
+      .def(
+          "weigh",
+          [](const Tape& tape, const std::vector<Problem*>& problems, const Rows& needed, const Rows& applied,
+             int threads) {
+            const Unlocked free;
+            std::vector<Driven> all;
+            for (Problem* p : problems) all.push_back(*p);
+            return weigh(all, tape, needed, applied, threads);
+          },
+          py::arg("problems"), py::arg("needed"), py::arg("applied"), py::arg("threads"))
       .def(
           "repeat_switches",
           [](const Tape& tape, Problem& of, double rtol, double spectral_radius) {
@@ -554,8 +543,22 @@ void bind_time(py::module_& m) {
               const Unlocked free;
               found = adjoint(of, tape, {spectral_radius, rtol}, q, v, a, tau, threads);
             }
-            return py::make_tuple(found.q0, found.v0, found.needed, found.applied, found.switches);
+            return py::make_tuple(found.q0, found.v0, found.needed, found.applied, found.switches, found.held);
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("q"), py::arg("v"), py::arg("a"),
           py::arg("tau"), py::arg("threads"));
+
+  m.def(
+      "roll_on_tape",
+      [](const Arm& arm, const std::string& integrator, double step, double rtol, double spectral_radius,
+         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Rows& tau) {
+        TapedRollout r{Tape(Stages{}), {}, {}, {}};
+        {
+          const Unlocked free;
+          r = roll_on_tape(integrator, arm, step, {spectral_radius, rtol}, q0, v0, tau);
+        }
+        return py::make_tuple(std::move(r.tape), r.q, r.v, r.first, r.failed, static_cast<int>(r.status));
+      },
+      py::arg("arm"), py::arg("integrator"), py::arg("step"), py::arg("rtol"), py::arg("spectral_radius"),
+      py::arg("q0"), py::arg("v0"), py::arg("tau"));
 }

@@ -46,7 +46,7 @@ Scenes
 Many runs
     simulate_batch, BatchResult         runs that differ in start, forces, parameters
     rollout, Rollout                    the same from arrays to arrays
-    rollout_gradient, Gradient          its derivatives by its start and its forces; of one step:
+    rollout_gradient, Gradient          its derivatives by start, forces, parameters; of one step:
                                         step_derivatives, StepDerivatives
     sweep, SweepResult                  a scene over parameters: Sweep, Vary, load_sweep
     Failure, batch_memory               a run that could not go on; bytes that a batch takes
@@ -61,7 +61,8 @@ Warnings
     SlowWarning, StepWarning            very many steps; steps above the limit of "rk4"
     DataWarning, FitWarning             gaps in time, constant signals; what data cannot tell, steps too long for them
 
-Elsewhere: flexarm.env (Gymnasium environments), flexarm.tasks (what they ask), flexarm.cli (the command line).
+Elsewhere: flexarm.env (Gymnasium environments), flexarm.tasks (what they ask), flexarm.cli (the command line),
+flexarm.torch, flexarm.jax (rollouts that gradients go through).
 """
 
 # ruff: noqa: I001  (X as X: so do type checkers know what is for others)

@@ -381,18 +381,16 @@ def step_derivatives(
     loads: Sequence[Load],
     wrenches: ArrayLike,
 ) -> tuple[_Array, _Array, _Array, _Array, list[int]]: ...
-def rollout_gradient(
+def roll_on_tape(
     arm: Arm,
-    q: ArrayLike,
-    v: ArrayLike,
-    tau: ArrayLike,
-    by_q: ArrayLike,
-    by_v: ArrayLike,
     integrator: str,
     step: float,
     rtol: float,
     spectral_radius: float,
-) -> tuple[_Array, _Array, _Array, int, int]: ...
+    q0: ArrayLike,
+    v0: ArrayLike,
+    tau: ArrayLike,
+) -> tuple[Any, _Array, _Array, list[int], int, int]: ...
 def simulate_fixed(
     arm: Arm,
     drives: Sequence[tuple[int, bool, Any, ArrayLike]],

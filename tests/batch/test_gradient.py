@@ -4,6 +4,10 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import paper_link
+from flexarm.run.variation import Setup, Variation
+
+PATHS = ["link.1.tip.mass", "link.0.beam.length", "link.1.beam.material.youngs_modulus", "link.0.joint.damping",
+         "gravity", "link.1.tip.com"]  # fmt: skip
 
 
 def arm_of() -> fa.Arm:
@@ -118,3 +122,113 @@ def test_a_step_without_a_solution_is_said() -> None:
         fa.step_derivatives(arm, q, v, tau, step=1e-3)
     with pytest.raises(ValueError, match="step 0: no solution was found"):
         fa.rollout_gradient(arm, np.stack([q, q]), np.stack([v, v]), tau[None], step=1e-3)
+
+
+def with_value(arm: fa.Arm, path: str, value: np.ndarray) -> fa.Arm:
+    return Variation(Setup(arm), {path: np.asarray(value)[None]}).scenario(0).arm
+
+
+@pytest.mark.parametrize(
+    ("integrator", "step", "radius"), [("implicit", 5e-4, None), ("implicit", 5e-4, 0.7), ("rk4", 2e-5, None)]
+)
+def test_by_parameters_and_with_forces_that_stay(integrator: str, step: float, radius: float | None) -> None:
+    """Steps 4 to 8 go on under the same forces: the method does not begin anew there."""
+    arm, n, nstep = arm_of(), arm_of().nv, 12
+    rng = np.random.default_rng(4)
+    soft = np.array([1, 0.02, 0.02, 0.002, 1, 0.02, 0.02, 0.002])
+    q0, v0, tau = 0.3 * soft * rng.normal(size=n), soft * rng.normal(size=n), 0.1 * rng.normal(size=(nstep, n))
+    tau[4:9] = tau[4]
+    wq, wv = rng.normal(size=(nstep + 1, n)), 0.01 * rng.normal(size=(nstep + 1, n))
+    more = {"step": step, "integrator": integrator, "spectral_radius": radius}
+    more |= {"rtol": 1e-14} if integrator == "implicit" else {}
+
+    def value(arm: fa.Arm, q: np.ndarray = q0) -> float:
+        r = fa.rollout(arm, q, v0, tau, **more)
+        return float((wq * r.q[0]).sum() + (wv * r.v[0]).sum())
+
+    r = fa.rollout(arm, q0, v0, tau, **more)
+    g = fa.rollout_gradient(arm, r.q[0], r.v[0], tau, wq, wv, **more, parameters=PATHS)
+    starts = differences(lambda q: np.array(value(arm, q)), q0, 0.5 * soft)
+    np.testing.assert_allclose(g.q0, starts, atol=1e-7 * np.abs(starts).max())
+    here = {"link.1.tip.mass": 0.1, "link.0.beam.length": 0.5, "link.1.beam.material.youngs_modulus": 209e9,
+            "link.0.joint.damping": 0.01, "gravity": (0, 0, -9.81), "link.1.tip.com": (0, 0, 0)}  # fmt: skip
+    for path in PATHS:
+        x = np.atleast_1d(np.asarray(here[path], dtype=float))
+        size = np.full(len(x), np.abs(x).max() or 0.01)
+        expected = differences(
+            lambda p, x=x, path=path: np.array(value(with_value(arm, path, p if len(x) > 1 else p[0]))), x, size
+        )
+        assert g.parameters[path].shape == ((3,) if len(x) > 1 else ())
+        assert np.abs(expected).max() > 0
+        np.testing.assert_allclose(
+            np.atleast_1d(g.parameters[path]), expected, atol=1e-7 * np.abs(expected).max(), err_msg=path
+        )
+
+
+def test_by_forces_and_parameters_through_dry_friction() -> None:
+    """A joint that is pushed, slides, comes to rest, and is torn loose."""
+    upper = fa.RigidBody(1.0, com=(0.3, 0, 0), inertia=(0.1,) * 3, end=(0.5, 0, 0))
+    lower = fa.RigidBody(0.5, com=(0.2, 0, 0), inertia=(0.01,) * 3)
+    arm = fa.Arm([fa.Link(fa.Revolute("z", coulomb=0.5, stiction=0.6), upper), fa.Link(fa.Revolute("z"), lower)])
+    nstep, step = 180, 5e-3
+    t = step * np.arange(nstep)
+    tau = np.stack([0.9 * np.sin(12 * t), 0.05 * np.cos(5 * t)], axis=1)
+    w = np.random.default_rng(5).normal(size=(nstep + 1, 2))
+    more = {"step": step, "rtol": 1e-13}
+    paths = ["link.0.joint.coulomb", "link.0.joint.stiction", "link.1.hub.mass"]
+
+    def value(arm: fa.Arm, tau: np.ndarray = tau) -> float:
+        return float((w * fa.rollout(arm, arm.zero, None, tau, **more).q[0]).sum())
+
+    r = fa.rollout(arm, arm.zero, None, tau, **more)
+    still = (r.v[0, 1:, 0] == 0.0) & (np.arange(nstep) > 3)
+    assert still.any() and (np.diff(np.flatnonzero(still)) > 1).any()  # at rest more than once, with sliding between
+    g = fa.rollout_gradient(arm, r.q[0], r.v[0], tau, w, **more, parameters=paths)
+    for k in np.linspace(1, nstep - 2, 40).astype(int):
+        e = np.zeros(tau.shape)
+        e[k, 0] = 1e-6
+        d = (value(arm, tau + e) - value(arm, tau - e)) / 2e-6
+        assert g.tau[k, 0] == pytest.approx(d, rel=1e-4, abs=1e-5 * np.abs(g.tau).max()), k
+    here = {"link.0.joint.coulomb": 0.5, "link.0.joint.stiction": 0.6, "link.1.hub.mass": 0.5}
+    for path in paths:
+        x, h = here[path], 1e-7
+        d = (value(with_value(arm, path, x + h)) - value(with_value(arm, path, x - h))) / (2 * h)
+        assert g.parameters[path] == pytest.approx(d, rel=1e-4, abs=1e-6), path
+
+
+def test_scenarios_have_their_own_arms() -> None:
+    rng = np.random.default_rng(6)
+    arms = [with_value(arm_of(), "link.1.tip.mass", m) for m in (0.05, 0.1, 0.3, 0.2)]
+    q, v, tau = 0.01 * rng.normal(size=(2, 2, 8)), np.zeros((2, 2, 8)), 0.1 * rng.normal(size=(2, 2, 5, 8))
+    more = {"step": 5e-4}
+    r = fa.rollout(arms, q.reshape(4, 8), v.reshape(4, 8), tau.reshape(4, 5, 8), **more)
+    w = rng.normal(size=(2, 2, 6, 8))
+    rows = r.q.reshape(2, 2, 6, 8), r.v.reshape(2, 2, 6, 8)
+    many = fa.rollout_gradient(arms, *rows, tau, w, **more, parameters=PATHS, workers=2)
+    for k in range(4):
+        i = divmod(k, 2)
+        one = fa.rollout_gradient(arms[k], r.q[k], r.v[k], tau[i], w[i], **more, parameters=PATHS)
+        for name in ("q0", "v0", "tau"):
+            np.testing.assert_allclose(getattr(many, name)[i], getattr(one, name), rtol=1e-9, atol=1e-15)
+        for path in PATHS:
+            np.testing.assert_allclose(many.parameters[path][i], one.parameters[path], rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"parameters": ["link.0.tip.mas"]}, "link.0.hub.mass|link.1.tip.mass"),
+        ({"parameters": ["q0"]}, "q0"),
+        ({"parameters": "gravity"}, "must be a list"),
+        ({"parameters": ["link.0.joint"]}, "link.0.joint"),
+        ({"step": 1e-3}, "is no rollout of this arm, these forces and this step"),
+        ({"q": np.zeros((4, 7))}, "q has shape"),
+        ({"arm": [arm_of(), arm_of()]}, "arm: is 2 arms"),
+    ],
+)
+def test_bad_input_of_a_rollout(change: dict, says: str) -> None:
+    arm = arm_of()
+    r = fa.rollout(arm, 0.01 + arm.zero, None, np.zeros((3, 8)), step=2e-4)
+    given = {"arm": arm, "q": r.q[0], "v": r.v[0], "tau": np.zeros((3, 8)), "step": 2e-4} | change
+    with pytest.raises(ValueError, match=says):
+        fa.rollout_gradient(given.pop("arm"), **given)

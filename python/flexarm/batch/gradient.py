@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,9 +11,15 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, number
+from .._threads import each
 from ..acting.load import Load, at_time
 from ..arm import Arm
-from .arguments import check_options
+from ..run.parameter import Parameter
+from ..run.perturbed import components, problems
+from ..run.problem import Problem
+from ..run.sensitivity import NEAR, balanced, by_parameters, repeated
+from ..run.variation import Setup
+from .arguments import check_options, default_workers
 
 _STATUS = ("ok", "the mass matrix is singular", "no solution was found; take a smaller step", "the motion ran away")
 
@@ -34,12 +40,17 @@ class StepDerivatives(NamedTuple):
 
 
 class Gradient(NamedTuple):
-    """Derivatives of a number by a rollout's start, q0 (..., nq) and v0 (..., nv), and by its forces, tau (..., nstep,
-    nv)."""
+    """Derivatives of a number that a rollout ends in.
+
+    Attributes:
+        q0, v0: by its start, (..., nq) and (..., nv). tau: by its forces, (..., nstep, nv).
+        parameters: by each of the parameters asked for, by its path: (...), or (..., n) of a field of n numbers.
+    """
 
     q0: Array
     v0: Array
     tau: Array
+    parameters: dict[str, Array]
 
 
 def step_derivatives(
@@ -89,7 +100,7 @@ def _options(rtol: float | None, radius: float | None) -> tuple[float, float]:
 
 
 def rollout_gradient(
-    arm: Arm,
+    arm: Arm | Sequence[Arm],
     q: ArrayLike,
     v: ArrayLike,
     tau: ArrayLike,
@@ -100,40 +111,125 @@ def rollout_gradient(
     integrator: str = "implicit",
     rtol: float | None = None,
     spectral_radius: float | None = None,
+    parameters: Sequence[str] = (),
+    workers: int | None = None,
 ) -> Gradient:
-    """Derivatives of a number that depends on the rows of a rollout by its start and its forces, by the adjoint method:
-    backwards through the steps, at a cost that does not depend on how many forces there are.
+    """Derivatives of a number that depends on the rows of a rollout by its start, its forces and parameters of the arm,
+    by the adjoint method: backwards through the steps, at a cost that does not depend on how many forces there are.
+    They are exact but for rounding: of the method's own equations, which begin anew where the forces change.
 
     Args:
-        arm: without ball joints or dry friction.
+        arm: without ball joints; with dry friction for "implicit" alone. Or an arm for each scenario, in their order.
         q, v: of the `rollout` with every=1, (..., nstep + 1, nq) and (..., nstep + 1, nv).
         tau: its forces, (..., nstep, nv).
         by_q, by_v: derivatives of the number by these rows, of the shapes of q and v; None: zero.
         step, integrator, rtol, spectral_radius: those of the rollout.
+        parameters: dotted paths of numbers of the arm, as of `simulate_batch`: "link.0.tip.mass", "gravity".
+        workers: threads; None: one for each core.
 
     Returns:
         Gradient.
 
     Raises:
-        ValueError: naming the field and the value.
+        ValueError: naming the field and the value; where q and v are no such rollout.
     """
     q, v, tau = array("q", q), array("v", v), array("tau", tau)
-    if q.ndim < 2 or q.shape[-1] != arm.nq or q.shape[:-1] != v.shape[:-1] or v.shape[-1] != arm.nv:
-        raise ValueError(f"q has shape {q.shape} and v {v.shape}: must be (..., nstep + 1, {arm.nq}) and as many rates")
-    if tau.shape != (*v.shape[:-2], v.shape[-2] - 1, arm.nv):
-        raise ValueError(f"tau has shape {tau.shape}: must be {(*v.shape[:-2], v.shape[-2] - 1, arm.nv)}")
+    arms = [arm] if isinstance(arm, Arm) else list(arm)
+    one = arms[0]
+    if q.ndim < 2 or q.shape[-1] != one.nq or q.shape[:-1] != v.shape[:-1] or v.shape[-1] != one.nv:
+        raise ValueError(f"q has shape {q.shape} and v {v.shape}: must be (..., nstep + 1, {one.nq}) and as many rates")
+    if tau.shape != (*v.shape[:-2], v.shape[-2] - 1, one.nv):
+        raise ValueError(f"tau has shape {tau.shape}: must be {(*v.shape[:-2], v.shape[-2] - 1, one.nv)}")
     rows = [np.zeros(x.shape) if g is None else array(name, g, x.shape)
             for name, g, x in (("by_q", by_q, q), ("by_v", by_v, v))]  # fmt: skip
     check_options(integrator, rtol, spectral_radius)
-    options = number("step", step), *_options(rtol, spectral_radius)
+    options = _options(rtol, spectral_radius)
     batch = q.shape[:-2]
-    out = Gradient(np.zeros((*batch, arm.nq)), np.zeros((*batch, arm.nv)), np.zeros(tau.shape))
-    for i in np.ndindex(batch):
-        *found, failed, status = _core.rollout_gradient(
-            arm._core, q[i], v[i], tau[i], rows[0][i], rows[1][i], integrator, *options
+    count, workers = int(np.prod(batch)), default_workers(workers)
+    if len(arms) not in (1, count):
+        raise ValueError(f"arm: is {len(arms)} arms; must be one, or one for each of {count} scenarios")
+    rolls = _Rolls(number("step", step), tau.shape[-2], integrator, options, parameters, workers if count == 1 else 1)
+    known = [rolls.near(a) for a in arms] if len(arms) == 1 else None
+    found: list[Any] = [None] * count
+
+    def go_back(k: int) -> None:
+        i = np.unravel_index(k, batch) if batch else ()
+        try:
+            near = known[0] if known else rolls.near(arms[k])
+            found[k] = rolls.back(near, q[i], v[i], tau[i], rows[0][i], rows[1][i])
+        except ValueError as e:
+            raise ValueError(f"{e}, in scenario {tuple(map(int, i))}" if batch else str(e)) from None
+
+    each(go_back, count, workers)
+    q0, v0, forces, by = zip(*found, strict=True) if found else ([], [], [], [])
+
+    def whole(parts: Sequence[Array], tail: tuple[int, ...]) -> Array:
+        return np.array(parts).reshape((*batch, *tail))
+
+    return Gradient(
+        whole(q0, (one.nq,)), whole(v0, (one.nv,)), whole(forces, tau.shape[-2:]),
+        {path: whole([x[path] for x in by], by[0][path].shape if by else ()) for path in parameters},
+    )  # fmt: skip
+
+
+_SAME = 1e-3  # parts of a motion by which it may differ from the same rollout in the processor's lanes, and no more
+
+
+class _Near(NamedTuple):
+    """An arm and its neighbours by parameters, as the core takes them."""
+
+    arm: Arm
+    problem: Any
+    paths: dict[str, list[str]]  # the numbers of each parameter
+    neighbours: dict[str, Parameter]
+
+
+class _Rolls:
+    """Rollouts of a kind, taken once more on a tape, and backwards."""
+
+    def __init__(self, step: float, nstep: int, integrator: str, options: tuple[float, float], paths: Sequence[str],
+                 workers: int) -> None:  # fmt: skip
+        if isinstance(paths, str) or len(set(paths)) != len(paths):
+            raise ValueError(f"parameters = {paths!r}: must be a list of different paths, such as ['link.0.tip.mass']")
+        for path in paths:
+            if str(path).split(".")[0] in ("q0", "v0"):
+                raise ValueError(f"parameters: '{path}' is the start's; `.q0` and `.v0` are the derivatives by that")
+        self.step, self.integrator, self.options, self.workers = step, integrator, options, workers
+        self.times = np.array([0.0, step * max(nstep, 1)])
+        self.paths = list(paths)
+
+    def near(self, arm: Arm) -> _Near:
+        paths = {path: components(Setup(arm), path, {}) for path in self.paths}
+        single = list(dict.fromkeys(p for parts in paths.values() for p in parts))
+        found = problems(Setup(arm), single, self.times, None, None, None) if single else []
+        problem = Problem(arm, self.times, None, None, None, {}, (), (), None)
+        return _Near(arm, balanced(problem), paths, {p.path: p for p in found})
+
+    def back(self, of: _Near, q: Array, v: Array, tau: Array, by_q: Array, by_v: Array) -> tuple[Any, ...]:
+        nv, options = of.arm.nv, self.options
+        tape, x, y, first, failed, status = _core.roll_on_tape(
+            of.arm._core, self.integrator, self.step, *options, q[0], v[0], tau
         )
         if failed >= 0:
-            raise ValueError(f"step {failed}{f' of scenario {i}' if batch else ''}: {_STATUS[status]}")
-        for whole, part in zip(out, found, strict=True):
-            whole[i] = part
-    return out
+            raise ValueError(f"step {failed}: {_STATUS[status]}")
+        for name, given, taken in (("q", q, x), ("v", v, y)):
+            off = np.abs(given - taken).max(axis=1) > _SAME * np.abs(taken).max()
+            if off.any():
+                row = int(off.argmax())
+                raise ValueError(f"{name}: is no rollout of this arm, these forces and this step: see row {row}")
+        none = np.zeros((0, nv))
+        found = tape.adjoint(of.problem, *options, by_q, by_v, none, none, self.workers)
+        q0, v0, needed, applied, switches, held = found
+        forces = np.zeros(tau.shape)
+        np.add.at(forces, np.repeat(np.arange(len(tau)), np.diff(first)), applied)
+        ends = np.rint(tape.switches / self.step).astype(int)  # of the steps in which dry friction switches
+        np.add.at(forces, ends - 1, held)
+        by = by_parameters(tape, list(of.neighbours.values()), needed, applied, self.workers)
+        if len(ends) and of.neighbours:
+            close = problems(Setup(of.arm), list(of.neighbours), self.times, None, None, None, NEAR)
+            by += [(switches * repeated(tape, p, options)).sum() for p in close]
+        value = dict(zip(of.neighbours, by, strict=True))
+        return q0, v0, forces, {
+            path: np.array(value[path] if parts == [path] else [value[p] for p in parts])
+            for path, parts in of.paths.items()
+        }  # fmt: skip

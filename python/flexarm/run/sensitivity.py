@@ -26,7 +26,7 @@ from .variation import Setup
 ROWS = ("q", "v", "a", "tau")
 _ROUNDING = 1e-13
 _SAMPLES = re.compile(r"drive\..+\.samples")
-_NEAR = 1e-6  # step of differences in steps in which friction switches: a larger one may switch in another step
+NEAR = 1e-6  #: step of differences in steps in which friction switches: a larger one may switch in another step
 _STARTS = ("q0", "v0", "sensor")  # what does not change the equations of motion
 
 #: What is read of a run: of its rows, and of what it is made of.
@@ -124,7 +124,7 @@ class Source:
         out = self.integrate(run, tape=tape)
         if out["friction"] is not None and self.integrator != "implicit":
             raise ValueError(f"integrator = '{self.integrator}': derivatives through dry friction need \"implicit\"")
-        return run, run.result(_done(out)), tape, _balanced(run)
+        return run, run.result(_done(out)), tape, balanced(run)
 
     def sensitivities(self, parameters: Sequence[str]) -> Sensitivities:
         near = self._near(list(dict.fromkeys(p for parts in self._paths(parameters, False).values() for p in parts)))
@@ -172,23 +172,22 @@ class Source:
         full = [np.zeros((0, run.both.nv)) if w is None else np.pad(w, ((0, 0), (0, run.both.nv - w.shape[1])))
                 for w in (weights.get(k) for k in ROWS)]  # fmt: skip
         full[:2] = [w if len(w) else np.zeros((len(result.t), run.both.nv)) for w in full[:2]]
-        q0, v0, needed, applied, switches = tape.adjoint(core, *self._numbers, *full, _workers())
+        q0, v0, needed, applied, switches, held = tape.adjoint(core, *self._numbers, *full, _workers())
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
-        forces = dict(zip(near, self._by(tape, list(near.values()), run), strict=True))
-        whole = {"q0": q0, "v0": v0, "tau": applied.sum(axis=0)}
+        forces = dict(zip(near, by_parameters(tape, list(near.values()), needed, applied, _workers()), strict=True))
+        whole = {"q0": q0, "v0": v0, "tau": applied.sum(axis=0) + held.sum(axis=0)}
         out: dict[str, Any] = {}
         for path, parts in paths.items():
             if path in whole:
                 out[path] = whole[path][: self.setup.arm.nv]
                 continue
             if _SAMPLES.fullmatch(path):
-                out[path] = self._by_samples(path, tape.t, applied)
+                out[path] = self._by_samples(path, np.append(tape.t, tape.switches), np.vstack([applied, held]))
                 continue
             values = []
             for p in (near[part] for part in parts):
-                by_needed, by_applied = forces[p.path]
                 a, b = _sum(p, lambda n: core_start(n.problem)[:2])
-                value = (needed * by_needed).sum() + (applied * by_applied).sum() + q0 @ a + v0 @ b
+                value = forces[p.path] + q0 @ a + v0 @ b
                 value += (switches * self._switches(tape, p, run)).sum()
                 for i, moved in self._moved(run, p):
                     for name, change in zip(("q", "v", "a"), moved, strict=True):
@@ -213,7 +212,7 @@ class Source:
                 return
             most = [0.0, 0.0]
             for n in near[k].neighbours:
-                for i, x in enumerate(tape.balance(_balanced(n.problem))):
+                for i, x in enumerate(tape.balance(balanced(n.problem))):
                     out[k][i][:] += n.weight * x
                     most[i] += abs(n.weight) * float(np.abs(x).max())
             for x, size in zip(out[k], most, strict=True):  # what is not more than rounding is nothing
@@ -225,10 +224,9 @@ class Source:
 
     def _switches(self, tape: Any, p: Parameter, run: Problem) -> Array:
         """Derivatives of the ends of steps in which dry friction switches, from where they begin."""
-        if p.path.split(".")[0] in _STARTS or not tape.switches:
-            return np.zeros((tape.switches, 2 * run.both.nv))
-        near = self._near([p.path], _NEAR)[0]
-        found: Array = _sum(near, lambda n: tape.repeat_switches(_balanced(n.problem), *self._numbers))
+        if p.path.split(".")[0] in _STARTS or not len(tape.switches):
+            return np.zeros((len(tape.switches), 2 * run.both.nv))
+        found: Array = repeated(tape, self._near([p.path], NEAR)[0], self._numbers)
         return found
 
     def _paths(self, parameters: Sequence[str], adjoint: bool) -> dict[str, list[str]]:
@@ -276,7 +274,27 @@ def _done(out: dict[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _balanced(run: Problem) -> Any:
+def by_parameters(tape: Any, near: Sequence[Parameter], needed: Array, applied: Array, workers: int) -> Array:
+    """Derivatives by parameters (np) of a number whose derivatives by the forces at the places of a tape, `needed` and
+    `applied`, are given."""
+    by = [(k, n) for k, p in enumerate(near) if p.path.split(".")[0] not in _STARTS for n in p.neighbours]
+    found = tape.weigh([balanced(n.problem) for _, n in by], needed, applied, workers)
+    out = np.zeros(len(near))
+    np.add.at(out, [k for k, _ in by], [n.weight * x for (_, n), x in zip(by, found, strict=True)])
+    return out
+
+
+def repeated(tape: Any, p: Parameter, options: tuple[float, float]) -> Any:
+    """Derivatives by a parameter, whose neighbours are NEAR, of the ends of steps in which dry friction switches.
+
+    Args:
+        options: rtol and spectral_radius of "implicit".
+    """
+    return _sum(p, lambda n: tape.repeat_switches(balanced(n.problem), *options))
+
+
+def balanced(run: Problem) -> Any:
+    """A problem, as a tape takes it."""
     _, _, tau = core_start(run)
     return _core.Problem(run.both._core, core_laws(run), run.times, tau, run.wrenches, run.feedback)
 

@@ -31,6 +31,11 @@ struct Driven {
 /// the other's where they are not prescribed here.
 Balance balance(const Driven& of, const Tape& tape);
 
+/// Of each problem, the sum over the places of a tape of what it needs and applies there, times weights (places, nv):
+/// with those of an adjoint, and by differences of neighbours, the derivative of its number by a parameter.
+Eigen::VectorXd weigh(const std::vector<Driven>& problems, const Tape& tape, const Trajectory::Rows& needed,
+                      const Trajectory::Rows& applied, int threads = 1);
+
 /// States [q; v] (switches, 2 nv) to which this problem's steps lead from the beginnings of the tape's switches.
 Trajectory::Rows repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptions& options);
 
@@ -39,6 +44,7 @@ struct Adjoint {
   Eigen::VectorXd q0, v0;            ///< by the start
   Trajectory::Rows needed, applied;  ///< by the forces of `Balance` at the places, as if these were free to choose
   Trajectory::Rows switches;         ///< by what `repeat_switches` gives
+  Trajectory::Rows held;             ///< by forces that act all through the step of each switch (switches, nv)
 };
 
 /// Derivatives of the method's own equations at their solution, exact but for rounding; of steps in which dry friction

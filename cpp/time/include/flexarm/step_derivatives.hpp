@@ -29,15 +29,14 @@ class StepDerivatives {
 
   /// Derivatives of [q; v] at the end by that at the beginning, A (2 nv x 2 nv), and by tau, B (2 nv x nv). O(nv^3).
   void matrices(Eigen::MatrixXd& A, Eigen::MatrixXd& B);
-  /// Of a number, by q, v at the beginning and tau (nv each), from those by q and v at the end: A^T, B^T times these.
-  /// O(nv^2).
-  void pull_back(Eigen::VectorXd& by_q, Eigen::VectorXd& by_v, Eigen::VectorXd& by_tau);
 
  private:
   struct Stage {
     Eigen::MatrixXd by_q, by_v, by_tau;  ///< of accelerations
   };
   void keep(std::size_t stage);
+  /// Of a number, by q, v at the beginning and tau (nv each), from those by q and v at the end: A^T, B^T times these.
+  void pull_back(Eigen::VectorXd& by_q, Eigen::VectorXd& by_v, Eigen::VectorXd& by_tau);
   Status implicit(Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau);
   Status classical(Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau);
 

@@ -40,13 +40,14 @@ struct Tape {
     Eigen::VectorXd q, v, a0, alpha0, gain;  ///< state; gain: what the first guess of the accelerations adds to a0
     Eigen::VectorXd sense, before;           ///< of each rate that rubs: 1, -1 or 0, held; force of friction
     std::vector<int> rates;                  ///< which these are
+    Eigen::VectorXd tau;                     ///< forces held over the step beside the problem's; empty: none
   };
   /// A row of the results: the state within, or at the end of, the step of an entry.
   struct Row {
     Eigen::Index entry;              ///< -1: the start
     double c = 1.0;                  ///< part of the step
     Eigen::VectorXd v_by_a, q_by_a;  ///< (s) as of Stages, within a step; empty: at its end
-    Eigen::Index point;              ///< place of the row's accelerations
+    Eigen::Index point;              ///< place of the row's accelerations; -1: of a rollout, which has none
   };
 
   Stages stages;
@@ -55,7 +56,8 @@ struct Tape {
   std::vector<Entry> entries;
   std::vector<Row> rows;
   std::vector<Switch> switches;
-  double now = 0.0;  ///< time at which the step begins that is being taken (s)
+  double now = 0.0;     ///< time at which the step begins that is being taken (s)
+  Eigen::VectorXd tau;  ///< forces that are held over it beside the problem's; empty: none
 
   explicit Tape(Stages of) : stages(std::move(of)) {}
 
