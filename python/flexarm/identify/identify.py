@@ -14,10 +14,12 @@ from .._check import Array, known_keys, number, whole
 from .._console import progress_bar
 from ..acting.drive import Motion
 from ..acting.voltage import split_drives
+from ..analysis.validity import RangeWarning
 from ..batch.arguments import default_workers
 from ..batch.variation import Variation
 from ..data.compare import Comparison
 from ..data.data import Data
+from ..parts.part import ModelWarning
 from ..run.simulation import INTEGRATORS, check_integrator
 from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
@@ -94,7 +96,7 @@ def identify(
     Warns:
         FitWarning: numbers, or combinations of them, that the data cannot tell; columns that are not explained; steps
             that are too long.
-        RangeWarning, ModelWarning, ...: of the fitted runs, as `simulate_batch`.
+        RangeWarning, ModelWarning: of the fitted runs, as `simulate_batch`.
         (DataWarning: gaps in the data.)
     """
     began = time.perf_counter()
@@ -139,7 +141,7 @@ def identify(
         for name, x in fit.nrmse.items()
         if x > _POOR
     ]
-    own = [w for w in heard if issubclass(w.category, UserWarning)]  # not NumPy's
+    own = [w for w in heard if issubclass(w.category, (RangeWarning, ModelWarning))]
     for message in {str(w.message): w.message for w in own}.values():
         warnings.warn(message, stacklevel=2)  # of the fitted runs
     for text in [*poor, *(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
