@@ -14,9 +14,11 @@ from .._check import Array, known_keys, number, whole
 from .._console import progress_bar
 from ..acting.drive import Motion
 from ..acting.voltage import split_drives
+from ..analysis.validity import RangeWarning
 from ..batch.arguments import default_workers
 from ..data.compare import Comparison
 from ..data.data import Data
+from ..parts.part import ModelWarning
 from ..run.simulation import INTEGRATORS, check_integrator
 from ..run.variation import Variation
 from ..scene.scene import Scene
@@ -32,6 +34,7 @@ from .unknown import Asked, Sought, Unknown, drawn, sought
 _STEPPED = "implicit"  # in place of an integrator that chooses its own steps
 _HALVINGS = 4  # of a step that was not given
 _MOVED = 0.1  # standard deviations by which steps may move a value
+_STARTS = 8  # where one is not enough
 _POOR = 0.5  # NRMSE above which a fit explains little
 _ROWS = 4  # at most so many rows between two of the data, for filters and delays
 
@@ -44,7 +47,7 @@ def identify(
     inputs: Any = None,
     outputs: Any = None,
     noise: Mapping[str, float] | None = None,
-    starts: int = 1,
+    starts: int | None = None,
     keep: int = 3,
     seed: int = 0,
     integrator: str | None = None,
@@ -72,7 +75,8 @@ def identify(
             all names that both have. Sensors are read without noise, steps and range, at the times of the data.
         noise: standard deviation of columns, in SI. Of others it is estimated: that of what is left, until it settles.
         starts: from how many starts to search; the others are drawn within the bounds, or within a factor of 3 of the
-            first. They are simulated as one batch, and the best `keep` of them are fitted. seed: of the draw.
+            first. They are simulated as one batch, and the best `keep` of them are fitted. None: from one, and from 8
+            where that leaves more than a tenth of a column's deviation, or fails. seed: of the draw.
         integrator, step: of `simulate`; None: the scene's, and "implicit" in place of "ida". A step that neither gives
             is the time between two rows of the data, halved until it does not matter to the values.
         max_iterations: of each least squares.
@@ -92,42 +96,44 @@ def identify(
     Warns:
         FitWarning: numbers, or combinations of them, that the data cannot tell; columns that are not explained; steps
             that are too long.
-        RangeWarning, ModelWarning, ...: of the fitted runs, as `simulate_batch`.
+        RangeWarning, ModelWarning: of the fitted runs, as `simulate_batch`.
         (DataWarning: gaps in the data.)
     """
     began = time.perf_counter()
     if not isinstance(scene, Scene):
         raise ValueError(f"scene = {type(scene).__name__}: must be an fa.Scene, such as fa.load(...) gives")
     task = _Task.of(scene, data, parameters, inputs, outputs, noise, integrator, step, workers)
-    for name, value, least in (("starts", starts, 1), ("keep", keep, 1), ("max_iterations", max_iterations, 1)):
-        if whole(name, value) < least:
-            raise ValueError(f"{name} = {value}: must be at least {least}")
+    counts = {"starts": 1 if starts is None else starts, "keep": keep, "max_iterations": max_iterations}
+    for name, value in counts.items():
+        if whole(name, value) < 1:
+            raise ValueError(f"{name} = {value}: must be at least 1")
     problem, told = task.problem, task.told
     first = scales(problem.runs, told)
     count = sum(run.measured.size for run in problem.runs) + len(problem._priors(np.zeros(len(problem.sought)))[0])
     if count < len(problem.sought):
         raise ValueError(f"parameters: {len(problem.sought)} numbers are sought, and there are {count} readings")
-    points = drawn(problem.sought, starts, whole("seed", seed))
+    points = drawn(problem.sought, starts or _STARTS, whole("seed", seed))
+    alone = starts is None
     with progress_bar(progress, "identifying", None) as bar, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of runs on the way
         show = None if bar is None else bar if not callable(progress) else lambda done, _: progress(done)
         best = Best(problem, show)
         try:
-            found = search(problem, points, keep, first, told, max_iterations, best)
+            found = search(problem, alone, points, keep, first, told, max_iterations, best)
             missed = task.refined(found, max_iterations, best)
         except RunFailed as e:
             if problem.refused:
                 raise ValueError(problem.why.removeprefix("parameters of scenario 0: ")) from None
             values = {x.name: float(x.of.start or 0.0) for x in problem.sought}
             said = ", ".join(f"{k} = {x:g}" for k, x in values.items())
-            which = "the start" if starts == 1 else f"all {starts} starts"
+            which = "the start" if len(points) == 1 else f"all {len(points)} starts"
             raise FitError(f"the run fails at {which} ({said}): {e}", values) from None
         except KeyboardInterrupt:
-            fit = None if best.inner is None else task.interrupted(best.inner, first, points, began)
+            fit = None if best.inner is None else task.interrupted(best.inner, first, points[:1], began)
             raise FitInterrupted(f"interrupted after {problem.count} runs; .fit is the best so far", fit) from None
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
-            fit = task.fit(found, points, began)
+            fit = task.fit(found, points[: len(found.tried) or 1], began)
         turned = task.turned(points[0])
     poor = [
         f"column '{name}': what is left is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
@@ -135,11 +141,9 @@ def identify(
         for name, x in fit.nrmse.items()
         if x > _POOR
     ]
-    own = {str(w.message).removeprefix("scenario 0: "): w.message for w in heard if issubclass(w.category, UserWarning)}
-    for text, message in own.items():  # of the fitted runs
-        assert isinstance(message, Warning)
-        message.args = (text,)
-        warnings.warn(message, stacklevel=2)
+    own = [w for w in heard if issubclass(w.category, (RangeWarning, ModelWarning))]
+    for message in {str(w.message): w.message for w in own}.values():
+        warnings.warn(message, stacklevel=2)  # of the fitted runs
     for text in [*poor, *(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
         warnings.warn(text, FitWarning, stacklevel=2)
     return fit
@@ -329,7 +333,7 @@ class _Task:
             if own:
                 try:
                     sigma = {**scales([run], self.told)}
-                    point = search(problem, point[None], 1, sigma, self.told, 50, Best(problem, None)).inner
+                    point = search(problem, False, point[None], 1, sigma, self.told, 50, Best(problem, None)).inner
                 except RunFailed as e:
                     raise FitError(f"the run fails: {e}", {}) from None
             setup, _, _, result = problem.finished(point, 0)
