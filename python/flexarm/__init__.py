@@ -41,6 +41,7 @@ From data to a model
     identify, Fit           unknown numbers of a scene from measured runs, with intervals
     Unknown                 one of them: start, bounds, what is known beforehand
     FitError, FitInterrupted            no start could be simulated; Ctrl-C: it holds the best so far
+    validate, Validation    the shipped model of a measured arm against recordings of it
 Scenes
     load, Scene                         a TOML file, or a shipped one: an arm, what drives it, for how long
 Many runs
@@ -172,6 +173,8 @@ from .sensing.sensors import (
 from .sweeps.result import SweepInterrupted as SweepInterrupted, SweepResult as SweepResult
 from .sweeps.sweep import sweep as sweep
 from .sweeps.vary import Sweep as Sweep, Vary as Vary, load_sweep as load_sweep
+from .validate.validate import validate as validate
+from .validate.validation import Judged as Judged, Validation as Validation
 
 
 def __dir__() -> list[str]:
