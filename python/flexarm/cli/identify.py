@@ -33,8 +33,8 @@ def arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument("-p", "--parameter", metavar="PATH[=START[:LOW:HIGH]]", action="append", required=True,
                    help=f"what is sought, {_EXAMPLE}; repeat for each")  # fmt: skip
     p.add_argument("--output", metavar="COLUMN=WHAT", action="append",
-                   help="a measured column, and what reads it in the scene: 'sensor.0' or a column of a run; repeat for "
-                   "each (default: all names that both have)")  # fmt: skip
+                   help="a measured column, and what reads it in the scene: 'sensor.0' or a column of a run; repeat "
+                   "for each (default: all names that both have)")  # fmt: skip
     p.add_argument("--input", metavar="DRIVE=COLUMN", action="append",
                    help="a joint and the measured torque that drives it, '1=torque_1'; '1=motion:angle_1' of a joint "
                    "that moves as measured; repeat for each (default: the scene's drives)")  # fmt: skip
@@ -75,7 +75,7 @@ def _parameters(given: list[str]) -> dict[str, Any]:
         if len(parts) not in (0, 1, 3):
             raise ValueError(f"{where}: must be a path, {_EXAMPLE}")
         low, high = parts[1:] if len(parts) == 3 else (None, None)
-        bounds = {k: x for k, x in (("low", low), ("high", high)) if x is not None}
+        bounds: dict[str, Any] = {k: x for k, x in (("low", low), ("high", high)) if x is not None}
         try:
             found[path] = Unknown(parts[0] if parts else None, **bounds)
         except ValueError as e:

@@ -70,7 +70,7 @@ def _curves(top: Axes, below: Axes, pair: Pair, name: str, run: str, last: bool)
     label_axes(top, f"{name} ({unit})" if unit not in ("", "1") else name)
     label_axes(below, "error", "Time (s)" if last else "")
     top.set_title(f"{run}{name}, NRMSE {100 * pair.nrmse[name]:.3g} %", fontsize=10, loc="left")
-    top.legend(loc="upper right", fontsize=8, frameon=True, framealpha=0.8, edgecolor="none", ncols=2)
+    top.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1, fontsize=8, frameon=False, ncols=2)
     top.tick_params(labelbottom=False)
     for ax in (top, below):
         ax.set_xlim(t[0], t[-1])

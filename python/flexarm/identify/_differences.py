@@ -110,12 +110,17 @@ def sensitivities(
     Raises:
         RunFailed: the run, or those on both sides of it, could not go on.
     """
-    base = Variation(setup, {k: np.array([x]) for k, x in parameters.items()}).scenario(0)
-    changes = {path: _sides(setup, parameters, path) for path in parameters}
     moving = [path for path in parameters if not path.startswith("sensor.")]
+    changes = {path: _PART * max(abs(x), _LEAST) for path, x in parameters.items()}
+    rows = [dict(parameters)]
+    for path, x in parameters.items():
+        rows += [{**parameters, path: x - changes[path]}, {**parameters, path: x + changes[path]}]
+    variation = Variation(setup, {path: np.array([row[path] for row in rows]) for path in parameters})
+    base = variation.scenario(0)
+    all_sides = {path: _sides(variation, base, 1 + 2 * k, changes[path]) for k, path in enumerate(parameters)}
     rows = [dict(parameters)]
     for path in moving:
-        rows += [{**parameters, path: parameters[path] + side.by} for side in changes[path]]
+        rows += [{**parameters, path: parameters[path] + side.by} for side in all_sides[path]]
     values = {path: np.array([row[path] for row in rows]) for path in parameters}
     found = [x for _, x in runs(setup, values, t, q0, v0, **options)]
     middle = found[0]
@@ -125,7 +130,7 @@ def sensitivities(
     out = {k: np.zeros((len(parameters), *shape)) for k, shape in shapes.items()}
     sides = []
     for k, path in enumerate(parameters):
-        low, high = changes[path]
+        low, high = all_sides[path]
         if path in moving:
             j = 1 + 2 * moving.index(path)
             (low, before), (high, after) = (
@@ -140,14 +145,12 @@ def sensitivities(
     return Sensitivities(middle, tuple(parameters), **out, sides=sides)
 
 
-def _sides(setup: Setup, parameters: Mapping[str, float], path: str) -> tuple[_Side, _Side]:
-    """Both sides of a parameter; where it cannot be smaller (or larger), itself is one."""
-    values, by = {k: np.array([x]) for k, x in parameters.items()}, _PART * max(abs(parameters[path]), _LEAST)
+def _sides(variation: Variation, base: Setup, i: int, by: float) -> tuple[_Side, _Side]:
+    """Both sides of a parameter, scenarios i and i + 1; where it cannot be smaller (or larger), itself is one."""
     found = []
-    for change in (-by, by):
+    for k, change in ((i, -by), (i + 1, by)):
         try:
-            made = Variation(setup, {**values, path: values[path] + change}).scenario(0)
+            found.append(_Side(change, variation.scenario(k)))
         except ValueError:
-            change, made = 0.0, Variation(setup, values).scenario(0)
-        found.append(_Side(change, made))
+            found.append(_Side(0.0, base))
     return found[0], found[1]

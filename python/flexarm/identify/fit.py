@@ -65,7 +65,8 @@ class Fit:
         untold: combinations of numbers that the data cannot tell; str() of each says which.
         at_bounds: names of values that are at a bound.
         converged, message: whether the search came to its end, and why it ended.
-        starts: rms of the weighted residuals at each start, and after the fit of the best ones.
+        starts: at each start, the root mean square of the residuals, in per cent of the columns' own deviations (where
+            noise was told, in units of that), and the same after the fit of the best ones, else None.
         stats: runs simulated, step (s) of the integrator, wall_time (s).
     """
 
@@ -151,6 +152,13 @@ class Fit:
         notes = []
         if not self.converged:
             notes.append(f"The search did not come to its end: {self.message}")
+        if len(self.starts) > 1:
+            ends = sorted(x for _, x in self.starts if x is not None)
+            said = ", ".join(f"{x:.4g}" for x in ends)
+            failed = sum(not np.isfinite(x) for x, _ in self.starts)
+            lost = f" ({failed} could not be simulated)" if failed else ""
+            of = "units of noise" if self.noise_told else "% of the deviation"
+            notes.append(f"Of {len(self.starts)} starts{lost} {len(ends)} were fitted; they left {said} {of}.")
         notes += [f"The data cannot tell: {x}." for x in self.untold]
         notes += [f"{name} is at its bound." for name in self.at_bounds]
         names = list(self.values)

@@ -25,13 +25,14 @@ from ._differences import RunFailed
 from .fit import Fit, FitError, FitInterrupted, FitWarning
 from .problem import Problem
 from .runs import Run, made, scales
-from .search import Best, Found, search, weighed
+from .search import Best, Found, estimated, search, weighed
 from .statistics import coloured, covariance, untold, whiteness
 from .unknown import Asked, Sought, Unknown, drawn, sought
 
 _STEPPED = "implicit"  # in place of an integrator that chooses its own steps
 _HALVINGS = 4  # of a step that was not given
 _MOVED = 0.25  # standard deviations by which steps may move a value
+_POOR = 0.5  # NRMSE above which a fit explains little
 _ROWS = 4  # at most so many rows between two of the data, for filters and delays
 
 
@@ -89,7 +90,8 @@ def identify(
         FitInterrupted: (a KeyboardInterrupt) Ctrl-C; its `fit` is the best so far.
 
     Warns:
-        FitWarning: numbers, or combinations of them, that the data cannot tell; steps that are too long.
+        FitWarning: numbers, or combinations of them, that the data cannot tell; columns that are not explained; steps
+            that are too long.
         (DataWarning: gaps in the data.)
     """
     began = time.perf_counter()
@@ -113,15 +115,24 @@ def identify(
             found = search(problem, points, keep, first, told, max_iterations, best)
             missed = task.refined(found, max_iterations, best)
         except RunFailed as e:
+            if problem.refused:
+                raise ValueError(problem.why.removeprefix("parameters of scenario 0: ")) from None
             values = {x.name: float(x.of.start or 0.0) for x in problem.sought}
             said = ", ".join(f"{k} = {x:g}" for k, x in values.items())
             which = "the start" if starts == 1 else f"all {starts} starts"
             raise FitError(f"the run fails at {which} ({said}): {e}", values) from None
         except KeyboardInterrupt:
-            fit = None if best.inner is None else task.fit(Found(best.inner, first, "interrupted"), points, began)
+            fit = None if best.inner is None else task.interrupted(best.inner, first, points, began)
             raise FitInterrupted(f"interrupted after {problem.count} runs; .fit is the best so far", fit) from None
         fit = task.fit(found, points, began)
-    for text in [*(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
+        turned = task.turned(points[0])
+    poor = [
+        f"column '{name}': what is left is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
+        + (turned.get(name) or "or this is a local minimum; try more starts")
+        for name, x in fit.nrmse.items()
+        if x > _POOR
+    ]
+    for text in [*poor, *(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
         warnings.warn(text, FitWarning, stacklevel=2)
     return fit
 
@@ -143,7 +154,8 @@ class _Task:
         workers: Any,
     ) -> _Task:  # fmt: skip
         """Checks the arguments."""
-        runs = _runs(scene, data, inputs, outputs)
+        paths = [parameters] if isinstance(parameters, str) else [str(path) for path in parameters]
+        runs = _runs(scene, data, inputs, outputs, paths)
         names = dict.fromkeys(name for run in runs for name in run.outputs)
         known_keys("noise", noise or {}, names)
         told = {name: number(f"noise['{name}']", x) for name, x in (noise or {}).items()}
@@ -157,18 +169,32 @@ class _Task:
         _finer(problem)
         return _Task(scene, problem, told, inputs, outputs, auto)
 
+    def turned(self, inner: Array) -> dict[str, str]:
+        """Of columns that go against what is read at a point: a hint, by name."""
+        found, hints = self.problem.residuals(inner), {}
+        for run, y in zip(self.problem.runs, found or [], strict=False):
+            for name, r in zip(run.outputs, y, strict=True):
+                with np.errstate(invalid="ignore"):
+                    agreed = np.corrcoef(r + run.data[name], run.data[name])[0, 1]
+                if agreed < -_POOR:
+                    hints[name] = f"and at the start it goes the other way (correlation {agreed:.2f}): look at its sign"
+        return hints
+
     def refined(self, found: Found, most: int, best: Best) -> list[str]:
         """Shortens the step until it does not matter; what there is to be said of it in the end."""
         p = self.problem
         if p.options.get("step") is None:
             return []
-        for k in range(_HALVINGS + 1):
+        left = _HALVINGS if self.auto else 0
+        while True:
             moved, name = self._moved(found)
             if moved < _MOVED:
                 return []
-            if not self.auto or k == _HALVINGS:
+            if not left:
                 break
-            p.options["step"] /= 2
+            times = min(left, int(np.ceil(np.log(moved / _MOVED) / np.log(4))))  # the error falls as the step squared
+            left -= times
+            p.options["step"] /= 2**times
             p.forget()
             _finer(p)
             weighed(p, found, self.told, most, best)
@@ -225,6 +251,8 @@ class _Task:
         values, slopes = p.values(inner), p.slopes_of_values(inner)
         sizes = np.array([1.0 if x.log else max(1.0, abs(u)) for x, u in zip(p.sought, inner, strict=True)])
         names = [x.name for x in p.sought]
+        with np.errstate(divide="ignore"):
+            parts = np.minimum(10.0, np.where([x.log for x in p.sought], 1.0, sizes / np.abs(inner)))
         with np.errstate(invalid="ignore"):
             correlation = C / np.outer(std, std)
         correlation[~np.isfinite(correlation)] = np.nan
@@ -245,7 +273,7 @@ class _Task:
             noise_told=frozenset(self.told),
             comparisons=runs,
             whiteness=tests,
-            untold=untold(J, sizes, names),
+            untold=untold(J, sizes, names, parts) if J.any() else [],
             at_bounds=[x.name for x, v in zip(p.sought, values, strict=True) if _at_bound(x, float(v))],
             converged=found.converged,
             message=found.message,
@@ -253,6 +281,11 @@ class _Task:
             stats={"runs": p.count, "step": p.options.get("step"), "wall_time": time.perf_counter() - began},
             _again=lambda data, inputs: self._validated(inner, data, inputs),
         )  # fmt: skip
+
+    def interrupted(self, inner: Array, first: Mapping[str, float], points: Array, began: float) -> Fit:
+        """The best point of a search that Ctrl-C has ended."""
+        sigma = estimated(self.problem, inner, first, self.told)
+        return self.fit(Found(inner, sigma, "interrupted"), points, began)
 
     def _scene(self, inner: Array, q0: Array, v0: Array) -> Scene:
         """The scene with the values of its first run."""
@@ -272,7 +305,7 @@ class _Task:
         p = self.problem
         if inputs is None:
             inputs = self.inputs[0] if isinstance(self.inputs, (list, tuple)) else self.inputs
-        run = made(self.scene, data, inputs, self.outputs, "data")
+        run = made(self.scene, data, inputs, self.outputs, "data", [x.path for x in p.sought])
         fixed = {x.path: np.array([v]) for x, v in zip(p.sought, p.values(inner), strict=True) if not _own(x)}
         run.setup = Variation(run.setup, fixed).scenario(0)
         for path, value in fixed.items():
@@ -302,7 +335,7 @@ def _own(x: Sought) -> bool:
     return x.run is not None or bool(x.of.each_run) or (x.of.each_run is None and x.path.startswith(("q0", "v0")))
 
 
-def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any) -> list[Run]:
+def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any, paths: list[str]) -> list[Run]:
     """The measured runs."""
     several = isinstance(data, (list, tuple))
     all_data = list(data) if several else [data]
@@ -312,7 +345,7 @@ def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any) -> list[Run]:
     if len(all_inputs) != len(all_data):
         raise ValueError(f"inputs: are for {len(all_inputs)} runs, data for {len(all_data)}")
     named = [f"data[{k}]" if several else "data" for k in range(len(all_data))]
-    return [made(scene, d, i, outputs, name) for d, i, name in zip(all_data, all_inputs, named, strict=True)]
+    return [made(scene, d, i, outputs, name, paths) for d, i, name in zip(all_data, all_inputs, named, strict=True)]
 
 
 def _check_states(runs: list[Run], unknown: list[Sought]) -> None:

@@ -26,13 +26,13 @@ class Problem:
 
     Attributes:
         runs: the runs. sought: n numbers. options: of `simulate_batch`.
-        why: of the last point that could not be simulated: the reason.
+        why: of the last point that could not be simulated: the reason. refused: whether that was a bad argument.
         count: runs simulated so far.
     """
 
     def __init__(self, runs: list[Run], sought: list[Sought], options: Mapping[str, Any], workers: int) -> None:
         self.runs, self.sought, self.options, self.workers = runs, sought, dict(options), workers
-        self.why, self.count, self.look = "", 0, lambda: None
+        self.why, self.refused, self.count = "", False, 0
         self._kept: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
         self._stop = threading.Event()
 
@@ -61,7 +61,7 @@ class Problem:
         """work(run, workers) of every run, in threads."""
         self._stop.clear()
         share = max(1, self.workers // len(self.runs))
-        each(lambda k: work(k, share), len(self.runs), min(self.workers, len(self.runs)), self.look, self._stop.set)
+        each(lambda k: work(k, share), len(self.runs), min(self.workers, len(self.runs)), lambda: None, self._stop.set)
 
     # -- of one point --------------------------------------------------------------------------------------------------
 
@@ -95,11 +95,11 @@ class Problem:
             try:
                 results = run_many(run.setup, parameters, run.t, run.q0, run.v0, **self._options(workers))
             except ValueError as e:
-                self.why = str(e)
+                self.why, self.refused = str(e), True
                 return
             for i, (setup, result) in enumerate(results):
                 if isinstance(result, RunFailed):
-                    self.why = str(result)
+                    self.why, self.refused = str(result), False
                     continue
                 y = run.read(result, setup) - run.measured
                 found[k][i] = y if np.isfinite(y).all() else None
@@ -167,6 +167,7 @@ class Problem:
 
     def finished(self, inner: Array, k: int) -> tuple[Setup, Array, Array, Result | RunFailed]:
         """What run k is made of with these values, where it begins, and the run."""
+        self._stop.clear()
         run, values = self.runs[k], self.values(inner)
         parameters = {self.sought[j].path: values[j : j + 1] for j in self._of_run(k)}
         setup, result = run_many(run.setup, parameters, run.t, run.q0, run.v0, **self._options(self.workers))[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
 from ._differences import Output, start
 
+_FIRST = 0.01  # of a column's deviation, its weight as long as its noise is not known
 _INSTRUMENT: dict[str, Any] = {"noise": None, "resolution": None, "range": None, "rate": None, "pulses": None}
 
 
@@ -80,14 +81,22 @@ def drives(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> dict[A
     """The scene's drives, with the measured ones in their places."""
     if inputs is not None and not isinstance(inputs, Mapping):
         raise ValueError(f"inputs = {inputs!r}: must be a dictionary, such as {{0: 'torque'}}, by keys of drives")
-    n = len(scene.arm.links)
     found = dict(scene.drive)
     for key, what in (inputs or {}).items():
-        if key not in found:  # -1 and the last link's number are one
-            same = [k for k in found if isinstance(k, int) and isinstance(key, int) and (k - key) % n == 0]
-            key = same[0] if same else key
-        found[key] = _law(scene.arm, data, key, what)
+        place = _place(scene.arm, f"inputs[{key!r}]", key)
+        same = [k for k in found if _place(scene.arm, f"drive[{k!r}]", k) == place]  # -1 and the last link are one
+        found[same[0] if same else key] = _law(scene.arm, data, key, what)
     return found
+
+
+def _place(arm: Arm, where: str, key: Any) -> Any:
+    """What a drive's key stands for: a rate, or a patch."""
+    try:
+        if is_patch(key):
+            return "patch", arm.patch_column(key[1], key[2])
+        return arm.joint_rate(key)
+    except (ValueError, TypeError) as e:
+        raise ValueError(f"{where}: {e}") from None
 
 
 def _law(arm: Arm, data: Data, key: Any, what: Any) -> Any:
@@ -163,9 +172,10 @@ def _named_alike(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> 
     alike = {name: name for name in data if name in own and name not in used_inputs(inputs)}
     if not alike:
         raise ValueError(
-            f"outputs: tell what was measured: no column of the data ({', '.join(data) or 'none'}) is called as a sensor "
-            f"of the scene ({', '.join(sensors) or 'none'}) or a column of its runs ({', '.join(own[len(sensors):][:3])}, "
-            "...); give {'name in the data': 'sensor.0', a sensor, or a name in the run}"
+            f"outputs: tell what was measured: no column of the data ({', '.join(data) or 'none'}) is called as a "
+            f"sensor of the scene ({', '.join(sensors) or 'none'}) or a column of its runs "
+            f"({', '.join(own[len(sensors) :][:3])}, ...); give {{'name in the data': 'sensor.0', a sensor, or a name "
+            "in the run}"
         )
     return alike
 
@@ -250,8 +260,10 @@ class _Function:
 # -- all of it ---------------------------------------------------------------------------------------------------------
 
 
-def made(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None, asked: Any, where: str) -> Run:
-    """A measured run of a scene, checked."""
+def made(
+    scene: Scene, data: Data, inputs: Mapping[Any, Any] | None, asked: Any, where: str, paths: Collection[str] = ()
+) -> Run:
+    """A measured run of a scene, checked; `paths` are sought."""
     if not isinstance(data, Data):
         raise ValueError(f"{where} = {type(data).__name__}: must be fa.Data, such as fa.load_data(...) gives")
     if len(data) < 3:
@@ -260,14 +272,17 @@ def made(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None, asked: Any,
     setup = Setup(scene.arm, drives(scene, data, inputs), tuple(scene.loads), tuple(scene.control), sensors)
     q0, v0 = start(setup, float(data.t[0]), scene.q0, scene.v0)
     run = Run(data, setup, q0, v0, found)
-    _check(run)
+    _check(run, paths)
     for begin, length in data.gaps():
-        text = f"{where}: a gap of {length:.4g} s after t = {begin:.6g} s: measured inputs are interpolated there"
+        text = (
+            f"{where}: a gap of {length:.4g} s after t = {begin:.6g} s: measured inputs are interpolated there; where "
+            "that matters, fit the parts as runs of their own (data.between)"
+        )
         warnings.warn(text, DataWarning, stacklevel=4)
     return run
 
 
-def _check(run: Run) -> None:
+def _check(run: Run, paths: Collection[str]) -> None:
     """ValueError for outputs that cannot be read, and units that do not fit."""
     arm, still = run.setup.arm, np.zeros((2, run.setup.arm.nv))
     t = run.data.t[:2]
@@ -276,13 +291,21 @@ def _check(run: Run) -> None:
     for name, f in run.outputs.items():
         f(result, run.setup)
         own = table.units[f.name] if isinstance(f, _Column) else getattr(f, "unit", "")
+        if isinstance(f, _Reading):
+            sensor = run.setup.sensors[f.sensor]
+            scaled = np.any(getattr(sensor, "gain", 1.0) != 1.0)
+            if scaled or any(path.startswith(f"sensor.{f.sensor}.gain") for path in paths):
+                own = ""  # a gain may have a unit
         theirs = run.data.units[name]
         if own and theirs and own != theirs:
-            raise ValueError(f"outputs['{name}']: the data are in {theirs}, and what is read of the run is in {own}")
+            hint = "; give the sensor a gain, if it is in these units" if isinstance(f, _Reading) else ""
+            raise ValueError(
+                f"outputs['{name}']: the data are in {theirs}, and what is read of the run is in {own}{hint}"
+            )
 
 
 def scales(runs: list[Run], noise: Mapping[str, float]) -> dict[str, float]:
-    """The first weight of each column: its noise where that is told, else its standard deviation."""
+    """The first weight of each column: its noise where that is told, else a hundredth of its standard deviation."""
     names = dict.fromkeys(name for run in runs for name in run.outputs)
     found = {}
     for name in names:
@@ -292,7 +315,6 @@ def scales(runs: list[Run], noise: Mapping[str, float]) -> dict[str, float]:
                 f"data: column '{name}' is constant ({y[0]:g}), it tells nothing; leave it out of outputs, or tell its "
                 f"noise={{'{name}': ...}}"
             )
-        found[name] = noise.get(name, float(np.sqrt(np.mean([r.data[name].var() for r in runs if name in r.outputs]))))
-        if not found[name] > 0:
-            found[name] = float(y.std())
+        own = float(np.sqrt(np.mean([r.data[name].var() for r in runs if name in r.outputs])))
+        found[name] = noise.get(name, _FIRST * (own or float(y.std())))
     return found

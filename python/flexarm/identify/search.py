@@ -16,6 +16,7 @@ from .statistics import pseudo_inverse
 _ROUNDS = 12  # of weights
 _SETTLED = 0.01  # by which noise changes from round to round at the end
 _HELD = 1e-4  # of a derivative's norm: by so much a number is held where a least squares begins
+_LOOSE = 0.3  # or as by a prior of this inverse standard deviation, in its own scale, or of its logarithm
 _PULLED = 0.02  # standard deviations that this may hold a number back at the end
 _LEAST = 1e-9  # of a column's first weight, below which noise counts as rounding
 
@@ -94,14 +95,15 @@ def fitted(problem: Problem, inner: Array, sigma: Mapping[str, float], best: Bes
     if not np.isfinite(residuals(inner)).all():
         raise RunFailed(problem.why, np.nan)
     norms = np.linalg.norm(problem.jacobian(inner, sigma), axis=0)
-    hold = np.diag(_HELD * np.where(norms > 0, norms, 1.0))
+    hold = np.diag(np.maximum(_HELD * norms, _LOOSE))
     done = least_squares(
         lambda u: np.append(residuals(u), hold @ (u - inner)), inner,
         lambda u: np.vstack([problem.jacobian(u, sigma), hold]),
         bounds=(low, high), x_scale="jac", max_nfev=most, xtol=1e-9, ftol=1e-9, gtol=1e-12,
     )  # fmt: skip
     std = np.sqrt(np.diag(pseudo_inverse(done.jac)))
-    done.pulled = float(np.max(std * np.diag(hold) ** 2 * np.abs(done.x - inner)))
+    pulled = std * np.diag(hold) ** 2 * np.abs(done.x - inner)
+    done.pulled = float(np.max(pulled[std * _LOOSE < 0.9], initial=0.0))
     return np.asarray(done.x), done
 
 

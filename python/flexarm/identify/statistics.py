@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -11,6 +13,9 @@ from .._check import Array
 
 _WHITE = 0.01  # below this probability residuals count as coloured
 _SEEN = 2.0  # standard deviations of the data: what changes them less is not seen
+_TRACE = 0.02  # of the largest change in a combination, below which one is left out
+_APART = 1e3  # condition up to which numbers tell directions apart
+_MIXES = 5000  # of combinations that are looked through
 _RANK = 1e-6  # of the largest singular value, below which derivatives are taken for dependent
 
 
@@ -130,12 +135,13 @@ class Untold(NamedTuple):
         return f"{', '.join(parts[:-1])} and {parts[-1]}, together, would hardly be seen"
 
 
-def untold(J: Array, sizes: Array, names: Sequence[str]) -> list[Untold]:
+def untold(J: Array, sizes: Array, names: Sequence[str], parts: Array) -> list[Untold]:
     """Combinations that the data cannot tell: those whose change by their own size (of the one that changes most) moves
     all residuals together by less than 2 of their standard deviations, or whose derivatives depend on each other.
 
     Args:
         J: derivatives (m, n). sizes: of each number, as the search sees it, (n,). names: of them.
+        parts: what a size is of the number's value, (n,).
     """
     scaled = J * sizes
     norms = np.linalg.norm(scaled, axis=0)
@@ -143,25 +149,32 @@ def untold(J: Array, sizes: Array, names: Sequence[str]) -> list[Untold]:
     some = np.flatnonzero(norms).tolist()
     if not some:
         return found
-    _, s, V = np.linalg.svd(scaled[:, some] / norms[some])
-    lost = []
-    for value, row in zip(np.append(s, np.zeros(len(V) - len(s))), V, strict=True):
-        change = row / norms[some]
-        change = change / np.abs(change).max()
-        if float(np.linalg.norm(scaled[:, some] @ change)) < _SEEN or value < _RANK * s.max():
-            lost.append(change)
-    for change in _sparse(np.array(lost).reshape(-1, len(some))):
-        part = np.flatnonzero(np.abs(change) > 0.02).tolist()
-        seen = float(np.linalg.norm(scaled[:, some] @ change))
+    R = np.linalg.qr(scaled[:, some] / norms[some], mode="r")
+    _, s, V = np.linalg.svd(R)
+    reach = np.abs(V / norms[some]).max(axis=1)  # of each direction, the largest change
+    s = np.append(s, np.zeros(len(V) - len(s)))
+    for change in _sparse(V[(s < _SEEN * reach) | (s < _RANK * s.max())], norms[some] / parts[some]):
+        part = np.flatnonzero(np.abs(change) > _TRACE).tolist()
+        moved = change / parts[some]
+        seen = float(np.linalg.norm(scaled[:, some] @ moved))
+        if seen > 2 * _SEEN and seen > 1e3 * _RANK * float(np.abs(moved) @ norms[some]):
+            continue  # what was mixed with one that is not seen
         found.append(Untold(tuple(names[some[k]] for k in part), tuple(float(change[k]) for k in part), seen))
     return found
 
 
-def _sparse(rows: Array) -> Array:
-    """The same combinations (k, n), mixed so that each has a number that the others leave alone, its largest 1."""
-    if len(rows) > 1:
-        from scipy.linalg import qr  # slow to import
-
-        pivots = qr(rows, mode="r", pivoting=True)[1][: len(rows)]
-        rows = np.linalg.solve(rows[:, pivots], rows)
-    return np.array([row / row[np.argmax(np.abs(row))] for row in rows]).reshape(rows.shape)
+def _sparse(rows: Array, by: Array) -> Array:
+    """Orthonormal directions (k, n) as combinations of numbers, over `by`, mixed so that each has a number that the
+    others leave alone, and that as few numbers as possible are in them; the largest change of each is 1."""
+    k, n = rows.shape
+    best, fewest = rows / by, n * k + 1
+    if k > 1 and math.comb(n, k) <= _MIXES:
+        for pivots in itertools.combinations(range(n), k):
+            part = rows[:, list(pivots)]
+            if np.linalg.cond(part) < _APART:
+                mixed = np.linalg.solve(part, rows) / by
+                mixed = mixed / np.abs(mixed).max(axis=1, keepdims=True)
+                count = int((np.abs(mixed) > _TRACE).sum())
+                if count < fewest:
+                    best, fewest = mixed, count
+    return np.array([row / row[np.argmax(np.abs(row))] for row in best]).reshape(rows.shape)

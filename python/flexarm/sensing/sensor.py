@@ -42,7 +42,8 @@ class Sensor(Part):
             LowPass. It starts settled.
         rate: samples a second (Hz); None: a sample at every output time, or every time a sampler is asked.
         delay: what comes out was so this long ago (s); before the start, the arm stood as it started.
-        gain, offset: what is read is gain (1) times what is there, plus offset: errors of calibration, another scale.
+        gain, offset: what is read is gain (1) times what is there, plus offset: errors of calibration, or another scale
+            (a gain in V gives a reading in V, whatever unit the sensor tells).
         noise: standard deviation of each sample, white and Gaussian. (Of a density n, in unit/sqrt(Hz), that is
             n sqrt(rate / 2).)
         resolution: the reading is the nearest multiple of this.
@@ -260,11 +261,18 @@ def _at(result: Result, t: Array | None) -> tuple[Array, Array, Array, Array, Ar
         return result.t, result.q, result.v, result.a, result.tau
     from scipy.interpolate import CubicHermiteSpline  # slow to import
 
-    rates = np.array([result.arm._core.rates(q, v)[0] for q, v in zip(result.q, result.v, strict=True)])
+    rates = _rates(result.arm, result.q, result.v)
     q = CubicHermiteSpline(result.t, result.q, rates)(t)
     v = CubicHermiteSpline(result.t, result.v, result.a)
     tau = np.stack([np.interp(t, result.t, column) for column in result.tau.T], axis=-1)
     return t, q, v(t), v(t, 1), tau
+
+
+def _rates(arm: Arm, q: Array, v: Array) -> Array:
+    """dq/dt of rows of states; v, but for the quaternions of balls."""
+    if arm.nq == arm.nv:
+        return v
+    return np.array([arm._core.rates(*x)[0] for x in zip(q, v, strict=True)])
 
 
 def _slope(h: Array, x: Array, rate: Array) -> Array:
@@ -279,7 +287,7 @@ def _midway(
     """Times and states halfway between rows: q of cubic pieces through q and dq/dt, v their slope, a of those through
     v and a. A force that jumps at a row so leaves v right, and a in the mean."""
     h = np.diff(t)[:, None]
-    rates = np.array([arm._core.rates(*x)[0] for x in zip(q, v, strict=True)])
+    rates = _rates(arm, q, v)
     qm, vm = 0.5 * (q[:-1] + q[1:]) - h / 8 * np.diff(rates, axis=0), _slope(h, q, rates)
     if arm.nq != arm.nv:  # balls
         zero = np.zeros(arm.nv)
