@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 
-from .._console import json_text, output_folder
+from .._console import complain, json_text, output_folder
 from ..draw import style as plots
 from ..identify.fit import FitError
 from ..validate.recordings import SHIPPED
@@ -25,20 +25,18 @@ def arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument("rig", metavar="RIG", choices=RIGS, help=f"the arm: {', '.join(RIGS)}")
     options.output(p, "flexarm-validate")
     p.add_argument("--fit", choices=SHIPPED, default=SHIPPED[0], help="the recording that is fitted to (%(default)s)")
-    p.add_argument("--data", metavar="FILE", action="append",
-                   help="a recording with the columns of those shipped, to judge the shipped model on; repeat for each")  # fmt: skip
-    p.add_argument("--calibrate", metavar="SECONDS", type=float,
-                   help="with --data: how much of a recording its zeros and gains are fitted to (half of it)")  # fmt: skip
+    data = "a recording with the columns of those shipped, to judge the shipped model on; repeat for each"
+    p.add_argument("--data", metavar="FILE", action="append", help=data)
+    part = "with --data: how much of a recording its zeros and gains are fitted to (half of it)"
+    p.add_argument("--calibrate", metavar="SECONDS", type=float, help=part)
 
 
 def run(args: argparse.Namespace) -> int:
     """Validates, writes and prints; 0, or 1 if a run could not go on."""
     try:
-        found = validate(
-            args.rig, args.data, fit=args.fit, calibrate=args.calibrate, progress=sys.stderr.isatty()
-        )  # fmt: skip
+        found = validate(args.rig, args.data, fit=args.fit, calibrate=args.calibrate, progress=sys.stderr.isatty())
     except FitError as e:
-        print(f"flexarm: {e}", file=sys.stderr)
+        complain(str(e))
         return 1
     folder = output_folder(args.output)
     about = {**found.to_dict(), "folder": str(folder)}

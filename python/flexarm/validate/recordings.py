@@ -21,7 +21,6 @@ CURRENTS = ("motor1_current", "motor2_current")
 UNITS = {**dict.fromkeys((*JOINTS, *DEFLECTIONS), "rad"), **dict.fromkeys(CURRENTS, "A")}
 
 RATE = 50.0  # Hz, to which recordings are averaged
-_APART = 1000.0  # s, from the beginning of one recording to that of the next
 _WINDOW = 5  # rows, over which angles are smoothed by a cubic: what the encoder's steps would make of accelerations
 _LEAST_TARE = 0.02  # s; shorter rows of zeros are chance
 _SETTLED = 0.5  # s, that a gauge has to settle in once it has been tared
@@ -32,21 +31,19 @@ class Recording:
     """One recording, made ready.
 
     Attributes:
-        name: of its file. data: its columns in rad and A at RATE, on times of its own.
-        begin: those times' first (s); tares: for how long each gauge read zero at first (s), while the rig took its
-            zero from it (QUARC's "Bias Removal").
+        name: of its file. data: its columns in rad and A at RATE, on times from 0.
+        tares: for how long each gauge read zero at first (s), while the rig took its zero (QUARC's "Bias Removal").
     """
 
     name: str
     data: Data
-    begin: float
     tares: tuple[float, float]
 
     @property
     def judged(self) -> Array:
         """Rows from where both gauges read, (nt,)."""
         wait = max(self.tares)
-        return np.asarray(self.data.t - self.begin >= (wait + _SETTLED if wait else 0.0))
+        return np.asarray(self.data.t >= (wait + _SETTLED if wait else 0.0))
 
     def motion(self, column: str) -> Motion:
         """The joint's angle as measured, smoothed."""
@@ -59,15 +56,14 @@ class Recording:
         return Torque(self.data.t, self.data[column])
 
 
-def read(source: Any, number: int) -> Recording:
-    """A recording, the `number`th of those that are compared.
+def read(source: Any) -> Recording:
+    """A recording.
 
     Args:
         source: "lqr" or "fsf", shipped; the path of a file, or Data.
 
     Raises:
-        ValueError: as of `load_data`; columns that are missing or in another unit; less than 2 s, below 90 rows a
-            second.
+        ValueError: as of `load_data`; columns that are missing or in another unit; less than 2 s, below 46 Hz.
     """
     if isinstance(source, Data):
         data = source
@@ -81,11 +77,9 @@ def read(source: Any, number: int) -> Recording:
             raise ValueError(f"data: column '{name}' is in {data.units[name]}: must be in {unit}, or convertible")
     data = data[list(UNITS)]
     if len(data) < 2 or data.t[-1] - data.t[0] < 2.0 or data.step > 1.1 / RATE:
-        raise ValueError(f"data: {len(data)} rows every {data.step:.3g} s: must be 2 s or more, 90 rows a second or more")
+        raise ValueError(f"data: {len(data)} rows every {data.step:.3g} s: must be 2 s or more, at 46 Hz or more")
     tares = tuple(_tare(data, name) for name in DEFLECTIONS)
-    name = Path(data.name or f"data {number}").stem
-    begin = number * _APART
-    return Recording(name, _averaged(data, begin), begin, tares)  # type: ignore[arg-type]
+    return Recording(Path(data.name or "data").stem, _averaged(data), tares)  # type: ignore[arg-type]
 
 
 def _tare(data: Data, name: str) -> float:
@@ -95,8 +89,8 @@ def _tare(data: Data, name: str) -> float:
     return wait if wait > _LEAST_TARE else 0.0
 
 
-def _averaged(data: Data, begin: float) -> Data:
-    """Means of as many rows as make RATE, on times that begin with `begin`."""
+def _averaged(data: Data) -> Data:
+    """Means of as many rows as make RATE, on times from 0."""
     n = max(1, round(1.0 / (RATE * data.step)))
     rows = len(data) // n * n
 
@@ -104,4 +98,4 @@ def _averaged(data: Data, begin: float) -> Data:
         return np.asarray(x[:rows].reshape(-1, n).mean(axis=1))
 
     t = mean(data.t - data.t[0])
-    return Data(t - t[0] + begin, {k: mean(data[k]) for k in data}, data.units, data.name)
+    return Data(t - t[0], {k: mean(data[k]) for k in data}, data.units, data.name)

@@ -42,8 +42,8 @@ class Judged:
 
     @staticmethod
     def of(recording: Recording, driven: str, role: str, comparison: Comparison, since: float = 0.0) -> Judged:
-        t = comparison.measured.t - recording.begin
-        rows = recording.judged & (t >= since)
+        t = comparison.measured.t
+        rows = recording.judged & np.asarray(t >= since)
         found = {}
         for name in comparison.nrmse:
             y, x = comparison.measured[name][rows], comparison.simulated[name][rows]
@@ -52,10 +52,9 @@ class Judged:
 
     def curves(self) -> Curves:
         c = self.comparison
-        t = c.measured.t - c.measured.t[0]
         shown = {_SHOWN[n]: (np.degrees(c.measured[n]), np.degrees(c.simulated[n]), 100 * e)
                  for n, e in self.nrmse.items()}  # fmt: skip
-        return Curves(f"{self.recording}, {self.role}", t, shown)
+        return Curves(f"{self.recording}, {self.role}", c.measured.t, shown)
 
 
 @dataclass(repr=False, eq=False)
