@@ -32,15 +32,14 @@ One run
 Sensors
     Encoder Tachometer ForceTorque StrainGauge Accelerometer Camera
     Sensor, Sampler, Reading            what they share; one in a control loop; what one reads of a run
-    LowPass                             the filter of a sensor, of the first or second order
-    psd, PowerSpectrum                  power spectral density
+    LowPass, psd, PowerSpectrum         the filter of a sensor, first or second order; power spectral density
 Data
     load_data, Data         columns over time with units, from CSV, HDF5, .mat, .npz, pandas or a result
     Comparison              what result.compare(data) gives: a run beside what was measured
 From data to a model
-    identify, Fit           unknown numbers of a scene from measured runs, with intervals
-    Unknown                 one of them: start, bounds, what is known beforehand
+    identify, Fit, Unknown  unknown numbers of a scene from measured runs, with intervals
     FitError, FitInterrupted            no start could be simulated; Ctrl-C: it holds the best so far
+    validate, Validation    the shipped model of a measured arm against recordings of it
 Scenes
     load, Scene                         a TOML file, or a shipped one: an arm, what drives it, for how long
 Many runs
@@ -173,6 +172,8 @@ from .sensing.sensors import (
 from .sweeps.result import SweepInterrupted as SweepInterrupted, SweepResult as SweepResult
 from .sweeps.sweep import sweep as sweep
 from .sweeps.vary import Sweep as Sweep, Vary as Vary, load_sweep as load_sweep
+from .validate.validate import validate as validate
+from .validate.validation import Validation as Validation
 
 
 def __dir__() -> list[str]:
