@@ -1,0 +1,217 @@
+#include "kalman_model.hpp"
+
+#include <cmath>
+
+#include "flexarm/ci.hpp"
+#include "flexarm/dry_friction.hpp"
+#include "lanes/alpha.hpp"
+
+namespace flexarm {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace {
+
+constexpr int kSame = 3;        // iterations with the matrix of the beginning; then each has its own,
+constexpr int kSlopes = 5;      // up to here with the slopes of friction, then with its chords,
+constexpr double kNear = 1e-2;  // until the velocities are known to this part
+
+std::vector<Load> at_the_end(const Arm& arm, bool carries) {
+  return std::vector<Load>(carries ? 1 : 0, Load::at_end(arm, arm.size() - 1, true));
+}
+
+}  // namespace
+
+KalmanModel::KalmanModel(const Arm& arm, double h, const std::vector<KalmanParameter>& parameters,
+                         const KalmanOptions& options)
+    : arm_(&arm),
+      parameters_(parameters),
+      speed_(options.friction_speed),
+      max_iterations_(options.max_iterations),
+      payload_([&] {
+        for (std::size_t k = 0; k < parameters.size(); ++k)
+          if (parameters[k].kind == KalmanParameter::payload) return static_cast<int>(k);
+        return -1;
+      }()),
+      h_(h),
+      ws_(arm, {}, at_the_end(arm, payload_ >= 0)),
+      inverse_(arm, at_the_end(arm, payload_ >= 0)),
+      J_(Mat6X<double>::Zero(6, arm.nv())) {
+  const Eigen::Index n = arm.nv(), m = static_cast<Eigen::Index>(parameters.size());
+  const AlphaNumbers alpha(options.spectral_radius);
+  const double by_a = alpha.by_a(), rest = 1.0 - by_a;  // of the auxiliary acceleration, by a and a0
+  q_by_a0_ = h * h * (0.5 - alpha.beta + alpha.beta * rest);
+  v_by_a0_ = h * (1.0 - alpha.gamma + alpha.gamma * rest);
+  q_by_a_ = h * h * alpha.beta * by_a;
+  v_by_a_ = h * alpha.gamma * by_a;
+  if (payload_ >= 0) motion_.emplace(arm, arm.size() - 1, std::nullopt);
+  take_composite(arm, ws_);
+  zero_ = r_ = a0_ = a_ = turn_ = q0_ = v0_ = tau_ = coulomb_ = damping_ = inertia_ = r0_ = VectorXd::Zero(n);
+  p_ = VectorXd::Zero(m);
+  for (Instant* at : {&first_, &last_}) {
+    at->by_q = at->by_v = at->by_a = MatrixXd::Zero(n, n);
+    at->by_p = MatrixXd::Zero(n, m);
+  }
+  S_ = MatrixXd::Identity(n, n);
+  begin_.compute(S_);
+  end_.compute(S_);
+}
+
+/// Into r_.
+void KalmanModel::residual(const VectorXd& q, const VectorXd& v, const VectorXd& a) {
+  if (payload_ >= 0) {
+    move_arm(*arm_, ws_, q, v);
+    accelerate_arm(*arm_, ws_, a);
+    const std::size_t last = arm_->size() - 1;
+    slice_jacobian(*arm_, ws_, last, J_);
+    pull_ = slice_motion(*arm_, ws_, last).acceleration.head<3>() - arm_->gravity();
+    ws_.loads[0].wrench << -mass_ * pull_, Eigen::Vector3d::Zero();
+  }
+  inverse_dynamics(*arm_, ws_, q, v, a);
+  r_ = ws_.tau - tau_;
+  for (Eigen::Index i = 0; i < r_.size(); ++i)
+    r_[i] += damping_[i] * v[i] + (coulomb_[i] != 0.0 ? coulomb_[i] * std::tanh(v[i] / speed_) : 0.0);
+}
+
+void KalmanModel::mass_matrix(const VectorXd& q, MatrixXd& M) {
+  composite_mass_matrix(*arm_, ws_, q);
+  M = ws_.M;
+  if (payload_ >= 0) M += mass_ * J_.topRows<3>().transpose().lazyProduct(J_.topRows<3>());
+}
+
+/// Of the residual that was evaluated last, at the same q, v and a.
+void KalmanModel::differentiate(const VectorXd& q, const VectorXd& v, const VectorXd& a, Instant& at) {
+  if (payload_ >= 0) inverse_.set_wrench(0, ws_.loads[0].wrench);
+  inverse_(*arm_, q, v, a);
+  at.by_q = inverse_.dq;
+  at.by_v = inverse_.dv;
+  if (payload_ >= 0) {
+    (*motion_)(*arm_, q, v, a);
+    const auto arms = J_.topRows<3>().transpose();
+    at.by_q += mass_ * arms.lazyProduct(motion_->dq.middleRows<3>(6));
+    at.by_v += mass_ * arms.lazyProduct(motion_->dv.middleRows<3>(6));
+  }
+  for (Eigen::Index i = 0; i < v.size(); ++i) {
+    const double slope = 1.0 / std::cosh(std::min(std::abs(v[i]) / speed_, 300.0));
+    at.by_v(i, i) += damping_[i] + coulomb_[i] / speed_ * slope * slope;
+  }
+  at.by_p.setZero();
+  for (std::size_t k = 0; k < parameters_.size(); ++k) {
+    const int i = parameters_[k].rate;
+    auto column = at.by_p.col(static_cast<Eigen::Index>(k));
+    switch (parameters_[k].kind) {
+      case KalmanParameter::payload:
+        column.noalias() = J_.topRows<3>().transpose().lazyProduct(pull_);
+        break;
+      case KalmanParameter::damping:
+        column[i] = v[i];
+        break;
+      case KalmanParameter::coulomb:
+        column[i] = std::tanh(v[i] / speed_);
+        break;
+      case KalmanParameter::offset:
+        column[i] = -1.0;
+        break;
+      case KalmanParameter::gain:
+        column[i] = -r0_[i];
+        break;
+    }
+  }
+}
+
+Status KalmanModel::begin(const VectorXd& q, const VectorXd& v) {
+  residual(q, v, zero_);
+  mass_matrix(q, first_.by_a);
+  if (!first_.by_a.allFinite() || !r_.allFinite()) return Status::not_finite;
+  inertia_ = first_.by_a.diagonal();
+  begin_.compute(first_.by_a);
+  if (begin_.info() != Eigen::Success) return Status::singular;
+  a0_ = -r_;
+  begin_.solveInPlace(a0_);
+  residual(q, v, a0_);  // for the payload's pull
+  differentiate(q, v, a0_, first_);
+  return Status::ok;
+}
+
+void KalmanModel::to_end(VectorXd& q, VectorXd& v) {
+  q = q0_ + h_ * v0_ + q_by_a0_ * a0_ + q_by_a_ * a_;
+  v = v0_ + v_by_a0_ * a0_ + v_by_a_ * a_;
+}
+
+/// With the chord of Coulomb friction, c tanh(v / s) / v, in place of its slope, an iteration contracts from anywhere.
+void KalmanModel::shift(bool chords) {
+  S_ = last_.by_a + v_by_a_ * last_.by_v + q_by_a_ * last_.by_q;
+  for (Eigen::Index i = 0; chords && i < r_.size(); ++i) {
+    if (coulomb_[i] == 0.0) continue;
+    const double v = v0_[i] + v_by_a0_ * a0_[i] + v_by_a_ * a_[i], x = std::abs(v) / speed_;
+    const double slope = 1.0 / std::cosh(std::min(x, 300.0));
+    S_(i, i) += v_by_a_ * coulomb_[i] / speed_ * ((x > 1e-4 ? std::tanh(x) / x : 1.0) - slope * slope);
+  }
+  end_.compute(S_);
+}
+
+Status KalmanModel::step(VectorXd& q, VectorXd& v, const VectorXd& p, const VectorXd& tau, double slack) {
+  mass_ = payload_ >= 0 ? p[payload_] : 0.0;
+  tau_ = r0_ = tau;
+  coulomb_.setZero();
+  damping_.setZero();
+  for (std::size_t n = 0; n < arm_->size(); ++n)  // the arm's own
+    for (std::size_t k = 0; k < arm_->link(n).joint().forces().size(); ++k)
+      coulomb_[arm_->first(n) + static_cast<int>(k)] = arm_->link(n).joint().forces()[k].coulomb;
+  for (std::size_t k = 0; k < parameters_.size(); ++k) {
+    const double value = p[static_cast<Eigen::Index>(k)];
+    const int i = parameters_[k].rate;
+    if (parameters_[k].kind == KalmanParameter::damping) damping_[i] += value;
+    if (parameters_[k].kind == KalmanParameter::coulomb) coulomb_[i] += value;
+    if (parameters_[k].kind == KalmanParameter::offset) tau_[i] += value;
+    if (parameters_[k].kind == KalmanParameter::gain) tau_[i] += value * tau[i];
+  }
+  q0_ = q;
+  v0_ = v;
+  if (const Status status = begin(q, v); status != Status::ok) return status;
+  a_ = a0_;
+  last_ = first_;
+  double before = 0.0, size = 0.0;
+  for (int iteration = 1; iteration <= max_iterations_; ++iteration) {
+    if (iteration == 1 || iteration > kSame) shift(iteration > kSlopes && before > kNear * size);
+    to_end(q, v);
+    residual(q, v, a_);
+    if (!r_.allFinite()) return Status::not_finite;
+    turn_ = end_.solve(r_);
+    a_ -= turn_;
+    const double moved = v_by_a_ * std::sqrt(turn_.cwiseAbs2().dot(inertia_));
+    size = slack + std::sqrt(v.cwiseAbs2().dot(inertia_)) + h_ * std::sqrt(a_.cwiseAbs2().dot(inertia_));
+    const bool stalled = iteration > 2 && moved > 0.5 * before && moved < 1e-7 * size;
+    before = moved;
+    to_end(q, v);
+    const bool done = moved <= 1e-10 * size || stalled;
+    if (!done && iteration < kSame) continue;
+    residual(q, v, a_);
+    mass_matrix(q, last_.by_a);
+    differentiate(q, v, a_, last_);
+    if (!done) continue;
+    shift(false);
+    return S_.allFinite() && arm_->within_reach(q, v) ? Status::ok : Status::not_finite;
+  }
+  return Status::not_converged;
+}
+
+void KalmanModel::tangent(VectorXd& dq, VectorXd& dv, const VectorXd& dp, const VectorXd& dtau) {
+  turn_ = dtau;
+  turn_.noalias() -= first_.by_q * dq;
+  turn_.noalias() -= first_.by_v * dv;
+  if (dp.size() > 0) turn_.noalias() -= first_.by_p * dp;
+  begin_.solveInPlace(turn_);  // of a0
+  dq += h_ * dv + q_by_a0_ * turn_;
+  dv += v_by_a0_ * turn_;
+  turn_ = dtau;
+  turn_.noalias() -= last_.by_q * dq;
+  turn_.noalias() -= last_.by_v * dv;
+  if (dp.size() > 0) turn_.noalias() -= last_.by_p * dp;
+  r_ = end_.solve(turn_);  // of a
+  dq += q_by_a_ * r_;
+  dv += v_by_a_ * r_;
+}
+
+}  // namespace flexarm
