@@ -34,6 +34,7 @@ Sensors
     Sensor, Sampler, Reading            what they share; one in a control loop; what one reads of a run
     LowPass                             the filter of a sensor, of the first or second order
     psd, PowerSpectrum                  power spectral density
+    KalmanFilter, Estimate              states, payload and friction from what sensors read, online; over a record
 Data
     load_data, Data         columns over time with units, from CSV, HDF5, .mat, .npz, pandas or a result
     Comparison              what result.compare(data) gives: a run beside what was measured
@@ -55,7 +56,7 @@ Warnings
     RangeWarning, WatchWarning          a beam bent too far for its order; a run that left its model's range
     LoopWarning, PulseWarning           a control loop that grows; a pulse that the steps have missed
     SlowWarning, StepWarning            very many steps; steps above the limit of "rk4"
-    DataWarning                         gaps in time, constant signals
+    DataWarning, FilterWarning          gaps in time, constant signals; a filter whose readings surprise it
 
 Elsewhere: flexarm.env (Gymnasium environments), flexarm.tasks (what they ask), flexarm.cli (the command line).
 """
@@ -104,6 +105,8 @@ from .data.compare import Comparison as Comparison
 from .data.data import Data as Data
 from .data.load import load_data as load_data
 from .data.signal import DataWarning as DataWarning
+from .estimate.estimate import Estimate as Estimate
+from .estimate.kalman import FilterWarning as FilterWarning, KalmanFilter as KalmanFilter
 from .parts.beam import Beam as Beam, RigidBody as RigidBody
 from .parts.joints import (
     Axes as Axes,

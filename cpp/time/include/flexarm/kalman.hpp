@@ -89,6 +89,7 @@ class KalmanFilter {
   /// @return when not ok, an estimate is not finite
   Status update(const Eigen::VectorXd& y);
 
+  const Arm& arm() const { return *arm_; }
   const Eigen::VectorXd& q() const { return q_; }
   const Eigen::VectorXd& v() const { return v_; }
   const Eigen::VectorXd& parameters() const { return p_; }
