@@ -31,6 +31,16 @@ void check_joint(const Arm& arm, const std::string& field, int rate) {
   bad_value(field, rate, "must be the index of a joint's rate in v");
 }
 
+/// Of a joint's rate.
+JointForce force_of(const Arm& arm, int rate) {
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const std::vector<JointForce>& forces = arm.link(n).joint().forces();
+    const int k = rate - arm.first(n);
+    if (k >= 0 && k < static_cast<int>(forces.size())) return forces[static_cast<std::size_t>(k)];
+  }
+  return {};
+}
+
 void check(const Arm& arm, std::size_t k, const KalmanSensor& s) {
   if (s.by_q.size() != arm.nv() || s.by_v.size() != arm.nv() || !s.by_q.allFinite() || !s.by_v.allFinite())
     bad_value(entry("sensors", k, "by_q"), s.by_q.size(), "by_q and by_v must be of finite numbers, one for each rate");
@@ -117,9 +127,17 @@ KalmanFilter::KalmanFilter(const Arm& arm, double h, const std::vector<KalmanSen
   q_ = q0_ = v_ = v0_ = dq_ = dv_ = dtau_ = old_q_ = old_v_ = VectorXd::Zero(n);
   p_ = dp_ = VectorXd::Zero(m);
   f_ = f0_ = df_ = VectorXd::Zero(filters);
-  row_ = phi_ = gain_ = scratch_ = VectorXd::Zero(states);
+  row_ = phi_ = gain_ = VectorXd::Zero(states);
   essential_ = VectorXd::Zero(states + noises);
   innovations_ = innovation_deviations_ = VectorXd::Zero(static_cast<Index>(sensors.size()));
+  lowest_ = VectorXd::Constant(m, -std::numeric_limits<double>::infinity());
+  for (Index k = 0; k < m; ++k) {
+    const KalmanParameter& p = parameters[static_cast<std::size_t>(k)];
+    const JointForce own = p.kind == KalmanParameter::payload ? JointForce() : force_of(arm, p.rate);
+    if (p.kind == KalmanParameter::payload) lowest_[k] = 0.0;
+    if (p.kind == KalmanParameter::damping) lowest_[k] = -own.damping;
+    if (p.kind == KalmanParameter::coulomb) lowest_[k] = -own.coulomb;
+  }
   L_ = transition_ = Eigen::MatrixXd::Identity(states, states);
   rows_ = Eigen::MatrixXd::Zero(states + noises, states);
   J_ = Mat6X<double>::Zero(6, n);
@@ -260,8 +278,30 @@ double KalmanFilter::expected(std::size_t sensor) {
   return y;
 }
 
-Status KalmanFilter::update(const VectorXd& y) {
+/// The state changes by so many times gain_.
+void KalmanFilter::add(double times) {
   const Index n = q_.size(), m = p_.size();
+  q_ += times * gain_.head(n);
+  v_ += times * gain_.segment(n, n);
+  p_ += times * gain_.segment(2 * n, m);
+  f_ += times * gain_.tail(f_.size());
+}
+
+/// A parameter that is below its bound goes there, and the rest of the state to what is most likely then.
+void KalmanFilter::bound(Index parameter) {
+  const Index row = 2 * q_.size() + parameter;
+  if (!(p_[parameter] < lowest_[parameter])) return;
+  phi_ = L_.row(row).transpose();
+  const double variance = phi_.squaredNorm();
+  if (variance > 0.0) {
+    gain_.noalias() = L_ * phi_;
+    add((lowest_[parameter] - p_[parameter]) / variance);
+  }
+  p_[parameter] = lowest_[parameter];
+}
+
+Status KalmanFilter::update(const VectorXd& y) {
+  const Index m = p_.size();
   nis_ = 0.0;
   used_ = 0;
   for (std::size_t k = 0; k < sensors_.size(); ++k) {
@@ -273,11 +313,7 @@ Status KalmanFilter::update(const VectorXd& y) {
     phi_.noalias() = L_.transpose() * row_;
     const double variance = phi_.squaredNorm() + noise;
     gain_.noalias() = L_ * phi_;
-    scratch_ = gain_ / variance * innovation;
-    q_ += scratch_.head(n);
-    v_ += scratch_.segment(n, n);
-    p_ += scratch_.segment(2 * n, m);
-    f_ += scratch_.tail(f_.size());
+    add(innovation / variance);
     gain_ /= variance + std::sqrt(variance * noise);  // Potter (1963)
     for (Index j = 0; j < L_.cols(); ++j) L_.col(j) -= phi_[j] * gain_;
     innovations_[at] = innovation;
@@ -285,6 +321,7 @@ Status KalmanFilter::update(const VectorXd& y) {
     nis_ += innovation * innovation / variance;
     ++used_;
   }
+  for (Index k = 0; k < m; ++k) bound(k);
   return q_.allFinite() && v_.allFinite() && p_.allFinite() && L_.allFinite() ? Status::ok : Status::not_finite;
 }
 

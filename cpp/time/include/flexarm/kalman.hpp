@@ -37,7 +37,8 @@ struct KalmanSensor {
   Eigen::VectorXd before = {}, after = {};
 };
 
-/// A constant that is estimated along with the state, in addition to what the arm has.
+/// A constant that is estimated along with the state, in addition to what the arm has. Payloads, and friction with the
+/// arm's own, are kept from becoming negative.
 struct KalmanParameter {
   enum Kind {
     payload,  ///< mass at the last link's end (kg), a point
@@ -114,6 +115,8 @@ class KalmanFilter {
   double expected(std::size_t sensor);
   void carry(Eigen::Index column, bool noise);
   void triangularise();
+  void add(double times);
+  void bound(Eigen::Index parameter);
 
   const Arm* arm_;
   std::vector<KalmanSensor> sensors_;
@@ -123,7 +126,7 @@ class KalmanFilter {
   double h_;
   std::unique_ptr<KalmanModel> model_;
   Eigen::VectorXd q_, v_, p_, f_, q0_, v0_, f0_, row_, phi_, gain_, innovations_, innovation_deviations_;
-  Eigen::VectorXd dq_, dv_, dp_, df_, dtau_, old_q_, old_v_, essential_, scratch_;
+  Eigen::VectorXd dq_, dv_, dp_, df_, dtau_, old_q_, old_v_, essential_, lowest_;
   Eigen::MatrixXd L_, rows_, transition_;
   Mat6X<double> J_;
   double nis_ = 0.0;
