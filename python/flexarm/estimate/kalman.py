@@ -14,14 +14,11 @@ import flexarm._core as _core
 
 from .._check import Array, array, number
 from ..arm import Arm
-from ..sensing.lowpass import LowPass
 from ..sensing.reading import Reading
 from ..sensing.sensor import Sensor
-from ..sensing.sensors import Camera, Encoder, StrainGauge, Tachometer
 from .estimate import Estimate
+from .rows import sensor_rows, unknowns
 
-#: parameters by name, in the order of the core
-KINDS = ("payload", "damping", "coulomb", "offset", "gain")
 _STATUS = ("", "the mass matrix is singular", "a step has no solution", "the estimate ran away")
 _WINDOW = 500  # readings over which innovations are tested
 _BEYOND = 6.0  # standard deviations of a normal distribution: one window in 1e9
@@ -95,7 +92,7 @@ class KalmanFilter:
         labels, rows, ranges = [], [], []
         for k, sensor in enumerate(self.sensors):
             try:
-                rows += _rows(arm, sensor, self.step)
+                rows += sensor_rows(arm, sensor, self.step)
             except ValueError as e:
                 raise ValueError(f"sensors[{k}]: {e}") from None
             parts = [label for label, _ in sensor.components(arm)]
@@ -104,16 +101,16 @@ class KalmanFilter:
         #: of the k readings, in the order of the sensors and their components
         self.labels: tuple[str, ...] = tuple(labels)
         self._range = np.array(ranges)
-        self._names, unknowns = _unknowns(arm, estimate or {}, drift or {})
+        self._names, parameters = unknowns(arm, estimate or {}, drift or {})
         joints = np.zeros(arm.nv)
         for n, link in enumerate(arm.links):
             joints[arm.joint_rates(n) if link.joint.nv else []] = 1.0
         noise = array("force_noise", force_noise)
         if (noise < 0).any():
-            raise ValueError(f"force_noise = {force_noise}: must not be negative")
+            raise ValueError(f"force_noise = {force_noise!r}: must not be negative")
         noise = noise * joints if noise.ndim == 0 else array("force_noise", force_noise, (arm.nv,))
         self._core = _core.KalmanFilter(
-            arm._core, self.step, rows, unknowns, noise,
+            arm._core, self.step, rows, parameters, noise,
             number("spectral_radius", spectral_radius), number("friction_speed", friction_speed),
         )  # fmt: skip
         self._start = [
@@ -292,8 +289,9 @@ class KalmanFilter:
             self._sums[0] -= old
             self._sums[1] -= count
         n = self._sums[1]
-        # Wilson and Hilferty's approximation of chi-square's quantile
-        if n >= _WINDOW and not self._warned and self.consistency > (1 - 2 / (9 * n) + _BEYOND * (2 / (9 * n)) ** 0.5) ** 3:
+        spread = 2 / (9 * n)
+        most = (1 - spread + _BEYOND * spread**0.5) ** 3  # chi-square's quantile over n, by Wilson and Hilferty
+        if n >= _WINDOW and not self._warned and self.consistency > most:
             self._warned = True
             warnings.warn(FilterWarning(
                 f"the latest {n} readings are {self.consistency ** 0.5:.3g} times as far from what was expected as the "
@@ -321,7 +319,7 @@ class KalmanFilter:
             at = (reading.t - t[0]) / self.step
             whole = np.round(at).astype(int)
             if np.abs(at - whole).max(initial=0.0) > 1e-3:
-                raise ValueError(f"readings[{k}].t: must be times of t; a sensor's rate must divide {1 / self.step:g} Hz")
+                raise ValueError(f"readings[{k}].t: must be times of t; have a rate that divides {1 / self.step:g} Hz")
             inside = (whole >= 0) & (whole < t.size)
             rows[whole[inside]] = reading.y[inside]
             columns.append(rows)
@@ -332,59 +330,5 @@ def _each(field: str, value: ArrayLike, count: int) -> Array:
     given = array(field, value)
     given = array(field, value, (count,)) if given.ndim else np.full(count, float(given))
     if (given < 0).any():
-        raise ValueError(f"{field} = {value}: must not be negative")
+        raise ValueError(f"{field} = {value!r}: must not be negative")
     return given
-
-
-def _rows(arm: Arm, sensor: Sensor, step: float) -> list[Any]:
-    """A sensor's components as the core takes them."""
-    if not isinstance(sensor, (Encoder, Tachometer, StrainGauge, Camera)):
-        raise ValueError(f"{type(sensor).__name__}: must be an Encoder, Tachometer, StrainGauge or Camera")
-    if sensor.delay:
-        raise ValueError(f"delay = {sensor.delay}: the filter takes readings as of now; shift them in time")
-    sensor.check(arm)
-    n, count = arm.nv, len(sensor.components(arm))
-    std = np.sqrt(sensor._each("noise", count, 0.0) ** 2 + sensor.steps(arm) ** 2 / 12)
-    if not (std > 0).all():
-        raise ValueError("noise = None: a filter must know how far to believe a sensor; give its standard deviation")
-    F, before, after = np.empty((0, 0)), np.empty(0), np.empty(0)
-    if isinstance(sensor.filter, LowPass):
-        if isinstance(sensor, Camera):
-            raise ValueError("filter: a camera's is not in the model")
-        steps, order = sensor.filter.step(step), sensor.filter.order
-        F, before, after = steps[:, :order], steps[:, order] + steps[:, order + 1] / 2, steps[:, order + 2] + steps[:, order + 1] / 2  # fmt: skip
-    if isinstance(sensor, Camera):
-        if sensor.axes != "world":
-            raise ValueError(f"axes = {sensor.axes!r}: must be 'world'")
-        place = arm._link(sensor.link), sensor.x
-        return [(np.zeros(n), np.zeros(n), 0.0, std[k], place, np.eye(3)[k], F, before, after) for k in range(3)]
-    # linear: by states of one coordinate or rate alone
-    zero, unit = np.zeros((n, n)), np.eye(n)
-    y0 = sensor.measure(arm, 0.0, arm.zero, np.zeros(n))[0]
-    by_q = sensor.measure(arm, np.zeros(n), arm.zero + unit, zero)[:, 0] - y0
-    by_v = sensor.measure(arm, np.zeros(n), arm.zero + zero, unit)[:, 0] - y0
-    return [(by_q, by_v, float(y0), std[0], None, np.zeros(3), F, before, after)]
-
-
-def _unknowns(
-    arm: Arm, estimate: Mapping[str, Any], drift: Mapping[str, Any]
-) -> tuple[list[str], list[tuple[int, int, float, float, float]]]:
-    """Names of parameters, and these as the core takes them."""
-    out = []
-    for name, value in drift.items():
-        if name not in estimate:
-            raise ValueError(f"drift: {name} is not among those of estimate: {', '.join(estimate) or 'none'}")
-        if not 0 <= number(f"drift: {name}", value) < np.inf:
-            raise ValueError(f"drift: {name} = {value}: must not be negative (unit/sqrt(s))")
-    for name, value in estimate.items():
-        kind, *where = str(name).split(".")
-        right = "must be 'payload', or " + ", ".join(f"'{k}.LINK'" for k in KINDS[1:])
-        if kind not in KINDS or (kind == "payload") != (not where) or len(where) > 2 or not all(map(str.isdigit, where)):
-            raise ValueError(f"estimate: {name!r}: {right}")
-        place: Any = [int(w) for w in where]
-        rate = arm.joint_rate(tuple(place) if len(place) == 2 else place[0], f"estimate: {name}: link") if place else 0
-        start, std = array(f"estimate: {name}: (start, standard deviation)", value, (2,))
-        if std < 0:
-            raise ValueError(f"estimate: {name} = {value}: the standard deviation must not be negative")
-        out.append((KINDS.index(kind), rate, float(start), float(std), float(drift.get(name, 0.0))))
-    return list(estimate), out
