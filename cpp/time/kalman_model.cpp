@@ -17,11 +17,19 @@ constexpr int kSame = 3;        // iterations with the matrix of the beginning; 
 constexpr int kSlopes = 5;      // up to here with the slopes of friction, then with its chords,
 constexpr double kNear = 1e-2;  // until the velocities are known to this part
 
-std::vector<Load> at_the_end(const Arm& arm, bool carries) {
-  return std::vector<Load>(carries ? 1 : 0, Load::at_end(arm, arm.size() - 1, true));
+std::vector<Link> with_a_kilogram(std::vector<Link> links) {
+  RigidBody point;
+  point.mass = 1.0;
+  links.emplace_back(Joint::fixed(), point, std::nullopt, std::nullopt);
+  return links;
 }
 
 }  // namespace
+
+KalmanModel::Loaded::Loaded(const Arm& bare)
+    : arm(with_a_kilogram(bare.links()), bare.gravity()), ws(arm), inverse(arm) {
+  take_composite(arm, ws);
+}
 
 KalmanModel::KalmanModel(const Arm& arm, double h, const std::vector<KalmanParameter>& parameters,
                          const KalmanOptions& options)
@@ -35,9 +43,8 @@ KalmanModel::KalmanModel(const Arm& arm, double h, const std::vector<KalmanParam
         return -1;
       }()),
       h_(h),
-      ws_(arm, {}, at_the_end(arm, payload_ >= 0)),
-      inverse_(arm, at_the_end(arm, payload_ >= 0)),
-      J_(Mat6X<double>::Zero(6, arm.nv())) {
+      ws_(arm),
+      inverse_(arm) {
   const Eigen::Index n = arm.nv(), m = static_cast<Eigen::Index>(parameters.size());
   const AlphaNumbers alpha(options.spectral_radius);
   const double by_a = alpha.by_a(), rest = 1.0 - by_a;  // of the auxiliary acceleration, by a and a0
@@ -45,7 +52,7 @@ KalmanModel::KalmanModel(const Arm& arm, double h, const std::vector<KalmanParam
   v_by_a0_ = h * (1.0 - alpha.gamma + alpha.gamma * rest);
   q_by_a_ = h * h * alpha.beta * by_a;
   v_by_a_ = h * alpha.gamma * by_a;
-  if (payload_ >= 0) motion_.emplace(arm, arm.size() - 1, std::nullopt);
+  if (payload_ >= 0) loaded_.emplace(arm);
   take_composite(arm, ws_);
   zero_ = r_ = a0_ = a_ = turn_ = q0_ = v0_ = tau_ = coulomb_ = damping_ = inertia_ = r0_ = VectorXd::Zero(n);
   p_ = VectorXd::Zero(m);
@@ -60,16 +67,12 @@ KalmanModel::KalmanModel(const Arm& arm, double h, const std::vector<KalmanParam
 
 /// Into r_.
 void KalmanModel::residual(const VectorXd& q, const VectorXd& v, const VectorXd& a) {
-  if (payload_ >= 0) {
-    move_arm(*arm_, ws_, q, v);
-    accelerate_arm(*arm_, ws_, a);
-    const std::size_t last = arm_->size() - 1;
-    slice_jacobian(*arm_, ws_, last, J_);
-    pull_ = slice_motion(*arm_, ws_, last).acceleration.head<3>() - arm_->gravity();
-    ws_.loads[0].wrench << -mass_ * pull_, Eigen::Vector3d::Zero();
-  }
   inverse_dynamics(*arm_, ws_, q, v, a);
   r_ = ws_.tau - tau_;
+  if (loaded_) {
+    inverse_dynamics(loaded_->arm, loaded_->ws, q, v, a);
+    r_ += mass_ * (loaded_->ws.tau - ws_.tau);
+  }
   for (Eigen::Index i = 0; i < r_.size(); ++i)
     r_[i] += damping_[i] * v[i] + (coulomb_[i] != 0.0 ? coulomb_[i] * std::tanh(v[i] / speed_) : 0.0);
 }
@@ -77,20 +80,20 @@ void KalmanModel::residual(const VectorXd& q, const VectorXd& v, const VectorXd&
 void KalmanModel::mass_matrix(const VectorXd& q, MatrixXd& M) {
   composite_mass_matrix(*arm_, ws_, q);
   M = ws_.M;
-  if (payload_ >= 0) M += mass_ * J_.topRows<3>().transpose().lazyProduct(J_.topRows<3>());
+  if (!loaded_) return;
+  composite_mass_matrix(loaded_->arm, loaded_->ws, q);
+  M += mass_ * (loaded_->ws.M - ws_.M);
 }
 
 /// Of the residual that was evaluated last, at the same q, v and a.
 void KalmanModel::differentiate(const VectorXd& q, const VectorXd& v, const VectorXd& a, Instant& at) {
-  if (payload_ >= 0) inverse_.set_wrench(0, ws_.loads[0].wrench);
   inverse_(*arm_, q, v, a);
   at.by_q = inverse_.dq;
   at.by_v = inverse_.dv;
-  if (payload_ >= 0) {
-    (*motion_)(*arm_, q, v, a);
-    const auto arms = J_.topRows<3>().transpose();
-    at.by_q += mass_ * arms.lazyProduct(motion_->dq.middleRows<3>(6));
-    at.by_v += mass_ * arms.lazyProduct(motion_->dv.middleRows<3>(6));
+  if (loaded_) {
+    loaded_->inverse(loaded_->arm, q, v, a);
+    at.by_q += mass_ * (loaded_->inverse.dq - inverse_.dq);
+    at.by_v += mass_ * (loaded_->inverse.dv - inverse_.dv);
   }
   for (Eigen::Index i = 0; i < v.size(); ++i) {
     const double slope = 1.0 / std::cosh(std::min(std::abs(v[i]) / speed_, 300.0));
@@ -102,7 +105,7 @@ void KalmanModel::differentiate(const VectorXd& q, const VectorXd& v, const Vect
     auto column = at.by_p.col(static_cast<Eigen::Index>(k));
     switch (parameters_[k].kind) {
       case KalmanParameter::payload:
-        column.noalias() = J_.topRows<3>().transpose().lazyProduct(pull_);
+        column = loaded_->ws.tau - ws_.tau;
         break;
       case KalmanParameter::damping:
         column[i] = v[i];
@@ -129,7 +132,7 @@ Status KalmanModel::begin(const VectorXd& q, const VectorXd& v) {
   if (begin_.info() != Eigen::Success) return Status::singular;
   a0_ = -r_;
   begin_.solveInPlace(a0_);
-  residual(q, v, a0_);  // for the payload's pull
+  if (loaded_) residual(q, v, a0_);  // for derivatives by its mass
   differentiate(q, v, a0_, first_);
   return Status::ok;
 }

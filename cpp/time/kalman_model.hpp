@@ -10,8 +10,9 @@
 namespace flexarm {
 
 /// The step of ImplicitStep, begun anew, whose residual has the forces of parameters as well:
-///   r(q, v, a; p) = inverse dynamics + m J^T (J a + dJ/dt v - g) + friction(v) - tau.
-/// A payload's mass m multiplies accelerations, so that it is part of the matrices; it is exact, as if the arm had it.
+///   r(q, v, a; p) = inverse dynamics + friction(v) - tau.
+/// Inverse dynamics is linear in a payload's mass m: (1 - m) times that of the arm + m times that of the arm with 1 kg
+/// more. So are its derivatives, which makes those by the mass, and by all else with it, exact.
 class KalmanModel {
  public:
   KalmanModel(const Arm& arm, double h, const std::vector<KalmanParameter>& parameters, const KalmanOptions& options);
@@ -32,6 +33,13 @@ class KalmanModel {
   struct Instant {
     Eigen::MatrixXd by_q, by_v, by_a, by_p;
   };
+  /// The arm with 1 kg at its end.
+  struct Loaded {
+    explicit Loaded(const Arm& bare);
+    Arm arm;
+    Workspace ws;
+    InverseDerivatives inverse;
+  };
   void residual(const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
   void differentiate(const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a, Instant& at);
   void mass_matrix(const Eigen::VectorXd& q, Eigen::MatrixXd& M);
@@ -48,9 +56,7 @@ class KalmanModel {
   double h_, q_by_a0_, v_by_a0_, q_by_a_, v_by_a_;
   Workspace ws_;
   InverseDerivatives inverse_;
-  std::optional<MotionDerivatives> motion_;  ///< of the payload
-  Mat6X<double> J_;
-  Eigen::Vector3d pull_ = Eigen::Vector3d::Zero();  ///< of the payload: acceleration less gravity
+  std::optional<Loaded> loaded_;
   double mass_ = 0.0;
   Eigen::VectorXd p_, tau_, r_, a0_, a_, turn_, q0_, v0_, coulomb_, damping_, inertia_, zero_, r0_;
   Instant first_, last_;
