@@ -99,7 +99,7 @@ int run(const std::string& scene, int cycles, double payload) {
     }
     if (arm.link(n).beam()) sensors.push_back(KalmanSensor::gauge(arm, n, 0.01, 0.002, 0.0, kGauge));
   }
-  VectorXd force_noise = VectorXd::Constant(arm.nv(), 1e-3), zero = VectorXd::Zero(arm.nv());
+  VectorXd force_noise = VectorXd::Constant(arm.nv(), 1e-4), zero = VectorXd::Zero(arm.nv());
   for (const int i : joints) force_noise[i] = 0.02;
   KalmanFilter filter(arm, kPeriod, sensors, {{KalmanParameter::payload, 0, payload / 3.0, 2.0 * payload}},
                       force_noise);
@@ -117,8 +117,7 @@ int run(const std::string& scene, int cycles, double payload) {
     const double t = k * kPeriod;
     for (std::size_t j = 0; j < joints.size(); ++j) {  // soft PD on what is known
       const double w = 4.0 + 2.0 * static_cast<double>(j), reference = 0.5 * (1.0 - std::cos(w * t));
-      tau[joints[j]] =
-          inertia[joints[j]] * (100.0 * (reference - filter.q()[joints[j]]) - 10.0 * filter.v()[joints[j]]);
+      tau[joints[j]] = inertia[joints[j]] * (16.0 * (reference - filter.q()[joints[j]]) - 5.0 * filter.v()[joints[j]]);
     }
     const double start = microseconds();
     if (step(ws, q, v, tau) != Status::ok) return failed("plant", k);
