@@ -13,9 +13,9 @@ using Eigen::VectorXd;
 
 namespace {
 
-constexpr int kSame = 3;        // iterations with the matrix of the beginning; then each has its own,
-constexpr int kSlopes = 5;      // up to here with the slopes of friction, then with its chords,
-constexpr double kNear = 1e-2;  // until the velocities are known to this part
+constexpr int kSame = 3;    // iterations with the matrix of the beginning; then each has its own,
+constexpr int kSlopes = 5;  // up to here with the slopes of friction, then with its chords,
+constexpr int kTurn = 3;    // but for each third
 
 std::vector<Link> with_a_kilogram(std::vector<Link> links) {
   RigidBody point;
@@ -175,16 +175,16 @@ Status KalmanModel::step(VectorXd& q, VectorXd& v, const VectorXd& p, const Vect
   if (const Status status = begin(q, v); status != Status::ok) return status;
   a_ = a0_;
   last_ = first_;
-  double before = 0.0, size = 0.0;
+  double before = 0.0;
   for (int iteration = 1; iteration <= max_iterations_; ++iteration) {
-    if (iteration == 1 || iteration > kSame) shift(iteration > kSlopes && before > kNear * size);
+    if (iteration == 1 || iteration > kSame) shift(iteration > kSlopes && iteration % kTurn != 0);
     to_end(q, v);
     residual(q, v, a_);
     if (!r_.allFinite()) return Status::not_finite;
     turn_ = end_.solve(r_);
     a_ -= turn_;
     const double moved = v_by_a_ * std::sqrt(turn_.cwiseAbs2().dot(inertia_));
-    size = slack + std::sqrt(v.cwiseAbs2().dot(inertia_)) + h_ * std::sqrt(a_.cwiseAbs2().dot(inertia_));
+    const double size = slack + std::sqrt(v.cwiseAbs2().dot(inertia_)) + h_ * std::sqrt(a_.cwiseAbs2().dot(inertia_));
     const bool stalled = iteration > 2 && moved > 0.5 * before && moved < 1e-7 * size;
     before = moved;
     to_end(q, v);
