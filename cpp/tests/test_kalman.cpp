@@ -234,6 +234,26 @@ TEST_CASE("the square root is that of the covariance in full") {
   CHECK(filter.nis() == doctest::Approx(off.head(4).dot(S.inverse() * off.head(4))).epsilon(1e-3));
 }
 
+TEST_CASE("steps through the bend of friction are found") {
+  RigidBody light = flexarm_test::body(0.02, {0.1, 0, 0});
+  std::vector<Link> links;
+  links.emplace_back(Joint::revolute({0, 0, 1}), light, std::nullopt, std::nullopt);
+  const Arm arm(std::move(links));
+  const VectorXd none = VectorXd::Zero(1);
+  KalmanFilter filter(arm, kStep, {KalmanSensor::encoder(arm, 0, 1e-3)}, {{KalmanParameter::coulomb, 0, 0.1, 0.0}},
+                      none);
+  int turned = 0;
+  for (int k = 0; k < 400; ++k) {
+    VectorXd v(1), tau(1);
+    v[0] = 0.05 * std::sin(1.0 * k);
+    tau[0] = 0.3 * std::sin(0.37 * k);
+    filter.start(none, v, none, none);
+    REQUIRE(filter.predict(tau) == Status::ok);
+    turned += v[0] * filter.v()[0] < 0.0;
+  }
+  CHECK(turned > 50);
+}
+
 TEST_CASE("a place has the covariance of its coordinates") {
   const Arm arm = two_links(0.0);
   const Start at(arm);
