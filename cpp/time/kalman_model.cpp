@@ -1,5 +1,6 @@
 #include "kalman_model.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "flexarm/ci.hpp"
@@ -13,9 +14,7 @@ using Eigen::VectorXd;
 
 namespace {
 
-constexpr int kSame = 3;    // iterations with the matrix of the beginning; then each has its own,
-constexpr int kSlopes = 5;  // up to here with the slopes of friction, then with its chords,
-constexpr int kTurn = 3;    // but for each third
+constexpr int kSame = 3;  // iterations with the derivatives of the beginning; then each has its own
 
 std::vector<Link> with_a_kilogram(std::vector<Link> links) {
   RigidBody point;
@@ -54,7 +53,8 @@ KalmanModel::KalmanModel(const Arm& arm, double h, const std::vector<KalmanParam
   v_by_a_ = h * alpha.gamma * by_a;
   if (payload_ >= 0) loaded_.emplace(arm);
   take_composite(arm, ws_);
-  zero_ = r_ = a0_ = a_ = turn_ = q0_ = v0_ = tau_ = coulomb_ = damping_ = inertia_ = r0_ = VectorXd::Zero(n);
+  zero_ = r_ = a0_ = a_ = turn_ = q0_ = v0_ = tau_ = coulomb_ = damping_ = inertia_ = r0_ = rub_ = rubbing_ = slope_ =
+      VectorXd::Zero(n);
   p_ = VectorXd::Zero(m);
   for (Instant* at : {&first_, &last_}) {
     at->by_q = at->by_v = at->by_a = MatrixXd::Zero(n, n);
@@ -73,8 +73,7 @@ void KalmanModel::residual(const VectorXd& q, const VectorXd& v, const VectorXd&
     inverse_dynamics(loaded_->arm, loaded_->ws, q, v, a);
     r_ += mass_ * (loaded_->ws.tau - ws_.tau);
   }
-  for (Eigen::Index i = 0; i < r_.size(); ++i)
-    r_[i] += damping_[i] * v[i] + (coulomb_[i] != 0.0 ? coulomb_[i] * std::tanh(v[i] / speed_) : 0.0);
+  for (Eigen::Index i = 0; i < r_.size(); ++i) r_[i] += damping_[i] * v[i] + coulomb_[i] * sliding(v[i]);
 }
 
 void KalmanModel::mass_matrix(const VectorXd& q, MatrixXd& M) {
@@ -96,8 +95,9 @@ void KalmanModel::differentiate(const VectorXd& q, const VectorXd& v, const Vect
     at.by_v += mass_ * (loaded_->inverse.dv - inverse_.dv);
   }
   for (Eigen::Index i = 0; i < v.size(); ++i) {
-    const double slope = 1.0 / std::cosh(std::min(std::abs(v[i]) / speed_, 300.0));
-    at.by_v(i, i) += damping_[i] + coulomb_[i] / speed_ * slope * slope;
+    const double slope = 1.0 / std::hypot(v[i], speed_);
+    slope_[i] = coulomb_[i] * speed_ * speed_ * slope * slope * slope;
+    at.by_v(i, i) += damping_[i] + slope_[i];
   }
   at.by_p.setZero();
   for (std::size_t k = 0; k < parameters_.size(); ++k) {
@@ -111,7 +111,7 @@ void KalmanModel::differentiate(const VectorXd& q, const VectorXd& v, const Vect
         column[i] = v[i];
         break;
       case KalmanParameter::coulomb:
-        column[i] = std::tanh(v[i] / speed_);
+        column[i] = sliding(v[i]);
         break;
       case KalmanParameter::offset:
         column[i] = -1.0;
@@ -142,15 +142,20 @@ void KalmanModel::to_end(VectorXd& q, VectorXd& v) {
   v = v0_ + v_by_a0_ * a0_ + v_by_a_ * a_;
 }
 
-/// With the chord of Coulomb friction, c tanh(v / s) / v, in place of its slope, an iteration contracts from anywhere.
-void KalmanModel::shift(bool chords) {
-  S_ = last_.by_a + v_by_a_ * last_.by_v + q_by_a_ * last_.by_q;
-  for (Eigen::Index i = 0; chords && i < r_.size(); ++i) {
-    if (coulomb_[i] == 0.0) continue;
-    const double v = v0_[i] + v_by_a0_ * a0_[i] + v_by_a_ * a_[i], x = std::abs(v) / speed_;
-    const double slope = 1.0 / std::cosh(std::min(x, 300.0));
-    S_(i, i) += v_by_a_ * coulomb_[i] / speed_ * ((x > 1e-4 ? std::tanh(x) / x : 1.0) - slope * slope);
+/// Newton's iteration would jump to and fro across the bend of friction. It does not where the force f of friction is
+/// an unknown of its own: the law f = c v / w, w = sqrt(v^2 + speed^2), is linearised as w f = c v (Chan, Golub & Mulet
+/// 1999), which has the slope (c - f v / w) / w.
+void KalmanModel::rub(const VectorXd& v) {
+  for (Eigen::Index i = 0; i < v.size(); ++i) {
+    const double w = std::hypot(v[i], speed_);
+    rubbing_[i] = (coulomb_[i] - rub_[i] * v[i] / w) / w;
   }
+}
+
+/// Matrix of the equations at the end by the accelerations there, from the derivatives of the last instant.
+void KalmanModel::factor() {
+  S_ = last_.by_a + v_by_a_ * last_.by_v + q_by_a_ * last_.by_q;
+  S_.diagonal() += v_by_a_ * (rubbing_ - slope_);
   end_.compute(S_);
 }
 
@@ -175,14 +180,23 @@ Status KalmanModel::step(VectorXd& q, VectorXd& v, const VectorXd& p, const Vect
   if (const Status status = begin(q, v); status != Status::ok) return status;
   a_ = a0_;
   last_ = first_;
+  const bool rubs = !coulomb_.isZero(0.0);
+  for (Eigen::Index i = 0; i < v.size(); ++i) rub_[i] = coulomb_[i] * sliding(v[i]);
   double before = 0.0;
   for (int iteration = 1; iteration <= max_iterations_; ++iteration) {
-    if (iteration == 1 || iteration > kSame) shift(iteration > kSlopes && iteration % kTurn != 0);
     to_end(q, v);
+    if (rubs || iteration == 1 || iteration > kSame) {
+      rub(v);
+      factor();
+    }
     residual(q, v, a_);
     if (!r_.allFinite()) return Status::not_finite;
     turn_ = end_.solve(r_);
     a_ -= turn_;
+    for (Eigen::Index i = 0; i < v.size(); ++i) {
+      const double now = coulomb_[i] * sliding(v[i]) - rubbing_[i] * v_by_a_ * turn_[i], most = std::abs(coulomb_[i]);
+      rub_[i] = std::min(std::max(now, -most), most);
+    }
     const double moved = v_by_a_ * std::sqrt(turn_.cwiseAbs2().dot(inertia_));
     const double size = slack + std::sqrt(v.cwiseAbs2().dot(inertia_)) + h_ * std::sqrt(a_.cwiseAbs2().dot(inertia_));
     const bool stalled = iteration > 2 && moved > 0.5 * before && moved < 1e-7 * size;
@@ -194,7 +208,8 @@ Status KalmanModel::step(VectorXd& q, VectorXd& v, const VectorXd& p, const Vect
     mass_matrix(q, last_.by_a);
     differentiate(q, v, a_, last_);
     if (!done) continue;
-    shift(false);
+    rubbing_ = slope_;
+    factor();
     return S_.allFinite() && arm_->within_reach(q, v) ? Status::ok : Status::not_finite;
   }
   return Status::not_converged;

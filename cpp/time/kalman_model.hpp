@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <cmath>
 
 #include "flexarm/derivatives.hpp"
 #include "flexarm/kalman.hpp"
@@ -45,8 +46,10 @@ class KalmanModel {
   void mass_matrix(const Eigen::VectorXd& q, Eigen::MatrixXd& M);
   Status begin(const Eigen::VectorXd& q, const Eigen::VectorXd& v);
   void to_end(Eigen::VectorXd& q, Eigen::VectorXd& v);
-  /// Matrix of an iteration, from the derivatives of the last instant.
-  void shift(bool chords);
+  void rub(const Eigen::VectorXd& v);
+  void factor();
+  /// Coulomb friction over c.
+  double sliding(double v) const { return v / std::hypot(v, speed_); }
 
   const Arm* arm_;
   std::vector<KalmanParameter> parameters_;
@@ -59,6 +62,7 @@ class KalmanModel {
   std::optional<Loaded> loaded_;
   double mass_ = 0.0;
   Eigen::VectorXd p_, tau_, r_, a0_, a_, turn_, q0_, v0_, coulomb_, damping_, inertia_, zero_, r0_;
+  Eigen::VectorXd rub_, rubbing_, slope_;  ///< of Coulomb friction: force, slope in the iteration, true slope by v
   Instant first_, last_;
   Eigen::MatrixXd S_;
   Eigen::LLT<Eigen::MatrixXd> begin_;

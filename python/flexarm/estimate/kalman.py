@@ -45,7 +45,7 @@ class KalmanFilter:
 
     With LINK a number from 0, or LINK.FREEDOM where a joint has several. The covariance is kept as a square root
     (Potter 1963; Schmidt 1970), so that rounding never makes it indefinite. Dry friction, the arm's own as well, is
-    c tanh(v / friction_speed), without stiction. Before each `predict` come the readings of its time, if any:
+    c v / sqrt(v^2 + friction_speed^2), without stiction. Before each `predict` come the readings of its time, if any:
     `update`, `predict`, `update`, ... `flexarm/kalman.hpp` has the same for C++, without allocation.
 
     Args:

@@ -55,9 +55,10 @@ struct KalmanParameter {
 
 struct KalmanOptions {
   double spectral_radius = 1.0;  ///< of ImplicitOptions
-  /// Coulomb friction is c tanh(v / friction_speed) (rad/s; m/s), that of the arm's joints as well: what sticks creeps.
+  /// Coulomb friction is c v / sqrt(v^2 + friction_speed^2) (rad/s; m/s), that of the arm's joints as well: what sticks
+  /// creeps.
   double friction_speed = 1e-2;
-  int max_iterations = 30;
+  int max_iterations = 20;
 };
 
 /// The extended Kalman filter (Jazwinski 1970) with the implicit step as its model and that step's exact derivatives.
