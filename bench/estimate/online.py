@@ -5,7 +5,8 @@
 (a) Two links with payloads of 0.05 to 0.5 kg, from starts that are wrong by factors of 3, and dry friction in the
 joints that the filter's arm does not have. Encoders and strain gauges, with their noise and steps.
 (b) The two-link rig of tests/data/quanser_excerpt.csv: from motor currents and encoders alone, both links' deflections,
-against those measured by strain gauges, which the filter does not see.
+against those measured by strain gauges, which the filter does not see; and the other way, the second joint's angle from
+currents, gauges and the first joint's encoder.
 (c) With the program (cpp/examples, built), times of a cycle in C++.
 Writes online.csv and online.png into DIR (default: here), and prints the tables of docs/online.md.
 """
@@ -101,28 +102,44 @@ def rig() -> fa.Arm:
     return fa.Arm([link(0, 0.0762, 0.00127, 0.65, stage), link(1, 0.0381, 0.000889, 0.67, load)])
 
 
-def measured(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, fa.Estimate]:
-    """Times, deflections measured and estimated, (nt, 2) rad each, and the filter's estimate."""
+def measured(path: Path, gauges: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, fa.Estimate]:
+    """Times, what the filter does not see, measured and estimated, (nt, k) rad each, and its estimate.
+
+    It sees both encoders, and not the deflections; or, with `gauges`, the first encoder and the deflections, and not
+    the second joint's angle.
+    """
     data = fa.load_data(path)
     arm, h = rig(), 0.002
     t = np.arange(round(float(data.t[-1] - data.t[0]) / h) + 1) * h
     rows = np.round((data.t - data.t[0]) / h).astype(int)
     angles = np.column_stack([data["joint1"], data["joint2"]])
-    tau, y = np.zeros((t.size, arm.nv)), np.full((t.size, 2), np.nan)
-    y[rows] = angles
+    deflections = np.column_stack([data["link1_deflection"], data["link2_deflection"]])
+    encoders = [fa.Encoder(k, pulses=None, noise=2e-4) for k in (0, 1)]
+    sensors: list[fa.Sensor] = [*encoders]
+    seen = angles
+    if gauges:  # of a distance that makes strain the deflection; their zero is where they are in the mean
+        sensors = encoders[:1] + [
+            fa.StrainGauge(k, face="-y", distance=LENGTH[k] / 3, filter=GAUGES, noise=3e-4) for k in (0, 1)
+        ]
+        seen = np.column_stack([angles[:, 0], deflections - deflections.mean(axis=0)])
+    tau, y = np.zeros((t.size, arm.nv)), np.full((t.size, len(sensors)), np.nan)
+    y[rows] = seen
     for k, joint in enumerate((0, arm.joint_rate(1))):
         tau[:, joint] = TORQUE[k] * np.interp(t + h / 2, data.t - data.t[0], data[f"motor{k + 1}_current"])
     q = np.zeros(arm.nv)
     q[[0, arm.joint_rate(1)]] = angles[0]
     unknown = {"damping.0": (0.0, 2.0), "damping.1": (0.0, 0.7), "coulomb.0": (0.3, 0.5), "coulomb.1": (0.1, 0.2)}
     filter = fa.KalmanFilter(
-        arm, [fa.Encoder(k, pulses=None, noise=2e-4) for k in (0, 1)], h, force_noise=[1, 1e-3, 1e-3, 0.1, 1e-3, 1e-3],
+        arm, sensors, h, force_noise=[1, 1e-3, 1e-3, 0.1, 1e-3, 1e-3],
         q=q, q_std=[1e-3, 0.05, 0.05] * 2, v_std=0.1, estimate=unknown,
     )  # fmt: skip
     estimate = filter.run(t, tau, y)
+    since = data.t - data.t[0]
+    if gauges:
+        return since, angles[:, 1:], estimate.q[rows][:, [arm.joint_rate(1)]], estimate
     bent = [LENGTH[k] / 3 * arm.strain(estimate.q, k, 0.0)[:, 2] for k in (0, 1)]
     found = GAUGES.apply(t, np.column_stack(bent))[rows]
-    return data.t - data.t[0], np.column_stack([data["link1_deflection"], data["link2_deflection"]]), found, estimate
+    return since, deflections, found, estimate
 
 
 # -- C++ -----------------------------------------------------------------------------------------------------------
@@ -174,7 +191,7 @@ def main() -> None:
     print(f"| {head} |\n|-|-|-|-|-|-|-|-|-|")
     for row in rows:
         print("| " + " | ".join(map(str, row)) + " |")
-    t, there, found, estimate = measured(options.data)
+    t, there, found, estimate = measured(options.data, gauges=False)
     late = t >= 1.0
     print("\n| deflection | NRMSE (%) | correlation |\n|-|-|-|")
     for k, name in enumerate(("first link", "second link")):
@@ -188,6 +205,11 @@ def main() -> None:
         axes[1 + k].set(title=f"rig, {name}", xlabel="time (s)", ylabel="deflection (deg)")
         axes[1 + k].legend()
     print(f"\nrig: {estimate}")
+    t, there, found, estimate = measured(options.data, gauges=True)
+    late = t >= 1.0
+    nrmse = np.sqrt(np.mean((found[late] - there[late]) ** 2)) / there[late].std()
+    print(f"the other way: second joint's angle, NRMSE {100 * nrmse:.0f} %, {estimate}")
+    rows.append(["rig", "second joint's angle", nrmse])
     if options.program:
         head = "arm | coordinates | readings | cycle, median (us) | plain implicit step | ratio | p99.9 | allocations"
         print(f"\n| {head} |\n|-|-|-|-|-|-|-|-|")
