@@ -236,6 +236,11 @@ GOOD: dict[str, Any] = {"force_noise": NOISE, "q_std": 0.01, "v_std": 0.01}
         ({"estimate": {"mass": (0.1, 0.1)}}, "estimate: 'mass': must be 'payload'"),
         ({"estimate": {"coulomb": (0.1, 0.1)}}, "estimate: 'coulomb'"),
         ({"estimate": {"damping.7": (0.1, 0.1)}}, "estimate: damping.7: link = 7"),
+        ({"sensors": SENSORS[0]}, "must be a list of sensors"),
+        ({"arm": None}, "arm = None: must be an Arm"),
+        ({"estimate": ["payload"]}, r"estimate = \['payload'\]: must be a dictionary"),
+        ({"drift": 0.1}, "drift = 0.1: must be a dictionary"),
+        ({"estimate": {"payload": (-0.1, 0.1)}}, "a payload's start must not be negative"),
         ({"estimate": {"payload": 0.1}}, "payload: \\(start, standard deviation\\)"),
         ({"estimate": {"payload": (0.1, -0.1)}}, "standard deviation must not be negative"),
         ({"drift": {"payload": 0.1}}, "drift: payload is not among"),
@@ -244,7 +249,7 @@ GOOD: dict[str, Any] = {"force_noise": NOISE, "q_std": 0.01, "v_std": 0.01}
     ],
 )
 def test_bad_input_is_named(change: dict[str, Any], told: str) -> None:
-    given = {"arm": two_links(), "sensors": SENSORS, "step": STEP} | GOOD | change
+    given: dict[str, Any] = {"arm": two_links(), "sensors": SENSORS, "step": STEP} | GOOD | change
     with pytest.raises(ValueError, match=told):
         fa.KalmanFilter(**given)
 
@@ -254,6 +259,7 @@ def test_bad_readings_and_times_are_named() -> None:
     t, zeros = np.arange(5) * STEP, np.zeros((5, 6))
     for call, told in (
         (lambda: filter.update(np.zeros(3)), r"readings has shape \(3,\): must be \(4,\)"),
+        (lambda: filter.update(["a"] * 4), "readings: must be numbers"),
         (lambda: filter.predict(np.zeros(2)), "tau has shape"),
         (lambda: filter.predict(np.full(6, np.nan)), "tau"),
         (lambda: filter.run(2 * t, zeros, np.zeros((5, 4))), "t: must increase in steps of 0.001 s"),

@@ -84,6 +84,10 @@ class KalmanFilter:
         friction_speed: float = 0.01,
         spectral_radius: float = 1.0,
     ) -> None:
+        if not isinstance(arm, Arm):
+            raise ValueError(f"arm = {arm!r}: must be an Arm")
+        if not isinstance(sensors, (list, tuple)):
+            raise ValueError(f"sensors = {sensors!r}: must be a list of sensors")
         self.arm, self.sensors, self.step = arm, tuple(sensors), number("step", step)
         if not 0 < self.step < np.inf:
             raise ValueError(f"step = {step}: must be positive and finite (s)")
@@ -101,7 +105,7 @@ class KalmanFilter:
         #: of the k readings, in the order of the sensors and their components
         self.labels: tuple[str, ...] = tuple(labels)
         self._range = np.array(ranges)
-        self._names, parameters = unknowns(arm, estimate or {}, drift or {})
+        self._names, parameters = unknowns(arm, {} if estimate is None else estimate, {} if drift is None else drift)
         joints = np.zeros(arm.nv)
         for n, link in enumerate(arm.links):
             joints[arm.joint_rates(n) if link.joint.nv else []] = 1.0
@@ -300,7 +304,10 @@ class KalmanFilter:
             ), stacklevel=3)  # fmt: skip
 
     def _readings(self, readings: ArrayLike, ndim: int) -> Array:
-        y = np.array(readings, dtype=float)
+        try:
+            y = np.array(readings, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError("readings: must be numbers, or nan where there is none") from None
         if y.ndim != ndim or y.shape[-1] != len(self.labels):
             shape = f"({len(self.labels)},)" if ndim == 1 else f"(nt, {len(self.labels)})"
             raise ValueError(f"readings has shape {y.shape}: must be {shape}: {'; '.join(self.labels)}")

@@ -51,6 +51,10 @@ def unknowns(
     arm: Arm, estimate: Mapping[str, Any], drift: Mapping[str, Any]
 ) -> tuple[list[str], list[tuple[int, int, float, float, float]]]:
     """Names of parameters, and these as the core takes them."""
+    for field, keyed in (("estimate", estimate), ("drift", drift)):
+        if not isinstance(keyed, Mapping):
+            right = "{'payload': (0.1, 0.1)}" if field == "estimate" else "{'payload': 0.01}"
+            raise ValueError(f"{field} = {keyed!r}: must be a dictionary, by name, such as {right}")
     out = []
     for name, value in drift.items():
         if name not in estimate:
@@ -68,5 +72,7 @@ def unknowns(
         start, std = array(f"estimate: {name}: (start, standard deviation)", value, (2,))
         if std < 0:
             raise ValueError(f"estimate: {name} = {value}: the standard deviation must not be negative")
+        if kind == "payload" and start < 0:
+            raise ValueError(f"estimate: {name} = {value}: a payload's start must not be negative (kg)")
         out.append((KINDS.index(kind), rate, float(start), float(std), float(drift.get(name, 0.0))))
     return list(estimate), out
