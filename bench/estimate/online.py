@@ -7,7 +7,9 @@ joints that the filter's arm does not have. Encoders and strain gauges, with the
 (b) The two-link rig of tests/data/quanser_excerpt.csv: from motor currents and encoders alone, both links' deflections,
 against those measured by strain gauges, which the filter does not see; and the other way, the second joint's angle from
 currents, gauges and the first joint's encoder.
-(c) With the program (cpp/examples, built), times of a cycle in C++.
+(c) 30 scenes at random: payload, start, its standard deviation, noises, gravity, how softly the motion begins; with
+strain gauges, or without.
+(d) With the program (cpp/examples, built), times of a cycle in C++.
 Writes online.csv and online.png into DIR (default: here), and prints the tables of docs/online.md.
 """
 
@@ -41,32 +43,39 @@ FORCE_NOISE = [0.004, 2e-4, 2e-4] * 2  # N m/sqrt(Hz)
 # -- simulated -----------------------------------------------------------------------------------------------------
 
 
-def two_links(payload: float = 0.0, rubs: bool = False) -> fa.Arm:
-    """Steel strips in the horizontal plane."""
+def two_links(payload: float = 0.0, rubs: bool = False, thickness: float = 0.004, gravity: float = 0.0) -> fa.Arm:
+    """Steel strips, in the horizontal plane if there is no gravity."""
 
     def link(k: int, tip: fa.RigidBody) -> fa.Link:
         joint = fa.Revolute("z", damping=DAMPING[k], coulomb=COULOMB[k]) if rubs else fa.Revolute("z")
         hub = fa.RigidBody(0.3, (0.02, 0, 0), (0.03, 0.01)[k] * np.eye(3), (0.05, 0, 0))
-        beam = fa.Beam(0.4, fa.Rectangle(0.004, 0.02), STEEL, {"bending_y": 2}, "legendre", 2, damping_ratio=0.01)
+        beam = fa.Beam(0.4, fa.Rectangle(thickness, 0.02), STEEL, {"bending_y": 2}, "legendre", 2, damping_ratio=0.01)
         return fa.Link(joint, hub, beam, tip)
 
     elbow = fa.RigidBody(0.3, (0.02, 0, 0), 1e-4 * np.eye(3), (0.03, 0, 0))
-    return fa.Arm([link(0, elbow), link(1, fa.RigidBody(0.05 + payload, inertia=1e-5 * np.eye(3)))])
+    return fa.Arm([link(0, elbow), link(1, fa.RigidBody(0.05 + payload, inertia=1e-5 * np.eye(3)))],
+                  gravity=(0, -gravity, 0))  # fmt: skip
 
 
-def moved(arm: fa.Arm, seconds: float) -> tuple[fa.Result, np.ndarray]:
-    """A run under a sampled PD controller, and the forces that it held from each time to the next."""
+def moved(arm: fa.Arm, seconds: float, soft: float = 0.0) -> tuple[fa.Result, np.ndarray]:
+    """A run under a sampled PD controller, and the forces that it held from each time to the next. `soft`: rate (rad/s)
+    of a motion that begins from rest, in balance."""
     t = np.arange(round(seconds / STEP) + 1) * STEP
     tau = np.zeros((t.size, arm.nv))
     first, n = arm.joint_rate(1), arm.nv
+    q0 = arm.equilibrium(lock=[0, 1])
+    held = arm.inverse_dynamics(q0, np.zeros(n), np.zeros(n))[[0, first]]
 
     def law(now: float, y: np.ndarray) -> np.ndarray:
         reference = np.array([0.6 * np.sin(4 * now), 0.8 * np.sin(6 * now)])
-        u = np.array([12.0, 4.0]) * (reference - y[[0, first]]) - np.array([1.2, 0.3]) * y[[n, n + first]]
+        if soft:
+            reference = np.array([0.4, 0.6]) * (1 - np.cos(np.array([1.0, 1.5]) * soft * now))
+        u = held + np.array([12.0, 4.0]) * (reference - y[[0, first]]) - np.array([1.2, 0.3]) * y[[n, n + first]]
         tau[round(now / STEP), [0, first]] = u
         return np.asarray(u)
 
-    run = fa.simulate(arm, t, control=fa.Sampled(law, 1 / STEP, actuate=(0, 1)), integrator="implicit", step=STEP / 4)
+    control = fa.Sampled(law, 1 / STEP, actuate=(0, 1))
+    run = fa.simulate(arm, t, q0, control=control, integrator="implicit", step=STEP / 4)
     return run, tau
 
 
@@ -77,6 +86,27 @@ def simulated(payload: float, factor: float, seconds: float = 2.0) -> tuple[fa.R
     filter = fa.KalmanFilter(two_links(), SENSORS, STEP, force_noise=FORCE_NOISE, q_std=0.01, v_std=0.01,
                              estimate=unknown)  # fmt: skip
     return run, filter.run(run.t, tau, [s.read(run) for s in SENSORS])
+
+
+def at_random(count: int = 30) -> list[tuple[float, float, float]]:
+    """Of scenes at random: error of the payload after 2 s and its standard deviation, over the payload; consistency."""
+    rng, out = np.random.default_rng(5), []
+    for _ in range(count):
+        payload, factor = np.exp(rng.uniform(np.log([0.05, 1 / 3]), np.log([0.8, 3])))
+        wrong = factor * payload
+        joints, gauges = 10 ** rng.uniform([-3, -6], [0, -5])
+        strips, gravity, soft = rng.choice([0, 1e-4]), rng.choice([0, 9.81]), rng.choice([2, 4, 8])
+        std = rng.choice([1, 2, 4]) * max(payload, wrong)
+        sensors = [*SENSORS[:2], *(fa.StrainGauge(k, 0.01, noise=gauges) for k in (0, 1))][: rng.choice([2, 4, 4])]
+        run, tau = moved(two_links(payload, thickness=0.005, gravity=gravity), 2.0, soft)
+        filter = fa.KalmanFilter(
+            two_links(thickness=0.005, gravity=gravity), sensors, STEP, force_noise=[joints, strips, strips] * 2,
+            q=run.q[0], q_std=0.01, v_std=0.01, estimate={"payload": (wrong, std)},
+        )  # fmt: skip
+        estimate = filter.run(run.t, tau, [s.read(run) for s in sensors])
+        error = estimate.parameters["payload"][-1] / payload - 1
+        out.append((error, estimate.parameter_std["payload"][-1] / payload, estimate.consistency))
+    return out
 
 
 # -- measured ------------------------------------------------------------------------------------------------------
@@ -191,6 +221,11 @@ def main() -> None:
     print(f"| {head} |\n|-|-|-|-|-|-|-|-|-|")
     for row in rows:
         print("| " + " | ".join(map(str, row)) + " |")
+    tried = np.array(at_random())
+    error, within = np.abs(tried[:, 0]), np.abs(tried[:, 0]) < 2 * tried[:, 1]
+    print(f"\nat random: {len(error)} scenes, {(error < 0.05).sum()} within 5 %, median error {np.median(error):.2%}, "
+          f"largest {error.max():.1%}, {within.sum()} within two standard deviations")  # fmt: skip
+    rows += [["at random", *row] for row in tried]
     t, there, found, estimate = measured(options.data, gauges=False)
     late = t >= 1.0
     print("\n| deflection | NRMSE (%) | correlation |\n|-|-|-|")
