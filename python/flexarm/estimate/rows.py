@@ -51,7 +51,8 @@ def unknowns(
     arm: Arm, estimate: Mapping[str, Any], drift: Mapping[str, Any]
 ) -> tuple[list[str], list[tuple[int, int, float, float, float]]]:
     """Names of parameters, and these as the core takes them."""
-    for field, keyed in (("estimate", estimate), ("drift", drift)):
+    given: tuple[tuple[str, Any], ...] = (("estimate", estimate), ("drift", drift))
+    for field, keyed in given:
         if not isinstance(keyed, Mapping):
             right = "{'payload': (0.1, 0.1)}" if field == "estimate" else "{'payload': 0.01}"
             raise ValueError(f"{field} = {keyed!r}: must be a dictionary, by name, such as {right}")
