@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[1] / "python" / "flexarm"
 ROOMS = (
     "_core _check _threads _console store draw data parts acting analysis arm run sensing estimate scene batch sweeps "
-    "tasks env choose paper cli __main__ __init__"
+    "identify validate tasks env choose paper cli __main__ __init__"
 ).split()
 FILES = {
     ".".join(path.relative_to(ROOT).with_suffix("").parts): path

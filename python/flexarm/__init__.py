@@ -38,6 +38,11 @@ Sensors
 Data
     load_data, Data         columns over time with units, from CSV, HDF5, .mat, .npz, pandas or a result
     Comparison              what result.compare(data) gives: a run beside what was measured
+From data to a model
+    identify, Fit           unknown numbers of a scene from measured runs, with intervals
+    Unknown                 one of them: start, bounds, what is known beforehand
+    FitError, FitInterrupted            no start could be simulated; Ctrl-C: it holds the best so far
+    validate, Validation    the shipped model of a measured arm against recordings of it
 Scenes
     load, Scene                         a TOML file, or a shipped one: an arm, what drives it, for how long
 Many runs
@@ -56,7 +61,8 @@ Warnings
     RangeWarning, WatchWarning          a beam bent too far for its order; a run that left its model's range
     LoopWarning, PulseWarning           a control loop that grows; a pulse that the steps have missed
     SlowWarning, StepWarning            very many steps; steps above the limit of "rk4"
-    DataWarning, FilterWarning          gaps in time, constant signals; a filter whose readings surprise it
+    DataWarning, FitWarning             gaps in time, constant signals; what data cannot tell, steps too long for them
+    FilterWarning                       a Kalman filter whose readings surprise it
 
 Elsewhere: flexarm.env (Gymnasium environments), flexarm.tasks (what they ask), flexarm.cli (the command line).
 """
@@ -107,6 +113,14 @@ from .data.load import load_data as load_data
 from .data.signal import DataWarning as DataWarning
 from .estimate.estimate import Estimate as Estimate
 from .estimate.kalman import FilterWarning as FilterWarning, KalmanFilter as KalmanFilter
+from .identify.fit import (
+    Fit as Fit,
+    FitError as FitError,
+    FitInterrupted as FitInterrupted,
+    FitWarning as FitWarning,
+)
+from .identify.identify import identify as identify
+from .identify.unknown import Unknown as Unknown
 from .parts.beam import Beam as Beam, RigidBody as RigidBody
 from .parts.joints import (
     Axes as Axes,
@@ -163,6 +177,8 @@ from .sensing.sensors import (
 from .sweeps.result import SweepInterrupted as SweepInterrupted, SweepResult as SweepResult
 from .sweeps.sweep import sweep as sweep
 from .sweeps.vary import Sweep as Sweep, Vary as Vary, load_sweep as load_sweep
+from .validate.validate import validate as validate
+from .validate.validation import Judged as Judged, Validation as Validation
 
 
 def __dir__() -> list[str]:

@@ -387,3 +387,24 @@ def test_a_reading_is_columns(tmp_path: Path) -> None:
     back = fa.load_data(tmp_path / "camera.csv")
     assert back.units == data.units
     np.testing.assert_array_equal(back["position y"], data["position y"])
+
+
+def test_gain_and_offset_come_before_noise_and_steps() -> None:
+    """Per component too; the noise is the same that a sensor without them has."""
+    run = fa.load("ist").run()
+    plain, other = (fa.Encoder(0, pulses=None, noise=1e-3, **more) for more in ({}, {"gain": 1.5, "offset": -0.2}))
+    angle = fa.Encoder(0, pulses=None).read(run).y
+    noise = plain.read(run).y - angle
+    np.testing.assert_allclose(other.read(run).y, 1.5 * angle - 0.2 + noise, atol=1e-14)
+    step = fa.Encoder(0, pulses=100, gain=2.0).read(run).y
+    np.testing.assert_allclose(step, np.round(2 * angle / (2 * np.pi / 100)) * (2 * np.pi / 100), atol=1e-14)
+    camera = fa.Camera(gain=(1, 2, 3), offset=(0, 0.1, 0))
+    place = fa.Camera().read(run).y
+    np.testing.assert_allclose(camera.read(run).y, place * [1, 2, 3] + [0, 0.1, 0], atol=1e-15)
+    sampler, t = other.sampler(run.arm), 7
+    rows = [sampler.sample(float(run.t[k]), run.q[k], run.v[k], run.a[k]) for k in range(t)]
+    np.testing.assert_allclose(rows, other.read(run).y[:t], atol=1e-12)
+    with pytest.raises(ValueError, match="gain"):
+        fa.Camera(gain=(1, 2)).read(run)
+    with pytest.raises(ValueError, match="offset"):
+        fa.Encoder(offset="x")  # type: ignore[arg-type]

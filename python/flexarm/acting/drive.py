@@ -36,6 +36,35 @@ class _Scaled:
         return self.factor * value if np.ndim(value) == 0 else [self.factor * x for x in value]
 
 
+@dataclass(frozen=True)
+class _Moved:
+    """A callable law, later by `delay` (s), its value larger by `offset`; rates of a motion stay what they are."""
+
+    law: Callable[[float], Any]
+    offset: float
+    delay: float
+
+    def __call__(self, t: float) -> Any:
+        value = self.law(t - self.delay)
+        return value + self.offset if np.ndim(value) == 0 else [value[0] + self.offset, *value[1:]]
+
+
+def _moved(law: Any, offset: float, delay: float, ends: bool) -> Any:
+    if not isinstance(law, _core.PiecewisePolynomial):
+        return _Moved(law, offset, delay)
+    breaks, pieces = law.breaks + delay, np.array(law.coefficients)
+    if ends and breaks[0] != law.breaks[0] and breaks[-1] != law.breaks[-1]:
+        # it stands still where its samples have moved away from
+        first, (last, *_) = pieces[-1, 0], law(float(law.breaks[-1]))
+        still = np.zeros((len(pieces), 1))
+        still[-1] = first if delay > 0 else last
+        edge = law.breaks[:1] if delay > 0 else law.breaks[-1:]
+        breaks = np.concatenate([edge, breaks] if delay > 0 else [breaks, edge])
+        pieces = np.hstack([still, pieces] if delay > 0 else [pieces, still])
+    pieces[-1] += offset
+    return _core.PiecewisePolynomial(breaks, pieces)
+
+
 def _times_factor(law: Any, factor: float) -> Any:
     if isinstance(law, _core.PiecewisePolynomial):
         return _core.PiecewisePolynomial(law.breaks, factor * law.coefficients)
@@ -56,6 +85,13 @@ class Law:
             made.law = tuple(_times_factor(part, factor) for part in law)
         else:
             made.law = _times_factor(law, factor)
+        return made
+
+    def moved(self, offset: float = 0.0, delay: float = 0.0) -> Any:
+        """The same law of one number or motion, larger by `offset`, and later by `delay` (s): before its samples begin,
+        and where they have ended, it stands at the first value, or at the last."""
+        made = copy.copy(self)
+        made.law = _moved(self.law, offset, delay, not self.constant)
         return made
 
     def check_span(self, where: str, t: Array) -> None:

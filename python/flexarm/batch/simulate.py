@@ -140,7 +140,8 @@ def simulate_batch(
             nothing. An axis of length 1 stands for all scenarios or times.
         parameters: what differs, each (B, ...), by its path in a scene: "link.0.tip.mass", "link.1.beam.length",
             "link.0.beam.material.youngs_modulus", "link.0.tip.com.1", "gravity" (B, 3), "gravity.2", "control.0.kp",
-            "load.0.force" (B, 3), "load.0.scale", "drive.0.scale", "drive.0.value" of a constant torque, "q0.1".
+            "load.0.force" (B, 3), "load.0.scale", "drive.0.scale", "drive.0.offset", "drive.0.delay", "drive.0.value"
+            of a constant torque, "q0.1".
             Beams and links that repeat are built once. What changes the coordinates (modes, joints) cannot differ.
         integrator, step, rtol, spectral_radius, options: as of `simulate`; step is the shortest time between two of t,
             if None. "implicit" and "rk4" run wholly in the core, with drives, loads and continuous control whose

@@ -39,6 +39,7 @@ class Setup:
     drive: dict[Any, Any] = field(default_factory=dict)
     loads: tuple[Load, ...] = ()
     control: tuple[Controller, ...] = ()
+    sensors: tuple[Part, ...] = ()  #: Sensor, whose room stands above this one
 
 
 def _numeric(value: Any) -> bool:
@@ -58,7 +59,7 @@ _OPTIONAL = (
 )  # fmt: skip
 
 
-def _fields(part: Any) -> dict[str, Any]:
+def fields_of(part: Any) -> dict[str, Any]:
     """What a part is made of, by name."""
     if isinstance(part, (tuple, list, np.ndarray)):
         return {str(k): p for k, p in enumerate(part)}
@@ -68,7 +69,7 @@ def _fields(part: Any) -> dict[str, Any]:
         return {**part.given, "scale": 1.0}
     if isinstance(part, (Motion, Torque, Voltage)):
         value = {"value": part(0.0)} if part.constant else {}
-        return {**value, "scale": 1.0}
+        return {**value, "scale": 1.0, "offset": 0.0, "delay": 0.0}
     if isinstance(part, Motor):
         return {name: getattr(part, name) for name in arguments(Motor)}
     return {k: v for k, v in vars(part).items() if not k.startswith("_")} if isinstance(part, Controller) else {}
@@ -81,7 +82,7 @@ def _nested(value: Any) -> bool:
 
 
 def _leaves(part: Any, prefix: str) -> Iterator[str]:
-    for name, value in _fields(part).items():
+    for name, value in fields_of(part).items():
         if _nested(value):
             yield from _leaves(value, f"{prefix}.{name}")
         elif _numeric(value) or (value is None and name in _OPTIONAL):
@@ -102,6 +103,7 @@ def known_paths(setup: Setup) -> list[str]:
         out += _leaves(law, f"drive.{_drive_name(key)}")
     out += _leaves(setup.loads, "load")
     out += _leaves(setup.control, "control")
+    out += _leaves(setup.sensors, "sensor")
     return out
 
 
@@ -132,7 +134,7 @@ class Variation:
             for other in self.values:
                 if other.startswith(path + "."):
                     raise ValueError(f"parameters: '{other}' is a part of '{path}'; give one of them")
-        self._trees = {root: self._tree(root) for root in ("link", "drive", "load", "control", "gravity")}
+        self._trees = {root: self._tree(root) for root in ("link", "drive", "load", "control", "sensor", "gravity")}
         self._parts: dict[str, OrderedDict[bytes, Future[Any]]] = {}
         self._lock = threading.Lock()
         if not self.one_setup:
@@ -174,7 +176,8 @@ class Variation:
                      for k, law in drive.items()}  # fmt: skip
         loads = self._rebuilt("load", base.loads, self._trees["load"], i)
         control = self._rebuilt("control", base.control, self._trees["control"], i)
-        return Setup(arm, drive, loads, control)
+        sensors = self._rebuilt("sensor", base.sensors, self._trees["sensor"], i)
+        return Setup(arm, drive, loads, control, sensors)
 
     @property
     def one_setup(self) -> bool:
@@ -261,7 +264,7 @@ class Variation:
         return self._memo(where, tree, i, lambda k: self._build(where, part, tree, k))
 
     def _build(self, where: str, part: Any, tree: _Tree, i: int) -> Any:
-        old = _fields(part)
+        old = fields_of(part)
         new = {name: self._rebuilt(f"{where}.{name}", old[name], below, i) for name, below in tree.items()}
         try:
             return _replaced(part, new)
@@ -295,14 +298,15 @@ def _replaced(part: Any, new: dict[str, Any]) -> Any:
     if isinstance(part, Part):
         return replace(part, **new)  # type: ignore[type-var]
     if isinstance(part, Motor):
-        return Motor(**{**_fields(part), **new})
+        return Motor(**{**fields_of(part), **new})
     if isinstance(part, Load):
         scale = new.pop("scale", None)
         load = Load(**{**part.given, **new}) if new else part
         return load if scale is None else load.scaled(scale)
     if isinstance(part, (Motion, Torque, Voltage)):
         law = type(part)(new["value"]) if "value" in new else part
-        return law.scaled(new["scale"]) if "scale" in new else law
+        law = law.scaled(new["scale"]) if "scale" in new else law
+        return law.moved(new.get("offset", 0.0), new.get("delay", 0.0)) if {"offset", "delay"} & new.keys() else law
     made = copy.copy(part)
     for name, value in new.items():
         setattr(made, name, limit_of(value) if name == "limit" else value)

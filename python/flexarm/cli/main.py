@@ -1,4 +1,5 @@
-"""The command line: `flexarm demo`, `run`, `modes`, `chart`, `economize`, `place`, `batch`, each with --help.
+"""The command line: `flexarm demo`, `run`, `modes`, `chart`, `economize`, `place`, `batch`, `identify`,
+`validate`, each with --help.
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
 2 bad input, one line says which; 130 interrupted. A new command is one file here, and its name in COMMANDS: SUMMARY and
@@ -16,7 +17,7 @@ from typing import NoReturn
 
 from .._console import complain, drop, open_streams
 from .._core import __version__
-from . import batch, chart, cmake, demo, economize, modes, place, run
+from . import batch, chart, cmake, demo, economize, identify, modes, place, run, validate
 
 COMMANDS = {
     "demo": demo,
@@ -26,6 +27,8 @@ COMMANDS = {
     "economize": economize,
     "place": place,
     "batch": batch,
+    "identify": identify,
+    "validate": validate,
 }
 
 

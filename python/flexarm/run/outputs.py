@@ -128,7 +128,8 @@ def _signal(result: Rows, own: Data, name: str, what: Any) -> tuple[Array, Array
                 f"{where}: this sensor has {reading.y.shape[1]} components ({parts}); a function can choose one, such "
                 "as lambda r: sensor.read(r).y[:, 0]"
             )
-        return reading.t, reading.y[:, 0], unit(reading.units[0]).si
+        of = unit(reading.units[0]).si if np.all(getattr(what, "gain", 1.0) == 1.0) else ""  # a gain may have a unit
+        return reading.t, reading.y[:, 0], of
     y = array(where, what(result) if callable(what) else what)
     if y.shape not in (result.t.shape, (*result.t.shape, 1)):
         raise ValueError(f"{where} has shape {y.shape}: must be {len(result.t)} numbers, one for each row")

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from .._check import Array, array, number, whole
 from ..parts.part import Part
 
+_MANY = 100  # steps, from which on equal ones are taken together
 _DIGITS = 9  # of steps and of places in them, in which they count as equal
 
 #: the polynomial through values at 0, 1/2 and 1: it, its slope and its second derivative at 0
@@ -117,6 +118,19 @@ def _step(filter: LowPass, h: float, part: float) -> Array:
     return np.asarray(filter.steps(np.array([h]), np.array([part]))[0])
 
 
+def _recursion(A: Array, given: Array) -> Array:
+    """x_0 = g_0, x_k = A x_(k-1) + g_k of given (m, n, k), by the complex Schur form of A."""
+    from scipy.linalg import schur  # slow to import
+    from scipy.signal import lfilter
+
+    T, Q = schur(A, output="complex")
+    z = np.matmul(Q.conj().T, given)
+    for i in reversed(range(len(A))):
+        z[1:, i] += np.einsum("j,mjk->mk", T[i, i + 1 :], z[:-1, i + 1 :])
+        z[:, i] = lfilter([1.0], [1.0, -T[i, i]], z[:, i], axis=0)
+    return np.ascontiguousarray(np.matmul(Q, z).real)
+
+
 class Filtered:
     """What leaves a filter: k signals over nt times, and anywhere between.
 
@@ -139,6 +153,9 @@ class Filtered:
         each, which = self._alike(self.h, np.ones_like(self.h))
         by_given = np.matmul(each[which][..., n:], self.given)
         by_state = each[..., :n]
+        if len(each) == 1 and len(self.h) >= _MANY:
+            self.states[1:] = _recursion(by_state[0], np.concatenate([x[None], by_given]))[1:]
+            return
         for k, i in enumerate(which):
             x = self.states[k + 1] = by_state[i] @ x + by_given[k]
 

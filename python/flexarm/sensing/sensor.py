@@ -1,8 +1,8 @@
 """What all sensors share (paper Sec. 5): how an instrument on the arm reads, in an instant and of a whole run.
 
 A sensor hangs on a joint or on a slice. `measure` tells what is there to be measured; `read` (of a Result) and
-`sampler` (inside a control loop) add what the instrument makes of it: it filters, samples, comes late, adds noise,
-reads in steps and saturates, in this order.
+`sampler` (inside a control loop) add what the instrument makes of it: it filters, samples, comes late, is scaled and
+shifted (gain, offset), adds noise, reads in steps and saturates, in this order.
 """
 
 from __future__ import annotations
@@ -28,20 +28,22 @@ from .reading import Reading
 
 PerComponent = float | Sequence[float]
 Component = tuple[str, str]  # label, unit
-_COMMON = ("filter", "rate", "delay", "resolution", "noise", "range", "seed")
+_COMMON = ("filter", "rate", "delay", "gain", "offset", "resolution", "noise", "range", "seed")
 _FINER = 10  # a sensor may sample so many times between two output times
 
 
 @dataclass(frozen=True)
 class Sensor(Part):
-    """What all sensors share. `resolution`, `noise` and `range` are in the sensor's unit, each one number or one for
-    each component; by default there is none of any.
+    """What all sensors share. `offset`, `resolution`, `noise` and `range` are in the sensor's unit; they and `gain` are
+    each one number or one for each component. By default there is none of any.
 
     Attributes:
         filter: analogue low pass ahead of sampling, noise and steps: a cut-off (Hz) for one of the first order, or a
             LowPass. It starts settled.
         rate: samples a second (Hz); None: a sample at every output time, or every time a sampler is asked.
         delay: what comes out was so this long ago (s); before the start, the arm stood as it started.
+        gain, offset: what is read is gain (1) times what is there, plus offset: errors of calibration, or another scale
+            (a gain in V gives a reading in V, whatever unit the sensor tells).
         noise: standard deviation of each sample, white and Gaussian. (Of a density n, in unit/sqrt(Hz), that is
             n sqrt(rate / 2).)
         resolution: the reading is the nearest multiple of this.
@@ -53,6 +55,8 @@ class Sensor(Part):
     filter: LowPass | float | None = field(default=None, kw_only=True)
     rate: float | None = field(default=None, kw_only=True)
     delay: float = field(default=0.0, kw_only=True)
+    gain: PerComponent = field(default=1.0, kw_only=True)
+    offset: PerComponent = field(default=0.0, kw_only=True)
     resolution: PerComponent | None = field(default=None, kw_only=True)
     noise: PerComponent | None = field(default=None, kw_only=True)
     range: PerComponent | None = field(default=None, kw_only=True)
@@ -72,6 +76,9 @@ class Sensor(Part):
             raise ValueError(f"rate = {self.rate}: must be positive and finite (Hz)")
         if not 0 <= number("delay", self.delay) < np.inf:
             raise ValueError(f"delay = {self.delay}: must not be negative (s)")
+        for name in ("gain", "offset"):
+            value = array(name, getattr(self, name))
+            self._set(name, as_floats(value) if value.ndim else float(value))
         for name in ("resolution", "noise", "range"):
             value = getattr(self, name)
             if value is None:
@@ -220,10 +227,12 @@ class Sensor(Part):
 
 
 class _Instrument:
-    """Turns what is there into what is read: it adds noise to rows (..., k), rounds them to steps, and saturates."""
+    """Turns what is there into what is read: it scales and shifts rows (..., k), adds noise, rounds them to steps, and
+    saturates."""
 
     def __init__(self, sensor: Sensor, arm: Arm) -> None:
         count = len(sensor.components(arm))
+        self.gain, self.offset = sensor._each("gain", count, 1.0), sensor._each("offset", count, 0.0)
         self.noise = sensor._each("noise", count, 0.0)
         self.range = sensor._each("range", count, np.inf)
         self.step = sensor.steps(arm)
@@ -234,6 +243,8 @@ class _Instrument:
 
     def __call__(self, y: Array, skip: int = 0) -> Array:
         """The reading of y, passing over `skip` samples' noise first."""
+        if (self.gain != 1.0).any() or self.offset.any():
+            y = self.gain * y + self.offset
         if self.noise.any():
             if skip:
                 self.rng.normal(size=(skip, self.noise.size))
@@ -250,11 +261,18 @@ def _at(result: Result, t: Array | None) -> tuple[Array, Array, Array, Array, Ar
         return result.t, result.q, result.v, result.a, result.tau
     from scipy.interpolate import CubicHermiteSpline  # slow to import
 
-    rates = np.array([result.arm._core.rates(q, v)[0] for q, v in zip(result.q, result.v, strict=True)])
+    rates = _rates(result.arm, result.q, result.v)
     q = CubicHermiteSpline(result.t, result.q, rates)(t)
     v = CubicHermiteSpline(result.t, result.v, result.a)
     tau = np.stack([np.interp(t, result.t, column) for column in result.tau.T], axis=-1)
     return t, q, v(t), v(t, 1), tau
+
+
+def _rates(arm: Arm, q: Array, v: Array) -> Array:
+    """dq/dt of rows of states; v, but for the quaternions of balls."""
+    if arm.nq == arm.nv:
+        return v
+    return np.array([arm._core.rates(*x)[0] for x in zip(q, v, strict=True)])
 
 
 def _slope(h: Array, x: Array, rate: Array) -> Array:
@@ -269,7 +287,7 @@ def _midway(
     """Times and states halfway between rows: q of cubic pieces through q and dq/dt, v their slope, a of those through
     v and a. A force that jumps at a row so leaves v right, and a in the mean."""
     h = np.diff(t)[:, None]
-    rates = np.array([arm._core.rates(*x)[0] for x in zip(q, v, strict=True)])
+    rates = _rates(arm, q, v)
     qm, vm = 0.5 * (q[:-1] + q[1:]) - h / 8 * np.diff(rates, axis=0), _slope(h, q, rates)
     if arm.nq != arm.nv:  # balls
         zero = np.zeros(arm.nv)

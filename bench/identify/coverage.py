@@ -1,0 +1,150 @@
+"""Do 95 % intervals of `fa.identify` hold in 95 % of all fits?
+
+    python bench/identify/coverage.py [-o DIR] [-n TWINS] [--seed SEED]
+
+Each twin is an arm of one flexible link with numbers drawn at random (30 % about those of the scene), a torque that is
+measured, and noise; it is fitted from a start that is wrong by up to a factor of 3 in each number, either way. Counted
+is how often the truth lies within its interval: of white noise that differs by orders of magnitude between columns; of
+noise that is coloured (behind a first-order filter); of a quantised encoder; of a joint with dry friction that sticks
+and slides; and of a drive and sensors with a delay, an offset, a gain and a filter that are sought with the rest.
+Writes coverage.csv and coverage.md into DIR (default: here).
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import flexarm as fa
+import numpy as np
+
+T = np.linspace(0.0, 1.0, 251)
+TRUE = {
+    "link.0.tip.mass": 0.05,
+    "link.0.beam.material.youngs_modulus": 2.09e11,
+    "link.0.joint.damping": 0.05,
+    "link.0.joint.reflected_inertia": 0.01,
+}
+FRICTION = {"link.0.joint.coulomb": 0.12}
+CHAIN = {"drive.0.delay": 0.0061, "sensor.0.offset": 0.02, "sensor.1.gain": 1.1, "sensor.1.filter.frequency": 20.0}
+NOISE = {"angle": 5e-4, "strain": 2e-6}
+
+
+@dataclass
+class Case:
+    """What the twins of one kind have."""
+
+    title: str
+    true: dict[str, float]
+    coloured: bool = False
+    pulses: int | None = None
+    share: float = 1.0  #: of the twins: they take longer
+
+
+CASES = {
+    "white": Case("white noise", TRUE),
+    "coloured": Case("coloured noise", TRUE, coloured=True),
+    "encoder": Case("encoder of 2000 counts a turn, no other noise of the angle", TRUE, pulses=2000),
+    "friction": Case("dry friction, sticks and slides", {**TRUE, **FRICTION}),
+    "chain": Case("delay, offset, gain and filter sought", {**TRUE, **CHAIN}, share=0.3),
+}
+
+
+def torque(t: float) -> float:
+    """Drives the arm (N m)."""
+    return float(0.35 * np.sin(2 * np.pi * (1.0 + 4.0 * t) * t) + 0.1 * np.sign(np.sin(9.0 * t)))
+
+
+def scene(friction: bool = False, low_pass: bool = False) -> fa.Scene:
+    """The arm with a torque on its joint, an encoder and a strain gauge."""
+    joint = fa.Revolute("z", damping=0.05, reflected_inertia=0.01, coulomb=0.12 if friction else 0.0)
+    beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), fa.Material(7850, 2.09e11, 0.3), modes={"bending_y": 2},
+                   basis="legendre", damping_ratio=0.01)  # fmt: skip
+    arm = fa.Arm([fa.Link(joint, beam=beam, tip=fa.RigidBody(0.05))])
+    gauge = fa.StrainGauge(0, 0.01, filter=20.0 if low_pass else None)
+    samples = fa.Torque(T, [torque(x) for x in T])
+    options = {"integrator": "implicit", "step": 0.001}
+    return fa.Scene(arm, {0: samples}, t=T, sensors=(fa.Encoder(0, pulses=None), gauge), options=options)
+
+
+def with_values(base: fa.Scene, values: dict[str, float]) -> fa.Scene:
+    """The scene with other numbers: a fit that has nothing to do gives it."""
+    from flexarm.batch.variation import Setup, Variation
+
+    setup = Setup(base.arm, base.drive, tuple(base.loads), tuple(base.control), base.sensors)
+    made = Variation(setup, {k: np.array([x]) for k, x in values.items()}).scenario(0)
+    return replace(base, arm=made.arm, drive=made.drive, sensors=made.sensors)
+
+
+def measured(case: Case, base: fa.Scene, true: dict[str, float], rng: np.random.Generator) -> fa.Data:
+    """What a rig with these numbers would record; its torque is known as it was asked for."""
+    twin = with_values(base, true)
+    fine = replace(twin, t=np.linspace(0.0, 1.0, 2001), options={"integrator": "implicit", "step": 2.5e-4})
+    run = fine.run()
+    columns = {}
+    for name, sensor in zip(NOISE, twin.sensors, strict=True):
+        y = sensor.read(run).y[::8, 0]
+        noise = NOISE[name] * rng.normal(size=y.size)
+        if case.coloured:
+            noise = fa.LowPass(8.0).apply(T, 3 * noise)
+        if name == "angle" and case.pulses:
+            y = np.round(y * case.pulses / (2 * np.pi)) * (2 * np.pi) / case.pulses
+        else:
+            y = y + noise
+        columns[name] = y
+    return fa.Data(T, {**columns, "torque": [torque(x) for x in T]}, {"angle": "rad", "strain": "1", "torque": "N m"})
+
+
+def fits(case: Case, count: int, seed: int = 0) -> Iterator[tuple[dict[str, float], fa.Fit]]:
+    """Truth and fit of each twin."""
+    base = scene("link.0.joint.coulomb" in case.true, "sensor.1.filter.frequency" in case.true)
+    for k in range(count):
+        rng = np.random.default_rng([seed, k])
+        true = {name: x * rng.uniform(0.7, 1.3) for name, x in case.true.items()}
+        data = measured(case, base, true, rng)
+        sought: dict[str, Any] = {}
+        for name, x in true.items():
+            start = x * 3.0 ** rng.uniform(-1, 1)
+            sought[name] = fa.Unknown(start, low=start / 4, high=start * 4)
+        yield true, fa.identify(
+            base, data, sought, inputs={0: "torque"}, outputs={"angle": "sensor.0", "strain": "sensor.1"}, starts=16,
+            keep=2, seed=k, workers=1,
+        )  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables")
+    parser.add_argument("-n", type=int, default=200, help="twins of each kind")
+    parser.add_argument("--seed", type=int, default=0, help="of all draws")
+    parser.add_argument("--case", choices=CASES, action="append", help="these alone")
+    args = parser.parse_args()
+    args.o.mkdir(parents=True, exist_ok=True)
+    warnings.simplefilter("ignore")
+    rows, lines = [], ["| twins | | within 95 % intervals (%): each number | all | s a fit |", "|-|-|-|-|-|"]
+    for name in args.case or CASES:
+        case, began, inside = CASES[name], time.perf_counter(), []
+        count = round(case.share * args.n)
+        for k, (true, fit) in enumerate(fits(case, count, args.seed)):
+            inside.append([fit.intervals[p][0] <= x <= fit.intervals[p][1] for p, x in true.items()])
+            for p, x in true.items():
+                rows.append([name, k, p, x, fit.start[p], fit.values[p], *fit.intervals[p], fit.std[p]])
+        hit = np.array(inside)
+        spent = (time.perf_counter() - began) / count
+        parts = zip(case.true, hit.mean(0), strict=True)
+        each = ", ".join(f"{p.removeprefix('link.0.')} {100 * x:.1f}" for p, x in parts)
+        lines.append(f"| {count} | {case.title} | {each} | {100 * hit.mean():.1f} | {spent:.2f} |")
+        print(lines[-1], flush=True)
+    with (args.o / "coverage.csv").open("w", newline="") as f:
+        csv.writer(f).writerows([["case", "twin", "number", "true", "start", "value", "low", "high", "std"], *rows])
+    (args.o / "coverage.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

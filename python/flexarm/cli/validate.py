@@ -1,0 +1,52 @@
+"""`flexarm validate RIG`: its options and what it prints."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+
+from .._console import complain, json_text, output_folder
+from ..draw import style as plots
+from ..identify.fit import FitError
+from ..validate.recordings import SHIPPED
+from ..validate.validate import RIGS, validate
+from . import options
+
+SUMMARY = "compare the model of a measured arm with recordings of it"
+TEXT = (
+    "Fits what is not known of the arm to one of the recordings shipped, and predicts the other; with --data, judges "
+    "the shipped model on recordings of yours. Writes validate.txt, validate.json and a figure for each kind of drive."
+)
+
+
+def arguments(p: argparse.ArgumentParser) -> None:
+    """Adds the command's arguments to its parser."""
+    p.add_argument("rig", metavar="RIG", choices=RIGS, help=f"the arm: {', '.join(RIGS)}")
+    options.output(p, "flexarm-validate")
+    p.add_argument("--fit", choices=SHIPPED, default=SHIPPED[0], help="the recording that is fitted to (%(default)s)")
+    data = "a recording with the columns of those shipped, to judge the shipped model on; repeat for each"
+    p.add_argument("--data", metavar="FILE", action="append", help=data)
+    part = "with --data: how much of a recording its zeros and gains are fitted to (half of it)"
+    p.add_argument("--calibrate", metavar="SECONDS", type=float, help=part)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Validates, writes and prints; 0, or 1 if a run could not go on."""
+    try:
+        found = validate(args.rig, args.data, fit=args.fit, calibrate=args.calibrate, progress=sys.stderr.isatty())
+    except FitError as e:
+        complain(str(e))
+        return 1
+    folder = output_folder(args.output)
+    about = {**found.to_dict(), "folder": str(folder)}
+    (folder / "validate.txt").write_text(f"{found}\n", encoding="utf-8")
+    (folder / "validate.json").write_text(json_text(about) + "\n", encoding="utf-8")
+    for driven in dict.fromkeys(j.driven for j in found.judged):
+        found.plot(driven).savefig(folder / f"validate-{driven}.png", dpi=plots.DPI)
+    if args.json:
+        print(json_text(about))
+        return 0
+    print(found)
+    print(f"\nPictures and data are in {folder}{os.sep}")
+    return 0

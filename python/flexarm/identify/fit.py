@@ -1,0 +1,208 @@
+"""What a fit gives: values, how sure they are, and what is left over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._check import Array
+from .._console import aligned, seconds
+from ..data.compare import Comparison
+from ..data.data import Data
+from ..draw.fit import plot_fit
+from ..scene.scene import Scene
+from .statistics import Untold, Whiteness
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_HIGH = 0.95  # correlations that a report names
+
+
+class FitWarning(UserWarning):
+    """A fit that can be used, but not for all: numbers that the data cannot tell, steps too long for the data."""
+
+
+class FitInterrupted(KeyboardInterrupt):
+    """Ctrl-C during `identify`. `.fit` is the best so far; None where no run was done."""
+
+    def __init__(self, message: str, fit: Fit | None) -> None:
+        super().__init__(message)
+        self.fit = fit
+
+
+class FitError(RuntimeError):
+    """A fit that could not begin: the runs at all starts failed. `.values` are those of the first start."""
+
+    def __init__(self, message: str, values: dict[str, float]) -> None:
+        super().__init__(message)
+        self.values = values
+
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.values)
+
+
+@dataclass(repr=False, eq=False)
+class Fit:
+    """A scene fitted to measured runs. `print(fit)` is its report.
+
+    Attributes:
+        scene: with the fitted values. Where inputs were measured, they drive it, and its times are those of the (first)
+            data: `fit.scene.run()` is the fitted run.
+        values: by name: the path of a number, or "run K: path" of one that each run has of its own.
+        intervals: by name, the 95 % confidence interval (low, high), within the bounds.
+        std: by name, the standard deviation; inf where the data tell nothing.
+        correlation: of the names in order, (n, n); nan where the data tell nothing.
+        start: by name, where the search began.
+        noise: by column, the standard deviation that its readings are weighted with: as told, or that of the residuals.
+        noise_told: columns whose noise was told.
+        comparisons: of each run with what was measured: `.nrmse`, `.plot()`.
+        whiteness: of each run, by column: `.p` of Ljung and Box's test, `.white` (p above 0.01), `.correlation`. Where
+            residuals are not white, the intervals allow for their autocorrelation.
+        untold: combinations of numbers that the data cannot tell; str() of each says which.
+        at_bounds: names of values that are at a bound.
+        converged, message: whether the search came to its end, and why it ended.
+        starts: at each start, the root mean square of the residuals, in per cent of the columns' own deviations (where
+            noise was told, in units of that), and the same after the fit of the best ones, else None.
+        stats: runs simulated, step (s) of the integrator, wall_time (s).
+    """
+
+    scene: Scene
+    values: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+    std: dict[str, float]
+    correlation: Array
+    start: dict[str, float]
+    noise: dict[str, float]
+    noise_told: frozenset[str]
+    comparisons: list[Comparison]
+    whiteness: list[dict[str, Whiteness]]
+    untold: list[Untold]
+    at_bounds: list[str]
+    converged: bool
+    message: str
+    starts: list[tuple[float, float | None]]
+    stats: dict[str, Any]
+    _again: Any = field(default=None)  #: (data, inputs) -> Comparison, of validate
+
+    def __repr__(self) -> str:
+        return self.report()
+
+    @property
+    def nrmse(self) -> dict[str, float]:
+        """By column, the root mean square of simulated less measured, over the standard deviation of the measured, of
+        all runs together (1)."""
+        found = {}
+        for name in self.noise:
+            parts = [c for c in self.comparisons if name in c.nrmse]
+            squares = sum(len(c.measured) * c.rmse[name] ** 2 for c in parts)
+            spread = sum(len(c.measured) * float(c.measured[name].var()) for c in parts)
+            found[name] = float(np.sqrt(squares / spread)) if spread > 0 else float("nan")
+        return found
+
+    def validate(self, data: Data, inputs: Mapping[Any, Any] | None = None) -> Comparison:
+        """The fitted scene beside a run that it was not fitted to.
+
+        What each run has of its own, such as unknown initial states, is fitted to this run anew, and nothing else.
+
+        Args:
+            data: measured, with the columns of the fit. inputs: as of `identify`; None: those of the fit.
+
+        Returns:
+            Comparison: `.nrmse["column"]`, `print`, `.plot()`.
+
+        Raises:
+            ValueError: as `identify`. FitError: the run could not go on.
+        """
+        return self._again(data, inputs)  # type: ignore[no-any-return]
+
+    def report(self) -> str:
+        """Tables of values and of columns, and what is to be known of them."""
+        runs = len(self.comparisons)
+        readings = sum(len(c.measured) * len(c.nrmse) for c in self.comparisons)
+        head = (
+            f"{self.scene.name}: {len(self.values)} number{'s' if len(self.values) > 1 else ''} fitted to {readings} "
+            f"readings of {runs} run{'s' if runs > 1 else ''}; {self.stats['runs']} runs simulated in "
+            f"{seconds(self.stats['wall_time'])}"
+        )
+        cells = [["number", "start", "value", "95 % interval", "", "deviation (%)"]]
+        for name, value in self.values.items():
+            low, high = self.intervals[name]
+            part = 100 * self.std[name] / abs(value) if value else np.inf
+            cells.append([name, f"{self.start[name]:.6g}", f"{value:.6g}", f"{low:.6g}", f"to {high:.6g}",
+                          f"{part:.3g}" if part < 1e3 else "-"])  # fmt: skip
+        lines = [head, "", *aligned(cells, (1, 2, 3, 5)), ""]
+        cells = [["column", "unit", "noise", "", "NRMSE (%)", "residuals"]]
+        for name, sigma in self.noise.items():
+            white = [w[name] for w in self.whiteness if name in w]
+            tail = "" if not white else "white" if all(w.white for w in white) else "not white"
+            p = min((w.p for w in white), default=np.nan)
+            unit = next(c.measured.units[name] for c in self.comparisons if name in c.nrmse)
+            told = "told" if name in self.noise_told else "estimated"
+            cells.append([name, unit, f"{sigma:.4g}", told, f"{100 * self.nrmse[name]:.4g}", f"{tail} (p = {p:.2g})"])
+        lines += aligned(cells, (2, 4))
+        notes = self.notes()
+        return "\n".join([*lines, *([""] if notes else []), *notes])
+
+    def notes(self) -> list[str]:
+        """What is to be known of the values, a sentence each."""
+        notes = []
+        if not self.converged:
+            notes.append(f"The search did not come to its end: {self.message}")
+        if len(self.starts) > 1:
+            ends = sorted(x for _, x in self.starts if x is not None)
+            said = ", ".join(f"{x:.4g}" for x in ends)
+            failed = sum(not np.isfinite(x) for x, _ in self.starts)
+            lost = f" ({failed} could not be simulated)" if failed else ""
+            of = "units of noise" if self.noise_told else "% of the deviation"
+            notes.append(f"Of {len(self.starts)} starts{lost} {len(ends)} were fitted; they left {said} {of}.")
+        notes += [f"The data cannot tell: {x}." for x in self.untold]
+        notes += [f"{name} is at its bound." for name in self.at_bounds]
+        names = list(self.values)
+        for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
+            if abs(self.correlation[i, j]) > _HIGH:
+                notes.append(f"{names[i]} and {names[j]} are correlated by {self.correlation[i, j]:+.3f}.")
+        coloured = sorted({name for run in self.whiteness for name, w in run.items() if not w.white})
+        if coloured:
+            notes.append(
+                f"Residuals of {', '.join(coloured)} are not white: the intervals allow for their autocorrelation, but "
+                "not for what the model leaves out."
+            )
+        for name in sorted(self.noise_told):
+            rms = np.sqrt(np.mean([c.rmse[name] ** 2 for c in self.comparisons if name in c.rmse]))
+            if rms > 1.5 * self.noise[name]:
+                notes.append(
+                    f"Residuals of {name} are {rms / self.noise[name]:.3g} times the noise that was told: the model "
+                    "does not explain the data, or they are noisier; the intervals are too narrow."
+                )
+        return notes
+
+    def plot(self) -> Figure:
+        """A figure: measured and fitted, and what is left, of each run; the autocorrelation of what is left."""
+        return plot_fit(self.comparisons, self.whiteness)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values, intervals and all else but the scene, as JSON has it."""
+        return {
+            "scene": self.scene.name,
+            "values": dict(self.values),
+            "intervals": {k: list(x) for k, x in self.intervals.items()},
+            "std": dict(self.std),
+            "start": dict(self.start),
+            "correlation": self.correlation.tolist(),
+            "noise": dict(self.noise),
+            "noise_told": sorted(self.noise_told),
+            "nrmse": self.nrmse,
+            "runs": [{"data": c.measured.name, "nrmse": dict(c.nrmse), "whiteness": {k: w.p for k, w in run.items()}}
+                     for c, run in zip(self.comparisons, self.whiteness, strict=True)],
+            "untold": [dict(zip(x.names, x.changes, strict=True)) for x in self.untold],
+            "at_bounds": list(self.at_bounds),
+            "converged": self.converged,
+            "message": self.message,
+            "starts": [list(x) for x in self.starts],
+            "notes": self.notes(),
+            "stats": dict(self.stats),
+        }  # fmt: skip

@@ -1,0 +1,185 @@
+"""Residuals of measured runs, and their derivatives, by what is sought."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from .._threads import each
+from ..batch.variation import Setup, Variation
+from ..run.result import Result
+from ._differences import RunFailed, sensitivities, start
+from ._differences import runs as run_many
+from .runs import Run
+from .unknown import Sought
+
+_KEPT = 4  # points of the search whose residuals and derivatives are kept
+
+
+class Problem:
+    """Measured runs, and what is sought of them.
+
+    Attributes:
+        runs: the runs. sought: n numbers. options: of `simulate_batch`.
+        why: of the last point that could not be simulated: the reason. refused: whether that was a bad argument.
+        count: runs simulated so far.
+    """
+
+    def __init__(self, runs: list[Run], sought: list[Sought], options: Mapping[str, Any], workers: int) -> None:
+        self.runs, self.sought, self.options, self.workers = runs, sought, dict(options), workers
+        self.why, self.refused, self.count = "", False, 0
+        self._kept: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
+        self._stop = threading.Event()
+
+    # -- values --------------------------------------------------------------------------------------------------------
+
+    def values(self, inner: Array) -> Array:
+        """What is sought, as the scene has it, (n,)."""
+        return np.array([x.value(float(u)) for x, u in zip(self.sought, inner, strict=True)])
+
+    def slopes_of_values(self, inner: Array) -> Array:
+        """d value / d inner, (n,)."""
+        return np.array([x.slope(float(u)) for x, u in zip(self.sought, inner, strict=True)])
+
+    def _of_run(self, k: int) -> list[int]:
+        """Which of the numbers sought belong to a run."""
+        return [j for j, x in enumerate(self.sought) if x.run in (None, k)]
+
+    def _options(self, workers: int) -> dict[str, Any]:
+        def look(_: float) -> None:
+            if self._stop.is_set():
+                raise KeyboardInterrupt
+
+        return {**self.options, "workers": workers, "progress": look}
+
+    def _each(self, work: Callable[[int, int], None]) -> None:
+        """work(run, workers) of every run, in threads."""
+        self._stop.clear()
+        share = max(1, self.workers // len(self.runs))
+        each(lambda k: work(k, share), len(self.runs), min(self.workers, len(self.runs)), lambda: None, self._stop.set)
+
+    # -- of one point --------------------------------------------------------------------------------------------------
+
+    def residuals(self, inner: Array) -> list[Array] | None:
+        """Read less measured, (outputs, nt) of each run; None where a run could not go on."""
+        return self._once("residuals", inner, lambda: self._residuals(inner[None])[0])  # type: ignore[no-any-return]
+
+    def many(self, inner: Array) -> list[list[Array] | None]:
+        """The same of several points (m, n), as batches."""
+        return self._residuals(inner)
+
+    def _once(self, what: str, inner: Array, make: Callable[[], Any]) -> Any:
+        key = (what, inner.tobytes())
+        if key not in self._kept:
+            self._kept[key] = make()
+            if len(self._kept) > 2 * _KEPT:
+                self._kept.popitem(last=False)
+        return self._kept[key]
+
+    def forget(self) -> None:
+        """Forgets what is kept, since options have changed."""
+        self._kept.clear()
+
+    def _residuals(self, inner: Array) -> list[list[Array] | None]:
+        values = np.array([self.values(u) for u in inner])
+        found: list[list[Any]] = [[None] * len(inner) for _ in self.runs]
+
+        def one(k: int, workers: int) -> None:
+            run, own = self.runs[k], self._of_run(k)
+            parameters = {self.sought[j].path: values[:, j] for j in own}
+            try:
+                results = run_many(run.setup, parameters, run.t, run.q0, run.v0, **self._options(workers))
+            except ValueError as e:
+                self.why, self.refused = str(e), True
+                return
+            for i, (setup, result) in enumerate(results):
+                if isinstance(result, RunFailed):
+                    self.why, self.refused = str(result), False
+                    continue
+                y = run.read(result, setup) - run.measured
+                found[k][i] = y if np.isfinite(y).all() else None
+
+        self._each(one)
+        self.count += len(inner) * len(self.runs)
+        points = [[run[i] for run in found] for i in range(len(inner))]
+        return [None if any(x is None for x in point) else point for point in points]
+
+    def derivatives(self, inner: Array) -> list[Array]:
+        """Those of the readings by what the search sees, (n, outputs, nt) of each run.
+
+        Raises:
+            RunFailed: a run could not go on.
+        """
+        return self._once("derivatives", inner, lambda: self._derivatives(inner))  # type: ignore[no-any-return]
+
+    def _derivatives(self, inner: Array) -> list[Array]:
+        values, slopes = self.values(inner), self.slopes_of_values(inner)
+        found: list[Any] = [None] * len(self.runs)
+
+        def one(k: int, workers: int) -> None:
+            run, own = self.runs[k], self._of_run(k)
+            parameters = {self.sought[j].path: float(values[j]) for j in own}
+            made = sensitivities(run.setup, parameters, run.t, run.q0, run.v0, **self._options(workers))
+            out = np.zeros((len(inner), *run.measured.shape))
+            out[own] = made.of(run.read) * slopes[own, None, None]
+            found[k] = out
+
+        self._each(one)
+        self.count += (1 + 2 * len(inner)) * len(self.runs)
+        return found
+
+    # -- weighted ------------------------------------------------------------------------------------------------------
+
+    def weighted(self, inner: Array, sigma: Mapping[str, float]) -> Array:
+        """Residuals over their standard deviations, those of priors at the end, (m,); nan where a run failed."""
+        found = self.residuals(inner)
+        if found is None:
+            return np.full(sum(run.measured.size for run in self.runs) + len(self._priors(inner)[0]), np.nan)
+        rows = [(y / self._sigmas(run, sigma)).ravel() for run, y in zip(self.runs, found, strict=True)]
+        return np.concatenate([*rows, self._priors(inner)[0]])
+
+    def jacobian(self, inner: Array, sigma: Mapping[str, float]) -> Array:
+        """Its derivatives, (m, n)."""
+        found = self.derivatives(inner)
+        rows = [(y / self._sigmas(run, sigma)).reshape(len(inner), -1) for run, y in zip(self.runs, found, strict=True)]
+        return np.vstack([np.hstack(rows).T, self._priors(inner)[1]])
+
+    @staticmethod
+    def _sigmas(run: Run, sigma: Mapping[str, float]) -> Array:
+        return np.array([sigma[name] for name in run.outputs])[:, None]
+
+    def _priors(self, inner: Array) -> tuple[Array, Array]:
+        """Residuals of what is known beforehand, (k,), and their derivatives, (k, n)."""
+        values, slopes = self.values(inner), self.slopes_of_values(inner)
+        rows, slope_rows = [], []
+        for j, x in enumerate(self.sought):
+            if x.of.mean is not None and x.of.std is not None:
+                rows.append((values[j] - x.of.mean) / x.of.std)
+                slope_rows.append(np.eye(len(inner))[j] * slopes[j] / x.of.std)
+        return np.array(rows), np.array(slope_rows).reshape(-1, len(inner))
+
+    # -- at the end ----------------------------------------------------------------------------------------------------
+
+    def finished(self, inner: Array, k: int) -> tuple[Setup, Array, Array, Result | RunFailed]:
+        """What run k is made of with these values, where it begins, and the run."""
+        self._stop.clear()
+        run, values = self.runs[k], self.values(inner)
+        parameters = {self.sought[j].path: values[j : j + 1] for j in self._of_run(k)}
+        setup, result = run_many(run.setup, parameters, run.t, run.q0, run.v0, **self._options(self.workers))[0]
+        q0, v0 = start(setup, float(run.t[0]), run.q0, run.v0)
+        states = {path: x for path, x in parameters.items() if path[:3] in ("q0.", "v0.")}
+        for path, x in states.items():
+            (q0 if path[0] == "q" else v0)[int(path[3:])] = x[0]
+        return setup, q0, v0, result
+
+    def setup(self, inner: Array, sensors: Any, k: int = 0) -> Setup:
+        """What run k is made of with these values, with instruments as they are."""
+        run, values = self.runs[k], self.values(inner)
+        own = {self.sought[j].path: values[j : j + 1] for j in self._of_run(k)}
+        base = run.setup
+        return Variation(Setup(base.arm, base.drive, base.loads, base.control, sensors), own).scenario(0)

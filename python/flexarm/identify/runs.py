@@ -1,0 +1,320 @@
+"""Measured runs: what drives the arm in each, what is read of it, and how far that is from what was measured."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from .._check import Array, array, choice
+from ..acting.drive import Motion, Torque
+from ..acting.voltage import Voltage, is_patch
+from ..arm import Arm
+from ..batch.variation import Setup
+from ..data.compare import Comparison
+from ..data.data import Data, constant
+from ..data.signal import DataWarning
+from ..data.units import unit
+from ..run import outputs as run_outputs
+from ..run.result import Result
+from ..scene.scene import Scene
+from ..sensing.sensor import Sensor
+from ._differences import Output, start
+
+_FIRST = 0.01  # of a column's deviation, its weight as long as its noise is not known
+_INSTRUMENT: dict[str, Any] = {"noise": None, "resolution": None, "range": None, "rate": None, "pulses": None}
+
+
+def ideal(sensor: Sensor) -> Sensor:
+    """The sensor without what cannot be differentiated: noise, steps, saturation, and times of its own."""
+    known = {f.name for f in fields(sensor)}
+    return replace(sensor, **{k: v for k, v in _INSTRUMENT.items() if k in known})
+
+
+@dataclass
+class Run:
+    """One measured run.
+
+    Attributes:
+        data: what was measured. setup, q0, v0: what the run is made of, where it begins.
+        outputs: what is read, by columns of the data. t: times of the simulated rows, `every` of them between two of
+            the data.
+    """
+
+    data: Data
+    setup: Setup
+    q0: Array
+    v0: Array
+    outputs: Mapping[str, Output]
+    every: int = 1
+
+    @property
+    def t(self) -> Array:
+        """Times of the rows that are simulated (s)."""
+        n = len(self.data)
+        return np.asarray(np.interp(np.arange((n - 1) * self.every + 1) / self.every, np.arange(n), self.data.t))
+
+    def read(self, result: Result, setup: Setup) -> Array:
+        """All outputs at the times of the data, (outputs, nt)."""
+        return np.array([f(result, setup)[:: self.every] for f in self.outputs.values()])
+
+    @property
+    def measured(self) -> Array:
+        """(outputs, nt)"""
+        return np.array([self.data[name] for name in self.outputs])
+
+    def compared(self, result: Result, setup: Setup) -> Comparison:
+        """The run beside what was measured."""
+        columns = {name: f(result, setup) for name, f in self.outputs.items()}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)
+            return result.compare(self.data, columns)
+
+
+# -- inputs ------------------------------------------------------------------------------------------------------------
+
+
+def drives(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> dict[Any, Any]:
+    """The scene's drives, with the measured ones in their places."""
+    if inputs is not None and not isinstance(inputs, Mapping):
+        raise ValueError(f"inputs = {inputs!r}: must be a dictionary, such as {{0: 'torque'}}, by keys of drives")
+    found = dict(scene.drive)
+    for key, what in (inputs or {}).items():
+        place = _place(scene.arm, f"inputs[{key!r}]", key)
+        same = [k for k in found if _place(scene.arm, f"drive[{k!r}]", k) == place]  # -1 and the last link are one
+        found[same[0] if same else key] = _law(scene.arm, data, key, what)
+    return found
+
+
+def _place(arm: Arm, where: str, key: Any) -> Any:
+    """What a drive's key stands for: a rate, or a patch."""
+    try:
+        if is_patch(key):
+            return "patch", arm.patch_column(key[1], key[2])
+        return arm.joint_rate(key)
+    except (ValueError, TypeError) as e:
+        raise ValueError(f"{where}: {e}") from None
+
+
+def _law(arm: Arm, data: Data, key: Any, what: Any) -> Any:
+    where = f"inputs[{key!r}]"
+    if isinstance(what, (Motion, Torque, Voltage)):
+        return what
+    kind, column = (what if isinstance(what, (tuple, list)) and len(what) == 2 else (None, what))
+    if isinstance(what, type):
+        kind, column = what, None
+    elif callable(column):
+        law = column(data)
+        if not isinstance(law, (Motion, Torque, Voltage)):
+            raise ValueError(f"{where}: the function gave {law!r}; must give a Motion, a Torque or a Voltage")
+        return law
+    if kind not in (None, Motion, Torque, Voltage):
+        raise ValueError(f"{where} = {what!r}: must be a column, or (fa.Motion, column), or a function of the data")
+    if kind is None:
+        kind = Voltage if is_patch(key) else Torque
+    if column is None:
+        column = f"{'q' if kind is Motion else 'tau'} {arm.coordinates[arm.joint_rate(key)]}"
+    column = choice(where, column, data)
+    of, moves = data.units[column], ("rad", "m")
+    if kind is not Motion and of in moves:
+        raise ValueError(f"{where}: column '{column}' is in {of}, which is no force; is it (fa.Motion, '{column}')?")
+    if kind is Motion and of and of not in moves:
+        raise ValueError(f"{where}: column '{column}' is in {of}; a motion must be in rad or m")
+    try:
+        return kind(data.t, data[column])
+    except ValueError as e:
+        raise ValueError(f"{where}: {e}") from None
+
+
+def used_inputs(inputs: Mapping[Any, Any] | None) -> set[str]:
+    """Columns that drive the arm."""
+    given = [x[1] if isinstance(x, (tuple, list)) and len(x) == 2 else x for x in (inputs or {}).values()]
+    return {x for x in given if isinstance(x, str)}
+
+
+# -- outputs -----------------------------------------------------------------------------------------------------------
+
+
+def readers(
+    scene: Scene, data: Data, asked: Any, inputs: Mapping[Any, Any] | None
+) -> tuple[tuple[Sensor, ...], dict[str, Output]]:
+    """The sensors, those of `asked` among them, and what is read, by columns of the data."""
+    sensors = [ideal(s) for s in scene.sensors]
+    if asked is None:
+        asked = _named_alike(scene, data, inputs)
+    if isinstance(asked, str):
+        asked = [asked]
+    if not isinstance(asked, Mapping):
+        asked = {name: name for name in asked}
+    found: dict[str, Output] = {}
+    for name, what in asked.items():
+        choice("outputs", name, data)
+        where = f"outputs['{name}']"
+        if isinstance(what, Sensor):
+            if ideal(what) not in sensors:
+                sensors.append(ideal(what))
+            what = f"sensor.{sensors.index(ideal(what))}"
+        found[name] = _reader(scene.arm, sensors, where, what)
+    if not found:
+        raise ValueError("outputs: name at least one column that was measured")
+    return tuple(sensors), found
+
+
+def _named_alike(scene: Scene, data: Data, inputs: Mapping[Any, Any] | None) -> dict[str, str]:
+    arm = scene.arm
+    zero = np.zeros((2, arm.nv))
+    still = Result(arm, np.array([0.0, 1.0]), np.tile(arm.zero, (2, 1)), zero, zero, zero)
+    sensors = [f"sensor.{k}" for k in range(len(scene.sensors))]
+    own = [*sensors, *still.to_data()]
+    alike = {name: name for name in data if name in own and name not in used_inputs(inputs)}
+    if not alike:
+        raise ValueError(
+            f"outputs: tell what was measured: no column of the data ({', '.join(data) or 'none'}) is called as a "
+            f"sensor of the scene ({', '.join(sensors) or 'none'}) or a column of its runs "
+            f"({', '.join(own[len(sensors) :][:3])}, ...); give {{'name in the data': 'sensor.0', a sensor, or a name "
+            "in the run}"
+        )
+    return alike
+
+
+def _reader(arm: Arm, sensors: list[Sensor], where: str, what: Any) -> Output:
+    if callable(what):
+        return _Function(where, what)
+    if not isinstance(what, str):
+        raise ValueError(f"{where} = {what!r}: must be a sensor, 'sensor.0', a name in the run, or a function of it")
+    if what.startswith("sensor."):
+        return _of_sensor(arm, sensors, where, what)
+    for kind, columns in run_outputs.titles(arm).items():
+        names = [name for name, _ in columns]
+        if what in names and kind in ("q", "v", "a", "tau"):
+            return _Coordinate(kind, names.index(what), columns[names.index(what)][1])
+    return _Column(where, what)
+
+
+def _of_sensor(arm: Arm, sensors: list[Sensor], where: str, what: str) -> Output:
+    known = [f"sensor.{k}" for k in range(len(sensors))]
+    number, *component = what.split(".")[1:]
+    if f"sensor.{number}" not in known or len(component) > 1 or not all(c.isdigit() for c in component):
+        there = f"there are {', '.join(known)}" if known else "the scene has no sensors"
+        raise ValueError(f"{where} = '{what}': {there}")
+    k = int(number)
+    parts = sensors[k].components(arm)
+    if not component and len(parts) > 1:
+        labels = ", ".join(f"'{what}.{c}' ({label})" for c, (label, _) in enumerate(parts))
+        raise ValueError(f"{where} = '{what}': this sensor has {len(parts)} components; take one: {labels}")
+    at = int(component[0]) if component else 0
+    if at >= len(parts):
+        raise ValueError(f"{where} = '{what}': this sensor has {len(parts)} components, from 0 on")
+    return _Reading(k, at, unit(parts[at][1]).si)
+
+
+@dataclass(frozen=True)
+class _Reading:
+    sensor: int
+    component: int
+    unit: str
+
+    def __call__(self, result: Result, setup: Setup) -> Array:
+        sensor = setup.sensors[self.sensor]
+        assert isinstance(sensor, Sensor)
+        return sensor.read(result).y[:, self.component]
+
+
+@dataclass(frozen=True)
+class _Coordinate:
+    kind: str
+    column: int
+    unit: str
+
+    def __call__(self, result: Result, setup: Setup) -> Array:
+        return np.asarray(getattr(result, self.kind)[:, self.column])
+
+
+@dataclass(frozen=True)
+class _Column:
+    where: str
+    name: str
+    unit: str = ""
+
+    def __call__(self, result: Result, setup: Setup) -> Array:
+        table = result.to_data()
+        return np.asarray(table[choice(self.where, self.name, table)])
+
+
+@dataclass(frozen=True)
+class _Function:
+    where: str
+    of: Callable[[Result], Any]
+    unit: str = ""
+
+    def __call__(self, result: Result, setup: Setup) -> Array:
+        y = array(self.where, self.of(result))
+        if y.shape not in (result.t.shape, (*result.t.shape, 1)):
+            raise ValueError(f"{self.where} has shape {y.shape}: must be {len(result.t)} numbers, one for each row")
+        return y.reshape(-1)
+
+
+# -- all of it ---------------------------------------------------------------------------------------------------------
+
+
+def made(
+    scene: Scene, data: Data, inputs: Mapping[Any, Any] | None, asked: Any, where: str, paths: Collection[str] = ()
+) -> Run:
+    """A measured run of a scene, checked; `paths` are sought."""
+    if not isinstance(data, Data):
+        raise ValueError(f"{where} = {type(data).__name__}: must be fa.Data, such as fa.load_data(...) gives")
+    if len(data) < 3:
+        raise ValueError(f"{where}: has {len(data)} rows: three or more are needed")
+    sensors, found = readers(scene, data, asked, inputs)
+    setup = Setup(scene.arm, drives(scene, data, inputs), tuple(scene.loads), tuple(scene.control), sensors)
+    q0, v0 = start(setup, float(data.t[0]), scene.q0, scene.v0)
+    run = Run(data, setup, q0, v0, found)
+    _check(run, paths)
+    for begin, length in data.gaps():
+        text = (
+            f"{where}: a gap of {length:.4g} s after t = {begin:.6g} s: measured inputs are interpolated there; where "
+            "that matters, fit the parts as runs of their own (data.between)"
+        )
+        warnings.warn(text, DataWarning, stacklevel=4)
+    return run
+
+
+def _check(run: Run, paths: Collection[str]) -> None:
+    """ValueError for outputs that cannot be read, and units that do not fit."""
+    arm, still = run.setup.arm, np.zeros((2, run.setup.arm.nv))
+    t = run.data.t[:2]
+    result = Result(arm, t, np.array([run.q0, run.q0]), np.array([run.v0, run.v0]), still, still, loads=run.setup.loads)
+    table = result.to_data()
+    for name, f in run.outputs.items():
+        f(result, run.setup)
+        own = table.units[f.name] if isinstance(f, _Column) else getattr(f, "unit", "")
+        if isinstance(f, _Reading):
+            sensor = run.setup.sensors[f.sensor]
+            scaled = np.any(getattr(sensor, "gain", 1.0) != 1.0)
+            if scaled or any(path.startswith(f"sensor.{f.sensor}.gain") for path in paths):
+                own = ""  # a gain may have a unit
+        theirs = run.data.units[name]
+        if own and theirs and own != theirs:
+            hint = "; give the sensor a gain, if it is in these units" if isinstance(f, _Reading) else ""
+            raise ValueError(
+                f"outputs['{name}']: the data are in {theirs}, and what is read of the run is in {own}{hint}"
+            )
+
+
+def scales(runs: list[Run], noise: Mapping[str, float]) -> dict[str, float]:
+    """The first weight of each column: its noise where that is told, else a hundredth of its standard deviation."""
+    names = dict.fromkeys(name for run in runs for name in run.outputs)
+    found = {}
+    for name in names:
+        y = np.concatenate([run.data[name] for run in runs if name in run.outputs])
+        if name not in noise and constant(y):
+            raise ValueError(
+                f"data: column '{name}' is constant ({y[0]:g}), it tells nothing; leave it out of outputs, or tell its "
+                f"noise={{'{name}': ...}}"
+            )
+        own = float(np.sqrt(np.mean([r.data[name].var() for r in runs if name in r.outputs])))
+        found[name] = noise.get(name, _FIRST * (own or float(y.std())))
+    return found

@@ -1,0 +1,163 @@
+"""The search: several starts, least squares from the best of them, weights from the noise that is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from ._differences import RunFailed
+from .problem import Problem
+from .statistics import pseudo_inverse
+
+_ROUNDS = 12  # of weights
+_SETTLED = 0.01  # by which noise changes from round to round at the end
+_HELD = 1e-4  # of a derivative's norm: by so much a number is held where a least squares begins
+_LOOSE = 0.3  # or as by a prior of this inverse standard deviation, in its own scale, or of its logarithm
+_PULLED = 0.02  # standard deviations that this may hold a number back at the end
+_LEAST = 1e-9  # of a column's first weight, below which noise counts as rounding
+
+
+class Best:
+    """The best point of a search so far, and what is told of it while it goes on."""
+
+    def __init__(self, problem: Problem, show: Callable[[int, str], None] | None) -> None:
+        self.problem, self.show = problem, show
+        self.inner: Array | None = None
+        self.cost = np.inf
+
+    def seen(self, inner: Array, cost: float) -> None:
+        """Remembers a point if it is the best."""
+        if cost < self.cost:
+            self.inner, self.cost = inner.copy(), cost
+        if self.show is not None:
+            self.show(self.problem.count, f"rms {np.sqrt(self.cost):.4g}" if np.isfinite(self.cost) else "")
+
+
+@dataclass
+class Found:
+    """Where a search has ended.
+
+    Attributes:
+        inner: the point, (n,). sigma: noise by column. message: why it ended. converged: whether it was at an end.
+        tried: rms of the weighted residuals of each start, (k,). fitted: the same after the fits, by start.
+    """
+
+    inner: Array
+    sigma: dict[str, float]
+    message: str = ""
+    converged: bool = False
+    tried: list[float] = field(default_factory=list)
+    fitted: dict[int, float] = field(default_factory=dict)
+
+
+def estimated(
+    problem: Problem, inner: Array, first: Mapping[str, float], told: Mapping[str, float]
+) -> dict[str, float]:
+    """The noise of each column: as told, or the deviation of the residuals, with the degrees of freedom of the fit."""
+    found = problem.residuals(inner)
+    assert found is not None
+    total = sum(y.size for y in found)
+    free = max(1, total - len(inner)) / total
+    out = dict(first)
+    for name in first:
+        if name in told:
+            continue
+        having = [(run, y) for run, y in zip(problem.runs, found, strict=True) if name in run.outputs]
+        r = np.concatenate([y[list(run.outputs).index(name)] for run, y in having])
+        out[name] = max(float(np.sqrt(np.mean(r**2) / free)), _LEAST * first[name])
+    return out
+
+
+def fitted(problem: Problem, inner: Array, sigma: Mapping[str, float], best: Best, most: int) -> tuple[Array, Any]:
+    """Least squares from one point: where it ends, and what scipy tells of it.
+
+    Each number is held a little where it begins, so that combinations that the data cannot tell stay there (they would
+    wander off on rounding errors); the next least squares begins where this one has ended, until that changes nothing.
+
+    Raises:
+        RunFailed: the run at the start, or derivatives on the way, could not go on.
+    """
+    from scipy.optimize import least_squares  # slow to import
+
+    low = np.array([x.inner(x.of.low) if np.isfinite(x.of.low) else -np.inf for x in problem.sought])
+    high = np.array([x.inner(x.of.high) if np.isfinite(x.of.high) else np.inf for x in problem.sought])
+
+    def residuals(u: Array) -> Array:
+        r = problem.weighted(u, sigma)
+        if np.isfinite(r).all():  # where it is not, the step is shortened
+            best.seen(u, float(np.mean(r**2)))
+        return r
+
+    if not np.isfinite(residuals(inner)).all():
+        raise RunFailed(problem.why, np.nan)
+    norms = np.linalg.norm(problem.jacobian(inner, sigma), axis=0)
+    hold = np.diag(np.maximum(_HELD * norms, _LOOSE))
+    done = least_squares(
+        lambda u: np.append(residuals(u), hold @ (u - inner)), inner,
+        lambda u: np.vstack([problem.jacobian(u, sigma), hold]),
+        bounds=(low, high), x_scale="jac", max_nfev=most, xtol=1e-9, ftol=1e-9, gtol=1e-12,
+    )  # fmt: skip
+    std = np.sqrt(np.diag(pseudo_inverse(done.jac)))
+    pulled = std * np.diag(hold) ** 2 * np.abs(done.x - inner)
+    done.pulled = float(np.max(pulled[std * _LOOSE < 0.9], initial=0.0))
+    return np.asarray(done.x), done
+
+
+def search(
+    problem: Problem, starts: Array, keep: int, first: Mapping[str, float], told: Mapping[str, float], most: int,
+    best: Best,
+) -> Found:  # fmt: skip
+    """The best point from several starts (k, n), of which the best `keep` are fitted.
+
+    Raises:
+        RunFailed: none of them could be simulated.
+    """
+    tried = [np.inf] * len(starts)
+    if len(starts) > 1:
+        for i, residuals in enumerate(problem.many(starts)):
+            if residuals is not None:
+                r = problem.weighted(starts[i], first) if i == 0 else _weighted(problem, starts[i], residuals, first)
+                tried[i] = float(np.sqrt(np.mean(r**2)))
+                best.seen(starts[i], tried[i] ** 2)
+    order = sorted(range(len(starts)), key=lambda i: tried[i])[: max(1, keep)]
+    ends: dict[int, tuple[float, Array, Any]] = {}
+    failed: RunFailed | None = None
+    for i in order:
+        try:
+            inner, done = fitted(problem, starts[i], first, best, most)
+            rms = np.sqrt(np.mean(problem.weighted(inner, first) ** 2))
+            ends[i] = (float(rms), inner, done)
+        except RunFailed as e:
+            failed = e
+    if not ends:
+        assert failed is not None
+        raise failed
+    i = min(ends, key=lambda k: ends[k][0])
+    inner, done = ends[i][1:]
+    found = Found(inner, dict(first), tried=tried, fitted={k: x[0] for k, x in ends.items()})
+    return weighed(problem, found, told, most, best, done)
+
+
+def weighed(
+    problem: Problem, found: Found, told: Mapping[str, float], most: int, best: Best, done: Any = None
+) -> Found:
+    """From a point on, with weights from the noise that is left, until that is settled."""
+    first = dict(found.sigma)
+    sigma = estimated(problem, found.inner, first, told)
+    for _ in range(_ROUNDS):
+        best.cost = np.inf  # other weights, other costs
+        found.inner, done = fitted(problem, found.inner, sigma, best, most)
+        found.sigma, sigma = sigma, estimated(problem, found.inner, first, told)
+        if done.pulled < _PULLED and all(abs(sigma[k] / found.sigma[k] - 1) < _SETTLED for k in sigma):
+            break
+    found.sigma, found.message, found.converged = sigma, str(done.message), bool(done.status > 0)
+    return found
+
+
+def _weighted(problem: Problem, inner: Array, residuals: list[Array], sigma: Mapping[str, float]) -> Array:
+    rows = [(y / problem._sigmas(run, sigma)).ravel() for run, y in zip(problem.runs, residuals, strict=True)]
+    return np.concatenate([*rows, problem._priors(inner)[0]])

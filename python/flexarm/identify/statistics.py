@@ -1,0 +1,180 @@
+"""What residuals and derivatives tell: deviations, correlations, and what the data cannot tell apart."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .._check import Array
+
+_WHITE = 0.01  # below this probability residuals count as coloured
+_SEEN = 2.0  # standard deviations of the data: what changes them less is not seen
+_TRACE = 0.02  # of the largest change in a combination, below which one is left out
+_APART = 1e3  # condition up to which numbers tell directions apart
+_MIXES = 5000  # of combinations that are looked through
+_RANK = 1e-6  # of the largest singular value, below which derivatives are taken for dependent
+
+
+class Whiteness(NamedTuple):
+    """Whether a column's residuals are white (Ljung & Box 1978, Biometrika 65, 297).
+
+    Attributes:
+        p: the probability of a correlation as large as that which is seen, if they were white.
+        lags: how many lags were looked at. correlation: at those, (lags,).
+    """
+
+    p: float
+    lags: int
+    correlation: Array
+
+    @property
+    def white(self) -> bool:
+        return self.p >= _WHITE
+
+
+def autocorrelation(r: Array, lags: int) -> Array:
+    """Of residuals r (n,), without their mean, at lags 1 to `lags`."""
+    x = r - r.mean()
+    n = 1 << (2 * len(x) - 1).bit_length()
+    power = np.abs(np.fft.rfft(x, n)) ** 2
+    c = np.fft.irfft(power, n)[: lags + 1]
+    return np.asarray(c[1:] / c[0]) if c[0] > 0 else np.zeros(lags)
+
+
+def whiteness(r: Array) -> Whiteness:
+    """Of residuals r (n,)."""
+    from scipy.stats import chi2  # slow to import
+
+    n = len(r)
+    lags = int(max(1, min(20, n // 5)))
+    rho = autocorrelation(r, lags)
+    q = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
+    return Whiteness(float(chi2.sf(q, lags)), lags, rho)
+
+
+def coloured(r: Array) -> Array:
+    """Autocorrelation (n,) of residuals r (n,) by an autoregressive model of theirs (Yule-Walker; the order by Schwarz'
+    criterion): smooth, where the sample's own would be noise."""
+    n = len(r)
+    most = int(max(1, min(30, n // 10)))
+    rho = np.concatenate([[1.0], autocorrelation(r, most)])
+    best, phi, error, chosen = np.inf, np.empty(0), 1.0, np.empty(0)
+    for order in range(0, most + 1):  # Levinson's and Durbin's recursion
+        if order:
+            k = (rho[order] - phi @ rho[order - 1 : 0 : -1]) / error if order > 1 else rho[1]
+            phi = np.append(phi - k * phi[::-1], k)
+            error *= 1 - k * k
+        if not error > 0:
+            break
+        score = n * np.log(error) + order * np.log(n)
+        if score < best:
+            best, chosen = score, phi.copy()
+    out = np.zeros(n)
+    out[: len(chosen) + 1] = rho[: len(chosen) + 1]
+    for k in range(len(chosen) + 1, n):
+        out[k] = chosen @ out[k - len(chosen) : k][::-1]
+        if k % 64 == 0 and np.abs(out[k - 63 : k + 1]).max() < 1e-4:
+            break
+    return out
+
+
+def covariance(J: Array, blocks: Sequence[tuple[slice, Array | None]]) -> Array:
+    """Of what is sought, (n, n), with derivatives J (m, n) of residuals of variance 1.
+
+    Args:
+        J: their rows.
+        blocks: rows of J and the autocorrelation of the residuals there; None: they are white. Where one is given,
+            the estimate is the sandwich A^-1 B A^-1 with A = J^T J and B = J^T R J (White 1980, Econometrica 48, 817).
+    """
+    A = pseudo_inverse(J)
+    if all(rho is None for _, rho in blocks):
+        return A
+    from scipy.linalg import matmul_toeplitz  # slow to import
+
+    B = J.T @ J
+    for rows, rho in blocks:
+        if rho is not None:
+            part = J[rows]
+            B += part.T @ matmul_toeplitz(rho, part) - part.T @ part
+    return np.asarray(A @ B @ A)
+
+
+def pseudo_inverse(J: Array) -> Array:
+    """(J^T J)^-1, (n, n), of columns of any scale; inf on the diagonal where one is zero or depends on others."""
+    size = np.linalg.norm(J, axis=0)
+    by = np.where(size > 0, size, 1.0)
+    _, s, V = np.linalg.svd(J / by, full_matrices=False)
+    good = s > _RANK * s.max(initial=0.0)
+    C = (V[good].T / s[good] ** 2) @ V[good]
+    lost = (np.abs(V[~good]) > 1e-3).any(axis=0) if (~good).any() else np.zeros(len(size), bool)
+    C = C / np.outer(by, by)
+    C[lost, lost] = np.inf
+    return np.asarray(C)
+
+
+class Untold(NamedTuple):
+    """A combination of numbers that the data cannot tell.
+
+    Attributes:
+        names: what changes together. changes: by how much each, as parts of its value (1), the largest 1.
+        seen: by how many standard deviations of the data that would change the fit.
+    """
+
+    names: tuple[str, ...]
+    changes: tuple[float, ...]
+    seen: float
+
+    def __str__(self) -> str:
+        if len(self.names) == 1:
+            return f"{self.names[0]}: a change of 100 % would hardly be seen"
+        parts = [f"{name} by {100 * x:+.3g} %" for name, x in zip(self.names, self.changes, strict=True)]
+        return f"{', '.join(parts[:-1])} and {parts[-1]}, together, would hardly be seen"
+
+
+def untold(J: Array, sizes: Array, names: Sequence[str], parts: Array) -> list[Untold]:
+    """Combinations that the data cannot tell: those whose change by their own size (of the one that changes most) moves
+    all residuals together by less than 2 of their standard deviations, or whose derivatives depend on each other.
+
+    Args:
+        J: derivatives (m, n). sizes: of each number, as the search sees it, (n,). names: of them.
+        parts: what a size is of the number's value, (n,).
+    """
+    scaled = J * sizes
+    norms = np.linalg.norm(scaled, axis=0)
+    found = [Untold((names[k],), (1.0,), 0.0) for k in np.flatnonzero(norms == 0).tolist()]
+    some = np.flatnonzero(norms).tolist()
+    if not some:
+        return found
+    R = np.linalg.qr(scaled[:, some] / norms[some], mode="r")
+    _, s, V = np.linalg.svd(R)
+    reach = np.abs(V / norms[some]).max(axis=1)  # of each direction, the largest change
+    s = np.append(s, np.zeros(len(V) - len(s)))
+    for change in _sparse(V[(s < _SEEN * reach) | (s < _RANK * s.max())], norms[some] / parts[some]):
+        part = np.flatnonzero(np.abs(change) > _TRACE).tolist()
+        moved = change / parts[some]
+        seen = float(np.linalg.norm(scaled[:, some] @ moved))
+        if seen > 2 * _SEEN and seen > 1e3 * _RANK * float(np.abs(moved) @ norms[some]):
+            continue  # what was mixed with one that is not seen
+        found.append(Untold(tuple(names[some[k]] for k in part), tuple(float(change[k]) for k in part), seen))
+    return found
+
+
+def _sparse(rows: Array, by: Array) -> Array:
+    """Orthonormal directions (k, n) as combinations of numbers, over `by`, mixed so that each has a number that the
+    others leave alone, and that as few numbers as possible are in them; the largest change of each is 1."""
+    k, n = rows.shape
+    best, fewest = rows / by, n * k + 1
+    if k > 1 and math.comb(n, k) <= _MIXES:
+        for pivots in itertools.combinations(range(n), k):
+            part = rows[:, list(pivots)]
+            if np.linalg.cond(part) < _APART:
+                mixed = np.linalg.solve(part, rows) / by
+                mixed = mixed / np.abs(mixed).max(axis=1, keepdims=True)
+                count = int((np.abs(mixed) > _TRACE).sum())
+                if count < fewest:
+                    best, fewest = mixed, count
+    return np.array([row / row[np.argmax(np.abs(row))] for row in best]).reshape(rows.shape)

@@ -1,0 +1,101 @@
+"""Recordings of the rig: those shipped, and others with the same columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from ..acting.drive import Motion, Torque
+from ..data.data import Data
+from ..data.load import load_data
+
+FOLDER = Path(__file__).with_name("quanser")
+SHIPPED = ("lqr", "fsf")  #: names of the files in FOLDER
+JOINTS = ("joint1", "joint2")
+DEFLECTIONS = ("link1_deflection", "link2_deflection")
+CURRENTS = ("motor1_current", "motor2_current")
+UNITS = {**dict.fromkeys((*JOINTS, *DEFLECTIONS), "rad"), **dict.fromkeys(CURRENTS, "A")}
+
+RATE = 50.0  # Hz, to which recordings are averaged
+_WINDOW = 5  # rows, over which angles are smoothed by a cubic: what the encoder's steps would make of accelerations
+_LEAST_TARE = 0.02  # s; shorter rows of zeros are chance
+_SETTLED = 0.5  # s, that a gauge has to settle in once it has been tared
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recording, made ready.
+
+    Attributes:
+        name: of its file. data: its columns in rad and A at RATE, on times from 0.
+        tares: for how long each gauge read zero at first (s), while the rig took its zero (QUARC's "Bias Removal").
+    """
+
+    name: str
+    data: Data
+    tares: tuple[float, float]
+
+    @property
+    def judged(self) -> Array:
+        """Rows from where both gauges read, (nt,)."""
+        wait = max(self.tares)
+        return np.asarray(self.data.t >= (wait + _SETTLED if wait else 0.0))
+
+    def motion(self, column: str) -> Motion:
+        """The joint's angle as measured, smoothed."""
+        from scipy.signal import savgol_filter  # slow to import
+
+        return Motion(self.data.t, savgol_filter(self.data[column], _WINDOW, 3))
+
+    def current(self, column: str) -> Torque:
+        """A torque of 1 N m for each ampere that was measured; a fit scales it."""
+        return Torque(self.data.t, self.data[column])
+
+
+def read(source: Any) -> Recording:
+    """A recording.
+
+    Args:
+        source: "lqr" or "fsf", shipped; the path of a file, or Data.
+
+    Raises:
+        ValueError: as of `load_data`; columns that are missing or in another unit; less than 2 s, below 46 Hz.
+    """
+    if isinstance(source, Data):
+        data = source
+    else:
+        shipped = isinstance(source, str) and source in SHIPPED
+        data = load_data(FOLDER / f"{source}.csv" if shipped else source)
+    for name, unit in UNITS.items():
+        if name not in data:
+            raise ValueError(f"data: column '{name}' is missing; there must be {', '.join(UNITS)}")
+        if data.units[name] not in (unit, ""):
+            raise ValueError(f"data: column '{name}' is in {data.units[name]}: must be in {unit}, or convertible")
+    data = data[list(UNITS)]
+    if len(data) < 2 or data.t[-1] - data.t[0] < 2.0 or data.step > 1.1 / RATE:
+        raise ValueError(f"data: {len(data)} rows every {data.step:.3g} s: must be 2 s or more, at 46 Hz or more")
+    tares = tuple(_tare(data, name) for name in DEFLECTIONS)
+    return Recording(Path(data.name or "data").stem, _averaged(data), tares)  # type: ignore[arg-type]
+
+
+def _tare(data: Data, name: str) -> float:
+    """For how long a gauge read zero at first (s)."""
+    alive = np.flatnonzero(data[name])
+    wait = float(data.t[alive[0]] - data.t[0]) if alive.size else 0.0
+    return wait if wait > _LEAST_TARE else 0.0
+
+
+def _averaged(data: Data) -> Data:
+    """Means of as many rows as make RATE, on times from 0."""
+    n = max(1, round(1.0 / (RATE * data.step)))
+    rows = len(data) // n * n
+
+    def mean(x: Array) -> Array:
+        return np.asarray(x[:rows].reshape(-1, n).mean(axis=1))
+
+    t = mean(data.t - data.t[0])
+    return Data(t - t[0], {k: mean(data[k]) for k in data}, data.units, data.name)

@@ -1,0 +1,146 @@
+"""The rig's scene as a recording needs it, and what is not known of the rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from ..acting.control import StateFeedback
+from ..acting.load import Load
+from ..arm import Arm
+from ..batch.variation import Setup, Variation
+from ..data.compare import Comparison
+from ..identify.unknown import Unknown
+from ..scene.scene import Scene
+from ..sensing.sensor import Component, Sensor
+from ..sensing.sensors import Encoder, StrainGauge
+from .recordings import CURRENTS, DEFLECTIONS, JOINTS, Recording
+
+#: What is not known of the arm, by path, and what is known beforehand.
+ARM = {
+    "link.0.beam.material.youngs_modulus": Unknown(mean=2.07e11, std=0.4e11),
+    "link.1.beam.material.youngs_modulus": Unknown(mean=2.07e11, std=0.4e11),
+    "link.0.tip.mass": Unknown(mean=1.4, std=0.5),
+    "link.0.beam.kelvin_voigt": Unknown(low=0.0, high=0.05),
+    "link.1.beam.kelvin_voigt": Unknown(low=0.0, high=0.05),
+    "control.1.limit": Unknown(low=1e-4, high=0.2),
+}
+#: What differs from recording to recording: the zero of the second joint's encoder, the calibration of both gauges, the
+#: pull of the cable, the level of the table.
+EACH = {
+    "link.1.joint.outboard.rotation.2": Unknown(0.0, mean=0.0, std=0.5, low=-1.5, high=1.5),
+    "sensor.0.gain": Unknown(1.0, mean=1.0, std=0.2),
+    "sensor.1.gain": Unknown(1.0, mean=1.0, std=0.2),
+    "sensor.0.offset": Unknown(0.0, mean=0.0, std=0.005),
+    "sensor.1.offset": Unknown(0.0, mean=0.0, std=0.005),
+    "control.0.K.0.0": Unknown(0.1, mean=0.1, std=0.1),
+    "gravity.1": Unknown(0.0, mean=0.0, std=0.2),
+}
+#: What is not known of the drives. The handbook's torques of an ampere are 8.9 and 0.87 N m, at an assumed efficiency.
+#: Each drive has dry and viscous friction, and some that saturates (control.2, control.3: N m s/rad at rest, N m at
+#: most): together a curve that bends down, as harmonic drives have it.
+DRIVES = {
+    "drive.0.scale": Unknown(mean=8.9, std=2.0),
+    "drive.1.scale": Unknown(mean=0.9, std=1.0),
+    "drive.0.offset": Unknown(mean=0.0, std=0.2),
+    "drive.1.offset": Unknown(mean=0.0, std=0.05),
+    "link.0.joint.coulomb": Unknown(low=0.0),
+    "link.1.joint.coulomb": Unknown(low=0.0),
+    "link.0.joint.damping": Unknown(low=0.0),
+    "link.1.joint.damping": Unknown(low=0.0),
+    "link.0.joint.reflected_inertia": Unknown(mean=0.063, std=0.05),
+    "control.2.K.0.6": Unknown(low=0.0),
+    "control.2.limit": Unknown(low=1e-3),
+    "control.3.K.0.9": Unknown(low=0.0),
+    "control.3.limit": Unknown(low=1e-4),
+}
+#: What was found in each of the recordings shipped, with the scene's values of the arm: of EACH and of DRIVES, in
+#: order. The drives are not alike: the second one of "fsf" has ten times the dry friction.
+FOUND = {
+    "lqr": (
+        (-0.711, 1.048, 1.032, 9.4e-4, 4.3e-4, 0.0884, -0.125),
+        (11.2, 0.884, -0.0612, -0.00534, 1.50, 0.0696, 2.06, 0.0892, 0.166, 3.87, 1.75, 0.350, 0.0515),
+    ),
+    "fsf": (
+        (-0.0857, 0.8015, 0.9687, 3.9e-4, -1.22e-3, 0.1562, 0.3505),
+        (10.1, 2.49, -0.0475, 0.0095, 0.784, 1.19, 1.50, 0.0594, 0.193, 2.09, 1.07, 0.0457, 0.107),
+    ),
+}
+
+
+def found(name: str) -> tuple[dict[str, float], dict[str, float]]:
+    """Of FOUND, by path: of EACH, of DRIVES."""
+    each, drives = FOUND[name]
+    return dict(zip(EACH, each, strict=True)), dict(zip(DRIVES, drives, strict=True))
+
+
+@dataclass(frozen=True)
+class TaredGauge(StrainGauge):
+    """A strain gauge that reads an angle (rad). Until `tare` (s) it reads nothing, and then less its mean up to there,
+    which is how the rig takes its zero."""
+
+    tare: float = 0.0
+
+    def components(self, arm: Arm) -> list[Component]:
+        return [("deflection", "rad")]
+
+    def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Sequence[Load] | None) -> Array:
+        y = super()._measure(arm, t, q, v, a, loads)
+        dead = np.asarray(t < self.tare)
+        if t.ndim and dead.any():
+            y = np.where(dead[:, None], 0.0, y - y[dead].mean(axis=0))
+        return y
+
+
+def moved(scene: Scene, recording: Recording) -> Scene:
+    """The scene with its joints moved as measured, its gauges tared as they were."""
+    drive: dict[Any, Any] = {k: recording.motion(name) for k, name in enumerate(JOINTS)}
+    return replace(scene, drive=drive, t=np.array(recording.data.t), sensors=tuple(_sensors(scene, recording).values()))
+
+
+def driven(scene: Scene, recording: Recording) -> Scene:
+    """The scene with the measured currents in its motors, from where the joints began."""
+    there, arm = moved(scene, recording), scene.arm
+    q0, bending = np.array(arm.zero), []
+    for k, name in enumerate(JOINTS):
+        i = arm.joint_rate(k)
+        q0[arm.coordinate_of(i)] = recording.data[name][0]
+        K, actuate = np.zeros((1, 2 * arm.nv)), np.zeros((1, arm.nv))
+        K[0, arm.nv + i] = actuate[0, i] = 1.0
+        bending.append(StateFeedback(K.tolist(), actuate=actuate.tolist(), limit=1.0))
+    drive: dict[Any, Any] = {k: recording.current(name) for k, name in enumerate(CURRENTS)}
+    return replace(there, drive=drive, control=(*scene.control, *bending), q0=q0)
+
+
+def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """The scene with other values, by path."""
+    setup = Setup(scene.arm, scene.drive, scene.loads, scene.control, scene.sensors)
+    made = Variation(setup, {path: np.array([x]) for path, x in values.items()}).scenario(0)
+    return replace(scene, arm=made.arm, drive=made.drive, control=made.control, sensors=made.sensors)  # type: ignore
+
+
+def seen(scene: Scene, recording: Recording, names: Sequence[str]) -> Comparison:
+    """A run of the scene beside the recording."""
+    result = scene.run()
+    read = {name: sensor.read(result).y[:, 0] for name, sensor in outputs(scene, names).items()}
+    return result.compare(recording.data, read)
+
+
+def outputs(scene: Scene, names: Sequence[str]) -> dict[str, Sensor]:
+    """By column of the recordings, what reads it."""
+    return {name: scene.sensors[(*DEFLECTIONS, *JOINTS).index(name)] for name in names}
+
+
+def _sensors(scene: Scene, recording: Recording) -> dict[str, Sensor]:
+    """By column: the scene's gauges, tared as they were, and its encoders without their steps."""
+    gauges = [s for s in scene.sensors if isinstance(s, StrainGauge)]
+    encoders = [s for s in scene.sensors if isinstance(s, Encoder)]
+    found: dict[str, Sensor] = {}
+    for name, gauge, tare in zip(DEFLECTIONS, gauges, recording.tares, strict=True):
+        given = {f: getattr(gauge, f) for f in ("link", "x", "face", "gauge_factor", "filter", "gain", "offset")}
+        found[name] = TaredGauge(**given, tare=tare)
+    return found | {name: replace(e, pulses=None) for name, e in zip(JOINTS, encoders, strict=True)}

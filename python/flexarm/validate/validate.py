@@ -1,0 +1,132 @@
+"""`fa.validate`: the model of a measured arm against recordings of it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from .._check import choice, number
+from ..identify.fit import Fit, FitWarning
+from ..identify.identify import identify
+from ..identify.unknown import Unknown
+from ..scene.scene import Scene, load
+from .recordings import DEFLECTIONS, JOINTS, SHIPPED, Recording, read
+from .rig import ARM, DRIVES, EACH, driven, found, moved, outputs, seen, with_values
+from .validation import Judged, Validation
+
+RIGS = ("quanser",)
+_STEP = 0.01  # s, of the integrator; half of it changes no error by 0.1 %
+_NOISE = dict.fromkeys(DEFLECTIONS, 8e-4) | dict.fromkeys(JOINTS, 0.01)  # rad: about what the model leaves out
+_EACH, _DRIVES = "zeros, gains, cable, level", "drives"
+
+
+def validate(
+    rig: str = "quanser", data: Any = None, *, fit: str = "lqr", calibrate: float | None = None, progress: Any = False
+) -> Validation:
+    """Compares the shipped model of a measured arm with recordings of it.
+
+    Without `data`, what is not known of the arm is fitted to one of the shipped recordings, and the other is predicted.
+    With `data`, the shipped values of the arm are judged on other recordings. What differs from recording to recording
+    is fitted to each: the zero of the second joint's encoder, the calibration of the strain gauges, the pull of the
+    cable, the level of the table.
+
+    Args:
+        rig: "quanser", a two-link flexible arm (docs/validation.md).
+        data: recordings: the path of a file, Data, or a list of these. Columns (of a CSV, by their headings)
+            "joint1_deg", "link1_deflection_deg", "motor1_current_A", and the same of 2, over "t_s"; at least 2 s at
+            46 Hz.
+        fit: which of the shipped recordings, "lqr" or "fsf", is fitted to; the other is predicted.
+        calibrate: with `data`: how much of each recording (s) its zeros and gains are fitted to; the rest is judged.
+            None: half of it.
+        progress: shows progress on stderr, where that is a terminal.
+
+    Returns:
+        Validation: `print` it; `.judged`, `.plot()`.
+
+    Raises:
+        ValueError: an unknown rig or recording; as of `load_data`; columns that are missing. FitInterrupted: Ctrl-C.
+    """
+    choice("rig", rig, RIGS)
+    scene = load(rig)
+    if data is None:
+        choice("fit", fit, SHIPPED)
+        if calibrate is not None:
+            raise ValueError(f"calibrate = {calibrate!r}: goes with data alone")
+        return _shipped(scene, fit, progress)
+    sources = list(data) if isinstance(data, (list, tuple)) else [data]
+    made = Validation([])
+    for recording in [read(source) for source in sources]:
+        _judge(scene, recording, calibrate, made, progress)
+    return made
+
+
+def _shipped(scene: Scene, fit: str, progress: Any) -> Validation:
+    """Fits to one of the shipped recordings and predicts the other."""
+    first, other = (read(name) for name in (fit, *(n for n in SHIPPED if n != fit)))
+    done = _fitted(moved(scene, first), first, {**ARM, **EACH}, DEFLECTIONS, progress)
+    made = Validation([Judged.of(first, "motion", "all", done.comparisons[0])], {"motion": done})
+    again = _fitted(moved(done.scene, other), other, EACH, DEFLECTIONS, progress)
+    made.judged.append(Judged.of(other, "motion", _EACH, again.comparisons[0]))
+    made.calibrations[other.name] = again.values
+    for recording, one in ((first, done), (other, again)):
+        _drive(one.scene, recording, float(recording.data.t[-1]) / 2, made, progress)
+    return made
+
+
+def _judge(scene: Scene, recording: Recording, calibrate: float | None, made: Validation, progress: Any) -> None:
+    """A recording that nothing of the arm was fitted to."""
+    t = recording.data.t
+    until = float(t[-1]) / 2 if calibrate is None else number("calibrate", calibrate)
+    least, most = float(t[recording.judged][0]) + 1.0, float(t[-1]) - 1.0
+    if not least <= until <= most:
+        raise ValueError(f"calibrate = {until:g}: must be from {least:.4g} to {most:.4g} s, for {recording.name}")
+    there = moved(scene, recording)
+    said, begin = _nearest(there, recording, "motion", DEFLECTIONS)
+    made.judged.append(said)
+    done = _fitted(there, recording, EACH, DEFLECTIONS, progress, until, begin)
+    rest = done.validate(recording.data)
+    made.judged.append(Judged.of(recording, "motion", f"{_EACH}, {until:.3g} s", rest, until))
+    made.calibrations[recording.name] = done.values
+    _drive(done.scene, recording, until, made, progress)
+
+
+def _drive(scene: Scene, recording: Recording, until: float, made: Validation, progress: Any) -> None:
+    """The drives: as found in the recording shipped that is nearest, and fitted to the currents of the first part."""
+    there, columns = driven(scene, recording), (*JOINTS, *DEFLECTIONS)
+    said, begin = _nearest(there, recording, "current", columns)
+    if recording.name not in SHIPPED:
+        made.judged.append(said)
+    own = {path: x for path, x in begin.items() if not path.startswith("drive")}
+    done = _fitted(with_values(there, own), recording, DRIVES, columns, progress, until, begin)
+    rest = done.validate(recording.data)
+    made.judged.append(Judged.of(recording, "current", f"{_DRIVES}, {until:.3g} s", rest, until))
+    made.fits.setdefault("current", done)
+
+
+def _nearest(
+    scene: Scene, recording: Recording, driven_by: str, columns: Sequence[str]
+) -> tuple[Judged, dict[str, float]]:
+    """Of what was found in the recordings shipped, what is nearest to this one: how near, and the values by path."""
+    tried = []
+    for name in SHIPPED:
+        values = found(name)[driven_by == "current"]
+        seen_there = seen(with_values(scene, values), recording, columns)
+        said = Judged.of(recording, driven_by, f"nothing; values of {name}", seen_there)
+        tried.append((said, values))
+    return min(tried, key=lambda x: sum(x[0].nrmse.values()))
+
+
+def _fitted(
+    scene: Scene, recording: Recording, unknown: Mapping[str, Unknown], columns: Sequence[str], progress: Any,
+    until: float | None = None, begin: Mapping[str, float] | None = None,
+) -> Fit:  # fmt: skip
+    """The scene fitted to a recording, or to what of it comes before `until` (s)."""
+    sought = {path: replace(x, start=(begin or {}).get(path, x.start)) for path, x in unknown.items()}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)
+        return identify(
+            scene, recording.data.between(None, until), sought, outputs=outputs(scene, columns), step=_STEP,
+            noise={name: _NOISE[name] for name in columns}, progress=progress,
+        )  # fmt: skip
