@@ -4,9 +4,8 @@
 
 (a) Two links with payloads of 0.05 to 0.5 kg, from starts that are wrong by factors of 3, and dry friction in the
 joints that the filter's arm does not have. Encoders and strain gauges, with their noise and steps.
-(b) The two-link rig of tests/data/quanser_excerpt.csv: from motor currents and encoders alone, both links' deflections,
-against those measured by strain gauges, which the filter does not see; and the other way, the second joint's angle from
-currents, gauges and the first joint's encoder.
+(b) The rig of the scene "quanser", and its recordings: from motor currents and encoders alone, both links' deflections,
+against those measured by strain gauges, which the filter does not see.
 (c) 30 scenes at random: payload, start, its standard deviation, noises, gravity, how softly the motion begins; with
 strain gauges, or without.
 (d) With the program (cpp/examples, built), times of a cycle in C++.
@@ -20,6 +19,7 @@ import csv
 import re
 import subprocess
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import flexarm as fa
@@ -111,65 +111,51 @@ def at_random(count: int = 30) -> list[tuple[float, float, float]]:
 
 # -- measured ------------------------------------------------------------------------------------------------------
 
-LENGTH = (0.202, 0.20185)  # m, from load to gauge
 TORQUE = (0.75 * 0.119 * 100, 0.75 * 0.0232 * 50)  # N m/A: assumed efficiency, motor constant, gear
-GAUGES = fa.LowPass(2, order=2, damping_ratio=0.9)  # the rig's own, ahead of what it records
+#: Of each recording, as `flexarm validate quanser` finds them: the zero of the second joint's encoder (rad), gains of
+#: both gauges, and the table's tilt (m/s^2 along y).
+EACH = {"lqr": (-0.711, (1.048, 1.032), -0.125), "fsf": (-0.0857, (0.8015, 0.9687), 0.3505)}
 
 
-def rig() -> fa.Arm:
-    """Handbook values, but for the stiffness of the strips (0.65 and 0.67 of the handbook's) and the masses at their
-    ends (1.79 and 0.213 kg; handbook 1.58 and 0.157), which were fitted to the recording that the excerpt is of."""
-
-    def link(k: int, width: float, thickness: float, stiffness: float, tip: fa.RigidBody) -> fa.Link:
-        joint = fa.Revolute("z", damping=(4.0, 1.5)[k], reflected_inertia=(0.0635, 0.00302)[k])
-        steel = fa.Material(7850, stiffness * 2.068427e11, 0.29)
-        section = fa.Rectangle(thickness, width)
-        beam = fa.Beam(LENGTH[k], section, steel, {"bending_y": 2}, "legendre", 2, damping_ratio=0.02)
-        return fa.Link(joint, None, beam, tip)
-
-    stage = fa.RigidBody(1.79, inertia=np.diag([2e-3, 2e-3, 3e-3]))
-    load = fa.RigidBody(0.213, inertia=1e-5 * np.eye(3))
-    return fa.Arm([link(0, 0.0762, 0.00127, 0.65, stage), link(1, 0.0381, 0.000889, 0.67, load)])
+def rig(name: str) -> tuple[fa.Arm, list[fa.StrainGauge]]:
+    """The scene's arm and gauges, as they were in a recording."""
+    scene = fa.load("quanser")
+    zero, gains, tilt = EACH[name]
+    first, second = scene.arm.links
+    joint = replace(second.joint, outboard=fa.Placement(rotation=(0, 0, zero)))
+    gauges = [s for s in scene.sensors if isinstance(s, fa.StrainGauge)]
+    gauges = [replace(s, gauge_factor=g * float(s.gauge_factor or 1)) for s, g in zip(gauges, gains, strict=True)]
+    return fa.Arm([first, replace(second, joint=joint)], gravity=(0, tilt, 0)), gauges
 
 
-def measured(path: Path, gauges: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, fa.Estimate]:
-    """Times, what the filter does not see, measured and estimated, (nt, k) rad each, and its estimate.
-
-    It sees both encoders, and not the deflections; or, with `gauges`, the first encoder and the deflections, and not
-    the second joint's angle.
-    """
-    data = fa.load_data(path)
-    arm, h = rig(), 0.002
-    t = np.arange(round(float(data.t[-1] - data.t[0]) / h) + 1) * h
-    rows = np.round((data.t - data.t[0]) / h).astype(int)
+def measured(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, deflections measured and estimated, (nt, 2) rad each, from where both gauges read: the rig tares them at
+    first."""
+    data = fa.load_data(ROOT / f"python/flexarm/validate/quanser/{name}.csv")
+    (arm, gauges), h = rig(name), 0.002
+    since = data.t - data.t[0]
+    t = np.arange(round(float(since[-1]) / h) + 1) * h
+    rows = np.round(since / h).astype(int)
+    joints = [arm.joint_rate(0), arm.joint_rate(1)]
     angles = np.column_stack([data["joint1"], data["joint2"]])
     deflections = np.column_stack([data["link1_deflection"], data["link2_deflection"]])
-    encoders = [fa.Encoder(k, pulses=None, noise=2e-4) for k in (0, 1)]
-    sensors: list[fa.Sensor] = [*encoders]
-    seen = angles
-    if gauges:  # of a distance that makes strain the deflection; their zero is where they are in the mean
-        sensors = encoders[:1] + [
-            fa.StrainGauge(k, face="-y", distance=LENGTH[k] / 3, filter=GAUGES, noise=3e-4) for k in (0, 1)
-        ]
-        seen = np.column_stack([angles[:, 0], deflections - deflections.mean(axis=0)])
-    tau, y = np.zeros((t.size, arm.nv)), np.full((t.size, len(sensors)), np.nan)
-    y[rows] = seen
-    for k, joint in enumerate((0, arm.joint_rate(1))):
-        tau[:, joint] = TORQUE[k] * np.interp(t + h / 2, data.t - data.t[0], data[f"motor{k + 1}_current"])
+    read = int(np.argmax((deflections != 0).all(axis=1)))
+    late = since >= since[read] + 1.0
+    sensors = [fa.Encoder(k, pulses=None, noise=2e-4) for k in (0, 1)]
+    tau, y = np.zeros((t.size, arm.nv)), np.full((t.size, 2), np.nan)
+    y[rows] = angles
+    for k, joint in enumerate(joints):
+        tau[:, joint] = TORQUE[k] * np.interp(t + h / 2, since, data[f"motor{k + 1}_current"])
     q = np.zeros(arm.nv)
-    q[[0, arm.joint_rate(1)]] = angles[0]
-    unknown = {"damping.0": (0.0, 2.0), "damping.1": (0.0, 0.7), "coulomb.0": (0.3, 0.5), "coulomb.1": (0.1, 0.2)}
-    filter = fa.KalmanFilter(
-        arm, sensors, h, force_noise=[1, 1e-3, 1e-3, 0.1, 1e-3, 1e-3],
-        q=q, q_std=[1e-3, 0.05, 0.05] * 2, v_std=0.1, estimate=unknown,
-    )  # fmt: skip
+    q[joints] = angles[0]
+    unknown = {"damping.0": (0.0, 1.0), "damping.1": (0.0, 0.2), "coulomb.0": (0.0, 0.5), "coulomb.1": (0.0, 0.5)}
+    filter = fa.KalmanFilter(arm, sensors, h, force_noise=[1, 0, 0, 0.1, 0, 0], q=q, q_std=[1e-3, 0.05, 0.05] * 2,
+                             v_std=0.1, estimate=unknown)  # fmt: skip
     estimate = filter.run(t, tau, y)
-    since = data.t - data.t[0]
-    if gauges:
-        return since, angles[:, 1:], estimate.q[rows][:, [arm.joint_rate(1)]], estimate
-    bent = [LENGTH[k] / 3 * arm.strain(estimate.q, k, 0.0)[:, 2] for k in (0, 1)]
-    found = GAUGES.apply(t, np.column_stack(bent))[rows]
-    return since, deflections, found, estimate
+    found = [replace(s, filter=None).measure(arm, t, estimate.q, estimate.v) for s in gauges]
+    through = gauges[0].filter
+    assert isinstance(through, fa.LowPass)
+    return since[late], deflections[late], through.apply(t, np.hstack(found))[rows][late]
 
 
 # -- C++ -----------------------------------------------------------------------------------------------------------
@@ -195,7 +181,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", type=Path, default=Path())
     parser.add_argument("--program", type=Path)
-    parser.add_argument("--data", type=Path, default=ROOT / "tests/data/quanser_excerpt.csv")
     options = parser.parse_args()
     warnings.simplefilter("ignore", fa.LoopWarning)
     rows: list[list[object]] = []
@@ -226,25 +211,22 @@ def main() -> None:
     print(f"\nat random: {len(error)} scenes, {(error < 0.05).sum()} within 5 %, median error {np.median(error):.2%}, "
           f"largest {error.max():.1%}, {within.sum()} within two standard deviations")  # fmt: skip
     rows += [["at random", *row] for row in tried]
-    t, there, found, estimate = measured(options.data, gauges=False)
-    late = t >= 1.0
-    print("\n| deflection | NRMSE (%) | correlation |\n|-|-|-|")
-    for k, name in enumerate(("first link", "second link")):
-        apart = found[late, k] - there[late, k]
-        nrmse = np.sqrt(np.mean((apart - apart.mean()) ** 2)) / there[late, k].std()
-        together = np.corrcoef(found[late, k], there[late, k])[0, 1]
-        print(f"| {name} | {100 * nrmse:.0f} | {together:.3f} |")
-        rows.append(["rig", name, nrmse, together])
-        axes[1 + k].plot(t, np.rad2deg(there[:, k]), color=GREY, lw=2.5, label="measured, by a strain gauge")
-        axes[1 + k].plot(t, np.rad2deg(found[:, k] - apart.mean()), color=BLUE, lw=1.3, label="estimated, without it")
-        axes[1 + k].set(title=f"rig, {name}", xlabel="time (s)", ylabel="deflection (deg)")
-        axes[1 + k].legend()
-    print(f"\nrig: {estimate}")
-    t, there, found, estimate = measured(options.data, gauges=True)
-    late = t >= 1.0
-    nrmse = np.sqrt(np.mean((found[late] - there[late]) ** 2)) / there[late].std()
-    print(f"the other way: second joint's angle, NRMSE {100 * nrmse:.0f} %, {estimate}")
-    rows.append(["rig", "second joint's angle", nrmse])
+    print("\n| recording | link | NRMSE (%) | correlation |\n|-|-|-|-|")
+    for name in EACH:
+        t, there, found = measured(name)
+        for k in (0, 1):
+            apart = found[:, k] - there[:, k]
+            nrmse = np.sqrt(np.mean((apart - apart.mean()) ** 2)) / there[:, k].std()
+            together = np.corrcoef(found[:, k], there[:, k])[0, 1]
+            print(f"| {name} | {k + 1} | {100 * nrmse:.0f} | {together:.3f} |")
+            rows.append([name, f"link {k + 1}", nrmse, together])
+            if name == "lqr":
+                axes[1 + k].plot(t, np.rad2deg(there[:, k]), color=GREY, lw=2.5, label="measured, by a strain gauge")
+                seen = np.rad2deg(found[:, k] - apart.mean())
+                axes[1 + k].plot(t, seen, color=BLUE, lw=1.3, label="estimated without it")
+                axes[1 + k].set(title=f"rig, link {k + 1}", xlabel="time (s)", ylabel="deflection (deg)")
+                axes[1 + k].set(xlim=(1, 11), ylim=(-2.4, 1.7))
+                axes[1 + k].legend(loc="lower right", fontsize=9)
     if options.program:
         head = "arm | coordinates | readings | cycle, median (us) | plain implicit step | ratio | p99.9 | allocations"
         print(f"\n| {head} |\n|-|-|-|-|-|-|-|-|")

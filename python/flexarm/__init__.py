@@ -61,8 +61,7 @@ Warnings
     RangeWarning, WatchWarning          a beam bent too far for its order; a run that left its model's range
     LoopWarning, PulseWarning           a control loop that grows; a pulse that the steps have missed
     SlowWarning, StepWarning            very many steps; steps above the limit of "rk4"
-    DataWarning, FitWarning             gaps in time, constant signals; what data cannot tell, steps too long for them
-    FilterWarning                       a Kalman filter whose readings surprise it
+    DataWarning FitWarning FilterWarning    gaps in time, constant signals; what data cannot tell; a surprised filter
 
 Elsewhere: flexarm.env (Gymnasium environments), flexarm.tasks (what they ask), flexarm.cli (the command line).
 """
