@@ -17,3 +17,4 @@ using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMaj
 void bind_model(py::module_& m);  // section, shape, beam, joint, link, arm
 void bind_time(py::module_& m);   // drive, ida
 void bind_batch(py::module_& m);  // batch
+void bind_kalman(py::module_& m);  // the Kalman filter

@@ -7,4 +7,5 @@ PYBIND11_MODULE(_core, m) {
   bind_model(m);
   bind_time(m);
   bind_batch(m);
+  bind_kalman(m);
 }

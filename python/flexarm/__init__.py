@@ -33,6 +33,7 @@ Sensors
     Encoder Tachometer ForceTorque StrainGauge Accelerometer Camera
     Sensor, Sampler, Reading            what they share; one in a control loop; what one reads of a run
     LowPass, psd, PowerSpectrum         the filter of a sensor, first or second order; power spectral density
+    KalmanFilter, Estimate              states, payload and friction from what sensors read, online; over a record
 Data
     load_data, Data         columns over time with units, from CSV, HDF5, .mat, .npz, pandas or a result
     Comparison              what result.compare(data) gives: a run beside what was measured
@@ -58,7 +59,7 @@ Warnings
     RangeWarning, WatchWarning          a beam bent too far for its order; a run that left its model's range
     LoopWarning, PulseWarning           a control loop that grows; a pulse that the steps have missed
     SlowWarning, StepWarning            very many steps; steps above the limit of "rk4"
-    DataWarning, FitWarning             gaps in time, constant signals; what data cannot tell, steps too long for them
+    DataWarning FitWarning FilterWarning    gaps in time, constant signals; what data cannot tell; a surprised filter
 
 Elsewhere: flexarm.env (Gymnasium environments), flexarm.tasks (what they ask), flexarm.cli (the command line),
 flexarm.torch, flexarm.jax (rollouts that gradients go through).
@@ -108,6 +109,8 @@ from .data.compare import Comparison as Comparison
 from .data.data import Data as Data
 from .data.load import load_data as load_data
 from .data.signal import DataWarning as DataWarning
+from .estimate.estimate import Estimate as Estimate
+from .estimate.kalman import FilterWarning as FilterWarning, KalmanFilter as KalmanFilter
 from .identify.fit import (
     Fit as Fit,
     FitError as FitError,

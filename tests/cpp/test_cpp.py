@@ -261,6 +261,15 @@ def test_realtime_loop(examples: Path, options: list[str], request: pytest.Fixtu
     assert re.search(r"^allocations in the loop: (0|not counted in this build)$", out, re.M)
 
 
+def test_kalman_finds_the_payload(examples: Path) -> None:
+    out = run(examples / "kalman", "--payload", "0.2").stdout
+    found = re.search(r"^payload +0.2000 kg, found ([\d.]+) \+- ([\d.]+) kg$", out, re.M)
+    assert found and abs(float(found[1]) - 0.2) < 0.01 and float(found[2]) < 0.01
+    assert re.search(r"^ratio +[\d.]+$", out, re.M)
+    assert "allocated" not in out or "allocated  0 times" in out
+    assert run(examples / "kalman", "--payload", "0", ok=False).returncode == 2
+
+
 def test_strain_feedback_of_the_loop_takes_out_ringing(examples: Path) -> None:
     def ringing(strain: str) -> float:
         out = run(examples / "realtime_loop", "--free", "--links", "2", "--seconds", "4", "--strain", strain).stdout

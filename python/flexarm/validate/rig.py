@@ -12,7 +12,7 @@ from .._check import Array
 from ..acting.control import StateFeedback
 from ..acting.load import Load
 from ..arm import Arm
-from ..batch.variation import Setup, Variation
+from ..run.variation import Setup, Variation
 from ..data.compare import Comparison
 from ..identify.unknown import Unknown
 from ..scene.scene import Scene

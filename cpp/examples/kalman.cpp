@@ -1,0 +1,175 @@
+// What a flexible arm carries, from its encoders and strain gauges, within a 1 kHz loop that measures itself:
+//   kalman [--scene FILE] [--cycles N] [--payload KG]
+//
+// Each cycle steps the plant, an arm with a payload (with hardware, this is where sensors would be read), and then the
+// filter, whose arm has none: `predict` under the torques of the last cycle, `update` with what the sensors read. The
+// torques follow from the filter's estimates. Printed at the end: the payload found, and the times of a cycle of the
+// filter and of a plain implicit step.
+// Exit codes: 0; 1 when the plant or the filter could not go on; 2 bad arguments.
+#include <time.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <flexarm/ci.hpp>
+#include <flexarm/kalman.hpp>
+#include <flexarm/scene.hpp>
+#include <random>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "allocations.hpp"
+
+using Eigen::Vector3d, Eigen::VectorXd;
+using namespace flexarm;
+
+namespace {
+
+constexpr double kPeriod = 1e-3;                      // s
+constexpr double kCount = 6.283185307179586 / 16384;  // rad, of encoders
+constexpr double kGauge = 2e-6;                       // strain, standard deviation
+
+/// Two links of steel strip in the horizontal plane.
+std::vector<Link> strips() {
+  std::vector<Link> links;
+  for (int k = 0; k < 2; ++k) {
+    RigidBody drive;
+    drive.mass = 0.3;
+    drive.inertia = (k == 0 ? 0.03 : 0.01) * Eigen::Matrix3d::Identity();
+    drive.end = {0.05, 0.0, 0.0};
+    BeamOptions options;
+    options.modes = {2, 0, 0, 0, 0};
+    options.basis = Basis::legendre;
+    options.damping_ratio = 0.01;
+    RigidBody tip;
+    tip.mass = k == 0 ? 0.3 : 0.05;
+    tip.inertia = 1e-4 * Eigen::Matrix3d::Identity();
+    links.emplace_back(Joint::revolute(Vector3d::UnitZ()), drive,
+                       Beam(0.4, Section::rectangle(0.004, 0.02), Material(7850.0, 209e9, 0.3), options), tip);
+  }
+  return links;
+}
+
+std::vector<Link> links_of(const std::string& scene) {
+  if (scene.empty()) return strips();
+#ifdef FLEXARM_SCENES
+  return load_arm(scene).links();
+#else
+  throw std::invalid_argument("--scene: this flexarm was built without toml++");
+#endif
+}
+
+/// The same links, the last of which carries a point more at its end.
+Arm loaded(std::vector<Link> links, double payload) {
+  RigidBody point;
+  point.mass = payload;
+  links.emplace_back(Joint::fixed(), point, std::nullopt, std::nullopt);
+  return Arm(std::move(links));
+}
+
+double microseconds() {
+  timespec t;
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);  // what others on the processor do not disturb
+  return 1e6 * static_cast<double>(t.tv_sec) + 1e-3 * static_cast<double>(t.tv_nsec);
+}
+
+double print(const char* what, std::vector<double> times) {
+  std::sort(times.begin(), times.end());
+  const auto at = [&](double p) { return times[static_cast<std::size_t>(p * static_cast<double>(times.size() - 1))]; };
+  std::printf("%-10s median %7.1f us, p99.9 %7.1f us, largest %7.1f us\n", what, at(0.5), at(0.999), at(1.0));
+  return at(0.5);
+}
+
+int failed(const char* what, int cycle) {
+  std::fprintf(stderr, "kalman: the %s could not go on in cycle %d\n", what, cycle);
+  return 1;
+}
+
+int run(const std::string& scene, int cycles, double payload) {
+  const std::vector<Link> links = links_of(scene);
+  const Arm arm(links), plant = loaded(links, payload);
+  std::vector<int> joints;
+  std::vector<KalmanSensor> sensors;
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    for (int k = 0; k < arm.link(n).nj(); ++k) {
+      joints.push_back(arm.first(n) + k);
+      sensors.push_back(KalmanSensor::encoder(arm, joints.back(), kCount / std::sqrt(12.0)));
+    }
+    if (arm.link(n).beam()) sensors.push_back(KalmanSensor::gauge(arm, n, 0.01, 0.002, 0.0, kGauge));
+  }
+  VectorXd force_noise = VectorXd::Constant(arm.nv(), 1e-4), zero = VectorXd::Zero(arm.nv());
+  for (const int i : joints) force_noise[i] = 0.02;
+  KalmanFilter filter(arm, kPeriod, sensors, {{KalmanParameter::payload, 0, payload / 3.0, 2.0 * payload}},
+                      force_noise);
+  filter.start(zero, zero, VectorXd::Constant(arm.nv(), 0.01), VectorXd::Constant(arm.nv(), 0.01));
+  Workspace ws(plant);
+  ImplicitStep step(plant, kPeriod);
+  composite_mass_matrix(plant, ws, zero);
+  const VectorXd inertia = ws.M.diagonal();
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal;
+  VectorXd q = zero, v = zero, tau = zero, y(static_cast<Eigen::Index>(sensors.size()));
+  std::vector<double> filtered, stepped;
+  long asked = 0;
+  for (int k = 0; k < cycles; ++k) {
+    const double t = k * kPeriod;
+    for (std::size_t j = 0; j < joints.size(); ++j) {  // soft PD on what is known
+      const double w = 4.0 + 2.0 * static_cast<double>(j), reference = 0.5 * (1.0 - std::cos(w * t));
+      tau[joints[j]] = inertia[joints[j]] * (16.0 * (reference - filter.q()[joints[j]]) - 5.0 * filter.v()[joints[j]]);
+    }
+    const double start = microseconds();
+    if (step(ws, q, v, tau) != Status::ok) return failed("plant", k);
+    const double middle = microseconds();
+    for (std::size_t i = 0; i < sensors.size(); ++i) {
+      const double exact = sensors[i].by_q.dot(q);
+      const bool counts = sensors[i].by_q.cwiseAbs().sum() == 1.0;
+      y[static_cast<Eigen::Index>(i)] = counts ? kCount * std::round(exact / kCount) : exact + kGauge * normal(random);
+    }
+    const double again = microseconds(), before = static_cast<double>(allocations);
+    counting_allocations = true;
+    const bool good = filter.predict(tau) == Status::ok && filter.update(y) == Status::ok;
+    counting_allocations = false;
+    if (!good) return failed("filter", k);
+    asked += allocations - static_cast<long>(before);
+    stepped.push_back(middle - start);
+    filtered.push_back(microseconds() - again);
+  }
+  std::printf("%d coordinates, %zu readings a cycle\n", arm.nv(), sensors.size());
+  std::printf("payload    %.4f kg, found %.4f +- %.4f kg\n", payload, filter.parameters()[0],
+              filter.deviation(2 * arm.nv()));
+  const double cycle = print("filter", filtered), plain = print("step", stepped);
+  std::printf("ratio      %.1f\n", cycle / plain);
+  if (counts_allocations) std::printf("allocated  %ld times by the filter\n", asked);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::string scene;
+  int cycles = 2000;
+  double payload = 0.3;
+  try {
+    for (int k = 1; k < argc; ++k) {
+      const std::string name = argv[k];
+      if (k + 1 == argc) throw std::invalid_argument(name + ": lacks its value");
+      const std::string value = argv[++k];
+      if (name == "--scene")
+        scene = value;
+      else if (name == "--cycles")
+        cycles = std::stoi(value);
+      else if (name == "--payload")
+        payload = std::stod(value);
+      else
+        throw std::invalid_argument(name + ": there is no such option");
+    }
+    if (cycles < 1) throw std::invalid_argument("--cycles: must be at least 1");
+    if (!(payload > 0.0)) throw std::invalid_argument("--payload: must be positive (kg)");
+    return run(scene, cycles, payload);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "kalman: %s\n", e.what());
+    return 2;
+  }
+}

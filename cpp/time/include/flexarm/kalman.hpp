@@ -1,0 +1,137 @@
+// An extended Kalman filter on the implicit step: states, payload and joint friction from encoders and strain gauges.
+// After construction nothing is allocated, locked or thrown.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "flexarm/kinematics.hpp"
+#include "flexarm/step.hpp"
+
+namespace flexarm {
+
+class KalmanModel;
+
+/// One number that is measured: y = by_q . q + by_v . v + offset + along . place + noise.
+struct KalmanSensor {
+  /// A joint's coordinate (rad; m), by the index of its rate in v.
+  static KalmanSensor encoder(const Arm& arm, int rate, double noise);
+  /// A joint's rate (rad/s; m/s).
+  static KalmanSensor tachometer(const Arm& arm, int rate, double noise);
+  /// The strain of a beam's fibre at (y, z) of the section at x metres: eps + z K2 - y K3.
+  static KalmanSensor gauge(const Arm& arm, std::size_t link, double x, double y, double z, double noise);
+  /// The place of a slice, or of a link's end without x, along a direction of the world (m).
+  static KalmanSensor camera(const Arm& arm, std::size_t link, std::optional<double> x, const Eigen::Vector3d& along,
+                             double noise);
+
+  Eigen::VectorXd by_q, by_v;  ///< (nv) each
+  double offset = 0.0;
+  double noise = 0.0;                               ///< standard deviation of a sample, positive
+  std::optional<PlacedSlice> at = {};               ///< the slice of `place`
+  Eigen::Vector3d along = Eigen::Vector3d::Zero();  ///< world axes
+  /// A linear filter ahead of sampling, settled at the start: its state f goes to F f + before y0 + after y1 over a
+  /// step in which y goes from y0 to y1, and f[0] is read. Empty: none. Not of a place.
+  Eigen::MatrixXd F = {};
+  Eigen::VectorXd before = {}, after = {};
+};
+
+/// A constant that is estimated along with the state, in addition to what the arm has. Payloads, and friction with the
+/// arm's own, are kept from becoming negative.
+struct KalmanParameter {
+  enum Kind {
+    payload,  ///< mass at the last link's end (kg), a point
+    damping,  ///< viscous friction of a joint (N m s/rad; N s/m)
+    coulomb,  ///< Coulomb friction of a joint (N m; N)
+    offset,   ///< of a joint's force (N m; N)
+    gain      ///< of a joint's force: it is 1 + gain times what was said
+  };
+  Kind kind;
+  int rate;                 ///< of the joint, its index in v; of a payload ignored
+  double start, deviation;  ///< first estimate, and its standard deviation
+  double drift = 0.0;       ///< by which it wanders in a second (unit/sqrt(s))
+};
+
+struct KalmanOptions {
+  double spectral_radius = 1.0;  ///< of ImplicitOptions
+  /// Coulomb friction is c v / sqrt(v^2 + friction_speed^2) (rad/s; m/s), that of the arm's joints as well: what sticks
+  /// creeps.
+  double friction_speed = 1e-2;
+  int max_iterations = 20;
+};
+
+/// The extended Kalman filter (Jazwinski 1970) with the implicit step as its model and that step's exact derivatives.
+/// The covariance is kept as a square root, P = L L^T: readings, one number after the other, by Potter's update (1963),
+/// steps by an orthogonal triangularisation (Schmidt 1970), so that P is positive semidefinite whatever the rounding.
+///
+/// State x = [q; v; parameters; filters of sensors]. A step begins anew, as in StepDerivatives, with the forces held
+/// over it; of equal parameters it is that of ImplicitStep after `start`. A payload acts by its inertia and weight.
+class KalmanFilter {
+ public:
+  /// @param h            step (s)
+  /// @param force_noise  density of the white forces that the model does not know of, for each rate (nv; N m/sqrt(Hz))
+  /// @throws std::invalid_argument naming the field and the value; for ball joints
+  KalmanFilter(const Arm& arm, double h, const std::vector<KalmanSensor>& sensors,
+               const std::vector<KalmanParameter>& parameters, const Eigen::VectorXd& force_noise,
+               const KalmanOptions& options = {});
+  KalmanFilter(const Arm&& arm, double h, const std::vector<KalmanSensor>& sensors,
+               const std::vector<KalmanParameter>& parameters, const Eigen::VectorXd& force_noise,
+               const KalmanOptions& options = {}) = delete;  ///< the arm must outlive it
+  ~KalmanFilter();
+
+  /// Begins at a state (nv each) known to standard deviations (nv each), with the parameters' starts. Sizes are not
+  /// checked.
+  void start(const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& q_deviation,
+             const Eigen::VectorXd& v_deviation);
+  /// Ahead by a step under tau (nv). O((2 nv + parameters)^3).
+  /// @return when not ok, the estimate is as it was
+  Status predict(const Eigen::VectorXd& tau);
+  /// Takes readings of all sensors (N, N m ..; one each), of which those that are not finite are left out.
+  /// @return when not ok, an estimate is not finite
+  Status update(const Eigen::VectorXd& y);
+
+  const Arm& arm() const { return *arm_; }
+  const Eigen::VectorXd& q() const { return q_; }
+  const Eigen::VectorXd& v() const { return v_; }
+  const Eigen::VectorXd& parameters() const { return p_; }
+  int states() const { return static_cast<int>(L_.rows()); }
+  /// Square root L of the covariance, states x states, with rows [q; v; parameters; filters].
+  const Eigen::MatrixXd& root() const { return L_; }
+  /// Standard deviation of a state.
+  double deviation(int state) const { return L_.row(state).norm(); }
+  /// Of the last update: innovations (what was read less what was expected; nan: left out) and their standard
+  /// deviations, each after the readings ahead of it; the sum of the squares of their ratios (NIS), which with a model
+  /// that holds is distributed as chi-square of `used()` degrees of freedom; and how many readings there were.
+  const Eigen::VectorXd& innovations() const { return innovations_; }
+  const Eigen::VectorXd& innovation_deviations() const { return innovation_deviations_; }
+  double nis() const { return nis_; }
+  int used() const { return used_; }
+  /// The place of a slice (m, world axes), and its covariance (m^2).
+  void place(const PlacedSlice& at, Eigen::Vector3d& p, Eigen::Matrix3d& covariance);
+  /// Derivatives of the last predicted state by the one before (states x states).
+  const Eigen::MatrixXd& transition();
+
+ private:
+  double expected(std::size_t sensor);
+  void carry(Eigen::Index column, bool noise);
+  void triangularise();
+  void add(double times);
+  void bound(Eigen::Index parameter);
+
+  const Arm* arm_;
+  std::vector<KalmanSensor> sensors_;
+  std::vector<KalmanParameter> parameters_;
+  std::vector<Eigen::Index> first_;  ///< of each sensor's filter in its states
+  Eigen::VectorXd force_noise_;
+  double h_;
+  std::unique_ptr<KalmanModel> model_;
+  Eigen::VectorXd q_, v_, p_, f_, q0_, v0_, f0_, row_, phi_, gain_, innovations_, innovation_deviations_;
+  Eigen::VectorXd dq_, dv_, dp_, df_, dtau_, old_q_, old_v_, essential_, lowest_;
+  Eigen::MatrixXd L_, rows_, transition_;
+  Mat6X<double> J_;
+  double nis_ = 0.0;
+  int used_ = 0;
+};
+
+}  // namespace flexarm

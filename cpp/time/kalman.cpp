@@ -1,0 +1,350 @@
+#include "flexarm/kalman.hpp"
+
+#include <cmath>
+#include <limits>
+
+#include "flexarm/check.hpp"
+#include "kalman_model.hpp"
+
+namespace flexarm {
+
+using Eigen::Index;
+using Eigen::VectorXd;
+
+namespace {
+
+KalmanSensor linear(const Arm& arm, double noise) {
+  KalmanSensor s;
+  s.by_q = s.by_v = VectorXd::Zero(arm.nv());
+  s.noise = noise;
+  return s;
+}
+
+std::string entry(const char* name, std::size_t k, const char* field) {
+  return std::string(name) + "[" + std::to_string(k) + "]." + field;
+}
+
+/// That a rate is one of a joint, which has a coordinate.
+void check_joint(const Arm& arm, const std::string& field, int rate) {
+  for (std::size_t n = 0; n < arm.size(); ++n)
+    if (rate >= arm.first(n) && rate < arm.first(n) + arm.link(n).nj()) return;
+  bad_value(field, rate, "must be the index of a joint's rate in v");
+}
+
+/// Of a joint's rate.
+JointForce force_of(const Arm& arm, int rate) {
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const std::vector<JointForce>& forces = arm.link(n).joint().forces();
+    const int k = rate - arm.first(n);
+    if (k >= 0 && k < static_cast<int>(forces.size())) return forces[static_cast<std::size_t>(k)];
+  }
+  return {};
+}
+
+void check(const Arm& arm, std::size_t k, const KalmanSensor& s) {
+  if (s.by_q.size() != arm.nv() || s.by_v.size() != arm.nv() || !s.by_q.allFinite() || !s.by_v.allFinite())
+    bad_value(entry("sensors", k, "by_q"), s.by_q.size(), "by_q and by_v must be of finite numbers, one for each rate");
+  positive(entry("sensors", k, "noise"), s.noise);
+  if (!std::isfinite(s.offset)) bad_value(entry("sensors", k, "offset"), s.offset, "must be finite");
+  const Index order = s.F.rows();
+  if (s.F.cols() != order || s.before.size() != order || s.after.size() != order || !s.F.allFinite() ||
+      !s.before.allFinite() || !s.after.allFinite())
+    bad_value(entry("sensors", k, "F"), order, "F, before and after must be of one size, and finite");
+  if (order > 0 && s.at) bad_value(entry("sensors", k, "F"), order, "a place goes through no filter here");
+}
+
+void check(const Arm& arm, const std::vector<KalmanParameter>& parameters) {
+  for (std::size_t k = 0; k < parameters.size(); ++k) {
+    const KalmanParameter& p = parameters[k];
+    if (p.kind != KalmanParameter::payload) check_joint(arm, entry("parameters", k, "rate"), p.rate);
+    for (std::size_t l = 0; l < k; ++l)
+      if (parameters[l].kind == p.kind && (p.kind == KalmanParameter::payload || parameters[l].rate == p.rate))
+        bad_value(entry("parameters", k, "kind"), static_cast<int>(p.kind), "is there twice");
+    if (!std::isfinite(p.start)) bad_value(entry("parameters", k, "start"), p.start, "must be finite");
+    non_negative(entry("parameters", k, "deviation"), p.deviation);
+    non_negative(entry("parameters", k, "drift"), p.drift);
+  }
+}
+
+}  // namespace
+
+KalmanSensor KalmanSensor::encoder(const Arm& arm, int rate, double noise) {
+  KalmanSensor s = linear(arm, noise);
+  check_joint(arm, "rate", rate);
+  s.by_q[rate] = 1.0;
+  return s;
+}
+
+KalmanSensor KalmanSensor::tachometer(const Arm& arm, int rate, double noise) {
+  KalmanSensor s = linear(arm, noise);
+  check_joint(arm, "rate", rate);
+  s.by_v[rate] = 1.0;
+  return s;
+}
+
+KalmanSensor KalmanSensor::gauge(const Arm& arm, std::size_t link, double x, double y, double z, double noise) {
+  KalmanSensor s = linear(arm, noise);
+  if (link >= arm.size()) bad_value("link", link, "there is no such link");
+  const SliceTable slice = arm.link(link).slice_at(x);
+  const Index at = arm.first(link) + arm.link(link).nj(), n = arm.link(link).ne();
+  s.by_q.segment(at, n) =
+      slice.strains.row(StrainRow::eps) + z * slice.strains.row(StrainRow::K2) - y * slice.strains.row(StrainRow::K3);
+  return s;
+}
+
+KalmanSensor KalmanSensor::camera(const Arm& arm, std::size_t link, std::optional<double> x,
+                                  const Eigen::Vector3d& along, double noise) {
+  KalmanSensor s = linear(arm, noise);
+  s.at.emplace(arm, link, x);
+  s.along = along;
+  return s;
+}
+
+KalmanFilter::KalmanFilter(const Arm& arm, double h, const std::vector<KalmanSensor>& sensors,
+                           const std::vector<KalmanParameter>& parameters, const VectorXd& force_noise,
+                           const KalmanOptions& options)
+    : arm_(&arm), sensors_(sensors), parameters_(parameters), force_noise_(force_noise), h_(h) {
+  if (arm.nq() != arm.nv()) bad_value("arm", "a ball joint", "the filter knows no quaternions");
+  positive("step", h);
+  if (sensors.empty()) bad_value("sensors", 0, "there must be at least one");
+  for (std::size_t k = 0; k < sensors.size(); ++k) check(arm, k, sensors[k]);
+  check(arm, parameters);
+  if (force_noise.size() != arm.nv() || !(force_noise.array() >= 0.0).all() || !force_noise.allFinite())
+    bad_value("force_noise", force_noise.size(), "must be finite numbers, not negative, one for each rate");
+  if (!(options.spectral_radius >= 0.0 && options.spectral_radius <= 1.0))
+    bad_value("spectral_radius", options.spectral_radius, "must be from 0 to 1");
+  positive("friction_speed", options.friction_speed);
+  if (options.max_iterations < 1) bad_value("max_iterations", options.max_iterations, "must be at least 1");
+  model_ = std::make_unique<KalmanModel>(arm, h, parameters, options);
+
+  const Index n = arm.nv(), m = static_cast<Index>(parameters.size());
+  Index filters = 0;
+  for (const KalmanSensor& s : sensors_) {
+    first_.push_back(filters);
+    filters += s.F.rows();
+  }
+  const Index states = 2 * n + m + filters, noises = n + m;
+  q_ = q0_ = v_ = v0_ = dq_ = dv_ = dtau_ = old_q_ = old_v_ = VectorXd::Zero(n);
+  p_ = dp_ = VectorXd::Zero(m);
+  f_ = f0_ = df_ = VectorXd::Zero(filters);
+  row_ = phi_ = gain_ = VectorXd::Zero(states);
+  essential_ = VectorXd::Zero(states + noises);
+  innovations_ = innovation_deviations_ = VectorXd::Zero(static_cast<Index>(sensors.size()));
+  lowest_ = VectorXd::Constant(m, -std::numeric_limits<double>::infinity());
+  for (Index k = 0; k < m; ++k) {
+    const KalmanParameter& p = parameters[static_cast<std::size_t>(k)];
+    const JointForce own = p.kind == KalmanParameter::payload ? JointForce() : force_of(arm, p.rate);
+    if (p.kind == KalmanParameter::payload) lowest_[k] = 0.0;
+    if (p.kind == KalmanParameter::damping) lowest_[k] = -own.damping;
+    if (p.kind == KalmanParameter::coulomb) lowest_[k] = -own.coulomb;
+  }
+  L_ = transition_ = Eigen::MatrixXd::Identity(states, states);
+  rows_ = Eigen::MatrixXd::Zero(states + noises, states);
+  J_ = Mat6X<double>::Zero(6, n);
+  start(arm.zero(), v_, VectorXd::Zero(n), VectorXd::Zero(n));
+}
+
+KalmanFilter::~KalmanFilter() = default;
+
+void KalmanFilter::start(const VectorXd& q, const VectorXd& v, const VectorXd& q_deviation,
+                         const VectorXd& v_deviation) {
+  const Index n = q_.size(), m = p_.size();
+  q_ = q;
+  v_ = v;
+  L_.setZero();
+  L_.diagonal().head(n) = q_deviation;
+  L_.diagonal().segment(n, n) = v_deviation;
+  for (Index k = 0; k < m; ++k) {
+    p_[k] = parameters_[static_cast<std::size_t>(k)].start;
+    L_(2 * n + k, 2 * n + k) = parameters_[static_cast<std::size_t>(k)].deviation;
+  }
+  f_.setZero();
+  for (std::size_t k = 0; k < sensors_.size(); ++k) {  // settled, so that its first state is what comes in
+    const KalmanSensor& s = sensors_[k];
+    if (s.F.rows() == 0) continue;
+    f_[first_[k]] = s.by_q.dot(q) + s.by_v.dot(v) + s.offset;
+    const Index row = 2 * n + m + first_[k];
+    for (Index j = 0; j < 2 * n; ++j) L_(row, j) = (j < n ? s.by_q[j] : s.by_v[j - n]) * L_(j, j);
+  }
+}
+
+Status KalmanFilter::predict(const VectorXd& tau) {
+  const Index n = q_.size(), m = p_.size();
+  q0_ = q_;
+  v0_ = v_;
+  f0_ = f_;
+  double slack = 0.0;  // of what the filter does not know of v, in the norm of kinetic energy
+  for (Index i = 0; i < n; ++i) slack += model_->inertia()[i] * L_.row(n + i).squaredNorm();
+  if (const Status status = model_->step(q_, v_, p_, tau, std::sqrt(slack)); status != Status::ok) {
+    q_ = q0_;
+    v_ = v0_;
+    return status;
+  }
+  for (std::size_t k = 0; k < sensors_.size(); ++k) {
+    const KalmanSensor& s = sensors_[k];
+    const Index order = s.F.rows();
+    if (order == 0) continue;
+    auto f = f_.segment(first_[k], order);
+    f.noalias() = s.F.lazyProduct(f0_.segment(first_[k], order));
+    f += s.before * (s.by_q.dot(q0_) + s.by_v.dot(v0_) + s.offset);
+    f += s.after * (s.by_q.dot(q_) + s.by_v.dot(v_) + s.offset);
+  }
+  for (Index j = 0; j < L_.cols(); ++j) {
+    row_ = L_.col(j);
+    carry(j, false);
+  }
+  for (Index j = 0; j < n + m; ++j) {  // forces that are held over the step, with the variance of their density over h
+    row_.setZero();
+    dtau_.setZero();
+    if (j < n) dtau_[j] = force_noise_[j] / std::sqrt(h_);
+    if (j >= n) row_[n + j] = parameters_[static_cast<std::size_t>(j - n)].drift * std::sqrt(h_);
+    carry(L_.cols() + j, true);
+  }
+  if (!rows_.allFinite() || !f_.allFinite()) {
+    q_ = q0_;
+    v_ = v0_;
+    f_ = f0_;
+    return Status::not_finite;
+  }
+  triangularise();
+  return Status::ok;
+}
+
+/// A small change of the state, in row_, over the step, into a row of rows_. A parameter's drift comes after the step.
+void KalmanFilter::carry(Index row, bool noise) {
+  const Index n = q_.size(), m = p_.size();
+  dq_ = old_q_ = row_.head(n);
+  dv_ = old_v_ = row_.segment(n, n);
+  dp_ = row_.segment(2 * n, m);
+  if (noise && !dp_.isZero(0.0)) {
+    rows_.row(row) = row_.transpose();
+    return;
+  }
+  if (!noise) dtau_.setZero();
+  model_->tangent(dq_, dv_, dp_, dtau_);
+  for (std::size_t k = 0; k < sensors_.size(); ++k) {
+    const KalmanSensor& s = sensors_[k];
+    const Index order = s.F.rows();
+    if (order == 0) continue;
+    auto df = df_.segment(first_[k], order);
+    df.noalias() = s.F.lazyProduct(row_.segment(2 * n + m + first_[k], order));
+    df += s.before * (s.by_q.dot(old_q_) + s.by_v.dot(old_v_));
+    df += s.after * (s.by_q.dot(dq_) + s.by_v.dot(dv_));
+  }
+  rows_.row(row).head(n) = dq_.transpose();
+  rows_.row(row).segment(n, n) = dv_.transpose();
+  rows_.row(row).segment(2 * n, m) = dp_.transpose();
+  rows_.row(row).tail(df_.size()) = df_.transpose();
+}
+
+/// rows_ = Q R by Householder's reflections; L = R^T has L L^T = rows_^T rows_.
+void KalmanFilter::triangularise() {
+  const Index states = L_.rows(), rows = rows_.rows();
+  for (Index j = 0; j < states; ++j) {
+    const Index below = rows - j - 1;
+    double tau = 0.0, beta = 0.0;
+    auto essential = essential_.head(below);
+    rows_.col(j).tail(rows - j).makeHouseholder(essential, tau, beta);
+    rows_(j, j) = beta;
+    for (Index k = j + 1; k < states; ++k) {
+      const double along = tau * (rows_(j, k) + essential.dot(rows_.col(k).tail(below)));
+      rows_(j, k) -= along;
+      rows_.col(k).tail(below) -= along * essential;
+    }
+  }
+  L_.setZero();
+  for (Index j = 0; j < states; ++j) L_.col(j).tail(states - j) = rows_.row(j).tail(states - j).transpose();
+}
+
+/// What a sensor is expected to read, and its derivatives by the state, into row_.
+double KalmanFilter::expected(std::size_t sensor) {
+  const KalmanSensor& s = sensors_[sensor];
+  const Index n = q_.size(), m = p_.size();
+  row_.setZero();
+  if (s.F.rows() > 0) {
+    row_[2 * n + m + first_[sensor]] = 1.0;
+    return f_[first_[sensor]];
+  }
+  row_.head(n) = s.by_q;
+  row_.segment(n, n) = s.by_v;
+  double y = s.by_q.dot(q_) + s.by_v.dot(v_) + s.offset;
+  if (s.at) {
+    Workspace& ws = model_->workspace();
+    move_arm(*arm_, ws, q_, v_);
+    slice_jacobian(*arm_, ws, *s.at, J_);
+    y += s.along.dot(slice_pose(ws, *s.at).p);
+    row_.head(n).noalias() += J_.topRows<3>().transpose().lazyProduct(s.along);
+  }
+  return y;
+}
+
+/// The state changes by so many times gain_.
+void KalmanFilter::add(double times) {
+  const Index n = q_.size(), m = p_.size();
+  q_ += times * gain_.head(n);
+  v_ += times * gain_.segment(n, n);
+  p_ += times * gain_.segment(2 * n, m);
+  f_ += times * gain_.tail(f_.size());
+}
+
+/// A parameter that is below its bound goes there, and the rest of the state to what is most likely then.
+void KalmanFilter::bound(Index parameter) {
+  const Index row = 2 * q_.size() + parameter;
+  if (!(p_[parameter] < lowest_[parameter])) return;
+  phi_ = L_.row(row).transpose();
+  const double variance = phi_.squaredNorm();
+  if (variance > 0.0) {
+    gain_.noalias() = L_ * phi_;
+    add((lowest_[parameter] - p_[parameter]) / variance);
+  }
+  p_[parameter] = lowest_[parameter];
+}
+
+Status KalmanFilter::update(const VectorXd& y) {
+  const Index m = p_.size();
+  nis_ = 0.0;
+  used_ = 0;
+  for (std::size_t k = 0; k < sensors_.size(); ++k) {
+    const Index at = static_cast<Index>(k);
+    innovations_[at] = std::numeric_limits<double>::quiet_NaN();
+    innovation_deviations_[at] = innovations_[at];
+    if (!std::isfinite(y[at])) continue;
+    const double innovation = y[at] - expected(k), noise = sensors_[k].noise * sensors_[k].noise;
+    phi_.noalias() = L_.transpose() * row_;
+    const double variance = phi_.squaredNorm() + noise;
+    gain_.noalias() = L_ * phi_;
+    add(innovation / variance);
+    gain_ /= variance + std::sqrt(variance * noise);  // Potter (1963)
+    for (Index j = 0; j < L_.cols(); ++j) L_.col(j) -= phi_[j] * gain_;
+    innovations_[at] = innovation;
+    innovation_deviations_[at] = std::sqrt(variance);
+    nis_ += innovation * innovation / variance;
+    ++used_;
+  }
+  for (Index k = 0; k < m; ++k) bound(k);
+  return q_.allFinite() && v_.allFinite() && p_.allFinite() && L_.allFinite() ? Status::ok : Status::not_finite;
+}
+
+void KalmanFilter::place(const PlacedSlice& at, Eigen::Vector3d& p, Eigen::Matrix3d& covariance) {
+  Workspace& ws = model_->workspace();
+  move_arm(*arm_, ws, q_, v_);
+  slice_jacobian(*arm_, ws, at, J_);
+  p = slice_pose(ws, at).p;
+  covariance.setZero();
+  for (Index j = 0; j < L_.cols(); ++j) {
+    const Eigen::Vector3d moved = J_.topRows<3>().lazyProduct(L_.col(j).head(q_.size()));
+    covariance += moved * moved.transpose();
+  }
+}
+
+const Eigen::MatrixXd& KalmanFilter::transition() {
+  for (Index j = 0; j < L_.cols(); ++j) {
+    row_.setZero();
+    row_[j] = 1.0;
+    carry(j, false);
+  }
+  transition_ = rows_.topRows(L_.cols()).transpose();
+  return transition_;
+}
+
+}  // namespace flexarm

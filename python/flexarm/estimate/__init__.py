@@ -1,0 +1,1 @@
+"""Estimates of an arm in motion from what its sensors read."""

@@ -1,0 +1,65 @@
+"""What a Kalman filter has estimated over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from .._check import Array
+from ..draw.trajectory import plot_panels
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate:
+    """Estimates over nt times, each behind the readings of its time, as `KalmanFilter.run` gives them. A standard
+    deviation is what the filter believes of its own error; `consistency` tells whether it may.
+
+    Attributes:
+        t: times (s), (nt,).
+        q, v: coordinates and rates, (nt, nv); q_std, v_std: their standard deviations.
+        parameters: by name, (nt,) each; parameter_std: their standard deviations.
+        tip: place of the last link's end in the world (m), (nt, 3); tip_std: its standard deviations.
+        innovations: readings less what was expected of them, (nt, k); nan where there was none.
+        innovation_std: their standard deviations as the filter expects them, (nt, k).
+        nis: at each time the sum of the squares of innovations over innovation_std (NIS), (nt,).
+        used: at each time the number of readings, (nt,).
+        labels: of the k readings.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    q_std: Array
+    v_std: Array
+    parameters: dict[str, Array]
+    parameter_std: dict[str, Array]
+    tip: Array
+    tip_std: Array
+    innovations: Array
+    innovation_std: Array
+    nis: Array
+    used: Array
+    labels: tuple[str, ...]
+
+    @property
+    def consistency(self) -> float:
+        """The sum of `nis` over the number of readings: 1 where model and noises are right; above, the filter believes
+        its model too much, or noises were given too small; below, too large."""
+        return float(self.nis.sum() / max(self.used.sum(), 1))
+
+    def __repr__(self) -> str:
+        names = "".join(f", {k} {x[-1]:.4g} ± {self.parameter_std[k][-1]:.2g}" for k, x in self.parameters.items())
+        return f"Estimate({len(self.t)} times up to t = {self.t[-1]:g} s{names}; consistency {self.consistency:.3g})"
+
+    def plot(self) -> Figure:
+        """A figure over time of each parameter, with two standard deviations to either side, and of the tip's place."""
+        panels = []
+        for name, x in self.parameters.items():
+            band = 2 * self.parameter_std[name]
+            curves = [(name, x), ("two standard deviations above", x + band), ("and below", x - band)]
+            panels.append((name, curves))
+        panels.append(("tip (m)", [(f"tip {c}", self.tip[:, k]) for k, c in enumerate("xyz")]))
+        return plot_panels(self.t, panels)

@@ -1,0 +1,341 @@
+"""An extended Kalman filter on the implicit step: states, payload and joint friction from sensors, online."""
+
+from __future__ import annotations
+
+import warnings
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import flexarm._core as _core
+
+from .._check import Array, array, number
+from ..arm import Arm
+from ..sensing.reading import Reading
+from ..sensing.sensor import Sensor
+from .estimate import Estimate
+from .rows import sensor_rows, unknowns
+
+_STATUS = ("", "the mass matrix is singular", "a step has no solution", "the estimate ran away")
+_WINDOW = 500  # readings over which innovations are tested
+_BEYOND = 6.0  # standard deviations of a normal distribution: one window in 1e9
+_LEARNT = 0.95  # part of a parameter's first standard deviation, above which readings have not told it
+
+
+class FilterWarning(UserWarning):
+    """A Kalman filter whose readings are not what it expects, or do not tell what it is to estimate."""
+
+
+class KalmanFilter:
+    """An extended Kalman filter whose model is the arm: one implicit step, with its exact derivatives.
+
+    It estimates coordinates q and rates v from the forces that are applied and what sensors read, and with them, where
+    `estimate` names them, constants that the arm does not know:
+
+    =============  ===================================================================================================
+    payload        mass (kg) of a point at the last link's end, beyond what the arm carries there
+    damping.LINK   viscous friction of a joint (N m s/rad; N s/m), beyond the arm's own
+    coulomb.LINK   Coulomb friction of a joint (N m; N), beyond the arm's own
+    offset.LINK    a constant force in a joint (N m; N)
+    gain.LINK      the force in a joint is 1 + gain times tau
+    =============  ===================================================================================================
+
+    With LINK a number from 0, or LINK.FREEDOM where a joint has several. The covariance is kept as a square root
+    (Potter 1963; Schmidt 1970), so that rounding never makes it indefinite. Dry friction, the arm's own as well, is
+    c v / sqrt(v^2 + friction_speed^2), without stiction. Before each `predict` come the readings of its time, if any:
+    `update`, `predict`, `update`, ... `flexarm/kalman.hpp` has the same for C++, without allocation.
+
+    Args:
+        arm: without ball joints.
+        sensors: Encoder, Tachometer, StrainGauge, or Camera (axes="world"). Of each the `noise` and the steps of
+            its resolution or pulses say how far it is believed: the variance is noise^2 + step^2 / 12. A `filter` is
+            part of the model, for two states or one more; a reading at its `range` or beyond is left out.
+        step: time from one prediction to the next (s).
+        force_noise: density (N m/sqrt(Hz); N/sqrt(Hz)) of white forces that the model does not know of: one number,
+            for joints alone, or one for each rate, (nv,). The larger, the more readings are believed, and the model
+            less.
+        estimate: by name of a parameter (start, standard deviation of it).
+        drift: by name of a parameter by how much it may wander in a second (unit/sqrt(s)); 0 where it is not named.
+        q, v: the state at the start, (nv,) each; `arm.zero` and zero if None.
+        q_std, v_std: their standard deviations, a number or (nv,).
+        friction_speed: rate (rad/s; m/s) above which Coulomb friction is about constant.
+        spectral_radius: of the implicit step; see `simulate`.
+
+    Raises:
+        ValueError: naming the field and the value.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        sensors: Sequence[Sensor],
+        step: float,
+        *,
+        force_noise: ArrayLike,
+        q_std: ArrayLike,
+        v_std: ArrayLike,
+        estimate: Mapping[str, tuple[float, float]] | None = None,
+        drift: Mapping[str, float] | None = None,
+        q: ArrayLike | None = None,
+        v: ArrayLike | None = None,
+        friction_speed: float = 0.01,
+        spectral_radius: float = 1.0,
+    ) -> None:
+        if not isinstance(arm, Arm):
+            raise ValueError(f"arm = {arm!r}: must be an Arm")
+        if not isinstance(sensors, (list, tuple)):
+            raise ValueError(f"sensors = {sensors!r}: must be a list of sensors")
+        self.arm, self.sensors, self.step = arm, tuple(sensors), number("step", step)
+        if not 0 < self.step < np.inf:
+            raise ValueError(f"step = {step}: must be positive and finite (s)")
+        if not self.sensors:
+            raise ValueError("sensors = []: there must be at least one; nothing is known without readings")
+        labels, rows, ranges = [], [], []
+        for k, sensor in enumerate(self.sensors):
+            try:
+                rows += sensor_rows(arm, sensor, self.step)
+            except ValueError as e:
+                raise ValueError(f"sensors[{k}]: {e}") from None
+            parts = [label for label, _ in sensor.components(arm)]
+            labels += [f"{sensor.title(arm)}, {part}" for part in parts]
+            ranges += list(sensor._each("range", len(parts), np.inf))
+        #: of the k readings, in the order of the sensors and their components
+        self.labels: tuple[str, ...] = tuple(labels)
+        self._range = np.array(ranges)
+        self._names, parameters = unknowns(arm, {} if estimate is None else estimate, {} if drift is None else drift)
+        joints = np.zeros(arm.nv)
+        for n, link in enumerate(arm.links):
+            joints[arm.joint_rates(n) if link.joint.nv else []] = 1.0
+        noise = array("force_noise", force_noise)
+        if (noise < 0).any():
+            raise ValueError(f"force_noise = {force_noise!r}: must not be negative")
+        noise = noise * joints if noise.ndim == 0 else array("force_noise", force_noise, (arm.nv,))
+        self._core = _core.KalmanFilter(
+            arm._core, self.step, rows, parameters, noise,
+            number("spectral_radius", spectral_radius), number("friction_speed", friction_speed),
+        )  # fmt: skip
+        self._start = [
+            array("q", arm.zero if q is None else q, (arm.nv,)),
+            array("v", np.zeros(arm.nv) if v is None else v, (arm.nv,)),
+            _each("q_std", q_std, arm.nv),
+            _each("v_std", v_std, arm.nv),
+        ]
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the start, as if nothing had been read."""
+        self._core.start(*self._start)
+        self._tested: deque[tuple[float, int]] = deque()
+        self._sums = [0.0, 0]
+        self._warned = False
+
+    # -- a cycle -------------------------------------------------------------------------------------------------------
+
+    def update(self, readings: ArrayLike) -> None:
+        """Takes the readings (k,) of now, in the order of `labels`; nan where there is none.
+
+        Raises:
+            ValueError: a wrong shape. RuntimeError: the estimate is not finite.
+
+        Warns:
+            FilterWarning: once, where the latest 500 readings are further from what was expected than the filter's
+                noises allow (a chi-square test of `nis`).
+        """
+        y = self._readings(readings, 1)
+        self._check(self._core.update(y))
+        self._test(self.nis, self.used)
+
+    def predict(self, tau: ArrayLike) -> None:
+        """Goes on by `step` under forces tau (nv,), held over it.
+
+        Raises:
+            ValueError: a wrong shape. RuntimeError: the step has no solution; the estimate is as it was.
+        """
+        self._check(self._core.predict(array("tau", tau, (self.arm.nv,))))
+
+    def run(self, t: ArrayLike, tau: ArrayLike, readings: ArrayLike | Sequence[Reading]) -> Estimate:
+        """Estimates over recorded data, from where the filter is: readings at t[0], a prediction to t[1], ...
+
+        Args:
+            t: times (s), (nt,), `step` apart.
+            tau: forces held from each time to the next, (nt, nv).
+            readings: at the times, (nt, k), nan where there is none; or a Reading of each sensor, which may have been
+                sampled less often.
+
+        Raises:
+            ValueError: bad shapes or times. RuntimeError: the filter could not go on.
+
+        Warns:
+            FilterWarning: as `update`; or readings have told nothing of a parameter.
+        """
+        times = array("t", t)
+        if times.ndim != 1 or times.size < 2:
+            raise ValueError(f"t has shape {times.shape}: must be two times or more")
+        if np.abs(np.diff(times) / self.step - 1).max() > 1e-3:
+            raise ValueError(f"t: must increase in steps of {self.step:g} s, the filter's step")
+        forces = array("tau", tau, (times.size, self.arm.nv))
+        y = self._readings(self._sampled(times, readings), 2)
+        if len(y) != times.size:
+            raise ValueError(f"readings has {len(y)} rows: must have {times.size}, one for each of t")
+        first = self._core.deviations
+        found = self._core.run(forces, y)
+        done = len(found["q"])
+        for nis, used in zip(found["nis"], found["used"], strict=True):
+            self._test(nis, used)
+        self._check(found["status"], f" at t = {times[min(done, times.size - 1)]:g} s")
+        n, m = self.arm.nv, len(self._names)
+        for k, name in enumerate(self._names):
+            if first[2 * n + k] > 0 and found["std"][-1, 2 * n + k] > _LEARNT * first[2 * n + k]:
+                warnings.warn(FilterWarning(
+                    f"{name}: the readings have told nothing of it; its standard deviation is still "
+                    f"{found['std'][-1, 2 * n + k]:.3g}. Move the arm so that it matters, add a sensor, or leave it out"
+                ), stacklevel=2)  # fmt: skip
+        std = found["std"]
+        return Estimate(
+            times, found["q"], found["v"], std[:, :n], std[:, n : 2 * n],
+            {name: found["p"][:, k] for k, name in enumerate(self._names)},
+            {name: std[:, 2 * n + k] for k, name in enumerate(self._names[:m])},
+            found["tip"], found["tip_std"], found["innovations"], found["innovation_std"],
+            found["nis"], found["used"], self.labels,
+        )  # fmt: skip
+
+    # -- what is known now ---------------------------------------------------------------------------------------------
+
+    @property
+    def q(self) -> Array:
+        """Coordinates, (nv,)."""
+        return self._core.q
+
+    @property
+    def v(self) -> Array:
+        """Rates, (nv,)."""
+        return self._core.v
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Of each name in `estimate` its value."""
+        return dict(zip(self._names, self._core.p.tolist(), strict=True))
+
+    @property
+    def covariance(self) -> Array:
+        """Of [q; v; parameters], (2 nv + m, 2 nv + m)."""
+        root = self._core.root[: 2 * self.arm.nv + len(self._names)]
+        return np.asarray(root @ root.T)
+
+    @property
+    def q_std(self) -> Array:
+        """Standard deviations of q, (nv,)."""
+        return self._core.deviations[: self.arm.nv]
+
+    @property
+    def v_std(self) -> Array:
+        """Standard deviations of v, (nv,)."""
+        return self._core.deviations[self.arm.nv : 2 * self.arm.nv]
+
+    @property
+    def parameter_std(self) -> dict[str, float]:
+        """Standard deviations of the parameters, by name."""
+        return dict(zip(self._names, self._core.deviations[2 * self.arm.nv :].tolist(), strict=False))
+
+    def tip(self, link: int = -1, x: float | None = None) -> tuple[Array, Array]:
+        """Place (3,) of a link's end, or of a slice at x metres of its beam, in the world (m), and its covariance
+        (3, 3) (m^2)."""
+        return self._core.place(self.arm._link(link), None if x is None else number("x", x))
+
+    @property
+    def innovation(self) -> Array:
+        """Of the last update: readings less what was expected of them, each behind those ahead of it, (k,); nan where
+        there was none."""
+        return self._core.innovations
+
+    @property
+    def innovation_std(self) -> Array:
+        """Of the last update: standard deviations of the innovations as expected, (k,)."""
+        return self._core.innovation_std
+
+    @property
+    def nis(self) -> float:
+        """Of the last update: the sum of the squares of innovations over their standard deviations (NIS). Chi-square,
+        of `used` degrees of freedom, where model and noises are right."""
+        return self._core.nis
+
+    @property
+    def used(self) -> int:
+        """Of the last update: how many readings there were."""
+        return self._core.used
+
+    @property
+    def consistency(self) -> float:
+        """NIS over the number of readings of the latest 500 readings: about 1 where model and noises are right."""
+        return self._sums[0] / self._sums[1] if self._sums[1] else np.nan
+
+    # ------------------------------------------------------------------------------------------------------------------
+
+    def _check(self, status: int, when: str = "") -> None:
+        if status:
+            told = "".join(f", {k} = {x:.4g}" for k, x in self.parameters.items())
+            raise RuntimeError(
+                f"the filter cannot go on{when}: {_STATUS[status]}{told}; give smaller standard deviations at the "
+                f"start, more force_noise, or a shorter step"
+            )
+
+    def _test(self, nis: float, used: int) -> None:
+        if not used:
+            return
+        self._tested.append((nis, used))
+        self._sums[0] += nis
+        self._sums[1] += used
+        while self._sums[1] - self._tested[0][1] >= _WINDOW:
+            old, count = self._tested.popleft()
+            self._sums[0] -= old
+            self._sums[1] -= count
+        n = self._sums[1]
+        spread = 2 / (9 * n)
+        most = (1 - spread + _BEYOND * spread**0.5) ** 3  # chi-square's quantile over n, by Wilson and Hilferty
+        if n >= _WINDOW and not self._warned and self.consistency > most:
+            self._warned = True
+            warnings.warn(FilterWarning(
+                f"the latest {n} readings are {self.consistency ** 0.5:.3g} times as far from what was expected as the "
+                f"filter's noises allow (rms): the model is wrong, or force_noise or a sensor's noise is too small; "
+                f"its standard deviations are not to be believed"
+            ), stacklevel=3)  # fmt: skip
+
+    def _readings(self, readings: ArrayLike, ndim: int) -> Array:
+        try:
+            y = np.array(readings, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError("readings: must be numbers, or nan where there is none") from None
+        if y.ndim != ndim or y.shape[-1] != len(self.labels):
+            shape = f"({len(self.labels)},)" if ndim == 1 else f"(nt, {len(self.labels)})"
+            raise ValueError(f"readings has shape {y.shape}: must be {shape}: {'; '.join(self.labels)}")
+        y[~(np.abs(y) < self._range)] = np.nan
+        return y
+
+    def _sampled(self, t: Array, readings: Any) -> Any:
+        """Rows of readings that were sampled at some of the times."""
+        if not (isinstance(readings, (list, tuple)) and readings and isinstance(readings[0], Reading)):
+            return readings
+        if len(readings) != len(self.sensors):
+            raise ValueError(f"readings: are {len(readings)}, must be {len(self.sensors)}, one of each sensor")
+        columns = []
+        for k, reading in enumerate(readings):
+            rows = np.full((t.size, reading.y.shape[1]), np.nan)
+            at = (reading.t - t[0]) / self.step
+            whole = np.round(at).astype(int)
+            if np.abs(at - whole).max(initial=0.0) > 1e-3:
+                raise ValueError(f"readings[{k}].t: must be times of t; have a rate that divides {1 / self.step:g} Hz")
+            inside = (whole >= 0) & (whole < t.size)
+            rows[whole[inside]] = reading.y[inside]
+            columns.append(rows)
+        return np.hstack(columns)
+
+
+def _each(field: str, value: ArrayLike, count: int) -> Array:
+    given = array(field, value)
+    given = array(field, value, (count,)) if given.ndim else np.full(count, float(given))
+    if (given < 0).any():
+        raise ValueError(f"{field} = {value!r}: must not be negative")
+    return given

@@ -1,0 +1,79 @@
+"""Sensors and parameters as the core's filter takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from .._check import array, number
+from ..arm import Arm
+from ..sensing.lowpass import LowPass
+from ..sensing.sensor import Sensor
+from ..sensing.sensors import Camera, Encoder, StrainGauge, Tachometer
+
+#: parameters by name, in the order of the core
+KINDS = ("payload", "damping", "coulomb", "offset", "gain")
+
+
+def sensor_rows(arm: Arm, sensor: Sensor, step: float) -> list[Any]:
+    """A sensor's components as the core takes them."""
+    if not isinstance(sensor, (Encoder, Tachometer, StrainGauge, Camera)):
+        raise ValueError(f"{type(sensor).__name__}: must be an Encoder, Tachometer, StrainGauge or Camera")
+    if sensor.delay:
+        raise ValueError(f"delay = {sensor.delay}: the filter takes readings as of now; shift them in time")
+    sensor.check(arm)
+    n, count = arm.nv, len(sensor.components(arm))
+    std = np.sqrt(sensor._each("noise", count, 0.0) ** 2 + sensor.steps(arm) ** 2 / 12)
+    if not (std > 0).all():
+        raise ValueError("noise = None: a filter must know how far to believe a sensor; give its standard deviation")
+    F, before, after = np.empty((0, 0)), np.empty(0), np.empty(0)
+    if isinstance(sensor.filter, LowPass):
+        if isinstance(sensor, Camera):
+            raise ValueError("filter: a camera's is not in the model")
+        F, given = np.split(sensor.filter.step(step), [sensor.filter.order], axis=1)
+        before, after = given[:, 0] + given[:, 1] / 2, given[:, 2] + given[:, 1] / 2  # a straight line between
+    if isinstance(sensor, Camera):
+        if sensor.axes != "world":
+            raise ValueError(f"axes = {sensor.axes!r}: must be 'world'")
+        place = arm._link(sensor.link), sensor.x
+        return [(np.zeros(n), np.zeros(n), 0.0, std[k], place, np.eye(3)[k], F, before, after) for k in range(3)]
+    # linear: by states of one coordinate or rate alone
+    zero, unit = np.zeros((n, n)), np.eye(n)
+    y0 = sensor.measure(arm, 0.0, arm.zero, np.zeros(n))[0]
+    by_q = sensor.measure(arm, np.zeros(n), arm.zero + unit, zero)[:, 0] - y0
+    by_v = sensor.measure(arm, np.zeros(n), arm.zero + zero, unit)[:, 0] - y0
+    return [(by_q, by_v, float(y0), std[0], None, np.zeros(3), F, before, after)]
+
+
+def unknowns(
+    arm: Arm, estimate: Mapping[str, Any], drift: Mapping[str, Any]
+) -> tuple[list[str], list[tuple[int, int, float, float, float]]]:
+    """Names of parameters, and these as the core takes them."""
+    given: tuple[tuple[str, Any], ...] = (("estimate", estimate), ("drift", drift))
+    for field, keyed in given:
+        if not isinstance(keyed, Mapping):
+            right = "{'payload': (0.1, 0.1)}" if field == "estimate" else "{'payload': 0.01}"
+            raise ValueError(f"{field} = {keyed!r}: must be a dictionary, by name, such as {right}")
+    out = []
+    for name, value in drift.items():
+        if name not in estimate:
+            raise ValueError(f"drift: {name} is not among those of estimate: {', '.join(estimate) or 'none'}")
+        if not 0 <= number(f"drift: {name}", value) < np.inf:
+            raise ValueError(f"drift: {name} = {value}: must not be negative (unit/sqrt(s))")
+    for name, value in estimate.items():
+        kind, *where = str(name).split(".")
+        right = "must be 'payload', or " + ", ".join(f"'{k}.LINK'" for k in KINDS[1:])
+        places = 0 <= len(where) <= 2 and all(map(str.isdigit, where)) and (kind == "payload") == (not where)
+        if kind not in KINDS or not places:
+            raise ValueError(f"estimate: {name!r}: {right}")
+        place: Any = [int(w) for w in where]
+        rate = arm.joint_rate(tuple(place) if len(place) == 2 else place[0], f"estimate: {name}: link") if place else 0
+        start, std = array(f"estimate: {name}: (start, standard deviation)", value, (2,))
+        if std < 0:
+            raise ValueError(f"estimate: {name} = {value}: the standard deviation must not be negative")
+        if kind == "payload" and start < 0:
+            raise ValueError(f"estimate: {name} = {value}: a payload's start must not be negative (kg)")
+        out.append((KINDS.index(kind), rate, float(start), float(std), float(drift.get(name, 0.0))))
+    return list(estimate), out

@@ -1,0 +1,277 @@
+"""The Kalman filter against an independent one, against chi-square, and on arms whose payload and friction it finds."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import flexarm as fa
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+STEEL = fa.Material(7850, 209e9, 0.3)
+STEP = 1e-3
+GAUGES = [fa.StrainGauge(k, 0.01, "+y", noise=2e-6, resolution=1e-6) for k in (0, 1)]
+SENSORS = [fa.Encoder(k, pulses=4096, quadrature=True) for k in (0, 1)] + GAUGES
+
+
+def two_links(payload: float = 0.0, damping: Any = (0.0, 0.0), coulomb: Any = (0.0, 0.0)) -> fa.Arm:
+    """In the horizontal plane."""
+
+    def link(k: int, tip: fa.RigidBody) -> fa.Link:
+        hub = fa.RigidBody(0.3, (0.02, 0, 0), (0.03, 0.01)[k] * np.eye(3), (0.05, 0, 0))
+        beam = fa.Beam(0.4, fa.Rectangle(0.004, 0.02), STEEL, {"bending_y": 2}, "legendre", 2, damping_ratio=0.01)
+        return fa.Link(fa.Revolute("z", damping=damping[k], coulomb=coulomb[k]), hub, beam, tip)
+
+    elbow = fa.RigidBody(0.3, (0.02, 0, 0), 1e-4 * np.eye(3), (0.03, 0, 0))
+    return fa.Arm([link(0, elbow), link(1, fa.RigidBody(0.05 + payload, inertia=1e-5 * np.eye(3)))])
+
+
+def moved(arm: fa.Arm, seconds: float) -> tuple[fa.Result, np.ndarray]:
+    """A run under a sampled PD controller, and the forces that it held from each time to the next."""
+    t = np.arange(round(seconds / STEP) + 1) * STEP
+    tau = np.zeros((t.size, arm.nv))
+    first, n = arm.joint_rate(1), arm.nv
+
+    def law(now: float, y: np.ndarray) -> np.ndarray:
+        reference = np.array([0.6 * np.sin(4 * now), 0.8 * np.sin(6 * now)])
+        u = np.array([12.0, 4.0]) * (reference - y[[0, first]]) - np.array([1.2, 0.3]) * y[[n, n + first]]
+        tau[round(now / STEP), [0, first]] = u
+        return np.asarray(u)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fa.LoopWarning)
+        control = fa.Sampled(law, 1 / STEP, actuate=(0, 1))
+        run = fa.simulate(arm, t, control=control, integrator="implicit", step=STEP / 4)
+    return run, tau
+
+
+NOISE = np.array([0.02, 1e-3, 1e-3, 0.02, 1e-3, 1e-3])  # N m/sqrt(Hz); of elastic coordinates N m^2/sqrt(Hz)
+
+
+def test_a_linear_arm_has_the_filter_of_textbooks() -> None:
+    """A beam on a slide, of order 0: its equations are linear, and the implicit step is the trapezoidal rule."""
+    beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 2}, "legendre", 0, damping_ratio=0.02)
+    arm = fa.Arm([fa.Link(fa.Prismatic("y", damping=0.3), fa.RigidBody(0.5), beam, fa.RigidBody(0.1))])
+    sensors = [fa.Encoder(0, pulses=None, noise=1e-4), fa.StrainGauge(0, 0.02, "-y", noise=1e-6)]
+    n, rng, h = arm.nv, np.random.default_rng(3), 2e-3
+    noise, q_std, v_std = np.array([0.1, 0.01, 0.01]), np.array([0.01, 0.1, 0.2]), np.array([0.1, 1.0, 0.5])
+    filter = fa.KalmanFilter(arm, sensors, h, force_noise=noise, q_std=q_std, v_std=v_std, v=[0.1, 0, 0],
+                             estimate={"offset.0": (0.2, 0.5)}, drift={"offset.0": 0.1})  # fmt: skip
+
+    # linear model, discrete by the trapezoidal rule, with the offset as a state and noise as held forces
+    M = arm.mass_matrix(arm.zero)
+    _, C, K = arm.inverse_derivatives(arm.zero, np.zeros(n), np.zeros(n))[::-1]
+    F = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    G = np.vstack([np.zeros((n, n)), np.linalg.inv(M)])
+    left = np.linalg.inv(np.eye(2 * n) - h / 2 * F)
+    A, B = left @ (np.eye(2 * n) + h / 2 * F), left @ G * h
+    A = np.block([[A, B[:, :1]], [np.zeros((1, 2 * n)), np.eye(1)]])
+    B = np.vstack([B, np.zeros((1, n))])
+    Q = B @ np.diag(noise**2 / h) @ B.T
+    Q[-1, -1] += 0.1**2 * h
+    H = np.zeros((2, 2 * n + 1))
+    H[0, 0] = 1.0
+    H[1, :n] = 0.001 * np.array([arm.strain(q, 0, 0.02)[2] for q in np.eye(n)])  # -y: eps = + (thickness / 2) K3
+    R = np.diag([1e-8, 1e-12])
+    x = np.array([0, 0, 0, 0.1, 0, 0, 0.2])
+    P = np.diag(np.concatenate([q_std, v_std, [0.5]]) ** 2)
+
+    for k in range(60):
+        y, tau = rng.normal(size=2) * [0.01, 1e-4], rng.normal(size=n) * [1, 0, 0]
+        use = np.array([True, k % 3 != 1])  # dropouts
+        S = H[use] @ P @ H[use].T + R[np.ix_(use, use)]
+        innovation = (y - H @ x)[use]
+        gain = np.linalg.solve(S, H[use] @ P).T
+        x, P = x + gain @ innovation, P - gain @ S @ gain.T
+        filter.update(np.where(use, y, np.nan))
+        assert filter.used == use.sum()
+        assert filter.nis == pytest.approx(innovation @ np.linalg.solve(S, innovation), rel=1e-7)
+        x, P = A @ x + B @ tau, A @ P @ A.T + Q
+        filter.predict(tau)
+    scale = np.sqrt(np.diag(P))
+    got = np.concatenate([filter.q, filter.v, list(filter.parameters.values())])
+    np.testing.assert_allclose(got, x, rtol=0, atol=1e-8 * np.abs(x).max())
+    np.testing.assert_allclose(filter.covariance / np.outer(scale, scale), P / np.outer(scale, scale), atol=1e-7)
+    assert filter.parameter_std["offset.0"] == pytest.approx(scale[-1]) and scale[-1] < 0.4
+
+
+def test_errors_are_what_the_filter_believes() -> None:
+    """Normalised squared errors of states and readings of 25 runs with payloads, starts and noise drawn at random:
+    within the 0.1 and 99.9 % bounds of chi-square."""
+    rng, steps, runs = np.random.default_rng(11), 150, 25
+    model = two_links()
+    n = model.nv
+    q_std, v_std = np.array([0.05, 0.02, 0.02] * 2), np.array([0.1, 0.1, 0.1] * 2)
+    sensors = [fa.Encoder(k, pulses=None, noise=1e-4) for k in (0, 1)] + [
+        fa.StrainGauge(k, 0.01, "+y", noise=2e-6) for k in (0, 1)
+    ]
+    filter = fa.KalmanFilter(model, sensors, STEP, force_noise=NOISE, q_std=q_std, v_std=v_std,
+                             estimate={"payload": (0.3, 0.05)})  # fmt: skip
+    t = np.arange(steps + 1) * STEP
+    known = np.zeros((steps + 1, n))
+    known[:, 0], known[:, 3] = 3 * np.sin(40 * t), np.cos(30 * t)
+    nees, nis, used = [], 0.0, 0
+    for _ in range(runs):
+        payload = 0.3 + 0.05 * rng.normal()
+        arm = two_links(payload)
+        forces = known[:-1] + rng.normal(size=(steps, n)) * NOISE / np.sqrt(STEP)
+        q0, v0 = q_std * rng.normal(size=n), v_std * rng.normal(size=n)
+        run = fa.rollout(arm, q0[None], v0[None], forces[None], step=STEP, every=1)
+        y = np.column_stack([s.measure(arm, t, run.q[0], run.v[0]) for s in sensors])
+        y += rng.normal(size=y.shape) * [1e-4, 1e-4, 2e-6, 2e-6]
+        filter.reset()
+        estimate = filter.run(t, known, y)
+        error = np.concatenate([run.q[0, -1], run.v[0, -1], [payload]])
+        error -= np.concatenate([filter.q, filter.v, [filter.parameters["payload"]]])
+        nees.append(error @ np.linalg.solve(filter.covariance, error))
+        nis, used = nis + estimate.nis.sum(), used + estimate.used.sum()
+    count = runs * (2 * n + 1)
+    assert used == runs * (steps + 1) * 4
+    assert chi2.ppf(0.001, count) < sum(nees) < chi2.ppf(0.999, count)
+    assert chi2.ppf(0.001, used) < nis < chi2.ppf(0.999, used)
+
+
+@pytest.mark.parametrize("payload, wrong", [(0.05, 3), (0.15, 1 / 3), (0.5, 0.4), (0.5, 2)])
+def test_payload_within_5_percent_in_2_seconds(payload: float, wrong: float) -> None:
+    run, tau = moved(two_links(payload, damping=(0.05, 0.02)), 2.0)
+    unknown = {"payload": (wrong * payload, 2 * payload), "damping.0": (0.1, 0.1), "damping.1": (0.05, 0.05)}
+    filter = fa.KalmanFilter(two_links(), SENSORS, STEP, force_noise=NOISE, q_std=0.01, v_std=0.01, estimate=unknown)
+    estimate = filter.run(run.t, tau, [s.read(run) for s in SENSORS])
+    found = estimate.parameters["payload"]
+    assert abs(found[0] / payload - 1) > 0.5
+    assert np.abs(found[1000:] / payload - 1).max() < 0.02
+    assert abs(filter.parameters["damping.0"] - 0.05) < 0.01
+    tip = run.frame()[0]
+    assert np.abs(estimate.tip - tip)[1000:].max() < 5e-4 < 0.1 * np.ptp(tip, axis=0).max()
+    place, covariance = filter.tip()
+    np.testing.assert_allclose(place, estimate.tip[-1])
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), estimate.tip_std[-1])
+    assert "payload" in repr(estimate) and estimate.plot().axes
+
+
+def test_friction_of_joints_that_stick_and_slide() -> None:
+    """The arm has dry friction in its equations; the filter smooths it."""
+    run, tau = moved(two_links(0.15, (0.05, 0.02), (0.1, 0.03)), 4.0)
+    unknown = {"payload": (0.05, 0.2), "damping.0": (0.1, 0.1), "damping.1": (0.05, 0.05),
+               "coulomb.0": (0.03, 0.1), "coulomb.1": (0.1, 0.1)}  # fmt: skip
+    filter = fa.KalmanFilter(two_links(), SENSORS, STEP, force_noise=0.2 * NOISE, q_std=0.01, v_std=0.01,
+                             estimate=unknown)  # fmt: skip
+    filter.run(run.t, tau, [s.read(run) for s in SENSORS])
+    right = {"payload": 0.15, "damping.0": 0.05, "damping.1": 0.02, "coulomb.0": 0.1, "coulomb.1": 0.03}
+    for name, value in right.items():
+        assert abs(filter.parameters[name] / value - 1) < 0.05, name
+        assert abs(filter.parameters[name] - value) < 3 * filter.parameter_std[name], name
+    # an arm with that friction of its own has nothing left to find
+    knows = fa.KalmanFilter(run.arm, SENSORS, STEP, force_noise=0.2 * NOISE, q_std=0.01, v_std=0.01,
+                            estimate={"coulomb.0": (0.0, 0.05), "gain.0": (0.0, 0.1)})  # fmt: skip
+    knows.run(run.t, tau, [s.read(run) for s in SENSORS])
+    assert abs(knows.parameters["coulomb.0"]) < 0.005 and abs(knows.parameters["gain.0"]) < 0.005
+
+
+def test_filtered_gauges_and_slow_ones() -> None:
+    """A gauge behind a low pass, sampled at 100 Hz: its lag is in the model, not in the estimate."""
+    run, tau = moved(two_links(), 1.0)
+    slow = fa.StrainGauge(1, 0.01, "+y", noise=2e-7, rate=100, filter=fa.LowPass(5, order=2, damping_ratio=0.9))
+    sensors = [fa.Encoder(0), fa.Encoder(1), slow]
+    filter = fa.KalmanFilter(two_links(), sensors, STEP, force_noise=0.0, q_std=0.0, v_std=0.0)
+    estimate = filter.run(run.t, tau, [s.read(run) for s in sensors])
+    assert estimate.used[::10].min() == 3 and estimate.used[1:10].max() == 2
+    gauge = estimate.innovations[::10, 2]
+    assert np.abs(gauge).max() < 1.5e-6
+    assert np.abs(slow.read(run).y[:, 0] - fa.StrainGauge(1, 0.01, "+y", rate=100).read(run).y[:, 0]).max() > 2e-5
+    np.testing.assert_allclose(filter.q, run.q[-1], atol=2e-4)
+
+
+def test_a_filter_that_believes_a_wrong_model_says_so() -> None:
+    run, tau = moved(two_links(0.3), 0.5)
+    y = [s.read(run) for s in SENSORS]
+    wrong = fa.KalmanFilter(two_links(), SENSORS, STEP, force_noise=0.01 * NOISE, q_std=0.01, v_std=0.01)
+    with pytest.warns(fa.FilterWarning, match="times as far from what was expected"):
+        assert wrong.run(run.t, tau, y).consistency > 2
+    right = fa.KalmanFilter(two_links(0.3), SENSORS, STEP, force_noise=0.01 * NOISE, q_std=0.01, v_std=0.01)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert 0.2 < right.run(run.t, tau, y).consistency < 1.3
+    # an arm that hangs at rest in the horizontal plane does not tell what it carries
+    rest = fa.KalmanFilter(two_links(), SENSORS, STEP, force_noise=NOISE, q_std=0.01, v_std=0.0,
+                           estimate={"payload": (0.1, 0.1)})  # fmt: skip
+    with pytest.warns(fa.FilterWarning, match="payload: the readings have told nothing"):
+        rest.run(run.t, np.zeros_like(tau), np.zeros((run.t.size, 4)))
+
+
+def test_readings_at_the_end_of_a_range_and_dropouts_are_left_out() -> None:
+    sensors = [fa.Encoder(0), fa.StrainGauge(0, 0.01, noise=1e-6, range=1e-4)]
+    filter = fa.KalmanFilter(two_links(), sensors, STEP, force_noise=NOISE, q_std=0.01, v_std=0.01)
+    for y, used in (([0.0, 9e-5], 2), ([0.0, 1e-4], 1), ([0.0, -2e-4], 1), ([np.nan, np.inf], 0)):
+        filter.reset()
+        filter.update(y)
+        assert filter.used == used
+        assert np.isfinite(filter.innovation).sum() == used and np.isfinite(filter.q).all()
+    assert np.all(filter.q == 0) and filter.nis == 0
+    camera = fa.KalmanFilter(two_links(), [fa.Camera(noise=1e-3)], STEP, force_noise=NOISE, q_std=0.01, v_std=0.01)
+    before = camera.tip()[1]
+    camera.update(camera.tip()[0] + [0, 1e-3, 0])
+    assert camera.tip()[1][1, 1] < 0.1 * before[1, 1] and len(camera.labels) == 3
+
+
+GOOD: dict[str, Any] = {"force_noise": NOISE, "q_std": 0.01, "v_std": 0.01}
+
+
+@pytest.mark.parametrize(
+    "change, told",
+    [
+        ({"sensors": []}, "sensors = \\[\\]: there must be at least one"),
+        ({"sensors": [fa.StrainGauge(0, 0.01)]}, r"sensors\[0\]: noise = None"),
+        ({"sensors": [SENSORS[0], fa.Tachometer(5, noise=1)]}, r"sensors\[1\]: link = 5"),
+        ({"sensors": [fa.Accelerometer(noise=1.0)]}, r"sensors\[0\]: Accelerometer: must be an Encoder"),
+        ({"sensors": [fa.Encoder(0, delay=0.01)]}, r"sensors\[0\]: delay = 0.01"),
+        ({"step": 0.0}, "step = 0.0: must be positive"),
+        ({"force_noise": -1.0}, "force_noise = -1.0: must not be negative"),
+        ({"force_noise": [1.0, 2.0]}, "force_noise has shape"),
+        ({"q_std": -0.1}, "q_std = -0.1: must not be negative"),
+        ({"v_std": np.nan}, "v_std"),
+        ({"q": np.zeros(2)}, "q has shape"),
+        ({"estimate": {"mass": (0.1, 0.1)}}, "estimate: 'mass': must be 'payload'"),
+        ({"estimate": {"coulomb": (0.1, 0.1)}}, "estimate: 'coulomb'"),
+        ({"estimate": {"damping.7": (0.1, 0.1)}}, "estimate: damping.7: link = 7"),
+        ({"sensors": SENSORS[0]}, "must be a list of sensors"),
+        ({"arm": None}, "arm = None: must be an Arm"),
+        ({"estimate": ["payload"]}, r"estimate = \['payload'\]: must be a dictionary"),
+        ({"drift": 0.1}, "drift = 0.1: must be a dictionary"),
+        ({"estimate": {"payload": (-0.1, 0.1)}}, "a payload's start must not be negative"),
+        ({"estimate": {"payload": 0.1}}, "payload: \\(start, standard deviation\\)"),
+        ({"estimate": {"payload": (0.1, -0.1)}}, "standard deviation must not be negative"),
+        ({"drift": {"payload": 0.1}}, "drift: payload is not among"),
+        ({"friction_speed": 0.0}, "friction_speed = 0"),
+        ({"spectral_radius": 2.0}, "spectral_radius = 2"),
+    ],
+)
+def test_bad_input_is_named(change: dict[str, Any], told: str) -> None:
+    given: dict[str, Any] = {"arm": two_links(), "sensors": SENSORS, "step": STEP} | GOOD | change
+    with pytest.raises(ValueError, match=told):
+        fa.KalmanFilter(**given)
+
+
+def test_bad_readings_and_times_are_named() -> None:
+    filter = fa.KalmanFilter(two_links(), SENSORS, STEP, **GOOD)
+    t, zeros = np.arange(5) * STEP, np.zeros((5, 6))
+    for call, told in (
+        (lambda: filter.update(np.zeros(3)), r"readings has shape \(3,\): must be \(4,\)"),
+        (lambda: filter.update(["a"] * 4), "readings: must be numbers"),
+        (lambda: filter.predict(np.zeros(2)), "tau has shape"),
+        (lambda: filter.predict(np.full(6, np.nan)), "tau"),
+        (lambda: filter.run(2 * t, zeros, np.zeros((5, 4))), "t: must increase in steps of 0.001 s"),
+        (lambda: filter.run(t, zeros[:3], np.zeros((5, 4))), "tau has shape"),
+        (lambda: filter.run(t, zeros, np.zeros((4, 4))), "readings has 4 rows: must have 5"),
+        (lambda: filter.tip(7), "link = 7"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            call()
+    ball = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=np.eye(3)))])
+    with pytest.raises(ValueError, match="ball"):
+        fa.KalmanFilter(ball, [fa.Camera(noise=1.0)], STEP, force_noise=0.0, q_std=0.0, v_std=0.0)
+    with pytest.raises(RuntimeError, match=r"the filter cannot go on at t = .*: the estimate ran away, payload ="):
+        wild = fa.KalmanFilter(two_links(), SENSORS, STEP, **GOOD, estimate={"payload": (0.1, 0.1)})
+        wild.run(t, zeros, np.full((5, 4), 1e300))
