@@ -12,9 +12,9 @@ from .._check import Array
 from ..acting.control import StateFeedback
 from ..acting.load import Load
 from ..arm import Arm
-from ..run.variation import Setup, Variation
 from ..data.compare import Comparison
 from ..identify.unknown import Unknown
+from ..run.variation import Setup, Variation
 from ..scene.scene import Scene
 from ..sensing.sensor import Component, Sensor
 from ..sensing.sensors import Encoder, StrainGauge
