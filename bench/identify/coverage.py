@@ -7,7 +7,7 @@ measured, and noise; it is fitted from a start that is wrong by up to a factor o
 is how often the truth lies within its interval: of white noise that differs by orders of magnitude between columns; of
 noise that is coloured (behind a first-order filter); of a quantised encoder; of a joint with dry friction that sticks
 and slides; and of a drive and sensors with a delay, an offset, a gain and a filter that are sought with the rest.
-Then: how many of 24 twins are found from starts that are wrong by a factor of 3 in each number, from 1 and from 8 starts.
+Then: of 24 twins, whose starts are wrong by a factor of 3 in each number, how many are found from 1 and from 8 starts.
 Writes coverage.csv and coverage.md into DIR (default: here).
 """
 

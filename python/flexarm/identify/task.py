@@ -51,6 +51,8 @@ class Task:
         workers: Any,
     ) -> Task:  # fmt: skip
         """Checks the arguments."""
+        if not isinstance(parameters, (str, Mapping, list, tuple, set)):
+            raise ValueError(f"parameters = {parameters!r}: must be paths, or a dictionary by paths")
         paths = [parameters] if isinstance(parameters, str) else [str(path) for path in parameters]
         runs = _runs(scene, data, inputs, outputs, paths)
         names = dict.fromkeys(name for run in runs for name in run.outputs)
