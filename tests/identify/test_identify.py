@@ -228,6 +228,7 @@ def test_a_step_too_long_for_the_data_is_shortened(data: fa.Data) -> None:
     ("parameters", "given", "said"),
     [
         ({}, {}, "name at least one"),
+        (5, {}, "parameters = 5: must be paths"),
         (["link.0.tip.mas"], {}, "did you mean 'link.0.tip.mass'"),
         (["link.0.joint"], {}, "is no number"),
         (["gravity"], {}, "'gravity.0'"),
