@@ -294,7 +294,9 @@ void KalmanFilter::add(double times) {
   f_ += times * gain_.tail(f_.size());
 }
 
-/// A parameter that is below its bound goes there, and the rest of the state to what is most likely then.
+/// A parameter that is below its bound goes there, and the rest of the state to what is most likely then. Where the
+/// filter is surprised, it has taken noise for motion: a linear filter leaves out the product of two errors, that of a
+/// payload and that of an acceleration.
 void KalmanFilter::bound(Index parameter) {
   const Index row = 2 * q_.size() + parameter;
   if (!(p_[parameter] < lowest_[parameter])) return;
