@@ -13,6 +13,9 @@ using Eigen::VectorXd;
 
 namespace {
 
+constexpr double kShare = 0.02;     // of an update in the mean of innovations squared over their variances
+constexpr double kSurprised = 1.5;  // of that mean, which is 1 where the filter is right
+
 KalmanSensor linear(const Arm& arm, double noise) {
   KalmanSensor s;
   s.by_q = s.by_v = VectorXd::Zero(arm.nv());
@@ -130,6 +133,7 @@ KalmanFilter::KalmanFilter(const Arm& arm, double h, const std::vector<KalmanSen
   row_ = phi_ = gain_ = VectorXd::Zero(states);
   essential_ = VectorXd::Zero(states + noises);
   innovations_ = innovation_deviations_ = VectorXd::Zero(static_cast<Index>(sensors.size()));
+  again_ = VectorXd::Zero(m);
   lowest_ = VectorXd::Constant(m, -std::numeric_limits<double>::infinity());
   for (Index k = 0; k < m; ++k) {
     const KalmanParameter& p = parameters[static_cast<std::size_t>(k)];
@@ -159,6 +163,8 @@ void KalmanFilter::start(const VectorXd& q, const VectorXd& v, const VectorXd& q
     L_(2 * n + k, 2 * n + k) = parameters_[static_cast<std::size_t>(k)].deviation;
   }
   f_.setZero();
+  again_.setZero();
+  surprise_ = 1.0;
   for (std::size_t k = 0; k < sensors_.size(); ++k) {  // settled, so that its first state is what comes in
     const KalmanSensor& s = sensors_[k];
     if (s.F.rows() == 0) continue;
@@ -197,7 +203,7 @@ Status KalmanFilter::predict(const VectorXd& tau) {
     row_.setZero();
     dtau_.setZero();
     if (j < n) dtau_[j] = force_noise_[j] / std::sqrt(h_);
-    if (j >= n) row_[n + j] = parameters_[static_cast<std::size_t>(j - n)].drift * std::sqrt(h_);
+    if (j >= n) row_[n + j] = parameters_[static_cast<std::size_t>(j - n)].drift * std::sqrt(h_) + again_[j - n];
     carry(L_.cols() + j, true);
   }
   if (!rows_.allFinite() || !f_.allFinite()) {
@@ -206,6 +212,7 @@ Status KalmanFilter::predict(const VectorXd& tau) {
     f_ = f0_;
     return Status::not_finite;
   }
+  again_.setZero();
   triangularise();
   return Status::ok;
 }
@@ -287,7 +294,9 @@ void KalmanFilter::add(double times) {
   f_ += times * gain_.tail(f_.size());
 }
 
-/// A parameter that is below its bound goes there, and the rest of the state to what is most likely then.
+/// A parameter that is below its bound goes there, and the rest of the state to what is most likely then. Where the
+/// filter is surprised, it has taken noise for motion: a linear filter leaves out the product of two errors, that of a
+/// payload and that of an acceleration.
 void KalmanFilter::bound(Index parameter) {
   const Index row = 2 * q_.size() + parameter;
   if (!(p_[parameter] < lowest_[parameter])) return;
@@ -298,6 +307,7 @@ void KalmanFilter::bound(Index parameter) {
     add((lowest_[parameter] - p_[parameter]) / variance);
   }
   p_[parameter] = lowest_[parameter];
+  if (surprise_ > kSurprised) again_[parameter] = parameters_[static_cast<std::size_t>(parameter)].deviation;
 }
 
 Status KalmanFilter::update(const VectorXd& y) {
@@ -321,6 +331,7 @@ Status KalmanFilter::update(const VectorXd& y) {
     nis_ += innovation * innovation / variance;
     ++used_;
   }
+  if (used_ > 0) surprise_ += kShare * (nis_ / used_ - surprise_);
   for (Index k = 0; k < m; ++k) bound(k);
   return q_.allFinite() && v_.allFinite() && p_.allFinite() && L_.allFinite() ? Status::ok : Status::not_finite;
 }

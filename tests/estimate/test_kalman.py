@@ -28,7 +28,7 @@ def two_links(payload: float = 0.0, damping: Any = (0.0, 0.0), coulomb: Any = (0
     return fa.Arm([link(0, elbow), link(1, fa.RigidBody(0.05 + payload, inertia=1e-5 * np.eye(3)))])
 
 
-def moved(arm: fa.Arm, seconds: float) -> tuple[fa.Result, np.ndarray]:
+def moved(arm: fa.Arm, seconds: float, soft: bool = False) -> tuple[fa.Result, np.ndarray]:
     """A run under a sampled PD controller, and the forces that it held from each time to the next."""
     t = np.arange(round(seconds / STEP) + 1) * STEP
     tau = np.zeros((t.size, arm.nv))
@@ -36,6 +36,8 @@ def moved(arm: fa.Arm, seconds: float) -> tuple[fa.Result, np.ndarray]:
 
     def law(now: float, y: np.ndarray) -> np.ndarray:
         reference = np.array([0.6 * np.sin(4 * now), 0.8 * np.sin(6 * now)])
+        if soft:
+            reference = np.array([0.4, 0.6]) * (1 - np.cos(np.array([2.0, 3.0]) * now))
         u = np.array([12.0, 4.0]) * (reference - y[[0, first]]) - np.array([1.2, 0.3]) * y[[n, n + first]]
         tau[round(now / STEP), [0, first]] = u
         return np.asarray(u)
@@ -149,6 +151,18 @@ def test_payload_within_5_percent_in_2_seconds(payload: float, wrong: float) -> 
     np.testing.assert_allclose(place, estimate.tip[-1])
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), estimate.tip_std[-1])
     assert "payload" in repr(estimate) and estimate.plot().axes
+
+
+def test_a_payload_lost_in_noise_is_found_again() -> None:
+    """A motion that begins softly: the filter takes noise for motion, believes in no payload, is surprised, and
+    doubts."""
+    run, tau = moved(two_links(0.3), 2.0, soft=True)
+    filter = fa.KalmanFilter(two_links(), SENSORS, STEP, force_noise=NOISE, q_std=0.01, v_std=0.01,
+                             estimate={"payload": (0.1, 0.6)})  # fmt: skip
+    with pytest.warns(fa.FilterWarning, match="times as far from what was expected"):
+        found = filter.run(run.t, tau, [s.read(run) for s in SENSORS]).parameters["payload"]
+    assert (found[:1000] == 0).sum() > 50
+    assert abs(found[-1] / 0.3 - 1) < 0.02
 
 
 def test_friction_of_joints_that_stick_and_slide() -> None:

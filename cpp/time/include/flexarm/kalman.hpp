@@ -38,7 +38,8 @@ struct KalmanSensor {
 };
 
 /// A constant that is estimated along with the state, in addition to what the arm has. Payloads, and friction with the
-/// arm's own, are kept from becoming negative.
+/// arm's own, are kept from becoming negative. One that
+/// gets to its bound while readings surprise the filter has its deviation back.
 struct KalmanParameter {
   enum Kind {
     payload,  ///< mass at the last link's end (kg), a point
@@ -127,10 +128,10 @@ class KalmanFilter {
   double h_;
   std::unique_ptr<KalmanModel> model_;
   Eigen::VectorXd q_, v_, p_, f_, q0_, v0_, f0_, row_, phi_, gain_, innovations_, innovation_deviations_;
-  Eigen::VectorXd dq_, dv_, dp_, df_, dtau_, old_q_, old_v_, essential_, lowest_;
+  Eigen::VectorXd dq_, dv_, dp_, df_, dtau_, old_q_, old_v_, essential_, lowest_, again_;
   Eigen::MatrixXd L_, rows_, transition_;
   Mat6X<double> J_;
-  double nis_ = 0.0;
+  double nis_ = 0.0, surprise_ = 1.0;
   int used_ = 0;
 };
 
