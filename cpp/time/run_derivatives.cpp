@@ -52,13 +52,14 @@ class Places {
   void balance(Index e, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
     move(e);
     inverse_dynamics(s_.arm, s_.ws, s_.q, s_.v, s_.a);
-    balance(e, s_.ws.tau, needed, applied);
+    inverse_ = s_.ws.tau;
+    add_feedback(s_.ws.feedback, s_.q, s_.v, 1.0, inverse_);  // which the workspace has taken off
+    balance(e, inverse_, needed, applied);
   }
-  /// The same, of inverse dynamics where the workspace is.
+  /// The same where the workspace is, of inverse dynamics without feedback.
   void balance(Index e, const VectorXd& inverse, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
-    applied = s_.tau;
     add_feedback(s_.ws.feedback, s_.q, s_.v, 1.0, s_.tau);
-    needed = inverse + s_.tau - applied;
+    needed = inverse;
     applied = s_.tau;
     for (const Rub& r : rubs_) {
       const bool given = s_.ws.prescribed[static_cast<std::size_t>(r.rate)];
@@ -117,6 +118,7 @@ class Places {
   const Tape& tape_;
   System s_;
   const std::vector<LoadDrive>& loads_;
+  VectorXd inverse_;
   std::optional<InverseDerivatives> made_;  // when first asked for: what is only balanced needs none
   std::vector<Rub> rubs_;
 };
@@ -549,6 +551,11 @@ Tangents tangents(const Driven& of, const Tape& tape, const ImplicitOptions& opt
       }
       MatrixXd end = switches.slopes(from, false) * state;
       for (Index p = 0; p < np; ++p) end.col(p) += switches_by_p[static_cast<std::size_t>(p)].row(number).transpose();
+      for (Index i = 0; i < n; ++i)
+        if (places.given(i)) {
+          end.row(i).setZero();
+          end.row(n + i).setZero();
+        }
       q = end.topRows(n);
       v = end.bottomRows(n);
       for (std::size_t r = first[k + 1]; r < first[k + 2]; ++r) write(static_cast<Index>(r), q, v);
@@ -677,6 +684,8 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& optio
       const Tape::Switch& from = switches.of(index);
       VectorXd end(2 * n);
       end << q, v;
+      for (Index i = 0; i < n; ++i)
+        if (places.given(i)) end[i] = end[n + i] = 0.0;
       out.switches.row(&from - tape.switches.data()) = end;
       const VectorXd state = switches.slopes(from, true).transpose() * end;
       out.held.row(&from - tape.switches.data()) = state.tail(n);
