@@ -115,6 +115,27 @@ template <class R>
 struct Type {
   using type = R;
 };
+/// f of the type of the chain of arms side by side.
+template <class F>
+decltype(auto) with_side(const Layout& layout, const F& f) {
+  return layout.planar ? f(Type<Chain<Plane<Pack>, Pack>>{}) : f(Type<Chain<Space<Pack>, Pack>>{});
+}
+
+std::size_t side_memory(const Layout& layout) {
+  return with_side(layout, [&](auto t) { return decltype(t)::type::memory_needed(layout); });
+}
+
+void inverse_side_by_side(const Layout& layout, const double* numbers, void* memory, const double* wrenches,
+                          const double* q, const double* v, const double* a, double* tau) {
+  with_side(layout, [&](auto t) {
+    const auto packs = [](const double* x) { return reinterpret_cast<const Pack*>(x); };
+    typename decltype(t)::type chain(layout, numbers, Room(memory));
+    for (int i = 0; i < 6 * layout.loads; ++i) chain.wrench[i] = packs(wrenches)[i];
+    chain.move(packs(q), packs(v));
+    chain.forces(base_of(chain), packs(a), reinterpret_cast<Pack*>(tau));
+  });
+}
+
 /// f of the type of this job's Roller.
 template <class Sp, class F>
 void with_roller(const Roll& job, const F& f) {
@@ -193,6 +214,8 @@ const Kernels FLEXARM_JOIN(kernels_, FLEXARM_ISA){FLEXARM_TEXT(FLEXARM_ISA),
                                                   factor,
                                                   solve,
                                                   joint_stiffness,
+                                                  side_memory,
+                                                  inverse_side_by_side,
                                                   roll_memory,
                                                   roll,
                                                   slopes_memory,

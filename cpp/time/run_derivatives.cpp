@@ -16,6 +16,7 @@
 #include "flexarm/ci.hpp"
 #include "flexarm/derivatives.hpp"
 #include "flexarm/dry_friction.hpp"
+#include "lanes/single.hpp"
 #include "system.hpp"
 
 namespace flexarm {
@@ -51,9 +52,14 @@ class Places {
   void balance(Index e, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
     move(e);
     inverse_dynamics(s_.arm, s_.ws, s_.q, s_.v, s_.a);
-    applied = s_.tau;
+    inverse_ = s_.ws.tau;
+    add_feedback(s_.ws.feedback, s_.q, s_.v, 1.0, inverse_);  // which the workspace has taken off
+    balance(e, inverse_, needed, applied);
+  }
+  /// The same where the workspace is, of inverse dynamics without feedback.
+  void balance(Index e, const VectorXd& inverse, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
     add_feedback(s_.ws.feedback, s_.q, s_.v, 1.0, s_.tau);
-    needed = s_.ws.tau + s_.tau - applied;
+    needed = inverse;
     applied = s_.tau;
     for (const Rub& r : rubs_) {
       const bool given = s_.ws.prescribed[static_cast<std::size_t>(r.rate)];
@@ -94,23 +100,89 @@ class Places {
   bool fixed(Index e, Index i) const { return given(i) || contact(e, i) == Tape::held; }
   bool given(Index i) const { return s_.ws.prescribed[static_cast<std::size_t>(i)]; }
 
-  const Index n;
-
- private:
-  int contact(Index e, Index i) const { return tape_.contact[static_cast<std::size_t>(e * n + i)]; }
-  void move(Index e) {
+  /// Moves the workspace to place e.
+  const System& move(Index e) {
     const auto at = [&](const std::vector<double>& x) { return Eigen::Map<const VectorXd>(x.data() + e * n, n); };
     s_.q = at(tape_.q);
     s_.v = at(tape_.v);
     s_.a = at(tape_.a);
     s_.drive(tape_.t[static_cast<std::size_t>(e)]);
+    return s_;
   }
+
+  const Index n;
+
+ private:
+  int contact(Index e, Index i) const { return tape_.contact[static_cast<std::size_t>(e * n + i)]; }
 
   const Tape& tape_;
   System s_;
   const std::vector<LoadDrive>& loads_;
+  VectorXd inverse_;
   std::optional<InverseDerivatives> made_;  // when first asked for: what is only balanced needs none
   std::vector<Rub> rubs_;
+};
+
+/// Problems of one structure at the places of a tape, their inverse dynamics side by side in the lanes of a pack.
+class SideBySide {
+ public:
+  /// As many of those from `first` on as are alike and fit.
+  SideBySide(const std::vector<Driven>& all, std::size_t first, const Tape& tape) : kernels_(lanes::best_kernels()) {
+    std::vector<std::unique_ptr<lanes::KernelArm>> arms;
+    std::vector<const lanes::KernelArm*> them;
+    for (std::size_t k = first; k < all.size() && k < first + static_cast<std::size_t>(kernels_.width); ++k) {
+      const Arm& arm = all[k].arm;
+      arms.push_back(std::make_unique<lanes::KernelArm>(lanes::KernelArm::of(arm).loaded(arm, places(all[k].loads))));
+      if (!arms.back()->like(*arms.front())) break;
+      them.push_back(arms.back().get());
+      at_.push_back(std::make_unique<Places>(all[k], tape));
+    }
+    n_ = at_.front()->n;
+    loads_ = static_cast<Index>(all[first].loads.size());
+    if (at_.size() == 1) return;
+    packed_ = std::make_unique<lanes::KernelArm>(
+        lanes::KernelArm::side_by_side(them, kernels_.width, std::vector<bool>(static_cast<std::size_t>(n_), false)));
+    memory_ = lanes::Memory(kernels_.side_memory(packed_->layout()));
+    numbers_ = lanes::Memory(static_cast<std::size_t>((4 * n_ + 6 * loads_) * kernels_.width) * sizeof(double));
+    tau_.resize(n_);
+  }
+  std::size_t size() const { return at_.size(); }
+  /// take(k, needed, applied) of each problem; see Balance.
+  template <class Take>
+  void operator()(Index e, VectorXd& needed, VectorXd& applied, const Take& take) {
+    if (at_.size() == 1) {
+      at_.front()->balance(e, needed, applied);
+      take(0, needed, applied);
+      return;
+    }
+    const Index w = kernels_.width;
+    double *q = static_cast<double*>(numbers_.get()), *v = q + n_ * w, *a = v + n_ * w, *tau = a + n_ * w,
+           *wrenches = tau + n_ * w;
+    for (Index l = 0; l < w; ++l) {  // lanes beyond the last repeat it
+      const System& s = at_[std::min(static_cast<std::size_t>(l), at_.size() - 1)]->move(e);
+      for (Index i = 0; i < n_; ++i) {
+        q[i * w + l] = s.q[i];
+        v[i * w + l] = s.v[i];
+        a[i * w + l] = s.a[i];
+      }
+      for (Index i = 0; i < 6 * loads_; ++i)
+        wrenches[i * w + l] = s.ws.loads[static_cast<std::size_t>(i / 6)].wrench[i % 6];
+    }
+    kernels_.inverse_side_by_side(packed_->layout(), packed_->numbers().data(), memory_.get(), wrenches, q, v, a, tau);
+    for (std::size_t k = 0; k < at_.size(); ++k) {
+      for (Index i = 0; i < n_; ++i) tau_[i] = tau[i * w + static_cast<Index>(k)];
+      at_[k]->balance(e, tau_, needed, applied);
+      take(k, needed, applied);
+    }
+  }
+
+ private:
+  const lanes::Kernels& kernels_;
+  std::vector<std::unique_ptr<Places>> at_;
+  std::unique_ptr<lanes::KernelArm> packed_;
+  lanes::Memory memory_, numbers_;
+  Index n_ = 0, loads_ = 0;
+  VectorXd tau_;
 };
 
 /// The place whose forces hold what is held when a step begins: the one that the method was at before.
@@ -353,31 +425,41 @@ Balance balance(const Driven& of, const Tape& tape) {
 
 VectorXd weigh(const std::vector<Driven>& problems, const Tape& tape, const Rows& needed, const Rows& applied,
                int threads) {
-  VectorXd out(static_cast<Index>(problems.size()));
+  VectorXd out = VectorXd::Zero(static_cast<Index>(problems.size()));
   std::exception_ptr wrong;
   std::mutex lock;
-  std::atomic<Index> next{0};
+  std::size_t next = 0;
+  const auto group = [&]() -> std::pair<std::size_t, std::unique_ptr<SideBySide>> {
+    const std::lock_guard<std::mutex> mine(lock);
+    const std::size_t first = next;
+    if (first == problems.size()) return {first, nullptr};
+    auto found = std::make_unique<SideBySide>(problems, first, tape);
+    next += found->size();
+    return {first, std::move(found)};
+  };
   const auto work = [&] {
     try {
-      for (Index k; (k = next++) < out.size();) {
-        const Driven& of = problems[static_cast<std::size_t>(k)];
-        Places at(of, tape);
-        VectorXd need(at.n), apply(at.n);
-        double sum = 0.0;
+      for (;;) {
+        const auto [first, side] = group();
+        if (!side) return;
+        const auto from = static_cast<Index>(first);
+        VectorXd need(needed.cols()), apply(needed.cols());
         for (Index e = 0; e < tape.points(); ++e) {
           if (needed.row(e).isZero(0.0) && applied.row(e).isZero(0.0)) continue;  // of a row that is not asked for
-          at.balance(e, need, apply);
-          sum += needed.row(e).dot(need) + applied.row(e).dot(apply);
+          (*side)(e, need, apply, [&, at = from](std::size_t k, const VectorXd& x, const VectorXd& y) {
+            out[at + static_cast<Index>(k)] += needed.row(e).dot(x) + applied.row(e).dot(y);
+          });
         }
-        out[k] = sum;
       }
     } catch (...) {
       const std::lock_guard<std::mutex> mine(lock);
       wrong = std::current_exception();
+      next = problems.size();
     }
   };
+  const std::size_t groups = problems.size() / static_cast<std::size_t>(lanes::best_kernels().width) + 1;
   std::vector<std::thread> others;
-  for (Index k = 1; k < std::min<Index>(threads, out.size()); ++k) others.emplace_back(work);
+  for (std::size_t k = 1; k < std::min(static_cast<std::size_t>(threads), groups); ++k) others.emplace_back(work);
   work();
   for (std::thread& t : others) t.join();
   if (wrong) std::rethrow_exception(wrong);
@@ -469,6 +551,11 @@ std::vector<Trajectory::Tangent> tangents(const Driven& of, const Tape& tape, co
       }
       MatrixXd end = switches.slopes(from, false) * state;
       for (Index p = 0; p < np; ++p) end.col(p) += switches_by_p[static_cast<std::size_t>(p)].row(number).transpose();
+      for (Index i = 0; i < n; ++i)
+        if (places.given(i)) {
+          end.row(i).setZero();
+          end.row(n + i).setZero();
+        }
       q = end.topRows(n);
       v = end.bottomRows(n);
       for (std::size_t r = first[k + 1]; r < first[k + 2]; ++r) write(static_cast<Index>(r), q, v);
@@ -597,6 +684,8 @@ Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& optio
       const Tape::Switch& from = switches.of(index);
       VectorXd end(2 * n);
       end << q, v;
+      for (Index i = 0; i < n; ++i)
+        if (places.given(i)) end[i] = end[n + i] = 0.0;
       out.switches.row(&from - tape.switches.data()) = end;
       const VectorXd state = switches.slopes(from, true).transpose() * end;
       out.held.row(&from - tape.switches.data()) = state.tail(n);

@@ -108,6 +108,11 @@ struct Kernels {
   void (*solve)(void* self, const double* r, double* x);
   /// Slopes of the joints' forces by their coordinates (nv) as implicit steps take them, where the chain is.
   void (*joint_stiffness)(void* self, double* slopes);
+  /// Inverse dynamics of arms side by side (KernelArm::side_by_side), one in each lane, at a state each. Numbers of
+  /// lane l are at i width + l; they and the memory are aligned to 64 bytes.
+  std::size_t (*side_memory)(const Layout&);
+  void (*inverse_side_by_side)(const Layout&, const double* numbers, void* memory, const double* wrenches,
+                               const double* q, const double* v, const double* a, double* tau);
   std::size_t (*roll_memory)(Roll&);
   /// From coordinates q and rates v; memory aligned to 64 bytes.
   void (*roll)(Roll&, void* memory, const double* q, const double* v);
