@@ -13,7 +13,7 @@ from ..identify.identify import identify
 from ..identify.unknown import Unknown
 from ..scene.scene import Scene, load
 from .recordings import DEFLECTIONS, JOINTS, SHIPPED, Recording, read
-from .rig import ARM, DRIVES, EACH, driven, found, moved, outputs, seen, with_values
+from .rig import ARM, DRIVES, EACH, START, driven, found, moved, outputs, seen, with_values
 from .validation import Judged, Validation
 
 RIGS = ("quanser",)
@@ -56,6 +56,8 @@ def validate(
             raise ValueError(f"calibrate = {calibrate!r}: goes with data alone")
         return _shipped(scene, fit, progress)
     sources = list(data) if isinstance(data, (list, tuple)) else [data]
+    if not sources:
+        raise ValueError("data: an empty list; give at least one recording")
     made = Validation([])
     for recording in [read(source) for source in sources]:
         _judge(scene, recording, calibrate, made, progress)
@@ -85,7 +87,8 @@ def _judge(scene: Scene, recording: Recording, calibrate: float | None, made: Va
     there = moved(scene, recording)
     said, begin = _nearest(there, recording, "motion", DEFLECTIONS)
     made.judged.append(said)
-    done = _fitted(there, recording, EACH, DEFLECTIONS, progress, until, begin)
+    own = EACH if recording.from_rest else {**EACH, **START}
+    done = _fitted(there, recording, own, DEFLECTIONS, progress, until, begin)
     rest = done.validate(recording.data)
     made.judged.append(Judged.of(recording, "motion", f"{_EACH}, {until:.3g} s", rest, until))
     made.calibrations[recording.name] = done.values

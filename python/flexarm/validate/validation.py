@@ -54,7 +54,7 @@ class Judged:
         c = self.comparison
         shown = {_SHOWN[n]: (np.degrees(c.measured[n]), np.degrees(c.simulated[n]), 100 * e)
                  for n, e in self.nrmse.items()}  # fmt: skip
-        return Curves(f"{self.recording}, {self.role}", c.measured.t, shown)
+        return Curves(f"{self.recording}, {self.role}", c.measured.t, self.since, shown)
 
 
 @dataclass(repr=False, eq=False)
