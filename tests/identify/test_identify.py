@@ -141,12 +141,14 @@ def test_several_starts_leave_a_local_minimum(data: fa.Data) -> None:
     """From a beam a hundred times too soft one search ends elsewhere, and says so; of several, one does not."""
     soft = scene(0.05, 2e9)
     with pytest.warns(fa.FitWarning, match="local minimum"):
-        lost = fa.identify(soft, data, [MASS, MODULUS, DAMPING], **MEASURED)
+        lost = fa.identify(soft, data, [MASS, MODULUS, DAMPING], **MEASURED, starts=1)
     assert lost.nrmse["strain"] > 0.5
     sought = {MASS: fa.Unknown(low=0.01, high=0.2), MODULUS: fa.Unknown(low=1e9, high=1e12), DAMPING: None}
     found = fa.identify(soft, data, sought, starts=24, **MEASURED)
     assert inside(found, TRUE)
     assert sum(end is not None for _, end in found.starts) == 3
+    near = fa.identify(scene(0.05 / 3, 2.09e11 / 3, 0.15), data, [MASS, MODULUS, DAMPING], **MEASURED)
+    assert inside(near, TRUE)  # of one start, and of more where that is not enough
 
 
 def test_outputs_of_any_kind_give_the_same(data: fa.Data) -> None:
@@ -226,6 +228,7 @@ def test_a_step_too_long_for_the_data_is_shortened(data: fa.Data) -> None:
     ("parameters", "given", "said"),
     [
         ({}, {}, "name at least one"),
+        (5, {}, "parameters = 5: must be paths"),
         (["link.0.tip.mas"], {}, "did you mean 'link.0.tip.mass'"),
         (["link.0.joint"], {}, "is no number"),
         (["gravity"], {}, "'gravity.0'"),
@@ -283,7 +286,7 @@ def test_bad_data_are_named(data: fa.Data) -> None:
 def test_a_run_that_diverges_within_the_fit_shortens_the_step(data: fa.Data) -> None:
     """rk4 above its limit at the start's stiffness is an error; from a start below it, the search goes on past it."""
     stiff = replace(scene(modulus=2e14), options={"integrator": "rk4", "step": 1e-3})
-    with pytest.raises(fa.FitError, match=r"the run fails at the start \(link.0.beam.*youngs_modulus = 2e\+14") as e:
+    with pytest.raises(fa.FitError, match=r"the run fails at all 8 starts \(link.0.beam.*youngs_modulus = 2e\+14") as e:
         fa.identify(stiff, data, [MODULUS], **MEASURED)
     assert e.value.values == {MODULUS: 2e14}
     several = {MODULUS: fa.Unknown(low=1e10, high=1e15)}

@@ -42,7 +42,8 @@ def arguments(p: argparse.ArgumentParser) -> None:
                    help="standard deviation of a column (SI); of others it is estimated")  # fmt: skip
     p.add_argument("--validate", metavar="DATA", action="append", default=[],
                    help="a run kept aside, which the fit is compared with; repeat for each")  # fmt: skip
-    p.add_argument("--starts", metavar="N", type=int, default=1, help="from how many starts to search (%(default)s)")
+    p.add_argument("--starts", metavar="N", type=int,
+                   help="from how many starts to search (default: one, and 8 where that explains little)")  # fmt: skip
     p.add_argument("--unit", metavar="COLUMN=UNIT", action="append", help="of columns whose heading tells none")
     folder = "folder to write into (%(default)s)"
     p.add_argument("-o", dest="folder", default="flexarm-identify", metavar="DIR", help=folder)

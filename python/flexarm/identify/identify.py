@@ -5,35 +5,25 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from .._check import Array, known_keys, number, whole
+from .._check import whole
 from .._console import progress_bar
-from ..acting.drive import Motion
-from ..acting.voltage import split_drives
-from ..batch.arguments import default_workers
-from ..batch.variation import Variation
-from ..data.compare import Comparison
+from ..analysis.validity import RangeWarning
 from ..data.data import Data
-from ..run.simulation import INTEGRATORS, check_integrator
+from ..parts.part import ModelWarning
 from ..scene.scene import Scene
-from ..sensing.sensor import Sensor
 from ._differences import RunFailed
 from .fit import Fit, FitError, FitInterrupted, FitWarning
-from .problem import Problem
-from .runs import Run, made, scales
-from .search import Best, Found, estimated, search, weighed
-from .statistics import coloured, covariance, untold, whiteness
-from .unknown import Asked, Sought, Unknown, drawn, sought
+from .runs import scales
+from .search import Best, search
+from .task import Task
+from .unknown import Asked, drawn
 
-_STEPPED = "implicit"  # in place of an integrator that chooses its own steps
-_HALVINGS = 4  # of a step that was not given
-_MOVED = 0.25  # standard deviations by which steps may move a value
+_STARTS = 8  # where one is not enough
 _POOR = 0.5  # NRMSE above which a fit explains little
-_ROWS = 4  # at most so many rows between two of the data, for filters and delays
 
 
 def identify(
@@ -44,7 +34,7 @@ def identify(
     inputs: Any = None,
     outputs: Any = None,
     noise: Mapping[str, float] | None = None,
-    starts: int = 1,
+    starts: int | None = None,
     keep: int = 3,
     seed: int = 0,
     integrator: str | None = None,
@@ -72,7 +62,8 @@ def identify(
             all names that both have. Sensors are read without noise, steps and range, at the times of the data.
         noise: standard deviation of columns, in SI. Of others it is estimated: that of what is left, until it settles.
         starts: from how many starts to search; the others are drawn within the bounds, or within a factor of 3 of the
-            first. They are simulated as one batch, and the best `keep` of them are fitted. seed: of the draw.
+            first. They are simulated as one batch, and the best `keep` of them are fitted. None: from one, and from 8
+            where that leaves more than a tenth of a column's deviation, or fails. seed: of the draw.
         integrator, step: of `simulate`; None: the scene's, and "implicit" in place of "ida". A step that neither gives
             is the time between two rows of the data, halved until it does not matter to the values.
         max_iterations: of each least squares.
@@ -92,39 +83,44 @@ def identify(
     Warns:
         FitWarning: numbers, or combinations of them, that the data cannot tell; columns that are not explained; steps
             that are too long.
+        RangeWarning, ModelWarning: of the fitted runs, as `simulate_batch`.
         (DataWarning: gaps in the data.)
     """
     began = time.perf_counter()
     if not isinstance(scene, Scene):
         raise ValueError(f"scene = {type(scene).__name__}: must be an fa.Scene, such as fa.load(...) gives")
-    task = _Task.of(scene, data, parameters, inputs, outputs, noise, integrator, step, workers)
-    for name, value, least in (("starts", starts, 1), ("keep", keep, 1), ("max_iterations", max_iterations, 1)):
-        if whole(name, value) < least:
-            raise ValueError(f"{name} = {value}: must be at least {least}")
+    task = Task.of(scene, data, parameters, inputs, outputs, noise, integrator, step, workers)
+    counts = {"starts": 1 if starts is None else starts, "keep": keep, "max_iterations": max_iterations}
+    for name, value in counts.items():
+        if whole(name, value) < 1:
+            raise ValueError(f"{name} = {value}: must be at least 1")
     problem, told = task.problem, task.told
     first = scales(problem.runs, told)
     count = sum(run.measured.size for run in problem.runs) + len(problem._priors(np.zeros(len(problem.sought)))[0])
     if count < len(problem.sought):
         raise ValueError(f"parameters: {len(problem.sought)} numbers are sought, and there are {count} readings")
-    points = drawn(problem.sought, starts, whole("seed", seed))
+    points = drawn(problem.sought, starts or _STARTS, whole("seed", seed))
+    alone = starts is None
     with progress_bar(progress, "identifying", None) as bar, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of runs on the way
         show = None if bar is None else bar if not callable(progress) else lambda done, _: progress(done)
         best = Best(problem, show)
         try:
-            found = search(problem, points, keep, first, told, max_iterations, best)
+            found = search(problem, alone, points, keep, first, told, max_iterations, best)
             missed = task.refined(found, max_iterations, best)
         except RunFailed as e:
             if problem.refused:
                 raise ValueError(problem.why.removeprefix("parameters of scenario 0: ")) from None
             values = {x.name: float(x.of.start or 0.0) for x in problem.sought}
             said = ", ".join(f"{k} = {x:g}" for k, x in values.items())
-            which = "the start" if starts == 1 else f"all {starts} starts"
+            which = "the start" if len(points) == 1 else f"all {len(points)} starts"
             raise FitError(f"the run fails at {which} ({said}): {e}", values) from None
         except KeyboardInterrupt:
-            fit = None if best.inner is None else task.interrupted(best.inner, first, points, began)
+            fit = None if best.inner is None else task.interrupted(best.inner, first, points[:1], began)
             raise FitInterrupted(f"interrupted after {problem.count} runs; .fit is the best so far", fit) from None
-        fit = task.fit(found, points, began)
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            fit = task.fit(found, points[: len(found.tried) or 1], began)
         turned = task.turned(points[0])
     poor = [
         f"column '{name}': what is left is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
@@ -132,275 +128,9 @@ def identify(
         for name, x in fit.nrmse.items()
         if x > _POOR
     ]
+    own = [w for w in heard if issubclass(w.category, (RangeWarning, ModelWarning))]
+    for message in {str(w.message): w.message for w in own}.values():
+        warnings.warn(message, stacklevel=2)  # of the fitted runs
     for text in [*poor, *(f"the data cannot tell: {x}" for x in fit.untold), *missed]:
         warnings.warn(text, FitWarning, stacklevel=2)
     return fit
-
-
-@dataclass
-class _Task:
-    """What is asked for, checked."""
-
-    scene: Scene
-    problem: Problem
-    told: dict[str, float]
-    inputs: Any
-    outputs: Any
-    auto: bool  #: whether the step is chosen here
-
-    @staticmethod
-    def of(
-        scene: Scene, data: Any, parameters: Any, inputs: Any, outputs: Any, noise: Any, integrator: Any, step: Any,
-        workers: Any,
-    ) -> _Task:  # fmt: skip
-        """Checks the arguments."""
-        paths = [parameters] if isinstance(parameters, str) else [str(path) for path in parameters]
-        runs = _runs(scene, data, inputs, outputs, paths)
-        names = dict.fromkeys(name for run in runs for name in run.outputs)
-        known_keys("noise", noise or {}, names)
-        told = {name: number(f"noise['{name}']", x) for name, x in (noise or {}).items()}
-        for name, x in told.items():
-            if not 0 < x < np.inf:
-                raise ValueError(f"noise['{name}'] = {x}: must be positive and finite")
-        unknown = sought([run.setup for run in runs], [(run.q0, run.v0) for run in runs], parameters)
-        _check_states(runs, unknown)
-        options, auto = _options(scene, runs, integrator, step)
-        problem = Problem(runs, unknown, options, default_workers(workers))
-        _finer(problem)
-        return _Task(scene, problem, told, inputs, outputs, auto)
-
-    def turned(self, inner: Array) -> dict[str, str]:
-        """Of columns that go against what is read at a point: a hint, by name."""
-        found, hints = self.problem.residuals(inner), {}
-        for run, y in zip(self.problem.runs, found or [], strict=False):
-            for name, r in zip(run.outputs, y, strict=True):
-                with np.errstate(invalid="ignore"):
-                    agreed = np.corrcoef(r + run.data[name], run.data[name])[0, 1]
-                if agreed < -_POOR:
-                    hints[name] = f"and at the start it goes the other way (correlation {agreed:.2f}): look at its sign"
-        return hints
-
-    def refined(self, found: Found, most: int, best: Best) -> list[str]:
-        """Shortens the step until it does not matter; what there is to be said of it in the end."""
-        p = self.problem
-        if p.options.get("step") is None:
-            return []
-        left = _HALVINGS if self.auto else 0
-        while True:
-            moved, name = self._moved(found)
-            if moved < _MOVED:
-                return []
-            if not left:
-                break
-            times = min(left, int(np.ceil(np.log(moved / _MOVED) / np.log(4))))  # the error falls as the step squared
-            left -= times
-            p.options["step"] /= 2**times
-            p.forget()
-            _finer(p)
-            weighed(p, found, self.told, most, best)
-        if moved < 1:
-            return []
-        return [
-            f"step = {p.options['step']:g} s: the error of the integrator moves {name} by {moved:.3g} of its standard "
-            "deviations; take a shorter one"
-        ]
-
-    def _moved(self, found: Found) -> tuple[float, str]:
-        """By how many standard deviations half the step would move the values, at most, and which."""
-        p = self.problem
-        J, r = p.jacobian(found.inner, found.sigma), p.weighted(found.inner, found.sigma)
-        halved = Problem(p.runs, p.sought, {**p.options, "step": p.options["step"] / 2}, p.workers)
-        finer = halved.weighted(found.inner, found.sigma)
-        p.count += halved.count
-        if not np.isfinite(finer).all():
-            return 0.0, ""
-        size = np.linalg.norm(J, axis=0)
-        by = np.where(size > 0, size, 1.0)
-        shift = np.linalg.lstsq(J / by, finer - r, rcond=1e-6)[0] / by
-        std = np.sqrt(np.diag(covariance(J, [])))
-        moved = np.where(np.isfinite(std), np.abs(shift) / np.where(std > 0, std, 1.0), 0.0)
-        k = int(np.argmax(moved))
-        return float(moved[k]), p.sought[k].name
-
-    # -- the end -------------------------------------------------------------------------------------------------------
-
-    def fit(self, found: Found, points: Array, began: float) -> Fit:
-        """What has been found, and how sure it is."""
-        from scipy.stats import t as student  # slow to import
-
-        p, inner = self.problem, found.inner
-        residuals, done = p.residuals(inner), [p.finished(inner, k) for k in range(len(p.runs))]
-        assert residuals is not None
-        try:
-            J = p.jacobian(inner, found.sigma)
-        except (RunFailed, KeyboardInterrupt):
-            J = np.zeros((sum(y.size for y in residuals), len(inner)))
-        tests: list[dict[str, Any]] = []
-        blocks: list[tuple[slice, Array | None]] = []
-        row = 0
-        for run, y in zip(p.runs, residuals, strict=True):
-            tests.append({})
-            for name, r in zip(run.outputs, y, strict=True):
-                test = tests[-1][name] = whiteness(r)
-                blocks.append((slice(row, row + len(r)), None if test.white else coloured(r)))
-                row += len(r)
-        C = covariance(J, blocks)
-        std = np.sqrt(np.diag(C))
-        free = max(1, row - len(inner))
-        reach = float(student.ppf(0.975, free)) if len(self.told) < len(found.sigma) else 1.959964
-        values, slopes = p.values(inner), p.slopes_of_values(inner)
-        sizes = np.array([1.0 if x.log else max(1.0, abs(u)) for x, u in zip(p.sought, inner, strict=True)])
-        names = [x.name for x in p.sought]
-        with np.errstate(divide="ignore"):
-            parts = np.minimum(10.0, np.where([x.log for x in p.sought], 1.0, sizes / np.abs(inner)))
-        with np.errstate(invalid="ignore"):
-            correlation = C / np.outer(std, std)
-        correlation[~np.isfinite(correlation)] = np.nan
-        tried = found.tried or [np.inf] * len(points)
-        runs: list[Comparison] = []
-        for run, (setup, _, _, result) in zip(p.runs, done, strict=True):
-            assert not isinstance(result, RunFailed)
-            runs.append(run.compared(result, setup))
-        return Fit(
-            scene=self._scene(inner, *done[0][1:3]),
-            values=dict(zip(names, values.tolist(), strict=True)),
-            intervals={x.name: _interval(x, float(u), reach * float(s))
-                       for x, u, s in zip(p.sought, inner, std, strict=True)},
-            std=dict(zip(names, (std * np.abs(slopes)).tolist(), strict=True)),
-            correlation=correlation,
-            start={x.name: float(x.of.start or 0.0) for x in p.sought},
-            noise=dict(found.sigma),
-            noise_told=frozenset(self.told),
-            comparisons=runs,
-            whiteness=tests,
-            untold=untold(J, sizes, names, parts) if J.any() else [],
-            at_bounds=[x.name for x, v in zip(p.sought, values, strict=True) if _at_bound(x, float(v))],
-            converged=found.converged,
-            message=found.message,
-            starts=[(tried[k], found.fitted.get(k)) for k in range(len(points))],
-            stats={"runs": p.count, "step": p.options.get("step"), "wall_time": time.perf_counter() - began},
-            _again=lambda data, inputs: self._validated(inner, data, inputs),
-        )  # fmt: skip
-
-    def interrupted(self, inner: Array, first: Mapping[str, float], points: Array, began: float) -> Fit:
-        """The best point of a search that Ctrl-C has ended."""
-        sigma = estimated(self.problem, inner, first, self.told)
-        return self.fit(Found(inner, sigma, "interrupted"), points, began)
-
-    def _scene(self, inner: Array, q0: Array, v0: Array) -> Scene:
-        """The scene with the values of its first run."""
-        p, run = self.problem, self.problem.runs[0]
-        sensors = _instruments(self.scene, run)
-        setup = p.setup(inner, sensors)
-        given = any(x.path.startswith(("q0", "v0")) for x in p.sought)
-        state = {"q0": q0, "v0": v0} if given else {}
-        options = {k: v for k, v in p.options.items() if v is not None}
-        times = {"t": np.array(run.data.t)} if self.inputs else {}
-        return replace(
-            self.scene, arm=setup.arm, drive=dict(setup.drive), loads=setup.loads, control=setup.control,
-            sensors=setup.sensors, options=options, **state, **times,  # type: ignore[arg-type]
-        )  # fmt: skip
-
-    def _validated(self, inner: Array, data: Any, inputs: Any) -> Comparison:
-        p = self.problem
-        if inputs is None:
-            inputs = self.inputs[0] if isinstance(self.inputs, (list, tuple)) else self.inputs
-        run = made(self.scene, data, inputs, self.outputs, "data", [x.path for x in p.sought])
-        fixed = {x.path: np.array([v]) for x, v in zip(p.sought, p.values(inner), strict=True) if not _own(x)}
-        run.setup = Variation(run.setup, fixed).scenario(0)
-        for path, value in fixed.items():
-            if path[:3] in ("q0.", "v0."):
-                (run.q0 if path[0] == "q" else run.v0)[int(path[3:])] = value[0]
-        own = [x._replace(run=None, name=x.path) for x in p.sought if _own(x)]
-        own = list({x.path: x for x in own}.values())
-        problem = Problem([run], own, p.options, p.workers)
-        _finer(problem)
-        point = drawn(own, 1, 0)[0] if own else np.empty(0)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            if own:
-                try:
-                    sigma = {**scales([run], self.told)}
-                    point = search(problem, point[None], 1, sigma, self.told, 50, Best(problem, None)).inner
-                except RunFailed as e:
-                    raise FitError(f"the run fails: {e}", {}) from None
-            setup, _, _, result = problem.finished(point, 0)
-        if isinstance(result, RunFailed):
-            raise FitError(f"the run fails: {result}", {})
-        return run.compared(result, setup)
-
-
-def _own(x: Sought) -> bool:
-    """Whether each run has this number of its own."""
-    return x.run is not None or bool(x.of.each_run) or (x.of.each_run is None and x.path.startswith(("q0", "v0")))
-
-
-def _runs(scene: Scene, data: Any, inputs: Any, outputs: Any, paths: list[str]) -> list[Run]:
-    """The measured runs."""
-    several = isinstance(data, (list, tuple))
-    all_data = list(data) if several else [data]
-    if not all_data:
-        raise ValueError("data: is an empty list; give at least one fa.Data")
-    all_inputs = inputs if isinstance(inputs, (list, tuple)) else [inputs] * len(all_data)
-    if len(all_inputs) != len(all_data):
-        raise ValueError(f"inputs: are for {len(all_inputs)} runs, data for {len(all_data)}")
-    named = [f"data[{k}]" if several else "data" for k in range(len(all_data))]
-    return [made(scene, d, i, outputs, name, paths) for d, i, name in zip(all_data, all_inputs, named, strict=True)]
-
-
-def _check_states(runs: list[Run], unknown: list[Sought]) -> None:
-    """ValueError for initial states that motions prescribe."""
-    for run in runs:
-        arm = run.setup.arm
-        laws = arm.by_rate("drive", split_drives(run.setup.drive)[0])
-        moved = [i for i, law in laws.items() if isinstance(law, Motion)]
-        taken = {f"v0.{i}" for i in moved} | {f"q0.{arm.coordinate_of(i)}" for i in moved}
-        for x in unknown:
-            if x.path in taken:
-                raise ValueError(f"parameters['{x.path}']: the motion of that joint is prescribed, its start with it")
-
-
-def _options(scene: Scene, runs: list[Run], integrator: str | None, step: float | None) -> tuple[dict[str, Any], bool]:
-    """Options of the runs, and whether the step is chosen here."""
-    options = {k: v for k, v in scene.options.items() if v is not None}
-    own = options.get("integrator", "ida")
-    chosen = integrator or (own if INTEGRATORS[own].fixed else _STEPPED)
-    if chosen != own:
-        for key in ("rtol", "atol", "max_order", "linear_solver", "step", "spectral_radius", "stages"):
-            options.pop(key, None)
-    options["integrator"] = chosen
-    if step is not None:
-        options["step"] = number("step", step)
-    auto = INTEGRATORS[chosen].fixed and options.get("step") is None if chosen in INTEGRATORS else False
-    if auto:
-        options["step"] = min(run.data.step for run in runs)
-    check_integrator(chosen, options.get("step"))
-    return options, auto
-
-
-def _finer(problem: Problem) -> None:
-    """Rows between those of the data, where a filter or a delay of a sensor looks there."""
-    step = problem.options.get("step")
-    for run in problem.runs:
-        looks = [s for s in run.setup.sensors if isinstance(s, Sensor) and (s.filter is not None or s.delay)]
-        sought_too = any(x.path.startswith("sensor.") and ".delay" in x.path for x in problem.sought)
-        fine = bool(step) and (bool(looks) or sought_too)
-        run.every = int(np.clip(round(run.data.step / step), 1, _ROWS)) if fine and step else 1
-
-
-def _instruments(scene: Scene, run: Run) -> tuple[Any, ...]:
-    """The scene's sensors as they are, and behind them those that only outputs name."""
-    return (*scene.sensors, *run.setup.sensors[len(scene.sensors) :])
-
-
-def _interval(x: Sought, inner: float, reach: float) -> tuple[float, float]:
-    low, high = (x.value(inner - reach), x.value(inner + reach)) if np.isfinite(reach) else (-np.inf, np.inf)
-    return max(low, x.of.low), min(high, x.of.high)
-
-
-def _at_bound(x: Sought, value: float) -> bool:
-    near = 1e-6 * max(abs(value), x.scale if not x.log else 0.0)
-    return value - x.of.low <= near or x.of.high - value <= near
-
-
-__all__ = ["Fit", "FitError", "FitInterrupted", "FitWarning", "Unknown", "identify"]

@@ -18,6 +18,7 @@ _SETTLED = 0.01  # by which noise changes from round to round at the end
 _HELD = 1e-4  # of a derivative's norm: by so much a number is held where a least squares begins
 _LOOSE = 0.3  # or as by a prior of this inverse standard deviation, in its own scale, or of its logarithm
 _PULLED = 0.02  # standard deviations that this may hold a number back at the end
+_LEFT = 0.1  # of a column's deviation: where more is left, one start is not enough
 _LEAST = 1e-9  # of a column's first weight, below which noise counts as rounding
 
 
@@ -108,14 +109,49 @@ def fitted(problem: Problem, inner: Array, sigma: Mapping[str, float], best: Bes
 
 
 def search(
-    problem: Problem, starts: Array, keep: int, first: Mapping[str, float], told: Mapping[str, float], most: int,
-    best: Best,
+    problem: Problem, alone: bool, starts: Array, keep: int, first: Mapping[str, float], told: Mapping[str, float],
+    most: int, best: Best,
 ) -> Found:  # fmt: skip
-    """The best point from several starts (k, n), of which the best `keep` are fitted.
+    """The best point from several starts (k, n), of which the best `keep` are fitted; `alone`: from the first, if that
+    leaves less than a tenth of each column's deviation.
 
     Raises:
         RunFailed: none of them could be simulated.
     """
+    if not alone:
+        return _searched(problem, starts, keep, first, told, most, best)
+    try:
+        found = _searched(problem, starts[:1], 1, first, told, most, best)
+    except RunFailed:
+        return _searched(problem, starts, keep, first, told, most, best)
+    if _explains(problem, found.inner):
+        return found
+    best.cost = np.inf
+    other = _searched(problem, starts, keep, first, told, most, best)
+    return min(found, other, key=lambda x: _badness(problem, x, told))
+
+
+def _explains(problem: Problem, inner: Array) -> bool:
+    """Whether all columns are left with less than a tenth of their deviation."""
+    found = problem.residuals(inner)
+    assert found is not None
+    rows = [np.sqrt((y**2).mean(axis=1)) < _LEFT * run.measured.std(axis=1)
+            for run, y in zip(problem.runs, found, strict=True)]  # fmt: skip
+    return bool(np.concatenate(rows).all())
+
+
+def _badness(problem: Problem, found: Found, told: Mapping[str, float]) -> float:
+    """Twice the negative logarithm of the likelihood, but for a constant."""
+    r = problem.weighted(found.inner, found.sigma)
+    count = {name: sum(len(run.data) for run in problem.runs if name in run.outputs) for name in found.sigma}
+    return float(r @ r + 2 * sum(count[k] * np.log(x) for k, x in found.sigma.items() if k not in told))
+
+
+def _searched(
+    problem: Problem, starts: Array, keep: int, first: Mapping[str, float], told: Mapping[str, float], most: int,
+    best: Best,
+) -> Found:  # fmt: skip
+    """From these starts."""
     tried = [np.inf] * len(starts)
     if len(starts) > 1:
         for i, residuals in enumerate(problem.many(starts)):
