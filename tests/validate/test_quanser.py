@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import flexarm as fa
@@ -10,7 +11,8 @@ import numpy as np
 import pytest
 from flexarm.cli.main import main
 from flexarm.validate.recordings import CURRENTS, DEFLECTIONS, FOLDER, JOINTS, UNITS, read
-from flexarm.validate.rig import driven, found, moved, seen, with_values
+from flexarm.validate.rig import EACH, driven, found, moved, seen, with_values
+from flexarm.validate.validate import _fitted
 from flexarm.validate.validation import Judged
 
 EXCERPT = Path(__file__).parents[1] / "data" / "quanser_excerpt.csv"
@@ -80,6 +82,18 @@ def test_command_judges_a_recording(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert {p.name for p in tmp_path.iterdir()} == {
         "validate.txt", "validate.json", "validate-motion.png", "validate-current.png"
     }  # fmt: skip
+
+
+def test_a_mirrored_recording_has_mirrored_values() -> None:
+    """The search begins on the wrong side: 0.7 rad from straight, to the other."""
+    lqr = read("lqr")
+    mirrored = replace(lqr, data=fa.Data(lqr.data.t, {k: -x for k, x in lqr.data.columns.items()}, UNITS))
+    scene, begin = fa.load("quanser"), found("lqr")[0]
+    one, other = (_fitted(moved(scene, r), r, EACH, DEFLECTIONS, False, 10.0, begin) for r in (lqr, mirrored))
+    odd = ("rotation", "offset", "gravity")
+    for path, x in one.values.items():
+        sign = -1.0 if any(word in path for word in odd) else 1.0
+        assert other.values[path] == pytest.approx(sign * x, rel=0.02, abs=1e-4), path
 
 
 def columns(without: str = "", unit: str = "rad", end: float = 4.0) -> fa.Data:
