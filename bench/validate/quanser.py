@@ -76,7 +76,8 @@ def models() -> str:
 
 def whole(found: fa.Validation) -> str:
     """The table of a validation."""
-    lines = ["| driven by | recording | what was fitted to it | judged from | joints | deflections |", "|-|-|-|-|-:|-:|"]
+    lines = ["| driven by | recording | what was fitted to it | judged from | joints | deflections |"]
+    lines.append("|-|-|-|-|-:|-:|")
     for j in found.judged:
         x = {name: f"{100 * e:.1f}" for name, e in j.nrmse.items()}
         joints = f"{x['joint1']}, {x['joint2']}" if "joint1" in x else "as measured"

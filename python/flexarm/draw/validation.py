@@ -6,18 +6,19 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from .._check import Array
-from .style import BLUE, INK, label_axes, new_figure
+from .style import BLUE, INK, RED, label_axes, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 class Curves(NamedTuple):
-    """One recording: its title, its times (s), and by the name of an axis what was measured, what the model says, and
-    its NRMSE (%)."""
+    """One recording: its title, its times (s), from when on it is judged (s), and by the name of an axis what was
+    measured, what the model says, and its NRMSE (%)."""
 
     title: str
     t: Array
+    since: float
     panels: Mapping[str, tuple[Array, Array, float]]
 
 
@@ -36,8 +37,11 @@ def plot_recordings(recordings: Sequence[Curves]) -> Figure:
             measured, model, error = recording.panels[name]
             ax.plot(recording.t, measured, color=INK, linewidth=2.2, alpha=0.45, label="measured")
             ax.plot(recording.t, model, color=BLUE, linewidth=1.1, label="model")
-            ax.set_title(f"{recording.title}: {error:.1f} %" if i == 0 else f"{error:.1f} %", fontsize=10, loc="left")
-            if i == 0 and k == 0:
-                ax.legend(loc="lower right", frameon=False, fontsize=9, ncols=2)
+            if recording.since > recording.t[0]:
+                ax.axvline(recording.since, color=RED, linewidth=1.0, linestyle="--", label="judged from here on")
+            said = f"NRMSE {error:.1f} %"
+            ax.set_title(f"{recording.title}: {said}" if i == 0 else said, fontsize=10, loc="left")
+    axes = max(fig.axes, key=lambda ax: len(ax.get_lines()))
+    fig.legend(*axes.get_legend_handles_labels(), loc="outside upper center", frameon=False, fontsize=9, ncols=3)
     fig.align_ylabels()
     return fig

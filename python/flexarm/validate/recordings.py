@@ -45,6 +45,13 @@ class Recording:
         wait = max(self.tares)
         return np.asarray(self.data.t >= (wait + _SETTLED if wait else 0.0))
 
+    @property
+    def from_rest(self) -> bool:
+        """Whether the arm is at rest at first: its gauges take their zero, or no deflection changes within 0.25 s by a
+        fifth of its standard deviation."""
+        first = self.data.between(None, 0.25)
+        return any(self.tares) or all(np.ptp(first[name]) < 0.2 * self.data[name].std() for name in DEFLECTIONS)
+
     def motion(self, column: str) -> Motion:
         """The joint's angle as measured, smoothed."""
         from scipy.signal import savgol_filter  # slow to import
@@ -79,7 +86,8 @@ def read(source: Any) -> Recording:
     if len(data) < 2 or data.t[-1] - data.t[0] < 2.0 or data.step > 1.1 / RATE:
         raise ValueError(f"data: {len(data)} rows every {data.step:.3g} s: must be 2 s or more, at 46 Hz or more")
     tares = tuple(_tare(data, name) for name in DEFLECTIONS)
-    return Recording(Path(data.name or "data").stem, _averaged(data), tares)  # type: ignore[arg-type]
+    name = Path(source).stem if isinstance(source, (str, Path)) else data.name or "data"
+    return Recording(name, _averaged(data), tares)  # type: ignore[arg-type]
 
 
 def _tare(data: Data, name: str) -> float:

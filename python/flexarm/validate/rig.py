@@ -40,6 +40,13 @@ EACH = {
     "control.0.K.0.0": Unknown(0.1, mean=0.1, std=0.1),
     "gravity.1": Unknown(0.0, mean=0.0, std=0.2),
 }
+#: How the strips are bent, and how fast they move, where a recording does not begin at rest: mean curvatures and rates.
+START = {
+    "q0.1": Unknown(0.0, mean=0.0, std=0.3, each_run=False),
+    "q0.4": Unknown(0.0, mean=0.0, std=0.3, each_run=False),
+    "v0.1": Unknown(0.0, mean=0.0, std=5.0, each_run=False),
+    "v0.4": Unknown(0.0, mean=0.0, std=5.0, each_run=False),
+}
 #: What is not known of the drives. The handbook's torques of an ampere are 8.9 and 0.87 N m, at an assumed efficiency.
 #: Each drive has dry and viscous friction, and some that saturates (control.2, control.3: N m s/rad at rest, N m at
 #: most): together a curve that bends down, as harmonic drives have it.
@@ -76,6 +83,7 @@ def found(name: str) -> tuple[dict[str, float], dict[str, float]]:
     """Of FOUND, by path: of EACH, of DRIVES."""
     each, drives = FOUND[name]
     return dict(zip(EACH, each, strict=True)), dict(zip(DRIVES, drives, strict=True))
+_STILL = 0.02  # rad/s, below which a joint stands still at the start: the encoder's steps tell no less
 
 
 @dataclass(frozen=True)
@@ -105,15 +113,18 @@ def moved(scene: Scene, recording: Recording) -> Scene:
 def driven(scene: Scene, recording: Recording) -> Scene:
     """The scene with the measured currents in its motors, from where the joints began."""
     there, arm = moved(scene, recording), scene.arm
-    q0, bending = np.array(arm.zero), []
+    q0 = np.array(arm.zero if scene.q0 is None else scene.q0)
+    v0 = np.zeros(arm.nv) if scene.v0 is None else np.array(scene.v0)
+    bending = []
     for k, name in enumerate(JOINTS):
         i = arm.joint_rate(k)
-        q0[arm.coordinate_of(i)] = recording.data[name][0]
+        q0[arm.coordinate_of(i)], rate, _ = recording.motion(name)(0.0)
+        v0[i] = rate if abs(rate) > _STILL else 0.0
         K, actuate = np.zeros((1, 2 * arm.nv)), np.zeros((1, arm.nv))
         K[0, arm.nv + i] = actuate[0, i] = 1.0
         bending.append(StateFeedback(K.tolist(), actuate=actuate.tolist(), limit=1.0))
     drive: dict[Any, Any] = {k: recording.current(name) for k, name in enumerate(CURRENTS)}
-    return replace(there, drive=drive, control=(*scene.control, *bending), q0=q0)
+    return replace(there, drive=drive, control=(*scene.control, *bending), q0=q0, v0=v0)
 
 
 def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:

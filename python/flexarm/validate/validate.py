@@ -8,12 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 from .._check import choice, number
-from ..identify.fit import Fit, FitWarning
+from ..identify.fit import Fit, FitError, FitWarning
 from ..identify.identify import identify
 from ..identify.unknown import Unknown
+from ..run.simulation import SimulationError
 from ..scene.scene import Scene, load
 from .recordings import DEFLECTIONS, JOINTS, SHIPPED, Recording, read
-from .rig import ARM, DRIVES, EACH, driven, found, moved, outputs, seen, with_values
+from .rig import ARM, DRIVES, EACH, START, driven, found, moved, outputs, seen, with_values
 from .validation import Judged, Validation
 
 RIGS = ("quanser",)
@@ -56,6 +57,8 @@ def validate(
             raise ValueError(f"calibrate = {calibrate!r}: goes with data alone")
         return _shipped(scene, fit, progress)
     sources = list(data) if isinstance(data, (list, tuple)) else [data]
+    if not sources:
+        raise ValueError("data: an empty list; give at least one recording")
     made = Validation([])
     for recording in [read(source) for source in sources]:
         _judge(scene, recording, calibrate, made, progress)
@@ -85,7 +88,8 @@ def _judge(scene: Scene, recording: Recording, calibrate: float | None, made: Va
     there = moved(scene, recording)
     said, begin = _nearest(there, recording, "motion", DEFLECTIONS)
     made.judged.append(said)
-    done = _fitted(there, recording, EACH, DEFLECTIONS, progress, until, begin)
+    own = EACH if recording.from_rest else {**EACH, **START}
+    done = _fitted(there, recording, own, DEFLECTIONS, progress, until, begin)
     rest = done.validate(recording.data)
     made.judged.append(Judged.of(recording, "motion", f"{_EACH}, {until:.3g} s", rest, until))
     made.calibrations[recording.name] = done.values
@@ -95,12 +99,16 @@ def _judge(scene: Scene, recording: Recording, calibrate: float | None, made: Va
 def _drive(scene: Scene, recording: Recording, until: float, made: Validation, progress: Any) -> None:
     """The drives: as found in the recording shipped that is nearest, and fitted to the currents of the first part."""
     there, columns = driven(scene, recording), (*JOINTS, *DEFLECTIONS)
-    said, begin = _nearest(there, recording, "current", columns)
-    if recording.name not in SHIPPED:
-        made.judged.append(said)
-    own = {path: x for path, x in begin.items() if not path.startswith("drive")}
-    done = _fitted(with_values(there, own), recording, DRIVES, columns, progress, until, begin)
-    rest = done.validate(recording.data)
+    try:
+        said, begin = _nearest(there, recording, "current", columns)
+        if recording.name not in SHIPPED:
+            made.judged.append(said)
+        own = {path: x for path, x in begin.items() if not path.startswith("drive")}
+        done = _fitted(with_values(there, own), recording, DRIVES, columns, progress, until, begin)
+        rest = done.validate(recording.data)
+    except (FitError, SimulationError) as e:  # a drive that runs away
+        made.notes.append(f"{recording.name}, driven by current: {e}")
+        return
     made.judged.append(Judged.of(recording, "current", f"{_DRIVES}, {until:.3g} s", rest, until))
     made.fits.setdefault("current", done)
 

@@ -54,7 +54,7 @@ class Judged:
         c = self.comparison
         shown = {_SHOWN[n]: (np.degrees(c.measured[n]), np.degrees(c.simulated[n]), 100 * e)
                  for n, e in self.nrmse.items()}  # fmt: skip
-        return Curves(f"{self.recording}, {self.role}", c.measured.t, shown)
+        return Curves(f"{self.recording}, {self.role}", c.measured.t, self.since, shown)
 
 
 @dataclass(repr=False, eq=False)
@@ -65,11 +65,13 @@ class Validation:
         judged: recordings beside the model; see Judged: `.recording`, `.driven`, `.role`, `.nrmse["link1_deflection"]`.
         fits: by "motion" and "current", the Fit of the model; none where shipped values were taken.
         calibrations: by recording, what was found of what differs from recording to recording.
+        notes: what could not be done.
     """
 
     judged: list[Judged]
     fits: dict[str, Fit] = field(default_factory=dict)
     calibrations: dict[str, dict[str, float]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
 
     def __repr__(self) -> str:
         return self.report()
@@ -83,6 +85,7 @@ class Validation:
             rows.append([j.driven, j.recording, j.role, f"{j.since:.1f} s", *errors])
         lines = ["NRMSE (%): rms of the error over the standard deviation of what was measured", "",
                  *aligned(rows, range(3, 4 + len(columns)))]  # fmt: skip
+        lines += ["", *self.notes] if self.notes else []
         for name, values in self.calibrations.items():
             lines += ["", f"{name}: " + ", ".join(f"{k} = {x:.4g}" for k, x in values.items())]
         for driven, fit in self.fits.items():
@@ -99,6 +102,7 @@ class Validation:
             "judged": [{"driven": j.driven, "recording": j.recording, "role": j.role, "since": j.since,
                         "nrmse": dict(j.nrmse)} for j in self.judged],
             "calibrations": {k: dict(x) for k, x in self.calibrations.items()},
+            "notes": list(self.notes),
             "fits": {k: fit.to_dict() for k, fit in self.fits.items()},
         }  # fmt: skip
 
