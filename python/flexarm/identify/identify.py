@@ -15,10 +15,10 @@ from ..analysis.validity import RangeWarning
 from ..data.data import Data
 from ..parts.part import ModelWarning
 from ..scene.scene import Scene
-from .simulated import RunFailed
 from .fit import Fit, FitError, FitInterrupted, FitWarning
 from .runs import scales
 from .search import Best, search
+from .simulated import RunFailed
 from .task import Task
 from .unknown import Asked, drawn
 

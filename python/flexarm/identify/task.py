@@ -14,16 +14,16 @@ from .._check import Array, known_keys, number
 from ..acting.drive import Motion
 from ..acting.voltage import split_drives
 from ..batch.arguments import default_workers
-from ..run.variation import Variation
 from ..data.compare import Comparison
 from ..run.simulation import INTEGRATORS, check_integrator
+from ..run.variation import Variation
 from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
-from .simulated import RunFailed
 from .fit import Fit, FitError
 from .problem import Problem
 from .runs import Run, made, scales
 from .search import Best, Found, estimated, search, weighed
+from .simulated import RunFailed
 from .statistics import coloured, covariance, untold, whiteness
 from .unknown import Sought, drawn, sought
 
