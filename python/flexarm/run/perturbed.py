@@ -20,6 +20,7 @@ _CENTRAL = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)
 _AHEAD = (0, 1, 2, 3, 4), (-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4)
 _BEHIND = tuple(-k for k in _AHEAD[0]), tuple(-w for w in _AHEAD[1])
 STEP = 3e-4  # of a difference, in parts of the parameter's scale
+_LEAST = 1e-3  # scale of what is nearly zero, as a fit may make it: a smaller step would be lost in rounding
 _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one leaves what is allowed
 
 
@@ -131,4 +132,4 @@ def _value(setup: Setup, path: str, start: dict[str, Array]) -> tuple[float, flo
     size = abs(float(here))
     if size == 0.0 and isinstance(like, (np.ndarray, tuple, list)):
         size = float(np.max(np.abs(np.asarray(like, dtype=float))))
-    return float(here), size or 1.0
+    return float(here), max(size, _LEAST) if size else 1.0
