@@ -96,7 +96,7 @@ def refits() -> str:
             if free:
                 said = _fitted(scene, other, each, DEFLECTIONS, False, None, begin).comparisons[0]
             cells[name].append(", ".join(errors(other, said)))
-    lines = ["| fitted to the recording that is predicted | fsf, the arm from lqr | lqr, the arm from fsf |", "|-|-:|-:|"]
+    lines = ["| fitted to what is predicted | fsf, the arm from lqr | lqr, the arm from fsf |", "|-|-:|-:|"]
     return "\n".join([*lines, *(f"| {name} | {' | '.join(x)} |" for name, x in cells.items())])
 
 
