@@ -17,7 +17,7 @@ from pathlib import Path
 import flexarm as fa
 from flexarm.draw.style import DPI
 from flexarm.validate.recordings import DEFLECTIONS, Recording, read
-from flexarm.validate.rig import ARM, EACH, moved, with_values
+from flexarm.validate.rig import ARM, EACH, moved, seen, with_values
 from flexarm.validate.validate import _fitted
 from flexarm.validate.validation import Judged
 
@@ -74,6 +74,32 @@ def models() -> str:
     return "\n".join(lines)
 
 
+def refits() -> str:
+    """The table of what is fitted to the recording that is predicted."""
+    steps = (
+        ("nothing", []),
+        ("zeros of the gauges", [path for path in GAUGES if "offset" in path]),
+        ("+ zero of the second joint", [ZERO]),
+        ("+ gains of the gauges", [path for path in GAUGES if "gain" in path]),
+        ("+ pull of the cable", [SPRING]),
+        ("+ level of the table", [LEVEL]),
+    )
+    cells: dict[str, list[str]] = {name: [] for name, _ in steps}
+    for names in (("lqr", "fsf"), ("fsf", "lqr")):
+        first, other = map(read, names)
+        fit = _fitted(moved(fa.load("quanser"), first), first, {**ARM, **EACH}, DEFLECTIONS, False)
+        scene, free = moved(fit.scene, other), list[str]()
+        for name, more in steps:
+            free += more
+            each, begin = {path: EACH[path] for path in free}, {path: fit.values[path] for path in free}
+            said = seen(scene, other, DEFLECTIONS)
+            if free:
+                said = _fitted(scene, other, each, DEFLECTIONS, False, None, begin).comparisons[0]
+            cells[name].append(", ".join(errors(other, said)))
+    lines = ["| fitted to what is predicted | fsf, the arm from lqr | lqr, the arm from fsf |", "|-|-:|-:|"]
+    return "\n".join([*lines, *(f"| {name} | {' | '.join(x)} |" for name, x in cells.items())])
+
+
 def whole(found: fa.Validation) -> str:
     """The table of a validation."""
     lines = ["| driven by | recording | what was fitted to it | judged from | joints | deflections |"]
@@ -104,6 +130,8 @@ def main() -> None:
     if args.docs:
         for driven in ("motion", "current"):
             found.plot(driven).savefig(DOCS / "figures" / f"validation-{driven}.png", dpi=DPI * 0.8)
+    tables["refits"] = refits()
+    print(tables["refits"], "\n", flush=True)
     tables["models"] = models()
     if args.docs:
         page = DOCS / "validation.md"
