@@ -11,8 +11,7 @@ Parts of an arm
     RigidBody, Beam         the bodies; of a beam the Material and the section: Rectangle Circle Tube Ellipse Box IBeam
                             GeneralSection Taper, or
     SectionMatrix           any section, 6 x 6; laminate makes one of a list of Ply (Orthotropic), polygon of an outline
-    Patch, Piezo            a piezo patch on a beam, and its material
-    split                   a link in pieces that end where patches end
+    Patch, Piezo            a piezo patch on a beam, and its material; split: a link in pieces that end where it does
 What acts on it
     Motion, Torque, Voltage, Load       over time: on joints, patches, slices
     PD, StrainFeedback, StateFeedback   controllers that act continuously
@@ -26,8 +25,8 @@ Analysis
     placement, PatchPlacement           where to bond a patch
 One run
     simulate, Result                    an arm over time, and its trajectory
-    SimulationError                     the run could not go on; it holds the time reached and the result so far
-    SimulationInterrupted               Ctrl-C; it holds the same
+    Sensitivities                       what result.sensitivities gives: exact derivatives; see result.gradient, too
+    SimulationError                     the run could not go on; as SimulationInterrupted (Ctrl-C) it holds the result
     Watch                               whether a run stays where its model is good
 Sensors
     Encoder Tachometer ForceTorque StrainGauge Accelerometer Camera
@@ -37,20 +36,17 @@ Sensors
 Data
     load_data, Data         columns over time with units, from CSV, HDF5, .mat, .npz, pandas or a result
     Comparison              what result.compare(data) gives: a run beside what was measured
-From data to a model
-    identify, Fit, Unknown  unknown numbers of a scene from measured runs, with intervals
-    FitError, FitInterrupted            no start could be simulated; Ctrl-C: it holds the best so far
+    identify, Fit, Unknown  unknown numbers of a scene from measured runs, with intervals; FitError, FitInterrupted
     validate, Validation    the shipped model of a measured arm against recordings of it
 Scenes
     load, Scene                         a TOML file, or a shipped one: an arm, what drives it, for how long
 Many runs
     simulate_batch, BatchResult         runs that differ in start, forces, parameters
     rollout, Rollout                    the same from arrays to arrays
-    rollout_gradient, Gradient          its derivatives by start, forces, parameters; of one step:
-                                        step_derivatives, StepDerivatives
+    rollout_gradient, Gradient          its derivatives; of one step: step_derivatives, StepDerivatives
     sweep, SweepResult                  a scene over parameters: Sweep, Vary, load_sweep
-    Failure, batch_memory               a run that could not go on; bytes that a batch takes
-    BatchInterrupted, SweepInterrupted  Ctrl-C; each holds what was done
+    Failure, batch_memory               a run that could not go on; bytes that a batch takes; after Ctrl-C:
+                                        BatchInterrupted, SweepInterrupted
 Which model
     chart, Chart                        error against time of models and integrators
     economize, Plan                     the cheapest model within a tolerance
@@ -61,8 +57,7 @@ Warnings
     SlowWarning, StepWarning            very many steps; steps above the limit of "rk4"
     DataWarning FitWarning FilterWarning    gaps in time, constant signals; what data cannot tell; a surprised filter
 
-Elsewhere: flexarm.env (Gymnasium environments), flexarm.tasks (what they ask), flexarm.cli (the command line),
-flexarm.torch, flexarm.jax (rollouts that gradients go through).
+Elsewhere: flexarm.env, flexarm.tasks (Gymnasium environments), flexarm.cli, flexarm.torch, flexarm.jax (rollouts).
 """
 
 # ruff: noqa: I001  (X as X: so do type checkers know what is for others)
@@ -154,6 +149,7 @@ from .parts.taper import Taper as Taper
 from .run.pace import SlowWarning as SlowWarning, StepWarning as StepWarning
 from .run.pulses import PulseWarning as PulseWarning
 from .run.result import Result as Result
+from .run.sensitivity import Sensitivities as Sensitivities
 from .run.simulation import (
     SimulationError as SimulationError,
     SimulationInterrupted as SimulationInterrupted,
