@@ -6,6 +6,7 @@ PYBIND11_MODULE(_core, m) {
   bind_interpreter();
   bind_model(m);
   bind_time(m);
+  bind_gradients(m);
   bind_batch(m);
   bind_kalman(m);
 }

@@ -1,110 +1,15 @@
-#include <algorithm>
 #include <memory>
 
-#include "evaluation.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/collocation.hpp"
-#include "flexarm/control.hpp"
 #include "flexarm/friction.hpp"
 #include "flexarm/ida.hpp"
-#include "flexarm/rollout_tape.hpp"
-#include "flexarm/run_derivatives.hpp"
 #include "flexarm/simulate.hpp"
-#include "flexarm/step_derivatives.hpp"
+#include "laws.hpp"
 
 using namespace flexarm;
 
 namespace {
-
-/// What a callable answers at time t, as T.
-template <class T>
-T answer(const py::object& law, const char* name, double t, const char* right) {
-  const py::object value = call(law, t);
-  try {
-    return value.cast<T>();
-  } catch (const py::cast_error&) {
-    bad_value(std::string(name) + " at t = " + std::to_string(t), std::string(py::repr(value)), right);
-  }
-}
-
-/// Where in time a callable has been asked: the last call in each of many equal parts of a run.
-struct Asked {
-  static constexpr Eigen::Index kParts = 1000;
-  double from, span;
-  Rows calls;  ///< time and values; a time of nan where there was none
-
-  Asked(const Eigen::VectorXd& t, Eigen::Index values)
-      : from(t[0]), span(t[t.size() - 1] - t[0]), calls(Rows::Constant(kParts, 1 + values, std::nan(""))) {}
-  void note(double t, const double* x) {
-    const auto k = std::clamp<Eigen::Index>(static_cast<Eigen::Index>((t - from) / span * kParts), 0, kParts - 1);
-    calls(k, 0) = t;
-    for (Eigen::Index i = 1; i < calls.cols(); ++i) calls(k, i) = x[i - 1];
-  }
-};
-/// Of each callable.
-using AllAsked = std::vector<std::shared_ptr<Asked>>;
-
-/// A drive from Python: a piecewise polynomial, or a callable t -> force, t -> (q, v, a), whose calls are noted.
-Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Eigen::VectorXd& column,
-                 const Eigen::VectorXd& times, AllAsked& all) {
-  Drive d{coordinate, {}, {}, {}, column};
-  all.push_back(nullptr);
-  if (py::isinstance<PiecewisePolynomial>(law)) {
-    const auto p = law.cast<PiecewisePolynomial>();
-    d.breaks = p.breaks();
-    if (is_motion) d.motion = p;
-    if (!is_motion) d.force = [p](double t) { return p(t).q; };
-    return d;
-  }
-  const auto shared = std::make_shared<py::object>(law);
-  const auto asked = std::make_shared<Asked>(times, is_motion ? 3 : 1);
-  all.back() = asked;
-  if (is_motion) {
-    d.motion = [shared, asked](double t) {
-      const Locked lock;
-      const auto m = answer<std::array<double, 3>>(*shared, "Motion", t, "must give three numbers (q, v, a)");
-      if (!std::isfinite(m[0]) || !std::isfinite(m[1]) || !std::isfinite(m[2]))
-        bad_value("Motion at t", t, "gave nan or inf; q, v and a must be finite");
-      asked->note(t, m.data());
-      return MotionValue{m[0], m[1], m[2]};
-    };
-  } else {
-    const std::string name = column.size() > 0 ? "Voltage" : "Torque";
-    d.force = [shared, asked, name](double t) {
-      const Locked lock;
-      const double f = answer<double>(*shared, name.c_str(), t, "must give one number");
-      if (!std::isfinite(f)) bad_value(name + " at t", t, "gave nan or inf; it must be finite");
-      asked->note(t, &f);
-      return f;
-    };
-  }
-  return d;
-}
-
-/// A load's value in time: six piecewise polynomials, or a callable t -> six numbers.
-LoadDrive make_load(const Load& load, const py::object& law, const Eigen::VectorXd& times, AllAsked& all) {
-  LoadDrive d{load, {}, {}};
-  all.push_back(nullptr);
-  if (py::isinstance<py::tuple>(law)) {
-    const auto parts = law.cast<std::vector<PiecewisePolynomial>>();
-    d.breaks = parts.at(0).breaks();
-    d.wrench = [parts](double t) {
-      Vec6<double> w;
-      for (std::size_t k = 0; k < 6; ++k) w[static_cast<Eigen::Index>(k)] = parts.at(k)(t).q;
-      return w;
-    };
-    return d;
-  }
-  const auto shared = std::make_shared<py::object>(law);
-  const auto asked = all.back() = std::make_shared<Asked>(times, 6);
-  d.wrench = [shared, asked](double t) {
-    const Locked lock;
-    const auto w = answer<std::array<double, 6>>(*shared, "Load", t, "must give six numbers");
-    asked->note(t, w.data());
-    return Vec6<double>(Eigen::Map<const Vec6<double>>(w.data()));
-  };
-  return d;
-}
 
 /// An event from Python: a callable (t, q, v) -> number.
 Event make_event(std::size_t k, const py::object& law, int terminal, int direction) {
@@ -140,67 +45,6 @@ py::list event_rows(const Trajectory& r) {
   return out;
 }
 
-/// (coordinate, is a motion, law, column or none) of each drive, and (place, law) of each load.
-using Laws = std::vector<std::tuple<int, bool, py::object, Eigen::VectorXd>>;
-using LoadLaws = std::vector<std::pair<Load, py::object>>;
-
-/// (column, by_q, by_v, reference or None, limit) of each law without memory.
-using FeedbackLaws = std::vector<std::tuple<Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, py::object, double>>;
-/// (first, period, delay, law) of each sampled one.
-using SampledLaws = std::vector<std::tuple<double, double, double, py::object>>;
-
-Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, int nv, const Eigen::VectorXd& times,
-                     AllAsked& all) {
-  std::vector<Feedback> laws;
-  for (const auto& [column, by_q, by_v, reference, limit] : feedback) {
-    Feedback f{column, by_q, by_v};
-    f.limit = limit;
-    if (!reference.is_none()) {
-      const Drive d = make_drive(0, false, reference, {}, times, all);
-      f.reference = d.force;
-      f.breaks = d.breaks;
-    }
-    laws.push_back(f);
-  }
-  std::vector<Sampler> samplers;
-  for (const auto& [first, period, delay, law] : sampled) {
-    if (py::isinstance<LinearLaw>(law)) {
-      samplers.push_back({first, period, delay, law.cast<LinearLaw>()});
-      continue;
-    }
-    const auto shared = std::make_shared<py::object>(law);
-    const auto ask = [shared, nv](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                                  const Eigen::VectorXd& a) {
-      const Locked lock;
-      const auto force = call(*shared, t, q, v, a).cast<Eigen::VectorXd>();
-      if (force.size() != nv || !force.allFinite())
-        bad_value("control at t = " + std::to_string(t), "nan, inf or a wrong length", "must give finite numbers");
-      return force;
-    };
-    samplers.push_back({first, period, delay, ask});
-  }
-  return Control(std::move(laws), std::move(samplers), nv);
-}
-
-/// A run's problem from Python, as its derivatives take it.
-struct Problem {
-  std::vector<Drive> drives;
-  std::vector<LoadDrive> loads;
-  AllAsked asked;
-  Control control;
-  Eigen::VectorXd tau;
-  const Arm& arm;
-
-  Problem(const Arm& arm_, const Laws& laws, const Eigen::VectorXd& t, const Eigen::VectorXd& tau_,
-          const LoadLaws& wrenches, const FeedbackLaws& feedback)
-      : control(make_control(feedback, {}, arm_.nv(), t, asked)), tau(tau_), arm(arm_) {
-    for (const auto& [coordinate, is_motion, law, column] : laws)
-      drives.push_back(make_drive(coordinate, is_motion, law, column, t, asked));
-    for (const auto& [load, law] : wrenches) loads.push_back(make_load(load, law, t, asked));
-  }
-  operator Driven() { return {arm, drives, loads, tau, &control}; }
-};
-
 /// (weight, offset, arm, drives, loads, tau, feedback, sampled, q0, v0) of each neighbour of a problem, and (scale,
 /// whether it changes no more than controllers and the start, neighbours) of each parameter.
 using NeighbourLaws = std::tuple<double, double, py::object, Laws, LoadLaws, Eigen::VectorXd, FeedbackLaws, SampledLaws,
@@ -228,23 +72,6 @@ struct Parameters {
     }
   }
 };
-
-/// q, v, a, tau and friction by the parameters, (np, nt, n) each.
-py::dict tangent_rows(const std::vector<Trajectory::Tangent>& all, Eigen::Index done, Eigen::Index rates) {
-  const auto stacked = [&](auto part) {
-    const auto count = static_cast<py::ssize_t>(all.size());
-    py::array_t<double> out({count, static_cast<py::ssize_t>(done), static_cast<py::ssize_t>(rates)});
-    for (py::ssize_t k = 0; k < count; ++k) {
-      const auto& rows = all[static_cast<std::size_t>(k)].*part;
-      if (rows.size() > 0) Eigen::Map<Rows>(out.mutable_data(k), done, rates) = rows.topRows(done);
-    }
-    return out;
-  };
-  using Tangent = Trajectory::Tangent;
-  return py::dict(py::arg("q") = stacked(&Tangent::q), py::arg("v") = stacked(&Tangent::v),
-                  py::arg("a") = stacked(&Tangent::a), py::arg("tau") = stacked(&Tangent::tau),
-                  py::arg("friction") = stacked(&Tangent::friction));
-}
 
 /// What a run is given beside its integrator.
 struct Given {
@@ -355,34 +182,6 @@ void bind_time(py::module_& m) {
       .def_property_readonly("breaks", &PiecewisePolynomial::breaks)
       .def_property_readonly("coefficients", [](const PiecewisePolynomial& p) { return Rows(p.coefficients()); });
 
-  m.def(
-      "step_derivatives",
-      [](const PyArm& arm, const Vectors& q, const Vectors& v, const Vectors& tau, const std::string& integrator,
-         double step, double rtol, double spectral_radius, const std::vector<Load>& places, const Vectors& wrenches) {
-        StepDerivatives d(integrator, arm, step, ImplicitOptions{spectral_radius, rtol}, places);
-        const auto lent = arm.workspace({{}, places}, true);
-        for (std::size_t k = 0; k < places.size(); ++k)
-          (*lent).loads[k].wrench = rows(wrenches).row(static_cast<Eigen::Index>(k));
-        const int n = arm.nv();
-        Answers end_q(q, {arm.nq()}), end_v(v, {n}), by_state(q, {2 * n, 2 * n}), by_tau(q, {2 * n, n});
-        std::vector<int> status(static_cast<std::size_t>(count(q)));
-        Eigen::MatrixXd A, B;
-        for_states(arm, count(q), 4 * n, [&](Eigen::Index k) {
-          Eigen::VectorXd x = rows(q).row(k), y = rows(v).row(k);
-          const Status found = d(*lent, x, y, rows(tau).row(k));
-          status[static_cast<std::size_t>(k)] = static_cast<int>(found);
-          if (found != Status::ok) return;
-          d.matrices(A, B);
-          end_q[k] = x.transpose();
-          end_v[k] = y.transpose();
-          by_state[k] = A;
-          by_tau[k] = B;
-        });
-        return py::make_tuple(end_q.all(), end_v.all(), by_state.all(), by_tau.all(), status);
-      },
-      py::arg("arm"), py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("integrator"), py::arg("step"),
-      py::arg("rtol"), py::arg("spectral_radius"), py::arg("loads"), py::arg("wrenches"));
-
   py::class_<LinearLaw>(m, "LinearLaw")
       .def(py::init([](const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, const Eigen::MatrixXd& C,
                        const Eigen::MatrixXd& D, const Eigen::MatrixXd& columns, const Eigen::MatrixXd& by_q,
@@ -460,105 +259,4 @@ void bind_time(py::module_& m) {
       py::arg("integrator"), py::arg("step"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("stages"),
       py::arg("composite"), py::arg("alive"), py::arg("loads"), py::arg("events"), py::arg("feedback"),
       py::arg("sampled"), py::arg("tape") = nullptr);
-
-  py::class_<Problem>(m, "Problem")
-      .def(py::init<const Arm&, const Laws&, const Eigen::VectorXd&, const Eigen::VectorXd&, const LoadLaws&,
-                    const FeedbackLaws&>(),
-           py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("tau"), py::arg("loads"), py::arg("feedback"),
-           py::keep_alive<1, 2>());
-
-  const auto shaped = [](const std::vector<double>& x, const Tape& tape) {
-    const auto height = tape.points();
-    return Rows(
-        Eigen::Map<const Rows>(x.data(), height, height > 0 ? static_cast<Eigen::Index>(x.size()) / height : 0));
-  };
-  py::class_<Tape>(m, "Tape")
-      .def(py::init([] { return Tape(Stages{}); }))
-      .def_property_readonly("t",
-                             [](const Tape& tape) {
-                               return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(tape.t.data(), tape.points()));
-                             })
-      .def_property_readonly("q", [shaped](const Tape& tape) { return shaped(tape.q, tape); })
-      .def_property_readonly("v", [shaped](const Tape& tape) { return shaped(tape.v, tape); })
-      .def_property_readonly("a", [shaped](const Tape& tape) { return shaped(tape.a, tape); })
-      .def_property_readonly("switches",
-                             [](const Tape& tape) {
-                               Eigen::VectorXd ends(static_cast<Eigen::Index>(tape.switches.size()));
-                               for (Eigen::Index k = 0; k < ends.size(); ++k) {
-                                 const Tape::Switch& s = tape.switches[static_cast<std::size_t>(k)];
-                                 ends[k] = s.t + s.h;
-                               }
-                               return ends;
-                             })
-      .def(
-          "balance",
-          [](const Tape& tape, Problem& of) {
-            Balance found;
-            {
-              const Unlocked free;
-              found = balance(of, tape);
-            }
-            return py::make_tuple(found.needed, found.applied);
-          },
-          py::arg("problem"))
-      .def(
-          "weigh",
-          [](const Tape& tape, const std::vector<Problem*>& problems, const Rows& needed, const Rows& applied,
-             int threads) {
-            const Unlocked free;
-            std::vector<Driven> all;
-            for (Problem* p : problems) all.push_back(*p);
-            return weigh(all, tape, needed, applied, threads);
-          },
-          py::arg("problems"), py::arg("needed"), py::arg("applied"), py::arg("threads"))
-      .def(
-          "repeat_switches",
-          [](const Tape& tape, Problem& of, double rtol, double spectral_radius) {
-            const Unlocked free;
-            return repeat_switches(of, tape, {spectral_radius, rtol});
-          },
-          py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"))
-      .def(
-          "tangents",
-          [](const Tape& tape, Problem& of, double rtol, double spectral_radius,
-             const std::vector<std::pair<Rows, Rows>>& by_p, const std::vector<Rows>& switches, const Rows& q0,
-             const Rows& v0, bool accelerations, int threads) {
-            std::vector<Balance> balances;
-            for (const auto& [needed, applied] : by_p) balances.push_back({needed, applied});
-            std::vector<Trajectory::Tangent> found;
-            {
-              const Unlocked free;
-              found = tangents(of, tape, {spectral_radius, rtol}, balances, switches, q0, v0, accelerations, threads);
-            }
-            return tangent_rows(found, static_cast<Eigen::Index>(tape.rows.size()), of.arm.nv());
-          },
-          py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("by_p"), py::arg("switches"),
-          py::arg("q0"), py::arg("v0"), py::arg("accelerations"), py::arg("threads"))
-      .def(
-          "adjoint",
-          [](const Tape& tape, Problem& of, double rtol, double spectral_radius, const Rows& q, const Rows& v,
-             const Rows& a, const Rows& tau, int threads) {
-            Adjoint found;
-            {
-              const Unlocked free;
-              found = adjoint(of, tape, {spectral_radius, rtol}, q, v, a, tau, threads);
-            }
-            return py::make_tuple(found.q0, found.v0, found.needed, found.applied, found.switches, found.held);
-          },
-          py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("q"), py::arg("v"), py::arg("a"),
-          py::arg("tau"), py::arg("threads"));
-
-  m.def(
-      "roll_on_tape",
-      [](const Arm& arm, const std::string& integrator, double step, double rtol, double spectral_radius,
-         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Rows& tau) {
-        TapedRollout r{Tape(Stages{}), {}, {}, {}};
-        {
-          const Unlocked free;
-          r = roll_on_tape(integrator, arm, step, {spectral_radius, rtol}, q0, v0, tau);
-        }
-        return py::make_tuple(std::move(r.tape), r.q, r.v, r.first, r.failed, static_cast<int>(r.status));
-      },
-      py::arg("arm"), py::arg("integrator"), py::arg("step"), py::arg("rtol"), py::arg("spectral_radius"),
-      py::arg("q0"), py::arg("v0"), py::arg("tau"));
 }

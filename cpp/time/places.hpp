@@ -1,0 +1,183 @@
+// A problem at the places of a tape: forces, and their slopes.
+#pragma once
+
+#include <atomic>
+#include <exception>
+#include <limits>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <thread>
+
+#include "arrays.hpp"
+#include "flexarm/check.hpp"
+#include "flexarm/ci.hpp"
+#include "flexarm/derivatives.hpp"
+#include "flexarm/run_derivatives.hpp"
+#include "system.hpp"
+
+namespace flexarm {
+namespace taped {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using Rows = Trajectory::Rows;
+
+/// Slopes by accelerations, rates and coordinates at a place.
+struct Slopes {
+  MatrixXd M, C, K;  ///< of the residual, needed - applied; of what does not count the acceleration itself
+  MatrixXd M_needed, C_needed, K_needed, C_applied, K_applied;
+};
+
+/// The problem at the places of a tape.
+class Places {
+ public:
+  Places(const Driven& of, const Tape& tape)
+      : n(of.arm.nv()),
+        tape_(tape),
+        s_(of.arm, of.drives, of.loads, of.tau, of.control),
+        loads_(of.loads),
+        rubs_(rubs(of.arm)) {
+    for (std::size_t k = 0; k < of.arm.size(); ++k)
+      if (of.arm.link(k).joint().has_ball())
+        bad_value("link[" + std::to_string(k) + "].joint", "a ball", "derivatives of a run know no quaternions");
+  }
+
+  /// Forces at place e: see Balance. Moves the workspace there.
+  void balance(Index e, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
+    move(e);
+    inverse_dynamics(s_.arm, s_.ws, s_.q, s_.v, s_.a);
+    inverse_ = s_.ws.tau;
+    add_feedback(s_.ws.feedback, s_.q, s_.v, 1.0, inverse_);  // which the workspace has taken off
+    balance(e, inverse_, needed, applied);
+  }
+  /// The same where the workspace is, of inverse dynamics without feedback.
+  void balance(Index e, const VectorXd& inverse, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
+    add_feedback(s_.ws.feedback, s_.q, s_.v, 1.0, s_.tau);
+    needed = inverse;
+    applied = s_.tau;
+    for (const Rub& r : rubs_) {
+      const bool given = s_.ws.prescribed[static_cast<std::size_t>(r.rate)];
+      const int is = contact(e, r.rate);
+      const double v = s_.v[r.rate], way = given ? (v > 0.0) - (v < 0.0) : is == Tape::held ? 0.0 : is;
+      needed[r.rate] += r.coulomb * way;
+    }
+  }
+
+  /// @param whole  whether more than M, C and K are asked for
+  void differentiate(Index e, bool whole, Slopes& out) {
+    move(e);
+    if (!made_) made_.emplace(s_.arm, flexarm::places(loads_));
+    InverseDerivatives& slopes = *made_;
+    for (std::size_t k = 0; k < s_.ws.loads.size(); ++k) slopes.set_wrench(k, s_.ws.loads[k].wrench);
+    slopes(s_.arm, s_.q, s_.v, s_.a);
+    out.K = slopes.dq;
+    out.C = slopes.dv;
+    add_feedback_slopes(s_.ws.feedback, s_.q, s_.v, out.K, out.C);
+    composite_mass_matrix(s_.arm, s_.ws, s_.q);
+    out.M = s_.ws.M;
+    if (whole) {
+      out.K_needed = slopes.dq;
+      out.C_needed = slopes.dv;
+      out.K_applied = slopes.dq - out.K;
+      out.C_applied = slopes.dv - out.C;
+      out.M_needed = s_.ws.M;
+    }
+    for (Index i = 0; i < n; ++i)
+      if (fixed(e, i)) {
+        out.M.row(i).setZero();
+        out.K.row(i).setZero();
+        out.C.row(i).setZero();
+        out.M(i, i) = 1.0;
+      }
+  }
+  /// Whether the equation of a rate does not count at a place: it is given, or held.
+  bool fixed(Index e, Index i) const { return given(i) || contact(e, i) == Tape::held; }
+  bool given(Index i) const { return s_.ws.prescribed[static_cast<std::size_t>(i)]; }
+
+  /// Moves the workspace to place e.
+  const System& move(Index e) {
+    const auto at = [&](const std::vector<double>& x) { return Eigen::Map<const VectorXd>(x.data() + e * n, n); };
+    s_.q = at(tape_.q);
+    s_.v = at(tape_.v);
+    s_.a = at(tape_.a);
+    s_.drive(tape_.t[static_cast<std::size_t>(e)]);
+    return s_;
+  }
+
+  const Index n;
+
+ private:
+  int contact(Index e, Index i) const { return tape_.contact[static_cast<std::size_t>(e * n + i)]; }
+
+  const Tape& tape_;
+  System s_;
+  const std::vector<LoadDrive>& loads_;
+  VectorXd inverse_;
+  std::optional<InverseDerivatives> made_;  // when first asked for: what is only balanced needs none
+  std::vector<Rub> rubs_;
+};
+
+/// The place whose forces hold what is held when a step begins: the one that the method was at before.
+inline Index place_before(const Tape& tape, Index entry) {
+  const Tape::Entry& last = tape.entries[static_cast<std::size_t>(entry - 1)];
+  return last.point + (last.h == 0.0 ? 0 : tape.stages.count() - 1);
+}
+
+/// Slopes at the places of a tape, asked for one after another, either way: made by several threads, some ahead.
+class Ahead {
+ public:
+  /// @param rows  whether the places of rows are asked for
+  Ahead(const Driven& of, const Tape& tape, bool rows, int threads)
+      : asked_(static_cast<std::size_t>(tape.points()), 1),
+        kept_(static_cast<std::size_t>(threads > 1 ? threads * std::max(kFewest, kRates / of.arm.nv()) : 1)) {
+    for (const Tape::Row& row : tape.rows)
+      if (row.point >= 0) asked_[static_cast<std::size_t>(row.point)] = rows ? 2 : 0;
+    for (const Tape::Switch& s : tape.switches) asked_[static_cast<std::size_t>(place_before(tape, s.entry))] = 2;
+    for (int k = 0; k < threads; ++k) places_.push_back(std::make_unique<Places>(of, tape));
+  }
+  const Slopes& operator()(Index e) {
+    const auto count = static_cast<Index>(kept_.size());
+    if (e < first_ || e >= last_) {
+      const bool back = e < first_;
+      first_ = back ? std::max<Index>(0, e + 1 - count) : e;
+      last_ = back ? e + 1 : std::min(e + count, static_cast<Index>(asked_.size()));
+      make();
+    }
+    return kept_[static_cast<std::size_t>(e - first_)];
+  }
+  Places& places() { return *places_.front(); }
+
+ private:
+  static constexpr int kFewest = 16, kRates = 4096;  // places that a thread makes at a time, and their rates
+
+  void make() {
+    std::exception_ptr wrong;
+    std::mutex lock;
+    std::atomic<Index> next{first_};
+    const auto work = [&](Places& at) {
+      try {
+        for (Index e; (e = next++) < last_;)
+          if (const char how = asked_[static_cast<std::size_t>(e)]; how > 0)
+            at.differentiate(e, how > 1, kept_[static_cast<std::size_t>(e - first_)]);
+      } catch (...) {
+        const std::lock_guard<std::mutex> mine(lock);
+        wrong = std::current_exception();
+      }
+    };
+    std::vector<std::thread> others;
+    for (std::size_t k = 1; k < places_.size(); ++k) others.emplace_back(work, std::ref(*places_[k]));
+    work(*places_.front());
+    for (std::thread& t : others) t.join();
+    if (wrong) std::rethrow_exception(wrong);
+  }
+
+  std::vector<std::unique_ptr<Places>> places_;
+  std::vector<char> asked_;
+  std::vector<Slopes> kept_;
+  Index first_ = std::numeric_limits<Index>::max(), last_ = first_;
+};
+
+}  // namespace taped
+}  // namespace flexarm

@@ -1,0 +1,88 @@
+// The equations of a step along a tape, in small changes.
+#pragma once
+
+#include <Eigen/LU>
+
+#include "places.hpp"
+
+namespace flexarm {
+namespace taped {
+
+/// The equations of a step, in changes: of its stages, N da = rhs.
+class StepEquations {
+ public:
+  StepEquations(Ahead& slopes, const Stages& of)
+      : ahead_(slopes), n_(slopes.places().n), of_(of), s_(of.count()), slopes_(of.count()) {}
+
+  /// @param back  whether the places are asked for backwards
+  void factor(const Tape::Entry& entry, bool back) {
+    const Index n = n_;
+    for (int i = 0; i < s_; ++i) {
+      const Slopes& at = ahead_(back ? entry.point + s_ - 1 - i : entry.point + i);
+      Stage& stage = slopes_[back ? s_ - 1 - i : i];
+      stage.M = at.M;
+      stage.C = at.C;
+      stage.K = at.K;
+    }
+    h_ = entry.h;
+    if (of_.in_turn) {
+      for (int i = 0; i < s_; ++i) slopes_[i].lu.compute(slopes_[i].M);
+      return;
+    }
+    newton_.resize(s_ * n, s_ * n);
+    for (int i = 0; i < s_; ++i)
+      for (int j = 0; j < s_; ++j) newton_.block(i * n, j * n, n, n) = coupling(i, j);
+    lu_.compute(newton_);
+  }
+  /// N x = rhs in place.
+  void solve(MatrixXd& x) const {
+    if (!of_.in_turn) {
+      x = lu_.solve(x);
+      return;
+    }
+    for (int i = 0; i < s_; ++i) {
+      for (int j = 0; j < i; ++j)
+        if (of_.v_by_a(i, j) != 0.0 || of_.q_by_a(i, j) != 0.0) rows(x, i) -= coupling(i, j) * rows(x, j);
+      rows(x, i) = slopes_[i].lu.solve(MatrixXd(rows(x, i)));
+    }
+  }
+  /// N^T x = rhs in place.
+  void solve_transposed(MatrixXd& x) const {
+    if (!of_.in_turn) {
+      x = lu_.transpose().solve(x);
+      return;
+    }
+    for (int i = s_; i-- > 0;) {
+      rows(x, i) = slopes_[i].lu.transpose().solve(MatrixXd(rows(x, i)));
+      for (int j = 0; j < i; ++j)
+        if (of_.v_by_a(i, j) != 0.0 || of_.q_by_a(i, j) != 0.0) rows(x, j) -= coupling(i, j).transpose() * rows(x, i);
+    }
+  }
+  const MatrixXd& C(int i) const { return slopes_[i].C; }
+  const MatrixXd& K(int i) const { return slopes_[i].K; }
+
+ private:
+  struct Stage {
+    MatrixXd M, C, K;
+    Eigen::PartialPivLU<MatrixXd> lu = {};
+  };
+  Eigen::Block<MatrixXd> rows(MatrixXd& x, int i) const { return x.block(i * n_, 0, n_, x.cols()); }
+  /// Of the residual at stage i, by the accelerations of stage j.
+  MatrixXd coupling(int i, int j) const {
+    MatrixXd out = h_ * of_.v_by_a(i, j) * slopes_[i].C + h_ * h_ * of_.q_by_a(i, j) * slopes_[i].K;
+    if (i == j) out += slopes_[i].M;
+    return out;
+  }
+
+  Ahead& ahead_;
+  Index n_;
+  const Stages& of_;
+  int s_;
+  double h_ = 0.0;
+  std::vector<Stage> slopes_;
+  MatrixXd newton_;
+  Eigen::PartialPivLU<MatrixXd> lu_;
+};
+
+}  // namespace taped
+}  // namespace flexarm

@@ -1,0 +1,84 @@
+// Steps of a tape in which dry friction holds, lets go or turns a joint.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "places.hpp"
+
+namespace flexarm {
+namespace taped {
+
+/// Steps in which dry friction switches, taken again.
+class Switches {
+ public:
+  Switches(const Driven& of, const Tape& tape, ImplicitOptions options)
+      : tau_(of.tau),
+        own_(of.tau),
+        s_(of.arm, of.drives, of.loads, tau_, of.control),
+        tape_(tape),
+        n_(of.arm.nv()),
+        rubs_(rubs(of.arm)) {
+    if (tape.switches.empty()) return;
+    options.rtol = std::min(options.rtol, kSolved);
+    step_.emplace("implicit", of.arm, 1.0, options);
+  }
+  /// The state that a step leads to; forces of friction that slides are this arm's.
+  VectorXd end(Tape::Switch from) {
+    for (std::size_t c = 0; c < from.rates.size(); ++c)
+      for (const Rub& r : rubs_)
+        if (const auto k = static_cast<Index>(c); r.rate == from.rates[c] && from.sense[k] != 0.0)
+          from.before[k] = -from.sense[k] * r.coulomb;
+    s_.q = from.q;
+    s_.v = from.v;
+    tau_ = own_;
+    if (from.tau.size() > 0) tau_ += from.tau;
+    s_.drive(from.t);
+    const Step::Given given = [&](double c) { s_.drive(from.t + c * from.h); };
+    step_->repeat(from, s_.ws, s_.q, s_.v, s_.tau, given);
+    VectorXd out(2 * n_);
+    out << s_.q, s_.v;
+    return out;
+  }
+  /// Derivatives of that end by q, v, a0 and alpha0 (nv columns each), by the forces before, of what rubs, and, if
+  /// `held`, by forces held over the step (nv columns).
+  MatrixXd slopes(const Tape::Switch& from, bool held) {
+    const auto count = static_cast<Index>(from.rates.size());
+    Tape::Switch at = from;
+    if (at.tau.size() == 0) at.tau = VectorXd::Zero(n_);
+    MatrixXd out(2 * n_, 4 * n_ + count + (held ? n_ : 0));
+    const double sizes[] = {kMoved, kMoved, kMoved / from.h, kMoved / from.h};
+    for (Index k = 0; k < out.cols(); ++k) {
+      const auto which = [&](Tape::Switch& of) -> double& {
+        if (k >= 4 * n_ + count) return of.tau[k - 4 * n_ - count];
+        if (k >= 4 * n_) return of.before[k - 4 * n_];
+        VectorXd* parts[] = {&of.q, &of.v, &of.a0, &of.alpha0};
+        return (*parts[k / n_])[k % n_];
+      };
+      const double by = k >= 4 * n_ ? kMoved * (1.0 + std::abs(which(at))) : sizes[k / n_];
+      Tape::Switch less = at, more = at;
+      which(less) -= by;
+      which(more) += by;
+      out.col(k) = (end(more) - end(less)) / (2.0 * by);
+    }
+    return out;
+  }
+  /// The switch of an entry; entries are asked for one after another, either way.
+  const Tape::Switch& of(Index entry) const {
+    return *std::lower_bound(tape_.switches.begin(), tape_.switches.end(), entry,
+                             [](const Tape::Switch& s, Index k) { return s.entry < k; });
+  }
+
+ private:
+  static constexpr double kSolved = 1e-13, kMoved = 1e-7;
+  VectorXd tau_;  // of the step
+  const VectorXd& own_;
+  System s_;
+  const Tape& tape_;
+  Index n_;
+  std::vector<Rub> rubs_;
+  std::optional<OneStep> step_;
+};
+
+}  // namespace taped
+}  // namespace flexarm

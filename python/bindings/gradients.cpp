@@ -1,0 +1,161 @@
+// Derivatives of steps, and along tapes.
+#include "flexarm/rollout_tape.hpp"
+#include "flexarm/run_derivatives.hpp"
+#include "flexarm/step_derivatives.hpp"
+#include "laws.hpp"
+
+using namespace flexarm;
+
+namespace {
+
+/// A run's problem from Python, as its derivatives take it.
+struct Problem {
+  std::vector<Drive> drives;
+  std::vector<LoadDrive> loads;
+  AllAsked asked;
+  Control control;
+  Eigen::VectorXd tau;
+  const Arm& arm;
+
+  Problem(const Arm& arm_, const Laws& laws, const Eigen::VectorXd& t, const Eigen::VectorXd& tau_,
+          const LoadLaws& wrenches, const FeedbackLaws& feedback)
+      : control(make_control(feedback, {}, arm_.nv(), t, asked)), tau(tau_), arm(arm_) {
+    for (const auto& [coordinate, is_motion, law, column] : laws)
+      drives.push_back(make_drive(coordinate, is_motion, law, column, t, asked));
+    for (const auto& [load, law] : wrenches) loads.push_back(make_load(load, law, t, asked));
+  }
+  operator Driven() { return {arm, drives, loads, tau, &control}; }
+};
+
+}  // namespace
+
+void bind_gradients(py::module_& m) {
+  m.def(
+      "step_derivatives",
+      [](const PyArm& arm, const Vectors& q, const Vectors& v, const Vectors& tau, const std::string& integrator,
+         double step, double rtol, double spectral_radius, const std::vector<Load>& places, const Vectors& wrenches) {
+        StepDerivatives d(integrator, arm, step, ImplicitOptions{spectral_radius, rtol}, places);
+        const auto lent = arm.workspace({{}, places}, true);
+        for (std::size_t k = 0; k < places.size(); ++k)
+          (*lent).loads[k].wrench = rows(wrenches).row(static_cast<Eigen::Index>(k));
+        const int n = arm.nv();
+        Answers end_q(q, {arm.nq()}), end_v(v, {n}), by_state(q, {2 * n, 2 * n}), by_tau(q, {2 * n, n});
+        std::vector<int> status(static_cast<std::size_t>(count(q)));
+        Eigen::MatrixXd A, B;
+        for_states(arm, count(q), 4 * n, [&](Eigen::Index k) {
+          Eigen::VectorXd x = rows(q).row(k), y = rows(v).row(k);
+          const Status found = d(*lent, x, y, rows(tau).row(k));
+          status[static_cast<std::size_t>(k)] = static_cast<int>(found);
+          if (found != Status::ok) return;
+          d.matrices(A, B);
+          end_q[k] = x.transpose();
+          end_v[k] = y.transpose();
+          by_state[k] = A;
+          by_tau[k] = B;
+        });
+        return py::make_tuple(end_q.all(), end_v.all(), by_state.all(), by_tau.all(), status);
+      },
+      py::arg("arm"), py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("integrator"), py::arg("step"),
+      py::arg("rtol"), py::arg("spectral_radius"), py::arg("loads"), py::arg("wrenches"));
+
+  py::class_<Problem>(m, "Problem")
+      .def(py::init<const Arm&, const Laws&, const Eigen::VectorXd&, const Eigen::VectorXd&, const LoadLaws&,
+                    const FeedbackLaws&>(),
+           py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("tau"), py::arg("loads"), py::arg("feedback"),
+           py::keep_alive<1, 2>());
+
+  const auto shaped = [](const std::vector<double>& x, const Tape& tape) {
+    const auto height = tape.points();
+    return Rows(
+        Eigen::Map<const Rows>(x.data(), height, height > 0 ? static_cast<Eigen::Index>(x.size()) / height : 0));
+  };
+  py::class_<Tape>(m, "Tape")
+      .def(py::init([] { return Tape(Stages{}); }))
+      .def_property_readonly("t",
+                             [](const Tape& tape) {
+                               return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(tape.t.data(), tape.points()));
+                             })
+      .def_property_readonly("q", [shaped](const Tape& tape) { return shaped(tape.q, tape); })
+      .def_property_readonly("v", [shaped](const Tape& tape) { return shaped(tape.v, tape); })
+      .def_property_readonly("a", [shaped](const Tape& tape) { return shaped(tape.a, tape); })
+      .def_property_readonly("switches",
+                             [](const Tape& tape) {
+                               Eigen::VectorXd ends(static_cast<Eigen::Index>(tape.switches.size()));
+                               for (Eigen::Index k = 0; k < ends.size(); ++k) {
+                                 const Tape::Switch& s = tape.switches[static_cast<std::size_t>(k)];
+                                 ends[k] = s.t + s.h;
+                               }
+                               return ends;
+                             })
+      .def(
+          "balance",
+          [](const Tape& tape, Problem& of) {
+            Balance found;
+            {
+              const Unlocked free;
+              found = balance(of, tape);
+            }
+            return py::make_tuple(found.needed, found.applied);
+          },
+          py::arg("problem"))
+      .def(
+          "weigh",
+          [](const Tape& tape, const std::vector<Problem*>& problems, const Rows& needed, const Rows& applied,
+             int threads) {
+            const Unlocked free;
+            std::vector<Driven> all;
+            for (Problem* p : problems) all.push_back(*p);
+            return weigh(all, tape, needed, applied, threads);
+          },
+          py::arg("problems"), py::arg("needed"), py::arg("applied"), py::arg("threads"))
+      .def(
+          "repeat_switches",
+          [](const Tape& tape, Problem& of, double rtol, double spectral_radius) {
+            const Unlocked free;
+            return repeat_switches(of, tape, {spectral_radius, rtol});
+          },
+          py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"))
+      .def(
+          "tangents",
+          [](const Tape& tape, Problem& of, double rtol, double spectral_radius,
+             const std::vector<std::pair<Rows, Rows>>& by_p, const std::vector<Rows>& switches, const Rows& q0,
+             const Rows& v0, bool accelerations, int threads) {
+            std::vector<Balance> balances;
+            for (const auto& [needed, applied] : by_p) balances.push_back({needed, applied});
+            std::vector<Trajectory::Tangent> found;
+            {
+              const Unlocked free;
+              found = tangents(of, tape, {spectral_radius, rtol}, balances, switches, q0, v0, accelerations, threads);
+            }
+            return tangent_rows(found, static_cast<Eigen::Index>(tape.rows.size()), of.arm.nv());
+          },
+          py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("by_p"), py::arg("switches"),
+          py::arg("q0"), py::arg("v0"), py::arg("accelerations"), py::arg("threads"))
+      .def(
+          "adjoint",
+          [](const Tape& tape, Problem& of, double rtol, double spectral_radius, const Rows& q, const Rows& v,
+             const Rows& a, const Rows& tau, int threads) {
+            Adjoint found;
+            {
+              const Unlocked free;
+              found = adjoint(of, tape, {spectral_radius, rtol}, q, v, a, tau, threads);
+            }
+            return py::make_tuple(found.q0, found.v0, found.needed, found.applied, found.switches, found.held);
+          },
+          py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("q"), py::arg("v"), py::arg("a"),
+          py::arg("tau"), py::arg("threads"));
+
+  m.def(
+      "roll_on_tape",
+      [](const Arm& arm, const std::string& integrator, double step, double rtol, double spectral_radius,
+         const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Rows& tau) {
+        TapedRollout r{Tape(Stages{}), {}, {}, {}};
+        {
+          const Unlocked free;
+          r = roll_on_tape(integrator, arm, step, {spectral_radius, rtol}, q0, v0, tau);
+        }
+        return py::make_tuple(std::move(r.tape), r.q, r.v, r.first, r.failed, static_cast<int>(r.status));
+      },
+      py::arg("arm"), py::arg("integrator"), py::arg("step"), py::arg("rtol"), py::arg("spectral_radius"),
+      py::arg("q0"), py::arg("v0"), py::arg("tau"));
+}
