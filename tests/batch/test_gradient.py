@@ -1,5 +1,7 @@
 """Derivatives of steps and rollouts against differences in extended steps."""
 
+from dataclasses import replace
+
 import flexarm as fa
 import numpy as np
 import pytest
@@ -232,3 +234,19 @@ def test_bad_input_of_a_rollout(change: dict, says: str) -> None:
     given = {"arm": arm, "q": r.q[0], "v": r.v[0], "tau": np.zeros((3, 8)), "step": 2e-4} | change
     with pytest.raises(ValueError, match=says):
         fa.rollout_gradient(given.pop("arm"), **given)
+
+
+def test_scenarios_of_a_batch_have_derivatives() -> None:
+    """Those of `simulate` of the same scenario."""
+    arm, t, masses = paper_link(), np.linspace(0, 0.05, 6), [0.01, 0.05]
+    arm = fa.Arm([replace(arm.links[0], tip=fa.RigidBody(0.02))])
+    given = {"drive": {0: fa.Torque([0.0, 0.1], [0.1, 0.3])}, "integrator": "implicit", "step": 1e-3}
+    batch = fa.simulate_batch(arm, t, parameters={"link.0.tip.mass": masses}, **given)
+    for k, mass in enumerate(masses):
+        one = fa.simulate(fa.Arm([replace(arm.links[0], tip=fa.RigidBody(mass))]), t, **given)
+        weights = {"q": np.ones(one.q.shape)}
+        paths = ["link.0.tip.mass", "drive.0.scale"]
+        assert batch[k].gradient(weights, paths) == pytest.approx(one.gradient(weights, paths), rel=1e-12)
+    held = fa.simulate_batch(arm, t, tau=np.ones((2, 6, arm.nv)), integrator="implicit", step=1e-3)
+    with pytest.raises(ValueError, match="does not know what it was made of"):
+        held[0].gradient({"q": np.ones((6, arm.nq))}, ["link.0.tip.mass"])

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from .._check import Array, named
 from ..arm import Arm
 from ..run.result import Result
+from ..run.simulation import source
 from ..run.variation import Setup, Variation
 from ..store.files import Refused, readable, write_whole
 from . import events as batch_events
-from .job import ENDED, FAILED
+from .job import ENDED, FAILED, Job
 from .rollout import NOT_DONE, Failure
 from .storage import REASON_BYTES, about, failures_in, in_bytes, read, write_file
 
@@ -71,6 +72,7 @@ class BatchResult:
     stats: dict[str, Any] = field(default_factory=dict)
     keeps_loads: bool = True  #: a file keeps none
     events: NDArray[Any] | None = None
+    _job: Job | None = field(default=None, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.status)
@@ -87,10 +89,22 @@ class BatchResult:
         return self.variation.scenario(range(len(self))[i]).arm
 
     def __getitem__(self, i: int) -> Result:
-        """Scenario i, with its own arm: the rows up to where it got. What was not asked for is nan."""
+        """Scenario i, with its own arm: the rows up to where it got. What was not asked for is nan. It has derivatives
+        (`Result.gradient`), unless it is from a file, or its forces `tau` change with time."""
         i = range(len(self))[i]
         held = {k: getattr(self, k) for k in (*OUTPUTS, "status", "reached", "events")}
-        return one_result(self.variation.scenario(i), self.t, held, i, self.keeps_loads)
+        setup = self.variation.scenario(i)
+        found = one_result(setup, self.t, held, i, self.keeps_loads)
+        job = self._job
+        if job is not None and (job.tau is None or job.tau.shape[1] == 1):
+            q0, v0 = (None if x is None else x[i % len(x)] for x in (job.q0, job.v0))
+            tau = None if job.tau is None else job.tau[i % len(job.tau), 0]
+            options = {k: x for k, x in job.options.items() if k != "events"}
+            found._source = source(setup, self.t, q0, v0, tau, integrator=job.integrator, step=job.step, **options)
+        return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_job": None}
 
     def map(self, f: Callable[[Result], Any]) -> Array:
         """f(result) of every scenario, such as `lambda r: r.tip_deflection()[-1]`, (B, ...)."""

@@ -206,7 +206,7 @@ def simulate_batch(
     stats = {"engine": engine, **runner.stats, **({"out_of_range": beyond.size} if beyond.size else {})}
     arrays: dict[str, Any] = {k: held.get(k) for k in (*OUTPUTS, "status", "reached", "events")}
     result = BatchResult(job.t[:: job.every], **arrays, variation=job.variation, failures=failures,
-                         stats={**stats, "wall_time": time.perf_counter() - started})  # fmt: skip
+                         stats={**stats, "wall_time": time.perf_counter() - started}, _job=job)  # fmt: skip
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
