@@ -242,6 +242,11 @@ def test_scenarios_of_a_batch_have_derivatives() -> None:
     arm = fa.Arm([replace(arm.links[0], tip=fa.RigidBody(0.02))])
     given = {"drive": {0: fa.Torque([0.0, 0.1], [0.1, 0.3])}, "integrator": "implicit", "step": 1e-3}
     batch = fa.simulate_batch(arm, t, parameters={"link.0.tip.mass": masses}, **given)
+    twice = fa.simulate_batch(arm, t, parameters={"drive.0.scale": [2.0]}, **given)[0]
+    once = fa.simulate(arm, t, **{**given, "drive": {0: fa.Torque([0.0, 0.1], [0.2, 0.6])}})
+    weights = {"q": np.ones(once.q.shape)}
+    by_scale = twice.gradient(weights, ["drive.0.scale"])["drive.0.scale"]
+    assert by_scale == pytest.approx(0.5 * once.gradient(weights, ["drive.0.scale"])["drive.0.scale"], rel=1e-9)
     for k, mass in enumerate(masses):
         one = fa.simulate(fa.Arm([replace(arm.links[0], tip=fa.RigidBody(mass))]), t, **given)
         weights = {"q": np.ones(one.q.shape)}

@@ -130,7 +130,7 @@ class Problem:
             found[k] = out
 
         self._each(one)
-        self.count += (1 + 2 * len(inner)) * len(self.runs)
+        self.count += len(self.runs)
         return found
 
     # -- weighted ------------------------------------------------------------------------------------------------------

@@ -76,10 +76,12 @@ def sensitivities(
     Raises:
         RunFailed: the run could not go on.
     """
-    made, q, v = scenario(setup, {k: np.array([x]) for k, x in parameters.items()}, t, q0, v0)
+    values = {k: np.array([x]) for k, x in parameters.items()}
+    made, q, v = scenario(setup, values, t, q0, v0)
+    of = setup, {k: x for k, x in values.items() if k.split(".")[0] not in ("q0", "v0")}
     del workers  # the derivatives' threads are as many as there are cores
     try:
-        return source(made, t, q, v, **options, alive=progress).sensitivities(list(parameters))
+        return source(made, t, q, v, **options, alive=progress, of=of).sensitivities(list(parameters))
     except RunStopped as e:
         raise RunFailed(str(e), e.time) from None
 

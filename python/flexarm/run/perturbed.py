@@ -4,7 +4,7 @@ equations of motion at a given state follows from them by differences."""
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one leav
 
 def problems(
     setup: Setup, parameters: Sequence[str], t: ArrayLike, q0: Array | None, v0: Array | None, tau: Array | None,
-    part: float = STEP,
+    part: float = STEP, of: tuple[Setup, Mapping[str, Array]] | None = None,
 ) -> list[Parameter]:  # fmt: skip
     """The neighbours of a problem by each parameter.
 
@@ -35,6 +35,8 @@ def problems(
         parameters: paths of single numbers, as of `simulate_batch`: "link.0.tip.mass", "control.0.kp", "q0.1".
         t, q0, v0, tau: as of `simulate`. Prescribed coordinates start where their motion does.
         part: step of the differences, in parts of a parameter's size.
+        of: what `setup` was made of, and by which values (1, ...) of parameters: these are the values then, such as the
+            scale of a drive, which is 1 in `setup` itself.
 
     Raises:
         ValueError: naming the parameter: nothing that can vary, no single number, or no room to vary in.
@@ -42,7 +44,7 @@ def problems(
     if isinstance(parameters, str) or len(set(parameters)) != len(parameters) or not len(parameters):
         raise ValueError(f"parameters = {parameters!r}: must be a list of different paths, such as ['link.0.tip.mass']")
     start = start_of(setup, q0, v0)
-    return [_parameter(setup, path, t, start, tau, part) for path in parameters]
+    return [_parameter(setup, path, t, start, tau, part, of) for path in parameters]
 
 
 def start_of(setup: Setup, q0: Array | None, v0: Array | None) -> dict[str, Array]:
@@ -51,16 +53,22 @@ def start_of(setup: Setup, q0: Array | None, v0: Array | None) -> dict[str, Arra
 
 
 def _parameter(
-    setup: Setup, path: str, t: ArrayLike, start: dict[str, Array], tau: Array | None, part: float
-) -> Parameter:
+    setup: Setup, path: str, t: ArrayLike, start: dict[str, Array], tau: Array | None, part: float,
+    of: tuple[Setup, Mapping[str, Array]] | None,
+) -> Parameter:  # fmt: skip
     value, scale = _value(setup, path, start)
+    others: dict[str, Array] = {}
+    if of is not None and path in of[1]:
+        setup, others = of[0], dict(of[1])
+        value = float(others.pop(path)[0])
+        scale = max(abs(value), _LEAST) if value else scale
     why: ValueError | None = None
     for smaller in _SMALLER:
         h = part * scale * smaller
         for steps, weights in (_CENTRAL, _AHEAD, _BEHIND):
             offsets = h * np.array(steps)
             try:
-                near = Variation(setup, {path: value + offsets})
+                near = Variation(setup, {**others, path: value + offsets})
                 found = [_problem(near, i, t, start, tau) for i in range(len(steps))]
             except ValueError as e:
                 why = why or e

@@ -94,6 +94,7 @@ class Source:
         setup: what it is made of. t, q0, v0, tau: as of `simulate`.
         integrate: the core's run of a problem; with a tape, of a fixed-step method, which it writes.
         integrator, options: its name, and its options.
+        of: what `setup` was made of, and by which values (1, ...) of parameters.
     """
 
     setup: Setup
@@ -104,6 +105,7 @@ class Source:
     integrate: Callable[..., dict[str, Any]]
     integrator: str
     options: Mapping[str, Any]
+    of: tuple[Setup, Mapping[str, Array]] | None = None
 
     def _problem(self) -> Problem:
         s = self.setup
@@ -239,7 +241,7 @@ class Source:
         return {p: [] if p in whole else components(self.setup, p, start) for p in parameters}
 
     def _near(self, paths: list[str], part: float = STEP) -> list[Parameter]:
-        return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau, part) if paths else []
+        return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau, part, self.of) if paths else []
 
     def _moved(self, run: Problem, p: Parameter) -> list[tuple[int, Array]]:
         """Of each prescribed rate whose motion the parameter changes: derivatives (3, nt) of its q, v and a."""

@@ -135,16 +135,16 @@ def source(
     setup: Setup, t: ArrayLike, q0: ArrayLike | None, v0: ArrayLike | None, tau: ArrayLike | None = None, *,
     integrator: str = "ida", method: str = "ab", rtol: float | None = None, atol: float = 1e-9,
     max_order: int | None = None, linear_solver: str | None = None, step: float | None = None,
-    spectral_radius: float | None = None, stages: int | None = None, alive: Any = None,
+    spectral_radius: float | None = None, stages: int | None = None, alive: Any = None, of: Any = None,
 ) -> Source:  # fmt: skip
-    """What a run is made of, to be run or derived; arguments as of `simulate`. `alive` is called with the time reached
-    now and then, and may raise."""
+    """What a run is made of, to be run or derived; arguments as of `simulate`, `of` as of Source. `alive` is called now
+    and then with the time reached, and may raise."""
     special = {"max_order": max_order, "linear_solver": linear_solver, "spectral_radius": spectral_radius}
     check_integrator(integrator, step, **special, stages=stages)
     options = _settings(integrator, rtol, atol, **special, step=step, stages=stages)
     q, v, forces = (None if x is None else np.array(x, dtype=float) for x in (q0, v0, tau))
     integrate = partial(_integrate, integrator=integrator, method=method, options=options, alive=alive)
-    return Source(setup, np.array(t, dtype=float), q, v, forces, integrate, integrator, options)
+    return Source(setup, np.array(t, dtype=float), q, v, forces, integrate, integrator, options, of)
 
 
 def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, step: float) -> list[Warning]:

@@ -64,6 +64,10 @@ class Scene:
     sensors: tuple[Sensor, ...] = ()
     control: tuple[Controller, ...] = ()
 
+    def __post_init__(self) -> None:
+        if isinstance(self.control, Controller):  # as `simulate` takes it
+            self.control = (self.control,)
+
     def run(self, progress: bool = False) -> Result:
         """Simulates the scene."""
         given = {"drive": self.drive, "loads": self.loads, "control": self.control}
