@@ -38,8 +38,8 @@ struct KalmanSensor {
 };
 
 /// A constant that is estimated along with the state, in addition to what the arm has. Payloads, and friction with the
-/// arm's own, are kept from becoming negative. One that
-/// gets to its bound while readings surprise the filter has its deviation back.
+/// arm's own, are kept from becoming negative. One that gets to its bound while readings surprise the filter has its
+/// deviation back.
 struct KalmanParameter {
   enum Kind {
     payload,  ///< mass at the last link's end (kg), a point
