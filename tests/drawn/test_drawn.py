@@ -105,8 +105,10 @@ def in_reach(r: fa.Result) -> bool:
     )
 
 
+# "gauss" tells what slides by its looks within a step: a joint that chatters between these may have the friction of the
+# other way in a row, and did with steps of 2e-3
 INTEGRATORS = st.sampled_from(
-    [("ida", {}), ("implicit", {"step": 1e-3}), ("gauss", {"step": 2e-3}), ("rk4", {"step": 2e-4})]
+    [("ida", {}), ("implicit", {"step": 1e-3}), ("gauss", {"step": 2e-4}), ("rk4", {"step": 2e-4})]
 )
 
 
