@@ -5,7 +5,6 @@
 
 #include "flexarm/ci.hpp"
 #include "flexarm/dry_friction.hpp"
-#include "lanes/alpha.hpp"
 
 namespace flexarm {
 
@@ -42,15 +41,10 @@ KalmanModel::KalmanModel(const Arm& arm, double h, const std::vector<KalmanParam
         return -1;
       }()),
       h_(h),
+      alpha_(options.spectral_radius, h),
       ws_(arm),
       inverse_(arm) {
   const Eigen::Index n = arm.nv(), m = static_cast<Eigen::Index>(parameters.size());
-  const AlphaNumbers alpha(options.spectral_radius);
-  const double by_a = alpha.by_a(), rest = 1.0 - by_a;  // of the auxiliary acceleration, by a and a0
-  q_by_a0_ = h * h * (0.5 - alpha.beta + alpha.beta * rest);
-  v_by_a0_ = h * (1.0 - alpha.gamma + alpha.gamma * rest);
-  q_by_a_ = h * h * alpha.beta * by_a;
-  v_by_a_ = h * alpha.gamma * by_a;
   if (payload_ >= 0) loaded_.emplace(arm);
   take_composite(arm, ws_);
   zero_ = r_ = a0_ = a_ = turn_ = q0_ = v0_ = tau_ = coulomb_ = damping_ = inertia_ = r0_ = rub_ = rubbing_ = slope_ =
@@ -138,8 +132,8 @@ Status KalmanModel::begin(const VectorXd& q, const VectorXd& v) {
 }
 
 void KalmanModel::to_end(VectorXd& q, VectorXd& v) {
-  q = q0_ + h_ * v0_ + q_by_a0_ * a0_ + q_by_a_ * a_;
-  v = v0_ + v_by_a0_ * a0_ + v_by_a_ * a_;
+  q = q0_ + h_ * v0_ + alpha_.q_by_a0 * a0_ + alpha_.q_by_a * a_;
+  v = v0_ + alpha_.v_by_a0 * a0_ + alpha_.v_by_a * a_;
 }
 
 /// Newton's iteration would jump to and fro across the bend of friction. It does not where the force f of friction is
@@ -154,8 +148,8 @@ void KalmanModel::rub(const VectorXd& v) {
 
 /// Matrix of the equations at the end by the accelerations there, from the derivatives of the last instant.
 void KalmanModel::factor() {
-  S_ = last_.by_a + v_by_a_ * last_.by_v + q_by_a_ * last_.by_q;
-  S_.diagonal() += v_by_a_ * (rubbing_ - slope_);
+  S_ = last_.by_a + alpha_.v_by_a * last_.by_v + alpha_.q_by_a * last_.by_q;
+  S_.diagonal() += alpha_.v_by_a * (rubbing_ - slope_);
   end_.compute(S_);
 }
 
@@ -194,10 +188,11 @@ Status KalmanModel::step(VectorXd& q, VectorXd& v, const VectorXd& p, const Vect
     turn_ = end_.solve(r_);
     a_ -= turn_;
     for (Eigen::Index i = 0; i < v.size(); ++i) {
-      const double now = coulomb_[i] * sliding(v[i]) - rubbing_[i] * v_by_a_ * turn_[i], most = std::abs(coulomb_[i]);
+      const double now = coulomb_[i] * sliding(v[i]) - rubbing_[i] * alpha_.v_by_a * turn_[i],
+                   most = std::abs(coulomb_[i]);
       rub_[i] = std::min(std::max(now, -most), most);
     }
-    const double moved = v_by_a_ * std::sqrt(turn_.cwiseAbs2().dot(inertia_));
+    const double moved = alpha_.v_by_a * std::sqrt(turn_.cwiseAbs2().dot(inertia_));
     const double size = slack + std::sqrt(v.cwiseAbs2().dot(inertia_)) + h_ * std::sqrt(a_.cwiseAbs2().dot(inertia_));
     const bool stalled = iteration > 2 && moved > 0.5 * before && moved < 1e-7 * size;
     before = moved;
@@ -221,15 +216,15 @@ void KalmanModel::tangent(VectorXd& dq, VectorXd& dv, const VectorXd& dp, const 
   turn_.noalias() -= first_.by_v * dv;
   if (dp.size() > 0) turn_.noalias() -= first_.by_p * dp;
   begin_.solveInPlace(turn_);  // of a0
-  dq += h_ * dv + q_by_a0_ * turn_;
-  dv += v_by_a0_ * turn_;
+  dq += h_ * dv + alpha_.q_by_a0 * turn_;
+  dv += alpha_.v_by_a0 * turn_;
   turn_ = dtau;
   turn_.noalias() -= last_.by_q * dq;
   turn_.noalias() -= last_.by_v * dv;
   if (dp.size() > 0) turn_.noalias() -= last_.by_p * dp;
   r_ = end_.solve(turn_);  // of a
-  dq += q_by_a_ * r_;
-  dv += v_by_a_ * r_;
+  dq += alpha_.q_by_a * r_;
+  dv += alpha_.v_by_a * r_;
 }
 
 }  // namespace flexarm

@@ -7,6 +7,7 @@
 
 #include "flexarm/derivatives.hpp"
 #include "flexarm/kalman.hpp"
+#include "flexarm/step.hpp"
 
 namespace flexarm {
 
@@ -55,8 +56,8 @@ class KalmanModel {
   std::vector<KalmanParameter> parameters_;
   double speed_;
   int max_iterations_, payload_ = -1;  ///< which parameter
-  // coordinates and rates at the end by the rates at the beginning, the accelerations there, and those at the end
-  double h_, q_by_a0_, v_by_a0_, q_by_a_, v_by_a_;
+  double h_;
+  ImplicitEnd alpha_;
   Workspace ws_;
   InverseDerivatives inverse_;
   std::optional<Loaded> loaded_;

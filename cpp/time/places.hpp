@@ -10,7 +10,6 @@
 #include <thread>
 
 #include "arrays.hpp"
-#include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
 #include "flexarm/derivatives.hpp"
 #include "flexarm/run_derivatives.hpp"
@@ -39,9 +38,7 @@ class Places {
         s_(of.arm, of.drives, of.loads, of.tau, of.control),
         loads_(of.loads),
         rubs_(rubs(of.arm)) {
-    for (std::size_t k = 0; k < of.arm.size(); ++k)
-      if (of.arm.link(k).joint().has_ball())
-        bad_value("link[" + std::to_string(k) + "].joint", "a ball", "derivatives of a run know no quaternions");
+    refuse_balls(of.arm, "derivatives of a run");
   }
 
   /// Forces at place e: see Balance. Moves the workspace there.

@@ -207,6 +207,15 @@ struct OneStep::RunOf final : Run {
   void note_beginning(double h, Tape::Switch& out) const override { flexarm::note_beginning(method, h, out); }
 };
 
+ImplicitEnd::ImplicitEnd(double spectral_radius, double h) {
+  const AlphaNumbers alpha(spectral_radius);
+  const double by_a = alpha.by_a(), rest = 1.0 - by_a;  // of the auxiliary acceleration, by a and a0
+  q_by_a0 = h * h * (0.5 - alpha.beta + alpha.beta * rest);
+  v_by_a0 = h * (1.0 - alpha.gamma + alpha.gamma * rest);
+  q_by_a = h * h * alpha.beta * by_a;
+  v_by_a = h * alpha.gamma * by_a;
+}
+
 const std::vector<OneStep::Traits>& OneStep::methods() {
   static const std::vector<Traits> rows = [] {
     std::vector<Traits> out;

@@ -3,7 +3,7 @@
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
 #include "flexarm/dry_friction.hpp"
-#include "lanes/alpha.hpp"
+#include "system.hpp"
 
 namespace flexarm {
 
@@ -19,6 +19,7 @@ StepDerivatives::StepDerivatives(const std::string& method, const Arm& arm, doub
     : arm_(&arm),
       h_(h),
       iterates_(method == "implicit"),
+      alpha_(options.spectral_radius, h),
       step_(method, arm, h, options),
       forward_(arm, loads),
       inverse_(arm, loads),
@@ -27,17 +28,9 @@ StepDerivatives::StepDerivatives(const std::string& method, const Arm& arm, doub
       v_(VectorXd::Zero(arm.nv())) {
   refuse_friction(arm, "step_derivatives");
   if (!iterates_ && method != "rk4") bad_value("method", method, "must be \"implicit\" or \"rk4\"");
-  for (std::size_t n = 0; n < arm.size(); ++n)
-    if (arm.link(n).joint().has_ball())
-      bad_value("link[" + std::to_string(n) + "].joint", "a ball", "derivatives of steps know no quaternions");
+  refuse_balls(arm, "derivatives of steps");
   q0_ = v0_ = by_a_ = sum_q_ = sum_v_ = sum_tau_ = stage_q_ = stage_v_ = v_;
   factor_ = Eigen::PartialPivLU<MatrixXd>(arm.nv());
-  const AlphaNumbers alpha(options.spectral_radius);
-  const double by_a = alpha.by_a(), rest = 1.0 - by_a;  // of the auxiliary acceleration, by a and a0
-  q_by_a0_ = h * h * (0.5 - alpha.beta + alpha.beta * rest);
-  v_by_a0_ = h * (1.0 - alpha.gamma + alpha.gamma * rest);
-  q_by_a_ = h * h * alpha.beta * by_a;
-  v_by_a_ = h * alpha.gamma * by_a;
 }
 
 Status StepDerivatives::operator()(Workspace& ws, VectorXd& q, VectorXd& v, const VectorXd& tau) {
@@ -62,8 +55,7 @@ void StepDerivatives::keep(std::size_t stage) {
 }
 
 /// The equations of GeneralisedAlpha::place and iterate: alpha0 = a0 is that of forward dynamics at the beginning, and
-/// with the residual of inverse dynamics at the end, M da + K dq + C dv = dtau,
-///   dq = dq0 + h dv0 + q_by_a0 da0 + q_by_a da,  dv = dv0 + v_by_a0 da0 + v_by_a da.
+/// with the residual of inverse dynamics at the end, M da + K dq + C dv = dtau; dq and dv as those of ImplicitEnd.
 Status StepDerivatives::implicit(Workspace& ws, VectorXd& q, VectorXd& v, const VectorXd& tau) {
   if (const Status status = forward_(*arm_, q, v, tau); status != Status::ok) return status;
   keep(0);
@@ -72,7 +64,7 @@ Status StepDerivatives::implicit(Workspace& ws, VectorXd& q, VectorXd& v, const 
   by_a_ = ws.a;
   inverse_(*arm_, q, v, by_a_);
   composite_mass_matrix(*arm_, ws, q);
-  ws.M += v_by_a_ * inverse_.dv + q_by_a_ * inverse_.dq;
+  ws.M += alpha_.v_by_a * inverse_.dv + alpha_.q_by_a * inverse_.dq;
   if (!ws.M.allFinite()) return Status::not_finite;
   factor_.compute(ws.M);
   return Status::ok;
@@ -109,11 +101,11 @@ void StepDerivatives::matrices(MatrixXd& A, MatrixXd& B) {
 void StepDerivatives::pull_back(VectorXd& by_q, VectorXd& by_v, VectorXd& by_tau) {
   if (iterates_) {
     const Stage& start = stages_[0];
-    by_a_ = q_by_a_ * by_q + v_by_a_ * by_v;
+    by_a_ = alpha_.q_by_a * by_q + alpha_.v_by_a * by_v;
     by_tau = factor_.transpose().solve(by_a_);
     by_q.noalias() -= inverse_.dq.transpose() * by_tau;
     by_v.noalias() -= inverse_.dv.transpose() * by_tau;
-    by_a_ = q_by_a0_ * by_q + v_by_a0_ * by_v;
+    by_a_ = alpha_.q_by_a0 * by_q + alpha_.v_by_a0 * by_v;
     by_v += h_ * by_q;
     by_q.noalias() += start.by_q.transpose() * by_a_;
     by_v.noalias() += start.by_v.transpose() * by_a_;

@@ -178,6 +178,12 @@ void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eig
   }
 }
 
+void refuse_balls(const Arm& arm, const std::string& what) {
+  for (std::size_t n = 0; n < arm.size(); ++n)
+    if (arm.link(n).joint().has_ball())
+      bad_value("link[" + std::to_string(n) + "].joint", "a ball", what + " know no quaternions: use Axes");
+}
+
 std::vector<double> sample_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
                                  const Control* control, const Eigen::VectorXd& t, bool& functions) {
   std::vector<double> times;

@@ -1,6 +1,7 @@
 // An arm with its drives and loads: what every integrator in time shares.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "flexarm/drive.hpp"
@@ -47,6 +48,9 @@ struct System {
 
 /// The force law's places, without their values.
 std::vector<Load> places(const std::vector<LoadDrive>& loads);
+
+/// @throws std::invalid_argument naming the first ball joint, with which `what` cannot go on
+void refuse_balls(const Arm& arm, const std::string& what);
 
 /// A trajectory of no rows yet, for the times t.
 Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std::vector<Event>& events,

@@ -12,10 +12,7 @@ using Eigen::VectorXd;
 
 StateTangents::StateTangents(System& system, const std::vector<Parameter>& parameters)
     : s_(system), slopes_(s_.arm, places(s_.loads)) {
-  for (std::size_t n = 0; n < s_.arm.size(); ++n)
-    if (s_.arm.link(n).joint().has_ball())
-      bad_value("link[" + std::to_string(n) + "].joint", "a ball",
-                "derivatives of a run know no quaternions: use Axes");
+  refuse_balls(s_.arm, "derivatives of a run");
   const auto count = static_cast<Eigen::Index>(parameters.size());
   q = v = a = inverse_by_p_ = applied_by_p_ = MatrixXd::Zero(s_.arm.nv(), count);
   P_.resize(s_.n_v(), count);

@@ -78,6 +78,13 @@ struct ImplicitOptions {
   int max_iterations = 20;
 };
 
+/// Where a step of "implicit" that begins anew (alpha0 = a0 in Chung & Hulbert 1993) ends, by the accelerations at its
+/// beginning and end:  q = q0 + h v0 + q_by_a0 a0 + q_by_a a,  v = v0 + v_by_a0 a0 + v_by_a a.
+struct ImplicitEnd {
+  ImplicitEnd(double spectral_radius, double h);
+  double q_by_a0, v_by_a0, q_by_a, v_by_a;
+};
+
 /// A method of the kernel's table, which batches take as well (lanes/methods.hpp), on an arm's workspace.
 class OneStep : public Step {
  public:

@@ -43,8 +43,7 @@ class StepDerivatives {
   const Arm* arm_;
   double h_;
   bool iterates_;
-  // of "implicit": coordinates and rates at the end by the accelerations at the beginning, and by those at the end
-  double q_by_a0_ = 0.0, v_by_a0_ = 0.0, q_by_a_ = 0.0, v_by_a_ = 0.0;
+  ImplicitEnd alpha_;  ///< of "implicit"
   OneStep step_;
   ForwardDerivatives forward_;
   InverseDerivatives inverse_;
