@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array, array, check_finite, choice, known_keys, whole
+from .._threads import cores
 from ..arm import Arm
 from ..run.simulation import INTEGRATORS, OPTION_OF
 
@@ -19,7 +20,7 @@ STEPPERS = tuple(name for name, row in INTEGRATORS.items() if row.in_batches)  #
 def default_workers(workers: int | None) -> int:
     """The number of threads: as many as this process may use cores, if None."""
     if workers is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return cores()
     if whole("workers", workers) < 1:
         raise ValueError(f"workers = {workers}: must be at least 1")
     return workers

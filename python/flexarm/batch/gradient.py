@@ -15,7 +15,7 @@ from .._threads import each
 from ..acting.load import Load, at_time
 from ..arm import Arm
 from ..run.parameter import Parameter
-from ..run.perturbed import components, problems
+from ..run.perturbed import check_paths, components, problems
 from ..run.problem import Problem
 from ..run.sensitivity import NEAR, balanced, by_parameters, repeated
 from ..run.variation import Setup
@@ -189,8 +189,7 @@ class _Rolls:
 
     def __init__(self, step: float, nstep: int, integrator: str, options: tuple[float, float], paths: Sequence[str],
                  workers: int) -> None:  # fmt: skip
-        if isinstance(paths, str) or len(set(paths)) != len(paths):
-            raise ValueError(f"parameters = {paths!r}: must be a list of different paths, such as ['link.0.tip.mass']")
+        check_paths(paths)
         for path in paths:
             if str(path).split(".")[0] in ("q0", "v0"):
                 raise ValueError(f"parameters: '{path}' is the start's; `.q0` and `.v0` are the derivatives by that")
@@ -201,7 +200,7 @@ class _Rolls:
     def near(self, arm: Arm) -> _Near:
         paths = {path: components(Setup(arm), path, {}) for path in self.paths}
         single = list(dict.fromkeys(p for parts in paths.values() for p in parts))
-        found = problems(Setup(arm), single, self.times, None, None, None) if single else []
+        found = problems(Setup(arm), single, self.times, None, None, None)
         problem = Problem(arm, self.times, None, None, None, {}, (), (), None)
         return _Near(arm, balanced(problem), paths, {p.path: p for p in found})
 
@@ -225,7 +224,7 @@ class _Rolls:
         ends = np.rint(tape.switches / self.step).astype(int)  # of the steps in which dry friction switches
         np.add.at(forces, ends - 1, held)
         by = by_parameters(tape, list(of.neighbours.values()), needed, applied, self.workers)
-        if len(ends) and of.neighbours:
+        if len(ends):
             close = problems(Setup(of.arm), list(of.neighbours), self.times, None, None, None, NEAR)
             by += [(switches * repeated(tape, p, options)).sum() for p in close]
         value = dict(zip(of.neighbours, by, strict=True))

@@ -41,10 +41,14 @@ def problems(
     Raises:
         ValueError: naming the parameter: nothing that can vary, no single number, or no room to vary in.
     """
-    if isinstance(parameters, str) or len(set(parameters)) != len(parameters) or not len(parameters):
-        raise ValueError(f"parameters = {parameters!r}: must be a list of different paths, such as ['link.0.tip.mass']")
+    check_paths(parameters)
     start = start_of(setup, q0, v0)
     return [_parameter(setup, path, t, start, tau, part, of) for path in parameters]
+
+
+def check_paths(parameters: Sequence[str], least: int = 0) -> None:
+    if isinstance(parameters, str) or len(parameters) < least or len(set(parameters)) != len(parameters):
+        raise ValueError(f"parameters = {parameters!r}: must be a list of different paths, such as ['link.0.tip.mass']")
 
 
 def start_of(setup: Setup, q0: Array | None, v0: Array | None) -> dict[str, Array]:
@@ -107,7 +111,7 @@ def _at(setup: Setup, path: str, start: dict[str, Array]) -> tuple[Any, Any]:
     here: Any = None
     like: Any = None
     tree: dict[str, Any] = {
-        "link": setup.arm.links, "load": setup.loads, "control": setup.control, "sensor": getattr(setup, "sensors", ()),
+        "link": setup.arm.links, "load": setup.loads, "control": setup.control, "sensor": setup.sensors,
         "gravity": setup.arm.gravity,
     }  # fmt: skip
     if root == "drive":

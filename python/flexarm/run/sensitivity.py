@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,11 +13,12 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, choice
-from .._threads import each
+from .._threads import cores, each
+from ..acting.control import control_laws
 from ..acting.drive import Torque
 from ..acting.voltage import Voltage
 from .parameter import Neighbour, Parameter, core_laws, core_start
-from .perturbed import STEP, components, drive_of, problems, start_of
+from .perturbed import STEP, check_paths, components, drive_of, problems, start_of
 from .problem import Problem
 from .result import Result
 from .variation import Setup
@@ -95,6 +95,8 @@ class Source:
         integrate: the core's run of a problem; with a tape, of a fixed-step method, which it writes.
         integrator, options: its name, and its options.
         of: what `setup` was made of, and by which values (1, ...) of parameters.
+
+    `workers` of its functions: threads; None: one for each core.
     """
 
     setup: Setup
@@ -117,7 +119,7 @@ class Source:
         """The run once more, and its tape."""
         run = self._problem()
         for k, control in enumerate(run.controls):
-            if run.sampled:
+            if control_laws(run.arm, control, run.times, run.loads)[1]:
                 raise ValueError(
                     f"control[{k}] = {type(control).__name__}: derivatives of a run do not pass through controllers "
                     "that sample; leave out their rate"
@@ -128,9 +130,9 @@ class Source:
             raise ValueError(f"integrator = '{self.integrator}': derivatives through dry friction need \"implicit\"")
         return run, run.result(_done(out)), tape, balanced(run)
 
-    def sensitivities(self, parameters: Sequence[str]) -> Sensitivities:
+    def sensitivities(self, parameters: Sequence[str], workers: int | None = None) -> Sensitivities:
         near = self._near(list(dict.fromkeys(p for parts in self._paths(parameters, False).values() for p in parts)))
-        result, rows = self._with_ida(near) if self.integrator == "ida" else self._forward(near)
+        result, rows = self._with_ida(near) if self.integrator == "ida" else self._forward(near, workers or cores())
         paths = tuple(p.path for p in near)
         return Sensitivities(result, paths, **{k: rows[k] for k in ROWS}, _neighbours=near, _setup=self.setup)
 
@@ -145,14 +147,14 @@ class Source:
         arm, found = self.setup.arm, out["tangents"]
         return run.result(out), {k: np.ascontiguousarray(found[k][..., : arm.nq if k == "q" else arm.nv]) for k in ROWS}
 
-    def _forward(self, near: list[Parameter]) -> tuple[Result, dict[str, Array]]:
+    def _forward(self, near: list[Parameter], workers: int) -> tuple[Result, dict[str, Array]]:
         """Tangents along a tape."""
         run, result, tape, core = self._taped()
         start = [_sum(p, lambda n: core_start(n.problem)[:2]) for p in near]
-        by = self._by(tape, near, run)
+        by = self._by(tape, near, run, workers)
         switches = [self._switches(tape, p, run) for p in near]
         q0, v0 = (np.array([x[k] for x in start]).reshape(len(near), run.both.nv) for k in range(2))
-        found = tape.tangents(core, *self._numbers, by, switches, q0, v0, True, _workers())
+        found = tape.tangents(core, *self._numbers, by, switches, q0, v0, True, workers)
         rows = {k: np.ascontiguousarray(found[k][..., : self.setup.arm.nv]) for k in ROWS}
         for k, p in enumerate(near):
             for i, moved in self._moved(run, p):
@@ -160,23 +162,24 @@ class Source:
                     rows[name][k, :, i] = change
         return result, rows
 
-    def gradient(self, loss: Loss, parameters: Sequence[str]) -> dict[str, Any]:
+    def gradient(self, loss: Loss, parameters: Sequence[str], workers: int | None = None) -> dict[str, Any]:
         paths = self._paths(parameters, self.integrator != "ida")
         if self.integrator == "ida":
-            found = self.sensitivities(parameters)
+            found = self.sensitivities(parameters, workers)
             weights = _weights(loss, found.result)
             by = {p: float(sum((w * getattr(found, name)[k]).sum() for name, w in weights.items()))
                   for k, p in enumerate(found.parameters)}  # fmt: skip
             return {path: by[path] if parts == [path] else np.array([by[p] for p in parts])
                     for path, parts in paths.items()}  # fmt: skip
+        workers = workers or cores()
         run, result, tape, core = self._taped()
         weights = _weights(loss, result)
         full = [np.zeros((0, run.both.nv)) if w is None else np.pad(w, ((0, 0), (0, run.both.nv - w.shape[1])))
                 for w in (weights.get(k) for k in ROWS)]  # fmt: skip
         full[:2] = [w if len(w) else np.zeros((len(result.t), run.both.nv)) for w in full[:2]]
-        q0, v0, needed, applied, switches, held = tape.adjoint(core, *self._numbers, *full, _workers())
+        q0, v0, needed, applied, switches, held = tape.adjoint(core, *self._numbers, *full, workers)
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
-        forces = dict(zip(near, by_parameters(tape, list(near.values()), needed, applied, _workers()), strict=True))
+        forces = dict(zip(near, by_parameters(tape, list(near.values()), needed, applied, workers), strict=True))
         whole = {"q0": q0, "v0": v0, "tau": applied.sum(axis=0) + held.sum(axis=0)}
         out: dict[str, Any] = {}
         for path, parts in paths.items():
@@ -203,7 +206,7 @@ class Source:
         """Options of "implicit"."""
         return self.options["rtol"], self.options["spectral_radius"]
 
-    def _by(self, tape: Any, near: Sequence[Parameter], run: Problem) -> list[tuple[Array, Array]]:
+    def _by(self, tape: Any, near: Sequence[Parameter], run: Problem, workers: int) -> list[tuple[Array, Array]]:
         """By each parameter: derivatives of the forces at the places of a tape that are needed, and applied, at fixed
         motion."""
         shape = len(tape.t), run.both.nv
@@ -221,7 +224,7 @@ class Source:
                 if np.abs(x).max() < _ROUNDING * size:
                     x[:] = 0.0
 
-        each(one, len(near), min(_workers(), len(near)))
+        each(one, len(near), workers)
         return out
 
     def _switches(self, tape: Any, p: Parameter, run: Problem) -> Array:
@@ -233,15 +236,13 @@ class Source:
 
     def _paths(self, parameters: Sequence[str], adjoint: bool) -> dict[str, list[str]]:
         """The numbers that each path stands for."""
-        if isinstance(parameters, str) or not len(parameters) or len(set(parameters)) != len(parameters):
-            wanted = "must be a list of different paths, such as ['link.0.tip.mass']"
-            raise ValueError(f"parameters = {parameters!r}: {wanted}")
+        check_paths(parameters, 1)
         start = start_of(self.setup, self.q0, self.v0)
         whole = {p for p in parameters if p in ("q0", "v0", "tau") or _SAMPLES.fullmatch(p)} if adjoint else set()
         return {p: [] if p in whole else components(self.setup, p, start) for p in parameters}
 
     def _near(self, paths: list[str], part: float = STEP) -> list[Parameter]:
-        return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau, part, self.of) if paths else []
+        return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau, part, self.of)
 
     def _moved(self, run: Problem, p: Parameter) -> list[tuple[int, Array]]:
         """Of each prescribed rate whose motion the parameter changes: derivatives (3, nt) of its q, v and a."""
@@ -304,10 +305,6 @@ def balanced(run: Problem) -> Any:
 def _sum(p: Parameter, value: Callable[[Neighbour], Any]) -> Any:
     """The derivative of a value by a parameter."""
     return sum(n.weight * np.asarray(value(n), dtype=float) for n in p.neighbours)
-
-
-def _workers() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _weights(loss: Loss, result: Result) -> dict[str, Array]:
