@@ -14,11 +14,11 @@ from .._console import progress_bar
 from ..analysis.validity import RangeWarning
 from ..data.data import Data
 from ..parts.part import ModelWarning
+from ..run.sensitivity import RunStopped
 from ..scene.scene import Scene
 from .fit import Fit, FitError, FitInterrupted, FitWarning
 from .runs import scales
 from .search import Best, search
-from .simulated import RunFailed
 from .task import Task
 from .unknown import Asked, drawn
 
@@ -108,7 +108,7 @@ def identify(
         try:
             found = search(problem, alone, points, keep, first, told, max_iterations, best)
             missed = task.refined(found, max_iterations, best)
-        except RunFailed as e:
+        except RunStopped as e:
             if problem.refused:
                 raise ValueError(problem.why.removeprefix("parameters of scenario 0: ")) from None
             values = {x.name: float(x.of.start or 0.0) for x in problem.sought}

@@ -12,10 +12,11 @@ import numpy as np
 from .._check import Array
 from .._threads import each
 from ..run.result import Result
+from ..run.sensitivity import RunStopped
 from ..run.variation import Setup, Variation
 from .runs import Run
-from .simulated import RunFailed, scenario, sensitivities
 from .simulated import runs as run_many
+from .simulated import sensitivities
 from .unknown import Sought
 
 _KEPT = 4  # points of the search whose residuals and derivatives are kept
@@ -97,8 +98,8 @@ class Problem:
             except ValueError as e:
                 self.why, self.refused = str(e), True
                 return
-            for i, (setup, result) in enumerate(results):
-                if isinstance(result, RunFailed):
+            for i, (setup, _, _, result) in enumerate(results):
+                if isinstance(result, RunStopped):
                     self.why, self.refused = str(result), False
                     continue
                 y = run.read(result, setup) - run.measured
@@ -113,7 +114,7 @@ class Problem:
         """Those of the readings by what the search sees, (n, outputs, nt) of each run.
 
         Raises:
-            RunFailed: a run could not go on.
+            RunStopped: a run could not go on.
         """
         return self._once("derivatives", inner, lambda: self._derivatives(inner))  # type: ignore[no-any-return]
 
@@ -165,14 +166,12 @@ class Problem:
 
     # -- at the end ----------------------------------------------------------------------------------------------------
 
-    def finished(self, inner: Array, k: int) -> tuple[Setup, Array, Array, Result | RunFailed]:
+    def finished(self, inner: Array, k: int) -> tuple[Setup, Array, Array, Result | RunStopped]:
         """What run k is made of with these values, where it begins, and the run."""
         self._stop.clear()
         run, values = self.runs[k], self.values(inner)
         parameters = {self.sought[j].path: values[j : j + 1] for j in self._of_run(k)}
-        setup, result = run_many(run.setup, parameters, run.t, run.q0, run.v0, **self._options(self.workers))[0]
-        _, q0, v0 = scenario(run.setup, parameters, run.t, run.q0, run.v0)
-        return setup, q0, v0, result
+        return run_many(run.setup, parameters, run.t, run.q0, run.v0, **self._options(self.workers))[0]
 
     def setup(self, inner: Array, sensors: Any, k: int = 0) -> Setup:
         """What run k is made of with these values, with instruments as they are."""

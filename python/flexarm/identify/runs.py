@@ -19,10 +19,11 @@ from ..data.signal import DataWarning
 from ..data.units import unit
 from ..run import outputs as run_outputs
 from ..run.result import Result
+from ..run.sensitivity import Output
 from ..run.variation import Setup
 from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
-from .simulated import Output, start
+from .simulated import start
 
 _FIRST = 0.01  # of a column's deviation, its weight as long as its noise is not known
 _INSTRUMENT: dict[str, Any] = {"noise": None, "resolution": None, "range": None, "rate": None, "pulses": None}
@@ -59,7 +60,7 @@ class Run:
 
     def read(self, result: Result, setup: Setup) -> Array:
         """All outputs at the times of the data, (outputs, nt)."""
-        return np.array([f(result, setup)[:: self.every] for f in self.outputs.values()])
+        return np.array([np.asarray(f(result, setup))[:: self.every] for f in self.outputs.values()])
 
     @property
     def measured(self) -> Array:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
+from ..run.sensitivity import RunStopped
 from .problem import Problem
-from .simulated import RunFailed
 from .statistics import pseudo_inverse
 
 _ROUNDS = 12  # of weights
@@ -80,7 +80,7 @@ def fitted(problem: Problem, inner: Array, sigma: Mapping[str, float], best: Bes
     wander off on rounding errors); the next least squares begins where this one has ended, until that changes nothing.
 
     Raises:
-        RunFailed: the run at the start, or derivatives on the way, could not go on.
+        RunStopped: the run at the start, or derivatives on the way, could not go on.
     """
     from scipy.optimize import least_squares  # slow to import
 
@@ -94,7 +94,7 @@ def fitted(problem: Problem, inner: Array, sigma: Mapping[str, float], best: Bes
         return r
 
     if not np.isfinite(residuals(inner)).all():
-        raise RunFailed(problem.why, np.nan)
+        raise RunStopped(problem.why, np.nan)
     norms = np.linalg.norm(problem.jacobian(inner, sigma), axis=0)
     hold = np.diag(np.maximum(_HELD * norms, _LOOSE))
     done = least_squares(
@@ -116,13 +116,13 @@ def search(
     leaves less than a tenth of each column's deviation.
 
     Raises:
-        RunFailed: none of them could be simulated.
+        RunStopped: none of them could be simulated.
     """
     if not alone:
         return _searched(problem, starts, keep, first, told, most, best)
     try:
         found = _searched(problem, starts[:1], 1, first, told, most, best)
-    except RunFailed:
+    except RunStopped:
         return _searched(problem, starts, keep, first, told, most, best)
     if _explains(problem, found.inner):
         return found
@@ -161,13 +161,13 @@ def _searched(
                 best.seen(starts[i], tried[i] ** 2)
     order = sorted(range(len(starts)), key=lambda i: tried[i])[: max(1, keep)]
     ends: dict[int, tuple[float, Array, Any]] = {}
-    failed: RunFailed | None = None
+    failed: RunStopped | None = None
     for i in order:
         try:
             inner, done = fitted(problem, starts[i], first, best, most)
             rms = np.sqrt(np.mean(problem.weighted(inner, first) ** 2))
             ends[i] = (float(rms), inner, done)
-        except RunFailed as e:
+        except RunStopped as e:
             failed = e
     if not ends:
         assert failed is not None

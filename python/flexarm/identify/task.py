@@ -15,15 +15,15 @@ from ..acting.drive import Motion
 from ..acting.voltage import split_drives
 from ..batch.arguments import default_workers
 from ..data.compare import Comparison
+from ..run.sensitivity import RunStopped
 from ..run.simulation import INTEGRATORS, check_integrator
-from ..run.variation import Variation
 from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
 from .fit import Fit, FitError
 from .problem import Problem
 from .runs import Run, made, scales
 from .search import Best, Found, estimated, search, weighed
-from .simulated import RunFailed
+from .simulated import scenarios
 from .statistics import coloured, covariance, untold, whiteness
 from .unknown import Sought, drawn, sought
 
@@ -132,7 +132,7 @@ class Task:
         assert residuals is not None
         try:
             J = p.jacobian(inner, found.sigma)
-        except (RunFailed, KeyboardInterrupt):
+        except (RunStopped, KeyboardInterrupt):
             J = np.zeros((sum(y.size for y in residuals), len(inner)))
         tests: list[dict[str, Any]] = []
         blocks: list[tuple[slice, Array | None]] = []
@@ -158,7 +158,7 @@ class Task:
         tried = found.tried or [np.inf] * len(points)
         runs: list[Comparison] = []
         for run, (setup, _, _, result) in zip(p.runs, done, strict=True):
-            assert not isinstance(result, RunFailed)
+            assert not isinstance(result, RunStopped)
             runs.append(run.compared(result, setup))
         return Fit(
             scene=self._scene(inner, *done[0][1:3]),
@@ -206,10 +206,7 @@ class Task:
             inputs = self.inputs[0] if isinstance(self.inputs, (list, tuple)) else self.inputs
         run = made(self.scene, data, inputs, self.outputs, "data", [x.path for x in p.sought])
         fixed = {x.path: np.array([v]) for x, v in zip(p.sought, p.values(inner), strict=True) if not _own(x)}
-        run.setup = Variation(run.setup, fixed).scenario(0)
-        for path, value in fixed.items():
-            if path[:3] in ("q0.", "v0."):
-                (run.q0 if path[0] == "q" else run.v0)[int(path[3:])] = value[0]
+        run.setup, run.q0, run.v0 = scenarios(run.setup, fixed, run.t, run.q0, run.v0)[0]
         own = [x._replace(run=None, name=x.path) for x in p.sought if _own(x)]
         own = list({x.path: x for x in own}.values())
         problem = Problem([run], own, p.options, p.workers)
@@ -221,10 +218,10 @@ class Task:
                 try:
                     sigma = {**scales([run], self.told)}
                     point = search(problem, False, point[None], 1, sigma, self.told, 50, Best(problem, None)).inner
-                except RunFailed as e:
+                except RunStopped as e:
                     raise FitError(f"the run fails: {e}", {}) from None
             setup, _, _, result = problem.finished(point, 0)
-        if isinstance(result, RunFailed):
+        if isinstance(result, RunStopped):
             raise FitError(f"the run fails: {result}", {})
         return run.compared(result, setup)
 
