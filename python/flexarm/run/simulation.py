@@ -142,6 +142,14 @@ def source(
     special = {"max_order": max_order, "linear_solver": linear_solver, "spectral_radius": spectral_radius}
     check_integrator(integrator, step, **special, stages=stages)
     options = _settings(integrator, rtol, atol, **special, step=step, stages=stages)
+    return _source(setup, t, q0, v0, tau, integrator, method, options, alive, of)
+
+
+def _source(
+    setup: Setup, t: ArrayLike, q0: Any, v0: Any, tau: Any, integrator: str, method: str, options: Mapping[str, Any],
+    alive: Any = None, of: Any = None,
+) -> Source:  # fmt: skip
+    """With all options."""
     q, v, forces = (None if x is None else np.array(x, dtype=float) for x in (q0, v0, tau))
     integrate = partial(_integrate, integrator=integrator, method=method, options=options, alive=alive)
     return Source(setup, np.array(t, dtype=float), q, v, forces, integrate, integrator, options, of)
@@ -297,9 +305,7 @@ def simulate(
         out = _integrate(run, integrator, method, options, bar if bar is None or callable(progress) else show)
     result = run.result(out)
     setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
-    result._source = source(setup, run.times, q0, v0, tau, integrator=integrator, method=method, rtol=rtol, atol=atol,
-                            max_order=max_order, linear_solver=linear_solver, step=step,
-                            spectral_radius=spectral_radius, stages=stages)  # fmt: skip
+    result._source = _source(setup, run.times, q0, v0, tau, integrator, method, options)
     for warning in _judged(run, out, result, integrator, options["step"]):
         warnings.warn(warning, stacklevel=2)
     if not SILENT.get():
