@@ -9,7 +9,6 @@ those against differences of sixth order of runs at a tight tolerance, extrapola
 from __future__ import annotations
 
 import argparse
-import time
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +16,7 @@ from pathlib import Path
 
 import flexarm as fa
 import numpy as np
-from few import spatial
+from few import best, spatial
 from flexarm.run.perturbed import components, problems
 from flexarm.run.variation import Setup, Variation, known_paths
 
@@ -50,17 +49,6 @@ def paths(arm: fa.Arm) -> list[str]:
             continue
         out += found
     return out
-
-
-def best(ways: dict[str, Callable[[], object]], seconds: float) -> dict[str, float]:
-    """Least seconds of each, all taking turns for so long."""
-    times, end = dict.fromkeys(ways, np.inf), time.perf_counter() + seconds
-    while time.perf_counter() < end or not all(np.isfinite(list(times.values()))):
-        for name, way in ways.items():
-            begun = time.perf_counter()
-            way()
-            times[name] = min(times[name], time.perf_counter() - begun)
-    return times
 
 
 def run_of(arm: fa.Arm, integrator: str, step: float, steps: int, tight: bool = False) -> fa.Result:

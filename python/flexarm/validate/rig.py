@@ -65,6 +65,7 @@ DRIVES = {
     "control.3.K.0.9": Unknown(low=0.0),
     "control.3.limit": Unknown(low=1e-4),
 }
+_STILL = 0.02  # rad/s, below which a joint stands still at the start: the encoder's steps tell no less
 #: What was found in each of the recordings shipped, with the scene's values of the arm: of EACH and of DRIVES, in
 #: order. The drives are not alike: the second one of "fsf" has ten times the dry friction.
 FOUND = {
@@ -83,7 +84,6 @@ def found(name: str) -> tuple[dict[str, float], dict[str, float]]:
     """Of FOUND, by path: of EACH, of DRIVES."""
     each, drives = FOUND[name]
     return dict(zip(EACH, each, strict=True)), dict(zip(DRIVES, drives, strict=True))
-_STILL = 0.02  # rad/s, below which a joint stands still at the start: the encoder's steps tell no less
 
 
 @dataclass(frozen=True)
