@@ -70,5 +70,5 @@ def sensitivities(
     """
     values = {k: np.array([x]) for k, x in parameters.items()}
     made, q, v = scenarios(setup, values, t, q0, v0)[0]
-    of = setup, values
+    of = setup, {k: x for k, x in values.items() if not k.startswith(("q0", "v0"))}
     return source(made, t, q, v, **options, alive=progress, of=of).sensitivities(list(parameters), workers)
