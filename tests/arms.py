@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import flexarm as fa
@@ -155,6 +156,24 @@ def differences(f, n: int, h: float = 1e-4) -> np.ndarray:
         return (8 * (f(e) - f(-e)) - (f(2 * e) - f(-2 * e))) / (12 * h)
 
     return np.stack([column(k) for k in range(n)], axis=-1)
+
+
+def derivative(f: Callable[[float], np.ndarray], x: float, h: float) -> np.ndarray:
+    """Of f at x, by central differences of sixth order."""
+    weights = {-3: -1 / 60, -2: 3 / 20, -1: -3 / 4, 1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
+    return sum(w / h * f(x + k * h) for k, w in weights.items())
+
+
+def run_derivatives(
+    run: Callable[[float], fa.Result], x: float, h: float, rows: Sequence[str] = ("q", "v")
+) -> dict[str, np.ndarray]:
+    """Of the rows of run(x), by their names; of an arm without balls."""
+
+    def stacked(x: float) -> np.ndarray:
+        result = run(x)
+        return np.array([getattr(result, name) for name in rows])
+
+    return dict(zip(rows, derivative(stacked, x, h), strict=True))
 
 
 def close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:

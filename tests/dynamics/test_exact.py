@@ -6,6 +6,7 @@ import warnings
 import flexarm as fa
 import numpy as np
 import pytest
+from arms import derivative
 from numpy.polynomial import legendre
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -153,16 +154,11 @@ def test_what_forces_do_is_stored(name: str) -> None:
     rng = np.random.default_rng(1)
     q, v, a = np.r_[0.3, bent(modes, 2 * np.pi)], rng.normal(size=arm.nv), rng.normal(size=arm.nv)
 
-    def along(f, h: float = 2e-3) -> np.ndarray:
-        """df/dt by central differences of sixth order."""
-        weights = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
-        return sum(w * (f(k * h) - f(-k * h)) for k, w in weights.items()) / h
-
-    energy = along(lambda s: np.sum(arm.energy(q + v * s + 0.5 * a * s * s, v + a * s)))
+    energy = derivative(lambda s: np.sum(arm.energy(q + v * s + 0.5 * a * s * s, v + a * s)), 0.0, 2e-3)
     power = v @ arm.inverse_dynamics(q, v, a)
     assert abs(power - energy) < 1e-8 * np.abs(v * arm.inverse_dynamics(q, v, a)).max()
     for x in (0.37, 1.0, None):
-        rate = along(lambda s, x=x: arm.frame(q + v * s, 0, x)[0])
+        rate = derivative(lambda s, x=x: arm.frame(q + v * s, 0, x)[0], 0.0, 2e-3)
         np.testing.assert_allclose((arm.jacobian(q, 0, x) @ v)[:3], rate, atol=1e-9 * np.abs(rate).max())
 
 

@@ -4,21 +4,14 @@ from __future__ import annotations
 
 import pickle
 import warnings
-from collections.abc import Callable
 from typing import Any
 
 import flexarm as fa
 import numpy as np
 import pytest
+from arms import derivative, run_derivatives
 
 STEEL = fa.Material(7850.0, 209e9, 0.3)
-#: Central differences of sixth order.
-WEIGHTS = {-3: -1 / 60, -2: 3 / 20, -1: -3 / 4, 1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
-
-
-def differences(run: Callable[[float], Any], at: float, h: float, rows: tuple[str, ...] = ("q", "v")) -> dict[str, Any]:
-    results = {k: run(at + k * h) for k in WEIGHTS}
-    return {name: sum(w / h * getattr(results[k], name) for k, w in WEIGHTS.items()) for name in rows}
 
 
 def pendulum(mass: Any, damping: Any, gravity: Any, q0: Any, torque: Any, step: float, count: int) -> Any:
@@ -108,7 +101,7 @@ def test_flexible_links_equal_differences(options: dict[str, Any]) -> None:
     few = ("start", "mass") if options["integrator"] == "rk4" else ("start", "mass", "length", "damping", "kp", "ratio")
     size = {"start": 0.2, "mass": 0.1, "length": 0.5, "damping": 0.01, "kp": 2.0, "ratio": 0.01}
     for name in few:
-        expected = differences(lambda x, n=name: fa.simulate(**flexible(**{n: x}, end=end), **options), size[name],
+        expected = run_derivatives(lambda x, n=name: fa.simulate(**flexible(**{n: x}, end=end), **options), size[name],
                                1e-3 * size[name], ("q", "v", "a", "tau"))  # fmt: skip
         for rows, x in expected.items():
             mine = getattr(found, rows)[list(PATHS).index(name)]
@@ -133,7 +126,7 @@ def test_the_adjoint_is_the_transpose(options: dict[str, Any]) -> None:
     def loss(result: fa.Result) -> tuple[float, dict[str, Any]]:
         return (weights["q"] * result.q).sum(), {"q": weights["q"]}
 
-    by_peak = differences(lambda x: fa.simulate(**flexible(peak=x, end=end), **options), 0.3, 1e-3)["q"]
+    by_peak = run_derivatives(lambda x: fa.simulate(**flexible(peak=x, end=end), **options), 0.3, 1e-3)["q"]
     samples = run.gradient(loss, ["drive.0.samples"])["drive.0.samples"]
     assert samples.shape == (3,) and samples[1] == pytest.approx((weights["q"] * by_peak).sum(), rel=1e-6)
 
@@ -152,7 +145,7 @@ def test_a_prescribed_motion(options: dict[str, Any]) -> None:
     weights = {name: np.random.default_rng(2).normal(size=getattr(found, name)[0].shape) for name in ("q", "v", "tau")}
     gradient = run(1.0).gradient(weights, list(found.parameters))
     for k, way in enumerate((lambda x: run(x), lambda x: run(1.0, x))):
-        expected = differences(way, (1.0, 0.1)[k], (1e-3, 1e-4)[k], ("q", "v", "a", "tau"))
+        expected = run_derivatives(way, (1.0, 0.1)[k], (1e-3, 1e-4)[k], ("q", "v", "a", "tau"))
         for rows, x in expected.items():
             rough = {"q": 1e-6, "v": 1e-6, "a": 1e-4, "tau": 1e-6}[rows]
             assert np.abs(getattr(found, rows)[k] - x).max() < rough * np.abs(x).max(), (k, rows)
@@ -168,7 +161,7 @@ def test_a_controller_with_memory() -> None:
     def run(mass: float) -> fa.Result:
         return fa.simulate(**{**given, "arm": flexible(mass=mass)["arm"]}, **options)
 
-    expected = differences(run, 0.1, 1e-4)["q"]
+    expected = run_derivatives(run, 0.1, 1e-4)["q"]
     assert np.abs(found.q[0] - expected).max() < 3e-8 * np.abs(expected).max()
 
 
@@ -209,8 +202,7 @@ def test_what_is_read_of_a_run() -> None:
     options = {"integrator": "gauss", "step": 4e-3}
     found = fa.simulate(**flexible(), **options).sensitivities(["link.0.beam.length"])
     mine = found.of(lambda result, _: result.frame()[0])
-    ends = {k: fa.simulate(**flexible(length=0.5 + 1e-4 * k), **options).frame()[0] for k in WEIGHTS}
-    expected = sum(w / 1e-4 * ends[k] for k, w in WEIGHTS.items())
+    expected = derivative(lambda x: fa.simulate(**flexible(length=x), **options).frame()[0], 0.5, 1e-4)
     assert mine.shape == (1, 21, 3) and np.abs(mine[0] - expected).max() < 1e-7 * np.abs(expected).max()
 
 

@@ -5,42 +5,40 @@ from __future__ import annotations
 import flexarm as fa
 import numpy as np
 import pytest
+from arms import run_derivatives
 from flexarm._check import Array
 from flexarm.run.perturbed import problems
 from flexarm.run.variation import Setup, Variation
 from scipy.integrate import solve_ivp
 
 SOLVERS = ("dense", "chain")
+ROWS = ("q", "v", "a", "tau")
 STEEL = fa.Material(7850, 209e9, 0.3)
 
 
 def tangents(setup: Setup, paths: list[str], t, q0=None, v0=None, **options) -> tuple[fa.Result, dict[str, Array]]:
     acting = {"drive": setup.drive, "loads": setup.loads, "control": setup.control}
     found = fa.simulate(setup.arm, t, q0, v0, **acting, **options).sensitivities(paths)
-    return found.result, {name: getattr(found, name) for name in ("q", "v", "a", "tau")}
+    return found.result, {name: getattr(found, name) for name in ROWS}
 
 
 def differences(setup: Setup, paths: list[str], t, q0=None, **options) -> dict[str, Array]:
     """The same, by differences of sixth order of whole runs, of "gauss" if nothing is said."""
     options = {"integrator": "gauss", "step": 5e-4} | options
     q0 = np.zeros(setup.arm.nq) if q0 is None else np.array(q0)
-    out: dict[str, list[Array]] = {"q": [], "v": [], "a": [], "tau": []}
-    weights = ((-3, -1 / 60), (-2, 3 / 20), (-1, -3 / 4), (1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
-    for p in problems(setup, paths, t, q0, None, None):
-        h = 1e-3 * p.scale
-        near = Variation(setup, {p.path: np.array([p.value + k * h for k, _ in weights])})
-        rows = near.initial("q0", q0[None])
-        runs = []
-        for i in range(len(weights)):
-            made = near.scenario(i)
-            runs.append(fa.simulate(made.arm, t, rows[i % len(rows)], drive=made.drive, loads=made.loads,
-                                    control=made.control, **options))  # fmt: skip
-        for name, all_of in out.items():
-            all_of.append(sum(w / h * getattr(r, name) for (_, w), r in zip(weights, runs, strict=True)))
-    return {name: np.array(x) for name, x in out.items()}
+
+    def run(path: str, value: float) -> fa.Result:
+        near = Variation(setup, {path: np.array([value])})
+        made, start = near.scenario(0), near.initial("q0", q0[None])[0]
+        acting = {"drive": made.drive, "loads": made.loads, "control": made.control}
+        return fa.simulate(made.arm, t, start, **acting, **options)
+
+    found = [run_derivatives(lambda x, p=p: run(p.path, x), p.value, 1e-3 * p.scale, ROWS)
+             for p in problems(setup, paths, t, q0, None, None)]  # fmt: skip
+    return {name: np.array([x[name] for x in found]) for name in ROWS}
 
 
-def agree(found: dict[str, Array], wanted: dict[str, Array], rtol: float, names=("q", "v", "a", "tau")) -> None:
+def agree(found: dict[str, Array], wanted: dict[str, Array], rtol: float, names=ROWS) -> None:
     """Whether the derivatives by each parameter agree, in parts of the largest."""
     for name in names:
         for x, y in zip(found[name], wanted[name], strict=True):
