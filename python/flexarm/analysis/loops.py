@@ -64,11 +64,11 @@ def unstable(
 
     Args:
         q: the start, (nq,). times, loads: of the run.
-        samplers: its sampled laws, as the core was given them, which know what they were asked.
+        samplers: its sampled laws, as the core was given them, which know what they were asked; None: they are asked.
     """
     try:
         with np.errstate(all="ignore"):
-            return _unstable(arm, q, prescribed, times, loads, controls, time, failed, samplers or ())
+            return _unstable(arm, q, prescribed, times, loads, controls, time, failed, samplers)
     except (ValueError, np.linalg.LinAlgError):  # a state that has no linear model: the run's own words must do
         return None
 
@@ -83,7 +83,10 @@ def _seen_laws(
         if not isinstance(c, Sampled) or c.memory or getattr(c, "continuous", False):
             continue
         try:
-            law = held_law(arm, k, c, [next(laws)], q, np.zeros(arm.nv), start, None, seen=True)
+            own, v = [next(laws)], np.zeros(arm.nv)
+            law = held_law(arm, k, c, own, q, v, start, None, seen=True)
+            if law is None and failed:  # too early to have seen it: it is asked
+                law = held_law(arm, k, c, own, q, v, start, None, seen=False)
         except ValueError:
             continue
         if law is not None and (failed or not np.isfinite(law.limit)):
@@ -93,15 +96,16 @@ def _seen_laws(
 
 def _unstable(
     arm: Chain, q: Array, prescribed: Sequence[int], times: Array, loads: Any, controls: Sequence[Any], time: float,
-    failed: bool, samplers: Sequence[Any],
+    failed: bool, samplers: Sequence[Any] | None,
 ) -> LoopWarning | None:  # fmt: skip
     if 2 * (arm.nv - len(prescribed)) > _MOST:
         return None
     start = float(times[0])
     plant = Plant(arm, q, np.zeros(arm.nv), prescribed, at_time(arm, loads, start))
-    running, _, memory = running_laws(arm, controls, times, loads)
+    running, own, memory = running_laws(arm, controls, times, loads)
     running = [x for x in running if not x.acts or failed or not np.isfinite(x.limit)]
-    held = _seen_laws(arm, controls, samplers, q, start, failed)
+    given = [law for laws in own for law in laws] if samplers is None else samplers
+    held = _seen_laws(arm, controls, given, q, start, failed)
     bare = max(Hybrid(plant, [], [], 0).growth(), 0.0) * 1.05
     least = bare + _GROWN / max(time, 1e-300)
     quiet = bare + 0.05 * _GROWN / max(time, float(times[-1] - times[0]))
@@ -119,11 +123,10 @@ def _running(plant: Plant, running: Sequence[Any], memory: int, least: float, qu
         mine = [x for x in running if x.control == k or not x.acts]
         if len(own) == 1 or Hybrid(plant, mine, [], memory).growth() > least:
             break
-    inside = any(not x.acts and x.column[plant.arm.nv :].any() for x in running if x.control == k)
-    how = "" if inside else _remedy(lambda f: loop.growth(f * loop.ones()), quiet)
+    how = _remedy(lambda f: loop.growth(f * loop.ones()), quiet)
     return LoopWarning(
-        f"the loop of control[{k}] feeds energy in: about the start its fastest pole is {_text(complex(poles[0]))} 1/s"
-        + (f"; {how}" if how else ""),
+        f"the loop of control[{k}] feeds energy in: about the start its fastest pole is {_text(complex(poles[0]))} "
+        f"1/s; {how}",
         k, float(poles[0].real),
     )  # fmt: skip
 
