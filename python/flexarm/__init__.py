@@ -76,7 +76,7 @@ from .acting.motor import Motor as Motor
 from .acting.sampled import LinearController as LinearController, Sampled as Sampled
 from .acting.shaping import Shaper as Shaper, input_shaper as input_shaper
 from .acting.voltage import Voltage as Voltage
-from .analysis.equilibrium import StateWarning as StateWarning
+from .analysis.equilibrium import StateWarning as StateWarning, Trim as Trim
 from .analysis.linear import Derivatives as Derivatives, LinearModel as LinearModel
 from .analysis.loops import LoopWarning as LoopWarning
 from .analysis.damping import Decay as Decay, fit_decay as fit_decay
@@ -114,6 +114,7 @@ from .identify.fit import (
 )
 from .identify.identify import identify as identify
 from .identify.unknown import Unknown as Unknown
+from .loop.closed_loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
 from .parts.beam import Beam as Beam, RigidBody as RigidBody
 from .parts.joints import (
     Axes as Axes,

@@ -269,6 +269,32 @@ class Arm(Chain):
             warnings.warn(range_warning(self, beyond, "equilibrium: ", still=True), stacklevel=2)
         return found
 
+    def trim(self, q: Any = None, *, loads: Sequence[Load] | None = None, t: float = 0.0) -> balance.Trim:
+        """A pose of the joints in balance: the elastic coordinates sag, and forces hold the joints.
+
+        `arm.linearize(q, tau=tau)`, `simulate(arm, t, q, tau=tau)` and a controller's u0 want both.
+
+        Args:
+            q: the joints' pose: all coordinates (nq,), of which the elastic ones are where the search starts; or by
+                link, or (link, freedom), {0: 0.5, 1: -1.0}, those not named zero; `zero` if None.
+            loads, t: external forces and moments, with their values at time t (s).
+
+        Returns:
+            Trim: `.q` (nq,) and `.tau` (nv,); `q, tau = arm.trim(...)`.
+
+        Raises:
+            ValueError: bad arguments, or no balance of the beams was found there.
+
+        Warns:
+            StateWarning: the balance of the beams is unstable: they buckle.
+            RangeWarning: a beam is bent further than its order is good for.
+        """
+        self._warn()
+        found = balance.trim(self, q, at_time(self, loads, t))
+        if (beyond := worst_range(self, np.zeros(1), found.q[None])) is not None:
+            warnings.warn(range_warning(self, beyond, "trim: ", still=True), stacklevel=2)
+        return found
+
     def inverse_derivatives(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, loads: Sequence[Load] | None = None, t: float = 0.0
     ) -> tuple[Array, Array, Array]:

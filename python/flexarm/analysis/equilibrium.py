@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array
+from .._check import Array, array, finite
 from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
 
@@ -21,6 +21,41 @@ _TRIES_IN_STEPS = 40  # and for each step of the load
 _LEAST_SHARE = 1e-3  # of the load in one of its steps
 _ASIDE = 1e-3  # turn (rad) or move (parts of the arm's length) out of a balance that is unstable
 _SADDLES = 8  # that are left so, at most
+
+
+class Trim(NamedTuple):
+    """A pose in balance, with what holds it.
+
+    Attributes:
+        q: the coordinates (nq,), elastic ones in balance.
+        tau: the generalised forces (N, N m) that hold the joints there, (nv,); zero for elastic coordinates.
+    """
+
+    q: Array
+    tau: Array
+
+
+def trim(arm: Chain, q: Any, loads: Any) -> Trim:
+    """See Arm.trim."""
+    if isinstance(q, Mapping):
+        at = arm.zero
+        for i, value in arm.by_rate("q", q).items():
+            k = arm.coordinate_of(i)
+            if k < 0:
+                raise ValueError(f"q: '{arm.coordinates[i]}' is a ball's, which has no angle; give all of q (nq,)")
+            at[k] = array(f"q of '{arm.coordinates[i]}'", value, ())
+        q = at
+    joints = ~elastic_rates(arm)
+    q0 = arm._single(q=arm.zero if q is None else q)[0]
+    b = _Balance(arm, np.zeros(arm.nv), np.zeros(arm.nv), ~joints, loads)
+    found, wrong = balance(b, q0, descend=True)
+    if not wrong and b.doubtful:
+        found = _stable(b, q0, found, False)
+    if wrong:
+        raise ValueError(f"q, gravity, loads: no balance of the beams was found with the joints held there: {wrong}")
+    zero = np.zeros(arm.nv)
+    forces = finite("the forces there", arm._core.inverse_dynamics(found, zero, zero, *loads))
+    return Trim(found, np.where(joints, forces, 0.0))
 
 
 class StateWarning(UserWarning):
@@ -41,8 +76,9 @@ def warn_unless_at_rest(arm: Chain, at: tuple[Array, Array, Array], left: Array,
     worst = int(np.abs(scale * left).argmax())
     warnings.warn(
         f"linearize: the arm does not rest at this q, so that the model holds for a moment only: {left[worst]:.3g} "
-        f"(N, N m) is left on '{arm.coordinates[worst]}', whose inertia is {M[worst, worst]:.3g}; take q from "
-        "arm.equilibrium(...), balance it with tau=arm.bias(q, v) or loads, or lock the joints that something holds",
+        f"(N, N m) is left on '{arm.coordinates[worst]}', whose inertia is {M[worst, worst]:.3g}; give "
+        "it both of q, tau = arm.trim(q), that pose in balance and what holds its joints; or take q from "
+        "arm.equilibrium(...), or lock the joints that something holds",
         StateWarning,
         stacklevel=4,
     )

@@ -142,7 +142,7 @@ def failures_of(
             who = arm._core.farthest_out(blocks["q"][i, done - 1], blocks["v"][i, done - 1]) if done else ""
             reason = reason.replace(":", f"; {who} and grows:", 1) if who else reason
         if control and reached > times[0]:
-            loop = loops.unstable(arm, arm, q0, prescribed, times, loads, control, [], reached - float(times[0]), True)
+            loop = loops.unstable(arm, q0, prescribed, times, loads, control, reached - float(times[0]), True)
             reason = reason if loop is None else f"{loop} ({reason.partition(':')[0]})"
         found.append(Failure(i, reached, reason))
     return found
@@ -160,7 +160,7 @@ def grown_loop(
         if not control:
             continue
         time = float(times[-1] - times[0])
-        loop = loops.unstable(arm, arm, q0, prescribed, times, loads, control, [], time, False)
+        loop = loops.unstable(arm, q0, prescribed, times, loads, control, time, False)
         looks += 1
         if loop is not None:
             return k, loop

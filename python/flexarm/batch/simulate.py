@@ -16,8 +16,9 @@ from .._console import progress_bar
 from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
-from ..acting.voltage import Voltage
+from ..acting.voltage import Voltage, split_drives
 from ..analysis.coarse import coarse
+from ..analysis.loops import LoopWarning, unstable
 from ..analysis.validity import range_warning
 from ..arm import Arm
 from ..parts.part import ModelWarning
@@ -212,7 +213,18 @@ def simulate_batch(
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
     if beyond.size:  # that of the first scenario that deserves one
         i = int(beyond[0])
+        loop = _loop_of(job, i, float(held["reached"][i]))
         worst = range_warning(job.variation.scenario(i).arm, held["out_of_range"][i], f"scenario {i}: ")
-        warnings.warn(worst, stacklevel=2)
+        warnings.warn(worst if loop is None else loop.of(f"scenario {i}"), stacklevel=2)
     warn_of_steps(job, engine)
     return result
+
+
+def _loop_of(job: Job, i: int, reached: float) -> LoopWarning | None:
+    """The loop of control that has bent the beams of scenario i too far by the time reached (s), if one has."""
+    s = job.variation.scenario(i)
+    q0 = s.arm.zero if job.q0 is None else job.q0[i % len(job.q0)]
+    joints = s.arm.by_rate("drive", split_drives(s.drive)[0])
+    prescribed = [k for k, law in joints.items() if isinstance(law, Motion)]
+    begun = float(job.t[0])
+    return unstable(s.arm, q0, prescribed, job.t, s.loads, s.control, reached - begun, True) if s.control else None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array, array, number, whole
-from ..acting.control import Controller, control_laws, extended, padded
+from ..acting.control import Controller, control_laws, extended
 from ..acting.drive import Motion, Torque
 from ..acting.load import at_time
 from ..acting.voltage import patch_laws, split_drives
@@ -56,10 +56,9 @@ class Problem:
         """The loop of control that has made the run grow in `time` (s), if one has."""
         if not self.controls:
             return None
-        start = padded(self.start["q0"], self.both.nq)
         return loops.unstable(
-            self.arm, self.both, start, self.prescribed, self.times, self.loads, self.controls, self.sampled, time,
-            failed,
+            self.arm, self.start["q0"], self.prescribed, self.times, self.loads, self.controls, time, failed,
+            self.sampled,
         )  # fmt: skip
 
     def result(self, out: dict[str, Any]) -> Result:

@@ -163,7 +163,9 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
         raise SimulationInterrupted(f"interrupted at t = {time:.9g} s", time, result)
     beyond, failed = out_of_range(run.arm, result.t, result.q), bool(out["failure"])
     span = time - float(run.times[0])
-    loop = run.unstable(span, failed) if failed or beyond is not None or loops.has_grown(result.v) else None
+    # a limit may hold a loop, but not in its model's range
+    limits = failed or beyond is not None
+    loop = run.unstable(span, limits) if limits or loops.has_grown(result.v) else None
     if not failed:
         blown = beyond_explicit(run.arm, step, span) if INTEGRATORS[integrator].explicit else None
         said = [loop] if SILENT.get() else [loop or beyond, blown]

@@ -1,0 +1,206 @@
+"""Controllers as the linear laws that they are, or are about a state."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+import flexarm._core as _core
+
+from .._check import Array
+from ..acting.control import Run, gain_of, measured_rows, padded
+from ..acting.sampled import Asked, LinearController, Sampled
+from ..acting.seen import Seen
+from ..parts.chain import Chain
+
+_SMALL = 1e-6  # rad, m, and per second: what sensors and laws are moved by
+_SMOOTH = 1e-3  # parts of a law's derivatives that steps of different size may differ by
+_SHOWN = 120  # samples that a law with a memory is shown
+
+
+class NoLinearLaw(ValueError):
+    """A controller that is no linear law about the state."""
+
+
+@dataclass
+class Tap:
+    """One number that a sampled law reads: its derivatives by q (nq,), v and a (nv,), the low pass behind them or None,
+    the rate at which its sensor samples (Hz) or None, and how late it tells (s)."""
+
+    by_q: Array
+    by_v: Array
+    by_a: Array
+    filter: Any = None
+    rate: float | None = None
+    delay: float = 0.0
+
+
+@dataclass
+class HeldLaw:
+    """A sampled law of controller `control`: x+ = A x - B y, u = C x - D y. `columns` u (nv, nu) are its forces, held,
+    `delay` (s) behind the sample. It is linear while |u| is below `limit`."""
+
+    control: int
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    taps: list[Tap]
+    columns: Array
+    rate: float
+    delay: float
+    limit: float
+
+
+@dataclass
+class RunningLaw:
+    """A law without samples: u = -(by_q q + by_v v), `column` u its forces (nv,). Behind the arm's coordinates stand
+    the states of controllers: their rates are the states. `acts`: not so of a motor's back-EMF, which is the arm's
+    own, nor of what goes into a controller's state."""
+
+    control: int
+    column: Array
+    by_q: Array
+    by_v: Array
+    limit: float
+    acts: bool = field(default=True)
+
+
+def running_laws(
+    arm: Chain, controls: Sequence[Any], times: Array, loads: Any
+) -> tuple[list[RunningLaw], list[list[Any]], int]:
+    """The laws without samples of controllers; those with samples of each, as the core takes them; and how many states
+    the former have."""
+    found: list[RunningLaw] = []
+    sampled = []
+    total, first = sum(c.memory for c in controls), 0
+    nq, nv = arm.nq + total, arm.nv + total
+    for k, c in enumerate(controls):
+        laws, held = c._laws(arm, Run(times, loads, first, total))
+        sampled.append(held)
+        for column, by_q, by_v, reference, limit in laws:
+            acts = reference is not None and bool(np.any(column[: arm.nv]))
+            found.append(RunningLaw(k, padded(column, nv), padded(by_q, nq), padded(by_v, nv), limit, acts))
+        first += c.memory
+    return found, sampled, total
+
+
+def taps_of(arm: Chain, c: Any, q: Array, v: Array, loads: Any = None) -> tuple[list[Tap], Array, bool]:
+    """What a sampled controller reads: the derivatives about a state, what it reads there (ny,), and whether a sensor
+    has a range that may hold the loop."""
+    nq, nv = arm.nq, arm.nv
+    none = np.zeros(nv)
+    if c.measure is None:
+        eye = np.eye(nq + nv)
+        return [Tap(row[:nq], row[nq:], none) for row in eye], np.concatenate([q, v]), False
+    taps: list[Tap] = []
+    at: list[float] = []
+    bounded = False
+    for i, e in enumerate(c.measure):
+        if not hasattr(e, "sampler"):
+            by_q, by_v = measured_rows(arm, [e], i)
+            taps += [Tap(x, y, none) for x, y in zip(by_q, by_v, strict=True)]
+            at += (by_q @ q + by_v @ v).tolist()
+            continue
+        state = np.concatenate([q, v, none])
+        ends = state + _SMALL * np.vstack([np.eye(state.size), -np.eye(state.size), np.zeros((1, state.size))])
+        parts = ends[:, :nq], ends[:, nq : nq + nv], ends[:, nq + nv :]
+        y = e.measure(arm, np.zeros(len(ends)), *parts, loads=loads)
+        gain, offset = e._each("gain", y.shape[1], 1.0), e._each("offset", y.shape[1], 0.0)
+        by = gain[:, None] * (y[: state.size] - y[state.size : -1]).T / (2.0 * _SMALL)
+        taps += [Tap(x[:nq], x[nq : nq + nv], x[nq + nv :], e.filter, e.rate, e.delay) for x in by]
+        at += (gain * y[-1] + offset).tolist()
+        bounded |= e.range is not None
+    return taps, np.array(at), bounded
+
+
+def held_law(
+    arm: Chain, k: int, c: Any, sampled: Sequence[Any], q: Array, v: Array, t: float, loads: Any, seen: bool
+) -> HeldLaw | None:
+    """The law of a controller that samples, about a state; `sampled` is what the core takes of it. With `seen`, a
+    callable is taken for what it did in a run, and None is what that does not tell.
+
+    Raises:
+        NoLinearLaw: it has no derivative there, or a memory that is not linear.
+    """
+    *_, (_, period, delay, law) = sampled
+    rate = getattr(c, "rate", None) or 1.0 / period
+    if not isinstance(c, Sampled):
+        return _of_state(arm, k, law, q, v, t, rate, delay)
+    taps, y0, bounded = taps_of(arm, c, q, v, loads)
+    columns = gain_of(c.motor) * np.array(c._columns(arm)).T
+    if isinstance(c, LinearController):
+        if c.B.shape[1] != len(taps):
+            raise ValueError(f"control[{k}].measure: gives {len(taps)} numbers; B has {c.B.shape[1]} columns")
+        matrices = c.A, c.B, c.C, c.D
+    elif seen:
+        found = law.seen.law() if isinstance(law, Asked) else None
+        if found is None:
+            return None
+        matrices = found
+    else:
+        matrices = _asked(f"control[{k}]", c.law, y0, t, rate, columns.shape[1])
+    return HeldLaw(k, *matrices, taps, columns, rate, delay, 0.0 if bounded else c.limit)
+
+
+def _asked(name: str, law: Any, y0: Array, t: float, rate: float, nu: int) -> tuple[Array, Array, Array, Array]:
+    """A callable law (t, y) -> u by its differences about y0."""
+    try:
+        law = copy.deepcopy(law)  # one with a memory is not to remember this
+    except Exception:  # what cannot be copied
+        pass
+
+    def ask(y: Array, at: float = t) -> Array:
+        u = np.atleast_1d(np.asarray(law(at, y), dtype=float))
+        if u.shape != (nu,) or not np.isfinite(u).all():
+            raise NoLinearLaw(f"{name}: the law gave {u.tolist()} at the state; must be {nu} finite numbers")
+        return u
+
+    try:
+        before = ask(y0.copy())
+        steep = [np.zeros((nu, 0))] * 2
+        for h in (_SMALL, 8.0 * _SMALL):
+            sides = [[ask(y0 + s * h * e) for e in np.eye(y0.size)] for s in (1.0, -1.0)]
+            steep = [steep[1], (np.array(sides[0]) - np.array(sides[1])).reshape(-1, nu).T / (2.0 * h)]
+        forgets = bool(np.array_equal(ask(y0.copy()), before))
+    except (ZeroDivisionError, OverflowError):  # it divides by the time since the last sample
+        forgets = False
+    if forgets:
+        size = np.abs(steep[1]).max(initial=0.0)
+        if np.abs(steep[0] - steep[1]).max(initial=0.0) > _SMOOTH * size + 1e-6:
+            raise NoLinearLaw(
+                f"{name}: the law has no derivative at the state: differences over {_SMALL:g} and {8 * _SMALL:g} give "
+                f"{steep[0].ravel().tolist()} and {steep[1].ravel().tolist()}; ask about a state where it is smooth"
+            )
+        return np.zeros((0, 0)), np.zeros((0, y0.size)), np.zeros((nu, 0)), -steep[1]
+    rng, shown = np.random.default_rng(0), Seen()
+    for n in range(_SHOWN + 12 * y0.size):
+        y = y0 + 1e-3 * rng.standard_normal(y0.size)
+        shown.note(y, ask(y, t + n / rate))
+    found = shown.law()
+    if found is None:
+        raise NoLinearLaw(
+            f"{name}: the law remembers what it was asked, and is not linear in the last three samples; give it as a "
+            "LinearController"
+        )
+    return found
+
+
+def _of_state(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate: float, delay: float) -> HeldLaw:
+    """A law (t, q, v, a) -> forces of another kind, by its differences about the state."""
+    if isinstance(law, _core.LinearLaw) or not callable(law):
+        raise NoLinearLaw(f"control[{k}]: {type(law).__name__} does not tell what it is about a state")
+    state, zero = np.concatenate([q, v]), np.zeros(arm.nv)
+
+    def ask(x: Array) -> Array:
+        return np.asarray(law(t, x[: arm.nq], x[arm.nq :], zero), dtype=float)[: arm.nv]
+
+    D = -np.array([(ask(state + _SMALL * e) - ask(state - _SMALL * e)) / (2.0 * _SMALL) for e in np.eye(state.size)]).T
+    acts = np.flatnonzero(np.abs(D).any(axis=1))
+    taps = [Tap(row[: arm.nq], row[arm.nq :], zero) for row in np.eye(state.size)]
+    none = np.zeros((0, 0)), np.zeros((0, state.size)), np.zeros((acts.size, 0))
+    return HeldLaw(k, *none, D[acts], taps, np.eye(arm.nv)[:, acts], rate, delay, np.inf)

@@ -1,0 +1,74 @@
+"""The arm about a state, as what control loops act on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .._check import Array, finite
+from ..parts.chain import Chain
+from .linear import turning
+from .modes import _shift
+
+_SLOWEST = 1.0  # 1/s: displacements of a mode are scaled by its frequency, or by this where that is lower
+
+
+class Plant:
+    """Small motions about a state that nothing accelerates: x' = A x + `forces`(columns) u, and [theta; v] = T x.
+
+    x are coordinates of modes: displacements, times the frequency, then rates, both to unit mass. So all numbers of A
+    are of the size of frequencies, and what is slow keeps its digits beside what is fast. Forces that hold the arm in
+    the state are taken as constant, whatever gives them.
+
+    Attributes:
+        arm, q, v: the arm and the state. free: the rates that are not prescribed.
+        A: (2 n, 2 n), n the number of free rates. T: (2 nv, 2 n).
+
+    Raises:
+        ValueError: no rate is free, or masses or forces there are not finite. LinAlgError: the masses are singular.
+    """
+
+    def __init__(self, arm: Chain, q: Array, v: Array, prescribed: Sequence[int], loads: Any = ()) -> None:
+        import scipy.linalg as la  # slow to import
+
+        self.arm, self.q, self.v = arm, q, v
+        self.free = np.setdiff1d(np.arange(arm.nv), prescribed)
+        if not self.free.size:
+            raise ValueError("lock: no coordinate is left to move")
+        at = np.ix_(self.free, self.free)
+        by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, 0.0 * v, *loads))
+        self.E = arm._core.rates(q, v)[2]
+        K, C, M, W = (by_q @ self.E)[at], by_v[at], arm.mass_matrix(q)[at], turning(arm, v)[at]
+        d = finite("the root of the masses", 1.0 / np.sqrt(np.diag(M)))
+        M1, K1 = d[:, None] * M * d, d[:, None] * (0.5 * (K + K.T)) * d
+        sigma = _shift(M1, K1, 1.0)
+        mu, V = la.eigh(M1, K1 + sigma * M1)
+        with np.errstate(divide="ignore"):
+            square = np.abs(1.0 / mu - sigma)
+        V = d[:, None] * V
+        V = V / np.sqrt(np.einsum("ik,ij,jk->k", V, M, V))
+        w = np.maximum(np.sqrt(square), _SLOWEST)
+        inverse = V.T @ M
+        self.A = finite("the linear model", np.block([
+            [-w[:, None] * (inverse @ W @ V) / w, np.diag(w)],
+            [-(V.T @ K @ V) / w, -(V.T @ C @ V)],
+        ]))  # fmt: skip
+        n, nv = self.free.size, arm.nv
+        self._V = np.zeros((nv, n))
+        self._V[self.free] = V
+        self.T = np.zeros((2 * nv, 2 * n))
+        self.T[:nv, :n], self.T[nv:, n:] = self._V / w, self._V
+
+    def forces(self, columns: Array) -> Array:
+        """What generalised forces, columns (nv, m), do to x', (2 n, m)."""
+        return np.vstack([np.zeros((self.free.size, columns.shape[1])), self._V.T @ columns])
+
+    def reads(self, by_q: Array, by_v: Array) -> Array:
+        """Rows by x, (m, 2 n), of what has the derivatives by_q (m, nq) and by_v (m, nv)."""
+        return np.asarray(np.hstack([by_q @ self.E, by_v]) @ self.T)
+
+    def feels(self, by_a: Array) -> Array:
+        """Rows by x' of what has the derivatives by_a (m, nv) by the accelerations."""
+        return np.hstack([np.zeros((len(by_a), self.free.size)), by_a @ self._V])

@@ -1,0 +1,1 @@
+"""Control loops: poles, margins, root loci, and what makes them unstable."""

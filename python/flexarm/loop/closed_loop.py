@@ -1,0 +1,387 @@
+"""The linear loop of an arm and its controllers: poles, zeros, modes, margins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._check import Array, array, number, whole
+from ..acting.control import Controller
+from ..acting.load import Load, at_time
+from ..acting.shaping import Shaper, input_shaper
+from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state
+from ..analysis.hybrid import Channel, Complex, Hybrid
+from ..analysis.laws import Tap, held_law, running_laws
+from ..analysis.linear import _Point, _read_inputs, _read_outputs
+from ..analysis.margins import Margins, Response, margins_of, stable
+from ..analysis.modes import Modes
+from ..analysis.plant import Plant
+from ..arm import Arm
+from ..draw.loop import plot_loop
+from ..run.variation import Setup, Variation, fields_of
+from .locus import Limits, Locus, limits_of, locus_of
+from .table import table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_RINGS = 0.3  # the damping ratio below which a motion is worth a shaper
+_FASTEST = 100.0  # zeros that lie so much farther out than all poles are those at infinity
+
+
+class Robustness(NamedTuple):
+    """The least singular value of I + L, all loops broken at once.
+
+    Attributes:
+        value: the distance of the loop gain from the critical point: 1 without a loop, 0 where it is unstable. Every
+            output may then at once be multiplied by factors from 1 / (1 + value) to 1 / (1 - value), or lose
+            2 asin(value / 2) of phase (rad).
+        frequency: where it is least (rad/s).
+    """
+
+    value: float
+    frequency: float
+
+
+class ClosedLoop:
+    """Small motions of an arm under its controllers, about a state; what `closed_loop` gives.
+
+    `print` shows a table. Attributes:
+        arm, control, q, v: what it is of, and the state.
+        poles: s (1/s), (n,), the fastest growing first. With samples: log(z) / period, |Im s| up to pi / period; -inf
+            for z = 0, where all is over after some samples.
+        z: of each pole with samples, over one `period`; else None.
+        period: the time in which the samples of all controllers come round (s); None without samples.
+        growth: the largest real part of the poles (1/s). stable: whether no pole grows, but for rounding.
+        frequencies, damping: |s| (rad/s) and -Re(s)/|s| of each pole, (n,).
+        A, B, C, D: x' = A x + B u, y = C x + D u, from `inputs` to `outputs` (labels); with samples x+ = A x + B u over
+            a period, u held.
+        channels: the outputs of the controllers, where loops are broken: `.control`, `.output`, `.rate`, `.limit`.
+    """
+
+    def __init__(self, setup: Setup, hybrid: Hybrid, given: dict[str, Any], system: tuple[Any, ...]) -> None:
+        self._setup, self._hybrid, self._given = setup, hybrid, given
+        self.arm, self.control, self.q, self.v = setup.arm, setup.control, hybrid.plant.q, hybrid.plant.v
+        self.A, self.B, self.C, self.D, self.inputs, self.outputs = system
+        self.poles, self.z = hybrid.poles()
+        self.period: float | None = hybrid.period
+        self.channels: list[Channel] = hybrid.channels
+
+    def __str__(self) -> str:
+        return table(self)
+
+    def __repr__(self) -> str:
+        return f"ClosedLoop({len(self.poles)} poles, growth {self.growth:.4g} 1/s)"
+
+    @property
+    def growth(self) -> float:
+        return float(self.poles.real.max(initial=-np.inf))
+
+    @property
+    def stable(self) -> bool:
+        return stable(self.poles)
+
+    @property
+    def frequencies(self) -> Array:
+        return np.asarray(np.abs(self.poles))
+
+    @property
+    def damping(self) -> Array:
+        size, finite = np.abs(self.poles), np.isfinite(self.poles)
+        with np.errstate(invalid="ignore"):
+            return np.where(finite & (size > 0), -self.poles.real / np.where(finite & (size > 0), size, 1.0), ~finite)
+
+    @cached_property
+    def zeros(self) -> Complex:
+        """Where the transfer from `inputs` to `outputs` is blocked: s (1/s), or z with samples, (n,).
+
+        Raises:
+            ValueError: as many inputs as outputs are needed.
+        """
+        import scipy.linalg as la  # slow to import
+
+        n, nu, ny = len(self.A), self.B.shape[1], self.C.shape[0]
+        if nu != ny:
+            raise ValueError(f"zeros: there are {nu} inputs and {ny} outputs; give as many of each")
+        B, C = self.B, self.C
+        B = B / np.where(B.any(axis=0), np.linalg.norm(B, axis=0), 1.0)
+        size = np.where(C.any(axis=1), np.linalg.norm(C, axis=1), 1.0)[:, None]
+        left = np.block([[self.A, B], [C / size, self.D / size / np.maximum(np.linalg.norm(self.B, axis=0), 1e-300)]])
+        found = la.eigvals(left, la.block_diag(np.eye(n), np.zeros((ny, nu))))
+        values = self.poles if self.z is None else self.z
+        most = _FASTEST * max(float(np.abs(values[np.isfinite(values)]).max(initial=0.0)), 1e-300)
+        found = found[np.isfinite(found)]
+        found = found[np.abs(found) < most]
+        return np.asarray(found[np.lexsort((found.imag, np.abs(found)))], dtype=complex)
+
+    @cached_property
+    def margins(self) -> tuple[Margins, ...]:
+        """Of each of `channels`, its loop broken there and all others closed: see Margins."""
+        return tuple(margins_of(self._hybrid, k, self.poles) for k in range(len(self.channels)))
+
+    @cached_property
+    def robustness(self) -> Robustness:
+        """The least singular value of I + L, all loops broken at once, over all frequencies. nan where some are sampled
+        and some are not."""
+        if not self.channels or not self.stable:
+            return Robustness(0.0 if self.channels else 1.0, float("nan"))
+        from scipy.optimize import minimize_scalar  # slow to import
+
+        try:
+            response = Response(self._hybrid.opened(range(len(self.channels))), self.period)
+        except ValueError:  # some are sampled and some are not
+            return Robustness(float("nan"), float("nan"))
+        eye = np.eye(response.D.shape[0])
+
+        def least(w: Array) -> Array:
+            L = response(w)
+            good = np.asarray(np.isfinite(L).all(axis=(1, 2)))
+            sizes = np.linalg.norm(eye + np.where(good[:, None, None], L, 0.0), -2, axis=(1, 2))
+            return np.where(good, sizes, np.inf)
+
+        w = response.frequencies(self.poles)
+        values = least(w)
+        k = int(values.argmin())
+        near = w[max(k - 1, 0)], w[min(k + 1, len(w) - 1)]
+        found = minimize_scalar(lambda x: float(least(np.array([x]))[0]), bounds=near, method="bounded")
+        return Robustness(float(min(found.fun, values[k])), float(found.x if found.fun < values[k] else w[k]))
+
+    def loop_gain(self, frequency: ArrayLike, channels: Sequence[int] | None = None) -> Complex:
+        """L(i w), or L(exp(i w period)), with the loops of some `channels` broken (all if None), the others closed:
+        from what these outputs give to what the controllers then would give, negative. The loop is 1 + L = 0.
+
+        Args:
+            frequency: w (rad/s), (nw,). channels: indices of `channels`.
+
+        Returns:
+            (nw, n, n); a channel that is sampled several times in a period stands once for each of its samples.
+
+        Raises:
+            ValueError: sampled and continuous loops, broken together or one beside the other.
+        """
+        w = array("frequency", frequency)
+        chosen = range(len(self.channels)) if channels is None else [whole("channels", c) for c in channels]
+        if not chosen or not all(0 <= c < len(self.channels) for c in chosen):
+            raise ValueError(f"channels = {channels!r}: must be from 0 to {len(self.channels) - 1}")
+        return Response(self._hybrid.opened(list(chosen)), self.period)(np.atleast_1d(w))
+
+    @cached_property
+    def modes(self) -> Modes:
+        """Motions in closed loop, by ascending frequency, one of each conjugate pair, as `Arm.modes` has them without a
+        loop; `Arm.mode_shapes` takes them. Poles in which the arm does not move are left out."""
+        s, theta = self._hybrid.motions()
+        size = np.abs(theta).max(axis=0, initial=0.0)
+        keep = np.isfinite(s) & (s.imag >= 0) & (size > 1e-12 * size.max(initial=0.0))
+        s, theta = s[keep], theta[:, keep]
+        largest = theta[np.abs(theta).argmax(axis=0), np.arange(s.size)]
+        theta = theta / np.where(largest == 0, 1.0, largest)
+        share = np.abs(np.real(np.conj(theta) * (self.arm.mass_matrix(self.q) @ theta)))
+        share /= np.maximum(share.sum(axis=0), 1e-300)
+        radius = np.abs(s)
+        up = np.argsort(radius, kind="stable")
+        damping = np.where(radius > 0, -s.real / np.where(radius > 0, radius, 1.0), 0.0)
+        return Modes(radius[up], damping[up], theta[:, up], share[:, up], s[up], self.q)
+
+    def shaper(self, kind: str = "zvd", modes: int | Iterable[int] = 1) -> Shaper:
+        """A shaper of commands for vibrations of the loop as it is closed; see `input_shaper`.
+
+        Args:
+            kind: "zv", "zvd" or "zvdd".
+            modes: how many vibrations, the slowest first, of those whose damping ratio is below 0.3; or which of
+                `modes` by number.
+
+        Raises:
+            ValueError: the loop is unstable, or has no such vibration.
+        """
+        if not self.stable:
+            raise ValueError(f"shaper: the loop is unstable (it grows by {self.growth:.3g} 1/s)")
+        found = self.modes
+        rings = [k for k in range(len(found.frequencies))
+                 if found.damping[k] < _RINGS and found.eigenvalues[k].imag > 1e-6 * found.frequencies[k] > 0.0]
+        if isinstance(modes, Iterable):
+            chosen = [whole("modes", k) for k in modes]
+            if not chosen or not all(k in range(len(found.frequencies)) for k in chosen):
+                raise ValueError(f"modes = {chosen}: must be numbers of modes, from 0 to {len(found.frequencies) - 1}")
+        else:
+            if not 1 <= whole("modes", modes) <= len(rings):
+                raise ValueError(f"modes = {modes}: must be from 1 to {len(rings)}, the vibrations of this loop")
+            chosen = rings[:modes]
+        each = [input_shaper(kind, float(found.frequencies[k]), max(float(found.damping[k]), 0.0)) for k in chosen]
+        out = each[0]
+        for other in each[1:]:
+            out = out * other
+        return out
+
+    # -- over a parameter ----------------------------------------------------------------------------------------------
+
+    def _at(self, path: str, value: float) -> ClosedLoop:
+        """The same with a parameter changed."""
+        found = Variation(self._setup, {path: np.array([value])}).scenario(0)
+        return closed_loop(found.arm, list(found.control), loads=found.loads, **self._given)
+
+    def _poles_over(self, path: str) -> tuple[Any, float]:
+        """A callable value -> poles, and the value now."""
+        if path == "gain":
+            ones = self._hybrid.ones()
+            return (lambda x: self._hybrid.poles(x * ones)[0]), 1.0
+        if not isinstance(path, str):
+            raise ValueError(f'over = {path!r}: must be "gain", or a path such as "control.0.kp" or "link.0.tip.mass"')
+        return (lambda x: self._at(path, float(x)).poles), self._value(path)
+
+    def _value(self, path: str) -> float:
+        roots = {"link": self.arm.links, "load": self._setup.loads, "control": self.control}
+        root, *names = path.split(".")
+        part: Any = roots.get(root)
+        for name in names:
+            fields = fields_of(part)
+            if name not in fields:
+                break
+            part = fields[name]
+        else:
+            if np.ndim(part) == 0 and part is not None and not isinstance(part, (str, tuple)):
+                return number(path, part)
+        Variation(self._setup, {path: np.zeros(1)})  # which names what is near
+        raise ValueError(f"over = {path!r}: is no number that can vary")
+
+    def locus(self, values: ArrayLike, over: str = "gain") -> Locus:
+        """Poles over a parameter: a root locus.
+
+        Args:
+            values: of the parameter, (m,), increasing.
+            over: "gain": a factor of all outputs of the controllers; or a path as `simulate_batch(parameters=)` has it:
+                "control.0.kp", "control.0.rate", "control.0.delay", "link.0.tip.mass".
+
+        Returns:
+            Locus: `.values`, `.poles`, `.crossings`, `.plot()`.
+        """
+        return locus_of(self._poles_over(over)[0], array("values", values), over)
+
+    def limits(self, over: str = "gain") -> Limits:
+        """Between which values of a parameter the loop is stable, by root finding on its poles.
+
+        Args:
+            over: as of `locus`.
+
+        Returns:
+            Limits: `.low`, `.high`, and words.
+        """
+        poles, now = self._poles_over(over)
+        return limits_of(poles, now, over, self.poles)
+
+    def plot(self) -> Figure:
+        """A figure: poles; the loop gain of each channel, broken alone, as a Nyquist and a Bode diagram."""
+        curves = []
+        for k, margin in enumerate(self.margins):
+            try:
+                response = Response(self._hybrid.opened([k]), self.period)
+            except ValueError:  # beside sampled loops
+                continue
+            w = response.frequencies(self.poles)
+            L = response(w)
+            if L.shape[1] == 1:
+                curves.append((margin, w, L[:, 0, 0]))
+        return plot_loop(self.poles, self.z, curves)
+
+    def to_control(self) -> Any:
+        """The closed loop as a control.StateSpace (package python-control), sampled every `period` if it has one.
+
+        Raises:
+            ImportError: python-control is missing.
+        """
+        try:
+            import control
+        except ImportError as e:
+            raise ImportError("to_control needs python-control: pip install flexarm[control]") from e
+        names = {kind: [x.replace(".", "_") for x in getattr(self, kind)] for kind in ("inputs", "outputs")}
+        return control.ss(self.A, self.B, self.C, self.D, 0 if self.period is None else self.period, **names)
+
+
+def _system(hybrid: Hybrid, inputs: Any, outputs: Any, locked: NDArray[np.bool_]) -> tuple[Any, ...]:
+    """A, B, C, D and the labels of inputs and outputs."""
+    plant, arm = hybrid.plant, hybrid.plant.arm
+    columns = _read_inputs(arm, plant.q, inputs, locked)
+    for column in columns:
+        if column.rate >= 0:
+            raise ValueError(f"inputs: '{column.label}' is prescribed; lock that joint, and give it no controller")
+    if outputs is None:
+        outputs = [("joint", k) for k, link in enumerate(arm.links) if link.joint.nv]
+    nv, zero = arm.nv, np.zeros(arm.nv)
+    split = np.hstack([np.zeros((nv, 2 * nv)), np.eye(nv)])  # so that rows are by theta, v and a
+    point = _Point(arm, plant.q, plant.v, zero, plant.E, split, np.eye(nv), np.zeros((nv, nv)))
+    back = np.linalg.pinv(plant.E)
+    read = _read_outputs(point, outputs)
+    taps = [Tap(r[:nv] @ back, r[nv : 2 * nv], r[2 * nv :]) for o in read for r in o.rows]
+    forces = np.array([c.force for c in columns]).reshape(-1, nv).T
+    labels = tuple(c.label for c in columns), tuple(label for o in read for label in o.labels)
+    return (*hybrid.model(forces, taps), *labels)
+
+
+def closed_loop(
+    arm: Arm,
+    control: Controller | Sequence[Controller],
+    q: ArrayLike | None = None,
+    v: ArrayLike | None = None,
+    *,
+    inputs: Sequence[Any] | None = None,
+    outputs: Sequence[Any] | None = None,
+    lock: Iterable[Any] | None = None,
+    loads: Sequence[Load] | None = None,
+    t: float = 0.0,
+) -> ClosedLoop:
+    """The linear loop of an arm and its controllers about a state: poles, zeros, modes, margins, root loci.
+
+    Continuous laws are solved with the arm; sampled ones are exact, with hold, delay, and the filters, rates and delays
+    of their sensors, by matrix exponentials over the period in which all their samples come round (Åström and
+    Wittenmark, Computer-Controlled Systems, 1997). Back-EMF of motors is part of the arm. A callable of `Sampled` is
+    taken for its differences about the state; one that remembers, for the linear law of up to three samples back that
+    its answers show. Limits, noise, steps of a sensor and dry friction of joints are left out: the joint slides.
+
+    Args:
+        arm: the arm.
+        control: a controller, or a list of them, as `simulate` takes them.
+        q, v: the state: joints stand at q (nq,), `arm.zero` if None, or turn at constant v (nv,), zero if None, under
+            whatever forces that takes; elastic coordinates are in balance there (found from q), as `arm.trim` has it.
+        inputs, outputs: of the transfer whose `zeros` are told, as of `Arm.linearize`; None: the forces and coordinates
+            of all joints that are not locked.
+        lock: links, or (link, freedom), whose joints keep to their motion exactly.
+        loads, t: external forces and moments, with their values at time t (s), at which laws in Python are asked too.
+
+    Returns:
+        ClosedLoop: `.poles`, `.zeros`, `.margins`, `.modes`, `.locus(gains)`, `.limits()`, `.shaper()`, `.plot()`.
+
+    Raises:
+        ValueError: bad arguments; a controller that acts on a locked joint; gains of wrong shapes; sampling rates that
+            have no common period; a law that has no derivative at the state.
+    """
+    if not isinstance(arm, Arm):
+        raise ValueError(f"arm = {arm!r}: must be an Arm")
+    controls = [control] if isinstance(control, Controller) else control
+    if not isinstance(controls, (list, tuple)) or not all(isinstance(c, Controller) for c in controls):
+        raise ValueError(f"control = {control!r}: must be a controller, such as PD(...), or a list of them")
+    arm._warn()
+    q0 = arm._single(q=arm.zero if q is None else q)[0]
+    v0 = np.zeros(arm.nv) if v is None else array("v", v, (arm.nv,))
+    if v0[elastic_rates(arm)].any():
+        raise ValueError("v: must be zero for elastic coordinates: their balance is sought")
+    locked, now = locked_rates(arm, lock), number("t", t)
+    for k, c in enumerate(controls):
+        for i in np.flatnonzero(locked):
+            if any(column[i] != 0.0 for column in c._columns(arm)):
+                raise ValueError(f"control[{k}]: acts on '{arm.coordinates[i]}', which lock prescribes")
+    forces = at_time(arm, loads, now)
+    q0 = steady_state(arm, q0, v0, forces)
+    try:
+        plant = Plant(arm, q0, v0, [int(i) for i in np.flatnonzero(locked)], forces)
+    except np.linalg.LinAlgError:
+        raise ValueError("q: the mass matrix is singular in double precision; no linear model follows") from None
+    running, sampled, memory = running_laws(arm, controls, np.array([now, now + 1.0]), loads)
+    held = [held_law(arm, k, c, own, q0, v0, now, loads, seen=False)
+            for k, (c, own) in enumerate(zip(controls, sampled, strict=True)) if own]  # fmt: skip
+    hybrid = Hybrid(plant, running, [x for x in held if x is not None], memory)
+    given = {"q": q, "v": v, "inputs": inputs, "outputs": outputs, "lock": lock, "t": t}
+    setup = Setup(arm, {}, tuple(loads or ()), tuple(controls))
+    return ClosedLoop(setup, hybrid, given, _system(hybrid, inputs, outputs, locked))
