@@ -22,10 +22,10 @@ Eigen::VectorXd LinearLaw::operator()(double t, const Eigen::VectorXd& q, const 
   if (y.size() != B.cols()) bad_value("measure", y.size(), "numbers; B has " + std::to_string(B.cols()) + " columns");
   if (e.size() != y.size()) bad_value("reference", e.size(), "numbers; must be " + std::to_string(y.size()));
   e -= y;
-  const Eigen::VectorXd free = C * x + D * e, u = free.cwiseMax(-limit).cwiseMin(limit);
+  const Eigen::VectorXd free = u0 + C * x + D * e, u = free.cwiseMax(-limit).cwiseMin(limit);
   if (free.hasNaN() || !u.allFinite())
     bad_value("control at t = " + std::to_string(t), "nan or inf", "must give finite numbers");
-  x = A * x + B * e;
+  x = A * x + B * e + windup * (u - free);
   return columns * u;
 }
 

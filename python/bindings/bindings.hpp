@@ -18,4 +18,5 @@ void bind_model(py::module_& m);      // section, shape, beam, joint, link, arm
 void bind_time(py::module_& m);       // drive, ida
 void bind_gradients(py::module_& m);  // step_derivatives, run_derivatives, rollout_tape
 void bind_batch(py::module_& m);      // batch
+void bind_laws(py::module_& m);       // computed torque
 void bind_kalman(py::module_& m);     // the Kalman filter

@@ -90,7 +90,7 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
     if (!reference.is_none()) {
       const Drive d = make_drive(0, false, reference, {}, times, all);
       f.reference = d.force;
-      f.breaks = d.breaks;
+      f.breaks = py::hasattr(reference, "kinks") ? reference.attr("kinks").cast<Eigen::VectorXd>() : d.breaks;
     }
     laws.push_back(f);
   }
@@ -98,6 +98,14 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
   for (const auto& [first, period, delay, law] : sampled) {
     if (py::isinstance<LinearLaw>(law)) {
       samplers.push_back({first, period, delay, law.cast<LinearLaw>()});
+      continue;
+    }
+    if (py::isinstance<ComputedLaw>(law)) {
+      const auto own = std::make_shared<ComputedLaw>(law.cast<ComputedLaw>());
+      const auto forces = [own](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd&) {
+        return (*own)(t, q, v);
+      };
+      samplers.push_back({first, period, delay, forces});
       continue;
     }
     const auto shared = std::make_shared<py::object>(law);

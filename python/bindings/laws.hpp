@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "evaluation.hpp"
+#include "flexarm/computed_torque.hpp"
 #include "flexarm/control.hpp"
 #include "flexarm/drive.hpp"
 #include "flexarm/load.hpp"
@@ -34,6 +35,14 @@ using LoadLaws = std::vector<std::pair<flexarm::Load, py::object>>;
 using FeedbackLaws = std::vector<std::tuple<Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, py::object, double>>;
 /// (first, period, delay, law) of each sampled one.
 using SampledLaws = std::vector<std::tuple<double, double, double, py::object>>;
+
+/// A computed torque as a run's sampled law, whose forces have those of states behind the arm's, `size` in all.
+struct ComputedLaw {
+  flexarm::ComputedTorque of;
+  Eigen::Index size;
+  /// @throws std::invalid_argument where it gives no forces
+  Eigen::VectorXd operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
+};
 
 /// A drive: a piecewise polynomial, or a callable t -> force, t -> (q, v, a), whose calls are noted.
 flexarm::Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Eigen::VectorXd& column,

@@ -8,5 +8,6 @@ PYBIND11_MODULE(_core, m) {
   bind_time(m);
   bind_gradients(m);
   bind_batch(m);
+  bind_laws(m);
   bind_kalman(m);
 }

@@ -185,12 +185,19 @@ void bind_time(py::module_& m) {
   py::class_<LinearLaw>(m, "LinearLaw")
       .def(py::init([](const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, const Eigen::MatrixXd& C,
                        const Eigen::MatrixXd& D, const Eigen::MatrixXd& columns, const Eigen::MatrixXd& by_q,
-                       const Eigen::MatrixXd& by_v, double limit, const py::object& reference, const py::object& read) {
-             LinearLaw law{A, B, C, D, columns, by_q, by_v, limit, {}, {}};
+                       const Eigen::MatrixXd& by_v, double limit, const py::object& reference, const py::object& read,
+                       const Eigen::VectorXd& u0, const Eigen::MatrixXd& windup) {
+             LinearLaw law{A, B, C, D, columns, by_q, by_v, limit, {}, {}, u0, windup};
              if (py::isinstance<py::function>(reference))
                law.reference = [r = std::make_shared<py::object>(reference)](double t) {
                  const Locked lock;
                  return call(*r, t).cast<Eigen::VectorXd>();
+               };
+             else if (py::isinstance<py::list>(reference))
+               law.reference = [parts = reference.cast<std::vector<PiecewisePolynomial>>()](double t) {
+                 Eigen::VectorXd r(static_cast<Eigen::Index>(parts.size()));
+                 for (std::size_t k = 0; k < parts.size(); ++k) r[static_cast<Eigen::Index>(k)] = parts[k](t).q;
+                 return r;
                };
              else
                law.reference = [r = reference.cast<Eigen::VectorXd>()](double) { return r; };
@@ -203,7 +210,7 @@ void bind_time(py::module_& m) {
              return law;
            }),
            py::arg("A"), py::arg("B"), py::arg("C"), py::arg("D"), py::arg("columns"), py::arg("by_q"), py::arg("by_v"),
-           py::arg("limit"), py::arg("reference"), py::arg("read"))
+           py::arg("limit"), py::arg("reference"), py::arg("read"), py::arg("u0"), py::arg("windup"))
       .def_property_readonly("reads", [](const LinearLaw& law) { return bool(law.read); });
 
   m.def(

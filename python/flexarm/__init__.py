@@ -64,6 +64,7 @@ Elsewhere: flexarm.env, flexarm.tasks (Gymnasium environments), flexarm.cli, fle
 from types import ModuleType as _ModuleType
 
 from ._core import __version__ as __version__
+from .acting.computed import ComputedTorque as ComputedTorque, FeedForward as FeedForward
 from .acting.control import (
     PD as PD,
     Controller as Controller,
@@ -73,6 +74,7 @@ from .acting.control import (
 from .acting.drive import Motion as Motion, Torque as Torque
 from .acting.load import Load as Load
 from .acting.motor import Motor as Motor
+from .acting import pid as _pid, resonant as _resonant  # noqa: F401  (LinearController.pid, .ppf and .irc)
 from .acting.sampled import LinearController as LinearController, Sampled as Sampled
 from .acting.shaping import Shaper as Shaper, input_shaper as input_shaper
 from .acting.voltage import Voltage as Voltage

@@ -345,9 +345,19 @@ class LinearLaw:
         limit: float,
         reference: Any,
         read: Callable[[float, _Array, _Array, _Array], _Array] | None,
+        u0: ArrayLike,
+        windup: ArrayLike,
     ) -> None: ...
     @property
     def reads(self) -> bool: ...
+
+class ComputedTorque:
+    def __init__(
+        self, arm: Arm, axes: Sequence[tuple[int, Any, float, float, float]], sags: bool, size: int = 0
+    ) -> None: ...
+    def __call__(self, t: float, q: ArrayLike, v: ArrayLike, a: Any = None) -> _Array: ...
+    def feed_forward(self, t: ArrayLike, inertia: bool) -> _Array: ...
+    def at_rest(self, t: ArrayLike) -> _Array: ...
 
 def simulate_ida(
     arm: Arm,

@@ -317,7 +317,10 @@ def test_friction_and_controller() -> None:
         (lambda: fa.PD("a", 1.0), "kp"),
         (lambda: fa.PD(np.nan, 1.0), "kp = nan: must be finite"),
         (lambda: fa.PD(1.0, 1.0, reference=np.nan), "reference = nan: must be finite"),
-        (lambda: fa.PD(1.0, 1.0, reference=fa.Motion([0, 1], [0, 1])), "reference: is of q alone"),
+        (
+            lambda: fa.PD(1.0, 1.0, reference=fa.Motion([0, 1], [0, 1]), reference_rate=1.0),
+            "reference_rate: the reference is a Motion",
+        ),
         (lambda: fa.StrainFeedback(1.0, 1.0, 1.0, strain="K9"), "strain = 'K9'"),
         (lambda: fa.Motor(1.0, np.nan), "gear_ratio = nan"),
         (lambda: fa.LinearController.pid(1.0, np.nan, 1.0, rate=10.0), "ki = nan"),

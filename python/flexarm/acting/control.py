@@ -21,6 +21,7 @@ from ..parts.chain import Chain
 from ..parts.joints import Prismatic
 from ..parts.link import Link
 from .drive import Motion, Torque
+from .following import along, check_motion, fitted, law_of, plus, scalar_law, scaled
 from .motor import Motor, finite, positive
 from .voltage import is_patch
 
@@ -75,6 +76,8 @@ class Controller:
 
     #: how many states of its own a continuous law integrates
     memory = 0
+    #: whether what its laws have of time depends on the arm
+    of_arm = False
     #: what files call it; "": they cannot hold it
     type: ClassVar[str] = ""
 
@@ -92,32 +95,21 @@ class Controller:
 
 
 class _JointLaw(Controller):
-    """u = k_p (r - q) - k_v dq/dt - k_s K at one freedom of a joint."""
+    """u = k_p (r - q) + k_v (r' - dq/dt) - k_s (K - K_s) at one freedom of a joint."""
 
     def __init__(
-        self, kp: float, kv: float, link: Any, freedom: int | None, reference: Any, limit: Any, motor: Motor | None
-    ) -> None:
+        self, kp: float, kv: float, link: Any, freedom: int | None, reference: Any, reference_rate: Any, limit: Any,
+        motor: Motor | None,
+    ) -> None:  # fmt: skip
         self.kp, self.kv = finite("kp", kp), finite("kv", kv)
         if freedom is None and isinstance(link, (tuple, list)):  # a list in a file
             link, freedom = link
         self.link, self.freedom = link, freedom
-        if isinstance(reference, Motion):
-            raise ValueError("reference: is of q alone: samples (t, r) or a callable t -> r, not a Motion")
-        if not isinstance(reference, Torque) and (
-            callable(reference) or not isinstance(reference, (list, tuple, np.ndarray))
-        ):
-            # a law of time like a torque's: samples, a callable, or a number
-            reference = Torque(reference if callable(reference) else finite("reference", reference))
-        elif not isinstance(reference, Torque):
-            try:
-                t, r = reference
-            except (TypeError, ValueError):
-                raise ValueError(
-                    f"reference = {reference!r}: must be a number, samples (t, r), or a callable t -> r"
-                ) from None
-            times = array("reference: t", t)
-            reference = Torque(times, array("reference: r", r, times.shape))
-        self.reference, self.motor, self.limit = reference, motor, limit_of(limit, motor)
+        if isinstance(reference, Motion) and reference_rate is not None:
+            raise ValueError("reference_rate: the reference is a Motion, which has its rate")
+        self.reference = reference if isinstance(reference, Motion) else scalar_law("reference", reference)
+        self.reference_rate = None if reference_rate is None else scalar_law("reference_rate", reference_rate)
+        self.motor, self.limit = motor, limit_of(limit, motor)
 
     def _rate(self, arm: Chain) -> int:
         return arm.joint_rate(self.link if self.freedom is None else (self.link, self.freedom), "link")
@@ -125,8 +117,16 @@ class _JointLaw(Controller):
     def _columns(self, arm: Chain) -> list[Array]:
         return [np.eye(arm.nv)[self._rate(arm)]]
 
-    def _strain(self, arm: Chain) -> Array:
-        return np.zeros(arm.nq)
+    def _offset(self, arm: Chain, i: int, times: Array) -> Torque:
+        """k_p r + k_v r', as a law of time."""
+        if isinstance(self.reference, Motion):
+            check_motion("reference", self.reference, times)
+            return along(self.reference, self.kp, self.kv)
+        self.reference.check_span("reference", times)
+        if self.reference_rate is None:
+            return scaled(self.reference, self.kp)
+        self.reference_rate.check_span("reference_rate", times)
+        return plus(scaled(self.reference, self.kp), scaled(self.reference_rate, self.kv))
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         i = self._rate(arm)
@@ -135,27 +135,22 @@ class _JointLaw(Controller):
             raise ValueError(
                 f"control of '{arm.coordinates[i]}': a ball has no angle to control; use three rotations (Axes)"
             )
-        self.reference.check_span("reference", run.times)
-        unit, by_q = np.eye(arm.nv)[i], self._strain(arm)
-        by_q[at] += self.kp
-        law = (gain_of(self.motor) * unit, by_q, self.kv * unit, _scaled(self.reference.law, self.kp), self.limit)
+        unit, by_q = np.eye(arm.nv)[i], np.zeros(arm.nq)
+        by_q[at] = self.kp
+        law = (gain_of(self.motor) * unit, by_q, self.kv * unit, self._offset(arm, i, run.times).law, self.limit)
         return [law, *braking_laws(arm, self.motor, [unit])], []
 
 
-def _scaled(law: Any, factor: float) -> Any:
-    if isinstance(law, _core.PiecewisePolynomial):
-        return _core.PiecewisePolynomial(law.breaks, factor * law.coefficients)
-    return lambda t: factor * array(f"reference at t = {t}", law(t), ()).item()
-
-
 class PD(_JointLaw):
-    """u = k_p (reference - q) - k_v dq/dt of one joint, continuous.
+    """u = k_p (reference - q) + k_v (reference_rate - dq/dt) of one joint, continuous.
 
     Args:
         kp, kv: gains, per rad (m) and per rad/s (m/s); of a torque (N m, N), or of the motor's current or voltage.
         link, freedom: which joint (-1 is the last), and which of its freedoms, where it has several; or
             link = (link, freedom).
-        reference: of q (rad, m): a number, samples (t, r) with straight lines between, or a callable t -> r.
+        reference: of q (rad, m): a number, samples (t, r) with straight lines between, a callable t -> r, or a Motion,
+            whose rate is then followed, too.
+        reference_rate: of dq/dt (rad/s, m/s), likewise; None: a Motion's own, else zero: kv brakes the motion itself.
         limit: u is kept within -limit .. limit; None: the motor's.
         motor: turns u into a torque; None: u is the torque.
     """
@@ -164,38 +159,86 @@ class PD(_JointLaw):
 
     def __init__(
         self, kp: float, kv: float, link: Any = -1, freedom: int | None = None, *, reference: Any = 0.0,
-        limit: float | None = None, motor: Motor | None = None,
+        reference_rate: Any = None, limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(kp, kv, link, freedom, reference, limit, motor)
+        super().__init__(kp, kv, link, freedom, reference, reference_rate, limit, motor)
 
 
 class StrainFeedback(_JointLaw):
-    """Eq. 97: u = k_p (reference - q) - k_v dq/dt - k_s K, with K a beam's curvature where a strain gauge sits.
+    """Eq. 97: u = k_p (reference - q) + k_v (reference_rate - dq/dt) - k_s (K - static), with K a beam's curvature
+    where a strain gauge sits. Without `static` or `washout` the strain that gravity leaves at rest pulls the joint off
+    its reference, by k_s K / k_p.
 
     Args:
-        kp, kv, link, freedom, reference, limit, motor: as of PD.
+        kp, kv, link, freedom, reference, reference_rate, limit, motor: as of PD.
         ks: gain per 1/m.
         x: where the gauge is on the beam (m).
         strain: which strain, as `Arm.strain` orders them: "K1", "K2", "K3", "phi12", "phi13" or
             "eps".
         beam: the link whose beam bears the gauge; None: the controlled joint's own.
+        static: what is subtracted from K: a number (1/m); or "equilibrium": what K is in static balance with gravity
+            where the reference is, payload of the arm included, `Load`s not.
+        pose: where the other joints are in that balance: q (nq,), of which elastic entries are not looked at; None:
+            zero.
+        washout: rad/s: instead of K, its part above this frequency is fed back, s / (s + washout) K: whatever rests,
+            of gravity, loads and payloads, is let go. Its state begins at zero. None: all of K.
     """
 
     type = "strain_feedback"
 
     def __init__(
         self, kp: float, kv: float, ks: float, link: Any = -1, freedom: int | None = None, *, x: float = 0.0,
-        strain: str = "K3", beam: int | None = None, reference: Any = 0.0, limit: float | None = None,
-        motor: Motor | None = None,
+        strain: str = "K3", beam: int | None = None, reference: Any = 0.0, reference_rate: Any = None,
+        static: float | str = 0.0, pose: ArrayLike | None = None, washout: float | None = None,
+        limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(kp, kv, link, freedom, reference, limit, motor)
+        super().__init__(kp, kv, link, freedom, reference, reference_rate, limit, motor)
         self.ks, self.x, self.beam = finite("ks", ks), finite("x", x), beam
         self.strain = choice("strain", strain, STRAIN_NAMES)
+        equilibrium = isinstance(static, str)
+        self.static = choice("static", static, ("equilibrium",)) if equilibrium else finite("static", static)
+        self.pose = pose if pose is None else array("pose", pose)
+        if self.pose is not None and not equilibrium:
+            raise ValueError('pose: is for static = "equilibrium"')
+        self.washout = None if washout is None else positive("washout", washout)
+        if self.washout is not None and static != 0.0:
+            raise ValueError(f"washout = {washout}: what it lets through has no static part; leave out static")
+        self.memory, self.of_arm = int(washout is not None), equilibrium
 
-    def _strain(self, arm: Chain) -> Array:
+    def _gauge(self, arm: Chain) -> Array:
+        """K by q, (nq,)."""
         beam = self.link if self.beam is None else self.beam
-        row: Array = self.ks * measured_rows(arm, [("strain", beam, self.x, self.strain)])[0][0]
+        row: Array = measured_rows(arm, [("strain", beam, self.x, self.strain)])[0][0]
         return row
+
+    def _offset(self, arm: Chain, i: int, times: Array) -> Torque:
+        law = super()._offset(arm, i, times)
+        if not isinstance(self.static, str):
+            return law if self.static == 0.0 else plus(law, Torque(self.ks * self.static))
+        pose = np.zeros(arm.nq) if self.pose is None else array("pose", self.pose, (arm.nq,))
+        followed = self.reference.law
+        if isinstance(self.reference, Torque) and not isinstance(followed, _core.PiecewisePolynomial):
+            followed = lambda t: (self.reference(t), 0.0, 0.0)  # noqa: E731
+        held = [(j, _core.PiecewisePolynomial([0.0, 1.0], [[pose[arm.coordinate_of(j)]]])) for j in all_joints(arm)]
+        axes = [(j, followed if j == i else place, 0.0, 0.0, np.inf) for j, place in held]
+        core = _core.ComputedTorque(arm._core, axes, True)
+        row, begin, end = self._gauge(arm), float(times[0]), float(times[-1])
+        if self.reference.constant:
+            return plus(law, Torque(self.ks * float(row @ core.at_rest([begin])[0])))
+        kinks = followed.breaks if isinstance(followed, _core.PiecewisePolynomial) else np.zeros(0)
+        rest = fitted(lambda t: self.ks * (core.at_rest(t) @ row)[:, None], begin, end, kinks)[0]
+        return plus(law, law_of(rest))
+
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+        (law, *others), _ = super()._laws(arm, run)
+        (column, by_q, by_v, offset, limit), row = law, self._gauge(arm)
+        by_q = by_q + self.ks * row
+        if self.washout is None:
+            return [(column, by_q, by_v, offset, limit), *others], []
+        state = np.eye(arm.nv + run.total)[arm.nv + run.first]
+        by_v = padded(by_v, arm.nv + run.total) - self.ks * state
+        filtered = (state, -self.washout * row, self.washout * state, None, np.inf)
+        return [(column, by_q, by_v, offset, limit), filtered, *others], []
 
 
 class StateFeedback(Controller):
@@ -237,6 +280,15 @@ class StateFeedback(Controller):
         return laws, []
 
 
+def all_joints(arm: Chain) -> list[int]:
+    """The rates of all joints' freedoms. ValueError for a ball's."""
+    rates = [i for k, link in enumerate(arm.links) if link.joint.nv for i in arm.joint_rates(k)]
+    for i in rates:
+        if arm.coordinate_of(i) < 0:
+            raise ValueError(f"'{arm.coordinates[i]}' is a ball's, which has no angle; use three rotations (Axes)")
+    return rates
+
+
 def force_columns(arm: Chain, actuate: Sequence[Any]) -> list[Array]:
     """A column of generalised forces (nv,) for each entry of `actuate`."""
     out = []
@@ -253,8 +305,11 @@ def force_columns(arm: Chain, actuate: Sequence[Any]) -> list[Array]:
     return out
 
 
-def measured_rows(arm: Chain, measure: Sequence[Any], first: int = 0) -> tuple[Array, Array]:
-    """by_q (ny, nq) and by_v (ny, nv) of measurements that are linear in the state: "joint", "rate", "strain"."""
+def measured_rows(arm: Chain, measure: Sequence[Any] | None, first: int = 0) -> tuple[Array, Array]:
+    """by_q (ny, nq) and by_v (ny, nv) of measurements that are linear in the state: "joint", "rate", "strain"; None:
+    the whole state."""
+    if measure is None:
+        return np.eye(arm.nq + arm.nv, arm.nq), np.eye(arm.nq + arm.nv, arm.nv, -arm.nq)
     by_q, by_v = [], []
     for k, entry in enumerate(measure, first):
         field = f"measure[{k}]"

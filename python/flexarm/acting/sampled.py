@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,8 +26,9 @@ from .control import (
     measured_rows,
     padded,
 )
-from .drive import Torque, sample_times
-from .motor import Motor, finite, positive
+from .drive import Motion, Torque, sample_times
+from .following import along, check_motion, plus, scaled
+from .motor import Motor, positive
 from .seen import Seen
 
 _MOST = 1e8  # samples of a run
@@ -44,6 +46,13 @@ def _sensor_reader(sensor: Any, arm: Chain, loads: Any, opened: list[Any]) -> _R
 def _row_reader(entry: Any, arm: Chain, k: int) -> _Reader:
     by_q, by_v = measured_rows(arm, [entry], k)
     return lambda t, q, v, a: np.asarray(by_q @ q + by_v @ v)
+
+
+def _entry(entry: Any) -> Any:
+    """An entry of `measure` or `actuate`; a file has lists for tuples."""
+    if isinstance(entry, (list, tuple)) and entry and isinstance(entry[0], str):
+        return tuple(tuple(x) if isinstance(x, list) else x for x in entry)
+    return entry
 
 
 class Asked:
@@ -110,8 +119,8 @@ class Sampled(Controller):
         self.law, self.rate, self.delay = law, positive("rate", rate), number("delay", delay)
         if not 0.0 <= self.delay < np.inf:
             raise ValueError(f"delay = {delay}: must be zero or positive, in seconds")
-        self.measure = None if measure is None else listed("measure", measure)
-        self.actuate = listed("actuate", actuate)
+        self.measure = None if measure is None else [_entry(e) for e in listed("measure", measure)]
+        self.actuate = [_entry(e) for e in listed("actuate", actuate)]
         self.motor, self.limit = motor, limit_of(limit, motor)
 
     def _reader(self, arm: Chain, loads: Any, opened: list[Any]) -> _Reader:
@@ -146,22 +155,26 @@ class Sampled(Controller):
         return braking_laws(arm, self.motor, units.T), laws
 
 
-class _Samples:
-    """A reference (ny,) of samples (t, r), linear in between."""
+def _columns_of(t: Any, r: Any, ny: int) -> list[Any]:
+    """Samples (t, r) of a reference, linear in between, as a law of time for each of its ny numbers."""
+    times, values = sample_times(array("reference: t", t)), array("reference: r", r)
+    if values.shape == times.shape:
+        values = np.repeat(values[:, None], ny, axis=1)
+    if values.shape != (times.size, ny):
+        raise ValueError(f"reference: r has shape {values.shape}: must be {times.size} numbers, one for each of t")
+    return [Torque(times, column) for column in values.T]
 
-    def __init__(self, t: Any, r: Any, ny: int) -> None:
-        self.t, self.r = sample_times(array("reference: t", t)), array("reference: r", r)
-        if self.r.shape == self.t.shape:
-            self.r = np.repeat(self.r[:, None], ny, axis=1)
-        if self.r.shape != (self.t.size, ny):
-            raise ValueError(f"reference: r has shape {self.r.shape}: must be {self.t.size} numbers, one for each of t")
 
-    def __call__(self, t: float) -> Array:
-        return np.array([np.interp(t, self.t, column) for column in self.r.T])
-
-    def along(self, by_e: Array) -> Torque:
-        """by_e r, as a law of time that is evaluated in C++."""
-        return Torque(self.t, self.r @ by_e)
+def _followed(motion: Motion, arm: Chain, measure: Any) -> list[Torque]:
+    """A motion as the reference of what is measured: q of joints, v of rates."""
+    kinds = [e[0] if isinstance(e, tuple) and len(e) == 2 else e for e in measure or ["the whole state"]]
+    for k, kind in enumerate(kinds):
+        if kind not in ("joint", "rate") or len(measured_rows(arm, [measure[k]])[0]) > 1:
+            raise ValueError(
+                f'reference: a Motion is for ("joint", link) and ("rate", link) of one freedom; measure[{k}] is '
+                f"{measure[k] if measure else kind!r}; give a callable t -> ({len(kinds)},)"
+            )
+    return [along(motion, float(kind == "joint"), float(kind == "rate")) for kind in kinds]
 
 
 def _no_law(t: float, y: Array) -> float:
@@ -169,28 +182,40 @@ def _no_law(t: float, y: Array) -> float:
 
 
 class LinearController(Sampled):
-    """A linear law with memory: PID, lead-lag, observers. Sampled, x+ = A x + B e, u = C x + D e; or continuous, with
-    x' = A x + B e, then its states are integrated together with the arm. e = reference - y; it begins with x = 0.
+    """A linear law with memory: PID, lead-lag, observers. Sampled, w = u0 + C x + D e and x+ = A x + B e; or
+    continuous, with x' = A x + B e, then its states are integrated together with the arm. e = reference - y; it begins
+    with x = 0; u is w, kept within the limit.
 
     Args:
         A, B, C, D: as `rate` asks for, or a python-control or SciPy system, or a tuple (A, B, C, D), as `A` alone: a
-            continuous one is discretised with `method` where there is a rate.
+            continuous one is discretised with `method` where there is a rate. An empty A, [], is of a law without
+            memory, u = u0 + D e.
         rate: samples a second (Hz); None: continuous.
-        measure: as of Sampled; sensors need a rate.
+        measure: as of Sampled, None: the whole state [q; v]; sensors need a rate.
         actuate, limit, motor: as of Sampled. delay: needs a rate.
-        reference: of y: a number, an array (ny,), samples (t, r) with straight lines between, or a callable t -> (ny,).
+        reference: of y: a number, an array (ny,), samples (t, r) with straight lines between, a callable t -> (ny,), or
+            a Motion, which gives q to ("joint", link) and v to ("rate", link).
         method: of SciPy's cont2discrete: "bilinear" (Tustin), "zoh", ...
+        u0: what is always added (nu,), such as what holds the arm against gravity; None: zero.
+        anti_windup: W (nx, nu), given as A and B are, for x+ (or x') = A x + B e + W (u - w): what a limit does to the
+            states (Astrom & Hagglund, Advanced PID Control, 2006, ch. 3.5; Astrom & Wittenmark, Computer-Controlled
+            Systems, 1997, ch. 9.4). An observer's is the B of its model, which then sees the force that is applied; of
+            an integral see `LinearController.pid`. None: zero, the states wind up at a limit.
 
     It runs in C++ unless it reads sensors or a callable.
     """
 
-    #: see PID
-    pid: ClassVar[type[PID]]
+    type = "linear"
+    #: see PID, PPF and IRC
+    pid: ClassVar[Any]
+    ppf: ClassVar[Any]
+    irc: ClassVar[Any]
 
     def __init__(
         self, A: Any, B: ArrayLike | None = None, C: ArrayLike | None = None, D: ArrayLike | None = None, *,
-        rate: float | None = None, measure: Sequence[Any], actuate: Sequence[Any] = (-1,), reference: Any = 0.0,
-        delay: float = 0.0, limit: float | None = None, motor: Motor | None = None, method: str = "bilinear",
+        rate: float | None = None, measure: Sequence[Any] | None = None, actuate: Sequence[Any] = (-1,),
+        reference: Any = 0.0, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
+        method: str = "bilinear", u0: ArrayLike | None = None, anti_windup: ArrayLike | None = None,
     ) -> None:  # fmt: skip
         super().__init__(
             _no_law, 1.0 if rate is None else rate, measure, actuate, delay=delay, limit=limit, motor=motor
@@ -198,24 +223,40 @@ class LinearController(Sampled):
         self.continuous = rate is None
         if self.continuous and delay:
             raise ValueError(f"delay = {delay}: needs a rate; a continuous law has none")
-        if self.continuous and any(hasattr(e, "sampler") for e in measure):
+        if self.continuous and any(hasattr(e, "sampler") for e in measure or []):
             raise ValueError("measure: sensors are sampled; give a rate, or measure joints, rates and strains")
-        self.reference = reference
-        self.A, self.B, self.C, self.D = _matrices(A, B, C, D, None if rate is None else 1.0 / self.rate, method)
+        self.reference, self.method = reference, method
+        self.A, self.B, self.C, self.D, self.anti_windup = _matrices(
+            A, B, C, D, None if rate is None else 1.0 / self.rate, method, anti_windup
+        )
+        nu = self.C.shape[0]
+        self.u0 = np.zeros(nu) if u0 is None else array("u0", np.atleast_1d(array("u0", u0)), (nu,))
         self.memory = self.A.shape[0] if self.continuous else 0
+
+    def _arguments(self) -> dict[str, Any]:
+        given = super()._arguments()
+        return {**given, "rate": None if self.continuous else self.rate} if "rate" in given else given
 
     def _linear_rows(self, arm: Chain) -> tuple[Array, Array]:
         """y by q and by v, of the arm."""
-        by_q, by_v = measured_rows(arm, self.measure or [])
+        by_q, by_v = measured_rows(arm, self.measure)
         if len(by_q) != self.B.shape[1]:
             raise ValueError(f"measure: gives {len(by_q)} numbers; B has {self.B.shape[1]} columns")
         return by_q, by_v
 
-    def _given(self) -> Any:
-        """The reference: an array (ny,), or a callable t -> (ny,)."""
+    def _given(self, arm: Chain, times: Array) -> Any:
+        """The reference: an array (ny,), a list of ny laws of time, or a callable t -> (ny,)."""
         ny, reference = self.B.shape[1], self.reference
+        if isinstance(reference, Motion):
+            check_motion("reference", reference, times)
+            laws = _followed(reference, arm, self.measure)
+            if all(isinstance(law.law, _core.PiecewisePolynomial) for law in laws):
+                return laws
+            return lambda t: np.array([law(t) for law in laws])
         if is_samples(reference):
-            return _Samples(reference[0], reference[1], ny)
+            laws = _columns_of(reference[0], reference[1], ny)
+            laws[0].check_span("reference", times)
+            return laws
         if callable(reference):
             return lambda t: np.broadcast_to(array(f"reference at t = {t}", reference(t)), (ny,))
         given = array("reference", reference)
@@ -237,11 +278,9 @@ class LinearController(Sampled):
             rows = np.pad(by_q, ((0, 0), (0, extra))), np.pad(by_v, ((0, 0), (0, extra)))
         matrices = (self.A, self.B, self.C, self.D, np.pad(columns, ((0, extra), (0, 0))))
         read = self._reader(arm, run.loads, opened) if sensed else None
-        given = self._given()
-        if isinstance(given, _Samples):
-            given.along(np.ones(given.r.shape[1])).check_span("reference", run.times)
-        law = (lambda t: given(t)) if callable(given) else given
-        return _core.LinearLaw(*matrices, *rows, self.limit, law, read)
+        given = self._given(arm, run.times)
+        law = [one.law for one in given] if isinstance(given, list) else given
+        return _core.LinearLaw(*matrices, *rows, self.limit, law, read, self.u0, self.anti_windup)
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         if not self.continuous:
@@ -249,71 +288,29 @@ class LinearController(Sampled):
         units = np.array(force_columns(arm, self.actuate)).T
         self._check_outputs(units.shape[1])
         by_q, by_v = self._linear_rows(arm)
-        given, n = self._given(), self.A.shape[0]
+        given, n = self._given(arm, run.times), self.A.shape[0]
         states = np.eye(arm.nv + run.total)[arm.nv + run.first :][:n]
 
-        def law(column: Array, by_x: Array, by_e: Array, limit: float) -> Feedback:
-            """by_x x + by_e (reference - y), as -(by_q q + by_v v) and an offset."""
+        def offset(by_e: Array, constant: float) -> Any:
+            if isinstance(given, list):
+                parts = [scaled(law, float(c)) for law, c in zip(given, by_e, strict=True)]
+                return reduce(plus, parts, Torque(constant)).law
+            return (lambda t: constant + float(by_e @ given(t))) if callable(given) else Torque(
+                constant + float(by_e @ given)
+            ).law  # fmt: skip
+
+        def law(column: Array, by_x: Array, by_e: Array, constant: float, limit: float) -> Feedback:
+            """constant + by_x x + by_e (reference - y), as -(by_q q + by_v v) and an offset."""
             rates = padded(by_e @ by_v, arm.nv + run.total) - by_x @ states
-            if isinstance(given, _Samples):
-                along = given.along(by_e)
-                along.check_span("reference", run.times)
-                offset: Any = along.law
-            else:
-                offset = (lambda t: float(by_e @ given(t))) if callable(given) else Torque(float(by_e @ given)).law
-            return column, by_e @ by_q, rates, offset, limit
+            return column, by_e @ by_q, rates, offset(by_e, float(constant)), limit
 
-        gain = gain_of(self.motor)
-        outputs = [law(gain * u, c, d, self.limit) for u, c, d in zip(units.T, self.C, self.D, strict=True)]
-        inside = [law(x, a, b, np.inf) for x, a, b in zip(states, self.A, self.B, strict=True)]
+        # x' = (A - W C) x + (B - W D) e - W u0 + W u, with u within its limit
+        W = self.anti_windup if np.isfinite(self.limit) else 0.0 * self.anti_windup
+        A, B, x0, gain = self.A - W @ self.C, self.B - W @ self.D, -W @ self.u0, gain_of(self.motor)
+        outputs = [law(padded(gain * u, arm.nv + run.total) + w @ states, c, d, constant, self.limit)
+                   for u, w, c, d, constant in zip(units.T, W.T, self.C, self.D, self.u0, strict=True)]  # fmt: skip
+        inside = [law(x, a, b, constant, np.inf) for x, a, b, constant in zip(states, A, B, x0, strict=True)]
         return [*outputs, *inside, *braking_laws(arm, self.motor, units.T)], []
-
-
-class PID(LinearController):
-    """PID on a joint's angle: u = kp e + ki int e dt + kd de/dt, with e = reference - q. Sampled by Tustin's rule, or,
-    without a rate, continuous.
-
-    Args:
-        kp, ki, kd: gains, per rad (m), per rad s and per rad/s; of a torque (N m, N), or of the motor's current or
-            voltage.
-        link: which joint, or (link, freedom).
-        rate: samples a second (Hz); None: continuous.
-        reference: of q (rad, m): a number, samples (t, r) with straight lines between, or a callable t -> r.
-        filter_time: of the low pass ahead of the derivative (s); None: two samples.
-        delay: from a sample to its force (s); needs a rate.
-        limit: u is kept within -limit .. limit; None: the motor's.
-        motor: turns u into a torque; None: u is the torque.
-    """
-
-    type = "pid"
-
-    def __init__(
-        self, kp: float, ki: float, kd: float, link: Any = -1, *, rate: float | None = None, reference: Any = 0.0,
-        filter_time: float | None = None, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
-    ) -> None:  # fmt: skip
-        link = tuple(link) if isinstance(link, list) else link  # (link, freedom) in a file
-        self._given_as = {"kp": kp, "ki": ki, "kd": kd, "link": link, "rate": rate, "reference": reference,
-                          "filter_time": filter_time, "delay": delay, "limit": limit, "motor": motor}  # fmt: skip
-        if rate is None and filter_time is None:
-            raise ValueError(
-                "filter_time = None: a continuous PID needs the time constant of its derivative's low pass"
-            )
-        tf = 2.0 / positive("rate", rate) if filter_time is None else positive("filter_time", filter_time)
-        # states: integral of e; low-passed e
-        A = np.array([[0.0, 0.0], [0.0, -1.0 / tf]])
-        B = np.array([[1.0], [1.0 / tf]])
-        C = np.array([[finite("ki", ki), -finite("kd", kd) / tf]])
-        D = np.array([[finite("kp", kp) + kd / tf]])
-        super().__init__(
-            (A, B, C, D), rate=rate, measure=[("joint", link)], actuate=[link], reference=reference, delay=delay,
-            limit=limit, motor=motor,
-        )  # fmt: skip
-
-    def _arguments(self) -> dict[str, Any]:
-        return self._given_as
-
-
-LinearController.pid = PID
 
 
 def is_samples(reference: Any) -> bool:
@@ -322,8 +319,13 @@ def is_samples(reference: Any) -> bool:
     return pair and all(isinstance(x, (tuple, list, np.ndarray)) for x in reference)
 
 
-def _matrices(A: Any, B: Any, C: Any, D: Any, dt: float | None, method: str) -> tuple[Array, Array, Array, Array]:
-    """A, B, C, D sampled every dt, or, where that is None, continuous."""
+def _matrices(
+    A: Any, B: Any, C: Any, D: Any, dt: float | None, method: str, windup: Any
+) -> tuple[Array, Array, Array, Array, Array]:
+    """A, B, C, D and what a limit does to the states, sampled every dt, or, where that is None, continuous."""
+    if (isinstance(A, np.ndarray) and A.size == 0) or (isinstance(A, list) and A in ([], [[]])):
+        d = np.atleast_2d(array("D", D))  # of a law without memory, which is D alone
+        A, B, C, D = np.zeros((0, 0)), np.zeros((0, d.shape[1])), np.zeros((d.shape[0], 0)), d
     continuous = B is None
     if continuous:
         if isinstance(A, tuple):
@@ -342,8 +344,15 @@ def _matrices(A: Any, B: Any, C: Any, D: Any, dt: float | None, method: str) -> 
     n = a.shape[0]
     if a.shape != (n, n) or b.shape[0] != n or c.shape[1] != n or d.shape != (c.shape[0], b.shape[1]):
         raise ValueError(f"A {a.shape}, B {b.shape}, C {c.shape}, D {d.shape}: do not fit together")
-    if continuous and dt is not None:
+    size = (n, c.shape[0])
+    w = np.zeros(size) if windup is None or n == 0 else array("anti_windup", windup)
+    if w.shape != size:
+        raise ValueError(f"anti_windup has shape {w.shape}: must be {size}, states by outputs")
+    if continuous and dt is not None and n:
         from scipy.signal import cont2discrete  # slow to import
 
-        a, b, c, d, _ = cont2discrete((a, b, c, d), dt, method=method)
-    return a, b, c, d
+        ny = b.shape[1]
+        both = (a, np.hstack([b, w]), c, np.hstack([d, np.zeros((c.shape[0], w.shape[1]))]))
+        a, bw, c, d, _ = cont2discrete(both, dt, method=method)
+        b, w, d = bw[:, :ny], bw[:, ny:], d[:, :ny]
+    return a, b, c, d, w

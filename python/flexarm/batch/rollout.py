@@ -211,8 +211,8 @@ def rollout(
         step: length of a step (s). nstep: how many; None: as many as tau has.
         integrator: "implicit" or "rk4"; see `simulate`. Dry friction of joints needs "implicit".
         every: steps between two rows of the result.
-        control: continuous controllers (PD, StrainFeedback, StateFeedback) alike for all scenarios: one, or a list of
-            them; or a list of B such lists.
+        control: continuous controllers (PD, StrainFeedback, StateFeedback, FeedForward) alike for all scenarios: one,
+            or a list of them; or a list of B such lists.
         motion: prescribed motions by link or (link, freedom): a Motion, or values (q, v, a) at half steps,
             (2 nstep + 1, 3) or (B, 2 nstep + 1, 3). They take the place of q0 and v0 there.
         workers: threads; None: one for each core.

@@ -14,6 +14,7 @@ import flexarm._core as _core
 from .._check import Array, array, number, whole
 from ..acting.control import control_laws
 from ..acting.drive import Motion
+from ..acting.following import kinks_of
 from ..acting.load import Load
 from ..arm import Arm
 from ..run.pulses import tell_missed
@@ -127,7 +128,7 @@ def breaks_of(law: Any) -> Array:
     if isinstance(law, Load):
         return np.zeros(0) if law.constant or not isinstance(law.law, tuple) else law.law[0].breaks
     if isinstance(law, _core.PiecewisePolynomial):
-        return np.zeros(0) if law.coefficients.shape == (1, 1) else law.breaks
+        return np.zeros(0) if law.coefficients.shape == (1, 1) else kinks_of(law)
     return np.zeros(0)
 
 
@@ -159,7 +160,7 @@ def feedback_tables(
         return []
     count = max(len(arms), len(controls))
     made: dict[tuple[int, int], list[list[Array]]] = {}
-    references: dict[int, list[Array]] = {}  # of each controller, whatever the arm
+    references: dict[Any, list[Array]] = {}  # of each control, whatever the arm, where it may be
     found = []
     for i in range(count):
         arm, control = arms[i % len(arms)], controls[i % len(controls)]
@@ -173,17 +174,21 @@ def feedback_tables(
 
 
 def _law_tables(
-    arm: Arm, control: Any, schedule: Schedule, prescribed: list[int], references: dict[int, list[Array]]
+    arm: Arm, control: Any, schedule: Schedule, prescribed: list[int], references: dict[Any, list[Array]]
 ) -> list[list[Array]]:
     feedback, samplers, memory = control_laws(arm, control, schedule.ends, (), prescribed)
     if samplers or memory:
-        raise ValueError("control: must be continuous and without memory (PD, StrainFeedback, StateFeedback)")
-    if id(control) not in references:
+        raise ValueError(
+            "control: must be continuous and without memory (PD, StrainFeedback, StateFeedback, FeedForward)"
+        )
+    all_of = control if isinstance(control, (list, tuple)) else [control]
+    key = (id(control), id(arm) if any(c.of_arm for c in all_of) else 0)
+    if key not in references:
         laws = [law for *_, law, _ in feedback]
-        references[id(control)] = [
+        references[key] = [
             np.zeros((1, 1)) if law is None else sampled("reference", law, schedule.halves, 1) for law in laws
         ]
     return [
         [column[None], by_q[None], by_v[None], reference, np.array([[limit]])]
-        for (column, by_q, by_v, _, limit), reference in zip(feedback, references[id(control)], strict=True)
+        for (column, by_q, by_v, _, limit), reference in zip(feedback, references[key], strict=True)
     ]

@@ -29,6 +29,7 @@ class Samples(NamedTuple):
 
     columns: tuple[str, ...]
     make: Any  #: what takes the columns as arguments; None: a pair of them is what is meant
+    moves: bool = False  #: whether it may be a motion, samples of q or a spin-up, or a list
 
 
 #: Arguments that are laws of time, by name.
@@ -36,7 +37,8 @@ SAMPLES = {
     "motion": Samples(("t", "q", "v", "a"), Motion),
     "torque": Samples(("t", "tau"), Torque),
     "voltage": Samples(("t", "V"), Voltage),
-    "reference": Samples(("t", "r"), None),
+    "reference": Samples(("t", "r"), None, moves=True),
+    "reference_rate": Samples(("t", "r"), None),
 }
 
 

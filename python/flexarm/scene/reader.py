@@ -8,6 +8,7 @@ from typing import Any
 
 from .._check import array, choice, known_keys, number
 from ..acting.control import control_laws
+from ..acting.drive import Motion, SpinUp
 from ..arm import METHODS, Arm
 from ..parts.arguments import arguments
 from ..parts.tables import read, read_file
@@ -18,11 +19,20 @@ from .samples import Files, samples
 
 def _law(files: Files, law: Samples, where: str, value: Any) -> Any:
     """A law of time: a number, where it can be one, or samples."""
+    if law.moves and isinstance(value, (list, tuple)) and any(isinstance(x, Mapping) for x in value):
+        return [_law(files, law, f"{where}[{k}]", x) for k, x in enumerate(value)]
+    if law.moves and isinstance(value, Mapping) and "spin_up" in value:
+        known_keys(where, value, ("spin_up",))
+        return Motion(read(f"{where}.spin_up", SpinUp, value["spin_up"]))
     if not isinstance(value, Mapping) and law.make is None:
         return value
     if not isinstance(value, Mapping) and len(law.columns) == 2:
         return law.make(number(where, value))
-    found = samples(where, value, law.columns, files)
+    motion = SAMPLES["motion"].columns
+    found = samples(where, value, (*law.columns, *motion[1:]) if law.moves else law.columns, files)
+    if law.moves and "r" not in found and "q" in found:
+        return read(where, Motion, found)
+    known_keys(where, found, law.columns)
     if law.make is not None:
         return read(where, law.make, found)
     missing = [k for k in law.columns if k not in found]

@@ -87,11 +87,17 @@ def _default(argument: Argument) -> str:
     return f"{value:.6g}" if isinstance(value, (int, float)) else f'"{value}"' if isinstance(value, str) else ""
 
 
+def _names(columns: Sequence[str]) -> str:
+    return ", ".join(f"`{c}`" for c in columns)
+
+
 def _takes(argument: Argument, groups: _Groups) -> str:
     """What stands behind a key."""
     if argument.name in SAMPLES:
-        columns = SAMPLES[argument.name].columns
-        return ("number, or " if len(columns) == 2 else "") + "samples " + ", ".join(f"`{c}`" for c in columns)
+        law = SAMPLES[argument.name]
+        text = ("number, or " if len(law.columns) == 2 else "") + "samples " + _names(law.columns)
+        motion = f"; or a motion: samples {_names(SAMPLES['motion'].columns)}, or `spin_up`" if law.moves else ""
+        return text + motion
     if argument.parts:
         group = _home(argument.parts, groups)
         title = _title(group, groups[group])

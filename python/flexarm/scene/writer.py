@@ -92,6 +92,13 @@ class _Laws:
         found = (times, *np.array([law(float(x)) for x in times]).T)
         return {"motion": dict(zip(SAMPLES["motion"].columns, found, strict=True))}
 
+    def followed(self, where: str, reference: Any) -> Any:
+        """A motion as a reference; a number as it is."""
+        if not isinstance(reference, Motion):
+            return reference
+        table = self.motion(where, reference)
+        return table.get("motion", table)
+
     def drive(self, where: str, key: Any, law: Any) -> dict[str, Any]:
         if is_patch(key):
             return {"link": key[1], "patch": key[2], "voltage": self.scalar(where, "voltage", law)}
@@ -116,6 +123,10 @@ class _Laws:
         for name, value in law._arguments().items():
             if isinstance(value, Scalar):
                 value = self.scalar(f"{where}.{name}", name, value)
+            elif isinstance(value, Motion):
+                value = self.followed(f"{where}.{name}", value)
+            elif isinstance(value, (list, tuple)) and any(isinstance(x, Motion) for x in value):
+                value = [self.followed(f"{where}.{name}[{k}]", x) for k, x in enumerate(value)]
             elif name in SAMPLES and is_samples(value):
                 value = dict(zip(SAMPLES[name].columns, value, strict=True))
             elif callable(value):
@@ -124,7 +135,7 @@ class _Laws:
                 # a file's list is a column of forces, as is what (link, freedom) and patches stand for
                 columns = zip(value, law._columns(self.arm), strict=True)
                 value = [column if isinstance(entry, tuple) else entry for entry, column in columns]
-            elif value is not None and name == "limit" and not np.isfinite(value):
+            elif value is not None and name == "limit" and not np.isfinite(value).all():
                 value = None
             out[name] = value
         return out

@@ -44,13 +44,15 @@ struct Sampler {
       law;
 };
 
-/// A sampled linear law with memory: e = reference(t) - y, u = C x + D e within -limit .. limit, x+ = A x + B e; its
-/// force is columns * u. y is read by `read`, or is by_q q + by_v v.
+/// A sampled linear law with memory: e = reference(t) - y, w = u0 + C x + D e, u is w within -limit .. limit, x+ = A x
+/// + B e + windup (u - w); its force is columns * u. y is read by `read`, or is by_q q + by_v v.
 struct LinearLaw {
   Eigen::MatrixXd A, B, C, D, columns, by_q, by_v;
   double limit;
   std::function<Eigen::VectorXd(double)> reference;
   std::function<Eigen::VectorXd(double, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&)> read;
+  Eigen::VectorXd u0 = Eigen::VectorXd::Zero(C.rows());
+  Eigen::MatrixXd windup = Eigen::MatrixXd::Zero(A.rows(), C.rows());  ///< what a limit does to the states
   Eigen::VectorXd x = Eigen::VectorXd::Zero(A.rows());
 
   /// @throws std::invalid_argument where the sizes of e and B do not fit, or u is not finite

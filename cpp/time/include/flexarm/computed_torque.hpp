@@ -1,0 +1,58 @@
+// Computed torque: the inverse dynamics of the arm as if it were rigid, at its joints.
+// J. Y. S. Luh, M. W. Walker, R. P. C. Paul, "Resolved-acceleration control of mechanical manipulators", IEEE Trans.
+// Automatic Control 25 (1980), 468-474; J. J. Craig, Introduction to Robotics, ch. 10.
+#pragma once
+
+#include <Eigen/LU>
+#include <functional>
+#include <limits>
+#include <vector>
+
+#include "flexarm/derivatives.hpp"
+#include "flexarm/drive.hpp"
+
+namespace flexarm {
+
+/// Forces at the joints, M_j(q) a + h_j(q, v), of the arm with its elastic coordinates at rest: in static balance with
+/// gravity at these joint positions, or at zero. Joint springs, stops and viscous friction are in them, dry friction
+/// and loads are not. The calls allocate nothing, one object per thread.
+class ComputedTorque {
+ public:
+  /// One freedom of a joint. All freedoms of all joints need one, none of them a ball's.
+  struct Axis {
+    int rate;                                      ///< which of the arm's rates
+    std::function<MotionValue(double)> reference;  ///< of time (s)
+    double kp = 0.0, kv = 0.0;                     ///< 1/s^2, 1/s
+    double limit = std::numeric_limits<double>::infinity();
+  };
+  /// @param sags  whether the elastic coordinates are in static balance, else zero
+  /// @throws std::invalid_argument naming what does not fit
+  ComputedTorque(const Arm& arm, std::vector<Axis> axes, bool sags = true);
+
+  /// Feedback linearisation, into tau (nv): a = r'' + kv (r' - v) + kp (r - q) of the joints, at their q (nq) and v
+  /// (nv); elastic entries are not looked at. Each force is kept within its limit.
+  /// @return Status::not_converged where no static balance was found, Status::not_finite; tau is then not to be used
+  Status operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
+  /// Feed-forward, into tau: forces of the reference alone; without `inertia` of rest where it is now.
+  Status feed_forward(double t, bool inertia = true);
+
+  Eigen::VectorXd tau;  ///< result, zero on elastic coordinates
+  /// Where the last call looked at the arm: its joints, and the elastic coordinates at rest there (nq).
+  const Eigen::VectorXd& q() const { return q_; }
+  const Arm& arm() const { return *arm_; }
+
+ private:
+  Status forces();
+
+  const Arm* arm_;
+  std::vector<Axis> axes_;
+  std::vector<int> elastic_;
+  Workspace ws_;
+  InverseDerivatives slopes_;
+  Eigen::VectorXd q_, v_, a_, none_, left_, step_;
+  Eigen::MatrixXd K_;
+  Eigen::PartialPivLU<Eigen::MatrixXd> factor_;
+  bool sags_, factored_ = false;
+};
+
+}  // namespace flexarm

@@ -1,0 +1,155 @@
+"""Control by the arm's own dynamics: feed-forward of a motion, and computed torque."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+
+import flexarm._core as _core
+
+from .._check import Array, array, choice
+from ..parts.chain import Chain
+from .control import Controller, Feedback, Run, SampledLaw, all_joints
+from .drive import Motion
+from .following import Fitted, check_motion, fitted, kinks_of, motions_of
+from .motor import finite, positive
+
+ELASTIC = ("static", "zero")
+
+
+def _motions(arm: Chain, reference: Any, rates: Sequence[int], times: Array, inertia: bool = True) -> list[Motion]:
+    names = [arm.coordinates[i] for i in rates]
+    out = motions_of(reference, names)
+    for name, motion in zip(names, out, strict=True):
+        check_motion(f"reference of '{name}'", motion, times, smooth=inertia)
+    return out
+
+
+def per_joint(field: str, value: Any, count: int) -> Array:
+    found = array(field, value)
+    if found.shape not in ((), (count,)):
+        raise ValueError(f"{field} has shape {found.shape}: must be one number, or {count}, one for each freedom")
+    return np.broadcast_to(found, (count,))
+
+
+class FeedForward(Controller):
+    """The forces that a motion of the joints takes, ahead of any error: M(q) q'' + h(q, q') at the reference, of the
+    arm with its elastic coordinates at rest. Give it beside what holds the joints, `control=[fa.PD(...), ...,
+    fa.FeedForward(...)]`: their forces add up.
+
+    Joint springs and viscous friction are in them; dry friction and loads are not. They are computed once for a run, in
+    pieces of polynomials, and evaluated in C++ by every integrator and in batches.
+
+    Args:
+        reference: of each freedom of the joints, from the base to the tip: a Motion, or a number (rad, m), which takes
+            what gravity and springs ask for there; one alone where there is one.
+        inertia: False: gravity and springs alone, along the reference.
+        elastic: "static": the beams sag in static balance with gravity where the reference is; "zero": their elastic
+            coordinates are zero.
+
+    Raises:
+        ValueError: (in a run) a reference that jumps, that does not cover the run, or that is not one for each freedom;
+            no static balance.
+    """
+
+    type = "feed_forward"
+    of_arm = True
+
+    def __init__(self, reference: Any, *, inertia: bool = True, elastic: str = "static") -> None:
+        self.reference, self.inertia, self.elastic = reference, bool(inertia), choice("elastic", elastic, ELASTIC)
+
+    def _columns(self, arm: Chain) -> list[Array]:
+        return [np.eye(arm.nv)[i] for i in all_joints(arm)]
+
+    def forces(self, arm: Chain, t: Any) -> Array:
+        """Its forces at times t (n,), (n, nv)."""
+        times = np.atleast_1d(array("t", t))
+        rates = all_joints(arm)
+        motions = _motions(arm, self.reference, rates, times, self.inertia)
+        out: Array = self._core(arm, rates, motions).feed_forward(times, self.inertia)
+        return out
+
+    def _core(self, arm: Chain, rates: Sequence[int], motions: Sequence[Motion]) -> Any:
+        axes = [(i, m.law, 0.0, 0.0, np.inf) for i, m in zip(rates, motions, strict=True)]
+        return _core.ComputedTorque(arm._core, axes, self.elastic == "static")
+
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+        rates = all_joints(arm)
+        motions = _motions(arm, self.reference, rates, run.times, self.inertia)
+        core = self._core(arm, rates, motions)
+        sampled = [m.law for m in motions if isinstance(m.law, _core.PiecewisePolynomial) and not m.constant]
+        kinks = [kinks_of(law) for law in sampled]
+        laws: list[Fitted] = fitted(
+            lambda t: cast(Array, core.feed_forward(t, self.inertia)[:, rates]), float(run.times[0]),
+            float(run.times[-1]), np.concatenate([np.zeros(0), *kinks]),
+        )  # fmt: skip
+        none = np.zeros(arm.nq), np.zeros(arm.nv)
+        return [(np.eye(arm.nv)[i], *none, law, np.inf) for i, law in zip(rates, laws, strict=True)], []
+
+
+class ComputedTorque(Controller):
+    """Computed torque (Luh, Walker & Paul, IEEE Trans. Automatic Control 25, 1980; inverse dynamics control), sampled,
+    in C++: tau = M(q) (r'' + kv (r' - v) + kp (r - q)) + h(q, v) at the joints, of the arm with its elastic coordinates
+    at rest. A rigid arm without limits then has s² + kv s + kp at every joint and place. What bends is not in the law:
+    keep sqrt(kp) below a third of the lowest frequency with the joints held.
+
+    Args:
+        kp, kv: 1/s² and 1/s, a number, or one for each freedom of the joints; kv = None: 2 sqrt(kp), no overshoot.
+        reference: as of FeedForward.
+        rate: samples a second (Hz).
+        delay: from a sample to its force (s).
+        elastic: as of FeedForward; where the joints are measured to be.
+        limit: of each |force| (N, N m): a number, or one for each freedom; None: none.
+
+    Raises:
+        ValueError: as of FeedForward.
+    """
+
+    type = "computed_torque"
+
+    def __init__(
+        self, kp: Any, kv: Any = None, *, reference: Any, rate: float, delay: float = 0.0, elastic: str = "static",
+        limit: Any = None,
+    ) -> None:  # fmt: skip
+        self.kp = array("kp", kp)
+        if not (self.kp >= 0.0).all():
+            raise ValueError(f"kp = {kp!r}: must not be negative (1/s²)")
+        self.kv = 2.0 * np.sqrt(self.kp) if kv is None else array("kv", kv)
+        for name in ("kp", "kv"):
+            if getattr(self, name).ndim > 1:
+                raise ValueError(f"{name} = {locals()[name]!r}: must be one number, or one for each joint's freedom")
+        self.reference, self.rate, self.delay = reference, positive("rate", rate), finite("delay", delay)
+        if self.delay < 0.0:
+            raise ValueError(f"delay = {delay}: must be zero or positive, in seconds")
+        self.elastic = choice("elastic", elastic, ELASTIC)
+        self.limit = None if limit is None else array("limit", limit)
+        if self.limit is not None and not (self.limit > 0.0).all():
+            raise ValueError(f"limit = {limit!r}: must be positive")
+
+    def _columns(self, arm: Chain) -> list[Array]:
+        return [np.eye(arm.nv)[i] for i in all_joints(arm)]
+
+    def law(self, arm: Chain, times: Any = (0.0, 1.0)) -> Any:
+        """The law of one arm: a callable (t, q, v) -> forces (nv,), with nothing held nor delayed.
+
+        Args:
+            times: that the references must cover.
+        """
+        return self._law(arm, array("times", times), 0)
+
+    def _law(self, arm: Chain, times: Array, size: int) -> Any:
+        rates = all_joints(arm)
+        motions, n = _motions(arm, self.reference, rates, times), len(rates)
+        gains = (per_joint(name, getattr(self, name), n).tolist() for name in ("kp", "kv"))
+        limits = np.full(n, np.inf) if self.limit is None else per_joint("limit", self.limit, n)
+        axes = [(i, m.law, *rest) for i, m, *rest in zip(rates, motions, *gains, limits.tolist(), strict=True)]
+        return _core.ComputedTorque(arm._core, axes, self.elastic == "static", size)
+
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+        span = float(run.times[-1] - run.times[0])
+        if self.rate * span > 1e8:
+            raise ValueError(f"rate = {self.rate}: asks for {self.rate * span:.3g} samples in {span} s; at most 1e8")
+        law = self._law(arm, run.times, arm.nv + run.total)
+        return [], [(float(run.times[0]), 1.0 / self.rate, self.delay, law)]

@@ -1,0 +1,108 @@
+"""Controllers that damp modes by what a gauge or a patch measures of them: positive position feedback, integral
+resonant control."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .motor import Motor, finite, positive
+from .sampled import LinearController
+
+
+class _Resonant(LinearController):
+    """What both share: one measurement, one force, and no reference but zero."""
+
+    _given_as: dict[str, Any]
+
+    def _arguments(self) -> dict[str, Any]:
+        return {**self._given_as, "measure": self.measure, "actuate": self.actuate}
+
+    def _make(self, system: tuple[Any, ...], reference: float, **given: Any) -> None:
+        for name in ("measure", "actuate"):
+            if not isinstance(given[name], (list, tuple)) or len(given[name]) != 1:
+                raise ValueError(f"{name} = {given[name]!r}: must be a list of one entry")
+        LinearController.__init__(self, system, reference=reference, **given)
+
+
+class PPF(_Resonant):
+    """Positive position feedback: u = gain w² / (s² + 2 zeta w s + w²) (y - reference), added with its own sign (Fanson
+    & Caughey, AIAA Journal 28, 1990). One for each mode; several add up.
+
+    Where y is collocated with u (the strain or voltage of a patch beside the one that acts, a joint's angle and its
+    torque) it is stable, whatever the modes, as long as gain times the static y by u is below 1. `fa.ppf` chooses that.
+
+    Args:
+        frequency: w of the filter (rad/s), near the mode's.
+        damping_ratio: zeta of the filter; 0.3 to 0.7 are usual.
+        gain: u per unit of y; its sign is that of the static y by u.
+        measure: a list of one entry, as of Sampled, such as [("strain", 0, 0.0, "K3")].
+        actuate: a list of one entry, as of Sampled.
+        rate: samples a second (Hz), by Tustin's rule with its peak at w; None: continuous.
+        reference: of y, such as its value in static balance.
+        delay, limit, motor: as of LinearController.
+    """
+
+    type = "ppf"
+
+    def __init__(
+        self, frequency: float, damping_ratio: float, gain: float, *, measure: Sequence[Any],
+        actuate: Sequence[Any] = (-1,), rate: float | None = None, reference: float = 0.0, delay: float = 0.0,
+        limit: float | None = None, motor: Motor | None = None,
+    ) -> None:  # fmt: skip
+        w, zeta, g = positive("frequency", frequency), positive("damping_ratio", damping_ratio), finite("gain", gain)
+        self._given_as = {"frequency": w, "damping_ratio": zeta, "gain": g, "rate": rate, "reference": reference,
+                          "delay": delay, "limit": limit, "motor": motor}  # fmt: skip
+        self.frequency, self.damping_ratio, self.gain = w, zeta, g
+        if rate is not None:
+            half = 0.5 * w / positive("rate", rate)
+            if half >= 0.5 * np.pi:
+                raise ValueError(f"rate = {rate}: must be above {w / np.pi:.6g} Hz, twice the filter's frequency")
+            w = w * np.tan(half) / half  # which Tustin's rule takes to the frequency that is meant
+        A = np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]])
+        B, C = np.array([[0.0], [-w * w]]), np.array([[g, 0.0]])
+        self._make((A, B, C, np.zeros((1, 1))), reference, rate=rate, measure=measure, actuate=actuate, delay=delay,
+                   limit=limit, motor=motor)  # fmt: skip
+
+
+class IRC(_Resonant):
+    """Integral resonant control (Aphale, Fleming & Moheimani, Smart Materials and Structures 16, 2007): integral of
+    what is measured less `feedthrough` times u, u' = gain (y - reference - feedthrough u). It damps several modes at
+    once.
+
+    Where y is collocated with u it is stable as long as `feedthrough` has the sign of the static y by u and is larger.
+    `fa.irc` chooses that.
+
+    Args:
+        gain: u per unit of y and second; its sign is that of the static y by u.
+        feedthrough: y per unit of u, which swaps the poles and zeros of the arm.
+        measure, actuate: lists of one entry, as of Sampled.
+        rate: samples a second (Hz), by Tustin's rule; None: continuous.
+        reference: of y, such as its value in static balance.
+        delay, limit, motor: as of LinearController.
+    """
+
+    type = "irc"
+
+    def __init__(
+        self, gain: float, feedthrough: float, *, measure: Sequence[Any], actuate: Sequence[Any] = (-1,),
+        rate: float | None = None, reference: float = 0.0, delay: float = 0.0, limit: float | None = None,
+        motor: Motor | None = None,
+    ) -> None:  # fmt: skip
+        k, d = finite("gain", gain), finite("feedthrough", feedthrough)
+        if not k * d > 0.0:
+            raise ValueError(
+                f"gain = {gain}, feedthrough = {feedthrough}: must have one sign, or the law is unstable alone"
+            )
+        self.gain, self.feedthrough = k, d
+        self._given_as = {"gain": k, "feedthrough": d, "rate": rate, "reference": reference, "delay": delay,
+                          "limit": limit, "motor": motor}  # fmt: skip
+        A, B, one = np.array([[-k * d]]), np.array([[-k]]), np.ones((1, 1))
+        self._make((A, B, one, 0.0 * one), reference, rate=rate, measure=measure, actuate=actuate, delay=delay,
+                   limit=limit, motor=motor)  # fmt: skip
+
+
+LinearController.ppf = PPF
+LinearController.irc = IRC
