@@ -13,7 +13,6 @@ from .._check import Array
 from ..analysis.equilibrium import elastic_rates
 from ..arm import Arm
 
-
 Indices = NDArray[np.intp]
 
 

@@ -25,14 +25,15 @@ from .route import Route, path_points
 from .search import Aim, Found, Search
 
 METHODS = ("shaped", "optimal")
-_KNOTS = 120, 240  # of a motion: at least, at most
+_KNOTS = 100, 240  # of a motion: at least, at most
 _PER_HALF = 10  # knots in half a period of the slowest mode
 _FAST = 4.0  # a mode is steered where its frequency times the time between knots is below this
 _MOST = 12  # modes
-_ROUNDS = 40  # of a search
+_ROUNDS, _TRIES = 40, 12  # of a search for the least time, and for the smoothest motion in a given one
 _TIGHT = 3  # times that margins are taken off limits that are passed between the knots
-_MARGIN = 2e-3  # of torque, which is not steered between the knots, at first
+_MARGIN = 3e-3  # of torque, which is not steered between the knots, at first
 _ROUNDING = 1e-5  # by which a limit may be passed
+_MORE = 1.008  # times the duration, where it is too short
 _FINE = 4  # rows of the result between two knots
 _CALM = 1e-3  # of the static deflection: so little needs no share of the unshaped
 
@@ -106,8 +107,9 @@ def plan_move(
         say = None if tell is None else lambda text: tell(0.0, text)
         rigid = fastest(arm, driven, route, limits)
         plant = Plant(arm, driven, route.start, route.end)
-        plan = _Plan(plant, limits, route, rigid, say)
-        found = plan.shaped() if method == "shaped" else plan.optimal(path is None)
+        own_ways = method == "optimal" and path is None and len(driven.rates) > 1
+        plan = _Plan(plant, limits, route, rigid, len(driven.rates) if own_ways else 1, say)
+        found = plan.shaped() if method == "shaped" else plan.optimal(own_ways)
         made = plan.move(*found)
     _warn(made, allowed, plan.scale)
     return made
@@ -157,12 +159,12 @@ class _Plan:
     """What is planned, and the searches for it."""
 
     def __init__(
-        self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, tell: Callable[[str], None] | None
+        self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, tell: Callable[[str], None] | None
     ) -> None:
         self.plant, self.limits, self.route, self.rigid, self.tell = plant, limits, route, rigid, tell
         self.target = rigid.duration + plant.half_period
         per = self.target / plant.half_period if plant.half_period else 0.0
-        self.knots = int(np.clip(np.ceil(_PER_HALF * per), *_KNOTS))
+        self.knots = int(np.clip(np.ceil(_PER_HALF * per), _KNOTS[0], max(_KNOTS[1] // ways, _KNOTS[0])))
         w = plant.modes.frequencies
         self.kept = min(_MOST, int((w * self.target / self.knots < _FAST).sum()))
         self.scale = self._deflection()
@@ -193,46 +195,50 @@ class _Plan:
             alpha = 0.5 * T**2 * (self.rigid.at(t)[2] + self.rigid.at(t - half)[2])
         return at_rest(Profile(T, alpha[:, None], np.zeros(1), self.route))
 
-    def _aim(self, free: bool, limits: Limits) -> Aim:
-        return Aim(limits, free, np.ones(1), np.full(1, 4.0), self.scale, self.kept)
+    def _aim(self, end: Array, size: Array) -> Aim:
+        tight = replace(self.limits, torque=self.limits.torque * (1.0 - _MARGIN))
+        return Aim(tight, False, end, size, self.scale, self.kept)
 
-    def _search(self, aim: Aim, first: Profile) -> Found:
-        return Search(self.plant, aim, first, self.tell).solve(first, _ROUNDS)
+    def _search(self, aim: Aim, first: Profile, rounds: int) -> Found:
+        return Search(self.plant, aim, first, self.tell).solve(first, rounds)
 
     def shaped(self) -> tuple[Found, Any]:
         first = self._first()
-        return self._within(lambda limits, last: self._shaped(limits, first if last is None else last))
-
-    def _shaped(self, limits: Limits, first: Profile) -> Found:
-        found = self._search(self._aim(False, limits), first)
-        if found.good:
-            return found
-        least = self._search(self._aim(True, limits), found.profile)
-        longer = replace(least.profile, duration=1.003 * least.profile.duration)
-        found = self._search(self._aim(False, limits), longer)
-        return found if found.good else least
+        aim = self._aim(np.ones(1), np.full(1, 4.0))
+        return self._within(aim, first, lambda found: self._least(aim, found.profile))
 
     def optimal(self, own_ways: bool) -> tuple[Found, Any]:
-        found, _ = self.shaped()
-        first, end, size = found.profile, np.ones(1), np.full(1, 4.0)
-        if own_ways and len(self.route.start) > 1:
+        """The least time, from the shaped motion on; then a little more of it, and smooth."""
+        first, end, size = self.shaped()[0].profile, np.ones(1), np.full(1, 4.0)
+        if own_ways:
             way = self.route.end - self.route.start
             first = Profile(first.duration, first.alpha * way, self.route.start, None)
             end, size = self.route.end, 4.0 * np.maximum(np.abs(way), 0.25 * np.abs(way).max())
+        aim = self._aim(end, size)
+        least = self._least(aim, first)
+        return self._within(aim, replace(least, duration=1.002 * least.duration), lambda found: found.profile)
 
-        def least(limits: Limits, last: Profile | None) -> Found:
-            aim = Aim(limits, True, end, size, self.scale, self.kept)
-            return self._search(aim, first if last is None else last)
+    def _least(self, aim: Aim, first: Profile) -> Profile:
+        return self._search(replace(aim, free=True), first, _ROUNDS).profile
 
-        return self._within(least)
+    def _smooth(self, aim: Aim, first: Profile, least: Callable[[Found], Profile]) -> Found:
+        """The smoothest within the time of the first, or a little more; of the least time, where that takes longer."""
+        found = self._search(aim, first, _TRIES)
+        for _ in range(2):
+            if found.good:
+                return found
+            found = self._search(aim, replace(found.profile, duration=_MORE * found.profile.duration), _TRIES)
+        if found.good:
+            return found
+        fast = least(found)
+        return self._search(aim, replace(fast, duration=1.002 * fast.duration), _TRIES)
 
-    def _within(self, search: Callable[[Limits, Profile | None], Found]) -> tuple[Found, Any]:
+    def _within(self, aim: Aim, last: Profile, least: Callable[[Found], Profile]) -> tuple[Found, Any]:
         """A search, repeated with margins where peaks between the knots pass a limit; and the run on a fine grid."""
         margin: dict[str, Any] = {"torque": _MARGIN}
-        last: Profile | None = None
         for _ in range(_TIGHT + 1):
             tight = replace(self.limits, **{k: getattr(self.limits, k) * (1.0 - x) for k, x in margin.items()})
-            found = search(tight, last)
+            found = self._smooth(replace(aim, limits=tight), last, least)
             last = found.profile
             t = last.t
             fine = np.linspace(0.0, last.duration, _FINE * self.knots + 1)

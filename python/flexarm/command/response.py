@@ -9,7 +9,10 @@ import numpy as np
 
 from .._check import Array
 from ..run.result import Result
+from .limits import Indices
 from .plant import Plant
+
+_FOLLOWED = 24  # modes, at most
 
 
 class Course(NamedTuple):
@@ -60,7 +63,7 @@ def respond(plant: Plant, run: Result, course: Course, by_z: tuple[Array, Array,
     Args:
         run: rows at the knots, (N + 1).
         by_z: derivatives of z, dz/dt, d²z/dt² by the variables, (N + 1, m, nx) each.
-        kept: how many modes are followed.
+        kept: how many modes the derivatives of what is left are wanted of.
     """
     J = _jacobians(plant, run)
     joints, elastic = plant.driven.rates, plant.driven.elastic
@@ -69,7 +72,7 @@ def respond(plant: Plant, run: Result, course: Course, by_z: tuple[Array, Array,
     dv = course.v_z @ z + course.q_z @ zd
     da = course.a_z @ z + course.a_zd @ zd + course.q_z @ zdd
 
-    def forces(rows: Array) -> Array:
+    def forces(rows: Indices) -> Array:
         return np.asarray(
             J.K[:, rows][:, :, joints] @ dq + J.D[:, rows][:, :, joints] @ dv + J.M[:, rows][:, :, joints] @ da
         )
@@ -77,7 +80,7 @@ def respond(plant: Plant, run: Result, course: Course, by_z: tuple[Array, Array,
     tau = forces(joints)
     if not kept:
         return Response(np.zeros((2, 0, z.shape[2])), tau, dq, dv, da)
-    shapes, w = plant.modes.shapes[:, :kept], plant.modes.frequencies[:kept]
+    shapes, w = plant.modes.shapes[:, :_FOLLOWED], plant.modes.frequencies[:_FOLLOWED]
 
     def modal(X: Array) -> Array:
         return np.asarray(shapes.T @ X[:, elastic][:, :, elastic] @ shapes)
@@ -86,11 +89,11 @@ def respond(plant: Plant, run: Result, course: Course, by_z: tuple[Array, Array,
     push = np.asarray(-np.linalg.solve(M, shapes.T @ forces(elastic)), float)
     K_M, D_M = (np.asarray(np.linalg.solve(M, X), float) for X in (K, D))
     x = _march(K_M, D_M, push, w, np.diff(run.t))
-    eta, rate = x[:, :kept] / w[:, None], x[:, kept:]
+    eta, rate = x[:, : len(w)] / w[:, None], x[:, len(w) :]
     acceleration = push - np.linalg.solve(M, K @ eta + D @ rate)
     for X, y in ((J.K, eta), (J.D, rate), (J.M, acceleration)):
         tau += X[:, joints][:, :, elastic] @ shapes @ y
-    left = np.stack([eta[-1], rate[-1] / w[:, None]]) * plant.modes.tip[:kept, None]
+    left = (np.stack([eta[-1], rate[-1] / w[:, None]]) * plant.modes.tip[: len(w), None])[:, :kept]
     return Response(left, tau, dq, dv, da)
 
 

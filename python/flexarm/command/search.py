@@ -25,7 +25,7 @@ from .response import Response, respond
 _OVER, _LEFT = 5.0, 5.0  # penalties of limits that are passed (parts of them), and of vibration (parts of `scale`)
 _SMOOTH = 1e-3  # weight of the largest jerk beside the duration, where that is sought
 _ALONE = 1e-2  # and where it alone is
-_DONE = 1e-4  # of vibration, in parts of `scale`, and of limits
+_DONE, _NOISE = 1e-3, 2e-4  # of both: what will do in the end, and what a step may leave to the next
 _GAIN = 2e-4  # of the objective in a round, below which the search ends
 _JERK = 8.0  # of a motion whose largest is least, in parts of the size of its accelerations
 _MENDS = 3  # of a step, at most
@@ -67,11 +67,12 @@ class Found:
 
     @property
     def merit(self) -> float:
-        return self.goal + _OVER * self.over + _LEFT * self.left
+        over, left = max(self.over - _NOISE, 0.0), max(self.left - _NOISE, 0.0)
+        return self.goal + _OVER * over + _LEFT * left
 
     @property
     def good(self) -> bool:
-        return self.over < 10 * _DONE and self.left < 10 * _DONE
+        return self.over < _DONE and self.left < _DONE
 
 
 class Search:
@@ -134,7 +135,7 @@ class Search:
                     return best
                 tried = self.judge(step)
                 for _ in range(_MENDS):  # what bends is met by further steps with the same slopes
-                    step = self._next(tried, best, slopes, trust)[0] if not tried.good else None
+                    step = self._next(tried, best, slopes, trust)[0] if max(tried.over, tried.left) > _NOISE else None
                     again = tried if step is None else self.judge(step)
                     if again.merit >= tried.merit:
                         break
@@ -162,7 +163,8 @@ class Search:
             rows.add(x.by_x * size, x.by_T, _SLACK)
         rows.add(response.left / aim.scale * size, left_T / aim.scale, _REST)
         rows.add(_jerk_rows(n, m), 0.0, _PEAK)
-        return _Slopes(np.vstack(rows.A), np.hstack([ends, np.zeros((2 * m, 4))]))
+        A = np.vstack(rows.A)
+        return _Slopes(A, np.hstack([ends, np.zeros((2 * m, 4))]), np.abs(A[:, : rows.nx + 1]))
 
     def _next(self, at: Found, of: Found, slopes: _Slopes, trust: float) -> tuple[Profile | None, float]:
         """The motion that the linear programme about `at` gives, within the trust region about `of`, where the slopes
@@ -185,7 +187,8 @@ class Search:
         bounds[:nx] = np.column_stack([-trust - moved, trust - moved])
         bounds[nx] = np.array([-0.2, 0.2]) * min(trust, 1.0) if aim.free else 0.0
         bounds[nx + 1 :, 1] = np.inf
-        out = linprog(cost, slopes.A, b, slopes.ends, ends, bounds, method="highs")
+        near = slopes.sizes @ np.abs(bounds[: nx + 1]).max(axis=1) >= b  # the others cannot be passed from here
+        out = linprog(cost, slopes.A[near], b[near], slopes.ends, ends, bounds, method="highs")
         if out.status != 0:
             return None, np.inf
         alpha = p.alpha.copy()
@@ -215,10 +218,12 @@ _PEAK, _SLACK, _REST = 1, 2, 3  # places of the last variables, behind the durat
 
 
 class _Slopes(NamedTuple):
-    """Matrices of the linear programme: of what is limited, and of where z and its rate end."""
+    """Matrices of the linear programme: of what is limited, and of where z and its rate end; the former's absolute
+    values by alpha and by the duration."""
 
     A: Array
     ends: Array
+    sizes: Array
 
 
 class _Rows:
