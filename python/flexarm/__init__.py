@@ -102,6 +102,8 @@ from .batch.rollout import (
 from .batch.simulate import batch_memory as batch_memory, simulate_batch as simulate_batch
 from .choose.chart import Chart as Chart, chart as chart
 from .choose.economize import Plan as Plan, economize as economize
+from .command.move import LimitUse as LimitUse, Move as Move
+from .command.plan import MoveWarning as MoveWarning, plan_move as plan_move
 from .data.compare import Comparison as Comparison
 from .data.data import Data as Data
 from .data.load import load_data as load_data

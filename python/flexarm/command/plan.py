@@ -1,0 +1,309 @@
+"""Moves from rest to rest, as fast as limits allow, that leave a flexible arm still."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._check import Array, array, choice, number
+from .._console import progress_bar
+from ..analysis.validity import RangeWarning
+from ..arm import Arm
+from ..parts.part import ModelWarning
+from ..run.simulation import simulate
+from .limits import Driven, Limits
+from .move import LimitUse, Move, held, swing
+from .plant import Plant
+from .profile import Profile
+from .rigid import RigidMove, fastest
+from .route import Route, path_points
+from .search import Aim, Found, Search
+
+METHODS = ("shaped", "optimal")
+_KNOTS = 100, 240  # of a motion: at least, at most
+_PER_HALF = 10  # knots in half a period of the slowest mode
+_FAST = 4.0  # a mode is steered where its frequency times the time between knots is below this
+_MOST = 12  # modes
+_ROUNDS, _TRIES = 40, 12  # of a search for the least time, and for the smoothest motion in a given one
+_TIGHT = 3  # times that margins are taken off limits that are passed between the knots
+_MARGIN = 3e-3  # of torque, which is not steered between the knots, at first
+_ROUNDING = 1e-5  # by which a limit may be passed
+_MORE = 1.008  # times the duration, where it is too short
+_FINE = 4  # rows of the result between two knots
+_CALM = 1e-3  # of the static deflection: so little needs no share of the unshaped
+
+
+class MoveWarning(UserWarning):
+    """A planned move that leaves more vibration than it should, or passes a limit."""
+
+
+def plan_move(
+    arm: Arm,
+    q_from: ArrayLike | None = None,
+    q_to: ArrayLike | None = None,
+    *,
+    torque: Any = None,
+    speed: Any = None,
+    acceleration: Any = None,
+    jerk: Any = None,
+    path: ArrayLike | Callable[[float], Any] | None = None,
+    residual: float = 0.05,
+    method: str = "shaped",
+    progress: Any = False,
+) -> Move:
+    """A fast move of the joints from rest to rest that leaves the flexible arm at rest.
+
+    First the time-optimal move of the rigid arm is found (Bobrow et al. 1985, Verscheure et al. 2009). A command that
+    is to leave no vibration needs about half a period of the slowest mode more (Singer and Seering 1990). The motion
+    along the path is then chosen so that on the flexible arm, simulated, all limits hold and nothing swings at the end:
+    by linear programmes on exact Jacobians along the run, in which modes may change with the pose.
+
+    Every joint is driven, and the arm starts and ends in balance with gravity. Accelerations are continuous, and zero
+    at both ends.
+
+    Args:
+        arm: the arm, without ball joints.
+        q_from, q_to: joint positions (rad, m), (nj,), in the order of the links; or states (nq,), of which the joints'
+            are taken.
+        torque: largest absolute torque or force of each joint (N m, N), weight included, on the flexible arm.
+        speed: largest absolute joint rate (rad/s, m/s).
+        acceleration: rad/s², m/s². jerk: rad/s³, m/s³.
+            Each limit is one number for all joints, one for each, or a dictionary by link or (link, freedom). None, and
+            what a dictionary leaves out: no limit. Every joint needs one of torque and acceleration.
+        path: instead of q_from and q_to: samples (n, nj) of joint positions, through which a smooth curve goes (of
+            degree five); or a function of s from 0 to 1 that gives them. None: the straight line.
+        residual: vibration allowed after the move, as a part of what the time-optimal rigid move leaves; more is warned
+            of.
+        method: "shaped": as smooth as it can be (the least largest jerk along the path) in the time that the rigid arm
+            needs and half a period; longer where that is too short for the limits. "optimal": the least time; without a
+            path, each joint goes its own way.
+        progress: shows on stderr what the search is at, where that is a terminal; or a callable (done, text).
+
+    Returns:
+        Move: `.drive` for `simulate`, `.duration`, `.torques`, `.limits`, `.residual`, `.plot()`.
+
+    Raises:
+        ValueError: bad arguments; torques that cannot hold the arm's weight, with joint, need and limit; poses beyond
+            the joints' stops; a path that jumps; from = to.
+
+    Warns:
+        MoveWarning: what is left is above `residual`, or a limit is passed.
+    """
+    driven = Driven.of(arm)
+    arm._warn()
+    choice("method", method, METHODS)
+    allowed = number("residual", residual)
+    if not 0.0 < allowed < 1.0:
+        raise ValueError(f"residual = {residual}: must be between 0 and 1, a part of what the rigid move leaves")
+    limits = Limits.of(arm, driven, torque, speed, acceleration, jerk)
+    route = Route(_points(arm, driven, q_from, q_to, path))
+    limits.check_stops("q_from, q_to" if path is None else "path", route(np.linspace(0, 1, 401))[0], driven.names)
+    with progress_bar(progress, "planning", None) as tell:
+        say = None if tell is None else lambda text: tell(0.0, text)
+        rigid = fastest(arm, driven, route, limits)
+        plant = Plant(arm, driven, route.start, route.end)
+        own_ways = method == "optimal" and path is None and len(driven.rates) > 1
+        plan = _Plan(plant, limits, route, rigid, len(driven.rates) if own_ways else 1, say)
+        found = plan.shaped() if method == "shaped" else plan.optimal(own_ways)
+        made = plan.move(*found)
+    _warn(made, allowed, plan.scale)
+    return made
+
+
+def _points(arm: Arm, driven: Driven, q_from: Any, q_to: Any, path: Any) -> Array:
+    n = len(driven.rates)
+    if path is not None:
+        if q_from is not None or q_to is not None:
+            raise ValueError("path: has both ends; leave out q_from and q_to")
+        return path_points(path, n, driven.names)
+    ends = []
+    for name, value in (("q_from", q_from), ("q_to", q_to)):
+        if value is None:
+            raise ValueError(f"{name} = None: give q_from and q_to, or path")
+        q = np.atleast_1d(array(name, value))
+        if q.shape not in ((n,), (arm.nq,)):
+            raise ValueError(
+                f"{name} has shape {q.shape}: must be {n} joint positions ({', '.join(driven.names)}), or a state of "
+                f"{arm.nq} coordinates"
+            )
+        ends.append(q if q.shape == (n,) else q[driven.at])
+    if np.abs(ends[1] - ends[0]).max() < 1e-9:
+        raise ValueError(f"q_to = {ends[1].tolist()}: is where the move starts")
+    return np.array(ends)
+
+
+def _warn(move: Move, allowed: float, scale: float) -> None:
+    if move.residual > max(allowed * move.residual_unshaped, _CALM * scale):
+        warnings.warn(
+            f"plan_move: {1e3 * move.residual:.3g} mm of vibration are left, of {1e3 * move.residual_unshaped:.3g} mm "
+            f"unshaped; residual = {allowed:g} asks for less. Take longer limits, or an arm with more damping or modes",
+            MoveWarning,
+            stacklevel=3,
+        )
+    for x in move.limits:
+        if x.peak > 1.001 * x.limit:
+            warnings.warn(
+                f"plan_move: {x.what} of '{x.joint}' comes to {x.peak:.5g} at t = {x.t:.4g} s, above its limit "
+                f"{x.limit:.5g}",
+                MoveWarning,
+                stacklevel=3,
+            )
+
+
+class _Plan:
+    """What is planned, and the searches for it."""
+
+    def __init__(
+        self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, tell: Callable[[str], None] | None
+    ) -> None:
+        self.plant, self.limits, self.route, self.rigid, self.tell = plant, limits, route, rigid, tell
+        self.target = rigid.duration + plant.half_period
+        per = self.target / plant.half_period if plant.half_period else 0.0
+        self.knots = int(np.clip(np.ceil(_PER_HALF * per), _KNOTS[0], max(_KNOTS[1] // ways, _KNOTS[0])))
+        w = plant.modes.frequencies
+        self.kept = min(_MOST, int((w * self.target / self.knots < _FAST).sum()))
+        self.scale = self._deflection()
+
+    def _deflection(self) -> float:
+        """How far the arm's end bends, statically, under the largest accelerations of the rigid move (m)."""
+        _, _, a = self.route.motion(*self.rigid.at(np.linspace(0.0, self.rigid.duration, 401)))
+        m, d = self.plant.modes, self.plant.driven
+        if not self.kept:
+            return 1.0
+        M = self.plant.arm.mass_matrix(self.plant.q_end)[np.ix_(d.elastic, d.rates)]
+        with np.errstate(divide="ignore"):
+            bent = np.abs(m.shapes.T @ M) @ np.abs(a).max(axis=0) * m.tip / m.frequencies**2
+        reach = float(np.linalg.norm(self.plant.rest)) or 1.0
+        return max(float(bent[: self.kept][np.isfinite(bent[: self.kept])].max(initial=0.0)), 1e-9 * reach)
+
+    def _first(self) -> Profile:
+        """The rigid move, shaped by ZV, brought to rest at the end."""
+        half, n = self.plant.half_period, self.knots
+        T = self.target
+        if np.isfinite(self.limits.jerk).any():
+            way = np.abs(self.route.end - self.route.start)
+            T = max(T, float(((32.0 * way / self.limits.jerk) ** (1 / 3)).max()))
+        if T > self.target:
+            alpha = np.interp(np.linspace(0, 1, n + 1), [0, 0.25, 0.75, 1], [0, 8, -8, 0])
+        else:
+            t = np.linspace(0.0, T, n + 1)
+            alpha = 0.5 * T**2 * (self.rigid.at(t)[2] + self.rigid.at(t - half)[2])
+        return at_rest(Profile(T, alpha[:, None], np.zeros(1), self.route))
+
+    def _aim(self, end: Array, size: Array) -> Aim:
+        tight = replace(self.limits, torque=self.limits.torque * (1.0 - _MARGIN))
+        return Aim(tight, False, end, size, self.scale, self.kept)
+
+    def _search(self, aim: Aim, first: Profile, rounds: int) -> Found:
+        return Search(self.plant, aim, first, self.tell).solve(first, rounds)
+
+    def shaped(self) -> tuple[Found, Any]:
+        first = self._first()
+        aim = self._aim(np.ones(1), np.full(1, 4.0))
+        return self._within(aim, first, lambda found: self._least(aim, found.profile))
+
+    def optimal(self, own_ways: bool) -> tuple[Found, Any]:
+        """The least time, from the shaped motion on; then a little more of it, and smooth."""
+        first, end, size = self.shaped()[0].profile, np.ones(1), np.full(1, 4.0)
+        if own_ways:
+            way = self.route.end - self.route.start
+            first = Profile(first.duration, first.alpha * way, self.route.start, None)
+            end, size = self.route.end, 4.0 * np.maximum(np.abs(way), 0.25 * np.abs(way).max())
+        aim = self._aim(end, size)
+        least = self._least(aim, first)
+        return self._within(aim, replace(least, duration=1.002 * least.duration), lambda found: found.profile)
+
+    def _least(self, aim: Aim, first: Profile) -> Profile:
+        return self._search(replace(aim, free=True), first, _ROUNDS).profile
+
+    def _smooth(self, aim: Aim, first: Profile, least: Callable[[Found], Profile]) -> Found:
+        """The smoothest within the time of the first, or a little more; of the least time, where that takes longer."""
+        found = self._search(aim, first, _TRIES)
+        for _ in range(2):
+            if found.good:
+                return found
+            found = self._search(aim, replace(found.profile, duration=_MORE * found.profile.duration), _TRIES)
+        if found.good:
+            return found
+        fast = least(found)
+        return self._search(aim, replace(fast, duration=1.002 * fast.duration), _TRIES)
+
+    def _within(self, aim: Aim, last: Profile, least: Callable[[Found], Profile]) -> tuple[Found, Any]:
+        """A search, repeated with margins where peaks between the knots pass a limit; and the run on a fine grid."""
+        margin: dict[str, Any] = {"torque": _MARGIN}
+        for _ in range(_TIGHT + 1):
+            tight = replace(self.limits, **{k: getattr(self.limits, k) * (1.0 - x) for k, x in margin.items()})
+            found = self._smooth(replace(aim, limits=tight), last, least)
+            last = found.profile
+            t = last.t
+            fine = np.linspace(0.0, last.duration, _FINE * self.knots + 1)
+            run = self.plant.run(t, *last.joints(), fine, float(t[1]))
+            over = {k: np.maximum(x.max(axis=0) - 1.0 - _ROUNDING, 0.0) for k, x in self._peaks(run).items()}
+            if not any(x.any() for x in over.values()):
+                break
+            margin = {k: margin.get(k, 0.0) + 1.2 * x for k, x in over.items()}
+        return found, run
+
+    def _peaks(self, run: Any) -> dict[str, Array]:
+        """Absolute values over the limits at rows of a run, (n, nj), of the limits that there are."""
+        d = self.plant.driven
+        jerk = np.diff(run.a[:, d.rates], axis=0) / np.diff(run.t)[:, None]
+        rows = {"torque": run.tau[:, d.rates], "speed": run.v[:, d.rates], "acceleration": run.a[:, d.rates]}
+        values = {**rows, "jerk": np.vstack([jerk, jerk[-1:]])}
+        return {
+            k: np.abs(x) / getattr(self.limits, k)
+            for k, x in values.items()
+            if np.isfinite(getattr(self.limits, k)).any()
+        }
+
+    def move(self, found: Found, run: Any) -> Move:
+        p, plant, d = found.profile, self.plant, self.plant.driven
+        samples = held(p.t, *p.joints())
+        one = [link.joint.nv == 1 for link in plant.arm.links]
+        drive = {link if one[link] else (link, n): x for (link, n), x in plant.drive(*samples).items()}
+        uses = []
+        for what, part in self._peaks(run).items():
+            most = getattr(self.limits, what)
+            for j in np.flatnonzero(np.isfinite(most)):
+                k = int(part[:, j].argmax())
+                uses.append(LimitUse(what, d.names[j], float(part[k, j] * most[j]), float(most[j]), float(run.t[k])))
+        frequencies = np.stack([plant.modes_start.frequencies[: self.kept], plant.modes.frequencies[: self.kept]])
+        made = Move(
+            plant.arm, run.t, run.q[:, d.at], run.v[:, d.rates], run.a[:, d.rates], run.tau[:, d.rates],
+            tuple(d.names), p.duration, self.rigid.duration, plant.half_period, frequencies, tuple(uses),
+            0.0, self._unshaped(), drive, plant,
+        )  # fmt: skip
+        return replace(made, residual=swing(plant, made.simulate(), p.duration))
+
+    def _unshaped(self) -> float:
+        """How far the end swings after the time-optimal rigid move (m)."""
+        T = self.rigid.duration
+        t = np.linspace(0.0, T, 801)
+        q, v, a = self.route.motion(*self.rigid.at(t))
+        q[-1], v[-1] = self.route.end, 0.0
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RangeWarning)
+            warnings.simplefilter("ignore", ModelWarning)
+            run = simulate(self.plant.arm, np.append(0.0, self.plant.after(T)), q0=self.plant.q_start,
+                           drive=self.plant.drive(*held(t, q, v, a)), rtol=1e-8)  # fmt: skip
+        return swing(self.plant, run, T)
+
+
+def at_rest(p: Profile) -> Profile:
+    """The nearest profile along a route that ends at rest, at its end."""
+    z, zd, _ = p.by_alpha()
+    rows = np.vstack([z[-1], zd[-1] * p.duration])
+    now, rate, _ = p.z()
+    alpha = p.alpha.copy()
+    alpha[[0, -1]] = 0.0
+    missing = np.array([1.0 - now[-1, 0], -rate[-1, 0] * p.duration])
+    for _ in range(2):
+        alpha[1:-1, 0] += np.linalg.lstsq(rows, missing, rcond=None)[0]
+        now, rate, _ = replace(p, alpha=alpha).z()
+        missing = np.array([1.0 - now[-1, 0], -rate[-1, 0] * p.duration])
+    return replace(p, alpha=alpha)

@@ -1,0 +1,216 @@
+"""fa.plan_move against closed forms, and against simulations by another integrator."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import flexarm as fa
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+STEEL = fa.Material(7850, 209e9, 0.3)
+QUIET = pytest.mark.filterwarnings("ignore::flexarm.RangeWarning", "ignore::flexarm.ModelWarning")
+
+
+def rigid_arm(**joint: Any) -> fa.Arm:
+    body = fa.RigidBody(2.0, com=(0.3, 0, 0), inertia=(0, 0, 0.1))
+    return fa.Arm([fa.Link(fa.Revolute("z", **joint), body)])
+
+
+def one_mode() -> fa.Arm:
+    """A link of one shape, that moves little: a rigid body and one oscillator."""
+    beam = fa.Beam(0.7, fa.Rectangle(0.004, 0.03), STEEL, {"bending_y": 1}, order=1)
+    return fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(0.1, inertia=(0, 0, 0.01)), beam, fa.RigidBody(0.2))])
+
+
+def two_links(payload: float = 1.0, gravity: float = -9.81) -> fa.Arm:
+    def beam() -> fa.Beam:
+        return fa.Beam(0.5, fa.Rectangle(0.008, 0.03), STEEL, {"bending_y": 3}, order=2)
+
+    hub, elbow = fa.RigidBody(0.3, end=(0.05, 0, 0)), fa.RigidBody(0.5, end=(0.05, 0, 0))
+    links = [fa.Link(fa.Revolute("z"), hub, beam()), fa.Link(fa.Revolute("z"), elbow, beam(), fa.RigidBody(payload))]
+    return fa.Arm(links, gravity=(0, gravity, 0))
+
+
+def swing(arm: fa.Arm, move: fa.Move, **how: Any) -> float:
+    """Of the end after a move, by a simulation of one's own."""
+    q0 = arm.zero
+    names = list(arm.coordinates)
+    at = [names.index(name) for name in move.joints]
+    q0[at] = move.q[0]
+    lock = [k for k, link in enumerate(arm.links) if link.joint.nv]
+    start, end = arm.equilibrium(q0, lock=lock), q0.copy()
+    end[at] = move.q[-1]
+    t = np.append(0.0, move.duration + np.linspace(0, 1, 400))
+    run = fa.simulate(arm, t, q0=start, drive=move.drive, **(how or {"rtol": 1e-8}))
+    rest = arm.frame(arm.equilibrium(end, lock=lock))[0]
+    return float(np.linalg.norm(run.frame()[0][1:] - rest, axis=1).max())
+
+
+# -- the rigid arm ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("angle", [0.3, 2.0])
+def test_rigid_time_is_bang_bang(angle: float) -> None:
+    arm = rigid_arm()
+    J = arm.mass_matrix(arm.zero)[0, 0]
+    move = fa.plan_move(arm, 0.0, angle, torque=3.0)
+    assert move.rigid_duration == pytest.approx(2 * math.sqrt(J * angle / 3.0), rel=1e-9)
+    assert move.duration == pytest.approx(move.rigid_duration, rel=0.02)
+    assert move.half_period == 0 and move.residual == 0
+
+
+def test_rigid_time_with_a_speed_limit_is_a_trapezoid() -> None:
+    arm = rigid_arm()
+    a, v, angle = 3.0 / arm.mass_matrix(arm.zero)[0, 0], 1.2, 2.0
+    move = fa.plan_move(arm, 0.0, angle, torque=3.0, speed=v)
+    assert move.rigid_duration == pytest.approx(angle / v + v / a, rel=2e-3)
+    assert np.abs(move.v).max() <= v * 1.0001
+    assert {x.what for x in move.reached} == {"torque", "speed"}
+
+
+def test_viscous_friction_takes_its_share() -> None:
+    """J dv/dt + c v = +-tau: v rises to (tau/c)(1 - e^(-t c/J)), then falls; integrated here by closed form."""
+    arm = rigid_arm(damping=2.0)
+    J, c, tau, angle = arm.mass_matrix(arm.zero)[0, 0], 2.0, 3.0, 1.5
+    k, end = c / J, tau / c
+
+    def way(t1: float) -> float:
+        v = end * (1 - math.exp(-k * t1))
+        t2 = math.log((v + end) / end) / k
+        return end * t1 - v / k + (v + end) / k * (1 - math.exp(-k * t2)) - end * t2 - angle
+
+    t1 = brentq(way, 0.01, 10.0)
+    t2 = math.log((end * (1 - math.exp(-k * t1)) + end) / end) / k
+    assert fa.plan_move(arm, 0.0, angle, torque=tau).rigid_duration == pytest.approx(t1 + t2, rel=1e-3)
+
+
+# -- one mode --------------------------------------------------------------------------------------------------------
+
+
+def fastest_of_one_mode(distance: float, a: float, w: float) -> float:
+    """Duration of the time-optimal bang-bang motion of a support with one undamped oscillator, accelerations up to a:
+    odd about its middle, with switches there and by s before and after (e.g. Singh and Vadali 1994)."""
+
+    def left(half: float) -> float:
+        s = math.acos((1 + math.cos(w * half)) / 2) / w
+        return a * (half**2 - 2 * s**2) - distance
+
+    rigid = math.sqrt(distance / a)
+    grid = np.linspace(rigid, rigid + math.pi / w, 4001)
+    values = [left(x) for x in grid]
+    k = next(i for i in range(len(grid)) if values[i + 1] >= 0)
+    return 2 * brentq(left, grid[k], grid[k + 1])
+
+
+@QUIET
+def test_one_mode_takes_half_a_period_more_or_the_known_optimum() -> None:
+    arm, angle, a = one_mode(), 0.3, 4.0
+    w = arm.modes(lock=[0]).frequencies[0]
+    shaped = fa.plan_move(arm, 0.0, angle, acceleration=a)
+    rigid = 2 * math.sqrt(angle / a)
+    assert shaped.rigid_duration == pytest.approx(rigid, rel=1e-9)
+    assert shaped.duration == pytest.approx(rigid + math.pi / w, rel=1e-6)
+    best = fa.plan_move(arm, 0.0, angle, acceleration=a, method="optimal")
+    known = fastest_of_one_mode(angle, a, w)
+    assert known < rigid + math.pi / w
+    assert known * 0.999 < best.duration < known * 1.02  # accelerations take the time between knots to change sign
+    for move in (shaped, best):
+        assert np.abs(move.a).max() <= a * 1.0001
+        assert move.residual_unshaped > 1e-3
+        assert move.residual < 1e-3 * move.residual_unshaped
+
+
+# -- two links -------------------------------------------------------------------------------------------------------
+
+
+@QUIET
+@pytest.mark.parametrize("gravity", [0.0, -9.81])
+def test_two_links_come_to_rest_within_limits(gravity: float) -> None:
+    arm, torque = two_links(gravity=gravity), (60.0, 15.0)
+    move = fa.plan_move(arm, [0.0, 0.0], [1.0, -1.0], torque=torque, speed=8.0)
+    assert move.duration < 1.03 * (move.rigid_duration + move.half_period)
+    assert swing(arm, move) < 1e-3 * move.residual_unshaped
+    run = move.simulate(integrator="gauss", step=5e-4, after=0.1)
+    for k, most in zip((0, 4), torque, strict=True):
+        assert np.abs(run.tau[:, k]).max() <= most * 1.001
+    assert any(x.what == "torque" and x.reached for x in move.limits)
+    assert np.abs(move.a[[0, -1]]).max() < 1e-6 and np.abs(move.v[[0, -1]]).max() < 1e-9
+    assert move.q[[0, -1]] == pytest.approx(np.array([[0, 0], [1, -1]]), abs=1e-9)
+
+
+@QUIET
+def test_another_payload_is_told() -> None:
+    move = fa.plan_move(two_links(), [0.0, 0.0], [1.0, -1.0], torque=(60.0, 15.0))
+    off = move.residual_of(two_links(payload=1.2))
+    assert off > 10 * move.residual
+    assert off == pytest.approx(swing(two_links(payload=1.2), move), rel=0.05)
+
+
+@QUIET
+def test_a_path_is_kept() -> None:
+    arm = two_links(gravity=0.0)
+
+    def path(s: float) -> list[float]:
+        return [s, 0.5 * math.sin(math.pi * s)]
+
+    move = fa.plan_move(arm, path=path, torque=(60.0, 15.0), speed=3.0)
+    assert np.abs(move.q[:, 1] - 0.5 * np.sin(math.pi * move.q[:, 0])).max() < 1e-4
+    assert move.duration < 1.03 * (move.rigid_duration + move.half_period)
+    assert swing(arm, move) < 0.05 * move.residual_unshaped
+    assert np.abs(move.v).max() <= 3.0 * 1.001
+    samples = [path(s) for s in np.linspace(0, 1, 41)]
+    assert fa.plan_move(arm, path=samples, torque=(60.0, 15.0), speed=3.0).duration == pytest.approx(
+        move.duration, rel=1e-3
+    )
+
+
+# -- bad input -------------------------------------------------------------------------------------------------------
+
+
+@QUIET
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"torque": (60.0, 2.0)}, "torque = 2 of 'link 1 revolute': cannot hold the arm's weight"),
+        ({"torque": (60.0, -1.0)}, "torque = -1 of 'link 1 revolute': must be positive"),
+        ({"torque": (60.0, 1.0, 2.0)}, r"torque has shape \(3,\)"),
+        ({"torque": {0: 60.0}}, "'link 1 revolute' has neither"),
+        ({"torque": {7: 60.0}}, "link = 7"),
+        ({"torque": None}, "'link 0 revolute' has neither"),
+        ({"speed": float("nan")}, "must not be nan"),
+        ({"q_to": [0.0, 0.0]}, "is where the move starts"),
+        ({"q_to": [0.0, 0.0, 1.0]}, r"q_to has shape \(3,\)"),
+        ({"q_to": [0.0, float("nan")]}, "q_to"),
+        ({"q_to": None}, "q_to = None"),
+        ({"path": [[0, 0], [1, 1]]}, "leave out q_from"),
+        ({"q_from": None, "q_to": None, "path": lambda s: [float(s > 0.5), 0.0]}, "jumps by 1 .* at s = 0.5"),
+        ({"q_from": None, "q_to": None, "path": [[0.01 * k + (k > 5), 0] for k in range(12)]}, "from row 5 to 6"),
+        ({"q_from": None, "q_to": None, "path": [[1, 1], [1, 1]]}, "does not move"),
+        ({"method": "best"}, "method"),
+        ({"residual": 0.0}, "residual = 0"),
+        ({"residual": 5.0}, "residual = 5"),
+    ],
+)
+def test_bad_input_is_named(change: dict[str, Any], told: str) -> None:
+    given = {"q_from": [0.0, 0.0], "q_to": [1.0, -1.0], "torque": (60.0, 15.0)} | change
+    with pytest.raises(ValueError, match=told):
+        fa.plan_move(two_links(), **given)
+
+
+def test_stops_and_balls_are_named() -> None:
+    with pytest.raises(ValueError, match=r"1.5 of 'link 0 revolute' is beyond its stops; must be from -1 to 1"):
+        fa.plan_move(rigid_arm(lower=-1.0, upper=1.0, limit_stiffness=1e3), 0.0, 1.5, torque=3.0)
+    ball = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])
+    with pytest.raises(ValueError, match="ball"):
+        fa.plan_move(ball, [0, 0, 0], [1, 0, 0], torque=1.0)
+
+
+def test_it_can_be_interrupted() -> None:
+    def stop(done: float, text: str = "") -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fa.plan_move(rigid_arm(), 0.0, 1.0, torque=3.0, progress=stop)
