@@ -16,7 +16,7 @@ from ..analysis.validity import RangeWarning
 from ..arm import Arm
 from ..parts.part import ModelWarning
 from ..run.simulation import simulate
-from .limits import Driven, Limits
+from .move_limits import Driven, Limits
 from .move import LimitUse, Move, held, swing
 from .plant import Plant
 from .profile import Profile

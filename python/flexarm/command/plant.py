@@ -17,7 +17,7 @@ from ..arm import Arm
 from ..parts.part import ModelWarning
 from ..run.result import Result
 from ..run.simulation import simulate
-from .limits import Driven
+from .move_limits import Driven
 
 _MODES = 12  # at most, that are steered
 _LOOK = 96  # times in a period of the slowest mode at which what is left is looked at

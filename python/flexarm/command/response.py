@@ -9,7 +9,7 @@ import numpy as np
 
 from .._check import Array
 from ..run.result import Result
-from .limits import Indices
+from .move_limits import Indices
 from .plant import Plant
 
 _FOLLOWED = 24  # modes, at most

@@ -15,7 +15,7 @@ import numpy as np
 
 from .._check import Array
 from ..arm import Arm
-from .limits import Driven, Limits
+from .move_limits import Driven, Limits
 from .route import Route
 
 _INTERVALS = 400

@@ -17,7 +17,7 @@ import numpy as np
 from .._check import Array
 from ..run.result import Result
 from ..run.simulation import SimulationError
-from .limits import Limits
+from .move_limits import Limits
 from .plant import Plant
 from .profile import Profile
 from .response import Response, respond
