@@ -100,6 +100,8 @@ from .batch.rollout import (
 from .batch.simulate import batch_memory as batch_memory, simulate_batch as simulate_batch
 from .choose.chart import Chart as Chart, chart as chart
 from .choose.economize import Plan as Plan, economize as economize
+from .command.inversion import Inversion as Inversion
+from .command.invert import InversionWarning as InversionWarning, invert as invert
 from .data.compare import Comparison as Comparison
 from .data.data import Data as Data
 from .data.load import load_data as load_data

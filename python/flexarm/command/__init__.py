@@ -1,0 +1,1 @@
+"""Commands that move the tip as one wants: inversion of the dynamics."""
