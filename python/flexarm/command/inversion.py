@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,26 +16,13 @@ from ..arm import Arm
 from ..draw.trajectory import plot_panels
 from ..run.result import Result
 from ..run.simulation import simulate
+from .limits import Exceeded
 from .path import Output, Path, Slower
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 REPLAYS = ("motion", "torque", "feedback")
-
-
-class Exceeded(NamedTuple):
-    """A limit that an inversion does not respect: of what ("torque", "speed", "range"), the joint's link (or (link,
-    freedom)), where it is worst (s), the value there, and the limit."""
-
-    kind: str
-    joint: Any
-    time: float
-    value: float
-    limit: float
-
-    def __str__(self) -> str:
-        return f"{self.kind} of joint {self.joint}: {self.value:.4g} at t = {self.time:.4g} s, limit {self.limit:.4g}"
 
 
 @dataclass(repr=False, eq=False)
@@ -214,5 +200,3 @@ def _smooth_torque(t: Array, values: Array) -> Torque:
     made.law = _core.PiecewisePolynomial(np.append(pieces.x[keep], pieces.x[-1]), pieces.c[:, keep])
     return made
 
-
-Law = Callable[[float], float]

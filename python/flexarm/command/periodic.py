@@ -39,7 +39,7 @@ def halfway(d: Array) -> Array:
 
 
 class Banded:
-    """Solves M d'' + C d' + K d = r by the compact differences of fourth order (Numerov's): block tridiagonal, periodic.
+    """Solves M d'' + C d' + K d = r by compact differences of fourth order (Numerov's): block tridiagonal, periodic.
 
     M, C, K: functions of the node that give matrices (k, k)."""
 

@@ -37,7 +37,8 @@ class Equations:
         self.length = max(float(np.linalg.norm(arm.frame(arm.zero)[0])), sum(
             link.beam.length for link in arm.links if link.beam is not None), 1e-3)  # fmt: skip
         self.elastic = True  # whether the inner coordinates move
-        self.locked: tuple[tuple[int, int], ...] = ()  # (link, freedom) of joints that stay, and of those that nothing drives
+        # (link, freedom) of joints that stay, and of those that nothing drives
+        self.locked: tuple[tuple[int, int], ...] = ()
         self.passive: tuple[tuple[int, int], ...] = ()
 
     # -- kinematics ---------------------------------------------------------------------------------------------------
@@ -80,8 +81,8 @@ class Equations:
         off = 0.0
         for k in range(40):
             if wanted is not None:
-                q, left = self.on_path(q[None], wanted[None])[0][0], 0.0
-                off = float(np.linalg.norm(self.output.error(q[None], wanted[None])))
+                found, left = self.on_path(q[None], wanted[None])
+                q, off = found[0], float(left[0])
             if not self.elastic or not len(self.inner):
                 return q, off
             r = self.arm._core.inverse_dynamics(q, zero, zero)[self.inner]
@@ -140,9 +141,9 @@ class Equations:
         if sizes[-1] < _SINGULAR * sizes[0]:
             raise ValueError(
                 f"tip: at t = {t:.4g} s the path goes through a singular pose, joints "
-                f"{np.round(q[self.joints], 4).tolist()}: in one direction of {', '.join(self.output.names)} the joints "
-                f"move the tip {sizes[0] / max(sizes[-1], 1e-300):.3g} times less than in another; pass it at a distance, "
-                "or ask for fewer components"
+                f"{np.round(q[self.joints], 4).tolist()}: in one direction of {', '.join(self.output.names)} they move "
+                f"the tip {sizes[0] / max(sizes[-1], 1e-300):.3g} times less than in another; pass it at a distance, or "
+                "ask for fewer components"
             )
 
     # -- dynamics -----------------------------------------------------------------------------------------------------

@@ -45,7 +45,7 @@ class Grid:
     before the window begins anew; they are no part of what is found.
 
     Attributes:
-        n, keep: rows with the buffer, and without. damping: of the equations' rows, in parts of the inertia (1/s), (n,).
+        n, keep: rows with the buffer, and without. damping: of these rows, in parts of the inertia (1/s), (n,).
     """
 
     def __init__(self, path: Path | Slower, poses: Poses, count: int, before: int, after: int, buffer: int) -> None:
@@ -155,8 +155,8 @@ class Solver:
                     break
             q = kept
         raise NotConverged(
-            f"invert: the iteration did not converge in {done} steps (last change of the tip {last:.3g} m); try a slower "
-            "or smoother path, one that stays away from singular poses, or a shorter step"
+            f"tip: the iteration did not converge in {done} steps (last change of the tip {last:.3g} m); try a slower or "
+            "smoother path, one that stays farther from singular poses, or another posture"
         )
 
     def _check_path(self, grid: Grid, off: Array) -> None:
