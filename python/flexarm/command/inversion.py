@@ -126,12 +126,13 @@ class Inversion:
             raise ValueError(f"arm = {arm!r}: must be an Arm with the same joints as the inverted one")
         if "integrator" not in options:
             options = {"rtol": 1e-9, "atol": 1e-11, "max_order": 5, **options}
-        drive: dict[Any, Any]
-        drive, control = self.motions, None
-        if how == "torque":
-            drive = dict(self.torques)
-        elif how == "feedback":
-            drive, control = self.feedback(kp, kv)  # type: ignore[assignment]
+        drive: dict[Any, Any] = {}
+        control: list[PD] | None = None
+        if how == "feedback":
+            torques, control = self.feedback(kp, kv)
+            drive.update(torques)
+        else:
+            drive.update(self.motions if how == "motion" else self.torques)
         for link, rates in self._locked(arm):
             drive[link] = Motion(self.t[[0, -1]], np.full(2, rates), np.zeros(2), np.zeros(2))
         return simulate(arm, self.t, self._start(arm), drive=drive, control=control, **options)

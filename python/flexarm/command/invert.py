@@ -197,7 +197,7 @@ def _start(of: Equations, path: Path, q: Any, posture: Any) -> Array:
         pose = pose.copy()
         pose[of.inner] = 0.0
     if q is not None:
-        pose, _ = of.balance(pose, None)
+        pose, *_ = of.balance(pose, None)
         off = of.output.error(pose[None], wanted[None])[0]
         if np.linalg.norm(off) > 1e-6 * max(1.0, of.length):
             says = ", ".join(f"{n} by {x:.4g}" for n, x in zip(path.names, off, strict=True))
@@ -206,7 +206,7 @@ def _start(of: Equations, path: Path, q: Any, posture: Any) -> Array:
                 "it at arm.frame(arm.equilibrium(q, lock=...)), or give posture= instead, and a pose is found"
             )
     of.check_singular(pose, path.begin)
-    pose, off_path = of.balance(pose, wanted)
+    pose, off_path, _ = of.balance(pose, wanted)
     if off_path > 1e-9 * max(1.0, of.length):
         raise ValueError(of._unreached(path.begin, off_path, wanted))
     of.check_singular(pose, path.begin)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -87,9 +87,10 @@ def _span(name: str, law: Motion, t: Any) -> tuple[float, float]:
 
 def _check(where: str, law: Motion, span: tuple[float, float]) -> None:
     """ValueError where a path starts or ends moving, or jumps."""
-    times = np.linspace(*span, _LOOKED_AT + 1)
+    smooth = isinstance(law.law, _core.PiecewisePolynomial)
+    times = np.linspace(*span, _LOOKED_AT // 8 if smooth else _LOOKED_AT)
     law.check_rates(where, times)
-    values = np.array([array(f"{where} at t = {x:g}", law(x), (3,)) for x in times])
+    values = array(where, [law(x) for x in times], (len(times), 3))
     for order, what in ((1, "velocity"), (2, "acceleration")):
         largest = np.abs(values[:, order]).max()
         for at, side in ((0, "starts"), (-1, "ends")):
@@ -99,10 +100,10 @@ def _check(where: str, law: Motion, span: tuple[float, float]) -> None:
                     "continuous torque follows it; let it start and end at rest with zero acceleration, such as "
                     'Motion(t, q, ends="rest")'
                 )
-    if isinstance(law.law, _core.PiecewisePolynomial):
+    if smooth:
         return  # its acceleration is continuous
     for order, what in enumerate(("place", "velocity", "acceleration")):
-        found = _jump(lambda x, order=order: float(law(x)[order]), times, values[:, order])
+        found = _jump(law, order, times, values[:, order])
         if found is not None:
             raise ValueError(
                 f"{where}: its {what} jumps by {found[1]:.4g} at t = {found[0]:.6g} s; place, velocity and "
@@ -110,13 +111,13 @@ def _check(where: str, law: Motion, span: tuple[float, float]) -> None:
             )
 
 
-def _jump(f: Callable[[float], float], times: Array, values: Array) -> tuple[float, float] | None:
+def _jump(law: Motion, order: int, times: Array, values: Array) -> tuple[float, float] | None:
     """Where a function jumps, and by how much: its largest change between two times, halved until nothing is left."""
     k = int(np.abs(np.diff(values)).argmax())
     (lo, hi), (a, b) = times[k : k + 2], values[k : k + 2]
     for _ in range(40):
         middle = 0.5 * (lo + hi)
-        c = f(middle)
+        c = float(law(middle)[order])
         lo, hi, a, b = (lo, middle, a, c) if abs(c - a) > abs(b - c) else (middle, hi, c, b)
     jump = abs(b - a)
     return (hi, jump) if jump > 1e-3 * np.ptp(values) else None

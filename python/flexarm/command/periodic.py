@@ -104,4 +104,4 @@ class Mixing:
             gram = gram * np.outer(scale, scale)
             weights = scale * np.linalg.lstsq(gram, scale * (changed @ step), rcond=1e-14)[0]
             step = step - (moved + changed).T @ weights
-        return (self._x[-1] + step).reshape(x.shape)
+        return np.asarray(self._x[-1] + step).reshape(x.shape)

@@ -75,18 +75,18 @@ class Equations:
 
     # -- balance ------------------------------------------------------------------------------------------------------
 
-    def balance(self, q: Array, wanted: Array | None) -> tuple[Array, float]:
-        """q (nq,) with the inner coordinates in balance with gravity, and the output on the path if one is wanted."""
-        zero, K = np.zeros(self.arm.nv), None
-        off = 0.0
+    def balance(self, q: Array, wanted: Array | None, K: Array | None = None) -> tuple[Array, float, Array | None]:
+        """q (nq,) with the inner coordinates in balance with gravity, and the output on the path if one is wanted; how
+        far that is still off; and the stiffness last used, which another pose nearby may begin with."""
+        zero, off = np.zeros(self.arm.nv), 0.0
         for k in range(40):
             if wanted is not None:
                 found, left = self.on_path(q[None], wanted[None])
                 q, off = found[0], float(left[0])
             if not self.elastic or not len(self.inner):
-                return q, off
+                return q, off, K
             r = self.arm._core.inverse_dynamics(q, zero, zero)[self.inner]
-            if K is None or k % 6 == 5:
+            if K is None or k % 8 == 7:
                 K = self.stiffness(q, wanted is not None)
             step = np.linalg.solve(K, -r)
             q = q.copy()
@@ -95,13 +95,14 @@ class Equations:
                 break
         if wanted is not None:
             q = self.on_path(q[None], wanted[None])[0][0]
-        return finite("balance", q), off
+        return finite("balance", q), off, K
 
     def stiffness(self, q: Array, on_path: bool) -> Array:
         """Of the inner coordinates at rest, the driven joints following."""
         zero = np.zeros(self.arm.nv)
         by_q = self.arm._core.inverse_derivatives(q, zero, zero, by_v=False)[0][self.inner]
-        return by_q[:, self.inner] + (by_q[:, self.joints] @ self.follow(q)[0] if on_path else 0.0)
+        K: Array = by_q[:, self.inner] + (by_q[:, self.joints] @ self.follow(q)[0] if on_path else 0.0)
+        return K
 
     def along(self, path: Path | Slower, start: Array) -> Poses:
         """Poses in balance along the path, each found from the one before.
@@ -109,12 +110,13 @@ class Equations:
         Raises:
             ValueError: beyond reach, or through a singular pose, with the time.
         """
-        count = 24
+        count = 16
         while True:
             t = np.linspace(path.begin, path.end, count + 1)
-            wanted, found = path(t), [start]
+            wanted, found, K = path(t), [start], None
             for k in range(1, count + 1):
-                q, off = self.balance(found[-1], wanted[k])
+                ahead = 2 * found[-1] - found[-2] if k > 1 else start
+                q, off, K = self.balance(ahead, wanted[k], K)
                 if off > 1e-9 * max(1.0, self.length):
                     raise ValueError(self._unreached(t[k], off, wanted[k]))
                 self.check_singular(q, t[k])
@@ -141,9 +143,9 @@ class Equations:
         if sizes[-1] < _SINGULAR * sizes[0]:
             raise ValueError(
                 f"tip: at t = {t:.4g} s the path goes through a singular pose, joints "
-                f"{np.round(q[self.joints], 4).tolist()}: in one direction of {', '.join(self.output.names)} they move "
-                f"the tip {sizes[0] / max(sizes[-1], 1e-300):.3g} times less than in another; pass it at a distance, or "
-                "ask for fewer components"
+                f"{np.round(q[self.joints], 4).tolist()}: in one direction of {', '.join(self.output.names)} "
+                f"they move the tip {sizes[0] / max(sizes[-1], 1e-300):.3g} times less than in another; pass it at a "
+                "distance, or ask for fewer components"
             )
 
     # -- dynamics -----------------------------------------------------------------------------------------------------

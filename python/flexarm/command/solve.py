@@ -33,7 +33,7 @@ class Motions:
     tau: Array
     step: float
     error: float
-    edges: tuple[float, ...]
+    edges: list[float]
     iterations: int
 
 
@@ -52,7 +52,7 @@ class Grid:
         self.path, self.step = path, (path.end - path.begin) / count
         self.keep = before + count + after + 1
         self.n = self.keep + buffer
-        self.t = path.begin + self.step * np.arange(-before, self.n - before)
+        self.t: Array = np.asarray(path.begin + self.step * np.arange(-before, self.n - before), dtype=float)
         place = np.arange(1, buffer + 1) / (buffer + 1)
         length = max(buffer, 1) * self.step
         self.damping = np.concatenate([np.zeros(self.keep), DYING / length * 2 * np.sin(np.pi * place) ** 2])
@@ -79,7 +79,7 @@ class Solver:
 
     def __init__(self, of: Equations, path: Path | Slower, poses: Poses) -> None:
         self.of, self.path, self.poses = of, path, poses
-        self._at, self._kept = poses.t, None  # type: ignore[var-annotated]
+        self._at, self._kept = poses.t, list[Array]()  # M, C and K along the path, and when
         zero = np.zeros(of.arm.nv)
         #: M, C, K at rest, at the start and at the end
         self.ends = [of.matrices(q, zero, zero) for q in (poses.q[0], poses.q[-1])] if len(of.inner) else []
@@ -108,15 +108,15 @@ class Solver:
         zero, inner = np.zeros_like(q), self.of.inner
         K = np.array([self.of.stiffness(x, True) for x in self.poses.q])
         pose = np.abs(grid.t[:, None] - self.poses.t).argmin(axis=1)
-        for k in range(_ITERATIONS):
+        tried, step = 0, np.full(1, np.inf)
+        while np.abs(step).max() > 1e-12 * max(1.0, float(np.abs(q[:, inner]).max())) and tried < _ITERATIONS:
             r = self.of.arm._core.inverse_dynamics(q, zero, zero)[:, inner]
             step = -np.linalg.solve(K[pose], r[..., None])[..., 0]
             q[:, inner] += step
             q, off = self.of.on_path(q, grid.wanted, near)
-            if not np.abs(step).max() > 1e-12 * max(1.0, float(np.abs(q[:, inner]).max())):
-                break
+            tried += 1
         self._check_path(grid, off)
-        return self._motions(grid, q, k + 1, 0.0)
+        return self._motions(grid, q, tried, 0.0)
 
     def solve(self, grid: Grid, q: Array, tolerance: float) -> Motions:
         """From a guess q on the grid.
@@ -128,9 +128,9 @@ class Solver:
         self._check_path(grid, off)
         if not self.of.elastic or not len(self.of.inner):
             return self._motions(grid, q, 0, 0.0)
-        inner, done, last = self.of.inner, 0, np.inf
+        inner, done, last, kept = self.of.inner, 0, np.inf, q
         for renewal in range(_RENEWALS + 1):
-            if self._kept is None or renewal:
+            if not self._kept or renewal:
                 self._renew(grid, q, renewal)
             solver, mixing, best = Banded(grid.n, grid.step, self._between(grid)), Mixing(), np.inf
             for _ in range(_ITERATIONS):
@@ -155,8 +155,8 @@ class Solver:
                     break
             q = kept
         raise NotConverged(
-            f"tip: the iteration did not converge in {done} steps (last change of the tip {last:.3g} m); try a slower or "
-            "smoother path, one that stays farther from singular poses, or another posture"
+            f"tip: the iteration did not converge in {done} steps (last change of the tip {last:.3g} m); try a slower "
+            "or smoother path, one that stays farther from singular poses, or another posture"
         )
 
     def _check_path(self, grid: Grid, off: Array) -> None:
@@ -195,21 +195,21 @@ class Solver:
     def _motions(self, grid: Grid, q: Array, iterations: int, residual: float) -> Motions:
         v, a = grid.motion(q)
         tau = self.of.arm._core.inverse_dynamics(q, v, a)
-        edges, end = (0.0, 0.0), grid.keep
-        if self.of.elastic and len(self.of.inner) and self._kept is not None:
+        edges, end = [0.0], grid.keep
+        if self.of.elastic and len(self.of.inner) and self._kept:
             off = ((k, q[k] - self.poses.q[side]) for side, k in ((0, 0), (-1, end - 1)))
-            edges = tuple(self.of.moved(q[k], d) for k, d in off)
+            edges = [self.of.moved(q[k], d) for k, d in off]
         error = max(self._halfway(grid, q), residual)
         return Motions(grid.t[:end], q[:end], v[:end], a[:end], tau[:end], grid.step, error, edges, iterations)
 
     def _halfway(self, grid: Grid, q: Array) -> float:
         d = q - grid.way
         d_rates = rates(d, grid.step)
-        t = grid.t + 0.5 * grid.step
+        t: Array = np.asarray(grid.t + 0.5 * grid.step, dtype=float)
         way = grid.reference(t)
         at, v, a = (halfway(x) + w for x, w in zip((d, *d_rates), way, strict=True))
         off = np.abs(self.of.output.error(at, self.path(t)))
-        if self.of.elastic and len(self.of.inner) and self._kept is not None:
+        if self.of.elastic and len(self.of.inner) and self._kept:
             r = self.of.arm._core.inverse_dynamics(at, v, a)[:, self.of.inner]
             K, left = self._kept[2], np.clip(np.searchsorted(self._at, t) - 1, 0, len(self._at) - 1)
             sag = np.stack([np.linalg.solve(K[k], x) for k, x in zip(left, r, strict=True)])
