@@ -104,6 +104,8 @@ from .choose.chart import Chart as Chart, chart as chart
 from .choose.economize import Plan as Plan, economize as economize
 from .command.move import LimitUse as LimitUse, Move as Move
 from .command.plan import MoveWarning as MoveWarning, plan_move as plan_move
+from .command.inversion import Inversion as Inversion
+from .command.invert import InversionWarning as InversionWarning, invert as invert
 from .data.compare import Comparison as Comparison
 from .data.data import Data as Data
 from .data.load import load_data as load_data

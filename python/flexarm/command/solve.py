@@ -1,0 +1,217 @@
+"""Solves the equations of an inversion in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._check import Array
+from .path import Path, Slower
+from .periodic import Banded, Mixing, halfway, rates
+from .problem import Equations, Poses
+
+_ITERATIONS = 40
+_RENEWALS = 3  # of the matrices, where the iteration does not converge
+DYING = 40.0  # twice the natural logarithm of how far the buffer damps what rings
+MOST = 6000  # intervals over the path and what stands before and after
+
+
+class NotConverged(ValueError):
+    """The iteration did not converge."""
+
+
+@dataclass
+class Motions:
+    """A motion found: rows at times t; `error` is how far halfway between them the tip is off the path (m, rad), as far
+    as that can be told from what the equations leave there; `edge` how far from rest the window begins and ends."""
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    tau: Array
+    step: float
+    error: float
+    edges: list[float]
+    iterations: int
+
+
+class Grid:
+    """Even times from `before` intervals ahead of the path to `after` behind it, and a smooth way from the pose at the
+    start to that at the end, from which the motion sought differs by what is periodic.
+
+    Behind that stand `buffer` intervals more, where damping is added, so that what rings on after the path has died out
+    before the window begins anew; they are no part of what is found.
+
+    Attributes:
+        n, keep: rows with the buffer, and without. damping: of these rows, in parts of the inertia (1/s), (n,).
+    """
+
+    def __init__(self, path: Path | Slower, poses: Poses, count: int, before: int, after: int, buffer: int) -> None:
+        self.path, self.step = path, (path.end - path.begin) / count
+        self.keep = before + count + after + 1
+        self.n = self.keep + buffer
+        self.t: Array = np.asarray(path.begin + self.step * np.arange(-before, self.n - before), dtype=float)
+        place = np.arange(1, buffer + 1) / (buffer + 1)
+        length = max(buffer, 1) * self.step
+        self.damping = np.concatenate([np.zeros(self.keep), DYING / length * 2 * np.sin(np.pi * place) ** 2])
+        self.wanted = path(self.t)
+        self._ends, self._T = (poses.q[0], poses.q[-1]), path.end - path.begin
+        self.way, self.rate, self.acceleration = self.reference(self.t)
+
+    def reference(self, t: Array) -> tuple[Array, Array, Array]:
+        """A step with six continuous derivatives."""
+        bell = np.polynomial.Polynomial([0, 1]) ** 6 * np.polynomial.Polynomial([1, -1]) ** 6
+        total = bell.integ()(1.0)
+        x, change = np.clip((t - self.path.begin) / self._T, 0.0, 1.0), self._ends[1] - self._ends[0]
+        ways = [p(x) / total / self._T**k for k, p in enumerate((bell.integ(), bell, bell.deriv()))]
+        q, v, a = (np.outer(way, change) for way in ways)
+        return self._ends[0] + q, v, a
+
+    def motion(self, q: Array) -> tuple[Array, Array]:
+        v, a = rates(q - self.way, self.step)
+        return v + self.rate, a + self.acceleration
+
+
+class Solver:
+    """Solves on finer and finer grids, each from the one before."""
+
+    def __init__(self, of: Equations, path: Path | Slower, poses: Poses) -> None:
+        self.of, self.path, self.poses = of, path, poses
+        self._at, self._kept = poses.t, list[Array]()  # M, C and K along the path, and when
+        zero = np.zeros(of.arm.nv)
+        #: M, C, K at rest, at the start and at the end
+        self.ends = [of.matrices(q, zero, zero) for q in (poses.q[0], poses.q[-1])] if len(of.inner) else []
+        self._inertia = self.ends[1][0] if self.ends else np.zeros((0, 0))
+
+    def first_guess(self, grid: Grid) -> Array:
+        from scipy.interpolate import make_interp_spline  # slow to import
+
+        rest = [(1, np.zeros(self.of.arm.nq)), (2, np.zeros(self.of.arm.nq))]
+        spline = make_interp_spline(self.poses.t, self.poses.q, k=5, bc_type=(rest, rest))
+        return np.asarray(spline(np.clip(grid.t, self.path.begin, self.path.end)))
+
+    def refined(self, grid: Grid, found: Motions) -> Array:
+        """A motion found before, on another grid."""
+        from scipy.interpolate import make_interp_spline  # slow to import
+
+        return np.asarray(make_interp_spline(found.t, found.q, k=5)(np.clip(grid.t, found.t[0], found.t[-1])))
+
+    def still(self, grid: Grid, q: Array) -> Motions:
+        """In balance with gravity at every time of the grid, from a guess q."""
+        near = self.first_guess(grid)[:, self.of.joints]
+        q, off = self.of.on_path(q, grid.wanted, near)
+        self._check_path(grid, off)
+        if not len(self.of.inner):
+            return self._motions(grid, q, 0, 0.0)
+        zero, inner = np.zeros_like(q), self.of.inner
+        K = np.array([self.of.stiffness(x, True) for x in self.poses.q])
+        pose = np.abs(grid.t[:, None] - self.poses.t).argmin(axis=1)
+        tried, step = 0, np.full(1, np.inf)
+        while np.abs(step).max() > 1e-12 * max(1.0, float(np.abs(q[:, inner]).max())) and tried < _ITERATIONS:
+            r = self.of.arm._core.inverse_dynamics(q, zero, zero)[:, inner]
+            step = -np.linalg.solve(K[pose], r[..., None])[..., 0]
+            q[:, inner] += step
+            q, off = self.of.on_path(q, grid.wanted, near)
+            tried += 1
+        self._check_path(grid, off)
+        return self._motions(grid, q, tried, 0.0)
+
+    def solve(self, grid: Grid, q: Array, tolerance: float) -> Motions:
+        """From a guess q on the grid.
+
+        Raises:
+            NotConverged: (a ValueError)"""
+        near = self.first_guess(grid)[:, self.of.joints]
+        q, off = self.of.on_path(q, grid.wanted, near)
+        self._check_path(grid, off)
+        if not self.of.elastic or not len(self.of.inner):
+            return self._motions(grid, q, 0, 0.0)
+        inner, done, last, kept = self.of.inner, 0, np.inf, q
+        for renewal in range(_RENEWALS + 1):
+            if not self._kept or renewal:
+                self._renew(grid, q, renewal)
+            solver, mixing, best = Banded(grid.n, grid.step, self._between(grid)), Mixing(), np.inf
+            for _ in range(_ITERATIONS):
+                done += 1
+                v, a = grid.motion(q)
+                r = self.of.arm._core.inverse_dynamics(q, v, a)[:, inner]
+                r[grid.keep :] += grid.damping[grid.keep :, None] * (v[grid.keep :][:, inner] @ self._inertia.T)
+                if not np.isfinite(r).all():
+                    break
+                f = -solver.solve(r)
+                last = self._size(q, f)
+                if last <= 0.05 * tolerance:
+                    return self._motions(grid, q, done, last)
+                if not last < 1e3 * best:
+                    break
+                if last < best:
+                    best, kept = last, q
+                q = q.copy()
+                q[:, inner] = mixing(q[:, inner], f)
+                q, off = self.of.on_path(q, grid.wanted, near)
+                if off.max() > 1e-9 * max(1.0, self.of.length):
+                    break
+            q = kept
+        raise NotConverged(
+            f"tip: the iteration did not converge in {done} steps (last change of the tip {last:.3g} m); try a slower "
+            "or smoother path, one that stays farther from singular poses, or another posture"
+        )
+
+    def _check_path(self, grid: Grid, off: Array) -> None:
+        if off.max() > 1e-9 * max(1.0, self.of.length):
+            k = int(off.argmax())
+            raise ValueError(self.of._unreached(grid.t[k], float(off[k]), grid.wanted[k]))
+
+    def _size(self, q: Array, f: Array) -> float:
+        """How far changes of the inner coordinates (n, k) move the output, the joints held; and what it does not see of
+        them, in parts of their own size."""
+        direct = self.of.follow(q)[1]
+        seen = float(np.abs(np.einsum("npk,nk->np", direct, f)).max())
+        return max(seen, 1e-2 * float(np.abs(f).max()))
+
+    def _renew(self, grid: Grid, q: Array, renewal: int) -> None:
+        """Matrices along the motion, at the times of the poses; more of them the second time."""
+        v, a = grid.motion(q)
+        inside = np.flatnonzero((grid.t > self.path.begin - 1e-9) & (grid.t < self.path.end + 1e-9))
+        count = min(len(inside), (17, 65, 257, 257)[renewal])
+        rows = inside[np.unique(np.linspace(0, len(inside) - 1, count).round().astype(int))]
+        self._at = grid.t[rows]
+        self._kept = [np.array(X) for X in zip(*(self.of.matrices(q[k], v[k], a[k]) for k in rows), strict=True)]
+
+    def _between(self, grid: Grid):  # type: ignore[no-untyped-def]
+        at, kept = self._at, self._kept
+        t = np.clip(grid.t, at[0], at[-1])
+        left = np.clip(np.searchsorted(at, t, side="right") - 1, 0, len(at) - 2)
+        share = (t - at[left]) / (at[left + 1] - at[left])
+
+        def at_node(k: int) -> tuple[Array, Array, Array]:
+            M, C, K = ((1 - share[k]) * X[left[k]] + share[k] * X[left[k] + 1] for X in kept)
+            return M, C + grid.damping[k] * self._inertia if grid.damping[k] else C, K
+
+        return at_node
+
+    def _motions(self, grid: Grid, q: Array, iterations: int, residual: float) -> Motions:
+        v, a = grid.motion(q)
+        tau = self.of.arm._core.inverse_dynamics(q, v, a)
+        edges, end = [0.0], grid.keep
+        if self.of.elastic and len(self.of.inner) and self._kept:
+            off = ((k, q[k] - self.poses.q[side]) for side, k in ((0, 0), (-1, end - 1)))
+            edges = [self.of.moved(q[k], d) for k, d in off]
+        error = max(self._halfway(grid, q), residual)
+        return Motions(grid.t[:end], q[:end], v[:end], a[:end], tau[:end], grid.step, error, edges, iterations)
+
+    def _halfway(self, grid: Grid, q: Array) -> float:
+        d = q - grid.way
+        d_rates = rates(d, grid.step)
+        t: Array = np.asarray(grid.t + 0.5 * grid.step, dtype=float)
+        way = grid.reference(t)
+        at, v, a = (halfway(x) + w for x, w in zip((d, *d_rates), way, strict=True))
+        off = np.abs(self.of.output.error(at, self.path(t)))
+        if self.of.elastic and len(self.of.inner) and self._kept:
+            r = self.of.arm._core.inverse_dynamics(at, v, a)[:, self.of.inner]
+            K, left = self._kept[2], np.clip(np.searchsorted(self._at, t) - 1, 0, len(self._at) - 1)
+            sag = np.stack([np.linalg.solve(K[k], x) for k, x in zip(left, r, strict=True)])
+            off = off + np.abs(np.einsum("npk,nk->np", self.of.follow(at)[1], sag))
+        return float(off[: grid.keep - 1].max())

@@ -1,0 +1,128 @@
+"""How long before and after its path an arm moves, how finely its motion is sampled, and whether it comes to rest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from .path import Path, Slower
+from .problem import Equations
+from .solve import DYING, MOST, Grid, Motions, NotConverged, Solver
+
+_FIRST_COUNT = 56  # intervals over the path of the first grid
+_ROUNDS = 12  # grids
+_SEEN = 2.5  # rad of a pole's motion in one step, above which the grid does not follow it
+_RINGS = 3.0  # natural logarithm of what a pole may grow or shrink over the path and still ring throughout
+_DECAY = 18.0  # natural logarithm of how far the slowest part of the internal dynamics has to die out
+_LEAST = 12  # intervals before and after the path, for the differences
+_ROUGH = 10.0  # times the tolerance that may be left where finer grids do not help
+_TOO_MUCH = 0.01  # of the path's extent, that may go on ringing
+
+Poles = tuple[Any, Any]  # complex, of the start and of the end
+
+
+def _poles(M: Array, C: Array, K: Array) -> Array:
+    """Of M d'' + C d' + K d = 0, by rising size; infinite ones are left out."""
+    n = len(K)
+    if not n:
+        return np.zeros(0, dtype=complex)
+    inverse = np.linalg.inv(K)
+    M, C = inverse @ M, inverse @ C
+    if np.abs(C).max() <= 1e-9 * np.sqrt(np.abs(M).max()):
+        slow = np.linalg.eigvals(M)
+        slow = np.sqrt(-slow.astype(complex))
+        slow = np.concatenate([slow, -slow])
+    else:
+        slow = np.linalg.eigvals(np.block([[-C, -M], [np.eye(n), np.zeros((n, n))]]))
+    slow = slow[np.abs(slow) > 1e-9 * np.abs(slow).max(initial=1e-300)]
+    found = 1.0 / slow
+    return np.asarray(found[np.argsort(np.abs(found))])
+
+
+def _slow(poles: Array, T: float, step: float) -> Any:
+    """Which poles ring throughout the path, among those that the grid can follow."""
+    return (np.abs(poles.real) * T < _RINGS) & (np.abs(poles) * step < _SEEN)
+
+
+def _padding(poles: Array, side: int, T: float, step: float) -> float:
+    """How long the part that dies out on one side takes, but for what rings; of what the grid can follow."""
+    rates = (side * poles.real)[(np.abs(poles) * step < _SEEN) & ~_slow(poles, T, step)]
+    slowest = rates[rates > 0].min(initial=np.inf)
+    return float(_DECAY / slowest) if np.isfinite(slowest) else 0.0
+
+
+def _buffer(poles: Poles, T: float, step: float) -> float:
+    """How long what rings takes to die out where it is damped; 0 where not the same poles ring at both ends: some of
+    them then belong to what comes ahead of the path, which must not be damped."""
+    start, end = (np.abs(p[_slow(p, T, step)]) for p in poles)
+    return 1.5 * DYING / float(min(start.min(), end.min())) if len(start) and len(start) == len(end) else 0.0
+
+
+def solve(of: Equations, path: Path | Slower, start: Array, method: str, tolerance: float,
+           window: tuple[float | None, ...]) -> tuple[Motions, int, Poles]:  # fmt: skip
+    solver, T = Solver(of, path, of.along(path, start)), path.end - path.begin
+    dynamic = method == "stable" and len(of.inner) > 0
+    none = np.zeros(0, dtype=complex)
+    poles = (_poles(*solver.ends[0]), _poles(*solver.ends[1])) if dynamic else (none, none)
+    count, longer, total, found, best, buffered = _FIRST_COUNT, 1.0, 0, None, None, True
+    for _ in range(_ROUNDS):
+        step = T / count
+        before, after = (longer * _padding(p, side, T, step) if given is None else given
+                         for p, side, given in zip(poles, (1, -1), window, strict=True))  # fmt: skip
+        nodes = [int(np.ceil(x / step)) for x in (before, after, buffered * _buffer(poles, T, step))]
+        grid = Grid(path, solver.poses, count, max(_LEAST, nodes[0]), max(_LEAST, nodes[1]), nodes[2])
+        if grid.n > MOST:
+            break
+        guess = solver.first_guess(grid) if found is None else solver.refined(grid, found)
+        try:
+            found = solver.solve(grid, guess, tolerance) if method != "quasi-static" else solver.still(grid, guess)
+        except NotConverged:
+            if count > 4 * _FIRST_COUNT and not nodes[2]:
+                raise
+            count, found, buffered = count if nodes[2] else int(1.7 * count), None, not nodes[2]
+            continue
+        total += found.iterations
+        rings = any(_slow(p, T, step).any() for p in poles)
+        if found.error > tolerance:
+            if best is not None and found.error > 0.5 * best.error and best.error < _ROUGH * tolerance:
+                break  # a finer grid follows what is faster still
+            count = int(count * np.clip(1.2 * (found.error / tolerance) ** (1 / 6), 1.3, 2.5))
+        elif max(found.edges) > tolerance and not rings and None in window and longer < 5:
+            longer *= 1.6
+        else:
+            return found, total, poles
+        best = found if best is None or found.error < best.error else best
+    if best is not None and best.error < _ROUGH * tolerance:
+        return best, total, poles
+    left = "" if best is None else f": {best.error:.2g} m is left at steps of {best.step:.2g} s"
+    raise ValueError(
+        f"tip: the path is too rough for tolerance = {tolerance:g} m{left}; give it more continuous derivatives, more "
+        "time, or allow a larger tolerance"
+    )
+
+
+def check_rest(path: Path | Slower, found: Motions, poles: Poles, tolerance: float) -> str:
+    """What is to be said of an arm that does not come to rest.
+
+    Raises:
+        ValueError: where that is as much as a part of the path itself."""
+    edge = max(found.edges)
+    if edge <= 10 * tolerance:
+        return ""
+    T = path.end - path.begin
+    ringing = np.abs(np.concatenate([p[_slow(p, T, found.step)] for p in poles]))
+    slow = ", ".join(f"{w:.4g}" for w in sorted({float(f"{w:.4g}") for w in ringing})[:4])
+    why = "its internal dynamics die out too slowly"
+    if len(ringing):
+        why = f"its internal dynamics have zeros on or near the imaginary axis, at {slow} rad/s, and ring"
+    text = (
+        f"the arm does not come to rest while its tip does: {why}; its end still moves by {edge:.2g} m on the "
+        "joints held; damp the beams (damping_ratio), slow or smooth the path, take another slice or other components "
+        "of the tip, or more pre and post"
+    )
+    moved = float(np.ptp(path(found.t), axis=0).max())
+    if edge > _TOO_MUCH * moved:
+        raise ValueError(f"tip: there is no inverse that comes to rest: {text}")
+    return text
