@@ -1,0 +1,81 @@
+// What inputs do over the horizon: the arm's motion under a plan, and its exact derivatives by the plan.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "damped_step.hpp"
+#include "flexarm/mpc.hpp"
+
+namespace flexarm {
+
+/// Stages of growing length, and the blocks of stages over which an input is held.
+struct Grid {
+  /// @throws std::invalid_argument naming the field and the value
+  explicit Grid(const MpcOptions& options);
+  Eigen::Index stages() const { return lengths.size(); }
+  Eigen::Index blocks() const { return shift.rows(); }
+
+  Eigen::VectorXd lengths, times;    ///< of stages (s); when they begin, and the end of the last
+  std::vector<Eigen::Index> block;   ///< of each stage
+  Eigen::VectorXd begins, durations;  ///< of blocks (s)
+  /// A plan a period later, from one now, as weights of its blocks (blocks x blocks): the mean over each new block of
+  /// the inputs planned for its time. The last goes on.
+  Eigen::MatrixXd shift;
+};
+
+/// One row of what is predicted at the end of each stage: an output, or its rate.
+struct MpcRow {
+  std::size_t output;
+  bool rate;
+  double weight, lower, upper;
+  bool limited() const { return lower > -std::numeric_limits<double>::infinity() || upper < -lower; }
+};
+
+class Prediction {
+ public:
+  using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+  Prediction(const Arm& arm, const Grid& grid, const std::vector<MpcOutput>& outputs, const std::vector<MpcRow>& rows,
+             const MpcOptions& options);
+  /// Predicts from a state under a plan (nu x blocks), with all derivatives.
+  Status operator()(const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::MatrixXd& plan);
+  /// A state a period later, under u (nu).
+  Status step(Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& u);
+  /// The inputs (nu) that hold the arm where it is against gravity and springs of joints.
+  void hold(const Eigen::VectorXd& q, Eigen::Ref<Eigen::VectorXd> u);
+  /// Adds what a change of the first state (2 nv) does to the rows.
+  void add_free(const Eigen::VectorXd& change, Eigen::VectorXd& rows);
+
+  Eigen::MatrixXd states;  ///< [q; v] (2 nv x stages + 1)
+  Eigen::MatrixXd held;    ///< by `hold`, at each stage's beginning (nu x stages)
+  Eigen::VectorXd values;  ///< of rows, those of a stage together
+  RowMatrix by_plan;       ///< of rows, by the plan, inputs of a block together
+
+ private:
+  /// A slice that is asked for its place, and how fast it moves.
+  struct Spot {
+    std::size_t link;
+    std::optional<double> x;
+    PlacedSlice at;
+    MotionDerivatives motion;
+    Eigen::Vector3d p;
+  };
+  void observe(Eigen::Index stage);
+
+  const Arm& arm_;
+  const Grid& grid_;
+  const std::vector<MpcOutput>& outputs_;
+  const std::vector<MpcRow>& rows_;
+  double period_;
+  DampedStep step_;  ///< those of the stages, and one more
+  Eigen::MatrixXd columns_, to_inputs_;
+  std::vector<Spot> spots_;
+  std::vector<int> spot_of_;  ///< of each output, or -1
+  std::vector<Eigen::MatrixXd> A_, C_;
+  Eigen::MatrixXd B_, S_, S_next_;
+  Eigen::VectorXd q_, v_, a_, tau_, change_, next_;
+};
+
+}  // namespace flexarm
