@@ -185,7 +185,7 @@ class StrainFeedback(_JointLaw):
 
     def __init__(
         self, kp: float, kv: float, ks: float, link: Any = -1, freedom: int | None = None, *, x: float = 0.0,
-        strain: str = "K3", beam: int | None = None, reference: Any = 0.0, limit: float | None = None,
+        strain: str = "K3", beam: int | str | None = None, reference: Any = 0.0, limit: float | None = None,
         motor: Motor | None = None,
     ) -> None:  # fmt: skip
         super().__init__(kp, kv, link, freedom, reference, limit, motor)
