@@ -135,7 +135,7 @@ Joint read_joint(const At& joint) {
   const std::string type = joint["type"].choice(kinds);
   const Kind& kind = *std::find_if(std::begin(kKinds), std::end(kKinds), [&](const Kind& k) { return k.type == type; });
   Names known = kForces;
-  known.insert(known.end(), {"type", "inboard", "outboard"});
+  known.insert(known.end(), {"type", "inboard", "outboard", "name"});
   if (kind.axis) known.push_back("axis");
   if (type == "axes") known.push_back("axes");
   joint.known_keys(known);
@@ -151,7 +151,7 @@ Joint read_joint(const At& joint) {
 }
 
 Link read_link(const At& table) {
-  table.known_keys({"joint", "hub", "beam", "tip"});
+  table.known_keys({"joint", "hub", "beam", "tip", "name"});
   table.needs({"joint"});
   const Joint joint = read_joint(table["joint"]);
   std::optional<RigidBody> hub, tip;

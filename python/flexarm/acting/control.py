@@ -188,7 +188,7 @@ class StrainFeedback(_JointLaw):
 
     def __init__(
         self, kp: float, kv: float, ks: float, link: Any = -1, freedom: int | None = None, *, x: float = 0.0,
-        strain: str = "K3", beam: int | None = None, reference: Any = 0.0, reference_rate: Any = None,
+        strain: str = "K3", beam: int | str | None = None, reference: Any = 0.0, reference_rate: Any = None,
         static: float | str = 0.0, pose: ArrayLike | None = None, washout: float | None = None,
         limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip

@@ -35,7 +35,7 @@ class Load(Law):
 
     def __init__(
         self,
-        link: int = -1,
+        link: int | str = -1,
         x: float | None = None,
         *,
         force: Value | None = None,

@@ -83,7 +83,7 @@ def _patterns(arm: Chain, found: SmallMotions, shapes: Array, rich: bool) -> lis
 
 
 def modal_damping(
-    arm: Chain, ratios: Any, q: ArrayLike | None, lock: Iterable[int] | None, loads: Any = ()
+    arm: Chain, ratios: Any, q: ArrayLike | None, lock: Iterable[Any] | None, loads: Any = ()
 ) -> list[Link]:
     """See Arm.modal_damping."""
     found = small_motions(arm, q, None, lock, loads)

@@ -58,16 +58,17 @@ def lowest_frequencies(arm: Chain, n: int) -> str:
 
 def _row(k: int, arm: Chain) -> list[str]:
     link = arm.links[k]
+    name = str(k) if link.name is None else f"{k} {link.name}"
     axis = getattr(link.joint, "axis", "")
     joint = f"{link.joint.type} {axis if isinstance(axis, str) else '(' + ', '.join(f'{a:.3g}' for a in axis) + ')'}"
     masses = [f"{body.mass:.4g}" if body is not None else "-" for body in (link.hub, link.beam, link.tip)]
     if link.beam is None:
-        return [str(k), joint.strip(), "-", "-", "-", *masses, "-"]
+        return [name, joint.strip(), "-", "-", "-", *masses, "-"]
     counts = ", ".join(f"{s} {n}" for s, n in link.beam.counts.items()) or "rigid"
     # the beam alone, clamped: K x = omega^2 M x of this link without its tip
     alone = arm._made([type(link)(Fixed(), link.hub, link.beam)])
     clamped = lowest_frequencies(alone, 2) if link.beam.ne else "-"
-    return [str(k), joint.strip(), _size(link.beam), counts, str(link.beam.order), *masses, clamped]
+    return [name, joint.strip(), _size(link.beam), counts, str(link.beam.order), *masses, clamped]
 
 
 def describe(arm: Chain) -> str:

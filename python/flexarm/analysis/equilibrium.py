@@ -372,7 +372,7 @@ def locked_rates(arm: Chain, lock: Iterable[Any] | None) -> NDArray[np.bool_]:
     """Which rates belong to the locked joints, (nv,)."""
     locked = np.zeros(arm.nv, dtype=bool)
     if lock is not None and (isinstance(lock, str) or not isinstance(lock, Iterable)):
-        raise ValueError(f"lock = {lock!r}: must be a list of link numbers, such as [0, 1]")
+        raise ValueError(f"lock = {lock!r}: must be a list of link numbers or names, such as [0, 1]")
     for link in () if lock is None else lock:
         locked[arm.joint_rates(link, "lock: link")] = True
     return locked

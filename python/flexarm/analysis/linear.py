@@ -158,9 +158,9 @@ def _joint_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
 def _slice_name(arm: Chain, field: str, link: Any, x: Any) -> tuple[int, float | None, str]:
     n = arm._link(link, f"{field}: link")
     if x is None:
-        return n, None, f"link {n}"
+        return n, None, arm.names[n]
     at = number(f"{field}: x", x)
-    return n, at, f"link {n} at {at:g} m"
+    return n, at, f"{arm.names[n]} at {at:g} m"
 
 
 def _tip_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
@@ -195,13 +195,13 @@ def _strain_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
     wanted = list(STRAIN_NAMES) if len(entry) == 3 else [choice(f"{field}: strain", entry[3], STRAIN_NAMES)]
     keep = [STRAIN_NAMES.index(s) for s in wanted]
     rows = p.arm.strain(np.eye(p.arm.nq), n, x).T[keep] @ p.E  # strains are linear in the coordinates (Eq. 28-32)
-    labels = [f"strain link {n} at {x:g} m {s}" for s in wanted]
+    labels = [f"strain {p.arm.names[n]} at {x:g} m {s}" for s in wanted]
     return _Output(labels, p.arm.strain(p.q, n, x)[keep], p.rows(rows, None))
 
 
 def _patch_name(arm: Chain, column: int) -> str:
     link, patch = arm.patches[column]
-    return f"link {link} patch {patch}"
+    return f"{arm.names[link]} patch {patch}"
 
 
 def _patch_output(p: _Point, field: str, entry: tuple[Any, ...]) -> _Output:
@@ -241,7 +241,7 @@ def _read_inputs(arm: Chain, q: Array, inputs: Sequence[Any] | None, locked: NDA
     out: list[_Input] = []
     for k, given in enumerate(_listed("inputs", inputs)):
         field = f"inputs[{k}]"
-        named = isinstance(given, tuple) and len(given) > 0 and isinstance(given[0], str)
+        named = isinstance(given, tuple) and len(given) > 0 and isinstance(given[0], str) and given[0] not in arm._numbers
         entry = given if named else ("force", given)
         kind = choice(field, entry[0], INPUTS)
         if kind == "load":

@@ -140,8 +140,8 @@ class SmallMotions:
 def small_motions(
     arm: Chain,
     q: ArrayLike | None = None,
-    speed: Mapping[int, float] | None = None,
-    lock: Iterable[int] | None = None,
+    speed: Mapping[Any, float] | None = None,
+    lock: Iterable[Any] | None = None,
     loads: Any = (),
 ) -> SmallMotions:
     """See Arm.modes, for what the arguments are."""
@@ -167,8 +167,8 @@ def small_motions(
 def modes(
     arm: Chain,
     q: ArrayLike | None = None,
-    speed: Mapping[int, float] | None = None,
-    lock: Iterable[int] | None = None,
+    speed: Mapping[Any, float] | None = None,
+    lock: Iterable[Any] | None = None,
     loads: Any = (),
 ) -> Modes:
     """See Arm.modes."""

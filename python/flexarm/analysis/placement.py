@@ -88,7 +88,7 @@ class PatchPlacement:
 
 def placement(
     arm: Chain,
-    link: int = -1,
+    link: int | str = -1,
     *,
     patch: Patch,
     length: float | None = None,

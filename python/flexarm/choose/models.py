@@ -309,7 +309,7 @@ class Models:
                 if key not in made:
                     made[key] = link
                     if link.beam is not None and beam is not None and beam != self.given.beams[k]:
-                        made[key] = Link(link.joint, link.hub, beam_at(link.beam, beam, link.tip), link.tip)
+                        made[key] = replace(link, beam=beam_at(link.beam, beam, link.tip))
                     for feature in left:
                         made[key] = feature.leave_out(made[key])
                 links.append(made[key])

@@ -54,7 +54,7 @@ def excited(scene: Scene, seed: int = 1) -> NDArray[np.bool_]:
     push. Where a scene is symmetric, as one in a plane is, the others have no force, not a small one."""
     rng, arm, active = np.random.default_rng(seed), scene.arm, _driven(scene)
     start = arm.zero if scene.q0 is None else scene.q0
-    reach = np.where([any(s in name for s in STRAINS) for name in arm.coordinates], 0.01, 0.5)
+    reach = np.where([any(s in name for s in STRAINS) for name in arm._core.coordinates], 0.01, 0.5)
     places, wrenches = _acting(scene)
     while not active.all():
         more = active.copy()

@@ -86,15 +86,11 @@ def _parameters(given: list[str]) -> dict[str, Any]:
 
 def _key(where: str, text: str) -> Any:
     """A drive's key: a link, link.freedom, or patch.link.patch."""
-    head, *rest = text.split(".")
-    try:
-        numbers = [int(x) for x in (rest if head == "patch" else [head, *rest])]
-    except ValueError:
-        numbers = []
-    if head == "patch" and len(numbers) == 2:
-        return ("patch", *numbers)
-    if head != "patch" and len(numbers) in (1, 2):
-        return numbers[0] if len(numbers) == 1 else tuple(numbers)
+    head, *rest = map(options.link, text.split("."))
+    if head == "patch" and len(rest) == 2 and isinstance(rest[1], int):
+        return (head, *rest)
+    if head not in ("patch", "") and (not rest or (len(rest) == 1 and isinstance(rest[0], int))):
+        return (head, *rest) if rest else head
     raise ValueError(f"{where}: must begin with a link, such as '1=torque_1', or '1.0=...', 'patch.0.0=...'")
 
 

@@ -31,33 +31,29 @@ def arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument("-n", dest="count", metavar="COUNT", type=int, default=10, help=count)
 
 
-def _speeds(options: Sequence[str]) -> dict[int, float]:
-    out: dict[int, float] = {}
-    for text in options:
+def _speeds(given: Sequence[str], scene: Scene) -> dict[int | str, float]:
+    out: dict[int | str, float] = {}
+    for text in given:
         link, _, value = text.partition("=")
         try:
-            key, speed = int(link), float(value)
+            key, speed = options.link(link), float(value)
         except ValueError:
             raise ValueError(f"--speed {text}: must be LINK=SPEED, such as 0=10 (rad/s)") from None
+        scene.arm._link(key, f"--speed {text}: link")
         if key in out:
             raise ValueError(f"--speed {text}: link {key} is given twice")
         out[key] = speed
     return out
 
 
-def _locks(options: Sequence[str] | None, scene: Scene) -> list[int]:
+def _locks(given: Sequence[str] | None, scene: Scene) -> list[Any]:
     """Links to lock; unless told otherwise those whose motion the scene prescribes."""
-    if options is None:
+    if given is None:
         return [link for link, law in scene.drive.items() if isinstance(law, Motion)]
-    out = []
-    for text in options:
-        if text == "none":
-            continue
-        try:
-            out.append(int(text))
-        except ValueError:
-            raise ValueError(f"--lock {text}: must be the number of a link, or none") from None
-    return out
+    lock = [options.link(text) for text in given if text != "none"]
+    for link in lock:
+        scene.arm._link(link, f"--lock {link}: link")
+    return lock
 
 
 def _place(scene: Scene) -> Any:
@@ -93,8 +89,8 @@ def run(args: argparse.Namespace) -> int:
     """Computes and prints."""
     if args.count < 1:
         raise ValueError(f"-n {args.count}: must be at least 1")
-    speed = _speeds(args.speed)
     scene = load(args.scene)
+    speed = _speeds(args.speed, scene)
     lock = _locks(args.lock, scene)
     modes = scene.arm.modes(q=_place(scene), speed=speed, lock=lock)
     rows = _mode_rows(modes, scene.arm.coordinates, args.count)

@@ -13,3 +13,11 @@ def scene(p: argparse.ArgumentParser) -> None:
 def output(p: argparse.ArgumentParser, folder: str) -> None:
     """-o DIR, by default `folder`."""
     p.add_argument("-o", "--output", default=folder, metavar="DIR", help="folder to write into (%(default)s)")
+
+
+def link(text: str) -> int | str:
+    """A link's number, or its name."""
+    try:
+        return int(text)
+    except ValueError:
+        return text

@@ -24,7 +24,7 @@ def arguments(p: argparse.ArgumentParser) -> None:
     """Adds the command's arguments to its parser."""
     options.scene(p)
     options.output(p, "flexarm-place")
-    p.add_argument("--link", type=int, default=-1, help="number of the link; -1 is the last (%(default)s)")
+    p.add_argument("--link", type=options.link, default=-1, help="number or name of the link; -1 is the last (%(default)s)")
     p.add_argument("--patch", type=int, default=0, help="which of its patches (%(default)s)")
     p.add_argument("-n", dest="modes", metavar="MODES", type=int, default=3, help="how many modes (%(default)s)")
     weight = "weight of a mode, from the lowest up; repeat for each (default: all alike)"
@@ -37,13 +37,14 @@ def run(args: argparse.Namespace) -> int:
     scene = load(args.scene)
     scene.arm.patch_column(args.link, args.patch, "--")
     links = list(scene.arm.links)
-    link = links[args.link]
+    number = scene.arm._link(args.link, "--link")
+    link = links[number]
     assert link.beam is not None
     others = list(link.beam.patches)
     patch = others.pop(args.patch)
-    links[args.link] = replace(link, beam=replace(link.beam, patches=others))
+    links[number] = replace(link, beam=replace(link.beam, patches=others))
     lock: list[int] | None = [] if args.free else None
-    found = placement(Arm(links), args.link, patch=patch, modes=args.modes, weights=args.weight, lock=lock)
+    found = placement(Arm(links), number, patch=patch, modes=args.modes, weights=args.weight, lock=lock)
     folder = output_folder(args.output)
     names = ["centre (m)", *(f"mode {k + 1} (m/V)" for k in range(args.modes)), "merit"]
     write_csv(folder / "placement.csv", names, [found.x, *found.authority.T, found.merit])

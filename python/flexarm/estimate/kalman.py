@@ -240,7 +240,7 @@ class KalmanFilter:
         """Standard deviations of the parameters, by name."""
         return dict(zip(self._names, self._core.deviations[2 * self.arm.nv :].tolist(), strict=False))
 
-    def tip(self, link: int = -1, x: float | None = None) -> tuple[Array, Array]:
+    def tip(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
         """Place (3,) of a link's end, or of a slice at x metres of its beam, in the world (m), and its covariance
         (3, 3) (m^2)."""
         return self._core.place(self.arm._link(link), None if x is None else number("x", x))

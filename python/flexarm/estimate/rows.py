@@ -65,10 +65,11 @@ def unknowns(
     for name, value in estimate.items():
         kind, *where = str(name).split(".")
         right = "must be 'payload', or " + ", ".join(f"'{k}.LINK'" for k in KINDS[1:])
-        places = 0 <= len(where) <= 2 and all(map(str.isdigit, where)) and (kind == "payload") == (not where)
+        named = where[:1] == [w for w in where[:1] if w in arm._numbers]
+        places = 0 <= len(where) <= 2 and all(map(str.isdigit, where[named:])) and (kind == "payload") == (not where)
         if kind not in KINDS or not places:
             raise ValueError(f"estimate: {name!r}: {right}")
-        place: Any = [int(w) for w in where]
+        place: Any = [int(w) if w.isdigit() else w for w in where]
         rate = arm.joint_rate(tuple(place) if len(place) == 2 else place[0], f"estimate: {name}: link") if place else 0
         start, std = array(f"estimate: {name}: (start, standard deviation)", value, (2,))
         if std < 0:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._check import Array, number
-from ..run.variation import Setup, Variation, fields_of, known_paths
+from ..run.variation import Setup, Variation, fields_of, known_paths, numbered
 
 _FACTOR = 3.0  # by which starts differ where no bounds tell
 
@@ -170,7 +170,8 @@ def _takes(setup: Setup, path: str, value: float) -> bool:
 def current(setup: Setup, state: tuple[Array, Array], path: str) -> float | None:
     """The value that a path has in a setup; None where it is left out there. ValueError for what is no number."""
     known = known_paths(setup)
-    root, *inner = str(path).split(".")
+    path = numbered(setup, path)
+    root, *inner = path.split(".")
     arm = setup.arm
     node: Any = {
         "link": arm.links, "load": setup.loads, "control": setup.control, "sensor": setup.sensors, "q0": state[0],

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,23 @@ from .part import as_table
 
 if TYPE_CHECKING:
     from typing_extensions import Self
+
+
+def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
+    """The links that each name means: its own link, and that of its joint."""
+    out: dict[str, tuple[int, ...]] = {}
+    for what in ("link", "joint"):
+        own: dict[str, int] = {}
+        for k, link in enumerate(links):
+            name = (link if what == "link" else link.joint).name
+            if name is None:
+                continue
+            if name in own:
+                raise ValueError(f"links[{k}]: its {what} is called '{name}', as is that of link {own[name]}")
+            own[name] = k
+            if k not in out.get(name, ()):
+                out[name] = (*out.get(name, ()), k)
+    return out
 
 
 class Chain:
@@ -47,7 +65,10 @@ class Chain:
         self._core = _core.Arm([link._core for link in self.links], self.gravity)
         self.nq: int = self._core.nq
         self.nv: int = self._core.nv
-        self.coordinates: tuple[str, ...] = tuple(self._core.coordinates)
+        #: of each link: its name, or "link 0" and so on
+        self.names: tuple[str, ...] = tuple(link.name or f"link {k}" for k, link in enumerate(self.links))
+        self._numbers = _numbers(self.links)
+        self.coordinates: tuple[str, ...] = tuple(self._named(label) for label in self._core.coordinates)
         self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
         self.patch_matrix.flags.writeable = False
         self._fast_modes: Any = ()  # once known, see pace.py
@@ -70,8 +91,31 @@ class Chain:
     def __repr__(self) -> str:
         return f"{type(self).__name__}({len(self.links)} links, {self.nv} coordinates: {', '.join(self.coordinates)})"
 
+    def __getitem__(self, link: Any) -> Link:
+        """The link of a name (its own or its joint's) or a number."""
+        return self.links[self._link(link)]
+
+    def __iter__(self) -> Iterator[Link]:
+        return iter(self.links)
+
+    def _named(self, label: str) -> str:
+        """A label of the core, "link 0 bending_y 1", with the link's name."""
+        _, number, rest = label.split(" ", 2)
+        return f"{self.names[int(number)]} {rest}"
+
     def _link(self, link: Any, field: str = "link") -> int:
+        """The number of a link that is given by its number, its name or its joint's: the one place that reads them."""
         n = len(self.links)
+        if isinstance(link, str):
+            found = self._numbers.get(link, ())
+            if len(found) == 1:
+                return found[0]
+            if found:
+                raise ValueError(f"{field} = {link!r}: is link {found[0]} and the joint of link {found[1]}; give a number")
+            known = ", ".join(self._numbers)
+            near = get_close_matches(link, self._numbers, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"there are {known}" if known else "none has a name"
+            raise ValueError(f"{field} = {link!r}: no link and no joint has this name; {hint}")
         if isinstance(link, bool) or not isinstance(link, (int, np.integer)) or not -n <= link < n:
             raise ValueError(f"{field} = {link!r}: must be from {-n} to {n - 1}")
         return int(link) % n
@@ -100,7 +144,7 @@ class Chain:
     def by_rate(self, field: str, keyed: Mapping[Any, Any] | None) -> dict[int, Any]:
         """What is keyed by link or (link, freedom), keyed by the index of that rate instead."""
         if keyed is not None and not isinstance(keyed, Mapping):
-            raise ValueError(f"{field} = {keyed!r}: must be a dictionary, by link number")
+            raise ValueError(f"{field} = {keyed!r}: must be a dictionary, by link number or name")
         out: dict[int, Any] = {}
         for link, value in (keyed or {}).items():
             i = self.joint_rate(link, f"{field}: link")
@@ -121,7 +165,7 @@ class Chain:
             if self.coordinate_of(i) >= 0:
                 names[self.coordinate_of(i)] = label
         for k, at in self.quaternions():
-            names[at] = [f"link {k} {self.links[k].joint.type} quaternion {c}" for c in "wxyz"]
+            names[at] = [f"{self.names[k]} {self.links[k].joint.type} quaternion {c}" for c in "wxyz"]
         return tuple(names)
 
     def quaternions(self) -> list[tuple[int, slice]]:
@@ -184,7 +228,7 @@ class Chain:
 
     # -- kinematics ----------------------------------------------------------------------------------------------------
 
-    def frame(self, q: ArrayLike, link: int = -1, x: float | None = None) -> tuple[Array, Array]:
+    def frame(self, q: ArrayLike, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
         """Position (..., 3) and orientation (..., 3, 3) in the world of the slice of a link's beam at x metres.
 
         x = None is the link's end, where the next joint sits. The columns of R are the slice's axes.
@@ -193,22 +237,22 @@ class Chain:
         p, R = self._core.frame(q, self._link(link), self._x(x))
         return finite("frame", p), finite("frame", R)
 
-    def jacobian(self, q: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+    def jacobian(self, q: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
         """Jacobian (..., 6, nv) of such a frame: [linear; angular] velocity in world axes (Phi H of Eq. 91)."""
         (q,) = self._batch(q=q)
         return finite("jacobian", self._core.jacobian(q, self._link(link), self._x(x)))
 
-    def jacobian_rate(self, q: ArrayLike, v: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+    def jacobian_rate(self, q: ArrayLike, v: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
         """Time derivative (..., 6, nv) of that Jacobian at the rates v: acceleration = J a + dJ/dt v."""
         q, v = self._batch(q=q, v=v)
         return finite("jacobian rate", self._core.jacobian_rate(q, v, self._link(link), self._x(x)))
 
-    def velocity(self, q: ArrayLike, v: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+    def velocity(self, q: ArrayLike, v: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
         """Velocity (..., 6) of such a frame: [linear (m/s); angular (rad/s)] in world axes (Eq. 85)."""
         q, v = self._batch(q=q, v=v)
         return finite("velocity", self._core.slice_motion(q, v, v, self._link(link), self._x(x))[0])
 
-    def acceleration(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+    def acceleration(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
         """Acceleration (..., 6) of such a frame: [linear (m/s^2); angular (rad/s^2)] in world axes (Eq. 86)."""
         q, v, a = self._batch(q=q, v=v, a=a)
         return finite("acceleration", self._core.slice_motion(q, v, a, self._link(link), self._x(x))[1])
@@ -226,13 +270,13 @@ class Chain:
         q, v = self._batch(q=q, v=v)
         return finite("momentum", self._core.momentum(q, v)[0])
 
-    def strain(self, q: ArrayLike, link: int = -1, x: float = 0.0) -> Array:
+    def strain(self, q: ArrayLike, link: int | str = -1, x: float = 0.0) -> Array:
         """Strains (Eq. 18-21) at x metres along a link's beam, (..., 6): K1, K2, K3 (1/m), phi12, phi13 (rad) and eps;
         of a beam that is curved at rest, those beyond its `curvature`."""
         (q,) = self._batch(False, q=q)
         return finite("strain", self._core.strain(q, self._link(link), number("x", x)))
 
-    def deflection(self, q: ArrayLike, link: int = -1, x: float | None = None) -> Array:
+    def deflection(self, q: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
         """Displacement (..., 3) of the slice at x metres (None: the beam's tip) from rest, in the link's axes (m)."""
         (q,) = self._batch(q=q)
         n = self._link(link)
@@ -241,7 +285,7 @@ class Chain:
             raise ValueError(f"link = {link}: has no beam, so no deflection")
         return finite("deflection", self._core.deflection(q, n, beam.length if x is None else number("x", x)))
 
-    def charge(self, q: ArrayLike, link: int = -1, patch: int = 0) -> Array:
+    def charge(self, q: ArrayLike, link: int | str = -1, patch: int = 0) -> Array:
         """Charge (C) that strain brings onto the electrodes of a link's patch when they are short-circuited, (...): by
         reciprocity, the patch's forces per volt (Eq. 61) times the elastic coordinates."""
         (q,) = self._batch(False, q=q)
@@ -250,13 +294,13 @@ class Chain:
             used = np.flatnonzero(force)
             return finite("charge", np.asarray(q[..., [self.coordinate_of(int(i)) for i in used]] @ force[used]))
 
-    def patch_voltage(self, q: ArrayLike, link: int = -1, patch: int = 0) -> Array:
+    def patch_voltage(self, q: ArrayLike, link: int | str = -1, patch: int = 0) -> Array:
         """Voltage (V) of a link's patch when its electrodes are open, (...): -charge / capacitance, so that one that
         shrinks under a voltage shows it when stretched. What that voltage does to the motion is not in it."""
         with np.errstate(over="ignore"):
             return finite("patch voltage", -self.charge(q, link, patch) / self.capacitance(link, patch))
 
-    def capacitance(self, link: int = -1, patch: int = 0) -> float:
+    def capacitance(self, link: int | str = -1, patch: int = 0) -> float:
         """Capacitance (F) of a link's patch, of a pair in parallel, with all strains held.
 
         Raises:

@@ -12,7 +12,7 @@ import flexarm._core as _core
 
 from .._check import Array, array, number
 from .beam import Vector, as_floats
-from .part import Part
+from .part import Part, read_name
 
 UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SPRINGS = ("stiffness", "rest", "damping", "lower", "upper", "limit_stiffness", "limit_damping")
@@ -85,6 +85,7 @@ class Joint(Part):
             kg m²). The rotor's own gyroscopic moments are left out.
         inboard: where the joint sits on the link below, from that link's end.
         outboard: where the link's own frame sits, from the joint's moving side.
+        name: what the joint is called, such as "elbow"; it stands wherever its link's number may. No dots, no number.
     """
 
     stiffness: PerFreedom = field(default=0.0, kw_only=True)
@@ -99,6 +100,7 @@ class Joint(Part):
     reflected_inertia: PerFreedom = field(default=0.0, kw_only=True)
     inboard: Placement | None = field(default=None, kw_only=True)
     outboard: Placement | None = field(default=None, kw_only=True)
+    name: str | None = field(default=None, kw_only=True)
     #: one label and one unit ("rad" or "m") for each rate
     labels: tuple[str, ...] = field(init=False, repr=False, compare=False)
     units: tuple[str, ...] = field(init=False, repr=False, compare=False)
@@ -124,6 +126,7 @@ class Joint(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        read_name(self.name)
         if not isinstance(getattr(self, "axis", ""), str):
             self._set("axis", as_floats(array("axis", self.axis, (3,))))  # type: ignore[attr-defined]
         freedoms = self._freedoms()

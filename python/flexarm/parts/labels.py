@@ -28,5 +28,5 @@ def deflections(arm: Chain) -> list[tuple[int, int, str]]:
             continue
         for component, names in enumerate(({"extension"}, {"bending_y", "shear_y"}, {"bending_z", "shear_z"})):
             if link.beam.curvature is not None or names & set(link.beam.counts):
-                out.append((k, component, f"link {k} tip {'xyz'[component]}"))
+                out.append((k, component, f"{arm.names[k]} tip {'xyz'[component]}"))
     return out

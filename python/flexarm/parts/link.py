@@ -8,7 +8,7 @@ import flexarm._core as _core
 
 from .beam import Beam, RigidBody
 from .joints import Joint
-from .part import Part
+from .part import Part, read_name
 
 
 @dataclass(frozen=True)
@@ -23,16 +23,20 @@ class Link(Part):
         hub: the rigid body that the joint moves.
         beam: what bends, clamped to the hub.
         tip: the rigid body on the beam's end, such as a payload.
+        name: what the link is called, such as "forearm"; it stands wherever the link's number may, and in labels. No
+            dots, no number; no other link of the arm has it.
     """
 
     joint: Joint
     hub: RigidBody | None = None
     beam: Beam | None = None
     tip: RigidBody | None = None
+    name: str | None = None
     _core: _core.Link = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        read_name(self.name)
         if not isinstance(self.joint, Joint):
             raise ValueError(f'joint = {self.joint!r}: must be a joint, such as Revolute("z")')
         for name, kind in (("hub", RigidBody), ("beam", Beam), ("tip", RigidBody)):

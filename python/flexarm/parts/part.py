@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
@@ -12,6 +13,23 @@ from .arguments import with_inherited
 
 class ModelWarning(UserWarning):
     """A number of a model that can hardly be meant, with the unit or the remedy."""
+
+
+#: what stands first in tuples that name something of a link, such as ("patch", link, patch)
+_TAKEN = ("patch", "load", "force", "acceleration")
+
+
+def read_name(value: Any) -> str | None:
+    """The name of a link or a joint, or None. Dots part the words of paths, and numbers are links' numbers."""
+    if value is None:
+        return None
+    if not isinstance(value, str) or not value.strip() or value != value.strip() or not value.isprintable():
+        raise ValueError(f"name = {value!r}: must be text without blanks around it, such as 'elbow'")
+    if "." in value:
+        raise ValueError(f"name = {value!r}: must have no dot, which parts the words of a path ('link.elbow.tip.mass')")
+    if value in _TAKEN or re.fullmatch(r"(link )?[-+]?\d+", value):
+        raise ValueError(f"name = {value!r}: means something else already; take another")
+    return value
 
 
 class Part:

@@ -91,7 +91,7 @@ def _fast_modes(arm: Arm) -> tuple[Array, Array, str] | None:
 
 
 def _find_fast_modes(arm: Arm) -> tuple[Array, Array, str] | None:
-    elastic = [i for i, name in enumerate(arm.coordinates) if any(s in name for s in STRAINS)]
+    elastic = [i for i, name in enumerate(arm._core.coordinates) if any(s in name for s in STRAINS)]
     if not elastic:
         return None
     try:

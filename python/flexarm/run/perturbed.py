@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .._check import Array
 from .parameter import Neighbour, Parameter
 from .problem import Problem
-from .variation import Setup, Variation, drive_name, fields_of, known_paths
+from .variation import Setup, Variation, drive_name, fields_of, known_paths, numbered
 
 #: Steps of a difference, and its weights: of fourth order, central and (at the border of what is allowed) on one side.
 _CENTRAL = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)
@@ -107,7 +107,7 @@ def drive_of(setup: Setup, path: str) -> tuple[Any, Any]:
 
 def _at(setup: Setup, path: str, start: dict[str, Array]) -> tuple[Any, Any]:
     """What stands at a path, and what holds it."""
-    root, *names = str(path).split(".")
+    root, *names = numbered(setup, path).split(".")
     here: Any = None
     like: Any = None
     tree: dict[str, Any] = {
@@ -138,7 +138,7 @@ def _value(setup: Setup, path: str, start: dict[str, Array]) -> tuple[float, flo
     """The number at a path, and its size."""
     here, like = _at(setup, path, start)
     if not isinstance(here, (int, float, np.floating)) or isinstance(here, bool) or not np.isfinite(here):
-        if not {str(path), re.sub(r"(\.\d+){1,2}$", "", str(path))} & set(known_paths(setup)):
+        if not {(at := numbered(setup, path)), re.sub(r"(\.\d+){1,2}$", "", at)} & set(known_paths(setup)):
             Variation(setup, {path: [1.0]})  # whose message has a path that is like it
         raise ValueError(f"parameters: '{path}' is no single number that can vary")
     size = abs(float(here))

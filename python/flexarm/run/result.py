@@ -61,11 +61,11 @@ class Result:
         span = f"t = {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no times"
         return f"Result({len(self.t)} rows, {span}, {self.arm.nv} coordinates, {self.stats.get('steps', 0)} steps)"
 
-    def frame(self, link: int = -1, x: float | None = None) -> tuple[Array, Array]:
+    def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
         """Position (nt, 3) and orientation (nt, 3, 3) in the world; see Arm.frame."""
         return self.arm.frame(self.q, link, x)
 
-    def strain(self, link: int = -1, x: float = 0.0) -> Array:
+    def strain(self, link: int | str = -1, x: float = 0.0) -> Array:
         """K1, K2, K3 (1/m), phi12, phi13 (rad), eps at x metres along a link's beam, (nt, 6); see Arm.strain."""
         return self.arm.strain(self.q, link, x)
 
@@ -73,7 +73,7 @@ class Result:
         """Kinetic and potential energy (J), (nt,) each."""
         return self.arm.energy(self.q, self.v)
 
-    def joint_reaction(self, link: int = -1, side: str = "outboard") -> Array:
+    def joint_reaction(self, link: int | str = -1, side: str = "outboard") -> Array:
         """Force and moment (nt, 6) that a link's joint passes on to it (N, N m); see Arm.joint_reaction."""
         if self.loads is None:
             raise ValueError(
@@ -84,15 +84,15 @@ class Result:
         rows = zip(self.q, self.v, self.a, self.t, strict=True)
         return np.array([self.arm.joint_reaction(q, v, a, link, side, loads=self.loads, t=t) for q, v, a, t in rows])
 
-    def tip_deflection(self, link: int = -1) -> Array:
+    def tip_deflection(self, link: int | str = -1) -> Array:
         """Displacement (nt, 3) of the beam's tip from rest, in the axes of the link's hub (m)."""
         return self.arm.deflection(self.q, link)
 
-    def charge(self, link: int = -1, patch: int = 0) -> Array:
+    def charge(self, link: int | str = -1, patch: int = 0) -> Array:
         """Short-circuit charge of a link's patch (C), (nt,); see Arm.charge. A driven patch has capacitance V more."""
         return self.arm.charge(self.q, link, patch)
 
-    def patch_voltage(self, link: int = -1, patch: int = 0) -> Array:
+    def patch_voltage(self, link: int | str = -1, patch: int = 0) -> Array:
         """Open-circuit voltage of a link's patch (V), (nt,); see Arm.patch_voltage."""
         return self.arm.patch_voltage(self.q, link, patch)
 

@@ -98,6 +98,20 @@ def drive_name(key: Any) -> str:
     return ".".join(str(k) for k in key) if isinstance(key, tuple) else str(key)
 
 
+def numbered(setup: Setup, path: str) -> str:
+    """A path with the number of a link where it has its name: "link.elbow.tip.mass", and that of a drive likewise."""
+    arm, (root, *words) = setup.arm, str(path).split(".")
+    if not words or words[0] not in arm._numbers:
+        return str(path)
+    if root == "link":
+        words[0] = str(arm._link(words[0], f"'{path}': link"))
+    elif root == "drive":
+        for key in setup.drive:
+            if isinstance(key, (int, str)) and arm._link(key) == arm._link(words[0], f"'{path}': link"):
+                words[0] = str(key)
+    return ".".join([root, *words])
+
+
 def known_paths(setup: Setup) -> list[str]:
     """Everything of a setup that can vary."""
     out = ["gravity", "q0", "v0"]
@@ -124,8 +138,10 @@ class Variation:
         self.setup = setup
         self.values: dict[str, Array] = {}
         known = known_paths(setup) if parameters else []
+        self._at: dict[str, str] = {}  # the same paths with the numbers of links
         for path, value in (parameters or {}).items():
-            if path not in known and re.sub(r"(\.\d+){1,2}$", "", str(path)) not in known:
+            at = self._at[path] = numbered(setup, path)
+            if at not in known and re.sub(r"(\.\d+){1,2}$", "", at) not in known:
                 near = difflib.get_close_matches(str(path), known, n=1, cutoff=0.3)
                 hint = f"; did you mean '{near[0]}'?" if near else ""
                 raise ValueError(f"parameters: '{path}' is nothing that can vary{hint}")
@@ -133,9 +149,9 @@ class Variation:
             self.values[path] = array(name, value, batch_ndim=1)
             if self.values[path].ndim == 0:
                 raise ValueError(f"{name} = {value!r}: must have one entry for each scenario")
-        for path in self.values:
-            for other in self.values:
-                if other.startswith(path + "."):
+        for path, at in self._at.items():
+            for other, below in self._at.items():
+                if below.startswith(at + ".") or (below == at and other != path):
                     raise ValueError(f"parameters: '{other}' is a part of '{path}'; give one of them")
         self._trees = {root: self._tree(root) for root in ("link", "drive", "load", "control", "sensor", "gravity")}
         self._parts: dict[str, OrderedDict[bytes, Future[Any]]] = {}
@@ -222,7 +238,8 @@ class Variation:
 
     def _tree(self, root: str) -> Any:
         tree: _Tree = {}
-        for path, values in self.values.items():
+        for given, values in self.values.items():
+            path = self._at[given]
             if path == root:
                 return values
             if path.startswith(root + "."):

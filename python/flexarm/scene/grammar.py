@@ -42,12 +42,18 @@ SAMPLES = {
 }
 
 
+def _link_of(link: Any) -> None:
+    """A drive's link: its name, or a number."""
+    if not isinstance(link, str):
+        whole("link", link)
+
+
 @dataclass(frozen=True)
 class JointDrive:
     """What drives a joint: exactly one of `motion`, `spin_up` and `torque`.
 
     Args:
-        link: whose joint.
+        link: whose joint; a number or a name, as everywhere.
         freedom: which of the joint's freedoms, where it has several.
         motion: a prescribed motion (rad, m; `v` per s, `a` per s²): `q` alone, by a spline, or `q`, `v` and `a`, by
             quintic pieces; its reaction becomes an output.
@@ -55,14 +61,14 @@ class JointDrive:
         torque: N m, or the force (N) of a joint that slides.
     """
 
-    link: int
+    link: int | str
     freedom: int | None = None
     motion: Motion | None = None
     spin_up: SpinUp | None = None
     torque: Torque | None = None
 
     def __post_init__(self) -> None:
-        whole("link", self.link)
+        _link_of(self.link)
         if self.freedom is not None:
             whole("freedom", self.freedom)
 
@@ -86,12 +92,12 @@ class PatchDrive:
         voltage: V.
     """
 
-    link: int
+    link: int | str
     patch: int
     voltage: Voltage
 
     def __post_init__(self) -> None:
-        whole("link", self.link)
+        _link_of(self.link)
         whole("patch", self.patch)
 
     @property

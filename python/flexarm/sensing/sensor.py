@@ -193,7 +193,7 @@ class Sensor(Part):
 
     def _where(self, arm: Arm) -> str:
         link, x = arm._link(getattr(self, "link", -1)), getattr(self, "x", None)
-        return f"link {link} end" if x is None else f"link {link} at {x:g} m"
+        return f"{arm.names[link]} end" if x is None else f"{arm.names[link]} at {x:g} m"
 
     def _each(self, name: str, count: int, without: float) -> Array:
         value = getattr(self, name)

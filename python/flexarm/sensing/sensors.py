@@ -18,7 +18,7 @@ from .sensor import Component, Sensor
 
 @dataclass(frozen=True)
 class _OnFreedom(Sensor):
-    link: int = -1
+    link: int | str = -1
     freedom: int = 0
 
     def _rate(self, arm: Arm) -> int:
@@ -26,7 +26,7 @@ class _OnFreedom(Sensor):
 
     def _unit(self, arm: Arm) -> str:
         self._rate(arm)
-        return arm.links[self.link].joint.units[self.freedom]
+        return arm[self.link].joint.units[self.freedom]
 
     def _where(self, arm: Arm) -> str:
         return arm.coordinates[self._rate(arm)]
@@ -102,7 +102,7 @@ class ForceTorque(Sensor):
         side: "outboard": at the link's origin, in its axes; "inboard": at the end of the link below, in its axes.
     """
 
-    link: int = -1
+    link: int | str = -1
     side: str = "outboard"
     type: ClassVar[str] = "force_torque"
     needs_a: ClassVar[bool] = True
@@ -116,7 +116,7 @@ class ForceTorque(Sensor):
         return [(f"force {c}", "N") for c in "xyz"] + [(f"moment {c}", "N m") for c in "xyz"]
 
     def _where(self, arm: Arm) -> str:
-        return f"joint of link {arm._link(self.link)}"
+        return f"joint of {arm.names[arm._link(self.link)]}"
 
     def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
         if not loads or t.ndim == 0:
@@ -156,7 +156,7 @@ class StrainGauge(Sensor):
             those given by their integrals.
     """
 
-    link: int = -1
+    link: int | str = -1
     x: float = 0.0
     face: str = "+y"
     gauge_factor: float | None = None
@@ -179,7 +179,7 @@ class StrainGauge(Sensor):
         return [("strain", "1")] if self.gauge_factor is None else [("dR/R", "1")]
 
     def _distance(self, arm: Arm) -> float:
-        beam = arm.links[arm._link(self.link)].beam
+        beam = arm[self.link].beam
         if not isinstance(beam, Beam):
             raise ValueError(f"link = {self.link}: has no beam to bond a strain gauge on")
         found = half_thickness(beam.section, self.face[1], self.x) if self.distance is None else self.distance
@@ -204,7 +204,7 @@ class Accelerometer(Sensor):
         gravity: True: specific force, R^T (a - g), as a real one reads: at rest, 9.81 upwards. False: R^T a.
     """
 
-    link: int = -1
+    link: int | str = -1
     x: float | None = None
     axis: str | Vector = "y"
     gravity: bool = True
@@ -250,7 +250,7 @@ class Camera(Sensor):
             the displacement from where the undeformed link has that slice, in the axes of the hub (needs a beam).
     """
 
-    link: int = -1
+    link: int | str = -1
     x: float | None = None
     axes: str = "world"
     type: ClassVar[str] = "camera"

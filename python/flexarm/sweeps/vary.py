@@ -169,7 +169,7 @@ class Sweep:
     vary: Sequence[Vary]
     combine: str = "product"
     outputs: Sequence[str | Callable[[Any], float]] = ("tip_deflection", "settling", "strain")
-    link: int = -1
+    link: int | str = -1
     band: float = 0.02
     trajectories: bool = False
     every: int = 1
