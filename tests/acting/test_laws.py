@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import flexarm as fa
@@ -398,3 +399,23 @@ def test_every_law_in_a_scene_file_and_in_a_batch(k: int, tmp_path: Path) -> Non
     np.testing.assert_allclose(batch.q[0], run.q, atol=1e-8)
     heavy = fa.simulate(soft(payload=0.1), t, scene.q0, control=law, **options)
     np.testing.assert_allclose(batch.q[1], heavy.q, atol=1e-8)
+
+
+def test_the_page_on_control_runs() -> None:
+    """docs/control.md, what it says of itself: following a motion, damping a mode, a regulator about a place."""
+    text = (Path(__file__).parents[2] / "docs" / "control.md").read_text(encoding="utf-8")
+    blocks = [b for b in re.findall(r"```python\n(.*?)```", text, re.S) if re.search("FeedForward|fa.ppf|fa.lqg", b)]
+    assert len(blocks) == 3
+    names: dict = {}
+    exec(blocks[0], names)
+    arm, t, motion = names["arm"], names["t"], names["motion"]
+    followed = np.array([motion(x)[0] for x in t])
+    joints = [0, 4]
+    bare = fa.simulate(arm, t, names["q0"], control=names["hold"], integrator="implicit", step=1e-3)
+    off = [np.abs(run.q[:, joints] - followed[:, None]).max() for run in (bare, names["run"], names["same"])]
+    assert off[0] > 0.1 and max(off[1:]) < 0.01
+    exec(blocks[1], names)
+    assert np.abs(names["ring"].q[-100:, 0]).max() < 0.05 * 1e-3
+    exec(blocks[2], names)
+    place = arm.equilibrium(names["place"], lock=[0, 1])
+    assert np.abs(names["run"].q[-1] - place).max() < 1e-3
