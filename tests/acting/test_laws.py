@@ -419,3 +419,29 @@ def test_the_page_on_control_runs() -> None:
     exec(blocks[2], names)
     place = arm.equilibrium(names["place"], lock=[0, 1])
     assert np.abs(names["run"].q[-1] - place).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("k", "name", "value"), [(6, "kp", 30.0), (7, "tracking_time", 0.2), (8, "gain", 1.0), (9, "feedthrough", 0.1)]
+)
+def test_arguments_of_laws_vary_in_batches(k: int, name: str, value: float) -> None:
+    """A law that is made of its arguments is made anew."""
+    arm, t = soft(), np.linspace(0, 0.2, 21)
+    law, options = every_law(arm)[k], {"integrator": "implicit", "step": 1e-3}
+    parameters = {f"control.0.{name}": [value]}
+    batch = fa.simulate_batch(arm, t, [0.1, 0.01, 0.0], control=law, parameters=parameters, **options)
+    other = type(law)(**{**law._arguments(), name: value})
+    q = fa.simulate(arm, t, [0.1, 0.01, 0.0], control=other, **options).q
+    np.testing.assert_allclose(batch.q[0], q, atol=1e-10)
+    assert np.abs(q - fa.simulate(arm, t, [0.1, 0.01, 0.0], control=law, **options).q).max() > 1e-12
+
+
+@pytest.mark.parametrize("k", [0, 2, 3, 4])
+def test_runs_are_derived_through_the_laws(k: int) -> None:
+    """By a payload, which the feed-forward and the static strain know: against differences."""
+    t, law = np.linspace(0, 0.2, 21), every_law(soft())[k]
+    options = {"integrator": "implicit", "step": 1e-3}
+    run = fa.simulate(soft(), t, [0.1, 0.01, 0.0], control=law, **options)
+    ends = [fa.simulate(soft(payload=0.05 + d), t, [0.1, 0.01, 0.0], control=law, **options).q for d in (1e-5, -1e-5)]
+    by = (ends[0] - ends[1]) / 2e-5
+    np.testing.assert_allclose(run.sensitivities(["link.0.tip.mass"]).q[0], by, atol=1e-6 * np.abs(by).max())

@@ -204,7 +204,7 @@ def test_lqg_takes_a_heavy_arm_to_its_place_and_holds_it() -> None:
     measured = [("joint", 0), ("joint", 1), ("strain", 0, 0.0, "K3")]
     law = fa.lqg(arm, place, measure=measured, rate=500, delay=2e-3, limit=8.0)
     q, start = (arm.equilibrium(x, lock=[0, 1]) for x in (place, [0.3, 0, 0, -0.7, 0, 0]))
-    run = fa.simulate(arm, np.linspace(0, 3, 31), start, control=law, integrator="implicit", step=1e-3)
+    run = fa.simulate(arm, np.linspace(0, 4, 41), start, control=law, integrator="implicit", step=1e-3)
     assert np.abs(run.q[-1] - q).max() < 2e-3 and np.abs(run.tau[:, [0, 3]]).max() <= 8.0 + 1e-12
     at_once = fa.lqg(arm, place, measure=measured, rate=500)
     still = fa.simulate(arm, [0, 0.1], q, control=at_once, integrator="implicit", step=1e-3)
