@@ -79,10 +79,13 @@ from .acting.sampled import LinearController as LinearController, Sampled as Sam
 from .acting.shaping import Shaper as Shaper, input_shaper as input_shaper
 from .acting.voltage import Voltage as Voltage
 from .analysis.equilibrium import StateWarning as StateWarning, Trim as Trim
+from .analysis.design import lqg as lqg, lqr as lqr
+from .analysis.equilibrium import StateWarning as StateWarning
 from .analysis.linear import Derivatives as Derivatives, LinearModel as LinearModel
 from .analysis.loops import LoopWarning as LoopWarning
 from .analysis.damping import Decay as Decay, fit_decay as fit_decay
 from .analysis.modes import Modes as Modes, ModeShapes as ModeShapes
+from .analysis.resonant_design import irc as irc, ppf as ppf
 from .analysis.placement import PatchPlacement as PatchPlacement, placement as placement
 from .analysis.validity import RangeWarning as RangeWarning
 from .arm import Arm as Arm

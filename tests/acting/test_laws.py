@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import flexarm as fa
@@ -398,3 +399,49 @@ def test_every_law_in_a_scene_file_and_in_a_batch(k: int, tmp_path: Path) -> Non
     np.testing.assert_allclose(batch.q[0], run.q, atol=1e-8)
     heavy = fa.simulate(soft(payload=0.1), t, scene.q0, control=law, **options)
     np.testing.assert_allclose(batch.q[1], heavy.q, atol=1e-8)
+
+
+def test_the_page_on_control_runs() -> None:
+    """docs/control.md, what it says of itself: following a motion, damping a mode, a regulator about a place."""
+    text = (Path(__file__).parents[2] / "docs" / "control.md").read_text(encoding="utf-8")
+    blocks = [b for b in re.findall(r"```python\n(.*?)```", text, re.S) if re.search("FeedForward|fa.ppf|fa.lqg", b)]
+    assert len(blocks) == 3
+    names: dict = {}
+    exec(blocks[0], names)
+    arm, t, motion = names["arm"], names["t"], names["motion"]
+    followed = np.array([motion(x)[0] for x in t])
+    joints = [0, 4]
+    bare = fa.simulate(arm, t, names["q0"], control=names["hold"], integrator="implicit", step=1e-3)
+    off = [np.abs(run.q[:, joints] - followed[:, None]).max() for run in (bare, names["run"], names["same"])]
+    assert off[0] > 0.1 and max(off[1:]) < 0.01
+    exec(blocks[1], names)
+    assert np.abs(names["ring"].q[-100:, 0]).max() < 0.05 * 1e-3
+    exec(blocks[2], names)
+    place = arm.equilibrium(names["place"], lock=[0, 1])
+    assert np.abs(names["run"].q[-1] - place).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("k", "name", "value"), [(6, "kp", 30.0), (7, "tracking_time", 0.2), (8, "gain", 1.0), (9, "feedthrough", 0.1)]
+)
+def test_arguments_of_laws_vary_in_batches(k: int, name: str, value: float) -> None:
+    """A law that is made of its arguments is made anew."""
+    arm, t = soft(), np.linspace(0, 0.2, 21)
+    law, options = every_law(arm)[k], {"integrator": "implicit", "step": 1e-3}
+    parameters = {f"control.0.{name}": [value]}
+    batch = fa.simulate_batch(arm, t, [0.1, 0.01, 0.0], control=law, parameters=parameters, **options)
+    other = type(law)(**{**law._arguments(), name: value})
+    q = fa.simulate(arm, t, [0.1, 0.01, 0.0], control=other, **options).q
+    np.testing.assert_allclose(batch.q[0], q, atol=1e-10)
+    assert np.abs(q - fa.simulate(arm, t, [0.1, 0.01, 0.0], control=law, **options).q).max() > 1e-12
+
+
+@pytest.mark.parametrize("k", [0, 2, 3, 4])
+def test_runs_are_derived_through_the_laws(k: int) -> None:
+    """By a payload, which the feed-forward and the static strain know: against differences."""
+    t, law = np.linspace(0, 0.2, 21), every_law(soft())[k]
+    options = {"integrator": "implicit", "step": 1e-3}
+    run = fa.simulate(soft(), t, [0.1, 0.01, 0.0], control=law, **options)
+    ends = [fa.simulate(soft(payload=0.05 + d), t, [0.1, 0.01, 0.0], control=law, **options).q for d in (1e-5, -1e-5)]
+    by = (ends[0] - ends[1]) / 2e-5
+    np.testing.assert_allclose(run.sensitivities(["link.0.tip.mass"]).q[0], by, atol=1e-6 * np.abs(by).max())

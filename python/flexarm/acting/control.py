@@ -78,6 +78,8 @@ class Controller:
     memory = 0
     #: whether what its laws have of time depends on the arm
     of_arm = False
+    #: whether one with another argument is made anew, not by setting its attribute
+    rebuilt: ClassVar[bool] = False
     #: what files call it; "": they cannot hold it
     type: ClassVar[str] = ""
 

@@ -30,6 +30,7 @@ class PID(LinearController):
     """
 
     type = "pid"
+    rebuilt = True
 
     def __init__(
         self, kp: float, ki: float, kd: float, link: Any = -1, *, rate: float | None = None, reference: Any = 0.0,
@@ -37,6 +38,7 @@ class PID(LinearController):
         tracking_time: float | None = None,
     ) -> None:  # fmt: skip
         link = tuple(link) if isinstance(link, list) else link  # (link, freedom) in a file
+        kp, ki, kd = finite("kp", kp), finite("ki", ki), finite("kd", kd)
         self._given_as = {"kp": kp, "ki": ki, "kd": kd, "link": link, "rate": rate, "reference": reference,
                           "filter_time": filter_time, "delay": delay, "limit": limit, "motor": motor,
                           "tracking_time": tracking_time}  # fmt: skip
@@ -48,8 +50,8 @@ class PID(LinearController):
         # states: integral of e; low-passed e
         A = np.array([[0.0, 0.0], [0.0, -1.0 / tf]])
         B = np.array([[1.0], [1.0 / tf]])
-        C = np.array([[finite("ki", ki), -finite("kd", kd) / tf]])
-        D = np.array([[finite("kp", kp) + kd / tf]])
+        C = np.array([[ki, -kd / tf]])
+        D = np.array([[kp + kd / tf]])
         super().__init__(
             (A, B, C, D), rate=rate, measure=[("joint", link)], actuate=[link], reference=reference, delay=delay,
             limit=limit, motor=motor, anti_windup=_tracking(tracking_time, ki, rate),

@@ -15,6 +15,7 @@ from .sampled import LinearController
 class _Resonant(LinearController):
     """What both share: one measurement, one force, and no reference but zero."""
 
+    rebuilt = True
     _given_as: dict[str, Any]
 
     def _arguments(self) -> dict[str, Any]:

@@ -141,8 +141,9 @@ class Source:
         run = self._problem()
         for k, (*_, law) in enumerate(run.sampled):
             if not isinstance(law, _core.LinearLaw) or law.reads:
-                raise ValueError(f"control: no derivative is known of sampled law {k}, a ComputedTorque or one that "
-                                 "runs in Python: give a LinearController without sensors")  # fmt: skip
+                what = "is a ComputedTorque" if isinstance(law, _core.ComputedTorque) else "runs in Python"
+                raise ValueError(f"control: sampled law {k} {what}, of which no derivative is known: give a "
+                                 "LinearController without sensors")  # fmt: skip
         out = _done(self.integrate(run, parameters=near))
         arm, found = self.setup.arm, out["tangents"]
         return run.result(out), {k: np.ascontiguousarray(found[k][..., : arm.nq if k == "q" else arm.nv]) for k in ROWS}

@@ -73,9 +73,9 @@ def fields_of(part: Any) -> dict[str, Any]:
         return {**value, "scale": 1.0, "offset": 0.0, "delay": 0.0}
     if isinstance(part, Motor):
         return {name: getattr(part, name) for name in arguments(Motor)}
-    if isinstance(part, PID):  # whose matrices follow from its gains and rate
-        return part._arguments()
-    return {k: v for k, v in vars(part).items() if not k.startswith("_")} if isinstance(part, Controller) else {}
+    if isinstance(part, Controller):
+        return part._arguments() if part.rebuilt else {k: v for k, v in vars(part).items() if not k.startswith("_")}
+    return {}
 
 
 def _nested(value: Any) -> bool:
@@ -327,8 +327,8 @@ def _replaced(part: Any, new: dict[str, Any]) -> Any:
         law = type(part)(new["value"]) if "value" in new else part
         law = law.scaled(new["scale"]) if "scale" in new else law
         return law.moved(new.get("offset", 0.0), new.get("delay", 0.0)) if {"offset", "delay"} & new.keys() else law
-    if isinstance(part, PID):
-        return PID(**{**fields_of(part), **new})
+    if part.rebuilt:
+        return type(part)(**{**part._arguments(), **new})
     made = copy.copy(part)
     for name, value in new.items():
         setattr(made, name, limit_of(value) if name == "limit" else value)
