@@ -17,6 +17,7 @@ import sys
 
 import failure_friction  # noqa: F401  registers its entries
 import failure_integrators  # noqa: F401
+import failure_loops  # noqa: F401
 import failure_models  # noqa: F401
 import failure_steps  # noqa: F401
 import flexarm as fa
