@@ -19,3 +19,4 @@ void bind_time(py::module_& m);       // drive, ida
 void bind_gradients(py::module_& m);  // step_derivatives, run_derivatives, rollout_tape
 void bind_batch(py::module_& m);      // batch
 void bind_kalman(py::module_& m);     // the Kalman filter
+void bind_mpc(py::module_& m);        // predictive control

@@ -9,4 +9,5 @@ PYBIND11_MODULE(_core, m) {
   bind_gradients(m);
   bind_batch(m);
   bind_kalman(m);
+  bind_mpc(m);
 }

@@ -124,7 +124,7 @@ class _Laws:
                 # a file's list is a column of forces, as is what (link, freedom) and patches stand for
                 columns = zip(value, law._columns(self.arm), strict=True)
                 value = [column if isinstance(entry, tuple) else entry for entry, column in columns]
-            elif value is not None and name == "limit" and not np.isfinite(value):
+            elif value is not None and name == "limit" and not np.isfinite(value).all():
                 value = None
             out[name] = value
         return out
