@@ -32,9 +32,9 @@ class MPCWarning(UserWarning):
 class MPC(Controller):
     """Model predictive control at a rate (1 kHz and more), in C++: real-time iteration (Diehl, Bock, Schlöder 2005).
 
-    At each sample the arm's motion over `horizon` is predicted by implicit steps (L-stable, of order 2) under the plan of
-    the sample before, linearised with exact derivatives, and the inputs of least cost within the limits follow from one
-    quadratic program (DAQP: Arnström, Bemporad, Axehill 2022). The cost is the integral over the horizon of
+    At each sample the arm's motion over `horizon` is predicted by implicit steps (L-stable, of order 2) under the plan
+    of the sample before, linearised with exact derivatives, and the inputs of least cost within the limits follow from
+    one quadratic program (DAQP: Arnström, Bemporad, Axehill 2022). The cost is the integral over the horizon of
 
         weight (y - r)² + rate_weight (dy/dt - dr/dt)² + effort (u - u_held)² + rate_effort (du/dt)²
 
@@ -69,7 +69,7 @@ class MPC(Controller):
         speed_limit: soft limit of all joints' speeds, one number or (nj,); None: none.
         strain_limit: soft limits of strains: a list of (link, x, strain, most) with strain "K1", "K2", "K3", "phi12",
             "phi13" or "eps" at x metres along the link's beam, and most the largest size of it (1/m).
-        soft: what breaking a soft limit costs, by as much as its size, for a second; None: 100 times the largest weight.
+        soft: what breaking a soft limit by its own size costs, for a second; None: 100 times the largest weight.
         delay: whether torques act a period after the sample that they answer, as they do where computing takes it; the
             motion meanwhile is predicted.
         iterations: linearisations, with a quadratic program each, for a sample.
