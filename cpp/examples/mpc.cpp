@@ -161,7 +161,7 @@ int run(const Options& given) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  Options given = {{"--links", 3}, {"--horizon", 0.5}, {"--stages", 20}, {"--blocks", 10},
+  Options given = {{"--links", 3}, {"--horizon", 0.5}, {"--stages", 25}, {"--blocks", 12},
                    {"--modes", 2}, {"--cycles", 2000}, {"--filter", 1}};
   try {
     for (int k = 1; k < argc; ++k) {

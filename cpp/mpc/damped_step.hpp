@@ -9,8 +9,9 @@
 namespace flexarm {
 
 /// Steps of many lengths from any state, under forces held over each, by the two implicit stages of Alexander (1977,
-/// SDIRK of order 2, L-stable): whatever vibrates faster than the step is at rest behind it. (The generalised-alpha step,
-/// begun anew, takes accelerations from its beginning; where a step is long for a vibration these are loud.) Each stage,
+/// SDIRK of order 2, L-stable): whatever vibrates faster than the step is at rest behind it. (The generalised-alpha
+/// step, begun anew, takes accelerations from its beginning; where a step is long for a vibration these are loud.) Each
+/// stage,
 ///   v = v~ + g h a,  q = q~ + g h v,  inverse dynamics(q, v, a) + friction(v) = tau,
 /// is solved by Newton's iteration, begun with the accelerations and the matrix of that step when it was taken last.
 /// Coulomb friction c of a joint is c v / sqrt(v^2 + friction_speed^2).

@@ -21,7 +21,8 @@ std::string entry(const char* name, std::size_t k, const char* field) {
 
 void check(const Arm& arm, std::size_t k, const MpcOutput& o) {
   if (o.placed ? !(o.along.allFinite() && o.along.norm() > 0.0) : o.by_q.size() != arm.nv() || !o.by_q.allFinite())
-    bad_value(entry("outputs", k, "by_q"), o.by_q.size(), "must be finite numbers, one for each rate; of a place: along");
+    bad_value(entry("outputs", k, "by_q"), o.by_q.size(),
+              "must be finite numbers, one for each rate; of a place: along");
   non_negative(entry("outputs", k, "weight"), o.weight);
   non_negative(entry("outputs", k, "rate_weight"), o.rate_weight);
   if (!(o.lower < o.upper)) bad_value(entry("outputs", k, "lower"), o.lower, "must be below `upper`");

@@ -17,8 +17,8 @@ struct Grid {
   Eigen::Index stages() const { return lengths.size(); }
   Eigen::Index blocks() const { return shift.rows(); }
 
-  Eigen::VectorXd lengths, times;    ///< of stages (s); when they begin, and the end of the last
-  std::vector<Eigen::Index> block;   ///< of each stage
+  Eigen::VectorXd lengths, times;     ///< of stages (s); when they begin, and the end of the last
+  std::vector<Eigen::Index> block;    ///< of each stage
   Eigen::VectorXd begins, durations;  ///< of blocks (s)
   /// A plan a period later, from one now, as weights of its blocks (blocks x blocks): the mean over each new block of
   /// the inputs planned for its time. The last goes on.

@@ -70,9 +70,9 @@ Qp::~Qp() = default;
 
 bool Qp::prepare() {
   Solver& s = *solver_;
-  s.prepared = daqp_update_ldp(DAQP_UPDATE_Rinv | DAQP_UPDATE_M | DAQP_UPDATE_v | DAQP_UPDATE_d, &s.work,
-                               &s.problem) >= 0 &&
-               s.work.n_prox == 0;
+  s.prepared =
+      daqp_update_ldp(DAQP_UPDATE_Rinv | DAQP_UPDATE_M | DAQP_UPDATE_v | DAQP_UPDATE_d, &s.work, &s.problem) >= 0 &&
+      s.work.n_prox == 0;
   return s.prepared;
 }
 

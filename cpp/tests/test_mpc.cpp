@@ -1,11 +1,10 @@
-// Predictive control: its step and the derivatives of that, its quadratic programs, and that nothing is allocated.
-#ifdef FLEXARM_MPC
+// Predictive control: its step and the derivatives of that, its predictions, its quadratic programs, what it does where
+// there is nothing to be done, and what it asks of the system.
 #include <doctest/doctest.h>
 
 #include "arms.hpp"
 #include "damped_step.hpp"
 #include "flexarm/mpc.hpp"
-#include "flexarm/step.hpp"
 #include "prediction.hpp"
 #include "qp.hpp"
 #include "watch.hpp"
@@ -17,7 +16,6 @@ using Eigen::VectorXd;
 TEST_CASE("derivatives of the damped step are those of differences") {
   const Arm arm = flexarm_test::spatial_arm();
   const Eigen::Index n = arm.nv();
-  if (arm.nq() != n) return;
   const MatrixXd columns = MatrixXd::Identity(n, n).leftCols(3);
   DampedStep step(arm, columns, 1, 0.05);
   const VectorXd q0 = flexarm_test::wave(arm.nq(), 0.1, 1e-3), v0 = flexarm_test::wave(n, 0.4, 0.05);
@@ -44,8 +42,164 @@ TEST_CASE("derivatives of the damped step are those of differences") {
     const VectorXd d = e * VectorXd::Unit(3, k);
     B_d.col(k) = (end(x0, u0 + d) - end(x0, u0 - d)) / (2 * e);
   }
-  MESSAGE((A - A_d).cwiseAbs().maxCoeff() << " " << A.cwiseAbs().maxCoeff() << " " << (B - B_d).cwiseAbs().maxCoeff());
-  CHECK((A - A_d).norm() < 1e-5 * A.norm());
-  CHECK((B - B_d).norm() < 1e-5 * B.norm());
+  CHECK((A - A_d).norm() < 1e-8 * A.norm());
+  CHECK((B - B_d).norm() < 1e-6 * B.norm());
+}
+
+namespace {
+
+struct Case {
+  Arm arm = flexarm_test::spatial_arm();
+  MpcOptions options;
+  std::vector<MpcOutput> outputs;
+  VectorXd q = flexarm_test::wave(arm.nv(), 0.1, 1e-4), v = flexarm_test::wave(arm.nv(), 0.4, 1e-3);
+
+  Case() {
+    options.stages = 8;
+    options.blocks = 5;
+    options.horizon = 0.1;
+    options.columns = MatrixXd::Zero(arm.nv(), 3);
+    for (std::size_t k = 0; k < 3; ++k) {
+      options.columns(arm.first(k), static_cast<Eigen::Index>(k)) = 1.0;
+      outputs.push_back(MpcOutput::joint(arm, arm.first(k)));
+      outputs.back().weight = 1.0;
+      outputs.back().rate_weight = 1e-3;
+      outputs.back().rate_upper = 2.0;
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+      outputs.push_back(MpcOutput::place(arm, 2, {}, Eigen::Vector3d::Unit(axis)));
+      outputs.back().weight = 0.5;
+      outputs.back().rate_weight = 1e-3;
+    }
+    options.upper = VectorXd::Constant(3, 30.0);
+    options.lower = -options.upper;
+    options.rate_limit = VectorXd::Constant(3, 5000.0);
+    options.effort = VectorXd::Constant(3, 1e-6);
+    options.rate_effort = VectorXd::Constant(3, 1e-10);
+  }
+  Mpc mpc() const {
+    return {arm, outputs, options, [](double t, VectorXd& value, VectorXd& rate) {
+              value.setConstant(0.2 * t);
+              rate.setConstant(0.2);
+            }};
+  }
+};
+
+}  // namespace
+
+TEST_CASE("derivatives of a prediction are those of differences") {
+  const Case c;
+  std::vector<MpcRow> rows;
+  for (std::size_t k = 0; k < c.outputs.size(); ++k) {
+    rows.push_back({k, false, 1.0, -1.0, 1.0});
+    rows.push_back({k, true, 1.0, -1.0, 1.0});
+  }
+  const Grid grid(c.options);
+  CHECK(grid.times[8] == doctest::Approx(0.1));
+  CHECK((grid.shift.rowwise().sum().array() - 1.0).abs().maxCoeff() < 1e-12);
+  CHECK(grid.durations[0] == c.options.period);
+  Prediction prediction(c.arm, grid, c.outputs, rows, c.options);
+  MatrixXd plan(3, 5);
+  for (Eigen::Index k = 0; k < 15; ++k) plan(k % 3, k / 3) = 3.0 * std::sin(2.0 * static_cast<double>(k));
+  const auto values = [&](const MatrixXd& u, const VectorXd& q) {
+    CHECK(prediction(q, c.v, u) == Status::ok);
+    return VectorXd(prediction.values);
+  };
+  values(plan, c.q);
+  values(plan, c.q);  // again, from what it remembers
+  const MatrixXd by = prediction.by_plan;
+  VectorXd free = VectorXd::Zero(by.rows());
+  prediction.add_free(VectorXd::Unit(2 * c.arm.nv(), 1), free);
+  MatrixXd differences = by;
+  for (Eigen::Index k = 0; k < 15; ++k) {
+    MatrixXd more = plan, less = plan;
+    more(k % 3, k / 3) += 1e-3;
+    less(k % 3, k / 3) -= 1e-3;
+    differences.col(k) = (values(more, c.q) - values(less, c.q)) / 2e-3;
+  }
+  CHECK((by - differences).norm() < 1e-6 * by.norm());
+  const VectorXd turn = 1e-5 * VectorXd::Unit(c.arm.nv(), 1);
+  const VectorXd off = (values(plan, c.q + turn) - values(plan, c.q - turn)) / 2e-5 - free;
+  CHECK(free.norm() > 0.1);
+  CHECK(off.norm() < 1e-5 * free.norm());
+}
+
+TEST_CASE("quadratic programs: limits that are soft, limits that are not, and none") {
+  // least (z0 - 2)^2 / 2 + (z1 + 1)^2 / 2 with |z| <= 1.5 and z0 + z1 <= 0, soft: by s it costs w s + p s^2 / 2
+  const auto solved = [](double w, double p) {
+    Qp qp(2, VectorXd::Constant(1, w), VectorXd::Constant(1, p), 100);
+    qp.H.setIdentity();
+    qp.A.setOnes();
+    qp.f << -2.0, 1.0;
+    qp.lower << -1.5, -1.5, -1e30;
+    qp.upper << 1.5, 1.5, 0.0;
+    for (int k = 0; k < 3; ++k) {  // the same again from its active set
+      CHECK(qp.prepare());
+      CHECK(qp.solve());
+    }
+    return VectorXd(qp.z);
+  };
+  CHECK((solved(0.0, 0.0) - Eigen::Vector2d(1.5, -1.5)).norm() < 1e-9);   // hard
+  CHECK((solved(10.0, 1.0) - Eigen::Vector2d(1.5, -1.5)).norm() < 1e-9);  // as good as hard
+  CHECK((solved(0.1, 0.1) - Eigen::Vector2d(1.5, -1.0 - 0.1 - 0.04 / 1.1)).norm() < 0.01);
+  Qp qp(2, VectorXd::Zero(0), VectorXd::Zero(0), 100);
+  qp.H << 1.0, 1.0, 1.0, 1.0;  // singular
+  CHECK_FALSE(qp.prepare());
+  CHECK_FALSE(qp.solve());
+  qp.H.setIdentity();
+  CHECK(qp.prepare());
+  qp.f.setConstant(std::nan(""));
+  CHECK_FALSE(qp.solve());
+  CHECK(qp.z.allFinite());
+}
+
+TEST_CASE("what it applies is finite and within its limits, whatever it is given") {
+  Case c;
+  Mpc mpc = c.mpc();
+  const VectorXd nan = VectorXd::Constant(c.arm.nv(), std::nan(""));
+  const auto fine = [&] {
+    return mpc.u().allFinite() && mpc.forces().allFinite() && mpc.u().cwiseAbs().maxCoeff() <= 30.0;
+  };
+  CHECK(mpc.feedback(0.0, nan, c.v) == Status::not_finite);  // before there is a plan
+  CHECK(fine());
+  CHECK(mpc.prepare() == Status::ok);
+  CHECK(mpc.feedback(0.0, c.q, c.v) == Status::ok);
+  CHECK(mpc.prepare() == Status::ok);
+  CHECK(mpc.feedback(1e-3, c.q, nan) == Status::not_finite);
+  CHECK(fine());
+  CHECK(mpc.prepare() == Status::ok);
+  CHECK(mpc.feedback(2e-3, 1e5 * c.q, 1e300 * c.v) != Status::ok);
+  CHECK(fine());
+  mpc.prepare();
+  CHECK(mpc.feedback(3e-3, c.q, c.v) == Status::ok);
+  CHECK(fine());
+  CHECK(mpc.failures() == 3);
+  c.options.max_qp_iterations = 2;  // too few for its limits
+  c.options.upper.setConstant(0.01);
+  c.options.lower.setConstant(-0.01);
+  Mpc hurried = c.mpc();
+  CHECK(hurried.feedback(0.0, c.q, c.v) == Status::not_converged);
+  CHECK(hurried.u().cwiseAbs().maxCoeff() <= 0.01);
+}
+
+#ifdef FLEXARM_WATCHES
+TEST_CASE("after construction nothing is allocated, locked or thrown") {
+  Case c;
+  for (const bool delayed : {false, true}) {
+    c.options.delayed = delayed;
+    c.options.iterations = delayed ? 2 : 1;
+    Mpc mpc = c.mpc();
+    const VectorXd nan = VectorXd::Constant(c.arm.nv(), std::nan(""));
+    const flexarm_test::Asked asked = flexarm_test::watch([&] {
+      for (int k = 0; k < 5; ++k) {
+        mpc.feedback(1e-3 * k, k == 3 ? nan : c.q, c.v);
+        mpc.prepare();
+      }
+    });
+    CHECK(mpc.failures() == 1);
+    CHECK(asked.allocations == 0);
+    CHECK(asked.locks == 0);
+    CHECK(asked.throws == 0);
+  }
 }
 #endif

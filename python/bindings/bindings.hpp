@@ -20,3 +20,4 @@ void bind_gradients(py::module_& m);  // step_derivatives, run_derivatives, roll
 void bind_batch(py::module_& m);      // batch
 void bind_laws(py::module_& m);       // computed torque
 void bind_kalman(py::module_& m);     // the Kalman filter
+void bind_mpc(py::module_& m);        // predictive control

@@ -1,5 +1,7 @@
 #include "laws.hpp"
 
+#include "mpc.hpp"
+
 #include <algorithm>
 
 #include "flexarm/check.hpp"
@@ -108,6 +110,15 @@ Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, i
       samplers.push_back({first, period, delay, forces});
       continue;
     }
+#ifdef FLEXARM_MPC
+    if (py::isinstance<MpcLaw>(law)) {
+      const auto shared = law.cast<std::shared_ptr<MpcLaw>>();
+      samplers.push_back({first, period, delay,
+                          [shared](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
+                                   const Eigen::VectorXd&) { return (*shared)(t, q, v); }});
+      continue;
+    }
+#endif
     const auto shared = std::make_shared<py::object>(law);
     const auto ask = [shared, nv](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                                   const Eigen::VectorXd& a) {

@@ -10,4 +10,5 @@ PYBIND11_MODULE(_core, m) {
   bind_batch(m);
   bind_laws(m);
   bind_kalman(m);
+  bind_mpc(m);
 }

@@ -75,6 +75,7 @@ from .acting.drive import Motion as Motion, Torque as Torque
 from .acting.load import Load as Load
 from .acting.motor import Motor as Motor
 from .acting import pid as _pid, resonant as _resonant  # noqa: F401  (LinearController.pid, .ppf and .irc)
+from .acting.mpc import MPC as MPC, MPCWarning as MPCWarning
 from .acting.sampled import LinearController as LinearController, Sampled as Sampled
 from .acting.shaping import Shaper as Shaper, input_shaper as input_shaper
 from .acting.voltage import Voltage as Voltage

@@ -402,6 +402,42 @@ def roll_on_tape(
     tau: ArrayLike,
 ) -> tuple[Any, _Array, _Array, list[int], int, int]: ...
 
+class Mpc:
+    def __init__(
+        self,
+        arm: Arm,
+        outputs: Sequence[Any],
+        columns: ArrayLike,
+        of_inputs: Sequence[ArrayLike],
+        period: float,
+        horizon: float,
+        stages: int,
+        blocks: int,
+        terminal: float,
+        soft: float,
+        delayed: bool,
+        iterations: int,
+        reference: Any,
+        to_model: ArrayLike,
+        forces: ArrayLike,
+        failed: Callable[[float, int], None],
+    ) -> None: ...
+    def feedback(self, t: float, q: ArrayLike, v: ArrayLike) -> int: ...
+    def prepare(self) -> int: ...
+    def reset(self) -> None: ...
+    @property
+    def u(self) -> _Array: ...
+    @property
+    def plan(self) -> _Array: ...
+    @property
+    def block_times(self) -> _Array: ...
+    @property
+    def predicted(self) -> _Array: ...
+    @property
+    def stage_times(self) -> _Array: ...
+    @property
+    def qp_iterations(self) -> int: ...
+
 class KalmanFilter:
     def __init__(
         self,

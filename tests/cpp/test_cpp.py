@@ -270,6 +270,17 @@ def test_kalman_finds_the_payload(examples: Path) -> None:
     assert run(examples / "kalman", "--payload", "0", ok=False).returncode == 2
 
 
+def test_predictive_control_arrives_within_its_limits(examples: Path) -> None:
+    if not (examples / "mpc").exists():
+        pytest.skip("SKIPPED, not passed: the library was built without Mpc (FLEXARM_MPC=OFF)")
+    out = run(examples / "mpc", "--links", "2", "--cycles", "1500").stdout
+    found = re.search(r"joints within (\S+) rad of the goal; torque ([\d.]+), strain ([\d.]+) of their limits", out)
+    assert found and float(found[1]) < 0.02 and float(found[2]) <= 1.0 and float(found[3]) < 1.2
+    assert "fallbacks  0;" in out and re.search(r"^cycle +median +[\d.]+ us", out, re.M)
+    assert "allocated" not in out or "allocated  0 times" in out
+    assert run(examples / "mpc", "--horizon", "0.001", ok=False).returncode == 2
+
+
 def test_strain_feedback_of_the_loop_takes_out_ringing(examples: Path) -> None:
     def ringing(strain: str) -> float:
         out = run(examples / "realtime_loop", "--free", "--links", "2", "--seconds", "4", "--strain", strain).stdout

@@ -36,8 +36,8 @@ struct MpcOutput {
 struct MpcOptions {
   double period = 1e-3;   ///< between samples (s), and the first stage's length
   double horizon = 0.5;   ///< how far it looks ahead (s)
-  int stages = 20;        ///< implicit steps over the horizon; their lengths grow evenly from `period`
-  int blocks = 10;        ///< over which inputs are held; the first is one stage
+  int stages = 25;        ///< implicit steps over the horizon; their lengths grow evenly from `period`
+  int blocks = 12;        ///< over which inputs are held; the first is one stage
   double terminal = 0.1;  ///< for how long (s) the horizon's end counts in the cost
   /// What the cost takes for breaking a soft limit, throughout a second, by as much as its span (or its size).
   double soft = 100.0;
@@ -46,17 +46,17 @@ struct MpcOptions {
   int iterations = 1;            ///< linearisations and quadratic programs for a sample
   int max_qp_iterations = 500;   ///< of the active set
   // Of each input u (nu); the generalised forces are `columns` u.
-  Eigen::MatrixXd columns;            ///< (nv, nu)
-  Eigen::VectorXd lower, upper;       ///< limits of u
-  Eigen::VectorXd rate_limit;         ///< limits of |du/dt|
-  Eigen::VectorXd effort;             ///< weights of (u less what holds the arm against gravity)^2
-  Eigen::VectorXd rate_effort;        ///< weights of (du/dt)^2
+  Eigen::MatrixXd columns;       ///< (nv, nu)
+  Eigen::VectorXd lower, upper;  ///< limits of u
+  Eigen::VectorXd rate_limit;    ///< limits of |du/dt|
+  Eigen::VectorXd effort;        ///< weights of (u less what holds the arm against gravity)^2
+  Eigen::VectorXd rate_effort;   ///< weights of (du/dt)^2
 };
 
 /// Model predictive control by the real-time iteration (Diehl, Bock, Schloeder 2005): at each sample one linearisation
-/// about the plan of the sample before, shifted by a period, and one quadratic program. `prepare` does all that needs no
-/// measurement; `feedback` the rest. The stages are implicit steps (L-stable, of order 2),
-/// with their exact derivatives, condensed to the inputs. Least cost of
+/// about the plan of the sample before, shifted by a period, and one quadratic program. `prepare` does all that needs
+/// no measurement; `feedback` the rest. The stages are implicit steps (L-stable, of order 2), with their exact
+/// derivatives, condensed to the inputs. Least cost of
 ///   integral of  sum weight (y - r)^2 + rate_weight (dy/dt - dr/dt)^2 + effort (u - u_held)^2 + rate_effort (du/dt)^2
 /// over the horizon, by Gauss and Newton's Hessian, where each stage counts by what it ends at and for its length. The
 /// quadratic program is solved by DAQP (Arnstroem, Bemporad, Axehill 2022), begun with the active set of the last.
