@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
-
 import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, paper_link
-from flexarm.analysis.validity import RangeWarning
 
-pytestmark = pytest.mark.filterwarnings("ignore::flexarm.ModelWarning")
+pytestmark = [pytest.mark.filterwarnings(f"ignore::flexarm.{name}") for name in ("ModelWarning", "RangeWarning")]
 GRAVITY = (0.0, 0.0, -9.81)
 
 
@@ -52,9 +49,7 @@ def straight(p: np.ndarray, *by: float, T: float = 1.0) -> dict[str, fa.Motion]:
 
 
 def missed(inv: fa.Inversion, **options) -> float:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RangeWarning)
-        return float(np.abs(inv.tip_error(inv.replay(**options))).max())
+    return float(np.abs(inv.tip_error(inv.replay(**options))).max())
 
 
 # -- numbers from elsewhere -------------------------------------------------------------------------------------------
@@ -257,6 +252,12 @@ def test_bad_input_is_named() -> None:
     refused("limits", arm, good, q=q, limits={"torque": -1.0})
     refused("no driven joint moves z", arm, {"z": move(0, 0.1)}, posture=q)
     refused("ball", fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, (0.5, 0, 0), np.eye(3), (1, 0, 0)))]), good)
+
+
+def test_a_passive_joint_that_nothing_holds_is_named() -> None:
+    arm = fa.Arm([beam_link(fa.Revolute("z"), 0.006, {"bending_y": 2}) for _ in range(2)])
+    with pytest.raises(ValueError, match=r"passive: nothing holds the joints \[\(1, 0\)\]"):
+        fa.invert(arm, {"azimuth": move(0.0, 1.0)}, passive=[1])
 
 
 def test_a_callable_that_jumps_is_named() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array, array, choice, number
+from ..analysis.validity import range_warning, worst_range
 from ..arm import Arm
 from .inversion import Inversion
 from .limits import applied, bounds_of, exceeded, within
@@ -23,7 +24,7 @@ METHODS = ("stable", "quasi-static", "rigid")
 
 
 class InversionWarning(UserWarning):
-    """An inversion that does not respect a limit."""
+    """An inversion that does not respect a limit, or after which the arm does not come to rest."""
 
 
 def invert(
@@ -91,7 +92,9 @@ def invert(
             has begun; an iteration that does not converge; limits that no slowing respects.
 
     Warns:
-        InversionWarning: limits that are exceeded, without `stretch`; see `.exceeded`.
+        InversionWarning: limits that are exceeded, without `stretch` (see `.exceeded`); an arm that does not come to
+            rest.
+        RangeWarning: a beam bent further than its order is good for.
     """
     begun = time.perf_counter()
     if not isinstance(arm, Arm):
@@ -118,10 +121,12 @@ def invert(
         edge=max(motions.edges), iterations=int(found[2]), seconds=time.perf_counter() - begun, slowed=factor,
         poles=poles,
         exceeded=exceeded(of, motions, tau, bounds, keys), _path=slower, _at=(of.output.link, of.output.x),
+        _held=of.locked, _passive=of.passive,
     )  # fmt: skip
-    out._held, out._passive = of.locked, of.passive
     if rings := check_rest(slower, motions, poles, tolerance):
         warnings.warn(f"invert: {rings}", InversionWarning, stacklevel=2)
+    if (beyond := worst_range(arm, out.t, out.q)) is not None:
+        warnings.warn(range_warning(arm, beyond, "invert: "), stacklevel=2)
     if out.exceeded:
         text = "; ".join(map(str, out.exceeded)) + "; slow the path (stretch=True), or take another posture"
         warnings.warn(f"invert: {text}", InversionWarning, stacklevel=2)

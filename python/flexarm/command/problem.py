@@ -102,6 +102,11 @@ class Equations:
         zero = np.zeros(self.arm.nv)
         by_q = self.arm._core.inverse_derivatives(q, zero, zero, by_v=False)[0][self.inner]
         K: Array = by_q[:, self.inner] + (by_q[:, self.joints] @ self.follow(q)[0] if on_path else 0.0)
+        if self.passive and not np.linalg.cond(K) < 1e12:
+            raise ValueError(
+                f"passive: nothing holds the joints {list(self.passive)} at rest, no spring and no weight, so that no "
+                "inverse comes to rest; drive them, lock them, or give them springs"
+            )
         return K
 
     def along(self, path: Path | Slower, start: Array) -> Poses:
