@@ -146,7 +146,7 @@ class Inversion:
         return output.error(result.q, self._path(result.t))
 
     def plot(self) -> Figure:
-        """The path from where it begins, joint motions, their rates and torques; dotted: where the path begins, ends."""
+        """The path from where it begins, joint motions, their rates and torques; dotted: its ends."""
         rates = [i for _, i in self._rates()]
         label = [f"joint {joint}" for joint in self.joints]
         at = [self._coordinate(i) for i in rates]

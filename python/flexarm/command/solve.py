@@ -79,6 +79,7 @@ class Solver:
 
     def __init__(self, of: Equations, path: Path | Slower, poses: Poses) -> None:
         self.of, self.path, self.poses = of, path, poses
+        self._last: Banded | None = None  # the factor last used
         self._at, self._kept = poses.t, list[Array]()  # M, C and K along the path, and when
         zero = np.zeros(of.arm.nv)
         #: M, C, K at rest, at the start and at the end
@@ -132,7 +133,8 @@ class Solver:
         for renewal in range(_RENEWALS + 1):
             if not self._kept or renewal:
                 self._renew(grid, q, renewal)
-            solver, mixing, best = Banded(grid.n, grid.step, self._between(grid)), Mixing(), np.inf
+            solver = self._last = Banded(grid.n, grid.step, self._between(grid))
+            mixing, best = Mixing(), np.inf
             for _ in range(_ITERATIONS):
                 done += 1
                 v, a = grid.motion(q)
@@ -211,7 +213,7 @@ class Solver:
         off = np.abs(self.of.output.error(at, self.path(t)))
         if self.of.elastic and len(self.of.inner) and self._kept:
             r = self.of.arm._core.inverse_dynamics(at, v, a)[:, self.of.inner]
-            K, left = self._kept[2], np.clip(np.searchsorted(self._at, t) - 1, 0, len(self._at) - 1)
-            sag = np.stack([np.linalg.solve(K[k], x) for k, x in zip(left, r, strict=True)])
-            off = off + np.abs(np.einsum("npk,nk->np", self.of.follow(at)[1], sag))
+            r[grid.keep - 1 :] = 0.0
+            assert self._last is not None
+            off = off + np.abs(np.einsum("npk,nk->np", self.of.follow(at)[1], self._last.solve(r)))
         return float(off[: grid.keep - 1].max())

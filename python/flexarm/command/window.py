@@ -96,7 +96,9 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
         best = found if best is None or found.error < best.error else best
     if best is not None and best.error < _ROUGH * tolerance:
         return best, total, poles
-    left = "" if best is None else f": {best.error:.2g} m is left at steps of {best.step:.2g} s"
+    left = f": it is so fast for this arm that more than {MOST} steps would be needed"
+    if best is not None:
+        left = f": {best.error:.2g} m is left at steps of {best.step:.2g} s"
     raise ValueError(
         f"tip: the path is too rough for tolerance = {tolerance:g} m{left}; give it more continuous derivatives, more "
         "time, or allow a larger tolerance"
