@@ -242,6 +242,7 @@ def test_bad_input_is_named() -> None:
     refused("beyond reach", arm, straight(p, 0.5, 0.5), q=q)
     refused("t = .* s the path is beyond reach", arm, straight(p, 0.5, 0.5), q=q)
     refused("singular pose", arm, good)  # zero is straight
+    refused("at t = 0.5 s the path goes through a singular pose", arm, straight(p, *(-2 * p[:2])), q=q)
     refused("3 components .* need 3 driven joints", arm, {**good, "rz": 0.3}, q=q)
     refused("velocity", arm, {"azimuth": fa.Motion(t, t)})
     refused("acceleration", arm, {"azimuth": fa.Motion(t, t**2 * (3 - 2 * t), 6 * t * (1 - t), 6 - 12 * t)})
@@ -252,6 +253,27 @@ def test_bad_input_is_named() -> None:
     refused("limits", arm, good, q=q, limits={"torque": -1.0})
     refused("no driven joint moves z", arm, {"z": move(0, 0.1)}, posture=q)
     refused("ball", fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, (0.5, 0, 0), np.eye(3), (1, 0, 0)))]), good)
+
+
+def test_a_path_that_stays_needs_what_holds_the_arm() -> None:
+    arm = spatial()
+    q, p = bent(arm, 0.2, -0.7, 1.2)
+    inv = fa.invert(arm, {"x": p[0], "y": move(p[1], p[1]), "z": p[2]}, q=q)
+    held = arm.inverse_dynamics(arm.equilibrium(q, lock=range(3)), np.zeros(arm.nv), np.zeros(arm.nv))
+    assert np.abs(held).max() > 1.0
+    assert np.abs(inv.tau - held).max() < 1e-6
+    assert np.abs(inv.v).max() < 1e-8
+
+
+def test_dry_friction_is_overcome_and_the_joints_stops_are_limits() -> None:
+    stopped = fa.Revolute("z", coulomb=0.3, damping=0.1, lower=-0.5, upper=0.5, limit_stiffness=1e-9)
+    joints = (stopped, fa.Revolute("z", damping=0.1))
+    arm, free = (fa.Arm([beam_link(joint, 0.004, {"bending_y": 3})]) for joint in joints)
+    with pytest.warns(fa.InversionWarning, match=r"range of joint 0: 1 at t = .* s, limit 0\.5"):
+        inv = fa.invert(arm, {"azimuth": move(0.0, 1.0)})
+    smooth = fa.invert(free, {"azimuth": move(0.0, 1.0)})
+    middle = np.abs(inv.v[:, 0]) > 1e-3
+    assert np.allclose((inv.tau - smooth.tau)[middle, 0], 0.3, atol=1e-8)
 
 
 def test_a_passive_joint_that_nothing_holds_is_named() -> None:

@@ -202,8 +202,10 @@ def _start(of: Equations, path: Path, q: Any, posture: Any) -> Array:
     if not of.elastic:
         pose = pose.copy()
         pose[of.inner] = 0.0
+    if of.elastic:
+        joints = [(n, k) for n, link in enumerate(arm.links) for k in range(link.joint.nv)]
+        pose = arm.equilibrium(pose, lock=[key for key in joints if key not in of.passive])
     if q is not None:
-        pose, *_ = of.balance(pose, None)
         off = of.output.error(pose[None], wanted[None])[0]
         if np.linalg.norm(off) > 1e-6 * max(1.0, of.length):
             says = ", ".join(f"{n} by {x:.4g}" for n, x in zip(path.names, off, strict=True))
@@ -211,11 +213,8 @@ def _start(of: Equations, path: Path, q: Any, posture: Any) -> Array:
                 f"q: the path does not begin at the tip of this pose in balance: it is away in {says} (m, rad); begin "
                 "it at arm.frame(arm.equilibrium(q, lock=...)), or give posture= instead, and a pose is found"
             )
-    of.check_singular(pose, path.begin)
-    pose, off_path, _ = of.balance(pose, wanted)
-    if off_path > 1e-9 * max(1.0, of.length):
-        raise ValueError(of._unreached(path.begin, off_path, wanted))
-    of.check_singular(pose, path.begin)
+    of.check_singular(pose, f"{name}: is a singular pose")
+    pose, _ = of.balance(pose, wanted, path.begin)
     if posture is None:
         of.posture = pose[of.joints]
     return pose

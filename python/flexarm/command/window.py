@@ -15,6 +15,7 @@ _FIRST_COUNT = 56  # intervals over the path of the first grid
 _ROUNDS = 12  # grids
 _SEEN = 2.5  # rad of a pole's motion in one step, above which the grid does not follow it
 _RINGS = 3.0  # natural logarithm of what a pole may grow or shrink over the path and still ring throughout
+_ALIKE = 0.3  # parts by which a ringing pole may change from one end of the path to the other
 _DECAY = 18.0  # natural logarithm of how far the slowest part of the internal dynamics has to die out
 _LEAST = 12  # intervals before and after the path, for the differences
 _ROUGH = 10.0  # times the tolerance that may be left where finer grids do not help
@@ -56,8 +57,13 @@ def _padding(poles: Array, side: int, T: float, step: float) -> float:
 def _buffer(poles: Poles, T: float, step: float) -> float:
     """How long what rings takes to die out where it is damped; 0 where not the same poles ring at both ends: some of
     them then belong to what comes ahead of the path, which must not be damped."""
-    start, end = (np.abs(p[_slow(p, T, step)]) for p in poles)
-    return 1.5 * DYING / float(min(start.min(), end.min())) if len(start) and len(start) == len(end) else 0.0
+    seen = [np.abs(p[_slow(p, T, step)]) for p in poles]
+    known = [np.abs(p[_slow(p, T, 0.0)]) for p in poles]
+    for here, there in ((seen[0], known[1]), (seen[1], known[0])):
+        if any(not (np.abs(there - w) < _ALIKE * w).any() for w in here):
+            return 0.0
+    ringing = np.concatenate(seen)
+    return 1.5 * DYING / float(ringing.min()) if len(ringing) else 0.0
 
 
 def solve(of: Equations, path: Path | Slower, start: Array, method: str, tolerance: float,
@@ -65,7 +71,10 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
     solver, T = Solver(of, path, of.along(path, start)), path.end - path.begin
     dynamic = method == "stable" and len(of.inner) > 0
     none = np.zeros(0, dtype=complex)
-    poles = (_poles(*solver.ends[0]), _poles(*solver.ends[1])) if dynamic else (none, none)
+    poles = (none, none)
+    if dynamic:
+        start_poles, end_poles = (_poles(*matrices) for matrices in zip(*solver.ends, strict=True))
+        poles = (start_poles, end_poles)
     count, longer, total, found, best, buffered = _FIRST_COUNT, 1.0, 0, None, None, True
     for _ in range(_ROUNDS):
         step = T / count
@@ -79,6 +88,8 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
         try:
             found = solver.solve(grid, guess, tolerance) if method != "quasi-static" else solver.still(grid, guess)
         except NotConverged:
+            if best is not None and best.error < _ROUGH * tolerance:
+                break
             if count > 4 * _FIRST_COUNT and not nodes[2]:
                 raise
             count, found, buffered = count if nodes[2] else int(1.7 * count), None, not nodes[2]
