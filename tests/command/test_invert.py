@@ -6,6 +6,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, paper_link
+from scipy.spatial.transform import Rotation
 
 pytestmark = [pytest.mark.filterwarnings(f"ignore::flexarm.{name}") for name in ("ModelWarning", "RangeWarning")]
 GRAVITY = (0.0, 0.0, -9.81)
@@ -196,6 +197,47 @@ def test_slices_slides_turns_and_held_joints() -> None:
     q, p = bent(arm, 0.2, -0.7, 1.2)
     inv = fa.invert(arm, {"y": move(p[1], p[1] + 0.1, 1.5)}, q=q, lock=[1, 2])
     assert inv.joints == [0] and missed(inv) < 1e-6
+
+
+def test_seven_links_in_space_obey_forward_dynamics() -> None:
+    modes = {"bending_y": 3, "bending_z": 3, "torsion": 1}
+    arm = fa.Arm([beam_link(fa.Revolute(axis), 0.02, modes, basis="legendre") for axis in "zyyxyxy"], GRAVITY)
+    assert arm.nv == 56
+    q, p = bent(arm, 0.3, -0.6, 0.9, 0.3, 0.7, -0.2, 0.5)
+    inv = fa.invert(arm, straight(p, -0.3, 0.8, 0.4, T=2.0), q=q)
+    assert inv.error < 1e-7 and inv.edge < 1e-7
+    assert np.abs(arm.frame(inv.q)[0] - inv.wanted).max() < 1e-10
+    a = arm.forward_dynamics(inv.q, inv.v, inv.tau)  # by articulated bodies
+    joints = [arm.joint_rate(k) for k in range(7)]
+    assert np.abs(inv.a[:, joints]).max() > 1.0
+    assert np.abs(a - inv.a)[:, joints].max() < 1e-3 * np.abs(inv.a[:, joints]).max()
+
+
+def test_six_joints_turn_the_tip_as_they_carry_it() -> None:
+    modes = {"bending_y": 2, "bending_z": 2, "torsion": 1}
+    arm = fa.Arm([beam_link(fa.Revolute(axis), 0.02, modes, damping_ratio=0.01) for axis in "zyyxyx"], GRAVITY)
+    q, p = bent(arm, 0.3, -0.8, 1.3, 0.4, 0.6, 0.2)
+    turn = Rotation.from_matrix(arm.frame(arm.equilibrium(q, lock=range(6)))[1]).as_rotvec()
+    tip = straight(p, -0.1, 0.25, 0.1, T=1.5)
+    tip |= {name: move(a, a + d, 1.5) for name, a, d in zip(("rx", "ry", "rz"), turn, (0.3, -0.2, 0.2), strict=True)}
+    inv = fa.invert(arm, tip, q=q)
+    run = inv.replay()
+    reached = Rotation.from_matrix(run.frame()[1][-1]).as_rotvec()
+    assert np.abs(reached - turn - [0.3, -0.2, 0.2]).max() < 1e-6
+    assert np.abs(inv.tip_error(run)).max() < 1e-6
+
+
+def test_freedoms_of_one_joint_and_the_order_of_components() -> None:
+    modes = {"bending_y": 2, "bending_z": 2, "torsion": 1}
+    arm = fa.Arm([beam_link(joint, 0.02, modes) for joint in (fa.Universal(), fa.Revolute("y"))], GRAVITY)
+    q = arm.zero
+    q[[0, 1, 7]] = 0.2, -0.3, 0.9
+    p = arm.frame(arm.equilibrium(q, lock=[0, 1]))[0]
+    tip = straight(p, -0.1, 0.2, 0.1, T=1.5)
+    inv = fa.invert(arm, dict(reversed(tip.items())), q=q)
+    assert inv.names == ("x", "y", "z") and inv.joints == [(0, 0), (0, 1), 1]
+    assert missed(inv) < 1e-6
+    assert missed(fa.invert(arm, tip, q=q), how="feedback", kp=[300, 200, 100], kv=10) < 1e-6
 
 
 # -- limits -----------------------------------------------------------------------------------------------------------

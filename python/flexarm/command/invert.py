@@ -78,7 +78,8 @@ def invert(
         method: "stable", or for comparison: "quasi-static": beams bend as gravity alone bends them, at each instant;
             "rigid": beams do not bend (computed torque of the rigid arm).
         tolerance: how near the tip keeps to the path between the rows of the result (m, rad).
-        pre, post: time before and after the path (s); chosen from the poles of the internal dynamics if None.
+        pre, post: time before and after the path (s), at least twelve steps of the grid; if None, what the poles of
+            the internal dynamics take to die out.
         limits: "torque", "speed": one number, or one for each driven joint, in the order of links (N m, N; rad/s,
             m/s); "range": (lowest, highest), or a pair for each (rad, m), or the joints' stops, if not given.
         stretch: whether the path is slowed, uniformly, by the least factor (within 1 %) that respects the limits.

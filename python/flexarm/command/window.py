@@ -75,11 +75,11 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
     if dynamic:
         start_poles, end_poles = (_poles(*matrices) for matrices in zip(*solver.ends, strict=True))
         poles = (start_poles, end_poles)
-    count, longer, total, found, best, buffered = _FIRST_COUNT, 1.0, 0, None, None, True
+    count, longer, total, found, best, buffered = _FIRST_COUNT, [1.0, 1.0], 0, None, None, True
     for _ in range(_ROUNDS):
         step = T / count
-        before, after = (longer * _padding(p, side, T, step) if given is None else given
-                         for p, side, given in zip(poles, (1, -1), window, strict=True))  # fmt: skip
+        before, after = (factor * _padding(p, side, T, step) if given is None else given
+                         for factor, p, side, given in zip(longer, poles, (1, -1), window, strict=True))  # fmt: skip
         nodes = [int(np.ceil(x / step)) for x in (before, after, buffered * _buffer(poles, T, step))]
         grid = Grid(path, solver.poses, count, max(_LEAST, nodes[0]), max(_LEAST, nodes[1]), nodes[2])
         if grid.n > MOST:
@@ -96,12 +96,13 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
             continue
         total += found.iterations
         rings = any(_slow(p, T, step).any() for p in poles)
+        short = [k for k, edge in enumerate(found.edges) if edge > tolerance and longer[k] < 5]
         if found.error > tolerance:
             if best is not None and found.error > 0.5 * best.error and best.error < _ROUGH * tolerance:
                 break  # a finer grid follows what is faster still
             count = int(count * np.clip(1.2 * (found.error / tolerance) ** (1 / 6), 1.3, 2.5))
-        elif max(found.edges) > tolerance and not rings and None in window and longer < 5:
-            longer *= 1.6
+        elif short and not rings and window == (None, None):
+            longer = [1.6 * factor if k in short else factor for k, factor in enumerate(longer)]
         else:
             return found, total, poles
         best = found if best is None or found.error < best.error else best
