@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
-
 import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, paper_link
-from flexarm.analysis.validity import RangeWarning
+from scipy.spatial.transform import Rotation
 
-pytestmark = pytest.mark.filterwarnings("ignore::flexarm.ModelWarning")
+pytestmark = [pytest.mark.filterwarnings(f"ignore::flexarm.{name}") for name in ("ModelWarning", "RangeWarning")]
 GRAVITY = (0.0, 0.0, -9.81)
 
 
@@ -52,9 +50,7 @@ def straight(p: np.ndarray, *by: float, T: float = 1.0) -> dict[str, fa.Motion]:
 
 
 def missed(inv: fa.Inversion, **options) -> float:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RangeWarning)
-        return float(np.abs(inv.tip_error(inv.replay(**options))).max())
+    return float(np.abs(inv.tip_error(inv.replay(**options))).max())
 
 
 # -- numbers from elsewhere -------------------------------------------------------------------------------------------
@@ -203,6 +199,47 @@ def test_slices_slides_turns_and_held_joints() -> None:
     assert inv.joints == [0] and missed(inv) < 1e-6
 
 
+def test_seven_links_in_space_obey_forward_dynamics() -> None:
+    modes = {"bending_y": 3, "bending_z": 3, "torsion": 1}
+    arm = fa.Arm([beam_link(fa.Revolute(axis), 0.02, modes, basis="legendre") for axis in "zyyxyxy"], GRAVITY)
+    assert arm.nv == 56
+    q, p = bent(arm, 0.3, -0.6, 0.9, 0.3, 0.7, -0.2, 0.5)
+    inv = fa.invert(arm, straight(p, -0.3, 0.8, 0.4, T=2.0), q=q)
+    assert inv.error < 1e-7 and inv.edge < 1e-7
+    assert np.abs(arm.frame(inv.q)[0] - inv.wanted).max() < 1e-10
+    a = arm.forward_dynamics(inv.q, inv.v, inv.tau)  # by articulated bodies
+    joints = [arm.joint_rate(k) for k in range(7)]
+    assert np.abs(inv.a[:, joints]).max() > 1.0
+    assert np.abs(a - inv.a)[:, joints].max() < 1e-3 * np.abs(inv.a[:, joints]).max()
+
+
+def test_six_joints_turn_the_tip_as_they_carry_it() -> None:
+    modes = {"bending_y": 2, "bending_z": 2, "torsion": 1}
+    arm = fa.Arm([beam_link(fa.Revolute(axis), 0.02, modes, damping_ratio=0.01) for axis in "zyyxyx"], GRAVITY)
+    q, p = bent(arm, 0.3, -0.8, 1.3, 0.4, 0.6, 0.2)
+    turn = Rotation.from_matrix(arm.frame(arm.equilibrium(q, lock=range(6)))[1]).as_rotvec()
+    tip = straight(p, -0.1, 0.25, 0.1, T=1.5)
+    tip |= {name: move(a, a + d, 1.5) for name, a, d in zip(("rx", "ry", "rz"), turn, (0.3, -0.2, 0.2), strict=True)}
+    inv = fa.invert(arm, tip, q=q)
+    run = inv.replay()
+    reached = Rotation.from_matrix(run.frame()[1][-1]).as_rotvec()
+    assert np.abs(reached - turn - [0.3, -0.2, 0.2]).max() < 1e-6
+    assert np.abs(inv.tip_error(run)).max() < 1e-6
+
+
+def test_freedoms_of_one_joint_and_the_order_of_components() -> None:
+    modes = {"bending_y": 2, "bending_z": 2, "torsion": 1}
+    arm = fa.Arm([beam_link(joint, 0.02, modes) for joint in (fa.Universal(), fa.Revolute("y"))], GRAVITY)
+    q = arm.zero
+    q[[0, 1, 7]] = 0.2, -0.3, 0.9
+    p = arm.frame(arm.equilibrium(q, lock=[0, 1]))[0]
+    tip = straight(p, -0.1, 0.2, 0.1, T=1.5)
+    inv = fa.invert(arm, dict(reversed(tip.items())), q=q)
+    assert inv.names == ("x", "y", "z") and inv.joints == [(0, 0), (0, 1), 1]
+    assert missed(inv) < 1e-6
+    assert missed(fa.invert(arm, tip, q=q), how="feedback", kp=[300, 200, 100], kv=10) < 1e-6
+
+
 # -- limits -----------------------------------------------------------------------------------------------------------
 
 
@@ -247,6 +284,7 @@ def test_bad_input_is_named() -> None:
     refused("beyond reach", arm, straight(p, 0.5, 0.5), q=q)
     refused("t = .* s the path is beyond reach", arm, straight(p, 0.5, 0.5), q=q)
     refused("singular pose", arm, good)  # zero is straight
+    refused("at t = 0.5 s the path goes through a singular pose", arm, straight(p, *(-2 * p[:2])), q=q)
     refused("3 components .* need 3 driven joints", arm, {**good, "rz": 0.3}, q=q)
     refused("velocity", arm, {"azimuth": fa.Motion(t, t)})
     refused("acceleration", arm, {"azimuth": fa.Motion(t, t**2 * (3 - 2 * t), 6 * t * (1 - t), 6 - 12 * t)})
@@ -257,6 +295,33 @@ def test_bad_input_is_named() -> None:
     refused("limits", arm, good, q=q, limits={"torque": -1.0})
     refused("no driven joint moves z", arm, {"z": move(0, 0.1)}, posture=q)
     refused("ball", fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, (0.5, 0, 0), np.eye(3), (1, 0, 0)))]), good)
+
+
+def test_a_path_that_stays_needs_what_holds_the_arm() -> None:
+    arm = spatial()
+    q, p = bent(arm, 0.2, -0.7, 1.2)
+    inv = fa.invert(arm, {"x": p[0], "y": move(p[1], p[1]), "z": p[2]}, q=q)
+    held = arm.inverse_dynamics(arm.equilibrium(q, lock=range(3)), np.zeros(arm.nv), np.zeros(arm.nv))
+    assert np.abs(held).max() > 1.0
+    assert np.abs(inv.tau - held).max() < 1e-6
+    assert np.abs(inv.v).max() < 1e-8
+
+
+def test_dry_friction_is_overcome_and_the_joints_stops_are_limits() -> None:
+    stopped = fa.Revolute("z", coulomb=0.3, damping=0.1, lower=-0.5, upper=0.5, limit_stiffness=1e-9)
+    joints = (stopped, fa.Revolute("z", damping=0.1))
+    arm, free = (fa.Arm([beam_link(joint, 0.004, {"bending_y": 3})]) for joint in joints)
+    with pytest.warns(fa.InversionWarning, match=r"range of joint 0: 1 at t = .* s, limit 0\.5"):
+        inv = fa.invert(arm, {"azimuth": move(0.0, 1.0)})
+    smooth = fa.invert(free, {"azimuth": move(0.0, 1.0)})
+    middle = np.abs(inv.v[:, 0]) > 1e-3
+    assert np.allclose((inv.tau - smooth.tau)[middle, 0], 0.3, atol=1e-8)
+
+
+def test_a_passive_joint_that_nothing_holds_is_named() -> None:
+    arm = fa.Arm([beam_link(fa.Revolute("z"), 0.006, {"bending_y": 2}) for _ in range(2)])
+    with pytest.raises(ValueError, match=r"passive: nothing holds the joints \[\(1, 0\)\]"):
+        fa.invert(arm, {"azimuth": move(0.0, 1.0)}, passive=[1])
 
 
 def test_a_callable_that_jumps_is_named() -> None:

@@ -17,7 +17,7 @@ from ..draw.trajectory import plot_panels
 from ..run.result import Result
 from ..run.simulation import simulate
 from .limits import Exceeded
-from .path import Output, Path, Slower
+from .path import Output
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,8 +65,10 @@ class Inversion:
     slowed: float
     poles: tuple[Array, Array]
     exceeded: list[Exceeded] = field(default_factory=list)
-    _path: Path | Slower | None = None
-    _at: tuple[int, float | None] = (-1, None)
+    _path: Any = None  # a Path or a Slower
+    _at: tuple[int, float | None] = (-1, None)  # link and x of what follows it
+    _held: tuple[Any, ...] = ()  # (link, freedom) of joints in lock, and of passive ones
+    _passive: tuple[Any, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -133,22 +135,23 @@ class Inversion:
             drive.update(torques)
         else:
             drive.update(self.motions if how == "motion" else self.torques)
-        for link, rates in self._locked(arm):
-            drive[link] = Motion(self.t[[0, -1]], np.full(2, rates), np.zeros(2), np.zeros(2))
+        still = np.zeros(2)
+        for joint in self._held:
+            drive[joint] = Motion(self.t[[0, -1]], still + self._joint_places()[joint], still, still)
         return simulate(arm, self.t, self._start(arm), drive=drive, control=control, **options)
 
     def tip_error(self, result: Result) -> Array:
         """How far the tip is off the path in a result, (nt, p): components of `names`, wanted less simulated."""
-        assert self._path is not None
         output = Output(result.arm, *self._at, self.names)
         return output.error(result.q, self._path(result.t))
 
     def plot(self) -> Figure:
-        """Joint motions, their rates and torques over time."""
+        """The path from where it begins, joint motions, their rates and torques; dotted: its ends."""
         rates = [i for _, i in self._rates()]
         label = [f"joint {joint}" for joint in self.joints]
         at = [self._coordinate(i) for i in rates]
-        panels = [(f"{n} (m, rad)", [(n, self.wanted[:, k])]) for k, n in enumerate(self.names)]
+        moved = self.wanted - self.wanted[0]
+        panels = [("tip moved (m, rad)", [(name, moved[:, k]) for k, name in enumerate(self.names)])]
         panels += [
             (name, [(label[k], x[:, i]) for k, i in enumerate(columns)])
             for name, x, columns in (("joints (rad, m)", self.q, at), ("rates (rad/s, m/s)", self.v, rates),
@@ -176,19 +179,11 @@ class Inversion:
                 places[n, k] = float(self.q[0, self._coordinate(self.arm.joint_rate((n, k)))])
         return places
 
-    def _locked(self, arm: Arm) -> list[tuple[Any, float]]:
-        return [(key, self._joint_places()[key]) for key in self._held]
-
-    _held: tuple[Any, ...] = ()
-    _passive: tuple[Any, ...] = ()
-
     def _start(self, arm: Arm) -> Array:
         """The pose at rest, of this or another model."""
-        q = arm.zero
+        q = self.q[0].copy() if arm is self.arm else arm.zero
         for key, place in self._joint_places().items():
             q[arm.coordinate_of(arm.joint_rate(key))] = place
-        if arm is self.arm:
-            q = self.q[0]
         return arm.equilibrium(q, lock=[key for key in self._joint_places() if key not in self._passive])
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array, array, choice, number
+from ..analysis.validity import range_warning, worst_range
 from ..arm import Arm
 from .inversion import Inversion
 from .limits import applied, bounds_of, exceeded, within
@@ -23,7 +24,7 @@ METHODS = ("stable", "quasi-static", "rigid")
 
 
 class InversionWarning(UserWarning):
-    """An inversion that does not respect a limit."""
+    """An inversion that does not respect a limit, or after which the arm does not come to rest."""
 
 
 def invert(
@@ -77,7 +78,8 @@ def invert(
         method: "stable", or for comparison: "quasi-static": beams bend as gravity alone bends them, at each instant;
             "rigid": beams do not bend (computed torque of the rigid arm).
         tolerance: how near the tip keeps to the path between the rows of the result (m, rad).
-        pre, post: time before and after the path (s); chosen from the poles of the internal dynamics if None.
+        pre, post: time before and after the path (s), at least twelve steps of the grid; if None, what the poles of
+            the internal dynamics take to die out.
         limits: "torque", "speed": one number, or one for each driven joint, in the order of links (N m, N; rad/s,
             m/s); "range": (lowest, highest), or a pair for each (rad, m), or the joints' stops, if not given.
         stretch: whether the path is slowed, uniformly, by the least factor (within 1 %) that respects the limits.
@@ -91,11 +93,14 @@ def invert(
             has begun; an iteration that does not converge; limits that no slowing respects.
 
     Warns:
-        InversionWarning: limits that are exceeded, without `stretch`; see `.exceeded`.
+        InversionWarning: limits that are exceeded, without `stretch` (see `.exceeded`); an arm that does not come to
+            rest.
+        RangeWarning: a beam bent further than its order is good for.
     """
     begun = time.perf_counter()
     if not isinstance(arm, Arm):
         raise ValueError(f"arm = {arm!r}: must be an Arm")
+    arm._warn()
     choice("method", method, METHODS)
     if not 0 < number("tolerance", tolerance) < np.inf:
         raise ValueError(f"tolerance = {tolerance}: must be positive (m)")
@@ -118,10 +123,12 @@ def invert(
         edge=max(motions.edges), iterations=int(found[2]), seconds=time.perf_counter() - begun, slowed=factor,
         poles=poles,
         exceeded=exceeded(of, motions, tau, bounds, keys), _path=slower, _at=(of.output.link, of.output.x),
+        _held=of.locked, _passive=of.passive,
     )  # fmt: skip
-    out._held, out._passive = of.locked, of.passive
     if rings := check_rest(slower, motions, poles, tolerance):
         warnings.warn(f"invert: {rings}", InversionWarning, stacklevel=2)
+    if (beyond := worst_range(arm, out.t, out.q)) is not None:
+        warnings.warn(range_warning(arm, beyond, "invert: "), stacklevel=2)
     if out.exceeded:
         text = "; ".join(map(str, out.exceeded)) + "; slow the path (stretch=True), or take another posture"
         warnings.warn(f"invert: {text}", InversionWarning, stacklevel=2)
@@ -196,8 +203,10 @@ def _start(of: Equations, path: Path, q: Any, posture: Any) -> Array:
     if not of.elastic:
         pose = pose.copy()
         pose[of.inner] = 0.0
+    if of.elastic:
+        joints = [(n, k) for n, link in enumerate(arm.links) for k in range(link.joint.nv)]
+        pose = arm.equilibrium(pose, lock=[key for key in joints if key not in of.passive])
     if q is not None:
-        pose, *_ = of.balance(pose, None)
         off = of.output.error(pose[None], wanted[None])[0]
         if np.linalg.norm(off) > 1e-6 * max(1.0, of.length):
             says = ", ".join(f"{n} by {x:.4g}" for n, x in zip(path.names, off, strict=True))
@@ -205,11 +214,8 @@ def _start(of: Equations, path: Path, q: Any, posture: Any) -> Array:
                 f"q: the path does not begin at the tip of this pose in balance: it is away in {says} (m, rad); begin "
                 "it at arm.frame(arm.equilibrium(q, lock=...)), or give posture= instead, and a pose is found"
             )
-    of.check_singular(pose, path.begin)
-    pose, off_path, _ = of.balance(pose, wanted)
-    if off_path > 1e-9 * max(1.0, of.length):
-        raise ValueError(of._unreached(path.begin, off_path, wanted))
-    of.check_singular(pose, path.begin)
+    of.check_singular(pose, f"{name}: is a singular pose")
+    pose, _ = of.balance(pose, wanted, path.begin)
     if posture is None:
         of.posture = pose[of.joints]
     return pose

@@ -93,8 +93,9 @@ def _check(where: str, law: Motion, span: tuple[float, float]) -> None:
     values = array(where, [law(x) for x in times], (len(times), 3))
     for order, what in ((1, "velocity"), (2, "acceleration")):
         largest = np.abs(values[:, order]).max()
+        rounding = 1e-9 * np.abs(values[:, 0]).max() / (span[1] - span[0]) ** order
         for at, side in ((0, "starts"), (-1, "ends")):
-            if abs(values[at, order]) > _STILL * largest:
+            if abs(values[at, order]) > _STILL * largest + rounding:
                 raise ValueError(
                     f"{where}: {side} with {what} {values[at, order]:.4g}, which jumps there, so that no bounded, "
                     "continuous torque follows it; let it start and end at rest with zero acceleration, such as "

@@ -13,6 +13,8 @@ from .path import Output, Path, Slower
 _TURN = 0.3  # rad (parts of the arm's length, for slides) that a joint may move between two poses found in turn
 _SINGULAR = 1e-3  # least to largest singular value of how the joints move the output
 _TRIES = 60  # Newton steps to a pose
+REACHED = 1e-9  # m, rad, by which the tip may be off the path where it is solved for
+_MOST_POSES = 400  # along a path
 _FOUND = 1e-12  # of a joint's change (rad, m), where its pose is found
 
 
@@ -75,33 +77,43 @@ class Equations:
 
     # -- balance ------------------------------------------------------------------------------------------------------
 
-    def balance(self, q: Array, wanted: Array | None, K: Array | None = None) -> tuple[Array, float, Array | None]:
-        """q (nq,) with the inner coordinates in balance with gravity, and the output on the path if one is wanted; how
-        far that is still off; and the stiffness last used, which another pose nearby may begin with."""
-        zero, off = np.zeros(self.arm.nv), 0.0
-        for k in range(40):
-            if wanted is not None:
-                found, left = self.on_path(q[None], wanted[None])
-                q, off = found[0], float(left[0])
+    def balance(self, q: Array, wanted: Array, t: float, K: Array | None = None) -> tuple[Array, Array | None]:
+        """q (nq,) with the inner coordinates in balance with gravity, and the output on the path; and the stiffness
+        last used, which another pose nearby may begin with.
+
+        Raises:
+            ValueError: beyond reach, through a singular pose, or no balance, at time t."""
+        zero, step = np.zeros(self.arm.nv), np.full(1, np.inf)
+        for k in range(_TRIES):
+            found, left = self.on_path(q[None], wanted[None])
+            q = found[0]
+            if not float(left[0]) <= REACHED * max(1.0, self.length):
+                raise ValueError(self.unreached(t, float(left[0]), wanted))
             if not self.elastic or not len(self.inner):
-                return q, off, K
+                step = zero
+            if np.abs(step).max() <= 1e-11 * max(1.0, float(np.abs(q).max())):
+                break
             r = self.arm._core.inverse_dynamics(q, zero, zero)[self.inner]
             if K is None or k % 8 == 7:
-                K = self.stiffness(q, wanted is not None)
+                K = self.stiffness(q)
             step = np.linalg.solve(K, -r)
-            q = q.copy()
             q[self.inner] += step
-            if np.abs(step).max() <= 1e-11 * max(1.0, float(np.abs(q[self.inner]).max())):
-                break
-        if wanted is not None:
-            q = self.on_path(q[None], wanted[None])[0][0]
-        return finite("balance", q), off, K
+        else:
+            raise ValueError(f"tip: at t = {t:.4g} s no balance with gravity was found that has the tip on the path; "
+                             "the arm may be too soft, or falls; take another posture")  # fmt: skip
+        self.check_singular(q, f"tip: at t = {t:.4g} s the path goes through a singular pose")
+        return finite("balance", q), K
 
-    def stiffness(self, q: Array, on_path: bool) -> Array:
+    def stiffness(self, q: Array) -> Array:
         """Of the inner coordinates at rest, the driven joints following."""
         zero = np.zeros(self.arm.nv)
         by_q = self.arm._core.inverse_derivatives(q, zero, zero, by_v=False)[0][self.inner]
-        K: Array = by_q[:, self.inner] + (by_q[:, self.joints] @ self.follow(q)[0] if on_path else 0.0)
+        K: Array = by_q[:, self.inner] + by_q[:, self.joints] @ self.follow(q)[0]
+        if self.passive and not np.linalg.cond(K) < 1e12:
+            raise ValueError(
+                f"passive: nothing holds the joints {list(self.passive)} at rest, no spring and no weight, so that no "
+                "inverse comes to rest; drive them, lock them, or give them springs"
+            )
         return K
 
     def along(self, path: Path | Slower, start: Array) -> Poses:
@@ -116,47 +128,54 @@ class Equations:
             wanted, found, K = path(t), [start], None
             for k in range(1, count + 1):
                 ahead = 2 * found[-1] - found[-2] if k > 1 else start
-                q, off, K = self.balance(ahead, wanted[k], K)
-                if off > 1e-9 * max(1.0, self.length):
-                    raise ValueError(self._unreached(t[k], off, wanted[k]))
-                self.check_singular(q, t[k])
+                q, K = self.balance(ahead, wanted[k], float(t[k]), K)
                 found.append(q)
             poses = np.array(found)
-            step = np.abs(np.diff(poses[:, self.joints], axis=0)).max()
-            if step <= _TURN or count >= 400:
+            steps = np.abs(np.diff(poses[:, self.joints], axis=0)).max(axis=1)
+            if steps.max() <= _TURN or (count >= _MOST_POSES and steps.max() < 10 * steps.mean()):
                 return Poses(t, poses)
-            count = min(400, int(count * step / _TURN) + 8)
+            if count >= _MOST_POSES:
+                raise ValueError(f"tip: at t = {t[steps.argmax()]:.4g} s a joint turns or moves by {steps.max():.3g} "
+                                 "(rad, m) at once, near a singular pose; pass it at a distance")  # fmt: skip
+            count = min(_MOST_POSES, int(count * steps.max() / _TURN) + 8)
 
-    def _unreached(self, t: float, off: float, wanted: Array) -> str:
+    def unreached(self, t: float, off: float, wanted: Array) -> str:
         names = ", ".join(f"{name} {value:.4g}" for name, value in zip(self.output.names, wanted, strict=True))
         return (
             f"tip: at t = {t:.4g} s the path is beyond reach: {names} is missed by {off:.3g} (m, rad); the arm is "
             f"{self.length:.4g} m long; let the path stay within reach, or start from another pose (q=)"
         )
 
-    def check_singular(self, q: Array, t: float) -> None:
+    def check_singular(self, q: Array, where: str) -> None:
         J = self.output.jacobian(q[None])[0][:, self.joints]
         sizes = np.linalg.svd(J, compute_uv=False)
         if not sizes[0] > 1e-9 * self.length:
-            raise ValueError(f"tip: no driven joint moves {', '.join(self.output.names)} at t = {t:.4g} s, in pose q = "
-                             f"{np.round(q[self.joints], 4).tolist()}: it has no inverse")  # fmt: skip
+            raise ValueError(f"{where}: no driven joint moves {', '.join(self.output.names)} there, so there is no "
+                             f"inverse; the joints stand at {np.round(q[self.joints], 4).tolist()}")  # fmt: skip
         if sizes[-1] < _SINGULAR * sizes[0]:
             raise ValueError(
-                f"tip: at t = {t:.4g} s the path goes through a singular pose, joints "
-                f"{np.round(q[self.joints], 4).tolist()}: in one direction of {', '.join(self.output.names)} "
-                f"they move the tip {sizes[0] / max(sizes[-1], 1e-300):.3g} times less than in another; pass it at a "
-                "distance, or ask for fewer components"
+                f"{where}, joints {np.round(q[self.joints], 4).tolist()}: in one direction of "
+                f"{', '.join(self.output.names)} they move the tip {sizes[0] / max(sizes[-1], 1e-300):.3g} times less "
+                "than in another; keep away from it (a straight arm is singular), or ask for fewer components"
             )
 
     # -- dynamics -----------------------------------------------------------------------------------------------------
 
-    def matrices(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """M, C, K (k, k) of the inner coordinates about one motion, the driven joints following them."""
-        by_q, by_v = self.arm._core.inverse_derivatives(q, v, a)
-        T, rows = self.follow(q)[0], self.inner
-        M, C, K = (X[np.ix_(rows, rows)] + X[np.ix_(rows, self.joints)] @ T
-                   for X in (self.arm._core.mass_matrix(q), by_v, by_q))  # fmt: skip
-        return M, C, K
+    def matrices(self, t: Array, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        """M, C, K (n, k, k) of small changes of the inner coordinates about a motion at times t (n,), the driven joints
+        following them by T: their rates by T d' + T' d, their accelerations by T d'' + 2 T' d' + T'' d."""
+        rows, T = self.inner, self.follow(q)[0]
+        first = np.gradient(T, t, axis=0) if len(t) > 2 else np.zeros_like(T)
+        second = np.gradient(first, t, axis=0) if len(t) > 2 else first
+        M, C, K = [], [], []
+        for k, state in enumerate(zip(q, v, a, strict=True)):
+            by_q, by_v = (X[rows] for X in self.arm._core.inverse_derivatives(*state))
+            mass = self.arm._core.mass_matrix(q[k])[rows]
+            (Mj, Me), (Cj, Ce), (Kj, Ke) = ((X[:, self.joints], X[:, rows]) for X in (mass, by_v, by_q))
+            M.append(Me + Mj @ T[k])
+            C.append(Ce + Cj @ T[k] + 2 * Mj @ first[k])
+            K.append(Ke + Kj @ T[k] + Cj @ first[k] + Mj @ second[k])
+        return np.array(M), np.array(C), np.array(K)
 
 
 def _pseudo_inverse(J: Array) -> Array:

@@ -9,9 +9,10 @@ import numpy as np
 from .._check import Array
 from .path import Path, Slower
 from .periodic import Banded, Mixing, halfway, rates
-from .problem import Equations, Poses
+from .problem import REACHED, Equations, Poses
 
 _ITERATIONS = 40
+_PATIENCE = 10  # iterations without gain
 _RENEWALS = 3  # of the matrices, where the iteration does not converge
 DYING = 40.0  # twice the natural logarithm of how far the buffer damps what rings
 MOST = 6000  # intervals over the path and what stands before and after
@@ -79,11 +80,12 @@ class Solver:
 
     def __init__(self, of: Equations, path: Path | Slower, poses: Poses) -> None:
         self.of, self.path, self.poses = of, path, poses
-        self._at, self._kept = poses.t, list[Array]()  # M, C and K along the path, and when
-        zero = np.zeros(of.arm.nv)
+        self._last: Banded | None = None  # the factor last used
+        self._at, self._kept = poses.t, tuple[Array, ...]()  # M, C and K along the path, and when
+        ends, still = poses.q[[0, -1]], np.zeros((2, of.arm.nv))
         #: M, C, K at rest, at the start and at the end
-        self.ends = [of.matrices(q, zero, zero) for q in (poses.q[0], poses.q[-1])] if len(of.inner) else []
-        self._inertia = self.ends[1][0] if self.ends else np.zeros((0, 0))
+        self.ends = of.matrices(poses.t[[0, -1]], ends, still, still)
+        self._inertia = self.ends[0][1]
 
     def first_guess(self, grid: Grid) -> Array:
         from scipy.interpolate import make_interp_spline  # slow to import
@@ -106,7 +108,7 @@ class Solver:
         if not len(self.of.inner):
             return self._motions(grid, q, 0, 0.0)
         zero, inner = np.zeros_like(q), self.of.inner
-        K = np.array([self.of.stiffness(x, True) for x in self.poses.q])
+        K = np.array([self.of.stiffness(x) for x in self.poses.q])
         pose = np.abs(grid.t[:, None] - self.poses.t).argmin(axis=1)
         tried, step = 0, np.full(1, np.inf)
         while np.abs(step).max() > 1e-12 * max(1.0, float(np.abs(q[:, inner]).max())) and tried < _ITERATIONS:
@@ -132,8 +134,9 @@ class Solver:
         for renewal in range(_RENEWALS + 1):
             if not self._kept or renewal:
                 self._renew(grid, q, renewal)
-            solver, mixing, best = Banded(grid.n, grid.step, self._between(grid)), Mixing(), np.inf
-            for _ in range(_ITERATIONS):
+            solver = self._last = Banded(grid.n, grid.step, self._between(grid))
+            mixing, best, since = Mixing(), np.inf, 0
+            for tried in range(_ITERATIONS):
                 done += 1
                 v, a = grid.motion(q)
                 r = self.of.arm._core.inverse_dynamics(q, v, a)[:, inner]
@@ -144,14 +147,15 @@ class Solver:
                 last = self._size(q, f)
                 if last <= 0.05 * tolerance:
                     return self._motions(grid, q, done, last)
-                if not last < 1e3 * best:
+                since = tried if last < 0.7 * best else since
+                if not last < 1e3 * best or tried > since + _PATIENCE:
                     break
                 if last < best:
                     best, kept = last, q
                 q = q.copy()
                 q[:, inner] = mixing(q[:, inner], f)
                 q, off = self.of.on_path(q, grid.wanted, near)
-                if off.max() > 1e-9 * max(1.0, self.of.length):
+                if not off.max() <= REACHED * max(1.0, self.of.length):
                     break
             q = kept
         raise NotConverged(
@@ -160,9 +164,9 @@ class Solver:
         )
 
     def _check_path(self, grid: Grid, off: Array) -> None:
-        if off.max() > 1e-9 * max(1.0, self.of.length):
+        if not off.max() <= REACHED * max(1.0, self.of.length):
             k = int(off.argmax())
-            raise ValueError(self.of._unreached(grid.t[k], float(off[k]), grid.wanted[k]))
+            raise ValueError(self.of.unreached(grid.t[k], float(off[k]), grid.wanted[k]))
 
     def _size(self, q: Array, f: Array) -> float:
         """How far changes of the inner coordinates (n, k) move the output, the joints held; and what it does not see of
@@ -178,7 +182,7 @@ class Solver:
         count = min(len(inside), (17, 65, 257, 257)[renewal])
         rows = inside[np.unique(np.linspace(0, len(inside) - 1, count).round().astype(int))]
         self._at = grid.t[rows]
-        self._kept = [np.array(X) for X in zip(*(self.of.matrices(q[k], v[k], a[k]) for k in rows), strict=True)]
+        self._kept = self.of.matrices(self._at, q[rows], v[rows], a[rows])
 
     def _between(self, grid: Grid):  # type: ignore[no-untyped-def]
         at, kept = self._at, self._kept
@@ -211,7 +215,11 @@ class Solver:
         off = np.abs(self.of.output.error(at, self.path(t)))
         if self.of.elastic and len(self.of.inner) and self._kept:
             r = self.of.arm._core.inverse_dynamics(at, v, a)[:, self.of.inner]
+            r[grid.keep - 1 :] = 0.0
+            assert self._last is not None
             K, left = self._kept[2], np.clip(np.searchsorted(self._at, t) - 1, 0, len(self._at) - 1)
-            sag = np.stack([np.linalg.solve(K[k], x) for k, x in zip(left, r, strict=True)])
-            off = off + np.abs(np.einsum("npk,nk->np", self.of.follow(at)[1], sag))
+            sag = np.linalg.solve(K[left], r[..., None])[..., 0]
+            direct = self.of.follow(at)[1]
+            moves = [np.abs(np.einsum("npk,nk->np", direct, d)) for d in (self._last.solve(r), sag)]
+            off = off + min(moves, key=np.max)
         return float(off[: grid.keep - 1].max())

@@ -15,6 +15,7 @@ _FIRST_COUNT = 56  # intervals over the path of the first grid
 _ROUNDS = 12  # grids
 _SEEN = 2.5  # rad of a pole's motion in one step, above which the grid does not follow it
 _RINGS = 3.0  # natural logarithm of what a pole may grow or shrink over the path and still ring throughout
+_ALIKE = 0.3  # parts by which a ringing pole may change from one end of the path to the other
 _DECAY = 18.0  # natural logarithm of how far the slowest part of the internal dynamics has to die out
 _LEAST = 12  # intervals before and after the path, for the differences
 _ROUGH = 10.0  # times the tolerance that may be left where finer grids do not help
@@ -56,8 +57,13 @@ def _padding(poles: Array, side: int, T: float, step: float) -> float:
 def _buffer(poles: Poles, T: float, step: float) -> float:
     """How long what rings takes to die out where it is damped; 0 where not the same poles ring at both ends: some of
     them then belong to what comes ahead of the path, which must not be damped."""
-    start, end = (np.abs(p[_slow(p, T, step)]) for p in poles)
-    return 1.5 * DYING / float(min(start.min(), end.min())) if len(start) and len(start) == len(end) else 0.0
+    seen = [np.abs(p[_slow(p, T, step)]) for p in poles]
+    known = [np.abs(p[_slow(p, T, 0.0)]) for p in poles]
+    for here, there in ((seen[0], known[1]), (seen[1], known[0])):
+        if any(not (np.abs(there - w) < _ALIKE * w).any() for w in here):
+            return 0.0
+    ringing = np.concatenate(seen)
+    return 1.5 * DYING / float(ringing.min()) if len(ringing) else 0.0
 
 
 def solve(of: Equations, path: Path | Slower, start: Array, method: str, tolerance: float,
@@ -65,12 +71,15 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
     solver, T = Solver(of, path, of.along(path, start)), path.end - path.begin
     dynamic = method == "stable" and len(of.inner) > 0
     none = np.zeros(0, dtype=complex)
-    poles = (_poles(*solver.ends[0]), _poles(*solver.ends[1])) if dynamic else (none, none)
-    count, longer, total, found, best, buffered = _FIRST_COUNT, 1.0, 0, None, None, True
+    poles = (none, none)
+    if dynamic:
+        start_poles, end_poles = (_poles(*matrices) for matrices in zip(*solver.ends, strict=True))
+        poles = (start_poles, end_poles)
+    count, longer, total, found, best, buffered = _FIRST_COUNT, [1.0, 1.0], 0, None, None, True
     for _ in range(_ROUNDS):
         step = T / count
-        before, after = (longer * _padding(p, side, T, step) if given is None else given
-                         for p, side, given in zip(poles, (1, -1), window, strict=True))  # fmt: skip
+        before, after = (factor * _padding(p, side, T, step) if given is None else given
+                         for factor, p, side, given in zip(longer, poles, (1, -1), window, strict=True))  # fmt: skip
         nodes = [int(np.ceil(x / step)) for x in (before, after, buffered * _buffer(poles, T, step))]
         grid = Grid(path, solver.poses, count, max(_LEAST, nodes[0]), max(_LEAST, nodes[1]), nodes[2])
         if grid.n > MOST:
@@ -79,24 +88,29 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
         try:
             found = solver.solve(grid, guess, tolerance) if method != "quasi-static" else solver.still(grid, guess)
         except NotConverged:
+            if best is not None and best.error < _ROUGH * tolerance:
+                break
             if count > 4 * _FIRST_COUNT and not nodes[2]:
                 raise
             count, found, buffered = count if nodes[2] else int(1.7 * count), None, not nodes[2]
             continue
         total += found.iterations
         rings = any(_slow(p, T, step).any() for p in poles)
+        short = [k for k, edge in enumerate(found.edges) if edge > tolerance and longer[k] < 5]
         if found.error > tolerance:
             if best is not None and found.error > 0.5 * best.error and best.error < _ROUGH * tolerance:
                 break  # a finer grid follows what is faster still
             count = int(count * np.clip(1.2 * (found.error / tolerance) ** (1 / 6), 1.3, 2.5))
-        elif max(found.edges) > tolerance and not rings and None in window and longer < 5:
-            longer *= 1.6
+        elif short and not rings and window == (None, None):
+            longer = [1.6 * factor if k in short else factor for k, factor in enumerate(longer)]
         else:
             return found, total, poles
         best = found if best is None or found.error < best.error else best
     if best is not None and best.error < _ROUGH * tolerance:
         return best, total, poles
-    left = "" if best is None else f": {best.error:.2g} m is left at steps of {best.step:.2g} s"
+    left = f": it is so fast for this arm that more than {MOST} steps would be needed"
+    if best is not None:
+        left = f": {best.error:.2g} m is left at steps of {best.step:.2g} s"
     raise ValueError(
         f"tip: the path is too rough for tolerance = {tolerance:g} m{left}; give it more continuous derivatives, more "
         "time, or allow a larger tolerance"
