@@ -24,8 +24,9 @@ from .rigid import RigidMove, fastest
 from .route import Route, path_points
 from .search import Aim, Found, Search
 
+Tell = Callable[[str], None] | None
 METHODS = ("shaped", "optimal")
-_KNOTS = 100, 240  # of a motion: at least, at most
+_KNOTS, _KNOTS_EACH = (160, 240), 100  # of a motion: at least, at most; where each joint goes its own way
 _PER_HALF = 10  # knots in half a period of the slowest mode
 _FAST = 4.0  # a mode is steered where its frequency times the time between knots is below this
 _MOST = 12  # modes
@@ -159,12 +160,12 @@ class _Plan:
     """What is planned, and the searches for it."""
 
     def __init__(
-        self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, tell: Callable[[str], None] | None
+        self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, tell: Tell
     ) -> None:
         self.plant, self.limits, self.route, self.rigid, self.tell = plant, limits, route, rigid, tell
         self.target = rigid.duration + plant.half_period
         per = self.target / plant.half_period if plant.half_period else 0.0
-        self.knots = int(np.clip(np.ceil(_PER_HALF * per), _KNOTS[0], max(_KNOTS[1] // ways, _KNOTS[0])))
+        self.knots = int(np.clip(np.ceil(_PER_HALF * per), *_KNOTS)) if ways == 1 else _KNOTS_EACH
         w = plant.modes.frequencies
         self.kept = min(_MOST, int((w * self.target / self.knots < _FAST).sum()))
         self.scale = self._deflection()
