@@ -54,13 +54,15 @@ class Move:
         joints: their names. duration: of the move (s).
         rigid_duration: of the time-optimal move of the arm with rigid beams along the same path (s), under the same
             limits of torque, speed and acceleration.
-        half_period: of the slowest mode with locked joints (s), 0 of a rigid arm: what a ZV shaper would cost.
+        half_period: of the slowest mode with locked joints (s), at the start or the end, where it is shorter; 0 of a
+            rigid arm. It is what a ZV shaper costs.
         frequencies: with locked joints, at the start and at the end (rad/s), (2, n): of the modes that are brought to
             rest.
         limits: how far each of the limits is used.
         residual: how far the arm's end swings from where it comes to rest, after the move, simulated on the flexible
             arm (m). residual_unshaped: after the time-optimal rigid move.
-        drive: motions for `simulate`, which stay at the end when the move is over.
+        drive: motions for `simulate`, which stay at the end when the move is over. rigid_drive: those of the
+            time-optimal rigid move, for comparison.
     """
 
     arm: Arm
@@ -78,6 +80,7 @@ class Move:
     residual: float
     residual_unshaped: float
     drive: dict[Any, Motion]
+    rigid_drive: dict[Any, Motion]
     _plant: Plant = field(compare=False)
 
     @property

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .._check import Array, array, choice, number
 from .._console import progress_bar
+from ..acting.drive import Motion
 from ..analysis.validity import RangeWarning
 from ..arm import Arm
 from ..parts.part import ModelWarning
@@ -24,8 +25,9 @@ from .rigid import RigidMove, fastest
 from .route import Route, path_points
 from .search import Aim, Found, Search
 
+Tell = Callable[[str], None] | None
 METHODS = ("shaped", "optimal")
-_KNOTS = 100, 240  # of a motion: at least, at most
+_KNOTS, _KNOTS_EACH = (160, 240), 100  # of a motion: at least, at most; where each joint goes its own way
 _PER_HALF = 10  # knots in half a period of the slowest mode
 _FAST = 4.0  # a mode is steered where its frequency times the time between knots is below this
 _MOST = 12  # modes
@@ -33,7 +35,8 @@ _ROUNDS, _TRIES = 40, 12  # of a search for the least time, and for the smoothes
 _TIGHT = 3  # times that margins are taken off limits that are passed between the knots
 _MARGIN = 3e-3  # of torque, which is not steered between the knots, at first
 _ROUNDING = 1e-5  # by which a limit may be passed
-_MORE = 1.008  # times the duration, where it is too short
+_MORE, _SLOWER = 1.008, (1.1, 1.3, 1.6, 2.0)  # times a duration that is too short
+_SPARE = 1.002  # times the least
 _FINE = 4  # rows of the result between two knots
 _CALM = 1e-3  # of the static deflection: so little needs no share of the unshaped
 
@@ -159,12 +162,12 @@ class _Plan:
     """What is planned, and the searches for it."""
 
     def __init__(
-        self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, tell: Callable[[str], None] | None
+        self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, tell: Tell
     ) -> None:
         self.plant, self.limits, self.route, self.rigid, self.tell = plant, limits, route, rigid, tell
         self.target = rigid.duration + plant.half_period
         per = self.target / plant.half_period if plant.half_period else 0.0
-        self.knots = int(np.clip(np.ceil(_PER_HALF * per), _KNOTS[0], max(_KNOTS[1] // ways, _KNOTS[0])))
+        self.knots = int(np.clip(np.ceil(_PER_HALF * per), *_KNOTS)) if ways == 1 else _KNOTS_EACH
         w = plant.modes.frequencies
         self.kept = min(_MOST, int((w * self.target / self.knots < _FAST).sum()))
         self.scale = self._deflection()
@@ -203,9 +206,7 @@ class _Plan:
         return Search(self.plant, aim, first, self.tell).solve(first, rounds)
 
     def shaped(self) -> tuple[Found, Any]:
-        first = self._first()
-        aim = self._aim(np.ones(1), np.full(1, 4.0))
-        return self._within(aim, first, lambda found: self._least(aim, found.profile))
+        return self._within(self._aim(np.ones(1), np.full(1, 4.0)), self._first())
 
     def optimal(self, own_ways: bool) -> tuple[Found, Any]:
         """The least time, from the shaped motion on; then a little more of it, and smooth."""
@@ -215,38 +216,44 @@ class _Plan:
             first = Profile(first.duration, first.alpha * way, self.route.start, None)
             end, size = self.route.end, 4.0 * np.maximum(np.abs(way), 0.25 * np.abs(way).max())
         aim = self._aim(end, size)
-        least = self._least(aim, first)
-        return self._within(aim, replace(least, duration=1.002 * least.duration), lambda found: found.profile)
+        return self._within(aim, self._least(aim, first))
 
     def _least(self, aim: Aim, first: Profile) -> Profile:
-        return self._search(replace(aim, free=True), first, _ROUNDS).profile
+        """The least time, and a little more."""
+        found = self._search(replace(aim, free=True), first, _ROUNDS).profile
+        return replace(found, duration=_SPARE * found.duration)
 
-    def _smooth(self, aim: Aim, first: Profile, least: Callable[[Found], Profile]) -> Found:
-        """The smoothest within the time of the first, or a little more; of the least time, where that takes longer."""
+    def _smooth(self, aim: Aim, first: Profile) -> Found:
+        """The smoothest within the time of the first, or a little more."""
         found = self._search(aim, first, _TRIES)
         for _ in range(2):
-            if found.good:
-                return found
-            found = self._search(aim, replace(found.profile, duration=_MORE * found.profile.duration), _TRIES)
-        if found.good:
-            return found
-        fast = least(found)
-        return self._search(aim, replace(fast, duration=1.002 * fast.duration), _TRIES)
+            if not found.good:
+                found = self._search(aim, replace(found.profile, duration=_MORE * found.profile.duration), _TRIES)
+        return found
 
-    def _within(self, aim: Aim, last: Profile, least: Callable[[Found], Profile]) -> tuple[Found, Any]:
-        """A search, repeated with margins where peaks between the knots pass a limit; and the run on a fine grid."""
+    def _from_afar(self, aim: Aim, first: Profile) -> Found:
+        """The smoothest within about the least time, which is sought from a slower motion."""
+        for slower in _SLOWER:
+            found = self._search(aim, replace(first, duration=slower * first.duration), _TRIES)
+            if found.good:
+                return self._smooth(aim, self._least(aim, found.profile))
+        return found
+
+    def _within(self, aim: Aim, first: Profile) -> tuple[Found, Any]:
+        """The smoothest, again with margins where peaks between the knots pass a limit; and its run on a fine grid."""
         margin: dict[str, Any] = {"torque": _MARGIN}
-        for _ in range(_TIGHT + 1):
-            tight = replace(self.limits, **{k: getattr(self.limits, k) * (1.0 - x) for k, x in margin.items()})
-            found = self._smooth(replace(aim, limits=tight), last, least)
-            last = found.profile
-            t = last.t
-            fine = np.linspace(0.0, last.duration, _FINE * self.knots + 1)
-            run = self.plant.run(t, *last.joints(), fine, float(t[1]))
+        found = self._smooth(aim, first)
+        found = found if found.good else self._from_afar(aim, first)
+        for k in range(_TIGHT + 1):
+            p = found.profile
+            fine = np.linspace(0.0, p.duration, _FINE * self.knots + 1)
+            run = self.plant.run(p.t, *p.joints(), fine, float(p.t[1]))
             over = {k: np.maximum(x.max(axis=0) - 1.0 - _ROUNDING, 0.0) for k, x in self._peaks(run).items()}
-            if not any(x.any() for x in over.values()):
+            if k == _TIGHT or not any(x.any() for x in over.values()):
                 break
             margin = {k: margin.get(k, 0.0) + 1.2 * x for k, x in over.items()}
+            tight = replace(self.limits, **{k: getattr(self.limits, k) * (1.0 - x) for k, x in margin.items()})
+            found = self._smooth(replace(aim, limits=tight), p)
         return found, run
 
     def _peaks(self, run: Any) -> dict[str, Array]:
@@ -263,9 +270,6 @@ class _Plan:
 
     def move(self, found: Found, run: Any) -> Move:
         p, plant, d = found.profile, self.plant, self.plant.driven
-        samples = held(p.t, *p.joints())
-        one = [link.joint.nv == 1 for link in plant.arm.links]
-        drive = {link if one[link] else (link, n): x for (link, n), x in plant.drive(*samples).items()}
         uses = []
         for what, part in self._peaks(run).items():
             most = getattr(self.limits, what)
@@ -276,21 +280,30 @@ class _Plan:
         made = Move(
             plant.arm, run.t, run.q[:, d.at], run.v[:, d.rates], run.a[:, d.rates], run.tau[:, d.rates],
             tuple(d.names), p.duration, self.rigid.duration, plant.half_period, frequencies, tuple(uses),
-            0.0, self._unshaped(), drive, plant,
+            0.0, 0.0, self._keyed(p.t, *p.joints()), self._keyed(*self._rigid_samples()), plant,
         )  # fmt: skip
-        return replace(made, residual=swing(plant, made.simulate(), p.duration))
+        left = swing(plant, made.simulate(), p.duration)
+        return replace(made, residual=left, residual_unshaped=self._unshaped(made.rigid_drive))
 
-    def _unshaped(self) -> float:
+    def _keyed(self, *samples: Array) -> dict[Any, Motion]:
+        """Motions that stand still behind their samples, by link, or by (link, freedom) where a joint has several."""
+        one = [link.joint.nv == 1 for link in self.plant.arm.links]
+        return {link if one[link] else (link, n): x for (link, n), x in self.plant.drive(*held(*samples)).items()}
+
+    def _rigid_samples(self) -> tuple[Array, ...]:
+        t = np.linspace(0.0, self.rigid.duration, 801)
+        q, v, a = self.route.motion(*self.rigid.at(t))
+        q[-1], v[-1], a[[0, -1]] = self.route.end, 0.0, 0.0  # accelerations set in within T / 800
+        return t, q, v, a
+
+    def _unshaped(self, drive: dict[Any, Motion]) -> float:
         """How far the end swings after the time-optimal rigid move (m)."""
         T = self.rigid.duration
-        t = np.linspace(0.0, T, 801)
-        q, v, a = self.route.motion(*self.rigid.at(t))
-        q[-1], v[-1] = self.route.end, 0.0
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RangeWarning)
             warnings.simplefilter("ignore", ModelWarning)
-            run = simulate(self.plant.arm, np.append(0.0, self.plant.after(T)), q0=self.plant.q_start,
-                           drive=self.plant.drive(*held(t, q, v, a)), rtol=1e-8)  # fmt: skip
+            run = simulate(self.plant.arm, np.append(0.0, self.plant.after(T)), q0=self.plant.q_start, drive=drive,
+                           rtol=1e-8)  # fmt: skip
         return swing(self.plant, run, T)
 
 

@@ -22,7 +22,8 @@ from .plant import Plant
 from .profile import Profile
 from .response import Response, respond
 
-_OVER, _LEFT = 5.0, 5.0  # penalties of limits that are passed (parts of them), and of vibration (parts of `scale`)
+#: Of limits that are passed (parts of them), and of vibration (parts of `scale`), by whether the duration is free.
+_PENALTY = {True: 5.0, False: 100.0}
 _SMOOTH = 1e-3  # weight of the largest jerk beside the duration, where that is sought
 _ALONE = 1e-2  # and where it alone is
 _DONE, _NOISE = 1e-3, 2e-4  # of both: what will do in the end, and what a step may leave to the next
@@ -49,6 +50,10 @@ class Aim:
     scale: float
     kept: int
 
+    @property
+    def penalty(self) -> float:
+        return _PENALTY[self.free]
+
 
 @dataclass(frozen=True)
 class Found:
@@ -56,7 +61,7 @@ class Found:
 
     Attributes:
         goal: the objective. over: by how much it passes a limit, as a part of that. left: vibration, in parts of
-            `Aim.scale`.
+            `Aim.scale`. penalty: of both.
     """
 
     profile: Profile
@@ -64,11 +69,12 @@ class Found:
     goal: float
     over: float
     left: float
+    penalty: float
 
     @property
     def merit(self) -> float:
         over, left = max(self.over - _NOISE, 0.0), max(self.left - _NOISE, 0.0)
-        return self.goal + _OVER * over + _LEFT * left
+        return self.goal + self.penalty * (over + left)
 
     @property
     def good(self) -> bool:
@@ -91,12 +97,12 @@ class Search:
         try:
             run = self._run(profile)
         except SimulationError as e:
-            return Found(profile, e.result, np.inf, np.inf, np.inf)
+            return Found(profile, e.result, np.inf, np.inf, np.inf, aim.penalty)
         jerk = float(np.abs(_jerks(profile, aim)).max())
         goal = profile.duration / self.reference + _SMOOTH * jerk if aim.free else _ALONE * jerk
         over = max((float(np.abs(x.value).max()) for x in self._limited(profile, run)), default=0.0) - 1.0
         left = float(np.abs(self._left(run)).max(initial=0.0)) / aim.scale
-        return Found(profile, run, goal, max(over, 0.0), left)
+        return Found(profile, run, goal, max(over, 0.0), left, aim.penalty)
 
     def _left(self, run: Result) -> Array:
         return self.plant.left(run.q[-1], run.v[-1])[:, : self.aim.kept]
@@ -180,7 +186,7 @@ class Search:
         b = np.concatenate([bound - sign * x.ravel() for x, bound in most for sign in (1.0, -1.0)])
         z, zd, _ = p.z()
         ends = np.concatenate([aim.end - z[-1], -zd[-1] * p.duration])
-        cost = np.concatenate([np.zeros(nx), [1.0, _SMOOTH, _OVER, _LEFT] if aim.free else [0.0, _ALONE, _OVER, _LEFT]])
+        cost = np.append(np.zeros(nx), [float(aim.free), _SMOOTH if aim.free else _ALONE, *[aim.penalty] * 2])
         cost[nx] *= p.duration / self.reference
         moved = ((p.alpha - of.profile.alpha)[1:-1] / aim.size).ravel()
         bounds = np.zeros((nx + 4, 2))

@@ -1,0 +1,213 @@
+"""Planned moves over poses and payloads: how much vibration is left, and how long they take.
+
+    python bench/command/moves.py [-o DIR]
+
+Three arms, each between several poses with several payloads: a link that turns, two links with a heavy end in the
+plane, three links in space that bear their weight. Of each move: the time-optimal one of the rigid arm, that one
+shaped by ZV (for the slowest locked mode at the end), `fa.plan_move(...)` as it is and with method="optimal". Durations
+are in parts of the rigid arm's plus half a period. What is left is how far the arm's end swings after the move, in a
+simulation by IDA, in parts of what the unshaped one leaves. Writes moves.csv, moves.md and moves.png into DIR (default:
+here).
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import flexarm as fa
+import matplotlib
+import numpy as np
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+STEEL, ALUMINIUM = fa.Material(7850, 209e9, 0.3), fa.Material(2700, 70e9, 0.33)
+COLOURS = {"unshaped": "#888888", "ZV": "#D55E00", "shaped": "#0072B2", "optimal": "#009E73"}
+
+
+def one(payload: float) -> fa.Arm:
+    beam = fa.Beam(0.7, fa.Rectangle(0.004, 0.03), STEEL, {"bending_y": 3}, order=3)
+    hub = fa.RigidBody(0.1, inertia=(0, 0, 0.01), end=(0.05, 0, 0))
+    return fa.Arm([fa.Link(fa.Revolute("z"), hub, beam, fa.RigidBody(payload))])
+
+
+def two(payload: float) -> fa.Arm:
+    def beam() -> fa.Beam:
+        return fa.Beam(0.5, fa.Rectangle(0.008, 0.03), STEEL, {"bending_y": 3}, order=2)
+
+    hub, elbow = fa.RigidBody(0.3, end=(0.05, 0, 0)), fa.RigidBody(0.5, end=(0.05, 0, 0))
+    tip = fa.RigidBody(payload)
+    return fa.Arm([fa.Link(fa.Revolute("z"), hub, beam()), fa.Link(fa.Revolute("z"), elbow, beam(), tip)])
+
+
+def three(payload: float) -> fa.Arm:
+    def beam(length: float, diameter: float) -> fa.Beam:
+        modes = {"bending_y": 2, "bending_z": 2, "torsion": 1}
+        return fa.Beam(length, fa.Circle(diameter), ALUMINIUM, modes, order=2)
+
+    base = fa.Link(fa.Revolute("z"), fa.RigidBody(3.0, inertia=(0.01, 0.01, 0.01), end=(0, 0, 0.3)))
+    upper = fa.Link(fa.Revolute("y"), fa.RigidBody(1.0), beam(0.6, 0.016))
+    fore = fa.Link(fa.Revolute("y"), fa.RigidBody(0.8), beam(0.5, 0.012), fa.RigidBody(payload))
+    return fa.Arm([base, upper, fore], gravity=(0, 0, -9.81))
+
+
+#: arm, torques, payloads, (from, to), and of which payloads the least time is sought
+Case = tuple[Callable[[float], fa.Arm], tuple[float, ...], tuple[float, ...], list[tuple[Any, Any]], tuple[float, ...]]
+CASES: dict[str, Case] = {
+    "1 link": (one, (3.0,), (0.05, 0.2, 0.5), [([0.0], [0.4]), ([0.0], [1.5])], (0.05, 0.2, 0.5)),
+    "2 links": (two, (60.0, 15.0), (0.5, 1.0, 2.0),
+                [([0, 0], [1, -1]), ([0.3, 1.5], [-1, 0.2]), ([0, 2.2], [0.8, 0.4])], (1.0,)),
+    "3 links, gravity": (three, (30.0, 40.0, 15.0), (0.2, 0.5, 1.0),
+                         [([0, 0.2, 0.5], [1.5, -0.5, 1.2]), ([0, -1.0, 1.8], [-1.2, 0.4, 0.2]),
+                          ([0.5, 0, 0], [0.5, -1.2, 1.5])], ()),
+}  # fmt: skip
+
+
+def swing(move: fa.Move, drive: dict[Any, fa.Motion], end: float) -> float:
+    """Of the arm's end after `end` seconds, with other motions from the same start (m)."""
+    arm, start = move.arm, move.simulate(after=0.0).q[0]
+    period = 2 * move.half_period
+    t = np.append(0.0, end + np.linspace(0, 1.05 * period, 97))
+    run = fa.simulate(arm, t, q0=start, drive=drive, rtol=1e-8)
+    rest = arm.frame(move.simulate(after=0.0).q[-1])[0]
+    return float(np.linalg.norm(run.frame()[0][1:] - rest, axis=1).max())
+
+
+def zv(move: fa.Move) -> tuple[dict[Any, fa.Motion], float]:
+    """The rigid move shaped, and its duration."""
+    shaper = fa.input_shaper("zv", move.frequencies[1, 0])
+    return {k: shaper.shape(m) for k, m in move.rigid_drive.items()}, move.rigid_duration + shaper.duration
+
+
+def rows() -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    for name, (make, torque, payloads, poses, searched) in CASES.items():
+        for q_from, q_to in poses:
+            for payload in payloads:
+                arm = make(payload)
+                started = time.perf_counter()
+                move = fa.plan_move(arm, q_from, q_to, torque=torque)
+                took = time.perf_counter() - started
+                bound, whole = move.rigid_duration + move.half_period, move.residual_unshaped
+                commands, end = zv(move)
+                row = {
+                    "arm": name, "from": q_from, "to": q_to, "payload": payload, "rigid": move.rigid_duration,
+                    "half period": move.half_period, "swing": whole, "ZV": swing(move, commands, end) / whole,
+                    "shaped": move.residual / whole, "duration": move.duration / bound,
+                    "peak": max(x.peak / x.limit for x in move.limits), "wall": took,
+                    "off": move.residual_of(make(1.2 * payload)) / whole, "optimal": np.nan, "optimal duration": np.nan,
+                    "optimal wall": np.nan,
+                }  # fmt: skip
+                best = None
+                if payload in searched:
+                    started = time.perf_counter()
+                    best = fa.plan_move(arm, q_from, q_to, torque=torque, method="optimal")
+                    row["optimal wall"] = time.perf_counter() - started
+                    row |= {"optimal": best.residual / whole, "optimal duration": best.duration / bound}
+                yield row, {"shaped": move, "optimal": best}
+
+
+def percent(x: float) -> str:
+    return "" if np.isnan(x) else f"{100 * x:.2g} %"
+
+
+def cells(row: dict[str, Any]) -> list[str]:
+    def pose(q: Any) -> str:
+        return ", ".join(f"{x:g}" for x in q)
+
+    return [
+        row["arm"], f"{pose(row['from'])} to {pose(row['to'])}", f"{row['payload']:g}",
+        f"{row['rigid']:.3f} + {row['half period']:.3f}", f"{1e3 * row['swing']:.3g}", percent(row["ZV"]),
+        percent(row["shaped"]), f"{row['duration']:.3f}", percent(row["off"]), percent(row["optimal"]),
+        "" if np.isnan(row["optimal"]) else f"{row['optimal duration']:.3f}",
+    ]  # fmt: skip
+
+
+HEAD = [
+    "arm", "joints (rad)", "payload (kg)", "rigid + half period (s)", "unshaped swings (mm)", "ZV leaves",
+    "shaped leaves", "takes", "payload +20 %", "optimal leaves", "takes",
+]  # fmt: skip
+
+
+def figure(table: list[dict[str, Any]], moves: dict[str, Any], path: Path) -> None:
+    fig, ((a, b), (c, d)) = plt.subplots(2, 2, figsize=(11, 7.4), layout="constrained")
+    shaped, best = moves["shaped"], moves["optimal"]
+    for k, style in enumerate(("-", "--")):
+        for name, move in (("shaped", shaped), ("optimal", best)):
+            most = [x.limit for x in move.limits if x.what == "torque"][k]
+            a.plot(move.t, move.torques[:, k] / most, style, color=COLOURS[name], lw=1.4, label=f"{name}, joint {k}")
+    a.axhline(1, color="#333333", lw=0.8)
+    a.axhline(-1, color="#333333", lw=0.8)
+    a.set(xlabel="time (s)", ylabel="torque, parts of its limit", ylim=(-1.25, 1.25))
+    a.legend(frameon=False, fontsize=8, ncols=2, loc="upper right")
+    commands, end = zv(shaped)
+    drives = {"unshaped": (shaped.rigid_drive, shaped.rigid_duration), "ZV": (commands, end),
+              "shaped": (shaped.drive, shaped.duration), "optimal": (best.drive, best.duration)}  # fmt: skip
+    start, goal = shaped.simulate(after=0.0).q[[0, -1]]
+    t = np.linspace(0, 1.2, 1201)
+    for name, (drive, stop) in drives.items():
+        run = fa.simulate(shaped.arm, t, q0=start, drive=drive, rtol=1e-8)
+        off = 1e3 * np.linalg.norm(run.frame()[0] - shaped.arm.frame(goal)[0], axis=1)
+        b.semilogy(t, np.maximum(off, 1e-4), color=COLOURS[name], lw=1.3, label=name)
+        b.plot(stop, np.interp(stop, t, off), "o", color=COLOURS[name], ms=5)
+    b.set(xlabel="time (s)", ylabel="end to where it rests (mm)", ylim=(1e-3, 3e3))
+    b.legend(frameon=False, fontsize=8, ncols=4, loc="upper center")
+    at = np.arange(len(table))
+    for name, key in (("ZV", "ZV"), ("shaped", "shaped"), ("optimal", "optimal")):
+        c.semilogy(at, [max(100 * r[key], 1e-5) for r in table], "o", color=COLOURS[name], ms=5, label=name)
+    c.semilogy(at, [100 * r["off"] for r in table], "x", color=COLOURS["shaped"], ms=5, label="shaped, payload +20 %")
+    c.axhline(5, color="#333333", lw=0.8, ls="--")
+    c.text(at[-1], 5.5, "aim 5 %", ha="right", va="bottom", fontsize=8)
+    c.set(ylabel="left, % of unshaped", ylim=(1e-5, 1e3))
+    c.legend(frameon=False, fontsize=8, ncols=4, loc="upper center", columnspacing=0.8, handletextpad=0.2)
+    d.plot(at, [r["duration"] for r in table], "o", color=COLOURS["shaped"], ms=5, label="shaped")
+    d.plot(at, [r["optimal duration"] for r in table], "o", color=COLOURS["optimal"], ms=5, label="optimal")
+    d.axhline(1.03, color="#333333", lw=0.8, ls="--")
+    d.text(at[-1], 1.033, "aim 1.03", ha="right", va="bottom", fontsize=8)
+    d.set(ylabel="duration / (rigid + half period)", ylim=(0.75, 1.1))
+    d.legend(frameon=False, fontsize=8, loc="lower right")
+    edges = [k for k in range(1, len(table)) if table[k]["arm"] != table[k - 1]["arm"]]
+    for ax in (c, d):
+        for k in edges:
+            ax.axvline(k - 0.5, color="#CCCCCC", lw=0.8)
+        middles = [(i + j - 1) / 2 for i, j in zip([0, *edges], [*edges, len(table)], strict=True)]
+        ax.set_xticks(middles, list(dict.fromkeys(r["arm"] for r in table)))
+        ax.tick_params(axis="x", length=0)
+    titles = ("a: two links, 0, 0 to 1, −1 rad, 1 kg", "b: the same: the arm's end", "c: vibration left, all moves",
+              "d: durations, all moves")  # fmt: skip
+    for ax, title in zip((a, b, c, d), titles, strict=True):
+        ax.set_title(title, fontsize=10, loc="left")
+        ax.grid(alpha=0.3, axis="y")
+        ax.spines[["top", "right"]].set_visible(False)
+    fig.savefig(path, dpi=110)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", type=Path, default=Path(), help="folder for the tables and the figure")
+    out = parser.parse_args().o
+    out.mkdir(parents=True, exist_ok=True)
+    warnings.simplefilter("ignore", fa.ModelWarning)
+    warnings.simplefilter("ignore", fa.RangeWarning)
+    table, shown = [], {}
+    for row, moves in rows():
+        table.append(row)
+        if row["arm"] == "2 links" and row["payload"] == 1.0 and row["to"] == [1, -1]:
+            shown = moves
+        print(*cells(row), f"peak {row['peak']:.4f}, {row['wall']:.1f} s, {row['optimal wall']:.1f} s", sep=" | ", flush=True)
+    with (out / "moves.csv").open("w", newline="") as f:
+        writer = csv.DictWriter(f, list(table[0]))
+        writer.writeheader()
+        writer.writerows(table)
+    lines = ["| " + " | ".join(HEAD) + " |", "|-" * len(HEAD) + "|", *("| " + " | ".join(cells(r)) + " |" for r in table)]
+    (out / "moves.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    figure(table, shown, out / "moves.png")
+
+
+if __name__ == "__main__":
+    main()
