@@ -158,7 +158,7 @@ from .run.simulation import (
     simulate as simulate,
 )
 from .run.watch import Watch as Watch, WatchWarning as WatchWarning
-from .scene.robot import from_urdf as from_urdf
+from .scene.robot import from_mjcf as from_mjcf, from_urdf as from_urdf
 from .scene.scene import Scene as Scene, load as load
 from .sensing.lowpass import LowPass as LowPass
 from .sensing.reading import PowerSpectrum as PowerSpectrum, Reading as Reading, psd as psd

@@ -110,7 +110,7 @@ def test_bad_names() -> None:
             fa.Revolute(name=name)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="its link is called 'a', as is that of link 0"):
         fa.Arm(links("a", "a", None))
-    with pytest.raises(ValueError, match="link = 'torsion': no link and .*; did you mean 'torsion_bar'"):
+    with pytest.raises(ValueError, match=r"link = 'torsion': no link and .*; did you mean 'torsion_bar'"):
         NAMED.frame(NAMED.zero, "torsion")
     with pytest.raises(ValueError, match="none has a name"):
         PLAIN.frame(PLAIN.zero, "elbow")

@@ -11,6 +11,7 @@ from .._check import array
 from ..arm import Arm
 from ..parts.beam import Beam
 from ..robots.chain import Flexible, chain
+from ..robots.mjcf import read_mjcf
 from ..robots.tree import RobotWarning, Tree
 from ..robots.urdf import read_urdf
 
@@ -51,6 +52,41 @@ def from_urdf(
     """
     try:
         tree = read_urdf(path, tuple(array("gravity", gravity, (3,)).tolist()))
+        return _arm(path, tree, tip, flexible, stops)
+    except ValueError as e:
+        raise ValueError(f"{Path(path).name}: {e}" if isinstance(path, (str, Path)) else str(e)) from None
+
+
+def from_mjcf(
+    path: str | Path,
+    *,
+    tip: str | None = None,
+    flexible: Mapping[str, Beam | Flexible] | None = None,
+    stops: float | Sequence[float] | None = None,
+    gravity: Sequence[float] | None = None,
+) -> Arm:
+    """An arm from an MJCF file: the chain of joints from the world to one of its bodies, as MuJoCo compiles it.
+
+    As of `from_urdf`, with bodies for links: hinges and slides, their anchors, springs, damping, armature (as reflected
+    inertia) and friction loss. Where a body has several joints, there are links without mass between them. All
+    coordinates are zero in the model's `qpos0`. It needs `pip install 'flexarm[mjcf]'`.
+
+    Args:
+        path: of the file; what it includes is read from its folder.
+        tip: the body that the arm ends with; as of `from_urdf`, as are flexible and stops.
+        flexible: what bends, by the name of a body.
+        stops: of soft stops at the joints' ranges.
+        gravity: in world axes (m/s^2); None: the file's.
+
+    Raises:
+        ValueError: as of `from_urdf`; what MuJoCo itself refuses, in its words.
+        ImportError: MuJoCo is missing.
+
+    Warns:
+        RobotWarning: one list of all that the file says and the arm does not have.
+    """
+    try:
+        tree = read_mjcf(path, None if gravity is None else tuple(array("gravity", gravity, (3,)).tolist()))
         return _arm(path, tree, tip, flexible, stops)
     except ValueError as e:
         raise ValueError(f"{Path(path).name}: {e}" if isinstance(path, (str, Path)) else str(e)) from None
