@@ -157,6 +157,8 @@ from .parts.sections import (
 )
 from .parts.split import split as split
 from .parts.taper import Taper as Taper
+from .robots.chain import Flexible as Flexible
+from .robots.tree import RobotWarning as RobotWarning
 from .run.pace import SlowWarning as SlowWarning, StepWarning as StepWarning
 from .run.pulses import PulseWarning as PulseWarning
 from .run.result import Result as Result
@@ -167,6 +169,7 @@ from .run.simulation import (
     simulate as simulate,
 )
 from .run.watch import Watch as Watch, WatchWarning as WatchWarning
+from .scene.robot import from_mjcf as from_mjcf, from_urdf as from_urdf
 from .scene.scene import Scene as Scene, load as load
 from .sensing.lowpass import LowPass as LowPass
 from .sensing.reading import PowerSpectrum as PowerSpectrum, Reading as Reading, psd as psd

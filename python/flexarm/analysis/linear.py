@@ -241,8 +241,8 @@ def _read_inputs(arm: Chain, q: Array, inputs: Sequence[Any] | None, locked: NDA
     out: list[_Input] = []
     for k, given in enumerate(_listed("inputs", inputs)):
         field = f"inputs[{k}]"
-        named = isinstance(given, tuple) and len(given) > 0 and isinstance(given[0], str) and given[0] not in arm._numbers
-        entry = given if named else ("force", given)
+        named = given[0] if isinstance(given, tuple) and given else None  # a kind, or, in (link, freedom), a link
+        entry = given if isinstance(named, str) and named not in arm._numbers else ("force", given)
         kind = choice(field, entry[0], INPUTS)
         if kind == "load":
             _need(field, entry, 3, '("load", link) or ("load", link, x)')

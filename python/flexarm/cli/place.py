@@ -24,7 +24,7 @@ def arguments(p: argparse.ArgumentParser) -> None:
     """Adds the command's arguments to its parser."""
     options.scene(p)
     options.output(p, "flexarm-place")
-    p.add_argument("--link", type=options.link, default=-1, help="number or name of the link; -1 is the last (%(default)s)")
+    p.add_argument("--link", type=options.link, default=-1, help="number or name; -1 is the last (%(default)s)")
     p.add_argument("--patch", type=int, default=0, help="which of its patches (%(default)s)")
     p.add_argument("-n", dest="modes", metavar="MODES", type=int, default=3, help="how many modes (%(default)s)")
     weight = "weight of a mode, from the lowest up; repeat for each (default: all alike)"

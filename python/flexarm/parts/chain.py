@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
@@ -62,12 +63,15 @@ class Chain:
             if not isinstance(link, Link):
                 raise ValueError(f"links[{k}] = {link!r}: must be a Link")
         self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
-        self._core = _core.Arm([link._core for link in self.links], self.gravity)
-        self.nq: int = self._core.nq
-        self.nv: int = self._core.nv
         #: of each link: its name, or "link 0" and so on
         self.names: tuple[str, ...] = tuple(link.name or f"link {k}" for k, link in enumerate(self.links))
         self._numbers = _numbers(self.links)
+        try:
+            self._core = _core.Arm([link._core for link in self.links], self.gravity)
+        except ValueError as e:
+            raise ValueError(re.sub(r"(?<=')link (\d+)(?= )", lambda m: self.names[int(m[1])], str(e))) from None
+        self.nq: int = self._core.nq
+        self.nv: int = self._core.nv
         self.coordinates: tuple[str, ...] = tuple(self._named(label) for label in self._core.coordinates)
         self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
         self.patch_matrix.flags.writeable = False
@@ -111,7 +115,8 @@ class Chain:
             if len(found) == 1:
                 return found[0]
             if found:
-                raise ValueError(f"{field} = {link!r}: is link {found[0]} and the joint of link {found[1]}; give a number")
+                two = f"is link {found[0]} and the joint of link {found[1]}"
+                raise ValueError(f"{field} = {link!r}: {two}; give a number")
             known = ", ".join(self._numbers)
             near = get_close_matches(link, self._numbers, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"there are {known}" if known else "none has a name"
@@ -252,7 +257,9 @@ class Chain:
         q, v = self._batch(q=q, v=v)
         return finite("velocity", self._core.slice_motion(q, v, v, self._link(link), self._x(x))[0])
 
-    def acceleration(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int | str = -1, x: float | None = None) -> Array:
+    def acceleration(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, link: int | str = -1, x: float | None = None
+    ) -> Array:
         """Acceleration (..., 6) of such a frame: [linear (m/s^2); angular (rad/s^2)] in world axes (Eq. 86)."""
         q, v, a = self._batch(q=q, v=v, a=a)
         return finite("acceleration", self._core.slice_motion(q, v, a, self._link(link), self._x(x))[1])

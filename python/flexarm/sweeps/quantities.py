@@ -166,7 +166,7 @@ def quantity(output: str | Callable[[Result], float]) -> Quantity:
     return Quantity(_one(name, ""), lambda r, link, band: array(name, [output(r)], (1,)), "a function of yours")
 
 
-def check_quantities(arm: Arm, names: Sequence[Any], link: int) -> list[tuple[str, str]]:
+def check_quantities(arm: Arm, names: Sequence[Any], link: int | str) -> list[tuple[str, str]]:
     """The columns (name, unit) of these quantities; ValueError where this arm does not have one."""
     beam = arm.links[arm._link(link)].beam
     for name in names:
@@ -187,7 +187,7 @@ class RunSummary:
     `every`-th row of q and v. The arguments are those of `Sweep`."""
 
     outputs: tuple[str | Callable[[Result], float], ...]
-    link: int
+    link: int | str
     band: float
     trajectories: bool
     every: int

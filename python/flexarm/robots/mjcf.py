@@ -1,0 +1,115 @@
+"""MJCF files to trees, by MuJoCo's own compiler."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from .tree import Mass, Pose, Tree, TreeJoint
+from .urdf import parse_xml, read_text
+
+#: of a model, how many of what an arm does not have
+_COUNTS = {
+    "nu": "actuators", "neq": "equality constraints", "ntendon": "tendons", "nsensor": "sensors", "nkey": "keyframes",
+    "nflex": "flexible objects", "nplugin": "plugins",
+}  # fmt: skip
+
+
+def import_mujoco(asked: str) -> ModuleType:
+    """MuJoCo, or what to install."""
+    try:
+        import mujoco
+    except ImportError:
+        raise ImportError(f"{asked} needs MuJoCo: pip install 'flexarm[mjcf]'") from None
+    return mujoco  # type: ignore[no-any-return]
+
+
+def read_mjcf(path: Any, gravity: Any) -> Tree:
+    """The tree of an MJCF file; gravity None: the file's."""
+    root = parse_xml(read_text(path))
+    if root.tag not in ("mujoco", "mujocoinclude"):
+        raise ValueError(f"<{root.tag}>: must be <mujoco>" + (" (is this URDF?)" if root.tag == "robot" else ""))
+    mujoco = import_mujoco("from_mjcf")
+    try:
+        model = mujoco.MjModel.from_xml_path(str(Path(path)))
+    except ValueError as e:
+        raise ValueError(" ".join(str(e).split())) from None
+    return tree_of(mujoco, model, gravity)
+
+
+def tree_of(mujoco: ModuleType, model: Any, gravity: Any) -> Tree:
+    """The tree of a compiled model. Bodies stand to each other as at `qpos0`, where all coordinates are zero."""
+
+    def named(kind: str, k: int) -> str:
+        return mujoco.mj_id2name(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), k) or f"{kind}_{k}"
+
+    left_out: list[tuple[str, str]] = []
+    bodies = {named("body", 0): Mass()}
+    joints: list[TreeJoint] = []
+    for k in range(1, model.nbody):
+        name, parent = named("body", k), named("body", int(model.body_parentid[k]))
+        at = Pose(model.body_pos[k].copy(), _rotation(model.body_quat[k]))
+        own = [int(model.body_jntadr[k]) + i for i in range(int(model.body_jntnum[k]))]
+        inertia = Mass(float(model.body_mass[k]), np.zeros(3), np.diag(model.body_inertia[k]))
+        bodies[name] = inertia.seen(Pose(model.body_ipos[k].copy(), _rotation(model.body_iquat[k])))
+        if not own:
+            joints.append(TreeJoint(f"{name} (fixed)", "fixed", parent, name, at))
+        for i in own:  # several in a body: one after the other, with bodies without mass between
+            child = name if i == own[-1] else f"{name} on {named('joint', i)}"
+            bodies.setdefault(child, Mass())
+            joints.append(_joint(mujoco, model, i, (named("joint", i), parent, child), at, left_out))
+            parent, at = child, Pose()
+        if model.body_gravcomp[k]:
+            left_out.append(("gravity compensation", name))
+    for count, words in _COUNTS.items():
+        if n := int(getattr(model, count, 0)):
+            left_out.append((f"{n} {words if n > 1 else words[:-1]}", ""))
+    if model.ngeom:
+        left_out.append(("shapes to show and to touch (geoms), but for the inertia that they give", ""))
+    if model.opt.density or model.opt.viscosity:
+        left_out.append(("the fluid around it (option density, viscosity)", ""))
+    given = tuple(model.opt.gravity.tolist()) if gravity is None else gravity
+    return Tree(bodies, joints, given, left_out)
+
+
+def _rotation(quaternion: Array) -> Array:
+    """Of (w, x, y, z)."""
+    w, x, y, z = (float(c) for c in quaternion / np.linalg.norm(quaternion))
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _joint(
+    mujoco: ModuleType, model: Any, i: int, names: tuple[str, str, str], at: Pose, left_out: list[tuple[str, str]]
+) -> TreeJoint:
+    name, parent, child = names
+    kinds = {mujoco.mjtJoint.mjJNT_HINGE: "revolute", mujoco.mjtJoint.mjJNT_SLIDE: "prismatic"}
+    kinds |= {mujoco.mjtJoint.mjJNT_BALL: "ball", mujoco.mjtJoint.mjJNT_FREE: "free"}
+    kind = kinds[mujoco.mjtJoint(int(model.jnt_type[i]))]
+    if kind in ("ball", "free"):
+        return TreeJoint(name, kind, parent, child, at)
+    adr, dof = int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i])
+    zero, pos = float(model.qpos0[adr]), model.jnt_pos[i].copy()
+    springs = {"stiffness": float(np.ravel(model.jnt_stiffness[i])[0])}
+    if springs["stiffness"]:
+        springs["rest"] = float(model.qpos_spring[adr]) - zero
+    springs |= {"damping": float(np.ravel(model.dof_damping[dof])[0]), "coulomb": float(model.dof_frictionloss[dof])}
+    springs["reflected_inertia"] = float(model.dof_armature[dof])
+    if zero:
+        left_out.append(("the joint's ref: the arm's q is qpos - ref", name))
+    for field, k in (("jnt_stiffnesspoly", i), ("dof_dampingpoly", dof)):
+        if np.any(getattr(model, field, np.zeros((k + 1, 1)))[k]):
+            left_out.append(("springs and dampers that are not linear", name))
+    limits = (model.jnt_range[i] - zero).tolist() if model.jnt_limited[i] else (None, None)
+    place = Pose(at.position + at.rotation @ pos, at.rotation)
+    return TreeJoint(name, kind, parent, child, place, model.jnt_axis[i].copy(), Pose(-pos), springs, *limits)
+

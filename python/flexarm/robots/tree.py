@@ -1,0 +1,165 @@
+"""A robot as files describe it, bodies on joints in a tree, and the serial chain of it that leads to one body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .._check import Array, choice
+
+MOVING = ("revolute", "prismatic")
+
+
+class RobotWarning(UserWarning):
+    """What a robot's file says and the arm does not have, or the other way round."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A frame in another: x = position + rotation @ x'."""
+
+    position: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+
+    def __matmul__(self, other: Pose) -> Pose:
+        return Pose(self.position + self.rotation @ other.position, self.rotation @ other.rotation)
+
+    @property
+    def inverse(self) -> Pose:
+        return Pose(-self.rotation.T @ self.position, self.rotation.T)
+
+
+@dataclass(frozen=True)
+class Mass:
+    """A rigid body: kg, centre of mass (m), inertia about it (kg m^2)."""
+
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+    def seen(self, pose: Pose) -> Mass:
+        """The same body in the axes that it has `pose` in."""
+        R = pose.rotation
+        return Mass(self.mass, pose.position + R @ self.com, R @ self.inertia @ R.T)
+
+
+def merged(bodies: Iterable[Mass]) -> Mass:
+    """Bodies that are one rigid body, by the parallel axis theorem."""
+    bodies = list(bodies)
+    mass = sum(b.mass for b in bodies)
+    com = sum((b.mass * b.com for b in bodies), np.zeros(3)) / mass if mass > 0 else np.zeros(3)
+    inertia = np.zeros((3, 3))
+    for b in bodies:
+        r = b.com - com
+        inertia = inertia + b.inertia + b.mass * (r @ r * np.eye(3) - np.outer(r, r))
+    return Mass(mass, com, (inertia + inertia.T) / 2)
+
+
+@dataclass(frozen=True)
+class TreeJoint:
+    """A joint of the tree.
+
+    Attributes:
+        kind: "revolute", "prismatic", "fixed", or one that is not carried, as the file calls it.
+        origin: where it sits, in the parent's frame; its axes are those that `axis` is in.
+        outboard: where the child's frame sits, in the joint's moving axes.
+        springs: arguments of fa.Joint: stiffness, rest, damping, coulomb, reflected_inertia.
+        lower, upper: its limits (rad, m), or None.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Pose = field(default_factory=Pose)
+    axis: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    outboard: Pose = field(default_factory=Pose)
+    springs: dict[str, float] = field(default_factory=dict)
+    lower: float | None = None
+    upper: float | None = None
+
+    @property
+    def moves(self) -> bool:
+        return self.kind != "fixed"
+
+    @property
+    def rest_pose(self) -> Pose:
+        """The child's frame in the parent's where the joint stands at zero."""
+        return self.origin @ self.outboard
+
+
+@dataclass
+class Tree:
+    """Bodies by name, joints, and what of the file is left out: (what, of whom)."""
+
+    bodies: dict[str, Mass]
+    joints: list[TreeJoint]
+    gravity: tuple[float, float, float]
+    left_out: list[tuple[str, str]] = field(default_factory=list)
+    root: str = field(init=False)
+    above: dict[str, TreeJoint] = field(init=False, repr=False)  #: the joint that a body hangs on
+    below: dict[str, list[TreeJoint]] = field(init=False, repr=False)  #: those that hang on it
+
+    def __post_init__(self) -> None:
+        self.above, self.below = {}, {name: [] for name in self.bodies}
+        for joint in self.joints:
+            for which, name in (("parent", joint.parent), ("child", joint.child)):
+                if name not in self.bodies:
+                    raise ValueError(f"joint '{joint.name}': its {which} '{name}' is no link of the file")
+            if joint.child in self.above:
+                other = self.above[joint.child].name
+                raise ValueError(
+                    f"link '{joint.child}': is the child of joints '{other}' and '{joint.name}'; a loop is not carried"
+                )
+            self.above[joint.child] = joint
+            self.below[joint.parent].append(joint)
+        roots = [name for name in self.bodies if name not in self.above]
+        if not self.bodies:
+            raise ValueError("the file has no links")
+        if not roots:
+            raise ValueError(f"joint '{self.joints[0].name}': the joints close a loop, no link is the base")
+        if len(roots) > 1:
+            raise ValueError(f"links {', '.join(roots)}: no joint leads to them; only one, the base, may have none")
+        self.root = roots[0]
+        lost = set(self.bodies) - {name for name, _ in self.beneath(self.root)}
+        if lost:
+            raise ValueError(f"link '{sorted(lost)[0]}': hangs in a loop of joints, which is not carried")
+
+    def path(self, tip: str) -> list[TreeJoint]:
+        """The joints from the base to a link."""
+        choice("tip", tip, self.bodies)
+        out: list[TreeJoint] = []
+        while tip in self.above:
+            out.insert(0, self.above[tip])
+            tip = out[0].parent
+        return out
+
+    def beneath(self, name: str, without: TreeJoint | None = None) -> list[tuple[str, Pose]]:
+        """A body and all that hang on it, not by the joint `without`, with where they stand at zero."""
+        out, todo = [], [(name, Pose())]
+        while todo:
+            body, pose = todo.pop()
+            out.append((body, pose))
+            todo += [(j.child, pose @ j.rest_pose) for j in self.below[body] if j is not without]
+        return out
+
+    def default_tip(self) -> str:
+        """The last body that moves, where the moving joints are one chain."""
+        moving = [j for j in self.joints if j.moves]
+        if not moving:
+            raise ValueError("the file has no joint that moves")
+        longest = max((self.path(j.child) for j in moving), key=len)
+        apart = [j for j in moving if j not in longest]
+        if apart:
+            ends = [n for n in self.bodies if not any(j.moves for j in self.below[n]) and self._moves(n)]
+            few = ", ".join(ends[:12]) + (", ..." if len(ends) > 12 else "")
+            raise ValueError(
+                f"tip: the robot branches, '{apart[0].name}' is not on the way to '{longest[-1].child}'; "
+                f"choose the link that the arm ends with, such as one of {few}"
+            )
+        return longest[-1].child
+
+    def _moves(self, name: str) -> bool:
+        return any(j.moves for j in self.path(name))

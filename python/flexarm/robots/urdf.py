@@ -1,0 +1,176 @@
+"""URDF files to trees, by ROS' own parser (urdfdom-py)."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from .tree import Mass, Pose, Tree, TreeJoint
+
+_LOOKS = ("visual", "collision")
+_NUMBERS = ("origin", "axis", "mass", "inertia", "limit", "dynamics")  #: have no other attributes
+#: what is read of each element, its attributes and its elements; the parser is given nothing else
+_READ: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "robot": (("name",), ("link", "joint")),
+    "link": (("name",), ("inertial",)),
+    "joint": (("name", "type"), ("origin", "axis", "parent", "child", "limit", "dynamics", "mimic")),
+    "inertial": ((), ("origin", "mass", "inertia")),
+    "origin": (("xyz", "rpy"), ()),
+    "axis": (("xyz",), ()),
+    "parent": (("link",), ()),
+    "child": (("link",), ()),
+    "mass": (("value",), ()),
+    "inertia": (("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), ()),
+    "limit": (("lower", "upper", "effort", "velocity"), ()),
+    "dynamics": (("damping", "friction"), ()),
+    "mimic": (("joint", "multiplier", "offset"), ()),
+}
+
+
+def read_text(path: Any) -> str:
+    """The text of a robot's file."""
+    if not isinstance(path, (str, Path)):
+        raise ValueError(f"path = {path!r}: must be a path")
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except OSError as e:
+        raise ValueError(f"path = {str(path)!r}: {e.strerror}") from None
+    except UnicodeDecodeError as e:
+        raise ValueError(f"path = {str(path)!r}: is no text ({e.reason} at byte {e.start})") from None
+
+
+def parse_xml(text: str) -> ET.Element:
+    """Its root. ValueError with the line where it is broken."""
+    try:
+        return ET.fromstring(text.encode())
+    except ET.ParseError as e:
+        line, column = e.position
+        said = str(e).partition(":")[0]
+        raise ValueError(f"line {line}, column {column + 1}: is no XML ({said})") from None
+
+
+def _parser() -> ModuleType:
+    try:
+        from urdf_parser_py import urdf
+    except ImportError:
+        raise ImportError("from_urdf needs a parser: pip install 'flexarm[urdf]'") from None
+    return urdf  # type: ignore[no-any-return]
+
+
+def read_urdf(path: Any, gravity: Any) -> Tree:
+    """The tree of a URDF file."""
+    text = read_text(path)
+    root = parse_xml(text)
+    if root.tag != "robot":
+        raise ValueError(f"<{root.tag}>: must be <robot>" + (" (is this MJCF?)" if root.tag == "mujoco" else ""))
+    left_out: list[tuple[str, str]] = []
+    root.attrib.setdefault("name", "robot")
+    _prune(root, "", left_out)
+    parser = _parser()
+    try:
+        robot = parser.URDF.from_xml_string(ET.tostring(root))
+    except Exception as e:  # the parser's own, and AssertionErrors and KeyErrors of it
+        raise ValueError(" ".join(str(e).split()) or repr(e)) from None
+    _unique("link", [x.name for x in robot.links])
+    _unique("joint", [x.name for x in robot.joints])
+    bodies = {link.name: _mass(link) for link in robot.links}
+    joints = [_joint(j, left_out) for j in robot.joints]
+    return Tree(bodies, joints, gravity, left_out)
+
+
+def _prune(node: ET.Element, whose: str, left_out: list[tuple[str, str]]) -> None:
+    """Keeps what is read, and notes what is not."""
+    attributes, elements = _READ[node.tag]
+    whose = node.get("name", whose) if node.tag in ("link", "joint") else whose
+    for key in sorted(set(node.attrib) - set(attributes)):
+        if not key.startswith("{") and not (node.tag == "robot" or (node.tag, key) == ("link", "type")):
+            left_out.append((f"attribute {key} of <{node.tag}>", whose))
+        del node.attrib[key]
+    for key, text in node.attrib.items() if node.tag in _NUMBERS else ():
+        try:
+            [float(word) for word in text.split()]
+        except ValueError:
+            raise ValueError(f'\'{whose}\': <{node.tag} {key}="{text}">: must be numbers') from None
+    node.text = node.tail = None
+    for inner in list(node):
+        if inner.tag in elements:
+            _prune(inner, whose, left_out)
+            continue
+        node.remove(inner)
+        if inner.tag in _LOOKS:
+            left_out.append(("shapes to show and to touch (<visual>, <collision>)", whose))
+        elif isinstance(inner.tag, str):
+            left_out.append((f"<{inner.tag}>", "" if inner.tag == "material" else whose or inner.get("name", "")))
+
+
+def _unique(what: str, names: list[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{what} '{name}': is named twice")
+
+
+def _numbers(where: str, values: Any, n: int) -> Array:
+    out = np.zeros(n) if values is None else np.array(values, dtype=float)
+    if out.shape != (n,) or not np.isfinite(out).all():
+        want = f"{n} finite numbers" if n > 1 else "a finite number"
+        raise ValueError(f"{where} = {out.tolist() if n > 1 else out[0]}: must be {want}")
+    return out
+
+
+def _pose(where: str, origin: Any) -> Pose:
+    if origin is None:
+        return Pose()
+    rpy = _numbers(f"{where}: rpy", origin.rpy, 3)
+    return Pose(_numbers(f"{where}: xyz", origin.xyz, 3), rotation_of(rpy))
+
+
+def rotation_of(rpy: Array) -> Array:
+    """Roll, pitch, yaw (rad) about the fixed x, y, z; quarter turns are exact."""
+    c, s = np.cos(rpy), np.sin(rpy)
+    c, s = (np.where(np.abs(x) < 1e-15, 0.0, x) for x in (c, s))
+    x = np.array([[1, 0, 0], [0, c[0], -s[0]], [0, s[0], c[0]]])
+    y = np.array([[c[1], 0, s[1]], [0, 1, 0], [-s[1], 0, c[1]]])
+    z = np.array([[c[2], -s[2], 0], [s[2], c[2], 0], [0, 0, 1]])
+    return np.asarray(z @ y @ x)
+
+
+def _mass(link: Any) -> Mass:
+    given = link.inertial
+    if given is None:
+        return Mass()
+    where = f"link '{link.name}'"
+    pose = _pose(f"{where}: inertial", given.origin)
+    mass = float(_numbers(f"{where}: mass", [given.mass], 1)[0])
+    inertia = np.zeros((3, 3))
+    if given.inertia is not None:
+        inertia = np.array(given.inertia.to_matrix(), dtype=float)
+        _numbers(f"{where}: inertia", inertia.ravel(), 9)
+    if mass < 0:
+        raise ValueError(f"{where}: mass = {mass}: must not be negative")
+    return Mass(mass, np.zeros(3), inertia).seen(pose)
+
+
+def _joint(given: Any, left_out: list[tuple[str, str]]) -> TreeJoint:
+    where, kind = f"joint '{given.name}'", given.type
+    kind = {"continuous": "revolute"}.get(kind, kind)
+    if given.mimic is not None:
+        kind = f"mimic of '{given.mimic.joint}'"
+    lower = upper = None
+    if given.limit is not None:
+        if given.type in ("revolute", "prismatic"):
+            lower, upper = _numbers(f"{where}: limit", [given.limit.lower, given.limit.upper], 2).tolist()
+        left_out.append(("limits of effort and velocity", given.name))
+    springs = {}
+    if given.dynamics is not None:
+        values = [given.dynamics.damping or 0.0, given.dynamics.friction or 0.0]
+        springs = dict(zip(("damping", "coulomb"), _numbers(f"{where}: dynamics", values, 2).tolist(), strict=True))
+    axis = np.array([1.0, 0.0, 0.0]) if given.axis is None else _numbers(f"{where}: axis", given.axis, 3)
+    origin = _pose(f"{where}: origin", given.origin)
+    return TreeJoint(
+        given.name, kind, given.parent, given.child, origin, axis, springs=springs, lower=lower, upper=upper
+    )

@@ -1,0 +1,101 @@
+"""Robots' files to arms."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from .._check import array
+from ..arm import Arm
+from ..parts.beam import Beam
+from ..robots.chain import Flexible, chain
+from ..robots.mjcf import read_mjcf
+from ..robots.tree import RobotWarning, Tree
+from ..robots.urdf import read_urdf
+
+
+def from_urdf(
+    path: str | Path,
+    *,
+    tip: str | None = None,
+    flexible: Mapping[str, Beam | Flexible] | None = None,
+    stops: float | Sequence[float] | None = None,
+    gravity: Sequence[float] = (0.0, 0.0, -9.81),
+) -> Arm:
+    """An arm from a URDF file: the chain of joints from its base to one of its links.
+
+    Each joint that moves, with the link that it moves and all that is fixed to that, becomes one link of the arm, with
+    the URDF's frames; it is called as the URDF's link, its joint as the URDF's joint. Origins, axes, inertias, damping
+    and (dry) friction are carried. The arm's world is the base's frame. It needs `pip install 'flexarm[urdf]'`.
+
+    Args:
+        path: of the file.
+        tip: the link that the arm ends with, whose frame is `arm.frame(q)`; one that is fixed to a link that moves
+            becomes a link of its own, without mass. None: the last link that moves, where these are one chain. Joints
+            of other branches stand at zero, and their bodies ride along.
+        flexible: what bends: by the name of a link that moves, a Beam from its joint to the next one (or the tip), with
+            that length, whose mass replaces the link's own; or a Flexible, which can say otherwise.
+        stops: of soft stops at the limits of position: a stiffness (N m/rad, N/m), or (stiffness, damping). None: no
+            stops.
+        gravity: in the base's axes (m/s^2).
+
+    Raises:
+        ValueError: no such file, bad XML (with the line), a loop, a joint on the way that is floating, planar or a
+            mimic, an inertia that no body has, an unknown name (with the known ones); each with the name of the link or
+            joint.
+        ImportError: the parser is missing.
+
+    Warns:
+        RobotWarning: one list of all that the file says and the arm does not have.
+    """
+    try:
+        tree = read_urdf(path, tuple(array("gravity", gravity, (3,)).tolist()))
+        return _arm(path, tree, tip, flexible, stops)
+    except ValueError as e:
+        raise ValueError(f"{Path(path).name}: {e}" if isinstance(path, (str, Path)) else str(e)) from None
+
+
+def from_mjcf(
+    path: str | Path,
+    *,
+    tip: str | None = None,
+    flexible: Mapping[str, Beam | Flexible] | None = None,
+    stops: float | Sequence[float] | None = None,
+    gravity: Sequence[float] | None = None,
+) -> Arm:
+    """An arm from an MJCF file: the chain of joints from the world to one of its bodies, as MuJoCo compiles it.
+
+    As of `from_urdf`, with bodies for links: hinges and slides, their anchors, springs, damping, armature (as reflected
+    inertia) and friction loss. Where a body has several joints, there are links without mass between them. All
+    coordinates are zero in the model's `qpos0`. It needs `pip install 'flexarm[mjcf]'`.
+
+    Args:
+        path: of the file; what it includes is read from its folder.
+        tip: the body that the arm ends with; as of `from_urdf`, as are flexible and stops.
+        flexible: what bends, by the name of a body.
+        stops: of soft stops at the joints' ranges.
+        gravity: in world axes (m/s^2); None: the file's.
+
+    Raises:
+        ValueError: as of `from_urdf`; what MuJoCo itself refuses, in its words.
+        ImportError: MuJoCo is missing.
+
+    Warns:
+        RobotWarning: one list of all that the file says and the arm does not have.
+    """
+    try:
+        tree = read_mjcf(path, None if gravity is None else tuple(array("gravity", gravity, (3,)).tolist()))
+        return _arm(path, tree, tip, flexible, stops)
+    except ValueError as e:
+        raise ValueError(f"{Path(path).name}: {e}" if isinstance(path, (str, Path)) else str(e)) from None
+
+
+def _arm(path: Any, tree: Tree, tip: Any, flexible: Any, stops: Any) -> Arm:
+    made = chain(tree, tip, flexible, stops)
+    arm = Arm(made.links, tree.gravity)
+    if made.said:
+        text = "\n".join(f"  - {line}" for line in made.said)
+        warnings.warn(f"{Path(path).name}: the arm does not have\n{text}", RobotWarning, stacklevel=3)
+    return arm

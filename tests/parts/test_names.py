@@ -1,0 +1,126 @@
+"""Names of links and joints: they mean the same as numbers, everywhere."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import flexarm as fa
+import numpy as np
+import pytest
+from flexarm.cli import main
+
+MATERIAL = fa.Material(density=2700.0, youngs_modulus=70e9)
+
+
+def links(*names: str | None) -> list[fa.Link]:
+    beam = fa.Beam(0.5, fa.Rectangle(0.003, 0.03), MATERIAL, modes={"bending_y": 2}, order=1, kelvin_voigt=1e-3)
+    upper = fa.Link(fa.Revolute(damping=0.1, name=names[2]), beam=beam, tip=fa.RigidBody(mass=0.2), name=names[0])
+    lower = fa.Link(fa.Revolute(), beam=beam, tip=fa.RigidBody(mass=0.1), name=names[1])
+    return [upper, lower]
+
+
+NAMED = fa.Arm(links("upper arm", "torsion_bar", "shoulder"))  # a strain's name in a link's is no strain
+PLAIN = fa.Arm(links(None, None, None))
+T = np.linspace(0.0, 0.1, 11)
+
+
+def test_which_link() -> None:
+    assert NAMED["shoulder"] is NAMED["upper arm"] is NAMED[0] and NAMED["torsion_bar"] is NAMED[-1]
+    assert NAMED.names == ("upper arm", "torsion_bar") and PLAIN.names == ("link 0", "link 1")
+    assert list(NAMED) == list(NAMED.links)
+    assert NAMED.coordinates[:2] == ("upper arm revolute", "upper arm bending_y 1")
+    assert "0 upper arm" in str(NAMED)
+    assert NAMED != PLAIN and pickle.loads(pickle.dumps(NAMED)) == NAMED
+
+
+def test_methods() -> None:
+    q = np.linspace(0.01, 0.06, 6)
+    for a, b in (("upper arm", 0), ("shoulder", 0), ("torsion_bar", 1)):
+        np.testing.assert_array_equal(NAMED.frame(q, a, 0.2)[0], PLAIN.frame(q, b, 0.2)[0])
+        np.testing.assert_array_equal(NAMED.jacobian(q, a), PLAIN.jacobian(q, b))
+        np.testing.assert_array_equal(NAMED.strain(q, a, 0.1), PLAIN.strain(q, b, 0.1))
+        np.testing.assert_array_equal(NAMED.joint_reaction(q, q, q, a), PLAIN.joint_reaction(q, q, q, b))
+        named, plain = NAMED.modes(lock=[a], speed={"torsion_bar": 0.0}), PLAIN.modes(lock=[b])
+        np.testing.assert_array_equal(named.frequencies, plain.frequencies)
+        zero = np.zeros(6)
+        named_model = NAMED.linearize(zero, inputs=[(a, 0), ("load", a)], outputs=[("tip", a), ("joint", (a, 0))])
+        plain_model = PLAIN.linearize(zero, inputs=[b, ("load", b)], outputs=[("tip", b), ("joint", b)])
+        np.testing.assert_array_equal(named_model.B, plain_model.B)
+        np.testing.assert_array_equal(named_model.C, plain_model.C)
+        assert named_model.outputs[0] == f"tip {NAMED.names[b]} x"
+    given = NAMED.forward_dynamics(q, q, prescribed={("shoulder", 0): 1.0})
+    np.testing.assert_array_equal(given, PLAIN.forward_dynamics(q, q, prescribed={0: 1.0}))
+
+
+def test_runs_and_sensors() -> None:
+    def run(arm: fa.Arm, upper: int | str, lower: int | str) -> fa.Result:
+        control = [fa.PD(5.0, 0.5, lower, reference=0.1), fa.StrainFeedback(1.0, 0.1, 0.2, upper)]
+        load = fa.Load(lower, force=(0, 1, 0))
+        return fa.simulate(arm, T, drive={upper: fa.Torque(0.1)}, loads=[load], control=control)
+
+    named, plain = run(NAMED, "shoulder", "torsion_bar"), run(PLAIN, 0, 1)
+    np.testing.assert_array_equal(named.q, plain.q)
+    np.testing.assert_array_equal(named.tip_deflection("torsion_bar"), plain.tip_deflection(1))
+    for sensor in (fa.Encoder, fa.StrainGauge, fa.Accelerometer, fa.ForceTorque):
+        ours, theirs = sensor(link="upper arm", noise=0.1).read(named), sensor(link=0, noise=0.1).read(plain)
+        np.testing.assert_array_equal(ours.y, theirs.y)
+        assert "upper arm" in sensor(link="upper arm").title(NAMED)
+    with pytest.raises(ValueError, match="named twice"):
+        fa.simulate(NAMED, T, drive={"shoulder": fa.Torque(0.1), 0: fa.Torque(0.1)})
+
+
+def test_paths() -> None:
+    masses = np.array([0.1, 0.4])
+    parameters = {"link.torsion_bar.tip.mass": masses, "drive.upper arm.scale": [1.0, 2.0]}
+    named = fa.simulate_batch(NAMED, T, drive={"shoulder": fa.Torque(0.1)}, parameters=parameters)
+    parameters = {"link.1.tip.mass": masses, "drive.0.scale": [1.0, 2.0]}
+    plain = fa.simulate_batch(PLAIN, T, drive={0: fa.Torque(0.1)}, parameters=parameters)
+    np.testing.assert_array_equal(named.q, plain.q)
+    assert not np.allclose(named.q[0], named.q[1])
+    with pytest.raises(ValueError, match="is a part of"):
+        fa.simulate_batch(NAMED, T, parameters={"link.upper arm.tip.mass": masses, "link.0.tip.mass": masses})
+    with pytest.raises(ValueError, match="nothing that can vary"):
+        fa.simulate_batch(NAMED, T, parameters={"link.wrist.tip.mass": masses})
+
+
+def test_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = fa.Scene(
+        NAMED, drive={"shoulder": fa.Torque(0.1)}, loads=(fa.Load("torsion_bar", force=(0, 1, 0)),), t=T,
+        control=(fa.PD(5.0, 0.5, "torsion_bar"),), sensors=(fa.Encoder("upper arm"),),
+    )  # fmt: skip
+    scene.save(tmp_path / "scene.toml")
+    text = (tmp_path / "scene.toml").read_text()
+    assert 'name = "upper arm"' in text and 'link = "shoulder"' in text and 'link = "torsion_bar"' in text
+    back = fa.load(tmp_path / "scene.toml")
+    assert back.arm == NAMED and back.arm.names == NAMED.names
+    np.testing.assert_allclose(back.run().q, scene.run().q, rtol=0, atol=1e-12)
+    scene_file = str(tmp_path / "scene.toml")
+    assert main(["modes", scene_file, "--lock", "shoulder", "--speed", "torsion_bar=1"]) == 0
+    assert "torsion_bar bending_y 1" in capsys.readouterr().out
+    assert main(["modes", scene_file, "--lock", "elbow"]) != 0
+    assert "--lock elbow: link = 'elbow'" in capsys.readouterr().err
+
+
+def test_bad_names() -> None:
+    for name in ("", " elbow", "a.b", "3", "-1", "link 2", "patch", "load", "a\nb", 4):
+        with pytest.raises(ValueError, match="name = "):
+            fa.Link(fa.Revolute(), name=name)  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match="name = "):
+            fa.Revolute(name=name)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="its link is called 'a', as is that of link 0"):
+        fa.Arm(links("a", "a", None))
+    with pytest.raises(ValueError, match=r"link = 'torsion': no link and .*; did you mean 'torsion_bar'"):
+        NAMED.frame(NAMED.zero, "torsion")
+    with pytest.raises(ValueError, match="none has a name"):
+        PLAIN.frame(PLAIN.zero, "elbow")
+    both = fa.Arm(links("b", "a", "a"))
+    with pytest.raises(ValueError, match="link = 'a': is link 1 and the joint of link 0"):
+        both.frame(both.zero, "a")
+    assert fa.Arm(links("a", "b", "a")).names == ("a", "b")  # one name for a link and its own joint
+
+
+def test_the_pieces_of_a_link() -> None:
+    pieces = fa.split(NAMED["upper arm"], places=[0.1, 0.3])
+    assert [p.name for p in pieces] == ["upper arm", "upper arm 2", "upper arm 3"]
+    assert fa.Arm(pieces)["shoulder"] is pieces[0]

@@ -1,0 +1,235 @@
+"""Robots from URDF files: Pinocchio's numbers, flexible links against rods of the same inertia, what is said."""
+
+from __future__ import annotations
+
+import json
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import flexarm as fa
+import numpy as np
+import pytest
+
+pytest.importorskip("urdf_parser_py")
+DATA = Path(__file__).parents[1] / "data"
+ROBOTS = json.loads((DATA / "robots.json").read_text())["robots"]  # by Pinocchio: bench/robots/pinocchio_robots.py
+SIX = (DATA / "robots" / "six.urdf").read_text()
+TREE = (DATA / "robots" / "tree.urdf").read_text()
+ALLOY = fa.Material(density=2700.0, youngs_modulus=70e9, poisson_ratio=0.33)
+
+
+def quiet(path: Path, **options: Any) -> fa.Arm:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fa.RobotWarning)
+        return fa.from_urdf(path, **options)
+
+
+def made(tmp_path: Path, text: str, **options: Any) -> fa.Arm:
+    path = tmp_path / "robot.urdf"
+    path.write_text(text)
+    return quiet(path, **options)
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: f"{r['file']} {r['tip']}")
+def test_pinocchio(robot: dict[str, Any]) -> None:
+    arm = quiet(DATA / "robots" / robot["file"], tip=robot["tip"])
+    damping = np.array([np.sum(link.joint.damping) for link in arm if link.joint.nv])
+    assert len(robot["states"]) == 2 and arm.nv >= 3
+    for state in robot["states"]:
+        q, v, tau, M, h, a, p, R = (np.array(state[k]) for k in ("q", "v", "tau", "M", "h", "a", "p", "R"))
+        np.testing.assert_allclose(arm.mass_matrix(q), M, rtol=0, atol=1e-12 * np.abs(M).max())
+        np.testing.assert_allclose(arm.bias(q, v) - damping * v, h, rtol=0, atol=1e-12 * np.abs(h).max())
+        found = arm.forward_dynamics(q, v, tau + damping * v)
+        np.testing.assert_allclose(found, a, rtol=0, atol=1e-11 * np.abs(a).max())
+        place, axes = arm.frame(q)
+        np.testing.assert_allclose(place, p, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(axes, R, rtol=0, atol=1e-12)
+
+
+def test_what_joints_say() -> None:
+    arm = quiet(DATA / "robots" / "six.urdf", tip="tool", stops=(1e4, 5.0))
+    assert arm.names == ("turret", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3", "tool")
+    pan, elbow = arm["pan"].joint, arm["forearm"].joint
+    assert pan.name == "pan" and arm["elbow"] is arm["forearm"]
+    assert (pan.damping, pan.coulomb, pan.lower, pan.upper) == (0.5, 0.7, -3.1, 3.1)
+    assert (pan.limit_stiffness, pan.limit_damping) == (1e4, 5.0)
+    assert elbow.lower is None and not elbow.limit_stiffness  # continuous
+    np.testing.assert_allclose(elbow.axis, np.array([0.1, -2, 0.3]) / np.sqrt(4.1), rtol=1e-15)
+    assert quiet(DATA / "robots" / "scara.urdf").coordinates[2] == "quill prismatic"
+
+
+def test_the_report() -> None:
+    """Nothing is left out without a word."""
+    with pytest.warns(fa.RobotWarning) as seen:
+        fa.from_urdf(DATA / "robots" / "tree.urdf", tip="left_palm")
+    text = str(seen[0].message)
+    assert len(seen) == 1
+    for words in (
+        "30 kg of what stands on the base",
+        "stand at zero, their bodies ride along: neck, grip_a, grip_b, right_shoulder",
+        "limits of effort and velocity: lift, left_shoulder, left_elbow",
+        "limits of position (`stops` makes soft stops of them): lift, left_shoulder, left_elbow",
+    ):
+        assert words in text
+    with pytest.warns(fa.RobotWarning, match=r"<visual>, <collision>\): turret"):
+        fa.from_urdf(DATA / "robots" / "six.urdf")
+
+
+def test_a_plain_file_needs_no_report(tmp_path: Path) -> None:
+    text = re.sub(r"<limit.*?/>|<visual>.*?</visual>", "", SIX, flags=re.S).replace('value="4"', 'value="0"')
+    (path := tmp_path / "robot.urdf").write_text(text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert fa.from_urdf(path) == quiet(DATA / "robots" / "six.urdf")
+
+
+def test_strange_elements(tmp_path: Path) -> None:
+    """Those that are not URDF's are named, those of other programs too."""
+    text = SIX.replace("</robot>", '<gazebo reference="turret"/><transmission name="t1"/></robot>')
+    text = text.replace('<dynamics damping="0.4"/>', '<dynamics damping="0.4" spring="3"/>')
+    (path := tmp_path / "robot.urdf").write_text(text)
+    with pytest.warns(fa.RobotWarning) as seen:
+        arm = fa.from_urdf(path)
+    said = str(seen[0].message)
+    assert "<gazebo>" in said and "<transmission>: t1" in said and "attribute spring of <dynamics>: shoulder" in said
+    assert arm == quiet(DATA / "robots" / "six.urdf")
+
+
+# -- flexible links ---------------------------------------------------------------------------------------------------
+
+
+def beam(length: float) -> fa.Beam:
+    modes = {"bending_y": 2, "bending_z": 2, "torsion": 1}
+    return fa.Beam(length, fa.Rectangle(y=0.02, z=0.05), ALLOY, modes=modes, basis="legendre")
+
+
+def rod(start: Any, end: Any, up: Any) -> str:
+    """The <inertial> of that beam when it is rigid, in the link's axes, by the formulae of a cuboid."""
+    start, end = np.array(start, dtype=float), np.array(end, dtype=float)
+    L = np.linalg.norm(end - start)
+    x = (end - start) / L
+    y = np.cross(up, x) / np.linalg.norm(np.cross(up, x))
+    axes = np.column_stack([x, y, np.cross(x, y)])
+    mass, b, h = 2700.0 * 0.02 * 0.05 * L, 0.02, 0.05
+    I = axes @ np.diag([b**2 + h**2, L**2 + h**2, L**2 + b**2]) @ axes.T * mass / 12
+    com = (start + end) / 2
+    pairs = [(a, b) for a in range(3) for b in range(a, 3)]
+    entries = " ".join(f'i{"xyz"[a]}{"xyz"[b]}="{float(I[a, b])!r}"' for a, b in pairs)
+    place = " ".join(repr(float(c)) for c in com)
+    return f'<inertial><origin xyz="{place}"/><mass value="{float(mass)!r}"/><inertia {entries}/></inertial>'
+
+
+def with_inertial(text: str, link: str, inertial: str) -> str:
+    found = re.sub(rf'(<link name="{link}">\s*)<inertial>.*?</inertial>', rf"\1{inertial}", text, flags=re.S)
+    assert found != text
+    return found
+
+
+CASES = {
+    # a beam that leans, to the next joint
+    "forearm": ((0, 0, 0), (0.3, 0.02, 0.1), (0, 0, 1), {}),
+    # along z, from a place to a place, its z axis along y
+    "upper_arm": ((0, 0, 0.05), (0, 0, 0.4), (0, 1, 0), {"start": (0, 0, 0.05), "end": (0, 0, 0.4), "up": (0, 1, 0)}),
+}
+
+
+@pytest.mark.parametrize("link", CASES)
+def test_a_flexible_link_has_its_rods_inertia(link: str, tmp_path: Path) -> None:
+    """Where nothing bends, the arm is the rigid one with a cuboid for the link: its masses, places and gravity."""
+    start, end, up, options = CASES[link]
+    length = float(np.linalg.norm(np.subtract(end, start)))
+    flexible = {link: fa.Flexible(beam(length), **options)}
+    arm = made(tmp_path, SIX, tip="tool", flexible=flexible)
+    stiff = made(tmp_path, with_inertial(SIX, link, rod(start, end, up)), tip="tool")
+    assert arm.nv == stiff.nv + 5
+    joints = [i for i, name in enumerate(arm.coordinates) if "revolute" in name]
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        angles, rates = rng.uniform(-2, 2, 6), rng.normal(size=6)
+        q, v = arm.zero, np.zeros(arm.nv)
+        q[joints], v[joints] = angles, rates
+        for ours, theirs in zip(arm.frame(q), stiff.frame(angles), strict=True):
+            np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-13)
+        M = stiff.mass_matrix(angles)
+        np.testing.assert_allclose(arm.mass_matrix(q)[np.ix_(joints, joints)], M, rtol=0, atol=1e-11 * M.max())
+        h = stiff.bias(angles, rates)
+        np.testing.assert_allclose(arm.bias(q, v)[joints], h, rtol=0, atol=1e-11 * np.abs(h).max())
+
+
+def test_a_beam_bends_about_its_own_axes(tmp_path: Path) -> None:
+    """The tip gives way along the section's thin side, by F L^3 / 3 E I, wherever the beam points."""
+    text = with_inertial(SIX, "forearm", "")
+    L = float(np.sqrt(0.3**2 + 0.02**2 + 0.1**2))
+    arm = made(tmp_path, text, tip="wrist_1", flexible={"forearm": beam(L)}, gravity=(0, 0, 0))
+    joints = [k for k, x in enumerate(arm) if x.joint.nv]
+    R = arm.frame(arm.zero, "forearm", 0.0)[1]
+    for k, inertia in ((1, 0.05 * 0.02**3 / 12), (2, 0.02 * 0.05**3 / 12)):
+        load = fa.Load("forearm", L, force=R[:, k])
+        q = arm.equilibrium(lock=joints, loads=[load])
+        moved = arm.frame(q, "forearm", L)[0] - arm.frame(arm.zero, "forearm", L)[0]
+        np.testing.assert_allclose(moved @ R[:, k], L**3 / (3 * 70e9 * inertia), rtol=1e-6)
+    assert arm.nv == 4 + 5
+
+
+def test_its_mass_replaces_or_is_added(tmp_path: Path) -> None:
+    L = float(np.sqrt(0.3**2 + 0.02**2 + 0.1**2))
+    rigid = made(tmp_path, SIX)
+    masses = {}
+    for mass in ("replace", "add"):
+        arm = made(tmp_path, SIX, flexible={"forearm": fa.Flexible(beam(L), mass=mass)})
+        masses[mass] = sum(link.mass for link in arm) - sum(link.mass for link in rigid)
+    np.testing.assert_allclose(masses["add"], 2.7 * L, rtol=1e-12)
+    np.testing.assert_allclose(masses["replace"], 2.7 * L - 2.3, rtol=1e-12)
+    # what is bolted on rides with the nearer end: the motor, 0.3 m up of 0.42
+    arm = made(tmp_path, SIX, flexible={"upper_arm": fa.Flexible(beam(0.42), end=(0, 0, 0.42))})
+    assert arm["upper_arm"].tip.mass == 1.1 and arm["upper_arm"].hub is None
+    with pytest.warns(fa.RobotWarning, match="the 8.4 kg of 'upper_arm': its beam of 1.134 kg stands for them"):
+        fa.from_urdf(DATA / "robots" / "six.urdf", flexible={"upper_arm": fa.Flexible(beam(0.42), end=(0, 0, 0.42))})
+
+
+# -- bad input --------------------------------------------------------------------------------------------------------
+
+LOOP = '<joint name="l" type="fixed"><parent link="tool"/><child link="turret"/></joint></robot>'
+BAD: dict[str, tuple[str, dict[str, Any], str]] = {
+    "line of broken XML": (SIX.replace('<link name="pedestal"/>', '<link name="pedestal">'), {}, r"line 44, column 3"),
+    "empty": ("", {}, "line 1"),
+    "another format": ("<mujoco/>", {}, "must be <robot> .is this MJCF"),
+    "no links": ("<robot/>", {}, "no links"),
+    "floating": (SIX.replace('"pan" type="revolute"', '"pan" type="floating"'), {}, "'pan': its type 'floating'"),
+    "planar": (SIX.replace('"pan" type="revolute"', '"pan" type="planar"'), {}, "'pan': its type 'planar'"),
+    "mimic": (TREE, {"tip": "finger_b"}, "'grip_b': its type 'mimic of 'grip_a''"),
+    "branches": (TREE, {}, "'neck' is not on the way.*finger_a, finger_b"),
+    "tip": (TREE, {"tip": "left_plam"}, "did you mean 'left_palm'"),
+    "loop": (SIX.replace("</robot>", LOOP), {}, "'turret': is the child of joints 'pan' and 'l'"),
+    "massless": (re.sub(r"<inertial>.*?</inertial>", "", SIX, flags=re.S), {}, "wrist_3 revolute.*must be positive"),
+    "negative mass": (SIX.replace('"2.3"', '"-2.3"'), {}, "'forearm': mass = -2.3"),
+    "no body's inertia": (SIX.replace('izz="0.031"', 'izz="3"'), {}, "'forearm': inertia"),
+    "nan": (SIX.replace('"2.3"', '"nan"'), {}, "'forearm': mass = nan"),
+    "a word": (SIX.replace('"2.3"', '"two"'), {}, "'forearm': <mass value=\"two\">"),
+    "no axis": (SIX.replace('xyz="0 1 0"', 'xyz="0 0 0"'), {}, "'shoulder': axis"),
+    "unknown parent": (SIX.replace('<parent link="pedestal"/>', '<parent link="x"/>'), {}, "its parent 'x'"),
+    "unknown flexible": (SIX, {"flexible": {"forarm": beam(0.3)}}, "did you mean 'forearm'"),
+    "fixed flexible": (SIX, {"flexible": {"motor": beam(0.3)}}, "'motor' is fixed to 'upper_arm'"),
+    "no beam": (SIX, {"flexible": {"forearm": 0.3}}, "must be a Beam"),
+    "length": (SIX, {"flexible": {"forearm": beam(0.3)}}, "must be 0.31685959 m"),
+    "no end": (SIX, {"flexible": {"wrist_3": beam(0.3)}}, "no joint follows"),
+    "stops": (SIX, {"stops": (1, 2, 3)}, "must be a stiffness, or"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(name: str, tmp_path: Path) -> None:
+    text, options, says = BAD[name]
+    with pytest.raises(ValueError, match=says) as error:
+        made(tmp_path, text, **options)
+    assert str(error.value).startswith("robot.urdf: ")
+
+
+def test_no_file_and_no_parser(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ValueError, match="No such file"):
+        fa.from_urdf("/nowhere.urdf")
+    monkeypatch.setitem(__import__("sys").modules, "urdf_parser_py", None)
+    with pytest.raises(ImportError, match=r"flexarm\[urdf\]"):
+        fa.from_urdf(DATA / "robots" / "six.urdf")
