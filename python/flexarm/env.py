@@ -151,7 +151,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         self._begin(mask)
         return self._observation(), {}
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Pictures of all arms in 3-D, (480, 640, 3) each; see `Arm.show`. None without render_mode."""
         if self.render_mode is None:
             return None
@@ -265,7 +265,7 @@ class FlexarmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """See flexarm.tasks.State; of one environment."""
         return self._one.state
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """A picture of the arm in 3-D, (480, 640, 3), for render_mode = "rgb_array"; None without."""
         pictures = self._one.render()
         return None if pictures is None else pictures[0]

@@ -34,7 +34,7 @@ class Body:
         solids: {"node", "part", "kind", "at": centre (m), "axes": 3 x 3, in columns, "size": (m)}: of a "box" its
             sides, of a "ball" its radius, of a "cylinder" its length along the first axis and its radius.
         struts: pairs of (node, at) with a straight piece between: rails of sliding joints.
-        axes: {"node", "at", "direction", "slides"}: of the joints' freedoms.
+        axes: {"node", "at", "direction", "length"}: of the joints' freedoms, long enough to be seen.
         labels: {"node", "at", "text"}.
         loads: nodes where loads act. tip: (node, at) of the arm's end.
         size: length of the arm, stretched out (m).
@@ -142,7 +142,7 @@ def _joint(body: Body, k: int, joint: Joint, below: tuple[int, Array], node: int
     for i in sorted(seen if freedoms else ()):  # what lies between turns with neither side
         where, place, R = seen[i] if i else (lower, start, R_in)
         rotates, axis = freedoms[i]
-        body.axes.append({"node": where, "at": place, "direction": R @ axis, "slides": not rotates})
+        body.axes.append({"node": where, "at": place, "direction": R @ axis, "length": 6 * radius})
         if rotates:
             body.solid("joint", where, "cylinder", place, along(R @ axis), (2.6 * radius, radius))
         else:
@@ -176,10 +176,15 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
             _beam(body, k, link.beam, slices[k])
             reach = float(np.linalg.norm(body.beams[-1]["outlines"][0], axis=1).max())
         radius = float(np.clip(1.1 * reach, 0.012 * body.size, 0.03 * body.size))
+        axes = len(body.axes)
         _joint(body, k, link.joint, below, node, radius)
         body.rod(node, zero, hub_end, radius / 2)
         if link.hub:
             _mass(body, "hub", node, zero, link.hub)
+            hubs = [s for s in body.solids if s["node"] == node and s["part"] == "hub"]
+            far = max((float(np.linalg.norm(s["at"]) + np.linalg.norm(s["size"]) / 2) for s in hubs), default=0.0)
+            for axis in body.axes[axes:]:
+                axis["length"] = max(axis["length"], far + 3 * radius)
         last, at = (first + slices[k] - 1, zero) if link.beam else (node, hub_end)
         tip_end = at + np.array(link.tip.end) if link.tip else at
         body.rod(last, at, tip_end, radius / 2)

@@ -11,7 +11,7 @@ from .._check import Array
 from ..draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
 from . import stage
 from .body import along
-from .track import Track, hermite
+from .track import Track
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,6 +48,16 @@ def _round(length: float, radii: Sequence[float], places: Sequence[float], sides
     return _quads(np.array(rings))
 
 
+def _divided(faces: Array, n: int = 4) -> Array:
+    """Faces (k, 4, 3) in n times n parts, so that what is far and what is near can be told of boxes that meet."""
+    s = np.linspace(0.0, 1.0, n + 1)[:, None]
+    a, b, c, d = np.moveaxis(faces, 1, 0)
+    low, high = a[:, None] + s * (b - a)[:, None], d[:, None] + s * (c - d)[:, None]  # (k, n + 1, 3)
+    grid = low[:, None] + s[:, :, None] * (high - low)[:, None]  # (k, n + 1, n + 1, 3)
+    parts = [grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]]
+    return np.stack(parts, axis=3).reshape(-1, 4, 3)
+
+
 def _solid_faces(solid: dict[str, Any]) -> Array:
     """Faces (n, 4, 3) in the axes of its node."""
     size = solid["size"]
@@ -59,7 +69,7 @@ def _solid_faces(solid: dict[str, Any]) -> Array:
     else:
         corner = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2
         box = np.array([[(x, *c) for c in corner] for x in (-0.5, 0.5)]) * np.array(size)
-        faces = np.concatenate([_quads(box), box])
+        faces = _divided(np.concatenate([_quads(box), box]))
     return np.asarray(faces @ np.array(solid["axes"]).T + solid["at"])
 
 
@@ -143,7 +153,7 @@ def _add_track(faces: _Faces, track: Track, pose: Any, most: float, largest: tup
     for axis in body.axes:
         start = point(axis["node"], axis["at"])
         direction = R[axis["node"]] @ axis["direction"]
-        faces.add(arrow(start, start + 11 * symbol * direction, 0.45 * symbol), ORANGE)
+        faces.add(arrow(start, start + axis["length"] * direction, 0.45 * symbol), ORANGE)
     for i, node in enumerate(body.loads):
         for vector, most_of, colour, pushes in (
             (force[i], largest[0], GREEN, True),
@@ -171,15 +181,10 @@ def _floor(ax: Axes, eye: Eye) -> None:
 
 
 def _trace(ax: Axes, eye: Eye, track: Track, t: float) -> None:
-    from scipy.spatial.transform import Rotation
-
     if len(track.t) < 2:
         return
-    node, at = track.body.tip
     many = np.linspace(track.t[0], track.t[-1], int(np.clip(6 * len(track.t), 100, 3000)))
-    points = hermite(track.t, track.position[:, node], many)
-    points = points + Rotation.from_quat(hermite(track.t, track.quaternion[:, node], many)).apply(at)
-    places = eye(points)[0]
+    places = eye(track.tip(many))[0]
     ax.plot(*places.T, color=BLUE, linewidth=0.8, alpha=0.35, zorder=2)
     done = many <= t + 1e-12
     ax.plot(*places[done].T, color=BLUE, linewidth=1.6, zorder=2)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,43 +45,47 @@ class Track:
     title: str
     gravity: Array
 
+    @cached_property
+    def _curve(self) -> Callable[[Any], Array]:
+        columns = (self.position, self.quaternion, self.strain, self.force, self.moment)
+        return curve(self.t, np.concatenate([x.reshape(len(self.t), -1) for x in columns], axis=1))
+
     def at(self, t: float) -> tuple[Array, Array, Array, Array, Array]:
         """position, rotation (n, 3, 3), strain, force and moment at a time (s), as the browser interpolates them."""
         from scipy.spatial.transform import Rotation
 
-        values = [between(self.t, x, t) for x in (self.position, self.quaternion, self.strain, self.force, self.moment)]
-        values[1] = Rotation.from_quat(values[1]).as_matrix()
-        return tuple(values)  # type: ignore[return-value]
+        n, loads = self.position.shape[1], self.force.shape[1]
+        ends = np.cumsum([3 * n, 4 * n, 3 * n, 3 * loads])
+        p, turn, *rest = np.split(self._curve(np.clip(t, self.t[0], self.t[-1])), ends)
+        strain, force, moment = (x.reshape(-1, 3) for x in rest)
+        return p.reshape(-1, 3), Rotation.from_quat(turn.reshape(-1, 4)).as_matrix(), strain, force, moment
+
+    def tip(self, times: Array) -> Array:
+        """Where the arm's end is at times (s), (nt, 3)."""
+        from scipy.spatial.transform import Rotation
+
+        node, at = self.body.tip
+        p, turn = (curve(self.t, x[:, node])(times) for x in (self.position, self.quaternion))
+        return np.asarray(p + Rotation.from_quat(turn).apply(at))
 
 
-def slopes(t: Array, x: Array) -> Array:
-    """At each time that of the parabola through it and its neighbours; at the ends of the straight line."""
-    if len(t) < 2:
-        return np.zeros_like(x)
-    h = np.diff(t).reshape(-1, *[1] * (x.ndim - 1))
-    d = np.diff(x, axis=0) / h
-    inner = (d[:-1] * h[1:] + d[1:] * h[:-1]) / (h[:-1] + h[1:])
-    return np.concatenate([d[:1], inner, d[-1:]])
+def curve(t: Array, x: Array) -> Callable[[Any], Array]:
+    """The cubic spline through x (nt, ...) at times t, whose ends have the slope of the cubic through four frames."""
+    from scipy.interpolate import CubicSpline
+
+    if len(t) == 1:
+        return lambda at: np.broadcast_to(x[0], (*np.shape(at), *x.shape[1:]))
+    first, last = (np.tensordot(_end_weights(s[:4]), y[:4], 1) for s, y in ((t, x), (t[::-1], x[::-1])))
+    return CubicSpline(t, x, bc_type=((1, first), (1, last)))  # type: ignore[no-any-return]
 
 
-def hermite(t: Array, x: Array, at: Array) -> Array:
-    """Values of the cubics through x (nt, ...) with those slopes, at times within t."""
-    if len(t) < 2:
-        return np.repeat(x, len(at), axis=0)
-    m = slopes(t, x)
-    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
-    h = t[i + 1] - t[i]
-    shape = (-1, *[1] * (x.ndim - 1))
-    s, h = ((at - t[i]) / h).reshape(shape), h.reshape(shape)
-    low, high = (1 + 2 * s) * (1 - s) ** 2, s**2 * (3 - 2 * s)
-    return np.asarray(low * x[i] + high * x[i + 1] + h * (s * (1 - s) ** 2 * m[i] - s**2 * (1 - s) * m[i + 1]))
-
-
-def between(t: Array, x: Array, at: float) -> Array:
-    """The same at one time."""
-    i = int(np.clip(np.searchsorted(t, at, side="right") - 1, 0, max(len(t) - 2, 0)))
-    few = slice(max(i - 1, 0), i + 3)
-    return np.asarray(hermite(t[few], x[few], np.array([np.clip(at, t[0], t[-1])]))[0])
+def _end_weights(t: Array) -> Array:
+    """Of values at t, the derivative at t[0] of the polynomial through them."""
+    apart = t[:, None] - t + np.eye(len(t))
+    others = np.prod(apart[0, 1:]) / apart[0]
+    weights = others / np.prod(apart, axis=1)
+    weights[0] = (1 / apart[0, 1:]).sum()
+    return np.asarray(weights)
 
 
 def magnified(arm: Chain, q: Array, magnify: float) -> Array:
@@ -116,7 +122,7 @@ def _frames(arm: Chain, t: Array, q: Array, most: int) -> tuple[NDArray[np.int_]
     kept, error = np.arange(len(t)), 0.0
     for stride in sorted({finest, *(finest * 2**k for k in range(16))}):
         rows = np.unique(np.append(np.arange(0, len(t), stride), last))
-        off = float(np.abs(hermite(t[rows], ends[rows], t) - ends).max()) if stride > 1 else 0.0
+        off = float(np.abs(curve(t[rows], ends[rows])(t) - ends).max()) if stride > 1 else 0.0
         if (stride > finest and off > tolerance) or len(rows) < min(9, len(t)):
             break
         kept, error = rows, off

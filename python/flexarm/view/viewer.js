@@ -1,5 +1,6 @@
 "use strict";
-// Draws what flexarm/view/page.py tells, in #data. Frames are 16-bit numbers; cubics go through them, as in track.py.
+// Draws what flexarm/view/page.py tells, in #data. Frames are 16-bit numbers; a cubic spline goes through them,
+// as in track.py.
 
 const told = JSON.parse(document.getElementById("data").textContent);
 
@@ -32,12 +33,45 @@ class Track {
     for (let i = 0; i < numbers.length; i++)
       this.values[i] = centre[i % this.width] + scale[i % this.width] * numbers[i];
     this.now = new Float32Array(this.width);
+    this.solve();
     this.seek(this.t[0]);
+  }
+
+  // At one end, into its row of m: the slope of the cubic through four frames.
+  end(at, step) {
+    const T = this.t, n = this.width, count = Math.min(4, T.length), t = (j) => T[at + j * step];
+    for (let j = 0; j < count; j++) {
+      let weight = j ? 1 / (t(j) - t(0)) : 0;
+      for (let i = 1; i < count; i++)
+        if (!j) weight += 1 / (t(0) - t(i));
+        else if (i !== j) weight *= (t(0) - t(i)) / (t(j) - t(i));
+      for (let k = 0; k < n; k++) this.slopes[at * n + k] += weight * this.values[(at + j * step) * n + k];
+    }
+  }
+
+  // The spline's slopes at the frames: rows h m- + 2 (h- + h) m + h- m+ = 3 (h d- + h- d), eliminated downwards.
+  solve() {
+    const T = this.t, x = this.values, n = this.width, last = T.length - 1;
+    const m = (this.slopes = new Float32Array(x.length)), factor = new Float64Array(T.length);
+    if (last < 1) return;
+    const chord = (i, k) => (x[(i + 1) * n + k] - x[i * n + k]) / (T[i + 1] - T[i]);
+    this.end(0, 1);
+    this.end(last, -1);
+    for (let i = 1; i < last; i++) {
+      const h = T[i] - T[i - 1], next = T[i + 1] - T[i], pivot = 2 * (h + next) - next * factor[i - 1];
+      factor[i] = h / pivot;
+      for (let k = 0; k < n; k++) {
+        const right = 3 * (next * chord(i - 1, k) + h * chord(i, k));
+        m[i * n + k] = (right - next * m[(i - 1) * n + k]) / pivot;
+      }
+    }
+    for (let i = last - 1; i > 0; i--)
+      for (let k = 0; k < n; k++) m[i * n + k] -= factor[i] * m[(i + 1) * n + k];
   }
 
   // All columns at time t, in this.now.
   seek(t) {
-    const T = this.t, x = this.values, n = this.width, last = T.length - 1;
+    const T = this.t, x = this.values, m = this.slopes, n = this.width, last = T.length - 1;
     if (last < 1) return this.now.set(x);
     t = Math.min(Math.max(t, T[0]), T[last]);
     let low = 0, high = last;
@@ -46,14 +80,8 @@ class Track {
       if (T[middle] <= t) low = middle; else high = middle;
     }
     const h = T[low + 1] - T[low], s = (t - T[low]) / h;
-    const before = low > 0 ? T[low] - T[low - 1] : 0, after = low + 2 <= last ? T[low + 2] - T[low + 1] : 0;
     const a = (1 + 2 * s) * (1 - s) ** 2, b = s * s * (3 - 2 * s), c = h * s * (1 - s) ** 2, d = -h * s * s * (1 - s);
-    for (let i = 0, j = low * n; i < n; i++, j++) {
-      const chord = (x[j + n] - x[j]) / h;
-      const left = before ? (((x[j] - x[j - n]) / before) * h + chord * before) / (before + h) : chord;
-      const right = after ? (chord * after + ((x[j + 2 * n] - x[j + n]) / after) * h) / (after + h) : chord;
-      this.now[i] = a * x[j] + b * x[j + n] + c * left + d * right;
-    }
+    for (let i = 0, j = low * n; i < n; i++, j++) this.now[i] = a * x[j] + b * x[j + n] + c * m[j] + d * m[j + n];
   }
 
   vector(name, i, out) {
@@ -208,7 +236,7 @@ class Pane {
     for (const part of body.solids) this.hold(part.node, solid(part));
     for (const axis of body.axes) {
       const object = new THREE.Group(), direction = new THREE.Vector3().fromArray(axis.direction);
-      object.add(pointed(arrow(11 * symbol, 0.45 * symbol, told.colours.axis), direction));
+      object.add(pointed(arrow(axis.length, 0.45 * symbol, told.colours.axis), direction));
       object.position.fromArray(axis.at);
       this.hold(axis.node, object, this.groups.axes);
     }
@@ -231,7 +259,7 @@ class Pane {
 
   makeTrace() {
     const { t, body } = this.track, points = [], p = new THREE.Vector3();
-    const each = Math.max(1, Math.min(6, Math.floor(6000 / t.length)));
+    const each = Math.max(1, Math.min(6, Math.floor(1500 / t.length))); // thick lines are slow without a graphics card
     this.traceTimes = [];
     for (let i = 0; i < t.length; i++)
       for (let k = 0; k < (i + 1 < t.length ? each : 1); k++) {
@@ -242,15 +270,12 @@ class Pane {
         this.traceTimes.push(at);
       }
     if (this.traceTimes.length < 2) return;
-    const line = (width, opacity) => {
-      const material = new THREE.LineMaterial({ color: told.colours.trace, linewidth: width, transparent: opacity < 1, opacity });
-      const made = new THREE.Line2(new THREE.LineGeometry().setPositions(points), material);
-      made.frustumCulled = false;
-      this.groups.trace.add(made);
-      return made;
-    };
-    line(1.6, 0.35);
-    this.done = line(2.4, 1);
+    const geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
+    const pale = new THREE.LineBasicMaterial({ color: new THREE.Color(told.colours.trace).lerp(new THREE.Color("#FFFFFF"), 0.55) });
+    const material = new THREE.LineMaterial({ color: told.colours.trace, linewidth: 2.4 });
+    this.done = new THREE.Line2(new THREE.LineGeometry().setPositions(points), material);
+    this.done.frustumCulled = false;
+    this.groups.trace.add(new THREE.Line(geometry, pale), this.done);
   }
 
   update(time) {
@@ -293,7 +318,7 @@ class Pane {
     const seen = [];
     for (const [label, box] of this.labels) {
       this.track.point(label.node, label.at, p).project(camera);
-      const left = x + ((p.x + 1) / 2) * width + 8, top = ((1 - p.y) / 2) * height + 8;
+      const left = x + ((p.x + 1) / 2) * width + 12, top = ((1 - p.y) / 2) * height - 30;
       const free = !seen.some(([a, b]) => Math.abs(a - left) < 60 && Math.abs(b - top) < 15);
       box.style.display = shown.labels && free && p.z < 1 ? "" : "none";
       if (free) seen.push([left, top]);
@@ -312,7 +337,7 @@ const first = Math.min(...told.tracks.map((d) => d.t[0])), last = Math.max(...to
 const digits = Math.max(0, Math.min(6, 3 - Math.floor(Math.log10(Math.max(last - first, 1e-6)))));
 
 function start() {
-  renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
+  renderer = new THREE.WebGLRenderer({ antialias: true });
   renderer.setClearColor(0xffffff);
   renderer.setScissorTest(true);
   stage.appendChild(renderer.domElement);
@@ -332,7 +357,7 @@ function start() {
 }
 
 function resize() {
-  renderer.setPixelRatio(window.devicePixelRatio);
+  renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
   renderer.setSize(stage.clientWidth, stage.clientHeight);
   camera.aspect = stage.clientWidth / panes.length / stage.clientHeight;
   camera.updateProjectionMatrix();
