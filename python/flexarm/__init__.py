@@ -187,6 +187,7 @@ from .sweeps.sweep import sweep as sweep
 from .sweeps.vary import Sweep as Sweep, Vary as Vary, load_sweep as load_sweep
 from .validate.validate import validate as validate
 from .validate.validation import Validation as Validation
+from .view.view import View as View
 
 
 def __dir__() -> list[str]:

@@ -21,6 +21,7 @@ from .parts.chain import Chain
 from .parts.link import Link
 from .parts.part import ModelWarning
 from .parts.tables import ArmFile, read_file
+from .view import view
 
 METHODS = ("ab", "ci")
 
@@ -79,6 +80,37 @@ class Arm(Chain):
         joints locked at zero, without gravity."""
         self._warn()
         return describe.describe(self)
+
+    def show(
+        self,
+        q: ArrayLike | None = None,
+        *,
+        magnify: float = 1.0,
+        loads: Sequence[Load] | None = None,
+        t: float = 0.0,
+        open: bool = True,
+    ) -> view.View:
+        """The arm in 3-D: sections to scale, strain as colour, joints and their axes, loads, frames.
+
+        Outside a notebook the page opens in the browser; a notebook shows the View that is returned. The page needs
+        `pip install 'flexarm[view]'`; pictures do not: `arm.show(q, open=False).save("arm.png")`.
+
+        Args:
+            q: (nq,); `zero` if None.
+            magnify: the elastic coordinates are drawn that many times as large (the colours are not).
+            loads, t: external forces and moments, which are drawn with their values at time t (s).
+            open: whether to open a browser.
+
+        Raises:
+            ValueError: bad shapes or values. ImportError: without flexarm[view], unless open=False.
+        """
+        q = self.zero if q is None else self._single(q=q)[0]
+        self._warn()
+        at_time(self, loads, t)
+        made = view.show(self, q, magnify, loads or (), float(array("t", t, ())))
+        if open and not view.in_notebook():
+            made.open()
+        return made
 
     # -- dynamics ------------------------------------------------------------------------------------------------------
 

@@ -19,6 +19,7 @@ from .arm import Arm
 from .batch.rollout import rollout
 from .run.variation import Setup, Variation
 from .tasks import TASKS, State, Task
+from .view.view import show
 
 try:
     import gymnasium as gym
@@ -59,9 +60,12 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         autoreset_mode: "NextStep": the step after an episode's end begins the next, its action is not used, its reward
             is 0; "SameStep": the step that ends it does, and has the last observation in infos["final_obs"];
             "Disabled": reset(options={"reset_mask": (num_envs,) bools}) does.
+        render_mode: "rgb_array": `render` draws; None: it gives None.
     """
 
-    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": ["rgb_array"]
+    }  # fmt: skip
 
     def __init__(
         self,
@@ -76,12 +80,13 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         if whole("num_envs", num_envs) < 1:
             raise ValueError(f"num_envs = {num_envs}: must be at least 1")
         if render_mode is not None:
-            raise ValueError(f"render_mode = {render_mode!r}: there is none")
+            choice("render_mode", render_mode, ("rgb_array",))
+        self.render_mode = render_mode
         self.num_envs, self.task, self.workers = num_envs, _task(task, randomize), workers
         if not isinstance(autoreset_mode, AutoresetMode):
             choice("autoreset_mode", autoreset_mode, [m.value for m in AutoresetMode])
         self._mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**type(self).metadata, "autoreset_mode": self._mode}
+        self.metadata = {**type(self).metadata, "autoreset_mode": self._mode, "render_fps": 1 / self.task.period}
         arm = self.task.arm
         self._columns = np.array(force_columns(arm, list(self.task.links)))  # (nu, nv)
         self._torque = array("torque", self.task.torque, (len(self._columns),))
@@ -145,6 +150,18 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
                 self._rngs[i] = seeding.np_random(s)[0]
         self._begin(mask)
         return self._observation(), {}
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Pictures of all arms in 3-D, (480, 640, 3) each; see `Arm.show`. None without render_mode."""
+        if self.render_mode is None:
+            return None
+        if not self._rngs:
+            raise gym.error.ResetNeeded("render before the first reset")
+        pictures = []
+        for arm, q, count in zip(self._arms, self._q, self._count, strict=True):
+            time = float(count * self.task.period)
+            pictures.append(show(arm, q, 1.0, (), time, f"t = {time:.3g} s", steady=True).image())
+        return tuple(pictures)
 
     def _begin(self, which: _Bools) -> None:
         """New episodes there."""
@@ -227,7 +244,7 @@ def _drawn_arms(task: Task, shares: Array) -> list[Arm]:
 class FlexarmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One environment of a task; see FlexarmVectorEnv."""
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012
 
     def __init__(
         self,
@@ -240,12 +257,18 @@ class FlexarmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             1, task, randomize=randomize, workers=1, autoreset_mode=AutoresetMode.DISABLED, render_mode=render_mode
         )
         self.task, self.render_mode = self._one.task, render_mode
+        self.metadata = {**type(self).metadata, "render_fps": 1 / self.task.period}
         self.action_space, self.observation_space = self._one.single_action_space, self._one.single_observation_space
 
     @property
     def state(self) -> State:
         """See flexarm.tasks.State; of one environment."""
         return self._one.state
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture of the arm in 3-D, (480, 640, 3), for render_mode = "rgb_array"; None without."""
+        pictures = self._one.render()
+        return None if pictures is None else pictures[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -247,3 +247,18 @@ def test_a_task_without_a_reward_is_refused_by_name():
         FlexarmVectorEnv(2, task)
     with pytest.raises(NotImplementedError, match="Idle has no reward"):
         task.reward(None, None)
+
+
+def test_environments_draw_themselves() -> None:
+    env = gym.make("flexarm.env:flexarm/TipTracking-v0", render_mode="rgb_array")
+    env.reset(seed=0)
+    first = env.render()
+    assert first.shape == (480, 640, 3) and first.dtype == np.uint8 and (first < 200).any()
+    for _ in range(10):
+        env.step(env.action_space.sample() * 0 + 1)
+    assert (env.render() != first).any() and env.metadata["render_fps"] > 0
+    both = gym.make_vec("flexarm.env:flexarm/TipTracking-v0", num_envs=2, render_mode="rgb_array")
+    both.reset(seed=0)
+    pictures = both.render()
+    assert len(pictures) == 2 and pictures[0].shape == (480, 640, 3)
+    assert gym.make("flexarm.env:flexarm/TipTracking-v0", disable_env_checker=True).unwrapped.render() is None

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, finite, whole
+from .._check import Array, array, finite, number, whole
 from ..parts.chain import Chain
+from ..view.body import length
+from ..view.view import View, animate_mode
 from .equilibrium import locked_rates, steady_state
 from .linear import turning
 
@@ -29,6 +31,7 @@ class Modes:
         participation: share of each coordinate in a mode's kinetic energy, shape (nv, n), columns adding up to 1.
         eigenvalues: s (1/s), shape (n,); of each conjugate pair the one with Im(s) > 0, and every real one.
         q: the steady state, shape (nq,).
+        arm: whose they are.
     """
 
     frequencies: Array
@@ -37,11 +40,35 @@ class Modes:
     participation: Array
     eigenvalues: NDArray[np.complex128]
     q: Array
+    arm: Chain = field(repr=False, compare=False)
 
     @property
     def stable(self) -> bool:
         """Whether no mode grows."""
         return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues).max(initial=0.0)).all())
+
+    def animate(self, k: int = 0, amplitude: float | None = None) -> View:
+        """Mode k in 3-D, over one period again and again, without its decay: a View, which shows itself in a notebook;
+        `.open()` shows it in a browser, `.save("mode.html")`, ".png", ".gif", ".mp4" writes it.
+
+        Args:
+            k: which, from 0; -1 is the last.
+            amplitude: the largest displacement of any point (m); None: a tenth of the arm's length. A mode has no size
+                of its own. Above a few tenths of the length the shape is no longer that of the mode.
+
+        Raises:
+            ValueError: no such mode, an amplitude that is not above zero.
+        """
+        n = len(self.frequencies)
+        if not -n <= whole("k", k) < n:
+            raise ValueError(f"k = {k}: must be from {-n} to {n - 1}, the modes that were found")
+        moved = np.linalg.norm(sample(self.arm, self, 9).displacement[:, :, k], axis=1).max()
+        size = 0.1 * length(self.arm) if amplitude is None else number("amplitude", amplitude)
+        if not (np.isfinite(size) and size > 0):
+            raise ValueError(f"amplitude = {amplitude!r}: must be a finite number of m above 0")
+        share = size / moved if moved > 0 else 1.0  # where nothing is displaced, it turns
+        scaled = share * self.shapes[:, k]
+        return animate_mode(self.arm, self.q, scaled, float(self.frequencies[k]), float(self.damping[k]), k, size)
 
 
 @dataclass(frozen=True)
@@ -123,7 +150,7 @@ class SmallMotions:
         share[self.free] = np.abs(np.real(np.conj(vectors) * (M @ vectors)))
         share /= share.sum(axis=0)
         up = np.lexsort((radius, frequencies))
-        return Modes(frequencies[up], damping[up], shapes[:, up], share[:, up], s[up], self.q)
+        return Modes(frequencies[up], damping[up], shapes[:, up], share[:, up], s[up], self.q, self.arm)
 
     @property
     def mass(self) -> Array:

@@ -1,4 +1,4 @@
-"""The command line: `flexarm demo`, `run`, `modes`, `chart`, `economize`, `place`, `batch`, `identify`,
+"""The command line: `flexarm demo`, `run`, `view`, `modes`, `chart`, `economize`, `place`, `batch`, `identify`,
 `validate`, each with --help.
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
@@ -17,11 +17,12 @@ from typing import NoReturn
 
 from .._console import complain, drop, open_streams
 from .._core import __version__
-from . import batch, chart, cmake, demo, economize, identify, modes, place, run, validate
+from . import batch, chart, cmake, demo, economize, identify, modes, place, run, validate, view
 
 COMMANDS = {
     "demo": demo,
     "run": run,
+    "view": view,
     "modes": modes,
     "chart": chart,
     "economize": economize,

@@ -17,6 +17,7 @@ from ..data.data import Data
 from ..data.files import CSV, HDF5, MAT, NPZ, read_arrays, write_hdf5, write_npz
 from ..draw.trajectory import plot_panels
 from ..parts.labels import deflections, joint_coordinates
+from ..view.view import View, animate
 from . import outputs
 
 if TYPE_CHECKING:
@@ -114,6 +115,33 @@ class Result:
             position = self.frame()[0]
             panels.append(("Position of the end (m)", [(axis, position[:, i]) for i, axis in enumerate("xyz")]))
         return plot_panels(t, panels)
+
+    def animate(
+        self, *others: Result, magnify: float = 1.0, speed: float = 1.0, titles: Sequence[str] | None = None
+    ) -> View:
+        """The run in 3-D: the arm with strain as colour, the path of its tip, loads, and a slider of time.
+
+        A View: a notebook shows it; `.open()` shows it in a browser (`pip install 'flexarm[view]'`), and
+        `.save("run.html")`, ".png", ".gif" or ".mp4" writes it; pictures and films need no browser.
+
+        Args:
+            others: further results, of this arm or of others, side by side with this one.
+            magnify: the elastic coordinates are drawn that many times as large (the colours are not).
+            speed: of playing; 1 is real time.
+            titles: one for each result.
+
+        Raises:
+            ValueError: bad arguments, or a result without rows.
+        """
+        runs = (self, *others)
+        for k, run in enumerate(runs):
+            if not isinstance(run, Result):
+                raise ValueError(f"others[{k - 1}] = {run!r}: must be a Result")
+        names = [f"run {k + 1}" if others else "" for k in range(len(runs))] if titles is None else titles
+        texts = isinstance(names, (list, tuple)) and all(isinstance(x, str) for x in names)
+        if not texts or len(names) != len(runs):
+            raise ValueError(f"titles = {titles!r}: must be a list of {len(runs)} strings, one for each result")
+        return animate([(run.arm, run.t, run.q, run.loads or ()) for run in runs], magnify, speed, names)
 
     def to_data(self) -> Data:
         """Columns over time: "q ...", "v ...", "a ..." and "tau ..." of each coordinate by its name (`arm.q_names`,

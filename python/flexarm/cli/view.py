@@ -1,0 +1,78 @@
+"""`flexarm view SCENE|RUN`: its options and what it prints."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from .._console import complain, json_text
+from ..run.result import Result
+from ..run.simulation import SimulationError, SimulationInterrupted
+from ..scene.scene import load
+from ..view.page import library
+from ..view.stage import greatest_strain
+
+SUMMARY = "see a scene or a run in 3-D"
+TEXT = (
+    "Simulates a scene, or reads what `flexarm run` or Result.save wrote, and shows the arm in motion: in the browser, "
+    "or with -o as a page (.html, one file), a picture (.png) or a film (.gif, .mp4). Several stand side by side. "
+    "Pages need: pip install 'flexarm[view]'."
+)
+
+
+def arguments(p: argparse.ArgumentParser) -> None:
+    """Adds the command's arguments to its parser."""
+    what = "TOML file, the name of a shipped scene such as ist, or a run (.npz, .h5)"
+    p.add_argument("runs", metavar="SCENE|RUN", nargs="+", help=what)
+    p.add_argument("-o", "--output", metavar="FILE", help=".html, .png, .gif or .mp4 (default: open the browser)")
+    magnify = "draw the bending that many times as large (%(default)s)"
+    p.add_argument("--magnify", metavar="M", type=float, default=1.0, help=magnify)
+    p.add_argument("--speed", metavar="S", type=float, default=1.0, help="of playing; 1 is real time (%(default)s)")
+    p.add_argument("--time", metavar="T", type=float, help="of a picture (s; default: the first)")
+
+
+def _read(name: str) -> tuple[str, Result, SimulationError | SimulationInterrupted | None]:
+    """Title and rows, and why there are no more of them."""
+    if Path(name).suffix.lower() in (".npz", ".h5", ".hdf5"):
+        return Path(name).stem, Result.load(name), None
+    scene = load(name)
+    try:
+        return scene.name, scene.run(progress=sys.stderr.isatty()), None
+    except (SimulationError, SimulationInterrupted) as e:
+        return scene.name, e.result, e
+
+
+def _library() -> None:
+    try:
+        library()
+    except ImportError as e:
+        raise ValueError(str(e)) from None
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulates or reads, and shows or writes; 1 if a run could not go on, 130 after Ctrl-C."""
+    if args.time is not None and Path(args.output or "").suffix.lower() != ".png":
+        raise ValueError(f"--time {args.time:g}: goes with a picture, -o FILE.png")
+    if Path(args.output or "").suffix.lower() not in (".png", ".gif", ".mp4"):
+        _library()
+    read = [_read(name) for name in args.runs]
+    first, *others = (result for _, result, _ in read)
+    view = first.animate(*others, magnify=args.magnify, speed=args.speed, titles=[title for title, _, _ in read])
+    if args.output is None:
+        view.open()
+    else:
+        view.save(args.output, t=args.time)
+    frames = max(len(track.t) for track in view.tracks)
+    if args.json:
+        told: dict[str, Any] = {"file": args.output, "frames": frames, "times": list(view.times)}
+        told |= {"magnify": view.magnify, "speed": view.speed, "greatest_strain": greatest_strain(view.tracks)}
+        print(json_text(told))
+    elif args.output is not None:
+        print(f"{view.times[0]:g} to {view.times[1]:g} s in {frames} frames: {args.output}")
+    for _, _, failure in read:
+        if failure is not None:
+            complain(f"{failure}; shown is what there was before")
+            return 130 if isinstance(failure, KeyboardInterrupt) else 1
+    return 0

@@ -1,0 +1,199 @@
+"""What an arm looks like, apart from its motion: outlines of sections, solids, joints' axes, each fixed to a node.
+
+A node is a frame that moves with the arm: the world (node 0), each link's own frame, slices of its beam, places where
+loads act. Browser and matplotlib draw the same Body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from ..acting.load import Load
+from ..parts.beam import Beam, RigidBody, inertia_matrix
+from ..parts.chain import Chain
+from ..parts.joints import Joint, Placement
+from ..parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, Section, SectionMatrix, Tube
+
+_ROUND = 28  # corners of a circle
+_DENSITY = 7800.0  # kg/m^3, of a point mass that is drawn as a ball
+
+
+@dataclass
+class Body:
+    """What is drawn of an arm.
+
+    Attributes:
+        places: of each node, the link and the place along its beam (m); None for a link's own frame, (None, None) for
+            the world.
+        beams: {"first": node of its clamp, "count": slices, "outlines": (count, m, 2), y and z of the corners (m)}.
+        solids: {"node", "part", "kind", "at": centre (m), "axes": 3 x 3, in columns, "size": (m)}: of a "box" its
+            sides, of a "ball" its radius, of a "cylinder" its length along the first axis and its radius.
+        struts: pairs of (node, at) with a straight piece between: rails of sliding joints.
+        axes: {"node", "at", "direction", "length"}: of the joints' freedoms, long enough to be seen.
+        labels: {"node", "at", "text"}.
+        loads: nodes where loads act. tip: (node, at) of the arm's end.
+        size: length of the arm, stretched out (m).
+    """
+
+    size: float
+    places: list[tuple[int | None, float | None]] = field(default_factory=lambda: [(None, None)])
+    beams: list[dict[str, Any]] = field(default_factory=list)
+    solids: list[dict[str, Any]] = field(default_factory=list)
+    struts: list[tuple[tuple[int, Any], tuple[int, Any]]] = field(default_factory=list)
+    axes: list[dict[str, Any]] = field(default_factory=list)
+    labels: list[dict[str, Any]] = field(default_factory=list)
+    loads: list[int] = field(default_factory=list)
+    tip: tuple[int, Any] = (0, np.zeros(3))
+
+    def node(self, link: int | None, x: float | None = None) -> int:
+        """A new node, and its number."""
+        self.places.append((link, x))
+        return len(self.places) - 1
+
+    def solid(self, part: str, node: int, kind: str, at: Any, axes: Any, size: Sequence[float]) -> None:
+        """A solid that moves with a node."""
+        self.solids.append({"node": node, "part": part, "kind": kind, "at": at, "axes": axes, "size": list(size)})
+
+    def rod(self, node: int, a: Array, b: Array, radius: float, part: str = "rod") -> None:
+        """A round bar between two points of a node; none where they are one."""
+        length = float(np.linalg.norm(b - a))
+        if length > 1e-6 * self.size:
+            self.solid(part, node, "cylinder", (a + b) / 2, along((b - a) / length), (length, radius))
+
+
+def along(direction: Array) -> Array:
+    """A rotation whose first column is a direction of unit length, (3, 3)."""
+    other = np.eye(3)[np.abs(direction).argmin()]
+    second = np.cross(direction, other)
+    second /= np.linalg.norm(second)
+    return np.column_stack([direction, second, np.cross(direction, second)])
+
+
+def outline(section: Section) -> Array:
+    """Corners (y, z) of a section (m), (m, 2); of one that is given by its integrals or matrices, those of the
+    rectangle with the same radii of gyration."""
+    if isinstance(section, (Rectangle, Box)):
+        y, z = section.y, section.z
+    elif isinstance(section, (Circle, Tube)):
+        y = z = 2 * section.radius
+    elif isinstance(section, Ellipse):
+        y, z = section.y, section.z
+    elif isinstance(section, IBeam):
+        y, z = section.y / 2, section.z / 2
+        inner, web = y - section.flange, section.web / 2
+        right = np.array([(-y, z), (-inner, z), (-inner, web), (inner, web), (inner, z), (y, z)])
+        return np.vstack([right, (right * (1, -1))[::-1]])
+    else:
+        if isinstance(section, SectionMatrix):
+            K = section.stiffness
+            area, iy, iz = K[0][0], K[4][4], K[5][5]
+        else:
+            core = section._core
+            area, iy, iz = core.area, core.second_moment_y, core.second_moment_z
+        y, z = (np.sqrt(12 * i / area) if area > 0 and i > 0 else 0.0 for i in (iz, iy))
+        y, z = max(y, 0.05 * z), max(z, 0.05 * y)
+    if isinstance(section, (Circle, Tube, Ellipse)):
+        turn = 2 * np.pi * np.arange(_ROUND) / _ROUND
+        return np.column_stack([y / 2 * np.cos(turn), z / 2 * np.sin(turn)])
+    return np.array([(-y, -z), (y, -z), (y, z), (-y, z)]) / 2
+
+
+def length(arm: Chain) -> float:
+    """Of an arm that is stretched out (m)."""
+    total = 0.0
+    for link in arm.links:
+        places = [p.position for p in (link.joint.inboard, link.joint.outboard) if p is not None]
+        ends = [body.end for body in (link.hub, link.tip) if body is not None]
+        total += sum(float(np.linalg.norm(v)) for v in (*places, *ends)) + (link.beam.length if link.beam else 0.0)
+    return total or 1.0
+
+
+def _mass(body: Body, part: str, node: int, at: Array, of: RigidBody) -> None:
+    """A rigid body's mass, as the uniform box of the same inertia; a point mass as a ball of steel."""
+    if not of.mass > 0:
+        return
+    J, axes = np.linalg.eigh(inertia_matrix(of.inertia))
+    sides = np.sqrt(np.maximum(6 * (J.sum() - 2 * J) / of.mass, 0.0))
+    centre = at + np.array(of.com)
+    if not sides.any():
+        radius = (of.mass / _DENSITY / (4 / 3 * np.pi)) ** (1 / 3)
+        body.solid(part, node, "ball", centre, np.eye(3), [min(radius, 0.2 * body.size)])
+        return
+    sides = np.maximum(sides, 0.05 * sides.max()) * min(1.0, 0.4 * body.size / sides.max())
+    body.solid(part, node, "box", centre, axes, sides.tolist())
+
+
+def _joint(body: Body, k: int, joint: Joint, below: tuple[int, Array], node: int, radius: float) -> None:
+    """A joint's symbol, its axes, its rail and the rigid pieces on either side of it."""
+    inboard, outboard = (p or Placement() for p in (joint.inboard, joint.outboard))
+    (p_in, R_in), (p_out, R_out) = inboard._core, outboard._core
+    lower, at = below
+    start = at + p_in
+    moved = -R_out.T @ p_out  # the joint's moving side, seen from the link's frame
+    body.rod(lower, at, start, radius / 3)
+    body.rod(node, moved, np.zeros(3), radius / 3)
+    freedoms = [(rotates, np.array(axis) / np.linalg.norm(axis)) for _, rotates, axis in joint._freedoms()]
+    seen = {0: (lower, start, R_in), len(freedoms) - 1: (node, moved, R_out.T)}
+    for i in sorted(seen if freedoms else ()):  # what lies between turns with neither side
+        where, place, R = seen[i] if i else (lower, start, R_in)
+        rotates, axis = freedoms[i]
+        body.axes.append({"node": where, "at": place, "direction": R @ axis, "length": 6 * radius})
+        if rotates:
+            body.solid("joint", where, "cylinder", place, along(R @ axis), (2.6 * radius, radius))
+        else:
+            body.solid("joint", where, "box", place, along(R @ axis), (2.4 * radius, 1.8 * radius, 1.8 * radius))
+    if joint.ball:
+        body.solid("joint", node, "ball", moved, np.eye(3), [1.2 * radius])
+    if any(not rotates for rotates, _ in freedoms):
+        body.struts.append(((lower, start), (node, moved)))
+    body.labels.append({"node": lower, "at": start, "text": f"{k} {joint.type}"})
+
+
+def _beam(body: Body, k: int, beam: Beam, slices: int) -> None:
+    x = np.linspace(0.0, beam.length, slices)
+    first = len(body.places)
+    for place in x:
+        body.node(k, float(place))
+    outlines = np.array([outline(beam.section.at(float(place))) for place in x])
+    body.beams.append({"first": first, "count": slices, "outlines": outlines})
+
+
+def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> Body:
+    """The body of an arm, each beam cut into as many slices as its link's entry of `slices` says."""
+    body = Body(length(arm))
+    below: tuple[int, Array] = (0, np.zeros(3))
+    for k, link in enumerate(arm.links):
+        node, zero = body.node(k), np.zeros(3)
+        hub_end = np.array(link.hub.end) if link.hub else zero
+        first = len(body.places)
+        reach = 0.0
+        if link.beam:
+            _beam(body, k, link.beam, slices[k])
+            reach = float(np.linalg.norm(body.beams[-1]["outlines"][0], axis=1).max())
+        radius = float(np.clip(1.1 * reach, 0.012 * body.size, 0.03 * body.size))
+        axes = len(body.axes)
+        _joint(body, k, link.joint, below, node, radius)
+        body.rod(node, zero, hub_end, radius / 2)
+        if link.hub:
+            _mass(body, "hub", node, zero, link.hub)
+            hubs = [s for s in body.solids if s["node"] == node and s["part"] == "hub"]
+            far = max((float(np.linalg.norm(s["at"]) + np.linalg.norm(s["size"]) / 2) for s in hubs), default=0.0)
+            for axis in body.axes[axes:]:
+                axis["length"] = max(axis["length"], far + 3 * radius)
+        last, at = (first + slices[k] - 1, zero) if link.beam else (node, hub_end)
+        tip_end = at + np.array(link.tip.end) if link.tip else at
+        body.rod(last, at, tip_end, radius / 2)
+        if link.tip:
+            _mass(body, "tip", last, at, link.tip)
+        below = (last, tip_end)
+    body.tip = below
+    for load in loads:
+        n = arm._link(load.link)
+        x = load.x if load.along is None else sum(load.along) / 2
+        body.loads.append(body.node(n, np.inf if x is None else x))
+    return body

@@ -1,0 +1,121 @@
+"""One HTML file that holds everything: three.js, our viewer, and the frames as 16-bit numbers."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from . import stage
+from .body import Body
+from .track import Track
+
+_FULL = 32_767
+
+
+def library() -> str:
+    """three.js with its controls and thick lines, out of the wheel jupyter-threejs-sage (MIT)."""
+    try:
+        import jupyter_threejs_sage
+    except ImportError:
+        raise ImportError(
+            "a page needs three.js: pip install 'flexarm[view]'; .save('arm.png'), .gif and .mp4 do without"
+        ) from None
+    found = [p / "three.min.js" for p in (resources.files(jupyter_threejs_sage) / "static").iterdir() if p.is_dir()]
+    newest = max((p for p in found if p.is_file()), key=lambda p: str(p))
+    return newest.read_text(encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    """For JSON, seven digits."""
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    return float(f"{value:.7g}") if isinstance(value, float) else value
+
+
+def _body(body: Body) -> dict[str, Any]:
+    kept = ("beams", "solids", "struts", "axes", "labels", "loads", "tip", "size")
+    frames = [i for i, (_, x) in enumerate(body.places) if x is None]
+    return {**{name: getattr(body, name) for name in kept}, "frames": frames}
+
+
+def _packed(columns: Mapping[str, Array]) -> dict[str, Any]:
+    """16-bit numbers, a row for each frame, and what restores them: value = centre + scale n."""
+    rows, about = [], {}
+    for name, x in columns.items():
+        flat = x.reshape(-1, x.shape[-1]) if x.size else np.zeros((1, x.shape[-1]))
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        centre, scale = (low + high) / 2, np.maximum((high - low) / 2, 1e-30) / _FULL
+        about[name] = {"centre": centre.tolist(), "scale": scale.tolist(), "count": x.shape[1]}
+        rows.append(np.round((x - centre) / scale).astype("<i2").reshape(len(x), -1))
+    return {"columns": about, "frames": base64.b64encode(np.hstack(rows).tobytes()).decode("ascii")}
+
+
+def _track(track: Track) -> dict[str, Any]:
+    names = ("position", "quaternion", "strain", "force", "moment")
+    packed = _packed({name: getattr(track, name) for name in names})
+    about = {"t": track.t.tolist(), "title": track.title, "error": track.error, "body": _plain(_body(track.body))}
+    return {**about, **packed}
+
+
+def data(tracks: Sequence[Track], options: Mapping[str, Any]) -> dict[str, Any]:
+    """All that the viewer is told."""
+    most = stage.round_up(stage.greatest_strain(tracks))
+    factor, unit = stage.strain_label(most)
+    view = stage.camera(tracks)
+    largest = {
+        name: max((float(np.linalg.norm(getattr(t, name), axis=-1).max(initial=0.0)) for t in tracks), default=0.0)
+        for name in ("force", "moment")
+    }
+    return {
+        "tracks": [_track(t) for t in tracks],
+        "camera": _plain({**asdict(view), "field": stage.FIELD, "grid": stage.grid_step(view.radius)}),
+        "strain": {"most": most, "factor": factor, "unit": unit, "colours": stage.COLOURS.tolist()},
+        "colours": stage.PART_COLOURS | stage.SYMBOL_COLOURS,
+        "largest": largest,
+        **options,
+    }
+
+
+def page(tracks: Sequence[Track], title: str, options: Mapping[str, Any]) -> str:
+    """The whole file. Raises ImportError without three.js."""
+    here = resources.files("flexarm") / "view"
+    told = json.dumps(data(tracks, options), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    parts = {
+        "TITLE": html.escape(title),
+        "STYLE": (here / "viewer.css").read_text(encoding="utf-8"),
+        "THREE": library(),
+        "DATA": told,
+        "VIEWER": (here / "viewer.js").read_text(encoding="utf-8"),
+    }
+    return "".join(parts.get(piece, piece) for piece in _PAGE.split("@@"))
+
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>@@TITLE@@</title>
+<style>
+@@STYLE@@</style>
+</head>
+<body>
+<script>@@THREE@@</script>
+<script id="data" type="application/json">@@DATA@@</script>
+<script>
+@@VIEWER@@</script>
+</body>
+</html>
+"""

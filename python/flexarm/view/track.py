@@ -1,0 +1,195 @@
+"""The motion of an arm's nodes over time, thinned out to what a smooth curve through it needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._check import Array
+from ..acting.load import Load
+from ..parts.chain import Chain
+from .body import Body, make_body
+
+_BUDGET = 1.5e6  # bytes of frames of one page
+_MOST = 20_000  # rows that are looked at
+_TOLERANCE = 3e-4  # of the arm's length, between frames
+
+
+@dataclass
+class Track:
+    """One arm over time.
+
+    Attributes:
+        body: what is drawn.
+        t: times of the frames (s), (nt,).
+        position: of the nodes, world axes (m), (nt, n, 3). quaternion: x, y, z, w, (nt, n, 4), without jumps of sign.
+        strain: eps, K2, K3 (1/m) of the slices, not magnified, (nt, n, 3); zero elsewhere.
+        force, moment: of the loads, world axes (N, N m), (nt, n, 3).
+        error: how far the curve through the frames is off the rows between them (m).
+        title: what stands above it. gravity: world axes (m/s^2).
+    """
+
+    body: Body
+    t: Array
+    position: Array
+    quaternion: Array
+    strain: Array
+    force: Array
+    moment: Array
+    error: float
+    title: str
+    gravity: Array
+
+    @cached_property
+    def _curve(self) -> Callable[[Any], Array]:
+        columns = (self.position, self.quaternion, self.strain, self.force, self.moment)
+        return curve(self.t, np.concatenate([x.reshape(len(self.t), -1) for x in columns], axis=1))
+
+    def at(self, t: float) -> tuple[Array, Array, Array, Array, Array]:
+        """position, rotation (n, 3, 3), strain, force and moment at a time (s), as the browser interpolates them."""
+        from scipy.spatial.transform import Rotation
+
+        n, loads = self.position.shape[1], self.force.shape[1]
+        ends = np.cumsum([3 * n, 4 * n, 3 * n, 3 * loads])
+        p, turn, *rest = np.split(self._curve(np.clip(t, self.t[0], self.t[-1])), ends)
+        strain, force, moment = (x.reshape(-1, 3) for x in rest)
+        return p.reshape(-1, 3), Rotation.from_quat(turn.reshape(-1, 4)).as_matrix(), strain, force, moment
+
+    def tip(self, times: Array) -> Array:
+        """Where the arm's end is at times (s), (nt, 3)."""
+        from scipy.spatial.transform import Rotation
+
+        node, at = self.body.tip
+        p, turn = (curve(self.t, x[:, node])(times) for x in (self.position, self.quaternion))
+        return np.asarray(p + Rotation.from_quat(turn).apply(at))
+
+
+def curve(t: Array, x: Array) -> Callable[[Any], Array]:
+    """The cubic spline through x (nt, ...) at times t, whose ends have the slope of the cubic through four frames."""
+    from scipy.interpolate import CubicSpline
+
+    if len(t) == 1:
+        return lambda at: np.broadcast_to(x[0], (*np.shape(at), *x.shape[1:]))
+    first, last = (np.tensordot(_end_weights(s[:4]), y[:4], 1) for s, y in ((t, x), (t[::-1], x[::-1])))
+    return CubicSpline(t, x, bc_type=((1, first), (1, last)))  # type: ignore[no-any-return]
+
+
+def _end_weights(t: Array) -> Array:
+    """Of values at t, the derivative at t[0] of the polynomial through them."""
+    apart = t[:, None] - t + np.eye(len(t))
+    others = np.prod(apart[0, 1:]) / apart[0]
+    weights = others / np.prod(apart, axis=1)
+    weights[0] = (1 / apart[0, 1:]).sum()
+    return np.asarray(weights)
+
+
+def magnified(arm: Chain, q: Array, magnify: float) -> Array:
+    """q (..., nq) with the elastic coordinates that many times as large."""
+    out = np.array(q)
+    for k, link in enumerate(arm.links):
+        if link.beam:
+            first = arm._core.first_q(k) + link.joint.nq
+            out[..., first : first + link.beam.ne] *= magnify
+    return out
+
+
+def _slices(arm: Chain, q: Array) -> list[int]:
+    """Enough slices of each beam that neighbours turn by less than 6 degrees at the rows q (nt, nq)."""
+    some = q[:: max(len(q) // 60, 1)]
+    counts = []
+    for k, link in enumerate(arm.links):
+        if link.beam is None:
+            counts.append(0)
+            continue
+        R = np.array([arm.frame(some, k, x)[1] for x in np.linspace(0.0, link.beam.length, 13)])
+        cosine = (np.einsum("stij,stij->st", R[1:], R[:-1]) - 1) / 2
+        turn = np.arccos(np.clip(cosine, -1.0, 1.0)).sum(axis=0).max()
+        counts.append(int(np.clip(np.ceil(turn / np.radians(6)), 8, 32)) + 1 if link.beam.ne or turn > 0 else 2)
+    return counts
+
+
+def _frames(arm: Chain, t: Array, q: Array, most: int) -> tuple[NDArray[np.int_], float]:
+    """Which rows to keep, evenly spaced, and how far the curve through them is off the others (m)."""
+    ends = np.concatenate([arm.frame(q, k)[0] for k in range(len(arm.links))], axis=1)
+    last = len(t) - 1
+    tolerance, most = _TOLERANCE * max(float(np.ptp(ends, axis=0).max()), 1e-9), max(most, 2)
+    finest = -(-last // (most - 1)) if last else 1
+    kept, error = np.arange(len(t)), 0.0
+    for stride in sorted({finest, *(finest * 2**k for k in range(16))}):
+        rows = np.unique(np.append(np.arange(0, len(t), stride), last))
+        off = float(np.abs(curve(t[rows], ends[rows])(t) - ends).max()) if stride > 1 else 0.0
+        if (stride > finest and off > tolerance) or len(rows) < min(9, len(t)):
+            break
+        kept, error = rows, off
+    return kept, error
+
+
+def _pose(arm: Chain, body: Body, q: Array) -> tuple[Array, Array, Array]:
+    """Positions, rotations and strains (eps, K2, K3) of the nodes at rows q (nt, nq)."""
+    n = len(body.places)
+    p, R, strain = np.zeros((len(q), n, 3)), np.zeros((len(q), n, 3, 3)), np.zeros((len(q), n, 3))
+    for i, (k, x) in enumerate(body.places):
+        if k is None:
+            R[:, i] = np.eye(3)
+            continue
+        link = arm.links[k]
+        if x is not None:
+            p[:, i], R[:, i] = arm.frame(q, k, None if np.isinf(x) else x)
+            continue
+        p[:, i], R[:, i] = arm.frame(q, k, 0.0 if link.beam else None)
+        ends = [link.hub] if link.beam else [link.hub, link.tip]
+        p[:, i] -= R[:, i] @ sum((np.array(b.end) for b in ends if b is not None), np.zeros(3))
+    return p, R, strain
+
+
+def _strains(arm: Chain, body: Body, q: Array, strain: Array) -> None:
+    for beam in body.beams:
+        for i in range(beam["first"], beam["first"] + beam["count"]):
+            k, x = body.places[i]
+            assert k is not None and x is not None
+            strain[:, i] = arm.strain(q, k, x)[:, [5, 1, 2]]
+
+
+def _smooth(quaternion: Array) -> Array:
+    """q and -q are one rotation: that which is nearer to the row before."""
+    turned = np.einsum("tnk,tnk->tn", quaternion[1:], quaternion[:-1]) < 0
+    quaternion[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)[:, :, None]
+    return quaternion
+
+
+def make_track(
+    arm: Chain,
+    t: Array,
+    q: Array,
+    *,
+    loads: Sequence[Load] = (),
+    magnify: float = 1.0,
+    title: str = "",
+    share: float = 1.0,
+) -> Track:
+    """The track of an arm whose coordinates are q (nt, nq) at times t; `share` of a page's bytes are its own."""
+    from scipy.spatial.transform import Rotation
+
+    _, rows = np.unique(t, return_index=True)
+    rows = rows[:: -(-len(rows) // _MOST)]
+    t, q = t[rows], q[rows]
+    large = magnified(arm, q, magnify)
+    body = make_body(arm, _slices(arm, large), loads)
+    kept, error = _frames(arm, t, large, int(share * _BUDGET / (20 * len(body.places) + 12 * len(loads))))
+    t, q, large = t[kept], q[kept], large[kept]
+    p, R, strain = _pose(arm, body, large)
+    _strains(arm, body, q, strain)
+    wrench = np.array([[load(float(s)) for load in loads] for s in t]).reshape(len(t), len(loads), 2, 3)
+    for i, load in enumerate(loads):
+        if load.along is not None:
+            wrench[:, i] *= load.along[1] - load.along[0]
+        if load.axes == "section":
+            wrench[:, i] = np.einsum("tij,tkj->tki", R[:, body.loads[i]], wrench[:, i])
+    turns = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(len(t), -1, 4)
+    force, moment = wrench[:, :, 0], wrench[:, :, 1]
+    return Track(body, t, p, _smooth(turns), strain, force, moment, error, title, np.array(arm.gravity))

@@ -1,0 +1,263 @@
+"""Views: an arm in 3-D, still or in motion, as a page for a browser or a notebook, a picture, or a film."""
+
+from __future__ import annotations
+
+import html
+import sys
+import tempfile
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._check import Array, array, named, number
+from .._console import complain
+from ..acting.load import Load
+from ..parts.chain import Chain
+from ..store.files import write_whole
+from . import page
+from .still import Still
+from .track import Track, make_track
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_DPI = 100
+
+
+def magnification(value: Any) -> float:
+    """A factor above zero; ValueError if not."""
+    factor = number("magnify", value)
+    if not (np.isfinite(factor) and factor > 0):
+        raise ValueError(f"magnify = {value!r}: must be a finite number above 0; 1 is to scale")
+    return factor
+
+
+class View:
+    """What `arm.show`, `result.animate` and `modes.animate` give: the arm in 3-D, over time if it moves.
+
+    In a notebook it shows itself. Elsewhere `.open()` shows it in the browser, and `.save(path)` writes it: as a page
+    (.html: one file, which needs no network), a picture (.png) or a film (.gif, .mp4).
+
+    Sections, hubs and tips are to scale: a rigid body is drawn as the uniform box of its mass and inertia, a point mass
+    as a ball of steel, a section that is given by integrals or matrices as the rectangle of the same radii of gyration.
+    Joints, axes and loads are symbols. Colours are the strain along the beam at its surface, eps - y K3 + z K2, red
+    where it is stretched; they are never magnified.
+
+    Attributes:
+        tracks: what is shown side by side. magnify: the factor of the elastic coordinates; None of a mode.
+        speed: of playing; 1 is real time. cycle: whether it plays again and again. notes: lines that the picture
+            states. steady: whether a picture shows all that the arm can reach, not only where it is.
+    """
+
+    def __init__(
+        self, tracks: Sequence[Track], magnify: float | None, *, speed: float = 1.0, cycle: bool = False,
+        notes: Sequence[str] = (), steady: bool = False
+    ) -> None:  # fmt: skip
+        self.tracks, self.magnify, self.speed, self.cycle = list(tracks), magnify, speed, cycle
+        self.steady = steady
+        self._still: Still | None = None
+        self.notes = list(notes)
+        if magnify is not None:
+            self.notes.insert(0, "bending to scale" if magnify == 1 else f"bending magnified {magnify:g} times")
+        error = max(t.error for t in tracks)
+        if error > 1e-3 * max(t.body.size for t in tracks):
+            self.notes.append(f"between frames up to {error:.2g} m off")
+
+    def __repr__(self) -> str:
+        frames = max(len(t.t) for t in self.tracks)
+        what = "1 picture" if frames == 1 else f"{frames} frames, t = {self.times[0]:g} to {self.times[1]:g} s"
+        return f"View({what}; .open() shows it in a browser, .save('arm.html'), '.png', '.gif' or '.mp4' writes it)"
+
+    @property
+    def times(self) -> tuple[float, float]:
+        """First and last time (s)."""
+        return float(min(t.t[0] for t in self.tracks)), float(max(t.t[-1] for t in self.tracks))
+
+    def html(self) -> str:
+        """The page, a whole file. Raises ImportError without `pip install 'flexarm[view]'`."""
+        options = {"speed": self.speed, "cycle": self.cycle, "notes": self.notes}
+        title = ", ".join(t.title for t in self.tracks if t.title) or "flexarm"
+        return page.page(self.tracks, title, options)
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe srcdoc="{html.escape(self.html())}" width="100%" height="520" '
+            'style="border: 1px solid #ddd"></iframe>'
+        )
+
+    def open(self) -> None:
+        """Shows the page in the browser; where there is none, a line on stderr says where the page is."""
+        folder = tempfile.mkdtemp(prefix="flexarm-")
+        file = Path(folder) / "view.html"
+        file.write_text(self.html(), encoding="utf-8")
+        if not webbrowser.open(file.as_uri()):
+            complain(f"no browser was found; the view is in {file}")
+
+    def figure(self, t: float | None = None, size: Sequence[float] = (9.0, 6.0)) -> Figure:
+        """A matplotlib figure at time t (s; None: the first), size in inches."""
+        self._check_time(t)
+        return self._drawn(size).draw(self.times[0] if t is None else float(t))
+
+    def image(self, t: float | None = None, size: Sequence[float] = (6.4, 4.8)) -> NDArray[np.uint8]:
+        """The same as pixels, (height, width, 3), 100 to an inch."""
+        return _pixels(self.figure(t, size))
+
+    def _drawn(self, size: Sequence[float]) -> Still:
+        width, height = array("size", size, (2,)).tolist()
+        if not (1 <= width <= 100 and 1 <= height <= 100):
+            raise ValueError(f"size = {tuple(size)}: must be from 1 to 100 inches")
+        if self._still is None or tuple(self._still.figure.get_size_inches()) != (width, height):
+            self._still = Still(self.tracks, self.notes, (width, height), self.steady)
+        return self._still
+
+    def _check_time(self, t: Any) -> None:
+        if t is None:
+            return
+        low, high = self.times
+        if not low <= number("t", t) <= high:
+            raise ValueError(f"t = {t!r}: must be from {low:g} to {high:g} s, the times of this view")
+
+    def save(
+        self, path: str | Path, *, t: float | None = None, fps: float = 30.0, size: Sequence[float] = (9.0, 6.0)
+    ) -> None:
+        """Writes a file, in the format of its suffix.
+
+        Args:
+            path: .html (or none): a page for a browser; .png: a picture; .gif or .mp4: a film at the view's speed.
+            t: of a picture, its time (s); None: the first.
+            fps: of a film, pictures in a second, 1 to 100.
+            size: of a picture or a film (inches, 100 pixels each; a .png has 200).
+
+        Raises:
+            ValueError: another suffix, a time that is not there, or where nothing can be written; .mp4 without ffmpeg.
+            ImportError: .html without `pip install 'flexarm[view]'`.
+        """
+        file = named(path, ".html", ".htm", ".png", ".gif", ".mp4")
+        kind = file.suffix.lower()
+        self._check_time(t)
+        if kind in (".gif", ".mp4"):
+            self._film(file, kind, fps, size)
+            return
+        if kind == ".png":
+            figure = self.figure(t, size)
+            write_whole(file, lambda f: figure.savefig(f, format="png", dpi=2 * _DPI), "path")
+            return
+        content = self.html().encode()
+        write_whole(file, lambda f: f.write(content), "path")
+
+    def _film(self, file: Path, kind: str, fps: Any, size: Sequence[float]) -> None:
+        rate = number("fps", fps)
+        if not 1 <= rate <= 100:
+            raise ValueError(f"fps = {fps!r}: must be from 1 to 100")
+        low, high = self.times
+        count = max(round((high - low) / self.speed * rate), 1)
+        if count > 20_000:
+            raise ValueError(f"fps = {fps:g}: makes {count} pictures; up to 20000 fit: set the view's speed higher")
+        times = low + (high - low) * np.arange(count + (not self.cycle)) / count
+        still = self._drawn(size)
+        (_gif if kind == ".gif" else _mp4)(file, (_pixels(still.draw(float(s))) for s in times), rate)
+
+
+def _pixels(figure: Figure) -> NDArray[np.uint8]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure.set_dpi(_DPI)
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def _gif(file: Path, pictures: Any, rate: float) -> None:
+    from PIL import Image
+
+    frames = [Image.fromarray(p).quantize(128, dither=Image.Dither.NONE) for p in pictures]
+    options: dict[str, Any] = {"save_all": True, "append_images": frames[1:], "loop": 0, "optimize": False}
+    write_whole(file, lambda f: frames[0].save(f, format="GIF", duration=1000 / rate, **options), "path")
+
+
+def _mp4(file: Path, pictures: Any, rate: float) -> None:
+    import shutil
+    import subprocess
+
+    tool = shutil.which("ffmpeg")
+    if tool is None:
+        raise ValueError(f"path = {str(file)!r}: .mp4 needs the program ffmpeg, which is not here; .gif does without")
+    with tempfile.TemporaryDirectory(prefix="flexarm-") as folder:
+        made = Path(folder) / "film.mp4"
+        first = next(pictures)
+        height, width = first.shape[:2]
+        command = [tool, "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
+        command += ["-r", f"{rate:g}", "-i", "-", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]
+        command.append(str(made))
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as p:
+            assert p.stdin is not None and p.stderr is not None
+            try:
+                p.stdin.write(first.tobytes())
+                for picture in pictures:
+                    p.stdin.write(picture.tobytes())
+                p.stdin.close()
+            except BrokenPipeError:
+                pass
+            said = p.stderr.read().decode(errors="replace").strip()
+        if p.returncode or not made.exists():
+            raise ValueError(f"path = {str(file)!r}: ffmpeg failed: {said[-300:]}")
+        content = made.read_bytes()
+    write_whole(file, lambda f: f.write(content), "path")
+
+
+# -- what methods call -----------------------------------------------------------------------------------------------
+
+
+def show(
+    arm: Chain, q: Array, magnify: float, loads: Sequence[Load], t: float, title: str = "", steady: bool = False
+) -> View:
+    """See Arm.show; q (nq,)."""
+    magnify = magnification(magnify)
+    track = make_track(arm, np.array([t]), q[None], loads=loads, magnify=magnify, title=title)
+    return View([track], magnify, steady=steady)
+
+
+def animate(
+    runs: Sequence[tuple[Chain, Array, Array, Sequence[Load]]], magnify: float, speed: float, titles: Sequence[str]
+) -> View:
+    """See Result.animate; runs of (arm, t, q, loads)."""
+    magnify = magnification(magnify)
+    rate = number("speed", speed)
+    if not (np.isfinite(rate) and rate > 0):
+        raise ValueError(f"speed = {speed!r}: must be a finite number above 0; 1 is real time")
+    tracks = []
+    for (arm, t, q, loads), title in zip(runs, titles, strict=True):
+        if not len(t):
+            raise ValueError("result: has no rows, so there is nothing to show")
+        tracks.append(make_track(arm, t, q, loads=loads, magnify=magnify, title=title, share=1 / len(runs)))
+    return View(tracks, magnify, speed=rate)
+
+
+def animate_mode(
+    arm: Chain, q0: Array, shape: NDArray[Any], frequency: float, damping: float, k: int, reach: float
+) -> View:
+    """See Modes.animate; `shape` (nv,) to the scale that is shown, `reach` its largest displacement (m)."""
+    turn = np.linspace(0.0, 2 * np.pi, 49)
+    _, _, E = arm._core.rates(q0, np.zeros(arm.nv))  # dq = E v
+    q = q0 + np.real(np.exp(1j * turn)[:, None] * shape) @ E.T
+    for _, at in arm.quaternions():
+        q[:, at] /= np.linalg.norm(q[:, at], axis=1, keepdims=True)
+    period = 2 * np.pi / frequency if frequency > 0 else 1.0
+    if frequency > 0:
+        title = f"mode {k}: {frequency / (2 * np.pi):.4g} Hz, damping ratio {damping:.3g}"
+    else:
+        title = f"mode {k}: a motion without frequency"
+    track = make_track(arm, period * turn / (2 * np.pi), q, title=title)
+    notes = [f"largest displacement {reach:.3g} m, chosen for the picture: a mode has no size of its own"]
+    speed = float(f"{period / 2:.2g}")
+    return View([track], None, speed=speed, cycle=True, notes=notes)
+
+
+def in_notebook() -> bool:
+    """Whether a notebook shows what a cell gives."""
+    shell = sys.modules.get("IPython")
+    return shell is not None and type(shell.get_ipython()).__name__ == "ZMQInteractiveShell"

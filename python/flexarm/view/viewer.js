@@ -1,0 +1,470 @@
+"use strict";
+// Draws what flexarm/view/page.py tells, in #data. Frames are 16-bit numbers; a cubic spline goes through them,
+// as in track.py.
+
+const told = JSON.parse(document.getElementById("data").textContent);
+
+function make(tag, parent, attributes) {
+  const made = Object.assign(document.createElement(tag), attributes || {});
+  (parent || document.body).appendChild(made);
+  return made;
+}
+
+// -- frames ----------------------------------------------------------------------------------------------------------
+
+class Track {
+  constructor(data) {
+    Object.assign(this, { t: data.t, body: data.body, title: data.title, error: data.error });
+    const bytes = Uint8Array.from(atob(data.frames), (c) => c.charCodeAt(0));
+    const numbers = new Int16Array(bytes.buffer);
+    const columns = Object.entries(data.columns);
+    this.width = columns.reduce((sum, [, c]) => sum + c.count * c.centre.length, 0);
+    this.start = {};
+    const centre = new Float32Array(this.width), scale = new Float32Array(this.width);
+    let k = 0;
+    for (const [name, c] of columns) {
+      this.start[name] = k;
+      for (let i = 0; i < c.count * c.centre.length; i++, k++) {
+        centre[k] = c.centre[i % c.centre.length];
+        scale[k] = c.scale[i % c.centre.length];
+      }
+    }
+    this.values = new Float32Array(numbers.length);
+    for (let i = 0; i < numbers.length; i++)
+      this.values[i] = centre[i % this.width] + scale[i % this.width] * numbers[i];
+    this.now = new Float32Array(this.width);
+    this.solve();
+    this.seek(this.t[0]);
+  }
+
+  // At one end, into its row of m: the slope of the cubic through four frames.
+  end(at, step) {
+    const T = this.t, n = this.width, count = Math.min(4, T.length), t = (j) => T[at + j * step];
+    for (let j = 0; j < count; j++) {
+      let weight = j ? 1 / (t(j) - t(0)) : 0;
+      for (let i = 1; i < count; i++)
+        if (!j) weight += 1 / (t(0) - t(i));
+        else if (i !== j) weight *= (t(0) - t(i)) / (t(j) - t(i));
+      for (let k = 0; k < n; k++) this.slopes[at * n + k] += weight * this.values[(at + j * step) * n + k];
+    }
+  }
+
+  // The spline's slopes at the frames: rows h m- + 2 (h- + h) m + h- m+ = 3 (h d- + h- d), eliminated downwards.
+  solve() {
+    const T = this.t, x = this.values, n = this.width, last = T.length - 1;
+    const m = (this.slopes = new Float32Array(x.length)), factor = new Float64Array(T.length);
+    if (last < 1) return;
+    const chord = (i, k) => (x[(i + 1) * n + k] - x[i * n + k]) / (T[i + 1] - T[i]);
+    this.end(0, 1);
+    this.end(last, -1);
+    for (let i = 1; i < last; i++) {
+      const h = T[i] - T[i - 1], next = T[i + 1] - T[i], pivot = 2 * (h + next) - next * factor[i - 1];
+      factor[i] = h / pivot;
+      for (let k = 0; k < n; k++) {
+        const right = 3 * (next * chord(i - 1, k) + h * chord(i, k));
+        m[i * n + k] = (right - next * m[(i - 1) * n + k]) / pivot;
+      }
+    }
+    for (let i = last - 1; i > 0; i--)
+      for (let k = 0; k < n; k++) m[i * n + k] -= factor[i] * m[(i + 1) * n + k];
+  }
+
+  // All columns at time t, in this.now.
+  seek(t) {
+    const T = this.t, x = this.values, m = this.slopes, n = this.width, last = T.length - 1;
+    if (last < 1) return this.now.set(x);
+    t = Math.min(Math.max(t, T[0]), T[last]);
+    let low = 0, high = last;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (T[middle] <= t) low = middle; else high = middle;
+    }
+    const h = T[low + 1] - T[low], s = (t - T[low]) / h;
+    const a = (1 + 2 * s) * (1 - s) ** 2, b = s * s * (3 - 2 * s), c = h * s * (1 - s) ** 2, d = -h * s * s * (1 - s);
+    for (let i = 0, j = low * n; i < n; i++, j++) this.now[i] = a * x[j] + b * x[j + n] + c * m[j] + d * m[j + n];
+  }
+
+  vector(name, i, out) {
+    const k = this.start[name] + 3 * i;
+    return out.set(this.now[k], this.now[k + 1], this.now[k + 2]);
+  }
+
+  turn(i, out) {
+    const k = this.start.quaternion + 4 * i;
+    return out.set(this.now[k], this.now[k + 1], this.now[k + 2], this.now[k + 3]).normalize();
+  }
+
+  // A point that moves with a node.
+  point(node, at, out) {
+    return out.fromArray(at).applyQuaternion(this.turn(node, spare)).add(this.vector("position", node, spot));
+  }
+}
+
+const spare = new THREE.Quaternion(), spot = new THREE.Vector3();
+
+// -- what is drawn ---------------------------------------------------------------------------------------------------
+
+const view = told.camera;
+const up = new THREE.Vector3().fromArray(view.up);
+const symbol = 0.016 * view.radius; // half the width of arrows
+const matte = (colour, flat) => new THREE.MeshPhongMaterial({ color: colour, flatShading: !!flat, shininess: 8 });
+
+function arrow(length, radius, colour) {
+  const made = new THREE.Group(), head = Math.min(5 * radius, 0.5 * length), material = matte(colour);
+  const shaft = new THREE.Mesh(new THREE.CylinderGeometry(radius / 2, radius / 2, length - head, 10), material);
+  const tip = new THREE.Mesh(new THREE.ConeGeometry(1.6 * radius, head, 14), material);
+  shaft.position.y = (length - head) / 2;
+  tip.position.y = length - head / 2;
+  made.add(shaft, tip);
+  return made;
+}
+
+function pointed(object, direction) {
+  object.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), direction.clone().normalize());
+  return object;
+}
+
+function triad(length) {
+  const made = new THREE.Group(), axes = [[1, 0, 0, "#D55E00"], [0, 1, 0, "#009E73"], [0, 0, 1, "#0072B2"]];
+  for (const [x, y, z, colour] of axes)
+    made.add(pointed(arrow(length, 0.035 * length, colour), new THREE.Vector3(x, y, z)));
+  return made;
+}
+
+function solid(part) {
+  const [a, b, c] = part.size, colour = told.colours[part.part];
+  let geometry;
+  if (part.kind === "box") geometry = new THREE.BoxGeometry(a, b, c);
+  else if (part.kind === "ball") geometry = new THREE.SphereGeometry(a, 24, 16);
+  else geometry = new THREE.CylinderGeometry(b, b, a, 24).rotateZ(-Math.PI / 2);
+  const [x, y, z] = part.axes;
+  const made = new THREE.Mesh(geometry, matte(colour, part.kind === "box"));
+  const place = new THREE.Matrix4().set(...x, part.at[0], ...y, part.at[1], ...z, part.at[2], 0, 0, 0, 1);
+  made.applyMatrix4(place);
+  return made;
+}
+
+function strainColour(e, out, k) {
+  const stops = told.strain.colours, most = told.strain.most;
+  const u = shown.strain && most ? (Math.min(Math.max(e / most, -1), 1) + 1) * 0.5 * (stops.length - 1) : 2;
+  const i = Math.min(Math.floor(u), stops.length - 2), s = u - i;
+  for (let c = 0; c < 3; c++) out[k + c] = (1 - s) * stops[i][c] + s * stops[i + 1][c];
+}
+
+class BeamMesh {
+  constructor(beam) {
+    Object.assign(this, beam);
+    const m = this.outlines[0].length, n = this.count, index = [];
+    this.corners = m;
+    for (let j = 0; j + 1 < n; j++)
+      for (let i = 0; i < m; i++) {
+        const a = j * m + i, b = j * m + ((i + 1) % m);
+        index.push(a, b, a + m, b, b + m, a + m);
+      }
+    const cap = THREE.ShapeUtils.triangulateShape(this.outlines[0].map(([y, z]) => new THREE.Vector2(y, z)), []);
+    for (const [a, b, c] of cap) index.push(a, c, b, a + (n - 1) * m, b + (n - 1) * m, c + (n - 1) * m);
+    const geometry = new THREE.BufferGeometry();
+    geometry.setIndex(index);
+    for (const name of ["position", "color"])
+      geometry.setAttribute(name, new THREE.BufferAttribute(new Float32Array(3 * m * n), 3));
+    const material = new THREE.MeshPhongMaterial({ vertexColors: true, flatShading: true, side: THREE.DoubleSide, shininess: 12 });
+    this.mesh = new THREE.Mesh(geometry, material);
+    this.mesh.frustumCulled = false;
+  }
+
+  update(track) {
+    const { position, color } = this.mesh.geometry.attributes, m = this.corners;
+    const p = new THREE.Vector3(), strain = new THREE.Vector3();
+    for (let j = 0; j < this.count; j++) {
+      track.vector("strain", this.first + j, strain);
+      for (let i = 0; i < m; i++) {
+        const [y, z] = this.outlines[j][i], k = j * m + i;
+        track.point(this.first + j, [0, y, z], p);
+        p.toArray(position.array, 3 * k);
+        strainColour(strain.x - y * strain.z + z * strain.y, color.array, 3 * k);
+      }
+    }
+    position.needsUpdate = color.needsUpdate = true;
+  }
+}
+
+function floor() {
+  const made = new THREE.Group(), step = view.grid, lines = [], reach = Math.ceil((1.3 * view.radius) / step) * step;
+  const right = new THREE.Vector3(...[0, 1, 2].map((i) => Math.abs(view.up[(i + 2) % 3])));
+  const ahead = new THREE.Vector3().crossVectors(up, right);
+  const centre = new THREE.Vector3().fromArray(view.centre);
+  const snap = (axis) => Math.round(centre.dot(axis) / step) * step;
+  const base = up.clone().multiplyScalar(view.floor).addScaledVector(right, snap(right)).addScaledVector(ahead, snap(ahead));
+  for (let s = -reach; s <= reach * (1 + 1e-9); s += step)
+    for (const [along, across] of [[right, ahead], [ahead, right]])
+      for (const end of [-reach, reach])
+        lines.push(base.clone().addScaledVector(across, s).addScaledVector(along, end));
+  const geometry = new THREE.BufferGeometry().setFromPoints(lines);
+  made.add(new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color: "#DDDDDD" })));
+  return made;
+}
+
+class Pane {
+  constructor(track, number, count) {
+    Object.assign(this, { track, number });
+    this.scene = new THREE.Scene();
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x999999, 0.75));
+    this.sun = new THREE.DirectionalLight(0xffffff, 0.45);
+    this.scene.add(this.sun);
+    this.groups = { floor: floor(), axes: new THREE.Group(), frames: new THREE.Group(), loads: new THREE.Group(), trace: new THREE.Group() };
+    this.scene.add(...Object.values(this.groups));
+    this.moving = []; // [node, object]
+    this.beams = track.body.beams.map((beam) => new BeamMesh(beam));
+    for (const beam of this.beams) this.scene.add(beam.mesh);
+    this.fill();
+    this.title = make("div", stage, { className: "title" });
+    this.title.append(track.title);
+    this.title.style.left = `${(100 * number) / count}%`;
+    if (number) make("div", stage, { className: "divider" }).style.left = `${(100 * number) / count}%`;
+    this.labels = track.body.labels.map((l) => [l, make("div", stage, { className: "label", textContent: l.text })]);
+  }
+
+  hold(node, object, parent) {
+    const holder = new THREE.Group();
+    holder.add(object);
+    (parent || this.scene).add(holder);
+    this.moving.push([node, holder]);
+  }
+
+  fill() {
+    const { body } = this.track;
+    for (const part of body.solids) this.hold(part.node, solid(part));
+    for (const axis of body.axes) {
+      const object = new THREE.Group(), direction = new THREE.Vector3().fromArray(axis.direction);
+      object.add(pointed(arrow(axis.length, 0.45 * symbol, told.colours.axis), direction));
+      object.position.fromArray(axis.at);
+      this.hold(axis.node, object, this.groups.axes);
+    }
+    for (const node of body.frames) this.hold(node, triad(9 * symbol), this.groups.frames);
+    const end = triad(9 * symbol);
+    end.position.fromArray(body.tip[1]);
+    this.hold(body.tip[0], end, this.groups.frames);
+    this.struts = body.struts.map((ends) => {
+      const mesh = new THREE.Mesh(new THREE.CylinderGeometry(0.5 * symbol, 0.5 * symbol, 1, 10), matte(told.colours.rod));
+      this.scene.add(mesh);
+      return [ends, mesh];
+    });
+    this.loads = body.loads.map((node, i) => ["force", "moment"].map((kind) => {
+      const made = arrow(1, 0.03, told.colours[kind]);
+      this.groups.loads.add(made);
+      return [node, i, kind, made];
+    })).flat();
+    this.makeTrace();
+  }
+
+  makeTrace() {
+    const { t, body } = this.track, points = [], p = new THREE.Vector3();
+    const each = Math.max(1, Math.min(6, Math.floor(1500 / t.length))); // thick lines are slow without a graphics card
+    this.traceTimes = [];
+    for (let i = 0; i < t.length; i++)
+      for (let k = 0; k < (i + 1 < t.length ? each : 1); k++) {
+        const at = k ? t[i] + ((t[i + 1] - t[i]) * k) / each : t[i];
+        this.track.seek(at);
+        this.track.point(body.tip[0], body.tip[1], p);
+        points.push(p.x, p.y, p.z);
+        this.traceTimes.push(at);
+      }
+    if (this.traceTimes.length < 2) return;
+    const geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
+    const pale = new THREE.LineBasicMaterial({ color: new THREE.Color(told.colours.trace).lerp(new THREE.Color("#FFFFFF"), 0.55) });
+    const material = new THREE.LineMaterial({ color: told.colours.trace, linewidth: 2.4 });
+    this.done = new THREE.Line2(new THREE.LineGeometry().setPositions(points), material);
+    this.done.frustumCulled = false;
+    this.groups.trace.add(new THREE.Line(geometry, pale), this.done);
+  }
+
+  update(time) {
+    const track = this.track, p = new THREE.Vector3(), q = new THREE.Vector3(), y = new THREE.Vector3(0, 1, 0);
+    track.seek(time);
+    for (const [node, object] of this.moving) {
+      track.vector("position", node, object.position);
+      track.turn(node, object.quaternion);
+    }
+    for (const beam of this.beams) beam.update(track);
+    for (const [[a, b], mesh] of this.struts) {
+      track.point(a[0], a[1], p);
+      track.point(b[0], b[1], q);
+      const length = p.distanceTo(q);
+      mesh.visible = length > 1e-9;
+      mesh.position.addVectors(p, q).multiplyScalar(0.5);
+      if (mesh.visible) mesh.quaternion.setFromUnitVectors(y, q.sub(p).normalize());
+      mesh.scale.y = Math.max(length, 1e-9);
+    }
+    for (const [node, i, kind, object] of this.loads) {
+      track.vector(kind, i, q);
+      const share = told.largest[kind] ? q.length() / told.largest[kind] : 0;
+      object.visible = share > 1e-3;
+      if (!object.visible) continue;
+      track.vector("position", node, object.position);
+      pointed(object, q);
+      object.scale.setScalar(0.5 * view.radius * share);
+      if (kind === "force") object.position.addScaledVector(q.normalize(), -object.scale.y); // its head pushes
+    }
+    if (this.done) {
+      let n = 0;
+      while (n < this.traceTimes.length && this.traceTimes[n] <= time) n++;
+      this.done.geometry.instanceCount = Math.max(n - 1, 0);
+    }
+    for (const [name, group] of Object.entries(this.groups)) group.visible = shown[name];
+  }
+
+  place(x, width, height) {
+    const p = new THREE.Vector3();
+    const seen = [];
+    for (const [label, box] of this.labels) {
+      this.track.point(label.node, label.at, p).project(camera);
+      const left = x + ((p.x + 1) / 2) * width + 12, top = ((1 - p.y) / 2) * height - 30;
+      const free = !seen.some(([a, b]) => Math.abs(a - left) < 60 && Math.abs(b - top) < 15);
+      box.style.display = shown.labels && free && p.z < 1 ? "" : "none";
+      if (free) seen.push([left, top]);
+      box.style.transform = `translate(${left}px, ${top}px)`;
+    }
+  }
+}
+
+// -- the page --------------------------------------------------------------------------------------------------------
+
+const stage = make("div", null, { id: "stage" });
+const shown = { strain: true, trace: true, axes: true, labels: true, loads: true, frames: false, floor: true };
+const panes = [];
+let camera, controls, renderer, playing = false, clock = 0, dirty = true, moved = false;
+const first = Math.min(...told.tracks.map((d) => d.t[0])), last = Math.max(...told.tracks.map((d) => d.t[d.t.length - 1]));
+const digits = Math.max(0, Math.min(6, 3 - Math.floor(Math.log10(Math.max(last - first, 1e-6)))));
+
+function start() {
+  renderer = new THREE.WebGLRenderer({ antialias: true });
+  renderer.setClearColor(0xffffff);
+  renderer.setScissorTest(true);
+  stage.appendChild(renderer.domElement);
+  camera = new THREE.PerspectiveCamera(view.field, 1, 0.01 * view.radius, 100 * view.radius);
+  camera.up.copy(up);
+  controls = new THREE.OrbitControls(camera, renderer.domElement);
+  controls.target.fromArray(view.centre);
+  told.tracks.forEach((data, i) => panes.push(new Pane(new Track(data), i, told.tracks.length)));
+  makeLegend();
+  makeControls();
+  controls.addEventListener("change", () => { dirty = true; });
+  controls.addEventListener("start", () => { moved = true; });
+  window.addEventListener("resize", resize);
+  resize();
+  if (last > first) setPlaying(true);
+  requestAnimationFrame(draw);
+}
+
+function resize() {
+  renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+  renderer.setSize(stage.clientWidth, stage.clientHeight);
+  camera.aspect = stage.clientWidth / panes.length / stage.clientHeight;
+  camera.updateProjectionMatrix();
+  dirty = true;
+  if (!moved) look();
+}
+
+// The camera where it was at first.
+function look() {
+  const [wide, high, deep] = view.half, most = 1.1 * Math.max(high, wide / camera.aspect);
+  const distance = most / Math.tan((view.field * Math.PI) / 360) + deep;
+  const eye = new THREE.Vector3().fromArray(view.axes[2]).multiplyScalar(distance);
+  camera.position.copy(controls.target.fromArray(view.centre)).add(eye);
+  controls.update();
+  dirty = true;
+}
+
+function makeLegend() {
+  const legend = make("div", null, { id: "legend" }), bodies = panes.map((p) => p.track.body);
+  const names = {
+    strain: [`strain`, null, told.strain.most > 0],
+    trace: ["path of the tip", told.colours.trace, last > first],
+    axes: ["joints' axes", told.colours.axis, bodies.some((b) => b.axes.length)],
+    labels: ["joints' names", null, bodies.some((b) => b.labels.length)],
+    loads: ["forces, moments", told.colours.force, bodies.some((b) => b.loads.length)],
+    frames: ["frames of links", null, true],
+    floor: [`floor, lines each ${Number(view.grid.toPrecision(3))} m`, null, true],
+  };
+  for (const [name, [text, colour, there]] of Object.entries(names)) {
+    if (!there) continue;
+    const label = make("label", legend), box = make("input", label, { type: "checkbox", checked: shown[name] });
+    box.addEventListener("change", () => { shown[name] = box.checked; dirty = true; });
+    if (colour) make("span", label, { className: "swatch" }).style.background = colour;
+    label.append(" " + text);
+  }
+  if (told.strain.most) {
+    const { most, factor, unit, colours } = told.strain, shownMost = Number((most * factor).toPrecision(3));
+    const box = make("div", legend, { id: "strain", textContent: `Strain at the surface, along x (${unit})` });
+    const stops = colours.map((c) => `rgb(${c.map((v) => Math.round(255 * v)).join(",")})`);
+    make("div", box, { id: "bar" }).style.background = `linear-gradient(to right, ${stops.join(", ")})`;
+    const ticks = make("div", box, { id: "ticks" });
+    for (const text of [`−${shownMost}`, "0", `${shownMost}`]) make("span", ticks, { textContent: text });
+  }
+  make("div", stage, { id: "foot", textContent: told.notes.join(" · ") });
+}
+
+function setPlaying(on) {
+  playing = on;
+  if (on && clock >= last) clock = first;
+  document.getElementById("play").textContent = on ? "Pause" : "Play";
+}
+
+function makeControls() {
+  const bar = make("div", null, { id: "controls" });
+  const play = make("button", bar, { id: "play", textContent: "Play", title: "space" });
+  const slider = make("input", bar, { id: "slider", type: "range", min: 0, max: 10000, value: 0 });
+  make("span", bar, { id: "clock" });
+  const speed = make("select", bar, { id: "speed", title: "speed" });
+  const again = make("button", bar, { textContent: "Camera", title: "the camera back to where it was" });
+  const choices = new Set([0.001, 0.01, 0.05, 0.1, 0.25, 0.5, 1, 2, 5, told.speed]);
+  for (const s of [...choices].sort((a, b) => a - b))
+    make("option", speed, { value: s, textContent: `${Number(s.toPrecision(3))} × real time`, selected: s === told.speed });
+  play.addEventListener("click", () => setPlaying(!playing));
+  slider.addEventListener("input", () => { setPlaying(false); clock = first + ((last - first) * slider.value) / 10000; dirty = true; });
+  speed.addEventListener("change", () => { told.speed = Number(speed.value); });
+  again.addEventListener("click", look);
+  window.addEventListener("keydown", (event) => {
+    if (event.key === " ") { setPlaying(!playing); event.preventDefault(); }
+  });
+  if (!(last > first)) for (const e of [play, slider, speed, document.getElementById("clock")]) e.style.visibility = "hidden";
+  clock = first;
+}
+
+let before = 0;
+function draw(now) {
+  requestAnimationFrame(draw);
+  const passed = Math.min((now - before) / 1000, 0.1);
+  before = now;
+  if (playing) {
+    clock += passed * told.speed;
+    if (clock > last) clock = told.cycle ? first + ((clock - first) % (last - first)) : last;
+    if (clock >= last && !told.cycle) setPlaying(false);
+    dirty = true;
+  }
+  if (!dirty) return;
+  dirty = false;
+  drawNow();
+}
+
+function drawNow() {
+  const width = stage.clientWidth / panes.length, height = stage.clientHeight;
+  panes.forEach((pane, i) => {
+    pane.update(clock);
+    pane.sun.position.copy(camera.position);
+    renderer.setViewport(i * width, 0, width, height);
+    renderer.setScissor(i * width, 0, width, height);
+    pane.scene.traverse((o) => { if (o.isLine2) o.material.resolution.set(width, height); });
+    renderer.render(pane.scene, camera);
+    pane.place(i * width, width, height);
+  });
+  document.getElementById("clock").textContent = `${clock.toFixed(digits)} of ${last.toFixed(digits)} s`;
+  document.getElementById("slider").value = last > first ? (10000 * (clock - first)) / (last - first) : 0;
+}
+
+try {
+  start();
+} catch (problem) {
+  make("div", null, { id: "problem", textContent: `This browser cannot draw in 3-D (${problem.message}). flexarm also writes .png, .gif and .mp4.` });
+  throw problem;
+}

@@ -1,0 +1,304 @@
+"""Views of arms: what is drawn stands where `arm.frame` says, pages are whole and small, pictures are not blank."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import sys
+import webbrowser
+from pathlib import Path
+
+import flexarm as fa
+import numpy as np
+import pytest
+from flexarm.view import body, stage, track
+from flexarm.view.view import View
+from scipy.spatial.transform import Rotation
+
+from tests.arms import STEEL, paper_link, random_arm
+
+SIZE = (4.0, 3.0)
+
+
+def chain(links: int) -> fa.Arm:
+    beam = fa.Beam(0.3, fa.Tube(0.01, 0.001), STEEL, {"bending_y": 2, "bending_z": 2})
+    return fa.Arm([fa.Link(fa.Revolute("yz"[k % 2]), beam=beam) for k in range(links)])
+
+
+def swing(arm: fa.Arm, t: np.ndarray, size: float = 0.3) -> fa.Result:
+    """A motion that is given, not simulated: each coordinate a sine of its own."""
+    rate = np.linspace(1.0, 12.0, arm.nv)
+    q = size * np.sin(t[:, None] * rate) * np.where([" bending" in name for name in arm.coordinates], 0.05, 1.0)
+    zero = np.zeros((len(t), arm.nv))
+    return fa.Result(arm, t, q, zero, zero, zero)
+
+
+def unpacked(page: str) -> dict:
+    text = re.search(r'<script id="data" type="application/json">(.*?)</script>', page, re.DOTALL)
+    assert text
+    return json.loads(text[1])
+
+
+# -- geometry ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nodes_stand_where_the_arm_says(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    arm = random_arm(rng, 3)
+    q = arm.zero + 0.05 * rng.normal(size=(5, arm.nq))
+    made = track.make_track(arm, np.arange(5.0), q)
+    found = made.body
+    for i, (k, x) in enumerate(found.places):
+        if x is not None:
+            p, R = arm.frame(q, k, x)
+            assert np.allclose(made.position[:, i], p, atol=1e-12)
+            assert np.allclose(Rotation.from_quat(made.quaternion[:, i]).as_matrix(), R, atol=1e-12)
+    node, at = found.tip
+    end = made.position[:, node] + Rotation.from_quat(made.quaternion[:, node]).apply(at)
+    assert np.allclose(end, arm.frame(q)[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pieces_of_links_meet(seed: int) -> None:
+    """A joint's place on the link below, seen from above, where nothing is moved: link frames follow from it."""
+    rng = np.random.default_rng(seed)
+    place = fa.Placement(rng.normal(size=3), rng.normal(size=3))
+    other = fa.Placement(rng.normal(size=3), rng.normal(size=3))
+    hub = fa.RigidBody(1.0, end=(0.1, 0.2, 0.0))
+    links = [fa.Link(fa.Revolute("z", inboard=place, outboard=other), hub), fa.Link(fa.Prismatic("y"), hub)]
+    arm = fa.Arm(links)
+    q = np.array([[0.7, 0.3]])
+    made = track.make_track(arm, np.zeros(1), q)
+    (low, start), (high, end) = made.body.struts[0]
+    R = Rotation.from_quat(made.quaternion[0])
+    a = made.position[0, low] + R[low].apply(start)
+    b = made.position[0, high] + R[high].apply(end)
+    assert np.allclose(b - a, 0.3 * arm.frame(q[0], 0)[1][:, 1])
+    first = made.body.axes[0]
+    assert np.allclose(first["direction"], Rotation.from_rotvec(place.rotation).apply((0, 0, 1)))
+
+
+def test_bending_is_magnified_and_strain_is_not() -> None:
+    arm = paper_link(1, 2)
+    q = np.array([0.4, 0.01, -0.002])
+    view = arm.show(q, magnify=3.0, open=False)
+    made = view.tracks[0]
+    assert np.allclose(made.position[0, made.body.tip[0]], arm.frame((0.4, 0.03, -0.006))[0])
+    clamp = made.body.beams[0]["first"]
+    assert np.allclose(made.strain[0, clamp], arm.strain(q)[[5, 1, 2]])
+    assert "bending magnified 3 times" in view.notes
+
+
+def test_surface_strain_is_that_of_fibres() -> None:
+    """Against the length of a fibre between two near sections, from frames alone."""
+    arm = fa.Arm([fa.Link(fa.Fixed(), beam=fa.Beam(1.0, fa.Rectangle(0.02, 0.03), STEEL,
+                 {"bending_y": 2, "bending_z": 2, "extension": 1}, order="exact"))])  # fmt: skip
+    q = np.array([0.08, 0.01, -0.05, 0.02, 0.001])
+    outline = body.outline(arm.links[0].beam.section)
+    x, h = 0.3, 1e-5
+    ends = []
+    for place in (x - h, x + h):
+        p, R = arm.frame(q, 0, place)
+        ends.append(p + np.column_stack([np.zeros(4), outline]) @ R.T)
+    fibre = np.linalg.norm(ends[1] - ends[0], axis=1) / (2 * h) - 1
+    strain = stage.surface_strain(arm.strain(q, 0, x)[[5, 1, 2]], outline)
+    assert np.ptp(fibre) > 1e-3
+    assert np.allclose(strain, fibre, rtol=1e-5, atol=1e-9)
+
+
+def test_outlines_have_the_sections_integrals() -> None:
+    general = fa.GeneralSection(6e-4, 2e-8, 4.5e-8, 1e-9)
+    matrix = fa.SectionMatrix.of(fa.Rectangle(0.02, 0.03), STEEL)
+    sections = [fa.Rectangle(0.02, 0.03), fa.IBeam(0.1, 0.06, 0.008, 0.005), fa.Circle(0.01), fa.Ellipse(0.02, 0.04)]
+    for section in sections:
+        y, z = body.outline(section).T
+        after_y, after_z = np.roll(y, -1), np.roll(z, -1)
+        cross = y * after_z - after_y * z
+        area = cross.sum() / 2
+        second = (cross * (y**2 + y * after_y + after_y**2)).sum() / 12
+        exact = isinstance(section, (fa.Rectangle, fa.IBeam))
+        assert abs(area) == pytest.approx(section.area, rel=1e-9 if exact else 0.01)
+        assert abs(second) == pytest.approx(section.second_moment_z, rel=1e-9 if exact else 0.02)
+    for section, y, z in ((general, 0.03, 0.02), (matrix, 0.02, 0.03)):
+        assert np.allclose(np.ptp(body.outline(section), axis=0), (y, z))
+
+
+def test_a_rigid_body_is_the_box_of_its_inertia() -> None:
+    m, a, b, c = 2.0, 0.1, 0.2, 0.05
+    hub = fa.RigidBody(m, (0.1, 0, 0), m / 12 * np.array([b**2 + c**2, a**2 + c**2, a**2 + b**2]))
+    made = body.make_body(fa.Arm([fa.Link(fa.Revolute("z"), hub, tip=fa.RigidBody(1.0))]), [0])
+    box = next(s for s in made.solids if s["part"] == "hub")
+    assert np.allclose(np.abs(box["axes"]) @ box["size"], (a, b, c))
+    ball = next(s for s in made.solids if s["part"] == "tip")
+    assert ball["kind"] == "ball" and 4 / 3 * np.pi * ball["size"][0] ** 3 * 7800 == pytest.approx(1.0)
+
+
+def test_loads_are_drawn_where_and_as_they_act() -> None:
+    arm = paper_link()
+    loads = [fa.Load(force=(1, 2, 0), axes="section"), fa.Load(0, along=(0.1, 0.3), force=(0, 0, 5)),
+             fa.Load(0, 0.2, moment=lambda t: (0, 0, t))]  # fmt: skip
+    q = np.array([0.5, 0.01, 0.0, 0.0])
+    made = arm.show(q, loads=loads, t=2.0, open=False).tracks[0]
+    assert np.allclose(made.force[0, 0], arm.frame(q)[1] @ (1, 2, 0))
+    assert np.allclose(made.force[0, 1], (0, 0, 1.0))  # 5 N/m on 0.2 m
+    assert np.allclose(made.position[0, made.body.loads[1]], arm.frame(q, 0, 0.2)[0])
+    assert np.allclose(made.moment[0, 2], (0, 0, 2.0))
+
+
+# -- frames ------------------------------------------------------------------------------------------------------------
+
+
+def test_frames_are_thinned_out_to_what_a_curve_needs() -> None:
+    arm = chain(2)
+    fine = swing(arm, np.linspace(0.0, 4.0, 8001))
+    made = fine.animate().tracks[0]
+    assert 50 < len(made.t) < 2000 and made.t[-1] == 4.0
+    for t in np.linspace(0.05, 3.95, 37):
+        q = fine.q[round(t * 2000)]
+        p, R, strain, *_ = made.at(float(round(t * 2000) / 2000))
+        assert np.allclose(p[made.body.tip[0]], arm.frame(q)[0], atol=1e-3 * 0.6)
+        node = made.body.beams[1]["first"]
+        assert np.allclose(R[node], arm.frame(q, 1, 0.0)[1], atol=5e-3)
+        assert np.allclose(strain[node], arm.strain(q, 1, 0.0)[[5, 1, 2]], atol=2e-2 * np.abs(made.strain).max())
+
+
+def test_a_page_gives_the_frames_back() -> None:
+    pytest.importorskip("jupyter_threejs_sage")
+    view = swing(chain(2), np.linspace(0.0, 1.0, 200)).animate()
+    told = unpacked(view.html())["tracks"][0]
+    numbers = np.frombuffer(base64.b64decode(told["frames"]), "<i2").reshape(len(told["t"]), -1)
+    columns, k = {}, 0
+    for name, c in told["columns"].items():
+        n = len(c["centre"])
+        part = numbers[:, k : k + n * c["count"]].reshape(len(numbers), c["count"], n)
+        columns[name], k = np.array(c["centre"]) + np.array(c["scale"]) * part, k + n * c["count"]
+    made = view.tracks[0]
+    for name in ("position", "quaternion", "strain"):
+        x = getattr(made, name)
+        assert np.allclose(columns[name], x, atol=2e-5 * np.ptp(x) + 1e-12), name
+    assert k == numbers.shape[1]
+
+
+def test_ten_links_for_ten_seconds_take_less_than_three_megabytes() -> None:
+    pytest.importorskip("jupyter_threejs_sage")
+    view = swing(chain(10), np.linspace(0.0, 10.0, 10001), 0.5).animate()
+    assert len(view.tracks[0].t) > 300
+    assert len(view.html().encode()) < 3e6
+
+
+def test_a_page_asks_for_nothing_from_elsewhere() -> None:
+    pytest.importorskip("jupyter_threejs_sage")
+    page = paper_link().show(open=False).html()
+    assert not re.search(r"<(?:script|link|img|iframe)[^>]*(?:src|href)\s*=", page)
+    assert not re.search(r"\b(?:fetch|XMLHttpRequest|import)\(\s*['\"]https?:", page)
+    assert "@@" not in page and page.count("</script>") == 3
+
+
+def test_two_runs_stand_side_by_side() -> None:
+    run = swing(chain(1), np.linspace(0.0, 1.0, 50))
+    view = run.animate(run, titles=["stiff", "soft"])
+    assert [t.title for t in view.tracks] == ["stiff", "soft"]
+    assert view.figure(0.5, SIZE).axes and view.times == (0.0, 1.0)
+
+
+# -- modes -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_mode_moves_as_its_shape() -> None:
+    arm = paper_link()
+    modes = arm.modes(lock=[0])
+    view = modes.animate(1, amplitude=1e-6)
+    made = view.tracks[0]
+    shapes = arm.mode_shapes(modes, 9)
+    size = np.linalg.norm(shapes.displacement[:, :, 1], axis=1).max()
+    tip = made.position[0, made.body.tip[0]] - arm.frame(modes.q)[0]
+    assert np.allclose(tip, 1e-6 * shapes.displacement[-1, :, 1] / size, rtol=1e-3, atol=1e-10)
+    assert view.times[1] == pytest.approx(2 * np.pi / modes.frequencies[1])
+    assert f"{modes.frequencies[1] / 2 / np.pi:.4g} Hz" in made.title
+    assert np.allclose(made.position[0], made.position[-1])
+
+
+def test_modes_of_balls_and_of_nothing_elastic() -> None:
+    body_ = fa.RigidBody(1.0, (0.1, 0, 0), (0.01, 0.01, 0.01), (0.2, 0, 0))
+    arm = fa.Arm([fa.Link(fa.Spherical(stiffness=2.0), body_), fa.Link(fa.Free(), body_)], (0, 0, -9.81))
+    modes = arm.modes(lock=[1])
+    for k in range(len(modes.frequencies)):
+        made = modes.animate(k).tracks[0]
+        assert np.isfinite(made.position).all() and np.ptp(made.position[:, :, :], axis=0).max() < 1.0
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+
+
+def test_pictures_and_films_are_written(tmp_path: Path) -> None:
+    from PIL import Image
+
+    view = swing(chain(2), np.linspace(0.0, 0.2, 20)).animate()
+    view.save(tmp_path / "arm.png", t=0.1, size=SIZE)
+    picture = np.asarray(Image.open(tmp_path / "arm.png").convert("RGB"))
+    assert picture.shape == (600, 800, 3) and 0.01 < (picture < 200).any(axis=-1).mean() < 0.5
+    view.save(tmp_path / "arm.gif", fps=20, size=SIZE)
+    with Image.open(tmp_path / "arm.gif") as film:
+        assert film.n_frames == 5
+        first = np.asarray(film.convert("RGB"), int)
+        film.seek(3)
+        assert np.abs(np.asarray(film.convert("RGB"), int) - first).max() > 100
+    assert view.image(0.0, SIZE).shape == (300, 400, 3)
+
+
+def test_a_film_by_ffmpeg(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import shutil
+
+    view = swing(chain(1), np.linspace(0.0, 0.2, 20)).animate()
+    if shutil.which("ffmpeg"):
+        view.save(tmp_path / "arm.mp4", size=SIZE)
+        assert (tmp_path / "arm.mp4").read_bytes()[4:8] == b"ftyp"
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(ValueError, match=r"arm\.mp4.*ffmpeg"):
+        view.save(tmp_path / "arm.mp4")
+
+
+def test_show_opens_a_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("jupyter_threejs_sage")
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or False)
+    view = paper_link().show()
+    assert isinstance(view, View) and ".save(" in repr(view)
+    assert len(opened) == 1 and Path(opened[0].removeprefix("file://")).exists()
+    assert "no browser was found" in capsys.readouterr().err
+    assert view._repr_html_().startswith("<iframe srcdoc=")
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda a: a.show([1.0, 2.0], open=False), r"q has shape \(2,\): must be 4 numbers"),
+        (lambda a: a.show([np.nan] * 4, open=False), "q = .*must be finite"),
+        (lambda a: a.show(magnify=0, open=False), "magnify = 0: must be a finite number above 0"),
+        (lambda a: a.show(magnify=np.inf, open=False), "magnify = inf"),
+        (lambda a: a.show(loads=[3], open=False), r"loads\[0\] = 3: must be a Load"),
+        (lambda a: a.show(t="x", open=False), "t = 'x'"),
+        (lambda a: a.show(open=False).save("arm.pdf"), r"must end in \.html"),
+        (lambda a: a.show(open=False).save("/no/such/folder/arm.png", size=SIZE), "no such file or folder"),
+        (lambda a: a.show(open=False).save("arm.png", t=3.0), "t = 3.0: must be from 0 to 0"),
+        (lambda a: a.show(open=False).save("arm.png", size=(0.1, 2)), "size = .* inches"),
+        (lambda a: a.modes().animate(99), "k = 99: must be from -4 to 3"),
+        (lambda a: a.modes().animate(0, -1.0), "amplitude = -1.0"),
+        (lambda a: swing(a, np.zeros(0)).animate(), "no rows"),
+        (lambda a: swing(a, np.arange(3.0)).animate(3), r"others\[0\] = 3: must be a Result"),
+        (lambda a: swing(a, np.arange(3.0)).animate(speed=0), "speed = 0"),
+        (lambda a: swing(a, np.arange(3.0)).animate(titles=["a", "b"]), "a list of 1 strings"),
+        (lambda a: swing(a, np.arange(3.0)).animate().save("a.gif", fps=0), "fps = 0: must be from 1 to 100"),
+    ],
+)
+def test_bad_arguments_are_named(call, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        call(paper_link())
+
+
+def test_without_the_extra_pages_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "jupyter_threejs_sage", None)
+    with pytest.raises(ImportError, match=r"flexarm\[view\]"):
+        paper_link().show()
