@@ -12,7 +12,7 @@ from .._check import Array
 from .hybrid import Channel, Complex, Hybrid, logarithm
 
 _GRID = 1500  # frequencies, beside those at poles
-_BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 25)])  # of a pole's distance from the axis
+_BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 40)])  # of a pole's distance from the axis
 _ALMOST = 1e-7  # of a pole's size, by which it may seem to grow for rounding alone
 
 

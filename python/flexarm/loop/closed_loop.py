@@ -64,13 +64,13 @@ class ClosedLoop:
         channels: the outputs of the controllers, where loops are broken: `.control`, `.output`, `.rate`, `.limit`.
     """
 
-    def __init__(self, setup: Setup, hybrid: Hybrid, given: dict[str, Any], system: tuple[Any, ...]) -> None:
-        self._setup, self._hybrid, self._given = setup, hybrid, given
-        self.arm, self.control, self.q, self.v = setup.arm, setup.control, hybrid.plant.q, hybrid.plant.v
-        self.A, self.B, self.C, self.D, self.inputs, self.outputs = system
-        self.poles, self.z = hybrid.poles()
-        self.period: float | None = hybrid.period
-        self.channels: list[Channel] = hybrid.channels
+    def __init__(self, _setup: Setup, _hybrid: Hybrid, _given: dict[str, Any], _system: tuple[Any, ...]) -> None:
+        self._setup, self._hybrid, self._given = _setup, _hybrid, _given
+        self.arm, self.control, self.q, self.v = _setup.arm, _setup.control, _hybrid.plant.q, _hybrid.plant.v
+        self.A, self.B, self.C, self.D, self.inputs, self.outputs = _system
+        self.poles, self.z = _hybrid.poles()
+        self.period: float | None = _hybrid.period
+        self.channels: list[Channel] = _hybrid.channels
 
     def __str__(self) -> str:
         return table(self)
