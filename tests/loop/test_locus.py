@@ -230,3 +230,19 @@ def test_the_figures(tmp_path) -> None:
     fig = loop.locus(np.geomspace(0.1, 100, 30)).plot()
     assert any("crosses at 4" in t.get_text() for t in fig.axes[0].get_legend().get_texts())
     fig.savefig(tmp_path / "locus.png")
+
+
+def test_a_rate_beside_another_cannot_be_varied_alone() -> None:
+    loop = fa.closed_loop(rigid(), [damper(0.5), damper(0.1, rate=50.0)])
+    assert loop.period == pytest.approx(0.02) and loop.stable
+    with pytest.raises(ValueError, match=r"control\[0\].rate = .*no common period"):
+        loop.limits("control.0.rate")
+    # both of one gain: z = 1 - k1 twice, less what the slower one holds
+    factor = loop.limits().high
+    held = fa.closed_loop(rigid(), [damper(0.5 * factor), damper(0.1 * factor, rate=50.0)])
+    assert np.abs(held.z).max() == pytest.approx(1.0, abs=1e-8)
+    for k, m in enumerate(loop.margins):  # of two rates: found by poles
+        shares = [1.0, 1.0]
+        shares[k] = m.gain[1]
+        edge = fa.closed_loop(rigid(), [damper(0.5 * shares[0]), damper(0.1 * shares[1], rate=50.0)])
+        assert np.abs(edge.z).max() == pytest.approx(1.0, abs=1e-8) and np.isnan(m.phase)

@@ -17,7 +17,7 @@ from ..acting.shaping import Shaper, input_shaper
 from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, trim
 from ..analysis.hybrid import Channel, Complex, Hybrid
 from ..analysis.laws import Tap, held_law, running_laws
-from ..analysis.linear import _Point, _read_inputs, _read_outputs
+from ..analysis.linear import forces_of, rows_of
 from ..analysis.margins import Margins, Response, margins_of, stable
 from ..analysis.modes import Modes
 from ..analysis.plant import Plant
@@ -38,9 +38,10 @@ class Robustness(NamedTuple):
     """The least singular value of I + L, all loops broken at once.
 
     Attributes:
-        value: the distance of the loop gain from the critical point: 1 without a loop, 0 where it is unstable. Every
-            output may then at once be multiplied by factors from 1 / (1 + value) to 1 / (1 - value), or lose
-            2 asin(value / 2) of phase (rad).
+        value: the distance of the loop gain from the critical point: 1 without a loop, 0 where it is unstable. All
+            outputs may at once be multiplied, each by a factor of its own from 1 / (1 + value) to 1 / (1 - value), or
+            lose 2 asin(value / 2) of phase (rad) (Lehtomaki, Sandell & Athans, IEEE Trans. Automatic Control 26, 1981).
+            It depends on the outputs' units.
         frequency: where it is least (rad/s).
     """
 
@@ -317,21 +318,11 @@ class ClosedLoop:
 def _system(hybrid: Hybrid, inputs: Any, outputs: Any, locked: NDArray[np.bool_]) -> tuple[Any, ...]:
     """A, B, C, D and the labels of inputs and outputs."""
     plant, arm = hybrid.plant, hybrid.plant.arm
-    columns = _read_inputs(arm, plant.q, inputs, locked)
-    for column in columns:
-        if column.rate >= 0:
-            raise ValueError(f"inputs: '{column.label}' is prescribed; lock that joint, and give it no controller")
-    if outputs is None:
-        outputs = [("joint", k) for k, link in enumerate(arm.links) if link.joint.nv]
-    nv, zero = arm.nv, np.zeros(arm.nv)
-    split = np.hstack([np.zeros((nv, 2 * nv)), np.eye(nv)])  # so that rows are by theta, v and a
-    point = _Point(arm, plant.q, plant.v, zero, plant.E, split, np.eye(nv), np.zeros((nv, nv)))
+    nv, (drives, forces) = arm.nv, forces_of(arm, plant.q, inputs, locked)
+    reads, rows = rows_of(arm, plant.q, plant.v, plant.E, outputs)
     back = np.linalg.pinv(plant.E)
-    read = _read_outputs(point, outputs)
-    taps = [Tap(r[:nv] @ back, r[nv : 2 * nv], r[2 * nv :]) for o in read for r in o.rows]
-    forces = np.array([c.force for c in columns]).reshape(-1, nv).T
-    labels = tuple(c.label for c in columns), tuple(label for o in read for label in o.labels)
-    return (*hybrid.model(forces, taps), *labels)
+    taps = [Tap(r[:nv] @ back, r[nv : 2 * nv], r[2 * nv :]) for r in rows]
+    return (*hybrid.model(forces, taps), drives, reads)
 
 
 def _hybrid(plant: Plant, controls: Sequence[Controller], t: float, loads: Any) -> Hybrid:

@@ -32,7 +32,8 @@ def table(loop: Any) -> str:
         row += f"{_number(float(loop.damping[k])):>16}"
         if z is not None:
             side = f" +- {abs(z[k].imag):.4g}i" if s.imag > 0 and abs(z[k].imag) > 1e-12 else ""
-            row += f"{f'{z[k].real:.4g}{side}':>24}"
+            text = f"{z[k].real:.4g}{side}" if abs(z[k]) > 1e-3 else "0, but for rounding"
+            row += f"{text:>24}"
         out.append(row)
     if len(shown) > _ROWS:
         out.append(f"{'...':>14} and {len(shown) - _ROWS} more, which fall faster")
