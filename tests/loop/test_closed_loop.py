@@ -142,19 +142,20 @@ def test_margins_are_those_of_python_control(rate: float | None, delay: float) -
     if rate is None:
         of = open_
     else:  # of a sampled system python-control takes samples of its response
-        fine = np.unique(np.concatenate([np.linspace(0.5, np.pi * rate * 0.9999, 20_000), np.linspace(125, 132, 4000)]))
+        fine = np.unique(np.concatenate([np.linspace(0.5, np.pi * rate * 0.9999, 4000), np.linspace(125, 132, 2000)]))
         of = ct.frd(open_(np.exp(1j * fine / rate)), fine, smooth=True)
     gm, pm, _, _, wgc, _ = ct.stability_margins(of, returnall=True)
     found = loop.margins[0]
     above, below = gm[gm > 1], gm[(gm < 1) & (gm > 1e-6)]
-    assert found.gain[1] == pytest.approx(above.min() if above.size else np.inf, rel=1e-4)
+    near = 1e-4 if rate is None else 5e-4
+    assert found.gain[1] == pytest.approx(above.min() if above.size else np.inf, rel=near)
     assert found.gain[0] == pytest.approx(below.max() if below.size else 0.0, rel=1e-4, abs=1e-9)
     assert found.phase == pytest.approx(np.radians(np.abs(pm).min()), rel=1e-4)
     w = loop.margins[0].phase_frequency
     expected = complex(open_(1j * w if rate is None else np.exp(1j * w / rate)))
     assert loop.loop_gain(w)[0, 0, 0] == pytest.approx(expected)
     assert np.abs(loop.loop_gain(w)) == pytest.approx(1.0)
-    grid = np.geomspace(1.0, np.pi * rate if rate else 1e4, 200_000)
+    grid = np.unique(np.concatenate([np.geomspace(1.0, 1e3, 4000), np.linspace(125, 132, 4000)]))
     response = open_(1j * grid) if rate is None else open_(np.exp(1j * grid / rate))
     assert loop.robustness.value == pytest.approx(np.abs(1 + response).min(), rel=1e-3)
     if rate is None:

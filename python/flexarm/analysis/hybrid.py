@@ -16,7 +16,8 @@ from .._check import Array
 from .laws import HeldLaw, RunningLaw, Tap
 from .plant import Plant
 
-_MOST = 1000  # samples in a common period, or under way
+_MOST = 1000  # samples in a common period
+_LATE = 300  # that are under way at once, behind delays
 _SAME = 1e-9  # parts of a period by which times are the same
 Complex = NDArray[np.complex128]
 
@@ -47,13 +48,12 @@ def common_period(rates: dict[str, float]) -> float:
     Raises:
         ValueError: there is none with up to 1000 samples.
     """
-    parts = {name: Fraction(rate).limit_denominator(100_000) for name, rate in rates.items()}
-    exact = all(abs(float(x) - rates[name]) <= 1e-9 * rates[name] for name, x in parts.items())
-    if exact:
-        values = list(parts.values())
-        common = Fraction(gcd(*(x.numerator for x in values)), lcm(*(x.denominator for x in values)))
-        if max(values) / common <= _MOST:
-            return float(1 / common)
+    fastest = max(rates.values())
+    parts = [Fraction(rate / fastest).limit_denominator(_MOST) for rate in rates.values()]
+    if all(abs(float(x) * fastest - rate) <= _SAME * rate for x, rate in zip(parts, rates.values(), strict=True)):
+        common = Fraction(gcd(*(x.numerator for x in parts)), lcm(*(x.denominator for x in parts)))
+        if 1 / common <= _MOST:
+            return float(1 / common) / fastest
     named = ", ".join(f"{name} = {rate:.10g}" for name, rate in rates.items())
     raise ValueError(
         f"{named} (Hz): have no common period of up to {_MOST} samples; give rates with whole ratios, such as 1000 "
@@ -229,8 +229,8 @@ class Hybrid:
                 events[(at, 2, (j, k, index))] = None
                 chains["wait", j, k] = nu * (index + 1)
             first += len(law.taps)
-        if sum(chains.values()) > _MOST:
-            raise ValueError(f"delay: {sum(chains.values())} samples are under way; at most {_MOST} can be")
+        if sum(chains.values()) > max(_LATE, 2 * len(events)):
+            raise ValueError(f"delay: {sum(chains.values())} samples are under way; at most {_LATE} can be")
         scale = 1.0 / (_SAME * P)
         return sorted(events, key=lambda e: (round(e[0] * scale), e[1], str(e[2]))), chains, reads
 

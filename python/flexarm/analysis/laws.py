@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-import flexarm._core as _core
-
 from .._check import Array
 from ..acting.control import Run, gain_of, measured_rows, padded
 from ..acting.sampled import Asked, LinearController, Sampled
@@ -82,8 +80,12 @@ def running_laws(
     for k, c in enumerate(controls):
         laws, held = c._laws(arm, Run(times, loads, first, total))
         sampled.append(held)
-        for column, by_q, by_v, reference, limit in laws:
-            acts = reference is not None and bool(np.any(column[: arm.nv]))
+        for column, by_q, by_v, _, limit in laws:
+            if not (np.any(by_q) or np.any(by_v)):
+                continue  # it looks at time alone
+            motor = getattr(c, "motor", None)
+            brakes = motor is not None and not np.any(by_q) and np.array_equal(by_v, motor.braking * column)
+            acts = bool(np.any(column[: arm.nv])) and not brakes
             found.append(RunningLaw(k, padded(column, nv), padded(by_q, nq), padded(by_v, nv), limit, acts))
         first += c.memory
     return found, sampled, total
@@ -192,15 +194,15 @@ def _asked(name: str, law: Any, y0: Array, t: float, rate: float, nu: int) -> tu
 
 def _of_state(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate: float, delay: float) -> HeldLaw:
     """A law (t, q, v, a) -> forces of another kind, by its differences about the state."""
-    if isinstance(law, _core.LinearLaw) or not callable(law):
-        raise NoLinearLaw(f"control[{k}]: {type(law).__name__} does not tell what it is about a state")
     state, zero = np.concatenate([q, v]), np.zeros(arm.nv)
 
-    def ask(x: Array) -> Array:
-        return np.asarray(law(t, x[: arm.nq], x[arm.nq :], zero), dtype=float)[: arm.nv]
+    def ask(now: float, y: Array) -> Array:
+        try:
+            return np.asarray(law(now, y[: arm.nq], y[arm.nq :], zero), dtype=float)[: arm.nv]
+        except TypeError:
+            raise NoLinearLaw(f"control[{k}]: {type(law).__name__} does not tell what it is about a state") from None
 
-    D = -np.array([(ask(state + _SMALL * e) - ask(state - _SMALL * e)) / (2.0 * _SMALL) for e in np.eye(state.size)]).T
-    acts = np.flatnonzero(np.abs(D).any(axis=1))
+    A, B, C, D = _asked(f"control[{k}]", ask, state, t, rate, arm.nv)
+    acts = np.flatnonzero(np.any(C, axis=1) | np.any(D, axis=1))
     taps = [Tap(row[: arm.nq], row[arm.nq :], zero) for row in np.eye(state.size)]
-    none = np.zeros((0, 0)), np.zeros((0, state.size)), np.zeros((acts.size, 0))
-    return HeldLaw(k, *none, D[acts], taps, np.eye(arm.nv)[:, acts], rate, delay, np.inf)
+    return HeldLaw(k, A, B, C[acts], D[acts], taps, np.eye(arm.nv)[:, acts], rate, delay, np.inf)

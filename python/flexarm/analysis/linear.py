@@ -310,6 +310,34 @@ def _about(
     return _Point(arm, q, v, a, E, X, M, K)
 
 
+def forces_of(
+    arm: Chain, q: Array, inputs: Sequence[Any] | None, locked: NDArray[np.bool_]
+) -> tuple[tuple[str, ...], Array]:
+    """Labels of inputs, and the generalised forces of a unit of each, (nv, nu). ValueError for an acceleration."""
+    columns = _read_inputs(arm, q, inputs, locked)
+    for column in columns:
+        if column.rate >= 0:
+            raise ValueError(f"inputs: '{column.label}' would be prescribed; lock that joint, and drive another")
+    return tuple(c.label for c in columns), np.array([c.force for c in columns]).reshape(-1, arm.nv).T
+
+
+def rows_of(
+    arm: Chain, q: Array, v: Array, E: Array, outputs: Sequence[Any] | None
+) -> tuple[tuple[str, ...], Array]:  # fmt: skip
+    """Labels of outputs, and their derivatives by small displacements of the rates, rates and accelerations, about a
+    state without acceleration, (ny, 3 nv)."""
+    nv = arm.nv
+    X = np.hstack([np.zeros((nv, 2 * nv)), np.eye(nv)])
+    point = _Point(arm, q, v, np.zeros(nv), E, X, np.eye(nv), np.zeros((nv, nv)))
+    read = _read_outputs(point, _joints(arm) if outputs is None else outputs)
+    return tuple(label for o in read for label in o.labels), np.vstack([np.zeros((0, 3 * nv)), *(o.rows for o in read)])
+
+
+def _joints(arm: Chain) -> list[Any]:
+    """The outputs that are meant where none is named."""
+    return [("joint", k) for k, link in enumerate(arm.links) if link.joint.nv]
+
+
 def linearize(
     arm: Chain,
     q: ArrayLike,
@@ -336,9 +364,7 @@ def linearize(
     a0 = arm._core.forward_dynamics(q0, v0, forces, "ab", still, *loads)
 
     point = _about(arm, q0, v0, a0, columns, ~given, loads)
-    if outputs is None:
-        outputs = [("joint", k) for k, link in enumerate(arm.links) if link.joint.nv]
-    read = _read_outputs(point, outputs)
+    read = _read_outputs(point, _joints(arm) if outputs is None else outputs)
     if not v0.any():
         left = np.where(given, 0.0, point.M @ a0)
         warn_unless_at_rest(arm, (point.M, point.K, point.E.T @ q0), left, forces)

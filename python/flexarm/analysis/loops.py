@@ -131,6 +131,20 @@ def _running(plant: Plant, running: Sequence[Any], memory: int, least: float, qu
     )  # fmt: skip
 
 
+def _oftener(plant: Plant, running: Sequence[Any], chosen: Sequence[HeldLaw], memory: int, quiet: float) -> str:
+    """How often laws without a memory must be sampled to be stable, in words; "" where up to 64 times is no help."""
+    if any(x.A.size for x in chosen):
+        return ""
+    for parts in (2, 4, 8, 16, 32, 64):
+        finer = [replace(x, rate=x.rate * parts) for x in chosen]
+        try:
+            if Hybrid(plant, running, finer, memory).growth() <= quiet:
+                return f"sampled every {1.0 / finer[0].rate:g} s"
+        except ValueError:  # too many samples are under way
+            return ""
+    return ""
+
+
 def _held(
     plant: Plant, running: Sequence[Any], held: Sequence[HeldLaw], memory: int, least: float, quiet: float
 ) -> LoopWarning | None:
@@ -146,13 +160,9 @@ def _held(
         assert z is not None
         factors = np.array([c.rate is not None for c in loop.channels])
         how = _remedy(lambda f, x=loop, y=factors: x.growth(np.where(y, f, 1.0)), quiet)  # type: ignore[misc]
-        if not any(x.A.size for x in chosen):
-            for parts in (2, 4, 8, 16, 32, 64):
-                finer = [replace(x, rate=x.rate * parts) for x in chosen]
-                if Hybrid(plant, running, finer, memory).growth() <= quiet:
-                    often = f"sampled every {1.0 / finer[0].rate:g} s"
-                    how = f"{often} it is stable, while {how}" if how.startswith("no") else f"{how}, or {often}"
-                    break
+        often = _oftener(plant, running, chosen, memory, quiet)
+        if often:
+            how = f"{often} it is stable, while {how}" if how.startswith("no") else f"{how}, or {often}"
         names = " and ".join(f"control[{x.control}]" for x in chosen)
         first = chosen[0]
         whole = first.delay + max((tap.delay for tap in first.taps), default=0.0)

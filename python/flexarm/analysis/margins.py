@@ -12,7 +12,7 @@ from .._check import Array
 from .hybrid import Channel, Complex, Hybrid, logarithm
 
 _GRID = 1500  # frequencies, beside those at poles
-_BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 25)])  # of a pole's distance from the axis
+_BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 40)])  # of a pole's distance from the axis
 _ALMOST = 1e-7  # of a pole's size, by which it may seem to grow for rounding alone
 
 
@@ -170,7 +170,11 @@ def _delay_by_poles(hybrid: Hybrid, channel: Channel, values: Array) -> float:
 
 def first_crossing(poles: Callable[[float], Complex], values: Array) -> tuple[float, float] | None:
     """The first of values, refined, at which poles(value) (1/s) become unstable, or stable; and the frequency (rad/s)
-    of the pole that crosses. None: they do not, as far as values are what poles takes."""
+    of the pole that crosses. None: they do not, as far as values are what poles takes.
+
+    Raises:
+        ValueError: poles takes not even the second.
+    """
     from scipy.optimize import brentq  # slow to import
 
     def worst(x: float) -> tuple[float, complex]:
@@ -181,10 +185,12 @@ def first_crossing(poles: Callable[[float], Complex], values: Array) -> tuple[fl
         return float(by[k]), complex(s[k])
 
     before = worst(values[0])[0]
-    for a, b in pairwise(values):
+    for k, (a, b) in enumerate(pairwise(values)):
         try:
             now = worst(b)[0]
         except ValueError:  # a value that the parameter cannot take
+            if k == 0:
+                raise
             return None
         if (now > 0.0) == (before > 0.0):
             before = now
@@ -194,7 +200,11 @@ def first_crossing(poles: Callable[[float], Complex], values: Array) -> tuple[fl
 
         def near(x: float, to: complex = pole) -> float:
             s = poles(x)
-            return float(s[np.abs(s - to).argmin()].real)
+            s = s[np.isfinite(s) & (np.abs(s.real) > 1e-10)]  # not one that stands still
+            if not s.size:
+                return 0.0
+            off = np.abs(s.real - to.real) + np.abs(np.abs(s.imag) - abs(to.imag))  # whichever of a conjugate pair
+            return float(s[off.argmin()].real)
 
         width = 1e-5 * abs(b - a) + 1e-4 * abs(at)
         ends = at - width, at + width

@@ -202,7 +202,7 @@ def modes(
     return small_motions(arm, q, speed, lock, loads).solve()
 
 
-def _shift(M: Array, K: Array, rate: float) -> float:
+def shift(M: Array, K: Array, rate: float) -> float:
     """The least of a row of numbers sigma that makes K + sigma M positive definite beyond rounding; 0 if K is.
     Without any stiffness: the square of `rate` (1/s).
 
@@ -233,7 +233,7 @@ def _conservative(M: Array, K: Array) -> tuple[NDArray[np.complex128], Array]:
     import scipy.linalg as la  # slow to import
 
     K = 0.5 * (K + K.T)
-    sigma = _shift(M, K, 1.0)
+    sigma = shift(M, K, 1.0)
     try:
         mu, vectors = la.eigh(M, K + sigma * M)
     except la.LinAlgError:
@@ -252,7 +252,7 @@ def _general(M: Array, G: Array, K: Array) -> tuple[NDArray[np.complex128], NDAr
     import scipy.linalg as la  # slow to import
 
     n = len(M)
-    sigma = np.sqrt(_shift(M, 0.5 * (K + K.T), float(np.abs(G).max())))
+    sigma = np.sqrt(shift(M, 0.5 * (K + K.T), float(np.abs(G).max())))
     at_shift = la.lu_factor(M * sigma**2 + G * sigma + K)
     companion = np.zeros((2 * n, 2 * n))
     companion[:n, :n] = -la.lu_solve(at_shift, 2 * sigma * M + G)

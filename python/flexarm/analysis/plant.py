@@ -10,7 +10,7 @@ import numpy as np
 from .._check import Array, finite
 from ..parts.chain import Chain
 from .linear import turning
-from .modes import _shift
+from .modes import shift
 
 _SLOWEST = 1.0  # 1/s: displacements of a mode are scaled by its frequency, or by this where that is lower
 
@@ -43,7 +43,7 @@ class Plant:
         K, C, M, W = (by_q @ self.E)[at], by_v[at], arm.mass_matrix(q)[at], turning(arm, v)[at]
         d = finite("the root of the masses", 1.0 / np.sqrt(np.diag(M)))
         M1, K1 = d[:, None] * M * d, d[:, None] * (0.5 * (K + K.T)) * d
-        sigma = _shift(M1, K1, 1.0)
+        sigma = shift(M1, K1, 1.0)
         mu, V = la.eigh(M1, K1 + sigma * M1)
         with np.errstate(divide="ignore"):
             square = np.abs(1.0 / mu - sigma)

@@ -109,8 +109,9 @@ def plot_locus(over: str, values: Any, poles: NDArray[np.complex128], crossings:
                 label=f"crosses at {value:.4g}" if k < 4 else None)  # fmt: skip
         growth.axvline(value, color=RED, lw=1.2, ls="--")
     ax.axvline(0, color=INK, lw=1.2)
-    ax.set_xlim(-left, 0.35 * left)
-    ax.set_ylim(-0.04 * up, up)
+    seen = poles.real[np.isfinite(poles.real) & (np.abs(poles.imag) <= up)]
+    ax.set_xlim(-left, max(0.2 * left, 1.15 * float(seen.max(initial=0.0))))
+    ax.set_ylim(-0.02 * up, up)
     label_axes(ax, "imaginary part (rad/s)", "real part (1/s)")
     ax.legend(frameon=False, fontsize=9, loc="upper left")
     fig.colorbar(points, ax=ax, label=name)

@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from .._check import Array, array, number, whole
 from ..acting.control import Controller
 from ..acting.load import Load, at_time
+from ..acting.sampled import PID, LinearController
 from ..acting.shaping import Shaper, input_shaper
-from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state
+from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, trim
 from ..analysis.hybrid import Channel, Complex, Hybrid
 from ..analysis.laws import Tap, held_law, running_laws
-from ..analysis.linear import _Point, _read_inputs, _read_outputs
+from ..analysis.linear import forces_of, rows_of
 from ..analysis.margins import Margins, Response, margins_of, stable
 from ..analysis.modes import Modes
 from ..analysis.plant import Plant
@@ -37,9 +38,10 @@ class Robustness(NamedTuple):
     """The least singular value of I + L, all loops broken at once.
 
     Attributes:
-        value: the distance of the loop gain from the critical point: 1 without a loop, 0 where it is unstable. Every
-            output may then at once be multiplied by factors from 1 / (1 + value) to 1 / (1 - value), or lose
-            2 asin(value / 2) of phase (rad).
+        value: the distance of the loop gain from the critical point: 1 without a loop, 0 where it is unstable. All
+            outputs may at once be multiplied, each by a factor of its own from 1 / (1 + value) to 1 / (1 - value), or
+            lose 2 asin(value / 2) of phase (rad) (Lehtomaki, Sandell & Athans, IEEE Trans. Automatic Control 26, 1981).
+            It depends on the outputs' units.
         frequency: where it is least (rad/s).
     """
 
@@ -63,13 +65,13 @@ class ClosedLoop:
         channels: the outputs of the controllers, where loops are broken: `.control`, `.output`, `.rate`, `.limit`.
     """
 
-    def __init__(self, setup: Setup, hybrid: Hybrid, given: dict[str, Any], system: tuple[Any, ...]) -> None:
-        self._setup, self._hybrid, self._given = setup, hybrid, given
-        self.arm, self.control, self.q, self.v = setup.arm, setup.control, hybrid.plant.q, hybrid.plant.v
-        self.A, self.B, self.C, self.D, self.inputs, self.outputs = system
-        self.poles, self.z = hybrid.poles()
-        self.period: float | None = hybrid.period
-        self.channels: list[Channel] = hybrid.channels
+    def __init__(self, _setup: Setup, _hybrid: Hybrid, _given: dict[str, Any], _system: tuple[Any, ...]) -> None:
+        self._setup, self._hybrid, self._given = _setup, _hybrid, _given
+        self.arm, self.control, self.q, self.v = _setup.arm, _setup.control, _hybrid.plant.q, _hybrid.plant.v
+        self.A, self.B, self.C, self.D, self.inputs, self.outputs = _system
+        self.poles, self.z = _hybrid.poles()
+        self.period: float | None = _hybrid.period
+        self.channels: list[Channel] = _hybrid.channels
 
     def __str__(self) -> str:
         return table(self)
@@ -207,6 +209,8 @@ class ClosedLoop:
             if not chosen or not all(k in range(len(found.frequencies)) for k in chosen):
                 raise ValueError(f"modes = {chosen}: must be numbers of modes, from 0 to {len(found.frequencies) - 1}")
         else:
+            if not rings:
+                raise ValueError(f"shaper: no motion of this loop has a damping ratio below {_RINGS}: nothing rings")
             if not 1 <= whole("modes", modes) <= len(rings):
                 raise ValueError(f"modes = {modes}: must be from 1 to {len(rings)}, the vibrations of this loop")
             chosen = rings[:modes]
@@ -218,10 +222,12 @@ class ClosedLoop:
 
     # -- over a parameter ----------------------------------------------------------------------------------------------
 
-    def _at(self, path: str, value: float) -> ClosedLoop:
-        """The same with a parameter changed."""
+    def _poles_at(self, path: str, value: float) -> Complex:
+        """The poles with a parameter changed."""
         found = Variation(self._setup, {path: np.array([value])}).scenario(0)
-        return closed_loop(found.arm, list(found.control), loads=found.loads, **self._given)
+        if path.startswith("control."):  # the arm stays what it is
+            return _hybrid(self._hybrid.plant, found.control, self._given["t"], found.loads).poles()[0]
+        return closed_loop(found.arm, list(found.control), loads=found.loads, **self._given).poles
 
     def _poles_over(self, path: str) -> tuple[Any, float]:
         """A callable value -> poles, and the value now."""
@@ -230,12 +236,21 @@ class ClosedLoop:
             return (lambda x: self._hybrid.poles(x * ones)[0]), 1.0
         if not isinstance(path, str):
             raise ValueError(f'over = {path!r}: must be "gain", or a path such as "control.0.kp" or "link.0.tip.mass"')
-        return (lambda x: self._at(path, float(x)).poles), self._value(path)
+        now = self._value(path)
+        return (lambda x: self._poles_at(path, float(x))), now
 
     def _value(self, path: str) -> float:
+        """What the parameter is now."""
         roots = {"link": self.arm.links, "load": self._setup.loads, "control": self.control}
         root, *names = path.split(".")
         part: Any = roots.get(root)
+        if names[1:] == ["rate"] and names[0].isdigit() and int(names[0]) < len(self.control):
+            law = self.control[int(names[0])]
+            if isinstance(law, LinearController) and law.A.size and not isinstance(law, PID):
+                raise ValueError(
+                    f"over = {path!r}: the matrices of a LinearController are of one rate; make one for each rate, and "
+                    "ask closed_loop of each"
+                )
         for name in names:
             fields = fields_of(part)
             if name not in fields:
@@ -303,21 +318,20 @@ class ClosedLoop:
 def _system(hybrid: Hybrid, inputs: Any, outputs: Any, locked: NDArray[np.bool_]) -> tuple[Any, ...]:
     """A, B, C, D and the labels of inputs and outputs."""
     plant, arm = hybrid.plant, hybrid.plant.arm
-    columns = _read_inputs(arm, plant.q, inputs, locked)
-    for column in columns:
-        if column.rate >= 0:
-            raise ValueError(f"inputs: '{column.label}' is prescribed; lock that joint, and give it no controller")
-    if outputs is None:
-        outputs = [("joint", k) for k, link in enumerate(arm.links) if link.joint.nv]
-    nv, zero = arm.nv, np.zeros(arm.nv)
-    split = np.hstack([np.zeros((nv, 2 * nv)), np.eye(nv)])  # so that rows are by theta, v and a
-    point = _Point(arm, plant.q, plant.v, zero, plant.E, split, np.eye(nv), np.zeros((nv, nv)))
+    nv, (drives, forces) = arm.nv, forces_of(arm, plant.q, inputs, locked)
+    reads, rows = rows_of(arm, plant.q, plant.v, plant.E, outputs)
     back = np.linalg.pinv(plant.E)
-    read = _read_outputs(point, outputs)
-    taps = [Tap(r[:nv] @ back, r[nv : 2 * nv], r[2 * nv :]) for o in read for r in o.rows]
-    forces = np.array([c.force for c in columns]).reshape(-1, nv).T
-    labels = tuple(c.label for c in columns), tuple(label for o in read for label in o.labels)
-    return (*hybrid.model(forces, taps), *labels)
+    taps = [Tap(r[:nv] @ back, r[nv : 2 * nv], r[2 * nv :]) for r in rows]
+    return (*hybrid.model(forces, taps), drives, reads)
+
+
+def _hybrid(plant: Plant, controls: Sequence[Controller], t: float, loads: Any) -> Hybrid:
+    """The loop of a plant and controllers, linear at time t."""
+    arm, q, v = plant.arm, plant.q, plant.v
+    running, sampled, memory = running_laws(arm, controls, np.array([t, t + 1.0]), loads)
+    held = [held_law(arm, k, c, own, q, v, t, loads, seen=False)
+            for k, (c, own) in enumerate(zip(controls, sampled, strict=True)) if own]  # fmt: skip
+    return Hybrid(plant, running, [x for x in held if x is not None], memory)
 
 
 def closed_loop(
@@ -373,15 +387,12 @@ def closed_loop(
             if any(column[i] != 0.0 for column in c._columns(arm)):
                 raise ValueError(f"control[{k}]: acts on '{arm.coordinates[i]}', which lock prescribes")
     forces = at_time(arm, loads, now)
-    q0 = steady_state(arm, q0, v0, forces)
+    q0 = steady_state(arm, q0, v0, forces) if v0.any() else trim(arm, q0, forces).q
     try:
         plant = Plant(arm, q0, v0, [int(i) for i in np.flatnonzero(locked)], forces)
     except np.linalg.LinAlgError:
         raise ValueError("q: the mass matrix is singular in double precision; no linear model follows") from None
-    running, sampled, memory = running_laws(arm, controls, np.array([now, now + 1.0]), loads)
-    held = [held_law(arm, k, c, own, q0, v0, now, loads, seen=False)
-            for k, (c, own) in enumerate(zip(controls, sampled, strict=True)) if own]  # fmt: skip
-    hybrid = Hybrid(plant, running, [x for x in held if x is not None], memory)
-    given = {"q": q, "v": v, "inputs": inputs, "outputs": outputs, "lock": lock, "t": t}
+    hybrid = _hybrid(plant, controls, now, loads)
+    given = {"q": q, "v": v, "inputs": inputs, "outputs": outputs, "lock": lock, "t": now}
     setup = Setup(arm, {}, tuple(loads or ()), tuple(controls))
     return ClosedLoop(setup, hybrid, given, _system(hybrid, inputs, outputs, locked))

@@ -58,8 +58,9 @@ class Limits(NamedTuple):
 
     Attributes:
         over: what is varied. value: what it is.
-        low, high: between these, about the value, the loop is stable; 0 (or -inf) and inf where no limit was found
-            within a factor of 10 000. Where the loop is unstable: the nearest such range, nan if there is none.
+        low, high: between these, about the value, the loop is stable; 0 and inf where no limit was found within a
+            factor of 10 000, or as far as the parameter can go (a delay: up to 300 samples under way). Where
+            the loop is unstable: the nearest such range, nan if there is none.
         frequencies: of the motions that are lost at low and high (rad/s), nan where there is no limit.
         stable: whether the loop is stable at the value.
     """

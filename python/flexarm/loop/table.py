@@ -10,7 +10,7 @@ _ROWS = 16  # poles that are shown
 
 
 def _number(x: float, none: str = "-") -> str:
-    return none if not np.isfinite(x) else f"{x:.4g}"
+    return none if not np.isfinite(x) else f"{x + 0.0 if abs(x) > 1e-12 else 0.0:.4g}"
 
 
 def table(loop: Any) -> str:
@@ -18,7 +18,8 @@ def table(loop: Any) -> str:
     n = len(loop.poles)
     kinds = ", ".join(f"control[{k}] {type(c).__name__}" for k, c in enumerate(loop.control)) or "no control"
     often = "" if loop.period is None else f"; samples come round every {loop.period:.6g} s"
-    state = "stable" if loop.stable else "UNSTABLE"
+    rests = loop.growth < -1e-6
+    state = "UNSTABLE" if not loop.stable else "stable" if rests else "stable, but some of it does not die away"
     out = [f"{kinds}: {state}, {n} poles, fastest growth {_number(loop.growth)} 1/s{often}", ""]
     z = loop.z
     head = f"{'growth (1/s)':>14}{'frequency (rad/s)':>20}{'(Hz)':>10}{'damping ratio':>16}"
@@ -31,7 +32,8 @@ def table(loop: Any) -> str:
         row += f"{_number(float(loop.damping[k])):>16}"
         if z is not None:
             side = f" +- {abs(z[k].imag):.4g}i" if s.imag > 0 and abs(z[k].imag) > 1e-12 else ""
-            row += f"{f'{z[k].real:.4g}{side}':>24}"
+            text = f"{z[k].real:.4g}{side}" if abs(z[k]) > 1e-3 else "0, but for rounding"
+            row += f"{text:>24}"
         out.append(row)
     if len(shown) > _ROWS:
         out.append(f"{'...':>14} and {len(shown) - _ROWS} more, which fall faster")
