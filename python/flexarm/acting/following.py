@@ -144,7 +144,9 @@ class Fitted(_LAW):
 def fitted(f: Callable[[Array], Array], begin: float, end: float, kinks: Array) -> list[Fitted]:
     """Polynomials of degree 7 through f (n,) -> (n, k) from begin to end, in pieces as short as they must be, one law
     for each of its k numbers."""
-    kinks = np.unique(kinks[(kinks > begin) & (kinks < end)])
+    kinks, least = np.unique(kinks), 1e-9 * (end - begin)
+    kinks = kinks[(kinks > begin + least) & (kinks < end - least)]
+    kinks = kinks[np.diff(kinks, prepend=begin) > least]  # equal but for rounding
     left = np.concatenate([[begin], kinks])
     width = np.diff(np.append(left, end))
     nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(_DEGREE + 1) / _DEGREE)

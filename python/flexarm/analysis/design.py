@@ -115,6 +115,8 @@ def _cost(at: Rest, weights: Weights | None, effort: Array) -> Array:
     arm, n, nu = at.arm, at.A.shape[0], effort.size
     if weights is None:
         weights = {("joint", k): _BRYSON for k, link in enumerate(arm.links) if link.joint.nv}
+        if not weights:
+            raise ValueError('weights: give them, such as {("tip", -1): 0.01}; the arm has no joints to weigh')
     if not isinstance(weights, Mapping) or not weights:
         raise ValueError(f'weights = {weights!r}: must be a mapping such as {{("joint", 0): 0.1, ("tip", -1): 0.01}}')
     W = np.zeros((n + nu, n + nu))
