@@ -160,6 +160,8 @@ def test_laws_of_another_arm_than_the_one_that_moves() -> None:
         ahead = fa.FeedForward([MOVE, 0.1], model=model, elastic="zero").forces(arm, 0.4)[0]
         x[at], w[at], a[at] = r
         np.testing.assert_allclose(ahead[[0, 3]], model.inverse_dynamics(x, w, a)[at], atol=1e-10)
+    ahead = fa.FeedForward([fa.Motion(lambda t: MOVE(t)), 0.1])
+    np.testing.assert_allclose(ahead.forces(arm, [0.7, 0.4])[1], ahead.forces(arm, 0.4)[0], rtol=1e-8)
     with pytest.raises(ValueError, match="model: its joints have 1 freedoms; the arm's have 2"):
         fa.FeedForward([MOVE, 0.1], model=soft(1)).forces(arm, 0.4)
     with pytest.raises(ValueError, match="model = 3: must be an Arm"):

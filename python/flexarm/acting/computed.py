@@ -88,7 +88,7 @@ class FeedForward(Controller):
         """Its forces at times t (n,), (n, nv)."""
         times = np.atleast_1d(array("t", t))
         rates = all_joints(arm)
-        motions = _motions(arm, self.reference, rates, times, self.inertia)
+        motions = _motions(arm, self.reference, rates, np.sort(times), self.inertia)
         out = np.zeros((len(times), arm.nv))
         out[:, rates] = self._forces(arm, rates, motions)(times)
         return out
