@@ -192,4 +192,7 @@ def motions_of(reference: Any, names: Sequence[str]) -> list[Motion]:
             f"reference: has {len(given)} entries; must have {len(names)}, a Motion or a number for each of "
             f"{', '.join(names)}"
         )
+    for k, r in enumerate(given):
+        if not isinstance(r, (Motion, int, float, np.number)):
+            raise ValueError(f"reference[{k}] = {r!r}: must be a Motion or a number")
     return [r if isinstance(r, Motion) else _held(finite(f"reference[{k}]", r)) for k, r in enumerate(given)]
