@@ -36,10 +36,14 @@ using FeedbackLaws = std::vector<std::tuple<Eigen::VectorXd, Eigen::VectorXd, Ei
 /// (first, period, delay, law) of each sampled one.
 using SampledLaws = std::vector<std::tuple<double, double, double, py::object>>;
 
-/// A computed torque as a run's sampled law, whose forces have those of states behind the arm's, `size` in all.
+/// A computed torque, of an arm that may be another than the one it moves.
 struct ComputedLaw {
+  struct Axis {
+    int q, v, own_q, own_v;  ///< coordinate and rate of the arm that is moved, and of its own
+  };
   flexarm::ComputedTorque of;
-  Eigen::Index size;
+  std::vector<Axis> axes;
+  Eigen::Index size;  ///< of the forces
   /// @throws std::invalid_argument where it gives no forces
   Eigen::VectorXd operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
 };

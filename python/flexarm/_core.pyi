@@ -353,7 +353,12 @@ class LinearLaw:
 
 class ComputedTorque:
     def __init__(
-        self, arm: Arm, axes: Sequence[tuple[int, Any, float, float, float]], sags: bool, size: int = 0
+        self,
+        arm: Arm,
+        axes: Sequence[tuple[int, Any, float, float, float]],
+        sags: bool,
+        moved: Sequence[tuple[int, int]],
+        size: int,
     ) -> None: ...
     def __call__(self, t: float, q: ArrayLike, v: ArrayLike, a: Any = None) -> _Array: ...
     def feed_forward(self, t: ArrayLike, inertia: bool) -> _Array: ...

@@ -141,6 +141,33 @@ def test_computed_torque_of_an_elastic_arm_holds_it_where_it_sags() -> None:
     assert limited(0.0, q, np.zeros(6))[0] == 0.5
 
 
+def test_laws_of_another_arm_than_the_one_that_moves() -> None:
+    """A rigid model of an arm that bends, and one without the payload: their forces at the arm's joints."""
+    arm, light = soft(2, payload=0.2), soft(2, payload=0.0)
+    body = fa.RigidBody(0.4, com=(0.3, 0, 0), inertia=(0, 0.02, 0.02), end=(0.5, 0, 0))
+    rigid = fa.Arm([fa.Link(fa.Revolute("z"), body)] * 2, gravity=(0, -9.81, 0))
+    q, v = np.array([0.3, 0.02, 0, -0.5, 0.01, 0]), np.array([0.2, 0.1, 0, -0.3, 0.2, 0])
+    for model, at, own in ((light, [0, 3], light.nv), (rigid, [0, 1], 2)):
+        law = fa.ComputedTorque(25.0, reference=[MOVE, 0.1], rate=500, model=model, elastic="zero").law(arm)
+        a = np.zeros(own)
+        r = np.array([MOVE(0.4), (0.1, 0, 0)]).T
+        a[at] = r[2] + 10 * (r[1] - v[[0, 3]]) + 25 * (r[0] - q[[0, 3]])
+        x, w = np.zeros(own), np.zeros(own)
+        x[at], w[at] = q[[0, 3]], v[[0, 3]]
+        tau = law(0.4, q, v)
+        np.testing.assert_allclose(tau[[0, 3]], model.inverse_dynamics(x, w, a)[at], atol=1e-10)
+        assert tau.shape == (6,) and not tau[[1, 2, 4, 5]].any()
+        ahead = fa.FeedForward([MOVE, 0.1], model=model, elastic="zero").forces(arm, 0.4)[0]
+        x[at], w[at], a[at] = r
+        np.testing.assert_allclose(ahead[[0, 3]], model.inverse_dynamics(x, w, a)[at], atol=1e-10)
+    ahead = fa.FeedForward([fa.Motion(lambda t: MOVE(t)), 0.1])
+    np.testing.assert_allclose(ahead.forces(arm, [0.7, 0.4])[1], ahead.forces(arm, 0.4)[0], rtol=1e-8)
+    with pytest.raises(ValueError, match="model: its joints have 1 freedoms; the arm's have 2"):
+        fa.FeedForward([MOVE, 0.1], model=soft(1)).forces(arm, 0.4)
+    with pytest.raises(ValueError, match="model = 3: must be an Arm"):
+        fa.FeedForward(0.1, model=3)
+
+
 # -- limits ----------------------------------------------------------------------------------------------------------
 
 

@@ -284,7 +284,7 @@ PATCHES = {"measure": [("patch_voltage", 0, 1)], "actuate": [("patch", 0, 0)]}
     [
         (lambda: fa.lqr(planar(), weights={}), "weights = {}: must be a mapping"),
         (lambda: fa.lqr(planar(), weights={("joint", 0): 0.0}), r"weights\[\('joint', 0\)\] = 0.0: must be positive"),
-        (lambda: fa.lqr(planar(), weights={("acceleration", 0): 1.0}), "that is no acceleration"),
+        (lambda: fa.lqr(planar(), weights={("acceleration", 0): 1.0}), "such as .* no acceleration"),
         (lambda: fa.lqr(planar(), weights={("joints", 0): 1.0}), "did you mean 'joint'"),
         (lambda: fa.lqr(planar(), effort=[1.0, 2.0, 3.0]), r"effort = .*must be positive, one number or 2"),
         (lambda: fa.lqr(planar(), effort=-1.0), "effort = -1.0: must be positive"),
@@ -295,6 +295,8 @@ PATCHES = {"measure": [("patch_voltage", 0, 1)], "actuate": [("patch", 0, 0)]}
         (lambda: fa.lqr(planar(), [0.0, 1.0]), "q has shape"),
         (lambda: fa.lqr(planar(), [np.nan, 0, 0, 0, 0, 0]), "q"),
         (lambda: fa.lqr(fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))])), "a ball's"),
+        (lambda: fa.lqr(3), "arm = 3: must be an Arm"),
+        (lambda: fa.irc(patched(), **{**PATCHES, "measure": [("strain", 0, 0.0, "K1")]}), "share no mode"),
         (lambda: fa.lqg(planar(), measure=[]), "measure"),
         (lambda: fa.lqg(planar(), measure=[fa.Encoder(0)]), "measure: sensors are not linear"),
         (lambda: fa.lqg(planar(), measure=[("joint", 0)], noise=[1.0, 2.0]), "noise = .*must be positive, one number"),

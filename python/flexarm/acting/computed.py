@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, cast
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +27,22 @@ def _motions(arm: Chain, reference: Any, rates: Sequence[int], times: Array, ine
     return out
 
 
+def _believed(arm: Chain, model: Any, rates: Sequence[int]) -> tuple[Chain, list[int]]:
+    """The arm that a law believes in, and the rates of its joints' freedoms."""
+    if model is None:
+        return arm, list(rates)
+    own = all_joints(model)
+    if len(own) != len(rates):
+        raise ValueError(f"model: its joints have {len(own)} freedoms; the arm's have {len(rates)}")
+    return model, own
+
+
+def _model(model: Any) -> Any:
+    if model is not None and not isinstance(model, Chain):
+        raise ValueError(f"model = {model!r}: must be an Arm or None")
+    return model
+
+
 def per_joint(field: str, value: Any, count: int) -> Array:
     found = array(field, value)
     if found.shape not in ((), (count,)):
@@ -48,6 +64,8 @@ class FeedForward(Controller):
         inertia: False: gravity and springs alone, along the reference.
         elastic: "static": the beams sag in static balance with gravity where the reference is; "zero": their elastic
             coordinates are zero.
+        model: (not in files) the arm that is known, where the one that moves is another, with another payload, or
+            rigid; None: the one that moves.
 
     Raises:
         ValueError: (in a run) a reference that jumps, that does not cover the run, or that is not one for each freedom;
@@ -57,8 +75,11 @@ class FeedForward(Controller):
     type = "feed_forward"
     of_arm = True
 
-    def __init__(self, reference: Any, *, inertia: bool = True, elastic: str = "static") -> None:
+    def __init__(
+        self, reference: Any, *, inertia: bool = True, elastic: str = "static", model: Any = None
+    ) -> None:  # fmt: skip
         self.reference, self.inertia, self.elastic = reference, bool(inertia), choice("elastic", elastic, ELASTIC)
+        self.model = _model(model)
 
     def _columns(self, arm: Chain) -> list[Array]:
         return [np.eye(arm.nv)[i] for i in all_joints(arm)]
@@ -67,23 +88,26 @@ class FeedForward(Controller):
         """Its forces at times t (n,), (n, nv)."""
         times = np.atleast_1d(array("t", t))
         rates = all_joints(arm)
-        motions = _motions(arm, self.reference, rates, times, self.inertia)
-        out: Array = self._core(arm, rates, motions).feed_forward(times, self.inertia)
+        motions = _motions(arm, self.reference, rates, np.sort(times), self.inertia)
+        out = np.zeros((len(times), arm.nv))
+        out[:, rates] = self._forces(arm, rates, motions)(times)
         return out
 
-    def _core(self, arm: Chain, rates: Sequence[int], motions: Sequence[Motion]) -> Any:
-        axes = [(i, m.law, 0.0, 0.0, np.inf) for i, m in zip(rates, motions, strict=True)]
-        return _core.ComputedTorque(arm._core, axes, self.elastic == "static")
+    def _forces(self, arm: Chain, rates: Sequence[int], motions: Sequence[Motion]) -> Callable[[Array], Array]:
+        """t (n,) -> the forces of all joints' freedoms."""
+        model, own = _believed(arm, self.model, rates)
+        axes = [(i, m.law, 0.0, 0.0, np.inf) for i, m in zip(own, motions, strict=True)]
+        core = _core.ComputedTorque(model._core, axes, self.elastic == "static", [], model.nv)
+        return lambda t: core.feed_forward(t, self.inertia)[:, own]
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         rates = all_joints(arm)
         motions = _motions(arm, self.reference, rates, run.times, self.inertia)
-        core = self._core(arm, rates, motions)
         sampled = [m.law for m in motions if isinstance(m.law, _core.PiecewisePolynomial) and not m.constant]
         kinks = [kinks_of(law) for law in sampled]
         laws: list[Fitted] = fitted(
-            lambda t: cast(Array, core.feed_forward(t, self.inertia)[:, rates]), float(run.times[0]),
-            float(run.times[-1]), np.concatenate([np.zeros(0), *kinks]),
+            self._forces(arm, rates, motions), float(run.times[0]), float(run.times[-1]),
+            np.concatenate([np.zeros(0), *kinks]),
         )  # fmt: skip
         none = np.zeros(arm.nq), np.zeros(arm.nv)
         return [(np.eye(arm.nv)[i], *none, law, np.inf) for i, law in zip(rates, laws, strict=True)], []
@@ -102,6 +126,7 @@ class ComputedTorque(Controller):
         delay: from a sample to its force (s).
         elastic: as of FeedForward; where the joints are measured to be.
         limit: of each |force| (N, N m): a number, or one for each freedom; None: none.
+        model: as of FeedForward.
 
     Raises:
         ValueError: as of FeedForward.
@@ -111,8 +136,9 @@ class ComputedTorque(Controller):
 
     def __init__(
         self, kp: Any, kv: Any = None, *, reference: Any, rate: float, delay: float = 0.0, elastic: str = "static",
-        limit: Any = None,
+        limit: Any = None, model: Any = None,
     ) -> None:  # fmt: skip
+        self.model = _model(model)
         self.kp = array("kp", kp)
         if not (self.kp >= 0.0).all():
             raise ValueError(f"kp = {kp!r}: must not be negative (1/s²)")
@@ -137,15 +163,17 @@ class ComputedTorque(Controller):
         Args:
             times: that the references must cover.
         """
-        return self._law(arm, array("times", times), 0)
+        return self._law(arm, array("times", times), arm.nv)
 
     def _law(self, arm: Chain, times: Array, size: int) -> Any:
         rates = all_joints(arm)
         motions, n = _motions(arm, self.reference, rates, times), len(rates)
         gains = (per_joint(name, getattr(self, name), n).tolist() for name in ("kp", "kv"))
         limits = np.full(n, np.inf) if self.limit is None else per_joint("limit", self.limit, n)
-        axes = [(i, m.law, *rest) for i, m, *rest in zip(rates, motions, *gains, limits.tolist(), strict=True)]
-        return _core.ComputedTorque(arm._core, axes, self.elastic == "static", size)
+        model, own = _believed(arm, self.model, rates)
+        axes = [(i, m.law, *rest) for i, m, *rest in zip(own, motions, *gains, limits.tolist(), strict=True)]
+        moved = [(arm.coordinate_of(i), i) for i in rates]
+        return _core.ComputedTorque(model._core, axes, self.elastic == "static", moved, size)
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         span = float(run.times[-1] - run.times[0])

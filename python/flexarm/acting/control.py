@@ -223,7 +223,7 @@ class StrainFeedback(_JointLaw):
             followed = lambda t: (self.reference(t), 0.0, 0.0)  # noqa: E731
         held = [(j, _core.PiecewisePolynomial([0.0, 1.0], [[pose[arm.coordinate_of(j)]]])) for j in all_joints(arm)]
         axes = [(j, followed if j == i else place, 0.0, 0.0, np.inf) for j, place in held]
-        core = _core.ComputedTorque(arm._core, axes, True)
+        core = _core.ComputedTorque(arm._core, axes, True, [], arm.nv)
         row, begin, end = self._gauge(arm), float(times[0]), float(times[-1])
         if self.reference.constant:
             return plus(law, Torque(self.ks * float(row @ core.at_rest([begin])[0])))

@@ -97,7 +97,7 @@ def check_motion(where: str, motion: Motion, times: Array, smooth: bool = False)
     """ValueError where a motion does not cover these times, where its rates are not the derivatives of its position, or
     where it jumps; or its rate does, if it must be `smooth`."""
     motion.check_span(where, times)
-    if isinstance(motion.law, _LAW):
+    if isinstance(motion.law, _LAW) or times[0] == times[-1]:
         return
     for k, name in enumerate(("q", "v")[: 1 + smooth]):
         found = _jump(where, motion, times, k)
@@ -144,7 +144,9 @@ class Fitted(_LAW):
 def fitted(f: Callable[[Array], Array], begin: float, end: float, kinks: Array) -> list[Fitted]:
     """Polynomials of degree 7 through f (n,) -> (n, k) from begin to end, in pieces as short as they must be, one law
     for each of its k numbers."""
-    kinks = np.unique(kinks[(kinks > begin) & (kinks < end)])
+    kinks, least = np.unique(kinks), 1e-9 * (end - begin)
+    kinks = kinks[(kinks > begin + least) & (kinks < end - least)]
+    kinks = kinks[np.diff(kinks, prepend=begin) > least]  # equal but for rounding
     left = np.concatenate([[begin], kinks])
     width = np.diff(np.append(left, end))
     nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(_DEGREE + 1) / _DEGREE)
@@ -190,4 +192,7 @@ def motions_of(reference: Any, names: Sequence[str]) -> list[Motion]:
             f"reference: has {len(given)} entries; must have {len(names)}, a Motion or a number for each of "
             f"{', '.join(names)}"
         )
+    for k, r in enumerate(given):
+        if not isinstance(r, (Motion, int, float, np.number)):
+            raise ValueError(f"reference[{k}] = {r!r}: must be a Motion or a number")
     return [r if isinstance(r, Motion) else _held(finite(f"reference[{k}]", r)) for k, r in enumerate(given)]

@@ -86,6 +86,8 @@ def rest(arm: Chain, q: ArrayLike | None, actuate: Sequence[Any]) -> Rest:
 
 
 def _actuators(arm: Chain, actuate: Sequence[Any] | None) -> list[Any]:
+    if not isinstance(arm, Chain):
+        raise ValueError(f"arm = {arm!r}: must be an Arm")
     if actuate is not None:
         return listed("actuate", actuate)
     joints = [(k, j) for k, link in enumerate(arm.links) for j in range(link.joint.nv)]
@@ -115,6 +117,8 @@ def _cost(at: Rest, weights: Weights | None, effort: Array) -> Array:
     arm, n, nu = at.arm, at.A.shape[0], effort.size
     if weights is None:
         weights = {("joint", k): _BRYSON for k, link in enumerate(arm.links) if link.joint.nv}
+        if not weights:
+            raise ValueError('weights: give them, such as {("tip", -1): 0.01}; the arm has no joints to weigh')
     if not isinstance(weights, Mapping) or not weights:
         raise ValueError(f'weights = {weights!r}: must be a mapping such as {{("joint", 0): 0.1, ("tip", -1): 0.01}}')
     W = np.zeros((n + nu, n + nu))
@@ -122,7 +126,7 @@ def _cost(at: Rest, weights: Weights | None, effort: Array) -> Array:
     for entry, size in weights.items():
         largest = positive(f"weights[{entry!r}]", size)
         if not isinstance(entry, tuple) or not entry or entry[0] in ("acceleration", "accelerometer"):
-            raise ValueError(f"weights: {entry!r} must be an output of linearize that is no acceleration")
+            raise ValueError(f'weights: {entry!r} must be an output of linearize, such as ("tip", -1), no acceleration')
         C = linearize(arm, at.q, None, at.tau, [], [entry], None).C @ at.T
         W[:n, :n] += C.T @ C / largest**2
     return W

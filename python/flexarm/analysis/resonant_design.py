@@ -35,6 +35,8 @@ def _seen(
     """Raises ValueError where no gain is known to be stable, or the mode is not there."""
     import scipy.linalg as la  # slow to import
 
+    if not isinstance(arm, Chain):
+        raise ValueError(f"arm = {arm!r}: must be an Arm")
     for name, value in (("measure", measure), ("actuate", actuate)):
         if len(listed(name, value)) != 1:
             raise ValueError(f"{name} = {value!r}: must be a list of one entry")
@@ -59,7 +61,9 @@ def _seen(
     shares = np.where(loose, 0.0, residues / np.where(loose, 1.0, w2))
     static = float(shares.sum())
     largest = float(np.abs(shares).max())
-    if largest == 0.0 or (np.sign(static) * shares).min() < -_OPPOSITE * largest:
+    if largest == 0.0:
+        raise ValueError("measure, actuate: share no mode: what one moves the other does not see")
+    if (np.sign(static) * shares).min() < -_OPPOSITE * largest:
         raise ValueError(
             "measure, actuate: are not collocated: modes answer with both signs, and no gain is sure to be stable; "
             "give LinearController.ppf or .irc one, and look at its closed loop"
