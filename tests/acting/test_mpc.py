@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 import flexarm as fa
@@ -221,3 +222,50 @@ def test_a_state_that_is_not_a_number_goes_on_along_the_plan() -> None:
 def test_bad_input_is_named(given: dict[str, Any], told: str) -> None:
     with pytest.raises(ValueError, match=re.escape(told)):
         swing(fa.MPC(**given), two_links(1), 0.002)
+
+
+def test_code_of_the_page_runs() -> None:
+    names: dict[str, Any] = {}
+    page = (Path(__file__).parents[2] / "docs" / "mpc.md").read_text(encoding="utf-8")
+    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        exec(block, names)
+    assert names["swing"].failures == names["mpc"].failures == 0
+    assert np.abs(names["run"].q[-1, [0, 3]] - [0.8, 0.5]).max() < 0.01
+    assert np.abs(names["seen"].q[-1, [0, 3]] - [0.8, 0.5]).max() < 0.01
+
+
+def test_scenes_and_batches_have_it(tmp_path: Path) -> None:
+    arm = two_links(1)
+    samples = ([0.0, 0.1, 1.0], [[0.0, 0.0], [0.3, 0.2], [0.3, 0.2]])
+    control = fa.MPC(reference=samples, limit=[4.0, 2.0], inputs=[0, (1, 0)], strain_limit=[(0, 0.0, "K3", 0.2)],
+                     track=[("joint", 0), ("joint", 1)], stages=15, blocks=8, horizon=0.3)  # fmt: skip
+    t = np.linspace(0, 0.02, 21)
+    path = tmp_path / "scene.toml"
+    fa.Scene(arm, t=t, control=control, options={"integrator": "implicit", "step": 1e-3}).save(path)
+    there = fa.load(path)
+    here = fa.simulate(arm, t, control=control, integrator="implicit", step=1e-3)
+    again = fa.simulate(there.arm, t, control=there.control, integrator="implicit", step=1e-3)
+    assert np.abs(here.tau).max() > 0.1
+    assert np.abs(again.tau - here.tau).max() < 1e-9
+    q0 = np.array([[0.0] * arm.nv, [0.1] + [0.0] * (arm.nv - 1)])
+    many = fa.simulate_batch(arm, t, q0=q0, control=control, integrator="implicit", step=1e-3)
+    assert np.abs(many.q[0] - here.q).max() < 1e-12
+    assert np.abs(many.q[1] - here.q).max() > 0.05
+
+
+def test_gravity_and_the_tip_in_space() -> None:
+    """Three joints, rigid but for the last link: the tip is held where it is told to be, against gravity."""
+    hub = fa.RigidBody(1.0, (0.05, 0, 0), 0.02 * np.eye(3), (0.3, 0, 0))
+    beam = fa.Beam(0.4, fa.Tube(0.02, 0.002), STEEL, {"bending_y": 1, "bending_z": 1}, "legendre", damping_ratio=0.01)
+    arm = fa.Arm(
+        [fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=0.02 * np.eye(3))), fa.Link(fa.Revolute("y"), hub),
+         fa.Link(fa.Revolute("y"), fa.RigidBody(0.2, inertia=1e-3 * np.eye(3)), beam, fa.RigidBody(0.3))],
+        gravity=(0, 0, -9.81),
+    )  # fmt: skip
+    q0 = np.zeros(arm.nv)
+    q0[[1, 2]] = -0.5, 0.9
+    goal = arm.frame(q0)[0] + [-0.05, 0.1, 0.1]
+    mpc = fa.MPC(track="tip", reference=goal, limit=40.0, weight=100.0)
+    run = fa.simulate(arm, np.linspace(0, 1, 1001), q0=q0, control=mpc, integrator="implicit", step=1e-3)
+    assert mpc.failures == 0 and np.abs(run.tau[:, [0, 1, 2]]).max() <= 40.0
+    assert np.abs(arm.frame(run.q[-1])[0] - goal).max() < 2e-3
