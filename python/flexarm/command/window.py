@@ -13,7 +13,7 @@ from .solve import DYING, MOST, Grid, Motions, NotConverged, Solver
 
 _FIRST_COUNT = 56  # intervals over the path of the first grid
 _ROUNDS = 12  # grids
-_SEEN = 2.5  # rad of a pole's motion in one step, above which the grid does not follow it
+_SEEN = 2.6  # rad of a pole's motion in one step, above which the differences do not follow it
 _RINGS = 3.0  # natural logarithm of what a pole may grow or shrink over the path and still ring throughout
 _ALIKE = 0.3  # parts by which a ringing pole may change from one end of the path to the other
 _DECAY = 18.0  # natural logarithm of how far the slowest part of the internal dynamics has to die out
