@@ -59,7 +59,9 @@ class Equations:
             q[..., th] += step * np.minimum(1.0, _TURN / np.maximum(longest, 1e-300))
             if not longest.max() > _FOUND:
                 break
-        return q, np.linalg.norm(self.output.error(q, wanted), axis=-1)
+        else:
+            error = self.output.error(q, wanted)
+        return q, np.linalg.norm(error, axis=-1)
 
     def follow(self, q: Array) -> tuple[Array, Array]:
         """How the driven joints (..., m, k) and the output, those held, (..., p, k) move with the inner coordinates."""

@@ -11,7 +11,7 @@ from .path import Path, Slower
 from .periodic import Banded, Mixing, halfway, rates
 from .problem import REACHED, Equations, Poses
 
-_ITERATIONS = 40
+_ITERATIONS = 60
 _PATIENCE = 10  # iterations without gain
 _RENEWALS = 3  # of the matrices, where the iteration does not converge
 DYING = 40.0  # twice the natural logarithm of how far the buffer damps what rings
@@ -144,7 +144,8 @@ class Solver:
                 if not np.isfinite(r).all():
                     break
                 f = -solver.solve(r)
-                last = self._size(q, f)
+                T, direct = self.of.follow(q)
+                last = _size(direct, f)
                 if last <= 0.05 * tolerance:
                     return self._motions(grid, q, done, last)
                 since = tried if last < 0.7 * best else since
@@ -152,8 +153,10 @@ class Solver:
                     break
                 if last < best:
                     best, kept = last, q
+                moved = mixing(q[:, inner], f) - q[:, inner]
                 q = q.copy()
-                q[:, inner] = mixing(q[:, inner], f)
+                q[:, inner] += moved
+                q[:, self.of.joints] += np.einsum("nmk,nk->nm", T, moved)
                 q, off = self.of.on_path(q, grid.wanted, near)
                 if not off.max() <= REACHED * max(1.0, self.of.length):
                     break
@@ -168,18 +171,12 @@ class Solver:
             k = int(off.argmax())
             raise ValueError(self.of.unreached(grid.t[k], float(off[k]), grid.wanted[k]))
 
-    def _size(self, q: Array, f: Array) -> float:
-        """How far changes of the inner coordinates (n, k) move the output, the joints held; and what it does not see of
-        them, in parts of their own size."""
-        direct = self.of.follow(q)[1]
-        seen = float(np.abs(np.einsum("npk,nk->np", direct, f)).max())
-        return max(seen, 1e-2 * float(np.abs(f).max()))
-
     def _renew(self, grid: Grid, q: Array, renewal: int) -> None:
         """Matrices along the motion, at the times of the poses; more of them the second time."""
         v, a = grid.motion(q)
         inside = np.flatnonzero((grid.t > self.path.begin - 1e-9) & (grid.t < self.path.end + 1e-9))
-        count = min(len(inside), (17, 65, 257, 257)[renewal])
+        first = int(np.clip(1300 // len(self.of.inner), 17, 65))
+        count = min(len(inside), (first, 65, 257, 257)[renewal])
         rows = inside[np.unique(np.linspace(0, len(inside) - 1, count).round().astype(int))]
         self._at = grid.t[rows]
         self._kept = self.of.matrices(self._at, q[rows], v[rows], a[rows])
@@ -223,3 +220,10 @@ class Solver:
             moves = [np.abs(np.einsum("npk,nk->np", direct, d)) for d in (self._last.solve(r), sag)]
             off = off + min(moves, key=np.max)
         return float(off[: grid.keep - 1].max())
+
+
+def _size(direct: Array, f: Array) -> float:
+    """How far changes f (n, k) of the inner coordinates move the output, the joints held, by direct (n, p, k); and what
+    it does not see of them, in parts of their own size."""
+    seen = float(np.abs(np.einsum("npk,nk->np", direct, f)).max())
+    return max(seen, 1e-2 * float(np.abs(f).max()))

@@ -13,8 +13,9 @@ from .solve import DYING, MOST, Grid, Motions, NotConverged, Solver
 
 _FIRST_COUNT = 56  # intervals over the path of the first grid
 _ROUNDS = 12  # grids
-_SEEN = 2.5  # rad of a pole's motion in one step, above which the grid does not follow it
+_SEEN = 2.6  # rad of a pole's motion in one step, above which the differences do not follow it
 _RINGS = 3.0  # natural logarithm of what a pole may grow or shrink over the path and still ring throughout
+_LIGHTLY = 0.3  # the largest damping ratio of a pole that rings
 _ALIKE = 0.3  # parts by which a ringing pole may change from one end of the path to the other
 _DECAY = 18.0  # natural logarithm of how far the slowest part of the internal dynamics has to die out
 _LEAST = 12  # intervals before and after the path, for the differences
@@ -44,7 +45,8 @@ def _poles(M: Array, C: Array, K: Array) -> Array:
 
 def _slow(poles: Array, T: float, step: float) -> Any:
     """Which poles ring throughout the path, among those that the grid can follow."""
-    return (np.abs(poles.real) * T < _RINGS) & (np.abs(poles) * step < _SEEN)
+    ringing = (np.abs(poles.real) * T < _RINGS) & (np.abs(poles.real) < _LIGHTLY * np.abs(poles))
+    return ringing & (np.abs(poles) * step < _SEEN)
 
 
 def _padding(poles: Array, side: int, T: float, step: float) -> float:
