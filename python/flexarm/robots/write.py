@@ -202,10 +202,17 @@ def urdf(cut: Segmented) -> str:
     return '<?xml version="1.0"?>\n' + _comment(cut) + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _urdf_origin(parent: ET.Element, at: Pose) -> None:
-    from scipy.spatial.transform import Rotation  # slow to import
+def _rpy(R: Array) -> tuple[float, float, float]:
+    """Roll, pitch, yaw; of a pitch of a quarter turn, where only two of them are told apart, no yaw."""
+    flat = float(np.hypot(R[0, 0], R[1, 0]))
+    pitch = float(np.arctan2(-R[2, 0], flat))
+    if flat < 1e-9:
+        return float(np.arctan2(-R[1, 2], R[1, 1])), pitch, 0.0
+    return float(np.arctan2(R[2, 1], R[2, 2])), pitch, float(np.arctan2(R[1, 0], R[0, 0]))
 
-    rpy = Rotation.from_matrix(at.rotation).as_euler("xyz")
+
+def _urdf_origin(parent: ET.Element, at: Pose) -> None:
+    rpy = _rpy(at.rotation)
     ET.SubElement(parent, "origin", xyz=_numbers(at.position), rpy=_numbers(rpy))
 
 
