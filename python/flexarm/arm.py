@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from .parts.chain import Chain
 from .parts.link import Link
 from .parts.part import ModelWarning
 from .parts.tables import ArmFile, read_file
+from .robots import export as robot_files
 from .view import view
 
 METHODS = ("ab", "ci")
@@ -180,6 +182,50 @@ class Arm(Chain):
     def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
         """h(q, v) of M a + h = tau, shape (..., nv): inertial, gravity, elastic and damping forces."""
         return self.inverse_dynamics(q, v, np.zeros(self.nv))
+
+    # -- to other programs ---------------------------------------------------------------------------------------------
+
+    def to_mjcf(self, path: str | Path | None = None, segments: int = 10) -> str:
+        """The arm as an MJCF file for MuJoCo, its beams as rigid segments on springs.
+
+        Each beam becomes `segments` hinges in the middles of equal pieces, for bending and torsion, with springs that
+        are fitted to the arm's lowest three frequencies; the file tells how near they come. Rigid links are exact.
+        There is a motor for each freedom of the arm's joints, a site "tip", and a time step for these segments.
+
+        Args:
+            path: where to write it; None: nowhere.
+            segments: of each beam, 2 to 200.
+
+        Returns:
+            The text of the file.
+
+        Raises:
+            ValueError: a ball joint, a beam that is curved at rest, or bad arguments.
+
+        Warns:
+            RobotWarning: what of the arm the file does not have, and a frequency that is off by more than 1 %.
+        """
+        return robot_files.to_mjcf(self, path, segments)
+
+    def to_urdf(self, path: str | Path | None = None, segments: int = 10) -> str:
+        """The arm as a URDF file, its beams as in `to_mjcf`, with a link and a joint for each freedom.
+
+        URDF has no springs: those of the segments stand in elements that Gazebo alone reads. The tip is a link "tip".
+
+        Args:
+            path: where to write it; None: nowhere.
+            segments: of each beam, 2 to 200.
+
+        Returns:
+            The text of the file.
+
+        Raises:
+            ValueError: a ball joint, a beam that is curved at rest, or bad arguments.
+
+        Warns:
+            RobotWarning: what of the arm the file does not have, and a frequency that is off by more than 1 %.
+        """
+        return robot_files.to_urdf(self, path, segments)
 
     # -- modes ---------------------------------------------------------------------------------------------------------
 

@@ -6,10 +6,9 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import flexarm as fa
 import numpy as np
 import pytest
-
-import flexarm as fa
 
 mujoco = pytest.importorskip("mujoco")
 FILE = Path(__file__).parents[1] / "data" / "robots" / "arm.xml"

@@ -57,14 +57,15 @@ def split(link: Link, modes: int | Mapping[str, int] = 4, places: Sequence[float
     out = []
     for k in range(len(ends) - 1):
         first, last = k == 0, k + 2 == len(ends)
-        piece = _piece(beam, ends[k], ends[k + 1], counts)
+        own = piece(beam, ends[k], ends[k + 1], counts)
         hub = link.hub if first else None
         name = link.name if first or link.name is None else f"{link.name} {k + 1}"
-        out.append(Link(link.joint if first else Fixed(), hub, piece, link.tip if last else None, name))
+        out.append(Link(link.joint if first else Fixed(), hub, own, link.tip if last else None, name))
     return out
 
 
-def _piece(beam: Beam, a: float, b: float, counts: Mapping[str, int]) -> Beam:
+def piece(beam: Beam, a: float, b: float, counts: Mapping[str, int]) -> Beam:
+    """What of a beam lies from a to b (m), as a beam of its own with so many Legendre polynomials for each strain."""
     section: Any = beam.section
     if isinstance(section, Taper):
         x = np.array([a, *(v for v in section.x if a < v < b), b])

@@ -1,0 +1,51 @@
+"""Arm.to_mjcf and Arm.to_urdf."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+from .._check import named
+from ..parts.chain import Chain
+from ..store.files import write_whole
+from .segments import Segmented, segmented
+from .tree import RobotWarning
+from .write import lost, mjcf, urdf
+
+_NEAR = 0.01
+_STOPS = {"limit_stiffness": "stiffness and damping of soft stops (the range is written)"}
+_MJCF = {"stiction": "stiction above dry friction", **_STOPS}
+_URDF = {
+    **_MJCF,
+    "stiffness": "springs, but for Gazebo",
+    "reflected_inertia": "reflected inertia",
+}
+
+
+def to_mjcf(arm: Chain, path: Any, segments: int) -> str:
+    """See Arm.to_mjcf."""
+    cut = segmented(arm, segments)
+    return _written(path, ".xml", mjcf(cut), cut, lost(cut, _MJCF))
+
+
+def to_urdf(arm: Chain, path: Any, segments: int) -> str:
+    """See Arm.to_urdf."""
+    cut = segmented(arm, segments)
+    gravity = ["gravity: URDF has none"] if any(arm.gravity) else []
+    return _written(path, ".urdf", urdf(cut), cut, lost(cut, _URDF) + gravity)
+
+
+def _written(path: Any, suffix: str, text: str, cut: Segmented, left_out: list[str]) -> str:
+    if path is not None:
+        content = text.encode()
+        write_whole(named(path, suffix), lambda f: f.write(content), "path")
+    if cut.error > _NEAR:
+        worst = max(range(len(cut.wanted)), key=lambda k: abs(cut.frequencies[k] / cut.wanted[k] - 1))
+        left_out.append(
+            f"frequency {worst + 1} of the arm: {cut.wanted[worst]:.6g} rad/s, of the segments "
+            f"{cut.frequencies[worst]:.6g}; take more segments, or see whether the arm has modes enough"
+        )
+    if left_out:
+        said = "\n".join(f"  - {line}" for line in left_out)
+        warnings.warn(f"the file does not have\n{said}", RobotWarning, stacklevel=4)
+    return text

@@ -1,0 +1,195 @@
+"""An arm with its beams cut into rigid segments on springs: what programs without beams take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .._check import Array, whole
+from ..analysis.modes import modes
+from ..parts.beam import Beam, RigidBody, inertia_matrix
+from ..parts.chain import Chain
+from ..parts.joints import Axes, Fixed
+from ..parts.link import Link
+from ..parts.split import piece
+from .tree import Mass, Pose, merged
+
+#: a hinge for each strain, in the order of the motions of one: about z, then the moved y, then the moved x
+HINGES = {"bending_y": "rz", "bending_z": "ry", "torsion": "rx"}
+_COUNT = 3  # frequencies that the springs are fitted to
+_BODY = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"))
+
+
+@dataclass(frozen=True)
+class Segmented:
+    """An arm of rigid links, and how it compares with the arm that it stands for.
+
+    Attributes:
+        arm: its links; those of a beam's segments follow the link's own.
+        of: for each link of it, the link that it is a part of.
+        frequencies, wanted: the lowest ones (rad/s) of both, all joints locked, without gravity.
+        left_out: what the arm has and this one has not.
+    """
+
+    arm: Chain
+    of: tuple[int, ...]
+    frequencies: Array
+    wanted: Array
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its links: what the arm calls them, and those of a beam's segments "NAME 1" and so on."""
+        own = self.arm.links
+        return tuple(own[i].name or f"link {k}" for i, k in enumerate(self.of))
+
+    @property
+    def hinges(self) -> frozenset[int]:
+        """Which of its links are a beam's segments on their hinges."""
+        return _hinges(self.of)
+
+    @property
+    def error(self) -> float:
+        """The largest of the frequencies' relative errors."""
+        return float(np.abs(self.frequencies / self.wanted - 1).max(initial=0.0))
+
+
+def segmented(arm: Chain, segments: int = 10) -> Segmented:
+    """Each beam as `segments` + 1 rigid rods on as many hinges as `segments`, in the middles of equal pieces.
+
+    A hinge's spring is the piece's rigidity over its length, times one factor for each of a beam's strains. The factors
+    are fitted to the arm's lowest three frequencies (joints locked, no gravity). This is the pseudo-rigid-body model
+    (Howell, Compliant Mechanisms, 2001) with equal pieces; it bends and twists, and does not shear nor stretch.
+
+    Raises:
+        ValueError: too few segments, or a beam that is curved at rest.
+    """
+    if not 2 <= whole("segments", segments) <= 200:
+        raise ValueError(f"segments = {segments}: must be from 2 to 200")
+    springs: dict[tuple[int, str], float] = {}
+    left_out: list[str] = []
+    for k, link in enumerate(arm.links):
+        if link.beam is not None:
+            if link.beam.curvature is not None:
+                raise ValueError(f"{arm.names[k]}: curvature: a beam that is curved at rest is not cut into segments")
+            springs |= {(k, strain): 1.0 for strain in link.beam.counts if strain in HINGES}
+            left_out += _left_out(arm.names[k], link.beam)
+    wanted = locked_frequencies(arm, frozenset())[:_COUNT]
+    if springs and len(wanted):
+        springs = _fitted(arm, segments, springs, wanted)
+    links, of = _links(arm, segments, springs)
+    made = arm._made(links, arm.gravity)
+    return Segmented(made, of, locked_frequencies(made, _hinges(of))[: len(wanted)], wanted, tuple(left_out))
+
+
+def _left_out(name: str, beam: Beam) -> list[str]:
+    stiff = [s for s in beam.counts if s not in HINGES]
+    out = [f"{', '.join(stiff)} of '{name}'"] if stiff else []
+    out += [f"patches of '{name}', but for their mass and stiffness"] if beam.patches else []
+    return out + ([f"the damping matrix of '{name}'"] if beam.damping else [])
+
+
+def _hinges(of: tuple[int, ...]) -> frozenset[int]:
+    return frozenset(i for i in range(1, len(of)) if of[i] == of[i - 1])
+
+
+def locked_frequencies(arm: Chain, hinges: frozenset[int]) -> Array:
+    """Those that are not zero (rad/s), increasing, all joints but these locked, without gravity."""
+    if not hinges and not any(link.beam is not None and link.beam.ne for link in arm.links):
+        return np.zeros(0)
+    locked = [k for k, link in enumerate(arm.links) if link.joint.nv and k not in hinges]
+    found = modes(arm._made(arm.links), None, None, locked).frequencies
+    return np.asarray(found[found > 0])
+
+
+def _fitted(arm: Chain, n: int, springs: dict[tuple[int, str], float], wanted: Array) -> dict[tuple[int, str], float]:
+    """Factors of the springs for these frequencies, no further from one than is needed."""
+    from scipy.optimize import least_squares  # slow to import
+
+    keys = list(springs)
+
+    def misses(logs: Array) -> Array:
+        links, of = _links(arm, n, dict(zip(keys, np.exp(logs), strict=True)))
+        found = locked_frequencies(arm._made(links), _hinges(of))[: len(wanted)]
+        return np.concatenate([np.log(found / wanted), 1e-3 * logs])
+
+    found = least_squares(misses, np.zeros(len(keys)), method="lm", xtol=1e-8, ftol=1e-8, diff_step=1e-5).x
+    return dict(zip(keys, np.exp(found).tolist(), strict=True))
+
+
+def _links(arm: Chain, n: int, springs: dict[tuple[int, str], float]) -> tuple[list[Link], tuple[int, ...]]:
+    links: list[Link] = []
+    of: list[int] = []
+    for k, link in enumerate(arm.links):
+        if link.beam is None:
+            parts = [replace(link, hub=_joined(link.hub, link.tip), tip=None)] if link.tip else [link]
+        else:
+            parts = _cut(arm.names[k], link, link.beam, n, {s: f for (of_, s), f in springs.items() if of_ == k})
+        links += parts
+        of += [k] * len(parts)
+    return links, tuple(of)
+
+
+def mass_of(body: RigidBody | None) -> Mass:
+    """A part's inertia."""
+    return Mass() if body is None else Mass(body.mass, np.array(body.com), inertia_matrix(body.inertia))
+
+
+def _rigid(bodies: Sequence[Mass], end: Array) -> RigidBody:
+    one = merged(bodies)
+    return RigidBody(one.mass, one.com.tolist(), one.inertia.tolist(), end.tolist())
+
+
+def _joined(hub: RigidBody | None, tip: RigidBody) -> RigidBody:
+    at = np.zeros(3) if hub is None else np.array(hub.end)
+    return _rigid([mass_of(hub), mass_of(tip).seen(Pose(at))], at + tip.end)
+
+
+def _cut(name: str, link: Link, beam: Beam, n: int, factors: dict[str, float]) -> list[Link]:
+    """The link up to the middle of its beam's first piece, and a link for each hinge."""
+    step, plain = beam.length / n, replace(beam, damping_ratio=0.0, damping=())
+    times = np.array([_retardation(beam, plain, strain) for strain in factors])
+    halves = [_rod(plain, k * step / 2, min((k + 1) * step / 2, beam.length)) for k in range(2 * n)]
+    ahead, half = np.zeros(3) if link.hub is None else np.array(link.hub.end), np.array([step / 2, 0.0, 0.0])
+    first = _rigid([mass_of(link.hub), halves[0].seen(Pose(ahead))], ahead + half)
+    out = [replace(link, hub=first, beam=None, tip=None)]
+    end = np.zeros(3) if link.tip is None else np.array(link.tip.end)
+    for k in range(n):
+        stiffness, damping = _springs(plain, k * step, (k + 1) * step, factors, times)
+        axes = [HINGES[s] for s in factors]
+        hinge = Axes(axes=axes, stiffness=stiffness, damping=damping, name=f"{name} {k + 1} hinge")
+        rods = [halves[2 * k + 1], *([halves[2 * k + 2].seen(Pose(half))] if k + 1 < n else [])]
+        rods += [mass_of(link.tip).seen(Pose(half))] if k + 1 == n else []
+        body = _rigid(rods, half + (half if k + 1 < n else end))
+        out.append(Link(hinge, body, name=f"{name} {k + 1}"))
+    return out
+
+
+def _rod(beam: Beam, a: float, b: float) -> Mass:
+    """The inertia of a rigid piece of a beam, from its own start."""
+    M = Chain._made([Link(_BODY, beam=piece(beam, a, b, {}))]).mass_matrix(np.zeros(6))
+    mass = float(M[0, 0])
+    com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass if mass else np.zeros(3)
+    r = np.array(com)
+    return Mass(mass, com, M[3:, 3:] - mass * (r @ r * np.eye(3) - np.outer(r, r)))
+
+
+def _springs(
+    beam: Beam, a: float, b: float, factors: dict[str, float], times: Array
+) -> tuple[list[float], list[float]]:
+    """Of a hinge, for each strain: its piece's rigidity over its length, and what damps it: the material, and `times`
+    (s)."""
+    own = piece(beam, a, b, dict.fromkeys(factors, 1))
+    K, D = np.diag(own._core.stiffness), np.diag(own._core.damping)
+    stiffness = K / (b - a) ** 2 * np.array(list(factors.values()))
+    return stiffness.tolist(), (stiffness * (D / K + times)).tolist()
+
+
+def _retardation(beam: Beam, plain: Beam, strain: str) -> float:
+    """The time that gives a strain's lowest mode of the clamped beam the beam's damping ratio."""
+    if not beam.damping_ratio:
+        return 0.0
+    alone = Chain._made([Link(Fixed(), beam=replace(plain, modes={strain: beam.modes[strain]}))])
+    return 2 * beam.damping_ratio / float(modes(alone).frequencies[0])

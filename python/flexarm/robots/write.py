@@ -1,0 +1,248 @@
+"""Arms as MJCF and URDF text."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from ..parts.joints import Joint
+from ..parts.link import Link
+from .segments import Segmented, locked_frequencies, mass_of
+from .tree import Mass, Pose
+
+_SMALL = 1e-12  # kg, kg m^2: what programs that refuse massless bodies are given
+
+
+@dataclass(frozen=True)
+class _Freedom:
+    """One motion of a joint, with what acts on it."""
+
+    name: str
+    rotates: bool
+    axis: Array
+    values: dict[str, float]  #: by the names of fa.Joint's arguments
+
+
+def _pose(place: Any) -> Pose:
+    return Pose() if place is None else Pose(*place._core)
+
+
+def _freedoms(name: str, joint: Joint) -> list[_Freedom]:
+    """ValueError for balls, which have quaternions."""
+    if joint.ball:
+        raise ValueError(f"{name}: its joint '{joint.type}' has a ball, which is not written; use Axes")
+    fields = ("stiffness", "rest", "damping", "lower", "upper", "coulomb", "stiction", "reflected_inertia")
+    columns = {field: joint._per_freedom(field, joint.nv) for field in fields}
+    own = joint.name or f"{name} joint"
+    out = []
+    for k, (label, rotates, axis) in enumerate(joint._freedoms()):
+        words = own if joint.nv == 1 else f"{own} {label}"
+        out.append(_Freedom(words, rotates, np.array(axis), {f: float(c[k]) for f, c in columns.items()}))
+    return out
+
+
+def _at_end(link: Link) -> Array:
+    return np.zeros(3) if link.hub is None else np.array(link.hub.end)
+
+
+def _numbers(values: Any) -> str:
+    return " ".join(repr(float(x) + 0.0) for x in np.ravel(values))
+
+
+def _quaternion(R: Array) -> Array:
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    return np.asarray(Rotation.from_matrix(R).as_quat())[[3, 0, 1, 2]]
+
+
+def _possible(body: Mass) -> Mass:
+    """The same body with an inertia that a body in space can have. In a plane one moment alone, about the axis of the
+    joints, may be given, and the others do not matter."""
+    I = body.inertia
+    moments = np.linalg.eigvalsh(I)
+    if moments[-1] > moments[:-1].sum() * (1 + 1e-9):
+        I = np.eye(3) * moments[-1]
+    return Mass(max(body.mass, _SMALL), body.com, I + _SMALL * np.eye(3) * (moments[0] < _SMALL))
+
+
+def about(cut: Segmented) -> Iterator[str]:
+    """Lines that tell what a file stands for, and how well."""
+    yield "Written by flexarm."
+    if len(cut.wanted):
+        words = ", ".join(
+            f"{w:.6g} ({100 * (f / w - 1):+.2f} % here)" for w, f in zip(cut.wanted, cut.frequencies, strict=True)
+        )
+        yield "Beams are rigid segments on springs, fitted to the arm's lowest frequencies (rad/s, joints locked, no "
+        yield f"gravity): {words}."
+
+
+def _comment(cut: Segmented) -> str:
+    return f"<!-- {' '.join(' '.join(about(cut)).replace('--', '- -').split())} -->\n"
+
+
+def lost(cut: Segmented, fields: dict[str, str]) -> list[str]:
+    """What the arm has and the file has not, by the names of a joint's arguments."""
+    out = list(cut.left_out)
+    for field, words in fields.items():
+        default = {"stiction": "coulomb"}.get(field)
+        whose = []
+        for name, link in zip(cut.names, cut.arm.links, strict=True):
+            joint, value = link.joint, getattr(link.joint, field)
+            if value is not None and np.any(value) and (default is None or value != getattr(joint, default)):
+                whose.append(joint.name or name)
+        if whose:
+            out.append(f"{words}: {', '.join(whose[:6])}" + (f" and {len(whose) - 6} more" if len(whose) > 6 else ""))
+    return out
+
+
+# -- MJCF -------------------------------------------------------------------------------------------------------------
+
+
+def mjcf(cut: Segmented) -> str:
+    """The file: a body for each link, hinges and slides for its joint, a motor for each of the arm's own freedoms, and
+    a site at the tip."""
+    arm, w = cut.arm, float(locked_frequencies(cut.arm, cut.hinges).max(initial=500.0))
+    digit = 10.0 ** np.floor(-np.log10(w))
+    step = float(f"{np.floor(1 / w / digit) * digit:.0e}")  # at most half of what is stable
+    root = ET.Element("mujoco", model="arm")
+    ET.SubElement(root, "compiler", angle="radian", autolimits="false")
+    option = {"gravity": _numbers(arm.gravity), "timestep": repr(step), "integrator": "implicitfast"}
+    ET.SubElement(root, "option", option)
+    here = ET.SubElement(root, "worldbody")
+    end, motors = Pose(), []
+    for k, (name, link) in enumerate(zip(cut.names, arm.links, strict=True)):
+        inboard, outboard = _pose(link.joint.inboard), _pose(link.joint.outboard)
+        at = end @ inboard @ outboard
+        turn = _numbers(_quaternion(at.rotation))
+        here = ET.SubElement(here, "body", name=name, pos=_numbers(at.position), quat=turn)
+        freedoms = _freedoms(name, link.joint)
+        anchor = outboard.inverse
+        for f in freedoms:
+            _mjcf_joint(here, f, anchor)
+        if k not in cut.hinges:
+            motors += [f.name for f in freedoms]
+        _mjcf_inertia(here, mass_of(link.hub), bool(freedoms))
+        _mjcf_shape(here, _at_end(link))
+        end = Pose(_at_end(link))
+    ET.SubElement(here, "site", name="tip", pos=_numbers(end.position))
+    if motors:
+        actuator = ET.SubElement(root, "actuator")
+        for name in motors:
+            ET.SubElement(actuator, "motor", name=name, joint=name)
+    ET.indent(root)
+    return _comment(cut) + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _mjcf_joint(body: ET.Element, f: _Freedom, anchor: Pose) -> None:
+    given = {"name": f.name, "type": "hinge" if f.rotates else "slide", "axis": _numbers(anchor.rotation @ f.axis)}
+    given["pos"] = _numbers(anchor.position)
+    v = f.values
+    if v["stiffness"]:
+        given |= {"stiffness": _numbers(v["stiffness"]), "springref": _numbers(v["rest"])}
+    for key, field in (("damping", "damping"), ("frictionloss", "coulomb"), ("armature", "reflected_inertia")):
+        if v[field]:
+            given[key] = _numbers(v[field])
+    if np.isfinite([v["lower"], v["upper"]]).any():
+        limits = np.nan_to_num([v["lower"], v["upper"]], posinf=1e6, neginf=-1e6)
+        given |= {"limited": "true", "range": _numbers(limits)}
+    ET.SubElement(body, "joint", given)
+
+
+def _mjcf_inertia(body: ET.Element, given: Mass, moves: bool) -> None:
+    if not (moves or given.mass):
+        return
+    own = _possible(given)
+    I = own.inertia
+    entries = _numbers([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
+    ET.SubElement(body, "inertial", pos=_numbers(own.com), mass=_numbers(own.mass), fullinertia=entries)
+
+
+def _mjcf_shape(body: ET.Element, end: Array) -> None:
+    """A stick to look at; it touches nothing and has no mass."""
+    if size := float(np.linalg.norm(end)):
+        look = {"type": "capsule", "fromto": _numbers([np.zeros(3), end]), "size": repr(max(0.02 * size, 1e-3))}
+        ET.SubElement(body, "geom", {**look, "contype": "0", "conaffinity": "0", "mass": "0"})
+
+
+# -- URDF -------------------------------------------------------------------------------------------------------------
+
+
+def urdf(cut: Segmented) -> str:
+    """The file: a link and a joint for each freedom, a fixed link "tip" at the end. Springs stand in <gazebo> elements,
+    which Gazebo reads."""
+    root = ET.Element("robot", name="arm")
+    parent, springs = "world", []
+    ET.SubElement(root, "link", name=parent)
+    end = Pose()
+    for name, link in zip(cut.names, cut.arm.links, strict=True):
+        inboard, outboard = _pose(link.joint.inboard), _pose(link.joint.outboard)
+        freedoms: list[_Freedom | None] = list(_freedoms(name, link.joint)) or [None]
+        at = end @ inboard
+        for k, f in enumerate(freedoms):
+            child = name if k + 1 == len(freedoms) else f"{name} {k + 1} of {len(freedoms)}"
+            body = ET.SubElement(root, "link", name=child)
+            if k + 1 == len(freedoms):  # the URDF's frame is that of the joint's moving side
+                _urdf_inertia(body, mass_of(link.hub).seen(outboard))
+            _urdf_joint(root, f, at, parent, child)
+            springs += [f] if f is not None and f.values["stiffness"] else []
+            parent, at = child, Pose()
+        end = outboard @ Pose(_at_end(link))
+    ET.SubElement(root, "link", name="tip")
+    _urdf_joint(root, None, end, parent, "tip")
+    for f in springs:
+        spring = ET.SubElement(root, "gazebo", reference=f.name)
+        ET.SubElement(spring, "springStiffness").text = _numbers(f.values["stiffness"])
+        ET.SubElement(spring, "springReference").text = _numbers(f.values["rest"])
+    ET.indent(root)
+    return '<?xml version="1.0"?>\n' + _comment(cut) + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _rpy(R: Array) -> tuple[float, float, float]:
+    """Roll, pitch, yaw; of a pitch of a quarter turn, where only two of them are told apart, no yaw."""
+    flat = float(np.hypot(R[0, 0], R[1, 0]))
+    pitch = float(np.arctan2(-R[2, 0], flat))
+    if flat < 1e-9:
+        return float(np.arctan2(-R[1, 2], R[1, 1])), pitch, 0.0
+    return float(np.arctan2(R[2, 1], R[2, 2])), pitch, float(np.arctan2(R[1, 0], R[0, 0]))
+
+
+def _urdf_origin(parent: ET.Element, at: Pose) -> None:
+    rpy = _rpy(at.rotation)
+    ET.SubElement(parent, "origin", xyz=_numbers(at.position), rpy=_numbers(rpy))
+
+
+def _urdf_inertia(link: ET.Element, given: Mass) -> None:
+    if not given.mass and not given.inertia.any():
+        return
+    own = _possible(given)
+    inertial = ET.SubElement(link, "inertial")
+    _urdf_origin(inertial, Pose(own.com))
+    ET.SubElement(inertial, "mass", value=_numbers(own.mass))
+    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+    ET.SubElement(inertial, "inertia", {f"i{'xyz'[i]}{'xyz'[j]}": _numbers(own.inertia[i, j]) for i, j in pairs})
+
+
+def _urdf_joint(root: ET.Element, f: _Freedom | None, at: Pose, parent: str, child: str) -> None:
+    kind, limits = "fixed", None
+    if f is not None:
+        limits = f.values["lower"], f.values["upper"]
+        limited = bool(np.isfinite(limits).all())
+        kind = ("revolute" if limited else "continuous") if f.rotates else "prismatic"
+    joint = ET.SubElement(root, "joint", name=f"{child} (fixed)" if f is None else f.name, type=kind)
+    _urdf_origin(joint, at)
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+    if f is None or limits is None:
+        return
+    ET.SubElement(joint, "axis", xyz=_numbers(f.axis))
+    if kind != "continuous":  # the format wants limits, of a slide always
+        lower, upper = np.nan_to_num(limits, posinf=1e6, neginf=-1e6)
+        given = {"lower": _numbers(lower), "upper": _numbers(upper), "effort": "1e6", "velocity": "1e6"}
+        ET.SubElement(joint, "limit", given)
+    if f.values["damping"] or f.values["coulomb"]:
+        ET.SubElement(joint, "dynamics", damping=_numbers(f.values["damping"]), friction=_numbers(f.values["coulomb"]))
