@@ -263,11 +263,15 @@ def test_a_film_by_ffmpeg(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 def test_show_opens_a_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("jupyter_threejs_sage")
     opened: list[str] = []
+    monkeypatch.setenv("BROWSER", "any")
     monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or False)
     view = paper_link().show()
     assert isinstance(view, View) and ".save(" in repr(view)
     assert len(opened) == 1 and Path(opened[0].removeprefix("file://")).exists()
     assert "no browser was found" in capsys.readouterr().err
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER", "WSL_DISTRO_NAME"):
+        monkeypatch.delenv(name, raising=False)
+    assert view.open().exists() and len(opened) == (1 if sys.platform.startswith("linux") else 2)
     assert view._repr_html_().startswith("<iframe srcdoc=")
 
 

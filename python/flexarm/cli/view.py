@@ -60,13 +60,14 @@ def run(args: argparse.Namespace) -> int:
     read = [_read(name) for name in args.runs]
     first, *others = (result for _, result, _ in read)
     view = first.animate(*others, magnify=args.magnify, speed=args.speed, titles=[title for title, _, _ in read])
-    if args.output is None:
-        view.open()
+    file = args.output
+    if file is None:
+        file = str(view.open())
     else:
-        view.save(args.output, t=args.time)
+        view.save(file, t=args.time)
     frames = max(len(track.t) for track in view.tracks)
     if args.json:
-        told: dict[str, Any] = {"file": args.output, "frames": frames, "times": list(view.times)}
+        told: dict[str, Any] = {"file": file, "frames": frames, "times": list(view.times)}
         told |= {"magnify": view.magnify, "speed": view.speed, "greatest_strain": greatest_strain(view.tracks)}
         print(json_text(told))
     elif args.output is not None:

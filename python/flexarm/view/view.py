@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import os
 import sys
 import tempfile
 import webbrowser
@@ -50,18 +51,19 @@ class View:
     Attributes:
         tracks: what is shown side by side. magnify: the factor of the elastic coordinates; None of a mode.
         speed: of playing; 1 is real time. cycle: whether it plays again and again. notes: lines that the picture
-            states. steady: whether a picture shows all that the arm can reach, not only where it is.
+            states. steady: whether a picture shows all that the arm can reach, not only where it is. strain_scale: the
+            strain up to which colours go in a picture, at least.
     """
 
     def __init__(
         self, tracks: Sequence[Track], magnify: float | None, *, speed: float = 1.0, cycle: bool = False,
-        notes: Sequence[str] = (), steady: bool = False
+        notes: Sequence[str] = (), steady: bool = False, strain_scale: float = 0.0
     ) -> None:  # fmt: skip
         self.tracks, self.magnify, self.speed, self.cycle = list(tracks), magnify, speed, cycle
-        self.steady = steady
+        self.steady, self.strain_scale = steady, strain_scale
         self._still: Still | None = None
         self.notes = list(notes)
-        if magnify is not None:
+        if magnify is not None and any(track.strain.any() for track in tracks):
             self.notes.insert(0, "bending to scale" if magnify == 1 else f"bending magnified {magnify:g} times")
         error = max(t.error for t in tracks)
         if error > 1e-3 * max(t.body.size for t in tracks):
@@ -89,13 +91,14 @@ class View:
             'style="border: 1px solid #ddd"></iframe>'
         )
 
-    def open(self) -> None:
-        """Shows the page in the browser; where there is none, a line on stderr says where the page is."""
+    def open(self) -> Path:
+        """Shows the page in the browser, and tells where the page is; where there is no browser, on stderr too."""
         folder = tempfile.mkdtemp(prefix="flexarm-")
         file = Path(folder) / "view.html"
         file.write_text(self.html(), encoding="utf-8")
-        if not webbrowser.open(file.as_uri()):
+        if not (_has_display() and webbrowser.open(file.as_uri())):
             complain(f"no browser was found; the view is in {file}")
+        return file
 
     def figure(self, t: float | None = None, size: Sequence[float] = (9.0, 6.0)) -> Figure:
         """A matplotlib figure at time t (s; None: the first), size in inches."""
@@ -111,7 +114,7 @@ class View:
         if not (1 <= width <= 100 and 1 <= height <= 100):
             raise ValueError(f"size = {tuple(size)}: must be from 1 to 100 inches")
         if self._still is None or tuple(self._still.figure.get_size_inches()) != (width, height):
-            self._still = Still(self.tracks, self.notes, (width, height), self.steady)
+            self._still = Still(self.tracks, self.notes, (width, height), self.steady, self.strain_scale)
         return self._still
 
     def _check_time(self, t: Any) -> None:
@@ -160,6 +163,12 @@ class View:
         times = low + (high - low) * np.arange(count + (not self.cycle)) / count
         still = self._drawn(size)
         (_gif if kind == ".gif" else _mp4)(file, (_pixels(still.draw(float(s))) for s in times), rate)
+
+
+def _has_display() -> bool:
+    """Whether a browser has somewhere to draw; on a Linux without, one for the terminal would be opened."""
+    names = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER", "WSL_DISTRO_NAME")
+    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in names)
 
 
 def _pixels(figure: Figure) -> NDArray[np.uint8]:
@@ -213,12 +222,12 @@ def _mp4(file: Path, pictures: Any, rate: float) -> None:
 
 
 def show(
-    arm: Chain, q: Array, magnify: float, loads: Sequence[Load], t: float, title: str = "", steady: bool = False
+    arm: Chain, q: Array, magnify: float, loads: Sequence[Load] = (), t: float = 0.0, title: str = "", **options: Any
 ) -> View:
-    """See Arm.show; q (nq,)."""
+    """See Arm.show; q (nq,). Options are those of View."""
     magnify = magnification(magnify)
     track = make_track(arm, np.array([t]), q[None], loads=loads, magnify=magnify, title=title)
-    return View([track], magnify, steady=steady)
+    return View([track], magnify, **options)
 
 
 def animate(
