@@ -71,9 +71,9 @@ class Modes:
         else:
             size = number("amplitude", amplitude)
             if not (np.isfinite(size) and size > 0 and moved > 0):
-                raise ValueError(f"amplitude = {amplitude!r}: must be a finite number of m above 0, of a mode that moves")
+                raise ValueError(f"amplitude = {amplitude!r}: must be a finite number of m above 0, of what moves")
             share = size / moved
-        about = (float(self.frequencies[k]), float(self.damping[k]), k, share * moved)
+        about = (float(self.frequencies[k]), float(self.damping[k]), k % n, share * moved)
         return animate_mode(self.arm, self.q, share * self.shapes[:, k], *about)
 
 

@@ -132,7 +132,7 @@ class View:
         Args:
             path: .html (or none): a page for a browser; .png: a picture; .gif or .mp4: a film at the view's speed.
             t: of a picture, its time (s); None: the first.
-            fps: of a film, pictures in a second, 1 to 100.
+            fps: of a film, pictures in a second, from 1 to 100; of a .gif to 50, the most that browsers show.
             size: of a picture or a film (inches, 100 pixels each; a .png has 200).
 
         Raises:
@@ -153,9 +153,9 @@ class View:
         write_whole(file, lambda f: f.write(content), "path")
 
     def _film(self, file: Path, kind: str, fps: Any, size: Sequence[float]) -> None:
-        rate = number("fps", fps)
-        if not 1 <= rate <= 100:
-            raise ValueError(f"fps = {fps!r}: must be from 1 to 100")
+        rate, most = number("fps", fps), 50 if kind == ".gif" else 100
+        if not 1 <= rate <= most:
+            raise ValueError(f"fps = {fps!r}: must be from 1 to {most} of {kind}")
         low, high = self.times
         count = max(round((high - low) / self.speed * rate), 1)
         if count > 20_000:
@@ -184,8 +184,10 @@ def _gif(file: Path, pictures: Any, rate: float) -> None:
     from PIL import Image
 
     frames = [Image.fromarray(p).quantize(128, dither=Image.Dither.NONE) for p in pictures]
+    ends = np.round(100 / rate * np.arange(len(frames) + 1))  # a GIF counts in hundredths of a second
     options: dict[str, Any] = {"save_all": True, "append_images": frames[1:], "loop": 0, "optimize": False}
-    write_whole(file, lambda f: frames[0].save(f, format="GIF", duration=1000 / rate, **options), "path")
+    options["duration"] = (10 * np.diff(ends)).astype(int).tolist()
+    write_whole(file, lambda f: frames[0].save(f, format="GIF", **options), "path")
 
 
 def _mp4(file: Path, pictures: Any, rate: float) -> None:
@@ -231,9 +233,12 @@ def show(
 
 
 def animate(
-    runs: Sequence[tuple[Chain, Array, Array, Sequence[Load]]], magnify: float, speed: float, titles: Sequence[str]
+    runs: Sequence[tuple[Chain, Array, Array, Sequence[Load] | None]],
+    magnify: float,
+    speed: float,
+    titles: Sequence[str],
 ) -> View:
-    """See Result.animate; runs of (arm, t, q, loads)."""
+    """See Result.animate; runs of (arm, t, q, loads), with loads None where they are not known."""
     magnify = magnification(magnify)
     rate = number("speed", speed)
     if not (np.isfinite(rate) and rate > 0):
@@ -242,8 +247,9 @@ def animate(
     for (arm, t, q, loads), title in zip(runs, titles, strict=True):
         if not len(t):
             raise ValueError("result: has no rows, so there is nothing to show")
-        tracks.append(make_track(arm, t, q, loads=loads, magnify=magnify, title=title, share=1 / len(runs)))
-    return View(tracks, magnify, speed=rate)
+        tracks.append(make_track(arm, t, q, loads=loads or (), magnify=magnify, title=title, share=1 / len(runs)))
+    lost = ["without its loads, which the file does not keep"] if any(run[3] is None for run in runs) else []
+    return View(tracks, magnify, speed=rate, notes=lost)
 
 
 def animate_mode(
