@@ -19,6 +19,7 @@ from .arm import Arm
 from .batch.rollout import rollout
 from .run.variation import Setup, Variation
 from .tasks import TASKS, State, Task
+from .view.stage import greatest_strain
 from .view.view import show
 
 try:
@@ -81,7 +82,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
             raise ValueError(f"num_envs = {num_envs}: must be at least 1")
         if render_mode is not None:
             choice("render_mode", render_mode, ("rgb_array",))
-        self.render_mode = render_mode
+        self.render_mode, self._strain = render_mode, 0.0  # the largest strain that was drawn: colours keep their scale
         self.num_envs, self.task, self.workers = num_envs, _task(task, randomize), workers
         if not isinstance(autoreset_mode, AutoresetMode):
             choice("autoreset_mode", autoreset_mode, [m.value for m in AutoresetMode])
@@ -160,7 +161,9 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         pictures = []
         for arm, q, count in zip(self._arms, self._q, self._count, strict=True):
             time = float(count * self.task.period)
-            pictures.append(show(arm, q, 1.0, (), time, f"t = {time:.3g} s", steady=True).image())
+            view = show(arm, q, 1.0, t=time, title=f"t = {time:.3g} s", steady=True, strain_scale=self._strain)
+            self._strain = max(self._strain, greatest_strain(view.tracks))
+            pictures.append(view.image())
         return tuple(pictures)
 
     def _begin(self, which: _Bools) -> None:

@@ -229,6 +229,25 @@ def test_modes_of_balls_and_of_nothing_elastic() -> None:
         assert np.isfinite(made.position).all() and np.ptp(made.position[:, :, :], axis=0).max() < 1.0
 
 
+def test_a_mode_that_only_turns() -> None:
+    beam = fa.Beam(0.5, fa.Circle(0.01), STEEL, {"torsion": 2})
+    modes = fa.Arm([fa.Link(fa.Fixed(), beam=beam)]).modes()
+    made = modes.animate(-1).tracks[0]
+    quarter = int(made.t.searchsorted(made.t[-1] / 4))
+    turns = Rotation.from_quat(made.quaternion[0]) * Rotation.from_quat(made.quaternion[quarter]).inv()
+    assert made.title.startswith("mode 1:") and turns.magnitude().max() == pytest.approx(0.5, rel=1e-3)
+    with pytest.raises(ValueError, match="of what moves"):
+        modes.animate(0, amplitude=0.01)
+
+
+def test_loads_that_a_file_does_not_keep_are_missed(tmp_path: Path) -> None:
+    run = swing(chain(1), np.linspace(0.0, 1.0, 20))
+    run.loads = (fa.Load(force=(0, 1, 0)),)
+    assert len(run.animate().tracks[0].body.loads) == 1
+    run.save(tmp_path / "run.npz")
+    assert any("without its loads" in note for note in fa.Result.load(tmp_path / "run.npz").animate().notes)
+
+
 # -- files -------------------------------------------------------------------------------------------------------------
 
 
@@ -241,7 +260,7 @@ def test_pictures_and_films_are_written(tmp_path: Path) -> None:
     assert picture.shape == (600, 800, 3) and 0.01 < (picture < 200).any(axis=-1).mean() < 0.5
     view.save(tmp_path / "arm.gif", fps=20, size=SIZE)
     with Image.open(tmp_path / "arm.gif") as film:
-        assert film.n_frames == 5
+        assert film.n_frames == 5 and film.info["duration"] == 50
         first = np.asarray(film.convert("RGB"), int)
         film.seek(3)
         assert np.abs(np.asarray(film.convert("RGB"), int) - first).max() > 100
@@ -263,11 +282,15 @@ def test_a_film_by_ffmpeg(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 def test_show_opens_a_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("jupyter_threejs_sage")
     opened: list[str] = []
+    monkeypatch.setenv("BROWSER", "any")
     monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or False)
     view = paper_link().show()
     assert isinstance(view, View) and ".save(" in repr(view)
     assert len(opened) == 1 and Path(opened[0].removeprefix("file://")).exists()
     assert "no browser was found" in capsys.readouterr().err
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER", "WSL_DISTRO_NAME"):
+        monkeypatch.delenv(name, raising=False)
+    assert view.open().exists() and len(opened) == (1 if sys.platform.startswith("linux") else 2)
     assert view._repr_html_().startswith("<iframe srcdoc=")
 
 
@@ -290,7 +313,7 @@ def test_show_opens_a_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
         (lambda a: swing(a, np.arange(3.0)).animate(3), r"others\[0\] = 3: must be a Result"),
         (lambda a: swing(a, np.arange(3.0)).animate(speed=0), "speed = 0"),
         (lambda a: swing(a, np.arange(3.0)).animate(titles=["a", "b"]), "a list of 1 strings"),
-        (lambda a: swing(a, np.arange(3.0)).animate().save("a.gif", fps=0), "fps = 0: must be from 1 to 100"),
+        (lambda a: swing(a, np.arange(3.0)).animate().save("a.gif", fps=0), "fps = 0: must be from 1 to 50"),
     ],
 )
 def test_bad_arguments_are_named(call, said: str) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, finite, number, whole
+from ..parts.beam import Beam
 from ..parts.chain import Chain
 from ..view.body import length
 from ..view.view import View, animate_mode
@@ -53,8 +54,8 @@ class Modes:
 
         Args:
             k: which, from 0; -1 is the last.
-            amplitude: the largest displacement of any point (m); None: a tenth of the arm's length. A mode has no size
-                of its own. Above a few tenths of the length the shape is no longer that of the mode.
+            amplitude: the largest displacement of any point (m); None: a tenth of the arm's length, and a turn of half
+                a radian at most. A mode has no size of its own. Far above that the shape is no longer the mode's.
 
         Raises:
             ValueError: no such mode, an amplitude that is not above zero.
@@ -62,13 +63,18 @@ class Modes:
         n = len(self.frequencies)
         if not -n <= whole("k", k) < n:
             raise ValueError(f"k = {k}: must be from {-n} to {n - 1}, the modes that were found")
-        moved = np.linalg.norm(sample(self.arm, self, 9).displacement[:, :, k], axis=1).max()
-        size = 0.1 * length(self.arm) if amplitude is None else number("amplitude", amplitude)
-        if not (np.isfinite(size) and size > 0):
-            raise ValueError(f"amplitude = {amplitude!r}: must be a finite number of m above 0")
-        share = size / moved if moved > 0 else 1.0  # where nothing is displaced, it turns
-        scaled = share * self.shapes[:, k]
-        return animate_mode(self.arm, self.q, scaled, float(self.frequencies[k]), float(self.damping[k]), k, size)
+        places = [(n, x) for n, b in enumerate(self.arm.links) for x in (*_slices(b.beam, 9), None)]
+        motion = np.array([self.arm.jacobian(self.q, n, x) @ self.shapes[:, k] for n, x in places])
+        moved, turned = (float(np.linalg.norm(part, axis=1).max()) for part in (motion[:, :3], motion[:, 3:]))
+        if amplitude is None:
+            share = min(0.1 * length(self.arm) / max(moved, 1e-300), 0.5 / max(turned, 1e-300))
+        else:
+            size = number("amplitude", amplitude)
+            if not (np.isfinite(size) and size > 0 and moved > 0):
+                raise ValueError(f"amplitude = {amplitude!r}: must be a finite number of m above 0, of what moves")
+            share = size / moved
+        about = (float(self.frequencies[k]), float(self.damping[k]), k % n, share * moved)
+        return animate_mode(self.arm, self.q, share * self.shapes[:, k], *about)
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,11 @@ class ModeShapes:
     displacement: NDArray[Any]
 
 
+def _slices(beam: Beam | None, points: int) -> list[float]:
+    """Places along a beam, evenly spaced (m); none of none."""
+    return [] if beam is None else [float(x) for x in np.linspace(0.0, beam.length, points)]
+
+
 def sample(arm: Chain, found: Modes, points: int = 21) -> ModeShapes:
     """See Arm.mode_shapes."""
     if not isinstance(found, Modes) or found.q.shape != (arm.nq,) or len(found.shapes) != arm.nv:
@@ -97,9 +108,7 @@ def sample(arm: Chain, found: Modes, points: int = 21) -> ModeShapes:
         raise ValueError(f"points = {points}: must be at least 2")
     places: list[tuple[int, float | None]] = []
     for k, link in enumerate(arm.links):
-        if link.beam is not None:
-            places += [(k, float(x)) for x in np.linspace(0.0, link.beam.length, points)]
-        places.append((k, None))
+        places += [(k, x) for x in (*_slices(link.beam, points), None)]
     position = np.array([arm.frame(found.q, k, x)[0] for k, x in places])
     moved = np.array([arm.jacobian(found.q, k, x)[:3] @ found.shapes for k, x in places])
     return ModeShapes(

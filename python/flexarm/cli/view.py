@@ -51,6 +51,11 @@ def _library() -> None:
         raise ValueError(str(e)) from None
 
 
+def _failed(failure: SimulationError | SimulationInterrupted, shown: str) -> int:
+    complain(f"{failure}; {shown}")
+    return 130 if isinstance(failure, KeyboardInterrupt) else 1
+
+
 def run(args: argparse.Namespace) -> int:
     """Simulates or reads, and shows or writes; 1 if a run could not go on, 130 after Ctrl-C."""
     if args.time is not None and Path(args.output or "").suffix.lower() != ".png":
@@ -58,21 +63,24 @@ def run(args: argparse.Namespace) -> int:
     if Path(args.output or "").suffix.lower() not in (".png", ".gif", ".mp4"):
         _library()
     read = [_read(name) for name in args.runs]
+    for _, result, failure in read:
+        if failure is not None and not len(result.t):
+            return _failed(failure, "there is nothing to show")
     first, *others = (result for _, result, _ in read)
     view = first.animate(*others, magnify=args.magnify, speed=args.speed, titles=[title for title, _, _ in read])
-    if args.output is None:
-        view.open()
+    file = args.output
+    if file is None:
+        file = str(view.open())
     else:
-        view.save(args.output, t=args.time)
+        view.save(file, t=args.time)
     frames = max(len(track.t) for track in view.tracks)
     if args.json:
-        told: dict[str, Any] = {"file": args.output, "frames": frames, "times": list(view.times)}
+        told: dict[str, Any] = {"file": file, "frames": frames, "times": list(view.times)}
         told |= {"magnify": view.magnify, "speed": view.speed, "greatest_strain": greatest_strain(view.tracks)}
         print(json_text(told))
     elif args.output is not None:
         print(f"{view.times[0]:g} to {view.times[1]:g} s in {frames} frames: {args.output}")
     for _, _, failure in read:
         if failure is not None:
-            complain(f"{failure}; shown is what there was before")
-            return 130 if isinstance(failure, KeyboardInterrupt) else 1
+            return _failed(failure, "shown is what there was before")
     return 0

@@ -141,7 +141,7 @@ class Result:
         texts = isinstance(names, (list, tuple)) and all(isinstance(x, str) for x in names)
         if not texts or len(names) != len(runs):
             raise ValueError(f"titles = {titles!r}: must be a list of {len(runs)} strings, one for each result")
-        return animate([(run.arm, run.t, run.q, run.loads or ()) for run in runs], magnify, speed, names)
+        return animate([(run.arm, run.t, run.q, run.loads) for run in runs], magnify, speed, names)
 
     def to_data(self) -> Data:
         """Columns over time: "q ...", "v ...", "a ..." and "tau ..." of each coordinate by its name (`arm.q_names`,

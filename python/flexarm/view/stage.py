@@ -70,7 +70,7 @@ def _towards_eye(points: Array, up: Array, steady: bool) -> Array:
     if spread[2] < 0.12 * spread[1] and not steady:
         normal = directions[2] if directions[2] @ eye > 0 else -directions[2]
         level = abs(normal @ up) > 0.9
-        eye = 0.9 * up - 0.75 * ahead if level else normal + 0.28 * up + 0.2 * np.cross(up, normal)
+        eye = 0.7 * up - 0.9 * ahead if level else normal + 0.28 * up + 0.2 * np.cross(up, normal)
     return np.asarray(eye / np.linalg.norm(eye))
 
 

@@ -116,6 +116,14 @@ class _Faces:
         ax.add_collection(PolyCollection(list(places[order]), facecolors=rgb, edgecolors=rgb, linewidths=0.3, zorder=3))
 
 
+def _finer(outlines: Array) -> Array:
+    """Corners (n, m, 2) with more between those of few, since a face has one colour."""
+    parts = 4 if outlines.shape[1] < 12 else 2 if outlines.shape[1] < 20 else 1
+    after = np.roll(outlines, -1, axis=1)
+    between = [outlines + k / parts * (after - outlines) for k in range(parts)]
+    return np.stack(between, axis=2).reshape(len(outlines), -1, 2)
+
+
 def _beam_colours(values: Array, most: float) -> Array:
     u = np.clip(values / most if most else 0.0 * values, -1, 1)
     stops = np.linspace(-1, 1, len(stage.COLOURS))
@@ -132,7 +140,7 @@ def _add_track(faces: _Faces, track: Track, pose: Any, most: float, largest: tup
 
     for beam in body.beams:
         nodes = slice(beam["first"], beam["first"] + beam["count"])
-        outlines = np.asarray(beam["outlines"])
+        outlines = _finer(np.asarray(beam["outlines"]))
         corners = np.concatenate([np.zeros((*outlines.shape[:2], 1)), outlines], axis=2)
         rings = np.einsum("nij,nmj->nmi", R[nodes], corners) + p[nodes, None]
         values = stage.surface_strain(strain[nodes], outlines)
@@ -193,9 +201,11 @@ def _trace(ax: Axes, eye: Eye, track: Track, t: float) -> None:
 class Still:
     """A matplotlib figure of tracks side by side, drawn anew for each time."""
 
-    def __init__(self, tracks: Sequence[Track], notes: Sequence[str], size: tuple[float, float], steady: bool) -> None:
+    def __init__(
+        self, tracks: Sequence[Track], notes: Sequence[str], size: tuple[float, float], steady: bool, scale: float
+    ) -> None:
         self.tracks = tracks
-        self.most = stage.round_up(stage.greatest_strain(tracks))
+        self.most = stage.round_up(max(stage.greatest_strain(tracks), scale))
         self.largest = (_largest(tracks, "force"), _largest(tracks, "moment"))
         self.figure: Figure = new_figure(*size)
         self.figure.set_layout_engine("none")

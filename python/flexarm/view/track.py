@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .._check import Array
 from ..acting.load import Load
 from ..parts.chain import Chain
-from .body import Body, make_body
+from .body import Body, length, make_body
 
 _BUDGET = 1.5e6  # bytes of frames of one page
 _MOST = 20_000  # rows that are looked at
@@ -115,7 +115,11 @@ def _slices(arm: Chain, q: Array) -> list[int]:
 
 def _frames(arm: Chain, t: Array, q: Array, most: int) -> tuple[NDArray[np.int_], float]:
     """Which rows to keep, evenly spaced, and how far the curve through them is off the others (m)."""
-    ends = np.concatenate([arm.frame(q, k)[0] for k in range(len(arm.links))], axis=1)
+    places: list[tuple[int, float | None]] = [(k, None) for k in range(len(arm.links))]
+    places += [(k, link.beam.length / 2) for k, link in enumerate(arm.links) if link.beam]
+    arms = 0.1 * length(arm) * np.array([(0, 0, 0), (0, 1, 0), (0, 0, 1)])  # what turns is followed beside the axis too
+    poses = [arm.frame(q, k, x) for k, x in places]
+    ends = np.concatenate([(p[:, None] + arms @ R.swapaxes(1, 2)).reshape(len(q), -1) for p, R in poses], axis=1)
     last = len(t) - 1
     tolerance, most = _TOLERANCE * max(float(np.ptp(ends, axis=0).max()), 1e-9), max(most, 2)
     finest = -(-last // (most - 1)) if last else 1

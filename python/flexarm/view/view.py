@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import os
 import sys
 import tempfile
 import webbrowser
@@ -50,18 +51,19 @@ class View:
     Attributes:
         tracks: what is shown side by side. magnify: the factor of the elastic coordinates; None of a mode.
         speed: of playing; 1 is real time. cycle: whether it plays again and again. notes: lines that the picture
-            states. steady: whether a picture shows all that the arm can reach, not only where it is.
+            states. steady: whether a picture shows all that the arm can reach, not only where it is. strain_scale: the
+            strain up to which colours go in a picture, at least.
     """
 
     def __init__(
         self, tracks: Sequence[Track], magnify: float | None, *, speed: float = 1.0, cycle: bool = False,
-        notes: Sequence[str] = (), steady: bool = False
+        notes: Sequence[str] = (), steady: bool = False, strain_scale: float = 0.0
     ) -> None:  # fmt: skip
         self.tracks, self.magnify, self.speed, self.cycle = list(tracks), magnify, speed, cycle
-        self.steady = steady
+        self.steady, self.strain_scale = steady, strain_scale
         self._still: Still | None = None
         self.notes = list(notes)
-        if magnify is not None:
+        if magnify is not None and any(track.strain.any() for track in tracks):
             self.notes.insert(0, "bending to scale" if magnify == 1 else f"bending magnified {magnify:g} times")
         error = max(t.error for t in tracks)
         if error > 1e-3 * max(t.body.size for t in tracks):
@@ -89,13 +91,14 @@ class View:
             'style="border: 1px solid #ddd"></iframe>'
         )
 
-    def open(self) -> None:
-        """Shows the page in the browser; where there is none, a line on stderr says where the page is."""
+    def open(self) -> Path:
+        """Shows the page in the browser, and tells where the page is; where there is no browser, on stderr too."""
         folder = tempfile.mkdtemp(prefix="flexarm-")
         file = Path(folder) / "view.html"
         file.write_text(self.html(), encoding="utf-8")
-        if not webbrowser.open(file.as_uri()):
+        if not (_has_display() and webbrowser.open(file.as_uri())):
             complain(f"no browser was found; the view is in {file}")
+        return file
 
     def figure(self, t: float | None = None, size: Sequence[float] = (9.0, 6.0)) -> Figure:
         """A matplotlib figure at time t (s; None: the first), size in inches."""
@@ -111,7 +114,7 @@ class View:
         if not (1 <= width <= 100 and 1 <= height <= 100):
             raise ValueError(f"size = {tuple(size)}: must be from 1 to 100 inches")
         if self._still is None or tuple(self._still.figure.get_size_inches()) != (width, height):
-            self._still = Still(self.tracks, self.notes, (width, height), self.steady)
+            self._still = Still(self.tracks, self.notes, (width, height), self.steady, self.strain_scale)
         return self._still
 
     def _check_time(self, t: Any) -> None:
@@ -129,7 +132,7 @@ class View:
         Args:
             path: .html (or none): a page for a browser; .png: a picture; .gif or .mp4: a film at the view's speed.
             t: of a picture, its time (s); None: the first.
-            fps: of a film, pictures in a second, 1 to 100.
+            fps: of a film, pictures in a second, from 1 to 100; of a .gif to 50, the most that browsers show.
             size: of a picture or a film (inches, 100 pixels each; a .png has 200).
 
         Raises:
@@ -150,9 +153,9 @@ class View:
         write_whole(file, lambda f: f.write(content), "path")
 
     def _film(self, file: Path, kind: str, fps: Any, size: Sequence[float]) -> None:
-        rate = number("fps", fps)
-        if not 1 <= rate <= 100:
-            raise ValueError(f"fps = {fps!r}: must be from 1 to 100")
+        rate, most = number("fps", fps), 50 if kind == ".gif" else 100
+        if not 1 <= rate <= most:
+            raise ValueError(f"fps = {fps!r}: must be from 1 to {most} of {kind}")
         low, high = self.times
         count = max(round((high - low) / self.speed * rate), 1)
         if count > 20_000:
@@ -160,6 +163,12 @@ class View:
         times = low + (high - low) * np.arange(count + (not self.cycle)) / count
         still = self._drawn(size)
         (_gif if kind == ".gif" else _mp4)(file, (_pixels(still.draw(float(s))) for s in times), rate)
+
+
+def _has_display() -> bool:
+    """Whether a browser has somewhere to draw; on a Linux without, one for the terminal would be opened."""
+    names = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER", "WSL_DISTRO_NAME")
+    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in names)
 
 
 def _pixels(figure: Figure) -> NDArray[np.uint8]:
@@ -175,8 +184,10 @@ def _gif(file: Path, pictures: Any, rate: float) -> None:
     from PIL import Image
 
     frames = [Image.fromarray(p).quantize(128, dither=Image.Dither.NONE) for p in pictures]
+    ends = np.round(100 / rate * np.arange(len(frames) + 1))  # a GIF counts in hundredths of a second
     options: dict[str, Any] = {"save_all": True, "append_images": frames[1:], "loop": 0, "optimize": False}
-    write_whole(file, lambda f: frames[0].save(f, format="GIF", duration=1000 / rate, **options), "path")
+    options["duration"] = (10 * np.diff(ends)).astype(int).tolist()
+    write_whole(file, lambda f: frames[0].save(f, format="GIF", **options), "path")
 
 
 def _mp4(file: Path, pictures: Any, rate: float) -> None:
@@ -213,18 +224,21 @@ def _mp4(file: Path, pictures: Any, rate: float) -> None:
 
 
 def show(
-    arm: Chain, q: Array, magnify: float, loads: Sequence[Load], t: float, title: str = "", steady: bool = False
+    arm: Chain, q: Array, magnify: float, loads: Sequence[Load] = (), t: float = 0.0, title: str = "", **options: Any
 ) -> View:
-    """See Arm.show; q (nq,)."""
+    """See Arm.show; q (nq,). Options are those of View."""
     magnify = magnification(magnify)
     track = make_track(arm, np.array([t]), q[None], loads=loads, magnify=magnify, title=title)
-    return View([track], magnify, steady=steady)
+    return View([track], magnify, **options)
 
 
 def animate(
-    runs: Sequence[tuple[Chain, Array, Array, Sequence[Load]]], magnify: float, speed: float, titles: Sequence[str]
+    runs: Sequence[tuple[Chain, Array, Array, Sequence[Load] | None]],
+    magnify: float,
+    speed: float,
+    titles: Sequence[str],
 ) -> View:
-    """See Result.animate; runs of (arm, t, q, loads)."""
+    """See Result.animate; runs of (arm, t, q, loads), with loads None where they are not known."""
     magnify = magnification(magnify)
     rate = number("speed", speed)
     if not (np.isfinite(rate) and rate > 0):
@@ -233,8 +247,9 @@ def animate(
     for (arm, t, q, loads), title in zip(runs, titles, strict=True):
         if not len(t):
             raise ValueError("result: has no rows, so there is nothing to show")
-        tracks.append(make_track(arm, t, q, loads=loads, magnify=magnify, title=title, share=1 / len(runs)))
-    return View(tracks, magnify, speed=rate)
+        tracks.append(make_track(arm, t, q, loads=loads or (), magnify=magnify, title=title, share=1 / len(runs)))
+    lost = ["without its loads, which the file does not keep"] if any(run[3] is None for run in runs) else []
+    return View(tracks, magnify, speed=rate, notes=lost)
 
 
 def animate_mode(

@@ -259,7 +259,7 @@ class Pane {
 
   makeTrace() {
     const { t, body } = this.track, points = [], p = new THREE.Vector3();
-    const each = Math.max(1, Math.min(6, Math.floor(1500 / t.length))); // thick lines are slow without a graphics card
+    const each = Math.max(1, Math.min(6, Math.floor(4000 / t.length)));
     this.traceTimes = [];
     for (let i = 0; i < t.length; i++)
       for (let k = 0; k < (i + 1 < t.length ? each : 1); k++) {
@@ -272,8 +272,10 @@ class Pane {
     if (this.traceTimes.length < 2) return;
     const geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
     const pale = new THREE.LineBasicMaterial({ color: new THREE.Color(told.colours.trace).lerp(new THREE.Color("#FFFFFF"), 0.55) });
-    const material = new THREE.LineMaterial({ color: told.colours.trace, linewidth: 2.4 });
-    this.done = new THREE.Line2(new THREE.LineGeometry().setPositions(points), material);
+    const colour = { color: told.colours.trace };
+    this.done = slow
+      ? new THREE.Line(geometry.clone(), new THREE.LineBasicMaterial(colour))
+      : new THREE.Line2(new THREE.LineGeometry().setPositions(points), new THREE.LineMaterial({ ...colour, linewidth: 2.4 }));
     this.done.frustumCulled = false;
     this.groups.trace.add(new THREE.Line(geometry, pale), this.done);
   }
@@ -308,7 +310,8 @@ class Pane {
     if (this.done) {
       let n = 0;
       while (n < this.traceTimes.length && this.traceTimes[n] <= time) n++;
-      this.done.geometry.instanceCount = Math.max(n - 1, 0);
+      if (slow) this.done.geometry.setDrawRange(0, n);
+      else this.done.geometry.instanceCount = Math.max(n - 1, 0);
     }
     for (const [name, group] of Object.entries(this.groups)) group.visible = shown[name];
   }
@@ -331,13 +334,13 @@ class Pane {
 
 const stage = make("div", null, { id: "stage" });
 const shown = { strain: true, trace: true, axes: true, labels: true, loads: true, frames: false, floor: true };
-const panes = [];
+const panes = [], slow = drawsInSoftware();
 let camera, controls, renderer, playing = false, clock = 0, dirty = true, moved = false;
 const first = Math.min(...told.tracks.map((d) => d.t[0])), last = Math.max(...told.tracks.map((d) => d.t[d.t.length - 1]));
 const digits = Math.max(0, Math.min(6, 3 - Math.floor(Math.log10(Math.max(last - first, 1e-6)))));
 
 function start() {
-  renderer = new THREE.WebGLRenderer({ antialias: true });
+  renderer = new THREE.WebGLRenderer({ antialias: !slow });
   renderer.setClearColor(0xffffff);
   renderer.setScissorTest(true);
   stage.appendChild(renderer.domElement);
@@ -357,12 +360,18 @@ function start() {
 }
 
 function resize() {
-  renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+  renderer.setPixelRatio(slow ? 1 : Math.min(window.devicePixelRatio, 2));
   renderer.setSize(stage.clientWidth, stage.clientHeight);
   camera.aspect = stage.clientWidth / panes.length / stage.clientHeight;
   camera.updateProjectionMatrix();
   dirty = true;
   if (!moved) look();
+}
+
+// Whether there is no graphics card: smooth edges and thick lines then take most of the time.
+function drawsInSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl"), about = gl && gl.getExtension("WEBGL_debug_renderer_info");
+  return !!about && /swiftshader|llvmpipe|softpipe|software|basic render/i.test(gl.getParameter(about.UNMASKED_RENDERER_WEBGL));
 }
 
 // The camera where it was at first.
@@ -383,7 +392,7 @@ function makeLegend() {
     axes: ["joints' axes", told.colours.axis, bodies.some((b) => b.axes.length)],
     labels: ["joints' names", null, bodies.some((b) => b.labels.length)],
     loads: ["forces, moments", told.colours.force, bodies.some((b) => b.loads.length)],
-    frames: ["frames of links", null, true],
+    frames: ["frames: x red, y green, z blue", null, true],
     floor: [`floor, lines each ${Number(view.grid.toPrecision(3))} m`, null, true],
   };
   for (const [name, [text, colour, there]] of Object.entries(names)) {
