@@ -111,6 +111,7 @@ void bind_mpc(py::module_& m) {
       .def("prepare", [](MpcLaw& law) { return static_cast<int>(law.mpc->prepare()); })
       .def("reset", [](MpcLaw& law) { law.mpc->reset(); })
       .def_property_readonly("u", [](const MpcLaw& law) { return Eigen::VectorXd(law.mpc->u()); })
+      .def_property_readonly("forces", [](const MpcLaw& law) { return Rows(law.forces); })
       .def_property_readonly("plan", [](const MpcLaw& law) { return Rows(law.mpc->plan().transpose()); })
       .def_property_readonly("block_times", [](const MpcLaw& law) { return Eigen::VectorXd(law.mpc->block_times()); })
       .def_property_readonly("predicted", [](const MpcLaw& law) { return Rows(law.mpc->predicted().transpose()); })

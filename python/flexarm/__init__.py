@@ -81,7 +81,6 @@ from .acting.shaping import Shaper as Shaper, input_shaper as input_shaper
 from .acting.voltage import Voltage as Voltage
 from .analysis.equilibrium import StateWarning as StateWarning, Trim as Trim
 from .analysis.design import lqg as lqg, lqr as lqr
-from .analysis.equilibrium import StateWarning as StateWarning
 from .analysis.linear import Derivatives as Derivatives, LinearModel as LinearModel
 from .analysis.loops import LoopWarning as LoopWarning
 from .analysis.damping import Decay as Decay, fit_decay as fit_decay

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+import flexarm._core as _core
+
 from .._check import Array
 from ..acting.control import Run, gain_of, measured_rows, padded
 from ..acting.sampled import Asked, LinearController, Sampled
@@ -17,6 +19,7 @@ from ..parts.chain import Chain
 
 _SMALL = 1e-6  # rad, m, and per second: what sensors and laws are moved by
 _SMOOTH = 1e-3  # parts of a law's derivatives that steps of different size may differ by
+_SETTLED = 30  # samples in which a predictive law's plan comes to rest
 _SHOWN = 120  # samples that a law with a memory is shown
 
 
@@ -131,6 +134,8 @@ def held_law(
     """
     *_, (_, period, delay, law) = sampled
     rate = getattr(c, "rate", None) or 1.0 / period
+    if isinstance(law, getattr(_core, "Mpc", ())):
+        return _predictive(arm, k, law, q, v, t, rate, delay)
     if not isinstance(c, Sampled):
         return _of_state(arm, k, law, q, v, t, rate, delay)
     taps, y0, bounded = taps_of(arm, c, q, v, loads)
@@ -206,3 +211,31 @@ def _of_state(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate: 
     acts = np.flatnonzero(np.any(C, axis=1) | np.any(D, axis=1))
     taps = [Tap(row[: arm.nq], row[arm.nq :], zero) for row in np.eye(state.size)]
     return HeldLaw(k, A, B, C[acts], D[acts], taps, np.eye(arm.nv)[:, acts], rate, delay, np.inf)
+
+
+def _predictive(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate: float, delay: float) -> HeldLaw:
+    """Predictive control about a state, where its plan has come to rest, by differences. It remembers its last inputs,
+    from which the rates of the next ones count, or which act until then: u = C u_last - D y."""
+    state = np.concatenate([q, v])
+
+    def ask(y: Array) -> Array:
+        if law.feedback(t, y[: arm.nq], y[arm.nq :]):
+            raise NoLinearLaw(f"control[{k}]: predictive control has no answer at the state")
+        u: Array = law.u
+        law.prepare()
+        return u
+
+    def answers(y: Array) -> Array:
+        """To a state beside the one that it has come to rest in, and to that one a sample later."""
+        law.reset()
+        for _ in range(_SETTLED):
+            ask(state)
+        return np.array([ask(y), ask(state)])
+
+    h = 100.0 * _SMALL  # its quadratic program is solved to about 1e-9
+    now, later = np.moveaxis([(answers(state + h * e) - answers(state - h * e)) / (2.0 * h) for e in np.eye(state.size)],
+                             1, 0)  # fmt: skip
+    law.reset()
+    C = np.linalg.lstsq(now, later, rcond=1e-9)[0].T
+    taps = [Tap(row[: arm.nq], row[arm.nq :], np.zeros(arm.nv)) for row in np.eye(state.size)]
+    return HeldLaw(k, C, -now.T, C, -now.T, taps, law.forces, rate, delay, np.inf)

@@ -11,7 +11,6 @@ import numpy as np
 
 from .._check import Array
 from ..acting.load import at_time
-from ..acting.sampled import Sampled
 from ..parts.chain import Chain
 from .hybrid import Hybrid
 from .laws import HeldLaw, held_law, running_laws
@@ -74,16 +73,17 @@ def unstable(
 
 
 def _seen_laws(
-    arm: Chain, controls: Sequence[Any], samplers: Sequence[Any], q: Array, start: float, failed: bool
-) -> list[HeldLaw]:
-    """The laws of those sampled controllers that are linear, or have been so in this run."""
+    arm: Chain, controls: Sequence[Any], counts: Sequence[int], samplers: Sequence[Any], q: Array, start: float,
+    failed: bool,
+) -> list[HeldLaw]:  # fmt: skip
+    """The laws of those controllers with samplers, `counts` of each, that are linear, or have been so in this run."""
     laws = iter([s for s in samplers if not hasattr(s[3], "samplers")])  # not what shows the arm to filters
     found = []
-    for k, c in enumerate(controls):
-        if not isinstance(c, Sampled) or c.memory or getattr(c, "continuous", False):
+    for k, (c, count) in enumerate(zip(controls, counts, strict=True)):
+        own, v = [next(laws) for _ in range(count)], np.zeros(arm.nv)
+        if not own:
             continue
         try:
-            own, v = [next(laws)], np.zeros(arm.nv)
             law = held_law(arm, k, c, own, q, v, start, None, seen=True)
             if law is None and failed:  # too early to have seen it: it is asked
                 law = held_law(arm, k, c, own, q, v, start, None, seen=False)
@@ -105,7 +105,7 @@ def _unstable(
     running, own, memory = running_laws(arm, controls, times, loads)
     running = [x for x in running if not x.acts or failed or not np.isfinite(x.limit)]
     given = [law for laws in own for law in laws] if samplers is None else samplers
-    held = _seen_laws(arm, controls, given, q, start, failed)
+    held = _seen_laws(arm, controls, [len(laws) for laws in own], given, q, start, failed)
     bare = max(Hybrid(plant, [], [], 0).growth(), 0.0) * 1.05
     least = bare + _GROWN / max(time, 1e-300)
     quiet = bare + 0.05 * _GROWN / max(time, float(times[-1] - times[0]))

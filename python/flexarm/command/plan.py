@@ -17,8 +17,8 @@ from ..analysis.validity import RangeWarning
 from ..arm import Arm
 from ..parts.part import ModelWarning
 from ..run.simulation import simulate
-from .move_limits import Driven, Limits
 from .move import LimitUse, Move, held, swing
+from .move_limits import Driven, Limits
 from .plant import Plant
 from .profile import Profile
 from .rigid import RigidMove, fastest

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from .._check import Array, array, number, whole
 from ..acting.control import Controller
 from ..acting.load import Load, at_time
-from ..acting.sampled import PID, LinearController
+from ..acting.pid import PID
+from ..acting.sampled import LinearController
 from ..acting.shaping import Shaper, input_shaper
 from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, trim
 from ..analysis.hybrid import Channel, Complex, Hybrid
@@ -186,7 +187,7 @@ class ClosedLoop:
         radius = np.abs(s)
         up = np.argsort(radius, kind="stable")
         damping = np.where(radius > 0, -s.real / np.where(radius > 0, radius, 1.0), 0.0)
-        return Modes(radius[up], damping[up], theta[:, up], share[:, up], s[up], self.q)
+        return Modes(radius[up], damping[up], theta[:, up], share[:, up], s[up], self.q, self.arm)
 
     def shaper(self, kind: str = "zvd", modes: int | Iterable[int] = 1) -> Shaper:
         """A shaper of commands for vibrations of the loop as it is closed; see `input_shaper`.

@@ -21,7 +21,6 @@ from ..acting.control import Controller, limit_of
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.motor import Motor
-from ..acting.pid import PID
 from ..acting.voltage import Voltage
 from ..arm import Arm
 from ..parts.arguments import arguments
