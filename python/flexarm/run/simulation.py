@@ -210,8 +210,8 @@ def simulate(
         loads: external forces and moments.
         control: controllers, whose forces add up with the torques. Continuous ones (PD, StrainFeedback, StateFeedback,
             FeedForward, LinearController) are part of the equations; those with a rate (Sampled, LinearController,
-            ComputedTorque) hold their force from sample to sample. `Result.tau` has them. Samples are met exactly; behind each the fixed-step
-            integrators go on, while "ida" begins anew.
+            ComputedTorque) hold their force from sample to sample. `Result.tau` has them. Samples are met exactly;
+            behind each the fixed-step integrators go on, while "ida" begins anew.
         events: one or several callables (t, q, v) -> float whose zeros are sought, as in SciPy's solve_ivp: the run
             ends at the first zero of one with the attribute `terminal` = True (at the n-th where it is a number n);
             `direction` = 1 or -1 counts only zeros where the value rises, or falls. A value that is zero at the start
