@@ -9,10 +9,11 @@ namespace flexarm {
 
 namespace {
 
-constexpr int kMostSteps = 50;
+constexpr int kMostSteps = 50, kHalvings = 10;
 constexpr double kContracts = 0.1;  // of a step by the one before: else the stiffness is factored anew
 constexpr double kClose = 1e-11;    // parts of the sag that the last step may be
 constexpr double kNothing = 1e-14;
+constexpr double kLeastShare = 1e-3;  // of the load that a step puts on
 
 }  // namespace
 
@@ -26,6 +27,7 @@ ComputedTorque::ComputedTorque(const Arm& arm, std::vector<Axis> axes, bool sags
       v_(tau),
       a_(tau),
       none_(tau),
+      kept_(q_),
       sags_(sags) {
   std::vector<int> count(static_cast<std::size_t>(arm.nv()), 0);
   for (const Axis& x : axes_) {
@@ -45,7 +47,7 @@ ComputedTorque::ComputedTorque(const Arm& arm, std::vector<Axis> axes, bool sags
                   joint ? "must be one for each freedom of each joint" : "is no joint's");
     }
   const auto n = static_cast<Eigen::Index>(elastic_.size());
-  left_ = step_ = Eigen::VectorXd::Zero(n);
+  left_ = step_ = next_ = base_ = first_ = Eigen::VectorXd::Zero(n);
   K_ = Eigen::MatrixXd::Zero(n, n);
   factor_ = Eigen::PartialPivLU<Eigen::MatrixXd>(n);
 }
@@ -71,37 +73,92 @@ Status ComputedTorque::feed_forward(double t, bool inertia) {
   return forces();
 }
 
+void ComputedTorque::look(double share) {
+  inverse_dynamics(*arm_, ws_, q_, none_, none_);
+  for (Eigen::Index k = 0; k < left_.size(); ++k) left_[k] = ws_.tau[elastic_[static_cast<std::size_t>(k)]];
+  if (share < 1.0) left_ -= (1.0 - share) * first_;
+}
+
+void ComputedTorque::factor() {
+  slopes_(*arm_, q_, none_, none_, false);
+  for (Eigen::Index i = 0; i < K_.rows(); ++i)
+    for (Eigen::Index j = 0; j < K_.cols(); ++j) K_(i, j) = slopes_.dq(elastic_[static_cast<std::size_t>(i)], place(j));
+  factored_ = K_.allFinite();
+  if (factored_) factor_.compute(K_);
+}
+
+/// Newton's steps, with the stiffness of an earlier place while they contract, shortened until the next one is smaller
+/// (P. Deuflhard, Newton Methods for Nonlinear Problems, 2004, ch. 3.3).
+Status ComputedTorque::settle(double share) {
+  look(share);
+  if (!factored_) factor();
+  bool fresh = false;
+  for (int steps = 0; steps < kMostSteps; ++steps) {
+    if (!factored_ || !left_.allFinite()) return Status::not_finite;
+    step_.noalias() = factor_.solve(left_);
+    const double size = step_.cwiseAbs().maxCoeff();
+    double sag = 0.0, length = 1.0;
+    for (Eigen::Index k = 0; k < base_.size(); ++k) {
+      base_[k] = q_[place(k)];
+      sag = std::max(sag, std::abs(base_[k]));
+    }
+    const bool last = size <= kClose * sag + kNothing;
+    double after = 0.0;
+    bool shorter = false;
+    for (int halving = 0; halving <= kHalvings && !shorter; ++halving, length *= 0.5) {
+      for (Eigen::Index k = 0; k < base_.size(); ++k) q_[place(k)] = base_[k] - length * step_[k];
+      if (last) return Status::ok;
+      look(share);
+      next_.noalias() = factor_.solve(left_);
+      after = next_.cwiseAbs().maxCoeff();
+      shorter = next_.allFinite() && after <= (1.0 - 0.25 * length) * size;
+      if (!shorter && !fresh) break;
+    }
+    if (!shorter) {
+      for (Eigen::Index k = 0; k < base_.size(); ++k) q_[place(k)] = base_[k];
+      if (fresh) return Status::not_converged;
+      look(share);
+    }
+    fresh = !shorter || after > kContracts * size;
+    if (fresh) factor();
+  }
+  return Status::not_converged;
+}
+
+/// Static balance from where the elastic coordinates are, else from straight, with the load put on in steps.
+Status ComputedTorque::balance() {
+  if (settle(1.0) == Status::ok) return Status::ok;
+  for (int i : elastic_) q_[arm_->coordinate_of(i)] = 0.0;
+  factored_ = false;
+  look(1.0);
+  if (!left_.allFinite()) return Status::not_finite;
+  first_ = left_;
+  kept_ = q_;
+  double share = 0.0, step = 0.25;
+  while (share < 1.0 && step >= kLeastShare) {
+    const double to = std::min(1.0, share + step);
+    factored_ = false;
+    if (settle(to) == Status::ok) {
+      share = to;
+      step *= 2.0;
+      kept_ = q_;
+    } else {
+      step *= 0.5;
+      q_ = kept_;
+    }
+  }
+  factored_ = factored_ && share >= 1.0;
+  return share >= 1.0 ? Status::ok : Status::not_converged;
+}
+
 Status ComputedTorque::forces() {
-  double before = 0.0;
-  int steps = sags_ && !elastic_.empty() ? 0 : -1;
-  while (steps >= 0) {
-    inverse_dynamics(*arm_, ws_, q_, none_, none_);
-    for (Eigen::Index k = 0; k < left_.size(); ++k) left_[k] = ws_.tau[elastic_[static_cast<std::size_t>(k)]];
-    if (!factored_ || (steps > 1 && step_.cwiseAbs().maxCoeff() > kContracts * before)) {
-      slopes_(*arm_, q_, none_, none_, false);
-      for (Eigen::Index i = 0; i < K_.rows(); ++i)
-        for (Eigen::Index j = 0; j < K_.cols(); ++j)
-          K_(i, j) = slopes_.dq(elastic_[static_cast<std::size_t>(i)],
-                                arm_->coordinate_of(elastic_[static_cast<std::size_t>(j)]));
-      factored_ = K_.allFinite();
-      if (factored_) factor_.compute(K_);
-    }
-    before = step_.cwiseAbs().maxCoeff();
-    if (factored_) step_.noalias() = factor_.solve(left_);
-    double sag = 0.0;
-    for (Eigen::Index k = 0; k < left_.size(); ++k) {
-      double& e = q_[arm_->coordinate_of(elastic_[static_cast<std::size_t>(k)])];
-      e -= step_[k];
-      if (!std::isnan(sag) && !(std::abs(e) <= sag)) sag = std::abs(e);  // nan stays
-    }
-    if (!factored_ || !std::isfinite(sag) || ++steps > kMostSteps) {  // begin anew the next time
-      const Status found = std::isfinite(sag) && factored_ ? Status::not_converged : Status::not_finite;
+  if (sags_ && !elastic_.empty()) {
+    const Status found = balance();
+    if (found != Status::ok) {  // begin anew the next time
       for (int i : elastic_) q_[arm_->coordinate_of(i)] = 0.0;
-      step_.setZero();
       factored_ = false;
       return found;
     }
-    if (step_.cwiseAbs().maxCoeff() <= kClose * sag + kNothing) break;
   }
   inverse_dynamics(*arm_, ws_, q_, v_, a_);
   for (const Axis& x : axes_) tau[x.rate] = std::min(std::max(ws_.tau[x.rate], -x.limit), x.limit);

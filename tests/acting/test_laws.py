@@ -109,6 +109,24 @@ def test_feed_forward_holds_an_arm_that_sags() -> None:
     assert np.abs(run.q - q).max() < 1e-9
 
 
+@pytest.mark.parametrize("order", [2, 3, "exact"])
+def test_feed_forward_knows_a_beam_that_bends_far(order: int | str) -> None:
+    """A sag of a tenth of its length: the static balance of `equilibrium`, over a move of 1.5 rad."""
+    metal = fa.Material(2700, 70e9, 0.3)
+    beam = fa.Beam(0.8, fa.Rectangle(0.003, 0.02), metal, {"bending_y": 3}, "legendre", order=order)
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(0.2, inertia=(1e-3,) * 3), beam, fa.RigidBody(0.1))],
+                 gravity=(0, -9.81, 0))  # fmt: skip
+    move = fa.Motion([0, 1], [0.0, 1.5], [0, 0], [0, 0])
+    times = [0.0, 0.5, 1.0]
+    forces = fa.FeedForward(move, inertia=False).forces(arm, times)
+    sags = []
+    for t, found in zip(times, forces, strict=True):
+        q = arm.equilibrium([move(t)[0], 0, 0, 0], lock=[0])
+        sags.append(abs(arm.frame(q, 0)[0][1] - 0.8 * np.sin(q[0])))
+        assert found[0] == pytest.approx(arm.inverse_dynamics(q, np.zeros(4), np.zeros(4))[0], abs=1e-9)
+    assert max(sags) > 0.07
+
+
 def test_computed_torque_linearises_a_rigid_arm_exactly() -> None:
     """a = r'' + kv (r' - v) + kp (r - q) at any state: s² + kv s + kp at each joint."""
     arm, rng = pendulum(), np.random.default_rng(0)
@@ -406,10 +424,12 @@ def every_law(arm: fa.Arm) -> list[fa.Controller]:
         fa.LinearController([[0.9]], [[0.1, 0.0]], [[1.0]], [[5.0, 1.0]], rate=200, limit=2.0, anti_windup=[[0.2]],
                             u0=[0.1], measure=[("joint", 0), ("rate", 0)], reference=MOVE),
         fa.LinearController([], D=[[5.0, 0, 0, 0.2, 0, 0]], rate=200),
+        fa.lqg(arm, [0.1, 0, 0], measure=[("joint", 0), *strain], rate=500, delay=3e-3, limit=5.0),
+        fa.lqr(arm, [0.1, 0, 0]),
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("k", range(12))
+@pytest.mark.parametrize("k", range(14))
 def test_every_law_in_a_scene_file_and_in_a_batch(k: int, tmp_path: Path) -> None:
     """Read back from a file it runs to the same numbers; so it does in a batch, whose scenarios differ in payload."""
     arm, t = soft(), np.linspace(0, 0.2, 21)

@@ -19,6 +19,7 @@ _LAW = _core.PiecewisePolynomial
 _LOOKS = 400  # places of a callable between which a jump is looked for
 _JUMP = 1e-6  # parts of a motion's range that are a jump
 _DEGREE, _DEPTH, _CLOSE = 7, 14, 1e-11  # of fitted pieces: degree, halvings, parts of the largest value
+_PIECES = 500  # that are shortened at once
 
 
 def scalar_law(field: str, value: Any) -> Torque:
@@ -153,6 +154,7 @@ def fitted(f: Callable[[Array], Array], begin: float, end: float, kinks: Array) 
     between = 0.5 * (nodes[1:] + nodes[:-1])
     powers = np.vander(nodes), np.vander(between, _DEGREE + 1)
     done: list[tuple[Array, Array, Array]] = []
+    most = _PIECES + 4 * len(left)
     size = np.zeros(1)
     for level in range(_DEPTH + 1):
         places = left[:, None] + width[:, None] * np.concatenate([nodes, between])
@@ -161,7 +163,8 @@ def fitted(f: Callable[[Array], Array], begin: float, end: float, kinks: Array) 
         size = np.maximum(size, np.abs(y).max(axis=(0, 1)))
         c = np.linalg.solve(powers[0], y[:, : nodes.size])
         off = np.abs(powers[1] @ c - y[:, nodes.size :]).max(axis=1)
-        good = (off <= _CLOSE * size + 1e-300).all(axis=1) | (level == _DEPTH)
+        enough = level == _DEPTH or left.size > most  # of noise all pieces are too long
+        good = (off <= _CLOSE * size + 1e-300).all(axis=1) | enough
         done.append((left[good], width[good], c[good]))
         left, width = left[~good], 0.5 * width[~good]
         if not left.size:

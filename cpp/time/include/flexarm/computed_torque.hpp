@@ -43,13 +43,20 @@ class ComputedTorque {
 
  private:
   Status forces();
+  Status balance();
+  Status settle(double share);
+  void look(double share);
+  void factor();
+  /// Coordinate of the k-th elastic rate.
+  int place(Eigen::Index k) const { return arm_->coordinate_of(elastic_[static_cast<std::size_t>(k)]); }
 
   const Arm* arm_;
   std::vector<Axis> axes_;
   std::vector<int> elastic_;
   Workspace ws_;
   InverseDerivatives slopes_;
-  Eigen::VectorXd q_, v_, a_, none_, left_, step_;
+  Eigen::VectorXd q_, v_, a_, none_, kept_;
+  Eigen::VectorXd left_, step_, next_, base_, first_;  // of the elastic coordinates
   Eigen::MatrixXd K_;
   Eigen::PartialPivLU<Eigen::MatrixXd> factor_;
   bool sags_, factored_ = false;
