@@ -12,7 +12,7 @@ from .._check import Array
 from .hybrid import Channel, Complex, Hybrid, logarithm
 
 _GRID = 1500  # frequencies, beside those at poles
-_BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 40)])  # of a pole's distance from the axis
+_BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 30)])  # of a pole's distance from the axis
 _ALMOST = 1e-7  # of a pole's size, by which it may seem to grow for rounding alone
 
 
@@ -60,18 +60,25 @@ class Response:
         """(nw, ny, nu) at frequencies (rad/s), (nw,)."""
         p = 1j * frequency if self.period is None else np.exp(1j * frequency * self.period)
         n = len(self.T)
-        x = np.zeros((len(p), n, self.B.shape[1]), complex)
-        for i in reversed(range(n)):
-            right = self.B[i] + np.einsum("j,wjm->wm", self.T[i, i + 1 :], x[:, i + 1 :])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                x[:, i] = right / (p - self.T[i, i])[:, None]
-        return np.asarray(np.einsum("yi,wim->wym", self.C, x) + self.D)
+        if len(p) == 1 and n and not (self.poles == p[0]).any():  # as root finders ask
+            from scipy.linalg.lapack import ztrtrs  # slow to import
+
+            out, _ = ztrtrs(p[0] * np.eye(n) - self.T, self.B)
+            return np.asarray((self.C @ out + self.D)[None])
+        m = self.B.shape[1]
+        x = np.zeros((n, m * len(p)), complex)  # of each column of B, at all frequencies
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for i in reversed(range(n)):
+                right = np.repeat(self.B[i], len(p)) + self.T[i, i + 1 :] @ x[i + 1 :]
+                x[i] = right / np.tile(p - self.T[i, i], m)
+            y = (self.C @ x).reshape(-1, m, len(p))
+        return np.asarray(np.moveaxis(y, 2, 0) + self.D)
 
     def frequencies(self, closed: Complex) -> Array:
         """Where to look (rad/s): everywhere, and closely at poles, its own and those of the closed loop (1/s)."""
         own = self.poles if self.period is None else logarithm(self.poles, self.period)
         s = np.concatenate([own, closed])
-        s = s[np.isfinite(s) & (np.abs(s) > 1e-9 * np.abs(s[np.isfinite(s)]).max(initial=0.0))]
+        s = s[np.isfinite(s) & (s.imag >= 0) & (np.abs(s) > 1e-9 * np.abs(s[np.isfinite(s)]).max(initial=0.0))]
         size = np.abs(s) if s.size else np.ones(1)
         high = 30.0 * size.max() if self.period is None else np.pi / self.period
         low = min(1e-3 * size.min(), 1e-3 * high)
@@ -84,11 +91,15 @@ def _roots(values: Array, w: Array, of: Callable[[float], float]) -> list[float]
     """The zeros of a function between neighbours of w where its values change their sign."""
     from scipy.optimize import brentq  # slow to import
 
+    def at(x: float) -> float:
+        found = of(x)
+        return found if np.isfinite(found) else 0.0  # a pole on the axis, which ends the search
+
     good = np.isfinite(values)
     w, values = w[good], values[good]
     found = [float(w[k]) for k in np.flatnonzero(values == 0.0)]
     for k in np.flatnonzero(values[1:] * values[:-1] < 0.0):
-        found.append(float(brentq(of, w[k], w[k + 1], xtol=1e-14 * w[k + 1], rtol=1e-13)))
+        found.append(float(brentq(at, w[k], w[k + 1], xtol=1e-14 * w[k + 1], rtol=1e-13)))
     return found
 
 
