@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from .hybrid import Channel, Complex, Hybrid, logarithm
 
 _GRID = 1500  # frequencies, beside those at poles
 _BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 30)])  # of a pole's distance from the axis
+_FASTEST = 100.0  # zeros that lie so much farther out than all poles are those at infinity
 _ALMOST = 1e-7  # of a pole's size, by which it may seem to grow for rounding alone
 
 
@@ -38,6 +40,21 @@ class Margins:
     phase: float
     phase_frequency: float
     delay: float
+
+
+class Robustness(NamedTuple):
+    """The least singular value of I + L, all loops broken at once.
+
+    Attributes:
+        value: the distance of the loop gain from the critical point: 1 without a loop, 0 where it is unstable. All
+            outputs may at once be multiplied, each by a factor of its own from 1 / (1 + value) to 1 / (1 - value), or
+            lose 2 asin(value / 2) of phase (rad) (Lehtomaki, Sandell & Athans, IEEE Trans. Automatic Control 26, 1981).
+            It depends on the outputs' units.
+        frequency: where it is least (rad/s).
+    """
+
+    value: float
+    frequency: float
 
 
 class Response:
@@ -223,3 +240,44 @@ def first_crossing(poles: Callable[[float], Complex], values: Array) -> tuple[fl
             at = float(brentq(near, *ends, xtol=1e-14 * abs(at), rtol=1e-12))
         return at, abs(pole.imag)
     return None
+
+
+def robustness_of(hybrid: Hybrid, closed: Complex) -> Robustness:
+    """See ClosedLoop.robustness; `closed`: the poles of the closed loop (1/s)."""
+    from scipy.optimize import minimize_scalar  # slow to import
+
+    nan = float("nan")
+    if not hybrid.channels or not stable(closed):
+        return Robustness(0.0 if hybrid.channels else 1.0, nan)
+    try:
+        response = Response(hybrid.opened(range(len(hybrid.channels))), hybrid.period)
+    except ValueError:  # some are sampled and some are not
+        return Robustness(nan, nan)
+    eye = np.eye(response.D.shape[0])
+
+    def least(w: Array) -> Array:
+        L = response(w)
+        good = np.asarray(np.isfinite(L).all(axis=(1, 2)))
+        sizes = np.linalg.norm(eye + np.where(good[:, None, None], L, 0.0), -2, axis=(1, 2))
+        return np.where(good, sizes, np.inf)
+
+    w = response.frequencies(closed)
+    values = least(w)
+    k = int(values.argmin())
+    near = w[max(k - 1, 0)], w[min(k + 1, len(w) - 1)]
+    found = minimize_scalar(lambda x: float(least(np.array([x]))[0]), bounds=near, method="bounded")
+    return Robustness(float(min(found.fun, values[k])), float(found.x if found.fun < values[k] else w[k]))
+
+
+def zeros_of(A: Array, B: Array, C: Array, D: Array, poles: Complex) -> Complex:
+    """Finite zeros of a system with as many inputs as outputs: those of its Rosenbrock matrix."""
+    import scipy.linalg as la  # slow to import
+
+    n, m = B.shape
+    wide, high = (np.where(x > 0, x, 1.0) for x in (np.linalg.norm(B, axis=0), np.linalg.norm(C, axis=1)[:, None]))
+    left = np.block([[A, B / wide], [C / high, D / high / wide]])
+    found = la.eigvals(left, la.block_diag(np.eye(n), np.zeros((m, m))))
+    most = _FASTEST * max(float(np.abs(poles[np.isfinite(poles)]).max(initial=0.0)), 1e-300)
+    found = found[np.isfinite(found)]
+    found = found[np.abs(found) < most]
+    return np.asarray(found[np.lexsort((found.imag, np.abs(found)))], dtype=complex)
