@@ -7,6 +7,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, paper_link
+from scipy.optimize import brentq
 
 INERTIA = 0.35
 
@@ -199,7 +200,7 @@ def test_what_does_not_fit_is_named() -> None:
             arm, fa.LinearController([[0.5]], [[1.0]], [[1.0]], [[1.0]], rate=50, measure=J)
         ).limits("control.0.rate"),
         "numbers that increase": lambda: fa.closed_loop(arm, fa.PD(1, 1)).locus([1.0, 0.5]),
-        "1 inputs and 3 outputs": lambda: fa.closed_loop(arm, fa.PD(1, 1), outputs=[("tip", 0)]).zeros,
+        "1 inputs and 3 outputs; name": lambda: fa.closed_loop(arm, fa.PD(1, 1), outputs=[("tip", 0)]).zeros,
         "a ball has no angle": lambda: fa.closed_loop(
             fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, inertia=(1, 1, 1)))]), fa.PD(1, 1, 0, 0)
         ),
@@ -245,4 +246,25 @@ def test_a_rate_beside_another_cannot_be_varied_alone() -> None:
         shares = [1.0, 1.0]
         shares[k] = m.gain[1]
         edge = fa.closed_loop(rigid(), [damper(0.5 * shares[0]), damper(0.1 * shares[1], rate=50.0)])
-        assert np.abs(edge.z).max() == pytest.approx(1.0, abs=1e-8) and np.isnan(m.phase)
+        assert np.abs(edge.z).max() == pytest.approx(1.0, abs=1e-8)
+    assert np.isnan(loop.margins[0].phase) and loop.margins[1].phase == np.inf  # that is sampled once a period
+
+
+def test_zeros_to_the_tip_are_real_and_in_pairs() -> None:
+    """Of a pinned beam from torque to the tip's deflection: sin kL + sinh kL = 0, s^2 = -k^4 EI/m, so that s is real
+    (nonminimum phase); by a solver of its own."""
+    L, h = 0.6, 0.0005
+    beam = fa.Beam(L, fa.Rectangle(h, 0.02), STEEL, {"bending_y": 9}, "legendre", 1)
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), beam=beam)])
+    loop = fa.closed_loop(arm, fa.PD(0.3, 0.01), outputs=[("tip", 0)])
+    found = loop.zeros_of(0, "tip link 0 y")
+    real = np.sort(found.real[(found.real > 0) & (np.abs(found.imag) < 1e-6 * np.abs(found))])
+    z = brentq(lambda a: (np.sin((1 + 1j) * a) + np.sinh((1 + 1j) * a)).real, 2.0, 3.0)  # k L = (1 + i) a
+    expected = 2 * (z / L) ** 2 * np.sqrt(STEEL.youngs_modulus * h**2 / 12 / STEEL.density)
+    assert abs(np.sin((1 + 1j) * z) + np.sinh((1 + 1j) * z)) < 1e-9
+    assert real[0] == pytest.approx(expected, rel=1e-4)
+    assert np.abs(found + expected).min() < 1e-3 * expected
+    with pytest.raises(ValueError, match=r"did you mean 'tip link 0 y'"):
+        loop.zeros_of(0, "tip link 0 yy")
+    with pytest.raises(ValueError, match="must be from 0 to 2"):
+        loop.zeros_of(0, 3)

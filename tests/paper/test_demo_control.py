@@ -101,11 +101,11 @@ def test_the_loop_is_lost_where_the_linear_model_says() -> None:
     import strain_feedback as sf
 
     arm = fa.load("ist_control").arm
-    loop = sf.Loop(arm)
-    assert sf.limit(lambda k: loop.growth(k, None), -1) is None
-    low, high = (sf.limit(lambda k: loop.growth(k, 100.0), sign) for sign in (-1, 1))
-    assert low == pytest.approx(-0.01332, rel=1e-3) and high == pytest.approx(0.00668, rel=2e-3)
+    assert sf.limits(arm, None)[0] is None
+    low, high = sf.limits(arm, 100.0)
+    assert low.value == pytest.approx(-0.01332, rel=1e-3) and high.value == pytest.approx(0.00668, rel=2e-3)
     for factor in (0.97, 1.03):
-        expected = loop.growth(factor * low, 100.0)
+        ks = factor * low.value
+        expected = fa.closed_loop(arm, sf.law_of(ks, 100.0)).growth
         assert np.sign(expected) == np.sign(factor - 1)
-        assert sf.simulated_growth(arm, factor * low, 100.0) == pytest.approx(expected, abs=0.003)
+        assert sf.simulated_growth(arm, ks, 100.0) == pytest.approx(expected, abs=0.003)

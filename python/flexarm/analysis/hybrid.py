@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
-from math import gcd, lcm
 from typing import Any
 
 import numpy as np
@@ -14,11 +12,10 @@ from numpy.typing import NDArray
 
 from .._check import Array
 from .laws import HeldLaw, RunningLaw, Tap
+from .periods import SAME, common_period
 from .plant import Plant
 
-_MOST = 1000  # samples in a common period
 _LATE = 300  # that are under way at once, behind delays
-_SAME = 1e-9  # parts of a period by which times are the same
 Complex = NDArray[np.complex128]
 
 
@@ -40,25 +37,6 @@ class Channel:
     def name(self) -> str:
         """Such as "control[0]", or "control[0] output 1"."""
         return f"control[{self.control}]" + (f" output {self.output}" if self.output else "")
-
-
-def common_period(rates: dict[str, float]) -> float:
-    """The shortest time (s) in which all of some rates (Hz) have a whole number of samples.
-
-    Raises:
-        ValueError: there is none with up to 1000 samples.
-    """
-    fastest = max(rates.values())
-    parts = [Fraction(rate / fastest).limit_denominator(_MOST) for rate in rates.values()]
-    if all(abs(float(x) * fastest - rate) <= _SAME * rate for x, rate in zip(parts, rates.values(), strict=True)):
-        common = Fraction(gcd(*(x.numerator for x in parts)), lcm(*(x.denominator for x in parts)))
-        if 1 / common <= _MOST:
-            return float(1 / common) / fastest
-    named = ", ".join(f"{name} = {rate:.10g}" for name, rate in rates.items())
-    raise ValueError(
-        f"{named} (Hz): have no common period of up to {_MOST} samples; give rates with whole ratios, such as 1000 "
-        "and 250"
-    )
 
 
 class _Rows:
@@ -203,7 +181,7 @@ class Hybrid:
         first = 0
 
         def phase(t: float) -> tuple[float, int]:
-            lag = -int(np.floor(t / P + _SAME))
+            lag = -int(np.floor(t / P + SAME))
             return max(t + lag * P, 0.0), lag
 
         for j, law in enumerate(self.held):
@@ -213,25 +191,25 @@ class Hybrid:
                 events[(t, 1, (j, k))] = None
                 for i, tap in enumerate(law.taps):
                     looked = t if tap.rate is None else np.floor(t * tap.rate + 1e-6) / tap.rate
-                    if looked >= t - _SAME * P and not tap.delay:
+                    if looked >= t - SAME * P and not tap.delay:
                         continue
                     at, lag = phase(looked - tap.delay)
                     name = ("look", first + i, round(at / P, 9))
                     events[(at, 0, name)] = None
-                    lag -= int(at > t + _SAME * P)
+                    lag -= int(at > t + SAME * P)
                     reads[j, k, i] = name, lag
                     chains[name] = max(chains.get(name, 0), lag + 1)
                 at, lag = phase(t + law.delay)
                 lag = -lag  # periods behind the sample's
-                if lag == 0 and at <= t + _SAME * P:
+                if lag == 0 and at <= t + SAME * P:
                     continue
-                index = lag - int(t > at + _SAME * P)
+                index = lag - int(t > at + SAME * P)
                 events[(at, 2, (j, k, index))] = None
                 chains["wait", j, k] = nu * (index + 1)
             first += len(law.taps)
         if sum(chains.values()) > max(_LATE, 2 * len(events)):
             raise ValueError(f"delay: {sum(chains.values())} samples are under way; at most {_LATE} can be")
-        scale = 1.0 / (_SAME * P)
+        scale = 1.0 / (SAME * P)
         return sorted(events, key=lambda e: (round(e[0] * scale), e[1], str(e[2]))), chains, reads
 
     def _period(
@@ -264,7 +242,7 @@ class Hybrid:
         now = 0.0
 
         def flow(span: float) -> None:
-            if span <= _SAME * P:
+            if span <= SAME * P:
                 return
             key = round(span / P, 12)
             if key not in flows:

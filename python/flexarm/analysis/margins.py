@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,8 @@ from .._check import Array
 from .hybrid import Channel, Complex, Hybrid, logarithm
 
 _GRID = 1500  # frequencies, beside those at poles
-_BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 40)])  # of a pole's distance from the axis
+_BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 30)])  # of a pole's distance from the axis
+_FASTEST = 100.0  # zeros that lie so much farther out than all poles are those at infinity
 _ALMOST = 1e-7  # of a pole's size, by which it may seem to grow for rounding alone
 
 
@@ -40,6 +42,21 @@ class Margins:
     delay: float
 
 
+class Robustness(NamedTuple):
+    """The least singular value of I + L, all loops broken at once.
+
+    Attributes:
+        value: the distance of the loop gain from the critical point: 1 without a loop, 0 where it is unstable. All
+            outputs may at once be multiplied, each by a factor of its own from 1 / (1 + value) to 1 / (1 - value), or
+            lose 2 asin(value / 2) of phase (rad) (Lehtomaki, Sandell & Athans, IEEE Trans. Automatic Control 26, 1981).
+            It depends on the outputs' units.
+        frequency: where it is least (rad/s).
+    """
+
+    value: float
+    frequency: float
+
+
 class Response:
     """C (p I - A)^-1 B + D at p = i w, or p = exp(i w period)."""
 
@@ -60,18 +77,25 @@ class Response:
         """(nw, ny, nu) at frequencies (rad/s), (nw,)."""
         p = 1j * frequency if self.period is None else np.exp(1j * frequency * self.period)
         n = len(self.T)
-        x = np.zeros((len(p), n, self.B.shape[1]), complex)
-        for i in reversed(range(n)):
-            right = self.B[i] + np.einsum("j,wjm->wm", self.T[i, i + 1 :], x[:, i + 1 :])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                x[:, i] = right / (p - self.T[i, i])[:, None]
-        return np.asarray(np.einsum("yi,wim->wym", self.C, x) + self.D)
+        if len(p) == 1 and n and not (self.poles == p[0]).any():  # as root finders ask
+            from scipy.linalg.lapack import ztrtrs  # slow to import
+
+            out, _ = ztrtrs(p[0] * np.eye(n) - self.T, self.B)
+            return np.asarray((self.C @ out + self.D)[None])
+        m = self.B.shape[1]
+        x = np.zeros((n, m * len(p)), complex)  # of each column of B, at all frequencies
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for i in reversed(range(n)):
+                right = np.repeat(self.B[i], len(p)) + self.T[i, i + 1 :] @ x[i + 1 :]
+                x[i] = right / np.tile(p - self.T[i, i], m)
+            y = (self.C @ x).reshape(-1, m, len(p))
+        return np.asarray(np.moveaxis(y, 2, 0) + self.D)
 
     def frequencies(self, closed: Complex) -> Array:
         """Where to look (rad/s): everywhere, and closely at poles, its own and those of the closed loop (1/s)."""
         own = self.poles if self.period is None else logarithm(self.poles, self.period)
         s = np.concatenate([own, closed])
-        s = s[np.isfinite(s) & (np.abs(s) > 1e-9 * np.abs(s[np.isfinite(s)]).max(initial=0.0))]
+        s = s[np.isfinite(s) & (s.imag >= 0) & (np.abs(s) > 1e-9 * np.abs(s[np.isfinite(s)]).max(initial=0.0))]
         size = np.abs(s) if s.size else np.ones(1)
         high = 30.0 * size.max() if self.period is None else np.pi / self.period
         low = min(1e-3 * size.min(), 1e-3 * high)
@@ -84,11 +108,15 @@ def _roots(values: Array, w: Array, of: Callable[[float], float]) -> list[float]
     """The zeros of a function between neighbours of w where its values change their sign."""
     from scipy.optimize import brentq  # slow to import
 
+    def at(x: float) -> float:
+        found = of(x)
+        return found if np.isfinite(found) else 0.0  # a pole on the axis, which ends the search
+
     good = np.isfinite(values)
     w, values = w[good], values[good]
     found = [float(w[k]) for k in np.flatnonzero(values == 0.0)]
     for k in np.flatnonzero(values[1:] * values[:-1] < 0.0):
-        found.append(float(brentq(of, w[k], w[k + 1], xtol=1e-14 * w[k + 1], rtol=1e-13)))
+        found.append(float(brentq(at, w[k], w[k + 1], xtol=1e-14 * w[k + 1], rtol=1e-13)))
     return found
 
 
@@ -212,3 +240,44 @@ def first_crossing(poles: Callable[[float], Complex], values: Array) -> tuple[fl
             at = float(brentq(near, *ends, xtol=1e-14 * abs(at), rtol=1e-12))
         return at, abs(pole.imag)
     return None
+
+
+def robustness_of(hybrid: Hybrid, closed: Complex) -> Robustness:
+    """See ClosedLoop.robustness; `closed`: the poles of the closed loop (1/s)."""
+    from scipy.optimize import minimize_scalar  # slow to import
+
+    nan = float("nan")
+    if not hybrid.channels or not stable(closed):
+        return Robustness(0.0 if hybrid.channels else 1.0, nan)
+    try:
+        response = Response(hybrid.opened(range(len(hybrid.channels))), hybrid.period)
+    except ValueError:  # some are sampled and some are not
+        return Robustness(nan, nan)
+    eye = np.eye(response.D.shape[0])
+
+    def least(w: Array) -> Array:
+        L = response(w)
+        good = np.asarray(np.isfinite(L).all(axis=(1, 2)))
+        sizes = np.linalg.norm(eye + np.where(good[:, None, None], L, 0.0), -2, axis=(1, 2))
+        return np.where(good, sizes, np.inf)
+
+    w = response.frequencies(closed)
+    values = least(w)
+    k = int(values.argmin())
+    near = w[max(k - 1, 0)], w[min(k + 1, len(w) - 1)]
+    found = minimize_scalar(lambda x: float(least(np.array([x]))[0]), bounds=near, method="bounded")
+    return Robustness(float(min(found.fun, values[k])), float(found.x if found.fun < values[k] else w[k]))
+
+
+def zeros_of(A: Array, B: Array, C: Array, D: Array, poles: Complex) -> Complex:
+    """Finite zeros of a system with as many inputs as outputs: those of its Rosenbrock matrix."""
+    import scipy.linalg as la  # slow to import
+
+    n, m = B.shape
+    wide, high = (np.where(x > 0, x, 1.0) for x in (np.linalg.norm(B, axis=0), np.linalg.norm(C, axis=1)[:, None]))
+    left = np.block([[A, B / wide], [C / high, D / high / wide]])
+    found = la.eigvals(left, la.block_diag(np.eye(n), np.zeros((m, m))))
+    most = _FASTEST * max(float(np.abs(poles[np.isfinite(poles)]).max(initial=0.0)), 1e-300)
+    found = found[np.isfinite(found)]
+    found = found[np.abs(found) < most]
+    return np.asarray(found[np.lexsort((found.imag, np.abs(found)))], dtype=complex)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import Array, array, number, whole
+from .._check import Array, array, choice, number, whole
 from ..acting.control import Controller
 from ..acting.load import Load, at_time
 from ..acting.pid import PID
@@ -19,7 +19,7 @@ from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, tr
 from ..analysis.hybrid import Channel, Complex, Hybrid
 from ..analysis.laws import Tap, held_law, running_laws
 from ..analysis.linear import forces_of, rows_of
-from ..analysis.margins import Margins, Response, margins_of, stable
+from ..analysis.margins import Margins, Response, Robustness, margins_of, robustness_of, stable, zeros_of
 from ..analysis.modes import Modes
 from ..analysis.plant import Plant
 from ..arm import Arm
@@ -32,22 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _RINGS = 0.3  # the damping ratio below which a motion is worth a shaper
-_FASTEST = 100.0  # zeros that lie so much farther out than all poles are those at infinity
-
-
-class Robustness(NamedTuple):
-    """The least singular value of I + L, all loops broken at once.
-
-    Attributes:
-        value: the distance of the loop gain from the critical point: 1 without a loop, 0 where it is unstable. All
-            outputs may at once be multiplied, each by a factor of its own from 1 / (1 + value) to 1 / (1 - value), or
-            lose 2 asin(value / 2) of phase (rad) (Lehtomaki, Sandell & Athans, IEEE Trans. Automatic Control 26, 1981).
-            It depends on the outputs' units.
-        frequency: where it is least (rad/s).
-    """
-
-    value: float
-    frequency: float
 
 
 class ClosedLoop:
@@ -100,26 +84,27 @@ class ClosedLoop:
 
     @cached_property
     def zeros(self) -> Complex:
-        """Where the transfer from `inputs` to `outputs` is blocked: s (1/s), or z with samples, (n,).
+        """Those of all inputs and outputs; see `zeros_of`."""
+        return self.zeros_of(range(len(self.inputs)), range(len(self.outputs)))
+
+    def zeros_of(self, inputs: Any, outputs: Any) -> Complex:
+        """Where the transfer from inputs to outputs is blocked: s (1/s), or z with samples, (n,).
+
+        Args:
+            inputs, outputs: as many of each: a label of `inputs` or `outputs`, its number, or a list of them, such as
+                zeros_of(0, "tip link 0 y").
 
         Raises:
-            ValueError: as many inputs as outputs are needed.
+            ValueError: no such label or number, or not as many of each.
         """
-        import scipy.linalg as la  # slow to import
-
-        n, nu, ny = len(self.A), self.B.shape[1], self.C.shape[0]
-        if nu != ny:
-            raise ValueError(f"zeros: there are {nu} inputs and {ny} outputs; give as many of each")
-        B, C = self.B, self.C
-        B = B / np.where(B.any(axis=0), np.linalg.norm(B, axis=0), 1.0)
-        size = np.where(C.any(axis=1), np.linalg.norm(C, axis=1), 1.0)[:, None]
-        left = np.block([[self.A, B], [C / size, self.D / size / np.maximum(np.linalg.norm(self.B, axis=0), 1e-300)]])
-        found = la.eigvals(left, la.block_diag(np.eye(n), np.zeros((ny, nu))))
+        u, y = _chosen("inputs", inputs, self.inputs), _chosen("outputs", outputs, self.outputs)
+        if len(u) != len(y):
+            raise ValueError(
+                f"zeros: there are {len(u)} inputs and {len(y)} outputs; name as many of each, such as zeros_of(0, 1), "
+                f"of {', '.join(self.inputs)} and {', '.join(self.outputs)}"
+            )
         values = self.poles if self.z is None else self.z
-        most = _FASTEST * max(float(np.abs(values[np.isfinite(values)]).max(initial=0.0)), 1e-300)
-        found = found[np.isfinite(found)]
-        found = found[np.abs(found) < most]
-        return np.asarray(found[np.lexsort((found.imag, np.abs(found)))], dtype=complex)
+        return zeros_of(self.A, self.B[:, u], self.C[y], self.D[np.ix_(y, u)], values)
 
     @cached_property
     def margins(self) -> tuple[Margins, ...]:
@@ -130,28 +115,7 @@ class ClosedLoop:
     def robustness(self) -> Robustness:
         """The least singular value of I + L, all loops broken at once, over all frequencies. nan where some are sampled
         and some are not."""
-        if not self.channels or not self.stable:
-            return Robustness(0.0 if self.channels else 1.0, float("nan"))
-        from scipy.optimize import minimize_scalar  # slow to import
-
-        try:
-            response = Response(self._hybrid.opened(range(len(self.channels))), self.period)
-        except ValueError:  # some are sampled and some are not
-            return Robustness(float("nan"), float("nan"))
-        eye = np.eye(response.D.shape[0])
-
-        def least(w: Array) -> Array:
-            L = response(w)
-            good = np.asarray(np.isfinite(L).all(axis=(1, 2)))
-            sizes = np.linalg.norm(eye + np.where(good[:, None, None], L, 0.0), -2, axis=(1, 2))
-            return np.where(good, sizes, np.inf)
-
-        w = response.frequencies(self.poles)
-        values = least(w)
-        k = int(values.argmin())
-        near = w[max(k - 1, 0)], w[min(k + 1, len(w) - 1)]
-        found = minimize_scalar(lambda x: float(least(np.array([x]))[0]), bounds=near, method="bounded")
-        return Robustness(float(min(found.fun, values[k])), float(found.x if found.fun < values[k] else w[k]))
+        return robustness_of(self._hybrid, self.poles)
 
     def loop_gain(self, frequency: ArrayLike, channels: Sequence[int] | None = None) -> Complex:
         """L(i w), or L(exp(i w period)), with the loops of some `channels` broken (all if None), the others closed:
@@ -314,6 +278,21 @@ class ClosedLoop:
             raise ImportError("to_control needs python-control: pip install flexarm[control]") from e
         names = {kind: [x.replace(".", "_") for x in getattr(self, kind)] for kind in ("inputs", "outputs")}
         return control.ss(self.A, self.B, self.C, self.D, 0 if self.period is None else self.period, **names)
+
+
+def _chosen(field: str, given: Any, labels: Sequence[str]) -> list[int]:
+    """Numbers of inputs or outputs."""
+    found = []
+    for entry in given if isinstance(given, Iterable) and not isinstance(given, str) else [given]:
+        if isinstance(entry, str):
+            choice(field, entry, labels)
+            found.append(labels.index(entry))
+        elif 0 <= whole(field, entry) < len(labels):
+            found.append(int(entry))
+        else:
+            named = ", ".join(labels)
+            raise ValueError(f"{field} = {entry!r}: must be from 0 to {len(labels) - 1}, or a label: {named}")
+    return found
 
 
 def _system(hybrid: Hybrid, inputs: Any, outputs: Any, locked: NDArray[np.bool_]) -> tuple[Any, ...]:
