@@ -76,13 +76,14 @@ def swings() -> dict[str, tuple[fa.Arm, fa.Result, Any]]:
 
 
 def latencies(program: Path) -> list[list[Any]]:
-    """Links, coordinates, horizon, stages, inputs, microseconds (feedback: p99.9; cycle: median, p99.9), allocations."""
+    """Links, coordinates, horizon, stages, inputs; us: feedback, p99.9, cycle, median and p99.9; allocations."""
     rows = []
     for links in (1, 2, 3, 4):
         for horizon, stages, blocks in ((0.25, 15, 8), (0.5, 25, 12), (1.0, 40, 16)):
             given = [f"--links={links}", f"--horizon={horizon}", f"--stages={stages}", f"--blocks={blocks}"]
             flat = [x for option in given for x in option.split("=")]
-            out = subprocess.run([program, *flat, "--cycles", "3000"], capture_output=True, text=True, check=True).stdout
+            command = [program, *flat, "--cycles", "3000"]
+            out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
             size = re.search(r"(\d+) coordinates", out)
             asked = re.search(r"allocated +(\d+)", out)
             times = re.findall(r"median +([\d.]+) us, p99.9 +([\d.]+) us", out)
@@ -137,7 +138,8 @@ def main() -> None:
         axes[3].plot([c[0] for c in of], [c[6] for c in of], "o-", color=colour, label=label)
         axes[3].plot([c[0] for c in of], [c[7] for c in of], "^:", color=colour)
     axes[3].axhline(1000, color="black", lw=0.8, ls=":")
-    axes[3].set(title="a cycle (dotted: p99.9)", xlabel="flexible links", ylabel="time (µs)", yscale="log", xticks=[1, 2, 3, 4])
+    axes[3].set(title="a cycle (dotted: p99.9)", xlabel="flexible links", ylabel="time (µs)", yscale="log")
+    axes[3].set_xticks([1, 2, 3, 4])
     axes[3].set_yticks([100, 200, 500, 1000, 2000], ["100", "200", "500", "1000", "2000"])
     axes[3].minorticks_off()
     axes[3].legend(fontsize=9)

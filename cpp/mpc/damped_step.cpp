@@ -14,7 +14,8 @@ namespace {
 const double kShare = 1.0 - std::sqrt(0.5);  // of a step, in each stage
 constexpr double kError = 1e-8;              // of velocities, as a part of those of the motion
 constexpr double kStill = 1e-12;             // twice the kinetic energy of what does not matter (J)
-constexpr int kChords = 4, kIterations = 12;
+constexpr double kNear = 1e-2;               // the same, below which slopes of friction are the true ones
+constexpr int kChords = 4, kIterations = 25;
 }  // namespace
 
 DampedStep::DampedStep(const Arm& arm, const MatrixXd& columns, std::size_t count, double friction_speed)
@@ -47,14 +48,15 @@ void DampedStep::residual(const VectorXd& a, double h, const VectorXd& tau) {
 }
 
 /// At q_ and v_.
-Status DampedStep::factor(Stage& stage, double h) {
+/// @param near  whether the solution is near; if not, friction's slope is force over speed: that does not overshoot
+Status DampedStep::factor(Stage& stage, double h, bool near) {
   inverse_(arm_, q_, v_, stage.a);
   stage.by_q = inverse_.dq;
   stage.by_v = inverse_.dv;
   for (Index i = 0; i < r_.size(); ++i) {
     if (!(coulomb_[i] > 0.0)) continue;
     const double size = std::hypot(v_[i], speed_);
-    stage.by_v(i, i) += coulomb_[i] * speed_ * speed_ / (size * size * size);
+    stage.by_v(i, i) += coulomb_[i] / size * (near ? speed_ * speed_ / (size * size) : 1.0);
   }
   composite_mass_matrix(arm_, ws_, q_);
   S_ = ws_.M + h * stage.by_v + h * h * stage.by_q;
@@ -66,19 +68,21 @@ Status DampedStep::factor(Stage& stage, double h) {
 /// From from_q_ and from_v_ to q_ and v_.
 Status DampedStep::solve(Stage& stage, double h, const VectorXd& tau) {
   if (!stage.known) stage.a.setZero();
+  bool near = false;
   for (int k = 0; k < kIterations; ++k) {
     residual(stage.a, h, tau);
     if (!stage.known || k >= kChords)
-      if (const Status status = factor(stage, h); status != Status::ok) return status;
+      if (const Status status = factor(stage, h, near); status != Status::ok) return status;
     stage.known = true;
     d_ = stage.factor.solve(r_);
     stage.a -= d_;
     const double error = h * h * std::abs(d_.dot(r_));
     const double motion = inertia_.dot((v_.array().square() + h * h * stage.a.array().square()).matrix());
     if (!std::isfinite(error)) break;
+    near = error < kNear * kNear * (motion + kStill);
     if (error > kError * kError * (motion + kStill)) continue;
     residual(stage.a, h, tau);
-    return factor(stage, h);
+    return factor(stage, h, true);
   }
   stage.known = false;
   return stage.a.allFinite() ? Status::not_converged : Status::not_finite;

@@ -37,7 +37,7 @@ class DampedStep {
   };
   Status solve(Stage& stage, double h, const Eigen::VectorXd& tau);
   void residual(const Eigen::VectorXd& a, double h, const Eigen::VectorXd& tau);
-  Status factor(Stage& stage, double h);
+  Status factor(Stage& stage, double h, bool near);
 
   const Arm& arm_;
   Eigen::MatrixXd columns_;

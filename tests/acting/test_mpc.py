@@ -234,6 +234,19 @@ def test_code_of_the_page_runs() -> None:
     assert np.abs(names["seen"].q[-1, [0, 3]] - [0.8, 0.5]).max() < 0.01
 
 
+def test_friction_and_slides_and_balls() -> None:
+    rig = fa.load("quanser").arm  # whose joints rub
+    assert all(np.any(link.joint.coulomb) for link in rig.links)
+    mpc = fa.MPC(reference=[0.3, 0.3], limit=[20.0, 5.0])
+    run = swing(mpc, rig, 0.4)
+    assert mpc.failures == 0 and np.abs(run.q[-1, [0, 3]] - 0.3).max() < 0.03
+    slide = fa.MPC(reference=0.1)
+    assert abs(swing(slide, linear_arm(), 0.8).q[-1, 0] - 0.1) < 0.005 and slide.failures == 0
+    ball = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, (0.1, 0, 0), 0.01 * np.eye(3)))])
+    with pytest.raises(ValueError, match="arms without balls"):
+        swing(fa.MPC(), ball, 0.002)
+
+
 def test_scenes_and_batches_have_it(tmp_path: Path) -> None:
     arm = two_links(1)
     samples = ([0.0, 0.1, 1.0], [[0.0, 0.0], [0.3, 0.2], [0.3, 0.2]])

@@ -62,8 +62,8 @@ class MPC(Controller):
             forces per unit of u; None: all joints.
         limit: of each |u|, one number or (nu,) (N m, N); None: none. It is never exceeded.
         rate_limit: of each |du/dt|, one number or (nu,); None: none. It is never exceeded.
-        effort: of u², one number or (nu,); None: 0.001 of the mean weight where u is at its limit (without one: at what
-            moves its joint by 1 rad, or 1 m, in the horizon).
+        effort: of u², one number or (nu,); None: 0.001 of the mean weight where u moves its joint by 1 rad, or 1 m, in
+            the horizon, or is at its limit, if that is less.
         rate_effort: of (du/dt)², one number or (nu,); None: effort times (20 ms)².
         joint_limit: soft limits (lower, upper) of all joint coordinates, two numbers or two rows (nj,); None: none.
         speed_limit: soft limit of all joints' speeds, one number or (nj,); None: none.
@@ -210,11 +210,9 @@ class MPC(Controller):
         limits = _each("limit", self._given_as["limit"], nu, above=True)
         effort = self._given_as["effort"]
         if effort is None:
-            scale = limits.copy()
             inertia = np.einsum("ik,ij,jk->k", columns, model.mass_matrix(model.zero), columns)
             moved = 4.0 * inertia / np.maximum(np.sum(columns**2, axis=0), 1e-300) / self.horizon**2
-            scale[np.isinf(limits)] = moved[np.isinf(limits)]
-            effort = 1e-3 * weight.mean() / scale**2
+            effort = 1e-3 * weight.mean() / np.minimum(limits, moved) ** 2
         efforts = _each("effort", effort, nu)
         rate_effort = self._given_as["rate_effort"]
         rate_efforts = (20e-3) ** 2 * efforts if rate_effort is None else _each("rate_effort", rate_effort, nu)
