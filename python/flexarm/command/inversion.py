@@ -43,7 +43,8 @@ class Inversion:
         slowed: the factor that the path was slowed by, for the limits; 1 if it was not.
         exceeded: limits that are not respected, a list of (kind, joint, time, value, limit).
         poles: of the internal dynamics at rest (1/s, complex), at the path's start and at its end: what the arm does
-            while its tip stands still. Those in the right half plane make the joints move ahead of the tip.
+            while its tip stands still. Those in the right half plane make the joints move ahead of the tip. Empty, but
+            for "stable".
     """
 
     arm: Arm
