@@ -101,7 +101,7 @@ class Inversion:
             kp, kv: gains, one number or one for each driven joint (N m/rad, N m s/rad; N/m, N s/m).
         """
         m = len(self.joints)
-        kp, kv = (np.broadcast_to(array(n, x), (m,)) for n, x in (("kp", kp), ("kv", kv)))
+        kp, kv = (array(name, np.full(m, x) if np.ndim(x) == 0 else x, (m,)) for name, x in (("kp", kp), ("kv", kv)))
         torques, laws = {}, []
         for k, (joint, i) in enumerate(self._rates()):
             torques[joint] = _smooth_torque(self.t, self.tau[:, i] + kv[k] * self.v[:, i])

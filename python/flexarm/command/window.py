@@ -84,9 +84,9 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
         before, after = (factor * _padding(p, side, T, step, decay) if given is None else given
                          for factor, p, side, given in zip(longer, poles, (1, -1), window, strict=True))  # fmt: skip
         nodes = [int(np.ceil(x / step)) for x in (before, after, buffered * _buffer(poles, T, step))]
-        grid = Grid(path, solver.poses, count, max(_LEAST, nodes[0]), max(_LEAST, nodes[1]), nodes[2])
-        if grid.n > MOST:
+        if count + sum(nodes) > MOST:
             break
+        grid = Grid(path, solver.poses, count, max(_LEAST, nodes[0]), max(_LEAST, nodes[1]), nodes[2])
         guess = solver.first_guess(grid) if found is None else solver.refined(grid, found)
         try:
             found = solver.solve(grid, guess, tolerance) if method != "quasi-static" else solver.still(grid, guess)
@@ -111,7 +111,7 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
         best = found if best is None or found.error < best.error else best
     if best is not None and best.error < _ROUGH * tolerance:
         return best, total, poles
-    left = f": it is so fast for this arm that more than {MOST} steps would be needed"
+    left = f": with {before:.3g} s ahead of it and {after:.3g} s after, more than {MOST} steps would be needed"
     if best is not None:
         left = f": {best.error:.2g} m is left at steps of {best.step:.2g} s"
     raise ValueError(
