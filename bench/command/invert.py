@@ -6,7 +6,7 @@ The tip of the paper's link (scene "ist") turns by 1.5 rad in 0.6 s, two periods
 path itself, as the torque of the rigid link would have it; the path shaped by ZV and ZVD; and the inverse's motion.
 Then the times and errors of arms: the tip's largest distance from its path where "ida" (rtol 1e-9) replays the joint
 motions, in the model that was inverted (Legendre functions, order 2) and in a finer one: six functions for each
-bending, three for torsion, order 3.
+bending, three for torsion, order 3; and, by "implicit", with a payload of 0.22 kg instead of 0.2, and of other methods.
 Writes invert.csv, arms.csv and invert.png into DIR (default: here).
 """
 
@@ -110,43 +110,46 @@ def one_link(out: Path) -> None:
 # -- arms -------------------------------------------------------------------------------------------------------------
 
 
-def beam_link(axis: str, section: fa.Rectangle | fa.Tube, fine: bool, modes: dict[str, int]) -> fa.Link:
+def beam_link(axis: str, section: Any, fine: bool, modes: dict[str, int], tip: float = 0.2) -> fa.Link:
     if fine:
         modes = {name: 3 if name == "torsion" else 6 for name in modes}
     return fa.Link(
         fa.Revolute(axis),
         fa.RigidBody(0.3, (0.02, 0, 0), np.eye(3) * 3e-4, (0.05, 0, 0)),
         fa.Beam(0.4, section, fa.Material(2700, 70e9, 0.33), modes, "legendre", 3 if fine else 2),
-        fa.RigidBody(0.2, inertia=np.eye(3) * 2e-4),
+        fa.RigidBody(tip, inertia=np.eye(3) * 2e-4),
     )
 
 
-def planar(fine: bool) -> fa.Arm:
-    return fa.Arm([beam_link("z", fa.Rectangle(y, 0.03), fine, {"bending_y": 3}) for y in (0.006, 0.004)])
+def planar(fine: bool, payload: float) -> fa.Arm:
+    sections = fa.Rectangle(0.006, 0.03), fa.Rectangle(0.004, 0.03)
+    tips = 0.2, payload
+    return fa.Arm([beam_link("z", *of, {"bending_y": 3}, m) for *of, m in zip(sections, [fine] * 2, tips, strict=True)])
 
 
-def spatial(axes: str, fine: bool) -> fa.Arm:
-    n = 3 if len(axes) > 3 else 2
+def spatial(axes: str, fine: bool, payload: float) -> fa.Arm:
+    n, tips = 3 if len(axes) > 3 else 2, [0.2] * (len(axes) - 1) + [payload]
     modes = {"bending_y": n, "bending_z": n, "torsion": 1}
-    return fa.Arm([beam_link(axis, fa.Tube(0.02, 0.017), fine, modes) for axis in axes], (0.0, 0.0, -9.81))
+    links = [beam_link(axis, fa.Tube(0.02, 0.017), fine, modes, tip) for axis, tip in zip(axes, tips, strict=True)]
+    return fa.Arm(links, (0.0, 0.0, -9.81))
 
 
 SEVEN = [0.3, -0.6, 0.9, 0.3, 0.7, -0.2, 0.5]
 #: how each is made, its joints at the start (rad), by how much its tip moves (m), and the time (s)
 ARMS: dict[str, tuple[Any, list[float], tuple[float, ...], float]] = {
     "2 links, plane": (planar, [0.3, 0.9], (-0.3, 0.2), 0.8),
-    "3 links, space": (lambda fine: spatial("zyy", fine), [0.2, -0.7, 1.2], (-0.2, 0.5, 0.2), 1.0),
-    "7 links, space": (lambda fine: spatial("zyyxyxy", fine), SEVEN, (-0.3, 0.8, 0.4), 2.0),
+    "3 links, space": (lambda *of: spatial("zyy", *of), [0.2, -0.7, 1.2], (-0.2, 0.5, 0.2), 1.0),
+    "7 links, space": (lambda *of: spatial("zyyxyxy", *of), SEVEN, (-0.3, 0.8, 0.4), 2.0),
 }
 
 
-def largest(inverse: fa.Inversion, arm: fa.Arm | None = None) -> str:
-    return f"{np.linalg.norm(inverse.tip_error(inverse.replay(arm)), axis=1).max():.1e}"
+def largest(inverse: fa.Inversion, arm: fa.Arm | None = None, **options: Any) -> str:
+    return f"{np.linalg.norm(inverse.tip_error(inverse.replay(arm, **options)), axis=1).max():.1e}"
 
 
 def tried(name: str) -> dict[str, Any]:
     make, joints, by, T = ARMS[name]
-    arm, fine = make(False), make(True)
+    arm, fine, heavy = make(False, 0.2), make(True, 0.2), make(False, 0.22)
     q = arm.zero
     for k, angle in enumerate(joints):
         q[arm.joint_rate(k)] = angle
@@ -160,9 +163,11 @@ def tried(name: str) -> dict[str, Any]:
     row: dict[str, Any] = {"arm": name, "coordinates": arm.nv, "path (s)": T, "rows": len(inverse.t)}
     row |= {"ahead (s)": f"{inverse.pre:.2f}", "computing (ms)": f"{1e3 * statistics.median(seconds):.0f}"}
     row |= {"tip off (m)": largest(inverse), "in a finer model (m)": largest(inverse, fine)}
+    row["payload + 10 % (m)"] = largest(inverse, heavy, integrator="implicit", step=1e-3)
     for method in ("quasi-static", "rigid"):
         start = {"q": q} if method == "quasi-static" else {"posture": q}
-        row[f"{method} (m)"] = largest(fa.invert(arm, tip, method=method, **start))
+        other = fa.invert(arm, tip, method=method, **start)
+        row[f"{method} (m)"] = largest(other, integrator="implicit", step=1e-3)
     return row
 
 

@@ -43,7 +43,8 @@ class Inversion:
         slowed: the factor that the path was slowed by, for the limits; 1 if it was not.
         exceeded: limits that are not respected, a list of (kind, joint, time, value, limit).
         poles: of the internal dynamics at rest (1/s, complex), at the path's start and at its end: what the arm does
-            while its tip stands still. Those in the right half plane make the joints move ahead of the tip.
+            while its tip stands still. Those in the right half plane make the joints move ahead of the tip. Empty, but
+            for "stable".
     """
 
     arm: Arm
@@ -100,7 +101,7 @@ class Inversion:
             kp, kv: gains, one number or one for each driven joint (N m/rad, N m s/rad; N/m, N s/m).
         """
         m = len(self.joints)
-        kp, kv = (np.broadcast_to(array(n, x), (m,)) for n, x in (("kp", kp), ("kv", kv)))
+        kp, kv = (array(name, np.full(m, x) if np.ndim(x) == 0 else x, (m,)) for name, x in (("kp", kp), ("kv", kv)))
         torques, laws = {}, []
         for k, (joint, i) in enumerate(self._rates()):
             torques[joint] = _smooth_torque(self.t, self.tau[:, i] + kv[k] * self.v[:, i])

@@ -9,7 +9,7 @@ import numpy as np
 
 import flexarm._core as _core
 
-from .._check import Array, array, number
+from .._check import Array, array
 from ..acting.drive import Motion
 from ..parts.chain import Chain
 
@@ -37,11 +37,7 @@ class Path:
         if "azimuth" in tip and ("x" in tip or "y" in tip):
             raise ValueError("tip: 'azimuth' is the direction of x and y: give it, or these")
         self.names = tuple(name for name in COMPONENTS if name in tip)
-        self._laws = [tip[name] if isinstance(tip[name], Motion) else number(f"tip[{name!r}]", tip[name])
-                      for name in self.names]  # fmt: skip
-        for name, law in zip(self.names, self._laws, strict=True):
-            if not isinstance(law, Motion) and not np.isfinite(law):
-                raise ValueError(f"tip[{name!r}] = {law}: must be finite")
+        self._laws = [_law(f"tip[{name!r}]", tip[name]) for name in self.names]
         moving = [(name, law) for name, law in zip(self.names, self._laws, strict=True) if isinstance(law, Motion)]
         if not moving:
             raise ValueError("tip: at least one component must be a Motion")
@@ -71,6 +67,14 @@ class Slower:
 
 def _listed() -> str:
     return ", ".join(COMPONENTS)
+
+
+def _law(where: str, value: Any) -> Motion | float:
+    if isinstance(value, Motion):
+        return value
+    if np.ndim(value) or isinstance(value, (str, bool)) or callable(value):
+        raise ValueError(f"{where} = {value!r}: must be a Motion, or a number")
+    return float(array(where, value, ()))
 
 
 def _span(name: str, law: Motion, t: Any) -> tuple[float, float]:

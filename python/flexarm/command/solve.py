@@ -118,6 +118,8 @@ class Solver:
             q, off = self.of.on_path(q, grid.wanted, near)
             tried += 1
         self._check_path(grid, off)
+        if tried == _ITERATIONS:
+            raise NotConverged("tip: no balance with gravity was found along the path; the arm may be too soft")
         return self._motions(grid, q, tried, 0.0)
 
     def solve(self, grid: Grid, q: Array, tolerance: float) -> Motions:
@@ -134,7 +136,10 @@ class Solver:
         for renewal in range(_RENEWALS + 1):
             if not self._kept or renewal:
                 self._renew(grid, q, renewal)
-            solver = self._last = Banded(grid.n, grid.step, self._between(grid))
+            try:
+                solver = self._last = Banded(grid.n, grid.step, self._between(grid))
+            except np.linalg.LinAlgError:
+                break
             mixing, best, since = Mixing(), np.inf, 0
             for tried in range(_ITERATIONS):
                 done += 1

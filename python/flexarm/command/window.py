@@ -17,7 +17,6 @@ _SEEN = 2.6  # rad of a pole's motion in one step, above which the differences d
 _RINGS = 3.0  # natural logarithm of what a pole may grow or shrink over the path and still ring throughout
 _LIGHTLY = 0.3  # the largest damping ratio of a pole that rings
 _ALIKE = 0.3  # parts by which a ringing pole may change from one end of the path to the other
-_DECAY = 18.0  # natural logarithm of how far the slowest part of the internal dynamics has to die out
 _LEAST = 12  # intervals before and after the path, for the differences
 _ROUGH = 10.0  # times the tolerance that may be left where finer grids do not help
 _TOO_MUCH = 0.01  # of the path's extent, that may go on ringing
@@ -49,11 +48,12 @@ def _slow(poles: Array, T: float, step: float) -> Any:
     return ringing & (np.abs(poles) * step < _SEEN)
 
 
-def _padding(poles: Array, side: int, T: float, step: float) -> float:
-    """How long the part that dies out on one side takes, but for what rings; of what the grid can follow."""
+def _padding(poles: Array, side: int, T: float, step: float, decay: float) -> float:
+    """How long the part that dies out on one side takes to shrink by exp(decay), but for what rings; of what the grid
+    can follow."""
     rates = (side * poles.real)[(np.abs(poles) * step < _SEEN) & ~_slow(poles, T, step)]
     slowest = rates[rates > 0].min(initial=np.inf)
-    return float(_DECAY / slowest) if np.isfinite(slowest) else 0.0
+    return float(decay / slowest) if np.isfinite(slowest) else 0.0
 
 
 def _buffer(poles: Poles, T: float, step: float) -> float:
@@ -72,6 +72,7 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
            window: tuple[float | None, ...]) -> tuple[Motions, int, Poles]:  # fmt: skip
     solver, T = Solver(of, path, of.along(path, start)), path.end - path.begin
     dynamic = method == "stable" and len(of.inner) > 0
+    decay = max(2.0 + np.log(of.length / tolerance), 4.0)
     none = np.zeros(0, dtype=complex)
     poles = (none, none)
     if dynamic:
@@ -80,12 +81,12 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
     count, longer, total, found, best, buffered = _FIRST_COUNT, [1.0, 1.0], 0, None, None, True
     for _ in range(_ROUNDS):
         step = T / count
-        before, after = (factor * _padding(p, side, T, step) if given is None else given
+        before, after = (factor * _padding(p, side, T, step, decay) if given is None else given
                          for factor, p, side, given in zip(longer, poles, (1, -1), window, strict=True))  # fmt: skip
         nodes = [int(np.ceil(x / step)) for x in (before, after, buffered * _buffer(poles, T, step))]
-        grid = Grid(path, solver.poses, count, max(_LEAST, nodes[0]), max(_LEAST, nodes[1]), nodes[2])
-        if grid.n > MOST:
+        if count + sum(nodes) > MOST:
             break
+        grid = Grid(path, solver.poses, count, max(_LEAST, nodes[0]), max(_LEAST, nodes[1]), nodes[2])
         guess = solver.first_guess(grid) if found is None else solver.refined(grid, found)
         try:
             found = solver.solve(grid, guess, tolerance) if method != "quasi-static" else solver.still(grid, guess)
@@ -110,7 +111,7 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
         best = found if best is None or found.error < best.error else best
     if best is not None and best.error < _ROUGH * tolerance:
         return best, total, poles
-    left = f": it is so fast for this arm that more than {MOST} steps would be needed"
+    left = f": with {before:.3g} s ahead of it and {after:.3g} s after, more than {MOST} steps would be needed"
     if best is not None:
         left = f": {best.error:.2g} m is left at steps of {best.step:.2g} s"
     raise ValueError(
