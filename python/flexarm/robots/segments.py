@@ -9,7 +9,7 @@ import numpy as np
 
 from .._check import Array, whole
 from ..analysis.modes import modes
-from ..parts.beam import Beam, RigidBody, inertia_matrix
+from ..parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
 from ..parts.chain import Chain
 from ..parts.joints import Axes, Fixed
 from ..parts.link import Link
@@ -18,6 +18,7 @@ from .tree import Mass, Pose, merged
 
 #: a hinge for each strain, in the order of the motions of one: about z, then the moved y, then the moved x
 HINGES = {"bending_y": "rz", "bending_z": "ry", "torsion": "rx"}
+_OTHERS = tuple(s for s in STRAINS if s not in HINGES)
 _COUNT = 3  # frequencies that the springs are fitted to
 _BODY = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"))
 
@@ -96,12 +97,14 @@ def _hinges(of: tuple[int, ...]) -> frozenset[int]:
 
 
 def locked_frequencies(arm: Chain, hinges: frozenset[int]) -> Array:
-    """Those that are not zero (rad/s), increasing, all joints but these locked, without gravity."""
+    """Those that are not zero (rad/s), increasing, all joints but these locked, without gravity; of an arm with beams
+    those of its modes that bend and twist more than they shear and stretch."""
     if not hinges and not any(link.beam is not None and link.beam.ne for link in arm.links):
         return np.zeros(0)
     locked = [k for k, link in enumerate(arm.links) if link.joint.nv and k not in hinges]
-    found = modes(arm._made(arm.links), None, None, locked).frequencies
-    return np.asarray(found[found > 0])
+    found = modes(arm._made(arm.links), None, None, locked)
+    bends = [not any(f" {s} " in label for s in _OTHERS) for label in arm._core.coordinates]
+    return np.asarray(found.frequencies[(found.frequencies > 0) & (found.participation[bends].sum(axis=0) > 0.5)])
 
 
 def _fitted(arm: Chain, n: int, springs: dict[tuple[int, str], float], wanted: Array) -> dict[tuple[int, str], float]:
@@ -143,19 +146,28 @@ def _rigid(bodies: Sequence[Mass], end: Array) -> RigidBody:
 
 
 def _joined(hub: RigidBody | None, tip: RigidBody) -> RigidBody:
-    at = np.zeros(3) if hub is None else np.array(hub.end)
+    at = _end(hub)
     return _rigid([mass_of(hub), mass_of(tip).seen(Pose(at))], at + tip.end)
+
+
+def _end(body: RigidBody | None) -> Array:
+    return np.zeros(3) if body is None else np.array(body.end)
 
 
 def _cut(name: str, link: Link, beam: Beam, n: int, factors: dict[str, float]) -> list[Link]:
     """The link up to the middle of its beam's first piece, and a link for each hinge."""
-    step, plain = beam.length / n, replace(beam, damping_ratio=0.0, damping=())
+    plain = replace(beam, damping_ratio=0.0, damping=())
+    if not factors:  # it neither bends nor twists
+        at = _end(link.hub)
+        tip = at + [beam.length, 0.0, 0.0]
+        bodies = [mass_of(link.hub), _rod(plain, 0.0, beam.length).seen(Pose(at)), mass_of(link.tip).seen(Pose(tip))]
+        return [replace(link, hub=_rigid(bodies, tip + _end(link.tip)), beam=None, tip=None)]
+    step = beam.length / n
     times = np.array([_retardation(beam, plain, strain) for strain in factors])
     halves = [_rod(plain, k * step / 2, min((k + 1) * step / 2, beam.length)) for k in range(2 * n)]
-    ahead, half = np.zeros(3) if link.hub is None else np.array(link.hub.end), np.array([step / 2, 0.0, 0.0])
+    ahead, half, end = _end(link.hub), np.array([step / 2, 0.0, 0.0]), _end(link.tip)
     first = _rigid([mass_of(link.hub), halves[0].seen(Pose(ahead))], ahead + half)
     out = [replace(link, hub=first, beam=None, tip=None)]
-    end = np.zeros(3) if link.tip is None else np.array(link.tip.end)
     for k in range(n):
         stiffness, damping = _springs(plain, k * step, (k + 1) * step, factors, times)
         axes = [HINGES[s] for s in factors]
