@@ -36,7 +36,7 @@ def sag(given: fa.Arm, locked: list[int]) -> np.ndarray:
 def main() -> None:
     """The table."""
     given = arm()
-    heads = ("segments", "frequencies off by (%)", "sag off by (%)", "tip off by (mm)", "of its bending (%)", "step (s)")
+    heads = "segments", "frequencies off by (%)", "sag off by (%)", "tip off by (mm)", "of its bending (%)", "step (s)"
     print(f"| {' | '.join(heads)} | time (s) |\n|-|-|-|-|-|-|-|")
     straight = given.frame(given.zero)[0]
     for n in (4, 6, 10, 20):

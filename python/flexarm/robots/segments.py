@@ -14,7 +14,7 @@ from ..parts.chain import Chain
 from ..parts.joints import Axes, Fixed
 from ..parts.link import Link
 from ..parts.split import piece
-from .tree import Mass, Pose, merged
+from .tree import Mass, Pose, merged, possible
 
 #: a hinge for each strain, in the order of the motions of one: about z, then the moved y, then the moved x
 HINGES = {"bending_y": "rz", "bending_z": "ry", "torsion": "rx"}
@@ -57,11 +57,11 @@ class Segmented:
         return float(np.abs(self.frequencies / self.wanted - 1).max(initial=0.0))
 
 
-def segmented(arm: Chain, segments: int = 10) -> Segmented:
+def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
     """Each beam as `segments` + 1 rigid rods on as many hinges as `segments`, in the middles of equal pieces.
 
     A hinge's spring is the piece's rigidity over its length, times one factor for each of a beam's strains. The factors
-    are fitted to the arm's lowest three frequencies (joints locked, no gravity). This is the pseudo-rigid-body model
+    are fitted to the arm's lowest three frequencies (joints locked, no gravity), or one without `fit`. This is the pseudo-rigid-body model
     (Howell, Compliant Mechanisms, 2001) with equal pieces; it bends and twists, and does not shear nor stretch.
 
     Raises:
@@ -78,7 +78,7 @@ def segmented(arm: Chain, segments: int = 10) -> Segmented:
             springs |= {(k, strain): 1.0 for strain in link.beam.counts if strain in HINGES}
             left_out += _left_out(arm.names[k], link.beam)
     wanted = locked_frequencies(arm, frozenset())[:_COUNT]
-    if springs and len(wanted):
+    if fit and springs and len(wanted):
         springs = _fitted(arm, segments, springs, wanted)
     links, of = _links(arm, segments, springs)
     made = arm._made(links, arm.gravity)
@@ -141,7 +141,7 @@ def mass_of(body: RigidBody | None) -> Mass:
 
 
 def _rigid(bodies: Sequence[Mass], end: Array) -> RigidBody:
-    one = merged(bodies)
+    one = possible(merged(bodies))
     return RigidBody(one.mass, one.com.tolist(), one.inertia.tolist(), end.tolist())
 
 
@@ -159,7 +159,7 @@ def _cut(name: str, link: Link, beam: Beam, n: int, factors: dict[str, float]) -
     plain = replace(beam, damping_ratio=0.0, damping=())
     if not factors:  # it neither bends nor twists
         at = _end(link.hub)
-        tip = at + [beam.length, 0.0, 0.0]
+        tip = at + np.array([beam.length, 0.0, 0.0])
         bodies = [mass_of(link.hub), _rod(plain, 0.0, beam.length).seen(Pose(at)), mass_of(link.tip).seen(Pose(tip))]
         return [replace(link, hub=_rigid(bodies, tip + _end(link.tip)), beam=None, tip=None)]
     step = beam.length / n
