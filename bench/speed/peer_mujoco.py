@@ -2,8 +2,8 @@
 
 N hinges at the middles of N equal pieces, stiffness N EI / L each, join rigid rods: that is a bending beam without
 shear and stretch, of second order in 1/N. A driven hub is a hinge with a huge inertia, pushed so that it has the right
-motion at every step's end. Steps run in C++ (mujoco.rollout), with the control held over a step. It runs beside flexarm,
-which writes the model: pip install 'flexarm[mjcf]'.
+motion at every step's end. Steps run in C++ (mujoco.rollout), with the control held over a step. flexarm writes the
+model, so that it runs beside it: pip install 'flexarm[mjcf]'.
 """
 
 from __future__ import annotations

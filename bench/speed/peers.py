@@ -4,8 +4,8 @@
 
 Cases (bench/speed/peer_common.py): (a) the paper's link spun up, (b) Simo and Vu-Quoc's spin-up, (c) two flexible links
 driven by torques. Exudyn comes from PyPI into an environment of its own under build/peers, made when missing; SciPy,
-flexarm and MuJoCo (pip install 'flexarm[mjcf]') run in this interpreter. Each program runs in a process of its own, one after the other, on one
-thread.
+flexarm and MuJoCo (pip install 'flexarm[mjcf]') run in this interpreter. Each program runs in a process of its own, one
+after the other, on one thread.
 
 The quantity is the tip's path in the world. The error of a run is the largest distance, over the output times, from a
 converged path of the *same mechanics* (what strains the program's beam has), and at least what that path's own last

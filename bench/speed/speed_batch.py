@@ -3,9 +3,9 @@
     python bench/speed/speed_batch.py [--rounds 2] [--only mujoco,lanes,soromox] [-o DIR]
 
 SoRoMoX (JAX) comes from PyPI into an environment under build/peers, made when missing; flexarm and MuJoCo (pip install
-'flexarm[mjcf]') run in this interpreter. Each program runs in a process of its own (speed_mujoco.py, speed_soromox.py, speed_flexarm.py), one
-after the other, `rounds` times in turn, and its best round counts. Writes speed_mujoco, speed_lanes and speed_soromox
-(.csv and .png) and their sections of docs/speed.md (with -o only the files, into DIR).
+'flexarm[mjcf]') run in this interpreter. Each program runs in a process of its own (speed_mujoco.py, speed_soromox.py,
+speed_flexarm.py), one after the other, `rounds` times in turn, and its best round counts. Writes speed_mujoco,
+speed_lanes and speed_soromox (.csv and .png) and their sections of docs/speed.md (with -o only the files, into DIR).
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ def test_code_of_the_page_and_the_command_line(
         ("-p link.0.tip.mass=1:2:3", "must be within the bounds"),
         ("-p link.0.tip.mass=1:2", "with a start and bounds"),
         ("-p link.0.tip.mass --output sensor.0", "must be NAME=VALUE"),
-        ("-p link.0.tip.mass --input a=tau", "'a': no link and no joint has this name"),
+        ("-p link.0.tip.mass --input a=tau --output q=sensor.0", "'a': no link and no joint has this name"),
         ("-p link.0.tip.mass --input a.b=tau", "must begin with a link"),
         ("-p link.0.tip.mass --noise q=x", "'x' is not a number"),
         ("--output q=sensor.0", "required: -p/--parameter"),

@@ -60,9 +60,10 @@ class Segmented:
 def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
     """Each beam as `segments` + 1 rigid rods on as many hinges as `segments`, in the middles of equal pieces.
 
-    A hinge's spring is the piece's rigidity over its length, times one factor for each of a beam's strains. The factors
-    are fitted to the arm's lowest three frequencies (joints locked, no gravity), or one without `fit`. This is the pseudo-rigid-body model
-    (Howell, Compliant Mechanisms, 2001) with equal pieces; it bends and twists, and does not shear nor stretch.
+    A hinge's spring is the piece's rigidity over its length, times one factor for each of a beam's strains. With `fit`
+    the factors are fitted to the arm's lowest three frequencies (joints locked, no gravity), else they are one. This is
+    the pseudo-rigid-body model (Howell, Compliant Mechanisms, 2001) with equal pieces; it bends and twists, and does
+    not shear nor stretch.
 
     Raises:
         ValueError: too few segments, or a beam that is curved at rest.
