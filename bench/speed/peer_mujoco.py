@@ -2,13 +2,21 @@
 
 N hinges at the middles of N equal pieces, stiffness N EI / L each, join rigid rods: that is a bending beam without
 shear and stretch, of second order in 1/N. A driven hub is a hinge with a huge inertia, pushed so that it has the right
-motion at every step's end. Steps run in C++ (mujoco.rollout), with the control held over a step.
+motion at every step's end. Steps run in C++ (mujoco.rollout), with the control held over a step. flexarm writes the
+model, so that it runs beside it: pip install 'flexarm[mjcf]'.
 """
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import flexarm as fa
 import mujoco
 import numpy as np
+import peer_flexarm
+from flexarm.robots.segments import segmented
+from flexarm.robots.write import mjcf
 from mujoco import rollout
 from peer_common import Case, measure, report, versions, wanted
 
@@ -24,53 +32,27 @@ for _settings in SWEEP.values():
     _settings["discrete"] = [(5, 10), (10, 20), (20, 50), (40, 100), (40, 400)]
 
 
-def _rod(case: Case, start: float, length: float) -> str:
-    """Inertia of a rigid piece of a beam that starts at `start` along its body's x."""
-    s = case.section
-    m, J = s.rhoA * length, s.rhoA * length**3 / 12 + s.rhoI * length
-    return f'<inertial pos="{start + length / 2!r} 0 0" mass="{m!r}" diaginertia="{J!r} {J!r} {J!r}"/>'
-
-
 def _heavy(case: Case) -> float:
     return HEAVY * case.section.rhoA * case.length**3 / 3
 
 
-def _hub(case: Case, beam: int) -> tuple[float, float]:
-    """Mass (kg) at the joint and inertia (kg m^2) of a hub."""
-    if case.spin:
-        return 0.0, _heavy(case)
-    return case.hub_mass[beam], case.hub_inertia[beam]
-
-
 def xml(case: Case, n: int, integrator: str, step: float) -> str:
-    """The model. A body with its own mass besides a rod carries it in a child body without a joint."""
-    l, k = case.length / n, case.section.EI * n / case.length
-
-    def extra(m: float, J: float, x: float) -> str:
-        if m == 0.0:
-            return ""
-        return f'<body pos="{x!r} 0 0"><inertial pos="0 0 0" mass="{m!r}" diaginertia="{J!r} {J!r} {J!r}"/></body>'
-
-    open_, close = [], 0
-    at = 0.0  # of the next body in its parent
-    for b in range(case.beams):
-        m, J = _hub(case, b)
-        joint = f'<joint name="joint{b}" axis="0 0 1" armature="{J if m == 0.0 else 0.0!r}"/>'
-        open_.append(f'<body pos="{at!r} 0 0">{joint}{_rod(case, case.hub, l / 2)}{extra(m, J, 0.0)}')
-        at = case.hub + l / 2
-        for i in range(n):
-            length = l if i < n - 1 else l / 2
-            spring = f'<joint axis="0 0 1" stiffness="{k!r}"/>'
-            open_.append(f'<body pos="{at!r} 0 0">{spring}{_rod(case, 0.0, length)}')
-            at = length
-        close += n + 1
-    gear = _heavy(case) if case.spin else 1.0
-    motors = "".join(f'<motor joint="joint{b}" gear="{gear!r}"/>' for b in range(case.beams))
-    return f"""<mujoco><compiler balanceinertia="true" inertiafromgeom="false" boundmass="0" boundinertia="0"/>
-<option timestep="{step!r}" integrator="{integrator}" gravity="0 0 0">
-<flag contact="disable" constraint="disable" autoreset="disable"/></option>
-<worldbody>{"".join(open_)}{extra(*case.payload, at)}{"</body>" * close}</worldbody>
-<actuator>{motors}</actuator></mujoco>"""
+    """The model: the arm's own file (`Arm.to_mjcf`) with springs as they follow from the section, not fitted."""
+    given = peer_flexarm.arm(case, 1)
+    if case.spin:
+        driven = fa.Revolute("z", reflected_inertia=_heavy(case))
+        given = fa.Arm([replace(link, joint=driven) for link in given])
+    root = ET.fromstring(mjcf(segmented(given, n, fit=False)))
+    for body in root.iter("body"):  # shapes to look at take time
+        for shape in body.findall("geom"):
+            body.remove(shape)
+    option = root.find("option")
+    assert option is not None
+    option.attrib.update(timestep=repr(step), integrator=integrator)
+    ET.SubElement(option, "flag", contact="disable", constraint="disable", autoreset="disable")
+    for motor in root.iter("motor"):
+        motor.set("gear", repr(_heavy(case) if case.spin else 1.0))
+    return ET.tostring(root, encoding="unicode")
 
 
 def tip(case: Case, n: int, q: np.ndarray) -> np.ndarray:
@@ -99,8 +81,10 @@ def run(case: Case, integrator: str, n: int, every: int) -> None:
     """One setting."""
     steps = every * case.outputs
 
+    text = xml(case, n, integrator, case.end / steps)
+
     def build() -> tuple[mujoco.MjModel, mujoco.MjData]:
-        model = mujoco.MjModel.from_xml_string(xml(case, n, integrator, case.end / steps))
+        model = mujoco.MjModel.from_xml_string(text)
         return model, mujoco.MjData(model)
 
     setup, (model, data) = measure(build)

@@ -3,9 +3,9 @@
     python bench/speed/peers.py [--cases a,b,c] [-o DIR] [--docs]
 
 Cases (bench/speed/peer_common.py): (a) the paper's link spun up, (b) Simo and Vu-Quoc's spin-up, (c) two flexible links
-driven by torques. Exudyn and MuJoCo come from PyPI into environments of their own under build/peers, made when missing;
-SciPy and flexarm run in this interpreter. Each program runs in a process of its own, one after the other, on one
-thread.
+driven by torques. Exudyn comes from PyPI into an environment of its own under build/peers, made when missing; SciPy,
+flexarm and MuJoCo (pip install 'flexarm[mjcf]') run in this interpreter. Each program runs in a process of its own, one
+after the other, on one thread.
 
 The quantity is the tip's path in the world. The error of a run is the largest distance, over the output times, from a
 converged path of the *same mechanics* (what strains the program's beam has), and at least what that path's own last
@@ -37,7 +37,7 @@ from peer_common import CASES
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 # worker: what it needs from PyPI; none: it runs in this interpreter
-WORKERS = {"flexarm": [], "scipy": [], "exudyn": ["exudyn", "numpy"], "mujoco": ["mujoco", "numpy"]}
+WORKERS = {"flexarm": [], "scipy": [], "exudyn": ["exudyn", "numpy"], "mujoco": []}
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR")}
 
 

@@ -2,10 +2,10 @@
 
     python bench/speed/speed_batch.py [--rounds 2] [--only mujoco,lanes,soromox] [-o DIR]
 
-MuJoCo and SoRoMoX (JAX) come from PyPI into environments under build/peers, made when missing; flexarm runs in this
-interpreter. Each program runs in a process of its own (speed_mujoco.py, speed_soromox.py, speed_flexarm.py), one
-after the other, `rounds` times in turn, and its best round counts. Writes speed_mujoco, speed_lanes and speed_soromox
-(.csv and .png) and their sections of docs/speed.md (with -o only the files, into DIR).
+SoRoMoX (JAX) comes from PyPI into an environment under build/peers, made when missing; flexarm and MuJoCo (pip install
+'flexarm[mjcf]') run in this interpreter. Each program runs in a process of its own (speed_mujoco.py, speed_soromox.py,
+speed_flexarm.py), one after the other, `rounds` times in turn, and its best round counts. Writes speed_mujoco,
+speed_lanes and speed_soromox (.csv and .png) and their sections of docs/speed.md (with -o only the files, into DIR).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 from peer_rods import RODS
 from speed_common import ROOT, Figure, about, keep, python_of, ratio, table
 
-NEEDS: dict[str, list[str]] = {"flexarm": [], "mujoco": ["mujoco", "numpy"], "soromox": ["soromox"]}
+NEEDS: dict[str, list[str]] = {"flexarm": [], "mujoco": [], "soromox": ["soromox"]}
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR")}
 TARGETS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)  # m, of tip error
 AIMED = "MuJoCo Euler"  # what the aim was set against

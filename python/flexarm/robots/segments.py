@@ -8,17 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._check import Array, whole
-from ..analysis.modes import modes
-from ..parts.beam import Beam, RigidBody, inertia_matrix
+from ..analysis.modes import modes, small_motions
+from ..parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
 from ..parts.chain import Chain
 from ..parts.joints import Axes, Fixed
 from ..parts.link import Link
 from ..parts.split import piece
-from .tree import Mass, Pose, merged
+from .tree import Mass, Pose, merged, possible
 
 #: a hinge for each strain, in the order of the motions of one: about z, then the moved y, then the moved x
 HINGES = {"bending_y": "rz", "bending_z": "ry", "torsion": "rx"}
-_COUNT = 3  # frequencies that the springs are fitted to
+_OTHERS = tuple(s for s in STRAINS if s not in HINGES)
+_COUNT, _TERMS = 3, 3  # frequencies that springs are fitted to, and Legendre polynomials along a beam that do it
 _BODY = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"))
 
 
@@ -56,30 +57,29 @@ class Segmented:
         return float(np.abs(self.frequencies / self.wanted - 1).max(initial=0.0))
 
 
-def segmented(arm: Chain, segments: int = 10) -> Segmented:
+def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
     """Each beam as `segments` + 1 rigid rods on as many hinges as `segments`, in the middles of equal pieces.
 
-    A hinge's spring is the piece's rigidity over its length, times one factor for each of a beam's strains. The factors
-    are fitted to the arm's lowest three frequencies (joints locked, no gravity). This is the pseudo-rigid-body model
-    (Howell, Compliant Mechanisms, 2001) with equal pieces; it bends and twists, and does not shear nor stretch.
+    A hinge's spring is the piece's rigidity over its length, and, with `fit`, times a factor that changes smoothly
+    along the beam, as near to one as the arm's lowest three frequencies allow (joints locked, no gravity). This is the
+    pseudo-rigid-body model (Howell, Compliant Mechanisms, 2001) with equal pieces; it bends and twists, and does not
+    shear nor stretch.
 
     Raises:
         ValueError: too few segments, or a beam that is curved at rest.
     """
     if not 2 <= whole("segments", segments) <= 200:
         raise ValueError(f"segments = {segments}: must be from 2 to 200")
-    springs: dict[tuple[int, str], float] = {}
     left_out: list[str] = []
-    for k, link in enumerate(arm.links):
+    for name, link in zip(arm.names, arm.links, strict=True):
         if link.beam is not None:
             if link.beam.curvature is not None:
-                raise ValueError(f"{arm.names[k]}: curvature: a beam that is curved at rest is not cut into segments")
-            springs |= {(k, strain): 1.0 for strain in link.beam.counts if strain in HINGES}
-            left_out += _left_out(arm.names[k], link.beam)
+                raise ValueError(f"{name}: curvature: a beam that is curved at rest is not cut into segments")
+            left_out += _left_out(name, link.beam)
+    links, of = _links(arm, segments)
     wanted = locked_frequencies(arm, frozenset())[:_COUNT]
-    if springs and len(wanted):
-        springs = _fitted(arm, segments, springs, wanted)
-    links, of = _links(arm, segments, springs)
+    if fit and len(wanted):
+        links = _fitted(arm._made(links), of, wanted)
     made = arm._made(links, arm.gravity)
     return Segmented(made, of, locked_frequencies(made, _hinges(of))[: len(wanted)], wanted, tuple(left_out))
 
@@ -96,37 +96,55 @@ def _hinges(of: tuple[int, ...]) -> frozenset[int]:
 
 
 def locked_frequencies(arm: Chain, hinges: frozenset[int]) -> Array:
-    """Those that are not zero (rad/s), increasing, all joints but these locked, without gravity."""
+    """Those that are not zero (rad/s), increasing, all joints but these locked, without gravity; of an arm with beams
+    those of its modes that bend and twist more than they shear and stretch."""
     if not hinges and not any(link.beam is not None and link.beam.ne for link in arm.links):
         return np.zeros(0)
     locked = [k for k, link in enumerate(arm.links) if link.joint.nv and k not in hinges]
-    found = modes(arm._made(arm.links), None, None, locked).frequencies
-    return np.asarray(found[found > 0])
+    found = small_motions(arm._made(arm.links), None, None, locked).undamped()
+    bends = [not any(f" {s} " in label for s in _OTHERS) for label in arm._core.coordinates]
+    return np.asarray(found.frequencies[(found.frequencies > 0) & (found.participation[bends].sum(axis=0) > 0.5)])
 
 
-def _fitted(arm: Chain, n: int, springs: dict[tuple[int, str], float], wanted: Array) -> dict[tuple[int, str], float]:
-    """Factors of the springs for these frequencies, no further from one than is needed."""
-    from scipy.optimize import least_squares  # slow to import
+def _fitted(cut: Chain, of: tuple[int, ...], wanted: Array) -> list[Link]:
+    """The links with their hinges' springs multiplied so that they have these frequencies, as little as that takes."""
+    from scipy.linalg import eigh  # slow to import
+    from scipy.optimize import least_squares
 
-    keys = list(springs)
+    hinges = sorted(_hinges(of))
+    joints = [cut.links[i].joint for i in hinges]
+    rates = [i for k in hinges for i in cut.joint_rates(k)]
+    M = cut.mass_matrix(cut.zero)[np.ix_(rates, rates)]
+    springs = np.concatenate([joint._per_freedom("stiffness", joint.nv) for joint in joints])
+    kinds = [(of[i], label) for i, joint in zip(hinges, joints, strict=True) for label in joint.labels]
+    rows = [np.flatnonzero([k == kind for k in kinds]) for kind in dict.fromkeys(kinds)]
+    by = np.zeros((len(rates), _TERMS * len(rows)))  # of the factors' logarithms
+    for i, row in enumerate(rows):
+        x = np.linspace(-1, 1, len(row) + 1)
+        by[row, _TERMS * i : _TERMS * (i + 1)] = np.polynomial.legendre.legvander((x[1:] + x[:-1]) / 2, _TERMS - 1)
 
-    def misses(logs: Array) -> Array:
-        links, of = _links(arm, n, dict(zip(keys, np.exp(logs), strict=True)))
-        found = locked_frequencies(arm._made(links), _hinges(of))[: len(wanted)]
-        return np.concatenate([np.log(found / wanted), 1e-3 * logs])
+    def misses(terms: Array) -> Array:
+        squares = eigh(np.diag(springs * np.exp(by @ terms)), M, eigvals_only=True)[: len(wanted)]
+        return np.concatenate([np.log(squares / wanted**2) / 2, 1e-3 * terms])
 
-    found = least_squares(misses, np.zeros(len(keys)), method="lm", xtol=1e-8, ftol=1e-8, diff_step=1e-5).x
-    return dict(zip(keys, np.exp(found).tolist(), strict=True))
+    factors = iter(np.exp(by @ least_squares(misses, np.zeros(by.shape[1]), method="lm").x).tolist())
+    links = list(cut.links)
+    for i, joint in zip(hinges, joints, strict=True):
+        own = np.array([next(factors) for _ in joint.labels])
+        values = {f: (own * joint._per_freedom(f, joint.nv)).tolist() for f in ("stiffness", "damping")}
+        links[i] = replace(links[i], joint=replace(joint, **values))
+    return links
 
 
-def _links(arm: Chain, n: int, springs: dict[tuple[int, str], float]) -> tuple[list[Link], tuple[int, ...]]:
+def _links(arm: Chain, n: int) -> tuple[list[Link], tuple[int, ...]]:
+    """The arm in pieces, and of which link each is."""
     links: list[Link] = []
     of: list[int] = []
     for k, link in enumerate(arm.links):
-        if link.beam is None:
-            parts = [replace(link, hub=_joined(link.hub, link.tip), tip=None)] if link.tip else [link]
+        if link.beam is not None:
+            parts = _cut(arm.names[k], link, link.beam, n)
         else:
-            parts = _cut(arm.names[k], link, link.beam, n, {s: f for (of_, s), f in springs.items() if of_ == k})
+            parts = [replace(link, hub=_joined(link.hub, link.tip), tip=None)] if link.tip else [link]
         links += parts
         of += [k] * len(parts)
     return links, tuple(of)
@@ -138,27 +156,37 @@ def mass_of(body: RigidBody | None) -> Mass:
 
 
 def _rigid(bodies: Sequence[Mass], end: Array) -> RigidBody:
-    one = merged(bodies)
+    one = possible(merged(bodies))
     return RigidBody(one.mass, one.com.tolist(), one.inertia.tolist(), end.tolist())
 
 
 def _joined(hub: RigidBody | None, tip: RigidBody) -> RigidBody:
-    at = np.zeros(3) if hub is None else np.array(hub.end)
+    at = _end(hub)
     return _rigid([mass_of(hub), mass_of(tip).seen(Pose(at))], at + tip.end)
 
 
-def _cut(name: str, link: Link, beam: Beam, n: int, factors: dict[str, float]) -> list[Link]:
+def _end(body: RigidBody | None) -> Array:
+    return np.zeros(3) if body is None else np.array(body.end)
+
+
+def _cut(name: str, link: Link, beam: Beam, n: int) -> list[Link]:
     """The link up to the middle of its beam's first piece, and a link for each hinge."""
-    step, plain = beam.length / n, replace(beam, damping_ratio=0.0, damping=())
-    times = np.array([_retardation(beam, plain, strain) for strain in factors])
+    plain = replace(beam, damping_ratio=0.0, damping=())
+    strains = [s for s in beam.counts if s in HINGES]
+    if not strains:  # it neither bends nor twists
+        at = _end(link.hub)
+        tip = at + np.array([beam.length, 0.0, 0.0])
+        bodies = [mass_of(link.hub), _rod(plain, 0.0, beam.length).seen(Pose(at)), mass_of(link.tip).seen(Pose(tip))]
+        return [replace(link, hub=_rigid(bodies, tip + _end(link.tip)), beam=None, tip=None)]
+    step = beam.length / n
+    times = np.array([_retardation(beam, plain, strain) for strain in strains])
     halves = [_rod(plain, k * step / 2, min((k + 1) * step / 2, beam.length)) for k in range(2 * n)]
-    ahead, half = np.zeros(3) if link.hub is None else np.array(link.hub.end), np.array([step / 2, 0.0, 0.0])
+    ahead, half, end = _end(link.hub), np.array([step / 2, 0.0, 0.0]), _end(link.tip)
     first = _rigid([mass_of(link.hub), halves[0].seen(Pose(ahead))], ahead + half)
     out = [replace(link, hub=first, beam=None, tip=None)]
-    end = np.zeros(3) if link.tip is None else np.array(link.tip.end)
     for k in range(n):
-        stiffness, damping = _springs(plain, k * step, (k + 1) * step, factors, times)
-        axes = [HINGES[s] for s in factors]
+        stiffness, damping = _springs(plain, k * step, (k + 1) * step, strains, times)
+        axes = [HINGES[s] for s in strains]
         hinge = Axes(axes=axes, stiffness=stiffness, damping=damping, name=f"{name} {k + 1} hinge")
         rods = [halves[2 * k + 1], *([halves[2 * k + 2].seen(Pose(half))] if k + 1 < n else [])]
         rods += [mass_of(link.tip).seen(Pose(half))] if k + 1 == n else []
@@ -177,13 +205,13 @@ def _rod(beam: Beam, a: float, b: float) -> Mass:
 
 
 def _springs(
-    beam: Beam, a: float, b: float, factors: dict[str, float], times: Array
+    beam: Beam, a: float, b: float, strains: Sequence[str], times: Array
 ) -> tuple[list[float], list[float]]:
     """Of a hinge, for each strain: its piece's rigidity over its length, and what damps it: the material, and `times`
     (s)."""
-    own = piece(beam, a, b, dict.fromkeys(factors, 1))
+    own = piece(beam, a, b, dict.fromkeys(strains, 1))
     K, D = np.diag(own._core.stiffness), np.diag(own._core.damping)
-    stiffness = K / (b - a) ** 2 * np.array(list(factors.values()))
+    stiffness = K / (b - a) ** 2
     return stiffness.tolist(), (stiffness * (D / K + times)).tolist()
 
 

@@ -57,6 +57,17 @@ def merged(bodies: Iterable[Mass]) -> Mass:
     return Mass(mass, com, (inertia + inertia.T) / 2)
 
 
+def possible(body: Mass) -> Mass:
+    """The same body with moments that a body in space can have. In a plane one alone, about the axis of the joints, may
+    be given; the others, which do not matter there, are raised until it is not above their sum."""
+    moments, axes = np.linalg.eigh(body.inertia)
+    lacks = moments[2] - moments[0] - moments[1]
+    if lacks <= 1e-12 * moments[2]:
+        return body
+    raised = moments + np.array([0.5, 0.5, 0.0]) * lacks * (1 + 1e-9)
+    return Mass(body.mass, body.com, axes @ np.diag(raised) @ axes.T)
+
+
 @dataclass(frozen=True)
 class TreeJoint:
     """A joint of the tree.

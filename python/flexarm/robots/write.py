@@ -13,7 +13,7 @@ from .._check import Array
 from ..parts.joints import Joint
 from ..parts.link import Link
 from .segments import Segmented, locked_frequencies, mass_of
-from .tree import Mass, Pose
+from .tree import Mass, Pose, possible
 
 _SMALL = 1e-12  # kg, kg m^2: what programs that refuse massless bodies are given
 
@@ -60,14 +60,11 @@ def _quaternion(R: Array) -> Array:
     return np.asarray(Rotation.from_matrix(R).as_quat())[[3, 0, 1, 2]]
 
 
-def _possible(body: Mass) -> Mass:
-    """The same body with an inertia that a body in space can have. In a plane one moment alone, about the axis of the
-    joints, may be given, and the others do not matter."""
-    I = body.inertia
-    moments = np.linalg.eigvalsh(I)
-    if moments[-1] > moments[:-1].sum() * (1 + 1e-9):
-        I = np.eye(3) * moments[-1]
-    return Mass(max(body.mass, _SMALL), body.com, I + _SMALL * np.eye(3) * (moments[0] < _SMALL))
+def _in_space(given: Mass) -> Mass:
+    """The same body for programs that refuse bodies without mass or inertia."""
+    body = possible(given)
+    small = _SMALL * np.eye(3) * (np.linalg.eigvalsh(body.inertia)[0] < _SMALL)
+    return Mass(max(body.mass, _SMALL), body.com, body.inertia + small)
 
 
 def about(cut: Segmented) -> Iterator[str]:
@@ -156,7 +153,7 @@ def _mjcf_joint(body: ET.Element, f: _Freedom, anchor: Pose) -> None:
 def _mjcf_inertia(body: ET.Element, given: Mass, moves: bool) -> None:
     if not (moves or given.mass):
         return
-    own = _possible(given)
+    own = _in_space(given)
     I = own.inertia
     entries = _numbers([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
     ET.SubElement(body, "inertial", pos=_numbers(own.com), mass=_numbers(own.mass), fullinertia=entries)
@@ -219,7 +216,7 @@ def _urdf_origin(parent: ET.Element, at: Pose) -> None:
 def _urdf_inertia(link: ET.Element, given: Mass) -> None:
     if not given.mass and not given.inertia.any():
         return
-    own = _possible(given)
+    own = _in_space(given)
     inertial = ET.SubElement(link, "inertial")
     _urdf_origin(inertial, Pose(own.com))
     ET.SubElement(inertial, "mass", value=_numbers(own.mass))
