@@ -67,3 +67,26 @@ def test_without_the_extra(saved: Path, monkeypatch: pytest.MonkeyPatch, capsys:
     monkeypatch.setitem(sys.modules, "jupyter_threejs_sage", None)
     assert main(["view", str(saved), "-o", "a.html"]) == 2
     assert "flexarm[view]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("rows", "shown"), [(11, "shown is what there was before"), (0, "there is nothing to show")])
+def test_a_run_that_could_not_go_on(
+    rows: int,
+    shown: str,
+    saved: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    run = fa.Result.load(saved)
+    fa.Scene(run.arm, t=run.t).save(tmp_path / "link.toml")
+    part = fa.Result(run.arm, *(x[:rows] for x in (run.t, run.q, run.v, run.a, run.tau)))
+
+    def stop(self: fa.Scene, **_: object) -> fa.Result:
+        raise fa.SimulationError("stopped at t = 0.05 s: because", 0.05, part)
+
+    monkeypatch.setattr(fa.Scene, "run", stop)
+    picture = tmp_path / "link.png"
+    assert main(["view", str(tmp_path / "link.toml"), "-o", str(picture)]) == 1
+    err = capsys.readouterr().err
+    assert "stopped at t = 0.05 s: because" in err and shown in err and picture.exists() == (rows > 0)

@@ -135,6 +135,21 @@ def test_a_rigid_body_is_the_box_of_its_inertia() -> None:
     assert ball["kind"] == "ball" and 4 / 3 * np.pi * ball["size"][0] ** 3 * 7800 == pytest.approx(1.0)
 
 
+def test_patches_lie_on_the_faces() -> None:
+    piezo = fa.Piezo(62e9, 0.3, 7800, -180e-12)
+    patches = [fa.Patch(0.1, 0.2, 0.01, 5e-4, piezo, "y"), fa.Patch(0.3, 0.4, 0.002, 5e-4, piezo, "-z")]
+    beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 2}, patches=patches)
+    made = body.make_body(fa.Arm([fa.Link(fa.Fixed(), beam=beam)]), [9])
+    layers = [b["outlines"][0] for b in made.beams if b["part"] == "patch"]
+    extents = [(*layer.min(axis=0), *layer.max(axis=0)) for layer in layers]
+    assert np.allclose(extents[0], (0.001, -0.005, 0.0015, 0.005))
+    assert np.allclose(extents[1], (-0.0015, -0.005, -0.001, 0.005))
+    assert np.allclose(extents[2], (-0.001, -0.0105, 0.001, -0.01)) and len(layers) == 3
+    first = made.beams[1]
+    places = [made.places[i][1] for i in (first["first"], first["first"] + first["count"] - 1)]
+    assert np.allclose(places, (0.1, 0.2))
+
+
 def test_loads_are_drawn_where_and_as_they_act() -> None:
     arm = paper_link()
     loads = [fa.Load(force=(1, 2, 0), axes="section"), fa.Load(0, along=(0.1, 0.3), force=(0, 0, 5)),

@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         told |= {"magnify": view.magnify, "speed": view.speed, "greatest_strain": greatest_strain(view.tracks)}
         print(json_text(told))
     elif args.output is not None:
-        print(f"{view.times[0]:g} to {view.times[1]:g} s in {frames} frames: {args.output}")
+        print(f"{view.times[0]:g} to {view.times[1]:g} s: {args.output}")
     for _, _, failure in read:
         if failure is not None:
             return _failed(failure, "shown is what there was before")

@@ -17,6 +17,7 @@ from ..acting.load import Load
 from ..parts.beam import Beam, RigidBody, inertia_matrix
 from ..parts.chain import Chain
 from ..parts.joints import Joint, Placement
+from ..parts.patch import Patch
 from ..parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, Section, SectionMatrix, Tube
 
 _ROUND = 28  # corners of a circle
@@ -30,7 +31,8 @@ class Body:
     Attributes:
         places: of each node, the link and the place along its beam (m); None for a link's own frame, (None, None) for
             the world.
-        beams: {"first": node of its clamp, "count": slices, "outlines": (count, m, 2), y and z of the corners (m)}.
+        beams: {"first": node of its clamp, "count": slices, "outlines": (count, m, 2), y and z of the corners (m),
+            "part": "beam", whose colour is strain, or "patch", a piezo patch}.
         solids: {"node", "part", "kind", "at": centre (m), "axes": 3 x 3, in columns, "size": (m)}: of a "box" its
             sides, of a "ball" its radius, of a "cylinder" its length along the first axis and its radius.
         struts: pairs of (node, at) with a straight piece between: rails of sliding joints.
@@ -156,11 +158,33 @@ def _joint(body: Body, k: int, joint: Joint, below: tuple[int, Array], node: int
 
 def _beam(body: Body, k: int, beam: Beam, slices: int) -> None:
     x = np.linspace(0.0, beam.length, slices)
+    _bar(body, k, "beam", x, [outline(beam.section.at(float(place))) for place in x])
+    for patch in beam.patches:
+        count = max(round(slices * (patch.end - patch.start) / beam.length), 2)
+        x = np.linspace(patch.start, patch.end, count)
+        for side in (1, -1):
+            if patch.face[0] != "+-"[side == 1]:
+                _bar(body, k, "patch", x, [_layer(beam, patch, float(place), side) for place in x])
+
+
+def _bar(body: Body, k: int, part: str, x: Array, outlines: list[Array]) -> None:
     first = len(body.places)
     for place in x:
         body.node(k, float(place))
-    outlines = np.array([outline(beam.section.at(float(place))) for place in x])
-    body.beams.append({"first": first, "count": slices, "outlines": outlines})
+    corners = np.array(outlines)
+    y, z = corners[0].T
+    if y @ np.roll(z, -1) < z @ np.roll(y, -1):  # all outlines go round from y to z
+        corners = corners[:, ::-1]
+    body.beams.append({"part": part, "first": first, "count": len(x), "outlines": corners})
+
+
+def _layer(beam: Beam, patch: Patch, x: float, side: int) -> Array:
+    """Corners of a patch's layer on one side of the beam (m), (4, 2)."""
+    face = beam.section.at(x)._face(patch.face[-1])
+    low = patch.offset if patch.offset is not None else face.distance if face is not None else 0.0
+    half, high = max(abs(patch.share(x)), 1e-3) * patch.width / 2, low + patch.thickness
+    corners = np.array([(low, -half), (high, -half), (high, half), (low, half)]) * (side, 1)
+    return corners if patch.face[-1] == "y" else corners[:, ::-1]
 
 
 def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> Body:
@@ -174,7 +198,7 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
         reach = 0.0
         if link.beam:
             _beam(body, k, link.beam, slices[k])
-            reach = float(np.linalg.norm(body.beams[-1]["outlines"][0], axis=1).max())
+            reach = float(np.linalg.norm(outline(link.beam.section.at(0.0)), axis=1).max())
         radius = float(np.clip(1.1 * reach, 0.012 * body.size, 0.03 * body.size))
         axes = len(body.axes)
         _joint(body, k, link.joint, below, node, radius)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._check import Array
 from ..draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
@@ -32,6 +33,12 @@ class Eye:
         seen = (points - self.camera.centre) @ self.axes.T
         depth = self.distance - seen[..., 2]
         return seen[..., :2] * (self.scale / depth)[..., None], depth
+
+    def sees(self, faces: Array) -> NDArray[np.bool_]:
+        """Of faces (n, 4, 3) whose corners go round to the left as seen from outside, which turn to the eye."""
+        normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
+        eye = self.camera.centre + self.distance * self.axes[2]
+        return np.asarray(np.einsum("ni,ni->n", normal, eye - faces.mean(axis=1)) > 0)
 
 
 def _quads(rings: Array) -> Array:
@@ -89,15 +96,18 @@ class _Faces:
     def __init__(self) -> None:
         self.faces: list[Array] = []
         self.colours: list[Array] = []
+        self.nearer: list[Array] = []
 
-    def add(self, faces: Array, colour: Any) -> None:
+    def add(self, faces: Array, colour: Any, nearer: float = 0.0) -> None:
+        """Faces, taken for that much nearer to the eye than they are (m): of what lies on something else."""
         from matplotlib.colors import to_rgb
 
         rgb = np.array(to_rgb(colour)) if isinstance(colour, str) else colour
         self.faces.append(faces)
         self.colours.append(np.broadcast_to(rgb, (len(faces), 3)))
+        self.nearer.append(np.full(len(faces), nearer))
 
-    def add_polygon(self, polygon: Array, colour: Array) -> None:
+    def add_polygon(self, polygon: Array, colour: Any) -> None:
         """A cap of any outline, as a fan about its middle."""
         middle = np.broadcast_to(polygon.mean(axis=0), polygon.shape)
         self.add(np.stack([polygon, np.roll(polygon, -1, axis=0), middle, middle], axis=1), colour)
@@ -111,7 +121,7 @@ class _Faces:
         normal = normal / np.maximum(size, 1e-300)
         shade = 0.62 + 0.38 * np.abs(normal @ eye.light)
         places, depth = eye(faces)
-        order = np.argsort(-depth.mean(axis=1))
+        order = np.argsort(np.concatenate(self.nearer) - depth.mean(axis=1))
         rgb = np.clip(colours * shade[:, None], 0, 1)[order]
         ax.add_collection(PolyCollection(list(places[order]), facecolors=rgb, edgecolors=rgb, linewidths=0.3, zorder=3))
 
@@ -146,9 +156,14 @@ def _add_track(faces: _Faces, track: Track, pose: Any, most: float, largest: tup
         values = stage.surface_strain(strain[nodes], outlines)
         after = np.roll(values, -1, axis=1)
         mean = (values[:-1] + after[:-1] + after[1:] + values[1:]) / 4
-        faces.add(_quads(rings), _beam_colours(mean.ravel(), most))
+        plain = None if beam["part"] == "beam" else stage.PART_COLOURS[beam["part"]]
+        sides, colours = _quads(rings), _beam_colours(mean.ravel(), most)
+        seen = eye.sees(sides)
+        towards = (rings.mean(axis=(0, 1)) - p[nodes].mean(axis=0)) @ eye.axes[2]  # on which face a patch is
+        lift = float(np.sign(towards) * np.linalg.norm(rings[1, 0] - rings[0, 0])) if plain else 0.0
+        faces.add(sides[seen], plain or colours[seen], lift)
         for k in (0, -1):
-            faces.add_polygon(rings[k], _beam_colours((values[k] + np.roll(values[k], -1)) / 2, most))
+            faces.add_polygon(rings[k], plain or _beam_colours((values[k] + np.roll(values[k], -1)) / 2, most))
     for solid in body.solids:
         node = solid["node"]
         faces.add(_solid_faces(solid) @ R[node].T + p[node], stage.PART_COLOURS[solid["part"]])

@@ -99,7 +99,7 @@ def magnified(arm: Chain, q: Array, magnify: float) -> Array:
 
 
 def _slices(arm: Chain, q: Array) -> list[int]:
-    """Enough slices of each beam that neighbours turn by less than 6 degrees at the rows q (nt, nq)."""
+    """Enough slices of each beam that neighbours turn by less than 6 degrees at the rows q (nt, nq), 33 at most."""
     some = q[:: max(len(q) // 60, 1)]
     counts = []
     for k, link in enumerate(arm.links):
@@ -109,7 +109,8 @@ def _slices(arm: Chain, q: Array) -> list[int]:
         R = np.array([arm.frame(some, k, x)[1] for x in np.linspace(0.0, link.beam.length, 13)])
         cosine = (np.einsum("stij,stij->st", R[1:], R[:-1]) - 1) / 2
         turn = np.arccos(np.clip(cosine, -1.0, 1.0)).sum(axis=0).max()
-        counts.append(int(np.clip(np.ceil(turn / np.radians(6)), 8, 32)) + 1 if link.beam.ne or turn > 0 else 2)
+        fewest = min(max(8, 4 * max(link.beam.counts.values(), default=0)), 32)  # colours follow the strain shapes
+        counts.append(int(np.clip(np.ceil(turn / np.radians(6)), fewest, 32)) + 1 if link.beam.ne or turn > 0 else 2)
     return counts
 
 
@@ -124,7 +125,7 @@ def _frames(arm: Chain, t: Array, q: Array, most: int) -> tuple[NDArray[np.int_]
     tolerance, most = _TOLERANCE * max(float(np.ptp(ends, axis=0).max()), 1e-9), max(most, 2)
     finest = -(-last // (most - 1)) if last else 1
     kept, error = np.arange(len(t)), 0.0
-    for stride in sorted({finest, *(finest * 2**k for k in range(16))}):
+    for stride in sorted({int(finest * 1.4**k) for k in range(30)}):
         rows = np.unique(np.append(np.arange(0, len(t), stride), last))
         off = float(np.abs(curve(t[rows], ends[rows])(t) - ends).max()) if stride > 1 else 0.0
         if (stride > finest and off > tolerance) or len(rows) < min(9, len(t)):
@@ -152,7 +153,7 @@ def _pose(arm: Chain, body: Body, q: Array) -> tuple[Array, Array, Array]:
 
 
 def _strains(arm: Chain, body: Body, q: Array, strain: Array) -> None:
-    for beam in body.beams:
+    for beam in (b for b in body.beams if b["part"] == "beam"):
         for i in range(beam["first"], beam["first"] + beam["count"]):
             k, x = body.places[i]
             assert k is not None and x is not None

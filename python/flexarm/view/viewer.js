@@ -124,10 +124,15 @@ function pointed(object, direction) {
   return object;
 }
 
+const AXES = { x: "#D55E00", y: "#009E73", z: "#0072B2" };
+
 function triad(length) {
-  const made = new THREE.Group(), axes = [[1, 0, 0, "#D55E00"], [0, 1, 0, "#009E73"], [0, 0, 1, "#0072B2"]];
-  for (const [x, y, z, colour] of axes)
-    made.add(pointed(arrow(length, 0.035 * length, colour), new THREE.Vector3(x, y, z)));
+  const made = new THREE.Group();
+  for (const [axis, colour] of Object.entries(AXES)) {
+    const direction = new THREE.Vector3();
+    direction[axis] = 1;
+    made.add(pointed(arrow(length, 0.03 * length, colour), direction));
+  }
   return made;
 }
 
@@ -168,6 +173,7 @@ class BeamMesh {
     for (const name of ["position", "color"])
       geometry.setAttribute(name, new THREE.BufferAttribute(new Float32Array(3 * m * n), 3));
     const material = new THREE.MeshPhongMaterial({ vertexColors: true, flatShading: true, side: THREE.DoubleSide, shininess: 12 });
+    this.plain = this.part === "beam" ? null : new THREE.Color(told.colours[this.part]);
     this.mesh = new THREE.Mesh(geometry, material);
     this.mesh.frustumCulled = false;
   }
@@ -181,7 +187,8 @@ class BeamMesh {
         const [y, z] = this.outlines[j][i], k = j * m + i;
         track.point(this.first + j, [0, y, z], p);
         p.toArray(position.array, 3 * k);
-        strainColour(strain.x - y * strain.z + z * strain.y, color.array, 3 * k);
+        if (this.plain) this.plain.toArray(color.array, 3 * k);
+        else strainColour(strain.x - y * strain.z + z * strain.y, color.array, 3 * k);
       }
     }
     position.needsUpdate = color.needsUpdate = true;
@@ -240,8 +247,8 @@ class Pane {
       object.position.fromArray(axis.at);
       this.hold(axis.node, object, this.groups.axes);
     }
-    for (const node of body.frames) this.hold(node, triad(9 * symbol), this.groups.frames);
-    const end = triad(9 * symbol);
+    for (const node of body.frames) this.hold(node, triad(14 * symbol), this.groups.frames);
+    const end = triad(14 * symbol);
     end.position.fromArray(body.tip[1]);
     this.hold(body.tip[0], end, this.groups.frames);
     this.struts = body.struts.map((ends) => {
@@ -287,7 +294,10 @@ class Pane {
       track.vector("position", node, object.position);
       track.turn(node, object.quaternion);
     }
-    for (const beam of this.beams) beam.update(track);
+    for (const beam of this.beams) {
+      beam.mesh.visible = beam.part === "beam" || shown.patches;
+      if (beam.mesh.visible) beam.update(track);
+    }
     for (const [[a, b], mesh] of this.struts) {
       track.point(a[0], a[1], p);
       track.point(b[0], b[1], q);
@@ -333,7 +343,7 @@ class Pane {
 // -- the page --------------------------------------------------------------------------------------------------------
 
 const stage = make("div", null, { id: "stage" });
-const shown = { strain: true, trace: true, axes: true, labels: true, loads: true, frames: false, floor: true };
+const shown = { strain: true, patches: true, trace: true, axes: true, labels: true, loads: true, frames: false, floor: true };
 const panes = [], slow = drawsInSoftware();
 let camera, controls, renderer, playing = false, clock = 0, dirty = true, moved = false;
 const first = Math.min(...told.tracks.map((d) => d.t[0])), last = Math.max(...told.tracks.map((d) => d.t[d.t.length - 1]));
@@ -392,7 +402,8 @@ function makeLegend() {
     axes: ["joints' axes", told.colours.axis, bodies.some((b) => b.axes.length)],
     labels: ["joints' names", null, bodies.some((b) => b.labels.length)],
     loads: ["forces, moments", told.colours.force, bodies.some((b) => b.loads.length)],
-    frames: ["frames: x red, y green, z blue", null, true],
+    patches: ["piezo patches", told.colours.patch, bodies.some((b) => b.beams.some((beam) => beam.part === "patch"))],
+    frames: ["frames: ", null, true],
     floor: [`floor, lines each ${Number(view.grid.toPrecision(3))} m`, null, true],
   };
   for (const [name, [text, colour, there]] of Object.entries(names)) {
@@ -401,16 +412,17 @@ function makeLegend() {
     box.addEventListener("change", () => { shown[name] = box.checked; dirty = true; });
     if (colour) make("span", label, { className: "swatch" }).style.background = colour;
     label.append(" " + text);
+    if (name === "frames") for (const [axis, shade] of Object.entries(AXES)) make("b", label, { textContent: axis + " " }).style.color = shade;
   }
   if (told.strain.most) {
     const { most, factor, unit, colours } = told.strain, shownMost = Number((most * factor).toPrecision(3));
-    const box = make("div", legend, { id: "strain", textContent: `Strain at the surface, along x (${unit})` });
+    const box = make("div", legend, { id: "strain", textContent: `Surface strain along x (${unit})` });
     const stops = colours.map((c) => `rgb(${c.map((v) => Math.round(255 * v)).join(",")})`);
     make("div", box, { id: "bar" }).style.background = `linear-gradient(to right, ${stops.join(", ")})`;
     const ticks = make("div", box, { id: "ticks" });
-    for (const text of [`−${shownMost}`, "0", `${shownMost}`]) make("span", ticks, { textContent: text });
+    for (const text of [`\u2212${shownMost}`, "0", `${shownMost}`]) make("span", ticks, { textContent: text });
   }
-  make("div", stage, { id: "foot", textContent: told.notes.join(" · ") });
+  make("div", stage, { id: "foot", textContent: told.notes.join(" \u00b7 ") });
 }
 
 function setPlaying(on) {
@@ -428,7 +440,7 @@ function makeControls() {
   const again = make("button", bar, { textContent: "Camera", title: "the camera back to where it was" });
   const choices = new Set([0.001, 0.01, 0.05, 0.1, 0.25, 0.5, 1, 2, 5, told.speed]);
   for (const s of [...choices].sort((a, b) => a - b))
-    make("option", speed, { value: s, textContent: `${Number(s.toPrecision(3))} × real time`, selected: s === told.speed });
+    make("option", speed, { value: s, textContent: `${Number(s.toPrecision(3))} \u00d7 real time`, selected: s === told.speed });
   play.addEventListener("click", () => setPlaying(!playing));
   slider.addEventListener("input", () => { setPlaying(false); clock = first + ((last - first) * slider.value) / 10000; dirty = true; });
   speed.addEventListener("change", () => { told.speed = Number(speed.value); });
