@@ -244,7 +244,7 @@ class _Plan:
         """The smoothest, again with margins where peaks between the knots pass a limit; and its run on a fine grid."""
         margin: dict[str, Any] = {"torque": _MARGIN}
         found = self._smooth(aim, first)
-        found = found if found.good else self._from_afar(aim, first)
+        found = found if found.good else self._from_afar(aim, replace(first, fine=2))
         for k in range(_TIGHT + 1):
             p = found.profile
             fine = np.linspace(0.0, p.duration, _FINE * self.knots + 1)

@@ -137,7 +137,8 @@ class Search:
             while True:
                 step, promised = self._next(best, best, slopes, trust)
                 gain = best.merit - promised
-                worth = max(_GAIN, _HOPE * (best.merit - best.goal))  # less is promised where nothing near keeps the limits
+                # less is promised where nothing near keeps the limits
+                worth = max(_GAIN, _HOPE * (best.merit - best.goal))
                 if step is None or trust < 1e-3 or gain < worth:
                     return best
                 tried = self.judge(step)
