@@ -143,7 +143,7 @@ def figure(table: list[dict[str, Any]], moves: dict[str, Any], path: Path) -> No
             a.plot(move.t, move.torques[:, k] / most, style, color=COLOURS[name], lw=1.4, label=f"{name}, joint {k}")
     a.axhline(1, color="#333333", lw=0.8)
     a.axhline(-1, color="#333333", lw=0.8)
-    a.set(xlabel="time (s)", ylabel="torque, parts of its limit", ylim=(-1.25, 1.25))
+    a.set(xlabel="time (s)", ylabel="torque, parts of its limit", ylim=(-1.2, 1.7))
     a.legend(frameon=False, fontsize=8, ncols=2, loc="upper right")
     commands, end = zv(shaped)
     drives = {"unshaped": (shaped.rigid_drive, shaped.rigid_duration), "ZV": (commands, end),
@@ -162,14 +162,14 @@ def figure(table: list[dict[str, Any]], moves: dict[str, Any], path: Path) -> No
         c.semilogy(at, [max(100 * r[key], 1e-5) for r in table], "o", color=COLOURS[name], ms=5, label=name)
     c.semilogy(at, [100 * r["off"] for r in table], "x", color=COLOURS["shaped"], ms=5, label="shaped, payload +20 %")
     c.axhline(5, color="#333333", lw=0.8, ls="--")
-    c.text(at[-1], 5.5, "aim 5 %", ha="right", va="bottom", fontsize=8)
+    c.text(at[0] - 0.5, 5.6, "aim 5 %", ha="left", va="bottom", fontsize=8)
     c.set(ylabel="left, % of unshaped", ylim=(1e-5, 1e3))
     c.legend(frameon=False, fontsize=8, ncols=4, loc="upper center", columnspacing=0.8, handletextpad=0.2)
     d.plot(at, [r["duration"] for r in table], "o", color=COLOURS["shaped"], ms=5, label="shaped")
     d.plot(at, [r["optimal duration"] for r in table], "o", color=COLOURS["optimal"], ms=5, label="optimal")
     d.axhline(1.03, color="#333333", lw=0.8, ls="--")
-    d.text(at[-1], 1.033, "aim 1.03", ha="right", va="bottom", fontsize=8)
-    d.set(ylabel="duration / (rigid + half period)", ylim=(0.75, 1.1))
+    d.text(at[-1], 1.035, "aim 1.03", ha="right", va="bottom", fontsize=8)
+    d.set(ylabel="duration / (rigid + half period)", ylim=(0.75, 1.15))
     d.legend(frameon=False, fontsize=8, loc="lower right")
     edges = [k for k in range(1, len(table)) if table[k]["arm"] != table[k - 1]["arm"]]
     for ax in (c, d):
@@ -199,12 +199,14 @@ def main() -> None:
         table.append(row)
         if row["arm"] == "2 links" and row["payload"] == 1.0 and row["to"] == [1, -1]:
             shown = moves
-        print(*cells(row), f"peak {row['peak']:.4f}, {row['wall']:.1f} s, {row['optimal wall']:.1f} s", sep=" | ", flush=True)
+        seen = f"peak {row['peak']:.4f}, {row['wall']:.1f} s, {row['optimal wall']:.1f} s"
+        print(*cells(row), seen, sep=" | ", flush=True)
     with (out / "moves.csv").open("w", newline="") as f:
         writer = csv.DictWriter(f, list(table[0]))
         writer.writeheader()
         writer.writerows(table)
-    lines = ["| " + " | ".join(HEAD) + " |", "|-" * len(HEAD) + "|", *("| " + " | ".join(cells(r)) + " |" for r in table)]
+    lines = ["| " + " | ".join(row) + " |" for row in (HEAD, *map(cells, table))]
+    lines.insert(1, "|-" * len(HEAD) + "|")
     (out / "moves.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     figure(table, shown, out / "moves.png")
 

@@ -161,10 +161,18 @@ def test_a_path_is_kept() -> None:
     assert move.duration < 1.03 * (move.rigid_duration + move.half_period)
     assert swing(arm, move) < 0.05 * move.residual_unshaped
     assert np.abs(move.v).max() <= 3.0 * 1.001
+
+
+def test_a_path_of_samples_is_that_of_its_function() -> None:
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, com=(0.3, 0, 0), end=(0.5, 0, 0)))] * 2)
+
+    def path(s: float) -> list[float]:
+        return [s, 0.5 * math.sin(math.pi * s)]
+
     samples = [path(s) for s in np.linspace(0, 1, 41)]
-    assert fa.plan_move(arm, path=samples, torque=(60.0, 15.0), speed=3.0).duration == pytest.approx(
-        move.duration, rel=1e-3
-    )
+    moves = [fa.plan_move(arm, path=p, torque=2.0, speed=3.0) for p in (path, samples)]
+    assert moves[0].duration == pytest.approx(moves[1].duration, rel=1e-3)
+    assert moves[0].rigid_duration == pytest.approx(moves[1].rigid_duration, rel=1e-3)
 
 
 # -- bad input -------------------------------------------------------------------------------------------------------

@@ -34,6 +34,7 @@ _MOST = 12  # modes
 _ROUNDS, _TRIES = 40, 12  # of a search for the least time, and for the smoothest motion in a given one
 _TIGHT = 3  # times that margins are taken off limits that are passed between the knots
 _MARGIN = 3e-3  # of torque, which is not steered between the knots, at first
+_RIPPLE = 5e-3  # between the knots, above which the search looks there
 _ROUNDING = 1e-5  # by which a limit may be passed
 _MORE, _SLOWER = 1.008, (1.1, 1.3, 1.6, 2.0)  # times a duration that is too short
 _SPARE = 1.002  # times the least
@@ -243,7 +244,7 @@ class _Plan:
         """The smoothest, again with margins where peaks between the knots pass a limit; and its run on a fine grid."""
         margin: dict[str, Any] = {"torque": _MARGIN}
         found = self._smooth(aim, first)
-        found = found if found.good else self._from_afar(aim, first)
+        found = found if found.good else self._from_afar(aim, replace(first, fine=2))
         for k in range(_TIGHT + 1):
             p = found.profile
             fine = np.linspace(0.0, p.duration, _FINE * self.knots + 1)
@@ -252,6 +253,8 @@ class _Plan:
             if k == _TIGHT or not any(x.any() for x in over.values()):
                 break
             margin = {k: margin.get(k, 0.0) + 1.2 * x for k, x in over.items()}
+            if any((x > _RIPPLE).any() for x in over.values()) and p.fine == 1:  # rather look between the knots, too
+                margin, p = {"torque": _MARGIN}, replace(p, fine=2)
             tight = replace(self.limits, **{k: getattr(self.limits, k) * (1.0 - x) for k, x in margin.items()})
             found = self._smooth(replace(aim, limits=tight), p)
         return found, run

@@ -27,7 +27,7 @@ _PENALTY = {True: 5.0, False: 100.0}
 _SMOOTH = 1e-3  # weight of the largest jerk beside the duration, where that is sought
 _ALONE = 1e-2  # and where it alone is
 _DONE, _NOISE = 1e-3, 2e-4  # of both: what will do in the end, and what a step may leave to the next
-_GAIN = 2e-4  # of the objective in a round, below which the search ends
+_GAIN, _HOPE = 2e-4, 0.02  # of the objective in a round, below which the search ends; of the penalties
 _JERK = 8.0  # of a motion whose largest is least, in parts of the size of its accelerations
 _MENDS = 3  # of a step, at most
 _DT = 1e-5  # of the duration, for derivatives by it
@@ -137,7 +137,9 @@ class Search:
             while True:
                 step, promised = self._next(best, best, slopes, trust)
                 gain = best.merit - promised
-                if step is None or trust < 1e-3 or (best.good and gain < _GAIN):
+                # less is promised where nothing near keeps the limits
+                worth = max(_GAIN, _HOPE * (best.merit - best.goal))
+                if step is None or trust < 1e-3 or gain < worth:
                     return best
                 tried = self.judge(step)
                 for _ in range(_MENDS):  # what bends is met by further steps with the same slopes
