@@ -59,6 +59,8 @@ def _poles_z(ax: Axes, z: NDArray[np.complex128]) -> None:
 
 def plot_loop(s: NDArray[np.complex128], z: Any, curves: Sequence[tuple[Any, Any, Any]]) -> Figure:
     """Poles s, or z where there are some; and (margins, frequencies, loop gain) of each channel."""
+    from matplotlib.ticker import MultipleLocator
+
     fig = new_figure(11.0, 7.6 if curves else 4.4)
     axes = fig.subplots(2, 2) if curves else np.array([[fig.subplots(), None], [None, None]])
     _poles_s(axes[0, 0], s) if z is None else _poles_z(axes[0, 0], z)
@@ -70,12 +72,12 @@ def plot_loop(s: NDArray[np.complex128], z: Any, curves: Sequence[tuple[Any, Any
     for (m, w, L), colour in zip(curves, [PALETTE[k % len(PALETTE)] for k in range(len(curves))], strict=True):
         good = np.isfinite(L)
         w, L = w[good], L[good]
-        nyquist.plot(L.real, L.imag, color=colour, lw=1.4, label=m.name)
-        gain.loglog(w, np.abs(L), color=colour, lw=1.4)
+        nyquist.plot(L.real, L.imag, color=colour, lw=1.4)
+        gain.loglog(w, np.abs(L), color=colour, lw=1.4, label=m.name)
         phase.semilogx(w, np.degrees(np.unwrap(np.angle(L))), color=colour, lw=1.4)
         if np.isfinite(m.phase_frequency):
             gain.plot(m.phase_frequency, 1.0, "o", color=colour, ms=7, mfc="white", mew=1.6)
-    nyquist.plot(-1.0, 0.0, "+", color=RED, ms=14, mew=2.4)
+    nyquist.plot(-1.0, 0.0, "+", color=INK, ms=16, mew=2.8, zorder=5)
     nyquist.set_xlim(-3.2, 3.2)
     nyquist.set_ylim(-2.4, 2.4)
     nyquist.set_aspect("equal", adjustable="box")
@@ -86,7 +88,10 @@ def plot_loop(s: NDArray[np.complex128], z: Any, curves: Sequence[tuple[Any, Any
     label_axes(phase, "phase of L (deg)", "frequency (rad/s)")
     gain.set_title("gain; o is the phase margin's", fontsize=10, loc="left")
     phase.set_title("phase", fontsize=10, loc="left")
-    nyquist.legend(frameon=False, fontsize=9, loc="upper right")
+    low, high = gain.get_ylim()
+    gain.set_ylim(max(low, 1e-6), min(high, 1e6))  # undamped modes have no end
+    phase.yaxis.set_major_locator(MultipleLocator(90))
+    gain.legend(frameon=False, fontsize=9, loc="lower left")
     return fig
 
 
