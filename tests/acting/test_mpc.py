@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from pathlib import Path
 from typing import Any
@@ -182,6 +183,8 @@ def test_a_state_that_is_not_a_number_goes_on_along_the_plan() -> None:
     with pytest.warns(fa.MPCWarning, match=r"t = 0.001 s .* not finite"):
         after = mpc.step(1e-3, np.full(arm.nv, np.nan), q)
     assert mpc.failures == 1 and np.isfinite(after).all()
+    again = pickle.loads(pickle.dumps(mpc))  # as workers of a batch have it: without the plan
+    assert again.step(0.0, q, q) == pytest.approx(before, abs=1e-12)
     assert after == pytest.approx(planned[1], abs=0.2) and np.abs(after) == pytest.approx(np.abs(before), abs=2.0)
     assert np.isfinite(mpc.step(2e-3, q, q)).all() and mpc.failures == 1
 

@@ -391,6 +391,14 @@ def test_a_build_without_toml_is_refused_unless_asked_for(tmp_path: Path) -> Non
     run(CMAKE, *hidden, "-DFLEXARM_SCENES=OFF", "-S", ROOT, "-B", tmp_path / "build")
 
 
+def test_a_build_without_daqp_is_refused_unless_asked_for(tmp_path: Path) -> None:
+    own = ["-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={NINJA}", "-DFLEXARM_IDA=OFF", "-DFLEXARM_SCENES=OFF"]
+    done = run(CMAKE, *own, f"-DFLEXARM_DAQP={tmp_path}", "-S", ROOT, "-B", tmp_path / "build", ok=False)
+    assert done.returncode != 0
+    assert "DAQP" in done.stderr and "FLEXARM_MPC=OFF" in done.stderr
+    run(CMAKE, *own, "-DFLEXARM_MPC=OFF", "-S", ROOT, "-B", tmp_path / "build")
+
+
 def test_the_python_package_is_a_cmake_package(tmp_path: Path) -> None:
     done = run(sys.executable, "-m", "flexarm", "--cmakedir", cwd=tmp_path, ok=False)
     folder = Path(done.stdout.strip())

@@ -122,7 +122,12 @@ class MPC(Controller):
         #: how many samples could not be solved so far, in `step` and in all runs
         self.failures = 0
         self._core: Any = None
+        self._failed: Any = None
         self._planned = np.zeros(0), np.zeros((0, 0))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies have no plan yet."""
+        return {**self.__dict__, "_core": None, "_failed": None}
 
     def _arguments(self) -> dict[str, Any]:
         if self.model is not None:
