@@ -293,6 +293,9 @@ def test_bad_input_is_named() -> None:
     refused("tolerance", arm, good, q=q, tolerance=0.0)
     refused("method", arm, good, q=q, method="bayo")
     refused("limits", arm, good, q=q, limits={"torque": -1.0})
+    refused("lowest, highest", arm, good, q=q, limits={"range": (1.0, -1.0)})
+    refused("must be a Motion, or a number", arm, {"x": [0.1, 0.2], "y": 0.3}, q=q)
+    refused("more than 6000 steps", arm, good, q=q, pre=1e9)
     refused("no driven joint moves z", arm, {"z": move(0, 0.1)}, posture=q)
     refused("ball", fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, (0.5, 0, 0), np.eye(3), (1, 0, 0)))]), good)
 

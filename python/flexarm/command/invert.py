@@ -81,7 +81,8 @@ def invert(
         pre, post: time before and after the path (s), at least twelve steps of the grid; if None, what the poles of
             the internal dynamics take to die out.
         limits: "torque", "speed": one number, or one for each driven joint, in the order of links (N m, N; rad/s,
-            m/s); "range": (lowest, highest), or a pair for each (rad, m), or the joints' stops, if not given.
+            m/s); "range": (lowest, highest), or a pair for each (rad, m), or the joints' stops, if not given. They are
+            looked at in the rows of the result.
         stretch: whether the path is slowed, uniformly, by the least factor (within 1 %) that respects the limits.
 
     Returns:

@@ -44,6 +44,8 @@ def bounds_of(arm: Arm, limits: Any, keys: list[Any]) -> dict[str, Array]:
             raise ValueError(f"limits[{name!r}] has shape {given.shape}: must fit {shape}, the driven joints") from None
         if name != "range" and not (given > 0).all():
             raise ValueError(f"limits[{name!r}] = {value}: must be positive")
+        if name == "range" and not (given[:, 0] < given[:, 1]).all():
+            raise ValueError(f"limits['range'] = {value}: must be (lowest, highest)")
         out[name] = given.T
     if "range" not in out:
         stops = np.array([[x[arm.joint_rate(key) - arm._core.first(n)] for x in (joint._per_freedom("lower", joint.nv),

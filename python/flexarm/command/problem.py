@@ -143,6 +143,8 @@ class Equations:
 
     def unreached(self, t: float, off: float, wanted: Array) -> str:
         names = ", ".join(f"{name} {value:.4g}" for name, value in zip(self.output.names, wanted, strict=True))
+        if not np.isfinite(off):
+            return f"tip: at t = {t:.4g} s no pose was found for {names}: the arm bends too far; take another posture"
         return (
             f"tip: at t = {t:.4g} s the path is beyond reach: {names} is missed by {off:.3g} (m, rad); the arm is "
             f"{self.length:.4g} m long; let the path stay within reach, or start from another pose (q=)"
