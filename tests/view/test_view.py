@@ -282,6 +282,7 @@ def test_pictures_and_films_are_written(tmp_path: Path) -> None:
     with Image.open(tmp_path / "arm.gif") as film:
         assert film.n_frames == 5 and film.info["duration"] == 50
         first = np.asarray(film.convert("RGB"), int)
+        assert np.abs(view.image(0.0, SIZE).astype(int) - first).max() < 40  # of a palette of 256 colours
         film.seek(3)
         assert np.abs(np.asarray(film.convert("RGB"), int) - first).max() > 100
     assert view.image(0.0, SIZE).shape == (300, 400, 3)

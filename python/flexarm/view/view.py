@@ -183,7 +183,8 @@ def _pixels(figure: Figure) -> NDArray[np.uint8]:
 def _gif(file: Path, pictures: Any, rate: float) -> None:
     from PIL import Image
 
-    frames = [Image.fromarray(p).quantize(128, dither=Image.Dither.NONE) for p in pictures]
+    rare = {"method": Image.Quantize.MAXCOVERAGE, "dither": Image.Dither.NONE}  # the few pixels of an arrow keep theirs
+    frames = [Image.fromarray(p).quantize(256, **rare) for p in pictures]  # type: ignore[arg-type]
     ends = np.round(100 / rate * np.arange(len(frames) + 1))  # a GIF counts in hundredths of a second
     options: dict[str, Any] = {"save_all": True, "append_images": frames[1:], "loop": 0, "optimize": False}
     options["duration"] = (10 * np.diff(ends)).astype(int).tolist()
