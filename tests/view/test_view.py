@@ -211,6 +211,11 @@ def test_a_page_asks_for_nothing_from_elsewhere() -> None:
     assert "@@" not in page and page.count("</script>") == 3
 
 
+def test_many_rows_keep_the_last() -> None:
+    made = swing(chain(1), np.linspace(0.0, 1.0, 45_678)).animate().tracks[0]
+    assert made.t[0] == 0.0 and made.t[-1] == 1.0 and (np.diff(made.t) > 0).all()
+
+
 def test_two_runs_stand_side_by_side() -> None:
     run = swing(chain(1), np.linspace(0.0, 1.0, 50))
     view = run.animate(run, titles=["stiff", "soft"])
@@ -277,6 +282,7 @@ def test_pictures_and_films_are_written(tmp_path: Path) -> None:
     with Image.open(tmp_path / "arm.gif") as film:
         assert film.n_frames == 5 and film.info["duration"] == 50
         first = np.asarray(film.convert("RGB"), int)
+        assert np.abs(view.image(0.0, SIZE).astype(int) - first).max() < 40  # of a palette of 256 colours
         film.seek(3)
         assert np.abs(np.asarray(film.convert("RGB"), int) - first).max() > 100
     assert view.image(0.0, SIZE).shape == (300, 400, 3)
@@ -325,6 +331,9 @@ def test_show_opens_a_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
         (lambda a: a.modes().animate(99), "k = 99: must be from -4 to 3"),
         (lambda a: a.modes().animate(0, -1.0), "amplitude = -1.0"),
         (lambda a: swing(a, np.zeros(0)).animate(), "no rows"),
+        (lambda a: fa.Result(a, np.arange(3.0), *[np.full((3, 4), np.nan)] * 4).animate(), r"q\[0, 0\] = nan"),
+        (lambda a: fa.Result(a, np.arange(4.0), *[np.zeros((3, 4))] * 4).animate(), r"q be \(4, 4\)"),
+        (lambda a: fa.Result(a, np.arange(3.0)[::-1], *[np.zeros((3, 4))] * 4).animate(), "t must increase"),
         (lambda a: swing(a, np.arange(3.0)).animate(3), r"others\[0\] = 3: must be a Result"),
         (lambda a: swing(a, np.arange(3.0)).animate(speed=0), "speed = 0"),
         (lambda a: swing(a, np.arange(3.0)).animate(titles=["a", "b"]), "a list of 1 strings"),

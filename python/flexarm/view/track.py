@@ -181,7 +181,7 @@ def make_track(
     from scipy.spatial.transform import Rotation
 
     _, rows = np.unique(t, return_index=True)
-    rows = rows[:: -(-len(rows) // _MOST)]
+    rows = np.unique(np.append(rows[:: -(-len(rows) // _MOST)], rows[-1]))
     t, q = t[rows], q[rows]
     large = magnified(arm, q, magnify)
     body = make_body(arm, _slices(arm, large), loads)

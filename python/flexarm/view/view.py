@@ -183,7 +183,8 @@ def _pixels(figure: Figure) -> NDArray[np.uint8]:
 def _gif(file: Path, pictures: Any, rate: float) -> None:
     from PIL import Image
 
-    frames = [Image.fromarray(p).quantize(128, dither=Image.Dither.NONE) for p in pictures]
+    rare = {"method": Image.Quantize.MAXCOVERAGE, "dither": Image.Dither.NONE}  # the few pixels of an arrow keep theirs
+    frames = [Image.fromarray(p).quantize(256, **rare) for p in pictures]  # type: ignore[arg-type]
     ends = np.round(100 / rate * np.arange(len(frames) + 1))  # a GIF counts in hundredths of a second
     options: dict[str, Any] = {"save_all": True, "append_images": frames[1:], "loop": 0, "optimize": False}
     options["duration"] = (10 * np.diff(ends)).astype(int).tolist()
@@ -245,8 +246,11 @@ def animate(
         raise ValueError(f"speed = {speed!r}: must be a finite number above 0; 1 is real time")
     tracks = []
     for (arm, t, q, loads), title in zip(runs, titles, strict=True):
+        t, q = array("t", t), array("q", q)
         if not len(t):
             raise ValueError("result: has no rows, so there is nothing to show")
+        if t.ndim != 1 or q.shape != (len(t), arm.nq) or (np.diff(t) < 0).any():
+            raise ValueError(f"result: has t {t.shape} and q {q.shape}: t must increase, and q be ({len(t)}, {arm.nq})")
         tracks.append(make_track(arm, t, q, loads=loads or (), magnify=magnify, title=title, share=1 / len(runs)))
     lost = ["without its loads, which the file does not keep"] if any(run[3] is None for run in runs) else []
     return View(tracks, magnify, speed=rate, notes=lost)
@@ -274,5 +278,6 @@ def animate_mode(
 
 def in_notebook() -> bool:
     """Whether a notebook shows what a cell gives."""
-    shell = sys.modules.get("IPython")
-    return shell is not None and type(shell.get_ipython()).__name__ == "ZMQInteractiveShell"
+    ipython = sys.modules.get("IPython")
+    kinds = () if ipython is None else type(ipython.get_ipython()).__mro__
+    return any(kind.__name__ == "ZMQInteractiveShell" for kind in kinds)
