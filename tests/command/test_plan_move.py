@@ -87,6 +87,18 @@ def test_viscous_friction_takes_its_share() -> None:
     assert fa.plan_move(arm, 0.0, angle, torque=tau).rigid_duration == pytest.approx(t1 + t2, rel=1e-3)
 
 
+def test_joints_that_go_their_own_ways_need_no_more_than_the_slower() -> None:
+    """Two sleds: 1 m at 1 m/s², 2 s; 0.5 m at that and 0.3 m/s, 0.5/0.3 + 0.3 s. On a straight line, at 0.6 m/s of the
+    former, 1/0.6 + 0.6 s."""
+    sleds = fa.Arm([fa.Link(fa.Prismatic("x"), fa.RigidBody(1.0)), fa.Link(fa.Prismatic("y"), fa.RigidBody(1.0))])
+    limits: dict[str, Any] = {"acceleration": 1.0, "speed": (2.0, 0.3)}
+    line = fa.plan_move(sleds, [0, 0], [1, 0.5], **limits)
+    assert line.rigid_duration == pytest.approx(1 / 0.6 + 0.6, rel=2e-3)
+    best = fa.plan_move(sleds, [0, 0], [1, 0.5], method="optimal", **limits)
+    assert 2.0 <= best.duration < 2.0 * 1.03
+    assert np.abs(best.v).max(axis=0)[1] <= 0.3 * 1.0001 and np.abs(best.a).max() <= 1.0001
+
+
 # -- one mode --------------------------------------------------------------------------------------------------------
 
 
