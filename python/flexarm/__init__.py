@@ -4,30 +4,37 @@ An arm is a chain of links; a link is a joint, a rigid hub, an elastic beam and 
 with `import flexarm as fa`, tell arguments and units. Bad arguments raise ValueError with the field and the value.
 
 Parts of an arm
-    Arm                     the chain of links, and what is computed from it: dynamics, modes, equilibrium, ...
-    Link                    joint, hub, beam and tip
+    Arm, Link               the chain, and what is computed of it: dynamics, modes, ...; a link: joint, hub, beam, tip
     Joint                   what joints share: springs, stops, friction; their Placement. There are
                             Fixed Revolute Prismatic Cylindrical Universal Planar Spherical Free Axes
     RigidBody, Beam         the bodies; of a beam the Material and the section: Rectangle Circle Tube Ellipse Box IBeam
                             GeneralSection Taper, or
     SectionMatrix           any section, 6 x 6; laminate makes one of a list of Ply (Orthotropic), polygon of an outline
     Patch, Piezo            a piezo patch on a beam, and its material; split: a link in pieces that end where it does
+    from_urdf, from_mjcf    an arm of a robot's file, whose links are rigid, or Flexible
 What acts on it
     Motion, Torque, Voltage, Load       over time: on joints, patches, slices
     PD, StrainFeedback, StateFeedback   controllers that act continuously
     LinearController, Sampled           A B C D of your own; any function of the state, at a rate
+    FeedForward, ComputedTorque, MPC    forces that a motion takes; that make the arm follow it; from a plan ahead
+    lqr, lqg, ppf, irc                  regulators about a pose; dampers of modes
     Controller, Motor                   what controllers share; a motor between one and its joint
     input_shaper, Shaper                a command that leaves no vibration
+    plan_move, Move, LimitUse           a fast move, within limits, that leaves the arm at rest
+    invert, Inversion                   torques and motions of the joints that carry the tip along a path
 Analysis
-    LinearModel, Derivatives            what arm.linearize and arm.forward_derivatives give
-    Modes, ModeShapes                   what arm.modes and arm.mode_shapes give
+    LinearModel, Derivatives, Trim      what arm.linearize, arm.forward_derivatives and arm.trim give
+    Modes, ModeShapes, View             what arm.modes, arm.mode_shapes give; arm.show: a picture, film, page in 3-D
+    closed_loop, ClosedLoop             poles, margins, root loci of an arm with its controllers
     fit_decay, Decay                    frequencies and damping of a measured decay
     placement, PatchPlacement           where to bond a patch
+    chart, Chart                        error against time of models and integrators
+    economize, Plan                     the cheapest model within a tolerance
 One run
-    simulate, Result                    an arm over time, and its trajectory
+    load, Scene                         a TOML file, or a shipped one: an arm, what drives it, for how long
+    simulate, Result, Watch             an arm over time; its trajectory; whether it stays where its model is good
     Sensitivities                       what result.sensitivities gives: exact derivatives; see result.gradient, too
     SimulationError                     the run could not go on; as SimulationInterrupted (Ctrl-C) it holds the result
-    Watch                               whether a run stays where its model is good
 Sensors
     Encoder Tachometer ForceTorque StrainGauge Accelerometer Camera
     Sensor, Sampler, Reading            what they share; one in a control loop; what one reads of a run
@@ -38,24 +45,19 @@ Data
     Comparison              what result.compare(data) gives: a run beside what was measured
     identify, Fit, Unknown  unknown numbers of a scene from measured runs, with intervals; FitError, FitInterrupted
     validate, Validation    the shipped model of a measured arm against recordings of it
-Scenes
-    load, Scene                         a TOML file, or a shipped one: an arm, what drives it, for how long
 Many runs
-    simulate_batch, BatchResult         runs that differ in start, forces, parameters
+    simulate_batch, BatchResult         runs that differ in start, forces, parameters; its bytes: batch_memory
     rollout, Rollout                    the same from arrays to arrays
     rollout_gradient, Gradient          its derivatives; of one step: step_derivatives, StepDerivatives
     sweep, SweepResult                  a scene over parameters: Sweep, Vary, load_sweep
-    Failure, batch_memory               a run that could not go on; bytes that a batch takes; after Ctrl-C:
-                                        BatchInterrupted, SweepInterrupted
-Which model
-    chart, Chart                        error against time of models and integrators
-    economize, Plan                     the cheapest model within a tolerance
+    Failure                             a run that could not go on; Ctrl-C: BatchInterrupted, SweepInterrupted
 Warnings
     ModelWarning, StateWarning          a number that can hardly be meant; a state that does not last
     RangeWarning, WatchWarning          a beam bent too far for its order; a run that left its model's range
     LoopWarning, PulseWarning           a control loop that grows; a pulse that the steps have missed
     SlowWarning, StepWarning            very many steps; steps above the limit of "rk4"
     DataWarning FitWarning FilterWarning    gaps in time, constant signals; what data cannot tell; a surprised filter
+    MoveWarning InversionWarning MPCWarning RobotWarning    limits that are passed; no answer in time; what is left out
 
 Elsewhere: flexarm.env, flexarm.tasks (Gymnasium environments), flexarm.cli, flexarm.torch, flexarm.jax (rollouts).
 """

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import control as ct
 import flexarm as fa
 import numpy as np
@@ -162,3 +164,19 @@ def test_margins_are_those_of_python_control(rate: float | None, delay: float) -
         lags = (np.radians(pm) % (2 * np.pi)) / wgc
         assert found.delay == pytest.approx(lags.min(), rel=1e-4)
     has(loop.poles if rate is None else loop.z, ct.feedback(open_, 1).poles(), 1e-6)
+
+
+@pytest.mark.parametrize("law", [{}, {"delay": True, "rate_effort": 1e-4}])
+def test_predictive_control_decays_as_its_poles_say(law: dict[str, Any]) -> None:
+    beam = fa.Beam(0.5, fa.Rectangle(0.004, 0.02), fa.Material(2700, 70e9, 0.3), {"bending_y": 2}, damping_ratio=0.01)
+    joint = fa.Revolute("z", reflected_inertia=0.05)
+    arm = fa.Arm([fa.Link(joint, fa.RigidBody(0.5), beam, fa.RigidBody(0.1))], gravity=(0, -9.81, 0))
+    rest = arm.trim(arm.zero).q
+    loop = fa.closed_loop(arm, fa.MPC(track="joints", reference=0.0, limit=200, **law), q=rest)
+    t, start = np.linspace(0, 6, 601), rest + 1e-3 * np.eye(arm.nq)[0]
+    control = fa.MPC(track="joints", reference=0.0, limit=200, **law)
+    run = fa.simulate(arm, t, start, control=control, integrator="implicit", step=5e-4)
+    found = fa.fit_decay(t[100:], run.q[100:, 1] - run.q[-100:, 1].mean(), 1)
+    pole = loop.poles[np.abs(np.abs(loop.poles) - found.frequencies[0]).argmin()]  # of what rings longest
+    assert found.frequencies[0] == pytest.approx(abs(pole), rel=3e-3)
+    assert found.damping[0] == pytest.approx(-pole.real / abs(pole), rel=0.05)

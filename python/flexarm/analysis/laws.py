@@ -233,8 +233,8 @@ def _predictive(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate
         return np.array([ask(y), ask(state)])
 
     h = 100.0 * _SMALL  # its quadratic program is solved to about 1e-9
-    now, later = np.moveaxis([(answers(state + h * e) - answers(state - h * e)) / (2.0 * h) for e in np.eye(state.size)],
-                             1, 0)  # fmt: skip
+    moved = [(answers(state + h * e) - answers(state - h * e)) / (2.0 * h) for e in np.eye(state.size)]
+    now, later = np.moveaxis(moved, 1, 0)
     law.reset()
     C = np.linalg.lstsq(now, later, rcond=1e-9)[0].T
     taps = [Tap(row[: arm.nq], row[arm.nq :], np.zeros(arm.nv)) for row in np.eye(state.size)]
