@@ -29,6 +29,7 @@ import matplotlib.pyplot as plt
 ROOT = Path(__file__).resolve().parents[2]
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#888888"
 GOAL, LIMIT, STRAIN = np.array([0.8, 0.5]), np.array([4.0, 2.0]), 0.08
+EFFORT = 1e-3 / LIMIT**2
 T = np.linspace(0, 1.2, 1201)
 
 
@@ -51,7 +52,7 @@ def clipped_lqr(arm: fa.Arm) -> fa.Sampled:
     for i in joints:
         Q[i, i], Q[arm.nv + i, arm.nv + i] = 1.0, 0.05**2
     model = arm.linearize(arm.zero, inputs=(0, 1))
-    R = np.diag(1e-3 / LIMIT**2)
+    R = np.diag(EFFORT)
     K = np.linalg.solve(R, model.B.T @ solve_continuous_are(model.A, model.B, Q, R))
     aim = np.zeros(2 * arm.nv)
     aim[joints] = GOAL
@@ -61,14 +62,15 @@ def clipped_lqr(arm: fa.Arm) -> fa.Sampled:
 def swings() -> dict[str, tuple[fa.Arm, fa.Result, Any]]:
     """By name: the arm, its run and its controller."""
     soft = [(0, 0.0, "K3", STRAIN)]
+    given: dict[str, Any] = {"reference": GOAL, "limit": LIMIT, "effort": EFFORT}
     arm, heavy = two_links(), two_links(payload=0.05)
     cases: dict[str, tuple[fa.Arm, Any]] = {
         "clipped LQR": (arm, clipped_lqr(arm)),
-        "MPC": (arm, fa.MPC(reference=GOAL, limit=LIMIT)),
-        "MPC, strain limited": (arm, fa.MPC(reference=GOAL, limit=LIMIT, strain_limit=soft)),
-        "MPC, a period late": (arm, fa.MPC(reference=GOAL, limit=LIMIT, delay=True)),
-        "MPC, model of 1 mode a link": (arm, fa.MPC(two_links(1), reference=GOAL, limit=LIMIT)),
-        "MPC, tip twice as heavy as known": (heavy, fa.MPC(two_links(), reference=GOAL, limit=LIMIT)),
+        "MPC": (arm, fa.MPC(**given)),
+        "MPC, strain limited": (arm, fa.MPC(**given, strain_limit=soft)),
+        "MPC, a period late": (arm, fa.MPC(**given, delay=True)),
+        "MPC, model of 1 mode a link": (arm, fa.MPC(two_links(1), **given)),
+        "MPC, tip twice as heavy as known": (heavy, fa.MPC(two_links(), **given)),
     }
     return {
         name: (a, fa.simulate(a, T, control=c, integrator="implicit", step=5e-4), c) for name, (a, c) in cases.items()

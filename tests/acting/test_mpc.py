@@ -125,7 +125,7 @@ def test_a_swing_keeps_to_its_limits_and_beats_clipped_lqr() -> None:
     assert np.abs(np.diff(u, axis=0)).max() <= 0.4 * (1 + 1e-9)
     assert np.abs(arm.strain(run.q, 0, 0.0)[:, 2]).max() < 0.07 * 1.2
     assert np.abs(run.q[-1, joints] - goal).max() < 0.05
-    free = swing(fa.MPC(reference=goal, limit=limit), arm)
+    free = swing(fa.MPC(reference=goal, limit=limit, effort=1e-3 / limit**2), arm)
     assert np.abs(arm.strain(free.q, 0, 0.0)[:, 2]).max() > 0.1  # the limit did matter
 
     # LQR of the same costs, clipped
