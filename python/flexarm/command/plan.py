@@ -162,9 +162,7 @@ def _warn(move: Move, allowed: float, scale: float) -> None:
 class _Plan:
     """What is planned, and the searches for it."""
 
-    def __init__(
-        self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, tell: Tell
-    ) -> None:
+    def __init__(self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, tell: Tell) -> None:
         self.plant, self.limits, self.route, self.rigid, self.tell = plant, limits, route, rigid, tell
         self.target = rigid.duration + plant.half_period
         per = self.target / plant.half_period if plant.half_period else 0.0
@@ -245,12 +243,12 @@ class _Plan:
         margin: dict[str, Any] = {"torque": _MARGIN}
         found = self._smooth(aim, first)
         found = found if found.good else self._from_afar(aim, replace(first, fine=2))
-        for k in range(_TIGHT + 1):
+        for again in range(_TIGHT + 1):
             p = found.profile
             fine = np.linspace(0.0, p.duration, _FINE * self.knots + 1)
             run = self.plant.run(p.t, *p.joints(), fine, float(p.t[1]))
             over = {k: np.maximum(x.max(axis=0) - 1.0 - _ROUNDING, 0.0) for k, x in self._peaks(run).items()}
-            if k == _TIGHT or not any(x.any() for x in over.values()):
+            if again == _TIGHT or not any(x.any() for x in over.values()):
                 break
             margin = {k: margin.get(k, 0.0) + 1.2 * x for k, x in over.items()}
             if any((x > _RIPPLE).any() for x in over.values()) and p.fine == 1:  # rather look between the knots, too

@@ -52,6 +52,9 @@ class Plant:
         self.locked = [k for k, link in enumerate(arm.links) if link.joint.nv]
         self.q_start, self.q_end = self._rest(start), self._rest(end)
         self.modes_start, self.modes = self.modes_at(self.q_start), self.modes_at(self.q_end)
+        for where, modes in (("starts", self.modes_start), ("ends", self.modes)):
+            if (modes.frequencies <= 0.0).any():
+                raise ValueError(f"q_from, q_to: where the move {where} the arm buckles between locked joints")
 
     def _rest(self, joints: Array) -> Array:
         q = self.arm.zero
