@@ -20,7 +20,6 @@ from .tree import Mass, Pose, merged, possible
 HINGES = {"bending_y": "rz", "bending_z": "ry", "torsion": "rx"}
 _OTHERS = tuple(s for s in STRAINS if s not in HINGES)
 _COUNT, _TERMS = 3, 3  # frequencies that springs are fitted to, and Legendre polynomials along a beam that do it
-_BODY = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"))
 
 
 @dataclass(frozen=True)
@@ -197,7 +196,8 @@ def _cut(name: str, link: Link, beam: Beam, n: int) -> list[Link]:
 
 def _rod(beam: Beam, a: float, b: float) -> Mass:
     """The inertia of a rigid piece of a beam, from its own start."""
-    M = Chain._made([Link(_BODY, beam=piece(beam, a, b, {}))]).mass_matrix(np.zeros(6))
+    afloat = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"))
+    M = Chain._made([Link(afloat, beam=piece(beam, a, b, {}))]).mass_matrix(np.zeros(6))
     mass = float(M[0, 0])
     com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass if mass else np.zeros(3)
     r = np.array(com)
