@@ -41,7 +41,7 @@ class Segmented:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its links: what the arm calls them, and those of a beam's segments "NAME 1" and so on."""
+        """Of its links: what the arm calls them, and those of a beam's segments "NAME segment 1" and so on."""
         own = self.arm.links
         return tuple(own[i].name or f"link {k}" for i, k in enumerate(self.of))
 
@@ -186,11 +186,11 @@ def _cut(name: str, link: Link, beam: Beam, n: int) -> list[Link]:
     for k in range(n):
         stiffness, damping = _springs(plain, k * step, (k + 1) * step, strains, times)
         axes = [HINGES[s] for s in strains]
-        hinge = Axes(axes=axes, stiffness=stiffness, damping=damping, name=f"{name} {k + 1} hinge")
+        hinge = Axes(axes=axes, stiffness=stiffness, damping=damping, name=f"{name} segment {k + 1} hinge")
         rods = [halves[2 * k + 1], *([halves[2 * k + 2].seen(Pose(half))] if k + 1 < n else [])]
         rods += [mass_of(link.tip).seen(Pose(half))] if k + 1 == n else []
         body = _rigid(rods, half + (half if k + 1 < n else end))
-        out.append(Link(hinge, body, name=f"{name} {k + 1}"))
+        out.append(Link(hinge, body, name=f"{name} segment {k + 1}"))
     return out
 
 
