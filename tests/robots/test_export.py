@@ -145,7 +145,7 @@ def test_segments_in_urdf(tmp_path: Path) -> None:
     with pytest.warns(fa.RobotWarning) as seen:
         text = arm.to_urdf(tmp_path / "arm.urdf", segments=3)
     said = str(seen[0].message)
-    assert "springs, but for Gazebo: upper 1 hinge" in said and "reflected inertia: shoulder" in said
+    assert "springs, but for Gazebo: upper segment 1 hinge" in said and "reflected inertia: shoulder" in said
     assert text == (tmp_path / "arm.urdf").read_text() and text.count("<springStiffness>") == 6
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fa.RobotWarning)
@@ -189,6 +189,16 @@ def test_what_is_left_out(tmp_path: Path) -> None:
     for words in ("shear_y, extension of 'a'", "stiction above dry friction: a", "soft stops"):
         assert words in said
     assert 'range="-1.0 1.0"' in text and re.search(r"\(rad/s.*\): [\d.]+ \([+-]0\.", text)
+
+
+def test_names_that_formats_have_themselves(tmp_path: Path) -> None:
+    solid = fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0))
+    arm = fa.Arm([fa.Link(fa.Revolute(), solid, name=name) for name in ("world", "tip", 'a<&"b--')])
+    assert compiled(arm).nv == 3
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fa.RobotWarning)
+        arm.to_urdf(tmp_path / "arm.urdf")
+        assert fa.from_urdf(tmp_path / "arm.urdf").names == arm.names
 
 
 def test_bad_input(tmp_path: Path) -> None:

@@ -23,4 +23,4 @@ def test_code_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert arm.names == ("upper_arm", "forearm", "gripper") and arm["elbow"].joint.damping == 0.2
     np.testing.assert_allclose(arm.frame(arm.zero)[0], [0.4, 0.0, 0.8], atol=1e-15)
     assert np.abs(names["run"].tip_deflection("forearm")).max() > 1e-4
-    assert "off" not in (text := (tmp_path / "arm.xml").read_text()) and 'name="forearm 10"' in text
+    assert "off" not in (text := (tmp_path / "arm.xml").read_text()) and 'name="forearm segment 10"' in text

@@ -20,7 +20,6 @@ from .tree import Mass, Pose, merged, possible
 HINGES = {"bending_y": "rz", "bending_z": "ry", "torsion": "rx"}
 _OTHERS = tuple(s for s in STRAINS if s not in HINGES)
 _COUNT, _TERMS = 3, 3  # frequencies that springs are fitted to, and Legendre polynomials along a beam that do it
-_BODY = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"))
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class Segmented:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its links: what the arm calls them, and those of a beam's segments "NAME 1" and so on."""
+        """Of its links: what the arm calls them, and those of a beam's segments "NAME segment 1" and so on."""
         own = self.arm.links
         return tuple(own[i].name or f"link {k}" for i, k in enumerate(self.of))
 
@@ -187,17 +186,18 @@ def _cut(name: str, link: Link, beam: Beam, n: int) -> list[Link]:
     for k in range(n):
         stiffness, damping = _springs(plain, k * step, (k + 1) * step, strains, times)
         axes = [HINGES[s] for s in strains]
-        hinge = Axes(axes=axes, stiffness=stiffness, damping=damping, name=f"{name} {k + 1} hinge")
+        hinge = Axes(axes=axes, stiffness=stiffness, damping=damping, name=f"{name} segment {k + 1} hinge")
         rods = [halves[2 * k + 1], *([halves[2 * k + 2].seen(Pose(half))] if k + 1 < n else [])]
         rods += [mass_of(link.tip).seen(Pose(half))] if k + 1 == n else []
         body = _rigid(rods, half + (half if k + 1 < n else end))
-        out.append(Link(hinge, body, name=f"{name} {k + 1}"))
+        out.append(Link(hinge, body, name=f"{name} segment {k + 1}"))
     return out
 
 
 def _rod(beam: Beam, a: float, b: float) -> Mass:
     """The inertia of a rigid piece of a beam, from its own start."""
-    M = Chain._made([Link(_BODY, beam=piece(beam, a, b, {}))]).mass_matrix(np.zeros(6))
+    afloat = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"))
+    M = Chain._made([Link(afloat, beam=piece(beam, a, b, {}))]).mass_matrix(np.zeros(6))
     mass = float(M[0, 0])
     com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass if mass else np.zeros(3)
     r = np.array(com)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,6 +48,11 @@ def _freedoms(name: str, joint: Joint) -> list[_Freedom]:
 
 def _at_end(link: Link) -> Array:
     return np.zeros(3) if link.hub is None else np.array(link.hub.end)
+
+
+def _free(name: str, taken: Sequence[str]) -> str:
+    """The name, or, where another has it, one like it."""
+    return _free(f"{name}_", taken) if name in taken else name
 
 
 def _numbers(values: Any) -> str:
@@ -113,6 +118,7 @@ def mjcf(cut: Segmented) -> str:
     here = ET.SubElement(root, "worldbody")
     end, motors = Pose(), []
     for k, (name, link) in enumerate(zip(cut.names, arm.links, strict=True)):
+        name = _free(name, ["world"])
         inboard, outboard = _pose(link.joint.inboard), _pose(link.joint.outboard)
         at = end @ inboard @ outboard
         turn = _numbers(_quaternion(at.rotation))
@@ -173,7 +179,7 @@ def urdf(cut: Segmented) -> str:
     """The file: a link and a joint for each freedom, a fixed link "tip" at the end. Springs stand in <gazebo> elements,
     which Gazebo reads."""
     root = ET.Element("robot", name="arm")
-    parent, springs = "world", []
+    parent, springs = _free("world", cut.names), []
     ET.SubElement(root, "link", name=parent)
     end = Pose()
     for name, link in zip(cut.names, cut.arm.links, strict=True):
@@ -189,8 +195,9 @@ def urdf(cut: Segmented) -> str:
             springs += [f] if f is not None and f.values["stiffness"] else []
             parent, at = child, Pose()
         end = outboard @ Pose(_at_end(link))
-    ET.SubElement(root, "link", name="tip")
-    _urdf_joint(root, None, end, parent, "tip")
+    tip = _free("tip", cut.names)
+    ET.SubElement(root, "link", name=tip)
+    _urdf_joint(root, None, end, parent, tip)
     for f in springs:
         spring = ET.SubElement(root, "gazebo", reference=f.name)
         ET.SubElement(spring, "springStiffness").text = _numbers(f.values["stiffness"])
