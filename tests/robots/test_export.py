@@ -100,6 +100,19 @@ def test_frequencies(make: Any) -> None:
     np.testing.assert_allclose(found, wanted, rtol=1e-3)
 
 
+@pytest.mark.parametrize("make", [plane, space])
+def test_sag(make: Any) -> None:
+    """Locked, the tip hangs where the arm's does, to half a percent of how far that gives way."""
+    arm = make()
+    cut = segmented(arm, 10)
+    stiff = fa.Arm(cut.arm.links, arm.gravity)
+    locked = [k for k, link in enumerate(stiff) if link.joint.nv and k not in cut.hinges]
+    own = [k for k, link in enumerate(arm) if link.joint.nv]
+    moved = [x.frame(x.equilibrium(lock=held))[0] - x.frame(x.zero)[0] for x, held in ((arm, own), (stiff, locked))]
+    assert np.linalg.norm(moved[0]) > 1e-3
+    np.testing.assert_allclose(moved[1], moved[0], rtol=0, atol=5e-3 * np.linalg.norm(moved[0]))
+
+
 def test_the_tip_in_mujoco() -> None:
     """Let fall from the horizontal with a torque: the tip stays where the arm's is, next to how far that bends."""
     arm = plane(order=2)

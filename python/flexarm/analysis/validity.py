@@ -130,12 +130,12 @@ def range_warning(arm: Chain, found: Iterable[float], name: str = "", still: boo
     since, passes = f"from t = {time:.6g} s ", f"passes that at t = {time:.6g} s and "
     if still:
         since = passes = ""
-    beam = arm.links[int(link)].beam
+    beam, name = arm.links[int(link)].beam, name + arm.names[int(link)]
     assert beam is not None
     if beam.order == "exact":
         points = beam._core.gauss_points
         return RangeWarning(
-            f'{name}link {int(link)}: order "exact" has {points} Gauss points along this beam, too few for how it is '
+            f'{name}: order "exact" has {points} Gauss points along this beam, too few for how it is '
             f"bent: {since}its sections are off by more than {TRUNCATION:g} of its length, by up to "
             f"{others:.2g}; take gauss_points = {min(2 * points, 400)}, or fewer shapes",
             int(link), time, rotation, _RESOLVED,
@@ -144,7 +144,7 @@ def range_warning(arm: Chain, found: Iterable[float], name: str = "", still: boo
     more = f", and {int(others)} more" if others else ""
     better = '"exact"' if order == 3 else '3 or "exact"' if order == 2 else '2, 3 or "exact"'
     return RangeWarning(
-        f"{name}link {int(link)}{more}: at order {order} a beam that turns its sections by {limit:g} rad has its tip "
+        f"{name}{more}: at order {order} a beam that turns its sections by {limit:g} rad has its tip "
         f"wrong by 2 % of its length; this one {passes}turns them by up "
         f"to {rotation:.3g} rad; take order = {better}",
         int(link), time, rotation, limit,

@@ -235,7 +235,7 @@ def choices_of(found: Findings) -> list[Choice]:
     rows: list[Choice] = []
     about = [(group, decision) for decision in DECISIONS for group in decision.groups(found.models)]
     for group, decision in sorted(about, key=lambda pair: pair[0][0]):
-        where = f"link {group[0]}" + (f" and {len(group) - 1} alike" if len(group) > 1 else "")
+        where = found.models.scene.arm.names[group[0]] + (f" and {len(group) - 1} alike" if len(group) > 1 else "")
         rows += decision.rows(found, where, group)
     method = Choice("arm", "method", "ab", None, "the same motion", found.trials.share(model, model, "ci"), True)
     tried = sorted(found.settings, key=lambda run: (run.values is None, run.time))

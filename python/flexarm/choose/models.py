@@ -339,7 +339,7 @@ class Models:
         """What the model is, link by link."""
         parts = []
         for group in self.groups:
-            name = f"link {group[0]}" + (f" and {len(group) - 1} like it" if len(group) > 1 else "")
+            name = self.scene.arm.names[group[0]] + (f" and {len(group) - 1} like it" if len(group) > 1 else "")
             parts.append((f"{name}: " if len(self.given.beams) > 1 else "") + model.beam(group[0]).label)
         for feature in sorted({feature.name for _, feature in model.without}):
             of = ", ".join(str(k) for k, f in sorted(model.without, key=lambda x: x[0]) if f.name == feature)

@@ -64,8 +64,8 @@ def softened(arm: Arm, result: Result) -> str:
         frequency = first_frequency(arm)
         if spin > frequency:
             return (
-                f"link {k}: at order 1 a beam softens as it turns, and diverges above its first frequency: this one "
-                f"turns at {spin:.3g} rad/s, the frequency is {frequency:.3g}; take order = 2"
+                f"{arm.names[k]}: at order 1 a beam softens as it turns, and diverges above its first frequency: this "
+                f"one turns at {spin:.3g} rad/s, the frequency is {frequency:.3g}; take order = 2"
             )
     return ""
 
@@ -150,9 +150,9 @@ class Watch:
             return None
         time, what, k, value, limit = min(found)
         others = f", and {len(found) - 1} more" if len(found) > 1 else ""
-        said = KINDS[what].format(value=value)
+        said, name = KINDS[what].format(value=value), result.arm.names[k]
         return WatchWarning(
-            f"link {k}{others}: {said}, beyond the {limit:.3g} that its model was chosen for, from t = {time:.6g} s "
+            f"{name}{others}: {said}, beyond the {limit:.3g} that its model was chosen for, from t = {time:.6g} s "
             "on; take a richer model, or economize this scene again",
             what, k, time, value, limit,
         )  # fmt: skip
