@@ -234,8 +234,8 @@ def _predictive(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate
 
     h = 100.0 * _SMALL  # its quadratic program is solved to about 1e-9
     moved = [(answers(state + h * e) - answers(state - h * e)) / (2.0 * h) for e in np.eye(state.size)]
-    now, later = np.moveaxis(moved, 1, 0)
     law.reset()
-    C = np.linalg.lstsq(now, later, rcond=1e-9)[0].T
+    now, later = (np.array([pair[i] for pair in moved]) for i in (0, 1))
+    C: Array = np.linalg.lstsq(now, later, rcond=1e-9)[0].T.astype(float)
     taps = [Tap(row[: arm.nq], row[arm.nq :], np.zeros(arm.nv)) for row in np.eye(state.size)]
     return HeldLaw(k, C, -now.T, C, -now.T, taps, law.forces, rate, delay, np.inf)
