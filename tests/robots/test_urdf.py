@@ -173,6 +173,14 @@ def test_a_beam_bends_about_its_own_axes(tmp_path: Path) -> None:
     assert arm.nv == 4 + 5
 
 
+def test_a_last_link_ends_with_its_beam(tmp_path: Path) -> None:
+    flexible = {"wrist_3": fa.Flexible(beam(0.2), end=(0, 0.2, 0))}
+    arm, rigid = made(tmp_path, SIX, flexible=flexible), made(tmp_path, SIX)
+    p, R = rigid.frame(rigid.zero)
+    np.testing.assert_allclose(arm.frame(arm.zero)[0], p + R @ [0, 0.2, 0], atol=1e-14)
+    assert arm["wrist_3"].hub.mass == 0.6  # the tool, whose mass is nearer to the clamp
+
+
 def test_its_mass_replaces_or_is_added(tmp_path: Path) -> None:
     L = float(np.sqrt(0.3**2 + 0.02**2 + 0.1**2))
     rigid = made(tmp_path, SIX)
@@ -196,6 +204,7 @@ BAD: dict[str, tuple[str, dict[str, Any], str]] = {
     "line of broken XML": (SIX.replace('<link name="pedestal"/>', '<link name="pedestal">'), {}, r"line 44, column 3"),
     "empty": ("", {}, "line 1"),
     "another format": ("<mujoco/>", {}, "must be <robot> .is this MJCF"),
+    "macros": ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:macro name="a"/></robot>', {}, "xacro FILE"),
     "no links": ("<robot/>", {}, "no links"),
     "floating": (SIX.replace('"pan" type="revolute"', '"pan" type="floating"'), {}, "'pan': its type 'floating'"),
     "planar": (SIX.replace('"pan" type="revolute"', '"pan" type="planar"'), {}, "'pan': its type 'planar'"),

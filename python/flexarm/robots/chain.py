@@ -29,7 +29,8 @@ class Flexible:
         beam: its length must be the distance from `start` to `end`.
         start: where it is clamped: a point in the link's axes (m), or the name of a link that is fixed to it; None: the
             link's own origin, where its joint sits.
-        end: where it ends, likewise; None: where the next joint sits, or the tip.
+        end: where it ends, likewise; None: where the next joint sits, or the tip. Of a last link without a tip, the
+            arm's end is the beam's.
         up: a direction in the link's axes; None: its z, or, where the beam runs along that, its x.
         mass: "replace": the beam's mass stands for the link's own. "add": the link's own body stays, as a rigid one.
             Bodies that are fixed to the link stay in both. What stays moves with the beam's clamp if its centre of mass
@@ -228,6 +229,8 @@ def _link(g: _Group, inboard: Pose, wanted: Flexible | None, stops: Any, made: M
     where = f"flexible['{name}']"
     a = _point(f"{where}.start", wanted.start, g, np.zeros(3))
     b = _point(f"{where}.end", wanted.end, g, None if g.next is None and g.tip is None else end.position)
+    if g.next is None and g.tip is None:  # the arm ends with the beam
+        end = Pose(b)
     axes, length = _beam_axes(where, wanted, a, b)
     if abs(wanted.beam.length - length) > 1e-6 * length:
         raise ValueError(

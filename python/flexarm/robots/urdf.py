@@ -68,6 +68,8 @@ def read_urdf(path: Any, gravity: Any) -> Tree:
     root = parse_xml(text)
     if root.tag != "robot":
         raise ValueError(f"<{root.tag}>: must be <robot>" + (" (is this MJCF?)" if root.tag == "mujoco" else ""))
+    if any("xacro" in x.tag for x in root.iter()):
+        raise ValueError("holds macros (xacro): expand them first, with ROS' own xacro FILE > robot.urdf")
     left_out: list[tuple[str, str]] = []
     root.attrib.setdefault("name", "robot")
     _prune(root, "", left_out)
