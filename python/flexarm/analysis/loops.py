@@ -77,8 +77,7 @@ def _seen_laws(
     failed: bool,
 ) -> list[HeldLaw]:  # fmt: skip
     """The laws of those controllers with samplers, `counts` of each, that are linear, or have been so in this run."""
-    laws = iter([s for s in samplers if not hasattr(s[3], "samplers")])  # not what shows the arm to filters
-    found = []
+    laws, found = iter(samplers), []
     for k, (c, count) in enumerate(zip(controls, counts, strict=True)):
         own, v = [next(laws) for _ in range(count)], np.zeros(arm.nv)
         if not own:
