@@ -18,6 +18,7 @@ LOOPS = {
     "too slow": fa.Sampled(lambda t, y: -2.0 * (y[0] - 0.3) - 0.5 * y[1], 100, MEASURED),
     "too late": fa.Sampled(lambda t, y: -2.0 * (y[0] - 0.3) - 0.05 * y[1], 200, MEASURED, delay=0.05),
     "an integral that is too strong": fa.LinearController.pid(2.0, 50.0, 0.05, reference=0.3, filter_time=0.01),
+    "computed torque, too fast for the beam": fa.ComputedTorque(400.0, reference=0.3, rate=200),
 }
 
 
