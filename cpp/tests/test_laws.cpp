@@ -1,11 +1,15 @@
-// Laws that know the arm's dynamics.
+// Laws that know the arm's dynamics, and linear ones.
 #include <doctest/doctest.h>
 
+#include <Eigen/LU>
 #include <cmath>
+#include <complex>
+#include <string>
 
 #include "arms.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/computed_torque.hpp"
+#include "flexarm/laws.hpp"
 #include "watch.hpp"
 
 using namespace flexarm;
@@ -21,6 +25,30 @@ std::vector<ComputedTorque::Axis> axes_of(const Arm& arm, double kp = 0.0, doubl
       out.push_back({arm.first(n) + j, [place](double t) { return MotionValue{place + t, 1.0, 0.0}; }, kp, kv});
     }
   return out;
+}
+
+/// A sampled law of one y as its transfer function says it: D + C (z - A)^-1 B.
+std::complex<double> answer(const LinearLaw& law, std::complex<double> z) {
+  const Eigen::MatrixXcd left = z * Eigen::MatrixXcd::Identity(law.A.rows(), law.A.cols()) - law.A;
+  return (law.D + law.C * left.partialPivLu().solve(law.B.cast<std::complex<double>>()))(0, 0);
+}
+
+/// A flywheel of 1 kg m2 on a joint, without gravity.
+Arm flywheel() {
+  std::vector<Link> links;
+  links.emplace_back(Joint::revolute({0, 0, 1}), RigidBody{1.0, {0, 0, 0}, Eigen::Vector3d(1, 1, 1).asDiagonal()},
+                     std::nullopt, std::nullopt);
+  return Arm(std::move(links));
+}
+
+template <class F>
+std::string said(F f) {
+  try {
+    f();
+  } catch (const std::invalid_argument& e) {
+    return e.what();
+  }
+  return "";
 }
 
 }  // namespace
@@ -109,4 +137,119 @@ TEST_CASE("a sampled linear law at its limit leads its states back") {
     x += 2.0 + 0.5 * (std::min(w, 1.0) - w);
     CHECK(law.x[0] == doctest::Approx(x));
   }
+}
+
+TEST_CASE("PID: the trapezoidal recursion by hand, led back at its limit") {
+  const Arm arm = flywheel();
+  const double h = 0.01, kp = 3.0, ki = 20.0, kd = 0.4, tf = 0.05, tt = 0.1, most = 2.0;
+  const auto r = [](double t) { return std::cos(t); };
+  LinearLaw law = pid(arm, 0, {kp, ki, kd, tf, tt}, h, r);
+  double integral = 0.0, slope = 0.0, e_before = 0.0;
+  Eigen::VectorXd q(1), v = Eigen::VectorXd::Zero(1);
+  for (int k = 0; k < 40; ++k) {
+    q[0] = 0.2 * std::sin(0.3 * k);
+    const double e = r(h * k) - q[0];
+    integral += 0.5 * h * ki * (e + e_before);
+    slope = ((2.0 * tf - h) * slope + 2.0 * kd * (e - e_before)) / (2.0 * tf + h);
+    CHECK(law(h * k, q, v, v)[0] == doctest::Approx(kp * e + integral + slope).epsilon(1e-12));
+    e_before = e;
+  }
+  // e = 1 for ever: held at its limit, w settles where ki e = (w - limit) / tt, that is at limit + ki tt
+  law = pid(arm, 0, {kp, ki, kd, tf, tt, most}, h, [](double) { return 1.0; });
+  q[0] = 0.0;
+  for (int k = 0; k < 1000; ++k) CHECK(law(h * k, q, v, v)[0] == most);
+  CHECK((law.C * law.x + law.D)(0, 0) == doctest::Approx(most + ki * tt).epsilon(1e-9));
+}
+
+TEST_CASE("a filter of positive position feedback peaks where it is meant to, sampled slowly, too") {
+  const Arm arm = flexarm_test::spatial_arm(2);
+  const Loop loop{Eigen::VectorXd::Unit(arm.nq(), 1), 2.0 * Eigen::VectorXd::Unit(arm.nv(), 1)};
+  const double w = 50.0, zeta = 0.3, gain = 4.0, h = 0.02;  // 3.1 samples a period
+  LinearLaw law = positive_position(arm, loop, {w, zeta, gain, 0.5, 3.0}, h);
+  const std::complex<double> at_w = answer(law, std::polar(1.0, w * h));  // by e = -y: gain / (2 zeta i), turned
+  CHECK(std::abs(at_w + gain / std::complex<double>(0.0, 2.0 * zeta)) <= 1e-12 * std::abs(at_w));
+  CHECK(std::abs(answer(law, 1.0) + gain) <= 1e-12);
+  Eigen::VectorXd q = Eigen::VectorXd::Zero(arm.nq()), f;
+  const Eigen::VectorXd v = Eigen::VectorXd::Zero(arm.nv());
+  q[1] = 0.9;
+  for (int k = 0; k < 400; ++k) f = law(h * k, q, v, v);
+  CHECK(f[1] == doctest::Approx(2.0 * gain * (0.9 - 0.5)));  // gain (y - reference), by the column
+  CHECK(f.norm() == doctest::Approx(std::abs(f[1])));
+}
+
+TEST_CASE("integral resonant control: its pole by Tustin's rule, its static gain, its limit") {
+  const Arm arm = flywheel();
+  const double k = -30.0, d = -0.2, h = 0.05;
+  const Loop loop{Eigen::VectorXd::Ones(1), Eigen::VectorXd::Ones(1)};
+  LinearLaw law = integral_resonant(arm, loop, {k, d, 0.25}, h);
+  CHECK(law.A(0, 0) == doctest::Approx((1.0 - 0.5 * h * k * d) / (1.0 + 0.5 * h * k * d)).epsilon(1e-14));
+  const Eigen::VectorXd q = Eigen::VectorXd::Ones(1), v = Eigen::VectorXd::Zero(1);
+  double u = 0.0;
+  for (int n = 0; n < 300; ++n) u = law(h * n, q, v, v)[0];
+  CHECK(u == doctest::Approx((1.0 - 0.25) / d));
+  law = integral_resonant(arm, loop, {k, d, 0.25, 1.5}, h);
+  for (int n = 0; n < 300; ++n) u = law(h * n, q, v, v)[0];
+  CHECK(u == -1.5);
+}
+
+TEST_CASE("zero-order hold: an oscillator and what a limit does to it, in closed form") {
+  const double w = 3.0, h = 0.4, c = std::cos(w * h), s = std::sin(w * h);
+  StateSpace of;
+  of.A = (Eigen::Matrix2d() << 0.0, 1.0, -w * w, 0.0).finished();
+  of.B = Eigen::Vector2d(0.0, 1.0);
+  of.C = Eigen::RowVector2d(1.0, 0.0);
+  of.D = Eigen::MatrixXd::Constant(1, 1, 0.7);
+  of.windup = 2.0 * of.B;
+  const StateSpace by = sampled_law(of, h, Discretisation::zero_order_hold);
+  CHECK((by.A - (Eigen::Matrix2d() << c, s / w, -w * s, c).finished()).norm() <= 1e-14);
+  CHECK((by.B - Eigen::Vector2d((1.0 - c) / (w * w), s / w)).norm() <= 1e-15);
+  CHECK((by.windup - 2.0 * by.B).norm() <= 1e-15);
+  CHECK(by.C == of.C);
+  CHECK(by.D == of.D);
+  of.A(0, 1) = of.A(1, 0) = 0.0;
+  of.A(0, 0) = 2.0 / h;
+  CHECK(said([&] { sampled_law(of, h); }).find("period = 0.4: a pole") == 0);
+}
+
+TEST_CASE("PD closes the loop that was meant: a flywheel's decay in closed form") {
+  const Arm arm = flywheel();
+  const auto one = [](double) { return 1.0; };
+  const double kp = 25.0, kd = 6.0, w = 4.0;  // poles -3 +- 4 i
+  const Feedback law = pd(arm, 0, kp, kd, one);
+  double q = 0.0, v = 0.0;
+  const int n = 2000;  // Runge-Kutta's midpoint rule
+  for (int k = 0; k < n; ++k) {
+    const double h = 1.0 / n;
+    const auto u = [&](double x, double y) {
+      return law(law.reference(0.0), Eigen::VectorXd::Constant(1, x), Eigen::VectorXd::Constant(1, y)) * law.column[0];
+    };
+    const double qm = q + 0.5 * h * v, vm = v + 0.5 * h * u(q, v);
+    q += h * vm;
+    v += h * u(qm, vm);
+  }
+  CHECK(q == doctest::Approx(1.0 - std::exp(-3.0) * (std::cos(w) + 0.75 * std::sin(w))).epsilon(1e-6));
+}
+
+TEST_CASE("linear laws say what does not fit") {
+  const Arm arm = flywheel();
+  const Loop loop{Eigen::VectorXd::Ones(1), Eigen::VectorXd::Ones(1)};
+  const double nan = std::nan("");
+  const auto begins = [](const std::string& text, const char* with) { return text.rfind(with, 0) == 0; };
+  CHECK(begins(said([&] { pd(arm, 1, 1, 1); }), "rate = 1: must be 0 to 0"));
+  CHECK(begins(said([&] { pd(arm, 0, nan, 1); }), "kp = nan"));
+  CHECK(begins(said([&] { pd(arm, 0, 1, 1, {}, 0.0); }), "limit = 0"));
+  CHECK(begins(said([&] { pid(arm, 0, {1, 1, nan}, 0.1); }), "kd = nan"));
+  CHECK(begins(said([&] { pid(arm, 0, {1, 1, 1}, 0.0); }), "period = 0: must be positive"));
+  CHECK(begins(said([&] { pid(arm, 0, {1, 1, 1, -1.0}, 0.1); }), "filter_time = -1"));
+  CHECK(begins(said([&] { pid(arm, 0, {1, 1, 1, 1.0, 0.01}, 0.1); }), "tracking_time = 0.01: must be at least"));
+  CHECK(begins(said([&] { pid(arm, 0, {1, 0, 1, 1.0, 1.0}, 0.1); }), "tracking_time: there is no integral"));
+  CHECK(begins(said([&] { continuous_law(PidGains{1, 1, 1}); }), "filter_time"));
+  CHECK(
+      begins(said([&] { positive_position(arm, loop, {50.0, 0.3, 1.0}, 0.1); }), "period = 0.1: must be below 0.0628"));
+  CHECK(begins(said([&] { positive_position(arm, {{}, loop.column}, {50.0, 0.3, 1.0}, 0.01); }), "by_q = 0"));
+  CHECK(begins(said([&] { positive_position(arm, {loop.by_q, {}}, {50.0, 0.3, 1.0}, 0.01); }), "column = 0"));
+  CHECK(begins(said([&] { integral_resonant(arm, loop, {1.0, -2.0}, 0.01); }), "gain = 1, feedthrough = -2: must"));
+  CHECK(begins(said([&] { integral_resonant(arm, loop, {1.0, 2.0, nan}, 0.01); }), "reference = nan"));
+  CHECK(begins(said([&] { pd(flexarm_test::floating_arm(), 3, 1, 1); }), "rate = 3: is a ball's"));
+  CHECK(said([&] { pd(flexarm_test::floating_arm(), 2, 1, 1); }).empty());
 }

@@ -9,6 +9,7 @@ PYBIND11_MODULE(_core, m) {
   bind_gradients(m);
   bind_batch(m);
   bind_laws(m);
+  bind_linear_laws(m);
   bind_kalman(m);
   bind_mpc(m);
 }

@@ -351,6 +351,17 @@ class LinearLaw:
     @property
     def reads(self) -> bool: ...
 
+_StateSpace = tuple[_Array, _Array, _Array, _Array, _Array]  # A, B, C, D, windup
+
+def pid(
+    kp: float, ki: float, kd: float, filter_time: float | None, tracking_time: float | None, period: float | None
+) -> _StateSpace: ...
+def positive_position(frequency: float, damping_ratio: float, gain: float, period: float | None) -> _StateSpace: ...
+def integral_resonant(gain: float, feedthrough: float) -> _StateSpace: ...
+def sampled(
+    A: ArrayLike, B: ArrayLike, C: ArrayLike, D: ArrayLike, windup: ArrayLike, period: float, hold: bool
+) -> _StateSpace: ...
+
 class ComputedTorque:
     def __init__(
         self,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
+import flexarm._core as _core
 
-from .._check import Array
 from .motor import Motor, finite, positive
 from .sampled import LinearController
 
@@ -42,19 +41,13 @@ class PID(LinearController):
         self._given_as = {"kp": kp, "ki": ki, "kd": kd, "link": link, "rate": rate, "reference": reference,
                           "filter_time": filter_time, "delay": delay, "limit": limit, "motor": motor,
                           "tracking_time": tracking_time}  # fmt: skip
-        if rate is None and filter_time is None:
-            raise ValueError(
-                "filter_time = None: a continuous PID needs the time constant of its derivative's low pass"
-            )
-        tf = 2.0 / positive("rate", rate) if filter_time is None else positive("filter_time", filter_time)
-        # states: integral of e; low-passed e
-        A = np.array([[0.0, 0.0], [0.0, -1.0 / tf]])
-        B = np.array([[1.0], [1.0 / tf]])
-        C = np.array([[ki, -kd / tf]])
-        D = np.array([[kp + kd / tf]])
+        tf = None if filter_time is None else positive("filter_time", filter_time)
+        led_back = None if tracking_time is None else positive("tracking_time", tracking_time)
+        period = None if rate is None else 1.0 / positive("rate", rate)
+        *system, windup = _core.pid(kp, ki, kd, tf, led_back, period)
         super().__init__(
-            (A, B, C, D), rate=rate, measure=[("joint", link)], actuate=[link], reference=reference, delay=delay,
-            limit=limit, motor=motor, anti_windup=_tracking(tracking_time, ki, rate),
+            tuple(system), rate=rate, measure=[("joint", link)], actuate=[link], reference=reference, delay=delay,
+            limit=limit, motor=motor, anti_windup=windup,
         )  # fmt: skip
 
     def _arguments(self) -> dict[str, Any]:
@@ -62,15 +55,3 @@ class PID(LinearController):
 
 
 LinearController.pid = PID
-
-
-def _tracking(time: Any, ki: float, rate: float | None) -> Array | None:
-    """What back-calculation does to the states of a PID."""
-    if time is None:
-        return None
-    least = 0.0 if rate is None else 1.0 / rate
-    if positive("tracking_time", time) < least:
-        raise ValueError(f"tracking_time = {time}: must be at least a sample, {least:g} s")
-    if ki == 0.0:
-        raise ValueError("tracking_time: there is no integral to lead back; ki is zero")
-    return np.array([[1.0 / (ki * time)], [0.0]])

@@ -4,9 +4,10 @@ resonant control."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import pi
 from typing import Any
 
-import numpy as np
+import flexarm._core as _core
 
 from .motor import Motor, finite, positive
 from .sampled import LinearController
@@ -57,15 +58,13 @@ class PPF(_Resonant):
         self._given_as = {"frequency": w, "damping_ratio": zeta, "gain": g, "rate": rate, "reference": reference,
                           "delay": delay, "limit": limit, "motor": motor}  # fmt: skip
         self.frequency, self.damping_ratio, self.gain = w, zeta, g
+        period = None
         if rate is not None:
-            half = 0.5 * w / positive("rate", rate)
-            if half >= 0.5 * np.pi:
-                raise ValueError(f"rate = {rate}: must be above {w / np.pi:.6g} Hz, twice the filter's frequency")
-            w = w * np.tan(half) / half  # which Tustin's rule takes to the frequency that is meant
-        A = np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]])
-        B, C = np.array([[0.0], [-w * w]]), np.array([[g, 0.0]])
-        self._make((A, B, C, np.zeros((1, 1))), reference, rate=rate, measure=measure, actuate=actuate, delay=delay,
-                   limit=limit, motor=motor)  # fmt: skip
+            period = 1.0 / positive("rate", rate)
+            if w * period >= pi:
+                raise ValueError(f"rate = {rate}: must be above {w / pi:.6g} Hz, twice the filter's frequency")
+        self._make(_core.positive_position(w, zeta, g, period)[:4], reference, rate=rate, measure=measure,
+                   actuate=actuate, delay=delay, limit=limit, motor=motor)  # fmt: skip
 
 
 class IRC(_Resonant):
@@ -93,16 +92,12 @@ class IRC(_Resonant):
         motor: Motor | None = None,
     ) -> None:  # fmt: skip
         k, d = finite("gain", gain), finite("feedthrough", feedthrough)
-        if not k * d > 0.0:
-            raise ValueError(
-                f"gain = {gain}, feedthrough = {feedthrough}: must have one sign, or the law is unstable alone"
-            )
+        system = _core.integral_resonant(k, d)[:4]
         self.gain, self.feedthrough = k, d
         self._given_as = {"gain": k, "feedthrough": d, "rate": rate, "reference": reference, "delay": delay,
                           "limit": limit, "motor": motor}  # fmt: skip
-        A, B, one = np.array([[-k * d]]), np.array([[-k]]), np.ones((1, 1))
-        self._make((A, B, one, 0.0 * one), reference, rate=rate, measure=measure, actuate=actuate, delay=delay,
-                   limit=limit, motor=motor)  # fmt: skip
+        self._make(system, reference, rate=rate, measure=measure, actuate=actuate, delay=delay, limit=limit,
+                   motor=motor)  # fmt: skip
 
 
 LinearController.ppf = PPF

@@ -348,6 +348,8 @@ def _matrices(
     w = np.zeros(size) if windup is None or n == 0 else array("anti_windup", windup)
     if w.shape != size:
         raise ValueError(f"anti_windup has shape {w.shape}: must be {size}, states by outputs")
+    if continuous and dt is not None and n and method in ("bilinear", "tustin", "zoh"):
+        return _core.sampled(a, b, c, d, w, dt, method == "zoh")
     if continuous and dt is not None and n:
         from scipy.signal import cont2discrete  # slow to import
 

@@ -1,0 +1,81 @@
+// Linear laws of one force: PD, PID, and those that damp modes by what is measured of them.
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <limits>
+#include <optional>
+
+#include "flexarm/arm.hpp"
+#include "flexarm/control.hpp"
+
+namespace flexarm {
+
+/// A linear law with memory: w = C x + D e, x' = A x + B e + windup (u - w), or, sampled, x+ in place of x'. e is
+/// reference - y, u is w within its limit.
+struct StateSpace {
+  Eigen::MatrixXd A, B, C, D, windup;
+};
+
+enum class Discretisation {
+  tustin,          ///< the trapezoidal rule
+  zero_order_hold  ///< exact for e that is constant between samples
+};
+
+/// A continuous law, sampled every `period` seconds (Franklin, Powell & Workman, Digital Control of Dynamic Systems,
+/// 1998, ch. 6). @throws std::invalid_argument where sizes do not fit, the period is not positive, or a pole is at
+/// 2 / period (Tustin)
+StateSpace sampled_law(const StateSpace& continuous, double period, Discretisation by = Discretisation::tustin);
+
+/// u = kp e + ki int e dt + kd de/dt of a joint, per rad (m).
+struct PidGains {
+  double kp, ki, kd;
+  std::optional<double> filter_time = {};  ///< of the low pass ahead of the derivative (s); none: two samples
+  /// How fast the integral is led back while u is at its limit (s, at least a sample; back-calculation: Astrom &
+  /// Hagglund, Advanced PID Control, 2006, ch. 3.5); none: it winds up.
+  std::optional<double> tracking_time = {};
+  double limit = std::numeric_limits<double>::infinity();  ///< of |u|
+};
+
+/// Positive position feedback: u = gain w^2 / (s^2 + 2 zeta w s + w^2) (y - reference) (Fanson & Caughey, AIAA Journal
+/// 28, 1990).
+struct PositivePositionGains {
+  double frequency, damping_ratio, gain;  ///< w (rad/s), zeta; u per unit of y
+  double reference = 0.0;                 ///< of y
+  double limit = std::numeric_limits<double>::infinity();
+};
+
+/// Integral resonant control: u' = gain (y - reference - feedthrough u) (Aphale, Fleming & Moheimani, Smart Materials
+/// and Structures 16, 2007).
+struct IntegralResonantGains {
+  double gain, feedthrough;  ///< u per unit of y and second; y per unit of u; both of one sign
+  double reference = 0.0;    ///< of y
+  double limit = std::numeric_limits<double>::infinity();
+};
+
+/// What y is, by_q q (nq), and what u does, the generalised forces column u (nv). Of a patch that senses what another
+/// drives, both come from `Arm::patch_matrix`.
+struct Loop {
+  Eigen::VectorXd by_q, column;
+};
+
+/// The continuous laws, windup included; of a period, what Tustin's rule needs: the PID's default filter, and a filter
+/// of positive position feedback whose peak the rule takes to w.
+/// @throws std::invalid_argument of gains that are not finite, times that are not positive, and the like
+StateSpace continuous_law(const PidGains& gains, std::optional<double> period = {});
+StateSpace continuous_law(const PositivePositionGains& gains, std::optional<double> period = {});
+StateSpace continuous_law(const IntegralResonantGains& gains);
+
+/// u = kp (reference - q) - kd v on the freedom of rate i, continuous. `reference` of time (s); empty: zero.
+/// @throws std::invalid_argument of a rate that is not the arm's or is a ball's, or gains that are not finite
+Feedback pd(const Arm& arm, int i, double kp, double kd, const std::function<double(double)>& reference = {},
+            double limit = std::numeric_limits<double>::infinity());
+
+/// The laws for `Sampler{first, period, delay, law}`, sampled by Tustin's rule; `i` and `reference` as of `pd`.
+/// @throws std::invalid_argument as `continuous_law`, and where i or the sizes of the loop do not fit the arm
+LinearLaw pid(const Arm& arm, int i, const PidGains& gains, double period,
+              const std::function<double(double)>& reference = {});
+LinearLaw positive_position(const Arm& arm, const Loop& loop, const PositivePositionGains& gains, double period);
+LinearLaw integral_resonant(const Arm& arm, const Loop& loop, const IntegralResonantGains& gains, double period);
+
+}  // namespace flexarm
