@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from typing import Any
 
 import flexarm as fa
@@ -185,6 +186,40 @@ def test_a_path_of_samples_is_that_of_its_function() -> None:
     moves = [fa.plan_move(arm, path=p, torque=2.0, speed=3.0) for p in (path, samples)]
     assert moves[0].duration == pytest.approx(moves[1].duration, rel=1e-3)
     assert moves[0].rigid_duration == pytest.approx(moves[1].rigid_duration, rel=1e-3)
+
+
+# -- collocation -----------------------------------------------------------------------------------------------------
+
+
+@QUIET
+def test_collocation_finds_the_known_optimum_of_one_mode() -> None:
+    pytest.importorskip("casadi")
+    arm, angle, a = one_mode(), 0.3, 4.0
+    known = fastest_of_one_mode(angle, a, arm.modes(lock=[0]).frequencies[0])
+    best = fa.plan_move(arm, 0.0, angle, acceleration=a, method="collocation")
+    assert known * 0.999 < best.duration < known * 1.02
+    assert np.abs(best.a).max() <= a * 1.0001
+    assert swing(arm, best) < 1e-3 * best.residual_unshaped
+
+
+@QUIET
+def test_collocation_of_two_links_is_as_fast_as_linear_programmes() -> None:
+    pytest.importorskip("casadi")
+    arm, limits = two_links(gravity=0.0), {"torque": (60.0, 15.0), "speed": 8.0}
+    ends = [0.0, 0.0], [1.0, -1.0]
+    best = fa.plan_move(arm, *ends, method="collocation", **limits)
+    assert best.duration < 1.01 * fa.plan_move(arm, *ends, method="optimal", **limits).duration
+    assert swing(arm, best) < 1e-3 * best.residual_unshaped
+    run = best.simulate(integrator="gauss", step=2e-4)
+    for k, most in zip((0, 4), limits["torque"], strict=True):
+        assert np.abs(run.tau[:, k]).max() <= most * 1.001
+    assert best.q[[0, -1]] == pytest.approx(np.array(ends), abs=1e-9)
+
+
+def test_collocation_without_casadi_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    with pytest.raises(ImportError, match=r"pip install 'flexarm\[optimize\]'"):
+        fa.plan_move(rigid_arm(), 0.0, 1.0, torque=3.0, method="collocation")
 
 
 # -- bad input -------------------------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from ..analysis.validity import RangeWarning
 from ..arm import Arm
 from ..parts.part import ModelWarning
 from ..run.simulation import simulate
+from .collocation import casadi, collocate
 from .move import LimitUse, Move, held, swing
 from .move_limits import Driven, Limits
 from .plant import Plant
@@ -26,7 +27,7 @@ from .route import Route, path_points
 from .search import Aim, Found, Search
 
 Tell = Callable[[str], None] | None
-METHODS = ("shaped", "optimal")
+METHODS = ("shaped", "optimal", "collocation")
 _KNOTS, _KNOTS_EACH = (160, 240), 100  # of a motion: at least, at most; where each joint goes its own way
 _PER_HALF = 10  # knots in half a period of the slowest mode
 _FAST = 4.0  # a mode is steered where its frequency times the time between knots is below this
@@ -85,22 +86,29 @@ def plan_move(
             of.
         method: "shaped": as smooth as it can be (the least largest jerk along the path) in the time that the rigid arm
             needs and half a period; longer where that is too short for the limits. "optimal": the least time; without a
-            path, each joint goes its own way.
+            path, each joint goes its own way. "collocation": the least time, too, each joint going its own way, by
+            IPOPT on all coordinates of the arm at once, from the shaped motion on; without a path. It needs
+            `pip install 'flexarm[optimize]'`.
         progress: shows on stderr what the search is at, where that is a terminal; or a callable (done, text).
 
     Returns:
         Move: `.drive` for `simulate`, `.duration`, `.torques`, `.limits`, `.residual`, `.plot()`.
 
     Raises:
+        ImportError: method="collocation" without CasADi.
         ValueError: bad arguments; torques that cannot hold the arm's weight, with joint, need and limit; poses beyond
             the joints' stops; a path that jumps; from = to.
 
     Warns:
-        MoveWarning: what is left is above `residual`, or a limit is passed.
+        MoveWarning: what is left is above `residual`, a limit is passed, or IPOPT did not converge.
     """
     driven = Driven.of(arm)
     arm._warn()
     choice("method", method, METHODS)
+    if method == "collocation":
+        casadi()
+        if path is not None:
+            raise ValueError('path: method="collocation" takes q_from and q_to alone; take "shaped" or "optimal"')
     allowed = number("residual", residual)
     if not 0.0 < allowed < 1.0:
         raise ValueError(f"residual = {residual}: must be between 0 and 1, a part of what the rigid move leaves")
@@ -111,9 +119,12 @@ def plan_move(
         say = None if tell is None else lambda text: tell(0.0, text)
         rigid = fastest(arm, driven, route, limits)
         plant = Plant(arm, driven, route.start, route.end)
-        own_ways = method == "optimal" and path is None and len(driven.rates) > 1
+        own_ways = method != "shaped" and path is None and len(driven.rates) > 1
         plan = _Plan(plant, limits, route, rigid, len(driven.rates) if own_ways else 1, say)
-        found = plan.shaped() if method == "shaped" else plan.optimal(own_ways)
+        if method == "collocation":
+            found = plan.collocated()
+        else:
+            found = plan.shaped() if method == "shaped" else plan.optimal(own_ways)
         made = plan.move(*found)
     _warn(made, allowed, plan.scale)
     return made
@@ -201,6 +212,11 @@ class _Plan:
         tight = replace(self.limits, torque=self.limits.torque * (1.0 - _MARGIN))
         return Aim(tight, False, end, size, self.scale, self.kept)
 
+    def _own_ways(self) -> Aim:
+        """Of joints each of which goes its own way."""
+        way = np.abs(self.route.end - self.route.start)
+        return self._aim(self.route.end, 4.0 * np.maximum(way, 0.25 * way.max()))
+
     def _search(self, aim: Aim, first: Profile, rounds: int) -> Found:
         return Search(self.plant, aim, first, self.tell).solve(first, rounds)
 
@@ -209,13 +225,24 @@ class _Plan:
 
     def optimal(self, own_ways: bool) -> tuple[Found, Any]:
         """The least time, from the shaped motion on; then a little more of it, and smooth."""
-        first, end, size = self.shaped()[0].profile, np.ones(1), np.full(1, 4.0)
+        first, aim = self.shaped()[0].profile, self._aim(np.ones(1), np.full(1, 4.0))
         if own_ways:
-            way = self.route.end - self.route.start
-            first = Profile(first.duration, first.alpha * way, self.route.start, None)
-            end, size = self.route.end, 4.0 * np.maximum(np.abs(way), 0.25 * np.abs(way).max())
-        aim = self._aim(end, size)
+            first = Profile(first.duration, first.alpha * (self.route.end - self.route.start), self.route.start, None)
+            aim = self._own_ways()
         return self._within(aim, self._least(aim, first))
+
+    def collocated(self) -> tuple[Found, Any]:
+        """The least time by collocation; then a little more of it, and smooth."""
+        p = self.shaped()[0].profile
+        places = np.linspace(0.0, p.duration, 2 * self.knots + 1)
+        if self.tell is not None:
+            self.tell(f"collocation from {p.duration:.4g} s")
+        found = collocate(self.plant, self.limits, self.plant.run(p.t, *p.joints(), places, float(places[1])))
+        if not found.converged:
+            warnings.warn(f"plan_move: IPOPT stopped at round {found.iterations}: {found.said}; the move may not be "
+                          "the fastest", MoveWarning, stacklevel=3)  # fmt: skip
+        first = Profile(_SPARE * found.duration, found.alpha, self.route.start, None)
+        return self._within(self._own_ways(), first)
 
     def _least(self, aim: Aim, first: Profile) -> Profile:
         """The least time, and a little more."""
