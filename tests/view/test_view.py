@@ -6,6 +6,7 @@ import base64
 import json
 import re
 import sys
+import tempfile
 import webbrowser
 from pathlib import Path
 
@@ -300,9 +301,12 @@ def test_a_film_by_ffmpeg(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         view.save(tmp_path / "arm.mp4")
 
 
-def test_show_opens_a_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_show_opens_a_browser(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     pytest.importorskip("jupyter_threejs_sage")
     opened: list[str] = []
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setenv("BROWSER", "any")
     monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or False)
     view = paper_link().show()
