@@ -33,8 +33,9 @@ class Arm(Chain):
 
     Coordinates q are stacked link by link: the joint's, then the beam's elastic coordinates in the order bending_y,
     bending_z, torsion, shear_y, shear_z, extension (Eq. 33); `coordinates` names their rates. Ball joints have a
-    quaternion, so that nq is above nv. Dynamics, energies and kinematics take arrays q (..., nq) and v, a, tau
-    (..., nv) and broadcast over the leading axes; modes, equilibrium, derivatives and linear models are of one state.
+    quaternion, so that nq is above nv. `arm.pose({"elbow": 0.3})` makes q of joints' coordinates. Dynamics, energies
+    and kinematics take arrays q (..., nq) and v, a, tau (..., nv) and broadcast over the leading axes; modes,
+    equilibrium, derivatives and linear models are of one state.
     NumPy arrays of doubles are the fastest to pass. Any number of threads may use an arm at once. Bad arguments raise
     ValueError.
 
@@ -98,7 +99,7 @@ class Arm(Chain):
         `pip install 'flexarm[view]'`; pictures do not: `arm.show(q, open=False).save("arm.png")`.
 
         Args:
-            q: (nq,); `zero` if None.
+            q: (nq,), or as `pose` takes it: {"elbow": 0.3}; `zero` if None.
             magnify: the elastic coordinates are drawn that many times as large (the colours are not).
             loads, t: external forces and moments, which are drawn with their values at time t (s).
             open: whether to open a browser.
@@ -244,7 +245,7 @@ class Arm(Chain):
         coordinates are in balance (found from q by Newton's iteration).
 
         Args:
-            q: (nq,).
+            q: (nq,), or as `pose` takes it: {"elbow": 0.3}.
             speed: joint rates by link, or by (link, freedom) (rad/s, m/s).
             lock: links whose joints keep exactly to that motion; the others are free to vibrate about it.
             loads, t: external forces and moments, with their values at time t (s), which the elastic coordinates bear.
@@ -353,8 +354,8 @@ class Arm(Chain):
         `arm.linearize(q, tau=tau)`, `simulate(arm, t, q, tau=tau)` and a controller's u0 want both.
 
         Args:
-            q: the joints' pose: all coordinates (nq,), of which the elastic ones are where the search starts; or by
-                link, or (link, freedom), {0: 0.5, 1: -1.0}, those not named zero; `zero` if None.
+            q: the joints' pose: all coordinates (nq,), of which the elastic ones are where the search starts; or as
+                `pose` takes it, {0: 0.5, 1: -1.0}; `zero` if None.
             loads, t: external forces and moments, with their values at time t (s).
 
         Returns:

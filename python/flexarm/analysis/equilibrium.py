@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -37,14 +37,6 @@ class Trim(NamedTuple):
 
 def trim(arm: Chain, q: Any, loads: Any) -> Trim:
     """See Arm.trim."""
-    if isinstance(q, Mapping):
-        at = arm.zero
-        for i, value in arm.by_rate("q", q).items():
-            k = arm.coordinate_of(i)
-            if k < 0:
-                raise ValueError(f"q: '{arm.coordinates[i]}' is a ball's, which has no angle; give all of q (nq,)")
-            at[k] = array(f"q of '{arm.coordinates[i]}'", value, ())
-        q = at
     joints = ~elastic_rates(arm)
     q0 = arm._single(q=arm.zero if q is None else q)[0]
     b = _Balance(arm, np.zeros(arm.nv), np.zeros(arm.nv), ~joints, loads)

@@ -13,6 +13,7 @@ from .._check import Array, array, choice, finite, number, tilde
 from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
 from .equilibrium import locked_rates, warn_unless_at_rest
+from .printed import model_table
 
 INPUTS = ("force", "acceleration", "load", "patch")
 OUTPUTS = (
@@ -83,6 +84,9 @@ class LinearModel:
     a: Array
     tau: Array
     y: Array
+
+    def __str__(self) -> str:
+        return model_table(self)
 
     @property
     def eigenvalues(self) -> NDArray[np.complex128]:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._check import Array, array, finite, number, whole
+from ..draw.modes import plot_modes
 from ..parts.beam import Beam
 from ..parts.chain import Chain
 from ..view.body import length
 from ..view.view import View, animate_mode
 from .equilibrium import locked_rates, steady_state
 from .linear import turning
+from .printed import modes_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,38 @@ class Modes:
     def stable(self) -> bool:
         """Whether no mode grows."""
         return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues).max(initial=0.0)).all())
+
+    def __str__(self) -> str:
+        return modes_table(self.frequencies, self.damping, self.eigenvalues, self.participation, self.arm.coordinates)
+
+    def plot(self, count: int = 4) -> Figure:
+        """A figure of the lowest `count` modes along the arm: how far each slice moves along the world's axes, over the
+        place along the arm, each mode's largest displacement being 1. Frequency and damping stand in the legend.
+
+        Modes that only turn about the arm's axis, or do not vibrate (frequency 0), are left out. A complex mode is
+        drawn at the instant of its largest displacement.
+
+        Raises:
+            ValueError: a count below 1, or no mode that moves the arm's axis.
+        """
+        if whole("count", count) < 1:
+            raise ValueError(f"count = {count}: must be at least 1")
+        shapes = sample(self.arm, self, 41)
+        s = np.linalg.norm(np.diff(shapes.position, axis=0, prepend=np.zeros((1, 3))), axis=1).cumsum()
+        turned = np.abs(shapes.displacement).max(axis=(0, 1), initial=0.0)
+        noise = 1e-9 * max(length(self.arm), float(turned.max(initial=0.0)))
+        shown = np.flatnonzero((self.frequencies > 0) & (turned > noise))[:count]
+        if not shown.size:
+            raise ValueError("modes: none of them vibrates and moves the arm's axis; there is nothing to draw")
+        flat = shapes.displacement[:, :, shown].reshape(-1, shown.size)
+        largest = flat[np.abs(flat).argmax(axis=0), np.arange(shown.size)]
+        moved = np.real(flat / largest).reshape(*shapes.displacement.shape[:2], shown.size)
+        labels = [
+            f"mode {k}: {self.frequencies[k] / (2 * np.pi):.4g} Hz, damping {100 * self.damping[k]:.3g} %" for k in shown
+        ]
+        at = [int(np.flatnonzero(shapes.link == k)[0]) for k in range(len(self.arm.links))]
+        joints = [(0.0 if k == 0 else float(s[i - 1]), self.arm.names[k]) for k, i in enumerate(at)]
+        return plot_modes(s, moved, labels, joints)
 
     def animate(self, k: int = 0, amplitude: float | None = None) -> View:
         """Mode k in 3-D, over one period again and again, without its decay: a View, which shows itself in a notebook;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,12 @@ def _numbers(links: Sequence[Link]) -> dict[str, tuple[int, ...]]:
             if k not in out.get(name, ()):
                 out[name] = (*out.get(name, ()), k)
     return out
+
+
+def _quaternion(turn: Array) -> Array:
+    """w, x, y, z of a rotation vector (rad)."""
+    half = 0.5 * float(np.linalg.norm(turn))
+    return np.array([np.cos(half), *(0.5 * np.sinc(half / np.pi) * turn)])
 
 
 class Chain:
@@ -199,6 +206,62 @@ class Chain:
             raise ValueError(f"{field}patch = {patch!r}: must be from {-count} to {count - 1}, the patches of link {n}")
         return self.patches.index((n, int(patch) % count))
 
+    def pose(self, joints: Mapping[Any, Any]) -> Array:
+        """q (nq,) of the joints that are named, all else as in `zero`: elastic coordinates and other joints 0.
+
+        Where a method takes q, and `simulate` q0, the dictionary itself will do, too.
+
+        Args:
+            joints: by link: its number, its name or its joint's; or by (link, freedom). The value is a number (rad, m);
+                of a joint with several freedoms a list, in which a ball's turn is a rotation vector (rad), three
+                numbers, or a quaternion w, x, y, z. {"elbow": 0.3, 0: -1.0}
+
+        Raises:
+            ValueError: a name that is not there, a joint named twice, too few or too many numbers.
+        """
+        if not isinstance(joints, Mapping):
+            raise ValueError(f"joints = {joints!r}: must be a dictionary, by link number or name, such as {{0: 0.3}}")
+        q, seen = self.zero, set[int]()
+        for link, value in joints.items():
+            rates = self.joint_rates(link, "joints: link")
+            if not seen.isdisjoint(rates):
+                raise ValueError(f"joints: link = {link}: is named twice")
+            seen.update(rates)
+            places = [self.coordinate_of(i) for i in rates]
+            slides = [k for k in places if k >= 0]
+            given = np.atleast_1d(array(f"joints: {link!r}", value))
+            if isinstance(link, tuple) and not slides:
+                raise ValueError(f"joints: link = {link}: is a ball's, which has no angle; give the whole joint's turn")
+            ball = len(places) - len(slides)
+            lengths = [len(slides) + part for part in ((3, 4) if ball else (0,))]
+            if given.ndim != 1 or len(given) not in lengths:
+                want = " or ".join(map(str, lengths))
+                turn = ", a ball's turn by a rotation vector (rad) or a quaternion" if ball else ""
+                raise ValueError(f"joints: {link!r} = {value!r}: must be {want} number{'s' * (want != '1')}{turn}")
+            q[slides] = given[: len(slides)]
+            if ball:
+                at = dict(self.quaternions())[self._link(link[0] if isinstance(link, tuple) else link)]
+                turn_by = given[len(slides) :]
+                q[at] = turn_by if len(turn_by) == 4 else _quaternion(turn_by)
+        self.check_balls("joints", q)
+        return q
+
+    @contextmanager
+    def _saying_how(self, field: str = "q") -> Iterator[None]:
+        """Whoever gives another number of coordinates than there are is told of `pose`."""
+        try:
+            yield
+        except ValueError as e:
+            if not str(e).startswith(f"{field} has shape"):
+                raise
+            raise ValueError(
+                f"{e}, those of arm.q_names, elastic ones too; arm.pose({{0: 0.3}}) makes them of the joints' alone"
+            ) from None
+
+    def _posed(self, q: Any) -> Any:
+        """q, of a dictionary what `pose` makes of it."""
+        return self.pose(q) if isinstance(q, Mapping) else q
+
     @staticmethod
     def _x(x: float | None) -> float | None:
         return None if x is None else number("x", x)
@@ -208,7 +271,9 @@ class Chain:
         a quick look. Without `balls` quaternions need not have a length."""
         if self._core.one_state(named, balls):
             return list(named.values())
-        arrays = batch({k: self.nq if k == "q" else self.nv for k in named}, **named)
+        named = {k: self._posed(value) if k == "q" else value for k, value in named.items()}
+        with self._saying_how():
+            arrays = batch({k: self.nq if k == "q" else self.nv for k in named}, **named)
         if balls:
             self.check_balls("q", arrays[list(named).index("q")])
         return arrays
@@ -216,7 +281,9 @@ class Chain:
     def _single(self, **named: Any) -> list[Array]:
         if self._core.one_state(named, True):
             return list(named.values())
-        arrays = [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
+        named["q"] = self._posed(named["q"])
+        with self._saying_how():
+            arrays = [array(k, value, (self.nq if k == "q" else self.nv,)) for k, value in named.items()]
         self.check_balls("q", arrays[list(named).index("q")])
         return arrays
 

@@ -101,7 +101,8 @@ def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:
     for name, value, zero in (("q0", q0, arm.zero), ("v0", v0, np.zeros(arm.nv)), ("tau", tau, np.zeros(arm.nv))):
         if name == "tau" and value is not None and np.ndim(value) > 1:
             raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
-        state[name] = zero if value is None else array(name, value, zero.shape)
+        with arm._saying_how("q0"):
+            state[name] = zero if value is None else array(name, value, zero.shape)
     arm.check_balls("q0", state["q0"])
     return state
 

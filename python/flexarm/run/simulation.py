@@ -187,7 +187,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
 def simulate(
     arm: Arm,
     t: ArrayLike,
-    q0: ArrayLike | None = None,
+    q0: ArrayLike | Mapping[Any, Any] | None = None,
     v0: ArrayLike | None = None,
     *,
     tau: ArrayLike | None = None,
@@ -212,8 +212,9 @@ def simulate(
     Args:
         arm: the arm.
         t: output times (s), at least two, increasing.
-        q0, v0: initial coordinates (nq,) and rates (nv,); `arm.zero` and zero if None. Prescribed
-            joints start where their motion does; a q0 or v0 that says otherwise is an error.
+        q0: initial coordinates (nq,), or those of joints as `arm.pose` takes them, {"elbow": 0.3}; `arm.zero` if None.
+            Prescribed joints start where their motion does; a q0 that says otherwise is an error.
+        v0: initial rates (nv,), likewise; zero if None.
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
         drive: by link number (-1 is the last), or by (link, freedom), what drives that freedom of its joint: a Torque,
             or a Motion, whose reaction is then in `Result.tau`. By ("patch", link, patch): a piezo patch's Voltage.
@@ -295,6 +296,7 @@ def simulate(
     if not isinstance(watch, (bool, Watch)):
         raise ValueError(f"watch = {watch!r}: must be True, False or a Watch")
     arm._warn()
+    q0 = arm._posed(q0)
     run = Problem(arm, t, q0, v0, tau, drive, loads, control, events)
     options = _settings(integrator, rtol, atol, **special, step=step, stages=stages)
     begin, end = float(run.times[0]), float(run.times[-1])

@@ -15,6 +15,7 @@ from ..parts.tables import read, read_file
 from ..run.simulation import INTEGRATORS
 from .grammar import OPTIONS, SAMPLES, SIMULATION, Samples, SceneFile, output_times
 from .samples import Files, samples
+from .start import start
 
 
 def _law(files: Files, law: Samples, where: str, value: Any) -> Any:
@@ -77,12 +78,17 @@ def scene_fields(d: Mapping[str, Any], name: str, files: Files) -> dict[str, Any
                 check(part)
             except ValueError as e:
                 raise ValueError(f"{key}[{k}]: {e}") from None
+    drive = _drives(file)
+    try:
+        q0 = start(arm, s["q0"], drive, file.load, float(t[0])) if "q0" in s else None
+    except ValueError as e:
+        raise ValueError(f"simulation.{e}") from None
     return {
         "arm": arm,
-        "drive": _drives(file),
+        "drive": drive,
         "loads": tuple(file.load),
         "t": t,
-        "q0": array("simulation.q0", s["q0"], (arm.nq,)) if "q0" in s else None,
+        "q0": q0,
         "v0": array("simulation.v0", s["v0"], (arm.nv,)) if "v0" in s else None,
         "options": {k: s[k] for k in OPTIONS if k in s},
         "name": name if file.title is None else str(file.title),

@@ -1,0 +1,41 @@
+"""Modes along an arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._check import Array
+from .style import PALETTE, label_axes, legend, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def plot_modes(s: Array, moved: Array, labels: Sequence[str], joints: Sequence[tuple[float, str]]) -> Figure:
+    """One panel for each world axis along which something moves.
+
+    s: places along the arm (m), (np,). moved: displacements, (np, 3, n), to any scale. labels: of the modes. joints:
+    where they sit along the arm, and whose they are.
+    """
+    axes_used = [c for c in range(3) if np.abs(moved[:, c]).max(initial=0.0) > 0.02] or [1]
+    fig = new_figure(9.0, 1.2 + 2.4 * len(axes_used))
+    axes = np.atleast_1d(fig.subplots(len(axes_used), 1, sharex=True))
+    for ax, c in zip(axes, axes_used, strict=True):
+        for k, label in enumerate(labels):
+            style = "-" if k < len(PALETTE) else "--"
+            ax.plot(s, moved[:, c, k], style, color=PALETTE[k % len(PALETTE)], lw=1.8, label=label)
+        for place, _ in joints:
+            ax.axvline(place, color="#999999", lw=1.0, ls=":")
+        label_axes(ax, f"displacement along\nworld {'xyz'[c]} (1 = largest)")
+        ax.set_ylim(-1.12, 1.12)
+    for place, name in joints:
+        axes[0].annotate(
+            name, (place, 1.0), (2, 2), xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8,
+            color="#666666",
+        )  # fmt: skip
+    axes[-1].set_xlabel("place along the arm, from its base (m); dotted: joints")
+    legend(axes[0], len(labels))
+    return fig

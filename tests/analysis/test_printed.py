@@ -1,0 +1,46 @@
+"""Modes and linear models as tables and as a figure."""
+
+import flexarm as fa
+import numpy as np
+import pytest
+from arms import STEEL
+
+
+def arm() -> fa.Arm:
+    """A cantilever of length 1 on a joint, EI / (rho A) = 1."""
+    section = fa.GeneralSection(1.0, 1.0, 1.0, 1.0)
+    beam = fa.Beam(1.0, section, fa.Material(1.0, 1.0, 0.3), {"bending_y": 4}, rotary_inertia=False)
+    return fa.Arm([fa.Link(fa.Revolute("z", name="root"), beam=beam)])
+
+
+def test_modes_print_as_a_table() -> None:
+    lines = str(arm().modes(lock=["root"])).splitlines()
+    assert lines[0].split("  ")[0].strip() == "mode" and len(lines) == 2 + 4
+    cells = lines[2].split()
+    assert cells[0] == "0" and float(cells[1]) == pytest.approx(3.516015, rel=1e-5)  # Euler and Bernoulli's
+    assert float(cells[2]) == pytest.approx(3.516015 / (2 * np.pi), rel=1e-5)
+    assert "rigid" in str(arm().modes()).splitlines()[2]
+
+
+def test_linear_models_print_as_a_table() -> None:
+    text = str(arm().linearize(arm().zero, lock=["root"], inputs=[("load", 0)], outputs=[("tip", 0)]))
+    assert "8 states, 3 inputs, 3 outputs" in text and "bending_y 1" in text and "-0 " not in text
+    first = next(line for line in text.splitlines() if "+-" in line).split()
+    assert float(first[3]) == pytest.approx(3.516, rel=1e-3)
+
+
+def test_modes_are_drawn_along_the_arm() -> None:
+    """The second mode of a cantilever has its node at 0.7834 of the length (Blevins 1979); bending_y moves along y."""
+    figure = arm().modes(lock=["root"]).plot(2)
+    (ax,) = figure.axes
+    assert "world y" in ax.get_ylabel()
+    curves = [line for line in ax.lines if len(line.get_xdata()) > 2]
+    s, y = curves[1].get_data()
+    node = s[np.flatnonzero(np.diff(np.sign(y[1:])))[0] + 1]
+    assert node == pytest.approx(0.7834, abs=0.03) and np.abs(y).max() == pytest.approx(1.0)
+    assert "0.5596 Hz, damping 0 %" in curves[0].get_label()
+    beam = fa.Beam(0.5, fa.Circle(0.01), STEEL, {"torsion": 1})
+    with pytest.raises(ValueError, match="nothing to draw"):
+        fa.Arm([fa.Link(fa.Fixed(), beam=beam)]).modes().plot()
+    with pytest.raises(ValueError, match="count = 0"):
+        arm().modes().plot(0)

@@ -1,0 +1,54 @@
+"""Scenes that start in a pose, or in balance."""
+
+import numpy as np
+import pytest
+from flexarm.scene.scene import scene_from_dict
+
+BEAM = {
+    "length": 1.0,
+    "section": {"type": "rectangle", "y": 0.01, "z": 0.01},
+    "material": {"density": 2700, "youngs_modulus": 70e9, "poisson_ratio": 0.33},
+    "modes": {"bending_y": 2},
+}
+
+
+def scene(q0, **more):
+    links = [{"joint": {"type": "revolute", "axis": "z", "name": f"joint{k}"}, "beam": BEAM} for k in range(2)]
+    simulation = {"duration": 0.5, "interval": 0.01, "q0": q0}
+    return scene_from_dict({"gravity": [0, -9.81, 0], "link": links, "simulation": simulation} | more)
+
+
+def test_joints_by_name() -> None:
+    made = scene({"joint1": 0.3})
+    np.testing.assert_array_equal(made.q0, made.arm.pose({1: 0.3}))
+
+
+def test_at_equilibrium_it_stays() -> None:
+    """One joint moved (held where its motion starts), the other under a torque that gravity answers."""
+    drive = [
+        {"link": 0, "motion": {"t": [0, 1], "q": [0.4, 0.4]}},
+        {"link": "joint1", "torque": {"t": [0, 1], "tau": [0.5, 0.5]}},
+    ]
+    made = scene("equilibrium", drive=drive)
+    run = made.run()
+    assert made.q0[0] == 0.4 and abs(made.q0[1]) > 1e-3  # the beam sags
+    assert abs(run.q - run.q[0]).max() < 1e-5
+    mass, arm_of = 2700 * 1e-4, 0.5  # the second link turns until m g L/2 cos(angle) is the torque
+    angle = np.arctan2(*made.arm.frame(made.q0, 1, 0.0)[1][[1, 0], 0])
+    assert np.cos(angle) * mass * 9.81 * arm_of == pytest.approx(0.5, rel=1e-2)
+    assert scene_from_dict(made.arm.to_dict() | {"simulation": {"q0": "equilibrium"}}).q0.shape == (made.arm.nq,)
+
+
+def test_trim_holds_the_joints() -> None:
+    made = scene("trim")
+    assert made.q0[[0, 3]] == pytest.approx([0, 0], abs=1e-15)
+    np.testing.assert_array_equal(made.q0, made.arm.trim().q)
+
+
+@pytest.mark.parametrize(
+    ("q0", "message"),
+    [("equilibrum", "simulation.q0 = .*did you mean 'equilibrium'"), ({"joint7": 1}, "simulation.*'joint7'")],
+)
+def test_wrong_starts(q0, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        scene(q0)
