@@ -574,3 +574,14 @@ def test_pid_follows_samples_as_the_callable_through_them(rate: float | None, tm
     ):
         with pytest.raises(ValueError, match=message):
             run(reference)
+
+
+def test_samples_in_one_array_are_a_pair_of_rows(tmp_path) -> None:
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, (0.2, 0, 0), (0.01, 0.01, 0.01)))])
+    t = np.linspace(0, 0.2, 21)
+    rows = (t, 0.1 * np.sin(20 * t))
+    laws = [fa.LinearController.pid(20, 5, 2, link=0, rate=200, reference=r) for r in (rows, np.array(rows))]
+    fa.scene.Scene(arm, t=t, control=(laws[1],)).save(tmp_path / "s.toml")
+    pair, array = (fa.simulate(arm, t, control=law, integrator="implicit", step=1e-3) for law in laws)
+    assert abs(pair.q).max() > 1e-3 and (pair.q == array.q).all()
+    assert (fa.load(tmp_path / "s.toml").control[0].reference[1] == rows[1]).all()

@@ -314,7 +314,9 @@ class LinearController(Sampled):
 
 
 def is_samples(reference: Any) -> bool:
-    """Whether a reference is samples (t, r), not numbers."""
+    """Whether a reference is samples (t, r), not numbers: a pair of rows, or an array of two."""
+    if isinstance(reference, np.ndarray):
+        return reference.ndim == 2 and len(reference) == 2
     pair = isinstance(reference, (tuple, list)) and len(reference) == 2
     return pair and all(isinstance(x, (tuple, list, np.ndarray)) for x in reference)
 

@@ -78,9 +78,8 @@ class Modes:
         flat = shapes.displacement[:, :, shown].reshape(-1, shown.size)
         largest = flat[np.abs(flat).argmax(axis=0), np.arange(shown.size)]
         moved = np.real(flat / largest).reshape(*shapes.displacement.shape[:2], shown.size)
-        labels = [
-            f"mode {k}: {self.frequencies[k] / (2 * np.pi):.4g} Hz, damping {100 * self.damping[k]:.3g} %" for k in shown
-        ]
+        hertz, percent = self.frequencies / (2 * np.pi), 100 * self.damping
+        labels = [f"mode {k}: {hertz[k]:.4g} Hz, damping {percent[k]:.3g} %" for k in shown]
         at = [int(np.flatnonzero(shapes.link == k)[0]) for k in range(len(self.arm.links))]
         joints = [(0.0 if k == 0 else float(s[i - 1]), self.arm.names[k]) for k, i in enumerate(at)]
         return plot_modes(s, moved, labels, joints)
