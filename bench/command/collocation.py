@@ -1,4 +1,4 @@
-"""The least time of moves by two ways: linear programmes ("optimal") and collocation with IPOPT ("collocation"); and how
+"""The least time of moves by linear programmes ("optimal") and by collocation with IPOPT ("collocation"); and how
 far the tip of a planned move strays from a line that its joints keep to.
 
     python bench/command/collocation.py
@@ -50,7 +50,8 @@ def main() -> None:
     warnings.simplefilter("ignore")
     methods = ("shaped", "optimal", "collocation")
     print("| move, without gravity | " + " | ".join(methods) + " |\n" + "|-" * 4 + "|")
-    moves = (("two links, to (1, -1), 8 rad/s", 3, [1, -1], 8), ("one shape a beam, to (0.5, -0.5)", 1, [0.5, -0.5], None))
+    moves = [("two links, to (1, -1), 8 rad/s", 3, [1, -1], 8)]
+    moves += [("one shape a beam, to (0.5, -0.5)", 1, [0.5, -0.5], None)]
     for name, shapes, end, speed in moves:
         print(f"| {name} | " + " | ".join(found(two(shapes), end, method, speed) for method in methods) + " |")
     for thick in (0.008, 0.04):
