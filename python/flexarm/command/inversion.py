@@ -38,7 +38,8 @@ class Inversion:
         joints: of each driven freedom, its link, or (link, freedom) where the joint has several.
         pre, post: how long the joints move before the path begins and after it has ended (s).
         error: how far the tip is off the path between the rows, estimated from what the equations leave there (m, rad).
-        edge: how far the window's ends are from rest, as a motion of the tip (m, rad).
+        edge: how far the window's ends are from rest, as a motion of the tip with the joints held (m, rad). A run that
+            begins at rest may be off by several times that.
         iterations: of the solver, on all grids. seconds: of computing.
         slowed: the factor that the path was slowed by, for the limits; 1 if it was not.
         exceeded: limits that are not respected, a list of (kind, joint, time, value, limit).
@@ -142,7 +143,12 @@ class Inversion:
         return simulate(arm, self.t, self._start(arm), drive=drive, control=control, **options)
 
     def tip_error(self, result: Result) -> Array:
-        """How far the tip is off the path in a result, (nt, p): components of `names`, wanted less simulated."""
+        """How far the tip is off the path in a result, (nt, p): components of `names`, wanted less simulated.
+
+        Raises:
+            ValueError: what is given is no Result."""
+        if not isinstance(result, Result):
+            raise ValueError(f"result = {result!r}: must be a Result, such as replay() gives")
         output = Output(result.arm, *self._at, self.names)
         return output.error(result.q, self._path(result.t))
 

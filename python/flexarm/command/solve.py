@@ -203,10 +203,18 @@ class Solver:
         tau = self.of.arm._core.inverse_dynamics(q, v, a)
         edges, end = [0.0], grid.keep
         if self.of.elastic and len(self.of.inner) and self._kept:
-            off = ((k, q[k] - self.poses.q[side]) for side, k in ((0, 0), (-1, end - 1)))
-            edges = [self.of.moved(q[k], d) for k, d in off]
+            edges = [self._unrest(side, q[k], v[k]) for side, k in ((0, 0), (-1, end - 1))]
         error = max(self._halfway(grid, q), residual)
         return Motions(grid.t[:end], q[:end], v[:end], a[:end], tau[:end], grid.step, error, edges, iterations)
+
+    def _unrest(self, side: int, q: Array, v: Array) -> float:
+        """How far from rest the arm is at one end of the window (side 0 or -1): off its pose, and by its rates,
+        as if they were of its slowest inner mode."""
+        of = self.of
+        M, _, K = (X[side] for X in self._kept)
+        slowest = np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(M, K))).min())
+        parts = [q - self.poses.q[side]] + ([v / slowest] if slowest > 0 else [])
+        return float(np.linalg.norm([of.moved(q, d) for d in parts]))
 
     def _halfway(self, grid: Grid, q: Array) -> float:
         d = q - grid.way

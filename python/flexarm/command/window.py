@@ -136,8 +136,8 @@ def check_rest(path: Path | Slower, found: Motions, poles: Poles, tolerance: flo
         why = f"its internal dynamics have zeros on or near the imaginary axis, at {slow} rad/s, and ring"
     text = (
         f"the arm does not come to rest while its tip does: {why}; its end still moves by {edge:.2g} m on the "
-        "joints held; damp the beams (damping_ratio), slow or smooth the path, take another slice or other components "
-        "of the tip, or more pre and post"
+        "joints held, and replay() tells how far that carries the tip off; damp the beams (damping_ratio), slow or "
+        "smooth the path, take another slice or other components of the tip, or more pre and post"
     )
     moved = float(np.ptp(path(found.t), axis=0).max())
     if edge > _TOO_MUCH * moved:
