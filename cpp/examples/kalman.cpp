@@ -6,9 +6,6 @@
 // torques follow from the filter's estimates. Printed at the end: the payload found, and the times of a cycle of the
 // filter and of a plain implicit step.
 // Exit codes: 0; 1 when the plant or the filter could not go on; 2 bad arguments.
-#include <time.h>
-
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -21,6 +18,7 @@
 #include <vector>
 
 #include "allocations.hpp"
+#include "times.hpp"
 
 using Eigen::Vector3d, Eigen::VectorXd;
 using namespace flexarm;
@@ -67,19 +65,6 @@ Arm loaded(std::vector<Link> links, double payload) {
   point.mass = payload;
   links.emplace_back(Joint::fixed(), point, std::nullopt, std::nullopt);
   return Arm(std::move(links));
-}
-
-double microseconds() {
-  timespec t;
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);  // what others on the processor do not disturb
-  return 1e6 * static_cast<double>(t.tv_sec) + 1e-3 * static_cast<double>(t.tv_nsec);
-}
-
-double print(const char* what, std::vector<double> times) {
-  std::sort(times.begin(), times.end());
-  const auto at = [&](double p) { return times[static_cast<std::size_t>(p * static_cast<double>(times.size() - 1))]; };
-  std::printf("%-10s median %7.1f us, p99.9 %7.1f us, largest %7.1f us\n", what, at(0.5), at(0.999), at(1.0));
-  return at(0.5);
 }
 
 int failed(const char* what, int cycle) {
@@ -139,7 +124,7 @@ int run(const std::string& scene, int cycles, double payload) {
   std::printf("%d coordinates, %zu readings a cycle\n", arm.nv(), sensors.size());
   std::printf("payload    %.4f kg, found %.4f +- %.4f kg\n", payload, filter.parameters()[0],
               filter.deviation(2 * arm.nv()));
-  const double cycle = print("filter", filtered), plain = print("step", stepped);
+  const double cycle = print_times("filter", filtered), plain = print_times("step", stepped);
   std::printf("ratio      %.1f\n", cycle / plain);
   if (counts_allocations) std::printf("allocated  %ld times by the filter\n", asked);
   return 0;

@@ -7,8 +7,6 @@
 // near the tip came, and the times of a cycle: `feedback`, between a measurement and its torques, and the whole, with
 // `prepare`, which can run after them.
 // Exit codes: 0; 1 when something could not go on; 2 bad arguments.
-#include <time.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -22,6 +20,7 @@
 #include <vector>
 
 #include "allocations.hpp"
+#include "times.hpp"
 
 using Eigen::Vector3d, Eigen::VectorXd;
 using namespace flexarm;
@@ -52,18 +51,6 @@ Arm strips(int links, int modes) {
                      Beam(0.4, Section::rectangle(0.004, 0.02), Material(7850.0, 209e9, 0.3), options), tip);
   }
   return Arm(std::move(out));
-}
-
-double microseconds() {
-  timespec t;
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);  // what others on the processor do not disturb
-  return 1e6 * static_cast<double>(t.tv_sec) + 1e-3 * static_cast<double>(t.tv_nsec);
-}
-
-void print(const char* what, std::vector<double> times) {
-  std::sort(times.begin(), times.end());
-  const auto at = [&](double p) { return times[static_cast<std::size_t>(p * static_cast<double>(times.size() - 1))]; };
-  std::printf("%-10s median %7.1f us, p99.9 %7.1f us, largest %7.1f us\n", what, at(0.5), at(0.999), at(1.0));
 }
 
 int failed(const char* what, int cycle) {
@@ -152,8 +139,8 @@ int run(const Options& given) {
   std::printf("at %g s    joints within %.2g rad of the goal; torque %.3f, strain %.3f of their limits\n",
               cycles * kPeriod, off, most_torque, most_strain / 4e-4);
   std::printf("fallbacks  %ld; active set: at most %d iterations\n", fallbacks, most_iterations);
-  print("feedback", answered);
-  print("cycle", whole);
+  print_times("feedback", answered);
+  print_times("cycle", whole);
   if (counts_allocations) std::printf("allocated  %ld times by Mpc\n", asked);
   return 0;
 }
