@@ -54,7 +54,9 @@ autodoc_member_order = "bysource"
 autodoc_mock_imports = ["gymnasium", "jax", "torch"]  # so that the site needs none of them
 autodoc_preserve_defaults = True
 autodoc_typehints = "description"
-autodoc_typehints_description_target = "documented"
+autodoc_typehints_description_target = "documented_params"
+autodoc_type_aliases = {name: name for name in ("Array", "ArrayLike")}  # NumPy spells the second out
+smartquotes_action = "D"  # dashes alone: "z" is a string
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
 

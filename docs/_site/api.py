@@ -81,7 +81,7 @@ def _commands() -> str:
     for name in COMMANDS:
         title = f"flexarm {name}"
         parts += [f"{title}\n{'-' * len(title)}", _help(name)]
-    return _titled("Commands", "What ``flexarm COMMAND --help`` prints.", *parts)
+    return _titled("Command line", "What ``flexarm COMMAND --help`` prints.", *parts)
 
 
 def write(app: Any) -> None:
@@ -93,7 +93,7 @@ def write(app: Any) -> None:
         pages |= {_page(name): _of_name(name) for name in group}
     for module, title in MODULES.items():
         pages[module] = _titled(f"{module}: {title}", f".. automodule:: {module}")
-    pages["modules"] = _titled("Modules beside it", "\n".join(f"* :doc:`{m}`" for m in MODULES), _listed([*MODULES]))
+    pages["modules"] = _titled("Other modules", "\n".join(f"* :doc:`{m}`" for m in MODULES), _listed([*MODULES]))
     pages["command-line"] = _commands()
     stems = [_stem(title) for title in names]
     text = "A page for each name, from its docstring. :doc:`/reference` has them all in one table."
@@ -111,11 +111,12 @@ def write(app: Any) -> None:
 
 
 def plain(_app: Any, what: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
-    """Docstrings are plain text with code in backticks: |x| is a magnitude, 2 * a a product. What a property's docstring
-    says before a colon is no type."""
+    """Docstrings are plain text with code in backticks: |x| is a magnitude, 2 * a a product. What stands before a colon
+    in a property's docstring is no type."""
     for at, line in enumerate(lines):
         parts = re.split(r"(`[^`]*`)", line)
         line = "".join(p if p.startswith("`") else re.sub(r"([|*])", r"\\\1", p) for p in parts)
+        line = re.sub(r"(^ *|: )([A-Za-z]{1,2})(?=[.)]( |$))", r"\1\\\2", line)  # "m." begins no list
         lines[at] = line.replace(":", COLON) if what in ("attribute", "property") else line
 
 

@@ -38,6 +38,9 @@ class FilesOfTheRepository(SphinxTransform):
                 continue
             file = (docs / path[1:] if path[0] == "/" else page.parent / path).resolve()
             if docs in file.parents or not file.is_relative_to(ROOT):
+                if re.fullmatch(r"[\w-]+\.md", node.astext()):  # a file's name says less than its title
+                    node["refexplicit"] = False
+                    node.children = [nodes.inline("", "", classes=["xref", "myst"])]
                 continue
             if not file.exists():
                 log.warning("link to a missing file: %s", path, location=node)
