@@ -19,7 +19,6 @@ author = copyright = "the flexarm authors"
 version = release = flexarm.__version__
 extensions = [
     "sphinx.ext.autodoc",
-    "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
     "myst_nb",
@@ -49,6 +48,7 @@ napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_custom_sections = [("Attributes", "params_style")]
 add_module_names = False
+toc_object_entries_show_parents = "hide"
 autodoc_default_options = {"members": True}
 autodoc_member_order = "bysource"
 autodoc_mock_imports = ["gymnasium", "jax", "torch"]  # so that the site needs none of them

@@ -1,5 +1,6 @@
 """Writes docs/api: a page for every public name, from its docstring, in the groups and the order of reference.md."""
 
+import inspect
 import io
 import os
 import re
@@ -11,6 +12,7 @@ import flexarm as fa
 from flexarm.cli import main
 from flexarm.cli.main import COMMANDS
 from sphinx.util import logging
+from sphinx.util.inspect import TypeAliasForwardRef
 
 MODULES = {
     "flexarm.env": "Gymnasium environments",
@@ -54,6 +56,15 @@ def _page(name: str) -> str:
     return name if name[0].isupper() else f"{name}_function"
 
 
+def _row(name: str) -> str:
+    """Of a group's table: a name, and the first sentence of its docstring."""
+    text = [inspect.getdoc(getattr(fa, name)) or ""]
+    plain(None, "", name, None, None, text)
+    first = re.match(r"(.*?)(?<!Sec)(?<!Eq)[.:]?(?=[.]\s|\n\n|$)", text[0], re.DOTALL)
+    assert first
+    return f"* - :py:obj:`{name}`\n     - {' '.join(first[1].split())}"
+
+
 def _of_name(name: str) -> str:
     what = getattr(fa, name)
     if not isinstance(what, type):
@@ -76,7 +87,7 @@ def _help(*command: str) -> str:
 
 
 def _commands() -> str:
-    os.environ["COLUMNS"] = "100"
+    os.environ["COLUMNS"] = "80"
     parts = [_help()]
     for name in COMMANDS:
         title = f"flexarm {name}"
@@ -88,7 +99,7 @@ def write(app: Any) -> None:
     pages = {}
     names = groups((Path(app.srcdir) / "reference.md").read_text(encoding="utf-8"))
     for title, group in names.items():
-        table = "\n   ".join([".. autosummary::", ":nosignatures:", "", *group])
+        table = "\n   ".join([".. list-table::", ":widths: auto", "", *map(_row, group)])
         pages[_stem(title)] = _titled(title, ".. currentmodule:: flexarm", table, _listed([_page(n) for n in group]))
         pages |= {_page(name): _of_name(name) for name in group}
     for module, title in MODULES.items():
@@ -97,7 +108,7 @@ def write(app: Any) -> None:
     pages["command-line"] = _commands()
     stems = [_stem(title) for title in names]
     text = "A page for each name, from its docstring. :doc:`/reference` has them all in one table."
-    toctree = _listed([*stems, "modules", "command-line"]).replace(":hidden:", ":maxdepth: 2")
+    toctree = _listed([*stems, "modules", "command-line"]).replace(":hidden:", ":maxdepth: 1")
     pages["index"] = _titled("API", text, toctree)
     folder = Path(app.srcdir) / "api"
     folder.mkdir(exist_ok=True)
@@ -110,9 +121,33 @@ def write(app: Any) -> None:
             file.write_text(text, encoding="utf-8")
 
 
-def plain(_app: Any, what: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
+def _fields_apart(lines: list[str], known: set[str]) -> list[str]:
+    """"start: of it. stop: of it." is a line for each, where both are names of arguments or attributes."""
+    found, inside = [], False
+    for line in lines:
+        if line and line[0] != " ":
+            inside = line in ("Args:", "Attributes:")
+        start = 0
+        for m in re.finditer(r"[.;] (?=((?:\w+, )*\w+): )", line) if inside else ():
+            if set(m[1].split(", ")) <= known:
+                found.append(("    " if start else "") + line[start : m.end() - 1].rstrip(";"))
+                start = m.end()
+        found.append(("    " if start else "") + line[start:])
+    return found
+
+
+def _arguments(thing: Any) -> set[str]:
+    """And attributes, of a class or a function."""
+    try:
+        return {*dir(thing), *getattr(thing, "__annotations__", ()), *inspect.signature(thing).parameters}
+    except (TypeError, ValueError):  # a property; an exception; what PyTorch's stand-in gives
+        return {*dir(thing), *getattr(thing, "__annotations__", ())}
+
+
+def plain(_app: Any, what: str, _name: str, thing: Any, _options: Any, lines: list[str]) -> None:
     """Docstrings are plain text with code in backticks: |x| is a magnitude, 2 * a a product. What stands before a colon
     in a property's docstring is no type."""
+    lines[:] = _fields_apart(lines, _arguments(thing))
     for at, line in enumerate(lines):
         parts = re.split(r"(`[^`]*`)", line)
         line = "".join(p if p.startswith("`") else re.sub(r"([|*])", r"\\\1", p) for p in parts)
@@ -120,11 +155,20 @@ def plain(_app: Any, what: str, _name: str, _object: Any, _options: Any, lines: 
         lines[at] = line.replace(":", COLON) if what in ("attribute", "property") else line
 
 
+def public(_app: Any, _what: str, _name: str, _thing: Any, _options: Any, signature: str | None, _returns: Any) -> Any:
+    """A signature without what no user passes."""
+    if signature:
+        signature = re.sub(r"(, )?\b_\w+(: [^,=]*)?=[^,)]*", "", signature).replace("<factory>", "...")
+    return signature, None
+
+
 def colons_again(_app: Any, _what: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
     lines[:] = [line.replace(COLON, ":") for line in lines]
 
 
 def setup(app: Any) -> dict[str, bool]:
+    TypeAliasForwardRef.__repr__ = lambda alias: alias.name  # of autodoc_type_aliases, inside another type
+    app.connect("autodoc-process-signature", public)
     app.connect("autodoc-process-docstring", plain, priority=400)  # before napoleon, which is at 500
     app.connect("autodoc-process-docstring", colons_again, priority=600)
     app.connect("builder-inited", write)
