@@ -2,6 +2,7 @@
 # Everything from a bare Debian 12 or Ubuntu 24.04 to a running flexarm, in one command:
 #   ./setup.sh demo [ARGS]   install, then run `flexarm demo ARGS`
 #   ./setup.sh test [ARGS]   install, then run the C++ and Python tests (ARGS go to pytest) and the checks of lint
+#   ./setup.sh docs          the documentation's site into build/docs (its notebooks run); warnings are errors
 #   ./setup.sh lint          ruff, mypy, stubs and clang-format alone
 #   ./setup.sh asan          the C++ tests, and scenes drawn at random, under the address and undefined-behaviour sanitizers
 # Missing system packages come from apt (as root or through sudo); with nothing missing, apt is never called.
@@ -13,7 +14,8 @@ command=${1:-}
 case $command in
   demo) extra='' ;;
   test | lint | asan) extra='[test]' ;;
-  *) sed -n '2,9s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 2 ;;
+  docs) extra='[docs]' ;;
+  *) sed -n '2,10s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 2 ;;
 esac
 shift
 venv=${FLEXARM_VENV:-.venv}
@@ -74,7 +76,7 @@ find_missing() { # fills the array missing with Debian's package names
   has_cmake_package Eigen3Config.cmake eigen3 || missing+=(libeigen3-dev)
   has_cmake_package SUNDIALSConfig.cmake sundials || missing+=(libsundials-dev)
   [[ $scenes == OFF ]] || has_tomlplusplus || missing+=(libtomlplusplus-dev)
-  [[ -z $extra ]] || has_cmake_package doctestConfig.cmake doctest || missing+=(doctest-dev)
+  [[ $extra != '[test]' ]] || has_cmake_package doctestConfig.cmake doctest || missing+=(doctest-dev)
 }
 
 install_missing() {
@@ -109,7 +111,15 @@ install_flexarm() {
   [[ $command != test ]] || tests=' with tests'
   now=$(find CMakeLists.txt cmake pyproject.toml LICENSE README.md licenses cpp python -type f \
     ! -path '*/__pycache__/*' -print0 | LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum)
-  if "$venv/bin/python" -c 'import flexarm._core' 2>/dev/null && grep -qsF "$now$scenes$extra$tests" "$stamp"; then return; fi
+  if "$venv/bin/python" -c 'import flexarm._core' 2>/dev/null; then
+    if grep -qsF "$now$scenes$extra$tests" "$stamp"; then return; fi
+    if [[ -z $tests ]] && grep -qsxF "$now$scenes" "$stamp"; then  # the package is here; what this command needs is not
+      say "installing what flexarm$extra needs into $venv"
+      "$venv/bin/pip" install -q "flexarm$extra"
+      echo "$now$scenes$extra" >>"$stamp"
+      return
+    fi
+  fi
   say "building and installing flexarm$extra into $venv"
   python_has "$venv/bin/python" 'import pip' || "$(find_python)" -m venv "$venv"
   rm -f "$stamp"
@@ -158,6 +168,13 @@ lint() {
   echo "all clean"
 }
 
+site() {
+  say "the documentation's site"
+  rm -rf build/docs docs/api
+  python -m sphinx -W --keep-going -q -j "$jobs" -b html -d build/doctrees docs build/docs "$@"
+  echo "build/docs/index.html"
+}
+
 find_missing
 if ((${#missing[@]})); then install_missing; fi
 export PATH=$venv/bin:$PATH
@@ -167,5 +184,6 @@ case $command in
   demo) flexarm demo "$@" ;;
   test) cpp_tests; say "Python tests"; pytest "$@"; lint ;;
   lint) lint ;;
+  docs) site "$@" ;;
   asan) sanitized_tests ;;
 esac

@@ -179,7 +179,7 @@ class StrainFeedback(_JointLaw):
             "eps".
         beam: the link whose beam bears the gauge; None: the controlled joint's own.
         static: what is subtracted from K: a number (1/m); or "equilibrium": what K is in static balance with gravity
-            where the reference is, payload of the arm included, `Load`s not.
+            where the reference is, payload of the arm included, each `Load` left out.
         pose: where the other joints are in that balance: q (nq,), of which elastic entries are not looked at; None:
             zero.
         washout: rad/s: instead of K, its part above this frequency is fed back, s / (s + washout) K: whatever rests,

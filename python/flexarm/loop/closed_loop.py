@@ -37,7 +37,9 @@ _RINGS = 0.3  # the damping ratio below which a motion is worth a shaper
 class ClosedLoop:
     """Small motions of an arm under its controllers, about a state; what `closed_loop` gives.
 
-    `print` shows a table. Attributes:
+    `print` shows a table.
+
+    Attributes:
         arm, control, q, v: what it is of, and the state.
         poles: s (1/s), (n,), the fastest growing first. With samples: log(z) / period, |Im s| up to pi / period; -inf
             for z = 0, where all is over after some samples.
