@@ -155,5 +155,5 @@ def _toml(block: Block) -> None:
     table, name = tomllib.loads(block.text), re.match(r"# ([\w.-]+\.toml)\n", block.text)
     if name:
         Path(name[1]).write_text(block.text, encoding="utf-8")
-    if "link" in table:
+    if isinstance(table.get("link"), list):
         scene_from_dict(table)
