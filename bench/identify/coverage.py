@@ -146,7 +146,8 @@ def main() -> None:
     args = parser.parse_args()
     args.o.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("ignore")
-    rows, lines = [], ["| simulated arms | noise | truth within the 95 % interval, for each number (%) | all (%) | s for each fit |", "|-|-|-|-|-|"]
+    head = "| simulated arms | noise | truth within the 95 % interval, for each number (%) | all (%) | s for each fit |"
+    rows, lines = [], [head, "|-|-|-|-|-|"]
     for name in args.case or CASES:
         case, began, inside = CASES[name], time.perf_counter(), []
         count = round(case.share * args.n)
@@ -162,7 +163,7 @@ def main() -> None:
         print(lines[-1], flush=True)
     if not args.case:
         told = ", ".join(f"starts={n}: {found(n)}" for n in (1, 8, None))
-        lines.append(f"\nOf 24 simulated arms, with starts wrong by a factor of 3 in each number, are found with {told}.")
+        lines.append(f"\nOf 24 arms with starts wrong by a factor of 3 in each number, it finds with {told}.")
         print(lines[-1])
     with (args.o / "coverage.csv").open("w", newline="") as f:
         csv.writer(f).writerows([["case", "twin", "number", "true", "start", "value", "low", "high", "std"], *rows])
