@@ -26,12 +26,13 @@ def tables(found: dict[str, list[Row]], about: Row) -> str:
         "### Equilibria\n\nError of the tip divided by the length, compared with shooting; CPU time of the solution.",
         _statics(found["statics"]),
         _strip(found["strip"]),
-        "### Buckling\n\nThe load at which a frequency about the equilibrium becomes zero. Loads of strips are given in √(EI GJ)/L²\n"
-        "or, of moments, √(EI GJ)/L.",
+        "### Buckling\n\nThe load at which a frequency about the equilibrium becomes zero. "
+        "Strips: in √(EI GJ)/L²\nor, of moments, √(EI GJ)/L.",
         _buckling(found["buckling"]),
         "### Frequencies of curved rods\n\nClamped at one end (Hz), compared with collocation of the linear equations.",
         _rings(found["rings"]),
-        "### Rotating blades\n\nThe first two flapping frequencies, in √(EI/ρA)/L², and the length of the rotating blade.",
+        "### Rotating blades\n\nThe first two flapping frequencies, in √(EI/ρA)/L², and the length of the "
+        "rotating blade.",
         _blades(found["blades"], about["wright"]),
         "### Motions\n\nLargest distance between two solutions, of any end of a beam at any output time (m).",
         _motions(found["motions"]),
