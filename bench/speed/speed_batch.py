@@ -84,7 +84,7 @@ def mujoco_rows(rounds: int) -> tuple[list[Row], dict[str, str], str]:
         f"The reference is flexarm's (order exact, 6 Legendre modes, Gauss's method), converged to "
         f"{truth['converged']:.1e} m. MuJoCo's\nchain of 10 segments with short steps (RK4) is "
         f"{distance(coarse, truth['path']):.1e} m from it, of 20 segments {distance(fine, truth['path']):.1e} m;\n"
-        f"extrapolated in their number {distance(limit, truth['path']):.1e} m: what both converge to."
+        f"extrapolated in their number {distance(limit, truth['path']):.1e} m: this is the common limit."
     )
     return runs, versions(asked), words
 
