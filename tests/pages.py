@@ -39,8 +39,7 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-PAGES += [page for room in ("coming-from", "theory") for page in sorted((ROOT / "docs" / room).glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 COMPILER = os.environ.get("CXX") or shutil.which("c++")
 EIGEN = [p for p in ("/usr/include/eigen3", "/usr/local/include/eigen3") if Path(p).exists()]
 LANGUAGES = ("python", "sh", "cpp", "toml", "text")
@@ -63,6 +62,7 @@ class Ran:
     folder: Path
     names: dict[str, Any] = field(default_factory=lambda: {"__name__": "__main__"})
     states: list[dict[str, Any]] = field(default_factory=list)  # the names after each Python block
+    missing: list[str] = field(default_factory=list)  # modules that blocks need and that are not installed
 
 
 def blocks(page: Path) -> list[Block]:
@@ -102,9 +102,11 @@ def run(page: Path, folder: Path) -> Ran:
     ran = Ran(folder)
     with _chdir(folder), _as_it_was():
         for block in blocks(page):
-            if block.not_run or (block.needs and not importlib.util.find_spec(block.needs)):
+            if block.needs and not importlib.util.find_spec(block.needs):
+                ran.missing.append(block.needs)
+            elif block.not_run:
                 continue
-            if block.language == "python":
+            elif block.language == "python":
                 _python(block, page, ran.names)
                 ran.states.append(dict(ran.names))
             elif block.language == "sh":
