@@ -2,11 +2,13 @@
 several files of tests look at, computed once."""
 
 import contextlib
+import functools
 import io
 import json
 import os
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,3 +35,11 @@ def demonstration(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any]:
         patch.setattr(demo, "run", lambda *args: done.append(run(*args)) or done[-1])
         assert cli.main(["demo", "-o", str(tmp_path_factory.mktemp("demo") / "new"), "--json"]) == 0
     return done[0], json.loads(out.getvalue())
+
+
+@pytest.fixture(scope="session")
+def page_of_docs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Any]:
+    """Runs the code of a page, such as "docs/data.md", once however many tests ask for it: a pages.Ran."""
+    import pages
+
+    return functools.cache(lambda page: pages.run(pages.ROOT / page, tmp_path_factory.mktemp("page")))

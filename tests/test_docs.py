@@ -2,57 +2,30 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import subprocess
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import flexarm as fa
 import numpy as np
 import pytest
+from pages import PAGES, ROOT, Ran
 
-ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 README = PAGES[0].read_text(encoding="utf-8")
-COMPILER = os.environ.get("CXX") or shutil.which("c++")
 
 
-def blocks(language: str, text: str = README) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
-
-
-def test_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    names: dict[str, Any] = {}
-    for block in blocks("python"):
-        exec(block, names)
-    assert (tmp_path / "run.png").stat().st_size > 10_000
+def test_numbers_of_the_readme(page_of_docs: Callable[[str], Ran]) -> None:
+    ran = page_of_docs("README.md")
+    assert (ran.folder / "run.png").stat().st_size > 10_000
     told = re.search(r"# Hz: ([\d. ]+)", README)
     assert told
-    frequencies = names["modes"].frequencies / (2 * np.pi)
+    frequencies = ran.names["modes"].frequencies / (2 * np.pi)
     assert [f"{x:.4g}" for x in frequencies] == told[1].split()
-    assert 0.06 < abs(names["run"].tip_deflection(1)[:, 1]).max() < 0.08  # m, as the picture shows
-
-
-def test_cpp_of_the_readme_compiles(tmp_path: Path) -> None:
-    eigen = [p for p in ("/usr/include/eigen3", "/usr/local/include/eigen3") if Path(p).exists()]
-    if not (COMPILER and eigen):
-        pytest.skip("SKIPPED, not passed: needs a C++ compiler and Eigen")
-    headers = {p.parent.parent for p in (ROOT / "cpp").glob("**/flexarm/*.hpp")}
-    for block in blocks("cpp"):
-        flags = ["-DFLEXARM_SCENES"]
-        flags += [word for place in (*eigen, *sorted(headers)) for word in ("-isystem", str(place))]
-        done = subprocess.run(
-            [COMPILER, "-std=c++17", "-fsyntax-only", *flags, "-x", "c++", "-"],
-            input=block, capture_output=True, text=True, timeout=300,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr[-2000:]
+    assert 0.06 < abs(ran.names["run"].tip_deflection(1)[:, 1]).max() < 0.08  # m, as the picture shows
 
 
 def test_setup_of_a_bare_machine_is_told() -> None:
-    assert "    ./setup.sh demo\n" in README and "    ./setup.sh test\n" in README
+    assert "\n./setup.sh demo\n" in README and "\n./setup.sh test\n" in README
 
 
 def test_reference_has_every_name() -> None:

@@ -147,8 +147,9 @@ def main() -> None:
     axes[3].legend(fontsize=9)
     for ax in axes:
         ax.grid(alpha=0.3)
-    head = ["controller", "within 5 mrad from (s)", "∫ off² (rad² s)", "largest curvature (1/m)", "not solved"]
-    heads = ["links", "coordinates", "ahead (s)", "stages", "inputs", "feedback, p99.9 (µs)", "cycle, median (µs)",
+    head = ["controller", "within 5 mrad after (s)", "∫ error² (rad² s)", "largest curvature (1/m)",
+            "samples not solved"]  # fmt: skip
+    heads = ["links", "coordinates", "horizon (s)", "stages", "inputs", "feedback, p99.9 (µs)", "cycle, median (µs)",
              "p99.9", "allocations"]  # fmt: skip
     words = f"{table(head, rows)}\n\n{table(heads, cycles)}\n"
     print(words)

@@ -165,13 +165,13 @@ def page(rows: list[Row]) -> str:
     lines = ["![Steps a second](figures/batch.png)", ""]
     lines += ["| steps of a scenario | " + " | ".join(ways) + " |", "| - " * (len(ways) + 1) + "|"]
     lines += [f"| {n} | " + " | ".join(f"{at[w, n]:.3g}" for w in ways) + " |" for n in lengths]
-    lines += ["", "Steps a second; behind a comma the workers.", ""]
-    lines += ["| in a scenario | run | ms | against the first |", "| - | - | - | - |"]
+    lines += ["", "Steps in a second; the number after the comma is the number of workers.", ""]
+    lines += ["| in a scenario | run | ms | relative to the first |", "| - | - | - | - |"]
     cost = [r for r in rows if r["kind"] in HOW]
     for r in cost:
         ms = float(r["value"])
         lines.append(f"| {r['way']} | {HOW[str(r['kind'])]} | {ms:.2g} | {ms / float(cost[0]['value']):.1f} |")
-    lines += ["", "Of one core for 0.2 s of that arm, steps of 1 ms where nothing else is said.", ""]
+    lines += ["", "Time of one core for 0.2 s of this arm, with steps of 1 ms unless the row says otherwise.", ""]
     lines += ["| what differs | µs of one core for each scenario's arm | of one that moves in space |", "| - | - | - |"]
     lines += [
         f"| {r['way']} | {float(r['value']):.0f} | {float(r['space']):.0f} |" for r in rows if r["kind"] == "building"

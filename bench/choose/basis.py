@@ -94,7 +94,7 @@ def main() -> None:
         payload("a tip ten times as heavy", 10.0),
         two_links(),
     ]
-    head = '| what the beam carries | `"clamped-free"`, the default | `"legendre"` | `"loaded"` |\n|-|-|-|-|'
+    head = "| load on the beam's end " + '| `"clamped-free"`, the default | `"legendre"` | `"loaded"` |\n|-|-|-|-|'
     table = "\n".join([head, *(row(case) for case in cases)])
     print(table)
     before, _, rest = page.read_text().partition(BEGIN)

@@ -129,8 +129,8 @@ def cells(row: dict[str, Any]) -> list[str]:
 
 
 HEAD = [
-    "arm", "joints (rad)", "payload (kg)", "rigid + half period (s)", "unshaped swings (mm)", "ZV leaves",
-    "shaped leaves", "takes", "payload +20 %", "optimal leaves", "takes",
+    "arm", "joints (rad)", "payload (kg)", "rigid + half period (s)", "vibration, unshaped (mm)", "left by ZV",
+    "left by the shaped move", "its duration", "left with payload +20 %", "left by the optimal move", "its duration",
 ]  # fmt: skip
 
 

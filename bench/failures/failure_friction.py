@@ -38,7 +38,7 @@ def dry_friction() -> Entry:
         rows.append(_row(name, r.v[t > rest + 0.1, 0], r.q[-1, 0] - place, r.stats["evaluations"]))
     for name, law, stop in (("sign, RK45", friction.sign, end), ("tanh, RK45", friction.smooth, end)):
         found = friction.adaptive(law, stop)
-        note = "" if found["reached"] == stop else f"given up at t = {found['reached']:.4f} s"
+        note = "" if found["reached"] == stop else f"stopped at t = {found['reached']:.4f} s"
         rows.append({"friction": name, "evaluations": found["evaluations"], "": note})
     left.set_xlim(0.9, 1.2)
     left.set_ylim(-0.01, 0.06)
@@ -57,6 +57,6 @@ def _row(name: str, v: np.ndarray, moved: float, evaluations: float) -> dict[str
         "friction": name,
         "speed at rest, mean (m/s)": f"{v.mean():.1e}",
         "peak to peak (m/s)": f"{np.ptp(v):.1e}",
-        "place after 2 s, error (m)": f"{moved:+.1e}",
+        "position error after 2 s (m)": f"{moved:+.1e}",
         "evaluations": evaluations,
     }

@@ -48,8 +48,8 @@ def slow_sampling() -> Entry:
     a.axhline(0, color=INK, lw=1)
     lost = loop.limits("control.0.rate")
     found = around(b, lost.low, lambda r: fa.closed_loop(arm, loops.strain_feedback(r)).growth, loops.rate_growth)
-    rows: Rows = [{"rate lost below": f"{lost.low:.2f} Hz, at {lost.frequencies[0]:.1f} rad/s",
-                   "of runs": f"{found:.2f} Hz", "a run at 90 Hz is told":
+    rows: Rows = [{"unstable below": f"{lost.low:.2f} Hz, at {lost.frequencies[0]:.1f} rad/s",
+                   "of runs": f"{found:.2f} Hz", "warning of a run at 90 Hz":
                    said(arm, loops.strain_feedback(90.0), 12.0, 5e-3)}]  # fmt: skip
     return fig, rows
 
@@ -70,7 +70,7 @@ def late_loop() -> Entry:
     late = loop.margins[0].delay
     found = around(b, late, growth, loops.delay_growth, 1e3)
     rows: Rows = [{"delay margin": f"{1e3 * late:.4f} ms", "of runs": f"{1e3 * found:.4f} ms",
-                   "a run that is 5 ms late is told":
+                   "warning of a run with a delay of 5 ms":
                    said(arm, loops.strain_feedback(500.0, 5e-3), 12.0, 5e-3)}]  # fmt: skip
     return fig, rows
 
@@ -87,7 +87,7 @@ def tip_pd() -> Entry:
         s = s[(s.imag > 0) & (s.imag < 160)]
         a.plot(s.real, s.imag, ".", ms=3, color=colour, label=f"PD on the {what}, gains times 0.01 to 3")
         lost = loop.limits()
-        rows.append({"PD on": what, "lost above, times its gains": f"{lost.high:.4f}",
+        rows.append({"PD on": what, "unstable above, times its gains": f"{lost.high:.4f}",
                      "at (rad/s)": f"{lost.frequencies[1]:.1f}"})  # fmt: skip
     a.axvline(0, color=INK, lw=1)
     a.set(xlim=(-30, 12), ylim=(0, 160))
@@ -95,7 +95,7 @@ def tip_pd() -> Entry:
     found = around(b, lost.high, lambda f: fa.closed_loop(arm, loops.pd_on("tip", f)).growth, loops.tip_growth)
     for row, what, runs in ((rows[0], "joint", ""), (rows[1], "tip", f"{found:.4f}")):
         row |= {"of runs": runs}
-        row |= {"a run with the gains times 1.5 is told": said(arm, loops.pd_on(what, 1.5), 4.0, 2e-3)}
+        row |= {"warning of a run with 1.5 times the gains": said(arm, loops.pd_on(what, 1.5), 4.0, 2e-3)}
     return fig, rows
 
 
@@ -115,9 +115,9 @@ def spillover() -> Entry:
     legend(a)
     lost = float(brentq(lambda w: growth(3, w), 1e-2, 1e-1, rtol=1e-9))
     found = around(b, lost, lambda w: growth(3, w), loops.spillover_growth)
-    rows: Rows = [{"weight lost above": f"{lost:.5f}", "of runs": f"{found:.5f}",
+    rows: Rows = [{"unstable above a weight of": f"{lost:.5f}", "of runs": f"{found:.5f}",
                    "the design's own growth there (1/s)": f"{growth(1, lost):.2f}",
-                   "a run with twice that weight is told":
+                   "warning of a run with twice this weight":
                    said(loops.slender(), loops.observed(2 * lost), 2.0, 1e-3)}]  # fmt: skip
     return fig, rows
 
@@ -138,10 +138,10 @@ def windup() -> Entry:
     a.set_ylim(-1.2, 1.2)
     legend(a, loc="upper left", ncols=2)
     m = loop.margins[0]
-    rows: Rows = [{"lost below a gain of": f"{m.gain[0]:.4f}", "limit cycle by the describing function":
+    rows: Rows = [{"unstable below a gain of": f"{m.gain[0]:.4f}", "limit cycle by the describing function":
                    f"{amplitude:.3f} rad, {frequency:.2f} rad/s",
-                   "of a run at the edge": f"{found[0]:.3f} rad, {found[1]:.2f} rad/s",
-                   "the largest start that comes to rest": f"{start:.4f} rad"}]  # fmt: skip
+                   "of a run at the limit": f"{found[0]:.3f} rad, {found[1]:.2f} rad/s",
+                   "largest start that comes to rest": f"{start:.4f} rad"}]  # fmt: skip
     return fig, rows
 
 
@@ -149,7 +149,7 @@ def windup() -> Entry:
 def wrong_payload() -> Entry:
     """Inverse dynamics of an arm with another payload, with PD on what is left, and alone."""
     fig, (a, b) = panels(
-        ("time (s)", "joint angle, less the wanted (rad)"), ("payload believed (kg)", "error at rest (rad)")
+        ("time (s)", "error of the joint angle (rad)"), ("payload of the model (kg)", "error at rest (rad)")
     )
     rows: Rows = []
     truth, believed = 0.5, (0.0, 0.25, 0.5, 0.75)
@@ -159,8 +159,8 @@ def wrong_payload() -> Entry:
         s = np.clip(r.t, 0, 1)
         a.plot(r.t, r.q[:, 0] - 0.8 * (10 * s**3 - 15 * s**4 + 6 * s**5), color=colour, lw=1.2, label=f"{mass:g} kg")
         errors.append(float(r.q[-60:, 0].mean() - 0.8))
-        rows.append({"payload believed (kg), 0.5 is true": f"{mass:g}",
-                     "error at rest by the balance (rad)": f"{loops.lift_error(mass, truth, 20.0):+.5f}",
+        rows.append({"payload of the model (kg), 0.5 is true": f"{mass:g}",
+                     "error at rest, static balance (rad)": f"{loops.lift_error(mass, truth, 20.0):+.5f}",
                      "of the run (rad)": f"{errors[-1]:+.5f}"})  # fmt: skip
     masses = np.linspace(0, 0.75, 16)
     b.plot(masses, [loops.lift_error(m, truth, 20.0) for m in masses], color=BLUE, label="balance")
@@ -168,6 +168,6 @@ def wrong_payload() -> Entry:
     legend(a, loc="lower right", title="believed")
     legend(b)
     theory, found = loops.left_alone(truth)
-    rows.append({"payload believed (kg), 0.5 is true": "0.5, torque alone", "error at rest by the balance (rad)":
+    rows.append({"payload of the model (kg), 0.5 is true": "0.5, torque alone", "error at rest, static balance (rad)":
                  f"none: grows at {theory:.4f} 1/s", "of the run (rad)": f"grows at {found:.4f} 1/s"})  # fmt: skip
     return fig, rows

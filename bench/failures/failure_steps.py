@@ -69,7 +69,7 @@ def _explicit_row(shear: int, truth: np.ndarray) -> dict[str, object]:
         off = np.abs(steps.fastest_mode(shear, 300 * steps.LIMIT, 120, **CHOICES[name][0]) - 1).max()
         row[f"{_short(name)}, 300 × limit: amplitude − 1"] = f"{off:.0e}"
     for name in (ALPHA, GAUSS):
-        row[f"{_short(name)}, 1 ms, fast mode loud (1e-7)"] = _loud(shear, 1e-3 * fastest, CHOICES[name][0])
+        row[f"{_short(name)}, 1 ms, fast mode excited (1e-7)"] = _loud(shear, 1e-3 * fastest, CHOICES[name][0])
     for name, h in ((ALPHA, 1e-3), (GAUSS, 25e-3)):
         tip, _ = steps.spin_up(shear, step=h, **CHOICES[name][0])
         row[f"{_short(name)}, {h * 1e3:g} ms: tip off by (m)"] = f"{np.abs(tip - truth).max():.1e}"

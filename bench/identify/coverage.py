@@ -53,7 +53,7 @@ CASES = {
     "white": Case("white noise", TRUE),
     "coloured": Case("coloured noise", TRUE, coloured=True),
     "encoder": Case("encoder of 2000 counts a turn, no other noise of the angle", TRUE, pulses=2000),
-    "friction": Case("dry friction, sticks and slides", {**TRUE, **FRICTION}, step=5e-4),
+    "friction": Case("dry friction, stick and slip", {**TRUE, **FRICTION}, step=5e-4),
     "chain": Case("delay, offset, gain and filter sought", {**TRUE, **CHAIN}, share=0.3),
 }
 
@@ -146,7 +146,8 @@ def main() -> None:
     args = parser.parse_args()
     args.o.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("ignore")
-    rows, lines = [], ["| twins | | within 95 % intervals (%): each number | all | s a fit |", "|-|-|-|-|-|"]
+    head = "| simulated arms | noise | truth within the 95 % interval, for each number (%) | all (%) | s for each fit |"
+    rows, lines = [], [head, "|-|-|-|-|-|"]
     for name in args.case or CASES:
         case, began, inside = CASES[name], time.perf_counter(), []
         count = round(case.share * args.n)
@@ -162,7 +163,7 @@ def main() -> None:
         print(lines[-1], flush=True)
     if not args.case:
         told = ", ".join(f"starts={n}: {found(n)}" for n in (1, 8, None))
-        lines.append(f"\nOf 24 twins from starts wrong by a factor of 3 in each number are found with {told}.")
+        lines.append(f"\nOf 24 arms with starts wrong by a factor of 3 in each number, it finds with {told}.")
         print(lines[-1])
     with (args.o / "coverage.csv").open("w", newline="") as f:
         csv.writer(f).writerows([["case", "twin", "number", "true", "start", "value", "low", "high", "std"], *rows])

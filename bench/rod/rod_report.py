@@ -23,17 +23,18 @@ def tables(found: dict[str, list[Row]], about: Row) -> str:
     parts = [
         f"Measured on {about['cpu']} at commit {about['commit']}; flexarm {about['flexarm']}, "
         f"exudyn {about['exudyn']}.",
-        "### Equilibria\n\nError of the tip, a part of the length, against shooting; CPU time of the solution.",
+        "### Equilibria\n\nError of the tip divided by the length, compared with shooting; CPU time of the solution.",
         _statics(found["statics"]),
         _strip(found["strip"]),
-        "### Buckling\n\nThe load at which a frequency about the equilibrium comes to zero. Strips: in √(EI GJ)/L²\n"
-        "or, of moments, √(EI GJ)/L.",
+        "### Buckling\n\nThe load at which a frequency about the equilibrium becomes zero. "
+        "Strips: in √(EI GJ)/L²\nor, of moments, √(EI GJ)/L.",
         _buckling(found["buckling"]),
-        "### Frequencies of curved rods\n\nClamped at one end (Hz), against collocation of the linear equations.",
+        "### Frequencies of curved rods\n\nClamped at one end (Hz), compared with collocation of the linear equations.",
         _rings(found["rings"]),
-        "### Rotating blades\n\nThe first two flapping frequencies, in √(EI/ρA)/L², and the turning blade's length.",
+        "### Rotating blades\n\nThe first two flapping frequencies, in √(EI/ρA)/L², and the length of the "
+        "rotating blade.",
         _blades(found["blades"], about["wright"]),
-        "### Motions\n\nLargest distance of any end of a beam at any output time (m).",
+        "### Motions\n\nLargest distance between two solutions, of any end of a beam at any output time (m).",
         _motions(found["motions"]),
     ]
     return "\n\n".join(parts) + "\n"
@@ -105,8 +106,8 @@ def _blades(rows: list[Row], wright: dict[float, tuple[float, float]]) -> str:
 
 
 def _motions(rows: list[Row]) -> str:
-    head = ["motion", "until (s)", "shapes, step (s)", "moved by the last refinement", "CPU (s)"]
-    head += ["Exudyn, moved by its last", "its finest run (s)", "apart"]
+    head = ["motion", "duration (s)", "shapes, step (s)", "change by the last refinement", "CPU (s)"]
+    head += ["Exudyn, change by the last refinement", "its finest run (s)", "flexarm − Exudyn"]
     lines = []
     for r in rows:
         n, step = r["settings"][1]

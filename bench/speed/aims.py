@@ -121,10 +121,11 @@ def main() -> None:
     rows.append(["lines of C++, without tests and examples", *[lines_of_code()] * len(times), "< 12600", None, None])
     columns = [LANES.get(n, f"{n} lanes") for n in times]
     words = f"""
-One thread, CPU time. Alone: one state after another, in C++. In lanes: a stage of `rollout`'s rk4 in a batch of 64.
-Loads and derivatives: against the same arm's forward dynamics. An output: what each of 1000 more adds to a run of the
-paper's link. A rollout of one scenario: against the same without lanes. From Python: NumPy arrays in and out. Aims are
-of AVX-512. Operations: additions, multiplications, divisions and roots of one forward dynamics.
+CPU time of one thread. "Alone" is one state after another, in C++. "In lanes" is a stage of `rollout`'s rk4 in a batch
+of 64. Loads and derivatives are relative to the same arm's forward dynamics. An output is the extra time of each of
+1000 more outputs in a run of the paper's link. A rollout of one scenario is relative to the same without lanes. Calls
+from Python have NumPy arrays as input and output. The aims are for AVX-512. Operations are the additions,
+multiplications, divisions and roots of one forward dynamics.
 
 {table(["work", *columns, "aim", f"with {columns[0]}", "operations"], rows)}
 

@@ -142,11 +142,11 @@ def page(rows: list[dict[str, Any]], valgrind: str) -> str:
     if alike:
         verdict += f" Within {100 * ALIKE:g} % of the arm without (free, or paid for by every arm): {'; '.join(alike)}."
     return f"""
-One forward dynamics of two links on hinges along z, order 2 and rotary inertia where nothing else is said. Instructions
-are counted by callgrind, so they do not depend on what else the machine does; operations are the additions,
-subtractions, multiplications, divisions and roots of doubles among them. The floor is the time that these operations
-alone would take if the processor's adders and multipliers were never idle, two doubles wide; the measured time is the
-least of many rounds. (Where kernels choose their instruction set at run time, valgrind may show them another processor:
+One forward dynamics of two links on hinges along z, with order 2 and rotary inertia unless the row says otherwise.
+Callgrind counts the instructions, so they do not depend on other work of the machine. Operations are the additions,
+subtractions, multiplications, divisions and roots of doubles among them. The floor is the time of these operations
+alone if the processor's adders and multipliers were never idle, two doubles wide. The measured time is the shortest of
+many rounds. (Where kernels choose their instruction set at run time, valgrind may show them another processor:
 it knows no AVX-512.) {verdict}
 
 {table(head, lines)}

@@ -37,9 +37,9 @@ def page(rows: list[dict[str, str]], remarks: list[str]) -> str:
         q = quantiles(rows, AIMED, clock)
         aims.append(f"- 7 flexible links, by {name}: p99.9 over the median {ratio(q[0.999] / q[0.5], 2, below=True)}")
     return f"""
-One implicit step of 1 ms, one after the other without sleep; torques drive the joints, which have springs and dampers.
-By the clock, others on the machine disturb it; the thread's own time leaves out where it was interrupted (and has a
-part of a microsecond of its own, for asking). No real-time scheduling, no locked memory.
+Implicit steps of 1 ms, one after the other without sleep. Torques drive the joints, which have springs and dampers.
+Other work on the machine disturbs the clock's time. The thread's own time excludes interruptions (reading it takes a
+part of a microsecond). There is no real-time scheduling and no locked memory.
 
 {table(head, lines)}
 

@@ -94,16 +94,16 @@ def table(rows: list[Row], truths: list[Row], runs: list[Row], about: Row) -> st
     """Markdown: times by error, fronts, converged models."""
     versions = ", ".join(f"{k} {v}" for k, v in about["versions"].items())
     text = [f"Measured on {about['cpu']} at commit {about['commit']}; {versions}.", ""]
-    head = ["case", "error (m)", *(f"{p} (ms)" for p in COLOURS), "best peer", "its time over flexarm's"]
+    head = ["case", "error (m)", *(f"{p} (ms)" for p in COLOURS), "best peer", "its time divided by flexarm's"]
     text += [_line(head), _line(["-"] * len(head))]
     for r in rows:
         ratio = "" if r["ratio"] is None else f"{r['ratio']:.2g}"
         times = [_ms(r["times"][p]) for p in COLOURS]
         text.append(_line([r["case"], f"{r['target']:.0e}", *times, r["best_peer"] or "none", ratio]))
-    text += ["", "Exudyn's time over flexarm's, and what was aimed at:", ""]
+    text += ["", "Exudyn's time divided by flexarm's, and the aims:", ""]
     for name, ratio, aim in aims(runs):
         text.append(f"- {name}: {'not reached' if ratio is None else f'**{ratio:.3g}**'} (aim ≥ {aim:g})")
-    text += ["", "The settings on flexarm's and on Exudyn's front:", ""]
+    text += ["", "The settings on the fronts of flexarm and Exudyn:", ""]
     text += [_line(["case", "method", "setting", "error (m)", "CPU (ms)"]), _line(["-"] * 5)]
     for case in sorted({r["case"] for r in runs}):
         for p in ("flexarm", "Exudyn"):

@@ -93,26 +93,29 @@ def page(rows: Rows, remarks: list[str], about: str) -> str:
                 lines.append(f"| {links} links: {label} (µs) | " + " | ".join(r[column] or "–" for r in chosen) + " |")
     return f"""# Cost against the number of links
 
-A chain of equal links that falls, hinges along z and y in turn; one core, medians of five rounds, all algorithms in
-turn. IDA's time per step is that of a whole short run (4 ms, rtol 1e-6) over its steps, with Jacobians or
-factorisations, Newton iterations and failed steps.
+How does the time of flexarm's algorithms grow with the number of links? The test is a chain of equal links that falls,
+with hinges along z and y alternately; one core, medians of five rounds. IDA's time for a step is the time of a short
+run (4 ms, rtol 1e-6), divided by its number of steps. It includes Jacobians or factorisations, Newton iterations and
+failed steps.
 
 ![Cost against the number of links](figures/scaling.png)
 
 {chr(10).join(lines)}
 
-AB's and the implicit step's operations are linear in N (and so are those of an iteration of IDA); exponents above 1 are
-mostly the processor's caches, which short arms fit into and long ones do not; IDA's also more iterations per step. The
-beams here are copies of one and share its tables; beams that differ have each its own, and leave the caches sooner.
-The same number of links as many short arms, one after the other, needs as much memory, and no longer a chain (AB):
+The operations of AB and of the implicit step are linear in N, and so are those of an iteration of IDA. Exponents above
+1 come mostly from the processor's caches, which are large enough for short arms only; those of IDA also from more
+iterations in a step. The beams here are copies of one beam and share its tables. Different beams have their own tables,
+and exceed the caches earlier. As a check, the same number of links in many short arms needs as much memory, but has no
+long chain (AB):
 
 {chr(10).join(apart)}
 
-CI's three matrices of nv² numbers are taken where CI is asked for; what it takes to begin is linear in N, too:
+CI's three matrices of nv² numbers are allocated only when CI is used. The cost of the set-up is linear in N, too:
 
 {chr(10).join(set_up)}
 
-CI was not asked again once an evaluation took longer than half a second, nor the dense solver after such a run.
+CI was not measured for longer chains after an evaluation took more than half a second, nor the dense solver after such
+a run.
 
 Measured by `python bench/speed/scaling.py --docs` ({about}).
 """

@@ -84,7 +84,7 @@ def mujoco_rows(rounds: int) -> tuple[list[Row], dict[str, str], str]:
         f"The reference is flexarm's (order exact, 6 Legendre modes, Gauss's method), converged to "
         f"{truth['converged']:.1e} m. MuJoCo's\nchain of 10 segments with short steps (RK4) is "
         f"{distance(coarse, truth['path']):.1e} m from it, of 20 segments {distance(fine, truth['path']):.1e} m;\n"
-        f"extrapolated in their number {distance(limit, truth['path']):.1e} m: what both converge to."
+        f"extrapolated in their number {distance(limit, truth['path']):.1e} m: this is the common limit."
     )
     return runs, versions(asked), words
 
@@ -118,9 +118,9 @@ def mujoco_page(runs: list[Row], found: dict[str, str], words: str) -> str:
     front_head = ["tip error (m)", "flexarm", "alone", "batch", "batch, 2 threads", "MuJoCo", "rollout", "ratio"]
     return f"""
 Two flexible links driven by joint torques (case c of [work-precision](work-precision.md)), one second;
-MuJoCo's links are ten rigid segments each on hinges with springs. Speeds are simulated seconds per second of one core
-(of CPU time), but with 2 threads per second of the clock. A failed run (–) is past its stable step. Tip errors are the
-largest of 201 times (between steps of flexarm longer than 5 ms, its states are interpolated).
+each of MuJoCo's links is ten rigid segments on hinges with springs. Speeds are simulated seconds in a second of one
+core (CPU time), or with 2 threads in a second of the clock. A run that failed (–) has a step above its stability limit.
+Tip errors are the largest of 201 times (if flexarm's steps are longer than 5 ms, its states are interpolated).
 
 {table(head, rows)}
 
@@ -205,9 +205,9 @@ def lanes_page(batches: list[Row], threads: list[Row], found: dict[str, str]) ->
     head = ["scene", "integrator", "one by one (µs)", *(f"{c}" for c in counts)]
     head += ["lanes gain (aim ≥ 5 on AVX-512, 3.5 on AVX2)", "lanes pay from", "two threads (aim ≥ 1.9)"]
     return f"""
-Time of one step of one scenario, in µs of CPU, in batches of 1 to {max(counts)} on one thread. One by one: without
-lanes. Two threads: the clock's time of one over that of two, for a batch of 64; both cores must be idle for this to say
-anything. Lanes: {lanes}.
+CPU time of one step of one scenario, in µs, in batches of 1 to {max(counts)} on one thread. "One by one" is
+without lanes. "Two threads" is the clock's time with one thread divided by that with two, for a batch of 64; it is
+meaningful only if both cores are idle. Lanes: {lanes}.
 
 {table(head, rows)}
 
@@ -275,11 +275,11 @@ def soromox_page(rods: list[Row], found: dict[str, str]) -> str:
     head += ["ratio alone", "ratio in a batch", "accelerations differ by"]
     missing = "" if any("order" not in r for r in rods) else "\n**SoRoMoX could not be installed or run here.**\n"
     return f"""
-One forward dynamics on one core, in µs of CPU. SoRoMoX: in a loop compiled by JAX, and of a batch of 64 or 512 by
-`vmap`, whichever is faster. flexarm: stages of `rollout`'s rk4, without lanes (alone) and with them, in a
-batch of 64; and rows of `forward_dynamics` called from Python.
-SoRoMoX's rods have strains without truncation (order exact here), of the same Legendre polynomials, and as few Gauss
-points as leave its accelerations within one per cent.
+CPU time of one forward dynamics on one core, in µs. SoRoMoX runs in a loop compiled by JAX, and by `vmap` with a batch
+of 64 or 512, whichever is faster. flexarm's times are stages of `rollout`'s rk4, without lanes (alone) and with them,
+in a batch of 64, and rows of `forward_dynamics` called from Python.
+SoRoMoX's rods have strains without truncation (order exact here), with the same Legendre polynomials, and the smallest
+number of Gauss points with which its accelerations change by less than one per cent.
 {missing}
 {table(head, sorted(rows, key=lambda r: r[0], reverse=True))}
 

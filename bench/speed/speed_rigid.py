@@ -97,7 +97,7 @@ def page(times: Times, remarks: list[str]) -> str:
         head += [f"flexarm {name} (ns)", "pinocchio (ns)", "ratio"]
     aims, hardest = [], {"-O3", "-march=native"} <= set(runs)
     last = ["flexarm -O3, pinocchio -march=native"] if hardest else []
-    of_last = " The last column is the hardest: flexarm as it is shipped, pinocchio compiled for this processor."
+    of_last = " The last column is the hardest test: flexarm as shipped, pinocchio compiled for this processor."
     flags = "" if hardest else " --flags " + RUNS[runs[0]][0]
     for scene, function, aim in AIMS:
         found = [against(times, name, scene, function) for name in runs]
@@ -108,12 +108,13 @@ def page(times: Times, remarks: list[str]) -> str:
     version = next((x.split()[1].rstrip(",") for x in remarks if x.startswith("pinocchio")), "")
     compiler = next((x.split(", ", 1)[1] for x in remarks if x.startswith("pinocchio")), "")
     return f"""
-One evaluation, medians of CPU time, one thread; ratios are medians over rounds of the two programs' times in the same
-round. Both are compiled with the same flags; flexarm's kernels choose their instruction set at run time, whatever the
-flags (AVX2: they are told to), so that -O3 alone is not the same for both. Pinocchio's algorithms have two conventions,
-of which the faster is shown; its crba fills half of the matrix, and so does computeABADerivatives with that by forces;
-flexarm's mass matrix is whole. Derivatives are of forward dynamics by q, v and forces, flexarm's with the acceleration.
-Flexible arms (order 2) are held against pinocchio's *rigid* chain of 7.
+One evaluation, median of the CPU time, one thread. A ratio is the median over the rounds of the ratio of both programs'
+times in the same round. Both programs are compiled with the same flags. flexarm's kernels choose their instruction set
+at run time, whatever the flags (in the columns AVX2 they are set to it), so -O3 alone does not mean the same for both.
+Pinocchio's algorithms have two conventions; the faster one is shown. Its crba fills half of the matrix, and
+computeABADerivatives half of the derivative by forces; flexarm's mass matrix is complete. Derivatives are of forward
+dynamics by q, v and forces; flexarm's include the acceleration. Flexible arms (order 2) are compared with pinocchio's
+*rigid* chain of 7.
 
 {table(head, rows)}
 

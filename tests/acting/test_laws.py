@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Callable
 from pathlib import Path
 
 import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.acting.control import Run
+from pages import Ran
 
 EXACT = {"rtol": 1e-10, "atol": 1e-13}
 FINE = {"integrator": "implicit", "step": 5e-4}
@@ -448,24 +449,20 @@ def test_every_law_in_a_scene_file_and_in_a_batch(k: int, tmp_path: Path) -> Non
     np.testing.assert_allclose(batch.q[1], heavy.q, atol=1e-8)
 
 
-def test_the_page_on_control_runs() -> None:
-    """docs/control.md, what it says of itself: following a motion, damping a mode, a regulator about a place."""
-    text = (Path(__file__).parents[2] / "docs" / "control.md").read_text(encoding="utf-8")
-    blocks = [b for b in re.findall(r"```python\n(.*?)```", text, re.S) if re.search("FeedForward|fa.ppf|fa.lqg", b)]
-    assert len(blocks) == 3
-    names: dict = {}
-    exec(blocks[0], names)
-    arm, t, motion = names["arm"], names["t"], names["motion"]
-    followed = np.array([motion(x)[0] for x in t])
+def test_numbers_of_the_page_on_control(page_of_docs: Callable[[str], Ran]) -> None:
+    """Following a motion, damping a mode, a regulator about a place."""
+    pytest.importorskip("control")
+    states = page_of_docs("docs/control.md").states
+    followed, damped, regulated = (next(s for s in states if name in s) for name in ("same", "ring", "regulator"))
+    arm, t, motion = (followed[name] for name in ("arm", "t", "motion"))
+    wanted = np.array([motion(x)[0] for x in t])
     joints = [0, 4]
-    bare = fa.simulate(arm, t, names["q0"], control=names["hold"], integrator="implicit", step=1e-3)
-    off = [np.abs(run.q[:, joints] - followed[:, None]).max() for run in (bare, names["run"], names["same"])]
+    bare = fa.simulate(arm, t, followed["q0"], control=followed["hold"], integrator="implicit", step=1e-3)
+    off = [np.abs(run.q[:, joints] - wanted[:, None]).max() for run in (bare, followed["run"], followed["same"])]
     assert off[0] > 0.1 and max(off[1:]) < 0.01
-    exec(blocks[1], names)
-    assert np.abs(names["ring"].q[-100:, 0]).max() < 0.05 * 1e-3
-    exec(blocks[2], names)
-    place = arm.equilibrium(names["place"], lock=[0, 1])
-    assert np.abs(names["run"].q[-1] - place).max() < 1e-3
+    assert np.abs(damped["ring"].q[-100:, 0]).max() < 0.05 * 1e-3
+    place = arm.equilibrium(regulated["place"], lock=[0, 1])
+    assert np.abs(regulated["run"].q[-1] - place).max() < 1e-3
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import pickle
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import flexarm as fa
 import numpy as np
 import pytest
+from pages import Ran
 from scipy.optimize import lsq_linear
 
 STEEL = fa.Material(7850, 209e9, 0.3)
@@ -227,11 +229,8 @@ def test_bad_input_is_named(given: dict[str, Any], told: str) -> None:
         swing(fa.MPC(**given), two_links(1), 0.002)
 
 
-def test_code_of_the_page_runs() -> None:
-    names: dict[str, Any] = {}
-    page = (Path(__file__).parents[2] / "docs" / "mpc.md").read_text(encoding="utf-8")
-    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
-        exec(block, names)
+def test_numbers_of_the_page(page_of_docs: Callable[[str], Ran]) -> None:
+    names = page_of_docs("docs/mpc.md").names
     assert names["swing"].failures == names["mpc"].failures == 0
     assert np.abs(names["run"].q[-1, [0, 3]] - [0.8, 0.5]).max() < 0.01
     assert np.abs(names["seen"].q[-1, [0, 3]] - [0.8, 0.5]).max() < 0.01

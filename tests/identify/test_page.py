@@ -3,34 +3,30 @@
 from __future__ import annotations
 
 import json
-import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import flexarm as fa
 import pytest
 from flexarm.cli import main
+from pages import Ran
 
-PAGE = Path(__file__).parents[2] / "docs" / "identify.md"
 TRUE = {
     "link.0.tip.mass": 0.05, "link.0.beam.material.youngs_modulus": 209e9, "link.0.joint.damping": 0.04,
     "link.0.joint.coulomb": 0.05, "drive.0.scale": 1.08, "sensor.1.delay": 0.003, "sensor.1.filter.frequency": 20.0,
 }  # fmt: skip
 
 
-@pytest.mark.filterwarnings("ignore::flexarm.ModelWarning")
-def test_code_of_the_page_and_the_command_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_numbers_of_the_page_and_the_command_line(
+    page_of_docs: Callable[[str], Ran], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    names: dict[str, Any] = {}
-    for block in re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL):
-        exec(block, names)
-    fit = names["fit"]
+    ran = page_of_docs("docs/identify.md")
+    monkeypatch.chdir(folder := ran.folder)
+    names, fit = ran.names, ran.names["fit"]
     for name, x in TRUE.items():
         assert abs(fit.values[name] - x) < 3.5 * fit.std[name] < 0.3 * x
     assert fit.validate(names["kept_aside"]).nrmse["strain"] < 0.05
-    assert (tmp_path / "fit.png").stat().st_size > 10_000
+    assert (folder / "fit.png").stat().st_size > 10_000
     link = fa.load("fitted.toml").arm.links[0]
     assert link.tip is not None and link.tip.mass == fit.values["link.0.tip.mass"]
 
@@ -47,8 +43,8 @@ def test_code_of_the_page_and_the_command_line(
         path = name.partition("=")[0]
         assert abs(told["values"][path] - fit.values[path]) < 0.5 * fit.std[path]
     files = {"fit.txt", "fit.png", "fit.json", "fitted.toml", "validation-0.png"}
-    assert {p.name for p in (tmp_path / "out").iterdir()} == files == set(told["files"])
-    assert json.loads((tmp_path / "out" / "fit.json").read_text())["values"] == told["values"]
+    assert {p.name for p in (folder / "out").iterdir()} == files == set(told["files"])
+    assert json.loads((folder / "out" / "fit.json").read_text())["values"] == told["values"]
 
 
 @pytest.mark.parametrize(

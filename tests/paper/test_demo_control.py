@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from flexarm.paper import control as dc
 from flexarm.paper import demo
+from pages import Ran
 
 
 @pytest.fixture(scope="module")
@@ -78,13 +79,10 @@ def test_marks_of_a_known_response() -> None:
     assert m.quiet == pytest.approx(1.0, abs=2e-3)  # 0.5 m off the axis: 40 exp(-t), cut off at 1 s
 
 
-def test_the_example_of_ringing_md_runs() -> None:
+def test_numbers_of_the_example_of_ringing_md(page_of_docs: Callable[[str], Ran]) -> None:
     """Its controllers, designed on the linear model, still the nonlinear arm that PD leaves ringing."""
     pytest.importorskip("control")
-    text = (Path(__file__).parents[2] / "docs" / "ringing.md").read_text(encoding="utf-8")
-    code = next(block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "control.lqr" in block)
-    names: dict[str, Any] = {}
-    exec(code, names)
+    names = page_of_docs("docs/ringing.md").names
     arm, t, knock = names["arm"], names["t"], names["knock"]
     pd = fa.simulate(arm, t, control=fa.PD(13.8, 0.063), loads=[knock], integrator="gauss", step=0.01)
     left = {k: np.abs(r.tip_deflection()[t > 1, 1]).max() for k, r in (names | {"pd": pd}).items() if k in RUNS}

@@ -156,7 +156,7 @@ class Hybrid:
 
     @cached_property
     def period(self) -> float | None:
-        """In which all samples come round (s); None without sampled laws.
+        """The time after which all samples repeat (s); None without sampled laws.
 
         Raises:
             ValueError: rates without a common period.

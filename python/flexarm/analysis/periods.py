@@ -1,4 +1,4 @@
-"""The time in which the samples of several rates come round."""
+"""The time after which the samples of several rates repeat."""
 
 from __future__ import annotations
 

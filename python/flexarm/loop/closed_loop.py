@@ -44,7 +44,7 @@ class ClosedLoop:
         poles: s (1/s), (n,), the fastest growing first. With samples: log(z) / period, |Im s| up to pi / period; -inf
             for z = 0, where all is over after some samples.
         z: of each pole with samples, over one `period`; else None.
-        period: the time in which the samples of all controllers come round (s); None without samples.
+        period: the shortest time after which the samples of all controllers repeat (s); None without samples.
         growth: the largest real part of the poles (1/s). stable: whether no pole grows, but for rounding.
         frequencies, damping: |s| (rad/s) and -Re(s)/|s| of each pole, (n,).
         A, B, C, D: x' = A x + B u, y = C x + D u, from `inputs` to `outputs` (labels); with samples x+ = A x + B u over
@@ -331,7 +331,7 @@ def closed_loop(
     """The linear loop of an arm and its controllers about a state: poles, zeros, modes, margins, root loci.
 
     Continuous laws are solved with the arm; sampled ones are exact, with hold, delay, and the filters, rates and delays
-    of their sensors, by matrix exponentials over the period in which all their samples come round (Åström and
+    of their sensors, by matrix exponentials over the period after which all samples repeat (Åström and
     Wittenmark, Computer-Controlled Systems, 1997). Back-EMF of motors is part of the arm. A callable of `Sampled` is
     taken for its differences about the state; one that remembers, for the linear law of up to three samples back that
     its answers show. Limits, noise, steps of a sensor and dry friction of joints are left out: the joint slides.

@@ -17,7 +17,7 @@ def table(loop: Any) -> str:
     """What `print` shows of a ClosedLoop."""
     n = len(loop.poles)
     kinds = ", ".join(f"control[{k}] {type(c).__name__}" for k, c in enumerate(loop.control)) or "no control"
-    often = "" if loop.period is None else f"; samples come round every {loop.period:.6g} s"
+    often = "" if loop.period is None else f"; sampling period {loop.period:.6g} s"
     rests = loop.growth < -1e-6
     state = "UNSTABLE" if not loop.stable else "stable" if rests else "stable, but some of it does not die away"
     out = [f"{kinds}: {state}, {n} poles, fastest growth {_number(loop.growth)} 1/s{often}", ""]

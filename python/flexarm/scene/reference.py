@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
+from textwrap import dedent
 from typing import Any, get_args, get_origin
 
 from ..parts.arguments import Argument, arguments, members, summary
@@ -118,17 +119,22 @@ def _rows(rows: Iterable[Argument], groups: _Groups) -> Iterator[str]:
         yield "| " + " | ".join(cell.replace("|", "\\|") for cell in (names, takes, default, text)) + " |"
 
 
+def _prose(make: Any) -> str:
+    """Its summary; what is indented there, such as a formula, stands between fences."""
+    return re.sub(r"\n\n((?:    .*\n)+)", lambda m: f"\n\n```text\n{dedent(m[1])}```\n", summary(make))
+
+
 def _section(group: _Group, groups: _Groups) -> Iterator[str]:
     """What one group's tables hold."""
     known = kinds(*group)
     shared = arguments(group[0]) if known and len(group) == 1 else {}
     if known and len(group) == 1:
-        yield from ("", summary(group[0]))
+        yield from ("", _prose(group[0]))
         if shared:
             yield from _rows(shared.values(), groups)
     for kind, cls in known.items() or ((None, c) for c in group):
         own = [a for name, a in arguments(cls).items() if name not in shared]
-        yield from ("", f'**`type = "{kind}"`** {summary(cls)}' if kind else summary(cls))
+        yield from ("", f'**`type = "{kind}"`** {_prose(cls)}' if kind else _prose(cls))
         if own:
             yield from _rows(own, groups)
 
