@@ -3,8 +3,8 @@
 Shows: `arm.modes`, joints held or free; a payload that is changed with `dataclasses.replace`; the choice of a basis.
 You see: the first two frequencies of a link over the mass at its end, and the errors of two shape functions, from the
 characteristic equation of a clamped beam with a mass. "clamped-free", the modes of the bare beam, get worse with the
-payload; "legendre" gets better for mode 1 and wants more functions for mode 2; "loaded", the modes of the beam with this
-payload, are exact. And the shapes of the modes.
+payload; "legendre" gets better for mode 1 and wants more functions for mode 2; "loaded", the modes of the beam with
+this payload, are exact. And the shapes of the modes.
 Takes: 2 s. Needs: nothing besides flexarm.
 
     python 02_modes_of_an_arm.py [--output DIR]

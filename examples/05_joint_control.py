@@ -22,7 +22,7 @@ parser.add_argument("--output", type=Path, default=Path(), metavar="DIR", help="
 folder = parser.parse_args().output
 folder.mkdir(parents=True, exist_ok=True)
 
-scene = fa.load("ist_control")  # the paper's link with its drive; its dry friction left out, so that small motions count
+scene = fa.load("ist_control")  # the paper's link with its drive, here without its dry friction
 link = scene.arm.links[0]
 arm = fa.Arm([replace(link, joint=fa.Revolute("z", reflected_inertia=0.03, damping=0.38643))])
 motor = scene.control[0].motor

@@ -2,8 +2,8 @@
 
 Shows: where to bond a patch (`fa.placement`), positive position feedback from one patch to another (`fa.ppf`), damping
 that is measured in a decay (`fa.fit_decay`).
-You see: the tip of the bent strip let go, with the loop open and closed; the damping ratio of its first mode in the run,
-beside that of the closed loop's pole.
+You see: the tip of the bent strip let go, with the loop open and closed; the damping ratio of its first mode in the
+run, beside that of the closed loop's pole.
 Takes: 3 s. Needs: nothing besides flexarm.
 
     python 08_piezo_damping.py [--output DIR]

@@ -1,8 +1,8 @@
 """One command, a thousand payloads: how well does an input shaper forgive?
 
 Shows: `fa.simulate_batch` over a parameter (threads, vector lanes, one call), `fa.input_shaper`, arrays as results.
-You see: how much a link still rings after a turn, over the payload at its tip, unshaped and with ZV and ZVD shapers that
-were made for 50 g; beside them the theory of one linear mode. 3000 runs take about a second.
+You see: how much a link still rings after a turn, over the payload at its tip, unshaped and with ZV and ZVD shapers
+that were made for 50 g; beside them the theory of one linear mode. 3000 runs take about a second.
 Takes: 4 s. Needs: nothing besides flexarm.
 
     python 10_batch_of_payloads.py [--output DIR]
