@@ -4,7 +4,7 @@ Shows: a file of columns with units in (`fa.load_data`), `fa.identify` with inte
 You see: a table of the fitted numbers, each with the interval that should hold the true one, beside the true ones: the
 records come from a finer model (order "exact", 4 shape functions, another integrator) with noise and encoder steps, and
 are read back from CSV files, in degrees, as a rig would write them.
-Takes: 3 s. Needs: nothing besides flexarm.
+Takes: 5 s. Needs: nothing besides flexarm.
 
     python 09_fit_a_payload.py [--output DIR]
 """
@@ -22,7 +22,7 @@ folder = parser.parse_args().output
 folder.mkdir(parents=True, exist_ok=True)
 
 steel = fa.Material(density=7850, youngs_modulus=209e9, poisson_ratio=0.3)
-beam = fa.Beam(0.5, fa.Rectangle(y=0.002, z=0.02), steel, {"bending_y": 2}, "legendre", damping_ratio=0.01)
+beam = fa.Beam(0.5, fa.Rectangle(y=0.002, z=0.02), steel, {"bending_y": 3}, "legendre", damping_ratio=0.01)
 joint = fa.Revolute("z", reflected_inertia=0.01, damping=0.1, coulomb=0.02)
 arm = fa.Arm([fa.Link(joint, beam=beam, tip=fa.RigidBody(mass=0.1))])  # the guess
 encoder, gauge = fa.Encoder(0, pulses=5000, quadrature=True), fa.StrainGauge(0, x=0.02)
