@@ -6,8 +6,6 @@ import argparse
 import ast
 from pathlib import Path
 
-import flexarm._core as _core
-
 from .._console import json_text, output_folder
 from ..store.files import write_whole
 from . import options
@@ -25,11 +23,11 @@ def scripts() -> dict[str, Path]:
     Raises:
         ValueError: this installation has none.
     """
-    folder = Path(_core.__file__).resolve().parent / "examples"  # in an editable installation, not beside this file
-    found = {path.stem: path for path in sorted(folder.glob("[0-9]*.py"))}
-    if not found:
-        raise ValueError(f"examples: {str(folder)!r} holds none; this is not an installation by pip")
-    return found
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "examples", package.parents[1] / "examples"):  # of a wheel; of an editable installation
+        if found := {path.stem: path for path in sorted(folder.glob("[0-9][0-9]_*.py"))}:
+            return found
+    raise ValueError(f"examples: there are none beside {str(package)!r}; this is not an installation by pip")
 
 
 def summary(script: Path) -> str:
