@@ -3,8 +3,8 @@
 Shows: `Beam(order=)`, a prescribed motion of a joint, a beam that also stretches, a run that fails.
 You see: the beam of Simo and Vu-Quoc (1986), 10 m long, spun up to 6 rad/s in 15 s. Its tip lags by 0.57 m; then the
 centrifugal force pulls it straight, and stretches it by 0.51 mm. Order 2 is enough for that, "exact" agrees with it.
-Order 0 leaves out what stiffens the beam, and lags more; order 1 has half of it, so that the beam softens with speed
-and its tip runs away.
+Order 0 keeps neither what stiffens a turning beam nor what softens it, and lags more; order 1 keeps only what softens
+it, and its tip runs away.
 Takes: 2 s. Needs: nothing besides flexarm.
 
     python 03_spin_up.py [--output DIR]

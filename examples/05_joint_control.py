@@ -32,7 +32,7 @@ measured = [("joint", 0), ("rate", 0), ("strain", 0, 0.0, "K3")]  # an encoder, 
 def law(delay: float) -> fa.Sampled:
     """Eq. 97: u = kp (r - q) - kv q' - ks K3, at 500 Hz; the output comes `delay` after its sample."""
     return fa.Sampled(lambda t, y: 0.22 * (0.1 - y[0]) - 0.001 * y[1] + 0.015 * y[2], 500, measured,
-                      delay=delay, motor=motor)  # fmt: skip
+                      delay=delay, motor=motor)
 
 
 loop = fa.closed_loop(arm, law(0.0))

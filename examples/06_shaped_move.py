@@ -57,7 +57,7 @@ for name, run in cases.items():
 top.axhline(limits[0], color="0.6", linestyle="--")
 top.axhline(-limits[0], color="0.6", linestyle="--")
 top.set(ylabel="torque of joint 0 (N m)")
-top.legend(loc="upper right", framealpha=1)
+top.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
 bottom.axvline(move.duration, color="0.6")
 bottom.set(xlabel="time (s)", ylabel="tip to its goal (mm)")
 figure.savefig(folder / "shaped_move.png", dpi=120)

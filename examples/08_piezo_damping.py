@@ -60,7 +60,7 @@ for name, control in (("open", []), ("closed", [law])):
         gauge = run.patch_voltage(0, 1)
         bottom.plot(t, gauge, color="C1")
 top.set(ylabel="tip (mm)")
-top.legend(loc="upper right", framealpha=1)
+top.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
 bottom.set(ylabel="sensing patch (V)", xlabel="time (s)")
 figure.savefig(folder / "piezo_damping.png", dpi=120)
 print(f"The figure is {folder / 'piezo_damping.png'}.")

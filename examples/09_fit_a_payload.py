@@ -42,7 +42,7 @@ def record(file: str, frequency: float, seed: int) -> Path:
     rows = np.column_stack([t, torque, np.degrees(encoder.read(run).y[:, 0]), 1e6 * strain])
     path = folder / file
     np.savetxt(path, rows, "%.9g", ",", header="time [s],torque [N m],angle [deg],strain [µm/m]", comments="",
-               encoding="utf-8")  # fmt: skip
+               encoding="utf-8")
     return path
 
 

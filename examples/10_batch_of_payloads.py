@@ -46,13 +46,13 @@ for name, shaper in shapers.items():
 
 few = [0, 374, 500, 750, 999]
 w = np.array([fa.Arm([replace(arm.links[0], tip=fa.RigidBody(mass=m))]).modes(lock=[0]).frequencies[0]
-              for m in payloads[few]])  # fmt: skip
+              for m in payloads[few]])
 theory = {name: shaper.residual(w) for name, shaper in shapers.items() if shaper is not None}
 print(f"{3 * len(payloads)} runs of 2 s in {seconds:.2f} s.\n")
 print(f"{'payload':>8} {'f / f at 50 g':>14} {'unshaped':>12} {'ZV':>9} {'theory':>9} {'ZVD':>9} {'theory':>9}")
 for j, k in enumerate(few):
     left = [f"{100 * ringing[name][k] / ringing['unshaped'][k]:7.2f} % {100 * theory[name][j]:7.2f} %"
-            for name in ("zv", "zvd")]  # fmt: skip
+            for name in ("zv", "zvd")]
     print(f"{1e3 * payloads[k]:6.1f} g {w[j] / w0:14.3f} {ringing['unshaped'][k]:9.2f} mm {' '.join(left)}")
 
 figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
