@@ -102,6 +102,8 @@ def test_other_shells_know_the_commands(shell: str, capsys: pytest.CaptureFixtur
     assert all(name in script for name in COMMANDS)
     if shell != "tcsh":
         assert "ist_control" in script
+    if shell == "zsh":  # where brackets around a single pattern are a qualifier of files
+        assert '_files -g "*.toml"' in script and '_files -g "(*.toml|*.npz' in script
     found = shutil.which(shell)
     if found and shell != "tcsh":
         assert subprocess.run([found, "-n", "/dev/stdin"], input=script, text=True, timeout=60).returncode == 0

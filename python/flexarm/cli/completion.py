@@ -35,7 +35,8 @@ def _words(name: str, words: Iterable[str], *patterns: str) -> dict[str, Any]:
         files: Any = shtab.glob(*patterns)
         before = files["preamble"]
         bash += "".join(f"compgen -f -X '!{x}' -- \"$1\"; " for x in patterns) + 'compgen -d -- "$1"; '
-        zsh += f" 'files:file:_files -g \"({'|'.join(patterns)})\"'"
+        wanted = patterns[0] if len(patterns) == 1 else f"({'|'.join(patterns)})"  # (*.toml) alone means something else
+        zsh += f" 'files:file:_files -g \"{wanted}\"'"
         fish, tcsh = f"{listed} {files['fish']}", files["tcsh"]
     preamble = {
         "bash": f"{function}() {{ {bash}}}\n",
