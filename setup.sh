@@ -109,7 +109,7 @@ install_missing() {
 install_flexarm() {
   local now stamp=$venv/flexarm.stamp tests=''
   [[ $command != test ]] || tests=' with tests'
-  now=$(find CMakeLists.txt cmake pyproject.toml LICENSE README.md licenses cpp python -type f \
+  now=$(find CMakeLists.txt cmake pyproject.toml LICENSE README.md licenses cpp examples python -type f \
     ! -path '*/__pycache__/*' -print0 | LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum)
   if "$venv/bin/python" -c 'import flexarm._core' 2>/dev/null; then
     if grep -qsF "$now$scenes$extra$tests" "$stamp"; then return; fi

@@ -251,12 +251,6 @@ def test_help(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert done.value.code == 0 and "usage: flexarm" in capsys.readouterr().out
 
 
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["--version"])
-    assert capsys.readouterr().out == f"flexarm {fa.__version__}\n"
-
-
 def test_json_has_no_word_for_what_is_not_finite(monkeypatch: pytest.MonkeyPatch) -> None:
     """NaN and Infinity, which Python would write, are not JSON."""
     value = {"a": [math.nan, 1.5], "b": {"c": (-math.inf,)}}

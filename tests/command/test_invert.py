@@ -344,3 +344,8 @@ def test_what_rings_for_ever_is_told() -> None:
     arm = fa.Arm([fa.Link(fa.Prismatic("x"), body[0]), fa.Link(fa.Prismatic("x", stiffness=40.0), body[1])])
     with pytest.raises(ValueError, match=r"no inverse that comes to rest.* 6\.325 rad/s"):
         fa.invert(arm, {"x": move(0.0, 0.5)}, passive=[1], link=0)
+
+
+def test_times_of_samples_are_their_own() -> None:
+    with pytest.raises(ValueError, match=r"t: is for motions that are callables"):
+        fa.invert(paper_link(), {"azimuth": move(0.0, 1.0)}, t=(0, 1))

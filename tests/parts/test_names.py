@@ -124,3 +124,10 @@ def test_the_pieces_of_a_link() -> None:
     pieces = fa.split(NAMED["upper arm"], places=[0.1, 0.3])
     assert [p.name for p in pieces] == ["upper arm", "upper arm 2", "upper arm 3"]
     assert fa.Arm(pieces)["shoulder"] is pieces[0]
+
+
+def test_a_joint_lends_its_name_to_its_link() -> None:
+    arm = fa.Arm(links(None, None, "shoulder"))
+    assert arm.names == ("shoulder", "link 1") and arm.coordinates[0] == "shoulder revolute"
+    twice = fa.Arm(links(None, "shoulder", "shoulder"))  # a name of two is none
+    assert twice.names == ("link 0", "shoulder")

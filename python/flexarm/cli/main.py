@@ -1,5 +1,5 @@
 """The command line: `flexarm demo`, `run`, `view`, `modes`, `chart`, `economize`, `place`, `batch`, `identify`,
-`validate`, each with --help.
+`validate`, `examples`, `completion`, each with --help.
 
 Tables go to stdout, progress and errors to stderr. Exit codes: 0 done; 1 a simulation that could not go on;
 2 bad input, one line says which; 130 interrupted. A new command is one file here, and its name in COMMANDS: SUMMARY and
@@ -13,11 +13,12 @@ import errno
 import sys
 import warnings
 from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, metadata
 from typing import NoReturn
 
 from .._console import complain, drop, open_streams
 from .._core import __version__
-from . import batch, chart, cmake, demo, economize, identify, modes, place, run, validate, view
+from . import batch, chart, cmake, completion, demo, economize, examples, identify, modes, place, run, validate, view
 
 COMMANDS = {
     "demo": demo,
@@ -30,6 +31,8 @@ COMMANDS = {
     "batch": batch,
     "identify": identify,
     "validate": validate,
+    "examples": examples,
+    "completion": completion,
 }
 
 
@@ -40,13 +43,24 @@ class _Parser(argparse.ArgumentParser):
         raise ValueError(f"{message}; see '{self.prog} --help'")
 
 
+def _address(label: str) -> str:
+    """Of a page about flexarm, as the installed package has it; "" where it is not installed."""
+    try:
+        urls = metadata("flexarm").get_all("Project-URL") or []
+    except PackageNotFoundError:
+        return ""
+    return dict(str(url).split(", ", 1) for url in urls).get(label, "")
+
+
 def _parser() -> _Parser:
+    docs = _address("Documentation")
+    start = "Start with 'flexarm demo'. SCENE is a TOML file, or the name of a shipped scene such as ist."
     top = _Parser(
         prog="flexarm",
         description="Simulates flexible robot arms.",
-        epilog="Start with 'flexarm demo'. SCENE is a TOML file, or the name of a shipped scene such as ist.",
+        epilog=f"{start} Documentation: {docs}" if docs else start,
     )
-    top.add_argument("--version", action="version", version=f"flexarm {__version__}")
+    top.add_argument("--version", action="version", version=f"flexarm {__version__} {docs}".rstrip())
     folder = "print where CMake's find_package(flexarm) looks, for C++ users"
     top.add_argument("--cmakedir", action=cmake.PrintCMakeDir, help=folder)
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=_Parser)
@@ -54,7 +68,7 @@ def _parser() -> _Parser:
         summary = command.SUMMARY
         text = f"{summary[0].upper()}{summary[1:]}. {command.TEXT}"
         p = commands.add_parser(name, help=summary, description=text)
-        p.set_defaults(does=command.run)
+        p.set_defaults(does=command.run, top=top)
         p.add_argument("--json", action="store_true", help="print JSON, and only that, on stdout")
         command.arguments(p)
     return top

@@ -41,6 +41,8 @@ class Path:
         moving = [(name, law) for name, law in zip(self.names, self._laws, strict=True) if isinstance(law, Motion)]
         if not moving:
             raise ValueError("tip: at least one component must be a Motion")
+        if t is not None and all(isinstance(law.law, _core.PiecewisePolynomial) for _, law in moving):
+            raise ValueError("t: is for motions that are callables, and each of the tip's has its own times")
         self._spans = [_span(name, law, t) for name, law in moving]
         self.begin, self.end = min(s[0] for s in self._spans), max(s[1] for s in self._spans)
         for (name, law), span in zip(moving, self._spans, strict=True):

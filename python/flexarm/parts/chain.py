@@ -70,9 +70,12 @@ class Chain:
             if not isinstance(link, Link):
                 raise ValueError(f"links[{k}] = {link!r}: must be a Link")
         self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
-        #: of each link: its name, or "link 0" and so on
-        self.names: tuple[str, ...] = tuple(link.name or f"link {k}" for k, link in enumerate(self.links))
         self._numbers = _numbers(self.links)
+        #: of each link: its name, or its joint's (where that means no other link), or "link 0" and so on
+        self.names: tuple[str, ...] = tuple(
+            link.name or (str(link.joint.name) if self._numbers.get(link.joint.name or "") == (k,) else f"link {k}")
+            for k, link in enumerate(self.links)
+        )
         try:
             self._core = _core.Arm([link._core for link in self.links], self.gravity)
         except ValueError as e:
