@@ -9,6 +9,7 @@
 #include "flexarm/derivatives.hpp"
 #include "lanes/single.hpp"
 #include "oracle/oracle.hpp"
+#include "sanitized.hpp"
 
 namespace flexarm {
 namespace lanes {

@@ -73,6 +73,7 @@ TEST_CASE("few points are as right as all, up to their bound") {
   for (Basis basis : {Basis::clamped_free, Basis::legendre, Basis::loaded})
     for (int order : {3, kExact})
       for (const StrainCounts& modes : all) {
+        if (kSanitized && modes[0] > 2) continue;
         const Arm arm = arm_of(options(modes, basis, order), modes[1] ? y : z, z);
         const int ne = arm.link(0).ne();
         const lanes::PointTables& tables = lanes::PointTables::of(*arm.link(0).beam());
@@ -90,7 +91,7 @@ TEST_CASE("few points are as right as all, up to their bound") {
             for (double part : {0.999, 1.001}) CHECK(wrong(arm, *kernels, small(arm, way, part)) < 2e-12);
         }
       }
-  CHECK(with_few > 40);
+  CHECK(with_few > (kSanitized ? 20 : 40));
 }
 
 bool has_few(const Beam& beam, const std::function<std::vector<Load>(const Arm&)>& loads = {}) {

@@ -73,6 +73,7 @@ TEST_CASE("patches and tapered beams of order 3 and exact: slices that are not a
       for (const std::vector<Patch>& on : {patches, {}}) {
         if (!tapered && on.empty()) continue;
         for (int points : {17, 24}) {
+          if (kSanitized && points == 24) continue;
           CAPTURE(order);
           CAPTURE(tapered);
           CAPTURE(points);
@@ -93,6 +94,7 @@ TEST_CASE("derivatives at order 3 and exact") {
   for (int order : {3, kExact}) {
     CAPTURE(order);
     for (double bent : {1e-9, 1e-4, 0.3, 3.0}) {
+      if (kSanitized && bent != 0.3) continue;
       CAPTURE(bent);
       check_slopes(flexarm_test::spatial_arm(order), bent);
       check_slopes(flat({0, 0, 1}, {2, 1, 1, 0, 0}, order, 0.01), bent);
@@ -105,6 +107,7 @@ TEST_CASE("derivatives at order 3 and exact") {
 TEST_CASE("beams twisted and bent by many turns") {
   const Beam straight = flexarm_test::beam({1, 0, 0, 0, 0}, 2);
   for (double turned : {1.0, 2.0, 2.9, 3.3, 6.3, 9.4, 21.0, 30.0}) {
+    if (kSanitized && turned != 3.3 && turned != 21.0) continue;
     CAPTURE(turned);
     const int points = 40 + static_cast<int>(4 * turned);
     check(flat({0, 0, 1}, {2, 0, 0, 0, 0}, kExact), true, {}, turned);

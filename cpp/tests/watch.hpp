@@ -5,13 +5,9 @@
 
 #include <functional>
 
-#if defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define FLEXARM_SANITIZED
-#endif
-#endif
-#if defined(__linux__) && defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && \
-    !defined(FLEXARM_SANITIZED)
+#include "sanitized.hpp"
+
+#if defined(__linux__) && defined(__GLIBC__) && !defined(FLEXARM_SANITIZED)
 #define FLEXARM_WATCHES
 #endif
 
