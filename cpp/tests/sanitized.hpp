@@ -1,5 +1,5 @@
-// Whether the tests run under a sanitizer, where the largest loops take fewer rounds: it looks for memory errors, which do
-// not depend on the number of rounds.
+// Whether the tests run under a sanitizer, where the largest loops take fewer rounds: it looks for memory errors, which
+// do not depend on the number of rounds.
 #pragma once
 
 #if defined(__has_feature)
