@@ -8,8 +8,8 @@
 | `toml` | is parsed; one with links is loaded as a scene; one that begins with `# NAME.toml` is saved under that name |
 | `text` | output, or anything else that is not code |
 
-Python and sh blocks run in the order of the page, in one folder that is empty at first. A comment directly before a
-block changes that: `<!-- not run: REASON -->`; `<!-- needs: MODULE -->`, which runs the block where the module is
+Python and sh blocks run in the order of the page, in one folder that is empty at first. Comments directly before a
+block change that: `<!-- not run: REASON -->`; `<!-- needs: MODULE -->`, which runs the block where the module is
 installed; `<!-- warns: CATEGORY -->`, for a block that has to emit this warning.
 """
 
@@ -67,7 +67,8 @@ class Ran:
 
 def blocks(page: Path) -> list[Block]:
     """Of a page, in order; ValueError for a tag that the runner does not know, and for code without a fence."""
-    found, told = [], None
+    found: list[Block] = []
+    told: list[re.Match[str]] = []  # comments directly before
     for token in MarkdownIt("commonmark").parse(page.read_text(encoding="utf-8")):
         where = f"{page}, line {token.map[0] + 1 if token.map else '?'}"
         if token.type == "code_block":
@@ -75,14 +76,15 @@ def blocks(page: Path) -> list[Block]:
         if token.type == "fence" and not token.info.startswith("{"):  # {note} and the like are Sphinx's
             assert token.map
             found.append(block := Block(token.info.strip(), token.content, token.map[0] + 1))
-            if told:
-                if not told[2]:
-                    raise ValueError(f"{where}: '{told[1]}:' in the comment before it needs a reason or a name")
-                setattr(block, told[1].replace(" ", "_"), told[2])
+            for comment in told:
+                if not comment[2]:
+                    raise ValueError(f"{where}: '{comment[1]}:' in the comment before it needs a reason or a name")
+                setattr(block, comment[1].replace(" ", "_"), comment[2])
             if block.language not in LANGUAGES and not (block.language and block.not_run):
                 known = ", ".join(LANGUAGES)
                 raise ValueError(f"{where}: the language of a block must be one of {known}, not {block.language!r}")
-        told = re.match(r"<!-- (not run|needs|warns):? *(.*?) *-->", token.content)
+        comment = re.match(r"<!-- (not run|needs|warns):? *(.*?) *-->", token.content)
+        told = [*told, comment] if comment else []
     return found
 
 

@@ -38,9 +38,10 @@ class MPC(Controller):
 
         weight (y - r)² + rate_weight (dy/dt - dr/dt)² + effort (u - u_held)² + rate_effort (du/dt)²
 
-    with y what is tracked, r the reference, u the joints' torques, and u_held those that hold the arm against gravity.
-    It needs the whole state; from what sensors read, let a KalmanFilter give it to `step`. Where a sample cannot be
-    solved it warns once (MPCWarning), and goes on along its last plan, within the limits: `failures` counts these.
+    where y is what is tracked, r the reference, u the joints' torques, and u_held those that hold the arm against
+    gravity. The law needs the whole state; with sensors, estimate it by a KalmanFilter and give it to `step`. If a
+    sample cannot be solved, the law warns once (MPCWarning) and continues with its last plan, within the limits:
+    `failures` counts these samples.
 
     Args:
         model: the arm that it knows: links and joints as the plant's, elastic coordinates of its own, such as fewer of
@@ -48,9 +49,9 @@ class MPC(Controller):
         track: what the reference is of: "joints", all joint coordinates (rad, m); "tip", the three coordinates of the
             last link's end in the world (m); or a list of ("joint", link), ("joint", (link, freedom)), ("tip", link),
             ("tip", link, "x") and ("strain", link, x, "K3").
-        reference: of what is tracked: a number, numbers (ny,), samples (t, r) with straight lines between, r (nt,) or
-            (nt, ny), which stand still at their ends; a Motion, or a list of ny of them; or a callable t -> (ny,)
-            numbers, or (2, ny) with their rates. It is asked ahead, up to the horizon beyond a run's end.
+        reference: of what is tracked: a number, numbers (ny,), samples (t, r) with straight lines between and constant
+            values before and after, r (nt,) or (nt, ny); a Motion, or a list of ny of them; or a callable t -> (ny,)
+            numbers, or (2, ny) with their rates. It must be known up to the horizon beyond a run's end.
         weight: of (y - r)², one number or (ny,), not negative.
         rate_weight: of the rates', in s²; None: weight times (0.05 s)².
         rate: samples a second (Hz).
