@@ -240,6 +240,21 @@ def test_irc_of_one_mode_is_damped_as_the_locus_says(share: float) -> None:
         assert (-p.real / np.abs(p))[p.imag > 0][0] < zeta[poles.imag > 0][0]
 
 
+def test_short_pieces_of_a_split_beam_are_held_however_stiff() -> None:
+    """A piece of 5 mm has modes a million times as fast as the arm's first one."""
+    pzt = fa.Piezo(62e9, 0.3, 7800, d31=-1.9e-10, permittivity=1.6e-8)
+    pair = [fa.Patch(0.005, 0.055, 0.02, 3e-4, pzt, face=face) for face in ("+y", "-y")]
+    strip, aluminium = fa.Rectangle(0.002, 0.02), fa.Material(2700, 70e9, 0.33)
+    beam = fa.Beam(0.4, strip, aluminium, {"bending_y": 4}, "legendre", patches=pair)
+    whole = fa.Link(fa.Fixed(), beam=beam)
+    laws = []
+    with pytest.warns(fa.ModelWarning, match="so short for its thickness"):
+        arms = [(fa.Arm([whole]), 0), (fa.Arm(fa.split(whole)), 1)]
+    for arm, link in arms:
+        laws.append(fa.ppf(arm, measure=[("patch_voltage", link, 1)], actuate=[("patch", link, 0)], mode=0))
+    assert laws[1].frequency == pytest.approx(laws[0].frequency, rel=0.06)  # one beam is coarse there
+
+
 @pytest.mark.parametrize("make", [fa.ppf, fa.irc])
 def test_patches_damp_the_modes_of_a_beam(make) -> None:
     """An actuator and a sensor patch, three modes: stable at almost the whole of the gain, and not above."""

@@ -107,6 +107,14 @@ def test_too_few_modes_under_a_heavy_tip_are_said() -> None:
     fa.simulate(arm(tip=fa.RigidBody(0.01), modes={"bending_y": 1}), [0, 0.01])  # light
 
 
+def test_strains_that_a_motion_leaves_at_zero_are_not_doubted() -> None:
+    made = arm(tip=fa.RigidBody(1.0, inertia=(1e-3, 1e-3, 1e-3)), modes={"bending_y": 3, "bending_z": 1, "torsion": 1})
+    turn = {0: fa.Motion([0, 1], [0, 0.1], [0, 0], [0, 0])}
+    fa.simulate(made, [0, 1], drive=turn)  # in the plane: warnings are errors here
+    with pytest.warns(fa.ModelWarning, match="1 of bending_z leave out"):
+        fa.simulate(made, [0, 1], drive=turn, loads=[fa.Load(force=(0, 0, 1e-3))])
+
+
 def test_links_that_are_carried_count_and_tapers_are_measured() -> None:
     wedge = fa.Taper([0.0, 0.5], [fa.Rectangle(0.004, 0.02), fa.Rectangle(0.001, 0.02)])
     light = arm(section=wedge, modes={"bending_y": 1})

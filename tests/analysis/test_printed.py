@@ -1,5 +1,9 @@
 """Modes and linear models as tables and as a figure."""
 
+import sys
+from types import SimpleNamespace
+from typing import Any
+
 import flexarm as fa
 import numpy as np
 import pytest
@@ -44,3 +48,28 @@ def test_modes_are_drawn_along_the_arm() -> None:
         fa.Arm([fa.Link(fa.Fixed(), beam=beam)]).modes().plot()
     with pytest.raises(ValueError, match="count = 0"):
         arm().modes().plot(0)
+
+
+class _Formatter(dict[type, Any]):
+    """What IPython has for each format: functions by type."""
+
+    def for_type(self, kind: type, function: Any) -> None:
+        self[kind] = function
+
+
+def test_notebook_shows_figures_that_pyplot_did_not_make(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = {"image/png": _Formatter(), "image/svg+xml": _Formatter()}
+    shell = SimpleNamespace(display_formatter=SimpleNamespace(formatters=known))
+    modes = fa.load("ist").arm.modes(lock=[0])
+
+    def plot() -> Any:
+        with monkeypatch.context() as m:
+            m.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+            return modes.plot()
+
+    figure = plot()
+    assert known["image/png"][type(figure)](figure).startswith(b"\x89PNG")
+    known["image/png"].clear()
+    known["image/svg+xml"][type(figure)] = None  # the user has asked for another format
+    plot()
+    assert not known["image/png"]

@@ -22,6 +22,7 @@ def hinged(*bodies: fa.RigidBody) -> fa.Arm:
 
 PARTS = [
     (lambda: beam(length=-0.5), r"length = -0.5: must be positive"),
+    (lambda: fa.Scene(paper_link(), np.linspace(0, 1, 3)), r"drive = array.*: must be a dictionary"),
     (lambda: beam(length=0), r"length = 0: must be positive"),
     (lambda: beam(length=float("nan")), r"length = nan"),
     (lambda: beam(length="long"), r"length = 'long': must be a number"),

@@ -121,6 +121,13 @@ def test_a_run_out_of_range_warns(order: int) -> None:
     assert str(twin) == str(w) and twin.rotation == w.rotation
 
 
+@pytest.mark.parametrize(("rotation", "orders"), [(0.28, '2, 3 or "exact"'), (0.6, '3 or "exact"'), (0.9, '"exact"')])
+def test_only_orders_that_are_good_for_it_are_named(rotation: float, orders: str) -> None:
+    arm, q = bent(1, rotation / 1.376505)
+    with pytest.warns(fa.RangeWarning, match=f"take order = {orders}$"):
+        fa.simulate(arm, [0, 1e-4], q, drive={0: fa.Motion([0.0, 1.0], [0.0, 0.0])})
+
+
 def test_exact_never_warns() -> None:
     arm, q0 = bent("exact", 0.7)
     fa.simulate(arm, np.linspace(0, 0.01, 5), q0, drive={0: fa.Motion([0.0, 1.0], [0.0, 0.0])})

@@ -353,3 +353,9 @@ def test_without_the_extra_pages_say_so(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setitem(sys.modules, "jupyter_threejs_sage", None)
     with pytest.raises(ImportError, match=r"flexarm\[view\]"):
         paper_link().show()
+
+
+def test_joints_are_called_by_their_names() -> None:
+    bar = fa.RigidBody(1.0, com=(0.15, 0, 0), end=(0.3, 0, 0))
+    made = body.make_body(fa.Arm([fa.Link(fa.Revolute("z", name=name), bar) for name in ("elbow", None)]), [0, 0])
+    assert [label["text"] for label in made.labels] == ["elbow", "1 revolute"]

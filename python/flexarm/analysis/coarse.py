@@ -196,20 +196,22 @@ def coarse(
     Clamped-free modes have no curvature at the end. Under a force there, one leaves out 3 % of the deflection, two
     0.5 %, three 0.2 %; under a moment, of what is driven beyond the next joint, they converge as 1 / n. A sentence each
     where more is left out than in `_MISSING` under what is heavier than the beam, and, of a run (t, q, v), where that,
-    or what is left out under a load on the end, is more than `_OFF` of the beam's length.
+    or what is left out under a load on the end, is more than `_OFF` of the beam's length. A strain that stays
+    zero while the arm moves is right.
     """
     said = []
     pulls = _end_loads(arm, loads, run[0]) if run is not None and loads else {}
     for s in _all_stiffened(arm, drive, control, tau, pulls):
         beam = arm.links[s.link].beam
         assert beam is not None
-        n, off = len(s.carried), 0.0
+        n, off, still = len(s.carried), 0.0, False
         if run is not None and len(run[1]):
             t, q, v = run
             at = arm.coordinate_of(s.first)
             away, rate = (float(np.abs(x @ s.carried).max()) for x in (q[:, at : at + n], v[:, s.first : s.first + n]))
+            still = not (away or rate) and bool(np.any(v))
             off = _late(s, away, rate, float(t[len(q) - 1] - t[0])) / beam.length
-        if (s.heavy and s.share > _MISSING[s.strain]) or off > _OFF:
+        if (s.heavy and s.share > _MISSING[s.strain] and not still) or off > _OFF:
             wrong = f"; here that is about {off:.1g} of the beam's length" if off > _OFF else ""
             few = "three or more" if s.strain != "torsion" and n < 3 else "as many"
             better = f'{few} of basis "legendre"' if beam.basis != "legendre" else "more of them"

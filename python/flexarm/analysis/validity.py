@@ -142,7 +142,8 @@ def range_warning(arm: Chain, found: Iterable[float], name: str = "", still: boo
         )  # fmt: skip
     order, limit = beam.order, LIMITS[int(beam.order)]
     more = f", and {int(others)} more" if others else ""
-    better = '"exact"' if order == 3 else '3 or "exact"' if order == 2 else '2, 3 or "exact"'
+    enough = [str(n) for n in (2, 3) if n > int(order) and LIMITS[n] >= rotation]
+    better = " or ".join([", ".join(enough), '"exact"'] if enough else ['"exact"'])
     return RangeWarning(
         f"{name}{more}: at order {order} a beam that turns its sections by {limit:g} rad has its tip "
         f"wrong by 2 % of its length; this one {passes}turns them by up "

@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
         if m["frequency"] == 0:
             numbers[2] = "grows" if m["eigenvalue"][0] > 0 else "rigid"
         where = f"{m['largest_in']} ({100 * m['share']:.0f} %)"
-        shown.add_row(str(k + 1), *numbers, where, style=None if m["damping"] >= 0 else "bold red")
+        shown.add_row(str(k), *numbers, where, style=None if m["damping"] >= 0 else "bold red")
     print_table(shown)
     if not modes.stable:
         print("This steady state is not stable: at least one motion grows.")

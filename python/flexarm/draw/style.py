@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import io
+import sys
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,10 +20,25 @@ DPI = 150
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of that size (inches)."""
+    """An empty figure of that size (inches), which a notebook shows at the end of a cell."""
     from matplotlib.figure import Figure
 
+    _tell_notebook(Figure)
     return Figure(figsize=(width, height), layout="constrained")
+
+
+def _tell_notebook(figure: type[Figure]) -> None:
+    """How to show a figure: notebooks know it only after pyplot has made one, and these are made without pyplot."""
+    ipython = sys.modules.get("IPython")
+    shell: Any = None if ipython is None else ipython.get_ipython()
+    if shell is not None and not any(figure in known for known in shell.display_formatter.formatters.values()):
+        shell.display_formatter.formatters["image/png"].for_type(figure, _png)
+
+
+def _png(figure: Figure) -> bytes:
+    file = io.BytesIO()
+    figure.savefig(file, format="png", bbox_inches="tight")
+    return file.getvalue()
 
 
 def label_axes(ax: Axes, ylabel: str, xlabel: str = "") -> None:

@@ -65,6 +65,8 @@ class Scene:
     control: tuple[Controller, ...] = ()
 
     def __post_init__(self) -> None:
+        if not isinstance(self.drive, Mapping):
+            raise ValueError(f"drive = {self.drive!r}: must be a dictionary, by link number or name")
         if isinstance(self.control, Controller):  # as `simulate` takes it
             self.control = (self.control,)
 

@@ -153,7 +153,7 @@ def _joint(body: Body, k: int, joint: Joint, below: tuple[int, Array], node: int
         body.solid("joint", node, "ball", moved, np.eye(3), [1.2 * radius])
     if any(not rotates for rotates, _ in freedoms):
         body.struts.append(((lower, start), (node, moved)))
-    body.labels.append({"node": lower, "at": start, "text": f"{k} {joint.type}"})
+    body.labels.append({"node": lower, "at": start, "text": joint.name or f"{k} {joint.type}"})
 
 
 def _beam(body: Body, k: int, beam: Beam, slices: int) -> None:
