@@ -70,8 +70,9 @@ class Chain:
             if not isinstance(link, Link):
                 raise ValueError(f"links[{k}] = {link!r}: must be a Link")
         self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
-        #: of each link: its name, or "link 0" and so on
-        self.names: tuple[str, ...] = tuple(link.name or f"link {k}" for k, link in enumerate(self.links))
+        #: of each link: its name, or its joint's, or "link 0" and so on
+        named = [link.name or link.joint.name for link in self.links]
+        self.names: tuple[str, ...] = tuple(name or f"link {k}" for k, name in enumerate(named))
         self._numbers = _numbers(self.links)
         try:
             self._core = _core.Arm([link._core for link in self.links], self.gravity)
