@@ -24,6 +24,18 @@ def test_moved_laws_by_hand() -> None:
     assert fa.Motion(lambda s: (s, 1.0, 0.0)).moved(2.0, 0.1)(0.3) == pytest.approx((2.2, 1.0, 0.0))
 
 
+def test_laws_at_many_times() -> None:
+    t = np.linspace(0.0, 1.0, 11)
+    q, v, a = fa.Motion(t, t**2)(t)
+    np.testing.assert_allclose(np.array([q, v, a]), [t**2, 2 * t, np.full(11, 2.0)], atol=1e-10)
+    assert fa.Motion(lambda s: (s, 1.0, 0.0))(t.reshape(1, 11))[0].tolist() == [t.tolist()]
+    for law in (fa.Torque(t, 3 * t), fa.Torque(lambda s: 3 * s)):
+        np.testing.assert_allclose(law(t), 3 * t, atol=1e-14)
+    np.testing.assert_array_equal(fa.Torque(3.0)(t), np.full(11, 3.0))
+    with pytest.raises(ValueError, match="nan"):
+        fa.Torque(3.0)([0.0, np.nan])
+
+
 def test_offset_and_delay_vary_in_batches() -> None:
     arm = fa.Arm([fa.Link(fa.Prismatic("x"), tip=fa.RigidBody(2.0))])
     t = np.linspace(0.0, 1.0, 101)

@@ -34,6 +34,11 @@ def test_which_link() -> None:
     assert NAMED != PLAIN and pickle.loads(pickle.dumps(NAMED)) == NAMED
 
 
+def test_link_takes_the_name_of_its_joint() -> None:
+    arm = fa.Arm(links(None, "bar", "shoulder"))
+    assert arm.names == ("shoulder", "bar") and arm.coordinates[0] == "shoulder revolute" and "0 shoulder" in str(arm)
+
+
 def test_methods() -> None:
     q = np.linspace(0.01, 0.06, 6)
     for a, b in (("upper arm", 0), ("shoulder", 0), ("torsion_bar", 1)):

@@ -172,8 +172,10 @@ class Motion(Law):
                     f"{at[k, 1 + (name == 'a')]:.6g}, the derivative {rate[k, int(name == 'a')]:.6g}"
                 )
 
-    def __call__(self, t: float) -> Any:
-        """Position, rate and acceleration (q, v, a) at time t (s)."""
+    def __call__(self, t: ArrayLike) -> Any:
+        """Position, rate and acceleration (q, v, a) at time t (s); of times (nt,), three arrays (nt,)."""
+        if np.ndim(t):
+            return tuple(np.array([self.law(x) for x in array("t", t).ravel()]).T.reshape(3, *np.shape(t)))
         return self.law(t)
 
     @staticmethod
@@ -233,8 +235,10 @@ class Scalar(Law):
             at = array(name, values, times.shape)
             self.law = _core.PiecewisePolynomial(times, [np.diff(at) / np.diff(times), at[:-1]])
 
-    def __call__(self, t: float) -> float:
-        """Its value (N, N m, V) at time t (s)."""
+    def __call__(self, t: ArrayLike) -> Any:
+        """Its value (N, N m, V) at time t (s); of times (nt,), an array (nt,)."""
+        if np.ndim(t):
+            return np.array([self(x) for x in array("t", t).ravel()]).reshape(np.shape(t))
         value = self.law(t)
         return float(value[0] if isinstance(value, tuple) else value)
 

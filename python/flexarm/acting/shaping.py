@@ -218,7 +218,7 @@ def _shaped_torque(shaper: Shaper, torque: Torque, start: float, before: float) 
     begin, end = float(breaks[0]), float(breaks[-1])
 
     def held(t: float) -> float:
-        return torque(t if constant else min(t, end))
+        return float(torque(t if constant else min(t, end)))
 
     delayed = _Delayed(held, shaper.impulses, begin, before)
     times = _spread(breaks, shaper)

@@ -58,7 +58,7 @@ def lowest_frequencies(arm: Chain, n: int) -> str:
 
 def _row(k: int, arm: Chain) -> list[str]:
     link = arm.links[k]
-    name = str(k) if link.name is None else f"{k} {link.name}"
+    name = f"{k} {link.name or link.joint.name or ''}".rstrip()
     axis = getattr(link.joint, "axis", "")
     joint = f"{link.joint.type} {axis if isinstance(axis, str) else '(' + ', '.join(f'{a:.3g}' for a in axis) + ')'}"
     masses = [f"{body.mass:.4g}" if body is not None else "-" for body in (link.hub, link.beam, link.tip)]
