@@ -1,4 +1,4 @@
-"""Links of pages to files of the repository outside docs, and names `fa.Beam` in pages to their API pages."""
+"""What becomes of pages: links to the API and to files of the repository outside docs; languages of notebooks' cells."""
 
 import re
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import Any
 
 import flexarm as fa
 from docutils import nodes
+from pygments.lexers import get_lexer_for_filename
 from sphinx import addnodes
 from sphinx.transforms import SphinxTransform
 from sphinx.util import logging
@@ -18,6 +19,7 @@ except ImportError:  # Python 3.10
 ROOT = Path(__file__).parents[2]
 SOURCE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]["Source"]
 NAME = re.compile(r"fa\.([A-Za-z_]\w*)(?:\.([A-Za-z_]\w*))?")
+NAME_ALONE = re.compile(rf"({'|'.join(dir(fa))})(?:\.(\w+))?$")  # as docstrings say `simulate`
 log = logging.getLogger(__name__)
 
 
@@ -56,8 +58,9 @@ class NamesOfTheApi(SphinxTransform):
     default_priority = 6
 
     def apply(self, **_: Any) -> None:
+        docstring = self.env.docname.startswith("api/")
         for node in list(self.document.findall(nodes.literal)):
-            found = NAME.match(node.astext())
+            found = NAME.match(node.astext()) or (docstring and NAME_ALONE.match(node.astext()))
             inside = node.parent
             while inside is not None and not isinstance(inside, (nodes.reference, addnodes.pending_xref, nodes.title)):
                 inside = inside.parent
@@ -77,7 +80,20 @@ class NamesOfTheApi(SphinxTransform):
             link += node
 
 
+class LanguagesOfCells(SphinxTransform):
+    """A notebook's cell `%%writefile main.cpp` is C++."""
+
+    default_priority = 7
+
+    def apply(self, **_: Any) -> None:
+        for node in self.document.findall(nodes.literal_block):
+            found = re.match(r"%%writefile (\S+)", node.astext())
+            if found:
+                node["language"] = get_lexer_for_filename(found[1]).aliases[0]
+
+
 def setup(app: Any) -> dict[str, bool]:
     app.add_transform(FilesOfTheRepository)
     app.add_transform(NamesOfTheApi)
+    app.add_transform(LanguagesOfCells)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
