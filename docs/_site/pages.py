@@ -1,4 +1,4 @@
-"""What becomes of pages: links to the API and to files of the repository outside docs; languages of notebooks' cells."""
+"""What becomes of pages: links to API pages and files of the repository; languages of notebooks' cells."""
 
 import re
 from pathlib import Path
