@@ -1,4 +1,4 @@
-"""What becomes of pages: links to API pages and files of the repository; languages of notebooks' cells."""
+"""What becomes of pages: links to API pages, and to files of the repository outside docs."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,6 @@ from typing import Any
 
 import flexarm as fa
 from docutils import nodes
-from pygments.lexers import get_lexer_for_filename
 from sphinx import addnodes
 from sphinx.transforms import SphinxTransform
 from sphinx.util import logging
@@ -80,20 +79,7 @@ class NamesOfTheApi(SphinxTransform):
             link += node
 
 
-class LanguagesOfCells(SphinxTransform):
-    """A notebook's cell `%%writefile main.cpp` is C++."""
-
-    default_priority = 7
-
-    def apply(self, **_: Any) -> None:
-        for node in self.document.findall(nodes.literal_block):
-            found = re.match(r"%%writefile (\S+)", node.astext())
-            if found:
-                node["language"] = get_lexer_for_filename(found[1]).aliases[0]
-
-
 def setup(app: Any) -> dict[str, bool]:
     app.add_transform(FilesOfTheRepository)
     app.add_transform(NamesOfTheApi)
-    app.add_transform(LanguagesOfCells)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
