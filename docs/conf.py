@@ -12,7 +12,7 @@ import flexarm
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_site"))
 
-import links  # noqa: E402  (of _site)
+import pages  # noqa: E402  (of _site)
 
 project = "flexarm"
 author = copyright = "the flexarm authors"
@@ -24,7 +24,7 @@ extensions = [
     "myst_nb",
     "sphinx_copybutton",
     "api",  # of _site
-    "links",
+    "pages",
 ]
 exclude_patterns = ["_*", "figures"]
 suppress_warnings = [
@@ -35,6 +35,7 @@ suppress_warnings = [
 myst_enable_extensions = ["amsmath", "dollarmath"]
 myst_heading_anchors = 4
 nb_execution_mode = "force"
+nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120  # s, of a notebook's cell
 nb_merge_streams = True
@@ -55,7 +56,7 @@ autodoc_mock_imports = ["gymnasium", "jax", "torch"]  # so that the site needs n
 autodoc_preserve_defaults = True
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented_params"
-autodoc_type_aliases = {name: name for name in ("Array", "ArrayLike")}  # NumPy spells the second out
+autodoc_type_aliases = {name: name for name in ("Array", "ArrayLike", "Loss", "Output")}  # NumPy's are long
 smartquotes_action = "D"  # dashes alone: "z" is a string
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
@@ -70,7 +71,7 @@ templates_path = ["_templates"]
 html_sidebars = {"**": ["contents.html"]}
 html_theme_options: dict[str, Any] = {
     "logo": {"text": "flexarm"},
-    "icon_links": [{"name": "GitHub", "url": links.SOURCE, "icon": "fa-brands fa-github"}],
+    "icon_links": [{"name": "GitHub", "url": pages.SOURCE, "icon": "fa-brands fa-github"}],
     "navbar_center": [],
     "navbar_end": ["theme-switcher", "navbar-icon-links"],
     "footer_start": ["copyright"],
@@ -95,11 +96,13 @@ def copy_mathjax(app: Any) -> None:
     copyfile(kept / mathjax_path, place / mathjax_path)
 
 
-def drop_empty_globs(app: Any, docname: str, source: list[str]) -> None:  # until all pages are written
+def drop_missing(app: Any, docname: str, source: list[str]) -> None:  # until all pages are written
+    """Lines of the contents in index.md whose pages are not there yet."""
     if docname == "index":
-        source[0] = re.sub(r"(?m)^[a-z/-]+\*$", lambda m: m[0] if any(HERE.glob(f"{m[0]}.*")) else "", source[0])
+        entry = r"(?m)^(start|how-to|(coming-from|tutorials|theory)/.*)$"
+        source[0] = re.sub(entry, lambda m: m[0] if any(HERE.glob(f"{m[0]}.*")) else "", source[0])
 
 
 def setup(app: Any) -> None:
-    app.connect("source-read", drop_empty_globs)
+    app.connect("source-read", drop_missing)
     app.connect("builder-inited", copy_mathjax)

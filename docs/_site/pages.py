@@ -1,4 +1,4 @@
-"""Links of pages to files of the repository outside docs, and names `fa.Beam` in pages to their API pages."""
+"""What becomes of pages: links to API pages, and to files of the repository outside docs."""
 
 import re
 from pathlib import Path
@@ -18,6 +18,7 @@ except ImportError:  # Python 3.10
 ROOT = Path(__file__).parents[2]
 SOURCE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]["Source"]
 NAME = re.compile(r"fa\.([A-Za-z_]\w*)(?:\.([A-Za-z_]\w*))?")
+NAME_ALONE = re.compile(rf"({'|'.join(dir(fa))})(?:\.(\w+))?$")  # as docstrings say `simulate`
 log = logging.getLogger(__name__)
 
 
@@ -56,8 +57,9 @@ class NamesOfTheApi(SphinxTransform):
     default_priority = 6
 
     def apply(self, **_: Any) -> None:
+        docstring = self.env.docname.startswith("api/")
         for node in list(self.document.findall(nodes.literal)):
-            found = NAME.match(node.astext())
+            found = NAME.match(node.astext()) or (docstring and NAME_ALONE.match(node.astext()))
             inside = node.parent
             while inside is not None and not isinstance(inside, (nodes.reference, addnodes.pending_xref, nodes.title)):
                 inside = inside.parent
