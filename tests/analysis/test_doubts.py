@@ -107,6 +107,16 @@ def test_too_few_modes_under_a_heavy_tip_are_said() -> None:
     fa.simulate(arm(tip=fa.RigidBody(0.01), modes={"bending_y": 1}), [0, 0.01])  # light
 
 
+def test_a_short_piece_of_a_split_beam_is_no_short_beam() -> None:
+    pzt = fa.Piezo(62e9, 0.3, 7800, d31=-1.8e-10)
+    patch = fa.Patch(0.005, 0.05, 0.02, 3e-4, pzt)
+    beam = fa.Beam(0.5, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 3}, "legendre", patches=[patch])
+    pieces = fa.split(fa.Link(fa.Revolute("z"), beam=beam))
+    fa.Arm(pieces)  # warnings are errors here
+    with pytest.warns(fa.ModelWarning, match=r"link\[0\].beam: is so short for its thickness"):
+        fa.Arm([fa.Link(fa.Revolute("z"), beam=pieces[0].beam, tip=fa.RigidBody(0.1)), *pieces[1:]])
+
+
 def test_strains_that_a_motion_leaves_at_zero_are_not_doubted() -> None:
     made = arm(tip=fa.RigidBody(1.0, inertia=(1e-3, 1e-3, 1e-3)), modes={"bending_y": 3, "bending_z": 1, "torsion": 1})
     turn = {0: fa.Motion([0, 1], [0, 0.1], [0, 0], [0, 0])}

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..parts.beam import STRAINS, Beam, RigidBody, inertia_matrix
 from ..parts.chain import Chain
+from ..parts.joints import Fixed
 from ..parts.sections import GeneralSection, SectionMatrix
 
 # Each is past anything that is built; what is said is a warning, for who means it.
@@ -62,7 +63,23 @@ def _in_mm(where: str, thin: float, broad: float, length: float) -> str:
     return f"{where}.section: is {thin:.3g} m by {broad:.3g} m, of a beam of length {length:g} m: is it in mm?"
 
 
-def _beam(where: str, beam: Beam) -> Iterator[str]:
+def _whole(arm: Chain, k: int) -> float:
+    """Length (m) of a link's beam and of those that go on from it, rigidly joined, as `split` leaves them."""
+
+    def goes_on(i: int) -> bool:
+        here, there = arm.links[i], arm.links[i + 1]
+        return bool(here.beam and there.beam) and not (here.tip or there.hub) and there.joint == Fixed()
+
+    first, last = k, k
+    while first and goes_on(first - 1):
+        first -= 1
+    while last + 1 < len(arm.links) and goes_on(last):
+        last += 1
+    return sum(link.beam.length for link in arm.links[first : last + 1] if link.beam is not None)
+
+
+def _beam(where: str, beam: Beam, whole: float) -> Iterator[str]:
+    """`whole`: the length (m) that bends."""
     material, L = beam.material, beam.length
     if material is None:
         yield from _matrices(where, beam)
@@ -85,7 +102,7 @@ def _beam(where: str, beam: Beam) -> Iterator[str]:
     if (L > _LONG and L > _THIN * min(radii)) or beam.mass > _HEAVY:
         yield f"{where}.length = {L:g} m, of a beam of {beam.mass:.3g} kg, {min(radii):.3g} m thin: are they in mm?"
     thin, broad = (12**0.5 * f(radii) for f in (min, max))  # sides, of a rectangle
-    if not general and _too_thick(thin, broad, L):
+    if not general and _too_thick(thin, broad, whole):
         yield _in_mm(where, thin, broad, L)
         return
     for axis in "" if general or odd else "yz":
@@ -94,7 +111,7 @@ def _beam(where: str, beam: Beam) -> Iterator[str]:
             ratio = 2 * (1 + (0.3 if material.poisson_ratio is None else material.poisson_ratio))
             if material.shear_modulus is not None:
                 ratio = E / material.shear_modulus
-            share = 3 * ratio * second / (shear * L * L)
+            share = 3 * ratio * second / (shear * whole * whole)
             if share > _SHEAR:
                 yield (
                     f"{where}: is so short for its thickness that shear adds {100 * share:.2g} % to the deflection of "
@@ -138,5 +155,5 @@ def doubts(arm: Chain) -> list[str]:
             if body is not None and link.beam is not None:
                 found += _body(f"link[{k}].{name}", body, link.beam.length)
         if link.beam is not None:
-            found += _beam(f"link[{k}].beam", link.beam)
+            found += _beam(f"link[{k}].beam", link.beam, _whole(arm, k))
     return found
