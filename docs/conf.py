@@ -1,6 +1,5 @@
 """The documentation site: `./setup.sh docs` builds it into build/docs. What is long lies in `_site`."""
 
-import re
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -96,13 +95,5 @@ def copy_mathjax(app: Any) -> None:
     copyfile(kept / mathjax_path, place / mathjax_path)
 
 
-def drop_missing(app: Any, docname: str, source: list[str]) -> None:  # until all pages are written
-    """Lines of the contents in index.md whose pages are not there yet."""
-    if docname == "index":
-        entry = r"(?m)^(start|how-to|(coming-from|tutorials|theory)/.*)$"
-        source[0] = re.sub(entry, lambda m: m[0] if any(HERE.glob(f"{m[0]}.*")) else "", source[0])
-
-
 def setup(app: Any) -> None:
-    app.connect("source-read", drop_missing)
     app.connect("builder-inited", copy_mathjax)
