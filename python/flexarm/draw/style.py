@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, PURPLE, SKY, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"
 PALETTE = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
 INK = "#333333"
+#: Of the order of a beam's rotation, the same in all figures; "as given": of an arm that does not bend.
+ORDER_COLOURS: dict[int | str, str] = {
+    "as given": "#8C8C8C", 0: ORANGE, 1: PURPLE, 2: BLUE, 3: GREEN, "exact": RED, "mixed": SKY
+}  # fmt: skip
 DPI = 150
 
 
