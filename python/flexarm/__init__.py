@@ -141,6 +141,7 @@ from .parts.joints import (
     Universal as Universal,
 )
 from .parts.link import Link as Link
+from .parts.look import Look as Look
 from .parts.material import Material as Material
 from .parts.laminate import Orthotropic as Orthotropic, Ply as Ply, laminate as laminate
 from .parts.part import ModelWarning as ModelWarning

@@ -17,8 +17,10 @@ from ..acting.load import Load
 from ..parts.beam import Beam, RigidBody, inertia_matrix
 from ..parts.chain import Chain
 from ..parts.joints import Joint, Placement
+from ..parts.link import Link
 from ..parts.patch import Patch
 from ..parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, Section, SectionMatrix, Tube
+from .meshes import LOOK_COLOUR, Mesh, meshes_of
 
 _ROUND = 28  # corners of a circle
 _DENSITY = 7800.0  # kg/m^3, of a point mass that is drawn as a ball
@@ -34,7 +36,9 @@ class Body:
         beams: {"first": node of its clamp, "count": slices, "outlines": (count, m, 2), y and z of the corners (m),
             "part": "beam", whose colour is strain, or "patch", a piezo patch}.
         solids: {"node", "part", "kind", "at": centre (m), "axes": 3 x 3, in columns, "size": (m)}: of a "box" its
-            sides, of a "ball" its radius, of a "cylinder" its length along the first axis and its radius.
+            sides, of a "ball" its radius, of a "cylinder" its length along the first axis and its radius. With "under":
+            it stands for what meshes show better, and is drawn where these are not; with "colour": in that.
+        meshes: triangles of the links' looks.
         struts: pairs of (node, at) with a straight piece between: rails of sliding joints.
         axes: {"node", "at", "direction", "length"}: of the joints' freedoms, long enough to be seen.
         labels: {"node", "at", "text"}.
@@ -46,6 +50,7 @@ class Body:
     places: list[tuple[int | None, float | None]] = field(default_factory=lambda: [(None, None)])
     beams: list[dict[str, Any]] = field(default_factory=list)
     solids: list[dict[str, Any]] = field(default_factory=list)
+    meshes: list[Mesh] = field(default_factory=list)
     struts: list[tuple[tuple[int, Any], tuple[int, Any]]] = field(default_factory=list)
     axes: list[dict[str, Any]] = field(default_factory=list)
     labels: list[dict[str, Any]] = field(default_factory=list)
@@ -153,7 +158,7 @@ def _joint(body: Body, k: int, joint: Joint, below: tuple[int, Array], node: int
         body.solid("joint", node, "ball", moved, np.eye(3), [1.2 * radius])
     if any(not rotates for rotates, _ in freedoms):
         body.struts.append(((lower, start), (node, moved)))
-    body.labels.append({"node": lower, "at": start, "text": f"{k} {joint.type}"})
+    body.labels.append({"node": lower, "at": start, "text": joint.name or f"{k} {joint.type}"})
 
 
 def _beam(body: Body, k: int, beam: Beam, slices: int) -> None:
@@ -187,6 +192,26 @@ def _layer(beam: Beam, patch: Patch, x: float, side: int) -> Array:
     return corners if patch.face[-1] == "y" else corners[:, ::-1]
 
 
+def _looks(body: Body, link: Link, places: dict[str, tuple[int, Array]], solids: int) -> None:
+    """What a link's file shows; symbols from `solids` on, and boxes that stand for masses, then give way to it."""
+    seen = len(body.solids), len(body.meshes)
+    for look in link.looks:
+        (node, origin), (at, axes) = places[look.on], (look.at or Placement())._core
+        centre = origin + at
+        if look.shape == "mesh":
+            body.meshes += meshes_of(look, node, centre, axes)
+            continue
+        if look.shape == "cylinder":
+            radius, long = look.size
+            body.solid("look", node, "cylinder", centre, axes[:, [2, 0, 1]], (long, radius))
+        else:
+            body.solid("look", node, look.shape, centre, axes, look.size)
+        body.solids[-1]["colour"] = look.colour or LOOK_COLOUR
+    if (len(body.solids), len(body.meshes)) != seen:
+        for solid in body.solids[solids : seen[0]]:
+            solid["under"] = True
+
+
 def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> Body:
     """The body of an arm, each beam cut into as many slices as its link's entry of `slices` says."""
     body = Body(length(arm))
@@ -200,7 +225,8 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
             _beam(body, k, link.beam, slices[k])
             reach = float(np.linalg.norm(outline(link.beam.section.at(0.0)), axis=1).max())
         radius = float(np.clip(1.1 * reach, 0.012 * body.size, 0.03 * body.size))
-        axes = len(body.axes)
+        axes, solids = len(body.axes), len(body.solids)
+        base = below
         _joint(body, k, link.joint, below, node, radius)
         body.rod(node, zero, hub_end, radius / 2)
         if link.hub:
@@ -214,6 +240,7 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
         body.rod(last, at, tip_end, radius / 2)
         if link.tip:
             _mass(body, "tip", last, at, link.tip)
+        _looks(body, link, {"hub": (node, zero), "tip": (last, at), "base": base}, solids)
         below = (last, tip_end)
     body.tip = below
     for load in loads:

@@ -83,9 +83,18 @@ def _points(track: Track) -> Array:
     for solid in track.body.solids:
         far = float(np.linalg.norm(solid["at"])) + float(np.linalg.norm(solid["size"])) / 2
         reach[solid["node"]] = max(reach[solid["node"]], far)
+    for mesh in track.body.meshes:
+        reach[mesh.node] = max(reach[mesh.node], float(np.linalg.norm(mesh.vertices, axis=1).max()))
     offsets = reach[:, None, None] * np.vstack([np.eye(3), -np.eye(3)])
     some = track.position[:: max(len(track.t) // 200, 1), 1:]  # without the world
-    return np.asarray((some[:, :, None] + offsets[1:]).reshape(-1, 3))
+    moving = (some[:, :, None] + offsets[1:]).reshape(-1, 3)
+    return np.concatenate([moving, *(_corners(m.vertices) for m in track.body.meshes if m.node == 0)])
+
+
+def _corners(points: Array) -> Array:
+    """The corners of the box about them, (8, 3)."""
+    ends = np.stack([points.min(axis=0), points.max(axis=0)])
+    return np.array([ends[(i, j, k), (0, 1, 2)] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
 def surface_strain(strain: Array, outline: Array) -> Array:

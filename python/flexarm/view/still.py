@@ -12,11 +12,14 @@ from .._check import Array
 from ..draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
 from . import stage
 from .body import along
+from .meshes import Mesh, thinned
 from .track import Track
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+_TRIANGLES = 12_000  # of meshes: so many are drawn in a third of a second
 
 
 class Eye:
@@ -140,7 +143,9 @@ def _beam_colours(values: Array, most: float) -> Array:
     return np.stack([np.interp(u, stops, stage.COLOURS[:, c]) for c in range(3)], axis=-1)
 
 
-def _add_track(faces: _Faces, track: Track, pose: Any, most: float, largest: tuple[float, float], eye: Eye) -> None:
+def _add_track(
+    faces: _Faces, track: Track, meshes: Sequence[Mesh], pose: Any, most: float, largest: tuple[float, float], eye: Eye
+) -> None:
     p, R, strain, force, moment = pose
     body, radius = track.body, eye.camera.radius
     symbol = 0.016 * radius
@@ -166,7 +171,12 @@ def _add_track(faces: _Faces, track: Track, pose: Any, most: float, largest: tup
             faces.add_polygon(rings[k], plain or _beam_colours((values[k] + np.roll(values[k], -1)) / 2, most))
     for solid in body.solids:
         node = solid["node"]
-        faces.add(_solid_faces(solid) @ R[node].T + p[node], stage.PART_COLOURS[solid["part"]])
+        if not solid.get("under"):
+            colour = solid.get("colour") or stage.PART_COLOURS[solid["part"]]
+            faces.add(_solid_faces(solid) @ R[node].T + p[node], colour)
+    for mesh in meshes:
+        corners = mesh.vertices[mesh.faces[:, [0, 1, 2, 2]]] @ R[mesh.node].T + p[mesh.node]
+        faces.add(corners, mesh.colour)
     for a, b in body.struts:
         start, end = point(*a), point(*b)
         length = float(np.linalg.norm(end - start))
@@ -220,6 +230,7 @@ class Still:
         self, tracks: Sequence[Track], notes: Sequence[str], size: tuple[float, float], steady: bool, scale: float
     ) -> None:
         self.tracks = tracks
+        self.meshes = [thinned(track.body.meshes, _TRIANGLES // len(tracks)) for track in tracks]
         self.most = stage.round_up(max(stage.greatest_strain(tracks), scale))
         self.largest = (_largest(tracks, "force"), _largest(tracks, "moment"))
         self.figure: Figure = new_figure(*size)
@@ -254,7 +265,7 @@ class Still:
 
     def draw(self, t: float) -> Figure:
         """The figure at time t (s)."""
-        for ax, track in zip(self.axes, self.tracks, strict=True):
+        for ax, track, meshes in zip(self.axes, self.tracks, self.meshes, strict=True):
             ax.clear()
             ax.set_axis_off()
             ax.set_xlim(-self.eye.aspect, self.eye.aspect)
@@ -262,7 +273,7 @@ class Still:
             _floor(ax, self.eye)
             _trace(ax, self.eye, track, t)
             faces = _Faces()
-            _add_track(faces, track, track.at(t), self.most, self.largest, self.eye)
+            _add_track(faces, track, meshes, track.at(t), self.most, self.largest, self.eye)
             if faces.faces:
                 faces.draw(ax, self.eye)
         if any(len(track.t) > 1 for track in self.tracks):
