@@ -192,24 +192,28 @@ def _layer(beam: Beam, patch: Patch, x: float, side: int) -> Array:
     return corners if patch.face[-1] == "y" else corners[:, ::-1]
 
 
-def _looks(body: Body, link: Link, places: dict[str, tuple[int, Array]], solids: int) -> None:
-    """What a link's file shows; symbols from `solids` on, and boxes that stand for masses, then give way to it."""
-    seen = len(body.solids), len(body.meshes)
+def _looks(body: Body, link: Link, places: dict[str, tuple[int, Array]], hub: slice, tip: slice) -> None:
+    """What a link's file shows; the symbols and boxes of its joint and hub, and of its tip, then give way to it."""
+    shown = set()
     for look in link.looks:
         (node, origin), (at, axes) = places[look.on], (look.at or Placement())._core
         centre = origin + at
         if look.shape == "mesh":
-            body.meshes += meshes_of(look, node, centre, axes)
+            found = meshes_of(look, node, centre, axes)
+            body.meshes += found
+            shown |= {look.on} if found else set()
             continue
+        shown.add(look.on)
         if look.shape == "cylinder":
             radius, long = look.size
             body.solid("look", node, "cylinder", centre, axes[:, [2, 0, 1]], (long, radius))
         else:
             body.solid("look", node, look.shape, centre, axes, look.size)
         body.solids[-1]["colour"] = look.colour or LOOK_COLOUR
-    if (len(body.solids), len(body.meshes)) != seen:
-        for solid in body.solids[solids : seen[0]]:
-            solid["under"] = True
+    for on, solids in (("hub", hub), ("tip", tip)):
+        if on in shown or (link.beam is None and shown & {"hub", "tip"}):  # hub and tip are one rigid body then
+            for solid in body.solids[solids]:
+                solid["under"] = True
 
 
 def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> Body:
@@ -235,12 +239,14 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
             far = max((float(np.linalg.norm(s["at"]) + np.linalg.norm(s["size"]) / 2) for s in hubs), default=0.0)
             for axis in body.axes[axes:]:
                 axis["length"] = max(axis["length"], far + 3 * radius)
+        tip = len(body.solids)
         last, at = (first + slices[k] - 1, zero) if link.beam else (node, hub_end)
         tip_end = at + np.array(link.tip.end) if link.tip else at
         body.rod(last, at, tip_end, radius / 2)
         if link.tip:
             _mass(body, "tip", last, at, link.tip)
-        _looks(body, link, {"hub": (node, zero), "tip": (last, at), "base": base}, solids)
+        places = {"hub": (node, zero), "tip": (last, at), "base": base}
+        _looks(body, link, places, slice(solids, tip), slice(tip, len(body.solids)))
         below = (last, tip_end)
     body.tip = below
     for load in loads:

@@ -69,7 +69,7 @@ def _divided(faces: Array, n: int = 4) -> Array:
 
 
 def _solid_faces(solid: dict[str, Any]) -> Array:
-    """Faces (n, 4, 3) in the axes of its node."""
+    """Faces (n, 4, 3) in the axes of its node, whose corners go round to the left as seen from outside."""
     size = solid["size"]
     if solid["kind"] == "ball":
         turn = np.linspace(0.0, np.pi, 9)
@@ -80,6 +80,9 @@ def _solid_faces(solid: dict[str, Any]) -> Array:
         corner = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2
         box = np.array([[(x, *c) for c in corner] for x in (-0.5, 0.5)]) * np.array(size)
         faces = _divided(np.concatenate([_quads(box), box]))
+    normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
+    inwards = np.einsum("ni,ni->n", normal, faces.mean(axis=1)) < 0  # solids are convex, about their middle
+    faces = np.where(inwards[:, None, None], faces[:, ::-1], faces)
     return np.asarray(faces @ np.array(solid["axes"]).T + solid["at"])
 
 
@@ -173,7 +176,8 @@ def _add_track(
         node = solid["node"]
         if not solid.get("under"):
             colour = solid.get("colour") or stage.PART_COLOURS[solid["part"]]
-            faces.add(_solid_faces(solid) @ R[node].T + p[node], colour)
+            sides = _solid_faces(solid) @ R[node].T + p[node]
+            faces.add(sides[eye.sees(sides)], colour)
     for mesh in meshes:
         corners = mesh.vertices[mesh.faces[:, [0, 1, 2, 2]]] @ R[mesh.node].T + p[mesh.node]
         faces.add(corners, mesh.colour)
