@@ -13,7 +13,8 @@ from .track import Track
 
 #: between blue and red, light in the middle: Moreland, "Diverging color maps for scientific visualization", 2009
 COLOURS = np.array([(59, 76, 192), (124, 159, 249), (221, 221, 221), (245, 156, 125), (180, 4, 38)]) / 255
-PART_COLOURS = {"hub": "#8A8F98", "tip": "#5B616B", "rod": "#8A8F98", "joint": "#3A3F47", "patch": "#D9A300"}
+PART_COLOURS = {"hub": "#8A8F98", "tip": "#5B616B", "rod": "#8A8F98", "joint": "#3A3F47"}
+PART_COLOURS |= {"patch": "#D9A300", "goal": GREEN}
 SYMBOL_COLOURS = {"axis": ORANGE, "force": GREEN, "moment": PURPLE, "trace": BLUE}
 FIELD = 28.0  # degrees, from the picture's lower edge to its upper
 
