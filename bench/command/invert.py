@@ -72,7 +72,7 @@ def one_link(out: Path) -> None:
         motions[kind], after[kind] = shaper.shape(path), shaper.duration
     motions["inverse"], after["inverse"] = inverse.motions[0], inverse.post
     t = np.arange(-0.5, UNTIL, 1e-3)
-    figure, (a, b, c) = plt.subplots(1, 3, figsize=(12, 3.9), layout="constrained")
+    figure, (a, b, c) = plt.subplots(1, 3, figsize=(10.0, 3.7), layout="constrained")
     wanted = np.array([path(min(max(x, 0.0), TIME))[0] for x in t])
     rows = []
     for name, motion in motions.items():

@@ -88,7 +88,7 @@ class View:
     def _repr_html_(self) -> str:
         return (
             f'<iframe srcdoc="{html.escape(self.html())}" width="100%" height="520" '
-            'style="border: 1px solid #ddd"></iframe>'
+            'style="display: block; box-sizing: border-box; border: 1px solid #ddd"></iframe>'
         )
 
     def open(self) -> Path:
