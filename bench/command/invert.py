@@ -102,7 +102,7 @@ def one_link(out: Path) -> None:
         ax.axvspan(0, TIME, color="#0072B2", alpha=0.06, lw=0)
         ax.grid(alpha=0.3)
         ax.spines[["top", "right"]].set_visible(False)
-    a.legend(frameon=False, fontsize=9, loc="lower right")
+    b.legend(*a.get_legend_handles_labels(), frameon=False, fontsize=9, loc="lower right")
     figure.savefig(out / "invert.png", dpi=110)
     write(out / "invert.csv", rows)
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, PURPLE, SKY, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"
 PALETTE = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
 INK = "#333333"
-#: Of the order of a beam's rotation, in the figures of charts and of the paper; "as given": of an arm that does not bend.
+#: Of the order of a beam's rotation, in charts and the figures of the paper; "as given": of an arm that does not bend.
 ORDER_COLOURS: dict[int | str, str] = {
     "as given": "#8C8C8C", 0: ORANGE, 1: PURPLE, 2: BLUE, 3: GREEN, "exact": RED, "mixed": SKY
 }  # fmt: skip

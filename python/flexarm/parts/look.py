@@ -35,7 +35,7 @@ class Look(Part):
     shape: str = "mesh"
     size: Sequence[float] = ()
     _: KW_ONLY
-    file: str | None = None
+    file: str | PathLike[str] | None = None
     at: Placement | None = None
     on: str = "hub"
     colour: str | None = None

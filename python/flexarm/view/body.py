@@ -216,6 +216,15 @@ def _looks(body: Body, link: Link, places: dict[str, tuple[int, Array]], hub: sl
                 solid["under"] = True
 
 
+def _lengthen(body: Body, joint: Joint, node: int, axis: dict[str, Any], radius: float) -> None:
+    """An axis of a joint with one freedom: out of the meshes that it moves."""
+    ((_, _, direction),) = joint._freedoms()
+    place, turn = (joint.outboard or Placement())._core
+    d = turn.T @ (np.array(direction) / np.linalg.norm(direction))
+    ends = [float((mesh.vertices @ d).max()) for mesh in body.meshes if mesh.node == node]
+    axis["length"] = max([axis["length"], *(end + place @ turn @ d + 3 * radius for end in ends)])
+
+
 def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> Body:
     """The body of an arm, each beam cut into as many slices as its link's entry of `slices` says."""
     body = Body(length(arm))
@@ -235,7 +244,7 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
         body.rod(node, zero, hub_end, radius / 2)
         if link.hub:
             _mass(body, "hub", node, zero, link.hub)
-            hubs = [s for s in body.solids if s["node"] == node and s["part"] == "hub"]
+            hubs = [] if link.looks else [s for s in body.solids if s["node"] == node and s["part"] == "hub"]
             far = max((float(np.linalg.norm(s["at"]) + np.linalg.norm(s["size"]) / 2) for s in hubs), default=0.0)
             for axis in body.axes[axes:]:
                 axis["length"] = max(axis["length"], far + 3 * radius)
@@ -247,6 +256,8 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
             _mass(body, "tip", last, at, link.tip)
         places = {"hub": (node, zero), "tip": (last, at), "base": base}
         _looks(body, link, places, slice(solids, tip), slice(tip, len(body.solids)))
+        if len(body.axes) == axes + 1:
+            _lengthen(body, link.joint, node, body.axes[axes], radius)
         below = (last, tip_end)
     body.tip = below
     for load in loads:

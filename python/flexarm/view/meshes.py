@@ -36,18 +36,18 @@ def meshes_of(look: Look, node: int, at: Array, axes: Array) -> list[Mesh]:
     Warns:
         UserWarning: no such file, one that cannot be read, or no trimesh.
     """
-    assert look.file is not None
+    file = str(look.file)
     try:
-        parts = _read(look.file, os.stat(look.file).st_mtime_ns)
+        parts = _read(file, os.stat(file).st_mtime_ns)
     except ImportError as e:
         missing = "pycollada" if "ollada" in str(e) else "trimesh"
         _warn(f"meshes are not drawn: {missing} is missing; pip install 'flexarm[view]'")
         return []
     except OSError as e:
-        _warn(f"the mesh {look.file} is not drawn: {e.strerror or e}")
+        _warn(f"the mesh {file} is not drawn: {e.strerror or e}")
         return []
     except Exception as e:  # of trimesh's many readers
-        _warn(f"the mesh {look.file} is not drawn: {' '.join(str(e).split()) or repr(e)}")
+        _warn(f"the mesh {file} is not drawn: {' '.join(str(e).split()) or repr(e)}")
         return []
     factors = np.array(look.size)
     return [

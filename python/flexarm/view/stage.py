@@ -76,20 +76,26 @@ def _towards_eye(points: Array, up: Array, steady: bool) -> Array:
 
 
 def _points(track: Track) -> Array:
-    """Six points about each node at its frames, as far away as solids and sections reach there, (n, 3)."""
+    """Six points about each node at its frames, as far away as solids and sections reach there, and the corners of
+    meshes, (n, 3)."""
+    from scipy.spatial.transform import Rotation
+
     reach = np.full(track.position.shape[1], 0.02 * track.body.size)
     for beam in track.body.beams:
         nodes = slice(beam["first"], beam["first"] + beam["count"])
         reach[nodes] = np.maximum(reach[nodes], np.linalg.norm(beam["outlines"], axis=2).max(axis=1))
-    for solid in track.body.solids:
+    for solid in (s for s in track.body.solids if not s.get("under")):
         far = float(np.linalg.norm(solid["at"])) + float(np.linalg.norm(solid["size"])) / 2
         reach[solid["node"]] = max(reach[solid["node"]], far)
-    for mesh in track.body.meshes:
-        reach[mesh.node] = max(reach[mesh.node], float(np.linalg.norm(mesh.vertices, axis=1).max()))
     offsets = reach[:, None, None] * np.vstack([np.eye(3), -np.eye(3)])
-    some = track.position[:: max(len(track.t) // 200, 1), 1:]  # without the world
-    moving = (some[:, :, None] + offsets[1:]).reshape(-1, 3)
-    return np.concatenate([moving, *(_corners(m.vertices) for m in track.body.meshes if m.node == 0)])
+    stride = max(len(track.t) // 200, 1)
+    some = track.position[::stride, 1:]  # without the world
+    parts = [(some[:, :, None] + offsets[1:]).reshape(-1, 3)]
+    for mesh in track.body.meshes:
+        turns = Rotation.from_quat(track.quaternion[::stride, mesh.node]).as_matrix()
+        moved = _corners(mesh.vertices) @ turns.swapaxes(1, 2) + track.position[::stride, mesh.node, None]
+        parts.append(moved.reshape(-1, 3))
+    return np.concatenate(parts)
 
 
 def _corners(points: Array) -> Array:

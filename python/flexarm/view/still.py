@@ -265,7 +265,7 @@ class Still:
         bar.set_ticks([-self.most * factor, 0, self.most * factor])
         bar.ax.tick_params(labelsize=8.5)
         bar.outline.set_visible(False)
-        place.set_title(f"strain at the surface, along x ({unit})", fontsize=8.5, pad=3)
+        place.set_title(f"strain at the surface, along x ({unit})", fontsize=8.5, pad=3, loc="right")
 
     def draw(self, t: float) -> Figure:
         """The figure at time t (s)."""
