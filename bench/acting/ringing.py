@@ -71,7 +71,7 @@ def main() -> None:
         writer.writeheader()
         writer.writerows(rows)
 
-    figure, (a, b, c) = plt.subplots(1, 3, figsize=(12, 3.9), layout="constrained")
+    figure, (a, b, c) = plt.subplots(1, 3, figsize=(10.0, 3.7), layout="constrained")
     for name, run in runs.items():
         look = {"color": COLOURS[name], "label": name if name == "unshaped" else name.upper(), "lw": 1.4}
         a.plot(run.t, run.q[:, 0], **look)
@@ -83,14 +83,14 @@ def main() -> None:
         c.plot(100 * OFF, 100 * left[name] / left["unshaped"], "o", color=COLOURS[name], label=f"{label}, simulated")
     a.set(xlabel="time (s)", ylabel="hub angle (rad)", xlim=(0, 1))
     b.set(xlabel="time (s)", ylabel="tip deflection (mm)", xlim=(0, 2))
-    c.set(xlabel="arm's frequency against the shaper's (%)", ylabel="ringing left (% of unshaped)")
+    c.set(xlabel="arm's frequency is off by (%)", ylabel="ringing left (% of unshaped)")
     for ax, title in ((a, "a: the command"), (b, "b: the tip"), (c, "c: a wrong frequency")):
         ax.set_title(title, fontsize=10, loc="left")
         ax.grid(alpha=0.3)
         ax.spines[["top", "right"]].set_visible(False)
     b.set_ylim(b.get_ylim()[0], 1.45 * b.get_ylim()[1])
     a.legend(frameon=False, fontsize=9, loc="lower right")
-    b.legend(frameon=False, fontsize=9, loc="upper right", ncols=3)
+    b.legend(handlelength=1.2, columnspacing=1.2, frameon=False, fontsize=9, loc="upper right", ncols=3)
     c.legend(frameon=False, fontsize=9, loc="upper center")
     figure.savefig(out / "ringing.png", dpi=110)
 

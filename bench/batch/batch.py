@@ -21,6 +21,7 @@ import flexarm as fa
 import matplotlib
 import numpy as np
 from flexarm.batch.arguments import default_workers
+from flexarm.draw.style import PALETTE
 from flexarm.run.variation import Setup, Variation
 
 matplotlib.use("Agg")
@@ -147,15 +148,16 @@ def building() -> list[Row]:
 
 
 def draw(rows: list[Row], path: Path) -> None:
-    figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
-    for way in dict.fromkeys(r["way"] for r in rows if r["kind"] == "steps"):
+    figure, axes = plt.subplots(figsize=(8.0, 4.6), layout="constrained")
+    ways = dict.fromkeys(r["way"] for r in rows if r["kind"] == "steps")
+    for way, colour in zip(ways, PALETTE, strict=False):
         mine = [(r["n"], r["value"]) for r in rows if r["kind"] == "steps" and r["way"] == way]
         label = f"{way} worker{'s' if not str(way).endswith(', 1') else ''}" if "," in str(way) else way
-        axes.loglog(*zip(*mine, strict=True), "o-", ms=4, lw=1.2, label=label)
+        axes.loglog(*zip(*mine, strict=True), "o-", color=colour, ms=4, lw=1.4, label=label)
     axes.set(xlabel="steps of a scenario", ylabel="steps a second", title="16 scenarios of a two-link arm, 6 modes")
-    axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=8)
-    figure.savefig(path, dpi=100)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=9, frameon=False, loc="lower right")
+    figure.savefig(path, dpi=120)
 
 
 def page(rows: list[Row]) -> str:

@@ -72,7 +72,7 @@ def one_link(out: Path) -> None:
         motions[kind], after[kind] = shaper.shape(path), shaper.duration
     motions["inverse"], after["inverse"] = inverse.motions[0], inverse.post
     t = np.arange(-0.5, UNTIL, 1e-3)
-    figure, (a, b, c) = plt.subplots(1, 3, figsize=(12, 3.9), layout="constrained")
+    figure, (a, b, c) = plt.subplots(1, 3, figsize=(10.0, 3.7), layout="constrained")
     wanted = np.array([path(min(max(x, 0.0), TIME))[0] for x in t])
     rows = []
     for name, motion in motions.items():
@@ -102,7 +102,7 @@ def one_link(out: Path) -> None:
         ax.axvspan(0, TIME, color="#0072B2", alpha=0.06, lw=0)
         ax.grid(alpha=0.3)
         ax.spines[["top", "right"]].set_visible(False)
-    a.legend(frameon=False, fontsize=9, loc="lower right")
+    b.legend(*a.get_legend_handles_labels(), frameon=False, fontsize=9, loc="lower right")
     figure.savefig(out / "invert.png", dpi=110)
     write(out / "invert.csv", rows)
 

@@ -184,7 +184,7 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("ignore", fa.LoopWarning)
     rows: list[list[object]] = []
-    figure, axes = plt.subplots(1, 3, figsize=(13, 3.8), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(10.4, 3.6), layout="constrained")
     for payload in (0.05, 0.15, 0.5):
         for factor, colour in ((1 / 3, BLUE), (3, ORANGE)):
             run, estimate = simulated(payload, factor)

@@ -25,7 +25,7 @@ def entry(measure: Callable[[], Entry]) -> Callable[[], Entry]:
 
 def panels(*labels: tuple[str, str], scales: str = "") -> tuple[Figure, list]:
     """Axes side by side with (x label, y label); `scales` has two letters for each: "i" linear or "o" logarithmic."""
-    fig = Figure(figsize=(4.2 * len(labels) if len(labels) > 1 else 5.6, 3.4), layout="constrained")
+    fig = Figure(figsize=({1: 5.6, 2: 8.4}.get(len(labels), 10.0), 3.4), layout="constrained")
     axes = fig.subplots(1, len(labels), squeeze=False)[0]
     for k, (ax, (x, y)) in enumerate(zip(axes, labels, strict=True)):
         ax.set_xlabel(x)

@@ -114,7 +114,7 @@ def euler() -> Entry:
 def collapse() -> Entry:
     """Solutions that run away."""
     fig, (left, right) = panels(
-        ("time (s)", "angle (rad)"), ("time (s)", "elastic coordinate, order 1 at 100 rad/s (m)"), scales="ioio"
+        ("time (s)", "angle (rad)"), ("time (s)", "elastic coordinate at 100 rad/s (m)"), scales="ioio"
     )
     torque, grown = integrators.collapse(), integrators.overflow()
     left.plot(torque["t"][1:], torque["q"][1:, 0], color=BLUE, lw=1.4)

@@ -85,12 +85,13 @@ def tip_pd() -> Entry:
         loop = fa.closed_loop(arm, loops.pd_on(what))
         s = loop.locus(np.geomspace(1e-2, 3.0, 240)).poles.ravel()
         s = s[(s.imag > 0) & (s.imag < 160)]
-        a.plot(s.real, s.imag, ".", ms=3, color=colour, label=f"PD on the {what}, gains times 0.01 to 3")
+        a.plot(s.real, s.imag, ".", ms=3, color=colour, label=f"PD on the {what}")
         lost = loop.limits()
         rows.append({"PD on": what, "unstable above, times its gains": f"{lost.high:.4f}",
                      "at (rad/s)": f"{lost.frequencies[1]:.1f}"})  # fmt: skip
     a.axvline(0, color=INK, lw=1)
     a.set(xlim=(-30, 12), ylim=(0, 160))
+    a.set_title("gains times 0.01 to 3", fontsize=9)
     legend(a, loc="upper left")
     found = around(b, lost.high, lambda f: fa.closed_loop(arm, loops.pd_on("tip", f)).growth, loops.tip_growth)
     for row, what, runs in ((rows[0], "joint", ""), (rows[1], "tip", f"{found:.4f}")):
@@ -135,7 +136,7 @@ def windup() -> Entry:
         a.plot(r.t, r.q[:, 0], color=colour, lw=1.2, label=f"from {factor * start:.4f} rad")
     for sign in (-1, 1):
         a.axhline(sign * amplitude, color=BLUE, lw=1, ls="--", label="describing function" if sign > 0 else None)
-    a.set_ylim(-1.2, 1.2)
+    a.set_ylim(-1.2, 1.7)
     legend(a, loc="upper left", ncols=2)
     m = loop.margins[0]
     rows: Rows = [{"unstable below a gain of": f"{m.gain[0]:.4f}", "limit cycle by the describing function":

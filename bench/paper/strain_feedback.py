@@ -68,7 +68,7 @@ def draw(arm: fa.Arm, most: float, path: Path) -> None:
     def poles(ks: float, rate: float | None = None) -> np.ndarray:
         return fa.closed_loop(arm, law_of(ks, rate)).poles
 
-    fig = Figure(figsize=(13.0, 4.2), layout="constrained")
+    fig = Figure(figsize=(10.4, 4.2), layout="constrained")
     a, b, c = fig.subplots(1, 3)
     sizes = np.concatenate([[0.0], np.geomspace(1e-4, 0.3, 300)])
     for sign, colour, name in ((-1, BLUE, "Ks below 0, to −0.3"), (1, RED, "Ks above 0, to 0.0105")):

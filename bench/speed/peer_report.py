@@ -146,7 +146,7 @@ def figure(case: Case, runs: list[Row]) -> Figure:
     x, y = ([r[i] for r in best] for i in ("cpu_s", "error"))
     ax.plot(x, y, "o", mfc="none", mec="black", ms=11, label="front of all")
     ax.set(xscale="log", yscale="log", xlabel="CPU time of the simulation (s)", ylabel="largest error of the tip (m)")
-    ax.set_title(f"({case.name}) {CASES[case.name].title}", fontsize=11)
+    ax.set_title(f"({case.name}) {CASES[case.name].title}", fontsize=10, loc="left")
     ax.grid(which="major", alpha=0.3)
     fig.legend(loc="outside right upper", fontsize=8, frameon=False)
     return fig

@@ -150,8 +150,16 @@ Joint read_joint(const At& joint) {
   return within(joint.where(), [&] { return Joint(f.motions, kind.ball, labels, forces, inboard, outboard); });
 }
 
+/// What a link looks like, which Python draws: its keys are checked, nothing is kept.
+void pass_look(const At& look) {
+  look.known_keys({"shape", "size", "file", "at", "on", "colour"});
+  read_placement(look, "at");
+}
+
 Link read_link(const At& table) {
-  table.known_keys({"joint", "hub", "beam", "tip", "name"});
+  table.known_keys({"joint", "hub", "beam", "tip", "name", "looks"});
+  if (table.has("looks"))
+    for (const At& look : table["looks"].list("tables")) pass_look(look);
   table.needs({"joint"});
   const Joint joint = read_joint(table["joint"]);
   std::optional<RigidBody> hub, tip;

@@ -11,7 +11,7 @@ Parts of an arm
                             GeneralSection Taper, or
     SectionMatrix           any section, 6 x 6; laminate makes one of a list of Ply (Orthotropic), polygon of an outline
     Patch, Piezo            a piezo patch on a beam, and its material; split: a link in pieces that end where it does
-    from_urdf, from_mjcf    an arm of a robot's file, whose links are rigid, or Flexible
+    from_urdf, from_mjcf    an arm of a robot's file, whose links are rigid, or Flexible; Look: what is drawn of a link
 What acts on it
     Motion, Torque, Voltage, Load       over time: on joints, patches, slices
     PD, StrainFeedback, StateFeedback   controllers that act continuously
@@ -141,6 +141,7 @@ from .parts.joints import (
     Universal as Universal,
 )
 from .parts.link import Link as Link
+from .parts.look import Look as Look
 from .parts.material import Material as Material
 from .parts.laminate import Orthotropic as Orthotropic, Ply as Ply, laminate as laminate
 from .parts.part import ModelWarning as ModelWarning

@@ -153,15 +153,18 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         return self._observation(), {}
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Pictures of all arms in 3-D, (480, 640, 3) each; see `Arm.show`. None without render_mode."""
+        """Pictures of all arms in 3-D, (480, 640, 3) each; see `Arm.show`. Balls are what the task aims at
+        (`Task.marks`). None without render_mode."""
         if self.render_mode is None:
             return None
         if not self._rngs:
             raise gym.error.ResetNeeded("render before the first reset")
         pictures = []
-        for arm, q, count in zip(self._arms, self._q, self._count, strict=True):
-            time = float(count * self.task.period)
-            view = show(arm, q, 1.0, t=time, title=f"t = {time:.3g} s", steady=True, strain_scale=self._strain)
+        state = self.state
+        aims = array("marks", self.task.marks(state)).reshape(self.num_envs, -1, 3)
+        for arm, q, time, marks in zip(self._arms, self._q, state.t.tolist(), aims, strict=True):
+            title = f"t = {time:.3g} s"
+            view = show(arm, q, 1.0, t=time, marks=list(marks), title=title, steady=True, strain_scale=self._strain)
             self._strain = max(self._strain, greatest_strain(view.tracks))
             pictures.append(view.image())
         return tuple(pictures)

@@ -86,6 +86,10 @@ class Task:
         """The reward (B,) of the state that an action (B, nu), of -1 to 1, has led to."""
         raise NotImplementedError(f"{type(self).__name__} has no reward: give it reward(state, action) -> (B,)")
 
+    def marks(self, state: State) -> Array:
+        """Where pictures show what is aimed at, as small balls, (B, n, 3) (m)."""
+        return np.zeros((len(state.t), 0, 3))
+
     def lost(self, state: State) -> NDArray[np.bool_]:
         """Where an episode ends before its time, (B,)."""
         return np.zeros(len(state.t), bool)
@@ -125,8 +129,11 @@ class VibrationSuppression(Task):
         row = self.arm.strain(np.eye(self.arm.nq), 0, 0.0)[:, 2]  # linear in q, so of v it is the rate
         return (state.v @ row)[:, None]
 
+    def marks(self, state: State) -> Array:
+        return np.tile(self.arm.frame(self.arm.zero)[0], (len(state.t), 1, 1))
+
     def _distance(self, state: State) -> Array:
-        return np.asarray(np.linalg.norm(state.end - self.arm.frame(self.arm.zero)[0], axis=1))
+        return np.asarray(np.linalg.norm(state.end - self.marks(state)[:, 0], axis=1))
 
     def reward(self, state: State, action: Array) -> Array:
         return np.asarray(1 / (1 + (self._distance(state) / 0.02) ** 2) - 0.01 * (action**2).sum(axis=1))
@@ -204,6 +211,10 @@ class TipTracking(Task):
     def observe(self, state: State) -> Array:
         place, velocity = self.target(state.goal, state.t)
         return np.concatenate([place - state.end[:, :2], velocity], axis=1)
+
+    def marks(self, state: State) -> Array:
+        place = self.target(state.goal, state.t)[0]
+        return np.concatenate([place, state.end[:, 2:]], axis=1)[:, None]
 
     def _distance(self, state: State) -> Array:
         return np.asarray(np.linalg.norm(self.target(state.goal, state.t)[0] - state.end[:, :2], axis=1))

@@ -18,6 +18,7 @@ from flexarm.choose.integrators import LINES, line_options
 from flexarm.choose.models import Models
 from flexarm.choose.trials import Run
 from flexarm.cli import main
+from flexarm.draw.tradeoff import Kind, model_styles
 from flexarm.run.simulation import INTEGRATORS
 
 SWING = """
@@ -202,6 +203,28 @@ def test_the_picture(chart: fa.Chart) -> None:
     drawn = np.concatenate([line.get_xydata() for line in ax.lines])
     for row in chart.front:
         assert np.isclose(drawn[:, 0], row.time, rtol=1e-12).any()
+    listed = "\n".join(text.get_text() for text in chart.plot().axes[1].texts)
+    assert all(f"{k}  {row.label}" in listed for k, row in enumerate(chart.front, 1)) and len(chart.front) > 1
+
+
+def test_every_model_of_the_picture_has_a_look_of_its_own() -> None:
+    kinds = [Kind(order, str(n), basis) for order in (0, 1, 2, 3, "exact") for n in range(1, 21) for basis in ("", "b")]
+    looks = model_styles(kinds)
+    assert len({(s["color"], str(s["marker"]), s["fillstyle"]) for s in looks.values()}) == len(kinds) == 200
+
+
+def test_the_picture_says_what_is_not_converged_or_has_no_error(chart: fa.Chart) -> None:
+    assert chart.truth is not None
+    told = chart.plot().axes[0].get_title(loc="left")
+    assert chart.with_status("failed") and f"{len(chart.with_status('failed'))} of rk4" in told
+    assert "NOT CONVERGED" not in told and "PARTIAL" not in told
+    doubtful = replace(chart, truth=replace(chart.truth, modes=0.03), complete=False)
+    told = doubtful.plot().axes[0].get_title(loc="left")
+    assert "PARTIAL" in told and "NOT CONVERGED" in told and "3.0e-02" in told
+    cut = replace(next(r for r in chart.rows if r.error is not None), status="cut", error=None, time=1.25)
+    ax = replace(chart, rows=[*chart.rows, cut]).plot().axes[0]
+    crosses = [line.get_xdata()[0] for line in ax.lines if line.get_marker() == "x"]
+    assert crosses == [1.25] and "1 run given up" in ax.get_title(loc="left")
 
 
 # -- budget, Ctrl-C, failures --------------------------------------------------------------------------------

@@ -262,3 +262,17 @@ def test_environments_draw_themselves() -> None:
     pictures = both.render()
     assert len(pictures) == 2 and pictures[0].shape == (480, 640, 3)
     assert gym.make("flexarm.env:flexarm/TipTracking-v0", disable_env_checker=True).unwrapped.render() is None
+
+
+@pytest.mark.parametrize("name", ["TipTracking", "VibrationSuppression"])
+def test_pictures_show_what_is_aimed_at(name):
+    """Green where the goal is: as far from the arm's end, in the picture too, as the reward counts."""
+    env = gym.make(f"flexarm.env:flexarm/{name}-v0", render_mode="rgb_array", disable_env_checker=True).unwrapped
+    env.reset(seed=3)
+    state = env._one.state
+    (mark,) = env.task.marks(state)[0]
+    far = float(np.linalg.norm(mark - state.end[0]))
+    assert far == pytest.approx(float(env.task._distance(state)[0]), abs=1e-12)
+    pixels = env.render().astype(int)
+    green = (pixels[..., 1] - pixels[..., 0] > 60) & (pixels[..., 1] - pixels[..., 2] > 20)
+    assert 20 < green.sum() < 4000

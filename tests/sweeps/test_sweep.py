@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 from flexarm.cli import main
+from flexarm.draw.sweep import plot_sweep
 from flexarm.sweeps.quantities import QUANTITIES, settling_time
 from flexarm.sweeps.result import SweepInterrupted
 from flexarm.sweeps.sweep import sweep
@@ -31,6 +32,44 @@ def scene(**changes):
 
 def plan(count=6, **more):
     return Sweep([Vary("grid", {LENGTH: {"from": 0.3, "to": 0.4, "count": count}})], **more)
+
+
+# -- the picture ---------------------------------------------------------------------------------------------
+
+
+def test_a_map_names_what_has_no_number():
+    axes = {"length (m)": np.array([0.3, 0.4, 0.5]), "stiff (Pa)": np.array([1e11, 2e11])}
+    full = np.arange(6.0)
+    holes = np.where(np.arange(6) < 3, np.nan, full)
+    why = np.array([0, 1, 2, 2, 2, 2])
+    columns = [("deflection (m)", full), ("settling (s)", holes), ("strain", full), ("speed (rad/s)", full)]
+    figure = plot_sweep(columns, [], axes, False, "four", why)
+    assert max(figure.get_size_inches()) <= 10  # a page shows it
+    bars = [ax.get_ylabel() for ax in figure.axes if ax.get_label() == "<colorbar>"]
+    assert bars == ["deflection (m)", "settling (s)\n(grey: no number)", "strain", "speed (rad/s)"]
+    (legend,) = figure.legends
+    assert [t.get_text() for t in legend.get_texts()] == ["failed: 1", "not run yet: 1", "no value: 1"]
+    lost = figure.axes[1].collections[1].get_array()
+    assert lost.compressed().tolist() == [0, 1, 2]
+    assert not plot_sweep([columns[0]], [], axes, False, "one", why).legends
+
+
+def test_points_without_a_number_are_crosses_at_the_bottom():
+    x, y = np.arange(5.0), np.array([1.0, np.nan, 2.0, 3.0, np.nan])
+    figure = plot_sweep([("settling (s)", y)], [("mass (kg)", x)], None, False, "points", np.array([2, 0, 2, 2, 1]))
+    (cross,) = (line for line in figure.axes[0].lines if line.get_marker() == "x")
+    assert cross.get_xdata().tolist() == [1.0]  # the last was not run
+    assert figure.legends[0].get_texts()[0].get_text() == "without a number (failed: 1)"
+
+
+def test_the_picture_of_a_sweep_has_units_and_reasons():
+    axes = {LENGTH: [0.3, 0.4], STIFF: {"from": 1e11, "to": 2e11, "count": 3}}
+    found = sweep(scene(), Sweep([Vary("grid", axes)], outputs=["tip_deflection"]))
+    found.columns["tip deflection"][2] = np.nan
+    found.failures.append((2, 0.1, "as told"))
+    figure = found.plot()
+    assert figure.axes[0].get_ylabel() == f"{LENGTH} (m)" and figure.axes[0].get_xlabel() == f"{STIFF} (Pa)"
+    assert figure.legends[0].get_texts()[0].get_text() == "failed: 1" and "1 failed" in figure.get_suptitle()
 
 
 # -- what is varied -----------------------------------------------------------------------------------------

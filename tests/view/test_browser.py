@@ -74,3 +74,24 @@ def test_a_screenshot_shows_the_arm(tmp_path: Path) -> None:
     pixels = np.asarray(Image.open(picture).convert("RGB"), int)[:600, :760]  # without the legend
     blue, red = pixels[..., 2] - pixels[..., 0] > 60, pixels[..., 0] - pixels[..., 2] > 60
     assert blue.sum() > 100 and red.sum() > 100  # both sides of bent beams
+
+
+def test_a_screenshot_shows_meshes(tmp_path: Path) -> None:
+    """A red ball of a file at the end of a link, and a blue box at its base."""
+    pytest.importorskip("jupyter_threejs_sage")
+    trimesh = pytest.importorskip("trimesh")
+    from PIL import Image
+
+    trimesh.creation.icosphere(subdivisions=4, radius=100.0).export(tmp_path / "ball.stl")
+    at = fa.Placement((0.5, 0, 0))
+    looks = [
+        fa.Look("mesh", [1e-3] * 3, file=tmp_path / "ball.stl", at=at, colour="#FF0000"),
+        fa.Look("box", (0.2, 0.1, 0.1), on="base", colour="#0000FF"),
+    ]
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, (0.5, 0, 0)), looks=looks)])
+    page, picture = tmp_path / "arm.html", tmp_path / "arm.png"
+    arm.show([0.3], open=False).save(page)
+    browse(page, f"--screenshot={picture}")
+    pixels = np.asarray(Image.open(picture).convert("RGB"), int)[:600, :760]
+    red, blue = pixels[..., 0] - pixels[..., 2] > 60, pixels[..., 2] - pixels[..., 0] > 60
+    assert red.sum() > 2000 and blue.sum() > 500

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from .._check import number
 from .._console import aligned, json_text, progress_bar, seconds
 from .._core import __version__
-from ..draw.tradeoff import Line, Point, plot_lines
+from ..draw.tradeoff import Cheapest, Kind, Line, Point, plot_lines
 from ..scene.scene import Scene
 from .chart_search import ChartSearch, Truth, best
 from .integrators import LINES, OVER_OUTPUTS, longest_gap
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 _SAME = 1e-9  # distance below which "ci" and "ab" are the same
+_DOUBTFUL = 1e-2  # of the span: a truth that is known no better is called not converged
 _SHOWN = 6  # failed or skipped runs listed one by one
 
 
@@ -117,28 +118,49 @@ class Chart:
         return "\n".join(lines)
 
     def plot(self) -> Figure:
-        """Error against wall time, a line for each model and integrator, the Pareto front marked."""
+        """Error against wall time, a line for each model and integrator; the cheapest are ringed and listed."""
         floor = max(self._least, 1e-12)
 
         def point(row: Run) -> Point:
             return row.time, max(row.error or 0.0, floor)
 
-        groups: dict[tuple[str, str, str], list[Run]] = {}
+        groups: dict[tuple[Kind, str, str], list[Run]] = {}
         both = any(d > _SAME for d, _ in self.methods.values())
         for r in self._graded:
             if both or r.method == "ab":
-                groups.setdefault((r.model.label, r.choice, r.method), []).append(r)
+                kind = Kind(r.model.order, r.model.modes, r.model.basis)
+                groups.setdefault((kind, r.choice, r.method), []).append(r)
         lines = [
-            Line(model, choice, [point(r) for r in sorted(rows, key=lambda r: -r.value)], method != "ab")
-            for (model, choice, method), rows in groups.items()
+            Line(kind, choice, [point(r) for r in sorted(rows, key=lambda r: -r.value)], method != "ab")
+            for (kind, choice, method), rows in groups.items()
         ]
+        front = [Cheapest(*point(r), r.label) for r in self.front]
         spans = ", ".join(f"{s:.3g} {u}" for u, s in self.truth.span.items()) if self.truth else ""
-        partial = "" if self.complete else " (partial: interrupted)"
+        unsure = self.truth.uncertainty if self.truth else math.inf
+        given_up = [r.time for r in self.with_status("cut")]
         return plot_lines(
-            lines, [point(r) for r in self.front], list(LINES), self.truth.uncertainty if self.truth else math.inf,
-            ylabel=f"Largest error of the {self.quantity}, over its span",
-            title=f"{self.scene.name}: {self.quantity}, span {spans}{partial}",
+            lines, front, list(LINES), unsure, f"Largest error of the {self.quantity} (share of its span, {spans})",
+            f"{self.scene.name}: models and integrators", self._doubts(), given_up,
         )  # fmt: skip
+
+    def _doubts(self) -> list[str]:
+        """What a reader of the picture must know: an interruption, a truth that is not converged, runs without an
+        error."""
+        said = [] if self.complete else ["PARTIAL: interrupted; this is what was done until then."]
+        unsure = self.truth.uncertainty if self.truth else math.inf
+        if unsure > _DOUBTFUL:
+            known = f"only to {unsure:.1e} of the span" if unsure < math.inf else "not known how far"
+            said.append(f"NOT CONVERGED: the richest model, taken for the truth, is right {known}.")
+        failed: dict[str, int] = {}
+        for r in self.with_status("failed"):
+            failed[r.choice] = failed.get(r.choice, 0) + 1
+        if failed:
+            named = ", ".join(f"{n} of {choice}" for choice, n in failed.items())
+            said.append(f"Without a point, because they failed: {named}.")
+        cut = len(self.with_status("cut"))
+        if cut:
+            said.append(f"Crosses at the top: {cut} run{'s' * (cut != 1)} given up at that time, error not known.")
+        return said
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the trajectories, ready for JSON; `front` and `recommend` hold indices of `rows`."""
@@ -204,7 +226,7 @@ def _truth(truth: Truth) -> list[str]:
         else:
             cut = "; exact cuts nothing off" if name == "order" and row.model.order == "exact" else ""
             lines.append(f"  {d:7.1e}  from {word} ({truth.poorer[name]}{cut})")
-    if truth.uncertainty > 1e-2:
+    if truth.uncertainty > _DOUBTFUL:
         lines.append("It is NOT CONVERGED: errors below say little. Give more budget, a shorter scene, or more modes.")
     return lines
 

@@ -13,7 +13,7 @@ import numpy as np
 from .._check import number
 from .._console import aligned, progress_bar, seconds
 from ..arm import Arm
-from ..draw.tradeoff import Point, plot_tried
+from ..draw.tradeoff import Point, Tried, plot_tried
 from ..run.result import Result
 from ..run.watch import Watch
 from ..scene.scene import Scene
@@ -23,7 +23,7 @@ from .economize_search import EconomizeSearch
 from .findings import ESTIMATE, RUN, SYMMETRY, Findings
 from .integrators import setting_words
 from .measures import Measure
-from .models import read_scene
+from .models import Model, read_scene
 from .trials import Budget, OutOfTime, Run
 
 if TYPE_CHECKING:
@@ -94,30 +94,34 @@ class Plan:
         return "\n".join([*_head(self), "", *_speed(self), "", *table, _NOTE, "", *_indicators(self)])
 
     def plot(self) -> Figure:
-        """Error against wall time of all runs that deciding took, the chosen one marked."""
+        """Error against wall time of all runs that deciding took, with the scene as it was given, run for it, and
+        the chosen model."""
         found, trials = self._found, self._search.trials
-        own = self._own_run()
+        given = self._given_run()
 
         def point(run: Run) -> Point:
             return run.time, max(trials.distance(run, found.rich), 1e-4 * self.tol)
 
         ran = [r for r in trials.runs.values() if r.values is not None and r is not found.rich]
-        models = [point(r) for r in ran if not r.whole and r is not own]
+        models = [Tried(*point(r), _order(r.model)) for r in ran if not r.whole]
         settings = [point(r) for r in found.settings if r in ran]
-        unit = " ".join(self.span) if self.absolute else "over its span"
+        spans = ", ".join(f"{s:.3g} {u}".rstrip() for u, s in self.span.items())
+        unit = " ".join(self.span) if self.absolute else f"share of its span, {spans}"
         return plot_tried(
-            models, settings, None if own is None else point(own), point(found.lean), self.tol, self.absolute,
-            ylabel=f"Largest error of the {self.quantity}, {unit}",
-            title=f"{self.given.name}: {self.model} ({'' if self.certified else 'not '}certified)",
+            models, settings, None if given is None else point(given), point(found.lean), self.tol, self.absolute,
+            ylabel=f"Largest error of the {self.quantity} ({unit})",
+            title=f"{self.given.name}: {self.model}",
+            notes=[] if self.certified else [f"NOT CERTIFIED: {reason}" for reason in self.reasons],
         )  # fmt: skip
 
-    def _own_run(self) -> Run | None:
-        """A run of the scene's own model as it is given, in its own basis; None where it cannot be run."""
+    def _given_run(self) -> Run | None:
+        """The scene as it was given: its own model, integrator and output times; None where it cannot be run."""
+        options = {"integrator": "ida", **self.given.options}
         try:
-            own = self._search.trials.run(self._search.models.given, self._found.base.options)
+            given = self._search.trials.run(self._search.models.given, options, whole=True)
         except (OutOfTime, ValueError):
             return None
-        return None if own.values is None else own
+        return None if given.values is None else given
 
     def save(self, path: str | Path) -> None:
         """Writes the lean scene as a scene file that `load` reads back. Functions of time are sampled.
@@ -161,6 +165,12 @@ class Plan:
             "evaluation": speed_of(self._found),
             "choices": [c.to_dict() for c in self.choices],
         }
+
+
+def _order(model: Model) -> int | str:
+    """Of its bending beams, for the picture; "mixed" where they differ."""
+    orders = {beam.order for beam in model.elastic}
+    return "mixed" if len(orders) > 1 else model.order
 
 
 def _tolerance(plan: Plan) -> str:

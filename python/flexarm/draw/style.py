@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, PURPLE, SKY, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"
 PALETTE = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
 INK = "#333333"
+#: Of the order of a beam's rotation, in charts and the figures of the paper; "as given": of an arm that does not bend.
+ORDER_COLOURS: dict[int | str, str] = {
+    "as given": "#8C8C8C", 0: ORANGE, 1: PURPLE, 2: BLUE, 3: GREEN, "exact": RED, "mixed": SKY
+}  # fmt: skip
 DPI = 150
 
 
@@ -51,7 +55,9 @@ def label_axes(ax: Axes, ylabel: str, xlabel: str = "") -> None:
 
 
 def legend(ax: Axes, count: int) -> None:
-    """Beside the axes, where it hides no curve; none for a single unnamed curve."""
-    if count:
+    """Beside the axes, where it hides no curve; the name of a single one stands above it."""
+    if count == 1:
+        ax.set_title(ax.get_legend_handles_labels()[1][0], loc="left", fontsize=10, parse_math=False)
+    elif count:
         columns = 1 + (count - 1) // 12
         ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=9, ncols=columns)

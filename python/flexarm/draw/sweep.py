@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._check import Array
-from .style import BLUE, label_axes, new_figure
+from .style import BLUE, RED, label_axes, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+_WIDE = 10.0  # inches: what a page shows without making letters too small
+#: What stands in place of a number, by its colour in maps.
+MISSING = {"failed": "#6E6E6E", "not run yet": "#FFFFFF", "no value": "#C8C8C8"}
 
 
 def _log(values: Array) -> bool:
@@ -21,30 +25,40 @@ def _log(values: Array) -> bool:
     return bool(good.size and good.min() > 0 and good.max() > 20 * good.min())
 
 
-def _map(figure: Figure, ax: Axes, axes: dict[str, Array], values: Array, label: str) -> None:
+def _map(figure: Figure, ax: Axes, axes: dict[str, Array], values: Array, label: str, why: Array) -> None:
+    from matplotlib.colors import ListedColormap, LogNorm
+
     (y_name, y), (x_name, x) = axes.items()
     order = np.argsort(y), np.argsort(x)
-    z = np.ma.masked_invalid(values.reshape(y.size, x.size)[np.ix_(*order)])
-    from matplotlib.colors import LogNorm
+    places = x[order[1]], y[order[0]]
+
+    def cells(numbers: Array) -> Any:
+        return numbers.reshape(y.size, x.size)[np.ix_(*order)]
 
     norm = LogNorm() if _log(values) else None
-    ax.set_facecolor("#BBBBBB")  # of what failed
-    found = ax.pcolormesh(x[order[1]], y[order[0]], z, shading="nearest", cmap="viridis", norm=norm)
-    figure.colorbar(found, ax=ax, label=label)
+    found = ax.pcolormesh(*places, np.ma.masked_invalid(cells(values)), shading="nearest", cmap="viridis", norm=norm)
+    lost = np.ma.masked_less(cells(np.where(np.isfinite(values), -1, why)), 0)
+    if lost.count():
+        greys = ListedColormap(list(MISSING.values()))
+        ax.pcolormesh(*places, lost, shading="nearest", cmap=greys, vmin=-0.5, vmax=len(MISSING) - 0.5)
+    figure.colorbar(found, ax=ax, label=f"{label}\n(grey: no number)" if lost.count() else label)
     ax.set(xlabel=x_name, ylabel=y_name)
     _scales(ax, x, y)
 
 
 def _scales(ax: Axes, x: Array, y: Array) -> None:
-    if _log(x):
-        ax.set_xscale("log")
-    else:
-        ax.locator_params(axis="x", nbins=5)
-    if _log(y):
-        ax.set_yscale("log")
+    from matplotlib.ticker import EngFormatter, MaxNLocator
+
+    for axis, set_scale, values in ((ax.xaxis, ax.set_xscale, x), (ax.yaxis, ax.set_yscale, y)):
+        if _log(values):
+            set_scale("log")
+            continue
+        axis.set_major_locator(MaxNLocator(5))
+        if np.abs(values[np.isfinite(values)]).max(initial=0.0) >= 1e5:
+            axis.set_major_formatter(EngFormatter(sep=""))  # 210G, not 2.10 and a far-off 1e11
 
 
-def _points(ax: Axes, x: Array, y: Array, labels: tuple[str, str], joined: bool) -> None:
+def _points(ax: Axes, x: Array, y: Array, labels: tuple[str, str], joined: bool, why: Array) -> None:
     if joined:
         order = np.argsort(x)
         ax.plot(x[order], y[order], "o-", color=BLUE, markersize=3.5, linewidth=1.2)
@@ -53,6 +67,26 @@ def _points(ax: Axes, x: Array, y: Array, labels: tuple[str, str], joined: bool)
         ax.scatter(x, y, s=size, color=BLUE, alpha=0.7, linewidths=0)
     label_axes(ax, labels[1], labels[0])
     _scales(ax, x, y)
+    lost = ~np.isfinite(y) & (why != list(MISSING).index("not run yet"))
+    if lost.any():
+        ax.plot(x[lost], np.full(lost.sum(), 0.02), "x", color=RED, ms=5, transform=ax.get_xaxis_transform())
+
+
+def _explain(figure: Figure, missing: Mapping[str, int], maps: bool) -> None:
+    """Below the panels, what stands in place of numbers."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    if maps:
+        handles: list[Any] = [
+            Patch(facecolor=MISSING[word], edgecolor="#888888", label=f"{word}: {n}") for word, n in missing.items()
+        ]
+    else:
+        words = [f"{word}: {n}" for word, n in missing.items() if word != "not run yet"]
+        handles = [Line2D([], [], color=RED, marker="x", ls="", label=f"without a number ({', '.join(words)})")]
+        handles = handles if words else []
+    if handles:
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9)
 
 
 def plot_sweep(
@@ -61,25 +95,37 @@ def plot_sweep(
     grid: dict[str, Array] | None,
     joined: bool,
     title: str,
+    why: Array | None = None,
 ) -> Figure:
     """Columns (label, values (n,)) of n runs over their parameters (name, values (n,)).
 
     Args:
         grid: the values of two parameters whose runs fill a grid, row by row: heat maps then; None: points.
         joined: whether points of a single parameter are joined by lines.
+        why: (n,), which of MISSING a run's values are where they are nan, by number; None: all have "no value".
     """
-    shown: Any
-    if grid is not None and len(grid) == 2 and all(v.size > 1 for v in grid.values()):
-        figure = new_figure(5.6 * len(columns), 4.4)
-        for ax, (label, values) in zip(np.atleast_1d(figure.subplots(1, len(columns))), columns, strict=True):
-            _map(figure, ax, grid, values, label)
+    count = len(columns)
+    reasons = np.full(len(columns[0][1]) if count else 0, len(MISSING) - 1) if why is None else np.asarray(why)
+    maps = grid is not None and len(grid) == 2 and all(v.size > 1 for v in grid.values())
+    if maps and grid is not None:
+        across = min(count, 2)
+        down = -(-count // across)
+        figure = new_figure(_WIDE if across == 2 else 6.5, 0.8 + 3.9 * down)
+        panels = figure.subplots(down, across, squeeze=False).ravel()
+        for ax, (label, values) in zip(panels, columns, strict=False):
+            _map(figure, ax, grid, values, label, reasons)
+        for ax in panels[count:]:
+            ax.set_axis_off()
     else:
         wide = len(parameters)
-        figure = new_figure(1.2 + 4.0 * wide, 0.6 + 2.9 * len(columns))
-        shown = figure.subplots(len(columns), wide, squeeze=False, sharey="row", sharex="col")
+        figure = new_figure(min(_WIDE, 2.2 + 4.4 * wide), 0.8 + 2.4 * count)
+        shown = figure.subplots(count, wide, squeeze=False, sharey="row", sharex="col")
         for i, (label, values) in enumerate(columns):
             for k, (name, numbers) in enumerate(parameters):
-                under, beside = name if i + 1 == len(columns) else "", label if k == 0 else ""
-                _points(shown[i][k], numbers, values, (under, beside), joined and wide == 1)
-    figure.suptitle(title, fontsize=11, parse_math=False)
+                under, beside = name if i + 1 == count else "", label if k == 0 else ""
+                _points(shown[i][k], numbers, values, (under, beside), joined and wide == 1, reasons)
+    lost = np.any([~np.isfinite(values) for _, values in columns], axis=0) if count else np.zeros(0, dtype=bool)
+    missing = {word: int((lost & (reasons == k)).sum()) for k, word in enumerate(MISSING)}
+    _explain(figure, {word: n for word, n in missing.items() if n}, maps)
+    figure.suptitle(title, fontsize=12, fontweight="bold", parse_math=False, wrap=True)
     return figure

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from .._console import seconds
-from .style import BLUE, GREEN, INK, ORANGE, PALETTE, RED, label_axes, new_figure
+from .style import GREEN, INK, ORANGE, ORDER_COLOURS, RED, label_axes, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MARKERS, _DASHES = ("o", "s", "^", "D", "v", "P", "*"), ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
-_COLOURS = (*PALETTE, "#8C564B", "#6B6B6B", "#17A2A2", "#A0A000")
-_BEATEN = "#AAAAAA"
+_MARKERS: tuple[Any, ...] = ("o", "s", "^", "D", "v", "p", "*", "P", "X", "<", ">", "h")
+_FILLS = ("full", "none", "left", "top", "right", "bottom")
+_DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
+_PER_COLUMN = 8  # entries of the list under a chart, at least
+_TOP = 10.0  # shares of a span above it are drawn at the upper edge
+_SMALL = 8.5  # size of letters (pt)
 
 #: Of a run: wall time (s), error.
 Point = tuple[float, float]
 
 
-def scale_errors(ax: Axes, top: float = 10.0) -> None:
+def scale_errors(ax: Axes, top: float = _TOP) -> None:
     """Both axes logarithmic; errors above `top` are not shown."""
     ax.set_xscale("log")
     ax.set_yscale("log")
@@ -30,104 +33,235 @@ def scale_errors(ax: Axes, top: float = 10.0) -> None:
 
 def label_errors(ax: Axes, ylabel: str) -> None:
     """Names the axes: errors over wall times."""
-    from matplotlib.ticker import FuncFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator
 
     label_axes(ax, ylabel, "Wall time of one run")
+    low, high = ax.get_xlim()
+    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 300 * low else (1,)))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda t, _: seconds(t)))
     ax.xaxis.set_minor_formatter(FuncFormatter(lambda t, _: ""))
 
 
 @dataclass(frozen=True)
-class Line:
-    """Runs of one model with one integrator, from loose to tight; `hollow`: with another method than the usual."""
+class Kind:
+    """What tells a model from others: the order of its beams' rotation ("as given": it has none), its modes, such as
+    "3" or "2+1", and their basis; "": the scene's."""
 
-    model: str
+    order: int | str
+    modes: str
+    basis: str = ""
+
+
+@dataclass(frozen=True)
+class Line:
+    """Runs of one model with one integrator, from loose to tight; `ringed`: with another method than the usual."""
+
+    kind: Kind
     integrator: str
     points: Sequence[Point]
-    hollow: bool = False
+    ringed: bool = False
+
+
+@dataclass(frozen=True)
+class Cheapest:
+    """A run that no other beats in both time and error, with its words for the list under the chart."""
+
+    time: float
+    error: float
+    words: str
+
+
+def _marker(i: int) -> Any:
+    return _MARKERS[i] if i < len(_MARKERS) else (i - len(_MARKERS) + 5, 1, 0)  # stars of more and more points
+
+
+def _modes_first(modes: str) -> tuple[int, int, str]:
+    """Where modes stand in the legend: few before many."""
+    counts = [int(n) for n in modes.split("+") if n.isdigit()]
+    return sum(counts), len(counts), modes
+
+
+def _all_of(kinds: Iterable[Kind]) -> tuple[list[int | str], list[str], list[str]]:
+    """The orders, modes and bases that occur, in the order of the legend."""
+    kinds = list(kinds)
+    orders = [o for o in ORDER_COLOURS if any(k.order == o for k in kinds)]
+    modes = sorted({k.modes for k in kinds}, key=_modes_first)
+    return orders, modes, sorted({k.basis for k in kinds})  # "" is first
+
+
+def model_styles(kinds: Iterable[Kind]) -> dict[Kind, dict[str, Any]]:
+    """How models are drawn, each in its own way: colour for the order, marker for the modes, filling for the basis."""
+    kinds = list(dict.fromkeys(kinds))
+    _, modes, bases = _all_of(kinds)
+    return {
+        k: {
+            "color": ORDER_COLOURS[k.order], "markerfacecoloralt": "white",
+            "marker": _marker(modes.index(k.modes)), "fillstyle": _FILLS[bases.index(k.basis) % len(_FILLS)],
+        }
+        for k in kinds
+    }  # fmt: skip
+
+
+def _dash(integrator: str, integrators: Sequence[str]) -> Any:
+    return _DASHES[integrators.index(integrator) % len(_DASHES)]
+
+
+def _chart_legend(ax: Axes, lines: Sequence[Line], integrators: Sequence[str], front: bool) -> None:
+    """Beside the axes: what colours, markers, fillings and dashes mean."""
+    from matplotlib.lines import Line2D
+
+    orders, modes, bases = _all_of(line.kind for line in lines)
+    used = {line.integrator for line in lines}
+
+    def entry(label: str, **look: Any) -> Line2D:
+        return Line2D([], [], label=label, **{"color": INK, "ls": "", "ms": 6.5, "markerfacecoloralt": "white", **look})
+
+    groups: list[tuple[str, list[Line2D]]] = []
+    if orders != ["as given"]:
+        words = {o: "exact" if o == "exact" else "rigid arm" if o == "as given" else f"order {o}" for o in orders}
+        groups.append(("Rotation: colour", [entry(words[o], color=ORDER_COLOURS[o], ls="-", lw=3) for o in orders]))
+        groups.append(("Modes: marker", [entry(m or "none", marker=_marker(k)) for k, m in enumerate(modes)]))
+    if len(bases) > 1:
+        some = [entry(b or "the scene's", marker="o", fillstyle=_FILLS[k % len(_FILLS)]) for k, b in enumerate(bases)]
+        groups.append(("Basis: filling", some))
+    named = [entry(n, ls=_dash(n, integrators), lw=1.4) for n in integrators if n in used]
+    groups.append(("Integrator: line", named))
+    if any(line.ringed for line in lines):
+        groups.append(("Method", [entry("ci: black edge", marker="o", color="#BBBBBB", mec="black")]))
+    if front:
+        ring = entry("no other has less\nerror in less time", marker="o", ms=10, mfc="none", ls="-", lw=2, alpha=0.7)
+        groups.append(("The cheapest", [ring]))
+    handles = [h for title, some in groups for h in (entry(title), *some)]
+    shown = ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.02), frameon=False, fontsize=_SMALL)
+    titles = {title for title, _ in groups}
+    for text in shown.get_texts():
+        if text.get_text() in titles:
+            text.set_fontweight("bold")
+            text.set_x(text.get_position()[0] - 26)  # where the entries' lines begin
+
+
+def _list_of(ax: Axes, front: Sequence[Cheapest]) -> None:
+    """The ringed runs in words, in two columns."""
+    ax.set_axis_off()
+    rows = [f"{k}  {run.words}: {seconds(run.time)}, error {run.error:.1e}" for k, run in enumerate(front, 1)]
+    half = max(_PER_COLUMN, -(-len(rows) // 2))
+    for place, some in ((0.0, rows[:half]), (0.56, rows[half:])):
+        text = ax.text(place, 1.0, "\n".join(some), transform=ax.transAxes, va="top", fontsize=_SMALL, color=INK)
+        text.set_in_layout(False)  # the second column is below the legend
+
+
+def _within(points: Sequence[Point], top: float, low: float = 0.0) -> list[Point]:
+    """Points that lie beyond a limit, on it."""
+    return [(t, max(min(error, top), low)) for t, error in points]
 
 
 def plot_lines(
-    lines: Sequence[Line], front: Sequence[Point], integrators: Sequence[str], unsure: float, ylabel: str, title: str
-) -> Figure:
-    """A colour for each model, a marker and dash for each integrator, the Pareto front in black.
+    lines: Sequence[Line], front: Sequence[Cheapest], integrators: Sequence[str], unsure: float, ylabel: str,
+    title: str, notes: Sequence[str] = (), given_up: Sequence[float] = (),
+) -> Figure:  # fmt: skip
+    """Models and integrators of a chart, the cheapest ringed, numbered and listed below.
 
-    Models timed at a single setting, because another order has less error in less time, are grey.
+    Models timed at a single setting, because another has less error in less time, are pale.
 
     Args:
-        integrators: all that have a marker, in their order. unsure: errors below it are in a band: the truth itself is
-            not known so well.
+        front: the cheapest, fastest first. integrators: all that have a dash, in their order.
+        unsure: errors below it are in a band: the truth itself is not known so well.
+        notes: warnings, written in red under the title.
+        given_up: seconds after which runs were given up: crosses at the upper edge.
     """
-    from matplotlib.lines import Line2D
+    from matplotlib.ticker import NullLocator
 
-    fig = new_figure(10.0, 6.4)
-    ax = fig.subplots()
-
-    def style(integrator: str) -> dict[str, Any]:
-        k = integrators.index(integrator)
-        return {"marker": _MARKERS[k % len(_MARKERS)], "linestyle": _DASHES[k % len(_DASHES)], "lw": 1.2, "ms": 5}
-
-    points: dict[str, list[Point]] = {}
+    rows = max(_PER_COLUMN, -(-len(front) // 2)) if len(front) > _PER_COLUMN else len(front)
+    fig = new_figure(10.0, 6.2 + 0.17 * rows)
+    grid = fig.add_gridspec(2, 1, height_ratios=[6.0, max(0.17 * rows, 0.01)])
+    ax, below = fig.add_subplot(grid[0]), fig.add_subplot(grid[1])
+    styles = model_styles(line.kind for line in lines)
+    low = unsure / 10 if unsure < float("inf") else 0.0
+    count: dict[Kind, int] = {}
     for line in lines:
-        points.setdefault(line.model, []).extend(line.points)
-    busy = sorted((m for m, all_of_it in points.items() if len(all_of_it) > 1), key=lambda m: min(points[m])[0])
-    colours = {m: _COLOURS[i % len(_COLOURS)] for i, m in enumerate(busy)}
+        count[line.kind] = count.get(line.kind, 0) + len(line.points)
     for line in lines:
-        colour = colours.get(line.model, _BEATEN)
-        face = "white" if line.hollow else colour
-        ax.plot(*zip(*line.points, strict=True), color=colour, mfc=face, alpha=0.85, **style(line.integrator))
+        points = _within(line.points, _TOP, low)
+        pale = 0.3 if count[line.kind] == 1 else 0.85
+        edge = {"mec": "black"} if line.ringed else {}
+        look = {**styles[line.kind], **edge, "ls": _dash(line.integrator, integrators), "lw": 1.2, "ms": 6}
+        ax.plot(*zip(*points, strict=True), alpha=pale, **look)
     if front:
-        x, y = zip(*front, strict=True)
-        ax.plot(x, y, color=INK, lw=2.2, drawstyle="steps-post", zorder=1, alpha=0.55)
-        ax.plot(x, y, "o", ms=11, mfc="none", mec=INK, mew=1.4, zorder=5)
+        x, y = zip(*_within([(run.time, run.error) for run in front], _TOP, low), strict=True)
+        ax.plot(x, y, color=INK, lw=2.2, drawstyle="steps-post", zorder=1, alpha=0.45)
+        ax.plot(x, y, "o", ms=11, mfc="none", mec=INK, mew=1.3, zorder=5)
+        for k, run in enumerate(front, 1):
+            ax.annotate(str(k), (run.time, y[k - 1]), (-8, -10), textcoords="offset points", ha="right", fontsize=9)
     if lines:
-        scale_errors(ax)
-        if ax.get_ylim()[0] < unsure < float("inf"):
-            ax.axhspan(ax.get_ylim()[0], unsure, color="#EEEEEE", zorder=0)
-            note = f"the truth is known to {unsure:.1e}"
-            ax.text(0.01, unsure, note, transform=ax.get_yaxis_transform(), va="top", fontsize=9, color=INK)
+        scale_errors(ax, 2 * _TOP)
+        if ax.get_ylim()[0] < unsure:
+            top = min(unsure, ax.get_ylim()[1])
+            ax.axhspan(ax.get_ylim()[0], top, color="#EEEEEE", zorder=0)
+            known = "grey: how near the richest model is to the truth is not known"
+            if low:
+                known = f"grey: the truth itself is known to {unsure:.1e}; what lies below {low:.0e} is drawn there"
+            ax.text(0.01, 0.01, known, transform=ax.transAxes, va="bottom", fontsize=_SMALL, color=INK)
+        if any(error > _TOP for line in lines for _, error in line.points):
+            notes = [*notes, f"Errors above {_TOP:g} spans are drawn at {_TOP:g}."]
     else:
         ax.text(0.5, 0.5, "nothing to compare yet", transform=ax.transAxes, ha="center", color=INK)
+    for t in given_up:
+        ax.plot([t], [0.985], "x", color=RED, ms=7, transform=ax.get_xaxis_transform(), zorder=6)
     label_errors(ax, ylabel)
-    handles = [Line2D([], [], color=c, lw=3, label=m) for m, c in colours.items()]
-    if len(points) > len(colours):
-        handles.append(Line2D([], [], color=_BEATEN, marker=".", ls="", ms=10, label="beaten models"))
-    used = {line.integrator for line in lines}
-    handles += [Line2D([], [], color=INK, label=name, **style(name)) for name in integrators if name in used]
-    handles.append(Line2D([], [], color=INK, marker="o", ms=10, mfc="none", lw=2.2, alpha=0.7, label="Pareto front"))
-    ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=9)
-    ax.set_title(title, fontsize=11, fontweight="bold", parse_math=False)
+    if not lines:
+        ax.xaxis.set_major_locator(NullLocator())
+    _chart_legend(ax, lines, integrators, bool(front))
+    _list_of(below, front)
+    _titled(fig, ax, title, notes)
     return fig
 
 
+def _titled(fig: Figure, ax: Axes, title: str, notes: Sequence[str]) -> None:
+    fig.suptitle(title, fontsize=12, fontweight="bold", parse_math=False, wrap=True)
+    if notes:
+        ax.set_title("\n".join(notes), fontsize=9, color=RED, loc="left", parse_math=False)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A run that deciding took: wall time (s), error, and the order of its model; "as given": the arm is rigid."""
+
+    time: float
+    error: float
+    order: int | str
+
+
 def plot_tried(
-    models: Sequence[Point], settings: Sequence[Point], own: Point | None, chosen: Point, tol: float, absolute: bool,
-    ylabel: str, title: str,
+    models: Sequence[Tried], settings: Sequence[Point], given: Point | None, chosen: Point, tol: float, absolute: bool,
+    ylabel: str, title: str, notes: Sequence[str] = (),
 ) -> Figure:  # fmt: skip
-    """What was tried for a tolerance: models, settings of the lean model's integrators, the scene's own model (None
-    where it cannot be run), and what was chosen.
+    """What was tried for a tolerance: models by their order, settings of the lean model's integrators, the scene as it
+    was given (None where it cannot be run), and what was chosen.
 
     Args:
-        absolute: whether errors have a unit; else they are shares, and those above 10 are not shown.
+        absolute: whether errors have a unit; else they are shares, and those above 10 are drawn there.
+        notes: warnings, written in red under the title.
     """
-    from matplotlib.ticker import LogLocator
-
-    fig = new_figure(9.0, 5.4)
+    top = float("inf") if absolute else _TOP
+    fig = new_figure(10.0, 6.0)
     ax = fig.subplots()
-    groups = (
-        ("models, at some 400 times", models, BLUE, "o"),
-        ("the lean model, integrators, all output times", settings, ORANGE, "s"),
-    )
-    for label, points, colour, marker in groups:
-        ax.plot([x for x, _ in points], [y for _, y in points], marker, color=colour, alpha=0.75, ms=6, label=label)
-    if own is not None:
-        ax.plot(*own, "^", color=RED, ms=11, mfc="none", mew=2, label="the scene's own model")
-    ax.plot(*chosen, "o", ms=15, mfc="none", mec=INK, mew=2, label="chosen")
+    words: Mapping[int | str, str] = {"as given": "rigid", "exact": "exact rotation", "mixed": "orders mixed"}
+    for order, colour in ORDER_COLOURS.items():
+        some = [(run.time, min(run.error, top)) for run in models if run.order == order]
+        if some:
+            label = words.get(order, f"order {order}")
+            ax.plot(*zip(*some, strict=True), "o", color=colour, alpha=0.75, ms=6, label=label)
+    if settings:
+        label = "the lean model, with\nother integrators and steps"
+        ax.plot(*zip(*_within(settings, top), strict=True), "s", color=ORANGE, mec=INK, mew=0.6, ms=7, label=label)
+    if given is not None:
+        ax.plot(*_within([given], top)[0], "^", color=RED, ms=11, mfc="none", mew=2, label="the scene as given")
+    ax.plot(*_within([chosen], top)[0], "o", ms=15, mfc="none", mec=INK, mew=2, label="chosen")
     ax.axhline(tol, color=GREEN, lw=1.5, ls="--")
     ax.text(0.99, tol, "tolerance ", transform=ax.get_yaxis_transform(), ha="right", va="bottom", color=GREEN)
-    scale_errors(ax, float("inf") if absolute else 10.0)
-    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    scale_errors(ax, 2 * top)
     label_errors(ax, ylabel)
-    ax.set_title(title, fontsize=10, fontweight="bold", parse_math=False, wrap=True)
-    ax.legend(frameon=False, fontsize=9, loc="best")
+    _titled(fig, ax, title, notes)
+    told = "Dots: models, run at\nsome 400 times;\nothers: all output times\n"
+    ax.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(1.01, 1.0), title=told, alignment="left")
     return fig

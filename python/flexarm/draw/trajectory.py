@@ -11,6 +11,8 @@ from .style import PALETTE, label_axes, legend, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_DASHES = ("-", "--", "-.", ":")
+
 
 def plot_panels(t: Array, panels: Sequence[tuple[str, Sequence[tuple[str, Array]]]]) -> Figure:
     """Curves over time (s), (nt,): panels (name of the axis, [(label, values (nt,)), ...]), one below the other."""
@@ -19,7 +21,7 @@ def plot_panels(t: Array, panels: Sequence[tuple[str, Sequence[tuple[str, Array]
     marker = "o" if len(t) == 1 else None
     for ax, (ylabel, curves) in zip(grid, panels, strict=True):
         for i, (label, y) in enumerate(curves):
-            colour, dash = PALETTE[i % len(PALETTE)], ("-", "--", "-.", ":")[i // len(PALETTE) % 4]
+            colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
             ax.plot(t, y, label=label, color=colour, linestyle=dash, marker=marker, linewidth=1.4)
         label_axes(ax, ylabel)
         legend(ax, len(curves))
@@ -35,9 +37,9 @@ def plot_samples(t: Array, y: Array, labels: Sequence[str], all_units: Sequence[
     panels = fig.subplots(len(units), 1, squeeze=False, sharex=True)[:, 0]
     for ax, unit in zip(panels, units, strict=True):
         own = [k for k, u in enumerate(all_units) if u == unit]
-        for k, colour in zip(own, PALETTE, strict=False):
-            line = {"color": colour, "linewidth": 1.2, "drawstyle": "steps-post"}
-            ax.plot(t, y[:, k], label=labels[k], **line)
+        for i, k in enumerate(own):
+            colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
+            ax.plot(t, y[:, k], dash, label=labels[k], color=colour, linewidth=1.2, drawstyle="steps-post")
         name = labels[own[0]] if len(own) == 1 else labels[own[0]].rsplit(" ", 1)[0]
         label_axes(ax, f"{name} ({unit})" if unit != "1" else name, "Time (s)" if ax is panels[-1] else "")
         legend(ax, len(own) if len(own) > 1 else 0)

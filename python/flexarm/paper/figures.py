@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._check import Array
-from ..draw.style import BLUE, INK, ORANGE, PURPLE, RED, label_axes, new_figure
+from ..draw.style import BLUE, INK, ORANGE, ORDER_COLOURS, RED, label_axes, new_figure
 from .control import BAND, KP, KS, KV, PAPER_PEAKS, PAPER_RINGING, RATE, SAMPLES, STEEL, STEP, Control, tip_acceleration
 from .single_link import INSET_HEIGHT, INSET_TIME, MEASURED_HERTZ, PAPER_CHANGE, PAPER_FREQUENCIES, Manoeuvre, Spectrum
 
@@ -20,12 +20,11 @@ _ORDER_NAME = {
     1: "order 1, linear",
     2: "order 2, quadratic",
 }
-_ORDER_COLOUR = {0: ORANGE, 1: PURPLE, 2: BLUE}
 _ORDER_DASH = {0: "--", 1: "-.", 2: "-"}
 
 
 def _order_line(ax: Axes, order: int, x: Array, y: Array, label: str | None = None) -> None:
-    ax.plot(x, y, _ORDER_DASH[order], color=_ORDER_COLOUR[order], label=label, linewidth=2.0)
+    ax.plot(x, y, _ORDER_DASH[order], color=ORDER_COLOURS[order], label=label, linewidth=2.0)
 
 
 def _mode_panel(ax: Axes, s: Spectrum, mode: int, rest: float, change: float, measured: float) -> None:
@@ -116,67 +115,74 @@ def figure_9(m: Manoeuvre) -> Figure:
     return fig
 
 
-def _inset(ax: Axes, m: Manoeuvre, window: tuple[float, float], height: tuple[float, float]) -> None:
-    """The peaks of the cruise, enlarged as in the paper: s, m."""
+def _inset(ax: Axes, box: Axes, m: Manoeuvre, window: tuple[float, float], height: tuple[float, float]) -> None:
+    """The first peak of the cruise, enlarged as in the paper: s, m."""
     from matplotlib.patches import ConnectionPatch, Rectangle
 
-    box = ax.inset_axes((0.52, 0.64, 0.42, 0.35))
     for order in (0, 2):
         _order_line(box, order, m.results[order].t, m.tip(order))
         t, y = m.peak[order]
-        box.plot([t], [y], "o", color=_ORDER_COLOUR[order], markersize=6)
+        box.plot([t], [y], "o", color=ORDER_COLOURS[order], markersize=6)
         box.plot([t, t], [height[0], y], ":", color=INK, linewidth=1.2)
-    low = height[0] + 0.12 * (height[1] - height[0])
+    low = height[0] + 0.15 * (height[1] - height[0])
     first, second = m.peak[2][0], m.peak[0][0]
     arrow = {"arrowstyle": "<->", "color": INK, "shrinkA": 0, "shrinkB": 0}
     box.annotate("", (first, low), (second, low), arrowprops=arrow)
-    box.text(second + 8e-4, low, f"{1e3 * m.lead:.1f} ms", va="center", fontsize=9, color=INK)
+    box.text(second + 5e-4, low, f"order 2 is {1e3 * m.lead:.1f} ms earlier", va="center", fontsize=9, color=INK)
     box.set_xlim(*window)
     box.set_ylim(*height)
-    box.yaxis.tick_right()
-    box.tick_params(labelsize=8)
-    box.grid(True, color="#DDDDDD", linewidth=0.6)
+    box.set_title("The paper's inset: first peak of the cruise", fontsize=10)
+    label_axes(box, "Tip displacement (m)", "Time (s)")
+    box.spines[["top", "right"]].set_visible(True)
+    box.locator_params(axis="x", nbins=4)
+    box.locator_params(axis="y", nbins=4)
     size = window[1] - window[0], height[1] - height[0]
-    ax.add_patch(Rectangle((window[0], height[0]), *size, fill=False, edgecolor=INK, linewidth=1.0))
-    for here, there in zip(height, (0.0, 1.0), strict=True):
-        line = ConnectionPatch((window[0], here), (0.0, there), ax.transData, box.transAxes, color=INK, alpha=0.5)
+    ax.add_patch(Rectangle((window[0], height[0]), *size, fill=False, edgecolor=INK, linewidth=1.2, zorder=5))
+    for there in (0.0, 1.0):  # from the frame's lower corners to the inset's
+        corner = (window[0] + there * size[0], height[1])
+        line = ConnectionPatch(corner, (there, 0.0), ax.transData, box.transAxes, color=INK, alpha=0.5, zorder=0)
         line.set_in_layout(False)
         ax.add_artist(line)
 
 
 def figure_10(m: Manoeuvre) -> Figure:
-    """Fig. 10: tip displacement (m) over time (s), orders 0 and 2; the paper's inset."""
-    fig = new_figure(10.0, 6.0)
-    ax = fig.subplots()
+    """Fig. 10: tip displacement (m) over time (s), orders 0 and 2; the paper's inset above."""
+    fig = new_figure(10.0, 8.0)
+    grid = fig.add_gridspec(2, 2, height_ratios=[2.2, 4.0], width_ratios=[2.0, 3.0])
+    words, box, ax = fig.add_subplot(grid[0, 0]), fig.add_subplot(grid[0, 1]), fig.add_subplot(grid[1, :])
     for order in (0, 2):
         _order_line(ax, order, m.results[order].t, m.tip(order), f"{_ORDER_NAME[order]}, 3 modes")
     label_axes(ax, "Tip displacement (m)", "Time (s)")
     ax.set_xlim(m.results[2].t[0], m.results[2].t[-1])
-    ax.set_ylim(-0.13, 0.25)
-    ax.set_yticks(np.arange(-0.10, 0.11, 0.05))
-    ax.axvspan(*m.cruise, color="#EEEEEE", zorder=0)
+    ax.set_ylim(-0.13, 0.13)
+    ax.axvspan(*m.cruise, color="#EEEEEE", zorder=-1)
     ax.text(sum(m.cruise) / 2, -0.126, "cruise at 7.6 rad/s", ha="center", va="bottom", fontsize=9, color=INK)
-    _inset(ax, m, INSET_TIME, INSET_HEIGHT)
-    ax.legend(loc="upper left", frameon=False)
+    words.set_axis_off()
+    words.legend(*ax.get_legend_handles_labels(), loc="center left", frameon=False)
+    _inset(ax, box, m, INSET_TIME, INSET_HEIGHT)
     fig.suptitle("Fig. 10: tip displacement during the reconstructed manoeuvre", fontsize=13)
     return fig
 
 
 def figure_7(c: Control) -> Figure:
     """Fig. 7: power spectral density (1/Hz) of the root's strain over frequency (Hz) after an impact on the tip."""
-    fig = new_figure(10.0, 5.2)
+    fig = new_figure(10.0, 5.8)
     ax = fig.subplots()
     look = {STEEL: (ORANGE, "--", "bare beam")}
+    heavier = ""
     for density, s in c.fine.items():
-        colour, dash, name = look.get(density, (BLUE, "-", f"mass +{100 * (density / STEEL - 1):.1f} % (fitted)"))
-        ax.plot(s.frequency, s.density, dash, color=colour, label=f"{name}, 8 s", linewidth=1.4)
+        if density != STEEL:
+            heavier = f"beam {100 * (density / STEEL - 1):.1f} % heavier (fitted)"
+        colour, dash, name = look.get(density, (BLUE, "-", heavier))
+        ax.plot(s.frequency, s.density, dash, color=colour, label=f"{name}, record of 8 s", linewidth=1.4)
     scale = max(s.density.max() for s in c.fine.values()) / c.coarse.density.max()
-    name = f"the same in {SAMPLES} samples at {RATE:g} Hz, times {scale:.2g}"
+    name = f"{heavier}, record of {SAMPLES / RATE:.3g} s, drawn {scale:.2g} times as high"
     ax.plot(c.coarse.frequency, scale * c.coarse.density, ".-", color=INK, lw=0.6, ms=4, label=name)
     half = RATE / SAMPLES / 2
     for k, peak in enumerate(PAPER_PEAKS):
         bin_ = round(peak / (2 * half)) * 2 * half
-        ax.axvspan(bin_ - half, bin_ + half, color="#DDDDDD", zorder=0, label=None if k else "bin of the paper's peak")
+        label = None if k else f"the paper's peak: one bin of {2 * half:.2g} Hz"
+        ax.axvspan(bin_ - half, bin_ + half, color="#DDDDDD", zorder=0, label=label)
         text = f"paper {peak} Hz"
         ax.text(bin_ + 1.2 * half, 0.985, text, transform=ax.get_xaxis_transform(), va="top", fontsize=9, color=INK)
     ax.set_yscale("log")
@@ -184,7 +190,7 @@ def figure_7(c: Control) -> Figure:
     top = max(s.density.max() for s in c.fine.values())
     ax.set_ylim(1e-9 * top, 8 * top)
     label_axes(ax, "Power spectral density (1/Hz)", "Frequency (Hz)")
-    ax.legend(loc="upper right", bbox_to_anchor=(0.78, 0.93), frameon=False, fontsize=9)
+    fig.legend(loc="outside lower center", frameon=False, fontsize=9, ncols=2)
     fig.suptitle("Fig. 7: strain gauge at the root after an impact on the tip, joint held by friction", fontsize=13)
     return fig
 

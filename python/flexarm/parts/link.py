@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import flexarm._core as _core
 
 from .beam import Beam, RigidBody
 from .joints import Joint
+from .look import Look
 from .part import Part, read_name
 
 
@@ -25,6 +27,8 @@ class Link(Part):
         tip: the rigid body on the beam's end, such as a payload.
         name: what the link is called, such as "forearm"; it stands wherever the link's number may, and in labels. No
             dots, no number; no other link of the arm has it.
+        looks: what is drawn of it, such as meshes, besides its beam. Without, a box of the same inertia stands for each
+            of its rigid bodies.
     """
 
     joint: Joint
@@ -32,6 +36,7 @@ class Link(Part):
     beam: Beam | None = None
     tip: RigidBody | None = None
     name: str | None = None
+    looks: Sequence[Look] = ()
     _core: _core.Link = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -43,6 +48,11 @@ class Link(Part):
             part = getattr(self, name)
             if part is not None and not isinstance(part, kind):
                 raise ValueError(f"{name} = {part!r}: must be a {kind.__name__} or None")
+        looks = tuple(self.looks)
+        for k, look in enumerate(looks):
+            if not isinstance(look, Look):
+                raise ValueError(f"looks[{k}] = {look!r}: must be a Look")
+        self._set("looks", looks)
         hub, beam, tip = (p._core if p is not None else None for p in (self.hub, self.beam, self.tip))
         self._set("_core", _core.Link(self.joint._core, hub, beam, tip))  # type: ignore[arg-type]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from .._check import Array, array, choice, known_keys
 from ..parts.beam import Beam, RigidBody, Vector
 from ..parts.joints import UNIT, Fixed, Joint, Placement, Prismatic, Revolute
 from ..parts.link import Link
+from ..parts.look import Look
 from .tree import MOVING, Mass, Pose, Tree, TreeJoint, merged
 
 _JOINTS = {"revolute": Revolute, "prismatic": Prismatic}
@@ -56,6 +57,7 @@ class _Group:
     joint: TreeJoint
     bodies: list[tuple[str, Mass]]
     places: dict[str, Pose]
+    looks: list[tuple[str, Pose, Look]]  #: of the bodies
     next: TreeJoint | None
     end: Pose  #: where the next joint, or the tip, sits
     tip: str | None  #: the name of the tip, where it is another body
@@ -92,6 +94,11 @@ def chain(tree: Tree, tip: str | None, flexible: Mapping[str, Any] | None, stops
     for group in groups:
         link, inboard = _link(group, inboard, wanted.get(group.joint.child), stops, made)
         made.links.append(link)
+    first, standing = groups[0].joint, made.links[0]
+    looks = [_placed(pose @ at, look, "base") for name, pose in tree.beneath(tree.root, first)
+             for at, look in tree.looks.get(name, [])]  # fmt: skip
+    if looks:
+        made.links[0] = replace(standing, looks=[*looks, *standing.looks])
     last = groups[-1]
     if last.tip is not None:
         made.links.append(Link(Fixed(inboard=_placement(inboard)), name=_named(last.tip, made)))
@@ -112,7 +119,8 @@ def _group(tree: Tree, path: Sequence[TreeJoint], k: int) -> _Group:
     masses = [(name, tree.bodies[name].seen(pose)) for name, pose in bodies]
     fixed = {name: pose for name, pose in bodies if not any(j.moves for j in _between(tree, joint.child, name))}
     tip = path[-1].child if following is None and path[-1] is not joint else None
-    return _Group(joint, masses, fixed, following, at, tip)
+    looks = [(name, pose @ there, look) for name, pose in bodies for there, look in tree.looks.get(name, [])]
+    return _Group(joint, masses, fixed, looks, following, at, tip)
 
 
 def _between(tree: Tree, above: str, name: str) -> Iterable[TreeJoint]:
@@ -224,7 +232,8 @@ def _link(g: _Group, inboard: Pose, wanted: Flexible | None, stops: Any, made: M
     end = g.end
     if wanted is None:
         hub = _body(name, merged(m for _, m in g.bodies), np.eye(3), np.zeros(3), end.position)
-        link = Link(_joint(g.joint, inboard, outboard, stops, made), hub, name=_named(name, made))
+        looks = [_placed(pose, look, "hub") for _, pose, look in g.looks]
+        link = Link(_joint(g.joint, inboard, outboard, stops, made), hub, name=_named(name, made), looks=looks)
         return link, Pose(rotation=end.rotation)
     where = f"flexible['{name}']"
     a = _point(f"{where}.start", wanted.start, g, np.zeros(3))
@@ -249,7 +258,28 @@ def _link(g: _Group, inboard: Pose, wanted: Flexible | None, stops: Any, made: M
         made.said.append(f"the axes of '{name}': those of its beam are the link's here")
     turned = Pose(outboard.position, outboard.rotation @ axes)
     joint = _joint(g.joint, inboard, turned, stops, made)
-    return Link(joint, hub, wanted.beam, tip, _named(name, made)), Pose(rotation=axes.T @ end.rotation)
+    looks = _looks_of_beam(g, wanted, axes, a, b, made)
+    return Link(joint, hub, wanted.beam, tip, _named(name, made), looks), Pose(rotation=axes.T @ end.rotation)
+
+
+def _looks_of_beam(g: _Group, wanted: Flexible, axes: Array, a: Array, b: Array, made: Made) -> list[Look]:
+    """What is drawn of a link that is a beam: what is fixed to it, on the end that is nearer, and, where its own body
+    stays, its own."""
+    looks = []
+    for name, pose, look in g.looks:
+        if name == g.joint.child and wanted.mass == "replace":
+            continue
+        far = (pose.position - a) @ axes[:, 0] > wanted.beam.length / 2
+        origin = b if far else np.zeros(3)
+        seen = Pose(axes.T @ (pose.position - origin), axes.T @ pose.rotation)
+        looks.append(_placed(seen, look, "tip" if far else "hub"))
+    if len(looks) < len(g.looks):
+        made.said.append(f"what '{g.joint.child}' looks like: its beam is drawn")
+    return looks
+
+
+def _placed(pose: Pose, look: Look, on: str) -> Look:
+    return replace(look, at=_placement(pose), on=on)
 
 
 def _point(where: str, given: Any, g: _Group, default: Array | None) -> Array:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array
+from .looks import mjcf_looks, quaternion_rotation
 from .tree import Mass, Pose, Tree, TreeJoint
 from .urdf import parse_xml, read_text
 
@@ -38,11 +38,15 @@ def read_mjcf(path: Any, gravity: Any) -> Tree:
         model = mujoco.MjModel.from_xml_path(str(Path(path)))
     except ValueError as e:
         raise ValueError(" ".join(str(e).split())) from None
-    return tree_of(mujoco, model, gravity)
+    return tree_of(mujoco, model, gravity, Path(path).parent)
 
 
-def tree_of(mujoco: ModuleType, model: Any, gravity: Any) -> Tree:
-    """The tree of a compiled model. Bodies stand to each other as at `qpos0`, where all coordinates are zero."""
+def tree_of(mujoco: ModuleType, model: Any, gravity: Any, folder: Path = Path()) -> Tree:
+    """The tree of a compiled model. Bodies stand to each other as at `qpos0`, where all coordinates are zero.
+
+    Args:
+        folder: of the file, from which its meshes are named.
+    """
 
     def named(kind: str, k: int) -> str:
         return mujoco.mj_id2name(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), k) or f"{kind}_{k}"
@@ -52,10 +56,10 @@ def tree_of(mujoco: ModuleType, model: Any, gravity: Any) -> Tree:
     joints: list[TreeJoint] = []
     for k in range(1, model.nbody):
         name, parent = named("body", k), named("body", int(model.body_parentid[k]))
-        at = Pose(model.body_pos[k].copy(), _rotation(model.body_quat[k]))
+        at = Pose(model.body_pos[k].copy(), quaternion_rotation(model.body_quat[k]))
         own = [int(model.body_jntadr[k]) + i for i in range(int(model.body_jntnum[k]))]
         inertia = Mass(float(model.body_mass[k]), np.zeros(3), np.diag(model.body_inertia[k]))
-        bodies[name] = inertia.seen(Pose(model.body_ipos[k].copy(), _rotation(model.body_iquat[k])))
+        bodies[name] = inertia.seen(Pose(model.body_ipos[k].copy(), quaternion_rotation(model.body_iquat[k])))
         if not own:
             joints.append(TreeJoint(f"{name} (fixed)", "fixed", parent, name, at))
         for i in own:  # several in a body: one after the other, with bodies without mass between
@@ -69,23 +73,12 @@ def tree_of(mujoco: ModuleType, model: Any, gravity: Any) -> Tree:
         if n := int(getattr(model, count, 0)):
             left_out.append((f"{n} {words if n > 1 else words[:-1]}", ""))
     if model.ngeom:
-        left_out.append(("shapes to show and to touch (geoms), but for the inertia that they give", ""))
+        left_out.append(("shapes to touch (geoms), but for the inertia that they give", ""))
+    looks = mjcf_looks(mujoco, model, folder, [named("body", k) for k in range(model.nbody)], left_out)
     if model.opt.density or model.opt.viscosity:
         left_out.append(("the fluid around it (option density, viscosity)", ""))
     given = tuple(model.opt.gravity.tolist()) if gravity is None else gravity
-    return Tree(bodies, joints, given, left_out)
-
-
-def _rotation(quaternion: Array) -> Array:
-    """Of (w, x, y, z)."""
-    w, x, y, z = (float(c) for c in quaternion / np.linalg.norm(quaternion))
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return Tree(bodies, joints, given, left_out, looks)
 
 
 def _joint(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._check import Array, choice
+from ..parts.look import Look
 
 MOVING = ("revolute", "prismatic")
 
@@ -103,12 +104,14 @@ class TreeJoint:
 
 @dataclass
 class Tree:
-    """Bodies by name, joints, and what of the file is left out: (what, of whom)."""
+    """Bodies by name, joints, what of the file is left out: (what, of whom), and what bodies look like: where, in the
+    body's frame, and what."""
 
     bodies: dict[str, Mass]
     joints: list[TreeJoint]
     gravity: tuple[float, float, float]
     left_out: list[tuple[str, str]] = field(default_factory=list)
+    looks: dict[str, list[tuple[Pose, Look]]] = field(default_factory=dict)
     root: str = field(init=False)
     above: dict[str, TreeJoint] = field(init=False, repr=False)  #: the joint that a body hangs on
     below: dict[str, list[TreeJoint]] = field(init=False, repr=False)  #: those that hang on it

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
+from .looks import rotation_of, urdf_looks
 from .tree import Mass, Pose, Tree, TreeJoint
 
-_LOOKS = ("visual", "collision")
 _NUMBERS = ("origin", "axis", "mass", "inertia", "limit", "dynamics")  #: have no other attributes
 #: what is read of each element, its attributes and its elements; the parser is given nothing else
 _READ: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -72,6 +72,7 @@ def read_urdf(path: Any, gravity: Any) -> Tree:
         raise ValueError("holds macros (xacro): expand them first, with ROS' own xacro FILE > robot.urdf")
     left_out: list[tuple[str, str]] = []
     root.attrib.setdefault("name", "robot")
+    looks = urdf_looks(root, Path(path).parent, left_out)
     _prune(root, "", left_out)
     parser = _parser()
     try:
@@ -82,7 +83,7 @@ def read_urdf(path: Any, gravity: Any) -> Tree:
     _unique("joint", [x.name for x in robot.joints])
     bodies = {link.name: _mass(link) for link in robot.links}
     joints = [_joint(j, left_out) for j in robot.joints]
-    return Tree(bodies, joints, gravity, left_out)
+    return Tree(bodies, joints, gravity, left_out, looks)
 
 
 def _prune(node: ET.Element, whose: str, left_out: list[tuple[str, str]]) -> None:
@@ -104,8 +105,10 @@ def _prune(node: ET.Element, whose: str, left_out: list[tuple[str, str]]) -> Non
             _prune(inner, whose, left_out)
             continue
         node.remove(inner)
-        if inner.tag in _LOOKS:
-            left_out.append(("shapes to show and to touch (<visual>, <collision>)", whose))
+        if inner.tag == "collision":
+            left_out.append(("shapes to touch (<collision>)", whose))
+        elif inner.tag == "visual":
+            continue  # read by urdf_looks
         elif isinstance(inner.tag, str):
             left_out.append((f"<{inner.tag}>", "" if inner.tag == "material" else whose or inner.get("name", "")))
 
@@ -129,16 +132,6 @@ def _pose(where: str, origin: Any) -> Pose:
         return Pose()
     rpy = _numbers(f"{where}: rpy", origin.rpy, 3)
     return Pose(_numbers(f"{where}: xyz", origin.xyz, 3), rotation_of(rpy))
-
-
-def rotation_of(rpy: Array) -> Array:
-    """Roll, pitch, yaw (rad) about the fixed x, y, z; quarter turns are exact."""
-    c, s = np.cos(rpy), np.sin(rpy)
-    c, s = (np.where(np.abs(x) < 1e-15, 0.0, x) for x in (c, s))
-    x = np.array([[1, 0, 0], [0, c[0], -s[0]], [0, s[0], c[0]]])
-    y = np.array([[c[1], 0, s[1]], [0, 1, 0], [-s[1], 0, c[1]]])
-    z = np.array([[c[2], -s[2], 0], [s[2], c[2], 0], [0, 0, 1]])
-    return np.asarray(z @ y @ x)
 
 
 def _mass(link: Any) -> Mass:

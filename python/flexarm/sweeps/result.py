@@ -13,7 +13,7 @@ import numpy as np
 
 from .._check import Array
 from ..draw.style import DPI
-from ..draw.sweep import plot_sweep
+from ..draw.sweep import MISSING, plot_sweep
 from ..store.files import named, readable, write_whole
 from ..store.scenarios import read_scenario
 from .vary import Sweep
@@ -23,6 +23,12 @@ if TYPE_CHECKING:
 
 FILE = "sweep.h5"  # what a sweep keeps in its folder
 _MOST = 4  # columns, and parameters, that a figure shows
+#: Of parameters, by the end of their paths, where it is the same wherever such a name stands.
+_UNITS = {
+    "length": "m", "radius": "m", "inner_radius": "m", "thickness": "m", "mass": "kg", "density": "kg/m³",
+    "youngs_modulus": "Pa", "shear_modulus": "Pa", "area": "m²", "second_moment_y": "m⁴", "second_moment_z": "m⁴",
+    "torsion_constant": "m⁴",
+}  # fmt: skip
 
 
 @dataclass(repr=False)
@@ -90,21 +96,31 @@ class SweepResult:
         return ["sweep.csv", "sweep.png"]
 
     def plot(self) -> Figure:
-        """A heat map of each column over a grid of two parameters, else each column over each parameter."""
+        """A heat map of each column over a grid of two parameters, else each column over each parameter. What has no
+        number is grey, or a cross, and a line below tells why."""
         names, numbers = _parameter_columns(self.parameters)
+        labels = {name: _with_unit(name, _UNITS.get(name.rpartition(".")[2], "")) for name in names}
+        grid = self.plan.grid()
+        why = np.full(len(self), list(MISSING).index("no value"))
+        why[~self.done] = list(MISSING).index("not run yet")
+        why[[i for i, *_ in self.failures]] = list(MISSING).index("failed")
         failed = f"; {len(self.failures)} failed" if self.failures else ""
         left = "" if self.complete else f" of {len(self)}"
+        cut = [f"the first {_MOST} of {len(x)} {w}" for x, w in ((self.columns, "columns"), (names, "parameters"))
+               if len(x) > _MOST]  # fmt: skip
+        runs = f"{int(self.done.sum())}{left} runs{failed}"
         return plot_sweep(
-            [(self._label(n), self.columns[n]) for n in list(self.columns)[:_MOST]],
-            list(zip(names, numbers, strict=True))[:_MOST],
-            self.plan.grid(),
+            [(_with_unit(n, self.units[n]), self.columns[n]) for n in list(self.columns)[:_MOST]],
+            [(labels[name], values) for name, values in zip(names, numbers, strict=True)][:_MOST],
+            None if grid is None else {labels[name]: values for name, values in grid.items()},
             len(names) == 1 and self.plan.vary[0].kind in ("grid", "list"),
-            f"{self.plan.title}: {int(self.done.sum())}{left} runs{failed}",
+            f"{self.plan.title}: {', '.join([runs, *cut])}",
+            why,
         )
 
-    def _label(self, column: str) -> str:
-        unit = self.units[column]
-        return f"{column} ({unit})" if unit not in ("", "1") else column
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name} ({unit})" if unit not in ("", "1") else name
 
 
 class SweepInterrupted(KeyboardInterrupt):

@@ -17,8 +17,10 @@ from ..acting.load import Load
 from ..parts.beam import Beam, RigidBody, inertia_matrix
 from ..parts.chain import Chain
 from ..parts.joints import Joint, Placement
+from ..parts.link import Link
 from ..parts.patch import Patch
 from ..parts.sections import Box, Circle, Ellipse, IBeam, Rectangle, Section, SectionMatrix, Tube
+from .meshes import LOOK_COLOUR, Mesh, meshes_of
 
 _ROUND = 28  # corners of a circle
 _DENSITY = 7800.0  # kg/m^3, of a point mass that is drawn as a ball
@@ -34,7 +36,9 @@ class Body:
         beams: {"first": node of its clamp, "count": slices, "outlines": (count, m, 2), y and z of the corners (m),
             "part": "beam", whose colour is strain, or "patch", a piezo patch}.
         solids: {"node", "part", "kind", "at": centre (m), "axes": 3 x 3, in columns, "size": (m)}: of a "box" its
-            sides, of a "ball" its radius, of a "cylinder" its length along the first axis and its radius.
+            sides, of a "ball" its radius, of a "cylinder" its length along the first axis and its radius. With "under":
+            it stands for what meshes show better, and is drawn where these are not; with "colour": in that.
+        meshes: triangles of the links' looks.
         struts: pairs of (node, at) with a straight piece between: rails of sliding joints.
         axes: {"node", "at", "direction", "length"}: of the joints' freedoms, long enough to be seen.
         labels: {"node", "at", "text"}.
@@ -46,6 +50,7 @@ class Body:
     places: list[tuple[int | None, float | None]] = field(default_factory=lambda: [(None, None)])
     beams: list[dict[str, Any]] = field(default_factory=list)
     solids: list[dict[str, Any]] = field(default_factory=list)
+    meshes: list[Mesh] = field(default_factory=list)
     struts: list[tuple[tuple[int, Any], tuple[int, Any]]] = field(default_factory=list)
     axes: list[dict[str, Any]] = field(default_factory=list)
     labels: list[dict[str, Any]] = field(default_factory=list)
@@ -187,6 +192,39 @@ def _layer(beam: Beam, patch: Patch, x: float, side: int) -> Array:
     return corners if patch.face[-1] == "y" else corners[:, ::-1]
 
 
+def _looks(body: Body, link: Link, places: dict[str, tuple[int, Array]], hub: slice, tip: slice) -> None:
+    """What a link's file shows; the symbols and boxes of its joint and hub, and of its tip, then give way to it."""
+    shown = set()
+    for look in link.looks:
+        (node, origin), (at, axes) = places[look.on], (look.at or Placement())._core
+        centre = origin + at
+        if look.shape == "mesh":
+            found = meshes_of(look, node, centre, axes)
+            body.meshes += found
+            shown |= {look.on} if found else set()
+            continue
+        shown.add(look.on)
+        if look.shape == "cylinder":
+            radius, long = look.size
+            body.solid("look", node, "cylinder", centre, axes[:, [2, 0, 1]], (long, radius))
+        else:
+            body.solid("look", node, look.shape, centre, axes, look.size)
+        body.solids[-1]["colour"] = look.colour or LOOK_COLOUR
+    for on, solids in (("hub", hub), ("tip", tip)):
+        if on in shown or (link.beam is None and shown & {"hub", "tip"}):  # hub and tip are one rigid body then
+            for solid in body.solids[solids]:
+                solid["under"] = True
+
+
+def _lengthen(body: Body, joint: Joint, node: int, axis: dict[str, Any], radius: float) -> None:
+    """An axis of a joint with one freedom: out of the meshes that it moves."""
+    ((_, _, direction),) = joint._freedoms()
+    place, turn = (joint.outboard or Placement())._core
+    d = turn.T @ (np.array(direction) / np.linalg.norm(direction))
+    ends = [float((mesh.vertices @ d).max()) for mesh in body.meshes if mesh.node == node]
+    axis["length"] = max([axis["length"], *(end + place @ turn @ d + 3 * radius for end in ends)])
+
+
 def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> Body:
     """The body of an arm, each beam cut into as many slices as its link's entry of `slices` says."""
     body = Body(length(arm))
@@ -200,20 +238,26 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
             _beam(body, k, link.beam, slices[k])
             reach = float(np.linalg.norm(outline(link.beam.section.at(0.0)), axis=1).max())
         radius = float(np.clip(1.1 * reach, 0.012 * body.size, 0.03 * body.size))
-        axes = len(body.axes)
+        axes, solids = len(body.axes), len(body.solids)
+        base = below
         _joint(body, k, link.joint, below, node, radius)
         body.rod(node, zero, hub_end, radius / 2)
         if link.hub:
             _mass(body, "hub", node, zero, link.hub)
-            hubs = [s for s in body.solids if s["node"] == node and s["part"] == "hub"]
+            hubs = [] if link.looks else [s for s in body.solids if s["node"] == node and s["part"] == "hub"]
             far = max((float(np.linalg.norm(s["at"]) + np.linalg.norm(s["size"]) / 2) for s in hubs), default=0.0)
             for axis in body.axes[axes:]:
                 axis["length"] = max(axis["length"], far + 3 * radius)
+        tip = len(body.solids)
         last, at = (first + slices[k] - 1, zero) if link.beam else (node, hub_end)
         tip_end = at + np.array(link.tip.end) if link.tip else at
         body.rod(last, at, tip_end, radius / 2)
         if link.tip:
             _mass(body, "tip", last, at, link.tip)
+        places = {"hub": (node, zero), "tip": (last, at), "base": base}
+        _looks(body, link, places, slice(solids, tip), slice(tip, len(body.solids)))
+        if len(body.axes) == axes + 1:
+            _lengthen(body, link.joint, node, body.axes[axes], radius)
         below = (last, tip_end)
     body.tip = below
     for load in loads:

@@ -11,13 +11,16 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._check import Array
 from . import stage
 from .body import Body
+from .meshes import thinned
 from .track import Track
 
 _FULL = 32_767
+_TRIANGLES = 50_000  # of the meshes of one page: 0.9 MB
 
 
 def library() -> str:
@@ -44,6 +47,28 @@ def _plain(value: Any) -> Any:
     return float(f"{value:.7g}") if isinstance(value, float) else value
 
 
+def _meshes(body: Body, most: int) -> list[dict[str, Any]]:
+    """Corners as 16-bit numbers, as frames are."""
+    out = []
+    for mesh in thinned(body.meshes, most):
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        centre, scale = (low + high) / 2, np.maximum((high - low) / 2, 1e-30) / _FULL
+        numbers = np.round((mesh.vertices - centre) / scale).astype("<i2")
+        wide = len(mesh.vertices) > 65_536
+        faces = mesh.faces.astype("<u4" if wide else "<u2")
+        out.append(
+            {
+                "node": mesh.node, "colour": mesh.colour, "centre": centre, "scale": scale, "wide": wide,
+                "vertices": _text(numbers), "faces": _text(faces),
+            }
+        )  # fmt: skip
+    return out
+
+
+def _text(numbers: NDArray[Any]) -> str:
+    return base64.b64encode(numbers.tobytes()).decode("ascii")
+
+
 def _body(body: Body) -> dict[str, Any]:
     kept = ("beams", "solids", "struts", "axes", "labels", "loads", "tip", "size")
     frames = [i for i, (_, x) in enumerate(body.places) if x is None]
@@ -59,13 +84,14 @@ def _packed(columns: Mapping[str, Array]) -> dict[str, Any]:
         centre, scale = (low + high) / 2, np.maximum((high - low) / 2, 1e-30) / _FULL
         about[name] = {"centre": centre.tolist(), "scale": scale.tolist(), "count": x.shape[1]}
         rows.append(np.round((x - centre) / scale).astype("<i2").reshape(len(x), -1))
-    return {"columns": about, "frames": base64.b64encode(np.hstack(rows).tobytes()).decode("ascii")}
+    return {"columns": about, "frames": _text(np.hstack(rows))}
 
 
-def _track(track: Track) -> dict[str, Any]:
+def _track(track: Track, triangles: int) -> dict[str, Any]:
     names = ("position", "quaternion", "strain", "force", "moment")
     packed = _packed({name: getattr(track, name) for name in names})
-    about = {"t": track.t.tolist(), "title": track.title, "error": track.error, "body": _plain(_body(track.body))}
+    body = {**_body(track.body), "meshes": _meshes(track.body, triangles)}
+    about = {"t": track.t.tolist(), "title": track.title, "error": track.error, "body": _plain(body)}
     return {**about, **packed}
 
 
@@ -79,7 +105,7 @@ def data(tracks: Sequence[Track], options: Mapping[str, Any]) -> dict[str, Any]:
         for name in ("force", "moment")
     }
     return {
-        "tracks": [_track(t) for t in tracks],
+        "tracks": [_track(t, _TRIANGLES // len(tracks)) for t in tracks],
         "camera": _plain({**asdict(view), "field": stage.FIELD, "grid": stage.grid_step(view.radius)}),
         "strain": {"most": most, "factor": factor, "unit": unit, "colours": stage.COLOURS.tolist()},
         "colours": stage.PART_COLOURS | stage.SYMBOL_COLOURS,

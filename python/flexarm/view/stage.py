@@ -13,7 +13,8 @@ from .track import Track
 
 #: between blue and red, light in the middle: Moreland, "Diverging color maps for scientific visualization", 2009
 COLOURS = np.array([(59, 76, 192), (124, 159, 249), (221, 221, 221), (245, 156, 125), (180, 4, 38)]) / 255
-PART_COLOURS = {"hub": "#8A8F98", "tip": "#5B616B", "rod": "#8A8F98", "joint": "#3A3F47", "patch": "#D9A300"}
+PART_COLOURS = {"hub": "#8A8F98", "tip": "#5B616B", "rod": "#8A8F98", "joint": "#3A3F47"}
+PART_COLOURS |= {"patch": "#D9A300", "goal": GREEN}
 SYMBOL_COLOURS = {"axis": ORANGE, "force": GREEN, "moment": PURPLE, "trace": BLUE}
 FIELD = 28.0  # degrees, from the picture's lower edge to its upper
 
@@ -75,17 +76,32 @@ def _towards_eye(points: Array, up: Array, steady: bool) -> Array:
 
 
 def _points(track: Track) -> Array:
-    """Six points about each node at its frames, as far away as solids and sections reach there, (n, 3)."""
+    """Six points about each node at its frames, as far away as solids and sections reach there, and the corners of
+    meshes, (n, 3)."""
+    from scipy.spatial.transform import Rotation
+
     reach = np.full(track.position.shape[1], 0.02 * track.body.size)
     for beam in track.body.beams:
         nodes = slice(beam["first"], beam["first"] + beam["count"])
         reach[nodes] = np.maximum(reach[nodes], np.linalg.norm(beam["outlines"], axis=2).max(axis=1))
-    for solid in track.body.solids:
+    for solid in (s for s in track.body.solids if not s.get("under")):
         far = float(np.linalg.norm(solid["at"])) + float(np.linalg.norm(solid["size"])) / 2
         reach[solid["node"]] = max(reach[solid["node"]], far)
     offsets = reach[:, None, None] * np.vstack([np.eye(3), -np.eye(3)])
-    some = track.position[:: max(len(track.t) // 200, 1), 1:]  # without the world
-    return np.asarray((some[:, :, None] + offsets[1:]).reshape(-1, 3))
+    stride = max(len(track.t) // 200, 1)
+    some = track.position[::stride, 1:]  # without the world
+    parts = [(some[:, :, None] + offsets[1:]).reshape(-1, 3)]
+    for mesh in track.body.meshes:
+        turns = Rotation.from_quat(track.quaternion[::stride, mesh.node]).as_matrix()
+        moved = _corners(mesh.vertices) @ turns.swapaxes(1, 2) + track.position[::stride, mesh.node, None]
+        parts.append(moved.reshape(-1, 3))
+    return np.concatenate(parts)
+
+
+def _corners(points: Array) -> Array:
+    """The corners of the box about them, (8, 3)."""
+    ends = np.stack([points.min(axis=0), points.max(axis=0)])
+    return np.array([ends[(i, j, k), (0, 1, 2)] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
 def surface_strain(strain: Array, outline: Array) -> Array:

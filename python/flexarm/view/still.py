@@ -12,11 +12,14 @@ from .._check import Array
 from ..draw.style import BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
 from . import stage
 from .body import along
+from .meshes import Mesh, thinned
 from .track import Track
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+_TRIANGLES = 12_000  # of meshes: so many are drawn in a third of a second
 
 
 class Eye:
@@ -66,7 +69,7 @@ def _divided(faces: Array, n: int = 4) -> Array:
 
 
 def _solid_faces(solid: dict[str, Any]) -> Array:
-    """Faces (n, 4, 3) in the axes of its node."""
+    """Faces (n, 4, 3) in the axes of its node, whose corners go round to the left as seen from outside."""
     size = solid["size"]
     if solid["kind"] == "ball":
         turn = np.linspace(0.0, np.pi, 9)
@@ -77,6 +80,9 @@ def _solid_faces(solid: dict[str, Any]) -> Array:
         corner = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2
         box = np.array([[(x, *c) for c in corner] for x in (-0.5, 0.5)]) * np.array(size)
         faces = _divided(np.concatenate([_quads(box), box]))
+    normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
+    inwards = np.einsum("ni,ni->n", normal, faces.mean(axis=1)) < 0  # solids are convex, about their middle
+    faces = np.where(inwards[:, None, None], faces[:, ::-1], faces)
     return np.asarray(faces @ np.array(solid["axes"]).T + solid["at"])
 
 
@@ -140,7 +146,9 @@ def _beam_colours(values: Array, most: float) -> Array:
     return np.stack([np.interp(u, stops, stage.COLOURS[:, c]) for c in range(3)], axis=-1)
 
 
-def _add_track(faces: _Faces, track: Track, pose: Any, most: float, largest: tuple[float, float], eye: Eye) -> None:
+def _add_track(
+    faces: _Faces, track: Track, meshes: Sequence[Mesh], pose: Any, most: float, largest: tuple[float, float], eye: Eye
+) -> None:
     p, R, strain, force, moment = pose
     body, radius = track.body, eye.camera.radius
     symbol = 0.016 * radius
@@ -166,7 +174,13 @@ def _add_track(faces: _Faces, track: Track, pose: Any, most: float, largest: tup
             faces.add_polygon(rings[k], plain or _beam_colours((values[k] + np.roll(values[k], -1)) / 2, most))
     for solid in body.solids:
         node = solid["node"]
-        faces.add(_solid_faces(solid) @ R[node].T + p[node], stage.PART_COLOURS[solid["part"]])
+        if not solid.get("under"):
+            colour = solid.get("colour") or stage.PART_COLOURS[solid["part"]]
+            sides = _solid_faces(solid) @ R[node].T + p[node]
+            faces.add(sides[eye.sees(sides)], colour)
+    for mesh in meshes:
+        corners = mesh.vertices[mesh.faces[:, [0, 1, 2, 2]]] @ R[mesh.node].T + p[mesh.node]
+        faces.add(corners, mesh.colour)
     for a, b in body.struts:
         start, end = point(*a), point(*b)
         length = float(np.linalg.norm(end - start))
@@ -220,6 +234,7 @@ class Still:
         self, tracks: Sequence[Track], notes: Sequence[str], size: tuple[float, float], steady: bool, scale: float
     ) -> None:
         self.tracks = tracks
+        self.meshes = [thinned(track.body.meshes, _TRIANGLES // len(tracks)) for track in tracks]
         self.most = stage.round_up(max(stage.greatest_strain(tracks), scale))
         self.largest = (_largest(tracks, "force"), _largest(tracks, "moment"))
         self.figure: Figure = new_figure(*size)
@@ -250,11 +265,11 @@ class Still:
         bar.set_ticks([-self.most * factor, 0, self.most * factor])
         bar.ax.tick_params(labelsize=8.5)
         bar.outline.set_visible(False)
-        place.set_title(f"strain at the surface, along x ({unit})", fontsize=8.5, pad=3)
+        place.set_title(f"strain at the surface, along x ({unit})", fontsize=8.5, pad=3, loc="right")
 
     def draw(self, t: float) -> Figure:
         """The figure at time t (s)."""
-        for ax, track in zip(self.axes, self.tracks, strict=True):
+        for ax, track, meshes in zip(self.axes, self.tracks, self.meshes, strict=True):
             ax.clear()
             ax.set_axis_off()
             ax.set_xlim(-self.eye.aspect, self.eye.aspect)
@@ -262,7 +277,7 @@ class Still:
             _floor(ax, self.eye)
             _trace(ax, self.eye, track, t)
             faces = _Faces()
-            _add_track(faces, track, track.at(t), self.most, self.largest, self.eye)
+            _add_track(faces, track, meshes, track.at(t), self.most, self.largest, self.eye)
             if faces.faces:
                 faces.draw(ax, self.eye)
         if any(len(track.t) > 1 for track in self.tracks):

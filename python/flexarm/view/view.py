@@ -88,7 +88,7 @@ class View:
     def _repr_html_(self) -> str:
         return (
             f'<iframe srcdoc="{html.escape(self.html())}" width="100%" height="520" '
-            'style="border: 1px solid #ddd"></iframe>'
+            'style="display: block; box-sizing: border-box; border: 1px solid #ddd"></iframe>'
         )
 
     def open(self) -> Path:
@@ -225,11 +225,14 @@ def _mp4(file: Path, pictures: Any, rate: float) -> None:
 
 
 def show(
-    arm: Chain, q: Array, magnify: float, loads: Sequence[Load] = (), t: float = 0.0, title: str = "", **options: Any
-) -> View:
-    """See Arm.show; q (nq,). Options are those of View."""
+    arm: Chain, q: Array, magnify: float, loads: Sequence[Load] = (), t: float = 0.0, title: str = "",
+    marks: Sequence[Any] = (), **options: Any
+) -> View:  # fmt: skip
+    """See Arm.show; q (nq,). Marks are places in world axes (m) that small balls show. Options are those of View."""
     magnify = magnification(magnify)
     track = make_track(arm, np.array([t]), q[None], loads=loads, magnify=magnify, title=title)
+    for place in marks:
+        track.body.solid("goal", 0, "ball", np.array(place), np.eye(3), [0.02 * track.body.size])
     return View([track], magnify, **options)
 
 

@@ -136,8 +136,22 @@ function triad(length) {
   return made;
 }
 
+const numbers = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+
+// Triangles of a file's mesh, corners as 16-bit numbers.
+function meshOf(data) {
+  const steps = new Int16Array(numbers(data.vertices)), places = new Float32Array(steps.length);
+  for (let i = 0; i < steps.length; i++) places[i] = data.centre[i % 3] + data.scale[i % 3] * steps[i];
+  const faces = numbers(data.faces), geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(places, 3));
+  geometry.setIndex(new THREE.BufferAttribute(data.wide ? new Uint32Array(faces) : new Uint16Array(faces), 1));
+  const material = matte(data.colour, true);
+  material.side = THREE.DoubleSide;
+  return new THREE.Mesh(geometry, material);
+}
+
 function solid(part) {
-  const [a, b, c] = part.size, colour = told.colours[part.part];
+  const [a, b, c] = part.size, colour = part.colour || told.colours[part.part];
   let geometry;
   if (part.kind === "box") geometry = new THREE.BoxGeometry(a, b, c);
   else if (part.kind === "ball") geometry = new THREE.SphereGeometry(a, 24, 16);
@@ -218,7 +232,7 @@ class Pane {
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x999999, 0.75));
     this.sun = new THREE.DirectionalLight(0xffffff, 0.45);
     this.scene.add(this.sun);
-    this.groups = { floor: floor(), axes: new THREE.Group(), frames: new THREE.Group(), loads: new THREE.Group(), trace: new THREE.Group() };
+    this.groups = { floor: floor(), axes: new THREE.Group(), frames: new THREE.Group(), loads: new THREE.Group(), trace: new THREE.Group(), looks: new THREE.Group(), under: new THREE.Group() };
     this.scene.add(...Object.values(this.groups));
     this.moving = []; // [node, object]
     this.beams = track.body.beams.map((beam) => new BeamMesh(beam));
@@ -240,7 +254,8 @@ class Pane {
 
   fill() {
     const { body } = this.track;
-    for (const part of body.solids) this.hold(part.node, solid(part));
+    for (const part of body.solids) this.hold(part.node, solid(part), part.under ? this.groups.under : part.part === "look" ? this.groups.looks : null);
+    for (const mesh of body.meshes) this.hold(mesh.node, meshOf(mesh), this.groups.looks);
     for (const axis of body.axes) {
       const object = new THREE.Group(), direction = new THREE.Vector3().fromArray(axis.direction);
       object.add(pointed(arrow(axis.length, 0.45 * symbol, told.colours.axis), direction));
@@ -323,7 +338,7 @@ class Pane {
       if (slow) this.done.geometry.setDrawRange(0, n);
       else this.done.geometry.instanceCount = Math.max(n - 1, 0);
     }
-    for (const [name, group] of Object.entries(this.groups)) group.visible = shown[name];
+    for (const [name, group] of Object.entries(this.groups)) group.visible = name === "under" ? !shown.looks : shown[name];
   }
 
   place(x, width, height) {
@@ -343,7 +358,7 @@ class Pane {
 // -- the page --------------------------------------------------------------------------------------------------------
 
 const stage = make("div", null, { id: "stage" });
-const shown = { strain: true, patches: true, trace: true, axes: true, labels: true, loads: true, frames: false, floor: true };
+const shown = { strain: true, patches: true, trace: true, axes: true, labels: true, loads: true, looks: true, frames: false, floor: true };
 const panes = [], slow = drawsInSoftware();
 let camera, controls, renderer, playing = false, clock = 0, dirty = true, moved = false;
 const first = Math.min(...told.tracks.map((d) => d.t[0])), last = Math.max(...told.tracks.map((d) => d.t[d.t.length - 1]));
@@ -402,6 +417,7 @@ function makeLegend() {
     axes: ["joints' axes", told.colours.axis, bodies.some((b) => b.axes.length)],
     labels: ["joints' names", null, bodies.some((b) => b.labels.length)],
     loads: ["forces, moments", told.colours.force, bodies.some((b) => b.loads.length)],
+    looks: ["looks of the links", null, bodies.some((b) => b.meshes.length || b.solids.some((s) => s.part === "look"))],
     patches: ["piezo patches", told.colours.patch, bodies.some((b) => b.beams.some((beam) => beam.part === "patch"))],
     frames: ["frames: ", null, true],
     floor: [`floor, lines each ${Number(view.grid.toPrecision(3))} m`, null, true],
