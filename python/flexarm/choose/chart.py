@@ -149,7 +149,7 @@ class Chart:
         said = [] if self.complete else ["PARTIAL: interrupted; this is what was done until then."]
         unsure = self.truth.uncertainty if self.truth else math.inf
         if unsure > _DOUBTFUL:
-            near = f"is only known to be right to {unsure:.1e} of the span" if unsure < math.inf else "may be far from it"
+            near = f"is only known to {unsure:.1e} of the span" if unsure < math.inf else "may be far from it"
             said.append(f"NOT CONVERGED: the richest model, taken for the truth, {near}.")
         failed: dict[str, int] = {}
         for r in self.with_status("failed"):
