@@ -149,8 +149,8 @@ class Chart:
         said = [] if self.complete else ["PARTIAL: interrupted; this is what was done until then."]
         unsure = self.truth.uncertainty if self.truth else math.inf
         if unsure > _DOUBTFUL:
-            known = f"only to {unsure:.1e} of the span" if unsure < math.inf else "not known how far"
-            said.append(f"NOT CONVERGED: the richest model, taken for the truth, is right {known}.")
+            near = f"is only known to {unsure:.1e} of the span" if unsure < math.inf else "may be far from it"
+            said.append(f"NOT CONVERGED: the richest model, taken for the truth, {near}.")
         failed: dict[str, int] = {}
         for r in self.with_status("failed"):
             failed[r.choice] = failed.get(r.choice, 0) + 1
