@@ -74,6 +74,22 @@ def test_two_masses_and_a_spring_in_closed_form() -> None:
     assert np.abs(inv.q[:, 0] - y - m2 * a / k).max() < 1e-6
 
 
+def test_masses_in_a_line_have_no_poles_but_those_of_their_dampers() -> None:
+    # the last mass stands on the path, so that nothing that is left can swing
+    def line(*springs: tuple[float, float]) -> fa.Arm:
+        joints = [fa.Prismatic("x"), *(fa.Prismatic("x", stiffness=k, damping=b) for k, b in springs)]
+        return fa.Arm([fa.Link(joint, fa.RigidBody(1.0 / (1 + n))) for n, joint in enumerate(joints)])
+
+    def poles(arm: fa.Arm) -> np.ndarray:
+        found = fa.invert(arm, {"x": move(0.0, 0.1)}, passive=range(1, len(arm.links))).poles
+        np.testing.assert_allclose(found[0], found[1])
+        return found[0]
+
+    for arm in (line((40.0, 0.0)), line((40.0, 0.0), (3e4, 0.0)), line((40.0, 0.0), (50.0, 0.0), (2e3, 0.0))):
+        assert not len(poles(arm))
+    np.testing.assert_allclose(poles(line((40.0, 0.4))), [-100.0], rtol=1e-9)  # -k / b
+
+
 def bayo(T: float, tip: np.ndarray, h: float, mass: float) -> np.ndarray:
     """The torque of the paper's link with a mass on its end, pinned, whose tip's arc is `tip` (n,): modes and matrices
     written anew, frequency by frequency (E. Bayo, J. Robotic Systems 4 (1987), 61-75)."""

@@ -181,6 +181,10 @@ class Equations:
             K.append(Ke + Kj @ T[k] + Cj @ first[k] + Mj @ second[k])
         return np.array(M), np.array(C), np.array(K)
 
+    def held(self, q: Array) -> Array:
+        """The inertia (n, k, k) of the inner coordinates at q (n, nq), where the driven joints are held."""
+        return np.array([self.arm._core.mass_matrix(pose)[np.ix_(self.inner, self.inner)] for pose in q])
+
 
 def _pseudo_inverse(J: Array) -> Array:
     """Of J (..., p, m) with p <= m and full rank."""

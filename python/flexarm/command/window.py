@@ -17,6 +17,7 @@ _SEEN = 2.6  # rad of a pole's motion in one step, above which the differences d
 _RINGS = 3.0  # natural logarithm of what a pole may grow or shrink over the path and still ring throughout
 _LIGHTLY = 0.3  # the largest damping ratio of a pole that rings
 _ALIKE = 0.3  # parts by which a ringing pole may change from one end of the path to the other
+_ROUNDING = 1e-12  # of an inertia
 _LEAST = 12  # intervals before and after the path, for the differences
 _ROUGH = 10.0  # times the tolerance that may be left where finer grids do not help
 _TOO_MUCH = 0.01  # of the path's extent, that may go on ringing
@@ -24,11 +25,15 @@ _TOO_MUCH = 0.01  # of the path's extent, that may go on ringing
 Poles = tuple[Any, Any]  # complex, of the start and of the end
 
 
-def _poles(M: Array, C: Array, K: Array) -> Array:
-    """Of M d'' + C d' + K d = 0, by rising size; infinite ones are left out."""
+def _poles(M: Array, C: Array, K: Array, held: Array) -> Array:
+    """Of M d'' + C d' + K d = 0, by rising size; infinite ones are left out.
+
+    M is the inertia with the joints held less what the joints take off as they follow: beside the first, (k, k), what
+    is left of two equal ones is rounding, which would make infinite poles finite."""
     n = len(K)
     if not n:
         return np.zeros(0, dtype=complex)
+    M = np.where(np.abs(M) < _ROUNDING * np.abs(held), 0.0, M)
     inverse = np.linalg.inv(K)
     M, C = inverse @ M, inverse @ C
     if np.abs(C).max() <= 1e-9 * np.sqrt(np.abs(M).max()):
@@ -76,7 +81,8 @@ def solve(of: Equations, path: Path | Slower, start: Array, method: str, toleran
     none = np.zeros(0, dtype=complex)
     poles = (none, none)
     if dynamic:
-        start_poles, end_poles = (_poles(*matrices) for matrices in zip(*solver.ends, strict=True))
+        ends = zip(*solver.ends, of.held(solver.poses.q[[0, -1]]), strict=True)
+        start_poles, end_poles = (_poles(*matrices) for matrices in ends)
         poles = (start_poles, end_poles)
     count, longer, total, found, best, buffered = _FIRST_COUNT, [1.0, 1.0], 0, None, None, True
     for _ in range(_ROUNDS):

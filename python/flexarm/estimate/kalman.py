@@ -54,9 +54,10 @@ class KalmanFilter:
             its resolution or pulses say how far it is believed: the variance is noise^2 + step^2 / 12. A `filter` is
             part of the model, for two states or one more; a reading at its `range` or beyond is left out.
         step: time from one prediction to the next (s).
-        force_noise: density (N m/sqrt(Hz); N/sqrt(Hz)) of white forces that the model does not know of: one number,
-            for joints alone, or one for each rate, (nv,). The larger, the more readings are believed, and the model
-            less.
+        force_noise: two-sided density (N m/sqrt(Hz); N/sqrt(Hz)) of white forces that the model does not know of: one
+            number, for joints alone, or one for each rate, (nv,). The mean of such a force over a time T has the
+            standard deviation force_noise / sqrt(T). (A one-sided density n, as of a LowPass and in data sheets, is
+            n / sqrt(2) here.) The larger, the more readings are believed, and the model less.
         estimate: by name of a parameter (start, standard deviation of it).
         drift: by name of a parameter by how much it may wander in a second (unit/sqrt(s)); 0 where it is not named.
         q, v: the state at the start, (nv,) each; `arm.zero` and zero if None.

@@ -24,7 +24,8 @@ class LowPass(Part):
     """An analogue low-pass filter of unit gain.
 
     With w = 2 pi frequency, order 1 is w / (s + w), and order 2 is w^2 / (s^2 + 2 damping_ratio w s + w^2). White noise
-    of density n (unit/sqrt(Hz)) leaves it with a standard deviation of n sqrt(bandwidth).
+    of the one-sided density n (unit/sqrt(Hz), as data sheets tell it) leaves it with a standard deviation of
+    n sqrt(bandwidth).
 
     Args:
         frequency: Hz. Of order 1 the cut-off, where 0.707 of the amplitude (-3 dB) passes, 45 degrees late. Of order 2

@@ -44,8 +44,8 @@ class Sensor(Part):
         delay: what comes out was so this long ago (s); before the start, the arm stood as it started.
         gain, offset: what is read is gain (1) times what is there, plus offset: errors of calibration, or another scale
             (a gain in V gives a reading in V, whatever unit the sensor tells).
-        noise: standard deviation of each sample, white and Gaussian. (Of a density n, in unit/sqrt(Hz), that is
-            n sqrt(rate / 2).)
+        noise: standard deviation of each sample, white and Gaussian. (Of a one-sided density n, in unit/sqrt(Hz),
+            that is n sqrt(rate / 2).)
         resolution: the reading is the nearest multiple of this.
         range: the reading stays between -range and +range.
         seed: of the noise, a whole number from 0. The same sensor and seed give the same noise, another sensor (or

@@ -71,7 +71,7 @@ struct KalmanOptions {
 class KalmanFilter {
  public:
   /// @param h            step (s)
-  /// @param force_noise  density of the white forces that the model does not know of, for each rate (nv; N m/sqrt(Hz))
+  /// @param force_noise  two-sided density of white forces that the model does not know of, by rate (nv; N m/sqrt(Hz))
   /// @throws std::invalid_argument naming the field and the value; for ball joints
   KalmanFilter(const Arm& arm, double h, const std::vector<KalmanSensor>& sensors,
                const std::vector<KalmanParameter>& parameters, const Eigen::VectorXd& force_noise,
