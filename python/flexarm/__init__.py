@@ -59,7 +59,7 @@ Warnings
     DataWarning FitWarning FilterWarning    gaps in time, constant signals; what data cannot tell; a surprised filter
     MoveWarning InversionWarning MPCWarning RobotWarning    limits that are passed; no answer in time; what is left out
 
-Elsewhere: flexarm.env, flexarm.tasks (Gymnasium environments), flexarm.cli, flexarm.torch, flexarm.jax (rollouts).
+Elsewhere: flexarm.env, .tasks (Gymnasium), .torch, .jax, .cli; `flexarm examples`; https://flexarm.readthedocs.io
 """
 
 # ruff: noqa: I001  (X as X: so do type checkers know what is for others)
