@@ -36,6 +36,7 @@ DOUBTFUL: list[tuple[dict[str, Any], str]] = [
     ({"tip": fa.RigidBody(0.1, inertia=(100, 100, 100))}, r"tip.inertia: 100 kg m\^2 .* or kg mm\^2\?"),
     ({"section": fa.Rectangle(0.5, 0.5)}, r"shear adds 78 % .*shear_y"),
     ({"section": fa.Circle(0.25), "modes": {"bending_z": 2, "shear_y": 1}}, r"shear adds .*shear_z"),
+    ({"tip": fa.RigidBody(0.1), "basis": "loaded"}, r"link\[0\].beam.basis_tip: .* tip has 0.1 kg; give basis_tip"),
 ]
 
 
@@ -55,6 +56,8 @@ PLAUSIBLE: list[dict[str, Any]] = [
     {"material": fa.Material(1000, 3e4, 0.5)},  # a gel
     {"material": fa.Material(1, 1), "length": 1, "section": fa.Rectangle(1, 1)},  # a beam without units
     {"section": fa.GeneralSection(1.0, 1.0, 1.0, 1.0)},  # E I alone
+    {"basis": "loaded"},  # the modes of a beam that carries nothing
+    {"tip": fa.RigidBody(0.1), "basis": "loaded", "basis_tip": fa.RigidBody(0.0)},  # the same, meant
     {"material": fa.Material(1e-6, 209e9)},  # as good as without mass
     {"material": fa.Material(3500, 5e5, 0.49)},  # rubber full of iron
     {"material": fa.Material(19300, 411e9, 0.28)},  # tungsten

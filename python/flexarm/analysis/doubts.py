@@ -147,6 +147,15 @@ def _matrices(where: str, beam: Beam) -> Iterator[str]:
             )
 
 
+def _bare(where: str, beam: Beam, tip: RigidBody | None) -> Iterator[str]:
+    """Of modes that are to be those of a loaded beam, and are those of the bare one."""
+    if tip is not None and tip.mass > 0 and beam.basis == "loaded" and beam.basis_tip is None:
+        yield (
+            f"{where}.basis_tip: is missing, so that basis = 'loaded' has the modes of the bare beam, while the link's "
+            f"tip has {tip.mass:g} kg; give basis_tip that tip"
+        )
+
+
 def doubts(arm: Chain) -> list[str]:
     """Lists the numbers of an arm that can hardly be meant, a sentence each."""
     found: list[str] = []
@@ -156,4 +165,5 @@ def doubts(arm: Chain) -> list[str]:
                 found += _body(f"link[{k}].{name}", body, link.beam.length)
         if link.beam is not None:
             found += _beam(f"link[{k}].beam", link.beam, _whole(arm, k))
+            found += _bare(f"link[{k}].beam", link.beam, link.tip)
     return found

@@ -66,7 +66,8 @@ class Beam(Part):
             radian these may be too few, of which a RangeWarning tells. Where None is given, uniform beams of order 3
             and "exact" take fewer of them while their coordinates are so small that this changes nothing but rounding.
         basis_tip: what the modes of the loaded basis carry on the beam's end: its mass, its com along x and its
-            principal inertia are used. It shapes the basis and no more; the load itself is the link's `tip`.
+            principal inertia are used. It shapes the basis and no more; the load itself is the link's `tip`. None: they
+            carry nothing, also where the link has a tip (of which a ModelWarning tells).
         patches: piezoelectric patches; see Patch. The loaded basis does not feel them.
         curvature: at rest, with no stress (1/m): twist K1 and curvatures K2, K3, about the section's x, y and z as the
             strains are (K3 > 0 bends towards +y, K2 > 0 towards -z). Three numbers; a smooth callable of x (m); samples
