@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
+import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+_HERE = os.path.dirname(__file__) + os.sep
+
+
+def outside() -> int:
+    """The `stacklevel` with which a warning points at the line that called the package, whatever files of the package
+    lie between (as `skip_file_prefixes` of Python 3.12)."""
+    level, frame = 1, sys._getframe(1)
+    while frame.f_code.co_filename.startswith(_HERE) and frame.f_back is not None:
+        level, frame = level + 1, frame.f_back
+    return level
 
 
 def plain(value: Any, depth: int = 0) -> Any:

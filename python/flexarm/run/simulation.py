@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import choice, number, whole
+from .._check import choice, number, outside, whole
 from .._console import progress_bar
 from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
@@ -311,10 +311,10 @@ def simulate(
     setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
     result._source = _source(setup, run.times, q0, v0, tau, integrator, method, options)
     for warning in _judged(run, out, result, integrator, options["step"]):
-        warnings.warn(warning, stacklevel=2)
+        warnings.warn(warning, stacklevel=outside())
     if not SILENT.get():
         for text in coarse(arm, drive, control, tau, loads, (result.t, result.q, result.v)):
-            warnings.warn(text, ModelWarning, stacklevel=2)
+            warnings.warn(text, ModelWarning, stacklevel=outside())
     if watch:
         (Watch.usual(arm) if watch is True else watch).warn(result)
     return result
