@@ -226,7 +226,9 @@ def simulate(
         events: one or several callables (t, q, v) -> float whose zeros are sought, as in SciPy's solve_ivp: the run
             ends at the first zero of one with the attribute `terminal` = True (at the n-th where it is a number n);
             `direction` = 1 or -1 counts only zeros where the value rises, or falls. A value that is zero at the start
-            is no event. Zeros are seen where the sign changes between two steps.
+            is no event. Zeros are seen where the sign changes between two steps. A terminal event adds no row: the
+            last row is the output time before it, and its own time and state are in `Result.t_events`, `q_events` and
+            `v_events` alone.
         method: "ab" or "ci", for the accelerations at the output times.
         integrator: "ida": SUNDIALS IDA on the residual of inverse dynamics, variable step and order. "implicit":
             generalised-alpha, fixed step, second order, stable however stiff the elastic coordinates are, cost linear
