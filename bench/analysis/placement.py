@@ -48,7 +48,7 @@ def places(out: Path, head: str) -> None:
     with (out / "placement.csv").open("w", newline="") as f:
         f.write(head)
         writer = csv.writer(f)
-        writer.writerow(["centre (m)", *(f"{c}, mode {k + 1} (m/V)" for c in cases for k in range(3))])
+        writer.writerow(["centre (m)", *(f"{c}, mode {k} (m/V)" for c in cases for k in range(3))])
         rows = np.column_stack([cases["hub held"].x, *(p.authority for p in cases.values())])
         writer.writerows([[f"{v:.6g}" for v in row] for row in rows])
     figure, axes = plt.subplots(2, 2, figsize=(9.5, 5.6), sharex=True, height_ratios=(3, 2), layout="constrained")
@@ -56,9 +56,9 @@ def places(out: Path, head: str) -> None:
         print(f"\n{name}: {p}")
         for k, w in enumerate(p.frequencies):
             single = fa.placement(arm, patch=PAIR, lock=None if name == "hub held" else [], weights=np.eye(3)[k])
-            print(f"best for mode {k + 1} alone: from {1e3 * single.best:.2f} mm, {single.best_authority[k]:.4g} m/V")
+            print(f"best for mode {k} alone: from {1e3 * single.best:.2f} mm, {single.best_authority[k]:.4g} m/V")
             relative = p.authority[:, k] / np.abs(p.authority[:, k]).max()
-            top.plot(1e3 * p.x, relative, color=COLOURS[k], label=f"mode {k + 1}, {w:.4g} rad/s")
+            top.plot(1e3 * p.x, relative, color=COLOURS[k], label=f"mode {k}, {w:.4g} rad/s")
         below.plot(1e3 * p.x, p.merit, color="#333333")
         below.plot(1e3 * (p.patch.start + p.patch.end) / 2, p.best_merit, "o", color="#333333")
         for ax in (top, below):
@@ -66,7 +66,7 @@ def places(out: Path, head: str) -> None:
             ax.grid(alpha=0.3)
         top.axhline(0, color="#333333", lw=0.6)
         top.set_title(name, fontsize=10)
-        top.legend(fontsize=8)
+        top.legend(fontsize=8, title="modes count from 0", title_fontsize=8)
         below.set(xlabel="centre of the patch from the clamp (mm)", ylim=(0, 1.05))
     axes[0, 0].set_ylabel("authority / its greatest")
     axes[1, 0].set_ylabel("mean of the three,\nwithout signs")
@@ -99,9 +99,9 @@ def followed(out: Path, head: str) -> None:
     with (out / "patch_shapes.csv").open("w", newline="") as f:
         f.write(head)
         writer = csv.writer(f)
-        writer.writerow(["model", "coordinates", "tip", "mode 1", "mode 2", "mode 3"])
+        writer.writerow(["model", "coordinates", "tip", "mode 0", "mode 1", "mode 2"])
         writer.writerows([[v if isinstance(v, (str, int)) else f"{v:.3g}" for v in row] for row in rows])
-    print("\nrelative errors: tip, modes 1 to 3")
+    print("\nrelative errors: tip, modes 0 to 2")
     for row in rows:
         print(f"{row[0]:24s} {row[1]:4d}  " + "  ".join(f"{v:9.2e}" for v in row[2:]))
     figure, axes = plt.subplots(1, 2, figsize=(9.5, 3.8), sharey=True, layout="constrained")

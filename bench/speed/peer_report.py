@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import matplotlib
@@ -119,8 +120,36 @@ def table(rows: list[Row], truths: list[Row], runs: list[Row], about: Row) -> st
     failed = [r for r in runs if r["error"] is None]
     if failed:
         text += ["", f"{len(failed)} settings of {len(runs)} failed:", ""]
-        text += [f"- {r['case']}: {r['method']}, {r['setting']} {r.get('note', '')}".rstrip() for r in failed]
+        text += failures(failed)
     return "\n".join(text) + "\n"
+
+
+def failures(failed: list[Row]) -> list[str]:
+    """A line for each case and method: how many settings failed, in which steps, why, and the limit that they name."""
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for r in failed:
+        groups.setdefault((r["case"], r["method"].partition(",")[0]), []).append(r)
+    lines = []
+    for (case, method), rows in groups.items():
+        notes = [str(r.get("note", "")) for r in rows]
+        steps = _span(r"\bstep (\S+) s", [str(r["setting"]) for r in rows])
+        limits = _span(r": below (\S+) s\)", notes)
+        why = "; ".join(dict.fromkeys(reason for note in notes if (reason := _reason(note))))
+        parts = [f"- {case}: {len(rows)} of {method}", steps and f", in steps of {steps} s", why and f": {why}"]
+        lines.append("".join([*parts, limits and f"; the longest stable step of these models is {limits} s"]))
+    return lines
+
+
+def _reason(note: str) -> str:
+    """The first words of what an error says, without its time and its numbers."""
+    words = re.sub(r"^stopped at t = \S+ s: ", "", note)
+    return re.split(r" in steps of|[:;(\n]", words)[0].strip()
+
+
+def _span(pattern: str, texts: list[str]) -> str:
+    """The least and the largest number that a pattern finds."""
+    found = [float(x) for text in texts for x in re.findall(pattern, text)]
+    return "" if not found else " to ".join(dict.fromkeys(f"{x:g}" for x in (min(found), max(found))))
 
 
 def _line(cells: list[Any]) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
+import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+_NEAR = 0.6  # part of the letters that agree, as in difflib.get_close_matches
+_HERE = os.path.dirname(__file__) + os.sep
+
+
+def outside() -> int:
+    """The `stacklevel` with which a warning points at the line that called the package, whatever files of the package
+    lie between (as `skip_file_prefixes` of Python 3.12)."""
+    level, frame = 1, sys._getframe(1)
+    while frame.f_code.co_filename.startswith(_HERE) and frame.f_back is not None:
+        level, frame = level + 1, frame.f_back
+    return level
 
 
 def plain(value: Any, depth: int = 0) -> Any:
@@ -100,14 +113,15 @@ def batch(sizes: Mapping[str, int], **named: ArrayLike) -> list[Array]:
 
 
 def known_keys(where: str, given: Mapping[str, Any], known: Iterable[str]) -> None:
-    """ValueError that names the nearest known key."""
+    """ValueError that names the nearest known key, or keys where several are as near."""
     if not isinstance(given, Mapping):
         raise ValueError(f"{where} = {given!r}: must be a table")
     known = list(known)
     for key in given:
         if key not in known:
-            near = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known) or 'none'}"
+            distance = {k: -difflib.SequenceMatcher(None, k, str(key)).ratio() for k in known}
+            near = [f"'{k}'" for k in known if distance[k] == min(distance.values()) <= -_NEAR]
+            hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(known) or 'none'}"
             raise ValueError(f"{where}: unknown key '{key}'; {hint}")
 
 

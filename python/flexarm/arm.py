@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._check import Array, array, choice, finite
+from ._check import Array, array, choice, finite, outside
 from .acting.load import Load, at_time
 from .acting.voltage import voltage_forces
 from .analysis import damping, describe, linear
@@ -60,7 +60,7 @@ class Arm(Chain):
         if not self._warned:
             self._warned = True
             for text in doubts(self):
-                warnings.warn(text, ModelWarning, stacklevel=3)
+                warnings.warn(text, ModelWarning, stacklevel=outside())
 
     @staticmethod
     def from_dict(d: Mapping[str, Any]) -> Arm:

@@ -109,7 +109,14 @@ def test_placement_is_the_static_deflection() -> None:
     tip = bonded.deflection(bonded.equilibrium(lock=[0], voltages=[1.0]))[1]
     assert found.best_authority.sum() == pytest.approx(tip, rel=1e-6)  # each mode is 1 at the tip
     assert "best place: from 0 to 0.05 m" in str(found)
-    assert found.plot().axes[0].get_ylabel() == "authority / its greatest"
+    top = found.plot().axes[0]
+    assert top.get_ylabel() == "authority / its greatest"
+    # modes count from 0, as `arm.modes` counts them
+    lowest = arm.modes(lock=[0]).frequencies[:3]
+    assert [row.split()[0] for row in str(found).splitlines()[2:]] == ["0", "1", "2"]
+    assert [text.get_text() for text in top.get_legend().get_texts()] == [
+        f"mode {k}, {w:.4g} rad/s" for k, w in enumerate(lowest)
+    ]
 
 
 def test_placement_of_a_free_arm_and_of_a_profile() -> None:
@@ -192,6 +199,7 @@ def test_place_on_the_command_line(tmp_path, capsys) -> None:
     assert main(["place", str(path), "-o", str(tmp_path / "out"), "-n", "1"]) == 0
     assert "best place: from 0 to 0.05 m" in capsys.readouterr().out
     assert {p.name for p in (tmp_path / "out").iterdir()} == {f"placement.{end}" for end in ("txt", "csv", "png")}
+    assert (tmp_path / "out" / "placement.csv").read_text().splitlines()[0] == "centre (m),mode 0 (m/V),merit"
     weights = ["--weight", "0", "--weight", "1"]
     assert main(["place", str(path), "-o", str(tmp_path / "out"), "-n", "2", *weights, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

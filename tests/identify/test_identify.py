@@ -241,7 +241,10 @@ def test_a_step_too_long_for_the_data_is_shortened(data: fa.Data) -> None:
         ([MASS], {"outputs": {"angel": "sensor.0"}}, "did you mean 'angle'"),
         ([MASS], {"outputs": {"angle": "sensor.5"}}, r"there are sensor\.0, sensor\.1"),
         ([MASS], {"outputs": {"angle": "q link 1"}}, "outputs\\['angle'\\]"),
-        ([MASS], {"outputs": {"angle": "sensor.1"}}, "the data are in rad, and what is read of the run is in 1"),
+        ([MASS], {"outputs": {"angle": "sensor.1"}}, "the data are in rad, and what is read of the run is in 1; "
+         "add 'sensor.1.gain' to the parameters, which fits it, or give .* a gain .*, rad for each unit of strain"),
+        ([MASS], {"outputs": {"angle": fa.StrainGauge(0, x=0.02, gauge_factor=2.1)}}, "is in 1; "
+         "add 'sensor.2.gain' to the parameters, .*, rad for each unit of dR/R"),
         ([MASS], {"outputs": {"angle": fa.Camera(0)}}, "3 components"),
         ([MASS], {"outputs": {"angle": lambda r: r.q}}, "one for each row"),
         ([MASS], {"outputs": None}, "no column of the data"),
@@ -254,6 +257,8 @@ def test_a_step_too_long_for_the_data_is_shortened(data: fa.Data) -> None:
         ([MASS], {"noise": {"torque": 1.0}}, "unknown key 'torque'"),
         ([MASS], {"starts": 0}, "starts = 0"),
         ([MASS], {"integrator": "euler"}, "integrator"),
+        ({"link.0.joint.coulomb": 0.01}, {"integrator": "gauss"},
+         r'"gauss": a fit through dry friction .* identify integrator="implicit", step=0.005 \(s'),
         (["q0.0"], {"inputs": {0: (fa.Motion, "angle")}}, "motion of that joint is prescribed"),
         ([MASS, "link.0.tip"], {}, "is no number"),
     ],
@@ -262,6 +267,17 @@ def test_bad_input_is_named(parameters: Any, given: dict[str, Any], said: str, d
     with_still = fa.Data(T, {**data.columns, "still": np.full(len(T), 0.1)}, data.units)
     with pytest.raises(ValueError, match=said):
         fa.identify(scene(), with_still, parameters, **{**MEASURED, **given})
+
+
+def test_a_gauge_whose_gain_is_sought_may_be_measured_in_rad(data: fa.Data) -> None:
+    """As the message tells: 5 rad for a strain of 1, so 2.5 rad for each unit of dR/R at a gauge factor of 2."""
+    gauge = fa.StrainGauge(link=0, x=0.01, gauge_factor=2.0)
+    in_rad = fa.Data(T, {**data.columns, "bend": 5.0 * data["strain"]}, {**data.units, "bend": "rad"})
+    given = {**MEASURED, "outputs": {"bend": gauge}}
+    with pytest.raises(ValueError, match=r"add 'sensor\.2\.gain' to the parameters"):
+        fa.identify(scene(), in_rad, [DAMPING], **given)
+    found = fa.identify(scene(), in_rad, [DAMPING, "sensor.2.gain"], **given)
+    assert found.values["sensor.2.gain"] == pytest.approx(2.5, rel=0.05)
 
 
 def test_bad_data_are_named(data: fa.Data) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import control as ct
@@ -164,6 +165,21 @@ def test_margins_are_those_of_python_control(rate: float | None, delay: float) -
         lags = (np.radians(pm) % (2 * np.pi)) / wgc
         assert found.delay == pytest.approx(lags.min(), rel=1e-4)
     has(loop.poles if rate is None else loop.z, ct.feedback(open_, 1).poles(), 1e-6)
+
+
+def test_margins_print_as_a_table_with_units() -> None:
+    """Of PD on one inertia: L = (kd s + kp) / (I s^2) has size 1 at w, and atan(kd w / kp) of phase there."""
+    inertia, kp, kd = 0.5, 2.0, 0.3
+    arm = fa.Arm([fa.Link(fa.Revolute("z", reflected_inertia=inertia), fa.RigidBody(end=(0.1, 0, 0)))])
+    loop = fa.closed_loop(arm, fa.PD(kp, kd))
+    w = np.sqrt((kd**2 + np.sqrt(kd**4 + 4 * inertia**2 * kp**2)) / (2 * inertia**2))
+    phase = np.arctan(kd * w / kp)
+    head, row = str(loop.margins[0]).splitlines()
+    assert re.split(r"  +", head) == ["loop at", "gain, from", "to", "phase (deg)", "at (rad/s)", "delay (ms)"]
+    assert row.split()[:3] == ["control[0]", "0", "inf"]
+    assert [float(x) for x in row.split()[3:]] == pytest.approx([np.degrees(phase), w, 1e3 * phase / w], rel=1e-3)
+    assert f"{head}\n{row}\n{loop.robustness}" in str(loop)
+    assert repr(loop.margins[0]).startswith("Margins(name='control[0]', gain=(")
 
 
 @pytest.mark.parametrize("law", [{}, {"delay": True, "rate_effort": 1e-4}])

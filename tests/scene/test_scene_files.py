@@ -92,3 +92,21 @@ def test_dictionaries_read_below_where_they_are_made(folder: Path, monkeypatch: 
     np.testing.assert_equal(fa.scene.scene_from_dict(_dictionary("torque.csv")).drive[0](0.1), 2.0)
     with pytest.raises(ValueError, match="must be in the scene's folder"):
         fa.scene.scene_from_dict(_dictionary("../torque.csv"))
+
+
+def test_warnings_of_a_scene_point_at_the_line_that_asked() -> None:
+    """Of the arm that the scene was read with, of a beam that bends too far, of `watch`, and of a sensor."""
+    steel = {"density": 7850, "youngs_modulus": 209, "poisson_ratio": 0.3}  # in GPa: is doubted, and far too soft
+    section = {"type": "rectangle", "y": 0.01, "z": 0.02}
+    beam = {"length": 0.5, "section": section, "material": steel, "modes": {"bending_y": 2}}
+    arm = fa.Arm.from_dict({"link": [{"joint": {"type": "revolute", "axis": "z"}, "beam": beam}]})
+    gauge = fa.StrainGauge(link=0, x=0.01, filter=fa.LowPass(1e3))
+    options = {"watch": fa.Watch({("rotation", 0): 1e-6}), "integrator": "implicit", "step": 1e-2}
+    scene = fa.Scene(arm, {0: fa.Torque(0.1)}, t=np.linspace(0, 0.045, 11), sensors=(gauge,), options=options)
+    with pytest.warns(UserWarning) as said:
+        run = scene.run()
+    assert {fa.ModelWarning, fa.RangeWarning, fa.WatchWarning} == {w.category for w in said}
+    assert {w.filename for w in said} == {__file__}
+    with pytest.warns(fa.ModelWarning, match="filter: 1000 Hz") as said:
+        scene.readings(run)
+    assert {w.filename for w in said} == {__file__}

@@ -127,6 +127,31 @@ def test_aims_against_exudyn_are_of_its_setting_and_of_fronts(bench):
     assert found == pytest.approx([100, 25, None, 5])  # at 1e-6 m neither has a run
 
 
+def test_settings_that_failed_are_one_line_for_each_case_and_method(bench):
+    import peer_report
+
+    def run(case, method, setting, note=""):
+        return {"case": case, "method": method, "setting": setting, "error": None, "note": note}
+
+    said = "stopped at t = {t} s: the motion ran away in steps of {h} s; it grows: take a smaller step (rk4 is stable "
+    said += "below 2.83 over the highest frequency, here 704 rad/s of link 0 bending_y 2: below {limit} s), or another"
+    rk4 = "flexarm rk4, order exact"
+    failed = [
+        run("a", rk4, "3 legendre modes, step 0.005 s", said.format(t=0.1, h=0.005, limit=0.00402)),
+        run("a", f"{rk4}, all strains", "6 legendre modes, step 0.0025 s", said.format(t=0.2, h=1e-3, limit=0.000472)),
+        run("a", "Exudyn ANCF", "8 elements, step 0.01 s", "solver failed: not converged"),
+        run("b", rk4, "3 legendre modes, step 0.005 s", "the motion ran away"),
+        run("b", "MuJoCo", "8 elements"),
+    ]
+    assert peer_report.failures(failed) == [
+        "- a: 2 of flexarm rk4, in steps of 0.0025 to 0.005 s: the motion ran away; "
+        "the longest stable step of these models is 0.000472 to 0.00402 s",
+        "- a: 1 of Exudyn ANCF, in steps of 0.01 s: solver failed",
+        "- b: 1 of flexarm rk4, in steps of 0.005 s: the motion ran away",
+        "- b: 1 of MuJoCo",
+    ]
+
+
 def test_coordinates_of_rods_are_sorted_for_the_peer(bench):
     import peer_rods
 

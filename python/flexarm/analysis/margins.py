@@ -11,6 +11,7 @@ import numpy as np
 
 from .._check import Array
 from .hybrid import Channel, Complex, Hybrid, logarithm
+from .printed import margins_table, short
 
 _GRID = 1500  # frequencies, beside those at poles
 _BESIDE = np.concatenate([[0.0], np.geomspace(1e-2, 30.0, 30)])  # of a pole's distance from the axis
@@ -41,6 +42,10 @@ class Margins:
     phase_frequency: float
     delay: float
 
+    def __str__(self) -> str:
+        """What `print` shows: a small table, the phase in degrees, the delay in milliseconds."""
+        return "\n".join(margins_table([self]))
+
 
 class Robustness(NamedTuple):
     """The least singular value of I + L, all loops broken at once.
@@ -55,6 +60,9 @@ class Robustness(NamedTuple):
 
     value: float
     frequency: float
+
+    def __str__(self) -> str:
+        return f"least singular value of I + L: {self.value:.3f}, at {short(self.frequency)} rad/s"
 
 
 class Response:

@@ -22,7 +22,7 @@ _GRID = 201
 
 @dataclass(frozen=True, repr=False)
 class PatchPlacement:
-    """What `placement` returns.
+    """What `placement` returns. Mode 0 is the lowest that bends the beam.
 
     Attributes:
         x: centres of the places tried (m from the clamp), (n,).
@@ -56,7 +56,7 @@ class PatchPlacement:
         for k, w in enumerate(self.frequencies):
             top = int(np.abs(self.authority[:, k]).argmax())
             lines.append(
-                f"{k + 1:4d}   {w:<9.5g}  {self.weights[k]:6.3f}  {self.best_authority[k]:11.3e}  "
+                f"{k:4d}   {w:<9.5g}  {self.weights[k]:6.3f}  {self.best_authority[k]:11.3e}  "
                 f"{self.authority[top, k]:14.3e}  {self.x[top] - half:8.4g}"
             )
         return "\n".join(lines)
@@ -72,7 +72,7 @@ class PatchPlacement:
         for k, w in enumerate(self.frequencies):
             relative = self.authority[:, k] / (np.abs(self.authority[:, k]).max() or 1.0)
             colour = PALETTE[k % len(PALETTE)]
-            top.plot(self.x, relative, color=colour, label=f"mode {k + 1}, {w:.4g} rad/s")
+            top.plot(self.x, relative, color=colour, label=f"mode {k}, {w:.4g} rad/s")
         top.axhline(0.0, color=INK, linewidth=0.6)
         below.plot(self.x, self.merit, color=INK)
         below.plot(self.best + half, self.best_merit, "o", color=INK)
@@ -82,7 +82,7 @@ class PatchPlacement:
         label_axes(top, "authority / its greatest")
         label_axes(below, f"weighted mean\n({weights})", "centre of the patch from the clamp (m)")
         below.set_ylim(0.0, 1.05)
-        top.legend(loc="best", fontsize=9)
+        top.legend(loc="best", fontsize=9, title="modes count from 0", title_fontsize=9)
         return figure
 
 

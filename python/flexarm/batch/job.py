@@ -24,7 +24,8 @@ ENDED = 1  #: by a terminal event, as `Result.status` has it
 FAILED = 5
 
 
-def _friction(arm: Arm) -> bool:
+def has_friction(arm: Arm) -> bool:
+    """Whether a joint has dry friction."""
     return any(np.any(x) for link in arm.links for x in (link.joint.coulomb, link.joint.stiction) if x is not None)
 
 
@@ -146,7 +147,7 @@ class Job:
         known = all(k in ("rtol", "spectral_radius") for k in self.options)
         if self.integrator not in STEPPERS or not known:
             return "simulate"
-        if not INTEGRATORS[self.integrator].rubs and (_friction(setup.arm) or self._varies_friction()):
+        if not INTEGRATORS[self.integrator].rubs and (has_friction(setup.arm) or self._varies_friction()):
             return "simulate"
         feedback, samplers, memory = control_laws(setup.arm, setup.control, self.t)
         if samplers or memory:

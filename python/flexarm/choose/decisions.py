@@ -15,7 +15,7 @@ from typing import Any
 
 from ..parts.beam import STRAINS
 from ..parts.link import Link
-from .findings import ESTIMATE, RUN, SYMMETRY, Findings
+from .findings import ALONE, ESTIMATE, RUN, SYMMETRY, Findings
 from .models import ORDERS, Model, Models, lowest_order
 
 UNLIKELY = 2.5  # times the tolerance: orders that are estimated to be off by more are not tried
@@ -29,7 +29,8 @@ class Choice:
         where: "link 0", or "arm". what: such as "bending_y". chosen: such as "2", "none", "exact".
         without: what leaving it out costs (of what is in: its last mode, or the next poorer order), or costs now (of
             what is out), in the terms of the tolerance; None where that is not found.
-        how: where that number is from: "run", "estimate", or "symmetry" (then it is zero).
+        how: where that number is from: "run", "estimate", or "symmetry" (then it is zero); where there is none, why:
+            such as "not run alone", of what was left out only together with something else.
         time: of one evaluation of the dynamics, the share that it takes (of what is in), or that it would add.
         inside: whether it is in the lean model.
     """
@@ -176,7 +177,7 @@ class Switch(Decision):
         else:  # something cannot do without
             now, then = found.known(model), found.known(other)
             lost = None if now is None or then is None else abs(now - then)
-            yield Choice(where, self.name, "no", lost, RUN, share(other, model), False)
+            yield Choice(where, self.name, "no", lost, ALONE if lost is None else RUN, share(other, model), False)
 
 
 class RotaryInertia(Switch):
@@ -229,7 +230,8 @@ class GaussPoints(Decision):
         now, then = (found.known(m, any_gauss=False) for m in (model, model.but(gauss=None)))
         cost = None if now is None or then is None else abs(now - then)
         time = found.trials.share(full, model)
-        yield Choice(where, "Gauss points", f"{gauss} of {most}", cost, RUN, time, False)
+        how = ALONE if cost is None else RUN
+        yield Choice(where, "Gauss points", f"{gauss} of {most}", cost, how, time, False)
 
 
 #: In the order of the table.

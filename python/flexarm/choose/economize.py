@@ -20,7 +20,7 @@ from ..scene.scene import Scene
 from .adapt import adapted, watched
 from .decisions import DECISIONS, Choice
 from .economize_search import EconomizeSearch
-from .findings import ESTIMATE, RUN, SYMMETRY, Findings
+from .findings import ALONE, ESTIMATE, RUN, SYMMETRY, Findings
 from .integrators import setting_words
 from .measures import Measure
 from .models import Model, read_scene
@@ -91,7 +91,8 @@ class Plan:
             where, last = ("" if c.where == last else c.where), c.where
             rows.append([where, c.what, c.chosen, _number(c.without), c.how, _share(c), "in" if c.inside else ""])
         table = aligned(rows, {3, 5})
-        return "\n".join([*_head(self), "", *_speed(self), "", *table, _NOTE, "", *_indicators(self)])
+        notes = [_NOTE, _LEFT_OUT] if any(c.how == ALONE for c in self.choices) else [_NOTE]
+        return "\n".join([*_head(self), "", *_speed(self), "", *table, *notes, "", *_indicators(self)])
 
     def plot(self) -> Figure:
         """Error against wall time of all runs that deciding took, with the scene as it was given, run for it, and
@@ -184,6 +185,7 @@ _NOTE = """\
 error without: of what is in, when its last mode goes, or with the next poorer order; of what is out, what
 that costs now; of integrators, the whole error. time: of an evaluation of the dynamics (of integrators, of
 the run), what it takes, or would add."""
+_LEFT_OUT = f"{ALONE}: left out together with something else; what it costs is in the error of the plan."
 
 
 def _number(x: float | None) -> str:
@@ -264,13 +266,14 @@ def _planes(found: Findings, rows: list[Choice]) -> list[Choice]:
     how = SYMMETRY if lost == 0.0 else ESTIMATE
     if in_y or in_z:
         return [Choice("arm", "beams bend in", "one plane each", lost, how, None, False)]
-    return [Choice("arm", "beams bend in", "space", None, how, None, True)]
+    return [Choice("arm", "beams bend in", "space", None, "its strains", None, True)]
 
 
 def _setting(found: Findings, trial: Run) -> Choice:
     words = setting_words(trial.options)
     if trial.values is None:
-        return Choice("arm", "integrator", words, None, RUN, None, False)
+        why = {"cut": "given up: slow", "failed": "the run failed"}.get(trial.status, trial.status)
+        return Choice("arm", "integrator", words, None, why, None, False)
     error, time = found.trials.distance(trial, found.reference), trial.time / found.lean.time - 1.0
     return Choice("arm", "integrator", words, error, RUN, time, trial is found.lean)
 

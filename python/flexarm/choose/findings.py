@@ -13,6 +13,7 @@ from .models import Model, Models
 from .trials import OutOfTime, Run, Trials
 
 RUN, ESTIMATE, SYMMETRY = "run", "estimate", "symmetry"  # where a number is from
+ALONE = "not run alone"  # of two models that differ in nothing else, one was not run
 _SPIN = 0.5  # of the first frequency: no order 1, which softens, above it
 
 #: By (link, strain, number of the mode, from 1), how far a coordinate moves the quantity, over its span.

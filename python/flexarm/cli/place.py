@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     lock: list[int] | None = [] if args.free else None
     found = placement(Arm(links), number, patch=patch, modes=args.modes, weights=args.weight, lock=lock)
     folder = output_folder(args.output)
-    names = ["centre (m)", *(f"mode {k + 1} (m/V)" for k in range(args.modes)), "merit"]
+    names = ["centre (m)", *(f"mode {k} (m/V)" for k in range(args.modes)), "merit"]
     write_csv(folder / "placement.csv", names, [found.x, *found.authority.T, found.merit])
     found.plot().savefig(folder / "placement.png", dpi=plots.DPI)
     (folder / "placement.txt").write_text(f"{found}\n", encoding="utf-8")

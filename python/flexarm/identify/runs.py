@@ -299,10 +299,19 @@ def _check(run: Run, paths: Collection[str]) -> None:
                 own = ""  # a gain may have a unit
         theirs = run.data.units[name]
         if own and theirs and own != theirs:
-            hint = "; give the sensor a gain, if it is in these units" if isinstance(f, _Reading) else ""
+            hint = _to_other_units(run, f, theirs) if isinstance(f, _Reading) else ""
             raise ValueError(
                 f"outputs['{name}']: the data are in {theirs}, and what is read of the run is in {own}{hint}"
             )
+
+
+def _to_other_units(run: Run, f: _Reading, theirs: str) -> str:
+    """What makes a sensor read in other units."""
+    sensor = run.setup.sensors[f.sensor]
+    assert isinstance(sensor, Sensor)
+    what = sensor.components(run.setup.arm)[f.component][0]
+    known = f"give this sensor a gain that is known, {theirs} for each {f.unit if f.unit != '1' else 'unit'} of {what}"
+    return f"; add 'sensor.{f.sensor}.gain' to the parameters, which fits it, or {known}"
 
 
 def scales(runs: list[Run], noise: Mapping[str, float]) -> dict[str, float]:

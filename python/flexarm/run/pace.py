@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array
+from .._check import Array, outside
 from ..arm import Arm
 from ..parts.beam import STRAINS
 
@@ -128,7 +128,7 @@ class Pace:
         found = self.judge(now, steps, step, expected, span) if expected >= _MANY else None
         if found is not None:
             self.warned = True
-            warnings.warn(found, stacklevel=4)  # simulate, its `integrate`, this
+            warnings.warn(found, stacklevel=outside())
 
     def left(self, steps: int, to_come: float) -> str:
         """The time to compute these steps, in words."""

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import choice, number, whole
+from .._check import choice, number, outside, whole
 from .._console import progress_bar
 from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
@@ -226,7 +226,9 @@ def simulate(
         events: one or several callables (t, q, v) -> float whose zeros are sought, as in SciPy's solve_ivp: the run
             ends at the first zero of one with the attribute `terminal` = True (at the n-th where it is a number n);
             `direction` = 1 or -1 counts only zeros where the value rises, or falls. A value that is zero at the start
-            is no event. Zeros are seen where the sign changes between two steps.
+            is no event. Zeros are seen where the sign changes between two steps. A terminal event adds no row: the
+            last row is the output time before it, and its own time and state are in `Result.t_events`, `q_events` and
+            `v_events` alone.
         method: "ab" or "ci", for the accelerations at the output times.
         integrator: "ida": SUNDIALS IDA on the residual of inverse dynamics, variable step and order. "implicit":
             generalised-alpha, fixed step, second order, stable however stiff the elastic coordinates are, cost linear
@@ -311,10 +313,10 @@ def simulate(
     setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
     result._source = _source(setup, run.times, q0, v0, tau, integrator, method, options)
     for warning in _judged(run, out, result, integrator, options["step"]):
-        warnings.warn(warning, stacklevel=2)
+        warnings.warn(warning, stacklevel=outside())
     if not SILENT.get():
         for text in coarse(arm, drive, control, tau, loads, (result.t, result.q, result.v)):
-            warnings.warn(text, ModelWarning, stacklevel=2)
+            warnings.warn(text, ModelWarning, stacklevel=outside())
     if watch:
         (Watch.usual(arm) if watch is True else watch).warn(result)
     return result

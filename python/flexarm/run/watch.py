@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array
+from .._check import Array, outside
 from ..analysis.validity import rotation
 from ..arm import Arm
 from .result import Result
@@ -157,7 +157,7 @@ class Watch:
             what, k, time, value, limit,
         )  # fmt: skip
 
-    def warn(self, result: Result, stacklevel: int = 2) -> None:
+    def warn(self, result: Result) -> None:
         warning = self.look(result)
         if warning is not None:
-            warnings.warn(warning, stacklevel=stacklevel + 1)
+            warnings.warn(warning, stacklevel=outside())

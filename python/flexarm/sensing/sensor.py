@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import Array, array, number, whole
+from .._check import Array, array, number, outside, whole
 from ..acting.load import Load
 from ..arm import Arm
 from ..parts.beam import as_floats
@@ -170,7 +170,7 @@ class Sensor(Part):
         if isinstance(self.filter, LowPass):
             coarse = self._coarse(float(np.diff(result.t).max()))
             if coarse:
-                warnings.warn(coarse, stacklevel=2)
+                warnings.warn(coarse, stacklevel=outside())
             state = result.t, result.q, result.v, result.a, result.tau
             y, middle = (self.measure(arm, *x, loads=result.loads) for x in (state, _midway(arm, *state)))
             filtered = Filtered(self.filter, result.t, y, middle)
@@ -361,7 +361,7 @@ class Sampler:
             self._filter = f.settled(y)
             return y, None
         if len(self._seen) == 1 and (coarse := s._coarse(t - self._seen[-1][0])):
-            warnings.warn(coarse, stacklevel=4)
+            warnings.warn(coarse, stacklevel=outside())
         rows: list[Any] = [None if x0 is None or x1 is None else np.stack([x0, x1])
                            for x0, x1 in zip(before[1:], self._before[1:], strict=True)]  # fmt: skip
         middle = s.measure(self.arm, *_midway(self.arm, *rows), loads=self.loads)[0]
