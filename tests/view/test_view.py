@@ -13,7 +13,7 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.view import body, stage, track
+from flexarm.view import body, stage, still, track
 from flexarm.view.view import View
 from scipy.spatial.transform import Rotation
 
@@ -134,6 +134,22 @@ def test_a_rigid_body_is_the_box_of_its_inertia() -> None:
     assert np.allclose(np.abs(box["axes"]) @ box["size"], (a, b, c))
     ball = next(s for s in made.solids if s["part"] == "tip")
     assert ball["kind"] == "ball" and 4 / 3 * np.pi * ball["size"][0] ** 3 * 7800 == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "inertia", [(0.008, 0.02, 0.02), (0.02, 0.008, 0.02), (0.02, 0.02, 0.008), (0.01, 0.02, 0.015, 2e-3, -3e-3, 1e-3)]
+)
+def test_faces_of_solids_point_outwards(inertia: tuple[float, ...]) -> None:
+    hub = fa.RigidBody(2.0, (0.1, -0.2, 0.3), inertia, end=(0.2, 0.1, 0))
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), hub, chain(1).links[0].beam, fa.RigidBody(0.1))])
+    solids = body.make_body(arm, [5]).solids
+    assert {s["kind"] for s in solids} == {"box", "ball", "cylinder"}
+    for solid in solids:
+        a, b, c, d = np.moveaxis(still._solid_faces(solid), 1, 0)
+        volume = (np.cross(a, b) * c + np.cross(a, c) * d).sum() / 6  # by Gauss' theorem: below 0 where faces look in
+        s, pi = solid["size"], np.pi
+        whole = {"box": np.prod(s), "ball": 4 / 3 * pi * s[0] ** 3, "cylinder": pi * s[0] * s[-1] ** 2}[solid["kind"]]
+        assert 0.85 * whole < volume < 1.001 * whole  # round ones have corners
 
 
 def test_patches_lie_on_the_faces() -> None:

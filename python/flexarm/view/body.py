@@ -125,6 +125,7 @@ def _mass(body: Body, part: str, node: int, at: Array, of: RigidBody) -> None:
     if not of.mass > 0:
         return
     J, axes = np.linalg.eigh(inertia_matrix(of.inertia))
+    axes[:, 0] *= np.linalg.det(axes)  # a mirror image would turn the faces inside out
     sides = np.sqrt(np.maximum(6 * (J.sum() - 2 * J) / of.mass, 0.0))
     centre = at + np.array(of.com)
     if not sides.any():
