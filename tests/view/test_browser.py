@@ -51,7 +51,7 @@ def test_a_page_plays_and_shows_what_python_says(tmp_path: Path) -> None:
     assert told, dom[-2000:]
     told = json.loads(told[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
     assert told["clock"] > 0.1  # it plays by itself
-    assert told["shown"] == [f"{k} revolute" for k in range(10)]
+    assert told["shown"] == [f"link {k} revolute" for k in range(10)]
     assert "Surface strain" in told["legend"] and "path of the tip" in told["legend"]
     made = view.tracks[0]
     for t, values in zip(times, told["found"], strict=True):

@@ -374,4 +374,7 @@ def test_without_the_extra_pages_say_so(monkeypatch: pytest.MonkeyPatch) -> None
 def test_joints_are_called_by_their_names() -> None:
     bar = fa.RigidBody(1.0, com=(0.15, 0, 0), end=(0.3, 0, 0))
     made = body.make_body(fa.Arm([fa.Link(fa.Revolute("z", name=name), bar) for name in ("elbow", None)]), [0, 0])
-    assert [label["text"] for label in made.labels] == ["elbow", "1 revolute"]
+    assert [label["text"] for label in made.labels] == ["elbow", "link 1 revolute"]
+    named = [fa.Link(fa.Revolute("z"), bar, name="upper"), fa.Link(fa.Revolute("z", name="wrist"), bar, name="hand")]
+    made = body.make_body(fa.Arm(named), [0, 0])
+    assert [label["text"] for label in made.labels] == ["upper revolute", "wrist"]
