@@ -152,6 +152,14 @@ def test_faces_of_solids_point_outwards(inertia: tuple[float, ...]) -> None:
         assert 0.85 * whole < volume < 1.001 * whole  # round ones have corners
 
 
+def test_walls_of_boxes_have_no_seams() -> None:
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(2.0, inertia=(0.02, 0.02, 0.008)))])
+    pixels = View([track.make_track(arm, np.zeros(1), arm.zero[None])], 1.0).image().reshape(-1, 3)
+    grey = pixels[(pixels.max(axis=1) < 170) & (np.ptp(pixels.astype(int), axis=1) < 40)]  # neither floor nor axis
+    _, counts = np.unique(grey, axis=0, return_counts=True)
+    assert np.sort(counts)[-3:].sum() > 0.91 * len(grey) > 9100  # of three walls, each in one colour
+
+
 def test_patches_lie_on_the_faces() -> None:
     piezo = fa.Piezo(62e9, 0.3, 7800, -180e-12)
     patches = [fa.Patch(0.1, 0.2, 0.01, 5e-4, piezo, "y"), fa.Patch(0.3, 0.4, 0.002, 5e-4, piezo, "-z")]
