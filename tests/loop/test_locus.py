@@ -7,6 +7,8 @@ import flexarm as fa
 import numpy as np
 import pytest
 from arms import STEEL, paper_link
+from flexarm.analysis.margins import Margins
+from flexarm.draw.loop import plot_loop
 from scipy.optimize import brentq
 
 INERTIA = 0.35
@@ -231,6 +233,31 @@ def test_the_figures(tmp_path) -> None:
     fig = loop.locus(np.geomspace(0.1, 100, 30)).plot()
     assert any("crosses at 4" in t.get_text() for t in fig.axes[0].get_legend().get_texts())
     fig.savefig(tmp_path / "locus.png")
+
+
+def test_a_bode_diagram_begins_a_decade_below_what_matters() -> None:
+    w = np.geomspace(1e-5, 1e3, 2000)
+    s, nan = 1j * w, np.nan
+    margins = Margins("control[0]", (0.0, np.inf), (nan, nan), nan, nan, nan)
+
+    def begins(*gains) -> float:
+        axes = plot_loop(np.array([-1.0 + 0j]), None, [(margins, w, L) for L in gains]).axes
+        (low,) = {line.get_xdata().min() for ax in axes[2:4] for line in ax.lines if len(line.get_xdata()) > 2}
+        return low
+
+    assert begins(100 / (s * (1 + s / 2))) == pytest.approx(0.2, rel=0.2)  # its pole at 2
+    assert begins(1e4 * (1 + s / 5) / s**2) == pytest.approx(0.5, rel=0.2)  # its zero at 5
+    assert begins(100 / (1 + 2e-3 * s / 7 + (s / 7) ** 2)) == pytest.approx(0.5, rel=0.2)  # hardly damped, at 7
+    assert begins(0.3 / s) == pytest.approx(0.03, rel=0.02)  # crosses 1 at 0.3
+    assert begins(0.3 / s, 100 / (1 + s)) == pytest.approx(0.03, rel=0.02)
+    assert begins(0.3 + 0 * s) == w[0]  # nothing matters: all
+
+
+def test_a_short_locus_has_labels_enough(tmp_path) -> None:
+    fig = fa.closed_loop(rigid(), sampled_pd(20.0, 5.0, 100.0)).locus(np.geomspace(0.1, 5, 20)).plot()
+    fig.savefig(tmp_path / "locus.png")
+    for axis in (fig.axes[2].yaxis, fig.axes[1].xaxis):
+        assert {"0.1", "0.2", "0.5", "1", "2", "5"} <= {t.get_text() for t in axis.get_ticklabels()}
 
 
 def test_a_rate_beside_another_cannot_be_varied_alone() -> None:

@@ -62,6 +62,24 @@ def test_points_without_a_number_are_crosses_at_the_bottom():
     assert figure.legends[0].get_texts()[0].get_text() == "without a number (failed: 1)"
 
 
+def test_few_values_of_a_parameter_have_ticks_themselves():
+    mass, turn = np.array([0.1, 0.2]), np.array([30.0, 60.0, 90.0])
+    over = np.repeat(mass, 3), np.tile(turn, 2)
+    ticks = lambda axis: [t.get_text() for t in axis.get_ticklabels()]  # noqa: E731
+    grid = {"mass (kg)": mass, "turn (deg)": turn}
+    ax = plot_sweep([("settling (s)", np.arange(6.0))], [], grid, False, "map").axes[0]
+    assert ticks(ax.yaxis) == ["0.1", "0.2"] and ticks(ax.xaxis) == ["30", "60", "90"]
+    named = list(zip(grid, over, strict=True))
+    points = plot_sweep([("settling (s)", np.arange(6.0))], named, None, False, "points")
+    assert [ticks(ax.xaxis) for ax in points.axes] == [["0.1", "0.2"], ["30", "60", "90"]]
+    assert ticks(points.axes[0].yaxis) != ["0", "1", "2", "3", "4", "5"]  # what comes out has round ticks
+    stiff = plot_sweep([("a", np.arange(3.0))], [("E (Pa)", np.array([1e9, 1e11, 2e11]))], None, True, "log").axes[0]
+    assert ticks(stiff.xaxis) == ["1G", "100G", "200G"] and stiff.get_xscale() == "log"
+    for many in (np.arange(9.0), np.array([0.1, 0.10001, 0.5])):  # too many; too near
+        ax = plot_sweep([("a", np.ones(many.size))], [("x", many)], None, True, "many").axes[0]
+        assert not set(many) <= set(ax.get_xticks())
+
+
 def test_the_picture_of_a_sweep_has_units_and_reasons():
     axes = {LENGTH: [0.3, 0.4], STIFF: {"from": 1e11, "to": 2e11, "count": 3}}
     found = sweep(scene(), Sweep([Vary("grid", axes)], outputs=["tip_deflection"]))

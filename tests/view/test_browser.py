@@ -51,7 +51,7 @@ def test_a_page_plays_and_shows_what_python_says(tmp_path: Path) -> None:
     assert told, dom[-2000:]
     told = json.loads(told[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
     assert told["clock"] > 0.1  # it plays by itself
-    assert told["shown"] == [f"{k} revolute" for k in range(10)]
+    assert told["shown"] == [f"link {k} revolute" for k in range(10)]
     assert "Surface strain" in told["legend"] and "path of the tip" in told["legend"]
     made = view.tracks[0]
     for t, values in zip(times, told["found"], strict=True):
@@ -61,6 +61,25 @@ def test_a_page_plays_and_shows_what_python_says(tmp_path: Path) -> None:
             start = told["start"][name]
             rounding = 5e-5 * np.ptp(getattr(made, name))
             assert np.allclose(np.reshape(values[start : start + 3 * n], (n, 3)), x, atol=rounding)
+
+
+def test_a_narrow_page_keeps_its_boxes_and_buttons(tmp_path: Path) -> None:
+    pytest.importorskip("jupyter_threejs_sage")
+    page = tmp_path / "narrow.html"
+    probe = """<script>setTimeout(() => {
+      const seen = (e) => {
+        const box = e.getBoundingClientRect(), at = document.elementFromPoint((box.left + box.right) / 2, box.top + box.height / 2);
+        return at === e && box.left >= 0 && box.right <= innerWidth && box.bottom <= innerHeight;
+      };
+      const found = Array.from(document.querySelectorAll("button, select, input"), (e) => [e.id || e.parentNode.textContent, seen(e)]);
+      make("pre", null, { id: "probe", textContent: JSON.stringify([innerWidth, found]) });
+    }, 500);</script></body>"""  # noqa: E501
+    page.write_text(swing(chain(2), np.linspace(0, 1, 20)).animate().html().replace("</body>", probe), encoding="utf-8")
+    told = re.search(r'<pre id="probe">(.*?)</pre>', browse(page, "--window-size=500,800", "--dump-dom"), re.DOTALL)
+    assert told
+    width, found = json.loads(told[1])
+    assert width <= 500 and len(found) >= 4 + 5  # what stands below the picture, and what chooses what is drawn
+    assert not [name for name, seen in found if not seen]
 
 
 def test_a_screenshot_shows_the_arm(tmp_path: Path) -> None:

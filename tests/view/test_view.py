@@ -13,7 +13,7 @@ from pathlib import Path
 import flexarm as fa
 import numpy as np
 import pytest
-from flexarm.view import body, stage, track
+from flexarm.view import body, stage, still, track
 from flexarm.view.view import View
 from scipy.spatial.transform import Rotation
 
@@ -134,6 +134,30 @@ def test_a_rigid_body_is_the_box_of_its_inertia() -> None:
     assert np.allclose(np.abs(box["axes"]) @ box["size"], (a, b, c))
     ball = next(s for s in made.solids if s["part"] == "tip")
     assert ball["kind"] == "ball" and 4 / 3 * np.pi * ball["size"][0] ** 3 * 7800 == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "inertia", [(0.008, 0.02, 0.02), (0.02, 0.008, 0.02), (0.02, 0.02, 0.008), (0.01, 0.02, 0.015, 2e-3, -3e-3, 1e-3)]
+)
+def test_faces_of_solids_point_outwards(inertia: tuple[float, ...]) -> None:
+    hub = fa.RigidBody(2.0, (0.1, -0.2, 0.3), inertia, end=(0.2, 0.1, 0))
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), hub, chain(1).links[0].beam, fa.RigidBody(0.1))])
+    solids = body.make_body(arm, [5]).solids
+    assert {s["kind"] for s in solids} == {"box", "ball", "cylinder"}
+    for solid in solids:
+        a, b, c, d = np.moveaxis(still._solid_faces(solid), 1, 0)
+        volume = (np.cross(a, b) * c + np.cross(a, c) * d).sum() / 6  # by Gauss' theorem: below 0 where faces look in
+        s, pi = solid["size"], np.pi
+        whole = {"box": np.prod(s), "ball": 4 / 3 * pi * s[0] ** 3, "cylinder": pi * s[0] * s[-1] ** 2}[solid["kind"]]
+        assert 0.85 * whole < volume < 1.001 * whole  # round ones have corners
+
+
+def test_walls_of_boxes_have_no_seams() -> None:
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(2.0, inertia=(0.02, 0.02, 0.008)))])
+    pixels = View([track.make_track(arm, np.zeros(1), arm.zero[None])], 1.0).image().reshape(-1, 3)
+    grey = pixels[(pixels.max(axis=1) < 170) & (np.ptp(pixels.astype(int), axis=1) < 40)]  # neither floor nor axis
+    _, counts = np.unique(grey, axis=0, return_counts=True)
+    assert np.sort(counts)[-3:].sum() > 0.91 * len(grey) > 9100  # of three walls, each in one colour
 
 
 def test_patches_lie_on_the_faces() -> None:
@@ -358,4 +382,7 @@ def test_without_the_extra_pages_say_so(monkeypatch: pytest.MonkeyPatch) -> None
 def test_joints_are_called_by_their_names() -> None:
     bar = fa.RigidBody(1.0, com=(0.15, 0, 0), end=(0.3, 0, 0))
     made = body.make_body(fa.Arm([fa.Link(fa.Revolute("z", name=name), bar) for name in ("elbow", None)]), [0, 0])
-    assert [label["text"] for label in made.labels] == ["elbow", "1 revolute"]
+    assert [label["text"] for label in made.labels] == ["elbow", "link 1 revolute"]
+    named = [fa.Link(fa.Revolute("z"), bar, name="upper"), fa.Link(fa.Revolute("z", name="wrist"), bar, name="hand")]
+    made = body.make_body(fa.Arm(named), [0, 0])
+    assert [label["text"] for label in made.labels] == ["upper revolute", "wrist"]

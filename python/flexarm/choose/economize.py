@@ -111,7 +111,8 @@ class Plan:
         return plot_tried(
             models, settings, None if given is None else point(given), point(found.lean), self.tol, self.absolute,
             ylabel=f"Largest error of the {self.quantity} ({unit})",
-            title=f"{self.given.name}: {self.model}",
+            title=self.given.name,
+            under=f"chosen: {self.model}",
             notes=[] if self.certified else [f"NOT CERTIFIED: {reason}" for reason in self.reasons],
         )  # fmt: skip
 

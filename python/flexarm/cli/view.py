@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     """Simulates or reads, and shows or writes; 1 if a run could not go on, 130 after Ctrl-C."""
     if args.time is not None and Path(args.output or "").suffix.lower() != ".png":
         raise ValueError(f"--time {args.time:g}: goes with a picture, -o FILE.png")
-    if Path(args.output or "").suffix.lower() not in (".png", ".gif", ".mp4"):
+    if Path(args.output or "").suffix.lower() in ("", ".html", ".htm"):
         _library()
     read = [_read(name) for name in args.runs]
     for _, result, failure in read:

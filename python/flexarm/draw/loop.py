@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._check import Array
 from .style import BLUE, INK, PALETTE, RED, label_axes, new_figure
 
 if TYPE_CHECKING:
@@ -57,6 +58,20 @@ def _poles_z(ax: Axes, z: NDArray[np.complex128]) -> None:
     label_axes(ax, "imaginary part", "real part")
 
 
+def _begin(w: Array, L: NDArray[np.complex128]) -> float:
+    """Where a Bode diagram begins (rad/s): a decade below what first bends the gain or the phase, or crosses 1; below
+    that both are straight lines."""
+    gain, turn = np.abs(L), np.unwrap(np.angle(L))
+    if len(w) < 3 or not gain.all():
+        return float(w.min(initial=0.0))
+    second = min(int(np.searchsorted(w, 2 * w[0])), len(w) - 1)
+    slope = np.round(np.log(gain[second] / gain[0]) / np.log(w[second] / w[0]))  # of integrators
+    bent = np.abs(np.log(gain / gain[0]) - slope * np.log(w / w[0])) > 0.1  # by a pole or zero at about twice that w
+    bends = 2 * w[bent | (np.abs(turn - turn[0]) > np.radians(30))]
+    crossings = w[1:][(gain[1:] > 1) != (gain[:-1] > 1)]
+    return float(0.1 * min([*bends[:1], *crossings[:1]], default=0.0))
+
+
 def plot_loop(s: NDArray[np.complex128], z: Any, curves: Sequence[tuple[Any, Any, Any]]) -> Figure:
     """Poles s, or z where there are some; and (margins, frequencies, loop gain) of each channel."""
     from matplotlib.ticker import MultipleLocator
@@ -69,24 +84,26 @@ def plot_loop(s: NDArray[np.complex128], z: Any, curves: Sequence[tuple[Any, Any
     nyquist, gain, phase = axes[0, 1], axes[1, 0], axes[1, 1]
     angle = np.linspace(0, 2 * np.pi, 400)
     nyquist.plot(np.cos(angle), np.sin(angle), color="#BBBBBB", lw=1.0, ls="--")
+    begin = min(_begin(w[np.isfinite(L)], L[np.isfinite(L)]) for _, w, L in curves)
     for (m, w, L), colour in zip(curves, [PALETTE[k % len(PALETTE)] for k in range(len(curves))], strict=True):
         good = np.isfinite(L)
         w, L = w[good], L[good]
         nyquist.plot(L.real, L.imag, color=colour, lw=1.4)
-        gain.loglog(w, np.abs(L), color=colour, lw=1.4, label=m.name)
-        phase.semilogx(w, np.degrees(np.unwrap(np.angle(L))), color=colour, lw=1.4)
+        shown = w >= begin
+        gain.loglog(w[shown], np.abs(L[shown]), color=colour, lw=1.4, label=m.name)
+        phase.semilogx(w[shown], np.degrees(np.unwrap(np.angle(L)))[shown], color=colour, lw=1.4)
         if np.isfinite(m.phase_frequency):
             gain.plot(m.phase_frequency, 1.0, "o", color=colour, ms=7, mfc="white", mew=1.6)
     nyquist.plot(-1.0, 0.0, "+", color=INK, ms=16, mew=2.8, zorder=5)
     nyquist.set_xlim(-3.2, 3.2)
     nyquist.set_ylim(-2.4, 2.4)
     nyquist.set_aspect("equal", adjustable="box")
-    nyquist.set_title("loop gain L; + is -1", fontsize=10, loc="left")
+    nyquist.set_title("loop gain L (cross: the point -1)", fontsize=10, loc="left")
     gain.axhline(1.0, color=INK, lw=1.0)
     label_axes(nyquist, "imaginary part", "real part")
     label_axes(gain, "|L|", "frequency (rad/s)")
     label_axes(phase, "phase of L (deg)", "frequency (rad/s)")
-    gain.set_title("gain; o is the phase margin's", fontsize=10, loc="left")
+    gain.set_title("gain (circle: the phase margin is read here)", fontsize=10, loc="left")
     phase.set_title("phase", fontsize=10, loc="left")
     low, high = gain.get_ylim()
     gain.set_ylim(max(low, 1e-6), min(high, 1e6))  # undamped modes have no end
@@ -102,6 +119,7 @@ def plot_locus(over: str, values: Any, poles: NDArray[np.complex128], crossings:
     name = "factor of the gains" if over == "gain" else over
     spread = values[0] > 0 and values[-1] / values[0] > 20
     from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.ticker import LogLocator, NullLocator
 
     norm = LogNorm(values[0], values[-1]) if spread else Normalize(values[0], values[-1])
     middle = poles[len(values) // 2]
@@ -119,12 +137,17 @@ def plot_locus(over: str, values: Any, poles: NDArray[np.complex128], crossings:
     ax.set_ylim(-0.02 * up, up)
     label_axes(ax, "imaginary part (rad/s)", "real part (1/s)")
     ax.legend(frameon=False, fontsize=9, loc="upper left")
-    fig.colorbar(points, ax=ax, label=name)
+    bar = fig.colorbar(points, ax=ax, label=name)
     worst = np.nanmax(poles.real, axis=1)
     growth.plot(values, worst, color=BLUE, lw=1.6)
     growth.axhline(0, color=INK, lw=1.2)
     if spread:
         growth.set_xscale("log")
+    if spread and values[-1] / values[0] < 100:  # one or two powers of ten: too few labels
+        for axis in (bar.long_axis, growth.xaxis):
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_locator(NullLocator())
     span = float(np.nanmax(np.abs(worst[np.isfinite(worst)]))) or 1.0
     low, high = float(np.nanmin(worst)), float(np.nanmax(worst))
     growth.set_ylim(max(-1.1 * span, low - 0.05 * span), 1.05 * max(high, 0.1 * span))

@@ -12,9 +12,11 @@ from .style import BLUE, RED, label_axes, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 _WIDE = 10.0  # inches: what a page shows without making letters too small
+_FEW = 8  # values of a parameter that all have a tick
 #: What stands in place of a number, by its colour in maps.
 MISSING = {"failed": "#6E6E6E", "not run yet": "#FFFFFF", "no value": "#C8C8C8"}
 
@@ -44,6 +46,8 @@ def _map(figure: Figure, ax: Axes, axes: dict[str, Array], values: Array, label:
     figure.colorbar(found, ax=ax, label=f"{label}\n(grey: no number)" if lost.count() else label)
     ax.set(xlabel=x_name, ylabel=y_name)
     _scales(ax, x, y)
+    _tick_values(ax.xaxis, x, 3.0)
+    _tick_values(ax.yaxis, y, 3.0)
 
 
 def _scales(ax: Axes, x: Array, y: Array) -> None:
@@ -58,7 +62,25 @@ def _scales(ax: Axes, x: Array, y: Array) -> None:
             axis.set_major_formatter(EngFormatter(sep=""))  # 210G, not 2.10 and a far-off 1e11
 
 
-def _points(ax: Axes, x: Array, y: Array, labels: tuple[str, str], joined: bool, why: Array) -> None:
+def _tick_values(axis: Axis, values: Array, inches: float) -> None:
+    """Ticks of a parameter at the values that were run, where these are few and their labels stand apart."""
+    from matplotlib.axis import YAxis
+    from matplotlib.ticker import EngFormatter, NullLocator
+
+    few = np.unique(values[np.isfinite(values)])
+    if not 0 < few.size <= _FEW:
+        return
+    write = EngFormatter(sep="") if np.abs(few).max() >= 1e5 else "{:.4g}".format
+    labels = [write(float(value)) for value in few]
+    places = np.log(few) if _log(values) else few
+    letters = 1.5 if isinstance(axis, YAxis) else max(map(len, labels)) + 1.0  # from one label to the next
+    if few.size > 1 and np.diff(places).min() / np.ptp(places) * inches < 0.09 * letters:  # inches a letter
+        return
+    axis.set_minor_locator(NullLocator())
+    axis.set_ticks(few, labels)
+
+
+def _points(ax: Axes, x: Array, y: Array, labels: tuple[str, str], joined: bool, why: Array, inches: float) -> None:
     if joined:
         order = np.argsort(x)
         ax.plot(x[order], y[order], "o-", color=BLUE, markersize=3.5, linewidth=1.2)
@@ -67,6 +89,7 @@ def _points(ax: Axes, x: Array, y: Array, labels: tuple[str, str], joined: bool,
         ax.scatter(x, y, s=size, color=BLUE, alpha=0.7, linewidths=0)
     label_axes(ax, labels[1], labels[0])
     _scales(ax, x, y)
+    _tick_values(ax.xaxis, x, inches)
     lost = ~np.isfinite(y) & (why != list(MISSING).index("not run yet"))
     if lost.any():
         ax.plot(x[lost], np.full(lost.sum(), 0.02), "x", color=RED, ms=5, transform=ax.get_xaxis_transform())
@@ -118,12 +141,14 @@ def plot_sweep(
             ax.set_axis_off()
     else:
         wide = len(parameters)
-        figure = new_figure(min(_WIDE, 2.2 + 4.4 * wide), 0.8 + 2.4 * count)
+        width = min(_WIDE, 2.2 + 4.4 * wide)
+        inches = 0.7 * width / max(wide, 1)
+        figure = new_figure(width, 0.8 + 2.4 * count)
         shown = figure.subplots(count, wide, squeeze=False, sharey="row", sharex="col")
         for i, (label, values) in enumerate(columns):
             for k, (name, numbers) in enumerate(parameters):
                 under, beside = name if i + 1 == count else "", label if k == 0 else ""
-                _points(shown[i][k], numbers, values, (under, beside), joined and wide == 1, reasons)
+                _points(shown[i][k], numbers, values, (under, beside), joined and wide == 1, reasons, inches)
     lost = np.any([~np.isfinite(values) for _, values in columns], axis=0) if count else np.zeros(0, dtype=bool)
     missing = {word: int((lost & (reasons == k)).sum()) for k, word in enumerate(MISSING)}
     _explain(figure, {word: n for word, n in missing.items() if n}, maps)

@@ -216,8 +216,10 @@ def plot_lines(
     return fig
 
 
-def _titled(fig: Figure, ax: Axes, title: str, notes: Sequence[str]) -> None:
+def _titled(fig: Figure, ax: Axes, title: str, notes: Sequence[str], under: str = "") -> None:
     fig.suptitle(title, fontsize=12, fontweight="bold", parse_math=False, wrap=True)
+    if under:
+        ax.set_title(under + "\n" * len(notes), fontsize=10, color=INK, parse_math=False, wrap=True)
     if notes:
         ax.set_title("\n".join(notes), fontsize=9, color=RED, loc="left", parse_math=False)
 
@@ -233,13 +235,14 @@ class Tried:
 
 def plot_tried(
     models: Sequence[Tried], settings: Sequence[Point], given: Point | None, chosen: Point, tol: float, absolute: bool,
-    ylabel: str, title: str, notes: Sequence[str] = (),
+    ylabel: str, title: str, under: str, notes: Sequence[str] = (),
 ) -> Figure:  # fmt: skip
     """What was tried for a tolerance: models by their order, settings of the lean model's integrators, the scene as it
     was given (None where it cannot be run), and what was chosen.
 
     Args:
         absolute: whether errors have a unit; else they are shares, and those above 10 are drawn there.
+        under: what stands under the title, smaller.
         notes: warnings, written in red under the title.
     """
     top = float("inf") if absolute else _TOP
@@ -261,7 +264,10 @@ def plot_tried(
     ax.text(0.99, tol, "tolerance ", transform=ax.get_yaxis_transform(), ha="right", va="bottom", color=GREEN)
     scale_errors(ax, 2 * top)
     label_errors(ax, ylabel)
-    _titled(fig, ax, title, notes)
-    told = "Dots: models, run at\nsome 400 times;\nothers: all output times\n"
-    ax.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(1.01, 1.0), title=told, alignment="left")
+    _titled(fig, ax, title, notes, under)
+    told = "Dots: models, compared\nat about 400 instants;\nothers: at all output times\n"
+    at = (1.01, 1.0)
+    ax.legend(
+        frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=at, title=told, alignment="left", labelspacing=0.9
+    )
     return fig

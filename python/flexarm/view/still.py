@@ -58,7 +58,7 @@ def _round(length: float, radii: Sequence[float], places: Sequence[float], sides
     return _quads(np.array(rings))
 
 
-def _divided(faces: Array, n: int = 4) -> Array:
+def _divided(faces: Array, n: int = 8) -> Array:
     """Faces (k, 4, 3) in n times n parts, so that what is far and what is near can be told of boxes that meet."""
     s = np.linspace(0.0, 1.0, n + 1)[:, None]
     a, b, c, d = np.moveaxis(faces, 1, 0)
@@ -129,7 +129,7 @@ class _Faces:
         places, depth = eye(faces)
         order = np.argsort(np.concatenate(self.nearer) - depth.mean(axis=1))
         rgb = np.clip(colours * shade[:, None], 0, 1)[order]
-        ax.add_collection(PolyCollection(list(places[order]), facecolors=rgb, edgecolors=rgb, linewidths=0.3, zorder=3))
+        ax.add_collection(PolyCollection(list(places[order]), facecolors=rgb, edgecolors=rgb, linewidths=0.8, zorder=3))
 
 
 def _finer(outlines: Array) -> Array:
@@ -138,6 +138,17 @@ def _finer(outlines: Array) -> Array:
     after = np.roll(outlines, -1, axis=1)
     between = [outlines + k / parts * (after - outlines) for k in range(parts)]
     return np.stack(between, axis=2).reshape(len(outlines), -1, 2)
+
+
+def _finer_ends(rings: Array, ends: int = 2, parts: int = 6) -> Array:
+    """Rings or their values (k, ...) with more near both ends, where beams enter boxes: long faces make saw teeth."""
+    last = len(rings) - 1
+    ends = min(ends, last // 2)
+    near = np.arange(ends * parts) / parts
+    places = np.concatenate([near, np.arange(ends, last - ends + 1), last - near[::-1]])
+    below = np.minimum(places.astype(int), last - 1)
+    share = (places - below).reshape(-1, *[1] * (rings.ndim - 1))
+    return np.asarray((1 - share) * rings[below] + share * rings[below + 1])
 
 
 def _beam_colours(values: Array, most: float) -> Array:
@@ -162,6 +173,7 @@ def _add_track(
         corners = np.concatenate([np.zeros((*outlines.shape[:2], 1)), outlines], axis=2)
         rings = np.einsum("nij,nmj->nmi", R[nodes], corners) + p[nodes, None]
         values = stage.surface_strain(strain[nodes], outlines)
+        rings, values = _finer_ends(rings), _finer_ends(values)
         after = np.roll(values, -1, axis=1)
         mean = (values[:-1] + after[:-1] + after[1:] + values[1:]) / 4
         plain = None if beam["part"] == "beam" else stage.PART_COLOURS[beam["part"]]
