@@ -269,10 +269,14 @@ def test_importing_flexarm_leaves_slow_packages_alone() -> None:
 
 
 def test_plot_needs_no_display(scene: Path) -> None:
-    figure = fa.load(scene).run().plot()
+    run = fa.load(scene).run()
+    figure = run.plot()
     assert [ax.get_ylabel() for ax in figure.axes] == [
         "Joint angle (rad)",
         "Joint displacement (m)",
         "Tip deflection (m)",
+        "Joint force (N)",  # of the slide, which is driven; nothing acts on the hinge
     ]
+    (force,) = figure.axes[-1].lines
+    np.testing.assert_array_equal(force.get_ydata(), run.tau[:, run.arm.coordinates.index("link 1 prismatic")])
     assert not hasattr(figure, "number")  # pyplot does not know it
