@@ -170,18 +170,19 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
         blown = beyond_explicit(run.arm, step, span) if INTEGRATORS[integrator].explicit else None
         said = [loop] if SILENT.get() else [loop or beyond, blown]
         return [x for x in (*said, *run.missed(out["asked"])) if x]
-    failure = out["failure"]
+    failure, degrees = out["failure"], run.in_degrees()
+    asked = f". {degrees}" if degrees else ""
     cause = loop or softened(result.arm, result)
     if cause:
         what = failure.partition(": take ")[0].partition(": look ")[0]
-        raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({what})", time, result)
+        raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({what}){asked}", time, result)
     limit = "over the highest frequency"
     if limit in failure:  # rk4's
         failure = failure.replace(limit, limit + explicit_limit(result.arm, step))
     if run.controls:
         failure += "; and see whether the loop of control is stable"
     more = f" ({beyond})" if beyond else ""
-    raise SimulationError(f"stopped at t = {time:.9g} s: {failure}{more}", time, result)
+    raise SimulationError(f"stopped at t = {time:.9g} s: {failure}{more}{asked}", time, result)
 
 
 def simulate(
