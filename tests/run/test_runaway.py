@@ -403,9 +403,10 @@ def test_a_run_away_asks_whether_angles_are_in_degrees() -> None:
     def turn(angle: float) -> fa.Motion:
         return fa.Motion([0, 0.2], [0, angle], [0, 0], [0, 0])
 
+    law = fa.PD(50.0, 1.0, 0, reference=90.0)
     asks = r"'link 0 revolute' is commanded to 90 rad: was that meant in degrees\? Angles are in radians$"
     assert re.search(asks, message(drive={0: turn(90.0)}))
-    assert re.search(asks, message(control=fa.PD(50.0, 1.0, 0, reference=90.0)))
+    assert re.search(asks, message(control=law))
+    assert "'link 0 revolute' starts at -45 rad: was that meant in degrees?" in message(start=-45.0, control=law)
     spin = {0: fa.Motion.spin_up(25.0, 1.0)}  # above the critical speed of order 1
-    assert "'link 0 revolute' starts at -45 rad: was that meant in degrees?" in message(4.0, -45.0, drive=spin)
     assert "degrees" not in message(4.0, drive=spin)
