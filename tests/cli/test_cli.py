@@ -178,6 +178,7 @@ def test_demo_in_json(demonstration: tuple[demo.Demo, Any]) -> None:
         (["run", "ist", "--nope"], "--nope"),
         (["run", "nope.toml"], "nope.toml"),
         (["modes", "nope.toml"], "shipped scenes are"),
+        (["modes", "is"], "did you mean 'ist'?"),
         (["modes", "ist", "--speed", "0:10"], "--speed 0:10"),
         (["modes", "ist", "--speed", "x=10"], "--speed x=10"),
         (["modes", "ist", "--speed", "0=fast"], "--speed 0=fast"),

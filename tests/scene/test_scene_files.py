@@ -104,3 +104,15 @@ def test_samples_of_a_motion_are_written_without_rounding(tmp_path: Path) -> Non
         fa.Scene(arm, t=t, **given).save(tmp_path / "turn.toml")
         text = (tmp_path / "turn.toml").read_text()
         assert "q = [0.0, 1.2, 1.2]" in text and text.count("[0.0, 0.0, 0.0]") >= 2
+
+
+def test_what_is_no_scene_file_is_said(tmp_path: Path) -> None:
+    for name, content in (("run.csv", b"t,q\n0,1\n"), ("run.npz", b"PK\x03\x04\xff")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(ValueError, match=rf"{name}': is not a scene file \(.toml\); a saved run \(.npz, .h5\)"):
+            fa.load(tmp_path / name)
+    table = "kp = 1.0\n[control.reference]\nt = [0, 1]\nq = [0, 1]\n"
+    for first, says in (("[[controls]]", "unknown key .controls.; did you mean .control."), ("control = 1", "line")):
+        (tmp_path / "typo.toml").write_text(f"{first}\n{table}[[control]]\n{table}")
+        with pytest.raises(ValueError, match=says):
+            fa.load(tmp_path / "typo.toml")
