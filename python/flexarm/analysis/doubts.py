@@ -1,4 +1,4 @@
-"""Numbers of a model that can hardly be meant: wrong units, bodies that cannot be, strains that a beam lacks."""
+"""Numbers of a model that are probably mistakes: wrong units, bodies that cannot be, strains that a beam lacks."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def _bare(where: str, beam: Beam, tip: RigidBody | None) -> Iterator[str]:
 
 
 def doubts(arm: Chain) -> list[str]:
-    """Lists the numbers of an arm that can hardly be meant, a sentence each."""
+    """Lists the numbers of an arm that are probably mistakes, a sentence each."""
     found: list[str] = []
     for k, link in enumerate(arm.links):
         bodies = {f"link[{k}].{name}": x for name, x in (("hub", link.hub), ("tip", link.tip)) if x is not None}

@@ -262,6 +262,6 @@ def plot_tried(
     scale_errors(ax, 2 * top)
     label_errors(ax, ylabel)
     _titled(fig, ax, title, notes)
-    told = "Dots: models, run at\nsome 400 times;\nothers: all output times\n"
+    told = "Dots: models, compared\nat about 400 instants;\nothers: all output times\n"
     ax.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(1.01, 1.0), title=told, alignment="left")
     return fig
