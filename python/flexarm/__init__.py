@@ -52,7 +52,7 @@ Many runs
     sweep, SweepResult                  a scene over parameters: Sweep, Vary, load_sweep
     Failure                             a run that could not go on; Ctrl-C: BatchInterrupted, SweepInterrupted
 Warnings
-    ModelWarning, StateWarning          a number that can hardly be meant; a state that does not last
+    ModelWarning, StateWarning          a number that is probably a mistake; a state that does not last
     RangeWarning, WatchWarning          a beam bent too far for its order; a run that left its model's range
     LoopWarning, PulseWarning           a control loop that grows; a pulse that the steps have missed
     SlowWarning, StepWarning            very many steps; steps above the limit of "rk4"

@@ -45,7 +45,7 @@ class Arm(Chain):
         gravity: world axes (m/s^2).
 
     Warns:
-        ModelWarning: numbers that can hardly be meant: a modulus in GPa, a length or a place in mm, an inertia in
+        ModelWarning: numbers that are probably mistakes: a modulus in GPa, a length or a place in mm, an inertia in
             g mm², a short thick beam without shear.
     """
 
@@ -55,8 +55,8 @@ class Arm(Chain):
         self._warn()
 
     def _warn(self) -> None:
-        """ModelWarning of numbers that can hardly be meant, once: where the arm is made, or, of one that was read from
-        a scene, where it is first used."""
+        """ModelWarning of numbers that are probably mistakes, once: where the arm is made, or where it
+        is first used if a scene file was read."""
         if not self._warned:
             self._warned = True
             for text in doubts(self):
@@ -64,8 +64,8 @@ class Arm(Chain):
 
     @staticmethod
     def from_dict(d: Mapping[str, Any]) -> Arm:
-        """An arm from the structure of a scene file: {"gravity": [...], "link": [{...}, ...]}. What can hardly be meant
-        there (ModelWarning) is said where the arm is first simulated, linearised, or asked for modes or a balance."""
+        """An arm from the structure of a scene file: {"gravity": [...], "link": [{...}, ...]}. What is probably a
+        mistake there (ModelWarning) is said at the arm's first simulation, linearisation, modes or balance."""
         return Arm._read(read_file(ArmFile, d))
 
     @classmethod

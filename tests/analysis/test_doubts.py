@@ -23,6 +23,9 @@ DOUBTFUL: list[tuple[dict[str, Any], str]] = [
     ({"material": fa.Material(7850, 209e3)}, r"youngs_modulus = 209000 Pa: .*in GPa or MPa\?"),
     ({"material": fa.Material(7850e3, 209e9)}, r"density = 7.85e\+06 kg/m\^3: .*unit\?"),
     ({"material": fa.Material(7.85, 209e9)}, r"density = 7.85 kg/m\^3: .*in g/cm\^3\?"),
+    ({"material": fa.Material(7.8, 200)}, r"density = 7.8 kg/m\^3, youngs_modulus = 200 Pa: in g/cm\^3 and GPa\?"),
+    ({"material": fa.Material(7.8, 70)}, r"in g/cm\^3 and GPa\?"),
+    ({"material": fa.Material(2.7, 70)}, r"in g/cm\^3 and GPa\?"),
     ({"length": 500}, r"link\[0\].beam.length = 500 m, .*in mm\?"),
     ({"length": 500, "section": fa.Rectangle(1, 20)}, r"length = 500 m, .*in mm\?"),
     ({"material": fa.Material(2700, 70e3)}, r"youngs_modulus = 70000 Pa: .*in GPa or MPa\?"),
@@ -34,6 +37,7 @@ DOUBTFUL: list[tuple[dict[str, Any], str]] = [
     ({"tip": fa.RigidBody(0.1, end=(0, 50, 0))}, r"link\[0\].tip.end = \(0, 50, 0\) m, .* in mm\?"),
     ({"tip": fa.RigidBody(0.1, inertia=(1e4, 1e4, 1e4))}, r"tip.inertia: 10000 kg m\^2 of 0.1 kg .* in g mm\^2"),
     ({"tip": fa.RigidBody(0.1, inertia=(100, 100, 100))}, r"tip.inertia: 100 kg m\^2 .* or kg mm\^2\?"),
+    ({"tip": fa.RigidBody(0.3, inertia=(120, 120, 120))}, r"tip.inertia: 120 kg m\^2 of 0.3 kg would be 20 m away"),
     ({"section": fa.Rectangle(0.5, 0.5)}, r"shear adds 78 % .*shear_y"),
     ({"section": fa.Circle(0.25), "modes": {"bending_z": 2, "shear_y": 1}}, r"shear adds .*shear_z"),
     ({"tip": fa.RigidBody(0.1), "basis": "loaded"}, r"link\[0\].beam.basis_tip: .* tip has 0.1 kg; give basis_tip"),
@@ -80,6 +84,15 @@ PLAUSIBLE: list[dict[str, Any]] = [
 @pytest.mark.parametrize("change", PLAUSIBLE)
 def test_real_arms_are_not_doubted(change: dict[str, Any]) -> None:
     arm(**change)  # warnings are errors here
+
+
+def test_inertias_of_rigid_links_are_doubted_too() -> None:
+    says = r"link\[0\].hub.inertia: 1200 kg m\^2 of 0.3 kg would be 63.2 m away, on a rigid link of 0.5 m: .* kg mm\^2"
+    with pytest.warns(fa.ModelWarning, match=says):
+        fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(0.3, inertia=(1200,) * 3, end=(0.5, 0, 0)))])
+    fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(0.3, inertia=(0, 0, 100), end=(0.5, 0, 0)))])  # a rotor's, geared
+    fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(0.0, inertia=(0, 0, 1200)))])
+    fa.Arm([fa.Link(fa.Free(), fa.RigidBody(4.2e5, inertia=(1.3e8, 1.1e8, 2e8)))])  # a space station
 
 
 def sag(made: fa.Arm) -> float:

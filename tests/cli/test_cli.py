@@ -178,6 +178,7 @@ def test_demo_in_json(demonstration: tuple[demo.Demo, Any]) -> None:
         (["run", "ist", "--nope"], "--nope"),
         (["run", "nope.toml"], "nope.toml"),
         (["modes", "nope.toml"], "shipped scenes are"),
+        (["modes", "is"], "did you mean 'ist'?"),
         (["modes", "ist", "--speed", "0:10"], "--speed 0:10"),
         (["modes", "ist", "--speed", "x=10"], "--speed x=10"),
         (["modes", "ist", "--speed", "0=fast"], "--speed 0=fast"),
@@ -269,10 +270,14 @@ def test_importing_flexarm_leaves_slow_packages_alone() -> None:
 
 
 def test_plot_needs_no_display(scene: Path) -> None:
-    figure = fa.load(scene).run().plot()
+    run = fa.load(scene).run()
+    figure = run.plot()
     assert [ax.get_ylabel() for ax in figure.axes] == [
         "Joint angle (rad)",
         "Joint displacement (m)",
         "Tip deflection (m)",
+        "Joint force (N)",  # of the slide, which is driven; nothing acts on the hinge
     ]
+    (force,) = figure.axes[-1].lines
+    np.testing.assert_array_equal(force.get_ydata(), run.tau[:, run.arm.coordinates.index("link 1 prismatic")])
     assert not hasattr(figure, "number")  # pyplot does not know it

@@ -62,6 +62,7 @@ def test_examples_keep_what_was_changed(tmp_path: Path, capsys: pytest.CaptureFi
     assert "03_spin_up.py" in refused(capsys, "examples", "03_spin_up", "-o", str(tmp_path))
     assert (tmp_path / "03_spin_up.py").read_text() == "mine"
     assert "'spin'" in refused(capsys, "examples", "spin")
+    assert "did you mean '09_fit_a_payload'?" in refused(capsys, "examples", "09_fit")
 
 
 # -- completion ----------------------------------------------------------------------------------------------
@@ -90,6 +91,8 @@ def test_bash_completes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert completed(script, tmp_path, "flexarm", "run", "ist", "-o", "") == ["folder"]
     assert set(completed(script, tmp_path, "flexarm", "view", "b")) == {"b.npz"}
     assert completed(script, tmp_path, "flexarm", "modes", "ist", "--sp") == ["--speed"]
+    for command in ("chart", "economize"):
+        assert completed(script, tmp_path, "flexarm", command, "ist", "--quantity", "") == ["tip", "joint", "strain"]
     assert completed(script, tmp_path, "flexarm", "examples", "01_two_links", "03") == ["03_spin_up"]
 
 

@@ -52,7 +52,7 @@ def test_what_it_says_and_does_not() -> None:
     with pytest.warns(fa.RobotWarning) as seen:
         arm = fa.from_mjcf(FILE, tip="hand", stops=1e3)
     text = str(seen[0].message)
-    for words in ("5 kg of what stands on the base", "ride along: flap_hinge", "1 actuator", "geoms"):
+    for words in ("5 kg fixed to the base", "move with the link: flap_hinge", "1 actuator", "geoms"):
         assert words in text
     assert arm.names == ("shoulder_block on pan", "shoulder_block", "forearm", "hand")
     pan, lift = arm["pan"].joint, arm["lift"].joint

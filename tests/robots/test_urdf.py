@@ -67,8 +67,8 @@ def test_the_report() -> None:
     text = str(seen[0].message)
     assert len(seen) == 1
     for words in (
-        "30 kg of what stands on the base",
-        "stand at zero, their bodies ride along: neck, grip_a, grip_b, right_shoulder",
+        "30 kg fixed to the base",
+        "held at zero, their bodies move with the link: neck, grip_a, grip_b, right_shoulder",
         "limits of effort and velocity: lift, left_shoulder, left_elbow",
         "limits of position (`stops` makes soft stops of them): lift, left_shoulder, left_elbow",
     ):
@@ -194,7 +194,7 @@ def test_its_mass_replaces_or_is_added(tmp_path: Path) -> None:
     # what is bolted on rides with the nearer end: the motor, 0.3 m up of 0.42
     arm = made(tmp_path, SIX, flexible={"upper_arm": fa.Flexible(beam(0.42), end=(0, 0, 0.42))})
     assert arm["upper_arm"].tip.mass == 1.1 and arm["upper_arm"].hub is None
-    with pytest.warns(fa.RobotWarning, match="the 8.4 kg of 'upper_arm': its beam of 1.134 kg stands for them"):
+    with pytest.warns(fa.RobotWarning, match="the 8.4 kg of 'upper_arm': its beam of 1.134 kg replaces them"):
         fa.from_urdf(DATA / "robots" / "six.urdf", flexible={"upper_arm": fa.Flexible(beam(0.42), end=(0, 0, 0.42))})
 
 
@@ -212,7 +212,7 @@ BAD: dict[str, tuple[str, dict[str, Any], str]] = {
     "mimic": (TREE, {"tip": "finger_b"}, "'grip_b': its type 'mimic of 'grip_a''"),
     "branches": (TREE, {}, "'neck' is not on the way.*finger_a, finger_b"),
     "tip": (TREE, {"tip": "left_plam"}, "did you mean 'left_palm'"),
-    "loop": (SIX.replace("</robot>", LOOP), {}, "'turret': is the child of joints 'pan' and 'l'"),
+    "loop": (SIX.replace("</robot>", LOOP), {}, "'turret': is the child of 'pan' and 'l'"),
     "massless": (re.sub(r"<inertial>.*?</inertial>", "", SIX, flags=re.S), {}, "wrist_3 revolute.*must be positive"),
     "negative mass": (SIX.replace('"2.3"', '"-2.3"'), {}, "'forearm': mass = -2.3"),
     "no body's inertia": (SIX.replace('izz="0.031"', 'izz="3"'), {}, "'forearm': inertia"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 
 import flexarm as fa
 import numpy as np
@@ -389,3 +390,23 @@ def test_a_long_vibration_is_told_how_long_it_will_take() -> None:
     said = r"of 1e\+04 s, .* steps are to come, .* (minutes|hours) .*vibration of the beams.* 368 rad/s.*\"gauss\""
     with pytest.warns(fa.SlowWarning, match=said), pytest.raises(Enough):
         fa.simulate(paper_link(), np.linspace(0, 1e4, 11), [0, 1e-3, 0, 0], progress=stop)
+
+
+def test_a_run_away_asks_whether_angles_are_in_degrees() -> None:
+    """Of a command or a start above one turn; not of a spin, nor below."""
+
+    def message(t: float = 0.2, start: float = 0.0, **given: object) -> str:
+        with pytest.raises(fa.SimulationError) as e:
+            fa.simulate(paper_link(1), np.linspace(0, t, 51), {0: start}, **given, integrator="implicit", step=1e-3)
+        return str(e.value)
+
+    def turn(angle: float) -> fa.Motion:
+        return fa.Motion([0, 0.2], [0, angle], [0, 0], [0, 0])
+
+    law = fa.PD(50.0, 1.0, 0, reference=90.0)
+    asks = r"'link 0 revolute' is commanded to 90 rad: was that meant in degrees\? Angles are in radians$"
+    assert re.search(asks, message(drive={0: turn(90.0)}))
+    assert re.search(asks, message(control=law))
+    assert "'link 0 revolute' starts at -45 rad: was that meant in degrees?" in message(start=-45.0, control=law)
+    spin = {0: fa.Motion.spin_up(25.0, 1.0)}  # above the critical speed of order 1
+    assert "degrees" not in message(4.0, drive=spin)

@@ -110,3 +110,27 @@ def test_warnings_of_a_scene_point_at_the_line_that_asked() -> None:
     with pytest.warns(fa.ModelWarning, match="filter: 1000 Hz") as said:
         scene.readings(run)
     assert {w.filename for w in said} == {__file__}
+
+
+def test_samples_of_a_motion_are_written_without_rounding(tmp_path: Path) -> None:
+    """The polynomial of the last piece, at its end, gave 1.2000000000000017 and a rate of 4e-15."""
+    turn = fa.Motion([0, 0.6, 2], [0, 1, 1], [0, 0, 0], [0, 0, 0]).scaled(1.2)
+    assert turn(2.0) == (1.2, 0.0, 0.0) and [x[-1] for x in turn(np.array([0.3, 2.0]))] == [1.2, 0.0, 0.0]
+    assert turn.moved(0.5, 1.0)(3.0) == (1.7, 0.0, 0.0)
+    arm, t = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, inertia=(1, 1, 1)))]), np.linspace(0, 2, 21)
+    for given in ({"drive": {0: turn}}, {"control": [fa.PD(9.0, 3.0, 0, reference=turn)]}):
+        fa.Scene(arm, t=t, **given).save(tmp_path / "turn.toml")
+        text = (tmp_path / "turn.toml").read_text()
+        assert "q = [0.0, 1.2, 1.2]" in text and text.count("[0.0, 0.0, 0.0]") >= 2
+
+
+def test_what_is_no_scene_file_is_said(tmp_path: Path) -> None:
+    for name, content in (("run.csv", b"t,q\n0,1\n"), ("run.npz", b"PK\x03\x04\xff")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(ValueError, match=rf"{name}': is not a scene file \(.toml\); a saved run \(.npz, .h5\)"):
+            fa.load(tmp_path / name)
+    table = "kp = 1.0\n[control.reference]\nt = [0, 1]\nq = [0, 1]\n"
+    for first, says in (("[[controls]]", "unknown key .controls.; did you mean .control."), ("control = 1", "line")):
+        (tmp_path / "typo.toml").write_text(f"{first}\n{table}[[control]]\n{table}")
+        with pytest.raises(ValueError, match=says):
+            fa.load(tmp_path / "typo.toml")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -116,6 +117,9 @@ class Motion(Law):
     be the derivatives of q.
     """
 
+    # by its time, q, v and a of each sample: the polynomials, at the end of the last, have it but for rounding
+    _samples: Mapping[float, tuple[float, float, float]] = MappingProxyType({})
+
     def __init__(
         self,
         t: ArrayLike | Callable[[float], Any],
@@ -142,6 +146,7 @@ class Motion(Law):
         if v is not None and a is not None:
             rows = np.stack([position, array("v", v, times.shape), array("a", a, times.shape)], axis=1)
             pieces = PPoly.from_bernstein_basis(BPoly.from_derivatives(times, rows))
+            self._samples = {t: (q, v, a) for t, (q, v, a) in zip(times.tolist(), rows.tolist(), strict=True)}
         else:
             rest = [(1, 0.0), (2, 0.0)]
             free = ends == "free"
@@ -175,8 +180,21 @@ class Motion(Law):
     def __call__(self, t: ArrayLike) -> Any:
         """Position, rate and acceleration (q, v, a) at time t (s); of times (nt,), three arrays (nt,)."""
         if np.ndim(t):
-            return tuple(np.array([self.law(x) for x in array("t", t).ravel()]).T.reshape(3, *np.shape(t)))
-        return self.law(t)
+            return tuple(np.array([self(x) for x in array("t", t).ravel().tolist()]).T.reshape(3, *np.shape(t)))
+        return self._samples.get(float(t)) or self.law(t)  # type: ignore[arg-type]
+
+    def scaled(self, factor: float) -> Motion:
+        """The same motion, `factor` times as large."""
+        made: Motion = super().scaled(factor)
+        made._samples = {t: (factor * q, factor * v, factor * a) for t, (q, v, a) in self._samples.items()}
+        return made
+
+    def moved(self, offset: float = 0.0, delay: float = 0.0) -> Motion:
+        """The same motion, larger by `offset`, and later by `delay` (s): before its samples begin, and where they have
+        ended, it stands at the first value, or at the last."""
+        made: Motion = super().moved(offset, delay)
+        made._samples = {t + delay: (q + offset, v, a) for t, (q, v, a) in self._samples.items()}
+        return made
 
     @staticmethod
     def spin_up(speed: float, time: float) -> Motion:

@@ -254,8 +254,8 @@ def lqr(
             such as {("joint", 0): 0.05, ("tip", -1): 0.002}; None: 0.1 rad (m) of each joint. What weighs the tip damps
             what bends.
         effort: the largest u - u0 accepted, a number or one for each of `actuate` (N, N m, V); None: of joints, what
-            makes a rigid arm three times slower than the lowest frequency with the joints held. Of patches it must be
-            given.
+            makes a rigid arm three times slower than the lowest frequency with the joints held. For patches you must
+            give it.
         actuate: as of StateFeedback; None: all joints.
         rate: samples a second (Hz), then the plant and its cost are sampled exactly; None: continuous.
         delay: from a sample to its force (s), which the design knows.

@@ -1,4 +1,4 @@
-"""Numbers of a model that can hardly be meant: wrong units, bodies that cannot be, strains that a beam lacks."""
+"""Numbers of a model that are probably mistakes: wrong units, bodies that cannot be, strains that a beam lacks."""
 
 from __future__ import annotations
 
@@ -17,26 +17,34 @@ _SOFTEST, _LIGHT = 1e3, 100.0  # Pa; gels have 1e3 to 1e5. kg/m^3; what is light
 _DENSE = ((5e3, 1e6), (1.5e3, 2e5))
 _DENSEST = 3e4  # kg/m^3; osmium has 2.3e4
 _IN_GRAMS, _FASTEST = (0.5, 25.0), 1e9  # g/cm^3 of what has mass; (m/s)^2 of E / density: diamond has 3.4e8
+_GRAMS, _GIGA = (1.1, 25.0), (1.0, 1300.0)  # g/cm^3 and GPa of solids; 1 is the density of a model without units
 _LONG, _THIN = 100.0, 1e4  # m; and lengths over thickness: the longest blades have 120 m and 1e2
 _HEAVY = 1e6  # kg; of a beam
 _THICK, _BROAD = 1.5, 5.0  # thickness and breadth over the length
 _FAR, _FAR_AWAY = 20.0, 2.0  # a place on a body, over the beam's length, and m
-_WIDE, _WIDE_SPREAD = 40.0, 20.0  # a radius of gyration, the same; hubs may have a rotor's inertia through its gear
+_WIDE, _WIDE_SPREAD = 40.0, 20.0  # a radius of gyration, the same; hubs may have a rotor's inertia through its gear,
+_ALL_WIDE, _ALL_SPREAD = 25.0, 12.0  # but about one axis only: the least one
+_STATION = 1e5  # kg; a space station is as wide as that
 _STIFFEST_SHEAR, _SOFTEST_SHEAR = 2.0, 1e-3  # shear modulus over Young's
 _SHEAR = 0.05  # of the static tip deflection; shear's share: a beam a quarter as thick as long
 _COUPLED = 0.01  # of a strain's stiffness, by another that is held
 
 
-def _body(where: str, body: RigidBody, length: float) -> Iterator[str]:
+def _places(where: str, body: RigidBody, length: float) -> Iterator[str]:
     for name, place in (("com", body.com), ("end", body.end)):
         far = float(np.linalg.norm(place))
         if far > max(_FAR * length, _FAR_AWAY):
             yield f"{where}.{name} = {_numbers(place)} m, on a beam of {length:g} m: is it in mm?"
-    most = float(np.linalg.eigvalsh(inertia_matrix(body.inertia))[-1])
-    if body.mass > 0 and (most / body.mass) ** 0.5 > max(_WIDE * length, _WIDE_SPREAD):
+
+
+def _inertia(where: str, body: RigidBody, length: float, on: str) -> Iterator[str]:
+    """`length`: of what it is on (m)."""
+    least, _, most = np.linalg.eigvalsh(inertia_matrix(body.inertia)).tolist()
+    limits = ((most, _WIDE, _WIDE_SPREAD), (least, _ALL_WIDE, _ALL_SPREAD))
+    if 0 < body.mass < _STATION and any(x > body.mass * max(wide * length, spread) ** 2 for x, wide, spread in limits):
         yield (
             f"{where}.inertia: {most:g} kg m^2 of {body.mass:g} kg would be {(most / body.mass) ** 0.5:.3g} m away, on "
-            f"a beam of {length:g} m: is it in g mm^2 or kg mm^2?"
+            f"a {on} of {length:g} m: is it in g mm^2 or kg mm^2?"
         )
 
 
@@ -88,6 +96,9 @@ def _beam(where: str, beam: Beam, whole: float) -> Iterator[str]:
     if _IN_GRAMS[0] < density < min(_IN_GRAMS[1], E / _FASTEST) and not isinstance(beam.section, GeneralSection):
         yield f"{where}.material.density = {density:g} kg/m^3: no solid so stiff is so light; is it in g/cm^3?"
     if density < _LIGHT:
+        in_grams = _GRAMS[0] < density < _GRAMS[1] and _GIGA[0] <= E <= _GIGA[1]
+        if in_grams and not isinstance(beam.section, GeneralSection):
+            yield f"{where}.material: density = {density:g} kg/m^3, youngs_modulus = {E:g} Pa: in g/cm^3 and GPa?"
         return
     if _too_soft(E, density):
         yield f"{where}.material.youngs_modulus = {E:g} Pa: is softer than any such material; is it in GPa or MPa?"
@@ -157,12 +168,17 @@ def _bare(where: str, beam: Beam, tip: RigidBody | None) -> Iterator[str]:
 
 
 def doubts(arm: Chain) -> list[str]:
-    """Lists the numbers of an arm that can hardly be meant, a sentence each."""
+    """Lists the numbers of an arm that are probably mistakes, a sentence each."""
     found: list[str] = []
     for k, link in enumerate(arm.links):
-        for name, body in (("hub", link.hub), ("tip", link.tip)):
-            if body is not None and link.beam is not None:
-                found += _body(f"link[{k}].{name}", body, link.beam.length)
+        bodies = {f"link[{k}].{name}": x for name, x in (("hub", link.hub), ("tip", link.tip)) if x is not None}
+        reach = max((float(np.linalg.norm(place)) for x in bodies.values() for place in (x.com, x.end)), default=0.0)
+        for where, body in bodies.items():
+            if link.beam is None:
+                found += _inertia(where, body, reach, "rigid link")
+            else:
+                found += _places(where, body, link.beam.length)
+                found += _inertia(where, body, link.beam.length, "beam")
         if link.beam is not None:
             found += _beam(f"link[{k}].beam", link.beam, _whole(arm, k))
             found += _bare(f"link[{k}].beam", link.beam, link.tip)

@@ -183,9 +183,10 @@ def _tolerance(plan: Plan) -> str:
 # -- the table ---------------------------------------------------------------------------------------------------------
 
 _NOTE = """\
-error without: of what is in, when its last mode goes, or with the next poorer order; of what is out, what
-that costs now; of integrators, the whole error. time: of an evaluation of the dynamics (of integrators, of
-the run), what it takes, or would add."""
+error without: a choice that is in: the error without its last mode, or at the next poorer order.
+               A choice that is out: the error that leaving it out costs now.
+               An integrator: the whole error of the run.
+time:          what an evaluation of the dynamics (of integrators: the run) takes, or would take more."""
 _LEFT_OUT = f"{ALONE}: left out together with something else; what it costs is in the error of the plan."
 
 

@@ -84,6 +84,8 @@ def script(parser: argparse.ArgumentParser, shell: str) -> str:
     for action in _actions(parser):
         if action.metavar in known:
             action.complete = known[action.metavar]  # type: ignore[attr-defined]
+        elif isinstance(action.metavar, str) and "|" in action.metavar:  # such as tip|joint|strain
+            action.choices = action.metavar.split("|")
     return str(shtab.complete(parser, shell))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+from difflib import get_close_matches
 from pathlib import Path
 
 from .._console import json_text, output_folder
@@ -61,7 +62,9 @@ def run(args: argparse.Namespace) -> int:
     found = scripts()
     for name in args.names:
         if name not in found:
-            raise ValueError(f"example {name!r}: there is none of that name; 'flexarm examples' lists them")
+            near = [x for x in found if name and x.startswith(name)] or get_close_matches(name, found, n=1, cutoff=0.5)
+            hint = f"; did you mean '{near[0]}'?" if near else ""
+            raise ValueError(f"example {name!r}: there is none of that name; 'flexarm examples' lists them{hint}")
     names = list(found) if args.all else args.names
     if not names:
         told = {name: summary(script) for name, script in found.items()}

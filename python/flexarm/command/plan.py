@@ -74,22 +74,22 @@ def plan_move(
     Args:
         arm: the arm, without ball joints.
         q_from, q_to: joint positions (rad, m), (nj,), in the order of the links; or states (nq,), of which the joints'
-            are taken.
-        torque: largest absolute torque or force of each joint (N m, N), weight included, on the flexible arm.
+            entries are used.
+        torque: largest absolute torque or force of each joint (N m, N) on the flexible arm; it includes the weight.
         speed: largest absolute joint rate (rad/s, m/s).
         acceleration: rad/s², m/s². jerk: rad/s³, m/s³.
             Each limit is one number for all joints, one for each, or a dictionary by link or (link, freedom). None, and
-            what a dictionary leaves out: no limit. Every joint needs one of torque and acceleration.
+            joints that a dictionary leaves out: no limit. Every joint needs one of torque and acceleration.
         path: instead of q_from and q_to: samples (n, nj) of joint positions, through which a smooth curve goes (of
             degree five); or a function of s from 0 to 1 that gives them. None: the straight line.
-        residual: vibration allowed after the move, as a part of what the time-optimal rigid move leaves; more is warned
-            of.
+        residual: vibration allowed after the move, as a part of the vibration that the time-optimal rigid move leaves;
+            a MoveWarning says if it is more.
         method: "shaped": as smooth as it can be (the least largest jerk along the path) in the time that the rigid arm
-            needs and half a period; longer where that is too short for the limits. "optimal": the least time; without a
+            needs plus half a period; longer if that is too short for the limits. "optimal": the least time; without a
             path, each joint goes its own way. "collocation": the least time, too, each joint going its own way, by
             IPOPT on all coordinates of the arm at once, from the shaped motion on; without a path. It needs
             `pip install 'flexarm[optimize]'`.
-        progress: shows on stderr what the search is at, where that is a terminal; or a callable (done, text).
+        progress: shows the progress of the search on stderr, if that is a terminal; or a callable (done, text).
 
     Returns:
         Move: `.drive` for `simulate`, `.duration`, `.torques`, `.limits`, `.residual`, `.plot()`.
@@ -100,7 +100,7 @@ def plan_move(
             the joints' stops; a path that jumps; from = to.
 
     Warns:
-        MoveWarning: what is left is above `residual`, a limit is passed, or IPOPT did not converge.
+        MoveWarning: the remaining vibration is above `residual`, a limit is passed, or IPOPT did not converge.
     """
     driven = Driven.of(arm)
     arm._warn()

@@ -38,12 +38,12 @@ class Beam(Part):
         material: a Material; None for a SectionMatrix, which has its own.
         modes: must be given: for each strain, `bending_y`, `bending_z`, `torsion`, `shear_y`, `shear_z`, `extension`,
             how many shape functions of the basis, or a list of strain shapes of your own; those left out are zero. The
-            beam's elastic coordinates stand in that order (Eq. 33; the paper has no extension). Each shape of your own
+            beam's elastic coordinates have that order (Eq. 33; the paper has no extension). Each shape of your own
             is a callable of x (m), samples at equal steps from the clamp to the tip, {"x": ..., "strain": ...} or
             Legendre coefficients {"legendre": ...}; it is the strain (Eq. 28-32): the curvature v'' of bending, not the
             deflection. They must be independent. Sections move by x' = R (1 + eps, phi12, phi13), with eps the
             extension: of its terms orders 0 and 1 have eps itself, order 2 its products with a slope too, order 3 those
-            with two slopes. At orders 0 to 2 a beam that stretches is reckoned in space, also where it moves in a
+            with two slopes. At orders 0 to 2 a beam that stretches is computed in space, even if it moves in a
             plane; order 3 is then faster.
         basis: "clamped-free" (Euler-Bernoulli clamped-free modes; sines for torsion, shear and extension; each 1 at
             X = L, so that a coordinate is its share of the tip's displacement in m, or of its twist in rad), "legendre"
@@ -51,30 +51,30 @@ class Beam(Part):
             or a stretch; well conditioned at any count), or "loaded" (modes of this beam, tapered or not,
             clamped, with `basis_tip` on its end; each 1 at its largest deflection). Clamped-free modes suit a beam that
             carries nothing: they have no curvature at the end, where a payload or another link bends the beam. Three
-            or more Legendre polynomials follow that; a ModelWarning tells where it matters.
+            or more Legendre polynomials represent this; a ModelWarning says if it matters.
         order: of the rotation of the sections (Eq. 26). 0 is the paper's simplified model, which neither stiffens nor
             softens with speed; 1 softens; 2 has the right centrifugal stiffening; 3 and
             "exact" (no truncation) are for large bending and cost more.
         rotary_inertia: whether slices have rotary inertia.
-        damping_ratio: modal, of every mode of the beam clamped at its base, 0 to 1; 2 % is 0.02.
+        damping_ratio: modal damping ratio of every mode of the beam clamped at its base, 0 to 1; 2 % is 0.02.
         kelvin_voigt: retardation time (s) of the material: stress = E (strain + kelvin_voigt d(strain)/dt); or one for
             each strain, by name; those left out are zero.
-        damping: more, as a matrix of the elastic coordinates, (ne, ne), symmetric, without negative eigenvalues: forces
-            damping @ rates. `Arm.modal_damping` and `Arm.rayleigh_damping` make such.
+        damping: further damping, as a matrix of the elastic coordinates, (ne, ne), symmetric, without negative
+            eigenvalues: forces damping @ rates. `Arm.modal_damping` and `Arm.rayleigh_damping` make such matrices.
         gauss_points: slices that carry the inertia, and points along which order "exact" integrates the rotation. None
             lets the basis choose enough for about 1e-12; in "exact" beams that turn their sections by far more than a
-            radian these may be too few, of which a RangeWarning tells. Where None is given, uniform beams of order 3
+            radian these may be too few; then a RangeWarning says so. With None, uniform beams of order 3
             and "exact" take fewer of them while their coordinates are so small that this changes nothing but rounding.
-        basis_tip: what the modes of the loaded basis carry on the beam's end: its mass, its com along x and its
-            principal inertia are used. It shapes the basis and no more; the load itself is the link's `tip`. None: they
-            carry nothing, also where the link has a tip (of which a ModelWarning tells).
-        patches: piezoelectric patches; see Patch. The loaded basis does not feel them.
+        basis_tip: the body that the modes of the loaded basis carry on the beam's end; its mass, com along x and
+            principal inertia are used. It changes only the basis; the load itself is the link's `tip`. None: the modes
+            carry nothing, even if the link has a tip (then a ModelWarning says so).
+        patches: piezoelectric patches; see Patch. The loaded basis ignores them.
         curvature: at rest, with no stress (1/m): twist K1 and curvatures K2, K3, about the section's x, y and z as the
             strains are (K3 > 0 bends towards +y, K2 > 0 towards -z). Three numbers; a smooth callable of x (m); samples
             {"x": ..., "K": ...} or (x, K), K (n, 3), through which a spline goes; or Legendre coefficients {"legendre":
             three lists}. None: straight. The elastic coordinates are the strains beyond it (q = 0 is the shape at
             rest) in the axes of the sections, which turn with it. It needs order "exact": the other orders are series
-            about a straight beam. A basis has the modes of the straight beam; a damping ratio is of this one's.
+            about a straight beam. A basis has the modes of the straight beam; a damping ratio is of the curved beam's.
 
     Raises:
         ValueError: naming the field and the value.

@@ -12,7 +12,7 @@ from .arguments import with_inherited
 
 
 class ModelWarning(UserWarning):
-    """A number of a model that can hardly be meant, with the unit or the remedy."""
+    """A number of a model that is probably a mistake, with the unit or the remedy."""
 
 
 #: what stands first in tuples that name something of a link, such as ("patch", link, patch)

@@ -79,7 +79,7 @@ def chain(tree: Tree, tip: str | None, flexible: Mapping[str, Any] | None, stops
         raise ValueError(f"tip = {tip!r}: no joint on the way to it moves")
     for joint in moving:
         if joint.kind not in MOVING:
-            raise ValueError(f"joint '{joint.name}': its type '{joint.kind}' is not carried; choose a tip ahead of it")
+            raise ValueError(f"joint '{joint.name}': type '{joint.kind}' is not supported; choose a tip ahead of it")
     made = Made()
     groups = [_group(tree, path, k) for k, j in enumerate(path) if j.moves]
     _say_left_out(tree, path, made)
@@ -135,12 +135,13 @@ def _say_left_out(tree: Tree, path: Sequence[TreeJoint], made: Made) -> None:
     base = tree.beneath(tree.root, first)
     still = sum(tree.bodies[name].mass for name, _ in base)
     if still:
-        made.said.append(f"{still:.6g} kg of what stands on the base: it does not move")
+        made.said.append(f"{still:.6g} kg fixed to the base: it does not move")
     on_base = {name for name, _ in base}
     off = [j.name for j in tree.joints if j.moves and j not in path]
     held = [j.name for j in tree.joints if j.moves and j not in path and j.child not in on_base]
     if held:
-        made.said.append(f"motion of the joints of branches: they stand at zero, their bodies ride along: {_few(held)}")
+        how = "they are held at zero, their bodies move with the link"
+        made.said.append(f"motion of the joints of branches: {how}: {_few(held)}")
     if len(off) > len(held):
         made.said.append(f"branches of the base: {_few(n for n in off if n not in held)}")
     whole: dict[str, list[str]] = {}
@@ -249,7 +250,7 @@ def _link(g: _Group, inboard: Pose, wanted: Flexible | None, stops: Any, made: M
     own, x = g.bodies[0][1], axes[:, 0]
     kept = [m for n, m in g.bodies if n != name or wanted.mass == "add"]
     if wanted.mass == "replace" and own.mass:
-        made.said.append(f"the {own.mass:.6g} kg of '{name}': its beam of {wanted.beam.mass:.6g} kg stands for them")
+        made.said.append(f"the {own.mass:.6g} kg of '{name}': its beam of {wanted.beam.mass:.6g} kg replaces them")
     near = [m for m in kept if (m.com - a) @ x <= length / 2]
     far = [m for m in kept if (m.com - a) @ x > length / 2]
     hub = _body(name, merged(near), axes, np.zeros(3), a)

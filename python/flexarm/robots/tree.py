@@ -74,7 +74,7 @@ class TreeJoint:
     """A joint of the tree.
 
     Attributes:
-        kind: "revolute", "prismatic", "fixed", or one that is not carried, as the file calls it.
+        kind: "revolute", "prismatic", "fixed", or one that is not supported, as the file calls it.
         origin: where it sits, in the parent's frame; its axes are those that `axis` is in.
         outboard: where the child's frame sits, in the joint's moving axes.
         springs: arguments of fa.Joint: stiffness, rest, damping, coulomb, reflected_inertia.
@@ -125,7 +125,7 @@ class Tree:
             if joint.child in self.above:
                 other = self.above[joint.child].name
                 raise ValueError(
-                    f"link '{joint.child}': is the child of joints '{other}' and '{joint.name}'; a loop is not carried"
+                    f"link '{joint.child}': is the child of '{other}' and '{joint.name}'; loops are not supported"
                 )
             self.above[joint.child] = joint
             self.below[joint.parent].append(joint)
@@ -139,7 +139,7 @@ class Tree:
         self.root = roots[0]
         lost = set(self.bodies) - {name for name, _ in self.beneath(self.root)}
         if lost:
-            raise ValueError(f"link '{sorted(lost)[0]}': hangs in a loop of joints, which is not carried")
+            raise ValueError(f"link '{sorted(lost)[0]}': hangs in a loop of joints, which is not supported")
 
     def path(self, tip: str) -> list[TreeJoint]:
         """The joints from the base to a link."""

@@ -9,14 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array, array, number, whole
-from ..acting.control import Controller, control_laws, extended
+from ..acting.control import PD, Controller, StrainFeedback, control_laws, extended
 from ..acting.drive import Motion, Torque
 from ..acting.load import at_time
 from ..acting.voltage import patch_laws, split_drives
 from ..analysis import loops
 from ..arm import Arm
+from ..parts.labels import joint_rates
 from .pulses import PulseWarning, missed
 from .result import Result
+
+_FOLLOWS = (PD, StrainFeedback)
+_LOOKS = 201  # at a command
 
 
 class Problem:
@@ -61,6 +65,23 @@ class Problem:
             self.sampled,
         )  # fmt: skip
 
+    def in_degrees(self) -> str:
+        """The joint that starts at, or is commanded to, an angle above a turn, and the question whether that is in
+        degrees; "" if there is none. A motion that still turns at its end is a spin, which is not asked about."""
+        commands = {i: law for i, moves, law, _ in self.laws if moves}
+        commands |= {law._rate(self.arm): law.reference for law in self.controls if isinstance(law, _FOLLOWS)}
+        for i, name, unit in joint_rates(self.arm):
+            at = self.arm.coordinate_of(i)
+            if unit != "rad" or at < 0:  # a ball has no angle
+                continue
+            told = [("starts at", float(self.start["q0"][at]))]
+            if i in commands:
+                told.append(("is commanded to", _farthest(commands[i], self.times)))
+            for words, angle in told:
+                if abs(angle) > 2 * np.pi:
+                    return f"'{name}' {words} {angle:.4g} rad: was that meant in degrees? Angles are in radians"
+        return ""
+
     def result(self, out: dict[str, Any]) -> Result:
         """Makes a Result of what the core gave, and leaves the controllers' states out."""
         arm, done = self.arm, len(out["q"])
@@ -86,6 +107,15 @@ class Problem:
         for name, law, calls in zip(names, callables + references, asked, strict=True):
             if calls is not None:
                 yield missed(name, law, calls, float(self.times[0]), float(self.times[-1]))
+
+
+def _farthest(law: Any, times: Array) -> float:
+    """Of all angles that a command reaches, the farthest from zero; 0 of one that still turns at its end."""
+    found = [np.ravel(law(float(t))) for t in np.linspace(times[0], times[-1], _LOOKS)]
+    q = np.array([x[0] for x in found])
+    rates = np.gradient(q, times[-1] - times[0]) * (_LOOKS - 1)  # per s
+    spins = abs(rates[-1]) > 0.1 * np.abs(rates).max()
+    return 0.0 if spins else float(q[np.argmax(np.abs(q))])
 
 
 def _output_times(t: ArrayLike) -> Array:

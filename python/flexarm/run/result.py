@@ -16,7 +16,7 @@ from ..data.compare import Comparison
 from ..data.data import Data
 from ..data.files import CSV, HDF5, MAT, NPZ, read_arrays, write_hdf5, write_npz
 from ..draw.trajectory import plot_panels
-from ..parts.labels import deflections, joint_coordinates
+from ..parts.labels import deflections, joint_coordinates, joint_rates
 from ..view.view import View, animate
 from . import outputs
 
@@ -98,7 +98,8 @@ class Result:
         return self.arm.patch_voltage(self.q, link, patch)
 
     def plot(self) -> Figure:
-        """A figure of the joint coordinates and the tip deflections over time."""
+        """A figure of the joint coordinates, the tip deflections, and the torques and forces of the joints that are
+        driven, over time."""
         arm, t = self.arm, self.t
         joints = joint_coordinates(arm)
         panels: list[tuple[str, list[tuple[str, Array]]]] = []
@@ -114,6 +115,11 @@ class Result:
         if not panels:
             position = self.frame()[0]
             panels.append(("Position of the end (m)", [(axis, position[:, i]) for i, axis in enumerate("xyz")]))
+        rates = joint_rates(arm)
+        for unit, name in {"rad": "Joint torque (N m)", "m": "Joint force (N)"}.items():
+            forces = [(label, self.tau[:, i]) for i, label, u in rates if u == unit and self.tau[:, i].any()]
+            if forces:
+                panels.append((name, forces))
         return plot_panels(t, panels)
 
     def animate(

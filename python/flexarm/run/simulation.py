@@ -170,18 +170,19 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
         blown = beyond_explicit(run.arm, step, span) if INTEGRATORS[integrator].explicit else None
         said = [loop] if SILENT.get() else [loop or beyond, blown]
         return [x for x in (*said, *run.missed(out["asked"])) if x]
-    failure = out["failure"]
+    failure, degrees = out["failure"], run.in_degrees()
+    asked = f". {degrees}" if degrees else ""
     cause = loop or softened(result.arm, result)
     if cause:
         what = failure.partition(": take ")[0].partition(": look ")[0]
-        raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({what})", time, result)
+        raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({what}){asked}", time, result)
     limit = "over the highest frequency"
     if limit in failure:  # rk4's
         failure = failure.replace(limit, limit + explicit_limit(result.arm, step))
     if run.controls:
         failure += "; and see whether the loop of control is stable"
     more = f" ({beyond})" if beyond else ""
-    raise SimulationError(f"stopped at t = {time:.9g} s: {failure}{more}", time, result)
+    raise SimulationError(f"stopped at t = {time:.9g} s: {failure}{more}{asked}", time, result)
 
 
 def simulate(
@@ -213,7 +214,7 @@ def simulate(
         arm: the arm.
         t: output times (s), at least two, increasing.
         q0: initial coordinates (nq,), or those of joints as `arm.pose` takes them, {"elbow": 0.3}; `arm.zero` if None.
-            Prescribed joints start where their motion does; a q0 that says otherwise is an error.
+            Prescribed joints start where their motion does; a different q0 is an error.
         v0: initial rates (nv,), likewise; zero if None.
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
         drive: by link number (-1 is the last), or by (link, freedom), what drives that freedom of its joint: a Torque,
@@ -221,8 +222,8 @@ def simulate(
         loads: external forces and moments.
         control: controllers, whose forces add up with the torques. Continuous ones (PD, StrainFeedback, StateFeedback,
             FeedForward, LinearController) are part of the equations; those with a rate (Sampled, LinearController,
-            ComputedTorque, MPC) hold their force from sample to sample. `Result.tau` has them. Samples are met exactly;
-            behind each the fixed-step integrators go on, while "ida" begins anew.
+            ComputedTorque, MPC) hold their force from sample to sample. `Result.tau` has them. A step ends at each
+            sample; then the fixed-step integrators continue, while "ida" starts again.
         events: one or several callables (t, q, v) -> float whose zeros are sought, as in SciPy's solve_ivp: the run
             ends at the first zero of one with the attribute `terminal` = True (at the n-th where it is a number n);
             `direction` = 1 or -1 counts only zeros where the value rises, or falls. A value that is zero at the start
@@ -231,44 +232,44 @@ def simulate(
             `v_events` alone.
         method: "ab" or "ci", for the accelerations at the output times.
         integrator: "ida": SUNDIALS IDA on the residual of inverse dynamics, variable step and order. "implicit":
-            generalised-alpha, fixed step, second order, stable however stiff the elastic coordinates are, cost linear
-            in the number of links; a soft stop that is to be hit needs steps below 0.3 sqrt(mass / limit_stiffness).
+            generalised-alpha, fixed step, second order, stable for elastic coordinates of any stiffness, cost linear
+            in the number of links; a soft stop that the arm hits needs steps below 0.3 sqrt(mass / limit_stiffness).
             "gauss": Gauss collocation, fixed step, order 2 `stages`, as stable, symmetric in time; the most accurate
             for its cost, and the state between its steps is interpolated, so that output times do not shorten them;
             its matrices are dense, for arms of up to some tens of coordinates; jumps of a force belong into samples,
-            which its steps end at, and stops that are hit want short steps.
+            which its steps end at, and stops that the arm hits need short steps.
             "rk4": classical Runge-Kutta, fixed step, fourth order, stable only while the step is below 2.83 over the
             highest frequency.
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative (1e-6 if None) and absolute (in its unit).
-            Of "gauss" and "implicit", rtol alone is how far the equations of a step are solved, as a part of the
+            For "gauss" and "implicit", rtol alone is how far the equations of a step are solved, as a part of the
             motion, in the norm of kinetic energy (if None 1e-12, where coordinates of very small inertia are known to
             about 1e-8, and 1e-10); a tolerance near the error that the step leaves saves a third of the time.
-        max_order: of IDA's backward differentiation formulas, 1 to 5 (if None). 5 needs the fewest steps wherever
-            what moves must be followed (bench/run/ida_order.py: 4 to 8 times fewer than 2 at rtol 1e-6, 100 times
+        max_order: of IDA's backward differentiation formulas, 1 to 5 (if None). 5 needs the fewest steps if
+            the motion must be followed (bench/run/ida_order.py: 4 to 8 times fewer than 2 at rtol 1e-6, 100 times
             closer or more); 2 needs fewer, 3 times at rtol 1e-5, where fast undamped modes are present but quiet and
-            the tolerance is loose, because higher orders are unstable on undamped oscillation. 3 is the worst there.
+            the tolerance is loose, because higher orders are unstable on undamped oscillation. 3 is the worst then.
         linear_solver: of IDA: "dense" factors the exact Jacobian, O(N³) once in several steps; "chain" eliminates like
             articulated bodies, O(N), which leaves out gyroscopic and geometric stiffness, and repeats that within
             GMRES where they matter; "auto" (if None) is "chain", the faster one at any number of links.
         step: of the fixed-step integrators (s): the longest step. Output times and samples of drives and loads are
-            met exactly, by dividing what lies between two of them into equal steps, as few as `step` allows; "gauss"
+            met exactly, by dividing the time between two of them into equal steps, as few as `step` allows; "gauss"
             ends its steps at samples of torques and loads alone, and halves those that would miss some of a motion, or
             whose equations cannot be solved.
-        spectral_radius: of "implicit": what is left after one step of a mode much too fast for the step, 0 to 1. 1
+        spectral_radius: of "implicit": the factor, 0 to 1, by which one step reduces a mode much too fast for it. 1
             (if None; trapezoidal rule) keeps the energy of every mode; but modes too fast for the step, once struck by
             a jump of a force, ring on in the accelerations. At 0.9 they die out, at about the same accuracy.
         stages: of "gauss", 1 to 4 (if None).
         watch: True: warns of energy in the highest modes, and of turning too fast for orders 0 and 1; or a Watch, such
-            as `economize(...).watch`, of what leaves the range that a model was chosen for.
-        progress: shows a progress bar on stderr, where that is a terminal; or a callable, which is given the time
-            reached (s) about ten times a second, and may raise to give the simulation up.
+            as `economize(...).watch`, for quantities that leave the range that a model was chosen for.
+        progress: shows a progress bar on stderr, if that is a terminal; or a callable, which gets the time
+            reached (s) about ten times a second, and may raise to stop the simulation.
 
-    Joints with dry friction (`coulomb`, `stiction`) stick and slide; what sticks is exactly still. "implicit" has that
-    in the equations of its steps, of second order as without; for the other integrators the times of switching are
-    found as events are, and they begin anew behind them.
+    Joints with dry friction (`coulomb`, `stiction`) stick and slide; a joint that sticks does not move at all.
+    "implicit" has friction in the equations of its steps, and stays of second order. The other integrators find the
+    times of switching like events, and start again after each.
 
-    No step passes over a sample of a drive. With "ida", nor over an output time where a drive is a callable; a pulse of
-    a callable between steps can still be missed: a thousand places are looked at after the run.
+    No step passes over a sample of a drive. With "ida" and a drive that is a callable, no step passes over an output
+    time. A pulse of a callable between steps can still be missed; a check at a thousand times after the run warns.
 
     Returns:
         Its `t_events`, `q_events` and `v_events` hold what occurred. When a terminal event ended the run, that is no
@@ -283,10 +284,10 @@ def simulate(
         RangeWarning: a beam bent further than its order is good for, at the output times.
         LoopWarning: instead, if a control loop that is linear, and that no limit holds, is unstable about the start,
             and the run has grown.
-        PulseWarning: a callable does something between two steps that none of them has seen.
-        SlowWarning: "ida" takes very many steps; what they follow, if that is known, and what to do. While it runs.
+        PulseWarning: a callable has a pulse between two steps that no step has seen.
+        SlowWarning: "ida" takes very many steps; it names the cause, if known, and the remedy, during the run.
         StepWarning: steps of "rk4" above its limit.
-        WatchWarning: what `watch` asks for.
+        WatchWarning: a quantity of `watch` has left its range.
         ModelWarning: a beam with too few shape functions for what it carries, or of a basis that does not suit it.
     """
     # Long for its docstring, which is the reference of every option.

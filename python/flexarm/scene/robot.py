@@ -34,7 +34,7 @@ def from_urdf(
         path: of the file.
         tip: the link that the arm ends with, whose frame is `arm.frame(q)`; one that is fixed to a link that moves
             becomes a link of its own, without mass. None: the last link that moves, where these are one chain. Joints
-            of other branches stand at zero, and their bodies ride along.
+            of other branches are held at zero, and their bodies move with the link that bears them.
         flexible: what bends: by the name of a link that moves, a Beam from its joint to the next one (or the tip), with
             that length, whose mass replaces the link's own; or a Flexible, which can say otherwise.
         stops: of soft stops at the limits of position: a stiffness (N m/rad, N/m), or (stiffness, damping). None: no

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .._check import Array, named
+from .._check import Array, known_keys, named
 from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage
 from ..arm import Arm
+from ..parts.arguments import arguments
 from ..parts.tables import shallow
 from ..run.result import Result
 from ..run.simulation import simulate
 from ..sensing.reading import Reading
 from ..sensing.sensor import Sensor
 from ..store.files import write_whole
+from .grammar import SceneFile
 from .reader import scene_fields
 from .samples import Files
 from .writer import scene_text
@@ -107,6 +111,12 @@ def scene_from_dict(
     return Scene(**scene_fields(d, name, Files(base or Path(), allowed or base or Path())))
 
 
+def _check_headers(path: str | Path, file: Path) -> None:
+    """Of a file that is no TOML: ValueError where a table's name is unknown, which may be the cause."""
+    names = re.findall(r"^\s*\[\[?\s*([A-Za-z_][\w-]*)[\w\s.-]*\]", file.read_text("utf-8", "replace"), re.MULTILINE)
+    known_keys(f"scene {str(path)!r}", dict.fromkeys(names), arguments(SceneFile))
+
+
 def load(path: str | Path, *, files: str | Path | None = None) -> Scene:
     """Reads a scene file (TOML). A bare name such as "ist" means a scene shipped with the package.
 
@@ -127,9 +137,17 @@ def load(path: str | Path, *, files: str | Path | None = None) -> Scene:
         with p.open("rb") as f, shallow("scene"):
             d = tomllib.load(f)
     except OSError as e:
-        shipped = ", ".join(sorted(s.stem for s in SCENES.glob("*.toml")))
-        raise ValueError(f"scene {str(path)!r}: {e.strerror}; shipped scenes are {shipped}") from None
+        shipped = sorted(s.stem for s in SCENES.glob("*.toml"))
+        near = get_close_matches(p.stem, shipped, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise ValueError(f"scene {str(path)!r}: {e.strerror}; shipped scenes are {', '.join(shipped)}{hint}") from None
     except ValueError as e:  # TOML's, Unicode's, and int's of numbers with thousands of digits
+        if p.suffix.lower() != ".toml":
+            raise ValueError(
+                f"scene {str(path)!r}: is not a scene file (.toml); a saved run (.npz, .h5) is for `flexarm view` and "
+                f"Result.load ({e})"
+            ) from None
+        _check_headers(path, p)
         raise ValueError(f"scene {str(path)!r}: {e}") from None
     try:
         return scene_from_dict(d, p.parent, p.stem, None if files is None else Path(files))
