@@ -313,6 +313,12 @@ class LinearController(Sampled):
         return [*outputs, *inside, *braking_laws(arm, self.motor, units.T)], []
 
 
+def as_floats(rate: Any, delay: Any, limit: Any) -> tuple[float | None, float, float | None]:
+    """The arguments of a law that is made anew of them: a whole number, too, can vary."""
+    rate = None if rate is None else positive("rate", rate)
+    return rate, number("delay", delay), None if limit is None else positive("limit", limit)
+
+
 def is_samples(reference: Any) -> bool:
     """Whether a reference is samples (t, r), not numbers: a pair of rows, or an array of two."""
     if isinstance(reference, np.ndarray):
