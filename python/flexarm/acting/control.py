@@ -271,7 +271,7 @@ class StateFeedback(Controller):
             )
         columns = force_columns(arm, self.actuate)
         K = array("K", self.K, (len(columns), 2 * arm.nv))
-        q0 = np.zeros(arm.nq) if self.q0 is None else array("q0", self.q0, (arm.nq,))
+        q0 = arm._place("q0", self.q0)  # zero if None, as there are no balls
         v0 = np.zeros(arm.nv) if self.v0 is None else array("v0", self.v0, (arm.nv,))
         u0 = np.zeros(len(columns)) if self.u0 is None else array("u0", self.u0, (len(columns),))
         offset = u0 + K @ np.concatenate([q0, v0])
