@@ -88,12 +88,43 @@ class Controller:
         made: Any = type(self)
         return {name: getattr(self, name) for name in arguments(made)}
 
+    def __repr__(self) -> str:
+        """In one line: its gains, its joint, its rate, and what else is not at its default."""
+        try:
+            given = self._arguments()
+        except AttributeError:  # of a subclass that keeps other things
+            return object.__repr__(self)
+        made: Any = type(self)
+        defaults = arguments(made)
+        said = {name: _in_words(value) for name, value in given.items() if name in defaults}
+        shown = [f"{name}={text}" for name, text in said.items()
+                 if text and (name == "link" or text != _in_words(defaults[name].default))]  # fmt: skip
+        return f"{made.__name__}({', '.join(shown)})"
+
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         raise NotImplementedError(f"{type(self).__name__} is no control law: subclass Sampled, or give one a function")
 
     def _columns(self, arm: Chain) -> list[Array]:
         """Generalised forces (nv,) per unit of each output."""
         return force_columns(arm, self.actuate)  # type: ignore[attr-defined]
+
+
+def _in_words(value: Any) -> str:
+    """An argument of a controller, in short; "" for none."""
+    if isinstance(value, Torque) and value.constant:
+        value = float(np.ravel(value(0.0))[0])
+    if isinstance(value, np.ndarray):
+        few = "[" + ", ".join(f"{x:.4g}" for x in value.ravel()) + "]"
+        much = " x ".join(map(str, value.shape)) + " numbers"
+        return "" if not value.any() else few if value.size <= 8 else much
+    if isinstance(value, (list, tuple)):
+        inside = ", ".join(map(_in_words, value))
+        return f"({inside})" if isinstance(value, tuple) else f"[{inside}]"
+    if value is None or (isinstance(value, float) and not np.isfinite(value)):
+        return ""
+    if isinstance(value, (bool, str, Motor)):
+        return repr(value)
+    return f"{value:.6g}" if isinstance(value, (int, float)) else getattr(value, "__name__", type(value).__name__)
 
 
 class _JointLaw(Controller):
