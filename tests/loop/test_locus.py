@@ -193,7 +193,7 @@ def test_what_does_not_fit_is_named() -> None:
             arm, [fa.Sampled(lambda t, y: 0.0, 333.3, J), fa.Sampled(lambda t, y: 0.0, 1000 * np.pi, J)]
         ),
         "has no derivative at the state": lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: np.sign(y[0]), 50, J)),
-        "must be 1 finite numbers": lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: [1.0, 2.0], 50, J)),
+        "must be one finite number": lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: [1.0, 2.0], 50, J)),
         "300 can be": lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: -y[0], 50, J, delay=30.0)),
         "did you mean 'control.0.kv'": lambda: fa.closed_loop(arm, fa.PD(1, 1)).limits("control.0.kq"),
         "are of one rate": lambda: fa.closed_loop(

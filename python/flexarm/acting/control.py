@@ -63,12 +63,14 @@ class Run(NamedTuple):
         times, loads: of the run.
         first, total: where the controller's states begin among those of all, and how many there are of all; see
             `extended`.
+        number: of the controller, among all.
     """
 
     times: Array
     loads: Any
     first: int
     total: int
+    number: int = 0
 
 
 class Controller:
@@ -385,7 +387,7 @@ def control_laws(
         for i in prescribed:
             if any(column[i] != 0.0 for column in columns):
                 raise ValueError(f"control[{k}]: acts on '{arm.coordinates[i]}', whose motion is prescribed")
-        laws, samplers = c._laws(arm, Run(times, loads, first, total))
+        laws, samplers = c._laws(arm, Run(times, loads, first, total, k))
         first += c.memory
         nq, nv = arm.nq + total, arm.nv + total
         feedback += [(padded(c, nv), padded(by_q, nq), padded(by_v, nv), *rest) for c, by_q, by_v, *rest in laws]

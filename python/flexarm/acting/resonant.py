@@ -63,7 +63,7 @@ class PPF(_Resonant):
         if rate is not None:
             period = 1.0 / rate
             if w * period >= pi:
-                raise ValueError(f"rate = {rate}: must be above {w / pi:.6g} Hz, twice the filter's frequency")
+                raise ValueError(f"rate = {rate:.10g}: must be above {w / pi:.6g} Hz, twice the filter's frequency")
         self._make(_core.positive_position(w, zeta, g, period)[:4], reference, rate=rate, measure=measure,
                    actuate=actuate, delay=delay, limit=limit, motor=motor)  # fmt: skip
 

@@ -13,7 +13,7 @@ import flexarm._core as _core
 
 from .._check import Array
 from ..acting.control import Run, gain_of, measured_rows, padded
-from ..acting.sampled import Asked, LinearController, Sampled
+from ..acting.sampled import Asked, LinearController, Sampled, count_of, note
 from ..acting.seen import Seen
 from ..parts.chain import Chain
 
@@ -81,7 +81,7 @@ def running_laws(
     total, first = sum(c.memory for c in controls), 0
     nq, nv = arm.nq + total, arm.nv + total
     for k, c in enumerate(controls):
-        laws, held = c._laws(arm, Run(times, loads, first, total))
+        laws, held = c._laws(arm, Run(times, loads, first, total, k))
         sampled.append(held)
         for column, by_q, by_v, _, limit in laws:
             if not (np.any(by_q) or np.any(by_v)):
@@ -179,9 +179,14 @@ def _asked(name: str, law: Any, y0: Array, t: float, rate: float, nu: int) -> tu
         pass
 
     def ask(y: Array, at: float = t) -> Array:
-        u = np.atleast_1d(np.asarray(law(at, y), dtype=float))
+        try:
+            said = law(at, y)
+        except Exception as e:
+            note(e, name, at)
+            raise
+        u = np.atleast_1d(np.asarray(said, dtype=float))
         if u.shape != (nu,) or not np.isfinite(u).all():
-            raise NoLinearLaw(f"{name}: the law gave {u.tolist()} at the state; must be {nu} finite numbers")
+            raise NoLinearLaw(f"{name}: the law gave {u.tolist()} at the state; must be {count_of(nu)}")
         return u
 
     try:
