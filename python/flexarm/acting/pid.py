@@ -20,8 +20,8 @@ class PID(LinearController):
         link: which joint, or (link, freedom).
         rate: samples a second (Hz); None: continuous.
         reference: of q (rad, m): a number, samples (t, r) with straight lines between, or a callable t -> r.
-        filter_time: of the low pass ahead of the derivative (s); None: two samples. It delays kd by about that time: a
-            loop with a large kd may be unstable that is stable with a measured rate (PD, or LinearController).
+        filter_time: of the low pass ahead of the derivative (s); None: two samples. The low pass delays the
+            derivative: gains that are stable with a measured rate, as of PD, may be unstable here.
         delay: from a sample to its force (s); needs a rate.
         limit: u is kept within -limit .. limit; None: the motor's.
         motor: turns u into a torque; None: u is the torque.
