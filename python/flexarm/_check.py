@@ -68,7 +68,7 @@ def array(field: str, value: ArrayLike, shape: tuple[int, ...] | None = None, ba
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{field} = {value!r}: must be numbers") from None
     if shape is not None and out.shape != shape:
-        want = f"{shape[0]} numbers" if len(shape) == 1 else f"shape {shape}"
+        want = f"shape {shape}" if len(shape) != 1 else "one number" if shape == (1,) else f"{shape[0]} numbers"
         raise ValueError(f"{field} has shape {out.shape}: must be {want}")
     check_finite(field, out, batch_ndim is not None and out.ndim >= batch_ndim)
     return out

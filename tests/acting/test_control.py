@@ -349,7 +349,7 @@ def test_friction_and_controller() -> None:
         (lambda: fa.Sampled(lambda t, y: 0.0, 10.0, delay=-1.0), "delay = -1.0"),
         (
             lambda: fa.simulate(mass(), [0, 1], control=fa.Sampled(lambda t, y: np.nan, 10.0)),
-            r"control at t = 0.0: the law gave \[nan\]",
+            r"control\[0\] at t = 0.0: the law gave \[nan\]",
         ),
         (
             lambda: fa.simulate(mass(), [0, 1], control=fa.Sampled(lambda t, y: 0.0, 10.0, ["joint"])),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 
@@ -489,3 +490,34 @@ def test_runs_are_derived_through_the_laws(k: int) -> None:
     ends = [fa.simulate(soft(payload=0.05 + d), t, [0.1, 0.01, 0.0], control=law, **options).q for d in (1e-5, -1e-5)]
     by = (ends[0] - ends[1]) / 2e-5
     np.testing.assert_allclose(run.sensitivities(["link.0.tip.mass"]).q[0], by, atol=1e-6 * np.abs(by).max())
+
+
+def test_laws_show_their_gains_in_one_line() -> None:
+    def law(t: float, y: np.ndarray) -> float:
+        return 0.0
+
+    pid = fa.LinearController.pid(20, 0, 1, "elbow", rate=500, delay=0.001)
+    assert str(pid) == repr(pid) == "PID(kp=20, ki=0, kd=1, link='elbow', rate=500, delay=0.001)"
+    assert str(fa.PD(20, 2.5, reference=0.5, limit=3)) == "PD(kp=20, kv=2.5, link=-1, reference=0.5, limit=3)"
+    sampled = str(fa.Sampled(law, 100, [("joint", 0), fa.Encoder(0)]))
+    assert sampled == "Sampled(law=law, rate=100, measure=[('joint', 0), Encoder], actuate=[-1])"
+    assert str(fa.StateFeedback([[3, 4]], [0])) == "StateFeedback(K=[3, 4], actuate=[0])"
+    assert str(fa.StateFeedback(np.ones((2, 8)), [0, 1])) == "StateFeedback(K=2 x 8 numbers, actuate=[0, 1])"
+    assert str(fa.ComputedTorque(100, 20, reference=0.0, rate=500)).startswith("ComputedTorque(kp=[100], kv=[20], ")
+    system = fa.LinearController([[0.5]], [[1.0]], [[1.0]], [[2.0]], measure=[("rate", 0)])
+    assert str(system) == "LinearController(A=[0.5], B=[1], C=[1], D=[2], measure=[('rate', 0)], actuate=[-1])"
+    assert " at 0x" not in repr(fa.MPC(reference=1.0, rate=50))
+
+
+@pytest.mark.parametrize("how", [EXACT, FINE])
+def test_what_a_law_raises_says_which_law_and_when(how) -> None:
+    def law(t: float, y: np.ndarray) -> float:
+        return 1.0 / (t < 0.005)
+
+    said = "".join
+    with pytest.raises(ZeroDivisionError) as raised:
+        fa.simulate(pendulum(), [0, 0.1], control=[fa.PD(1, 1), fa.Sampled(law, 500)], **how)
+    assert "control[1] at t = 0.006 s" in said(traceback.format_exception(raised.value))
+    with pytest.raises(ZeroDivisionError) as raised:
+        fa.closed_loop(pendulum(), fa.Sampled(law, 500), t=0.1)
+    assert "control[0] at t = 0.1" in said(traceback.format_exception(raised.value))

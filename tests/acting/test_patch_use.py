@@ -248,7 +248,7 @@ BAD = [
     (lambda: bad(material=replace(PZT, permittivity=0.0)).patch_voltage([0, 0, 0]), r"permittivity = 0.0: patch 0 of"),
     (lambda: bonded().charge([0, 0, 0], 0, 1), r"patch = 1: must be from -1 to 0, the patches of link 0"),
     (lambda: strip().charge([0, 0, 0]), r"link = -1: has no patches"),
-    (lambda: bonded().equilibrium(voltages=[1, 2]), r"voltages has shape \(2,\): must be 1 numbers"),
+    (lambda: bonded().equilibrium(voltages=[1, 2]), r"voltages has shape \(2,\): must be one number"),
     (lambda: bonded().equilibrium(voltages={0: 1.0}), r"voltages: 0: must be \(link, patch\)"),
     (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0, 0): fa.Torque(1.0)}), r"must be a Voltage"),
     (lambda: fa.simulate(bonded(), [0, 1], drive={("patch", 0): fa.Voltage(1.0)}), r"must be \(.patch., link, patch\)"),

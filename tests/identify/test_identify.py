@@ -191,6 +191,7 @@ def test_coloured_residuals_widen_intervals(data: fa.Data) -> None:
     assert dyed.noise["angle"] == pytest.approx(white.noise["angle"], rel=0.2)
     assert dyed.std[DAMPING] > 2 * white.std[DAMPING]
     assert "not white" in dyed.report() and "not white" not in white.report()
+    assert "step of the integrator" in dyed.report() and "sensor whose filter" in dyed.report()
 
 
 def test_noise_that_was_told_wrong_is_named(data: fa.Data) -> None:
@@ -238,7 +239,7 @@ def test_a_step_too_long_for_the_data_is_shortened(data: fa.Data) -> None:
         ({MASS: -1.0}, {}, "must not be negative"),
         ({MASS: fa.Unknown(low=0.1)}, {}, "start = 0.05: must be within the bounds, 0.1 to inf"),
         ({"link.0.joint.upper": None}, {}, "give a start"),
-        ([MASS], {"outputs": {"angel": "sensor.0"}}, "did you mean 'angle'"),
+        ([MASS], {"outputs": {"angel": "sensor.0"}}, r"outputs\['angel'\]: .*did you mean 'angle'"),
         ([MASS], {"outputs": {"angle": "sensor.5"}}, r"there are sensor\.0, sensor\.1"),
         ([MASS], {"outputs": {"angle": "q link 1"}}, "outputs\\['angle'\\]"),
         ([MASS], {"outputs": {"angle": "sensor.1"}}, "the data are in rad, and what is read of the run is in 1; "

@@ -196,3 +196,22 @@ def test_predictive_control_decays_as_its_poles_say(law: dict[str, Any]) -> None
     pole = loop.poles[np.abs(np.abs(loop.poles) - found.frequencies[0]).argmin()]  # of what rings longest
     assert found.frequencies[0] == pytest.approx(abs(pole), rel=3e-3)
     assert found.damping[0] == pytest.approx(-pole.real / abs(pole), rel=0.05)
+
+
+@pytest.mark.parametrize("rate", [None, 500.0])
+def test_states_that_reach_no_output_have_no_poles(rate: float | None) -> None:
+    """A PID whose ki is zero is a PD with a filter: the integral is not part of the loop."""
+    given: dict[str, Any] = {"filter_time": 0.004, "rate": rate}
+    loop = fa.closed_loop(rigid(), fa.LinearController.pid(20, 0, 4, 0, **given))
+    assert len(loop.poles) == 3 and loop.growth < -0.1
+    assert "does not die away" not in str(loop)
+    # the same law of one state: u = D e + C x, x' = (e - x) / tf, with D = kp + kd / tf, C = -kd / tf
+    same = fa.LinearController(
+        ([[-250.0]], [[250.0]], [[-1000.0]], [[1020.0]]), rate=rate, measure=[("joint", 0)], actuate=[0]
+    )
+    assert np.sort_complex(loop.poles) == pytest.approx(np.sort_complex(fa.closed_loop(rigid(), same).poles))
+    assert loop.limits().high == pytest.approx(fa.closed_loop(rigid(), same).limits().high)
+    whole = fa.closed_loop(rigid(), fa.LinearController.pid(20, 1e-6, 4, 0, **given))
+    assert len(whole.poles) == 4
+    beside = fa.closed_loop(rigid(), [fa.LinearController.pid(20, 0, 4, 0, **given), same])
+    assert len(beside.poles) == 4 and beside.growth < -0.1

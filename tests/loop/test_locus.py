@@ -195,7 +195,7 @@ def test_what_does_not_fit_is_named() -> None:
             arm, [fa.Sampled(lambda t, y: 0.0, 333.3, J), fa.Sampled(lambda t, y: 0.0, 1000 * np.pi, J)]
         ),
         "has no derivative at the state": lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: np.sign(y[0]), 50, J)),
-        "must be 1 finite numbers": lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: [1.0, 2.0], 50, J)),
+        "must be one finite number": lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: [1.0, 2.0], 50, J)),
         "300 can be": lambda: fa.closed_loop(arm, fa.Sampled(lambda t, y: -y[0], 50, J, delay=30.0)),
         "did you mean 'control.0.kv'": lambda: fa.closed_loop(arm, fa.PD(1, 1)).limits("control.0.kq"),
         "are of one rate": lambda: fa.closed_loop(
@@ -263,8 +263,13 @@ def test_a_short_locus_has_labels_enough(tmp_path) -> None:
 def test_a_rate_beside_another_cannot_be_varied_alone() -> None:
     loop = fa.closed_loop(rigid(), [damper(0.5), damper(0.1, rate=50.0)])
     assert loop.period == pytest.approx(0.02) and loop.stable
-    with pytest.raises(ValueError, match=r"control\[0\].rate = .*no common period"):
+    with pytest.raises(ValueError, match=r'over = .control.0.rate.: control\[1\] \(50 Hz\) keeps .* limits\("rate"\)'):
         loop.limits("control.0.rate")
+    rates = [50.0, 100.0, 200.0]  # whole ratios
+    assert loop.locus(rates, "control.0.rate").stable.all()
+    read = fa.closed_loop(rigid(), fa.Sampled(lambda t, y: -y[0], 100, [fa.Encoder(0, pulses=None, rate=50)]))
+    with pytest.raises(ValueError, match=r"over = .rate.: a sensor of control\[0\] \(50 Hz\) keeps"):
+        read.limits("rate")
     # both of one gain: z = 1 - k1 twice, less what the slower one holds
     factor = loop.limits().high
     held = fa.closed_loop(rigid(), [damper(0.5 * factor), damper(0.1 * factor, rate=50.0)])
@@ -295,3 +300,43 @@ def test_zeros_to_the_tip_are_real_and_in_pairs() -> None:
         loop.zeros_of(0, "tip link 0 yy")
     with pytest.raises(ValueError, match="must be from 0 to 2"):
         loop.zeros_of(0, 3)
+
+
+def test_names_of_links_and_joints_are_paths() -> None:
+    body, tip = fa.RigidBody(1.0, (0.5, 0, 0), (0, 0, 0.1), (1, 0, 0)), fa.RigidBody(0.2, (0.3, 0, 0), (0, 0, 0.1))
+    links = [fa.Link(fa.Revolute("z"), body, name="upper"), fa.Link(fa.Revolute("z", name="elbow"), tip=tip)]
+    loop = fa.closed_loop(fa.Arm(links), [fa.PD(20.0, 2.0, 0), fa.PD(10.0, 1.0, "elbow")])
+    assert loop.limits("link.elbow.tip.mass")[1:4] == loop.limits("link.1.tip.mass")[1:4] == (0.2, 0.0, np.inf)
+    masses = [0.1, 0.4]
+    assert loop.locus(masses, "link.upper.hub.mass").poles == pytest.approx(
+        loop.locus(masses, "link.0.hub.mass").poles
+    )
+    with pytest.raises(ValueError, match=r"did you mean 'link\.1\.tip\.mass'"):
+        loop.limits("link.elbow.tip.mas")
+
+
+def test_the_rate_of_a_pid_varies_and_it_is_designed_anew() -> None:
+    """Of whole numbers, too; at the limit, a PID that is made for that rate is on the unit circle."""
+
+    def loop(rate: float) -> fa.ClosedLoop:
+        return fa.closed_loop(rigid(), fa.LinearController.pid(20, 5, 4, 0, rate=rate, delay=0.001, limit=9))
+
+    low = loop(500).limits("control.0.rate").low
+    assert 1.0 < low < 500.0
+    assert np.abs(loop(low).z).max() == pytest.approx(1.0, abs=1e-7)
+    assert loop(500).limits("control.0.delay").value == 0.001
+    law = fa.LinearController.irc(-1, -1, measure=[("joint", 0)], rate=200)
+    assert fa.closed_loop(rigid(), [fa.PD(1.0, 1.0), law]).limits("control.1.rate").value == 200.0
+
+
+def test_all_rates_vary_together() -> None:
+    """With both laws at one joint: z = 1 - k1 - k2, with k = share of each at this rate."""
+    loop = fa.closed_loop(rigid(), [damper(0.5), damper(0.3)])
+    assert loop.limits("rate").low == pytest.approx(100.0 * 0.8 / 2.0, rel=1e-9)
+    two = fa.closed_loop(rigid(), [damper(0.5), damper(0.1, rate=50.0)])
+    low = two.limits("rate").low  # the slower one keeps half the rate
+    slow = fa.LinearController([], D=[[0.1 * INERTIA * 50.0]], rate=low / 2, measure=[("rate", 0)])
+    fast = fa.LinearController([], D=[[0.5 * INERTIA * 100.0]], rate=low, measure=[("rate", 0)])
+    assert np.abs(fa.closed_loop(rigid(), [fast, slow]).z).max() == pytest.approx(1.0, abs=1e-7)
+    with pytest.raises(ValueError, match="no law of this loop is sampled"):
+        fa.closed_loop(rigid(), fa.PD(1.0, 1.0)).limits("rate")

@@ -85,3 +85,20 @@ def test_too_few_coordinates_say_how(arm: fa.Arm) -> None:
     for ask in (arm.frame, arm.modes, arm.equilibrium, lambda q: fa.simulate(arm, [0, 1], q)):
         with pytest.raises(ValueError, match=r"q0? has shape \(2,\): .*arm\.pose\(\{0: 0\.3\}\)"):
             ask([0.1, 0.2])
+
+
+def test_whoever_takes_a_state_tells_of_pose_and_takes_its_dictionary() -> None:
+    beam = fa.Beam(0.5, fa.Rectangle(0.004, 0.02), fa.Material(2700, 70e9, 0.3), {"bending_y": 2}, damping_ratio=0.01)
+    two = fa.Arm([fa.Link(fa.Revolute("z"), beam=beam), fa.Link(fa.Revolute("z"), beam=beam, name="fore")])
+    q = two.pose({"fore": 0.4})
+    for ask in (
+        lambda q: fa.lqr(two, q).K,
+        two.linearize,
+        two.equilibrium,
+        lambda q: two.modes(q).frequencies,
+        lambda q: fa.closed_loop(two, fa.StateFeedback(np.ones((1, 12)), q0=q)).growth,
+    ):
+        with pytest.raises(ValueError, match=r"q0? has shape \(2,\): must be 6 numbers, .*arm.pose"):
+            ask([0.2, -0.2])
+    assert (fa.lqr(two, {"fore": 0.4}).K == fa.lqr(two, q).K).all()
+    assert (two.modes({"fore": 0.4}).frequencies == two.modes(q).frequencies).all()

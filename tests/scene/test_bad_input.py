@@ -238,7 +238,7 @@ WRONG_KINDS = [
     (lambda: fa.PD(1, 1, reference=[[1, 2], [3]]), r"reference: r has shape \(1,\): must be 2"),
     (lambda: run(control=fa.PD(1, 1, reference=lambda t: "a")), r"reference at t = 0.*must be numbers"),
     (lambda: run(control=fa.LinearController.pid(1, 1, 1, rate=10, reference=lambda t: "a")), r"reference at t = 0"),
-    (lambda: run(control=fa.Sampled(lambda t, y: "a", 100)), r"the law gave 'a'; must be 1 finite number"),
+    (lambda: run(control=fa.Sampled(lambda t, y: "a", 100)), r"the law gave 'a'; must be one finite number"),
     (lambda: run(control=fa.Sampled(lambda t, y: [[1], [2, 3]], 100)), r"the law gave \[\[1\], \[2, 3\]\]"),
     (lambda: fa.simulate_batch(wheel(), [0, 0.1], drive=5), r"drive = 5: must be a dictionary"),
     (lambda: fa.simulate_batch(wheel(), [0, 0.1], drive=[fa.Torque(1)]), r"drive = .*must be a dictionary"),

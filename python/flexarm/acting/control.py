@@ -63,12 +63,14 @@ class Run(NamedTuple):
         times, loads: of the run.
         first, total: where the controller's states begin among those of all, and how many there are of all; see
             `extended`.
+        number: of the controller, among all.
     """
 
     times: Array
     loads: Any
     first: int
     total: int
+    number: int = 0
 
 
 class Controller:
@@ -88,12 +90,43 @@ class Controller:
         made: Any = type(self)
         return {name: getattr(self, name) for name in arguments(made)}
 
+    def __repr__(self) -> str:
+        """In one line: its gains, its joint, its rate, and what else is not at its default."""
+        try:
+            given = self._arguments()
+        except AttributeError:  # of a subclass that keeps other things
+            return object.__repr__(self)
+        made: Any = type(self)
+        defaults = arguments(made)
+        said = {name: _in_words(value) for name, value in given.items() if name in defaults}
+        shown = [f"{name}={text}" for name, text in said.items()
+                 if text and (name == "link" or text != _in_words(defaults[name].default))]  # fmt: skip
+        return f"{made.__name__}({', '.join(shown)})"
+
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         raise NotImplementedError(f"{type(self).__name__} is no control law: subclass Sampled, or give one a function")
 
     def _columns(self, arm: Chain) -> list[Array]:
         """Generalised forces (nv,) per unit of each output."""
         return force_columns(arm, self.actuate)  # type: ignore[attr-defined]
+
+
+def _in_words(value: Any) -> str:
+    """An argument of a controller, in short; "" for none."""
+    if isinstance(value, Torque) and value.constant:
+        value = float(np.ravel(value(0.0))[0])
+    if isinstance(value, np.ndarray):
+        few = "[" + ", ".join(f"{x:.4g}" for x in value.ravel()) + "]"
+        much = " x ".join(map(str, value.shape)) + " numbers"
+        return "" if not value.any() else few if value.size <= 8 else much
+    if isinstance(value, (list, tuple)):
+        inside = ", ".join(map(_in_words, value))
+        return f"({inside})" if isinstance(value, tuple) else f"[{inside}]"
+    if value is None or (isinstance(value, float) and not np.isfinite(value)):
+        return ""
+    if isinstance(value, (bool, str, Motor)):
+        return repr(value)
+    return f"{value:.6g}" if isinstance(value, (int, float)) else getattr(value, "__name__", type(value).__name__)
 
 
 class _JointLaw(Controller):
@@ -271,7 +304,7 @@ class StateFeedback(Controller):
             )
         columns = force_columns(arm, self.actuate)
         K = array("K", self.K, (len(columns), 2 * arm.nv))
-        q0 = np.zeros(arm.nq) if self.q0 is None else array("q0", self.q0, (arm.nq,))
+        q0 = arm._place("q0", self.q0)  # zero if None, as there are no balls
         v0 = np.zeros(arm.nv) if self.v0 is None else array("v0", self.v0, (arm.nv,))
         u0 = np.zeros(len(columns)) if self.u0 is None else array("u0", self.u0, (len(columns),))
         offset = u0 + K @ np.concatenate([q0, v0])
@@ -354,7 +387,7 @@ def control_laws(
         for i in prescribed:
             if any(column[i] != 0.0 for column in columns):
                 raise ValueError(f"control[{k}]: acts on '{arm.coordinates[i]}', whose motion is prescribed")
-        laws, samplers = c._laws(arm, Run(times, loads, first, total))
+        laws, samplers = c._laws(arm, Run(times, loads, first, total, k))
         first += c.memory
         nq, nv = arm.nq + total, arm.nv + total
         feedback += [(padded(c, nv), padded(by_q, nq), padded(by_v, nv), *rest) for c, by_q, by_v, *rest in laws]

@@ -7,7 +7,7 @@ from typing import Any
 import flexarm._core as _core
 
 from .motor import Motor, finite, positive
-from .sampled import LinearController
+from .sampled import LinearController, as_floats
 
 
 class PID(LinearController):
@@ -20,7 +20,8 @@ class PID(LinearController):
         link: which joint, or (link, freedom).
         rate: samples a second (Hz); None: continuous.
         reference: of q (rad, m): a number, samples (t, r) with straight lines between, or a callable t -> r.
-        filter_time: of the low pass ahead of the derivative (s); None: two samples.
+        filter_time: of the low pass ahead of the derivative (s); None: two samples. The low pass delays the
+            derivative: gains that are stable with a measured rate, as of PD, may be unstable here.
         delay: from a sample to its force (s); needs a rate.
         limit: u is kept within -limit .. limit; None: the motor's.
         motor: turns u into a torque; None: u is the torque.
@@ -38,12 +39,13 @@ class PID(LinearController):
     ) -> None:  # fmt: skip
         link = tuple(link) if isinstance(link, list) else link  # (link, freedom) in a file
         kp, ki, kd = finite("kp", kp), finite("ki", ki), finite("kd", kd)
-        self._given_as = {"kp": kp, "ki": ki, "kd": kd, "link": link, "rate": rate, "reference": reference,
-                          "filter_time": filter_time, "delay": delay, "limit": limit, "motor": motor,
-                          "tracking_time": tracking_time}  # fmt: skip
         tf = None if filter_time is None else positive("filter_time", filter_time)
         led_back = None if tracking_time is None else positive("tracking_time", tracking_time)
-        period = None if rate is None else 1.0 / positive("rate", rate)
+        rate, delay, limit = as_floats(rate, delay, limit)
+        period = None if rate is None else 1.0 / rate
+        self._given_as = {"kp": kp, "ki": ki, "kd": kd, "link": link, "rate": rate, "reference": reference,
+                          "filter_time": tf, "delay": delay, "limit": limit, "motor": motor,
+                          "tracking_time": led_back}  # fmt: skip
         *system, windup = _core.pid(kp, ki, kd, tf, led_back, period)
         super().__init__(
             tuple(system), rate=rate, measure=[("joint", link)], actuate=[link], reference=reference, delay=delay,

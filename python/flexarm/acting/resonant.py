@@ -10,7 +10,7 @@ from typing import Any
 import flexarm._core as _core
 
 from .motor import Motor, finite, positive
-from .sampled import LinearController
+from .sampled import LinearController, as_floats
 
 
 class _Resonant(LinearController):
@@ -55,14 +55,15 @@ class PPF(_Resonant):
         limit: float | None = None, motor: Motor | None = None,
     ) -> None:  # fmt: skip
         w, zeta, g = positive("frequency", frequency), positive("damping_ratio", damping_ratio), finite("gain", gain)
+        rate, delay, limit = as_floats(rate, delay, limit)
         self._given_as = {"frequency": w, "damping_ratio": zeta, "gain": g, "rate": rate, "reference": reference,
                           "delay": delay, "limit": limit, "motor": motor}  # fmt: skip
         self.frequency, self.damping_ratio, self.gain = w, zeta, g
         period = None
         if rate is not None:
-            period = 1.0 / positive("rate", rate)
+            period = 1.0 / rate
             if w * period >= pi:
-                raise ValueError(f"rate = {rate}: must be above {w / pi:.6g} Hz, twice the filter's frequency")
+                raise ValueError(f"rate = {rate:.10g}: must be above {w / pi:.6g} Hz, twice the filter's frequency")
         self._make(_core.positive_position(w, zeta, g, period)[:4], reference, rate=rate, measure=measure,
                    actuate=actuate, delay=delay, limit=limit, motor=motor)  # fmt: skip
 
@@ -94,6 +95,7 @@ class IRC(_Resonant):
         k, d = finite("gain", gain), finite("feedthrough", feedthrough)
         system = _core.integral_resonant(k, d)[:4]
         self.gain, self.feedthrough = k, d
+        rate, delay, limit = as_floats(rate, delay, limit)
         self._given_as = {"gain": k, "feedthrough": d, "rate": rate, "reference": reference, "delay": delay,
                           "limit": limit, "motor": motor}  # fmt: skip
         self._make(system, reference, rate=rate, measure=measure, actuate=actuate, delay=delay, limit=limit,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Any, ClassVar
@@ -55,18 +56,36 @@ def _entry(entry: Any) -> Any:
     return entry
 
 
+def note(e: Exception, name: str, t: float) -> None:
+    """Adds to what a user's law raised which law it was, and when."""
+    text = f"raised by the law of {name} at t = {t:.9g} s"
+    if sys.version_info >= (3, 11):
+        e.add_note(text)
+    elif len(e.args) < 2:  # Python 3.10 has no notes
+        e.args = (f"{e.args[0] if e.args else type(e).__name__} ({text})",)
+
+
+def count_of(n: int) -> str:
+    """n finite numbers, in words."""
+    return "one finite number" if n == 1 else f"{n} finite numbers"
+
+
 class Asked:
     """A law as the core asks it for forces, once a sample of one run."""
 
     def __init__(
-        self, law: Callable[[float, Array], Any], read: _Reader, columns: Array, limit: float, size: int
+        self, law: Callable[[float, Array], Any], read: _Reader, columns: Array, limit: float, size: int, name: str
     ) -> None:
-        self.law, self.read, self.columns, self.limit, self.size = law, read, columns, limit, size
+        self.law, self.read, self.columns, self.limit, self.size, self.name = law, read, columns, limit, size, name
         self.seen = Seen()
 
     def __call__(self, t: float, q: Array, v: Array, a: Array) -> Array:
         y = self.read(t, q, v, a)
-        said = self.law(t, y)
+        try:
+            said = self.law(t, y)
+        except Exception as e:
+            note(e, self.name, t)
+            raise
         try:
             u = np.atleast_1d(np.asarray(said, dtype=float))
             said = u.tolist()
@@ -74,7 +93,7 @@ class Asked:
             u = np.full(1, np.nan)
         if u.shape != (self.columns.shape[1],) or not np.isfinite(u).all():
             raise ValueError(
-                f"control at t = {t}: the law gave {said!r}; must be {self.columns.shape[1]} finite numbers"
+                f"{self.name} at t = {t}: the law gave {said!r}; must be {count_of(self.columns.shape[1])}"
             )
         self.seen.note(y, u)
         return padded(self.columns @ np.clip(u, -self.limit, self.limit), self.size)
@@ -135,7 +154,7 @@ class Sampled(Controller):
     def _law(self, arm: Chain, columns: Array, run: Run, opened: list[Any]) -> Any:
         """What the core asks for forces, once a sample."""
         read = self._reader(arm, run.loads, opened)
-        return Asked(self.law, read, columns, self.limit, arm.nv + run.total)
+        return Asked(self.law, read, columns, self.limit, arm.nv + run.total, f"control[{run.number}]")
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         units = np.array(force_columns(arm, self.actuate)).T
@@ -311,6 +330,12 @@ class LinearController(Sampled):
                    for u, w, c, d, constant in zip(units.T, W.T, self.C, self.D, self.u0, strict=True)]  # fmt: skip
         inside = [law(x, a, b, constant, np.inf) for x, a, b, constant in zip(states, A, B, x0, strict=True)]
         return [*outputs, *inside, *braking_laws(arm, self.motor, units.T)], []
+
+
+def as_floats(rate: Any, delay: Any, limit: Any) -> tuple[float | None, float, float | None]:
+    """The arguments of a law that is made anew of them: a whole number, too, can vary."""
+    rate = None if rate is None else positive("rate", rate)
+    return rate, number("delay", delay), None if limit is None else positive("limit", limit)
 
 
 def is_samples(reference: Any) -> bool:

@@ -398,7 +398,7 @@ def equilibrium(
     arm: Chain, q: ArrayLike | None, tau: ArrayLike | None, lock: Iterable[Any] | None, loads: Any
 ) -> Array:
     """See Arm.equilibrium."""
-    q0 = arm.zero if q is None else array("q", q, (arm.nq,))
+    q0 = arm._place("q", q)
     forces = np.zeros(arm.nv) if tau is None else array("tau", tau, (arm.nv,))
     free = ~locked_rates(arm, lock)
     forces = np.where(free, forces, 0.0)

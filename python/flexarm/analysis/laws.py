@@ -13,7 +13,7 @@ import flexarm._core as _core
 
 from .._check import Array
 from ..acting.control import Run, gain_of, measured_rows, padded
-from ..acting.sampled import Asked, LinearController, Sampled
+from ..acting.sampled import Asked, LinearController, Sampled, count_of, note
 from ..acting.seen import Seen
 from ..parts.chain import Chain
 
@@ -75,13 +75,13 @@ def running_laws(
     arm: Chain, controls: Sequence[Any], times: Array, loads: Any
 ) -> tuple[list[RunningLaw], list[list[Any]], int]:
     """The laws without samples of controllers; those with samples of each, as the core takes them; and how many states
-    the former have."""
+    the former have. States that the arm cannot feel are left out."""
     found: list[RunningLaw] = []
     sampled = []
     total, first = sum(c.memory for c in controls), 0
     nq, nv = arm.nq + total, arm.nv + total
     for k, c in enumerate(controls):
-        laws, held = c._laws(arm, Run(times, loads, first, total))
+        laws, held = c._laws(arm, Run(times, loads, first, total, k))
         sampled.append(held)
         for column, by_q, by_v, _, limit in laws:
             if not (np.any(by_q) or np.any(by_v)):
@@ -91,7 +91,24 @@ def running_laws(
             acts = bool(np.any(column[: arm.nv])) and not brakes
             found.append(RunningLaw(k, padded(column, nv), padded(by_q, nq), padded(by_v, nv), limit, acts))
         first += c.memory
-    return found, sampled, total
+    felt = np.zeros(total, dtype=bool)
+    for _ in range(total):
+        for x in found:
+            if np.any(x.column[: arm.nv]) or np.any(x.column[arm.nv :][felt]):
+                felt |= (x.by_q[arm.nq :] != 0) | (x.by_v[arm.nv :] != 0)
+    gone = np.flatnonzero(~felt)  # such as the integral of a PID whose ki is zero
+    for x in found:
+        x.column, x.by_v = np.delete(x.column, arm.nv + gone), np.delete(x.by_v, arm.nv + gone)
+        x.by_q = np.delete(x.by_q, arm.nq + gone)
+    return [x for x in found if np.any(x.column)], sampled, int(felt.sum())
+
+
+def _felt_part(A: Array, B: Array, C: Array, D: Array) -> tuple[Array, Array, Array, Array]:
+    """A sampled law without the states that no output can feel."""
+    felt = np.any(C != 0, axis=0)
+    for _ in range(felt.size):
+        felt |= np.any(A[felt] != 0, axis=0)
+    return A[np.ix_(felt, felt)], B[felt], C[:, felt], D
 
 
 def taps_of(arm: Chain, c: Any, q: Array, v: Array, loads: Any = None) -> tuple[list[Tap], Array, bool]:
@@ -143,7 +160,7 @@ def held_law(
     if isinstance(c, LinearController):
         if c.B.shape[1] != len(taps):
             raise ValueError(f"control[{k}].measure: gives {len(taps)} numbers; B has {c.B.shape[1]} columns")
-        matrices = c.A, c.B, c.C, c.D
+        matrices = _felt_part(c.A, c.B, c.C, c.D)
     elif seen:
         found = law.seen.law() if isinstance(law, Asked) else None
         if found is None:
@@ -162,9 +179,14 @@ def _asked(name: str, law: Any, y0: Array, t: float, rate: float, nu: int) -> tu
         pass
 
     def ask(y: Array, at: float = t) -> Array:
-        u = np.atleast_1d(np.asarray(law(at, y), dtype=float))
+        try:
+            said = law(at, y)
+        except Exception as e:
+            note(e, name, at)
+            raise
+        u = np.atleast_1d(np.asarray(said, dtype=float))
         if u.shape != (nu,) or not np.isfinite(u).all():
-            raise NoLinearLaw(f"{name}: the law gave {u.tolist()} at the state; must be {nu} finite numbers")
+            raise NoLinearLaw(f"{name}: the law gave {u.tolist()} at the state; must be {count_of(nu)}")
         return u
 
     try:

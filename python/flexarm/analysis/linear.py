@@ -354,7 +354,7 @@ def linearize(
 ) -> LinearModel:
     """See Arm.linearize."""
     nv, zero = arm.nv, np.zeros(arm.nv)
-    q0 = array("q", q, (arm.nq,))
+    q0 = arm._place("q", q)
     arm.check_balls("q", q0)
     v0 = zero if v is None else array("v", v, (nv,))
     locked = locked_rates(arm, lock)

@@ -217,7 +217,7 @@ def small_motions(
     loads: Any = (),
 ) -> SmallMotions:
     """See Arm.modes, for what the arguments are."""
-    q0 = arm.zero if q is None else array("q", q, (arm.nq,))
+    q0 = arm._place("q", q)
     v0 = np.zeros(arm.nv)
     for i, value in arm.by_rate("speed", speed).items():
         v0[i] = array("speed", value, ())

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import Array, array, choice, number
+from .._check import Array, choice, number
 from ..analysis.validity import range_warning, worst_range
 from ..arm import Arm
 from .inversion import Inversion
@@ -198,7 +198,7 @@ def _start(of: Equations, path: Path, q: Any, posture: Any) -> Array:
         raise ValueError("posture: q is the posture already; give one of them")
     arm = of.arm
     name, value = ("q", q) if q is not None else ("posture", posture)
-    pose = arm.zero if value is None else array(name, value, (arm.nq,))
+    pose = arm._place(name, value)
     wanted = path(np.array([path.begin]))[0]
     of.posture = pose[of.joints]
     if not of.elastic:

@@ -119,7 +119,7 @@ class KalmanFilter:
             number("spectral_radius", spectral_radius), number("friction_speed", friction_speed),
         )  # fmt: skip
         self._start = [
-            array("q", arm.zero if q is None else q, (arm.nv,)),
+            arm._place("q", q),
             array("v", np.zeros(arm.nv) if v is None else v, (arm.nv,)),
             _each("q_std", q_std, arm.nv),
             _each("v_std", v_std, arm.nv),

@@ -169,7 +169,9 @@ class Fit:
         if coloured:
             notes.append(
                 f"Residuals of {', '.join(coloured)} are not white: the intervals allow for their autocorrelation, but "
-                "not for what the model leaves out."
+                "not for what the model leaves out. Possible causes: friction, damping, backlash or modes that the "
+                "scene lacks; a step of the integrator that is too long; a sensor whose filter, delay, gain or place "
+                "differs from the scene's; noise that is coloured."
             )
         for name in sorted(self.noise_told):
             rms = np.sqrt(np.mean([c.rmse[name] ** 2 for c in self.comparisons if name in c.rmse]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, replace
@@ -152,8 +153,11 @@ def readers(
         asked = {name: name for name in asked}
     found: dict[str, Output] = {}
     for name, what in asked.items():
-        choice("outputs", name, data)
         where = f"outputs['{name}']"
+        if name not in data:
+            near = difflib.get_close_matches(str(name), data, n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else ""
+            raise ValueError(f"{where}: is no column of the data, which are {', '.join(data)}{hint}")
         if isinstance(what, Sensor):
             if ideal(what) not in sensors:
                 sensors.append(ideal(what))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from .._check import Array, array, choice, number, whole
 from ..acting.control import Controller
 from ..acting.load import Load, at_time
-from ..acting.pid import PID
 from ..acting.sampled import LinearController
 from ..acting.shaping import Shaper, input_shaper
 from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, trim
@@ -24,7 +24,7 @@ from ..analysis.modes import Modes
 from ..analysis.plant import Plant
 from ..arm import Arm
 from ..draw.loop import plot_loop
-from ..run.variation import Setup, Variation, fields_of
+from ..run.variation import Setup, Variation, fields_of, numbered
 from .locus import Limits, Locus, limits_of, locus_of
 from .table import table
 
@@ -189,10 +189,10 @@ class ClosedLoop:
 
     # -- over a parameter ----------------------------------------------------------------------------------------------
 
-    def _poles_at(self, path: str, value: float) -> Complex:
-        """The poles with a parameter changed."""
-        found = Variation(self._setup, {path: np.array([value])}).scenario(0)
-        if path.startswith("control."):  # the arm stays what it is
+    def _poles_at(self, values: dict[str, float]) -> Complex:
+        """The poles with parameters changed, all of the controllers or one of the arm."""
+        found = Variation(self._setup, {path: np.array([x]) for path, x in values.items()}).scenario(0)
+        if all(path.startswith("control.") for path in values):  # the arm stays what it is
             return _hybrid(self._hybrid.plant, found.control, self._given["t"], found.loads).poles()[0]
         return closed_loop(found.arm, list(found.control), loads=found.loads, **self._given).poles
 
@@ -201,22 +201,46 @@ class ClosedLoop:
         if path == "gain":
             ones = self._hybrid.ones()
             return (lambda x: self._hybrid.poles(x * ones)[0]), 1.0
+        if path == "rate":
+            rates = {f"control.{x.control}.rate": x.rate for x in self._hybrid.held}
+            if not rates:
+                raise ValueError("over = 'rate': no law of this loop is sampled")
+            fastest = max(self._value(name) for name in rates)
+            return (lambda x: self._poles_at({name: x * (r / fastest) for name, r in rates.items()})), fastest
         if not isinstance(path, str):
-            raise ValueError(f'over = {path!r}: must be "gain", or a path such as "control.0.kp" or "link.0.tip.mass"')
+            raise ValueError(
+                f'over = {path!r}: must be "gain", "rate", or a path such as "control.0.kp" or "link.0.tip.mass"'
+            )
         now = self._value(path)
-        return (lambda x: self._poles_at(path, float(x))), now
+        return (lambda x: self._poles_at({path: float(x)})), now
+
+    def _check_rates(self, path: str) -> None:
+        """ValueError for a rate beside others that stay: few values have a common period with them."""
+        if re.fullmatch(r"rate|control\.\d+\.rate", path) is None:
+            return
+        kept = {f"control[{x.control}] ({x.rate:g} Hz)": None for x in self._hybrid.held
+                if path not in ("rate", f"control.{x.control}.rate")}  # fmt: skip
+        read = {f"a sensor of control[{x.control}] ({tap.rate:g} Hz)": None for x in self._hybrid.held
+                for tap in x.taps if tap.rate is not None}  # fmt: skip
+        if kept or read:
+            how = "" if read else 'limits("rate") varies the rates of all laws together; '
+            raise ValueError(
+                f"over = {path!r}: {', '.join({**kept, **read})} keeps its rate, and a loop of two rates has poles "
+                f"only where these have a common period, so there is no range to search; {how}locus(values, {path!r}) "
+                "takes values with whole ratios, such as 250, 500 and 1000"
+            )
 
     def _value(self, path: str) -> float:
         """What the parameter is now."""
         roots = {"link": self.arm.links, "load": self._setup.loads, "control": self.control}
-        root, *names = path.split(".")
+        root, *names = numbered(self._setup, path).split(".")
         part: Any = roots.get(root)
         if names[1:] == ["rate"] and names[0].isdigit() and int(names[0]) < len(self.control):
             law = self.control[int(names[0])]
-            if isinstance(law, LinearController) and law.A.size and not isinstance(law, PID):
+            if isinstance(law, LinearController) and law.A.size and not law.rebuilt:
                 raise ValueError(
                     f"over = {path!r}: the matrices of a LinearController are of one rate; make one for each rate, and "
-                    "ask closed_loop of each"
+                    "ask closed_loop of each (the rate of .pid, .ppf and .irc can vary)"
                 )
         for name in names:
             fields = fields_of(part)
@@ -234,8 +258,9 @@ class ClosedLoop:
 
         Args:
             values: of the parameter, (m,), increasing.
-            over: "gain": a factor of all outputs of the controllers; or a path as `simulate_batch(parameters=)` has it:
-                "control.0.kp", "control.0.rate", "control.0.delay", "link.0.tip.mass".
+            over: "gain": a factor of all outputs of the controllers. "rate": the rate of the fastest sampled law (Hz);
+                those of all others change in proportion. Or a path as `simulate_batch(parameters=)` has it:
+                "control.0.kp", "control.0.rate", "control.0.delay", "link.0.tip.mass", "link.forearm.tip.mass".
 
         Returns:
             Locus: `.values`, `.poles`, `.crossings`, `.plot()`.
@@ -250,8 +275,12 @@ class ClosedLoop:
 
         Returns:
             Limits: `.low`, `.high`, and words.
+
+        Raises:
+            ValueError: as of `locus`; the rate of one law, beside a law or a sensor that keeps its rate.
         """
         poles, now = self._poles_over(over)
+        self._check_rates(over)
         return limits_of(poles, now, over, self.poles)
 
     def plot(self) -> Figure:

@@ -265,6 +265,11 @@ class Chain:
         """q, of a dictionary what `pose` makes of it."""
         return self.pose(q) if isinstance(q, Mapping) else q
 
+    def _place(self, field: str, q: Any) -> Array:
+        """q (nq,), checked but for balls: `zero` for None, of a dictionary what `pose` makes of it."""
+        with self._saying_how(field):
+            return self.zero if q is None else array(field, self._posed(q), (self.nq,))
+
     @staticmethod
     def _x(x: float | None) -> float | None:
         return None if x is None else number("x", x)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, array, choice
+from .._check import Array, choice
 from ..acting.drive import Motion
 from ..acting.load import Load
 from ..acting.voltage import is_patch
@@ -25,7 +25,7 @@ def start(arm: Arm, q0: Any, drive: Mapping[Any, Any], loads: Sequence[Load], t:
     if isinstance(q0, Mapping):
         return arm.pose(q0)
     if not isinstance(q0, str):
-        return array("q0", q0, (arm.nq,))
+        return arm._place("q0", q0)
     word = choice("q0", q0, WORDS)
     moved = {key: float(law(t)[0]) for key, law in drive.items() if isinstance(law, Motion)}
     pose = arm.pose(moved)
