@@ -81,7 +81,7 @@ def test_the_reference_position(tmp_path: Path) -> None:
     ("text", "options", "says"),
     [
         (TEXT.replace("</worldbody>", ""), {"tip": "tool"}, "line 29"),
-        (TEXT.replace('name="elbow"', 'name="elbow" type="ball"'), {"tip": "tool"}, "'elbow': its type 'ball'"),
+        (TEXT.replace('name="elbow"', 'name="elbow" type="ball"'), {"tip": "tool"}, "'elbow': type 'ball'"),
         (TEXT.replace('type="slide"', 'type="slid"'), {"tip": "tool"}, "line 20"),
         (TEXT, {"tip": "tol"}, "did you mean 'tool'"),
         (TEXT, {}, "the robot branches"),
