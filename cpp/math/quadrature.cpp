@@ -3,12 +3,14 @@
 #include <Eigen/Eigenvalues>
 #include <cmath>
 
+#include "flexarm/spatial.hpp"
+
 namespace flexarm {
 
 GaussRule::GaussRule(int n, double length) : points(n), weights(n) {
   for (int i = 0; i < n; ++i) {
     // Newton's iteration on P_n from Tricomi's estimate of the root
-    double x = -std::cos(3.14159265358979323846 * (i + 0.75) / (n + 0.5)), slope = 1.0;
+    double x = -std::cos(kPi * (i + 0.75) / (n + 0.5)), slope = 1.0;
     for (int it = 0; it < 8; ++it) {
       double p0 = 1.0, p1 = x;
       for (int k = 2; k <= n; ++k) {

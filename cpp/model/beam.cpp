@@ -7,6 +7,7 @@
 #include "beam_profile.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/quadrature.hpp"
+#include "flexarm/spatial.hpp"
 #include "shape_tables.hpp"
 
 namespace flexarm {
@@ -98,7 +99,7 @@ int enough_when_straight(const BeamOptions& o, const std::vector<ShapeSet>& shap
   }
   // The integrand holds products of two (order i: 2 i) modes of wave number beta ~ (n - 1/2) pi over the
   // length. n points integrate cos(k X/L) to (e k / 8n)^2n.
-  const double beta = 3.14159265358979323846 * std::max(bending - 0.5, simple - 0.5);
+  const double beta = kPi * std::max(bending - 0.5, simple - 0.5);
   const int products = o.order == 1 && o.rotary_inertia ? 2 : std::clamp(o.order, 1, 3);
   const double k = 2.0 * products * std::max(beta, 1.9) * part;
   int n = 4;

@@ -8,8 +8,6 @@ namespace flexarm {
 
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
-
 Eigen::Vector3d unit(const Eigen::Vector3d& axis) {
   finite("axis", axis);
   if (!(axis.stableNorm() > 0.0)) bad_value("axis", axis.transpose(), "must not be zero");

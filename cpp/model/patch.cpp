@@ -4,14 +4,9 @@
 #include <cmath>
 
 #include "flexarm/check.hpp"
+#include "flexarm/spatial.hpp"
 
 namespace flexarm {
-
-namespace {
-
-constexpr double kPi = 3.14159265358979323846;
-
-}  // namespace
 
 Piezo::Piezo(double youngs, double poisson, double rho, double along, double across, double shear, double epsilon)
     : youngs_modulus(positive("youngs_modulus", youngs)),

@@ -9,10 +9,6 @@
 
 namespace flexarm {
 
-namespace {
-constexpr double kPi = 3.14159265358979323846;
-}
-
 Material::Material(double rho, double youngs, std::optional<double> poisson, std::optional<double> shear)
     : density(non_negative("density", rho)), youngs_modulus(positive("youngs_modulus", youngs)), shear_modulus(0.0) {
   if (poisson && shear) bad_value("shear_modulus", *shear, "give either poisson_ratio or shear_modulus, not both");

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "flexarm/check.hpp"
+#include "flexarm/spatial.hpp"
 
 namespace flexarm {
 
@@ -19,8 +20,6 @@ constexpr bool is_sound() {
   return true;
 }
 static_assert(is_sound(), "kStrainFields");
-
-constexpr double kPi = 3.14159265358979323846;
 
 /// Root i = 0, 1, ... of cos(b) cosh(b) = -1, the Euler-Bernoulli clamped-free equation.
 double clamped_free_root(int i) {

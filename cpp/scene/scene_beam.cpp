@@ -10,8 +10,6 @@ namespace flexarm {
 
 namespace {
 
-constexpr std::size_t kTerms = 60;  // Legendre polynomials of one shape, at most
-
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();  // what is left out
 using Sizes = const double*;
 using Shear = std::optional<ShearCorrection>;

@@ -6,6 +6,8 @@
 
 namespace flexarm {
 
+constexpr std::size_t kTerms = 60;  // Legendre polynomials of a shape or a profile, at most
+
 /// A body, of a hub, a tip or a basis_tip.
 RigidBody read_body(const At& table);
 Beam read_beam(const At& table);

@@ -10,8 +10,6 @@ namespace flexarm {
 
 namespace {
 
-constexpr std::size_t kTerms = 60;  // Legendre polynomials of a profile, at most
-
 Piezo read_piezo(const At& table) {
   table.known_keys({"youngs_modulus", "poisson_ratio", "density", "d31", "d15", "permittivity", "d32"});
   table.needs({"youngs_modulus", "poisson_ratio", "density", "d31"});

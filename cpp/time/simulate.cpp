@@ -12,10 +12,10 @@ namespace flexarm {
 
 namespace {
 
-constexpr double kSame = 1e-6;  // parts of a step by which two times are still one
+constexpr double kSameTime = 1e-6;  // parts of a step by which two times are still one
 constexpr double kMostSteps = 1e10;
 constexpr double kResolved = 1e-6;   // parts of a motion's velocity that a step may miss
-constexpr double kStill = 1e-3;      // parts of a motion's largest speed: what is slower counts as that fast
+constexpr double kSlow = 1e-3;       // parts of a motion's largest speed: what is slower counts as that fast
 constexpr double kInBetween = 1e-4;  // the same, at its samples
 constexpr int kLooks = 5;            // halvings of a step that does not see the motion; then it is taken to jump
 constexpr int kLooksInside = 8;      // places of an interpolated step at which events are looked at
@@ -53,7 +53,7 @@ std::vector<double> stops(const std::vector<double>& samples, const Eigen::Vecto
   double last = t[0];
   for (Eigen::Index k = interpolates ? t.size() - 1 : 1; k < t.size(); ++k) {
     for (; next < samples.size() && samples[next] < t[k]; ++next) {
-      if (samples[next] < last + kSame * step || samples[next] > t[k] - kSame * step) continue;
+      if (samples[next] < last + kSameTime * step || samples[next] > t[k] - kSameTime * step) continue;
       last = samples[next];
       out.push_back(last);
     }
@@ -76,7 +76,7 @@ bool resolved(const std::vector<Drive>& drives, const std::vector<double>& speed
     const Drive& d = drives[n];
     if (!d.motion) continue;
     MotionValue at[kNodes];
-    double speed = 0.0, turn = 0.0, size = kStill * speeds[n];
+    double speed = 0.0, turn = 0.0, size = kSlow * speeds[n];
     for (int i = 0; i < kNodes; ++i) {
       at[i] = d.motion(from + h * x[i]);
       size = std::max({size, std::abs(at[i].v), h * std::abs(at[i].a)});
@@ -179,7 +179,7 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
   s.q = q0;
   s.v = v0;
   s.drive(t[0]);
-  s.sample(t[0] + kSame * step);
+  s.sample(t[0] + kSameTime * step);
   if (!s.record(out, composite)) return out;
 
   struct {
@@ -216,7 +216,7 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
   bool going = true;
   for (const double stop : stops(sample_times(sampled, loads, control, t, functions), t, step, method.interpolates())) {
     const double start = out.reached;
-    const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step - kSame)));
+    const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step - kSameTime)));
     // One step, or, where its equations cannot be solved, two of half its length, and so on. (Not of the implicit
     // method: an iteration that fails on modes too fast for the step, and loud, may find a solution that is none.)
     const auto advance = [&](const auto& again, double from, double h, double last, int level) -> Status {
@@ -258,7 +258,7 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
     if (!going && (out.reached < t[t.size() - 1] || t[out.done] < out.reached)) out.failure = kInterrupted;
     if ((!out.failure.empty() || out.terminated) && out.reached != stop) break;
     try {
-      if (s.sample(stop + kSame * step)) status = method.jump(s.ws, s.q, s.v, s.tau);
+      if (s.sample(stop + kSameTime * step)) status = method.jump(s.ws, s.q, s.v, s.tau);
     } catch (const Interrupted&) {
       out.failure = kInterrupted;
     }

@@ -32,9 +32,10 @@ T* block(py::dict& out, const char* name, py::ssize_t size) {
 using Motions = std::vector<std::pair<int, Table>>;
 using Forces = std::vector<std::pair<Table, Table>>;
 using Loads = std::vector<std::pair<std::vector<Load>, Table>>;
-using Laws = std::vector<std::tuple<Table, Table, Table, Table, Table>>;
+using LawTables = std::vector<std::tuple<Table, Table, Table, Table, Table>>;
 
-void add_drives(BatchProblem& p, const Motions& motions, const Forces& forces, const Loads& loads, const Laws& laws) {
+void add_drives(BatchProblem& p, const Motions& motions, const Forces& forces, const Loads& loads,
+                const LawTables& laws) {
   const Arm& arm = *p.arms[0];
   const py::ssize_t b = p.scenarios, halves = 2 * static_cast<py::ssize_t>(p.lengths.size()) + 1;
   for (const auto& [coordinate, value] : motions) {
@@ -54,7 +55,7 @@ void add_drives(BatchProblem& p, const Motions& motions, const Forces& forces, c
 py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const std::vector<double>& lengths,
                const std::vector<double>& times, const std::vector<Eigen::Index>& hold,
                const std::vector<Eigen::Index>& rows, const Table& q0, const Table& v0, const Table& tau,
-               const Motions& motions, const Forces& forces, const Loads& loads, const Laws& laws,
+               const Motions& motions, const Forces& forces, const Loads& loads, const LawTables& laws,
                const std::string& integrator, double spectral_radius, double rtol, bool lanes, py::ssize_t whole,
                py::dict& out, int workers, const py::object& alive) {
   if (arms.empty()) bad_value("arms", "[]", "must be one, or one for each scenario");

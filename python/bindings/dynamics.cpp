@@ -7,8 +7,8 @@ using namespace flexarm;
 
 namespace {
 
-/// Loads with their wrenches [f; m], one per row.
-struct Loads {
+/// Wrenches with their wrenches [f; m], one per row.
+struct Wrenches {
   const std::vector<Load>& places;
   const Vectors& wrenches;
 
@@ -36,7 +36,7 @@ void check(Status status, const Q& q) {
 
 /// Accelerations for generalised forces; of some rates they are prescribed.
 Vectors forward(const PyArm& arm, const Vectors& q, const Vectors& v, const Vectors& tau, const std::string& method,
-                const std::map<int, double>& prescribed, const Loads& loads) {
+                const std::map<int, double>& prescribed, const Wrenches& loads) {
   const bool ab = method == "ab";
   if (!ab && method != "ci") bad_value("method", "\"" + method + "\"", "must be \"ab\" or \"ci\"");
   std::vector<bool> given(prescribed.empty() ? 0 : static_cast<std::size_t>(arm.nv()));
@@ -92,7 +92,7 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
         Answers tau(v, {self.nv()});
         const auto lent = self.workspace({{}, loads});
         Workspace& ws = *lent;
-        Loads{loads, wrenches}.set(ws);
+        Wrenches{loads, wrenches}.set(ws);
         for_states(self, count(q), 1, [&](Eigen::Index k) {
           inverse_dynamics(self, ws, rows(q).row(k), rows(v).row(k), rows(a).row(k));
           tau[k] = ws.tau.transpose();
@@ -109,7 +109,7 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
         Answers out(q, {6});
         const auto lent = self.reactions(loads);
         JointReactions& reaction = *lent;
-        Loads{loads, wrenches}.tell(reaction);
+        Wrenches{loads, wrenches}.tell(reaction);
         for_states(self, count(q), 1, [&](Eigen::Index k) {
           out[k] = reaction(self, rows(q).row(k), rows(v).row(k), rows(a).row(k), link, inboard).transpose();
         });
@@ -124,7 +124,7 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
          const std::vector<Load>& places, const Vectors& wrenches, bool by_v) {
         const auto lent = self.derivatives(places);
         InverseDerivatives& d = *lent;
-        Loads{places, wrenches}.tell(d);
+        Wrenches{places, wrenches}.tell(d);
         for_states(self, 1, self.nv(), [&](Eigen::Index) { d(self, q, v, a, by_v); });
         return py::make_tuple(Rows(d.dq), Rows(d.dv));
       },
@@ -137,7 +137,7 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
          const std::vector<Load>& places, const Vectors& wrenches) {
         const auto lent = self.forward_derivatives(places);
         ForwardDerivatives& d = *lent;
-        Loads{places, wrenches}.tell(d);
+        Wrenches{places, wrenches}.tell(d);
         for_states(self, 1, self.nv(), [&](Eigen::Index) { check(d(self, q, v, tau), q.transpose()); });
         return py::make_tuple(Rows(d.dq), Rows(d.dv), Rows(d.dtau));
       },

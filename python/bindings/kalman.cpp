@@ -13,9 +13,9 @@ using Row = std::tuple<Eigen::VectorXd, Eigen::VectorXd, double, double,
 /// kind, rate, start, deviation, drift
 using Unknown = std::tuple<int, int, double, double, double>;
 
-std::unique_ptr<KalmanFilter> make(const Arm& arm, double step, const std::vector<Row>& rows,
-                                   const std::vector<Unknown>& unknowns, const Eigen::VectorXd& force_noise,
-                                   double spectral_radius, double friction_speed) {
+std::unique_ptr<KalmanFilter> make_kalman(const Arm& arm, double step, const std::vector<Row>& rows,
+                                          const std::vector<Unknown>& unknowns, const Eigen::VectorXd& force_noise,
+                                          double spectral_radius, double friction_speed) {
   std::vector<KalmanSensor> sensors;
   for (const auto& [by_q, by_v, offset, noise, place, along, F, before, after] : rows) {
     sensors.push_back({by_q, by_v, offset, noise, {}, along, F, before, after});
@@ -84,7 +84,7 @@ py::dict run(KalmanFilter& f, const Rows& tau, const Rows& y) {
 
 void bind_kalman(py::module_& m) {
   py::class_<KalmanFilter>(m, "KalmanFilter")
-      .def(py::init(&make), py::arg("arm"), py::arg("step"), py::arg("sensors"), py::arg("parameters"),
+      .def(py::init(&make_kalman), py::arg("arm"), py::arg("step"), py::arg("sensors"), py::arg("parameters"),
            py::arg("force_noise"), py::arg("spectral_radius"), py::arg("friction_speed"), py::keep_alive<1, 2>())
       .def("start", &KalmanFilter::start, py::arg("q"), py::arg("v"), py::arg("q_deviation"), py::arg("v_deviation"))
       .def(

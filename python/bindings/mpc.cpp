@@ -42,11 +42,11 @@ Mpc::Reference make_reference(const py::object& given, std::size_t count) {
   };
 }
 
-std::shared_ptr<MpcLaw> make(const Arm& arm, const std::vector<Output>& given, const Eigen::MatrixXd& columns,
-                             const std::vector<Eigen::VectorXd>& of_inputs, double period, double horizon, int stages,
-                             int blocks, double terminal, double soft, bool delayed, int iterations,
-                             const py::object& reference, const Eigen::MatrixXd& to_model,
-                             const Eigen::MatrixXd& forces, const py::object& failed) {
+std::shared_ptr<MpcLaw> make_mpc(const Arm& arm, const std::vector<Output>& given, const Eigen::MatrixXd& columns,
+                                 const std::vector<Eigen::VectorXd>& of_inputs, double period, double horizon,
+                                 int stages, int blocks, double terminal, double soft, bool delayed, int iterations,
+                                 const py::object& reference, const Eigen::MatrixXd& to_model,
+                                 const Eigen::MatrixXd& forces, const py::object& failed) {
   std::vector<MpcOutput> outputs;
   for (const auto& [by_q, place, weight, rate_weight, lower, upper, rate_lower, rate_upper] : given) {
     MpcOutput o;
@@ -98,7 +98,7 @@ Eigen::VectorXd MpcLaw::operator()(double t, const Eigen::VectorXd& q, const Eig
 
 void bind_mpc(py::module_& m) {
   py::class_<MpcLaw, std::shared_ptr<MpcLaw>>(m, "Mpc")
-      .def(py::init(&make), py::arg("arm"), py::arg("outputs"), py::arg("columns"), py::arg("of_inputs"),
+      .def(py::init(&make_mpc), py::arg("arm"), py::arg("outputs"), py::arg("columns"), py::arg("of_inputs"),
            py::arg("period"), py::arg("horizon"), py::arg("stages"), py::arg("blocks"), py::arg("terminal"),
            py::arg("soft"), py::arg("delayed"), py::arg("iterations"), py::arg("reference"), py::arg("to_model"),
            py::arg("forces"), py::arg("failed"), py::keep_alive<1, 2>())

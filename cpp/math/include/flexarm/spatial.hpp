@@ -8,6 +8,8 @@
 
 namespace flexarm {
 
+constexpr double kPi = 3.14159265358979323846;
+
 template <class S>
 using Vec6 = Eigen::Matrix<S, 6, 1>;
 template <class S>
