@@ -236,6 +236,21 @@ def test_a_page_asks_for_nothing_from_elsewhere() -> None:
     assert "@@" not in page and page.count("</script>") == 3
 
 
+def test_names_that_matplotlib_takes_for_its_own(tmp_path: Path) -> None:
+    """Dollars begin no formula, and a line that hides a name from its legend hides none here."""
+    dollars, hidden = "a$\\frac{1$b", "_1"
+    beam = fa.Beam(0.3, fa.Tube(0.01, 0.001), STEEL, {"bending_y": 2})
+    arm = fa.Arm([fa.Link(fa.Revolute(name=name), beam=beam, name=f"{name} l") for name in (dollars, hidden)])
+    run = swing(arm, np.linspace(0.0, 1.0, 11))
+    figures = [run.plot(), arm.modes(lock=[0, 1]).plot(), run.to_data().plot(), fa.StrainGauge(link=0).read(run).plot()]
+    figures.append(run.animate(titles=[dollars]).figure())
+    for figure in figures:
+        figure.savefig(tmp_path / "figure.png", dpi=50)
+    for figure in figures[:1] + figures[2:3]:
+        words = [text.get_text().strip() for text in figure.axes[0].get_legend().get_texts()]
+        assert sum("_1" in word for word in words) and sum("frac" in word for word in words)
+
+
 def test_names_that_are_html() -> None:
     """No "<" of a name stands in a page's script, whatever follows it; the browser parses "<!--" there, too."""
     pytest.importorskip("jupyter_threejs_sage")
