@@ -124,7 +124,8 @@ class Chain:
             labels += [f"{self.names[k]} {s} {i + 1}" for s in _core.STRAINS for i in range(counts.get(s, 0))]
             for label in labels:
                 if label in out:
-                    raise ValueError(f"links[{k}]: '{label}' is a coordinate of link {out[label]}, too; take other names")
+                    other = f"a coordinate of link {out[label]}, too"
+                    raise ValueError(f"links[{k}]: '{label}' is {other}; take other names")
                 out[label] = k
         return tuple(out)
 
