@@ -79,7 +79,7 @@ def test_names_in_what_the_core_says() -> None:
 
 def test_labels_are_of_one_coordinate() -> None:
     with pytest.raises(ValueError, match="'a revolute' is a coordinate of link 0, too; take other names"):
-        fa.Arm(links("a", "b", None)[:1] + [fa.Link(fa.Revolute(name="a revolute"), fa.RigidBody(1.0, (1, 0, 0)))])
+        fa.Arm([links("a", "b", None)[0], fa.Link(fa.Revolute(name="a revolute"), fa.RigidBody(1.0, (1, 0, 0)))])
     other = fa.Arm([*links("a", "elbow", None), fa.Link(fa.Revolute(name="elbow"), fa.RigidBody(1.0, (1, 0, 0)))])
     assert other.coordinates[-1] == "link 2 revolute"  # a name of two is none
 
