@@ -53,7 +53,8 @@ def space() -> fa.Arm:
 def rigid() -> fa.Arm:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fa.RobotWarning)
-        return fa.from_urdf(ROBOTS / "six.urdf", tip="tool", gravity=(0, 1, -9.81))
+        arm = fa.from_urdf(ROBOTS / "six.urdf", tip="tool", gravity=(0, 1, -9.81))
+    return fa.Arm([replace(link, looks=()) for link in arm], arm.gravity)
 
 
 def compiled(arm: fa.Arm, segments: int = 10) -> Any:
@@ -210,6 +211,10 @@ def test_names_that_formats_have_themselves(tmp_path: Path) -> None:
     solid = fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0))
     arm = fa.Arm([fa.Link(fa.Revolute(), solid, name=name) for name in ("world", "tip", 'a<&"b--')])
     assert compiled(arm).nv == 3
+    with pytest.warns(fa.RobotWarning, match="the name 'world' of a link"):
+        arm.to_mjcf()
+    named = [fa.Link(fa.Revolute(), solid, name="a"), fa.Link(fa.Revolute(name="a joint"), solid, name="b")]
+    assert compiled(fa.Arm(named)).nv == 2
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fa.RobotWarning)
         arm.to_urdf(tmp_path / "arm.urdf")
@@ -252,19 +257,18 @@ def test_one_sided_stops(tmp_path: Path) -> None:
         assert limits == [(-far, 0.5), (-0.25, far), (0.1, far), (None, None), slide]
 
 
-def everything() -> dict[str, Any]:
-    """An argument of each part, not at its default: all that an arm can have, by whose it is."""
-    modes = {"bending_y": 3, "shear_y": 1, "torsion": 1}
-    joint = {"stiffness": 2.0, "rest": 0.1, "damping": 0.3, "lower": -1.0, "upper": 2.0, "limit_stiffness": 50.0,
-             "limit_damping": 1.0, "coulomb": 0.4, "stiction": 0.5, "reflected_inertia": 0.01,
-             "inboard": fa.Placement((0.1, 0, 0)), "outboard": fa.Placement((0, 0.1, 0)), "name": "elbow"}  # fmt: skip
-    return {"joint": joint, "modes": modes}
+#: Each argument of a joint, not at its default.
+ALL_OF_A_JOINT: dict[str, Any] = {
+    "stiffness": 2.0, "rest": 0.1, "damping": 0.3, "lower": -1.0, "upper": 2.0, "limit_stiffness": 50.0,
+    "limit_damping": 1.0, "coulomb": 0.4, "stiction": 0.5, "reflected_inertia": 0.01,
+    "inboard": fa.Placement((0.1, 0, 0)), "outboard": fa.Placement((0, 0.1, 0)), "name": "elbow",
+}  # fmt: skip
 
 
 def test_nothing_is_lost_in_silence() -> None:
     """Each argument of a joint is in the file, or named in the warning: a file and a warning that an argument does not
     change would not know of it."""
-    made, base = everything(), {"limit_stiffness": 50.0}
+    made, base = ALL_OF_A_JOINT, {"limit_stiffness": 50.0}
     needs = {"rest": {"stiffness": 2.0}, "limit_damping": {"upper": 1.0}, "limit_stiffness": {"upper": 1.0}}
     solid = fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0))
 
@@ -275,11 +279,11 @@ def test_nothing_is_lost_in_silence() -> None:
             return getattr(arm, write)(), "".join(str(w.message) for w in seen)
 
     fields = {f.name for f in dataclasses.fields(fa.Revolute) if f.init} - {"axis"}
-    assert set(made["joint"]) == fields
+    assert set(made) == fields
     for write in ("to_mjcf", "to_urdf"):
-        for name, value in made["joint"].items():
+        for name, value in made.items():
             more = needs.get(name, {})
-            if name == "limit_stiffness":
+            if name.startswith("limit_"):
                 assert "soft stops" in told(write, **more)[1]
             else:
                 assert told(write, **more) != told(write, **more, **{name: value}), (write, name)
@@ -303,6 +307,7 @@ def test_what_beams_and_bodies_lose() -> None:
         with pytest.warns(fa.RobotWarning) as seen:
             write(segments=4)
         said = str(seen[0].message)
+        assert ("names of fixed joints: bolts" in said) == (write == arm.to_mjcf)
         for words in (
             "damping ratio of 'a' in modes above the lowest",
             "coupling of strains of 'b'",
