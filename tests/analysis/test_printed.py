@@ -67,6 +67,11 @@ def test_joints_are_drawn_where_they_sit() -> None:
     dotted = sorted(line.get_xdata()[0] for line in ax.lines if line.get_linestyle() == ":")
     np.testing.assert_allclose(dotted, [0.4, 1.9, 1.9 + 0.75], rtol=1e-12)
     assert [text.get_text() for text in ax.texts] == ["root", "middle", "last"]
+    welded = fa.Arm([*arm.links[:1], fa.Link(fa.Fixed(name="bolts"), beam=beam), fa.Link(fa.Revolute("z"), beam=beam),
+                     fa.Link(fa.Revolute("y"), fa.RigidBody(1.0, inertia=(1, 1, 1)), name="wrist"),
+                     fa.Link(fa.Revolute("x"), fa.RigidBody(1.0, inertia=(1, 1, 1)), name="hand")])  # fmt: skip
+    texts = welded.modes(lock=[0, 2, 3, 4]).plot(1).axes[0].texts
+    assert [text.get_text() for text in texts] == ["root", "link 2", "wrist, hand"]  # what moves; one place, one word
     s = ax.lines[0].get_xdata()
     assert s[0] == pytest.approx(0.4) and s[-1] == pytest.approx(1.9 + 0.75 + 1.0)
 

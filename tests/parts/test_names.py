@@ -77,6 +77,18 @@ def test_names_in_what_the_core_says() -> None:
         fa.simulate(NAMED, T, drive={"shoulder": fa.Torque(1e6)}, integrator="rk4", step=1e-5)
 
 
+def test_messages_name_joints() -> None:
+    solid = fa.RigidBody(1.0, inertia=(1, 1, 1))
+    arm = fa.Arm([fa.Link(fa.Spherical(name="wrist"), solid, name="hand")])
+    for call in (lambda q: arm.frame(q), lambda q: fa.rollout(arm, q, step=1e-2, nstep=2)):
+        with pytest.raises(ValueError, match="quaternion of wrist must have a length"):
+            call(np.zeros(4))
+    with pytest.raises(ValueError, match="rotations of the ball of wrist go together"):
+        arm.linearize(arm.zero, lock=[("hand", 0)])
+    with pytest.raises(ValueError, match="joint wrist is a ball"):
+        fa.invert(arm, {"x": 0.0})
+
+
 def test_labels_are_of_one_coordinate() -> None:
     with pytest.raises(ValueError, match="'a revolute' is a coordinate of link 0, too; take other names"):
         fa.Arm([links("a", "b", None)[0], fa.Link(fa.Revolute(name="a revolute"), fa.RigidBody(1.0, (1, 0, 0)))])
