@@ -83,8 +83,9 @@ class Modes:
         moved = np.real(flat / largest).reshape(*shapes.displacement.shape[:2], shown.size)
         hertz, percent = self.frequencies / (2 * np.pi), 100 * self.damping
         labels = [f"mode {k}: {hertz[k]:.4g} Hz, damping {percent[k]:.3g} %" for k in shown]
-        words = [link.joint.name or name for link, name in zip(self.arm.links, self.arm.names, strict=True)]
-        return plot_modes(np.delete(s, at), moved, labels, list(zip(s[at].tolist(), words, strict=True)))
+        moving = [k for k, link in enumerate(self.arm.links) if link.joint.nv]
+        joints = [(float(s[at[k]]), self.arm.links[k].joint.name or self.arm.names[k]) for k in moving]
+        return plot_modes(np.delete(s, at), moved, labels, joints)
 
     def _joints(self) -> Array:
         """Where the joints sit on the links below, (number of links, 3)."""

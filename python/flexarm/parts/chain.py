@@ -334,8 +334,8 @@ class Chain:
             for value, bad in (("0 0 0 0", size < 1e-100), (f"up to {size.max(initial=0.0):g}", size > 1e100)):
                 if bad.any():
                     raise ValueError(
-                        f"{field}[{at.start}:{at.stop}] = {value}: the quaternion of link {k} must have a length, "
-                        "from 1e-100 to 1e100"
+                        f"{field}[{at.start}:{at.stop}] = {value}: the quaternion of {self.joint_names[k]} must have a "
+                        "length, from 1e-100 to 1e100"
                     )
 
     # -- kinematics ----------------------------------------------------------------------------------------------------
