@@ -86,7 +86,7 @@ def test_messages_name_joints() -> None:
     with pytest.raises(ValueError, match="rotations of the ball of wrist go together"):
         arm.linearize(arm.zero, lock=[("hand", 0)])
     with pytest.raises(ValueError, match="joint wrist is a ball"):
-        fa.invert(arm, {"x": 0.0})
+        fa.invert(arm, {"x": fa.Motion([0, 1, 2], [0, 0.1, 0.2], ends="rest")})
 
 
 def test_labels_are_of_one_coordinate() -> None:

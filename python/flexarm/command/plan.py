@@ -49,8 +49,8 @@ class MoveWarning(UserWarning):
 
 def plan_move(
     arm: Arm,
-    q_from: ArrayLike | None = None,
-    q_to: ArrayLike | None = None,
+    q_from: ArrayLike | Mapping[Any, float] | None = None,
+    q_to: ArrayLike | Mapping[Any, float] | None = None,
     *,
     torque: Any = None,
     speed: Any = None,
