@@ -116,7 +116,7 @@ def known_keys(where: str, given: Mapping[str, Any], known: Iterable[str]) -> No
     """ValueError that names the nearest known key, or keys where several are as near."""
     if not isinstance(given, Mapping):
         raise ValueError(f"{where} = {given!r}: must be a table")
-    known = list(known)
+    known = dict.fromkeys(known)
     for key in given:
         if key not in known:
             distance = {k: -difflib.SequenceMatcher(None, k, str(key)).ratio() for k in known}

@@ -79,8 +79,8 @@ class Arm(Chain):
 
     def describe(self) -> str:
         """A plain table, which `print(arm)` shows: of each link the joint, sizes, modes, masses and the lowest
-        frequencies of its beam clamped, without the tip; of the arm its mass, and its lowest frequencies with all
-        joints locked at zero, without gravity."""
+        frequencies of its beam clamped, without the tip; of the arm its mass, and its lowest frequencies and their
+        damping ratios with all joints locked at zero, without gravity."""
         self._warn()
         return describe.describe(self)
 

@@ -50,6 +50,43 @@ def test_modes_are_drawn_along_the_arm() -> None:
         arm().modes().plot(0)
 
 
+def test_joints_are_drawn_where_they_sit() -> None:
+    """From the base along the arm: past what stands between a link's end and the next joint, whatever is rigid."""
+    section = fa.GeneralSection(1.0, 1.0, 1.0, 1.0)
+    beam = fa.Beam(1.0, section, fa.Material(1.0, 1.0, 0.3), {"bending_y": 2}, rotary_inertia=False)
+    raised, aside = fa.Placement((0, 0, 0.4)), fa.Placement((0.3, 0.4, 0.0))
+    arm = fa.Arm(
+        [
+            fa.Link(fa.Revolute("z", name="root", inboard=raised), beam=beam),
+            fa.Link(fa.Revolute("z", name="middle", inboard=aside, outboard=fa.Placement((0.25, 0, 0))),
+                    fa.RigidBody(1.0, inertia=(1, 1, 1), end=(0.5, 0, 0))),
+            fa.Link(fa.Revolute("z"), beam=beam, name="last"),
+        ]
+    )  # fmt: skip
+    ax = arm.modes(lock=[0, 1, 2]).plot(1).axes[0]
+    dotted = sorted(line.get_xdata()[0] for line in ax.lines if line.get_linestyle() == ":")
+    np.testing.assert_allclose(dotted, [0.4, 1.9, 1.9 + 0.75], rtol=1e-12)
+    assert [text.get_text() for text in ax.texts] == ["root", "middle", "last"]
+    welded = fa.Arm([*arm.links[:1], fa.Link(fa.Fixed(name="bolts"), beam=beam), fa.Link(fa.Revolute("z"), beam=beam),
+                     fa.Link(fa.Revolute("y"), fa.RigidBody(1.0, inertia=(1, 1, 1)), name="wrist"),
+                     fa.Link(fa.Revolute("x"), fa.RigidBody(1.0, inertia=(1, 1, 1)), name="hand")])  # fmt: skip
+    texts = welded.modes(lock=[0, 2, 3, 4]).plot(1).axes[0].texts
+    assert [text.get_text() for text in texts] == ["root", "link 2", "wrist, hand"]  # what moves; one place, one word
+    s = ax.lines[0].get_xdata()
+    assert s[0] == pytest.approx(0.4) and s[-1] == pytest.approx(1.9 + 0.75 + 1.0)
+
+
+def test_an_arm_prints_the_damping_of_its_frequencies() -> None:
+    found = arm().modes(lock=["root"])
+    beam = fa.Beam(1.0, fa.GeneralSection(1.0, 1.0, 1.0, 1.0), fa.Material(1.0, 1.0, 0.3), {"bending_y": 4},
+                   rotary_inertia=False, kelvin_voigt=1e-3)  # fmt: skip
+    damped = fa.Arm([fa.Link(fa.Revolute("z", name="root"), beam=beam)])
+    lines = {line[:16].strip(): line[16:].split() for line in str(damped).splitlines() if line}
+    ratios = [float(x) for x in lines["damping ratios"][:4]]
+    np.testing.assert_allclose(ratios, 0.5e-3 * found.frequencies, rtol=1e-3)  # tau omega / 2
+    assert "damping ratios  0 0 0 0" in str(arm())
+
+
 class _Formatter(dict[type, Any]):
     """What IPython has for each format: functions by type."""
 

@@ -367,7 +367,7 @@ def test_a_new_decision_is_one_class(size: float, needed: bool) -> None:
     rows = [c for c in plan.choices if c.what == "joint friction"]
     assert [c.where for c in rows] == ["link 0", "link 1"] and all(c.inside == needed for c in rows)
     assert [link.joint.coulomb for link in plan.arm.links] == [size * needed] * 2
-    assert ("no joint friction of link 0, 1" in plan.model) != needed
+    assert ("no joint friction of link 0, link 1" in plan.model) != needed
 
 
 # -- saved, watched, adapted -------------------------------------------------------------------------------------------

@@ -281,3 +281,37 @@ def test_plot_needs_no_display(scene: Path) -> None:
     (force,) = figure.axes[-1].lines
     np.testing.assert_array_equal(force.get_ydata(), run.tau[:, run.arm.coordinates.index("link 1 prismatic")])
     assert not hasattr(figure, "number")  # pyplot does not know it
+
+
+ROBOT = Path(__file__).parents[1] / "data" / "robots" / "six.urdf"
+
+
+@pytest.mark.filterwarnings("ignore::flexarm.RobotWarning")
+def test_robots_files_are_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """URDF and MJCF: at rest at zero, a second under gravity; tip names the end of a tree."""
+    pytest.importorskip("urdf_parser_py")
+    told = answer_quietly(capsys, "modes", str(ROBOT))
+    joints = ["pan", "shoulder", "elbow", "wrist_a", "wrist_b", "wrist_c"]
+    assert told["scene"] == "six" and told["coordinates"] == joints
+    folder = tmp_path / "out"
+    told = answer_quietly(capsys, "run", str(ROBOT), "--tip", "tool", "-o", str(folder))
+    assert told["complete"] and told["time_reached"] == 1.0
+    head = (folder / "run.csv").read_text().splitlines()[0].split(",")
+    assert head[:3] == ["t", "q pan", "q shoulder"] and "tau elbow" in head and "revolute" not in " ".join(head)
+    picture = tmp_path / "robot.png"
+    assert answer_quietly(capsys, "view", str(ROBOT), "-o", str(picture))["frames"] == 1
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+    tree = str(ROBOT.with_name("tree.urdf"))
+    assert "choose the link that the arm ends with" in refused(capsys, "modes", tree)
+    assert answer_quietly(capsys, "modes", tree, "--tip", "left_palm")["coordinates"][0] == "lift"
+    assert "--tip tool: goes with a robot's file" in refused(capsys, "modes", "ist", "--tip", "tool")
+    pytest.importorskip("mujoco")
+    assert answer_quietly(capsys, "modes", str(ROBOT.with_name("arm.xml")), "--tip", "tool")["coordinates"]
+
+
+def answer_quietly(capsys: pytest.CaptureFixture[str], *argv: str) -> Any:
+    """As `answer`, of a robot, whose file says more than is read."""
+    assert main([*argv, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert all(line.startswith("flexarm: warning: ") for line in err.splitlines())
+    return json.loads(out)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import flexarm as fa
 import numpy as np
 import pytest
@@ -263,13 +265,22 @@ def test_limits_are_told_or_the_path_is_slowed() -> None:
     arm = paper_link()
     tip = {"azimuth": move(0.0, 1.5, 0.6)}
     most = float(np.abs(fa.invert(arm, tip).tau).max())
-    with pytest.warns(fa.InversionWarning, match=r"torque of joint 0: .* at t = .* s, limit"):
+    with pytest.warns(fa.InversionWarning, match=r"torque of link 0 revolute: .* at t = .* s, limit"):
         inv = fa.invert(arm, tip, limits={"torque": 0.5 * most})
     assert inv.exceeded[0].kind == "torque" and abs(inv.exceeded[0].value) == most
     inv = fa.invert(arm, tip, limits={"torque": 0.5 * most}, stretch=True)
     assert 1.1 < inv.slowed < 2.0 and not inv.exceeded
     assert 0.45 * most < np.abs(inv.tau).max() <= 0.5 * most
     assert missed(inv) < 1e-6
+    named = fa.Arm([replace(x, joint=replace(x.joint, name="shoulder")) for x in arm])
+    with pytest.warns(fa.InversionWarning, match=r"torque of shoulder: "):
+        by_name = fa.invert(named, tip, limits={"torque": {"shoulder": 0.5 * most}})
+    assert {x.joint for x in by_name.exceeded} == {0} and by_name.exceeded[0].name == "shoulder"
+    with pytest.warns(fa.InversionWarning, match="range of shoulder"):
+        fa.invert(named, tip, limits={"range": {"shoulder": (-1.0, 1.0)}})
+    with pytest.raises(ValueError, match=r"limits\['torque'\]: link = 'shoulde': .* did you mean 'shoulder'"):
+        fa.invert(named, tip, limits={"torque": {"shoulde": 1.0}})
+    assert by_name.plot().axes[-1].get_title("left") == "shoulder"
     with pytest.warns(fa.InversionWarning, match="range"):
         fa.invert(arm, tip, limits={"range": (-1.0, 1.0)})
     with pytest.raises(ValueError, match="range"):
@@ -330,7 +341,7 @@ def test_dry_friction_is_overcome_and_the_joints_stops_are_limits() -> None:
     stopped = fa.Revolute("z", coulomb=0.3, damping=0.1, lower=-0.5, upper=0.5, limit_stiffness=1e-9)
     joints = (stopped, fa.Revolute("z", damping=0.1))
     arm, free = (fa.Arm([beam_link(joint, 0.004, {"bending_y": 3})]) for joint in joints)
-    with pytest.warns(fa.InversionWarning, match=r"range of joint 0: 1 at t = .* s, limit 0\.5"):
+    with pytest.warns(fa.InversionWarning, match=r"range of link 0 revolute: 1 at t = .* s, limit 0\.5"):
         inv = fa.invert(arm, {"azimuth": move(0.0, 1.0)})
     smooth = fa.invert(free, {"azimuth": move(0.0, 1.0)})
     middle = np.abs(inv.v[:, 0]) > 1e-3

@@ -61,6 +61,9 @@ def test_rigid_time_is_bang_bang(angle: float) -> None:
     assert move.rigid_duration == pytest.approx(2 * math.sqrt(J * angle / 3.0), rel=1e-9)
     assert move.duration == pytest.approx(move.rigid_duration, rel=0.02)
     assert move.half_period == 0 and move.residual == 0
+    assert fa.plan_move(arm, {0: 0.0}, {0: angle}, torque=3.0).duration == move.duration
+    with pytest.raises(ValueError, match="q_to: link = 'elbow': no link and no joint"):
+        fa.plan_move(arm, {0: 0.0}, {"elbow": angle}, torque=3.0)
 
 
 def test_rigid_time_with_a_speed_limit_is_a_trapezoid() -> None:

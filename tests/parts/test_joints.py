@@ -234,5 +234,5 @@ def test_bad_joints(make, message: str) -> None:
 def test_a_quaternion_needs_a_length() -> None:
     arm = two_links(fa.Free(), fa.Revolute("y"))
     for call in (lambda: arm.mass_matrix(np.zeros(arm.nq)), lambda: fa.simulate(arm, [0, 1], np.zeros(arm.nq))):
-        with pytest.raises(ValueError, match=r"\[3:7\] = 0 0 0 0: the quaternion of link 0 must have a length"):
+        with pytest.raises(ValueError, match=r"\[3:7\] = 0 0 0 0: the quaternion of link 0 free must have a length"):
             call()

@@ -29,14 +29,71 @@ def test_which_link() -> None:
     assert NAMED["shoulder"] is NAMED["upper arm"] is NAMED[0] and NAMED["torsion_bar"] is NAMED[-1]
     assert NAMED.names == ("upper arm", "torsion_bar") and PLAIN.names == ("link 0", "link 1")
     assert list(NAMED) == list(NAMED.links)
-    assert NAMED.coordinates[:2] == ("upper arm revolute", "upper arm bending_y 1")
+    assert NAMED.coordinates[:2] == ("shoulder", "upper arm bending_y 1")
     assert "0 upper arm" in str(NAMED)
     assert NAMED != PLAIN and pickle.loads(pickle.dumps(NAMED)) == NAMED
 
 
 def test_link_takes_the_name_of_its_joint() -> None:
     arm = fa.Arm(links(None, "bar", "shoulder"))
-    assert arm.names == ("shoulder", "bar") and arm.coordinates[0] == "shoulder revolute" and "0 shoulder" in str(arm)
+    assert arm.names == ("shoulder", "bar") and arm.coordinates[0] == "shoulder" and "0 shoulder" in str(arm)
+
+
+def test_joints_keep_their_names(tmp_path: Path) -> None:
+    """Wherever a joint is meant: its name, not that of its link with its type."""
+    axes = fa.Axes(axes=("tx", "rz"), name="cart")
+    solid, more = fa.RigidBody(1.0, inertia=(1, 1, 1)), fa.RigidBody(2.0, inertia=(1, 1, 1), end=(1, 0, 0))
+    bodies = [fa.Link(axes, more), fa.Link(fa.Spherical(name="wrist"), solid, name="hand")]
+    arm = fa.Arm([*bodies, *links("upper arm", "forearm", "shoulder")])
+    joints = ("cart tx", "cart rz", "wrist wx", "wrist wy", "wrist wz", "shoulder")
+    assert arm.coordinates[:6] == joints and arm.coordinates[8:10] == ("forearm revolute", "forearm bending_y 1")
+    assert arm.q_names[2:7] == (*(f"wrist quaternion {c}" for c in "wxyz"), "shoulder")
+    assert arm.joint_names == ("cart", "wrist", "shoulder", "forearm revolute")
+    own = (fa.Arm(links("upper arm", "torsion_bar", "shoulder")).linearize(np.zeros(6)))
+    assert own.inputs[0] == "force shoulder" and own.outputs[0] == "joint shoulder"
+    run = fa.simulate(NAMED, T, drive={"shoulder": fa.Torque(0.1)}, control=fa.PD(1.0, 0.1, "torsion_bar"))
+    assert {"q shoulder", "v shoulder", "tau shoulder", "q upper arm bending_y 1"} <= set(run.to_data())
+    assert any("shoulder" in text.get_text() for ax in run.plot().axes for text in ax.get_legend().get_texts())
+    assert fa.Encoder("upper arm").title(NAMED) == "encoder, shoulder"
+    assert fa.ForceTorque("upper arm").title(NAMED).endswith("joint shoulder")
+    assert "shoulder: revolute z" in str(NAMED)
+    at = {text.get_text() for text in NAMED.modes(lock=[0, 1]).plot().axes[0].texts}
+    assert at == {"shoulder", "torsion_bar"}
+
+
+def test_names_in_what_the_core_says() -> None:
+    with pytest.raises(ValueError, match="inertia of coordinate 'elbow'"):
+        fa.Arm([fa.Link(fa.Revolute(name="elbow"), name="forearm")])
+    with pytest.raises(ValueError, match="inertia of coordinate 'wrist y'"):
+        fa.Arm([fa.Link(fa.Universal(name="wrist"), fa.RigidBody(1.0, inertia=(1, 0, 0)), name="hand")])
+    solid = fa.RigidBody(1.0, inertia=(1, 1, 1))
+    rough = fa.Arm([fa.Link(fa.Revolute(name="elbow", coulomb=1.0), solid, name="forearm")])
+    with pytest.raises(ValueError, match="coulomb of 'elbow' = 1"):
+        fa.rollout(rough, [0.0], step=1e-2, nstep=3, integrator="rk4")
+    smooth = fa.Arm([fa.Link(fa.Revolute(name="elbow"), solid, name="forearm")])
+    with pytest.raises(fa.SimulationError, match="'elbow' moves at"):
+        fa.simulate(smooth, [0, 1, 2], drive={"elbow": fa.Torque(1e13)}, integrator="rk4", step=1e-2)
+    with pytest.raises(fa.SimulationError, match="beam of upper arm is bent"):
+        fa.simulate(NAMED, T, drive={"shoulder": fa.Torque(1e6)}, integrator="rk4", step=1e-5)
+
+
+def test_messages_name_joints() -> None:
+    solid = fa.RigidBody(1.0, inertia=(1, 1, 1))
+    arm = fa.Arm([fa.Link(fa.Spherical(name="wrist"), solid, name="hand")])
+    for call in (lambda q: arm.frame(q), lambda q: fa.rollout(arm, q, step=1e-2, nstep=2)):
+        with pytest.raises(ValueError, match="quaternion of wrist must have a length"):
+            call(np.zeros(4))
+    with pytest.raises(ValueError, match="rotations of the ball of wrist go together"):
+        arm.linearize(arm.zero, lock=[("hand", 0)])
+    with pytest.raises(ValueError, match="joint wrist is a ball"):
+        fa.invert(arm, {"x": fa.Motion([0, 1, 2], [0, 0.1, 0.2], ends="rest")})
+
+
+def test_labels_are_of_one_coordinate() -> None:
+    with pytest.raises(ValueError, match="'a revolute' is a coordinate of link 0, too; take other names"):
+        fa.Arm([links("a", "b", None)[0], fa.Link(fa.Revolute(name="a revolute"), fa.RigidBody(1.0, (1, 0, 0)))])
+    other = fa.Arm([*links("a", "elbow", None), fa.Link(fa.Revolute(name="elbow"), fa.RigidBody(1.0, (1, 0, 0)))])
+    assert other.coordinates[-1] == "link 2 revolute"  # a name of two is none
 
 
 def test_methods() -> None:
@@ -70,7 +127,8 @@ def test_runs_and_sensors() -> None:
     for sensor in (fa.Encoder, fa.StrainGauge, fa.Accelerometer, fa.ForceTorque):
         ours, theirs = sensor(link="upper arm", noise=0.1).read(named), sensor(link=0, noise=0.1).read(plain)
         np.testing.assert_array_equal(ours.y, theirs.y)
-        assert "upper arm" in sensor(link="upper arm").title(NAMED)
+        of_joint = sensor in (fa.Encoder, fa.ForceTorque)
+        assert ("shoulder" if of_joint else "upper arm") in sensor(link="upper arm").title(NAMED)
     with pytest.raises(ValueError, match="named twice"):
         fa.simulate(NAMED, T, drive={"shoulder": fa.Torque(0.1), 0: fa.Torque(0.1)})
 
@@ -133,6 +191,6 @@ def test_the_pieces_of_a_link() -> None:
 
 def test_a_joint_lends_its_name_to_its_link() -> None:
     arm = fa.Arm(links(None, None, "shoulder"))
-    assert arm.names == ("shoulder", "link 1") and arm.coordinates[0] == "shoulder revolute"
+    assert arm.names == ("shoulder", "link 1") and arm.coordinates[0] == "shoulder"
     twice = fa.Arm(links(None, "shoulder", "shoulder"))  # a name of two is none
     assert twice.names == ("link 0", "shoulder")

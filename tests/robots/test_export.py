@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +53,8 @@ def space() -> fa.Arm:
 def rigid() -> fa.Arm:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fa.RobotWarning)
-        return fa.from_urdf(ROBOTS / "six.urdf", tip="tool", gravity=(0, 1, -9.81))
+        arm = fa.from_urdf(ROBOTS / "six.urdf", tip="tool", gravity=(0, 1, -9.81))
+    return fa.Arm([replace(link, looks=()) for link in arm], arm.gravity)
 
 
 def compiled(arm: fa.Arm, segments: int = 10) -> Any:
@@ -208,6 +211,10 @@ def test_names_that_formats_have_themselves(tmp_path: Path) -> None:
     solid = fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0))
     arm = fa.Arm([fa.Link(fa.Revolute(), solid, name=name) for name in ("world", "tip", 'a<&"b--')])
     assert compiled(arm).nv == 3
+    with pytest.warns(fa.RobotWarning, match="the name 'world' of a link"):
+        arm.to_mjcf()
+    named = [fa.Link(fa.Revolute(), solid, name="a"), fa.Link(fa.Revolute(name="a joint"), solid, name="b")]
+    assert compiled(fa.Arm(named)).nv == 2
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fa.RobotWarning)
         arm.to_urdf(tmp_path / "arm.urdf")
@@ -226,3 +233,85 @@ def test_bad_input(tmp_path: Path) -> None:
         fa.Arm([fa.Link(fa.Revolute(), None, bent)]).to_urdf()
     with pytest.raises(ValueError, match=r"must end in \.xml"):
         plane().to_mjcf(tmp_path / "arm.txt")
+
+
+def test_one_sided_stops(tmp_path: Path) -> None:
+    """Each end that an arm has stands in the file; where a format wants both, the other is beyond reach."""
+    solid = fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0))
+    joints = [fa.Revolute(upper=0.5, limit_stiffness=10.0), fa.Revolute(lower=-0.25, limit_stiffness=10.0),
+              fa.Prismatic(lower=0.1, limit_stiffness=10.0), fa.Revolute(), fa.Prismatic()]  # fmt: skip
+    arm = fa.Arm([fa.Link(replace(joint, name=f"j{k}"), solid, name=f"l{k}") for k, joint in enumerate(joints)])
+    with pytest.warns(fa.RobotWarning, match=r"soft stops.*: j0, j1, j2$"):
+        text = arm.to_urdf(tmp_path / "arm.urdf")
+    with pytest.warns(fa.RobotWarning, match=r"soft stops.*: j0, j1, j2$"):
+        arm.to_mjcf(tmp_path / "arm.xml")
+    types = re.findall(r'<joint name="j\d" type="(\w+)"', text)
+    assert types == ["revolute", "revolute", "prismatic", "continuous", "prismatic"]
+    far = 1e6
+    for read in (fa.from_urdf, fa.from_mjcf):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", fa.RobotWarning)
+            back = read(tmp_path / ("arm.urdf" if read is fa.from_urdf else "arm.xml"), stops=1.0)
+        limits = [(x.joint.lower, x.joint.upper) for x in back][:5]
+        slide = (-far, far) if read is fa.from_urdf else (None, None)  # URDF wants limits of a slide
+        assert limits == [(-far, 0.5), (-0.25, far), (0.1, far), (None, None), slide]
+
+
+#: Each argument of a joint, not at its default.
+ALL_OF_A_JOINT: dict[str, Any] = {
+    "stiffness": 2.0, "rest": 0.1, "damping": 0.3, "lower": -1.0, "upper": 2.0, "limit_stiffness": 50.0,
+    "limit_damping": 1.0, "coulomb": 0.4, "stiction": 0.5, "reflected_inertia": 0.01,
+    "inboard": fa.Placement((0.1, 0, 0)), "outboard": fa.Placement((0, 0.1, 0)), "name": "elbow",
+}  # fmt: skip
+
+
+def test_nothing_is_lost_in_silence() -> None:
+    """Each argument of a joint is in the file, or named in the warning: a file and a warning that an argument does not
+    change would not know of it."""
+    made, base = ALL_OF_A_JOINT, {"limit_stiffness": 50.0}
+    needs = {"rest": {"stiffness": 2.0}, "limit_damping": {"upper": 1.0}, "limit_stiffness": {"upper": 1.0}}
+    solid = fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0))
+
+    def told(write: str, **options: Any) -> tuple[str, str]:
+        arm = fa.Arm([fa.Link(fa.Revolute(**{**base, **options}), solid, name="a")])
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            return getattr(arm, write)(), "".join(str(w.message) for w in seen)
+
+    fields = {f.name for f in dataclasses.fields(fa.Revolute) if f.init} - {"axis"}
+    assert set(made) == fields
+    for write in ("to_mjcf", "to_urdf"):
+        for name, value in made.items():
+            more = needs.get(name, {})
+            if name.startswith("limit_"):
+                assert "soft stops" in told(write, **more)[1]
+            else:
+                assert told(write, **more) != told(write, **more, **{name: value}), (write, name)
+
+
+def test_what_beams_and_bodies_lose() -> None:
+    """Damping of higher modes, couplings of strains, looks, and moments that no body has."""
+    section = fa.Rectangle(0.004, 0.03)
+    ratio = fa.Beam(0.5, section, ALLOY, modes={"bending_y": 4}, basis="legendre", damping_ratio=0.01)
+    stiff = np.diag([1e6, 1e6, 1e6, 30.0, 20.0, 40.0])
+    stiff[4, 5] = stiff[5, 4] = 10.0
+    coupled = fa.SectionMatrix(stiffness=stiff, inertia=np.diag([1.0, 1.0, 1.0, 2e-5, 1e-5, 1e-5]))
+    bent = fa.Beam(0.5, coupled, modes={"bending_y": 2, "bending_z": 2}, basis="legendre")
+    flat = fa.RigidBody(1.0, inertia=(0, 0, 1e-3), end=(0.1, 0, 0))
+    look = fa.Look("ball", [0.1])
+    arm = fa.Arm(
+        [fa.Link(fa.Revolute(name="base"), flat, ratio, name="a", looks=[look]),
+         fa.Link(fa.Fixed(name="bolts"), None, bent, fa.RigidBody(0.1), name="b")]
+    )  # fmt: skip
+    for write in (arm.to_mjcf, arm.to_urdf):
+        with pytest.warns(fa.RobotWarning) as seen:
+            write(segments=4)
+        said = str(seen[0].message)
+        assert ("names of fixed joints: bolts" in said) == (write == arm.to_mjcf)
+        for words in (
+            "damping ratio of 'a' in modes above the lowest",
+            "coupling of strains of 'b'",
+            "looks (shapes and meshes): a",
+            "moments of inertia of 'a'",
+        ):
+            assert words in said, words

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -57,7 +58,7 @@ def test_what_joints_say() -> None:
     assert (pan.limit_stiffness, pan.limit_damping) == (1e4, 5.0)
     assert elbow.lower is None and not elbow.limit_stiffness  # continuous
     np.testing.assert_allclose(elbow.axis, np.array([0.1, -2, 0.3]) / np.sqrt(4.1), rtol=1e-15)
-    assert quiet(DATA / "robots" / "scara.urdf").coordinates[2] == "quill prismatic"
+    assert quiet(DATA / "robots" / "scara.urdf").coordinates[2] == "slide"
 
 
 def test_the_report() -> None:
@@ -145,7 +146,7 @@ def test_a_flexible_link_has_its_rods_inertia(link: str, tmp_path: Path) -> None
     arm = made(tmp_path, SIX, tip="tool", flexible=flexible)
     stiff = made(tmp_path, with_inertial(SIX, link, rod(start, end, up)), tip="tool")
     assert arm.nv == stiff.nv + 5
-    joints = [i for i, name in enumerate(arm.coordinates) if "revolute" in name]
+    joints = [arm.joint_rate(k) for k, link in enumerate(arm) if link.joint.nv]
     rng = np.random.default_rng(3)
     for _ in range(3):
         angles, rates = rng.uniform(-2, 2, 6), rng.normal(size=6)
@@ -213,7 +214,7 @@ BAD: dict[str, tuple[str, dict[str, Any], str]] = {
     "branches": (TREE, {}, "'neck' is not on the way.*finger_a, finger_b"),
     "tip": (TREE, {"tip": "left_plam"}, "did you mean 'left_palm'"),
     "loop": (SIX.replace("</robot>", LOOP), {}, "'turret': is the child of 'pan' and 'l'"),
-    "massless": (re.sub(r"<inertial>.*?</inertial>", "", SIX, flags=re.S), {}, "wrist_3 revolute.*must be positive"),
+    "massless": (re.sub(r"<inertial>.*?</inertial>", "", SIX, flags=re.S), {}, "wrist_c.*must be positive"),
     "negative mass": (SIX.replace('"2.3"', '"-2.3"'), {}, "'forearm': mass = -2.3"),
     "no body's inertia": (SIX.replace('izz="0.031"', 'izz="3"'), {}, "'forearm': inertia"),
     "nan": (SIX.replace('"2.3"', '"nan"'), {}, "'forearm': mass = nan"),
@@ -243,3 +244,66 @@ def test_no_file_and_no_parser(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "urdf_parser_py", None)
     with pytest.raises(ImportError, match=r"flexarm\[urdf\]"):
         fa.from_urdf(DATA / "robots" / "six.urdf")
+
+
+# -- numbers of the user, and long chains -----------------------------------------------------------------------------
+
+
+def test_numbers_of_joints() -> None:
+    """By the name of a joint or of the link that it moves, or one for all; they stand in place of the file's."""
+    six = DATA / "robots" / "six.urdf"
+    plain = quiet(six)
+    arm = quiet(six, reflected_inertia={"pan": 0.3, "forearm": 0.1}, damping=0.25, coulomb={"elbow": 0.0, "pan": 2})
+    joints = {link.joint.name: link.joint for link in arm}
+    assert [j.reflected_inertia for j in joints.values()] == [0.3, 0.0, 0.1, 0.0, 0.0, 0.0]
+    assert {j.damping for j in joints.values()} == {0.25}
+    assert joints["pan"].coulomb == 2 and joints["elbow"].coulomb == 0
+    assert all(a.joint.coulomb == b.joint.coulomb for a, b in zip(arm, plain, strict=True) if a.name not in
+               ("turret", "forearm"))  # fmt: skip
+    rotors = np.diag([j.reflected_inertia for j in joints.values()])
+    q = np.linspace(-1, 1, 6)
+    np.testing.assert_allclose(arm.mass_matrix(q), plain.mass_matrix(q) + rotors, rtol=0, atol=1e-13)
+    bad: dict[str, tuple[dict[str, Any], str]] = {
+        "unknown": ({"damping": {"elbo": 1.0}}, "damping: unknown key 'elbo'; did you mean 'elbow'"),
+        "negative": ({"coulomb": {"elbow": -1.0}}, "joint 'elbow': coulomb.* = -1"),
+        "word": ({"reflected_inertia": {"elbow": "x"}}, r"reflected_inertia\['elbow'\] = 'x': must be a number"),
+        "twice": ({"damping": {"elbow": 1.0, "forearm": 2.0}}, "damping: 'forearm' and 'elbow' are one joint"),
+        "list": ({"damping": [1.0, 2.0]}, "damping = .*: must be a number"),
+    }
+    for options, says in bad.values():
+        with pytest.raises(ValueError, match=says):
+            quiet(six, **options)
+
+
+def series(n: int) -> str:
+    """n links in a row, each with a fixed body between them."""
+    lines = ['<robot name="series"><link name="base"/>']
+    for k in range(n):
+        parent = "base" if not k else f"bolted{k - 1}"
+        body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+        lines.append(f'<link name="link{k}">{body}</link><link name="bolted{k}">{body}</link>')
+        lines.append(f'<joint name="joint{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/>'
+                     '<limit lower="-1" upper="1" effort="1" velocity="1"/><origin xyz="1 0 0"/></joint>')  # fmt: skip
+        lines.append(f'<joint name="fixed{k}" type="fixed"><parent link="link{k}"/><child link="bolted{k}"/></joint>')
+    return "".join(lines) + "</robot>"
+
+
+def test_long_chains_take_work_in_proportion(tmp_path: Path) -> None:
+    """Calls of functions, not seconds: twice the joints, about twice the calls."""
+    calls = []
+    for n in (40, 80, 160):
+        (path := tmp_path / f"{n}.urdf").write_text(series(n))
+        count = 0
+
+        def counted(frame: Any, event: str, what: Any) -> None:
+            nonlocal count
+            count += event in ("call", "c_call")
+
+        sys.setprofile(counted)
+        try:
+            arm = quiet(path)
+        finally:
+            sys.setprofile(None)
+        assert arm.nv == len(arm.links) == n
+        calls.append(count)
+    assert calls[2] - calls[1] < 2.2 * (calls[1] - calls[0])

@@ -236,6 +236,37 @@ def test_a_page_asks_for_nothing_from_elsewhere() -> None:
     assert "@@" not in page and page.count("</script>") == 3
 
 
+def test_names_that_matplotlib_takes_for_its_own(tmp_path: Path) -> None:
+    """Dollars begin no formula, and a line that hides a name from its legend hides none here."""
+    dollars, hidden = "a$\\frac{1$b", "_1"
+    beam = fa.Beam(0.3, fa.Tube(0.01, 0.001), STEEL, {"bending_y": 2})
+    arm = fa.Arm([fa.Link(fa.Revolute(name=name), beam=beam, name=f"{name} l") for name in (dollars, hidden)])
+    run = swing(arm, np.linspace(0.0, 1.0, 11))
+    figures = [run.plot(), arm.modes(lock=[0, 1]).plot(), run.to_data().plot(), fa.StrainGauge(link=0).read(run).plot()]
+    figures.append(run.animate(titles=[dollars]).figure())
+    for figure in figures:
+        figure.savefig(tmp_path / "figure.png", dpi=50)
+    for figure in figures[:1] + figures[2:3]:
+        words = [text.get_text().strip() for text in figure.axes[0].get_legend().get_texts()]
+        assert sum("_1" in word for word in words) and sum("frac" in word for word in words)
+
+
+def test_names_that_are_html() -> None:
+    """No "<" of a name stands in a page's script, whatever follows it; the browser parses "<!--" there, too."""
+    pytest.importorskip("jupyter_threejs_sage")
+    name = "<!--<script></SCRIPT>&lt;\u2028"
+    solid = fa.RigidBody(1.0, inertia=(1, 1, 1), end=(1, 0, 0))
+    arm = fa.Arm([fa.Link(fa.Revolute(name=name[:-1]), solid, name=f"{name[:-1]} link")])
+    view = swing(arm, np.linspace(0.0, 1.0, 3)).animate(titles=[name])
+    page = view.html()
+    data = re.search(r'<script id="data" type="application/json">(.*?)</script>', page, re.DOTALL)
+    assert data and "<" not in data[1]
+    told = json.loads(data[1])["tracks"][0]
+    assert told["title"] == name and told["body"]["labels"][0]["text"] == name[:-1]
+    assert "<!--" not in re.search(r"<title>(.*?)</title>", page, re.DOTALL)[1]  # type: ignore[index]
+    assert "<script" not in view._repr_html_()
+
+
 def test_many_rows_keep_the_last() -> None:
     made = swing(chain(1), np.linspace(0.0, 1.0, 45_678)).animate().tracks[0]
     assert made.t[0] == 0.0 and made.t[-1] == 1.0 and (np.diff(made.t) > 0).all()

@@ -44,30 +44,32 @@ def _section(beam: Beam) -> str:
     return f"{beam.length:.4g}, {words}"
 
 
-def lowest_frequencies(arm: Chain, n: int) -> str:
-    """The lowest n frequencies (rad/s) at zero, all joints locked, without gravity; why there are none otherwise."""
+def lowest_frequencies(arm: Chain, n: int) -> tuple[str, str]:
+    """The lowest n frequencies (rad/s) at zero, all joints locked, without gravity, and their damping ratios; why there
+    are none otherwise."""
     if not any(link.beam is not None and link.beam.ne for link in arm.links):
-        return "none, the arm is rigid"
+        return "none, the arm is rigid", ""
     try:
         locked = [k for k, link in enumerate(arm.links) if link.joint.nv]
         found = modes(arm._made(arm.links), None, None, locked, ())
     except ValueError as e:
-        return f"none: {e}"
-    return " ".join(f"{f:.4g}" for f in found.frequencies[:n])
+        return f"none: {e}", ""
+    return " ".join(f"{f:.4g}" for f in found.frequencies[:n]), " ".join(f"{z:.4g}" for z in found.damping[:n])
 
 
 def _row(k: int, arm: Chain) -> list[str]:
     link = arm.links[k]
     name = f"{k} {link.name or link.joint.name or ''}".rstrip()
     axis = getattr(link.joint, "axis", "")
-    joint = f"{link.joint.type} {axis if isinstance(axis, str) else '(' + ', '.join(f'{a:.3g}' for a in axis) + ')'}"
+    along = axis if isinstance(axis, str) else "(" + ", ".join(f"{a:.3g}" for a in axis) + ")"
+    joint = f"{f'{link.joint.name}: ' if link.joint.name else ''}{link.joint.type} {along}"
     masses = [f"{body.mass:.4g}" if body is not None else "-" for body in (link.hub, link.beam, link.tip)]
     if link.beam is None:
         return [name, joint.strip(), "-", "-", "-", *masses, "-"]
     counts = ", ".join(f"{s} {n}" for s, n in link.beam.counts.items()) or "rigid"
     # the beam alone, clamped: K x = omega^2 M x of this link without its tip
     alone = arm._made([type(link)(Fixed(), link.hub, link.beam)])
-    clamped = lowest_frequencies(alone, 2) if link.beam.ne else "-"
+    clamped = lowest_frequencies(alone, 2)[0] if link.beam.ne else "-"
     return [name, joint.strip(), _size(link.beam), counts, str(link.beam.order), *masses, clamped]
 
 
@@ -78,6 +80,7 @@ def describe(arm: Chain) -> str:
     gravity = ", ".join(f"{g:.4g}" for g in arm.gravity)
     elastic = sum(link.beam.ne for link in arm.links if link.beam is not None)
     reach = float(np.linalg.norm(arm.frame(arm.zero)[0])) if arm.links else 0.0
+    frequencies, damping = lowest_frequencies(arm, 4)
     lines = [
         *aligned(rows),
         "",
@@ -86,6 +89,7 @@ def describe(arm: Chain) -> str:
         f"mass            {mass:.6g} kg",
         f"end at zero     {reach:.4g} m from the base",
         f"gravity         ({gravity}) m/s^2",
-        f"frequencies     {lowest_frequencies(arm, 4)} (rad/s; joints locked, no gravity)",
+        f"frequencies     {frequencies} (rad/s; joints locked, no gravity)",
+        *([f"damping ratios  {damping}"] if damping else []),
     ]
     return "\n".join(lines)

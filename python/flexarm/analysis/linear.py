@@ -292,7 +292,7 @@ def _read_outputs(p: _Point, outputs: Sequence[Any]) -> list[_Output]:
 def _check_balls(arm: Chain, fixed: NDArray[np.bool_], field: str) -> None:
     for k, rates in arm.ball_rates():
         if fixed[rates].any() and not fixed[rates].all():
-            raise ValueError(f"{field}: the three rotations of the ball of link {k} go together")
+            raise ValueError(f"{field}: the three rotations of the ball of {arm.joint_names[k]} go together")
 
 
 def _about(

@@ -69,7 +69,10 @@ class Modes:
         if whole("count", count) < 1:
             raise ValueError(f"count = {count}: must be at least 1")
         shapes = sample(self.arm, self, 41)
-        s = np.linalg.norm(np.diff(shapes.position, axis=0, prepend=np.zeros((1, 3))), axis=1).cumsum()
+        first = np.searchsorted(shapes.link, np.arange(len(self.arm.links)))
+        path = np.insert(shapes.position, first, self._joints(), axis=0)  # each joint ahead of its link
+        s = np.linalg.norm(np.diff(path, axis=0, prepend=np.zeros((1, 3))), axis=1).cumsum()
+        at = first + np.arange(len(first))
         turned = np.abs(shapes.displacement).max(axis=(0, 1), initial=0.0)
         noise = 1e-9 * max(length(self.arm), float(turned.max(initial=0.0)))
         shown = np.flatnonzero((self.frequencies > 0) & (turned > noise))[:count]
@@ -80,9 +83,18 @@ class Modes:
         moved = np.real(flat / largest).reshape(*shapes.displacement.shape[:2], shown.size)
         hertz, percent = self.frequencies / (2 * np.pi), 100 * self.damping
         labels = [f"mode {k}: {hertz[k]:.4g} Hz, damping {percent[k]:.3g} %" for k in shown]
-        at = [int(np.flatnonzero(shapes.link == k)[0]) for k in range(len(self.arm.links))]
-        joints = [(0.0 if k == 0 else float(s[i - 1]), self.arm.names[k]) for k, i in enumerate(at)]
-        return plot_modes(s, moved, labels, joints)
+        moving = [k for k, link in enumerate(self.arm.links) if link.joint.nv]
+        joints = [(float(s[at[k]]), self.arm.links[k].joint.name or self.arm.names[k]) for k in moving]
+        return plot_modes(np.delete(s, at), moved, labels, joints)
+
+    def _joints(self) -> Array:
+        """Where the joints sit on the links below, (number of links, 3)."""
+        out, p, R = [], np.zeros(3), np.eye(3)
+        for k, link in enumerate(self.arm.links):
+            place = link.joint.inboard
+            out.append(p if place is None else p + R @ place._core[0])
+            p, R = self.arm.frame(self.q, k)
+        return np.array(out)
 
     def animate(self, k: int = 0, amplitude: float | None = None) -> View:
         """Mode k in 3-D, over one period again and again, without its decay: a View, which shows itself in a notebook;

@@ -100,9 +100,8 @@ def check_balls(arm: Arm, q: Array, field_name: str = "q0") -> None:
         size = np.abs(q[:, at]).max(axis=1)
         bad = np.flatnonzero((size < 1e-100) | (size > 1e100))
         if bad.size:
-            raise ValueError(
-                f"{field_name}[{bad[0]}]: the quaternion of link {k} must have a length, from 1e-100 to 1e100"
-            )
+            whose = f"{field_name}[{bad[0]}]: the quaternion of {arm.joint_names[k]}"
+            raise ValueError(f"{whose} must have a length, from 1e-100 to 1e100")
 
 
 def check_options(integrator: str, rtol: Any, spectral_radius: Any) -> None:

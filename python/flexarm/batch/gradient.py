@@ -87,7 +87,8 @@ def step_derivatives(
     q, v, tau = (np.ascontiguousarray(np.broadcast_to(x, (*shape, x.shape[-1]))) for x in (q, v, tau))
     options = _options(rtol, spectral_radius)
     acting = at_time(arm, loads, t)
-    found = _core.step_derivatives(arm._core, q, v, tau, integrator, number("step", step), *options, *acting)
+    with arm.naming():
+        found = _core.step_derivatives(arm._core, q, v, tau, integrator, number("step", step), *options, *acting)
     failed = np.flatnonzero(found[-1])
     if failed.size:
         which = f" of state {np.unravel_index(failed[0], shape)}" if shape else ""
@@ -206,9 +207,10 @@ class _Rolls:
 
     def back(self, of: _Near, q: Array, v: Array, tau: Array, by_q: Array, by_v: Array) -> tuple[Any, ...]:
         nv, options = of.arm.nv, self.options
-        tape, x, y, first, failed, status = _core.roll_on_tape(
-            of.arm._core, self.integrator, self.step, *options, q[0], v[0], tau
-        )
+        with of.arm.naming():
+            tape, x, y, first, failed, status = _core.roll_on_tape(
+                of.arm._core, self.integrator, self.step, *options, q[0], v[0], tau
+            )
         if failed >= 0:
             raise ValueError(f"step {failed}: {_STATUS[status]}")
         for name, given, taken in (("q", q, x), ("v", v, y)):

@@ -115,13 +115,14 @@ def take_steps(
 ) -> dict[str, Any]:  # fmt: skip
     """The core's run of a batch: writes into `blocks` (q, v, a, tau of those wanted, status, reached), and gives its
     counts. What is prescribed must be in q0 and v0."""
-    return _core.batch(
-        [a._core for a in arms], count, schedule.lengths, schedule.ends, schedule.hold, schedule.rows,
-        q0[:, None], v0[:, None], tau, motions, pushes, loads, laws, integrator,
-        1.0 if spectral_radius is None else number("spectral_radius", spectral_radius),
-        INTEGRATORS[integrator].rtol if rtol is None else number("rtol", rtol), lanes, whole,
-        dict(blocks), workers, alive,
-    )  # fmt: skip
+    with arms[0].naming():
+        return _core.batch(
+            [a._core for a in arms], count, schedule.lengths, schedule.ends, schedule.hold, schedule.rows,
+            q0[:, None], v0[:, None], tau, motions, pushes, loads, laws, integrator,
+            1.0 if spectral_radius is None else number("spectral_radius", spectral_radius),
+            INTEGRATORS[integrator].rtol if rtol is None else number("rtol", rtol), lanes, whole,
+            dict(blocks), workers, alive,
+        )  # fmt: skip
 
 
 def failures_of(
@@ -139,7 +140,8 @@ def failures_of(
         reason, reached = _REASONS[int(status[i])], float(blocks["reached"][i])
         if status[i] == RAN_AWAY and "q" in blocks and "v" in blocks:
             done = int(np.isfinite(blocks["q"][i]).all(axis=1).sum())
-            who = arm._core.farthest_out(blocks["q"][i, done - 1], blocks["v"][i, done - 1]) if done else ""
+            last = (blocks[name][i, done - 1] for name in ("q", "v"))
+            who = arm.in_names(arm._core.farthest_out(*last)) if done else ""
             reason = reason.replace(":", f"; {who} and grows:", 1) if who else reason
         if control and reached > times[0]:
             loop = loops.unstable(arm, q0, prescribed, times, loads, control, reached - float(times[0]), True)

@@ -342,6 +342,6 @@ class Models:
             name = self.scene.arm.names[group[0]] + (f" and {len(group) - 1} like it" if len(group) > 1 else "")
             parts.append((f"{name}: " if len(self.given.beams) > 1 else "") + model.beam(group[0]).label)
         for feature in sorted({feature.name for _, feature in model.without}):
-            of = ", ".join(str(k) for k, f in sorted(model.without, key=lambda x: x[0]) if f.name == feature)
-            parts.append(f"no {feature}" + (f" of link {of}" if len(self.given.beams) > 1 else ""))
+            whose = [self.scene.arm.names[k] for k, f in sorted(model.without, key=lambda x: x[0]) if f.name == feature]
+            parts.append(f"no {feature}" + (f" of {', '.join(whose)}" if len(self.given.beams) > 1 else ""))
         return "; ".join(parts) or "the rigid arm"

@@ -11,7 +11,7 @@ import numpy as np
 from .._console import empty_table, json_text, print_table
 from ..acting.drive import Motion
 from ..analysis.modes import Modes
-from ..scene.scene import Scene, load
+from ..scene.scene import Scene
 from . import options
 
 SUMMARY = "natural frequencies of a scene's arm"
@@ -20,7 +20,7 @@ TEXT = "About rest at the scene's initial position, or about a steady spin. Freq
 
 def arguments(p: argparse.ArgumentParser) -> None:
     """Adds the command's arguments to its parser."""
-    options.scene(p)
+    p.add_argument("scene", metavar="SCENE", help=options.robot(p))
     speed = "steady speed of a joint (rad/s; m/s if prismatic), such as 0=10, or --speed=-1=10 of the last link; "
     speed += "repeat for more joints"
     p.add_argument("--speed", metavar="LINK=RAD_PER_S", action="append", default=[], help=speed)
@@ -66,6 +66,10 @@ def _place(scene: Scene) -> Any:
     return q
 
 
+def _joint(scene: Scene, link: Any) -> str:
+    return scene.arm.joint_names[scene.arm._link(link[0] if isinstance(link, tuple) else link)]
+
+
 def _mode_rows(modes: Modes, coordinates: Sequence[str], count: int) -> list[dict[str, Any]]:
     rows = []
     for k in range(min(count, len(modes.frequencies))):
@@ -89,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
     """Computes and prints."""
     if args.count < 1:
         raise ValueError(f"-n {args.count}: must be at least 1")
-    scene = load(args.scene)
+    scene = options.read(args.scene, args.tip)
     speed = _speeds(args.speed, scene)
     lock = _locks(args.lock, scene)
     modes = scene.arm.modes(q=_place(scene), speed=speed, lock=lock)
@@ -98,8 +102,8 @@ def run(args: argparse.Namespace) -> int:
         keys = {"scene": scene.name, "speed": speed, "lock": lock, "stable": modes.stable}
         print(json_text({**keys, "coordinates": list(scene.arm.coordinates), "modes": rows}))
         return 0
-    spin = ", ".join(f"link {k} at {w:g}" for k, w in speed.items() if w) or "at rest"
-    held = f", link {', '.join(map(str, lock))} locked" if lock else ""
+    spin = ", ".join(f"{_joint(scene, k)} at {w:g}" for k, w in speed.items() if w) or "at rest"
+    held = f", {', '.join(_joint(scene, k) for k in lock)} locked" if lock else ""
     shown = empty_table(f"{scene.name}: {spin}{held}", "mode", "rad/s", "Hz", "damping ratio", "most of its energy in")
     for k, m in enumerate(rows):
         numbers = [f"{m['frequency']:.6g}", f"{m['hertz']:.6g}", f"{m['damping']:.4g}"]

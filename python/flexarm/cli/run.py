@@ -13,7 +13,6 @@ from ..draw import style as plots
 from ..parts.labels import deflections, joint_coordinates, joint_rates
 from ..run.result import Result
 from ..run.simulation import SimulationError, SimulationInterrupted
-from ..scene.scene import load
 from . import options
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ TEXT = (
 
 def arguments(p: argparse.ArgumentParser) -> None:
     """Adds the command's arguments to its parser."""
-    options.scene(p)
+    p.add_argument("scene", metavar="SCENE", help=options.robot(p))
     options.output(p, "flexarm-run")
 
 
@@ -71,7 +70,7 @@ def _write_run(folder: Path, result: Result, summary: dict[str, Any], shown: Tab
 
 def run(args: argparse.Namespace) -> int:
     """Simulates, writes and prints; 0, or 130 after Ctrl-C, or 1 if the run could not go on."""
-    scene = load(args.scene)
+    scene = options.read(args.scene, args.tip)
     folder = output_folder(args.output)
     failure: SimulationError | SimulationInterrupted | None = None
     try:

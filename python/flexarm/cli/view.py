@@ -7,12 +7,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .._console import complain, json_text
 from ..run.result import Result
 from ..run.simulation import SimulationError, SimulationInterrupted
-from ..scene.scene import load
+from ..scene.scene import ROBOTS
 from ..view.page import library
 from ..view.stage import greatest_strain
+from . import options
 
 SUMMARY = "see a scene or a run in 3-D"
 TEXT = (
@@ -24,8 +27,7 @@ TEXT = (
 
 def arguments(p: argparse.ArgumentParser) -> None:
     """Adds the command's arguments to its parser."""
-    what = "TOML file, the name of a shipped scene such as ist, or a run (.npz, .h5)"
-    p.add_argument("runs", metavar="SCENE|RUN", nargs="+", help=what)
+    p.add_argument("runs", metavar="SCENE|RUN", nargs="+", help=options.robot(p, "a run (.npz, .h5), "))
     p.add_argument("-o", "--output", metavar="FILE", help=".html, .png, .gif or .mp4 (default: open the browser)")
     magnify = "draw the bending that many times as large (%(default)s)"
     p.add_argument("--magnify", metavar="M", type=float, default=1.0, help=magnify)
@@ -33,11 +35,14 @@ def arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument("--time", metavar="T", type=float, help="of a picture (s; default: the first)")
 
 
-def _read(name: str) -> tuple[str, Result, SimulationError | SimulationInterrupted | None]:
+def _read(name: str, tip: str | None) -> tuple[str, Result, SimulationError | SimulationInterrupted | None]:
     """Title and rows, and why there are no more of them."""
     if Path(name).suffix.lower() in (".npz", ".h5", ".hdf5"):
         return Path(name).stem, Result.load(name), None
-    scene = load(name)
+    scene = options.read(name, tip)
+    if Path(name).suffix.lower() in ROBOTS:  # as it stands
+        still = np.zeros((1, scene.arm.nv))
+        return scene.name, Result(scene.arm, np.zeros(1), scene.arm.zero[None], still, still, still), None
     try:
         return scene.name, scene.run(progress=sys.stderr.isatty()), None
     except (SimulationError, SimulationInterrupted) as e:
@@ -62,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError(f"--time {args.time:g}: goes with a picture, -o FILE.png")
     if Path(args.output or "").suffix.lower() in ("", ".html", ".htm"):
         _library()
-    read = [_read(name) for name in args.runs]
+    read = [_read(name, args.tip) for name in args.runs]
     for _, result, failure in read:
         if failure is not None and not len(result.t):
             return _failed(failure, "there is nothing to show")
@@ -79,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         told |= {"magnify": view.magnify, "speed": view.speed, "greatest_strain": greatest_strain(view.tracks)}
         print(json_text(told))
     elif args.output is not None:
-        print(f"{view.times[0]:g} to {view.times[1]:g} s: {args.output}")
+        print(f"{view.times[0]:g} to {view.times[1]:g} s: {args.output}" if frames > 1 else args.output)
     for _, _, failure in read:
         if failure is not None:
             return _failed(failure, "shown is what there was before")

@@ -155,7 +155,7 @@ class Inversion:
     def plot(self) -> Figure:
         """The path from where it begins, joint motions, their rates and torques; dotted: its ends."""
         rates = [i for _, i in self._rates()]
-        label = [f"joint {joint}" for joint in self.joints]
+        label = [self.arm.coordinates[i] for i in rates]
         at = [self._coordinate(i) for i in rates]
         moved = self.wanted - self.wanted[0]
         panels = [("tip moved (m, rad)", [(name, moved[:, k]) for k, name in enumerate(self.names)])]

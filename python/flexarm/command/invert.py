@@ -80,9 +80,9 @@ def invert(
         tolerance: how near the tip keeps to the path between the rows of the result (m, rad).
         pre, post: time before and after the path (s), at least twelve steps of the grid; if None, what the poles of
             the internal dynamics take to die out.
-        limits: "torque", "speed": one number, or one for each driven joint, in the order of links (N m, N; rad/s,
-            m/s); "range": (lowest, highest), or a pair for each (rad, m), or the joints' stops, if not given. They are
-            looked at in the rows of the result.
+        limits: "torque", "speed": one number, or one for each driven joint, in the order of links, or by the names of
+            some, {"elbow": 5.0} (N m, N; rad/s, m/s); "range": (lowest, highest), or pairs likewise (rad, m), or the
+            joints' stops, if not given. They are looked at in the rows of the result.
         stretch: whether the path is slowed, uniformly, by the least factor (within 1 %) that respects the limits.
 
     Returns:
@@ -157,14 +157,18 @@ def _freedoms(arm: Arm, name: str, given: Any) -> list[tuple[int, int]]:
     return found
 
 
+def _name(arm: Arm, key: tuple[int, int]) -> str:
+    return arm.coordinates[arm.joint_rate(key)]
+
+
 def _equations(arm: Arm, output: Output, passive: Any, lock: Any, method: str) -> tuple[Equations, list[Any]]:
     if arm.nq != arm.nv:
-        n, _ = arm.quaternions()[0]
-        raise ValueError(f"arm: the joint of link {n} is a ball; take three rotations in its place (Axes, Universal)")
+        name = arm.joint_names[arm.quaternions()[0][0]]
+        raise ValueError(f"arm: joint {name} is a ball; take three rotations in its place (Axes, Universal)")
     free, locked = _freedoms(arm, "passive", passive), _freedoms(arm, "lock", lock)
     for key in free:
         if key in locked:
-            raise ValueError(f"passive: joint {key} is in lock, too")
+            raise ValueError(f"passive: {_name(arm, key)} is in lock, too")
     joints, inner, keys = [], [], []
     for n, link in enumerate(arm.links):
         first, count = arm._core.first(n), link.joint.nv
@@ -173,7 +177,7 @@ def _equations(arm: Arm, output: Output, passive: Any, lock: Any, method: str) -
             if (n, k) in free:
                 inner.append(first + k)
                 if link.joint._per_freedom("coulomb", count)[k]:
-                    raise ValueError(f"passive: joint {n} has dry friction; only driven joints may have it")
+                    raise ValueError(f"passive: {_name(arm, (n, k))} has dry friction; only driven joints may have it")
             elif (n, k) not in locked:
                 joints.append(first + k)
                 keys.append(n if count == 1 else (n, k))

@@ -18,16 +18,17 @@ _NEAR = 0.01  # of the factor by which a path is slowed
 
 class Exceeded(NamedTuple):
     """A limit that an inversion does not respect: of what ("torque", "speed", "range"), the joint's link (or (link,
-    freedom)), where it is worst (s), the value there, and the limit."""
+    freedom)), where it is worst (s), the value there, the limit, and what `arm.coordinates` calls the joint."""
 
     kind: str
     joint: Any
     time: float
     value: float
     limit: float
+    name: str
 
     def __str__(self) -> str:
-        return f"{self.kind} of joint {self.joint}: {self.value:.4g} at t = {self.time:.4g} s, limit {self.limit:.4g}"
+        return f"{self.kind} of {self.name}: {self.value:.4g} at t = {self.time:.4g} s, limit {self.limit:.4g}"
 
 
 def bounds_of(arm: Arm, limits: Any, keys: list[Any]) -> dict[str, Array]:
@@ -37,11 +38,7 @@ def bounds_of(arm: Arm, limits: Any, keys: list[Any]) -> dict[str, Array]:
         raise ValueError(f"limits = {limits!r}: must be a dictionary of {', '.join(LIMITS)}")
     for name, value in (limits or {}).items():
         choice("limits", name, LIMITS)
-        given, shape = array(f"limits[{name!r}]", value), (m, 2) if name == "range" else (m,)
-        try:
-            given = np.broadcast_to(given, shape)
-        except ValueError:
-            raise ValueError(f"limits[{name!r}] has shape {given.shape}: must fit {shape}, the driven joints") from None
+        given = _each(arm, f"limits[{name!r}]", value, keys, (-np.inf, np.inf) if name == "range" else (np.inf,))
         if name != "range" and not (given > 0).all():
             raise ValueError(f"limits[{name!r}] = {value}: must be positive")
         if name == "range" and not (given[:, 0] < given[:, 1]).all():
@@ -54,6 +51,22 @@ def bounds_of(arm: Arm, limits: Any, keys: list[Any]) -> dict[str, Array]:
                           for joint in [arm.links[n].joint]])  # fmt: skip
         out["range"] = stops.reshape(m, 2).T
     return out
+
+
+def _each(arm: Arm, field: str, value: Any, keys: list[Any], none: tuple[float, ...]) -> Array:
+    """Limits of the driven joints, (m,) or (m, 2): one for all, one for each, or by joint; `none` of the others."""
+    shape = (len(keys), 2) if len(none) == 2 else (len(keys),)
+    if isinstance(value, Mapping):
+        own, rates = arm.by_rate(field, value), [arm.joint_rate(key) for key in keys]
+        for i in set(own) - set(rates):
+            raise ValueError(f"{field}: '{arm.coordinates[i]}' is not driven")
+        read = {i: array(f"{field} of '{arm.coordinates[i]}'", x, shape[1:]) for i, x in own.items()}
+        return np.array([read.get(i, np.array(none).reshape(shape[1:])) for i in rates]).reshape(shape)
+    given = array(field, value)
+    try:
+        return np.broadcast_to(given, shape)
+    except ValueError:
+        raise ValueError(f"{field} has shape {given.shape}: must fit {shape}, the driven joints") from None
 
 
 def applied(of: Equations, found: Motions) -> Array:
@@ -74,19 +87,20 @@ def exceeded(
     of: Equations, found: Motions, tau: Array, bounds: Mapping[str, Array], keys: list[Any]
 ) -> list[Exceeded]:
     out: list[Exceeded] = []
-    th = of.joints
+    th, names = of.joints, [of.arm.coordinates[i] for i in of.joints]
     for kind, values in (("torque", tau[:, th]), ("speed", found.v[:, th])):
         if kind not in bounds:
             continue
         for k in np.flatnonzero(np.abs(values).max(axis=0) > bounds[kind] * (1 + 1e-9)).tolist():
             at = int(np.abs(values[:, k]).argmax())
-            out.append(Exceeded(kind, keys[k], float(found.t[at]), float(values[at, k]), float(bounds[kind][k])))
+            numbers = float(found.t[at]), float(values[at, k]), float(bounds[kind][k])
+            out.append(Exceeded(kind, keys[k], *numbers, names[k]))
     q, (low, high) = found.q[:, th], bounds["range"]
     for k in range(len(th)):
         for at, limit, beyond in ((int(q[:, k].argmin()), low[k], q[:, k].min() < low[k]),
                                   (int(q[:, k].argmax()), high[k], q[:, k].max() > high[k])):  # fmt: skip
             if beyond:
-                out.append(Exceeded("range", keys[k], float(found.t[at]), float(q[at, k]), float(limit)))
+                out.append(Exceeded("range", keys[k], float(found.t[at]), float(q[at, k]), float(limit), names[k]))
     return out
 
 
@@ -100,7 +114,7 @@ def within(solved: Any, of: Equations, bounds: Mapping[str, Array], stretch: boo
         over = exceeded(of, motions, applied(of, motions), bounds, list(range(len(of.joints))))
         if any(x.kind == "range" for x in over):
             first = next(x for x in over if x.kind == "range")
-            raise ValueError(f"limits: {first} (joints in order), and no slowing helps; take another posture")
+            raise ValueError(f"limits: {first}, and no slowing helps; take another posture")
         return not over
 
     if respected(found[1]):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -49,8 +49,8 @@ class MoveWarning(UserWarning):
 
 def plan_move(
     arm: Arm,
-    q_from: ArrayLike | None = None,
-    q_to: ArrayLike | None = None,
+    q_from: ArrayLike | Mapping[Any, float] | None = None,
+    q_to: ArrayLike | Mapping[Any, float] | None = None,
     *,
     torque: Any = None,
     speed: Any = None,
@@ -74,7 +74,7 @@ def plan_move(
     Args:
         arm: the arm, without ball joints.
         q_from, q_to: joint positions (rad, m), (nj,), in the order of the links; or states (nq,), of which the joints'
-            entries are used.
+            entries are used; or by joint, {"elbow": 0.3}, the others at 0.
         torque: largest absolute torque or force of each joint (N m, N) on the flexible arm; it includes the weight.
         speed: largest absolute joint rate (rad/s, m/s).
         acceleration: rad/s², m/s². jerk: rad/s³, m/s³.
@@ -140,6 +140,9 @@ def _points(arm: Arm, driven: Driven, q_from: Any, q_to: Any, path: Any) -> Arra
     for name, value in (("q_from", q_from), ("q_to", q_to)):
         if value is None:
             raise ValueError(f"{name} = None: give q_from and q_to, or path")
+        if isinstance(value, Mapping):
+            own = arm.by_rate(name, value)
+            value = [own.get(int(i), 0.0) for i in driven.rates]
         q = np.atleast_1d(array(name, value))
         if q.shape not in ((n,), (arm.nq,)):
             raise ValueError(

@@ -70,7 +70,7 @@ def _curves(top: Axes, below: Axes, pair: Pair, name: str, run: str, last: bool)
     label_axes(top, f"{name} ({unit})" if unit not in ("", "1") else name)
     label_axes(below, f"error ({unit})" if unit not in ("", "1") else "error", "Time (s)" if last else "")
     below.ticklabel_format(axis="y", scilimits=(-3, 4))
-    top.set_title(f"{run}{name}, NRMSE {100 * pair.nrmse[name]:.3g} %", fontsize=10, loc="left")
+    top.set_title(f"{run}{name}, NRMSE {100 * pair.nrmse[name]:.3g} %", fontsize=10, loc="left", parse_math=False)
     top.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1, fontsize=8, frameon=False, ncols=2)
     top.tick_params(labelbottom=False)
     for ax in (top, below):

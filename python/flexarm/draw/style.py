@@ -45,19 +45,24 @@ def _png(figure: Figure) -> bytes:
     return file.getvalue()
 
 
+def words(text: str) -> str:
+    """A user's text as matplotlib shows it: no dollar begins a formula, no "_" hides it from a legend."""
+    return (" " if text.startswith("_") else "") + text.replace("$", r"\$")
+
+
 def label_axes(ax: Axes, ylabel: str, xlabel: str = "") -> None:
     """Names the axes, with a grid behind the curves."""
-    ax.set_ylabel(ylabel)
-    ax.set_xlabel(xlabel)
+    ax.set_ylabel(words(ylabel))
+    ax.set_xlabel(words(xlabel))
     ax.grid(True, color="#DDDDDD", linewidth=0.6)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
 
 
 def legend(ax: Axes, count: int) -> None:
-    """Beside the axes, where it hides no curve; the name of a single one stands above it."""
+    """Beside the axes, where it hides no curve; the name of a single one stands above it. Labels are `words`."""
     if count == 1:
-        ax.set_title(ax.get_legend_handles_labels()[1][0], loc="left", fontsize=10, parse_math=False)
+        ax.set_title(ax.get_legend_handles_labels()[1][0].strip(), loc="left", fontsize=10)
     elif count:
         columns = 1 + (count - 1) // 12
         ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=9, ncols=columns)

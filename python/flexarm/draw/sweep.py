@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._check import Array
-from .style import BLUE, RED, label_axes, new_figure
+from .style import BLUE, RED, label_axes, new_figure, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,8 +43,8 @@ def _map(figure: Figure, ax: Axes, axes: dict[str, Array], values: Array, label:
     if lost.count():
         greys = ListedColormap(list(MISSING.values()))
         ax.pcolormesh(*places, lost, shading="nearest", cmap=greys, vmin=-0.5, vmax=len(MISSING) - 0.5)
-    figure.colorbar(found, ax=ax, label=f"{label}\n(grey: no number)" if lost.count() else label)
-    ax.set(xlabel=x_name, ylabel=y_name)
+    figure.colorbar(found, ax=ax, label=words(f"{label}\n(grey: no number)" if lost.count() else label))
+    ax.set(xlabel=words(x_name), ylabel=words(y_name))
     _scales(ax, x, y)
     _tick_values(ax.xaxis, x, 3.0)
     _tick_values(ax.yaxis, y, 3.0)

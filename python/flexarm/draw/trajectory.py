@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from .._check import Array
-from .style import PALETTE, label_axes, legend, new_figure
+from .style import PALETTE, label_axes, legend, new_figure, words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,7 +22,7 @@ def plot_panels(t: Array, panels: Sequence[tuple[str, Sequence[tuple[str, Array]
     for ax, (ylabel, curves) in zip(grid, panels, strict=True):
         for i, (label, y) in enumerate(curves):
             colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
-            ax.plot(t, y, label=label, color=colour, linestyle=dash, marker=marker, linewidth=1.4)
+            ax.plot(t, y, label=words(label), color=colour, linestyle=dash, marker=marker, linewidth=1.4)
         label_axes(ax, ylabel)
         legend(ax, len(curves))
     grid[-1].set_xlabel("Time (s)")
@@ -39,9 +39,9 @@ def plot_samples(t: Array, y: Array, labels: Sequence[str], all_units: Sequence[
         own = [k for k, u in enumerate(all_units) if u == unit]
         for i, k in enumerate(own):
             colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
-            ax.plot(t, y[:, k], dash, label=labels[k], color=colour, linewidth=1.2, drawstyle="steps-post")
+            ax.plot(t, y[:, k], dash, label=words(labels[k]), color=colour, linewidth=1.2, drawstyle="steps-post")
         name = labels[own[0]] if len(own) == 1 else labels[own[0]].rsplit(" ", 1)[0]
         label_axes(ax, f"{name} ({unit})" if unit != "1" else name, "Time (s)" if ax is panels[-1] else "")
         legend(ax, len(own) if len(own) > 1 else 0)
-    fig.suptitle(title, fontsize=12)
+    fig.suptitle(title, fontsize=12, parse_math=False)
     return fig

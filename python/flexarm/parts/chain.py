@@ -71,18 +71,21 @@ class Chain:
                 raise ValueError(f"links[{k}] = {link!r}: must be a Link")
         self.gravity: tuple[float, ...] = tuple(array("gravity", gravity, (3,)).tolist())
         self._numbers = _numbers(self.links)
+        own = [link.joint.name if self._numbers.get(link.joint.name or "") == (k,) else None
+               for k, link in enumerate(self.links)]  # fmt: skip
         #: of each link: its name, or its joint's (where that means no other link), or "link 0" and so on
         self.names: tuple[str, ...] = tuple(
-            link.name or (str(link.joint.name) if self._numbers.get(link.joint.name or "") == (k,) else f"link {k}")
-            for k, link in enumerate(self.links)
+            link.name or joint or f"link {k}" for k, (link, joint) in enumerate(zip(self.links, own, strict=True))
         )
-        try:
+        #: of each link's joint: its name (where that means no other link), or the link's name and the joint's type
+        self.joint_names: tuple[str, ...] = tuple(
+            joint or f"{self.names[k]} {self.links[k].joint.type}" for k, joint in enumerate(own)
+        )
+        self.coordinates: tuple[str, ...] = self._labels()
+        with self.naming():
             self._core = _core.Arm([link._core for link in self.links], self.gravity)
-        except ValueError as e:
-            raise ValueError(re.sub(r"(?<=')link (\d+)(?= )", lambda m: self.names[int(m[1])], str(e))) from None
         self.nq: int = self._core.nq
         self.nv: int = self._core.nv
-        self.coordinates: tuple[str, ...] = tuple(self._named(label) for label in self._core.coordinates)
         self.patch_matrix: Array = self._core.patch_matrix()  #: generalised forces per volt (Eq. 61), (nv, n_patches)
         self.patch_matrix.flags.writeable = False
         self._fast_modes: Any = ()  # once known, see pace.py
@@ -112,10 +115,39 @@ class Chain:
     def __iter__(self) -> Iterator[Link]:
         return iter(self.links)
 
-    def _named(self, label: str) -> str:
-        """A label of the core, "link 0 bending_y 1", with the link's name."""
-        _, number, rest = label.split(" ", 2)
-        return f"{self.names[int(number)]} {rest}"
+    def _labels(self) -> tuple[str, ...]:
+        """A label per rate, such as "elbow" and "forearm bending_y 1"."""
+        out: dict[str, int] = {}
+        for k, link in enumerate(self.links):
+            labels = [self.joint_names[k] + label.removeprefix(link.joint.type) for label in link.joint.labels]
+            counts = link.beam.counts if link.beam is not None else {}
+            labels += [f"{self.names[k]} {s} {i + 1}" for s in _core.STRAINS for i in range(counts.get(s, 0))]
+            for label in labels:
+                if label in out:
+                    other = f"a coordinate of link {out[label]}, too"
+                    raise ValueError(f"links[{k}]: '{label}' is {other}; take other names")
+                out[label] = k
+        return tuple(out)
+
+    def in_names(self, text: str) -> str:
+        """A message of the core, which counts links, with the names of coordinates and links."""
+
+        def coordinate(m: re.Match[str]) -> str:
+            k, rest = int(m[1]), m[2]
+            kind = self.links[k].joint.type
+            joint = rest == kind or rest.startswith(f"{kind} ")
+            return f"'{self.joint_names[k]}{rest.removeprefix(kind)}'" if joint else f"'{self.names[k]} {rest}'"
+
+        text = re.sub(r"'link (\d+) ([^']*)'", coordinate, text)
+        return re.sub(r"(?<=beam of )link (\d+)", lambda m: self.names[int(m[1])], text)
+
+    @contextmanager
+    def naming(self) -> Iterator[None]:
+        """What the core refuses inside is told in these names."""
+        try:
+            yield
+        except ValueError as e:
+            raise ValueError(self.in_names(str(e))) from None
 
     def _link(self, link: Any, field: str = "link") -> int:
         """The number of a link that is given by its number, its name or its joint's: the one place that reads them."""
@@ -180,7 +212,7 @@ class Chain:
             if self.coordinate_of(i) >= 0:
                 names[self.coordinate_of(i)] = label
         for k, at in self.quaternions():
-            names[at] = [f"{self.names[k]} {self.links[k].joint.type} quaternion {c}" for c in "wxyz"]
+            names[at] = [f"{self.joint_names[k]} quaternion {c}" for c in "wxyz"]
         return tuple(names)
 
     def quaternions(self) -> list[tuple[int, slice]]:
@@ -302,8 +334,8 @@ class Chain:
             for value, bad in (("0 0 0 0", size < 1e-100), (f"up to {size.max(initial=0.0):g}", size > 1e100)):
                 if bad.any():
                     raise ValueError(
-                        f"{field}[{at.start}:{at.stop}] = {value}: the quaternion of link {k} must have a length, "
-                        "from 1e-100 to 1e100"
+                        f"{field}[{at.start}:{at.stop}] = {value}: the quaternion of {self.joint_names[k]} must have a "
+                        "length, from 1e-100 to 1e100"
                     )
 
     # -- kinematics ----------------------------------------------------------------------------------------------------

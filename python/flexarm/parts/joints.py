@@ -85,7 +85,8 @@ class Joint(Part):
             kg m²). The rotor's own gyroscopic moments are left out.
         inboard: where the joint sits on the link below, from that link's end.
         outboard: where the link's own frame sits, from the joint's moving side.
-        name: what the joint is called, such as "elbow"; it stands wherever its link's number may. No dots, no number.
+        name: what the joint is called, such as "elbow"; it stands wherever its link's number may, and labels its
+            coordinates. No dots, no number; no other joint of the arm has it.
     """
 
     stiffness: PerFreedom = field(default=0.0, kw_only=True)

@@ -25,8 +25,8 @@ class Link(Part):
         hub: the rigid body that the joint moves.
         beam: what bends, clamped to the hub.
         tip: the rigid body on the beam's end, such as a payload.
-        name: what the link is called, such as "forearm"; it stands wherever the link's number may, and in labels. No
-            dots, no number; no other link of the arm has it.
+        name: what the link is called, such as "forearm"; it stands wherever the link's number may, and in labels of
+            what bends, and of a joint without a name. No dots, no number; no other link of the arm has it.
         looks: what is drawn of it, such as meshes, besides its beam. Without, a box of the same inertia stands for each
             of its rigid bodies.
     """

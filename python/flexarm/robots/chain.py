@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, array, choice, known_keys
+from .._check import Array, array, choice, known_keys, number
 from ..parts.beam import Beam, RigidBody, Vector
 from ..parts.joints import UNIT, Fixed, Joint, Placement, Prismatic, Revolute
 from ..parts.link import Link
@@ -71,8 +71,11 @@ class Made:
     said: list[str] = field(default_factory=list)
 
 
-def chain(tree: Tree, tip: str | None, flexible: Mapping[str, Any] | None, stops: Any) -> Made:
-    """The links of an arm that ends with `tip`; see from_urdf."""
+def chain(
+    tree: Tree, tip: str | None, flexible: Mapping[str, Any] | None, stops: Any, springs: Mapping[str, Any]
+) -> Made:
+    """The links of an arm that ends with `tip`; see from_urdf. `springs`: numbers in place of the file's, by the names
+    of fa.Joint's arguments."""
     path = tree.path(tree.default_tip() if tip is None else tip)
     moving = [j for j in path if j.moves]
     if not moving:
@@ -80,6 +83,7 @@ def chain(tree: Tree, tip: str | None, flexible: Mapping[str, Any] | None, stops
     for joint in moving:
         if joint.kind not in MOVING:
             raise ValueError(f"joint '{joint.name}': type '{joint.kind}' is not supported; choose a tip ahead of it")
+    _set_springs(moving, springs)
     made = Made()
     groups = [_group(tree, path, k) for k, j in enumerate(path) if j.moves]
     _say_left_out(tree, path, made)
@@ -105,10 +109,29 @@ def chain(tree: Tree, tip: str | None, flexible: Mapping[str, Any] | None, stops
     return made
 
 
+def _set_springs(moving: Sequence[TreeJoint], springs: Mapping[str, Any]) -> None:
+    """Puts a number in place of the file's: of all joints, or by the name of a joint or of the link that it moves."""
+    by_name = {j.child: j for j in moving} | {j.name: j for j in moving}
+    for what, given in springs.items():
+        if given is None:
+            continue
+        one_for_all = not isinstance(given, Mapping)
+        each = {j.name: number(what, given) for j in moving} if one_for_all else given
+        known_keys(what, each, by_name)
+        told: dict[str, str] = {}
+        for key, value in each.items():
+            joint = by_name[key]
+            if joint.name in told:
+                raise ValueError(f"{what}: '{key}' and '{told[joint.name]}' are one joint")
+            told[joint.name] = key
+            joint.springs[what] = number(f"{what}['{key}']", value)
+
+
 def _group(tree: Tree, path: Sequence[TreeJoint], k: int) -> _Group:
     joint = path[k]
     at, after = Pose(), None
-    for after in path[k + 1 :]:
+    for i in range(k + 1, len(path)):
+        after = path[i]
         if after.moves:
             break
         at = at @ after.rest_pose
@@ -117,16 +140,13 @@ def _group(tree: Tree, path: Sequence[TreeJoint], k: int) -> _Group:
         at = at @ following.origin
     bodies = tree.beneath(joint.child, following)
     masses = [(name, tree.bodies[name].seen(pose)) for name, pose in bodies]
-    fixed = {name: pose for name, pose in bodies if not any(j.moves for j in _between(tree, joint.child, name))}
+    fixed = {joint.child: Pose()}
+    for name, pose in bodies[1:]:  # each after its parent
+        if tree.above[name].parent in fixed and not tree.above[name].moves:
+            fixed[name] = pose
     tip = path[-1].child if following is None and path[-1] is not joint else None
     looks = [(name, pose @ there, look) for name, pose in bodies for there, look in tree.looks.get(name, [])]
     return _Group(joint, masses, fixed, looks, following, at, tip)
-
-
-def _between(tree: Tree, above: str, name: str) -> Iterable[TreeJoint]:
-    while name != above:
-        yield tree.above[name]
-        name = tree.above[name].parent
 
 
 def _say_left_out(tree: Tree, path: Sequence[TreeJoint], made: Made) -> None:
@@ -137,11 +157,12 @@ def _say_left_out(tree: Tree, path: Sequence[TreeJoint], made: Made) -> None:
     if still:
         made.said.append(f"{still:.6g} kg fixed to the base: it does not move")
     on_base = {name for name, _ in base}
-    off = [j.name for j in tree.joints if j.moves and j not in path]
-    held = [j.name for j in tree.joints if j.moves and j not in path and j.child not in on_base]
+    on_path = {id(j) for j in path}
+    away = [j for j in tree.joints if j.moves and id(j) not in on_path]
+    off, held = [j.name for j in away], {j.name for j in away if j.child not in on_base}
     if held:
         how = "they are held at zero, their bodies move with the link"
-        made.said.append(f"motion of the joints of branches: {how}: {_few(held)}")
+        made.said.append(f"motion of the joints of branches: {how}: {_few(n for n in off if n in held)}")
     if len(off) > len(held):
         made.said.append(f"branches of the base: {_few(n for n in off if n not in held)}")
     whole: dict[str, list[str]] = {}
@@ -161,9 +182,9 @@ def _read_flexible(flexible: Mapping[str, Any] | None, groups: Sequence[_Group])
     if flexible is None:
         return {}
     known = {g.joint.child: g for g in groups}
-    for name in flexible if isinstance(flexible, Mapping) else ():
+    for name in set(flexible) - set(known) if isinstance(flexible, Mapping) else ():
         for g in groups:
-            if name not in known and name in g.places:
+            if name in g.places:
                 raise ValueError(f"flexible: '{name}' is fixed to '{g.joint.child}'; name that, which can be a beam")
     known_keys("flexible", flexible, known)
     out = {}

@@ -10,22 +10,22 @@ from ..parts.chain import Chain
 from ..store.files import write_whole
 from .segments import Segmented, segmented
 from .tree import RobotWarning
-from .write import lost, mjcf, urdf
+from .write import WORLD, lost, mjcf, urdf
 
 _NEAR = 0.01
-_STOPS = {"limit_stiffness": "stiffness and damping of soft stops (the range is written)"}
-_MJCF = {"stiction": "stiction above dry friction", **_STOPS}
-_URDF = {
-    **_MJCF,
-    "stiffness": "springs, but for Gazebo",
-    "reflected_inertia": "reflected inertia",
+_BOTH = {
+    "stiction": "stiction above dry friction",
+    "limit_stiffness": "stiffness and damping of soft stops (the range is written)",
 }
+_MJCF = {**_BOTH, "name": "names of fixed joints"}
+_URDF = {**_BOTH, "stiffness": "springs, but for Gazebo", "reflected_inertia": "reflected inertia"}
 
 
 def to_mjcf(arm: Chain, path: Any, segments: int) -> str:
     """See Arm.to_mjcf."""
     cut = segmented(arm, segments)
-    return _written(path, ".xml", mjcf(cut), cut, lost(cut, _MJCF))
+    name = [f"the name '{WORLD}' of a link, which is the base's: '{WORLD}_' there"] if WORLD in cut.names else []
+    return _written(path, ".xml", mjcf(cut), cut, lost(cut, _MJCF) + name)
 
 
 def to_urdf(arm: Chain, path: Any, segments: int) -> str:

@@ -75,7 +75,8 @@ def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
             if link.beam.curvature is not None:
                 raise ValueError(f"{name}: curvature: a beam that is curved at rest is not cut into segments")
             left_out += _left_out(name, link.beam)
-    links, of = _links(arm, segments)
+    links, of, raised = _links(arm, segments)
+    left_out += [f"moments of inertia of '{name}', which no body in space has: they are raised" for name in raised]
     wanted = locked_frequencies(arm, frozenset())[:_COUNT]
     if fit and len(wanted):
         links = _fitted(arm._made(links), of, wanted)
@@ -87,7 +88,18 @@ def _left_out(name: str, beam: Beam) -> list[str]:
     stiff = [s for s in beam.counts if s not in HINGES]
     out = [f"{', '.join(stiff)} of '{name}'"] if stiff else []
     out += [f"patches of '{name}', but for their mass and stiffness"] if beam.patches else []
+    hinges = {s: 1 for s in beam.counts if s in HINGES}
+    K = np.asarray(piece(_plain(beam), 0.0, beam.length, hinges)._core.stiffness) if hinges else np.zeros((0, 0))
+    if (np.abs(K - np.diag(np.diag(K))) > 1e-9 * np.sqrt(np.outer(np.diag(K), np.diag(K)))).any():
+        out.append(f"the coupling of strains of '{name}'")
+    if beam.damping_ratio and any(beam.counts[s] > 1 for s in hinges):
+        out.append(f"the damping ratio of '{name}' in modes above the lowest: there it grows with the frequency")
     return out + ([f"the damping matrix of '{name}'"] if beam.damping else [])
+
+
+def _plain(beam: Beam) -> Beam:
+    """Without damping that is of a whole beam."""
+    return replace(beam, damping_ratio=0.0, damping=())
 
 
 def _hinges(of: tuple[int, ...]) -> frozenset[int]:
@@ -135,18 +147,23 @@ def _fitted(cut: Chain, of: tuple[int, ...], wanted: Array) -> list[Link]:
     return links
 
 
-def _links(arm: Chain, n: int) -> tuple[list[Link], tuple[int, ...]]:
-    """The arm in pieces, and of which link each is."""
+def _links(arm: Chain, n: int) -> tuple[list[Link], tuple[int, ...], list[str]]:
+    """The arm in pieces, of which link each is, and the links whose moments of inertia `possible` has raised."""
     links: list[Link] = []
     of: list[int] = []
+    raised: list[str] = []
     for k, link in enumerate(arm.links):
+        mended: list[bool] = []
         if link.beam is not None:
-            parts = _cut(arm.names[k], link, link.beam, n)
+            parts = _cut(arm.names[k], link, link.beam, n, mended)
         else:
-            parts = [replace(link, hub=_joined(link.hub, link.tip), tip=None)] if link.tip else [link]
+            end = _end(link.hub)
+            body = _rigid([mass_of(link.hub), mass_of(link.tip).seen(Pose(end))], end + _end(link.tip), mended)
+            parts = [replace(link, hub=body, tip=None) if link.tip or any(mended) else link]
         links += parts
         of += [k] * len(parts)
-    return links, tuple(of)
+        raised += [arm.names[k]] if any(mended) else []
+    return links, tuple(of), raised
 
 
 def mass_of(body: RigidBody | None) -> Mass:
@@ -154,34 +171,32 @@ def mass_of(body: RigidBody | None) -> Mass:
     return Mass() if body is None else Mass(body.mass, np.array(body.com), inertia_matrix(body.inertia))
 
 
-def _rigid(bodies: Sequence[Mass], end: Array) -> RigidBody:
-    one = possible(merged(bodies))
+def _rigid(bodies: Sequence[Mass], end: Array, mended: list[bool]) -> RigidBody:
+    """Notes in `mended` whether its moments of inertia are raised."""
+    own = merged(bodies)
+    one = possible(own)
+    mended.append(one is not own)
     return RigidBody(one.mass, one.com.tolist(), one.inertia.tolist(), end.tolist())
-
-
-def _joined(hub: RigidBody | None, tip: RigidBody) -> RigidBody:
-    at = _end(hub)
-    return _rigid([mass_of(hub), mass_of(tip).seen(Pose(at))], at + tip.end)
 
 
 def _end(body: RigidBody | None) -> Array:
     return np.zeros(3) if body is None else np.array(body.end)
 
 
-def _cut(name: str, link: Link, beam: Beam, n: int) -> list[Link]:
-    """The link up to the middle of its beam's first piece, and a link for each hinge."""
-    plain = replace(beam, damping_ratio=0.0, damping=())
+def _cut(name: str, link: Link, beam: Beam, n: int, mended: list[bool]) -> list[Link]:
+    """The link up to the middle of its beam's first piece, and a link for each hinge; `mended` as of `_rigid`."""
+    plain = _plain(beam)
     strains = [s for s in beam.counts if s in HINGES]
     if not strains:  # it neither bends nor twists
         at = _end(link.hub)
         tip = at + np.array([beam.length, 0.0, 0.0])
         bodies = [mass_of(link.hub), _rod(plain, 0.0, beam.length).seen(Pose(at)), mass_of(link.tip).seen(Pose(tip))]
-        return [replace(link, hub=_rigid(bodies, tip + _end(link.tip)), beam=None, tip=None)]
+        return [replace(link, hub=_rigid(bodies, tip + _end(link.tip), mended), beam=None, tip=None)]
     step = beam.length / n
     times = np.array([_retardation(beam, plain, strain) for strain in strains])
     halves = [_rod(plain, k * step / 2, min((k + 1) * step / 2, beam.length)) for k in range(2 * n)]
     ahead, half, end = _end(link.hub), np.array([step / 2, 0.0, 0.0]), _end(link.tip)
-    first = _rigid([mass_of(link.hub), halves[0].seen(Pose(ahead))], ahead + half)
+    first = _rigid([mass_of(link.hub), halves[0].seen(Pose(ahead))], ahead + half, mended)
     out = [replace(link, hub=first, beam=None, tip=None)]
     for k in range(n):
         stiffness, damping = _springs(plain, k * step, (k + 1) * step, strains, times)
@@ -189,7 +204,7 @@ def _cut(name: str, link: Link, beam: Beam, n: int) -> list[Link]:
         hinge = Axes(axes=axes, stiffness=stiffness, damping=damping, name=f"{name} segment {k + 1} hinge")
         rods = [halves[2 * k + 1], *([halves[2 * k + 2].seen(Pose(half))] if k + 1 < n else [])]
         rods += [mass_of(link.tip).seen(Pose(half))] if k + 1 == n else []
-        body = _rigid(rods, half + (half if k + 1 < n else end))
+        body = _rigid(rods, half + (half if k + 1 < n else end), mended)
         out.append(Link(hinge, body, name=f"{name} segment {k + 1}"))
     return out
 

@@ -146,12 +146,13 @@ class Tree:
         choice("tip", tip, self.bodies)
         out: list[TreeJoint] = []
         while tip in self.above:
-            out.insert(0, self.above[tip])
-            tip = out[0].parent
-        return out
+            out.append(self.above[tip])
+            tip = out[-1].parent
+        return out[::-1]
 
     def beneath(self, name: str, without: TreeJoint | None = None) -> list[tuple[str, Pose]]:
-        """A body and all that hang on it, not by the joint `without`, with where they stand at zero."""
+        """A body and all that hang on it, not by the joint `without`, with where they stand at zero; each after its
+        parent."""
         out, todo = [], [(name, Pose())]
         while todo:
             body, pose = todo.pop()
@@ -164,16 +165,18 @@ class Tree:
         moving = [j for j in self.joints if j.moves]
         if not moving:
             raise ValueError("the file has no joint that moves")
-        longest = max((self.path(j.child) for j in moving), key=len)
-        apart = [j for j in moving if j not in longest]
+        joints, moves = {self.root: 0}, {self.root: False}  # from the base to a body: how many, and whether one moves
+        for name, _ in self.beneath(self.root)[1:]:
+            above = self.above[name]
+            joints[name], moves[name] = joints[above.parent] + 1, above.moves or moves[above.parent]
+        longest = self.path(max(moving, key=lambda j: joints[j.child]).child)
+        on_path = {id(j) for j in longest}
+        apart = [j for j in moving if id(j) not in on_path]
         if apart:
-            ends = [n for n in self.bodies if not any(j.moves for j in self.below[n]) and self._moves(n)]
+            ends = [n for n in self.bodies if not any(j.moves for j in self.below[n]) and moves[n]]
             few = ", ".join(ends[:12]) + (", ..." if len(ends) > 12 else "")
             raise ValueError(
                 f"tip: the robot branches, '{apart[0].name}' is not on the way to '{longest[-1].child}'; "
                 f"choose the link that the arm ends with, such as one of {few}"
             )
         return longest[-1].child
-
-    def _moves(self, name: str) -> bool:
-        return any(j.moves for j in self.path(name))

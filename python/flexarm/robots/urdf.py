@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections import Counter
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -114,8 +115,8 @@ def _prune(node: ET.Element, whose: str, left_out: list[tuple[str, str]]) -> Non
 
 
 def _unique(what: str, names: list[str]) -> None:
-    for name in names:
-        if names.count(name) > 1:
+    for name, count in Counter(names).items():
+        if count > 1:
             raise ValueError(f"{what} '{name}': is named twice")
 
 

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
+from ..parts.chain import Chain
 from ..parts.joints import Joint
 from ..parts.link import Link
 from .segments import Segmented, locked_frequencies, mass_of
 from .tree import Mass, Pose, possible
 
+WORLD = "world"  #: what formats call the base
 _SMALL = 1e-12  # kg, kg m^2: what programs that refuse massless bodies are given
 
 
@@ -32,13 +34,14 @@ def _pose(place: Any) -> Pose:
     return Pose() if place is None else Pose(*place._core)
 
 
-def _freedoms(name: str, joint: Joint) -> list[_Freedom]:
-    """ValueError for balls, which have quaternions."""
+def _freedoms(name: str, joint: Joint, taken: Sequence[str]) -> list[_Freedom]:
+    """Of a link's joint, which has its own name or one that is not `taken`. ValueError for balls, which have
+    quaternions."""
     if joint.ball:
         raise ValueError(f"{name}: its joint '{joint.type}' has a ball, which is not written; use Axes")
     fields = ("stiffness", "rest", "damping", "lower", "upper", "coulomb", "stiction", "reflected_inertia")
     columns = {field: joint._per_freedom(field, joint.nv) for field in fields}
-    own = joint.name or f"{name} joint"
+    own = joint.name or _free(f"{name} joint", taken)
     out = []
     for k, (label, rotates, axis) in enumerate(joint._freedoms()):
         words = own if joint.nv == 1 else f"{own} {label}"
@@ -53,6 +56,10 @@ def _at_end(link: Link) -> Array:
 def _free(name: str, taken: Sequence[str]) -> str:
     """The name, or, where another has it, one like it."""
     return _free(f"{name}_", taken) if name in taken else name
+
+
+def _taken(arm: Chain) -> list[str]:
+    return [link.joint.name for link in arm.links if link.joint.name is not None]
 
 
 def _numbers(values: Any) -> str:
@@ -88,18 +95,27 @@ def _comment(cut: Segmented) -> str:
 
 
 def lost(cut: Segmented, fields: dict[str, str]) -> list[str]:
-    """What the arm has and the file has not, by the names of a joint's arguments."""
+    """What the arm has and the file has not; of joints, by the names of their arguments."""
     out = list(cut.left_out)
+    links = list(zip(cut.names, cut.arm.links, strict=True))
     for field, words in fields.items():
-        default = {"stiction": "coulomb"}.get(field)
-        whose = []
-        for name, link in zip(cut.names, cut.arm.links, strict=True):
-            joint, value = link.joint, getattr(link.joint, field)
-            if value is not None and np.any(value) and (default is None or value != getattr(joint, default)):
-                whose.append(joint.name or name)
-        if whose:
-            out.append(f"{words}: {', '.join(whose[:6])}" + (f" and {len(whose) - 6} more" if len(whose) > 6 else ""))
-    return out
+        out += _of(words, [link.joint.name or name for name, link in links if _has(link.joint, field)])
+    return out + _of("looks (shapes and meshes)", [name for name, link in links if link.looks])
+
+
+def _of(words: str, whose: Sequence[str]) -> list[str]:
+    more = f" and {len(whose) - 6} more" if len(whose) > 6 else ""
+    return [f"{words}: {', '.join(whose[:6])}{more}"] if whose else []
+
+
+def _has(joint: Joint, field: str) -> bool:
+    """Whether the joint has what this argument is of."""
+    if field == "name":
+        return not joint.nv and joint.name is not None
+    column = {f: np.array(joint._per_freedom(f, joint.nv)) for f in ("coulomb", "lower", "upper", field)}
+    if field == "limit_stiffness":
+        return bool(np.isfinite([column["lower"], column["upper"]]).any())
+    return bool((column[field] != (column["coulomb"] if field == "stiction" else 0.0)).any())
 
 
 # -- MJCF -------------------------------------------------------------------------------------------------------------
@@ -116,14 +132,14 @@ def mjcf(cut: Segmented) -> str:
     option = {"gravity": _numbers(arm.gravity), "timestep": repr(step), "integrator": "implicitfast"}
     ET.SubElement(root, "option", option)
     here = ET.SubElement(root, "worldbody")
-    end, motors = Pose(), []
+    end, motors, taken = Pose(), list[str](), _taken(arm)
     for k, (name, link) in enumerate(zip(cut.names, arm.links, strict=True)):
-        name = _free(name, ["world"])
+        name = _free(name, [WORLD])
         inboard, outboard = _pose(link.joint.inboard), _pose(link.joint.outboard)
         at = end @ inboard @ outboard
         turn = _numbers(_quaternion(at.rotation))
         here = ET.SubElement(here, "body", name=name, pos=_numbers(at.position), quat=turn)
-        freedoms = _freedoms(name, link.joint)
+        freedoms = _freedoms(name, link.joint, taken)
         anchor = outboard.inverse
         for f in freedoms:
             _mjcf_joint(here, f, anchor)
@@ -179,25 +195,25 @@ def urdf(cut: Segmented) -> str:
     """The file: a link and a joint for each freedom, a fixed link "tip" at the end. Springs stand in <gazebo> elements,
     which Gazebo reads."""
     root = ET.Element("robot", name="arm")
-    parent, springs = _free("world", cut.names), []
+    parent, springs, taken = _free(WORLD, cut.names), list[_Freedom](), _taken(cut.arm)
     ET.SubElement(root, "link", name=parent)
     end = Pose()
     for name, link in zip(cut.names, cut.arm.links, strict=True):
         inboard, outboard = _pose(link.joint.inboard), _pose(link.joint.outboard)
-        freedoms: list[_Freedom | None] = list(_freedoms(name, link.joint)) or [None]
+        freedoms: list[_Freedom | None] = list(_freedoms(name, link.joint, taken)) or [None]
         at = end @ inboard
         for k, f in enumerate(freedoms):
             child = name if k + 1 == len(freedoms) else f"{name} {k + 1} of {len(freedoms)}"
             body = ET.SubElement(root, "link", name=child)
-            if k + 1 == len(freedoms):  # the URDF's frame is that of the joint's moving side
-                _urdf_inertia(body, mass_of(link.hub).seen(outboard))
-            _urdf_joint(root, f, at, parent, child)
+            last = k + 1 == len(freedoms)  # the URDF's frame is that of the joint's moving side
+            _urdf_inertia(body, mass_of(link.hub).seen(outboard) if last else Mass(), f is not None)
+            _urdf_joint(root, f or link.joint.name or f"{child} (fixed)", at, parent, child)
             springs += [f] if f is not None and f.values["stiffness"] else []
             parent, at = child, Pose()
         end = outboard @ Pose(_at_end(link))
     tip = _free("tip", cut.names)
     ET.SubElement(root, "link", name=tip)
-    _urdf_joint(root, None, end, parent, tip)
+    _urdf_joint(root, f"{tip} (fixed)", end, parent, tip)
     for f in springs:
         spring = ET.SubElement(root, "gazebo", reference=f.name)
         ET.SubElement(spring, "springStiffness").text = _numbers(f.values["stiffness"])
@@ -220,8 +236,8 @@ def _urdf_origin(parent: ET.Element, at: Pose) -> None:
     ET.SubElement(parent, "origin", xyz=_numbers(at.position), rpy=_numbers(rpy))
 
 
-def _urdf_inertia(link: ET.Element, given: Mass) -> None:
-    if not given.mass and not given.inertia.any():
+def _urdf_inertia(link: ET.Element, given: Mass, moves: bool) -> None:
+    if not (moves or given.mass or given.inertia.any()):
         return
     own = _in_space(given)
     inertial = ET.SubElement(link, "inertial")
@@ -231,20 +247,20 @@ def _urdf_inertia(link: ET.Element, given: Mass) -> None:
     ET.SubElement(inertial, "inertia", {f"i{'xyz'[i]}{'xyz'[j]}": _numbers(own.inertia[i, j]) for i, j in pairs})
 
 
-def _urdf_joint(root: ET.Element, f: _Freedom | None, at: Pose, parent: str, child: str) -> None:
-    kind, limits = "fixed", None
-    if f is not None:
-        limits = f.values["lower"], f.values["upper"]
-        limited = bool(np.isfinite(limits).all())
-        kind = ("revolute" if limited else "continuous") if f.rotates else "prismatic"
-    joint = ET.SubElement(root, "joint", name=f"{child} (fixed)" if f is None else f.name, type=kind)
+def _urdf_joint(root: ET.Element, f: _Freedom | str, at: Pose, parent: str, child: str) -> None:
+    """Of a freedom, or, by its name, a fixed one."""
+    kind, name, limits = "fixed", f, (-np.inf, np.inf)
+    if isinstance(f, _Freedom):
+        name, limits = f.name, (f.values["lower"], f.values["upper"])
+        kind = ("revolute" if np.isfinite(limits).any() else "continuous") if f.rotates else "prismatic"
+    joint = ET.SubElement(root, "joint", name=str(name), type=kind)
     _urdf_origin(joint, at)
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
-    if f is None or limits is None:
+    if not isinstance(f, _Freedom):
         return
     ET.SubElement(joint, "axis", xyz=_numbers(f.axis))
-    if kind != "continuous":  # the format wants limits, of a slide always
+    if kind != "continuous":  # the format wants both limits, of a slide always
         lower, upper = np.nan_to_num(limits, posinf=1e6, neginf=-1e6)
         given = {"lower": _numbers(lower), "upper": _numbers(upper), "effort": "1e6", "velocity": "1e6"}
         ET.SubElement(joint, "limit", given)

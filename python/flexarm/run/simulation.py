@@ -121,6 +121,16 @@ def _integrate(
     parameters: Sequence[Parameter] = (), tape: Any = None,
 ) -> dict[str, Any]:  # fmt: skip
     """The core's run: of "ida" with derivatives by parameters, of others on a tape for them."""
+    with run.both.naming():
+        out = _run(run, integrator, method, options, alive, parameters, tape)
+    out["failure"] = run.both.in_names(out["failure"])
+    return out
+
+
+def _run(
+    run: Problem, integrator: str, method: str, options: Mapping[str, Any], alive: Any,
+    parameters: Sequence[Parameter], tape: Any,
+) -> dict[str, Any]:  # fmt: skip
     motion = (run.both._core, core_laws(run), run.times, *core_start(run))
     last = (method == "ci", alive, run.wrenches, run.events, run.feedback, run.sampled)
     if not INTEGRATORS[integrator].fixed:

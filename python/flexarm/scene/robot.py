@@ -22,6 +22,9 @@ def from_urdf(
     tip: str | None = None,
     flexible: Mapping[str, Beam | Flexible] | None = None,
     stops: float | Sequence[float] | None = None,
+    reflected_inertia: float | Mapping[str, float] | None = None,
+    damping: float | Mapping[str, float] | None = None,
+    coulomb: float | Mapping[str, float] | None = None,
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
 ) -> Arm:
     """An arm from a URDF file: the chain of joints from its base to one of its links.
@@ -39,6 +42,10 @@ def from_urdf(
             that length, whose mass replaces the link's own; or a Flexible, which can say otherwise.
         stops: of soft stops at the limits of position: a stiffness (N m/rad, N/m), or (stiffness, damping). None: no
             stops.
+        reflected_inertia: of the drives' rotors, as joints feel it (kg m^2, kg), which URDF does not have: one number
+            for all joints that move, or by the name of a joint or of the link that it moves, {"elbow": 0.1}.
+        damping: viscous (N m s/rad, N s/m), likewise, in place of the file's; None: the file's.
+        coulomb: dry friction (N m, N), likewise.
         gravity: in the base's axes (m/s^2).
 
     Raises:
@@ -52,7 +59,8 @@ def from_urdf(
     """
     try:
         tree = read_urdf(path, tuple(array("gravity", gravity, (3,)).tolist()))
-        return _arm(path, tree, tip, flexible, stops)
+        springs = {"reflected_inertia": reflected_inertia, "damping": damping, "coulomb": coulomb}
+        return _arm(path, tree, tip, flexible, stops, springs)
     except ValueError as e:
         raise ValueError(f"{Path(path).name}: {e}" if isinstance(path, (str, Path)) else str(e)) from None
 
@@ -63,6 +71,9 @@ def from_mjcf(
     tip: str | None = None,
     flexible: Mapping[str, Beam | Flexible] | None = None,
     stops: float | Sequence[float] | None = None,
+    reflected_inertia: float | Mapping[str, float] | None = None,
+    damping: float | Mapping[str, float] | None = None,
+    coulomb: float | Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
 ) -> Arm:
     """An arm from an MJCF file: the chain of joints from the world to one of its bodies, as MuJoCo compiles it.
@@ -76,6 +87,8 @@ def from_mjcf(
         tip: the body that the arm ends with; as of `from_urdf`, as are flexible and stops.
         flexible: what bends, by the name of a body.
         stops: of soft stops at the joints' ranges.
+        reflected_inertia, damping, coulomb: in place of the file's armature, damping and friction loss; as of
+            `from_urdf`.
         gravity: in world axes (m/s^2); None: the file's.
 
     Raises:
@@ -87,13 +100,14 @@ def from_mjcf(
     """
     try:
         tree = read_mjcf(path, None if gravity is None else tuple(array("gravity", gravity, (3,)).tolist()))
-        return _arm(path, tree, tip, flexible, stops)
+        springs = {"reflected_inertia": reflected_inertia, "damping": damping, "coulomb": coulomb}
+        return _arm(path, tree, tip, flexible, stops, springs)
     except ValueError as e:
         raise ValueError(f"{Path(path).name}: {e}" if isinstance(path, (str, Path)) else str(e)) from None
 
 
-def _arm(path: Any, tree: Tree, tip: Any, flexible: Any, stops: Any) -> Arm:
-    made = chain(tree, tip, flexible, stops)
+def _arm(path: Any, tree: Tree, tip: Any, flexible: Any, stops: Any, springs: Mapping[str, Any]) -> Arm:
+    made = chain(tree, tip, flexible, stops, springs)
     arm = Arm(made.links, tree.gravity)
     if made.said:
         text = "\n".join(f"  - {line}" for line in made.said)

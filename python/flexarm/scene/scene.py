@@ -35,8 +35,10 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["SCENES", "Scene", "load", "scene_from_dict", "shallow"]
+__all__ = ["ROBOTS", "SCENES", "Scene", "load", "scene_from_dict", "shallow"]
 
+#: Files of robots, and what reads them.
+ROBOTS = {".urdf": "from_urdf", ".xml": "from_mjcf", ".mjcf": "from_mjcf"}
 SCENES = Path(__file__).parents[1] / "scenes"
 
 
@@ -142,6 +144,8 @@ def load(path: str | Path, *, files: str | Path | None = None) -> Scene:
         hint = f"; did you mean '{near[0]}'?" if near else ""
         raise ValueError(f"scene {str(path)!r}: {e.strerror}; shipped scenes are {', '.join(shipped)}{hint}") from None
     except ValueError as e:  # TOML's, Unicode's, and int's of numbers with thousands of digits
+        if robot := ROBOTS.get(p.suffix.lower()):
+            raise ValueError(f"scene {str(path)!r}: is a robot's file: fa.{robot} makes an arm of it") from None
         if p.suffix.lower() != ".toml":
             raise ValueError(
                 f"scene {str(path)!r}: is not a scene file (.toml); a saved run (.npz, .h5) is for `flexarm view` and "

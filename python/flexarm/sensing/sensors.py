@@ -116,7 +116,7 @@ class ForceTorque(Sensor):
         return [(f"force {c}", "N") for c in "xyz"] + [(f"moment {c}", "N m") for c in "xyz"]
 
     def _where(self, arm: Arm) -> str:
-        return f"joint of {arm.names[arm._link(self.link)]}"
+        return f"joint {arm.joint_names[arm._link(self.link)]}"
 
     def _measure(self, arm: Arm, t: Array, q: Array, v: Array, a: Any, loads: Any) -> Array:
         if not loads or t.ndim == 0:

@@ -137,7 +137,7 @@ def _mass(body: Body, part: str, node: int, at: Array, of: RigidBody) -> None:
 
 
 def _joint(body: Body, name: str, joint: Joint, below: tuple[int, Array], node: int, radius: float) -> None:
-    """A joint's symbol, its axes, its rail and the rigid pieces on either side of it."""
+    """A joint's symbol and name, its axes, its rail and the rigid pieces on either side of it."""
     inboard, outboard = (p or Placement() for p in (joint.inboard, joint.outboard))
     (p_in, R_in), (p_out, R_out) = inboard._core, outboard._core
     lower, at = below
@@ -159,7 +159,7 @@ def _joint(body: Body, name: str, joint: Joint, below: tuple[int, Array], node: 
         body.solid("joint", node, "ball", moved, np.eye(3), [1.2 * radius])
     if any(not rotates for rotates, _ in freedoms):
         body.struts.append(((lower, start), (node, moved)))
-    body.labels.append({"node": lower, "at": start, "text": joint.name or f"{name} {joint.type}"})
+    body.labels.append({"node": lower, "at": start, "text": name})
 
 
 def _beam(body: Body, k: int, beam: Beam, slices: int) -> None:
@@ -241,7 +241,7 @@ def make_body(arm: Chain, slices: Sequence[int], loads: Sequence[Load] = ()) -> 
         radius = float(np.clip(1.1 * reach, 0.012 * body.size, 0.03 * body.size))
         axes, solids = len(body.axes), len(body.solids)
         base = below
-        _joint(body, arm.names[k], link.joint, below, node, radius)
+        _joint(body, arm.joint_names[k], link.joint, below, node, radius)
         body.rod(node, zero, hub_end, radius / 2)
         if link.hub:
             _mass(body, "hub", node, zero, link.hub)

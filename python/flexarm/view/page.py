@@ -117,7 +117,8 @@ def data(tracks: Sequence[Track], options: Mapping[str, Any]) -> dict[str, Any]:
 def page(tracks: Sequence[Track], title: str, options: Mapping[str, Any]) -> str:
     """The whole file. Raises ImportError without three.js."""
     here = resources.files("flexarm") / "view"
-    told = json.dumps(data(tracks, options), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    # a browser reads "</script" and "<!--" in a script, whatever they stand in
+    told = json.dumps(data(tracks, options), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     parts = {
         "TITLE": html.escape(title),
         "STYLE": (here / "viewer.css").read_text(encoding="utf-8"),

@@ -259,9 +259,10 @@ class Still:
         self.eye = Eye(stage.camera(tracks, steady), width * size[0] / ((0.92 - bottom) * size[1]))
         self.clock = self.figure.text(0.985, 0.975, "", ha="right", va="top", fontsize=11, color=INK)
         for i, track in enumerate(tracks):
-            self.figure.text(i * width + 0.015, 0.975, track.title, va="top", fontsize=11, color=INK, weight="bold")
+            self.figure.text(i * width + 0.015, 0.975, track.title, va="top", fontsize=11, color=INK, weight="bold",
+                             parse_math=False)  # fmt: skip
         note = [*notes, f"grid {stage.grid_step(self.eye.camera.radius):g} m"]
-        self.figure.text(0.015, 0.02, " · ".join(note), fontsize=8.5, color="#555555")
+        self.figure.text(0.015, 0.02, " · ".join(note), fontsize=8.5, color="#555555", parse_math=False)
         if self.most:
             self._bar()
 
