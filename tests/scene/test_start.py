@@ -34,18 +34,18 @@ def test_at_equilibrium_it_stays() -> None:
     ]
     made = scene("equilibrium", drive=drive)
     run = made.run()
-    assert made.q0[0] == 0.4 and abs(made.q0[1]) > 1e-3  # the beam sags
+    assert made.start()[0] == 0.4 and abs(made.start()[1]) > 1e-3  # the beam sags
     assert abs(run.q - run.q[0]).max() < 1e-5
     mass, arm_of = 2700 * 1e-4, 0.5  # the second link turns until m g L/2 cos(angle) is the torque
-    angle = np.arctan2(*made.arm.frame(made.q0, 1, 0.0)[1][[1, 0], 0])
+    angle = np.arctan2(*made.arm.frame(made.start(), 1, 0.0)[1][[1, 0], 0])
     assert np.cos(angle) * mass * 9.81 * arm_of == pytest.approx(0.5, rel=1e-2)
-    assert scene_from_dict(made.arm.to_dict() | {"simulation": {"q0": "equilibrium"}}).q0.shape == (made.arm.nq,)
+    assert scene_from_dict(made.arm.to_dict() | {"simulation": {"q0": "equilibrium"}}).start().shape == (made.arm.nq,)
 
 
 def test_trim_holds_the_joints() -> None:
     made = scene("trim")
-    assert made.q0[[0, 3]] == pytest.approx([0, 0], abs=1e-15)
-    np.testing.assert_array_equal(made.q0, made.arm.trim().q)
+    assert made.start()[[0, 3]] == pytest.approx([0, 0], abs=1e-15)
+    np.testing.assert_array_equal(made.start(), made.arm.trim().q)
 
 
 @pytest.mark.parametrize(
@@ -80,5 +80,6 @@ def test_the_balance_of_each_scenario_is_its_own() -> None:
 
 def test_a_scene_prints_in_a_screenful() -> None:
     made = scene("trim", drive=[{"link": 0, "torque": 0.5}])
+    assert "\n" not in repr(made) and len(repr(made)) < 100
     lines = str(made).splitlines()
     assert len(lines) < 25 and max(map(len, lines)) <= 120 and "0 to 0.5 s" in str(made) and "trim" in str(made)
