@@ -229,7 +229,7 @@ def test_a_free_body_that_spins_about_its_middle_axis_is_unstable(axis: int, sta
 
 
 def patched(scene: fa.Scene) -> fa.Scene:
-    """The truth of a scene of one link whose beam has one patch: the beam in three pieces, by `fa.split` and by hand."""
+    """The truth of a scene of one link whose beam has one patch: the beam in three pieces, told by hand."""
     link, (patch,) = scene.arm.links[0], scene.arm.links[0].beam.patches
     whole = replace(link, beam=replace(link.beam, order="exact"))
     pieces = fa.split(whole, {"bending_y": 7, "shear_y": 3}, [patch.start, patch.end])
@@ -241,7 +241,8 @@ def driven_patch(length: float, h: float, start: float, end: float, thickness: f
     """A strip on a hub that is moved, and on it a pair that a sampled voltage drives."""
     pzt = fa.Piezo(60e9, 0.3, 7500, -200e-12)
     pair = fa.Patch(start, end, 0.02, thickness, pzt)
-    strip = fa.Beam(length, fa.Rectangle(h, 0.02), STEEL, {"bending_y": 4}, "legendre", kelvin_voigt=1e-4, patches=[pair])
+    damped = {"kelvin_voigt": 1e-4, "patches": [pair]}
+    strip = fa.Beam(length, fa.Rectangle(h, 0.02), STEEL, {"bending_y": 4}, "legendre", **damped)
     arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(0.1, inertia=(1e-4,) * 3, end=(0.05, 0, 0)), strip)])
     t, tv = np.array([0, 0.1, 0.25, 0.35, 0.5]), np.linspace(0, 0.5, 50)
     swing = fa.Motion(t, moved * np.array([0, 0.3, 0.9, 1, 1]), ends="rest")

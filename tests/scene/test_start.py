@@ -61,7 +61,7 @@ def test_a_scene_made_in_python_may_start_in_balance() -> None:
     arm = scene("trim").arm
     made = fa.Scene(arm, t=np.linspace(0, 0.2, 21), q0="trim", control=(fa.PD(1e3, 10, 0), fa.PD(1e3, 10, 1)))
     np.testing.assert_allclose(made.run().q[0], arm.trim().q, atol=1e-12)
-    with pytest.raises(ValueError, match="q0 = 'trimm'.*'trim'"):
+    with pytest.raises(ValueError, match=r"q0 = 'trimm'.*'trim'"):
         fa.Scene(arm, q0="trimm")
 
 

@@ -72,7 +72,7 @@ def make_job(
     balance = q0 if isinstance(q0, str) else None
     if balance is not None:
         q0 = _balances(variation, balance, float(times[0]), tau)
-    q, v = rows("q0", q0, arm.zero), rows("v0", v0, np.zeros(arm.nv))
+    q, v = rows("q0", arm._posed(q0), arm.zero), rows("v0", v0, np.zeros(arm.nv))
     held = forces(tau, arm.nv, times.size, "nt")
     starts = {}
     for name, given, value in (("q0", q0, q), ("v0", v0, v)):
@@ -91,7 +91,7 @@ def _balances(variation: Variation, word: str, t: float, tau: Any) -> Array:
     if moved:
         raise ValueError(f"parameters: '{moved[0]}' and q0 = {word!r} both say where the runs begin; leave one out")
     if tau is not None and word == "equilibrium":
-        raise ValueError("tau: goes with a q0 in numbers; a constant force as a drive, fa.Torque(tau), is in the balance")
+        raise ValueError("tau: goes with a q0 in numbers; a constant force that is a drive is in the balance")
     count, found = 1 if variation.one_setup else max(variation.sizes.values()), []
     for i in range(count):
         s = variation.scenario(i)

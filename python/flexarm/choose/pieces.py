@@ -72,6 +72,7 @@ class Pieces:
     Attributes:
         whole: the arm with whole beams. arm: the same in pieces.
         first: by link of the whole arm, its first piece. starts: by link, where its pieces begin (m).
+        parts: by link, its pieces, and where they begin.
     """
 
     whole: Arm
@@ -90,6 +91,10 @@ class Pieces:
             starts.append([0.0, *places.get(k, ())])
             links += [link] if len(starts[k]) == 1 else _cut(link, starts[k])
         return cls(whole, Arm._made(links, whole.gravity), first, starts)
+
+    @property
+    def parts(self) -> list[list[tuple[int, float]]]:
+        return [list(zip(self._pieces(k), starts, strict=True)) for k, starts in enumerate(self.starts)]
 
     def _pieces(self, link: int) -> range:
         return range(self.first[link], self.first[link] + len(self.starts[link]))
@@ -120,7 +125,7 @@ class Pieces:
     # -- a scene -----------------------------------------------------------------------------------------------------
 
     def scene(self, scene: Scene) -> Scene:
-        """The scene on this arm, without its sensors. Its start is that of `initial_state`.
+        """The scene on this arm, without its sensors, its start left to `Start`.
 
         Raises:
             ValueError: it has what cannot be told of pieces.

@@ -21,10 +21,10 @@ from ..data.units import unit
 from ..run import outputs as run_outputs
 from ..run.result import Result
 from ..run.sensitivity import Output
+from ..run.start import state
 from ..run.variation import Setup
 from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
-from .simulated import begin
 
 _FIRST = 0.01  # of a column's deviation, its weight as long as its noise is not known
 _INSTRUMENT: dict[str, Any] = {"noise": None, "resolution": None, "range": None, "rate": None, "pulses": None}
@@ -281,7 +281,7 @@ def made(
         raise ValueError(f"{where}: has {len(data)} rows: three or more are needed")
     sensors, found = readers(scene, data, asked, inputs)
     setup = Setup(scene.arm, drives(scene, data, inputs), tuple(scene.loads), tuple(scene.control), sensors)
-    q0, v0 = begin(setup, float(data.t[0]), scene.q0, scene.v0)
+    q0, v0 = state(scene.arm, scene.q0, scene.v0, setup.drive, setup.loads, float(data.t[0]))
     balance = scene.q0 if isinstance(scene.q0, str) else None
     moved = [path for path in paths if balance and path.split(".")[0] == "q0"]
     if moved:

@@ -8,26 +8,12 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
-from ..acting.drive import Motion
-from ..acting.voltage import split_drives
 from ..batch.simulate import simulate_batch
 from ..run.result import Result
 from ..run.sensitivity import ROWS, RunStopped, Sensitivities
 from ..run.simulation import source
-from ..run.start import start
+from ..run.start import state
 from ..run.variation import Setup, Variation
-
-
-def begin(setup: Setup, t0: float, q0: Array | str | None, v0: Array | None) -> tuple[Array, Array]:
-    """The initial state; joints whose motion is prescribed start where that does."""
-    arm = setup.arm
-    q = np.array(start(arm, q0, setup.drive, setup.loads, t0))
-    v = np.zeros(arm.nv) if v0 is None else np.array(v0, dtype=float)
-    joints, _ = split_drives(setup.drive)
-    for i, law in arm.by_rate("drive", joints).items():
-        if isinstance(law, Motion):
-            q[arm.coordinate_of(i)], v[i] = law(t0)[:2]
-    return q, v
 
 
 def scenarios(
@@ -36,7 +22,8 @@ def scenarios(
     """What the runs with values (B,) of parameters are made of, and where each begins."""
     variation = Variation(setup, parameters)
     setups = [variation.scenario(i) for i in range(max((len(x) for x in parameters.values()), default=1))]
-    q, v = (np.array(x) for x in zip(*(begin(s, float(t[0]), q0, v0) for s in setups), strict=True))
+    states = [state(s.arm, q0, v0, s.drive, s.loads, float(t[0])) for s in setups]
+    q, v = (np.array(x) for x in zip(*states, strict=True))
     return list(zip(setups, variation.initial("q0", q), variation.initial("v0", v), strict=True))
 
 
@@ -56,8 +43,8 @@ def runs(
 
 
 def sensitivities(
-    setup: Setup, parameters: Mapping[str, float], t: Array, q0: Array | str | None, v0: Array | None, *, workers: int = 1,
-    progress: Any = None, **options: Any,
+    setup: Setup, parameters: Mapping[str, float], t: Array, q0: Array | str | None, v0: Array | None, *,
+    workers: int = 1, progress: Any = None, **options: Any,
 ) -> Sensitivities:  # fmt: skip
     """A run and its derivatives.
 

@@ -10,7 +10,7 @@ import numpy as np
 from .._check import Array, array, choice
 from ..acting.drive import Motion
 from ..acting.load import Load
-from ..acting.voltage import is_patch
+from ..acting.voltage import is_patch, split_drives
 from ..arm import Arm
 
 WORDS = ("equilibrium", "trim")
@@ -34,6 +34,17 @@ def start(
         return arm.trim(pose, loads=loads, t=t, voltages=volts or None).q
     forces = forces if tau is None else forces + array("tau", tau, (arm.nv,))
     return arm.equilibrium(pose, forces, list(moved), loads=loads, t=t, voltages=volts or None)
+
+
+def state(
+    arm: Arm, q0: Any, v0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float
+) -> tuple[Array, Array]:
+    """q (nq,) and v (nv,) at time t (s); joints whose motion is prescribed are where that is."""
+    q, v = np.array(start(arm, q0, drive, loads, t)), np.zeros(arm.nv) if v0 is None else np.array(v0, dtype=float)
+    for i, law in arm.by_rate("drive", split_drives(drive)[0]).items():
+        if isinstance(law, Motion):
+            q[arm.coordinate_of(i)], v[i] = law(t)[:2]
+    return q, v
 
 
 def acting(arm: Arm, drive: Mapping[Any, Any], t: float) -> tuple[Array, dict[Any, float]]:

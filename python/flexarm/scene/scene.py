@@ -99,10 +99,15 @@ class Scene:
         start = repr(self.q0) if isinstance(self.q0, str) else _state(self.arm.q_names, self.start() - self.arm.zero)
         rates = "at rest" if self.v0 is None else _state(self.arm.coordinates, np.asarray(self.v0))
         said = {
-            "arm": [f"{_links(names)}, {self.arm.nv} coordinates; print(scene.arm) describes it"], "time": [self._times()], "start": [start, f"rates: {rates}"],
-            "drive": drives, "loads": list(map(repr, self.loads)), "control": list(map(repr, self.control)),
-            "sensors": list(map(repr, self.sensors)), "options": [f"{k} = {v}" for k, v in self.options.items()],
-        }  # fmt: skip
+            "arm": [f"{_links(names)}, {self.arm.nv} coordinates; print(scene.arm) describes it"],
+            "time": [self._times()],
+            "start": [start, f"rates: {rates}"],
+            "drive": drives,
+            "loads": list(map(repr, self.loads)),
+            "control": list(map(repr, self.control)),
+            "sensors": [sensor.title(self.arm) for sensor in self.sensors],
+            "options": [f"{k} = {v}" for k, v in self.options.items()],
+        }
         lines = [f"Scene {self.name!r}"]
         for name, parts in said.items():
             more = [f"and {len(parts) - _SHOWN} more"] if len(parts) > _SHOWN else []
