@@ -150,7 +150,9 @@ class Model:
             return "the rigid arm"
         basis = f" ({self.basis})" if self.basis else ""
         cut = ", in pieces" if self.pieces else ""
-        return f"order {self.order}, {self.modes} mode{'' if self.modes == '1' else 's'}{basis}{cut}"
+        count, *rest = self.modes.split(" ", 1)
+        modes = " ".join([count, "mode" if count == "1" else "modes", *rest])
+        return f"order {self.order}, {modes}{basis}{cut}"
 
 
 def lowest_order(beam: Beam) -> int | str:

@@ -8,10 +8,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._check import Array
-from .style import PALETTE, label_axes, legend, new_figure
+from .style import PALETTE, label_axes, legend, new_figure, short
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_WIDE, _LETTER = 5.0, 0.062  # inches: axes, and a letter over them
+_LEAST = 12  # letters that tell one name from another
+
+
+def _over(s: Array, joints: Sequence[tuple[float, str]]) -> tuple[list[str], bool]:
+    """What stands over the joints' lines, as wide as there is room for, and whether that is numbers alone."""
+    ends = [*[place for place, _ in joints[1:]], float(s[-1]) + 0.2 * float(np.ptp(s))]
+    letters = [int(_WIDE * (end - place) / max(float(np.ptp(s)), 1e-300) / _LETTER) - 1
+               for (place, _), end in zip(joints, ends, strict=True)]  # fmt: skip
+    if all(len(name) <= room or room >= _LEAST for (_, name), room in zip(joints, letters, strict=True)):
+        return [short(name, room) for (_, name), room in zip(joints, letters, strict=True)], False
+    every = 1 + int(3 / max(1, min(letters)))
+    return [str(k) if k % every == 0 else "" for k in range(len(joints))], True
 
 
 def plot_modes(s: Array, moved: Array, labels: Sequence[str], joints: Sequence[tuple[float, str]]) -> Figure:
@@ -31,11 +45,13 @@ def plot_modes(s: Array, moved: Array, labels: Sequence[str], joints: Sequence[t
             ax.axvline(place, color="#999999", lw=1.0, ls=":")
         label_axes(ax, f"displacement along\nworld {'xyz'[c]} (1 = largest)")
         ax.set_ylim(-1.12, 1.12)
-    for place, name in joints:
+    words, by_number = _over(s, joints)
+    for (place, _), word in zip(joints, words, strict=True):
         axes[0].annotate(
-            name, (place, 1.0), (2, 2), xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8,
+            word, (place, 1.0), (2, 2), xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8,
             color="#666666",
         )  # fmt: skip
-    axes[-1].set_xlabel("place along the arm, from its base (m); dotted: joints")
+    what = "joints, by their links' numbers" if by_number else "joints"
+    axes[-1].set_xlabel(f"place along the arm, from its base (m); dotted: {what}")
     legend(axes[0], len(labels))
     return fig
