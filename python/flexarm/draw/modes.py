@@ -13,7 +13,7 @@ from .style import PALETTE, label_axes, legend, new_figure, short
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WIDE, _LETTER = 5.0, 0.062  # inches: axes, and a letter over them
+_WIDE, _LETTER = 4.8, 0.07  # inches: axes, and a letter over them
 _LEAST = 12  # letters that tell one name from another
 
 

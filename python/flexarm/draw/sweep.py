@@ -58,9 +58,9 @@ def _map(figure: Figure, ax: Axes, axes: dict[str, Array], values: Array, label:
 def _folded(name: str, inches: float) -> str:
     """A path in lines that fit, broken at its dots."""
     lines = [""]
-    for part in re.split(r"(?<=\.)(?=\D)| (?=\()", name):
+    for part in re.split(r"(?<=\.)(?=\D)|(?= \()", name):
         lines[-1:] = [lines[-1] + part] if len(lines[-1] + part) * _LETTER < inches else [lines[-1], part]
-    return "\n".join(line for line in lines if line)
+    return "\n".join(line.strip() for line in lines if line)
 
 
 def _scales(ax: Axes, x: Array, y: Array) -> None:
