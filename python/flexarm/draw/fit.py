@@ -52,7 +52,7 @@ def plot_fit(pairs: Sequence[Pair], tests: Sequence[Mapping[str, Correlated]]) -
     names = list(dict.fromkeys(name for pair in pairs for name in pair.nrmse))
     n, across = len(pairs), 2 if len(pairs) == 1 and len(names) > _FEW else 1
     down = -(-len(names) // across)
-    height = min(3.2, max(1.9, _TALL / down))
+    height = min(3.2, max(1.5, _TALL / down))
     fig = new_figure(min(18.0, across * (3.5 + 4.0 * n) if across > 1 else 4.5 + 5.0 * n), 0.8 + height * down)
     heights, widths = [2.0, 1.0] * down, [*[2.4] * n, 1.0] * across
     grid = fig.add_gridspec(2 * down, across * (n + 1), height_ratios=heights, width_ratios=widths)
@@ -106,10 +106,10 @@ def _both(ax: Axes, pair: Pair, name: str, other: str, run: str, letters: int) -
 
 
 def _curves(top: Axes, below: Axes, pair: Pair, name: str, run: str, last: bool, letters: int) -> None:
-    t, unit = pair.measured.t, pair.measured.units[name]
+    t = pair.measured.t
     _both(top, pair, name, "fitted", run, letters)
     below.plot(t, pair.simulated[name] - pair.measured[name], color=INK, linewidth=0.7)
-    label_axes(below, f"error ({unit})" if unit not in ("", "1") else "error", "Time (s)" if last else "")
+    label_axes(below, "error", "Time (s)" if last else "")
     below.ticklabel_format(axis="y", scilimits=(-3, 4))
     below.set_xlim(t[0], t[-1])
     top.tick_params(labelbottom=False)

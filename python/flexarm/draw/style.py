@@ -75,8 +75,8 @@ def legend(ax: Axes, count: int) -> None:
         words = [short(label, _LETTERS // columns) for label in labels[:shown]]
         if shown < count:
             handles, words = [*handles[:shown], _nothing()], [*words, f"and {count - shown} more"]
-        at = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)}
-        ax.legend(handles[: len(words)], words, frameon=False, fontsize=9, ncols=columns, **at)
+        look: dict[str, Any] = {"frameon": False, "fontsize": 9, "ncols": columns}
+        ax.legend(handles[: len(words)], words, loc="upper left", bbox_to_anchor=(1.01, 1.0), **look)
 
 
 def _nothing() -> Any:

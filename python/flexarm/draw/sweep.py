@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._check import Array
-from .style import BLUE, RED, label_axes, new_figure
+from .style import BLUE, RED, label_axes, new_figure, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,9 +57,10 @@ def _map(figure: Figure, ax: Axes, axes: dict[str, Array], values: Array, label:
 
 def _folded(name: str, inches: float) -> str:
     """A path in lines that fit, broken at its dots."""
-    lines = [""]
+    lines, most = [""], int(inches / _LETTER)
     for part in re.split(r"(?<=\.)(?=\D)|(?= \()", name):
-        lines[-1:] = [lines[-1] + part] if len(lines[-1] + part) * _LETTER < inches else [lines[-1], part]
+        part = short(part, most)
+        lines[-1:] = [lines[-1] + part] if len(lines[-1] + part) <= most else [lines[-1], part]
     return "\n".join(line.strip() for line in lines if line)
 
 
@@ -72,7 +73,7 @@ def _scales(ax: Axes, x: Array, y: Array) -> None:
             continue
         axis.set_major_locator(MaxNLocator(5))
         if 0.0 < np.abs(values[np.isfinite(values)]).max(initial=0.0) < 1e-3:
-            axis.get_major_formatter().set_powerlimits((-3, 4))
+            ax.ticklabel_format(axis="x" if axis is ax.xaxis else "y", scilimits=(-3, 4))
         if np.abs(values[np.isfinite(values)]).max(initial=0.0) >= 1e5:
             axis.set_major_formatter(EngFormatter(sep=""))  # 210G, not 2.10 and a far-off 1e11
 

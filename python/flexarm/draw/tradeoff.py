@@ -159,9 +159,8 @@ def _list_of(front: Sequence[Cheapest], known: str) -> list[list[str]]:
     return [columns[0] + ([f"\n{known}"] if known else []), *columns[1:]]
 
 
-def _numbered(ax: Axes, front: Sequence[Point], others: Sequence[Point]) -> None:
-    """The numbers of the ringed runs, each beside its point where there is most room."""
-    size = ax.figure.get_size_inches() * (0.76, 0.62)  # of the axes, about
+def _numbered(ax: Axes, size: Array, front: Sequence[Point], others: Sequence[Point]) -> None:
+    """The numbers of the ringed runs, each beside its point where there is most room; `size` of the axes (inches)."""
 
     def inches(points: Sequence[Point]) -> Array:
         x, y = zip(*points, strict=True)
@@ -172,6 +171,7 @@ def _numbered(ax: Axes, front: Sequence[Point], others: Sequence[Point]) -> None
     rings, taken = inches(front), [*inches(front), *inches(others)]
     stairs = [p for a, b in pairwise(rings) for p in (a, np.array([b[0], a[1]]))] + [rings[-1]]
     steps = [a + s * (b - a) for a, b in pairwise(stairs) for s in np.linspace(0, 1, 25)]
+    there: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center"}
     box = {"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.8}
     for k, at in enumerate(rings):
 
@@ -184,8 +184,8 @@ def _numbered(ax: Axes, front: Sequence[Point], others: Sequence[Point]) -> None
         ways = [r * np.array([np.cos(a), np.sin(a)]) for r in (0.19, 0.27, 0.36) for a in np.radians(_WAYS)]
         best = min(ways, key=crowd)
         taken.append(at + best)
-        there = {"textcoords": "offset points", "ha": "center", "va": "center"}
-        ax.annotate(str(k + 1), front[k], 72 * best, **there, fontsize=9, zorder=7, bbox=box)
+        x, y = (72 * best).tolist()
+        ax.annotate(str(k + 1), front[k], (x, y), **there, fontsize=9, zorder=7, bbox=box)
 
 
 def _within(points: Sequence[Point], top: float, low: float = 0.0) -> list[Point]:
@@ -219,8 +219,9 @@ def plot_lines(
             known = f"grey: the truth itself is known to {unsure:.1e}; what lies below {low:.0e} is drawn there"
     told = _list_of(front, known)
     rows = max(len(column) for column in told) + bool(known)
-    fig = new_figure(10.0, 6.2 + 0.17 * rows)
-    grid = fig.add_gridspec(2, 1, height_ratios=[6.0, max(0.17 * rows, 0.01)])
+    under = 0.1 + 0.175 * rows if rows else 0.01  # inches
+    fig = new_figure(10.0, 6.2 + under)
+    grid = fig.add_gridspec(2, 1, height_ratios=[6.0, under])
     ax, below = fig.add_subplot(grid[0]), fig.add_subplot(grid[1])
     below.set_axis_off()
     for place, some in zip((0.0, 0.56), told, strict=False):
@@ -257,7 +258,7 @@ def plot_lines(
     _chart_legend(ax, lines, integrators, bool(front))
     if front:
         others = [p for line in lines for p in _within(line.points, _TOP, low)]
-        _numbered(ax, list(zip(x, y, strict=True)), others)
+        _numbered(ax, np.array([7.6, 5.2]), list(zip(x, y, strict=True)), others)
     _titled(fig, ax, title, notes)
     return fig
 
@@ -268,9 +269,10 @@ def _titled(fig: Figure, ax: Axes, title: str, notes: Sequence[str], under: str 
     if under:
         lines = wrap(under, _WIDE - 35)
         lines = lines if len(lines) <= _UNDER else [*lines[: _UNDER - 1], f"{lines[_UNDER - 1]} ..."]
-        ax.set_title("\n".join(lines) + "\n" * len(said), fontsize=10, color=INK, loc="left", parse_math=False)
+        room = 6.0 + 13.0 * len(said)  # of the notes
+        ax.set_title("\n".join(lines), fontsize=10, color=INK, loc="left", pad=room, parse_math=False)
     if said:
-        look = {"fontsize": 9, "color": RED, "parse_math": False}
+        look: dict[str, Any] = {"fontsize": 9, "color": RED, "parse_math": False}
         ax.text(0.0, 1.012, "\n".join(said), va="bottom", transform=ax.transAxes, **look)
 
 

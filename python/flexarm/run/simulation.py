@@ -150,7 +150,8 @@ def _source(
     alive: Any = None, of: Any = None,
 ) -> Source:  # fmt: skip
     """With all options."""
-    q, v, forces = (x if x is None or isinstance(x, str) else np.array(x, dtype=float) for x in (q0, v0, tau))
+    v, forces = (None if x is None else np.array(x, dtype=float) for x in (v0, tau))
+    q = q0 if q0 is None or isinstance(q0, str) else np.array(q0, dtype=float)
     integrate = partial(_integrate, integrator=integrator, method=method, options=options, alive=alive)
     return Source(setup, np.array(t, dtype=float), q, v, forces, integrate, integrator, options, of)
 
