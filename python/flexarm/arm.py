@@ -348,7 +348,9 @@ class Arm(Chain):
             warnings.warn(range_warning(self, beyond, "equilibrium: ", still=True), stacklevel=2)
         return found
 
-    def trim(self, q: Any = None, *, loads: Sequence[Load] | None = None, t: float = 0.0) -> balance.Trim:
+    def trim(
+        self, q: Any = None, *, loads: Sequence[Load] | None = None, t: float = 0.0, voltages: Any = None
+    ) -> balance.Trim:
         """A pose of the joints in balance: the elastic coordinates sag, and forces hold the joints.
 
         `arm.linearize(q, tau=tau)`, `simulate(arm, t, q, tau=tau)` and a controller's u0 want both.
@@ -357,6 +359,7 @@ class Arm(Chain):
             q: the joints' pose: all coordinates (nq,), of which the elastic ones are where the search starts; or as
                 `pose` takes it, {0: 0.5, 1: -1.0}; `zero` if None.
             loads, t: external forces and moments, with their values at time t (s).
+            voltages: of the patches (V), as of `equilibrium`.
 
         Returns:
             Trim: `.q` (nq,) and `.tau` (nv,); `q, tau = arm.trim(...)`.
@@ -369,7 +372,8 @@ class Arm(Chain):
             RangeWarning: a beam is bent further than its order is good for.
         """
         self._warn()
-        found = balance.trim(self, q, at_time(self, loads, t))
+        volts = np.zeros(self.nv) if voltages is None else voltage_forces(self, voltages)
+        found = balance.trim(self, q, at_time(self, loads, t), volts)
         if (beyond := worst_range(self, np.zeros(1), found.q[None])) is not None:
             warnings.warn(range_warning(self, beyond, "trim: ", still=True), stacklevel=2)
         return found

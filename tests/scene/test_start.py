@@ -1,5 +1,8 @@
 """Scenes that start in a pose, or in balance."""
 
+from dataclasses import replace
+
+import flexarm as fa
 import numpy as np
 import pytest
 from flexarm.scene.scene import scene_from_dict
@@ -31,18 +34,18 @@ def test_at_equilibrium_it_stays() -> None:
     ]
     made = scene("equilibrium", drive=drive)
     run = made.run()
-    assert made.q0[0] == 0.4 and abs(made.q0[1]) > 1e-3  # the beam sags
+    assert made.start()[0] == 0.4 and abs(made.start()[1]) > 1e-3  # the beam sags
     assert abs(run.q - run.q[0]).max() < 1e-5
     mass, arm_of = 2700 * 1e-4, 0.5  # the second link turns until m g L/2 cos(angle) is the torque
-    angle = np.arctan2(*made.arm.frame(made.q0, 1, 0.0)[1][[1, 0], 0])
+    angle = np.arctan2(*made.arm.frame(made.start(), 1, 0.0)[1][[1, 0], 0])
     assert np.cos(angle) * mass * 9.81 * arm_of == pytest.approx(0.5, rel=1e-2)
-    assert scene_from_dict(made.arm.to_dict() | {"simulation": {"q0": "equilibrium"}}).q0.shape == (made.arm.nq,)
+    assert scene_from_dict(made.arm.to_dict() | {"simulation": {"q0": "equilibrium"}}).start().shape == (made.arm.nq,)
 
 
 def test_trim_holds_the_joints() -> None:
     made = scene("trim")
-    assert made.q0[[0, 3]] == pytest.approx([0, 0], abs=1e-15)
-    np.testing.assert_array_equal(made.q0, made.arm.trim().q)
+    assert made.start()[[0, 3]] == pytest.approx([0, 0], abs=1e-15)
+    np.testing.assert_array_equal(made.start(), made.arm.trim().q)
 
 
 @pytest.mark.parametrize(
@@ -52,3 +55,31 @@ def test_trim_holds_the_joints() -> None:
 def test_wrong_starts(q0, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         scene(q0)
+
+
+def test_a_scene_made_in_python_may_start_in_balance() -> None:
+    arm = scene("trim").arm
+    made = fa.Scene(arm, t=np.linspace(0, 0.2, 21), q0="trim", control=(fa.PD(1e3, 10, 0), fa.PD(1e3, 10, 1)))
+    np.testing.assert_allclose(made.run().q[0], arm.trim().q, atol=1e-12)
+    with pytest.raises(ValueError, match=r"q0 = 'trimm'.*'trim'"):
+        fa.Scene(arm, q0="trimm")
+
+
+def test_the_balance_of_each_scenario_is_its_own() -> None:
+    """Whatever varies the weight: a scenario begins at rest, and its derivatives know of its start."""
+    made = replace(scene("trim"), t=np.linspace(0, 0.02, 21))
+    batch = fa.simulate_batch(made.arm, made.t, "trim", parameters={"gravity": np.array([[0, -9.81, 0], [0, -4.0, 0]])})
+    light = fa.Arm(made.arm.links, gravity=(0, -4.0, 0))
+    np.testing.assert_allclose(batch[1].q[0], light.trim().q, atol=1e-12)
+    run = fa.simulate(made.arm, made.t, "trim", integrator="implicit", step=1e-3)
+    by = run.sensitivities(["gravity.1"])
+    ends = [fa.simulate(fa.Arm(made.arm.links, gravity=(0, g, 0)), made.t, "trim", integrator="implicit", step=1e-3).q
+            for g in (-9.82, -9.80)]  # fmt: skip
+    np.testing.assert_allclose(by.q[0], (ends[1] - ends[0]) / 0.02, rtol=1e-4, atol=1e-8)
+
+
+def test_a_scene_prints_in_a_screenful() -> None:
+    made = scene("trim", drive=[{"link": 0, "torque": 0.5}])
+    assert "\n" not in repr(made) and len(repr(made)) < 100
+    lines = str(made).splitlines()
+    assert len(lines) < 25 and max(map(len, lines)) <= 120 and "0 to 0.5 s" in str(made) and "trim" in str(made)

@@ -261,7 +261,7 @@ class Scalar(Law):
         return float(value[0] if isinstance(value, tuple) else value)
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.law!r})"
+        return f"{type(self).__name__}({f'{self(0.0):.6g}' if self.constant else repr(self.law)})"
 
 
 class Torque(Scalar):

@@ -35,11 +35,11 @@ class Trim(NamedTuple):
     tau: Array
 
 
-def trim(arm: Chain, q: Any, loads: Any) -> Trim:
-    """See Arm.trim."""
+def trim(arm: Chain, q: Any, loads: Any, volts: Array | None = None) -> Trim:
+    """See Arm.trim; `volts` are the forces (nv,) of the patches' voltages."""
     joints = ~elastic_rates(arm)
     q0 = arm._single(q=arm.zero if q is None else q)[0]
-    b = _Balance(arm, np.zeros(arm.nv), np.zeros(arm.nv), ~joints, loads)
+    b = _Balance(arm, np.zeros(arm.nv), np.zeros(arm.nv) if volts is None else volts, ~joints, loads)
     found, wrong = balance(b, q0, descend=True)
     if not wrong and b.doubtful:
         found = _stable(b, q0, found, False)
@@ -349,9 +349,9 @@ def elastic_rates(arm: Chain) -> NDArray[np.bool_]:
     return elastic
 
 
-def steady_state(arm: Chain, q: Array, v: Array, loads: Any = ()) -> Array:
-    """Elastic coordinates in balance at joint positions q and constant rates v."""
-    b = _Balance(arm, v, np.zeros(arm.nv), elastic_rates(arm), loads)
+def steady_state(arm: Chain, q: Array, v: Array, loads: Any = (), volts: Array | None = None) -> Array:
+    """Elastic coordinates in balance at joint positions q and constant rates v; `volts` as of `trim`."""
+    b = _Balance(arm, v, np.zeros(arm.nv) if volts is None else volts, elastic_rates(arm), loads)
     q, wrong = balance(b, q, descend=False)
     if wrong:
         raise ValueError(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._check import Array, array, number, whole
-from ..draw.style import INK, PALETTE, label_axes, new_figure
+from ..draw.style import INK, PALETTE, label_axes, legend, new_figure
 from ..parts.chain import Chain
 from ..parts.patch import Patch
 from .equilibrium import locked_rates
@@ -66,7 +66,7 @@ class PatchPlacement:
 
     def plot(self) -> Figure:
         """A figure of each mode's authority, and of their weighted mean, over the place of the patch's centre."""
-        figure = new_figure(7.0, 5.0)
+        figure = new_figure(8.0, 5.0)
         top, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         half = (self.patch.end - self.patch.start) / 2
         for k, w in enumerate(self.frequencies):
@@ -76,13 +76,15 @@ class PatchPlacement:
         top.axhline(0.0, color=INK, linewidth=0.6)
         below.plot(self.x, self.merit, color=INK)
         below.plot(self.best + half, self.best_merit, "o", color=INK)
-        weights = " : ".join(f"{w:.2g}" for w in self.weights)
+        named = " : ".join(f"{w:.2g}" for w in self.weights)
+        alike = np.ptp(self.weights) < 1e-12
+        mean = "mean" if alike else f"weighted mean\n({named})" if len(self.weights) <= 4 else "weighted mean"
         for ax in (top, below):
             ax.axvspan(self.best, self.best + 2 * half, color="#EEEEEE", zorder=0)
         label_axes(top, "authority / its greatest")
-        label_axes(below, f"weighted mean\n({weights})", "centre of the patch from the clamp (m)")
+        label_axes(below, mean, "centre of the patch from the clamp (m)")
         below.set_ylim(0.0, 1.05)
-        top.legend(loc="best", fontsize=9, title="modes count from 0", title_fontsize=9)
+        legend(top, len(self.frequencies))
         return figure
 
 

@@ -63,6 +63,7 @@ class Job:
         integrator, step, options: of `simulate`.
         summary: what is kept of each scenario; None: the outputs.
         whole: scenarios of the whole batch, where this is a part of it, too; few ones are not worth the lanes.
+        balance: the word that q0 was given as, whose derivatives its runs have.
     """
 
     variation: Variation
@@ -77,6 +78,7 @@ class Job:
     options: dict[str, Any] = field(default_factory=dict)
     summary: Summary | None = None
     whole: int = 0
+    balance: str | None = None
 
     def taken(self, indices: NDArray[np.int64]) -> Job:
         """The batch of these scenarios alone."""

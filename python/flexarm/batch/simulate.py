@@ -24,6 +24,7 @@ from ..arm import Arm
 from ..parts.part import ModelWarning
 from ..run.pace import beyond_explicit
 from ..run.simulation import INTEGRATORS, check_integrator
+from ..run.start import start
 from ..run.variation import Setup, Variation
 from .arguments import STEPPERS, check_memory, check_options, default_workers, forces, rows, scenario_count
 from .job import Job
@@ -68,7 +69,10 @@ def make_job(
         raise ValueError(f"outputs = {outputs!r}: must be a list of some of {', '.join(OUTPUTS)}")
     wanted = tuple(k for k in OUTPUTS if k in [choice("outputs", x, OUTPUTS) for x in outputs])
     variation = Variation(setup, parameters)
-    q, v = rows("q0", q0, arm.zero), rows("v0", v0, np.zeros(arm.nv))
+    balance = q0 if isinstance(q0, str) else None
+    if balance is not None:
+        q0 = _balances(variation, balance, float(times[0]), tau)
+    q, v = rows("q0", arm._posed(q0), arm.zero), rows("v0", v0, np.zeros(arm.nv))
     held = forces(tau, arm.nv, times.size, "nt")
     starts = {}
     for name, given, value in (("q0", q0, q), ("v0", v0, v)):
@@ -77,8 +81,25 @@ def make_job(
     sizes = {name: len(x) for name, x in starts.items() if x is not None}
     count = scenario_count({"arm": 1, **sizes, "tau": len(held), **variation.sizes})
     job = Job(variation, times, starts["q0"], starts["v0"], None if tau is None else held, wanted, every, integrator,
-              step, options, whole=count)  # fmt: skip
+              step, options, whole=count, balance=balance)  # fmt: skip
     return job, count
+
+
+def _balances(variation: Variation, word: str, t: float, tau: Any) -> Array:
+    """Where each scenario is in balance at time t (s), (B or 1, nq)."""
+    moved = [path for path in variation.values if path.split(".")[0] == "q0"]
+    if moved:
+        raise ValueError(f"parameters: '{moved[0]}' and q0 = {word!r} both say where the runs begin; leave one out")
+    if tau is not None and word == "equilibrium":
+        raise ValueError("tau: goes with a q0 in numbers; a constant force that is a drive is in the balance")
+    count, found = 1 if variation.one_setup else max(variation.sizes.values()), []
+    for i in range(count):
+        s = variation.scenario(i)
+        try:
+            found.append(start(s.arm, word, s.drive, s.loads, t))
+        except ValueError as e:
+            raise ValueError(f"q0 = {word!r}, scenario {i}: {e}") from None
+    return np.array(found)
 
 
 def _make_setup(arm: Any, drive: Any, loads: Any, control: Any) -> Setup:
@@ -108,7 +129,7 @@ def warn_of_steps(job: Job, engine: str) -> None:
 def simulate_batch(
     arm: Arm,
     t: ArrayLike,
-    q0: ArrayLike | None = None,
+    q0: ArrayLike | str | None = None,
     v0: ArrayLike | None = None,
     *,
     tau: ArrayLike | None = None,
@@ -136,7 +157,7 @@ def simulate_batch(
 
     Args:
         arm, t, drive, loads, control: as of `simulate`.
-        q0, v0: (B, nq) or (nq,), (B, nv) or (nv,).
+        q0, v0: (B, nq) or (nq,), (B, nv) or (nv,). A q0 of "equilibrium" or "trim" is the balance of each scenario.
         tau: generalised forces (N, N m), (B, nt, nv) or (nt, nv), held from t[k] to t[k + 1]; the last row acts on
             nothing. An axis of length 1 stands for all scenarios or times.
         parameters: what differs, each (B, ...), by its path in a scene: "link.0.tip.mass", "link.1.beam.length",

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from .._check import Array
 from ..arm import Arm
-from ..parts.beam import Beam
+from ..parts.beam import STRAINS, Beam
 from ..run.result import Result
-from ..scene.scene import Scene
+
+#: A beam, or each of its pieces, with where it begins (m).
+Parts: TypeAlias = Sequence[tuple[float, Beam]]
 
 
 def carried(values: Array, names: tuple[str, ...], others: tuple[str, ...], start: Array) -> Array:
@@ -34,31 +37,64 @@ def carried_v(v: Array, of: Arm, arm: Arm) -> Array:
     return carried(v, of.coordinates, arm.coordinates, np.zeros(arm.nv))
 
 
-def initial_state(scene: Scene, arm: Arm) -> tuple[Array | None, Array | None]:
-    """q0 and v0 of the scene for another model of its arm. Elastic coordinates keep their values by name, new ones
-    start at zero; in another basis they are those whose strains along the beam are nearest to the given ones."""
-    q0 = None if scene.q0 is None else carried_q(scene.q0, scene.arm, arm)
-    v0 = None if scene.v0 is None else carried_v(scene.v0, scene.arm, arm)
-    for k, (link, given) in enumerate(zip(arm.links, scene.arm.links, strict=True)):
-        beam, old = link.beam, given.beam
-        if beam is None or old is None or not beam.ne or not old.ne or beam.basis == old.basis:
+def restated(x: Array, of: Arm, arm: Arm, parts: Sequence[Sequence[tuple[int, float]]], rates: bool = False) -> Array:
+    """Coordinates (nq,), or rates (nv,), for another model of an arm.
+
+    Joints keep theirs. Elastic coordinates keep theirs by strain and number, new ones are zero; in another basis, or in
+    pieces, they are those whose strains along the beam are nearest to the given ones.
+
+    Args:
+        parts: of each link of the one arm, the links of the other that it is there, and where (m) they begin.
+    """
+
+    def first(a: Arm, k: int) -> tuple[int, int]:
+        """Where a link's joint begins, and its elastic coordinates."""
+        joint = a.links[k].joint
+        at = a._core.first(k) if rates else a._core.first_q(k)
+        return at, at + (joint.nv if rates else joint.nq)
+
+    out = np.zeros(arm.nv) if rates else arm.zero
+    for k, (given, pieces) in enumerate(zip(of.links, parts, strict=True)):
+        (old, elastic), (new, end) = first(of, k), first(arm, pieces[0][0])
+        out[new:end] = x[old:elastic]
+        found = [(i, start, beam) for i, start in pieces if (beam := arm.links[i].beam) is not None and beam.ne]
+        if given.beam is None or not given.beam.ne or not found:
             continue
-        new_q, old_q = (a._core.first_q(k) + link.joint.nq for a in (arm, scene.arm))
-        new_v, old_v = (a._core.first(k) + link.joint.nv for a in (arm, scene.arm))
-        P = nearest(old, beam)
-        for out, value, at, of in ((q0, scene.q0, new_q, old_q), (v0, scene.v0, new_v, old_v)):
-            if out is not None and value is not None:
-                out[at : at + beam.ne] = P @ value[of : of + old.ne]
-    return q0, v0
+        if len(pieces) == 1 and given.beam.basis == found[0][2].basis:
+            P = _same(given.beam, found[0][2])
+        else:
+            P = nearest([(0.0, given.beam)], [(start, beam) for _, start, beam in found])
+        at = np.concatenate([first(arm, i)[1] + np.arange(beam.ne) for i, _, beam in found])
+        out[at] = P @ x[elastic : elastic + given.beam.ne]
+    return out
 
 
-def nearest(of: Beam, to: Beam) -> Array:
-    """Elastic coordinates (to.ne, of.ne) of one beam by those of another, of the strains that are nearest to the
-    other's along the beam."""
+def _same(of: Beam, to: Beam) -> Array:
+    """1 where coordinates (to.ne, of.ne) are of the same strain and number."""
+    names = [[(s, n) for s in STRAINS for n in range(beam.counts.get(s, 0))] for beam in (to, of)]
+    return np.array([[float(a == b) for b in names[1]] for a in names[0]]).reshape(to.ne, of.ne)
+
+
+def nearest(of: Parts, to: Parts) -> Array:
+    """Elastic coordinates of one beam (or of its pieces, one after the other) by those of another, of the strains that
+    are nearest to the other's along the beam."""
     x, weights = np.polynomial.legendre.leggauss(40)
-    places = list(zip(np.sqrt(weights), of.length * (x + 1) / 2, strict=True))
-    given, own = (np.vstack([w * np.asarray(b._core.strains(float(p))) for w, p in places]) for b in (of, to))
+    rows = []
+    for start, beam in max(of, to, key=len):
+        places = start + beam.length * (x + 1) / 2
+        rows += [(w * _strains(of, p), w * _strains(to, p))
+                 for p, w in zip(places.tolist(), np.sqrt(weights * beam.length), strict=True)]  # fmt: skip
+    given, own = (np.vstack(part) for part in zip(*rows, strict=True))
     return np.asarray(np.linalg.lstsq(own, given, rcond=None)[0])
+
+
+def _strains(parts: Parts, x: float) -> Array:
+    """Of a place (m), per elastic coordinate of all parts."""
+    here = max(k for k, (start, _) in enumerate(parts) if start <= x)
+    rows = [np.zeros((len(STRAINS), beam.ne)) for _, beam in parts]
+    start, beam = parts[here]
+    rows[here] = np.asarray(beam._core.strains(min(x - start, beam.length)))
+    return np.hstack(rows)
 
 
 @dataclass

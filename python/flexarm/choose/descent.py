@@ -217,4 +217,4 @@ class Descent:
         return min(good, key=lambda x: x.time), tried
 
     def _good(self, trial: Run) -> bool:
-        return self.trials.distance(trial, self.reference) <= _WITHIN * self.tol
+        return self.trials.distance(trial, self.found.judge) <= _WITHIN * self.tol

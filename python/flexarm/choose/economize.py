@@ -276,7 +276,7 @@ def _setting(found: Findings, trial: Run) -> Choice:
     if trial.values is None:
         why = {"cut": "given up: slow", "failed": "the run failed"}.get(trial.status, trial.status)
         return Choice("arm", "integrator", words, None, why, None, False)
-    error, time = found.trials.distance(trial, found.reference), trial.time / found.lean.time - 1.0
+    error, time = found.trials.distance(trial, found.judge), trial.time / found.lean.time - 1.0
     return Choice("arm", "integrator", words, error, RUN, time, trial is found.lean)
 
 
@@ -348,10 +348,11 @@ def economize(
     assert lean.result is not None
     certified = found.check is not None and not found.reasons
     error = found.off if found.check is not None else math.inf
+    mine, theirs = (search.models.at(run.model, {**_kept(scene), **run.options}) for run in (lean, rich))
+    if isinstance(scene.q0, str):
+        mine, theirs = (replace(x, q0=scene.q0) for x in (mine, theirs))
     return Plan(
-        scene,
-        search.models.at(lean.model, {**_kept(scene), **lean.options}),
-        search.models.at(rich.model, {**_kept(scene), **rich.options}),
+        scene, mine, theirs,
         measure.name, limit, atol is not None, measure.ranges, certified, found.reasons, error,
         lean.time, budget.used, len(trials.runs), choices, Watch.around(lean.result), search, found,
     )  # fmt: skip

@@ -32,6 +32,7 @@ from .trials import Budget, OutOfTime, Run, Trials
 _SMALL = 1 / 30  # of the tolerance: what is estimated to do less is left out of the reference
 _AGREE = 1 / 3  # of the tolerance: how close reference and check must be
 _BEYOND = 1.5  # times the gap: what may be left beyond the check, where convergence is slow
+_NEAR = 0.6  # of the tolerance: how close smooth shapes must come to a beam in pieces
 _ROUNDS = 3  # references, at most
 #: strains whose modes are the fastest
 _EXTENSION = STRAINS.index("extension")
@@ -212,6 +213,7 @@ class EconomizeSearch:
             self.measure.set_span(base.values)
         self.trials.states = base.result
         found = Findings(self.trials, self.tol, base)
+        found.notes += [note] if (note := self.models.start.note) else []
         found.dormant = {k: tuple(s for s, r in zip(STRAINS, reached, strict=True) if not r)
                          for k, reached in self.reached.items()}  # fmt: skip
         try:
@@ -254,7 +256,7 @@ class EconomizeSearch:
         it, because friction switches while fast shear must be followed, say, shear and extension are left out, if they
         are estimated to matter little; a note tells."""
         reference = found.reference
-        options, found.notes = finer(self.trials, reference), []
+        options, found.notes = finer(self.trials, reference), found.notes[: bool(self.models.start.note)]
         lost = max((x for (_, s, _), x in found.estimates.share.items() if s in _FAST), default=0.0)
 
         def without_more(k: int, beam: BeamModel) -> BeamModel:
@@ -303,29 +305,75 @@ class EconomizeSearch:
             reference = self.hard(reference.model, reference)
         if reference.values is None:
             reference = found.base  # the check tells what that is worth
+        if self.models.jumps:
+            self._in_pieces(found, reference)
+            return
         for k in range(_ROUNDS):
             assert reference.values is not None
             self.measure.set_span(reference.values)
-            found.reference, found.reasons = reference, []
-            down = Descent(found, self.tell)
-            model = down.reduce()
-            self.tell("integrators")
-            found.lean, found.settings = down.integrate(model)
-            self.tell("check")
+            found.reference = found.judge = reference
             rich = self.worth_a_check(self.enriched(k, reference.model), found)
-            check = found.check = self.checked(rich, found)
-            if check.values is None:
-                found.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
+            if self._descended(found, rich) or found.check is None or found.check.values is None:
                 return
-            if not (differs(check, reference) and differs(check, found.lean)):
-                found.reasons.append(f"the check took no more steps, {check.steps}, than what it is to check")
-                return
-            found.off = self.trials.distance(found.lean, check)
-            found.gap = self.trials.distance(reference, check)
-            if found.off + _BEYOND * found.gap <= self.tol and found.gap <= _AGREE * self.tol:
-                return
-            found.reasons = [
-                f"against the check it is off by {found.off:.2g}, and the reference, against which choices were "
-                f"made, by {found.gap:.2g}; tolerance {self.tol:.2g}"
-            ]
-            reference, self.trials.setting = check, check.options
+            reference, self.trials.setting = found.check, found.check.options
+
+    def _descended(self, found: Findings, rich: Model) -> bool:
+        """The way down, and its check; whether they agree."""
+        found.reasons, found.check = [], None
+        down = Descent(found, self.tell)
+        model = down.reduce()
+        self.tell("integrators")
+        found.lean, found.settings = down.integrate(model)
+        self.tell("check")
+        check = found.check = self.checked(rich, found)
+        if check.values is None:
+            found.reasons.append(f"the check, {self.models.label(rich)}, cannot be run: {check.reason}")
+            return False
+        if not (differs(check, found.judge) and differs(check, found.lean)):
+            found.reasons.append(f"the check took no more steps, {check.steps}, than what it is to check")
+            found.check = None
+            return False
+        found.off = self.trials.distance(found.lean, check)
+        found.gap = self.trials.distance(found.judge, check)
+        if found.off + _BEYOND * found.gap <= self.tol and found.gap <= _AGREE * self.tol:
+            return True
+        found.reasons = [
+            f"against the check it is off by {found.off:.2g}, and the reference, against which choices were "
+            f"made, by {found.gap:.2g}; tolerance {self.tol:.2g}"
+        ]
+        return False
+
+    def _in_pieces(self, found: Findings, reference: Run) -> None:
+        """Where strains jump, smooth shapes agree with each other before they are right: errors are taken from beams in
+        pieces, from the start, and so is the check. The reference has as many modes as it takes to come near these."""
+        if self.models.pinned or callable(self.measure.what):
+            why = self.models.pinned or "the quantity is a function, which may count on the links"
+            found.reasons.append(f"{self.advice}; the check cannot, as {why}")
+            return
+        found.reference = reference
+        rich = replace(self.worth_a_check(self.enriched(0, reference.model), found), pieces=True)
+        self.tell("beams in pieces")
+        judge = self.trials.run(rich, most=max(10.0, 100.0 * found.base.time))
+        near = False
+        for k in range(_ROUNDS):
+            if judge.values is None or reference.values is None:
+                break
+            self.measure.set_span(judge.values)
+            found.reference = reference
+            near = self.trials.distance(reference, judge) <= _NEAR * self.tol
+            if near:
+                break
+            reference = self.trials.run(self.enriched(2 * k + 1, found.reference.model))
+        found.judge = judge if near else found.reference  # that is too far off, and the check says so
+        many = {k: 1 + len(places) for k, places in self.models.jumps.items()}
+        more = rich.each(lambda k, b: replace(b, counts=tuple(n and n + many.get(k, 1) for n in b.counts)))
+        if not self._descended(found, more) and found.check is not None:
+            found.reasons[0] += f"; {self.advice}"
+
+    @property
+    def advice(self) -> str:
+        """For a scene with beams that have jumps."""
+        return (
+            f"strains jump at {self.models.cuts}, which smooth shapes follow slowly: cut the beam there, "
+            "Arm([*fa.split(link), ...])"
+        )

@@ -58,7 +58,8 @@ class Findings:
     Attributes:
         trials: runs of the models. tol: the tolerance.
         base: the scene's own model, less what symmetry rules out. reference, check: rich runs. lean: the choice, with
-            all output times and the chosen integrator.
+            all output times and the chosen integrator. judge: what errors are taken from on the way down: the
+            reference, or, where strains jump, its beams in pieces.
         estimates: what the indicators said. sizes: how far each coordinate of the reference moves the quantity.
         dormant: by link, strains that nothing excites.
         off: error of the lean run against the check. gap: between reference and check.
@@ -70,6 +71,7 @@ class Findings:
     tol: float
     base: Run
     reference: Run = field(init=False)
+    judge: Run = field(init=False)
     lean: Run = field(init=False)
     check: Run | None = None
     estimates: Estimates = field(default_factory=Estimates)
@@ -82,7 +84,7 @@ class Findings:
     notes: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.reference = self.lean = self.base
+        self.reference = self.judge = self.lean = self.base
 
     @property
     def models(self) -> Models:
@@ -94,12 +96,12 @@ class Findings:
         return self.check or self.reference
 
     def error(self, model: Model) -> float:
-        """Of a model against the reference, by simulation; inf where it cannot be run."""
+        """Of a model against the judge, by simulation; inf where it cannot be run."""
         if self.models.usable(model):
             return np.inf
         try:
             most = max(0.5, 3 * self.reference.time)
-            return self.trials.distance(self.trials.run(model, most=most), self.reference)
+            return self.trials.distance(self.trials.run(model, most=most), self.judge)
         except ValueError:
             return np.inf
 
@@ -108,7 +110,7 @@ class Findings:
         for trial in self.trials.runs.values():
             same = trial.options == self.trials.setting and trial.values is not None
             if same and (trial.model.but(gauss=None) == model.but(gauss=None) if any_gauss else trial.model == model):
-                return self.trials.distance(trial, self.reference)
+                return self.trials.distance(trial, self.judge)
         return None
 
     def without(self, lower: Model, estimate: float) -> tuple[float, str]:
@@ -121,7 +123,7 @@ class Findings:
             trial = self.trials.run(lower, most=max(0.2, 3 * self.lean.time))
         except (OutOfTime, ValueError):
             return estimate, ESTIMATE
-        return (estimate, ESTIMATE) if trial.status == "cut" else (self.trials.distance(trial, self.reference), RUN)
+        return (estimate, ESTIMATE) if trial.status == "cut" else (self.trials.distance(trial, self.judge), RUN)
 
     def size(self, group: list[int], strain: int, n: int) -> float:
         """What the n-th coordinate of a strain does to the quantity."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,14 +57,16 @@ class Measure:
 
     def _joints(self, arm: Arm) -> dict[str, list[tuple[int, int]]]:
         """By unit, (index in q, index in v or -1) of the joint coordinates that are not prescribed."""
-        laws = arm.by_rate("drive", split_drives(self.scene.drive)[0])
-        held = {i for i, law in laws.items() if isinstance(law, Motion)}
+        given, (joints, _) = self.scene.arm, split_drives(self.scene.drive)
+        held = {given.coordinate_of(i) for i, law in given.by_rate("drive", joints).items() if isinstance(law, Motion)}
         out: dict[str, list[tuple[int, int]]] = {}
         rates = {arm.coordinate_of(i): i for i in range(arm.nv)}
-        for k, link in enumerate(arm.links):
-            first, joint = arm._core.first_q(k), link.joint
-            for i, unit in enumerate(joint.q_units):
-                if rates.get(first + i, -1) not in held:
+        moving = [k for k, link in enumerate(arm.links) if link.joint.nq]  # pieces of a beam add fixed ones
+        own = [k for k, link in enumerate(given.links) if link.joint.nq]
+        for k, mine in zip(moving, own, strict=True):
+            first = arm._core.first_q(k)
+            for i, unit in enumerate(arm.links[k].joint.q_units):
+                if given._core.first_q(mine) + i not in held:
                     out.setdefault(unit, []).append((first + i, rates.get(first + i, -1)))
         return out
 
@@ -79,8 +81,8 @@ class Measure:
             out["rad"] = slice(3, 5)
         return {**out, "1": slice(5, 6)} if "extension" in has else out
 
-    def values(self, result: Result) -> dict[str, Array]:
-        """By unit, (nt, places, components)."""
+    def values(self, result: Result, first: Sequence[int] | None = None) -> dict[str, Array]:
+        """By unit, (nt, places, components). `first`: of an arm whose beams are in pieces, the first of each link."""
         arm = result.arm
         if callable(self.what):
             y = np.asarray(self.what(result), dtype=float)
@@ -96,7 +98,8 @@ class Measure:
         if not beams:
             return {}
         rigid = np.zeros((len(result.t), len(STRAIN_NAMES)))
-        rows = [arm.strain(result.q, k, 0.0) if arm.links[k].beam.ne else rigid for k in beams]  # type: ignore[union-attr]
+        at = beams if first is None else [first[k] for k in beams]
+        rows = [arm.strain(result.q, k, 0.0) if arm.links[k].beam.ne else rigid for k in at]  # type: ignore[union-attr]
         both = np.stack(rows, axis=1)
         return {unit: both[:, :, rows] for unit, rows in self._strains().items()}
 

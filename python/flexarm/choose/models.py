@@ -17,7 +17,9 @@ from ..parts.link import Link
 from ..parts.sections import SectionMatrix
 from ..parts.taper import Taper
 from ..scene.scene import Scene, load
-from .coordinates import initial_state, nearest
+from .coordinates import nearest
+from .pieces import Pieces, jumps
+from .starts import Start
 
 ORDERS: tuple[int | str, ...] = (0, 1, 2, 3, "exact")  # from poor to rich
 _MANY = 4  # more beams than this are treated alike where they are alike
@@ -88,11 +90,14 @@ class Model:
     Attributes:
         beams: one for each link; None where it has no beam.
         without: (link, feature) that are left out.
+        pieces: whether its beams are cut where their strains jump, and have as many modes in each piece as the beam has
+            over that length, and some.
         shift: how many modes each strain has above (below) the scene's, where all beams are changed alike.
     """
 
     beams: tuple[BeamModel | None, ...]
     without: frozenset[tuple[int, Feature]] = frozenset()
+    pieces: bool = False
     shift: int = field(default=0, compare=False)
 
     def each(self, change: Callable[[int, BeamModel], BeamModel]) -> Model:
@@ -144,7 +149,10 @@ class Model:
         if not self.modes:
             return "the rigid arm"
         basis = f" ({self.basis})" if self.basis else ""
-        return f"order {self.order}, {self.modes} mode{'' if self.modes == '1' else 's'}{basis}"
+        cut = ", in pieces" if self.pieces else ""
+        count, *rest = self.modes.split(" ", 1)
+        modes = " ".join([count, "mode" if count == "1" else "modes", *rest])
+        return f"order {self.order}, {modes}{basis}{cut}"
 
 
 def lowest_order(beam: Beam) -> int | str:
@@ -189,7 +197,7 @@ def beam_at(beam: Beam, model: BeamModel, tip: RigidBody | None = None) -> Beam:
 
 def damping_in(beam: Beam, other: Beam) -> list[list[float]]:
     """The damping matrix of another beam in the coordinates of this one: of the strains nearest to its own."""
-    P = nearest(beam, other)
+    P = nearest([(0.0, beam)], [(0.0, other)])
     D = P.T @ np.array(other.damping) @ P
     return [[float(v) for v in row] for row in 0.5 * (D + D.T)]
 
@@ -201,6 +209,7 @@ class Models:
         given: the scene's own model.
         groups: lists of links whose beams are chosen alike: one each, but where many beams are equal.
         pinned: why the modes cannot be changed, if something reads the elastic coordinates by number; else "".
+        jumps: by link, where along its beam (m) strains jump or have corners. start: how the scene starts.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -215,7 +224,10 @@ class Models:
             else:
                 self.groups.append([k])
         self._arms: dict[Model, Arm] = {}
+        self._pieces: dict[Model, Pieces] = {}
+        self._states: dict[Model, tuple[Any, Any]] = {}
         self.pinned = self._pinned()
+        self.jumps, self.start = jumps(scene), Start(scene)
 
     def _pinned(self) -> str:
         for k, c in enumerate(self.scene.control):
@@ -300,6 +312,8 @@ class Models:
 
     def arm(self, model: Model) -> Arm:
         """The arm so modelled. ValueError where such an arm cannot be."""
+        if model.pieces:
+            return self._in_pieces(model).arm
         if model not in self._arms:
             made: dict[Any, Link] = {}
             links = []
@@ -316,11 +330,27 @@ class Models:
             self._arms[model] = Arm._made(links, self.scene.arm.gravity)
         return self._arms[model]
 
+    def _in_pieces(self, model: Model) -> Pieces:
+        if model not in self._pieces:
+            self._pieces[model] = Pieces.of(self.arm(replace(model, pieces=False)), self.jumps)
+        return self._pieces[model]
+
+    def first(self, model: Model) -> list[int]:
+        """Of each link of the scene's arm, the link that has its joint in the model's."""
+        return self._in_pieces(model).first if model.pieces else list(range(len(self.scene.arm.links)))
+
     def at(self, model: Model, options: dict[str, Any]) -> Scene:
         """The scene with this model, its initial state, and these arguments of `simulate`."""
-        arm = self.arm(model)
-        q0, v0 = initial_state(self.scene, arm)
-        return replace(self.scene, arm=arm, q0=q0, v0=v0, options=options)
+        if model.pieces:
+            cut = self._in_pieces(model)
+            scene, parts = cut.scene(self.scene), cut.parts
+        else:
+            scene = replace(self.scene, arm=self.arm(model))
+            parts = [[(k, 0.0)] for k in range(len(scene.arm.links))]
+        if model not in self._states:
+            self._states[model] = self.start.of(scene, parts)
+        q0, v0 = self._states[model]
+        return replace(scene, q0=q0, v0=v0, options=options)
 
     def usable(self, model: Model) -> str:
         """Why the scene's controllers or sensors cannot do with this model; "" if they can."""
@@ -344,4 +374,12 @@ class Models:
         for feature in sorted({feature.name for _, feature in model.without}):
             whose = [self.scene.arm.names[k] for k, f in sorted(model.without, key=lambda x: x[0]) if f.name == feature]
             parts.append(f"no {feature}" + (f" of {', '.join(whose)}" if len(self.given.beams) > 1 else ""))
+        if model.pieces:
+            parts.append(f"in pieces, cut at {self.cuts}")
         return "; ".join(parts) or "the rigid arm"
+
+    @property
+    def cuts(self) -> str:
+        """Where strains jump, in words."""
+        return " and ".join(f"{', '.join(f'{x:.4g}' for x in places)} m of {self.scene.arm.names[k]}"
+                            for k, places in self.jumps.items())  # fmt: skip

@@ -231,8 +231,9 @@ class Trials:
         with np.errstate(all="ignore"):
             result = between(result, self.all) if run.whole else result
             seen = thinned(result, self.t)
-            values = self.measure.values(seen)
-            full = self.measure.values(result) if run.whole and self.keep else None
+            first = self.models.first(run.model)
+            values = self.measure.values(seen, first)
+            full = self.measure.values(result, first) if run.whole and self.keep else None
         if not all(np.isfinite(x).all() for x in (full or values).values()):
             run.status, run.reason = "failed", "it ran away"
             return

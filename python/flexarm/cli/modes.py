@@ -58,7 +58,7 @@ def _locks(given: Sequence[str] | None, scene: Scene) -> list[Any]:
 
 def _place(scene: Scene) -> Any:
     """The scene's initial coordinates, prescribed joints where their motion starts."""
-    q = scene.arm.zero if scene.q0 is None else np.array(scene.q0)
+    q = scene.start()
     for link, law in scene.drive.items():
         if isinstance(law, Motion):
             rate = scene.arm.joint_rate(link, "drive: link")

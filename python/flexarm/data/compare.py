@@ -11,7 +11,7 @@ import numpy as np
 
 from .._check import Array
 from .._console import aligned
-from ..draw.trajectory import plot_panels
+from ..draw.fit import plot_pair
 from . import signal
 from .data import Data, constant
 from .signal import DataWarning
@@ -56,13 +56,7 @@ class Comparison:
 
     def plot(self) -> Figure:
         """A figure of both over time, a panel for each column."""
-        panels = []
-        for name, y in self.measured.columns.items():
-            of = self.measured.units[name]
-            title = f"{name} ({of})" if of not in ("", "1") else name
-            error = f"simulated, NRMSE {100 * self.nrmse[name]:.3g} %"
-            panels.append((title, [("measured", y), (error, self.simulated[name])]))
-        return plot_panels(self.measured.t, panels)
+        return plot_pair(self)
 
 
 def compared(measured: Data, simulated: Data) -> Comparison:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_FEW = 4  # loops whose names fit in a diagram
 _SLOW = 8  # poles that the s-plane is drawn around, of those with the lowest frequency
 
 
@@ -108,7 +109,10 @@ def plot_loop(s: NDArray[np.complex128], z: Any, curves: Sequence[tuple[Any, Any
     low, high = gain.get_ylim()
     gain.set_ylim(max(low, 1e-6), min(high, 1e6))  # undamped modes have no end
     phase.yaxis.set_major_locator(MultipleLocator(90))
-    gain.legend(frameon=False, fontsize=9, loc="lower left")
+    if len(curves) <= _FEW:
+        gain.legend(frameon=False, fontsize=9, loc="lower left")
+    else:  # it would hide the curves
+        fig.legend(*gain.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
     return fig
 
 

@@ -3,16 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._check import Array
-from .style import PALETTE, label_axes, legend, new_figure, words
+from .style import PALETTE, label_axes, legend, new_figure, short, words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_WIDE, _LETTER = 4.8, 0.07  # inches: axes, and a letter over them
+_LEAST = 12  # letters that tell one name from another
+
+
+def _together(s: Array, joints: Sequence[tuple[float, str]]) -> list[tuple[float, dict[int, str]]]:
+    """The places of joints, and at each the joints' names by their links' numbers."""
+    out: dict[float, dict[int, str]] = {}
+    for k, (place, name) in enumerate(joints):
+        same = next((x for x in out if abs(x - place) < 1e-6 * s[-1]), place)
+        out.setdefault(same, {})[k] = name
+    return sorted(out.items(), key=lambda x: x[0])
+
+
+def _over(s: Array, joints: Sequence[tuple[float, dict[int, str]]]) -> tuple[list[str], bool]:
+    """What stands over the joints' lines, as wide as there is room for, and whether that is numbers alone."""
+    ends = [*[place for place, _ in joints[1:]], float(s[-1]) + 0.2 * float(np.ptp(s))]
+    letters = [int(_WIDE * (end - place) / max(float(np.ptp(s)), 1e-300) / _LETTER) - 1
+               for (place, _), end in zip(joints, ends, strict=True)]  # fmt: skip
+    names = [", ".join(at.values()) for _, at in joints]
+    if all(len(name) <= room or room >= _LEAST for name, room in zip(names, letters, strict=True)):
+        return [short(name, room) for name, room in zip(names, letters, strict=True)], False
+    every = 1 + int(3 / max(1, min(letters)))
+    return [", ".join(map(str, at)) if k % every == 0 else "" for k, (_, at) in enumerate(joints)], True
 
 
 def plot_modes(s: Array, moved: Array, labels: Sequence[str], joints: Sequence[tuple[float, str]]) -> Figure:
@@ -32,16 +55,14 @@ def plot_modes(s: Array, moved: Array, labels: Sequence[str], joints: Sequence[t
             ax.axvline(place, color="#999999", lw=1.0, ls=":")
         label_axes(ax, f"displacement along\nworld {'xyz'[c]} (1 = largest)")
         ax.set_ylim(-1.12, 1.12)
-    together: dict[float, list[str]] = {}  # joints at one place
-    for place, name in joints:
-        together.setdefault(next((x for x in together if abs(x - place) < 1e-6 * s[-1]), place), []).append(name)
-    named = [(place, ", ".join(names)) for place, names in sorted(together.items())]
-    room = [5.5 / s[-1] * (b[0] - a[0]) / len(a[1]) for a, b in pairwise(named)]  # inches a letter
-    for place, name in named:
+    named = _together(s, joints)
+    over, by_number = _over(s, named)
+    for (place, _), word in zip(named, over, strict=True):
         axes[0].annotate(
-            words(name), (place, 1.0), (2, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
-            fontsize=8, color="#666666", rotation=0 if min(room, default=1.0) > 0.08 else 40,
+            words(word), (place, 1.0), (2, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
+            fontsize=8, color="#666666",
         )  # fmt: skip
-    axes[-1].set_xlabel("place along the arm, from its base (m); dotted: joints")
+    what = "joints, by their links' numbers" if by_number else "joints"
+    axes[-1].set_xlabel(f"place along the arm, from its base (m); dotted: {what}")
     legend(axes[0], len(labels))
     return fig

@@ -21,6 +21,7 @@ ORDER_COLOURS: dict[int | str, str] = {
     "as given": "#8C8C8C", 0: ORANGE, 1: PURPLE, 2: BLUE, 3: GREEN, "exact": RED, "mixed": SKY
 }  # fmt: skip
 DPI = 150
+_LINES, _LETTERS = 12, 40  # of a legend beside a panel: entries in a column, letters in a line
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -59,10 +60,31 @@ def label_axes(ax: Axes, ylabel: str, xlabel: str = "") -> None:
     ax.spines[["top", "right"]].set_visible(False)
 
 
+def short(text: str, most: int) -> str:
+    """A text of at most so many letters, the middle left out: names begin and end differently."""
+    if len(text) <= most:
+        return text
+    end = (most - 1) // 2
+    return f"{text[: most - 1 - end].rstrip()}…{text[len(text) - end :].lstrip()}"
+
+
 def legend(ax: Axes, count: int) -> None:
-    """Beside the axes, where it hides no curve; the name of a single one stands above it. Labels are `words`."""
+    """Beside the axes, where it hides no curve, no longer and wider than a page has room for; the name of a single
+    curve stands above it. Labels are `words`."""
+    handles, labels = ax.get_legend_handles_labels()
     if count == 1:
-        ax.set_title(ax.get_legend_handles_labels()[1][0].strip(), loc="left", fontsize=10)
+        ax.set_title(short(labels[0].strip(), 80), loc="left", fontsize=10)
     elif count:
-        columns = 1 + (count - 1) // 12
-        ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=9, ncols=columns)
+        columns = 2 if count > _LINES and max(map(len, labels)) <= _LETTERS // 2 else 1
+        shown = count if count <= columns * _LINES else columns * _LINES - 1
+        told = [short(label, _LETTERS // columns) for label in labels[:shown]]
+        if shown < count:
+            handles, told = [*handles[:shown], _nothing()], [*told, f"and {count - shown} more"]
+        look: dict[str, Any] = {"frameon": False, "fontsize": 9, "ncols": columns}
+        ax.legend(handles[: len(told)], told, loc="upper left", bbox_to_anchor=(1.01, 1.0), **look)
+
+
+def _nothing() -> Any:
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], ls="")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._check import Array
-from .style import BLUE, RED, label_axes, new_figure, words
+from .style import BLUE, RED, label_axes, new_figure, short, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _WIDE = 10.0  # inches: what a page shows without making letters too small
+_LETTER = 0.078  # inches, of a label
 _FEW = 8  # values of a parameter that all have a tick
 #: What stands in place of a number, by its colour in maps.
 MISSING = {"failed": "#6E6E6E", "not run yet": "#FFFFFF", "no value": "#C8C8C8"}
@@ -37,17 +39,29 @@ def _map(figure: Figure, ax: Axes, axes: dict[str, Array], values: Array, label:
     def cells(numbers: Array) -> Any:
         return numbers.reshape(y.size, x.size)[np.ix_(*order)]
 
-    norm = LogNorm() if _log(values) else None
+    norm, some = LogNorm() if _log(values) else None, np.isfinite(values).any()
     found = ax.pcolormesh(*places, np.ma.masked_invalid(cells(values)), shading="nearest", cmap="viridis", norm=norm)
     lost = np.ma.masked_less(cells(np.where(np.isfinite(values), -1, why)), 0)
     if lost.count():
         greys = ListedColormap(list(MISSING.values()))
         ax.pcolormesh(*places, lost, shading="nearest", cmap=greys, vmin=-0.5, vmax=len(MISSING) - 0.5)
-    figure.colorbar(found, ax=ax, label=words(f"{label}\n(grey: no number)" if lost.count() else label))
-    ax.set(xlabel=words(x_name), ylabel=words(y_name))
+    if some:
+        figure.colorbar(found, ax=ax, label=words(f"{label}\n(grey: no number)" if lost.count() else label))
+    else:
+        ax.set_title(words(f"{label}: no number"), fontsize=10)
+    ax.set(xlabel=words(_folded(x_name, 3.0)), ylabel=words(_folded(y_name, 3.0)))
     _scales(ax, x, y)
     _tick_values(ax.xaxis, x, 3.0)
     _tick_values(ax.yaxis, y, 3.0)
+
+
+def _folded(name: str, inches: float) -> str:
+    """A path in lines that fit, broken at its dots."""
+    lines, most = [""], int(inches / _LETTER)
+    for part in re.split(r"(?<=\.)(?=\D)|(?= \()", name):
+        part = short(part, most)
+        lines[-1:] = [lines[-1] + part] if len(lines[-1] + part) <= most else [lines[-1], part]
+    return "\n".join(line.strip() for line in lines if line)
 
 
 def _scales(ax: Axes, x: Array, y: Array) -> None:
@@ -58,6 +72,8 @@ def _scales(ax: Axes, x: Array, y: Array) -> None:
             set_scale("log")
             continue
         axis.set_major_locator(MaxNLocator(5))
+        if 0.0 < np.abs(values[np.isfinite(values)]).max(initial=0.0) < 1e-3:
+            ax.ticklabel_format(axis="x" if axis is ax.xaxis else "y", scilimits=(-3, 4))
         if np.abs(values[np.isfinite(values)]).max(initial=0.0) >= 1e5:
             axis.set_major_formatter(EngFormatter(sep=""))  # 210G, not 2.10 and a far-off 1e11
 
@@ -71,7 +87,7 @@ def _tick_values(axis: Axis, values: Array, inches: float) -> None:
     if not 0 < few.size <= _FEW:
         return
     write = EngFormatter(sep="") if np.abs(few).max() >= 1e5 else "{:.4g}".format
-    labels = [write(float(value)) for value in few]
+    labels = [write(float(f"{value:.4g}")) for value in few]
     places = np.log(few) if _log(values) else few
     letters = 1.5 if isinstance(axis, YAxis) else max(map(len, labels)) + 1.0  # from one label to the next
     if few.size > 1 and np.diff(places).min() / np.ptp(places) * inches < 0.09 * letters:  # inches a letter
@@ -87,7 +103,7 @@ def _points(ax: Axes, x: Array, y: Array, labels: tuple[str, str], joined: bool,
     else:
         size = float(np.clip(2000 / max(1, y.size), 2, 14))
         ax.scatter(x, y, s=size, color=BLUE, alpha=0.7, linewidths=0)
-    label_axes(ax, labels[1], labels[0])
+    label_axes(ax, labels[1], _folded(labels[0], inches))
     _scales(ax, x, y)
     _tick_values(ax.xaxis, x, inches)
     lost = ~np.isfinite(y) & (why != list(MISSING).index("not run yet"))

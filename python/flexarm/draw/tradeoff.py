@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from .._check import Array
 from .._console import seconds
-from .style import GREEN, INK, ORANGE, ORDER_COLOURS, RED, label_axes, new_figure
+from .style import GREEN, INK, ORANGE, ORDER_COLOURS, RED, label_axes, new_figure, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,6 +24,9 @@ _DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
 _PER_COLUMN = 8  # entries of the list under a chart, at least
 _TOP = 10.0  # shares of a span above it are drawn at the upper edge
 _SMALL = 8.5  # size of letters (pt)
+_WIDE = 140  # letters of that size across a figure
+_UNDER = 6  # lines under a title
+_WAYS = (225, 45, 135, 315, 180, 0, 270, 90)  # degrees, from a point to its number
 
 #: Of a run: wall time (s), error.
 Point = tuple[float, float]
@@ -140,14 +148,44 @@ def _chart_legend(ax: Axes, lines: Sequence[Line], integrators: Sequence[str], f
             text.set_x(text.get_position()[0] - 26)  # where the entries' lines begin
 
 
-def _list_of(ax: Axes, front: Sequence[Cheapest]) -> None:
-    """The ringed runs in words, in two columns."""
-    ax.set_axis_off()
+def _list_of(front: Sequence[Cheapest], known: str) -> list[list[str]]:
+    """What stands under a chart, in its columns: the ringed runs in words, in two columns where their words are short,
+    and how well the truth is known."""
     rows = [f"{k}  {run.words}: {seconds(run.time)}, error {run.error:.1e}" for k, run in enumerate(front, 1)]
+    rows = [short(row, _WIDE) for row in rows]
     half = max(_PER_COLUMN, -(-len(rows) // 2))
-    for place, some in ((0.0, rows[:half]), (0.56, rows[half:])):
-        text = ax.text(place, 1.0, "\n".join(some), transform=ax.transAxes, va="top", fontsize=_SMALL, color=INK)
-        text.set_in_layout(False)  # the second column is below the legend
+    two = len(rows) > half and max(map(len, rows)) <= 0.45 * _WIDE
+    columns = [rows[:half], rows[half:]] if two else [rows]
+    return [columns[0] + ([f"\n{known}"] if known else []), *columns[1:]]
+
+
+def _numbered(ax: Axes, size: Array, front: Sequence[Point], others: Sequence[Point]) -> None:
+    """The numbers of the ringed runs, each beside its point where there is most room; `size` of the axes (inches)."""
+
+    def inches(points: Sequence[Point]) -> Array:
+        x, y = zip(*points, strict=True)
+        ends = ax.get_xlim(), ax.get_ylim()
+        parts = [np.log(np.array(v) / low) / np.log(high / low) for v, (low, high) in zip((x, y), ends, strict=True)]
+        return np.array(parts).T * size
+
+    rings, taken = inches(front), [*inches(front), *inches(others)]
+    stairs = [p for a, b in pairwise(rings) for p in (a, np.array([b[0], a[1]]))] + [rings[-1]]
+    steps = [a + s * (b - a) for a, b in pairwise(stairs) for s in np.linspace(0, 1, 25)]
+    there: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center"}
+    box = {"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.8}
+    for k, at in enumerate(rings):
+
+        def crowd(way: Any, at: Array = at) -> float:
+            here = at + way
+            near = sum(max(0.0, 1.0 - float(np.hypot(*(here - p))) / 0.17) for p in taken)
+            near += 0.3 * sum(max(0.0, 1.0 - float(np.hypot(*(here - p))) / 0.09) for p in steps)
+            return near + 5.0 * bool((here < 0.08).any() or (here > size - 0.08).any())
+
+        ways = [r * np.array([np.cos(a), np.sin(a)]) for r in (0.19, 0.27, 0.36) for a in np.radians(_WAYS)]
+        best = min(ways, key=crowd)
+        taken.append(at + best)
+        x, y = (72 * best).tolist()
+        ax.annotate(str(k + 1), front[k], (x, y), **there, fontsize=9, zorder=7, bbox=box)
 
 
 def _within(points: Sequence[Point], top: float, low: float = 0.0) -> list[Point]:
@@ -171,12 +209,25 @@ def plot_lines(
     """
     from matplotlib.ticker import NullLocator
 
-    rows = max(_PER_COLUMN, -(-len(front) // 2)) if len(front) > _PER_COLUMN else len(front)
-    fig = new_figure(10.0, 6.2 + 0.17 * rows)
-    grid = fig.add_gridspec(2, 1, height_ratios=[6.0, max(0.17 * rows, 0.01)])
-    ax, below = fig.add_subplot(grid[0]), fig.add_subplot(grid[1])
     styles = model_styles(line.kind for line in lines)
     low = unsure / 10 if unsure < float("inf") else 0.0
+    least = min([_TOP, *(error for line in lines for _, error in line.points)])
+    known = ""
+    if lines and max(least, low) < 1.5 * unsure:
+        known = "grey: how near the richest model is to the truth is not known"
+        if low:
+            known = f"grey: the truth itself is known to {unsure:.1e}; what lies below {low:.0e} is drawn there"
+    told = _list_of(front, known)
+    rows = max(len(column) for column in told) + bool(known)
+    under = 0.1 + 0.175 * rows if rows else 0.01  # inches
+    fig = new_figure(10.0, 6.2 + under)
+    grid = fig.add_gridspec(2, 1, height_ratios=[6.0, under])
+    ax, below = fig.add_subplot(grid[0]), fig.add_subplot(grid[1])
+    below.set_axis_off()
+    for place, some in zip((0.0, 0.56), told, strict=False):
+        text = below.text(place, 1.0, "\n".join(some), transform=below.transAxes, va="top", fontsize=_SMALL, color=INK,
+                          parse_math=False)  # fmt: skip
+        text.set_in_layout(False)  # the second column is below the legend
     count: dict[Kind, int] = {}
     for line in lines:
         count[line.kind] = count.get(line.kind, 0) + len(line.points)
@@ -190,17 +241,11 @@ def plot_lines(
         x, y = zip(*_within([(run.time, run.error) for run in front], _TOP, low), strict=True)
         ax.plot(x, y, color=INK, lw=2.2, drawstyle="steps-post", zorder=1, alpha=0.45)
         ax.plot(x, y, "o", ms=11, mfc="none", mec=INK, mew=1.3, zorder=5)
-        for k, run in enumerate(front, 1):
-            ax.annotate(str(k), (run.time, y[k - 1]), (-8, -10), textcoords="offset points", ha="right", fontsize=9)
     if lines:
         scale_errors(ax, 2 * _TOP)
-        if ax.get_ylim()[0] < unsure:
+        if known:
             top = min(unsure, ax.get_ylim()[1])
             ax.axhspan(ax.get_ylim()[0], top, color="#EEEEEE", zorder=0)
-            known = "grey: how near the richest model is to the truth is not known"
-            if low:
-                known = f"grey: the truth itself is known to {unsure:.1e}; what lies below {low:.0e} is drawn there"
-            ax.text(0.01, 0.01, known, transform=ax.transAxes, va="bottom", fontsize=_SMALL, color=INK)
         if any(error > _TOP for line in lines for _, error in line.points):
             notes = [*notes, f"Errors above {_TOP:g} spans are drawn at {_TOP:g}."]
     else:
@@ -211,17 +256,24 @@ def plot_lines(
     if not lines:
         ax.xaxis.set_major_locator(NullLocator())
     _chart_legend(ax, lines, integrators, bool(front))
-    _list_of(below, front)
+    if front:
+        others = [p for line in lines for p in _within(line.points, _TOP, low)]
+        _numbered(ax, np.array([7.6, 5.2]), list(zip(x, y, strict=True)), others)
     _titled(fig, ax, title, notes)
     return fig
 
 
 def _titled(fig: Figure, ax: Axes, title: str, notes: Sequence[str], under: str = "") -> None:
     fig.suptitle(title, fontsize=12, fontweight="bold", parse_math=False, wrap=True)
+    said = [line for note in notes for line in wrap(note, _WIDE - 25)]
     if under:
-        ax.set_title(under + "\n" * len(notes), fontsize=10, color=INK, parse_math=False, wrap=True)
-    if notes:
-        ax.set_title("\n".join(notes), fontsize=9, color=RED, loc="left", parse_math=False)
+        lines = wrap(under, _WIDE - 35)
+        lines = lines if len(lines) <= _UNDER else [*lines[: _UNDER - 1], f"{lines[_UNDER - 1]} ..."]
+        room = 6.0 + 13.0 * len(said)  # of the notes
+        ax.set_title("\n".join(lines), fontsize=10, color=INK, loc="left", pad=room, parse_math=False)
+    if said:
+        look: dict[str, Any] = {"fontsize": 9, "color": RED, "parse_math": False}
+        ax.text(0.0, 1.012, "\n".join(said), va="bottom", transform=ax.transAxes, **look)
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from .._check import Array
-from .style import PALETTE, label_axes, legend, new_figure, words
+from .style import PALETTE, label_axes, legend, new_figure, short, words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DASHES = ("-", "--", "-.", ":")
+_LETTERS = 32  # of a name along an axis
 
 
 def plot_panels(t: Array, panels: Sequence[tuple[str, Sequence[tuple[str, Array]]]]) -> Figure:
@@ -23,10 +24,10 @@ def plot_panels(t: Array, panels: Sequence[tuple[str, Sequence[tuple[str, Array]
         for i, (label, y) in enumerate(curves):
             colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
             ax.plot(t, y, label=words(label), color=colour, linestyle=dash, marker=marker, linewidth=1.4)
-        label_axes(ax, ylabel)
+        label_axes(ax, short(ylabel, _LETTERS))
+        ax.ticklabel_format(axis="y", scilimits=(-3, 4))
         legend(ax, len(curves))
     grid[-1].set_xlabel("Time (s)")
-    fig.align_ylabels()
     return fig
 
 
@@ -41,7 +42,8 @@ def plot_samples(t: Array, y: Array, labels: Sequence[str], all_units: Sequence[
             colour, dash = PALETTE[i % len(PALETTE)], _DASHES[i // len(PALETTE) % len(_DASHES)]
             ax.plot(t, y[:, k], dash, label=words(labels[k]), color=colour, linewidth=1.2, drawstyle="steps-post")
         name = labels[own[0]] if len(own) == 1 else labels[own[0]].rsplit(" ", 1)[0]
+        name = short(name, _LETTERS)
         label_axes(ax, f"{name} ({unit})" if unit != "1" else name, "Time (s)" if ax is panels[-1] else "")
         legend(ax, len(own) if len(own) > 1 else 0)
-    fig.suptitle(title, fontsize=12, parse_math=False)
+    fig.suptitle(title, fontsize=12, parse_math=False, wrap=True)
     return fig

@@ -94,7 +94,7 @@ class Problem:
             run, own = self.runs[k], self._of_run(k)
             parameters = {self.sought[j].path: values[:, j] for j in own}
             try:
-                results = run_many(run.setup, parameters, run.t, run.q0, run.v0, **self._options(workers))
+                results = run_many(run.setup, parameters, run.t, run.first, run.v0, **self._options(workers))
             except ValueError as e:
                 self.why, self.refused = str(e), True
                 return
@@ -125,7 +125,7 @@ class Problem:
         def one(k: int, workers: int) -> None:
             run, own = self.runs[k], self._of_run(k)
             parameters = {self.sought[j].path: float(values[j]) for j in own}
-            made = sensitivities(run.setup, parameters, run.t, run.q0, run.v0, **self._options(workers))
+            made = sensitivities(run.setup, parameters, run.t, run.first, run.v0, **self._options(workers))
             out = np.zeros((len(inner), *run.measured.shape))
             out[own] = made.of(run.read) * slopes[own, None, None]
             found[k] = out
@@ -171,7 +171,7 @@ class Problem:
         self._stop.clear()
         run, values = self.runs[k], self.values(inner)
         parameters = {self.sought[j].path: values[j : j + 1] for j in self._of_run(k)}
-        return run_many(run.setup, parameters, run.t, run.q0, run.v0, **self._options(self.workers))[0]
+        return run_many(run.setup, parameters, run.t, run.first, run.v0, **self._options(self.workers))[0]
 
     def setup(self, inner: Array, sensors: Any, k: int = 0) -> Setup:
         """What run k is made of with these values, with instruments as they are."""

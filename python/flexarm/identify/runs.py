@@ -21,10 +21,10 @@ from ..data.units import unit
 from ..run import outputs as run_outputs
 from ..run.result import Result
 from ..run.sensitivity import Output
+from ..run.start import state
 from ..run.variation import Setup
 from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
-from .simulated import start
 
 _FIRST = 0.01  # of a column's deviation, its weight as long as its noise is not known
 _INSTRUMENT: dict[str, Any] = {"noise": None, "resolution": None, "range": None, "rate": None, "pulses": None}
@@ -43,7 +43,7 @@ class Run:
     Attributes:
         data: what was measured. setup, q0, v0: what the run is made of, where it begins.
         outputs: what is read, by columns of the data. t: times of the simulated rows, `every` of them between two of
-            the data.
+            the data. balance: the word of the scene's q0, such as "equilibrium", if it is one.
     """
 
     data: Data
@@ -52,6 +52,12 @@ class Run:
     v0: Array
     outputs: Mapping[str, Output]
     every: int = 1
+    balance: str | None = None
+
+    @property
+    def first(self) -> Array | str:
+        """Where a run begins, whatever its parameters: in numbers, or in balance."""
+        return self.balance or self.q0
 
     @property
     def t(self) -> Array:
@@ -275,8 +281,12 @@ def made(
         raise ValueError(f"{where}: has {len(data)} rows: three or more are needed")
     sensors, found = readers(scene, data, asked, inputs)
     setup = Setup(scene.arm, drives(scene, data, inputs), tuple(scene.loads), tuple(scene.control), sensors)
-    q0, v0 = start(setup, float(data.t[0]), scene.q0, scene.v0)
-    run = Run(data, setup, q0, v0, found)
+    q0, v0 = state(scene.arm, scene.q0, scene.v0, setup.drive, setup.loads, float(data.t[0]))
+    balance = scene.q0 if isinstance(scene.q0, str) else None
+    moved = [path for path in paths if balance and path.split(".")[0] == "q0"]
+    if moved:
+        raise ValueError(f"parameters: '{moved[0]}' and the scene's q0 = {balance!r} both say where it begins")
+    run = Run(data, setup, q0, v0, found, balance=balance)
     _check(run, paths)
     for begin, length in data.gaps():
         text = (

@@ -8,39 +8,27 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
-from ..acting.drive import Motion
-from ..acting.voltage import split_drives
 from ..batch.simulate import simulate_batch
 from ..run.result import Result
 from ..run.sensitivity import ROWS, RunStopped, Sensitivities
 from ..run.simulation import source
+from ..run.start import state
 from ..run.variation import Setup, Variation
 
 
-def start(setup: Setup, t0: float, q0: Array | None, v0: Array | None) -> tuple[Array, Array]:
-    """The initial state; joints whose motion is prescribed start where that does."""
-    arm = setup.arm
-    q = np.array(arm.zero if q0 is None else q0, dtype=float)
-    v = np.zeros(arm.nv) if v0 is None else np.array(v0, dtype=float)
-    joints, _ = split_drives(setup.drive)
-    for i, law in arm.by_rate("drive", joints).items():
-        if isinstance(law, Motion):
-            q[arm.coordinate_of(i)], v[i] = law(t0)[:2]
-    return q, v
-
-
 def scenarios(
-    setup: Setup, parameters: Mapping[str, Array], t: Array, q0: Array | None, v0: Array | None
+    setup: Setup, parameters: Mapping[str, Array], t: Array, q0: Array | str | None, v0: Array | None
 ) -> list[tuple[Setup, Array, Array]]:
     """What the runs with values (B,) of parameters are made of, and where each begins."""
     variation = Variation(setup, parameters)
     setups = [variation.scenario(i) for i in range(max((len(x) for x in parameters.values()), default=1))]
-    q, v = (np.array(x) for x in zip(*(start(s, float(t[0]), q0, v0) for s in setups), strict=True))
+    states = [state(s.arm, q0, v0, s.drive, s.loads, float(t[0])) for s in setups]
+    q, v = (np.array(x) for x in zip(*states, strict=True))
     return list(zip(setups, variation.initial("q0", q), variation.initial("v0", v), strict=True))
 
 
 def runs(
-    setup: Setup, parameters: Mapping[str, Array], t: Array, q0: Array | None, v0: Array | None, **options: Any
+    setup: Setup, parameters: Mapping[str, Array], t: Array, q0: Array | str | None, v0: Array | None, **options: Any
 ) -> list[tuple[Setup, Array, Array, Result | RunStopped]]:
     """The same, and the runs."""
     made = scenarios(setup, parameters, t, q0, v0)
@@ -55,8 +43,8 @@ def runs(
 
 
 def sensitivities(
-    setup: Setup, parameters: Mapping[str, float], t: Array, q0: Array | None, v0: Array | None, *, workers: int = 1,
-    progress: Any = None, **options: Any,
+    setup: Setup, parameters: Mapping[str, float], t: Array, q0: Array | str | None, v0: Array | None, *,
+    workers: int = 1, progress: Any = None, **options: Any,
 ) -> Sensitivities:  # fmt: skip
     """A run and its derivatives.
 
@@ -71,4 +59,5 @@ def sensitivities(
     values = {k: np.array([x]) for k, x in parameters.items()}
     made, q, v = scenarios(setup, values, t, q0, v0)[0]
     of = setup, {k: x for k, x in values.items() if not k.startswith(("q0", "v0"))}
-    return source(made, t, q, v, **options, alive=progress, of=of).sensitivities(list(parameters), workers)
+    first = q0 if isinstance(q0, str) else q
+    return source(made, t, first, v, **options, alive=progress, of=of).sensitivities(list(parameters), workers)

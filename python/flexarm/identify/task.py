@@ -208,7 +208,7 @@ class Task:
             inputs = self.inputs[0] if isinstance(self.inputs, (list, tuple)) else self.inputs
         run = made(self.scene, data, inputs, self.outputs, "data", [x.path for x in p.sought])
         fixed = {x.path: np.array([v]) for x, v in zip(p.sought, p.values(inner), strict=True) if not _own(x)}
-        run.setup, run.q0, run.v0 = scenarios(run.setup, fixed, run.t, run.q0, run.v0)[0]
+        run.setup, run.q0, run.v0 = scenarios(run.setup, fixed, run.t, run.first, run.v0)[0]
         own = [x._replace(run=None, name=x.path) for x in p.sought if _own(x)]
         own = list({x.path: x for x in own}.values())
         problem = Problem([run], own, p.options, p.workers)

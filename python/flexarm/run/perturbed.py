@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from .._check import Array
 from .parameter import Neighbour, Parameter
 from .problem import Problem
+from .start import start
 from .variation import Setup, Variation, drive_name, fields_of, known_paths, numbered
 
 #: Steps of a difference, and its weights: of fourth order, central and (at the border of what is allowed) on one side.
@@ -25,7 +26,7 @@ _SMALLER = (1.0, 1e-2, 1e-4, 1e-6)  # that step again, where the larger one leav
 
 
 def problems(
-    setup: Setup, parameters: Sequence[str], t: ArrayLike, q0: Array | None, v0: Array | None, tau: Array | None,
+    setup: Setup, parameters: Sequence[str], t: ArrayLike, q0: Array | str | None, v0: Array | None, tau: Array | None,
     part: float = STEP, of: tuple[Setup, Mapping[str, Array]] | None = None,
 ) -> list[Parameter]:  # fmt: skip
     """The neighbours of a problem by each parameter.
@@ -42,8 +43,9 @@ def problems(
         ValueError: naming the parameter: nothing that can vary, no single number, or no room to vary in.
     """
     check_paths(parameters)
-    start = start_of(setup, q0, v0)
-    return [_parameter(setup, path, t, start, tau, part, of) for path in parameters]
+    begin = start_of(setup, float(np.ravel(t)[0]), q0, v0, tau)
+    word = q0 if isinstance(q0, str) else None
+    return [_parameter(setup, path, t, begin, tau, part, of, word) for path in parameters]
 
 
 def check_paths(parameters: Sequence[str], least: int = 0) -> None:
@@ -51,16 +53,18 @@ def check_paths(parameters: Sequence[str], least: int = 0) -> None:
         raise ValueError(f"parameters = {parameters!r}: must be a list of different paths, such as ['link.0.tip.mass']")
 
 
-def start_of(setup: Setup, q0: Array | None, v0: Array | None) -> dict[str, Array]:
+def start_of(setup: Setup, t: float, q0: Array | str | None, v0: Array | None, tau: Array | None) -> dict[str, Array]:
+    """q0 and v0 in numbers, at time t (s)."""
     arm = setup.arm
-    return {"q0": arm.zero if q0 is None else q0, "v0": np.zeros(arm.nv) if v0 is None else v0}
+    q = start(arm, q0, setup.drive, setup.loads, t, tau)
+    return {"q0": q, "v0": np.zeros(arm.nv) if v0 is None else v0}
 
 
 def _parameter(
-    setup: Setup, path: str, t: ArrayLike, start: dict[str, Array], tau: Array | None, part: float,
-    of: tuple[Setup, Mapping[str, Array]] | None,
+    setup: Setup, path: str, t: ArrayLike, begin: dict[str, Array], tau: Array | None, part: float,
+    of: tuple[Setup, Mapping[str, Array]] | None, word: str | None,
 ) -> Parameter:  # fmt: skip
-    value, scale = _value(setup, path, start)
+    value, scale = _value(setup, path, begin)
     others: dict[str, Array] = {}
     if of is not None and path in of[1]:
         setup, others = of[0], dict(of[1])
@@ -73,7 +77,7 @@ def _parameter(
             offsets = h * np.array(steps)
             try:
                 near = Variation(setup, {**others, path: value + offsets})
-                found = [_problem(near, i, t, start, tau) for i in range(len(steps))]
+                found = [_problem(near, i, t, begin, tau, word) for i in range(len(steps))]
             except ValueError as e:
                 why = why or e
                 continue
@@ -84,12 +88,14 @@ def _parameter(
 
 
 def _problem(
-    near: Variation, i: int, t: ArrayLike, start: dict[str, Array], tau: Array | None
+    near: Variation, i: int, t: ArrayLike, begin: dict[str, Array], tau: Array | None, word: str | None
 ) -> tuple[Problem, Setup]:
+    """`word`: the balance that it begins in, which is its own."""
     made = near.scenario(i)
-    out = Problem(made.arm, t, None, None, tau, made.drive, made.loads, made.control, None)
+    out = Problem(made.arm, t, word, None, tau, made.drive, made.loads, made.control, None)
+    begin = begin if word is None else {**begin, "q0": out.start["q0"].copy()}
     given = {"q0": [made.arm.coordinate_of(k) for k in out.prescribed], "v0": out.prescribed}
-    for name, value in start.items():
+    for name, value in begin.items():
         rows = near.initial(name, value[None])
         free = np.setdiff1d(np.arange(value.size), given[name])
         out.start[name][free] = rows[i % len(rows)][free]

@@ -18,6 +18,7 @@ from ..arm import Arm
 from ..parts.labels import joint_rates
 from .pulses import PulseWarning, missed
 from .result import Result
+from .start import start
 
 _FOLLOWS = (PD, StrainFeedback)
 _LOOKS = 201  # at a command
@@ -38,8 +39,9 @@ class Problem:
     def __init__(self, arm: Arm, t: ArrayLike, q0: Any, v0: Any, tau: Any, drive: Any, loads: Any, control: Any,
                  events: Any) -> None:  # fmt: skip
         self.arm, self.times = arm, _output_times(t)
-        self.start = _initial_state(arm, q0, v0, tau)
-        self.laws = _drive_laws(arm, drive, self.times, self.start, {"q0": q0, "v0": v0})
+        q = start(arm, q0, drive, loads, float(self.times[0]), tau) if isinstance(q0, str) else arm._posed(q0)
+        self.start = _initial_state(arm, q, v0, tau)
+        self.laws = _drive_laws(arm, drive, self.times, self.start, {"q0": q, "v0": v0})
         places, _ = at_time(arm, loads, float(self.times[0]))
         self.loads = tuple(loads or ())
         for k, load in enumerate(self.loads):

@@ -101,7 +101,7 @@ class Source:
 
     setup: Setup
     t: Array
-    q0: Array | None
+    q0: Array | str | None
     v0: Array | None
     tau: Array | None
     integrate: Callable[..., dict[str, Any]]
@@ -238,7 +238,7 @@ class Source:
     def _paths(self, parameters: Sequence[str], adjoint: bool) -> dict[str, list[str]]:
         """The numbers that each path stands for."""
         check_paths(parameters, 1)
-        start = start_of(self.setup, self.q0, self.v0)
+        start = start_of(self.setup, float(self.t[0]), self.q0, self.v0, self.tau)
         whole = {p for p in parameters if p in ("q0", "v0", "tau") or _SAMPLES.fullmatch(p)} if adjoint else set()
         return {p: [] if p in whole else components(self.setup, p, start) for p in parameters}
 

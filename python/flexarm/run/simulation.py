@@ -142,7 +142,7 @@ def _run(
 
 
 def source(
-    setup: Setup, t: ArrayLike, q0: ArrayLike | None, v0: ArrayLike | None, tau: ArrayLike | None = None, *,
+    setup: Setup, t: ArrayLike, q0: ArrayLike | str | None, v0: ArrayLike | None, tau: ArrayLike | None = None, *,
     integrator: str = "ida", method: str = "ab", rtol: float | None = None, atol: float = 1e-9,
     max_order: int | None = None, linear_solver: str | None = None, step: float | None = None,
     spectral_radius: float | None = None, stages: int | None = None, alive: Any = None, of: Any = None,
@@ -160,7 +160,8 @@ def _source(
     alive: Any = None, of: Any = None,
 ) -> Source:  # fmt: skip
     """With all options."""
-    q, v, forces = (None if x is None else np.array(x, dtype=float) for x in (q0, v0, tau))
+    v, forces = (None if x is None else np.array(x, dtype=float) for x in (v0, tau))
+    q = q0 if q0 is None or isinstance(q0, str) else np.array(q0, dtype=float)
     integrate = partial(_integrate, integrator=integrator, method=method, options=options, alive=alive)
     return Source(setup, np.array(t, dtype=float), q, v, forces, integrate, integrator, options, of)
 
@@ -198,7 +199,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
 def simulate(
     arm: Arm,
     t: ArrayLike,
-    q0: ArrayLike | Mapping[Any, Any] | None = None,
+    q0: ArrayLike | Mapping[Any, Any] | str | None = None,
     v0: ArrayLike | None = None,
     *,
     tau: ArrayLike | None = None,
@@ -224,7 +225,9 @@ def simulate(
         arm: the arm.
         t: output times (s), at least two, increasing.
         q0: initial coordinates (nq,), or those of joints as `arm.pose` takes them, {"elbow": 0.3}; `arm.zero` if None.
-            Prescribed joints start where their motion does; a different q0 is an error.
+            Prescribed joints start where their motion does; a different q0 is an error. Or "equilibrium": at rest in
+            balance with gravity, springs, and the loads, torques and voltages that act at the start, joints with a
+            motion where it starts; or "trim": the other joints held at zero too, only the beams sag.
         v0: initial rates (nv,), likewise; zero if None.
         tau: constant generalised forces (N, N m), (nv,), to which torque drives are added.
         drive: by link number (-1 is the last), or by (link, freedom), what drives that freedom of its joint: a Torque,
@@ -309,7 +312,6 @@ def simulate(
     if not isinstance(watch, (bool, Watch)):
         raise ValueError(f"watch = {watch!r}: must be True, False or a Watch")
     arm._warn()
-    q0 = arm._posed(q0)
     run = Problem(arm, t, q0, v0, tau, drive, loads, control, events)
     options = _settings(integrator, rtol, atol, **special, step=step, stages=stages)
     begin, end = float(run.times[0]), float(run.times[-1])
@@ -322,7 +324,7 @@ def simulate(
         out = _integrate(run, integrator, method, options, bar if bar is None or callable(progress) else show)
     result = run.result(out)
     setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
-    result._source = _source(setup, run.times, q0, v0, tau, integrator, method, options)
+    result._source = _source(setup, run.times, arm._posed(q0), v0, tau, integrator, method, options)
     for warning in _judged(run, out, result, integrator, options["step"]):
         warnings.warn(warning, stacklevel=outside())
     if not SILENT.get():

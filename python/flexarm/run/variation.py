@@ -165,7 +165,7 @@ class Variation:
 
     @property
     def varies_arm(self) -> bool:
-        return bool(self._trees["link"]) or bool(self._trees["gravity"])
+        return len(self._trees["link"]) > 0 or len(self._trees["gravity"]) > 0
 
     def initial(self, name: str, value: Array) -> Array:
         """q0 or v0 (B or 1, n), with what the parameters say of it."""

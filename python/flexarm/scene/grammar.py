@@ -8,7 +8,7 @@ which. So what a new joint, or a new field of a beam, takes is read, written and
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,20 +134,8 @@ def _options() -> dict[str, Argument]:
 
 
 OPTIONS = _options()
-_START = (
-    "; or \"equilibrium\": at rest in balance with gravity, springs, and the loads and torques that act at the start, "
-    "joints with a motion where it starts; or \"trim\": the other joints held at zero too, only the beams sag"
-)
-
-
-def _starts() -> dict[str, Argument]:
-    """q0 and v0; a file's q0 may also be a word."""
-    q0, v0 = (arguments(simulate)[k] for k in ("q0", "v0"))
-    return {"q0": replace(q0, meaning=q0.meaning.rstrip(".") + _START), "v0": v0}
-
-
 #: The arguments of [simulation].
-SIMULATION = {**arguments(output_times), **_starts(), **OPTIONS}
+SIMULATION = {**arguments(output_times), **{k: arguments(simulate)[k] for k in ("q0", "v0")}, **OPTIONS}
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from ..arm import METHODS, Arm
 from ..parts.arguments import arguments
 from ..parts.tables import read, read_file
 from ..run.simulation import INTEGRATORS
+from ..run.start import WORDS, start
 from .grammar import OPTIONS, SAMPLES, SIMULATION, Samples, SceneFile, output_times
 from .samples import Files, samples
-from .start import start
 
 
 def _law(files: Files, law: Samples, where: str, value: Any) -> Any:
@@ -79,8 +79,12 @@ def scene_fields(d: Mapping[str, Any], name: str, files: Files) -> dict[str, Any
             except ValueError as e:
                 raise ValueError(f"{key}[{k}]: {e}") from None
     drive = _drives(file)
+    q0 = s.get("q0")
     try:
-        q0 = start(arm, s["q0"], drive, file.load, float(t[0])) if "q0" in s else None
+        if isinstance(q0, str):
+            choice("q0", q0, WORDS)
+        elif q0 is not None:
+            q0 = start(arm, q0, drive, file.load, float(t[0]))
     except ValueError as e:
         raise ValueError(f"simulation.{e}") from None
     return {

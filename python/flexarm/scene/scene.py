@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .._check import Array, known_keys, named
+from .._check import Array, choice, known_keys, named
 from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
@@ -22,6 +22,7 @@ from ..parts.arguments import arguments
 from ..parts.tables import shallow
 from ..run.result import Result
 from ..run.simulation import simulate
+from ..run.start import WORDS, start
 from ..sensing.reading import Reading
 from ..sensing.sensor import Sensor
 from ..store.files import write_whole
@@ -42,7 +43,10 @@ ROBOTS = {".urdf": "from_urdf", ".xml": "from_mjcf", ".mjcf": "from_mjcf"}
 SCENES = Path(__file__).parents[1] / "scenes"
 
 
-@dataclass
+_SHOWN = 6  # of what a scene has many of, in its print
+
+
+@dataclass(repr=False)
 class Scene:
     """An arm, its drives by link (or by (link, freedom)), and how to simulate it.
 
@@ -51,7 +55,8 @@ class Scene:
         drive: Motion or Torque by link number, or by (link, freedom); Voltage by ("patch", link, patch).
         loads: forces and moments on slices.
         t: output times (s).
-        q0, v0: initial state, or None for rest at zero.
+        q0, v0: initial state, or None for rest at zero; q0 as `simulate` takes it: numbers, joints by name, or
+            "equilibrium" or "trim", which each model of the arm is then in; `start()` has it in numbers.
         options: further keyword arguments of `simulate`: method, integrator, rtol, atol, max_order, linear_solver,
             step, spectral_radius, stages.
         name: the scene's title.
@@ -63,7 +68,7 @@ class Scene:
     drive: dict[Any, Motion | Torque | Voltage] = field(default_factory=dict)
     loads: tuple[Load, ...] = ()
     t: Array = field(default_factory=lambda: np.linspace(0.0, 1.0, 1001))
-    q0: Array | None = None
+    q0: Any = None
     v0: Array | None = None
     options: dict[str, Any] = field(default_factory=dict)
     name: str = "scene"
@@ -75,6 +80,43 @@ class Scene:
             raise ValueError(f"drive = {self.drive!r}: must be a dictionary, by link number or name")
         if isinstance(self.control, Controller):  # as `simulate` takes it
             self.control = (self.control,)
+        if isinstance(self.q0, str):
+            choice("q0", self.q0, WORDS)
+
+    def start(self) -> Array:
+        """Coordinates at the start, (nq,)."""
+        return start(self.arm, self.q0, self.drive, self.loads, float(self.t[0]))
+
+    def __repr__(self) -> str:
+        return f"Scene({self.name!r}, {_links(self.arm.names)}, {self.arm.nv} coordinates, {self._times()})"
+
+    def _times(self) -> str:
+        return f"t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s at {len(self.t)} times"
+
+    def __str__(self) -> str:
+        """A line for each thing that it has."""
+        names = self.arm.names
+        drives = [f"{names[self.arm._link(key)] if isinstance(key, (int, str)) else key}: {law!r}"
+                  for key, law in self.drive.items()]  # fmt: skip
+        start = repr(self.q0) if isinstance(self.q0, str) else _state(self.arm.q_names, self.start() - self.arm.zero)
+        rates = "at rest" if self.v0 is None else _state(self.arm.coordinates, np.asarray(self.v0))
+        said = {
+            "arm": [f"{_links(names)}, {self.arm.nv} coordinates; print(scene.arm) describes it"],
+            "time": [self._times()],
+            "start": [start, f"rates: {rates}"],
+            "drive": drives,
+            "loads": list(map(repr, self.loads)),
+            "control": list(map(repr, self.control)),
+            "sensors": [sensor.title(self.arm) for sensor in self.sensors],
+            "options": [f"{k} = {v}" for k, v in self.options.items()],
+        }
+        lines = [f"Scene {self.name!r}"]
+        for name, parts in said.items():
+            more = [f"and {len(parts) - _SHOWN} more"] if len(parts) > _SHOWN else []
+            for k, part in enumerate([*parts[:_SHOWN], *more]):
+                line = f"{'' if k else name:9}{part}"
+                lines.append(line if len(line) <= 118 else f"{line[:115]}...")
+        return "\n".join(lines)
 
     def run(self, progress: bool = False) -> Result:
         """Simulates the scene."""
@@ -102,6 +144,17 @@ class Scene:
         """What the scene's sensors read of a result, by names such as "sensor-0-encoder"; none of a single row."""
         sensors = self.sensors if len(result.t) > 1 else ()
         return {f"sensor-{k}-{sensor.type}": sensor.read(result) for k, sensor in enumerate(sensors)}
+
+
+def _links(names: Sequence[str]) -> str:
+    return f"{len(names)} link{'s' * (len(names) != 1)}"
+
+
+def _state(names: Sequence[str], x: Array) -> str:
+    """What of a state is not zero."""
+    at = np.flatnonzero(x)
+    some = ", ".join(f"{names[i]} {x[i]:.4g}" for i in at[:_SHOWN])
+    return f"{some}{' and more' if len(at) > _SHOWN else ''}" if len(at) else "zero"
 
 
 @shallow("scene")

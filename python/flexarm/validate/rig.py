@@ -113,7 +113,7 @@ def moved(scene: Scene, recording: Recording) -> Scene:
 def driven(scene: Scene, recording: Recording) -> Scene:
     """The scene with the measured currents in its motors, from where the joints began."""
     there, arm = moved(scene, recording), scene.arm
-    q0 = np.array(arm.zero if scene.q0 is None else scene.q0)
+    q0 = scene.start()
     v0 = np.zeros(arm.nv) if scene.v0 is None else np.array(scene.v0)
     bending = []
     for k, name in enumerate(JOINTS):

@@ -1,0 +1,240 @@
+"""A scene with its beams in pieces, cut where strains jump or have corners: smooth shapes follow those slowly, so that
+two models with such shapes agree with each other before either is right. Pieces, each smooth, converge fast."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .._check import Array
+from ..acting.computed import ComputedTorque, FeedForward
+from ..acting.control import Controller, StateFeedback, StrainFeedback, _JointLaw
+from ..acting.load import Load
+from ..acting.sampled import Sampled
+from ..acting.voltage import is_patch
+from ..arm import Arm
+from ..parts.beam import STRAINS, Beam
+from ..parts.joints import Fixed
+from ..parts.link import Link
+from ..parts.sections import SectionMatrix
+from ..parts.split import piece, split
+from ..parts.taper import Taper
+from ..scene.scene import Scene
+from .coordinates import nearest
+
+_NEAR = 1e-9  # of a beam's length: places that are one
+_SIZES = ("area", "second_moment_y", "second_moment_z", "torsion_constant")
+_LEAST = {s: 3 if s.startswith("bending") else 2 for s in STRAINS}  # shape functions of a piece
+
+
+def jumps(scene: Scene) -> dict[int, list[float]]:
+    """By link, places along its beam (m) where a strain jumps or has a corner: ends of patches that stiffen the beam or
+    that something drives, corners of a taper, and loads. Not where its shapes are the user's own."""
+    arm, out = scene.arm, {}
+    loads = [(arm._link(load.link), load.along or (load.x,)) for load in scene.loads]
+    for k, link in enumerate(arm.links):
+        beam = link.beam
+        if beam is None or not beam.ne or any(isinstance(m, tuple) for m in beam.modes.values()):
+            continue
+        places = [x for at, ends in loads if at == k for x in ends if x is not None]
+        places += [x for p in beam.patches if p.stiffness or p.material.d31 or p.material.d15 for x in (p.start, p.end)]
+        places += _corners(beam.section) if isinstance(beam.section, Taper) else ()
+        found = [0.0]
+        for x in sorted(places):
+            if found[-1] + _NEAR * beam.length < x < (1 - _NEAR) * beam.length:
+                found.append(float(x))
+        if found[1:]:
+            out[k] = found[1:]
+    return out
+
+
+def _corners(taper: Taper) -> list[float]:
+    """Where the logarithm of a rigidity changes its slope by more than one per length."""
+    rows = []
+    for section in taper.sections:
+        if isinstance(section, SectionMatrix):
+            rows.append([max(section.rigidity(s), 1e-300) for s in STRAINS])
+        else:
+            rows.append([getattr(section._core, name) for name in _SIZES])
+    slopes = np.diff(np.log(rows), axis=0) / np.diff(taper.x)[:, None]
+    sharp = np.abs(np.diff(slopes, axis=0)).max(axis=1, initial=0.0) * taper.x[-1] > 1.0
+    return [x for x, cut in zip(taper.x[1:-1], sharp, strict=True) if cut]
+
+
+@dataclass(eq=False)
+class Pieces:
+    """The links of an arm in pieces, and where what belonged to a link belongs.
+
+    Attributes:
+        whole: the arm with whole beams. arm: the same in pieces.
+        first: by link of the whole arm, its first piece. starts: by link, where its pieces begin (m).
+        parts: by link, its pieces, and where they begin.
+    """
+
+    whole: Arm
+    arm: Arm
+    first: list[int]
+    starts: list[list[float]]
+
+    @classmethod
+    def of(cls, whole: Arm, places: Mapping[int, Sequence[float]]) -> Pieces:
+        """The arm with its beams cut at these places (m), by link, and as many shape functions in each as its beam has
+        over that length, and some."""
+        links: list[Link] = []
+        first, starts = [], []
+        for k, link in enumerate(whole.links):
+            first.append(len(links))
+            starts.append([0.0, *places.get(k, ())])
+            links += [link] if len(starts[k]) == 1 else _cut(link, starts[k])
+        return cls(whole, Arm._made(links, whole.gravity), first, starts)
+
+    @property
+    def parts(self) -> list[list[tuple[int, float]]]:
+        return [list(zip(self._pieces(k), starts, strict=True)) for k, starts in enumerate(self.starts)]
+
+    def _pieces(self, link: int) -> range:
+        return range(self.first[link], self.first[link] + len(self.starts[link]))
+
+    def joint(self, key: Any) -> Any:
+        """A joint's key: a link, or (link, freedom)."""
+        return (self.joint(key[0]), *key[1:]) if isinstance(key, tuple) else self.first[self.whole._link(key)]
+
+    def place(self, link: Any, x: float | None) -> tuple[int, float | None]:
+        """A place on a link; None is its end."""
+        k = self.whole._link(link)
+        if x is None:
+            return self._pieces(k)[-1], None
+        n = max(0, int(np.searchsorted(self.starts[k], x)) - 1)
+        return self.first[k] + n, x - self.starts[k][n]
+
+    def patches(self, link: Any, patch: int) -> list[tuple[str, int, int]]:
+        """The patches that one of a link has become."""
+        k = self.whole._link(link)
+        beam, out = self.whole.links[k].beam, []
+        assert beam is not None
+        patch = self.whole.patches[self.whole.patch_column(k, patch)][1]
+        for piece_of, a, b in zip(self._pieces(k), self.starts[k], [*self.starts[k][1:], beam.length], strict=True):
+            inside = [j for j, p in enumerate(beam.patches) if min(p.end, b) - max(p.start, a) > _NEAR * beam.length]
+            out += [("patch", piece_of, inside.index(patch))] if patch in inside else []
+        return out
+
+    # -- a scene -----------------------------------------------------------------------------------------------------
+
+    def scene(self, scene: Scene) -> Scene:
+        """The scene on this arm, without its sensors, its start left to `Start`.
+
+        Raises:
+            ValueError: it has what cannot be told of pieces.
+        """
+        drive: dict[Any, Any] = {}
+        for key, law in scene.drive.items():
+            drive |= dict.fromkeys(self.patches(*key[1:]) if is_patch(key) else [self.joint(key)], law)
+        loads = tuple(part for load in scene.loads for part in self._load(load))
+        control = tuple(self._control(k, law) for k, law in enumerate(scene.control))
+        D = self._damping()
+        if D.any():
+            moved = np.flatnonzero(D.any(axis=1))
+            gains = np.hstack([np.zeros((len(moved), self.arm.nv)), D[moved]])
+            control += (StateFeedback(gains, list(np.eye(self.arm.nv)[moved])),)
+        return replace(scene, arm=self.arm, drive=drive, loads=loads, control=control, sensors=(), q0=None, v0=None)
+
+    def _load(self, load: Load) -> list[Load]:
+        if load.along is None:
+            link, x = self.place(load.link, load.x)
+            return [Load(**{**load.given, "link": link, "x": x})]
+        k, (a, b) = self.whole._link(load.link), load.along
+        beam, out = self.whole.links[k].beam, []
+        assert beam is not None
+        for n, start, end in zip(self._pieces(k), self.starts[k], [*self.starts[k][1:], beam.length], strict=True):
+            if min(b, end) - max(a, start) > _NEAR * beam.length:
+                part = max(a, start) - start, min(b, end) - start
+                out.append(Load(**{**load.given, "link": n, "along": part}))
+        return out
+
+    def _control(self, k: int, law: Controller) -> Controller:
+        made, where = copy.copy(law), f"control[{k}] = {law!r}"
+        if isinstance(made, StrainFeedback):
+            made.beam, made.x = self.place(made.link if made.beam is None else made.beam, made.x)  # type: ignore[assignment]
+            made.pose = None if made.pose is None else self._posed(made.pose)
+        if isinstance(made, _JointLaw):
+            made.link = self.joint(made.link)
+        elif isinstance(made, Sampled):
+            if made.measure is None:
+                raise ValueError(f"{where}: reads the whole state")
+            made.measure = [self._measured(where, entry) for entry in made.measure]
+            made.actuate = [self._actuated(where, entry) for entry in made.actuate]
+        elif not isinstance(made, (FeedForward, ComputedTorque)):
+            raise ValueError(f"{where}: acts on coordinates by number")
+        return made
+
+    def _posed(self, pose: Array) -> Array:
+        """The same joint positions."""
+        out = self.arm.zero
+        for k, link in enumerate(self.whole.links):
+            old, new = self.whole._core.first_q(k), self.arm._core.first_q(self.first[k])
+            out[new : new + link.joint.nq] = pose[old : old + link.joint.nq]
+        return out
+
+    def _measured(self, where: str, entry: Any) -> Any:
+        kind = entry[0] if isinstance(entry, tuple) and entry else None
+        if kind in ("joint", "rate"):
+            return kind, self.joint(entry[1])
+        if kind == "strain":
+            return kind, *self.place(entry[1], entry[2]), entry[3]
+        parts = self.patches(*entry[1:]) if kind in ("charge", "patch_voltage") else []
+        if len(parts) != 1:
+            raise ValueError(f"{where}: measures what cannot be told of pieces, {entry!r}")
+        return kind, *parts[0][1:]
+
+    def _actuated(self, where: str, entry: Any) -> Any:
+        if is_patch(entry):
+            columns = [self.arm.patch_column(*part[1:]) for part in self.patches(*entry[1:])]
+            return self.arm.patch_matrix[:, columns].sum(axis=1)
+        if isinstance(entry, (np.ndarray, list)):
+            raise ValueError(f"{where}: acts on coordinates by number")
+        return self.joint(entry)
+
+    def _damping(self) -> Array:
+        """Of the rates of what is cut, the damping that no single piece can have: a ratio of the modes of a beam, and a
+        matrix of its coordinates."""
+        D = np.zeros((self.arm.nv, self.arm.nv))
+        for k, link in enumerate(self.whole.links):
+            beam, cut = link.beam, self._pieces(k)
+            if beam is None or len(cut) == 1:
+                continue
+            parts = [part for n in cut if (part := self.arm.links[n].beam) is not None]
+            at = np.concatenate([self.arm._core.first(n) + self.arm.links[n].joint.nv + np.arange(part.ne)
+                                 for n, part in zip(cut, parts, strict=True)])  # fmt: skip
+            own = np.zeros((len(at), len(at)))
+            if beam.damping_ratio:
+                own += _modal(parts, beam.damping_ratio)
+            if beam.damping:
+                P = nearest(list(zip(self.starts[k], parts, strict=True)), [(0.0, beam)])
+                own += P.T @ np.array(beam.damping) @ P
+            D[np.ix_(at, at)] = own
+        return D
+
+
+def _cut(link: Link, starts: Sequence[float]) -> list[Link]:
+    beam = link.beam
+    assert beam is not None
+    undamped = replace(link, beam=replace(beam, damping_ratio=0.0, damping=()))
+    out = []
+    for part, a, b in zip(split(undamped, 1, starts[1:]), starts, [*starts[1:], beam.length], strict=True):
+        counts = {s: _LEAST[s] + int(np.ceil(n * (b - a) / beam.length)) for s, n in beam.counts.items()}
+        out.append(replace(part, beam=piece(undamped.beam, a, b, counts)))  # type: ignore[arg-type]
+    return out
+
+
+def _modal(parts: Sequence[Beam], ratio: float) -> Array:
+    """The damping of the clamped beam of these parts, with this ratio in each mode."""
+    from scipy.linalg import block_diag, eigh  # slow to import
+
+    clamped = Arm._made([Link(Fixed(), None, part) for part in parts])
+    M = clamped.mass_matrix(clamped.zero)
+    squares, shapes = eigh(block_diag(*(part._core.stiffness for part in parts)), M)
+    return np.asarray((M @ shapes) * (2 * ratio * np.sqrt(np.maximum(squares, 0.0))) @ (M @ shapes).T)

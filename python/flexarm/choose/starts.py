@@ -1,0 +1,124 @@
+"""Where the models of a scene start: one that starts in balance starts in its own, whatever the model."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .._check import Array
+from ..acting.drive import Motion
+from ..acting.load import at_time
+from ..acting.voltage import voltage_forces
+from ..analysis.equilibrium import elastic_rates, steady_state
+from ..run.start import acting, state
+from ..scene.scene import Scene
+from .coordinates import restated
+
+_NEAR = 0.02  # of the sag: a start that is as near is in balance, and something more
+_FAR = 0.5  # one that is farther is not meant to be in balance
+_STILL = 1e-3  # rad or m: by how much a joint that is in balance may move when it is let go
+
+
+class Start:
+    """How a scene starts.
+
+    Attributes:
+        distance: of the elastic coordinates from their balance at the joints' positions and rates, over the sag, in the
+            norm of their elastic energy; inf where there is none, or the scene's q0 is a word.
+        balanced: whether every model starts in a balance of its own. free: with its joints free.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.distance = scene, np.inf
+        self.balanced, self.free = isinstance(scene.q0, str), False
+        if scene.q0 is None or self.balanced:
+            return
+        arm, at = scene.arm, elastic_rates(scene.arm)
+        q, v = state(arm, scene.q0, scene.v0, scene.drive, scene.loads, float(scene.t[0]))
+        if not at.any() or v[at].any():
+            return
+        try:
+            sag = _held(scene, q, v)
+        except ValueError:
+            return
+        size, off = (_energy(scene, x) for x in (sag, q - sag))
+        if size > 0.0:
+            self.distance = float(np.sqrt(off / size))
+        self.balanced = self.distance < _NEAR
+        self.extra = q - sag
+        self.free = self.balanced and not v.any() and not scene.control and _stays(scene, sag)
+
+    @property
+    def note(self) -> str:
+        """What a reader of a plan must know of the start; "" if nothing."""
+        if _NEAR <= self.distance < _FAR:
+            return (
+                f"the start is {100 * self.distance:.2g} % of the sag from balance in the scene's own model; other "
+                "models begin with the same strains, and vibrate otherwise; if balance is meant, say q0 = "
+                '"trim" or "equilibrium"'
+            )
+        if self.balanced and np.isfinite(self.distance):
+            return "the start is in balance in the scene's own model; so is that of each model, with strains of its own"
+        return ""
+
+    def of(self, scene: Scene, parts: Sequence[Sequence[tuple[int, float]]]) -> tuple[Array | None, Array | None]:
+        """q0 and v0 of the scene with another model of its arm; `parts` as of `restated`.
+
+        Raises:
+            ValueError: that model has no such balance.
+        """
+        given, arm = self.scene, scene.arm
+        v0 = None if given.v0 is None else restated(given.v0, given.arm, arm, parts, rates=True)
+        if given.q0 is None:
+            return None, v0
+        if isinstance(given.q0, str):
+            return replace(scene, q0=given.q0).start(), v0
+        q0 = restated(given.start(), given.arm, arm, parts)
+        if not self.balanced:
+            return q0, v0
+        q, v = state(arm, q0, v0, scene.drive, scene.loads, float(scene.t[0]))
+        try:
+            sag = _released(scene, q) if self.free else _held(scene, q, v)
+        except ValueError as e:
+            raise ValueError(f"q0: is in balance in the scene's own model, in this one is none: {e}") from None
+        return sag + restated(self.extra + given.arm.zero, given.arm, arm, parts) - arm.zero, v0
+
+
+def _held(scene: Scene, q: Array, v: Array) -> Array:
+    """q with its elastic coordinates in balance, at constant rates v of the joints."""
+    t, arm = float(scene.t[0]), scene.arm
+    volts = voltage_forces(arm, acting(arm, scene.drive, t)[1])
+    return steady_state(arm, q, v, at_time(arm, scene.loads, t), volts)
+
+
+def _released(scene: Scene, q: Array) -> Array:
+    """q in balance with its joints free, but for those whose motion is prescribed."""
+    t, arm = float(scene.t[0]), scene.arm
+    tau, volts = acting(arm, scene.drive, t)
+    held = [key for key, law in scene.drive.items() if isinstance(law, Motion)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return arm.equilibrium(q, tau, held, loads=scene.loads, t=t, voltages=volts or None)
+
+
+def _stays(scene: Scene, q: Array) -> bool:
+    """Whether joints that are let go stay where they are."""
+    try:
+        found = _released(scene, q)
+    except ValueError:
+        return False
+    return bool(np.abs(found - q).max() < _STILL)
+
+
+def _energy(scene: Scene, q: Array) -> float:
+    """Elastic (J)."""
+    total = 0.0
+    for k, link in enumerate(scene.arm.links):
+        if link.beam is not None and link.beam.ne:
+            at = scene.arm._core.first_q(k) + link.joint.nq
+            x = q[at : at + link.beam.ne]
+            total += 0.5 * float(x @ np.asarray(link.beam._core.stiffness) @ x)
+    return total
