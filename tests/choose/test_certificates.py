@@ -273,3 +273,30 @@ def test_a_start_in_balance_is_balanced_anew_in_every_model() -> None:
     some = arm.trim().q * [1, 1.2, 0.9]
     plan = fa.economize(fa.Scene(arm, swing, t=times(0.5, 100), q0=some), 2e-3)
     assert "from balance" in str(plan)
+
+
+def test_an_arm_in_pieces_is_the_same_arm() -> None:
+    """Nothing that acts on it, measures it or damps it is lost: with a film too thin to matter, smooth shapes say the
+    same."""
+    film = fa.Piezo(3e6, 0.3, 1780, 23e-9, permittivity=1e-8)
+    bent = {"bending_y": 4, "bending_z": 2}
+    damped = {"damping_ratio": 0.02, "damping": np.diag([1e-3] * 6).tolist()}
+    beam = fa.Beam(0.4, fa.Rectangle(0.003, 0.02), ALUMINIUM, bent, "legendre", "exact",
+                   patches=[fa.Patch(0.06, 0.16, 0.02, 1e-4, film)], **damped)  # fmt: skip
+    second = fa.Beam(0.3, fa.Rectangle(0.003, 0.02), ALUMINIUM, {"bending_z": 2})
+    joints = fa.Revolute("z", damping=0.01), fa.Revolute("y", damping=0.01)
+    arm = fa.Arm([fa.Link(joints[0], hub(0.03, 0.2), beam), fa.Link(joints[1], None, second, fa.RigidBody(0.05))],
+                 gravity=(0, -2.0, -9.81))  # fmt: skip
+    resonant = fa.LinearController.ppf(60.0, 0.4, -5.0, measure=[("strain", 0, 0.12, "K3")], actuate=[("patch", 0, 0)])
+    laws = fa.PD(5, 0.3, -1, reference=0.1), fa.StrainFeedback(20, 1, 0.5, 0, x=0.1, reference=0.2), resonant
+    loads = (fa.Load(0, 0.1, force=[[0, 0, 0], [0, 0.5, 0.2], [0, 0, 0]], t=[0, 0.1, 1]),
+             fa.Load(0, along=(0.05, 0.3), force=(0, 0.3, 0)), fa.Load(-1, moment=(0, 0.01, 0)))  # fmt: skip
+    drive = {("patch", 0, 0): fa.Voltage([0, 0.05, 0.1], [0, 5, 0])}
+    models = Models(fa.Scene(arm, drive, loads, times(0.1, 20), q0="trim", control=laws))
+    assert models.jumps == {0: [0.05, 0.06, 0.1, 0.16, 0.3]}
+    options = {"integrator": "gauss", "step": 1e-2}
+    whole, cut = (models.at(replace(models.given, pieces=p), options).run() for p in (False, True))
+    assert scenes.off(whole.frame()[0], cut.frame()[0]) < 1e-3
+    none = models.at(replace(models.given, pieces=True), options)
+    lost = replace(none, control=none.control[:-1]).run()  # without its damping, say
+    assert scenes.off(lost.frame()[0], cut.frame()[0]) > 1e-3

@@ -230,6 +230,17 @@ def test_the_picture_says_what_is_not_converged_or_has_no_error(chart: fa.Chart)
 # -- budget, Ctrl-C, failures --------------------------------------------------------------------------------
 
 
+def test_a_truth_whose_curvature_jumps_is_compared_with_pieces() -> None:
+    """Fewer smooth modes say little of how far off a beam with a stiff patch is: its tip is 2 % off with thirty."""
+    pair = fa.Patch(0.02, 0.07, 0.02, 0.0005, fa.Piezo(62e9, 0.31, 7800, -190e-12))
+    beam = fa.Beam(0.3, fa.Rectangle(0.002, 0.02), fa.Material(2700, 70e9), {"bending_y": 2}, patches=[pair])
+    drive = {("patch", 0, 0): fa.Voltage([0, 0.01, 0.02], [0, 100, 0])}
+    scene = fa.Scene(fa.Arm([fa.Link(fa.Fixed(), None, beam)]), drive, t=np.linspace(0, 0.02, 41))
+    chart = fa.chart(scene, budget=4)
+    assert chart.truth.pieces > 1e-2 and chart.truth.uncertainty >= chart.truth.pieces
+    assert "its beams in pieces" in str(chart) and not any(row.model.pieces for row in chart.front)
+
+
 def test_the_budget_is_kept(path: Path) -> None:
     whole = min(fa.chart(path, budget=15.0).used for _ in range(2))
     start = time.perf_counter()

@@ -68,7 +68,7 @@ class Chart:
             return []
         it = self.truth.row
         own = [r for r in self.rows if r.model == it.model and r.choice == it.choice and r.value == it.value]
-        return [r for r in self.rows if r.error is not None and r not in own]
+        return [r for r in self.rows if r.error is not None and r not in own and not r.model.pieces]
 
     @property
     def _least(self) -> float:
@@ -217,9 +217,12 @@ def _truth(truth: Truth) -> list[str]:
     row = truth.row
     lines = [f"Truth: {row.label}. Over the span, it is"]
     words = {"modes": "the next in fewer modes", "basis": "the scene's basis" if row.model.basis else "another basis",
-             "order": "the next in lower order", "tolerance": "the next in looser " + row.setting}  # fmt: skip
+             "order": "the next in lower order", "tolerance": "the next in looser " + row.setting,
+             "pieces": "its beams in pieces"}  # fmt: skip
     for name, word in words.items():
         d = getattr(truth, name)
+        if name == "pieces" and d is None:
+            continue
         if d is None or d == math.inf:
             why = "it was not run" if d else "there is none"
             lines.append(f"  {'?' if d else '-':>7}  from {word}: {why}")

@@ -53,6 +53,8 @@ class Truth:
         basis: the same from the richest run in the scene's basis, where the truth is in Legendre polynomials, and inf
             where it should be, but is not: modes of a free beam converge slowly under a payload, and one less says
             little of that. None where Legendre polynomials may not stand in, or stand in already.
+        pieces: the same from the beams in pieces, where their strains jump, which smooth modes follow slowly; inf where
+            that was not run. None where none jumps.
         poorer: what those other runs are, in words.
     """
 
@@ -62,6 +64,7 @@ class Truth:
     order: float | None
     tolerance: float
     basis: float | None
+    pieces: float | None
     poorer: dict[str, str]
 
     @property
@@ -70,10 +73,11 @@ class Truth:
         another basis that is poorer tells nothing."""
         order = None if self.row.model.order == "exact" else self.order
         basis = None if self.row.model.basis else self.basis
-        return max((d for d in (self.modes, order, self.tolerance, basis) if d is not None), default=0.0)
+        return max((d for d in (self.modes, order, self.tolerance, basis, self.pieces) if d is not None), default=0.0)
 
     def to_dict(self) -> dict[str, Any]:
-        keep = {k: getattr(self, k) for k in ("span", "modes", "order", "tolerance", "basis", "uncertainty", "poorer")}
+        keep = {k: getattr(self, k) for k in ("span", "modes", "order", "tolerance", "basis", "pieces",
+                                               "uncertainty", "poorer")}  # fmt: skip
         return {"run": self.row.to_dict(), **keep}
 
 
@@ -89,8 +93,8 @@ class ChartSearch:
     Attributes:
         rows: all runs so far.
         truth: the richest converged run; `looser` the same at the next looser tolerance, `tolerance` their distance.
-        poorer: the runs with one mode less per strain ("modes"), of the next order ("order"), and in the scene's basis
-            ("basis").
+        poorer: the runs with one mode less per strain ("modes"), of the next order ("order"), in the scene's basis
+            ("basis"), and of beams in pieces ("pieces"), which is richer.
         bases: those that models are charted in; "": the scene's.
         methods: by integrator, distance of "ci" from "ab" and its time over that of "ab".
     """
@@ -145,7 +149,9 @@ class ChartSearch:
         other = self.poorer.get("basis")
         basis = None if other is None and "legendre" not in self.bases else math.inf
         basis = other.error if other is not None and other.error is not None else basis
-        return Truth(self.truth, self.measure.span, modes, order, self.tolerance, basis, poorer)
+        cut = self.poorer.get("pieces")
+        pieces = None if not self.models.jumps else math.inf if cut is None or cut.error is None else cut.error
+        return Truth(self.truth, self.measure.span, modes, order, self.tolerance, basis, pieces, poorer)
 
     # -- one run -----------------------------------------------------------------------------------------------------
 
@@ -273,6 +279,8 @@ class ChartSearch:
             self.poorer["order"] = self.run(rich.but(order=orders[-2]), choice, value, _FIRST)
         if rich.basis:
             self.poorer["modes"] = self.run(self.model(rich.order, rich.shift - 1, rich.basis), choice, value, _FIRST)
+        if self.models.jumps and not self.models.pinned:
+            self.poorer["pieces"] = self.run(replace(rich, pieces=True), choice, value, _FIRST)
         rows = [self.truth]
         for basis in self.bases if rich.basis else ("",):
             at_order = [self.run(self.model(o, shifts[-1], basis), choice, value, _FIRST) for o in reversed(orders)]
@@ -350,7 +358,8 @@ class ChartSearch:
 
     def settle(self) -> None:
         """Times the rows on or near the front once more, so that a busy moment does not decide between them."""
-        graded = [(r, max(r.error, _FINEST)) for r in self.rows if r.error is not None and r is not self.truth]
+        rows = [r for r in self.rows if r is not self.truth and not r.model.pieces]
+        graded = [(r, max(r.error, _FINEST)) for r in rows if r.error is not None]
         for row, error in graded:
             if not any(e <= error and 1.5 * r.time < row.time for r, e in graded):
                 self.tell(self.used, f"again: {row.label}")

@@ -10,14 +10,11 @@ import numpy as np
 
 from .._check import Array
 from ..acting.drive import Motion
-from ..acting.load import at_time
-from ..acting.voltage import voltage_forces
-from ..analysis.equilibrium import elastic_rates, steady_state
-from ..run.start import acting, state
+from ..analysis.equilibrium import elastic_rates
+from ..run.start import NEAR, acting, sagging, state
 from ..scene.scene import Scene
 from .coordinates import restated
 
-_NEAR = 0.02  # of the sag: a start that is as near is in balance, and something more
 _FAR = 0.5  # one that is farther is not meant to be in balance
 _STILL = 1e-3  # rad or m: by how much a joint that is in balance may move when it is let go
 
@@ -41,20 +38,17 @@ class Start:
         if not at.any() or v[at].any():
             return
         try:
-            sag = _held(scene, q, v)
+            sag, self.distance = _held(scene, q, v)
         except ValueError:
             return
-        size, off = (_energy(scene, x) for x in (sag, q - sag))
-        if size > 0.0:
-            self.distance = float(np.sqrt(off / size))
-        self.balanced = self.distance < _NEAR
+        self.balanced = self.distance < NEAR
         self.extra = q - sag
         self.free = self.balanced and not v.any() and not scene.control and _stays(scene, sag)
 
     @property
     def note(self) -> str:
         """What a reader of a plan must know of the start; "" if nothing."""
-        if _NEAR <= self.distance < _FAR:
+        if NEAR <= self.distance < _FAR:
             return (
                 f"the start is {100 * self.distance:.2g} % of the sag from balance in the scene's own model; other "
                 "models begin with the same strains, and vibrate otherwise; if balance is meant, say q0 = "
@@ -81,17 +75,14 @@ class Start:
             return q0, v0
         q, v = state(arm, q0, v0, scene.drive, scene.loads, float(scene.t[0]))
         try:
-            sag = _released(scene, q) if self.free else _held(scene, q, v)
+            sag = _released(scene, q) if self.free else _held(scene, q, v)[0]
         except ValueError as e:
             raise ValueError(f"q0: is in balance in the scene's own model, in this one is none: {e}") from None
         return sag + restated(self.extra + given.arm.zero, given.arm, arm, parts) - arm.zero, v0
 
 
-def _held(scene: Scene, q: Array, v: Array) -> Array:
-    """q with its elastic coordinates in balance, at constant rates v of the joints."""
-    t, arm = float(scene.t[0]), scene.arm
-    volts = voltage_forces(arm, acting(arm, scene.drive, t)[1])
-    return steady_state(arm, q, v, at_time(arm, scene.loads, t), volts)
+def _held(scene: Scene, q: Array, v: Array) -> tuple[Array, float]:
+    return sagging(scene.arm, q, v, scene.drive, scene.loads, float(scene.t[0]))
 
 
 def _released(scene: Scene, q: Array) -> Array:
@@ -111,14 +102,3 @@ def _stays(scene: Scene, q: Array) -> bool:
     except ValueError:
         return False
     return bool(np.abs(found - q).max() < _STILL)
-
-
-def _energy(scene: Scene, q: Array) -> float:
-    """Elastic (J)."""
-    total = 0.0
-    for k, link in enumerate(scene.arm.links):
-        if link.beam is not None and link.beam.ne:
-            at = scene.arm._core.first_q(k) + link.joint.nq
-            x = q[at : at + link.beam.ne]
-            total += 0.5 * float(x @ np.asarray(link.beam._core.stiffness) @ x)
-    return total

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from .._check import Array, array, choice
+from .._check import Array, array, choice, outside
 from ..acting.drive import Motion
-from ..acting.load import Load
-from ..acting.voltage import is_patch, split_drives
+from ..acting.load import Load, at_time
+from ..acting.voltage import is_patch, split_drives, voltage_forces
+from ..analysis.equilibrium import StateWarning, steady_state
 from ..arm import Arm
 
 WORDS = ("equilibrium", "trim")
+NEAR = 0.02  # of the sag: a start that is as near is in balance, and something more
 
 
 def start(
@@ -45,6 +48,47 @@ def state(
         if isinstance(law, Motion):
             q[arm.coordinate_of(i)], v[i] = law(t)[:2]
     return q, v
+
+
+def sagging(
+    arm: Arm, q: Array, v: Array, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float
+) -> tuple[Array, float]:
+    """q with its elastic coordinates in balance at constant rates v, and how far off they are, over the sag, in the
+    norm of the elastic energy: inf where nothing sags.
+
+    Raises:
+        ValueError: no balance was found.
+    """
+    volts = voltage_forces(arm, acting(arm, drive or {}, t)[1])
+    sag = steady_state(arm, q, v, at_time(arm, loads, t), volts)
+    size = off = 0.0
+    for k, link in enumerate(arm.links):
+        if link.beam is not None and link.beam.ne:
+            at = arm._core.first_q(k) + link.joint.nq + np.arange(link.beam.ne)
+            K = np.asarray(link.beam._core.stiffness)
+            size, off = size + float(sag[at] @ K @ sag[at]), off + float((q - sag)[at] @ K @ (q - sag)[at])
+    return sag, float(np.sqrt(off / size)) if size > 0.0 else np.inf
+
+
+def warn_of_one_balance(
+    arm: Arm, q0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float, paths: Iterable[str]
+) -> None:
+    """StateWarning where runs that differ in these parameters all start from what is the balance of one of them."""
+    moved = [path for path in paths if path.split(".")[0] in ("link", "gravity", "load")]
+    if q0 is None or isinstance(q0, (str, Mapping)) or np.ndim(q0) != 1 or not moved:
+        return
+    q, v = state(arm, q0, None, drive, loads, t)
+    try:
+        distance = sagging(arm, q, v, drive, loads, t)[1]
+    except ValueError:
+        return
+    if distance < NEAR:
+        warnings.warn(
+            f"q0: is in balance with the numbers of the arm that is given; with another '{moved[0]}' it is not, and "
+            'vibrates at once; q0 = "trim" (or "equilibrium") is the balance of each run',
+            StateWarning,
+            stacklevel=outside(),
+        )
 
 
 def acting(arm: Arm, drive: Mapping[Any, Any], t: float) -> tuple[Array, dict[Any, float]]:
