@@ -179,6 +179,28 @@ def test_damaged_files_are_refused_or_harmless(tmp_path, kind):
         fa.BatchResult.load(tmp_path)
 
 
+def test_a_saved_batch_that_lost_an_array_is_refused(tmp_path):
+    """As one flipped bit in the zip's directory makes it."""
+    run(tmp_path / "b.h5", 3).save(tmp_path / "b.npz")
+    with np.load(tmp_path / "b.npz") as z:
+        held = dict(z)
+    for name in set(held) - {"about"}:
+        np.savez(tmp_path / "other.npz", **{k: x for k, x in held.items() if k != name})
+        with pytest.raises(ValueError, match="damaged"):
+            fa.BatchResult.load(tmp_path / "other.npz")
+
+
+def test_rows_of_scenarios_that_are_not_done_are_blank_whatever_hit_them(tmp_path, monkeypatch):
+    path = tmp_path / "b.h5"
+    monkeypatch.setitem(globals(), "TIMES", np.linspace(0, 0.02, 50))
+    interrupted(path)
+    with h5py.File(path) as f:
+        offset, size = f["q"].id.get_offset(), f["q"][0].nbytes
+    flip(path, offset + 5 * size + 7, 0x40)
+    q = fa.BatchResult.load(path).q
+    assert np.isfinite(q[:4]).all() and np.isnan(q[4:]).all()
+
+
 def test_files_of_an_older_flexarm_are_refused(tmp_path):
     path = tmp_path / "sweep.h5"
     with h5py.File(path, "w") as f:
