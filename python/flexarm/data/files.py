@@ -13,7 +13,7 @@ import numpy as np
 
 from .._check import Array, named
 from .._console import csv_text
-from ..store.files import Refused, write_whole, zipped
+from ..store.files import Refused, check_digest, digest, sealed, unsealed, write_whole, zipped
 from .units import titled
 
 CSV, HDF5, MAT, NPZ = (".csv", ".txt"), (".h5", ".hdf5"), (".mat",), (".npz",)
@@ -55,7 +55,8 @@ def write_columns(path: Any, columns: Mapping[str, tuple[str, Array]]) -> None:
 
 def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: Any) -> None:
     """Arrays by name. A vector with a title has its unit in an attribute "unit", a matrix the names and units of its
-    columns in "columns" and "units"; `about`, unless it is None, is a data set, in JSON."""
+    columns in "columns" and "units"; `about`, unless it is None, is a data set, in JSON. The file's attribute "digest"
+    is of both."""
     import h5py
 
     def text(words: Sequence[str]) -> Any:
@@ -66,6 +67,7 @@ def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: A
     def write(file: Any) -> None:
         # a version whose own tables have checksums, and whose attributes may be long
         with h5py.File(file, "w", libver=("v108", "v108"), track_order=True) as f:
+            f.attrs["digest"] = digest(about, arrays)
             if about is not None:
                 f["about"] = text([json.dumps(about)])
             for name, x in arrays.items():
@@ -83,8 +85,8 @@ def write_npz(path: Path, arrays: Mapping[str, Array], titles: Titles, about: An
     """Arrays by name, and "about", in JSON, which holds their titles, too."""
     if "about" in arrays or "file" in arrays:
         raise ValueError("columns: 'about' and 'file' are no names for columns of an .npz")
-    words = np.array(json.dumps({**(about or {}), "columns": {k: titles[k] for k in arrays if k in titles}}))
-    held: dict[str, Any] = {"about": words, **arrays}
+    words = sealed({**(about or {}), "columns": {k: titles[k] for k in arrays if k in titles}}, arrays)
+    held: dict[str, Any] = {"about": np.array(words), **arrays}
     write_whole(path, lambda f: np.savez_compressed(f, **held), "path")
 
 
@@ -135,7 +137,7 @@ def read_npz(path: Path) -> Raw:
     """For use in `readable`."""
     held, titles = zipped(path), dict[str, Any]()
     if "about" in held and held["about"].dtype.kind == "U":
-        about = json.loads(str(held.pop("about")))
+        about = unsealed(str(held.pop("about")), held)
         if "arm" in about and "columns" not in about:
             raise Refused(_OF_MANY)
         titles = about.get("columns", {})
@@ -159,33 +161,55 @@ def read_hdf5(path: Path, key: str | None, matlab: bool = False) -> Raw:
     with h5py.File(path, "r") as f:
         if "sealed" in f.attrs:
             raise Refused(_OF_MANY)
+        held = _held(f)[1] if "digest" in f.attrs else {}
         at = f
         for part in () if key is None else key.strip("/").split("/"):
             if not isinstance(at, h5py.Group) or part not in _members(at):
                 raise Refused(f"key = {key!r}: there is no such group; there are {', '.join(_members(f)) or 'none'}")
             at = at[part]
         if isinstance(at, h5py.Dataset):
-            return _of_dataset(key or "", at, matlab)
+            return _of_dataset(key or "", at, matlab, held)
         while len(inner := _members(at)) == 1 and isinstance(at[inner[0]], h5py.Group):
             at = at[inner[0]]
         if {"axis0", "block0_values"} <= set(at) or "pandas_type" in at.attrs:
             raise Refused("is of pandas' own kind: give fa.load_data(pandas.read_hdf(...))")
         if "about" in at and _is_text(at["about"]):  # of Result.save: what has no titles is no column
-            return _of_group("", at, matlab, lambda x: "unit" in x.attrs or "columns" in x.attrs)
-        return _of_group("", at, matlab)
+            return _of_group("", at, matlab, held, lambda x: "unit" in x.attrs or "columns" in x.attrs)
+        return _of_group("", at, matlab, held)
 
 
 def read_arrays(content: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
     """What `write_hdf5` or `write_npz` wrote: "about", of JSON, and arrays by name. Errors of many kinds."""
     if not content.startswith(b"\x89HDF"):
         with np.load(BytesIO(content), allow_pickle=False) as z:
-            return json.loads(str(z["about"])), {k: z[k] for k in z.files if k != "about"}
+            arrays = {k: z[k] for k in z.files if k != "about"}
+            return unsealed(str(z["about"]), arrays), arrays
     import h5py
 
     with h5py.File(BytesIO(content), "r") as f:
-        for name in _members(f):
-            check_inside(name, f[name])
-        return json.loads(f["about"][0]), {name: f[name][()] for name in _members(f) if name != "about"}
+        return _held(f)
+
+
+def _held(f: Any) -> tuple[Any, dict[str, Array]]:
+    """What `write_hdf5` put into a file: "about", or None, and arrays by name. Refuses what is damaged."""
+    arrays = _arrays(f)
+    about = json.loads(arrays.pop("about")[0]) if "about" in f and _is_text(f["about"]) else None
+    check_digest(f.attrs.get("digest"), about, arrays)
+    return about, arrays
+
+
+def _arrays(group: Any) -> dict[str, Array]:
+    """All data sets of a group and those below it, by their paths in the file (a column's name may have a "/")."""
+    import h5py
+
+    out: dict[str, Array] = {}
+    for x in (group[k] for k in _members(group)):
+        if isinstance(x, h5py.Group):
+            out |= _arrays(x)
+        else:
+            check_inside(x.name, x)
+            out[x.name[1:]] = x[()]
+    return out
 
 
 def check_inside(name: str, x: Any) -> None:
@@ -204,26 +228,30 @@ def _members(group: Any) -> list[str]:
     return [k for k in group if not k.startswith("#") and isinstance(group.get(k, getlink=True), h5py.HardLink)]
 
 
-def _of_group(before: str, group: Any, matlab: bool, wanted: Callable[[Any], bool] = lambda x: True) -> Raw:
+def _of_group(
+    before: str, group: Any, matlab: bool, held: Mapping[str, Array], wanted: Callable[[Any], bool] = lambda x: True
+) -> Raw:
     import h5py
 
     out: Raw = {}
     for k in _members(group):
         inner = group[k]
         if isinstance(inner, h5py.Group):
-            out |= _of_group(f"{before}{k}/", inner, matlab, wanted)
+            out |= _of_group(f"{before}{k}/", inner, matlab, held, wanted)
         elif wanted(inner):
-            out |= _of_dataset(f"{before}{k}", inner, matlab)
+            out |= _of_dataset(f"{before}{k}", inner, matlab, held)
     return out
 
 
-def _of_dataset(name: str, x: Any, matlab: bool) -> Raw:
+def _of_dataset(name: str, x: Any, matlab: bool, held: Mapping[str, Array]) -> Raw:
+    """Its columns; its values are in `held`, by paths in the file, if they have been read already."""
     check_inside(name, x)
     if matlab and _text(x.attrs.get("MATLAB_class", "double")) in ("char", "cell", "function_handle", "struct"):
         return {}
     if x.dtype.kind not in "fiubV" or x.ndim not in (1, 2):
         return {}
-    values = x[()].T if matlab else x[()]
+    read = held[x.name[1:]] if x.name[1:] in held else x[()]
+    values = read.T if matlab else read
     if "columns" in x.attrs:
         names, units = (np.atleast_1d(x.attrs.get(k, [])) for k in ("columns", "units"))
         padded = [*map(_text, units), *[None] * (len(names) - len(units))]
