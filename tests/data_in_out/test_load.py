@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,10 @@ def test_headings_tell_units() -> None:
         "theta [deg]": ("theta", "deg"), "theta (deg)": ("theta", "deg"), "theta": ("theta", ""), "t_s": ("t", "s"),
         "motor1_current_A": ("motor1_current", "A"), "w_deg_s": ("w", "deg/s"), "a_m_s2": ("a", "m/s2"),
         "x_max": ("x_max", ""), "x_min": ("x_min", ""), "b_g": ("b_g", ""), "_s": ("_s", ""), "s": ("s", ""),
+        # milliseconds, but of what names a speed
+        "t_ms": ("t", "ms"), "delay_ms": ("delay", "ms"), "speed_ms": ("speed", "m/s"), "v_ms": ("v", "m/s"),
+        "Tip_Velocity_ms": ("Tip_Velocity", "m/s"), "vx_ms": ("vx", "m/s"), "TipSpeed_ms": ("TipSpeed", "m/s"),
+        "rev_ms": ("rev", "ms"), "a_ms2": ("a", "m/s2"), "speed [ms]": ("speed", "ms"),
     }  # fmt: skip
     assert {head: heading(head) for head in told} == told
     for name in ("theta", "t_s", "a (b)", "a [b]", "q link 0", "w_deg_s", "é/ü"):
@@ -255,6 +260,65 @@ def test_matlab_7_3(tmp_path: Path) -> None:
         f.create_group("#refs#")["a"] = np.ones(7)
     data = fa.load_data(path)
     assert data.names == ("xy_0", "xy_1") and data["xy_1"].tolist() == [5, 6, 7, 8, 9]
+
+
+COMPLEX = np.arange(5) + 1j
+LEFT = {
+    "z": (COMPLEX, "is complex"),
+    "state": (np.array(["on", "off"] * 2 + ["on"]), "is text"),
+    "cube": (np.zeros((5, 2, 2)), r"has 3 axes, \(5, 2, 2\)"),
+}
+
+
+@pytest.mark.parametrize("name", ["x.npz", "x.mat", "x.h5"])
+def test_what_is_left_out_is_told_with_the_reason(name: str, tmp_path: Path) -> None:
+    path, t, left = tmp_path / name, np.arange(5.0), dict(LEFT)
+    held = {"t": t, "x": t**2, "rate": 500.0, "note": "by us", **{k: x for k, (x, _) in left.items()}}
+    if path.suffix == ".npz":
+        np.savez(path, **held)
+    elif path.suffix == ".mat":
+        import scipy.sparse
+
+        left["S"], left["cell"] = (None, "is a sparse matrix"), (None, "holds objects")
+        savemat(path, {**held, "S": scipy.sparse.eye_array(5), "cell": np.array([t, "a", t, t, t], object)})
+    else:
+        left["there"] = None, "is a link to elsewhere, which is not followed"
+        with h5py.File(path, "w") as f:
+            for k, x in held.items():
+                f[k] = x.astype("S") if k == "state" else x
+            f["there"] = h5py.ExternalLink("other.h5", "x")
+    with pytest.warns(fa.DataWarning, match=rf"data '{name}': leaves out ") as told:
+        data = fa.load_data(path)
+    assert data.names == ("x",) and len(told) == 1
+    for k, (_, why) in left.items():
+        assert re.search(f"'{k}', which {why}", str(told[0].message)), (k, str(told[0].message))
+        with pytest.raises(ValueError, match=f"columns: '{k}' {why}"):
+            fa.load_data(path, columns=["x", k])
+    for k in ("note", "rate"):  # a word, or one number alone, is no column
+        assert f"'{k}'" not in str(told[0].message)
+    assert fa.load_data(path, columns=["x"]).names == ("x",)  # no word of what was not asked for
+
+
+def test_sparse_and_cells_of_matlab_7_3_are_told_of(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "x.mat", "w", userblock_size=512) as f:
+        f["t"], f["c"] = np.arange(5.0)[None], np.ones((1, 5), "u8")
+        f["c"].attrs["MATLAB_class"] = np.bytes_("cell")
+        S = f.create_group("S")
+        S.attrs["MATLAB_sparse"], S["data"], S["ir"] = 5, np.ones(3), np.arange(3)
+    with pytest.warns(fa.DataWarning, match="'c', which is a cell.*'S', which is a sparse matrix"):
+        assert fa.load_data(tmp_path / "x.mat").names == ()
+
+
+def test_dates_in_arrays_are_times(tmp_path: Path) -> None:
+    stamps = np.datetime64("2024-01-01T00:00:00", "ms") + np.arange(3) * np.timedelta64(20, "ms")
+    np.savez(tmp_path / "x.npz", time=stamps, x=[1.0, 2.0, 3.0])
+    np.testing.assert_allclose(fa.load_data(tmp_path / "x.npz").t, [0, 0.02, 0.04], atol=1e-15)
+
+
+def test_complex_columns_of_frames_are_refused() -> None:
+    pandas = pytest.importorskip("pandas")
+    with pytest.raises(ValueError, match="column 'z'.* is complex"):
+        fa.load_data(pandas.DataFrame({"t": np.arange(5.0), "z": COMPLEX}))
 
 
 def test_data_frames() -> None:
