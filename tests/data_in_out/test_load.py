@@ -207,7 +207,8 @@ def test_hdf5_of_others(tmp_path: Path) -> None:
         f["alone"] = np.arange(3.0)
     with pytest.raises(ValueError, match=r"no column of times|have 5; columns="):
         fa.load_data(path)
-    data = fa.load_data(path, key="run")
+    with pytest.warns(fa.DataWarning, match="leaves out 'elsewhere', which is a link"):
+        data = fa.load_data(path, key="run")
     assert data.names == ("angle", "xyz_0", "xyz_1", "xyz_2") and data.units["angle"] == "rad"
     np.testing.assert_array_equal(data.t, t)
     with pytest.raises(ValueError, match="key = 'walk': there is no such group; there are alone, run"):
@@ -305,8 +306,14 @@ def test_sparse_and_cells_of_matlab_7_3_are_told_of(tmp_path: Path) -> None:
         f["c"].attrs["MATLAB_class"] = np.bytes_("cell")
         S = f.create_group("S")
         S.attrs["MATLAB_sparse"], S["data"], S["ir"] = 5, np.ones(3), np.arange(3)
-    with pytest.warns(fa.DataWarning, match="'c', which is a cell.*'S', which is a sparse matrix"):
+    with pytest.warns(fa.DataWarning, match="'S', which is a sparse matrix, 'c', which is a cell"):
         assert fa.load_data(tmp_path / "x.mat").names == ()
+
+
+def test_a_name_of_times_that_is_no_column_is_told_of(tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", t=["a", "b"], x=[1.0, 2.0], y=[1.0, 2.0])
+    with pytest.raises(ValueError, match="no column of times: there are x, y, besides 't', which is text; tell time="):
+        fa.load_data(tmp_path / "x.npz")
 
 
 def test_dates_in_arrays_are_times(tmp_path: Path) -> None:

@@ -19,12 +19,14 @@ from .units import titled
 CSV, HDF5, MAT, NPZ = (".csv", ".txt"), (".h5", ".hdf5"), (".mat",), (".npz",)
 SUFFIXES = (*CSV, *HDF5, *MAT, *NPZ)
 
+_LINK = "is a link to elsewhere, which is not followed"
 _OF_MANY = "is of a batch or of an older flexarm: fa.BatchResult.load(...)[k] or fa.Result.load(...) has .to_data()"
 
 #: Name and unit of each column of an array, by the array's name.
 Titles = Mapping[str, Sequence[tuple[str, str]]]
 
-#: Values by heading, each with its unit where the file has a place for it, else None.
+#: Values by heading, each with its unit where the file has a place for it, else None; of what is no column, instead of
+#: values, a text that says why.
 Raw = dict[str, tuple[Any, str | None]]
 
 
@@ -114,15 +116,21 @@ def _write_mat(path: Path, columns: Mapping[str, tuple[str, Array]]) -> None:
 
 def _spread(name: str, values: Any, titles: Any = None) -> Raw:
     """A variable as columns: a vector is one, a matrix (n, k) is k, called `name_0`, `name_1`, ... unless there are
-    titles (name, unit). What is no numbers, or is one number alone, is none."""
+    titles (name, unit). Dates are seconds from the first on. A text, or one number alone, is none."""
+    if hasattr(values, "tocoo"):
+        return {name: ("is a sparse matrix", None)}
     x = np.asarray(values)
     if x.dtype.names:  # a record array
         out: Raw = {}
         for k in x.dtype.names:
             out |= _spread(str(k), x[k])
         return out
-    if x.dtype.kind not in "fiub" or x.ndim not in (1, 2) or (x.size < 2 and x.ndim == 2 and not titles):
+    if x.size < 2 and not titles and (x.ndim != 1 or x.dtype.kind not in "fiub"):
         return {}
+    if why := _no_column(x):
+        return {name: (why, None)}
+    if x.dtype.kind in "Mm":
+        return {name: (seconds(x), "s")}
     if x.ndim == 2 and 1 in x.shape and not titles:
         x = x.ravel()
     if x.ndim == 1:
@@ -131,6 +139,21 @@ def _spread(name: str, values: Any, titles: Any = None) -> Raw:
     if titles is None:
         return {f"{name}_{k}": (column, None) for k, column in enumerate(x.T)}
     return {title: (column, of) for (title, of), column in zip(titles, x.T, strict=True)}
+
+
+def _no_column(x: Any) -> str:
+    """Why an array is no column, nor several; "" if it is."""
+    kind = x.dtype.kind
+    if kind not in "fiubMm":
+        words = {"c": "is complex: give its real and imaginary parts", "U": "is text", "S": "is text"}
+        return words.get(kind, "holds objects, and no numbers")
+    fits = (1,) if kind in "Mm" else (1, 2)
+    return "" if x.ndim in fits else f"has {x.ndim} axes, {x.shape}: a column has one"
+
+
+def seconds(stamps: Any) -> Array:
+    """Dates or durations as times from the first on (s)."""
+    return np.asarray(np.asarray(stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9, dtype=float)
 
 
 def read_npz(path: Path) -> Raw:
@@ -233,10 +256,13 @@ def _of_group(
 ) -> Raw:
     import h5py
 
-    out: Raw = {}
+    links = set(group) - set(_members(group))
+    out: Raw = {before + k: (_LINK, None) for k in sorted(links) if not k.startswith("#")}
     for k in _members(group):
         inner = group[k]
-        if isinstance(inner, h5py.Group):
+        if isinstance(inner, h5py.Group) and "MATLAB_sparse" in inner.attrs:
+            out[before + k] = ("is a sparse matrix", None)
+        elif isinstance(inner, h5py.Group):
             out |= _of_group(f"{before}{k}/", inner, matlab, held, wanted)
         elif wanted(inner):
             out |= _of_dataset(f"{before}{k}", inner, matlab, held)
@@ -246,10 +272,8 @@ def _of_group(
 def _of_dataset(name: str, x: Any, matlab: bool, held: Mapping[str, Array]) -> Raw:
     """Its columns; its values are in `held`, by paths in the file, if they have been read already."""
     check_inside(name, x)
-    if matlab and _text(x.attrs.get("MATLAB_class", "double")) in ("char", "cell", "function_handle", "struct"):
-        return {}
-    if x.dtype.kind not in "fiubV" or x.ndim not in (1, 2):
-        return {}
+    if matlab and (of := _text(x.attrs.get("MATLAB_class", "double"))) in ("char", "cell", "function_handle", "struct"):
+        return {} if of == "char" else {name: (f"is a {of} of MATLAB", None)}
     read = held[x.name[1:]] if x.name[1:] in held else x[()]
     values = read.T if matlab else read
     if "columns" in x.attrs:
@@ -294,7 +318,6 @@ def _of_variables(before: str, held: Mapping[str, Any], titles: Mapping[str, Any
     for k, x in held.items():
         if _is_struct(x):
             out |= _of_variables(f"{before}{k}/", {n: x[n].reshape(-1)[0] for n in x.dtype.names}, {})
-        elif isinstance(x, np.ndarray):
-            flat = x.ravel() if k in titles else x
-            out |= _spread(f"{before}{k}", flat, titles.get(k))
+        else:
+            out |= _spread(f"{before}{k}", x.ravel() if k in titles else x, titles.get(k))
     return out
