@@ -144,6 +144,21 @@ def test_a_file_whose_own_tables_fit_and_whose_contents_do_not_is_refused(
             read(path)
 
 
+def test_a_mat_that_lost_a_variable_or_has_another_number_is_refused(run: fa.Result, tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    path = tmp_path / "x.mat"
+    run.save(path)
+    held = {k: x for k, x in loadmat(path).items() if not k.startswith("__")}
+    savemat(path, held, long_field_names=True)
+    assert fa.load_data(path).names == run.to_data().names
+    last = [k for k in held if k != "flexarm"][-1]
+    for other in ({k: x for k, x in held.items() if k != last}, held | {last: held[last] + 1.0}):
+        savemat(path, other, long_field_names=True)
+        with pytest.raises(ValueError, match="damaged"):
+            fa.load_data(path)
+
+
 def test_what_was_written_without_a_checksum_is_read(run: fa.Result, tmp_path: Path) -> None:
     """By an older flexarm."""
     run.save(tmp_path / "x.h5")

@@ -107,7 +107,8 @@ def _write_mat(path: Path, columns: Mapping[str, tuple[str, Array]]) -> None:
     names[:, 0], units[:, 0] = list(columns), [of for of, _ in columns.values()]
     variables = np.empty((len(held), 1), object)
     variables[:, 0] = list(held)
-    held["flexarm"] = {"variables": variables, "names": names, "units": units}
+    told = [list(held), list(columns), [of for of, _ in columns.values()]]
+    held["flexarm"] = {"variables": variables, "names": names, "units": units, "digest": float(digest(told, held))}
     write_whole(path, lambda f: savemat(f, held, long_field_names=True, do_compression=True), "path")
 
 
@@ -305,6 +306,8 @@ def read_mat(path: Path, key: str | None) -> Raw:
     if ours is not None and _is_struct(ours) and {"variables", "names", "units"} <= set(ours.dtype.names):
         parts = [[_text(x) for x in ours[k].reshape(-1)[0].ravel()] for k in ("variables", "names", "units")]
         parts = [["" if x == "[]" else x for x in part] for part in parts]
+        if "digest" in ours.dtype.names and key is None:
+            check_digest(ours["digest"].reshape(-1)[0].item(), parts, held)
         titles = {variable: [(name, of)] for variable, name, of in zip(*parts, strict=True)}
     return _of_variables("", held, titles)
 
