@@ -332,8 +332,8 @@ class Arm(Chain):
             voltages: of the patches (V), (n_patches,) in the order of `patches`, or by (link, patch).
 
         Raises:
-            ValueError: bad arguments, or no equilibrium was found: a joint that nothing holds falls for ever; a load that
-                shortens a beam by more than its length turns it inside out.
+            ValueError: bad arguments, or no equilibrium was found: a joint that nothing holds falls for ever; a
+                load that shortens a beam by more than its length turns it inside out.
 
         Warns:
             StateWarning: the equilibrium is unstable, and no q in balance was given.

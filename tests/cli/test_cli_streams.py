@@ -58,7 +58,8 @@ def test_closed_streams_change_nothing(closed: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("command", [["-m", "flexarm"], ["flexarm"], ["-c", "import flexarm"]])
 def test_ctrl_c_while_the_libraries_are_loaded(command: list[str], tmp_path: Path) -> None:
     """Which takes longer than most commands. A program that imports flexarm gets its KeyboardInterrupt."""
-    (tmp_path / "numpy.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nimport time; time.sleep(60)")
+    fake = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)"
+    (tmp_path / "numpy.py").write_text(fake)
     (tmp_path / "flexarm").write_text("import sys\nfrom flexarm.cli import main\nsys.exit(main())")
     found = os.pathsep.join([str(tmp_path), *sys.path])
     done = subprocess.run(

@@ -312,7 +312,7 @@ def test_sparse_and_cells_of_matlab_7_3_are_told_of(tmp_path: Path) -> None:
 
 def test_a_name_of_times_that_is_no_column_is_told_of(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", t=["a", "b"], x=[1.0, 2.0], y=[1.0, 2.0])
-    with pytest.raises(ValueError, match="no column of times: there are x, y, besides 't', which is text; tell time="):
+    with pytest.raises(ValueError, match=r"no column of times: there are x, y, besides 't', which is text; tell time="):
         fa.load_data(tmp_path / "x.npz")
 
 
@@ -324,7 +324,7 @@ def test_dates_in_arrays_are_times(tmp_path: Path) -> None:
 
 def test_complex_columns_of_frames_are_refused() -> None:
     pandas = pytest.importorskip("pandas")
-    with pytest.raises(ValueError, match="column 'z'.* is complex"):
+    with pytest.raises(ValueError, match=r"column 'z'.* is complex"):
         fa.load_data(pandas.DataFrame({"t": np.arange(5.0), "z": COMPLEX}))
 
 

@@ -147,7 +147,7 @@ def spun(order, **modes: int) -> fa.Arm:
 
 @pytest.mark.parametrize(("order", "lock"), [(1, [0]), (2, [0]), (2, None), ("exact", [0])])
 def test_no_steady_state_beyond_the_speed_that_stretches_a_rod_without_end(order, lock) -> None:
-    """u'' + k^2 (x + u) = 0 with k = w sqrt(rho / E): 1 + eps = cos(k (L - x)) / cos(k L), above 0 up to k L = pi / 2."""
+    """u'' + k^2 (x + u) = 0, k = w sqrt(rho / E): 1 + eps = cos(k (L - x)) / cos(k L), above 0 up to k L = pi / 2."""
     critical = np.pi / (2 * L) * np.sqrt(E / RHO)
     for share in (0.9, 0.99):
         q = spun(order).modes(speed={0: share * critical}, lock=lock).q

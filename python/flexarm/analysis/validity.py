@@ -58,7 +58,7 @@ def _places(beam: Beam) -> Array:
 
 
 def _stretches(beam: Beam) -> tuple[Array, Array]:
-    """The strain eps of the axis at `_places`, of a unit of each elastic coordinate, (nx, ne), and its largest, (ne,)."""
+    """The strain eps of the axis at `_places`, by a unit of each elastic coordinate, (nx, ne); its largest, (ne,)."""
     if beam._core not in _STRETCHES:
         eps = np.array([beam._core.strains(x)[5] for x in _places(beam)])
         _STRETCHES[beam._core] = eps, np.abs(eps).max(axis=0)
@@ -94,7 +94,8 @@ def turned_inside_out(arm: Chain, q: Array) -> str:
 
 
 def _shortened(arm: Chain, link: float, _: float, stretch: float, x: float) -> str:
-    return f"{arm.names[int(link)]}: its beam is turned inside out at x = {x:.4g} m: 1 + eps of its axis is {stretch:.3g}"
+    name = arm.names[int(link)]
+    return f"{name}: its beam is turned inside out at x = {x:.4g} m: 1 + eps of its axis is {stretch:.3g}"
 
 
 def _turns(beam: Beam) -> tuple[Array, Array]:

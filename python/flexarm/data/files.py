@@ -19,6 +19,7 @@ from .units import titled
 CSV, HDF5, MAT, NPZ = (".csv", ".txt"), (".h5", ".hdf5"), (".mat",), (".npz",)
 SUFFIXES = (*CSV, *HDF5, *MAT, *NPZ)
 
+_NO_NUMBERS = ("char", "cell", "function_handle", "struct")  # classes of MATLAB
 _LINK = "is a link to elsewhere, which is not followed"
 _OF_MANY = "is of a batch or of an older flexarm: fa.BatchResult.load(...)[k] or fa.Result.load(...) has .to_data()"
 
@@ -273,8 +274,8 @@ def _of_group(
 def _of_dataset(name: str, x: Any, matlab: bool, held: Mapping[str, Array]) -> Raw:
     """Its columns; its values are in `held`, by paths in the file, if they have been read already."""
     check_inside(name, x)
-    if matlab and (of := _text(x.attrs.get("MATLAB_class", "double"))) in ("char", "cell", "function_handle", "struct"):
-        return {} if of == "char" else {name: (f"is a {of} of MATLAB", None)}
+    if matlab and (kind := _text(x.attrs.get("MATLAB_class", "double"))) in _NO_NUMBERS:
+        return {} if kind == "char" else {name: (f"is a {kind} of MATLAB", None)}
     read = held[x.name[1:]] if x.name[1:] in held else x[()]
     values = read.T if matlab else read
     if "columns" in x.attrs:

@@ -41,9 +41,10 @@ def load_data(
     """Reads signals over time, with names and units, in SI.
 
     A heading tells name and unit: "theta [deg]", "theta (deg)", or "theta_deg" where what follows the last underscore
-    is a common unit ("ms" is m/s after a speed's name, "speed_ms", and else milliseconds); a text file may have a line of units below the names. Without a unit, a column counts as SI, its
-    times as s. Units are products of powers of s, rad, deg, m, N, g (gravity), A, V, Hz, ... with prefixes, and rpm, %,
-    °C, ...: an unknown one is an error that lists those known.
+    is a common unit ("ms" is m/s after a speed's name, "speed_ms", and else milliseconds); a text file may have a line
+    of units below the names. Without a unit, a column counts as SI, its times as s. Units are
+    products of powers of s, rad, deg, m, N, g (gravity), A, V, Hz, ... with prefixes, and rpm, %, °C, ...: an unknown
+    one is an error that lists those known.
 
     Args:
         source: the path of a file, by suffix, or a pandas DataFrame.
@@ -86,9 +87,10 @@ def load_data(
         if key is not None:
             raise ValueError(f"key = {key!r}: a DataFrame has none")
         try:
-            found, left = take(*_of_frame(source), ""), {}
+            found = take(*_of_frame(source), "")
         except Refused as e:
             raise ValueError(f"data frame: {e}") from None
+        left: dict[str, str] = {}
     else:
         found, left = _from_file(source, key, take)
     if left and columns is None:
@@ -173,7 +175,8 @@ def _of_series(series: Any, name: str) -> Array:
 
 
 def _made(
-    heads: list[tuple[str, str | None, Get]], place: Callable[[int], str], source: str, left: Mapping[str, str] = NONE, *,
+    heads: list[tuple[str, str | None, Get]], place: Callable[[int], str], source: str,
+    left: Mapping[str, str] = NONE, *,
     wanted: Iterable[str] | None, time: str | None, rate: float | None, given: dict[str, str], missing: str,
 ) -> Data:  # fmt: skip
     """Data of columns (heading, unit or None, how to get the values); `left` tells of what is no column why. Refused or

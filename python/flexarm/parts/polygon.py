@@ -57,9 +57,9 @@ def polygon(points: Points, material: Material, holes: Sequence[Points] = (), el
     shape = _shape(outline, inner, at, size)
     needed, thin = _triangles_across(shape)
     if needed > _PATIENCE * elements:
-        walls = f"points, holes: parts are as thin as {thin * size:.2g} m, and take about {needed:.2g} triangles of even sides"
-        many = f"give elements={int(needed)} if they are meant" if needed <= _MOST else "no more than 100 000 are possible"
-        raise ValueError(f"{walls} (elements = {elements}): {many}; or leave out such slivers and gaps")
+        what = f"parts are as thin as {thin * size:.2g} m, and take about {needed:.2g} triangles of even sides"
+        many = f"give elements={int(needed)} if they are meant" if needed <= _MOST else f"no more than {_MOST} may be"
+        raise ValueError(f"points, holes: {what} (elements = {elements}): {many}; or leave out such slivers and gaps")
     geometry = Geometry(shape).create_mesh(mesh_sizes=[shape.area / elements])
     section = Section(geometry)
     section.calculate_geometric_properties()
