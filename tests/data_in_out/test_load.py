@@ -111,7 +111,7 @@ BAD: list[tuple[str | bytes, dict[str, Any], str]] = [
     ("t,x\n0,1\n1,\n2,nan\n", {}, r"column 'x', line 3: nan \(and 1 more of its rows\); missing='drop'"),
     ("# by us\nt,x\n\n0,1\n1,inf\n", {}, "column 'x', line 5: inf"),
     ("t,x\nnan,1\n1,2\n", {}, "column 't', line 2: nan"),
-    ("t,x\n0,\n1,\n", {"missing": "drop"}, "no row without a missing value"),
+    ("t,x,y\n0,,1\n1,1,\n", {"missing": "drop"}, "no row without a missing value"),
     ("t,x\n0,1\n2,1\n1,2\n", {}, "t must increase: line 4 has 1 s after 2 s"),
     ("t,x\n0,1\n0,1\n0,2\n", {}, r"line 3 has 0 s after 0 s \(and 1 times more\)"),
     ("t,x [counts]\n0,1\n", {}, "column 'x': unknown unit 'counts'; known are"),
@@ -125,6 +125,8 @@ BAD: list[tuple[str | bytes, dict[str, Any], str]] = [
     ("t,b [m],b [mm]\n0,1,1\n", {}, "'b \\[m\\]' and 'b \\[mm\\]' have the same name 'b'"),
     ("t,b\n0,1\n", {"time": "t", "rate": 5}, "time = 't' and rate = 5: one of them"),
     (b"PK\3\4\0\0", {}, "zero bytes"),
+    ("t,x,y\n0,1,\n1,2,\n", {}, "column 'y' is empty: no row has a value; columns= can leave it out"),
+    ("t,x,y\n0,1,\n1,2,\n", {"missing": "drop"}, "column 'y' is empty: no row has a value; columns= can leave it out"),
 ]
 
 
