@@ -293,6 +293,8 @@ def _without_missing(
     bad = np.zeros(len(t), bool)
     for name, x in {clock: t, **values}.items():
         odd = ~np.isfinite(x)
+        if odd.all() and np.isnan(x).all():
+            raise Refused(f"column '{name}' is empty: no row has a value; columns= can leave it out")
         if odd.any() and missing == "error":
             k, more = int(np.argmax(odd)), int(odd.sum()) - 1
             others = f" (and {more} more of its rows)" if more else ""

@@ -37,12 +37,13 @@ def explained(error: OSError) -> str:
 
 
 @contextmanager
-def named(where: str, path: Path) -> Iterator[None]:
-    """Errors of the disk as a ValueError that names the file."""
+def named(where: str, path: Path | str) -> Iterator[None]:
+    """Errors of the disk as a ValueError that names the file; a text stands there as it is."""
     try:
         yield
     except OSError as e:
-        raise ValueError(f"{where} {str(path)!r}: {explained(e)}") from None
+        shown = path if isinstance(path, str) else repr(str(path))
+        raise ValueError(f"{where} {shown}: {explained(e)}") from None
 
 
 def _size(count: float) -> str:
@@ -69,15 +70,22 @@ def check_space(where: str, path: Path, need: int) -> None:
 
 
 def write_whole(path: Path, write: Callable[[Any], Any], where: str = "file") -> None:
-    """A file that appears whole or not at all. ValueError where it cannot be written."""
-    temporary = path.with_name(path.name + ".new")
-    with named(where, path):
+    """A file that appears whole or not at all, where a link leads if the path is one. ValueError where it cannot be
+    written."""
+    target, shown = path, repr(str(path))
+    if path.is_symlink():
+        target = Path(os.path.realpath(path))
+        if target.is_symlink():
+            raise ValueError(f"{where} {shown}: is a link to itself; remove it, or give another name")
+        shown += f", a link to {str(target)!r}"
+    temporary = target.with_name(target.name + ".new")
+    with named(where, shown):
         try:
             with temporary.open("wb") as f:
                 write(f)
                 f.flush()
                 os.fsync(f.fileno())
-            os.replace(temporary, path)
+            os.replace(temporary, target)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
