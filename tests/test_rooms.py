@@ -12,8 +12,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "python" / "flexarm"
 ROOMS = (
-    "_core _check _threads _console store draw data parts acting view analysis robots arm run loop sensing estimate "
-    "command scene batch sweeps identify validate tasks env torch jax choose paper cli __main__ __init__"
+    "_starting _core _check _threads _console store draw data parts acting view analysis robots arm run loop sensing "
+    "estimate command scene batch sweeps identify validate tasks env torch jax choose paper cli __main__ __init__"
 ).split()
 FILES = {
     ".".join(path.relative_to(ROOT).with_suffix("").parts): path

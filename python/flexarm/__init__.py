@@ -63,6 +63,8 @@ Elsewhere: flexarm.env, .tasks (Gymnasium), .torch, .jax, .cli; `flexarm example
 """
 
 # ruff: noqa: I001  (X as X: so do type checkers know what is for others)
+from . import _starting as _starting  # first, for Ctrl-C
+
 from types import ModuleType as _ModuleType
 
 from ._core import __version__ as __version__

@@ -254,7 +254,7 @@ class Arm(Chain):
             Modes: `.frequencies` (rad/s), `.damping`, `.shapes`, `.eigenvalues`, `.q`.
 
         Raises:
-            ValueError: bad arguments, or no steady state at this speed.
+            ValueError: bad arguments, or no steady state at this speed, but for one with a beam turned inside out.
         """
         q = None if q is None else self._single(q=q)[0]
         self._warn()
@@ -332,7 +332,8 @@ class Arm(Chain):
             voltages: of the patches (V), (n_patches,) in the order of `patches`, or by (link, patch).
 
         Raises:
-            ValueError: bad arguments, or no equilibrium was found: a joint that nothing holds falls for ever.
+            ValueError: bad arguments, or no equilibrium was found: a joint that nothing holds falls for ever; a
+                load that shortens a beam by more than its length turns it inside out.
 
         Warns:
             StateWarning: the equilibrium is unstable, and no q in balance was given.

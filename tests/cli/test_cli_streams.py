@@ -54,6 +54,24 @@ def test_closed_streams_change_nothing(closed: str, tmp_path: Path) -> None:
         assert shell(f"flexarm run nope.toml -o out {closed}", tmp_path).returncode == 2
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="has no signals of this kind")
+@pytest.mark.parametrize("command", [["-m", "flexarm"], ["flexarm"], ["-c", "import flexarm"]])
+def test_ctrl_c_while_the_libraries_are_loaded(command: list[str], tmp_path: Path) -> None:
+    """Which takes longer than most commands. A program that imports flexarm gets its KeyboardInterrupt."""
+    fake = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)"
+    (tmp_path / "numpy.py").write_text(fake)
+    (tmp_path / "flexarm").write_text("import sys\nfrom flexarm.cli import main\nsys.exit(main())")
+    found = os.pathsep.join([str(tmp_path), *sys.path])
+    done = subprocess.run(
+        [sys.executable, *command, *["--version"] * (command[0] != "-c")], cwd=tmp_path, capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": found, "PYTHONSAFEPATH": "1"}, timeout=60,
+    )  # fmt: skip
+    if command[0] == "-c":
+        assert "KeyboardInterrupt" in done.stderr
+    else:
+        assert (done.returncode, done.stdout, done.stderr) == (130, "", "flexarm: interrupted\n")
+
+
 def test_a_reader_that_leaves(tmp_path: Path) -> None:
     titled(tmp_path, "arm")
     done = shell("set -o pipefail; flexarm run scene.toml -o out | head -c 1", tmp_path)

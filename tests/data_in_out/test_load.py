@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,10 @@ def test_headings_tell_units() -> None:
         "theta [deg]": ("theta", "deg"), "theta (deg)": ("theta", "deg"), "theta": ("theta", ""), "t_s": ("t", "s"),
         "motor1_current_A": ("motor1_current", "A"), "w_deg_s": ("w", "deg/s"), "a_m_s2": ("a", "m/s2"),
         "x_max": ("x_max", ""), "x_min": ("x_min", ""), "b_g": ("b_g", ""), "_s": ("_s", ""), "s": ("s", ""),
+        # milliseconds, but of what names a speed
+        "t_ms": ("t", "ms"), "delay_ms": ("delay", "ms"), "speed_ms": ("speed", "m/s"), "v_ms": ("v", "m/s"),
+        "Tip_Velocity_ms": ("Tip_Velocity", "m/s"), "vx_ms": ("vx", "m/s"), "TipSpeed_ms": ("TipSpeed", "m/s"),
+        "rev_ms": ("rev", "ms"), "a_ms2": ("a", "m/s2"), "speed [ms]": ("speed", "ms"),
     }  # fmt: skip
     assert {head: heading(head) for head in told} == told
     for name in ("theta", "t_s", "a (b)", "a [b]", "q link 0", "w_deg_s", "é/ü"):
@@ -106,7 +111,7 @@ BAD: list[tuple[str | bytes, dict[str, Any], str]] = [
     ("t,x\n0,1\n1,\n2,nan\n", {}, r"column 'x', line 3: nan \(and 1 more of its rows\); missing='drop'"),
     ("# by us\nt,x\n\n0,1\n1,inf\n", {}, "column 'x', line 5: inf"),
     ("t,x\nnan,1\n1,2\n", {}, "column 't', line 2: nan"),
-    ("t,x\n0,\n1,\n", {"missing": "drop"}, "no row without a missing value"),
+    ("t,x,y\n0,,1\n1,1,\n", {"missing": "drop"}, "no row without a missing value"),
     ("t,x\n0,1\n2,1\n1,2\n", {}, "t must increase: line 4 has 1 s after 2 s"),
     ("t,x\n0,1\n0,1\n0,2\n", {}, r"line 3 has 0 s after 0 s \(and 1 times more\)"),
     ("t,x [counts]\n0,1\n", {}, "column 'x': unknown unit 'counts'; known are"),
@@ -120,6 +125,8 @@ BAD: list[tuple[str | bytes, dict[str, Any], str]] = [
     ("t,b [m],b [mm]\n0,1,1\n", {}, "'b \\[m\\]' and 'b \\[mm\\]' have the same name 'b'"),
     ("t,b\n0,1\n", {"time": "t", "rate": 5}, "time = 't' and rate = 5: one of them"),
     (b"PK\3\4\0\0", {}, "zero bytes"),
+    ("t,x,y\n0,1,\n1,2,\n", {}, "column 'y' is empty: no row has a value; columns= can leave it out"),
+    ("t,x,y\n0,1,\n1,2,\n", {"missing": "drop"}, "column 'y' is empty: no row has a value; columns= can leave it out"),
 ]
 
 
@@ -202,7 +209,8 @@ def test_hdf5_of_others(tmp_path: Path) -> None:
         f["alone"] = np.arange(3.0)
     with pytest.raises(ValueError, match=r"no column of times|have 5; columns="):
         fa.load_data(path)
-    data = fa.load_data(path, key="run")
+    with pytest.warns(fa.DataWarning, match="leaves out 'elsewhere', which is a link"):
+        data = fa.load_data(path, key="run")
     assert data.names == ("angle", "xyz_0", "xyz_1", "xyz_2") and data.units["angle"] == "rad"
     np.testing.assert_array_equal(data.t, t)
     with pytest.raises(ValueError, match="key = 'walk': there is no such group; there are alone, run"):
@@ -255,6 +263,71 @@ def test_matlab_7_3(tmp_path: Path) -> None:
         f.create_group("#refs#")["a"] = np.ones(7)
     data = fa.load_data(path)
     assert data.names == ("xy_0", "xy_1") and data["xy_1"].tolist() == [5, 6, 7, 8, 9]
+
+
+COMPLEX = np.arange(5) + 1j
+LEFT = {
+    "z": (COMPLEX, "is complex"),
+    "state": (np.array(["on", "off"] * 2 + ["on"]), "is text"),
+    "cube": (np.zeros((5, 2, 2)), r"has 3 axes, \(5, 2, 2\)"),
+}
+
+
+@pytest.mark.parametrize("name", ["x.npz", "x.mat", "x.h5"])
+def test_what_is_left_out_is_told_with_the_reason(name: str, tmp_path: Path) -> None:
+    path, t, left = tmp_path / name, np.arange(5.0), dict(LEFT)
+    held = {"t": t, "x": t**2, "rate": 500.0, "note": "by us", **{k: x for k, (x, _) in left.items()}}
+    if path.suffix == ".npz":
+        np.savez(path, **held)
+    elif path.suffix == ".mat":
+        import scipy.sparse
+
+        left["S"], left["cell"] = (None, "is a sparse matrix"), (None, "holds objects")
+        savemat(path, {**held, "S": scipy.sparse.eye_array(5), "cell": np.array([t, "a", t, t, t], object)})
+    else:
+        left["there"] = None, "is a link to elsewhere, which is not followed"
+        with h5py.File(path, "w") as f:
+            for k, x in held.items():
+                f[k] = x.astype("S") if k == "state" else x
+            f["there"] = h5py.ExternalLink("other.h5", "x")
+    with pytest.warns(fa.DataWarning, match=rf"data '{name}': leaves out ") as told:
+        data = fa.load_data(path)
+    assert data.names == ("x",) and len(told) == 1
+    for k, (_, why) in left.items():
+        assert re.search(f"'{k}', which {why}", str(told[0].message)), (k, str(told[0].message))
+        with pytest.raises(ValueError, match=f"columns: '{k}' {why}"):
+            fa.load_data(path, columns=["x", k])
+    for k in ("note", "rate"):  # a word, or one number alone, is no column
+        assert f"'{k}'" not in str(told[0].message)
+    assert fa.load_data(path, columns=["x"]).names == ("x",)  # no word of what was not asked for
+
+
+def test_sparse_and_cells_of_matlab_7_3_are_told_of(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "x.mat", "w", userblock_size=512) as f:
+        f["t"], f["c"] = np.arange(5.0)[None], np.ones((1, 5), "u8")
+        f["c"].attrs["MATLAB_class"] = np.bytes_("cell")
+        S = f.create_group("S")
+        S.attrs["MATLAB_sparse"], S["data"], S["ir"] = 5, np.ones(3), np.arange(3)
+    with pytest.warns(fa.DataWarning, match="'S', which is a sparse matrix, 'c', which is a cell"):
+        assert fa.load_data(tmp_path / "x.mat").names == ()
+
+
+def test_a_name_of_times_that_is_no_column_is_told_of(tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", t=["a", "b"], x=[1.0, 2.0], y=[1.0, 2.0])
+    with pytest.raises(ValueError, match=r"no column of times: there are x, y, besides 't', which is text; tell time="):
+        fa.load_data(tmp_path / "x.npz")
+
+
+def test_dates_in_arrays_are_times(tmp_path: Path) -> None:
+    stamps = np.datetime64("2024-01-01T00:00:00", "ms") + np.arange(3) * np.timedelta64(20, "ms")
+    np.savez(tmp_path / "x.npz", time=stamps, x=[1.0, 2.0, 3.0])
+    np.testing.assert_allclose(fa.load_data(tmp_path / "x.npz").t, [0, 0.02, 0.04], atol=1e-15)
+
+
+def test_complex_columns_of_frames_are_refused() -> None:
+    pandas = pytest.importorskip("pandas")
+    with pytest.raises(ValueError, match=r"column 'z'.* is complex"):
+        fa.load_data(pandas.DataFrame({"t": np.arange(5.0), "z": COMPLEX}))
 
 
 def test_data_frames() -> None:

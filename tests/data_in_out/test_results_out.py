@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import flexarm as fa
 import h5py
@@ -105,6 +107,72 @@ def test_damaged_hdf5_results_are_value_errors(run: fa.Result, tmp_path: Path) -
             for name in ("t", "q", "v", "a", "tau"):
                 np.testing.assert_array_equal(getattr(back, name), getattr(run, name))
     assert refused > 50
+
+
+@pytest.mark.parametrize("name", ["x.h5", "x.npz"])
+@pytest.mark.parametrize("read", [fa.Result.load, fa.load_data])
+@pytest.mark.parametrize("part", ["numbers", "words", "one array less"])
+def test_a_file_whose_own_tables_fit_and_whose_contents_do_not_is_refused(
+    part: str, read: Any, name: str, run: fa.Result, tmp_path: Path
+) -> None:
+    """As one flipped bit in the library's tables of chunks or members makes it, which have no checksums."""
+    path = tmp_path / name
+    for write in (run.save, run.to_data().save) if read is fa.load_data else (run.save,):
+        write(path)
+        read(path)
+        if path.suffix == ".npz":
+            with np.load(path) as f:
+                held = dict(f)
+            last = list(held)[-1]
+            if part == "numbers":
+                held[last] = held[last] + 1.0
+            elif part == "words":
+                held["about"] = np.array(str(held["about"]).replace('"rad"', '"deg"', 1))
+            else:
+                del held[last]
+            np.savez(path, **held)
+        else:
+            with h5py.File(path, "r+") as f:
+                last = list(f)[-1]
+                if part == "numbers":
+                    f[last][0] += 1.0
+                elif part == "words" and "about" in f:
+                    f["about"][0] = f["about"][0].replace(b"0.", b"1.", 1)
+                else:
+                    del f[last]
+        with pytest.raises(ValueError, match=r"damaged"):
+            read(path)
+
+
+def test_a_mat_that_lost_a_variable_or_has_another_number_is_refused(run: fa.Result, tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    path = tmp_path / "x.mat"
+    run.save(path)
+    held = {k: x for k, x in loadmat(path).items() if not k.startswith("__")}
+    savemat(path, held, long_field_names=True)
+    assert fa.load_data(path).names == run.to_data().names
+    last = [k for k in held if k != "flexarm"][-1]
+    for other in ({k: x for k, x in held.items() if k != last}, held | {last: held[last] + 1.0}):
+        savemat(path, other, long_field_names=True)
+        with pytest.raises(ValueError, match="damaged"):
+            fa.load_data(path)
+
+
+def test_what_was_written_without_a_checksum_is_read(run: fa.Result, tmp_path: Path) -> None:
+    """By an older flexarm."""
+    run.save(tmp_path / "x.h5")
+    run.save(tmp_path / "x.npz")
+    with h5py.File(tmp_path / "x.h5", "r+") as f:
+        del f.attrs["digest"]
+    with np.load(tmp_path / "x.npz") as z:
+        held = dict(z)
+    about = json.loads(str(held["about"]))
+    del about["digest"]
+    np.savez(tmp_path / "x.npz", **(held | {"about": np.array(json.dumps(about))}))
+    for name in ("x.h5", "x.npz"):
+        np.testing.assert_array_equal(fa.Result.load(tmp_path / name).q, run.q)
+        assert len(fa.load_data(tmp_path / name).columns) == len(run.to_data().columns)
 
 
 def test_a_failed_batch_with_events_goes_through_hdf5(tmp_path: Path) -> None:

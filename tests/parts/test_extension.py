@@ -132,3 +132,67 @@ def test_a_gauge_feels_the_stretch() -> None:
     for face, side in (("+y", -1), ("-y", 1)):
         found = fa.StrainGauge(0, 0.2, face).measure(arm, 0.0, q, 0 * q)
         assert float(np.squeeze(found)) == pytest.approx(side * 0.005 * K3 + 0.02)
+
+
+# -- turned inside out: 1 + eps <= 0 -----------------------------------------------------------------------------------
+
+TURNED = r"rod.* turned inside out at x = {x} m: 1 \+ eps of its axis is -"
+HELD = fa.Motion([0.0, 0.2], [0.0, 0.0])
+
+
+def spun(order, **modes: int) -> fa.Arm:
+    beam = fa.Beam(L, SECTION, STUFF, modes | {"extension": 5}, "legendre", order)
+    return fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(0.1, inertia=(1e-3,) * 3), beam, name="rod")])
+
+
+@pytest.mark.parametrize(("order", "lock"), [(1, [0]), (2, [0]), (2, None), ("exact", [0])])
+def test_no_steady_state_beyond_the_speed_that_stretches_a_rod_without_end(order, lock) -> None:
+    """u'' + k^2 (x + u) = 0, k = w sqrt(rho / E): 1 + eps = cos(k (L - x)) / cos(k L), above 0 up to k L = pi / 2."""
+    critical = np.pi / (2 * L) * np.sqrt(E / RHO)
+    for share in (0.9, 0.99):
+        q = spun(order).modes(speed={0: share * critical}, lock=lock).q
+        assert 1 + spun(order).strain(q, 0, 0.0)[5] == pytest.approx(1 / np.cos(share * np.pi / 2), rel=1e-3)
+    for share in (1.01, 2.0):
+        with pytest.raises(ValueError, match="speed: .*" + TURNED.format(x="[0-9.]+")):
+            spun(order).modes(speed={0: share * critical}, lock=lock)
+
+
+def pressed(order, g: float) -> fa.Arm:
+    """A rod that stands on its clamp under its tip's weight m g: eps = -m g / E A = -g / 100, as E A = 600 N."""
+    beam = fa.Beam(L, SECTION, fa.Material(1e-6, 2e6, 0.3), {"extension": 1}, "legendre", order)
+    hub = fa.RigidBody(0.1, inertia=(1e-3,) * 3)
+    links = [fa.Link(fa.Revolute("z"), hub, beam, fa.RigidBody(6.0, inertia=(1e-2,) * 3), name="rod")]
+    return fa.Arm(links, (-g, 0, 0))
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_balance_turned_inside_out_is_refused(order) -> None:
+    for find in (lambda arm: arm.equilibrium(lock=[0]), lambda arm: arm.trim().q):
+        assert pressed(order, 99.0).strain(find(pressed(order, 99.0)), 0, 0.4)[5] == pytest.approx(-0.99, rel=1e-6)
+        with pytest.raises(ValueError, match=TURNED.format(x="0[.0-9]*") + r"0\.01.*0\.98[0-9]* of the load"):
+            find(pressed(order, 101.0))
+
+
+@pytest.mark.filterwarnings("ignore::flexarm.ModelWarning")
+@pytest.mark.parametrize("integrator", ["ida", "implicit", "gauss", "rk4"])
+def test_a_run_turned_inside_out_is_told(integrator: str) -> None:
+    """A tip mass on a rod without mass, thrown at v: eps = -(v / L w) sin(w t), w^2 = E A / m L."""
+    arm, w = pressed("exact", 0.0), np.sqrt(600.0 / (6.0 * L))
+    step = {} if integrator == "ida" else {"step": 1e-3}
+    t = np.linspace(0.0, 0.2, 41)
+    q0, v0 = arm.zero, np.zeros(arm.nv)
+
+    def run(share: float) -> fa.Result:
+        v0[1] = -share * w  # of eps, the constant shape
+        return fa.simulate(arm, t, q0, v0, drive={0: HELD}, integrator=integrator, **step)
+
+    run(0.9)
+    with pytest.warns(fa.RangeWarning, match=TURNED.format(x="[0-9.]+") + "[^;]*, from t = ") as told:
+        out = run(1.2)
+    found = told[0].message
+    assert found.link == 0 and found.limit == 0.0
+    assert found.rotation == pytest.approx(1 + out.strain(0, 0.4)[:, 5].min(), rel=1e-3)
+    assert found.time == pytest.approx(np.arcsin(1 / 1.2) / w, abs=t[1])
+    with pytest.warns(fa.RangeWarning, match="scenario 1: " + TURNED.format(x="[0-9.]+")):
+        start = np.array([[0, -share * w] for share in (0.9, 1.2)])
+        fa.simulate_batch(arm, t, q0, start, drive={0: HELD}, integrator=integrator, **step)

@@ -100,3 +100,19 @@ def test_a_channels_shear_centre() -> None:
 def test_bad_polygons(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         fa.polygon(**{"points": rectangle(0.01, 0.02), "material": STEEL} | change)
+
+
+@pytest.mark.parametrize(
+    ("points", "holes"),
+    [
+        ([(0, 0), (1e-2, 0), (1e-2, 1e-9), (0, 1e-9)], []),
+        ([(0, 0), (1e-2, 0), (1e-2, 1e-9)], []),  # a needle
+        ([(0, 0), (5e-3, 0), (5e-3, 2e-3), (1e-2, 2e-3), (1e-2, 2.000001e-3), (5e-3, 2.000001e-3), (5e-3, 4e-3)], []),
+        ([(0, 0), (1e-2, 0), (1e-2, 1e-2), (0, 1e-2)], [[(2e-3, 1e-9), (8e-3, 1e-9), (5e-3, 5e-3)]]),  # a gap
+    ],
+)  # fmt: skip
+def test_slivers_are_refused_before_they_are_divided_into_millions(points: Any, holes: Any) -> None:
+    with pytest.raises(ValueError, match=r"parts are as thin as \d.*e-\d+ m, and take about .* no more than 100000"):
+        fa.polygon(points, STEEL, holes)
+    with pytest.raises(ValueError, match=r"thin as 9.2e-07 m, .* give elements=\d{5} if they are meant"):
+        fa.polygon([(0, 0), (1e-2, 0), (1e-2, 1e-6), (0, 1e-6)], STEEL)

@@ -219,6 +219,9 @@ BAD: dict[str, tuple[str, dict[str, Any], str]] = {
     "no body's inertia": (SIX.replace('izz="0.031"', 'izz="3"'), {}, "'forearm': inertia"),
     "nan": (SIX.replace('"2.3"', '"nan"'), {}, "'forearm': mass = nan"),
     "a word": (SIX.replace('"2.3"', '"two"'), {}, "'forearm': <mass value=\"two\">"),
+    "no mass": (SIX.replace('"2.3"', '""'), {}, "'forearm': <mass value=\"\">: must be one number"),
+    "two masses": (SIX.replace('"2.3"', '"2.3 1"'), {}, "'forearm': <mass value=\"2.3 1\">: must be one number"),
+    "a short axis": (SIX.replace('xyz="0 1 0"', 'xyz="0 1"'), {}, "'shoulder': <axis xyz=\"0 1\">: must be 3 numbers"),
     "no axis": (SIX.replace('xyz="0 1 0"', 'xyz="0 0 0"'), {}, "'shoulder': axis"),
     "unknown parent": (SIX.replace('<parent link="pedestal"/>', '<parent link="x"/>'), {}, "its parent 'x'"),
     "unknown flexible": (SIX, {"flexible": {"forarm": beam(0.3)}}, "did you mean 'forearm'"),
@@ -228,6 +231,11 @@ BAD: dict[str, tuple[str, dict[str, Any], str]] = {
     "no end": (SIX, {"flexible": {"wrist_3": beam(0.3)}}, "no joint follows"),
     "stops": (SIX, {"stops": (1, 2, 3)}, "must be a stiffness, or"),
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("axis", ["0 1e200 0", "0 1e-200 0", "0 7 0"])
+def test_the_length_of_an_axis_says_nothing(axis: str, tmp_path: Path) -> None:
+    assert made(tmp_path, SIX.replace('xyz="0 1 0"', f'xyz="{axis}"')) == made(tmp_path, SIX)
 
 
 @pytest.mark.parametrize("name", BAD)

@@ -74,6 +74,26 @@ def test_damaged_results_are_value_errors(run: fa.Result, tmp_path: Path) -> Non
     assert refused > 200
 
 
+@pytest.mark.skipif(not hasattr(Path, "symlink_to"), reason="has no links")
+@pytest.mark.parametrize("name", ["x.npz", "x.h5", "x.csv", "x.mat"])
+def test_what_is_saved_onto_a_link_is_where_it_leads(name: str, run: fa.Result, tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    link, target = tmp_path / name, tmp_path / "there" / name
+    link.symlink_to(target)
+    for _ in range(2):  # at first the link leads to nothing
+        run.save(link)
+        assert link.is_symlink() and target.is_file() and len(fa.load_data(target).t) == len(run.t)
+    assert [x.name for x in target.parent.iterdir()] == [name]
+    link.unlink()
+    link.symlink_to(tmp_path / "nowhere" / name)
+    with pytest.raises(ValueError, match=rf"path '{link}', a link to '.*nowhere.*': there is no such file or folder"):
+        run.save(link)
+    link.unlink()
+    link.symlink_to(link)
+    with pytest.raises(ValueError, match=rf"path '{link}': is a link to itself; remove it, or give another name"):
+        run.save(link)
+
+
 def test_what_is_no_result_is_a_value_error(run: fa.Result, tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
     for content in (b"", b"PK", b"PK\3\4" + bytes(100), b"\x93NUMPY" + bytes(50), b"gravity = [0, 0, 0]\n"):

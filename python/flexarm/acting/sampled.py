@@ -88,7 +88,7 @@ class Asked:
             raise
         try:
             u = np.atleast_1d(np.asarray(said, dtype=float))
-            said = u.tolist()
+            said = said if said is None else u.tolist()
         except (TypeError, ValueError, OverflowError):
             u = np.full(1, np.nan)
         if u.shape != (self.columns.shape[1],) or not np.isfinite(u).all():

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from .modes import Modes, SmallMotions, small_motions
 _ROUNDS = 20  # of Newton's iteration
 _CLOSE, _NEAR = 1e-12, 1e-9  # ratio to which it is brought, and with which it is content
 _OTHERS = 1e-3  # what modes that are not named weigh
+_SAME = 1e-6  # by which frequencies may differ, as a part, that count as equal
 _MOST = 0.5  # damping ratio: what is given is of modes that ring
 
 
@@ -60,10 +60,10 @@ def _wanted(ratios: Any, frequencies: Array) -> dict[int, float]:
     return out
 
 
-def _patterns(arm: Chain, found: SmallMotions, shapes: Array, rich: bool) -> list[tuple[slice, Array]]:
+def _patterns(arm: Chain, found: SmallMotions, shapes: Array) -> list[tuple[slice, Array]]:
     """Vectors u of which u u^T is a damping matrix of one beam, and where its coordinates stand in v. For each of some
     modes, and each beam, that which damps the mode and others as little as the beam can: of an arm with one beam, not
-    at all. Where these are not enough (`rich`), sums and differences of any two, too."""
+    at all."""
     parts, M = elastic(arm), found.mass
     at = np.concatenate([np.arange(s.start, s.stop) for _, s in parts])
     moving = np.setdiff1d(np.flatnonzero(found.free), at)  # joints that give way: what remains of the inertia
@@ -73,12 +73,7 @@ def _patterns(arm: Chain, found: SmallMotions, shapes: Array, rich: bool) -> lis
         G[np.ix_(at, at)] -= M[np.ix_(at, moving)] @ np.linalg.solve(M[np.ix_(moving, moving)], M[np.ix_(moving, at)])
     out = []
     for _, s in parts:
-        U = [u for u in (G @ shapes)[s].T if np.linalg.norm(u) > 1e-12 * np.linalg.norm(G[s])]
-        if rich:
-            U += list(np.linalg.cholesky(G[s, s]).T)  # any direction
-            U = [u / np.linalg.norm(u) for u in U]
-            U += [a + sign * b for a, b in combinations(U, 2) for sign in (1, -1)]
-        out += [(s, u) for u in U]
+        out += [(s, u) for u in (G @ shapes)[s].T if np.linalg.norm(u) > 1e-12 * np.linalg.norm(G[s])]
     return out
 
 
@@ -97,49 +92,125 @@ def modal_damping(
     for k in sorted(wanted.keys() - reached):
         raise ValueError(f"ratios[{k}]: mode {k} bends no beam, so that no damping of beams reaches it")
     rings = np.flatnonzero(modes.frequencies)
-    D, now, goal = _fitted(found, modes, rings, wanted, _patterns(arm, found, modes.shapes[:, list(wanted)], False))
+    mass = np.array([_power(modes.shapes[:, k], found.mass) for k in rings])
+    unit = modes.shapes[:, rings] / np.sqrt(2 * modes.frequencies[rings] * mass)  # of which x D x is a ratio
+    named = np.array([int(np.flatnonzero(rings == k)[0]) for k in wanted])
+    few = _sums(_patterns(arm, found, modes.shapes[:, list(wanted)]), unit, named)
+    D, now, goal = _fitted(found, modes, named, wanted, few)
     if np.abs(now - goal).max() > _NEAR:
-        D, now, goal = _fitted(found, modes, rings, wanted, _patterns(arm, found, modes.shapes[:, rings], True))
-    worst = int(np.abs(now - goal).argmax())
-    mode, off = list(wanted)[worst], now[worst] - goal[worst]
-    if abs(off) > _NEAR:
-        why = "so little: the others', or what beams and joints have already, gives it" if off > 0 else "more than"
-        raise ValueError(f"ratios[{mode}] = {wanted[mode]}: the mode cannot be damped {why} {now[worst]:.3g}")
+        D, now, goal = _fitted(found, modes, named, wanted, _any(found, unit, modes.frequencies[rings], named))
+    if np.abs(now - goal).max() > _NEAR:
+        raise ValueError(_refused(wanted, now))
     return with_damping(arm, D)
 
 
-def _fitted(
-    found: SmallMotions,
-    modes: Modes,
-    rings: NDArray[np.intp],
-    wanted: Mapping[int, float],
-    patterns: list[tuple[slice, Array]],
-) -> tuple[Array, Array, Array]:
-    """A sum of patterns (nv, nv) that gives the ratios that are wanted, as far as it can, and changes others as little
-    as it can; the ratios that it gives, and those wanted."""
-    from scipy.optimize import nnls  # slow to import
+def _refused(wanted: Mapping[int, float], now: Array) -> str:
+    """Says which ratios exclude each other, and the nearest that do not."""
+    off = dict(zip(wanted, now - np.array(list(wanted.values())), strict=True))
+    least = 1e-3 * max(map(abs, off.values()))
+    less, more = ([k for k, x in off.items() if sign * x > least] for sign in (-1, 1))
+    if not less:
+        why = f"modes {more} cannot have so little: beams and joints have more already"
+    else:
+        why = f"modes {less} cannot have so much" + f" while modes {more} have so little" * bool(more)
+        why += ": what damps one of them damps others"
+    nearest = {k: round(float(x), 10) for k, x in zip(wanted, now, strict=True)}
+    return f"ratios = {dict(wanted)}: {why}; the nearest that can be is ratios={nearest}"
 
+
+#: How a damping matrix (nv, nv) is found, by what it shall add to the ratios of all modes that ring.
+_Solve = Callable[[Array], Array]
+
+
+def _fitted(
+    found: SmallMotions, modes: Modes, named: NDArray[np.intp], wanted: Mapping[int, float], solve: _Solve
+) -> tuple[Array, Array, Array]:
+    """A damping matrix (nv, nv) that gives the ratios that are wanted, or the nearest; the ratios that it gives, and
+    those wanted."""
     goal, numbers = np.array(list(wanted.values())), list(wanted)
-    mass = np.array([_power(modes.shapes[:, k], found.mass) for k in rings])
-    power = np.array([[(u @ modes.shapes[s, k]) ** 2 for s, u in patterns] for k in rings])
-    slope = power / (2 * modes.frequencies[rings] * mass)[:, None]  # of the ratios, where small ones add up
-    size = slope.max(axis=0)
-    named = np.array([int(np.flatnonzero(rings == k)[0]) for k in numbers])
-    weight = np.full(len(rings), _OTHERS)
-    weight[named] = 1.0
     at = np.ix_(found.free, found.free)
-    aim = np.zeros(len(rings))
+    aim = np.zeros(np.count_nonzero(modes.frequencies))
     aim[named] = goal - _ratios(found, modes.shapes[:, numbers], np.zeros_like(found.M))
-    for _ in range(_ROUNDS):
-        times = nnls(weight[:, None] * slope / size, weight * aim, maxiter=100 * len(patterns))[0] / size
-        D = np.zeros((found.arm.nv, found.arm.nv))
-        for x, (s, u) in zip(times, patterns, strict=True):
-            D[s, s] += x * np.outer(u, u)
+    first: tuple[Array, Array, Array] | None = None
+    for k in range(_ROUNDS):
+        D = solve(aim)
         now = _ratios(found, modes.shapes[:, numbers], D[at])
-        if np.abs(now - goal).max() < _CLOSE:
+        off = np.abs(now - goal).max()
+        first = first or (D, now, goal)  # what is out of reach is only farther off with an aim beyond it
+        if off < _CLOSE or (k > 2 and off > 0.5 * np.abs(first[1] - goal).max()):
             break
         aim[named] += goal - now
-    return D, now, goal
+    assert first is not None
+    return (D, now, goal) if off <= _NEAR else first
+
+
+def _sums(patterns: list[tuple[slice, Array]], unit: Array, named: NDArray[np.intp]) -> _Solve:
+    """By sums of patterns that change modes without a name as little as they can."""
+    from scipy.optimize import nnls  # slow to import
+
+    slope = np.array([[(u @ shape[s]) ** 2 for s, u in patterns] for shape in unit.T])  # small ratios add up
+    size = slope.max(axis=0)
+    weight = _weights(unit, named)
+
+    def solve(aim: Array) -> Array:
+        times = nnls(weight[:, None] * slope / size, weight * aim, maxiter=100 * len(patterns))[0] / size
+        D = np.zeros((len(unit), len(unit)))
+        for x, (s, u) in zip(times, patterns, strict=True):
+            D[s, s] += x * np.outer(u, u)
+        return D
+
+    return solve
+
+
+def _weights(unit: Array, named: NDArray[np.intp]) -> Array:
+    weight = np.full(unit.shape[1], _OTHERS)
+    weight[named] = 1.0
+    return weight
+
+
+def _any(found: SmallMotions, unit: Array, frequencies: Array, named: NDArray[np.intp]) -> _Solve:
+    """By any damping matrix of each beam, C X X^T C^T: positive semidefinite, so that every one is looked at. It must
+    not couple a mode that has a name with another of the same frequency: then neither would be a mode."""
+    from scipy.optimize import least_squares  # slow to import
+
+    parts = [s for _, s in elastic(found.arm)]
+    C = [np.linalg.cholesky(found.mass[s, s]) for s in parts]
+    Y = [c.T @ unit[s] for c, s in zip(C, parts, strict=True)]  # by beam (ne, modes)
+    weight, n, most = _weights(unit, named), len(frequencies), max(float((y**2).sum(axis=0).max()) for y in Y)
+    alike = np.abs(frequencies[:, None] - frequencies) < _SAME * frequencies
+    alike &= (np.isin(range(n), named))[:, None] | np.isin(range(n), named)
+    pairs = list(zip(*np.nonzero(np.triu(alike, 1)), strict=True))
+    rows = [(k, k, weight[k]) for k in range(n)] + [(i, j, 1.0) for i, j in pairs]
+    I, J = (np.array([row[k] for row in rows]) for k in (0, 1))
+    scale, cuts = np.array([row[2] for row in rows]), np.cumsum([len(y) ** 2 for y in Y])[:-1]
+
+    def split(x: Array) -> list[Array]:
+        return [part.reshape(len(y), len(y)) for part, y in zip(np.split(x, cuts), Y, strict=True)]
+
+    def left(x: Array, aim: Array) -> Array:
+        ratios = sum(np.einsum("ak,ak->k", (Z := X.T @ y)[:, I], Z[:, J]) for X, y in zip(split(x), Y, strict=True))
+        return np.asarray(scale * (ratios - aim) / most)
+
+    def slope(x: Array, _: Array) -> Array:
+        out = []
+        for X, y in zip(split(x), Y, strict=True):
+            Z = X.T @ y
+            dX = np.einsum("ak,bk->kab", y[:, I], Z[:, J]) + np.einsum("ak,bk->kab", y[:, J], Z[:, I])
+            out.append((scale[:, None, None] * dX / most).reshape(len(rows), -1))
+        return np.hstack(out)
+
+    start = np.concatenate([np.eye(len(y)).ravel() for y in Y])
+
+    def solve(aim: Array) -> Array:
+        size = max(float(np.abs(aim).max()), _NEAR)
+        wanted = np.concatenate([aim, np.zeros(len(pairs))]) * most / size
+        x = least_squares(left, start, slope, args=(wanted,), xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=300).x
+        D = np.zeros((len(unit), len(unit)))
+        for X, c, s in zip(split(x), C, parts, strict=True):
+            D[s, s] = size / most * (c @ X) @ (c @ X).T
+        return D
+
+    return solve
 
 
 def _ratios(found: SmallMotions, shapes: Array, C: Array) -> Array:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._check import Array, array, finite
 from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
+from .validity import turned_inside_out
 
 _AT_REST = 1e-6  # parts of the forces at work by which a state at rest may be out of balance
 _LARGEST = 0.5  # of a step's turns (rad) and moves (parts of the arm's length): none may pass an equilibrium by
@@ -281,10 +282,10 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
             break
         q, r = q_new, r_new
         if last:
-            return q, ""
+            return q, turned_inside_out(arm, q)
     worst = int(np.abs(r / np.sqrt(np.diag(M))).argmax())
     label = np.array(arm.coordinates)[free][worst]
-    return q, f"after {steps} damped Newton steps from the q given {r[worst]:.3g} is left on '{label}'"
+    return q, f"after {steps} damped Newton steps from the q given {r[worst]:.3g} (N, N m) is left on '{label}'"
 
 
 def balance(b: _Balance, q: Array, descend: bool) -> tuple[Array, str]:
@@ -413,6 +414,6 @@ def equilibrium(
         if any(link.beam is not None and link.beam.order in (2, 3) for link in arm.links):
             remedy += ', or more than their order does, where "exact" has a balance'
         raise ValueError(
-            f"tau, gravity, loads: no equilibrium was found: {wrong} (N, N m); {remedy}"
+            f"tau, gravity, loads: no equilibrium was found: {wrong}; {remedy}"
         )
     return found

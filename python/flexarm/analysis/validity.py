@@ -29,13 +29,15 @@ _RESOLVED = 1.0
 
 class RangeWarning(UserWarning):
     """A beam bent further than its order is good for (see `LIMITS`), or, at order "exact", than its Gauss points
-    resolve (see `TRUNCATION`).
+    resolve (see `TRUNCATION`); or one whose axis is shorter than nothing, so that it is turned inside out.
 
     Attributes:
         link: the link of that beam (the worst, if there are several).
         time: of the first output row past the limit (s).
-        rotation: largest rotation of its sections against its base in the run (rad).
-        limit: that its order is good for (rad); at order "exact", that its Gauss points are always enough for.
+        rotation: largest rotation of its sections against its base in the run (rad); where it is turned inside out the
+            least 1 + eps, which is not above 0.
+        limit: that its order is good for (rad); at order "exact", that its Gauss points are always enough for; 0 where
+            it is turned inside out.
     """
 
     def __init__(self, message: str, link: int, time: float, rotation: float, limit: float) -> None:
@@ -47,14 +49,60 @@ class RangeWarning(UserWarning):
 
 
 _KNOWN: WeakKeyDictionary[_core.Beam, tuple[Array, Array]] = WeakKeyDictionary()  # every run asks
+_STRETCHES: WeakKeyDictionary[_core.Beam, tuple[Array, Array]] = WeakKeyDictionary()
+
+
+def _places(beam: Beam) -> Array:
+    """Where a beam is looked at (m), from its clamp to its end."""
+    return np.linspace(0.0, beam.length, 1 + max(8, 2 * max(beam.counts.values())))
+
+
+def _stretches(beam: Beam) -> tuple[Array, Array]:
+    """The strain eps of the axis at `_places`, by a unit of each elastic coordinate, (nx, ne); its largest, (ne,)."""
+    if beam._core not in _STRETCHES:
+        eps = np.array([beam._core.strains(x)[5] for x in _places(beam)])
+        _STRETCHES[beam._core] = eps, np.abs(eps).max(axis=0)
+    return _STRETCHES[beam._core]
+
+
+def _inside_out(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
+    """Finds the beam whose axis is shortened most, where that is by more than its length: 1 + eps <= 0. Returns its
+    link, the time of the first such row (s), the least 1 + eps, and where along the beam (m); or None. (An elastic
+    force that is linear in eps knows no such limit, so that equations have solutions beyond it.)"""
+    worst = None
+    for k, link in enumerate(arm.links):
+        beam = link.beam
+        if beam is None or "extension" not in beam.counts:
+            continue
+        first, (eps, most) = arm._core.first_q(k) + link.joint.nq, _stretches(beam)
+        qe = q[:, first : first + beam.ne]
+        if np.abs(qe).max(axis=0, initial=0.0) @ most < 1.0:
+            continue
+        stretch = 1.0 + qe @ eps.T
+        past = np.flatnonzero(stretch.min(axis=1) <= 0.0)
+        if past.size:
+            row, at = np.unravel_index(int(stretch.argmin()), stretch.shape)
+            found = float(stretch[row, at]), k, float(t[past[0]]), float(_places(beam)[at])
+            worst = found if worst is None else min(worst, found)
+    return None if worst is None else (worst[1], worst[2], worst[0], worst[3])
+
+
+def turned_inside_out(arm: Chain, q: Array) -> str:
+    """Says which beam is so at one q (nq,), and where; "" if none is."""
+    found = _inside_out(arm, np.zeros(1), q[None])
+    return "" if found is None else _shortened(arm, *found)
+
+
+def _shortened(arm: Chain, link: float, _: float, stretch: float, x: float) -> str:
+    name = arm.names[int(link)]
+    return f"{name}: its beam is turned inside out at x = {x:.4g} m: 1 + eps of its axis is {stretch:.3g}"
 
 
 def _turns(beam: Beam) -> tuple[Array, Array]:
     """Rotation vector, integral of K from 0 to X, of a unit of each elastic coordinate, at places X, (3 nx, ne); and of
     each coordinate the largest rotation of a section, (ne,)."""
     if beam._core not in _KNOWN:
-        places = max(8, 2 * max(beam.counts.values()))
-        turns = beam._core.turns(np.linspace(0.0, beam.length, places + 1)[1:])
+        turns = beam._core.turns(_places(beam)[1:])
         sizes = np.linalg.norm(turns.reshape(-1, 3, turns.shape[1]), axis=1).max(axis=0)
         _KNOWN[beam._core] = turns, sizes
     return _KNOWN[beam._core]
@@ -105,7 +153,10 @@ SILENT: ContextVar[bool] = ContextVar("SILENT", default=False)
 def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
     """Finds the beam of a trajectory t (nt,), q (nt, nq) that is furthest beyond its order's range. Returns its link,
     the time of the first row past the limit (s), its largest rotation (rad), and how many others are beyond theirs;
-    where none is, what `_unresolved` finds. It costs next to nothing while all is well."""
+    where none is, what `_unresolved` finds. But first what `_inside_out` finds, whose third number is not above 0. It
+    costs next to nothing while all is well."""
+    if (turned := _inside_out(arm, t, q)) is not None:
+        return turned
     worst, others = None, -1
     for k, link in enumerate(arm.links):
         beam = link.beam
@@ -126,10 +177,14 @@ def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
 
 def range_warning(arm: Chain, found: Iterable[float], name: str = "", still: bool = False) -> RangeWarning:
     """Words what `worst_range` found. `name` begins the message; `still`: it is about one state, without times."""
-    link, time, rotation, others = map(float, found)
+    found = link, time, rotation, others = tuple(map(float, found))
     since, passes = f"from t = {time:.6g} s ", f"passes that at t = {time:.6g} s and "
     if still:
         since = passes = ""
+    if rotation <= 0.0:
+        text = f"{name}{_shortened(arm, *found)}" + f", {since.strip()}" * (not still)
+        remedy = "no real beam bears this; take less load or a stiffer beam"
+        return RangeWarning(f"{text}; {remedy}", int(link), time, rotation, 0.0)
     beam, name = arm.links[int(link)].beam, name + arm.names[int(link)]
     assert beam is not None
     if beam.order == "exact":

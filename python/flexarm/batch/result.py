@@ -16,7 +16,7 @@ from ..arm import Arm
 from ..run.result import Result
 from ..run.simulation import source
 from ..run.variation import Setup, Variation
-from ..store.files import Refused, readable, write_whole
+from ..store.files import Refused, readable, sealed, write_whole
 from . import events as batch_events
 from .job import ENDED, FAILED, Job
 from .rollout import NOT_DONE, Failure
@@ -129,12 +129,13 @@ class BatchResult:
         if self.events is not None:
             kept |= batch_events.kept(self.events)
         kept |= {"status": self.status, "reached": self.reached, "reason": reason}
-        words = json.dumps({**about(self.variation), **({} if self.keeps_loads else {"loads": 1})})
+        told = {**about(self.variation), **({} if self.keeps_loads else {"loads": 1})}
         fixed = {"t": self.t, **{f"parameters/{k}": v for k, v in self.variation.values.items()}}
         if file.suffix.lower() in (".h5", ".hdf5"):
-            write_file(file, kept, {"about": words, **fixed})
+            write_file(file, kept, {"about": json.dumps(told), **fixed})
         else:
-            arrays = {**kept, **fixed, "about": np.array(words)}
+            arrays = {**kept, **fixed}
+            arrays["about"] = np.array(sealed(told, arrays))
             write_whole(file, lambda out: np.savez_compressed(out, **arrays), "batch")
 
     @staticmethod

@@ -14,7 +14,7 @@ import flexarm._core as _core
 
 from .._check import Array
 from ..run.variation import Variation
-from ..store.files import zipped
+from ..store.files import unsealed, zipped
 from ..store.fingerprint import marks
 from ..store.scenarios import Column, ScenarioFile, read_scenarios
 from . import events as batch_events
@@ -60,11 +60,12 @@ def read(path: Path, verify: bool) -> dict[str, Any]:
         of_save = raw.read(2) == b"PK"
     if of_save:
         held = zipped(path)
-        done, held["about"] = held["status"] != NOT_DONE, str(held["about"])
+        held["about"] = unsealed(str(held.pop("about")), held)
+        done = held["status"] != NOT_DONE
     else:
         fixed, arrays, done = read_scenarios(path, verify)
         held = {**fixed, **arrays, **{k: np.array(arrays[k]) for k in ("status", "reached", "reason")}}
-    held["about"] = json.loads(held["about"])
+        held["about"] = json.loads(held["about"])
     if "events" in held:
         held["events"] = batch_events.unpacked(held, done)
     values = {k.partition("/")[2]: held.pop(k) for k in list(held) if k.startswith("parameters/")}

@@ -18,6 +18,7 @@ from typing import NoReturn
 
 from .._console import complain, drop, open_streams
 from .._core import __version__
+from .._starting import over
 from . import batch, chart, cmake, completion, demo, economize, examples, identify, modes, place, run, validate, view
 
 COMMANDS = {
@@ -78,6 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit code (see the module)."""
     open_streams()
     try:
+        over()
         args = _parser().parse_args(argv)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, beside our one line

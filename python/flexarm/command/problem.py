@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._check import Array, finite
+from ..analysis.validity import turned_inside_out
 from ..arm import Arm
 from .path import Output, Path, Slower
 
@@ -103,6 +104,8 @@ class Equations:
         else:
             raise ValueError(f"tip: at t = {t:.4g} s no balance with gravity was found that has the tip on the path; "
                              "the arm may be too soft, or falls; take another posture")  # fmt: skip
+        if wrong := turned_inside_out(self.arm, q):
+            raise ValueError(f"tip: at t = {t:.4g} s no balance with gravity was found: {wrong}")
         self.check_singular(q, f"tip: at t = {t:.4g} s the path goes through a singular pose")
         return finite("balance", q), K
 

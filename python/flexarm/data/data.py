@@ -63,7 +63,7 @@ class Data:
             if not isinstance(name, str) or not name.strip():
                 raise ValueError(f"columns: {name!r}: a name must be text")
             if name == "t":
-                raise ValueError("columns: 't' is the name of the times")
+                raise ValueError("columns: 't' is the name of the times, the first argument; rename this column")
             of = unit_of(name, self.units.get(name, ""))
             y = array(f"columns['{name}']", values)
             if y.shape != t.shape:

@@ -13,18 +13,21 @@ import numpy as np
 
 from .._check import Array, named
 from .._console import csv_text
-from ..store.files import Refused, write_whole, zipped
+from ..store.files import Refused, check_digest, digest, sealed, unsealed, write_whole, zipped
 from .units import titled
 
 CSV, HDF5, MAT, NPZ = (".csv", ".txt"), (".h5", ".hdf5"), (".mat",), (".npz",)
 SUFFIXES = (*CSV, *HDF5, *MAT, *NPZ)
 
+_NO_NUMBERS = ("char", "cell", "function_handle", "struct")  # classes of MATLAB
+_LINK = "is a link to elsewhere, which is not followed"
 _OF_MANY = "is of a batch or of an older flexarm: fa.BatchResult.load(...)[k] or fa.Result.load(...) has .to_data()"
 
 #: Name and unit of each column of an array, by the array's name.
 Titles = Mapping[str, Sequence[tuple[str, str]]]
 
-#: Values by heading, each with its unit where the file has a place for it, else None.
+#: Values by heading, each with its unit where the file has a place for it, else None; of what is no column, instead of
+#: values, a text that says why.
 Raw = dict[str, tuple[Any, str | None]]
 
 
@@ -55,7 +58,8 @@ def write_columns(path: Any, columns: Mapping[str, tuple[str, Array]]) -> None:
 
 def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: Any) -> None:
     """Arrays by name. A vector with a title has its unit in an attribute "unit", a matrix the names and units of its
-    columns in "columns" and "units"; `about`, unless it is None, is a data set, in JSON."""
+    columns in "columns" and "units"; `about`, unless it is None, is a data set, in JSON. The file's attribute "digest"
+    is of both."""
     import h5py
 
     def text(words: Sequence[str]) -> Any:
@@ -66,6 +70,7 @@ def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: A
     def write(file: Any) -> None:
         # a version whose own tables have checksums, and whose attributes may be long
         with h5py.File(file, "w", libver=("v108", "v108"), track_order=True) as f:
+            f.attrs["digest"] = digest(about, arrays)
             if about is not None:
                 f["about"] = text([json.dumps(about)])
             for name, x in arrays.items():
@@ -83,8 +88,8 @@ def write_npz(path: Path, arrays: Mapping[str, Array], titles: Titles, about: An
     """Arrays by name, and "about", in JSON, which holds their titles, too."""
     if "about" in arrays or "file" in arrays:
         raise ValueError("columns: 'about' and 'file' are no names for columns of an .npz")
-    words = np.array(json.dumps({**(about or {}), "columns": {k: titles[k] for k in arrays if k in titles}}))
-    held: dict[str, Any] = {"about": words, **arrays}
+    words = sealed({**(about or {}), "columns": {k: titles[k] for k in arrays if k in titles}}, arrays)
+    held: dict[str, Any] = {"about": np.array(words), **arrays}
     write_whole(path, lambda f: np.savez_compressed(f, **held), "path")
 
 
@@ -103,7 +108,8 @@ def _write_mat(path: Path, columns: Mapping[str, tuple[str, Array]]) -> None:
     names[:, 0], units[:, 0] = list(columns), [of for of, _ in columns.values()]
     variables = np.empty((len(held), 1), object)
     variables[:, 0] = list(held)
-    held["flexarm"] = {"variables": variables, "names": names, "units": units}
+    told = [list(held), list(columns), [of for of, _ in columns.values()]]
+    held["flexarm"] = {"variables": variables, "names": names, "units": units, "digest": float(digest(told, held))}
     write_whole(path, lambda f: savemat(f, held, long_field_names=True, do_compression=True), "path")
 
 
@@ -112,15 +118,21 @@ def _write_mat(path: Path, columns: Mapping[str, tuple[str, Array]]) -> None:
 
 def _spread(name: str, values: Any, titles: Any = None) -> Raw:
     """A variable as columns: a vector is one, a matrix (n, k) is k, called `name_0`, `name_1`, ... unless there are
-    titles (name, unit). What is no numbers, or is one number alone, is none."""
+    titles (name, unit). Dates are seconds from the first on. A text, or one number alone, is none."""
+    if hasattr(values, "tocoo"):
+        return {name: ("is a sparse matrix", None)}
     x = np.asarray(values)
     if x.dtype.names:  # a record array
         out: Raw = {}
         for k in x.dtype.names:
             out |= _spread(str(k), x[k])
         return out
-    if x.dtype.kind not in "fiub" or x.ndim not in (1, 2) or (x.size < 2 and x.ndim == 2 and not titles):
+    if x.size < 2 and not titles and (x.ndim != 1 or x.dtype.kind not in "fiub"):
         return {}
+    if why := _no_column(x):
+        return {name: (why, None)}
+    if x.dtype.kind in "Mm":
+        return {name: (seconds(x), "s")}
     if x.ndim == 2 and 1 in x.shape and not titles:
         x = x.ravel()
     if x.ndim == 1:
@@ -131,11 +143,26 @@ def _spread(name: str, values: Any, titles: Any = None) -> Raw:
     return {title: (column, of) for (title, of), column in zip(titles, x.T, strict=True)}
 
 
+def _no_column(x: Any) -> str:
+    """Why an array is no column, nor several; "" if it is."""
+    kind = x.dtype.kind
+    if kind not in "fiubMm":
+        words = {"c": "is complex: give its real and imaginary parts", "U": "is text", "S": "is text"}
+        return words.get(kind, "holds objects, and no numbers")
+    fits = (1,) if kind in "Mm" else (1, 2)
+    return "" if x.ndim in fits else f"has {x.ndim} axes, {x.shape}: a column has one"
+
+
+def seconds(stamps: Any) -> Array:
+    """Dates or durations as times from the first on (s)."""
+    return np.asarray(np.asarray(stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9, dtype=float)
+
+
 def read_npz(path: Path) -> Raw:
     """For use in `readable`."""
     held, titles = zipped(path), dict[str, Any]()
     if "about" in held and held["about"].dtype.kind == "U":
-        about = json.loads(str(held.pop("about")))
+        about = unsealed(str(held.pop("about")), held)
         if "arm" in about and "columns" not in about:
             raise Refused(_OF_MANY)
         titles = about.get("columns", {})
@@ -159,33 +186,55 @@ def read_hdf5(path: Path, key: str | None, matlab: bool = False) -> Raw:
     with h5py.File(path, "r") as f:
         if "sealed" in f.attrs:
             raise Refused(_OF_MANY)
+        held = _held(f)[1] if "digest" in f.attrs else {}
         at = f
         for part in () if key is None else key.strip("/").split("/"):
             if not isinstance(at, h5py.Group) or part not in _members(at):
                 raise Refused(f"key = {key!r}: there is no such group; there are {', '.join(_members(f)) or 'none'}")
             at = at[part]
         if isinstance(at, h5py.Dataset):
-            return _of_dataset(key or "", at, matlab)
+            return _of_dataset(key or "", at, matlab, held)
         while len(inner := _members(at)) == 1 and isinstance(at[inner[0]], h5py.Group):
             at = at[inner[0]]
         if {"axis0", "block0_values"} <= set(at) or "pandas_type" in at.attrs:
             raise Refused("is of pandas' own kind: give fa.load_data(pandas.read_hdf(...))")
         if "about" in at and _is_text(at["about"]):  # of Result.save: what has no titles is no column
-            return _of_group("", at, matlab, lambda x: "unit" in x.attrs or "columns" in x.attrs)
-        return _of_group("", at, matlab)
+            return _of_group("", at, matlab, held, lambda x: "unit" in x.attrs or "columns" in x.attrs)
+        return _of_group("", at, matlab, held)
 
 
 def read_arrays(content: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
     """What `write_hdf5` or `write_npz` wrote: "about", of JSON, and arrays by name. Errors of many kinds."""
     if not content.startswith(b"\x89HDF"):
         with np.load(BytesIO(content), allow_pickle=False) as z:
-            return json.loads(str(z["about"])), {k: z[k] for k in z.files if k != "about"}
+            arrays = {k: z[k] for k in z.files if k != "about"}
+            return unsealed(str(z["about"]), arrays), arrays
     import h5py
 
     with h5py.File(BytesIO(content), "r") as f:
-        for name in _members(f):
-            check_inside(name, f[name])
-        return json.loads(f["about"][0]), {name: f[name][()] for name in _members(f) if name != "about"}
+        return _held(f)
+
+
+def _held(f: Any) -> tuple[Any, dict[str, Array]]:
+    """What `write_hdf5` put into a file: "about", or None, and arrays by name. Refuses what is damaged."""
+    arrays = _arrays(f)
+    about = json.loads(arrays.pop("about")[0]) if "about" in f and _is_text(f["about"]) else None
+    check_digest(f.attrs.get("digest"), about, arrays)
+    return about, arrays
+
+
+def _arrays(group: Any) -> dict[str, Array]:
+    """All data sets of a group and those below it, by their paths in the file (a column's name may have a "/")."""
+    import h5py
+
+    out: dict[str, Array] = {}
+    for x in (group[k] for k in _members(group)):
+        if isinstance(x, h5py.Group):
+            out |= _arrays(x)
+        else:
+            check_inside(x.name, x)
+            out[x.name[1:]] = x[()]
+    return out
 
 
 def check_inside(name: str, x: Any) -> None:
@@ -204,26 +253,31 @@ def _members(group: Any) -> list[str]:
     return [k for k in group if not k.startswith("#") and isinstance(group.get(k, getlink=True), h5py.HardLink)]
 
 
-def _of_group(before: str, group: Any, matlab: bool, wanted: Callable[[Any], bool] = lambda x: True) -> Raw:
+def _of_group(
+    before: str, group: Any, matlab: bool, held: Mapping[str, Array], wanted: Callable[[Any], bool] = lambda x: True
+) -> Raw:
     import h5py
 
-    out: Raw = {}
+    links = set(group) - set(_members(group))
+    out: Raw = {before + k: (_LINK, None) for k in sorted(links) if not k.startswith("#")}
     for k in _members(group):
         inner = group[k]
-        if isinstance(inner, h5py.Group):
-            out |= _of_group(f"{before}{k}/", inner, matlab, wanted)
+        if isinstance(inner, h5py.Group) and "MATLAB_sparse" in inner.attrs:
+            out[before + k] = ("is a sparse matrix", None)
+        elif isinstance(inner, h5py.Group):
+            out |= _of_group(f"{before}{k}/", inner, matlab, held, wanted)
         elif wanted(inner):
-            out |= _of_dataset(f"{before}{k}", inner, matlab)
+            out |= _of_dataset(f"{before}{k}", inner, matlab, held)
     return out
 
 
-def _of_dataset(name: str, x: Any, matlab: bool) -> Raw:
+def _of_dataset(name: str, x: Any, matlab: bool, held: Mapping[str, Array]) -> Raw:
+    """Its columns; its values are in `held`, by paths in the file, if they have been read already."""
     check_inside(name, x)
-    if matlab and _text(x.attrs.get("MATLAB_class", "double")) in ("char", "cell", "function_handle", "struct"):
-        return {}
-    if x.dtype.kind not in "fiubV" or x.ndim not in (1, 2):
-        return {}
-    values = x[()].T if matlab else x[()]
+    if matlab and (kind := _text(x.attrs.get("MATLAB_class", "double"))) in _NO_NUMBERS:
+        return {} if kind == "char" else {name: (f"is a {kind} of MATLAB", None)}
+    read = held[x.name[1:]] if x.name[1:] in held else x[()]
+    values = read.T if matlab else read
     if "columns" in x.attrs:
         names, units = (np.atleast_1d(x.attrs.get(k, [])) for k in ("columns", "units"))
         padded = [*map(_text, units), *[None] * (len(names) - len(units))]
@@ -253,6 +307,8 @@ def read_mat(path: Path, key: str | None) -> Raw:
     if ours is not None and _is_struct(ours) and {"variables", "names", "units"} <= set(ours.dtype.names):
         parts = [[_text(x) for x in ours[k].reshape(-1)[0].ravel()] for k in ("variables", "names", "units")]
         parts = [["" if x == "[]" else x for x in part] for part in parts]
+        if "digest" in ours.dtype.names and key is None:
+            check_digest(ours["digest"].reshape(-1)[0].item(), parts, held)
         titles = {variable: [(name, of)] for variable, name, of in zip(*parts, strict=True)}
     return _of_variables("", held, titles)
 
@@ -266,7 +322,6 @@ def _of_variables(before: str, held: Mapping[str, Any], titles: Mapping[str, Any
     for k, x in held.items():
         if _is_struct(x):
             out |= _of_variables(f"{before}{k}/", {n: x[n].reshape(-1)[0] for n in x.dtype.names}, {})
-        elif isinstance(x, np.ndarray):
-            flat = x.ravel() if k in titles else x
-            out |= _spread(f"{before}{k}", flat, titles.get(k))
+        else:
+            out |= _spread(f"{before}{k}", x.ravel() if k in titles else x, titles.get(k))
     return out

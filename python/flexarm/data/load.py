@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from .units import heading, unit
 TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc")
 MISSING = ("error", "drop")
 _TIMES = ("t", "time", "times", "timestamp")
+
+NONE: Mapping[str, str] = MappingProxyType({})
 
 #: How the values of a column are got, once it is known that they are wanted.
 Get = Callable[[str], Any]
@@ -38,9 +41,10 @@ def load_data(
     """Reads signals over time, with names and units, in SI.
 
     A heading tells name and unit: "theta [deg]", "theta (deg)", or "theta_deg" where what follows the last underscore
-    is a common unit; a text file may have a line of units below the names. Without a unit, a column counts as SI, its
-    times as s. Units are products of powers of s, rad, deg, m, N, g (gravity), A, V, Hz, ... with prefixes, and rpm, %,
-    °C, ...: an unknown one is an error that lists those known.
+    is a common unit ("ms" is m/s after a speed's name, "speed_ms", and else milliseconds); a text file may have a line
+    of units below the names. Without a unit, a column counts as SI, its times as s. Units are
+    products of powers of s, rad, deg, m, N, g (gravity), A, V, Hz, ... with prefixes, and rpm, %, °C, ...: an unknown
+    one is an error that lists those known.
 
     Args:
         source: the path of a file, by suffix, or a pandas DataFrame.
@@ -49,7 +53,8 @@ def load_data(
             numbers may hold the names. UTF-8, UTF-16 with its mark, else Windows' Latin letters.
             .h5, .hdf5: data sets, of which an attribute "unit" or "units" tells the unit.
             .mat: variables or the fields of a structure; up to MATLAB 7.3.
-            .npz: arrays. In the last three, a matrix x is columns x_0, x_1, ..., and one number alone is left out.
+            .npz: arrays. In the last three, a matrix x is columns x_0, x_1, ..., dates count in s from the first on,
+            and one number or word alone is left out.
             A DataFrame's index gives the times where it has a name, or holds dates or durations.
         columns: names to keep (as in the heading, with or without the unit); None: all.
         time: the name of the times; None: "t", "time", "timestamp", or the only column in seconds.
@@ -65,7 +70,8 @@ def load_data(
         ValueError: no such file, another kind or a damaged one; columns missing, of different lengths, alike; lines
             with another number of cells; no numbers, nan (all with row or line, and column); times that do not
             increase; unknown units.
-        (DataWarning: gaps in time, with the longest, where.)
+        (DataWarning: gaps in time, with the longest, where; arrays of a file that are no columns (complex, text, three
+        axes, sparse, links), with the reason, unless `columns` says what is wanted.)
     """
     choice("missing", missing, MISSING)
     if isinstance(columns, str):
@@ -84,13 +90,22 @@ def load_data(
             found = take(*_of_frame(source), "")
         except Refused as e:
             raise ValueError(f"data frame: {e}") from None
+        left: dict[str, str] = {}
     else:
-        found = _from_file(source, key, take)
+        found, left = _from_file(source, key, take)
+    if left and columns is None:
+        text = f"data {found.name!r}: leaves out {_said(left)}; columns= says that this is meant"
+        warnings.warn(DataWarning(text), stacklevel=2)
     _tell_gaps(found)
     return found
 
 
-def _from_file(source: Any, key: str | None, take: Callable[..., Data]) -> Data:
+def _said(left: Mapping[str, str]) -> str:
+    return ", ".join(f"'{name}', which {why}" for name, why in left.items())
+
+
+def _from_file(source: Any, key: str | None, take: Callable[..., Data]) -> tuple[Data, dict[str, str]]:
+    """Data, and by name why something in the file is none."""
     if not isinstance(source, (str, Path)):
         raise ValueError(f"path = {source!r}: must be a path, or a pandas DataFrame")
     path = Path(source)
@@ -105,12 +120,14 @@ def _from_file(source: Any, key: str | None, take: Callable[..., Data]) -> Data:
             table = text.read_table(path)
             gets = [partial(table.column, k) for k in range(len(table.headings))]
             heads = [(h, u, g) for (h, u), g in zip(text.columns_of(table), gets, strict=True)]
-            return take(heads, lambda k: f"line {table.lines[k]}", path.name)
+            return take(heads, lambda k: f"line {table.lines[k]}", path.name), {}
         if suffix in files.HDF5:
             raw = files.read_hdf5(path, key)
         else:
             raw = files.read_mat(path, key) if suffix in files.MAT else files.read_npz(path)
-        return take([(h, u, partial(_numbers, x)) for h, (x, u) in raw.items()], lambda k: f"row {k}", path.name)
+        heads = [(h, u, partial(_numbers, x)) for h, (x, u) in raw.items() if not isinstance(x, str)]
+        left = {h: x for h, (x, _) in raw.items() if isinstance(x, str)}
+        return take(heads, lambda k: f"row {k}", path.name, left), left
 
 
 def _numbers(values: Any, name: str) -> Array:
@@ -128,7 +145,7 @@ def _of_frame(frame: Any) -> tuple[list[tuple[str, str | None, Get]], Callable[[
     told, index = dict(frame.attrs.get("units", {})), frame.index
     heads: list[tuple[str, str | None, Get]] = []
     if getattr(index.dtype, "kind", "O") in "Mm":
-        heads.append(("t", "s", lambda name: _seconds(index)))
+        heads.append(("t", "s", lambda name: files.seconds(index)))
     elif isinstance(index.name, str) or (getattr(index.dtype, "kind", "O") == "f" and index.name is None):
         name = index.name or "t"
         heads.append((name, told.get(name), partial(_of_series, index.to_series())))
@@ -138,14 +155,11 @@ def _of_frame(frame: Any) -> tuple[list[tuple[str, str | None, Get]], Callable[[
     return heads, lambda k: f"row {k}"
 
 
-def _seconds(index: Any) -> Array:
-    passed = np.asarray(index - index[0])
-    return np.asarray(passed / np.timedelta64(1, "ns") * 1e-9, dtype=float)
-
-
 def _of_series(series: Any, name: str) -> Array:
     if getattr(series.dtype, "kind", "O") in "Mm":
-        return _seconds(series.reset_index(drop=True))
+        return files.seconds(series.reset_index(drop=True))
+    if getattr(series.dtype, "kind", "O") == "c":
+        raise Refused(f"column '{name}' is complex: give its real and imaginary parts, or leave it out by columns=")
     try:
         return np.array(series.to_numpy(dtype=float, na_value=np.nan), dtype=float)
     except (TypeError, ValueError):
@@ -161,13 +175,18 @@ def _of_series(series: Any, name: str) -> Array:
 
 
 def _made(
-    heads: list[tuple[str, str | None, Get]], place: Callable[[int], str], source: str, *,
+    heads: list[tuple[str, str | None, Get]], place: Callable[[int], str], source: str,
+    left: Mapping[str, str] = NONE, *,
     wanted: Iterable[str] | None, time: str | None, rate: float | None, given: dict[str, str], missing: str,
 ) -> Data:  # fmt: skip
-    """Data of columns (heading, unit or None, how to get the values). Refused or ValueError for what is wrong."""
+    """Data of columns (heading, unit or None, how to get the values); `left` tells of what is no column why. Refused or
+    ValueError for what is wrong."""
+    for name in [] if wanted is None else (wanted := list(wanted)):
+        if name in left:
+            raise Refused(f"columns: '{name}' {left[name]}")
     found = _named(heads, given)
     kept = None if wanted is None else [_find(name, found, "columns") for name in wanted]
-    clock = _clock(found, kept, time, rate)
+    clock = _clock(found, kept, time, rate, left)
     if kept is None:
         kept = list(found)
     names = [name for name in kept if name != clock]
@@ -220,7 +239,9 @@ def _find(name: str, found: Found, where: str) -> str:
     raise Refused(f"{where}: has no column '{name}'; there are {', '.join(found) or 'none'}")
 
 
-def _clock(found: Found, kept: list[str] | None, time: str | None, rate: float | None) -> str | None:
+def _clock(
+    found: Found, kept: list[str] | None, time: str | None, rate: float | None, left: Mapping[str, str]
+) -> str | None:
     """The column of times; None where a rate tells them."""
     if rate is not None:
         if time is not None:
@@ -232,7 +253,8 @@ def _clock(found: Found, kept: list[str] | None, time: str | None, rate: float |
     called = [name for name in found if name.lower() in _TIMES]
     named = [name for name in called if name in in_time] or called or in_time
     if len(named) != 1:
-        none = f"no column of times: there are {', '.join(found) or 'none'}"
+        others = f", besides {_said(left)}" if left else ""
+        none = f"no column of times: there are {', '.join(found) or 'none'}{others}"
         many = f"times may be {' or '.join(named)}" if named else none
         raise Refused(f"{many}; tell time='NAME', or rate= (Hz) where the file has none")
     return named[0]
@@ -271,6 +293,8 @@ def _without_missing(
     bad = np.zeros(len(t), bool)
     for name, x in {clock: t, **values}.items():
         odd = ~np.isfinite(x)
+        if odd.all() and np.isnan(x).all():
+            raise Refused(f"column '{name}' is empty: no row has a value; columns= can leave it out")
         if odd.any() and missing == "error":
             k, more = int(np.argmax(odd)), int(odd.sum()) - 1
             others = f" (and {more} more of its rows)" if more else ""

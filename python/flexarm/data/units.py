@@ -42,6 +42,7 @@ _ALONE: dict[str, tuple[float, dict[str, int]]] = {
 _PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
 _CELSIUS = ("°C", "degC", "Celsius")
 _POWERS = str.maketrans("⁻⁰¹²³⁴", "-01234")
+_SPEED = re.compile(r"(?:^|_)v(?:[xyz]|el|eloc\w*)?\d*(?:_|$)|speed", re.IGNORECASE)  # whose "_ms" is m/s
 _SIMPLE = "s ms us m mm um cm rad mrad deg rpm dps A mA uA V mV N mN kN Nm mNm Nmm Hz kHz kg Pa kPa MPa".split()
 
 
@@ -126,7 +127,8 @@ def _written(powers: dict[str, int]) -> str:
 
 def heading(text: str) -> tuple[str, str]:
     """Name and unit of a column's heading: "theta [deg]", "theta (deg)", or "theta_deg", "rate_deg_s", where what
-    follows the last underscore is a common unit. A unit in brackets may be one that is not known."""
+    follows the last underscore is a common unit; "speed_ms" and "a_ms2" are in m/s and m/s2. A unit in
+    brackets may be one that is not known."""
     bare = text.strip()
     found = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(((?:[^()]|\([^()]*\))*)\))", bare)
     if found:
@@ -134,6 +136,8 @@ def heading(text: str) -> tuple[str, str]:
     parts = bare.split("_")
     if len(parts) > 2 and parts[-1] in ("s", "s2") and parts[-2] in _SIMPLE:
         return "_".join(parts[:-2]), f"{parts[-2]}/{parts[-1]}"
+    if len(parts) > 1 and all(parts[:-1]) and (parts[-1] == "ms2" or (parts[-1] == "ms" and _SPEED.search(bare[:-3]))):
+        return "_".join(parts[:-1]), parts[-1].replace("m", "m/")
     if len(parts) > 1 and parts[-1] in _SIMPLE and all(parts[:-1]):
         return "_".join(parts[:-1]), parts[-1]
     return bare, ""

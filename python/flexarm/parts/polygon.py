@@ -14,6 +14,7 @@ from .sections import SectionMatrix
 Points = Sequence[Sequence[float]]
 
 _MOST = 100_000  # elements: some gigabytes
+_PATIENCE = 5  # times the elements asked for, that thin parts may take
 _ROUNDING = 1e-12  # of the section's size
 
 
@@ -54,6 +55,11 @@ def polygon(points: Points, material: Material, holes: Sequence[Points] = (), el
     outline, inner = _corners("points", points), [_corners(f"holes[{k}]", h) for k, h in enumerate(holes)]
     at, size = outline.mean(axis=0), float(np.ptp(outline, axis=0).max())
     shape = _shape(outline, inner, at, size)
+    needed, thin = _triangles_across(shape)
+    if needed > _PATIENCE * elements:
+        what = f"parts are as thin as {thin * size:.2g} m, and take about {needed:.2g} triangles of even sides"
+        many = f"give elements={int(needed)} if they are meant" if needed <= _MOST else f"no more than {_MOST} may be"
+        raise ValueError(f"points, holes: {what} (elements = {elements}): {many}; or leave out such slivers and gaps")
     geometry = Geometry(shape).create_mesh(mesh_sizes=[shape.area / elements])
     section = Section(geometry)
     section.calculate_geometric_properties()
@@ -85,6 +91,20 @@ def _shape(outline: Array, holes: Sequence[Array], at: Array, size: float) -> An
     if not shape.is_valid:
         raise ValueError(f"holes: must not touch nor overlap: {explain_validity(shape)}")
     return shape
+
+
+def _triangles_across(shape: Any) -> tuple[float, float]:
+    """How many triangles with even sides fill a section of unit size, if one lies across where it is thin, about; and
+    the thickness that needs most of them. What is thinner than d is lost by erosion by d / 2 and growth by as much."""
+    lost = [0.0]
+    while len(lost) == 1 or (lost[-1] > 1e-13 and len(lost) < 42):
+        d = 0.5 ** (len(lost) - 1)
+        thick = shape.buffer(-0.5 * d, join_style="mitre").buffer(0.5 * d, join_style="mitre")
+        lost.append(shape.area - thick.intersection(shape).area)
+    between = np.clip(-np.diff([*lost[1:], 0.0]), 0.0, None)  # thickness from d / 2 to d
+    mean = 0.75 * 0.5 ** np.arange(len(between))
+    count = between / (0.25 * np.sqrt(3.0) * mean**2)
+    return float(count.sum()), float(mean[count.argmax()])
 
 
 def _rounded(values: Array, size: float) -> Array:

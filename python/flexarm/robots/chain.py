@@ -203,10 +203,10 @@ def _joint(joint: TreeJoint, inboard: Pose, outboard: Pose, stops: Any, made: Ma
         if len(numbers) != 2:
             raise ValueError(f"stops = {stops!r}: must be a stiffness, or (stiffness, damping)")
         values |= limits | dict(zip(("limit_stiffness", "limit_damping"), numbers, strict=True))
-    size = float(np.linalg.norm(joint.axis))
-    if not size > 0:
+    if not joint.axis.any():
         raise ValueError(f"joint '{joint.name}': axis = {joint.axis.tolist()}: must have a length")
-    axis = tuple((joint.axis / size).tolist())
+    bare = joint.axis / np.abs(joint.axis).max()  # first, for what is beyond 1e154 or below 1e-154
+    axis = tuple((bare / np.linalg.norm(bare)).tolist())
     word = next((w for w, unit in UNIT.items() if unit == axis), axis)
     places = {"inboard": _placement(inboard), "outboard": _placement(outboard)}
     values |= {k: v for k, v in places.items() if v is not None}

@@ -96,10 +96,14 @@ def _prune(node: ET.Element, whose: str, left_out: list[tuple[str, str]]) -> Non
             left_out.append((f"attribute {key} of <{node.tag}>", whose))
         del node.attrib[key]
     for key, text in node.attrib.items() if node.tag in _NUMBERS else ():
+        many = 3 if key in ("xyz", "rpy") else 1
         try:
-            [float(word) for word in text.split()]
+            fits = len([float(word) for word in text.split()]) == many
         except ValueError:
-            raise ValueError(f'\'{whose}\': <{node.tag} {key}="{text}">: must be numbers') from None
+            fits = False
+        if not fits:
+            want = "3 numbers" if many == 3 else "one number"
+            raise ValueError(f'\'{whose}\': <{node.tag} {key}="{text}">: must be {want}')
     node.text = node.tail = None
     for inner in list(node):
         if inner.tag in elements:

@@ -294,7 +294,7 @@ def simulate(
         SimulationInterrupted: (a KeyboardInterrupt) Ctrl-C; it holds the same.
 
     Warns:
-        RangeWarning: a beam bent further than its order is good for, at the output times.
+        RangeWarning: a beam bent further than its order is good for, or turned inside out, at the output times.
         LoopWarning: instead, if a control loop that is linear, and that no limit holds, is unstable about the start,
             and the run has grown.
         PulseWarning: a callable has a pulse between two steps that no step has seen.

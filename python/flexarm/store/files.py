@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator
+import zlib
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,12 +37,13 @@ def explained(error: OSError) -> str:
 
 
 @contextmanager
-def named(where: str, path: Path) -> Iterator[None]:
-    """Errors of the disk as a ValueError that names the file."""
+def named(where: str, path: Path | str) -> Iterator[None]:
+    """Errors of the disk as a ValueError that names the file; a text stands there as it is."""
     try:
         yield
     except OSError as e:
-        raise ValueError(f"{where} {str(path)!r}: {explained(e)}") from None
+        shown = path if isinstance(path, str) else repr(str(path))
+        raise ValueError(f"{where} {shown}: {explained(e)}") from None
 
 
 def _size(count: float) -> str:
@@ -67,15 +70,22 @@ def check_space(where: str, path: Path, need: int) -> None:
 
 
 def write_whole(path: Path, write: Callable[[Any], Any], where: str = "file") -> None:
-    """A file that appears whole or not at all. ValueError where it cannot be written."""
-    temporary = path.with_name(path.name + ".new")
-    with named(where, path):
+    """A file that appears whole or not at all, where a link leads if the path is one. ValueError where it cannot be
+    written."""
+    target, shown = path, repr(str(path))
+    if path.is_symlink():
+        target = Path(os.path.realpath(path))
+        if target.is_symlink():
+            raise ValueError(f"{where} {shown}: is a link to itself; remove it, or give another name")
+        shown += f", a link to {str(target)!r}"
+    temporary = target.with_name(target.name + ".new")
+    with named(where, shown):
         try:
             with temporary.open("wb") as f:
                 write(f)
                 f.flush()
                 os.fsync(f.fileno())
-            os.replace(temporary, path)
+            os.replace(temporary, target)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
@@ -85,6 +95,35 @@ def zipped(path: Path) -> dict[str, Any]:
     """All of an .npz; each is checked by its checksum. For use in `readable`."""
     with path.open("rb") as f, np.load(f, allow_pickle=False) as z:
         return {k: z[k] for k in z.files}
+
+
+def digest(about: Any, arrays: Mapping[str, Any]) -> int:
+    """A checksum (CRC-32) of arrays, with their names, types and shapes, and of what JSON tells beside them. (HDF5 and
+    zip have checksums of data, but not of all their own tables, so that one flipped bit there may lose an array.)"""
+    found = zlib.crc32(json.dumps(about).encode())
+    for name in sorted(arrays):
+        x = np.ascontiguousarray(arrays[name])
+        found = zlib.crc32(f"{name} {x.dtype.str} {x.shape}".encode(), found)
+        found = zlib.crc32(x.data, found)
+    return found
+
+
+def check_digest(told: Any, about: Any, arrays: Mapping[str, Any]) -> None:
+    """Refuses what is not as it was written. Without a digest it is of an older flexarm."""
+    if told is not None and int(told) != digest(about, arrays):
+        raise Refused("is damaged: its checksum does not fit")
+
+
+def sealed(about: Mapping[str, Any], arrays: Mapping[str, Any]) -> str:
+    """What an .npz tells in "about" beside arrays: JSON, with the digest of both."""
+    return json.dumps({**about, "digest": digest(about, arrays)})
+
+
+def unsealed(words: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """The reverse of `sealed`. Refuses what is damaged."""
+    about: dict[str, Any] = json.loads(words)
+    check_digest(about.pop("digest", None), about, arrays)
+    return about
 
 
 @contextmanager

@@ -48,6 +48,15 @@ def _damaged(arrays: Mapping[str, Any]) -> NDArray[np.int64]:
     return np.flatnonzero(done & wrong | odd)
 
 
+def _written(array: Any, rows: NDArray[np.int64], blank: Any) -> NDArray[np.bool_]:
+    """Which of these rows of an array (n, ...) are not blank."""
+    out = np.zeros(len(array), bool)
+    for i in rows:
+        row = np.asarray(array[i])
+        out[i] = not (np.isnan(row) if blank != blank else row == np.asarray(blank, row.dtype)).all()
+    return out
+
+
 def _complaint(indices: NDArray[np.int64]) -> Refused:
     shown = ", ".join(str(i) for i in indices[:10]) + (f" and {len(indices) - 10} more" if len(indices) > 10 else "")
     return Refused(
@@ -83,6 +92,8 @@ def read_scenarios(path: Path, verify: bool) -> tuple[dict[str, Any], dict[str, 
     torn = left & ((done != 0) | (marks != 0))  # half written, and not to be shown
     for k in arrays:
         again = left if arrays[k][:1].nbytes <= _SMALL else torn
+        if verify:
+            again = again | _written(arrays[k], np.flatnonzero(left & ~again), columns[k].blank)
         if again.any():
             arrays[k] = places[k].of(path, "c")
             arrays[k][again] = columns[k].blank
