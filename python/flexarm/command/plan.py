@@ -27,7 +27,7 @@ from .route import Route, path_points
 from .search import Aim, Found, Search
 
 Tell = Callable[[str], None] | None
-METHODS = ("shaped", "optimal", "collocation")
+METHODS = ("fast", "shaped", "optimal", "collocation")
 _KNOTS, _KNOTS_EACH = (160, 240), 100  # of a motion: at least, at most; where each joint goes its own way
 _PER_HALF = 10  # knots in half a period of the slowest mode
 _FAST = 4.0  # a mode is steered where its frequency times the time between knots is below this
@@ -58,7 +58,7 @@ def plan_move(
     jerk: Any = None,
     path: ArrayLike | Callable[[float], Any] | None = None,
     residual: float = 0.05,
-    method: str = "shaped",
+    method: str = "fast",
     progress: Any = False,
 ) -> Move:
     """A fast move of the joints from rest to rest that leaves the flexible arm at rest.
@@ -119,12 +119,14 @@ def plan_move(
         say = None if tell is None else lambda text: tell(0.0, text)
         rigid = fastest(arm, driven, route, limits)
         plant = Plant(arm, driven, route.start, route.end)
-        own_ways = method != "shaped" and path is None and len(driven.rates) > 1
+        own_ways = method in ("optimal", "collocation") and path is None and len(driven.rates) > 1
         plan = _Plan(plant, limits, route, rigid, len(driven.rates) if own_ways else 1, say)
         if method == "collocation":
             found = plan.collocated()
+        elif method == "shaped":
+            found = plan.shaped()
         else:
-            found = plan.shaped() if method == "shaped" else plan.optimal(own_ways)
+            found = plan.optimal() if own_ways else plan.fast()
         made = plan.move(*found)
     _warn(made, allowed, plan.scale)
     return made
@@ -183,25 +185,27 @@ class _Plan:
         self.scale = self._deflection()
 
     def _deflection(self) -> float:
-        """How far the arm's end bends, statically, under the largest accelerations of the rigid move (m)."""
-        _, _, a = self.route.motion(*self.rigid.at(np.linspace(0.0, self.rigid.duration, 401)))
+        """How far the arm's end bends, statically, under the largest accelerations of the rigid move (m); or as the
+        joints jump all the way, which is less where the move takes a small part of the mode's period."""
+        q, _, a = self.route.motion(*self.rigid.at(np.linspace(0.0, self.rigid.duration, 401)))
         m, d = self.plant.modes, self.plant.driven
         if not self.kept:
             return 1.0
         M = self.plant.arm.mass_matrix(self.plant.q_end)[np.ix_(d.elastic, d.rates)]
-        with np.errstate(divide="ignore"):
-            bent = np.abs(m.shapes.T @ M) @ np.abs(a).max(axis=0) * m.tip / m.frequencies**2
+        least = np.minimum(np.abs(a).max(axis=0) / m.frequencies[:, None] ** 2, np.ptp(q, axis=0))
+        bent = (np.abs(m.shapes.T @ M) * least).sum(axis=1) * m.tip
         reach = float(np.linalg.norm(self.plant.rest)) or 1.0
-        return max(float(bent[: self.kept][np.isfinite(bent[: self.kept])].max(initial=0.0)), 1e-9 * reach)
+        return max(float(bent[: self.kept].max(initial=0.0)), 1e-9 * reach * self.plant.small)
 
     def _first(self) -> Profile:
-        """The rigid move, shaped by ZV, brought to rest at the end."""
+        """The rigid move, shaped by ZV; or one of constant jerks, where that is as good as an impulse for the modes or
+        passes the limits of jerk. Brought to rest at the end."""
         half, n = self.plant.half_period, self.knots
         T = self.target
         if np.isfinite(self.limits.jerk).any():
             way = np.abs(self.route.end - self.route.start)
             T = max(T, float(((32.0 * way / self.limits.jerk) ** (1 / 3)).max()))
-        if T > self.target:
+        if T > min(self.target, 2.0 * self.rigid.duration):
             alpha = np.interp(np.linspace(0, 1, n + 1), [0, 0.25, 0.75, 1], [0, 8, -8, 0])
         else:
             t = np.linspace(0.0, T, n + 1)
@@ -215,7 +219,9 @@ class _Plan:
     def _own_ways(self) -> Aim:
         """Of joints each of which goes its own way."""
         way = np.abs(self.route.end - self.route.start)
-        return self._aim(self.route.end, 4.0 * np.maximum(way, 0.25 * way.max()))
+        M = np.diag(self.plant.arm.mass_matrix(self.plant.q_end))[self.plant.driven.rates]
+        able = np.minimum(self.limits.acceleration, self.limits.torque / M)  # about
+        return self._aim(self.route.end, 4.0 * np.maximum(way, 0.25 * (way / able).max() * able))
 
     def _search(self, aim: Aim, first: Profile, rounds: int) -> Found:
         return Search(self.plant, aim, first, self.tell).solve(first, rounds)
@@ -223,12 +229,15 @@ class _Plan:
     def shaped(self) -> tuple[Found, Any]:
         return self._within(self._aim(np.ones(1), np.full(1, 4.0)), self._first())
 
-    def optimal(self, own_ways: bool) -> tuple[Found, Any]:
-        """The least time, from the shaped motion on; then a little more of it, and smooth."""
-        first, aim = self.shaped()[0].profile, self._aim(np.ones(1), np.full(1, 4.0))
-        if own_ways:
-            first = Profile(first.duration, first.alpha * (self.route.end - self.route.start), self.route.start, None)
-            aim = self._own_ways()
+    def fast(self) -> tuple[Found, Any]:
+        """The least time of all joints together along the route; then a little more of it, and smooth."""
+        aim = self._aim(np.ones(1), np.full(1, 4.0))
+        return self._within(aim, self._least(aim, self._first()))
+
+    def optimal(self) -> tuple[Found, Any]:
+        """The least time of joints that go their own ways, from the shaped motion on; then a little more, and smooth."""
+        first, aim = self.shaped()[0].profile, self._own_ways()
+        first = Profile(first.duration, first.alpha * (self.route.end - self.route.start), self.route.start, None)
         return self._within(aim, self._least(aim, first))
 
     def collocated(self) -> tuple[Found, Any]:
@@ -331,7 +340,7 @@ class _Plan:
             warnings.simplefilter("ignore", RangeWarning)
             warnings.simplefilter("ignore", ModelWarning)
             run = simulate(self.plant.arm, np.append(0.0, self.plant.after(T)), q0=self.plant.q_start, drive=drive,
-                           rtol=1e-8)  # fmt: skip
+                           **self.plant.tolerances)  # fmt: skip
         return swing(self.plant, run, T)
 
 

@@ -87,6 +87,17 @@ class Plant:
         """Where the arm's end comes to rest, (3,)."""
         return self.arm.frame(self.q_end)[0]
 
+    @property
+    def small(self) -> float:
+        """The largest way of a joint (rad, m), up to 1."""
+        d = self.driven
+        return float(min(1.0, np.abs((self.q_end - self.q_start)[d.at]).max()))
+
+    @property
+    def tolerances(self) -> dict[str, float]:
+        """Of "ida", so that it sees what small moves leave."""
+        return {"rtol": 1e-8, "atol": 1e-8 * self.small}
+
     def drive(self, t: Array, q: Array, v: Array, a: Array) -> dict[Any, Motion]:
         return {key: Motion(t, q[:, j], v[:, j], a[:, j]) for j, key in enumerate(self.joints)}
 

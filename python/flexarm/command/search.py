@@ -119,6 +119,9 @@ class Search:
             (np.diff(a, axis=0) / h, limits.jerk, None if by is None else np.diff(by.a, axis=0) / h,
              -3.0 * np.diff(a, axis=0) / h),
         ]  # fmt: skip
+        if profile.route is not None:  # which begins at 0 and ends at 1
+            z = 2.0 * profile.z()[0] - 1.0
+            values.append((z, np.ones(1), None if by is None else 2.0 * profile.by_alpha()[0], None))
         out = []
         for value, most, by_x, by_T in values:
             on = np.isfinite(most)
