@@ -125,7 +125,7 @@ class Move:
         return f"Move({self.duration:.4g} s, {len(self.joints)} joints, {100 * self._part():.2g} % of the vibration)"
 
     def _part(self) -> float:
-        return self.residual / self.residual_unshaped if self.residual_unshaped > 0 else 0.0
+        return self.residual / self.residual_unshaped if self.half_period > 0 else 0.0
 
     def __str__(self) -> str:
         bound = self.rigid_duration + self.half_period
