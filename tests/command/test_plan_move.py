@@ -163,29 +163,24 @@ def test_two_masses_and_a_spring_take_about_the_known_least_time() -> None:
 
 
 @QUIET
-@pytest.mark.parametrize("size", [1e-4, 1e-6])
-@pytest.mark.parametrize("method", ["fast", "shaped"])
-def test_small_moves_are_shaped(size: float, method: str) -> None:
-    """Strong motors would do them in a few ms: what is left, and how it is measured, go with the move."""
-    for arm, start, way, torque in (
-        (one_mode(), [0.3], [1.0], 2.0),
-        (two_links(gravity=0.0, shapes=1), [0.1, 0.2], [1.0, -1.0], (60.0, 15.0)),
-    ):
-        move = fa.plan_move(arm, start, np.array(start) + size * np.array(way), torque=torque, method=method)
-        unshaped = swing(arm, move, move.rigid_drive, move.rigid_duration)
-        assert unshaped > 0.1 * size
-        assert move.residual_unshaped == pytest.approx(unshaped, rel=0.05)
-        assert swing(arm, move) < 0.01 * unshaped
-        assert move.residual < 0.01 * unshaped
-        assert ((move.q - move.q[0]) / (size * np.array(way))).min() > -0.01
-        assert ((move.q - move.q[-1]) / (size * np.array(way))).max() < 0.01
-        if method == "shaped":
-            assert np.abs(move.v).max() < 4 * size / move.duration
+@pytest.mark.parametrize(("links", "size", "method"), [(1, 1e-4, "shaped"), (1, 1e-6, "fast"), (2, 1e-6, "shaped")])
+def test_small_moves_are_shaped(links: int, size: float, method: str) -> None:
+    """Strong motors would do them in less than a ms: what is sought, and how it is measured, go with the move."""
+    arm = one_mode() if links == 1 else two_links(gravity=0.0, shapes=1)
+    start, way = np.array([0.1, 0.2])[:links], size * np.array([1.0, -1.0])[:links]
+    move = fa.plan_move(arm, start, start + way, torque=(60.0, 15.0)[:links], method=method)
+    unshaped = swing(arm, move, move.rigid_drive, move.rigid_duration)
+    assert unshaped > 0.1 * size
+    assert move.residual_unshaped == pytest.approx(unshaped, rel=0.05)
+    assert swing(arm, move) < 1e-3 * unshaped
+    assert move.residual < 1e-3 * unshaped
+    done = (move.q - move.q[0]) / way
+    assert done.min() > -0.01 and done.max() < 1.01
+    assert np.abs(move.v).max() < 10 * size / move.duration
 
 
 @QUIET
-@pytest.mark.parametrize("method", ["fast", "shaped"])
-def test_a_slide_and_turns_with_friction_keep_their_limits_between_the_knots(method: str) -> None:
+def test_a_slide_and_turns_with_friction_keep_their_limits_between_the_knots() -> None:
     """A short move, simulated on a grid of its own."""
     beam = fa.Beam(0.5, fa.Rectangle(0.006, 0.03), STEEL, {"bending_y": 1}, order=1)
     hub = fa.RigidBody(0.5, inertia=(0, 0, 0.01), end=(0.05, 0, 0))
@@ -195,7 +190,7 @@ def test_a_slide_and_turns_with_friction_keep_their_limits_between_the_knots(met
         fa.Link(fa.Prismatic("x", coulomb=0.1, damping=0.4), hub, beam, fa.RigidBody(0.3)),
     ], gravity=(0, -9.0, 0))  # fmt: skip
     start, torque = np.array([0.1, 0.9, -0.04]), np.array([150.0, 100.0, 60.0])
-    move = fa.plan_move(arm, start, start + np.array([-0.5, 0.6, 0.2]) * 1e-3, torque=torque, method=method)
+    move = fa.plan_move(arm, start, start + np.array([-0.5, 0.6, 0.2]) * 1e-3, torque=torque, method="shaped")
     names = list(arm.coordinates)
     t = np.linspace(0.0, move.duration, 1234)
     still = move.simulate(after=0.0).q[0]
