@@ -106,6 +106,15 @@ class Law:
             raise ValueError(f"{where}: samples cover t = {begin} to {end}, the simulation asks for {t[0]} to {t[-1]}")
 
 
+def _quintics(h: Array, rows: Array) -> Array:
+    """Coefficients (6, n), highest powers first, of the polynomials of degree five over n steps h that have position,
+    velocity and acceleration of both ends; rows (n + 1, 3)."""
+    (q0, v0, a0), (q1, v1, a1) = rows[:-1].T, rows[1:].T
+    way, rate, bend = q1 - q0 - h * (v0 + 0.5 * h * a0), h * (v1 - v0 - h * a0), h**2 * (a1 - a0)
+    c3, c4, c5 = 10.0 * way - 4.0 * rate + 0.5 * bend, 7.0 * rate - 15.0 * way - bend, 6.0 * way - 3.0 * rate + 0.5 * bend
+    return np.stack([c5 / h**5, c4 / h**4, c3 / h**3, 0.5 * a0, v0, q0])
+
+
 class Motion(Law):
     """Prescribed motion of a joint ("displacement driven", paper Sec. 5.2); its reaction becomes an output.
 
@@ -139,20 +148,20 @@ class Motion(Law):
             raise ValueError("q = None: samples (t, q) or (t, q, v, a), or a callable, are needed")
         if (v is None) != (a is None):
             raise ValueError(f"{'v' if v is None else 'a'} = None: give both v and a, or neither")
-        from scipy.interpolate import BPoly, PPoly, make_interp_spline  # slow to import
-
         position = array("q", q, times.shape)
         choice("ends", ends, ("free", "rest"))
         if v is not None and a is not None:
             rows = np.stack([position, array("v", v, times.shape), array("a", a, times.shape)], axis=1)
-            pieces = PPoly.from_bernstein_basis(BPoly.from_derivatives(times, rows))
+            self.law = _core.PiecewisePolynomial(times, _quintics(np.diff(times), rows))
             self._samples = {t: (q, v, a) for t, (q, v, a) in zip(times.tolist(), rows.tolist(), strict=True)}
-        else:
-            rest = [(1, 0.0), (2, 0.0)]
-            free = ends == "free"
-            degree = min(5, times.size - 1) if free else 5
-            spline = make_interp_spline(times, position, k=degree, bc_type=None if free else (rest, rest))
-            pieces = PPoly.from_spline(spline)
+            return
+        from scipy.interpolate import PPoly, make_interp_spline  # slow to import
+
+        rest = [(1, 0.0), (2, 0.0)]
+        free = ends == "free"
+        degree = min(5, times.size - 1) if free else 5
+        spline = make_interp_spline(times, position, k=degree, bc_type=None if free else (rest, rest))
+        pieces = PPoly.from_spline(spline)
         keep = np.flatnonzero(np.diff(pieces.x) > 0)  # splines repeat their end knots
         self.law = _core.PiecewisePolynomial(np.append(pieces.x[keep], pieces.x[-1]), pieces.c[:, keep])
 

@@ -99,7 +99,7 @@ class Move:
         Args:
             arm: another one with the same joints, such as with another payload; the arm planned for if None.
             after: how long it goes on (s); one period of the slowest mode if None.
-            options: of `simulate`; "ida" with rtol = 1e-8 if none.
+            options: of `simulate`; "ida" with tight tolerances if none.
         """
         plant = self._plant if arm is None else self._other(arm)
         on = None if after is None else number("after", after)
@@ -107,7 +107,7 @@ class Move:
             raise ValueError(f"after = {after}: must be from 0 to {_HOLD:g} s")
         end = plant.after(self.duration) if on is None else self.duration + np.linspace(0.0, on, 97)
         if not {"integrator", "rtol"} & set(options):
-            options["rtol"] = 1e-8
+            options |= plant.tolerances
         times = np.concatenate([self.t[:-1], end]) if end[-1] > end[0] else self.t
         return simulate(plant.arm, times, q0=plant.q_start, drive=self.drive, **options)
 
@@ -125,7 +125,7 @@ class Move:
         return f"Move({self.duration:.4g} s, {len(self.joints)} joints, {100 * self._part():.2g} % of the vibration)"
 
     def _part(self) -> float:
-        return self.residual / self.residual_unshaped if self.residual_unshaped > 0 else 0.0
+        return self.residual / self.residual_unshaped if self.half_period > 0 else 0.0
 
     def __str__(self) -> str:
         bound = self.rigid_duration + self.half_period

@@ -13,21 +13,19 @@ from numpy.typing import ArrayLike
 from .._check import Array, array, choice, number
 from .._console import progress_bar
 from ..acting.drive import Motion
-from ..analysis.validity import RangeWarning
 from ..arm import Arm
-from ..parts.part import ModelWarning
 from ..run.simulation import simulate
 from .collocation import casadi, collocate
 from .move import LimitUse, Move, held, swing
 from .move_limits import Driven, Limits
-from .plant import Plant
+from .plant import Plant, quiet
 from .profile import Profile
 from .rigid import RigidMove, fastest
 from .route import Route, path_points
-from .search import Aim, Found, Search
+from .search import PENALTIES, Aim, Found, Search
 
 Tell = Callable[[str], None] | None
-METHODS = ("shaped", "optimal", "collocation")
+METHODS = ("fast", "shaped", "optimal", "collocation")
 _KNOTS, _KNOTS_EACH = (160, 240), 100  # of a motion: at least, at most; where each joint goes its own way
 _PER_HALF = 10  # knots in half a period of the slowest mode
 _FAST = 4.0  # a mode is steered where its frequency times the time between knots is below this
@@ -39,7 +37,8 @@ _RIPPLE = 5e-3  # between the knots, above which the search looks there
 _ROUNDING = 1e-5  # by which a limit may be passed
 _MORE, _SLOWER = 1.008, (1.1, 1.3, 1.6, 2.0)  # times a duration that is too short
 _SPARE = 1.002  # times the least
-_FINE = 4  # rows of the result between two knots
+_FINE = 5  # rows of the result between two knots: odd, so that they see pieces elsewhere than in their middle
+_CHANCE = 0.1  # of the static deflection: less is left by the unshaped move by chance alone
 _CALM = 1e-3  # of the static deflection: so little needs no share of the unshaped
 
 
@@ -58,7 +57,7 @@ def plan_move(
     jerk: Any = None,
     path: ArrayLike | Callable[[float], Any] | None = None,
     residual: float = 0.05,
-    method: str = "shaped",
+    method: str = "fast",
     progress: Any = False,
 ) -> Move:
     """A fast move of the joints from rest to rest that leaves the flexible arm at rest.
@@ -119,12 +118,14 @@ def plan_move(
         say = None if tell is None else lambda text: tell(0.0, text)
         rigid = fastest(arm, driven, route, limits)
         plant = Plant(arm, driven, route.start, route.end)
-        own_ways = method != "shaped" and path is None and len(driven.rates) > 1
+        own_ways = method in ("optimal", "collocation") and path is None and len(driven.rates) > 1
         plan = _Plan(plant, limits, route, rigid, len(driven.rates) if own_ways else 1, say)
         if method == "collocation":
             found = plan.collocated()
+        elif method == "shaped":
+            found = plan.shaped()
         else:
-            found = plan.shaped() if method == "shaped" else plan.optimal(own_ways)
+            found = plan.optimal() if own_ways else plan.fast()
         made = plan.move(*found)
     _warn(made, allowed, plan.scale)
     return made
@@ -183,28 +184,34 @@ class _Plan:
         self.knots = int(np.clip(np.ceil(_PER_HALF * per), *_KNOTS)) if ways == 1 else _KNOTS_EACH
         w = plant.modes.frequencies
         self.kept = min(_MOST, int((w * self.target / self.knots < _FAST).sum()))
-        self.scale = self._deflection()
+        self.rigid_drive = self._keyed(*self._rigid_samples())
+        self.unshaped = self._unshaped()
+        self.scale = self._scale()
 
-    def _deflection(self) -> float:
-        """How far the arm's end bends, statically, under the largest accelerations of the rigid move (m)."""
-        _, _, a = self.route.motion(*self.rigid.at(np.linspace(0.0, self.rigid.duration, 401)))
+    def _scale(self) -> float:
+        """Of vibration (m): how far the arm's end swings after the rigid move. This may be little by chance, so at least
+        a part of how far it bends, statically, under the largest accelerations of that move, or as the joints jump all
+        the way, which is less where the move takes a small part of the mode's period."""
+        q, _, a = self.route.motion(*self.rigid.at(np.linspace(0.0, self.rigid.duration, 401)))
         m, d = self.plant.modes, self.plant.driven
-        if not self.kept:
+        if not m.frequencies.size:
             return 1.0
         M = self.plant.arm.mass_matrix(self.plant.q_end)[np.ix_(d.elastic, d.rates)]
-        with np.errstate(divide="ignore"):
-            bent = np.abs(m.shapes.T @ M) @ np.abs(a).max(axis=0) * m.tip / m.frequencies**2
+        least = np.minimum(np.abs(a).max(axis=0) / m.frequencies[:, None] ** 2, np.ptp(q, axis=0))
+        bent = (np.abs(m.shapes.T @ M) * least).sum(axis=1) * m.tip
         reach = float(np.linalg.norm(self.plant.rest)) or 1.0
-        return max(float(bent[: self.kept][np.isfinite(bent[: self.kept])].max(initial=0.0)), 1e-9 * reach)
+        most = max(float(bent[: max(self.kept, 1)].max()), 1e-9 * reach * self.plant.small)
+        return float(np.clip(self.unshaped, _CHANCE * most, most))
 
     def _first(self) -> Profile:
-        """The rigid move, shaped by ZV, brought to rest at the end."""
+        """The rigid move, shaped by ZV; or one of constant jerks, where that is as good as an impulse for the modes or
+        passes the limits of jerk. Brought to rest at the end."""
         half, n = self.plant.half_period, self.knots
         T = self.target
         if np.isfinite(self.limits.jerk).any():
             way = np.abs(self.route.end - self.route.start)
             T = max(T, float(((32.0 * way / self.limits.jerk) ** (1 / 3)).max()))
-        if T > self.target:
+        if T > min(self.target, 2.0 * self.rigid.duration):
             alpha = np.interp(np.linspace(0, 1, n + 1), [0, 0.25, 0.75, 1], [0, 8, -8, 0])
         else:
             t = np.linspace(0.0, T, n + 1)
@@ -218,7 +225,9 @@ class _Plan:
     def _own_ways(self) -> Aim:
         """Of joints each of which goes its own way."""
         way = np.abs(self.route.end - self.route.start)
-        return self._aim(self.route.end, 4.0 * np.maximum(way, 0.25 * way.max()))
+        M = np.diag(self.plant.arm.mass_matrix(self.plant.q_end))[self.plant.driven.rates]
+        able = np.minimum(self.limits.acceleration, self.limits.torque / M)  # about
+        return self._aim(self.route.end, 4.0 * np.maximum(way, 0.25 * (way / able).max() * able))
 
     def _search(self, aim: Aim, first: Profile, rounds: int) -> Found:
         return Search(self.plant, aim, first, self.tell).solve(first, rounds)
@@ -226,12 +235,15 @@ class _Plan:
     def shaped(self) -> tuple[Found, Any]:
         return self._within(self._aim(np.ones(1), np.full(1, 4.0)), self._first())
 
-    def optimal(self, own_ways: bool) -> tuple[Found, Any]:
-        """The least time, from the shaped motion on; then a little more of it, and smooth."""
-        first, aim = self.shaped()[0].profile, self._aim(np.ones(1), np.full(1, 4.0))
-        if own_ways:
-            first = Profile(first.duration, first.alpha * (self.route.end - self.route.start), self.route.start, None)
-            aim = self._own_ways()
+    def fast(self) -> tuple[Found, Any]:
+        """The least time of all joints together along the route; then a little more of it, and smooth."""
+        aim = self._aim(np.ones(1), np.full(1, 4.0))
+        return self._within(aim, self._least(aim, self._first()))
+
+    def optimal(self) -> tuple[Found, Any]:
+        """The least time of joints that go their own ways, from the shaped motion on; then a little more, and smooth."""
+        first, aim = self.shaped()[0].profile, self._own_ways()
+        first = Profile(first.duration, first.alpha * (self.route.end - self.route.start), self.route.start, None)
         return self._within(aim, self._least(aim, first))
 
     def collocated(self) -> tuple[Found, Any]:
@@ -249,8 +261,12 @@ class _Plan:
 
     def _least(self, aim: Aim, first: Profile) -> Profile:
         """The least time, and a little more."""
-        found = self._search(replace(aim, free=True), first, _ROUNDS).profile
-        return replace(found, duration=_SPARE * found.duration)
+        for penalty in PENALTIES[True]:
+            found = self._search(replace(aim, free=True, penalty=penalty), first, _ROUNDS)
+            if found.good:
+                break
+            first = found.profile
+        return replace(found.profile, duration=_SPARE * found.profile.duration)
 
     def _smooth(self, aim: Aim, first: Profile) -> Found:
         """The smoothest within the time of the first, or a little more."""
@@ -301,20 +317,26 @@ class _Plan:
 
     def move(self, found: Found, run: Any) -> Move:
         p, plant, d = found.profile, self.plant, self.plant.driven
+        frequencies = np.stack([plant.modes_start.frequencies[: self.kept], plant.modes.frequencies[: self.kept]])
+        made = Move(
+            plant.arm, run.t, run.q[:, d.at], run.v[:, d.rates], run.a[:, d.rates], run.tau[:, d.rates],
+            tuple(d.names), p.duration, self.rigid.duration, plant.half_period, frequencies, (),
+            0.0, 0.0, self._keyed(p.t, *p.joints()), self.rigid_drive, plant,
+        )  # fmt: skip
+        with quiet():
+            tried = made.simulate()
+        left = swing(plant, tried, p.duration)
+        return replace(made, limits=self._uses(tried), residual=left, residual_unshaped=self.unshaped)
+
+    def _uses(self, run: Any) -> tuple[LimitUse, ...]:
         uses = []
         for what, part in self._peaks(run).items():
             most = getattr(self.limits, what)
             for j in np.flatnonzero(np.isfinite(most)):
                 k = int(part[:, j].argmax())
-                uses.append(LimitUse(what, d.names[j], float(part[k, j] * most[j]), float(most[j]), float(run.t[k])))
-        frequencies = np.stack([plant.modes_start.frequencies[: self.kept], plant.modes.frequencies[: self.kept]])
-        made = Move(
-            plant.arm, run.t, run.q[:, d.at], run.v[:, d.rates], run.a[:, d.rates], run.tau[:, d.rates],
-            tuple(d.names), p.duration, self.rigid.duration, plant.half_period, frequencies, tuple(uses),
-            0.0, 0.0, self._keyed(p.t, *p.joints()), self._keyed(*self._rigid_samples()), plant,
-        )  # fmt: skip
-        left = swing(plant, made.simulate(), p.duration)
-        return replace(made, residual=left, residual_unshaped=self._unshaped(made.rigid_drive))
+                uses.append(LimitUse(what, self.plant.driven.names[j], float(part[k, j] * most[j]), float(most[j]),
+                                     float(run.t[k])))  # fmt: skip
+        return tuple(uses)
 
     def _keyed(self, *samples: Array) -> dict[Any, Motion]:
         """Motions that stand still behind their samples, by link, or by (link, freedom) where a joint has several."""
@@ -327,14 +349,12 @@ class _Plan:
         q[-1], v[-1], a[[0, -1]] = self.route.end, 0.0, 0.0  # accelerations set in within T / 800
         return t, q, v, a
 
-    def _unshaped(self, drive: dict[Any, Motion]) -> float:
+    def _unshaped(self) -> float:
         """How far the end swings after the time-optimal rigid move (m)."""
         T = self.rigid.duration
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RangeWarning)
-            warnings.simplefilter("ignore", ModelWarning)
-            run = simulate(self.plant.arm, np.append(0.0, self.plant.after(T)), q0=self.plant.q_start, drive=drive,
-                           rtol=1e-8)  # fmt: skip
+        with quiet():
+            run = simulate(self.plant.arm, np.append(0.0, self.plant.after(T)), q0=self.plant.q_start,
+                           drive=self.rigid_drive, **self.plant.tolerances)  # fmt: skip
         return swing(self.plant, run, T)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,12 +17,22 @@ from ..analysis.modes import small_motions
 from ..analysis.validity import RangeWarning
 from ..arm import Arm
 from ..parts.part import ModelWarning
+from ..run.pace import SlowWarning
 from ..run.result import Result
 from ..run.simulation import simulate
 from .move_limits import Driven
 
 _MODES = 12  # at most, that are steered
 _LOOK = 96  # times in a period of the slowest mode at which what is left is looked at
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Without warnings about the model and the pace: of runs that nobody asked for."""
+    with warnings.catch_warnings():
+        for kind in (RangeWarning, ModelWarning, SlowWarning):
+            warnings.simplefilter("ignore", kind)
+        yield
 
 
 @dataclass(frozen=True)
@@ -59,8 +71,7 @@ class Plant:
     def _rest(self, joints: Array) -> Array:
         q = self.arm.zero
         q[self.driven.at] = joints
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RangeWarning)
+        with quiet():
             return self.arm.equilibrium(q, lock=self.locked)
 
     def modes_at(self, q: Array) -> LockedModes:
@@ -87,14 +98,23 @@ class Plant:
         """Where the arm's end comes to rest, (3,)."""
         return self.arm.frame(self.q_end)[0]
 
+    @property
+    def small(self) -> float:
+        """The largest way of a joint (rad, m), up to 1."""
+        d = self.driven
+        return float(min(1.0, np.abs((self.q_end - self.q_start)[d.at]).max()))
+
+    @property
+    def tolerances(self) -> dict[str, float]:
+        """Of "ida", so that it sees what small moves leave."""
+        return {"rtol": 1e-8, "atol": 1e-8 * self.small}
+
     def drive(self, t: Array, q: Array, v: Array, a: Array) -> dict[Any, Motion]:
         return {key: Motion(t, q[:, j], v[:, j], a[:, j]) for j, key in enumerate(self.joints)}
 
     def run(self, t: Array, q: Array, v: Array, a: Array, out: Array, step: float) -> Result:
         """The arm with its joints moved so, by Gauss collocation, at the times `out`."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RangeWarning)
-            warnings.simplefilter("ignore", ModelWarning)
+        with quiet():
             return simulate(self.arm, out, q0=self._start(q[0]), drive=self.drive(t, q, v, a), integrator="gauss",
                             step=step)  # fmt: skip
 

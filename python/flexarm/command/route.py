@@ -34,8 +34,7 @@ class Route:
         self._spline = make_interp_spline(at, points, k=min(5, len(points) - 1))
 
     def __call__(self, s: Any) -> tuple[Array, Array, Array, Array]:
-        """q, dq/ds and two more derivatives, each (..., nj)."""
-        s = np.clip(s, 0.0, 1.0)
+        """q, dq/ds and two more derivatives, each (..., nj). A little beyond both ends the curve goes on."""
         q, d1, d2, d3 = (self._spline(s, n) for n in range(4))
         return q, d1, d2, d3
 

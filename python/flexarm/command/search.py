@@ -22,8 +22,9 @@ from .plant import Plant
 from .profile import Profile
 from .response import Response, respond
 
-#: Of limits that are passed (parts of them), and of vibration (parts of `scale`), by whether the duration is free.
-_PENALTY = {True: 5.0, False: 100.0}
+#: Of limits that are passed (parts of them), and of vibration (parts of `scale`), by whether the duration is free: the
+#: next where the one before leaves too much.
+PENALTIES = {True: (5.0, 50.0), False: (100.0,)}
 _SMOOTH = 1e-3  # weight of the largest jerk beside the duration, where that is sought
 _ALONE = 1e-2  # and where it alone is
 _DONE, _NOISE = 1e-3, 2e-4  # of both: what will do in the end, and what a step may leave to the next
@@ -41,6 +42,7 @@ class Aim:
         limits: with their margins. free: whether the duration is to be least; else the largest jerk.
         end: where z goes, (m,). size: of alpha of each number, (m,).
         scale: of vibration (m). kept: how many modes are steered.
+        penalty: of limits that are passed and of vibration.
     """
 
     limits: Limits
@@ -49,10 +51,7 @@ class Aim:
     size: Array
     scale: float
     kept: int
-
-    @property
-    def penalty(self) -> float:
-        return _PENALTY[self.free]
+    penalty: float = PENALTIES[False][0]
 
 
 @dataclass(frozen=True)
@@ -119,6 +118,9 @@ class Search:
             (np.diff(a, axis=0) / h, limits.jerk, None if by is None else np.diff(by.a, axis=0) / h,
              -3.0 * np.diff(a, axis=0) / h),
         ]  # fmt: skip
+        if profile.route is not None:  # which begins at 0 and ends at 1
+            z = 2.0 * profile.z()[0] - 1.0
+            values.append((z, np.ones(1), None if by is None else 2.0 * profile.by_alpha()[0], None))
         out = []
         for value, most, by_x, by_T in values:
             on = np.isfinite(most)
