@@ -186,7 +186,8 @@ def test_masses_and_sag_of_a_taper() -> None:
 
 @pytest.mark.parametrize("order", [0, 1, 2, 3, "exact"])
 @pytest.mark.parametrize("places", [2, 6])
-def test_gauss_points_of_a_taper_suffice(order: int | str, places: int) -> None:
+@pytest.mark.parametrize("basis", ["legendre", "loaded"])
+def test_gauss_points_of_a_taper_suffice(order: int | str, places: int, basis: str) -> None:
     """The slices sit at the Gauss points of the mass along the beam, so that kinks in the taper cost no more of them;
     rotary inertia, which is not in proportion to the mass, is right to 1e-7 of the forces where the taper kinks."""
     rng = np.random.default_rng(places)
@@ -195,7 +196,7 @@ def test_gauss_points_of_a_taper_suffice(order: int | str, places: int) -> None:
     modes = {"bending_y": 3, "bending_z": 1, "torsion": 1}
     for rotary, tolerance in ((False, 1e-10), (True, 1e-9 if places == 2 else 1e-6)):
         few, many = (
-            spinning(modes, order, section=taper, rotary_inertia=rotary, gauss_points=n, basis="legendre")
+            spinning(modes, order, section=taper, rotary_inertia=rotary, gauss_points=n, basis=basis)
             for n in (None, 120)
         )
         q, v, a = random_state(np.random.default_rng(2), few)
