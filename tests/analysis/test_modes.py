@@ -299,6 +299,16 @@ def test_a_cart_with_a_pendulum() -> None:
     np.testing.assert_allclose(w, [0.0, np.sqrt(G * (M + m) / (M * length))], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("damping", [0.0, 10.0])
+def test_motions_that_double_precision_cannot_tell_apart(damping: float) -> None:
+    """A mass on a slide, 1e9 m from a joint that swings it along the slide: both move it alike. It is said, in words."""
+    far, near = fa.RigidBody(0.0, inertia=(1, 1, 1), end=(0, 0, 1e9)), fa.RigidBody(0.0, inertia=(1, 1, 1))
+    joints = fa.Revolute("y"), fa.Revolute("y", damping=damping), fa.Prismatic("z")
+    arm = fa.Arm([fa.Link(j, b) for j, b in zip(joints, (far, near, fa.RigidBody(1.0)), strict=True)])
+    with pytest.raises(ValueError, match="singular in double precision"):
+        arm.modes([0.0, np.pi / 2, 0.0])
+
+
 def test_damped_motions_that_nothing_holds() -> None:
     """Each has a zero of its own, a pair of shapes for it, and what damps it: -d/I."""
     body = fa.RigidBody(1.0, inertia=(0.01, 0.01, 0.01))

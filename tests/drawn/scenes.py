@@ -2,27 +2,62 @@
 
 from __future__ import annotations
 
+import functools
 import os
+from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from hypothesis.errors import UnsatisfiedAssumption
 
 STRAINS = ("bending_y", "bending_z", "torsion", "shear_y", "shear_z", "extension")
-#: FLEXARM_EXAMPLES=1000 draws so many scenes for each property; without it few, and the same ones every time
-EXAMPLES = int(os.environ.get("FLEXARM_EXAMPLES", "0"))
+#: FLEXARM_EXAMPLES=1000 draws so many examples of each property, others each time (or those of --hypothesis-seed);
+#: without it few, and the same ones every time. FLEXARM_SHARE=0.25 takes that part of the few, where all is slow.
+EXAMPLES, SHARE = int(os.environ.get("FLEXARM_EXAMPLES", "0")), float(os.environ.get("FLEXARM_SHARE", "1"))
+
+SEEDS = st.integers(0, 2**31)
+
+_now: Counter[str] = Counter()
 
 
-def drawn(few: int) -> Any:
-    """Settings of a property: `few` examples, or FLEXARM_EXAMPLES."""
-    return settings(
-        max_examples=EXAMPLES or few,
-        derandomize=not EXAMPLES,
-        deadline=None,
-        database=None,
-        suppress_health_check=list(HealthCheck),
-    )
+def drawn(few: int, *strategies: st.SearchStrategy[Any]) -> Callable[[Any], Any]:
+    """A property of `few` examples (or FLEXARM_EXAMPLES) of strategies, which are its last arguments. It counts those
+    that were drawn, and refused by `assume`; tests/drawn/conftest.py prints the counts, and fails where most were."""
+
+    def of(test: Any) -> Any:
+        count: Counter[str] = Counter()
+
+        @functools.wraps(test)
+        def counted(*args: Any, **named: Any) -> None:
+            global _now
+            _now = count
+            count["drawn"] += 1
+            try:
+                test(*args, **named)
+            except UnsatisfiedAssumption:
+                count["refused"] += 1
+                raise
+
+        how = settings(
+            max_examples=EXAMPLES or max(1, round(SHARE * few)),
+            derandomize=not EXAMPLES,
+            deadline=None,
+            database=None,
+            suppress_health_check=list(HealthCheck),
+        )
+        made = how(given(*strategies)(counted))
+        made.drawn = count
+        return made
+
+    return of
+
+
+def note(what: str) -> None:
+    """Counts something about the example at hand."""
+    _now[what] += 1
 
 
 def number(low: float, high: float, wild: bool = False) -> st.SearchStrategy[float]:

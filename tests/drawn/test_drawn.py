@@ -14,14 +14,14 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume
 from hypothesis import strategies as st
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from scenes import arm, drawn, state
+from scenes import SEEDS, arm, drawn, note, state
 
-SEEDS = st.integers(0, 2**31)
+
 JUNK = [
     None, True, "", "abc", "nan", [], [1], [1, 2, 3], {}, {"type": "x"}, float("nan"), float("inf"), -1, 0, 1e308,
     5e-324, 2**63, 10**400, 1 + 2j, b"abc", object(), set(), "\x00", 400, "exact", np.float32(1.5), np.zeros((0, 3)),
@@ -43,18 +43,19 @@ def or_refused(f: Any) -> Any:
         x = f()
     except ValueError as e:
         assert not isinstance(e, np.linalg.LinAlgError) and "array must not contain" not in str(e)
+        note("answers refused")
         return None
+    note("answers")
     for part in x if isinstance(x, tuple) else (x,):
         assert np.isfinite(part).all()
     return x
 
 
-@drawn(40)
-@given(arm(wild=True), SEEDS, st.sampled_from([1.0, 1.0, 1e-9, 1e5, 1e150]))
+@drawn(40, arm(wild=True), SEEDS, st.sampled_from([1.0, 1.0, 1e-9, 1e5, 1e150]))
 def test_finite_or_refused(scene: dict[str, Any], seed: int, size: float) -> None:
     made = built(scene)
     q, v, tau = state(made, seed, size)
-    for f in (
+    answers = [or_refused(f) for f in (
         lambda: made.forward_dynamics(q, v, tau),
         lambda: made.forward_dynamics(q, v, tau, "ci"),
         lambda: made.inverse_dynamics(q, v, tau),
@@ -69,12 +70,11 @@ def test_finite_or_refused(scene: dict[str, Any], seed: int, size: float) -> Non
         lambda: made.joint_reaction(q, v, tau, 0),
         lambda: made.inverse_derivatives(q, v, tau),
         lambda: tuple(made.forward_derivatives(q, v, tau)),
-    ):
-        or_refused(f)
+    )]  # fmt: skip
+    assume(any(x is not None for x in answers))
 
 
-@drawn(40)
-@given(arm(), SEEDS)
+@drawn(40, arm(), SEEDS)
 def test_one_way_against_another(scene: dict[str, Any], seed: int) -> None:
     """AB, CI and inverse dynamics; kinetic energy and the mass matrix; Jacobians and velocities; a file in between."""
     made = built(json.loads(json.dumps(scene)))
@@ -96,8 +96,7 @@ def test_one_way_against_another(scene: dict[str, Any], seed: int) -> None:
 
 
 def in_reach(r: fa.Result) -> bool:
-    """Whether no beam has run away. (Shear at order 2, pulled far out of its range, has led 10 lengths away; all
-    integrators agree on it.)"""
+    """Whether no beam has run away."""
     return all(
         bool((np.linalg.norm(r.tip_deflection(k), axis=-1) < 100 * link.beam.length).all())
         for k, link in enumerate(r.arm.links)
@@ -112,22 +111,24 @@ INTEGRATORS = st.sampled_from(
 )
 
 
-@drawn(24)
-@given(arm(most=2), SEEDS, INTEGRATORS, st.sampled_from([0.0, 1.0, 30.0]))
-@pytest.mark.filterwarnings("ignore::UserWarning")
+@drawn(24, arm(most=2), SEEDS, INTEGRATORS, st.sampled_from([0.0, 1.0, 30.0]))
 def test_a_run_keeps_its_word(
     tmp_path_factory: pytest.TempPathFactory, scene: dict[str, Any], seed: int, how: tuple[str, Any], size: float
 ) -> None:
     """Every row finite, or an error that holds the rows until then; friction within stiction, and against the motion;
-    beams within reach; what is saved is what is loaded."""
+    beams within reach, or a warning that they left their order's range (shear at order 2 and bending at order 3, pulled
+    far out of it, have led 10 and 120 lengths away; all integrators agree); what is saved is what is loaded."""
     made = built(scene)
     assume(made.nv > 0)
     q, v, tau = state(made, seed, size)
     name, options = how
     t = np.linspace(0.0, 0.02, 5)
     try:
-        r = fa.simulate(made, t, q, v, tau=tau, integrator=name, **options)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            r = fa.simulate(made, t, q, v, tau=tau, integrator=name, **options)
         assert len(r.t) == len(t)
+        note("to the end")
     except fa.SimulationError as e:
         r = e.result
         assert np.isfinite(e.time) and str(pickle.loads(pickle.dumps(e))) == str(e)
@@ -135,7 +136,7 @@ def test_a_run_keeps_its_word(
         assume(False)
     for x in (r.q, r.v, r.a, r.tau):
         assert len(x) == len(r.t) and np.isfinite(x).all()
-    assert in_reach(r)
+    assert in_reach(r) or any(issubclass(w.category, fa.RangeWarning) for w in said)
     if r.friction is not None:
         most, slides = np.zeros(made.nv), np.zeros(made.nv)
         for k, link in enumerate(made.links):
@@ -154,8 +155,7 @@ def test_a_run_keeps_its_word(
             np.testing.assert_array_equal(getattr(again, field), getattr(r, field))
 
 
-@drawn(16)
-@given(arm(most=2), SEEDS)
+@drawn(16, arm(most=2), SEEDS)
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_rollout_keeps_its_word(scene: dict[str, Any], seed: int) -> None:
     """Scenarios side by side: each finite to its end or to its failure, NaN after it, and the same bits beside
@@ -191,8 +191,7 @@ def places(x: Any, found: list[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
     return found
 
 
-@drawn(60)
-@given(arm(), SEEDS)
+@drawn(60, arm(), SEEDS)
 def test_one_thing_wrong_is_one_kind_of_error(scene: dict[str, Any], seed: int) -> None:
     """A value of another type, a bad number, a key too many or too few: an arm, or ValueError; nothing else."""
     rng = np.random.default_rng(seed)
@@ -212,12 +211,12 @@ def test_one_thing_wrong_is_one_kind_of_error(scene: dict[str, Any], seed: int) 
             made = fa.Arm.from_dict(scene)
     except ValueError as e:
         assert str(e)
+        note("refused in words")
     else:
         or_refused(lambda: made.mass_matrix(made.zero))
 
 
-@drawn(40)
-@given(SEEDS)
+@drawn(40, SEEDS)
 def test_damaged_files_are_named(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
     """Bytes of a saved run flipped or cut off: the same run, or ValueError with the file's name."""
     rng = np.random.default_rng(seed)
@@ -237,5 +236,6 @@ def test_damaged_files_are_named(tmp_path_factory: pytest.TempPathFactory, seed:
         again = fa.Result.load(folder / "run.npz")
     except ValueError as e:
         assert "run.npz" in str(e)
+        note("found damaged")
     else:
         np.testing.assert_array_equal(again.q, r.q)

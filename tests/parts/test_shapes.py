@@ -205,6 +205,22 @@ def test_gauss_points_of_a_taper_suffice(order: int | str, places: int) -> None:
         np.testing.assert_allclose(*forward, rtol=1e-7)
 
 
+@pytest.mark.parametrize("order", [0, 1, 2, 3, "exact"])
+def test_gauss_points_of_a_tapers_loaded_modes_suffice(order: int | str) -> None:
+    """They bend where the taper is slender, so that a wave number of the whole length does not tell how many."""
+    sides = (0.004, 0.004), (0.025, 0.018), (0.027, 0.005)
+    taper = fa.Taper((0.0, 0.3, 0.6), [fa.Rectangle(*s) for s in sides])
+    modes, tip = {"bending_y": 2, "bending_z": 1, "torsion": 1}, fa.RigidBody(0.1, inertia=(1e-4, 1e-4, 1e-4))
+    few, many = (
+        spinning(modes, order, section=taper, rotary_inertia=False, gauss_points=n, basis="loaded", basis_tip=tip)
+        for n in (None, 120)
+    )
+    q = random_state(np.random.default_rng(2), few)[0]
+    A, B = few.mass_matrix(q), many.mass_matrix(q)
+    d = np.sqrt(np.diag(B))
+    assert np.abs((A - B) / np.outer(d, d)).max() < 1e-10
+
+
 def test_a_taper_between_equal_sections_is_uniform() -> None:
     strip = fa.Rectangle(0.01, 0.02)
     for sections in ((strip, strip, strip), (strip, fa.GeneralSection(*(getattr(strip._core, n) for n in NAMES)))):

@@ -295,7 +295,8 @@ def _conservative(M: Array, K: Array) -> tuple[NDArray[np.complex128], Array]:
         mu, vectors = la.eigh(M, K + sigma * M)
     except la.LinAlgError:
         raise ValueError(
-            "modes: the stiffness is singular in double precision; the beams' shape functions are too nearly dependent"
+            "modes: masses and stiffness are singular in double precision; some motions, such as of shape functions that "
+            "are nearly dependent, differ by rounding alone"
         ) from None
     square = 1.0 / mu - sigma
     # x K x / x M x is zero as far as double precision tells
@@ -310,7 +311,12 @@ def _general(M: Array, G: Array, K: Array) -> tuple[NDArray[np.complex128], NDAr
 
     n = len(M)
     sigma = np.sqrt(shift(M, 0.5 * (K + K.T), float(np.abs(G).max())))
-    at_shift = la.lu_factor(M * sigma**2 + G * sigma + K)
+    lu, order, _ = la.lapack.dgetrf(M * sigma**2 + G * sigma + K)
+    pivots = np.abs(np.diag(lu))
+    if not pivots.min() > n * np.finfo(float).eps * pivots.max():
+        raise ValueError("modes: masses, damping and stiffness are singular in double precision; some motions differ by "
+                         "rounding alone")  # fmt: skip
+    at_shift = lu, order
     companion = np.zeros((2 * n, 2 * n))
     companion[:n, :n] = -la.lu_solve(at_shift, 2 * sigma * M + G)
     companion[:n, n:] = -la.lu_solve(at_shift, M)
