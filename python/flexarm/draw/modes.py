@@ -32,6 +32,7 @@ def plot_modes(s: Array, moved: Array, labels: Sequence[str], joints: Sequence[t
             ax.axvline(place, color="#999999", lw=1.0, ls=":")
         label_axes(ax, f"displacement along\nworld {'xyz'[c]} (1 = largest)")
         ax.set_ylim(-1.12, 1.12)
+    axes[0].set_xlim(left=0.0)
     together: dict[float, list[str]] = {}  # joints at one place
     for place, name in joints:
         together.setdefault(next((x for x in together if abs(x - place) < 1e-6 * s[-1]), place), []).append(name)
