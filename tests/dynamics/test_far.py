@@ -199,5 +199,5 @@ def test_a_quaternion_without_a_usable_length_is_refused(length: float) -> None:
         lambda: fa.simulate(arm, [0, 1e-3], q),
         lambda: fa.rollout(arm, q[None], v[None], np.zeros((1, 1, arm.nv)), step=1e-3),
     ):
-        with pytest.raises(ValueError, match="the quaternion of link 0 .* must have a length"):
+        with pytest.raises(ValueError, match=r"the quaternion of link 0 .* must have a length"):
             call()

@@ -68,7 +68,7 @@ WRONG = [
     ({"elbow": np.nan}, "joints: 'elbow' = nan: must be finite"),
     ({"wrist": 0.3}, "joints: 'wrist' = 0.3: must be 2 numbers"),
     ({"hand": 0.3}, "'hand' = 0.3: must be 3 or 4 numbers, a ball's turn by a rotation vector"),
-    ({"hand": [0, 0, 0, 0]}, "the quaternion of link 3 .* must have a length"),
+    ({"hand": [0, 0, 0, 0]}, "the quaternion of hand must have a length"),
     ({("hand", 0): 0.3}, "is a ball's, which has no angle; give the whole joint's turn"),
     ({"elbow": 0.1, 1: 0.2}, "joints: link = 1: is named twice"),
     ([0.3], r"joints = \[0.3\]: must be a dictionary"),

@@ -100,3 +100,12 @@ def test_no_mujoco(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
     with pytest.raises(ImportError, match=r"flexarm\[mjcf\]"):
         fa.from_mjcf(FILE)
+
+
+def test_numbers_of_joints() -> None:
+    """In place of the file's armature, damping and friction loss, by joint."""
+    plain = quiet(FILE, tip="tool")
+    arm = quiet(FILE, tip="tool", reflected_inertia={"pan": 0.5}, damping=0.0, coulomb={"pan": 0.0})
+    assert plain["pan"].joint.reflected_inertia == 0.03 and plain["pan"].joint.coulomb == 0.2
+    assert arm["pan"].joint.reflected_inertia == 0.5 and arm["pan"].joint.coulomb == 0.0
+    assert not any(link.joint.damping for link in arm) and arm["lift"].joint.stiffness == 2.0

@@ -59,10 +59,11 @@ def lowest_frequencies(arm: Chain, n: int) -> tuple[str, str]:
 
 def _row(k: int, arm: Chain) -> list[str]:
     link = arm.links[k]
-    name = f"{k} {link.name or link.joint.name or ''}".rstrip()
+    called = link.name or link.joint.name
+    name = f"{k} {called or ''}".rstrip()
     axis = getattr(link.joint, "axis", "")
     along = axis if isinstance(axis, str) else "(" + ", ".join(f"{a:.3g}" for a in axis) + ")"
-    joint = f"{f'{link.joint.name}: ' if link.joint.name else ''}{link.joint.type} {along}"
+    joint = ("" if link.joint.name in (None, called) else f"{link.joint.name}: ") + f"{link.joint.type} {along}"
     masses = [f"{body.mass:.4g}" if body is not None else "-" for body in (link.hub, link.beam, link.tip)]
     if link.beam is None:
         return [name, joint.strip(), "-", "-", "-", *masses, "-"]

@@ -55,6 +55,7 @@ def plot_modes(s: Array, moved: Array, labels: Sequence[str], joints: Sequence[t
             ax.axvline(place, color="#999999", lw=1.0, ls=":")
         label_axes(ax, f"displacement along\nworld {'xyz'[c]} (1 = largest)")
         ax.set_ylim(-1.12, 1.12)
+    axes[0].set_xlim(left=0.0)
     named = _together(s, joints)
     over, by_number = _over(s, named)
     for (place, _), word in zip(named, over, strict=True):

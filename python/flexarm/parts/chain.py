@@ -238,7 +238,8 @@ class Chain:
         if not count:
             raise ValueError(f"{field}link = {link}: has no patches")
         if isinstance(patch, bool) or not isinstance(patch, (int, np.integer)) or not -count <= patch < count:
-            raise ValueError(f"{field}patch = {patch!r}: must be from {-count} to {count - 1}, the patches of link {n}")
+            whose = f"the patches of {self.names[n]}"
+            raise ValueError(f"{field}patch = {patch!r}: must be from {-count} to {count - 1}, {whose}")
         return self.patches.index((n, int(patch) % count))
 
     def pose(self, joints: Mapping[Any, Any]) -> Array:
@@ -427,8 +428,8 @@ class Chain:
         value = float(beam._core.patch_capacitances[patch])
         if not value > 0:
             raise ValueError(
-                f"permittivity = {beam.patches[patch].material.permittivity}: patch {patch} of link {n} needs it to "
-                "sense a voltage"
+                f"permittivity = {beam.patches[patch].material.permittivity}: patch {patch} of {self.names[n]} needs "
+                "it to sense a voltage"
             )
         return value
 
