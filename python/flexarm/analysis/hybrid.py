@@ -170,7 +170,7 @@ class Hybrid:
 
     @cached_property
     def _events(self) -> tuple[list[tuple[float, int, Any]], dict[Any, int], dict[Any, tuple[Any, int]]]:
-        """(time, kind, what) over a period, in order: 0, the look of a tap; 1, a law; 2, a force sets in. The sizes of
+        """(time, kind, what) over a period, in order: 0, the look of a tap; 1, a law; 2, forces set in. The sizes of
         the chains that keep what a later event needs; and by (law, sample, tap) the look that it reads and how many
         periods ago that was."""
         P = self.period
@@ -185,7 +185,7 @@ class Hybrid:
             return max(t + lag * P, 0.0), lag
 
         for j, law in enumerate(self.held):
-            nu = law.columns.shape[1]
+            late = law.late
             for k in range(round(P * law.rate)):
                 t = k / law.rate
                 events[(t, 1, (j, k))] = None
@@ -199,13 +199,14 @@ class Hybrid:
                     lag -= int(at > t + SAME * P)
                     reads[j, k, i] = name, lag
                     chains[name] = max(chains.get(name, 0), lag + 1)
-                at, lag = phase(t + law.delay)
-                lag = -lag  # periods behind the sample's
-                if lag == 0 and at <= t + SAME * P:
-                    continue
-                index = lag - int(t > at + SAME * P)
-                events[(at, 2, (j, k, index))] = None
-                chains["wait", j, k] = nu * (index + 1)
+                for d, (delay, outputs) in enumerate(late):
+                    at, lag = phase(t + delay)
+                    lag = -lag  # periods behind the sample's
+                    if lag == 0 and at <= t + SAME * P:
+                        continue
+                    index = lag - int(t > at + SAME * P)
+                    events[(at, 2, (j, d, k, index))] = None
+                    chains["wait", j, d, k] = len(outputs) * (index + 1)
             first += len(law.taps)
         if sum(chains.values()) > max(_LATE, 2 * len(events)):
             raise ValueError(f"delay: {sum(chains.values())} samples are under way; at most {_LATE} can be")
@@ -230,6 +231,7 @@ class Hybrid:
         for law in self.held:
             held_at.append(held_at[-1] + law.columns.shape[1])
             tap_at.append(tap_at[-1] + len(law.taps))
+        late = [[outputs for _, outputs in law.late] for law in self.held]
         counts = [round(P * law.rate) for law in self.held for _ in range(law.columns.shape[1])]
         start = np.concatenate([[0], np.cumsum([counts[c - offset] for c in broken])]).astype(int)
         nw = int(start[-1])
@@ -278,16 +280,17 @@ class Hybrid:
                             returned[w], u[i] = -u[i], W[w]
                         else:
                             u[i] = factors[c] * u[i]
-                    if ("wait", j, k) in chains:
-                        rows.push(("wait", j, k), u)
-                    else:
-                        answers[j] = u  # all laws look before any force sets in
+                    for d, outputs in enumerate(late[j]):
+                        if ("wait", j, d, k) in chains:
+                            rows.push(("wait", j, d, k), u[outputs])
+                        else:
+                            answers[j, d] = u[outputs]  # all laws look before any force sets in
                 else:
-                    j, k, index = what
-                    answers[j] = rows.entry(("wait", j, k), index, held_at[j + 1] - held_at[j])
-            for j, u in answers.items():
+                    j, d, k, index = what
+                    answers[j, d] = rows.entry(("wait", j, d, k), index, len(late[j][d]))
+            for (j, d), u in answers.items():
                 h = rows["h"].copy()
-                h[held_at[j] : held_at[j + 1]] = u
+                h[[held_at[j] + i for i in late[j][d]]] = u
                 rows["h"] = h
             answers.clear()
         flow(P - now)

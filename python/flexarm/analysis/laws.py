@@ -43,7 +43,7 @@ class Tap:
 @dataclass
 class HeldLaw:
     """A sampled law of controller `control`: x+ = A x - B y, u = C x - D y. `columns` u (nv, nu) are its forces, held,
-    `delay` (s) behind the sample. It is linear while |u| is below `limit`."""
+    `delay` (s), one for all or one for each of u, behind the sample. It is linear while |u| is below `limit`."""
 
     control: int
     A: Array
@@ -53,8 +53,14 @@ class HeldLaw:
     taps: list[Tap]
     columns: Array
     rate: float
-    delay: float
+    delay: float | Array
     limit: float
+
+    @property
+    def late(self) -> list[tuple[float, list[int]]]:
+        """Each delay (s), and which of u have it."""
+        delays = np.broadcast_to(self.delay, self.columns.shape[1])
+        return [(float(d), np.flatnonzero(delays == d).tolist()) for d in np.unique(delays)]
 
 
 @dataclass

@@ -164,7 +164,7 @@ def _held(
             how = f"{often} it is stable, while {how}" if how.startswith("no") else f"{how}, or {often}"
         names = " and ".join(f"control[{x.control}]" for x in chosen)
         first = chosen[0]
-        whole = first.delay + max((tap.delay for tap in first.taps), default=0.0)
+        whole = float(np.max(first.delay)) + max((tap.delay for tap in first.taps), default=0.0)
         late = f" with a delay of {whole:g} s" if whole else ""
         return LoopWarning(
             f"the loop of {names}, sampled every {1.0 / first.rate:g} s{late}, is unstable: about the start its "
