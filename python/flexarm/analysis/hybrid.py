@@ -305,6 +305,13 @@ class Hybrid:
         """The same with other sampled laws."""
         return Hybrid(self.plant, self._running, held, self._memory)
 
+    def alone(self, control: int) -> Hybrid:
+        """With the laws of one controller, and what else is no loop; a sampled one has those without samples beside
+        it."""
+        held = [x for x in self.held if x.control == control]
+        running = [x for x in self._running if held or x.control == control or not x.acts]
+        return Hybrid(self.plant, running, held, self._memory)
+
     def ones(self) -> Array:
         """No change of any output."""
         return np.ones(len(self.channels))
