@@ -117,3 +117,154 @@ def test_batches_and_rollouts_are_limited_as_runs_are(integrator: str, count: in
     same = fa.rollout(flexible(None), arm.zero, np.zeros((count, 6)), np.clip(held, -1.0, 1.0), step=step,
                       integrator=integrator)  # fmt: skip
     assert fast.q == pytest.approx(same.q, abs=1e-13)
+
+
+def two(**joint) -> fa.Arm:
+    link = fa.Link(fa.Revolute("z", **joint), fa.RigidBody(1.0, (0.5, 0, 0), (0, 0, 0.1), (1, 0, 0)))
+    return fa.Arm([link, link])
+
+
+MEASURED = [("joint", 0), ("joint", 1), ("rate", 0), ("rate", 1)]
+GAINS = np.array([[90.0, 0, 12.0, 0], [0, 30.0, 0, 4.0]])
+
+
+@pytest.mark.parametrize("law", [
+    fa.LinearController([], None, None, GAINS, measure=MEASURED, actuate=[0, 1], limit=[3.0, 0.5], reference=1.0),
+    fa.LinearController([], None, None, GAINS, measure=MEASURED, actuate=[0, 1], limit=[3.0, 0.5], reference=1.0,
+                        rate=500),
+    fa.StateFeedback(GAINS, [0, 1], q0=[1, 1], limit=[3.0, 0.5]),
+    fa.Sampled(lambda s, y: GAINS @ (1.0 - y), 500, MEASURED, [0, 1], limit=[3.0, 0.5]),
+])  # fmt: skip
+def test_each_output_of_a_law_has_a_limit_of_its_own(law: fa.Controller, tmp_path) -> None:
+    run = fa.simulate(two(), t, control=law, integrator="implicit", step=1e-3)
+    assert np.abs(run.tau).max(axis=0).tolist() == [3.0, 0.5]
+    if isinstance(law, fa.Sampled) and not isinstance(law, fa.LinearController):
+        return
+    fa.Scene(two(), t, control=law, integrator="implicit", step=1e-3).save(tmp_path / "scene.toml")
+    again = fa.load(tmp_path / "scene.toml").run()
+    assert again.tau == pytest.approx(run.tau, abs=1e-13)
+
+
+def test_a_list_of_limits_is_checked() -> None:
+    for limit in ([1.0], [1.0, 0.0], [1.0, np.inf]):
+        with pytest.raises(ValueError, match=r"limit = .*: must be one positive number, or 2, one for each output"):
+            fa.StateFeedback(GAINS, [0, 1], limit=limit)
+    for limit in (0.0, -1.0, np.nan):
+        with pytest.raises(ValueError, match="torque_limit"):
+            fa.Revolute("z", torque_limit=limit)
+    with pytest.raises(ValueError, match=r"torque_limit.*a ball has no motor"):
+        fa.Spherical(torque_limit=1.0)
+
+
+@pytest.mark.parametrize("rate", [None, 500.0])
+def test_a_pid_that_tracks_knows_the_limit_of_its_joint(rate: float | None) -> None:
+    """Alone at its joint it does as one with that limit of its own; without tracking it winds up."""
+    gains = {"kp": 20.0, "ki": 60.0, "kd": 3.0, "rate": rate, "reference": 1.0, "filter_time": 0.01}
+    pid = fa.LinearController.pid
+    times = np.linspace(0, 3, 301)
+
+    def run(arm: fa.Arm, **more) -> np.ndarray:
+        return fa.simulate(arm, times, control=pid(**gains, **more), integrator="implicit", step=1e-3).q[:, 0]
+
+    joint, own = run(rigid(0.8), tracking_time=0.2), run(rigid(None), tracking_time=0.2, limit=0.8)
+    assert joint == pytest.approx(own, abs=1e-12)
+    assert joint.max() < run(rigid(0.8)).max() - 0.1
+
+
+def saturated_run(kp: float = 20.0, limit: float = 1.0, tau: float = 0.5, **options) -> fa.Result:
+    arm = flexible(limit)
+    control = [fa.PD(kp, 1.0, 0, reference=0.6, limit=0.9), fa.PD(5.0, 0.3, 1, reference=-0.4)]
+    return fa.simulate(arm, np.linspace(0, 0.1, 11), tau=np.eye(6)[0] * tau, control=control, **options)
+
+
+@pytest.mark.parametrize("options", [{"rtol": 1e-11, "atol": 1e-13}, {"integrator": "implicit", "step": 2.5e-4},
+                                     {"integrator": "gauss", "step": 1e-3}, {"integrator": "rk4", "step": 2e-5}],
+                         ids=["ida", "implicit", "gauss", "rk4"])  # fmt: skip
+def test_derivatives_know_the_limit(options: dict) -> None:
+    """Forward and adjoint, against differences of runs."""
+    run = saturated_run(**options)
+    assert np.abs(run.tau[:3, 0]).max() == 1.0 and np.abs(run.tau[-1, 0]) < 0.9
+    paths = ["control.0.kp", "link.0.joint.torque_limit", "link.1.joint.torque_limit"]
+    found = run.sensitivities(paths)
+    for k, (path, h) in enumerate(zip(paths[:2], (1e-4, 1e-6), strict=True)):
+        name = "kp" if path.endswith("kp") else "limit"
+        now = 20.0 if name == "kp" else 1.0
+        if name == "limit":  # of the first joint alone
+            def at(x: float) -> np.ndarray:
+                arm = flexible(1.0)
+                links = [replace(arm.links[0], joint=replace(arm.links[0].joint, torque_limit=x)), arm.links[1]]
+                control = [fa.PD(20.0, 1.0, 0, reference=0.6, limit=0.9), fa.PD(5.0, 0.3, 1, reference=-0.4)]
+                return fa.simulate(fa.Arm(links), run.t, tau=np.eye(6)[0] * 0.5, control=control, **options).q
+        else:
+            def at(x: float) -> np.ndarray:
+                return saturated_run(kp=x, **options).q
+        wanted = (at(now + h) - at(now - h)) / (2 * h)
+        size = np.abs(wanted).max()
+        assert size > 1e-5
+        assert found.q[k] == pytest.approx(wanted, abs=2e-3 * size), path
+    if options.get("integrator", "ida") != "ida":
+        weights = np.zeros_like(run.q)
+        weights[-1, 0] = 1.0
+        back = run.gradient(lambda r: (r.q[-1, 0], {"q": weights}), [*paths, "tau"])
+        for k, path in enumerate(paths):
+            assert back[path] == pytest.approx(found.q[k][-1, 0], rel=1e-6, abs=1e-12)
+        h = 1e-5
+        wanted = (saturated_run(tau=0.5 + h, **options).q - saturated_run(tau=0.5 - h, **options).q)[-1, 0] / (2 * h)
+        assert back["tau"][0] == pytest.approx(wanted, rel=2e-3)
+
+
+@pytest.mark.parametrize("integrator", ["implicit", "rk4"])
+def test_derivatives_of_steps_and_rollouts_know_the_limit(integrator: str) -> None:
+    arm, step = flexible(1.0), 2e-5
+    rng = np.random.default_rng(3)
+    tau = rng.normal(size=(6, 6)) * [2.0, 0.01, 0.01, 0.6, 0.01, 0.01]
+    assert (np.abs(tau[:, 0]) > 1.0).any() and (np.abs(tau[:, 0]) < 1.0).any()
+    clipped = tau.copy()
+    clipped[:, [0, 3]] = np.clip(tau[:, [0, 3]], [-1.0, -0.3], [1.0, 0.3])
+    free, options = flexible(None), {"step": step, "integrator": integrator}
+    a = fa.step_derivatives(arm, arm.zero, np.zeros(6), tau[0], **options)
+    b = fa.step_derivatives(free, arm.zero, np.zeros(6), clipped[0], **options)
+    over = np.abs(tau - clipped) > 0
+    assert np.array_equal(a.q, b.q) and np.array_equal(a.A, b.A)
+    assert np.array_equal(a.B, np.where(over[0], 0.0, b.B))
+    by = rng.normal(size=(7, 6))
+    rows = fa.rollout(arm, arm.zero, np.zeros(6), tau[None], **options)
+    mine = fa.rollout_gradient(arm, rows.q[0], rows.v[0], tau, by, **options)
+    other = fa.rollout_gradient(free, rows.q[0], rows.v[0], clipped, by, **options)
+    assert mine.tau == pytest.approx(np.where(over, 0.0, other.tau), abs=1e-18)
+    with pytest.raises(ValueError, match="no derivative by a limit"):
+        fa.rollout_gradient(arm, rows.q[0], rows.v[0], tau, by, parameters=["link.0.joint.torque_limit"], **options)
+
+
+def test_a_prescribed_motion_beyond_the_motor_is_told() -> None:
+    turn = fa.Motion([0, 0.5, 1], [0, 0.5, 1], [0, 1.5, 0], a=[0, 0, 0])
+    with pytest.warns(fa.WatchWarning, match=r"'link 0 revolute' takes up to .* its motor gives 0\.5 \(torque_limit\)"):
+        run = fa.simulate(rigid(0.5), t, drive={0: turn})
+    assert np.abs(run.tau).max() > 0.5
+    assert run.tau[:, 0] == pytest.approx(INERTIA * run.a[:, 0], abs=1e-9)
+    fa.simulate(rigid(5.0), t, drive={0: turn})
+
+
+def test_files_have_the_limit(tmp_path) -> None:
+    wrist = fa.Universal(torque_limit=[3.0, 4.0], name="wrist")
+    arm = fa.Arm([fa.Link(wrist, fa.RigidBody(1.0, (0.1, 0, 0), 0.01 * np.eye(3)))])
+    fa.Scene(arm, t).save(tmp_path / "scene.toml")
+    assert fa.load(tmp_path / "scene.toml").arm.links[0].joint.torque_limit == (3.0, 4.0)
+    assert 'effort="3.0"' in arm.to_urdf() and 'effort="4.0"' in arm.to_urdf()
+    assert 'actuatorfrcrange="-3.0 3.0"' in arm.to_mjcf()
+
+
+def test_predictive_control_plans_within_the_limit() -> None:
+    law = fa.MPC(reference=1.0, horizon=0.3, stages=10, blocks=5, rate=200)
+    run = fa.simulate(rigid(1.0), np.linspace(0, 0.5, 51), control=law, integrator="implicit", step=1e-3)
+    same = fa.MPC(reference=1.0, horizon=0.3, stages=10, blocks=5, rate=200, limit=1.0)
+    assert run.q == pytest.approx(fa.simulate(rigid(None), run.t, control=same, integrator="implicit", step=1e-3).q)
+
+
+def test_a_filter_predicts_with_what_the_motor_gives() -> None:
+    def after(arm: fa.Arm, tau: float) -> np.ndarray:
+        known = fa.KalmanFilter(arm, [fa.Encoder(0, noise=1e-3)], 1e-2, force_noise=0.1, q_std=0.1, v_std=0.1)
+        known.predict([tau])
+        return np.concatenate([known.q, known.v])
+
+    assert np.array_equal(after(rigid(2.0), 7.0), after(rigid(None), 2.0))

@@ -25,7 +25,7 @@ class Channel:
 
     Attributes:
         control: index of the controller. output: which of its outputs. rate: at which it is held (Hz), or None.
-        limit: that the output is kept within.
+        limit: that the output is kept within, by its controller or by the motor of its joint.
     """
 
     control: int
@@ -84,7 +84,9 @@ class Hybrid:
         for k, channel in enumerate(self.channels):
             self.channels[k] = Channel(channel.control, counts.get(channel.control, 0), None, channel.limit)
             counts[channel.control] = self.channels[k].output + 1
-        self.channels += [Channel(x.control, i, x.rate, x.limit) for x in self.held for i in range(x.columns.shape[1])]
+        self.channels += [
+            Channel(x.control, i, x.rate, float(limit)) for x in self.held for i, limit in enumerate(x.limit)
+        ]
         self.nh = sum(x.columns.shape[1] for x in self.held)
         n, nq, nv = plant.A.shape[0], plant.arm.nq, plant.arm.nv
         used = sorted({int(i) for law in running for i in np.flatnonzero(law.by_q[nq:])})

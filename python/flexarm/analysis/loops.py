@@ -114,7 +114,7 @@ def _seen_laws(
                 law = held_law(arm, k, c, own, q, v, start, None, seen=False)
         except ValueError:
             continue
-        if law is not None and (failed or not np.isfinite(law.limit)):
+        if law is not None and (failed or np.isinf(law.limit).all()):
             found.append(law)
     return found
 
