@@ -55,7 +55,8 @@ def table() -> list[str]:
     mode = poles[np.abs(poles - 2j * np.pi * 100).argmin()]
     w = abs(mode)
     lines = [
-        f"| integrator | steps in a sample | step times the mode's frequency, {w:.0f} rad/s | growth (1/s) | error (1/s) |",
+        f"| integrator | steps in a sample | step times {w:.0f} rad/s, the mode's frequency | growth (1/s) | "
+        "error (1/s) |",
         "|-|-|-|-|-|",
         f"| `fa.closed_loop` | | | {mode.real:.4f} | |",
     ]

@@ -58,8 +58,8 @@ def beyond_motor(arm: Arm, result: Result, prescribed: Sequence[int]) -> WatchWa
     k, first = int(size.argmax()), int((size > most[i]).argmax())
     link = next(n for n, part in enumerate(arm.links) if part.joint.nv and i in arm.joint_rates(n))
     return WatchWarning(
-        f"the motion of '{arm.coordinates[i]}' takes up to {size[k]:.4g} (N m, N), at t = {result.t[k]:.4g} s; its motor "
-        f"gives {most[i]:.4g} (torque_limit): move more slowly, or command the joint by a controller",
+        f"the motion of '{arm.coordinates[i]}' takes up to {size[k]:.4g} (N m, N), at t = {result.t[k]:.4g} s; its "
+        f"motor gives {most[i]:.4g} (torque_limit): move more slowly, or command the joint by a controller",
         "torque", link, float(result.t[first]), float(size[k]), float(most[i]),
     )  # fmt: skip
 
