@@ -3,16 +3,44 @@
 #include <algorithm>
 #include <cmath>
 
+#include "flexarm/arm.hpp"
 #include "flexarm/check.hpp"
 
 namespace flexarm {
 
-void add_feedback_slopes(const std::vector<AppliedFeedback>& feedback, const Eigen::VectorXd& q,
-                         const Eigen::VectorXd& v, Eigen::MatrixXd& dq, Eigen::MatrixXd& dv) {
+std::vector<AppliedLimit> torque_limits(const Arm& arm) {
+  std::vector<AppliedLimit> out;
+  for (std::size_t n = 0; n < arm.size(); ++n) {
+    const std::vector<JointForce>& forces = arm.link(n).joint().forces();
+    for (std::size_t k = 0; k < forces.size(); ++k)
+      if (std::isfinite(forces[k].torque_limit))
+        out.push_back({arm.first(n) + static_cast<int>(k), forces[k].torque_limit});
+  }
+  return out;
+}
+
+void ask(std::vector<AppliedLimit>& limits, const std::vector<AppliedFeedback>& feedback,
+         const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& v) {
+  for (AppliedLimit& l : limits) l.asked = l.given;
+  for (std::size_t k = 0; !limits.empty() && k < feedback.size(); ++k) {
+    const Feedback& law = *feedback[k].law;
+    const double u = law(feedback[k].offset, q, v);
+    for (AppliedLimit& l : limits) l.asked += u * law.column[l.rate];
+  }
+}
+
+void add_feedback_slopes(const std::vector<AppliedFeedback>& feedback, std::vector<AppliedLimit>& limits,
+                         const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::MatrixXd& dq, Eigen::MatrixXd& dv) {
+  ask(limits, feedback, q, v);
   for (const AppliedFeedback& f : feedback) {
     if (!(std::abs((*f.law)(f.offset, q, v)) < f.law->limit)) continue;
-    dq += f.law->column * f.law->by_q.transpose();
-    dv += f.law->column * f.law->by_v.transpose();
+    for (Eigen::Index i = 0; i < f.law->column.size(); ++i) {
+      const double force = f.law->column[i];
+      const auto here = [i](const AppliedLimit& l) { return l.rate == i && l.cut() != 0.0; };
+      if (force == 0.0 || std::any_of(limits.begin(), limits.end(), here)) continue;
+      dq.row(i) += force * f.law->by_q.transpose();
+      dv.row(i) += force * f.law->by_v.transpose();
+    }
   }
 }
 
@@ -22,10 +50,13 @@ Eigen::VectorXd LinearLaw::operator()(double t, const Eigen::VectorXd& q, const 
   if (y.size() != B.cols()) bad_value("measure", y.size(), "numbers; B has " + std::to_string(B.cols()) + " columns");
   if (e.size() != y.size()) bad_value("reference", e.size(), "numbers; must be " + std::to_string(y.size()));
   e -= y;
-  const Eigen::VectorXd free = u0 + C * x + D * e, u = free.cwiseMax(-limit).cwiseMin(limit);
+  const Eigen::VectorXd free = u0 + C * x + D * e;
+  if (limit.size() != free.size() || reach.size() != free.size())
+    bad_value("limit", limit.size(), "numbers; must be one for each of " + std::to_string(free.size()) + " outputs");
+  const Eigen::VectorXd u = free.cwiseMax(-limit).cwiseMin(limit);
   if (free.hasNaN() || !u.allFinite())
     bad_value("control at t = " + std::to_string(t), "nan or inf", "must give finite numbers");
-  x = A * x + B * e + windup * (u - free);
+  x = A * x + B * e + windup * (free.cwiseMax(-reach).cwiseMin(reach) - free);
   return columns * u;
 }
 

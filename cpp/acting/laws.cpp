@@ -1,6 +1,7 @@
 #include "flexarm/laws.hpp"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <unsupported/Eigen/MatrixFunctions>
 
@@ -44,8 +45,11 @@ LinearLaw law_of(const Arm& arm, const StateSpace& s, const Loop& loop, double l
   if (!loop.by_q.allFinite()) bad_value("by_q", loop.by_q.transpose(), "must be finite");
   if (!loop.column.allFinite()) bad_value("column", loop.column.transpose(), "must be finite");
   LinearLaw law{
-      s.A, s.B, s.C, s.D, loop.column, loop.by_q.transpose(), Eigen::MatrixXd::Zero(1, arm.nv()), limit_of(limit),
+      s.A, s.B, s.C, s.D, loop.column, loop.by_q.transpose(), Eigen::MatrixXd::Zero(1, arm.nv()), one(limit_of(limit)),
       {},  {}};
+  law.reach = law.limit;
+  for (const AppliedLimit& l : torque_limits(arm))
+    if (loop.column[l.rate] != 0.0) law.reach[0] = std::min(law.reach[0], l.most / std::abs(loop.column[l.rate]));
   law.reference = [reference](double t) { return Eigen::VectorXd::Constant(1, reference ? reference(t) : 0.0); };
   law.windup = s.windup;
   return law;

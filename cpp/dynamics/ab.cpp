@@ -20,9 +20,10 @@ Status forward(Workspace& ws, const double* q, const double* v, const double* ta
   using Array = Eigen::Map<const Eigen::VectorXd>;
   const Eigen::Index nv = ws.a.size();
   const Array all_q(q, ws.nq()), all_v(v, nv);
-  if (!ws.feedback.empty()) {
+  if (!ws.feedback.empty() || !ws.limits.empty()) {
+    ws.give(tau);
     ws.total = Array(tau, nv);
-    add_feedback(ws.feedback, all_q, all_v, 1.0, ws.total);
+    add_feedback(ws, all_q, all_v, 1.0, ws.total);
     tau = ws.total.data();
   }
   const Status status = status_of(ws.chain_to_move().forward(q, v, tau, a));
@@ -65,9 +66,15 @@ Status factor(const Arm& arm, Workspace& ws, const double* q, const double* v, c
   if (status != Status::ok) return status;
   if (!ws.feedback.empty()) {
     FeedbackLaws<double> laws = laws_of(arm, ws);
+    ask(ws.limits, ws.feedback, Eigen::Map<const Eigen::VectorXd>(q, ws.nq()),
+        Eigen::Map<const Eigen::VectorXd>(v, ws.a.size()));
     for (int l = 0; l < laws.laws; ++l) laws.offset[l] = ws.feedback[static_cast<std::size_t>(l)].offset;
     laws.factor(
         shift, q, v, ws.free.data(), static_cast<int>(ws.free.size()), [&](int i) { return arm.coordinate_of(i); },
+        [&](double* column) {
+          for (const AppliedLimit& l : ws.limits)
+            if (l.cut() != 0.0) column[l.rate] = 0.0;
+        },
         [&](const double* r, double* x) { ws.chain().solve(r, x); });
   }
   return std::isfinite(ws.twice_kinetic) ? Status::ok : Status::not_finite;

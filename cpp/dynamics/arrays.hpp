@@ -34,10 +34,12 @@ bool all_finite(const Eigen::DenseBase<V>& x) {
   return (x.derived().array() * 0.0).sum() == 0.0;
 }
 
-/// Adds sign times the generalised forces of feedback at q and v.
-inline void add_feedback(const std::vector<AppliedFeedback>& feedback, const Eigen::Ref<const Eigen::VectorXd>& q,
+/// Adds sign times the generalised forces of feedback at q and v, and what limits take off the sum.
+inline void add_feedback(Workspace& ws, const Eigen::Ref<const Eigen::VectorXd>& q,
                          const Eigen::Ref<const Eigen::VectorXd>& v, double sign, Eigen::Ref<Eigen::VectorXd> tau) {
-  for (const AppliedFeedback& f : feedback) tau += sign * (*f.law)(f.offset, q, v) * f.law->column;
+  for (const AppliedFeedback& f : ws.feedback) tau += sign * (*f.law)(f.offset, q, v) * f.law->column;
+  ask(ws.limits, ws.feedback, q, v);
+  for (const AppliedLimit& l : ws.limits) tau[l.rate] += sign * l.cut();
 }
 
 }  // namespace flexarm

@@ -15,7 +15,7 @@ void inverse(Workspace& ws, const double* q, const double* v, const double* a, d
   using Array = Eigen::Map<const Eigen::VectorXd>;
   const Eigen::Index nv = ws.tau.size();
   ws.chain_to_move().inverse(q, v, a, tau);
-  add_feedback(ws.feedback, Array(q, ws.nq()), Array(v, nv), -1.0, Eigen::Map<Eigen::VectorXd>(tau, nv));
+  add_feedback(ws, Array(q, ws.nq()), Array(v, nv), -1.0, Eigen::Map<Eigen::VectorXd>(tau, nv));
 }
 
 void inverse_dynamics(const Arm&, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,

@@ -24,7 +24,7 @@ int dense_jacobian(sunrealtype t, sunrealtype cj, N_Vector y, N_Vector yp, N_Vec
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
     for (std::size_t k = 0; k < s.ws.loads.size(); ++k) d.derivatives.set_wrench(k, s.ws.loads[k].wrench);
     d.derivatives(s.arm, s.q, s.v, s.a);
-    add_feedback_slopes(s.ws.feedback, s.q, s.v, d.derivatives.dq, d.derivatives.dv);
+    add_feedback_slopes(s.ws.feedback, s.ws.limits, s.q, s.v, d.derivatives.dq, d.derivatives.dv);
     composite_mass_matrix(s.arm, s.ws, s.q);
     coordinate_rate_jacobians(s.arm, s.q, s.v, d.rate_by_q, d.rate_by_v);
     const int nq = s.n_q(), nv = s.n_v();
@@ -79,7 +79,7 @@ int chain_setup(sunrealtype t, N_Vector y, N_Vector yp, N_Vector, sunrealtype cj
   IdaSystem& s = *static_cast<IdaSystem*>(data);
   try {
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
-    return s.chain->factor(s.q, s.v, cj) ? 0 : 1;
+    return s.chain->factor(s, cj) ? 0 : 1;
   } catch (...) {
     s.thrown = std::current_exception();
     return -1;

@@ -16,7 +16,10 @@ ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, 
   if (control) ws_.feed_back(control->feedback());
 }
 
-bool ChainInverse::factor(const Eigen::VectorXd& q, const Eigen::VectorXd& v, double cj) {
+bool ChainInverse::factor(const System& s, double cj) {
+  const Eigen::VectorXd &q = s.q, &v = s.v;
+  ws_.feedback = s.ws.feedback;  // with their present offsets, which say what is at its limit
+  ws_.limits = s.ws.limits;
   move_chain(ws_, q, v);
   joint_stiffness(ws_, spring_);
   for (std::size_t n = 0; n < arm_->size(); ++n)

@@ -29,7 +29,7 @@ class ChainInverse {
  public:
   ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control* control);
   /// @return whether S is positive definite
-  bool factor(const Eigen::VectorXd& q, const Eigen::VectorXd& v, double cj);
+  bool factor(const System& s, double cj);
   /// dq (nq) and dv (nv) of r1 (nq) and r2 (nv); zero in prescribed coordinates where r1 and r2 are.
   void solve(const Eigen::VectorXd& r1, const Eigen::VectorXd& r2, double cj, Eigen::VectorXd& dq, Eigen::VectorXd& dv);
 

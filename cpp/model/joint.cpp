@@ -51,6 +51,7 @@ Joint::Joint(std::vector<ElementaryMotion> motions, bool ball, std::vector<std::
     non_negative("limit_damping" + at, f.limit_damping);
     non_negative("coulomb" + at, f.coulomb);
     non_negative("reflected_inertia" + at, f.reflected_inertia);
+    if (!(f.torque_limit > 0.0)) bad_value("torque_limit" + at, f.torque_limit, "must be positive, in N m or N");
     if (!(f.stiction >= f.coulomb && std::isfinite(f.stiction)))
       bad_value("stiction" + at, f.stiction, "must be finite, and at least coulomb");
     if (!std::isfinite(f.rest)) bad_value("rest" + at, f.rest, "must be finite");
@@ -71,6 +72,8 @@ void Joint::check_ball_forces() const {
     const std::string at = "[" + std::to_string(i) + "]";
     if (f.stiction > 0.0)
       bad_value("coulomb" + at, f.coulomb, "a ball has no dry friction; use three rotations (Axes)");
+    if (std::isfinite(f.torque_limit))
+      bad_value("torque_limit" + at, f.torque_limit, "a ball has no motor; use three rotations (Axes)");
     if (f.rest != 0.0)
       bad_value("rest" + at, f.rest, "a ball's spring is at rest where it is not turned; use outboard");
     if (std::isfinite(f.lower) && f.lower != -f.upper)

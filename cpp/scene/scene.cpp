@@ -11,7 +11,7 @@ namespace flexarm {
 namespace {
 
 const Names kForces{"stiffness",       "rest",          "damping", "lower",    "upper",
-                    "limit_stiffness", "limit_damping", "coulomb", "stiction", "reflected_inertia"};
+                    "limit_stiffness", "limit_damping", "coulomb", "stiction", "reflected_inertia", "torque_limit"};
 Eigen::Vector3d unit(char axis) { return Eigen::Vector3d::Unit(axis - 'x'); }
 
 Eigen::Vector3d read_axis(const At& joint, char otherwise) {
@@ -103,6 +103,7 @@ std::vector<JointForce> read_forces(const At& joint, std::size_t n) {
   for (const JointForce& f : forces)
     if (joint.has("stiction") && std::isnan(f.stiction)) joint["stiction"].bad("must be finite, and at least coulomb");
   read("reflected_inertia", &JointForce::reflected_inertia);
+  read("torque_limit", &JointForce::torque_limit);
   return forces;
 }
 

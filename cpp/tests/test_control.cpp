@@ -57,8 +57,9 @@ TEST_CASE("slopes of feedback are those of the force, and none at the limit") {
   Feedback law = feedback_of(arm);
   const Eigen::VectorXd q = flexarm_test::wave(arm.nq(), 0.1, 0.05), v = flexarm_test::wave(arm.nv(), 0.3, 0.2);
   std::vector<AppliedFeedback> applied{{&law, 0.1}};
+  std::vector<AppliedLimit> limits;
   Eigen::MatrixXd dq = Eigen::MatrixXd::Zero(arm.nv(), arm.nq()), dv = Eigen::MatrixXd::Zero(arm.nv(), arm.nv());
-  add_feedback_slopes(applied, q, v, dq, dv);
+  add_feedback_slopes(applied, limits, q, v, dq, dv);
   for (int k = 0; k < arm.nq(); ++k) {
     const Eigen::VectorXd step = Eigen::VectorXd::Unit(arm.nq(), k);
     CHECK(dq(0, k) == doctest::Approx(law(0.1, q, v) - law(0.1, q + step, v)));
@@ -69,7 +70,7 @@ TEST_CASE("slopes of feedback are those of the force, and none at the limit") {
   }
   law.limit = 1e-6;
   const Eigen::MatrixXd before = dq;
-  add_feedback_slopes(applied, q, v, dq, dv);
+  add_feedback_slopes(applied, limits, q, v, dq, dv);
   CHECK(dq == before);
 }
 
@@ -158,4 +159,31 @@ TEST_CASE("friction: a block pushed by less than the stiction does not move; by 
       CHECK(r.tau(4, 0) == push);
     }
   }
+}
+
+TEST_CASE("a motor's limit holds for given forces and feedback together, in every slope as well") {
+  using flexarm::JointForce;
+  std::vector<Link> links = flexarm_test::spatial_arm(2).links();
+  JointForce motor;
+  motor.torque_limit = 0.3;
+  const flexarm::Joint& own = links[0].joint();
+  links[0] = Link(flexarm::Joint(own.motions(), own.has_ball(), own.labels(),
+                                 std::vector<JointForce>(static_cast<std::size_t>(own.nv()), motor)),
+                  links[0].hub(), links[0].beam(), links[0].tip());
+  const Arm arm(links);
+  const std::vector<AppliedLimit> limits = torque_limits(arm);
+  REQUIRE(limits.size() == static_cast<std::size_t>(own.nv()));
+  const std::vector<Feedback> laws{feedback_of(arm)};
+  const Eigen::VectorXd q = flexarm_test::wave(arm.nq(), 0.1, 0.05), v = flexarm_test::wave(arm.nv(), 0.3, 0.2);
+  Workspace ws(arm);
+  ws.feed_back(laws);
+  const Eigen::VectorXd tau = Eigen::VectorXd::Constant(arm.nv(), 0.1);
+  Eigen::VectorXd wanted = tau + laws[0](0.0, q, v) * laws[0].column;
+  for (const AppliedLimit& l : limits) wanted[l.rate] = std::clamp(wanted[l.rate], -0.3, 0.3);
+  ws.limits = limits;
+  forward_dynamics(arm, ws, q, v, tau);
+  const Eigen::VectorXd a = ws.a;
+  Workspace bare(arm);
+  forward_dynamics(arm, bare, q, v, wanted);
+  CHECK((a - bare.a).norm() <= 1e-12 * bare.a.norm());
 }

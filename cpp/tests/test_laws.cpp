@@ -124,7 +124,7 @@ TEST_CASE("a sampled linear law at its limit leads its states back") {
   LinearLaw law;
   law.A = law.B = law.C = law.D = law.columns = law.by_q = Eigen::MatrixXd::Ones(1, 1);
   law.by_v = Eigen::MatrixXd::Zero(1, 1);
-  law.limit = 1.0;
+  law.limit = law.reach = Eigen::VectorXd::Constant(1, 1.0);
   law.reference = [](double) { return Eigen::VectorXd::Constant(1, 2.0); };
   law.u0 = Eigen::VectorXd::Constant(1, 0.25);
   law.windup = Eigen::MatrixXd::Constant(1, 1, 0.5);

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
+#include "flexarm/control.hpp"
 #include "flexarm/dry_friction.hpp"
 #include "lanes/methods.hpp"
 
@@ -55,6 +57,12 @@ LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::f
       }
   coulomb_.resize(w * rubbing_.size());
   stiction_.resize(w * rubbing_.size());
+  std::vector<bool> limited(given.size(), false);
+  for (const Arm* a : p_.arms)
+    for (const AppliedLimit& l : torque_limits(*a)) limited[static_cast<std::size_t>(l.rate)] = true;
+  for (int i = 0; i < one.nv(); ++i)
+    if (limited[static_cast<std::size_t>(i)] && !given[static_cast<std::size_t>(i)]) limited_.push_back(i);
+  most_.resize(w * limited_.size());
   laws_.resize(w * p_.feedback.size() * static_cast<std::size_t>(2 * one.nv() + one.nq() + 1));
 }
 
@@ -105,6 +113,7 @@ void LaneGroup::pack_numbers() {
   packed_ = width_ == 1 ? arms[0]->grouped(kernels_.width, given)
                         : lanes::KernelArm::side_by_side(arms, static_cast<int>(width_), given);
   pack_friction();
+  pack_limits();
 }
 
 void LaneGroup::pack_friction() {
@@ -116,6 +125,16 @@ void LaneGroup::pack_friction() {
       const auto c = std::find(rubbing_.begin(), rubbing_.end(), r.rate) - rubbing_.begin();
       coulomb_[static_cast<std::size_t>(c * width_ + l)] = r.coulomb;
       stiction_[static_cast<std::size_t>(c * width_ + l)] = r.stiction;
+    }
+}
+
+void LaneGroup::pack_limits() {
+  std::fill(most_.begin(), most_.end(), std::numeric_limits<double>::infinity());
+  if (limited_.empty()) return;
+  for (Index l = 0; l < width_; ++l)
+    for (const AppliedLimit& limit : torque_limits(arm(scenario(l)))) {
+      const auto at = std::find(limited_.begin(), limited_.end(), limit.rate);
+      if (at != limited_.end()) most_[static_cast<std::size_t>((at - limited_.begin()) * width_ + l)] = limit.most;
     }
 }
 
@@ -243,6 +262,9 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   job.by_q = by_q;
   job.by_v = by_v;
   job.limit = limit;
+  job.limits = static_cast<int>(limited_.size());
+  job.limited = limited_.data();
+  job.most = most_.data();
   job.rubs = static_cast<int>(rubbing_.size()) - rubbing_given_;
   job.rubs_given = rubbing_given_;
   job.rubbing = rubbing_.data();

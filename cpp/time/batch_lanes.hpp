@@ -49,6 +49,7 @@ class LaneGroup final : lanes::Scenarios {
  private:
   void pack_numbers();
   void pack_friction();
+  void pack_limits();
   const Arm& arm(Eigen::Index b) const { return *p_.arms[p_.arms.size() == 1 ? 0 : static_cast<std::size_t>(b)]; }
   Eigen::Index scenario(Eigen::Index lane) const { return first_ + std::min(lane, count_ - 1); }
   void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset,
@@ -69,9 +70,10 @@ class LaneGroup final : lanes::Scenarios {
   bool one_for_all_ = true;                                ///< one arm, with loads at the same places
   std::vector<std::unique_ptr<lanes::KernelArm>> loaded_;  ///< with loads: that one, or of each scenario
   lanes::Memory memory_;
-  std::vector<double> weight_, laws_, coulomb_, stiction_, q_, v_, farthest_, fastest_;
+  std::vector<double> weight_, laws_, coulomb_, stiction_, most_, q_, v_, farthest_, fastest_;
   std::vector<int> rubbing_;  // rates with dry friction in any scenario; first those that are not prescribed
   int rubbing_given_ = 0;
+  std::vector<int> limited_;  // rates whose motor has a limit in any scenario, and that are not prescribed
   std::vector<int> free_, coordinate_, status_;
   std::vector<long> reached_;
   std::vector<Eigen::Index> rows_done_;

@@ -159,7 +159,8 @@ void CollocationStep::differentiate(Workspace& ws) {
   (*derivatives_)(*arm_, qs_, vs_, as_);
   for (std::size_t k = 0; k < ws.feedback.size(); ++k)
     ws.feedback[k].offset = offsets_(static_cast<Eigen::Index>(k), middle);
-  add_feedback_slopes(ws.feedback, qs_, vs_, derivatives_->dq, derivatives_->dv);
+  ws.give(tau_.col(middle).data());
+  add_feedback_slopes(ws.feedback, ws.limits, qs_, vs_, derivatives_->dq, derivatives_->dv);
   coordinate_rate_jacobians(*arm_, qs_, vs_, rate_by_q_, rate_by_v_);
   K_full_.noalias() = derivatives_->dq * rate_by_v_;
   composite_mass_matrix(*arm_, ws, qs_);
@@ -236,6 +237,7 @@ void CollocationStep::set_forces(int i, Workspace& ws) const {
   for (std::size_t k = 0; k < ws.loads.size(); ++k) ws.loads[k].wrench = wrenches_[static_cast<std::size_t>(i)][k];
   for (std::size_t k = 0; k < ws.feedback.size(); ++k)
     ws.feedback[k].offset = offsets_(static_cast<Eigen::Index>(k), i);
+  ws.give(tau_.col(i).data());
 }
 
 Status CollocationStep::iterate(double h, Workspace& ws) {

@@ -96,7 +96,7 @@ class Sliding {
   }
 
   const std::vector<Drive>& drives() const { return all_drives_; }
-  const Eigen::VectorXd& tau() const { return tau_; }
+  const Eigen::VectorXd& tau() const { return applied_; }
   const std::vector<Parameter>& parameters() const {
     static const std::vector<Parameter> none;
     return tangents_ ? tangents_->parameters() : none;
@@ -165,16 +165,12 @@ class Sliding {
   }
 
  private:
-  /// Sticking freedoms are prescribed; sliding ones carry a constant force.
+  /// Sticking freedoms are prescribed; sliding ones are driven by a constant force.
   void prepare(const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
     all_drives_ = drives_;
-    tau_ = applied_;
-    for (const Contact& c : contacts_) {
-      if (c.given) continue;
-      tau_[c.coordinate] -= c.sense * c.coulomb;
-      if (c.sense == 0) all_drives_.push_back(held(arm_, c, q));
-    }
-    probe_ = std::make_unique<System>(arm_, all_drives_, loads_, tau_, control_);
+    for (const Contact& c : contacts_)
+      if (!c.given) all_drives_.push_back(c.sense == 0 ? held(arm_, c, q) : sliding_force(c, c.coulomb));
+    probe_ = std::make_unique<System>(arm_, all_drives_, loads_, applied_, control_);
     if (tangents_) tangents_->prepare(arm_, contacts_, q, v);
   }
 
@@ -187,7 +183,7 @@ class Sliding {
     forward_dynamics_ab(arm_, s.ws, s.q, s.v, s.tau);
     s.a = s.ws.a;
     joint_forces(arm_, s.ws, s.ws.a);
-    add_feedback(s.ws.feedback, s.q, s.v, 1.0, s.tau);
+    add_feedback(s.ws, s.q, s.v, 1.0, s.tau);
     return s.ws.tau - s.tau;
   }
 
@@ -197,7 +193,6 @@ class Sliding {
   const std::vector<LoadDrive>& loads_;
   const Eigen::VectorXd& applied_;
   std::vector<Drive> all_drives_;
-  Eigen::VectorXd tau_;
   Control* control_;
   std::optional<SlidingTangents> tangents_;
   std::unique_ptr<OneStep> rests_;  // knows what rests and what slides

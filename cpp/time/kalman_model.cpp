@@ -43,7 +43,8 @@ KalmanModel::KalmanModel(const Arm& arm, double h, const std::vector<KalmanParam
       h_(h),
       alpha_(options.spectral_radius, h),
       ws_(arm),
-      inverse_(arm) {
+      inverse_(arm),
+      limits_(torque_limits(arm)) {
   const Eigen::Index n = arm.nv(), m = static_cast<Eigen::Index>(parameters.size());
   if (payload_ >= 0) loaded_.emplace(arm);
   take_composite(arm, ws_);
@@ -155,7 +156,12 @@ void KalmanModel::factor() {
 
 Status KalmanModel::step(VectorXd& q, VectorXd& v, const VectorXd& p, const VectorXd& tau, double slack) {
   mass_ = payload_ >= 0 ? p[payload_] : 0.0;
-  tau_ = r0_ = tau;
+  tau_ = tau;
+  for (AppliedLimit& l : limits_) {
+    l.asked = tau[l.rate];
+    tau_[l.rate] = l.force();
+  }
+  r0_ = tau_;
   coulomb_.setZero();
   damping_.setZero();
   for (std::size_t n = 0; n < arm_->size(); ++n)  // the arm's own
@@ -167,7 +173,7 @@ Status KalmanModel::step(VectorXd& q, VectorXd& v, const VectorXd& p, const Vect
     if (parameters_[k].kind == KalmanParameter::damping) damping_[i] += value;
     if (parameters_[k].kind == KalmanParameter::coulomb) coulomb_[i] += value;
     if (parameters_[k].kind == KalmanParameter::offset) tau_[i] += value;
-    if (parameters_[k].kind == KalmanParameter::gain) tau_[i] += value * tau[i];
+    if (parameters_[k].kind == KalmanParameter::gain) tau_[i] += value * r0_[i];
   }
   q0_ = q;
   v0_ = v;

@@ -62,6 +62,7 @@ class KalmanModel {
   InverseDerivatives inverse_;
   std::optional<Loaded> loaded_;
   double mass_ = 0.0;
+  std::vector<AppliedLimit> limits_;  ///< of the arm's motors: no more is applied
   Eigen::VectorXd p_, tau_, r_, a0_, a_, turn_, q0_, v0_, coulomb_, damping_, inertia_, zero_, r0_;
   Eigen::VectorXd rub_, rubbing_, slope_;  ///< of Coulomb friction: force, slope in the iteration, true slope by v
   Instant first_, last_;

@@ -46,12 +46,12 @@ class Places {
     move(e);
     inverse_dynamics(s_.arm, s_.ws, s_.q, s_.v, s_.a);
     inverse_ = s_.ws.tau;
-    add_feedback(s_.ws.feedback, s_.q, s_.v, 1.0, inverse_);  // which the workspace has taken off
+    add_feedback(s_.ws, s_.q, s_.v, 1.0, inverse_);  // which the workspace has taken off
     balance(e, inverse_, needed, applied);
   }
   /// The same where the workspace is, of inverse dynamics without feedback.
   void balance(Index e, const VectorXd& inverse, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
-    add_feedback(s_.ws.feedback, s_.q, s_.v, 1.0, s_.tau);
+    add_feedback(s_.ws, s_.q, s_.v, 1.0, s_.tau);
     needed = inverse;
     applied = s_.tau;
     for (const Rub& r : rubs_) {
@@ -71,7 +71,7 @@ class Places {
     slopes(s_.arm, s_.q, s_.v, s_.a);
     out.K = slopes.dq;
     out.C = slopes.dv;
-    add_feedback_slopes(s_.ws.feedback, s_.q, s_.v, out.K, out.C);
+    add_feedback_slopes(s_.ws.feedback, s_.ws.limits, s_.q, s_.v, out.K, out.C);
     composite_mass_matrix(s_.arm, s_.ws, s_.q);
     out.M = s_.ws.M;
     if (whole) {

@@ -22,6 +22,11 @@ Drive held(const Arm& arm, const Contact& contact, const VectorXd& q) {
   return {contact.coordinate, still, {}, Eigen::Vector2d(-1e300, 1e300), {}, true};
 }
 
+Drive sliding_force(const Contact& contact, double coulomb) {
+  const double force = -contact.sense * coulomb;
+  return {contact.coordinate, {}, [force](double) { return force; }, Eigen::Vector2d(-1e300, 1e300), {}, true};
+}
+
 SlidingTangents::SlidingTangents(const std::vector<Parameter>& parameters, System& free, std::size_t contacts)
     : parameters_(parameters), near_(parameters) {
   const StateTangents all(free, near_);  // which checks them
@@ -54,8 +59,7 @@ void SlidingTangents::prepare(const Arm& arm, const std::vector<Contact>& contac
       for (std::size_t j = 0; j < contacts.size(); ++j) {
         const Contact& c = contacts[j];
         if (c.given) continue;
-        n.tau[c.coordinate] -= c.sense * rub[j].coulomb;
-        if (c.sense == 0) n.drives.push_back(held(arm, c, n.q0));
+        n.drives.push_back(c.sense == 0 ? held(arm, c, n.q0) : sliding_force(c, rub[j].coulomb));
       }
     }
 }

@@ -15,6 +15,8 @@ struct Contact {
 
 /// A drive that holds a contact where it is.
 Drive held(const Arm& arm, const Contact& contact, const Eigen::VectorXd& q);
+/// The friction of a contact that slides.
+Drive sliding_force(const Contact& contact, double coulomb);
 
 /// The neighbours of a run's parameters from one switch to the next, with the same freedoms held as in the run, and
 /// what becomes of their tangents at a switch. There the acceleration leaps from a- to a+; since the time T of the

@@ -23,6 +23,7 @@ struct Engine {
   Workspace* ws = nullptr;
   const lanes::Layout* layout = nullptr;            // the workspace's
   const double *q_now = nullptr, *v_now = nullptr;  // of the last `inverse`
+  const double* applied = nullptr;                  // tau, now
   const int* free = nullptr;
   int free_count = 0;
   double weight;
@@ -40,6 +41,7 @@ struct Engine {
     return forward(*ws, q, v, tau, a) == Status::ok;
   }
   void inverse(const double* q, const double* v, const double* a, double* tau, bool) {
+    ws->give(applied);
     flexarm::inverse(*ws, q, v, a, tau);
     q_now = q;
     v_now = v;
@@ -119,13 +121,14 @@ Stages stages_of(const RungeKutta4<Engine>&) {
 struct OneStep::Run {
   Engine engine;
   const std::vector<Rub> rubs;
+  const std::vector<AppliedLimit> limits;
   std::vector<int> rubbing, now;         // their rates, those that are not prescribed
   Contacts<Engine>* contacts = nullptr;  // of a method with friction in its equations
   const Work* work = nullptr;
   const double *q0 = nullptr, *v0 = nullptr;
   Status unsolved = Status::not_converged;
 
-  Run(const Arm& arm, std::vector<Rub> rubs_) : engine(arm), rubs(std::move(rubs_)) {
+  Run(const Arm& arm, std::vector<Rub> rubs_) : engine(arm), rubs(std::move(rubs_)), limits(torque_limits(arm)) {
     rubbing.reserve(rubs.size());
     now.reserve(rubs.size());
   }
@@ -143,8 +146,10 @@ struct OneStep::Run {
   virtual void note_beginning(double h, Tape::Switch& out) const = 0;
 
   /// To be called before anything is done with another workspace.
-  void attach(Workspace& ws) {
+  void attach(Workspace& ws, const Eigen::VectorXd& tau) {
     engine.ws = &ws;
+    engine.applied = tau.data();
+    if (ws.limits.size() != limits.size()) ws.limits = limits;
     engine.layout = &ws.chain().layout();
     engine.free = ws.free.data();
     engine.free_count = static_cast<int>(ws.free.size());
@@ -259,7 +264,7 @@ Status OneStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::Vect
 }
 
 Status OneStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
-  run_->attach(ws);
+  run_->attach(ws, tau);
   const bool begun = run_->begin(q.data(), v.data(), tau.data(), ws.a.data());
   if (!all_finite(q) || !all_finite(v)) return Status::not_finite;
   if (begun) {
@@ -277,7 +282,7 @@ Status OneStep::jump(Workspace& ws, const Eigen::VectorXd& q, const Eigen::Vecto
 
 Status OneStep::accelerate(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
                            const Eigen::VectorXd& tau, Eigen::VectorXd& friction) {
-  run_->attach(ws);
+  run_->attach(ws, tau);
   if (run_->rubs.empty()) return forward_dynamics(*arm_, ws, q, v, tau);
   const bool good = run_->accelerate(q.data(), v.data(), tau.data(), ws.a.data());
   report(v, run_->contacts->force, friction);
@@ -347,7 +352,7 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
 
 bool OneStep::repeat(const Tape::Switch& from, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v,
                      const Eigen::VectorXd& tau, const Given& given) {
-  run_->attach(ws);
+  run_->attach(ws, tau);
   run_->begin_again(from);
   q = from.q;
   v = from.v;
@@ -372,7 +377,7 @@ Status OneStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::Vect
     if (status != Status::ok) return status;
   }
   Run& run = *run_;
-  run.attach(ws);
+  run.attach(ws, tau);
   const Work before = *run.work;
   const bool solved = run.step(h, q.data(), v.data(), tau.data(), ws.a.data(), given);
   counts_.evaluations += run.work->evaluations - before.evaluations;

@@ -24,23 +24,29 @@ StepDerivatives::StepDerivatives(const std::string& method, const Arm& arm, doub
       forward_(arm, loads),
       inverse_(arm, loads),
       stages_(iterates_ ? 1 : 4),
+      limits_(torque_limits(arm)),
       q_(arm.zero()),
       v_(VectorXd::Zero(arm.nv())) {
   refuse_friction(arm, "step_derivatives");
   if (!iterates_ && method != "rk4") bad_value("method", method, "must be \"implicit\" or \"rk4\"");
   refuse_balls(arm, "derivatives of steps");
-  q0_ = v0_ = by_a_ = sum_q_ = sum_v_ = sum_tau_ = stage_q_ = stage_v_ = v_;
+  q0_ = v0_ = by_a_ = sum_q_ = sum_v_ = sum_tau_ = stage_q_ = stage_v_ = tau_ = v_;
   factor_ = Eigen::PartialPivLU<MatrixXd>(arm.nv());
 }
 
-Status StepDerivatives::operator()(Workspace& ws, VectorXd& q, VectorXd& v, const VectorXd& tau) {
+Status StepDerivatives::operator()(Workspace& ws, VectorXd& q, VectorXd& v, const VectorXd& asked) {
+  tau_ = asked;
+  for (AppliedLimit& l : limits_) {
+    l.asked = asked[l.rate];
+    tau_[l.rate] = l.force();
+  }
   for (std::size_t k = 0; k < ws.loads.size(); ++k) {
     forward_.set_wrench(k, ws.loads[k].wrench);
     inverse_.set_wrench(k, ws.loads[k].wrench);
   }
   q0_ = q;
   v0_ = v;
-  const Status status = iterates_ ? implicit(ws, q, v, tau) : classical(q, v, tau);
+  const Status status = iterates_ ? implicit(ws, q, v, tau_) : classical(q, v, tau_);
   if (status != Status::ok) {
     q = q0_;
     v = v0_;
@@ -93,6 +99,8 @@ void StepDerivatives::matrices(MatrixXd& A, MatrixXd& B) {
     by_v.setZero();
     (row < n ? by_q[row] : by_v[row - n]) = 1.0;
     pull_back(by_q, by_v, by_tau);
+    for (const AppliedLimit& l : limits_)
+      if (l.cut() != 0.0) by_tau[l.rate] = 0.0;
     A.row(row) << by_q.transpose(), by_v.transpose();
     B.row(row) = by_tau.transpose();
   }

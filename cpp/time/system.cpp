@@ -45,11 +45,13 @@ System::System(const Arm& arm_, const std::vector<Drive>& drives_, const std::ve
   for (int i = 0; i < arm.nq(); ++i)
     if (!given[i]) free_q.push_back(i);
   if (control) ws.feed_back(control->feedback());
+  ws.limits = torque_limits(arm);
 }
 
 void System::drive(double t) {
   tau = constant_tau;
   if (control) tau += control->held();
+  for (AppliedLimit& l : ws.limits) l.friction = 0.0;
   for (AppliedFeedback& f : ws.feedback)
     if (f.law->reference) f.offset = f.law->reference(t);
   for (std::size_t k = 0; k < loads.size(); ++k) ws.loads[k].wrench = loads[k].wrench(t);
@@ -62,9 +64,13 @@ void System::drive(double t) {
     } else if (d.column.size() > 0) {
       tau += d.force(t) * d.column;
     } else {
-      tau[d.coordinate] += d.force(t);
+      const double force = d.force(t);
+      tau[d.coordinate] += force;
+      for (AppliedLimit& l : ws.limits)
+        if (d.rubs && l.rate == d.coordinate) l.friction += force;
     }
   }
+  ws.give(tau.data());
 }
 
 Status System::accelerate() {
@@ -77,6 +83,7 @@ bool System::sample(double t) {
   const Eigen::VectorXd before = control->held();
   if (!control->run(t, q, v, a)) return false;
   tau += control->held() - before;
+  ws.give(tau.data());
   return true;
 }
 
@@ -100,12 +107,13 @@ bool System::record(Trajectory& out, bool composite) {
     }
   }
   ws.total = tau;
-  add_feedback(ws.feedback, q, v, 1.0, ws.total);
+  add_feedback(ws, q, v, 1.0, ws.total);
+  for (const AppliedLimit& l : ws.limits) ws.total[l.rate] = l.force();
   out.friction.row(out.done) = friction;
   for (const Drive& d : drives) {
     if (!d.motion) continue;
     double& force = ws.total[d.coordinate];
-    if (d.holds)
+    if (d.rubs)
       out.friction(out.done, d.coordinate) = ws.tau[d.coordinate] - force;
     else
       force = ws.tau[d.coordinate] - friction[d.coordinate];

@@ -1,5 +1,7 @@
 #include "tangents.hpp"
 
+#include <cmath>
+
 #include "arrays.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
@@ -34,6 +36,8 @@ void StateTangents::check(const Near& near) const {
   if (arm.nq() != s_.arm.nq() || arm.nv() != s_.arm.nv() || near.system.ws.free != s_.ws.free ||
       near.laws.size() != s_.ws.feedback.size() || near.of.q0.size() != arm.nq() || near.of.v0.size() != arm.nv())
     bad_value("a neighbour's coordinates, motions or controllers", "others", "must be those of the run");
+  if (near.system.ws.limits.size() != s_.ws.limits.size())
+    bad_value("torque_limit", near.system.ws.limits.size(), "has no derivative where there is none");
   if (rubs(arm).size() != rubs(s_.arm).size())
     bad_value("coulomb or stiction", 0.0, "has no derivative where there is no dry friction");
 }
@@ -45,7 +49,7 @@ void StateTangents::Near::drive(double t) {
     if (f.law->reference) f.offset = f.law->reference(t);
 }
 
-/// Forces on the neighbour at its state: laws of feedback are at their limits where the system's own are.
+/// Forces on the neighbour at its state: laws of feedback, and motors, are at their limits where the system's own are.
 VectorXd StateTangents::applied(const Near& near) const {
   VectorXd out = near.system.tau;
   for (std::size_t k = 0; k < near.laws.size(); ++k) {
@@ -53,6 +57,10 @@ VectorXd StateTangents::applied(const Near& near) const {
     const double u = own.offset - own.law->by_q.dot(s_.q) - own.law->by_v.dot(s_.v), limit = its.law->limit;
     const double free = its.offset - its.law->by_q.dot(near.system.q) - its.law->by_v.dot(near.system.v);
     out += (u > own.law->limit ? limit : u < -own.law->limit ? -limit : free) * its.law->column;
+  }
+  for (std::size_t k = 0; k < s_.ws.limits.size(); ++k) {  // of what `linearise` has asked
+    const AppliedLimit &own = s_.ws.limits[k], &its = near.system.ws.limits[k];
+    if (own.cut() != 0.0) out[its.rate] = its.friction + std::copysign(its.most, own.asked - own.friction);
   }
   return out;
 }
@@ -79,7 +87,8 @@ void StateTangents::differ(double t, int column, const std::vector<std::unique_p
     }
     if (forces_only_[static_cast<std::size_t>(column)] && s_.n_v() == s_.arm.nv())
       continue;  // else it may move what is held
-    inverse_dynamics(n.arm, n.ws, n.q, n.v, n.a);
+    move_chain(n.ws, n.q, n.v);
+    joint_forces(n.arm, n.ws, n.a);
     inverse += weight * n.ws.tau;
   }
 }
@@ -89,7 +98,7 @@ void StateTangents::linearise(double t) {
   slopes_(s_.arm, s_.q, s_.v, s_.a);
   by_q_ = slopes_.dq;
   by_v_ = slopes_.dv;
-  add_feedback_slopes(s_.ws.feedback, s_.q, s_.v, by_q_, by_v_);
+  add_feedback_slopes(s_.ws.feedback, s_.ws.limits, s_.q, s_.v, by_q_, by_v_);
   composite_mass_matrix(s_.arm, s_.ws, s_.q);
   K_ = by_q_(s_.ws.free, s_.ws.free);
   C_ = by_v_(s_.ws.free, s_.ws.free);
@@ -140,7 +149,7 @@ bool StateTangents::record(double t, std::vector<Trajectory::Tangent>& out, Eige
     const int i = d.coordinate;
     const Eigen::RowVectorXd reaction = inverse_by_p_.row(i) + slopes_.dq.row(i)(free) * q_free +
                                         slopes_.dv.row(i)(free) * v_free + s_.ws.M.row(i)(free) * a(free, all);
-    if (d.holds)
+    if (d.rubs)
       friction.row(i) = reaction - total.row(i);
     else
       total.row(i) = reaction;

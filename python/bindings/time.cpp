@@ -185,9 +185,10 @@ void bind_time(py::module_& m) {
   py::class_<LinearLaw>(m, "LinearLaw")
       .def(py::init([](const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, const Eigen::MatrixXd& C,
                        const Eigen::MatrixXd& D, const Eigen::MatrixXd& columns, const Eigen::MatrixXd& by_q,
-                       const Eigen::MatrixXd& by_v, double limit, const py::object& reference, const py::object& read,
-                       const Eigen::VectorXd& u0, const Eigen::MatrixXd& windup) {
-             LinearLaw law{A, B, C, D, columns, by_q, by_v, limit, {}, {}, u0, windup};
+                       const Eigen::MatrixXd& by_v, const Eigen::VectorXd& limit, const py::object& reference,
+                       const py::object& read, const Eigen::VectorXd& u0, const Eigen::MatrixXd& windup,
+                       const Eigen::VectorXd& reach) {
+             LinearLaw law{A, B, C, D, columns, by_q, by_v, limit, {}, {}, u0, windup, reach};
              if (py::isinstance<py::function>(reference))
                law.reference = [r = std::make_shared<py::object>(reference)](double t) {
                  const Locked lock;
@@ -210,7 +211,8 @@ void bind_time(py::module_& m) {
              return law;
            }),
            py::arg("A"), py::arg("B"), py::arg("C"), py::arg("D"), py::arg("columns"), py::arg("by_q"), py::arg("by_v"),
-           py::arg("limit"), py::arg("reference"), py::arg("read"), py::arg("u0"), py::arg("windup"))
+           py::arg("limit"), py::arg("reference"), py::arg("read"), py::arg("u0"), py::arg("windup"),
+           py::arg("reach"))
       .def_property_readonly("reads", [](const LinearLaw& law) { return bool(law.read); });
 
   m.def(

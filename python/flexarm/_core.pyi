@@ -216,6 +216,7 @@ class JointForce:
         coulomb: float,
         stiction: float,
         reflected_inertia: float,
+        torque_limit: float,
     ) -> None: ...
 
 class Joint:
@@ -342,11 +343,12 @@ class LinearLaw:
         columns: ArrayLike,
         by_q: ArrayLike,
         by_v: ArrayLike,
-        limit: float,
+        limit: ArrayLike,
         reference: Any,
         read: Callable[[float, _Array, _Array, _Array], _Array] | None,
         u0: ArrayLike,
         windup: ArrayLike,
+        reach: ArrayLike,
     ) -> None: ...
     @property
     def reads(self) -> bool: ...

@@ -62,6 +62,9 @@ struct Roll {
   const double *farthest, *fastest;  ///< by lane: sizes of q and v that only a motion has that runs away (see Arm)
   int laws;                          ///< of feedback; their numbers, law by law:
   const double *column, *by_q, *by_v, *limit;  ///< nv, nq, nv, 1
+  int limits;                                  ///< rates whose motor has a limit
+  const int* limited;                          ///< which
+  const double* most;                          ///< of each; infinity where an arm of the pack has none
   int rubs, rubs_given;                        ///< rates with dry friction, and then those of them that are prescribed
   const int* rubbing;                          ///< which
   const double *coulomb, *stiction;            ///< of each

@@ -36,7 +36,7 @@ struct Rolled {
         free_count(j.free_count),
         nq(j.layout->nq),
         nv(j.layout->nv),
-        laws{j.laws, nq, nv, j.column, j.by_q, j.by_v, j.limit},
+        laws{j.laws, nq, nv, j.column, j.by_q, j.by_v, j.limit, j.limits, j.limited, j.most},
         weight(L::load(j.weight)) {
     const double* p = j.numbers;
     base = Sp::read(p);
@@ -58,8 +58,9 @@ struct Rolled {
   Mask factor(const Shift& shift, S& twice) {
     twice = chain.twice_kinetic(v_now);
     const Mask good = ::factor(chain, shift);
+    laws.ask(q_now, v_now);
     laws.factor(
-        shift, q_now, v_now, free, free_count, [&](int i) { return job.coordinate[i]; },
+        shift, q_now, v_now, free, free_count, [&](int i) { return job.coordinate[i]; }, [&](S* r) { laws.mask(r); },
         [&](const S* r, S* x) { ::solve(chain, r, x); });
     return good;
   }
@@ -100,6 +101,7 @@ struct Roller {
     room.take(nv, v, tau, y, forces);
     room.take_zeros(nv, x);
     room.take(1, changed);
+    arms.laws.given = tau;
     method.lay_out(room, nq, nv, j.rubbing, j.rubs, j.options);
     if (room.counts()) return;
     if (Contacts<Arms>* contacts = method.friction())
@@ -160,6 +162,10 @@ struct Roller {
       lose(L::none_of(good & finite(y) & finite(forces)), flexarm::lanes::not_finite, step);
       for (int i = 0; i < arms.nv; ++i) arms.total[i] = tau[i];
       arms.laws.add(q, v, 1.0, arms.total);
+      for (int c = 0; c < job.limits; ++c) {  // to the last digit
+        S& force = arms.total[job.limited[c]];
+        force = arms.laws.within(c, force);
+      }
       arms.laws.add(q, v, 1.0, forces);  // the reactions of what is prescribed, and of nothing else
       for (int k = 0; k < arms.free_count; ++k) forces[arms.free[k]] = arms.total[arms.free[k]];
       for (int c = job.rubs; c < job.rubs + job.rubs_given; ++c) {  // a drive must overcome the friction, too

@@ -36,12 +36,18 @@ def listed(name: str, value: Any) -> list[Any]:
     return list(value)
 
 
-def limit_of(value: Any, motor: Any = None) -> float:
-    """The bound that |u| is kept within: the lower of the limit and the motor's."""
+def limit_of(value: Any, motor: Any = None, count: int | None = None) -> Any:
+    """The bound that |u| is kept within, or, of a list, each of `count` outputs: the lower of the limit and the
+    motor's."""
     if motor is not None and not isinstance(motor, Motor):
         raise ValueError(f"motor = {motor!r}: must be a Motor or None")
-    limit = np.inf if value is None else positive("limit", value)
-    return limit if motor is None or motor.limit is None else min(limit, motor.limit)
+    most = np.inf if motor is None or motor.limit is None else motor.limit
+    if count is None or np.ndim(value) == 0:
+        return min(np.inf if value is None else positive("limit", value), most)
+    limits = array("limit", value)
+    if limits.shape != (count,) or not ((limits > 0.0) & (limits < np.inf)).all():
+        raise ValueError(f"limit = {value!r}: must be one positive number, or {count}, one for each output")
+    return np.minimum(limits, most)
 
 
 def gain_of(motor: Motor | None) -> float:
@@ -285,17 +291,17 @@ class StateFeedback(Controller):
         actuate: nu links (-1 is the last), (link, freedom), ("patch", link, patch), or columns (nv,) of generalised
             forces per unit of u.
         q0, v0, u0: the state about which, and the forces there; None: zero.
-        limit: of each |u|; None: none.
+        limit: of each |u|, one number or nu of them; None: none.
     """
 
     type = "state_feedback"
 
     def __init__(
         self, K: ArrayLike, actuate: Sequence[Any] = (-1,), *, q0: ArrayLike | None = None, v0: ArrayLike | None = None,
-        u0: ArrayLike | None = None, limit: float | None = None,
+        u0: ArrayLike | None = None, limit: ArrayLike | None = None,
     ) -> None:  # fmt: skip
         self.K, self.actuate = np.atleast_2d(array("K", K)), listed("actuate", actuate)
-        self.q0, self.v0, self.u0, self.limit = q0, v0, u0, limit_of(limit)
+        self.q0, self.v0, self.u0, self.limit = q0, v0, u0, limit_of(limit, None, len(self.actuate))
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         if arm.nq != arm.nv:
@@ -309,8 +315,8 @@ class StateFeedback(Controller):
         u0 = np.zeros(len(columns)) if self.u0 is None else array("u0", self.u0, (len(columns),))
         offset = u0 + K @ np.concatenate([q0, v0])
         laws = [
-            (c, k[: arm.nq], k[arm.nq :], Torque(float(u)).law, self.limit)
-            for c, k, u in zip(columns, K, offset, strict=True)
+            (c, k[: arm.nq], k[arm.nq :], Torque(float(u)).law, float(limit))
+            for c, k, u, limit in zip(columns, K, offset, np.broadcast_to(self.limit, len(K)), strict=True)
         ]
         return laws, []
 

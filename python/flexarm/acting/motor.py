@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from .._check import number
+from .._check import Array, number
+from ..parts.chain import Chain
 
 
 def finite(name: str, value: Any) -> float:
@@ -21,6 +22,24 @@ def positive(name: str, value: Any) -> float:
     if not 0.0 < x < np.inf:
         raise ValueError(f"{name} = {value}: must be positive and finite")
     return x
+
+
+def torque_limits(arm: Chain) -> Array:
+    """The most that what drives each rate of an arm gives together (N m, N), (nv,); infinity where there is no
+    limit."""
+    out = np.full(arm.nv, np.inf)
+    for k, link in enumerate(arm.links):
+        if link.joint.nv:
+            out[arm.joint_rates(k)] = link.joint._per_freedom("torque_limit", link.joint.nv)
+    return out
+
+
+def reach_of(arm: Chain, columns: Array, limit: Any) -> Array:
+    """Of each output, whose generalised forces are a column (nv or more, nu): the least of its own limit and of what
+    the motors at its joints can give."""
+    with np.errstate(divide="ignore"):
+        shares = torque_limits(arm)[:, None] / np.abs(columns[: arm.nv])
+    return np.asarray(np.minimum(limit, shares.min(axis=0, initial=np.inf)))
 
 
 class Motor:

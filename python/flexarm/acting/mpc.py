@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+import weakref
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,7 +17,7 @@ from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
 from .control import Controller, Feedback, Run, SampledLaw, force_columns, listed
 from .drive import Motion, Torque
-from .motor import positive
+from .motor import positive, reach_of
 from .sampled import is_samples
 
 _STATUS = ("", "a coordinate without inertia", "a stage, or the quadratic program, had no solution",
@@ -61,7 +62,8 @@ class MPC(Controller):
         terminal: for how long (s) the horizon's end counts in the cost; None: a fifth of the horizon.
         inputs: what u are: links, (link, freedom), ("patch", link, patch), or arrays (nv,), columns of generalised
             forces per unit of u; None: all joints.
-        limit: of each |u|, one number or (nu,) (N m, N); None: none. It is never exceeded.
+        limit: of each |u|, one number or (nu,) (N m, N); None: the `torque_limit` of the joints that u moves, if they
+            have one. It is never exceeded, nor is that of the joints.
         rate_limit: of each |du/dt|, one number or (nu,); None: none. It is never exceeded.
         effort: of u², one number or (nu,); None: 0.001 of the mean weight where u moves its joint by 1 rad, or 1 m, in
             the horizon, or is at its limit, if that is less.
@@ -146,7 +148,8 @@ class MPC(Controller):
         if self.model is None:
             raise ValueError("model = None: `step` needs the arm")
         if self._core is None:
-            self._core = self._made(self.model, np.eye(self.model.nv), np.array(self._columns(self.model)).T)
+            columns = np.array(self._columns(self.model)).T
+            self._core = self._made(self.model, self.model, np.eye(self.model.nv), columns)
             self._failed = self._failing()
         n = self.model.nv
         states = [np.asarray(x, dtype=float) for x in (q, v)]
@@ -174,12 +177,14 @@ class MPC(Controller):
         return self._planned
 
     def _failing(self) -> Callable[[float, int], None]:
-        """What is called where a sample could not be solved, in one run."""
-        first = True
+        """What is called where a sample could not be solved, in one run. The core holds it, out of sight of the garbage
+        collector, and this holds the core: it must not hold this."""
+        first, counter = True, weakref.ref(self)
 
         def failed(t: float, status: int) -> None:
             nonlocal first
-            self.failures += 1
+            if (law := counter()) is not None:
+                law.failures += 1
             if first:
                 first = False
                 warnings.warn(MPCWarning(
@@ -199,10 +204,10 @@ class MPC(Controller):
         model = arm if self.model is None else self.model
         columns = np.array(self._columns(arm)).T
         to_model = np.pad(_projection(arm, model), ((0, 0), (0, run.total)))
-        law = self._made(model, to_model, np.pad(columns, ((0, run.total), (0, 0))))
+        law = self._made(arm, model, to_model, np.pad(columns, ((0, run.total), (0, 0))))
         return [], [(float(run.times[0]), 1.0 / self.rate, self.delay / self.rate, law)]
 
-    def _made(self, model: Chain, to_model: Array, forces: Array) -> Any:
+    def _made(self, arm: Chain, model: Chain, to_model: Array, forces: Array) -> Any:
         if model.nq != model.nv:
             raise ValueError("MPC: is for arms without balls; use three rotations (Axes)")
         columns = np.array(self._columns(model)).T
@@ -213,7 +218,7 @@ class MPC(Controller):
         rate_weight = 0.05**2 * weight if rate_weight is None else _each("rate_weight", rate_weight, len(rows))
         if not (weight > 0).any():
             raise ValueError("weight: must be positive for at least one of what is tracked")
-        limits = _each("limit", self._given_as["limit"], nu, above=True)
+        limits = reach_of(arm, forces, _each("limit", self._given_as["limit"], nu, above=True))
         effort = self._given_as["effort"]
         if effort is None:
             inertia = np.einsum("ik,ij,jk->k", columns, model.mass_matrix(model.zero), columns)

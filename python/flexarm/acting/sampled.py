@@ -29,7 +29,7 @@ from .control import (
 )
 from .drive import Motion, Torque, sample_times
 from .following import along, check_motion, plus, scaled
-from .motor import Motor, positive
+from .motor import Motor, positive, reach_of
 from .seen import Seen
 
 _MOST = 1e8  # samples of a run
@@ -74,7 +74,7 @@ class Asked:
     """A law as the core asks it for forces, once a sample of one run."""
 
     def __init__(
-        self, law: Callable[[float, Array], Any], read: _Reader, columns: Array, limit: float, size: int, name: str
+        self, law: Callable[[float, Array], Any], read: _Reader, columns: Array, limit: Any, size: int, name: str
     ) -> None:
         self.law, self.read, self.columns, self.limit, self.size, self.name = law, read, columns, limit, size, name
         self.seen = Seen()
@@ -125,13 +125,14 @@ class Sampled(Controller):
         actuate: nu links (-1 is the last), (link, freedom), ("patch", link, patch), or columns (nv,) of generalised
             forces per unit of u.
         delay: from a sample to its force (s): what computing and the bus take.
-        limit: of each |u|; None: the motor's.
+        limit: of each |u|, one number or nu of them; None: the motor's.
         motor: turns u into torques; None: u are torques.
     """
 
     def __init__(
         self, law: Callable[[float, Array], Any], rate: float, measure: Sequence[Any] | None = None,
-        actuate: Sequence[Any] = (-1,), *, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
+        actuate: Sequence[Any] = (-1,), *, delay: float = 0.0, limit: ArrayLike | None = None,
+        motor: Motor | None = None,
     ) -> None:  # fmt: skip
         if not callable(law):
             raise ValueError(f"law = {law!r}: must be a callable (t, y) -> u")
@@ -140,7 +141,7 @@ class Sampled(Controller):
             raise ValueError(f"delay = {delay}: must be zero or positive, in seconds")
         self.measure = None if measure is None else [_entry(e) for e in listed("measure", measure)]
         self.actuate = [_entry(e) for e in listed("actuate", actuate)]
-        self.motor, self.limit = motor, limit_of(limit, motor)
+        self.motor, self.limit = motor, limit_of(limit, motor, len(self.actuate))
 
     def _reader(self, arm: Chain, loads: Any, opened: list[Any]) -> _Reader:
         """(t, q, v, a) -> y of one run; samplers with filters are noted in `opened`."""
@@ -219,7 +220,8 @@ class LinearController(Sampled):
         anti_windup: W (nx, nu), given as A and B are, for x+ (or x') = A x + B e + W (u - w): what a limit does to the
             states (Astrom & Hagglund, Advanced PID Control, 2006, ch. 3.5; Astrom & Wittenmark, Computer-Controlled
             Systems, 1997, ch. 9.4). An observer's is the B of its model, which then sees the force that is applied; of
-            an integral see `LinearController.pid`. None: zero, the states wind up at a limit.
+            an integral see `LinearController.pid`. None: zero, the states wind up at a limit. The `torque_limit` of
+            the joints that it drives counts as a limit of u here.
 
     It runs in C++ unless it reads sensors or a callable.
     """
@@ -233,7 +235,7 @@ class LinearController(Sampled):
     def __init__(
         self, A: Any, B: ArrayLike | None = None, C: ArrayLike | None = None, D: ArrayLike | None = None, *,
         rate: float | None = None, measure: Sequence[Any] | None = None, actuate: Sequence[Any] = (-1,),
-        reference: Any = 0.0, delay: float = 0.0, limit: float | None = None, motor: Motor | None = None,
+        reference: Any = 0.0, delay: float = 0.0, limit: ArrayLike | None = None, motor: Motor | None = None,
         method: str = "bilinear", u0: ArrayLike | None = None, anti_windup: ArrayLike | None = None,
     ) -> None:  # fmt: skip
         super().__init__(
@@ -299,7 +301,8 @@ class LinearController(Sampled):
         read = self._reader(arm, run.loads, opened) if sensed else None
         given = self._given(arm, run.times)
         law = [one.law for one in given] if isinstance(given, list) else given
-        return _core.LinearLaw(*matrices, *rows, self.limit, law, read, self.u0, self.anti_windup)
+        limit, reach = np.broadcast_to(self.limit, columns.shape[1]), reach_of(arm, columns, self.limit)
+        return _core.LinearLaw(*matrices, *rows, limit, law, read, self.u0, self.anti_windup, reach)
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
         if not self.continuous:
@@ -307,15 +310,15 @@ class LinearController(Sampled):
         units = np.array(force_columns(arm, self.actuate)).T
         self._check_outputs(units.shape[1])
         by_q, by_v = self._linear_rows(arm)
-        given, n = self._given(arm, run.times), self.A.shape[0]
+        reference, n = self._given(arm, run.times), self.A.shape[0]
         states = np.eye(arm.nv + run.total)[arm.nv + run.first :][:n]
 
         def offset(by_e: Array, constant: float) -> Any:
-            if isinstance(given, list):
-                parts = [scaled(law, float(c)) for law, c in zip(given, by_e, strict=True)]
+            if isinstance(reference, list):
+                parts = [scaled(law, float(c)) for law, c in zip(reference, by_e, strict=True)]
                 return reduce(plus, parts, Torque(constant)).law
-            return (lambda t: constant + float(by_e @ given(t))) if callable(given) else Torque(
-                constant + float(by_e @ given)
+            return (lambda t: constant + float(by_e @ reference(t))) if callable(reference) else Torque(
+                constant + float(by_e @ reference)
             ).law  # fmt: skip
 
         def law(column: Array, by_x: Array, by_e: Array, constant: float, limit: float) -> Feedback:
@@ -323,11 +326,17 @@ class LinearController(Sampled):
             rates = padded(by_e @ by_v, arm.nv + run.total) - by_x @ states
             return column, by_e @ by_q, rates, offset(by_e, float(constant)), limit
 
-        # x' = (A - W C) x + (B - W D) e - W u0 + W u, with u within its limit
-        W = self.anti_windup if np.isfinite(self.limit) else 0.0 * self.anti_windup
-        A, B, x0, gain = self.A - W @ self.C, self.B - W @ self.D, -W @ self.u0, gain_of(self.motor)
-        outputs = [law(padded(gain * u, arm.nv + run.total) + w @ states, c, d, constant, self.limit)
-                   for u, w, c, d, constant in zip(units.T, W.T, self.C, self.D, self.u0, strict=True)]  # fmt: skip
+        # x' = (A - W C) x + (B - W D) e - W u0 + W u, with u within its limit, and within what its joint's motor gives
+        size, gain = arm.nv + run.total, gain_of(self.motor)
+        reach, limit = reach_of(arm, gain * units, self.limit), np.broadcast_to(self.limit, units.shape[1])
+        W = np.where(np.isfinite(reach), self.anti_windup, 0.0)
+        A, B, x0 = self.A - W @ self.C, self.B - W @ self.D, -W @ self.u0
+        outputs = []
+        for i, given in enumerate(zip(self.C, self.D, self.u0, strict=True)):
+            force, led = padded(gain * units[:, i], size), W[:, i] @ states
+            same = reach[i] == limit[i] or not led.any()
+            outputs += [law(force + same * led, *given, float(limit[i]))]
+            outputs += [] if same else [law(led, *given, float(reach[i]))]
         inside = [law(x, a, b, constant, np.inf) for x, a, b, constant in zip(states, A, B, x0, strict=True)]
         return [*outputs, *inside, *braking_laws(arm, self.motor, units.T)], []
 

@@ -25,7 +25,7 @@ class Channel:
 
     Attributes:
         control: index of the controller. output: which of its outputs. rate: at which it is held (Hz), or None.
-        limit: that the output is kept within.
+        limit: that the output is kept within, by its controller or by the motor of its joint.
     """
 
     control: int
@@ -84,7 +84,9 @@ class Hybrid:
         for k, channel in enumerate(self.channels):
             self.channels[k] = Channel(channel.control, counts.get(channel.control, 0), None, channel.limit)
             counts[channel.control] = self.channels[k].output + 1
-        self.channels += [Channel(x.control, i, x.rate, x.limit) for x in self.held for i in range(x.columns.shape[1])]
+        self.channels += [
+            Channel(x.control, i, x.rate, float(limit)) for x in self.held for i, limit in enumerate(x.limit)
+        ]
         self.nh = sum(x.columns.shape[1] for x in self.held)
         n, nq, nv = plant.A.shape[0], plant.arm.nq, plant.arm.nv
         used = sorted({int(i) for law in running for i in np.flatnonzero(law.by_q[nq:])})
@@ -170,7 +172,7 @@ class Hybrid:
 
     @cached_property
     def _events(self) -> tuple[list[tuple[float, int, Any]], dict[Any, int], dict[Any, tuple[Any, int]]]:
-        """(time, kind, what) over a period, in order: 0, the look of a tap; 1, a law; 2, a force sets in. The sizes of
+        """(time, kind, what) over a period, in order: 0, the look of a tap; 1, a law; 2, forces set in. The sizes of
         the chains that keep what a later event needs; and by (law, sample, tap) the look that it reads and how many
         periods ago that was."""
         P = self.period
@@ -185,7 +187,7 @@ class Hybrid:
             return max(t + lag * P, 0.0), lag
 
         for j, law in enumerate(self.held):
-            nu = law.columns.shape[1]
+            late = law.late
             for k in range(round(P * law.rate)):
                 t = k / law.rate
                 events[(t, 1, (j, k))] = None
@@ -199,13 +201,14 @@ class Hybrid:
                     lag -= int(at > t + SAME * P)
                     reads[j, k, i] = name, lag
                     chains[name] = max(chains.get(name, 0), lag + 1)
-                at, lag = phase(t + law.delay)
-                lag = -lag  # periods behind the sample's
-                if lag == 0 and at <= t + SAME * P:
-                    continue
-                index = lag - int(t > at + SAME * P)
-                events[(at, 2, (j, k, index))] = None
-                chains["wait", j, k] = nu * (index + 1)
+                for d, (delay, outputs) in enumerate(late):
+                    at, lag = phase(t + delay)
+                    lag = -lag  # periods behind the sample's
+                    if lag == 0 and at <= t + SAME * P:
+                        continue
+                    index = lag - int(t > at + SAME * P)
+                    events[(at, 2, (j, d, k, index))] = None
+                    chains["wait", j, d, k] = len(outputs) * (index + 1)
             first += len(law.taps)
         if sum(chains.values()) > max(_LATE, 2 * len(events)):
             raise ValueError(f"delay: {sum(chains.values())} samples are under way; at most {_LATE} can be")
@@ -230,6 +233,7 @@ class Hybrid:
         for law in self.held:
             held_at.append(held_at[-1] + law.columns.shape[1])
             tap_at.append(tap_at[-1] + len(law.taps))
+        late = [[outputs for _, outputs in law.late] for law in self.held]
         counts = [round(P * law.rate) for law in self.held for _ in range(law.columns.shape[1])]
         start = np.concatenate([[0], np.cumsum([counts[c - offset] for c in broken])]).astype(int)
         nw = int(start[-1])
@@ -278,16 +282,17 @@ class Hybrid:
                             returned[w], u[i] = -u[i], W[w]
                         else:
                             u[i] = factors[c] * u[i]
-                    if ("wait", j, k) in chains:
-                        rows.push(("wait", j, k), u)
-                    else:
-                        answers[j] = u  # all laws look before any force sets in
+                    for d, outputs in enumerate(late[j]):
+                        if ("wait", j, d, k) in chains:
+                            rows.push(("wait", j, d, k), u[outputs])
+                        else:
+                            answers[j, d] = u[outputs]  # all laws look before any force sets in
                 else:
-                    j, k, index = what
-                    answers[j] = rows.entry(("wait", j, k), index, held_at[j + 1] - held_at[j])
-            for j, u in answers.items():
+                    j, d, k, index = what
+                    answers[j, d] = rows.entry(("wait", j, d, k), index, len(late[j][d]))
+            for (j, d), u in answers.items():
                 h = rows["h"].copy()
-                h[held_at[j] : held_at[j + 1]] = u
+                h[[held_at[j] + i for i in late[j][d]]] = u
                 rows["h"] = h
             answers.clear()
         flow(P - now)
@@ -301,6 +306,13 @@ class Hybrid:
     def with_held(self, held: Sequence[HeldLaw]) -> Hybrid:
         """The same with other sampled laws."""
         return Hybrid(self.plant, self._running, held, self._memory)
+
+    def alone(self, control: int) -> Hybrid:
+        """With the laws of one controller, and what else is no loop; a sampled one has those without samples beside
+        it."""
+        held = [x for x in self.held if x.control == control]
+        running = [x for x in self._running if held or x.control == control or not x.acts]
+        return Hybrid(self.plant, running, held, self._memory)
 
     def ones(self) -> Array:
         """No change of any output."""

@@ -13,6 +13,7 @@ import flexarm._core as _core
 
 from .._check import Array
 from ..acting.control import Run, gain_of, measured_rows, padded
+from ..acting.motor import reach_of, torque_limits
 from ..acting.sampled import Asked, LinearController, Sampled, count_of, note
 from ..acting.seen import Seen
 from ..parts.chain import Chain
@@ -43,7 +44,8 @@ class Tap:
 @dataclass
 class HeldLaw:
     """A sampled law of controller `control`: x+ = A x - B y, u = C x - D y. `columns` u (nv, nu) are its forces, held,
-    `delay` (s) behind the sample. It is linear while |u| is below `limit`."""
+    `delay` (s), one for all or one for each of u, behind the sample. It is linear while |u| is below `limit`
+    (nu,), of its own and of the motors at its joints."""
 
     control: int
     A: Array
@@ -53,8 +55,14 @@ class HeldLaw:
     taps: list[Tap]
     columns: Array
     rate: float
-    delay: float
-    limit: float
+    delay: float | Array
+    limit: Array
+
+    @property
+    def late(self) -> list[tuple[float, list[int]]]:
+        """Each delay (s), and which of u have it."""
+        delays = np.broadcast_to(self.delay, self.columns.shape[1])
+        return [(float(d), np.flatnonzero(delays == d).tolist()) for d in np.unique(delays)]
 
 
 @dataclass
@@ -89,6 +97,7 @@ def running_laws(
             motor = getattr(c, "motor", None)
             brakes = motor is not None and not np.any(by_q) and np.array_equal(by_v, motor.braking * column)
             acts = bool(np.any(column[: arm.nv])) and not brakes
+            limit = float(reach_of(arm, column[:, None], limit)[0])
             found.append(RunningLaw(k, padded(column, nv), padded(by_q, nq), padded(by_v, nv), limit, acts))
         first += c.memory
     felt = np.zeros(total, dtype=bool)
@@ -168,7 +177,7 @@ def held_law(
         matrices = found
     else:
         matrices = _asked(f"control[{k}]", c.law, y0, t, rate, columns.shape[1])
-    return HeldLaw(k, *matrices, taps, columns, rate, delay, 0.0 if bounded else c.limit)
+    return HeldLaw(k, *matrices, taps, columns, rate, delay, reach_of(arm, columns, 0.0 if bounded else c.limit))
 
 
 def _asked(name: str, law: Any, y0: Array, t: float, rate: float, nu: int) -> tuple[Array, Array, Array, Array]:
@@ -232,7 +241,7 @@ def _of_state(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate: 
     A, B, C, D = _asked(f"control[{k}]", ask, state, t, rate, arm.nv)
     acts = np.flatnonzero(np.any(C, axis=1) | np.any(D, axis=1))
     taps = [Tap(row[: arm.nq], row[arm.nq :], zero) for row in np.eye(state.size)]
-    return HeldLaw(k, A, B, C[acts], D[acts], taps, np.eye(arm.nv)[:, acts], rate, delay, np.inf)
+    return HeldLaw(k, A, B, C[acts], D[acts], taps, np.eye(arm.nv)[:, acts], rate, delay, torque_limits(arm)[acts])
 
 
 def _predictive(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate: float, delay: float) -> HeldLaw:
@@ -260,4 +269,4 @@ def _predictive(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate
     now, later = (np.array([pair[i] for pair in moved]) for i in (0, 1))
     C: Array = np.linalg.lstsq(now, later, rcond=1e-9)[0].T.astype(float)
     taps = [Tap(row[: arm.nq], row[arm.nq :], np.zeros(arm.nv)) for row in np.eye(state.size)]
-    return HeldLaw(k, C, -now.T, C, -now.T, taps, law.forces, rate, delay, np.inf)
+    return HeldLaw(k, C, -now.T, C, -now.T, taps, law.forces, rate, delay, reach_of(arm, law.forces, np.inf))

@@ -4,8 +4,9 @@ has grown."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from .laws import HeldLaw, held_law, running_laws
 from .plant import Plant
 
 _MOST = 400  # states of a linear model that is looked at
+_LEAST = 0.001  # share of its gains at which a loop is tried
 _GROWN = 2.0  # logarithm of what a loop must grow by in the time of a run, to be named
 
 
@@ -39,19 +41,43 @@ class LoopWarning(UserWarning):
         return LoopWarning(f"{whom}: {self}", self.control, self.growth)
 
 
-def _remedy(growth: Callable[[float], float], limit: float) -> str:
+class _Growths(NamedTuple):
+    """1/s: of the arm without control; what a run must grow by to have grown; and what is as good as none."""
+
+    bare: float
+    grown: float
+    quiet: float
+
+
+def _edge(growth: Callable[[float], float], quiet: float, good: float, bad: float) -> float:
+    """The factor between a good one and a bad one where growth(factor) ceases to be quiet."""
+    for _ in range(8 + int(abs(np.log2(bad / good)))):
+        middle = np.sqrt(good * bad)
+        good, bad = (middle, bad) if growth(middle) <= quiet else (good, middle)
+    return float(good)
+
+
+def _stable_shares(growth: Callable[[float], float], quiet: float) -> tuple[float, float] | None:
+    """Between which factors below 1 growth(factor) of the gains is quiet; from zero where the least tried is so."""
+    shares = np.geomspace(1.0, _LEAST, 37)
+    found = next((k for k in range(1, shares.size) if growth(shares[k]) <= quiet), None)
+    if found is None:
+        return None
+    low = 0.0 if growth(_LEAST) <= quiet else _edge(growth, quiet, shares[found], _LEAST)
+    return low, _edge(growth, quiet, shares[found], shares[found - 1])
+
+
+def _remedy(growth: Callable[[float], float], of: _Growths) -> str:
     """growth(factor) of the gains: what factor makes it stable, in words."""
-    for share in np.geomspace(1.0, 1e-3, 19)[1:]:
-        if growth(share) > limit:
-            continue
-        low, high = share, share * 1.468
-        for _ in range(8):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if growth(middle) <= limit else (low, middle)
-        return f"it is stable with its gains below {low:.2g} of what they are"
-    if growth(-1.0) <= limit:
+    shares = _stable_shares(growth, of.quiet)
+    if shares is None and growth(-1.0) <= of.quiet:
         return "with the other sign of its gains it is stable"
-    return "no share of its gains down to 0.001 makes it stable"
+    if shares is None:
+        falls = f", and without it the arm grows by {of.bare:.3g} 1/s" if of.bare > of.quiet else ""
+        return f"no share of its gains down to {_LEAST} makes it stable{falls}"
+    low, high = shares
+    where = f"between {low:.2g} and" if low else "below"
+    return f"it is stable with its gains {where} {high:.2g} of what they are"
 
 
 def unstable(
@@ -88,7 +114,7 @@ def _seen_laws(
                 law = held_law(arm, k, c, own, q, v, start, None, seen=False)
         except ValueError:
             continue
-        if law is not None and (failed or not np.isfinite(law.limit)):
+        if law is not None and (failed or np.isinf(law.limit).all()):
             found.append(law)
     return found
 
@@ -105,73 +131,87 @@ def _unstable(
     running = [x for x in running if not x.acts or failed or not np.isfinite(x.limit)]
     given = [law for laws in own for law in laws] if samplers is None else samplers
     held = _seen_laws(arm, controls, [len(laws) for laws in own], given, q, start, failed)
-    bare = max(Hybrid(plant, [], [], 0).growth(), 0.0) * 1.05
-    least = bare + _GROWN / max(time, 1e-300)
-    quiet = bare + 0.05 * _GROWN / max(time, float(times[-1] - times[0]))
-    return _running(plant, running, memory, least, quiet) or _held(plant, running, held, memory, least, quiet)
+    of = _Growths(
+        max(Hybrid(plant, [], [], 0).growth(), 0.0), _GROWN / max(time, 1e-300),
+        0.05 * _GROWN / max(time, float(times[-1] - times[0])),
+    )  # fmt: skip
+    try:
+        return _named(Hybrid(plant, running, held, memory), of)
+    except ValueError:  # rates without a common period: those without samples, then each of the others beside them
+        pass
+    for chosen in ([], *([x] for x in held)):
+        with suppress(ValueError):
+            if found := _named(Hybrid(plant, running, chosen, memory), of):
+                return found
+    return None
 
 
-def _running(plant: Plant, running: Sequence[Any], memory: int, least: float, quiet: float) -> LoopWarning | None:
-    """Of the loops without samples."""
-    loop = Hybrid(plant, running, [], memory)
-    poles, _ = loop.poles()
-    if not poles.size or poles[0].real <= least:
+def _guilty(loop: Hybrid, own: Sequence[int], of: _Growths) -> list[int]:
+    """Which of the controllers `own` make a loop grow: one that does so without the others, or one whose share of its
+    gains alone makes it stable, or all of them."""
+
+    def growth(k: int, factor: float) -> float:
+        return loop.growth(np.array([factor if c.control == k else 1.0 for c in loop.channels]))
+
+    if len(own) > 1:
+        for k in own:
+            if loop.alone(k).growth() > 1.05 * of.bare + of.grown:
+                return [k]
+        cures = [k for k in own if _stable_shares(lambda f, k=k: growth(k, f), of.quiet)]  # type: ignore[misc]
+        if len(cures) == 1:
+            return cures
+    return list(own)
+
+
+def _named(loop: Hybrid, of: _Growths) -> LoopWarning | None:
+    """The warning that a loop deserves; None where it does not grow, or the arm grows by itself as fast, and no share
+    of the gains keeps it from that."""
+    poles, z = loop.poles()
+    if not loop.channels or not poles.size or poles[0].real <= of.grown:
         return None
-    own = sorted({x.control for x in running})
-    for k in own:
-        mine = [x for x in running if x.control == k or not x.acts]
-        if len(own) == 1 or Hybrid(plant, mine, [], memory).growth() > least:
-            break
-    how = _remedy(lambda f: loop.growth(f * loop.ones()), quiet)
+    named = _guilty(loop, list(dict.fromkeys(c.control for c in loop.channels)), of)
+    mine = np.isin([c.control for c in loop.channels], named)
+
+    def growth(factor: float) -> float:
+        return loop.growth(np.where(mine, factor, 1.0))
+
+    if poles[0].real <= 1.05 * of.bare + of.grown and _stable_shares(growth, of.quiet) is None:
+        return None
+    how, names = _remedy(growth, of), " and ".join(f"control[{k}]" for k in named)
+    chosen = [x for x in loop.held if x.control in named]
+    if not chosen:
+        return LoopWarning(
+            f"the loop of {names} feeds energy in: about the start its fastest pole is {_text(complex(poles[0]))} "
+            f"1/s; {how}",
+            named[0], float(poles[0].real),
+        )  # fmt: skip
+    often = _oftener(loop, named, of.quiet)
+    if often:
+        how = f"{often} it is stable, while {how}" if how.startswith("no") else f"{how}, or {often}"
+    first = chosen[0]
+    whole = float(np.max(first.delay)) + max((tap.delay for tap in first.taps), default=0.0)
+    late = f" with a delay of {whole:g} s" if whole else ""
+    assert z is not None
     return LoopWarning(
-        f"the loop of control[{k}] feeds energy in: about the start its fastest pole is {_text(complex(poles[0]))} "
-        f"1/s; {how}",
-        k, float(poles[0].real),
+        f"the loop of {names}, sampled every {1.0 / first.rate:g} s{late}, is unstable: about the start its "
+        f"fastest pole is z = {_text(complex(z[0]))}; {how}",
+        first.control, float(poles[0].real),
     )  # fmt: skip
 
 
-def _oftener(plant: Plant, running: Sequence[Any], chosen: Sequence[HeldLaw], memory: int, quiet: float) -> str:
+def _oftener(loop: Hybrid, named: Sequence[int], quiet: float) -> str:
     """How often laws without a memory must be sampled to be stable, in words; "" where up to 64 times is no help."""
+    chosen = [x for x in loop.held if x.control in named]
     if any(x.A.size for x in chosen):
         return ""
     for parts in (2, 4, 8, 16, 32, 64):
-        finer = [replace(x, rate=x.rate * parts) for x in chosen]
+        finer = [replace(x, rate=x.rate * parts) if x.control in named else x for x in loop.held]
         try:
-            if Hybrid(plant, running, finer, memory).growth() <= quiet:
-                return f"sampled every {1.0 / finer[0].rate:g} s"
+            if loop.with_held(finer).growth() <= quiet:
+                return f"sampled every {1.0 / (chosen[0].rate * parts):g} s"
         except ValueError:  # too many samples are under way
             return ""
     return ""
-
-
-def _held(
-    plant: Plant, running: Sequence[Any], held: Sequence[HeldLaw], memory: int, least: float, quiet: float
-) -> LoopWarning | None:
-    """Of the loops with samples: of each alone, then of all together."""
-    for chosen in [[x] for x in held] + ([list(held)] if len(held) > 1 else []):
-        loop = Hybrid(plant, running, chosen, memory)
-        try:
-            s, z = loop.poles()
-        except ValueError:  # rates without a common period
-            continue
-        if not s.size or s[0].real <= least:
-            continue
-        assert z is not None
-        factors = np.array([c.rate is not None for c in loop.channels])
-        how = _remedy(lambda f, x=loop, y=factors: x.growth(np.where(y, f, 1.0)), quiet)  # type: ignore[misc]
-        often = _oftener(plant, running, chosen, memory, quiet)
-        if often:
-            how = f"{often} it is stable, while {how}" if how.startswith("no") else f"{how}, or {often}"
-        names = " and ".join(f"control[{x.control}]" for x in chosen)
-        first = chosen[0]
-        whole = first.delay + max((tap.delay for tap in first.taps), default=0.0)
-        late = f" with a delay of {whole:g} s" if whole else ""
-        return LoopWarning(
-            f"the loop of {names}, sampled every {1.0 / first.rate:g} s{late}, is unstable: about the start its "
-            f"fastest pole is z = {_text(complex(z[0]))}; {how}",
-            first.control, float(s[0].real),
-        )  # fmt: skip
-    return None
 
 
 def _text(pole: complex) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._check import Array
 from .hybrid import Channel, Complex, Hybrid, logarithm
+from .laws import HeldLaw
 from .printed import margins_table, short
 
 _GRID = 1500  # frequencies, beside those at poles
@@ -31,8 +32,8 @@ class Margins:
         phase: the least phase (rad), lost or gained, that makes it unstable; inf where the gain is nowhere 1. nan of
             one of several sampling rates, which has no frequency response.
         phase_frequency: where (rad/s).
-        delay: the least further delay that makes it unstable (s); inf where none does. Of a sampled law it is a delay
-            of its forces, with all between the samples.
+        delay: the least further delay of this output alone that makes it unstable (s); inf where none does. Of a
+            sampled law it is a delay of the output's force, with all between the samples.
     """
 
     name: str
@@ -124,7 +125,11 @@ def _roots(values: Array, w: Array, of: Callable[[float], float]) -> list[float]
     w, values = w[good], values[good]
     found = [float(w[k]) for k in np.flatnonzero(values == 0.0)]
     for k in np.flatnonzero(values[1:] * values[:-1] < 0.0):
-        found.append(float(brentq(at, w[k], w[k + 1], xtol=1e-14 * w[k + 1], rtol=1e-13)))
+        ends = at(w[k]), at(w[k + 1])
+        if ends[0] * ends[1] >= 0.0:  # one of the values has its sign of rounding, as at half a rate: there is the zero
+            found.append(float(w[k + int(abs(ends[1]) < abs(ends[0]))]))
+        else:
+            found.append(float(brentq(at, w[k], w[k + 1], xtol=1e-14 * w[k + 1], rtol=1e-13)))
     return found
 
 
@@ -194,11 +199,14 @@ def _by_poles(hybrid: Hybrid, channel: int) -> tuple[tuple[float, float], tuple[
 
 
 def _delay_by_poles(hybrid: Hybrid, channel: Channel, values: Array) -> float:
-    """The first of values (s), refined, by which the forces of a sampled law may not come later; inf if none."""
+    """The first of values (s), refined, by which one output of a sampled law may not come later; inf if none."""
 
     def poles(late: float) -> Complex:
-        held = [replace(x, delay=x.delay + late) if x.control == channel.control else x for x in hybrid.held]
+        held = [replace(x, delay=x.delay + late * mine(x)) if x.control == channel.control else x for x in hybrid.held]
         return hybrid.with_held(held).poles()[0]
+
+    def mine(law: HeldLaw) -> Array:
+        return np.asarray(np.arange(law.columns.shape[1]) == channel.output, dtype=float)
 
     found = first_crossing(poles, np.concatenate([[0.0], values]))
     return np.inf if found is None else found[0]

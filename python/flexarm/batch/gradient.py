@@ -13,6 +13,7 @@ import flexarm._core as _core
 from .._check import Array, array, number
 from .._threads import each
 from ..acting.load import Load, at_time
+from ..acting.motor import torque_limits
 from ..arm import Arm
 from ..run.parameter import Parameter
 from ..run.perturbed import check_paths, components, problems
@@ -192,6 +193,11 @@ class _Rolls:
                  workers: int) -> None:  # fmt: skip
         check_paths(paths)
         for path in paths:
+            if str(path).endswith(".torque_limit"):
+                raise ValueError(
+                    f"parameters: '{path}': a rollout has no derivative by a limit; leave the limit out of the arm, "
+                    "and give the forces clipped"
+                )
             if str(path).split(".")[0] in ("q0", "v0"):
                 raise ValueError(f"parameters: '{path}' is the start's; `.q0` and `.v0` are the derivatives by that")
         self.step, self.integrator, self.options, self.workers = step, integrator, options, workers
@@ -225,6 +231,7 @@ class _Rolls:
         np.add.at(forces, np.repeat(np.arange(len(tau)), np.diff(first)), applied)
         ends = np.rint(tape.switches / self.step).astype(int)  # of the steps in which dry friction switches
         np.add.at(forces, ends - 1, held)
+        forces[np.abs(tau) > torque_limits(of.arm)] = 0.0  # which the motors do not give
         by = by_parameters(tape, list(of.neighbours.values()), needed, applied, self.workers)
         if len(ends):
             close = problems(Setup(of.arm), list(of.neighbours), self.times, None, None, None, NEAR)

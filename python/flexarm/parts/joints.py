@@ -16,7 +16,7 @@ from .part import Part, read_name
 
 UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _SPRINGS = ("stiffness", "rest", "damping", "lower", "upper", "limit_stiffness", "limit_damping")
-_FORCES = (*_SPRINGS, "coulomb", "stiction", "reflected_inertia")
+_FORCES = (*_SPRINGS, "coulomb", "stiction", "reflected_inertia", "torque_limit")
 PerFreedom = float | Sequence[float]
 _Freedom = tuple[str, bool, Vector]  # label, whether a rotation, axis
 
@@ -83,6 +83,10 @@ class Joint(Part):
         stiction: the most that holds a sticking freedom (N, N m), at least `coulomb`; None: as much as `coulomb`.
         reflected_inertia: of the drive's rotor, as the joint feels it: gear ratio squared times rotor inertia (kg,
             kg m²). The rotor's own gyroscopic moments are left out.
+        torque_limit: of the motor, or what its gear bears (N m, N): drives, controllers and `tau` together give no more
+            than this, either way; None: no limit. It acts in whatever goes on in time, and `Result.tau` is what is
+            left. A prescribed motion takes what it takes. What is computed for one instant leaves it out. Springs,
+            dampers, stops and dry friction are the joint's, not the motor's.
         inboard: where the joint sits on the link below, from that link's end.
         outboard: where the link's own frame sits, from the joint's moving side.
         name: what the joint is called, such as "elbow"; it stands wherever its link's number may, and labels its
@@ -99,6 +103,7 @@ class Joint(Part):
     coulomb: PerFreedom = field(default=0.0, kw_only=True)
     stiction: PerFreedom | None = field(default=None, kw_only=True)
     reflected_inertia: PerFreedom = field(default=0.0, kw_only=True)
+    torque_limit: PerFreedom | None = field(default=None, kw_only=True)
     inboard: Placement | None = field(default=None, kw_only=True)
     outboard: Placement | None = field(default=None, kw_only=True)
     name: str | None = field(default=None, kw_only=True)
@@ -118,7 +123,7 @@ class Joint(Part):
         if value is None and name == "stiction":
             return self._per_freedom("coulomb", n)
         if value is None:
-            return [np.inf if name == "upper" else -np.inf] * n
+            return [-np.inf if name == "lower" else np.inf] * n
         if not isinstance(value, (list, tuple)):
             self._set(name, number(name, value))
             return [getattr(self, name)] * n

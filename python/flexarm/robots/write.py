@@ -39,7 +39,8 @@ def _freedoms(name: str, joint: Joint, taken: Sequence[str]) -> list[_Freedom]:
     quaternions."""
     if joint.ball:
         raise ValueError(f"{name}: its joint '{joint.type}' has a ball, which is not written; use Axes")
-    fields = ("stiffness", "rest", "damping", "lower", "upper", "coulomb", "stiction", "reflected_inertia")
+    fields = ("stiffness", "rest", "damping", "lower", "upper", "coulomb", "stiction", "reflected_inertia",
+              "torque_limit")  # fmt: skip
     columns = {field: joint._per_freedom(field, joint.nv) for field in fields}
     own = joint.name or _free(f"{name} joint", taken)
     out = []
@@ -169,6 +170,9 @@ def _mjcf_joint(body: ET.Element, f: _Freedom, anchor: Pose) -> None:
     if np.isfinite([v["lower"], v["upper"]]).any():
         limits = np.nan_to_num([v["lower"], v["upper"]], posinf=1e6, neginf=-1e6)
         given |= {"limited": "true", "range": _numbers(limits)}
+    if np.isfinite(v["torque_limit"]):
+        most = v["torque_limit"]
+        given |= {"actuatorfrclimited": "true", "actuatorfrcrange": _numbers([-most, most])}
     ET.SubElement(body, "joint", given)
 
 
@@ -260,9 +264,11 @@ def _urdf_joint(root: ET.Element, f: _Freedom | str, at: Pose, parent: str, chil
     if not isinstance(f, _Freedom):
         return
     ET.SubElement(joint, "axis", xyz=_numbers(f.axis))
-    if kind != "continuous":  # the format wants both limits, of a slide always
+    effort = {"effort": _numbers(np.nan_to_num(f.values["torque_limit"], posinf=1e6)), "velocity": "1e6"}
+    if kind != "continuous":  # the format wants limits, of a slide always
         lower, upper = np.nan_to_num(limits, posinf=1e6, neginf=-1e6)
-        given = {"lower": _numbers(lower), "upper": _numbers(upper), "effort": "1e6", "velocity": "1e6"}
-        ET.SubElement(joint, "limit", given)
+        ET.SubElement(joint, "limit", {"lower": _numbers(lower), "upper": _numbers(upper), **effort})
+    elif np.isfinite(f.values["torque_limit"]):
+        ET.SubElement(joint, "limit", effort)
     if f.values["damping"] or f.values["coulomb"]:
         ET.SubElement(joint, "dynamics", damping=_numbers(f.values["damping"]), friction=_numbers(f.values["coulomb"]))

@@ -14,8 +14,9 @@ import flexarm._core as _core
 
 from .._check import Array, array, choice
 from .._threads import cores, each
-from ..acting.control import control_laws
+from ..acting.control import control_laws, padded
 from ..acting.drive import Torque
+from ..acting.motor import torque_limits
 from ..acting.voltage import Voltage
 from .parameter import Neighbour, Parameter, core_laws, core_start
 from .perturbed import STEP, check_paths, components, drive_of, problems, start_of
@@ -181,14 +182,15 @@ class Source:
         q0, v0, needed, applied, switches, held = tape.adjoint(core, *self._numbers, *full, workers)
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
         forces = dict(zip(near, by_parameters(tape, list(near.values()), needed, applied, workers), strict=True))
-        whole = {"q0": q0, "v0": v0, "tau": applied.sum(axis=0) + held.sum(axis=0)}
+        pushed = np.vstack([applied, held]) * self._below_limits(tape, core, run)
+        whole = {"q0": q0, "v0": v0, "tau": pushed.sum(axis=0)}
         out: dict[str, Any] = {}
         for path, parts in paths.items():
             if path in whole:
                 out[path] = whole[path][: self.setup.arm.nv]
                 continue
             if _SAMPLES.fullmatch(path):
-                out[path] = self._by_samples(path, np.append(tape.t, tape.switches), np.vstack([applied, held]))
+                out[path] = self._by_samples(path, np.append(tape.t, tape.switches), pushed)
                 continue
             values = []
             for p in (near[part] for part in parts):
@@ -251,6 +253,16 @@ class Source:
             return []
         return [(i, _sum(p, lambda n, k=k: np.array([n.problem.laws[k][2](t) for t in run.times]).T))  # type: ignore[misc]
                 for k, (i, moves, *_) in enumerate(run.laws) if moves]  # fmt: skip
+
+    def _below_limits(self, tape: Any, core: Any, run: Problem) -> Array:
+        """1 where a further force acts, at the places of a tape and then at its switches; 0 at a motor's limit."""
+        most = padded(torque_limits(run.arm), run.both.nv)
+        most[run.arm.nv :] = np.inf
+        if np.isinf(most).all():
+            return np.ones((len(tape.t) + len(tape.switches), most.size))
+        near = np.clip(np.searchsorted(tape.t, tape.switches), 0, len(tape.t) - 1)
+        below = np.abs(tape.balance(core)[1]) < most * (1.0 - 1e-12)
+        return np.vstack([below, below[near]]).astype(float)
 
     def _by_samples(self, path: str, t: Array, applied: Array) -> Array:
         """Derivatives by the samples of a torque or a voltage, between which it is linear."""

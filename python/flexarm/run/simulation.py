@@ -29,7 +29,7 @@ from .problem import Problem
 from .result import Result
 from .sensitivity import Source
 from .variation import Setup
-from .watch import Watch, softened
+from .watch import Watch, beyond_motor, softened
 
 LINEAR_SOLVERS = ("auto", "dense", "chain")
 
@@ -180,7 +180,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
     if not failed:
         blown = beyond_explicit(run.arm, step, span) if INTEGRATORS[integrator].explicit else None
         said = [loop] if SILENT.get() else [loop or beyond, blown]
-        return [x for x in (*said, *run.missed(out["asked"])) if x]
+        return [x for x in (*said, beyond_motor(run.arm, result, run.prescribed), *run.missed(out["asked"])) if x]
     failure, degrees = out["failure"], run.in_degrees()
     asked = f". {degrees}" if degrees else ""
     cause = loop or softened(result.arm, result)

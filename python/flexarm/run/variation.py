@@ -55,7 +55,8 @@ def _numeric(value: Any) -> bool:
 
 #: fields that are None where nothing is given, but can be given numbers
 _OPTIONAL = (
-    "poisson_ratio", "shear_modulus", "shear_correction", "lower", "upper", "stiction", "resistance", "limit", "x",
+    "poisson_ratio", "shear_modulus", "shear_correction", "lower", "upper", "stiction", "resistance", "limit",
+    "torque_limit", "x",
 )  # fmt: skip
 
 
@@ -330,5 +331,5 @@ def _replaced(part: Any, new: dict[str, Any]) -> Any:
         return type(part)(**{**part._arguments(), **new})
     made = copy.copy(part)
     for name, value in new.items():
-        setattr(made, name, limit_of(value) if name == "limit" else value)
+        setattr(made, name, limit_of(value, None, np.size(value)) if name == "limit" else value)
     return made

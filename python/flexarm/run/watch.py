@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._check import Array, outside
+from ..acting.motor import torque_limits
 from ..analysis.validity import rotation
 from ..arm import Arm
 from .result import Result
@@ -31,7 +32,8 @@ class WatchWarning(UserWarning):
     """A run has left the range that its model was chosen for.
 
     Attributes:
-        what: "rotation" (rad), "strain" (1/m), "top" (share of the energy) or "spin" (over the first frequency).
+        what: "rotation" (rad), "strain" (1/m), "top" (share of the energy), "spin" (over the first frequency), or
+            "torque" (N m, N) that a prescribed motion takes beyond the `torque_limit` of its joint.
         link: the link.
         time: of the first output row past the limit (s).
         value, limit: the largest in the run, and what it should have stayed below.
@@ -43,6 +45,23 @@ class WatchWarning(UserWarning):
 
     def __reduce__(self) -> Any:
         return type(self), (str(self), self.what, self.link, self.time, self.value, self.limit)
+
+
+def beyond_motor(arm: Arm, result: Result, prescribed: Sequence[int]) -> WatchWarning | None:
+    """The prescribed motion that takes most beyond what the motor of its joint gives."""
+    most = torque_limits(arm)
+    over = [(float(np.abs(result.tau[:, i]).max(initial=0.0)) / most[i], i) for i in prescribed]
+    share, i = max(over, default=(0.0, -1))
+    if not share > 1.0 + 1e-9:
+        return None
+    size = np.abs(result.tau[:, i])
+    k, first = int(size.argmax()), int((size > most[i]).argmax())
+    link = next(n for n, part in enumerate(arm.links) if part.joint.nv and i in arm.joint_rates(n))
+    return WatchWarning(
+        f"the motion of '{arm.coordinates[i]}' takes up to {size[k]:.4g} (N m, N), at t = {result.t[k]:.4g} s; its "
+        f"motor gives {most[i]:.4g} (torque_limit): move more slowly, or command the joint by a controller",
+        "torque", link, float(result.t[first]), float(size[k]), float(most[i]),
+    )  # fmt: skip
 
 
 def first_frequency(arm: Arm) -> float:

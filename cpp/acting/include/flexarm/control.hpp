@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <deque>
 #include <functional>
 #include <limits>
@@ -9,6 +10,8 @@
 #include <vector>
 
 namespace flexarm {
+
+class Arm;
 
 /// A continuous law without memory, such as Eq. 97: u = reference(t) - by_q . q - by_v . v, kept within -limit ..
 /// limit, is the generalised force column * u. It is part of the equations that the integrators solve.
@@ -32,9 +35,29 @@ struct AppliedFeedback {
   double offset = 0.0;
 };
 
-/// Adds the slopes of -column * u, of laws that are not at their limits, to those of inverse dynamics.
-void add_feedback_slopes(const std::vector<AppliedFeedback>& feedback, const Eigen::VectorXd& q,
-                         const Eigen::VectorXd& v, Eigen::MatrixXd& dq, Eigen::MatrixXd& dv);
+/// A rate whose motor has a limit (JointForce::torque_limit): drives, held forces and laws together give no more.
+struct AppliedLimit {
+  int rate;
+  double most;
+  double given = 0.0;     ///< force of drives and of held laws now, `friction` included
+  double friction = 0.0;  ///< what of it is dry friction, which is not the motor's
+  double asked = 0.0;     ///< `given` and the laws, see `ask`
+
+  /// What the limit adds to what is asked: zero below it.
+  double cut() const { return std::clamp(asked - friction, -most, most) - (asked - friction); }
+  /// What acts: in this order, it is within the limit to the last digit.
+  double force() const { return std::clamp(asked - friction, -most, most) + friction; }
+};
+/// Of an arm's joints, those that have one.
+std::vector<AppliedLimit> torque_limits(const Arm& arm);
+/// Sets what is asked of rates with limits, at q and v.
+void ask(std::vector<AppliedLimit>& limits, const std::vector<AppliedFeedback>& feedback,
+         const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& v);
+
+/// Adds the slopes of -column * u, of laws that are not at their limits and at rates that are not, to those of inverse
+/// dynamics. Sets what is asked of the limits.
+void add_feedback_slopes(const std::vector<AppliedFeedback>& feedback, std::vector<AppliedLimit>& limits,
+                         const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::MatrixXd& dq, Eigen::MatrixXd& dv);
 
 /// A law that looks at the state now and then, and holds its force until it has looked again.
 struct Sampler {
@@ -45,14 +68,16 @@ struct Sampler {
 };
 
 /// A sampled linear law with memory: e = reference(t) - y, w = u0 + C x + D e, u is w within -limit .. limit, x+ = A x
-/// + B e + windup (u - w); its force is columns * u. y is read by `read`, or is by_q q + by_v v.
+/// + B e + windup (u' - w), u' being w within -reach .. reach; its force is columns * u. y is read by `read`, or is
+/// by_q q + by_v v.
 struct LinearLaw {
   Eigen::MatrixXd A, B, C, D, columns, by_q, by_v;
-  double limit;
+  Eigen::VectorXd limit;  ///< of each u
   std::function<Eigen::VectorXd(double)> reference;
   std::function<Eigen::VectorXd(double, const Eigen::VectorXd&, const Eigen::VectorXd&, const Eigen::VectorXd&)> read;
   Eigen::VectorXd u0 = Eigen::VectorXd::Zero(C.rows());
   Eigen::MatrixXd windup = Eigen::MatrixXd::Zero(A.rows(), C.rows());  ///< what a limit does to the states
+  Eigen::VectorXd reach = limit;  ///< of each u, the least of `limit` and of what the motors at its joints can give
   Eigen::VectorXd x = Eigen::VectorXd::Zero(A.rows());
 
   /// @throws std::invalid_argument where the sizes of e and B do not fit, or u is not finite

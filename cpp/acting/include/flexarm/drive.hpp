@@ -34,7 +34,7 @@ struct Drive {
   std::function<double(double)> force;        ///< empty for a prescribed coordinate
   Eigen::VectorXd breaks = {};                ///< times that no step may pass over, such as those of samples
   Eigen::VectorXd column = {};  ///< generalised force per unit of `force`, (nv), such as a patch's per volt
-  bool holds = false;           ///< a motion that is rest, held by dry friction
+  bool rubs = false;            ///< dry friction: a motion that is rest, or the force on what slides
 };
 
 }  // namespace flexarm

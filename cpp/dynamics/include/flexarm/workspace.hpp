@@ -45,6 +45,9 @@ class Workspace {
   Eigen::VectorXd a;                      ///< result of forward_dynamics; input where prescribed
   std::vector<AppliedLoad> loads;         ///< set their wrenches before an evaluation
   std::vector<AppliedFeedback> feedback;  ///< set their offsets before an evaluation
+  /// Of rates with a limit, empty unless one sets them: what the functions of this workspace then apply of forces and
+  /// laws is within. OneStep and the integrators set those of the arm.
+  std::vector<AppliedLimit> limits;
   std::vector<bool> prescribed;           ///< per velocity coordinate
   std::vector<int> free;                  ///< coordinates that are not prescribed
   double twice_kinetic = 0.0;             ///< v^T M v (J), set by factor_shifted
@@ -53,6 +56,11 @@ class Workspace {
   /// @throws std::invalid_argument where their lengths are not those of the arm
   void feed_back(const std::vector<Feedback>& laws);
   void feed_back(const std::vector<Feedback>&& laws) = delete;  ///< they would be gone
+
+  /// The forces of drives and held laws (nv), of which the limits are to know.
+  void give(const double* forces) {
+    for (AppliedLimit& l : limits) l.given = forces[l.rate];
+  }
 
   // Of the CI method; the matrices of nv^2 are empty until `take_composite` (ci.hpp) or CI's first call.
   Eigen::MatrixXd M;       ///< result of composite_mass_matrix

@@ -34,6 +34,8 @@ struct JointForce {
   /// The most when sticking, at least `coulomb`; unless it is given, which "not a number" says: as much as that.
   double stiction = std::numeric_limits<double>::quiet_NaN();
   double reflected_inertia = 0.0;  ///< of the rotor, seen at the joint: gear ratio squared times its own
+  /// Of the motor: the most that drives and controllers together give (AppliedLimit).
+  double torque_limit = std::numeric_limits<double>::infinity();
 };
 
 class Joint {
