@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import flexarm as fa
@@ -228,6 +229,47 @@ def test_readings_at_the_end_of_a_range_and_dropouts_are_left_out() -> None:
     before = camera.tip()[1]
     camera.update(camera.tip()[0] + [0, 1e-3, 0])
     assert camera.tip()[1][1, 1] < 0.1 * before[1, 1] and len(camera.labels) == 3
+
+
+@pytest.mark.parametrize(
+    "sensors",
+    [
+        [fa.Encoder(0, pulses=None, noise=1e-3, gain=2.0, offset=0.1), *SENSORS[1:]],
+        [*SENSORS[:2], fa.StrainGauge(0, 0.01, noise=1e-3, gain=1e3, offset=0.02, filter=50.0, range=9.0), GAUGES[1]],
+        [*SENSORS, fa.Camera(noise=1e-4, gain=[1.1, 0.9, 1.0], offset=[0.1, -0.1, 0.05])],
+        [*SENSORS, fa.Tachometer(1, noise=1e-3, gain=9.55, offset=-0.5)],
+    ],
+    ids=["encoder", "gauge behind a filter", "camera", "tachometer"],
+)
+def test_gain_and_offset_of_sensors_are_used(sensors: list[fa.Sensor]) -> None:
+    """A sensor that reads gain times what is there plus offset, in whatever unit, tells as much as one that reads it
+    straight, with its noise over the gain: the same estimate, to rounding."""
+    run, tau = moved(two_links(0.2), 0.2)
+    plain = []
+    for s in sensors:
+        gain, noise = np.asarray(s.gain), None if s.noise is None else s.noise / np.asarray(s.gain)
+        plain.append(replace(s, gain=1.0, offset=0.0, range=None, noise=noise.tolist() if np.ndim(noise) else noise)
+                     if np.any(gain != 1.0) else s)  # fmt: skip
+    found = []
+    for kind in (sensors, plain):
+        filter = fa.KalmanFilter(two_links(), kind, STEP, force_noise=NOISE, q_std=0.01, v_std=0.01,
+                                 estimate={"payload": (0.1, 0.2)})  # fmt: skip
+        found.append(filter.run(run.t, tau, [s.read(run) for s in kind]))
+    np.testing.assert_allclose(found[0].q, found[1].q, atol=1e-9)
+    np.testing.assert_allclose(found[0].q_std, found[1].q_std, rtol=1e-6)
+    np.testing.assert_allclose(found[0].nis, found[1].nis, rtol=1e-5, atol=1e-7)
+    assert found[0].parameters["payload"][-1] == pytest.approx(0.2, abs=0.02)
+
+
+def test_a_sensor_that_is_not_linear_is_refused() -> None:
+    """Nothing of it would be seen in derivatives at rest."""
+
+    class Squared(fa.Encoder):
+        def _measure(self, arm: fa.Arm, t: Any, q: Any, v: Any, a: Any, loads: Any) -> Any:
+            return np.asarray(super()._measure(arm, t, q, v, a, loads) ** 2)
+
+    with pytest.raises(ValueError, match=r"sensors\[0\]: Squared: must be linear in q and v, and the same at all times"):
+        fa.KalmanFilter(two_links(), [Squared(0, noise=1.0)], STEP, force_noise=NOISE, q_std=0.01, v_std=0.01)
 
 
 GOOD: dict[str, Any] = {"force_noise": NOISE, "q_std": 0.01, "v_std": 0.01}

@@ -114,6 +114,24 @@ def test_drive_and_sensors_are_sought_too() -> None:
     assert abs(fit.values["drive.0.delay"] - 0.0033) < 3e-4
 
 
+def test_a_gauge_that_saturates_is_fitted_as_it_is(data: fa.Data) -> None:
+    """A fifth of its readings stand at the end of its range, and say no more than that."""
+    most = float(np.quantile(np.abs(data["strain"]), 0.8))
+    cut = fa.Data(T, {**data, "strain": np.clip(data["strain"], -most, most)}, data.units)
+    base = scene(0.08, 1.5e11)
+    sensors = (base.sensors[0], fa.StrainGauge(0, 0.01, range=most))
+    fit = fa.identify(replace(base, sensors=sensors), cut, [MASS, MODULUS, DAMPING], **MEASURED)
+    assert inside(fit, TRUE) and fit.nrmse["strain"] < 0.05
+
+
+def test_a_sensor_that_samples_less_often_than_the_data_is_refused(data: fa.Data) -> None:
+    slow = replace(scene(), sensors=(scene().sensors[0], fa.StrainGauge(0, 0.01, rate=50)))
+    with pytest.raises(ValueError, match=r"outputs\['strain'\]: .* samples at 50 Hz.*rows at 200 Hz.* rate=None"):
+        fa.identify(slow, data, MASS, **MEASURED)
+    fast = replace(scene(), sensors=(scene().sensors[0], fa.StrainGauge(0, 0.01, rate=200)))
+    assert inside(fa.identify(fast, data, MASS, **MEASURED), {MASS: 0.05})
+
+
 def test_friction_from_stick_slip() -> None:
     options = {"integrator": "implicit", "step": 1e-3}
     data = recorded(scene(coulomb=0.1))
