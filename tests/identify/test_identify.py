@@ -117,7 +117,7 @@ def test_drive_and_sensors_are_sought_too() -> None:
 def test_a_gauge_that_saturates_is_fitted_as_it_is(data: fa.Data) -> None:
     """A fifth of its readings stand at the end of its range, and say no more than that."""
     most = float(np.quantile(np.abs(data["strain"]), 0.8))
-    cut = fa.Data(T, {**data, "strain": np.clip(data["strain"], -most, most)}, data.units)
+    cut = fa.Data(T, {**data.columns, "strain": np.clip(data["strain"], -most, most)}, data.units)
     base = scene(0.08, 1.5e11)
     sensors = (base.sensors[0], fa.StrainGauge(0, 0.01, range=most))
     fit = fa.identify(replace(base, sensors=sensors), cut, [MASS, MODULUS, DAMPING], **MEASURED)
