@@ -136,6 +136,38 @@ def test_errors_are_what_the_filter_believes() -> None:
     assert chi2.ppf(0.001, used) < nis < chi2.ppf(0.999, used)
 
 
+@pytest.mark.parametrize("start, spread", [(0.3, 0.3), (0.1, 0.4)])
+def test_a_poorly_known_payload_has_honest_intervals(start: float, spread: float) -> None:
+    """24 payloads drawn from what the filter is told of them: the error after 0.2 s over the standard deviation. (What
+    the product of two errors does, that of the payload and that of an acceleration, is most of it at first.)"""
+    rng, steps, model = np.random.default_rng(5), 200, two_links()
+    n = model.nv
+    noises = [1e-4, 1e-4, 2e-6, 2e-6]
+    sensors = [fa.Encoder(k, pulses=None, noise=1e-4) for k in (0, 1)] + [
+        fa.StrainGauge(k, 0.01, "+y", noise=2e-6) for k in (0, 1)
+    ]
+    filter = fa.KalmanFilter(model, sensors, STEP, force_noise=NOISE, q_std=0.01, v_std=0.01,
+                             estimate={"payload": (start, spread)})  # fmt: skip
+    t = np.arange(steps + 1) * STEP
+    known = np.zeros((steps + 1, n))
+    known[:, 0], known[:, 3] = 1.5 * np.cos(6 * t), 0.4 * np.cos(9 * t)
+    errors: list[float] = []
+    while len(errors) < 24:
+        payload = start + spread * rng.normal()
+        if payload < 0.02:
+            continue
+        forces = known[:-1] + rng.normal(size=(steps, n)) * NOISE / np.sqrt(STEP)
+        q0, v0 = 0.01 * rng.normal(size=(2, n))
+        arm = two_links(payload)
+        run = fa.rollout(arm, q0[None], v0[None], forces[None], step=STEP, every=1)
+        y = np.column_stack([s.measure(arm, t, run.q[0], run.v[0]) for s in sensors])
+        filter.reset()
+        filter.run(t, known, y + rng.normal(size=y.shape) * noises)
+        errors.append((filter.parameters["payload"] - payload) / max(filter.parameter_std["payload"], 1e-9))
+    assert np.mean(np.square(errors)) < chi2.ppf(0.999, len(errors)) / len(errors)
+    assert (np.abs(errors) < 2).mean() > 0.85
+
+
 @pytest.mark.parametrize("payload, wrong", [(0.05, 3), (0.15, 1 / 3), (0.5, 0.4), (0.5, 2)])
 def test_payload_within_5_percent_in_2_seconds(payload: float, wrong: float) -> None:
     run, tau = moved(two_links(payload, damping=(0.05, 0.02)), 2.0)
