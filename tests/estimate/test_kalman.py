@@ -164,7 +164,7 @@ def test_a_poorly_known_payload_has_honest_intervals(start: float, spread: float
         filter.reset()
         filter.run(t, known, y + rng.normal(size=y.shape) * noises)
         errors.append((filter.parameters["payload"] - payload) / max(filter.parameter_std["payload"], 1e-9))
-    assert np.mean(np.square(errors)) < chi2.ppf(0.999, len(errors)) / len(errors)
+    assert np.mean(np.square(errors)) < 3.0  # 1 of normal errors; 250 and 1400 without those products
     assert (np.abs(errors) < 2).mean() > 0.85
 
 
@@ -186,16 +186,16 @@ def test_payload_within_5_percent_in_2_seconds(payload: float, wrong: float) -> 
     assert "payload" in repr(estimate) and estimate.plot().axes
 
 
-def test_a_payload_lost_in_noise_is_found_again() -> None:
-    """A motion that begins softly: the filter takes noise for motion, believes in no payload, is surprised, and
-    doubts."""
+def test_a_payload_is_not_lost_in_noise() -> None:
+    """A motion that begins softly: without the products of errors the filter takes noise for motion, and believes in no
+    payload."""
     run, tau = moved(two_links(0.3), 2.0, soft=True)
     filter = fa.KalmanFilter(two_links(), SENSORS, STEP, force_noise=NOISE, q_std=0.01, v_std=0.01,
                              estimate={"payload": (0.1, 0.6)})  # fmt: skip
-    with pytest.warns(fa.FilterWarning, match="times as far from what was expected"):
-        found = filter.run(run.t, tau, [s.read(run) for s in SENSORS]).parameters["payload"]
-    assert (found[:1000] == 0).sum() > 50
-    assert abs(found[-1] / 0.3 - 1) < 0.02
+    found = filter.run(run.t, tau, [s.read(run) for s in SENSORS])
+    payload, std = found.parameters["payload"], found.parameter_std["payload"]
+    assert abs(payload[-1] / 0.3 - 1) < 0.02
+    assert (np.abs(payload - 0.3) < 3 * std).mean() > 0.95
 
 
 def test_friction_of_joints_that_stick_and_slide() -> None:
