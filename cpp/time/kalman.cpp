@@ -1,5 +1,6 @@
 #include "flexarm/kalman.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -235,7 +236,10 @@ void KalmanFilter::disturb() {
     forces_ += bend_.lazyProduct(bend_.transpose());
   }
   if (model_->payload() >= 0) {
-    forces_ *= L_.row(2 * n + model_->payload()).squaredNorm();
+    const double variance = L_.row(2 * n + model_->payload()).squaredNorm(), share = model_->share();
+    const double most = std::max(1.0, variance * share * share);  // beyond 1 inertia might be negative
+    forces_ *= variance / most;
+    mean_ /= most;
     forces_ += mean_.lazyProduct(mean_.transpose());
     gain_.noalias() = rows_.middleRows(first, n).transpose().lazyProduct(mean_);
     add(-1.0);

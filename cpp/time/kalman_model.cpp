@@ -233,4 +233,8 @@ void KalmanModel::bend(const VectorXd& dq, const VectorXd& dv, VectorXd& out) co
   out.noalias() += (loaded_->ws.M - ws_.M).lazyProduct(r_);
 }
 
+double KalmanModel::share() const {
+  return ((loaded_->ws.M - ws_.M).diagonal().array() / last_.by_a.diagonal().array()).maxCoeff();
+}
+
 }  // namespace flexarm

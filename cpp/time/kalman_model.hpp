@@ -29,6 +29,8 @@ class KalmanModel {
   /// Second derivative of the residual at the step's end, by the payload and along the change that `tangent` found
   /// last, of which dq and dv are given (nv).
   void bend(const Eigen::VectorXd& dq, const Eigen::VectorXd& dv, Eigen::VectorXd& out) const;
+  /// The largest part of its inertia that a rate owes to a kilogram of payload, at the step's end (1/kg).
+  double share() const;
   /// Which parameter is the payload; -1: none.
   int payload() const { return payload_; }
   /// Diagonal of the mass matrix at the last step's beginning.
