@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import warnings
 from dataclasses import replace
 from typing import Any
@@ -302,6 +304,26 @@ def test_a_sensor_that_is_not_linear_is_refused() -> None:
 
     with pytest.raises(ValueError, match=r"sensors\[0\]: Squared: must be linear in q and v, and the same at all times"):
         fa.KalmanFilter(two_links(), [Squared(0, noise=1.0)], STEP, force_noise=NOISE, q_std=0.01, v_std=0.01)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+def test_a_copy_goes_on_as_the_filter_itself(copied: Any) -> None:
+    run, tau = moved(two_links(0.2), 0.1)
+    sensors = [*SENSORS[:3], replace(GAUGES[1], filter=50.0)]
+    filter = fa.KalmanFilter(two_links(), sensors, STEP, force_noise=NOISE, q_std=0.01, v_std=0.01,
+                             estimate={"payload": (0.1, 0.2)}, drift={"payload": 0.01})  # fmt: skip
+    y = np.hstack([s.read(run).y for s in sensors])
+    filter.run(run.t[:50], tau[:50], y[:50])
+    other = copied(filter)
+    for name in ("q", "v", "covariance", "innovation", "innovation_std", "parameters", "consistency", "nis", "used"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(filter, name))
+    filter.predict(tau[49])
+    filter.update(y[50])
+    assert other.q[0] != filter.q[0]
+    other.predict(tau[49])
+    other.update(y[50])
+    np.testing.assert_array_equal(other.covariance, filter.covariance)
+    assert (other.parameters, other.consistency) == (filter.parameters, filter.consistency)
 
 
 GOOD: dict[str, Any] = {"force_noise": NOISE, "q_std": 0.01, "v_std": 0.01}
