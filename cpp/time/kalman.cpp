@@ -381,6 +381,23 @@ void KalmanFilter::place(const PlacedSlice& at, Eigen::Vector3d& p, Eigen::Matri
   }
 }
 
+KalmanFilter::State KalmanFilter::state() const {
+  return {q_, v_, p_, f_, innovations_, innovation_deviations_, model_->inertia(), L_, nis_, used_};
+}
+
+void KalmanFilter::resume(const State& state) {
+  q_ = state.q;
+  v_ = state.v;
+  p_ = state.parameters;
+  f_ = state.filters;
+  innovations_ = state.innovations;
+  innovation_deviations_ = state.innovation_deviations;
+  model_->resume(state.inertia);
+  L_ = state.root;
+  nis_ = state.nis;
+  used_ = state.used;
+}
+
 const Eigen::MatrixXd& KalmanFilter::transition() {
   for (Index j = 0; j < L_.cols(); ++j) {
     row_.setZero();

@@ -35,6 +35,7 @@ class KalmanModel {
   int payload() const { return payload_; }
   /// Diagonal of the mass matrix at the last step's beginning.
   const Eigen::VectorXd& inertia() const { return inertia_; }
+  void resume(const Eigen::VectorXd& inertia) { inertia_ = inertia; }
   Workspace& workspace() { return ws_; }
 
  private:
