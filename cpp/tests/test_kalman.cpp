@@ -19,6 +19,12 @@ namespace {
 
 constexpr double kStep = 1e-3;
 
+/// Without the products of errors, which a payload that is uncertain has.
+std::vector<KalmanParameter> certain_payload(std::vector<KalmanParameter> p) {
+  p[0].deviation = 0.0;
+  return p;
+}
+
 /// Two links in space, of which the last carries a point mass, and whose joints are damped.
 Arm two_links(double payload, double damping = 0.0) {
   JointForce damper;
@@ -82,7 +88,7 @@ TEST_CASE("the model is the implicit step of the arm that has these parameters")
   for (const double radius : {1.0, 0.6}) {
     KalmanOptions options;
     options.spectral_radius = radius;
-    auto p = parameters(bare, 0.3, 0.05, 0.0);
+    auto p = certain_payload(parameters(bare, 0.3, 0.05, 0.0));
     p.resize(3);
     KalmanFilter filter(bare, kStep, sensors(bare), p, VectorXd::Zero(bare.nv()), options);
     filter.start(at.q, at.v, at.q_deviation, at.v_deviation);
@@ -123,7 +129,7 @@ TEST_CASE("derivatives by states, parameters and filters are those of difference
   KalmanOptions options;
   options.friction_speed = 0.3;  // across its bend
   const auto run = [&](const VectorXd& x, MatrixXd* A) {
-    auto p = parameters(arm, 0.0, 0.0, 0.0);
+    auto p = certain_payload(parameters(arm, 0.0, 0.0, 0.0));
     for (std::size_t k = 0; k < p.size(); ++k) p[k].start = x[2 * n + static_cast<Eigen::Index>(k)];
     KalmanFilter filter(arm, kStep, sensors(arm), p, VectorXd::Zero(n), options);
     filter.start(x.head(n), x.segment(n, n), at.q_deviation, at.v_deviation);
@@ -152,7 +158,7 @@ TEST_CASE("the square root is that of the covariance in full") {
   const Arm arm = two_links(0.0);
   const Start at(arm);
   const Eigen::Index n = arm.nv();
-  const auto p = parameters(arm, 0.3, 0.05, 0.2);
+  const auto p = certain_payload(parameters(arm, 0.3, 0.05, 0.2));
   const VectorXd noise = VectorXd::Constant(n, 0.03);
   KalmanFilter filter(arm, kStep, sensors(arm), p, noise);
   filter.start(at.q, at.v, at.q_deviation, at.v_deviation);

@@ -1,5 +1,6 @@
 #include "flexarm/kalman.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -12,9 +13,6 @@ using Eigen::Index;
 using Eigen::VectorXd;
 
 namespace {
-
-constexpr double kShare = 0.02;     // of an update in the mean of innovations squared over their variances
-constexpr double kSurprised = 1.5;  // of that mean, which is 1 where the filter is right
 
 KalmanSensor linear(const Arm& arm, double noise) {
   KalmanSensor s;
@@ -127,13 +125,12 @@ KalmanFilter::KalmanFilter(const Arm& arm, double h, const std::vector<KalmanSen
     filters += s.F.rows();
   }
   const Index states = 2 * n + m + filters, noises = n + m;
-  q_ = q0_ = v_ = v0_ = dq_ = dv_ = dtau_ = old_q_ = old_v_ = VectorXd::Zero(n);
+  q_ = q0_ = v_ = v0_ = dq_ = dv_ = dtau_ = old_q_ = old_v_ = bend_ = mean_ = VectorXd::Zero(n);
   p_ = dp_ = VectorXd::Zero(m);
   f_ = f0_ = df_ = VectorXd::Zero(filters);
   row_ = phi_ = gain_ = VectorXd::Zero(states);
   essential_ = VectorXd::Zero(states + noises);
   innovations_ = innovation_deviations_ = VectorXd::Zero(static_cast<Index>(sensors.size()));
-  again_ = VectorXd::Zero(m);
   lowest_ = VectorXd::Constant(m, -std::numeric_limits<double>::infinity());
   for (Index k = 0; k < m; ++k) {
     const KalmanParameter& p = parameters[static_cast<std::size_t>(k)];
@@ -144,6 +141,8 @@ KalmanFilter::KalmanFilter(const Arm& arm, double h, const std::vector<KalmanSen
   }
   L_ = transition_ = Eigen::MatrixXd::Identity(states, states);
   rows_ = Eigen::MatrixXd::Zero(states + noises, states);
+  forces_ = Eigen::MatrixXd::Zero(n, n);
+  pushed_ = Eigen::MatrixXd::Zero(n, states);
   J_ = Mat6X<double>::Zero(6, n);
   start(arm.zero(), v_, VectorXd::Zero(n), VectorXd::Zero(n));
 }
@@ -163,8 +162,6 @@ void KalmanFilter::start(const VectorXd& q, const VectorXd& v, const VectorXd& q
     L_(2 * n + k, 2 * n + k) = parameters_[static_cast<std::size_t>(k)].deviation;
   }
   f_.setZero();
-  again_.setZero();
-  surprise_ = 1.0;
   for (std::size_t k = 0; k < sensors_.size(); ++k) {  // settled, so that its first state is what comes in
     const KalmanSensor& s = sensors_[k];
     if (s.F.rows() == 0) continue;
@@ -195,16 +192,22 @@ Status KalmanFilter::predict(const VectorXd& tau) {
     f += s.before * (s.by_q.dot(q0_) + s.by_v.dot(v0_) + s.offset);
     f += s.after * (s.by_q.dot(q_) + s.by_v.dot(v_) + s.offset);
   }
+  forces_.setZero();
+  mean_.setZero();
   for (Index j = 0; j < L_.cols(); ++j) {
     row_ = L_.col(j);
     carry(j, false);
+    if (model_->payload() >= 0) {
+      model_->bend(dq_, dv_, bend_);
+      forces_ += bend_.lazyProduct(bend_.transpose());
+      mean_ += L_(2 * n + model_->payload(), j) * bend_;
+    }
   }
-  for (Index j = 0; j < n + m; ++j) {  // forces that are held over the step, with the variance of their density over h
-    row_.setZero();
-    dtau_.setZero();
-    if (j < n) dtau_[j] = force_noise_[j] / std::sqrt(h_);
-    if (j >= n) row_[n + j] = parameters_[static_cast<std::size_t>(j - n)].drift * std::sqrt(h_) + again_[j - n];
-    carry(L_.cols() + j, true);
+  disturb();
+  for (Index j = 0; j < m; ++j) {  // drifts come after the step
+    const double drift = parameters_[static_cast<std::size_t>(j)].drift * std::sqrt(h_);
+    rows_.row(L_.cols() + n + j).setZero();
+    rows_(L_.cols() + n + j, 2 * n + j) = drift;
   }
   if (!rows_.allFinite() || !f_.allFinite()) {
     q_ = q0_;
@@ -212,21 +215,55 @@ Status KalmanFilter::predict(const VectorXd& tau) {
     f_ = f0_;
     return Status::not_finite;
   }
-  again_.setZero();
   triangularise();
   return Status::ok;
 }
 
-/// A small change of the state, in row_, over the step, into a row of rows_. A parameter's drift comes after the step.
+/// Forces that are held over the step, into rows of rows_: those that the model does not know of, with the variance of
+/// their density over h, and those of the product of two errors, a payload's e and that of what it multiplies, u. In
+/// forces_ and mean_ are E[u u^T] and E[e u], as far as they come from the state; the product has the mean E[e u] and
+/// the covariance E[e^2] E[u u^T] + E[e u] E[e u]^T.
+void KalmanFilter::disturb() {
+  const Index n = q_.size(), first = L_.cols();
+  row_.setZero();
+  for (Index j = 0; j < n; ++j) {  // forces of 1
+    dtau_.setZero();
+    dtau_[j] = 1.0;
+    carry(first + j, true);
+    if (model_->payload() < 0) continue;
+    model_->bend(dq_, dv_, bend_);
+    bend_ *= force_noise_[j] / std::sqrt(h_);
+    forces_ += bend_.lazyProduct(bend_.transpose());
+  }
+  if (model_->payload() >= 0) {
+    const double variance = L_.row(2 * n + model_->payload()).squaredNorm(), share = model_->share();
+    const double most = std::max(1.0, variance * share * share);  // beyond 1 inertia might be negative
+    forces_ *= variance / most;
+    mean_ /= most;
+    forces_ += mean_.lazyProduct(mean_.transpose());
+    gain_.noalias() = rows_.middleRows(first, n).transpose().lazyProduct(mean_);
+    add(-1.0);
+  }
+  forces_.diagonal() += force_noise_.cwiseAbs2() / h_;
+  for (Index j = 0; j < n; ++j) {  // its Cholesky factor, column by column; a force that there is not has none
+    const double pivot = forces_(j, j);
+    if (pivot > 0.0)
+      forces_.col(j).tail(n - j) /= std::sqrt(pivot);
+    else
+      forces_.col(j).tail(n - j).setZero();
+    for (Index k = j + 1; k < n; ++k) forces_.col(k).tail(n - k) -= forces_(k, j) * forces_.col(j).tail(n - k);
+    forces_.col(j).head(j).setZero();
+  }
+  pushed_ = rows_.middleRows(first, n);
+  rows_.middleRows(first, n).noalias() = forces_.transpose().lazyProduct(pushed_);
+}
+
+/// A small change of the state, in row_, over the step, into a row of rows_.
 void KalmanFilter::carry(Index row, bool noise) {
   const Index n = q_.size(), m = p_.size();
   dq_ = old_q_ = row_.head(n);
   dv_ = old_v_ = row_.segment(n, n);
   dp_ = row_.segment(2 * n, m);
-  if (noise && !dp_.isZero(0.0)) {
-    rows_.row(row) = row_.transpose();
-    return;
-  }
   if (!noise) dtau_.setZero();
   model_->tangent(dq_, dv_, dp_, dtau_);
   for (std::size_t k = 0; k < sensors_.size(); ++k) {
@@ -294,9 +331,7 @@ void KalmanFilter::add(double times) {
   f_ += times * gain_.tail(f_.size());
 }
 
-/// A parameter that is below its bound goes there, and the rest of the state to what is most likely then. Where the
-/// filter is surprised, it has taken noise for motion: a linear filter leaves out the product of two errors, that of a
-/// payload and that of an acceleration.
+/// A parameter that is below its bound goes there, and the rest of the state to what is most likely then.
 void KalmanFilter::bound(Index parameter) {
   const Index row = 2 * q_.size() + parameter;
   if (!(p_[parameter] < lowest_[parameter])) return;
@@ -307,7 +342,6 @@ void KalmanFilter::bound(Index parameter) {
     add((lowest_[parameter] - p_[parameter]) / variance);
   }
   p_[parameter] = lowest_[parameter];
-  if (surprise_ > kSurprised) again_[parameter] = parameters_[static_cast<std::size_t>(parameter)].deviation;
 }
 
 Status KalmanFilter::update(const VectorXd& y) {
@@ -331,7 +365,6 @@ Status KalmanFilter::update(const VectorXd& y) {
     nis_ += innovation * innovation / variance;
     ++used_;
   }
-  if (used_ > 0) surprise_ += kShare * (nis_ / used_ - surprise_);
   for (Index k = 0; k < m; ++k) bound(k);
   return q_.allFinite() && v_.allFinite() && p_.allFinite() && L_.allFinite() ? Status::ok : Status::not_finite;
 }
@@ -346,6 +379,23 @@ void KalmanFilter::place(const PlacedSlice& at, Eigen::Vector3d& p, Eigen::Matri
     const Eigen::Vector3d moved = J_.topRows<3>().lazyProduct(L_.col(j).head(q_.size()));
     covariance += moved * moved.transpose();
   }
+}
+
+KalmanFilter::State KalmanFilter::state() const {
+  return {q_, v_, p_, f_, innovations_, innovation_deviations_, model_->inertia(), L_, nis_, used_};
+}
+
+void KalmanFilter::resume(const State& state) {
+  q_ = state.q;
+  v_ = state.v;
+  p_ = state.parameters;
+  f_ = state.filters;
+  innovations_ = state.innovations;
+  innovation_deviations_ = state.innovation_deviations;
+  model_->resume(state.inertia);
+  L_ = state.root;
+  nis_ = state.nis;
+  used_ = state.used;
 }
 
 const Eigen::MatrixXd& KalmanFilter::transition() {

@@ -233,4 +233,14 @@ void KalmanModel::tangent(VectorXd& dq, VectorXd& dv, const VectorXd& dp, const 
   dv += alpha_.v_by_a * r_;
 }
 
+void KalmanModel::bend(const VectorXd& dq, const VectorXd& dv, VectorXd& out) const {
+  out.noalias() = (loaded_->inverse.dq - inverse_.dq).lazyProduct(dq);
+  out.noalias() += (loaded_->inverse.dv - inverse_.dv).lazyProduct(dv);
+  out.noalias() += (loaded_->ws.M - ws_.M).lazyProduct(r_);
+}
+
+double KalmanModel::share() const {
+  return ((loaded_->ws.M - ws_.M).diagonal().array() / last_.by_a.diagonal().array()).maxCoeff();
+}
+
 }  // namespace flexarm

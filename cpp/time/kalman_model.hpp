@@ -26,8 +26,16 @@ class KalmanModel {
               double slack);
   /// Small changes of the beginning, the parameters and the forces, to those of the end, in place: exact.
   void tangent(Eigen::VectorXd& dq, Eigen::VectorXd& dv, const Eigen::VectorXd& dp, const Eigen::VectorXd& dtau);
+  /// Second derivative of the residual at the step's end, by the payload and along the change that `tangent` found
+  /// last, of which dq and dv are given (nv).
+  void bend(const Eigen::VectorXd& dq, const Eigen::VectorXd& dv, Eigen::VectorXd& out) const;
+  /// The largest part of its inertia that a rate owes to a kilogram of payload, at the step's end (1/kg).
+  double share() const;
+  /// Which parameter is the payload; -1: none.
+  int payload() const { return payload_; }
   /// Diagonal of the mass matrix at the last step's beginning.
   const Eigen::VectorXd& inertia() const { return inertia_; }
+  void resume(const Eigen::VectorXd& inertia) { inertia_ = inertia; }
   Workspace& workspace() { return ws_; }
 
  private:

@@ -13,6 +13,10 @@ using Row = std::tuple<Eigen::VectorXd, Eigen::VectorXd, double, double,
 /// kind, rate, start, deviation, drift
 using Unknown = std::tuple<int, int, double, double, double>;
 
+/// KalmanFilter::State
+using State = std::tuple<Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd,
+                         Eigen::VectorXd, Eigen::VectorXd, Eigen::MatrixXd, double, int>;
+
 std::unique_ptr<KalmanFilter> make_kalman(const Arm& arm, double step, const std::vector<Row>& rows,
                                           const std::vector<Unknown>& unknowns, const Eigen::VectorXd& force_noise,
                                           double spectral_radius, double friction_speed) {
@@ -104,6 +108,18 @@ void bind_kalman(py::module_& m) {
           },
           py::arg("link"), py::arg("x"))
       .def("transition", [](KalmanFilter& f) { return Eigen::MatrixXd(f.transition()); })
+      .def("state",
+           [](const KalmanFilter& f) {
+             const KalmanFilter::State s = f.state();
+             return py::make_tuple(s.q, s.v, s.parameters, s.filters, s.innovations, s.innovation_deviations, s.inertia,
+                                   s.root, s.nis, s.used);
+           })
+      .def(
+          "resume",
+          [](KalmanFilter& f, const State& s) {
+            f.resume(std::apply([](const auto&... x) { return KalmanFilter::State{x...}; }, s));
+          },
+          py::arg("state"))
       .def_property_readonly("q", [](const KalmanFilter& f) { return Eigen::VectorXd(f.q()); })
       .def_property_readonly("v", [](const KalmanFilter& f) { return Eigen::VectorXd(f.v()); })
       .def_property_readonly("p", [](const KalmanFilter& f) { return Eigen::VectorXd(f.parameters()); })

@@ -114,6 +114,24 @@ def test_drive_and_sensors_are_sought_too() -> None:
     assert abs(fit.values["drive.0.delay"] - 0.0033) < 3e-4
 
 
+def test_a_gauge_that_saturates_is_fitted_as_it_is(data: fa.Data) -> None:
+    """A fifth of its readings stand at the end of its range, and say no more than that."""
+    most = float(np.quantile(np.abs(data["strain"]), 0.8))
+    cut = fa.Data(T, {**data.columns, "strain": np.clip(data["strain"], -most, most)}, data.units)
+    base = scene(0.08, 1.5e11)
+    sensors = (base.sensors[0], fa.StrainGauge(0, 0.01, range=most))
+    fit = fa.identify(replace(base, sensors=sensors), cut, [MASS, MODULUS, DAMPING], **MEASURED)
+    assert inside(fit, TRUE) and fit.nrmse["strain"] < 0.05
+
+
+def test_a_sensor_that_samples_less_often_than_the_data_is_refused(data: fa.Data) -> None:
+    slow = replace(scene(), sensors=(scene().sensors[0], fa.StrainGauge(0, 0.01, rate=50)))
+    with pytest.raises(ValueError, match=r"outputs\['strain'\]: .* samples at 50 Hz.*rows at 200 Hz.* rate=None"):
+        fa.identify(slow, data, MASS, **MEASURED)
+    fast = replace(scene(), sensors=(scene().sensors[0], fa.StrainGauge(0, 0.01, rate=200)))
+    assert inside(fa.identify(fast, data, MASS, **MEASURED), {MASS: 0.05})
+
+
 def test_friction_from_stick_slip() -> None:
     options = {"integrator": "implicit", "step": 1e-3}
     data = recorded(scene(coulomb=0.1))
@@ -347,3 +365,29 @@ def test_intervals_hold_in_95_percent() -> None:
             errors.append([(fit.values[p] - x) / fit.std[p] for p, x in TRUE.items()])
     assert np.mean(hits) >= 0.87  # 95 % less three standard deviations of a count of 60
     assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.35
+
+
+def test_noise_that_is_told_far_too_large_is_named(data: fa.Data) -> None:
+    fit = fa.identify(scene(0.08), data, [MASS, DAMPING], **MEASURED, noise={"angle": 30 * NOISE["angle"]})
+    said = [note for note in fit.notes() if "smaller than the noise that was told" in note]
+    assert len(said) == 1 and said[0].startswith("Residuals of angle are 3")
+
+
+def test_numbers_that_stand_in_for_each_other_say_how_far() -> None:
+    """A mass on a rail under a known force and a pull of gravity, over a hundredth of a metre: both give one
+    acceleration, but for a drag. By hand: the pair's change that leaves 1 % more."""
+    t, sigma = np.linspace(0.0, 1.0, 101), 1e-4
+    force = 3.0 + 0.1 * t
+    arm = fa.Arm([fa.Link(fa.Prismatic("x"), tip=fa.RigidBody(2.0))], gravity=(0, 0, 0))
+    x = (1.5 * t**2 + 0.1 * t**3 / 6) / 2 + sigma * np.random.default_rng(1).normal(size=t.size)
+    options = {"integrator": "implicit", "step": 0.002}
+    rail = fa.Scene(arm, {0: fa.Torque(t, force)}, t=t, options=options)
+    fit = fa.identify(rail, fa.Data(t, {"x": x}, {"x": "m"}), {"drive.0.scale": 1.0, "gravity.0": 0.0},
+                      outputs={"x": "q link 0 prismatic"}, noise={"x": sigma})  # fmt: skip
+    J = np.column_stack([(1.5 * t**2 + 0.1 * t**3 / 6) / 2, t**2 / 2])  # by the scale, by gravity
+    (found,) = fit.loose
+    assert found.names == ("drive.0.scale", "gravity.0") and found.correlation < -0.95
+    left = x - J @ [fit.values["drive.0.scale"], fit.values["gravity.0"]]
+    more = left - J @ found.changes
+    assert np.linalg.norm(more) / np.linalg.norm(left) == pytest.approx(1.01, abs=1e-4)
+    assert "leaves 1 % more" in "\n".join(fit.notes())

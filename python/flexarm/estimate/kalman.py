@@ -114,10 +114,9 @@ class KalmanFilter:
         if (noise < 0).any():
             raise ValueError(f"force_noise = {force_noise!r}: must not be negative")
         noise = noise * joints if noise.ndim == 0 else array("force_noise", force_noise, (arm.nv,))
-        self._core = _core.KalmanFilter(
-            arm._core, self.step, rows, parameters, noise,
-            number("spectral_radius", spectral_radius), number("friction_speed", friction_speed),
-        )  # fmt: skip
+        radius, speed = number("spectral_radius", spectral_radius), number("friction_speed", friction_speed)
+        self._made = self.step, rows, parameters, noise, radius, speed
+        self._core = _core.KalmanFilter(arm._core, *self._made)
         self._start = [
             arm._place("q", q),
             array("v", np.zeros(arm.nv) if v is None else v, (arm.nv,)),
@@ -125,6 +124,16 @@ class KalmanFilter:
             _each("v_std", v_std, arm.nv),
         ]
         self.reset()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies go on from where it is."""
+        own = {"_core": self._core.state(), "_tested": self._tested.copy(), "_sums": self._sums.copy()}
+        return {**self.__dict__, **own}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._core = _core.KalmanFilter(self.arm._core, *self._made)
+        self._core.resume(state["_core"])
 
     def reset(self) -> None:
         """Back to the start, as if nothing had been read."""

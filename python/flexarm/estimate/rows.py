@@ -34,17 +34,24 @@ def sensor_rows(arm: Arm, sensor: Sensor, step: float) -> list[Any]:
             raise ValueError("filter: a camera's is not in the model")
         F, given = np.split(sensor.filter.step(step), [sensor.filter.order], axis=1)
         before, after = given[:, 0] + given[:, 1] / 2, given[:, 2] + given[:, 1] / 2  # a straight line between
+    gain, shift = sensor._each("gain", count, 1.0), sensor._each("offset", count, 0.0)
     if isinstance(sensor, Camera):
         if sensor.axes != "world":
             raise ValueError(f"axes = {sensor.axes!r}: must be 'world'")
         place = arm._link(sensor.link), sensor.x
-        return [(np.zeros(n), np.zeros(n), 0.0, std[k], place, np.eye(3)[k], F, before, after) for k in range(3)]
+        return [(np.zeros(n), np.zeros(n), shift[k], std[k], place, gain[k] * np.eye(3)[k], F, before, after)
+                for k in range(3)]  # fmt: skip
     # linear: by states of one coordinate or rate alone
     zero, unit = np.zeros((n, n)), np.eye(n)
     y0 = sensor.measure(arm, 0.0, arm.zero, np.zeros(n))[0]
     by_q = sensor.measure(arm, np.zeros(n), arm.zero + unit, zero)[:, 0] - y0
     by_v = sensor.measure(arm, np.zeros(n), arm.zero + zero, unit)[:, 0] - y0
-    return [(by_q, by_v, float(y0), std[0], None, np.zeros(3), F, before, after)]
+    q, v = np.cos(1.0 + np.arange(n)), np.sin(2.0 + np.arange(n))  # any state
+    there = sensor.measure(arm, 1.0, arm.zero + q, v)[0]
+    if abs(there - y0 - by_q @ q - by_v @ v) > 1e-6 * (abs(there) + np.abs(by_q).sum() + np.abs(by_v).sum()):
+        raise ValueError(f"{type(sensor).__name__}: must be linear in q and v, and the same at all times")
+    row = gain[0] * by_q, gain[0] * by_v, float(gain[0] * y0 + shift[0])  # unlike noise, behind the filter of gain 1
+    return [(*row, std[0], None, np.zeros(3), F, before, after)]
 
 
 def unknowns(

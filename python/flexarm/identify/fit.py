@@ -14,12 +14,12 @@ from ..data.compare import Comparison
 from ..data.data import Data
 from ..draw.fit import plot_fit
 from ..scene.scene import Scene
-from .statistics import Untold, Whiteness
+from .statistics import Loose, Untold, Whiteness
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_HIGH = 0.95  # correlations that a report names
+_APART = 1.5  # of residuals and the noise that was told, from which on a report names it
 
 
 class FitWarning(UserWarning):
@@ -63,6 +63,8 @@ class Fit:
         whiteness: of each run, by column: `.p` of Ljung and Box's test, `.white` (p above 0.01), `.correlation`. Where
             residuals are not white, the intervals allow for their autocorrelation.
         untold: combinations of numbers that the data cannot tell; str() of each says which.
+        loose: pairs that are correlated by more than 0.95, and how far they may change together until the root mean
+            square of the residuals is 1 % larger: where residuals are not noise, no value is surer than that.
         at_bounds: names of values that are at a bound.
         converged, message: whether the search came to its end, and why it ended.
         starts: at each start, the root mean square of the residuals, in per cent of the columns' own deviations (where
@@ -81,6 +83,7 @@ class Fit:
     comparisons: list[Comparison]
     whiteness: list[dict[str, Whiteness]]
     untold: list[Untold]
+    loose: list[Loose]
     at_bounds: list[str]
     converged: bool
     message: str
@@ -161,10 +164,7 @@ class Fit:
             notes.append(f"Of {len(self.starts)} starts{lost} {len(ends)} were fitted; they left {said} {of}.")
         notes += [f"The data cannot tell: {x}." for x in self.untold]
         notes += [f"{name} is at its bound." for name in self.at_bounds]
-        names = list(self.values)
-        for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
-            if abs(self.correlation[i, j]) > _HIGH:
-                notes.append(f"{names[i]} and {names[j]} are correlated by {self.correlation[i, j]:+.3f}.")
+        notes += [f"{x}." for x in self.loose]
         coloured = sorted({name for run in self.whiteness for name, w in run.items() if not w.white})
         if coloured:
             notes.append(
@@ -175,7 +175,12 @@ class Fit:
             )
         for name in sorted(self.noise_told):
             rms = np.sqrt(np.mean([c.rmse[name] ** 2 for c in self.comparisons if name in c.rmse]))
-            if rms > 1.5 * self.noise[name]:
+            if rms < self.noise[name] / _APART:
+                notes.append(
+                    f"Residuals of {name} are {self.noise[name] / rms:.3g} times smaller than the noise that was told: "
+                    "the intervals are too wide; tell the noise as it is, or leave it to the fit."
+                )
+            if rms > _APART * self.noise[name]:
                 notes.append(
                     f"Residuals of {name} are {rms / self.noise[name]:.3g} times the noise that was told: the model "
                     "does not explain the data, or they are noisier; the intervals are too narrow."
@@ -201,6 +206,7 @@ class Fit:
             "runs": [{"data": c.measured.name, "nrmse": dict(c.nrmse), "whiteness": {k: w.p for k, w in run.items()}}
                      for c, run in zip(self.comparisons, self.whiteness, strict=True)],
             "untold": [dict(zip(x.names, x.changes, strict=True)) for x in self.untold],
+            "loose": [{**dict(zip(x.names, x.changes, strict=True)), "correlation": x.correlation} for x in self.loose],
             "at_bounds": list(self.at_bounds),
             "converged": self.converged,
             "message": self.message,

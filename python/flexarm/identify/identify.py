@@ -59,7 +59,7 @@ def identify(
             Motion, Torque or Voltage. For several runs a list of such tables, or one for all. None: the scene's drives.
         outputs: what was measured, by column of the data: a sensor, "sensor.0" of the scene ("sensor.0.1": its second
             component), the name of a column of `result.to_data()`, or a function of a Result that gives (nt,). None:
-            all names that both have. Sensors are read without noise, steps and range, at the times of the data.
+            all names that both have. Sensors are read without noise and steps, at the times of the data.
         noise: standard deviation of columns, in SI. Of others it is estimated: that of what is left, until it settles.
         starts: from how many starts to search; the others are drawn within the bounds, or within a factor of 3 of the
             first. They are simulated as one batch, and the best `keep` of them are fitted. None: from one, and from 8

@@ -26,12 +26,13 @@ from ..run.variation import Setup
 from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
 
+_OFTEN = 0.99  # samples of a sensor for each row of the data, at least
 _FIRST = 0.01  # of a column's deviation, its weight as long as its noise is not known
-_INSTRUMENT: dict[str, Any] = {"noise": None, "resolution": None, "range": None, "rate": None, "pulses": None}
+_INSTRUMENT: dict[str, Any] = {"noise": None, "resolution": None, "rate": None, "pulses": None}
 
 
 def ideal(sensor: Sensor) -> Sensor:
-    """The sensor without what cannot be differentiated: noise, steps, saturation, and times of its own."""
+    """The sensor without what cannot be differentiated: noise, steps, and times of its own."""
     known = {f.name for f in fields(sensor)}
     return replace(sensor, **{k: v for k, v in _INSTRUMENT.items() if k in known})
 
@@ -158,6 +159,7 @@ def readers(
     if not isinstance(asked, Mapping):
         asked = {name: name for name in asked}
     found: dict[str, Output] = {}
+    rates = [s.rate for s in scene.sensors]
     for name, what in asked.items():
         where = f"outputs['{name}']"
         if name not in data:
@@ -167,8 +169,16 @@ def readers(
         if isinstance(what, Sensor):
             if ideal(what) not in sensors:
                 sensors.append(ideal(what))
+                rates.append(what.rate)
             what = f"sensor.{sensors.index(ideal(what))}"
-        found[name] = _reader(scene.arm, sensors, where, what)
+        found[name] = reader = _reader(scene.arm, sensors, where, what)
+        rate = rates[reader.sensor] if isinstance(reader, _Reading) else None
+        if rate is not None and rate * data.step < _OFTEN:
+            raise ValueError(
+                f"{where}: the sensor samples at {rate:g} Hz, and the data have rows at {1 / data.step:.5g} Hz: those "
+                "between samples would be old ones. Give data at the times of the samples or, if what is between was "
+                "interpolated, a sensor with rate=None"
+            )
     if not found:
         raise ValueError("outputs: name at least one column that was measured")
     return tuple(sensors), found

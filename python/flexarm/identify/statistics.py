@@ -12,6 +12,7 @@ import numpy as np
 from .._check import Array
 
 _WHITE = 0.01  # below this probability residuals count as coloured
+_HIGH = 0.95  # correlations that a report names
 _SEEN = 2.0  # standard deviations of the data: what changes them less is not seen
 _TRACE = 0.02  # of the largest change in a combination, below which one is left out
 _APART = 1e3  # condition up to which numbers tell directions apart
@@ -114,6 +115,41 @@ def pseudo_inverse(J: Array) -> Array:
     C = C / np.outer(by, by)
     C[lost, lost] = np.inf
     return np.asarray(C)
+
+
+class Loose(NamedTuple):
+    """Numbers that stand in for each other: the data tell their combination, and each alone badly.
+
+    Attributes:
+        names: two of them. changes: by how much each may change, all others following, until the root mean square of the
+            residuals is 1 % larger. correlation: of both.
+    """
+
+    names: tuple[str, str]
+    changes: tuple[float, float]
+    correlation: float
+
+    def __str__(self) -> str:
+        (one, other), (x, y) = self.names, self.changes
+        return (f"{one} and {other} are correlated by {self.correlation:+.3f}: {one} by {x:+.3g} with {other} by {y:+.3g} "
+                "leaves 1 % more")  # fmt: skip
+
+
+def loose(J: Array, r: Array, slopes: Array, names: Sequence[str], correlation: Array) -> list[Loose]:
+    """Pairs whose correlation is above 0.95.
+
+    Args:
+        J: derivatives (m, n) of the residuals r (m,). slopes: of the numbers by what the search sees, (n,).
+        names: of the numbers. correlation: of these, (n, n).
+    """
+    A = pseudo_inverse(J)
+    much = 1.01**2 - 1.0  # |r + J d|^2 is |r|^2 + |J d|^2 at the least
+    found = []
+    for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
+        if abs(correlation[i, j]) > _HIGH and np.isfinite(A[i, i]):
+            step = np.linalg.norm(r) * np.sqrt(much / A[i, i]) * A[:, i] * slopes
+            found.append(Loose((names[i], names[j]), (float(step[i]), float(step[j])), float(correlation[i, j])))
+    return found
 
 
 class Untold(NamedTuple):

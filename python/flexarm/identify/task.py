@@ -25,7 +25,7 @@ from .problem import Problem
 from .runs import Run, made, scales
 from .search import Best, Found, estimated, search, weighed
 from .simulated import scenarios
-from .statistics import coloured, covariance, untold, whiteness
+from .statistics import coloured, covariance, loose, untold, whiteness
 from .unknown import Sought, drawn, sought
 
 _STEPPED = "implicit"  # in place of an integrator that chooses its own steps
@@ -175,6 +175,7 @@ class Task:
             comparisons=runs,
             whiteness=tests,
             untold=untold(J, sizes, names, parts) if J.any() else [],
+            loose=loose(J, p.weighted(inner, found.sigma), slopes, names, correlation) if J.any() else [],
             at_bounds=[x.name for x, v in zip(p.sought, values, strict=True) if _at_bound(x, float(v))],
             converged=found.converged,
             message=found.message,

@@ -73,6 +73,7 @@ def _shipped(scene: Scene, fit: str, progress: Any) -> Validation:
     again = _fitted(moved(done.scene, other), other, EACH, DEFLECTIONS, progress)
     made.judged.append(Judged.of(other, "motion", _EACH, again.comparisons[0]))
     made.calibrations[other.name] = again.values
+    made.notes += [f"{other.name}: {x}." for x in again.loose]
     for recording, one in ((first, done), (other, again)):
         _drive(one.scene, recording, float(recording.data.t[-1]) / 2, made, progress)
     return made
@@ -93,6 +94,7 @@ def _judge(scene: Scene, recording: Recording, calibrate: float | None, made: Va
     rest = done.validate(recording.data)
     made.judged.append(Judged.of(recording, "motion", f"{_EACH}, {until:.3g} s", rest, until))
     made.calibrations[recording.name] = done.values
+    made.notes += [f"{recording.name}: {x}." for x in done.loose]
     _drive(done.scene, recording, until, made, progress)
 
 

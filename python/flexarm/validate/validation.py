@@ -65,7 +65,7 @@ class Validation:
         judged: recordings beside the model; see Judged: `.recording`, `.driven`, `.role`, `.nrmse["link1_deflection"]`.
         fits: by "motion" and "current", the Fit of the model; none where shipped values were taken.
         calibrations: by recording, what was found of what differs from recording to recording.
-        notes: what could not be done.
+        notes: what could not be done, and numbers that stand in for each other; see `Fit.loose`.
     """
 
     judged: list[Judged]

@@ -14,7 +14,8 @@ namespace flexarm {
 
 class KalmanModel;
 
-/// One number that is measured: y = by_q . q + by_v . v + offset + along . place + noise.
+/// One number that is measured: y = by_q . q + by_v . v + offset + along . place + noise. The gain of an instrument
+/// multiplies by_q, by_v, offset and along; what it reads at zero is then added to offset.
 struct KalmanSensor {
   /// A joint's coordinate (rad; m), by the index of its rate in v.
   static KalmanSensor encoder(const Arm& arm, int rate, double noise);
@@ -38,8 +39,7 @@ struct KalmanSensor {
 };
 
 /// A constant that is estimated along with the state, in addition to what the arm has. Payloads, and friction with the
-/// arm's own, are kept from becoming negative. One that gets to its bound while readings surprise the filter has its
-/// deviation back.
+/// arm's own, are kept from becoming negative.
 struct KalmanParameter {
   enum Kind {
     payload,  ///< mass at the last link's end (kg), a point
@@ -65,6 +65,9 @@ struct KalmanOptions {
 /// The extended Kalman filter (Jazwinski 1970) with the implicit step as its model and that step's exact derivatives.
 /// The covariance is kept as a square root, P = L L^T: readings, one number after the other, by Potter's update (1963),
 /// steps by an orthogonal triangularisation (Schmidt 1970), so that P is positive semidefinite whatever the rounding.
+///
+/// The equations of motion have products of the payload and accelerations. The mean and the covariance of the product
+/// of their errors are in a step, as forces (the Gaussian filter of second order; Jazwinski 1970, Sec. 9.3).
 ///
 /// State x = [q; v; parameters; filters of sensors]. A step begins anew, as in StepDerivatives, with the forces held
 /// over it; of equal parameters it is that of ImplicitStep after `start`. A payload acts by its inertia and weight.
@@ -110,12 +113,23 @@ class KalmanFilter {
   int used() const { return used_; }
   /// The place of a slice (m, world axes), and its covariance (m^2).
   void place(const PlacedSlice& at, Eigen::Vector3d& p, Eigen::Matrix3d& covariance);
+  /// All that readings and steps have made of it.
+  struct State {
+    Eigen::VectorXd q, v, parameters, filters, innovations, innovation_deviations, inertia;
+    Eigen::MatrixXd root;
+    double nis;
+    int used;
+  };
+  State state() const;
+  /// Goes on from the state of a filter that was made of the same. Sizes are not checked.
+  void resume(const State& state);
   /// Derivatives of the last predicted state by the one before (states x states).
   const Eigen::MatrixXd& transition();
 
  private:
   double expected(std::size_t sensor);
   void carry(Eigen::Index column, bool noise);
+  void disturb();
   void triangularise();
   void add(double times);
   void bound(Eigen::Index parameter);
@@ -128,10 +142,10 @@ class KalmanFilter {
   double h_;
   std::unique_ptr<KalmanModel> model_;
   Eigen::VectorXd q_, v_, p_, f_, q0_, v0_, f0_, row_, phi_, gain_, innovations_, innovation_deviations_;
-  Eigen::VectorXd dq_, dv_, dp_, df_, dtau_, old_q_, old_v_, essential_, lowest_, again_;
-  Eigen::MatrixXd L_, rows_, transition_;
+  Eigen::VectorXd dq_, dv_, dp_, df_, dtau_, old_q_, old_v_, essential_, lowest_, bend_, mean_;
+  Eigen::MatrixXd L_, rows_, transition_, forces_, pushed_;
   Mat6X<double> J_;
-  double nis_ = 0.0, surprise_ = 1.0;
+  double nis_ = 0.0;
   int used_ = 0;
 };
 
