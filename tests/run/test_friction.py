@@ -130,7 +130,7 @@ def test_stiff_shapes_do_not_make_a_joint_chatter() -> None:
 def test_switches_within_a_step_are_told() -> None:
     """The free joint's fast mode is above the limit of rk4, which only the friction holds together."""
     given = {"drive": {0: pulses(1)}, "integrator": "rk4"}
-    with pytest.warns(fa.StepWarning, match="friction of 'link 0 revolute'.*within a step.*take a smaller step"):
+    with pytest.warns(fa.StepWarning, match="dry friction.*within a step.*take a smaller step"):
         fa.simulate(strip(3, 0.0), [0, 0.2], step=1.5e-4, **given)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
