@@ -99,10 +99,9 @@ class BatchResult:
         if job is not None and (job.tau is None or job.tau.shape[1] == 1):
             q0, v0 = (None if x is None else x[i % len(x)] for x in (job.q0, job.v0))
             tau = None if job.tau is None else job.tau[i % len(job.tau), 0]
-            options = {k: x for k, x in job.options.items() if k != "events"}
             of = self.variation.setup, {k: x[i % len(x)][None] for k, x in self.variation.values.items()}
             found._source = source(
-                setup, self.t, q0, v0, tau, integrator=job.integrator, step=job.step, of=of, **options
+                setup, self.t, q0, v0, tau, integrator=job.integrator, step=job.step, of=of, **job.options
             )
         return found
 
