@@ -180,6 +180,29 @@ void occurred(const Solver& solver, IdaSystem& s, double t, std::vector<int>& fo
       s.log(*s.events, k, t, out);
 }
 
+/// Keeps the tangents of events that have just been logged. The solver's are those of this time; what is prescribed
+/// has its own at any.
+void differentiate(IdaSystem& s, Trajectory& out) {
+  if (!s.tangents) return;
+  for (EventLog& log : out.events)
+    for (std::size_t k = log.a.size(); k < log.t.size(); ++k) {
+      s.q = log.q[k];
+      s.v = log.v[k];
+      s.drive(log.t[k]);
+      if (s.accelerate() == Status::ok) s.a = s.ws.a;
+      out.ends = empty_trajectory(s.arm, Eigen::VectorXd::Constant(1, log.t[k]), {}, out.tangents.size()).tangents;
+      s.tangents->record(log.t[k], out.ends, 0);
+      log.a.push_back(s.a);
+      log.q_by.emplace_back(s.arm.nv(), s.tangents->size());
+      log.v_by.push_back(log.q_by.back());
+      for (std::size_t p = 0; p < out.ends.size(); ++p) {
+        log.q_by.back().col(static_cast<Eigen::Index>(p)) = out.ends[p].q.row(0);
+        log.v_by.back().col(static_cast<Eigen::Index>(p)) = out.ends[p].v.row(0);
+      }
+    }
+  s.driven = std::nan("");
+}
+
 /// Adds what has been done since the solver began, or began anew.
 void count_work(void* memory, const IdaSystem& s, SimulationStats& stats) {
   const auto count = [memory](int (*get)(void*, long*), long& sum) {
@@ -234,15 +257,8 @@ bool sample(Solver& solver, IdaSystem& s, double t, Trajectory& out) {
   s.evaluate(events, t, after.data());
   for (std::size_t k = 0; k < events.size(); ++k)
     if (crosses(before[k], after[k], events[k].direction)) s.log(events, k, t, out);
+  differentiate(s, out);
   return true;
-}
-
-/// Keeps the tangents where an event has ended the run.
-void end(IdaSystem& s, Trajectory& out) {
-  s.drive(out.reached);
-  if (s.accelerate() == Status::ok) s.a = s.ws.a;
-  out.ends = empty_trajectory(s.arm, Eigen::VectorXd::Constant(1, out.reached), {}, out.tangents.size()).tangents;
-  s.tangents->record(out.reached, out.ends, 0);
 }
 
 /// The linear solver asked for; the chain's is the faster one from a single link on (bench/speed/scaling.py).
@@ -329,9 +345,9 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std
       out.failure = "the motion ran away: " + s.arm.farthest_out(s.q, s.v) + " and grows: look for what drives it";
     } else if (flag >= 0) {
       if (flag == IDA_ROOT_RETURN) occurred(solver, s, now, found, out);
-      if (out.terminated && s.tangents) {
+      if (flag == IDA_ROOT_RETURN && s.tangents) {
         solver.tangents->get(solver.memory, s);
-        end(s, out);
+        differentiate(s, out);
       }
       const bool jumped = !out.terminated && sample(solver, s, now, out);
       // a zero at an output time would be found again and again if that were asked for once more
@@ -374,7 +390,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   if (!record(s, t[0], options.composite, out)) return out;
   if (s.size() == 0) {
     follow(s, t, options.composite, events, alive, out);
-    if (out.terminated && s.tangents) end(s, out);
+    differentiate(s, out);
     return out;
   }
 

@@ -37,6 +37,21 @@ Eigen::Vector3d turn_rate(const Eigen::Vector3d& u, const Eigen::Vector3d& w) {
 /// The quaternion at `k` of p0, turned by u, into p.
 void turn(const double* p0, const Eigen::Vector3d& u, double* p, Eigen::Index k) { turn_ball(p0 + k, u.data(), p + k); }
 
+/// Radau's rule of n points on [0, 1], of which the last is the end; exact for polynomials of degree 2n - 2. A polynomial
+/// less its value there has the factor 1 - x: the other points are those of the Gauss rule with that weight.
+GaussRule radau_rule(int n) {
+  GaussRule rule(n), inner = rule;
+  inner.weights.array() *= 1.0 - inner.points.array();
+  if (n > 1) inner = gauss_rule_of(inner, n - 1);
+  rule.points[n - 1] = rule.weights[n - 1] = 1.0;
+  for (int i = 0; i + 1 < n; ++i) {
+    rule.points[i] = inner.points[i];
+    rule.weights[i] = inner.weights[i] / (1.0 - inner.points[i]);
+    rule.weights[n - 1] -= rule.weights[i];
+  }
+  return rule;
+}
+
 }  // namespace
 
 CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& options, DryFriction friction)
@@ -45,7 +60,7 @@ CollocationStep::CollocationStep(const Arm& arm, const CollocationOptions& optio
   if (s_ < 1 || s_ > 4) bad_value("stages", s_, "must be from 1 to 4");
   positive("rtol", options.rtol);
   if (options.max_iterations < 1) bad_value("max_iterations", options.max_iterations, "must be at least 1");
-  const GaussRule rule(s_);
+  const GaussRule rule = rubs(arm).empty() ? GaussRule(s_) : radau_rule(s_);
   c_ = rule.points;
   b_ = rule.weights;
   Eigen::MatrixXd powers(s_, s_);

@@ -6,10 +6,21 @@
 
 namespace flexarm {
 
-StepEvents::StepEvents(System& system, const std::vector<Event>& events, Trajectory& out)
+Eigen::Index write_row(const System& s, const Step* inside, Eigen::Index entry, double c, double t, Tape& tape) {
+  Tape::Row row{entry, c, {}, {}, tape.add(t, s.q, s.v, s.ws.a)};
+  if (s.rubbing) s.rubbing->contacts(s.v, true, tape.last_contacts());
+  if (inside) inside->weights(c, row.v_by_a, row.q_by_a);
+  tape.rows.push_back(std::move(row));
+  return static_cast<Eigen::Index>(tape.rows.size()) - 1;
+}
+
+StepEvents::StepEvents(System& system, const std::vector<Event>& events, Trajectory& out, Tape* tape,
+                       const Step* inside)
     : s_(system),
       events_(events),
       out_(out),
+      tape_(tape),
+      inside_(inside),
       values0_(static_cast<Eigen::Index>(events.size())),
       values1_(values0_),
       values_(values0_),
@@ -30,6 +41,7 @@ void StepEvents::start(double t) {
   t0_ = t;
   q0_ = s_.q;
   v0_ = s_.v;
+  entry0_ = last_entry();
 }
 
 bool StepEvents::look(double t) {
@@ -50,6 +62,7 @@ bool StepEvents::look(double t) {
       if (ended && time > out_.reached) break;
       place(time);
       ended = s_.log(events_, k, time, out_) || ended;
+      if (tape_) tape_->occurrences.push_back({k, time, before_, after_});
     }
     place(t);
   }
@@ -57,7 +70,15 @@ bool StepEvents::look(double t) {
   t0_ = t;
   q0_ = s_.q;
   v0_ = s_.v;
+  entry0_ = last_entry();
   return ended;
+}
+
+/// A row of the tape, of this state at time t. A method that interpolates may look in the middle of its last step.
+Eigen::Index StepEvents::write(double t, Eigen::Index entry) const {
+  if (!tape_) return -1;
+  if (!inside_) return write_row(s_, nullptr, entry, 1.0, t, *tape_);
+  return write_row(s_, inside_, last_entry(), (t - tape_->now) / tape_->entries.back().h, t, *tape_);
 }
 
 /// Rates and accelerations at both ends of the step.
@@ -74,7 +95,9 @@ void StepEvents::prepare(double t) {
     a = s_.ws.a;
   };
   slopes(t0_, q0_, v0_, dq0_, a0_);
+  before_ = write(t0_, entry0_);
   slopes(t, q1_, v1_, dq1_, a1_);
+  after_ = write(t, last_entry());
 }
 
 /// The system's state at a time within the step.

@@ -10,10 +10,18 @@ inline bool crosses(double from, double to, int direction) {
   return (from < 0.0 && to >= 0.0 && direction >= 0) || (from > 0.0 && to <= 0.0 && direction <= 0);
 }
 
+/// Writes a row of the system's state and accelerations at time t: of the end of an entry's step, or, if `inside` is
+/// given, of a place c within it.
+/// @return its number
+Eigen::Index write_row(const System& s, const Step* inside, Eigen::Index entry, double c, double t, Tape& tape);
+
 /// Finds sign changes of events over a step, and where in it, on the cubic Hermite interpolants of q and v.
 class StepEvents {
  public:
-  StepEvents(System& system, const std::vector<Event>& events, Trajectory& out);
+  /// @param tape    or null; where an event occurs, it gets the rows that the cubics go through
+  /// @param inside  the method, if it interpolates
+  StepEvents(System& system, const std::vector<Event>& events, Trajectory& out, Tape* tape = nullptr,
+             const Step* inside = nullptr);
   /// Begins at the system's state at time t. A value that is zero there is no event.
   void start(double t);
   /// Looks at the step from the last time to t, where the system's state is now; logs what occurred, in order.
@@ -22,12 +30,18 @@ class StepEvents {
 
  private:
   void prepare(double t);
+  Eigen::Index write(double t, Eigen::Index entry) const;
+  Eigen::Index last_entry() const { return tape_ ? static_cast<Eigen::Index>(tape_->entries.size()) - 1 : -1; }
   void place(double t);
   double locate(std::size_t k);
 
   System& s_;
   const std::vector<Event>& events_;
   Trajectory& out_;
+  Tape* tape_;
+  const Step* inside_;
+  Eigen::Index before_ = -1, after_ = -1;  // rows of the tape
+  Eigen::Index entry0_ = -1;  // of the tape, at the last look
   double t0_ = 0.0, t1_ = 0.0;
   Eigen::VectorXd values0_, values1_, values_;
   Eigen::VectorXd q0_, q1_, dq0_, dq1_, v0_, v1_, a0_, a1_;

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <map>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "arrays.hpp"
 #include "flexarm/ab.hpp"
@@ -244,6 +246,9 @@ void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
     all.t.insert(all.t.end(), log.t.begin(), log.t.end());
     all.q.insert(all.q.end(), log.q.begin(), log.q.end());
     all.v.insert(all.v.end(), log.v.begin(), log.v.end());
+    all.a.insert(all.a.end(), log.a.begin(), log.a.end());
+    all.q_by.insert(all.q_by.end(), log.q_by.begin(), log.q_by.end());
+    all.v_by.insert(all.v_by.end(), log.v_by.begin(), log.v_by.end());
   }
   add(part.stats, out.stats);
   out.reached = part.reached;
@@ -265,6 +270,7 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
   out.rubs = true;
   Eigen::VectorXd q = q0, v = v0;
   const Contact* switched = nullptr;
+  std::map<const Contact*, double> last;  // switch of each contact
   Trajectory part;
   std::deque<double> switches;
   try {
@@ -310,6 +316,8 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
       // Rows at the switch itself are those behind it. (A sample may have torn loose what sticks.)
       while (out.done > 1 && t[out.done - 1] >= out.reached - instant) --out.done;
       ++out.stats.switches;
+      if (const auto [at, first] = last.try_emplace(switched, out.reached); !first)
+        out.stats.hasty += out.reached - std::exchange(at->second, out.reached) < step;
       switches.push_back(out.reached);
       if (switches.size() <= kMany) continue;
       switches.pop_front();

@@ -30,11 +30,13 @@ std::vector<std::size_t> rows_of_entries(const Tape& tape) {
 
 }  // namespace
 
-Rows repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptions& options) {
+Repeated repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptions& options) {
   Switches steps(of, tape, options);
-  Rows out(static_cast<Index>(tape.switches.size()), 2 * of.arm.nv());
-  Index k = 0;
-  for (const Tape::Switch& from : tape.switches) out.row(k++) = steps.end(from);
+  Repeated out{Rows(static_cast<Index>(tape.switches.size()), 2 * of.arm.nv()), {}};
+  for (const Tape::Switch& from : tape.switches) {
+    out.ends.row(static_cast<Index>(out.ways.size())) = steps.end(from);
+    out.ways.push_back(steps.way());
+  }
   return out;
 }
 

@@ -117,12 +117,9 @@ std::vector<double> speeds(const std::vector<Drive>& drives, const Eigen::Vector
   return out;
 }
 
-/// Writes the row of results that has just been recorded; of a state within a step if `inside` is given.
+/// Writes the row of results that has just been recorded, of the last entry.
 void write_row(const System& s, const Step* inside, double c, double t, Tape& tape) {
-  Tape::Row row{static_cast<Eigen::Index>(tape.entries.size()) - 1, c, {}, {}, tape.add(t, s.q, s.v, s.a)};
-  if (s.rubbing) s.rubbing->contacts(s.v, true, tape.last_contacts());
-  if (inside) inside->weights(c, row.v_by_a, row.q_by_a);
-  tape.rows.push_back(std::move(row));
+  write_row(s, inside, static_cast<Eigen::Index>(tape.entries.size()) - 1, c, t, tape);
 }
 
 /// Records the output times inside the step of h from `from`, and leaves the state as it was.
@@ -211,7 +208,7 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
     write_row(s, nullptr, 1.0, t[0], *tape);
   }
   Status status = method.start(s.ws, s.q, s.v, s.tau);
-  StepEvents seen(s, events, out);
+  StepEvents seen(s, events, out, tape, method.interpolates() ? &method : nullptr);
   seen.start(t[0]);
   bool going = true;
   for (const double stop : stops(sample_times(sampled, loads, control, t, functions), t, step, method.interpolates())) {

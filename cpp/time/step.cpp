@@ -361,6 +361,15 @@ bool OneStep::repeat(const Tape::Switch& from, Workspace& ws, Eigen::VectorXd& q
   return solved;
 }
 
+std::vector<double> OneStep::way() const {
+  std::vector<double> out;
+  if (!run_->contacts) return out;
+  const Contacts<Engine>& c = *run_->contacts;
+  for (const double* x : {c.held, c.over, c.way}) out.insert(out.end(), x, x + c.count);
+  out.push_back(c.left);
+  return out;
+}
+
 void OneStep::contacts(const Eigen::VectorXd& v, bool instant, signed char* out) const {
   if (!run_->contacts) return;
   const Contacts<Engine>& c = *run_->contacts;

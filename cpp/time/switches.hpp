@@ -40,13 +40,17 @@ class Switches {
     out << s_.q, s_.v;
     return out;
   }
+  /// Which way friction went in the step of the last end.
+  std::vector<double> way() const { return step_->way(); }
   /// Derivatives of that end by q, v, a0 and alpha0 (nv columns each), by the forces before, of what rubs, and, if
-  /// `held`, by forces held over the step (nv columns).
+  /// `held`, by forces held over the step (nv columns): by differences among steps in which friction goes the same way.
   MatrixXd slopes(const Tape::Switch& from, bool held) {
     const auto count = static_cast<Index>(from.rates.size());
     Tape::Switch at = from;
     if (at.tau.size() == 0) at.tau = VectorXd::Zero(n_);
     MatrixXd out(2 * n_, 4 * n_ + count + (held ? n_ : 0));
+    const VectorXd here = end(at);
+    const std::vector<double> taken = way();
     const double sizes[] = {kMoved, kMoved, kMoved / from.h, kMoved / from.h};
     for (Index k = 0; k < out.cols(); ++k) {
       const auto which = [&](Tape::Switch& of) -> double& {
@@ -55,11 +59,20 @@ class Switches {
         VectorXd* parts[] = {&of.q, &of.v, &of.a0, &of.alpha0};
         return (*parts[k / n_])[k % n_];
       };
-      const double by = k >= 4 * n_ ? kMoved * (1.0 + std::abs(which(at))) : sizes[k / n_];
-      Tape::Switch less = at, more = at;
-      which(less) -= by;
-      which(more) += by;
-      out.col(k) = (end(more) - end(less)) / (2.0 * by);
+      const double whole = k >= 4 * n_ ? kMoved * (1.0 + std::abs(which(at))) : sizes[k / n_];
+      double by = whole;
+      for (int smaller = 0; smaller < kSmaller; ++smaller, by *= 0.1) {
+        Tape::Switch less = at, more = at;
+        which(less) -= by;
+        which(more) += by;
+        const VectorXd below = end(less);
+        const bool below_too = way() == taken;
+        const VectorXd above = end(more);
+        const bool above_too = way() == taken;
+        if (smaller == 0 || (below_too && above_too)) out.col(k) = (above - below) / (2.0 * by);
+        if (below_too != above_too) out.col(k) = (above_too ? above - here : here - below) / by;
+        if (below_too || above_too) break;
+      }
     }
     return out;
   }
@@ -71,6 +84,7 @@ class Switches {
 
  private:
   static constexpr double kSolved = 1e-13, kMoved = 1e-7;
+  static constexpr int kSmaller = 3;  // steps of a difference that are tried
   VectorXd tau_;  // of the step
   const VectorXd& own_;
   System s_;

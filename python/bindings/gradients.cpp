@@ -78,6 +78,19 @@ void bind_gradients(py::module_& m) {
       .def_property_readonly("q", [shaped](const Tape& tape) { return shaped(tape.q, tape); })
       .def_property_readonly("v", [shaped](const Tape& tape) { return shaped(tape.v, tape); })
       .def_property_readonly("a", [shaped](const Tape& tape) { return shaped(tape.a, tape); })
+      .def_property_readonly("occurrences",
+                             [](const Tape& tape) {
+                               py::list out;
+                               for (const Tape::Occurrence& o : tape.occurrences)
+                                 out.append(py::make_tuple(o.event, o.t, o.before, o.after));
+                               return out;
+                             })
+      .def_property_readonly("points",
+                             [](const Tape& tape) {
+                               std::vector<Eigen::Index> out;
+                               for (const Tape::Row& row : tape.rows) out.push_back(row.point);
+                               return out;
+                             })
       .def_property_readonly("switches",
                              [](const Tape& tape) {
                                Eigen::VectorXd ends(static_cast<Eigen::Index>(tape.switches.size()));
@@ -111,8 +124,12 @@ void bind_gradients(py::module_& m) {
       .def(
           "repeat_switches",
           [](const Tape& tape, Problem& of, double rtol, double spectral_radius) {
-            const Unlocked free;
-            return repeat_switches(of, tape, {spectral_radius, rtol});
+            Repeated found;
+            {
+              const Unlocked free;
+              found = repeat_switches(of, tape, {spectral_radius, rtol});
+            }
+            return py::make_tuple(found.ends, found.ways);
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"))
       .def(

@@ -45,6 +45,17 @@ py::list event_rows(const Trajectory& r) {
   return out;
 }
 
+/// Accelerations (nv), and derivatives of q and v at that time by each parameter (nv, np), of each occurrence.
+py::list event_slopes(const Trajectory& r) {
+  py::list out;
+  for (const EventLog& log : r.events) {
+    py::list all;
+    for (std::size_t i = 0; i < log.a.size(); ++i) all.append(py::make_tuple(log.a[i], log.q_by[i], log.v_by[i]));
+    out.append(all);
+  }
+  return out;
+}
+
 /// (weight, offset, arm, drives, loads, tau, feedback, sampled, q0, v0) of each neighbour of a problem, and (scale,
 /// whether it changes no more than controllers and the start, neighbours) of each parameter.
 using NeighbourLaws = std::tuple<double, double, py::object, Laws, LoadLaws, Eigen::VectorXd, FeedbackLaws, SampledLaws,
@@ -136,7 +147,11 @@ py::dict run(const Given& given, bool rubs, double step, const Integrate& integr
   out["terminated"] = r.terminated;
   out["events"] = event_rows(r);
   out["stats"] = stats;
-  if (!r.tangents.empty()) out["tangents"] = tangent_rows(r.tangents, r.done, r.v.cols());
+  out["hasty"] = r.stats.hasty;
+  if (!r.tangents.empty()) {
+    out["tangents"] = tangent_rows(r.tangents, r.done, r.v.cols());
+    out["event_slopes"] = event_slopes(r);
+  }
   py::list calls;
   for (const auto& a : asked) calls.append(a ? py::cast(a->calls) : py::none());
   out["asked"] = calls;

@@ -55,7 +55,7 @@ Warnings
     ModelWarning, StateWarning          a number that is probably a mistake; a state that does not last
     RangeWarning, WatchWarning          a beam bent too far for its order; a run that left its model's range
     LoopWarning, PulseWarning           a control loop that grows; a pulse that the steps have missed
-    SlowWarning, StepWarning            very many steps; steps above the limit of "rk4"
+    SlowWarning, StepWarning            very many steps; steps too long, for "rk4" or for dry friction
     DataWarning FitWarning FilterWarning    gaps in time, constant signals; what data cannot tell; a surprised filter
     MoveWarning InversionWarning MPCWarning RobotWarning    limits that are passed; no answer in time; what is left out
 

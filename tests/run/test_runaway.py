@@ -410,3 +410,27 @@ def test_a_run_away_asks_whether_angles_are_in_degrees() -> None:
     assert "'link 0 revolute' starts at -45 rad: was that meant in degrees?" in message(start=-45.0, control=law)
     spin = {0: fa.Motion.spin_up(25.0, 1.0)}  # above the critical speed of order 1
     assert "degrees" not in message(4.0, drive=spin)
+
+
+@pytest.mark.parametrize("integrator", EVERY)
+def test_a_run_that_fails_before_its_first_row_is_an_error_of_its_own(integrator: str) -> None:
+    """Of a beam of order 1, whose speed of turning was asked for in the last row."""
+    with pytest.raises(fa.SimulationError, match="stopped at t = 0 s") as e:
+        fa.simulate(paper_link(1), [0, 0.1], v0=[1e200, 0, 0, 0], **steps(integrator))
+    assert len(e.value.result.t) == 0
+
+
+def test_a_start_out_of_balance_is_named_where_implicit_cannot_follow_what_rings() -> None:
+    """A spring of 270 N m that is let go: in balance, or with "gauss", it goes."""
+    hub = fa.RigidBody(0.5, inertia=(1e-3,) * 3, end=(0.05, 0, 0))
+    beams = [fa.Beam(x, fa.Tube(r, 0.1 * r), fa.Material(2700.0, 70e9, 0.33), {"bending_y": 4, "bending_z": 4})
+             for x, r in ((1.2, 0.025), (1.0, 0.0175))]  # fmt: skip
+    joint = fa.Revolute("y", stiffness=900.0, damping=60.0, rest=-0.3)
+    links = [fa.Link(joint, hub, beams[0], fa.RigidBody(0.4))]
+    links += [fa.Link(fa.Revolute("y", stiffness=400.0, damping=20.0, rest=0.6), None, beams[1], fa.RigidBody(1.0))]
+    arm = fa.Arm(links, gravity=(0, 0, -9.81))
+    says = r"start is not in balance: 'link . .*' begins to ring at .* rad/s.*q0=arm.equilibrium.*\"gauss\""
+    with pytest.raises(fa.SimulationError, match=says):
+        fa.simulate(arm, [0, 0.02], integrator="implicit", step=1e-3)
+    fa.simulate(arm, [0, 0.02], integrator="gauss", step=1e-3)
+    fa.simulate(arm, [0, 0.02], arm.equilibrium(), integrator="implicit", step=1e-3)

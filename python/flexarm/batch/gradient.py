@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from ..arm import Arm
 from ..run.parameter import Parameter
 from ..run.perturbed import check_paths, components, problems
 from ..run.problem import Problem
-from ..run.sensitivity import NEAR, balanced, by_parameters, repeated
+from ..run.sensitivity import balanced, by_parameters, repeated
 from ..run.variation import Setup
 from .arguments import check_options, default_workers
 
@@ -234,8 +235,12 @@ class _Rolls:
         forces[np.abs(tau) > torque_limits(of.arm)] = 0.0  # which the motors do not give
         by = by_parameters(tape, list(of.neighbours.values()), needed, applied, self.workers)
         if len(ends):
-            close = problems(Setup(of.arm), list(of.neighbours), self.times, None, None, None, NEAR)
-            by += [(switches * repeated(tape, p, options)).sum() for p in close]
+
+            def near(path: str, part: float) -> Parameter:
+                return problems(Setup(of.arm), [path], self.times, None, None, None, part)[0]
+
+            by += [(switches * repeated(tape, partial(near, path), of.problem, options)).sum()
+                   for path in of.neighbours]  # fmt: skip
         value = dict(zip(of.neighbours, by, strict=True))
         return q0, v0, forces, {
             path: np.array(value[path] if parts == [path] else [value[p] for p in parts])

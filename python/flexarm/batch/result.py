@@ -100,10 +100,9 @@ class BatchResult:
             q0, v0 = (None if x is None else x[i % len(x)] for x in (job.q0, job.v0))
             q0 = job.balance or q0
             tau = None if job.tau is None else job.tau[i % len(job.tau), 0]
-            options = {k: x for k, x in job.options.items() if k != "events"}
             of = self.variation.setup, {k: x[i % len(x)][None] for k, x in self.variation.values.items()}
             found._source = source(
-                setup, self.t, q0, v0, tau, integrator=job.integrator, step=job.step, of=of, **options
+                setup, self.t, q0, v0, tau, integrator=job.integrator, step=job.step, of=of, **job.options
             )
         return found
 

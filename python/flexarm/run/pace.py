@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,9 @@ from ..arm import Arm
 from ..parts.beam import STRAINS
 
 _EXPLICIT = 2.83  # step times frequency up to which rk4 is stable
+_HASTY = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
 _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
+_LOUD = 1e-6  # of the energy of what steps follow: what they do not follow, and is louder, stops an iteration
 _MANY = 2e5  # steps of a whole run, from which on it is looked at what they follow
 _ENDLESS = 2e7  # steps that are too many, whatever they follow
 _APART = 300.0  # parts of the lowest frequency: modes beyond are hardly what a run is about
@@ -41,10 +43,11 @@ class SlowWarning(UserWarning):
 
 
 class StepWarning(UserWarning):
-    """Steps of "rk4" are above its limit: what oscillates fast has grown, and may be all that is left of the motion.
+    """Steps are too long: those of "rk4" are above its limit, and what oscillates fast has grown, and may be all that is
+    left of the motion; or dry friction switches again and again within a step.
 
     Attributes:
-        step: the one given (s). growth: of the fastest motion, by one step.
+        step: the one given (s). growth: of the fastest motion, by one step; nan of friction.
     """
 
     def __init__(self, message: str, step: float, growth: float) -> None:
@@ -79,6 +82,43 @@ def beyond_explicit(arm: Arm, step: float, span: float) -> StepWarning | None:
         f"{explicit_limit(arm, step)}; what oscillates so fast grows {growth:.3g} times in every step",
         step, growth,
     )  # fmt: skip
+
+
+def hasty(integrator: str, step: float, switches: int, count: int) -> StepWarning | None:
+    """Warns where `count` of the switches of dry friction came within a step behind one of the same joint: their motion
+    is a vibration that the steps do not resolve."""
+    if count <= _HASTY:
+        return None
+    return StepWarning(
+        f'integrator = "{integrator}", step = {step:g}: dry friction switched {switches} times, {count} of them within a '
+        "step behind another of the same joint: the joint follows a vibration too fast for the step, and the motion may "
+        'be wrong; take a smaller step, or integrator="implicit"',
+        step, np.nan,
+    )  # fmt: skip
+
+
+def unbalanced(arm: Arm, prescribed: Sequence[int], a: Array, step: float) -> str:
+    """Names what rings, too fast for the steps, where a run begins with accelerations a (nv,) out of balance; else it
+    returns ""."""
+    joints = {k: arm.joint_rates(k, "link") for k, link in enumerate(arm.links) if link.joint.nv}
+    try:
+        modes = arm._made(arm.links).modes(lock=[k for k, rates in joints.items() if np.isin(rates, prescribed).all()])
+    except ValueError:
+        return ""
+    moving = np.setdiff1d(np.arange(arm.nv), prescribed)
+    M, shapes = arm.mass_matrix(arm.zero), np.real(modes.shapes)
+    shapes = shapes / np.sqrt(np.einsum("ik,ij,jk->k", shapes, M, shapes))
+    w = np.maximum(modes.frequencies, np.finfo(float).tiny)
+    energy = (shapes[moving].T @ M[np.ix_(moving, moving)] @ a[moving] / w) ** 2  # that each mode rings with
+    fast = np.where(step * w > 1.0, energy, 0.0)
+    k = int(fast.argmax())
+    if not fast[k] > _LOUD * energy[step * w <= 1.0].sum(initial=0.0):
+        return ""
+    most = arm.coordinates[int((np.diag(M) * shapes[:, k] ** 2).argmax())]
+    return (
+        f"the start is not in balance: '{most}' begins to ring at {w[k]:.3g} rad/s, which these steps do not follow; "
+        'start in balance (q0=arm.equilibrium(...)), or take integrator="gauss", or much smaller steps'
+    )
 
 
 def _fast_modes(arm: Arm) -> tuple[Array, Array, str] | None:

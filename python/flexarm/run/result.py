@@ -162,7 +162,9 @@ class Result:
 
     def sensitivities(self, parameters: Sequence[str]) -> Any:
         """Derivatives of all rows by parameters, forward: at a cost that grows with their number. The run is made
-        again, and derived step by step: these are derivatives of the integrator's own equations.
+        again, and derived step by step: these are derivatives of the integrator's own equations. Rows stand at their
+        times; those of a run that a terminal event ended end before it. The times and states of events move with the
+        parameters: see Sensitivities.
 
         Args:
             parameters: dotted paths as of `simulate_batch`: "link.0.tip.mass", "control.0.kp", "drive.0.scale",
@@ -180,8 +182,9 @@ class Result:
         that hardly grows with the number of parameters.
 
         Args:
-            loss: derivatives of the number by rows, such as {"q": (nt, nq), "tau": (nt, nv)}, of "q", "v", "a", "tau";
-                or a function of a Result that gives the number and these.
+            loss: derivatives of the number by rows, such as {"q": (nt, nq), "tau": (nt, nv)}, of "q", "v", "a", "tau",
+                and by "t_events", "q_events", "v_events", lists as the result has them; or a function of a Result that
+                gives the number and these.
             parameters: paths as of `sensitivities`; "tau" is the constant forces, and "drive.0.samples" the samples of
                 a torque or voltage.
 

@@ -18,6 +18,7 @@ from ..acting.control import control_laws, padded
 from ..acting.drive import Torque
 from ..acting.motor import torque_limits
 from ..acting.voltage import Voltage
+from .occurrence import EVENTS, Occurrence, by_event, cubics, rows_of
 from .parameter import Neighbour, Parameter, core_laws, core_start
 from .perturbed import STEP, check_paths, components, drive_of, problems, start_of
 from .problem import Problem
@@ -27,13 +28,15 @@ from .variation import Setup
 ROWS = ("q", "v", "a", "tau")
 _ROUNDING = 1e-13
 _SAMPLES = re.compile(r"drive\..+\.samples")
+_SMALLER = (1.0, 0.1, 0.01)  # that step again, where none of its neighbours goes the same way
 NEAR = 1e-6  #: step of differences in steps in which friction switches: a larger one may switch in another step
 _STARTS = ("q0", "v0", "sensor")  # what does not change the equations of motion
 
 #: What is read of a run: of its rows, and of what it is made of.
 Output = Callable[[Result, Setup], ArrayLike]
-#: Derivatives of a number by rows of the result, by their names; or a function that gives the number and these.
-Loss = Mapping[str, ArrayLike] | Callable[[Result], tuple[float, Mapping[str, ArrayLike]]]
+#: Derivatives of a number by rows and events of the result, by their names; or a function that gives the number and
+#: these.
+Loss = Mapping[str, Any] | Callable[[Result], tuple[float, Mapping[str, Any]]]
 
 
 class RunStopped(ValueError):
@@ -52,7 +55,12 @@ class Sensitivities:
     Attributes:
         result: the run.
         parameters: their paths.
-        q, v, a, tau: derivatives of the result's rows, (np, nt, nq) and (np, nt, nv).
+        q, v, a, tau: derivatives of the result's rows, (np, nt, nq) and (np, nt, nv). Rows stand at their times; where
+            a terminal event has ended the run, they end before it.
+        t_events, q_events, v_events: per event, derivatives of its occurrences' times (np, n), coordinates (np, n, nq)
+            and rates (np, n, nv); None without events. The time moves with a parameter p by
+            dt/dp = -(dg/dp) / (dg/dt), of the event's value g along the run, and the state with it: that of the given
+            time changes by dq/dp, and that at the event by dq/dp + v dt/dp.
     """
 
     result: Result
@@ -63,6 +71,9 @@ class Sensitivities:
     tau: Array
     _neighbours: list[Parameter]
     _setup: Setup
+    t_events: list[Array] | None = None
+    q_events: list[Array] | None = None
+    v_events: list[Array] | None = None
 
     def __repr__(self) -> str:
         return f"Sensitivities({len(self.result.t)} rows by {', '.join(self.parameters)})"
@@ -81,7 +92,11 @@ class Sensitivities:
             total = np.zeros(base.shape)
             for near in self._neighbours[k].neighbours:
                 state = {name: getattr(self.result, name) + near.offset * x for name, x in rates.items()}
-                changed = Result(near.setup.arm, self.result.t, **state, loads=near.setup.loads)
+                for name in EVENTS if self.t_events is not None else ():
+                    pairs = zip(getattr(self.result, name), getattr(self, name), strict=True)
+                    state[name] = [x + near.offset * by[k] for x, by in pairs]
+                status = self.result.status
+                changed = Result(near.setup.arm, self.result.t, **state, loads=near.setup.loads, status=status)
                 total += near.weight * (np.asarray(output(changed, near.setup), dtype=float) - base)
             found.append(total)
         return np.array(found)
@@ -95,6 +110,7 @@ class Source:
         setup: what it is made of. t, q0, v0, tau: as of `simulate`.
         integrate: the core's run of a problem; with a tape, of a fixed-step method, which it writes.
         integrator, options: its name, and its options.
+        events: as of `simulate`.
         of: what `setup` was made of, and by which values (1, ...) of parameters.
 
     `workers` of its functions: threads; None: one for each core.
@@ -109,12 +125,13 @@ class Source:
     integrator: str
     options: Mapping[str, Any]
     of: tuple[Setup, Mapping[str, Array]] | None = None
+    events: Any = None
 
     def _problem(self) -> Problem:
         s = self.setup
         for k, _ in s.arm.ball_rates():
             raise ValueError(f"link[{k}].joint: a ball, which derivatives of a run do not go through; take three Axes")
-        return Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, None)
+        return Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, self.events)
 
     def _taped(self) -> tuple[Problem, Result, Any, Any]:
         """The run once more, and its tape."""
@@ -134,10 +151,9 @@ class Source:
     def sensitivities(self, parameters: Sequence[str], workers: int | None = None) -> Sensitivities:
         near = self._near(list(dict.fromkeys(p for parts in self._paths(parameters, False).values() for p in parts)))
         result, rows = self._with_ida(near) if self.integrator == "ida" else self._forward(near, workers or cores())
-        paths = tuple(p.path for p in near)
-        return Sensitivities(result, paths, **{k: rows[k] for k in ROWS}, _neighbours=near, _setup=self.setup)
+        return Sensitivities(result, tuple(p.path for p in near), **rows, _neighbours=near, _setup=self.setup)
 
-    def _with_ida(self, near: list[Parameter]) -> tuple[Result, dict[str, Array]]:
+    def _with_ida(self, near: list[Parameter]) -> tuple[Result, dict[str, Any]]:
         """Forward sensitivities integrated with the run, by IDAS."""
         run = self._problem()
         for k, (*_, law) in enumerate(run.sampled):
@@ -146,10 +162,18 @@ class Source:
                 raise ValueError(f"control: sampled law {k} {what}, of which no derivative is known: give a "
                                  "LinearController without sensors")  # fmt: skip
         out = _done(self.integrate(run, parameters=near))
-        arm, found = self.setup.arm, out["tangents"]
-        return run.result(out), {k: np.ascontiguousarray(found[k][..., : arm.nq if k == "q" else arm.nv]) for k in ROWS}
+        nv, found, result = self.setup.arm.nv, out["tangents"], run.result(out)
+        rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][..., :nv]) for k in ROWS}
+        if result.t_events is None:
+            return result, rows
+        occurred = []
+        for k, slopes in enumerate(out["event_slopes"]):
+            states = zip(result.t_events[k], result.q_events[k], result.v_events[k], slopes, strict=True)
+            occurred += [Occurrence(run, k, t, q, v, v, a[:nv]).moved(q_by[:nv].T, v_by[:nv].T)
+                         for t, q, v, (a, q_by, v_by) in states]  # fmt: skip
+        return result, rows | by_event(occurred, result, len(near))
 
-    def _forward(self, near: list[Parameter], workers: int) -> tuple[Result, dict[str, Array]]:
+    def _forward(self, near: list[Parameter], workers: int) -> tuple[Result, dict[str, Any]]:
         """Tangents along a tape."""
         run, result, tape, core = self._taped()
         start = [_sum(p, lambda n: core_start(n.problem)[:2]) for p in near]
@@ -157,29 +181,46 @@ class Source:
         switches = [self._switches(tape, p, run) for p in near]
         q0, v0 = (np.array([x[k] for x in start]).reshape(len(near), run.both.nv) for k in range(2))
         found = tape.tangents(core, *self._numbers, by, switches, q0, v0, True, workers)
-        rows = {k: np.ascontiguousarray(found[k][..., : self.setup.arm.nv]) for k in ROWS}
+        mine, nv = rows_of(tape), self.setup.arm.nv
+        rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][:, mine, :nv]) for k in ROWS}
         for k, p in enumerate(near):
-            for i, moved in self._moved(run, p):
+            for i, moved in self._moved(run, p, result.t):
                 for name, change in zip(("q", "v", "a"), moved, strict=True):
                     rows[name][k, :, i] = change
-        return result, rows
+        if result.t_events is None:
+            return result, rows
+        occurred = []
+        for cubic in cubics(run, tape, result):
+            q, v = cubic.through({name: found[name][..., :nv] for name in ("q", "v", "a")})
+            for k, p in enumerate(near):
+                for i, moved in self._moved(run, p, [cubic.t]):
+                    q[k, i], v[k, i] = moved[0, 0], moved[1, 0]
+            occurred.append(cubic.moved(q, v))
+        return result, rows | by_event(occurred, result, len(near))
 
     def gradient(self, loss: Loss, parameters: Sequence[str], workers: int | None = None) -> dict[str, Any]:
         paths = self._paths(parameters, self.integrator != "ida")
         if self.integrator == "ida":
             found = self.sensitivities(parameters, workers)
             weights = _weights(loss, found.result)
-            by = {p: float(sum((w * getattr(found, name)[k]).sum() for name, w in weights.items()))
+            by = {p: float(sum((w * x[k]).sum() for name, given in weights.items()
+                               for w, x in _pairs(given, getattr(found, name))))
                   for k, p in enumerate(found.parameters)}  # fmt: skip
             return {path: by[path] if parts == [path] else np.array([by[p] for p in parts])
                     for path, parts in paths.items()}  # fmt: skip
         workers = workers or cores()
         run, result, tape, core = self._taped()
         weights = _weights(loss, result)
-        full = [np.zeros((0, run.both.nv)) if w is None else np.pad(w, ((0, 0), (0, run.both.nv - w.shape[1])))
-                for w in (weights.get(k) for k in ROWS)]  # fmt: skip
-        full[:2] = [w if len(w) else np.zeros((len(result.t), run.both.nv)) for w in full[:2]]
-        q0, v0, needed, applied, switches, held = tape.adjoint(core, *self._numbers, *full, workers)
+        nv, mine = self.setup.arm.nv, rows_of(tape)
+        occurred = [cubic.weighed(weights) for cubic in cubics(run, tape, result)] if weights.keys() & EVENTS else []
+        full = {k: np.zeros((len(tape.points), run.both.nv)) for k in ROWS}
+        for k in ROWS:
+            full[k][mine, :nv] = weights.get(k, 0.0)
+        for cubic, q, v in occurred:
+            cubic.share(q, v, full)
+        asked = {"q", "v", *weights, *(["a"] if occurred else [])}
+        read = [full[k] if k in asked else np.zeros((0, run.both.nv)) for k in ROWS]
+        q0, v0, needed, applied, switches, held = tape.adjoint(core, *self._numbers, *read, workers)
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
         forces = dict(zip(near, by_parameters(tape, list(near.values()), needed, applied, workers), strict=True))
         pushed = np.vstack([applied, held]) * self._below_limits(tape, core, run)
@@ -187,7 +228,7 @@ class Source:
         out: dict[str, Any] = {}
         for path, parts in paths.items():
             if path in whole:
-                out[path] = whole[path][: self.setup.arm.nv]
+                out[path] = whole[path][:nv]
                 continue
             if _SAMPLES.fullmatch(path):
                 out[path] = self._by_samples(path, np.append(tape.t, tape.switches), pushed)
@@ -197,9 +238,12 @@ class Source:
                 a, b = _sum(p, lambda n: core_start(n.problem)[:2])
                 value = forces[p.path] + q0 @ a + v0 @ b
                 value += (switches * self._switches(tape, p, run)).sum()
-                for i, moved in self._moved(run, p):
+                for i, moved in self._moved(run, p, result.t):
                     for name, change in zip(("q", "v", "a"), moved, strict=True):
                         value += (weights[name][:, i] * change).sum() if name in weights else 0.0
+                for cubic, q, v in occurred:
+                    for i, moved in self._moved(run, p, [cubic.t]):
+                        value += q[i] * moved[0, 0] + v[i] * moved[1, 0]
                 values.append(float(value))
             out[path] = values[0] if parts == [path] else np.array(values)
         return out
@@ -234,8 +278,7 @@ class Source:
         """Derivatives of the ends of steps in which dry friction switches, from where they begin."""
         if p.path.split(".")[0] in _STARTS or not len(tape.switches):
             return np.zeros((len(tape.switches), 2 * run.both.nv))
-        found: Array = repeated(tape, self._near([p.path], NEAR)[0], self._numbers)
-        return found
+        return repeated(tape, lambda part: self._near([p.path], part)[0], balanced(run), self._numbers)
 
     def _paths(self, parameters: Sequence[str], adjoint: bool) -> dict[str, list[str]]:
         """The numbers that each path stands for."""
@@ -247,11 +290,11 @@ class Source:
     def _near(self, paths: list[str], part: float = STEP) -> list[Parameter]:
         return problems(self.setup, paths, self.t, self.q0, self.v0, self.tau, part, self.of)
 
-    def _moved(self, run: Problem, p: Parameter) -> list[tuple[int, Array]]:
-        """Of each prescribed rate whose motion the parameter changes: derivatives (3, nt) of its q, v and a."""
+    def _moved(self, run: Problem, p: Parameter, times: Sequence[float] | Array) -> list[tuple[int, Array]]:
+        """Of each prescribed rate whose motion the parameter changes: derivatives (3, n) of its q, v and a at times."""
         if not p.path.startswith("drive."):
             return []
-        return [(i, _sum(p, lambda n, k=k: np.array([n.problem.laws[k][2](t) for t in run.times]).T))  # type: ignore[misc]
+        return [(i, _sum(p, lambda n, k=k: np.array([n.problem.laws[k][2](t) for t in times]).T))  # type: ignore[misc]
                 for k, (i, moves, *_) in enumerate(run.laws) if moves]  # fmt: skip
 
     def _below_limits(self, tape: Any, core: Any, run: Problem) -> Array:
@@ -300,13 +343,35 @@ def by_parameters(tape: Any, near: Sequence[Parameter], needed: Array, applied: 
     return out
 
 
-def repeated(tape: Any, p: Parameter, options: tuple[float, float]) -> Any:
-    """Derivatives by a parameter, whose neighbours are NEAR, of the ends of steps in which dry friction switches.
+def repeated(
+    tape: Any, near: Callable[[float], Parameter], problem: Any, options: tuple[float, float]
+) -> Array:  # fmt: skip
+    """Derivatives by a parameter of the ends of steps in which dry friction switches: of the polynomials through the
+    ends of those neighbours' steps in which it goes the same way.
 
     Args:
-        options: rtol and spectral_radius of "implicit".
+        near: gives the parameter with neighbours at a step of differences.
+        problem: the run's, as a tape takes it. options: rtol and spectral_radius of "implicit".
     """
-    return _sum(p, lambda n: tape.repeat_switches(balanced(n.problem), *options))
+    here, ways = tape.repeat_switches(problem, *options)
+    out = np.zeros(here.shape)
+    left = set(range(len(here)))
+    for smaller in _SMALLER:
+        p = near(NEAR * smaller)
+        found = [(n.offset, *tape.repeat_switches(balanced(n.problem), *options)) for n in p.neighbours if n.offset]
+        for k in sorted(left):
+            alike = [(d, ends[k]) for d, ends, its in found if its[k] == ways[k]]
+            if not alike and smaller != _SMALLER[-1]:
+                continue
+            offsets, ends = zip(*(alike or [(d, ends[k]) for d, ends, _ in found]), strict=True)
+            # slope at 0 of the polynomial through 0 and these, in units of the largest
+            size = max(map(abs, offsets))
+            powers = np.vander(np.array(offsets) / size, len(offsets) + 1, increasing=True)[:, 1:]
+            out[k] = np.linalg.solve(powers, np.array(ends) - here[k])[0] / size
+            left.remove(k)
+        if not left:
+            break
+    return out
 
 
 def balanced(run: Problem) -> Any:
@@ -320,8 +385,8 @@ def _sum(p: Parameter, value: Callable[[Neighbour], Any]) -> Any:
     return sum(n.weight * np.asarray(value(n), dtype=float) for n in p.neighbours)
 
 
-def _weights(loss: Loss, result: Result) -> dict[str, Array]:
-    """Derivatives of a number by the rows of the result."""
+def _weights(loss: Loss, result: Result) -> dict[str, Any]:
+    """Derivatives of a number by the rows and events of the result."""
     given = loss
     if callable(loss):
         pair = loss(result)
@@ -330,5 +395,18 @@ def _weights(loss: Loss, result: Result) -> dict[str, Array]:
         given = pair[1]
     if not isinstance(given, Mapping) or not given:
         raise ValueError(f"loss = {loss!r}: must be derivatives by rows, such as {{'q': (nt, nq)}}, or a function")
-    return {choice("loss", name, ROWS): array(f"loss['{name}']", w, getattr(result, name).shape)
-            for name, w in given.items()}  # fmt: skip
+    out: dict[str, Any] = {}
+    for name, w in given.items():
+        rows = getattr(result, choice("loss", name, ROWS if result.t_events is None else (*ROWS, *EVENTS)))
+        if name in ROWS:
+            out[name] = array(f"loss['{name}']", w, rows.shape)
+            continue
+        if not isinstance(w, (list, tuple)) or len(w) != len(rows):
+            raise ValueError(f"loss['{name}'] = {w!r}: must be a list of {len(rows)} arrays, one for each event")
+        out[name] = [array(f"loss['{name}'][{k}]", x, of.shape) for k, (x, of) in enumerate(zip(w, rows, strict=True))]
+    return out
+
+
+def _pairs(weights: Any, found: Any) -> Sequence[tuple[Array, Array]]:
+    """Weights and what they weigh, of rows or of lists of events."""
+    return list(zip(weights, found, strict=True)) if isinstance(weights, list) else [(weights, found)]

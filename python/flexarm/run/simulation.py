@@ -23,7 +23,7 @@ from ..analysis.coarse import coarse
 from ..analysis.validity import SILENT, out_of_range
 from ..arm import METHODS, Arm
 from ..parts.part import ModelWarning
-from .pace import Pace, beyond_explicit, explicit_limit
+from .pace import Pace, beyond_explicit, explicit_limit, hasty, unbalanced
 from .parameter import Parameter, core_laws, core_parameters, core_start
 from .problem import Problem
 from .result import Result
@@ -31,6 +31,7 @@ from .sensitivity import Source
 from .variation import Setup
 from .watch import Watch, beyond_motor, softened
 
+_FIRST = 5  # steps of a run that its start may be to blame for
 LINEAR_SOLVERS = ("auto", "dense", "chain")
 
 
@@ -145,25 +146,26 @@ def source(
     setup: Setup, t: ArrayLike, q0: ArrayLike | str | None, v0: ArrayLike | None, tau: ArrayLike | None = None, *,
     integrator: str = "ida", method: str = "ab", rtol: float | None = None, atol: float = 1e-9,
     max_order: int | None = None, linear_solver: str | None = None, step: float | None = None,
-    spectral_radius: float | None = None, stages: int | None = None, alive: Any = None, of: Any = None,
+    spectral_radius: float | None = None, stages: int | None = None, events: Any = None, alive: Any = None,
+    of: Any = None,
 ) -> Source:  # fmt: skip
     """What a run is made of, to be run or derived; arguments as of `simulate`, `of` as of Source. `alive` is called now
     and then with the time reached, and may raise."""
     special = {"max_order": max_order, "linear_solver": linear_solver, "spectral_radius": spectral_radius}
     check_integrator(integrator, step, **special, stages=stages)
     options = _settings(integrator, rtol, atol, **special, step=step, stages=stages)
-    return _source(setup, t, q0, v0, tau, integrator, method, options, alive, of)
+    return _source(setup, t, q0, v0, tau, integrator, method, options, events, alive, of)
 
 
 def _source(
     setup: Setup, t: ArrayLike, q0: Any, v0: Any, tau: Any, integrator: str, method: str, options: Mapping[str, Any],
-    alive: Any = None, of: Any = None,
+    events: Any, alive: Any = None, of: Any = None,
 ) -> Source:  # fmt: skip
     """With all options."""
     v, forces = (None if x is None else np.array(x, dtype=float) for x in (v0, tau))
     q = q0 if q0 is None or isinstance(q0, str) else np.array(q0, dtype=float)
     integrate = partial(_integrate, integrator=integrator, method=method, options=options, alive=alive)
-    return Source(setup, np.array(t, dtype=float), q, v, forces, integrate, integrator, options, of)
+    return Source(setup, np.array(t, dtype=float), q, v, forces, integrate, integrator, options, of, events)
 
 
 def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, step: float) -> list[Warning]:
@@ -179,11 +181,14 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
     loop = run.unstable(span, limits) if limits or loops.has_grown(result.v) else None
     if not failed:
         blown = beyond_explicit(run.arm, step, span) if INTEGRATORS[integrator].explicit else None
-        said = [loop] if SILENT.get() else [loop or beyond, blown]
+        chatters = hasty(integrator, step, out["stats"].get("switches", 0), out["hasty"])
+        said = [loop] if SILENT.get() else [loop or beyond, blown or chatters]
         return [x for x in (*said, beyond_motor(run.arm, result, run.prescribed), *run.missed(out["asked"])) if x]
     failure, degrees = out["failure"], run.in_degrees()
     asked = f". {degrees}" if degrees else ""
     cause = loop or softened(result.arm, result)
+    if not cause and "could not be solved" in failure and INTEGRATORS[integrator].rubs and span < _FIRST * step:
+        cause = unbalanced(run.arm, run.prescribed, result.a[0], step) if len(result.a) else ""
     if cause:
         what = failure.partition(": take ")[0].partition(": look ")[0]
         raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({what}){asked}", time, result)
@@ -279,7 +284,8 @@ def simulate(
 
     Joints with dry friction (`coulomb`, `stiction`) stick and slide; a joint that sticks does not move at all.
     "implicit" has friction in the equations of its steps, and stays of second order. The other integrators find the
-    times of switching like events, and start again after each.
+    times of switching like events, and start again after each; "gauss" takes the points of Radau then (Radau IIA, order
+    2 `stages` - 1), whose steps do not leave ringing what a switch strikes and is too fast for them.
 
     No step passes over a sample of a drive. With "ida" and a drive that is a callable, no step passes over an output
     time. A pulse of a callable between steps can still be missed; a check at a thousand times after the run warns.
@@ -299,7 +305,7 @@ def simulate(
             and the run has grown.
         PulseWarning: a callable has a pulse between two steps that no step has seen.
         SlowWarning: "ida" takes very many steps; it names the cause, if known, and the remedy, during the run.
-        StepWarning: steps of "rk4" above its limit.
+        StepWarning: steps of "rk4" above its limit; dry friction that switches many times within a step.
         WatchWarning: a quantity of `watch` has left its range.
         ModelWarning: a beam with too few shape functions for what it carries, or of a basis that does not suit it.
     """
@@ -324,7 +330,7 @@ def simulate(
         out = _integrate(run, integrator, method, options, bar if bar is None or callable(progress) else show)
     result = run.result(out)
     setup = Setup(arm, dict(drive or {}), run.loads, tuple(run.controls))
-    result._source = _source(setup, run.times, arm._posed(q0), v0, tau, integrator, method, options)
+    result._source = _source(setup, run.times, arm._posed(q0), v0, tau, integrator, method, options, events)
     for warning in _judged(run, out, result, integrator, options["step"]):
         warnings.warn(warning, stacklevel=outside())
     if not SILENT.get():

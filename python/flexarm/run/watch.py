@@ -75,9 +75,9 @@ def first_frequency(arm: Arm) -> float:
 
 def softened(arm: Arm, result: Result) -> str:
     """Names a beam of order 1 that turns faster than its first frequency at the end of a run, where it diverges; else
-    it returns ""."""
+    it returns "", also of a run that failed before its first row."""
     for k, link in enumerate(arm.links):
-        if link.beam is None or link.beam.order != 1 or not link.beam.ne:
+        if link.beam is None or link.beam.order != 1 or not link.beam.ne or not len(result.q):
             continue
         spin = float(np.linalg.norm(arm.velocity(result.q[-1], result.v[-1], k, 0.0)[3:]))
         frequency = first_frequency(arm)

@@ -18,6 +18,9 @@ struct Event {
 struct EventLog {
   std::vector<double> t;
   std::vector<Eigen::VectorXd> q, v;
+  /// Of a run with tangents: accelerations, and derivatives of q and v at that time by each parameter (nv, np).
+  std::vector<Eigen::VectorXd> a;
+  std::vector<Eigen::MatrixXd> q_by, v_by;
 };
 
 }  // namespace flexarm

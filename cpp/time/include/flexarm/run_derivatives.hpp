@@ -36,8 +36,12 @@ Balance balance(const Driven& of, const Tape& tape);
 Eigen::VectorXd weigh(const std::vector<Driven>& problems, const Tape& tape, const Trajectory::Rows& needed,
                       const Trajectory::Rows& applied, int threads = 1);
 
-/// States [q; v] (switches, 2 nv) to which this problem's steps lead from the beginnings of the tape's switches.
-Trajectory::Rows repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptions& options);
+/// Steps that this problem takes from the beginnings of the tape's switches.
+struct Repeated {
+  Trajectory::Rows ends;                  ///< states [q; v] (switches, 2 nv)
+  std::vector<std::vector<double>> ways;  ///< which way friction went in each (OneStep::way)
+};
+Repeated repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptions& options);
 
 /// Derivatives of a number by what it depends on.
 struct Adjoint {

@@ -130,6 +130,9 @@ class OneStep : public Step {
   /// Takes the step of a switch again, into q and v. @return whether it was solved
   bool repeat(const Tape::Switch& from, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v,
               const Eigen::VectorXd& tau, const Given& given);
+  /// Which way the friction of the last step went: what it held, let go or turned, and in how many rounds. Where that
+  /// is the same, a step's end is a smooth function of its beginning.
+  std::vector<double> way() const;
   /// Iterations of the last step.
   int iterations() const;
 

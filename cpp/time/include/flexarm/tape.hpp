@@ -50,12 +50,20 @@ struct Tape {
     Eigen::Index point;              ///< place of the row's accelerations; -1: of a rollout, which has none
   };
 
+  /// An event that occurred at time t, on the cubics through two rows; all rows of occurrences are no rows of the results.
+  struct Occurrence {
+    std::size_t event;
+    double t;
+    Eigen::Index before, after;  ///< numbers of the rows
+  };
+
   Stages stages;
   std::vector<double> t, q, v, a;  ///< of all places: times, and nv numbers each
   std::vector<signed char> contact;
   std::vector<Entry> entries;
   std::vector<Row> rows;
   std::vector<Switch> switches;
+  std::vector<Occurrence> occurrences;
   double now = 0.0;     ///< time at which the step begins that is being taken (s)
   Eigen::VectorXd tau;  ///< forces that are held over it beside the problem's; empty: none
 

@@ -18,6 +18,7 @@ struct SimulationStats {
   long linear_iterations = 0;  ///< of the Krylov solver
   long failed_steps = 0;
   long switches = 0;       ///< of joints between sticking and sliding
+  long hasty = 0;          ///< of these, within a fixed step behind one of the same joint
   double wall_time = 0.0;  ///< s
 };
 
@@ -46,7 +47,7 @@ struct Trajectory {
     Rows q, v, a, tau, friction;
   };
   std::vector<Tangent> tangents;  ///< derivatives of the rows, one for each parameter
-  std::vector<Tangent> ends;      ///< of one row each, at `reached`, where an event has terminated the run
+  std::vector<Tangent> ends;      ///< of one row each, at `reached`, where the last event has occurred
 };
 
 }  // namespace flexarm
