@@ -36,7 +36,8 @@ def test_the_first_program_prints_what_its_comments_show(
 
 
 def test_readme_has_every_extra() -> None:
-    extras = re.search(r"^\[project.optional-dependencies\]\n(.*?)^\[", (ROOT / "pyproject.toml").read_text(), re.M | re.S)
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    extras = re.search(r"^\[project.optional-dependencies\]\n(.*?)^\[", project, re.MULTILINE | re.DOTALL)
     assert extras
     names = set(re.findall(r"^(\w+) = ", extras[1], re.MULTILINE))
     assert names == set(re.findall(r"^\| `(\w+)` \|", README, re.MULTILINE))
