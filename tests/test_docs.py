@@ -17,11 +17,31 @@ README = PAGES[0].read_text(encoding="utf-8")
 def test_numbers_of_the_readme(page_of_docs: Callable[[str], Ran]) -> None:
     ran = page_of_docs("README.md")
     assert (ran.folder / "run.png").stat().st_size > 10_000
-    told = re.search(r"# Hz: ([\d. ]+)", README)
+    told = re.search(r"# Hz: \[([\d. ]+)\]", README)
     assert told
     frequencies = ran.names["modes"].frequencies / (2 * np.pi)
-    assert [f"{x:.4g}" for x in frequencies] == told[1].split()
+    assert [f"{x:.4g}" for x in frequencies] == [f"{float(x):.4g}" for x in told[1].split()]
     assert 0.06 < abs(ran.names["run"].tip_deflection(1)[:, 1]).max() < 0.08  # m, as the picture shows
+
+
+def test_the_first_program_prints_what_its_comments_show(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code = re.search(r"```python\n(.*?)```", README, re.DOTALL)
+    assert code
+    exec(code[1], {})
+    shown = re.findall(r"^print.*# [^:\n]+: (.+)$", code[1], re.MULTILINE)
+    assert len(shown) == 2 and capsys.readouterr().out.splitlines()[-2:] == shown
+
+
+def test_readme_has_every_extra() -> None:
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    extras = re.search(r"^\[project.optional-dependencies\]\n(.*?)^\[", project, re.MULTILINE | re.DOTALL)
+    assert extras
+    names = set(re.findall(r"^(\w+) = ", extras[1], re.MULTILINE))
+    assert names == set(re.findall(r"^\| `(\w+)` \|", README, re.MULTILINE))
+    assert "pip install ./flexarm-" in README
 
 
 def test_setup_of_a_bare_machine_is_told() -> None:

@@ -58,19 +58,21 @@ def whole(field: str, value: Any) -> int:
     return int(value)
 
 
-def array(field: str, value: ArrayLike, shape: tuple[int, ...] | None = None, batch_ndim: int | None = None) -> Array:
+def array(
+    field: str, value: ArrayLike | None, shape: tuple[int, ...] | None = None, batch_ndim: int | None = None
+) -> Array:
     """A finite, C-contiguous float64 array, of the given shape if one is given. Where it has `batch_ndim` axes or more,
     the first counts scenarios."""
+    if value is None:
+        want = "numbers" if shape is None else "one number" if shape in ((), (1,)) else f"{shape[0]} numbers"
+        asked = "; does its function return what it computes?" if " at t = " in field else ""
+        raise ValueError(f"{field} = None: must be {want}{asked}")
     try:
         if np.iscomplexobj(value):
             raise TypeError
         out = np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{field} = {value!r}: must be numbers") from None
-    if value is None:
-        want = "numbers" if shape is None else "one number" if shape in ((), (1,)) else f"{shape[0]} numbers"
-        asked = "; does its function return what it computes?" if " at t = " in field else ""
-        raise ValueError(f"{field} = None: must be {want}{asked}")
     if shape is not None and out.shape != shape:
         want = f"shape {shape}" if len(shape) != 1 else "one number" if shape == (1,) else f"{shape[0]} numbers"
         raise ValueError(f"{field} has shape {out.shape}: must be {want}")

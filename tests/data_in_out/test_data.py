@@ -168,7 +168,7 @@ def test_what_is_saved_is_loaded_to_the_bit(suffix: str, tmp_path: Path) -> None
 def test_matlab_sees_plain_names(tmp_path: Path) -> None:
     fa.Data([0.0, 1.0], {"link 0 tip": [1, 2], "link_0_tip": [3, 4], "2nd": [5, 6]}).save(tmp_path / "x.mat")
     held = loadmat(tmp_path / "x.mat")
-    assert [k for k in held if not k.startswith("__")] == ["t", "link_0_tip", "link_0_tip_2", "x2nd", "flexarm"]
+    assert [k for k in held if not k.startswith("__")] == ["flexarm", "t", "link_0_tip", "link_0_tip_2", "x2nd"]
 
 
 def test_other_suffixes_are_refused(tmp_path: Path) -> None:

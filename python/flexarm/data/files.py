@@ -109,8 +109,9 @@ def _write_mat(path: Path, columns: Mapping[str, tuple[str, Array]]) -> None:
     variables = np.empty((len(held), 1), object)
     variables[:, 0] = list(held)
     told = [list(held), list(columns), [of for of, _ in columns.values()]]
-    held["flexarm"] = {"variables": variables, "names": names, "units": units, "digest": float(digest(told, held))}
-    write_whole(path, lambda f: savemat(f, held, long_field_names=True, do_compression=True), "path")
+    ours = {"variables": variables, "names": names, "units": units, "digest": float(digest(told, held))}
+    whole = {"flexarm": ours, **held}  # first, so that a file that was cut off has it
+    write_whole(path, lambda f: savemat(f, whole, long_field_names=True, do_compression=True), "path")
 
 
 # -- in ----------------------------------------------------------------------------------------------------------------

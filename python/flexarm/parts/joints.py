@@ -204,6 +204,9 @@ class Revolute(Joint):
 class Prismatic(Joint):
     """Translation by q (m) along an axis.
 
+    A beam behind it is clamped to the slide and moves with it as a whole, at a constant length: this is no telescope
+    and no beam that slides through a guide.
+
     Args:
         axis: "x", "y", "z" or three numbers, in the axes the joint sits on.
     """
