@@ -265,7 +265,7 @@ def test_to_control_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
         ({"outputs": [("velocity", 0, 0.7)]}, r"x = 0.7: must be on the beam"),
         ({"outputs": [("joint", (2, 1))]}, r"outputs\[0\]: link = \(2, 1\): its joint has freedoms 0 to 0"),
         ({"lock": 0}, r"lock = 0: must be a list of link numbers"),
-        ({"lock": [(1, 0)]}, r"lock: the three rotations of the ball of link 1 go together"),
+        ({"lock": [(1, 0)]}, r"lock: the three rotations of the ball of link 1 spherical go together"),
         ({"v": [0.0]}, r"v has shape \(1,\)"),
         ({"tau": np.full(29, np.nan)}, r"must be"),
     ],
