@@ -43,8 +43,8 @@ class SlowWarning(UserWarning):
 
 
 class StepWarning(UserWarning):
-    """Steps are too long: those of "rk4" are above its limit, and what oscillates fast has grown, and may be all that is
-    left of the motion; or dry friction switches again and again within a step.
+    """Steps are too long: those of "rk4" are above its limit, and what oscillates fast has grown, and may be all that
+    is left of the motion; or dry friction switches again and again within a step.
 
     Attributes:
         step: the one given (s). growth: of the fastest motion, by one step; nan of friction.
@@ -85,14 +85,14 @@ def beyond_explicit(arm: Arm, step: float, span: float) -> StepWarning | None:
 
 
 def hasty(integrator: str, step: float, switches: int, count: int) -> StepWarning | None:
-    """Warns where `count` of the switches of dry friction came within a step behind one of the same joint: their motion
-    is a vibration that the steps do not resolve."""
+    """Warns where `count` of the switches of dry friction came within a step behind one of the same joint: the joint
+    follows a vibration that the steps do not resolve."""
     if count <= _HASTY:
         return None
     return StepWarning(
-        f'integrator = "{integrator}", step = {step:g}: dry friction switched {switches} times, {count} of them within a '
-        "step behind another of the same joint: the joint follows a vibration too fast for the step, and the motion may "
-        'be wrong; take a smaller step, or integrator="implicit"',
+        f'integrator = "{integrator}", step = {step:g}: dry friction switched {switches} times, {count} of them within '
+        "a step behind another of the same joint: the joint follows a vibration too fast for the step, and the motion "
+        'may be wrong; take a smaller step, or integrator="implicit"',
         step, np.nan,
     )  # fmt: skip
 
