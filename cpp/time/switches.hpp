@@ -93,7 +93,7 @@ class Switches {
  private:
   static constexpr double kSolved = 1e-13, kMoved = 1e-7;
   static constexpr int kSmaller = 3;  // steps of a difference that are tried
-  VectorXd tau_;  // of the step
+  VectorXd tau_;                      // of the step
   const VectorXd& own_;
   System s_;
   const Tape& tape_;
