@@ -108,8 +108,9 @@ def unbalanced(arm: Arm, prescribed: Sequence[int], a: Array, step: float) -> st
     moving = np.setdiff1d(np.arange(arm.nv), prescribed)
     M, shapes = arm.mass_matrix(arm.zero), np.real(modes.shapes)
     shapes = shapes / np.sqrt(np.einsum("ik,ij,jk->k", shapes, M, shapes))
-    w = np.maximum(modes.frequencies, np.finfo(float).tiny)
-    energy = (shapes[moving].T @ M[np.ix_(moving, moving)] @ a[moving] / w) ** 2  # that each mode rings with
+    w = modes.frequencies
+    pushed = shapes[moving].T @ M[np.ix_(moving, moving)] @ a[moving]
+    energy = (pushed / np.maximum(w, 1.0 / step)) ** 2  # that a mode rings with, or gains in a step
     fast = np.where(step * w > 1.0, energy, 0.0)
     k = int(fast.argmax())
     if not fast[k] > _LOUD * energy[step * w <= 1.0].sum(initial=0.0):
