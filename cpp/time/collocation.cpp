@@ -37,8 +37,8 @@ Eigen::Vector3d turn_rate(const Eigen::Vector3d& u, const Eigen::Vector3d& w) {
 /// The quaternion at `k` of p0, turned by u, into p.
 void turn(const double* p0, const Eigen::Vector3d& u, double* p, Eigen::Index k) { turn_ball(p0 + k, u.data(), p + k); }
 
-/// Radau's rule of n points on [0, 1], of which the last is the end; exact for polynomials of degree 2n - 2. A polynomial
-/// less its value there has the factor 1 - x: the other points are those of the Gauss rule with that weight.
+/// Radau's rule of n points on [0, 1], of which the last is the end; exact for polynomials of degree 2n - 2. A
+/// polynomial less its value there has the factor 1 - x: the other points are those of the Gauss rule with that weight.
 GaussRule radau_rule(int n) {
   GaussRule rule(n), inner = rule;
   inner.weights.array() *= 1.0 - inner.points.array();

@@ -41,7 +41,7 @@ class StepEvents {
   Tape* tape_;
   const Step* inside_;
   Eigen::Index before_ = -1, after_ = -1;  // rows of the tape
-  Eigen::Index entry0_ = -1;  // of the tape, at the last look
+  Eigen::Index entry0_ = -1;               // of the tape, at the last look
   double t0_ = 0.0, t1_ = 0.0;
   Eigen::VectorXd values0_, values1_, values_;
   Eigen::VectorXd q0_, q1_, dq0_, dq1_, v0_, v1_, a0_, a1_;

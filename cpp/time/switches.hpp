@@ -25,10 +25,15 @@ class Switches {
   }
   /// The state that a step leads to; forces of friction that slides are this arm's.
   VectorXd end(Tape::Switch from) {
+    way_.clear();
     for (std::size_t c = 0; c < from.rates.size(); ++c)
-      for (const Rub& r : rubs_)
-        if (const auto k = static_cast<Index>(c); r.rate == from.rates[c] && from.sense[k] != 0.0)
-          from.before[k] = -from.sense[k] * r.coulomb;
+      for (const Rub& r : rubs_) {
+        if (r.rate != from.rates[c]) continue;
+        const auto k = static_cast<Index>(c);
+        const double sense = from.sense[k];
+        if (sense != 0.0) from.before[k] = -sense * r.coulomb;
+        way_.push_back(sense != 0.0 ? sense * from.v[r.rate] < 0.0 : std::abs(from.before[k]) > r.stiction);
+      }
     s_.q = from.q;
     s_.v = from.v;
     tau_ = own_;
@@ -36,12 +41,15 @@ class Switches {
     s_.drive(from.t);
     const Step::Given given = [&](double c) { s_.drive(from.t + c * from.h); };
     step_->repeat(from, s_.ws, s_.q, s_.v, s_.tau, given);
+    const std::vector<double> went = step_->way();
+    way_.insert(way_.end(), went.begin(), went.end());
     VectorXd out(2 * n_);
     out << s_.q, s_.v;
     return out;
   }
-  /// Which way friction went in the step of the last end.
-  std::vector<double> way() const { return step_->way(); }
+  /// Which way friction went in the step of the last end; and of each rate whether its beginning is one that no step
+  /// leaves behind: sliding backwards, or held beyond the stiction.
+  const std::vector<double>& way() const { return way_; }
   /// Derivatives of that end by q, v, a0 and alpha0 (nv columns each), by the forces before, of what rubs, and, if
   /// `held`, by forces held over the step (nv columns): by differences among steps in which friction goes the same way.
   MatrixXd slopes(const Tape::Switch& from, bool held) {
@@ -85,12 +93,13 @@ class Switches {
  private:
   static constexpr double kSolved = 1e-13, kMoved = 1e-7;
   static constexpr int kSmaller = 3;  // steps of a difference that are tried
-  VectorXd tau_;  // of the step
+  VectorXd tau_;                      // of the step
   const VectorXd& own_;
   System s_;
   const Tape& tape_;
   Index n_;
   std::vector<Rub> rubs_;
+  std::vector<double> way_;
   std::optional<OneStep> step_;
 };
 

@@ -101,9 +101,11 @@ def test_energy_is_lost_to_friction_alone() -> None:
 
 def strip(shapes: int, damping_ratio: float = 0.05) -> fa.Arm:
     """A strip of aluminium, 0.7 m, on a joint with stiction; its shear shape has 1 kHz."""
-    beam = fa.Beam(0.7, fa.Rectangle(0.002, 0.03), fa.Material(2700.0, 70e9, 0.33), {"bending_z": shapes, "shear_y": 1},
-                   order=2, damping_ratio=damping_ratio)  # fmt: skip
-    return fa.Arm([fa.Link(fa.Revolute("z", coulomb=0.12, stiction=0.16), fa.RigidBody(0.2, inertia=(1e-3,) * 3), beam)])
+    modes = {"bending_z": shapes, "shear_y": 1}
+    beam = fa.Beam(0.7, fa.Rectangle(0.002, 0.03), fa.Material(2700.0, 70e9, 0.33), modes, order=2,
+                   damping_ratio=damping_ratio)  # fmt: skip
+    hub = fa.RigidBody(0.2, inertia=(1e-3,) * 3)
+    return fa.Arm([fa.Link(fa.Revolute("z", coulomb=0.12, stiction=0.16), hub, beam)])
 
 
 def pulses(count: int) -> fa.Torque:

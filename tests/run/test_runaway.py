@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+from dataclasses import replace
 
 import flexarm as fa
 import numpy as np
@@ -434,3 +435,6 @@ def test_a_start_out_of_balance_is_named_where_implicit_cannot_follow_what_rings
         fa.simulate(arm, [0, 0.02], integrator="implicit", step=1e-3)
     fa.simulate(arm, [0, 0.02], integrator="gauss", step=1e-3)
     fa.simulate(arm, [0, 0.02], arm.equilibrium(), integrator="implicit", step=1e-3)
+    free = fa.Arm([replace(link, joint=fa.Revolute("y")) for link in links])  # whose modes at rest have no frequency
+    with pytest.raises(fa.SimulationError, match=r"start is not in balance: 'link . bending_y .' begins to ring"):
+        fa.simulate(free, [0, 0.02], q0=[0, 0.5, *[0] * 16], integrator="implicit", step=1e-2)

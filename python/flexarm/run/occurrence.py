@@ -66,16 +66,19 @@ class Cubic(Occurrence):
 
     def through(self, rows: Mapping[str, Array]) -> tuple[Array, Array]:
         """q and v there of rows (..., rows, nv)."""
+
         def at(x: Array, slope: Array) -> Array:
-            ends = [x[..., self.before, :], slope[..., self.before, :], x[..., self.after, :], slope[..., self.after, :]]
-            return sum(f * end for f, end in zip(self.factors, ends, strict=True))  # type: ignore[return-value]
+            ends = np.array([of[..., row, :] for row in (self.before, self.after) for of in (x, slope)])
+            found: Array = np.tensordot(self.factors, ends, 1)
+            return found
 
         return at(rows["q"], rows["v"]), at(rows["v"], rows["a"])
 
     def weighed(self, weights: Mapping[str, Any]) -> tuple[Cubic, Array, Array]:
         """This, and derivatives of a number by the state at its time, from those by events."""
-        t, q, v = (weights[name][self.event][self.number] if name in weights else 0.0 * like
-                   for name, like in zip(EVENTS, (self.t, self.q, self.v), strict=True))  # fmt: skip
+        zero: list[Any] = [0.0, np.zeros(self.q.size), np.zeros(self.v.size)]
+        t, q, v = [weights[name][self.event][self.number] if name in weights else nothing
+                   for name, nothing in zip(EVENTS, zero, strict=True)]  # fmt: skip
         by_q, by_v, rate = self.slopes()
         along = (t + q @ self.dq + v @ self.dv) / rate
         return self, q - along * by_q, v - along * by_v

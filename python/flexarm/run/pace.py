@@ -16,6 +16,7 @@ from ..parts.beam import STRAINS
 _EXPLICIT = 2.83  # step times frequency up to which rk4 is stable
 _HASTY = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
 _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
+_UNRESOLVED = 3.0  # step times frequency: a step is half a period
 _LOUD = 1e-6  # of the energy of what steps follow: what they do not follow, and is louder, stops an iteration
 _MANY = 2e5  # steps of a whole run, from which on it is looked at what they follow
 _ENDLESS = 2e7  # steps that are too many, whatever they follow
@@ -43,8 +44,8 @@ class SlowWarning(UserWarning):
 
 
 class StepWarning(UserWarning):
-    """Steps are too long: those of "rk4" are above its limit, and what oscillates fast has grown, and may be all that is
-    left of the motion; or dry friction switches again and again within a step.
+    """Steps are too long: those of "rk4" are above its limit, and what oscillates fast has grown, and may be all that
+    is left of the motion; or dry friction switches again and again within a step.
 
     Attributes:
         step: the one given (s). growth: of the fastest motion, by one step; nan of friction.
@@ -85,21 +86,21 @@ def beyond_explicit(arm: Arm, step: float, span: float) -> StepWarning | None:
 
 
 def hasty(integrator: str, step: float, switches: int, count: int) -> StepWarning | None:
-    """Warns where `count` of the switches of dry friction came within a step behind one of the same joint: their motion
-    is a vibration that the steps do not resolve."""
+    """Warns where `count` of the switches of dry friction came within a step behind one of the same joint: the joint
+    follows a vibration that the steps do not resolve."""
     if count <= _HASTY:
         return None
     return StepWarning(
-        f'integrator = "{integrator}", step = {step:g}: dry friction switched {switches} times, {count} of them within a '
-        "step behind another of the same joint: the joint follows a vibration too fast for the step, and the motion may "
-        'be wrong; take a smaller step, or integrator="implicit"',
+        f'integrator = "{integrator}", step = {step:g}: dry friction switched {switches} times, {count} of them within '
+        "a step behind another of the same joint: the joint follows a vibration too fast for the step, and the motion "
+        'may be wrong; take a smaller step, or integrator="implicit"',
         step, np.nan,
     )  # fmt: skip
 
 
 def unbalanced(arm: Arm, prescribed: Sequence[int], a: Array, step: float) -> str:
-    """Names what rings, too fast for the steps, where a run begins with accelerations a (nv,) out of balance; else it
-    returns ""."""
+    """What a message goes on with where a run begins with accelerations a (nv,) out of balance: what rings, too fast
+    for the steps; else ""."""
     joints = {k: arm.joint_rates(k, "link") for k, link in enumerate(arm.links) if link.joint.nv}
     try:
         modes = arm._made(arm.links).modes(lock=[k for k, rates in joints.items() if np.isin(rates, prescribed).all()])
@@ -108,16 +109,17 @@ def unbalanced(arm: Arm, prescribed: Sequence[int], a: Array, step: float) -> st
     moving = np.setdiff1d(np.arange(arm.nv), prescribed)
     M, shapes = arm.mass_matrix(arm.zero), np.real(modes.shapes)
     shapes = shapes / np.sqrt(np.einsum("ik,ij,jk->k", shapes, M, shapes))
-    w = np.maximum(modes.frequencies, np.finfo(float).tiny)
-    energy = (shapes[moving].T @ M[np.ix_(moving, moving)] @ a[moving] / w) ** 2  # that each mode rings with
-    fast = np.where(step * w > 1.0, energy, 0.0)
+    w = modes.frequencies
+    pushed = shapes[moving].T @ M[np.ix_(moving, moving)] @ a[moving]
+    energy = (pushed / np.maximum(w, 1.0 / step)) ** 2  # that a mode rings with, or gains in a step
+    fast = np.where(step * w > _UNRESOLVED, energy, 0.0)
     k = int(fast.argmax())
-    if not fast[k] > _LOUD * energy[step * w <= 1.0].sum(initial=0.0):
+    if not fast[k] > _LOUD * energy[step * w <= _UNRESOLVED].sum(initial=0.0):
         return ""
     most = arm.coordinates[int((np.diag(M) * shapes[:, k] ** 2).argmax())]
     return (
-        f"the start is not in balance: '{most}' begins to ring at {w[k]:.3g} rad/s, which these steps do not follow; "
-        'start in balance (q0=arm.equilibrium(...)), or take integrator="gauss", or much smaller steps'
+        f"; the start is not in balance: '{most}' begins to ring at {w[k]:.3g} rad/s, which these steps do not follow; "
+        'start in balance (q0=arm.equilibrium(...)), or take integrator="gauss"'
     )
 
 

@@ -167,10 +167,9 @@ class Source:
         if result.t_events is None:
             return result, rows
         occurred = []
-        for k, slopes in enumerate(out["event_slopes"]):
-            states = zip(result.t_events[k], result.q_events[k], result.v_events[k], slopes, strict=True)
-            occurred += [Occurrence(run, k, t, q, v, v, a[:nv]).moved(q_by[:nv].T, v_by[:nv].T)
-                         for t, q, v, (a, q_by, v_by) in states]  # fmt: skip
+        for k, ((t, q, v), slopes) in enumerate(zip(out["events"], out["event_slopes"], strict=True)):
+            occurred += [Occurrence(run, k, t[n], q[n, :nv], v[n, :nv], v[n, :nv], a[:nv]).moved(qp[:nv].T, vp[:nv].T)
+                         for n, (a, qp, vp) in enumerate(slopes)]  # fmt: skip
         return result, rows | by_event(occurred, result, len(near))
 
     def _forward(self, near: list[Parameter], workers: int) -> tuple[Result, dict[str, Any]]:

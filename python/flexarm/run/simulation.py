@@ -187,11 +187,11 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
     failure, degrees = out["failure"], run.in_degrees()
     asked = f". {degrees}" if degrees else ""
     cause = loop or softened(result.arm, result)
-    if not cause and "could not be solved" in failure and INTEGRATORS[integrator].rubs and span < _FIRST * step:
-        cause = unbalanced(run.arm, run.prescribed, result.a[0], step) if len(result.a) else ""
     if cause:
         what = failure.partition(": take ")[0].partition(": look ")[0]
         raise SimulationError(f"stopped at t = {time:.9g} s: {cause} ({what}){asked}", time, result)
+    if "could not be solved" in failure and INTEGRATORS[integrator].rubs and span < _FIRST * step and len(result.a):
+        failure += unbalanced(run.arm, run.prescribed, result.a[0], step)
     limit = "over the highest frequency"
     if limit in failure:  # rk4's
         failure = failure.replace(limit, limit + explicit_limit(result.arm, step))

@@ -21,8 +21,9 @@ struct CollocationOptions {
 /// A ball turns by a vector u from a middle place, du/dt = turn_rate(u, w), where u at the step's end is minus that at
 /// its beginning: quaternions of unit length, the same order and symmetry, and a steady spin without error.
 /// Order 2s, symmetric in time, unconditionally stable on linear vibration, whose energy it keeps: it steps over modes
-/// that are fast but quiet, and stays accurate. Newton's iteration with exact Jacobians, kept as long as they serve;
-/// its matrix is dense, (s n)^2: for arms of up to some tens of coordinates.
+/// that are fast but quiet, and stays accurate. Of an arm with dry friction, whose switches strike such modes, the
+/// points are Radau's (Radau IIA): order 2s - 1, and what is too fast dies out. Newton's iteration with exact
+/// Jacobians, kept as long as they serve; its matrix is dense, (s n)^2: for arms of up to some tens of coordinates.
 class CollocationStep final : public Step {
  public:
   /// @throws std::invalid_argument naming the field and the value; for joints with dry friction, which it does not know

@@ -50,7 +50,8 @@ struct Tape {
     Eigen::Index point;              ///< place of the row's accelerations; -1: of a rollout, which has none
   };
 
-  /// An event that occurred at time t, on the cubics through two rows; all rows of occurrences are no rows of the results.
+  /// An event that occurred at time t, on the cubics through two rows; all rows of occurrences are no rows of the
+  /// results.
   struct Occurrence {
     std::size_t event;
     double t;
