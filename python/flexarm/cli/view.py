@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +38,7 @@ def _read(name: str) -> tuple[str, Result, SimulationError | SimulationInterrupt
         return Path(name).stem, Result.load(name), None
     scene = load(name)
     try:
-        return scene.name, scene.run(progress=sys.stderr.isatty()), None
+        return scene.name, scene.run(progress=True), None
     except (SimulationError, SimulationInterrupted) as e:
         return scene.name, e.result, e
 
