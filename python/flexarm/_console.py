@@ -10,6 +10,7 @@ import math
 import os
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -18,6 +19,8 @@ from ._check import Array
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+_FIRST_LINE, _EACH_LINE = 10.0, 60.0  # s, of long work that no terminal shows
 
 # rich is slow to import, and most programs print no table: it is imported where it is used.
 
@@ -107,7 +110,8 @@ def progress_bar(show: Any, what: str, total: float | None = 1.0) -> Iterator[Ca
     """A bar on stderr, gone when done.
 
     Args:
-        show: whether to show one; none is shown where stderr is no terminal. A callable takes its place.
+        show: whether to show one; where stderr is no terminal, lines instead: the first after 10 s, then one a minute.
+            A callable takes its place.
         what: stands before the bar. total: what is all of it; None: not known.
 
     Yields:
@@ -116,8 +120,11 @@ def progress_bar(show: Any, what: str, total: float | None = 1.0) -> Iterator[Ca
     if callable(show):
         yield show
         return
-    if not (show and sys.stderr and sys.stderr.isatty()):  # a log wants neither a bar nor the empty line it leaves
+    if not (show and sys.stderr):
         yield None
+        return
+    if not sys.stderr.isatty():
+        yield _lines(what, total)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -126,6 +133,25 @@ def progress_bar(show: Any, what: str, total: float | None = 1.0) -> Iterator[Ca
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total)
         yield lambda done, text="": bar.update(task, completed=done, description=text)
+
+
+def _lines(what: str, total: float | None) -> Callable[..., None]:
+    """Now and then a line on stderr: what is done, for how long, and about how long it will still take."""
+    began = time.monotonic()
+    due = began + _FIRST_LINE
+
+    def tell(done: float, text: str = "") -> None:
+        nonlocal due
+        now = time.monotonic()
+        if now < due:
+            return
+        due = now + _EACH_LINE
+        part = done / total if total else 0.0
+        left = f", about {seconds((now - began) * (1 / part - 1))} left" if 0 < part <= 1 else ""
+        share = f" {100 * part:.0f} %" if part else ""
+        complain(f"{what}{share}{f' ({text})' if text else ''}: {seconds(now - began)} so far{left}")
+
+    return tell
 
 
 # -- files -----------------------------------------------------------------------------------------------------------

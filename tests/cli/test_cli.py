@@ -262,6 +262,27 @@ def test_json_has_no_word_for_what_is_not_finite(monkeypatch: pytest.MonkeyPatch
         _console.json_text(value)
 
 
+def test_long_work_without_a_terminal_writes_lines(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first after 10 s, then one a minute, each with what is left if the work goes on as it did."""
+    now = [0.0]
+    monkeypatch.setattr(_console.time, "monotonic", lambda: now[0])
+    with _console.progress_bar(True, "charting", 200.0) as tell:
+        assert tell is not None
+        for now[0] in range(0, 81, 5):
+            tell(now[0], "a model")
+    with _console.progress_bar(True, "identifying", None) as tell:
+        assert tell is not None
+        now[0] = 91.0
+        tell(12, "12 runs")
+    assert capsys.readouterr().err.splitlines() == [
+        "flexarm: charting 5 % (a model): 10 s so far, about 190 s left",
+        "flexarm: charting 35 % (a model): 70 s so far, about 130 s left",
+        "flexarm: identifying (12 runs): 11 s so far",
+    ]
+
+
 def test_importing_flexarm_leaves_slow_packages_alone() -> None:
     slow = ("matplotlib", "rich", "scipy", "h5py")
     code = f"import sys, flexarm, flexarm.cli; print([m for m in {slow} if m in sys.modules])"

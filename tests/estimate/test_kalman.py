@@ -302,7 +302,7 @@ def test_a_sensor_that_is_not_linear_is_refused() -> None:
         def _measure(self, arm: fa.Arm, t: Any, q: Any, v: Any, a: Any, loads: Any) -> Any:
             return np.asarray(super()._measure(arm, t, q, v, a, loads) ** 2)
 
-    with pytest.raises(ValueError, match=r"sensors\[0\]: Squared: must be linear in q and v, and the same at all times"):
+    with pytest.raises(ValueError, match=r"sensors\[0\]: Squared: must be linear in q and v, and the same"):
         fa.KalmanFilter(two_links(), [Squared(0, noise=1.0)], STEP, force_noise=NOISE, q_std=0.01, v_std=0.01)
 
 

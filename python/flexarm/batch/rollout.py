@@ -222,8 +222,8 @@ def rollout(
         lanes: whether scenarios run side by side in the processor's vector lanes, as many as it has, where there are
             enough to be worth it. It changes results by rounding (1e-12).
         out: arrays "q" and "v" that the result is written into, float64, C-contiguous, of the result's shapes.
-        progress: shows a bar on stderr, where that is a terminal; or a callable, which is given the share of steps
-            taken about ten times a second, and may raise to give up.
+        progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the share of
+            steps taken about ten times a second, and may raise to give up.
 
     Returns:
         Rollout: 8 (nq + nv) B nout bytes, beside one workspace for each worker. No RangeWarning is looked for.

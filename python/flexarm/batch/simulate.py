@@ -173,8 +173,9 @@ def simulate_batch(
             which; docs/batch.md has a table of what each costs.
         outputs: which of "q", "v", "a", "tau". every: times of t between two rows of the result.
         workers: threads; None: one for each core.
-        progress: shows a bar on stderr, where that is a terminal; or a callable, which is given the share done about
-            ten times a second (with an executor: whenever a share is done) and at the end, and may raise to give up.
+        progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the share
+            done about ten times a second (with an executor: whenever a share is done) and at the end, and may raise to
+            give up.
         out: arrays by name that the result is written into; or a file ("sweep.h5"), written as the scenarios are
             done: the same call again does what is missing, whatever stopped it, and what is damaged.
             Another batch's file is refused, and that of another version of flexarm; see docs/batch.md.

@@ -316,7 +316,7 @@ def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "t
         budget: wall time (s). Runs predicted to exceed what is left of it are skipped, and say so.
         quantity: what is compared: "tip", the position of the arm's end (m); "joint", the coordinates of those joints
             that are not prescribed (rad, m); "strain", of every beam at its clamp (1/m, rad).
-        progress: shows a bar on stderr, where that is a terminal.
+        progress: shows a bar on stderr, or lines where that is no terminal.
 
     Ctrl-C ends it early: the chart holds what was done, and says that it is partial.
 

@@ -327,7 +327,7 @@ def economize(
             scene's own beams have them); or a callable of a Result that returns an array (nt,) or (nt, k).
         time_budget: seconds for deciding; None: as many as it takes. What is found until then is not certified.
         atol: an absolute tolerance in the quantity's SI unit, in place of tol: atol=1e-3 is a millimetre of the tip.
-        progress: shows what is being done on stderr, where that is a terminal.
+        progress: shows what is being done on stderr: a bar, or lines where that is no terminal.
 
     Returns:
         Plan: `.arm`, `.scene`, `.certified`, `.choices`, `.save("lean.toml")`, `.plot()`.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         fit = identify(
             scene, runs, _parameters(args.parameter), inputs=inputs or None, outputs=outputs, noise=noise or None,
-            starts=args.starts, progress=sys.stderr.isatty(),
+            starts=args.starts, progress=True,
         )  # fmt: skip
     except FitError as e:
         complain(str(e))

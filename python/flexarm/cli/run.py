@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     folder = output_folder(args.output)
     failure: SimulationError | SimulationInterrupted | None = None
     try:
-        result = scene.run(progress=sys.stderr.isatty())
+        result = scene.run(progress=True)
     except (SimulationError, SimulationInterrupted) as e:
         failure, result = e, e.result
     summary: dict[str, Any] = {

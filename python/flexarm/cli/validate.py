@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 
 from .._console import complain, json_text, output_folder
 from ..draw import style as plots
@@ -34,7 +33,7 @@ def arguments(p: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Validates, writes and prints; 0, or 1 if a run could not go on."""
     try:
-        found = validate(args.rig, args.data, fit=args.fit, calibrate=args.calibrate, progress=sys.stderr.isatty())
+        found = validate(args.rig, args.data, fit=args.fit, calibrate=args.calibrate, progress=True)
     except FitError as e:
         complain(str(e))
         return 1

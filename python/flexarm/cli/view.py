@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +43,7 @@ def _read(name: str, tip: str | None) -> tuple[str, Result, SimulationError | Si
         still = np.zeros((1, scene.arm.nv))
         return scene.name, Result(scene.arm, np.zeros(1), scene.arm.zero[None], still, still, still), None
     try:
-        return scene.name, scene.run(progress=sys.stderr.isatty()), None
+        return scene.name, scene.run(progress=True), None
     except (SimulationError, SimulationInterrupted) as e:
         return scene.name, e.result, e
 

@@ -154,7 +154,7 @@ class Move:
             (f"Joint ({units})", [(n, run.q[:, k]) for n, k in zip(names, at.at, strict=True)]),
             (f"Rate ({units}/s)", [(n, run.v[:, k]) for n, k in zip(names, at.rates, strict=True)]),
             ("Torque (N m, N)", [(n, run.tau[:, k]) for n, k in zip(names, at.rates, strict=True)]),
-            ("End off (mm)", [("bent", 1e3 * off)]),
+            ("Deflection of the end (mm)", [("deflection", 1e3 * off)]),
         ]
         return plot_panels(run.t, panels)
 

@@ -88,7 +88,8 @@ def plan_move(
             path, each joint goes its own way. "collocation": the least time, too, each joint going its own way, by
             IPOPT on all coordinates of the arm at once, from the shaped motion on; without a path. It needs
             `pip install 'flexarm[optimize]'`.
-        progress: shows the progress of the search on stderr, if that is a terminal; or a callable (done, text).
+        progress: shows the progress of the search on stderr: a bar, or lines where that is no terminal; or a callable
+            (done, text).
 
     Returns:
         Move: `.drive` for `simulate`, `.duration`, `.torques`, `.limits`, `.residual`, `.plot()`.

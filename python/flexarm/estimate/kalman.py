@@ -44,15 +44,17 @@ class KalmanFilter:
     =============  ===================================================================================================
 
     With LINK a number from 0, or LINK.FREEDOM where a joint has several. The covariance is kept as a square root
-    (Potter 1963; Schmidt 1970), so that rounding never makes it indefinite. Dry friction, the arm's own as well, is
+    (Potter 1963; Schmidt 1970), so that rounding never makes it indefinite. The product of two errors, a payload's and
+    that of an acceleration, is part of a prediction. Dry friction, the arm's own as well, is
     c v / sqrt(v^2 + friction_speed^2), without stiction. Before each `predict` come the readings of its time, if any:
     `update`, `predict`, `update`, ... `flexarm/kalman.hpp` has the same for C++, without allocation.
 
     Args:
         arm: without ball joints.
         sensors: Encoder, Tachometer, StrainGauge, or Camera (axes="world"). Of each the `noise` and the steps of
-            its resolution or pulses say how far it is believed: the variance is noise^2 + step^2 / 12. A `filter` is
-            part of the model, for two states or one more; a reading at its `range` or beyond is left out.
+            its resolution or pulses say how far it is believed: the variance is noise^2 + step^2 / 12. Its `gain` and
+            `offset` count; a `filter` is part of the model, for two states or one more; a reading at its `range` or
+            beyond is left out; a `delay` is refused.
         step: time from one prediction to the next (s).
         force_noise: two-sided density (N m/sqrt(Hz); N/sqrt(Hz)) of white forces that the model does not know of: one
             number, for joints alone, or one for each rate, (nv,). The mean of such a force over a time T has the

@@ -68,8 +68,8 @@ def identify(
             is the time between two rows of the data, halved until it does not matter to the values.
         max_iterations: of each least squares.
         workers: threads; None: one for each core.
-        progress: shows progress on stderr, where that is a terminal; or a callable, which is given the number of runs
-            simulated so far, and may raise to give up.
+        progress: shows progress on stderr: a bar, or lines where that is no terminal; or a callable, which is given the
+            number of runs simulated so far, and may raise to give up.
 
     Returns:
         Fit: `.values`, `.intervals`, `.correlation`, `.scene`, `.report()`, `.plot()`, `.validate(data)`.

@@ -35,7 +35,8 @@ class Best:
         if cost < self.cost:
             self.inner, self.cost = inner.copy(), cost
         if self.show is not None:
-            self.show(self.problem.count, f"rms {np.sqrt(self.cost):.4g}" if np.isfinite(self.cost) else "")
+            rms = f", rms {np.sqrt(self.cost):.4g}" if np.isfinite(self.cost) else ""
+            self.show(self.problem.count, f"{self.problem.count} runs{rms}")
 
 
 @dataclass

@@ -121,8 +121,8 @@ class Loose(NamedTuple):
     """Numbers that stand in for each other: the data tell their combination, and each alone badly.
 
     Attributes:
-        names: two of them. changes: by how much each may change, all others following, until the root mean square of the
-            residuals is 1 % larger. correlation: of both.
+        names: two of them. changes: by how much each may change, all others following, until the root mean square of
+            the residuals is 1 % larger. correlation: of both.
     """
 
     names: tuple[str, str]
@@ -131,8 +131,8 @@ class Loose(NamedTuple):
 
     def __str__(self) -> str:
         (one, other), (x, y) = self.names, self.changes
-        return (f"{one} and {other} are correlated by {self.correlation:+.3f}: {one} by {x:+.3g} with {other} by {y:+.3g} "
-                "leaves 1 % more")  # fmt: skip
+        told = f"{one} and {other} are correlated by {self.correlation:+.3f}"
+        return f"{told}: {one} by {x:+.3g} with {other} by {y:+.3g} leaves 1 % more"
 
 
 def loose(J: Array, r: Array, slopes: Array, names: Sequence[str], correlation: Array) -> list[Loose]:
@@ -145,7 +145,7 @@ def loose(J: Array, r: Array, slopes: Array, names: Sequence[str], correlation: 
     A = pseudo_inverse(J)
     much = 1.01**2 - 1.0  # |r + J d|^2 is |r|^2 + |J d|^2 at the least
     found = []
-    for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
+    for i, j in itertools.combinations(range(len(names)), 2):
         if abs(correlation[i, j]) > _HIGH and np.isfinite(A[i, i]):
             step = np.linalg.norm(r) * np.sqrt(much / A[i, i]) * A[:, i] * slopes
             found.append(Loose((names[i], names[j]), (float(step[i]), float(step[j])), float(correlation[i, j])))

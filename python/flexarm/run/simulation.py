@@ -279,7 +279,7 @@ def simulate(
         stages: of "gauss", 1 to 4 (if None).
         watch: True: warns of energy in the highest modes, and of turning too fast for orders 0 and 1; or a Watch, such
             as `economize(...).watch`, for quantities that leave the range that a model was chosen for.
-        progress: shows a progress bar on stderr, if that is a terminal; or a callable, which gets the time
+        progress: shows a progress bar on stderr, or lines where that is no terminal; or a callable, which gets the time
             reached (s) about ten times a second, and may raise to stop the simulation.
 
     Joints with dry friction (`coulomb`, `stiction`) stick and slide; a joint that sticks does not move at all.

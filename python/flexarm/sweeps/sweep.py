@@ -56,7 +56,7 @@ def sweep(
         executor: a concurrent.futures.Executor, or a callable that makes one: each of its workers takes shares of the
             sweep; those of workers that die are computed again. See docs/sweeps.md for processes, Dask and MPI.
         batch: scenarios in a share; None: so that there are about 64 shares.
-        progress: a bar on stderr, where that is a terminal; or a callable (done, all).
+        progress: a bar on stderr, or lines where that is no terminal; or a callable (done, all).
 
     Returns:
         The table; runs that failed are in its `failures`, and spoil no other.

@@ -41,7 +41,7 @@ def validate(
         fit: which of the shipped recordings, "lqr" or "fsf", is fitted to; the other is predicted.
         calibrate: with `data`: how much of each recording (s) its zeros and gains are fitted to; the rest is judged.
             None: half of it.
-        progress: shows progress on stderr, where that is a terminal.
+        progress: shows progress on stderr: a bar, or lines where that is no terminal.
 
     Returns:
         Validation: `print` it; `.judged`, `.plot()`.
