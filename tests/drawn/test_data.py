@@ -1,5 +1,5 @@
-"""Tables of data drawn at random: what is saved is what is loaded, and what NumPy, h5py and SciPy read; tables as others
-write them; damaged files."""
+"""Tables of data drawn at random: what is saved is what is loaded, and what NumPy, h5py and SciPy read; tables as
+others write them; damaged files."""
 
 from __future__ import annotations
 
