@@ -95,7 +95,7 @@ def test_a_run_is_made_of_the_loops_poles(seed: int) -> None:
     V = z[None, :] ** (np.arange(len(y)))[:, None] / np.maximum(np.abs(z) ** (len(y) - 1), 1.0)
     real = np.hstack([V.real, V.imag])
     left = y - real @ np.linalg.lstsq(real, y, rcond=1e-12)[0]
-    assert np.abs(left).max(axis=0) == pytest.approx(0.0, abs=2e-5 * np.abs(y).max())
+    assert np.abs(left).max(axis=0) == pytest.approx(0.0, abs=1e-4 * np.abs(y).max())
     note("stable" if loop.stable else "unstable")
     note(f"of {len(arm.links)} links")
 
