@@ -153,7 +153,7 @@ sanitized_tests() { # C++ tests, and the properties of drawn scenes (tests/drawn
   ctest --preset asan -j "$jobs"
   say "Scenes drawn at random, under sanitizers"
   rm -rf $copy && mkdir -p $copy && cp -r python/flexarm build/asan/_core*.so $copy/ && mv $copy/_core*.so $copy/flexarm/
-  LD_PRELOAD="$(${CXX:-c++} -print-file-name=libasan.so) $(${CXX:-c++} -print-file-name=libstdc++.so)" \
+  FLEXARM_SHARE=0.25 LD_PRELOAD="$(${CXX:-c++} -print-file-name=libasan.so) $(${CXX:-c++} -print-file-name=libstdc++.so)" \
     ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONPATH=$PWD/$copy PYTHONDONTWRITEBYTECODE=1 \
     "$venv/bin/python" -m pytest -q -p no:cacheprovider tests/drawn
 }

@@ -50,7 +50,7 @@ int few_points(const Beam& beam) {
   constexpr double kPart = 0.5;  // of the wave numbers that all points resolve
   const int n = given                        ? 2 * beam.points() / 3
                 : o.basis == Basis::legendre ? 2 * *std::max_element(o.modes.begin(), o.modes.end()) + 6
-                                             : enough_gauss_points(o, {}, beam.length(), kPart),
+                                             : enough_gauss_points(o, {}, beam.length(), false, kPart),
             even = n + n % 2;
   return even + 3 <= beam.points() ? even : 0;
 }

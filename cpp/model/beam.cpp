@@ -79,9 +79,11 @@ int points_at_rest(const Eigen::MatrixXd& curvature, double length) {
 }
 
 /// Of a straight beam.
-int enough_when_straight(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, double part) {
-  for (const Eigen::MatrixXd& given : o.shapes)
-    if (given.size() > 0) return gauss_points_by_trial(o, shapes, length);
+int enough_when_straight(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, bool tapers,
+                         double part) {
+  bool by_trial = o.basis == Basis::loaded && tapers;  // its modes bend where it is slender
+  for (const Eigen::MatrixXd& given : o.shapes) by_trial = by_trial || given.size() > 0;
+  if (by_trial) return gauss_points_by_trial(o, shapes, length);
   int bending = 0, simple = 0;  // most modes of a strain that is integrated twice, and once
   for (int s = 0; s < kStrains; ++s) {
     int& most = is_bending(s) ? bending : simple;
@@ -107,8 +109,9 @@ int enough_when_straight(const BeamOptions& o, const std::vector<ShapeSet>& shap
   return n;
 }
 
-int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, double part) {
-  return enough_when_straight(o, shapes, length, part) + points_at_rest(o.curvature, length);
+int enough_gauss_points(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length, bool tapers,
+                        double part) {
+  return enough_when_straight(o, shapes, length, tapers, part) + points_at_rest(o.curvature, length);
 }
 
 namespace {
@@ -219,7 +222,7 @@ Beam::Beam(double length, const SectionMatrixProfile& section, const BeamOptions
     : Beam(length, Profile(section, false), options, patches) {}
 
 Beam::Beam(double length, const Profile& profile, const BeamOptions& options, const std::vector<Patch>& patches)
-    : length_(positive("length", length)), options_(options) {
+    : length_(positive("length", length)), tapers_(!profile.uniform), options_(options) {
   double from = 0.0;
   for (double b : profile.breaks) {
     if (!(b > from && b < length_)) bad_value("section: break", b, "must increase, between 0 and the length");

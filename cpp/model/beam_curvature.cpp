@@ -112,7 +112,7 @@ void Beam::curve(const Profile& profile) {
   const auto made = std::make_shared<RestShape>(given, length_);
   RestShape& s = *made;
   check_bend(s, profile, length_);
-  const int n = enough_gauss_points(options_, shapes_, length_) + 8;
+  const int n = enough_gauss_points(options_, shapes_, length_, tapers_) + 8;
   s.rule = GaussRule(n, length_);
   std::vector<Vector3d> K;
   MatrixXd W(n, n), system = MatrixXd::Identity(4 * n, 4 * n);

@@ -65,7 +65,7 @@ Eigen::VectorXd Beam::patch_force(const Patch& p, double* capacitance) const {
 
 void Beam::add_patch_slices(const Patch& p, std::vector<MassSlice>& slices) {
   check_patch(p);
-  int n = enough_gauss_points(options_, shapes_, length_, (p.end - p.start) / length_);
+  int n = enough_gauss_points(options_, shapes_, length_, tapers_, (p.end - p.start) / length_);
   if (options_.gauss_points > 0) n = std::min(n, options_.gauss_points);
   const GaussRule rule = rule_along(p, n);
   const std::vector<SliceTable> all = tables({rule.points.data(), rule.points.data() + rule.points.size()});

@@ -48,7 +48,8 @@ void share_inertia(const std::vector<SectionLaw>& laws, const MatrixXd& shares, 
 }  // namespace
 
 std::vector<MassSlice> Beam::build_slices(const Profile& profile) {
-  const int n = options_.gauss_points > 0 ? options_.gauss_points : enough_gauss_points(options_, shapes_, length_);
+  const int n =
+      options_.gauss_points > 0 ? options_.gauss_points : enough_gauss_points(options_, shapes_, length_, tapers_);
   rule_ = GaussRule(n, length_);
   // Where the section varies, points and masses are the Gauss rule of the mass along the beam, so that they are as few.
   GaussRule masses = rule_;

@@ -301,7 +301,7 @@ def test_a_cart_with_a_pendulum() -> None:
 
 @pytest.mark.parametrize("damping", [0.0, 10.0])
 def test_motions_that_double_precision_cannot_tell_apart(damping: float) -> None:
-    """A mass on a slide, 1e9 m from a joint that swings it along the slide: both move it alike. It is said, in words."""
+    """A mass on a slide, 1e9 m from a joint that swings it along the slide: both move it alike. This is said."""
     far, near = fa.RigidBody(0.0, inertia=(1, 1, 1), end=(0, 0, 1e9)), fa.RigidBody(0.0, inertia=(1, 1, 1))
     joints = fa.Revolute("y"), fa.Revolute("y", damping=damping), fa.Prismatic("z")
     arm = fa.Arm([fa.Link(j, b) for j, b in zip(joints, (far, near, fa.RigidBody(1.0)), strict=True)])

@@ -17,7 +17,7 @@ def pytest_runtest_call(item: Any) -> Generator[None, Any, Any]:
         if count is not None:
             item.user_properties.append(("drawn", dict(count)))
     if count is not None and 2 * count["refused"] > count["drawn"]:
-        pytest.fail(f"{count['refused']} of {count['drawn']} draws were refused: the rest tries too little", pytrace=False)
+        pytest.fail(f"{count['refused']} of {count['drawn']} draws were refused: too little is tried", pytrace=False)
     return result
 
 

@@ -21,7 +21,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from scenes import SEEDS, arm, drawn, note, state
 
-
 JUNK = [
     None, True, "", "abc", "nan", [], [1], [1, 2, 3], {}, {"type": "x"}, float("nan"), float("inf"), -1, 0, 1e308,
     5e-324, 2**63, 10**400, 1 + 2j, b"abc", object(), set(), "\x00", 400, "exact", np.float32(1.5), np.zeros((0, 3)),

@@ -4,7 +4,6 @@ of sensors, against SciPy."""
 from __future__ import annotations
 
 import sys
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -75,16 +74,18 @@ def test_a_run_is_made_of_the_loops_poles(seed: int) -> None:
         hold[k] = fa.Torque(float(weight[arm.joint_rate(k)]))
     loop = fa.closed_loop(arm, control, arm.zero)
     h, size, n = 1.0 / rate, 1e-6, 160
-    assume(loop.growth < 10.0)  # grows 3000 times in 0.8 s
+    assume(loop.growth * n * h < 6.0)  # to 400 times its size at most: what is small stays small
     t = np.arange(n + 1) * h
     q = balance.copy()
     joints = [arm.joint_rate(k) for k in range(len(arm.links))]
     q[joints] += size * rng.normal(size=len(joints))
     v = np.zeros(arm.nv)
     v[joints] = size * rng.normal(size=len(joints))
-    part = int(np.ceil(h * max(float(arm.modes(balance, lock=range(len(arm.links))).frequencies.max(initial=1.0)), 100.0)))
+    elastic = arm.nv - len(arm.links)
+    fastest = arm.modes(balance, lock=range(len(arm.links))).frequencies.max() if elastic else 0.0
+    step = h / max(np.ceil(h * fastest), 4)
     try:
-        run = fa.simulate(arm, t, q, v, drive=hold, control=control, integrator="gauss", step=h / max(part, 4))
+        run = fa.simulate(arm, t, q, v, drive=hold, control=control, integrator="gauss", step=step)
     except fa.SimulationError:
         assume(False)
     y = np.hstack([run.q - balance, run.v])[8:]
@@ -94,7 +95,7 @@ def test_a_run_is_made_of_the_loops_poles(seed: int) -> None:
     V = z[None, :] ** (np.arange(len(y)))[:, None] / np.maximum(np.abs(z) ** (len(y) - 1), 1.0)
     real = np.hstack([V.real, V.imag])
     left = y - real @ np.linalg.lstsq(real, y, rcond=1e-12)[0]
-    assert np.abs(left).max(axis=0) == pytest.approx(0.0, abs=2e-5 * np.abs(y).max())
+    assert np.abs(left).max(axis=0) == pytest.approx(0.0, abs=1e-4 * np.abs(y).max())
     note("stable" if loop.stable else "unstable")
     note(f"of {len(arm.links)} links")
 
@@ -103,8 +104,9 @@ def test_a_run_is_made_of_the_loops_poles(seed: int) -> None:
 def test_a_kalman_filter_of_a_linear_arm_is_the_one_of_textbooks(seed: int) -> None:
     """Beams of order 0 on slides that do not turn: A, B, H, Q and R by the trapezoidal rule; Joseph's form."""
     rng = np.random.default_rng(seed)
-    beam = fa.Beam(rng.uniform(0.3, 0.8), fa.Rectangle(*rng.uniform(0.002, 0.01, 2)), STEEL,
-                   {"bending_y": int(rng.integers(1, 4))}, "legendre", 0, damping_ratio=rng.uniform(0, 0.05))  # fmt: skip
+    shapes, damping = {"bending_y": int(rng.integers(1, 4))}, rng.uniform(0, 0.05)
+    strip = fa.Rectangle(*rng.uniform(0.002, 0.01, 2))
+    beam = fa.Beam(rng.uniform(0.3, 0.8), strip, STEEL, shapes, "legendre", 0, damping_ratio=damping)
     joint = fa.Prismatic("y", damping=rng.uniform(0, 1), stiffness=float(rng.choice([0.0, 30.0])))
     arm = fa.Arm([fa.Link(joint, fa.RigidBody(rng.uniform(0.1, 1)), beam, fa.RigidBody(rng.uniform(0.05, 0.3)))])
     n, h = arm.nv, 10.0 ** rng.uniform(-3.5, -2)
@@ -150,7 +152,8 @@ def test_a_kalman_filter_of_a_linear_arm_is_the_one_of_textbooks(seed: int) -> N
     scale = np.sqrt(np.diag(P)[:m])
     got = np.concatenate([filter.q, filter.v, list(filter.parameters.values())])
     np.testing.assert_allclose((got - x[:m]) / scale, 0.0, atol=1e-4)
-    np.testing.assert_allclose(filter.covariance / np.outer(scale, scale), P[:m, :m] / np.outer(scale, scale), atol=1e-5)
+    size = np.outer(scale, scale)
+    np.testing.assert_allclose(filter.covariance / size, P[:m, :m] / size, atol=1e-5)
 
 
 @drawn(12, SEEDS)

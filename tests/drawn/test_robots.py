@@ -1,4 +1,4 @@
-"""URDF files drawn at random, against a rigid chain of this file's own; what is written and read again; damaged ones."""
+"""URDF files drawn at random: against a rigid chain of this file's own, written and read again, damaged."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def pose(xyz: Any, rpy: Any) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass
 class Robot:
-    """Joints (kind, parent, xyz, rpy, axis, damping, friction) that move link k + 1 on link `parent`; of links 0, 1, ...
-    mass, xyz, rpy and inertia; which of them is the tip."""
+    """Joints (kind, parent, xyz, rpy, axis, damping, friction) that move link k + 1 on link `parent`; of links 0, 1,
+    ... mass, xyz, rpy and inertia; which of them is the tip."""
 
     joints: list[tuple[Any, ...]]
     bodies: list[tuple[Any, ...]]
@@ -104,7 +104,7 @@ class Robot:
         """Mass matrix, potential, and the tip's place and axes, of coordinates that may be complex."""
         moving = self.moving
         places: list[tuple[Any, Any]] = [(np.zeros(3), np.eye(3))]
-        columns: list[list[tuple[Any, Any, bool]]] = [[]]  # of the joints below each link: place, axis, whether it turns
+        columns: list[list[tuple[Any, Any, bool]]] = [[]]  # of joints below each link: place, axis, whether it turns
         M, V = np.zeros((len(moving), len(moving)), q.dtype), np.zeros((), q.dtype)
         for k, (kind, parent, xyz, rpy, axis, *_) in enumerate(self.joints):
             (p, R), (there, turn) = places[parent], pose(xyz, rpy)

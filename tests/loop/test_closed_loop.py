@@ -215,3 +215,20 @@ def test_states_that_reach_no_output_have_no_poles(rate: float | None) -> None:
     assert len(whole.poles) == 4
     beside = fa.closed_loop(rigid(), [fa.LinearController.pid(20, 0, 4, 0, **given), same])
     assert len(beside.poles) == 4 and beside.growth < -0.1
+
+
+def test_the_poles_beside_motions_that_nothing_holds() -> None:
+    """A sled that nothing holds, and a beam on it under PD: M, C, K and the gains by hand."""
+    steel = fa.Material(7850, 209e9, 0.3)
+    strips = fa.Rectangle(0.009, 0.012), fa.Rectangle(0.007, 0.0044)
+    beams = [fa.Beam(length, s, steel, {"bending_y": 1}) for length, s in zip((0.467, 0.31), strips, strict=True)]
+    hub, joints = fa.RigidBody(0.4, inertia=np.eye(3) * 0.04, end=(0.03, 0, 0)), (fa.Prismatic("y"), fa.Revolute("z"))
+    arm = fa.Arm([fa.Link(j, hub, b, fa.RigidBody(0.3)) for j, b in zip(joints, beams, strict=True)])
+    n, j, zero = arm.nv, arm.joint_rate(1), np.zeros(arm.nv)
+    M, (K, C) = arm.mass_matrix(zero), arm.inverse_derivatives(zero, zero, zero)[:2]
+    K[j, j] += 27.0
+    C[j, j] += 1.8
+    by_hand = np.linalg.eigvals(np.block([[0 * M, np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]]))
+    found = fa.closed_loop(arm, fa.PD(27.0, 1.8, 1)).poles
+    for s in by_hand[np.abs(by_hand) > 1e-3]:
+        assert np.abs(found - s).min() < 1e-8 * np.abs(by_hand).max()

@@ -295,8 +295,8 @@ def _conservative(M: Array, K: Array) -> tuple[NDArray[np.complex128], Array]:
         mu, vectors = la.eigh(M, K + sigma * M)
     except la.LinAlgError:
         raise ValueError(
-            "modes: masses and stiffness are singular in double precision; some motions, such as of shape functions that "
-            "are nearly dependent, differ by rounding alone"
+            "modes: masses and stiffness are singular in double precision; some motions differ by rounding alone, "
+            "such as those of shape functions that are nearly dependent"
         ) from None
     square = 1.0 / mu - sigma
     # x K x / x M x is zero as far as double precision tells
@@ -314,8 +314,10 @@ def _general(M: Array, G: Array, K: Array) -> tuple[NDArray[np.complex128], NDAr
     lu, order, _ = la.lapack.dgetrf(M * sigma**2 + G * sigma + K)
     pivots = np.abs(np.diag(lu))
     if not pivots.min() > n * np.finfo(float).eps * pivots.max():
-        raise ValueError("modes: masses, damping and stiffness are singular in double precision; some motions differ by "
-                         "rounding alone")  # fmt: skip
+        raise ValueError(
+            "modes: masses, damping and stiffness are singular in double precision; some motions differ by rounding "
+            "alone"
+        )
     at_shift = lu, order
     companion = np.zeros((2 * n, 2 * n))
     companion[:n, :n] = -la.lu_solve(at_shift, 2 * sigma * M + G)

@@ -48,7 +48,8 @@ class Plant:
         with np.errstate(divide="ignore"):
             square = np.abs(1.0 / mu - sigma)
         V = d[:, None] * V
-        V = V / np.sqrt(np.einsum("ik,ij,jk->k", V, M, V))
+        # where nothing holds some of them they are orthogonal to 1e-4 alone
+        V = la.solve_triangular(la.cholesky(V.T @ M @ V, lower=True), V.T, lower=True).T
         w = np.maximum(np.sqrt(square), _SLOWEST)
         inverse = V.T @ M
         self.A = finite("the linear model", np.block([

@@ -128,7 +128,7 @@ class Beam {
   StrainMatrix strains_at(double X) const;
 
   double length_;
-  bool uniform_ = true;
+  bool uniform_ = true, tapers_ = false;
   BeamOptions options_;
   std::vector<ShapeSet> shapes_;  ///< one for each strain
   Plane plane_ = Plane::none;
@@ -147,10 +147,10 @@ class Beam {
 };
 
 /// Gauss points that integrate the inertia of the beam's slices to about 1e-12: exactly what the polynomials of the
-/// Legendre basis need, from the wave number of the highest mode for clamped-free and loaded modes, and by trial for
-/// user-given shapes. For slices on a part of the length alone, clamped-free modes need fewer.
+/// Legendre basis need, from the wave number of the highest mode for clamped-free modes and loaded ones of a beam that
+/// does not taper, else by trial. For slices on a part of the length alone, clamped-free modes need fewer.
 /// A beam that is curved at rest needs more.
-int enough_gauss_points(const BeamOptions& options, const std::vector<ShapeSet>& shapes, double length,
+int enough_gauss_points(const BeamOptions& options, const std::vector<ShapeSet>& shapes, double length, bool tapers,
                         double part = 1.0);
 
 }  // namespace flexarm
