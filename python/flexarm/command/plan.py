@@ -35,9 +35,11 @@ _TIGHT = 3  # times that margins are taken off limits that are passed between th
 _MARGIN = 3e-3  # of torque, which is not steered between the knots, at first
 _RIPPLE = 5e-3  # between the knots, above which the search looks there
 _ROUNDING = 1e-5  # by which a limit may be passed
-_MORE, _SLOWER = 1.008, (1.1, 1.3, 1.6, 2.0)  # times a duration that is too short
+_MORE, _SLOWER = 1.008, (1.0, 1.1, 1.3, 1.6, 2.0)  # times a duration that is too short
+_HELPS = 0.8  # of what is left, above which more time does not help
 _SPARE = 1.002  # times the least
 _FINE = 5  # rows of the result between two knots: odd, so that they see pieces elsewhere than in their middle
+_DONE, _PART = 1e-3, 0.1  # of vibration, what will do: a part of the scale, and of what is allowed
 _CHANCE = 0.1  # of the static deflection: less is left by the unshaped move by chance alone
 _CALM = 1e-3  # of the static deflection: so little needs no share of the unshaped
 
@@ -119,7 +121,7 @@ def plan_move(
         rigid = fastest(arm, driven, route, limits)
         plant = Plant(arm, driven, route.start, route.end)
         own_ways = method in ("optimal", "collocation") and path is None and len(driven.rates) > 1
-        plan = _Plan(plant, limits, route, rigid, len(driven.rates) if own_ways else 1, say)
+        plan = _Plan(plant, limits, route, rigid, len(driven.rates) if own_ways else 1, allowed, say)
         if method == "collocation":
             found = plan.collocated()
         elif method == "shaped":
@@ -174,7 +176,8 @@ def _warn(move: Move, allowed: float, scale: float) -> None:
 class _Plan:
     """What is planned, and the searches for it."""
 
-    def __init__(self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, tell: Tell) -> None:
+    def __init__(self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, allowed: float,
+                 tell: Tell) -> None:  # fmt: skip
         self.plant, self.limits, self.route, self.rigid, self.tell = plant, limits, route, rigid, tell
         self.target = rigid.duration + plant.half_period
         per = self.target / plant.half_period if plant.half_period else 0.0
@@ -184,11 +187,12 @@ class _Plan:
         self.rigid_drive = self._keyed(*self._rigid_samples())
         self.unshaped = self._unshaped()
         self.scale = self._scale()
+        self.enough = max(_DONE, _PART * allowed * min(self.unshaped / self.scale, 1.0))
 
     def _scale(self) -> float:
-        """Of vibration (m): how far the arm's end swings after the rigid move. This may be little by chance, so at least
-        a part of how far it bends, statically, under the largest accelerations of that move, or as the joints jump all
-        the way, which is less where the move takes a small part of the mode's period."""
+        """Of vibration (m): how far the arm's end swings after the rigid move. This may be little by chance, so at
+        least a part of how far it bends, statically, under the largest accelerations of that move, or as the joints
+        jump all the way, which is less where the move takes a small part of the mode's period."""
         q, _, a = self.route.motion(*self.rigid.at(np.linspace(0.0, self.rigid.duration, 401)))
         m, d = self.plant.modes, self.plant.driven
         if not m.frequencies.size:
@@ -217,7 +221,7 @@ class _Plan:
 
     def _aim(self, end: Array, size: Array) -> Aim:
         tight = replace(self.limits, torque=self.limits.torque * (1.0 - _MARGIN))
-        return Aim(tight, False, end, size, self.scale, self.kept)
+        return Aim(tight, False, end, size, self.scale, self.kept, self.enough)
 
     def _own_ways(self) -> Aim:
         """Of joints each of which goes its own way."""
@@ -234,11 +238,12 @@ class _Plan:
 
     def fast(self) -> tuple[Found, Any]:
         """The least time of all joints together along the route; then a little more of it, and smooth."""
-        aim = self._aim(np.ones(1), np.full(1, 4.0))
-        return self._within(aim, self._least(aim, self._first()))
+        aim, first = self._aim(np.ones(1), np.full(1, 4.0)), self._first()
+        return self._within(aim, self._least(aim, first), first)
 
     def optimal(self) -> tuple[Found, Any]:
-        """The least time of joints that go their own ways, from the shaped motion on; then a little more, and smooth."""
+        """The least time of joints that go their own ways, from the shaped motion on; then a little more of it, and
+        smooth."""
         first, aim = self.shaped()[0].profile, self._own_ways()
         first = Profile(first.duration, first.alpha * (self.route.end - self.route.start), self.route.start, None)
         return self._within(aim, self._least(aim, first))
@@ -275,17 +280,23 @@ class _Plan:
 
     def _from_afar(self, aim: Aim, first: Profile) -> Found:
         """The smoothest within about the least time, which is sought from a slower motion."""
+        best = None
         for slower in _SLOWER:
             found = self._search(aim, replace(first, duration=slower * first.duration), _TRIES)
             if found.good:
-                return self._smooth(aim, self._least(aim, found.profile))
+                faster = self._smooth(aim, self._least(aim, found.profile))
+                return faster if faster.good else found
+            if best is not None and max(found.over, found.left) > _HELPS * max(best.over, best.left):
+                return best
+            best = found
         return found
 
-    def _within(self, aim: Aim, first: Profile) -> tuple[Found, Any]:
-        """The smoothest, again with margins where peaks between the knots pass a limit; and its run on a fine grid."""
+    def _within(self, aim: Aim, first: Profile, afar: Profile | None = None) -> tuple[Found, Any]:
+        """The smoothest, again with margins where peaks between the knots pass a limit; and its run on a fine grid.
+        Where nothing near the first will do, the search begins from `afar`, and from slower ones."""
         margin: dict[str, Any] = {"torque": _MARGIN}
         found = self._smooth(aim, first)
-        found = found if found.good else self._from_afar(aim, replace(first, fine=2))
+        found = found if found.good else self._from_afar(aim, replace(afar or first, fine=2))
         for again in range(_TIGHT + 1):
             p = found.profile
             fine = np.linspace(0.0, p.duration, _FINE * self.knots + 1)
