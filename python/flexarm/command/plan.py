@@ -64,10 +64,12 @@ def plan_move(
 ) -> Move:
     """A fast move of the joints from rest to rest that leaves the flexible arm at rest.
 
-    First the time-optimal move of the rigid arm is found (Bobrow et al. 1985, Verscheure et al. 2009). A command that
-    is to leave no vibration needs about half a period of the slowest mode more (Singer and Seering 1990). The motion
-    along the path is then chosen so that on the flexible arm, simulated, all limits hold and nothing swings at the end:
-    by linear programmes on exact Jacobians along the run, in which modes may change with the pose.
+    By default the joints go together along the straight line between both positions, or along `path`, in about the
+    least time in which the limits allow it: a search finds a local optimum, and ends early where the limits are far
+    away. First the time-optimal move of the rigid arm is found (Bobrow et al. 1985, Verscheure et al. 2009). The motion
+    is then chosen so that on the flexible arm, simulated, all limits hold and nothing swings at the end: by linear
+    programmes on exact Jacobians along the run, in which modes may change with the pose. What is found is run once more
+    by "ida": `.limits` and `.residual` are of that run.
 
     Every joint is driven, and the arm starts and ends in balance with gravity. Accelerations are continuous, and zero
     at both ends.
@@ -85,11 +87,12 @@ def plan_move(
             degree five); or a function of s from 0 to 1 that gives them. None: the straight line.
         residual: vibration allowed after the move, as a part of the vibration that the time-optimal rigid move leaves;
             a MoveWarning says if it is more.
-        method: "shaped": as smooth as it can be (the least largest jerk along the path) in the time that the rigid arm
-            needs plus half a period; longer if that is too short for the limits. "optimal": the least time; without a
-            path, each joint goes its own way. "collocation": the least time, too, each joint going its own way, by
-            IPOPT on all coordinates of the arm at once, from the shaped motion on; without a path. It needs
-            `pip install 'flexarm[optimize]'`.
+        method: "fast": the least time along the line or the path. "optimal": the least time where each joint goes its
+            own way, which is less, and takes longer to find; with a path, and for one joint, as "fast". "collocation":
+            the same by IPOPT on all coordinates of the arm at once; without a path. It needs
+            `pip install 'flexarm[optimize]'`. "shaped": as smooth as it can be (the least largest jerk along the path)
+            in the time that the rigid arm needs plus half a period of the slowest mode, which a command without
+            vibration takes (Singer and Seering 1990); longer if that is too short for the limits.
         progress: shows the progress of the search on stderr, if that is a terminal; or a callable (done, text).
 
     Returns:
