@@ -111,8 +111,8 @@ def _quintics(h: Array, rows: Array) -> Array:
     velocity and acceleration of both ends; rows (n + 1, 3)."""
     (q0, v0, a0), (q1, v1, a1) = rows[:-1].T, rows[1:].T
     way, rate, bend = q1 - q0 - h * (v0 + 0.5 * h * a0), h * (v1 - v0 - h * a0), h**2 * (a1 - a0)
-    c3, c4, c5 = 10.0 * way - 4.0 * rate + 0.5 * bend, 7.0 * rate - 15.0 * way - bend, 6.0 * way - 3.0 * rate + 0.5 * bend
-    return np.stack([c5 / h**5, c4 / h**4, c3 / h**3, 0.5 * a0, v0, q0])
+    cube, quart = 10.0 * way - 4.0 * rate + 0.5 * bend, 7.0 * rate - 15.0 * way - bend
+    return np.stack([(6.0 * way - 3.0 * rate + 0.5 * bend) / h**5, quart / h**4, cube / h**3, 0.5 * a0, v0, q0])
 
 
 class Motion(Law):

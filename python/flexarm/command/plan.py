@@ -35,9 +35,11 @@ _TIGHT = 3  # times that margins are taken off limits that are passed between th
 _MARGIN = 3e-3  # of torque, which is not steered between the knots, at first
 _RIPPLE = 5e-3  # between the knots, above which the search looks there
 _ROUNDING = 1e-5  # by which a limit may be passed
-_MORE, _SLOWER = 1.008, (1.1, 1.3, 1.6, 2.0)  # times a duration that is too short
+_MORE, _SLOWER = 1.008, (1.0, 1.1, 1.3, 1.6, 2.0)  # times a duration that is too short
+_HELPS = 0.8  # of what is left, above which more time does not help
 _SPARE = 1.002  # times the least
 _FINE = 5  # rows of the result between two knots: odd, so that they see pieces elsewhere than in their middle
+_DONE, _PART = 1e-3, 0.1  # of vibration, what will do: a part of the scale, and of what is allowed
 _CHANCE = 0.1  # of the static deflection: less is left by the unshaped move by chance alone
 _CALM = 1e-3  # of the static deflection: so little needs no share of the unshaped
 
@@ -62,10 +64,12 @@ def plan_move(
 ) -> Move:
     """A fast move of the joints from rest to rest that leaves the flexible arm at rest.
 
-    First the time-optimal move of the rigid arm is found (Bobrow et al. 1985, Verscheure et al. 2009). A command that
-    is to leave no vibration needs about half a period of the slowest mode more (Singer and Seering 1990). The motion
-    along the path is then chosen so that on the flexible arm, simulated, all limits hold and nothing swings at the end:
-    by linear programmes on exact Jacobians along the run, in which modes may change with the pose.
+    By default the joints go together along the straight line between both positions, or along `path`, in about the
+    least time in which the limits allow it: a search finds a local optimum, and ends early where the limits are far
+    away. First the time-optimal move of the rigid arm is found (Bobrow et al. 1985, Verscheure et al. 2009). The motion
+    is then chosen so that on the flexible arm, simulated, all limits hold and nothing swings at the end: by linear
+    programmes on exact Jacobians along the run, in which modes may change with the pose. What is found is run once more
+    by "ida": `.limits` and `.residual` are of that run.
 
     Every joint is driven, and the arm starts and ends in balance with gravity. Accelerations are continuous, and zero
     at both ends.
@@ -83,11 +87,12 @@ def plan_move(
             degree five); or a function of s from 0 to 1 that gives them. None: the straight line.
         residual: vibration allowed after the move, as a part of the vibration that the time-optimal rigid move leaves;
             a MoveWarning says if it is more.
-        method: "shaped": as smooth as it can be (the least largest jerk along the path) in the time that the rigid arm
-            needs plus half a period; longer if that is too short for the limits. "optimal": the least time; without a
-            path, each joint goes its own way. "collocation": the least time, too, each joint going its own way, by
-            IPOPT on all coordinates of the arm at once, from the shaped motion on; without a path. It needs
-            `pip install 'flexarm[optimize]'`.
+        method: "fast": the least time along the line or the path. "optimal": the least time where each joint goes its
+            own way, which is less, and takes longer to find; with a path, and for one joint, as "fast". "collocation":
+            the same by IPOPT on all coordinates of the arm at once; without a path. It needs
+            `pip install 'flexarm[optimize]'`. "shaped": as smooth as it can be (the least largest jerk along the path)
+            in the time that the rigid arm needs plus half a period of the slowest mode, which a command without
+            vibration takes (Singer and Seering 1990); longer if that is too short for the limits.
         progress: shows the progress of the search on stderr: a bar, or lines where that is no terminal; or a callable
             (done, text).
 
@@ -120,7 +125,7 @@ def plan_move(
         rigid = fastest(arm, driven, route, limits)
         plant = Plant(arm, driven, route.start, route.end)
         own_ways = method in ("optimal", "collocation") and path is None and len(driven.rates) > 1
-        plan = _Plan(plant, limits, route, rigid, len(driven.rates) if own_ways else 1, say)
+        plan = _Plan(plant, limits, route, rigid, len(driven.rates) if own_ways else 1, allowed, say)
         if method == "collocation":
             found = plan.collocated()
         elif method == "shaped":
@@ -178,7 +183,8 @@ def _warn(move: Move, allowed: float, scale: float) -> None:
 class _Plan:
     """What is planned, and the searches for it."""
 
-    def __init__(self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, tell: Tell) -> None:
+    def __init__(self, plant: Plant, limits: Limits, route: Route, rigid: RigidMove, ways: int, allowed: float,
+                 tell: Tell) -> None:  # fmt: skip
         self.plant, self.limits, self.route, self.rigid, self.tell = plant, limits, route, rigid, tell
         self.target = rigid.duration + plant.half_period
         per = self.target / plant.half_period if plant.half_period else 0.0
@@ -188,11 +194,12 @@ class _Plan:
         self.rigid_drive = self._keyed(*self._rigid_samples())
         self.unshaped = self._unshaped()
         self.scale = self._scale()
+        self.enough = max(_DONE, _PART * allowed * min(self.unshaped / self.scale, 1.0))
 
     def _scale(self) -> float:
-        """Of vibration (m): how far the arm's end swings after the rigid move. This may be little by chance, so at least
-        a part of how far it bends, statically, under the largest accelerations of that move, or as the joints jump all
-        the way, which is less where the move takes a small part of the mode's period."""
+        """Of vibration (m): how far the arm's end swings after the rigid move. This may be little by chance, so at
+        least a part of how far it bends, statically, under the largest accelerations of that move, or as the joints
+        jump all the way, which is less where the move takes a small part of the mode's period."""
         q, _, a = self.route.motion(*self.rigid.at(np.linspace(0.0, self.rigid.duration, 401)))
         m, d = self.plant.modes, self.plant.driven
         if not m.frequencies.size:
@@ -221,7 +228,7 @@ class _Plan:
 
     def _aim(self, end: Array, size: Array) -> Aim:
         tight = replace(self.limits, torque=self.limits.torque * (1.0 - _MARGIN))
-        return Aim(tight, False, end, size, self.scale, self.kept)
+        return Aim(tight, False, end, size, self.scale, self.kept, self.enough)
 
     def _own_ways(self) -> Aim:
         """Of joints each of which goes its own way."""
@@ -238,11 +245,12 @@ class _Plan:
 
     def fast(self) -> tuple[Found, Any]:
         """The least time of all joints together along the route; then a little more of it, and smooth."""
-        aim = self._aim(np.ones(1), np.full(1, 4.0))
-        return self._within(aim, self._least(aim, self._first()))
+        aim, first = self._aim(np.ones(1), np.full(1, 4.0)), self._first()
+        return self._within(aim, self._least(aim, first), first)
 
     def optimal(self) -> tuple[Found, Any]:
-        """The least time of joints that go their own ways, from the shaped motion on; then a little more, and smooth."""
+        """The least time of joints that go their own ways, from the shaped motion on; then a little more of it, and
+        smooth."""
         first, aim = self.shaped()[0].profile, self._own_ways()
         first = Profile(first.duration, first.alpha * (self.route.end - self.route.start), self.route.start, None)
         return self._within(aim, self._least(aim, first))
@@ -279,17 +287,23 @@ class _Plan:
 
     def _from_afar(self, aim: Aim, first: Profile) -> Found:
         """The smoothest within about the least time, which is sought from a slower motion."""
+        best = None
         for slower in _SLOWER:
             found = self._search(aim, replace(first, duration=slower * first.duration), _TRIES)
             if found.good:
-                return self._smooth(aim, self._least(aim, found.profile))
+                faster = self._smooth(aim, self._least(aim, found.profile))
+                return faster if faster.good else found
+            if best is not None and max(found.over, found.left) > _HELPS * max(best.over, best.left):
+                return best
+            best = found
         return found
 
-    def _within(self, aim: Aim, first: Profile) -> tuple[Found, Any]:
-        """The smoothest, again with margins where peaks between the knots pass a limit; and its run on a fine grid."""
+    def _within(self, aim: Aim, first: Profile, afar: Profile | None = None) -> tuple[Found, Any]:
+        """The smoothest, again with margins where peaks between the knots pass a limit; and its run on a fine grid.
+        Where nothing near the first will do, the search begins from `afar`, and from slower ones."""
         margin: dict[str, Any] = {"torque": _MARGIN}
         found = self._smooth(aim, first)
-        found = found if found.good else self._from_afar(aim, replace(first, fine=2))
+        found = found if found.good else self._from_afar(aim, replace(afar or first, fine=2))
         for again in range(_TIGHT + 1):
             p = found.profile
             fine = np.linspace(0.0, p.duration, _FINE * self.knots + 1)

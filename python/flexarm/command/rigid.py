@@ -137,7 +137,7 @@ def _profile(
     if found.status != 0:
         raise ValueError(
             "torque, acceleration: no move along this path keeps them: somewhere it would have to go faster and slower "
-            "at once, or what holds the arm leaves nothing to stop with"
+            "at once, or weight and dry friction leave nothing to start or to stop with"
         )
     return np.asarray(scale * found.x)
 

@@ -27,7 +27,7 @@ from .response import Response, respond
 PENALTIES = {True: (5.0, 50.0), False: (100.0,)}
 _SMOOTH = 1e-3  # weight of the largest jerk beside the duration, where that is sought
 _ALONE = 1e-2  # and where it alone is
-_DONE, _NOISE = 1e-3, 2e-4  # of both: what will do in the end, and what a step may leave to the next
+_DONE, _NOISE = 1e-3, 2e-4  # of limits, what will do in the end; of both, what a step may leave to the next
 _GAIN, _HOPE = 2e-4, 0.02  # of the objective in a round, below which the search ends; of the penalties
 _JERK = 8.0  # of a motion whose largest is least, in parts of the size of its accelerations
 _MENDS = 3  # of a step, at most
@@ -42,6 +42,7 @@ class Aim:
         limits: with their margins. free: whether the duration is to be least; else the largest jerk.
         end: where z goes, (m,). size: of alpha of each number, (m,).
         scale: of vibration (m). kept: how many modes are steered.
+        enough: vibration that will do in the end, in parts of `scale`.
         penalty: of limits that are passed and of vibration.
     """
 
@@ -51,6 +52,7 @@ class Aim:
     size: Array
     scale: float
     kept: int
+    enough: float
     penalty: float = PENALTIES[False][0]
 
 
@@ -60,7 +62,7 @@ class Found:
 
     Attributes:
         goal: the objective. over: by how much it passes a limit, as a part of that. left: vibration, in parts of
-            `Aim.scale`. penalty: of both.
+            `Aim.scale`. penalty: of both. enough: of `left`, what will do.
     """
 
     profile: Profile
@@ -69,6 +71,7 @@ class Found:
     over: float
     left: float
     penalty: float
+    enough: float
 
     @property
     def merit(self) -> float:
@@ -77,7 +80,7 @@ class Found:
 
     @property
     def good(self) -> bool:
-        return self.over < _DONE and self.left < _DONE
+        return self.over < _DONE and self.left < self.enough
 
 
 class Search:
@@ -96,12 +99,12 @@ class Search:
         try:
             run = self._run(profile)
         except SimulationError as e:
-            return Found(profile, e.result, np.inf, np.inf, np.inf, aim.penalty)
+            return Found(profile, e.result, np.inf, np.inf, np.inf, aim.penalty, aim.enough)
         jerk = float(np.abs(_jerks(profile, aim)).max())
         goal = profile.duration / self.reference + _SMOOTH * jerk if aim.free else _ALONE * jerk
         over = max((float(np.abs(x.value).max()) for x in self._limited(profile, run)), default=0.0) - 1.0
         left = float(np.abs(self._left(run)).max(initial=0.0)) / aim.scale
-        return Found(profile, run, goal, max(over, 0.0), left, aim.penalty)
+        return Found(profile, run, goal, max(over, 0.0), left, aim.penalty, aim.enough)
 
     def _left(self, run: Result) -> Array:
         return self.plant.left(run.q[-1], run.v[-1])[:, : self.aim.kept]
