@@ -105,7 +105,7 @@ class Plant:
         return float(min(1.0, np.abs((self.q_end - self.q_start)[d.at]).max()))
 
     @property
-    def tolerances(self) -> dict[str, float]:
+    def tolerances(self) -> dict[str, Any]:
         """Of "ida", so that it sees what small moves leave."""
         return {"rtol": 1e-8, "atol": 1e-8 * self.small}
 
