@@ -11,7 +11,8 @@ namespace flexarm {
 namespace {
 
 const Names kForces{"stiffness",       "rest",          "damping", "lower",    "upper",
-                    "limit_stiffness", "limit_damping", "coulomb", "stiction", "reflected_inertia", "torque_limit"};
+                    "limit_stiffness", "limit_damping", "coulomb", "stiction", "reflected_inertia",
+                    "torque_limit"};
 Eigen::Vector3d unit(char axis) { return Eigen::Vector3d::Unit(axis - 'x'); }
 
 Eigen::Vector3d read_axis(const At& joint, char otherwise) {

@@ -230,17 +230,17 @@ void bind_links(py::module_& m) {
            py::arg("mass"), py::arg("com"), py::arg("inertia"), py::arg("end"));
 
   py::class_<JointForce>(m, "JointForce")
-      .def(
-          py::init([](double stiffness, double rest, double damping, double lower, double upper, double limit_stiffness,
-                      double limit_damping, double coulomb, double stiction, double reflected_inertia,
-                      double torque_limit) {
-            if (std::isnan(stiction)) bad_value("stiction", stiction, "must be finite, and at least coulomb");
-            return JointForce{stiffness,       rest,          damping, lower,    upper,
-                              limit_stiffness, limit_damping, coulomb, stiction, reflected_inertia, torque_limit};
-          }),
-          py::arg("stiffness"), py::arg("rest"), py::arg("damping"), py::arg("lower"), py::arg("upper"),
-          py::arg("limit_stiffness"), py::arg("limit_damping"), py::arg("coulomb"), py::arg("stiction"),
-          py::arg("reflected_inertia"), py::arg("torque_limit"));
+      .def(py::init([](double stiffness, double rest, double damping, double lower, double upper,
+                       double limit_stiffness, double limit_damping, double coulomb, double stiction,
+                       double reflected_inertia, double torque_limit) {
+             if (std::isnan(stiction)) bad_value("stiction", stiction, "must be finite, and at least coulomb");
+             return JointForce{stiffness,       rest,          damping, lower,    upper,
+                               limit_stiffness, limit_damping, coulomb, stiction, reflected_inertia,
+                               torque_limit};
+           }),
+           py::arg("stiffness"), py::arg("rest"), py::arg("damping"), py::arg("lower"), py::arg("upper"),
+           py::arg("limit_stiffness"), py::arg("limit_damping"), py::arg("coulomb"), py::arg("stiction"),
+           py::arg("reflected_inertia"), py::arg("torque_limit"));
 
   py::class_<Joint>(m, "Joint")
       .def(py::init([](const std::vector<std::pair<bool, Eigen::Vector3d>>& motions, bool ball,

@@ -226,8 +226,7 @@ void bind_time(py::module_& m) {
              return law;
            }),
            py::arg("A"), py::arg("B"), py::arg("C"), py::arg("D"), py::arg("columns"), py::arg("by_q"), py::arg("by_v"),
-           py::arg("limit"), py::arg("reference"), py::arg("read"), py::arg("u0"), py::arg("windup"),
-           py::arg("reach"))
+           py::arg("limit"), py::arg("reference"), py::arg("read"), py::arg("u0"), py::arg("windup"), py::arg("reach"))
       .def_property_readonly("reads", [](const LinearLaw& law) { return bool(law.read); });
 
   m.def(

@@ -20,12 +20,12 @@ struct FeedbackLaws {
   int limits = 0;  ///< rates with a limit; which, and the most of each
   const int* limited = nullptr;
   const double* most = nullptr;
-  const S* given = nullptr;  ///< forces beside the laws now (nv)
-  S* offset = nullptr;       ///< of each law, now
-  S *slopes = nullptr, *solved = nullptr;                                              ///< nv each; S^-1 column
-  S *G = nullptr, *y = nullptr;  ///< 1 + slopes^T S^-1 column, factored; scratch
-  S* r = nullptr;                ///< scratch (nv)
-  S* asked = nullptr;            ///< of the rates with a limit
+  const S* given = nullptr;                ///< forces beside the laws now (nv)
+  S* offset = nullptr;                     ///< of each law, now
+  S *slopes = nullptr, *solved = nullptr;  ///< nv each; S^-1 column
+  S *G = nullptr, *y = nullptr;            ///< 1 + slopes^T S^-1 column, factored; scratch
+  S* r = nullptr;                          ///< scratch (nv)
+  S* asked = nullptr;                      ///< of the rates with a limit
 
   void lay_out(Room& room) {
     room.take_zeros(laws, offset);

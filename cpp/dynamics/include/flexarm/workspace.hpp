@@ -48,9 +48,9 @@ class Workspace {
   /// Of rates with a limit, empty unless one sets them: what the functions of this workspace then apply of forces and
   /// laws is within. OneStep and the integrators set those of the arm.
   std::vector<AppliedLimit> limits;
-  std::vector<bool> prescribed;           ///< per velocity coordinate
-  std::vector<int> free;                  ///< coordinates that are not prescribed
-  double twice_kinetic = 0.0;             ///< v^T M v (J), set by factor_shifted
+  std::vector<bool> prescribed;  ///< per velocity coordinate
+  std::vector<int> free;         ///< coordinates that are not prescribed
+  double twice_kinetic = 0.0;    ///< v^T M v (J), set by factor_shifted
 
   /// Laws without memory that every evaluation takes into account from now on; they must outlive the workspace.
   /// @throws std::invalid_argument where their lengths are not those of the arm

@@ -47,7 +47,7 @@ class StepDerivatives {
   OneStep step_;
   ForwardDerivatives forward_;
   InverseDerivatives inverse_;
-  std::vector<Stage> stages_;  ///< of "implicit" the beginning alone
+  std::vector<Stage> stages_;         ///< of "implicit" the beginning alone
   std::vector<AppliedLimit> limits_;  ///< of the arm, as in the last step
   Eigen::VectorXd q_, v_, q0_, v0_, by_a_, sum_q_, sum_v_, sum_tau_, stage_q_, stage_v_, tau_;
   Eigen::PartialPivLU<Eigen::MatrixXd> factor_;  ///< of "implicit": residual at the end by the accelerations there
