@@ -24,7 +24,7 @@ from ..arm import Arm
 from ..parts.part import ModelWarning
 from ..run.pace import beyond_explicit
 from ..run.simulation import INTEGRATORS, check_integrator
-from ..run.start import start, warn_of_one_balance
+from ..run.start import start
 from ..run.variation import Setup, Variation
 from .arguments import STEPPERS, check_memory, check_options, default_workers, forces, rows, scenario_count
 from .job import Job
@@ -72,8 +72,6 @@ def make_job(
     balance = q0 if isinstance(q0, str) else None
     if balance is not None:
         q0 = _balances(variation, balance, float(times[0]), tau)
-    else:
-        warn_of_one_balance(arm, q0, setup.drive, setup.loads, float(times[0]), variation.values)
     q, v = rows("q0", arm._posed(q0), arm.zero), rows("v0", v0, np.zeros(arm.nv))
     held = forces(tau, arm.nv, times.size, "nt")
     starts = {}
