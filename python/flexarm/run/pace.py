@@ -94,7 +94,8 @@ def explicit_limit(arm: Arm, step: float, q: Array, held: Sequence[int]) -> tupl
 
 def _growth(z: Any) -> Array:
     """Of a motion e^(s t), by a step of rk4 with z = s step."""
-    return np.abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0))))
+    grown: Array = np.abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0))))
+    return grown
 
 
 def beyond_explicit(arm: Arm, step: float, span: float, q: Array, held: Sequence[int]) -> StepWarning | None:
