@@ -130,13 +130,23 @@ def test_stiff_shapes_do_not_make_a_joint_chatter() -> None:
 
 
 def test_switches_within_a_step_are_told() -> None:
-    """The free joint's fast mode is above the limit of rk4, which only the friction holds together."""
-    given = {"drive": {0: pulses(1)}, "integrator": "rk4"}
+    """A controller of 4243 rad/s, in steps of 1 ms, which only the friction holds together."""
+    control = fa.PD(1.8e7, 0.0, link=0)
     with pytest.warns(fa.StepWarning, match="dry friction.*within a step.*take a smaller step"):
-        fa.simulate(strip(3, 0.0), [0, 0.2], step=1.5e-4, **given)
+        fa.simulate(block(), [0, 1], [0.1], control=control, integrator="rk4", step=1e-3)
+
+
+@pytest.mark.parametrize("damping_ratio", [0.0, 0.05])
+def test_rk4_tells_the_limit_of_joints_that_slide(damping_ratio: float) -> None:
+    """The limit of the stuck joint is four times longer; with damping the joint ended at -1053 rad."""
+    arm, given = strip(3, damping_ratio), {"drive": {0: pulses(1)}, "integrator": "rk4"}
+    frequency = arm.modes().frequencies[-1]
+    assert frequency > 3.9 * arm.modes(lock=[0]).frequencies[-1]
+    with pytest.warns(fa.StepWarning, match=rf"{frequency:.3g} rad/s of link 0 shear_y 1".replace("+", r"\+")):
+        fa.simulate(arm, [0, 0.2], step=1.5e-4, **given)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        fa.simulate(strip(3), [0, 0.2], step=1e-4, **given)
+        fa.simulate(arm, [0, 0.2], step=1.1e-4, **given)
 
 
 def test_stick_slip_on_a_belt() -> None:

@@ -353,31 +353,6 @@ def test_batches_tell_of_pulses_between_half_steps(integrator: str) -> None:
     run(lambda t: 5.0 if 0.45 < t < 0.7 else 0.0)
 
 
-# -- steps of rk4 ------------------------------------------------------------------------------------------------------
-
-
-def test_rk4_above_its_limit_is_told_where_nothing_runs_away() -> None:
-    """Steps of 0.28 ms for a limit of 0.275 ms: the joints were off by 5.9 rad after a second, without a word."""
-    beam = fa.Beam(0.3, fa.Rectangle(0.005, 0.02), STEEL, {"bending_y": 4})
-    link = fa.Link(fa.Revolute("z"), fa.RigidBody(0.3, inertia=(1e-3, 1e-3, 2e-3), end=(0.075, 0, 0)), beam)
-    arm, t, h = fa.Arm([link, link]), np.linspace(0, 1, 11), 2.8e-4
-    tau = np.zeros(arm.nv)
-    tau[0] = 1.0
-    z = 1j * h * arm.modes(lock=[0, 1]).frequencies[-1]
-    growth = abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24)
-    said = r'step = 0.00028: .* 1.03e\+04 rad/s of link . bending_y 4: below 0.000275 s'
-    with pytest.warns(fa.StepWarning, match=said) as w:
-        fa.simulate(arm, t, tau=tau, integrator="rk4", step=h)
-    assert w[0].message.growth == pytest.approx(growth, rel=1e-6) and w[0].filename == __file__
-    assert str(pickle.loads(pickle.dumps(w[0].message))) == str(w[0].message)
-    with pytest.warns(fa.StepWarning, match=said):
-        fa.simulate_batch(arm, t, tau=np.tile(tau, (2, 1, 1)), integrator="rk4", step=h)
-    with pytest.warns(fa.StepWarning, match=said):
-        fa.rollout(arm, arm.zero, tau=tau[None, None], step=h, nstep=3000, integrator="rk4")
-    fa.simulate(arm, t, tau=tau, integrator="rk4", step=2.7e-4)
-    fa.rollout(arm, arm.zero, tau=tau[None, None], step=h, nstep=20, integrator="rk4")  # nothing felt yet
-
-
 def test_a_long_vibration_is_told_how_long_it_will_take() -> None:
     """The text had been: look for what changes so fast."""
 

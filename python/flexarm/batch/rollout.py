@@ -285,7 +285,8 @@ def rollout(
         grown = grown_loop(scenario, list(moved), schedule.ends, result.v, result.status)
         if grown is not None:
             warnings.warn(grown[1].of(f"scenario {grown[0]}"), stacklevel=2)
-    blown = beyond_explicit(one, step, float(schedule.ends[-1])) if INTEGRATORS[integrator].explicit else None
-    if blown is not None:
-        warnings.warn(blown, stacklevel=2)
+    if INTEGRATORS[integrator].explicit:
+        blown = beyond_explicit(one, step, float(schedule.ends[-1]), q[0], list(moved))
+        if blown is not None:
+            warnings.warn(blown, stacklevel=2)
     return result

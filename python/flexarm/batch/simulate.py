@@ -118,10 +118,11 @@ def _make_setup(arm: Any, drive: Any, loads: Any, control: Any) -> Setup:
     return Setup(arm, dict(drive or {}), tuple(loads or ()), controls)
 
 
-def warn_of_steps(job: Job, engine: str) -> None:
-    """StepWarning where "rk4" took steps above the limit of the arm."""
-    if engine == "steps" and INTEGRATORS[job.integrator].explicit and job.step is not None:
-        blown = beyond_explicit(job.variation.setup.arm, job.step, float(job.t[-1] - job.t[0]))
+def warn_of_steps(job: Job) -> None:
+    """StepWarning where "rk4" took steps above the limit of the first scenario's arm."""
+    if INTEGRATORS[job.integrator].explicit and job.step is not None:
+        setup, q0, prescribed = _start(job, 0)
+        blown = beyond_explicit(setup.arm, job.step, float(job.t[-1] - job.t[0]), q0, prescribed)
         if blown is not None:
             warnings.warn(blown, stacklevel=3)
 
@@ -238,15 +239,20 @@ def simulate_batch(
         loop = _loop_of(job, i, float(held["reached"][i]))
         worst = range_warning(job.variation.scenario(i).arm, held["out_of_range"][i], f"scenario {i}: ")
         warnings.warn(worst if loop is None else loop.of(f"scenario {i}"), stacklevel=2)
-    warn_of_steps(job, engine)
+    warn_of_steps(job)
     return result
 
 
 def _loop_of(job: Job, i: int, reached: float) -> LoopWarning | None:
     """The loop of control that has bent the beams of scenario i too far by the time reached (s), if one has."""
+    s, q0, prescribed = _start(job, i)
+    span = reached - float(job.t[0])
+    return unstable(s.arm, q0, prescribed, job.t, s.loads, s.control, span, True) if s.control else None
+
+
+def _start(job: Job, i: int) -> tuple[Setup, Array, list[int]]:
+    """Of scenario i: how it is made, where it begins, and which rates are prescribed."""
     s = job.variation.scenario(i)
-    q0 = s.arm.zero if job.q0 is None else job.q0[i % len(job.q0)]
     joints = s.arm.by_rate("drive", split_drives(s.drive)[0])
-    prescribed = [k for k, law in joints.items() if isinstance(law, Motion)]
-    begun = float(job.t[0])
-    return unstable(s.arm, q0, prescribed, job.t, s.loads, s.control, reached - begun, True) if s.control else None
+    q0 = s.arm.zero if job.q0 is None else job.q0[i % len(job.q0)]
+    return s, q0, [k for k, law in joints.items() if isinstance(law, Motion)]

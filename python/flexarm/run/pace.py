@@ -5,15 +5,16 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from .._check import Array, outside
+from ..analysis.modes import small_motions
 from ..arm import Arm
 from ..parts.beam import STRAINS
 
-_EXPLICIT = 2.83  # step times frequency up to which rk4 is stable
 _HASTY = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
 _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
 _UNRESOLVED = 3.0  # step times frequency: a step is half a period
@@ -59,28 +60,53 @@ class StepWarning(UserWarning):
         return type(self), (str(self), self.step, self.growth)
 
 
-def explicit_limit(arm: Arm, step: float) -> str:
-    """Words the limit of rk4's steps on this arm at rest with its joints held; "" if these steps are below it."""
-    modes = _fast_modes(arm)
-    if modes is None or modes[0][-1] * step < _EXPLICIT:
-        return ""
-    w = float(modes[0][-1])
-    return f", here {w:.3g} rad/s of {modes[2]}: below {_EXPLICIT / w:.3g} s"
+def explicit_limit(arm: Arm, step: float, q: Array, held: Sequence[int]) -> tuple[str, float]:
+    """Words the limit of rk4's steps, of small motions of all rates but those `held`, about rest with the joints as in
+    q, stuck ones free to slide; and how much the fastest grows by one step. "" and 1.0 if these steps are below it."""
+    free = ~np.isin(np.arange(arm.nv), held)
+    if not free.any():
+        return "", 1.0
+    q = np.array(q)
+    q[[arm.coordinate_of(i) for i in _elastic(arm)]] = 0.0
+    try:
+        motions = small_motions(arm._made(arm.links), q)
+        M, G, K = (X[np.ix_(free, free)] for X in (motions.M, motions.G, motions.K))
+        modes = replace(motions, free=free, M=M, G=G, K=K).solve()
+    except ValueError:
+        return "", 1.0
+    bound = modes.frequencies > 0.0  # all else is not pulled back
+    s, shapes = modes.eigenvalues[bound], modes.shapes[free][:, bound]
+    if not s.size:
+        return "", 1.0
+    s, w = np.minimum(s.real, 0.0) + 1j * s.imag, np.abs(s)
+    low, high = np.full(s.size, 2.0), np.full(s.size, 4.0)  # of step times |s|: between them rk4 begins to amplify
+    for _ in range(40):
+        middle = (low + high) / 2.0
+        grows = _growth(middle * s / w) > 1.0
+        low, high = np.where(grows, low, middle), np.where(grows, middle, high)
+    k = int((low / w).argmin())
+    if step * w[k] <= low[k]:
+        return "", 1.0
+    pull = (np.abs(np.diag(K)) + w[k] * np.abs(np.diag(G))) * np.abs(shapes[:, k]) ** 2
+    most = arm.coordinates[np.flatnonzero(free)[pull.argmax()]]
+    return f", here {w[k]:.3g} rad/s of {most}: below {low[k] / w[k]:.3g} s", float(_growth(step * s).max())
 
 
-def beyond_explicit(arm: Arm, step: float, span: float) -> StepWarning | None:
-    """Warns where steps of rk4 above their limit have made rounding errors felt in a run of `span` (s)."""
-    modes = _fast_modes(arm)
-    if modes is None:
-        return None
-    w, damping, _ = modes
-    z = step * w * (-damping + 1j * np.sqrt(np.maximum(1.0 - damping**2, 0.0)))
-    growth = float(np.abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0)))).max())
+def _growth(z: Any) -> Array:
+    """Of a motion e^(s t), by a step of rk4 with z = s step."""
+    grown: Array = np.abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0))))
+    return grown
+
+
+def beyond_explicit(arm: Arm, step: float, span: float, q: Array, held: Sequence[int]) -> StepWarning | None:
+    """Warns where steps of rk4 above their limit (see explicit_limit) have made rounding errors felt in a run of `span`
+    (s)."""
+    limit, growth = explicit_limit(arm, step, q, held)
     if np.log(growth) * span / step < _BLOWN:
         return None
     return StepWarning(
-        f'integrator = "rk4", step = {step:g}: is above {_EXPLICIT} over the highest frequency'
-        f"{explicit_limit(arm, step)}; what oscillates so fast grows {growth:.3g} times in every step",
+        f'integrator = "rk4", step = {step:g}: is above 2.83 over the highest frequency{limit}; what moves so fast '
+        f"grows {growth:.3g} times in every step",
         step, growth,
     )  # fmt: skip
 
@@ -132,8 +158,13 @@ def _fast_modes(arm: Arm) -> tuple[Array, Array, str] | None:
     return found
 
 
+def _elastic(arm: Arm) -> list[int]:
+    """The rates of the beams."""
+    return [i for i, name in enumerate(arm._core.coordinates) if any(s in name for s in STRAINS)]
+
+
 def _find_fast_modes(arm: Arm) -> tuple[Array, Array, str] | None:
-    elastic = [i for i, name in enumerate(arm._core.coordinates) if any(s in name for s in STRAINS)]
+    elastic = _elastic(arm)
     if not elastic:
         return None
     try:

@@ -168,6 +168,13 @@ def _source(
     return Source(setup, np.array(t, dtype=float), q, v, forces, integrate, integrator, options, of, events)
 
 
+def _held(run: Problem, result: Result) -> list[int]:
+    """The rates that are prescribed, and those that have never moved, such as of joints that stick all the time."""
+    q = map(run.arm.coordinate_of, range(run.arm.nv))
+    moved = [k < 0 or np.ptp(result.q[:, k]) > 0.0 or v.any() for k, v in zip(q, result.v.T, strict=True)]
+    return [*run.prescribed, *np.flatnonzero(~np.array(moved, bool)).tolist()]
+
+
 def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, step: float) -> list[Warning]:
     """The warnings that a run deserves. Raises SimulationError where the run failed; its message begins with the cause
     where that is known, because the step is not to blame then."""
@@ -180,7 +187,8 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
     limits = failed or beyond is not None
     loop = run.unstable(span, limits) if limits or loops.has_grown(result.v) else None
     if not failed:
-        blown = beyond_explicit(run.arm, step, span) if INTEGRATORS[integrator].explicit else None
+        explicit = INTEGRATORS[integrator].explicit
+        blown = beyond_explicit(run.arm, step, span, run.start["q0"], _held(run, result)) if explicit else None
         chatters = hasty(integrator, step, out["stats"].get("switches", 0), out["hasty"])
         said = [loop] if SILENT.get() else [loop or beyond, blown or chatters]
         return [x for x in (*said, beyond_motor(run.arm, result, run.prescribed), *run.missed(out["asked"])) if x]
@@ -194,7 +202,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
         failure += unbalanced(run.arm, run.prescribed, result.a[0], step)
     limit = "over the highest frequency"
     if limit in failure:  # rk4's
-        failure = failure.replace(limit, limit + explicit_limit(result.arm, step))
+        failure = failure.replace(limit, limit + explicit_limit(run.arm, step, run.start["q0"], run.prescribed)[0])
     if run.controls:
         failure += "; and see whether the loop of control is stable"
     more = f" ({beyond})" if beyond else ""
@@ -257,7 +265,7 @@ def simulate(
             its matrices are dense, for arms of up to some tens of coordinates; jumps of a force belong into samples,
             which its steps end at, and stops that the arm hits need short steps.
             "rk4": classical Runge-Kutta, fixed step, fourth order, stable only while the step is below 2.83 over the
-            highest frequency.
+            highest frequency, which is higher where joints are free.
         rtol, atol: of IDA: tolerances of every coordinate and rate, relative (1e-6 if None) and absolute (in its unit).
             For "gauss" and "implicit", rtol alone is how far the equations of a step are solved, as a part of the
             motion, in the norm of kinetic energy (if None 1e-12, where coordinates of very small inertia are known to
@@ -305,7 +313,8 @@ def simulate(
             and the run has grown.
         PulseWarning: a callable has a pulse between two steps that no step has seen.
         SlowWarning: "ida" takes very many steps; it names the cause, if known, and the remedy, during the run.
-        StepWarning: steps of "rk4" above its limit; dry friction that switches many times within a step.
+        StepWarning: steps of "rk4" above its limit, which is sought without control; dry friction that switches many
+            times within a step.
         WatchWarning: a quantity of `watch` has left its range.
         ModelWarning: a beam with too few shape functions for what it carries, or of a basis that does not suit it.
     """
