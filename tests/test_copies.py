@@ -83,8 +83,8 @@ def test_all_that_is_given_pickles_and_copies(name: str) -> None:
     made = MADE[name]()
     for again in (copy.deepcopy(made), copy.copy(made), pickle.loads(pickle.dumps(made))):
         assert type(again) is type(made)
-        if " object at " not in str(made):
-            assert str(again) == str(made)
+        if " object at " not in repr(made):
+            assert repr(again) == repr(made)
 
 
 def test_what_was_pickled_goes_on() -> None:
