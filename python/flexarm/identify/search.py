@@ -21,7 +21,8 @@ _HELD = 1e-4  # of a derivative's norm: by so much a number is held where a leas
 _LOOSE = 0.3  # or as by a prior of this inverse standard deviation, in its own scale, or of its logarithm
 _PULLED = 0.02  # standard deviations that this may hold a number back at the end
 _LEFT = 0.1  # of a column's deviation: where more is left, one start is not enough
-_USUAL = 20  # iterations of a search
+_USUAL = 10  # iterations of one least squares
+_WEIGHTED = 2  # least squares for the weights, as a rule
 _LEAST = 1e-9  # of a column's first weight, below which noise counts as rounding
 
 
@@ -32,7 +33,7 @@ class Best:
         self.problem, self.show = problem, show
         self.inner: Array | None = None
         self.cost = np.inf
-        self.iterations, self.began = 0, time.monotonic()
+        self.iterations, self.usual, self.began = 0, 0, time.monotonic()
         if show is not None:
             problem.look = self.tell
 
@@ -49,9 +50,9 @@ class Best:
         text = f"{self.problem.count} runs, iteration {self.iterations + 1}"
         if np.isfinite(self.cost):
             text += f", rms {np.sqrt(self.cost):.4g}"
-        if 0 < self.iterations < _USUAL:
-            each = (time.monotonic() - self.began) / self.iterations
-            text += f"; about {seconds(each * _USUAL)} in all if it takes {_USUAL} iterations, as most do"
+        if 0 < self.iterations < self.usual:
+            whole = (time.monotonic() - self.began) / self.iterations * self.usual
+            text += f"; about {seconds(whole)} in all if it takes {self.usual} iterations, which is usual"
         self.show(self.problem.count, text)
 
 
@@ -183,6 +184,7 @@ def _searched(
                 tried[i] = float(np.sqrt(np.mean(r**2)))
                 best.seen(starts[i], tried[i] ** 2)
     order = sorted(range(len(starts)), key=lambda i: tried[i])[: max(1, keep)]
+    best.usual = best.iterations + _USUAL * (len(order) + _WEIGHTED)
     ends: dict[int, tuple[float, Array, Any]] = {}
     failed: RunStopped | None = None
     for i in order:
