@@ -121,7 +121,7 @@ def identify(
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
             fit = task.fit(found, points[: len(found.tried) or 1], began)
-            turned = task.turned(points[0])
+        turned = task.turned(points[0])
     poor = [
         f"column '{name}': what is left is {100 * x:.3g} % of the measured deviation: the model does not explain it, "
         + (turned.get(name) or "or this is a local minimum; try more starts")

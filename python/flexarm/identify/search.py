@@ -21,7 +21,7 @@ _HELD = 1e-4  # of a derivative's norm: by so much a number is held where a leas
 _LOOSE = 0.3  # or as by a prior of this inverse standard deviation, in its own scale, or of its logarithm
 _PULLED = 0.02  # standard deviations that this may hold a number back at the end
 _LEFT = 0.1  # of a column's deviation: where more is left, one start is not enough
-_USUAL = 10  # iterations of one least squares
+_USUAL = 7  # iterations of one least squares
 _WEIGHTED = 2  # least squares for the weights, as a rule
 _LEAST = 1e-9  # of a column's first weight, below which noise counts as rounding
 
