@@ -10,14 +10,15 @@ them between the marks of docs/validation.md, and writes docs/figures/validation
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import flexarm as fa
 from flexarm.draw.style import DPI
-from flexarm.validate.recordings import DEFLECTIONS, Recording, read
-from flexarm.validate.rig import ARM, EACH, moved, seen, with_values
+from flexarm.validate.recordings import DEFLECTIONS, SHIPPED, Recording, read
+from flexarm.validate.rig import ARM, EACH, found, moved, seen, with_values
 from flexarm.validate.validate import _fitted
 from flexarm.validate.validation import Judged
 
@@ -100,11 +101,25 @@ def refits() -> str:
     return "\n".join([*lines, *(f"| {name} | {' | '.join(x)} |" for name, x in cells.items())])
 
 
-def whole(found: fa.Validation) -> str:
+def levels() -> str:
+    """The table of the level, as each recording tells it, with the shipped values of the arm."""
+    lines = ["| recording | tilt of the table, degrees | 95 % interval | numbers that stand in for it |", "|-|-:|-:|-|"]
+    for name in SHIPPED:
+        recording = read(name)
+        begin = found(name)[0]
+        fit = _fitted(moved(fa.load("quanser"), recording), recording, EACH, DEFLECTIONS, False, None, begin)
+        angle, low, high = (math.degrees(math.asin(g / 9.81)) for g in (fit.values[LEVEL], *fit.intervals[LEVEL]))
+        pairs = [(*(path for path in x.names if path != LEVEL), x.correlation) for x in fit.loose if LEVEL in x.names]
+        told = ", ".join(f"`{path}` (correlation {c:+.3f})" for path, c in pairs) or "none above 0.95"
+        lines.append(f"| {name} | {angle:.1f} | {low:.1f} to {high:.1f} | {told} |")
+    return "\n".join(lines)
+
+
+def whole(made: fa.Validation) -> str:
     """The table of a validation."""
     lines = ["| driven by | recording | what was fitted to it | judged from | joints | deflections |"]
     lines.append("|-|-|-|-|-:|-:|")
-    for j in found.judged:
+    for j in made.judged:
         x = {name: f"{100 * e:.1f}" for name, e in j.nrmse.items()}
         joints = f"{x['joint1']}, {x['joint2']}" if "joint1" in x else "as measured"
         both = ", ".join(x[name] for name in DEFLECTIONS)
@@ -124,12 +139,12 @@ def main() -> None:
     parser.add_argument("--docs", action="store_true")
     args = parser.parse_args()
     began = time.perf_counter()
-    found = fa.validate("quanser")
-    tables = {"errors": whole(found)}
-    print(tables["errors"], f"\n{time.perf_counter() - began:.0f} s\n", flush=True)
+    made = fa.validate("quanser")
+    tables = {"errors": whole(made), "level": levels()}
+    print(tables["errors"], "\n", tables["level"], f"\n{time.perf_counter() - began:.0f} s\n", flush=True)
     if args.docs:
         for driven in ("motion", "current"):
-            found.plot(driven).savefig(DOCS / "figures" / f"validation-{driven}.png", dpi=DPI * 0.8)
+            made.plot(driven).savefig(DOCS / "figures" / f"validation-{driven}.png", dpi=DPI * 0.8)
     tables["refits"] = refits()
     print(tables["refits"], "\n", flush=True)
     tables["models"] = models()

@@ -82,6 +82,12 @@ def test_linear_model_between_voltage_and_sensors() -> None:
 # -- placement -------------------------------------------------------------------------------------------------------
 
 
+def test_placement_tells_how_far_it_is() -> None:
+    told: list[int] = []
+    fa.placement(paper_link(), patch=GHOST, points=7, progress=told.append)
+    assert told == [1, 2, 3, 4, 5, 6, 7]
+
+
 @pytest.mark.parametrize("length", [0.05, 0.15])
 def test_placement_against_slopes_of_the_modes(length: float) -> None:
     """Authority = moment times the change of slope over omega^2 times the modal mass, and so its best place."""

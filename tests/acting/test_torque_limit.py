@@ -104,8 +104,8 @@ def test_batches_and_rollouts_are_limited_as_runs_are(integrator: str, count: in
     tau = np.eye(6)[0] * np.linspace(0.2, 0.6, count)[:, None]
     limits = np.linspace(0.8, 1.2, count)
     times = np.linspace(0, 0.2, 11)
-    batch = fa.simulate_batch(arm, times, tau=tau[:, None], control=control, integrator=integrator, step=step, outputs=("q", "tau"),
-                              parameters={"link.0.joint.torque_limit": limits})  # fmt: skip
+    batch = fa.simulate_batch(arm, times, tau=tau[:, None], control=control, integrator=integrator, step=step,
+                              outputs=("q", "tau"), parameters={"link.0.joint.torque_limit": limits})  # fmt: skip
     for k in {0, count - 1}:
         joint = replace(arm.links[0].joint, torque_limit=float(limits[k]))
         own = fa.Arm([replace(arm.links[0], joint=joint), arm.links[1]])

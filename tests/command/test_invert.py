@@ -135,6 +135,12 @@ def test_a_linear_link_has_bayos_inverse() -> None:
     assert np.abs(inv.tau[before, 0]).max() > 1e-3 * np.abs(at).max()  # it begins ahead of the path
 
 
+def test_an_inversion_tells_how_far_it_is() -> None:
+    told: list[str] = []
+    inv = fa.invert(paper_link(), {"azimuth": move(0.0, 0.3)}, progress=lambda done, doing: told.append(doing))
+    assert len(told) >= inv.iterations > 0 and told[0].endswith("rows, iteration 1")
+
+
 def test_a_rigid_arm_has_its_inverse_dynamics() -> None:
     link = fa.Link(fa.Revolute("z"), fa.RigidBody(1.0, (0.2, 0, 0), np.eye(3) * 0.01, (0.5, 0, 0)))
     arm = fa.Arm([link, link], (0.0, -9.81, 0.0))

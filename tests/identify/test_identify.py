@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import flexarm as fa
 import numpy as np
 import pytest
+from flexarm import _console
 from flexarm.run.variation import Setup, Variation
 
 MASS, MODULUS, DAMPING = "link.0.tip.mass", "link.0.beam.material.youngs_modulus", "link.0.joint.damping"
@@ -344,6 +346,19 @@ def test_interrupted_keeps_its_best(data: fa.Data) -> None:
     assert not fit.converged and "did not come to its end" in fit.report()
     nothing = fa.identify(scene(0.15, 0.7e11, 0.15), data, ["gravity.2"], **MEASURED)
     assert fit.nrmse["strain"] < 0.7 * nothing.nrmse["strain"]
+
+
+def test_a_long_fit_tells_how_long_it_takes(
+    data: fa.Data, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without a terminal: no estimate before the first iteration is done, one after it."""
+    for name in ("_FIRST_LINE", "_EACH_LINE"):
+        monkeypatch.setattr(_console, name, 0.0)
+    fa.identify(scene(0.04), data, [MASS], **MEASURED, starts=1, progress=True)
+    lines = capsys.readouterr().err.splitlines()
+    assert "iteration 1" in lines[0] and "in all" not in lines[0]
+    estimate = r"iteration 2, rms \S+; about \S+ m?s in all if it takes 21 iterations, which is usual\): \S+ m?s so far"
+    assert any(re.search(estimate, line) for line in lines)
 
 
 # -- whether intervals hold --------------------------------------------------------------------------------------------

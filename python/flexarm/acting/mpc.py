@@ -133,9 +133,7 @@ class MPC(Controller):
         return {**self.__dict__, "_core": None, "_failed": None}
 
     def _arguments(self) -> dict[str, Any]:
-        if self.model is not None:
-            raise ValueError("model: a scene file holds one arm; leave `model` out")
-        return {k: v for k, v in self._given_as.items() if k != "model"}
+        return dict(self._given_as)
 
     # -- what it is asked for outside a run ----------------------------------------------------------------------------
 

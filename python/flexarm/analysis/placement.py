@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._check import Array, array, number, whole
+from .._console import progress_bar
 from ..draw.style import INK, PALETTE, label_axes, legend, new_figure
 from ..parts.chain import Chain
 from ..parts.patch import Patch
@@ -98,6 +99,7 @@ def placement(
     weights: Sequence[float] | None = None,
     lock: Iterable[Any] | None = None,
     points: int = _GRID,
+    progress: Any = False,
 ) -> PatchPlacement:
     """Control authority of a patch on an arm's modes over its place along a beam, and the best place.
 
@@ -113,6 +115,8 @@ def placement(
         weights: of the modes, not negative, their sum above zero; None: all alike.
         lock: links whose joints hold still; None: all. [] are the modes of an arm that is free to swing.
         points: places tried, at equal distances, before the best is refined.
+        progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the number of
+            places tried so far, and may raise to give up.
 
     Raises:
         ValueError: naming the field and the value, or a patch that moves none of the modes.
@@ -145,7 +149,13 @@ def placement(
 
     last = beam.length - size
     starts = np.linspace(0.0, last, points)
-    found = np.array([authority(x) for x in starts])
+    rows: list[Array] = []
+    with progress_bar(progress, "placing", points) as bar:
+        for x in starts:
+            rows.append(authority(x))
+            if bar is not None:
+                bar(len(rows))
+    found = np.array(rows)
     greatest = np.abs(found).max(axis=0)
     if not greatest.max() > 0:
         raise ValueError(f"patch: face {patch.face!r} at angle {patch.angle} moves none of the modes {modes}")

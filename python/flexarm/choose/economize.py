@@ -340,10 +340,11 @@ def economize(
     measure = Measure(scene, quantity, atol)
     budget = Budget(math.inf if time_budget is None else time_budget)
     with progress_bar(progress, "deciding", None) as bar:
-        tell = (lambda doing: bar(0, doing)) if bar else lambda doing: None
+        tell = (lambda doing: bar(0, doing)) if bar else _quiet
         search = EconomizeSearch(scene, measure, limit, budget, tell)
         found = search()
         choices = choices_of(found)
+        search.tell = _quiet  # the plan keeps the search, and its bar is gone
     lean, rich, trials = found.lean, found.rich, search.trials
     assert lean.result is not None
     certified = found.check is not None and not found.reasons
@@ -356,6 +357,10 @@ def economize(
         measure.name, limit, atol is not None, measure.ranges, certified, found.reasons, error,
         lean.time, budget.used, len(trials.runs), choices, Watch.around(lean.result), search, found,
     )  # fmt: skip
+
+
+def _quiet(doing: str) -> None:
+    """Where nobody looks."""
 
 
 def _kept(scene: Scene) -> dict[str, Any]:

@@ -44,7 +44,8 @@ def run(args: argparse.Namespace) -> int:
     patch = others.pop(args.patch)
     links[number] = replace(link, beam=replace(link.beam, patches=others))
     lock: list[int] | None = [] if args.free else None
-    found = placement(Arm(links), number, patch=patch, modes=args.modes, weights=args.weight, lock=lock)
+    given = {"modes": args.modes, "weights": args.weight, "lock": lock}
+    found = placement(Arm(links), number, patch=patch, progress=True, **given)
     folder = output_folder(args.output)
     names = ["centre (m)", *(f"mode {k} (m/V)" for k in range(args.modes)), "merit"]
     write_csv(folder / "placement.csv", names, [found.x, *found.authority.T, found.merit])

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._check import Array, choice, number
+from .._console import progress_bar
 from ..analysis.validity import range_warning, worst_range
 from ..arm import Arm
 from .inversion import Inversion
@@ -44,6 +45,7 @@ def invert(
     post: float | None = None,
     limits: Mapping[str, Any] | None = None,
     stretch: bool = False,
+    progress: Any = False,
 ) -> Inversion:
     """Joint torques and motions that carry the tip along a path: the stable inverse of the arm's dynamics.
 
@@ -84,6 +86,8 @@ def invert(
             some, {"elbow": 5.0} (N m, N; rad/s, m/s); "range": (lowest, highest), or pairs likewise (rad, m), or the
             joints' stops, if not given. They are looked at in the rows of the result.
         stretch: whether the path is slowed, uniformly, by the least factor (within 1 %) that respects the limits.
+        progress: shows what is being done on stderr: a bar, or lines where that is no terminal; or a callable
+            (done, text).
 
     Returns:
         Inversion: `.torques`, `.motions`, `.t`, `.q`, `.tau`, `.pre`, `.post`, `.replay()`, `.plot()`.
@@ -115,7 +119,10 @@ def invert(
         slower = path if factor == 1.0 else Slower(path, factor)
         return slower, *solve(of, slower, start, method, tolerance, window)
 
-    found, factor = within(solved, of, bounds, stretch)
+    with progress_bar(progress, "inverting", None) as bar:
+        if bar is not None:
+            of.tell = lambda doing: bar(0.0, doing)
+        found, factor = within(solved, of, bounds, stretch)
     slower, motions, poles = found[0], found[1], found[3]
     tau = applied(of, motions)
     out = Inversion(

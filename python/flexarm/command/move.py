@@ -150,11 +150,13 @@ class Move:
         still[:, at.at] = run.q[:, at.at]
         off = np.linalg.norm(run.frame()[0] - self.arm.frame(still)[0], axis=1)
         units = "/".join(dict.fromkeys(at.units))
+        forces = ", ".join({"rad": "N m", "m": "N"}[u] for u in dict.fromkeys(at.units))
+        kind = "Force" if forces == "N" else "Torque"
         panels = [
             (f"Joint ({units})", [(n, run.q[:, k]) for n, k in zip(names, at.at, strict=True)]),
             (f"Rate ({units}/s)", [(n, run.v[:, k]) for n, k in zip(names, at.rates, strict=True)]),
-            ("Torque (N m, N)", [(n, run.tau[:, k]) for n, k in zip(names, at.rates, strict=True)]),
-            ("Deflection of the end (mm)", [("deflection", 1e3 * off)]),
+            (f"{kind} ({forces})", [(n, run.tau[:, k]) for n, k in zip(names, at.rates, strict=True)]),
+            ("Deflection of the end (mm)", [("from where these joints would have it at rest", 1e3 * off)]),
         ]
         return plot_panels(run.t, panels)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ class Equations:
 
     Attributes:
         joints: indices of the driven joints' rates. inner: of all that no motor moves: elastic, and passive joints.
-        posture: of the driven joints, (m,).
+        posture: of the driven joints, (m,). tell: called at each iteration, with what is being done.
     """
 
     def __init__(self, arm: Arm, output: Output, joints: list[int], inner: list[int], posture: Array) -> None:
@@ -40,6 +41,7 @@ class Equations:
         self.length = max(float(np.linalg.norm(arm.frame(arm.zero)[0])), sum(
             link.beam.length for link in arm.links if link.beam is not None), 1e-3)  # fmt: skip
         self.elastic = True  # whether the inner coordinates move
+        self.tell: Callable[[str], None] = lambda doing: None
         # (link, freedom) of joints that stay, and of those that nothing drives
         self.locked: tuple[tuple[int, int], ...] = ()
         self.passive: tuple[tuple[int, int], ...] = ()

@@ -143,6 +143,7 @@ class Solver:
             mixing, best, since = Mixing(), np.inf, 0
             for tried in range(_ITERATIONS):
                 done += 1
+                self.of.tell(f"{grid.n} rows, iteration {done}")
                 v, a = grid.motion(q)
                 r = self.of.arm._core.inverse_dynamics(q, v, a)[:, inner]
                 r[grid.keep :] += grid.damping[grid.keep :, None] * (v[grid.keep :][:, inner] @ self._inertia.T)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -28,14 +27,15 @@ class Problem:
     Attributes:
         runs: the runs. sought: n numbers. options: of `simulate_batch`.
         why: of the last point that could not be simulated: the reason. refused: whether that was a bad argument.
-        count: runs simulated so far.
+        count: runs simulated so far. look: called about ten times a second while runs are simulated.
     """
 
     def __init__(self, runs: list[Run], sought: list[Sought], options: Mapping[str, Any], workers: int) -> None:
         self.runs, self.sought, self.options, self.workers = runs, sought, dict(options), workers
         self.why, self.refused, self.count = "", False, 0
+        self.look: Callable[[], None] | None = None
         self._kept: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
-        self._stop = threading.Event()
+        self._stopped = False
 
     # -- values --------------------------------------------------------------------------------------------------------
 
@@ -53,16 +53,20 @@ class Problem:
 
     def _options(self, workers: int) -> dict[str, Any]:
         def look(_: float) -> None:
-            if self._stop.is_set():
+            if self._stopped:
                 raise KeyboardInterrupt
 
         return {**self.options, "workers": workers, "progress": look}
 
     def _each(self, work: Callable[[int, int], None]) -> None:
         """work(run, workers) of every run, in threads."""
-        self._stop.clear()
+        self._stopped = False
         share = max(1, self.workers // len(self.runs))
-        each(lambda k: work(k, share), len(self.runs), min(self.workers, len(self.runs)), lambda: None, self._stop.set)
+        look = self.look or (lambda: None)
+        each(lambda k: work(k, share), len(self.runs), min(self.workers, len(self.runs)), look, self._stop)
+
+    def _stop(self) -> None:
+        self._stopped = True
 
     # -- of one point --------------------------------------------------------------------------------------------------
 
@@ -168,7 +172,7 @@ class Problem:
 
     def finished(self, inner: Array, k: int) -> tuple[Setup, Array, Array, Result | RunStopped]:
         """What run k is made of with these values, where it begins, and the run."""
-        self._stop.clear()
+        self._stopped = False
         run, values = self.runs[k], self.values(inner)
         parameters = {self.sought[j].path: values[j : j + 1] for j in self._of_run(k)}
         return run_many(run.setup, parameters, run.t, run.first, run.v0, **self._options(self.workers))[0]

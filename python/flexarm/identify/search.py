@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._check import Array
+from .._console import seconds
 from ..run.sensitivity import RunStopped
 from .problem import Problem
 from .statistics import pseudo_inverse
@@ -19,6 +21,8 @@ _HELD = 1e-4  # of a derivative's norm: by so much a number is held where a leas
 _LOOSE = 0.3  # or as by a prior of this inverse standard deviation, in its own scale, or of its logarithm
 _PULLED = 0.02  # standard deviations that this may hold a number back at the end
 _LEFT = 0.1  # of a column's deviation: where more is left, one start is not enough
+_USUAL = 7  # iterations of one least squares
+_WEIGHTED = 2  # least squares for the weights, as a rule
 _LEAST = 1e-9  # of a column's first weight, below which noise counts as rounding
 
 
@@ -29,14 +33,27 @@ class Best:
         self.problem, self.show = problem, show
         self.inner: Array | None = None
         self.cost = np.inf
+        self.iterations, self.usual, self.began = 0, 0, time.monotonic()
+        if show is not None:
+            problem.look = self.tell
 
     def seen(self, inner: Array, cost: float) -> None:
         """Remembers a point if it is the best."""
         if cost < self.cost:
             self.inner, self.cost = inner.copy(), cost
-        if self.show is not None:
-            rms = f", rms {np.sqrt(self.cost):.4g}" if np.isfinite(self.cost) else ""
-            self.show(self.problem.count, f"{self.problem.count} runs{rms}")
+        self.tell()
+
+    def tell(self) -> None:
+        """Shows how far the search is, and about how long it takes if it needs as many iterations as most do."""
+        if self.show is None:
+            return
+        text = f"{self.problem.count} runs, iteration {self.iterations + 1}"
+        if np.isfinite(self.cost):
+            text += f", rms {np.sqrt(self.cost):.4g}"
+        if 0 < self.iterations < self.usual:
+            whole = (time.monotonic() - self.began) / self.iterations * self.usual
+            text += f"; about {seconds(whole)} in all if it takes {self.usual} iterations, which is usual"
+        self.show(self.problem.count, text)
 
 
 @dataclass
@@ -98,9 +115,15 @@ def fitted(problem: Problem, inner: Array, sigma: Mapping[str, float], best: Bes
         raise RunStopped(problem.why, np.nan)
     norms = np.linalg.norm(problem.jacobian(inner, sigma), axis=0)
     hold = np.diag(np.maximum(_HELD * norms, _LOOSE))
+
+    def slopes(u: Array) -> Array:
+        J = problem.jacobian(u, sigma)
+        best.iterations += 1
+        return np.vstack([J, hold])
+
     done = least_squares(
         lambda u: np.append(residuals(u), hold @ (u - inner)), inner,
-        lambda u: np.vstack([problem.jacobian(u, sigma), hold]),
+        slopes,
         bounds=(low, high), x_scale="jac", max_nfev=most, xtol=1e-9, ftol=1e-9, gtol=1e-12,
     )  # fmt: skip
     std = np.sqrt(np.diag(pseudo_inverse(done.jac)))
@@ -161,6 +184,7 @@ def _searched(
                 tried[i] = float(np.sqrt(np.mean(r**2)))
                 best.seen(starts[i], tried[i] ** 2)
     order = sorted(range(len(starts)), key=lambda i: tried[i])[: max(1, keep)]
+    best.usual = best.iterations + _USUAL * (len(order) + _WEIGHTED)
     ends: dict[int, tuple[float, Array, Any]] = {}
     failed: RunStopped | None = None
     for i in order:

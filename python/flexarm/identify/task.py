@@ -6,6 +6,7 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -162,6 +163,7 @@ class Task:
         for run, (setup, _, _, result) in zip(p.runs, done, strict=True):
             assert not isinstance(result, RunStopped)
             runs.append(run.compared(result, setup))
+        again = replace(self, problem=Problem([], p.sought, p.options, p.workers))  # without what its search keeps
         return Fit(
             scene=self._scene(inner, *done[0][1:3]),
             values=dict(zip(names, values.tolist(), strict=True)),
@@ -181,7 +183,7 @@ class Task:
             message=found.message,
             starts=[(tried[k], found.fitted.get(k)) for k in range(len(points))],
             stats={"runs": p.count, "step": p.options.get("step"), "wall_time": time.perf_counter() - began},
-            _again=lambda data, inputs: self._validated(inner, data, inputs),
+            _again=partial(again._validated, inner),
         )  # fmt: skip
 
     def interrupted(self, inner: Array, first: Mapping[str, float], points: Array, began: float) -> Fit:

@@ -17,6 +17,7 @@ from ..acting.sampled import is_samples
 from ..acting.voltage import is_patch
 from ..arm import Arm
 from ..parts.arguments import arguments
+from ..parts.chain import Chain
 from .grammar import SAMPLES
 
 _SAMPLES = 2001  # of a callable
@@ -127,6 +128,8 @@ class _Laws:
                 value = self.followed(f"{where}.{name}", value)
             elif isinstance(value, (list, tuple)) and any(isinstance(x, Motion) for x in value):
                 value = [self.followed(f"{where}.{name}[{k}]", x) for k, x in enumerate(value)]
+            elif isinstance(value, Chain):
+                raise ValueError(f"{where}.{name}: a scene file holds one arm; leave `{name}` out")
             elif name in SAMPLES and is_samples(value):
                 value = dict(zip(SAMPLES[name].columns, value, strict=True))
             elif callable(value):
