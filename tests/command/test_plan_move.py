@@ -262,7 +262,7 @@ def test_the_tip_keeps_to_a_line_of_a_stiff_arm() -> None:
     arm, ends = two_links(gravity=0.0, shapes=1, thick=0.03), np.array([[0.8, -0.3], [0.4, 0.5]])
     tip = {name: fa.Motion([0, 1], ends[:, k], ends="rest") for k, name in enumerate("xy")}
     line = fa.invert(arm, tip, posture=[-1, 0, 1, 0], method="rigid")
-    move = fa.plan_move(arm, path=line.q[:, [0, 2]], torque=(60.0, 15.0), speed=3.0)
+    move = fa.plan_move(arm, path=line.q[:, [0, 2]], torque=(60.0, 15.0), speed=3.0, method="shaped")
     places = move.simulate().frame()[0][:, :2]
     along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     off = np.abs((places - ends[0]) @ [-along[1], along[0]])
@@ -295,7 +295,7 @@ def test_collocation_of_two_links_is_as_fast_as_linear_programmes() -> None:
     ends = [0.0, 0.0], [0.5, -0.5]
     best = fa.plan_move(arm, *ends, torque=torque, method="collocation")
     assert best.duration < 1.01 * fa.plan_move(arm, *ends, torque=torque, method="optimal").duration
-    assert swing(arm, best) < 1e-3 * best.residual_unshaped
+    assert swing(arm, best) < 5e-3 * best.residual_unshaped
     run = best.simulate(integrator="gauss", step=2e-4)
     for k, most in zip((0, 2), torque, strict=True):
         assert np.abs(run.tau[:, k]).max() <= most * 1.001

@@ -307,7 +307,7 @@ class _Plan:
         for again in range(_TIGHT + 1):
             p = found.profile
             fine = np.linspace(0.0, p.duration, _FINE * self.knots + 1)
-            run = self.plant.run(p.t, *p.joints(), fine, float(p.t[1]))
+            run = self.plant.run(p.t, *p.joints(), fine, float(fine[1]))
             over = {k: np.maximum(x.max(axis=0) - 1.0 - _ROUNDING, 0.0) for k, x in self._peaks(run).items()}
             if again == _TIGHT or not any(x.any() for x in over.values()):
                 break

@@ -30,8 +30,9 @@ _ALONE = 1e-2  # and where it alone is
 _DONE, _NOISE = 1e-3, 2e-4  # of limits, what will do in the end; of both, what a step may leave to the next
 _GAIN, _HOPE = 2e-4, 0.02  # of the objective in a round, below which the search ends; of the penalties
 _JERK = 8.0  # of a motion whose largest is least, in parts of the size of its accelerations
-_MENDS = 3  # of a step, at most
+_MENDS = 1  # of a step: more cost a linear programme each and find the same duration within 0.4 %
 _DT = 1e-5  # of the duration, for derivatives by it
+_SIMPLEX = {"presolve": False}  # which finds nothing to leave out in dense rows, and takes a quarter of the time
 
 
 @dataclass(frozen=True)
@@ -201,7 +202,7 @@ class Search:
         bounds[nx] = np.array([-0.2, 0.2]) * min(trust, 1.0) if aim.free else 0.0
         bounds[nx + 1 :, 1] = np.inf
         near = slopes.sizes @ np.abs(bounds[: nx + 1]).max(axis=1) >= b  # the others cannot be passed from here
-        out = linprog(cost, slopes.A[near], b[near], slopes.ends, ends, bounds, method="highs")
+        out = linprog(cost, slopes.A[near], b[near], slopes.ends, ends, bounds, method="highs-ds", options=_SIMPLEX)
         if out.status != 0:
             return None, np.inf
         alpha = p.alpha.copy()
