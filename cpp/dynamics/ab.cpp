@@ -49,14 +49,25 @@ FeedbackLaws<double> laws_of(const Arm& arm, Workspace& ws) {
   laws.laws = static_cast<int>(ws.feedback.size());
   laws.nq = arm.nq();
   laws.nv = arm.nv();
+  laws.limits = static_cast<int>(ws.limits.size());
   double* at = ws.feedback_numbers.data();
   laws.column = at;
   laws.by_q = laws.column + laws.laws * laws.nv;
   laws.by_v = laws.by_q + laws.laws * laws.nq;
   laws.limit = laws.by_v + laws.laws * laws.nv;
-  Room room(at + laws.laws * (2 * laws.nv + laws.nq + 1));
+  laws.most = laws.limit + laws.laws;
+  Room room(at + laws.laws * (2 * laws.nv + laws.nq + 1) + laws.limits);
   laws.lay_out(room);
+  for (int l = 0; l < laws.laws; ++l) laws.offset[l] = ws.feedback[static_cast<std::size_t>(l)].offset;
   return laws;
+}
+
+/// The motor's force beside the laws, of a limit.
+auto beside(const Workspace& ws) {
+  return [&ws](int c) {
+    const AppliedLimit& l = ws.limits[static_cast<std::size_t>(c)];
+    return l.given - l.friction;
+  };
 }
 
 }  // namespace
@@ -65,16 +76,11 @@ Status factor(const Arm& arm, Workspace& ws, const double* q, const double* v, c
   const Status status = status_of(ws.placed_chain().factor(shift, v, ws.twice_kinetic));
   if (status != Status::ok) return status;
   if (!ws.feedback.empty()) {
+    make_room_for_limits(ws);
     FeedbackLaws<double> laws = laws_of(arm, ws);
-    ask(ws.limits, ws.feedback, Eigen::Map<const Eigen::VectorXd>(q, ws.nq()),
-        Eigen::Map<const Eigen::VectorXd>(v, ws.a.size()));
-    for (int l = 0; l < laws.laws; ++l) laws.offset[l] = ws.feedback[static_cast<std::size_t>(l)].offset;
     laws.factor(
         shift, q, v, ws.free.data(), static_cast<int>(ws.free.size()), [&](int i) { return arm.coordinate_of(i); },
-        [&](double* column) {
-          for (const AppliedLimit& l : ws.limits)
-            if (l.cut() != 0.0) column[l.rate] = 0.0;
-        },
+        [&](int c) { return ws.limits[static_cast<std::size_t>(c)].rate; }, beside(ws),
         [&](const double* r, double* x) { ws.chain().solve(r, x); });
   }
   return std::isfinite(ws.twice_kinetic) ? Status::ok : Status::not_finite;
@@ -83,6 +89,11 @@ Status factor(const Arm& arm, Workspace& ws, const double* q, const double* v, c
 void solve(const Arm& arm, Workspace& ws, const double* r, double* x) {
   ws.chain().solve(r, x);
   if (!ws.feedback.empty()) laws_of(arm, ws).correct(x);
+}
+
+bool correction(const Arm& arm, Workspace& ws, const double* q, const double* v, const double* r, double* x) {
+  ws.chain().solve(r, x);
+  return !ws.feedback.empty() && laws_of(arm, ws).correct_within(q, v, beside(ws), x);
 }
 
 Status factor_shifted(const Arm& arm, Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v,

@@ -15,6 +15,10 @@ void inverse(Workspace& ws, const double* q, const double* v, const double* a, d
 /// See factor_shifted, solve_shifted.
 Status factor(const Arm& arm, Workspace& ws, const double* q, const double* v, const lanes::Shift& shift);
 void solve(const Arm& arm, Workspace& ws, const double* r, double* x);
+/// The same for a step of Newton's iteration from q and v, see FeedbackLaws::correct_within.
+bool correction(const Arm& arm, Workspace& ws, const double* q, const double* v, const double* r, double* x);
+/// In feedback_numbers, for `limits` as they are now.
+void make_room_for_limits(Workspace& ws);
 
 /// Of move_arm, what factor_shifted and composite_mass_matrix go on from.
 void move_chain(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v);

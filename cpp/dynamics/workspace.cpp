@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "arrays.hpp"
 #include "flexarm/check.hpp"
 #include "lanes/feedback.hpp"
 #include "lanes/single.hpp"
@@ -74,10 +75,7 @@ void Workspace::feed_back(const std::vector<Feedback>& laws) {
   feedback.clear();
   for (const Feedback& law : laws) feedback.push_back({&law});
   const Eigen::Index n = static_cast<Eigen::Index>(laws.size()), nv = a.size();
-  FeedbackLaws<double> counted{static_cast<int>(n), nq_, static_cast<int>(nv)};
-  Room scratch;
-  counted.lay_out(scratch);
-  feedback_numbers.setZero(n * (2 * nv + nq_ + 1) + static_cast<Eigen::Index>(scratch.bytes() / sizeof(double)));
+  feedback_numbers.setZero(n * (2 * nv + nq_ + 1));
   for (Eigen::Index l = 0; l < n; ++l) {
     const Feedback& law = laws[static_cast<std::size_t>(l)];
     feedback_numbers.segment(l * nv, nv) = law.column;
@@ -85,6 +83,23 @@ void Workspace::feed_back(const std::vector<Feedback>& laws) {
     feedback_numbers.segment(n * (nv + nq_) + l * nv, nv) = law.by_v;
     feedback_numbers[n * (2 * nv + nq_) + l] = law.limit;
   }
+  make_room_for_limits(*this);
+}
+
+void make_room_for_limits(Workspace& ws) {
+  const Eigen::Index laws = static_cast<Eigen::Index>(ws.feedback.size()),
+                     count = static_cast<Eigen::Index>(ws.limits.size());
+  FeedbackLaws<double> counted;
+  counted.laws = static_cast<int>(laws);
+  counted.nv = static_cast<int>(ws.a.size());
+  counted.limits = static_cast<int>(count);
+  Room scratch;
+  counted.lay_out(scratch);
+  const Eigen::Index numbers = laws * (2 * ws.a.size() + ws.nq() + 1);
+  const Eigen::Index size = numbers + count + static_cast<Eigen::Index>(scratch.bytes() / sizeof(double));
+  if (ws.feedback_numbers.size() != size) ws.feedback_numbers.conservativeResizeLike(Eigen::VectorXd::Zero(size));
+  for (Eigen::Index c = 0; c < count; ++c)
+    ws.feedback_numbers[numbers + c] = ws.limits[static_cast<std::size_t>(c)].most;
 }
 
 }  // namespace flexarm

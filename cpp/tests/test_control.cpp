@@ -6,6 +6,7 @@
 #include "flexarm/friction.hpp"
 #include "flexarm/ida.hpp"
 #include "flexarm/simulate.hpp"
+#include "lanes/feedback.hpp"
 
 using namespace flexarm;
 
@@ -97,6 +98,61 @@ TEST_CASE("the implicit step's matrix has the slopes of feedback, whatever joins
     solve_shifted(arm, without, left, y);
     CHECK((x - y).norm() <= 1e-11 * x.norm());
   }
+}
+
+TEST_CASE(
+    "an implicit step's linear equations are solved with limits of laws and of motors that begin and end in them") {
+  const int nv = 4, count = 3;
+  int changed = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    const double phase = 1.7 * trial, gain = std::pow(10.0, trial % 5);
+    Eigen::MatrixXd root(nv, nv), column = Eigen::MatrixXd::Zero(nv, count), by_v = column;  // a law in each column
+    for (int i = 0; i < nv; ++i) root.col(i) = flexarm_test::wave(nv, phase + 3.1 * i, 1.0);
+    const Eigen::MatrixXd S = root * root.transpose() + 0.1 * Eigen::MatrixXd::Identity(nv, nv);
+    for (int l = 0; l < count; ++l) {  // two at one rate, as dampers are
+      column(l / 2 * 2, l) = 1.0;
+      by_v(l / 2 * 2, l) = gain * (1.0 + l);
+    }
+    const Eigen::VectorXd by_q = Eigen::VectorXd::Zero(nv * count), limit = Eigen::Vector3d(0.4, 2.0, 0.7);
+    const int limited[] = {0, 1}, free[] = {0, 1, 2, 3};
+    const double most[] = {1.5, 0.2}, beside[] = {0.6, 0.1};
+    FeedbackLaws<double> laws;
+    laws.laws = count;
+    laws.nq = laws.nv = nv;
+    laws.column = column.data();
+    laws.by_q = by_q.data();
+    laws.by_v = by_v.data();
+    laws.limit = limit.data();
+    laws.limits = 2;
+    laws.limited = limited;
+    laws.most = most;
+    Room needed;
+    laws.lay_out(needed);
+    std::vector<double> memory(needed.bytes() / sizeof(double));
+    Room room(memory.data());
+    laws.lay_out(room);
+    const Eigen::VectorXd given = Eigen::Vector4d(beside[0], beside[1], 0.0, 0.0);
+    laws.given = given.data();
+    const Eigen::VectorXd q = Eigen::VectorXd::Zero(nv), v = flexarm_test::wave(nv, 0.3 * trial, 1.0);
+    const auto force = [&](const Eigen::VectorXd& rates) {
+      Eigen::VectorXd f = Eigen::VectorXd::Zero(nv);
+      laws.add(q.data(), rates.data(), 1.0, f.data());
+      return f;
+    };
+    const auto given_at = [&](int c) { return beside[c]; };
+    laws.factor(
+        {1.0, 0.0}, q.data(), v.data(), free, nv, [](int i) { return i; }, [&](int c) { return limited[c]; }, given_at,
+        [&](const double* r, double* x) {
+          Eigen::Map<Eigen::VectorXd>(x, nv) = S.llt().solve(Eigen::Map<const Eigen::VectorXd>(r, nv));
+        });
+    const Eigen::VectorXd r = flexarm_test::wave(nv, 5.0 + phase, 20.0);
+    Eigen::VectorXd x = S.llt().solve(r);
+    changed += laws.correct_within(q.data(), v.data(), given_at, x.data());
+    const Eigen::VectorXd left = r + force(v + x) - force(v) - S * x;
+    CAPTURE(trial);
+    CHECK(left.norm() <= 1e-9 * gain);
+  }
+  CHECK(changed > 50);
 }
 
 TEST_CASE("samples come at their times, and their forces after the delay") {

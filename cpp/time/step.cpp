@@ -52,6 +52,7 @@ struct Engine {
     return good;
   }
   void solve(const double* r, double* x) { flexarm::solve(arm, *ws, r, x); }
+  bool correction(const double* r, double* x) { return flexarm::correction(arm, *ws, q_now, v_now, r, x); }
 };
 
 /// The equations of GeneralisedAlpha::predict and place, with alpha = (by_a, ...) (a, a0, alpha0) put in.
@@ -149,7 +150,10 @@ struct OneStep::Run {
   void attach(Workspace& ws, const Eigen::VectorXd& tau) {
     engine.ws = &ws;
     engine.applied = tau.data();
-    if (ws.limits.size() != limits.size()) ws.limits = limits;
+    if (ws.limits.size() != limits.size()) {
+      ws.limits = limits;
+      make_room_for_limits(ws);
+    }
     engine.layout = &ws.chain().layout();
     engine.free = ws.free.data();
     engine.free_count = static_cast<int>(ws.free.size());

@@ -8,6 +8,7 @@ import flexarm as fa
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 INERTIA, MOST = 0.35, 2.0
 EVERY = {"ida": {"rtol": 1e-10, "atol": 1e-12}, "implicit": {"step": 1e-4}, "gauss": {"step": 1e-3},
@@ -96,6 +97,43 @@ def test_all_integrators_agree_on_a_flexible_arm(rubs: dict[str, float]) -> None
     )
 
 
+@pytest.mark.parametrize("motor", [True, False])
+def test_a_step_is_solved_however_stiff_the_law_that_is_limited(motor: bool) -> None:
+    """Newton's iteration jumped from one limit to the other and back. Against the trapezoidal rule, step by step."""
+    kp, kd, most, h = 2e4, 700.0, 1.8, 0.01  # 0.5 h kd is 10 times the inertia
+    law = fa.PD(kp, kd, 0, reference=0.02, limit=None if motor else most)
+    run = fa.simulate(rigid(most if motor else None), np.arange(0, 0.5, h), v0=[0.3], control=law,
+                      integrator="implicit", step=h)  # fmt: skip
+    q, v = 0.0, 0.3
+    a = -most / INERTIA
+    inside = 0
+    for k in range(1, len(run.t)):
+
+        def end(x: float, q: float = q, v: float = v, a: float = a) -> tuple[float, float]:
+            return q + h * v + 0.25 * h * h * (a + x), v + 0.5 * h * (a + x)
+
+        def force(x: float) -> float:
+            to, rate = end(x)
+            return float(np.clip(kp * (0.02 - to) - kd * rate, -most, most))
+
+        x = float(brentq(lambda x: INERTIA * x - force(x), -9.0, 9.0, xtol=1e-13, rtol=1e-14))
+        (q, v), a = end(x), x
+        inside += abs(force(x)) < most
+        assert [run.q[k, 0], run.v[k, 0], run.tau[k, 0]] == pytest.approx([q, v, INERTIA * a], abs=1e-8), k
+    assert 3 < inside < 45
+
+
+@pytest.mark.parametrize("step", [1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4])
+def test_steps_of_any_length_are_solved(step: float) -> None:
+    """A flexible arm, which changes between limits within a step, of laws and of motors, alone and in a batch."""
+    control = [fa.PD(20.0, 1.0, 0, reference=0.6, limit=0.9), fa.PD(5.0, 0.3, 1, reference=-0.4)]
+    for limit in (1.0, None):
+        options = {"tau": np.eye(6)[0] * 0.5, "control": control, "integrator": "implicit", "step": step}
+        run = fa.simulate(flexible(limit), [0.0, 0.1, 0.2], **options)
+        batch = fa.simulate_batch(flexible(limit), run.t, np.zeros((9, 6)), **options)
+        assert batch.q == pytest.approx(np.broadcast_to(run.q, batch.q.shape), abs=1e-9)
+
+
 @pytest.mark.parametrize("integrator", ["implicit", "rk4"])
 @pytest.mark.parametrize("count", [1, 9])
 def test_batches_and_rollouts_are_limited_as_runs_are(integrator: str, count: int) -> None:
@@ -140,7 +178,7 @@ def test_each_output_of_a_law_has_a_limit_of_its_own(law: fa.Controller, tmp_pat
     assert np.abs(run.tau).max(axis=0).tolist() == [3.0, 0.5]
     if isinstance(law, fa.Sampled) and not isinstance(law, fa.LinearController):
         return
-    fa.Scene(two(), t, control=law, integrator="implicit", step=1e-3).save(tmp_path / "scene.toml")
+    fa.Scene(two(), t=t, control=(law,), options={"integrator": "implicit", "step": 1e-3}).save(tmp_path / "scene.toml")
     again = fa.load(tmp_path / "scene.toml").run()
     assert again.tau == pytest.approx(run.tau, abs=1e-13)
 
@@ -171,10 +209,12 @@ def test_a_pid_that_tracks_knows_the_limit_of_its_joint(rate: float | None) -> N
     assert joint.max() < run(rigid(0.8)).max() - 0.1
 
 
-def saturated_run(kp: float = 20.0, limit: float = 1.0, tau: float = 0.5, **options) -> fa.Result:
-    arm = flexible(limit)
-    control = [fa.PD(kp, 1.0, 0, reference=0.6, limit=0.9), fa.PD(5.0, 0.3, 1, reference=-0.4)]
-    return fa.simulate(arm, np.linspace(0, 0.1, 11), tau=np.eye(6)[0] * tau, control=control, **options)
+def saturated_run(kp: float = 20.0, first: float = 1.0, second: float = 0.3, tau: float = 0.5, **options) -> fa.Result:
+    """Through limits and back: of the first law, and of both motors."""
+    links = [replace(link, joint=replace(link.joint, torque_limit=limit))
+             for link, limit in zip(flexible().links, (first, second), strict=True)]  # fmt: skip
+    control = [fa.PD(kp, 1.0, 0, reference=0.2, limit=0.9), fa.PD(5.0, 0.3, 1, reference=-0.13)]
+    return fa.simulate(fa.Arm(links), np.linspace(0, 0.1, 11), tau=np.eye(6)[0] * tau, control=control, **options)
 
 
 @pytest.mark.parametrize("options", [{"rtol": 1e-11, "atol": 1e-13}, {"integrator": "implicit", "step": 2.5e-4},
@@ -183,25 +223,19 @@ def saturated_run(kp: float = 20.0, limit: float = 1.0, tau: float = 0.5, **opti
 def test_derivatives_know_the_limit(options: dict) -> None:
     """Forward and adjoint, against differences of runs."""
     run = saturated_run(**options)
-    assert np.abs(run.tau[:3, 0]).max() == 1.0 and np.abs(run.tau[-1, 0]) < 0.9
-    paths = ["control.0.kp", "link.0.joint.torque_limit", "link.1.joint.torque_limit"]
+    for joint, most in ((0, 1.0), (3, 0.3)):
+        there = np.abs(run.tau[:, joint]) == most
+        assert there.any() and not there.all()
+    varied = {"control.0.kp": ("kp", 20.0, 1e-4), "link.0.joint.torque_limit": ("first", 1.0, 1e-5),
+              "link.1.joint.torque_limit": ("second", 0.3, 1e-5)}  # fmt: skip
+    paths = list(varied)
     found = run.sensitivities(paths)
-    for k, (path, h) in enumerate(zip(paths[:2], (1e-4, 1e-6), strict=True)):
-        name = "kp" if path.endswith("kp") else "limit"
-        now = 20.0 if name == "kp" else 1.0
-        if name == "limit":  # of the first joint alone
-            def at(x: float) -> np.ndarray:
-                arm = flexible(1.0)
-                links = [replace(arm.links[0], joint=replace(arm.links[0].joint, torque_limit=x)), arm.links[1]]
-                control = [fa.PD(20.0, 1.0, 0, reference=0.6, limit=0.9), fa.PD(5.0, 0.3, 1, reference=-0.4)]
-                return fa.simulate(fa.Arm(links), run.t, tau=np.eye(6)[0] * 0.5, control=control, **options).q
-        else:
-            def at(x: float) -> np.ndarray:
-                return saturated_run(kp=x, **options).q
-        wanted = (at(now + h) - at(now - h)) / (2 * h)
+    for k, (name, now, h) in enumerate(varied.values()):
+        up, down = (saturated_run(**{name: now + s * h}, **options).q for s in (1, -1))
+        wanted = (up - down) / (2 * h)
         size = np.abs(wanted).max()
         assert size > 1e-5
-        assert found.q[k] == pytest.approx(wanted, abs=2e-3 * size), path
+        assert found.q[k] == pytest.approx(wanted, abs=2e-3 * size), name
     if options.get("integrator", "ida") != "ida":
         weights = np.zeros_like(run.q)
         weights[-1, 0] = 1.0
@@ -248,16 +282,17 @@ def test_a_prescribed_motion_beyond_the_motor_is_told() -> None:
 def test_files_have_the_limit(tmp_path) -> None:
     wrist = fa.Universal(torque_limit=[3.0, 4.0], name="wrist")
     arm = fa.Arm([fa.Link(wrist, fa.RigidBody(1.0, (0.1, 0, 0), 0.01 * np.eye(3)))])
-    fa.Scene(arm, t).save(tmp_path / "scene.toml")
+    fa.Scene(arm, t=t).save(tmp_path / "scene.toml")
     assert fa.load(tmp_path / "scene.toml").arm.links[0].joint.torque_limit == (3.0, 4.0)
     assert 'effort="3.0"' in arm.to_urdf() and 'effort="4.0"' in arm.to_urdf()
     assert 'actuatorfrcrange="-3.0 3.0"' in arm.to_mjcf()
 
 
 def test_predictive_control_plans_within_the_limit() -> None:
-    law = fa.MPC(reference=1.0, horizon=0.3, stages=10, blocks=5, rate=200)
-    run = fa.simulate(rigid(1.0), np.linspace(0, 0.5, 51), control=law, integrator="implicit", step=1e-3)
-    same = fa.MPC(reference=1.0, horizon=0.3, stages=10, blocks=5, rate=200, limit=1.0)
+    options = {"reference": 0.25, "rate_weight": 0.02, "horizon": 0.3, "stages": 10, "blocks": 5, "rate": 200}
+    run = fa.simulate(rigid(1.0), t, control=fa.MPC(**options), integrator="implicit", step=1e-3)
+    assert np.abs(run.tau[0]) == 1.0 and np.abs(run.tau[-1]) < 0.5
+    same = fa.MPC(**options, limit=1.0)
     assert run.q == pytest.approx(fa.simulate(rigid(None), run.t, control=same, integrator="implicit", step=1e-3).q)
 
 

@@ -70,7 +70,7 @@ KINDS: dict[str, Callable[[], list[Any]]] = {
     "a linear law with a callable reference, of a sensor": lambda: run_of(
         fa.LinearController([], None, None, [[1.0]], rate=200, measure=[fa.Encoder(0)], reference=lambda s: [s])
     ),
-    "computed torque": lambda: run_of(fa.ComputedTorque(1.0, reference=0.0, rate=200)),
+    "computed torque": lambda: run_of(fa.ComputedTorque(1.0, reference=0.0, rate=2000)),
     "a continuous PID, a drive and an event": lambda: run_of(
         fa.LinearController.pid(1.0, 1.0, 0.1, filter_time=0.01),
         drive={0: fa.Torque(lambda s: s)}, events=lambda s, q, v: 1.0 + s,

@@ -107,7 +107,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     engine.inverse(q, v, x, tau_own, true);
     S twice;
     const Mask good = engine.factor(flexarm::lanes::Shift{}, twice);
-    contacts.refactored();
+    contacts.refactored(L::everywhere(true));
     contacts.begin_instant(v);
     contacts.take_from(tau_own);
     for (int k = 0; k < engine.free_count; ++k) r[engine.free[k]] = tau[engine.free[k]] - tau_own[engine.free[k]];
@@ -191,7 +191,7 @@ struct GeneralisedAlpha : AlphaNumbers {
         S twice;
         bad = bad | (L::none_of(good) & L::none_of(engine.factor(shift, twice)));
         ++work.factorisations;
-        contacts.refactored();
+        contacts.refactored(L::everywhere(true));
         scale = L::select(good, scale, L::larger(twice, kForget * scale));
         size = L::select(good, size, L::root(scale + fall));
         if (L::all(good | bad)) break;  // an engine that could not factor has nothing to solve with
@@ -203,7 +203,7 @@ struct GeneralisedAlpha : AlphaNumbers {
         residual = L::larger(residual, L::size(r[i]));
         force = L::larger(force, L::size(tau[i]));
       }
-      engine.solve(r, turn);
+      contacts.refactored(engine.correction(r, turn));
       ++work.solves;
       const Mask switching = contacts.count == 0 ? L::everywhere(false)
                                                  : contacts.resolve(engine, turn, v, v0, shift.damping, gamma * by_a,

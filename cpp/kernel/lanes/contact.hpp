@@ -101,8 +101,8 @@ struct Contacts {
     for (int k = 0; k < count; ++k) W[k * count + c] = columns[c * nv + at[k]];
   }
   /// To be called when a matrix has been factored.
-  void refactored() {
-    for (int c = 0; c < count; ++c) made[c] = S{};
+  void refactored(const Mask& where) {
+    for (int c = 0; c < count; ++c) made[c] = L::select(where, S{}, made[c]);
   }
 
   /// Changes of the forces under which all that is held comes to rest: rows of W, and known forces elsewhere.

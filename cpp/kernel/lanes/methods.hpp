@@ -10,6 +10,8 @@
 //   inverse(q, v, a, tau, anew)   inverse dynamics, and, where `anew`, what `factor` needs
 //   factor(shift, twice)          of M + shift: where it is positive definite; twice = v^T M v
 //   solve(r, x)                   x = (M + shift)^-1 r, zero where prescribed
+//   correction(r, x)              the same for a residual at the last `inverse`, up to limits of controllers and back.
+//                                 @return where `solve` is another from now on
 // What a method offers, a class over the engine, in a header of its own with its row:
 //   lay_out                       takes its memory (room.hpp); the rates that may rub, its options
 //   friction()                    its contacts, whose Coulomb friction and stiction the caller sets; null: it has none

@@ -58,15 +58,19 @@ struct Rolled {
   Mask factor(const Shift& shift, S& twice) {
     twice = chain.twice_kinetic(v_now);
     const Mask good = ::factor(chain, shift);
-    laws.ask(q_now, v_now);
     laws.factor(
-        shift, q_now, v_now, free, free_count, [&](int i) { return job.coordinate[i]; }, [&](S* r) { laws.mask(r); },
+        shift, q_now, v_now, free, free_count, [&](int i) { return job.coordinate[i]; },
+        [&](int c) { return job.limited[c]; }, [&](int c) { return laws.given[job.limited[c]]; },
         [&](const S* r, S* x) { ::solve(chain, r, x); });
     return good;
   }
   void solve(const S* r, S* x) {
     ::solve(chain, r, x);
     laws.correct(x);
+  }
+  Mask correction(const S* r, S* x) {
+    ::solve(chain, r, x);
+    return laws.correct_within(q_now, v_now, [&](int c) { return laws.given[job.limited[c]]; }, x);
   }
   /// Accelerations into x, which holds those that are given.
   Mask accelerate(const S* q, const S* v, const S* tau, S* x) {
