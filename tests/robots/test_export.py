@@ -261,6 +261,7 @@ def test_one_sided_stops(tmp_path: Path) -> None:
 ALL_OF_A_JOINT: dict[str, Any] = {
     "stiffness": 2.0, "rest": 0.1, "damping": 0.3, "lower": -1.0, "upper": 2.0, "limit_stiffness": 50.0,
     "limit_damping": 1.0, "coulomb": 0.4, "stiction": 0.5, "reflected_inertia": 0.01,
+    "torque_limit": 5.0,
     "inboard": fa.Placement((0.1, 0, 0)), "outboard": fa.Placement((0, 0.1, 0)), "name": "elbow",
 }  # fmt: skip
 
