@@ -55,6 +55,17 @@ def missed(inv: fa.Inversion, **options) -> float:
     return float(np.abs(inv.tip_error(inv.replay(**options))).max())
 
 
+def test_small_paths_are_followed_as_large_ones() -> None:
+    """The arm is linear there: torques go with the path, by IDA the tip keeps to it."""
+    links = [beam_link(fa.Revolute("z"), 0.008, {"bending_y": 2}) for _ in range(2)]
+    arm = fa.Arm(links)
+    q, p = bent(arm, -1.0, 1.2)
+    found = [fa.invert(arm, straight(p, size, size, T=0.5), q=q) for size in (1e-4, 1e-7)]
+    assert missed(found[1], rtol=1e-9, atol=1e-14) < 2e-4 * 1e-7
+    peaks = [np.abs(x.tau).max(axis=0) for x in found]
+    assert 1e3 * peaks[1] == pytest.approx(peaks[0], rel=2e-3)
+
+
 # -- numbers from elsewhere -------------------------------------------------------------------------------------------
 
 

@@ -22,6 +22,7 @@ from .solve import Motions
 from .window import check_rest, solve
 
 METHODS = ("stable", "quasi-static", "rigid")
+_TOLERANCE, _SHARE, _LEAST = 1e-7, 1e-4, 1e-12  # (m, rad); of the way of the tip; rounding
 
 
 class InversionWarning(UserWarning):
@@ -40,7 +41,7 @@ def invert(
     passive: Iterable[Any] = (),
     lock: Iterable[Any] = (),
     method: str = "stable",
-    tolerance: float = 1e-7,
+    tolerance: float | None = None,
     pre: float | None = None,
     post: float | None = None,
     limits: Mapping[str, Any] | None = None,
@@ -79,7 +80,8 @@ def invert(
         passive, lock: links, or (link, freedom).
         method: "stable", or for comparison: "quasi-static": beams bend as gravity alone bends them, at each instant;
             "rigid": beams do not bend (computed torque of the rigid arm).
-        tolerance: how near the tip keeps to the path between the rows of the result (m, rad).
+        tolerance: how near the tip keeps to the path between the rows of the result (m, rad). None: 1e-7, or a
+            ten-thousandth of the way of the tip, if that is less.
         pre, post: time before and after the path (s), at least twelve steps of the grid; if None, what the poles of
             the internal dynamics take to die out.
         limits: "torque", "speed": one number, or one for each driven joint, in the order of links, or by the names of
@@ -107,9 +109,11 @@ def invert(
         raise ValueError(f"arm = {arm!r}: must be an Arm")
     arm._warn()
     choice("method", method, METHODS)
-    if not 0 < number("tolerance", tolerance) < np.inf:
+    if tolerance is not None and not 0 < number("tolerance", tolerance) < np.inf:
         raise ValueError(f"tolerance = {tolerance}: must be positive (m)")
     path = Path(tip, t)
+    way = float(np.ptp(path(np.linspace(path.begin, path.end, 101)), axis=0).max())
+    accuracy = tolerance or min(_TOLERANCE, max(_SHARE * way, _LEAST))
     of, keys = _equations(arm, Output(arm, link, x, path.names), passive, lock, method)
     bounds = bounds_of(arm, limits, keys)
     start = _start(of, path, q, posture)
@@ -117,7 +121,7 @@ def invert(
 
     def solved(factor: float) -> tuple[Path | Slower, Motions, float, Any]:
         slower = path if factor == 1.0 else Slower(path, factor)
-        return slower, *solve(of, slower, start, method, tolerance, window)
+        return slower, *solve(of, slower, start, method, accuracy, window)
 
     with progress_bar(progress, "inverting", None) as bar:
         if bar is not None:
@@ -133,7 +137,7 @@ def invert(
         exceeded=exceeded(of, motions, tau, bounds, keys), _path=slower, _at=(of.output.link, of.output.x),
         _held=of.locked, _passive=of.passive,
     )  # fmt: skip
-    if rings := check_rest(slower, motions, poles, tolerance):
+    if rings := check_rest(slower, motions, poles, accuracy):
         warnings.warn(f"invert: {rings}", InversionWarning, stacklevel=2)
     if (beyond := worst_range(arm, out.t, out.q)) is not None:
         warnings.warn(range_warning(arm, beyond, "invert: "), stacklevel=2)
