@@ -243,7 +243,7 @@ class Data:
             panels.append((title, [(name, self.columns[name]) for name in names]))
         figure = plot_panels(self.t, panels)
         if self.name:
-            figure.suptitle(self.name, fontsize=12)
+            figure.suptitle(self.name, fontsize=12, parse_math=False)
         return figure
 
     def to_pandas(self) -> Any:

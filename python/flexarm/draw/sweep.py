@@ -168,5 +168,5 @@ def plot_sweep(
     lost = np.any([~np.isfinite(values) for _, values in columns], axis=0) if count else np.zeros(0, dtype=bool)
     missing = {word: int((lost & (reasons == k)).sum()) for k, word in enumerate(MISSING)}
     _explain(figure, {word: n for word, n in missing.items() if n}, maps)
-    figure.suptitle(title, fontsize=12, fontweight="bold", parse_math=False, wrap=True)
+    figure.suptitle(words(title), fontsize=12, fontweight="bold", wrap=True)
     return figure

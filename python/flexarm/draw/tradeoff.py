@@ -12,7 +12,7 @@ import numpy as np
 
 from .._check import Array
 from .._console import seconds
-from .style import GREEN, INK, ORANGE, ORDER_COLOURS, RED, label_axes, new_figure, short
+from .style import GREEN, INK, ORANGE, ORDER_COLOURS, RED, label_axes, new_figure, short, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -264,7 +264,7 @@ def plot_lines(
 
 
 def _titled(fig: Figure, ax: Axes, title: str, notes: Sequence[str], under: str = "") -> None:
-    fig.suptitle(title, fontsize=12, fontweight="bold", parse_math=False, wrap=True)
+    fig.suptitle(words(title), fontsize=12, fontweight="bold", wrap=True)
     said = [line for note in notes for line in wrap(note, _WIDE - 25)]
     if under:
         lines = wrap(under, _WIDE - 35)

@@ -45,5 +45,5 @@ def plot_samples(t: Array, y: Array, labels: Sequence[str], all_units: Sequence[
         name = short(name, _LETTERS)
         label_axes(ax, f"{name} ({unit})" if unit != "1" else name, "Time (s)" if ax is panels[-1] else "")
         legend(ax, len(own) if len(own) > 1 else 0)
-    fig.suptitle(title, fontsize=12, parse_math=False, wrap=True)
+    fig.suptitle(words(title), fontsize=12, wrap=True)
     return fig
