@@ -49,7 +49,7 @@ def strays(thick: float) -> float:
 def main() -> None:
     warnings.simplefilter("ignore")
     methods = ("shaped", "fast", "optimal", "collocation")
-    print("| move, without gravity | " + " | ".join(methods) + " |\n" + "|-" * 4 + "|")
+    print("| move, without gravity | " + " | ".join(methods) + " |\n" + "|-" * 5 + "|")
     moves = [("two links, to (1, -1), 8 rad/s", 3, [1, -1], 8)]
     moves += [("one shape a beam, to (0.5, -0.5)", 1, [0.5, -0.5], None)]
     for name, shapes, end, speed in moves:

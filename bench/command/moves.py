@@ -164,7 +164,7 @@ def figure(table: list[dict[str, Any]], moves: dict[str, Any], path: Path) -> No
         c.semilogy(at, [100 * r[f"{name} off"] for r in table], "x", color=COLOURS[name], ms=5,
                    label=f"{name}, payload +20 %")  # fmt: skip
     c.axhline(5, color="#333333", lw=0.8, ls="--")
-    c.text(at[0] - 0.5, 5.6, "aim 5 %", ha="left", va="bottom", fontsize=8)
+    c.text(at[6], 4.4, "aim 5 %", ha="left", va="top", fontsize=8)
     c.set(ylabel="left, % of unshaped", ylim=(1e-5, 1e4))
     c.legend(frameon=False, fontsize=8, ncols=3, loc="upper center", columnspacing=0.8, handletextpad=0.2)
     for name in ("shaped", "fast"):
