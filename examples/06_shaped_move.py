@@ -3,7 +3,7 @@
 Shows: `fa.plan_move` with limits of torque and speed, its replay by another integrator, another payload.
 You see: the planned move beside a plain one of the same duration (quintic polynomials of the joints). The plain
 one leaves the arm ringing by centimetres, and needs more torque than the motors have.
-Takes: 3 s. Needs: nothing besides flexarm.
+Takes: 5 s. Needs: nothing besides flexarm.
 
     python 06_shaped_move.py [--output DIR]
 """
