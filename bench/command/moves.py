@@ -2,10 +2,11 @@
 
     python bench/command/moves.py [-o DIR]
 
-Three arms, each with several payloads, two of them between several poses: a link that turns, two links with a heavy end in the
-plane, three links in space that bear their weight. Of each move: the time-optimal one of the rigid arm, that one
-shaped by ZV (for the slowest locked mode at the end), `fa.plan_move(...)` as it is and with method="shaped". Durations
-are in parts of the rigid arm's plus half a period. What is left is how far the arm's end swings after the move, in a
+Three arms, each with several payloads, two of them between several poses: a link that turns, two links with a heavy
+end in the plane, three links in space that bear their weight. Of each move: the time-optimal one of the rigid arm, that
+one shaped by ZV (for the slowest locked mode at the end), `fa.plan_move(...)` as it is and with method="shaped".
+Durations are in parts
+of the rigid arm's plus half a period. What is left is how far the arm's end swings after the move, in a
 simulation by IDA, in parts of what the unshaped one leaves. Writes moves.csv, moves.md and moves.png into DIR (default:
 here). Prints, too: two masses and a spring; a servo with and without the torques of the move.
 """

@@ -140,6 +140,7 @@ class Search:
             if self.tell is not None:
                 self.tell(f"round {k + 1}: {best.profile.duration:.4g} s, {100 * best.left:.2g} % left")
             slopes = self._slopes(best)
+            mends = _MENDS[best.profile.route is None]
             while True:
                 step, promised = self._next(best, best, slopes, trust)
                 gain = best.merit - promised
@@ -148,7 +149,7 @@ class Search:
                 if step is None or trust < 1e-3 or gain < worth:
                     return best
                 tried = self.judge(step)
-                for _ in range(_MENDS[best.profile.route is None]):  # what bends is met by further steps with the same slopes
+                for _ in range(mends):  # what bends is met by further steps with the same slopes
                     step = self._next(tried, best, slopes, trust)[0] if max(tried.over, tried.left) > _NOISE else None
                     again = tried if step is None else self.judge(step)
                     if again.merit >= tried.merit:
