@@ -29,6 +29,25 @@ void ask(std::vector<AppliedLimit>& limits, const std::vector<AppliedFeedback>& 
   }
 }
 
+void sides(const std::vector<AppliedFeedback>& feedback, std::vector<AppliedLimit>& limits,
+           const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& v, signed char* out) {
+  ask(limits, feedback, q, v);
+  const auto side = [](double x, double most) { return static_cast<signed char>(x > most ? 1 : x < -most ? -1 : 0); };
+  for (const AppliedFeedback& f : feedback) *out++ = side(f.law->wanted(f.offset, q, v), f.law->limit);
+  for (const AppliedLimit& l : limits) *out++ = side(l.asked - l.friction, l.most);
+}
+
+void add_on_sides(const std::vector<AppliedFeedback>& feedback, const std::vector<AppliedLimit>& limits,
+                  const signed char* side, const Eigen::Ref<const Eigen::VectorXd>& q,
+                  const Eigen::Ref<const Eigen::VectorXd>& v, Eigen::Ref<Eigen::VectorXd> tau) {
+  for (const AppliedFeedback& f : feedback) {
+    const int beyond = *side++;
+    tau += (beyond ? beyond * f.law->limit : f.law->wanted(f.offset, q, v)) * f.law->column;
+  }
+  for (const AppliedLimit& l : limits)
+    if (const int beyond = *side++) tau[l.rate] = beyond * l.most + l.friction;
+}
+
 void add_feedback_slopes(const std::vector<AppliedFeedback>& feedback, std::vector<AppliedLimit>& limits,
                          const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::MatrixXd& dq, Eigen::MatrixXd& dv) {
   ask(limits, feedback, q, v);

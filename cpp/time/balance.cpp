@@ -74,6 +74,13 @@ class SideBySide {
 
 }  // namespace
 
+void keep_sides(const Driven& of, Tape& tape) {
+  Places at(of, tape);
+  tape.sides.resize(static_cast<std::size_t>(tape.points() * at.limits()));
+  for (Index e = 0; at.limits() > 0 && e < tape.points(); ++e)
+    at.find_sides(e, tape.sides.data() + e * at.limits());
+}
+
 Balance balance(const Driven& of, const Tape& tape) {
   Places at(of, tape);
   Balance out{Rows(tape.points(), at.n), Rows(tape.points(), at.n)};

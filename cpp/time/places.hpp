@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "arrays.hpp"
+#include "flexarm/check.hpp"
 #include "flexarm/ci.hpp"
 #include "flexarm/derivatives.hpp"
 #include "flexarm/run_derivatives.hpp"
@@ -51,7 +52,9 @@ class Places {
   }
   /// The same where the workspace is, of inverse dynamics without feedback.
   void balance(Index e, const VectorXd& inverse, Eigen::Ref<VectorXd> needed, Eigen::Ref<VectorXd> applied) {
-    add_feedback(s_.ws, s_.q, s_.v, 1.0, s_.tau);
+    if (static_cast<Index>(tape_.sides.size()) != tape_.points() * limits())
+      bad_value("torque_limit or limit", limits(), "has no derivative where the run has none");
+    add_on_sides(s_.ws.feedback, s_.ws.limits, tape_.sides.data() + e * limits(), s_.q, s_.v, s_.tau);
     needed = inverse;
     applied = s_.tau;
     for (const Rub& r : rubs_) {
@@ -61,6 +64,14 @@ class Places {
       needed[r.rate] += r.coulomb * way;
     }
   }
+
+  /// Sides of the limits at place e.
+  void find_sides(Index e, signed char* out) {
+    move(e);
+    sides(s_.ws.feedback, s_.ws.limits, s_.q, s_.v, out);
+  }
+  /// How many they are.
+  Index limits() const { return static_cast<Index>(s_.ws.feedback.size() + s_.ws.limits.size()); }
 
   /// @param whole  whether more than M, C and K are asked for
   void differentiate(Index e, bool whole, Slopes& out) {

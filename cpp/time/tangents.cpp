@@ -49,26 +49,11 @@ void StateTangents::Near::drive(double t) {
     if (f.law->reference) f.offset = f.law->reference(t);
 }
 
-/// Forces on the neighbour at its state: laws of feedback, and motors, are at their limits where the system's own are.
-VectorXd StateTangents::applied(const Near& near) const {
-  VectorXd out = near.system.tau;
-  for (std::size_t k = 0; k < near.laws.size(); ++k) {
-    const AppliedFeedback &own = s_.ws.feedback[k], &its = near.laws[k];
-    const double u = own.offset - own.law->by_q.dot(s_.q) - own.law->by_v.dot(s_.v), limit = its.law->limit;
-    const double free = its.offset - its.law->by_q.dot(near.system.q) - its.law->by_v.dot(near.system.v);
-    out += (u > own.law->limit ? limit : u < -own.law->limit ? -limit : free) * its.law->column;
-  }
-  for (std::size_t k = 0; k < s_.ws.limits.size(); ++k) {  // of what `linearise` has asked
-    const AppliedLimit &own = s_.ws.limits[k], &its = near.system.ws.limits[k];
-    if (own.cut() != 0.0) out[its.rate] = its.friction + std::copysign(its.most, own.asked - own.friction);
-  }
-  return out;
-}
-
 void StateTangents::differ(double t, int column, const std::vector<std::unique_ptr<Near>>& all) {
   auto inverse = inverse_by_p_.col(column), forces = applied_by_p_.col(column);
   inverse.setZero();
   forces.setZero();
+  VectorXd applied;
   for (int i = 0; i < s_.arm.nv(); ++i)
     if (s_.ws.prescribed[static_cast<std::size_t>(i)]) q(i, column) = v(i, column) = a(i, column) = 0.0;
   for (const std::unique_ptr<Near>& near : all) {
@@ -78,7 +63,9 @@ void StateTangents::differ(double t, int column, const std::vector<std::unique_p
     n.v = s_.v;
     n.a = s_.a;
     near->drive(t);
-    forces += weight * applied(*near);
+    applied = n.tau;
+    add_on_sides(near->laws, n.ws.limits, sides_.data(), n.q, n.v, applied);
+    forces += weight * applied;
     for (int i = 0; i < s_.arm.nv(); ++i) {
       if (!s_.ws.prescribed[static_cast<std::size_t>(i)]) continue;
       q(i, column) += weight * n.q[i];
@@ -99,6 +86,8 @@ void StateTangents::linearise(double t) {
   by_q_ = slopes_.dq;
   by_v_ = slopes_.dv;
   add_feedback_slopes(s_.ws.feedback, s_.ws.limits, s_.q, s_.v, by_q_, by_v_);
+  sides_.resize(s_.ws.feedback.size() + s_.ws.limits.size());
+  sides(s_.ws.feedback, s_.ws.limits, s_.q, s_.v, sides_.data());
   composite_mass_matrix(s_.arm, s_.ws, s_.q);
   K_ = by_q_(s_.ws.free, s_.ws.free);
   C_ = by_v_(s_.ws.free, s_.ws.free);

@@ -60,13 +60,13 @@ class StateTangents {
     void drive(double t);
   };
   void check(const Near& near) const;
-  Eigen::VectorXd applied(const Near& near) const;
   void differ(double t, int column, const std::vector<std::unique_ptr<Near>>& all);
 
   System& s_;
   InverseDerivatives slopes_;
   std::vector<std::vector<std::unique_ptr<Near>>> near_;  // of each parameter
   std::vector<bool> forces_only_;
+  std::vector<signed char> sides_;  // of the run's limits, see `sides`
   Eigen::PartialPivLU<Eigen::MatrixXd> factor_;
   Eigen::MatrixXd K_, C_, M_, P_;                // of the free coordinates
   Eigen::MatrixXd by_q_, by_v_;                  // slopes of inverse dynamics less those of feedback

@@ -100,6 +100,20 @@ void bind_gradients(py::module_& m) {
                                }
                                return ends;
                              })
+      .def_property_readonly("sides",
+                             [](const Tape& tape) {
+                               const auto height = static_cast<py::ssize_t>(tape.points());
+                               const auto width =
+                                   height > 0 ? static_cast<py::ssize_t>(tape.sides.size()) / height : 0;
+                               return py::array_t<signed char>({height, width}, tape.sides.data());
+                             })
+      .def(
+          "keep_sides",
+          [](Tape& tape, Problem& of) {
+            const Unlocked free;
+            keep_sides(of, tape);
+          },
+          py::arg("problem"))
       .def(
           "balance",
           [](const Tape& tape, Problem& of) {

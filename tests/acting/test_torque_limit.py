@@ -216,12 +216,9 @@ def saturated_run(kp: float = 20.0, first: float = 1.0, second: float = 0.3, tau
     return fa.simulate(fa.Arm(links), np.linspace(0, 0.1, 11), tau=np.eye(6)[0] * tau, control=control, **options)
 
 
-BESIDE = pytest.mark.xfail(strict=True, reason="neighbours of a difference may be beyond a limit where the run is not")
-
-
 @pytest.mark.parametrize("options", [
     pytest.param({"rtol": 1e-11, "atol": 1e-13}, id="ida"),
-    pytest.param({"integrator": "implicit", "step": 2.5e-4}, id="implicit", marks=BESIDE),
+    pytest.param({"integrator": "implicit", "step": 2.5e-4}, id="implicit"),
     pytest.param({"integrator": "gauss", "step": 1e-3}, id="gauss"),
     pytest.param({"integrator": "rk4", "step": 2e-5}, id="rk4"),
 ])  # fmt: skip

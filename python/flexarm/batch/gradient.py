@@ -225,6 +225,7 @@ class _Rolls:
             if off.any():
                 row = int(off.argmax())
                 raise ValueError(f"{name}: is no rollout of this arm, these forces and this step: see row {row}")
+        tape.keep_sides(of.problem)
         none = np.zeros((0, nv))
         found = tape.adjoint(of.problem, *options, by_q, by_v, none, none, self.workers)
         q0, v0, needed, applied, switches, held = found

@@ -14,7 +14,7 @@ import flexarm._core as _core
 
 from .._check import Array, array, choice
 from .._threads import cores, each
-from ..acting.control import control_laws, padded
+from ..acting.control import control_laws
 from ..acting.drive import Torque
 from ..acting.motor import torque_limits
 from ..acting.voltage import Voltage
@@ -146,7 +146,9 @@ class Source:
         out = self.integrate(run, tape=tape)
         if out["friction"] is not None and self.integrator != "implicit":
             raise ValueError(f"integrator = '{self.integrator}': derivatives through dry friction need \"implicit\"")
-        return run, run.result(_done(out)), tape, balanced(run)
+        core = balanced(run)
+        tape.keep_sides(core)
+        return run, run.result(_done(out)), tape, core
 
     def sensitivities(self, parameters: Sequence[str], workers: int | None = None) -> Sensitivities:
         near = self._near(list(dict.fromkeys(p for parts in self._paths(parameters, False).values() for p in parts)))
@@ -222,7 +224,7 @@ class Source:
         q0, v0, needed, applied, switches, held = tape.adjoint(core, *self._numbers, *read, workers)
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
         forces = dict(zip(near, by_parameters(tape, list(near.values()), needed, applied, workers), strict=True))
-        pushed = np.vstack([applied, held]) * self._below_limits(tape, core, run)
+        pushed = np.vstack([applied, held]) * _below_limits(tape, run)
         whole = {"q0": q0, "v0": v0, "tau": pushed.sum(axis=0)}
         out: dict[str, Any] = {}
         for path, parts in paths.items():
@@ -296,16 +298,6 @@ class Source:
         return [(i, _sum(p, lambda n, k=k: np.array([n.problem.laws[k][2](t) for t in times]).T))  # type: ignore[misc]
                 for k, (i, moves, *_) in enumerate(run.laws) if moves]  # fmt: skip
 
-    def _below_limits(self, tape: Any, core: Any, run: Problem) -> Array:
-        """1 where a further force acts, at the places of a tape and then at its switches; 0 at a motor's limit."""
-        most = padded(torque_limits(run.arm), run.both.nv)
-        most[run.arm.nv :] = np.inf
-        if np.isinf(most).all():
-            return np.ones((len(tape.t) + len(tape.switches), most.size))
-        near = np.clip(np.searchsorted(tape.t, tape.switches), 0, len(tape.t) - 1)
-        below = np.abs(tape.balance(core)[1]) < most * (1.0 - 1e-12)
-        return np.vstack([below, below[near]]).astype(float)
-
     def _by_samples(self, path: str, t: Array, applied: Array) -> Array:
         """Derivatives by the samples of a torque or a voltage, between which it is linear."""
         key, law = drive_of(self.setup, path.removeprefix("drive.").removesuffix(".samples"))
@@ -322,6 +314,15 @@ class Source:
         np.add.at(out, k, (1 - part) * force)
         np.add.at(out, k + 1, part * force)
         return out
+
+
+def _below_limits(tape: Any, run: Problem) -> Array:
+    """1 where a further force acts, at the places of a tape and then at its switches; 0 at a motor's limit."""
+    limited = np.flatnonzero(np.isfinite(torque_limits(run.arm)))
+    below = np.ones((len(tape.t), run.both.nv))
+    below[:, limited] = tape.sides[:, tape.sides.shape[1] - len(limited) :] == 0
+    near = np.clip(np.searchsorted(tape.t, tape.switches), 0, len(tape.t) - 1)
+    return np.vstack([below, below[near]])
 
 
 def _done(out: dict[str, Any]) -> dict[str, Any]:

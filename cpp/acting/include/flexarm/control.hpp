@@ -22,9 +22,14 @@ struct Feedback {
   Eigen::VectorXd breaks = {};                   ///< times that no step may pass over
   double limit = std::numeric_limits<double>::infinity();
 
+  /// u before its limit.
+  double wanted(double offset, const Eigen::Ref<const Eigen::VectorXd>& q,
+                const Eigen::Ref<const Eigen::VectorXd>& v) const {
+    return offset - by_q.dot(q) - by_v.dot(v);
+  }
   double operator()(double offset, const Eigen::Ref<const Eigen::VectorXd>& q,
                     const Eigen::Ref<const Eigen::VectorXd>& v) const {
-    const double u = offset - by_q.dot(q) - by_v.dot(v);
+    const double u = wanted(offset, q, v);
     return u > limit ? limit : u < -limit ? -limit : u;
   }
 };
@@ -53,6 +58,15 @@ std::vector<AppliedLimit> torque_limits(const Arm& arm);
 /// Sets what is asked of rates with limits, at q and v.
 void ask(std::vector<AppliedLimit>& limits, const std::vector<AppliedFeedback>& feedback,
          const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& v);
+
+/// On which side of its limit each law, and then each motor, is: 1 or -1 beyond it, 0 below it. Sets what is asked.
+void sides(const std::vector<AppliedFeedback>& feedback, std::vector<AppliedLimit>& limits,
+           const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::Ref<const Eigen::VectorXd>& v, signed char* out);
+/// Adds the generalised forces of laws, and what motors take off the sum, each on a given side of its limit (see
+/// `sides`): the forces of a neighbour in a difference, which takes the branch of the run even where it is beyond it.
+void add_on_sides(const std::vector<AppliedFeedback>& feedback, const std::vector<AppliedLimit>& limits,
+                  const signed char* side, const Eigen::Ref<const Eigen::VectorXd>& q,
+                  const Eigen::Ref<const Eigen::VectorXd>& v, Eigen::Ref<Eigen::VectorXd> tau);
 
 /// Adds the slopes of -column * u, of laws that are not at their limits and at rates that are not, to those of inverse
 /// dynamics. Sets what is asked of the limits.

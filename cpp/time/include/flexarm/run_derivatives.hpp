@@ -27,6 +27,9 @@ struct Driven {
   Control* control = nullptr;
 };
 
+/// Keeps, in the tape of this problem, on which side of its limit each law and each motor is at the places.
+void keep_sides(const Driven& of, Tape& tape);
+
 /// Of this problem at the places of another's tape: those of the same arm with other numbers, say, whose motions are
 /// the other's where they are not prescribed here.
 Balance balance(const Driven& of, const Tape& tape);

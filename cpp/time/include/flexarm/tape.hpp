@@ -61,6 +61,7 @@ struct Tape {
   Stages stages;
   std::vector<double> t, q, v, a;  ///< of all places: times, and nv numbers each
   std::vector<signed char> contact;
+  std::vector<signed char> sides;  ///< of the limits of laws and motors at all places, see `sides`; empty: none
   std::vector<Entry> entries;
   std::vector<Row> rows;
   std::vector<Switch> switches;
