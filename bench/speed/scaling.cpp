@@ -24,12 +24,12 @@ constexpr double kSpan = 0.004;   // s, of IDA's runs: about fifty steps
 
 /// Time per step of a run (us), and its counts.
 double ida_step(const Arm& arm, LinearSolver solver, SimulationStats& stats) {
-  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(arm.nv()), t = Eigen::VectorXd::LinSpaced(2, 0.0, kSpan);
-  Eigen::VectorXd v0 = zero;
-  v0[0] = 1.0;
+  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(2, 0.0, kSpan);
+  Problem problem(arm);
+  problem.v0[0] = 1.0;
   IdaOptions options;
   options.linear_solver = solver;
-  const Trajectory r = simulate_ida(arm, {}, t, arm.zero(), v0, zero, options);
+  const Trajectory r = simulate_ida(problem, t, options);
   if (!r.failure.empty()) throw std::runtime_error(r.failure);
   stats = r.stats;
   return 1e6 * stats.wall_time / static_cast<double>(stats.steps);

@@ -7,7 +7,7 @@
 
 #include "events.hpp"
 #include "flexarm/check.hpp"
-#include "flexarm/dry_friction.hpp"
+#include "friction.hpp"
 #include "ida_linear.hpp"
 #include "ida_tangents.hpp"
 
@@ -125,7 +125,7 @@ void check_options(const IdaOptions& o) {
 /// Times that no step may pass over, or a driven arm at rest would sleep through a pulse: the samples of the drives,
 /// and the output times for drives that are functions.
 std::vector<double> stop_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
-                               const Control* control, const Eigen::VectorXd& t) {
+                               const Control& control, const Eigen::VectorXd& t) {
   bool functions = false;
   std::vector<double> stops = sample_times(drives, loads, control, t, functions);
   stops.push_back(t[t.size() - 1]);
@@ -235,7 +235,7 @@ bool sample_all(IdaSystem& s, double t) {
 /// @return whether it has jumped
 bool sample(Solver& solver, IdaSystem& s, double t, Trajectory& out) {
   const double about = t + kOneTime * std::abs(t);
-  if (!s.control || !s.control->due(about)) return false;
+  if (!s.control.due(about)) return false;
   s.driven = std::nan("");
   s.set(t, N_VGetArrayPointer(solver.y), N_VGetArrayPointer(solver.yp));
   const std::vector<Event>& events = *s.events;
@@ -369,22 +369,17 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std
   }
 }
 
-}  // namespace
-
-Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
-                        const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
-                        const IdaOptions& options, const Alive& alive, const std::vector<LoadDrive>& loads,
-                        const std::vector<Event>& events, Control* control, const std::vector<Parameter>& parameters) {
-  check_arguments(arm, drives, t, q0, v0, tau);
-  check_options(options);
-  if (options.friction == DryFriction::refused) refuse_friction(arm, "ida");
+/// A run, or one part of it between two switches of dry friction.
+Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, const IdaOptions& options,
+                           const Alive& alive, Control& control, const std::vector<Parameter>& parameters) {
+  const std::vector<Event>& events = problem.events;
   const auto started = std::chrono::steady_clock::now();
-  IdaSystem s(arm, drives, loads, tau, control);
+  IdaSystem s(problem, control);
   s.events = &events;
-  Trajectory out = empty_trajectory(arm, t, events, parameters.size());
+  Trajectory out = empty_trajectory(*problem.arm, t, events, parameters.size());
   if (!parameters.empty()) s.tangents.emplace(s, parameters);
-  s.q = q0;
-  s.v = v0;
+  s.q = problem.q0;
+  s.v = problem.v0;
   s.drive(t[0]);
   sample_all(s, t[0]);
   if (!record(s, t[0], options.composite, out)) return out;
@@ -399,7 +394,7 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   Solver solver(s, options, t[0], y0, yp0, t[t.size() - 1]);
   if (s.tangents) solver.tangents.emplace().attach(solver.memory, s, solver.y, solver.context, options, parameters);
   watch(solver.memory, events);
-  const std::vector<double> stops = stop_times(drives, loads, control, t);
+  const std::vector<double> stops = stop_times(problem.drives, problem.loads, control, t);
   try {
     integrate(solver, s, t, stops, options, alive, out);
   } catch (const Interrupted&) {
@@ -408,6 +403,21 @@ Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const 
   count_work(solver.memory, s, out.stats);
   out.stats.wall_time = seconds_since(started);
   return out;
+}
+
+}  // namespace
+
+Trajectory simulate_ida(const Problem& problem, const Eigen::VectorXd& t, const IdaOptions& options, const Alive& alive,
+                        const std::vector<Parameter>& parameters) {
+  problem.check();
+  check_times(t);
+  check_options(options);
+  Control control = problem.control();
+  const SmoothPart part = [&](const Problem& of, const Eigen::VectorXd& times, const std::vector<Parameter>& by) {
+    return simulate_smooth(of, times, options, alive, control, by);
+  };
+  if (rubs(*problem.arm).empty()) return part(problem, t, parameters);
+  return simulate_with_friction(problem, t, part, control, options.composite, 0.0, parameters);
 }
 
 }  // namespace flexarm

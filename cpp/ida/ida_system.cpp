@@ -6,14 +6,14 @@
 
 namespace flexarm {
 
-ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control* control)
+ChainInverse::ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control& control)
     : arm_(&arm),
       ws_(arm, prescribed),
       spring_(Eigen::VectorXd::Zero(arm.nv())),
       turn_(spring_),
       rhs_(spring_),
       ball_(arm.size()) {
-  if (control) ws_.feed_back(control->feedback());
+  ws_.feed_back(control.feedback());
 }
 
 bool ChainInverse::factor(const System& s, double cj) {

@@ -27,7 +27,7 @@ struct DenseJacobian {
 /// cj + K / cj^2, which factor_shifted eliminates. Its own workspace keeps the place where it was made.
 class ChainInverse {
  public:
-  ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control* control);
+  ChainInverse(const Arm& arm, const std::vector<bool>& prescribed, const Control& control);
   /// @return whether S is positive definite
   bool factor(const System& s, double cj);
   /// dq (nq) and dv (nv) of r1 (nq) and r2 (nv); zero in prescribed coordinates where r1 and r2 are.
@@ -54,12 +54,11 @@ struct IdaSystem : System {
   void* memory = nullptr;                                    // IDA's
   const std::vector<Event>* events = nullptr;
   std::optional<StateTangents> tangents;
-  IdaSystem(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
-            const Eigen::VectorXd& tau_, Control* control_)
-      : System(arm_, drives_, loads_, tau_, control_),
+  IdaSystem(const Problem& problem, Control& control_)
+      : System(problem, control_),
         dq(q),
-        r1(Eigen::VectorXd::Zero(arm_.nq())),
-        r2(Eigen::VectorXd::Zero(arm_.nv())),
+        r1(Eigen::VectorXd::Zero(arm.nq())),
+        r2(Eigen::VectorXd::Zero(arm.nv())),
         x1(r1),
         x2(r2) {}
 

@@ -242,17 +242,18 @@ TEST_CASE("an arm and what AB, inverse dynamics and steps need take memory in pr
 
 TEST_CASE("a step of IDA allocates nothing: longer runs allocate no more") {
   const Arm arm = flexarm_test::floating_arm();
-  const Workspace first(arm);  // makes what the kernels keep with the arm
-  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(arm.nv()), v0 = flexarm_test::wave(arm.nv(), 0.3, 0.5);
+  Problem problem(arm);
+  const Workspace first(*problem.arm);  // makes what the kernels keep with the arm
+  problem.v0 = flexarm_test::wave(arm.nv(), 0.3, 0.5);
+  problem.events = {{[](double, const Eigen::VectorXd&, const Eigen::VectorXd&) { return 1.0; }}};
   for (LinearSolver solver : {LinearSolver::dense, LinearSolver::chain}) {
     IdaOptions options;
     options.linear_solver = solver;
-    const Event event{[](double, const Eigen::VectorXd&, const Eigen::VectorXd&) { return 1.0; }};
     long steps = 0;
     const auto run = [&](double end) {
       const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(3, 0.0, end);
       const Asked asked = watch([&] {
-        const Trajectory r = simulate_ida(arm, {}, t, arm.zero(), v0, zero, options, {}, {}, {event});
+        const Trajectory r = simulate_ida(problem, t, options);
         steps = r.stats.steps;
         CHECK(r.failure.empty());
       });

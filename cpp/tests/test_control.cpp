@@ -3,7 +3,6 @@
 #include "arms.hpp"
 #include "flexarm/ci.hpp"
 #include "flexarm/collocation.hpp"
-#include "flexarm/friction.hpp"
 #include "flexarm/ida.hpp"
 #include "flexarm/simulate.hpp"
 #include "lanes/feedback.hpp"
@@ -189,25 +188,14 @@ TEST_CASE("samples come at their times, and their forces after the delay") {
 
 TEST_CASE("friction: a block pushed by less than the stiction does not move; by more, it slides") {
   const Arm arm = block(1.0, 1.5);
-  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(5, 0.0, 1.0), zero = Eigen::VectorXd::Zero(1);
+  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(5, 0.0, 1.0);
   for (double push : {1.4, -1.4, 2.0, -2.0}) {
     CAPTURE(push);
-    const Eigen::VectorXd tau = Eigen::VectorXd::Constant(1, push);
+    Problem problem(arm);
+    problem.tau << push;
     CollocationStep gauss(arm, {}, DryFriction::left_to_caller);
-    const auto fixed = [&](const auto& drives, const auto& times, const auto& q, const auto& v, const auto& forces,
-                           const auto& events, const auto&) {
-      return simulate_fixed(arm, drives, times, q, v, forces, gauss, 0.1, false, {}, {}, events);
-    };
-    const auto ida = [&](const auto& drives, const auto& times, const auto& q, const auto& v, const auto& forces,
-                         const auto& events, const auto&) {
-      IdaOptions options;
-      options.friction = DryFriction::left_to_caller;
-      return simulate_ida(arm, drives, times, q, v, forces, options, {}, {}, events);
-    };
-    CHECK_THROWS_AS(simulate_ida(arm, {}, t, zero, zero, tau, {}), std::invalid_argument);
     const bool moves = std::abs(push) > 1.5;
-    for (const Integrate& integrate : {Integrate(fixed), Integrate(ida)}) {
-      const Trajectory r = simulate_with_friction(arm, {}, t, zero, zero, tau, {}, {}, false, integrate);
+    for (const Trajectory& r : {simulate_fixed(problem, t, gauss, 0.1), simulate_ida(problem, t, {})}) {
       REQUIRE(r.failure.empty());
       REQUIRE(r.done == 5);
       CHECK(r.q(4, 0) == doctest::Approx(moves ? std::copysign(0.5, push) : 0.0));

@@ -8,9 +8,10 @@ using namespace flexarm;
 TEST_CASE("IDA reaches a closed form and counts its work") {
   const Arm arm({Link(Joint::prismatic({1, 0, 0}), flexarm_test::body(2.0, {0, 0, 0}), std::nullopt, std::nullopt)},
                 {3.0, 0.0, 0.0});
-  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(11, 0.0, 1.0), zero = Eigen::VectorXd::Zero(1);
-  const Drive push{0, {}, [](double time) { return -6.0 + 2.0 * time; }};
-  const Trajectory r = simulate_ida(arm, {push}, t, zero, zero, zero, {1e-9, 1e-12});
+  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(11, 0.0, 1.0);
+  Problem pushed(arm);
+  pushed.drives = {{0, {}, [](double time) { return -6.0 + 2.0 * time; }}};
+  const Trajectory r = simulate_ida(pushed, t, {1e-9, 1e-12});
   REQUIRE(r.failure.empty());
   REQUIRE(r.done == 11);
   for (int k = 0; k < 11; ++k) CHECK(r.q(k, 0) == doctest::Approx(std::pow(t[k], 3) / 6.0).epsilon(1e-7));
@@ -21,26 +22,29 @@ TEST_CASE("IDA reaches a closed form and counts its work") {
 
 TEST_CASE("what a drive throws comes through SUNDIALS") {
   const Arm arm = flexarm_test::spatial_arm();
-  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(2, 0.0, 1.0), zero = Eigen::VectorXd::Zero(arm.nv());
-  const Drive broken{0, {}, [](double time) -> double {
-                       if (time > 0.01) throw std::domain_error("broken drive");
-                       return 0.0;
-                     }};
-  CHECK_THROWS_WITH_AS(simulate_ida(arm, {broken}, t, zero, zero, zero, {}), "broken drive", std::domain_error);
+  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(2, 0.0, 1.0);
+  Problem broken(arm);
+  broken.drives = {{0, {}, [](double time) -> double {
+                      if (time > 0.01) throw std::domain_error("broken drive");
+                      return 0.0;
+                    }}};
+  CHECK_THROWS_WITH_AS(simulate_ida(broken, t, {}), "broken drive", std::domain_error);
   IdaOptions bad;
   bad.rtol = 0.0;
-  CHECK_THROWS_WITH_AS(simulate_ida(arm, {}, t, zero, zero, zero, bad), "rtol = 0: must be positive and finite",
+  CHECK_THROWS_WITH_AS(simulate_ida(Problem(arm), t, bad), "rtol = 0: must be positive and finite",
                        std::invalid_argument);
 }
 
 TEST_CASE("a floating arm flies: quaternions stay of unit length, and stopping keeps what is done") {
   const Arm arm = flexarm_test::floating_arm();
-  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(5, 0.0, 0.01), zero = Eigen::VectorXd::Zero(arm.nv());
-  const Trajectory r = simulate_ida(arm, {}, t, arm.zero(), flexarm_test::wave(arm.nv(), 0.3, 0.5), zero, {});
+  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(5, 0.0, 0.01);
+  Problem flight(arm);
+  flight.v0 = flexarm_test::wave(arm.nv(), 0.3, 0.5);
+  const Trajectory r = simulate_ida(flight, t, {});
   REQUIRE(r.failure.empty());
   for (Eigen::Index k = 0; k < r.done; ++k)
     CHECK(r.q.row(k).segment(3, 4).norm() == doctest::Approx(1.0).epsilon(1e-14));
-  const Trajectory stopped = simulate_ida(arm, {}, t, arm.zero(), zero, zero, {}, [](double) { return false; });
+  const Trajectory stopped = simulate_ida(Problem(arm), t, {}, [](double) { return false; });
   CHECK(stopped.failure == kInterrupted);
   CHECK(stopped.done >= 1);
   CHECK(stopped.done < 5);
@@ -48,14 +52,16 @@ TEST_CASE("a floating arm flies: quaternions stay of unit length, and stopping k
 
 TEST_CASE("the chain's elimination solves IDA's systems, and events are found") {
   const Arm arm = flexarm_test::spatial_arm();
-  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(3, 0.0, 0.02), zero = Eigen::VectorXd::Zero(arm.nv());
+  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(3, 0.0, 0.02);
   const auto height = [](double time, const Eigen::VectorXd&, const Eigen::VectorXd&) { return 0.015 - time; };
+  Problem problem(arm);
+  problem.v0 = flexarm_test::wave(arm.nv(), 0.3, 0.2);
+  problem.events = {{height, 0, -1}, {height, 0, 1}, {height, 1, 0}};
   Trajectory r[2];
   for (int k = 0; k < 2; ++k) {
     IdaOptions o{1e-8, 1e-10};
     o.linear_solver = k == 0 ? LinearSolver::dense : LinearSolver::chain;
-    r[k] = simulate_ida(arm, {}, t, arm.zero(), flexarm_test::wave(arm.nv(), 0.3, 0.2), zero, o, {}, {},
-                        {{height, 0, -1}, {height, 0, 1}, {height, 1, 0}});
+    r[k] = simulate_ida(problem, t, o);
     REQUIRE(r[k].failure.empty());
     CHECK(r[k].terminated);
     CHECK(r[k].done == 2);

@@ -58,10 +58,12 @@ TEST_CASE("a drive with a column pushes every coordinate in proportion") {
   volts.force = [](double) { return 5.0; };
   volts.column = B.col(0);
   Rk4Step step(arm, 1e-6);
-  const Eigen::VectorXd t = Eigen::Vector2d(0.0, 1e-5), zero = Eigen::VectorXd::Zero(arm.nv());
-  const Trajectory out = simulate_fixed(arm, {volts}, t, arm.zero(), zero, zero, step, 1e-6);
+  const Eigen::VectorXd t = Eigen::Vector2d(0.0, 1e-5);
+  Problem problem(arm);
+  problem.drives = {volts};
+  const Trajectory out = simulate_fixed(problem, t, step, 1e-6);
   CHECK(out.failure.empty());
   CHECK((out.tau.row(1).transpose() - 5.0 * B.col(0)).norm() < 1e-18);
-  volts.column = Eigen::VectorXd::Ones(1);
-  CHECK_THROWS_AS(simulate_fixed(arm, {volts}, t, arm.zero(), zero, zero, step, 1e-6), std::invalid_argument);
+  problem.drives[0].column = Eigen::VectorXd::Ones(1);
+  CHECK_THROWS_AS(simulate_fixed(problem, t, step, 1e-6), std::invalid_argument);
 }

@@ -214,7 +214,7 @@ TEST_CASE("implicit steps hold what friction holds, to the bit; Runge-Kutta and 
 
 TEST_CASE("the time loop meets outputs and samples exactly and counts its work") {
   const Arm arm = swinging(0.0);
-  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(4, 0.0, 0.3), zero = Eigen::VectorXd::Zero(arm.nv());
+  const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(4, 0.0, 0.3);
   std::vector<double> seen;
   Drive push{0, {}, [&seen](double time) {
                seen.push_back(time);
@@ -222,14 +222,15 @@ TEST_CASE("the time loop meets outputs and samples exactly and counts its work")
              }};
   push.breaks = Eigen::Vector3d(0.05, 0.1 + 1e-17, 0.25);
   ImplicitStep step(arm, 0.03);
-  const Trajectory r = simulate_fixed(arm, {push}, t, arm.zero(), zero, zero, step, 0.03);
+  Problem pushed(arm);
+  pushed.drives = {push};
+  const Trajectory r = simulate_fixed(pushed, t, step, 0.03);
   REQUIRE(r.failure.empty());
   CHECK(r.done == 4);
   CHECK(r.stats.steps == 2 + 2 + 4 + 2 + 2);
   for (double stop : {0.05, t[1], t[2], 0.25, 0.3}) CHECK(std::count(seen.begin(), seen.end(), stop) > 0);
   CHECK(r.stats.residuals >= r.stats.steps);
-  const Trajectory stopped =
-      simulate_fixed(arm, {}, t, arm.zero(), zero, zero, step, 1e-4, false, [](double) { return false; });
+  const Trajectory stopped = simulate_fixed(Problem(arm), t, step, 1e-4, false, [](double) { return false; });
   CHECK(stopped.failure == kInterrupted);
   CHECK(stopped.reached < 0.01);
   CHECK(stopped.done == 1);

@@ -1,9 +1,6 @@
 #include <doctest/doctest.h>
 
-#include <deque>
-
 #include "arms.hpp"
-#include "flexarm/friction.hpp"
 #include "flexarm/ida.hpp"
 
 using namespace flexarm;
@@ -20,18 +17,19 @@ Arm block(double mass, double coulomb = 0.0, double stiction = 0.0) {
   return Arm(std::move(links));
 }
 
-Eigen::VectorXd one(double x) { return Eigen::VectorXd::Constant(1, x); }
+Problem driven(const Arm& arm, std::vector<Drive> drives, double v0 = 0.0) {
+  Problem out(arm);
+  out.drives = std::move(drives);
+  out.v0 << v0;
+  return out;
+}
 
 /// Central differences of second order, exact for what is a polynomial of degree two.
 template <class Make>
-Parameter parameter(double value, double h, std::deque<Arm>& arms, const Make& make) {
+Parameter parameter(double value, double h, const Make& make) {
   Parameter p;
   p.scale = value;
-  for (double d : {-h, h}) {
-    Neighbour n{(d > 0.0 ? 0.5 : -0.5) / h, d, nullptr, {}, {}, one(0.0), nullptr, one(0.0), one(0.0)};
-    make(n, value + d, arms);
-    p.neighbours.push_back(std::move(n));
-  }
+  for (double d : {-h, h}) p.neighbours.push_back({(d > 0.0 ? 0.5 : -0.5) / h, d, make(value + d)});
   return p;
 }
 
@@ -41,22 +39,13 @@ TEST_CASE("tangents of a pushed block are those of its closed form, with both li
   const Arm arm = block(2.0);
   const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(11, 0.0, 1.0);
   const auto push = [](double scale) { return Drive{0, {}, [scale](double time) { return scale * 6.0 * time; }}; };
-  std::deque<Arm> arms;
-  const std::vector<Parameter> by = {parameter(2.0, 1e-3, arms,
-                                               [&](Neighbour& n, double mass, auto& all) {
-                                                 n.arm = &all.emplace_back(block(mass));
-                                                 n.drives = {push(1.0)};
-                                               }),
-                                     parameter(1.0, 1e-3, arms, [&](Neighbour& n, double scale, auto&) {
-                                       n.arm = &arm;
-                                       n.drives = {push(scale)};
-                                       n.v0 = one(3.0 * (scale - 1.0));
-                                     })};
+  const std::vector<Parameter> by = {
+      parameter(2.0, 1e-3, [&](double mass) { return driven(block(mass), {push(1.0)}); }),
+      parameter(1.0, 1e-3, [&](double scale) { return driven(arm, {push(scale)}, 3.0 * (scale - 1.0)); })};
   for (LinearSolver solver : {LinearSolver::dense, LinearSolver::chain}) {
     IdaOptions options{1e-9, 1e-12};
     options.linear_solver = solver;
-    const Trajectory r =
-        simulate_ida(arm, {push(1.0)}, t, one(0.0), one(0.0), one(0.0), options, {}, {}, {}, nullptr, by);
+    const Trajectory r = simulate_ida(driven(arm, {push(1.0)}), t, options, {}, by);
     REQUIRE(r.failure.empty());
     REQUIRE(r.tangents.size() == 2);
     for (int k = 0; k < 11; ++k) {
@@ -78,17 +67,10 @@ TEST_CASE("tangents of a prescribed motion, and of its reaction") {
     return Drive{
         0, [scale](double x) { return MotionValue{scale * x * x * x, 3.0 * scale * x * x, 6.0 * scale * x}; }, {}};
   };
-  std::deque<Arm> arms;
-  const std::vector<Parameter> by = {parameter(1.0, 1e-3, arms,
-                                               [&](Neighbour& n, double scale, auto&) {
-                                                 n.arm = &arm;
-                                                 n.drives = {moved(scale)};
-                                               }),
-                                     parameter(2.0, 1e-3, arms, [&](Neighbour& n, double mass, auto& all) {
-                                       n.arm = &all.emplace_back(block(mass));
-                                       n.drives = {moved(1.0)};
-                                     })};
-  const Trajectory r = simulate_ida(arm, {moved(1.0)}, t, one(0.0), one(0.0), one(0.0), {}, {}, {}, {}, nullptr, by);
+  const std::vector<Parameter> by = {
+      parameter(1.0, 1e-3, [&](double scale) { return driven(arm, {moved(scale)}); }),
+      parameter(2.0, 1e-3, [&](double mass) { return driven(block(mass), {moved(1.0)}); })};
+  const Trajectory r = simulate_ida(driven(arm, {moved(1.0)}), t, {}, {}, by);
   REQUIRE(r.done == 5);
   for (int k = 0; k < 5; ++k) {
     CHECK(r.tangents[0].v(k, 0) == doctest::Approx(3.0 * t[k] * t[k]));
@@ -103,34 +85,21 @@ TEST_CASE("tangents go through sticking and sliding as the closed form does") {
   const double c = 1.0, s = 1.5, m = 2.0;
   const Arm arm = block(m, c, s);
   const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(21, 0.0, 2.0);
-  std::deque<Arm> arms;
-  const auto by = [&](double v0, bool pushed) {
-    const std::vector<Drive> drives =
-        pushed ? std::vector<Drive>{{0, {}, [](double x) { return 2.0 * x; }}} : std::vector<Drive>{};
-    const auto of = [&, drives](double value, const auto& make) {
-      return parameter(value, 1e-3, arms, [&](Neighbour& n, double x, auto& all) {
-        n.arm = &all.emplace_back(make(x));
-        n.drives = drives;
-        n.v0 = one(v0);
-      });
-    };
-    return std::vector<Parameter>{of(c, [&](double x) { return block(m, x, s); }),
-                                  of(s, [&](double x) { return block(m, c, x); }),
-                                  of(m, [&](double x) { return block(x, c, s); })};
+  const auto problem = [](const Arm& of, double v0, bool pushed) {
+    return driven(of, pushed ? std::vector<Drive>{{0, {}, [](double x) { return 2.0 * x; }}} : std::vector<Drive>{},
+                  v0);
   };
-  const auto simulate = [&](double v0, bool pushed, const std::vector<Parameter>& parameters) {
-    IdaOptions options{1e-9, 1e-12};
-    options.friction = DryFriction::left_to_caller;
-    std::vector<Drive> given;
-    if (pushed) given.push_back({0, {}, [](double x) { return 2.0 * x; }});
-    const auto integrate = [&](const auto& drives, const auto& times, const auto& q, const auto& v, const auto& forces,
-                               const auto& events, const auto& near) {
-      return simulate_ida(arm, drives, times, q, v, forces, options, {}, {}, events, nullptr, near);
+  const auto simulate = [&](double v0, bool pushed) {
+    const auto by = [&](double value, const auto& make) {
+      return parameter(value, 1e-3, [&](double x) { return problem(make(x), v0, pushed); });
     };
-    return simulate_with_friction(arm, given, t, one(0.0), one(v0), one(0.0), {}, {}, false, integrate, nullptr, 0.0,
-                                  parameters);
+    const IdaOptions options{1e-9, 1e-12};
+    return simulate_ida(
+        problem(arm, v0, pushed), t, options, {},
+        {by(c, [&](double x) { return block(m, x, s); }), by(s, [&](double x) { return block(m, c, x); }),
+         by(m, [&](double x) { return block(x, c, s); })});
   };
-  const Trajectory off = simulate(0.0, true, by(0.0, true));
+  const Trajectory off = simulate(0.0, true);
   REQUIRE(off.failure.empty());
   CHECK(off.stats.switches == 1);
   for (int k = 0; k < 21; ++k) {
@@ -141,7 +110,7 @@ TEST_CASE("tangents go through sticking and sliding as the closed form does") {
     CHECK(off.tangents[0].friction(k, 0) == doctest::Approx(after > 0.0 ? -1.0 : 0.0).epsilon(1e-9));
     CHECK(off.tangents[2].tau(k, 0) == doctest::Approx(0.0).epsilon(1e-9));
   }
-  const Trajectory rest = simulate(0.5, false, by(0.5, false));  // at rest from t = 1 on, 0.25 m away
+  const Trajectory rest = simulate(0.5, false);  // at rest from t = 1 on, 0.25 m away
   REQUIRE(rest.failure.empty());
   CHECK(rest.q(20, 0) == doctest::Approx(0.25));
   CHECK(rest.tangents[0].q(20, 0) == doctest::Approx(-0.25).epsilon(1e-6));
@@ -153,16 +122,12 @@ TEST_CASE("tangents go through sticking and sliding as the closed form does") {
 TEST_CASE("what has no tangents is refused") {
   const Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(3, 0.0, 1.0);
   const Arm ball = flexarm_test::floating_arm();
-  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(ball.nv());
-  const Parameter none;
-  CHECK_THROWS_WITH_AS(simulate_ida(ball, {}, t, ball.zero(), zero, zero, {}, {}, {}, {}, nullptr, {none}),
+  CHECK_THROWS_WITH_AS(simulate_ida(Problem(ball), t, {}, {}, {Parameter{}}),
                        "link[0].joint = a ball: derivatives of a run know no quaternions: use Axes",
                        std::invalid_argument);
   const Arm arm = block(1.0);
-  std::deque<Arm> arms;
-  const Parameter rough = parameter(
-      1.0, 1e-3, arms, [](Neighbour& n, double, auto& all) { n.arm = &all.emplace_back(block(1.0, 0.1, 0.1)); });
-  CHECK_THROWS_WITH_AS(simulate_ida(arm, {}, t, one(0.0), one(0.0), one(0.0), {}, {}, {}, {}, nullptr, {rough}),
+  const Parameter rough = parameter(1.0, 1e-3, [](double) { return Problem(block(1.0, 0.1, 0.1)); });
+  CHECK_THROWS_WITH_AS(simulate_ida(Problem(arm), t, {}, {}, {rough}),
                        "coulomb or stiction = 0: has no derivative where there is no dry friction",
                        std::invalid_argument);
 }

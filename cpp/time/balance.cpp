@@ -14,18 +14,19 @@ namespace {
 class SideBySide {
  public:
   /// As many of those from `first` on as are alike and fit.
-  SideBySide(const std::vector<Driven>& all, std::size_t first, const Tape& tape) : kernels_(lanes::best_kernels()) {
+  SideBySide(const std::vector<const Problem*>& all, std::size_t first, const Tape& tape)
+      : kernels_(lanes::best_kernels()) {
     std::vector<std::unique_ptr<lanes::KernelArm>> arms;
     std::vector<const lanes::KernelArm*> them;
     for (std::size_t k = first; k < all.size() && k < first + static_cast<std::size_t>(kernels_.width); ++k) {
-      const Arm& arm = all[k].arm;
-      arms.push_back(std::make_unique<lanes::KernelArm>(lanes::KernelArm::of(arm).loaded(arm, places(all[k].loads))));
+      const Arm& arm = *all[k]->arm;
+      arms.push_back(std::make_unique<lanes::KernelArm>(lanes::KernelArm::of(arm).loaded(arm, places(all[k]->loads))));
       if (!arms.back()->like(*arms.front())) break;
       them.push_back(arms.back().get());
-      at_.push_back(std::make_unique<Places>(all[k], tape));
+      at_.push_back(std::make_unique<Places>(*all[k], tape));
     }
     n_ = at_.front()->n;
-    loads_ = static_cast<Index>(all[first].loads.size());
+    loads_ = static_cast<Index>(all[first]->loads.size());
     if (at_.size() == 1) return;
     packed_ = std::make_unique<lanes::KernelArm>(
         lanes::KernelArm::side_by_side(them, kernels_.width, std::vector<bool>(static_cast<std::size_t>(n_), false)));
@@ -74,14 +75,13 @@ class SideBySide {
 
 }  // namespace
 
-void keep_sides(const Driven& of, Tape& tape) {
+void keep_sides(const Problem& of, Tape& tape) {
   Places at(of, tape);
   tape.sides.resize(static_cast<std::size_t>(tape.points() * at.limits()));
-  for (Index e = 0; at.limits() > 0 && e < tape.points(); ++e)
-    at.find_sides(e, tape.sides.data() + e * at.limits());
+  for (Index e = 0; at.limits() > 0 && e < tape.points(); ++e) at.find_sides(e, tape.sides.data() + e * at.limits());
 }
 
-Balance balance(const Driven& of, const Tape& tape) {
+Balance balance(const Problem& of, const Tape& tape) {
   Places at(of, tape);
   Balance out{Rows(tape.points(), at.n), Rows(tape.points(), at.n)};
   VectorXd needed(at.n), applied(at.n);
@@ -93,7 +93,7 @@ Balance balance(const Driven& of, const Tape& tape) {
   return out;
 }
 
-VectorXd weigh(const std::vector<Driven>& problems, const Tape& tape, const Rows& needed, const Rows& applied,
+VectorXd weigh(const std::vector<const Problem*>& problems, const Tape& tape, const Rows& needed, const Rows& applied,
                int threads) {
   VectorXd out = VectorXd::Zero(static_cast<Index>(problems.size()));
   std::exception_ptr wrong;

@@ -1,4 +1,4 @@
-#include "flexarm/friction.hpp"
+#include "friction.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -36,20 +36,20 @@ std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) 
 /// The run: its contacts, and what the integrator is given between two switches.
 class Sliding {
  public:
-  Sliding(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& tau,
-          const std::vector<LoadDrive>& loads, Control* control, const std::vector<Parameter>& parameters)
-      : contacts_(contacts(arm, drives)), arm_(arm), drives_(drives), loads_(loads), applied_(tau), control_(control) {
-    if (none()) return;
-    rests_ = std::make_unique<OneStep>("implicit", arm, 1.0);
-    free_ = std::make_unique<System>(arm, drives, loads, tau, control);
-    free_->rubbing = rests_.get();
+  Sliding(const Problem& problem, Control& control, const std::vector<Parameter>& parameters)
+      : contacts_(contacts(*problem.arm, problem.drives)),
+        arm_(*problem.arm),
+        problem_(problem),
+        part_(problem),
+        control_(control),
+        rests_("implicit", arm_, 1.0),
+        free_(problem, control) {
+    free_.rubbing = &rests_;
     if (parameters.empty()) return;
-    if (control && control->due(1e300))
+    if (control.due(1e300))
       bad_value("control", "sampled", "of dry friction and sampled controllers together no derivatives are known");
-    tangents_.emplace(parameters, *free_, contacts_.size());
+    tangents_.emplace(parameters, free_, contacts_.size());
   }
-
-  bool none() const { return contacts_.empty(); }
 
   /// Lets the sampled controllers do what is due at time t, after `settle`. @return whether the forces have changed
   bool sample(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
@@ -65,7 +65,7 @@ class Sliding {
   void settle(double t, const Eigen::VectorXd& q, Eigen::VectorXd& v, const Contact* switched) {
     for (const Contact& c : contacts_)
       if (!c.given && (&c == switched || std::abs(v[c.coordinate]) <= kStill)) v[c.coordinate] = 0.0;
-    System& s = *free_;
+    System& s = free_;
     s.q = q;
     s.v = v;
     s.drive(t);
@@ -97,36 +97,21 @@ class Sliding {
     tangents_->prepare(arm_, contacts_, q, v);
   }
 
-  const std::vector<Drive>& drives() const { return all_drives_; }
-  const Eigen::VectorXd& tau() const { return applied_; }
+  /// The problem until the next switch, from q and v on.
+  const Problem& part(const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Trajectory& done) {
+    part_.q0 = q;
+    part_.v0 = v;
+    watch(done);
+    return part_;
+  }
   const std::vector<Parameter>& parameters() const {
     static const std::vector<Parameter> none;
     return tangents_ ? tangents_->parameters() : none;
   }
 
-  /// The events of the run, and after them one for each contact that may switch.
-  std::vector<Event> watch(std::vector<Event> events) {
-    switching_.clear();
-    for (const Contact& c : contacts_) {
-      if (c.given) continue;
-      switching_.push_back(&c);
-      const int i = c.coordinate, sense = c.sense;
-      const double most = c.stiction * (1.0 + kSlack);
-      if (sense != 0)
-        events.push_back({[i, sense](double, const auto&, const auto& v) { return sense * v[i] + kStill; }, 1, -1});
-      else
-        events.push_back({[this, i, most](double t, const auto& q, const auto& v) {
-                            const double slack = most - std::abs(holding(t, q, v)[i]);
-                            ran_away_ = ran_away_ || !std::isfinite(slack);
-                            return std::isfinite(slack) ? slack : -most;  // ends the part, and then the run
-                          },
-                          1, -1});
-    }
-    return events;
-  }
   /// Whether what holds a contact was no longer finite.
   bool ran_away() const { return ran_away_; }
-  /// The contacts of the events that `watch` has added.
+  /// The contacts of the events that `part` has added.
   const std::vector<const Contact*>& switching() const { return switching_; }
 
   /// Adds a row at a state where no integrator has been.
@@ -141,7 +126,7 @@ class Sliding {
   /// Writes the last row anew: a sample at the end of the run may tear loose what sticks, and no step follows to see
   /// it.
   void end(bool composite, Trajectory& out) {
-    if (tangents_) return;  // nothing is sampled then
+    if (problem_.samplers.empty()) return;
     const Eigen::Index last = out.done - 1;
     const Eigen::VectorXd q = out.q.row(last);
     Eigen::VectorXd v = out.v.row(last);
@@ -167,12 +152,36 @@ class Sliding {
   }
 
  private:
+  /// The events of the run, with as many occurrences as are left to their ends, and after them one for each contact
+  /// that may switch.
+  void watch(const Trajectory& done) {
+    std::vector<Event>& events = part_.events = problem_.events;
+    for (std::size_t k = 0; k < events.size(); ++k)
+      if (events[k].terminal > 0) events[k].terminal -= static_cast<int>(done.events[k].t.size());
+    switching_.clear();
+    for (const Contact& c : contacts_) {
+      if (c.given) continue;
+      switching_.push_back(&c);
+      const int i = c.coordinate, sense = c.sense;
+      const double most = c.stiction * (1.0 + kSlack);
+      if (sense != 0)
+        events.push_back({[i, sense](double, const auto&, const auto& v) { return sense * v[i] + kStill; }, 1, -1});
+      else
+        events.push_back({[this, i, most](double t, const auto& q, const auto& v) {
+                            const double slack = most - std::abs(holding(t, q, v)[i]);
+                            ran_away_ = ran_away_ || !std::isfinite(slack);
+                            return std::isfinite(slack) ? slack : -most;  // ends the part, and then the run
+                          },
+                          1, -1});
+    }
+  }
+
   /// Sticking freedoms are prescribed; sliding ones are driven by a constant force.
   void prepare(const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-    all_drives_ = drives_;
+    part_.drives = problem_.drives;
     for (const Contact& c : contacts_)
-      if (!c.given) all_drives_.push_back(c.sense == 0 ? held(arm_, c, q) : sliding_force(c, c.coulomb));
-    probe_ = std::make_unique<System>(arm_, all_drives_, loads_, applied_, control_);
+      if (!c.given) part_.drives.push_back(c.sense == 0 ? held(arm_, c, q) : sliding_force(c, c.coulomb));
+    probe_ = std::make_unique<System>(part_, control_);
     if (tangents_) tangents_->prepare(arm_, contacts_, q, v);
   }
 
@@ -191,25 +200,16 @@ class Sliding {
 
   std::vector<Contact> contacts_;
   const Arm& arm_;
-  const std::vector<Drive>& drives_;
-  const std::vector<LoadDrive>& loads_;
-  const Eigen::VectorXd& applied_;
-  std::vector<Drive> all_drives_;
-  Control* control_;
+  const Problem& problem_;
+  Problem part_;  // with what sticks held, and friction on what slides
+  Control& control_;
+  OneStep rests_;  // knows what rests and what slides
+  System free_;    // with nothing held but what is prescribed
   std::optional<SlidingTangents> tangents_;
-  std::unique_ptr<OneStep> rests_;  // knows what rests and what slides
-  std::unique_ptr<System> free_;    // with nothing held but what is prescribed
-  std::unique_ptr<System> probe_;   // with what sticks held
+  std::unique_ptr<System> probe_;  // of the part
   std::vector<const Contact*> switching_;
   bool ran_away_ = false;
 };
-
-/// The events of the run with as many occurrences as are left to their ends.
-std::vector<Event> remaining(std::vector<Event> events, const Trajectory& out) {
-  for (std::size_t k = 0; k < events.size(); ++k)
-    if (events[k].terminal > 0) events[k].terminal -= static_cast<int>(out.events[k].t.size());
-  return events;
-}
 
 void add(const SimulationStats& part, SimulationStats& sum) {
   sum.steps += part.steps;
@@ -257,18 +257,16 @@ void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
 
 }  // namespace
 
-Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
-                                  const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
-                                  const std::vector<LoadDrive>& loads, const std::vector<Event>& events, bool composite,
-                                  const Integrate& integrate, Control* control, double step,
+Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd& t, const SmoothPart& integrate,
+                                  Control& control, bool composite, double step,
                                   const std::vector<Parameter>& parameters) {
-  Sliding sliding(arm, drives, tau, loads, control, parameters);
-  if (sliding.none()) return integrate(drives, t, q0, v0, tau, events, parameters);
-  check_arguments(arm, drives, t, q0, v0, tau);
+  Sliding sliding(problem, control, parameters);
+  const Arm& arm = *problem.arm;
+  const std::vector<Event>& events = problem.events;
   const double instant = kOneTime * (t[t.size() - 1] - t[0]);
   Trajectory out = empty_trajectory(arm, t, events, parameters.size());
   out.rubs = true;
-  Eigen::VectorXd q = q0, v = v0;
+  Eigen::VectorXd q = problem.q0, v = problem.v0;
   const Contact* switched = nullptr;
   std::map<const Contact*, double> last;  // switch of each contact
   Trajectory part;
@@ -289,13 +287,12 @@ Trajectory simulate_with_friction(const Arm& arm, const std::vector<Drive>& driv
       if (out.done == t.size()) return out;
       Eigen::VectorXd times(1 + t.size() - out.done);
       times << now, t.tail(t.size() - out.done);
-      part = integrate(sliding.drives(), times, q, v, sliding.tau(), sliding.watch(remaining(events, out)),
-                       sliding.parameters());
+      part = integrate(sliding.part(q, v, out), times, sliding.parameters());
       append(part, sliding, out);
       if (part.done == 0 && now > t[0] && !out.failure.empty() && out.failure != kInterrupted) out.failure = kRanAway;
       if (!out.failure.empty()) return out;
       if (!part.terminated) {
-        if (control) sliding.end(composite, out);
+        sliding.end(composite, out);
         return out;
       }
       if (sliding.ran_away()) {

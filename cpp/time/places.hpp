@@ -33,13 +33,9 @@ struct Slopes {
 /// The problem at the places of a tape.
 class Places {
  public:
-  Places(const Driven& of, const Tape& tape)
-      : n(of.arm.nv()),
-        tape_(tape),
-        s_(of.arm, of.drives, of.loads, of.tau, of.control),
-        loads_(of.loads),
-        rubs_(rubs(of.arm)) {
-    refuse_balls(of.arm, "derivatives of a run");
+  Places(const Problem& of, const Tape& tape)
+      : n(of.arm->nv()), tape_(tape), control_(of.control()), s_(of, control_), loads_(of.loads), rubs_(rubs(*of.arm)) {
+    refuse_balls(*of.arm, "derivatives of a run");
   }
 
   /// Forces at place e: see Balance. Moves the workspace there.
@@ -120,6 +116,7 @@ class Places {
   int contact(Index e, Index i) const { return tape_.contact[static_cast<std::size_t>(e * n + i)]; }
 
   const Tape& tape_;
+  Control control_;
   System s_;
   const std::vector<LoadDrive>& loads_;
   VectorXd inverse_;
@@ -137,9 +134,9 @@ inline Index place_before(const Tape& tape, Index entry) {
 class Ahead {
  public:
   /// @param rows  whether the places of rows are asked for
-  Ahead(const Driven& of, const Tape& tape, bool rows, int threads)
+  Ahead(const Problem& of, const Tape& tape, bool rows, int threads)
       : asked_(static_cast<std::size_t>(tape.points()), 1),
-        kept_(static_cast<std::size_t>(threads > 1 ? threads * std::max(kFewest, kRates / of.arm.nv()) : 1)) {
+        kept_(static_cast<std::size_t>(threads > 1 ? threads * std::max(kFewest, kRates / of.arm->nv()) : 1)) {
     for (const Tape::Row& row : tape.rows)
       if (row.point >= 0) asked_[static_cast<std::size_t>(row.point)] = rows ? 2 : 0;
     for (const Tape::Switch& s : tape.switches) asked_[static_cast<std::size_t>(place_before(tape, s.entry))] = 2;

@@ -30,9 +30,9 @@ std::vector<std::size_t> rows_of_entries(const Tape& tape) {
 
 }  // namespace
 
-Repeated repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptions& options) {
+Repeated repeat_switches(const Problem& of, const Tape& tape, const ImplicitOptions& options) {
   Switches steps(of, tape, options);
-  Repeated out{Rows(static_cast<Index>(tape.switches.size()), 2 * of.arm.nv()), {}};
+  Repeated out{Rows(static_cast<Index>(tape.switches.size()), 2 * of.arm->nv()), {}};
   for (const Tape::Switch& from : tape.switches) {
     out.ends.row(static_cast<Index>(out.ways.size())) = steps.end(from);
     out.ways.push_back(steps.way());
@@ -40,7 +40,7 @@ Repeated repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptio
   return out;
 }
 
-std::vector<Trajectory::Tangent> tangents(const Driven& of, const Tape& tape, const ImplicitOptions& options,
+std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, const ImplicitOptions& options,
                                           const std::vector<Balance>& by_p, const std::vector<Rows>& switches_by_p,
                                           const Rows& q0, const Rows& v0, bool accelerations, int threads) {
   Ahead slopes(of, tape, accelerations, threads);
@@ -167,7 +167,7 @@ std::vector<Trajectory::Tangent> tangents(const Driven& of, const Tape& tape, co
   return out;
 }
 
-Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& options, const Rows& by_q, const Rows& by_v,
+Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Rows& by_q, const Rows& by_v,
                 const Rows& by_a, const Rows& by_tau, int threads) {
   Ahead slopes(of, tape, by_a.rows() > 0 || by_tau.rows() > 0, threads);
   const Places& places = slopes.places();

@@ -7,6 +7,7 @@
 #include "events.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/quadrature.hpp"
+#include "friction.hpp"
 
 namespace flexarm {
 
@@ -158,23 +159,19 @@ void look_inside(System& s, const Step& method, double from, double h, Trajector
   if (!out.terminated) seen.look(end);
 }
 
-}  // namespace
-
-Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
-                          const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
-                          Step& method, double step, bool composite, const Alive& alive,
-                          const std::vector<LoadDrive>& loads, const std::vector<Event>& events, Control* control,
-                          Tape* tape) {
-  check_arguments(arm, drives, t, q0, v0, tau);
-  check_step(step, t);
+/// A run, or one part of it between two switches of dry friction.
+Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step, bool composite,
+                           const Alive& alive, Control& control, Tape* tape) {
   const auto started = std::chrono::steady_clock::now();
   const Step::Counts before = method.counts();
-  System s(arm, drives, loads, tau, control);
+  const std::vector<Drive>& drives = problem.drives;
+  const std::vector<Event>& events = problem.events;
+  System s(problem, control);
   s.rubbing = method.rubbing();
-  Trajectory out = empty_trajectory(arm, t, events);
+  Trajectory out = empty_trajectory(*problem.arm, t, events);
   out.rubs = s.rubbing != nullptr;
-  s.q = q0;
-  s.v = v0;
+  s.q = problem.q0;
+  s.v = problem.v0;
   s.drive(t[0]);
   s.sample(t[0] + kSameTime * step);
   if (!s.record(out, composite)) return out;
@@ -211,7 +208,8 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
   StepEvents seen(s, events, out, tape, method.interpolates() ? &method : nullptr);
   seen.start(t[0]);
   bool going = true;
-  for (const double stop : stops(sample_times(sampled, loads, control, t, functions), t, step, method.interpolates())) {
+  for (const double stop :
+       stops(sample_times(sampled, problem.loads, control, t, functions), t, step, method.interpolates())) {
     const double start = out.reached;
     const long count = std::max(1L, static_cast<long>(std::ceil((stop - start) / step - kSameTime)));
     // One step, or, where its equations cannot be solved, two of half its length, and so on. (Not of the implicit
@@ -274,6 +272,23 @@ Trajectory simulate_fixed(const Arm& arm, const std::vector<Drive>& drives, cons
   out.stats.switches = after.switches - before.switches;
   out.stats.wall_time = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   return out;
+}
+
+}  // namespace
+
+Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step, bool composite,
+                          const Alive& alive, Tape* tape) {
+  problem.check();
+  check_times(t);
+  check_step(step, t);
+  Control control = problem.control();
+  if (method.rubbing() || rubs(*problem.arm).empty())
+    return simulate_smooth(problem, t, method, step, composite, alive, control, tape);
+  const SmoothPart part = [&](const Problem& of, const Eigen::VectorXd& times, const std::vector<Parameter>&) {
+    const double left = times[times.size() - 1] - times[0];  // it may be shorter than a step
+    return simulate_smooth(of, times, method, std::min(step, left), composite, alive, control, tape);
+  };
+  return simulate_with_friction(problem, t, part, control, composite, step, {});
 }
 
 }  // namespace flexarm

@@ -35,7 +35,7 @@ SlidingTangents::SlidingTangents(const std::vector<Parameter>& parameters, Syste
   coulomb_by_ = stiction_by_ = Eigen::MatrixXd::Zero(static_cast<Index>(contacts), all.size());
   for (std::size_t k = 0; k < near_.size(); ++k)
     for (const Neighbour& n : near_[k].neighbours) {
-      const std::vector<Rub> rub = rubs(*n.arm);
+      const std::vector<Rub> rub = rubs(*n.problem.arm);
       for (std::size_t j = 0; j < contacts; ++j) {
         coulomb_by_(static_cast<Index>(j), static_cast<Index>(k)) += n.weight * rub[j].coulomb;
         stiction_by_(static_cast<Index>(j), static_cast<Index>(k)) += n.weight * rub[j].stiction;
@@ -49,12 +49,11 @@ void SlidingTangents::prepare(const Arm& arm, const std::vector<Contact>& contac
     if (!c.given && c.sense == 0) by_v_.row(c.coordinate).setZero();
   for (std::size_t k = 0; k < near_.size(); ++k)
     for (std::size_t i = 0; i < near_[k].neighbours.size(); ++i) {
-      const Neighbour& given = parameters_[k].neighbours[i];
-      Neighbour& n = near_[k].neighbours[i];
-      n.drives = given.drives;
-      n.tau = given.tau;
-      n.q0 = q + n.offset * by_q_.col(static_cast<Index>(k));
-      n.v0 = v + n.offset * by_v_.col(static_cast<Index>(k));
+      const double offset = near_[k].neighbours[i].offset;
+      Problem& n = near_[k].neighbours[i].problem;
+      n.drives = parameters_[k].neighbours[i].problem.drives;
+      n.q0 = q + offset * by_q_.col(static_cast<Index>(k));
+      n.v0 = v + offset * by_v_.col(static_cast<Index>(k));
       const std::vector<Rub> rub = rubs(*n.arm);
       for (std::size_t j = 0; j < contacts.size(); ++j) {
         const Contact& c = contacts[j];

@@ -12,16 +12,11 @@ namespace taped {
 /// Steps in which dry friction switches, taken again.
 class Switches {
  public:
-  Switches(const Driven& of, const Tape& tape, ImplicitOptions options)
-      : tau_(of.tau),
-        own_(of.tau),
-        s_(of.arm, of.drives, of.loads, tau_, of.control),
-        tape_(tape),
-        n_(of.arm.nv()),
-        rubs_(rubs(of.arm)) {
+  Switches(const Problem& of, const Tape& tape, ImplicitOptions options)
+      : of_(of), control_(of.control()), s_(of, control_), tape_(tape), n_(of.arm->nv()), rubs_(rubs(*of.arm)) {
     if (tape.switches.empty()) return;
     options.rtol = std::min(options.rtol, kSolved);
-    step_.emplace("implicit", of.arm, 1.0, options);
+    step_.emplace("implicit", *of.arm, 1.0, options);
   }
   /// The state that a step leads to; forces of friction that slides are this arm's.
   VectorXd end(Tape::Switch from) {
@@ -36,8 +31,8 @@ class Switches {
       }
     s_.q = from.q;
     s_.v = from.v;
-    tau_ = own_;
-    if (from.tau.size() > 0) tau_ += from.tau;
+    s_.constant_tau = of_.tau;
+    if (from.tau.size() > 0) s_.constant_tau += from.tau;
     s_.drive(from.t);
     const Step::Given given = [&](double c) { s_.drive(from.t + c * from.h); };
     step_->repeat(from, s_.ws, s_.q, s_.v, s_.tau, given);
@@ -93,8 +88,8 @@ class Switches {
  private:
   static constexpr double kSolved = 1e-13, kMoved = 1e-7;
   static constexpr int kSmaller = 3;  // steps of a difference that are tried
-  VectorXd tau_;                      // of the step
-  const VectorXd& own_;
+  const Problem& of_;
+  Control control_;
   System s_;
   const Tape& tape_;
   Index n_;

@@ -26,31 +26,29 @@ std::vector<Load> places(const std::vector<LoadDrive>& loads) {
   return out;
 }
 
-System::System(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
-               const Eigen::VectorXd& tau_, Control* control_)
-    : arm(arm_),
-      drives(drives_),
-      loads(loads_),
-      constant_tau(tau_),
+System::System(const Problem& problem, Control& control_)
+    : arm(*problem.arm),
+      drives(problem.drives),
+      loads(problem.loads),
       control(control_),
-      ws(arm_, prescribed(arm_, drives_), places(loads_)),
-      q(arm_.zero()),
-      v(Eigen::VectorXd::Zero(arm_.nv())),
+      constant_tau(problem.tau),
+      ws(arm, prescribed(arm, drives), places(loads)),
+      q(arm.zero()),
+      v(Eigen::VectorXd::Zero(arm.nv())),
       a(v),
-      tau(tau_),
+      tau(constant_tau),
       friction(v) {
   std::vector<bool> given(static_cast<std::size_t>(arm.nq()), false);
   for (const Drive& d : drives)
     if (d.motion) given[static_cast<std::size_t>(arm.coordinate_of(d.coordinate))] = true;
   for (int i = 0; i < arm.nq(); ++i)
     if (!given[i]) free_q.push_back(i);
-  if (control) ws.feed_back(control->feedback());
+  ws.feed_back(control.feedback());
   ws.limits = torque_limits(arm);
 }
 
 void System::drive(double t) {
-  tau = constant_tau;
-  if (control) tau += control->held();
+  tau = constant_tau + control.held();
   for (AppliedLimit& l : ws.limits) l.friction = 0.0;
   for (AppliedFeedback& f : ws.feedback)
     if (f.law->reference) f.offset = f.law->reference(t);
@@ -78,11 +76,11 @@ Status System::accelerate() {
 }
 
 bool System::sample(double t) {
-  if (!control || !control->due(t)) return false;
+  if (!control.due(t)) return false;
   if (accelerate() == Status::ok) a = ws.a;
-  const Eigen::VectorXd before = control->held();
-  if (!control->run(t, q, v, a)) return false;
-  tau += control->held() - before;
+  const Eigen::VectorXd before = control.held();
+  if (!control.run(t, q, v, a)) return false;
+  tau += control.held() - before;
   ws.give(tau.data());
   return true;
 }
@@ -159,33 +157,6 @@ Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std:
   return out;
 }
 
-void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
-                     const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau) {
-  if (t.size() < 2) bad_value("t", t.size(), "needs at least two times");
-  if (!t.allFinite()) bad_value("t", "nan or inf", "must be finite");
-  for (Eigen::Index k = 0; k + 1 < t.size(); ++k)
-    if (!(t[k + 1] > t[k])) bad_value("t[" + std::to_string(k + 1) + "]", t[k + 1], "t must increase");
-  const auto check_vector = [&](const char* name, const Eigen::VectorXd& x, int n) {
-    if (x.size() != n) bad_value(std::string(name) + " length", x.size(), "must be " + std::to_string(n));
-    if (!x.allFinite()) bad_value(name, "nan or inf", "must be finite");
-  };
-  check_vector("q0", q0, arm.nq());
-  check_vector("v0", v0, arm.nv());
-  check_vector("tau", tau, arm.nv());
-  for (const Drive& d : drives) {
-    if (d.column.size() > 0) {
-      if (d.column.size() != arm.nv() || !d.force || d.motion)
-        bad_value("length of a drive's column", d.column.size(),
-                  "must be " + std::to_string(arm.nv()) + ", with a force");
-      continue;
-    }
-    if (d.coordinate < 0 || d.coordinate >= arm.nv() || !d.motion == !d.force)
-      bad_value("drive of coordinate", d.coordinate, "needs a coordinate of the arm and a motion or a force");
-    if (d.motion && arm.coordinate_of(d.coordinate) < 0)
-      bad_value("motion of coordinate", d.coordinate, "a ball's coordinates cannot be prescribed");
-  }
-}
-
 void refuse_balls(const Arm& arm, const std::string& what) {
   for (std::size_t n = 0; n < arm.size(); ++n)
     if (arm.link(n).joint().has_ball())
@@ -193,7 +164,7 @@ void refuse_balls(const Arm& arm, const std::string& what) {
 }
 
 std::vector<double> sample_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
-                                 const Control* control, const Eigen::VectorXd& t, bool& functions) {
+                                 const Control& control, const Eigen::VectorXd& t, bool& functions) {
   std::vector<double> times;
   functions = false;
   const auto add = [&](const Eigen::VectorXd& breaks) {
@@ -203,11 +174,9 @@ std::vector<double> sample_times(const std::vector<Drive>& drives, const std::ve
   };
   for (const Drive& d : drives) add(d.breaks);
   for (const LoadDrive& l : loads) add(l.breaks);
-  if (control) {
-    control->add_times(t[0], t[t.size() - 1], times);
-    for (const Feedback& f : control->feedback())
-      if (f.reference) add(f.breaks);
-  }
+  control.add_times(t[0], t[t.size() - 1], times);
+  for (const Feedback& f : control.feedback())
+    if (f.reference) add(f.breaks);
   std::sort(times.begin(), times.end());
   return times;
 }

@@ -1,11 +1,10 @@
-// An arm with its drives and loads: what every integrator in time shares.
+// A problem in motion: its arm, and what acts on it now. Every integrator has one.
 #pragma once
 
 #include <string>
 #include <vector>
 
-#include "flexarm/drive.hpp"
-#include "flexarm/event.hpp"
+#include "flexarm/problem.hpp"
 #include "flexarm/step.hpp"
 #include "flexarm/trajectory.hpp"
 #include "flexarm/workspace.hpp"
@@ -16,16 +15,16 @@ struct System {
   const Arm& arm;
   const std::vector<Drive>& drives;
   const std::vector<LoadDrive>& loads;
-  const Eigen::VectorXd& constant_tau;
-  Control* control;  // or null
+  Control& control;
+  Eigen::VectorXd constant_tau;
   Workspace ws;
   std::vector<int> free_q;       // coordinates that are not prescribed
   Eigen::VectorXd q, v, a, tau;  // of all coordinates
   OneStep* rubbing = nullptr;    // the method, where dry friction is in its equations
   Eigen::VectorXd friction;      // of that
 
-  System(const Arm& arm_, const std::vector<Drive>& drives_, const std::vector<LoadDrive>& loads_,
-         const Eigen::VectorXd& tau_, Control* control_ = nullptr);
+  /// @param control  of the problem, which remembers what has been sampled. Both must outlive this
+  System(const Problem& problem, Control& control);
   int n_q() const { return static_cast<int>(free_q.size()); }
   int n_v() const { return static_cast<int>(ws.free.size()); }
 
@@ -56,13 +55,9 @@ void refuse_balls(const Arm& arm, const std::string& what);
 Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std::vector<Event>& events,
                             std::size_t parameters = 0);
 
-/// @throws std::invalid_argument naming the argument and the value
-void check_arguments(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
-                     const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau);
-
 /// The samples of drives, loads and controllers between the first and the last of t, sorted; `functions` says whether
 /// any is a function without samples.
 std::vector<double> sample_times(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
-                                 const Control* control, const Eigen::VectorXd& t, bool& functions);
+                                 const Control& control, const Eigen::VectorXd& t, bool& functions);
 
 }  // namespace flexarm

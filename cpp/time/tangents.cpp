@@ -25,28 +25,22 @@ StateTangents::StateTangents(System& system, const std::vector<Parameter>& param
       const auto column = static_cast<Eigen::Index>(near_.size() - 1);
       near_.back().push_back(std::make_unique<Near>(n));
       check(*near_.back().back());
-      q.col(column) += n.weight * n.q0;
-      v.col(column) += n.weight * n.v0;
+      q.col(column) += n.weight * n.problem.q0;
+      v.col(column) += n.weight * n.problem.v0;
     }
   }
 }
 
 void StateTangents::check(const Near& near) const {
-  const Arm& arm = *near.of.arm;
+  const Arm& arm = *near.of.problem.arm;
   if (arm.nq() != s_.arm.nq() || arm.nv() != s_.arm.nv() || near.system.ws.free != s_.ws.free ||
-      near.laws.size() != s_.ws.feedback.size() || near.of.q0.size() != arm.nq() || near.of.v0.size() != arm.nv())
+      near.system.ws.feedback.size() != s_.ws.feedback.size() || near.of.problem.q0.size() != arm.nq() ||
+      near.of.problem.v0.size() != arm.nv())
     bad_value("a neighbour's coordinates, motions or controllers", "others", "must be those of the run");
   if (near.system.ws.limits.size() != s_.ws.limits.size())
     bad_value("torque_limit", near.system.ws.limits.size(), "has no derivative where there is none");
   if (rubs(arm).size() != rubs(s_.arm).size())
     bad_value("coulomb or stiction", 0.0, "has no derivative where there is no dry friction");
-}
-
-void StateTangents::Near::drive(double t) {
-  system.drive(t);
-  if (of.control) system.tau += of.control->held();
-  for (AppliedFeedback& f : laws)
-    if (f.law->reference) f.offset = f.law->reference(t);
 }
 
 void StateTangents::differ(double t, int column, const std::vector<std::unique_ptr<Near>>& all) {
@@ -62,9 +56,9 @@ void StateTangents::differ(double t, int column, const std::vector<std::unique_p
     n.q = s_.q;
     n.v = s_.v;
     n.a = s_.a;
-    near->drive(t);
+    n.drive(t);
     applied = n.tau;
-    add_on_sides(near->laws, n.ws.limits, sides_.data(), n.q, n.v, applied);
+    add_on_sides(n.ws.feedback, n.ws.limits, sides_.data(), n.q, n.v, applied);
     forces += weight * applied;
     for (int i = 0; i < s_.arm.nv(); ++i) {
       if (!s_.ws.prescribed[static_cast<std::size_t>(i)]) continue;
@@ -113,14 +107,14 @@ bool StateTangents::sample(double t) {
   bool changed = false;
   for (std::size_t k = 0; k < near_.size(); ++k)
     for (const std::unique_ptr<Near>& near : near_[k]) {
-      if (!near->of.control || !near->of.control->due(t)) continue;
+      if (!near->control.due(t)) continue;
       const auto column = static_cast<Eigen::Index>(k);
       System& n = near->system;
       n.q = s_.q + near->of.offset * q.col(column);
       n.v = s_.v + near->of.offset * v.col(column);
       n.a = s_.a;  // a linear law does not read it
       n.drive(t);
-      changed = near->of.control->run(t, n.q, n.v, n.a) || changed;
+      changed = near->control.run(t, n.q, n.v, n.a) || changed;
     }
   return changed;
 }

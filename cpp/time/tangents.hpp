@@ -50,14 +50,10 @@ class StateTangents {
   /// A neighbour as a system of its own.
   struct Near {
     const Neighbour& of;
+    Control control;
     System system;
-    std::vector<AppliedFeedback> laws;
     explicit Near(const Neighbour& neighbour)
-        : of(neighbour), system(*neighbour.arm, neighbour.drives, neighbour.loads, neighbour.tau) {
-      if (of.control)
-        for (const Feedback& law : of.control->feedback()) laws.push_back({&law});
-    }
-    void drive(double t);
+        : of(neighbour), control(of.problem.control()), system(of.problem, control) {}
   };
   void check(const Near& near) const;
   void differ(double t, int column, const std::vector<std::unique_ptr<Near>>& all);

@@ -40,7 +40,7 @@ void bind_laws(py::module_& m) {
              AllAsked asked;
              for (const auto& [rate, law, kp, kv, limit] : axes)
                all.push_back(
-                   {rate, make_drive(rate, true, law, {}, Eigen::Vector2d(0.0, 1.0), asked).motion, kp, kv, limit});
+                   {rate, make_drive({rate, true, law, {}}, Eigen::Vector2d(0.0, 1.0), asked).motion, kp, kv, limit});
              ComputedTorque of(arm, all, sags);
              for (std::size_t k = 0; k < all.size(); ++k) {
                const int v = all[k].rate, q = arm.coordinate_of(v);

@@ -6,29 +6,6 @@
 
 using namespace flexarm;
 
-namespace {
-
-/// A run's problem from Python, as its derivatives take it.
-struct Problem {
-  std::vector<Drive> drives;
-  std::vector<LoadDrive> loads;
-  AllAsked asked;
-  Control control;
-  Eigen::VectorXd tau;
-  const Arm& arm;
-
-  Problem(const Arm& arm_, const Laws& laws, const Eigen::VectorXd& t, const Eigen::VectorXd& tau_,
-          const LoadLaws& wrenches, const FeedbackLaws& feedback)
-      : control(make_control(feedback, {}, arm_.nv(), t, asked)), tau(tau_), arm(arm_) {
-    for (const auto& [coordinate, is_motion, law, column] : laws)
-      drives.push_back(make_drive(coordinate, is_motion, law, column, t, asked));
-    for (const auto& [load, law] : wrenches) loads.push_back(make_load(load, law, t, asked));
-  }
-  operator Driven() { return {arm, drives, loads, tau, &control}; }
-};
-
-}  // namespace
-
 void bind_gradients(py::module_& m) {
   m.def(
       "step_derivatives",
@@ -57,12 +34,6 @@ void bind_gradients(py::module_& m) {
       },
       py::arg("arm"), py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("integrator"), py::arg("step"),
       py::arg("rtol"), py::arg("spectral_radius"), py::arg("loads"), py::arg("wrenches"));
-
-  py::class_<Problem>(m, "Problem")
-      .def(py::init<const Arm&, const Laws&, const Eigen::VectorXd&, const Eigen::VectorXd&, const LoadLaws&,
-                    const FeedbackLaws&>(),
-           py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("tau"), py::arg("loads"), py::arg("feedback"),
-           py::keep_alive<1, 2>());
 
   const auto shaped = [](const std::vector<double>& x, const Tape& tape) {
     const auto height = tape.points();
@@ -103,52 +74,51 @@ void bind_gradients(py::module_& m) {
       .def_property_readonly("sides",
                              [](const Tape& tape) {
                                const auto height = static_cast<py::ssize_t>(tape.points());
-                               const auto width =
-                                   height > 0 ? static_cast<py::ssize_t>(tape.sides.size()) / height : 0;
+                               const auto width = height > 0 ? static_cast<py::ssize_t>(tape.sides.size()) / height : 0;
                                return py::array_t<signed char>({height, width}, tape.sides.data());
                              })
       .def(
           "keep_sides",
-          [](Tape& tape, Problem& of) {
+          [](Tape& tape, const PyProblem& of) {
             const Unlocked free;
-            keep_sides(of, tape);
+            keep_sides(of.problem, tape);
           },
           py::arg("problem"))
       .def(
           "balance",
-          [](const Tape& tape, Problem& of) {
+          [](const Tape& tape, const PyProblem& of) {
             Balance found;
             {
               const Unlocked free;
-              found = balance(of, tape);
+              found = balance(of.problem, tape);
             }
             return py::make_tuple(found.needed, found.applied);
           },
           py::arg("problem"))
       .def(
           "weigh",
-          [](const Tape& tape, const std::vector<Problem*>& problems, const Rows& needed, const Rows& applied,
+          [](const Tape& tape, const std::vector<const PyProblem*>& problems, const Rows& needed, const Rows& applied,
              int threads) {
             const Unlocked free;
-            std::vector<Driven> all;
-            for (Problem* p : problems) all.push_back(*p);
+            std::vector<const Problem*> all;
+            for (const PyProblem* p : problems) all.push_back(&p->problem);
             return weigh(all, tape, needed, applied, threads);
           },
           py::arg("problems"), py::arg("needed"), py::arg("applied"), py::arg("threads"))
       .def(
           "repeat_switches",
-          [](const Tape& tape, Problem& of, double rtol, double spectral_radius) {
+          [](const Tape& tape, const PyProblem& of, double rtol, double spectral_radius) {
             Repeated found;
             {
               const Unlocked free;
-              found = repeat_switches(of, tape, {spectral_radius, rtol});
+              found = repeat_switches(of.problem, tape, {spectral_radius, rtol});
             }
             return py::make_tuple(found.ends, found.ways);
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"))
       .def(
           "tangents",
-          [](const Tape& tape, Problem& of, double rtol, double spectral_radius,
+          [](const Tape& tape, const PyProblem& of, double rtol, double spectral_radius,
              const std::vector<std::pair<Rows, Rows>>& by_p, const std::vector<Rows>& switches, const Rows& q0,
              const Rows& v0, bool accelerations, int threads) {
             std::vector<Balance> balances;
@@ -156,20 +126,21 @@ void bind_gradients(py::module_& m) {
             std::vector<Trajectory::Tangent> found;
             {
               const Unlocked free;
-              found = tangents(of, tape, {spectral_radius, rtol}, balances, switches, q0, v0, accelerations, threads);
+              found = tangents(of.problem, tape, {spectral_radius, rtol}, balances, switches, q0, v0, accelerations,
+                               threads);
             }
-            return tangent_rows(found, static_cast<Eigen::Index>(tape.rows.size()), of.arm.nv());
+            return tangent_rows(found, static_cast<Eigen::Index>(tape.rows.size()), of.problem.arm->nv());
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("by_p"), py::arg("switches"),
           py::arg("q0"), py::arg("v0"), py::arg("accelerations"), py::arg("threads"))
       .def(
           "adjoint",
-          [](const Tape& tape, Problem& of, double rtol, double spectral_radius, const Rows& q, const Rows& v,
+          [](const Tape& tape, const PyProblem& of, double rtol, double spectral_radius, const Rows& q, const Rows& v,
              const Rows& a, const Rows& tau, int threads) {
             Adjoint found;
             {
               const Unlocked free;
-              found = adjoint(of, tape, {spectral_radius, rtol}, q, v, a, tau, threads);
+              found = adjoint(of.problem, tape, {spectral_radius, rtol}, q, v, a, tau, threads);
             }
             return py::make_tuple(found.q0, found.v0, found.needed, found.applied, found.switches, found.held);
           },

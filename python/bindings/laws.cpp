@@ -23,15 +23,15 @@ T answer(const py::object& law, const char* name, double t, const char* right) {
 
 }  // namespace
 
-Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Eigen::VectorXd& column,
-                 const Eigen::VectorXd& times, AllAsked& all) {
-  Drive d{coordinate, {}, {}, {}, column};
+Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& all) {
+  const auto& [rate, is_motion, law, column] = given;
+  Drive d{rate, {}, {}, {}, column};
   all.push_back(nullptr);
   if (py::isinstance<PiecewisePolynomial>(law)) {
-    const auto p = law.cast<PiecewisePolynomial>();
-    d.breaks = p.breaks();
-    if (is_motion) d.motion = p;
-    if (!is_motion) d.force = [p](double t) { return p(t).q; };
+    const auto p = std::make_shared<const PiecewisePolynomial>(law.cast<PiecewisePolynomial>());
+    d.breaks = p->breaks();
+    if (is_motion) d.motion = [p](double t) { return (*p)(t); };
+    if (!is_motion) d.force = [p](double t) { return (*p)(t).q; };
     return d;
   }
   const auto shared = std::make_shared<py::object>(law);
@@ -59,15 +59,19 @@ Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Ei
   return d;
 }
 
-LoadDrive make_load(const Load& load, const py::object& law, const Eigen::VectorXd& times, AllAsked& all) {
-  LoadDrive d{load, {}, {}};
+namespace {
+
+LoadDrive make_load(const PyLoad& given, const Eigen::VectorXd& times, AllAsked& all) {
+  const py::object& law = given.law;
+  LoadDrive d{given.place, {}, {}};
   all.push_back(nullptr);
   if (py::isinstance<py::tuple>(law)) {
-    const auto parts = law.cast<std::vector<PiecewisePolynomial>>();
-    d.breaks = parts.at(0).breaks();
+    const auto parts =
+        std::make_shared<const std::vector<PiecewisePolynomial>>(law.cast<std::vector<PiecewisePolynomial>>());
+    d.breaks = parts->at(0).breaks();
     d.wrench = [parts](double t) {
       Vec6<double> w;
-      for (std::size_t k = 0; k < 6; ++k) w[static_cast<Eigen::Index>(k)] = parts.at(k)(t).q;
+      for (std::size_t k = 0; k < 6; ++k) w[static_cast<Eigen::Index>(k)] = parts->at(k)(t).q;
       return w;
     };
     return d;
@@ -83,54 +87,143 @@ LoadDrive make_load(const Load& load, const py::object& law, const Eigen::Vector
   return d;
 }
 
-Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, int nv, const Eigen::VectorXd& times,
-                     AllAsked& all) {
-  std::vector<Feedback> laws;
-  for (const auto& [column, by_q, by_v, reference, limit] : feedback) {
-    Feedback f{column, by_q, by_v};
-    f.limit = limit;
-    if (!reference.is_none()) {
-      const Drive d = make_drive(0, false, reference, {}, times, all);
-      f.reference = d.force;
-      f.breaks = py::hasattr(reference, "kinks") ? reference.attr("kinks").cast<Eigen::VectorXd>() : d.breaks;
-    }
-    laws.push_back(f);
-  }
-  std::vector<Sampler> samplers;
-  for (const auto& [first, period, delay, law] : sampled) {
-    if (py::isinstance<LinearLaw>(law)) {
-      samplers.push_back({first, period, delay, law.cast<LinearLaw>()});
-      continue;
-    }
-    if (py::isinstance<ComputedLaw>(law)) {
-      const auto own = std::make_shared<ComputedLaw>(law.cast<ComputedLaw>());
-      const auto forces = [own](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd&) {
-        return (*own)(t, q, v);
-      };
-      samplers.push_back({first, period, delay, forces});
-      continue;
-    }
+Feedback make_feedback(const PyFeedback& given, const Eigen::VectorXd& times, AllAsked& all) {
+  Feedback f{given.column, given.by_q, given.by_v};
+  f.limit = given.limit;
+  if (given.reference.is_none()) return f;
+  const Drive d = make_drive({0, false, given.reference, {}}, times, all);
+  f.reference = d.force;
+  f.breaks = py::hasattr(given.reference, "kinks") ? given.reference.attr("kinks").cast<Eigen::VectorXd>() : d.breaks;
+  return f;
+}
+
+Sampler make_sampler(const PySampler& given, int nv) {
+  const auto& [first, period, delay, law] = given;
+  using Vector = Eigen::VectorXd;
+  if (py::isinstance<LinearLaw>(law)) return {first, period, delay, law.cast<LinearLaw>()};
+  if (py::isinstance<ComputedLaw>(law))
+    return {first, period, delay,
+            [own = law.cast<ComputedLaw>()](double t, const Vector& q, const Vector& v, const Vector&) mutable {
+              return own(t, q, v);
+            }};
 #ifdef FLEXARM_MPC
-    if (py::isinstance<MpcLaw>(law)) {
-      const auto shared = law.cast<std::shared_ptr<MpcLaw>>();
-      samplers.push_back({first, period, delay,
-                          [shared](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                                   const Eigen::VectorXd&) { return (*shared)(t, q, v); }});
-      continue;
-    }
+  if (py::isinstance<MpcLaw>(law))
+    return {first, period, delay,
+            [shared = law.cast<std::shared_ptr<MpcLaw>>()](double t, const Vector& q, const Vector& v, const Vector&) {
+              return (*shared)(t, q, v);
+            }};
 #endif
-    const auto shared = std::make_shared<py::object>(law);
-    const auto ask = [shared, nv](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v,
-                                  const Eigen::VectorXd& a) {
-      const Locked lock;
-      const auto force = call(*shared, t, q, v, a).cast<Eigen::VectorXd>();
-      if (force.size() != nv || !force.allFinite())
-        bad_value("control at t = " + std::to_string(t), "nan, inf or a wrong length", "must give finite numbers");
-      return force;
-    };
-    samplers.push_back({first, period, delay, ask});
-  }
-  return Control(std::move(laws), std::move(samplers), nv);
+  return {
+      first, period, delay,
+      [shared = std::make_shared<py::object>(law), nv](double t, const Vector& q, const Vector& v, const Vector& a) {
+        const Locked lock;
+        const auto force = call(*shared, t, q, v, a).cast<Vector>();
+        if (force.size() != nv || !force.allFinite())
+          bad_value("control at t = " + std::to_string(t), "nan, inf or a wrong length", "must give finite numbers");
+        return force;
+      }};
+}
+
+Event make_event(std::size_t k, const PyEvent& given) {
+  const std::string name = "events[" + std::to_string(k) + "]";
+  const auto value = [shared = std::make_shared<py::object>(given.value), name](double t, const Eigen::VectorXd& q,
+                                                                                const Eigen::VectorXd& v) {
+    const Locked lock;
+    const py::object g = call(*shared, t, q, v);
+    try {
+      return g.cast<double>();
+    } catch (const py::cast_error&) {
+      bad_value(name + " at t = " + std::to_string(t), std::string(py::repr(g)), "must give one number");
+    }
+  };
+  return {value, given.terminal, given.direction};
+}
+
+}  // namespace
+
+PyProblem::PyProblem(const Arm& arm, const Eigen::VectorXd& times, const std::vector<PyDrive>& drives,
+                     const std::vector<PyLoad>& loads, const std::vector<PyFeedback>& feedback,
+                     const std::vector<PySampler>& samplers, const std::vector<PyEvent>& events)
+    : problem(std::shared_ptr<const Arm>(std::shared_ptr<void>(), &arm)) {  // Python's, which this keeps alive
+  for (const PyDrive& x : drives) problem.drives.push_back(make_drive(x, times, asked));
+  for (const PyLoad& x : loads) problem.loads.push_back(make_load(x, times, asked));
+  for (const PyFeedback& x : feedback) problem.feedback.push_back(make_feedback(x, times, asked));
+  for (const PySampler& x : samplers) problem.samplers.push_back(make_sampler(x, arm.nv()));
+  for (std::size_t k = 0; k < events.size(); ++k) problem.events.push_back(make_event(k, events[k]));
+}
+
+void bind_problem(py::module_& m) {
+  using Eigen::VectorXd;
+  py::class_<PyDrive>(m, "Drive")
+      .def(py::init<int, bool, py::object, VectorXd>(), py::arg("rate"), py::arg("moves"), py::arg("law"),
+           py::arg("column") = VectorXd())
+      .def_readonly("rate", &PyDrive::rate)
+      .def_readonly("moves", &PyDrive::moves)
+      .def_readonly("law", &PyDrive::law)
+      .def_readonly("column", &PyDrive::column)
+      .def(py::pickle([](const PyDrive& x) { return py::make_tuple(x.rate, x.moves, x.law, x.column); },
+                      [](const py::tuple& t) {
+                        return PyDrive{t[0].cast<int>(), t[1].cast<bool>(), t[2].cast<py::object>(),
+                                       t[3].cast<VectorXd>()};
+                      }));
+  py::class_<PyLoad>(m, "LoadLaw")
+      .def(py::init<Load, py::object>(), py::arg("place"), py::arg("law"))
+      .def_readonly("law", &PyLoad::law)
+      .def(py::pickle([](const PyLoad& x) { return py::make_tuple(x.place, x.law); },
+                      [](const py::tuple& t) { return PyLoad{t[0].cast<Load>(), t[1].cast<py::object>()}; }));
+  py::class_<PyFeedback>(m, "Feedback")
+      .def(py::init<VectorXd, VectorXd, VectorXd, py::object, double>(), py::arg("column"), py::arg("by_q"),
+           py::arg("by_v"), py::arg("reference"), py::arg("limit"))
+      .def_readonly("column", &PyFeedback::column)
+      .def_readonly("by_q", &PyFeedback::by_q)
+      .def_readonly("by_v", &PyFeedback::by_v)
+      .def_readonly("reference", &PyFeedback::reference)
+      .def_readonly("limit", &PyFeedback::limit)
+      .def(
+          py::pickle([](const PyFeedback& x) { return py::make_tuple(x.column, x.by_q, x.by_v, x.reference, x.limit); },
+                     [](const py::tuple& t) {
+                       return PyFeedback{t[0].cast<VectorXd>(), t[1].cast<VectorXd>(), t[2].cast<VectorXd>(),
+                                         t[3].cast<py::object>(), t[4].cast<double>()};
+                     }));
+  py::class_<PySampler>(m, "Sampler")
+      .def(py::init<double, double, double, py::object>(), py::arg("first"), py::arg("period"), py::arg("delay"),
+           py::arg("law"))
+      .def_readonly("first", &PySampler::first)
+      .def_readonly("period", &PySampler::period)
+      .def_readonly("delay", &PySampler::delay)
+      .def_readonly("law", &PySampler::law)
+      .def(py::pickle([](const PySampler& x) { return py::make_tuple(x.first, x.period, x.delay, x.law); },
+                      [](const py::tuple& t) {
+                        return PySampler{t[0].cast<double>(), t[1].cast<double>(), t[2].cast<double>(),
+                                         t[3].cast<py::object>()};
+                      }));
+  py::class_<PyEvent>(m, "Event")
+      .def(py::init<py::object, int, int>(), py::arg("value"), py::arg("terminal"), py::arg("direction"))
+      .def_readonly("value", &PyEvent::value)
+      .def(py::pickle(
+          [](const PyEvent& x) { return py::make_tuple(x.value, x.terminal, x.direction); },
+          [](const py::tuple& t) { return PyEvent{t[0].cast<py::object>(), t[1].cast<int>(), t[2].cast<int>()}; }));
+  py::class_<PyProblem>(m, "Problem")
+      .def(py::init([](const Arm& arm, const VectorXd& t, const VectorXd& q0, const VectorXd& v0, const VectorXd& tau,
+                       const std::vector<PyDrive>& drives, const std::vector<PyLoad>& loads,
+                       const std::vector<PyFeedback>& feedback, const std::vector<PySampler>& samplers,
+                       const std::vector<PyEvent>& events) {
+             PyProblem out(arm, t, drives, loads, feedback, samplers, events);
+             out.problem.q0 = q0;
+             out.problem.v0 = v0;
+             out.problem.tau = tau;
+             return out;
+           }),
+           py::keep_alive<1, 2>(), py::kw_only(), py::arg("arm"), py::arg("t"), py::arg("q0"), py::arg("v0"),
+           py::arg("tau"), py::arg("drives"), py::arg("loads"), py::arg("feedback"), py::arg("samplers"),
+           py::arg("events"))
+      .def_property_readonly("q0", [](const PyProblem& p) { return p.problem.q0; })
+      .def_property_readonly("v0", [](const PyProblem& p) { return p.problem.v0; })
+      .def_property_readonly("asked", [](const PyProblem& p) {
+        py::list out;
+        for (const auto& a : p.asked) out.append(a ? py::cast(a->calls) : py::none());
+        return out;
+      });
 }
 
 py::dict tangent_rows(const std::vector<Trajectory::Tangent>& all, Eigen::Index done, Eigen::Index rates) {

@@ -5,9 +5,7 @@
 
 #include "evaluation.hpp"
 #include "flexarm/computed_torque.hpp"
-#include "flexarm/control.hpp"
-#include "flexarm/drive.hpp"
-#include "flexarm/load.hpp"
+#include "flexarm/problem.hpp"
 #include "flexarm/trajectory.hpp"
 
 /// Where in time a callable has been asked: the last call in each of many equal parts of a run.
@@ -27,14 +25,41 @@ struct Asked {
 /// Of each callable.
 using AllAsked = std::vector<std::shared_ptr<Asked>>;
 
-/// (coordinate, is a motion, law, column or none) of each drive, and (place, law) of each load.
-using Laws = std::vector<std::tuple<int, bool, py::object, Eigen::VectorXd>>;
-using LoadLaws = std::vector<std::pair<flexarm::Load, py::object>>;
+/// What acts on an arm, as Python gives it: see the classes of the same names, whose functions a `law` becomes. That is
+/// a PiecewisePolynomial (of a load, a tuple of six) or a callable of time.
+struct PyDrive {
+  int rate;    ///< -1: of a column
+  bool moves;  ///< whether it prescribes the motion of that rate, or is a force on it
+  py::object law;
+  Eigen::VectorXd column;
+};
+struct PyLoad {
+  flexarm::Load place;
+  py::object law;
+};
+struct PyFeedback {
+  Eigen::VectorXd column, by_q, by_v;
+  py::object reference;  ///< or None
+  double limit;
+};
+struct PySampler {
+  double first, period, delay;
+  py::object law;
+};
+struct PyEvent {
+  py::object value;  ///< callable (t, q, v) -> number
+  int terminal, direction;
+};
 
-/// (column, by_q, by_v, reference or None, limit) of each law without memory.
-using FeedbackLaws = std::vector<std::tuple<Eigen::VectorXd, Eigen::VectorXd, Eigen::VectorXd, py::object, double>>;
-/// (first, period, delay, law) of each sampled one.
-using SampledLaws = std::vector<std::tuple<double, double, double, py::object>>;
+/// A problem from Python, and where its callables were asked: of drives, loads, and references of feedback.
+struct PyProblem {
+  flexarm::Problem problem;
+  AllAsked asked;
+  /// @param times  of the run
+  PyProblem(const flexarm::Arm& arm, const Eigen::VectorXd& times, const std::vector<PyDrive>& drives,
+            const std::vector<PyLoad>& loads, const std::vector<PyFeedback>& feedback,
+            const std::vector<PySampler>& samplers, const std::vector<PyEvent>& events);
+};
 
 /// A computed torque, of an arm that may be another than the one it moves.
 struct ComputedLaw {
@@ -48,13 +73,7 @@ struct ComputedLaw {
   Eigen::VectorXd operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
 };
 
-/// A drive: a piecewise polynomial, or a callable t -> force, t -> (q, v, a), whose calls are noted.
-flexarm::Drive make_drive(int coordinate, bool is_motion, const py::object& law, const Eigen::VectorXd& column,
-                          const Eigen::VectorXd& times, AllAsked& all);
-/// A load's value in time: six piecewise polynomials, or a callable t -> six numbers.
-flexarm::LoadDrive make_load(const flexarm::Load& load, const py::object& law, const Eigen::VectorXd& times,
-                             AllAsked& all);
-flexarm::Control make_control(const FeedbackLaws& feedback, const SampledLaws& sampled, int nv,
-                              const Eigen::VectorXd& times, AllAsked& all);
+/// A drive, whose callable's calls are noted.
+flexarm::Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& all);
 /// q, v, a, tau and friction by the parameters, (np, nt, n) each.
 py::dict tangent_rows(const std::vector<flexarm::Trajectory::Tangent>& all, Eigen::Index done, Eigen::Index rates);

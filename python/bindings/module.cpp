@@ -5,6 +5,7 @@ PYBIND11_MODULE(_core, m) {
   m.attr("__version__") = FLEXARM_VERSION;
   bind_interpreter();
   bind_model(m);
+  bind_problem(m);
   bind_time(m);
   bind_gradients(m);
   bind_batch(m);

@@ -2,7 +2,6 @@
 
 #include "flexarm/check.hpp"
 #include "flexarm/collocation.hpp"
-#include "flexarm/friction.hpp"
 #include "flexarm/ida.hpp"
 #include "flexarm/simulate.hpp"
 #include "laws.hpp"
@@ -10,25 +9,6 @@
 using namespace flexarm;
 
 namespace {
-
-/// An event from Python: a callable (t, q, v) -> number.
-Event make_event(std::size_t k, const py::object& law, int terminal, int direction) {
-  const auto shared = std::make_shared<py::object>(law);
-  const std::string name = "events[" + std::to_string(k) + "]";
-  const auto value = [shared, name](double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
-    const Locked lock;
-    const py::object g = call(*shared, t, q, v);
-    try {
-      return g.cast<double>();
-    } catch (const py::cast_error&) {
-      bad_value(name + " at t = " + std::to_string(t), std::string(py::repr(g)), "must give one number");
-    }
-  };
-  return {value, terminal, direction};
-}
-
-/// (value, terminal, direction) of each event.
-using EventLaws = std::vector<std::tuple<py::object, int, int>>;
 
 /// t (n), q (n, nq), v (n, nv) of each event.
 py::list event_rows(const Trajectory& r) {
@@ -56,76 +36,27 @@ py::list event_slopes(const Trajectory& r) {
   return out;
 }
 
-/// (weight, offset, arm, drives, loads, tau, feedback, sampled, q0, v0) of each neighbour of a problem, and (scale,
-/// whether it changes no more than controllers and the start, neighbours) of each parameter.
-using NeighbourLaws = std::tuple<double, double, py::object, Laws, LoadLaws, Eigen::VectorXd, FeedbackLaws, SampledLaws,
-                                 Eigen::VectorXd, Eigen::VectorXd>;
-using ParameterLaws = std::vector<std::tuple<double, bool, std::vector<NeighbourLaws>>>;
-
-/// Parameters, and the controllers of their neighbours.
-struct Parameters {
-  std::vector<Parameter> all;
-  std::vector<std::unique_ptr<Control>> controls;
-
-  Parameters(const ParameterLaws& given, const Eigen::VectorXd& times) {
-    AllAsked asked;  // nobody looks at where the neighbours' callables were asked
-    for (const auto& [scale, forces_only, neighbours] : given) {
-      all.push_back({scale, forces_only, {}});
-      for (const auto& [weight, offset, arm, drives, loads, tau, feedback, sampled, q0, v0] : neighbours) {
-        const Arm& its = arm.cast<const Arm&>();
-        controls.push_back(std::make_unique<Control>(make_control(feedback, sampled, its.nv(), times, asked)));
-        Neighbour n{weight, offset, &its, {}, {}, tau, controls.back().get(), q0, v0};
-        for (const auto& [coordinate, is_motion, law, column] : drives)
-          n.drives.push_back(make_drive(coordinate, is_motion, law, column, times, asked));
-        for (const auto& [load, law] : loads) n.loads.push_back(make_load(load, law, times, asked));
-        all.back().neighbours.push_back(std::move(n));
-      }
-    }
-  }
+/// A neighbour and a parameter from Python; see Neighbour and Parameter.
+struct PyNeighbour {
+  double weight, offset;
+  const PyProblem* of;
+};
+struct PyParameter {
+  double scale;
+  bool forces_only;
+  std::vector<PyNeighbour> neighbours;
 };
 
-/// What a run is given beside its integrator.
-struct Given {
-  const Arm& arm;
-  const Laws& drives;
-  const Eigen::VectorXd &t, &q0, &v0, &tau;
-  bool composite;
-  const py::object& alive;
-  const LoadLaws& loads;
-  const EventLaws& events;
-  const FeedbackLaws& feedback;
-  const SampledLaws& sampled;
-  const ParameterLaws& parameters;
-};
-
-/// Runs integrate(drives, t, q, v, tau, alive, loads, events, control) -> Trajectory, once where the method `rubs`,
-/// else from one switch of dry friction to the next, without the interpreter's lock, looking around ten times a second:
+/// The trajectory that integrate(alive) makes without the interpreter's lock, looking around ten times a second:
 /// Ctrl-C, progress.
 template <class Integrate>
-py::dict run(const Given& given, bool rubs, double step, const Integrate& integrate) {
-  std::vector<Drive> laws;
-  AllAsked asked;  // in the order of drives, loads, and references of control
-  for (const auto& [coordinate, is_motion, law, column] : given.drives)
-    laws.push_back(make_drive(coordinate, is_motion, law, column, given.t, asked));
-  std::vector<LoadDrive> wrenches;
-  for (const auto& [load, law] : given.loads) wrenches.push_back(make_load(load, law, given.t, asked));
-  Control control = make_control(given.feedback, given.sampled, given.arm.nv(), given.t, asked);
-  std::vector<Event> watched;
-  for (std::size_t k = 0; k < given.events.size(); ++k)
-    std::apply([&](const auto&... parts) { watched.push_back(make_event(k, parts...)); }, given.events[k]);
-  const Parameters parameters(given.parameters, given.t);
-  Lookout lookout(given.alive);
+py::dict run(const py::object& alive, const Integrate& integrate) {
+  Lookout lookout(alive);
   const auto look_around = [&lookout](double now) { return lookout(now); };
   Trajectory r;
   {
     const Unlocked free;
-    const auto part = [&](const auto& drives, const auto& t, const auto& q, const auto& v, const auto& tau,
-                          const auto& events, const auto& by) {
-      return integrate(drives, t, q, v, tau, look_around, wrenches, events, control, by);
-    };
-    r = rubs ? part(laws, given.t, given.q0, given.v0, given.tau, watched, parameters.all)
-             : simulate_with_friction(given.arm, laws, given.t, given.q0, given.v0, given.tau, wrenches, watched,
-                                      given.composite, part, &control, step, parameters.all);
+    r = integrate(look_around);
   }
   py::dict stats, out;
   stats["steps"] = r.stats.steps;
@@ -152,9 +83,6 @@ py::dict run(const Given& given, bool rubs, double step, const Integrate& integr
     out["tangents"] = tangent_rows(r.tangents, r.done, r.v.cols());
     out["event_slopes"] = event_slopes(r);
   }
-  py::list calls;
-  for (const auto& a : asked) calls.append(a ? py::cast(a->calls) : py::none());
-  out["asked"] = calls;
   return out;
 }
 
@@ -229,57 +157,48 @@ void bind_time(py::module_& m) {
            py::arg("limit"), py::arg("reference"), py::arg("read"), py::arg("u0"), py::arg("windup"), py::arg("reach"))
       .def_property_readonly("reads", [](const LinearLaw& law) { return bool(law.read); });
 
+  py::class_<PyNeighbour>(m, "Neighbour")
+      .def(py::init([](double weight, double offset, const PyProblem& of) { return PyNeighbour{weight, offset, &of}; }),
+           py::arg("weight"), py::arg("offset"), py::arg("problem"), py::keep_alive<1, 4>());
+  py::class_<PyParameter>(m, "Parameter")
+      .def(py::init<double, bool, std::vector<PyNeighbour>>(), py::arg("scale"), py::arg("forces_only"),
+           py::arg("neighbours"), py::keep_alive<1, 4>());
+
   m.def(
       "simulate_ida",
-      [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
-         const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, double rtol, double atol, int max_order,
+      [](const PyProblem& of, const Eigen::VectorXd& t, double rtol, double atol, int max_order,
          const std::string& linear_solver, const py::object& slow, bool composite, const py::object& alive,
-         const LoadLaws& loads, const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled,
-         const ParameterLaws& by) {
+         const std::vector<PyParameter>& parameters) {
         const LinearSolver solver = linear_solver == "dense"   ? LinearSolver::dense
                                     : linear_solver == "chain" ? LinearSolver::chain
                                                                : LinearSolver::automatic;
-        IdaOptions options{rtol, atol, max_order, composite, solver, DryFriction::left_to_caller};
+        IdaOptions options{rtol, atol, max_order, composite, solver};
         if (!slow.is_none())
           options.slow = [&slow](double now, long steps) {
             const Locked lock;
             call(slow, now, steps);
           };
-        return run({arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled, by}, false, 0.0,
-                   [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
-                       const auto& look_around, const auto& wrenches, const auto& watched, Control& control,
-                       const auto& parameters) {
-                     return simulate_ida(arm, laws, times, q, v, forces, options, look_around, wrenches, watched,
-                                         &control, parameters);
-                   });
+        std::vector<Parameter> by;
+        for (const PyParameter& p : parameters) {
+          by.push_back({p.scale, p.forces_only, {}});
+          for (const PyNeighbour& n : p.neighbours) by.back().neighbours.push_back({n.weight, n.offset, n.of->problem});
+        }
+        return run(alive, [&](const Alive& look) { return simulate_ida(of.problem, t, options, look, by); });
       },
-      py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("rtol"),
-      py::arg("atol"), py::arg("max_order"), py::arg("linear_solver"), py::arg("slow"), py::arg("composite"),
-      py::arg("alive"), py::arg("loads"), py::arg("events"), py::arg("feedback"), py::arg("sampled"),
-      py::arg("parameters"));
+      py::arg("problem"), py::arg("t"), py::kw_only(), py::arg("rtol"), py::arg("atol"), py::arg("max_order"),
+      py::arg("linear_solver"), py::arg("slow"), py::arg("composite"), py::arg("alive"), py::arg("parameters"));
 
   m.def(
       "simulate_fixed",
-      [](const Arm& arm, const Laws& drives, const Eigen::VectorXd& t, const Eigen::VectorXd& q0,
-         const Eigen::VectorXd& v0, const Eigen::VectorXd& tau, const std::string& integrator, double step, double rtol,
-         double spectral_radius, int stages, bool composite, const py::object& alive, const LoadLaws& loads,
-         const EventLaws& events, const FeedbackLaws& feedback, const SampledLaws& sampled, Tape* tape) {
-        const std::unique_ptr<Step> method = make_step(integrator, arm, step, rtol, spectral_radius, stages);
+      [](const PyProblem& of, const Eigen::VectorXd& t, const std::string& integrator, double step, double rtol,
+         double spectral_radius, int stages, bool composite, const py::object& alive, Tape* tape) {
+        const std::unique_ptr<Step> method =
+            make_step(integrator, *of.problem.arm, step, rtol, spectral_radius, stages);
         if (tape) *tape = Tape(method->stages());
-        return run(
-            {arm, drives, t, q0, v0, tau, composite, alive, loads, events, feedback, sampled, {}},
-            method->rubbing() != nullptr, step,
-            [&](const auto& laws, const auto& times, const auto& q, const auto& v, const auto& forces,
-                const auto& look_around, const auto& wrenches, const auto& watched, Control& control, const auto&) {
-              // what is left after a switch may be shorter than a step
-              const double left = times[times.size() - 1] - times[0];
-              return simulate_fixed(arm, laws, times, q, v, forces, *method,
-                                    times[0] > t[0] ? std::min(step, left) : step, composite, look_around, wrenches,
-                                    watched, &control, tape);
-            });
+        return run(alive, [&](const Alive& look) {
+          return simulate_fixed(of.problem, t, *method, step, composite, look, tape);
+        });
       },
-      py::arg("arm"), py::arg("drives"), py::arg("t"), py::arg("q0"), py::arg("v0"), py::arg("tau"),
-      py::arg("integrator"), py::arg("step"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("stages"),
-      py::arg("composite"), py::arg("alive"), py::arg("loads"), py::arg("events"), py::arg("feedback"),
-      py::arg("sampled"), py::arg("tape") = nullptr);
+      py::arg("problem"), py::arg("t"), py::kw_only(), py::arg("integrator"), py::arg("step"), py::arg("rtol"),
+      py::arg("spectral_radius"), py::arg("stages"), py::arg("composite"), py::arg("alive"), py::arg("tape") = nullptr);
 }

@@ -61,13 +61,9 @@ class Section:
     @staticmethod
     def ellipse(y: float, z: float, shear_correction: Sequence[float] | None) -> Section: ...
     @staticmethod
-    def box(
-        y: float, z: float, thickness: Sequence[float], shear_correction: Sequence[float] | None
-    ) -> Section: ...
+    def box(y: float, z: float, thickness: Sequence[float], shear_correction: Sequence[float] | None) -> Section: ...
     @staticmethod
-    def i_beam(
-        y: float, z: float, flange: float, web: float, shear_correction: Sequence[float] | None
-    ) -> Section: ...
+    def i_beam(y: float, z: float, flange: float, web: float, shear_correction: Sequence[float] | None) -> Section: ...
     @property
     def area(self) -> float: ...
     @property
@@ -377,13 +373,83 @@ class ComputedTorque:
     def feed_forward(self, t: ArrayLike, inertia: bool) -> _Array: ...
     def at_rest(self, t: ArrayLike) -> _Array: ...
 
+class Drive:
+    def __init__(self, rate: int, moves: bool, law: Any, column: ArrayLike = ...) -> None: ...
+    @property
+    def rate(self) -> int: ...
+    @property
+    def moves(self) -> bool: ...
+    @property
+    def law(self) -> Any: ...
+    @property
+    def column(self) -> _Array: ...
+
+class LoadLaw:
+    def __init__(self, place: Load, law: Any) -> None: ...
+    @property
+    def law(self) -> Any: ...
+
+class Feedback:
+    def __init__(self, column: ArrayLike, by_q: ArrayLike, by_v: ArrayLike, reference: Any, limit: float) -> None: ...
+    @property
+    def column(self) -> _Array: ...
+    @property
+    def by_q(self) -> _Array: ...
+    @property
+    def by_v(self) -> _Array: ...
+    @property
+    def reference(self) -> Any: ...
+    @property
+    def limit(self) -> float: ...
+
+class Sampler:
+    def __init__(self, first: float, period: float, delay: float, law: Any) -> None: ...
+    @property
+    def first(self) -> float: ...
+    @property
+    def period(self) -> float: ...
+    @property
+    def delay(self) -> float: ...
+    @property
+    def law(self) -> Any: ...
+
+class Event:
+    def __init__(self, value: Any, terminal: int, direction: int) -> None: ...
+    @property
+    def value(self) -> Any: ...
+
+class Problem:
+    def __init__(
+        self,
+        *,
+        arm: Arm,
+        t: ArrayLike,
+        q0: ArrayLike,
+        v0: ArrayLike,
+        tau: ArrayLike,
+        drives: Sequence[Drive],
+        loads: Sequence[LoadLaw],
+        feedback: Sequence[Feedback],
+        samplers: Sequence[Sampler],
+        events: Sequence[Event],
+    ) -> None: ...
+    @property
+    def q0(self) -> _Array: ...
+    @property
+    def v0(self) -> _Array: ...
+    @property
+    def asked(self) -> list[_Array | None]: ...
+
+class Neighbour:
+    def __init__(self, weight: float, offset: float, problem: Problem) -> None: ...
+
+class Parameter:
+    def __init__(self, scale: float, forces_only: bool, neighbours: Sequence[Neighbour]) -> None: ...
+
 def simulate_ida(
-    arm: Arm,
-    drives: Sequence[tuple[int, bool, Any, ArrayLike]],
+    problem: Problem,
     t: ArrayLike,
-    q0: ArrayLike,
-    v0: ArrayLike,
-    tau: ArrayLike,
+    *,
     rtol: float,
     atol: float,
     max_order: int,
@@ -391,11 +457,7 @@ def simulate_ida(
     slow: Callable[[float, int], None] | None,
     composite: bool,
     alive: Callable[[float], None] | None,
-    loads: Sequence[tuple[Load, Any]],
-    events: Sequence[tuple[Any, int, int]],
-    feedback: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike, Any, float]],
-    sampled: Sequence[tuple[float, float, float, Any]],
-    parameters: Sequence[tuple[float, bool, Sequence[tuple[Any, ...]]]],
+    parameters: Sequence[Parameter],
 ) -> dict[str, Any]: ...
 def step_derivatives(
     arm: Arm,
@@ -497,12 +559,9 @@ class KalmanFilter:
     def used(self) -> int: ...
 
 def simulate_fixed(
-    arm: Arm,
-    drives: Sequence[tuple[int, bool, Any, ArrayLike]],
+    problem: Problem,
     t: ArrayLike,
-    q0: ArrayLike,
-    v0: ArrayLike,
-    tau: ArrayLike,
+    *,
     integrator: str,
     step: float,
     rtol: float,
@@ -510,22 +569,8 @@ def simulate_fixed(
     stages: int,
     composite: bool,
     alive: Callable[[float], None] | None,
-    loads: Sequence[tuple[Load, Any]],
-    events: Sequence[tuple[Any, int, int]],
-    feedback: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike, Any, float]],
-    sampled: Sequence[tuple[float, float, float, Any]],
     tape: Tape | None = None,
 ) -> dict[str, Any]: ...
-class Problem:
-    def __init__(
-        self,
-        arm: Arm,
-        drives: Sequence[tuple[int, bool, Any, ArrayLike]],
-        t: ArrayLike,
-        tau: ArrayLike,
-        loads: Sequence[tuple[Load, Any]],
-        feedback: Sequence[tuple[ArrayLike, ArrayLike, ArrayLike, Any, float]],
-    ) -> None: ...
 
 class Tape:
     def __init__(self) -> None: ...

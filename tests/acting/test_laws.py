@@ -268,7 +268,7 @@ def test_static_strain_follows_a_moving_reference() -> None:
     law = fa.StrainFeedback(40.0, 1.0, 2.0, link=0, reference=MOVE, static="equilibrium", pose=[9, 9, 9, -0.7, 9, 9])
     plain = fa.StrainFeedback(40.0, 1.0, 2.0, link=0, reference=MOVE)
     t = np.linspace(0, 1, 5)
-    with_, without = (x._laws(arm, Run(t, (), 0, 0))[0][0][3] for x in (law, plain))
+    with_, without = (x._laws(arm, Run(t, (), 0, 0))[0][0].reference for x in (law, plain))
     for x in (0.0, 0.17, 0.6, 0.99):
         q = arm.equilibrium([MOVE(x)[0], 0, 0, -0.7, 0, 0], lock=[0, 1])
         assert with_(x)[0] - without(x)[0] == pytest.approx(2.0 * arm.strain(q, 0, 0.0)[2], rel=1e-8)

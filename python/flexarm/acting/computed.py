@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 import flexarm._core as _core
+from flexarm._core import Feedback, Sampler
 
 from .._check import Array, array, choice
 from ..parts.chain import Chain
-from .control import Controller, Feedback, Run, SampledLaw, all_joints
+from .control import Controller, Run, all_joints
 from .drive import Motion
 from .following import Fitted, check_motion, fitted, kinks_of, motions_of
 from .motor import finite, positive
@@ -100,7 +101,7 @@ class FeedForward(Controller):
         core = _core.ComputedTorque(model._core, axes, self.elastic == "static", [], model.nv)
         return lambda t: core.feed_forward(t, self.inertia)[:, own]
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         rates = all_joints(arm)
         motions = _motions(arm, self.reference, rates, run.times, self.inertia)
         sampled = [m.law for m in motions if isinstance(m.law, _core.PiecewisePolynomial) and not m.constant]
@@ -110,7 +111,7 @@ class FeedForward(Controller):
             np.concatenate([np.zeros(0), *kinks]),
         )  # fmt: skip
         none = np.zeros(arm.nq), np.zeros(arm.nv)
-        return [(np.eye(arm.nv)[i], *none, law, np.inf) for i, law in zip(rates, laws, strict=True)], []
+        return [Feedback(np.eye(arm.nv)[i], *none, law, np.inf) for i, law in zip(rates, laws, strict=True)], []
 
 
 class ComputedTorque(Controller):
@@ -175,9 +176,9 @@ class ComputedTorque(Controller):
         moved = [(arm.coordinate_of(i), i) for i in rates]
         return _core.ComputedTorque(model._core, axes, self.elastic == "static", moved, size)
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         span = float(run.times[-1] - run.times[0])
         if self.rate * span > 1e8:
             raise ValueError(f"rate = {self.rate}: asks for {self.rate * span:.3g} samples in {span} s; at most 1e8")
         law = self._law(arm, run.times, arm.nv + run.total)
-        return [], [(float(run.times[0]), 1.0 / self.rate, self.delay, law)]
+        return [], [Sampler(float(run.times[0]), 1.0 / self.rate, self.delay, law)]

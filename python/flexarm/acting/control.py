@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import flexarm._core as _core
+from flexarm._core import Feedback, Sampler
 
 from .._check import Array, array, choice, number
 from ..parts.arguments import arguments
@@ -24,10 +25,6 @@ from .drive import Motion, Torque
 from .following import along, check_motion, fitted, law_of, plus, scalar_law, scaled
 from .motor import Motor, finite, positive
 from .voltage import is_patch
-
-#: (column, by_q, by_v, reference, limit) and (first, period, delay, law): see flexarm/control.hpp
-Feedback = tuple[Array, Array, Array, Any, float]
-SampledLaw = tuple[float, float, float, Any]
 
 
 def listed(name: str, value: Any) -> list[Any]:
@@ -59,7 +56,7 @@ def braking_laws(arm: Chain, motor: Motor | None, units: Iterable[Array]) -> lis
     """The laws of a motor's back-EMF, at joints given by unit columns (nv,)."""
     if motor is None or motor.braking == 0.0:
         return []
-    return [(unit, np.zeros(arm.nq), motor.braking * unit, None, np.inf) for unit in units]
+    return [Feedback(unit, np.zeros(arm.nq), motor.braking * unit, None, np.inf) for unit in units]
 
 
 class Run(NamedTuple):
@@ -109,7 +106,7 @@ class Controller:
                  if text and (name == "link" or text != _in_words(defaults[name].default))]  # fmt: skip
         return f"{made.__name__}({', '.join(shown)})"
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         raise NotImplementedError(f"{type(self).__name__} is no control law: subclass Sampled, or give one a function")
 
     def _columns(self, arm: Chain) -> list[Array]:
@@ -169,7 +166,7 @@ class _JointLaw(Controller):
         self.reference_rate.check_span("reference_rate", times)
         return plus(scaled(self.reference, self.kp), scaled(self.reference_rate, self.kv))
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         i = self._rate(arm)
         at = arm.coordinate_of(i)
         if at < 0:
@@ -178,7 +175,8 @@ class _JointLaw(Controller):
             )
         unit, by_q = np.eye(arm.nv)[i], np.zeros(arm.nq)
         by_q[at] = self.kp
-        law = (gain_of(self.motor) * unit, by_q, self.kv * unit, self._offset(arm, i, run.times).law, self.limit)
+        column, offset = gain_of(self.motor) * unit, self._offset(arm, i, run.times).law
+        law = Feedback(column, by_q, self.kv * unit, offset, self.limit)
         return [law, *braking_laws(arm, self.motor, [unit])], []
 
 
@@ -270,16 +268,16 @@ class StrainFeedback(_JointLaw):
         rest = fitted(lambda t: self.ks * (core.at_rest(t) @ row)[:, None], begin, end, kinks)[0]
         return plus(law, law_of(rest))
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         (law, *others), _ = super()._laws(arm, run)
-        (column, by_q, by_v, offset, limit), row = law, self._gauge(arm)
-        by_q = by_q + self.ks * row
+        row, by_v = self._gauge(arm), law.by_v
+        by_q = law.by_q + self.ks * row
         if self.washout is None:
-            return [(column, by_q, by_v, offset, limit), *others], []
+            return [Feedback(law.column, by_q, by_v, law.reference, law.limit), *others], []
         state = np.eye(arm.nv + run.total)[arm.nv + run.first]
         by_v = padded(by_v, arm.nv + run.total) - self.ks * state
-        filtered = (state, -self.washout * row, self.washout * state, None, np.inf)
-        return [(column, by_q, by_v, offset, limit), filtered, *others], []
+        filtered = Feedback(state, -self.washout * row, self.washout * state, None, np.inf)
+        return [Feedback(law.column, by_q, by_v, law.reference, law.limit), filtered, *others], []
 
 
 class StateFeedback(Controller):
@@ -303,7 +301,7 @@ class StateFeedback(Controller):
         self.K, self.actuate = np.atleast_2d(array("K", K)), listed("actuate", actuate)
         self.q0, self.v0, self.u0, self.limit = q0, v0, u0, limit_of(limit, None, len(self.actuate))
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         if arm.nq != arm.nv:
             raise ValueError(
                 "StateFeedback: is for arms without balls, whose coordinates are not those of a linear model"
@@ -315,7 +313,7 @@ class StateFeedback(Controller):
         u0 = np.zeros(len(columns)) if self.u0 is None else array("u0", self.u0, (len(columns),))
         offset = u0 + K @ np.concatenate([q0, v0])
         laws = [
-            (c, k[: arm.nq], k[arm.nq :], Torque(float(u)).law, float(limit))
+            Feedback(c, k[: arm.nq], k[arm.nq :], Torque(float(u)).law, float(limit))
             for c, k, u, limit in zip(columns, K, offset, np.broadcast_to(self.limit, len(K)), strict=True)
         ]
         return laws, []
@@ -380,7 +378,7 @@ def measured_rows(arm: Chain, measure: Sequence[Any] | None, first: int = 0) -> 
 
 def control_laws(
     arm: Chain, control: Any, times: Array, loads: Any = (), prescribed: Sequence[int] = ()
-) -> tuple[list[Feedback], list[SampledLaw], int]:
+) -> tuple[list[Feedback], list[Sampler], int]:
     """The laws of all controllers of a run as the core takes them, continuous and sampled, and how many states of
     theirs the arm is to be extended by. `prescribed`: the rates whose motion is given."""
     all_given = [] if control is None else [control] if isinstance(control, Controller) else control
@@ -396,7 +394,9 @@ def control_laws(
         laws, samplers = c._laws(arm, Run(times, loads, first, total, k))
         first += c.memory
         nq, nv = arm.nq + total, arm.nv + total
-        feedback += [(padded(c, nv), padded(by_q, nq), padded(by_v, nv), *rest) for c, by_q, by_v, *rest in laws]
+        feedback += [
+            Feedback(padded(f.column, nv), padded(f.by_q, nq), padded(f.by_v, nv), f.reference, f.limit) for f in laws
+        ]
         sampled += samplers
     return feedback, sampled, total
 

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import flexarm._core as _core
+from flexarm._core import Feedback, Sampler
 
 from .._check import Array, array, choice, number, whole
 from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
-from .control import Controller, Feedback, Run, SampledLaw, force_columns, listed
+from .control import Controller, Run, force_columns, listed
 from .drive import Motion, Torque
 from .motor import positive, reach_of
 from .sampled import is_samples
@@ -198,12 +199,12 @@ class MPC(Controller):
         rates = [i for k, link in enumerate(arm.links) if link.joint.nv for i in arm.joint_rates(k)]
         return [np.eye(arm.nv)[i] for i in rates] if self.inputs is None else force_columns(arm, self.inputs)
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         model = arm if self.model is None else self.model
         columns = np.array(self._columns(arm)).T
         to_model = np.pad(_projection(arm, model), ((0, 0), (0, run.total)))
         law = self._made(arm, model, to_model, np.pad(columns, ((0, run.total), (0, 0))))
-        return [], [(float(run.times[0]), 1.0 / self.rate, self.delay / self.rate, law)]
+        return [], [Sampler(float(run.times[0]), 1.0 / self.rate, self.delay / self.rate, law)]
 
     def _made(self, arm: Chain, model: Chain, to_model: Array, forces: Array) -> Any:
         if model.nq != model.nv:

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import flexarm._core as _core
+from flexarm._core import Feedback, Sampler
 
 from .._check import Array, array, number
 from ..parts.chain import Chain
 from .control import (
     Controller,
-    Feedback,
     Run,
-    SampledLaw,
     braking_laws,
     force_columns,
     gain_of,
@@ -157,7 +156,7 @@ class Sampled(Controller):
         read = self._reader(arm, run.loads, opened)
         return Asked(self.law, read, columns, self.limit, arm.nv + run.total, f"control[{run.number}]")
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         units = np.array(force_columns(arm, self.actuate)).T
         span = float(run.times[-1] - run.times[0])
         if self.rate * span > _MOST:
@@ -167,11 +166,11 @@ class Sampled(Controller):
         opened: list[Any] = []
         law = self._law(arm, gain_of(self.motor) * units, run, opened)
         start, period = float(run.times[0]), 1.0 / self.rate
-        laws: list[SampledLaw] = [(start, period, self.delay, law)]
+        laws = [Sampler(start, period, self.delay, law)]
         gap = float(np.diff(run.times).max()) if len(run.times) > 1 else period
         parts = int(np.ceil(period / gap - 1e-6))
         if opened and parts > 1:  # filters see the arm as often as the result will show it
-            laws.insert(0, (start, period / parts, 0.0, _Between(opened, parts, arm, arm.nv + run.total)))
+            laws.insert(0, Sampler(start, period / parts, 0.0, _Between(opened, parts, arm, arm.nv + run.total)))
         return braking_laws(arm, self.motor, units.T), laws
 
 
@@ -304,7 +303,7 @@ class LinearController(Sampled):
         limit, reach = np.broadcast_to(self.limit, columns.shape[1]), reach_of(arm, columns, self.limit)
         return _core.LinearLaw(*matrices, *rows, limit, law, read, self.u0, self.anti_windup, reach)
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         if not self.continuous:
             return super()._laws(arm, run)
         units = np.array(force_columns(arm, self.actuate)).T
@@ -324,7 +323,7 @@ class LinearController(Sampled):
         def law(column: Array, by_x: Array, by_e: Array, constant: float, limit: float) -> Feedback:
             """constant + by_x x + by_e (reference - y), as -(by_q q + by_v v) and an offset."""
             rates = padded(by_e @ by_v, arm.nv + run.total) - by_x @ states
-            return column, by_e @ by_q, rates, offset(by_e, float(constant)), limit
+            return Feedback(column, by_e @ by_q, rates, offset(by_e, float(constant)), limit)
 
         # x' = (A - W C) x + (B - W D) e - W u0 + W u, with u within its limit, and within what its joint's motor gives
         size, gain = arm.nv + run.total, gain_of(self.motor)

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+import flexarm._core as _core
+
 from .._check import Array, array
 from ..parts.chain import Chain
 from .drive import Scalar
@@ -32,7 +34,7 @@ def split_drives(drive: Any) -> tuple[Any, dict[Any, Any]]:
     return joints, {k: law for k, law in drive.items() if is_patch(k)}
 
 
-def patch_laws(arm: Chain, drives: Mapping[Any, Any], t: Array) -> list[tuple[int, bool, Any, Array]]:
+def patch_laws(arm: Chain, drives: Mapping[Any, Any], t: Array) -> list[_core.Drive]:
     """What the core takes of the voltages of patches, keyed by ("patch", link, patch)."""
     out: dict[int, Any] = {}
     for key, law in drives.items():
@@ -47,7 +49,7 @@ def patch_laws(arm: Chain, drives: Mapping[Any, Any], t: Array) -> list[tuple[in
         law.check_span(where, t)
         out[k] = law.law
     B = arm.patch_matrix
-    return [(-1, False, law, np.ascontiguousarray(B[:, k])) for k, law in out.items()]
+    return [_core.Drive(-1, False, law, B[:, k]) for k, law in out.items()]
 
 
 def voltage_forces(arm: Chain, voltages: Any) -> Array:

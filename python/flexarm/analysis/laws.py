@@ -91,13 +91,14 @@ def running_laws(
     for k, c in enumerate(controls):
         laws, held = c._laws(arm, Run(times, loads, first, total, k))
         sampled.append(held)
-        for column, by_q, by_v, _, limit in laws:
+        for law in laws:
+            column, by_q, by_v = law.column, law.by_q, law.by_v
             if not (np.any(by_q) or np.any(by_v)):
                 continue  # it looks at time alone
             motor = getattr(c, "motor", None)
             brakes = motor is not None and not np.any(by_q) and np.array_equal(by_v, motor.braking * column)
             acts = bool(np.any(column[: arm.nv])) and not brakes
-            limit = float(reach_of(arm, column[:, None], limit)[0])
+            limit = float(reach_of(arm, column[:, None], law.limit)[0])
             found.append(RunningLaw(k, padded(column, nv), padded(by_q, nq), padded(by_v, nv), limit, acts))
         first += c.memory
     felt = np.zeros(total, dtype=bool)
@@ -158,8 +159,8 @@ def held_law(
     Raises:
         NoLinearLaw: it has no derivative there, or a memory that is not linear.
     """
-    *_, (_, period, delay, law) = sampled
-    rate = getattr(c, "rate", None) or 1.0 / period
+    delay, law = sampled[-1].delay, sampled[-1].law
+    rate = getattr(c, "rate", None) or 1.0 / sampled[-1].period
     if isinstance(law, getattr(_core, "Mpc", ())):
         return _predictive(arm, k, law, q, v, t, rate, delay)
     if not isinstance(c, Sampled):

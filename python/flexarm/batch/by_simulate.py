@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexarm._core import Feedback, Sampler
+
 from .._check import Array
 from .._threads import each
-from ..acting.control import Controller, Feedback, Run, SampledLaw, padded
+from ..acting.control import Controller, Run, padded
 from ..analysis.validity import SILENT, worst_range
 from ..parts.chain import Chain
 from ..run.simulation import SimulationError, SimulationInterrupted, simulate
@@ -29,14 +31,14 @@ class _Held(Controller):
     def _columns(self, arm: Chain) -> list[Array]:
         return []
 
-    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[SampledLaw]]:
+    def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         first, period = float(run.times[0]), float(run.times[-1] - run.times[0]) / (run.times.size - 1)
         last, rows = run.times.size - 2, self.rows
 
         def force(t: float, q: Array, v: Array, a: Array) -> Array:
             return padded(rows[min(round((t - first) / period), last)], arm.nv + run.total)
 
-        return [], [(first, period, 0.0, force)]
+        return [], [Sampler(first, period, 0.0, force)]
 
 
 def run_simulations(

@@ -19,7 +19,7 @@ from ..arm import Arm
 from ..run.parameter import Parameter
 from ..run.perturbed import check_paths, components, problems
 from ..run.problem import Problem
-from ..run.sensitivity import balanced, by_parameters, repeated
+from ..run.sensitivity import by_parameters, repeated
 from ..run.variation import Setup
 from .arguments import check_options, default_workers
 
@@ -210,7 +210,7 @@ class _Rolls:
         single = list(dict.fromkeys(p for parts in paths.values() for p in parts))
         found = problems(Setup(arm), single, self.times, None, None, None)
         problem = Problem(arm, self.times, None, None, None, {}, (), (), None)
-        return _Near(arm, balanced(problem), paths, {p.path: p for p in found})
+        return _Near(arm, problem.core, paths, {p.path: p for p in found})
 
     def back(self, of: _Near, q: Array, v: Array, tau: Array, by_q: Array, by_v: Array) -> tuple[Any, ...]:
         nv, options = of.arm.nv, self.options

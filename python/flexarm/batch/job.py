@@ -154,7 +154,7 @@ class Job:
         feedback, samplers, memory = control_laws(setup.arm, setup.control, self.t)
         if samplers or memory:
             return "simulate"
-        laws = [law.law for law in setup.drive.values()] + [law for _, _, _, law, _ in feedback] + [*setup.loads]
+        laws = [law.law for law in setup.drive.values()] + [f.reference for f in feedback] + [*setup.loads]
         schedule = self.schedule()
         return "steps" if all(schedule.meets(breaks_of(law)) for law in laws) else "simulate"
 

@@ -184,11 +184,11 @@ def _law_tables(
     all_of = control if isinstance(control, (list, tuple)) else [control]
     key = (id(control), id(arm) if any(c.of_arm for c in all_of) else 0)
     if key not in references:
-        laws = [law for *_, law, _ in feedback]
+        laws = [f.reference for f in feedback]
         references[key] = [
             np.zeros((1, 1)) if law is None else sampled("reference", law, schedule.halves, 1) for law in laws
         ]
     return [
-        [column[None], by_q[None], by_v[None], reference, np.array([[limit]])]
-        for (column, by_q, by_v, _, limit), reference in zip(feedback, references[key], strict=True)
+        [f.column[None], f.by_q[None], f.by_v[None], reference, np.array([[f.limit]])]
+        for f, reference in zip(feedback, references[key], strict=True)
     ]

@@ -117,7 +117,8 @@ class Indicators:
                 at = slice(arm._core.first(k) + link.joint.nv, arm._core.first(k) + link.joint.nv + link.beam.ne)
                 K[at, at], D[at, at] = link.beam._core.stiffness, link.beam._core.damping
         rates = [arm.coordinate_of(i) for i in range(arm.nv)]
-        for column, by_q, by_v, *_ in _feedback(scene):
+        for f in _feedback(scene):
+            column, by_q, by_v = f.column, f.by_q, f.by_v
             c, by_rate = column[: arm.nv], np.array([by_q[j] if j >= 0 else 0.0 for j in rates])
             K, D = K + np.outer(c, by_rate), D + np.outer(c, by_v[: arm.nv])
         free = np.ones(arm.nv, dtype=bool)

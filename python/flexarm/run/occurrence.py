@@ -30,7 +30,7 @@ class Occurrence:
 
     def slopes(self) -> tuple[Array, Array, float]:
         """Derivatives of the event's value by q and v, and by time along the run."""
-        g, n = self.run.events[self.event][0], len(self.q)
+        g, n = self.run.events[self.event].value, len(self.q)
         at = np.concatenate([[self.t], self.q, self.v])
         by = np.zeros(at.size)
         for k, x in enumerate(at):
@@ -109,9 +109,9 @@ def cubics(run: Problem, tape: Any, result: Result) -> Iterator[Cubic]:
         q, v = (getattr(result, name)[event][number] for name in EVENTS[1:])
         at = Cubic(run, event, t, q, v, v, v, number, i, j, rates, run.prescribed)
         dq, dv = (d[:nv] for d in at.through(state))
-        for k, moves, law, _ in run.laws:
-            if moves:
-                _, dq[k], dv[k] = law(t)
+        for drive in run.drives:
+            if drive.moves:
+                _, dq[drive.rate], dv[drive.rate] = drive.law(t)
         yield Cubic(run, event, t, q, v, dq, dv, number, before, after, factors, run.prescribed)
 
 

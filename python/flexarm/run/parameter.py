@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from .._check import Array
-from ..acting.control import padded
+import flexarm._core as _core
+
 from .problem import Problem
 from .variation import Setup
 
@@ -36,31 +36,18 @@ class Parameter(NamedTuple):
         return self.path.partition(".")[0] in ("control", "q0", "v0")
 
 
-def core_start(run: Problem) -> tuple[Array, Array, Array]:
-    """q0, v0 and tau of a problem, as the core takes them: with the states of its controllers."""
-    start, both = run.start, run.both
-    return padded(start["q0"], both.nq), padded(start["v0"], both.nv), padded(start["tau"], both.nv)
-
-
-def core_laws(run: Problem) -> list[tuple[int, bool, Any, Any]]:
-    """Its drives, as the core takes them."""
-    nv = run.both.nv
-    return [(i, moves, law, padded(column, nv) if column.size else column) for i, moves, law, column in run.laws]
-
-
-def core_parameters(run: Problem, parameters: Sequence[Parameter]) -> list[Any]:
+def core_parameters(run: Problem, parameters: Sequence[Parameter]) -> list[_core.Parameter]:
     """Parameters, as the core takes them.
 
     Raises:
         ValueError: where the derivatives of a run do not go through a controller.
     """
-    return [(p.scale, p.forces_only, [_core_neighbour(run, p.path, n) for n in p.neighbours]) for p in parameters]
+    return [_core.Parameter(p.scale, p.forces_only, [_core_neighbour(run, p.path, n) for n in p.neighbours])
+            for p in parameters]  # fmt: skip
 
 
-def _core_neighbour(run: Problem, path: str, near: Neighbour) -> Any:
-    its = near.problem
-    if [law[:3] for law in its.sampled] != [law[:3] for law in run.sampled]:
+def _core_neighbour(run: Problem, path: str, near: Neighbour) -> _core.Neighbour:
+    when = [[(s.first, s.period, s.delay) for s in of.sampled] for of in (run, near.problem)]
+    if when[0] != when[1]:
         raise ValueError(f"parameters: '{path}' changes when a controller samples, by which a run has no derivative")
-    q0, v0, tau = core_start(its)
-    laws = (core_laws(its), its.wrenches, tau, its.feedback, its.sampled)
-    return near.weight, near.offset, its.both._core, *laws, q0, v0
+    return _core.Neighbour(near.weight, near.offset, near.problem.core)

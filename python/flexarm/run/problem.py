@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+import flexarm._core as _core
+
 from .._check import Array, array, number, whole
-from ..acting.control import PD, Controller, StrainFeedback, control_laws, extended
+from ..acting.control import PD, Controller, StrainFeedback, control_laws, extended, padded
 from ..acting.drive import Motion, Torque
 from ..acting.load import at_time
 from ..acting.voltage import patch_laws, split_drives
@@ -30,9 +33,8 @@ class Problem:
     Attributes:
         arm, times, loads, controls: as given.
         start: q0, v0 and tau, of the arm alone.
-        laws: (rate or -1, whether it prescribes that rate's motion, law of time, column of forces) of each drive.
+        drives, feedback, sampled, events: as the core takes them.
         prescribed: the rates whose motion is given.
-        feedback, sampled: laws of the controllers. events: (callable, occurrence that ends the run or 0, direction).
         both: the arm with a link for each state of a controller, which the core integrates.
     """
 
@@ -41,17 +43,32 @@ class Problem:
         self.arm, self.times = arm, _output_times(t)
         q = start(arm, q0, drive, loads, float(self.times[0]), tau) if isinstance(q0, str) else arm._posed(q0)
         self.start = _initial_state(arm, q, v0, tau)
-        self.laws = _drive_laws(arm, drive, self.times, self.start, {"q0": q, "v0": v0})
+        self.drives = _drives(arm, drive, self.times, self.start, {"q0": q, "v0": v0})
         places, _ = at_time(arm, loads, float(self.times[0]))
         self.loads = tuple(loads or ())
         for k, load in enumerate(self.loads):
             load.check_span(f"loads[{k}]", self.times)
-        self.wrenches = [(place, load.law) for place, load in zip(places, self.loads, strict=True)]
-        self.prescribed = [i for i, moves, *_ in self.laws if moves]
+        self._wrenches = [_core.LoadLaw(place, load.law) for place, load in zip(places, self.loads, strict=True)]
+        self.prescribed = [d.rate for d in self.drives if d.moves]
         self.feedback, self.sampled, memory = control_laws(arm, control, self.times, self.loads, self.prescribed)
         self.controls = [control] if isinstance(control, Controller) else list(control or ())
         self.both = extended(arm, memory) if memory else arm
-        self.events = [(self._of_arm(f), n, direction) for f, n, direction in read_events(events)]
+        self.events = [_core.Event(self._of_arm(f), *rest) for f, *rest in read_events(events)]
+
+    @cached_property
+    def core(self) -> _core.Problem:
+        """It, with the states of its controllers, for one run: it notes where its callables were asked."""
+        both, nv = self.both, self.both.nv
+        drives = [_core.Drive(d.rate, d.moves, d.law, padded(d.column, nv)) if both is not self.arm and d.column.size
+                  else d for d in self.drives]  # fmt: skip
+        sizes = {"q0": both.nq, "v0": nv, "tau": nv}
+        return _core.Problem(
+            arm=both._core, t=self.times, **{k: padded(x, sizes[k]) for k, x in self.start.items()}, drives=drives,
+            loads=self._wrenches, feedback=self.feedback, samplers=self.sampled, events=self.events,
+        )  # fmt: skip
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: x for k, x in vars(self).items() if k != "core"}
 
     def _of_arm(self, event: Callable[..., Any]) -> Callable[..., Any]:
         """The event, of the arm's part of q and v."""
@@ -70,7 +87,7 @@ class Problem:
     def in_degrees(self) -> str:
         """The joint that starts at, or is commanded to, an angle above a turn, and the question whether that is in
         degrees; "" if there is none. A motion that still turns at its end is a spin, which is not asked about."""
-        commands = {i: law for i, moves, law, _ in self.laws if moves}
+        commands = {d.rate: d.law for d in self.drives if d.moves}
         commands |= {law._rate(self.arm): law.reference for law in self.controls if isinstance(law, _FOLLOWS)}
         for i, name, unit in joint_rates(self.arm):
             at = self.arm.coordinate_of(i)
@@ -98,15 +115,14 @@ class Problem:
             found.q_events, found.v_events = [x[:, : arm.nq] for x in q], [x[:, : arm.nv] for x in v]
         return found
 
-    def missed(self, asked: Any) -> Iterator[PulseWarning | None]:
+    def missed(self) -> Iterator[PulseWarning | None]:
         """Warnings of what the steps have not seen of callables: of drives, loads and references of control."""
-        names = [f"drive of '{self.arm.coordinates[i]}'" if not len(column) else "voltage"
-                 for i, _, _, column in self.laws]  # fmt: skip
-        names += [f"loads[{k}]" for k in range(len(self.wrenches))]
-        callables = [law for _, _, law, _ in self.laws] + [law for _, law in self.wrenches]
-        references = [law for _, _, _, law, _ in self.feedback if law is not None]
+        names = ["voltage" if len(d.column) else f"drive of '{self.arm.coordinates[d.rate]}'" for d in self.drives]
+        names += [f"loads[{k}]" for k in range(len(self.loads))]
+        callables = [d.law for d in self.drives] + [x.law for x in self._wrenches]
+        references = [f.reference for f in self.feedback if f.reference is not None]
         names += ["reference of control"] * len(references)
-        for name, law, calls in zip(names, callables + references, asked, strict=True):
+        for name, law, calls in zip(names, callables + references, self.core.asked, strict=True):
             if calls is not None:
                 yield missed(name, law, calls, float(self.times[0]), float(self.times[-1]))
 
@@ -139,9 +155,9 @@ def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:
     return state
 
 
-def _drive_laws(
+def _drives(
     arm: Arm, drive: Any, times: Array, state: Mapping[str, Array], given: Mapping[str, Any]
-) -> list[tuple[int, bool, Any, Array]]:
+) -> list[_core.Drive]:
     """The drives as the core takes them. Prescribed joints start where their motion does, which this writes into
     `state`; a q0 or v0 that was `given` and says otherwise is an error."""
     joints, patches = split_drives(drive)
@@ -151,7 +167,7 @@ def _drive_laws(
         if not isinstance(law, (Motion, Torque)):
             raise ValueError(f"{where} = {law!r}: must be a Motion or a Torque")
         law.check_span(where, times)
-        laws.append((i, isinstance(law, Motion), law.law, np.zeros(0)))
+        laws.append(_core.Drive(i, isinstance(law, Motion), law.law))
         if isinstance(law, Torque):
             continue
         law.check_rates(where, times)

@@ -19,7 +19,7 @@ from ..acting.drive import Torque
 from ..acting.motor import torque_limits
 from ..acting.voltage import Voltage
 from .occurrence import EVENTS, Occurrence, by_event, cubics, rows_of
-from .parameter import Neighbour, Parameter, core_laws, core_start
+from .parameter import Neighbour, Parameter
 from .perturbed import STEP, check_paths, components, drive_of, problems, start_of
 from .problem import Problem
 from .result import Result
@@ -146,7 +146,7 @@ class Source:
         out = self.integrate(run, tape=tape)
         if out["friction"] is not None and self.integrator != "implicit":
             raise ValueError(f"integrator = '{self.integrator}': derivatives through dry friction need \"implicit\"")
-        core = balanced(run)
+        core = run.core
         tape.keep_sides(core)
         return run, run.result(_done(out)), tape, core
 
@@ -158,7 +158,7 @@ class Source:
     def _with_ida(self, near: list[Parameter]) -> tuple[Result, dict[str, Any]]:
         """Forward sensitivities integrated with the run, by IDAS."""
         run = self._problem()
-        for k, (*_, law) in enumerate(run.sampled):
+        for k, law in enumerate(s.law for s in run.sampled):
             if not isinstance(law, _core.LinearLaw) or law.reads:
                 what = "is a ComputedTorque" if isinstance(law, _core.ComputedTorque) else "runs in Python"
                 raise ValueError(f"control: sampled law {k} {what}, of which no derivative is known: give a "
@@ -177,7 +177,7 @@ class Source:
     def _forward(self, near: list[Parameter], workers: int) -> tuple[Result, dict[str, Any]]:
         """Tangents along a tape."""
         run, result, tape, core = self._taped()
-        start = [_sum(p, lambda n: core_start(n.problem)[:2]) for p in near]
+        start = [_sum(p, lambda n: (n.problem.core.q0, n.problem.core.v0)) for p in near]
         by = self._by(tape, near, run, workers)
         switches = [self._switches(tape, p, run) for p in near]
         q0, v0 = (np.array([x[k] for x in start]).reshape(len(near), run.both.nv) for k in range(2))
@@ -236,7 +236,7 @@ class Source:
                 continue
             values = []
             for p in (near[part] for part in parts):
-                a, b = _sum(p, lambda n: core_start(n.problem)[:2])
+                a, b = _sum(p, lambda n: (n.problem.core.q0, n.problem.core.v0))
                 value = forces[p.path] + q0 @ a + v0 @ b
                 value += (switches * self._switches(tape, p, run)).sum()
                 for i, moved in self._moved(run, p, result.t):
@@ -265,7 +265,7 @@ class Source:
                 return
             most = [0.0, 0.0]
             for n in near[k].neighbours:
-                for i, x in enumerate(tape.balance(balanced(n.problem))):
+                for i, x in enumerate(tape.balance(n.problem.core)):
                     out[k][i][:] += n.weight * x
                     most[i] += abs(n.weight) * float(np.abs(x).max())
             for x, size in zip(out[k], most, strict=True):  # what is not more than rounding is nothing
@@ -279,7 +279,7 @@ class Source:
         """Derivatives of the ends of steps in which dry friction switches, from where they begin."""
         if p.path.split(".")[0] in _STARTS or not len(tape.switches):
             return np.zeros((len(tape.switches), 2 * run.both.nv))
-        return repeated(tape, lambda part: self._near([p.path], part)[0], balanced(run), self._numbers)
+        return repeated(tape, lambda part: self._near([p.path], part)[0], run.core, self._numbers)
 
     def _paths(self, parameters: Sequence[str], adjoint: bool) -> dict[str, list[str]]:
         """The numbers that each path stands for."""
@@ -295,8 +295,8 @@ class Source:
         """Of each prescribed rate whose motion the parameter changes: derivatives (3, n) of its q, v and a at times."""
         if not p.path.startswith("drive."):
             return []
-        return [(i, _sum(p, lambda n, k=k: np.array([n.problem.laws[k][2](t) for t in times]).T))  # type: ignore[misc]
-                for k, (i, moves, *_) in enumerate(run.laws) if moves]  # fmt: skip
+        return [(d.rate, _sum(p, lambda n, k=k: np.array([n.problem.drives[k].law(t) for t in times]).T))  # type: ignore[misc]
+                for k, d in enumerate(run.drives) if d.moves]  # fmt: skip
 
     def _by_samples(self, path: str, t: Array, applied: Array) -> Array:
         """Derivatives by the samples of a torque or a voltage, between which it is linear."""
@@ -305,8 +305,8 @@ class Source:
             raise ValueError(f"parameters: '{path}' is nothing that can vary: drive {key} has no samples of a force")
         run = self._problem()
         at = list(self.setup.drive).index(key)
-        i, _, _, column = core_laws(run)[at]
-        force = applied @ column if column.size else applied[:, i]
+        rate, column = run.drives[at].rate, run.drives[at].column
+        force = applied[:, : column.size] @ column if column.size else applied[:, rate]
         breaks = law.law.breaks
         k = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(breaks) - 2)
         part = (t - breaks[k]) / (breaks[k + 1] - breaks[k])
@@ -337,7 +337,7 @@ def by_parameters(tape: Any, near: Sequence[Parameter], needed: Array, applied: 
     """Derivatives by parameters (np) of a number whose derivatives by the forces at the places of a tape, `needed` and
     `applied`, are given."""
     by = [(k, n) for k, p in enumerate(near) if p.path.split(".")[0] not in _STARTS for n in p.neighbours]
-    found = tape.weigh([balanced(n.problem) for _, n in by], needed, applied, workers)
+    found = tape.weigh([n.problem.core for _, n in by], needed, applied, workers)
     out = np.zeros(len(near))
     np.add.at(out, [k for k, _ in by], [n.weight * x for (_, n), x in zip(by, found, strict=True)])
     return out
@@ -358,7 +358,7 @@ def repeated(
     left = set(range(len(here)))
     for smaller in _SMALLER:
         p = near(NEAR * smaller)
-        found = [(n.offset, *tape.repeat_switches(balanced(n.problem), *options)) for n in p.neighbours if n.offset]
+        found = [(n.offset, *tape.repeat_switches(n.problem.core, *options)) for n in p.neighbours if n.offset]
         for k in sorted(left):
             alike = [(d, ends[k]) for d, ends, its in found if its[k] == ways[k]]
             if not alike and smaller != _SMALLER[-1]:
@@ -372,12 +372,6 @@ def repeated(
         if not left:
             break
     return out
-
-
-def balanced(run: Problem) -> Any:
-    """A problem, as a tape takes it."""
-    _, _, tau = core_start(run)
-    return _core.Problem(run.both._core, core_laws(run), run.times, tau, run.wrenches, run.feedback)
 
 
 def _sum(p: Parameter, value: Callable[[Neighbour], Any]) -> Any:

@@ -24,7 +24,7 @@ from ..analysis.validity import SILENT, out_of_range
 from ..arm import METHODS, Arm
 from ..parts.part import ModelWarning
 from .pace import Pace, beyond_explicit, explicit_limit, hasty, unbalanced
-from .parameter import Parameter, core_laws, core_parameters, core_start
+from .parameter import Parameter, core_parameters
 from .problem import Problem
 from .result import Result
 from .sensitivity import Source
@@ -132,14 +132,14 @@ def _run(
     run: Problem, integrator: str, method: str, options: Mapping[str, Any], alive: Any,
     parameters: Sequence[Parameter], tape: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    motion = (run.both._core, core_laws(run), run.times, *core_start(run))
-    last = (method == "ci", alive, run.wrenches, run.events, run.feedback, run.sampled)
+    last = {"composite": method == "ci", "alive": alive}
     if not INTEGRATORS[integrator].fixed:
-        rtol, atol, order, solver = (options[k] for k in ("rtol", "atol", "max_order", "linear_solver"))
+        own = {k: options[k] for k in ("rtol", "atol", "max_order", "linear_solver")}
         pace = Pace(run.arm, run.times, lambda time: run.unstable(time, False))
-        return _core.simulate_ida(*motion, rtol, atol, order, solver, pace, *last, core_parameters(run, parameters))
-    step, rtol, radius, stages = (options[k] for k in ("step", "rtol", "spectral_radius", "stages"))
-    return _core.simulate_fixed(*motion, integrator, step, rtol, radius, stages, *last, tape)
+        by = core_parameters(run, parameters)
+        return _core.simulate_ida(run.core, run.times, **own, slow=pace, **last, parameters=by)
+    own = {k: options[k] for k in ("step", "rtol", "spectral_radius", "stages")}
+    return _core.simulate_fixed(run.core, run.times, integrator=integrator, **own, **last, tape=tape)
 
 
 def source(
@@ -191,7 +191,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
         blown = beyond_explicit(run.arm, step, span, run.start["q0"], _held(run, result)) if explicit else None
         chatters = hasty(integrator, step, out["stats"].get("switches", 0), out["hasty"])
         said = [loop] if SILENT.get() else [loop or beyond, blown or chatters]
-        return [x for x in (*said, beyond_motor(run.arm, result, run.prescribed), *run.missed(out["asked"])) if x]
+        return [x for x in (*said, beyond_motor(run.arm, result, run.prescribed), *run.missed()) if x]
     failure, degrees = out["failure"], run.in_degrees()
     asked = f". {degrees}" if degrees else ""
     cause = loop or softened(result.arm, result)

@@ -8,12 +8,6 @@
 #include <functional>
 #include <vector>
 
-#include "flexarm/arm.hpp"
-#include "flexarm/control.hpp"
-#include "flexarm/drive.hpp"
-#include "flexarm/dry_friction.hpp"
-#include "flexarm/event.hpp"
-#include "flexarm/load.hpp"
 #include "flexarm/parameter.hpp"
 #include "flexarm/trajectory.hpp"
 
@@ -31,21 +25,16 @@ struct IdaOptions {
   int max_order = 5;       ///< of the backward differentiation formulas, 1 to 5
   bool composite = false;  ///< accelerations at the output times by CI instead of AB
   LinearSolver linear_solver = LinearSolver::automatic;
-  DryFriction friction = DryFriction::refused;  ///< of the joints
   /// Told the time reached and the steps taken after 20 000 steps, and whenever there are twice as many.
   std::function<void(double t, long steps)> slow = {};
 };
 
-/// Integrates from t[0] to the last of t, which must increase.
-/// @param tau    constant generalised forces, length nv, to which force drives are added
-/// @param events found by IDA's root finding, to the precision of its interpolation
+/// Integrates from t[0] to the last of t, which must increase. Events are found by IDA's root finding, to the precision
+/// of its interpolation; at a switch of dry friction it starts again.
 /// @param parameters what Trajectory::tangents are by: IDAS' forward sensitivities, whose errors count as those of the
-///                   state do. Their controllers go along with `control`
+///                   state do
 /// @throws std::invalid_argument for bad arguments; what a drive, an event or `alive` throws goes through
-Trajectory simulate_ida(const Arm& arm, const std::vector<Drive>& drives, const Eigen::VectorXd& t,
-                        const Eigen::VectorXd& q0, const Eigen::VectorXd& v0, const Eigen::VectorXd& tau,
-                        const IdaOptions& options, const Alive& alive = {}, const std::vector<LoadDrive>& loads = {},
-                        const std::vector<Event>& events = {}, Control* control = nullptr,
-                        const std::vector<Parameter>& parameters = {});
+Trajectory simulate_ida(const Problem& problem, const Eigen::VectorXd& t, const IdaOptions& options,
+                        const Alive& alive = {}, const std::vector<Parameter>& parameters = {});
 
 }  // namespace flexarm

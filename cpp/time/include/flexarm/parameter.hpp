@@ -1,13 +1,9 @@
 // What the derivatives of a run are by: numbers that its arm, or what acts on it, is made of.
 #pragma once
 
-#include <Eigen/Core>
 #include <vector>
 
-#include "flexarm/arm.hpp"
-#include "flexarm/control.hpp"
-#include "flexarm/drive.hpp"
-#include "flexarm/load.hpp"
+#include "flexarm/problem.hpp"
 
 namespace flexarm {
 
@@ -15,12 +11,7 @@ namespace flexarm {
 /// the derivative by the parameter: a difference of high order, which is exact for what is a polynomial of it.
 struct Neighbour {
   double weight, offset;
-  const Arm* arm;  ///< of the same coordinates
-  std::vector<Drive> drives;
-  std::vector<LoadDrive> loads;
-  Eigen::VectorXd tau;     ///< constant generalised forces (nv)
-  Control* control;        ///< or null
-  Eigen::VectorXd q0, v0;  ///< where its run starts
+  Problem problem;  ///< of the same coordinates
 };
 
 struct Parameter {

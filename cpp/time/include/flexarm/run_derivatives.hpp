@@ -3,9 +3,7 @@
 
 #include <vector>
 
-#include "flexarm/control.hpp"
-#include "flexarm/drive.hpp"
-#include "flexarm/load.hpp"
+#include "flexarm/problem.hpp"
 #include "flexarm/step.hpp"
 #include "flexarm/trajectory.hpp"
 
@@ -18,25 +16,16 @@ struct Balance {
   Trajectory::Rows needed, applied;
 };
 
-/// A run's problem: an arm and what drives it, without sampled controllers.
-struct Driven {
-  const Arm& arm;
-  const std::vector<Drive>& drives;
-  const std::vector<LoadDrive>& loads;
-  const Eigen::VectorXd& tau;
-  Control* control = nullptr;
-};
-
 /// Keeps, in the tape of this problem, on which side of its limit each law and each motor is at the places.
-void keep_sides(const Driven& of, Tape& tape);
+void keep_sides(const Problem& of, Tape& tape);
 
-/// Of this problem at the places of another's tape: those of the same arm with other numbers, say, whose motions are
-/// the other's where they are not prescribed here.
-Balance balance(const Driven& of, const Tape& tape);
+/// Of this problem, whose controllers do not sample, at the places of another's tape: those of the same arm with other
+/// numbers, say, whose motions are the other's where they are not prescribed here.
+Balance balance(const Problem& of, const Tape& tape);
 
 /// Of each problem, the sum over the places of a tape of what it needs and applies there, times weights (places, nv):
 /// with those of an adjoint, and by differences of neighbours, the derivative of its number by a parameter.
-Eigen::VectorXd weigh(const std::vector<Driven>& problems, const Tape& tape, const Trajectory::Rows& needed,
+Eigen::VectorXd weigh(const std::vector<const Problem*>& problems, const Tape& tape, const Trajectory::Rows& needed,
                       const Trajectory::Rows& applied, int threads = 1);
 
 /// Steps that this problem takes from the beginnings of the tape's switches.
@@ -44,7 +33,7 @@ struct Repeated {
   Trajectory::Rows ends;                  ///< states [q; v] (switches, 2 nv)
   std::vector<std::vector<double>> ways;  ///< which way friction went in each (OneStep::way)
 };
-Repeated repeat_switches(const Driven& of, const Tape& tape, const ImplicitOptions& options);
+Repeated repeat_switches(const Problem& of, const Tape& tape, const ImplicitOptions& options);
 
 /// Derivatives of a number by what it depends on.
 struct Adjoint {
@@ -63,13 +52,13 @@ struct Adjoint {
 /// @param threads  that make slopes; laws of `of` must bear it
 /// @return of each parameter derivatives of the rows; of friction none
 /// @throws std::invalid_argument for ball joints
-std::vector<Trajectory::Tangent> tangents(const Driven& of, const Tape& tape, const ImplicitOptions& options,
+std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, const ImplicitOptions& options,
                                           const std::vector<Balance>& by_p,
                                           const std::vector<Trajectory::Rows>& switches_by_p,
                                           const Trajectory::Rows& q0, const Trajectory::Rows& v0, bool accelerations,
                                           int threads = 1);
 /// @param q, v, a, tau  derivatives of the number by the run's rows (rows, nv); a and tau may be empty
-Adjoint adjoint(const Driven& of, const Tape& tape, const ImplicitOptions& options, const Trajectory::Rows& q,
+Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Trajectory::Rows& q,
                 const Trajectory::Rows& v, const Trajectory::Rows& a, const Trajectory::Rows& tau, int threads = 1);
 
 }  // namespace flexarm
