@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "flexarm/arm.hpp"
 #include "flexarm/check.hpp"
@@ -88,17 +89,20 @@ Control::Control(std::vector<Feedback> feedback, std::vector<Sampler> samplers, 
   }
 }
 
-void Control::add_times(double from, double to, std::vector<double>& times) const {
+double Control::next(double from) const {
+  double found = std::numeric_limits<double>::infinity();
   for (const Line& l : lines_)
     for (double shift : {0.0, l.sampler.delay}) {
-      const long k0 = std::max(0L, static_cast<long>(std::floor((from - shift - l.sampler.first) / l.sampler.period)));
-      for (long k = k0;; ++k) {
-        const double t = l.sampler.first + static_cast<double>(k) * l.sampler.period + shift;
-        if (t >= to) break;
-        if (t > from) times.push_back(t);
-      }
-      if (l.sampler.delay == 0.0) break;
+      const auto at = [&](long k) { return l.sampler.first + static_cast<double>(k) * l.sampler.period + shift; };
+      long k = std::max(0L, static_cast<long>(std::floor((from - shift - l.sampler.first) / l.sampler.period)));
+      while (at(k) < from) ++k;
+      found = std::min(found, at(k));
     }
+  return found;
+}
+
+void Control::add_times(double from, double to, std::vector<double>& times) const {
+  for (double t = next(std::nextafter(from, to)); t < to; t = next(std::nextafter(t, to))) times.push_back(t);
 }
 
 bool Control::due(double t) const {

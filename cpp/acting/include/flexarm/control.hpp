@@ -107,6 +107,8 @@ class Control {
   const Eigen::VectorXd& held() const { return held_; }
   /// Times in (from, to) at which something is sampled or changes.
   void add_times(double from, double to, std::vector<double>& times) const;
+  /// The first time from `from` on at which something is sampled or changes; infinite: none.
+  double next(double from) const;
   /// Whether anything happens up to time t.
   bool due(double t) const;
   /// Samples, and lets pass what is due, up to time t. @return whether the forces have changed

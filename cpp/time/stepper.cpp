@@ -1,0 +1,129 @@
+#include "stepper.hpp"
+
+#include <algorithm>
+#include <sstream>
+
+#include "flexarm/quadrature.hpp"
+
+namespace flexarm {
+
+namespace {
+
+constexpr double kResolved = 1e-6;   // parts of a motion's velocity that a step may miss
+constexpr double kSlow = 1e-3;       // parts of a motion's largest speed: what is slower counts as that fast
+constexpr double kInBetween = 1e-4;  // the same, at its samples
+
+/// Whether the Gauss points of a step see a prescribed motion for what it is: what they make of its acceleration and
+/// velocity is its change of velocity and place, and at its samples in between (some of them, if they are many) its
+/// velocity is the polynomial through theirs. A motion whose samples lie closer than the steps is looked at so, instead
+/// of stopping at each.
+/// @param speeds  of each motion, as its samples tell: what is far below is no motion
+bool resolved(const std::vector<Drive>& drives, const std::vector<double>& speeds, double from, double h) {
+  static const GaussRule rule(4);
+  constexpr int kNodes = 6, kSamples = 8;
+  const double x[kNodes] = {0.0, rule.points[0], rule.points[1], rule.points[2], rule.points[3], 1.0};
+  for (std::size_t n = 0; n < drives.size(); ++n) {
+    const Drive& d = drives[n];
+    if (!d.motion) continue;
+    MotionValue at[kNodes];
+    double speed = 0.0, turn = 0.0, size = kSlow * speeds[n];
+    for (int i = 0; i < kNodes; ++i) {
+      at[i] = d.motion(from + h * x[i]);
+      size = std::max({size, std::abs(at[i].v), h * std::abs(at[i].a)});
+      if (i == 0 || i + 1 == kNodes) continue;
+      speed += h * rule.weights[i - 1] * at[i].a;
+      turn += h * rule.weights[i - 1] * at[i].v;
+    }
+    const double missed =
+        std::max(std::abs(at[kNodes - 1].v - at[0].v - speed), std::abs(at[kNodes - 1].q - at[0].q - turn) / h);
+    if (!(missed <= kResolved * size + 1e-12 * std::abs(at[0].q) / h)) return false;
+    const double *begin = d.breaks.data(), *end = begin + d.breaks.size();
+    const double *first = std::upper_bound(begin, end, from), *last = std::lower_bound(first, end, from + h);
+    for (int k = 0; k < kSamples && last > first; ++k) {
+      const double t = first[(last - first) * (2 * k + 1) / (2 * kSamples)];
+      double through = 0.0;
+      for (int i = 0; i < kNodes; ++i) {
+        double lagrange = at[i].v;
+        for (int j = 0; j < kNodes; ++j)
+          if (j != i) lagrange *= ((t - from) / h - x[j]) / (x[i] - x[j]);
+        through += lagrange;
+      }
+      if (!(std::abs(through - d.motion(t).v) <= kInBetween * size)) return false;
+    }
+  }
+  return true;
+}
+
+/// Largest speed of each motion, from some of its samples and of the output times.
+std::vector<double> speeds(const std::vector<Drive>& drives, const Eigen::VectorXd& t) {
+  std::vector<double> out;
+  for (const Drive& d : drives) {
+    double largest = 0.0;
+    for (const Eigen::VectorXd* times : {&d.breaks, &t})
+      for (Eigen::Index k = 0; d.motion && k < times->size(); k += 1 + times->size() / 500)
+        largest = std::max(largest, std::abs(d.motion((*times)[k]).v));
+    out.push_back(largest);
+  }
+  return out;
+}
+
+}  // namespace
+
+Stepper::Stepper(const Problem& problem, Control& control, Step& method_, double step_, const Eigen::VectorXd& looks)
+    : s(problem, control), reached(looks[0]), method(method_), step(step_), now_{looks[0], step_, std::nan("")} {
+  s.rubbing = method.rubbing();
+  s.q = problem.q0;
+  s.v = problem.v0;
+  if (method.interpolates()) speeds_ = speeds(problem.drives, looks);
+  given_ = [this](double c) { s.drive(c == 1.0 && !std::isnan(now_.last) ? now_.last : now_.from + c * now_.h); };
+}
+
+void Stepper::begin() {
+  s.drive(reached);
+  s.sample(reached + kSameTime * step);
+}
+
+double Stepper::next_stop(double until) const {
+  const double least = reached + kSameTime * step, most = until - kSameTime * step;
+  double next = until;
+  const auto look = [&](const Eigen::VectorXd& breaks) {
+    const double* found = std::lower_bound(breaks.data(), breaks.data() + breaks.size(), least);
+    if (found != breaks.data() + breaks.size() && *found <= most) next = std::min(next, *found);
+  };
+  for (const Drive& d : s.drives)
+    if (!d.motion || !method.interpolates()) look(d.breaks);
+  for (const LoadDrive& l : s.loads) look(l.breaks);
+  for (const Feedback& f : s.control.feedback())
+    if (f.reference) look(f.breaks);
+  if (const double sampled = s.control.next(least); sampled <= most) next = std::min(next, sampled);
+  return next;
+}
+
+Status Stepper::try_step(double from, double h, double last, int level) {
+  now_ = {from, h, last};
+  if (tape_) tape_->now = from;
+  const bool visible = !method.interpolates() || level >= kLooks || resolved(s.drives, speeds_, from, h);
+  return visible ? method.advance(h, s.ws, s.q, s.v, s.tau, given_) : Status::not_converged;
+}
+
+Status Stepper::sample() { return s.sample(reached + kSameTime * step) ? jump() : Status::ok; }
+
+std::string Stepper::reason(Status status) const {
+  const double h = now_.h;
+  std::ostringstream text;
+  switch (status) {
+    case Status::not_converged:
+      text << "the equations of a step of " << h << " s could not be solved: take a smaller step";
+      break;
+    case Status::not_finite:
+      text << "the motion ran away in steps of " << h << " s";
+      if (const std::string who = s.arm.farthest_out(s.q, s.v); !who.empty()) text << "; " << who << " and grows";
+      text << ": " << method.remedy();
+      break;
+    default:
+      text << "the mass matrix is singular";
+  }
+  return text.str();
+}
+
+}  // namespace flexarm
