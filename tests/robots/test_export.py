@@ -210,9 +210,9 @@ def test_beams_without_rotary_inertia_and_without_mass() -> None:
     assert compiled(thin).nv == 11
     massless = fa.Material(0.0, 2.1e11, 0.3)
     assert arm(massless, {}).to_mjcf()  # a rigid rod
-    with pytest.raises(ValueError, match="density = 0: .*without mass"):
+    with pytest.raises(ValueError, match=r"density = 0: .*without mass"):
         arm(massless, {"bending_y": 2}, True).to_mjcf()
-    with pytest.raises(ValueError, match="rotary_inertia = False: .*torsion"):
+    with pytest.raises(ValueError, match=r"rotary_inertia = False: .*torsion"):
         arm(steel, {"torsion": 1}).to_mjcf()
 
 

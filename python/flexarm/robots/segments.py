@@ -75,7 +75,7 @@ def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
             if link.beam.curvature is not None:
                 raise ValueError(f"{name}: curvature: a beam that is curved at rest is not cut into segments")
             if not link.beam.mass and any(s in HINGES for s in link.beam.counts):
-                raise ValueError(f"{name}: density = 0: a beam without mass is not cut into segments; give it a density")
+                raise ValueError(f"{name}: density = 0: a beam without mass is not cut into segments; give it one")
             if not link.beam.rotary_inertia and "torsion" in link.beam.counts:
                 raise ValueError(
                     f"{name}: rotary_inertia = False: leaves segments without inertia in torsion; take rotary_inertia "
