@@ -332,7 +332,7 @@ def test_a_joint_that_is_held_by_damping(damping: float) -> None:
         slow, bends = found.eigenvalues[:n], found.eigenvalues.imag > 0
         np.testing.assert_allclose(slow, -1.0 / damping, rtol=1e-6)
         np.testing.assert_allclose(found.frequencies[bends], locked.frequencies, rtol=1e-3)
-        assert (found.eigenvalues.real < 1e-9 * np.abs(found.eigenvalues)).all()
+        assert (found.eigenvalues.real < 1e-6 * np.abs(found.eigenvalues)).all()
         assert len(found.eigenvalues) == 2 * n + 5
         fast = np.sort(-found.eigenvalues.real)[-n:]
         M = arm.mass_matrix(arm.zero)
