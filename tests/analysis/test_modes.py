@@ -338,3 +338,16 @@ def test_a_joint_that_is_held_by_damping(damping: float) -> None:
         M = arm.mass_matrix(arm.zero)
         exact = damping * np.sort(np.linalg.eigvalsh(np.linalg.inv(M)[:n, :n]))
         np.testing.assert_allclose(fast, exact, rtol=1e-3)
+
+
+@pytest.mark.parametrize("kelvin_voigt", [0.0, 1e-2])
+def test_what_falls_over_is_not_stable_beside_fast_damping(kelvin_voigt: float) -> None:
+    """A pendulum on its head grows at about sqrt(m g l / I), whatever its shear damps: 1e10 1/s here."""
+    beam = fa.Beam(1.0, fa.Rectangle(0.01, 0.02), STEEL, {"bending_y": 2, "shear_y": 2}, kelvin_voigt=kelvin_voigt)
+    tip = fa.RigidBody(0.5)
+    arm = fa.Arm([fa.Link(fa.Revolute("z", damping=0.1), beam=beam, tip=tip)], (9.81, 0, 0))
+    rigid = np.sqrt((beam.mass / 2 + tip.mass) * 9.81 / (beam.mass / 3 + tip.mass))
+    head, hanging = arm.modes([np.pi, 0, 0, 0, 0]), arm.modes()
+    assert head.eigenvalues.real.max() == pytest.approx(rigid, rel=0.03)
+    assert not head.stable
+    assert hanging.stable
