@@ -51,7 +51,7 @@ class Modes:
     @property
     def stable(self) -> bool:
         """Whether no mode grows."""
-        return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues).max(initial=0.0)).all())
+        return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues)).all())
 
     def __str__(self) -> str:
         return modes_table(self.frequencies, self.damping, self.eigenvalues, self.participation, self.arm.coordinates)
