@@ -326,7 +326,8 @@ def test_a_joint_that_is_held_by_damping(damping: float) -> None:
     joint that is locked."""
     tip = fa.RigidBody(0.1, (0.0, 0.02, 0.0), (1e-4, 2e-4, 2e-4))
     beam = fa.Beam(1.0, fa.Rectangle(0.01, 0.02), STEEL, {"bending_y": 3, "shear_y": 1, "torsion": 1})
-    for joint, n in ((fa.Revolute("z", stiffness=1.0, damping=damping), 1), (fa.Free(stiffness=1.0, damping=damping), 6)):
+    springs = {"stiffness": 1.0, "damping": damping}
+    for joint, n in ((fa.Revolute("z", **springs), 1), (fa.Free(**springs), 6)):
         arm = fa.Arm([fa.Link(joint, fa.RigidBody(0.5, (0.02, 0.01, 0), (0.01, 0.02, 0.02)), beam, tip)])
         found, locked = arm.modes(), arm.modes(lock=[0])
         slow, bends = found.eigenvalues[:n], found.eigenvalues.imag > 0

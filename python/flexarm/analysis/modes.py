@@ -306,8 +306,8 @@ def _conservative(M: Array, K: Array) -> tuple[NDArray[np.complex128], Array]:
 
 
 def _general(M: Array, G: Array, K: Array) -> tuple[NDArray[np.complex128], NDArray[Any]]:
-    """s^2 M + s G + K = 0, as an ordinary eigenvalue problem of w = 1/(s - sigma), for the same reason. Where s differ so
-    much that rounding hides the small w, the fast motions come from the problem of s itself."""
+    """s^2 M + s G + K = 0, as an ordinary eigenvalue problem of w = 1/(s - sigma), for the same reason. Where s
+    differ so much that rounding hides the small w, the fast motions come from the problem of s itself."""
     import scipy.linalg as la  # slow to import
 
     n = len(M)
