@@ -54,6 +54,6 @@ def test_a_rigid_arm_that_lines_up_is_not_told_of_order_0() -> None:
     arm = fa.Arm([fa.Link(joint, fa.RigidBody(1.0, (0.1, 0.0, 0.0), (0.1, 0.1, 0.1)))])
     q = [0.0, np.pi / 2, 0.0]
     for method in ("ab", "ci"):
-        with pytest.raises(ValueError, match="positive definite in double precision: .*line up") as said:
+        with pytest.raises(ValueError, match=r"positive definite in double precision: .*line up") as said:
             arm.forward_dynamics(q, np.zeros(3), np.ones(3), method)
         assert "order 0" not in str(said.value)
