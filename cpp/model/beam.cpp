@@ -16,9 +16,9 @@ namespace {
 
 using Eigen::MatrixXd;
 
-/// For shapes of any form: by trial, until the Gram matrix of what the slices' motion is made of (deflections, slopes,
-/// and the running integrals of their products that shorten the beam) is right to 1e-12. Order 3 and above take half as
-/// many more, as clamped-free modes do.
+/// For shapes of any form: by trial, until the Gram matrix of what the slices' motion is made of (a motion with the
+/// link, deflections, slopes, and the running integrals of their products that shorten the beam) is right to 1e-12.
+/// Order 3 and above take half as many more, as clamped-free modes do.
 int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& shapes, double length) {
   Eigen::Index terms = 0;
   for (const ShapeSet& s : shapes) terms = std::max(terms, std::max<Eigen::Index>(s.terms(), s.size()));
@@ -28,6 +28,7 @@ int gauss_points_by_trial(const BeamOptions& o, const std::vector<ShapeSet>& sha
     const auto add = [&](const Eigen::MatrixXd& m) {
       for (Eigen::Index k = 0; k < m.cols(); ++k) rows.push_back(m.col(k));
     };
+    add(Eigen::VectorXd::Ones(points.size()));
     for (int strain = 0; strain < kStrains; ++strain) {
       const ShapeSet& set = shapes[strain];
       const auto slopes_at = [&](const Eigen::VectorXd& at) {

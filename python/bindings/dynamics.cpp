@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "evaluation.hpp"
 #include "flexarm/ab.hpp"
 #include "flexarm/check.hpp"
@@ -25,11 +27,15 @@ struct Wrenches {
 
 /// @throws ValueError where forward dynamics at q failed
 template <class Q>
-void check(Status status, const Q& q) {
+void check(Status status, const Arm& arm, const Q& q) {
+  const bool cut = std::any_of(arm.links().begin(), arm.links().end(), [](const Link& link) {
+    return link.beam() && link.beam()->ne() > 0 && link.beam()->options().order == 0;
+  });
   if (status == Status::singular)
     bad_value("mass matrix at q", q,
-              "is not positive definite in double precision (at order 0: deflected beyond what its cut kinetic "
-              "energy allows)");
+              std::string("is not positive definite in double precision: ") +
+                  (cut ? "at order 0 a beam is deflected beyond what its cut kinetic energy allows, or " : "") +
+                  "axes of joints line up, or inertias differ by more than 1e15");
   if (status != Status::ok)
     bad_value("accelerations at q", q, "are not finite; coordinates, rates or forces are too large");
 }
@@ -50,7 +56,7 @@ Vectors forward(const PyArm& arm, const Vectors& q, const Vectors& v, const Vect
     const auto qk = rows(q).row(k);
     const Status status = ab ? forward_dynamics(arm, ws, qk, rows(v).row(k), rows(tau).row(k))
                              : forward_dynamics_ci(arm, ws, qk, rows(v).row(k), rows(tau).row(k));
-    check(status, qk);
+    check(status, arm, qk);
     out[k] = ws.a.transpose();
   });
   return out.all();
@@ -138,7 +144,7 @@ void bind_forces(py::class_<PyArm, Arm>& arm) {
         const auto lent = self.forward_derivatives(places);
         ForwardDerivatives& d = *lent;
         Wrenches{places, wrenches}.tell(d);
-        for_states(self, 1, self.nv(), [&](Eigen::Index) { check(d(self, q, v, tau), q.transpose()); });
+        for_states(self, 1, self.nv(), [&](Eigen::Index) { check(d(self, q, v, tau), self, q.transpose()); });
         return py::make_tuple(Rows(d.dq), Rows(d.dv), Rows(d.dtau));
       },
       py::arg("q"), py::arg("v"), py::arg("tau"), py::arg("loads") = std::vector<Load>{},

@@ -217,3 +217,14 @@ def test_a_balance_beyond_an_orders_range_is_told() -> None:
     arm = fa.Arm([fa.Link(fa.Fixed(), beam=fa.Beam(1.0, section, material, {"bending_y": 10}, "legendre", 3))])
     with pytest.raises(ValueError, match='more than their order does, where "exact" has a balance'):
         arm.equilibrium(loads=[fa.Load(force=(0.0, 9.0, 0.0), axes="section")])
+
+
+def test_a_beam_far_too_soft_for_its_load_is_refused() -> None:
+    """A rod of k G A = 1.67 mN under 8.8 N would shear by 5300: no beam does, nor is it worth 10 000 Newton steps."""
+    rod = fa.Beam(0.9, fa.Rectangle(0.01, 0.01), fa.Material(1e-9, 2.6, shear_modulus=20.0), {"shear_y": 1}, order=2)
+    tip = fa.RigidBody(0.9, (0, 0, 0), (0.1, 0.1, 0.1))
+    arm = fa.Arm([fa.Link(fa.Revolute("z"), beam=rod, tip=tip)], (0, -9.81, 0))
+    with pytest.raises(ValueError, match=r"put on in steps, 0\.0\d+ of the load was balanced.*of link 0 is bent by"):
+        arm.modes()
+    with pytest.raises(ValueError, match="put on in steps"):
+        arm.equilibrium(lock=[0])

@@ -3,7 +3,7 @@
 import flexarm as fa
 import numpy as np
 import pytest
-from arms import paper_link
+from arms import STEEL, paper_link
 
 # Rotating Euler-Bernoulli cantilever: lambda = omega L^2 sqrt(rho A/EI) against gamma = Omega L^2 sqrt(rho A/EI), hub
 # radius alpha L. Flapwise, alpha = 0: Wright et al., J. Applied Mechanics 49 (1982); the rest computed independently.
@@ -318,3 +318,37 @@ def test_damped_motions_that_nothing_holds() -> None:
     axes = fa.Arm([fa.Link(fa.Prismatic("x", damping=0.5), body), fa.Link(fa.Prismatic("y"), body)]).modes()
     np.testing.assert_allclose(axes.eigenvalues, [0, 0, -0.25], atol=1e-9)
     assert np.linalg.matrix_rank(axes.shapes[:, :2]) == 2
+
+
+@pytest.mark.parametrize("damping", [1e6, 1e10])
+def test_a_joint_that_is_held_by_damping(damping: float) -> None:
+    """It creeps at k / c and stops at c over its inertia, 1e20 times faster; between them are the beam's modes, as of a
+    joint that is locked."""
+    tip = fa.RigidBody(0.1, (0.0, 0.02, 0.0), (1e-4, 2e-4, 2e-4))
+    beam = fa.Beam(1.0, fa.Rectangle(0.01, 0.02), STEEL, {"bending_y": 3, "shear_y": 1, "torsion": 1})
+    springs = {"stiffness": 1.0, "damping": damping}
+    for joint, n in ((fa.Revolute("z", **springs), 1), (fa.Free(**springs), 6)):
+        arm = fa.Arm([fa.Link(joint, fa.RigidBody(0.5, (0.02, 0.01, 0), (0.01, 0.02, 0.02)), beam, tip)])
+        found, locked = arm.modes(), arm.modes(lock=[0])
+        slow, bends = found.eigenvalues[:n], found.eigenvalues.imag > 0
+        np.testing.assert_allclose(slow, -1.0 / damping, rtol=1e-6)
+        np.testing.assert_allclose(found.frequencies[bends], locked.frequencies, rtol=1e-3)
+        assert (found.eigenvalues.real < 1e-6 * np.abs(found.eigenvalues)).all()
+        assert len(found.eigenvalues) == 2 * n + 5
+        fast = np.sort(-found.eigenvalues.real)[-n:]
+        M = arm.mass_matrix(arm.zero)
+        exact = damping * np.sort(np.linalg.eigvalsh(np.linalg.inv(M)[:n, :n]))
+        np.testing.assert_allclose(fast, exact, rtol=1e-3)
+
+
+@pytest.mark.parametrize("kelvin_voigt", [0.0, 1e-2])
+def test_what_falls_over_is_not_stable_beside_fast_damping(kelvin_voigt: float) -> None:
+    """A pendulum on its head grows at about sqrt(m g l / I), whatever its shear damps: 1e10 1/s here."""
+    beam = fa.Beam(1.0, fa.Rectangle(0.01, 0.02), STEEL, {"bending_y": 2, "shear_y": 2}, kelvin_voigt=kelvin_voigt)
+    tip = fa.RigidBody(0.5)
+    arm = fa.Arm([fa.Link(fa.Revolute("z", damping=0.1), beam=beam, tip=tip)], (9.81, 0, 0))
+    rigid = np.sqrt((beam.mass / 2 + tip.mass) * 9.81 / (beam.mass / 3 + tip.mass))
+    head, hanging = arm.modes([np.pi, 0, 0, 0, 0]), arm.modes()
+    assert head.eigenvalues.real.max() == pytest.approx(rigid, rel=0.03)
+    assert not head.stable
+    assert hanging.stable

@@ -87,6 +87,16 @@ def test_an_arm_prints_the_damping_of_its_frequencies() -> None:
     assert "damping ratios  0 0 0 0" in str(arm())
 
 
+def test_an_arm_prints_beams_that_have_no_inertia_of_their_own() -> None:
+    """Without rotary inertia, or without mass, a beam alone has no frequency: its tip moves as one with its shapes."""
+    tip = fa.RigidBody(0.5, (0, 0, 0), (2e-3,) * 3)
+    for density, modes, rotary in ((2700.0, {"torsion": 1}, False), (0.0, {"bending_y": 2}, True)):
+        beam = fa.Beam(0.5, fa.Circle(0.01), fa.Material(density, 7e10, 0.3), modes, "legendre", rotary_inertia=rotary)
+        printed = str(fa.Arm([fa.Link(fa.Fixed(), None, beam, tip)]))
+        assert printed.splitlines()[2].split()[-1] == "-"
+        assert "frequencies     none" not in printed
+
+
 class _Formatter(dict[type, Any]):
     """What IPython has for each format: functions by type."""
 

@@ -92,3 +92,15 @@ def test_each_output_of_a_law_has_the_delay_that_it_stands_alone() -> None:
         truth = brentq(lambda late, i=i: grows(arm, K, T, i, late), fine[k - 1], fine[k], xtol=1e-12)
         assert delay == pytest.approx(truth, rel=1e-5)
     assert max(found) > 1.5 * min(found)
+
+
+def test_a_slow_crossover_beside_fast_damping() -> None:
+    """Poles of the shear's damping, 1e11 1/s, hide no crossover: the phase margin of a soft servo is that of the arm
+    whose shear is hardly damped."""
+    phases = []
+    for kelvin_voigt in (1e-5, 0.1):
+        material, modes = fa.Material(2700, 7e10, 0.3), {"bending_y": 2, "shear_y": 2}
+        beam = fa.Beam(1.0, fa.Rectangle(0.01, 0.02), material, modes, kelvin_voigt=kelvin_voigt)
+        arm = fa.Arm([fa.Link(fa.Revolute("z", damping=0.1), beam=beam, tip=fa.RigidBody(0.5))])
+        phases.append(fa.closed_loop(arm, fa.PD(1.0, 0.01, 0)).margins[0].phase)
+    assert phases[1] == pytest.approx(phases[0], rel=1e-2)

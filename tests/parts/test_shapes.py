@@ -170,6 +170,19 @@ def test_kirchhoffs_wedge_and_cone(section, expected: tuple[float, ...]) -> None
     )
 
 
+def test_rigid_taper_with_the_basis_of_loaded_modes() -> None:
+    """A beam without shapes is a rigid body: a truncated cone's mass and centre of mass, with each basis."""
+    taper = fa.Taper((0.0, 0.6), (fa.Circle(0.02), fa.Circle(0.01)))
+    a, b = 0.02, 0.01
+    mass = 2000.0 * np.pi * 0.6 / 3 * (a * a + a * b + b * b)
+    com = 0.6 / 4 * (a * a + 2 * a * b + 3 * b * b) / (a * a + a * b + b * b)
+    for basis in ("clamped-free", "legendre", "loaded"):
+        beam = fa.Beam(0.6, taper, fa.Material(2000.0, 1e9), {}, basis)
+        arm = fa.Arm([fa.Link(fa.Revolute("y"), beam=beam)])
+        assert arm.links[0].mass == pytest.approx(mass, rel=1e-12)
+        np.testing.assert_allclose(arm.center_of_mass([0.0]), [com, 0, 0], atol=1e-12)
+
+
 def test_masses_and_sag_of_a_taper() -> None:
     """A tapered strip under a tip force: w = F int (L - x)^2 / E I(x) dx; its mass is the truncated wedge's."""
     taper = fa.Taper((0.0, 0.6), (fa.Rectangle(0.01, 0.02), fa.Rectangle(0.004, 0.02)))

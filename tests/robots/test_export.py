@@ -195,6 +195,27 @@ def test_a_beam_that_neither_bends_nor_twists() -> None:
     np.testing.assert_allclose(cut.arm.frame(np.zeros(1))[0], arm.frame(arm.zero)[0], rtol=1e-14)
 
 
+def test_beams_without_rotary_inertia_and_without_mass() -> None:
+    """Thin rods have no moment about their own axis: they are cut as others are, with the frequencies of the beam. What
+    leaves a segment without inertia is named."""
+    tip, steel = fa.RigidBody(0.5, (0, 0, 0), (2e-3,) * 3), fa.Material(7850, 2.1e11, 0.3)
+
+    def arm(material: fa.Material, modes: dict[str, int], rotary: bool = False) -> fa.Arm:
+        beam = fa.Beam(0.5, fa.Circle(0.005), material, modes, "legendre", rotary_inertia=rotary)
+        return fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(0.1, inertia=(1e-2,) * 3), beam, tip)])
+
+    thin = arm(steel, {"bending_y": 3})
+    cut = segmented(thin, 20).arm
+    np.testing.assert_allclose(cut.mass_matrix(cut.zero)[0, 0], thin.mass_matrix(thin.zero)[0, 0], rtol=1e-6)
+    assert compiled(thin).nv == 11
+    massless = fa.Material(0.0, 2.1e11, 0.3)
+    assert arm(massless, {}).to_mjcf()  # a rigid rod
+    with pytest.raises(ValueError, match=r"density = 0: .*without mass"):
+        arm(massless, {"bending_y": 2}, True).to_mjcf()
+    with pytest.raises(ValueError, match=r"rotary_inertia = False: .*torsion"):
+        arm(steel, {"torsion": 1}).to_mjcf()
+
+
 def test_what_is_left_out(tmp_path: Path) -> None:
     modes = {"bending_y": 2, "shear_y": 1, "extension": 1}
     joint = fa.Revolute(coulomb=1.0, stiction=2.0, lower=-1.0, upper=1.0, limit_stiffness=10.0)

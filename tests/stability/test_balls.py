@@ -46,3 +46,14 @@ def test_a_long_run_keeps_length_energy_and_momentum() -> None:
     found = balls.long_run(300.0)
     assert found["length"] < 1e-15 * 2
     assert found["energy"] < 1e-5 and found["momentum"] < 1e-5
+
+
+def test_a_rigid_arm_that_lines_up_is_not_told_of_order_0() -> None:
+    """Two slides lie along each other where the joint between them is at 90 degrees: the message names what is so."""
+    joint = fa.Axes(axes=("tx", "ry", "tz"))
+    arm = fa.Arm([fa.Link(joint, fa.RigidBody(1.0, (0.1, 0.0, 0.0), (0.1, 0.1, 0.1)))])
+    q = [0.0, np.pi / 2, 0.0]
+    for method in ("ab", "ci"):
+        with pytest.raises(ValueError, match=r"positive definite in double precision: .*line up") as said:
+            arm.forward_dynamics(q, np.zeros(3), np.ones(3), method)
+        assert "order 0" not in str(said.value)

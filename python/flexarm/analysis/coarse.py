@@ -75,7 +75,8 @@ def _held_rates(arm: Chain, drive: Any, control: Any, tau: Any) -> frozenset[int
 def _carried(arm: Chain, k: int, beam: Beam, held: frozenset[int]) -> Array:
     """Inertia (6, 6), in the axes of a beam's end, of all that follows it when it stands straight and stiff; joints
     that nothing holds give way."""
-    own = beam.mass * np.repeat([1.0, beam.length**2], 3)  # that the joint may move a body without inertia
+    mass = sum(link.mass for link in arm.links[k:])
+    own = mass * np.repeat([1.0, beam.length**2], 3)  # that the joint may move a body without inertia
     joint = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"), reflected_inertia=own.tolist())
     rest = arm._made([Link(joint, arm.links[k].tip), *arm.links[k + 1 :]])
     M = rest._core.mass_matrix(rest.zero)
@@ -152,7 +153,8 @@ def _stiffened(arm: Chain, k: int, beam: Beam, A: Array, pull: tuple[float, floa
 def _all_stiffened(
     arm: Chain, drive: Any, control: Any, tau: Any, pulls: dict[int, tuple[float, float]]
 ) -> list[_Stiffened]:
-    """Of an arm's beams, but for those with patches and those that are curved."""
+    """Of an arm's beams, but for those with patches and those that are curved. None where what they carry is beyond
+    rounding."""
     last = len(arm.links) - 1
     loaded = [
         (k, link.beam, k < last or bool(link.tip is not None and link.tip.mass))
@@ -167,12 +169,15 @@ def _all_stiffened(
     if key not in known:
         if len(known) == _MOST:
             known.clear()
-        known[key] = [
-            found
-            for k, beam, carries in loaded
-            for A in (_carried(arm, k, beam, held) if carries else np.zeros((6, 6)),)
-            for found in _stiffened(arm, k, beam, A, pulls.get(k, (0.0, 0.0)))
-        ]
+        try:
+            known[key] = [
+                found
+                for k, beam, carries in loaded
+                for A in (_carried(arm, k, beam, held) if carries else np.zeros((6, 6)),)
+                for found in _stiffened(arm, k, beam, A, pulls.get(k, (0.0, 0.0)))
+            ]
+        except ValueError:
+            known[key] = []
     return known[key]
 
 

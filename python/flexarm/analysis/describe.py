@@ -68,9 +68,11 @@ def _row(k: int, arm: Chain) -> list[str]:
     if link.beam is None:
         return [name, joint.strip(), "-", "-", "-", *masses, "-"]
     counts = ", ".join(f"{s} {n}" for s, n in link.beam.counts.items()) or "rigid"
-    # the beam alone, clamped: K x = omega^2 M x of this link without its tip
-    alone = arm._made([type(link)(Fixed(), link.hub, link.beam)])
-    clamped = lowest_frequencies(alone, 2)[0] if link.beam.ne else "-"
+    try:  # the beam alone, clamped: K x = omega^2 M x of this link without its tip
+        alone = arm._made([type(link)(Fixed(), link.hub, link.beam)])
+        clamped = lowest_frequencies(alone, 2)[0] if link.beam.ne else "-"
+    except ValueError:  # it has no inertia of its own
+        clamped = "-"
     return [name, joint.strip(), _size(link.beam), counts, str(link.beam.order), *masses, clamped]
 
 

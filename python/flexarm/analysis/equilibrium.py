@@ -20,6 +20,7 @@ _LARGEST = 0.5  # of a step's turns (rad) and moves (parts of the arm's length):
 _TRIES = 200  # Newton steps from the given start
 _TRIES_IN_STEPS = 40  # and for each step of the load
 _LEAST_SHARE = 1e-3  # of the load in one of its steps
+_MOST_TRIES = 1000  # Newton steps for all steps of the load: they turn sections by 500 rad
 _ASIDE = 1e-3  # turn (rad) or move (parts of the arm's length) out of a balance that is unstable
 _SADDLES = 8  # that are left so, at most
 
@@ -113,6 +114,7 @@ class _Balance:
         self.arm, self.v, self.tau, self.free, self.loads = arm, v, tau, free, loads
         self.zero, self.at, self.share = np.zeros(arm.nv), np.ix_(free, free), 1.0
         self.sizes = _sizes(arm)[free]
+        self.tries = 0  # Newton steps taken
         self.doubtful = False  # whether the last step was downhill in a potential that is not plainly convex there
         self.rows = ~_ball_rates(arm)[free]  # where a potential means a symmetric Jacobian, in balance or not
 
@@ -239,7 +241,7 @@ def _newton(b: _Balance, q: Array, descend: bool, tries: int) -> tuple[Array, st
     moved = np.zeros(arm.nv)
     r, forces, steps = b.residual(q), 0.0, 0
     while steps < tries:
-        steps += 1
+        steps, b.tries = steps + 1, b.tries + 1
         M: Array = arm._core.mass_matrix(q)[b.at]
         E = arm._core.rates(q, b.zero)[2]
         K = b.jacobian(q, E)
@@ -294,22 +296,27 @@ def balance(b: _Balance, q: Array, descend: bool) -> tuple[Array, str]:
     No step turns a section by more than 0.5 rad. Steps are halved until the residual, scaled by the mass matrix, is
     less than it was; or (descending in potential energy, where there is one) the step still leads downhill at its end;
     or (elsewhere) the next step is shorter. Newton's convergence being quadratic, the step after one of 1e-8 is the
-    last. Where this fails from q, the load is put on in steps. Returns q, and what went wrong if anything did.
+    last. Where this fails from q, the load is put on in steps, which take _MOST_TRIES at most. Returns q, and what went
+    wrong if anything did.
     """
     if not b.free.any():
         return q.copy(), ""
     found, wrong = _newton(b, q.copy(), descend, _TRIES)
     if not wrong:
         return found, ""
-    share, step, at = 0.0, 0.25, q.copy()
-    while share < 1.0 and step >= _LEAST_SHARE:
-        b.share = min(1.0, share + step)
+    share, step, at, most = 0.0, 0.25, q.copy(), b.tries + _MOST_TRIES
+    while share < 1.0 and step >= _LEAST_SHARE and b.tries < most:
+        step = min(step, 1.0 - share)
+        b.share = share + step
         found, failed = _newton(b, at, descend, _TRIES_IN_STEPS)
         if failed:
             step *= 0.5
             continue
         share, at, step = b.share, found, 2.0 * step
-    return (at, "") if share >= 1.0 else (at, f"{wrong}; put on in steps, {share:.3g} of the load was balanced")
+    if share >= 1.0:
+        return at, ""
+    far = b.arm.in_names(b.arm._core.farthest_out(at, b.zero))
+    return at, f"{wrong}; put on in steps, {share:.3g} of the load was balanced" + (f", and {far}" if far else "")
 
 
 def _way_down(b: _Balance, q: Array) -> Array | None:

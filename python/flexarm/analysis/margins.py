@@ -104,7 +104,7 @@ class Response:
         """Where to look (rad/s): everywhere, and closely at poles, its own and those of the closed loop (1/s)."""
         own = self.poles if self.period is None else logarithm(self.poles, self.period)
         s = np.concatenate([own, closed])
-        s = s[np.isfinite(s) & (s.imag >= 0) & (np.abs(s) > 1e-9 * np.abs(s[np.isfinite(s)]).max(initial=0.0))]
+        s = s[np.isfinite(s) & (s.imag >= 0) & (np.abs(s) > 1e-14 * np.abs(s[np.isfinite(s)]).max(initial=0.0))]
         size = np.abs(s) if s.size else np.ones(1)
         high = 30.0 * size.max() if self.period is None else np.pi / self.period
         low = min(1e-3 * size.min(), 1e-3 * high)

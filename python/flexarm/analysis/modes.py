@@ -51,7 +51,7 @@ class Modes:
     @property
     def stable(self) -> bool:
         """Whether no mode grows."""
-        return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues).max(initial=0.0)).all())
+        return bool((self.eigenvalues.real <= 1e-9 * np.abs(self.eigenvalues)).all())
 
     def __str__(self) -> str:
         return modes_table(self.frequencies, self.damping, self.eigenvalues, self.participation, self.arm.coordinates)
@@ -198,7 +198,7 @@ class SmallMotions:
         largest = np.abs(shapes).argmax(axis=0)
         shapes = shapes / shapes[largest, np.arange(s.size)]
         radius = np.abs(s)
-        oscillates = np.abs(s.imag) > 1e-9 * max(radius.max(), 1e-300)
+        oscillates = np.abs(s.imag) > 1e-9 * radius
         frequencies = np.where(oscillates | ((s.real < 0) & (radius > 0)), radius, 0.0)
         with np.errstate(invalid="ignore", divide="ignore"):
             damping = np.where(radius > 0, -s.real / radius, 0.0)
@@ -306,7 +306,8 @@ def _conservative(M: Array, K: Array) -> tuple[NDArray[np.complex128], Array]:
 
 
 def _general(M: Array, G: Array, K: Array) -> tuple[NDArray[np.complex128], NDArray[Any]]:
-    """s^2 M + s G + K = 0, as an ordinary eigenvalue problem of w = 1/(s - sigma), for the same reason."""
+    """s^2 M + s G + K = 0, as an ordinary eigenvalue problem of w = 1/(s - sigma), for the same reason. Where s
+    differ so much that rounding hides the small w, the fast motions come from the problem of s itself."""
     import scipy.linalg as la  # slow to import
 
     n = len(M)
@@ -324,9 +325,16 @@ def _general(M: Array, G: Array, K: Array) -> tuple[NDArray[np.complex128], NDAr
     companion[:n, n:] = -la.lu_solve(at_shift, M)
     companion[n:, :n] = np.eye(n)
     w, vectors = la.eig(companion)
+    size = np.abs(w)
+    if size.min() < 1e-10 * size.max():
+        companion[:n] = -la.solve(M, np.hstack([G, K]), assume_a="pos")
+        fast, moved = la.eig(companion)
+        lost = size < np.sqrt(size.max() / np.abs(fast).max())  # between the slowest and the fastest
+        found = np.argsort(np.abs(fast))[2 * n - np.count_nonzero(lost) :]
+        w[lost], vectors[:, lost] = 1.0 / (fast[found] - sigma), moved[:, found]
     s = sigma + 1.0 / w
     s[np.abs(s) < 1e-5 * sigma] = 0.0
-    tiny = 1e-12 * np.abs(s).max()
+    tiny = 1e-12 * np.abs(s)
     upper, real = np.flatnonzero(s.imag > tiny), np.flatnonzero((np.abs(s.imag) <= tiny) & (s != 0))
     # A rigid-body motion has the eigenvalue zero twice, or once where it is damped. One stands for it.
     zero = np.count_nonzero(s == 0)

@@ -74,6 +74,13 @@ def segmented(arm: Chain, segments: int = 10, fit: bool = True) -> Segmented:
         if link.beam is not None:
             if link.beam.curvature is not None:
                 raise ValueError(f"{name}: curvature: a beam that is curved at rest is not cut into segments")
+            if not link.beam.mass and any(s in HINGES for s in link.beam.counts):
+                raise ValueError(f"{name}: density = 0: a beam without mass is not cut into segments; give it one")
+            if not link.beam.rotary_inertia and "torsion" in link.beam.counts:
+                raise ValueError(
+                    f"{name}: rotary_inertia = False: leaves segments without inertia in torsion; take rotary_inertia "
+                    "= True, or leave torsion out"
+                )
             left_out += _left_out(name, link.beam)
     links, of, raised = _links(arm, segments)
     left_out += [f"moments of inertia of '{name}', which no body in space has: they are raised" for name in raised]
@@ -211,10 +218,14 @@ def _cut(name: str, link: Link, beam: Beam, n: int, mended: list[bool]) -> list[
 
 def _rod(beam: Beam, a: float, b: float) -> Mass:
     """The inertia of a rigid piece of a beam, from its own start."""
-    afloat = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"))
-    M = Chain._made([Link(afloat, beam=piece(beam, a, b, {}))]).mass_matrix(np.zeros(6))
-    mass = float(M[0, 0])
-    com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass if mass else np.zeros(3)
+    rod = piece(beam, a, b, {})
+    mass = rod.mass
+    if not mass:
+        return Mass()
+    own = mass * np.repeat([1.0, (b - a) ** 2], 3)  # that the joint may move a rod that is thin
+    afloat = Axes(axes=("tx", "ty", "tz", "rx", "ry", "rz"), reflected_inertia=own.tolist())
+    M = Chain._made([Link(afloat, beam=rod)]).mass_matrix(np.zeros(6)) - np.diag(own)
+    com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass
     r = np.array(com)
     return Mass(mass, com, M[3:, 3:] - mass * (r @ r * np.eye(3) - np.outer(r, r)))
 
