@@ -236,8 +236,7 @@ struct GeneralisedAlpha : AlphaNumbers {
         contraction = L::select(open, seen, contraction);
       }
       Mask stalled = L::everywhere(false);
-      if (iterations > 2)
-        stalled = (contraction > 0.5) & ((moved <= kFloor * size) | lost(engine, shift.stiffness, q));
+      if (iterations > 2) stalled = (contraction > 0.5) & ((moved <= kFloor * size) | lost(engine, shift.stiffness, q));
       last = L::select(open, moved, last);
       const S left = L::smaller(one, contraction / L::larger(1.0 - contraction, number<S>(1e-3))) * moved;
       const Mask end = (left <= rtol * size) | (residual <= kRounding * force) | stalled;
