@@ -56,9 +56,9 @@ def off(a: fa.Arm, q: np.ndarray, truth: fa.Result) -> float:
     return float((np.abs(found - wanted).max(axis=0) / span).max())
 
 
-def given(way: Callable[..., Any], scene: Scene, instead: str = "") -> Scene:
-    """The scene, where the way has an argument for everything in it; `instead`: what the caller has translated."""
-    known = set(inspect.signature(way).parameters) | set(instead.split())
+def given(way: Callable[..., Any], scene: Scene) -> Scene:
+    """The scene, if the way has an argument for everything in it."""
+    known = inspect.signature(way).parameters
     for key in scene:
         if key not in known:
             raise Refused(f"{way.__name__} has no argument `{key}`")
@@ -100,9 +100,10 @@ def in_lanes(f: Feature) -> float:
     scene = f.scene()
     scene.pop("push", None)
     batch = fa.simulate_batch(scene.pop("arm"), T, **scene, step=H, parameters={f.path: masses})
-    if batch.stats["engine"] != "steps" or batch.stats["lanes"] < 2:
-        raise Refused("not in lanes: simulate_batch takes one simulate for each scenario")
-    return off(f.truth.arm, batch.q[1], f.truth) / MOTION
+    error = off(f.truth.arm, batch.q[1][: len(f.truth.q)], f.truth) / MOTION
+    if error <= 1 and (batch.stats["engine"] != "steps" or batch.stats["lanes"] < 2):
+        raise Refused("not in lanes: simulate_batch takes one simulate for each scenario, with right results")
+    return error
 
 
 def slopes_off(found: np.ndarray, f: Feature) -> float:
@@ -238,22 +239,22 @@ def in_cpp(program: Path) -> Callable[[Feature], float]:
 
 def ways(program: Path) -> dict[str, Callable[[Feature], float]]:
     return {
-        "`ida`": simulated("ida", rtol=1e-8),
-        "`implicit`": simulated("implicit", step=H),
-        "`gauss`": simulated("gauss", step=1e-3),
-        "`rk4`": simulated("rk4", step=H),
-        "`rollout`": rolled,
-        "batch in lanes": in_lanes,
-        "forward, `ida`": forward(integrator="ida", rtol=1e-8),
-        "forward, `implicit`": forward(integrator="implicit", step=H),
-        "adjoint, `implicit`": adjoint(integrator="implicit", step=H),
-        "adjoint, `gauss`": adjoint(integrator="gauss", step=1e-3),
-        "`identify`": identified,
-        "Kalman filter": filtered,
-        "model of MPC": mpc,
-        "`closed_loop`": poles,
-        "`economize`": economized,
-        "steps in C++": in_cpp(program),
+        "ida": simulated("ida", rtol=1e-8),
+        "implicit": simulated("implicit", step=H),
+        "gauss": simulated("gauss", step=1e-3),
+        "rk4": simulated("rk4", step=H),
+        "rollout": rolled,
+        "lanes": in_lanes,
+        "forward ida": forward(integrator="ida", rtol=1e-8),
+        "forward implicit": forward(integrator="implicit", step=H),
+        "adjoint implicit": adjoint(integrator="implicit", step=H),
+        "adjoint gauss": adjoint(integrator="gauss", step=1e-3),
+        "identify": identified,
+        "filter": filtered,
+        "MPC": mpc,
+        "closed loop": poles,
+        "economize": economized,
+        "C++": in_cpp(program),
     }
 
 
@@ -281,7 +282,7 @@ def told(cells: dict[tuple[str, str], tuple[str, str]], rows: list[str], columns
             reasons.setdefault((outcome, why), []).append(at)
     letters = [a + b for a in ("", *"abc") for b in "abcdefghijklmnopqrstuvwxyz"]
     mark = {key: letter for key, letter in zip(sorted(reasons, key=lambda k: -len(reasons[k])), letters, strict=False)}
-    shape = {"no": "{}", "void": "({})", "WRONG": "**WRONG** {}"}
+    shape = {"no": "{}", "void": "({})", "WRONG": "**✗ {}**"}
     lines = [f"| | {' | '.join(columns)} |", "|-" * (len(columns) + 1) + "|"]
     for row in rows:
         marks = ["yes" if cells[row, c][0] == "yes" else shape[cells[row, c][0]].format(mark[cells[row, c]])
