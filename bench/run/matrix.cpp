@@ -8,11 +8,20 @@
 #include <flexarm/step.hpp>
 #include <iostream>
 #include <stdexcept>
+#include <string>
 
 namespace {
 
+flexarm::Arm load(const char* path) {
+#ifdef FLEXARM_SCENES
+  return flexarm::load_arm(path);
+#else
+  throw std::invalid_argument(std::string(path) + ": this flexarm was built without toml++, and reads no scenes");
+#endif
+}
+
 void run(char** argv) {
-  const flexarm::Arm arm = flexarm::load_arm(argv[1]);
+  const flexarm::Arm arm = load(argv[1]);
   Eigen::VectorXd q(arm.nq()), v(arm.nv());
   const Eigen::VectorXd tau = Eigen::VectorXd::Zero(arm.nv());
   for (double& x : q) std::cin >> x;

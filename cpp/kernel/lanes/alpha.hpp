@@ -235,8 +235,8 @@ struct GeneralisedAlpha : AlphaNumbers {
         const S seen = L::select(moved < last, moved / last, one);
         contraction = L::select(open, seen, contraction);
       }
-      Mask stalled = L::everywhere(false);
-      if (iterations > 2) stalled = (contraction > 0.5) & ((moved <= kFloor * size) | lost(engine, shift.stiffness, q));
+      Mask stalled = (contraction > 0.5) & L::everywhere(iterations > 2);
+      if (L::any(stalled)) stalled = stalled & ((moved <= kFloor * size) | lost(engine, shift.stiffness, q));
       last = L::select(open, moved, last);
       const S left = L::smaller(one, contraction / L::larger(1.0 - contraction, number<S>(1e-3))) * moved;
       const Mask end = (left <= rtol * size) | (residual <= kRounding * force) | stalled;
