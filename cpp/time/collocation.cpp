@@ -18,6 +18,7 @@ constexpr double kFails = 0.7;   // contraction at which even new ones are made 
 constexpr double kBest = 0.02;   // contraction that is believed without having been measured in the same step
 constexpr int kGivenUp = 3;      // corrections that grew, after which an iteration is given up
 constexpr double kFloor = 1e-8;  // parts of the motion: an iteration that stalls below is at the end of its digits
+constexpr double kLost = 1e-14;  // parts of the coordinates: a correction below that stalls is rounding
 constexpr double kGrown = 1.5;   // ratio of a step to the one before, above which nothing is extrapolated
 constexpr double kForget = 0.99;
 constexpr double kFar = 30.0;  // times the energy that a step begins with and its forces bring: no solution is so far
@@ -255,6 +256,13 @@ void CollocationStep::set_forces(int i, Workspace& ws) const {
   ws.give(tau_.col(i).data());
 }
 
+/// Whether the last correction is below the digits of the coordinates: at rest, in balance, there is no motion to
+/// compare it with.
+bool CollocationStep::lost(double h) const {
+  const Eigen::Map<const Eigen::MatrixXd> turns(correction_.data(), M_.rows(), s_);
+  return h * h * (turns * A2_.transpose()).cwiseAbs().maxCoeff() <= kLost * q_.cwiseAbs().maxCoeff();
+}
+
 Status CollocationStep::iterate(double h, Workspace& ws) {
   const Eigen::Index n = M_.rows();
   if (n == 0) return Status::ok;  // everything is prescribed
@@ -301,8 +309,8 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
     const double scale = std::sqrt(std::max(kForget * scale_, motion) + mass_ * fall * fall);
     const double moved = h * std::sqrt(std::max(work, 0.0));
     if (iteration > 1) contraction_ = moved < last ? moved / last : 1.0;
-    if (iteration > 1 && moved > last && ++grown == kGivenUp) return Status::not_converged;
-    const bool stalled = iteration > 2 && contraction_ > 0.5 && moved <= kFloor * scale;
+    const bool stalled = iteration > 2 && contraction_ > 0.5 && (moved <= kFloor * scale || lost(h));
+    if (!stalled && iteration > 1 && moved > last && ++grown == kGivenUp) return Status::not_converged;
     last = moved;
     const double left = std::min(1.0, contraction_ / std::max(1.0 - contraction_, 1e-3)) * moved;
     if (left <= options_.rtol * scale || stalled) {

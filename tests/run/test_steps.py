@@ -255,6 +255,38 @@ def test_stops_throw_back() -> None:
         assert r.stats["newton_iterations"] < 3 * r.stats["steps"]
 
 
+def in_balance(case: str) -> tuple[fa.Arm, dict]:
+    """An arm without gravity whose springs and beams hold loads or patches; no torque acts."""
+    pzt = fa.Piezo(62e9, 0.3, 7800, d31=-1.8e-10)
+    patch = fa.Patch(0.02, 0.1, 0.02, 5e-4, pzt)
+    beam = fa.Beam(0.4, fa.Rectangle(0.003, 0.02), STEEL, {"bending_y": 2}, "legendre", patches=[patch])
+    rested = {"stiffness": 60.0, "rest": 0.3, "upper": 0.1, "limit_stiffness": 500.0}
+    joint = {"clamped": fa.Fixed(), "sprung": fa.Revolute("z", stiffness=50.0), "stopped": fa.Revolute("z", **rested)}
+    pushed = {} if case in ("voltage", "stopped") else {"loads": [fa.Load(force=(0.3, 1.5, 0))]}
+    volts = {"drive": {("patch", 0, 0): fa.Voltage(100.0)}} if case == "voltage" else {}
+    hub = fa.RigidBody(0.3, inertia=(0.005, 0.005, 0.005))
+    return fa.Arm([fa.Link(joint.get(case, fa.Fixed()), hub, beam, fa.RigidBody(0.1))]), pushed | volts
+
+
+@pytest.mark.parametrize("case", ["clamped", "sprung", "stopped", "voltage"])
+@pytest.mark.parametrize("step", [1e-3, 1e-4])
+@pytest.mark.parametrize("integrator", ["implicit", "gauss"])
+def test_what_begins_in_balance_stands_still(integrator: str, step: float, case: str) -> None:
+    """There is no motion there that the error of an iteration could be a part of."""
+    arm, acting = in_balance(case)
+    r = fa.simulate(arm, [0.0, 0.02, 0.04], "equilibrium", integrator=integrator, step=step, **acting)
+    assert np.abs(r.q - r.q[0]).max() < 1e-12 * np.abs(r.q[0]).max()
+    assert np.abs(r.v).max() < 1e-9 * np.abs(r.q[0]).max()
+
+
+def test_scenarios_that_begin_in_balance_stand_still() -> None:
+    arm, acting = in_balance("sprung")
+    q0 = np.repeat(arm.equilibrium(loads=acting["loads"])[None], 8, axis=0)
+    runs = fa.simulate_batch(arm, np.linspace(0, 0.04, 41), q0, **acting)
+    assert runs.stats["engine"] == "steps" and not runs.failures
+    assert np.abs(runs.q - q0[:, None]).max() < 1e-12 * np.abs(q0).max()
+
+
 def test_a_torque_that_runs_away_is_reported() -> None:
     """The time reached and what was computed, all finite."""
     arm = fa.Arm([fa.Link(fa.Revolute("z"), fa.RigidBody(inertia=(0, 0, 1.0)))])

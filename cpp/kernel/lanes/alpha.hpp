@@ -16,6 +16,7 @@ using flexarm::lanes::Work;
 constexpr double kBest = 1e-4;       // contraction that is believed without having been measured in the same step
 constexpr double kRounding = 1e-14;  // parts of the applied forces: a residual below is noise
 constexpr double kFloor = 1e-7;      // parts of the motion: an iteration that stalls below is at the end of its digits
+constexpr double kLost = 1e-14;      // parts of the coordinates: a correction below that stalls is rounding
 constexpr double kGrown = 1.5;       // ratio of a step to the one before, above which nothing is extrapolated
 constexpr double kSame = 1e-9;       // of that ratio to 1
 constexpr double kForget = 0.99;     // per step, of the motion's scale
@@ -170,6 +171,16 @@ struct GeneralisedAlpha : AlphaNumbers {
     engine.place(q0, u, q);
   }
 
+  /// Where the last correction is below the digits of the coordinates: at rest, in balance, there is no motion to
+  /// compare it with.
+  /// @param by_turn  of the coordinates by the accelerations (s^2)
+  Mask lost(const Engine& engine, double by_turn, const S* q) const {
+    S most{}, place{};
+    for (int k = 0; k < engine.free_count; ++k) most = L::larger(most, L::size(turn[engine.free[k]]));
+    for (int i = 0; i < nq; ++i) place = L::larger(place, L::size(q[i]));
+    return by_turn * most <= kLost * place;
+  }
+
   /// Newton's iteration on the residual of inverse dynamics at the step's end.
   /// @param skip  lanes that are not asked
   /// @return where it converged; elsewhere q and v are of no use
@@ -224,7 +235,8 @@ struct GeneralisedAlpha : AlphaNumbers {
         const S seen = L::select(moved < last, moved / last, one);
         contraction = L::select(open, seen, contraction);
       }
-      const Mask stalled = (contraction > 0.5) & (moved <= kFloor * size) & L::everywhere(iterations > 2);
+      Mask stalled = (contraction > 0.5) & L::everywhere(iterations > 2);
+      if (L::any(stalled)) stalled = stalled & ((moved <= kFloor * size) | lost(engine, shift.stiffness, q));
       last = L::select(open, moved, last);
       const S left = L::smaller(one, contraction / L::larger(1.0 - contraction, number<S>(1e-3))) * moved;
       const Mask end = (left <= rtol * size) | (residual <= kRounding * force) | stalled;

@@ -89,6 +89,8 @@ class KalmanFilter:
     ) -> None:
         if not isinstance(arm, Arm):
             raise ValueError(f"arm = {arm!r}: must be an Arm")
+        for k, _ in arm.ball_rates():
+            raise ValueError(f"link[{k}].joint: is a ball, which the filter cannot estimate; take three Axes")
         if not isinstance(sensors, (list, tuple)):
             raise ValueError(f"sensors = {sensors!r}: must be a list of sensors")
         self.arm, self.sensors, self.step = arm, tuple(sensors), number("step", step)

@@ -55,6 +55,7 @@ class CollocationStep final : public Step {
   bool factor(double h);
   void set_forces(int i, Workspace& ws) const;
   bool believable(double h, Workspace& ws);
+  bool lost(double h) const;
   Status iterate(double h, Workspace& ws);
 
   const Arm* arm_;

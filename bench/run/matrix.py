@@ -1,0 +1,336 @@
+"""Features against ways to run an arm: each pair is tried by a run, and compared with an independent one.
+
+    cmake --preset release -DFLEXARM_BUILD_BENCH=ON && cmake --build --preset release --target bench_matrix
+    python bench/run/matrix.py [--program build/release/bench_matrix] [--check] [WORD ...]
+
+Writes the marked part of docs/matrix.md; with --check, or with words that choose features or ways, it only prints.
+The truth is IDA at tight tolerances (of the column of IDA itself: Gauss collocation), of derivatives differences of
+such runs, of poles a run from a small displacement, of economize a run of a richer model.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import re
+import subprocess
+import tempfile
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import flexarm as fa
+import numpy as np
+from matrix_features import RATE, Feature, H, M, Scene, T, features
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "matrix.md"
+MOTION, POLES, SLOPES, FITTED, CHOSEN = 1e-3, 1e-5, 2e-2, 1e-2, 1e-2  # how near is near enough, relative
+
+
+class NotApplicable(Exception):
+    """The feature means nothing to this way."""
+
+
+class Refused(Exception):
+    """A way that has no place for the feature."""
+
+
+# --- Comparisons ---
+
+
+def seen_of(a: fa.Arm, q: np.ndarray) -> np.ndarray:
+    """The tip's place and the strains at the root."""
+    return np.hstack([a.frame(q)[0], a.strain(q, link=-1, x=0.01)[:, [1, 2]]])
+
+
+def off(a: fa.Arm, q: np.ndarray, truth: fa.Result) -> float:
+    """The largest distance from the truth, as a part of its span: of the tip or of a strain."""
+    if len(q) != len(truth.q):
+        return np.inf
+    found, wanted = seen_of(a, q), seen_of(truth.arm, truth.q)
+    span = np.ptp(wanted, axis=0)
+    span[:3] = span[:3].max()
+    span[3:] = span[3:].max()
+    return float((np.abs(found - wanted).max(axis=0) / span).max())
+
+
+def given(way: Callable[..., Any], scene: Scene) -> Scene:
+    """The scene, if the way has an argument for everything in it."""
+    known = inspect.signature(way).parameters
+    for key in scene:
+        if key not in known:
+            raise Refused(f"{way.__name__} has no argument `{key}`")
+    return scene
+
+
+# --- The ways: each gives its error, in parts of what is near enough ---
+
+
+def simulated(integrator: str, **options: Any) -> Callable[[Feature], float]:
+    def way(f: Feature) -> float:
+        truth = f.truth if integrator != "ida" else f.run(integrator="gauss", step=1e-3)
+        r = f.run(integrator=integrator, **options)
+        late = 0.0
+        if truth.t_events:
+            late = abs(r.t_events[0] - truth.t_events[0]).max() / T[-1]
+        return max(late, off(r.arm, r.q, truth)) / MOTION
+
+    return way
+
+
+def rolled(f: Feature) -> float:
+    scene = f.scene()
+    drive, of, a = scene.pop("drive", {}), scene.pop("push", None), scene["arm"]
+    tau = np.zeros((len(T) - 1, a.nv))
+    for k, x in drive.items():
+        if isinstance(x, fa.Torque):
+            tau[:, a.joint_rate(k)] = of(T[:-1] + 0.5 * H)
+        elif isinstance(x, fa.Motion):
+            scene["motion"] = {k: x}
+        else:
+            raise Refused("rollout has no argument for voltages")
+    scene = given(fa.rollout, scene)
+    return off(a, fa.rollout(q0=scene.pop("q0", a.zero), tau=tau, step=H, **scene).q[0], f.truth) / MOTION
+
+
+def in_lanes(f: Feature) -> float:
+    masses = M * np.linspace(0.9, 1.6, 8)
+    scene = f.scene()
+    scene.pop("push", None)
+    batch = fa.simulate_batch(scene.pop("arm"), T, **scene, step=H, parameters={f.path: masses})
+    error = off(f.truth.arm, batch.q[1][: len(f.truth.q)], f.truth) / MOTION
+    if error <= 1 and (batch.stats["engine"] != "steps" or batch.stats["lanes"] < 2):
+        raise Refused("not in lanes: simulate_batch takes one simulate for each scenario, with right results")
+    return error
+
+
+def slopes_off(found: np.ndarray, f: Feature) -> float:
+    n = min(len(found), len(f.slopes))
+    size = np.abs(f.slopes[:n]).max(axis=0)
+    return float((np.abs(found[:n] - f.slopes[:n]).max(axis=0) / np.maximum(size, 0.01 * size.max())).max())
+
+
+def forward(**options: Any) -> Callable[[Feature], float]:
+    return lambda f: slopes_off(f.run(**options).sensitivities([f.path]).q[0], f) / SLOPES
+
+
+def adjoint(**options: Any) -> Callable[[Feature], float]:
+    def way(f: Feature) -> float:
+        r = f.run(**options)
+        weights = np.random.default_rng(1).uniform(size=r.q.shape)
+        parts = weights * f.slopes[: len(weights)]
+        return abs(r.gradient({"q": weights}, [f.path])[f.path] - parts.sum()) / np.abs(parts).sum() / SLOPES
+
+    return way
+
+
+def scene_of(f: Feature, m: float, **more: Any) -> fa.Scene:
+    scene = f.scene(m)
+    scene.pop("push", None)
+    control = scene.pop("control", ())
+    scene["control"] = tuple(control) if isinstance(control, list) else (control,) if control else ()
+    scene["loads"] = tuple(scene.pop("loads", ()))
+    return fa.Scene(t=T, **given(fa.Scene, scene), **more)
+
+
+def identified(f: Feature) -> float:
+    guess = scene_of(f, 1.15 * M, options={"integrator": "implicit", "step": H})
+    place = f.truth.frame()[0]
+    rows = np.arange(0, len(T), 10)
+    columns = {f"tip {'xyz'[k]}": (place[rows, k], k) for k in np.argsort(np.ptp(place, axis=0))[1:]}
+    data = fa.Data(T[rows], {k: y for k, (y, _) in columns.items()}, dict.fromkeys(columns, "m"))
+    outputs = {name: (lambda r, k=k: r.frame()[0][:, k]) for name, (_, k) in columns.items()}
+    fit = fa.identify(guess, data, {f.path: None}, outputs=outputs, starts=1)
+    return abs(fit.values[f.path] / M - 1) / FITTED
+
+
+def filtered(f: Feature) -> float:
+    """Readings that are hardly believed: what it follows is its model, under the torques of the run."""
+    scene, truth = f.scene(), f.truth
+    for key in ("drive", "push", "control"):
+        scene.pop(key, None)
+    if "events" in scene:
+        raise NotApplicable("an event ends a run; a filter goes on")
+    q0, v0 = scene.pop("q0", truth.q[0]), scene.pop("v0", truth.v[0])
+    a = given(fa.KalmanFilter, scene)["arm"]
+    kalman = fa.KalmanFilter(a, f.sensors, H, force_noise=1e-9, q_std=1e-9, v_std=1e-9, q=q0, v=v0)
+    tau = truth.tau[:-1] if f.held else 0.5 * (truth.tau[1:] + truth.tau[:-1])
+    found = kalman.run(T, np.vstack([tau, tau[-1:]]), [s.read(truth) for s in f.sensors])
+    return off(a, found.q, truth) / MOTION
+
+
+def mpc(f: Feature) -> float:
+    """Brings the arm, as its model knows it, to a place 0.2 rad away."""
+    scene = f.scene()
+    if "events" in scene:
+        raise NotApplicable("an event ends a run; a plan has none")
+    for key in ("push", *f.aside.split()):
+        scene.pop(key, None)
+    a, v0 = scene.pop("arm"), scene.pop("v0", None)
+    given(fa.MPC, scene)
+    law = fa.MPC(a, reference=0.2, rate=RATE, horizon=0.2)
+    r = fa.simulate(a, np.linspace(0, 0.6, 301), None, v0, control=law, integrator="implicit", step=5e-4)
+    return float(abs(r.q[-50:, 0] - 0.2).max() / 0.2 + law.failures) / 0.05
+
+
+def poles(f: Feature) -> float:
+    """A run from a small displacement is a sum of the modes of the poles."""
+    scene = f.scene(r=0.0)
+    if "events" in scene:
+        raise NotApplicable("an event is no part of a linear loop")
+    for key in ("push", "v0", *f.aside.split()):
+        scene.pop(key, None)
+    drive, a, control = scene.pop("drive", {}), scene.pop("arm"), scene.pop("control", [])
+    if any(not isinstance(x, fa.Motion) for x in drive.values()):
+        raise NotApplicable("a torque or voltage over time moves no pole")
+    locked = [k for k, x in drive.items() if isinstance(x, fa.Motion)]
+    v = f.turn * np.eye(a.nv)[0]
+    loop = fa.closed_loop(a, control, f.pose and a.pose(f.pose), v, lock=locked, **given(fa.closed_loop, scene))
+    period, hold = loop.period or 4e-3, loop.q
+    tau = a.inverse_dynamics(hold, v, np.zeros(a.nv), **scene) + f.drag * np.sign(v)
+    small = 1e-5 * np.ones(a.nv)
+    small[locked] = 0
+    parts, count = 8, 4 * len(loop.poles)  # filters of sensors see the arm at output times
+    t = period / parts * np.arange(parts * count + 1)
+    if control:
+        scene["control"] = control
+    if locked:
+        scene["drive"] = {k: fa.Motion([0, t[-1]], [0.0, 0.0]) for k in locked}
+    options = {"tau": tau, "integrator": "gauss", "step": 1e-3, **scene}
+    up, down = (fa.simulate(a, t, hold, v + sign * small, **options).v for sign in (1, -1))
+    y = np.delete(up - down, locked, axis=1)[::parts]
+    modes = np.exp(np.outer(t[::parts], loop.poles))
+    late = slice(count // 4, None)  # what dies in finite time has no pole
+    rest = y[late] - modes[late] @ np.linalg.lstsq(modes[late], y[late], rcond=None)[0]
+    return float(np.abs(rest).max() / np.abs(y[late]).max()) / POLES
+
+
+def economized(f: Feature) -> float:
+    plan = fa.economize(scene_of(f, M), tol=CHOSEN)
+    if not plan.certified:
+        raise Refused(f"not certified: {plan.reasons[0]}")
+    rich = f.run(rich=True, integrator="gauss", step=1e-3)
+    truth, found = rich.frame()[0], plan.run().frame()[0]
+    return float(np.abs(found - truth).max() / np.ptp(truth, axis=0).max()) / CHOSEN
+
+
+def in_cpp(program: Path) -> Callable[[Feature], float]:
+    def way(f: Feature) -> float:
+        scene = f.scene()
+        for key in scene:
+            if key not in ("arm", "q0", "v0"):
+                raise Refused(f"load_arm reads no `{key}`")
+        a = scene["arm"]
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "scene.toml"
+            fa.Scene(a, t=T).save(file)
+            start = " ".join(repr(float(x)) for k in "qv" for x in getattr(f.truth, k)[0])
+            command = [program, file, "implicit", str(H), str(len(T) - 1)]
+            out = subprocess.run(command, input=start, capture_output=True, text=True)
+        if out.returncode:
+            raise Refused(out.stderr.strip())
+        q = np.array([line.split() for line in out.stdout.splitlines()], float)
+        return off(a, np.vstack([f.truth.q[:1], q]), f.truth) / MOTION
+
+    return way
+
+
+def ways(program: Path) -> dict[str, Callable[[Feature], float]]:
+    return {
+        "ida": simulated("ida", rtol=1e-8),
+        "implicit": simulated("implicit", step=H),
+        "gauss": simulated("gauss", step=1e-3),
+        "rk4": simulated("rk4", step=H),
+        "rollout": rolled,
+        "lanes": in_lanes,
+        "forward ida": forward(integrator="ida", rtol=1e-8),
+        "forward implicit": forward(integrator="implicit", step=H),
+        "adjoint implicit": adjoint(integrator="implicit", step=H),
+        "adjoint gauss": adjoint(integrator="gauss", step=1e-3),
+        "identify": identified,
+        "filter": filtered,
+        "MPC": mpc,
+        "closed loop": poles,
+        "economize": economized,
+        "C++": in_cpp(program),
+    }
+
+
+# --- The table ---
+
+
+def tried(f: Feature, way: Callable[[Feature], float]) -> tuple[str, str]:
+    """The outcome of a cell, "yes", "no", "void" or "WRONG", and its reason."""
+    try:
+        error = way(f)
+    except NotApplicable as e:
+        return "void", str(e)
+    except (Refused, ValueError) as e:
+        return "no", re.split(r"[.;] ", re.sub(r"^control\[0\] = \w+", "control", str(e)))[0].strip()
+    except Exception as e:  # whatever goes wrong, the table tells
+        return "WRONG", f"{type(e).__name__}: {e}"
+    return ("yes", "") if error <= 1 else ("WRONG", f"off by {error:.3g} times what is near enough")
+
+
+def told(cells: dict[tuple[str, str], tuple[str, str]], rows: list[str], columns: list[str]) -> str:
+    """The table, the count and the reasons."""
+    reasons: dict[tuple[str, str], list[tuple[str, str]]] = {}
+    for at, (outcome, why) in cells.items():
+        if outcome != "yes":
+            reasons.setdefault((outcome, why), []).append(at)
+    letters = [a + b for a in ("", *"abc") for b in "abcdefghijklmnopqrstuvwxyz"]
+    mark = {key: letter for key, letter in zip(sorted(reasons, key=lambda k: -len(reasons[k])), letters, strict=False)}
+    shape = {"no": "{}", "void": "({})", "WRONG": "**✗ {}**"}
+    lines = [f"| | {' | '.join(columns)} |", "|-" * (len(columns) + 1) + "|"]
+    for row in rows:
+        marks = ["yes" if cells[row, c][0] == "yes" else shape[cells[row, c][0]].format(mark[cells[row, c]])
+                 for c in columns]  # fmt: skip
+        lines.append(f"| {row} | {' | '.join(marks)} |")
+    count = {k: sum(outcome == k for outcome, _ in cells.values()) for k in ("yes", "no", "WRONG", "void")}
+    most = len(cells) - count["void"]
+    share = {k: f"{count[k]} ({100 * count[k] / most:.1f} %)" for k in ("yes", "no", "WRONG")}
+    lines += ["", f"Of {len(cells)} pairs {count['void']} mean nothing. Of the other {most}, {share['yes']} work, "
+              f"{share['no']} are refused, and {share['WRONG']} are wrong.", ""]  # fmt: skip
+    kinds = {"no": "refused", "void": "means nothing", "WRONG": "wrong"}
+    lines += ["| | pairs | | reason |", "|-|-|-|-|"]
+    lines += [f"| {letter} | {len(reasons[key])} | {kinds[key[0]]} | {key[1].replace('|', '/')} |"
+              for key, letter in mark.items()]  # fmt: skip
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--program", type=Path, default=ROOT / "build/release/bench_matrix")
+    parser.add_argument("--check", action="store_true", help="print only")
+    parser.add_argument("words", nargs="*", help="features or ways whose names contain one of these")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    all_of, columns = {f.name: f for f in features()}, ways(options.program)
+    rows = list(all_of)
+    if not options.program.exists():
+        raise SystemExit(f"{options.program}: is not there; see --help")
+    wanted = [[x for x in names if any(w in x for w in options.words)] or list(names) for names in (rows, columns)]
+    cells = {}
+    for name in wanted[0]:
+        f = all_of[name]
+        if f.other and off(f.truth.arm, f.truth.q, all_of[f.other].truth) < 10 * MOTION:
+            raise SystemExit(f"{name}: makes no difference to the run")
+        for column in wanted[1]:
+            cells[name, column] = tried(f, columns[column])
+            print(f"{name:28} {column:22} {cells[name, column][0]:6} {cells[name, column][1]}", flush=True)
+    table = told(cells, *wanted)
+    print(table)
+    if options.check or options.words:
+        return
+    text = PAGE.read_text(encoding="utf-8")
+    pattern = r"(<!-- matrix: [^\n]*-->\n).*?(<!-- end of matrix -->)"
+    new, count = re.subn(pattern, lambda found: f"{found[1]}{table}\n{found[2]}", text, flags=re.S)
+    if count != 1:
+        raise SystemExit(f"{PAGE}: the marks of the matrix are missing")
+    PAGE.write_text(new, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
