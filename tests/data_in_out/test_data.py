@@ -168,7 +168,7 @@ def test_what_is_saved_is_loaded_to_the_bit(suffix: str, tmp_path: Path) -> None
 
 
 REFUSED = [
-    *((name, suffix) for name in (" a", "a\u00a0", "a\tb", "a\nb", "a\x00b", "\ud800") for suffix in (".csv", ".h5", ".mat")),
+    *((k, of) for k in (" a", "a\u00a0", "a\tb", "a\nb", "a\x00b", "\ud800") for of in (".csv", ".h5", ".mat")),
     *((name, ".h5") for name in ("/", "/a", "a/", "a//b", ".", "./a", "z/b")),
     ("about", ".npz"),
 ]

@@ -83,7 +83,8 @@ def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: A
             if about is not None:
                 f["about"] = text([json.dumps(about)])
             for name, x in arrays.items():
-                made = f.create_dataset(check(name), data=x, **({"fletcher32": True, "compression": "gzip"} if x.size else {}))
+                packed = {"fletcher32": True, "compression": "gzip"} if x.size else {}
+                made = f.create_dataset(check(name), data=x, **packed)
                 titled = titles.get(name, ())
                 if x.ndim == 1 and titled:
                     made.attrs["unit"] = text([titled[0][1]])[0]
