@@ -23,7 +23,7 @@ from ..analysis.validity import range_warning
 from ..arm import Arm
 from ..parts.part import ModelWarning
 from ..run.simulation import INTEGRATORS, check_integrator
-from ..run.start import start
+from ..run.start import check_one_start, start
 from ..run.variation import Setup, Variation
 from .arguments import STEPPERS, check_memory, check_options, default_workers, forces, rows, scenario_count
 from .job import Job
@@ -86,9 +86,7 @@ def make_job(
 
 def _balances(variation: Variation, word: str, t: float, tau: Any) -> Array:
     """Where each scenario is in balance at time t (s), (B or 1, nq)."""
-    moved = [path for path in variation.values if path.split(".")[0] == "q0"]
-    if moved:
-        raise ValueError(f"parameters: '{moved[0]}' and q0 = {word!r} both say where the runs begin; leave one out")
+    check_one_start(word, variation.values)
     if tau is not None and word == "equilibrium":
         raise ValueError("tau: goes with a q0 in numbers; a constant force that is a drive is in the balance")
     count, found = 1 if variation.one_setup else max(variation.sizes.values()), []
