@@ -149,7 +149,7 @@ def test_lags_that_are_none() -> None:
 # -- out ---------------------------------------------------------------------------------------------------------------
 
 ODD = ("theta", "t_s", "a (b)", "a [b]", "w_deg_s", "é/ü 漢", "1st", "x" * 80, "x" * 79 + "y", "flexarm", 'q"u,o;te',
-       "a;b c", "#refs#", "#c", "0", "1e5", "nan", "-", "sub/x", "..", "a.npy", "a", "axis0", "block0_values", "sep=;")
+       "a;b c", "#refs#", "#c", "0", "1e5", "nan", "-", "sub/x", "..", "a.npy", "a", "axis0", "block0_values", "[]")
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".txt", ".h5", ".hdf5", ".mat", ".npz", ".CSV"])

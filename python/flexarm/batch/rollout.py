@@ -257,8 +257,8 @@ def rollout(
         BatchInterrupted: (a KeyboardInterrupt) Ctrl-C; its `result` holds what was done.
 
     Warns:
-        RangeWarning: a beam bent further than its order is good for, or turned inside out, in at least one scenario, of
-            which `stats["out_of_range"]` tells how many.
+        RangeWarning: a beam bent further than its order is good for, or turned inside out, in scenarios
+            that did not fail; `stats["out_of_range"]` tells how many.
         LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
         StepWarning: steps of "rk4" above the limit of the first arm.
     """
@@ -296,7 +296,7 @@ def rollout(
     interrupted = stats.pop("interrupted")
     t = schedule.ends[schedule.rows]
     ranges = out_of_range(arms, t, blocks["q"])
-    beyond = np.flatnonzero(~np.isnan(ranges[:, 0]))
+    beyond = np.flatnonzero(~np.isnan(ranges[:, 0]) & (blocks["status"] == 0))  # failures have a reason of their own
     stats |= {"wall_time": time.perf_counter() - started, **({"out_of_range": beyond.size} if beyond.size else {})}
 
     def scenario(k: int) -> tuple[Arm, Array, Any, Sequence[Controller]]:

@@ -184,8 +184,8 @@ def read_npz(path: Path) -> Raw:
 
 
 def _text(value: Any) -> str:
-    if isinstance(value, np.ndarray) and value.size == 1:
-        value = value.reshape(-1)[0]
+    if isinstance(value, np.ndarray) and value.size < 2:
+        value = value.reshape(-1)[0] if value.size else ""
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
@@ -318,7 +318,6 @@ def read_mat(path: Path, key: str | None) -> Raw:
     titles: dict[str, Any] = {}
     if ours is not None and _is_struct(ours) and {"variables", "names", "units"} <= set(ours.dtype.names):
         parts = [[_text(x) for x in ours[k].reshape(-1)[0].ravel()] for k in ("variables", "names", "units")]
-        parts = [["" if x == "[]" else x for x in part] for part in parts]
         if "digest" in ours.dtype.names and key is None:
             check_digest(ours["digest"].reshape(-1)[0].item(), parts, held)
         titles = {variable: [(name, of)] for variable, name, of in zip(*parts, strict=True)}
