@@ -82,7 +82,7 @@ def test_a_run_is_made_of_the_loops_poles(seed: int) -> None:
     v[joints] = size * rng.normal(size=len(joints))
     elastic = arm.nv - len(arm.links)
     fastest = arm.modes(balance, lock=range(len(arm.links))).frequencies.max() if elastic else 0.0
-    parts = int(np.clip(np.ceil(10 * h * fastest), 4, 32))  # filters of sensors take parabolas between output times
+    parts = int(np.clip(np.ceil(10 * h * fastest), 16, 32))  # filters of sensors take parabolas between output times
     t = np.arange(parts * n + 1) * h / parts
     step = h / (parts * np.ceil(max(h * fastest / parts, 1)))
     try:
