@@ -109,8 +109,9 @@ def levels() -> str:
         begin = found(name)[0]
         fit = _fitted(moved(fa.load("quanser"), recording), recording, EACH, DEFLECTIONS, False, None, begin)
         angle, low, high = (math.degrees(math.asin(g / 9.81)) for g in (fit.values[LEVEL], *fit.intervals[LEVEL]))
-        pairs = [(*(path for path in x.names if path != LEVEL), x.correlation) for x in fit.loose if LEVEL in x.names]
-        told = ", ".join(f"`{path}` (correlation {c:+.3f})" for path, c in pairs) or "none above 0.95"
+        others = [path for x in fit.loose if LEVEL in x.names for path in x.names if path != LEVEL]
+        row = dict(zip(fit.values, fit.correlation[list(fit.values).index(LEVEL)], strict=True))
+        told = ", ".join(f"`{path}` (correlation {row[path]:+.3f})" for path in others) or "none above 0.95"
         lines.append(f"| {name} | {angle:.1f} | {low:.1f} to {high:.1f} | {told} |")
     return "\n".join(lines)
 

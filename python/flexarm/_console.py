@@ -173,9 +173,10 @@ def output_folder(path: str) -> Path:
 
 def csv_text(header: Iterable[str], columns: Iterable[Array]) -> str:
     """Columns of numbers, all digits, under one header line."""
-    f = io.StringIO()
+    f, header = io.StringIO(), list(header)
     out = csv.writer(f, lineterminator="\n")
-    out.writerow(header)
+    marked = any(";" in name for name in header)  # in quotes, a mark that may separate does not
+    csv.writer(f, lineterminator="\n", quoting=csv.QUOTE_ALL if marked else csv.QUOTE_MINIMAL).writerow(header)
     out.writerows([repr(float(x)) for x in row] for row in zip(*columns, strict=True))
     return f.getvalue()
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._check import Array, array, choice, whole
 from .acting.control import force_columns, measured_rows
+from .analysis.validity import SILENT
 from .arm import Arm
 from .batch.rollout import rollout
 from .run.variation import Setup, Variation
@@ -105,7 +106,7 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         self._q, self._v = np.tile(arm.zero, (num_envs, 1)), np.zeros((num_envs, arm.nv))
         self._goal = np.zeros((num_envs, self.task.goals))
         self._count = np.zeros(num_envs, int)  # control periods since the episode began
-        self._over = np.zeros(num_envs, bool)
+        self._over, self._told = np.zeros(num_envs, bool), False
 
     @property
     def state(self) -> State:
@@ -226,7 +227,12 @@ class FlexarmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], Any])
         """One control period on; where that failed, and the state was left as it was."""
         n, arms = self.task.substeps, self._arms if self.task.randomize else self.task.arm
         force = ((u * self._torque) @ self._columns)[:, None, :]
-        out = rollout(arms, self._q, self._v, force, step=self.task.step, nstep=n, every=n, workers=self.workers)
+        silent = SILENT.set(self._told)  # a beam bent beyond its range is told once
+        try:
+            out = rollout(arms, self._q, self._v, force, step=self.task.step, nstep=n, every=n, workers=self.workers)
+        finally:
+            SILENT.reset(silent)
+        self._told |= "out_of_range" in out.stats
         fine = np.asarray(out.status == 0)
         self._q[fine], self._v[fine] = out.q[fine, -1], out.v[fine, -1]
         self._count += 1

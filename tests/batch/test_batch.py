@@ -66,7 +66,7 @@ def test_held_forces_keep_the_second_order():
 
 def test_rollout_does_not_depend_on_workers_neighbours_or_rows():
     arm, rng = two_links(), np.random.default_rng(2)
-    q0 = 0.01 * rng.normal(size=(9, arm.nq))
+    q0 = 0.005 * rng.normal(size=(9, arm.nq))
     tau = joint_torques(rng, arm, 9, 30)
     one = fa.rollout(arm, q0, tau=tau, step=1e-3, workers=1)
     two = fa.rollout(arm, q0, tau=tau, step=1e-3, workers=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -147,7 +148,8 @@ def test_lags_that_are_none() -> None:
 
 # -- out ---------------------------------------------------------------------------------------------------------------
 
-ODD = ("theta", "t_s", "a (b)", "a [b]", "w_deg_s", "é/ü 漢", "1st", "x" * 80, "x" * 79 + "y", "flexarm", 'q"u,o;te')
+ODD = ("theta", "t_s", "a (b)", "a [b]", "w_deg_s", "é/ü 漢", "1st", "x" * 80, "x" * 79 + "y", "flexarm", 'q"u,o;te',
+       "a;b c", "#refs#", "#c", "0", "1e5", "nan", "-", "sub/x", "..", "a.npy", "a", "axis0", "block0_values", "[]")
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".txt", ".h5", ".hdf5", ".mat", ".npz", ".CSV"])
@@ -163,6 +165,31 @@ def test_what_is_saved_is_loaded_to_the_bit(suffix: str, tmp_path: Path) -> None
     np.testing.assert_array_equal(back.t, data.t)
     for name in data:
         np.testing.assert_array_equal(back[name], data[name])
+
+
+REFUSED = [
+    *((k, of) for k in (" a", "a\u00a0", "a\tb", "a\nb", "a\x00b", "\ud800") for of in (".csv", ".h5", ".mat")),
+    *((name, ".h5") for name in ("/", "/a", "a/", "a//b", ".", "./a", "z/b")),
+    ("about", ".npz"),
+]
+
+
+@pytest.mark.parametrize(("name", "suffix"), REFUSED)
+def test_a_name_that_a_file_cannot_hold_is_refused(name: str, suffix: str, tmp_path: Path) -> None:
+    data = fa.Data([0.0, 1.0], {"z": [1, 2], name: [3, 4]})
+    with pytest.raises(ValueError, match=re.escape(f"columns: {name!r}")):
+        data.save(tmp_path / f"x{suffix}")
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_table_of_large_numbers_does_not_overflow() -> None:
+    large = np.array([-1.5e308, 1.5e308, 0.0])
+    data = fa.Data([0.0, 1.0, 2.0], {"x": large, "same": np.full(3, 1e308), "none": np.zeros(3)})
+    cells = {line.split()[0]: line.split()[-2:] for line in repr(data).splitlines()[3:]}
+    assert cells["x"] == ["0", f"{1.5e308 * np.sqrt(2 / 3):.5g}"] and cells["same"] == ["1e+308", "0"]
+    assert cells["none"] == ["0", "0"]
+    with pytest.raises(ValueError, match=r"columns\['x'\] \(m\) = .*inf.*: must be finite"):
+        fa.Data([0.0, 1.0], {"x": [1e308, 1.0]}, {"x": "km"})
 
 
 def test_matlab_sees_plain_names(tmp_path: Path) -> None:

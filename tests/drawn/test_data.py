@@ -25,7 +25,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::flexarm.DataWarning")
 UNITS = {"rad": ("rad", 1.0), "deg": ("rad", np.pi / 180), "N m": ("N m", 1.0), "mm": ("m", 1e-3), "mA": ("A", 1e-3),
          "rpm": ("rad/s", np.pi / 30), "deg/s": ("rad/s", np.pi / 180), "%": ("1", 0.01), "kPa": ("Pa", 1e3),
          "g": ("m/s^2", 9.80665)}  # fmt: skip
-LETTERS = st.text(st.sampled_from("abcXYZ019_ .-éπ%(),'\"[]"), min_size=1, max_size=12).map(lambda x: x.strip() or "x")
+SIGNS = st.sampled_from("abcXYZ019_ .-;/éπ%(),'\"#[]")
+LETTERS = st.text(SIGNS, min_size=1, max_size=12).map(lambda x: x.strip() or "x")
 NAMES = st.lists(LETTERS, min_size=1, max_size=4, unique=True)
 SUFFIXES = st.sampled_from([".csv", ".txt", ".h5", ".mat", ".npz"])
 

@@ -15,12 +15,11 @@ from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage, split_drives
-from ..analysis.validity import worst_range
 from ..arm import Arm
 from ..run.variation import Setup
 from .arguments import check_balls
 from .job import FAILED, Job
-from .rollout import Failure, failures_of, grown_loop, take_steps
+from .rollout import Failure, failures_of, grown_loop, out_of_range, take_steps
 from .schedule import Schedule, feedback_tables, sampled, stacked, wrench_table
 
 
@@ -58,7 +57,7 @@ def run_steps(
         {k: blocks[k] for k in (*job.outputs, "status", "reached")}, workers, alive, whole=job.whole,
     )  # fmt: skip
     if "q" in blocks:
-        _check_range(job, setups, blocks)
+        blocks["out_of_range"][:] = out_of_range(arms, job.t[:: job.every], blocks["q"])
 
     def scenario(k: int) -> tuple[Arm, Array, Any, Sequence[Controller]]:
         s = setups[k % len(setups)]
@@ -125,18 +124,6 @@ def _loads(job: Job, setups: Sequence[Setup], schedule: Schedule) -> list[Any]:
         tables = {id(load): wrench_table(f"loads[{k}]", load, schedule.halves) for load in dict.fromkeys(mine)}
         out.append((places, stacked([tables[id(load)] for load in mine])))
     return out
-
-
-def _check_range(job: Job, setups: Sequence[Setup], blocks: Mapping[str, Any]) -> None:
-    """Looks for beams bent beyond their order's range."""
-    t, q = job.t[:: job.every], blocks["q"]
-    if not job.variation.varies_arm:  # a look at all at once, which mostly is enough
-        flat = np.nan_to_num(q).reshape(-1, q.shape[2])
-        if worst_range(job.variation.setup.arm, np.zeros(len(flat)), flat) is None:
-            return
-    for k, rows in enumerate(q):
-        here = ~np.isnan(rows[:, 0])
-        blocks["out_of_range"][k] = worst_range(setups[k % len(setups)].arm, t[here], rows[here]) or np.nan
 
 
 def _taken(x: Array, indices: NDArray[np.int64]) -> Array:

@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 import flexarm._core as _core
 
-from .._check import Array, number, whole
+from .._check import Array, number, outside, whole
 from .._console import progress_bar
 from ..acting.control import Controller
 from ..acting.drive import Motion
 from ..analysis import loops
+from ..analysis.validity import SILENT, range_warning, worst_range
 from ..arm import Arm
 from ..run.pace import beyond_explicit
 from ..run.simulation import INTEGRATORS
@@ -150,6 +151,29 @@ def failures_of(
     return found
 
 
+def out_of_range(arms: Sequence[Arm], t: Array, q: Array) -> Array:
+    """What `worst_range` finds in each scenario's rows at times t (nout,), q (B, nout, nq): (B, 4), nan of those in
+    range."""
+    found, rows, beams = np.full((len(q), 4), np.nan), q.reshape(-1, q.shape[2]), [x.beam for x in arms[0].links]
+    lost = np.isnan(rows[:, 0])
+    rows = rows[~lost] if lost.any() else rows
+    alike = all(arm is arms[0] or all(x.beam is b for x, b in zip(arm.links, beams, strict=True)) for arm in arms)
+    if alike and worst_range(arms[0], np.zeros(len(rows)), rows) is None:  # mostly one look at all is enough
+        return found
+    for k, rows in enumerate(q):
+        here = ~np.isnan(rows[:, 0])
+        found[k] = worst_range(arms[k % len(arms)], t[here], rows[here]) or np.nan
+    return found
+
+
+def warn_of_steps(integrator: str, arm: Arm, step: float | None, span: float, q: Array, held: Sequence[int]) -> None:
+    """StepWarning where an explicit integrator took steps above its limit; arguments as of `beyond_explicit`."""
+    if INTEGRATORS[integrator].explicit and step is not None:
+        blown = beyond_explicit(arm, step, span, q, held)
+        if blown is not None:
+            warnings.warn(blown, stacklevel=outside())
+
+
 def grown_loop(
     scenario: _Scenario, prescribed: Sequence[int], times: Array, v: Array, status: NDArray[np.int32]
 ) -> tuple[int, loops.LoopWarning] | None:
@@ -226,13 +250,15 @@ def rollout(
             steps taken about ten times a second, and may raise to give up.
 
     Returns:
-        Rollout: 8 (nq + nv) B nout bytes, beside one workspace for each worker. No RangeWarning is looked for.
+        Rollout: 8 (nq + nv) B nout bytes, beside one workspace for each worker.
 
     Raises:
         ValueError: bad arguments.
         BatchInterrupted: (a KeyboardInterrupt) Ctrl-C; its `result` holds what was done.
 
     Warns:
+        RangeWarning: a beam bent further than its order is good for, or turned inside out, in scenarios
+            that did not fail; `stats["out_of_range"]` tells how many.
         LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
         StepWarning: steps of "rk4" above the limit of the first arm.
     """
@@ -268,8 +294,10 @@ def rollout(
         if alive and not stats["interrupted"]:
             alive(1.0)
     interrupted = stats.pop("interrupted")
-    stats |= {"wall_time": time.perf_counter() - started}
     t = schedule.ends[schedule.rows]
+    ranges = out_of_range(arms, t, blocks["q"])
+    beyond = np.flatnonzero(~np.isnan(ranges[:, 0]) & (blocks["status"] == 0))  # failures have a reason of their own
+    stats |= {"wall_time": time.perf_counter() - started, **({"out_of_range": beyond.size} if beyond.size else {})}
 
     def scenario(k: int) -> tuple[Arm, Array, Any, Sequence[Controller]]:
         law = controls[k % len(controls)]
@@ -281,12 +309,11 @@ def rollout(
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
-    if control is not None:
-        grown = grown_loop(scenario, list(moved), schedule.ends, result.v, result.status)
-        if grown is not None:
-            warnings.warn(grown[1].of(f"scenario {grown[0]}"), stacklevel=2)
-    if INTEGRATORS[integrator].explicit:
-        blown = beyond_explicit(one, step, float(schedule.ends[-1]), q[0], list(moved))
-        if blown is not None:
-            warnings.warn(blown, stacklevel=2)
+    grown = grown_loop(scenario, list(moved), schedule.ends, result.v, result.status) if control is not None else None
+    if grown is not None:
+        warnings.warn(grown[1].of(f"scenario {grown[0]}"), stacklevel=outside())
+    elif beyond.size and not SILENT.get():
+        i = int(beyond[0])
+        warnings.warn(range_warning(arms[i % len(arms)], ranges[i], f"scenario {i}: "), stacklevel=outside())
+    warn_of_steps(integrator, one, step, float(schedule.ends[-1]), q[0], list(moved))
     return result

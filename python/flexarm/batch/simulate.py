@@ -22,14 +22,13 @@ from ..analysis.loops import LoopWarning, unstable
 from ..analysis.validity import range_warning
 from ..arm import Arm
 from ..parts.part import ModelWarning
-from ..run.pace import beyond_explicit
 from ..run.simulation import INTEGRATORS, check_integrator
-from ..run.start import start
+from ..run.start import check_one_start, start
 from ..run.variation import Setup, Variation
 from .arguments import STEPPERS, check_memory, check_options, default_workers, forces, rows, scenario_count
 from .job import Job
 from .result import OUTPUTS, BatchResult
-from .rollout import NOT_DONE, BatchInterrupted
+from .rollout import NOT_DONE, BatchInterrupted, warn_of_steps
 from .runner import Runner
 from .schedule import check_every
 from .storage import File, Memory
@@ -87,9 +86,7 @@ def make_job(
 
 def _balances(variation: Variation, word: str, t: float, tau: Any) -> Array:
     """Where each scenario is in balance at time t (s), (B or 1, nq)."""
-    moved = [path for path in variation.values if path.split(".")[0] == "q0"]
-    if moved:
-        raise ValueError(f"parameters: '{moved[0]}' and q0 = {word!r} both say where the runs begin; leave one out")
+    check_one_start(word, variation.values)
     if tau is not None and word == "equilibrium":
         raise ValueError("tau: goes with a q0 in numbers; a constant force that is a drive is in the balance")
     count, found = 1 if variation.one_setup else max(variation.sizes.values()), []
@@ -116,15 +113,6 @@ def _make_setup(arm: Any, drive: Any, loads: Any, control: Any) -> Setup:
         raise ValueError(f"arm = {arm!r}: must be an Arm; what differs goes into parameters")
     controls = () if control is None else (control,) if isinstance(control, Controller) else tuple(control)
     return Setup(arm, dict(drive or {}), tuple(loads or ()), controls)
-
-
-def warn_of_steps(job: Job) -> None:
-    """StepWarning where "rk4" took steps above the limit of the first scenario's arm."""
-    if INTEGRATORS[job.integrator].explicit and job.step is not None:
-        setup, q0, prescribed = _start(job, 0)
-        blown = beyond_explicit(setup.arm, job.step, float(job.t[-1] - job.t[0]), q0, prescribed)
-        if blown is not None:
-            warnings.warn(blown, stacklevel=3)
 
 
 def simulate_batch(
@@ -239,8 +227,14 @@ def simulate_batch(
         loop = _loop_of(job, i, float(held["reached"][i]))
         worst = range_warning(job.variation.scenario(i).arm, held["out_of_range"][i], f"scenario {i}: ")
         warnings.warn(worst if loop is None else loop.of(f"scenario {i}"), stacklevel=2)
-    warn_of_steps(job)
+    warn_of_first(job)
     return result
+
+
+def warn_of_first(job: Job) -> None:
+    """See `warn_of_steps`, of the first scenario's arm."""
+    s, q0, prescribed = _start(job, 0)
+    warn_of_steps(job.integrator, s.arm, job.step, float(job.t[-1] - job.t[0]), q0, prescribed)
 
 
 def _loop_of(job: Job, i: int, reached: float) -> LoopWarning | None:

@@ -68,7 +68,9 @@ class Data:
             y = array(f"columns['{name}']", values)
             if y.shape != t.shape:
                 raise ValueError(f"columns['{name}'] has shape {y.shape}: must be {len(t)} numbers, one for each time")
-            columns[name], units[name] = y * of.scale + of.shift, of.si
+            with np.errstate(over="ignore"):
+                columns[name] = array(f"columns['{name}'] ({of.si})", y * of.scale + of.shift)
+            units[name] = of.si
         lost = [name for name in self.units if name not in columns]
         if lost:
             raise ValueError(f"units['{lost[0]}']: there is no such column; there are {', '.join(columns) or 'none'}")
@@ -116,8 +118,9 @@ class Data:
         lines = [f"Data {self.name}: ".replace(" :", ":") + f"{len(self)} rows, {span}{rate}"]
         cells = [["column", "unit", "min", "max", "mean", "std"]]
         for name, y in self.columns.items():
-            std = 0.0 if constant(y) else y.std()
-            cells.append([name, self.units[name], *(f"{x:.5g}" for x in (y.min(), y.max(), y.mean(), std))])
+            most = np.abs(y).max() or 1.0  # neither sums nor squares of parts of it overflow
+            mean, std = most * (y / most).mean(), 0.0 if constant(y) else most * (y / most).std()
+            cells.append([name, self.units[name], *(f"{x:.5g}" for x in (y.min(), y.max(), mean, std))])
         return "\n".join([*lines, *aligned(cells, range(2, 6))])
 
     # -- other times ---------------------------------------------------------------------------------------------------
@@ -262,14 +265,15 @@ class Data:
         each, with an attribute "unit"), .mat (of MATLAB 5: a vector each, and names and units in `flexarm`), .npz.
 
         Raises:
-            ValueError: another suffix, or where nothing can be written.
+            ValueError: another suffix, a name that such a file cannot hold, or where nothing can be written.
         """
         write_columns(path, {"t": ("s", self.t), **{n: (self.units[n], y) for n, y in self.columns.items()}})
 
 
 def constant(y: Array) -> bool:
     """Whether a signal says nothing, but for rounding."""
-    return bool(np.ptp(y) <= 1e-12 * np.abs(y).max(initial=0.0))
+    most = np.abs(y).max(initial=0.0)
+    return bool(not most or np.ptp(y / most) <= 1e-12)
 
 
 def check_times(t: Array, place: Any) -> None:

@@ -46,6 +46,9 @@ def write_columns(path: Any, columns: Mapping[str, tuple[str, Array]]) -> None:
     cannot be written."""
     file = with_suffix(path, *SUFFIXES)
     kind = file.suffix.lower()
+    for name in columns:
+        if name != name.strip() or re.search("[\x00-\x1f\x7f-\x9f\ud800-\udfff]", name):
+            raise ValueError(f"columns: {name!r} has blanks at its ends or control characters, no name for a file")
     if kind in CSV:
         text = csv_text([titled(name, of) for name, (of, _) in columns.items()], [y for _, y in columns.values()])
         write_whole(file, lambda f: f.write(text.encode()), "path")
@@ -62,6 +65,12 @@ def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: A
     is of both."""
     import h5py
 
+    def check(name: str) -> str:
+        parts = name.split("/")
+        if {"", "."} & set(parts) or any("/".join(parts[:k]) in arrays for k in range(1, len(parts))):
+            raise ValueError(f"columns: {name!r} is no name for HDF5, where 'a/b' is 'b' in the group 'a'")
+        return name
+
     def text(words: Sequence[str]) -> Any:
         # of fixed length: where one of variable length is damaged, the library may read on for ever
         raw = [word.encode() for word in words]
@@ -74,7 +83,8 @@ def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: A
             if about is not None:
                 f["about"] = text([json.dumps(about)])
             for name, x in arrays.items():
-                made = f.create_dataset(name, data=x, **({"fletcher32": True, "compression": "gzip"} if x.size else {}))
+                packed = {"fletcher32": True, "compression": "gzip"} if x.size else {}
+                made = f.create_dataset(check(name), data=x, **packed)
                 titled = titles.get(name, ())
                 if x.ndim == 1 and titled:
                     made.attrs["unit"] = text([titled[0][1]])[0]
@@ -86,8 +96,8 @@ def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: A
 
 def write_npz(path: Path, arrays: Mapping[str, Array], titles: Titles, about: Any) -> None:
     """Arrays by name, and "about", in JSON, which holds their titles, too."""
-    if "about" in arrays or "file" in arrays:
-        raise ValueError("columns: 'about' and 'file' are no names for columns of an .npz")
+    if lost := {"about", "file"} & set(arrays):
+        raise ValueError(f"columns: {min(lost)!r} is no name for a column of an .npz")
     words = sealed({**(about or {}), "columns": {k: titles[k] for k in arrays if k in titles}}, arrays)
     held: dict[str, Any] = {"about": np.array(words), **arrays}
     write_whole(path, lambda f: np.savez_compressed(f, **held), "path")
@@ -174,8 +184,8 @@ def read_npz(path: Path) -> Raw:
 
 
 def _text(value: Any) -> str:
-    if isinstance(value, np.ndarray) and value.size == 1:
-        value = value.reshape(-1)[0]
+    if isinstance(value, np.ndarray) and value.size < 2:
+        value = value.reshape(-1)[0] if value.size else ""
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
@@ -197,7 +207,7 @@ def read_hdf5(path: Path, key: str | None, matlab: bool = False) -> Raw:
             return _of_dataset(key or "", at, matlab, held)
         while len(inner := _members(at)) == 1 and isinstance(at[inner[0]], h5py.Group):
             at = at[inner[0]]
-        if {"axis0", "block0_values"} <= set(at) or "pandas_type" in at.attrs:
+        if (not held and {"axis0", "block0_values"} <= set(at)) or "pandas_type" in at.attrs:
             raise Refused("is of pandas' own kind: give fa.load_data(pandas.read_hdf(...))")
         if "about" in at and _is_text(at["about"]):  # of Result.save: what has no titles is no column
             return _of_group("", at, matlab, held, lambda x: "unit" in x.attrs or "columns" in x.attrs)
@@ -251,7 +261,8 @@ def _is_text(x: Any) -> bool:
 def _members(group: Any) -> list[str]:
     import h5py
 
-    return [k for k in group if not k.startswith("#") and isinstance(group.get(k, getlink=True), h5py.HardLink)]
+    kept = group if "digest" in group.file.attrs else set(group) - {"#refs#", "#subsystem#"}  # MATLAB's own
+    return [k for k in group if k in kept and isinstance(group.get(k, getlink=True), h5py.HardLink)]
 
 
 def _of_group(
@@ -260,7 +271,7 @@ def _of_group(
     import h5py
 
     links = set(group) - set(_members(group))
-    out: Raw = {before + k: (_LINK, None) for k in sorted(links) if not k.startswith("#")}
+    out: Raw = {before + k: (_LINK, None) for k in sorted(links - {"#refs#", "#subsystem#"})}
     for k in _members(group):
         inner = group[k]
         if isinstance(inner, h5py.Group) and "MATLAB_sparse" in inner.attrs:
@@ -307,7 +318,6 @@ def read_mat(path: Path, key: str | None) -> Raw:
     titles: dict[str, Any] = {}
     if ours is not None and _is_struct(ours) and {"variables", "names", "units"} <= set(ours.dtype.names):
         parts = [[_text(x) for x in ours[k].reshape(-1)[0].ravel()] for k in ("variables", "names", "units")]
-        parts = [["" if x == "[]" else x for x in part] for part in parts]
         if "digest" in ours.dtype.names and key is None:
             check_digest(ours["digest"].reshape(-1)[0].item(), parts, held)
         titles = {variable: [(name, of)] for variable, name, of in zip(*parts, strict=True)}

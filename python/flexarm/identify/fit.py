@@ -63,8 +63,9 @@ class Fit:
         whiteness: of each run, by column: `.p` of Ljung and Box's test, `.white` (p above 0.01), `.correlation`. Where
             residuals are not white, the intervals allow for their autocorrelation.
         untold: combinations of numbers that the data cannot tell; str() of each says which.
-        loose: pairs that are correlated by more than 0.95, and how far they may change together until the root mean
-            square of the residuals is 1 % larger: where residuals are not noise, no value is surer than that.
+        loose: groups of numbers that stand in for each other (each has a multiple correlation above 0.95), and how far
+            they may change together until the root mean square of the residuals is 1 % larger: where residuals are not
+            noise, no value is surer than that.
         at_bounds: names of values that are at a bound.
         converged, message: whether the search came to its end, and why it ended.
         starts: at each start, the root mean square of the residuals, in per cent of the columns' own deviations (where

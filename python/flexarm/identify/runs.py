@@ -21,7 +21,7 @@ from ..data.units import unit
 from ..run import outputs as run_outputs
 from ..run.result import Result
 from ..run.sensitivity import Output
-from ..run.start import state, warn_of_one_balance
+from ..run.start import check_one_start, state, warn_of_one_balance
 from ..run.variation import Setup
 from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
@@ -293,9 +293,7 @@ def made(
     setup = Setup(scene.arm, drives(scene, data, inputs), tuple(scene.loads), tuple(scene.control), sensors)
     q0, v0 = state(scene.arm, scene.q0, scene.v0, setup.drive, setup.loads, float(data.t[0]))
     balance = scene.q0 if isinstance(scene.q0, str) else None
-    moved = [path for path in paths if balance and path.split(".")[0] == "q0"]
-    if moved:
-        raise ValueError(f"parameters: '{moved[0]}' and the scene's q0 = {balance!r} both say where it begins")
+    check_one_start(balance, paths)
     warn_of_one_balance(scene.arm, scene.q0, setup.drive, setup.loads, float(data.t[0]), paths)
     run = Run(data, setup, q0, v0, found, balance=balance)
     _check(run, paths)

@@ -13,6 +13,7 @@ from .._check import Array
 
 _WHITE = 0.01  # below this probability residuals count as coloured
 _HIGH = 0.95  # correlations that a report names
+_MEETS = 0.1  # of two numbers in combinations that are told, from which on they stand in for each other
 _SEEN = 2.0  # standard deviations of the data: what changes them less is not seen
 _TRACE = 0.02  # of the largest change in a combination, below which one is left out
 _APART = 1e3  # condition up to which numbers tell directions apart
@@ -118,37 +119,50 @@ def pseudo_inverse(J: Array) -> Array:
 
 
 class Loose(NamedTuple):
-    """Numbers that stand in for each other: the data tell their combination, and each alone badly.
+    """Numbers that stand in for each other: the data tell combinations of them, and each alone badly.
 
     Attributes:
-        names: two of them. changes: by how much each may change, all others following, until the root mean square of
-            the residuals is 1 % larger. correlation: of both.
+        names: two of them or more. changes: by how much the first may change, and the others with it, all else
+            following, until the root mean square of the residuals is 1 % larger.
+        correlation: of the first with the best combination of all others (multiple correlation, 0 to 1).
     """
 
-    names: tuple[str, str]
-    changes: tuple[float, float]
+    names: tuple[str, ...]
+    changes: tuple[float, ...]
     correlation: float
 
     def __str__(self) -> str:
-        (one, other), (x, y) = self.names, self.changes
-        told = f"{one} and {other} are correlated by {self.correlation:+.3f}"
-        return f"{told}: {one} by {x:+.3g} with {other} by {y:+.3g} leaves 1 % more"
+        first, *others = (f"{name} by {x:+.3g}" for name, x in zip(self.names, self.changes, strict=True))
+        told = f"{first} with {' and '.join(others)} leaves 1 % more"
+        return f"{told}: these stand in for each other (correlation {self.correlation:.3f})"
 
 
 def loose(J: Array, r: Array, slopes: Array, names: Sequence[str], correlation: Array) -> list[Loose]:
-    """Pairs whose correlation is above 0.95.
+    """Groups of numbers, each with a multiple correlation above 0.95: those that meet in combinations which are told
+    far better than they are (eigenvectors of small eigenvalues of their correlation).
 
     Args:
         J: derivatives (m, n) of the residuals r (m,). slopes: of the numbers by what the search sees, (n,).
         names: of the numbers. correlation: of these, (n, n).
     """
     A = pseudo_inverse(J)
+    some = np.flatnonzero(np.isfinite(correlation.diagonal()) & np.isfinite(A.diagonal()))
+    size, V = np.linalg.eigh(correlation[np.ix_(some, some)])
+    size = np.maximum(size, np.finfo(float).eps)
+    R = np.sqrt(np.maximum(0.0, 1.0 - 1.0 / (V**2 / size).sum(axis=1)))
+    told = V[:, size < 1.0 - _HIGH**2]  # a number whose R is high has a part in one of these
+    met = (np.abs(told @ told.T) > _MEETS) & np.outer(R > _HIGH, R > _HIGH)
     much = 1.01**2 - 1.0  # |r + J d|^2 is |r|^2 + |J d|^2 at the least
-    found = []
-    for i, j in itertools.combinations(range(len(names)), 2):
-        if abs(correlation[i, j]) > _HIGH and np.isfinite(A[i, i]):
-            step = np.linalg.norm(r) * np.sqrt(much / A[i, i]) * A[:, i] * slopes
-            found.append(Loose((names[i], names[j]), (float(step[i]), float(step[j])), float(correlation[i, j])))
+    found, left = [], set(range(len(some)))
+    while left:
+        group = {min(left)}
+        while grown := {int(k) for k in np.flatnonzero(met[sorted(group)].any(axis=0))} - group:
+            group |= grown
+        left -= group
+        if len(group) > 1:
+            at = some[sorted(group)]
+            step = np.linalg.norm(r) * np.sqrt(much / A[at[0], at[0]]) * A[at, at[0]] * slopes[at]
+            found.append(Loose(tuple(names[k] for k in at), tuple(step.tolist()), float(R[min(group)])))
     return found
 
 

@@ -70,6 +70,13 @@ def sagging(
     return sag, float(np.sqrt(off / size)) if size > 0.0 else np.inf
 
 
+def check_one_start(q0: Any, paths: Iterable[str]) -> None:
+    """ValueError where a q0 that is a word, and one of these parameters, say where a run begins."""
+    moved = [path for path in paths if isinstance(q0, str) and path.split(".")[0] == "q0"]
+    if moved:
+        raise ValueError(f"parameters: '{moved[0]}' and q0 = {q0!r} both say where the run begins; leave one out")
+
+
 def warn_of_one_balance(
     arm: Arm, q0: Any, drive: Mapping[Any, Any] | None, loads: Sequence[Load] | None, t: float, paths: Iterable[str]
 ) -> None:

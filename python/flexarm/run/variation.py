@@ -164,10 +164,6 @@ class Variation:
         """How many scenarios each parameter is for."""
         return {f"parameters['{path}']": len(v) for path, v in self.values.items()}
 
-    @property
-    def varies_arm(self) -> bool:
-        return len(self._trees["link"]) > 0 or len(self._trees["gravity"]) > 0
-
     def initial(self, name: str, value: Array) -> Array:
         """q0 or v0 (B or 1, n), with what the parameters say of it."""
         whole = self.values.get(name)

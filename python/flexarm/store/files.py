@@ -94,7 +94,7 @@ def write_whole(path: Path, write: Callable[[Any], Any], where: str = "file") ->
 def zipped(path: Path) -> dict[str, Any]:
     """All of an .npz; each is checked by its checksum. For use in `readable`."""
     with path.open("rb") as f, np.load(f, allow_pickle=False) as z:
-        return {k: z[k] for k in z.files}
+        return {k.removesuffix(".npy"): z[k] for k in z.zip.namelist()}
 
 
 def digest(about: Any, arrays: Mapping[str, Any]) -> int:

@@ -19,7 +19,7 @@ from ..batch.arguments import default_workers
 from ..batch.job import FAILED, Job
 from ..batch.rollout import NOT_DONE
 from ..batch.runner import Runner
-from ..batch.simulate import make_job, warn_of_steps
+from ..batch.simulate import make_job, warn_of_first
 from ..batch.storage import File, Memory
 from ..parts.part import ModelWarning
 from ..scene.scene import Scene, load
@@ -102,7 +102,7 @@ def sweep(
         i, text, *rest = result.beyond[0]
         others = f"; so do {len(result.beyond) - 1} others" if len(result.beyond) > 1 else ""
         warnings.warn(RangeWarning(f"scenario {i}: {text}{others}", *rest), stacklevel=2)
-    warn_of_steps(job)
+    warn_of_first(job)
     return result
 
 
