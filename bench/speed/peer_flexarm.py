@@ -10,7 +10,7 @@ from typing import Any
 
 import flexarm as fa
 import numpy as np
-from flexarm.run.simulation import INTEGRATORS
+from flexarm.run.integrators import INTEGRATORS
 from peer_common import Case, Section, measure, report, versions, wanted
 
 TRUTH, WHOLE = "bending, rotary inertia", "bending, shear, stretch, rotary inertia"

@@ -270,8 +270,8 @@ void choose_solver(IdaSystem& s, LinearSolver wanted) {
 }
 
 /// Adds a row, and those of the tangents.
-bool record(IdaSystem& s, double t, bool composite, Trajectory& out) {
-  if (!s.record(out, composite)) return false;
+bool record(IdaSystem& s, double t, Trajectory& out) {
+  if (!s.record(out)) return false;
   if (!s.tangents || s.tangents->record(t, out.tangents, out.done - 1)) return true;
   --out.done;
   out.failure = "the derivatives by parameters are no longer finite numbers";
@@ -280,7 +280,7 @@ bool record(IdaSystem& s, double t, bool composite, Trajectory& out) {
 
 /// Everything is prescribed: nothing to integrate. Events are looked at at the samples of drives, the output times,
 /// and in between where a drive is a function.
-void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::vector<Event>& events,
+void follow(IdaSystem& s, const Eigen::VectorXd& t, const std::vector<Event>& events,
             const Alive& alive, Trajectory& out) {
   StepEvents seen(s, events, out);
   seen.start(t[0]);
@@ -303,7 +303,7 @@ void follow(IdaSystem& s, const Eigen::VectorXd& t, bool composite, const std::v
     if (seen.look(t[k]) && out.reached < t[k]) return;
     sample_all(s, t[k]);
     out.reached = t[k];
-    if (!record(s, t[k], composite, out) || out.terminated) return;
+    if (!record(s, t[k], out) || out.terminated) return;
     if (alive && !alive(t[k]) && out.done < t.size()) {
       out.failure = kInterrupted;
       return;
@@ -318,7 +318,6 @@ double seconds_since(std::chrono::steady_clock::time_point clock) {
 /// From the state in `solver` to the last of t, or until something stops it.
 void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std::vector<double>& stops,
                const IdaOptions& options, const Alive& alive, Trajectory& out) {
-  const bool composite = options.composite;
   long steps = 0, told = kSlow;
   std::vector<int> found(s.events->size());
   Watch pace(t[0], t[t.size() - 1] - t[0]);
@@ -354,7 +353,7 @@ void integrate(Solver& solver, IdaSystem& s, const Eigen::VectorXd& t, const std
       if (now >= goal - (flag == IDA_ROOT_RETURN || jumped ? kOneTime * (std::abs(goal) + goal - t[0]) : 0.0)) {
         s.set(goal, N_VGetArrayPointer(solver.y), nullptr);
         if (s.tangents && !jumped) solver.tangents->get(solver.memory, s);
-        record(s, goal, composite, out);
+        record(s, goal, out);
       }
     }
     if (out.done == t.size() || !out.failure.empty()) break;
@@ -382,9 +381,9 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, con
   s.v = problem.v0;
   s.drive(t[0]);
   sample_all(s, t[0]);
-  if (!record(s, t[0], options.composite, out)) return out;
+  if (!record(s, t[0], out)) return out;
   if (s.size() == 0) {
-    follow(s, t, options.composite, events, alive, out);
+    follow(s, t, events, alive, out);
     differentiate(s, out);
     return out;
   }
@@ -417,7 +416,7 @@ Trajectory simulate_ida(const Problem& problem, const Eigen::VectorXd& t, const 
     return simulate_smooth(of, times, options, alive, control, by);
   };
   if (rubs(*problem.arm).empty()) return part(problem, t, parameters);
-  return simulate_with_friction(problem, t, part, control, options.composite, 0.0, parameters);
+  return simulate_with_friction(problem, t, part, control, 0.0, parameters);
 }
 
 }  // namespace flexarm

@@ -104,6 +104,7 @@ Status CollocationStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eig
     if (ws.prescribed[static_cast<std::size_t>(i)]) free_q_[static_cast<std::size_t>(arm_->coordinate_of(i))] = false;
   const Eigen::Index n = static_cast<Eigen::Index>(ws.free.size());
   M_ = C_ = K_ = Eigen::MatrixXd::Zero(n, n);
+  M_all_ = Eigen::MatrixXd::Zero(arm_->nv(), arm_->nv());
   newton_ = Eigen::MatrixXd::Identity(s_ * n, s_ * n);
   residual_ = correction_ = Eigen::VectorXd::Zero(s_ * n);
   contraction_ = best_ = 1.0;
@@ -363,6 +364,23 @@ Status CollocationStep::advance(double h, Workspace& ws, Eigen::VectorXd& q, Eig
   q = q0_;
   v = v0_;
   return Status::not_finite;
+}
+
+void CollocationStep::memory(const std::function<void(double&)>& visit) {
+  for (Eigen::MatrixXd* x : {&q_, &v_, &a_, &u_, &du_, &M_, &C_, &K_, &M_all_})
+    for (double& number : x->reshaped()) visit(number);
+  for (Eigen::VectorXd* x : {&q0_, &v0_, &middle_})
+    for (double& number : *x) visit(number);
+  for (double* x : {&h_, &h_factored_, &contraction_, &best_, &scale_, &peak_}) visit(*x);
+  double fresh = fresh_ ? 1.0 : 0.0;
+  visit(fresh);
+  fresh_ = fresh != 0.0;
+}
+
+void CollocationStep::recalled() {
+  if (h_factored_ == 0.0) return;
+  factor(h_factored_);
+  --counts_.factorisations;
 }
 
 void CollocationStep::weights(double c, Eigen::VectorXd& once, Eigen::VectorXd& twice) const {

@@ -115,24 +115,24 @@ class Sliding {
   const std::vector<const Contact*>& switching() const { return switching_; }
 
   /// Adds a row at a state where no integrator has been.
-  bool record(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, bool composite, Trajectory& out) {
+  bool record(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Trajectory& out) {
     probe_->q = q;
     probe_->v = v;
     probe_->drive(t);
-    if (!probe_->record(out, composite)) return false;
+    if (!probe_->record(out)) return false;
     return !tangents_ || StateTangents(*probe_, tangents_->parameters()).record(t, out.tangents, out.done - 1);
   }
 
   /// Writes the last row anew: a sample at the end of the run may tear loose what sticks, and no step follows to see
   /// it.
-  void end(bool composite, Trajectory& out) {
+  void end(Trajectory& out) {
     if (problem_.samplers.empty()) return;
     const Eigen::Index last = out.done - 1;
     const Eigen::VectorXd q = out.q.row(last);
     Eigen::VectorXd v = out.v.row(last);
     settle(out.reached, q, v, nullptr);
     out.done = last;
-    if (record(out.reached, q, v, composite, out)) separate(out, last);
+    if (record(out.reached, q, v, out)) separate(out, last);
   }
 
   /// Takes the friction of what slides out of a row of tau.
@@ -258,7 +258,7 @@ void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
 }  // namespace
 
 Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd& t, const SmoothPart& integrate,
-                                  Control& control, bool composite, double step,
+                                  Control& control, double step,
                                   const std::vector<Parameter>& parameters) {
   Sliding sliding(problem, control, parameters);
   const Arm& arm = *problem.arm;
@@ -280,7 +280,7 @@ Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd&
         sliding.settle(now, q, v, nullptr);
       if (sliding.sample(now, q, v)) sliding.settle(now, q, v, nullptr);
       for (; out.done < t.size() && t[out.done] <= now + instant; sliding.separate(out, out.done - 1))
-        if (!sliding.record(now, q, v, composite, out)) {
+        if (!sliding.record(now, q, v, out)) {
           if (out.done > 0) out.failure = kRanAway;  // it began well
           return out;
         }
@@ -292,7 +292,7 @@ Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd&
       if (part.done == 0 && now > t[0] && !out.failure.empty() && out.failure != kInterrupted) out.failure = kRanAway;
       if (!out.failure.empty()) return out;
       if (!part.terminated) {
-        sliding.end(composite, out);
+        sliding.end(out);
         return out;
       }
       if (sliding.ran_away()) {

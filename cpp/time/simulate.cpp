@@ -28,7 +28,7 @@ void write_row(const System& s, const Step* inside, double c, double t, Tape& ta
 
 /// Records the output times inside the step of h from `from`, and leaves the state as it was.
 bool record_inside(System& s, const Step& method, double from, double h, Trajectory& out, const Eigen::VectorXd& t,
-                   bool composite, const std::function<void()>& look, Tape* tape) {
+                   const std::function<void()>& look, Tape* tape) {
   const Eigen::VectorXd q = s.q, v = s.v;
   bool good = true;
   for (; good && out.done + 1 < t.size() &&
@@ -37,7 +37,7 @@ bool record_inside(System& s, const Step& method, double from, double h, Traject
     look();
     method.inside((at - from) / h, s.q, s.v);
     s.drive(at);
-    good = s.record(out, composite);
+    good = s.record(out);
     if (tape && good) write_row(s, &method, (at - from) / h, at, *tape);
   }
   s.q = q;
@@ -63,8 +63,7 @@ void look_inside(System& s, const Step& method, double from, double h, Trajector
 }
 
 /// A run, or one part of it between two switches of dry friction.
-Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step, bool composite,
-                           const Alive& alive, Control& control, Tape* tape) {
+Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,                            const Alive& alive, Control& control, Tape* tape) {
   const auto started = std::chrono::steady_clock::now();
   const Step::Counts before = method.counts();
   Stepper way(problem, control, method, step, t);
@@ -72,7 +71,7 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Ste
   Trajectory out = empty_trajectory(*problem.arm, t, problem.events);
   out.rubs = s.rubbing != nullptr;
   way.begin();
-  if (!s.record(out, composite)) return out;
+  if (!s.record(out)) return out;
   const std::function<void()> look = [&] {
     if (alive && !alive(out.reached)) throw Interrupted();
   };
@@ -101,7 +100,7 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Ste
       seen.look(out.reached);
     } else {
       if (!problem.events.empty()) look_inside(s, method, from, h, out, seen);
-      good = record_inside(s, method, from, h, out, t, composite, look, tape);
+      good = record_inside(s, method, from, h, out, t, look, tape);
     }
     way.enough = out.terminated;
     return good ? Status::ok : Status::not_finite;
@@ -124,7 +123,7 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Ste
       out.failure = kInterrupted;
     }
     while (out.done < t.size() && t[out.done] <= stop && out.failure.empty())
-      if (!s.record(out, composite))
+      if (!s.record(out))
         out.failure = way.reason(Status::not_finite);
       else if (tape)
         write_row(s, nullptr, 1.0, stop, *tape);
@@ -145,19 +144,18 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Ste
 
 }  // namespace
 
-Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step, bool composite,
-                          const Alive& alive, Tape* tape) {
+Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,                           const Alive& alive, Tape* tape) {
   problem.check();
   check_times(t);
   check_step(step, t);
   Control control = problem.control();
   if (method.rubbing() || rubs(*problem.arm).empty())
-    return simulate_smooth(problem, t, method, step, composite, alive, control, tape);
+    return simulate_smooth(problem, t, method, step, alive, control, tape);
   const SmoothPart part = [&](const Problem& of, const Eigen::VectorXd& times, const std::vector<Parameter>&) {
     const double left = times[times.size() - 1] - times[0];  // it may be shorter than a step
-    return simulate_smooth(of, times, method, std::min(step, left), composite, alive, control, tape);
+    return simulate_smooth(of, times, method, std::min(step, left), alive, control, tape);
   };
-  return simulate_with_friction(problem, t, part, control, composite, step, {});
+  return simulate_with_friction(problem, t, part, control, step, {});
 }
 
 }  // namespace flexarm

@@ -96,6 +96,12 @@ void note_beginning(const GeneralisedAlpha<Engine>& m, double h, Tape::Switch& o
 void begin_again(RungeKutta4<Engine>&, const Tape::Switch&) {}
 void note_beginning(const RungeKutta4<Engine>&, double, Tape::Switch&) {}
 
+/// Numbers beside the arrays that a method remembers.
+void scalars(GeneralisedAlpha<Engine>& m, const std::function<void(double&)>& visit) {
+  for (double* x : {&m.h_before, &m.contraction, &m.scale, &m.contacts.left}) visit(*x);
+}
+void scalars(RungeKutta4<Engine>&, const std::function<void(double&)>&) {}
+
 double lag_of(const GeneralisedAlpha<Engine>& m, double h) { return m.lag(h); }
 const double* accelerations_of(const GeneralisedAlpha<Engine>& m) { return m.a; }
 
@@ -145,6 +151,7 @@ struct OneStep::Run {
   virtual const double* accelerations() const = 0;
   virtual void begin_again(const Tape::Switch& from) = 0;
   virtual void note_beginning(double h, Tape::Switch& out) const = 0;
+  virtual void memory(const std::function<void(double&)>& visit) = 0;
 
   /// To be called before anything is done with another workspace.
   void attach(Workspace& ws, const Eigen::VectorXd& tau) {
@@ -214,6 +221,10 @@ struct OneStep::RunOf final : Run {
   const double* accelerations() const override { return accelerations_of(method); }
   void begin_again(const Tape::Switch& from) override { flexarm::begin_again(method, from); }
   void note_beginning(double h, Tape::Switch& out) const override { flexarm::note_beginning(method, h, out); }
+  void memory(const std::function<void(double&)>& visit) override {
+    for (double& x : numbers) visit(x);
+    scalars(method, visit);
+  }
 };
 
 ImplicitEnd::ImplicitEnd(double spectral_radius, double h) {
@@ -259,6 +270,11 @@ OneStep::~OneStep() = default;
 int OneStep::iterations() const { return run_->iterations(); }
 Stages OneStep::stages() const { return run_->stages(); }
 OneStep* OneStep::rubbing() { return run_->rubs.empty() ? nullptr : this; }
+
+void OneStep::memory(const std::function<void(double&)>& visit) {
+  run_->memory(visit);
+  for (double& x : friction_) visit(x);
+}
 
 Status OneStep::start(Workspace& ws, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& tau) {
   run_->forget();

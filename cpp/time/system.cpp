@@ -85,42 +85,43 @@ bool System::sample(double t) {
   return true;
 }
 
-bool System::record(Trajectory& out, bool composite) {
+const char* System::react() {
   ws.a = a;
-  const Status status = rubbing     ? accelerate()
-                        : composite ? forward_dynamics_ci(arm, ws, q, v, tau)
-                                    : forward_dynamics_ab(arm, ws, q, v, tau);
-  if (status != Status::ok) {
-    out.failure =
-        status == Status::singular ? "the mass matrix is singular" : "the accelerations are no longer finite numbers";
-    return false;
-  }
+  const Status status = accelerate();
+  if (status == Status::singular) return "the mass matrix is singular";
+  if (status != Status::ok) return "the accelerations are no longer finite numbers";
   a = ws.a;
+  if (!rubbing) friction.setZero();
   if (std::any_of(drives.begin(), drives.end(), [](const Drive& d) { return bool(d.motion); })) {
     if (rubbing) move_chain(ws, q, v);
     joint_forces(arm, ws, a);
-    if (!ws.tau.allFinite()) {
-      out.failure = "the forces are no longer finite";
-      return false;
-    }
+    if (!ws.tau.allFinite()) return "the forces are no longer finite";
   }
   ws.total = tau;
   add_feedback(ws, q, v, 1.0, ws.total);
   for (const AppliedLimit& l : ws.limits) ws.total[l.rate] = l.force();
-  out.friction.row(out.done) = friction;
   for (const Drive& d : drives) {
     if (!d.motion) continue;
     double& force = ws.total[d.coordinate];
     if (d.rubs)
-      out.friction(out.done, d.coordinate) = ws.tau[d.coordinate] - force;
+      friction[d.coordinate] = ws.tau[d.coordinate] - force;
     else
       force = ws.tau[d.coordinate] - friction[d.coordinate];
+  }
+  return nullptr;
+}
+
+bool System::record(Trajectory& out) {
+  if (const char* why = react()) {
+    out.failure = why;
+    return false;
   }
   normalise(arm, q);
   out.q.row(out.done) = q;
   out.v.row(out.done) = v;
   out.a.row(out.done) = a;
   out.tau.row(out.done) = ws.total;
+  out.friction.row(out.done) = friction;
   ++out.done;
   return true;
 }

@@ -35,8 +35,11 @@ struct System {
   /// Lets the sampled controllers do what is due up to time t, at the current state.
   /// @return whether the forces have changed: then tau is what it is behind that
   bool sample(double t);
-  /// Adds a row to the trajectory: the current state, its accelerations, the reactions of prescribed motions.
-  bool record(Trajectory& out, bool composite);
+  /// Accelerations at the current state into a, applied forces and the reactions of prescribed motions into ws.total,
+  /// dry friction into friction. @return null, or why there are none
+  const char* react();
+  /// Adds a row of them to the trajectory.
+  bool record(Trajectory& out);
   /// Values of events at the current state, whose quaternions it scales to unit length.
   /// @throws std::invalid_argument for nan or inf
   void evaluate(const std::vector<Event>& events, double t, double* values);

@@ -1,9 +1,9 @@
 #include <memory>
 
 #include "flexarm/check.hpp"
-#include "flexarm/collocation.hpp"
 #include "flexarm/ida.hpp"
 #include "flexarm/simulate.hpp"
+#include "flexarm/simulation.hpp"
 #include "laws.hpp"
 
 using namespace flexarm;
@@ -86,14 +86,6 @@ py::dict run(const py::object& alive, const Integrate& integrate) {
   return out;
 }
 
-/// The fixed-step method of a name; those of one step have their rows in lanes/methods.hpp.
-std::unique_ptr<Step> make_step(const std::string& integrator, const Arm& arm, double step, double rtol,
-                                double spectral_radius, int stages) {
-  constexpr DryFriction ours = DryFriction::left_to_caller;
-  if (integrator == "gauss") return std::make_unique<CollocationStep>(arm, CollocationOptions{stages, rtol}, ours);
-  return std::make_unique<OneStep>(integrator, arm, step, ImplicitOptions{spectral_radius, rtol}, ours);
-}
-
 }  // namespace
 
 void bind_time(py::module_& m) {
@@ -167,12 +159,12 @@ void bind_time(py::module_& m) {
   m.def(
       "simulate_ida",
       [](const PyProblem& of, const Eigen::VectorXd& t, double rtol, double atol, int max_order,
-         const std::string& linear_solver, const py::object& slow, bool composite, const py::object& alive,
+         const std::string& linear_solver, const py::object& slow, const py::object& alive,
          const std::vector<PyParameter>& parameters) {
         const LinearSolver solver = linear_solver == "dense"   ? LinearSolver::dense
                                     : linear_solver == "chain" ? LinearSolver::chain
                                                                : LinearSolver::automatic;
-        IdaOptions options{rtol, atol, max_order, composite, solver};
+        IdaOptions options{rtol, atol, max_order, solver};
         if (!slow.is_none())
           options.slow = [&slow](double now, long steps) {
             const Locked lock;
@@ -186,19 +178,59 @@ void bind_time(py::module_& m) {
         return run(alive, [&](const Alive& look) { return simulate_ida(of.problem, t, options, look, by); });
       },
       py::arg("problem"), py::arg("t"), py::kw_only(), py::arg("rtol"), py::arg("atol"), py::arg("max_order"),
-      py::arg("linear_solver"), py::arg("slow"), py::arg("composite"), py::arg("alive"), py::arg("parameters"));
+      py::arg("linear_solver"), py::arg("slow"), py::arg("alive"), py::arg("parameters"));
 
   m.def(
       "simulate_fixed",
       [](const PyProblem& of, const Eigen::VectorXd& t, const std::string& integrator, double step, double rtol,
-         double spectral_radius, int stages, bool composite, const py::object& alive, Tape* tape) {
+         double spectral_radius, int stages, const py::object& alive, Tape* tape) {
         const std::unique_ptr<Step> method =
-            make_step(integrator, *of.problem.arm, step, rtol, spectral_radius, stages);
+            Method{integrator, rtol, spectral_radius, stages}.on(*of.problem.arm, step, DryFriction::left_to_caller);
         if (tape) *tape = Tape(method->stages());
         return run(alive, [&](const Alive& look) {
-          return simulate_fixed(of.problem, t, *method, step, composite, look, tape);
+          return simulate_fixed(of.problem, t, *method, step, look, tape);
         });
       },
       py::arg("problem"), py::arg("t"), py::kw_only(), py::arg("integrator"), py::arg("step"), py::arg("rtol"),
-      py::arg("spectral_radius"), py::arg("stages"), py::arg("composite"), py::arg("alive"), py::arg("tape") = nullptr);
+      py::arg("spectral_radius"), py::arg("stages"), py::arg("alive"), py::arg("tape") = nullptr);
+
+  py::class_<Simulation::State>(m, "State").def_readonly("t", &Simulation::State::t);
+  py::class_<Simulation>(m, "Simulation")
+      .def(py::init([](const PyProblem& of, const std::string& integrator, double step, double rtol,
+                       double spectral_radius, int stages, double t) {
+             return Simulation(of.problem, {integrator, rtol, spectral_radius, stages}, step, t);
+           }),
+           py::keep_alive<1, 2>(), py::arg("problem"), py::kw_only(), py::arg("integrator"), py::arg("step"),
+           py::arg("rtol"), py::arg("spectral_radius"), py::arg("stages"), py::arg("t"))
+      .def("step", [](Simulation& s) { return s.step() == Status::ok; })
+      .def(
+          "advance",
+          [](Simulation& s, double until) {
+            Lookout lookout;
+            Status found;
+            {
+              const Unlocked free;
+              found = s.advance(until, [&lookout](double now) { return lookout(now); });
+            }
+            if (found == Status::ok && s.t() < until) {
+              PyErr_SetNone(PyExc_KeyboardInterrupt);
+              throw py::error_already_set();
+            }
+            return found == Status::ok;
+          },
+          py::arg("until"))
+      .def_property_readonly("t", &Simulation::t)
+      .def_property_readonly("q", &Simulation::q, py::return_value_policy::copy)
+      .def_property_readonly("v", &Simulation::v, py::return_value_policy::copy)
+      .def_property_readonly("a", &Simulation::a, py::return_value_policy::copy)
+      .def_property_readonly("tau", &Simulation::tau, py::return_value_policy::copy)
+      .def_property_readonly("friction", &Simulation::friction, py::return_value_policy::copy)
+      .def_property_readonly("failure", &Simulation::failure)
+      .def_property_readonly("steps", &Simulation::steps)
+      .def("set_tau", &Simulation::set_tau, py::arg("tau"))
+      .def("set_force", &Simulation::set_force, py::arg("drive"), py::arg("value"))
+      .def("set_load", &Simulation::set_load, py::arg("load"), py::arg("wrench"))
+      .def("set_reference", &Simulation::set_reference, py::arg("feedback"), py::arg("value"))
+      .def("state", &Simulation::state)
+      .def("restore", &Simulation::restore, py::arg("state"));
 }

@@ -33,6 +33,8 @@ Analysis
 One run
     load, Scene                         a TOML file, or a shipped one: an arm, what drives it, for how long
     simulate, Result, Watch             an arm over time; its trajectory; whether it stays where its model is good
+    Ida, Implicit, Gauss, RK4           integrators, with their options
+    Simulation                          an arm step by step: inputs between steps, outputs behind them, states restored
     Sensitivities                       what result.sensitivities gives: exact derivatives; see result.gradient, too
     SimulationError                     the run could not go on; as SimulationInterrupted (Ctrl-C) it holds the result
 Sensors
@@ -163,6 +165,7 @@ from .parts.split import split as split
 from .parts.taper import Taper as Taper
 from .robots.chain import Flexible as Flexible
 from .robots.tree import RobotWarning as RobotWarning
+from .run.integrators import RK4 as RK4, Gauss as Gauss, Ida as Ida, Implicit as Implicit
 from .run.pace import SlowWarning as SlowWarning, StepWarning as StepWarning
 from .run.pulses import PulseWarning as PulseWarning
 from .run.result import Result as Result
@@ -172,6 +175,7 @@ from .run.simulation import (
     SimulationInterrupted as SimulationInterrupted,
     simulate as simulate,
 )
+from .run.stepping import Simulation as Simulation
 from .run.watch import Watch as Watch, WatchWarning as WatchWarning
 from .scene.robot import from_mjcf as from_mjcf, from_urdf as from_urdf
 from .scene.scene import Scene as Scene, load as load

@@ -91,10 +91,6 @@ def test_all_integrators_agree_on_a_flexible_arm(rubs: dict[str, float]) -> None
     for name, run in runs.items():
         assert np.abs(run.tau[:, [0, 3]]).max(axis=0) == pytest.approx([1.0, 0.3], abs=1e-12), name
         assert run.q[-1] == pytest.approx(runs["ida"].q[-1], abs=1e-3 if rubs else 3e-4), name
-    work = runs["ida"]
-    assert fa.simulate(arm, t, tau=np.eye(6)[0] * 0.5, control=control, method="ci").q[-1] == pytest.approx(
-        work.q[-1], abs=1e-4
-    )
 
 
 @pytest.mark.parametrize("motor", [True, False])

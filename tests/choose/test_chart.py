@@ -20,7 +20,6 @@ from flexarm.choose.models import Models
 from flexarm.choose.trials import Run
 from flexarm.cli import main
 from flexarm.draw.tradeoff import Kind, model_styles
-from flexarm.run.simulation import INTEGRATORS
 
 SWING = """
 gravity = [0, -9.81, 0]
@@ -66,7 +65,7 @@ def rerun(chart: fa.Chart, **change: object) -> fa.Result:
     it = chart.truth.row
     models = Models(chart.scene)
     model = models.rebased(models.uniform(change.get("order", it.model.order), change.get("shift", it.model.shift)))
-    options = line_options(chart.scene, it.choice, change.get("value", it.value), "ab")
+    options = line_options(chart.scene, it.choice, change.get("value", it.value))
     return chart.scene_of(replace(it, model=model, options=options)).run()
 
 
@@ -181,13 +180,6 @@ def test_rk4_beyond_its_limit_is_a_row_with_a_reason(chart: fa.Chart) -> None:
     assert f"{failed[0].label.removesuffix(' s')}" in chart.table()
 
 
-def test_ab_and_ci_are_compared_once(chart: fa.Chart) -> None:
-    assert set(chart.methods) == set(INTEGRATORS)
-    assert all(d < 1e-9 and ratio > 0 for d, ratio in chart.methods.values())
-    assert sum(r.method == "ci" for r in chart.rows) == len(chart.methods)
-    assert chart.table().count("AB or CI") == 1
-
-
 def test_the_table_reads_for_this_take_that(chart: fa.Chart) -> None:
     lines = str(chart).splitlines()
     row = chart.recommend(1e-3)
@@ -266,7 +258,7 @@ def test_a_run_longer_than_the_budget_is_given_up() -> None:
 
 def test_an_order_that_was_given_up_stands_for_richer_ones_alone(path: Path) -> None:
     search = ChartSearch(fa.load(path), "tip", 1.0, lambda used, doing: None)
-    exact, third, second = (search.planned(search.models.uniform(o, 0), "ida", 1e-6, "ab") for o in ("exact", 3, 2))
+    exact, third, second = (search.planned(search.models.uniform(o, 0), "ida", 1e-6) for o in ("exact", 3, 2))
     search.trials.note(replace(third, status="cut", time=5.0))
     assert search.predict(exact) == 5.0 and search.predict(second) == 0.0
 

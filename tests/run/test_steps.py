@@ -327,7 +327,7 @@ def test_arguments() -> None:
         ({"step": 1e-3}, 'step = 0.001: is for integrator="implicit"'),
         ({"stages": 3}, 'stages = 3: is for integrator="gauss", not for "ida"'),
         ({"integrator": "rk4", "step": 1e-3, "max_order": 2}, 'max_order = 2: is for integrator="ida", not for "rk4"'),
-        ({"integrator": "gauss", "step": 1e-2, "rtol": 0.0}, "rtol = 0: must be"),
+        ({"integrator": "gauss", "step": 1e-2, "rtol": 0.0}, "rtol = 0.0: must be"),
         ({"integrator": "euler"}, "integrator = 'euler'"),
     ):
         with pytest.raises(ValueError) as caught:

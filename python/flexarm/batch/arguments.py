@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .._check import Array, array, check_finite, choice, known_keys, whole
 from .._threads import cores
 from ..arm import Arm
-from ..run.simulation import INTEGRATORS, OPTION_OF
+from ..run.integrators import INTEGRATORS, OPTIONS
 
 STEPPERS = tuple(name for name, row in INTEGRATORS.items() if row.in_batches)  #: which the core runs by itself
 
@@ -106,7 +106,7 @@ def check_balls(arm: Arm, q: Array, field_name: str = "q0") -> None:
 
 def check_options(integrator: str, rtol: Any, spectral_radius: Any) -> None:
     choice("integrator", integrator, STEPPERS)
-    implicit = OPTION_OF["spectral_radius"]
+    (implicit,) = OPTIONS["spectral_radius"]
     if rtol is not None and not INTEGRATORS[integrator].iterates:
         raise ValueError(f'rtol = {rtol}: is for integrator="{implicit}", not for "{integrator}"')
     if integrator != implicit and spectral_radius is not None:

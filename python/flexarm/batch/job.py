@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from .._check import Array
 from ..acting.control import control_laws
 from ..arm import Arm
+from ..run.integrators import INTEGRATORS
 from ..run.problem import read_events
 from ..run.result import Result
-from ..run.simulation import INTEGRATORS
 from ..run.variation import Variation
 from .arguments import STEPPERS
 from .schedule import Schedule, breaks_of

@@ -20,8 +20,8 @@ from ..acting.drive import Motion
 from ..analysis import loops
 from ..analysis.validity import SILENT, range_warning, worst_range
 from ..arm import Arm
+from ..run.integrators import INTEGRATORS
 from ..run.pace import beyond_explicit
-from ..run.simulation import INTEGRATORS
 from .arguments import (
     check_balls,
     check_memory,

@@ -22,7 +22,7 @@ from ..analysis.loops import LoopWarning, unstable
 from ..analysis.validity import range_warning
 from ..arm import Arm
 from ..parts.part import ModelWarning
-from ..run.simulation import INTEGRATORS, check_integrator
+from ..run.integrators import INTEGRATORS, OPTIONS, Integrator, integrator_of, spelled
 from ..run.start import check_one_start, start
 from ..run.variation import Setup, Variation
 from .arguments import STEPPERS, check_memory, check_options, default_workers, forces, rows, scenario_count
@@ -46,19 +46,19 @@ def batch_memory(arm: Arm, scenarios: int, rows: int, outputs: Sequence[str] = (
 
 def make_job(
     arm: Any, t: Any, q0: Any, v0: Any, tau: Any = None, *, drive: Any, loads: Any, control: Any, parameters: Any,
-    outputs: Any, every: Any = 1, integrator: str, step: Any = None, **options: Any,
+    outputs: Any, every: Any = 1, integrator: str | Integrator, **options: Any,
 ) -> tuple[Job, int]:  # fmt: skip
     """The batch, checked, and its number of scenarios."""
     setup = _make_setup(arm, drive, loads, control)
     times = array("t", t)
     if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0).all():
         raise ValueError(f"t has shape {times.shape}: must be one list of at least two times, increasing")
-    choice("integrator", integrator, INTEGRATORS)
-    if INTEGRATORS[integrator].fixed and step is None:
-        step = float(np.diff(times).min())
-    special = ("max_order", "linear_solver", "spectral_radius", "stages")
-    check_integrator(integrator, step, **{k: options[k] for k in special if k in options})
+    integrator, options = spelled(integrator, options)
     options = {k: x for k, x in options.items() if x is not None}
+    if INTEGRATORS[choice("integrator", integrator, INTEGRATORS)].fixed:
+        options.setdefault("step", float(np.diff(times).min()))
+    integrator_of(integrator, **{k: x for k, x in options.items() if k in OPTIONS})
+    step = options.pop("step", None)
     if step is not None and not 0.0 < number("step", step) < np.inf:
         raise ValueError(f"step = {step}: must be positive and finite, in seconds")
     if integrator in STEPPERS:

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-_SAME = 1e-9  # distance below which "ci" and "ab" are the same
 _DOUBTFUL = 1e-2  # of the span: a truth that is known no better is called not converged
 _SHOWN = 6  # failed or skipped runs listed one by one
 
@@ -37,7 +36,6 @@ class Chart:
         quantity: "tip", "joint" or "strain".
         rows: every run, also those that failed, were skipped or cut off, with the reason.
         truth: the truth, or None if no run came to an end.
-        methods: by integrator, distance of method "ci" from "ab", and its time over that of "ab".
         complete: False after Ctrl-C.
         budget, used: wall time allowed and used (s).
     """
@@ -46,7 +44,6 @@ class Chart:
     quantity: str
     rows: list[Run]
     truth: Truth | None
-    methods: dict[str, tuple[float, float]]
     complete: bool
     budget: float
     used: float
@@ -109,7 +106,7 @@ class Chart:
             if any(r.setting == "step" and r.choice not in OVER_OUTPUTS and r.value > 0.99 * gap for r in self.front):
                 lines.append("")
                 lines.append(f"But for gauss, no step is longer than the {gap:.3g} s between output times.")
-        lines += ["", *_methods(self)] if self.methods else []
+        lines.append("")
         beaten = [r for r in skipped if "has no more error" in r.reason]
         if beaten:
             lines.append(f"{len(beaten)} lines ended where another choice has no more error in a third of the time.")
@@ -124,15 +121,13 @@ class Chart:
         def point(row: Run) -> Point:
             return row.time, max(row.error or 0.0, floor)
 
-        groups: dict[tuple[Kind, str, str], list[Run]] = {}
-        both = any(d > _SAME for d, _ in self.methods.values())
+        groups: dict[tuple[Kind, str], list[Run]] = {}
         for r in self._graded:
-            if both or r.method == "ab":
-                kind = Kind(r.model.order, r.model.modes, r.model.basis)
-                groups.setdefault((kind, r.choice, r.method), []).append(r)
+            kind = Kind(r.model.order, r.model.modes, r.model.basis)
+            groups.setdefault((kind, r.choice), []).append(r)
         lines = [
-            Line(kind, choice, [point(r) for r in sorted(rows, key=lambda r: -r.value)], method != "ab")
-            for (kind, choice, method), rows in groups.items()
+            Line(kind, choice, [point(r) for r in sorted(rows, key=lambda r: -r.value)])
+            for (kind, choice), rows in groups.items()
         ]
         front = [Cheapest(*point(r), r.label) for r in self.front]
         spans = ", ".join(f"{s:.3g} {u}" for u, s in self.truth.span.items()) if self.truth else ""
@@ -180,7 +175,6 @@ class Chart:
             "budget": self.budget,
             "used": self.used,
             "truth": None if self.truth is None else self.truth.to_dict(),
-            "methods": {k: {"distance": d, "time_ratio": ratio} for k, (d, ratio) in self.methods.items()},
             "recommend": advice,
             "front": [at[id(r)] for r in self.front],
             "rows": [r.to_dict() for r in self.rows],
@@ -256,7 +250,7 @@ def _advice(chart: Chart, truth: Truth) -> list[str]:
 def _models(chart: Chart, truth: Truth) -> list[str]:
     """Orders at the truth's modes, and modes at its order, at its tolerance."""
     it = truth.row
-    same = [r for r in chart.rows if r.choice == it.choice and r.value == it.value and r.method == "ab"]
+    same = [r for r in chart.rows if r.choice == it.choice and r.value == it.value]
     modes = [r for r in same if r.model.order == it.model.order and r is not it]
     richest = {b: max(r.model.shift for r in same if r.model.basis == b) for b in {r.model.basis for r in same}}
     orders = [r for r in same if r.model.shift == richest[r.model.basis] and r not in modes and r is not it]
@@ -266,21 +260,6 @@ def _models(chart: Chart, truth: Truth) -> list[str]:
         far = "bent beyond its range (RangeWarning)" if r.warning else ""
         rows.append([r.model.label, seconds(r.time) if r.status == "ok" else "", error, far])
     return [f"Models, by {it.choice} at {it.setting} {it.value:.3g}:", *aligned(rows, {1, 2})]
-
-
-def _methods(chart: Chart) -> list[str]:
-    same = {k: ratio for k, (d, ratio) in chart.methods.items() if d <= _SAME}
-    lines = []
-    if same:
-        times = ", ".join(f"{k} {ratio:.2f}" for k, ratio in same.items())
-        lines.append(
-            "AB or CI: no difference in the trajectory (CI enters at the output accelerations only), so AB is charted; "
-            f"CI's time over AB's: {times}"
-        )
-    for k, (d, ratio) in chart.methods.items():
-        if k not in same:
-            lines.append(f"AB or CI: {k} differs by {d:.1e}; CI takes {ratio:.2f} of AB's time; both are charted")
-    return lines
 
 
 def _left_out(rows: list[Run], word: str) -> list[str]:
@@ -345,4 +324,4 @@ def chart(scene: Scene | str | Path, *, budget: float = 60.0, quantity: str = "t
     failed = [r for r in rows if r.status == "failed"]
     if complete and search.truth is None and failed and not any(r.status in ("ok", "cut") for r in rows):
         raise ValueError(f"scene: cannot be run at any order, with any integrator: {failed[0].reason}")
-    return Chart(scene, quantity, rows, search.conclude(), search.methods, complete, budget, search.used)
+    return Chart(scene, quantity, rows, search.conclude(), complete, budget, search.used)

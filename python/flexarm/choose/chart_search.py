@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..run.simulation import INTEGRATORS
+from ..run.integrators import INTEGRATORS
 from ..scene.scene import Scene
 from .coordinates import some_rows
 from .integrators import BY_TOLERANCE, LINES, OVER_OUTPUTS, line_options, line_settings
@@ -96,7 +96,6 @@ class ChartSearch:
         poorer: the runs with one mode less per strain ("modes"), of the next order ("order"), in the scene's basis
             ("basis"), and of beams in pieces ("pieces"), which is richer.
         bases: those that models are charted in; "": the scene's.
-        methods: by integrator, distance of "ci" from "ab" and its time over that of "ab".
     """
 
     def __init__(self, scene: Scene, quantity: str, budget: float, tell: Callable[[float, str], None]) -> None:
@@ -108,7 +107,6 @@ class ChartSearch:
         self.looser: Run | None = None
         self.tolerance = np.inf
         self.poorer: dict[str, Run] = {}
-        self.methods: dict[str, tuple[float, float]] = {}
         self.shifts, self.orders = self.models.shifts, self.models.orders
         given = self.models.uniform(self.orders[-1], 0)
         others = ("legendre", "loaded", "clamped-free")
@@ -127,11 +125,9 @@ class ChartSearch:
         if not self.reference():
             return
         survivors = self.rank()
-        methods = {choice: self.compare_methods(choice) for choice in INTEGRATORS}
         for model, floor in survivors:
             for choice in LINES:
-                for method in methods.get(choice, ("ab",)):
-                    self.line(model, choice, floor, method)
+                self.line(model, choice, floor)
         self.settle()
 
     def conclude(self) -> Truth | None:
@@ -176,18 +172,18 @@ class ChartSearch:
         above = [r for r in done if r.value == row.value and rank[r] >= rank[row]]
         return max([*cut, min((r.time * (nv / max(1, self.size(r))) ** 2 for r in above), default=0.0)])
 
-    def planned(self, model: Model, choice: str, value: float, method: str) -> Run:
+    def planned(self, model: Model, choice: str, value: float) -> Run:
         """A run, not yet made, or as it was made before."""
-        run = Run(model, line_options(self.scene, choice, float(value), method), choice, True)
+        run = Run(model, line_options(self.scene, choice, float(value)), choice, True)
         return self.trials.runs.get(run.key, run)
 
     def skip(self, row: Run, guess: float, reason: str) -> Run:
         return self.trials.note(replace(row, status="skipped", time=guess, reason=reason))
 
-    def run(self, model: Model, choice: str, value: float, share: float, method: str = "ab") -> Run:
+    def run(self, model: Model, choice: str, value: float, share: float) -> Run:
         """This run, made now unless it was made before, or is predicted to take more than its share of the budget."""
         allowed = min(share * self.budget.seconds, self.budget.left)
-        row = self.planned(model, choice, value, method)
+        row = self.planned(model, choice, value)
         if row.key in self.trials.runs and (row.status in ("ok", "failed") or row.time >= allowed):
             return row
         guess = self.predict(row)
@@ -309,32 +305,14 @@ class ChartSearch:
             return self.models.given
         return self.models.given if len({beam.order for beam in self.models.given.elastic}) == 1 else None
 
-    def compare_methods(self, choice: str) -> tuple[str, ...]:
-        """Whether "ci" gives this integrator another trajectory than "ab"; if not, "ab" alone is charted."""
-        model = self.own_model() or (self.truth.model if self.truth else None)
-        assert model is not None
-        for value in line_settings(self.scene, choice, (1e-6,))[:_FAILURES]:
-            ab = self.run(model, choice, value, 0.05)
-            if ab.status == "failed":
-                continue
-            ci = self.run(model, choice, value, 0.05, "ci") if ab.values is not None else ab
-            if ab.values is None or ci.values is None:
-                break
-            d = self.trials.distance(ci, ab)
-            for row in (ab, ci):  # once more in turn, so that a busy moment does not pass for a difference
-                self.again(row)
-            self.methods[choice] = d, ci.time / ab.time
-            return ("ab", "ci") if d > 1e-9 else ("ab",)
-        return ("ab",)
-
-    def line(self, model: Model, choice: str, own_error: float, method: str) -> None:
+    def line(self, model: Model, choice: str, own_error: float) -> None:
         """One line of the chart: tighter settings until the model's own error is all that is left."""
         floor = max(1.1 * own_error, _FINEST)
         failures = stale = 0
         lowest = np.inf
         patience = 30 if model == self.own_model() else 3  # the scene's own model is shown even where it is beaten
         for value in line_settings(self.scene, choice):
-            row = self.planned(model, choice, value, method)
+            row = self.planned(model, choice, value)
             guess = self.predict(row)
             beaten = [r for r in self.rows if r.error is not None and r.error <= floor and patience * r.time < guess]
             if beaten and row.key not in self.trials.runs:
@@ -343,7 +321,7 @@ class ChartSearch:
                 return
             good = min((r.time for r in self.rows if r.error is not None and r.error <= floor), default=np.inf)
             enough = (patience * good + 0.1) / self.budget.seconds  # what takes longer than that would be beaten, too
-            row = self.run(model, choice, value, min(_NEXT, enough), method)
+            row = self.run(model, choice, value, min(_NEXT, enough))
             if row.status in ("skipped", "cut"):
                 return
             if row.error is None:

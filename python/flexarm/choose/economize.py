@@ -349,7 +349,7 @@ def economize(
     assert lean.result is not None
     certified = found.check is not None and not found.reasons
     error = found.off if found.check is not None else math.inf
-    mine, theirs = (search.models.at(run.model, {**_kept(scene), **run.options}) for run in (lean, rich))
+    mine, theirs = (search.models.at(run.model, run.options) for run in (lean, rich))
     if isinstance(scene.q0, str):
         mine, theirs = (replace(x, q0=scene.q0) for x in (mine, theirs))
     return Plan(
@@ -361,7 +361,3 @@ def economize(
 
 def _quiet(doing: str) -> None:
     """Where nobody looks."""
-
-
-def _kept(scene: Scene) -> dict[str, Any]:
-    return {k: v for k, v in scene.options.items() if k == "method"}

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..run.simulation import INTEGRATORS, OPTION_OF
+from ..run.integrators import INTEGRATORS, OPTIONS
 from ..scene.scene import Scene
 
 #: The integrators that choose their own steps for a tolerance; every other one takes `step`.
@@ -37,12 +37,12 @@ def longest_gap(scene: Scene) -> float:
     return float(np.diff(scene.t).max())
 
 
-def line_options(scene: Scene, line: str, value: float, method: str) -> dict[str, Any]:
+def line_options(scene: Scene, line: str, value: float) -> dict[str, Any]:
     """Arguments of `simulate`: the scene's, with a line's integrator at a setting."""
     integrator = LINES[line]["integrator"]
     setting = "rtol" if integrator in BY_TOLERANCE else "step"
-    out = {k: v for k, v in scene.options.items() if OPTION_OF.get(k) == integrator}
-    out |= {**LINES[line], "method": method, setting: value}
+    out = {k: v for k, v in scene.options.items() if OPTIONS.get(k) == (integrator,)}
+    out |= {**LINES[line], setting: value}
     if setting == "rtol":
         out["atol"] = value * scene.options.get("atol", 1e-9) / scene.options.get("rtol", 1e-6)
     return out

@@ -107,11 +107,6 @@ class Run:
         return self.model, tuple(sorted(self.options.items())), self.whole
 
     @property
-    def method(self) -> str:
-        """ "ab" or "ci", for the accelerations at the output times."""
-        return str(self.options.get("method", "ab"))
-
-    @property
     def setting(self) -> str:
         """What its integrator is set by: "rtol" or "step"."""
         return "rtol" if "rtol" in self.options else "step"
@@ -123,12 +118,11 @@ class Run:
 
     @property
     def label(self) -> str:
-        method = "" if self.method == "ab" else f", {self.method}"
         unit = " s" if self.setting == "step" else ""
-        return f"{self.model.label}, {self.choice}{method}, {self.setting} {self.value:.4g}{unit}"
+        return f"{self.model.label}, {self.choice}, {self.setting} {self.value:.4g}{unit}"
 
     def to_dict(self) -> dict[str, Any]:
-        keep = ("choice", "setting", "value", "method", "status", "reason", "time", "runs", "error", "absolute")
+        keep = ("choice", "setting", "value", "status", "reason", "time", "runs", "error", "absolute")
         about = {k: getattr(self.model, k) for k in ("order", "modes", "shift", "basis")}
         return {**about, **{k: getattr(self, k) for k in (*keep, "steps", "evaluations", "warning")}}
 

@@ -62,12 +62,11 @@ class Kind:
 
 @dataclass(frozen=True)
 class Line:
-    """Runs of one model with one integrator, from loose to tight; `ringed`: with another method than the usual."""
+    """Runs of one model with one integrator, from loose to tight."""
 
     kind: Kind
     integrator: str
     points: Sequence[Point]
-    ringed: bool = False
 
 
 @dataclass(frozen=True)
@@ -134,8 +133,6 @@ def _chart_legend(ax: Axes, lines: Sequence[Line], integrators: Sequence[str], f
         groups.append(("Basis: filling", some))
     named = [entry(n, ls=_dash(n, integrators), lw=1.4) for n in integrators if n in used]
     groups.append(("Integrator: line", named))
-    if any(line.ringed for line in lines):
-        groups.append(("Method", [entry("ci: black edge", marker="o", color="#BBBBBB", mec="black")]))
     if front:
         ring = entry("no other has less\nerror in less time", marker="o", ms=10, mfc="none", ls="-", lw=2, alpha=0.7)
         groups.append(("The cheapest", [ring]))
@@ -234,8 +231,7 @@ def plot_lines(
     for line in lines:
         points = _within(line.points, _TOP, low)
         pale = 0.3 if count[line.kind] == 1 else 0.85
-        edge = {"mec": "black"} if line.ringed else {}
-        look = {**styles[line.kind], **edge, "ls": _dash(line.integrator, integrators), "lw": 1.2, "ms": 6}
+        look = {**styles[line.kind], "ls": _dash(line.integrator, integrators), "lw": 1.2, "ms": 6}
         ax.plot(*zip(*points, strict=True), alpha=pale, **look)
     if front:
         x, y = zip(*_within([(run.time, run.error) for run in front], _TOP, low), strict=True)

@@ -17,8 +17,8 @@ from ..acting.voltage import split_drives
 from ..batch.arguments import default_workers
 from ..batch.job import has_friction
 from ..data.compare import Comparison
+from ..run.integrators import INTEGRATORS, OPTIONS, integrator_of
 from ..run.sensitivity import RunStopped
-from ..run.simulation import INTEGRATORS, check_integrator
 from ..scene.scene import Scene
 from ..sensing.sensor import Sensor
 from .fit import Fit, FitError
@@ -267,7 +267,7 @@ def _options(scene: Scene, runs: list[Run], integrator: str | None, step: float 
     own = options.get("integrator", "ida")
     chosen = integrator or (own if INTEGRATORS[own].fixed else _STEPPED)
     if chosen != own:
-        for key in ("rtol", "atol", "max_order", "linear_solver", "step", "spectral_radius", "stages"):
+        for key in OPTIONS:
             options.pop(key, None)
     options["integrator"] = chosen
     if step is not None:
@@ -275,7 +275,7 @@ def _options(scene: Scene, runs: list[Run], integrator: str | None, step: float 
     auto = INTEGRATORS[chosen].fixed and options.get("step") is None if chosen in INTEGRATORS else False
     if auto:
         options["step"] = min(run.data.step for run in runs)
-    check_integrator(chosen, options.get("step"))
+    integrator_of(chosen, **{k: x for k, x in options.items() if k in OPTIONS})
     return options, auto
 
 

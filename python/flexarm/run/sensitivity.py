@@ -18,6 +18,7 @@ from ..acting.control import control_laws
 from ..acting.drive import Torque
 from ..acting.motor import torque_limits
 from ..acting.voltage import Voltage
+from .integrators import Implicit, Integrator
 from .occurrence import EVENTS, Occurrence, by_event, cubics, rows_of
 from .parameter import Neighbour, Parameter
 from .perturbed import STEP, check_paths, components, drive_of, problems, start_of
@@ -109,7 +110,7 @@ class Source:
     Attributes:
         setup: what it is made of. t, q0, v0, tau: as of `simulate`.
         integrate: the core's run of a problem; with a tape, of a fixed-step method, which it writes.
-        integrator, options: its name, and its options.
+        integrator: of the run.
         events: as of `simulate`.
         of: what `setup` was made of, and by which values (1, ...) of parameters.
 
@@ -122,8 +123,7 @@ class Source:
     v0: Array | None
     tau: Array | None
     integrate: Callable[..., dict[str, Any]]
-    integrator: str
-    options: Mapping[str, Any]
+    integrator: Integrator
     of: tuple[Setup, Mapping[str, Array]] | None = None
     events: Any = None
 
@@ -144,15 +144,16 @@ class Source:
                 )
         tape = _core.Tape()
         out = self.integrate(run, tape=tape)
-        if out["friction"] is not None and self.integrator != "implicit":
-            raise ValueError(f"integrator = '{self.integrator}': derivatives through dry friction need \"implicit\"")
+        if out["friction"] is not None and not self.integrator.rubs:
+            name = self.integrator.name
+            raise ValueError(f"integrator = '{name}': derivatives through dry friction need \"implicit\"")
         core = run.core
         tape.keep_sides(core)
         return run, run.result(_done(out)), tape, core
 
     def sensitivities(self, parameters: Sequence[str], workers: int | None = None) -> Sensitivities:
         near = self._near(list(dict.fromkeys(p for parts in self._paths(parameters, False).values() for p in parts)))
-        result, rows = self._with_ida(near) if self.integrator == "ida" else self._forward(near, workers or cores())
+        result, rows = self._with_ida(near) if not self.integrator.fixed else self._forward(near, workers or cores())
         return Sensitivities(result, tuple(p.path for p in near), **rows, _neighbours=near, _setup=self.setup)
 
     def _with_ida(self, near: list[Parameter]) -> tuple[Result, dict[str, Any]]:
@@ -200,8 +201,8 @@ class Source:
         return result, rows | by_event(occurred, result, len(near))
 
     def gradient(self, loss: Loss, parameters: Sequence[str], workers: int | None = None) -> dict[str, Any]:
-        paths = self._paths(parameters, self.integrator != "ida")
-        if self.integrator == "ida":
+        paths = self._paths(parameters, self.integrator.fixed)
+        if not self.integrator.fixed:
             found = self.sensitivities(parameters, workers)
             weights = _weights(loss, found.result)
             by = {p: float(sum((w * x[k]).sum() for name, given in weights.items()
@@ -251,8 +252,9 @@ class Source:
 
     @property
     def _numbers(self) -> tuple[float, float]:
-        """Options of "implicit"."""
-        return self.options["rtol"], self.options["spectral_radius"]
+        """Options of "implicit", whose steps are taken again; others have no friction in theirs."""
+        of = self.integrator if isinstance(self.integrator, Implicit) else Implicit(1.0)
+        return of.rtol, of.spectral_radius
 
     def _by(self, tape: Any, near: Sequence[Parameter], run: Problem, workers: int) -> list[tuple[Array, Array]]:
         """By each parameter: derivatives of the forces at the places of a tape that are needed, and applied, at fixed

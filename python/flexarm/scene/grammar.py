@@ -18,8 +18,9 @@ from ..acting.control import Controller
 from ..acting.drive import Motion, SpinUp, Torque
 from ..acting.load import Load
 from ..acting.voltage import Voltage
-from ..parts.arguments import Argument, arguments, members
+from ..parts.arguments import Argument, arguments
 from ..parts.tables import ArmFile
+from ..run import integrators
 from ..run.simulation import simulate
 from ..sensing.sensor import Sensor
 
@@ -128,9 +129,18 @@ def output_times(duration: float = 1.0, interval: float = 1e-3) -> Array:
 
 
 def _options() -> dict[str, Argument]:
-    """What `simulate` takes that is a number or a word."""
-    plain = {int, float, str, type(None)}
-    return {k: a for k, a in arguments(simulate).items() if plain.issuperset(members(a.hint))}
+    """Of `simulate`, the integrator's name and its options, whose defaults differ among integrators."""
+    kinds = integrators.INTEGRATORS
+    names = " or ".join(f'"{name}"' for name in kinds)
+    out = {"integrator": Argument("integrator", str, "ida", f"{names}, whose options follow.")}
+    for option, owners in integrators.OPTIONS.items():
+        given = {name: arguments(kinds[name])[option] for name in owners}
+        meanings: dict[str, list[str]] = {}
+        for name, a in given.items():
+            meanings.setdefault(a.meaning, []).append(f'"{name}"')
+        words = " ".join(f"Of {' and '.join(whose)}: {text}" for text, whose in meanings.items())
+        out[option] = Argument(option, given[owners[0]].hint | None, None, words)
+    return out
 
 
 OPTIONS = _options()

@@ -9,10 +9,10 @@ from typing import Any
 from .._check import array, choice, known_keys, number
 from ..acting.control import control_laws
 from ..acting.drive import Motion, SpinUp
-from ..arm import METHODS, Arm
+from ..arm import Arm
 from ..parts.arguments import arguments
 from ..parts.tables import read, read_file
-from ..run.simulation import INTEGRATORS
+from ..run.integrators import INTEGRATORS
 from ..run.start import WORDS, start
 from .grammar import OPTIONS, SAMPLES, SIMULATION, Samples, SceneFile, output_times
 from .samples import Files, samples
@@ -44,9 +44,8 @@ def _law(files: Files, law: Samples, where: str, value: Any) -> Any:
 
 def _simulation(where: str, table: Any) -> dict[str, Any]:
     known_keys(where, table, SIMULATION)
-    for key, known in (("method", METHODS), ("integrator", INTEGRATORS)):
-        if key in table:
-            choice(f"{where}.{key}", table[key], known)
+    if "integrator" in table:
+        choice(f"{where}.integrator", table["integrator"], INTEGRATORS)
     return dict(table)
 
 

@@ -114,6 +114,12 @@ class Control {
   /// Samples, and lets pass what is due, up to time t. @return whether the forces have changed
   bool run(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
 
+  /// Goes on from what another of the same problem remembers.
+  void recall(const Control& other) {
+    lines_ = other.lines_;
+    held_ = other.held_;
+  }
+
  private:
   struct Line {
     Sampler sampler;

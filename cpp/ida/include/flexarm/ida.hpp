@@ -23,7 +23,6 @@ struct IdaOptions {
   double rtol = 1e-6;
   double atol = 1e-9;      ///< of every coordinate and rate, in its own unit
   int max_order = 5;       ///< of the backward differentiation formulas, 1 to 5
-  bool composite = false;  ///< accelerations at the output times by CI instead of AB
   LinearSolver linear_solver = LinearSolver::automatic;
   /// Told the time reached and the steps taken after 20 000 steps, and whenever there are twice as many.
   std::function<void(double t, long steps)> slow = {};

@@ -41,6 +41,8 @@ class CollocationStep final : public Step {
   }
   bool interpolates() const override { return true; }
   void inside(double c, Eigen::VectorXd& q, Eigen::VectorXd& v) const override;
+  void memory(const std::function<void(double&)>& visit) override;
+  void recalled() override;
   Stages stages() const override;
   void weights(double c, Eigen::VectorXd& once, Eigen::VectorXd& twice) const override;
 

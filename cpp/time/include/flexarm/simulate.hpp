@@ -16,10 +16,9 @@ namespace flexarm {
 /// Events are seen where their sign differs between the ends of a step, and located on cubic interpolants. Dry friction
 /// that is not in the method's equations is treated by switches (see friction.hpp).
 /// @param step   longest step (s)
-/// @param composite  accelerations at the output times by CI instead of AB
 /// @param tape  of the method's `stages`: what it did, for derivatives
 /// @throws std::invalid_argument for bad arguments; what a drive, an event or `alive` throws goes through
 Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,
-                          bool composite = false, const Alive& alive = {}, Tape* tape = nullptr);
+                          const Alive& alive = {}, Tape* tape = nullptr);
 
 }  // namespace flexarm

@@ -52,6 +52,10 @@ class Step {
   /// Of a method that interpolates: weights of the stages' accelerations (s) in the rates, and, times h, in the
   /// coordinates there, in parts of h.
   virtual void weights(double, Eigen::VectorXd&, Eigen::VectorXd&) const {}
+  /// Numbers that it remembers from step to step, which `visit` reads or writes, in an order of their own.
+  virtual void memory(const std::function<void(double&)>& visit) = 0;
+  /// To be called when `memory` has been written.
+  virtual void recalled() {}
   /// What its derivatives are made of.
   virtual Stages stages() const = 0;
   /// Writes every beginning and step from now on; null: no more.
@@ -117,6 +121,7 @@ class OneStep : public Step {
   Status advance(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd& v, const Eigen::VectorXd& tau,
                  const Given& given) override;
   const char* remedy() const override { return remedy_.c_str(); }
+  void memory(const std::function<void(double&)>& visit) override;
   Stages stages() const override;
   OneStep* rubbing() override;
   /// Accelerations into ws.a, which holds what is prescribed, and the forces of dry friction (nv): what does not move

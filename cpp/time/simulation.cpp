@@ -1,0 +1,247 @@
+#include "flexarm/simulation.hpp"
+
+#include "flexarm/check.hpp"
+#include "flexarm/collocation.hpp"
+#include "stepper.hpp"
+
+namespace flexarm {
+
+std::unique_ptr<Step> Method::on(const Arm& arm, double step, DryFriction friction) const {
+  if (name == "gauss") {
+    CollocationOptions options;
+    options.stages = stages;
+    if (rtol != 0.0) options.rtol = rtol;
+    return std::make_unique<CollocationStep>(arm, options, friction);
+  }
+  ImplicitOptions options;
+  options.spectral_radius = spectral_radius;
+  if (rtol != 0.0) options.rtol = rtol;
+  return std::make_unique<OneStep>(name, arm, step, options, friction);
+}
+
+namespace {
+
+/// What is set in place of the problem's functions.
+struct Inputs {
+  std::vector<double> force, reference;
+  std::vector<char> force_is, reference_is, load_is;  // whether it is set
+  std::vector<Vec6<double>> load;
+};
+
+/// The problem, whose functions look at the inputs first.
+Problem with_inputs(Problem problem, Inputs& in) {
+  in.force.assign(problem.drives.size(), 0.0);
+  in.reference.assign(problem.feedback.size(), 0.0);
+  in.load.assign(problem.loads.size(), Vec6<double>::Zero());
+  in.force_is.assign(in.force.size(), 0);
+  in.reference_is.assign(in.reference.size(), 0);
+  in.load_is.assign(in.load.size(), 0);
+  for (std::size_t k = 0; k < problem.drives.size(); ++k)
+    if (auto& f = problem.drives[k].force)
+      f = [&in, k, own = f](double t) { return in.force_is[k] ? in.force[k] : own(t); };
+  for (std::size_t k = 0; k < problem.feedback.size(); ++k) {
+    auto& f = problem.feedback[k].reference;
+    f = [&in, k, own = f](double t) { return in.reference_is[k] ? in.reference[k] : own ? own(t) : 0.0; };
+  }
+  for (std::size_t k = 0; k < problem.loads.size(); ++k) {
+    auto& f = problem.loads[k].wrench;
+    f = [&in, k, own = f](double t) -> Vec6<double> { return in.load_is[k] ? in.load[k] : own(t); };
+  }
+  return problem;
+}
+
+}  // namespace
+
+struct Simulation::Motion {
+  Inputs in;
+  const Problem problem;
+  Control control;
+  const std::unique_ptr<Step> method;
+  const double step;
+  Stepper way;
+  Status status = Status::ok;
+  double anchor;                        // a time from which steps are counted
+  long counted = 0;                     // steps since
+  bool known = false, changed = false;  // the outputs; the inputs
+
+  Motion(const Problem& given, const Method& by, double h, double t)
+      : problem(with_inputs(given, in)),
+        control(problem.control()),
+        method(by.on(*problem.arm, h)),
+        step(h),
+        way(problem, control, *method, h, Eigen::VectorXd::Constant(1, t)),
+        anchor(t) {
+    if (!std::isfinite(t)) bad_value("t", t, "must be finite");
+    way.begin();
+    status = way.start();
+    if (status != Status::ok) bad_value("q0, v0", "this start", way.reason(status));
+  }
+
+  Status go(double until, const Alive& alive) {
+    known = false;
+    if (changed) {
+      changed = false;
+      way.s.drive(way.reached);
+      status = way.jump();
+    } else {
+      status = Status::ok;
+    }
+    bool going = true;
+    const auto seen = [](double, double) { return Status::ok; };
+    const auto each = [&] { return going = !alive || alive(way.reached); };
+    while (status == Status::ok && going && way.reached < until) {
+      status = way.advance(way.next_stop(until), seen, each);
+      if (status == Status::ok) status = way.sample();
+    }
+    if (status != Status::ok) way.s.drive(way.reached);
+    return status;
+  }
+
+  void look() {
+    if (known) return;
+    known = way.s.react() == nullptr;
+    if (!known) way.s.a.setConstant(std::nan(""));
+  }
+
+  void numbers(const std::function<void(double&)>& f) {
+    System& s = way.s;
+    f(anchor);
+    for (Eigen::VectorXd* x : {&s.q, &s.v, &s.a, &s.constant_tau, &s.ws.a, &s.ws.feedback_numbers})
+      for (double& number : *x) f(number);
+    for (std::vector<double>* x : {&in.force, &in.reference})
+      for (double& number : *x) f(number);
+    for (Vec6<double>& x : in.load)
+      for (double& number : x) f(number);
+    const auto flags = [&f](auto& all) {
+      for (auto& x : all) {
+        double number = static_cast<double>(x);
+        f(number);
+        x = static_cast<std::decay_t<decltype(x)>>(number);
+      }
+    };
+    flags(in.force_is);
+    flags(in.reference_is);
+    flags(in.load_is);
+    long all[] = {counted, changed};
+    flags(all);
+    counted = all[0];
+    changed = all[1] != 0;
+    method->memory(f);
+  }
+};
+
+Simulation::Simulation(const Problem& problem, const Method& method, double step, double t) {
+  problem.check();
+  positive("step", step);
+  motion_ = std::make_unique<Motion>(problem, method, step, t);
+}
+Simulation::Simulation(Simulation&&) noexcept = default;
+Simulation::~Simulation() = default;
+
+Status Simulation::step() {
+  Motion& m = *motion_;
+  const double until = m.anchor + static_cast<double>(m.counted + 1) * m.step;
+  if (m.go(until, {}) == Status::ok) ++m.counted;
+  return m.status;
+}
+
+Status Simulation::advance(double until, const Alive& alive) {
+  Motion& m = *motion_;
+  if (!(until >= m.way.reached)) bad_value("until", until, "must not be before t = " + std::to_string(m.way.reached));
+  m.go(until, alive);
+  m.anchor = m.way.reached;
+  m.counted = 0;
+  return m.status;
+}
+
+double Simulation::t() const { return motion_->way.reached; }
+const Eigen::VectorXd& Simulation::q() const { return motion_->way.s.q; }
+const Eigen::VectorXd& Simulation::v() const { return motion_->way.s.v; }
+const Eigen::VectorXd& Simulation::a() {
+  motion_->look();
+  return motion_->way.s.a;
+}
+const Eigen::VectorXd& Simulation::tau() {
+  motion_->look();
+  return motion_->way.s.ws.total;
+}
+const Eigen::VectorXd& Simulation::friction() {
+  motion_->look();
+  return motion_->way.s.friction;
+}
+std::string Simulation::failure() const {
+  return motion_->status == Status::ok ? "" : motion_->way.reason(motion_->status);
+}
+const Step::Counts& Simulation::counts() const { return motion_->method->counts(); }
+long Simulation::steps() const { return motion_->way.steps; }
+
+void Simulation::set_tau(const Eigen::VectorXd& tau) {
+  Motion& m = *motion_;
+  if (tau.size() != m.way.s.constant_tau.size() || !tau.allFinite())
+    bad_value("tau", tau.size(), "numbers; must be " + std::to_string(m.way.s.constant_tau.size()) + ", finite");
+  m.way.s.constant_tau = tau;
+  m.changed = true;
+  m.known = false;
+}
+
+namespace {
+
+template <class T>
+void set_input(const char* name, std::size_t k, std::vector<T>& values, std::vector<char>& is, const T& value) {
+  if (k >= values.size()) bad_value(name, k, "must be below " + std::to_string(values.size()));
+  values[k] = value;
+  is[k] = 1;
+}
+
+}  // namespace
+
+void Simulation::set_force(std::size_t drive, double value) {
+  Motion& m = *motion_;
+  if (drive < m.problem.drives.size() && m.problem.drives[drive].motion)
+    bad_value("drive", drive, "prescribes a motion: only forces are inputs");
+  if (!std::isfinite(value)) bad_value("force", value, "must be finite");
+  set_input("drive", drive, m.in.force, m.in.force_is, value);
+  m.changed = true;
+  m.known = false;
+}
+
+void Simulation::set_load(std::size_t load, const Vec6<double>& wrench) {
+  Motion& m = *motion_;
+  if (!wrench.allFinite()) bad_value("load", "nan or inf", "must be finite");
+  set_input("load", load, m.in.load, m.in.load_is, wrench);
+  m.changed = true;
+  m.known = false;
+}
+
+void Simulation::set_reference(std::size_t feedback, double value) {
+  Motion& m = *motion_;
+  if (!std::isfinite(value)) bad_value("reference", value, "must be finite");
+  set_input("feedback", feedback, m.in.reference, m.in.reference_is, value);
+  m.changed = true;
+  m.known = false;
+}
+
+Simulation::State Simulation::state() const {
+  Motion& m = *motion_;
+  State out{m.way.reached, {}, m.control};
+  m.numbers([&out](double& x) { out.numbers.push_back(x); });
+  return out;
+}
+
+void Simulation::restore(const State& state) {
+  Motion& m = *motion_;
+  std::size_t count = 0;
+  m.numbers([&count](double&) { ++count; });
+  if (state.numbers.size() != count || state.control.held().size() != m.control.held().size())
+    bad_value("state", state.numbers.size(), "numbers; this problem's has " + std::to_string(count));
+  const double* from = state.numbers.data();
+  m.numbers([&from](double& x) { x = *from++; });
+  m.known = false;
+  m.way.reached = state.t;
+  m.control.recall(state.control);
+  m.way.s.drive(state.t);
+  m.method->recalled();
+  m.status = Status::ok;
+}
+
+}  // namespace flexarm

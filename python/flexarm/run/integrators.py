@@ -1,0 +1,207 @@
+"""Integrators: objects that hold their options. A name, such as "implicit", stands for the object with its defaults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+import flexarm._core as _core
+
+from .._check import choice, number, whole
+from .pace import Pace
+from .parameter import Parameter, core_parameters
+from .problem import Problem
+
+LINEAR_SOLVERS = ("auto", "dense", "chain")
+
+
+def _positive(of: Any, *options: str) -> None:
+    for name in options:
+        if not 0.0 < number(name, getattr(of, name)) < math.inf:
+            raise ValueError(f"{name} = {getattr(of, name)}: must be positive and finite")
+
+
+def _within(name: str, value: float, least: int, most: int) -> None:
+    if not least <= value <= most:
+        raise ValueError(f"{name} = {value}: must be from {least} to {most}")
+
+
+class Integrator:
+    """What moves an arm in time: `Ida`, or by fixed steps `Implicit`, `Gauss` or `RK4`."""
+
+    name: ClassVar[str]
+    fixed: ClassVar[bool] = True  # whether it takes the steps that it is given
+    explicit: ClassVar[bool] = False  # whether these have a limit; see pace
+    iterates: ClassVar[bool] = True  # whether it reads rtol
+    rubs: ClassVar[bool] = False  # whether dry friction is in its equations
+    in_batches: ClassVar[bool] = False  # whether the core's batches have it
+    rtol = 1e-10
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Its options, as keyword arguments of its class."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+
+    def run(
+        self, problem: Problem, alive: Any, parameters: Sequence[Parameter], tape: Any
+    ) -> dict[str, Any]:
+        """The core's run: of `Ida` with derivatives by parameters, of fixed steps on a tape for them."""
+        return _core.simulate_fixed(problem.core, problem.times, **self.core, alive=alive, tape=tape)
+
+    @property
+    def core(self) -> dict[str, Any]:
+        """A fixed-step method, as the core takes it."""
+        own = {"rtol": 0.0, "spectral_radius": 1.0, "stages": 4} | self.options
+        return {"integrator": self.name, **own}
+
+
+@dataclass(frozen=True)
+class Ida(Integrator):
+    """SUNDIALS IDA on the residual of inverse dynamics: variable step and order (Hindmarsh et al. 2005).
+
+    Args:
+        rtol, atol: tolerances of every coordinate and rate, relative and absolute (in its unit).
+        max_order: highest order of its formulas (BDF), 1 to 5; 2 damps modes that are too fast, 5 is faster.
+        linear_solver: of its Newton iterations: "dense" factors the exact Jacobian, O(N^3) once in several steps;
+            "chain" eliminates like articulated bodies, O(N), which leaves out gyroscopic and geometric stiffness, and
+            repeats that within GMRES where they matter; "auto" is "chain", the faster one at any number of links.
+    """
+
+    name: ClassVar[str] = "ida"
+    fixed: ClassVar[bool] = False
+    rtol: float = 1e-6
+    atol: float = 1e-9
+    max_order: int = 5
+    linear_solver: str = "auto"
+
+    def __post_init__(self) -> None:
+        _positive(self, "rtol", "atol")
+        _within("max_order", whole("max_order", self.max_order), 1, 5)
+        choice("linear_solver", self.linear_solver, LINEAR_SOLVERS)
+
+    def run(
+        self, problem: Problem, alive: Any, parameters: Sequence[Parameter], tape: Any
+    ) -> dict[str, Any]:
+        pace = Pace(problem.arm, problem.times, lambda time: problem.unstable(time, False))
+        by = core_parameters(problem, parameters)
+        return _core.simulate_ida(
+            problem.core, problem.times, **self.options, slow=pace, alive=alive, parameters=by
+        )
+
+
+@dataclass(frozen=True)
+class Implicit(Integrator):
+    """Generalised-alpha (Chung & Hulbert 1993): fixed step, second order, stable for elastic coordinates of any
+    stiffness, cost linear in the number of links; dry friction is in its equations. A soft stop that the arm hits needs
+    steps below 0.3 sqrt(mass / limit_stiffness).
+
+    Args:
+        step: the longest step (s). Output times and samples of drives and loads are met exactly, by dividing the time
+            between two of them into equal steps, as few as `step` allows.
+        rtol: how far the equations of a step are solved, as a part of the motion, in the norm of kinetic energy; a
+            tolerance near the error that the step leaves saves a third of the time.
+        spectral_radius: the factor, 0 to 1, by which one step reduces a mode much too fast for it. 1 (trapezoidal rule)
+            keeps the energy of every mode; but modes too fast for the step, once struck by a jump of a force, ring on
+            in the accelerations. At 0.9 they die out, at about the same accuracy.
+    """
+
+    name: ClassVar[str] = "implicit"
+    rubs: ClassVar[bool] = True
+    in_batches: ClassVar[bool] = True
+    step: float
+    rtol: float = 1e-10
+    spectral_radius: float = 1.0
+
+    def __post_init__(self) -> None:
+        _positive(self, "step", "rtol")
+        _within("spectral_radius", number("spectral_radius", self.spectral_radius), 0, 1)
+
+
+@dataclass(frozen=True)
+class Gauss(Integrator):
+    """Gauss collocation (Hairer & Wanner, Solving ODEs II): fixed step, order 2 `stages`, as stable, symmetric in time;
+    the most accurate for its cost. The state between its steps is interpolated, so that output times do not shorten
+    them; its matrices are dense, for arms of up to some tens of coordinates; jumps of a force belong into samples,
+    which its steps end at, and stops that the arm hits need short steps. With dry friction it takes the points of Radau
+    (Radau IIA, order 2 `stages` - 1), whose steps do not leave ringing what a switch strikes and is too fast for them.
+
+    Args:
+        step: the longest step (s). Steps end at samples of torques and loads alone; those that would miss some of a
+            motion, or whose equations cannot be solved, are halved.
+        stages: 1 to 4.
+        rtol: how far the equations of a step are solved, as a part of the motion, in the norm of kinetic energy, where
+            coordinates of very small inertia are known to about 1e-8.
+    """
+
+    name: ClassVar[str] = "gauss"
+    step: float
+    stages: int = 4
+    rtol: float = 1e-12
+
+    def __post_init__(self) -> None:
+        _positive(self, "step", "rtol")
+        _within("stages", whole("stages", self.stages), 1, 4)
+
+
+@dataclass(frozen=True)
+class RK4(Integrator):
+    """The classical Runge-Kutta method: fixed step, fourth order, stable only while the step is below 2.83 over the
+    highest frequency, which is higher where joints are free.
+
+    Args:
+        step: the longest step (s).
+    """
+
+    name: ClassVar[str] = "rk4"
+    explicit: ClassVar[bool] = True
+    iterates: ClassVar[bool] = False
+    in_batches: ClassVar[bool] = True
+    step: float
+
+    def __post_init__(self) -> None:
+        _positive(self, "step")
+
+
+#: By name, explicit ones last. A new one is a class and its row here, and its steps in C++.
+INTEGRATORS: Mapping[str, type[Integrator]] = {x.name: x for x in (Ida, Implicit, Gauss, RK4)}
+_OWN = {name: [f.name for f in fields(x)] for name, x in INTEGRATORS.items()}  # type: ignore[arg-type]
+#: The integrators that have an option.
+OPTIONS = {x: tuple(name for name in _OWN if x in _OWN[name]) for own in _OWN.values() for x in own}
+
+
+def spelled(integrator: str | Integrator, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The name of an integrator, and its options among all that are given; see `integrator_of`."""
+    if not isinstance(integrator, Integrator):
+        return integrator, dict(options)
+    integrator_of(integrator, **{k: x for k, x in options.items() if k in OPTIONS})
+    return integrator.name, {**options, **integrator.options}
+
+
+def integrator_of(integrator: str | Integrator, **options: Any) -> Integrator:
+    """The integrator of a name and its options; None stands for an option's default.
+
+    Raises:
+        ValueError: an unknown name; an option that it does not have; a step that is missing.
+    """
+    given = {k: x for k, x in options.items() if x is not None}
+    for name in given:
+        if name == "method":
+            raise ValueError("method: belongs to the dynamics: arm.forward_dynamics(q, v, tau, method=)")
+        choice("argument", name, OPTIONS)
+    if isinstance(integrator, Integrator):
+        for name, value in given.items():
+            raise ValueError(f"{name} = {value}: belongs into the integrator, {type(integrator).__name__}({name}=...)")
+        return integrator
+    kind = INTEGRATORS[choice("integrator", integrator, INTEGRATORS)]
+    for name, value in given.items():
+        if integrator in OPTIONS[name]:
+            continue
+        *others, last = (f'"{x}"' for x in OPTIONS[name])
+        whom = f"{', '.join(others)} or {last}" if others else last
+        more = f'; "{integrator}" chooses its own steps' if name == "step" else f', not for "{integrator}"'
+        raise ValueError(f"{name} = {value}: is for integrator={whom}{more}")
+    if kind.fixed and "step" not in given:
+        raise ValueError(f'step: integrator="{integrator}" needs it, in seconds, such as step=1e-3')
+    return kind(**given)

@@ -1,0 +1,174 @@
+"""A simulation step by step: inputs between its steps, outputs behind them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import flexarm._core as _core
+
+from .._check import Array, array, number
+from ..acting.control import PD, Run, StrainFeedback
+from ..acting.voltage import is_patch, split_drives
+from ..arm import Arm
+from .integrators import Implicit, Integrator
+from .problem import Problem
+from .result import Result
+from .simulation import SimulationError
+
+_OF = ("drive", "loads", "control")
+
+
+class Simulation:
+    """An arm in motion, step by step, for loops that set inputs and read outputs as they go.
+
+    Args:
+        of: a Scene, or an Arm, which the keyword arguments then belong to.
+        integrator: `Implicit`, `Gauss` or `RK4`, with the step; `Ida` chooses its own steps and is for `simulate`.
+        t: times (s): the simulation starts at the first, and functions of time (samples, feed-forwards) are prepared
+            until the last, beyond which steps may go. A scene's if None.
+        q0, v0, tau, drive, loads, control: as of `simulate`.
+
+    Attributes:
+        t: time (s). q: (nq,). v, a: (nv,). tau: generalised forces (N, N m), those applied and the reactions of
+            prescribed motions, (nv,). friction: dry friction of the joints, (nv,). All are copies.
+        arm, integrator: as given. steps: how many were taken.
+
+    Events are not looked for. Sampled controllers keep their clock, and what sticks goes on sticking.
+
+    Raises:
+        ValueError: bad arguments, an arm at rest that has no acceleration.
+    """
+
+    def __init__(
+        self, of: Any, integrator: Integrator | None = None, *, t: ArrayLike | None = None, q0: Any = None,
+        v0: ArrayLike | None = None, tau: ArrayLike | None = None, **acting: Any,
+    ) -> None:  # fmt: skip
+        for name in acting:
+            if name not in _OF:
+                raise ValueError(f"Simulation has no argument '{name}'; it takes {', '.join(_OF)}")
+        if not isinstance(of, Arm):
+            if not all(hasattr(of, name) for name in ("arm", *_OF)):
+                raise ValueError(f"of = {of!r}: must be an Arm or a Scene")
+            for name in acting:
+                raise ValueError(f"{name}: is the scene's own; change the scene")
+            acting = {name: getattr(of, name) for name in _OF}
+            t, q0 = of.t if t is None else t, of.q0 if q0 is None else q0
+            v0 = of.v0 if v0 is None else v0
+        self.integrator = Implicit(1e-3) if integrator is None else integrator
+        if not isinstance(self.integrator, Integrator) or not self.integrator.fixed:
+            raise ValueError(f"integrator = {integrator!r}: must be Implicit, Gauss or RK4, such as fa.Implicit(1e-3)")
+        self.arm: Arm = of if isinstance(of, Arm) else of.arm
+        times = np.array([0.0, 10.0]) if t is None else array("t", t)
+        acting = {name: acting.get(name) for name in _OF}
+        self._problem = Problem(self.arm, times, q0, v0, tau, *acting.values(), None)
+        self._patches = list(split_drives(acting["drive"])[1])
+        with self._problem.both.naming():
+            self._core = _core.Simulation(self._problem.core, **self.integrator.core, t=float(times[0]))
+        self._step = self._core.step
+
+    def step(self, until: float | None = None) -> None:
+        """Takes one step, or, with `until` (s), as many equal ones as reach that time.
+
+        Raises:
+            SimulationError: the step could not be taken; the state is that of its beginning.
+            KeyboardInterrupt: Ctrl-C on the way; the state is that of the last step.
+        """
+        if not (self._step() if until is None else self._core.advance(until)):
+            with self._problem.both.naming():
+                why = self._problem.both.in_names(self._core.failure)
+            raise SimulationError(f"stopped at t = {self.t:.9g} s: {why}", self.t, self._row())
+
+    def _row(self) -> Result:
+        rows = {name: getattr(self, name)[None] for name in ("q", "v", "a", "tau", "friction")}
+        return Result(self.arm, np.array([self.t]), **rows)
+
+    @property
+    def t(self) -> float:
+        return self._core.t
+
+    @property
+    def q(self) -> Array:
+        return self._core.q[: self.arm.nq]
+
+    @property
+    def v(self) -> Array:
+        return self._core.v[: self.arm.nv]
+
+    @property
+    def a(self) -> Array:
+        return self._core.a[: self.arm.nv]
+
+    @property
+    def friction(self) -> Array:
+        return self._core.friction[: self.arm.nv]
+
+    @property
+    def steps(self) -> int:
+        return self._core.steps
+
+    @property
+    def tau(self) -> Array:
+        return self._core.tau[: self.arm.nv]
+
+    def set_tau(self, tau: ArrayLike) -> None:
+        """Constant generalised forces (N, N m), (nv,), from now on, to which those of drives are added."""
+        self._core.set_tau(np.append(array("tau", tau, (self.arm.nv,)), np.zeros(self._problem.both.nv - self.arm.nv)))
+
+    def set_drive(self, key: Any, value: float) -> None:
+        """The force of a drive (N, N m), or the voltage of a patch (V), from now on, in place of its law.
+
+        Args:
+            key: as of `drive` in `simulate`: a link, (link, freedom), or ("patch", link, patch).
+        """
+        self._core.set_force(self._drive(key), number("value", value))
+
+    def _drive(self, key: Any) -> int:
+        if is_patch(key):
+            if key in self._patches:
+                return self._patches.index(key)
+        else:
+            (rate,) = self.arm.by_rate("key", {key: None})
+            for k, drive in enumerate(self._problem.drives):
+                if drive.rate == rate and not drive.moves:
+                    return k
+        raise ValueError(f"key = {key!r}: no torque or voltage drives it; give drive={{{key!r}: ...}} from the start")
+
+    def set_load(self, number_of: int, force: ArrayLike = (0, 0, 0), moment: ArrayLike = (0, 0, 0)) -> None:
+        """Force (N) and moment (N m) of the load of this number in `loads`, from now on, in place of its law."""
+        wrench = np.concatenate([array("force", force, (3,)), array("moment", moment, (3,))])
+        self._core.set_load(number_of, wrench)
+
+    def set_reference(self, number_of: int, reference: float, rate: float = 0.0) -> None:
+        """Reference (rad, m), and its rate, of the PD or StrainFeedback of this number in `control`, from now on."""
+        controls = self._problem.controls
+        if not 0 <= number_of < len(controls) or not isinstance(controls[number_of], (PD, StrainFeedback)):
+            raise ValueError(f"number_of = {number_of}: must be that of a PD or a StrainFeedback in control")
+        run = Run(self._problem.times, self._problem.loads, 0, sum(c.memory for c in controls))
+        before = sum(len(c._laws(self.arm, run)[0]) for c in controls[:number_of])
+        law = controls[number_of]
+        self._core.set_reference(before, law.kp * number("reference", reference) + law.kv * number("rate", rate))
+
+    def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:
+        """Position (3,) and orientation (3, 3) of a slice now; see `Arm.frame`."""
+        return self.arm.frame(self.q, link, x)
+
+    def state(self) -> Any:
+        """All that the rest of the run follows from, but for what Python functions and an MPC remember by themselves.
+        `restore` goes on from it to the last bit, here or in a simulation of the same problem."""
+        return self._core.state()
+
+    def restore(self, state: Any) -> None:
+        """Goes back, or on, to a `state`.
+
+        Raises:
+            ValueError: a state of another problem.
+        """
+        if not isinstance(state, _core.State):
+            raise ValueError(f"state = {state!r}: must come from state()")
+        self._core.restore(state)
+
+    def __repr__(self) -> str:
+        return f"Simulation(t = {self.t:.6g} s, {self.steps} steps, {self.integrator})"

@@ -1,0 +1,143 @@
+"""A simulation step by step: the same numbers as a run, inputs between steps, states restored to the last bit."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import flexarm as fa
+import numpy as np
+import pytest
+
+STEEL = fa.Material(7850.0, youngs_modulus=209e9, poisson_ratio=0.3)
+T = np.arange(101) * 1e-3
+
+
+def arm(**joint: float) -> fa.Arm:
+    beam = fa.Beam(0.4, fa.Rectangle(0.002, 0.02), STEEL, {"bending_y": 2}, damping_ratio=0.01)
+    hub, tip = fa.RigidBody(0.2, inertia=(1e-3,) * 3, end=(0.05, 0, 0)), fa.RigidBody(0.05)
+    first, second = fa.Revolute("y", **joint), fa.Revolute("y", reflected_inertia=1e-3)
+    return fa.Arm([fa.Link(first, hub, beam, tip, name="upper"), fa.Link(second, hub, beam, tip, name="fore")])
+
+
+PUSH = fa.Load(-1, force=np.outer([0, 1, 0, 1, 1], [0.2, 0, 0.5]), t=[0, 0.02, 0.0501, 0.07, 0.1])
+LOOP = fa.LinearController.pid(4.0, 2.0, 0.2, reference=0.3, rate=200, delay=1e-3)
+SWING = fa.Motion(lambda t: (0.2 * t**3, 0.6 * t**2, 1.2 * t))
+CASES = {
+    "free": {},
+    "loads": {"loads": [PUSH]},
+    "continuous control": {"control": [fa.PD(4.0, 0.2, link=0, reference=0.3)]},
+    "sampled control": {"control": [LOOP]},
+    "driven": {"drive": {1: SWING}, "tau": [0.5, 0, 0, 0, 0, 0]},
+    "torque": {"drive": {"fore": fa.Torque([0, 0.03, 0.1], [0, 0.2, 0.1])}},
+}
+METHODS = [fa.Implicit(1e-3), fa.Implicit(5e-4, spectral_radius=0.8), fa.RK4(1e-4)]
+ALL = [*METHODS, fa.Gauss(2e-3, stages=3)]
+
+
+def start(case: str) -> dict:
+    return {**CASES[case], "q0": {"upper": 0.2} if case != "driven" else None}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("method", METHODS, ids=repr)
+def test_steps_are_those_of_a_run(case: str, method) -> None:
+    given = start(case)
+    run = fa.simulate(arm(), T, integrator=method, **given)
+    sim = fa.Simulation(arm(), method, t=T, **given)
+    for k, t in enumerate(T):
+        sim.step(until=t)
+        assert sim.t == t
+        np.testing.assert_array_equal(sim.q, run.q[k])
+        np.testing.assert_array_equal(sim.v, run.v[k])
+        if k % 10 == 0:
+            np.testing.assert_allclose(sim.a, run.a[k], rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(sim.tau, run.tau[k], rtol=1e-12, atol=1e-12)
+
+
+def test_gauss_and_friction() -> None:
+    rubs = arm(coulomb=0.2, stiction=0.3)
+    run = fa.simulate(rubs, T, integrator="implicit", step=1e-3, tau=[0.9, 0, 0, 0, 0, 0], v0=[1, 0, 0, 0, 0, 0])
+    sim = fa.Simulation(rubs, fa.Implicit(1e-3), t=T, tau=[0.9, 0, 0, 0, 0, 0], v0=[1, 0, 0, 0, 0, 0])
+    for k in range(101):
+        np.testing.assert_array_equal(sim.q, run.q[k])
+        np.testing.assert_allclose(sim.friction, run.friction[k], atol=1e-12)
+        sim.step()
+    with pytest.raises(ValueError, match="coulomb"):
+        fa.Simulation(rubs, fa.Gauss(1e-3))
+    ends = T[[0, -1]]
+    run = fa.simulate(arm(), ends, integrator=fa.Gauss(2e-3), loads=[PUSH])
+    sim = fa.Simulation(arm(), fa.Gauss(2e-3), t=ends, loads=[PUSH])
+    sim.step(until=ends[1])
+    np.testing.assert_array_equal(sim.q, run.q[-1])
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("method", ALL, ids=repr)
+def test_a_restored_state_goes_on_to_the_last_bit(case: str, method) -> None:
+    sim, other = (fa.Simulation(arm(), method, t=T, **start(case)) for _ in range(2))
+    for _ in range(7):
+        sim.step()
+    kept = sim.state()
+    there = []
+    for _ in range(12):
+        sim.step()
+        there.append((sim.t, *sim.q, *sim.v))
+    for again in (sim, other):
+        again.restore(kept)
+        assert again.t == kept.t
+        for row in there:
+            again.step()
+            assert (again.t, *again.q, *again.v) == row
+
+
+def test_inputs_take_the_place_of_laws() -> None:
+    given = {"drive": {"fore": fa.Torque(0.1)}, "loads": [fa.Load(-1, force=(0, 0, 0))],
+             "control": [fa.PD(4.0, 0.2, link=0, reference=0.0)]}  # fmt: skip
+    sim = fa.Simulation(arm(), fa.Implicit(5e-4), **given)
+    sim.step(until=0.02)
+    was = SimpleNamespace(q=sim.q, v=sim.v)
+    sim.set_drive("fore", 0.3)
+    sim.set_load(0, force=(0.0, 0.0, 0.7))
+    sim.set_reference(0, 0.5)
+    sim.set_tau([0.05, 0, 0, 0, 0, 0])
+    sim.step(until=0.05)
+
+    run = fa.simulate(
+        arm(), [0.02, 0.05], was.q, was.v, tau=[0.05, 0, 0, 0, 0, 0], integrator=fa.Implicit(5e-4),
+        drive={"fore": fa.Torque(0.3)}, loads=[fa.Load(-1, force=(0, 0, 0.7))],
+        control=[fa.PD(4.0, 0.2, link=0, reference=0.5)],
+    )  # fmt: skip
+    np.testing.assert_allclose(sim.q, run.q[-1], atol=1e-5 * np.abs(run.q).max())
+    assert sim.tau[0] == pytest.approx(0.05 + 4.0 * (0.5 - sim.q[0]) - 0.2 * sim.v[0])
+
+
+def test_a_scene_and_bad_arguments() -> None:
+    scene = fa.load("ist")
+    sim = fa.Simulation(scene, fa.Implicit(1e-3))
+    sim.step()
+    assert sim.t == pytest.approx(1e-3)
+    assert "1 steps" in repr(sim)
+    np.testing.assert_array_equal(sim.frame()[0], scene.arm.frame(sim.q)[0])
+    for message, make in {
+        "must be Implicit, Gauss or RK4": lambda: fa.Simulation(scene, fa.Ida()),
+        "must be an Arm or a Scene": lambda: fa.Simulation("ist"),
+        "loads: is the scene's own": lambda: fa.Simulation(scene, loads=[]),
+        "must not be before": lambda: sim.step(until=0.0),
+        "no torque or voltage drives it": lambda: sim.set_drive(0, 1.0),
+        "load = 3": lambda: sim.set_load(3),
+        "must come from state": lambda: sim.restore(1),
+        "this problem's has": lambda: sim.restore(fa.Simulation(arm()).state()),
+    }.items():
+        with pytest.raises(ValueError, match=message):
+            make()
+
+
+def test_a_step_that_fails_leaves_the_state_of_its_beginning() -> None:
+    sim = fa.Simulation(arm(), fa.RK4(0.02), v0=[0, 0.1, 0, 0.5, 0, 0])
+    with pytest.raises(fa.SimulationError, match=r"rk4 is stable below 2\.83") as e:
+        for _ in range(500):
+            before = sim.t, sim.q
+            sim.step()
+    assert sim.t == e.value.time == before[0]
+    np.testing.assert_array_equal(sim.q, before[1])
+    assert e.value.result.q.shape == (1, 6)
