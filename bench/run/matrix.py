@@ -1,7 +1,6 @@
 """Features against ways to run an arm: each pair is tried by a run, and compared with an independent one.
 
-    cmake --preset release -DFLEXARM_BUILD_BENCH=ON && cmake --build --preset release --target bench_matrix
-    python bench/run/matrix.py [--program build/release/bench_matrix] [--check] [WORD ...]
+    python bench/run/matrix.py [--check] [WORD ...]
 
 Writes the marked part of docs/matrix.md; with --check, or with words that choose features or ways, it only prints.
 The truth is IDA at tight tolerances (of the column of IDA itself: Gauss collocation), of derivatives differences of
@@ -13,8 +12,6 @@ from __future__ import annotations
 import argparse
 import inspect
 import re
-import subprocess
-import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -216,28 +213,20 @@ def economized(f: Feature) -> float:
     return float(np.abs(found - truth).max() / np.ptp(truth, axis=0).max()) / CHOSEN
 
 
-def in_cpp(program: Path) -> Callable[[Feature], float]:
-    def way(f: Feature) -> float:
-        scene = f.scene()
-        for key in scene:
-            if key not in ("arm", "q0", "v0"):
-                raise Refused(f"load_arm reads no `{key}`")
-        a = scene["arm"]
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "scene.toml"
-            fa.Scene(a, t=T).save(file)
-            start = " ".join(repr(float(x)) for k in "qv" for x in getattr(f.truth, k)[0])
-            command = [program, file, "implicit", str(H), str(len(T) - 1)]
-            out = subprocess.run(command, input=start, capture_output=True, text=True)
-        if out.returncode:
-            raise Refused(out.stderr.strip())
-        q = np.array([line.split() for line in out.stdout.splitlines()], float)
-        return off(a, np.vstack([f.truth.q[:1], q]), f.truth) / MOTION
-
-    return way
+def stepped(f: Feature) -> float:
+    scene = f.scene()
+    scene.pop("push", None)
+    if "events" in scene:
+        raise Refused("Simulation has no argument `events`")
+    sim = fa.Simulation(scene.pop("arm"), fa.Implicit(H), t=T, **scene)
+    rows = [sim.q]
+    for t in T[1:]:
+        sim.step(until=t)
+        rows.append(sim.q)
+    return off(sim.arm, np.array(rows), f.truth) / MOTION
 
 
-def ways(program: Path) -> dict[str, Callable[[Feature], float]]:
+def ways() -> dict[str, Callable[[Feature], float]]:
     return {
         "ida": simulated("ida", rtol=1e-8),
         "implicit": simulated("implicit", step=H),
@@ -254,7 +243,7 @@ def ways(program: Path) -> dict[str, Callable[[Feature], float]]:
         "MPC": mpc,
         "closed loop": poles,
         "economize": economized,
-        "C++": in_cpp(program),
+        "stepper": stepped,
     }
 
 
@@ -302,15 +291,12 @@ def told(cells: dict[tuple[str, str], tuple[str, str]], rows: list[str], columns
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--program", type=Path, default=ROOT / "build/release/bench_matrix")
     parser.add_argument("--check", action="store_true", help="print only")
     parser.add_argument("words", nargs="*", help="features or ways whose names contain one of these")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    all_of, columns = {f.name: f for f in features()}, ways(options.program)
+    all_of, columns = {f.name: f for f in features()}, ways()
     rows = list(all_of)
-    if not options.program.exists():
-        raise SystemExit(f"{options.program}: is not there; see --help")
     wanted = [[x for x in names if any(w in x for w in options.words)] or list(names) for names in (rows, columns)]
     cells = {}
     for name in wanted[0]:

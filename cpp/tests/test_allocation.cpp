@@ -10,6 +10,7 @@
 #include "flexarm/ci.hpp"
 #include "flexarm/derivatives.hpp"
 #include "flexarm/ida.hpp"
+#include "flexarm/simulation.hpp"
 #include "flexarm/step.hpp"
 #include "watch.hpp"
 
@@ -219,6 +220,57 @@ TEST_CASE("joints that stick and slide within steps ask nothing of the system") 
     CHECK(status == Status::ok);
     CHECK(step.counts().switches > 5);
   }
+}
+
+TEST_CASE("a simulation asks nothing of the system, and goes on from a state to the last bit") {
+  Problem problem(flexarm_test::spatial_arm());
+  const Arm& arm = *problem.arm;
+  problem.v0 = flexarm_test::wave(arm.nv(), 0.3, 0.2);
+  problem.drives = {{0, {}, [](double t) { return std::sin(20.0 * t); }}};
+  problem.loads = {{Load::at_end(arm, 0, true), [](double t) { return Vec6<double>::Constant(0.1 * t).eval(); }}};
+  Feedback law{Eigen::VectorXd::Unit(arm.nv(), 0), Eigen::VectorXd::Unit(arm.nq(), 0), Eigen::VectorXd::Zero(arm.nv())};
+  law.limit = 0.05;
+  problem.feedback = {law};
+  for (const char* name : {"implicit", "rk4", "gauss"}) {
+    CAPTURE(name);
+    const double h = std::string(name) == "rk4" ? 1e-6 : 1e-4;
+    Simulation sim(problem, {name}, h);
+    const Eigen::VectorXd tau[] = {Eigen::VectorXd::Zero(arm.nv()), Eigen::VectorXd::Constant(arm.nv(), 1e-3)};
+    Status status = sim.step();
+    sim.a();
+    const auto run = [&] {
+      for (int k = 0; k < 50 && status == Status::ok; ++k) {
+        sim.set_force(0, 0.01 * k);
+        sim.set_load(0, Vec6<double>::Constant(0.01 * k));
+        sim.set_tau(tau[k % 2]);
+        status = sim.step();
+        sim.a();
+      }
+    };
+    if (std::string(name) == "gauss")  // whose matrices are factored anew now and then
+      run();
+    else
+      check_nothing(name, run);
+    REQUIRE(status == Status::ok);
+    CHECK(sim.t() == doctest::Approx(51 * h));
+    const Simulation::State kept = sim.state();
+    run();
+    const Eigen::VectorXd q = sim.q(), v = sim.v();
+    Simulation other(problem, {name}, h);
+    for (Simulation* again : {&sim, &other}) {
+      again->restore(kept);
+      for (int k = 0; k < 50; ++k) {
+        again->set_force(0, 0.01 * k);
+        again->set_load(0, Vec6<double>::Constant(0.01 * k));
+        again->set_tau(tau[k % 2]);
+        again->step();
+        again->a();
+      }
+      CHECK(again->q() == q);
+      CHECK(again->v() == v);
+    }
+  }
+  CHECK_THROWS_WITH_AS(Simulation(problem, {"euler"}, 1e-4), "method = euler: is not known", std::invalid_argument);
 }
 
 TEST_CASE("an arm and what AB, inverse dynamics and steps need take memory in proportion to its links") {

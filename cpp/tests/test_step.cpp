@@ -230,7 +230,7 @@ TEST_CASE("the time loop meets outputs and samples exactly and counts its work")
   CHECK(r.stats.steps == 2 + 2 + 4 + 2 + 2);
   for (double stop : {0.05, t[1], t[2], 0.25, 0.3}) CHECK(std::count(seen.begin(), seen.end(), stop) > 0);
   CHECK(r.stats.residuals >= r.stats.steps);
-  const Trajectory stopped = simulate_fixed(Problem(arm), t, step, 1e-4, false, [](double) { return false; });
+  const Trajectory stopped = simulate_fixed(Problem(arm), t, step, 1e-4, [](double) { return false; });
   CHECK(stopped.failure == kInterrupted);
   CHECK(stopped.reached < 0.01);
   CHECK(stopped.done == 1);

@@ -33,8 +33,7 @@ Analysis
 One run
     load, Scene                         a TOML file, or a shipped one: an arm, what drives it, for how long
     simulate, Result, Watch             an arm over time; its trajectory; whether it stays where its model is good
-    Ida, Implicit, Gauss, RK4           integrators, with their options
-    Simulation                          an arm step by step: inputs between steps, outputs behind them, states restored
+    Ida Implicit Gauss RK4, Simulation  integrators, with their options; an arm step by step, its states restored
     Sensitivities                       what result.sensitivities gives: exact derivatives; see result.gradient, too
     SimulationError                     the run could not go on; as SimulationInterrupted (Ctrl-C) it holds the result
 Sensors

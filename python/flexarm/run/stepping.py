@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,15 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, number
-from ..acting.control import PD, Run, StrainFeedback
-from ..acting.voltage import is_patch, split_drives
+from ..acting.control import PD, Controller, Run, StrainFeedback
+from ..acting.drive import Motion, Torque
+from ..acting.load import Load
+from ..acting.voltage import Voltage, is_patch, split_drives
 from ..arm import Arm
 from .integrators import Implicit, Integrator
 from .problem import Problem
 from .result import Result
 from .simulation import SimulationError
-
-_OF = ("drive", "loads", "control")
 
 
 class Simulation:
@@ -39,22 +40,22 @@ class Simulation:
     Events are not looked for. Sampled controllers keep their clock, and what sticks goes on sticking.
 
     Raises:
-        ValueError: bad arguments, an arm at rest that has no acceleration.
+        ValueError: bad arguments, a start without accelerations.
     """
 
     def __init__(
         self, of: Any, integrator: Integrator | None = None, *, t: ArrayLike | None = None, q0: Any = None,
-        v0: ArrayLike | None = None, tau: ArrayLike | None = None, **acting: Any,
+        v0: ArrayLike | None = None, tau: ArrayLike | None = None,
+        drive: Mapping[Any, Motion | Torque | Voltage] | None = None, loads: Sequence[Load] | None = None,
+        control: Controller | Sequence[Controller] | None = None,
     ) -> None:  # fmt: skip
-        for name in acting:
-            if name not in _OF:
-                raise ValueError(f"Simulation has no argument '{name}'; it takes {', '.join(_OF)}")
         if not isinstance(of, Arm):
-            if not all(hasattr(of, name) for name in ("arm", *_OF)):
+            if not all(hasattr(of, name) for name in ("arm", "drive", "loads", "control")):
                 raise ValueError(f"of = {of!r}: must be an Arm or a Scene")
-            for name in acting:
-                raise ValueError(f"{name}: is the scene's own; change the scene")
-            acting = {name: getattr(of, name) for name in _OF}
+            for name, value in (("drive", drive), ("loads", loads), ("control", control)):
+                if value is not None:
+                    raise ValueError(f"{name}: is the scene's own; change the scene")
+            drive, loads, control = of.drive, of.loads, of.control
             t, q0 = of.t if t is None else t, of.q0 if q0 is None else q0
             v0 = of.v0 if v0 is None else v0
         self.integrator = Implicit(1e-3) if integrator is None else integrator
@@ -62,9 +63,8 @@ class Simulation:
             raise ValueError(f"integrator = {integrator!r}: must be Implicit, Gauss or RK4, such as fa.Implicit(1e-3)")
         self.arm: Arm = of if isinstance(of, Arm) else of.arm
         times = np.array([0.0, 10.0]) if t is None else array("t", t)
-        acting = {name: acting.get(name) for name in _OF}
-        self._problem = Problem(self.arm, times, q0, v0, tau, *acting.values(), None)
-        self._patches = list(split_drives(acting["drive"])[1])
+        self._problem = Problem(self.arm, times, q0, v0, tau, drive, loads, control, None)
+        self._patches = list(split_drives(drive)[1])
         with self._problem.both.naming():
             self._core = _core.Simulation(self._problem.core, **self.integrator.core, t=float(times[0]))
         self._step = self._core.step
@@ -144,11 +144,11 @@ class Simulation:
     def set_reference(self, number_of: int, reference: float, rate: float = 0.0) -> None:
         """Reference (rad, m), and its rate, of the PD or StrainFeedback of this number in `control`, from now on."""
         controls = self._problem.controls
-        if not 0 <= number_of < len(controls) or not isinstance(controls[number_of], (PD, StrainFeedback)):
+        law = controls[number_of] if 0 <= number_of < len(controls) else None
+        if not isinstance(law, (PD, StrainFeedback)):
             raise ValueError(f"number_of = {number_of}: must be that of a PD or a StrainFeedback in control")
         run = Run(self._problem.times, self._problem.loads, 0, sum(c.memory for c in controls))
         before = sum(len(c._laws(self.arm, run)[0]) for c in controls[:number_of])
-        law = controls[number_of]
         self._core.set_reference(before, law.kp * number("reference", reference) + law.kv * number("rate", rate))
 
     def frame(self, link: int | str = -1, x: float | None = None) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -134,7 +134,7 @@ def _options() -> dict[str, Argument]:
     names = " or ".join(f'"{name}"' for name in kinds)
     out = {"integrator": Argument("integrator", str, "ida", f"{names}, whose options follow.")}
     for option, owners in integrators.OPTIONS.items():
-        given = {name: arguments(kinds[name])[option] for name in owners}
+        given = {name: arguments(cast(Any, kinds[name]))[option] for name in owners}
         meanings: dict[str, list[str]] = {}
         for name, a in given.items():
             meanings.setdefault(a.meaning, []).append(f'"{name}"')
