@@ -48,7 +48,7 @@ Data
     validate, Validation    the shipped model of a measured arm against recordings of it
 Many runs
     simulate_batch, BatchResult         runs that differ in start, forces, parameters; its bytes: batch_memory
-    rollout, Rollout, rollout_gradient  from arrays to arrays; its derivatives: Gradient, step_derivatives, StepDerivatives
+    rollout, Rollout, rollout_gradient  arrays to arrays; derivatives: Gradient, step_derivatives, StepDerivatives
     sweep, SweepResult                  a scene over parameters: Sweep, Vary, load_sweep
     Failure                             a run that could not go on; Ctrl-C: BatchInterrupted, SweepInterrupted
 Warnings
