@@ -188,7 +188,8 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
     loop = run.unstable(span, limits) if limits or loops.has_grown(result.v) else None
     if not failed:
         explicit = INTEGRATORS[integrator].explicit
-        blown = beyond_explicit(run.arm, step, span, run.start["q0"], _held(run, result)) if explicit else None
+        rows = result.t, result.q, result.v
+        blown = beyond_explicit(run.arm, step, span, run.start["q0"], _held(run, result), rows) if explicit else None
         chatters = hasty(integrator, step, out["stats"].get("switches", 0), out["hasty"])
         said = [loop] if SILENT.get() else [loop or beyond, blown or chatters]
         return [x for x in (*said, beyond_motor(run.arm, result, run.prescribed), *run.missed()) if x]
@@ -313,8 +314,8 @@ def simulate(
             and the run has grown.
         PulseWarning: a callable has a pulse between two steps that no step has seen.
         SlowWarning: "ida" takes very many steps; it names the cause, if known, and the remedy, during the run.
-        StepWarning: steps of "rk4" above its limit, which is sought without control; dry friction that switches many
-            times within a step.
+        StepWarning: steps of "rk4" above its limit, which is sought without control, at rest and at the fastest row;
+            dry friction that switches many times within a step.
         WatchWarning: a quantity of `watch` has left its range.
         ModelWarning: a beam with too few shape functions for what it carries, or of a basis that does not suit it.
     """
