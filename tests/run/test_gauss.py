@@ -248,3 +248,17 @@ def test_forces_that_begin_at_once_are_no_solution_far_off() -> None:
     ):
         r = fa.simulate(arm, t, integrator="gauss", step=0.01, **given)
         assert r.stats["failed_steps"] == 0
+
+
+def test_many_halved_steps_are_told() -> None:
+    """Three rods that whirl: steps of 20 ms, most of them halved, end 0.22 rad off."""
+    rod = fa.RigidBody(1.0, (0.3, 0, 0), (0.01, 0.01, 0.01), (0.3, 0, 0))
+    arm, t = fa.Arm([fa.Link(fa.Revolute("y"), rod)] * 3), np.linspace(0, 0.2, 21)
+    v = [100.0, -100.0, 150.0]
+    truth = fa.simulate(arm, t, v0=v, rtol=1e-11, atol=1e-13)
+    with pytest.warns(fa.StepWarning, match=r"step = 0.02: .* had to be halved 19 times, in 29 steps.*smaller step") as w:
+        coarse = run(arm, t, 0.02, v0=v)
+    assert coarse.stats["failed_steps"] == 19 and w[0].filename == __file__
+    assert np.abs(coarse.q[-1] - truth.q[-1]).max() > 0.1
+    fine = run(arm, t, 5e-3, v0=v)
+    assert np.abs(fine.q[-1] - truth.q[-1]).max() < 1e-3
