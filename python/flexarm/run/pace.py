@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from ..arm import Arm
 from ..parts.beam import STRAINS
 
 _HASTY = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
+_FEW, _OFTEN = 30, 0.1  # so many steps, and that part of all, may be halved: a pulse or a start costs some
 _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
 _TURNED = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
 _AS_FAST = 0.9  # of a run's largest rate: rates that are like it
@@ -48,10 +49,11 @@ class SlowWarning(UserWarning):
 
 class StepWarning(UserWarning):
     """Steps are too long: those of "rk4" are above its limit, and what oscillates fast has grown, and may be all that
-    is left of the motion; or dry friction switches again and again within a step.
+    is left of the motion; or dry friction switches again and again within a step; or many steps of "gauss" had to be
+    halved.
 
     Attributes:
-        step: the one given (s). growth: of the fastest motion, by one step; nan of friction.
+        step: the one given (s). growth: of the fastest motion, by one step of "rk4"; else nan.
     """
 
     def __init__(self, message: str, step: float, growth: float) -> None:
@@ -140,6 +142,19 @@ def hasty(integrator: str, step: float, switches: int, count: int) -> StepWarnin
         f'integrator = "{integrator}", step = {step:g}: dry friction switched {switches} times, {count} of them within '
         "a step behind another of the same joint: the joint follows a vibration too fast for the step, and the motion "
         'may be wrong; take a smaller step, or integrator="implicit"',
+        step, np.nan,
+    )  # fmt: skip
+
+
+def halved(integrator: str, step: float, stats: Mapping[str, int]) -> StepWarning | None:
+    """Warns where steps were halved so often, mostly because their equations could not be solved, that those which
+    were not may be too long as well."""
+    count, steps = stats["failed_steps"], stats["steps"]
+    if not count > max(_FEW, _OFTEN * steps):
+        return None
+    return StepWarning(
+        f'integrator = "{integrator}", step = {step:g}: steps had to be halved {count} times, in {steps} steps: '
+        "those that were not may be too long as well, and the motion wrong; compare it with a run of a smaller step",
         step, np.nan,
     )  # fmt: skip
 

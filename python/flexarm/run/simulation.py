@@ -23,7 +23,7 @@ from ..analysis.coarse import coarse
 from ..analysis.validity import SILENT, out_of_range
 from ..arm import METHODS, Arm
 from ..parts.part import ModelWarning
-from .pace import Pace, beyond_explicit, explicit_limit, hasty, unbalanced
+from .pace import Pace, beyond_explicit, explicit_limit, halved, hasty, unbalanced
 from .parameter import Parameter, core_parameters
 from .problem import Problem
 from .result import Result
@@ -191,7 +191,8 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
         rows = result.t, result.q, result.v
         blown = beyond_explicit(run.arm, step, span, run.start["q0"], _held(run, result), rows) if explicit else None
         chatters = hasty(integrator, step, out["stats"].get("switches", 0), out["hasty"])
-        said = [loop] if SILENT.get() else [loop or beyond, blown or chatters]
+        often = halved(integrator, step, out["stats"]) if INTEGRATORS[integrator].fixed else None
+        said = [loop] if SILENT.get() else [loop or beyond, blown or chatters or often]
         return [x for x in (*said, beyond_motor(run.arm, result, run.prescribed), *run.missed()) if x]
     failure, degrees = out["failure"], run.in_degrees()
     asked = f". {degrees}" if degrees else ""
@@ -315,7 +316,7 @@ def simulate(
         PulseWarning: a callable has a pulse between two steps that no step has seen.
         SlowWarning: "ida" takes very many steps; it names the cause, if known, and the remedy, during the run.
         StepWarning: steps of "rk4" above its limit, which is sought without control, at rest and at the fastest row;
-            dry friction that switches many times within a step.
+            dry friction that switches many times within a step; many steps of "gauss" that had to be halved.
         WatchWarning: a quantity of `watch` has left its range.
         ModelWarning: a beam with too few shape functions for what it carries, or of a basis that does not suit it.
     """
