@@ -191,7 +191,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: str, 
         rows = result.t, result.q, result.v
         blown = beyond_explicit(run.arm, step, span, run.start["q0"], _held(run, result), rows) if explicit else None
         chatters = hasty(integrator, step, out["stats"].get("switches", 0), out["hasty"])
-        often = halved(integrator, step, out["stats"]) if INTEGRATORS[integrator].fixed else None
+        often = halved(integrator, step, out["stats"]) if INTEGRATORS[integrator].fixed and not loop else None
         said = [loop] if SILENT.get() else [loop or beyond, blown or chatters or often]
         return [x for x in (*said, beyond_motor(run.arm, result, run.prescribed), *run.missed()) if x]
     failure, degrees = out["failure"], run.in_degrees()
