@@ -265,12 +265,12 @@ def test_batches_name_the_loop_of_a_scenario_that_fails() -> None:
         return fa.StrainFeedback(2.0, 0.05, k, x=0.0, reference=0.1)
 
     t = np.linspace(0, 3, 4)
-    with pytest.warns(fa.LoopWarning, match=r"scenario 1: the loop of control\[0\] feeds energy in"):
+    with pytest.warns(fa.LoopWarning, match=r"scenario 1: the loop of StrainFeedback of 'link 0 revolute' feeds energy in"):
         runs = fa.simulate_batch(arm, t, control=law(1.0), parameters={"control.0.ks": ks}, step=1e-3)
     rolled = fa.rollout(arm, arm.zero, step=1e-3, nstep=3000, control=[[law(k)] for k in ks])
     for failures in (runs.failures, rolled.failures):
         assert [f.index for f in failures] == [1]
-        assert "control[0] feeds energy in" in failures[0].reason and "bent by" in failures[0].reason
+        assert "StrainFeedback of 'link 0 revolute' feeds energy in" in failures[0].reason and "bent by" in failures[0].reason
 
 
 def test_a_position_loop_with_the_wrong_sign() -> None:
