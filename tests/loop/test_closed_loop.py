@@ -187,7 +187,8 @@ def test_channels_have_the_names_of_their_joints() -> None:
     """Two of one name have what tells them apart."""
     body = fa.RigidBody(1.0, inertia=(0.1, 0.1, 0.1), end=(0.3, 0, 0))
     arm = fa.Arm([fa.Link(fa.Revolute("z", name="shoulder"), body), fa.Link(fa.Revolute("z", name="elbow"), body)])
-    both = fa.LinearController([], [], [], [[9, 0, 3, 0], [0, 9, 0, 3]], 100, ["q", "v"], actuate=["shoulder", "elbow"])
+    D = [[9.0, 0, 3, 0], [0, 9.0, 0, 3]]
+    both = fa.LinearController(np.zeros((0, 0)), np.zeros((0, 4)), np.zeros((2, 0)), D, rate=100, actuate=[0, 1])
     laws = [fa.PD(5, 1, link="elbow"), both, fa.PD(1, 1, link="elbow")]
     assert [c.name for c in fa.closed_loop(arm, laws).channels] == [
         "PD of 'elbow' (control[0])", "PD of 'elbow' (control[2])",
