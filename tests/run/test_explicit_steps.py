@@ -102,7 +102,17 @@ def test_an_arm_that_turns_has_a_lower_limit() -> None:
     start = {"v0": [300.0, 1e-6, 0.0], "integrator": "rk4"}
     with pytest.warns(fa.StepWarning, match=said):
         fa.simulate(arm, t, step=3.8e-3, **start)
+    with pytest.warns(fa.StepWarning, match="where the joints move at up to"):
+        fa.rollout(arm, v0=start["v0"], step=3.8e-3, nstep=250, every=25, integrator="rk4")
+    with pytest.warns(fa.StepWarning, match="where the joints move at up to"):
+        fa.simulate_batch(arm, t, v0=np.tile(start["v0"], (2, 1)), step=3.8e-3, integrator="rk4")
     fa.simulate(arm, t, step=0.98 * limit, **start)
+
+    def soon(t: float, q: np.ndarray, v: np.ndarray) -> float:
+        return t - 0.01
+
+    soon.terminal = True  # type: ignore[attr-defined]
+    assert len(fa.simulate(arm, t, step=3.8e-3, events=soon, **start).t) == 1  # a row alone tells no time
 
 
 def test_a_run_through_a_singular_pose_is_told() -> None:
