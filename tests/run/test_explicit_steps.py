@@ -103,7 +103,7 @@ def test_an_arm_that_turns_has_a_lower_limit() -> None:
     with pytest.warns(fa.StepWarning, match=said):
         fa.simulate(arm, t, step=3.8e-3, **start)
     with pytest.warns(fa.StepWarning, match="where the joints move at up to"):
-        fa.rollout(arm, v0=start["v0"], step=3.8e-3, nstep=250, every=25, integrator="rk4")
+        fa.rollout(arm, arm.zero, start["v0"], step=3.8e-3, nstep=250, every=25, integrator="rk4")
     with pytest.warns(fa.StepWarning, match="where the joints move at up to"):
         fa.simulate_batch(arm, t, v0=np.tile(start["v0"], (2, 1)), step=3.8e-3, integrator="rk4")
     fa.simulate(arm, t, step=0.98 * limit, **start)

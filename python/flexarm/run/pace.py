@@ -115,7 +115,7 @@ def beyond_explicit(
     (s): the limit about rest, or in rows (t, q, v) of the run that of the row at which its joints move fastest."""
     limit, growth = explicit_limit(arm, step, q, held)
     when = ""
-    if rows is not None and not np.log(growth) * span / step >= _BLOWN:
+    if rows is not None and len(rows[0]) > 1 and not np.log(growth) * span / step >= _BLOWN:
         t, qs, v = rows
         joints = np.setdiff1d(np.arange(arm.nv), _elastic(arm))
         speed = np.abs(v[:, joints]).max(axis=1, initial=0.0)
