@@ -34,6 +34,10 @@ class Refused(Exception):
     """A way that has no place for the feature."""
 
 
+class Warned(Exception):
+    """A way that says, where it is made, that the feature is not right in it."""
+
+
 # --- Comparisons ---
 
 
@@ -152,10 +156,15 @@ def filtered(f: Feature) -> float:
         raise NotApplicable("an event ends a run; a filter goes on")
     q0, v0 = scene.pop("q0", truth.q[0]), scene.pop("v0", truth.v[0])
     a = given(fa.KalmanFilter, scene)["arm"]
-    kalman = fa.KalmanFilter(a, f.sensors, H, force_noise=1e-9, q_std=1e-9, v_std=1e-9, q=q0, v=v0)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", fa.ModelWarning)
+        kalman = fa.KalmanFilter(a, f.sensors, H, force_noise=1e-9, q_std=1e-9, v_std=1e-9, q=q0, v=v0)
     tau = truth.tau[:-1] if f.held else 0.5 * (truth.tau[1:] + truth.tau[:-1])
     found = kalman.run(T, np.vstack([tau, tau[-1:]]), [s.read(truth) for s in f.sensors])
-    return off(a, found.q, truth) / MOTION
+    error = off(a, found.q, truth) / MOTION
+    if error > 1 and said:
+        raise Warned(str(said[0].message))
+    return error
 
 
 def mpc(f: Feature) -> float:
@@ -251,11 +260,13 @@ def ways() -> dict[str, Callable[[Feature], float]]:
 
 
 def tried(f: Feature, way: Callable[[Feature], float]) -> tuple[str, str]:
-    """The outcome of a cell, "yes", "no", "void" or "WRONG", and its reason."""
+    """The outcome of a cell, "yes", "no", "warned", "void" or "WRONG", and its reason."""
     try:
         error = way(f)
     except NotApplicable as e:
         return "void", str(e)
+    except Warned as e:
+        return "warned", re.split(r"[.;] ", str(e))[0].strip()
     except (Refused, ValueError) as e:
         return "no", re.split(r"[.;] ", re.sub(r"^control\[0\] = \w+", "control", str(e)))[0].strip()
     except Exception as e:  # whatever goes wrong, the table tells
@@ -271,18 +282,18 @@ def told(cells: dict[tuple[str, str], tuple[str, str]], rows: list[str], columns
             reasons.setdefault((outcome, why), []).append(at)
     letters = [a + b for a in ("", *"abc") for b in "abcdefghijklmnopqrstuvwxyz"]
     mark = {key: letter for key, letter in zip(sorted(reasons, key=lambda k: -len(reasons[k])), letters, strict=False)}
-    shape = {"no": "{}", "void": "({})", "WRONG": "**✗ {}**"}
+    shape = {"no": "{}", "warned": "! {}", "void": "({})", "WRONG": "**✗ {}**"}
     lines = [f"| | {' | '.join(columns)} |", "|-" * (len(columns) + 1) + "|"]
     for row in rows:
         marks = ["yes" if cells[row, c][0] == "yes" else shape[cells[row, c][0]].format(mark[cells[row, c]])
                  for c in columns]  # fmt: skip
         lines.append(f"| {row} | {' | '.join(marks)} |")
-    count = {k: sum(outcome == k for outcome, _ in cells.values()) for k in ("yes", "no", "WRONG", "void")}
+    count = {k: sum(outcome == k for outcome, _ in cells.values()) for k in ("yes", "no", "warned", "WRONG", "void")}
     most = len(cells) - count["void"]
-    share = {k: f"{count[k]} ({100 * count[k] / most:.1f} %)" for k in ("yes", "no", "WRONG")}
+    share = {k: f"{count[k]} ({100 * count[k] / most:.1f} %)" for k in ("yes", "no", "warned", "WRONG")}
     lines += ["", f"Of {len(cells)} pairs {count['void']} mean nothing. Of the other {most}, {share['yes']} work, "
-              f"{share['no']} are refused, and {share['WRONG']} are wrong.", ""]  # fmt: skip
-    kinds = {"no": "refused", "void": "means nothing", "WRONG": "wrong"}
+              f"{share['no']} are refused, {share['warned']} warn, and {share['WRONG']} are wrong.", ""]  # fmt: skip
+    kinds = {"no": "refused", "warned": "warns", "void": "means nothing", "WRONG": "wrong"}
     lines += ["| | pairs | | reason |", "|-|-|-|-|"]
     lines += [f"| {letter} | {len(reasons[key])} | {kinds[key[0]]} | {key[1].replace('|', '/')} |"
               for key, letter in mark.items()]  # fmt: skip

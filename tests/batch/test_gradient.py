@@ -206,7 +206,9 @@ def test_scenarios_have_their_own_arms() -> None:
     r = fa.rollout(arms, q.reshape(4, 8), v.reshape(4, 8), tau.reshape(4, 5, 8), **more)
     w = rng.normal(size=(2, 2, 6, 8))
     rows = r.q.reshape(2, 2, 6, 8), r.v.reshape(2, 2, 6, 8)
-    many = fa.rollout_gradient(arms, *rows, tau, w, **more, parameters=PATHS, workers=2)
+    told: list[int] = []
+    many = fa.rollout_gradient(arms, *rows, tau, w, **more, parameters=PATHS, workers=2, progress=told.append)
+    assert told[-1] == len(arms) and told == sorted(told)
     for k in range(4):
         i = divmod(k, 2)
         one = fa.rollout_gradient(arms[k], r.q[k], r.v[k], tau[i], w[i], **more, parameters=PATHS)

@@ -169,7 +169,7 @@ def test_energy_over_a_run() -> None:
     q0 = np.r_[0.0, bent(modes, 5.0)]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        r = fa.simulate(arm, np.linspace(0, 0.1, 6), q0, integrator="gauss", step=2e-3)
+        r = fa.simulate(arm, np.linspace(0, 0.1, 6), q0, integrator="gauss", step=2e-4)
     energy = np.sum(r.energy(), axis=0)
     np.testing.assert_allclose(energy, energy[0], rtol=1e-7)
     assert np.ptp(r.q, axis=0).max() > 1

@@ -110,7 +110,7 @@ def test_motors_brake_and_joints_spring() -> None:
     loop = fa.closed_loop(rigid(), fa.PD(3.0, 0.2, motor=motor))
     gain = motor.gain
     has(loop.poles, np.roots([INERTIA, gain * 0.2 + motor.braking, gain * 3.0]))
-    assert [c.name for c in loop.channels] == ["control[0]"]  # the back-EMF is no loop of ours
+    assert [c.name for c in loop.channels] == ["PD of 'link 0 revolute'"]  # the back-EMF is no loop of ours
 
 
 def test_state_feedback_has_the_poles_it_was_designed_for() -> None:
@@ -176,10 +176,26 @@ def test_margins_print_as_a_table_with_units() -> None:
     phase = np.arctan(kd * w / kp)
     head, row = str(loop.margins[0]).splitlines()
     assert re.split(r"  +", head) == ["loop at", "gain, from", "to", "phase (deg)", "at (rad/s)", "delay (ms)"]
-    assert row.split()[:3] == ["control[0]", "0", "inf"]
-    assert [float(x) for x in row.split()[3:]] == pytest.approx([np.degrees(phase), w, 1e3 * phase / w], rel=1e-3)
+    name, *cells = re.split(r"  +", row)
+    assert name == "PD of 'link 0 revolute'" and cells[:2] == ["0", "inf"]
+    assert [float(x) for x in cells[2:]] == pytest.approx([np.degrees(phase), w, 1e3 * phase / w], rel=1e-3)
     assert f"{head}\n{row}\n{loop.robustness}" in str(loop)
-    assert repr(loop.margins[0]).startswith("Margins(name='control[0]', gain=(")
+    assert repr(loop.margins[0]).startswith("""Margins(name="PD of 'link 0 revolute'", gain=(""")
+
+
+def test_channels_have_the_names_of_their_joints() -> None:
+    """Two of one name have what tells them apart."""
+    body = fa.RigidBody(1.0, inertia=(0.1, 0.1, 0.1), end=(0.3, 0, 0))
+    arm = fa.Arm([fa.Link(fa.Revolute("z", name="shoulder"), body), fa.Link(fa.Revolute("z", name="elbow"), body)])
+    D = [[9.0, 0, 3, 0], [0, 9.0, 0, 3]]
+    both = fa.LinearController(np.zeros((0, 0)), np.zeros((0, 4)), np.zeros((2, 0)), D, rate=100, actuate=[0, 1])
+    laws = [fa.PD(5, 1, link="elbow"), both, fa.PD(1, 1, link="elbow")]
+    assert [c.name for c in fa.closed_loop(arm, laws).channels] == [
+        "PD of 'elbow' (control[0])", "PD of 'elbow' (control[2])",
+        "LinearController of 'shoulder'", "LinearController of 'elbow'",
+    ]  # fmt: skip
+    with pytest.warns(fa.LoopWarning, match=r"the loop of PD of 'elbow' feeds energy in"):
+        fa.simulate(arm, np.linspace(0, 2, 21), v0=[0, 1e-3], control=fa.PD(5, -1, link="elbow"))
 
 
 @pytest.mark.parametrize("law", [{}, {"delay": True, "rate_effort": 1e-4}])

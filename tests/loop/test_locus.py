@@ -253,6 +253,12 @@ def test_a_bode_diagram_begins_a_decade_below_what_matters() -> None:
     assert begins(0.3 + 0 * s) == w[0]  # nothing matters: all
 
 
+def test_a_locus_tells_how_far_it_is() -> None:
+    told: list[int] = []
+    fa.closed_loop(rigid(), sampled_pd(20.0, 5.0, 100.0)).locus(np.geomspace(0.1, 5, 7), progress=told.append)
+    assert told == [1, 2, 3, 4, 5, 6, 7]
+
+
 def test_a_short_locus_has_labels_enough(tmp_path) -> None:
     fig = fa.closed_loop(rigid(), sampled_pd(20.0, 5.0, 100.0)).locus(np.geomspace(0.1, 5, 20)).plot()
     fig.savefig(tmp_path / "locus.png")

@@ -36,7 +36,7 @@ def said(run) -> str:
 
 
 def is_the_loops(text: str) -> None:
-    assert "control[0]" in text and ("feeds energy in" in text or "is unstable" in text), text
+    assert "of 'link 0 revolute'" in text and ("feeds energy in" in text or "is unstable" in text), text
     for remedy in ("smaller step", "take order", "take a", "a larger"):
         assert remedy not in text, text
 

@@ -88,3 +88,39 @@ def test_a_damper_has_a_limit_too() -> None:
         warnings.simplefilter("error")
         r = fa.simulate(arm, step=0.99 * limit, **run)
     assert r.q[-1, 0] == pytest.approx(1e-14, rel=1e-6)
+
+
+def test_an_arm_that_turns_has_a_lower_limit() -> None:
+    """Its centrifugal forces stiffen the beam: 208 rad/s at rest, 790 rad/s at 300 rad/s. Steps of 3.8 ms lost 13 J of
+    the 4892 J without a word."""
+    beam = fa.Beam(0.5, fa.Rectangle(0.001, 0.02), fa.Material(7850, 210e9, 0.3), {"bending_y": 2}, "legendre", 2)
+    hub = fa.RigidBody(1.0, inertia=(0.1, 0.1, 0.1), end=(0.05, 0, 0))
+    arm, t = fa.Arm([fa.Link(fa.Revolute("z"), hub, beam)]), np.linspace(0, 1, 11)
+    w = arm.modes(speed={0: 300.0}).frequencies.max()
+    limit = np.sqrt(8) / w
+    said = rf"at t = .* s, where the joints move at up to 300 .* here {w:.3g} rad/s of .*: below {limit:.3g} s"
+    start = {"v0": [300.0, 1e-6, 0.0], "integrator": "rk4"}
+    with pytest.warns(fa.StepWarning, match=said):
+        fa.simulate(arm, t, step=3.8e-3, **start)
+    with pytest.warns(fa.StepWarning, match="where the joints move at up to"):
+        fa.rollout(arm, arm.zero, start["v0"], step=3.8e-3, nstep=250, every=25, integrator="rk4")
+    with pytest.warns(fa.StepWarning, match="where the joints move at up to"):
+        fa.simulate_batch(arm, t, v0=np.tile(start["v0"], (2, 1)), step=3.8e-3, integrator="rk4")
+    fa.simulate(arm, t, step=0.98 * limit, **start)
+
+    def soon(t: float, q: np.ndarray, v: np.ndarray) -> float:
+        return t - 0.01
+
+    soon.terminal = True  # type: ignore[attr-defined]
+    assert len(fa.simulate(arm, t, step=3.8e-3, events=soon, **start).t) == 1  # a row alone tells no time
+
+
+def test_a_run_through_a_singular_pose_is_told() -> None:
+    """Where the second axis of the joint makes the first and the last one parallel, the mass matrix is singular: rk4
+    stepped over it, from 3.2 J to 5.4e12 J."""
+    first = fa.RigidBody(0.5, (0.2, 0.05, 0.03), (0.01, 0.02, 0.03), (0.3, 0, 0))
+    second = fa.RigidBody(0.6, (0.4, 0.05, 0.1), (0.05, 0.12, 0.13))
+    links = [fa.Link(fa.Axes(["tx", "ry", "rx", "tz"]), first), fa.Link(fa.Revolute((0.3, -0.36, -1.3)), second)]
+    start = {"q0": [0, 0.3, 0, 0, 0.2], "v0": [0.1, 3.0, 0.5, 0.2, -1.0]}
+    with pytest.warns(fa.StepWarning, match="where the joints move at up to"):
+        fa.simulate(fa.Arm(links, (-1, -5, 8)), np.linspace(0, 1, 11), **start, integrator="rk4", step=10**-4.5)

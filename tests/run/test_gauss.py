@@ -228,7 +228,8 @@ def test_a_solution_far_off_is_none(step: float) -> None:
     )
     start = np.zeros(10)
     start[[0, 1, 2, 5, 6, 7]] = 2.675e-2, -8.75e-4, -2.87e-4, -0.1556, -1.67e-3, -1.48e-4
-    r = fa.simulate(arm, np.linspace(0, 0.2, 11), start, integrator="gauss", step=step)
+    with pytest.warns(fa.StepWarning, match="had to be halved"):
+        r = fa.simulate(arm, np.linspace(0, 0.2, 11), start, integrator="gauss", step=step)
     total = sum(r.energy()[:2])
     assert r.stats["failed_steps"] > 0
     np.testing.assert_allclose(total, total[0], rtol=0.05)
@@ -248,3 +249,17 @@ def test_forces_that_begin_at_once_are_no_solution_far_off() -> None:
     ):
         r = fa.simulate(arm, t, integrator="gauss", step=0.01, **given)
         assert r.stats["failed_steps"] == 0
+
+
+def test_many_halved_steps_are_told() -> None:
+    """Three rods that whirl: of steps of 20 ms most are halved, and the others hide that the angles are wrong."""
+    rod = fa.RigidBody(1.0, (0.3, 0, 0), (0.01, 0.01, 0.01), (0.3, 0, 0))
+    arm, t = fa.Arm([fa.Link(fa.Revolute("y"), rod)] * 3), np.linspace(0, 0.5, 21)
+    v = [100.0, -100.0, 150.0]
+    truth = fa.simulate(arm, t, v0=v, rtol=1e-11, atol=1e-13)
+    with pytest.warns(fa.StepWarning, match=r"step = 0.02: .* halved \d+ times, in \d+ steps.*smaller step") as w:
+        coarse = run(arm, t, 0.02, v0=v)
+    assert f"{coarse.stats['failed_steps']} times" in str(w[0].message) and w[0].filename == __file__
+    assert np.abs(coarse.q[-1] - truth.q[-1]).max() > 0.1
+    fine = run(arm, t, 5e-3, v0=v)
+    assert np.abs(fine.q[-1] - truth.q[-1]).max() < 1e-3

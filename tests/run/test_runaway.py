@@ -101,7 +101,7 @@ def test_a_sampled_loop_is_named_above_its_limit_and_not_below(integrator: str, 
     """kd h / I = 2: the rate is multiplied by 1 - kd h / I from sample to sample."""
     t, v0 = np.linspace(0, 2, 101), [0.1]
     fa.simulate(rigid(), t, v0=v0, control=damper(1.95, compiled=compiled), **steps(integrator))  # warnings are errors
-    said = r"control\[0\], sampled every 0.01 s, .* z = -1.1; .* below 0.95 of .*, or sampled every 0.005 s"
+    said = r"of 'link 0 revolute', sampled every 0.01 s, .* z = -1.1; .* below 0.95 of .*, or sampled every 0.005 s"
     with pytest.warns(fa.LoopWarning, match=said) as w:
         fa.simulate(rigid(), t, v0=v0, control=damper(2.1, compiled=compiled), **steps(integrator))
     assert w[0].message.control == 0 and w[0].message.growth == pytest.approx(np.log(1.1) / 0.01)
@@ -142,7 +142,7 @@ def test_a_loop_with_a_reference_that_steps_is_named() -> None:
 
 def test_two_loops_that_are_stable_alone_are_named_together() -> None:
     t = np.linspace(0, 2, 101)
-    with pytest.warns(fa.LoopWarning, match=r"loop of control\[0\] and control\[1\]"):
+    with pytest.warns(fa.LoopWarning, match=r"loop of Sampled .*\(control\[0\]\) and Sampled .*\(control\[1\]\)"):
         fa.simulate(rigid(), t, v0=[0.1], control=[damper(1.2), damper(0.95)])
 
 
@@ -221,7 +221,7 @@ def test_a_run_with_control_that_fails_before_its_law_is_known_points_at_the_loo
 def test_batches_name_a_loop_that_grows_without_failing() -> None:
     """In lanes as by `simulate`: they were silent but for scenarios that failed."""
     t, law, v0 = np.linspace(0, 2, 51), fa.PD(5.0, -1.0, reference=0.1), [[0.1], [0.2]]
-    said = r"scenario 0: the loop of control\[0\] feeds energy in: .* 1.43 \+- 3.5i 1/s"
+    said = r"scenario 0: the loop of PD of 'link 0 revolute' feeds energy in: .* 1.43 \+- 3.5i 1/s"
     with pytest.warns(fa.LoopWarning, match=said):
         r = fa.simulate_batch(rigid(), t, v0=v0, control=law, integrator="implicit", step=1e-3)
     assert r.stats["engine"] == "steps" and not r.failures
@@ -235,7 +235,7 @@ def test_batches_name_a_loop_that_grows_without_failing() -> None:
 def test_strain_feedback_with_the_wrong_sign_is_named(integrator: str) -> None:
     """The tip was 1.3 km away, and status 0."""
     law = fa.StrainFeedback(2.0, 0.05, 2.0, x=0.0, reference=0.3)
-    with pytest.raises(fa.SimulationError, match=r"control\[0\] feeds energy in.*pole is .* 1/s; .*bent by"):
+    with pytest.raises(fa.SimulationError, match=r"of 'link 0 revolute' feeds energy in.*pole is .* 1/s; .*bent by"):
         fa.simulate(paper_link(1), np.linspace(0, 20, 201), control=law, **steps(integrator))
 
 
@@ -265,12 +265,12 @@ def test_batches_name_the_loop_of_a_scenario_that_fails() -> None:
         return fa.StrainFeedback(2.0, 0.05, k, x=0.0, reference=0.1)
 
     t = np.linspace(0, 3, 4)
-    with pytest.warns(fa.LoopWarning, match=r"scenario 1: the loop of control\[0\] feeds energy in"):
+    with pytest.warns(fa.LoopWarning, match="scenario 1: the loop of StrainFeedback of 'link 0 .* feeds energy in"):
         runs = fa.simulate_batch(arm, t, control=law(1.0), parameters={"control.0.ks": ks}, step=1e-3)
     rolled = fa.rollout(arm, arm.zero, step=1e-3, nstep=3000, control=[[law(k)] for k in ks])
     for failures in (runs.failures, rolled.failures):
         assert [f.index for f in failures] == [1]
-        assert "control[0] feeds energy in" in failures[0].reason and "bent by" in failures[0].reason
+        assert "of 'link 0 revolute' feeds energy in" in failures[0].reason and "bent by" in failures[0].reason
 
 
 def test_a_position_loop_with_the_wrong_sign() -> None:

@@ -43,11 +43,12 @@ class Tap:
 
 @dataclass
 class HeldLaw:
-    """A sampled law of controller `control`: x+ = A x - B y, u = C x - D y. `columns` u (nv, nu) are its forces, held,
-    `delay` (s), one for all or one for each of u, behind the sample. It is linear while |u| is below `limit`
-    (nu,), of its own and of the motors at its joints."""
+    """A sampled law of controller `control`, of the class `kind`: x+ = A x - B y, u = C x - D y. `columns` u (nv, nu)
+    are its forces, held, `delay` (s), one for all or one for each of u, behind the sample. It is linear while |u| is
+    below `limit` (nu,), of its own and of the motors at its joints."""
 
     control: int
+    kind: str
     A: Array
     B: Array
     C: Array
@@ -67,11 +68,12 @@ class HeldLaw:
 
 @dataclass
 class RunningLaw:
-    """A law without samples: u = -(by_q q + by_v v), `column` u its forces (nv,). Behind the arm's coordinates stand
-    the states of controllers: their rates are the states. `acts`: not so of a motor's back-EMF, which is the arm's
-    own, nor of what goes into a controller's state."""
+    """A law without samples, `control` and `kind` as of HeldLaw: u = -(by_q q + by_v v), `column` u its forces (nv,).
+    Behind the arm's coordinates stand the states of controllers: their rates are the states. `acts`: not so of a
+    motor's back-EMF, which is the arm's own, nor of what goes into a controller's state."""
 
     control: int
+    kind: str
     column: Array
     by_q: Array
     by_v: Array
@@ -99,7 +101,8 @@ def running_laws(
             brakes = motor is not None and not np.any(by_q) and np.array_equal(by_v, motor.braking * column)
             acts = bool(np.any(column[: arm.nv])) and not brakes
             limit = float(reach_of(arm, column[:, None], law.limit)[0])
-            found.append(RunningLaw(k, padded(column, nv), padded(by_q, nq), padded(by_v, nv), limit, acts))
+            rows = padded(column, nv), padded(by_q, nq), padded(by_v, nv)
+            found.append(RunningLaw(k, type(c).__name__, *rows, limit, acts))
         first += c.memory
     felt = np.zeros(total, dtype=bool)
     for _ in range(total):
@@ -159,12 +162,12 @@ def held_law(
     Raises:
         NoLinearLaw: it has no derivative there, or a memory that is not linear.
     """
-    delay, law = sampled[-1].delay, sampled[-1].law
+    delay, law, kind = sampled[-1].delay, sampled[-1].law, type(c).__name__
     rate = getattr(c, "rate", None) or 1.0 / sampled[-1].period
     if isinstance(law, getattr(_core, "Mpc", ())):
-        return _predictive(arm, k, law, q, v, t, rate, delay)
+        return _predictive(arm, k, kind, law, q, v, t, rate, delay)
     if not isinstance(c, Sampled):
-        return _of_state(arm, k, law, q, v, t, rate, delay)
+        return _of_state(arm, k, kind, law, q, v, t, rate, delay)
     taps, y0, bounded = taps_of(arm, c, q, v, loads)
     columns = gain_of(c.motor) * np.array(c._columns(arm)).T
     if isinstance(c, LinearController):
@@ -178,7 +181,8 @@ def held_law(
         matrices = found
     else:
         matrices = _asked(f"control[{k}]", c.law, y0, t, rate, columns.shape[1])
-    return HeldLaw(k, *matrices, taps, columns, rate, delay, reach_of(arm, columns, 0.0 if bounded else c.limit))
+    limit = reach_of(arm, columns, 0.0 if bounded else c.limit)
+    return HeldLaw(k, kind, *matrices, taps, columns, rate, delay, limit)
 
 
 def _asked(name: str, law: Any, y0: Array, t: float, rate: float, nu: int) -> tuple[Array, Array, Array, Array]:
@@ -229,7 +233,9 @@ def _asked(name: str, law: Any, y0: Array, t: float, rate: float, nu: int) -> tu
     return found
 
 
-def _of_state(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate: float, delay: float) -> HeldLaw:
+def _of_state(
+    arm: Chain, k: int, kind: str, law: Any, q: Array, v: Array, t: float, rate: float, delay: float
+) -> HeldLaw:
     """A law (t, q, v, a) -> forces of another kind, by its differences about the state."""
     state, zero = np.concatenate([q, v]), np.zeros(arm.nv)
 
@@ -242,10 +248,13 @@ def _of_state(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate: 
     A, B, C, D = _asked(f"control[{k}]", ask, state, t, rate, arm.nv)
     acts = np.flatnonzero(np.any(C, axis=1) | np.any(D, axis=1))
     taps = [Tap(row[: arm.nq], row[arm.nq :], zero) for row in np.eye(state.size)]
-    return HeldLaw(k, A, B, C[acts], D[acts], taps, np.eye(arm.nv)[:, acts], rate, delay, torque_limits(arm)[acts])
+    columns, limit = np.eye(arm.nv)[:, acts], torque_limits(arm)[acts]
+    return HeldLaw(k, kind, A, B, C[acts], D[acts], taps, columns, rate, delay, limit)
 
 
-def _predictive(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate: float, delay: float) -> HeldLaw:
+def _predictive(
+    arm: Chain, k: int, kind: str, law: Any, q: Array, v: Array, t: float, rate: float, delay: float
+) -> HeldLaw:
     """Predictive control about a state, where its plan has come to rest, by differences. It remembers its last inputs,
     from which the rates of the next ones count, or which act until then: u = C u_last - D y."""
     state = np.concatenate([q, v])
@@ -270,4 +279,5 @@ def _predictive(arm: Chain, k: int, law: Any, q: Array, v: Array, t: float, rate
     now, later = (np.array([pair[i] for pair in moved]) for i in (0, 1))
     C: Array = np.linalg.lstsq(now, later, rcond=1e-9)[0].T.astype(float)
     taps = [Tap(row[: arm.nq], row[arm.nq :], np.zeros(arm.nv)) for row in np.eye(state.size)]
-    return HeldLaw(k, C, -now.T, C, -now.T, taps, law.forces, rate, delay, reach_of(arm, law.forces, np.inf))
+    limit = reach_of(arm, law.forces, np.inf)
+    return HeldLaw(k, kind, C, -now.T, C, -now.T, taps, law.forces, rate, delay, limit)

@@ -163,6 +163,12 @@ def _guilty(loop: Hybrid, own: Sequence[int], of: _Growths) -> list[int]:
     return list(own)
 
 
+def _controller(loop: Hybrid, k: int) -> str:
+    """Controller k, in words."""
+    mine = [c for c in loop.channels if c.control == k]
+    return mine[0].name if len(mine) == 1 else f"{mine[0].kind} of {', '.join(dict.fromkeys(c.at for c in mine))}"
+
+
 def _named(loop: Hybrid, of: _Growths) -> LoopWarning | None:
     """The warning that a loop deserves; None where it does not grow, or the arm grows by itself as fast, and no share
     of the gains keeps it from that."""
@@ -177,7 +183,7 @@ def _named(loop: Hybrid, of: _Growths) -> LoopWarning | None:
 
     if poles[0].real <= 1.05 * of.bare + of.grown and _stable_shares(growth, of.quiet) is None:
         return None
-    how, names = _remedy(growth, of), " and ".join(f"control[{k}]" for k in named)
+    how, names = _remedy(growth, of), " and ".join(_controller(loop, k) for k in named)
     chosen = [x for x in loop.held if x.control in named]
     if not chosen:
         return LoopWarning(

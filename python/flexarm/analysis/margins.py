@@ -25,7 +25,7 @@ class Margins:
     """How far one output of a controller is from instability, its loop broken there, all others closed.
 
     Attributes:
-        name: such as "control[0]".
+        name: of the channel, such as "PD of 'elbow'".
         gain: (low, high): the loop is stable while this output is multiplied by a factor between them; 0 and inf where
             there is no limit. nan, as all else, where the loop is unstable.
         gain_frequency: of the motion that is lost at each (rad/s), nan where there is no limit.

@@ -238,14 +238,18 @@ def small_motions(
         raise ValueError("lock: no coordinate is left to move")
     if not np.isfinite(arm._core.inverse_dynamics(q0, v0, np.zeros(arm.nv), *loads)).all():
         raise ValueError("speed, q: are too large, the forces there are not finite")
-    q0 = steady_state(arm, q0, v0, loads)
-    at = np.ix_(free, free)
-    still = np.zeros(arm.nv)
-    by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q0, v0, still, *loads))
-    _, _, E = arm._core.rates(q0, v0)  # dq = E v: small turns of a ball move its quaternion so
-    M, W = arm._core.mass_matrix(q0), turning(arm, v0)
+    about = motions_about(arm, steady_state(arm, q0, v0, loads), v0, loads)
+    M, G, K = (X[np.ix_(free, free)] for X in (about.M, about.G, about.K))
+    return replace(about, free=free, M=M, G=G, K=K)
+
+
+def motions_about(arm: Chain, q: Array, v: Array, loads: Any = ()) -> SmallMotions:
+    """Of all rates, about q (nq,) and v (nv,), whose accelerations are left out."""
+    by_q, by_v = (finite("inverse derivatives", x) for x in arm._core.inverse_derivatives(q, v, 0.0 * v, *loads))
+    _, _, E = arm._core.rates(q, v)  # dq = E v: small turns of a ball move its quaternion so
+    M, W = arm._core.mass_matrix(q), turning(arm, v)
     # dv = d(theta)/dt + W theta: a ball's turn theta is measured in axes that turn with it
-    return SmallMotions(arm, q0, free, M[at], (by_v + M @ W)[at], (by_q @ E + by_v @ W)[at])
+    return SmallMotions(arm, q, np.ones(arm.nv, bool), M, by_v + M @ W, by_q @ E + by_v @ W)
 
 
 def modes(

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 
 from .._check import Array, array, number
+from .._console import progress_bar
 from .._threads import each
 from ..acting.load import Load, at_time
 from ..acting.motor import torque_limits
@@ -116,6 +117,7 @@ def rollout_gradient(
     spectral_radius: float | None = None,
     parameters: Sequence[str] = (),
     workers: int | None = None,
+    progress: Any = False,
 ) -> Gradient:
     """Derivatives of a number that depends on the rows of a rollout by its start, its forces and parameters of the arm,
     by the adjoint method: backwards through the steps, at a cost that does not depend on how many forces there are.
@@ -129,6 +131,8 @@ def rollout_gradient(
         step, integrator, rtol, spectral_radius: those of the rollout.
         parameters: dotted paths of numbers of the arm, as of `simulate_batch`: "link.0.tip.mass", "gravity".
         workers: threads; None: one for each core.
+        progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the number of
+            scenarios done, and may raise to give up.
 
     Returns:
         Gradient.
@@ -163,7 +167,14 @@ def rollout_gradient(
         except ValueError as e:
             raise ValueError(f"{e}, in scenario {tuple(map(int, i))}" if batch else str(e)) from None
 
-    each(go_back, count, workers)
+    with progress_bar(progress, "going back", count) as bar:
+
+        def show() -> None:
+            if bar is not None:
+                bar(count - found.count(None))
+
+        each(go_back, count, workers, show)
+        show()
     q0, v0, forces, by = zip(*found, strict=True) if found else ([], [], [], [])
 
     def whole(parts: Sequence[Array], tail: tuple[int, ...]) -> Array:

@@ -166,10 +166,17 @@ def out_of_range(arms: Sequence[Arm], t: Array, q: Array) -> Array:
     return found
 
 
-def warn_of_steps(integrator: str, arm: Arm, step: float | None, span: float, q: Array, held: Sequence[int]) -> None:
-    """StepWarning where an explicit integrator took steps above its limit; arguments as of `beyond_explicit`."""
+def warn_of_steps(
+    integrator: str, arm: Arm, step: float | None, span: float, q: Array, held: Sequence[int],
+    rows: tuple[Array, Array, Array] | None,
+) -> None:  # fmt: skip
+    """StepWarning where an explicit integrator took steps above its limit; arguments as of `beyond_explicit`, with rows
+    of nan that were not reached."""
     if INTEGRATORS[integrator].explicit and step is not None:
-        blown = beyond_explicit(arm, step, span, q, held)
+        if rows is not None:
+            there = np.isfinite(rows[1]).all(axis=1) & np.isfinite(rows[2]).all(axis=1)
+            rows = rows[0][there], rows[1][there], rows[2][there]
+        blown = beyond_explicit(arm, step, span, q, held, rows)
         if blown is not None:
             warnings.warn(blown, stacklevel=outside())
 
@@ -315,5 +322,6 @@ def rollout(
     elif beyond.size and not SILENT.get():
         i = int(beyond[0])
         warnings.warn(range_warning(arms[i % len(arms)], ranges[i], f"scenario {i}: "), stacklevel=outside())
-    warn_of_steps(integrator, one, step, float(schedule.ends[-1]), q[0], list(moved))
+    first = t, result.q[0], result.v[0]
+    warn_of_steps(integrator, one, step, float(schedule.ends[-1]), q[0], list(moved), first)
     return result

@@ -227,14 +227,15 @@ def simulate_batch(
         loop = _loop_of(job, i, float(held["reached"][i]))
         worst = range_warning(job.variation.scenario(i).arm, held["out_of_range"][i], f"scenario {i}: ")
         warnings.warn(worst if loop is None else loop.of(f"scenario {i}"), stacklevel=2)
-    warn_of_first(job)
+    warn_of_first(job, held)
     return result
 
 
-def warn_of_first(job: Job) -> None:
-    """See `warn_of_steps`, of the first scenario's arm."""
+def warn_of_first(job: Job, held: Mapping[str, Any]) -> None:
+    """See `warn_of_steps`, of the first scenario's arm, and its rows if they are held."""
     s, q0, prescribed = _start(job, 0)
-    warn_of_steps(job.integrator, s.arm, job.step, float(job.t[-1] - job.t[0]), q0, prescribed)
+    rows = (job.kept_times, held["q"][0], held["v"][0]) if {"q", "v"} <= held.keys() else None
+    warn_of_steps(job.integrator, s.arm, job.step, float(job.t[-1] - job.t[0]), q0, prescribed, rows)
 
 
 def _loop_of(job: Job, i: int, reached: float) -> LoopWarning | None:

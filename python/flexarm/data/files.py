@@ -14,6 +14,7 @@ import numpy as np
 from .._check import Array, named
 from .._console import csv_text
 from ..store.files import Refused, check_digest, digest, sealed, unsealed, write_whole, zipped
+from ..store.hdf5 import texts
 from .units import titled
 
 CSV, HDF5, MAT, NPZ = (".csv", ".txt"), (".h5", ".hdf5"), (".mat",), (".npz",)
@@ -71,25 +72,20 @@ def write_hdf5(path: Path, arrays: Mapping[str, Array], titles: Titles, about: A
             raise ValueError(f"columns: {name!r} is no name for HDF5, where 'a/b' is 'b' in the group 'a'")
         return name
 
-    def text(words: Sequence[str]) -> Any:
-        # of fixed length: where one of variable length is damaged, the library may read on for ever
-        raw = [word.encode() for word in words]
-        return np.array(raw, h5py.string_dtype("utf-8", max(map(len, [*raw, b" "]))))
-
     def write(file: Any) -> None:
         # a version whose own tables have checksums, and whose attributes may be long
         with h5py.File(file, "w", libver=("v108", "v108"), track_order=True) as f:
             f.attrs["digest"] = digest(about, arrays)
             if about is not None:
-                f["about"] = text([json.dumps(about)])
+                f["about"] = texts([json.dumps(about)])
             for name, x in arrays.items():
                 packed = {"fletcher32": True, "compression": "gzip"} if x.size else {}
                 made = f.create_dataset(check(name), data=x, **packed)
                 titled = titles.get(name, ())
                 if x.ndim == 1 and titled:
-                    made.attrs["unit"] = text([titled[0][1]])[0]
+                    made.attrs["unit"] = texts([titled[0][1]])[0]
                 elif titled:
-                    made.attrs["columns"], made.attrs["units"] = (text(part) for part in zip(*titled, strict=True))
+                    made.attrs["columns"], made.attrs["units"] = (texts(part) for part in zip(*titled, strict=True))
 
     write_whole(path, write, "path")
 

@@ -112,7 +112,10 @@ def plot_loop(s: NDArray[np.complex128], z: Any, curves: Sequence[tuple[Any, Any
     if len(curves) <= _FEW:
         gain.legend(frameon=False, fontsize=9, loc="lower left")
     else:  # it would hide the curves
-        fig.legend(*gain.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
+        longest = max(len(m.name) for m, _, _ in curves)
+        ncols = min(6, max(1, 165 // (longest + 8)))  # of the figure's width, by letters
+        handles = gain.get_legend_handles_labels()
+        fig.legend(*handles, loc="outside lower center", ncols=ncols, frameon=False, fontsize=9)
     return fig
 
 

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import Array, array, number
+from .._check import Array, array, number, outside
 from ..arm import Arm
+from ..parts.part import ModelWarning
 from ..sensing.reading import Reading
 from ..sensing.sensor import Sensor
 from .estimate import Estimate
@@ -69,6 +70,9 @@ class KalmanFilter:
 
     Raises:
         ValueError: naming the field and the value.
+
+    Warns:
+        ModelWarning: the arm's own joints have dry friction, whose sticking the filter does not have.
     """
 
     def __init__(
@@ -128,6 +132,14 @@ class KalmanFilter:
             _each("v_std", v_std, arm.nv),
         ]
         self.reset()
+        links = zip(arm.joint_names, arm.links, strict=True)
+        rubs = [name for name, link in links if np.any(link.joint.coulomb) or np.any(link.joint.stiction)]
+        if rubs:
+            warnings.warn(ModelWarning(
+                f"dry friction of {', '.join(map(repr, rubs))}: where it holds a joint still, the filter's creeps: its "
+                f"friction is smooth, without stiction. Readings must hold it there: give each such joint a sensor, "
+                f"and a force_noise that allows for its friction"
+            ), stacklevel=outside())  # fmt: skip
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies go on from where it is."""

@@ -253,7 +253,7 @@ class ClosedLoop:
         Variation(self._setup, {path: np.zeros(1)})  # which names what is near
         raise ValueError(f"over = {path!r}: is no number that can vary")
 
-    def locus(self, values: ArrayLike, over: str = "gain") -> Locus:
+    def locus(self, values: ArrayLike, over: str = "gain", progress: Any = False) -> Locus:
         """Poles over a parameter: a root locus.
 
         Args:
@@ -261,11 +261,13 @@ class ClosedLoop:
             over: "gain": a factor of all outputs of the controllers. "rate": the rate of the fastest sampled law (Hz);
                 those of all others change in proportion. Or a path as `simulate_batch(parameters=)` has it:
                 "control.0.kp", "control.0.rate", "control.0.delay", "link.0.tip.mass", "link.forearm.tip.mass".
+            progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the
+                number of values done, and may raise to give up.
 
         Returns:
             Locus: `.values`, `.poles`, `.crossings`, `.plot()`.
         """
-        return locus_of(self._poles_over(over)[0], array("values", values), over)
+        return locus_of(self._poles_over(over)[0], array("values", values), over, progress)
 
     def limits(self, over: str = "gain") -> Limits:
         """Between which values of a parameter the loop is stable, by root finding on its poles.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from .._check import Array
+from .._console import progress_bar
 from ..analysis.hybrid import Complex
 from ..analysis.margins import first_crossing, stable
 from ..draw.loop import plot_locus
@@ -101,15 +102,18 @@ def _followed(before: Complex, now: Complex) -> Complex:
     return out
 
 
-def locus_of(poles: Poles, values: Array, over: str) -> Locus:
+def locus_of(poles: Poles, values: Array, over: str, progress: Any) -> Locus:
     """See ClosedLoop.locus."""
     if values.ndim != 1 or values.size < 2 or not (np.diff(values) > 0).all():
         raise ValueError("values: must be at least two numbers that increase")
     rows: list[Complex] = []
-    for value in values:
-        now = poles(float(value))
-        now = np.where(np.isfinite(now), now, np.nan + 0j)
-        rows.append(_followed(rows[-1], now) if rows else now)
+    with progress_bar(progress, "following poles", values.size) as bar:
+        for value in values:
+            now = poles(float(value))
+            now = np.where(np.isfinite(now), now, np.nan + 0j)
+            rows.append(_followed(rows[-1], now) if rows else now)
+            if bar is not None:
+                bar(len(rows))
     most = max(len(row) for row in rows)
     whole = np.array([np.concatenate([row, np.full(most - len(row), np.nan + 0j)]) for row in rows])
     found, good = [], [stable(row[~np.isnan(row)]) for row in rows]

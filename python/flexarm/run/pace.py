@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from .._check import Array, outside
-from ..analysis.modes import small_motions
+from ..analysis.modes import motions_about, small_motions
 from ..arm import Arm
 from ..parts.beam import STRAINS
 
 _HASTY = 20  # so many switches of one joint within a step of another may be: it turns, or is torn loose again
+_FEW, _OFTEN = 30, 0.1  # so many steps, and that part of all, may be halved: a pulse or a start costs some
 _BLOWN = 20.0  # logarithm of a growth that makes rounding errors felt
+_TURNED = 0.3  # step times rate of a joint: less of it changes the limit of rk4's steps by less than a hundredth
+_AS_FAST = 0.9  # of a run's largest rate: rates that are like it
 _UNRESOLVED = 3.0  # step times frequency: a step is half a period
 _LOUD = 1e-6  # of the energy of what steps follow: what they do not follow, and is louder, stops an iteration
 _MANY = 2e5  # steps of a whole run, from which on it is looked at what they follow
@@ -46,10 +49,11 @@ class SlowWarning(UserWarning):
 
 class StepWarning(UserWarning):
     """Steps are too long: those of "rk4" are above its limit, and what oscillates fast has grown, and may be all that
-    is left of the motion; or dry friction switches again and again within a step.
+    is left of the motion; or dry friction switches again and again within a step; or many steps of "gauss" had to be
+    halved.
 
     Attributes:
-        step: the one given (s). growth: of the fastest motion, by one step; nan of friction.
+        step: the one given (s). growth: of the fastest motion, by one step of "rk4"; else nan.
     """
 
     def __init__(self, message: str, step: float, growth: float) -> None:
@@ -60,16 +64,22 @@ class StepWarning(UserWarning):
         return type(self), (str(self), self.step, self.growth)
 
 
-def explicit_limit(arm: Arm, step: float, q: Array, held: Sequence[int]) -> tuple[str, float]:
+def explicit_limit(
+    arm: Arm, step: float, q: Array, held: Sequence[int], v: Array | None = None
+) -> tuple[str, float]:
     """Words the limit of rk4's steps, of small motions of all rates but those `held`, about rest with the joints as in
-    q, stuck ones free to slide; and how much the fastest grows by one step. "" and 1.0 if these steps are below it."""
+    q, or about a motion at rates v; stuck joints are free to slide. And how much the fastest grows by one step. "" and
+    1.0 if these steps are below it."""
     free = ~np.isin(np.arange(arm.nv), held)
     if not free.any():
         return "", 1.0
     q = np.array(q)
-    q[[arm.coordinate_of(i) for i in _elastic(arm)]] = 0.0
     try:
-        motions = small_motions(arm._made(arm.links), q)
+        if v is None:
+            q[[arm.coordinate_of(i) for i in _elastic(arm)]] = 0.0
+            motions = small_motions(arm._made(arm.links), q)
+        else:
+            motions = motions_about(arm._made(arm.links), q, v)
         M, G, K = (X[np.ix_(free, free)] for X in (motions.M, motions.G, motions.K))
         modes = replace(motions, free=free, M=M, G=G, K=K).solve()
     except ValueError:
@@ -98,15 +108,27 @@ def _growth(z: Any) -> Array:
     return grown
 
 
-def beyond_explicit(arm: Arm, step: float, span: float, q: Array, held: Sequence[int]) -> StepWarning | None:
+def beyond_explicit(
+    arm: Arm, step: float, span: float, q: Array, held: Sequence[int], rows: tuple[Array, Array, Array] | None = None
+) -> StepWarning | None:
     """Warns where steps of rk4 above their limit (see explicit_limit) have made rounding errors felt in a run of `span`
-    (s)."""
+    (s): the limit about rest, or in rows (t, q, v) of the run that of the row at which its joints move fastest."""
     limit, growth = explicit_limit(arm, step, q, held)
+    when = ""
+    if rows is not None and len(rows[0]) > 1 and not np.log(growth) * span / step >= _BLOWN:
+        t, qs, v = rows
+        joints = np.setdiff1d(np.arange(arm.nv), _elastic(arm))
+        speed = np.abs(v[:, joints]).max(axis=1, initial=0.0)
+        k = int(speed.argmax())
+        if step * speed[k] > _TURNED:
+            limit, growth = explicit_limit(arm, step, qs[k], held, v[k])
+            span = float(np.gradient(t)[speed > _AS_FAST * speed[k]].sum())
+            when = f" at t = {t[k]:.4g} s, where the joints move at up to {speed[k]:.3g} rad/s or m/s,"
     if np.log(growth) * span / step < _BLOWN:
         return None
     return StepWarning(
-        f'integrator = "rk4", step = {step:g}: is above 2.83 over the highest frequency{limit}; what moves so fast '
-        f"grows {growth:.3g} times in every step",
+        f'integrator = "rk4", step = {step:g}: is{when} above 2.83 over the highest frequency{limit}; what moves so '
+        f"fast grows {growth:.3g} times in every step",
         step, growth,
     )  # fmt: skip
 
@@ -120,6 +142,19 @@ def hasty(integrator: str, step: float, switches: int, count: int) -> StepWarnin
         f'integrator = "{integrator}", step = {step:g}: dry friction switched {switches} times, {count} of them within '
         "a step behind another of the same joint: the joint follows a vibration too fast for the step, and the motion "
         'may be wrong; take a smaller step, or integrator="implicit"',
+        step, np.nan,
+    )  # fmt: skip
+
+
+def halved(integrator: str, step: float, stats: Mapping[str, int]) -> StepWarning | None:
+    """Warns where steps were halved so often, mostly because their equations could not be solved, that those which
+    were not may be too long as well."""
+    count, steps = stats["failed_steps"], stats["steps"]
+    if not count > max(_FEW, _OFTEN * steps):
+        return None
+    return StepWarning(
+        f'integrator = "{integrator}", step = {step:g}: steps had to be halved {count} times, in {steps} steps: '
+        "those that were not may be too long as well, and the motion wrong; compare it with a run of a smaller step",
         step, np.nan,
     )  # fmt: skip
 

@@ -22,7 +22,7 @@ from ..analysis.validity import SILENT, out_of_range
 from ..arm import Arm
 from ..parts.part import ModelWarning
 from .integrators import Integrator, integrator_of
-from .pace import beyond_explicit, explicit_limit, hasty, unbalanced
+from .pace import beyond_explicit, explicit_limit, halved, hasty, unbalanced
 from .parameter import Parameter
 from .problem import Problem
 from .result import Result
@@ -100,9 +100,12 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
     limits = failed or beyond is not None
     loop = run.unstable(span, limits) if limits or loops.has_grown(result.v) else None
     if not failed:
-        blown = integrator.explicit and beyond_explicit(run.arm, step, span, run.start["q0"], _held(run, result))
+        rows = result.t, result.q, result.v
+        held = _held(run, result)
+        blown = integrator.explicit and beyond_explicit(run.arm, step, span, run.start["q0"], held, rows)
         chatters = hasty(integrator.name, step, out["stats"].get("switches", 0), out["hasty"])
-        said = [loop] if SILENT.get() else [loop or beyond, blown or chatters]
+        often = halved(integrator.name, step, out["stats"]) if integrator.fixed and not loop else None
+        said = [loop] if SILENT.get() else [loop or beyond, blown or chatters or often]
         return [x for x in (*said, beyond_motor(run.arm, result, run.prescribed), *run.missed()) if x]
     failure, degrees = out["failure"], run.in_degrees()
     asked = f". {degrees}" if degrees else ""
@@ -194,8 +197,8 @@ def simulate(
             and the run has grown.
         PulseWarning: a callable has a pulse between two steps that no step has seen.
         SlowWarning: "ida" takes very many steps; it names the cause, if known, and the remedy, during the run.
-        StepWarning: steps of "rk4" above its limit, which is sought without control; dry friction that switches many
-            times within a step.
+        StepWarning: steps of "rk4" above its limit, which is sought without control, at rest and at the fastest row;
+            dry friction that switches many times within a step; many steps of "gauss" that had to be halved.
         WatchWarning: a quantity of `watch` has left its range.
         ModelWarning: a beam with too few shape functions for what it carries, or of a basis that does not suit it.
     """

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import threading
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +20,20 @@ from .files import Refused, check_space, named
 
 _BLOCK = 1 << 22  # bytes that are filled at once
 _ROOM = 1 << 18  # bytes for the library's own tables
+
+
+def texts(words: Sequence[str]) -> Any:
+    """Texts as they are put into a file: of fixed length. Those of variable length lie in a heap without checksums,
+    and where that is damaged, the library may read on for ever."""
+    import h5py
+
+    raw = [word.encode() for word in words]
+    return np.array(raw, h5py.string_dtype("utf-8", max(map(len, [*raw, b" "]))))
+
+
+def sealed_names(f: Any) -> list[str]:
+    """Of the data sets that are written once."""
+    return [n.decode() if isinstance(n, bytes) else str(n) for n in np.atleast_1d(f.attrs["sealed"])]
 
 
 def dataset(file: Any, name: str) -> Any:
@@ -81,8 +95,8 @@ def checksums(arrays: Mapping[str, Any]) -> NDArray[np.uint32]:
 
 def _seal(f: Any) -> int:
     """A checksum of what is written once, by names."""
-    found, names = 0, [str(n) for n in np.atleast_1d(f.attrs["sealed"])]
-    for name in names:
+    found = 0
+    for name in sealed_names(f):
         value = dataset(f, name)[()]
         found = zlib.crc32(value if isinstance(value, bytes) else np.ascontiguousarray(value).tobytes(), found)
         found = zlib.crc32(name.encode(), found)
@@ -124,7 +138,7 @@ def lay_out(
             # a version whose own tables have checksums, and that needs no clearing after a kill
             with h5py.File(temporary, "w", libver=("v108", "v108")) as f:
                 for name, value in small.items():
-                    f[name] = value
+                    f[name] = texts([value])[0] if isinstance(value, str) else value
                 make, place_in = h5py.h5p.create(h5py.h5p.DATASET_CREATE), h5py.h5p.create(h5py.h5p.LINK_CREATE)
                 make.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
                 make.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
@@ -132,7 +146,7 @@ def lay_out(
                 for name, (shape, kind, _) in large.items():
                     row, space = h5py.h5t.py_create(np.dtype(kind)), h5py.h5s.create_simple(shape)
                     h5py.h5d.create(f.id, name.encode(), row, space, make, place_in)
-                f.attrs["sealed"] = list(small)
+                f.attrs["sealed"] = texts(list(small))
                 f.attrs["seal"] = _seal(f)
                 f.flush()
                 offsets = {name: f[name].id.get_offset() for name in large}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .files import Refused, readable
 from .fingerprint import difference
-from .hdf5 import Laid, Place, check_seal, checksums, dataset, lay_out, place
+from .hdf5 import Laid, Place, check_seal, checksums, dataset, lay_out, place, sealed_names
 
 _DONE, _BEGUN = 1, 2
 _SMALL = 256  # bytes of a row that is blanked in any case
@@ -75,7 +75,7 @@ def _open(path: Path, verify: bool, advice: str = "") -> tuple[dict[str, Any], d
         if verify:
             check_seal(f)
         columns = {k: Column(*x) for k, x in json.loads(dataset(f, "arrays")[()]).items()}
-        fixed = {str(k): dataset(f, str(k))[()] for k in np.atleast_1d(f.attrs["sealed"])}
+        fixed = {k: dataset(f, k)[()] for k in sealed_names(f)}
         return fixed, columns, {k: place(f, k, path, x.kind, 1 + len(x.shape)) for k, x in columns.items()}
 
 

@@ -102,7 +102,7 @@ def sweep(
         i, text, *rest = result.beyond[0]
         others = f"; so do {len(result.beyond) - 1} others" if len(result.beyond) > 1 else ""
         warnings.warn(RangeWarning(f"scenario {i}: {text}{others}", *rest), stacklevel=2)
-    warn_of_first(job)
+    warn_of_first(job, held)
     return result
 
 
