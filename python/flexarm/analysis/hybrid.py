@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,53 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array
-from ..parts.chain import Chain
-from .laws import HeldLaw, RunningLaw, Tap
+from .laws import Channel, HeldLaw, RunningLaw, Tap, acted_on, with_names
 from .periods import SAME, common_period
 from .plant import Plant
 
 _LATE = 300  # that are under way at once, behind delays
 Complex = NDArray[np.complex128]
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One output of a controller, where a loop can be broken.
-
-    Attributes:
-        control: index of the controller. output: which of its outputs. rate: at which it is held (Hz), or None.
-        limit: that the output is kept within, by its controller or by the motor of its joint.
-        kind: the controller's class. at: what the output acts on, in words.
-        name: such as "PD of 'elbow'", with more where that is not one channel alone.
-    """
-
-    control: int
-    output: int
-    rate: float | None
-    limit: float
-    kind: str
-    at: str
-    name: str = ""
-
-
-def _acted_on(arm: Chain, column: Array) -> str:
-    """The joints that forces (nv,) act on; else the links whose beams they bend, as patches do."""
-    acts = np.flatnonzero(column[: arm.nv]).tolist()
-    joints = [i for k in range(len(arm.links)) for i in (arm.joint_rates(k) if arm.links[k].joint.nv else [])]
-    names = [repr(arm.coordinates[i]) for i in acts if i in joints]
-    firsts = [arm._core.first(k) for k in range(len(arm.links))]
-    bent = dict.fromkeys(int(np.searchsorted(firsts, i, "right")) - 1 for i in acts)
-    return ", ".join(names) or f"patches of {', '.join(repr(arm.names[k]) for k in bent)}"
-
-
-def _with_names(channels: Sequence[Channel]) -> list[Channel]:
-    short = [f"{c.kind} of {c.at}" for c in channels]
-    long = [f"{name} (control[{c.control}])" for name, c in zip(short, channels, strict=True)]
-    out = []
-    for c, name, more in zip(channels, short, long, strict=True):
-        same = f"{name} (control[{c.control}], output {c.output})"
-        out.append(replace(c, name=name if short.count(name) == 1 else more if long.count(more) == 1 else same))
-    return out
 
 
 class _Rows:
@@ -103,13 +61,13 @@ class Hybrid:
         channels: list[Channel] = []
         for law in self.laws:
             output = sum(c.control == law.control for c in channels)
-            at = _acted_on(plant.arm, law.column)
+            at = acted_on(plant.arm, law.column)
             channels.append(Channel(law.control, output, None, law.limit, law.kind, at))
         channels += [
-            Channel(x.control, i, x.rate, float(limit), x.kind, _acted_on(plant.arm, x.columns[:, i]))
+            Channel(x.control, i, x.rate, float(limit), x.kind, acted_on(plant.arm, x.columns[:, i]))
             for x in self.held for i, limit in enumerate(x.limit)
         ]  # fmt: skip
-        self.channels = _with_names(channels)
+        self.channels = with_names(channels)
         self.nh = sum(x.columns.shape[1] for x in self.held)
         n, nq, nv = plant.A.shape[0], plant.arm.nq, plant.arm.nv
         used = sorted({int(i) for law in running for i in np.flatnonzero(law.by_q[nq:])})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -79,6 +79,47 @@ class RunningLaw:
     by_v: Array
     limit: float
     acts: bool = field(default=True)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One output of a controller, where a loop can be broken.
+
+    Attributes:
+        control: index of the controller. output: which of its outputs. rate: at which it is held (Hz), or None.
+        limit: that the output is kept within, by its controller or by the motor of its joint.
+        kind: the controller's class. at: what the output acts on, in words.
+        name: such as "PD of 'elbow'", with more where that is not one channel alone.
+    """
+
+    control: int
+    output: int
+    rate: float | None
+    limit: float
+    kind: str
+    at: str
+    name: str = ""
+
+
+def acted_on(arm: Chain, column: Array) -> str:
+    """The joints that forces (nv,) act on; else the links whose beams they bend, as patches do."""
+    acts = np.flatnonzero(column[: arm.nv]).tolist()
+    joints = [i for k in range(len(arm.links)) for i in (arm.joint_rates(k) if arm.links[k].joint.nv else [])]
+    names = [repr(arm.coordinates[i]) for i in acts if i in joints]
+    firsts = [arm._core.first(k) for k in range(len(arm.links))]
+    bent = dict.fromkeys(int(np.searchsorted(firsts, i, "right")) - 1 for i in acts)
+    return ", ".join(names) or f"patches of {', '.join(repr(arm.names[k]) for k in bent)}"
+
+
+def with_names(channels: Sequence[Channel]) -> list[Channel]:
+    """The same channels, each with a name of its own."""
+    short = [f"{c.kind} of {c.at}" for c in channels]
+    long = [f"{name} (control[{c.control}])" for name, c in zip(short, channels, strict=True)]
+    out = []
+    for c, name, more in zip(channels, short, long, strict=True):
+        same = f"{name} (control[{c.control}], output {c.output})"
+        out.append(replace(c, name=name if short.count(name) == 1 else more if long.count(more) == 1 else same))
+    return out
 
 
 def running_laws(

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .._check import Array
-from .hybrid import Channel, Complex, Hybrid, logarithm
-from .laws import HeldLaw
+from .hybrid import Complex, Hybrid, logarithm
+from .laws import Channel, HeldLaw
 from .printed import margins_table, short
 
 _GRID = 1500  # frequencies, beside those at poles

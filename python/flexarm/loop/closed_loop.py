@@ -16,8 +16,8 @@ from ..acting.load import Load, at_time
 from ..acting.sampled import LinearController
 from ..acting.shaping import Shaper, input_shaper
 from ..analysis.equilibrium import elastic_rates, locked_rates, steady_state, trim
-from ..analysis.hybrid import Channel, Complex, Hybrid
-from ..analysis.laws import Tap, held_law, running_laws
+from ..analysis.hybrid import Complex, Hybrid
+from ..analysis.laws import Channel, Tap, held_law, running_laws
 from ..analysis.linear import forces_of, rows_of
 from ..analysis.margins import Margins, Response, Robustness, margins_of, robustness_of, stable, zeros_of
 from ..analysis.modes import Modes
