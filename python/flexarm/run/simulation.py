@@ -101,8 +101,9 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
     loop = run.unstable(span, limits) if limits or loops.has_grown(result.v) else None
     if not failed:
         rows = result.t, result.q, result.v
-        held = _held(run, result)
-        blown = integrator.explicit and beyond_explicit(run.arm, step, span, run.start["q0"], held, rows)
+        blown = integrator.explicit and beyond_explicit(
+            run.arm, step, span, run.start["q0"], _held(run, result), rows
+        )  # fmt: skip
         chatters = hasty(integrator.name, step, out["stats"].get("switches", 0), out["hasty"])
         often = halved(integrator.name, step, out["stats"]) if integrator.fixed and not loop else None
         said = [loop] if SILENT.get() else [loop or beyond, blown or chatters or often]
