@@ -280,8 +280,8 @@ bool record(IdaSystem& s, double t, Trajectory& out) {
 
 /// Everything is prescribed: nothing to integrate. Events are looked at at the samples of drives, the output times,
 /// and in between where a drive is a function.
-void follow(IdaSystem& s, const Eigen::VectorXd& t, const std::vector<Event>& events,
-            const Alive& alive, Trajectory& out) {
+void follow(IdaSystem& s, const Eigen::VectorXd& t, const std::vector<Event>& events, const Alive& alive,
+            Trajectory& out) {
   StepEvents seen(s, events, out);
   seen.start(t[0]);
   bool functions = false;

@@ -258,8 +258,7 @@ void append(const Trajectory& part, const Sliding& sliding, Trajectory& out) {
 }  // namespace
 
 Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd& t, const SmoothPart& integrate,
-                                  Control& control, double step,
-                                  const std::vector<Parameter>& parameters) {
+                                  Control& control, double step, const std::vector<Parameter>& parameters) {
   Sliding sliding(problem, control, parameters);
   const Arm& arm = *problem.arm;
   const std::vector<Event>& events = problem.events;

@@ -24,7 +24,6 @@ using SmoothPart =
 ///                    time of the switch depends on the parameters, too (saltation: Aizerman & Gantmakher 1958).
 ///                    Between the switches what sticks is held. There must be no sampled controllers then
 Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd& t, const SmoothPart& integrate,
-                                  Control& control, double step,
-                                  const std::vector<Parameter>& parameters);
+                                  Control& control, double step, const std::vector<Parameter>& parameters);
 
 }  // namespace flexarm

@@ -63,7 +63,8 @@ void look_inside(System& s, const Step& method, double from, double h, Trajector
 }
 
 /// A run, or one part of it between two switches of dry friction.
-Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,                            const Alive& alive, Control& control, Tape* tape) {
+Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,
+                           const Alive& alive, Control& control, Tape* tape) {
   const auto started = std::chrono::steady_clock::now();
   const Step::Counts before = method.counts();
   Stepper way(problem, control, method, step, t);
@@ -144,7 +145,8 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Ste
 
 }  // namespace
 
-Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,                           const Alive& alive, Tape* tape) {
+Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,
+                          const Alive& alive, Tape* tape) {
   problem.check();
   check_times(t);
   check_step(step, t);

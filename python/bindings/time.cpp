@@ -187,9 +187,7 @@ void bind_time(py::module_& m) {
         const std::unique_ptr<Step> method =
             Method{integrator, rtol, spectral_radius, stages}.on(*of.problem.arm, step, DryFriction::left_to_caller);
         if (tape) *tape = Tape(method->stages());
-        return run(alive, [&](const Alive& look) {
-          return simulate_fixed(of.problem, t, *method, step, look, tape);
-        });
+        return run(alive, [&](const Alive& look) { return simulate_fixed(of.problem, t, *method, step, look, tape); });
       },
       py::arg("problem"), py::arg("t"), py::kw_only(), py::arg("integrator"), py::arg("step"), py::arg("rtol"),
       py::arg("spectral_radius"), py::arg("stages"), py::arg("alive"), py::arg("tape") = nullptr);

@@ -21,8 +21,8 @@ enum class LinearSolver {
 
 struct IdaOptions {
   double rtol = 1e-6;
-  double atol = 1e-9;      ///< of every coordinate and rate, in its own unit
-  int max_order = 5;       ///< of the backward differentiation formulas, 1 to 5
+  double atol = 1e-9;  ///< of every coordinate and rate, in its own unit
+  int max_order = 5;   ///< of the backward differentiation formulas, 1 to 5
   LinearSolver linear_solver = LinearSolver::automatic;
   /// Told the time reached and the steps taken after 20 000 steps, and whenever there are twice as many.
   std::function<void(double t, long steps)> slow = {};
