@@ -19,40 +19,36 @@ std::unique_ptr<Step> Method::on(const Arm& arm, double step, DryFriction fricti
   return std::make_unique<OneStep>(name, arm, step, options, friction);
 }
 
-namespace {
-
-/// What is set in place of the problem's functions.
-struct Inputs {
-  std::vector<double> force, reference;
-  std::vector<char> force_is, reference_is, load_is;  // whether it is set
-  std::vector<Vec6<double>> load;
-};
-
-/// The problem, whose functions look at the inputs first.
-Problem with_inputs(Problem problem, Inputs& in) {
-  in.force.assign(problem.drives.size(), 0.0);
-  in.reference.assign(problem.feedback.size(), 0.0);
-  in.load.assign(problem.loads.size(), Vec6<double>::Zero());
-  in.force_is.assign(in.force.size(), 0);
-  in.reference_is.assign(in.reference.size(), 0);
-  in.load_is.assign(in.load.size(), 0);
-  for (std::size_t k = 0; k < problem.drives.size(); ++k)
-    if (auto& f = problem.drives[k].force)
-      f = [&in, k, own = f](double t) { return in.force_is[k] ? in.force[k] : own(t); };
-  for (std::size_t k = 0; k < problem.feedback.size(); ++k) {
-    auto& f = problem.feedback[k].reference;
-    f = [&in, k, own = f](double t) { return in.reference_is[k] ? in.reference[k] : own ? own(t) : 0.0; };
-  }
-  for (std::size_t k = 0; k < problem.loads.size(); ++k) {
-    auto& f = problem.loads[k].wrench;
-    f = [&in, k, own = f](double t) -> Vec6<double> { return in.load_is[k] ? in.load[k] : own(t); };
-  }
-  return problem;
-}
-
-}  // namespace
-
 struct Simulation::Motion {
+  /// What is set in place of the problem's functions.
+  struct Inputs {
+    std::vector<double> force, reference;
+    std::vector<char> force_is, reference_is, load_is;  // whether it is set
+    std::vector<Vec6<double>> load;
+  };
+
+  /// The problem, whose functions look at the inputs first.
+  static Problem with_inputs(Problem problem, Inputs& in) {
+    in.force.assign(problem.drives.size(), 0.0);
+    in.reference.assign(problem.feedback.size(), 0.0);
+    in.load.assign(problem.loads.size(), Vec6<double>::Zero());
+    in.force_is.assign(in.force.size(), 0);
+    in.reference_is.assign(in.reference.size(), 0);
+    in.load_is.assign(in.load.size(), 0);
+    for (std::size_t k = 0; k < problem.drives.size(); ++k)
+      if (auto& f = problem.drives[k].force)
+        f = [&in, k, own = f](double t) { return in.force_is[k] ? in.force[k] : own(t); };
+    for (std::size_t k = 0; k < problem.feedback.size(); ++k) {
+      auto& f = problem.feedback[k].reference;
+      f = [&in, k, own = f](double t) { return in.reference_is[k] ? in.reference[k] : own ? own(t) : 0.0; };
+    }
+    for (std::size_t k = 0; k < problem.loads.size(); ++k) {
+      auto& f = problem.loads[k].wrench;
+      f = [&in, k, own = f](double t) -> Vec6<double> { return in.load_is[k] ? in.load[k] : own(t); };
+    }
+    return problem;
+  }
+
   Inputs in;
   const Problem problem;
   Control control;
