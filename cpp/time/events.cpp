@@ -14,6 +14,29 @@ Eigen::Index write_row(const System& s, const Step* inside, Eigen::Index entry, 
   return static_cast<Eigen::Index>(tape.rows.size()) - 1;
 }
 
+StepCubic::StepCubic(const System& s)
+    : q0_(s.q), q1_(q0_), dq0_(q0_), dq1_(q0_), v0_(s.v), v1_(v0_), a0_(v0_), a1_(v0_) {}
+
+void StepCubic::look(System& s, double t, bool between, Eigen::VectorXd& dq, Eigen::VectorXd& a) {
+  s.drive(t);
+  coordinate_rates(s.arm, s.q, s.v, dq);
+  s.accelerate(between);
+  a = s.ws.a;
+}
+
+void StepCubic::place(System& s, double t) const {
+  const double h = t1_ - t0_, x = (t - t0_) / h, y = 1.0 - x;
+  if (t < t1_) {
+    s.q = y * y * ((1.0 + 2.0 * x) * q0_ + x * h * dq0_) + x * x * ((1.0 + 2.0 * y) * q1_ - y * h * dq1_);
+    s.v = y * y * ((1.0 + 2.0 * x) * v0_ + x * h * a0_) + x * x * ((1.0 + 2.0 * y) * v1_ - y * h * a1_);
+  } else {
+    s.q = q1_;
+    s.v = v1_;
+  }
+  s.drive(t);
+  normalise(s.arm, s.q);
+}
+
 StepEvents::StepEvents(System& system, const std::vector<Event>& events, Trajectory& out, Tape* tape,
                        const Step* inside)
     : s_(system),
@@ -25,13 +48,8 @@ StepEvents::StepEvents(System& system, const std::vector<Event>& events, Traject
       values1_(values0_),
       values_(values0_),
       q0_(s_.q),
-      q1_(q0_),
-      dq0_(q0_),
-      dq1_(q0_),
       v0_(s_.v),
-      v1_(v0_),
-      a0_(v0_),
-      a1_(v0_) {
+      cubic_(s_) {
   found_.reserve(events.size());
 }
 
@@ -55,16 +73,19 @@ bool StepEvents::look(double t) {
   }
   bool ended = false;
   if (!found_.empty()) {
-    prepare(t);
+    const auto write_end = [this](double end) {
+      (end == t0_ ? before_ : after_) = write(end, end == t0_ ? entry0_ : last_entry());
+    };
+    cubic_.prepare(s_, t0_, q0_, v0_, t, s_.rubbing && !s_.rubbing->switches_within(), write_end);
     for (auto& [time, k] : found_) time = locate(k);
     std::sort(found_.begin(), found_.end());
     for (const auto& [time, k] : found_) {
       if (ended && time > out_.reached) break;
-      place(time);
+      cubic_.place(s_, time);
       ended = s_.log(events_, k, time, out_) || ended;
       if (tape_) tape_->occurrences.push_back({k, time, before_, after_});
     }
-    place(t);
+    cubic_.place(s_, t);
   }
   values0_.swap(values1_);
   t0_ = t;
@@ -81,39 +102,6 @@ Eigen::Index StepEvents::write(double t, Eigen::Index entry) const {
   return write_row(s_, inside_, last_entry(), (t - tape_->now) / tape_->entries.back().h, t, *tape_);
 }
 
-/// Rates and accelerations at both ends of the step.
-void StepEvents::prepare(double t) {
-  q1_ = s_.q;
-  v1_ = s_.v;
-  const auto slopes = [&](double time, const Eigen::VectorXd& q, const Eigen::VectorXd& v, Eigen::VectorXd& dq,
-                          Eigen::VectorXd& a) {
-    s_.q = q;
-    s_.v = v;
-    s_.drive(time);
-    coordinate_rates(s_.arm, s_.q, s_.v, dq);
-    s_.accelerate();
-    a = s_.ws.a;
-  };
-  slopes(t0_, q0_, v0_, dq0_, a0_);
-  before_ = write(t0_, entry0_);
-  slopes(t, q1_, v1_, dq1_, a1_);
-  after_ = write(t, last_entry());
-}
-
-/// The system's state at a time within the step.
-void StepEvents::place(double t) {
-  const double h = t1_ - t0_, x = (t - t0_) / h, y = 1.0 - x;
-  if (t < t1_) {
-    s_.q = y * y * ((1.0 + 2.0 * x) * q0_ + x * h * dq0_) + x * x * ((1.0 + 2.0 * y) * q1_ - y * h * dq1_);
-    s_.v = y * y * ((1.0 + 2.0 * x) * v0_ + x * h * a0_) + x * x * ((1.0 + 2.0 * y) * v1_ - y * h * a1_);
-  } else {
-    s_.q = q1_;
-    s_.v = v1_;
-  }
-  s_.drive(t);
-  normalise(s_.arm, s_.q);
-}
-
 /// By bisection, to the last digit: the end after the zero.
 double StepEvents::locate(std::size_t k) {
   const Eigen::Index i = static_cast<Eigen::Index>(k);
@@ -122,7 +110,7 @@ double StepEvents::locate(std::size_t k) {
   for (;;) {
     const double middle = 0.5 * (low + high);
     if (!(middle > low && middle < high)) return high;
-    place(middle);
+    cubic_.place(s_, middle);
     s_.evaluate(events_, middle, values_.data());
     ((rising ? values_[i] >= 0.0 : values_[i] <= 0.0) ? high : low) = middle;
   }

@@ -4,7 +4,6 @@
 
 #include "events.hpp"
 #include "flexarm/check.hpp"
-#include "friction.hpp"
 #include "stepper.hpp"
 
 namespace flexarm {
@@ -62,9 +61,14 @@ void look_inside(System& s, const Step& method, double from, double h, Trajector
   if (!out.terminated) seen.look(end);
 }
 
-/// A run, or one part of it between two switches of dry friction.
-Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,
-                           const Alive& alive, Control& control, Tape* tape) {
+}  // namespace
+
+Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,
+                          const Alive& alive, Tape* tape) {
+  problem.check();
+  check_times(t);
+  check_step(step, t);
+  Control control = problem.control();
   const auto started = std::chrono::steady_clock::now();
   const Step::Counts before = method.counts();
   Stepper way(problem, control, method, step, t);
@@ -138,26 +142,10 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Ste
   out.stats.residuals = counts.evaluations - before.evaluations;
   out.stats.jacobians = counts.factorisations - before.factorisations;
   out.stats.newton_iterations = counts.iterations - before.iterations;
-  out.stats.switches = counts.switches - before.switches;
+  out.stats.switches = counts.switches - before.switches + way.switches;
+  out.stats.hasty = way.hasty;
   out.stats.wall_time = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   return out;
-}
-
-}  // namespace
-
-Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step& method, double step,
-                          const Alive& alive, Tape* tape) {
-  problem.check();
-  check_times(t);
-  check_step(step, t);
-  Control control = problem.control();
-  if (method.rubbing() || rubs(*problem.arm).empty())
-    return simulate_smooth(problem, t, method, step, alive, control, tape);
-  const SmoothPart part = [&](const Problem& of, const Eigen::VectorXd& times, const std::vector<Parameter>&) {
-    const double left = times[times.size() - 1] - times[0];  // it may be shorter than a step
-    return simulate_smooth(of, times, method, std::min(step, left), alive, control, tape);
-  };
-  return simulate_with_friction(problem, t, part, control, step, {});
 }
 
 }  // namespace flexarm

@@ -6,7 +6,8 @@
 
 namespace flexarm {
 
-std::unique_ptr<Step> Method::on(const Arm& arm, double step, DryFriction friction) const {
+std::unique_ptr<Step> Method::on(const Arm& arm, double step) const {
+  constexpr DryFriction friction = DryFriction::left_to_caller;  // which Stepper is
   if (name == "gauss") {
     CollocationOptions options;
     options.stages = stages;
@@ -237,6 +238,7 @@ void Simulation::restore(const State& state) {
   m.control.recall(state.control);
   m.way.s.drive(state.t);
   m.method->recalled();
+  m.way.recalled();
   m.status = Status::ok;
 }
 

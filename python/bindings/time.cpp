@@ -185,7 +185,7 @@ void bind_time(py::module_& m) {
       [](const PyProblem& of, const Eigen::VectorXd& t, const std::string& integrator, double step, double rtol,
          double spectral_radius, int stages, const py::object& alive, Tape* tape) {
         const std::unique_ptr<Step> method =
-            Method{integrator, rtol, spectral_radius, stages}.on(*of.problem.arm, step, DryFriction::left_to_caller);
+            Method{integrator, rtol, spectral_radius, stages}.on(*of.problem.arm, step);
         if (tape) *tape = Tape(method->stages());
         return run(alive, [&](const Alive& look) { return simulate_fixed(of.problem, t, *method, step, look, tape); });
       },

@@ -62,8 +62,22 @@ def test_gauss_and_friction() -> None:
         np.testing.assert_array_equal(sim.q, run.q[k])
         np.testing.assert_allclose(sim.friction, run.friction[k], atol=1e-12)
         sim.step()
-    with pytest.raises(ValueError, match="coulomb"):
-        fa.Simulation(rubs, fa.Gauss(1e-3))
+    for integrator in (fa.Gauss(2e-3), fa.RK4(2e-5)):  # a step ends at each switch
+        run = fa.simulate(rubs, T[:41], integrator=integrator, tau=[0.9, 0, 0, 0, 0, 0], v0=[-0.3, 0, 0, 0, 0, 0])
+        sim = fa.Simulation(rubs, integrator, t=T, tau=[0.9, 0, 0, 0, 0, 0], v0=[-0.3, 0, 0, 0, 0, 0])
+        ida = fa.simulate(rubs, T[:41], tau=[0.9, 0, 0, 0, 0, 0], v0=[-0.3, 0, 0, 0, 0, 0], rtol=1e-9, atol=1e-11)
+        assert run.stats["switches"] == ida.stats["switches"] > 0
+        np.testing.assert_allclose(run.q, ida.q, atol=1e-6)
+        for k in range(1, 41):
+            sim.step(until=T[k])
+            if k == 11:
+                state = sim.state()
+        np.testing.assert_allclose(sim.q, run.q[-1], atol=1e-7)
+        last = sim.q
+        sim.restore(state)
+        for k in range(12, 41):
+            sim.step(until=T[k])
+        np.testing.assert_array_equal(sim.q, last)
     ends = T[[0, -1]]
     run = fa.simulate(arm(), ends, integrator=fa.Gauss(2e-3), loads=[PUSH])
     sim = fa.Simulation(arm(), fa.Gauss(2e-3), t=ends, loads=[PUSH])

@@ -18,9 +18,8 @@ struct Method {
   double spectral_radius = 1.0;   ///< of "implicit"
   int stages = 4;                 ///< of "gauss"
 
-  /// @param friction  whether the method must have the arm's dry friction in its equations
   /// @throws std::invalid_argument naming the field and the value
-  std::unique_ptr<Step> on(const Arm& arm, double step, DryFriction friction = DryFriction::refused) const;
+  std::unique_ptr<Step> on(const Arm& arm, double step) const;
 };
 
 /// After its construction it allocates, locks and throws nothing, as long as the problem's functions do not. (A sampled
