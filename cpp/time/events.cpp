@@ -6,6 +6,12 @@
 
 namespace flexarm {
 
+namespace {
+
+constexpr int kLooksInside = 8;  // places of an interpolated step at which events are looked at
+
+}  // namespace
+
 Eigen::Index write_row(const System& s, const Step* inside, Eigen::Index entry, double c, double t, Tape& tape) {
   Tape::Row row{entry, c, {}, {}, tape.add(t, s.q, s.v, s.ws.a)};
   if (s.rubbing) s.rubbing->contacts(s.v, true, tape.last_contacts());
@@ -49,6 +55,8 @@ StepEvents::StepEvents(System& system, const std::vector<Event>& events, Traject
       values_(values0_),
       q0_(s_.q),
       v0_(s_.v),
+      q1_(q0_),
+      v1_(v0_),
       cubic_(s_) {
   found_.reserve(events.size());
 }
@@ -93,6 +101,25 @@ bool StepEvents::look(double t) {
   v0_ = s_.v;
   entry0_ = last_entry();
   return ended;
+}
+
+void StepEvents::look_through(double from, double h) {
+  if (events_.empty()) return;
+  const double end = out_.reached;
+  if (inside_) {
+    q1_ = s_.q;
+    v1_ = s_.v;
+    for (int k = 1; k < kLooksInside && !out_.terminated; ++k) {
+      const double c = static_cast<double>(k) / kLooksInside;
+      inside_->inside(c, s_.q, s_.v);
+      s_.drive(from + c * h);
+      look(from + c * h);
+    }
+    s_.q = q1_;
+    s_.v = v1_;
+    s_.drive(end);
+  }
+  if (!out_.terminated) look(end);
 }
 
 /// A row of the tape, of this state at time t. A method that interpolates may look in the middle of its last step.

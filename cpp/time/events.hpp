@@ -62,6 +62,9 @@ class StepEvents {
   /// Looks at the step from the last time to t, where the system's state is now; logs what occurred, in order.
   /// @return whether a terminal event did: `out` then says so, and out.reached is its time
   bool look(double t);
+  /// `look` at the end of a step of h from `from`, and, of a method that interpolates, before at several places of it,
+  /// as it may hold more than one zero; out.reached is its end.
+  void look_through(double from, double h);
 
  private:
   Eigen::Index write(double t, Eigen::Index entry) const;
@@ -77,7 +80,7 @@ class StepEvents {
   Eigen::Index entry0_ = -1;               // of the tape, at the last look
   double t0_ = 0.0, t1_ = 0.0;
   Eigen::VectorXd values0_, values1_, values_;
-  Eigen::VectorXd q0_, v0_;
+  Eigen::VectorXd q0_, v0_, q1_, v1_;
   StepCubic cubic_;
   std::vector<std::pair<double, std::size_t>> found_;
 };

@@ -11,7 +11,6 @@ namespace flexarm {
 namespace {
 
 constexpr double kMostSteps = 1e10;
-constexpr int kLooksInside = 8;  // places of an interpolated step at which events are looked at
 
 void check_step(double step, const Eigen::VectorXd& t) {
   positive("step", step);
@@ -43,22 +42,6 @@ bool record_inside(System& s, const Step& method, double from, double h, Traject
   s.v = v;
   s.drive(out.reached);  // the forces of the end again, which the row of the last output time has
   return good;
-}
-
-/// Looks for events at several places of a step, as it may hold more than one zero, and leaves the state at its end.
-void look_inside(System& s, const Step& method, double from, double h, Trajectory& out, StepEvents& seen) {
-  const Eigen::VectorXd q = s.q, v = s.v;
-  const double end = out.reached;
-  for (int k = 1; k < kLooksInside && !out.terminated; ++k) {
-    const double c = static_cast<double>(k) / kLooksInside;
-    method.inside(c, s.q, s.v);
-    s.drive(from + c * h);
-    seen.look(from + c * h);
-  }
-  s.q = q;
-  s.v = v;
-  s.drive(end);
-  if (!out.terminated) seen.look(end);
 }
 
 }  // namespace
@@ -100,13 +83,8 @@ Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step
   bool going = true;
   const auto after = [&](double from, double h) {
     out.reached = way.reached;
-    bool good = true;
-    if (!method.interpolates()) {
-      seen.look(out.reached);
-    } else {
-      if (!problem.events.empty()) look_inside(s, method, from, h, out, seen);
-      good = record_inside(s, method, from, h, out, t, look, tape);
-    }
+    seen.look_through(from, h);
+    const bool good = !method.interpolates() || record_inside(s, method, from, h, out, t, look, tape);
     way.enough = out.terminated;
     return good ? Status::ok : Status::not_finite;
   };

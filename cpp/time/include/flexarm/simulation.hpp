@@ -50,6 +50,11 @@ class Simulation {
   std::string failure() const;        ///< why the last step was not ok
   const Step::Counts& counts() const;
   long steps() const;
+  /// What has occurred since the construction, of each event: these grow.
+  const std::vector<EventLog>& events() const;
+  /// Whether a terminal event has ended the last `step` or `advance`: the state is that of its time, and `step` goes on
+  /// from there.
+  bool terminated() const;
 
   // Inputs: from now on, until they are set again, in place of the problem's.
   void set_tau(const Eigen::VectorXd& tau);                     ///< constant generalised forces (nv)
