@@ -21,7 +21,7 @@ constexpr double kOneTime = 1e-12;  // parts of the time simulated that are no t
 constexpr double kSlack = 1e-9;     // parts of its stiction by which a contact may be held beyond it
 constexpr std::size_t kMany = 100;  // so many switches
 constexpr const char* kRanAway = "the motion ran away: take a smaller step, or look for what drives it";
-constexpr double kShort = 1e-6;     // in so small a part of the time simulated are no motion
+constexpr double kShort = 1e-6;  // in so small a part of the time simulated are no motion
 
 std::vector<Contact> contacts(const Arm& arm, const std::vector<Drive>& drives) {
   std::vector<Contact> out;

@@ -1,6 +1,6 @@
-// Coulomb friction of joints, with stiction, for IDA (Coulomb 1785; as a hybrid system: Karnopp 1985, Pfeiffer & Glocker
-// 1996). Each freedom sticks or slides. Sliding, it is opposed by the constant coulomb force; sticking, it is held
-// exactly still by what that needs, up to the stiction. Between two switches the motion is smooth; their times are
+// Coulomb friction of joints, with stiction, for IDA (Coulomb 1785; as a hybrid system: Karnopp 1985, Pfeiffer &
+// Glocker 1996). Each freedom sticks or slides. Sliding, it is opposed by the constant coulomb force; sticking, it is
+// held exactly still by what that needs, up to the stiction. Between two switches the motion is smooth; their times are
 // found as events. Fixed steps have it in Stepper, and the implicit method in its equations.
 #pragma once
 

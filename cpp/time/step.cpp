@@ -187,8 +187,7 @@ struct OneStep::RunOf final : Run {
   typename Row::template On<Engine> method;
   std::vector<double> numbers;
 
-  RunOf(const Arm& arm, const ImplicitOptions& o)
-      : Run(arm, flexarm::rubs(arm)) {
+  RunOf(const Arm& arm, const ImplicitOptions& o) : Run(arm, flexarm::rubs(arm)) {
     const lanes::MethodOptions told{o.spectral_radius, o.rtol, o.max_iterations};
     Room most;
     method.lay_out(most, arm.nq(), arm.nv(), nullptr, static_cast<int>(rubs.size()), told);

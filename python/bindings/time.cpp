@@ -226,7 +226,8 @@ void bind_time(py::module_& m) {
       .def_property_readonly("failure", &Simulation::failure)
       .def_property_readonly("steps", &Simulation::steps)
       .def_property_readonly("terminated", &Simulation::terminated)
-      .def_property_readonly("events", [](const Simulation& s) { return occurred(s.events(), s.q().size(), s.v().size()); })
+      .def_property_readonly("events",
+                             [](const Simulation& s) { return occurred(s.events(), s.q().size(), s.v().size()); })
       .def("set_tau", &Simulation::set_tau, py::arg("tau"))
       .def("set_force", &Simulation::set_force, py::arg("drive"), py::arg("value"))
       .def("set_load", &Simulation::set_load, py::arg("load"), py::arg("wrench"))

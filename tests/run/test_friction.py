@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import flexarm as fa
 import numpy as np
@@ -367,3 +368,22 @@ def test_interrupted_while_it_sticks_and_slips(options: dict) -> None:
     with pytest.raises(fa.SimulationInterrupted) as caught:
         fa.simulate(arm, t, drive=drive, progress=stop, **options)
     assert caught.value.time < 15_000
+
+
+@pytest.mark.parametrize(("integrator", "step", "order"), [("gauss", 0.05, 7), ("rk4", 0.01, 4)])
+def test_steps_keep_their_order_through_switches(integrator: str, step: float, order: int) -> None:
+    """Two links that swing, stick and are torn loose again, to the digits of IDA and far finer steps."""
+    first = fa.RigidBody(1.0, com=(0.3, 0, 0), inertia=(0.01, 0.05, 0.05), end=(0.6, 0, 0))
+    second = fa.RigidBody(0.6, com=(0.2, 0, 0), inertia=(0.01, 0.02, 0.02))
+    joints = fa.Revolute("z", coulomb=0.2, stiction=0.3), fa.Revolute("z", coulomb=0.05)
+    arm = fa.Arm(list(map(fa.Link, joints, (first, second))), gravity=(0, -9.81, 0))
+
+    def end(**options: Any) -> np.ndarray:
+        r = fa.simulate(arm, [0, 2.0], [0.6, 0.4], **options)
+        assert r.stats["switches"] == 6
+        return r.q[-1]
+
+    truth = end(integrator=fa.Gauss(2e-3, rtol=1e-13))
+    np.testing.assert_allclose(truth, end(rtol=1e-11, atol=1e-13), atol=2e-7)
+    error = [np.abs(end(integrator=integrator, step=h) - truth).max() for h in (step, step / 2)]
+    assert np.log2(error[0] / error[1]) > order - 0.2 and error[1] < 1e-5

@@ -87,8 +87,8 @@ struct Contacts {
     }
   }
 
-  /// Accelerations under dry friction. `between`: see begin_between; else what does not move takes what holds it, as far
-  /// as it may.
+  /// Accelerations under dry friction. `between`: see begin_between; else what does not move takes what holds it, as
+  /// far as it may.
   /// @param own, rest, turned  memory (nv each)
   /// @return where the mass matrix is positive definite; `force` has the forces of friction
   Mask accelerate(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where, S* own, S* rest,

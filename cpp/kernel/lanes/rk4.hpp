@@ -1,4 +1,5 @@
-// The classical Runge-Kutta method of fourth order; whatever rubs goes on as it does all through a step. See methods.hpp for what it asks of an engine, and what it offers.
+// The classical Runge-Kutta method of fourth order; whatever rubs goes on as it does all through a step. See
+// methods.hpp for what it asks of an engine, and what it offers.
 #pragma once
 
 #include "lanes/contact.hpp"

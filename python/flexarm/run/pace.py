@@ -140,8 +140,8 @@ def hasty(integrator: str, step: float, switches: int, count: int) -> StepWarnin
         return None
     return StepWarning(
         f'integrator = "{integrator}", step = {step:g}: dry friction switched {switches} times, {count} of them within '
-        f"{'three steps' if integrator == 'rk4' else 'a step'} behind another of the same joint: the joint follows a vibration too fast for the step, and the motion "
-        'may be wrong; take a smaller step, or integrator="implicit"',
+        f"{'three steps' if integrator == 'rk4' else 'a step'} behind another of the same joint: the joint follows a "
+        'vibration too fast for the step, and the motion may be wrong; take a smaller step, or integrator="implicit"',
         step, np.nan,
     )  # fmt: skip
 

@@ -63,12 +63,12 @@ class CollocationStep final : public Step {
   const Arm* arm_;
   CollocationOptions options_;
   int s_;
-  Eigen::VectorXd c_, b_;      ///< points and weights of the step
-  Eigen::MatrixXd A_, A2_;     ///< integrals to the points, once and twice
-  Eigen::MatrixXd monomials_;  ///< column j: the Lagrange polynomial of point j, lowest power first
-  std::vector<int> movable_;   ///< rates that are not prescribed
-  std::vector<int> free_;      ///< of these, those that dry friction does not hold
-  std::vector<bool> free_q_;   ///< whether a coordinate is
+  Eigen::VectorXd c_, b_;             ///< points and weights of the step
+  Eigen::MatrixXd A_, A2_;            ///< integrals to the points, once and twice
+  Eigen::MatrixXd monomials_;         ///< column j: the Lagrange polynomial of point j, lowest power first
+  std::vector<int> movable_;          ///< rates that are not prescribed
+  std::vector<int> free_;             ///< of these, those that dry friction does not hold
+  std::vector<bool> free_q_;          ///< whether a coordinate is
   std::optional<OneStep> rests_;      ///< what dry friction does at an instant
   std::vector<signed char> contact_;  ///< of each rate, see Tape::Contact
   Eigen::VectorXd rub_;               ///< friction of what slides (nv)
@@ -83,7 +83,7 @@ class CollocationStep final : public Step {
   Eigen::VectorXd q0_, v0_, qs_, vs_, as_, middle_;
   mutable Eigen::VectorXd once_, twice_;  ///< of `inside`
   std::optional<InverseDerivatives> derivatives_;
-  Eigen::MatrixXd M_, C_, K_;               ///< of the free rates
+  Eigen::MatrixXd M_, C_, K_;              ///< of the free rates
   Eigen::MatrixXd M_all_, C_all_, K_all_;  ///< of all
   Eigen::MatrixXd rate_by_q_, rate_by_v_;
   Eigen::MatrixXd newton_;
