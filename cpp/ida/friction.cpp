@@ -17,7 +17,7 @@ namespace flexarm {
 namespace {
 
 constexpr double kStill = 1e-10;    // speed (rad/s, m/s) below which a freedom may stick
-constexpr double kOneTime = 1e-12;  // parts of the time simulated that are no time at all
+constexpr double kInstant = 1e-12;  // parts of the time simulated that are no time at all
 constexpr double kSlack = 1e-9;     // parts of its stiction by which a contact may be held beyond it
 constexpr std::size_t kMany = 100;  // so many switches
 constexpr const char* kRanAway = "the motion ran away: take a smaller step, or look for what drives it";
@@ -260,7 +260,7 @@ Trajectory simulate_with_friction(const Problem& problem, const Eigen::VectorXd&
   Sliding sliding(problem, control, parameters);
   const Arm& arm = *problem.arm;
   const std::vector<Event>& events = problem.events;
-  const double instant = kOneTime * (t[t.size() - 1] - t[0]);
+  const double instant = kInstant * (t[t.size() - 1] - t[0]);
   Trajectory out = empty_trajectory(arm, t, events, parameters.size());
   out.rubs = true;
   Eigen::VectorXd q = problem.q0, v = problem.v0;
