@@ -20,8 +20,8 @@ constexpr double kBest = 0.02;   // contraction that is believed without having 
 constexpr int kGivenUp = 3;      // corrections that grew, after which an iteration is given up
 constexpr double kFloor = 1e-8;  // parts of the motion: an iteration that stalls below is at the end of its digits
 constexpr double kGrown = 1.5;   // ratio of a step to the one before, above which nothing is extrapolated
-constexpr double kFar = 30.0;  // times the energy that a step begins with and its forces bring: no solution is so far
-constexpr int kTurns = 60;     // passes that the turns of a ball may take
+constexpr double kFar = 30.0;    // times the energy that a step begins with and its forces bring: no solution is so far
+constexpr int kTurns = 60;       // passes that the turns of a ball may take
 constexpr double kTurned = 2e-15;  // rad: they have converged
 
 /// Rate of the rotation vector u by which a ball is turned, at an angular velocity w in the axes that turn; |u| below
@@ -298,7 +298,7 @@ void CollocationStep::set_forces(int i, Workspace& ws) const {
 /// compare it with.
 bool CollocationStep::lost(double h) const {
   const Eigen::Map<const Eigen::MatrixXd> turns(correction_.data(), M_.rows(), s_);
-  return h * h * (turns * A2_.transpose()).cwiseAbs().maxCoeff() <= kLost * q_.cwiseAbs().maxCoeff();
+  return h * h * (turns * A2_.transpose()).cwiseAbs().maxCoeff() <= kVanishing * q_.cwiseAbs().maxCoeff();
 }
 
 Status CollocationStep::iterate(double h, Workspace& ws) {

@@ -10,13 +10,13 @@ namespace flexarm {
 
 namespace {
 
-constexpr double kMostSteps = 1e10;
+constexpr double kTooMany = 1e10;
 
 void check_step(double step, const Eigen::VectorXd& t) {
   positive("step", step);
   const double span = t[t.size() - 1] - t[0];
   if (step > span) bad_value("step", step, "must be at most the time simulated, " + std::to_string(span) + " s");
-  if (span / step > kMostSteps) bad_value("step", step, "is too small: it would take more than 1e10 steps");
+  if (span / step > kTooMany) bad_value("step", step, "is too small: it would take more than 1e10 steps");
 }
 
 /// Writes the row of results that has just been recorded, of the last entry.

@@ -11,7 +11,7 @@ namespace flexarm {
 namespace {
 
 constexpr double kResolved = 1e-6;   // parts of a motion's velocity that a step may miss
-constexpr double kSlow = 1e-3;       // parts of a motion's largest speed: what is slower counts as that fast
+constexpr double kCrawl = 1e-3;      // parts of a motion's largest speed: what is slower counts as that fast
 constexpr double kInBetween = 1e-4;  // the same, at its samples
 constexpr double kStill = 1e-10;     // speed (rad/s, m/s) below which a joint with dry friction may stick
 constexpr double kSlack = 1e-9;      // parts of its stiction by which a joint may be held beyond it, at first
@@ -35,7 +35,7 @@ bool resolved(const std::vector<Drive>& drives, const std::vector<double>& speed
     const Drive& d = drives[n];
     if (!d.motion) continue;
     MotionValue at[kNodes];
-    double speed = 0.0, turn = 0.0, size = kSlow * speeds[n];
+    double speed = 0.0, turn = 0.0, size = kCrawl * speeds[n];
     for (int i = 0; i < kNodes; ++i) {
       at[i] = d.motion(from + h * x[i]);
       size = std::max({size, std::abs(at[i].v), h * std::abs(at[i].a)});

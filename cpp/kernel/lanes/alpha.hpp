@@ -160,7 +160,7 @@ struct GeneralisedAlpha : AlphaNumbers {
     S most{}, place{};
     for (int k = 0; k < engine.free_count; ++k) most = L::larger(most, L::size(turn[engine.free[k]]));
     for (int i = 0; i < nq; ++i) place = L::larger(place, L::size(q[i]));
-    return by_turn * most <= kLost * place;
+    return by_turn * most <= kVanishing * place;
   }
 
   /// Newton's iteration on the residual of inverse dynamics at the step's end.

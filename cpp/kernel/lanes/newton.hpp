@@ -5,10 +5,10 @@
 
 namespace {
 
-constexpr double kLost = 1e-14;    // parts of the coordinates: a correction below that stalls is rounding
-constexpr double kForget = 0.99;   // per step, of the motion's scale
-constexpr double kStalls = 0.5;    // contraction above which an iteration stalls
-constexpr double kDivided = 1e-3;  // the least that the sum of all corrections to come is divided by
+constexpr double kVanishing = 1e-14;  // parts of the coordinates: a correction below that stalls is rounding
+constexpr double kForget = 0.99;      // per step, of the motion's scale
+constexpr double kStalls = 0.5;       // contraction above which an iteration stalls
+constexpr double kDivided = 1e-3;     // the least that the sum of all corrections to come is divided by
 
 template <class S>
 struct Newton {
