@@ -1,8 +1,8 @@
 // Loads on the kernels, against the oracle.
 #include <doctest/doctest.h>
 
+#include "batches.hpp"
 #include "flexarm/ab.hpp"
-#include "flexarm/batch.hpp"
 #include "flexarm/derivatives.hpp"
 #include "flexarm/inverse.hpp"
 #include "kernels.hpp"
@@ -120,25 +120,23 @@ TEST_CASE("scenarios under loads, side by side and one by one") {
     for (const bool places : {false, true}) {
       constexpr int kScenarios = 11, kSteps = 20;
       const double h = 1e-5;
-      std::vector<double> wrenches;
-      for (int i = 0; i < 6 * kScenarios * (2 * kSteps + 1); ++i) wrenches.push_back(std::sin(0.37 * i));
-      const Eigen::VectorXd zero = Eigen::VectorXd::Zero(arm->nq());
       std::vector<Eigen::MatrixXd> ends;
       for (const bool side_by_side : {true, false}) {
-        BatchProblem p{{arm}, kScenarios, {}, {0.0}, {}, {kSteps}, {}, {}, {}};
-        for (int k = 0; k < kSteps; ++k) {
-          p.lengths.push_back(h);
-          p.times.push_back((k + 1) * h);
-          p.hold.push_back(0);
-        }
-        p.q0 = p.v0 = p.tau = {zero.data(), 0, 0};
+        BatchProblem p = flexarm_test::batch_of(std::vector<const Arm*>(kScenarios, arm), kScenarios, h, kSteps);
         p.lanes = side_by_side;
         const std::size_t last = arm->size() - 1;
-        p.loads.push_back({{Load::at_end(*arm, last, true)}, {wrenches.data(), 6 * (2 * kSteps + 1), 6}});
-        p.loads.push_back({{}, {wrenches.data(), 6, 0}});
-        for (int b = 0; b < (places ? kScenarios : 1); ++b)
-          p.loads.back().places.push_back(b % 4 == 3 ? Load::along(*arm, last, 0.0, 0.05 + 0.01 * b, false)
-                                                     : Load::at_slice(*arm, last, 0.03 * b, false));
+        for (int b = 0; b < kScenarios; ++b) {
+          auto one = std::make_shared<Problem>(*p.problems[0]);
+          const auto wave = [h](double phase) {
+            return [=](double t) { return Vec6<double>(flexarm_test::wave(6, phase + 0.7 * t / h, 1.0)); };
+          };
+          one->loads.push_back({Load::at_end(*arm, last, true), wave(b)});
+          const double x = places ? b : 0.0;
+          one->loads.push_back({places && b % 4 == 3 ? Load::along(*arm, last, 0.0, 0.05 + 0.01 * x, false)
+                                                     : Load::at_slice(*arm, last, 0.03 * x, false),
+                                wave(0.5)});
+          p.problems[static_cast<std::size_t>(b)] = one;
+        }
         Eigen::MatrixXd q(arm->nq(), kScenarios), tau(arm->nv(), kScenarios);
         std::vector<int> status(kScenarios);
         BatchOutput out;

@@ -10,21 +10,6 @@ using namespace flexarm;
 
 namespace {
 
-/// t (n), q (n, nq), v (n, nv) of each event.
-py::list event_rows(const Trajectory& r) {
-  py::list out;
-  for (const EventLog& log : r.events) {
-    const auto n = static_cast<Eigen::Index>(log.t.size());
-    Rows q(n, r.q.cols()), v(n, r.v.cols());
-    for (Eigen::Index i = 0; i < n; ++i) {
-      q.row(i) = log.q[static_cast<std::size_t>(i)];
-      v.row(i) = log.v[static_cast<std::size_t>(i)];
-    }
-    out.append(py::make_tuple(Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(log.t.data(), n)), q, v));
-  }
-  return out;
-}
-
 /// Accelerations (nv), and derivatives of q and v at that time by each parameter (nv, np), of each occurrence.
 py::list event_slopes(const Trajectory& r) {
   py::list out;
@@ -76,7 +61,7 @@ py::dict run(const py::object& alive, const Integrate& integrate) {
   out["reached"] = r.reached;
   out["failure"] = r.failure;
   out["terminated"] = r.terminated;
-  out["events"] = event_rows(r);
+  out["events"] = event_rows(r.events, r.q.cols(), r.v.cols());
   out["stats"] = stats;
   out["hasty"] = r.stats.hasty;
   if (!r.tangents.empty()) {
