@@ -90,7 +90,8 @@ TEST_CASE("a batch is ended by whoever watches it, all workers joined") {
   CHECK_THROWS_AS(run_batch(batch.problem, batch.out, 3, [](double) -> bool { throw std::runtime_error("enough"); }),
                   std::runtime_error);
   batch.problem.step = 0.0;
-  CHECK_THROWS_WITH_AS(run_batch(batch.problem, batch.out, 1), "step = 0: must be positive", std::invalid_argument);
+  CHECK_THROWS_WITH_AS(run_batch(batch.problem, batch.out, 1), "step = 0: must be positive and finite",
+                       std::invalid_argument);
 }
 
 TEST_CASE("each scenario has its own sampled laws, events and times of its steps, as simulate_fixed has them") {

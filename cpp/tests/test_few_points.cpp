@@ -143,13 +143,13 @@ TEST_CASE("who shares a pack does not change a bit where some arms take few poin
         p.method.name = "rk4";
         p.lanes = side_by_side;
         p.whole = kScenarios;
-        Eigen::MatrixXd v(nv, count);
+        Eigen::MatrixXd v(2 * nv, count);  // start and end
         BatchOutput out;
         std::vector<int> status(static_cast<std::size_t>(count));
         out.status = status.data();
         out.v = v.data();
         run_batch(p, out, 1);
-        return v;
+        return Eigen::MatrixXd(v.bottomRows(nv));
       };
       const Eigen::MatrixXd all = run(0, kScenarios, true), alone = run(0, kScenarios, false);
       for (int b = 0; b < kScenarios; ++b) {

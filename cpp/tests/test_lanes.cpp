@@ -160,7 +160,7 @@ TEST_CASE(
         p.method.name = method.name;
         p.whole = whole;
         p.lanes = side_by_side;
-        Eigen::MatrixXd q(nq, count);
+        Eigen::MatrixXd q(2 * nq, count);  // start and end
         std::vector<int> status(static_cast<std::size_t>(count));
         BatchOutput out;
         out.q = q.data();
@@ -170,7 +170,7 @@ TEST_CASE(
         CAPTURE(method.name);
         CAPTURE(side_by_side);
         for (int b = 0; b < count; ++b) CHECK((status[static_cast<std::size_t>(b)] == 0) == (first + b != 4));
-        return q;
+        return Eigen::MatrixXd(q.bottomRows(nq));
       };
       const Eigen::MatrixXd all = run(0, kScenarios, true), alone = run(0, kScenarios, false);
       for (int b = 0; b < kScenarios; ++b) {

@@ -123,21 +123,22 @@ TEST_CASE("scenarios under loads, side by side and one by one") {
       std::vector<Eigen::MatrixXd> ends;
       for (const bool side_by_side : {true, false}) {
         BatchProblem p = flexarm_test::batch_of(std::vector<const Arm*>(kScenarios, arm), kScenarios, h, kSteps);
+        const Problem bare = *p.problems[0];
         p.lanes = side_by_side;
         const std::size_t last = arm->size() - 1;
         for (int b = 0; b < kScenarios; ++b) {
-          auto one = std::make_shared<Problem>(*p.problems[0]);
+          auto loaded = std::make_shared<Problem>(bare);
           const auto wave = [h](double phase) {
             return [=](double t) { return Vec6<double>(flexarm_test::wave(6, phase + 0.7 * t / h, 1.0)); };
           };
-          one->loads.push_back({Load::at_end(*arm, last, true), wave(b)});
+          loaded->loads.push_back({Load::at_end(*arm, last, true), wave(b)});
           const double x = places ? b : 0.0;
-          one->loads.push_back({places && b % 4 == 3 ? Load::along(*arm, last, 0.0, 0.05 + 0.01 * x, false)
-                                                     : Load::at_slice(*arm, last, 0.03 * x, false),
-                                wave(0.5)});
-          p.problems[static_cast<std::size_t>(b)] = one;
+          loaded->loads.push_back({places && b % 4 == 3 ? Load::along(*arm, last, 0.0, 0.05 + 0.01 * x, false)
+                                                        : Load::at_slice(*arm, last, 0.03 * x, false),
+                                   wave(0.5)});
+          p.problems[static_cast<std::size_t>(b)] = loaded;
         }
-        Eigen::MatrixXd q(arm->nq(), kScenarios), tau(arm->nv(), kScenarios);
+        Eigen::MatrixXd q(2 * arm->nq(), kScenarios), tau(2 * arm->nv(), kScenarios);  // start and end
         std::vector<int> status(kScenarios);
         BatchOutput out;
         out.q = q.data();
@@ -146,7 +147,7 @@ TEST_CASE("scenarios under loads, side by side and one by one") {
         const BatchStats stats = run_batch(p, out, 1);
         CHECK((stats.lanes > 1) == side_by_side);
         for (int s : status) CHECK(s == 0);
-        ends.push_back(q);
+        ends.push_back(q.bottomRows(arm->nq()));
       }
       CHECK(ends[0].norm() > 0.0);
       CHECK((ends[0] - ends[1]).cwiseAbs().maxCoeff() < 1e-10 * ends[1].cwiseAbs().maxCoeff());

@@ -168,24 +168,19 @@ void check_lanes(const std::vector<const Arm*>& arms, double h) {
     std::vector<const Arm*> mine;
     for (int b = 0; b < count; ++b) mine.push_back(arms[static_cast<std::size_t>(first + b) % arms.size()]);
     BatchProblem p = flexarm_test::batch_of(mine, count, h, kSteps);
-    for (int k = 0; k < kSteps; ++k) {
-      p.lengths.push_back(h);
-      p.times.push_back((k + 1) * h);
-      p.hold.push_back(0);
-    }
     flexarm_test::begin_at(p, q0, v0, first);
     p.tau = {tau.data(), 0, 0};
     p.method.name = "rk4";
     p.lanes = side_by_side;
     p.whole = kScenarios;
-    Eigen::MatrixXd q(nq, count);
+    Eigen::MatrixXd q(2 * nq, count);  // start and end
     std::vector<int> status(static_cast<std::size_t>(count));
     BatchOutput out;
     out.q = q.data();
     out.status = status.data();
     run_batch(p, out, 1);
     for (int b = 0; b < count; ++b) CHECK((status[static_cast<std::size_t>(b)] == 0) == (first + b != 4));
-    return q;
+    return Eigen::MatrixXd(q.bottomRows(nq));
   };
   const Eigen::MatrixXd all = run(0, kScenarios, true), alone = run(0, kScenarios, false);
   for (int b = 0; b < kScenarios; ++b) {

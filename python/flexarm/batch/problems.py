@@ -53,9 +53,8 @@ def _differ_in_arms(setups: Sequence[Setup]) -> bool:
     drive = setups[0].drive
     if any(is_patch(key) for key in drive):
         return False
-    return not any(
-        s.loads or s.control or (s.drive is not drive and any(s.drive[k] is not drive[k] for k in drive)) for s in setups
-    )
+    same = all(s.drive is drive or all(s.drive[k] is drive[k] for k in drive) for s in setups)
+    return same and not any(s.loads or s.control for s in setups)
 
 
 def run_problems(
