@@ -170,7 +170,7 @@ void bind_time(py::module_& m) {
       [](const PyProblem& of, const Eigen::VectorXd& t, const std::string& integrator, double step, double rtol,
          double spectral_radius, int stages, const py::object& alive, Tape* tape) {
         const std::unique_ptr<Step> method =
-            Method{integrator, rtol, spectral_radius, stages}.on(*of.problem.arm, step, DryFriction::left_to_caller);
+            Method{integrator, rtol, spectral_radius, stages}.on(*of.problem.arm, step);
         if (tape) *tape = Tape(method->stages());
         return run(alive, [&](const Alive& look) { return simulate_fixed(of.problem, t, *method, step, look, tape); });
       },
@@ -195,7 +195,7 @@ void bind_time(py::module_& m) {
               const Unlocked free;
               found = s.advance(until, [&lookout](double now) { return lookout(now); });
             }
-            if (found == Status::ok && s.t() < until) {
+            if (found == Status::ok && s.t() < until && !s.terminated()) {
               PyErr_SetNone(PyExc_KeyboardInterrupt);
               throw py::error_already_set();
             }
@@ -210,6 +210,9 @@ void bind_time(py::module_& m) {
       .def_property_readonly("friction", &Simulation::friction, py::return_value_policy::copy)
       .def_property_readonly("failure", &Simulation::failure)
       .def_property_readonly("steps", &Simulation::steps)
+      .def_property_readonly("terminated", &Simulation::terminated)
+      .def_property_readonly("events",
+                             [](const Simulation& s) { return event_rows(s.events(), s.q().size(), s.v().size()); })
       .def("set_tau", &Simulation::set_tau, py::arg("tau"))
       .def("set_force", &Simulation::set_force, py::arg("drive"), py::arg("value"))
       .def("set_load", &Simulation::set_load, py::arg("load"), py::arg("wrench"))
