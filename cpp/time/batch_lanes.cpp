@@ -53,6 +53,7 @@ bool LaneGroup::goes_on(Index lane) const {
 
 void LaneGroup::act(const Problem& problem, double t) {
   now_.tau = problem.tau;
+  std::fill(now_.offsets.begin(), now_.offsets.end(), 0.0);
   ask_laws(
       problem.drives, problem.loads, problem.feedback, t,
       [&](std::size_t k, const MotionValue& m) {
@@ -233,9 +234,7 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   job.rubbing = rubbing_.data();
   job.coulomb = coulomb_.data();
   job.stiction = stiction_.data();
-  job.varies =
-      !one.drives.empty() || !one.loads.empty() ||
-      std::any_of(one.feedback.begin(), one.feedback.end(), [](const Feedback& f) { return bool(f.reference); });
+  job.varies = varies_;
   job.watched = !one.events.empty();
   job.scenarios = this;
   job.status = status_.data();

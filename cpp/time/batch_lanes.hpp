@@ -138,7 +138,8 @@ class LaneGroup final : lanes::Scenarios {
   Eigen::Index own_of_ = -1;
   const BatchSteps* steps_ = nullptr;
   std::vector<Alone> alone_;
-  bool forced_ = false, fresh_ = true;  // whether forces are functions of time; whether tau is to be written anyway
+  bool varies_ = false, forced_ = false;  // whether anything is a function of time; whether forces are
+  bool fresh_ = true;                     // whether tau is to be written anyway
   Acting now_;
   Eigen::VectorXd q_one_, v_one_, a_one_;
   Eigen::Index interval_ = 0, row_ = 0, asked_ = -1;  // asked: the scenario whose own functions are being called

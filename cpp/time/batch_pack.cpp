@@ -81,7 +81,8 @@ LaneGroup::LaneGroup(const BatchProblem& problem, const BatchSteps& steps, const
   const Problem& one = *p_.problems[0];
   for (const auto& p : p_.problems) {
     one_for_all_ = one_for_all_ && (p_.problems.size() == 1 || (p->arm == one.arm && p->loads.empty()));
-    for (const Drive& d : p->drives) forced_ = forced_ || d.force;
+    for (const Drive& d : p->drives) forced_ = forced_ || bool(d.force);
+    for (const Feedback& f : p->feedback) varies_ = varies_ || bool(f.reference);
   }
   const std::size_t w = static_cast<std::size_t>(width_), nq = static_cast<std::size_t>(one.arm->nq()),
                     nv = static_cast<std::size_t>(one.arm->nv());
@@ -101,6 +102,7 @@ LaneGroup::LaneGroup(const BatchProblem& problem, const BatchSteps& steps, const
   now_.offsets.resize(one.feedback.size());
   now_.wrenches.resize(one.loads.size());
   find_rates();
+  varies_ = varies_ || forced_ || !moved_.empty() || !one.loads.empty();
 }
 
 /// Which rates are prescribed, rub, and have limits.

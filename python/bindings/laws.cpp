@@ -65,28 +65,15 @@ std::function<std::array<double, N>(double)> make_law(const py::object& given, c
 
 }  // namespace
 
-const double* HalfSteps::at(double t) const {
-  const double place = 2.0 * (t - first) / step, k = std::round(place);
-  if (std::abs(place - k) > 1e-4 || k < 0.0 || k >= static_cast<double>(values.shape(0)))
-    bad_value("values at half steps: t", t, "is no half step: a sample divides the steps; give a law of time");
-  return values.data(static_cast<py::ssize_t>(k), 0);
-}
-
 Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& all) {
   const auto& [rate, is_motion, law, column] = given;
   Drive d{rate, {}, {}, {}, column};
   all.push_back(nullptr);
   if (py::isinstance<PiecewisePolynomial>(law)) {
     const auto p = std::make_shared<const PiecewisePolynomial>(law.cast<PiecewisePolynomial>());
-    d.breaks = p->breaks();
+    d.breaks = py::hasattr(law, "kinks") ? law.attr("kinks").cast<Eigen::VectorXd>() : p->breaks();
     if (is_motion) d.motion = [p](double t) { return (*p)(t); };
     if (!is_motion) d.force = [p](double t) { return (*p)(t).q; };
-  } else if (py::isinstance<HalfSteps>(law)) {
-    const auto table = law.cast<std::shared_ptr<HalfSteps>>();
-    d.motion = [table](double t) {
-      const double* x = table->at(t);
-      return MotionValue{x[0], x[1], x[2]};
-    };
   } else if (is_motion) {
     d.motion = [f = make_law<3>(law, times, all, "Motion", "must give three numbers (q, v, a)")](double t) {
       const auto m = f(t);
@@ -128,7 +115,7 @@ Feedback make_feedback(const PyFeedback& given, const Eigen::VectorXd& times, Al
   if (given.reference.is_none()) return f;
   const Drive d = make_drive({0, false, given.reference, {}}, times, all);
   f.reference = d.force;
-  f.breaks = py::hasattr(given.reference, "kinks") ? given.reference.attr("kinks").cast<Eigen::VectorXd>() : d.breaks;
+  f.breaks = d.breaks;
   return f;
 }
 
@@ -194,16 +181,6 @@ void bind_problem(py::module_& m) {
       .def(
           "__call__", [](const Remembered& x, double t) { return call(x.law(), t); }, py::arg("t"))
       .def_property_readonly("law", &Remembered::law);
-  py::class_<HalfSteps, std::shared_ptr<HalfSteps>>(m, "HalfSteps")
-      .def(py::init<double, double, py::array_t<double, py::array::c_style>>(), py::arg("first"), py::arg("step"),
-           py::arg("values"))
-      .def(
-          "__call__",
-          [](const HalfSteps& x, double t) {
-            const double* at = x.at(t);
-            return py::make_tuple(at[0], at[1], at[2]);
-          },
-          py::arg("t"));
   py::class_<PyDrive>(m, "Drive")
       .def(py::init<int, bool, py::object, VectorXd>(), py::arg("rate"), py::arg("moves"), py::arg("law"),
            py::arg("column") = VectorXd())

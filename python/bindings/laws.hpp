@@ -55,16 +55,8 @@ class Remembered {
   std::unordered_map<double, std::array<double, 6>> known_;
 };
 
-/// Numbers at half steps from a first time on, as rows: of a force one, of a motion q, v, a.
-struct HalfSteps {
-  double first, step;
-  py::array_t<double, py::array::c_style> values;
-  /// @throws std::invalid_argument for a time that is no half step
-  const double* at(double t) const;
-};
-
 /// What acts on an arm, as Python gives it: see the classes of the same names, whose functions a `law` becomes. That is
-/// a PiecewisePolynomial (of a load, a tuple of six), HalfSteps, a callable of time, or such a callable Remembered.
+/// a PiecewisePolynomial (of a load, a tuple of six), a callable of time, or such a callable Remembered.
 struct PyDrive {
   int rate;    ///< -1: of a column
   bool moves;  ///< whether it prescribes the motion of that rate, or is a force on it

@@ -424,10 +424,6 @@ class Remembered:
     @property
     def law(self) -> Callable[[float], Any]: ...
 
-class HalfSteps:
-    def __init__(self, first: float, step: float, values: ArrayLike) -> None: ...
-    def __call__(self, t: float) -> tuple[float, float, float]: ...
-
 class Problem:
     def __init__(
         self,

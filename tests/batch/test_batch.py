@@ -315,9 +315,11 @@ def test_steps_end_at_samples_of_drives_and_controllers():
         late = {0: fa.Torque([0, 4e-4, at + 4e-4, 0.0104], [0, 0, 1, 0])}
         close(run.q[2], fa.simulate(arm, t, drive=late, integrator="implicit", step=1e-3).q, 1e-12)
         close(fa.rollout(arm, arm.zero, step=1e-3, nstep=10, drive=drive).q[0], one.q, 1e-12)
-    uneven = {"step": 1e-3, "nstep": 10, "drive": {0: np.zeros((21, 3))}}
-    with pytest.raises(ValueError, match="is no half step: a sample divides the steps; give a law of time"):
-        fa.rollout(arm, arm.zero, control=fa.Sampled(lambda t, y: 0.0, 300.0), **uneven)
+    law, halves = fa.Sampled(lambda t, y: -0.1 * y[0], 300.0, [("joint", 1)]), 5e-4 * np.arange(21)
+    values = np.stack([halves**3, 3 * halves**2, 6 * halves], axis=1)  # at half steps, which the samples divide
+    run = fa.rollout(arm, arm.zero, step=1e-3, nstep=10, control=law, drive={0: values})
+    moved = {0: fa.Motion(lambda t: (t**3, 3 * t**2, 6 * t))}
+    close(run.q[0], fa.simulate(arm, t, drive=moved, control=law, integrator="implicit", step=1e-3).q, 1e-12)
 
 
 def controllers() -> dict[str, Any]:

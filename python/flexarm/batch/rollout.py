@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import flexarm._core as _core
-
 from .._check import Array, array, outside, whole
 from .._console import progress_bar
 from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
+from ..acting.following import smooth
 from ..acting.load import Load
 from ..acting.voltage import Voltage
 from ..analysis import loops
@@ -213,7 +212,7 @@ def _drives(drive: Any, step: float, nstep: int) -> list[dict[Any, Any]]:
                     f"steps: ({2 * nstep + 1}, 3)"
                 )
             tables = values if values.ndim == 3 else values[None]
-            laws = [Motion(_core.HalfSteps(0.0, step, table)) for table in tables]
+            laws = [smooth(Motion(0.5 * step * np.arange(2 * nstep + 1), *table.T)) for table in tables]
         count = scenario_count({"drive": len(made), where: len(laws)})
         made = [{**made[k % len(made)], key: laws[k % len(laws)]} for k in range(count)]
     return made

@@ -25,7 +25,7 @@ from .start import start
 
 _FOLLOWS = (PD, StrainFeedback)
 _LOOKS = 201  # at a command
-_KNOWN = (_core.PiecewisePolynomial, _core.HalfSteps, tuple, type(None))  # laws that are not Python's
+_KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that are not Python's
 
 
 class Problem:
