@@ -8,6 +8,7 @@
 #include "flexarm/dry_friction.hpp"
 #include "flexarm/quadrature.hpp"
 #include "lanes/ball.hpp"
+#include "lanes/newton.hpp"
 
 namespace flexarm {
 
@@ -18,9 +19,7 @@ constexpr double kFails = 0.7;   // contraction at which even new ones are made 
 constexpr double kBest = 0.02;   // contraction that is believed without having been measured in the same step
 constexpr int kGivenUp = 3;      // corrections that grew, after which an iteration is given up
 constexpr double kFloor = 1e-8;  // parts of the motion: an iteration that stalls below is at the end of its digits
-constexpr double kLost = 1e-14;  // parts of the coordinates: a correction below that stalls is rounding
 constexpr double kGrown = 1.5;   // ratio of a step to the one before, above which nothing is extrapolated
-constexpr double kForget = 0.99;
 constexpr double kFar = 30.0;  // times the energy that a step begins with and its forces bring: no solution is so far
 constexpr int kTurns = 60;     // passes that the turns of a ball may take
 constexpr double kTurned = 2e-15;  // rad: they have converged
@@ -306,14 +305,14 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
   const Eigen::Index n = M_.rows();
   if (n == 0) return Status::ok;  // everything is prescribed
   const double fall = h * arm_->gravity().norm();
-  double last = 0.0;
+  Newton<double> newton{contraction_};
   int grown = 0;
   const auto tired = [&] {  // new Jacobians would do better
-    return !(contraction_ <= std::max(kSlow, std::min(1.5 * best_, kFails)));
+    return !(newton.contraction <= std::max(kSlow, std::min(1.5 * best_, kFails)));
   };
   bool anew = !fresh_ || tired();
   bool renewed = false;
-  contraction_ = std::max(kBest, std::pow(contraction_, 0.8));  // old knowledge, doubted more with every step
+  newton.begin(kBest);
   for (int iteration = 1; iteration <= options_.max_iterations; ++iteration) {
     if (look_) look_();
     if (!place(h)) return Status::not_converged;
@@ -347,19 +346,19 @@ Status CollocationStep::iterate(double h, Workspace& ws) {
       return iteration == 1 && !fresh_ ? Status::not_finite : Status::not_converged;
     const double scale = std::sqrt(std::max(kForget * scale_, motion) + mass_ * fall * fall);
     const double moved = h * std::sqrt(std::max(work, 0.0));
-    if (iteration > 1) contraction_ = moved < last ? moved / last : 1.0;
-    const bool stalled = iteration > 2 && contraction_ > 0.5 && (moved <= kFloor * scale || lost(h));
-    if (!stalled && iteration > 1 && moved > last && ++grown == kGivenUp) return Status::not_converged;
-    last = moved;
-    const double left = std::min(1.0, contraction_ / std::max(1.0 - contraction_, 1e-3)) * moved;
-    if (left <= options_.rtol * scale || stalled) {
+    const bool more = iteration > 1 && moved > newton.last;
+    newton.correct(iteration, moved, true);
+    contraction_ = newton.contraction;
+    const bool stalled = newton.stalls(iteration) && (moved <= kFloor * scale || lost(h));
+    if (!stalled && more && ++grown == kGivenUp) return Status::not_converged;
+    if (newton.left() <= options_.rtol * scale || stalled) {
       if (!place(h) || !believable(h, ws)) return Status::not_converged;
       scale_ = std::max(kForget * scale_, motion);
       if (stalled) contraction_ = kSlow;
       if (renewed) best_ = contraction_;
       return Status::ok;
     }
-    anew = iteration > 2 && iteration % 3 == 0 && (renewed ? contraction_ > kFails : tired());
+    anew = iteration > 2 && iteration % 3 == 0 && (renewed ? newton.contraction > kFails : tired());
   }
   return Status::not_converged;
 }

@@ -98,7 +98,7 @@ void note_beginning(const RungeKutta4<Engine>&, double, Tape::Switch&) {}
 
 /// Numbers beside the arrays that a method remembers.
 void scalars(GeneralisedAlpha<Engine>& m, const std::function<void(double&)>& visit) {
-  for (double* x : {&m.h_before, &m.contraction, &m.scale, &m.contacts.left}) visit(*x);
+  for (double* x : {&m.h_before, &m.newton.contraction, &m.scale, &m.contacts.left}) visit(*x);
 }
 void scalars(RungeKutta4<Engine>&, const std::function<void(double&)>&) {}
 

@@ -5,6 +5,7 @@
 #include "lanes/contact.hpp"
 #include "lanes/kernels.hpp"
 #include "lanes/layout.hpp"
+#include "lanes/newton.hpp"
 #include "lanes/scalar.hpp"
 
 namespace {
@@ -16,10 +17,8 @@ using flexarm::lanes::Work;
 constexpr double kBest = 1e-4;       // contraction that is believed without having been measured in the same step
 constexpr double kRounding = 1e-14;  // parts of the applied forces: a residual below is noise
 constexpr double kFloor = 1e-7;      // parts of the motion: an iteration that stalls below is at the end of its digits
-constexpr double kLost = 1e-14;      // parts of the coordinates: a correction below that stalls is rounding
 constexpr double kGrown = 1.5;       // ratio of a step to the one before, above which nothing is extrapolated
 constexpr double kSame = 1e-9;       // of that ratio to 1
-constexpr double kForget = 0.99;     // per step, of the motion's scale
 
 /// The matrix is made at the first iteration, and anew at the fourth and every second one after it: by number, not by
 /// how an iteration goes, so that arms in the lanes of a pack do not disturb one another.
@@ -50,7 +49,8 @@ struct GeneralisedAlpha : AlphaNumbers {
   int max_iterations;
   int nq = 0, nv = 0;
   double h_before = 0.0;
-  S contraction, scale;
+  Newton<S> newton;
+  S scale;
   // of nq; of nv
   S* q0;
   S *v0, *a0, *a_before, *alpha0, *alpha, *a, *u, *r, *turn, *tau_own;
@@ -73,7 +73,7 @@ struct GeneralisedAlpha : AlphaNumbers {
 
   void forget() {
     h_before = 0.0;
-    contraction = number<S>(1.0);
+    newton.contraction = number<S>(1.0);
     scale = S{};
   }
   Mask begin(Engine& engine, const S* q, const S* v, const S* tau, S* x, const Mask& where) {
@@ -170,9 +170,8 @@ struct GeneralisedAlpha : AlphaNumbers {
     const double by_a = this->by_a();
     const flexarm::lanes::Shift shift{h * gamma * by_a, h * h * beta * by_a};
     const S fall = (h * h) * engine.weight;
-    // old knowledge, doubted more with every step
-    contraction = L::larger(number<S>(kBest), L::root(contraction) * L::root(L::root(contraction)));
-    S last{}, size{}, one = number<S>(1.0);
+    newton.begin(kBest);
+    S size{};
     contacts.begin_step();
     Mask good = L::everywhere(false), bad = skip;
     for (iterations = 1; iterations <= max_iterations; ++iterations) {
@@ -213,15 +212,10 @@ struct GeneralisedAlpha : AlphaNumbers {
         a[i] += now;
         alpha[i] += by_a * now;
       }
-      if (iterations > 1) {
-        const S seen = L::select(moved < last, moved / last, one);
-        contraction = L::select(open, seen, contraction);
-      }
-      Mask stalled = (contraction > 0.5) & L::everywhere(iterations > 2);
+      newton.correct(iterations, moved, open);
+      Mask stalled = newton.stalls(iterations);
       if (L::any(stalled)) stalled = stalled & ((moved <= kFloor * size) | lost(engine, shift.stiffness, q));
-      last = L::select(open, moved, last);
-      const S left = L::smaller(one, contraction / L::larger(1.0 - contraction, number<S>(1e-3))) * moved;
-      const Mask end = (left <= rtol * size) | (residual <= kRounding * force) | stalled;
+      const Mask end = (newton.left() <= rtol * size) | (residual <= kRounding * force) | stalled;
       good = good | (open & end & L::none_of(switching));
       if (L::all(good | bad)) break;
     }

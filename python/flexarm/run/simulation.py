@@ -63,7 +63,8 @@ def _integrate(
     """The core's run: of "ida" with derivatives by parameters, of others on a tape for them."""
     with run.both.naming():
         out = integrator.run(run, alive, parameters, tape)
-    out["failure"] = run.both.in_names(out["failure"])
+    if out["failure"]:
+        out["failure"] = run.both.in_names(out["failure"])
     return out
 
 
@@ -98,7 +99,7 @@ def _judged(run: Problem, out: dict[str, Any], result: Result, integrator: Integ
     span = time - float(run.times[0])
     # a limit may hold a loop, but not in its model's range
     limits = failed or beyond is not None
-    loop = run.unstable(span, limits) if limits or loops.has_grown(result.v) else None
+    loop = run.unstable(span, limits) if run.controls and (limits or loops.has_grown(result.v)) else None
     if not failed:
         rows = result.t, result.q, result.v
         blown = integrator.explicit and beyond_explicit(
