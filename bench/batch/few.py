@@ -14,6 +14,9 @@ from collections.abc import Callable
 import flexarm as fa
 import flexarm._core as _core
 import numpy as np
+from flexarm.batch.problems import problems_of
+from flexarm.run.integrators import integrator_of
+from flexarm.run.variation import Setup
 
 STEEL = fa.Material(7850, 209e9, 0.3)
 COUNTS = (1, 2, 3, 4, 8)
@@ -57,12 +60,17 @@ def row(arm: fa.Arm, integrator: str, step: float, steps: int, seconds: float) -
     options = {"step": step, "nstep": steps, "integrator": integrator, "workers": 1, "every": steps}
     whole = np.repeat(v0, 4, axis=0)  # so many that they run in lanes
 
+    t = step * np.arange(steps + 1)
+    problem = problems_of([Setup(arm)], 1, t, None)[0].core
+    method = integrator_of(integrator, step=step).core
+
     def in_lanes(n: int) -> Callable[[], object]:
-        blocks = {"q": np.empty((n, 1, arm.nq)), "status": np.zeros(n, np.int32), "reached": np.zeros(n)}
-        ends, zero = step * np.arange(steps + 1), np.zeros((1, 1, arm.nv))
-        last = [np.full(steps, step), ends, np.zeros(steps, np.int64), np.array([steps])]
-        return lambda: _core.batch([arm._core], n, *last, arm.zero[None, None], v0[:n, None], zero, [], [], [], [],
-                                   integrator, 1.0, 1e-10, True, len(whole), blocks, 1, None)  # fmt: skip
+        batch = _core.BatchProblem(
+            [problem], [], scenarios=n, t=t, every=steps, q0=arm.zero[None, None], v0=v0[:n, None], tau=None,
+            nq=arm.nq, nv=arm.nv, **method, lanes=True, whole=len(whole),
+        )  # fmt: skip
+        blocks = {"q": np.empty((n, 2, arm.nq)), "status": np.zeros(n, np.int32), "reached": np.zeros(n)}
+        return lambda: batch.run(blocks, 1, None)
 
     ways: dict[str, Callable[[], object]] = {
         "alone": lambda: fa.simulate(arm, [0, step * steps], v0=v0[0], integrator=integrator, step=step)

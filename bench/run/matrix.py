@@ -81,27 +81,26 @@ def simulated(integrator: str, **options: Any) -> Callable[[Feature], float]:
     return way
 
 
+def late(events: Any, truth: fa.Result) -> float:
+    """How far an event's times are from those of the truth, as a part of the run."""
+    return float(abs(events[0][0] - truth.t_events[0]).max()) / T[-1] if truth.t_events else 0.0
+
+
 def rolled(f: Feature) -> float:
-    scene = f.scene()
-    drive, of, a = scene.pop("drive", {}), scene.pop("push", None), scene["arm"]
-    tau = np.zeros((len(T) - 1, a.nv))
-    for k, x in drive.items():
-        if isinstance(x, fa.Torque):
-            tau[:, a.joint_rate(k)] = of(T[:-1] + 0.5 * H)
-        elif isinstance(x, fa.Motion):
-            scene["motion"] = {k: x}
-        else:
-            raise Refused("rollout has no argument for voltages")
-    scene = given(fa.rollout, scene)
-    return off(a, fa.rollout(q0=scene.pop("q0", a.zero), tau=tau, step=H, **scene).q[0], f.truth) / MOTION
+    scene, truth = f.scene(), f.truth
+    scene.pop("push", None)
+    a = scene.pop("arm")
+    roll = fa.rollout(a, scene.pop("q0", a.zero), step=H, nstep=len(T) - 1, **given(fa.rollout, scene))
+    q = roll.q[0][np.isfinite(roll.q[0, :, 0])]
+    return max(late(roll.events[0], truth) if "events" in scene else 0.0, off(a, q, truth)) / MOTION
 
 
 def in_lanes(f: Feature) -> float:
-    masses = M * np.linspace(0.9, 1.6, 8)
+    masses, truth = M * np.linspace(0.9, 1.6, 8), f.truth
     scene = f.scene()
     scene.pop("push", None)
     batch = fa.simulate_batch(scene.pop("arm"), T, **scene, step=H, parameters={f.path: masses})
-    error = off(f.truth.arm, batch.q[1][: len(f.truth.q)], f.truth) / MOTION
+    error = max(off(truth.arm, batch[1].q, truth), late(batch.events[1], truth) if "events" in scene else 0.0) / MOTION
     if error <= 1 and (batch.stats["engine"] != "steps" or batch.stats["lanes"] < 2):
         raise Refused("not in lanes: simulate_batch takes one simulate for each scenario, with right results")
     return error

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "flexarm/batch.hpp"
+#include "batches.hpp"
 #include "flexarm/kinematics.hpp"
 #include "flexarm/step.hpp"
 #include "kernels.hpp"
@@ -158,7 +158,7 @@ TEST_CASE("packs of arms with balls, and of order 0, move as one by one") {
     for (const OneStep::Traits& method : OneStep::methods()) {
       const Arm& arm = c.arm;
       const int nq = arm.nq(), nv = arm.nv();
-      const double step = method.limit > 0.0 && c.bent > 0.0 ? 1e-6 : c.step, limit = 100.0, zero = 0.0;
+      const double step = method.limit > 0.0 && c.bent > 0.0 ? 1e-6 : c.step, limit = 100.0;
       Eigen::MatrixXd q0(nq, kScenarios), v0(nv, kScenarios);
       for (int b = 0; b < kScenarios; ++b) {
         Eigen::VectorXd q, v;
@@ -174,18 +174,15 @@ TEST_CASE("packs of arms with balls, and of order 0, move as one by one") {
       const Eigen::VectorXd tau = flexarm_test::wave(nv, 0.5, 1e-2), by_q = flexarm_test::wave(nq, 0.1, 0.1),
                             by_v = flexarm_test::wave(nv, 0.2, 0.1), column = Eigen::VectorXd::Unit(nv, 0);
       const auto run = [&](int first, int count, bool side_by_side, int whole = 0) {
-        BatchProblem p{{&arm}, count, {}, {0.0}, {}, {0, kSteps}, {}, {}, {}};
-        for (int k = 0; k < kSteps; ++k) {
-          p.lengths.push_back(step);
-          p.times.push_back((k + 1) * step);
-          p.hold.push_back(0);
-        }
-        p.q0 = {q0.col(first).data(), nq, 0};
-        p.v0 = {v0.col(first).data(), nv, 0};
-        p.tau = {tau.data(), 0, 0};
-        p.feedback.push_back(
-            {{column.data(), 0, 0}, {by_q.data(), 0, 0}, {by_v.data(), 0, 0}, {&zero, 0, 0}, {&limit, 0, 0}});
-        p.integrator = method.name;
+        BatchProblem p = flexarm_test::batch_of({&arm}, count, step, kSteps);
+        Problem one = *p.problems[0];
+        one.tau = tau;
+        Feedback law{column, by_q, by_v};
+        law.limit = limit;
+        one.feedback = {law};
+        p.problems = {std::make_shared<Problem>(one)};
+        flexarm_test::begin_at(p, q0, v0, first);
+        p.method.name = method.name;
         p.whole = whole;
         p.lanes = side_by_side;
         Eigen::MatrixXd q(2 * nq, count);

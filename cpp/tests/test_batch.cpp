@@ -3,7 +3,8 @@
 #include <stdexcept>
 
 #include "arms.hpp"
-#include "flexarm/batch.hpp"
+#include "batches.hpp"
+#include "flexarm/simulate.hpp"
 #include "flexarm/step.hpp"
 
 using namespace flexarm;
@@ -25,19 +26,12 @@ struct Batch {
     q0 = arm.zero().replicate(1, kScenarios);
     v0.resize(arm.nv(), kScenarios);
     for (Eigen::Index b = 0; b < kScenarios; ++b) v0.col(b) = flexarm_test::wave(arm.nv(), static_cast<double>(b));
-    problem.arms = {&arm};
-    problem.scenarios = kScenarios;
-    problem.lengths.assign(kSteps, h);
-    problem.hold.assign(kSteps, 0);
-    for (Eigen::Index k = 0; k <= kSteps; ++k) {
-      problem.times.push_back(h * static_cast<double>(k));
-      if (k % 50 == 0) problem.rows.push_back(k);
-    }
-    problem.q0 = {q0.data(), arm.nq(), 0};
-    problem.v0 = {v0.data(), arm.nv(), 0};
+    problem = flexarm_test::batch_of({&arm}, kScenarios, h, kSteps);
+    problem.every = 50;
+    flexarm_test::begin_at(problem, q0, v0);
     problem.tau = {tau.data(), 0, 0};
-    q.resize(static_cast<std::size_t>(kScenarios * arm.nq()) * problem.rows.size());
-    v.resize(static_cast<std::size_t>(kScenarios * arm.nv()) * problem.rows.size());
+    q.resize(static_cast<std::size_t>(kScenarios * arm.nq() * problem.rows()));
+    v.resize(static_cast<std::size_t>(kScenarios * arm.nv() * problem.rows()));
     reached.resize(kScenarios);
     status.resize(kScenarios);
     out.q = q.data();
@@ -62,7 +56,7 @@ TEST_CASE("a batch is ImplicitStep, scenario by scenario, whatever the number of
   ImplicitStep step(arm, 1e-3);
   Eigen::VectorXd q = arm.zero(), v = one.v0.col(5), tau = Eigen::VectorXd::Constant(arm.nv(), 0.1);
   for (int k = 0; k < kSteps; ++k) REQUIRE(step(ws, q, v, tau) == Status::ok);
-  const double* last = one.v.data() + (6 * static_cast<Eigen::Index>(one.problem.rows.size()) - 1) * arm.nv();
+  const double* last = one.v.data() + (6 * one.problem.rows() - 1) * arm.nv();
   CHECK((Eigen::Map<const Eigen::VectorXd>(last, arm.nv()) - v).cwiseAbs().maxCoeff() <
         1e-11 * v.cwiseAbs().maxCoeff());
 }
@@ -87,16 +81,68 @@ TEST_CASE("a scenario that fails spoils no other") {
 
 TEST_CASE("a batch is ended by whoever watches it, all workers joined") {
   Batch batch(flexarm_test::spatial_arm());
-  batch.problem.lengths.assign(20000, 1e-4);  // seconds
-  batch.problem.rows.back() = 20000;
-  batch.problem.hold.assign(20000, 0);
-  batch.problem.times.assign(20001, 0.0);
+  batch.problem.t = Eigen::VectorXd::LinSpaced(5, 0.0, 2.0);
+  batch.problem.every = 1;
+  batch.problem.step = 1e-4;  // seconds
   CHECK(run_batch(batch.problem, batch.out, 3, [](double share) { return share < 0.0; }).interrupted);
   CHECK(batch.status[kScenarios - 1] == static_cast<int>(BatchStatus::not_done));
   CHECK(std::isnan(batch.q.back()));
   CHECK_THROWS_AS(run_batch(batch.problem, batch.out, 3, [](double) -> bool { throw std::runtime_error("enough"); }),
                   std::runtime_error);
-  batch.problem.hold.pop_back();
-  CHECK_THROWS_WITH_AS(run_batch(batch.problem, batch.out, 1), "hold = 19999: must be as many as the steps",
+  batch.problem.step = 0.0;
+  CHECK_THROWS_WITH_AS(run_batch(batch.problem, batch.out, 1), "step = 0: must be positive and finite",
                        std::invalid_argument);
+}
+
+TEST_CASE("each scenario has its own sampled laws, events and times of its steps, as simulate_fixed has them") {
+  const Arm arm = flexarm_test::spatial_arm();
+  const int nv = arm.nv();
+  BatchProblem p = flexarm_test::batch_of(std::vector<const Arm*>(kScenarios, &arm), kScenarios, 1e-3, kSteps);
+  p.every = 10;
+  for (Eigen::Index b = 0; b < kScenarios; ++b) {
+    auto one = std::make_shared<Problem>(*p.problems[static_cast<std::size_t>(b)]);
+    one->v0 = flexarm_test::wave(nv, static_cast<double>(b));
+    one->samplers = {
+        {0.0, b < 8 ? 0.0073 : 0.01, 0.002,
+         [nv, sum = 0.0](double, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a) mutable {
+           sum += q[1];
+           return Eigen::VectorXd((-5.0 * sum - 0.1 * v[1] - 1e-4 * a[1]) * Eigen::VectorXd::Unit(nv, 1));
+         }}};
+    one->events = {{[](double, const Eigen::VectorXd& q, const Eigen::VectorXd&) { return q[1] - 1e-3; }, 2, 1}};
+    p.problems[static_cast<std::size_t>(b)] = one;
+  }
+  Eigen::MatrixXd q(arm.nq() * p.rows(), kScenarios), tau(nv * p.rows(), kScenarios);
+  std::vector<int> status(kScenarios);
+  std::vector<double> reached(kScenarios);
+  std::vector<std::vector<EventLog>> events(kScenarios);
+  BatchOutput out;
+  out.q = q.data();
+  out.tau = tau.data();
+  out.status = status.data();
+  out.reached = reached.data();
+  out.events = events.data();
+  CHECK(run_batch(p, out, 2).lanes > 1);
+  for (Eigen::Index b = 0; b < kScenarios; ++b) {
+    CAPTURE(b);
+    const auto k = static_cast<std::size_t>(b);
+    const Problem& one = *p.problems[k];
+    const Trajectory r = simulate_fixed(one, p.t, *Method{}.on(arm, p.step), p.step);
+    CHECK(status[k] == static_cast<int>(r.terminated ? BatchStatus::ended : BatchStatus::ok));
+    CHECK(reached[k] == doctest::Approx(r.reached).epsilon(1e-9));
+    REQUIRE(events[k][0].t.size() == r.events[0].t.size());
+    for (std::size_t i = 0; i < r.events[0].t.size(); ++i) {
+      CHECK(events[k][0].t[i] == doctest::Approx(r.events[0].t[i]).epsilon(1e-9));
+      CHECK((events[k][0].q[i] - r.events[0].q[i]).cwiseAbs().maxCoeff() < 1e-9);
+    }
+    for (Eigen::Index row = 0; row < p.rows(); ++row) {
+      const auto mine = q.col(b).segment(row * arm.nq(), arm.nq());
+      const auto force = tau.col(b).segment(row * nv, nv);
+      if (row * p.every >= r.done) {
+        CHECK(mine.array().isNaN().all());
+        continue;
+      }
+      CHECK((mine - r.q.row(row * p.every).transpose()).cwiseAbs().maxCoeff() < 1e-10 * r.q.cwiseAbs().maxCoeff());
+      CHECK((force - r.tau.row(row * p.every).transpose()).cwiseAbs().maxCoeff() < 1e-9 * r.tau.cwiseAbs().maxCoeff());
+    }
+  }
 }

@@ -1,7 +1,7 @@
 // Sampled bodies take fewer points where coordinates are small: no one can tell.
 #include <functional>
 
-#include "flexarm/batch.hpp"
+#include "batches.hpp"
 #include "flexarm/load.hpp"
 #include "kernels.hpp"
 #include "lanes/sampled_tables.hpp"
@@ -138,27 +138,18 @@ TEST_CASE("who shares a pack does not change a bit where some arms take few poin
       }
       const auto run = [&](int first, int count, bool side_by_side) {
         constexpr int kSteps = 3;
-        BatchProblem p{{}, count, {}, {0.0}, {}, {kSteps}, {}, {}, {}};
-        for (int b = 0; b < count; ++b) p.arms.push_back(&arm);
-        for (int k = 0; k < kSteps; ++k) {
-          p.lengths.push_back(1e-6);
-          p.times.push_back((k + 1) * 1e-6);
-          p.hold.push_back(0);
-        }
-        const VectorXd tau = VectorXd::Zero(nv);
-        p.q0 = {q0.col(first).data(), nq, 0};
-        p.v0 = {v0.col(first).data(), nv, 0};
-        p.tau = {tau.data(), 0, 0};
-        p.integrator = "rk4";
+        BatchProblem p = flexarm_test::batch_of(std::vector<const Arm*>(count, &arm), count, 1e-6, kSteps);
+        flexarm_test::begin_at(p, q0, v0, first);
+        p.method.name = "rk4";
         p.lanes = side_by_side;
         p.whole = kScenarios;
-        Eigen::MatrixXd v(nv, count);
+        Eigen::MatrixXd v(2 * nv, count);  // start and end
         BatchOutput out;
         std::vector<int> status(static_cast<std::size_t>(count));
         out.status = status.data();
         out.v = v.data();
         run_batch(p, out, 1);
-        return v;
+        return Eigen::MatrixXd(v.bottomRows(nv));
       };
       const Eigen::MatrixXd all = run(0, kScenarios, true), alone = run(0, kScenarios, false);
       for (int b = 0; b < kScenarios; ++b) {

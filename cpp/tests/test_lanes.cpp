@@ -1,7 +1,7 @@
 // The kernels, of every instruction set that this processor has, against the paper's equations (oracle/).
 #include <doctest/doctest.h>
 
-#include "flexarm/batch.hpp"
+#include "batches.hpp"
 #include "flexarm/step.hpp"
 #include "kernels.hpp"
 
@@ -154,19 +154,13 @@ TEST_CASE(
       v0(0, 4) = std::numeric_limits<double>::infinity();  // runs away, and spoils no other
       const Eigen::VectorXd tau = flexarm_test::wave(nv, 0.5, 1e-3);
       const auto run = [&](int first, int count, bool side_by_side, int whole = 0) {
-        BatchProblem p{{one}, count, {}, {0.0}, {}, {kSteps}, {}, {}, {}};
-        for (int k = 0; k < kSteps; ++k) {
-          p.lengths.push_back(h);
-          p.times.push_back((k + 1) * h);
-          p.hold.push_back(0);
-        }
-        p.q0 = {q0.col(first).data(), nq, 0};
-        p.v0 = {v0.col(first).data(), nv, 0};
+        BatchProblem p = flexarm_test::batch_of({one}, count, h, kSteps);
+        flexarm_test::begin_at(p, q0, v0, first);
         p.tau = {tau.data(), 0, 0};
-        p.integrator = method.name;
+        p.method.name = method.name;
         p.whole = whole;
         p.lanes = side_by_side;
-        Eigen::MatrixXd q(nq, count);
+        Eigen::MatrixXd q(2 * nq, count);  // start and end
         std::vector<int> status(static_cast<std::size_t>(count));
         BatchOutput out;
         out.q = q.data();
@@ -176,7 +170,7 @@ TEST_CASE(
         CAPTURE(method.name);
         CAPTURE(side_by_side);
         for (int b = 0; b < count; ++b) CHECK((status[static_cast<std::size_t>(b)] == 0) == (first + b != 4));
-        return q;
+        return Eigen::MatrixXd(q.bottomRows(nq));
       };
       const Eigen::MatrixXd all = run(0, kScenarios, true), alone = run(0, kScenarios, false);
       for (int b = 0; b < kScenarios; ++b) {

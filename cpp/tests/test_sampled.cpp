@@ -1,5 +1,5 @@
 // The kernels at order 3 and "exact".
-#include "flexarm/batch.hpp"
+#include "batches.hpp"
 #include "flexarm/derivatives.hpp"
 #include "kernels.hpp"
 
@@ -165,27 +165,22 @@ void check_lanes(const std::vector<const Arm*>& arms, double h) {
   v0(0, 4) = std::numeric_limits<double>::infinity();  // runs away, and spoils no other
   const Eigen::VectorXd tau = flexarm_test::wave(nv, 0.5, 1e-3);
   const auto run = [&](int first, int count, bool side_by_side) {
-    BatchProblem p{{}, count, {}, {0.0}, {}, {kSteps}, {}, {}, {}};
-    for (int b = 0; b < count; ++b) p.arms.push_back(arms[static_cast<std::size_t>(first + b) % arms.size()]);
-    for (int k = 0; k < kSteps; ++k) {
-      p.lengths.push_back(h);
-      p.times.push_back((k + 1) * h);
-      p.hold.push_back(0);
-    }
-    p.q0 = {q0.col(first).data(), nq, 0};
-    p.v0 = {v0.col(first).data(), nv, 0};
+    std::vector<const Arm*> mine;
+    for (int b = 0; b < count; ++b) mine.push_back(arms[static_cast<std::size_t>(first + b) % arms.size()]);
+    BatchProblem p = flexarm_test::batch_of(mine, count, h, kSteps);
+    flexarm_test::begin_at(p, q0, v0, first);
     p.tau = {tau.data(), 0, 0};
-    p.integrator = "rk4";
+    p.method.name = "rk4";
     p.lanes = side_by_side;
     p.whole = kScenarios;
-    Eigen::MatrixXd q(nq, count);
+    Eigen::MatrixXd q(2 * nq, count);  // start and end
     std::vector<int> status(static_cast<std::size_t>(count));
     BatchOutput out;
     out.q = q.data();
     out.status = status.data();
     run_batch(p, out, 1);
     for (int b = 0; b < count; ++b) CHECK((status[static_cast<std::size_t>(b)] == 0) == (first + b != 4));
-    return q;
+    return Eigen::MatrixXd(q.bottomRows(nq));
   };
   const Eigen::MatrixXd all = run(0, kScenarios, true), alone = run(0, kScenarios, false);
   for (int b = 0; b < kScenarios; ++b) {

@@ -12,17 +12,16 @@
 #include "batch_lanes.hpp"
 #include "flexarm/check.hpp"
 #include "flexarm/dry_friction.hpp"
-#include "flexarm/step.hpp"
 
 namespace flexarm {
 
 void fill_rows(const BatchProblem& p, const BatchOutput& out, Eigen::Index scenario, Eigen::Index row) {
-  const auto rows = static_cast<Eigen::Index>(p.rows.size());
+  const Eigen::Index rows = p.rows();
   const auto fill = [&](double* block, int n) {
     if (block) std::fill_n(block + (scenario * rows + row) * n, (rows - row) * n, std::nan(""));
   };
-  fill(out.q, p.arms[0]->nq());
-  for (double* block : {out.v, out.a, out.tau}) fill(block, p.arms[0]->nv());
+  fill(out.q, p.row_q());
+  for (double* block : {out.v, out.a, out.tau}) fill(block, p.row_v());
 }
 
 namespace {
@@ -32,9 +31,16 @@ using Index = Eigen::Index;
 constexpr auto kLookTime = std::chrono::milliseconds(50);
 constexpr Index kWorthThread = 32;  // steps that are worth a thread
 
+/// Of a scenario that has not begun.
+void leave_out(const BatchProblem& p, const BatchOutput& out, Index scenario) {
+  fill_rows(p, out, scenario, 0);
+  if (out.reached) out.reached[scenario] = p.t[0];
+}
+
 /// What the workers share.
 struct Shared {
   const BatchProblem& problem;
+  const BatchSteps steps;  // of the first problem
   const BatchOutput& out;
   const std::function<bool(double)>& alive;
   std::atomic<Index> next{0};      // scenario that nobody has taken
@@ -48,8 +54,8 @@ struct Shared {
     const auto now = std::chrono::steady_clock::now();
     if (now - looked < kLookTime) return;
     looked = now;
-    const double all = static_cast<double>(problem.scenarios) * static_cast<double>(problem.lengths.size());
-    if (!alive(static_cast<double>(done) / all)) stop = true;
+    const double all = static_cast<double>(problem.scenarios) * static_cast<double>(steps.count());
+    if (!alive(std::min(1.0, static_cast<double>(done) / all))) stop = true;
   }
 };
 
@@ -60,7 +66,7 @@ class Worker {
       : shared_(shared),
         calling_(calling),
         width_(LaneGroup::width(shared.problem)),
-        group_(shared.problem, shared.out, [this](long steps) { return tell(steps); }) {}
+        group_(shared.problem, shared.steps, shared.out, [this](long steps) { return tell(steps); }) {}
 
   void run() {
     const Index all = shared_.problem.scenarios;
@@ -83,6 +89,9 @@ class Worker {
       const Index alike = group_.alike(first, end - first);
       group_.run(first, alike, stats_);
       first += alike;
+      if (!group_.broken()) continue;
+      shared_.stop = true;  // a function has ended the batch
+      for (; first < end; ++first) leave_out(shared_.problem, shared_.out, first);
     }
   }
 
@@ -95,32 +104,36 @@ class Worker {
 
 void check(const BatchProblem& p, const BatchOutput& out, int workers) {
   if (p.scenarios < 0) bad_value("scenarios", p.scenarios, "must not be negative");
-  if (p.arms.size() != 1 && static_cast<Index>(p.arms.size()) != p.scenarios)
-    bad_value("arms", p.arms.size(), "must be one, or one for each scenario");
-  for (const Arm* arm : p.arms)
-    if (arm->nq() != p.arms[0]->nq() || arm->nv() != p.arms[0]->nv())
-      bad_value("arms", "an arm", "must have the sizes of the first");
-  const std::size_t steps = p.lengths.size();
-  if (steps == 0) bad_value("steps", 0, "must be at least one");
-  for (double h : p.lengths) positive("step", h);
-  if (p.times.size() != steps + 1) bad_value("times", p.times.size(), "must be one more than the steps");
-  if (p.hold.size() != steps) bad_value("hold", p.hold.size(), "must be as many as the steps");
-  for (std::size_t k = 0; k < p.rows.size(); ++k)
-    if (p.rows[k] < 0 || p.rows[k] > static_cast<Index>(steps) || (k > 0 && p.rows[k] <= p.rows[k - 1]))
-      bad_value("rows", p.rows[k], "must increase, from 0 to the number of steps");
-  for (const BatchLoad& l : p.loads)
-    if (l.places.size() != 1 && static_cast<Index>(l.places.size()) != p.scenarios)
-      bad_value("places of a load", l.places.size(), "must be one, or one for each scenario");
+  if (p.problems.size() != 1 && static_cast<Index>(p.problems.size()) != p.scenarios)
+    bad_value("problems", p.problems.size(), "must be one, or one for each scenario");
+  check_times(p.t);
+  positive("step", p.step);
+  if (p.every < 1) bad_value("every", p.every, "must be at least 1");
   const auto& methods = OneStep::methods();
   const auto method =
-      std::find_if(methods.begin(), methods.end(), [&](const auto& m) { return m.name == p.integrator; });
-  if (method == methods.end()) bad_value("integrator", p.integrator, "is none that batches have");
-  for (const Arm* arm : p.arms)
-    if (!method->rubs) refuse_friction(*arm, method->name.c_str());
-  if (!p.q0.data || !p.v0.data || !p.tau.data) bad_value("q0, v0, tau", "null", "must be given");
-  positive("rtol", p.rtol);
-  if (!(p.spectral_radius >= 0.0 && p.spectral_radius <= 1.0))
-    bad_value("spectral_radius", p.spectral_radius, "must be from 0 to 1");
+      std::find_if(methods.begin(), methods.end(), [&](const auto& m) { return m.name == p.method.name; });
+  if (method == methods.end()) bad_value("integrator", p.method.name, "is none that batches have");
+  if (!(p.method.spectral_radius >= 0.0 && p.method.spectral_radius <= 1.0))
+    bad_value("spectral_radius", p.method.spectral_radius, "must be from 0 to 1");
+  const Problem& one = *p.problems[0];
+  const auto moves = [](const Problem& x) {
+    std::vector<int> found;
+    for (const Drive& d : x.drives)
+      if (d.motion) found.push_back(d.coordinate);
+    return found;
+  };
+  for (const auto& x : p.problems) {
+    x->check();
+    if (!method->rubs) refuse_friction(*x->arm, method->name.c_str());
+    if (x->arm->nq() != one.arm->nq() || x->arm->nv() != one.arm->nv())
+      bad_value("problems", "an arm", "must have the sizes of the first");
+    if (x->loads.size() != one.loads.size() || x->feedback.size() != one.feedback.size() ||
+        x->samplers.size() != one.samplers.size() || x->events.size() != one.events.size() || moves(*x) != moves(one))
+      bad_value("problems", "one of them", "must have as many laws as the first, and the same motions");
+    for (const Feedback& f : x->feedback)
+      if (f.column.size() != one.arm->nv() || f.by_q.size() != one.arm->nq() || f.by_v.size() != one.arm->nv())
+        bad_value("feedback", "a law", "must have nv, nq and nv numbers");
+  }
   if (!out.status) bad_value("status", "null", "must be given");
   if (workers < 1) bad_value("workers", workers, "must be at least 1");
 }
@@ -145,8 +158,8 @@ BatchStats run_batch(const BatchProblem& problem, const BatchOutput& out, int wo
                      const std::function<bool(double)>& alive) {
   check(problem, out, workers);
   std::fill_n(out.status, problem.scenarios, static_cast<int>(BatchStatus::not_done));
-  Shared shared{problem, out, alive};
-  const Index steps = problem.scenarios * static_cast<Index>(problem.lengths.size());
+  Shared shared{problem, {*problem.problems[0], problem.t, problem.step}, out, alive};
+  const Index steps = problem.scenarios * shared.steps.count();
   const Index group = LaneGroup::width(problem);
   const Index useful = std::max<Index>(1, std::min((problem.scenarios + group - 1) / group, steps / kWorthThread));
   const int count = static_cast<int>(std::min<Index>(workers, useful));
@@ -193,10 +206,7 @@ BatchStats run_batch(const BatchProblem& problem, const BatchOutput& out, int wo
     stats.factorisations += w->stats().factorisations;
     stats.iterations += w->stats().iterations;
   }
-  for (Index b = shared.next; b < problem.scenarios; ++b) {  // nobody has taken these
-    fill_rows(problem, out, b, 0);
-    if (out.reached) out.reached[b] = problem.times[0];
-  }
+  for (Index b = shared.next; b < problem.scenarios; ++b) leave_out(problem, out, b);  // nobody has taken these
   for (Index b = 0; b < problem.scenarios; ++b)
     stats.interrupted = stats.interrupted || out.status[b] == static_cast<int>(BatchStatus::not_done);
   return stats;

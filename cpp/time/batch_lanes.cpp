@@ -1,196 +1,170 @@
 #include "batch_lanes.hpp"
 
 #include <algorithm>
-#include <cmath>
-#include <limits>
 
 #include "flexarm/control.hpp"
-#include "flexarm/dry_friction.hpp"
 #include "lanes/methods.hpp"
+#include "stepper.hpp"
 
 namespace flexarm {
 
-namespace {
-
 using Index = Eigen::Index;
 
-/// Up to so many scenarios, in parts of a pack's lanes, are run one by one, as one is in any case: a pack costs 1.2 to
-/// 3 times what an arm by itself costs (bench/batch/few.py).
-constexpr double kFew = 0.25;
-
-}  // namespace
-
-Index LaneGroup::width(const BatchProblem& p) {
-  const int width = lanes::best_kernels().width;
-  const bool few = static_cast<double>(std::max(p.whole, p.scenarios)) <= std::max(1.0, kFew * width);
-  return p.lanes && !few ? width : 1;
+LaneGroup::Alone::Watch::Watch(const Problem& problem, Control& control, const Method& by, double step)
+    : system(problem, control), method(by.on(*problem.arm, step)), seen(system, problem.events, out) {
+  system.rubbing = method->rubbing();
+  out.events.resize(problem.events.size());
 }
 
-LaneGroup::LaneGroup(const BatchProblem& problem, const BatchOutput& out, std::function<bool(long)> tell)
-    : p_(problem), out_(out), tell_(std::move(tell)), kernels_(lanes::best_kernels()), width_(width(problem)) {
-  one_for_all_ = p_.arms.size() == 1;
-  for (const BatchLoad& l : p_.loads) one_for_all_ = one_for_all_ && l.places.size() == 1;
-  const Arm& one = *p_.arms[0];
-  std::vector<bool> given(static_cast<std::size_t>(one.nv()), false);
-  for (const BatchMotion& m : p_.motions) given[static_cast<std::size_t>(m.coordinate)] = true;
-  for (int i = 0; i < one.nv(); ++i) {
-    if (!given[static_cast<std::size_t>(i)]) free_.push_back(i);
-    coordinate_.push_back(one.coordinate_of(i));
+void LaneGroup::begin_alone() {
+  alone_.clear();
+  const Problem& one = problem(first_);
+  if (one.samplers.empty() && one.events.empty()) return;
+  for (Index l = 0; l < count_; ++l) {
+    const Problem& p = problem(first_ + l);
+    alone_.push_back({p.control(), {}});
   }
-  const std::size_t w = static_cast<std::size_t>(width_);
-  weight_.resize(w);
-  status_.resize(w);
-  reached_.resize(w);
-  rows_done_.resize(w);
-  q_.resize(w * static_cast<std::size_t>(one.nq()));
-  v_.resize(w * static_cast<std::size_t>(one.nv()));
-  farthest_.resize(q_.size());
-  fastest_.resize(v_.size());
-  std::vector<bool> rubs_anywhere(given.size(), false);
-  for (const Arm* a : p_.arms)
-    for (const Rub& r : rubs(*a)) rubs_anywhere[static_cast<std::size_t>(r.rate)] = true;
-  for (const bool prescribed : {false, true})
-    for (int i = 0; i < one.nv(); ++i)
-      if (rubs_anywhere[static_cast<std::size_t>(i)] && given[static_cast<std::size_t>(i)] == prescribed) {
-        rubbing_.push_back(i);
-        rubbing_given_ += prescribed ? 1 : 0;
+  for (Index l = 0; l < count_ && !one.events.empty(); ++l)  // now that they stay where they are
+    alone(l).watch = std::make_unique<Alone::Watch>(problem(first_ + l), alone(l).control, p_.method, p_.step);
+}
+
+template <class F>
+void LaneGroup::guarded(const F& f) {
+  if (broken_) return;
+  try {
+    f();
+  } catch (const Interrupted&) {
+    broken_ = true;
+  } catch (...) {
+    broken_ = true;
+    try {
+      if (p_.problems.size() == 1) throw;
+      std::throw_with_nested(ScenarioError(asked_));
+    } catch (...) {
+      error_ = std::current_exception();
+    }
+  }
+}
+
+bool LaneGroup::goes_on(Index lane) const {
+  const auto& watch = alone_[static_cast<std::size_t>(lane)].watch;
+  return status_[static_cast<std::size_t>(lane)] == 0 && !(watch && watch->out.terminated);
+}
+
+void LaneGroup::act(const Problem& problem, double t) {
+  now_.tau = problem.tau;
+  std::fill(now_.offsets.begin(), now_.offsets.end(), 0.0);
+  ask_laws(
+      problem.drives, problem.loads, problem.feedback, t,
+      [&](std::size_t k, const MotionValue& m) {
+        now_.motions[static_cast<std::size_t>(problem.drives[k].coordinate)] = m;
+      },
+      [&](std::size_t k, double force) {
+        const Drive& d = problem.drives[k];
+        if (d.column.size() > 0)
+          now_.tau += force * d.column;
+        else
+          now_.tau[d.coordinate] += force;
+      },
+      [&](std::size_t k, const Vec6<double>& wrench) { now_.wrenches[k] = wrench; },
+      [&](std::size_t k, double offset) { now_.offsets[k] = offset; });
+}
+
+void LaneGroup::set(long half, double* q, double* v, double* a, double* tau, double* offset, double* wrenches) {
+  guarded([&] {
+    const double t = steps_->at(half);
+    const bool forces = forced_ || fresh_;
+    for (Index l = 0; l < width_; ++l) {
+      const Index b = asked_ = scenario(l);
+      if (l == 0 || (p_.problems.size() > 1 && b != scenario(l - 1))) act(problem(b), t);
+      if (forces) {
+        for (Index i = 0; i < now_.tau.size(); ++i) tau[i * width_ + l] = now_.tau[i];
+        for (Index i = 0; i < p_.row_v() && p_.tau.data; ++i) tau[i * width_ + l] += held(b)[i];
+        for (Index i = 0; i < now_.tau.size() && !alone_.empty(); ++i)
+          tau[i * width_ + l] += alone(l).control.held()[i];
       }
-  coulomb_.resize(w * rubbing_.size());
-  stiction_.resize(w * rubbing_.size());
-  std::vector<bool> limited(given.size(), false);
-  for (const Arm* a : p_.arms)
-    for (const AppliedLimit& l : torque_limits(*a)) limited[static_cast<std::size_t>(l.rate)] = true;
-  for (int i = 0; i < one.nv(); ++i)
-    if (limited[static_cast<std::size_t>(i)] && !given[static_cast<std::size_t>(i)]) limited_.push_back(i);
-  most_.resize(w * limited_.size());
-  laws_.resize(w * p_.feedback.size() * static_cast<std::size_t>(2 * one.nv() + one.nq() + 1));
-}
-
-Index LaneGroup::alike(Index first, Index count) {
-  if (one_for_all_) {
-    if (!p_.loads.empty() && loaded_.empty()) load(first);
-    return count;
-  }
-  loaded_.clear();
-  const lanes::KernelArm* one = load(first);
-  Index n = 1;
-  for (; n < count; ++n) {
-    const lanes::KernelArm* other = load(first + n);
-    if (!other->like(*one)) break;
-  }
-  return n;
-}
-
-const lanes::KernelArm* LaneGroup::load(Index b) {
-  const lanes::KernelArm& bare = lanes::KernelArm::of(arm(b));
-  if (p_.loads.empty()) return &bare;
-  std::vector<Load> loads;
-  for (const BatchLoad& l : p_.loads) loads.push_back(l.places[l.places.size() == 1 ? 0 : static_cast<std::size_t>(b)]);
-  loaded_.push_back(std::make_unique<lanes::KernelArm>(bare.loaded(arm(b), loads)));
-  return loaded_.back().get();
-}
-
-void LaneGroup::pack_numbers() {
-  if (packed_ && one_for_all_) return;
-  std::vector<const lanes::KernelArm*> arms;
-  for (Index l = 0; l < width_; ++l) {
-    const Arm& a = arm(scenario(l));
-    if (p_.loads.empty())
-      arms.push_back(&lanes::KernelArm::of(a));
-    else
-      arms.push_back(loaded_[one_for_all_ ? 0 : static_cast<std::size_t>(std::min(l, count_ - 1))].get());
-    double mass = 0.0;
-    for (const Link& link : a.links()) mass += link.mass();
-    weight_[static_cast<std::size_t>(l)] = mass * a.gravity().squaredNorm();
-  }
-  std::vector<bool> given(coordinate_.size(), true);
-  for (int i : free_) given[static_cast<std::size_t>(i)] = false;
-  for (Index l = 0; l < width_; ++l) {
-    const Arm& a = arm(scenario(l));
-    for (Index i = 0; i < a.nq(); ++i) farthest_[static_cast<std::size_t>(i * width_ + l)] = a.farthest()[i];
-    for (Index i = 0; i < a.nv(); ++i) fastest_[static_cast<std::size_t>(i * width_ + l)] = a.fastest()[i];
-  }
-  packed_ = width_ == 1 ? arms[0]->grouped(kernels_.width, given)
-                        : lanes::KernelArm::side_by_side(arms, static_cast<int>(width_), given);
-  pack_friction();
-  pack_limits();
-}
-
-void LaneGroup::pack_friction() {
-  std::fill(coulomb_.begin(), coulomb_.end(), 0.0);
-  std::fill(stiction_.begin(), stiction_.end(), 0.0);
-  if (rubbing_.empty()) return;
-  for (Index l = 0; l < width_; ++l)
-    for (const Rub& r : rubs(arm(scenario(l)))) {
-      const auto c = std::find(rubbing_.begin(), rubbing_.end(), r.rate) - rubbing_.begin();
-      coulomb_[static_cast<std::size_t>(c * width_ + l)] = r.coulomb;
-      stiction_[static_cast<std::size_t>(c * width_ + l)] = r.stiction;
+      for (int i : moved_) {
+        const MotionValue& m = now_.motions[static_cast<std::size_t>(i)];
+        q[coordinate_[static_cast<std::size_t>(i)] * width_ + l] = m.q;
+        v[i * width_ + l] = m.v;
+        a[i * width_ + l] = m.a;
+      }
+      for (std::size_t k = 0; k < now_.offsets.size(); ++k)
+        offset[static_cast<Index>(k) * width_ + l] = now_.offsets[k];
+      for (std::size_t k = 0; k < now_.wrenches.size(); ++k)
+        for (Index i = 0; i < 6; ++i) wrenches[(6 * static_cast<Index>(k) + i) * width_ + l] = now_.wrenches[k][i];
     }
+    fresh_ = false;
+  });
 }
 
-void LaneGroup::pack_limits() {
-  std::fill(most_.begin(), most_.end(), std::numeric_limits<double>::infinity());
-  if (limited_.empty()) return;
-  for (Index l = 0; l < width_; ++l)
-    for (const AppliedLimit& limit : torque_limits(arm(scenario(l)))) {
-      const auto at = std::find(limited_.begin(), limited_.end(), limit.rate);
-      if (at != limited_.end()) most_[static_cast<std::size_t>((at - limited_.begin()) * width_ + l)] = limit.most;
-    }
+int LaneGroup::due(long step) {
+  const double t = time(step) + kSameTime * p_.step;
+  for (const Alone& one : alone_)
+    if (one.control.due(t)) return 2;
+  const Index k = steps_->output[static_cast<std::size_t>(step)];
+  return k > 0 && k + 1 < p_.t.size() && p_.tau.time != 0 ? 1 : 0;
 }
 
-void LaneGroup::pack(const BatchTable& table, Index n, double* out) const {
-  for (Index l = 0; l < width_; ++l) {
-    const double* from = table.at(scenario(l));
-    for (Index i = 0; i < n; ++i) out[i * width_ + l] = from[i];
-  }
-}
-
-void LaneGroup::set(long step, long half, double* q, double* v, double* a, double* tau, double* offset,
-                    double* wrenches) {
-  const Index nv = static_cast<Index>(coordinate_.size());
-  const Index held = p_.hold[static_cast<std::size_t>(step)];
-  for (Index l = 0; l < width_; ++l) {
-    const Index b = scenario(l);
-    const double* t = p_.tau.at(b, held);
-    for (Index i = 0; i < nv; ++i) tau[i * width_ + l] = t[i];
-    for (const BatchForce& f : p_.forces) {
-      const double u = *f.value.at(b, half);
-      const double* column = f.column.at(b);
-      for (Index i = 0; i < nv; ++i) tau[i * width_ + l] += u * column[i];
-    }
-    for (const BatchMotion& m : p_.motions) {
-      const double* value = m.value.at(b, half);
-      q[coordinate_[static_cast<std::size_t>(m.coordinate)] * width_ + l] = value[0];
-      v[m.coordinate * width_ + l] = value[1];
-      a[m.coordinate * width_ + l] = value[2];
-    }
-    for (std::size_t k = 0; k < p_.feedback.size(); ++k)
-      offset[static_cast<Index>(k) * width_ + l] = *p_.feedback[k].reference.at(b, half);
-    for (std::size_t k = 0; k < p_.loads.size(); ++k)
-      for (Index i = 0; i < 6; ++i)
-        wrenches[(6 * static_cast<Index>(k) + i) * width_ + l] = p_.loads[k].wrench.at(b, half)[i];
-  }
-}
-
-bool LaneGroup::jumps(long step, double* changed) {
-  const Index before = p_.hold[static_cast<std::size_t>(step - 1)], now = p_.hold[static_cast<std::size_t>(step)];
-  if (before == now) return false;
+bool LaneGroup::change(long step, const double* q, const double* v, const double* a, double* changed) {
   bool any = false;
-  for (Index l = 0; l < width_; ++l) {
-    const double *a = p_.tau.at(scenario(l), before), *b = p_.tau.at(scenario(l), now);
-    const bool differ = !std::equal(a, a + coordinate_.size(), b);
-    changed[l] = differ ? 1.0 : 0.0;
-    any = any || differ;
-  }
+  guarded([&] {
+    const Index before = interval_, k = steps_->output[static_cast<std::size_t>(step)];
+    if (k >= 0) interval_ = std::min(k, p_.t.size() - 2);
+    for (Index l = 0; l < width_; ++l) {
+      const Index b = asked_ = scenario(l);
+      changed[l] = l > 0 && l >= count_ ? changed[count_ - 1] : 0.0;
+      if (l >= count_) continue;
+      if (p_.tau.data && interval_ != before) {
+        const double *x = p_.tau.at(b, before), *y = held(b);
+        if (!std::equal(x, x + p_.row_v(), y)) changed[l] = 1.0;
+      }
+      if (!alone_.empty() && goes_on(l)) {
+        const auto one = [&](const double* from, Eigen::VectorXd& to) {
+          for (Index i = 0; i < to.size(); ++i) to[i] = from[i * width_ + l];
+        };
+        one(q, q_one_);
+        one(v, v_one_);
+        one(a, a_one_);
+        if (alone(l).control.run(time(step) + kSameTime * p_.step, q_one_, v_one_, a_one_)) changed[l] = 1.0;
+      }
+      any = any || changed[l] != 0.0;
+    }
+    fresh_ = fresh_ || any;
+  });
+  return any;
+}
+
+bool LaneGroup::look(long step, const double* q, const double* v, double* ended) {
+  bool any = false;
+  guarded([&] {
+    for (Index l = 0; l < width_; ++l) {
+      ended[l] = l >= count_ ? ended[count_ - 1] : 0.0;
+      if (l >= count_ || !goes_on(l)) continue;
+      asked_ = scenario(l);
+      Alone::Watch& w = *alone(l).watch;
+      for (Index i = 0; i < w.system.q.size(); ++i) w.system.q[i] = q[i * width_ + l];
+      for (Index i = 0; i < w.system.v.size(); ++i) w.system.v[i] = v[i * width_ + l];
+      w.system.constant_tau = problem(asked_).tau;
+      for (Index i = 0; i < p_.row_v() && p_.tau.data; ++i) w.system.constant_tau[i] += held(asked_)[i];
+      if (step == 0)
+        w.seen.start(time(0));
+      else if (w.seen.look(time(step)))
+        ended[l] = 1.0;
+      any = any || ended[l] != 0.0;
+    }
+  });
   return any;
 }
 
 int LaneGroup::wanted(long step) {
-  if (row_ == static_cast<Index>(p_.rows.size()) || p_.rows[static_cast<std::size_t>(row_)] != step) return 0;
+  const Index k = steps_->output[static_cast<std::size_t>(step)];
+  if (k < 0 || k % p_.every != 0) return 0;
   return out_.a || out_.tau ? 2 : 1;
 }
 
 bool LaneGroup::alive(long step) {
+  if (broken_) return false;
   if (!pace_.due()) return true;
   const long news = step - told_;
   told_ = step;
@@ -198,18 +172,20 @@ bool LaneGroup::alive(long step) {
 }
 
 void LaneGroup::row(const double* q, const double* v, const double* a, const double* tau, const int* status) {
-  const auto rows = static_cast<Index>(p_.rows.size());
+  const Index rows = p_.rows(), k = row_ * p_.every;
   for (Index l = 0; l < count_; ++l) {
-    if (status[l] != 0) continue;
+    const bool over =
+        !alone_.empty() && alone(l).watch && alone(l).watch->out.terminated && alone(l).watch->out.reached < p_.t[k];
+    if (status[l] != 0 || over) continue;
     const auto put = [&](double* block, const double* x, Index n) {
       if (!block) return;
       double* to = block + ((first_ + l) * rows + row_) * n;
       for (Index i = 0; i < n; ++i) to[i] = x[i * width_ + l];
     };
-    put(out_.q, q, arm(0).nq());
-    put(out_.v, v, arm(0).nv());
-    put(out_.a, a, arm(0).nv());
-    put(out_.tau, tau, arm(0).nv());
+    put(out_.q, q, p_.row_q());
+    put(out_.v, v, p_.row_v());
+    put(out_.a, a, p_.row_v());
+    put(out_.tau, tau, p_.row_v());
     rows_done_[static_cast<std::size_t>(l)] = row_ + 1;
   }
   ++row_;
@@ -219,38 +195,26 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   first_ = first;
   count_ = count;
   pack_numbers();
-  const Arm& one = arm(first);
-  const Index nq = one.nq(), nv = one.nv(), laws = static_cast<Index>(p_.feedback.size());
-  pack(p_.q0, nq, q_.data());
-  pack(p_.v0, nv, v_.data());
-  double* column = laws_.data();
-  double *by_q = column + laws * nv * width_, *by_v = by_q + laws * nq * width_, *limit = by_v + laws * nv * width_;
-  for (Index k = 0; k < laws; ++k) {
-    const BatchFeedback& f = p_.feedback[static_cast<std::size_t>(k)];
-    pack(f.column, nv, column + k * nv * width_);
-    pack(f.by_q, nq, by_q + k * nq * width_);
-    pack(f.by_v, nv, by_v + k * nv * width_);
-    pack(f.limit, 1, limit + k * width_);
-  }
-  bool varies = false;
-  for (const BatchForce& f : p_.forces) varies = varies || f.value.time != 0;
-  for (const BatchLoad& l : p_.loads) varies = varies || l.wrench.time != 0;
-  for (const BatchMotion& m : p_.motions) varies = varies || m.value.time != 0;
-  for (const BatchFeedback& f : p_.feedback) varies = varies || f.reference.time != 0;
+  pack_laws();
+  pack_start();
+  begin_alone();
+  const Problem& one = problem(first);
+  const Index nq = q_one_.size(), nv = v_one_.size(), laws = static_cast<Index>(one.feedback.size());
   std::fill(status_.begin(), status_.end(), 0);
   std::fill(rows_done_.begin(), rows_done_.end(), 0);
-  row_ = 0;
+  row_ = interval_ = 0;
   told_ = 0;
+  fresh_ = true;
 
   lanes::Roll job{};
   job.width = static_cast<int>(width_);
   job.layout = &packed_->layout();
   job.numbers = packed_->numbers().data();
-  job.length = p_.lengths.data();
-  job.steps = static_cast<long>(p_.lengths.size());
-  job.method = Methods::number(p_.integrator.c_str());
-  job.options.spectral_radius = p_.spectral_radius;
-  job.options.rtol = p_.rtol;
+  job.length = steps_->lengths.data();
+  job.steps = steps_->count();
+  job.method = Methods::number(p_.method.name.c_str());
+  job.options.spectral_radius = p_.method.spectral_radius;
+  if (p_.method.rtol != 0.0) job.options.rtol = p_.method.rtol;
   job.weight = weight_.data();
   job.free = free_.data();
   job.coordinate = coordinate_.data();
@@ -258,10 +222,10 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   job.farthest = farthest_.data();
   job.fastest = fastest_.data();
   job.laws = static_cast<int>(laws);
-  job.column = column;
-  job.by_q = by_q;
-  job.by_v = by_v;
-  job.limit = limit;
+  job.column = laws_.data();
+  job.by_q = job.column + laws * nv * width_;
+  job.by_v = job.by_q + laws * nq * width_;
+  job.limit = job.by_v + laws * nv * width_;
   job.limits = static_cast<int>(limited_.size());
   job.limited = limited_.data();
   job.most = most_.data();
@@ -270,24 +234,36 @@ void LaneGroup::run(Index first, Index count, BatchStats& stats) {
   job.rubbing = rubbing_.data();
   job.coulomb = coulomb_.data();
   job.stiction = stiction_.data();
-  job.varies = varies;
+  job.varies = varies_;
+  job.watched = !one.events.empty();
   job.scenarios = this;
   job.status = status_.data();
   job.reached = reached_.data();
   const std::size_t need = kernels_.roll_memory(job);
   if (need > memory_.size()) memory_ = lanes::Memory(need);
   kernels_.roll(job, memory_.get(), q_.data(), v_.data());
+  if (error_) std::rethrow_exception(error_);
   tell_((job.steps - told_) * static_cast<long>(count_));
   for (Index l = 0; l < count_; ++l) {
     const std::size_t k = static_cast<std::size_t>(l);
-    if (out_.status) out_.status[first + l] = status_[k];
-    if (out_.reached) out_.reached[first + l] = p_.times[static_cast<std::size_t>(reached_[k])];
+    end_alone(l);
     fill_rows(p_, out_, first + l, rows_done_[k]);
     stats.steps += reached_[k];
     stats.evaluations += job.work.evaluations;
     stats.factorisations += job.work.factorisations;
     stats.iterations += job.work.solves;
   }
+}
+
+/// Tells how the scenario of a lane has ended.
+void LaneGroup::end_alone(Index lane) {
+  const auto k = static_cast<std::size_t>(lane);
+  const Index b = first_ + lane;
+  Alone::Watch* watch = alone_.empty() ? nullptr : alone(lane).watch.get();
+  const bool over = watch && watch->out.terminated;
+  if (out_.status) out_.status[b] = broken_ ? static_cast<int>(BatchStatus::not_done) : status_[k];
+  if (out_.reached) out_.reached[b] = over ? watch->out.reached : time(reached_[k]);
+  if (out_.events && watch) out_.events[b] = std::move(watch->out.events);
 }
 
 }  // namespace flexarm

@@ -50,24 +50,26 @@ System::System(const Problem& problem, Control& control_)
 void System::drive(double t) {
   tau = constant_tau + control.held();
   for (AppliedLimit& l : ws.limits) l.friction = 0.0;
-  for (AppliedFeedback& f : ws.feedback)
-    if (f.law->reference) f.offset = f.law->reference(t);
-  for (std::size_t k = 0; k < loads.size(); ++k) ws.loads[k].wrench = loads[k].wrench(t);
-  for (const Drive& d : drives) {
-    if (d.motion) {
-      const MotionValue m = d.motion(t);
-      q[arm.coordinate_of(d.coordinate)] = m.q;
-      v[d.coordinate] = m.v;
-      a[d.coordinate] = ws.a[d.coordinate] = m.a;
-    } else if (d.column.size() > 0) {
-      tau += d.force(t) * d.column;
-    } else {
-      const double force = d.force(t);
-      tau[d.coordinate] += force;
-      for (AppliedLimit& l : ws.limits)
-        if (d.rubs && l.rate == d.coordinate) l.friction += force;
+  const auto move = [this](std::size_t k, const MotionValue& m) {
+    const int i = drives[k].coordinate;
+    q[arm.coordinate_of(i)] = m.q;
+    v[i] = m.v;
+    a[i] = ws.a[i] = m.a;
+  };
+  const auto push = [this](std::size_t k, double force) {
+    const Drive& d = drives[k];
+    if (d.column.size() > 0) {
+      tau += force * d.column;
+      return;
     }
-  }
+    tau[d.coordinate] += force;
+    for (AppliedLimit& l : ws.limits)
+      if (d.rubs && l.rate == d.coordinate) l.friction += force;
+  };
+  ask_laws(
+      drives, loads, control.feedback(), t, move, push,
+      [this](std::size_t k, const Vec6<double>& wrench) { ws.loads[k].wrench = wrench; },
+      [this](std::size_t k, double offset) { ws.feedback[k].offset = offset; });
   ws.give(tau.data());
 }
 

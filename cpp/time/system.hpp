@@ -48,6 +48,19 @@ struct System {
   bool log(const std::vector<Event>& events, std::size_t k, double t, Trajectory& out) const;
 };
 
+/// Asks all that is a function of time what it gives at t: of drives motion(k, value) and force(k, value), of loads
+/// wrench(k, value), and of continuous laws with a reference offset(k, value).
+template <class Motion, class Force, class Wrench, class Offset>
+void ask_laws(const std::vector<Drive>& drives, const std::vector<LoadDrive>& loads,
+              const std::vector<Feedback>& feedback, double t, const Motion& motion, const Force& force,
+              const Wrench& wrench, const Offset& offset) {
+  for (std::size_t k = 0; k < feedback.size(); ++k)
+    if (feedback[k].reference) offset(k, feedback[k].reference(t));
+  for (std::size_t k = 0; k < loads.size(); ++k) wrench(k, loads[k].wrench(t));
+  for (std::size_t k = 0; k < drives.size(); ++k)
+    drives[k].motion ? motion(k, drives[k].motion(t)) : force(k, drives[k].force(t));
+}
+
 /// The force law's places, without their values.
 std::vector<Load> places(const std::vector<LoadDrive>& loads);
 

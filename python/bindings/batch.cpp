@@ -1,7 +1,9 @@
 #include "flexarm/batch.hpp"
 
+#include <algorithm>
+
 #include "flexarm/check.hpp"
-#include "interpreter.hpp"
+#include "laws.hpp"
 
 using namespace flexarm;
 
@@ -10,13 +12,22 @@ namespace {
 /// (B or 1, times or 1, n)
 using Table = py::array_t<double, py::array::c_style>;
 
-BatchTable make_table(const char* name, const Table& x, py::ssize_t scenarios, py::ssize_t times, py::ssize_t n) {
+/// A batch from Python, and what it must outlive.
+struct PyBatch {
+  BatchProblem problem;
+  py::list kept;
+};
+
+BatchTable make_table(const char* name, const std::optional<Table>& x, py::ssize_t scenarios, py::ssize_t times,
+                      py::ssize_t n, py::list& kept) {
+  if (!x) return {};
   const auto good = [](py::ssize_t have, py::ssize_t want) { return have == 1 || have == want; };
-  if (x.ndim() != 3 || !good(x.shape(0), scenarios) || !good(x.shape(1), times) || x.shape(2) != n)
+  if (x->ndim() != 3 || !good(x->shape(0), scenarios) || !good(x->shape(1), times) || x->shape(2) != n)
     bad_value(name, "an array of another shape",
               "must be (" + std::to_string(scenarios) + " or 1, " + std::to_string(times) + " or 1, " +
                   std::to_string(n) + ")");
-  return {x.data(), x.shape(0) == 1 ? 0 : x.shape(1) * n, x.shape(1) == 1 ? 0 : n};
+  kept.append(*x);
+  return {x->data(), x->shape(0) == 1 ? 0 : x->shape(1) * n, x->shape(1) == 1 ? 0 : n};
 }
 
 template <class T>
@@ -28,65 +39,80 @@ T* block(py::dict& out, const char* name, py::ssize_t size) {
   return static_cast<T*>(x.mutable_data());
 }
 
-/// (coordinate, values), (column, values), (places, wrenches), and (column, by_q, by_v, reference, limit)
-using Motions = std::vector<std::pair<int, Table>>;
-using Forces = std::vector<std::pair<Table, Table>>;
-using Loads = std::vector<std::pair<std::vector<Load>, Table>>;
-using LawTables = std::vector<std::tuple<Table, Table, Table, Table, Table>>;
-
-void add_drives(BatchProblem& p, const Motions& motions, const Forces& forces, const Loads& loads,
-                const LawTables& laws) {
-  const Arm& arm = *p.arms[0];
-  const py::ssize_t b = p.scenarios, halves = 2 * static_cast<py::ssize_t>(p.lengths.size()) + 1;
-  for (const auto& [coordinate, value] : motions) {
-    if (coordinate < 0 || coordinate >= arm.nv() || arm.coordinate_of(coordinate) < 0)
-      bad_value("motion of coordinate", coordinate, "must be a joint's, and none of a ball");
-    p.motions.push_back({coordinate, make_table("motion", value, b, halves, 3)});
+PyBatch make_batch(const std::vector<std::shared_ptr<PyProblem>>& problems, const std::vector<const PyArm*>& arms,
+                   py::ssize_t scenarios, const Eigen::VectorXd& t, double step, py::ssize_t every,
+                   const std::optional<Table>& q0, const std::optional<Table>& v0, const std::optional<Table>& tau,
+                   int nq, int nv, const Method& method, bool lanes, py::ssize_t whole) {
+  if (problems.empty()) bad_value("problems", "[]", "must be one, or one for each scenario");
+  PyBatch out;
+  BatchProblem& p = out.problem;
+  for (const auto& one : problems) p.problems.emplace_back(one, &one->problem);
+  if (arms.size() > 1) {
+    const Problem one = *p.problems[0];
+    const bool patched =
+        std::any_of(one.drives.begin(), one.drives.end(), [](const Drive& d) { return d.column.size() > 0; });
+    if (problems.size() > 1 || patched || !one.loads.empty() || !one.feedback.empty() || !one.samplers.empty())
+      bad_value("arms", arms.size(), "are for one problem without loads, voltages and controllers");
+    p.problems.clear();
+    for (const PyArm* arm : arms) {
+      auto other = std::make_shared<Problem>(one);
+      other->arm = std::shared_ptr<const Arm>(std::shared_ptr<void>(), arm);
+      p.problems.push_back(std::move(other));
+    }
   }
-  for (const auto& [column, value] : forces)
-    p.forces.push_back({make_table("column", column, b, 1, arm.nv()), make_table("force", value, b, halves, 1)});
-  for (const auto& [places, wrench] : loads) p.loads.push_back({places, make_table("load", wrench, b, halves, 6)});
-  for (const auto& [column, by_q, by_v, reference, limit] : laws)
-    p.feedback.push_back({make_table("column", column, b, 1, arm.nv()), make_table("by_q", by_q, b, 1, arm.nq()),
-                          make_table("by_v", by_v, b, 1, arm.nv()), make_table("reference", reference, b, halves, 1),
-                          make_table("limit", limit, b, 1, 1)});
-}
-
-py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const std::vector<double>& lengths,
-               const std::vector<double>& times, const std::vector<Eigen::Index>& hold,
-               const std::vector<Eigen::Index>& rows, const Table& q0, const Table& v0, const Table& tau,
-               const Motions& motions, const Forces& forces, const Loads& loads, const LawTables& laws,
-               const std::string& integrator, double spectral_radius, double rtol, bool lanes, py::ssize_t whole,
-               py::dict& out, int workers, const py::object& alive) {
-  if (arms.empty()) bad_value("arms", "[]", "must be one, or one for each scenario");
-  BatchProblem p{arms, scenarios, lengths, times, hold, rows, {}, {}, {}};
-  const int nq = arms[0]->nq(), nv = arms[0]->nv();
-  p.q0 = make_table("q0", q0, scenarios, 1, nq);
-  p.v0 = make_table("v0", v0, scenarios, 1, nv);
-  p.tau = make_table("tau", tau, scenarios, tau.shape(1), nv);
-  for (Eigen::Index row : hold)
-    if (row < 0 || (row >= tau.shape(1) && tau.shape(1) != 1)) bad_value("hold", row, "is no row of tau");
-  add_drives(p, motions, forces, loads, laws);
-  p.integrator = integrator;
-  p.spectral_radius = spectral_radius;
-  p.rtol = rtol;
+  p.scenarios = scenarios;
+  p.t = t;
+  p.step = step;
+  p.every = every;
+  p.nq = nq;
+  p.nv = nv;
+  p.q0 = make_table("q0", q0, scenarios, 1, nq, out.kept);
+  p.v0 = make_table("v0", v0, scenarios, 1, nv, out.kept);
+  p.tau = make_table("tau", tau, scenarios, tau ? std::max<py::ssize_t>(tau->shape(1), t.size() - 1) : 1, nv, out.kept);
+  p.method = method;
   p.lanes = lanes;
   p.whole = whole;
-  const py::ssize_t all = scenarios * static_cast<py::ssize_t>(rows.size());
+  return out;
+}
+
+/// What a scenario's function has thrown; of a ValueError with the scenario in its words.
+[[noreturn]] void tell_whose(const ScenarioError& e) {
+  std::string words;
+  try {
+    std::rethrow_if_nested(e);
+  } catch (const std::invalid_argument& x) {
+    words = x.what();
+  } catch (py::error_already_set& x) {
+    if (!x.matches(PyExc_ValueError)) throw;
+    words = py::str(x.value());
+  }
+  throw std::invalid_argument(std::string(e.what()) + ": " + words);
+}
+
+py::dict run(const PyBatch& of, py::dict& out, int workers, const py::object& alive) {
+  const BatchProblem& p = of.problem;
+  const py::ssize_t all = p.scenarios * p.rows();
   BatchOutput o;
-  o.q = block<double>(out, "q", all * nq);
-  o.v = block<double>(out, "v", all * nv);
-  o.a = block<double>(out, "a", all * nv);
-  o.tau = block<double>(out, "tau", all * nv);
-  o.status = block<int>(out, "status", scenarios);
-  o.reached = block<double>(out, "reached", scenarios);
+  o.q = block<double>(out, "q", all * p.nq);
+  o.v = block<double>(out, "v", all * p.nv);
+  o.a = block<double>(out, "a", all * p.nv);
+  o.tau = block<double>(out, "tau", all * p.nv);
+  o.status = block<int>(out, "status", p.scenarios);
+  o.reached = block<double>(out, "reached", p.scenarios);
+  std::vector<std::vector<EventLog>> events(out.contains("events") ? static_cast<std::size_t>(p.scenarios) : 0);
+  if (!events.empty()) o.events = events.data();
   Lookout lookout(alive);
   const auto look_around = [&lookout](double share) { return lookout(share); };
   BatchStats s;
-  {
+  try {
     const Unlocked free;
     s = run_batch(p, o, workers, look_around);
+  } catch (const ScenarioError& e) {
+    tell_whose(e);
   }
+  for (std::size_t b = 0; b < events.size(); ++b)
+    if (o.status[b] != static_cast<int>(BatchStatus::not_done))
+      out["events"][py::int_(b)] = event_rows(events[b], p.nq, p.nv);
   py::dict stats;
   stats["steps"] = s.steps;
   stats["evaluations"] = s.evaluations;
@@ -101,8 +127,18 @@ py::dict batch(const std::vector<const Arm*>& arms, py::ssize_t scenarios, const
 }  // namespace
 
 void bind_batch(py::module_& m) {
-  m.def("batch", &batch, py::arg("arms"), py::arg("scenarios"), py::arg("lengths"), py::arg("times"), py::arg("hold"),
-        py::arg("rows"), py::arg("q0"), py::arg("v0"), py::arg("tau"), py::arg("motions"), py::arg("forces"),
-        py::arg("loads"), py::arg("laws"), py::arg("integrator"), py::arg("spectral_radius"), py::arg("rtol"),
-        py::arg("lanes"), py::arg("whole"), py::arg("out"), py::arg("workers"), py::arg("alive"));
+  py::class_<PyBatch>(m, "BatchProblem")
+      .def(py::init([](const std::vector<std::shared_ptr<PyProblem>>& problems, const std::vector<const PyArm*>& arms,
+                       py::ssize_t scenarios, const Eigen::VectorXd& t, py::ssize_t every,
+                       const std::optional<Table>& q0, const std::optional<Table>& v0, const std::optional<Table>& tau,
+                       int nq, int nv, const std::string& integrator, double step, double rtol, double spectral_radius,
+                       int stages, bool lanes, py::ssize_t whole) {
+             return make_batch(problems, arms, scenarios, t, step, every, q0, v0, tau, nq, nv,
+                               {integrator, rtol, spectral_radius, stages}, lanes, whole);
+           }),
+           py::keep_alive<1, 2>(), py::keep_alive<1, 3>(), py::arg("problems"), py::arg("arms"), py::kw_only(),
+           py::arg("scenarios"), py::arg("t"), py::arg("every"), py::arg("q0"), py::arg("v0"), py::arg("tau"),
+           py::arg("nq"), py::arg("nv"), py::arg("integrator"), py::arg("step"), py::arg("rtol"),
+           py::arg("spectral_radius"), py::arg("stages"), py::arg("lanes"), py::arg("whole"))
+      .def("run", &run, py::arg("out"), py::arg("workers"), py::arg("alive"));
 }

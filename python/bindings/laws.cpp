@@ -23,38 +23,65 @@ T answer(const py::object& law, const char* name, double t, const char* right) {
 
 }  // namespace
 
+namespace {
+
+/// A callable of time that gives N numbers, as the core calls it; the answers are noted.
+/// @param name, right  of errors
+template <std::size_t N>
+std::function<std::array<double, N>(double)> make_law(const py::object& given, const Eigen::VectorXd& times,
+                                                      AllAsked& all, const std::string& name, const char* right) {
+  auto asked = std::make_shared<Asked>(times, static_cast<Eigen::Index>(N));
+  if (py::isinstance<Remembered>(given)) {
+    auto& kept = given.cast<Remembered&>().asked;
+    asked = kept = kept ? kept : asked;
+  }
+  all.back() = asked;
+  const auto ask = [asked, name, right](const py::object& law, double t) {
+    const Locked lock;
+    std::array<double, N> x;
+    if constexpr (N == 1)
+      x[0] = answer<double>(law, name.c_str(), t, right);
+    else
+      x = answer<std::array<double, N>>(law, name.c_str(), t, right);
+    for (double number : x)
+      if (!std::isfinite(number)) bad_value(name + " at t", t, "gave nan or inf; it must be finite");
+    asked->note(t, x.data());
+    return x;
+  };
+  if (!py::isinstance<Remembered>(given))
+    return [shared = std::make_shared<py::object>(given), ask](double t) { return ask(*shared, t); };
+  return [shared = given.cast<std::shared_ptr<Remembered>>(), ask](double t) {
+    const auto all_of = (*shared)(t, [&] {
+      std::array<double, 6> out{};
+      const auto x = ask(shared->law(), t);
+      std::copy(x.begin(), x.end(), out.begin());
+      return out;
+    });
+    std::array<double, N> x;
+    std::copy_n(all_of.begin(), N, x.begin());
+    return x;
+  };
+}
+
+}  // namespace
+
 Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& all) {
   const auto& [rate, is_motion, law, column] = given;
   Drive d{rate, {}, {}, {}, column};
   all.push_back(nullptr);
   if (py::isinstance<PiecewisePolynomial>(law)) {
     const auto p = std::make_shared<const PiecewisePolynomial>(law.cast<PiecewisePolynomial>());
-    d.breaks = p->breaks();
+    d.breaks = py::hasattr(law, "kinks") ? law.attr("kinks").cast<Eigen::VectorXd>() : p->breaks();
     if (is_motion) d.motion = [p](double t) { return (*p)(t); };
     if (!is_motion) d.force = [p](double t) { return (*p)(t).q; };
-    return d;
-  }
-  const auto shared = std::make_shared<py::object>(law);
-  const auto asked = std::make_shared<Asked>(times, is_motion ? 3 : 1);
-  all.back() = asked;
-  if (is_motion) {
-    d.motion = [shared, asked](double t) {
-      const Locked lock;
-      const auto m = answer<std::array<double, 3>>(*shared, "Motion", t, "must give three numbers (q, v, a)");
-      if (!std::isfinite(m[0]) || !std::isfinite(m[1]) || !std::isfinite(m[2]))
-        bad_value("Motion at t", t, "gave nan or inf; q, v and a must be finite");
-      asked->note(t, m.data());
+  } else if (is_motion) {
+    d.motion = [f = make_law<3>(law, times, all, "Motion", "must give three numbers (q, v, a)")](double t) {
+      const auto m = f(t);
       return MotionValue{m[0], m[1], m[2]};
     };
   } else {
-    const std::string name = column.size() > 0 ? "Voltage" : "Torque";
-    d.force = [shared, asked, name](double t) {
-      const Locked lock;
-      const double f = answer<double>(*shared, name.c_str(), t, "must give one number");
-      if (!std::isfinite(f)) bad_value(name + " at t", t, "gave nan or inf; it must be finite");
-      asked->note(t, &f);
-      return f;
-    };
+    const char* name = column.size() > 0 ? "Voltage" : "Torque";
+    d.force = [f = make_law<1>(law, times, all, name, "must give one number")](double t) { return f(t)[0]; };
   }
   return d;
 }
@@ -74,16 +101,11 @@ LoadDrive make_load(const PyLoad& given, const Eigen::VectorXd& times, AllAsked&
       for (std::size_t k = 0; k < 6; ++k) w[static_cast<Eigen::Index>(k)] = parts->at(k)(t).q;
       return w;
     };
-    return d;
+  } else {
+    d.wrench = [f = make_law<6>(law, times, all, "Load", "must give six numbers")](double t) {
+      return Vec6<double>(Eigen::Map<const Vec6<double>>(f(t).data()));
+    };
   }
-  const auto shared = std::make_shared<py::object>(law);
-  const auto asked = all.back() = std::make_shared<Asked>(times, 6);
-  d.wrench = [shared, asked](double t) {
-    const Locked lock;
-    const auto w = answer<std::array<double, 6>>(*shared, "Load", t, "must give six numbers");
-    asked->note(t, w.data());
-    return Vec6<double>(Eigen::Map<const Vec6<double>>(w.data()));
-  };
   return d;
 }
 
@@ -93,7 +115,7 @@ Feedback make_feedback(const PyFeedback& given, const Eigen::VectorXd& times, Al
   if (given.reference.is_none()) return f;
   const Drive d = make_drive({0, false, given.reference, {}}, times, all);
   f.reference = d.force;
-  f.breaks = py::hasattr(given.reference, "kinks") ? given.reference.attr("kinks").cast<Eigen::VectorXd>() : d.breaks;
+  f.breaks = d.breaks;
   return f;
 }
 
@@ -154,6 +176,11 @@ PyProblem::PyProblem(const Arm& arm, const Eigen::VectorXd& times, const std::ve
 
 void bind_problem(py::module_& m) {
   using Eigen::VectorXd;
+  py::class_<Remembered, std::shared_ptr<Remembered>>(m, "Remembered")
+      .def(py::init<py::object>(), py::arg("law"))
+      .def(
+          "__call__", [](const Remembered& x, double t) { return call(x.law(), t); }, py::arg("t"))
+      .def_property_readonly("law", &Remembered::law);
   py::class_<PyDrive>(m, "Drive")
       .def(py::init<int, bool, py::object, VectorXd>(), py::arg("rate"), py::arg("moves"), py::arg("law"),
            py::arg("column") = VectorXd())
@@ -203,7 +230,7 @@ void bind_problem(py::module_& m) {
       .def(py::pickle(
           [](const PyEvent& x) { return py::make_tuple(x.value, x.terminal, x.direction); },
           [](const py::tuple& t) { return PyEvent{t[0].cast<py::object>(), t[1].cast<int>(), t[2].cast<int>()}; }));
-  py::class_<PyProblem>(m, "Problem")
+  py::class_<PyProblem, std::shared_ptr<PyProblem>>(m, "Problem")
       .def(py::init([](const Arm& arm, const VectorXd& t, const VectorXd& q0, const VectorXd& v0, const VectorXd& tau,
                        const std::vector<PyDrive>& drives, const std::vector<PyLoad>& loads,
                        const std::vector<PyFeedback>& feedback, const std::vector<PySampler>& samplers,
@@ -224,6 +251,22 @@ void bind_problem(py::module_& m) {
         for (const auto& a : p.asked) out.append(a ? py::cast(a->calls) : py::none());
         return out;
       });
+}
+
+py::tuple event_rows(const std::vector<EventLog>& logs, Eigen::Index nq, Eigen::Index nv) {
+  py::list t, q, v;
+  for (const EventLog& log : logs) {
+    const auto n = static_cast<Eigen::Index>(log.t.size());
+    Rows q_of(n, nq), v_of(n, nv);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      q_of.row(i) = log.q[static_cast<std::size_t>(i)].head(nq);
+      v_of.row(i) = log.v[static_cast<std::size_t>(i)].head(nv);
+    }
+    t.append(Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(log.t.data(), n)));
+    q.append(q_of);
+    v.append(v_of);
+  }
+  return py::make_tuple(t, q, v);
 }
 
 py::dict tangent_rows(const std::vector<Trajectory::Tangent>& all, Eigen::Index done, Eigen::Index rates) {

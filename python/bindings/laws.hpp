@@ -2,6 +2,8 @@
 #pragma once
 
 #include <memory>
+#include <shared_mutex>
+#include <unordered_map>
 
 #include "evaluation.hpp"
 #include "flexarm/computed_torque.hpp"
@@ -25,8 +27,36 @@ struct Asked {
 /// Of each callable.
 using AllAsked = std::vector<std::shared_ptr<Asked>>;
 
+/// A callable of time that many scenarios share: asked once for each time, up to a number of them. Safe from any
+/// thread.
+class Remembered {
+ public:
+  std::shared_ptr<Asked> asked;  ///< of all scenarios together
+
+  explicit Remembered(py::object law) : law_(std::move(law)) {}
+  const py::object& law() const { return law_; }
+  /// Its numbers at t, of which `ask` finds those that are not known, with the interpreter's lock held.
+  template <class Ask>
+  std::array<double, 6> operator()(double t, const Ask& ask) {
+    {
+      const std::shared_lock<std::shared_mutex> lock(mutex_);
+      if (const auto found = known_.find(t); found != known_.end()) return found->second;
+    }
+    const std::array<double, 6> x = ask();
+    const std::unique_lock<std::shared_mutex> lock(mutex_);
+    if (known_.size() < kMost) known_.emplace(t, x);
+    return x;
+  }
+
+ private:
+  static constexpr std::size_t kMost = 200000;
+  py::object law_;
+  std::shared_mutex mutex_;
+  std::unordered_map<double, std::array<double, 6>> known_;
+};
+
 /// What acts on an arm, as Python gives it: see the classes of the same names, whose functions a `law` becomes. That is
-/// a PiecewisePolynomial (of a load, a tuple of six) or a callable of time.
+/// a PiecewisePolynomial (of a load, a tuple of six), a callable of time, or such a callable Remembered.
 struct PyDrive {
   int rate;    ///< -1: of a column
   bool moves;  ///< whether it prescribes the motion of that rate, or is a force on it
@@ -75,5 +105,7 @@ struct ComputedLaw {
 
 /// A drive, whose callable's calls are noted.
 flexarm::Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& all);
+/// Lists, by event, of t (n), q (n, nq) and v (n, nv), of which the first coordinates are kept.
+py::tuple event_rows(const std::vector<flexarm::EventLog>& logs, Eigen::Index nq, Eigen::Index nv);
 /// q, v, a, tau and friction by the parameters, (np, nt, n) each.
 py::dict tangent_rows(const std::vector<flexarm::Trajectory::Tangent>& all, Eigen::Index done, Eigen::Index rates);

@@ -10,21 +10,6 @@ using namespace flexarm;
 
 namespace {
 
-/// t (n), q (n, nq), v (n, nv) of each event.
-py::list occurred(const std::vector<EventLog>& events, Eigen::Index nq, Eigen::Index nv) {
-  py::list out;
-  for (const EventLog& log : events) {
-    const auto n = static_cast<Eigen::Index>(log.t.size());
-    Rows q(n, nq), v(n, nv);
-    for (Eigen::Index i = 0; i < n; ++i) {
-      q.row(i) = log.q[static_cast<std::size_t>(i)];
-      v.row(i) = log.v[static_cast<std::size_t>(i)];
-    }
-    out.append(py::make_tuple(Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(log.t.data(), n)), q, v));
-  }
-  return out;
-}
-
 /// Accelerations (nv), and derivatives of q and v at that time by each parameter (nv, np), of each occurrence.
 py::list event_slopes(const Trajectory& r) {
   py::list out;
@@ -76,7 +61,7 @@ py::dict run(const py::object& alive, const Integrate& integrate) {
   out["reached"] = r.reached;
   out["failure"] = r.failure;
   out["terminated"] = r.terminated;
-  out["events"] = occurred(r.events, r.q.cols(), r.v.cols());
+  out["events"] = event_rows(r.events, r.q.cols(), r.v.cols());
   out["stats"] = stats;
   out["hasty"] = r.stats.hasty;
   if (!r.tangents.empty()) {
@@ -227,7 +212,7 @@ void bind_time(py::module_& m) {
       .def_property_readonly("steps", &Simulation::steps)
       .def_property_readonly("terminated", &Simulation::terminated)
       .def_property_readonly("events",
-                             [](const Simulation& s) { return occurred(s.events(), s.q().size(), s.v().size()); })
+                             [](const Simulation& s) { return event_rows(s.events(), s.q().size(), s.v().size()); })
       .def("set_tau", &Simulation::set_tau, py::arg("tau"))
       .def("set_force", &Simulation::set_force, py::arg("drive"), py::arg("value"))
       .def("set_load", &Simulation::set_load, py::arg("load"), py::arg("wrench"))

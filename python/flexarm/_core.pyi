@@ -418,6 +418,12 @@ class Event:
     @property
     def value(self) -> Any: ...
 
+class Remembered:
+    def __init__(self, law: Callable[[float], Any]) -> None: ...
+    def __call__(self, t: float) -> Any: ...
+    @property
+    def law(self) -> Callable[[float], Any]: ...
+
 class Problem:
     def __init__(
         self,
@@ -608,7 +614,7 @@ class Simulation:
     @property
     def terminated(self) -> bool: ...
     @property
-    def events(self) -> list[tuple[_Array, _Array, _Array]]: ...
+    def events(self) -> tuple[list[_Array], list[_Array], list[_Array]]: ...
     def set_tau(self, tau: ArrayLike) -> None: ...
     def set_force(self, drive: int, value: float) -> None: ...
     def set_load(self, load: int, wrench: ArrayLike) -> None: ...
@@ -663,26 +669,28 @@ class Tape:
         threads: int,
     ) -> tuple[_Array, _Array, _Array, _Array, _Array]: ...
 
-def batch(
-    arms: Sequence[Arm],
-    scenarios: int,
-    lengths: ArrayLike,
-    times: ArrayLike,
-    hold: ArrayLike,
-    rows: ArrayLike,
-    q0: _Array,
-    v0: _Array,
-    tau: _Array,
-    motions: Sequence[tuple[int, _Array]],
-    forces: Sequence[tuple[_Array, _Array]],
-    loads: Sequence[tuple[Sequence[Load], _Array]],
-    laws: Sequence[tuple[_Array, _Array, _Array, _Array, _Array]],
-    integrator: str,
-    spectral_radius: float,
-    rtol: float,
-    lanes: bool,
-    whole: int,
-    out: dict[str, Any],
-    workers: int,
-    alive: Callable[[float], None] | None,
-) -> dict[str, Any]: ...
+class BatchProblem:
+    def __init__(
+        self,
+        problems: Sequence[Problem],
+        arms: Sequence[Arm],
+        *,
+        scenarios: int,
+        t: ArrayLike,
+        every: int,
+        q0: _Array | None,
+        v0: _Array | None,
+        tau: _Array | None,
+        nq: int,
+        nv: int,
+        integrator: str,
+        step: float,
+        rtol: float,
+        spectral_radius: float,
+        stages: int,
+        lanes: bool,
+        whole: int,
+    ) -> None: ...
+    def run(
+        self, out: dict[str, Any], workers: int, alive: Callable[[float], None] | None
+    ) -> dict[str, Any]: ...

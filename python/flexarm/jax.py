@@ -8,6 +8,7 @@ from typing import Any
 
 from .arm import Arm
 from .batch.differentiable import Rolling
+from .run.integrators import Integrator
 
 try:
     import jax
@@ -56,9 +57,9 @@ def rollout(
     v0: Any,
     tau: Any,
     *,
-    step: float,
+    step: float | None = None,
     parameters: Mapping[str, Any] | None = None,
-    integrator: str = "implicit",
+    integrator: str | Integrator = "implicit",
     rtol: float | None = None,
     spectral_radius: float | None = None,
     workers: int | None = None,
@@ -70,7 +71,7 @@ def rollout(
     Args:
         arm: as of `fa.rollout_gradient`.
         q0, v0: the start, (..., nq) and (..., nv). tau: forces held over each step, (..., nstep, nv).
-        step: length of a step (s).
+        step: length of a step (s), here or in the integrator.
         parameters: values of parameters of the arm, (...) or (..., n), by their dotted paths: {"link.0.tip.mass": m}.
         integrator, rtol, spectral_radius, workers: as of `fa.rollout`.
 

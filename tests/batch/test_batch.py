@@ -7,7 +7,9 @@ import signal
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import flexarm as fa
 import numpy as np
@@ -117,7 +119,7 @@ def test_rollout_with_feedback_and_motion(integrator, dt):
     halves = 0.5 * dt * np.arange(2 * n + 1)
     values = np.stack([0.5 * halves**2, halves, np.ones_like(halves)], axis=1)
     for given in (motion, values, np.stack([values, values])):
-        run = fa.rollout(arm, arm.zero, step=dt, nstep=n, control=law, motion={0: given}, integrator=integrator)
+        run = fa.rollout(arm, arm.zero, step=dt, nstep=n, control=law, drive={0: given}, integrator=integrator)
         for q in run.q:
             close(q, one.q, 1e-12)
     gains = [[fa.PD(kp, 0.05, 1)] for kp in (0.1, 2.0)]
@@ -176,9 +178,10 @@ def test_rollout_says_what_is_wrong():
         ((q0,), {**good, "integrator": "rk4", "spectral_radius": 0.9}, 'is for integrator="implicit"'),
         ((q0,), {**good, "spectral_radius": 1.5}, "spectral_radius = 1.5: must be from 0 to 1"),
         ((q0,), {**good, "workers": 0}, "workers = 0"),
-        ((q0,), {**good, "motion": {0: np.zeros((3, 3))}}, r"q, v, a at half steps: \(7, 3\)"),
-        ((q0,), {**good, "control": fa.LinearController.pid(1, 1, 0, rate=100)}, "must be continuous"),
-        ((q0,), {**good, "motion": {0: np.zeros((7, 3))}, "control": fa.PD(1, 1, 0)}, "whose motion is prescribed"),
+        ((q0,), {**good, "drive": {0: np.zeros((3, 3))}}, r"q, v, a at half steps: \(7, 3\)"),
+        ((q0,), {**good, "integrator": fa.Implicit(1e-3)}, "step = 0.001: belongs into the integrator"),
+        ((q0,), {**good, "control": [fa.PD(1, 1), [fa.PD(1, 1)]]}, "or such a list for each scenario"),
+        ((q0,), {**good, "drive": {0: np.zeros((7, 3))}, "control": fa.PD(1, 1, 0)}, "whose motion is prescribed"),
     ):
         with pytest.raises(ValueError, match=text):
             fa.rollout(arm, *args, **options)
@@ -300,14 +303,137 @@ def test_held_forces_by_every_engine():
         fa.simulate_batch(arm, uneven, tau=tau[:, :3], integrator="gauss", step=1e-4)
 
 
-def test_drives_whose_samples_fall_between_steps_go_the_long_way():
-    t = np.linspace(0, 0.01, 11)
-    for at, engine in ((0.005, "steps"), (0.00512, "simulate")):
+def test_steps_end_at_samples_of_drives_and_controllers():
+    t, arm = np.linspace(0, 0.01, 11), two_links()
+    for at in (0.005, 0.00512):
         drive = {0: fa.Torque([0, at, 0.01], [0, 1, 0])}
-        run = fa.simulate_batch(two_links(), t, drive=drive)
-        assert run.stats["engine"] == engine
-        one = fa.simulate(two_links(), t, drive=drive, integrator="implicit", step=1e-3)
-        close(run.q[0], one.q, 1e-12)
+        one = fa.simulate(arm, t, drive=drive, integrator="implicit", step=1e-3)
+        delays = {"drive.0.delay": [0.0, 0.0, 4e-4]}
+        run = fa.simulate_batch(arm, t, drive={0: fa.Torque([-1, 0, at, 0.01], [0, 0, 1, 0])}, parameters=delays)
+        assert run.stats["engine"] == "steps"
+        close(run.q[1], one.q, 1e-12)
+        late = {0: fa.Torque([0, 4e-4, at + 4e-4, 0.0104], [0, 0, 1, 0])}
+        close(run.q[2], fa.simulate(arm, t, drive=late, integrator="implicit", step=1e-3).q, 1e-12)
+        close(fa.rollout(arm, arm.zero, step=1e-3, nstep=10, drive=drive).q[0], one.q, 1e-12)
+    law, halves = fa.Sampled(lambda t, y: -0.1 * y[0], 300.0, [("joint", 1)]), 5e-4 * np.arange(21)
+    values = np.stack([halves**3, 3 * halves**2, 6 * halves], axis=1)  # at half steps, which the samples divide
+    run = fa.rollout(arm, arm.zero, step=1e-3, nstep=10, control=law, drive={0: values})
+    moved = {0: fa.Motion(lambda t: (t**3, 3 * t**2, 6 * t))}
+    close(run.q[0], fa.simulate(arm, t, drive=moved, control=law, integrator="implicit", step=1e-3).q, 1e-12)
+
+
+def controllers() -> dict[str, Any]:
+    """Controllers that remember, sample, delay and filter; each by what makes it."""
+    seen = [fa.Encoder(1, pulses=None, filter=fa.LowPass(40.0)), fa.Tachometer(1)]
+    gains = {"D": [[0.2, 0.02]], "measure": [("joint", 1), ("rate", 1)], "reference": [0.3, 0.0], "rate": 300.0}
+
+    class Counts:  # a law that remembers
+        def __init__(self) -> None:
+            self.sum = 0.0
+
+        def __call__(self, t: float, y: np.ndarray) -> float:
+            self.sum += 0.3 - y[0]
+            return self.sum
+
+    return {
+        "pid": lambda: fa.LinearController.pid(1.0, 20.0, 0.05, 1, reference=0.3, rate=300.0),
+        "continuous": lambda: fa.LinearController.pid(1.0, 20.0, 0.05, 1, reference=0.3, filter_time=2e-3),
+        "washout": lambda: fa.StrainFeedback(1.0, 0.05, 0.01, 1, reference=0.3, washout=20.0),
+        "delay": lambda: fa.LinearController([], **gains, delay=0.004),
+        "filter": lambda: fa.LinearController([], **{**gains, "measure": seen}),
+        "python": lambda: fa.Sampled(Counts(), 250.0, [("joint", 1)]),
+        "computed torque": lambda: fa.ComputedTorque(20.0, reference=[0.0, 0.3], rate=250.0),
+    }
+
+
+@pytest.mark.parametrize("name", controllers())
+def test_sampled_controllers_run_in_lanes(name):
+    make, n = controllers()[name], 30
+    hub = fa.RigidBody(0.5, inertia=0.02 * np.eye(3), end=(0.05, 0, 0))
+    arm = fa.Arm([replace(link, hub=hub) for link in two_links(0.05).links])
+    starts = np.tile(arm.zero, (10, 1))
+    starts[:, 3] = np.linspace(-0.1, 0.2, 10)
+    t = 1e-3 * np.arange(n + 1)
+    several = [[make()] for _ in starts]
+    run = fa.rollout(arm, starts, step=1e-3, nstep=n, control=several if name == "python" else make())
+    assert run.stats["lanes"] > 1
+    for k in (0, 7, 9):
+        one = fa.simulate(arm, t, starts[k], control=make(), integrator="implicit", step=1e-3)
+        close(run.q[k], one.q, 1e-10)
+    if name == "python":
+        return
+    batch = fa.simulate_batch(arm, t, starts, control=make(), outputs=["q", "tau"], step=1e-3)
+    assert batch.stats["engine"] == "steps" and batch.stats["lanes"] > 1
+    close(batch.q, run.q, 1e-10)
+    close(batch.tau[9], one.tau, 1e-7)
+    exact = fa.simulate(arm, t, starts[9], control=make(), integrator="ida", rtol=1e-10, atol=1e-13)
+    fine = fa.rollout(arm, starts, step=2.5e-5, nstep=40 * n, every=40, control=make())
+    close(fine.q[9], exact.q, 2e-4)
+
+
+def test_loads_voltages_and_events_of_a_rollout():
+    arm, t, n = patched(), np.linspace(0, 0.04, 801), 800
+    drive = {0: fa.Torque(lambda t: 0.1 * np.sin(30 * t)), ("patch", 0, 0): fa.Voltage([0, 0.02, 0.04], [0, 90, -50])}
+    loads = [fa.Load(force=(0, 0.5, 0)), fa.Load(0, 0.2, force=lambda t: (0, np.cos(40 * t), 0), axes="section")]
+
+    def crosses(t: float, q: np.ndarray, v: np.ndarray) -> float:
+        return float(q[0] - 0.03)
+
+    crosses.terminal = True  # type: ignore[attr-defined]
+    v0 = np.zeros((12, arm.nv))
+    v0[:, 0] = np.linspace(-0.3, 0.3, 12)
+    run = fa.rollout(arm, arm.zero, v0, step=5e-5, nstep=n, drive=drive, loads=loads, events=crosses)
+    batch = fa.simulate_batch(arm, t, v0=v0, drive=drive, loads=loads, events=crosses)
+    assert run.stats["lanes"] > 1 and batch.stats["engine"] == "steps" and set(run.status) == {0, 5}
+    assert set(batch.status) == {0, 1} and not run.failures and not batch.failures
+    for k in (0, 5, 11):
+        exact = fa.simulate(arm, t, v0=v0[k], drive=drive, loads=loads, events=crosses, rtol=1e-10, atol=1e-13)
+        assert exact.status == batch[k].status and len(exact.q) == len(batch[k].q)
+        times = exact.t_events[0]
+        np.testing.assert_allclose(run.events[k][0][0], times, atol=1e-6)
+        np.testing.assert_allclose(batch[k].t_events[0], times, atol=1e-6)
+        assert abs(run.reached[k] - (times[0] if len(times) else t[-1])) < 1e-6
+        close(run.q[k, : len(exact.q)], exact.q, 1e-4)
+        assert np.isnan(run.q[k, len(exact.q) :]).all()
+
+
+def test_a_controllers_error_names_its_scenario():
+    arm = two_links()
+
+    def law(t: float, y: np.ndarray) -> float:
+        return np.nan if y[0] > 0.25 else 0.0
+
+    q0 = np.tile(arm.zero, (20, 1))
+    q0[13, 0] = 0.3
+    with pytest.raises(ValueError, match=r"scenario 13: control\[0\] at t = 0"):
+        fa.simulate_batch(arm, [0, 1e-3], q0, control=fa.Sampled(law, 1e3, [("joint", 0)]), batch=9)
+
+    def breaks(t: float, y: np.ndarray) -> float:
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        fa.rollout(arm, q0, step=1e-3, nstep=2, control=fa.Sampled(breaks, 1e3, [("joint", 0)]))
+
+
+def test_integrators_as_objects():
+    arm, q0 = two_links(), two_links().zero
+    tau = joint_torques(np.random.default_rng(1), arm, 2, 5)
+    for chosen, named in (
+        (fa.Implicit(1e-3, spectral_radius=0.9), {"step": 1e-3, "spectral_radius": 0.9}),
+        (fa.RK4(1e-4), {"integrator": "rk4", "step": 1e-4}),
+    ):
+        run = fa.rollout(arm, q0, tau=tau, integrator=chosen)
+        np.testing.assert_array_equal(run.q, fa.rollout(arm, q0, tau=tau, **named).q)
+        by_q = np.ones(run.q.shape)
+        g, same = (fa.rollout_gradient(arm, run.q, run.v, tau, by_q, **x) for x in ({"integrator": chosen}, named))
+        np.testing.assert_array_equal(g.tau, same.tau)
+        step = [fa.step_derivatives(arm, q0, q0, tau[0, 0], **x).A for x in ({"integrator": chosen}, named)]
+        np.testing.assert_array_equal(*step)
+        t = np.linspace(0, 0.01, 11)
+        np.testing.assert_array_equal(*(fa.simulate_batch(arm, t, tau=tau[:, :1], **x).q
+                                        for x in ({"integrator": chosen}, named)))  # fmt: skip
+    with pytest.raises(ValueError, match="integrator = 'gauss': must be one of implicit, rk4"):
+        fa.rollout(arm, q0, tau=tau, integrator=fa.Gauss(1e-3))
 
 
 def test_batch_does_not_depend_on_workers_or_chunks():

@@ -198,6 +198,6 @@ def test_a_run_turned_inside_out_is_told(integrator: str) -> None:
         fa.simulate_batch(arm, t, q0, start, drive={0: HELD}, integrator=integrator, **step)
     if integrator in ("implicit", "rk4"):
         with pytest.warns(fa.RangeWarning, match="scenario 1: " + TURNED.format(x="[0-9.]+")) as told:
-            out = fa.rollout(arm, q0, start, motion={0: HELD}, integrator=integrator, nstep=200, every=5, **step)
+            out = fa.rollout(arm, q0, start, drive={0: HELD}, integrator=integrator, nstep=200, every=5, **step)
         assert len(told) == 1 and out.stats["out_of_range"] == 1
         assert told[0].message.time == found.time and told[0].message.rotation == pytest.approx(found.rotation)

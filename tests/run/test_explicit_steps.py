@@ -65,7 +65,7 @@ def test_below_the_limit_and_with_held_joints_nothing_is_told() -> None:
         held = fa.simulate(two_masses(), [0, 1], step=step, drive={0: still}, **START)
         stuck = fa.simulate(two_masses(coulomb=1.0), [0, 1], step=step, **START)
         fa.simulate_batch(two_masses(), [0, 1], step=step, drive={0: still}, **START)
-        fa.rollout(two_masses(), step=step, nstep=400, motion={0: still}, **START)
+        fa.rollout(two_masses(), step=step, nstep=400, drive={0: still}, **START)
     assert max(np.abs(r.q).max() for r in (below, held, stuck)) < 1.001e-12
 
 

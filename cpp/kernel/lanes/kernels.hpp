@@ -7,7 +7,7 @@ namespace flexarm {
 namespace lanes {
 
 /// How an arm in fixed steps ended: flexarm::Status and, beyond it, BatchStatus.
-enum Ending { ok, singular, not_converged, not_finite, not_done };
+enum Ending { ok, singular, not_converged, not_finite, not_done, ended };
 
 /// What the one-step methods (methods.hpp) may be told; each reads what it has.
 struct MethodOptions {
@@ -31,12 +31,15 @@ struct Work {
 /// What arms in fixed steps are given, and what is made of their motion. Numbers of lane l are at i width + l.
 class Scenarios {
  public:
-  /// Writes what is given at half step `half`, forces as held over `step`: prescribed entries of q, v, a; tau; the
-  /// laws' offsets; the loads [f; m].
-  virtual void set(long step, long half, double* q, double* v, double* a, double* tau, double* offset,
-                   double* wrenches) = 0;
-  /// Whether other forces are held from `step` on than before; in which lanes (1 or 0).
-  virtual bool jumps(long step, double* changed) = 0;
+  /// Writes what is given at half step `half`: prescribed entries of q, v, a; tau; the laws' offsets; the loads [f; m].
+  virtual void set(long half, double* q, double* v, double* a, double* tau, double* offset, double* wrenches) = 0;
+  /// Where `step` steps are taken: whether other forces may be held from there on (1), controllers look, which are
+  /// shown accelerations (2), or nothing happens (0).
+  virtual int due(long step) = 0;
+  /// Lets that happen. @return whether other forces act now; in which lanes (1 or 0)
+  virtual bool change(long step, const double* q, const double* v, const double* a, double* changed) = 0;
+  /// Looks for events in the step to here. @return whether one ends an arm; in which lanes (1 or 0)
+  virtual bool look(long step, const double* q, const double* v, double* ended) = 0;
   /// Whether the state after `step` is asked for (1), with accelerations and forces (2), or not (0).
   virtual int wanted(long step) = 0;
   virtual void row(const double* q, const double* v, const double* a, const double* tau, const int* status) = 0;
@@ -69,6 +72,7 @@ struct Roll {
   const int* rubbing;                          ///< which
   const double *coulomb, *stiction;            ///< of each
   bool varies;                                 ///< whether `set` gives other values within a step than at its beginning
+  bool watched;                                ///< whether there are events
   Scenarios* scenarios;
 
   int* status;    ///< by lane: an Ending

@@ -114,9 +114,9 @@ struct Roller {
     }
   }
 
-  void set(long step, long half) {
-    const auto raw = [](S* p) { return reinterpret_cast<double*>(p); };
-    job.scenarios->set(step, half, raw(q), raw(v), raw(x), raw(tau), raw(arms.laws.offset), raw(arms.chain.wrench));
+  static double* raw(S* p) { return reinterpret_cast<double*>(p); }
+  void set(long half) {
+    job.scenarios->set(half, raw(q), raw(v), raw(x), raw(tau), raw(arms.laws.offset), raw(arms.chain.wrench));
   }
   void lose(const Mask& where, int status, long step) {
     for (int l = 0; l < W; ++l)
@@ -146,13 +146,24 @@ struct Roller {
   void take(long step) {
     const double h = job.length[step];
     const auto given = [&](double c) {
-      if (job.varies) set(step, 2 * step + static_cast<long>(2.0 * c));
+      if (job.varies) set(2 * step + static_cast<long>(2.0 * c));
     };
     const Mask good = method.step(arms, h, q, v, tau, x, given, lost), bad = L::none_of(good);
     lose(bad & L::none_of(finite(tau)), flexarm::lanes::not_finite, step);
     lose(bad, Method::unsolved, step);
     const Mask other = method.accept(h, v, x, good);
     if (L::any(other)) begin(other, step);
+  }
+
+  /// Lets controllers look, and other forces act, where `step` steps are taken. @return where other forces act
+  Mask change(long step) {
+    const int due = job.scenarios->due(step);
+    if (due == 0) return L::everywhere(false);
+    for (int i = 0; i < arms.nv; ++i) y[i] = x[i];
+    if (due > 1) method.accelerate(arms, q, v, tau, y, L::everywhere(true));
+    if (!job.scenarios->change(step, raw(q), raw(v), raw(y), raw(changed))) return L::everywhere(false);
+    set(2 * step);
+    return *changed > 0.5;
   }
 
   void write(long step) {
@@ -176,7 +187,6 @@ struct Roller {
         forces[job.rubbing[c]] += L::select(speed > 0.0, most, L::select(speed < 0.0, -most, S{}));
       }
     }
-    const auto raw = [](const S* p) { return reinterpret_cast<const double*>(p); };
     job.scenarios->row(raw(q), raw(v), raw(y), raw(forces), job.status);
   }
 
@@ -185,22 +195,26 @@ struct Roller {
     for (int i = 0; i < arms.nq; ++i) q[i] = arms.of(q0, i);
     for (int i = 0; i < arms.nv; ++i) v[i] = arms.of(v0, i);
     arms.normalise(q);
-    set(0, 0);
+    set(0);
+    change(0);
     begin(L::everywhere(true), 0);
+    if (job.watched) job.scenarios->look(0, raw(q), raw(v), raw(changed));
     write(0);
     long step = 0;
-    for (; step < job.steps && !L::all(lost); ++step) {
+    while (step < job.steps && !L::all(lost)) {
       if (!job.scenarios->alive(step)) {
         lose(L::none_of(lost), flexarm::lanes::not_done, step);
         break;
       }
-      if (step > 0 && job.scenarios->jumps(step, reinterpret_cast<double*>(changed))) {
-        set(step, 2 * step);
-        begin(*changed > 0.5, step);
-      }
       take(step);
       lose_runaways(step);
-      write(step + 1);
+      ++step;
+      Mask ended = L::everywhere(false);
+      if (job.watched && job.scenarios->look(step, raw(q), raw(v), raw(changed))) ended = *changed > 0.5;
+      const Mask other = change(step);
+      if (L::any(other)) begin(other, step);
+      write(step);
+      lose(ended, flexarm::lanes::ended, step);
     }
     for (int l = 0; l < W; ++l)
       if (!L::lane(lost, l)) job.reached[l] = step;

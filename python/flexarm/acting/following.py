@@ -142,6 +142,14 @@ class Fitted(_LAW):
     kinks: Array
 
 
+def smooth(motion: Motion) -> Motion:
+    """A motion of samples, as one whose samples steps may pass over."""
+    law = Fitted(motion.law.breaks, motion.law.coefficients)
+    law.kinks = np.zeros(0)
+    motion.law = law
+    return motion
+
+
 def fitted(f: Callable[[Array], Array], begin: float, end: float, kinks: Array) -> list[Fitted]:
     """Polynomials of degree 7 through f (n,) -> (n, k) from begin to end, in pieces as short as they must be, one law
     for each of its k numbers."""

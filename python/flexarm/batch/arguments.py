@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .._check import Array, array, check_finite, choice, known_keys, whole
 from .._threads import cores
 from ..arm import Arm
-from ..run.integrators import INTEGRATORS, OPTIONS
+from ..run.integrators import INTEGRATORS, Integrator, integrator_of
 
 STEPPERS = tuple(name for name, row in INTEGRATORS.items() if row.in_batches)  #: which the core runs by itself
 
@@ -104,12 +104,12 @@ def check_balls(arm: Arm, q: Array, field_name: str = "q0") -> None:
             raise ValueError(f"{whose} must have a length, from 1e-100 to 1e100")
 
 
-def check_options(integrator: str, rtol: Any, spectral_radius: Any) -> None:
-    choice("integrator", integrator, STEPPERS)
-    (implicit,) = OPTIONS["spectral_radius"]
-    if rtol is not None and not INTEGRATORS[integrator].iterates:
-        raise ValueError(f'rtol = {rtol}: is for integrator="{implicit}", not for "{integrator}"')
-    if integrator != implicit and spectral_radius is not None:
-        raise ValueError(
-            f'spectral_radius = {spectral_radius}: is for integrator="{implicit}", not for "{integrator}"'
-        )
+def check_every(every: int, nstep: int) -> None:
+    if not 1 <= every <= nstep:
+        raise ValueError(f"every = {every}: must be from 1 to the number of steps, {nstep}")
+
+
+def stepping(integrator: str | Integrator, **options: Any) -> Integrator:
+    """The integrator that the core's batches step by; arguments as of `integrator_of`."""
+    choice("integrator", integrator.name if isinstance(integrator, Integrator) else integrator, STEPPERS)
+    return integrator_of(integrator, **options)

@@ -11,18 +11,19 @@ from numpy.typing import ArrayLike
 
 import flexarm._core as _core
 
-from .._check import Array, array, number
+from .._check import Array, array
 from .._console import progress_bar
 from .._threads import each
 from ..acting.load import Load, at_time
 from ..acting.motor import torque_limits
 from ..arm import Arm
+from ..run.integrators import Integrator
 from ..run.parameter import Parameter
 from ..run.perturbed import check_paths, components, problems
 from ..run.problem import Problem
 from ..run.sensitivity import by_parameters, repeated
 from ..run.variation import Setup
-from .arguments import check_options, default_workers
+from .arguments import default_workers, stepping
 
 _STATUS = ("ok", "the mass matrix is singular", "no solution was found; take a smaller step", "the motion ran away")
 
@@ -62,8 +63,8 @@ def step_derivatives(
     v: ArrayLike,
     tau: ArrayLike,
     *,
-    step: float,
-    integrator: str = "implicit",
+    step: float | None = None,
+    integrator: str | Integrator = "implicit",
     rtol: float | None = None,
     spectral_radius: float | None = None,
     loads: Sequence[Load] | None = None,
@@ -77,30 +78,31 @@ def step_derivatives(
         arm: without ball joints or dry friction.
         q, v, tau: states and the forces (N, N m) held over the step, (nq,) and (nv,) or (..., nq) and (..., nv).
         step: its length (s).
-        integrator: "implicit" or "rk4"; see `simulate`.
+        integrator: "implicit" or "rk4", or `fa.Implicit(...)`, `fa.RK4(...)`; see `simulate`.
         rtol, spectral_radius: of "implicit"; see `simulate`.
         loads, t: loads, which are held over the step with their values at time t (s).
 
     Raises:
         ValueError: naming the field and the value; where a step has no solution.
     """
-    check_options(integrator, rtol, spectral_radius)
+    chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)
     q, v, tau = arm._batch(q=q, v=v, tau=tau)
     shape = np.broadcast_shapes(q.shape[:-1], v.shape[:-1], tau.shape[:-1])
     q, v, tau = (np.ascontiguousarray(np.broadcast_to(x, (*shape, x.shape[-1]))) for x in (q, v, tau))
-    options = _options(rtol, spectral_radius)
     acting = at_time(arm, loads, t)
     with arm.naming():
-        found = _core.step_derivatives(arm._core, q, v, tau, integrator, number("step", step), *options, *acting)
+        found = _core.step_derivatives(arm._core, q, v, tau, *_core_options(chosen), *acting)
     failed = np.flatnonzero(found[-1])
     if failed.size:
         which = f" of state {np.unravel_index(failed[0], shape)}" if shape else ""
-        raise ValueError(f"step = {step}{which}: {_STATUS[found[-1][failed[0]]]}")
+        raise ValueError(f"step = {chosen.core['step']}{which}: {_STATUS[found[-1][failed[0]]]}")
     return StepDerivatives(*found[:-1])
 
 
-def _options(rtol: float | None, radius: float | None) -> tuple[float, float]:
-    return 1e-10 if rtol is None else number("rtol", rtol), 1.0 if radius is None else number("spectral_radius", radius)
+def _core_options(of: Integrator) -> tuple[str, float, float, float]:
+    """Name, step, rtol and spectral radius."""
+    own = of.core
+    return own["integrator"], own["step"], of.rtol, own["spectral_radius"]
 
 
 def rollout_gradient(
@@ -111,8 +113,8 @@ def rollout_gradient(
     by_q: ArrayLike | None = None,
     by_v: ArrayLike | None = None,
     *,
-    step: float,
-    integrator: str = "implicit",
+    step: float | None = None,
+    integrator: str | Integrator = "implicit",
     rtol: float | None = None,
     spectral_radius: float | None = None,
     parameters: Sequence[str] = (),
@@ -149,13 +151,12 @@ def rollout_gradient(
         raise ValueError(f"tau has shape {tau.shape}: must be {(*v.shape[:-2], v.shape[-2] - 1, one.nv)}")
     rows = [np.zeros(x.shape) if g is None else array(name, g, x.shape)
             for name, g, x in (("by_q", by_q, q), ("by_v", by_v, v))]  # fmt: skip
-    check_options(integrator, rtol, spectral_radius)
-    options = _options(rtol, spectral_radius)
+    chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)
     batch = q.shape[:-2]
     count, workers = int(np.prod(batch)), default_workers(workers)
     if len(arms) not in (1, count):
         raise ValueError(f"arm: is {len(arms)} arms; must be one, or one for each of {count} scenarios")
-    rolls = _Rolls(number("step", step), tau.shape[-2], integrator, options, parameters, workers if count == 1 else 1)
+    rolls = _Rolls(chosen, tau.shape[-2], parameters, workers if count == 1 else 1)
     known = [rolls.near(a) for a in arms] if len(arms) == 1 else None
     found: list[Any] = [None] * count
 
@@ -201,8 +202,7 @@ class _Near(NamedTuple):
 class _Rolls:
     """Rollouts of a kind, taken once more on a tape, and backwards."""
 
-    def __init__(self, step: float, nstep: int, integrator: str, options: tuple[float, float], paths: Sequence[str],
-                 workers: int) -> None:  # fmt: skip
+    def __init__(self, integrator: Integrator, nstep: int, paths: Sequence[str], workers: int) -> None:
         check_paths(paths)
         for path in paths:
             if str(path).endswith(".torque_limit"):
@@ -212,8 +212,9 @@ class _Rolls:
                 )
             if str(path).split(".")[0] in ("q0", "v0"):
                 raise ValueError(f"parameters: '{path}' is the start's; `.q0` and `.v0` are the derivatives by that")
-        self.step, self.integrator, self.options, self.workers = step, integrator, options, workers
-        self.times = np.array([0.0, step * max(nstep, 1)])
+        self.integrator, self.step, *options = _core_options(integrator)
+        self.options = options[0], options[1]
+        self.workers, self.times = workers, np.array([0.0, self.step * max(nstep, 1)])
         self.paths = list(paths)
 
     def near(self, arm: Arm) -> _Near:

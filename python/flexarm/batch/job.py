@@ -11,14 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._check import Array
-from ..acting.control import control_laws
 from ..arm import Arm
-from ..run.integrators import INTEGRATORS
+from ..run.integrators import INTEGRATORS, OPTIONS, Integrator
 from ..run.problem import read_events
 from ..run.result import Result
 from ..run.variation import Variation
-from .arguments import STEPPERS
-from .schedule import Schedule, breaks_of
+from .arguments import stepping
 
 ENDED = 1  #: by a terminal event, as `Result.status` has it
 FAILED = 5
@@ -139,24 +137,15 @@ class Job:
         out |= {"events": np.full(count, None)} if self.events else {}
         return {**out, "out_of_range": np.full((count, 4), np.nan)}
 
-    def schedule(self) -> Schedule:
-        assert self.step is not None
-        return Schedule.between(self.t, self.step, self.every, self.tau is not None and self.tau.shape[1] > 1)
+    def stepping(self) -> Integrator:
+        """The integrator that the core steps by."""
+        return stepping(self.integrator, step=self.step, **{k: x for k, x in self.options.items() if k in OPTIONS})
 
     def engine(self) -> str:
         """ "steps": all in the core; "simulate": one call of `simulate` each."""
-        setup = self.variation.setup
-        known = all(k in ("rtol", "spectral_radius") for k in self.options)
-        if self.integrator not in STEPPERS or not known:
-            return "simulate"
-        if not INTEGRATORS[self.integrator].rubs and (has_friction(setup.arm) or self._varies_friction()):
-            return "simulate"
-        feedback, samplers, memory = control_laws(setup.arm, setup.control, self.t)
-        if samplers or memory:
-            return "simulate"
-        laws = [law.law for law in setup.drive.values()] + [f.reference for f in feedback] + [*setup.loads]
-        schedule = self.schedule()
-        return "steps" if all(schedule.meets(breaks_of(law)) for law in laws) else "simulate"
+        own = INTEGRATORS[self.integrator]
+        rubs = has_friction(self.variation.setup.arm) or self._varies_friction()
+        return "steps" if own.in_batches and (own.rubs or not rubs) else "simulate"
 
     def _varies_friction(self) -> bool:
         return any(path.rpartition(".")[2] in ("coulomb", "stiction") for path in self.variation.values)

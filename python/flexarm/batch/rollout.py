@@ -11,35 +11,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import flexarm._core as _core
-
-from .._check import Array, number, outside, whole
+from .._check import Array, array, outside, whole
 from .._console import progress_bar
 from ..acting.control import Controller
-from ..acting.drive import Motion
+from ..acting.drive import Motion, Torque
+from ..acting.following import smooth
+from ..acting.load import Load
+from ..acting.voltage import Voltage
 from ..analysis import loops
 from ..analysis.validity import SILENT, range_warning, worst_range
 from ..arm import Arm
-from ..run.integrators import INTEGRATORS
+from ..run.integrators import INTEGRATORS, Integrator
 from ..run.pace import beyond_explicit
+from ..run.variation import Setup
 from .arguments import (
     check_balls,
+    check_every,
     check_memory,
-    check_options,
     default_workers,
     forces,
     prepared,
     rows,
     scenario_count,
+    stepping,
 )
-from .schedule import STEP_BYTES, Schedule, feedback_tables, motion_table
+from .problems import STEP_BYTES, problems_of, run_problems
 
 _REASONS = {
     1: "the mass matrix is singular",
     2: "the equations of a step could not be solved: take a smaller step; with control, see whether its loop is stable",
     3: "the motion ran away: look for what drives it (a control loop, order 1 at high speed), or take a smaller step",
 }
-RAN_AWAY, NOT_DONE = 3, 4
+RAN_AWAY, NOT_DONE, OVER = 3, 4, 5
 _LOOKS = 3  # scenarios that have grown, whose loops are looked at
 
 #: arm, q0, loads and controllers by index
@@ -74,8 +77,9 @@ class Rollout:
         t: times (s), (nout,). q: (B, nout, nq). v: (B, nout, nv). Rows after a failure are nan.
         status: (B,): 0 where all steps were taken; 1: the mass matrix is singular, 2: the equations of a step could not
             be solved, 3: the motion ran away (nan, or a beam bent by ten times its length), 4: interrupted before
-            the end.
+            the end, 5: ended by a terminal event.
         reached: (B,), time reached (s).
+        events: (B,), (t_events, q_events, v_events) of each scenario, as `simulate` has them; None without events.
         failures: index, time and reason of each scenario that failed.
         stats: lanes (scenarios side by side), workers, steps, evaluations, factorisations, newton_iterations,
             wall_time (s).
@@ -86,6 +90,7 @@ class Rollout:
     v: Array
     status: NDArray[np.int32]
     reached: Array
+    events: NDArray[Any] | None = None
     failures: list[Failure] = field(default_factory=list)
     stats: dict[str, Any] = field(default_factory=dict)
 
@@ -108,24 +113,6 @@ def _check_arms(arm: Any) -> Sequence[Arm]:
     return arms
 
 
-def take_steps(
-    arms: Sequence[Arm], count: int, schedule: Schedule, q0: Array, v0: Array, tau: Array, motions: Sequence[Any],
-    pushes: Sequence[Any], loads: Sequence[Any], laws: Sequence[Any], integrator: str, spectral_radius: float | None,
-    rtol: float | None, blocks: Mapping[str, Array], workers: int, alive: Any = None, lanes: bool = True,
-    whole: int = 0,
-) -> dict[str, Any]:  # fmt: skip
-    """The core's run of a batch: writes into `blocks` (q, v, a, tau of those wanted, status, reached), and gives its
-    counts. What is prescribed must be in q0 and v0."""
-    with arms[0].naming():
-        return _core.batch(
-            [a._core for a in arms], count, schedule.lengths, schedule.ends, schedule.hold, schedule.rows,
-            q0[:, None], v0[:, None], tau, motions, pushes, loads, laws, integrator,
-            1.0 if spectral_radius is None else number("spectral_radius", spectral_radius),
-            INTEGRATORS[integrator].rtol if rtol is None else number("rtol", rtol), lanes, whole,
-            dict(blocks), workers, alive,
-        )  # fmt: skip
-
-
 def failures_of(
     blocks: Mapping[str, Any], scenario: _Scenario, prescribed: Sequence[int], times: Array
 ) -> list[Failure]:
@@ -136,7 +123,7 @@ def failures_of(
         scenario: arm, q0, loads and control by index. times: of the run.
     """
     status, found = blocks["status"], []
-    for i in np.flatnonzero((status > 0) & (status != NOT_DONE)).tolist():
+    for i in np.flatnonzero((status > 0) & (status < NOT_DONE)).tolist():
         arm, q0, loads, control = scenario(i)
         reason, reached = _REASONS[int(status[i])], float(blocks["reached"][i])
         if status[i] == RAN_AWAY and "q" in blocks and "v" in blocks:
@@ -202,16 +189,33 @@ def grown_loop(
     return None
 
 
-def _motions(arm: Arm, motion: Any, schedule: Schedule) -> dict[int, Array]:
-    """The values of prescribed motions at half steps, by column of v."""
-    moved = {
-        i: motion_table(f"motion of '{arm.coordinates[i]}'", value, schedule)
-        for i, value in arm.by_rate("motion", motion).items()
-    }
-    for i in moved:
-        if arm.coordinate_of(i) < 0:
-            raise ValueError(f"motion of '{arm.coordinates[i]}': that of a ball cannot be prescribed; use Axes")
-    return moved
+def _listed(name: str, given: Any, count: str) -> list[Any]:
+    """What is given once, or, as a list of lists, for each scenario."""
+    several = isinstance(given, (list, tuple)) and any(isinstance(c, (list, tuple)) for c in given)
+    if several and not all(isinstance(c, (list, tuple)) for c in given):
+        raise ValueError(f"{name} = {given!r}: must be {count}, a list of them, or such a list for each scenario")
+    return [tuple(c) for c in given] if several else [tuple(given) if isinstance(given, (list, tuple)) else given]
+
+
+def _drives(drive: Any, step: float, nstep: int) -> list[dict[Any, Any]]:
+    """The drives of all scenarios, or of each, where values at half steps differ."""
+    made: list[dict[Any, Any]] = [{}]
+    if drive is not None and not isinstance(drive, Mapping):
+        raise ValueError(f"drive = {drive!r}: must be a dictionary, by link")
+    for key, law in (drive or {}).items():
+        laws, where = [law], f"drive[{key!r}]"
+        if not isinstance(law, (Motion, Torque, Voltage)):
+            values = array(where, law, batch_ndim=3)
+            if values.ndim not in (2, 3) or values.shape[-2:] != (2 * nstep + 1, 3) or not len(values):
+                raise ValueError(
+                    f"{where} has shape {values.shape}: must be a Motion, a Torque, a Voltage, or q, v, a at half "
+                    f"steps: ({2 * nstep + 1}, 3)"
+                )
+            tables = values if values.ndim == 3 else values[None]
+            laws = [smooth(Motion(0.5 * step * np.arange(2 * nstep + 1), *table.T)) for table in tables]
+        count = scenario_count({"drive": len(made), where: len(laws)})
+        made = [{**made[k % len(made)], key: laws[k % len(laws)]} for k in range(count)]
+    return made
 
 
 def rollout(
@@ -220,12 +224,14 @@ def rollout(
     v0: ArrayLike | None = None,
     tau: ArrayLike | None = None,
     *,
-    step: float,
+    step: float | None = None,
     nstep: int | None = None,
-    integrator: str = "implicit",
+    integrator: str | Integrator = "implicit",
     every: int = 1,
+    drive: Mapping[Any, Motion | Torque | Voltage | ArrayLike] | None = None,
+    loads: Sequence[Load] | None = None,
     control: Controller | Sequence[Any] | None = None,
-    motion: Mapping[Any, Motion | ArrayLike] | None = None,
+    events: Callable[..., float] | Sequence[Callable[..., float]] | None = None,
     workers: int | None = None,
     rtol: float | None = None,
     spectral_radius: float | None = None,
@@ -241,13 +247,16 @@ def rollout(
         q0, v0: initial coordinates (B, nq) or (nq,) and rates (B, nv) or (nv,); v0 is zero if None.
         tau: generalised forces (N, N m), (B, nstep, nv) or (nstep, nv), held over each step: tau[:, k] acts from
             t = k step to (k + 1) step. An axis of length 1 stands for all scenarios or steps. None: zero.
-        step: length of a step (s). nstep: how many; None: as many as tau has.
-        integrator: "implicit" or "rk4"; see `simulate`. Dry friction of joints needs "implicit".
+        step: length of a step (s), here or in the integrator. Where a sample of a drive, a load or a controller falls
+            into a step, it is divided there, as in `simulate`.
+        nstep: how many; None: as many as tau has.
+        integrator: "implicit" or "rk4", or `fa.Implicit(...)`, `fa.RK4(...)`; see `simulate`. Dry friction of joints
+            needs "implicit".
         every: steps between two rows of the result.
-        control: continuous controllers (PD, StrainFeedback, StateFeedback, FeedForward) alike for all scenarios: one,
-            or a list of them; or a list of B such lists.
-        motion: prescribed motions by link or (link, freedom): a Motion, or values (q, v, a) at half steps,
-            (2 nstep + 1, 3) or (B, 2 nstep + 1, 3). They take the place of q0 and v0 there.
+        drive, loads, events: as of `simulate`, alike for all scenarios. A motion may also be values (q, v, a) at half
+            steps, (2 nstep + 1, 3) or (B, 2 nstep + 1, 3). Motions take the place of q0 and v0 there.
+        control: controllers, as of `simulate`, alike for all scenarios: one, or a list of them; or a list of B such
+            lists. A Python function that several scenarios share must not remember one of them.
         workers: threads; None: one for each core.
         rtol, spectral_radius: of "implicit"; see `simulate`.
         lanes: whether scenarios run side by side in the processor's vector lanes, as many as it has, where there are
@@ -267,61 +276,70 @@ def rollout(
         RangeWarning: a beam bent further than its order is good for, or turned inside out, in scenarios
             that did not fail; `stats["out_of_range"]` tells how many.
         LoopWarning: a control loop is unstable about the start of a scenario, which has grown.
+        PulseWarning: a callable has a pulse between two steps that no step has seen.
         StepWarning: steps of "rk4" above the limit of the first arm.
     """
+    # Long for its docstring.
     arms = _check_arms(arm)
     one = arms[0]
-    check_options(integrator, rtol, spectral_radius)
+    chosen = stepping(integrator, step=step, rtol=rtol, spectral_radius=spectral_radius)
+    length = chosen.core["step"]
     if nstep is not None and whole("nstep", nstep) < 1:
         raise ValueError(f"nstep = {nstep}: must be at least 1")
     q, v, force = rows("q0", q0, one.zero), rows("v0", v0, np.zeros(one.nv)), forces(tau, one.nv, nstep)
     if nstep is None and tau is None:
         raise ValueError("nstep = None: must be given, where tau does not tell it")
     steps, most = nstep or force.shape[1], max(len(arms), len(q), len(v), len(force))
-    nout = steps // max(whole("every", every), 1) + 1
+    check_every(whole("every", every), steps)
+    nout = steps // every + 1
     kept = 0 if out else 8 * nout * (one.nq + one.nv) * most
     check_memory(f"nstep = {steps}: {nout} rows of {most} scenarios, and {steps} steps,", kept + STEP_BYTES * steps,
                  "or fewer steps at once")  # fmt: skip
-    schedule = Schedule.uniform(step, steps, every, held=force.shape[1] > 1)
-    moved = _motions(one, motion, schedule)
-    several = isinstance(control, (list, tuple)) and any(isinstance(c, (list, tuple)) for c in control)
-    controls = list(control) if several else [control]  # type: ignore[arg-type]
+    drives, controls = _drives(drive, length, steps), _listed("control", control, "a controller")
     sizes = {"arm": len(arms), "q0": len(q), "v0": len(v), "tau": len(force), "control": len(controls)}
-    count = scenario_count(sizes | {f"motion of '{one.coordinates[i]}'": len(x) for i, x in moved.items()})
+    count = scenario_count(sizes | {"drive": len(drives)})
     check_balls(one, q)
-    laws = feedback_tables(arms, controls, schedule, list(moved))
-    shape = len(schedule.rows)
-    blocks: dict[str, Any] = prepared(out, {"q": (count, shape, one.nq), "v": (count, shape, one.nv)})
+    made = max(len(arms), len(controls), len(drives))
+
+    def setup(k: int) -> Setup:
+        law = controls[k % len(controls)]
+        laws = (law,) if isinstance(law, Controller) else law or ()
+        return Setup(arms[k % len(arms)], drives[k % len(drives)], tuple(loads or ()), laws)
+
+    times = length * np.arange(steps + 1, dtype=float)
+    problems = problems_of([setup(k) for k in range(made)], count, times, events)
+    blocks: dict[str, Any] = prepared(out, {"q": (count, nout, one.nq), "v": (count, nout, one.nv)})
     blocks |= {"status": np.zeros(count, np.int32), "reached": np.zeros(count)}
+    blocks |= {"events": np.full(count, None)} if events else {}
     workers = default_workers(workers)
     started = time.perf_counter()
     with progress_bar(progress, "rolling out") as alive:
-        stats = take_steps(arms, count, schedule, q, v, force, list(moved.items()), [], [], laws, integrator,
-                           spectral_radius, rtol, blocks, workers, alive, lanes)  # fmt: skip
+        stats = run_problems(problems, arms, count, every, q, v, None if tau is None else force, chosen, blocks,
+                             workers, alive, lanes)  # fmt: skip
         if alive and not stats["interrupted"]:
             alive(1.0)
     interrupted = stats.pop("interrupted")
-    t = schedule.ends[schedule.rows]
+    t = times[::every]
     ranges = out_of_range(arms, t, blocks["q"])
     beyond = np.flatnonzero(~np.isnan(ranges[:, 0]) & (blocks["status"] == 0))  # failures have a reason of their own
     stats |= {"wall_time": time.perf_counter() - started, **({"out_of_range": beyond.size} if beyond.size else {})}
 
     def scenario(k: int) -> tuple[Arm, Array, Any, Sequence[Controller]]:
-        law = controls[k % len(controls)]
-        laws = [law] if isinstance(law, Controller) else list(law or ())
-        return arms[k % len(arms)], q[k % len(q)], (), laws
+        s = setup(k)
+        return s.arm, q[k % len(q)], s.loads, s.control
 
-    failures = failures_of(blocks, scenario, list(moved), schedule.ends)
+    prescribed = problems[0].prescribed
+    failures = failures_of(blocks, scenario, prescribed, times)
     result = Rollout(t, **blocks, failures=failures, stats=stats)
     if interrupted:
         done = int((result.status != NOT_DONE).sum())
         raise BatchInterrupted(f"interrupted when {done} of {count} scenarios were done", result)
-    grown = grown_loop(scenario, list(moved), schedule.ends, result.v, result.status) if control is not None else None
+    grown = grown_loop(scenario, prescribed, times, result.v, result.status) if control is not None else None
     if grown is not None:
         warnings.warn(grown[1].of(f"scenario {grown[0]}"), stacklevel=outside())
     elif beyond.size and not SILENT.get():
         i = int(beyond[0])
         warnings.warn(range_warning(arms[i % len(arms)], ranges[i], f"scenario {i}: "), stacklevel=outside())
     first = t, result.q[0], result.v[0]
-    warn_of_steps(integrator, one, step, float(schedule.ends[-1]), q[0], list(moved), first)
+    warn_of_steps(chosen.name, one, length, float(times[-1]), q[0], prescribed, first)
     return result

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._check import Array, array, choice, number, whole
+from .._check import Array, array, choice, whole
 from .._console import progress_bar
 from ..acting.control import Controller
 from ..acting.drive import Motion, Torque
@@ -25,12 +25,11 @@ from ..parts.part import ModelWarning
 from ..run.integrators import INTEGRATORS, OPTIONS, Integrator, integrator_of, spelled
 from ..run.start import check_one_start, start
 from ..run.variation import Setup, Variation
-from .arguments import STEPPERS, check_memory, check_options, default_workers, forces, rows, scenario_count
+from .arguments import check_every, check_memory, default_workers, forces, rows, scenario_count
 from .job import Job
 from .result import OUTPUTS, BatchResult
 from .rollout import NOT_DONE, BatchInterrupted, warn_of_steps
 from .runner import Runner
-from .schedule import check_every
 from .storage import File, Memory
 
 
@@ -59,10 +58,6 @@ def make_job(
         options.setdefault("step", float(np.diff(times).min()))
     integrator_of(integrator, **{k: x for k, x in options.items() if k in OPTIONS})
     step = options.pop("step", None)
-    if step is not None and not 0.0 < number("step", step) < np.inf:
-        raise ValueError(f"step = {step}: must be positive and finite, in seconds")
-    if integrator in STEPPERS:
-        check_options(integrator, options.get("rtol"), options.get("spectral_radius"))
     check_every(whole("every", every), times.size - 1)
     if isinstance(outputs, str) or not outputs:
         raise ValueError(f"outputs = {outputs!r}: must be a list of some of {', '.join(OUTPUTS)}")
@@ -126,10 +121,7 @@ def simulate_batch(
     drive: Mapping[Any, Any] | None = None,
     loads: Sequence[Load] | None = None,
     control: Controller | Sequence[Controller] | None = None,
-    integrator: str = "implicit",
-    step: float | None = None,
-    rtol: float | None = None,
-    spectral_radius: float | None = None,
+    integrator: str | Integrator = "implicit",
     outputs: Sequence[str] = ("q", "v"),
     every: int = 1,
     workers: int | None = None,
@@ -154,10 +146,11 @@ def simulate_batch(
             "load.0.force" (B, 3), "load.0.scale", "drive.0.scale", "drive.0.offset", "drive.0.delay", "drive.0.value"
             of a constant torque, "q0.1".
             Beams and links that repeat are built once. What changes the coordinates (modes, joints) cannot differ.
-        integrator, step, rtol, spectral_radius, options: as of `simulate`; step is the shortest time between two of t,
-            if None. "implicit" and "rk4" run wholly in the core, with drives, loads and continuous control whose
-            samples fall on ends of steps; all else takes one `simulate` for each scenario. `stats["engine"]` says
-            which; docs/batch.md has a table of what each costs.
+        integrator, options: as of `simulate`; the step is the shortest time between two of t, if none is given.
+            "implicit" and "rk4" run wholly in the core, whatever acts on the arm; other integrators, and dry friction
+            with "rk4", take one `simulate` for each scenario. `stats["engine"]` says which; docs/batch.md has a table
+            of what each costs. A Python function that several scenarios share is called for all of them in turn: it
+            must not remember one of them.
         outputs: which of "q", "v", "a", "tau". every: times of t between two rows of the result.
         workers: threads; None: one for each core.
         progress: shows a bar on stderr, or lines where that is no terminal; or a callable, which is given the share
@@ -194,7 +187,7 @@ def simulate_batch(
         arm._warn()
     job, count = make_job(
         arm, t, q0, v0, tau, drive=drive, loads=loads, control=control, parameters=parameters, outputs=outputs,
-        every=every, integrator=integrator, step=step, rtol=rtol, spectral_radius=spectral_radius, **options,
+        every=every, integrator=integrator, **options,
     )  # fmt: skip
     if isinstance(arm, Arm):
         for text in coarse(arm, drive, control):

@@ -25,6 +25,7 @@ from .start import start
 
 _FOLLOWS = (PD, StrainFeedback)
 _LOOKS = 201  # at a command
+_KNOWN = (_core.PiecewisePolynomial, tuple, type(None))  # laws that are not Python's
 
 
 class Problem:
@@ -36,19 +37,21 @@ class Problem:
         drives, feedback, sampled, events: as the core takes them.
         prescribed: the rates whose motion is given.
         both: the arm with a link for each state of a controller, which the core integrates.
+        remembered: of a problem among others that share callables of time, these callables by their id; each is asked
+            once for a time.
     """
 
     def __init__(self, arm: Arm, t: ArrayLike, q0: Any, v0: Any, tau: Any, drive: Any, loads: Any, control: Any,
-                 events: Any) -> None:  # fmt: skip
+                 events: Any, remembered: dict[int, _core.Remembered] | None = None) -> None:  # fmt: skip
+        self.remembered = remembered
         self.arm, self.times = arm, _output_times(t)
         q = start(arm, q0, drive, loads, float(self.times[0]), tau) if isinstance(q0, str) else arm._posed(q0)
         self.start = _initial_state(arm, q, v0, tau)
         self.drives = _drives(arm, drive, self.times, self.start, {"q0": q, "v0": v0})
-        places, _ = at_time(arm, loads, float(self.times[0]))
+        self._places, _ = at_time(arm, loads, float(self.times[0]))
         self.loads = tuple(loads or ())
         for k, load in enumerate(self.loads):
             load.check_span(f"loads[{k}]", self.times)
-        self._wrenches = [_core.LoadLaw(place, load.law) for place, load in zip(places, self.loads, strict=True)]
         self.prescribed = [d.rate for d in self.drives if d.moves]
         self.feedback, self.sampled, memory = control_laws(arm, control, self.times, self.loads, self.prescribed)
         self.controls = [control] if isinstance(control, Controller) else list(control or ())
@@ -58,14 +61,29 @@ class Problem:
     @cached_property
     def core(self) -> _core.Problem:
         """It, with the states of its controllers, for one run: it notes where its callables were asked."""
-        both, nv = self.both, self.both.nv
-        drives = [_core.Drive(d.rate, d.moves, d.law, padded(d.column, nv)) if both is not self.arm and d.column.size
-                  else d for d in self.drives]  # fmt: skip
+        both, nv, law = self.both, self.both.nv, self._law
+        drives = [_core.Drive(d.rate, d.moves, law(d.law), padded(d.column, nv) if d.column.size else d.column)
+                  for d in self.drives]  # fmt: skip
+        loads = [_core.LoadLaw(place, law(load.law)) for place, load in zip(self._places, self.loads, strict=True)]
+        feedback = [_core.Feedback(f.column, f.by_q, f.by_v, law(f.reference), f.limit) for f in self.feedback]
         sizes = {"q0": both.nq, "v0": nv, "tau": nv}
         return _core.Problem(
             arm=both._core, t=self.times, **{k: padded(x, sizes[k]) for k, x in self.start.items()}, drives=drives,
-            loads=self._wrenches, feedback=self.feedback, samplers=self.sampled, events=self.events,
+            loads=loads, feedback=feedback, samplers=self.sampled, events=self.events,
         )  # fmt: skip
+
+    def _law(self, law: Any) -> Any:
+        """A law of time, as the core takes it."""
+        if self.remembered is None or isinstance(law, _KNOWN):
+            return law
+        return self.remembered.setdefault(id(law), _core.Remembered(law))
+
+    @property
+    def shares(self) -> bool:
+        """Whether several runs at once may be of this problem: its sampled laws remember nothing, or are the core's,
+        which each run has its own of."""
+        return all(isinstance(s.law, _core.ComputedTorque) or (isinstance(s.law, _core.LinearLaw) and not s.law.reads)
+                   for s in self.sampled)  # fmt: skip
 
     def __getstate__(self) -> dict[str, Any]:
         return {k: x for k, x in vars(self).items() if k != "core"}
@@ -111,7 +129,7 @@ class Problem:
         status = int(out["terminated"])
         found = Result(arm, self.times[:done], stats=out["stats"], loads=self.loads, status=status, **kept)
         if self.events:
-            found.t_events, q, v = (list(x) for x in zip(*out["events"], strict=True))
+            found.t_events, q, v = out["events"]
             found.q_events, found.v_events = [x[:, : arm.nq] for x in q], [x[:, : arm.nv] for x in v]
         return found
 
@@ -121,7 +139,7 @@ class Problem:
             return
         names = ["voltage" if len(d.column) else f"drive of '{self.arm.coordinates[d.rate]}'" for d in self.drives]
         names += [f"loads[{k}]" for k in range(len(self.loads))]
-        callables = [d.law for d in self.drives] + [x.law for x in self._wrenches]
+        callables = [d.law for d in self.drives] + [x.law for x in self.loads]
         references = [f.reference for f in self.feedback if f.reference is not None]
         names += ["reference of control"] * len(references)
         for name, law, calls in zip(names, callables + references, self.core.asked, strict=True):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +9,6 @@ import numpy as np
 
 from .._check import Array
 
-_PARTS = 1000  # places that are looked at, as in time.cpp
 _PART = 0.2  # parts of all that a callable does, from which on a departure counts
 _OWN = 3.0  # parts of what it does around, below which a departure is but curvature
 
@@ -67,15 +65,3 @@ def missed(where: str, law: Callable[[float], Any], asked: Array, begin: float, 
         "times that lie closer there",
         float(times[i]), value, seen,
     )  # fmt: skip
-
-
-def tell_missed(where: str, law: Callable[[float], Any], t: Array, values: Array) -> None:
-    """The same, of a law known at times t (n,) alone, values (n, k): asks it at most 1000 times, and as often again."""
-    if len(t) < 4:
-        return
-    parts = min(_PARTS, 2 * len(t))
-    asked = np.full((parts, 1 + values.shape[1]), np.nan)
-    asked[np.clip((t - t[0]) / (t[-1] - t[0]) * parts, 0, parts - 1).astype(int)] = np.column_stack([t, values])
-    found = missed(where, law, asked, float(t[0]), float(t[-1]))
-    if found is not None:
-        warnings.warn(found, stacklevel=3)

@@ -170,7 +170,7 @@ class Source:
         if result.t_events is None:
             return result, rows
         occurred = []
-        for k, ((t, q, v), slopes) in enumerate(zip(out["events"], out["event_slopes"], strict=True)):
+        for k, (t, q, v, slopes) in enumerate(zip(*out["events"], out["event_slopes"], strict=True)):
             occurred += [Occurrence(run, k, t[n], q[n, :nv], v[n, :nv], v[n, :nv], a[:nv]).moved(qp[:nv].T, vp[:nv].T)
                          for n, (a, qp, vp) in enumerate(slopes)]  # fmt: skip
         return result, rows | by_event(occurred, result, len(near))

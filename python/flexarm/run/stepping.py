@@ -119,15 +119,15 @@ class Simulation:
 
     @property
     def t_events(self) -> list[Array]:
-        return [t for t, _, _ in self._core.events]
+        return self._core.events[0]
 
     @property
     def q_events(self) -> list[Array]:
-        return [q[:, : self.arm.nq] for _, q, _ in self._core.events]
+        return [q[:, : self.arm.nq] for q in self._core.events[1]]
 
     @property
     def v_events(self) -> list[Array]:
-        return [v[:, : self.arm.nv] for _, _, v in self._core.events]
+        return [v[:, : self.arm.nv] for v in self._core.events[2]]
 
     @property
     def tau(self) -> Array:

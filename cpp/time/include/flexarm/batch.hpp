@@ -1,72 +1,56 @@
-// Batches: many scenarios of one structure through the same fixed steps, from arrays to arrays, over threads.
+// Batches: problems that differ in their numbers, through the same fixed steps, from arrays to arrays, over threads.
 #pragma once
 
 #include <cstddef>
 #include <functional>
+#include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
-#include "flexarm/load.hpp"
+#include "flexarm/problem.hpp"
+#include "flexarm/simulation.hpp"
 
 namespace flexarm {
 
 /// Numbers of each scenario and time, in the caller's memory: those of scenario b and time k begin at
-/// data + b scenario + k time. A stride of zero: alike for all.
+/// data + b scenario + k time. A stride of zero: alike for all. Null: nothing is given.
 struct BatchTable {
   const double* data = nullptr;
   std::ptrdiff_t scenario = 0, time = 0;
   const double* at(Eigen::Index b, Eigen::Index k = 0) const { return data + b * scenario + k * time; }
 };
 
-/// What is known at half steps: at the start, in the middle of the first step, at its end, and so on: 2 steps + 1
-/// times.
-struct BatchMotion {
-  int coordinate;    ///< a prescribed rate
-  BatchTable value;  ///< q, v, a at half steps
-};
-struct BatchForce {
-  BatchTable column;  ///< generalised force per unit (nv)
-  BatchTable value;   ///< one number at half steps
-};
-struct BatchLoad {
-  std::vector<Load> places;  ///< one, or one for each scenario
-  BatchTable wrench;         ///< [f; m] (N, N m) at half steps
-};
-/// See Feedback.
-struct BatchFeedback {
-  BatchTable column, by_q, by_v;  ///< (nv), (nq), (nv)
-  BatchTable reference;           ///< one number at half steps
-  BatchTable limit;               ///< one number
-};
-
 struct BatchProblem {
-  std::vector<const Arm*> arms;  ///< one, or one for each scenario, of equal sizes
+  /// One, or one for each scenario: with as many coordinates, loads and continuous laws, and the same rates prescribed.
+  /// One that is for all may have sampled laws and events if these share no memory.
+  std::vector<std::shared_ptr<const Problem>> problems;
   Eigen::Index scenarios = 1;
-  std::vector<double> lengths;     ///< of the steps (s)
-  std::vector<double> times;       ///< at which they end, and before them the start's (s)
-  std::vector<Eigen::Index> hold;  ///< for each step, the row of `tau` that is held over it
-  std::vector<Eigen::Index> rows;  ///< a row is written after so many steps; increasing
-  BatchTable q0, v0, tau;          ///< (nq), (nv), (nv); tau's times are rows that `hold` names
-  std::vector<BatchMotion> motions = {};
-  std::vector<BatchForce> forces = {};
-  std::vector<BatchLoad> loads = {};
-  std::vector<BatchFeedback> feedback = {};
-  std::string integrator = "implicit";  ///< one of OneStep::methods
-  double spectral_radius = 1.0;         ///< see ImplicitOptions
-  double rtol = 1e-10;                  ///< see ImplicitOptions
-  bool lanes = true;                    ///< whether scenarios may run side by side in the lanes of a pack
+  Eigen::VectorXd t;       ///< times (s) that steps end at
+  double step = 0.0;       ///< longest (s)
+  Eigen::Index every = 1;  ///< of t, from one row of the results to the next
+  BatchTable q0, v0;       ///< starts, in place of the problems'
+  BatchTable tau;          ///< forces beside the problems', row k held from t[k] to t[k + 1]
+  int nq = 0, nv = 0;      ///< how many numbers the tables and rows have, the first ones; 0: all
+  Method method = {};      ///< one of OneStep::methods
+  bool lanes = true;       ///< whether scenarios may run side by side in the lanes of a pack
   Eigen::Index whole = 0;  ///< scenarios of the batch that this is a part of, or zero: too few of them run one by one
+
+  int row_q() const { return nq > 0 ? nq : problems[0]->arm->nq(); }
+  int row_v() const { return nv > 0 ? nv : problems[0]->arm->nv(); }
+  Eigen::Index rows() const { return (t.size() - 1) / every + 1; }
 };
 
-/// How a scenario ended. The first four are those of Status.
-enum class BatchStatus : int { ok, singular, not_converged, not_finite, not_done };
+/// How a scenario ended. The first four are those of Status; `ended`: by an event.
+enum class BatchStatus : int { ok, singular, not_converged, not_finite, not_done, ended };
 
 /// The caller's memory, one row-major block (rows, n) for each scenario; what is null is not wanted. Rows behind a
-/// failure are nan.
+/// failure or a terminal event are nan.
 struct BatchOutput {
   double *q = nullptr, *v = nullptr, *a = nullptr, *tau = nullptr;  ///< nq, nv, nv, nv
   int* status = nullptr;                                            ///< BatchStatus of each scenario
   double* reached = nullptr;                                        ///< time reached (s) of each
+  std::vector<EventLog>* events = nullptr;                          ///< of each: what occurred of each of its events
 };
 
 struct BatchStats {
@@ -76,14 +60,24 @@ struct BatchStats {
   bool interrupted = false;
 };
 
-/// Runs all scenarios. What one gives depends on nothing but its own numbers, and by rounding on whether they are few:
-/// not on the workers, nor on the others.
+/// A function of one scenario's own problem has thrown what is nested in this.
+struct ScenarioError : std::runtime_error {
+  Eigen::Index scenario;
+  explicit ScenarioError(Eigen::Index which)
+      : std::runtime_error("scenario " + std::to_string(which)), scenario(which) {}
+};
+
+/// Runs all scenarios, each as `simulate_fixed` runs its problem: steps end at the times t and at samples of drives,
+/// loads and controllers; between two of these they are equal. What one gives depends on nothing but its own numbers,
+/// and by rounding on whether they are few: not on the workers, nor on the others.
 /// A scenario that fails is reported and spoils no other. Each worker has one workspace: memory does not grow with the
 /// number of scenarios.
-/// @param workers  threads, the calling one included; fewer where there is little to do
+/// @param workers  threads, the calling one included; fewer where there is little to do. The problems' functions are
+///                 called from all of them
 /// @param alive    called by the calling thread about ten times a second with the share of steps done; answers false
 ///                 to end the batch: what is not done then has status not_done
-/// @throws std::invalid_argument for bad arguments; what `alive` throws goes through, all workers joined
+/// @throws std::invalid_argument for bad arguments; ScenarioError; what `alive` and functions that all scenarios share
+///         throw. All workers are joined then. Interrupted ends the batch as `alive` does
 BatchStats run_batch(const BatchProblem& problem, const BatchOutput& out, int workers,
                      const std::function<bool(double)>& alive = {});
 
