@@ -34,7 +34,13 @@ struct Slopes {
 class Places {
  public:
   Places(const Problem& of, const Tape& tape)
-      : n(of.arm->nv()), tape_(tape), control_(of.control()), s_(of, control_), loads_(of.loads), rubs_(rubs(*of.arm)) {
+      : n(of.arm->nv()),
+        tape_(tape),
+        tau_(of.tau),
+        control_(of.control()),
+        s_(of, control_),
+        loads_(of.loads),
+        rubs_(rubs(*of.arm)) {
     refuse_balls(*of.arm, "derivatives of a run");
   }
 
@@ -96,6 +102,15 @@ class Places {
         out.M(i, i) = 1.0;
       }
   }
+  /// Of changes of forces (nv rows), what motors at place e give: nothing at a limit.
+  MatrixXd given_out(Index e, const MatrixXd& forces) const {
+    MatrixXd out = forces;
+    const std::vector<AppliedLimit>& all = s_.ws.limits;
+    const signed char* side = tape_.sides.data() + (e + 1) * limits() - static_cast<Index>(all.size());
+    for (const AppliedLimit& l : all)
+      if (*side++) out.row(l.rate).setZero();
+    return out;
+  }
   /// Whether the equation of a rate does not count at a place: it is given, or held.
   bool fixed(Index e, Index i) const { return given(i) || contact(e, i) == Tape::held; }
   bool given(Index i) const { return s_.ws.prescribed[static_cast<std::size_t>(i)]; }
@@ -106,6 +121,8 @@ class Places {
     s_.q = at(tape_.q);
     s_.v = at(tape_.v);
     s_.a = at(tape_.a);
+    s_.constant_tau = tau_;
+    if (const VectorXd* held = tape_.held_at(e)) s_.constant_tau += *held;
     s_.drive(tape_.t[static_cast<std::size_t>(e)]);
     return s_;
   }
@@ -116,6 +133,7 @@ class Places {
   int contact(Index e, Index i) const { return tape_.contact[static_cast<std::size_t>(e * n + i)]; }
 
   const Tape& tape_;
+  const VectorXd tau_;
   Control control_;
   System s_;
   const std::vector<LoadDrive>& loads_;

@@ -4,6 +4,7 @@
 
 #include "step_equations.hpp"
 #include "switches.hpp"
+#include "tangents.hpp"
 
 namespace flexarm {
 
@@ -12,10 +13,12 @@ using namespace taped;
 namespace {
 
 /// Column p: of the parameter p, its derivative of needed - applied at place e, and zero where that does not count.
-void residual_by(const std::vector<Balance>& by_p, Index e, const Places& at, MatrixXd& out) {
+/// @param held  derivatives of the forces that controllers hold (nv, np); empty: none do
+void residual_by(const std::vector<Balance>& by_p, const MatrixXd& held, Index e, const Places& at, MatrixXd& out) {
   out.resize(at.n, static_cast<Index>(by_p.size()));
   for (std::size_t p = 0; p < by_p.size(); ++p)
     out.col(static_cast<Index>(p)) = (by_p[p].needed.row(e) - by_p[p].applied.row(e)).transpose();
+  if (held.size() > 0) out -= at.given_out(e, held);
   for (Index i = 0; i < at.n; ++i)
     if (at.fixed(e, i)) out.row(i).setZero();
 }
@@ -42,18 +45,19 @@ Repeated repeat_switches(const Problem& of, const Tape& tape, const ImplicitOpti
 
 std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, const ImplicitOptions& options,
                                           const std::vector<Balance>& by_p, const std::vector<Rows>& switches_by_p,
-                                          const Rows& q0, const Rows& v0, bool accelerations, int threads) {
+                                          const std::vector<Parameter>& parameters, bool accelerations, int threads) {
   Ahead slopes(of, tape, accelerations, threads);
-  const Places& places = slopes.places();
+  Places& places = slopes.places();
   Switches switches(of, tape, options);
-  const Index n = places.n, np = q0.rows();
+  const Index n = places.n, np = static_cast<Index>(parameters.size());
   const Stages& method = tape.stages;
   const int s = method.count();
   StepEquations step(slopes, method);
   const auto count = static_cast<Index>(tape.rows.size());
   const Rows rows(count, n), others(accelerations ? count : 0, n);
   std::vector<Trajectory::Tangent> out(static_cast<std::size_t>(np), {rows, rows, others, others, {}});
-  MatrixXd q = q0.transpose(), v = v0.transpose(), a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q, stage_v;
+  Nears nears(parameters);
+  MatrixXd q = nears.q0(), v = nears.v0(), a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q, stage_v, held;
   for (Index i = 0; i < n; ++i)
     if (places.given(i)) {
       q.row(i).setZero();  // what a parameter makes of a motion is in the balance
@@ -61,7 +65,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
     }
   const auto accelerate = [&](Index e, const MatrixXd& x, const MatrixXd& y) -> MatrixXd {
     const Slopes& at = slopes(e);
-    residual_by(by_p, e, places, by);
+    residual_by(by_p, held, e, places, by);
     by += at.K * x + at.C * y;
     return -Eigen::PartialPivLU<MatrixXd>(at.M).solve(by);
   };
@@ -72,6 +76,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
       z = accelerate(e, x, y);
       const Slopes& at = slopes(e);
       f = at.K_applied * x + at.C_applied * y;
+      if (held.size() > 0) f += places.given_out(e, held);
       for (Index i = 0; i < n; ++i)
         if (places.given(i)) f.row(i) = at.K_needed.row(i) * x + at.C_needed.row(i) * y + at.M_needed.row(i) * z;
     }
@@ -86,12 +91,31 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
     }
   };
   const std::vector<std::size_t> first = rows_of_entries(tape);
-  for (std::size_t r = first[0]; r < first[1]; ++r) write(static_cast<Index>(r), q, v);
+  std::size_t sampled = 0;
+  /// Samples behind entry k - 1 that come before a place.
+  const auto sample = [&](std::size_t k, Index before) {
+    for (; sampled < tape.samples.size() && tape.samples[sampled].entry < static_cast<Index>(k); ++sampled) {
+      const Tape::Sample& now = tape.samples[sampled];
+      if (now.point >= before) return;
+      const MatrixXd z = accelerate(now.point, q, v);
+      nears.sample(tape.t[static_cast<std::size_t>(now.point)], now.until, places.move(now.point), q, v, z);
+      held = nears.held();
+    }
+  };
+  /// Rows at the end of entry k - 1, and the samples there.
+  const auto finish = [&](std::size_t k, std::size_t from) {
+    for (std::size_t r = from; r < first[k + 1]; ++r) {
+      sample(k, tape.rows[r].point);
+      write(static_cast<Index>(r), q, v);
+    }
+    sample(k, tape.points());
+  };
+  finish(0, first[0]);
   for (std::size_t k = 0; k < tape.entries.size(); ++k) {
     const Tape::Entry& entry = tape.entries[k];
     if (entry.h == 0.0) {
       a0 = alpha0 = accelerate(entry.point, q, v);
-      for (std::size_t r = first[k + 1]; r < first[k + 2]; ++r) write(static_cast<Index>(r), q, v);
+      finish(k + 1, first[k + 1]);
       continue;
     }
     const double h = entry.h;
@@ -101,8 +125,9 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
       const Tape::Switch& from = switches.of(index);
       const auto number = &from - tape.switches.data();
       const auto count_rubs = static_cast<Index>(from.rates.size());
-      MatrixXd state = MatrixXd::Zero(4 * n + count_rubs, np);
+      MatrixXd state = MatrixXd::Zero(4 * n + count_rubs + held.rows(), np);
       state.topRows(4 * n) << q, v, a0, alpha0;
+      state.bottomRows(held.rows()) = held;
       const Index e = place_before(tape, index);
       const Slopes& at = slopes(e);
       for (Index c = 0; c < count_rubs; ++c) {
@@ -112,10 +137,10 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
             at.M_needed.row(i) * a0 + (at.C_needed - at.C_applied).row(i) * v + (at.K_needed - at.K_applied).row(i) * q;
         for (Index p = 0; p < np; ++p) {
           const Balance& by_one = by_p[static_cast<std::size_t>(p)];
-          state(4 * n + c, p) += by_one.needed(e, i) - by_one.applied(e, i);
+          state(4 * n + c, p) += by_one.needed(e, i) - by_one.applied(e, i) - (held.size() > 0 ? held(i, p) : 0.0);
         }
       }
-      MatrixXd end = switches.slopes(from, false) * state;
+      MatrixXd end = switches.slopes(from, held.size() > 0) * state;
       for (Index p = 0; p < np; ++p) end.col(p) += switches_by_p[static_cast<std::size_t>(p)].row(number).transpose();
       for (Index i = 0; i < n; ++i)
         if (places.given(i)) {
@@ -124,7 +149,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
         }
       q = end.topRows(n);
       v = end.bottomRows(n);
-      for (std::size_t r = first[k + 1]; r < first[k + 2]; ++r) write(static_cast<Index>(r), q, v);
+      finish(k + 1, first[k + 1]);
       continue;
     }
     step.factor(entry, false);
@@ -137,7 +162,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
         stage_v += h * (method.v_by_start(i, 0) * a0 + method.v_by_start(i, 1) * alpha0);
       }
       if (i == s) break;
-      residual_by(by_p, entry.point + i, places, by);
+      residual_by(by_p, held, entry.point + i, places, by);
       a.middleRows(i * n, n) = -(by + step.K(i) * stage_q + step.C(i) * stage_v);
     }
     step.solve(a);
@@ -162,7 +187,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
       alpha0 = method.auxiliary[0] * last + method.auxiliary[1] * a0 + method.auxiliary[2] * alpha0;
       a0 = last;
     }
-    for (; r < first[k + 2]; ++r) write(static_cast<Index>(r), q, v);
+    finish(k + 1, r);
   }
   return out;
 }

@@ -71,6 +71,7 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Ste
   System& s = way.s;
   Trajectory out = empty_trajectory(*problem.arm, t, problem.events);
   out.rubs = s.rubbing != nullptr;
+  way.record(tape);
   way.begin();
   if (!s.record(out)) return out;
   const std::function<void()> look = [&] {
@@ -78,7 +79,6 @@ Trajectory simulate_smooth(const Problem& problem, const Eigen::VectorXd& t, Ste
   };
   method.look_with(look);
   method.record(tape);
-  way.record(tape);
   const struct Forget {
     Step& method;
     ~Forget() {

@@ -80,7 +80,18 @@ Stepper::Stepper(const Problem& problem, Control& control, Step& method_, double
 
 void Stepper::begin() {
   s.drive(reached);
-  s.sample(reached + kSameTime * step);
+  look();
+}
+
+bool Stepper::look() {
+  const double until = reached + kSameTime * step;
+  const bool due = tape_ && s.control.due(until), changed = s.sample(until);
+  if (!due) return changed;
+  const Eigen::Index place = tape_->add(reached, s.q, s.v, s.a);
+  if (s.rubbing) s.rubbing->contacts(s.v, true, tape_->last_contacts());
+  tape_->samples.push_back({static_cast<Eigen::Index>(tape_->entries.size()) - 1, place, until, s.control.held()});
+  tape_->tau = s.control.held();
+  return changed;
 }
 
 double Stepper::next_stop(double until) const {
@@ -106,7 +117,7 @@ Status Stepper::try_step(double from, double h, double last, int level) {
   return visible ? method.advance(h, s.ws, s.q, s.v, s.tau, given_) : Status::not_converged;
 }
 
-Status Stepper::sample() { return s.sample(reached + kSameTime * step) ? jump() : Status::ok; }
+Status Stepper::sample() { return look() ? jump() : Status::ok; }
 
 std::string Stepper::reason(Status status) const {
   const double h = now_.h;

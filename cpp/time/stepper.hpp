@@ -74,6 +74,8 @@ class Stepper {
     return half == Status::ok && !enough ? part(from + 0.5 * h, 0.5 * h, last, level + 1, seen) : half;
   }
   Status try_step(double from, double h, double last, int level);
+  /// @return whether the forces have changed
+  bool look();
 
   Step& method;
   const double step;

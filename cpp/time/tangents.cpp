@@ -12,23 +12,63 @@ namespace flexarm {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+Nears::Nears(const std::vector<Parameter>& parameters) {
+  for (const Parameter& p : parameters) {
+    emplace_back();
+    for (const Neighbour& n : p.neighbours) back().push_back(std::make_unique<Near>(n));
+  }
+}
+
+template <class Value>
+MatrixXd Nears::sum(const Value& value) const {
+  MatrixXd out;
+  for (std::size_t k = 0; k < size(); ++k)
+    for (const std::unique_ptr<Near>& near : (*this)[k]) {
+      const VectorXd& x = value(*near);
+      if (out.size() == 0) out.setZero(x.size(), static_cast<Eigen::Index>(size()));
+      out.col(static_cast<Eigen::Index>(k)) += near->of.weight * x;
+    }
+  return out;
+}
+
+MatrixXd Nears::q0() const {
+  return sum([](const Near& n) -> const VectorXd& { return n.of.problem.q0; });
+}
+MatrixXd Nears::v0() const {
+  return sum([](const Near& n) -> const VectorXd& { return n.of.problem.v0; });
+}
+MatrixXd Nears::held() const {
+  return sum([](const Near& n) -> const VectorXd& { return n.control.held(); });
+}
+
+bool Nears::sample(double t, double until, const System& run, const MatrixXd& q, const MatrixXd& v, const MatrixXd& a) {
+  bool changed = false;
+  for (std::size_t k = 0; k < size(); ++k)
+    for (const std::unique_ptr<Near>& near : (*this)[k]) {
+      if (!near->control.due(until)) continue;
+      const auto column = static_cast<Eigen::Index>(k);
+      System& n = near->system;
+      n.q = run.q + near->of.offset * q.col(column);
+      n.v = run.v + near->of.offset * v.col(column);
+      n.a = run.a + near->of.offset * a.col(column);
+      n.drive(t);
+      changed = near->control.run(until, n.q, n.v, n.a) || changed;
+    }
+  return changed;
+}
+
 StateTangents::StateTangents(System& system, const std::vector<Parameter>& parameters)
-    : s_(system), slopes_(s_.arm, places(s_.loads)) {
+    : s_(system), slopes_(s_.arm, places(s_.loads)), near_(parameters) {
   refuse_balls(s_.arm, "derivatives of a run");
   const auto count = static_cast<Eigen::Index>(parameters.size());
   q = v = a = inverse_by_p_ = applied_by_p_ = MatrixXd::Zero(s_.arm.nv(), count);
   P_.resize(s_.n_v(), count);
-  for (const Parameter& p : parameters) {
-    near_.emplace_back();
-    forces_only_.push_back(p.forces_only);
-    for (const Neighbour& n : p.neighbours) {
-      const auto column = static_cast<Eigen::Index>(near_.size() - 1);
-      near_.back().push_back(std::make_unique<Near>(n));
-      check(*near_.back().back());
-      q.col(column) += n.weight * n.problem.q0;
-      v.col(column) += n.weight * n.problem.v0;
-    }
-  }
+  for (const Parameter& p : parameters) forces_only_.push_back(p.forces_only);
+  for (const auto& all : near_)
+    for (const std::unique_ptr<Near>& near : all) check(*near);
+  if (count == 0) return;
+  q = near_.q0();
+  v = near_.v0();
 }
 
 void StateTangents::check(const Near& near) const {
@@ -104,19 +144,11 @@ void StateTangents::correct(double cj, const MatrixXd& r1, const MatrixXd& r2, M
 }
 
 bool StateTangents::sample(double t) {
-  bool changed = false;
-  for (std::size_t k = 0; k < near_.size(); ++k)
-    for (const std::unique_ptr<Near>& near : near_[k]) {
-      if (!near->control.due(t)) continue;
-      const auto column = static_cast<Eigen::Index>(k);
-      System& n = near->system;
-      n.q = s_.q + near->of.offset * q.col(column);
-      n.v = s_.v + near->of.offset * v.col(column);
-      n.a = s_.a;  // a linear law does not read it
-      n.drive(t);
-      changed = near->control.run(t, n.q, n.v, n.a) || changed;
-    }
-  return changed;
+  if (!s_.control.due(t)) return false;
+  if (s_.accelerate() == Status::ok) s_.a = s_.ws.a;
+  linearise(t);
+  accelerate();
+  return near_.sample(t, t, s_, q, v, a);
 }
 
 bool StateTangents::record(double t, std::vector<Trajectory::Tangent>& out, Eigen::Index row) {

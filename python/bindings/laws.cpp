@@ -152,6 +152,15 @@ PyProblem::PyProblem(const Arm& arm, const Eigen::VectorXd& times, const std::ve
   for (std::size_t k = 0; k < events.size(); ++k) problem.events.push_back(make_event(k, events[k]));
 }
 
+std::vector<Parameter> in_core(const std::vector<PyParameter>& given) {
+  std::vector<Parameter> out;
+  for (const PyParameter& p : given) {
+    out.push_back({p.scale, p.forces_only, {}});
+    for (const PyNeighbour& n : p.neighbours) out.back().neighbours.push_back({n.weight, n.offset, n.of->problem});
+  }
+  return out;
+}
+
 void bind_problem(py::module_& m) {
   using Eigen::VectorXd;
   py::class_<PyDrive>(m, "Drive")

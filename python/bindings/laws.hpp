@@ -5,7 +5,7 @@
 
 #include "evaluation.hpp"
 #include "flexarm/computed_torque.hpp"
-#include "flexarm/problem.hpp"
+#include "flexarm/parameter.hpp"
 #include "flexarm/trajectory.hpp"
 
 /// Where in time a callable has been asked: the last call in each of many equal parts of a run.
@@ -60,6 +60,18 @@ struct PyProblem {
             const std::vector<PyLoad>& loads, const std::vector<PyFeedback>& feedback,
             const std::vector<PySampler>& samplers, const std::vector<PyEvent>& events);
 };
+
+/// A neighbour and a parameter from Python; see Neighbour and Parameter.
+struct PyNeighbour {
+  double weight, offset;
+  const PyProblem* of;
+};
+struct PyParameter {
+  double scale;
+  bool forces_only;
+  std::vector<PyNeighbour> neighbours;
+};
+std::vector<flexarm::Parameter> in_core(const std::vector<PyParameter>& given);
 
 /// A computed torque, of an arm that may be another than the one it moves.
 struct ComputedLaw {

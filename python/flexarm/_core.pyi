@@ -642,8 +642,7 @@ class Tape:
         spectral_radius: float,
         by_p: Sequence[tuple[_Array, _Array]],
         switches: Sequence[_Array],
-        q0: ArrayLike,
-        v0: ArrayLike,
+        parameters: Sequence[Parameter],
         accelerations: bool,
         threads: int,
     ) -> dict[str, _Array]: ...

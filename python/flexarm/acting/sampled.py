@@ -77,14 +77,21 @@ class Asked:
     ) -> None:
         self.law, self.read, self.columns, self.limit, self.size, self.name = law, read, columns, limit, size, name
         self.seen = Seen()
+        self.twice = False  #: whether the law must answer the same when it is asked again
 
     def __call__(self, t: float, q: Array, v: Array, a: Array) -> Array:
         y = self.read(t, q, v, a)
         try:
             said = self.law(t, y)
+            again = self.law(t, y) if self.twice else said
         except Exception as e:
             note(e, self.name, t)
             raise
+        if not np.array_equal(said, again):
+            raise ValueError(
+                f"{self.name} at t = {t}: the law gave {said!r}, and {again!r} when it was asked again. It remembers, so "
+                "a run has no derivatives through it: give a LinearController, or a law of t and y alone"
+            )
         try:
             u = np.atleast_1d(np.asarray(said, dtype=float))
             said = said if said is None else u.tolist()
@@ -141,6 +148,14 @@ class Sampled(Controller):
         self.measure = None if measure is None else [_entry(e) for e in listed("measure", measure)]
         self.actuate = [_entry(e) for e in listed("actuate", actuate)]
         self.motor, self.limit = motor, limit_of(limit, motor, len(self.actuate))
+
+    def check_smooth(self, arm: Chain, name: str) -> None:
+        for k, sensor in enumerate(self.measure or ()):
+            if hasattr(sensor, "sampler") and (steps := sensor.steps(arm)).any():
+                raise ValueError(
+                    f"{name}.measure[{k}]: {sensor.type} reads in steps of {steps.max():.3g}, through which a run has no "
+                    "derivatives: give it none (resolution or pulses = None)"
+                )
 
     def _reader(self, arm: Chain, loads: Any, opened: list[Any]) -> _Reader:
         """(t, q, v, a) -> y of one run; samplers with filters are noted in `opened`."""

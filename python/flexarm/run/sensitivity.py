@@ -14,13 +14,13 @@ import flexarm._core as _core
 
 from .._check import Array, array, choice
 from .._threads import cores, each
-from ..acting.control import control_laws
 from ..acting.drive import Torque
 from ..acting.motor import torque_limits
+from ..acting.sampled import Asked
 from ..acting.voltage import Voltage
 from .integrators import Implicit, Integrator
 from .occurrence import EVENTS, Occurrence, by_event, cubics, rows_of
-from .parameter import Neighbour, Parameter
+from .parameter import Neighbour, Parameter, core_parameters
 from .perturbed import STEP, check_paths, components, drive_of, problems, start_of
 from .problem import Problem
 from .result import Result
@@ -131,17 +131,17 @@ class Source:
         s = self.setup
         for k, _ in s.arm.ball_rates():
             raise ValueError(f"link[{k}].joint: a ball, which derivatives of a run do not go through; take three Axes")
-        return Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, self.events)
+        run = Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, self.events)
+        for k, control in enumerate(run.controls):
+            control.check_smooth(s.arm, f"control[{k}]")
+        for sampler in run.sampled:
+            if isinstance(sampler.law, Asked):
+                sampler.law.twice = True
+        return run
 
     def _taped(self) -> tuple[Problem, Result, Any, Any]:
         """The run once more, and its tape."""
         run = self._problem()
-        for k, control in enumerate(run.controls):
-            if control_laws(run.arm, control, run.times, run.loads)[1]:
-                raise ValueError(
-                    f"control[{k}] = {type(control).__name__}: derivatives of a run do not pass through controllers "
-                    "that sample; leave out their rate"
-                )
         tape = _core.Tape()
         out = self.integrate(run, tape=tape)
         if out["friction"] is not None and not self.integrator.rubs:
@@ -159,11 +159,6 @@ class Source:
     def _with_ida(self, near: list[Parameter]) -> tuple[Result, dict[str, Any]]:
         """Forward sensitivities integrated with the run, by IDAS."""
         run = self._problem()
-        for k, law in enumerate(s.law for s in run.sampled):
-            if not isinstance(law, _core.LinearLaw) or law.reads:
-                what = "is a ComputedTorque" if isinstance(law, _core.ComputedTorque) else "runs in Python"
-                raise ValueError(f"control: sampled law {k} {what}, of which no derivative is known: give a "
-                                 "LinearController without sensors")  # fmt: skip
         out = _done(self.integrate(run, parameters=near))
         nv, found, result = self.setup.arm.nv, out["tangents"], run.result(out)
         rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][..., :nv]) for k in ROWS}
@@ -178,11 +173,9 @@ class Source:
     def _forward(self, near: list[Parameter], workers: int) -> tuple[Result, dict[str, Any]]:
         """Tangents along a tape."""
         run, result, tape, core = self._taped()
-        start = [_sum(p, lambda n: (n.problem.core.q0, n.problem.core.v0)) for p in near]
         by = self._by(tape, near, run, workers)
         switches = [self._switches(tape, p, run) for p in near]
-        q0, v0 = (np.array([x[k] for x in start]).reshape(len(near), run.both.nv) for k in range(2))
-        found = tape.tangents(core, *self._numbers, by, switches, q0, v0, True, workers)
+        found = tape.tangents(core, *self._numbers, by, switches, core_parameters(run, near), True, workers)
         mine, nv = rows_of(tape), self.setup.arm.nv
         rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][:, mine, :nv]) for k in ROWS}
         for k, p in enumerate(near):
@@ -202,7 +195,7 @@ class Source:
 
     def gradient(self, loss: Loss, parameters: Sequence[str], workers: int | None = None) -> dict[str, Any]:
         paths = self._paths(parameters, self.integrator.fixed)
-        if not self.integrator.fixed:
+        if not self.integrator.fixed or self._problem().sampled:
             found = self.sensitivities(parameters, workers)
             weights = _weights(loss, found.result)
             by = {p: float(sum((w * x[k]).sum() for name, given in weights.items()
