@@ -41,7 +41,7 @@ class Places {
         s_(of, control_),
         loads_(of.loads),
         rubs_(rubs(*of.arm)) {
-    refuse_balls(*of.arm, "derivatives of a run");
+    if (!rubs_.empty()) refuse_balls(*of.arm, "derivatives of a run with dry friction");
   }
 
   /// Forces at place e: see Balance. Moves the workspace there.
@@ -87,10 +87,12 @@ class Places {
     add_feedback_slopes(s_.ws.feedback, s_.ws.limits, s_.q, s_.v, out.K, out.C);
     composite_mass_matrix(s_.arm, s_.ws, s_.q);
     out.M = s_.ws.M;
+    const MatrixXd needed = by_turns(e, slopes.dq);
+    out.K = by_turns(e, out.K);
     if (whole) {
-      out.K_needed = slopes.dq;
+      out.K_needed = needed;
       out.C_needed = slopes.dv;
-      out.K_applied = slopes.dq - out.K;
+      out.K_applied = needed - out.K;
       out.C_applied = slopes.dv - out.C;
       out.M_needed = s_.ws.M;
     }
@@ -118,7 +120,7 @@ class Places {
   /// Moves the workspace to place e.
   const System& move(Index e) {
     const auto at = [&](const std::vector<double>& x) { return Eigen::Map<const VectorXd>(x.data() + e * n, n); };
-    s_.q = at(tape_.q);
+    s_.q = q(e);
     s_.v = at(tape_.v);
     s_.a = at(tape_.a);
     s_.constant_tau = tau_;
@@ -127,9 +129,28 @@ class Places {
     return s_;
   }
 
+  /// Small changes of the coordinates at a place from those of a ball's turn, in the axes that turn (nv rows), and
+  /// these from those of the coordinates.
+  MatrixXd in_q(Index e, const MatrixXd& turns) const { return balls() ? rate_matrix(e) * turns : turns; }
+  MatrixXd in_turns(Index e, const MatrixXd& x) const { return balls() ? inverse_rates(e) * x : x; }
+  /// Derivatives by the coordinates (columns) to those by the turns, and back.
+  MatrixXd by_turns(Index e, const MatrixXd& by_q) const { return balls() ? by_q * rate_matrix(e) : by_q; }
+  MatrixXd by_coordinates(Index e, const MatrixXd& by_u) const { return balls() ? by_u * inverse_rates(e) : by_u; }
+
   const Index n;
 
  private:
+  bool balls() const { return s_.arm.nq() != n; }
+  Eigen::Map<const VectorXd> q(Index e) const { return {tape_.q.data() + e * s_.arm.nq(), s_.arm.nq()}; }
+  MatrixXd rate_matrix(Index e) const {
+    MatrixXd by_q(s_.arm.nq(), s_.arm.nq()), by_v(s_.arm.nq(), n);
+    coordinate_rate_jacobians(s_.arm, q(e), s_.v, by_q, by_v);
+    return by_v;
+  }
+  MatrixXd inverse_rates(Index e) const {
+    const MatrixXd E = rate_matrix(e);  // whose columns are at right angles
+    return E.colwise().squaredNorm().cwiseInverse().asDiagonal() * E.transpose();
+  }
   int contact(Index e, Index i) const { return tape_.contact[static_cast<std::size_t>(e * n + i)]; }
 
   const Tape& tape_;

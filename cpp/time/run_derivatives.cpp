@@ -52,12 +52,13 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
   const Index n = places.n, np = static_cast<Index>(parameters.size());
   const Stages& method = tape.stages;
   const int s = method.count();
-  StepEquations step(slopes, method);
+  StepEquations step(slopes, *of.arm, tape);
   const auto count = static_cast<Index>(tape.rows.size());
   const Rows rows(count, n), others(accelerations ? count : 0, n);
-  std::vector<Trajectory::Tangent> out(static_cast<std::size_t>(np), {rows, rows, others, others, {}});
+  std::vector<Trajectory::Tangent> out(static_cast<std::size_t>(np),
+                                       {Rows(count, of.arm->nq()), rows, others, others, {}});
   Nears nears(parameters);
-  MatrixXd q = nears.q0(), v = nears.v0(), a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q, stage_v, held;
+  MatrixXd q = places.in_turns(0, nears.q0()), v = nears.v0(), a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q, stage_v, held;
   for (Index i = 0; i < n; ++i)
     if (places.given(i)) {
       q.row(i).setZero();  // what a parameter makes of a motion is in the balance
@@ -71,6 +72,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
   };
   const auto write = [&](Index row, const MatrixXd& x, const MatrixXd& y) {
     const Index e = tape.rows[static_cast<std::size_t>(row)].point;
+    const MatrixXd own = places.in_q(std::max<Index>(e, 0), x);
     MatrixXd z, f;
     if (accelerations) {
       z = accelerate(e, x, y);
@@ -82,7 +84,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
     }
     for (Index p = 0; p < np; ++p) {
       const auto k = static_cast<std::size_t>(p);
-      out[k].q.row(row) = x.col(p);
+      out[k].q.row(row) = own.col(p);
       out[k].v.row(row) = y.col(p);
       if (!accelerations) continue;
       out[k].a.row(row) = z.col(p);
@@ -98,7 +100,8 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
       const Tape::Sample& now = tape.samples[sampled];
       if (now.point >= before) return;
       const MatrixXd z = accelerate(now.point, q, v);
-      nears.sample(tape.t[static_cast<std::size_t>(now.point)], now.until, places.move(now.point), q, v, z);
+      nears.sample(tape.t[static_cast<std::size_t>(now.point)], now.until, places.move(now.point),
+                   places.in_q(now.point, q), v, z);
       held = nears.held();
     }
   };
@@ -152,7 +155,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
       finish(k + 1, first[k + 1]);
       continue;
     }
-    step.factor(entry, false);
+    step.factor(static_cast<Index>(k), false);
     a.resize(s * n, np);
     for (int i = 0; i <= s; ++i) {
       stage_q = q + h * method.c[i] * v;
@@ -161,6 +164,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
         stage_q += h * h * (method.q_by_start(i, 0) * a0 + method.q_by_start(i, 1) * alpha0);
         stage_v += h * (method.v_by_start(i, 0) * a0 + method.v_by_start(i, 1) * alpha0);
       }
+      for (const Turn& turn : step.turns.at(i)) turn.add_beginning(q, v, a0, alpha0, stage_q);
       if (i == s) break;
       residual_by(by_p, held, entry.point + i, places, by);
       a.middleRows(i * n, n) = -(by + step.K(i) * stage_q + step.C(i) * stage_v);
@@ -174,6 +178,10 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
         x += h * h * row.q_by_a[j] * a.middleRows(j * n, n);
         y += h * row.v_by_a[j] * a.middleRows(j * n, n);
       }
+      for (const Turn& turn : step.turns.at(row)) {
+        turn.add_beginning(q, v, a0, alpha0, x);
+        turn.add_stages(a, n, x);
+      }
       write(static_cast<Index>(r), x, y);
     }
     q = stage_q;
@@ -182,6 +190,7 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
       q += h * h * method.q_by_a(s, j) * a.middleRows(j * n, n);
       v += h * method.v_by_a(s, j) * a.middleRows(j * n, n);
     }
+    for (const Turn& turn : step.turns.at(s)) turn.add_stages(a, n, q);
     if (method.remembers) {
       const MatrixXd last = a.bottomRows(n);
       alpha0 = method.auxiliary[0] * last + method.auxiliary[1] * a0 + method.auxiliary[2] * alpha0;
@@ -200,7 +209,7 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
   const Index n = places.n;
   const Stages& method = tape.stages;
   const int s = method.count();
-  StepEquations step(slopes, method);
+  StepEquations step(slopes, *of.arm, tape);
   Adjoint out{VectorXd::Zero(n),
               VectorXd::Zero(n),
               Rows::Zero(tape.points(), n),
@@ -231,7 +240,7 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
   /// Adds what a row of results means for the state there.
   const auto read = [&](std::size_t row, VectorXd& to_q, VectorXd& to_v) {
     const auto r = static_cast<Index>(row);
-    to_q += by_q.row(r).transpose();
+    to_q += places.by_turns(std::max<Index>(tape.rows[row].point, 0), by_q.row(r)).transpose();
     to_v += by_v.row(r).transpose();
     if (by_a.rows() == 0 && by_tau.rows() == 0) return;
     const Index e = tape.rows[row].point;
@@ -301,7 +310,8 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       a0 += x;
       continue;
     }
-    step.factor(entry, true);
+    step.factor(static_cast<Index>(k), true);
+    const VectorXd end = q;
     stage.resize(s * n, 1);
     for (int j = 0; j < s; ++j)
       stage.middleRows(j * n, n) = h * h * method.q_by_a(s, j) * q + h * method.v_by_a(s, j) * v;
@@ -311,6 +321,11 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       alpha0 = method.auxiliary[2] * alpha0 + h * h * method.q_by_start(s, 1) * q + h * method.v_by_start(s, 1) * v;
     }
     v += h * q;
+    const auto turn_back = [&](const std::vector<Turn>& turns, const VectorXd& by) {
+      for (const Turn& turn : turns) turn.give_beginning(by, q, v, a0, alpha0);
+    };
+    turn_back(step.turns.at(s), end);
+    for (const Turn& turn : step.turns.at(s)) turn.give_stages(end, n, stage);
     for (; last > first[k + 1]; --last) {  // rows within
       const Tape::Row& row = tape.rows[last - 1];
       x.setZero(n);
@@ -319,6 +334,9 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       q += x;
       v += y + h * row.c * x;
       for (int j = 0; j < s; ++j) stage.middleRows(j * n, n) += h * h * row.q_by_a[j] * x + h * row.v_by_a[j] * y;
+      const std::vector<Turn> turns = step.turns.at(row);
+      turn_back(turns, x);
+      for (const Turn& turn : turns) turn.give_stages(x, n, stage);
     }
     step.solve_transposed(stage);
     for (int i = 0; i < s; ++i) {
@@ -330,6 +348,7 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       y.noalias() = step.C(i).transpose() * mu;
       q += x;
       v += y + h * method.c[i] * x;
+      turn_back(step.turns.at(i), x);
       if (!method.remembers) continue;
       a0 += h * h * method.q_by_start(i, 0) * x + h * method.v_by_start(i, 0) * y;
       alpha0 += h * h * method.q_by_start(i, 1) * x + h * method.v_by_start(i, 1) * y;
@@ -339,7 +358,7 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
   for (std::size_t r = first[1]; r-- > first[0];) read(r, q, v);
   for (Index i = 0; i < n; ++i)
     if (places.given(i)) q[i] = v[i] = 0.0;
-  out.q0 = q;
+  out.q0 = places.by_coordinates(0, q.transpose()).transpose();
   out.v0 = v;
   return out;
 }

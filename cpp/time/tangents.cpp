@@ -59,9 +59,9 @@ bool Nears::sample(double t, double until, const System& run, const MatrixXd& q,
 
 StateTangents::StateTangents(System& system, const std::vector<Parameter>& parameters)
     : s_(system), slopes_(s_.arm, places(s_.loads)), near_(parameters) {
-  refuse_balls(s_.arm, "derivatives of a run");
   const auto count = static_cast<Eigen::Index>(parameters.size());
-  q = v = a = inverse_by_p_ = applied_by_p_ = MatrixXd::Zero(s_.arm.nv(), count);
+  q = MatrixXd::Zero(s_.arm.nq(), count);
+  v = a = inverse_by_p_ = applied_by_p_ = MatrixXd::Zero(s_.arm.nv(), count);
   P_.resize(s_.n_v(), count);
   for (const Parameter& p : parameters) forces_only_.push_back(p.forces_only);
   for (const auto& all : near_)
@@ -89,7 +89,8 @@ void StateTangents::differ(double t, int column, const std::vector<std::unique_p
   forces.setZero();
   VectorXd applied;
   for (int i = 0; i < s_.arm.nv(); ++i)
-    if (s_.ws.prescribed[static_cast<std::size_t>(i)]) q(i, column) = v(i, column) = a(i, column) = 0.0;
+    if (s_.ws.prescribed[static_cast<std::size_t>(i)])
+      q(s_.arm.coordinate_of(i), column) = v(i, column) = a(i, column) = 0.0;
   for (const std::unique_ptr<Near>& near : all) {
     System& n = near->system;
     const double weight = near->of.weight;
@@ -102,7 +103,7 @@ void StateTangents::differ(double t, int column, const std::vector<std::unique_p
     forces += weight * applied;
     for (int i = 0; i < s_.arm.nv(); ++i) {
       if (!s_.ws.prescribed[static_cast<std::size_t>(i)]) continue;
-      q(i, column) += weight * n.q[i];
+      q(s_.arm.coordinate_of(i), column) += weight * n.q[s_.arm.coordinate_of(i)];
       v(i, column) += weight * n.v[i];
       a(i, column) += weight * n.a[i];
     }
@@ -123,24 +124,42 @@ void StateTangents::linearise(double t) {
   sides_.resize(s_.ws.feedback.size() + s_.ws.limits.size());
   sides(s_.ws.feedback, s_.ws.limits, s_.q, s_.v, sides_.data());
   composite_mass_matrix(s_.arm, s_.ws, s_.q);
-  K_ = by_q_(s_.ws.free, s_.ws.free);
+  K_ = by_q_(s_.ws.free, s_.free_q);
   C_ = by_v_(s_.ws.free, s_.ws.free);
   M_ = s_.ws.M(s_.ws.free, s_.ws.free);
+  if (balls()) {
+    MatrixXd by_q(s_.arm.nq(), s_.arm.nq()), by_v(s_.arm.nq(), s_.arm.nv());
+    coordinate_rate_jacobians(s_.arm, s_.q, s_.v, by_q, by_v);
+    rate_by_q_ = by_q(s_.free_q, s_.free_q);
+    rate_by_v_ = by_v(s_.free_q, s_.ws.free);
+  }
   for (int k = 0; k < size(); ++k) differ(t, k, near_[static_cast<std::size_t>(k)]);
   P_ = inverse_by_p_(s_.ws.free, Eigen::all) - applied_by_p_(s_.ws.free, Eigen::all);
 }
 
 bool StateTangents::accelerate() {
-  const MatrixXd force = -(K_ * q(s_.ws.free, Eigen::all) + C_ * v(s_.ws.free, Eigen::all) + P_);
+  const MatrixXd force = -(K_ * q(s_.free_q, Eigen::all) + C_ * v(s_.ws.free, Eigen::all) + P_);
   const MatrixXd found = M_.ldlt().solve(force);
   a(s_.ws.free, Eigen::all) = found;
   return a.allFinite();
 }
 
 void StateTangents::correct(double cj, const MatrixXd& r1, const MatrixXd& r2, MatrixXd& dq, MatrixXd& dv) {
-  factor_.compute(cj * M_ + C_ + K_ / cj);
-  dv = factor_.solve(K_ * r1 / cj - r2);
-  dq = (dv - r1) / cj;
+  if (!balls()) {
+    factor_.compute(cj * M_ + C_ + K_ / cj);
+    dv = factor_.solve(K_ * r1 / cj - r2);
+    dq = (dv - r1) / cj;
+    return;
+  }
+  const Eigen::PartialPivLU<MatrixXd> own(cj * MatrixXd::Identity(s_.n_q(), s_.n_q()) - rate_by_q_);
+  const MatrixXd by_v = own.solve(rate_by_v_), by_r1 = own.solve(r1);
+  factor_.compute(cj * M_ + C_ + K_ * by_v);
+  dv = factor_.solve(K_ * by_r1 - r2);
+  dq = by_v * dv - by_r1;
+}
+
+MatrixXd StateTangents::rates(const MatrixXd& q_free, const MatrixXd& v_free) const {
+  return balls() ? MatrixXd(rate_by_q_ * q_free + rate_by_v_ * v_free) : v_free;
 }
 
 bool StateTangents::sample(double t) {
@@ -156,13 +175,13 @@ bool StateTangents::record(double t, std::vector<Trajectory::Tangent>& out, Eige
   if (!accelerate()) return false;
   const std::vector<int>& free = s_.ws.free;
   const auto all = Eigen::all;
-  const MatrixXd q_free = q(free, all), v_free = v(free, all);
-  MatrixXd total = applied_by_p_ + (slopes_.dq - by_q_)(all, free) * q_free + (slopes_.dv - by_v_)(all, free) * v_free;
+  const MatrixXd q_free = q(s_.free_q, all), v_free = v(free, all);
+  MatrixXd total = applied_by_p_ + (slopes_.dq - by_q_)(all, s_.free_q) * q_free + (slopes_.dv - by_v_)(all, free) * v_free;
   MatrixXd friction = MatrixXd::Zero(s_.arm.nv(), size());
   for (const Drive& d : s_.drives) {
     if (!d.motion) continue;
     const int i = d.coordinate;
-    const Eigen::RowVectorXd reaction = inverse_by_p_.row(i) + slopes_.dq.row(i)(free) * q_free +
+    const Eigen::RowVectorXd reaction = inverse_by_p_.row(i) + slopes_.dq.row(i)(s_.free_q) * q_free +
                                         slopes_.dv.row(i)(free) * v_free + s_.ws.M.row(i)(free) * a(free, all);
     if (d.rubs)
       friction.row(i) = reaction - total.row(i);

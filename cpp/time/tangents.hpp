@@ -43,18 +43,18 @@ class Nears : public std::vector<std::vector<std::unique_ptr<Near>>> {
 class StateTangents {
  public:
   /// @param parameters  must outlive this; their controllers go along with the run's
-  /// @throws std::invalid_argument for a ball, and for neighbours that are not made like the system
+  /// @throws std::invalid_argument for neighbours that are not made like the system
   StateTangents(System& system, const std::vector<Parameter>& parameters);
   int size() const { return static_cast<int>(q.cols()); }
 
-  Eigen::MatrixXd q, v, a;  ///< of all coordinates (nv x size)
+  Eigen::MatrixXd q, v, a;  ///< of all coordinates (nq x size; nv x size)
 
   /// Takes K, C, M and dr/dp at the system's q, v and a, which has been driven at time t.
   void linearise(double t);
   /// The accelerations' tangents behind `linearise`.
   /// @return whether they are finite
   bool accelerate();
-  /// dr of tangents of the free coordinates, rates and accelerations (n_v x size), behind `linearise`.
+  /// dr of tangents of the free coordinates, rates and accelerations (n_q, n_v x size), behind `linearise`.
   template <class In, class Out>
   void residual(const In& q_free, const In& v_free, const In& a_free, Out&& out) const {
     out.noalias() = K_ * q_free;
@@ -62,8 +62,10 @@ class StateTangents {
     out.noalias() += M_ * a_free;
     out += P_;
   }
-  /// dq and dv with  cj dq - dv = -r1  and  K dq + (cj M + C) dv = -r2  (n_v x size), behind `linearise`: dq = (dv -
-  /// r1) / cj leaves (cj M + C + K / cj) dv = K r1 / cj - r2.
+  /// Rates of tangents of the free coordinates (n_q x size), behind `linearise`.
+  Eigen::MatrixXd rates(const Eigen::MatrixXd& q_free, const Eigen::MatrixXd& v_free) const;
+  /// dq and dv with  cj dq - rates(dq, dv) = -r1  (n_q x size) and  K dq + (cj M + C) dv = -r2  (n_v x size), behind
+  /// `linearise`: without balls, dq = (dv - r1) / cj leaves (cj M + C + K / cj) dv = K r1 / cj - r2.
   void correct(double cj, const Eigen::MatrixXd& r1, const Eigen::MatrixXd& r2, Eigen::MatrixXd& dq,
                Eigen::MatrixXd& dv);
   /// Lets the neighbours' controllers do what is due up to time t, each at its own state; before those of the system.
@@ -83,7 +85,9 @@ class StateTangents {
   std::vector<bool> forces_only_;
   std::vector<signed char> sides_;  // of the run's limits, see `sides`
   Eigen::PartialPivLU<Eigen::MatrixXd> factor_;
+  bool balls() const { return s_.arm.nq() != s_.arm.nv(); }
   Eigen::MatrixXd K_, C_, M_, P_;                // of the free coordinates
+  Eigen::MatrixXd rate_by_q_, rate_by_v_;        // of the free coordinates' rates, of an arm with balls
   Eigen::MatrixXd by_q_, by_v_;                  // slopes of inverse dynamics less those of feedback
   Eigen::MatrixXd inverse_by_p_, applied_by_p_;  // parts of dr/dp
 };

@@ -129,7 +129,7 @@ void bind_gradients(py::module_& m) {
               const Unlocked free;
               found = tangents(of.problem, tape, {spectral_radius, rtol}, balances, switches, by, accelerations, threads);
             }
-            return tangent_rows(found, static_cast<Eigen::Index>(tape.rows.size()), of.problem.arm->nv());
+            return tangent_rows(found, static_cast<Eigen::Index>(tape.rows.size()));
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("by_p"), py::arg("switches"),
           py::arg("parameters"), py::arg("accelerations"), py::arg("threads"))

@@ -235,14 +235,13 @@ void bind_problem(py::module_& m) {
       });
 }
 
-py::dict tangent_rows(const std::vector<Trajectory::Tangent>& all, Eigen::Index done, Eigen::Index rates) {
+py::dict tangent_rows(const std::vector<Trajectory::Tangent>& all, Eigen::Index done) {
   const auto stacked = [&](auto part) {
     const auto count = static_cast<py::ssize_t>(all.size());
-    py::array_t<double> out({count, static_cast<py::ssize_t>(done), static_cast<py::ssize_t>(rates)});
-    for (py::ssize_t k = 0; k < count; ++k) {
-      const auto& rows = all[static_cast<std::size_t>(k)].*part;
-      if (rows.size() > 0) Eigen::Map<Rows>(out.mutable_data(k), done, rates) = rows.topRows(done);
-    }
+    const Eigen::Index width = all.empty() ? 0 : (all.front().*part).cols();
+    py::array_t<double> out({count, static_cast<py::ssize_t>(done), static_cast<py::ssize_t>(width)});
+    for (py::ssize_t k = 0; k < count && width > 0; ++k)
+      Eigen::Map<Rows>(out.mutable_data(k), done, width) = (all[static_cast<std::size_t>(k)].*part).topRows(done);
     return out;
   };
   using Tangent = Trajectory::Tangent;

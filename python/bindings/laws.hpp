@@ -87,5 +87,5 @@ struct ComputedLaw {
 
 /// A drive, whose callable's calls are noted.
 flexarm::Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& all);
-/// q, v, a, tau and friction by the parameters, (np, nt, n) each.
-py::dict tangent_rows(const std::vector<flexarm::Trajectory::Tangent>& all, Eigen::Index done, Eigen::Index rates);
+/// q, v, a, tau and friction by the parameters, (np, nt, n) each; those that are not known are empty.
+py::dict tangent_rows(const std::vector<flexarm::Trajectory::Tangent>& all, Eigen::Index done);

@@ -69,7 +69,7 @@ py::dict run(const py::object& alive, const Integrate& integrate) {
   out["stats"] = stats;
   out["hasty"] = r.stats.hasty;
   if (!r.tangents.empty()) {
-    out["tangents"] = tangent_rows(r.tangents, r.done, r.v.cols());
+    out["tangents"] = tangent_rows(r.tangents, r.done);
     out["event_slopes"] = event_slopes(r);
   }
   return out;

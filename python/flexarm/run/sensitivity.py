@@ -129,8 +129,6 @@ class Source:
 
     def _problem(self) -> Problem:
         s = self.setup
-        for k, _ in s.arm.ball_rates():
-            raise ValueError(f"link[{k}].joint: a ball, which derivatives of a run do not go through; take three Axes")
         run = Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, self.events)
         for k, control in enumerate(run.controls):
             control.check_smooth(s.arm, f"control[{k}]")
@@ -160,14 +158,17 @@ class Source:
         """Forward sensitivities integrated with the run, by IDAS."""
         run = self._problem()
         out = _done(self.integrate(run, parameters=near))
-        nv, found, result = self.setup.arm.nv, out["tangents"], run.result(out)
-        rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][..., :nv]) for k in ROWS}
+        arm, found, result = self.setup.arm, out["tangents"], run.result(out)
+        nq, nv = arm.nq, arm.nv
+        rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][..., : nq if k == "q" else nv]) for k in ROWS}
         if result.t_events is None:
             return result, rows
         occurred = []
         for k, ((t, q, v), slopes) in enumerate(zip(out["events"], out["event_slopes"], strict=True)):
-            occurred += [Occurrence(run, k, t[n], q[n, :nv], v[n, :nv], v[n, :nv], a[:nv]).moved(qp[:nv].T, vp[:nv].T)
-                         for n, (a, qp, vp) in enumerate(slopes)]  # fmt: skip
+            for n, (a, by_q, by_v) in enumerate(slopes):
+                state = q[n, :nq], v[n, :nv]
+                dq = arm._core.rates(*state)[0] if nq != nv else state[1]
+                occurred.append(Occurrence(run, k, t[n], *state, dq, a[:nv]).moved(by_q[:nq].T, by_v[:nv].T))
         return result, rows | by_event(occurred, result, len(near))
 
     def _forward(self, near: list[Parameter], workers: int) -> tuple[Result, dict[str, Any]]:
@@ -176,12 +177,12 @@ class Source:
         by = self._by(tape, near, run, workers)
         switches = [self._switches(tape, p, run) for p in near]
         found = tape.tangents(core, *self._numbers, by, switches, core_parameters(run, near), True, workers)
-        mine, nv = rows_of(tape), self.setup.arm.nv
-        rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][:, mine, :nv]) for k in ROWS}
+        mine, arm, nv = rows_of(tape), self.setup.arm, self.setup.arm.nv
+        rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][:, mine, : getattr(result, k).shape[1]]) for k in ROWS}
         for k, p in enumerate(near):
             for i, moved in self._moved(run, p, result.t):
                 for name, change in zip(("q", "v", "a"), moved, strict=True):
-                    rows[name][k, :, i] = change
+                    rows[name][k, :, arm.coordinate_of(i) if name == "q" else i] = change
         if result.t_events is None:
             return result, rows
         occurred = []
@@ -206,11 +207,11 @@ class Source:
         workers = workers or cores()
         run, result, tape, core = self._taped()
         weights = _weights(loss, result)
-        nv, mine = self.setup.arm.nv, rows_of(tape)
+        arm, nv, mine = self.setup.arm, self.setup.arm.nv, rows_of(tape)
         occurred = [cubic.weighed(weights) for cubic in cubics(run, tape, result)] if weights.keys() & EVENTS else []
-        full = {k: np.zeros((len(tape.points), run.both.nv)) for k in ROWS}
+        full = {k: np.zeros((len(tape.points), run.both.nq if k == "q" else run.both.nv)) for k in ROWS}
         for k in ROWS:
-            full[k][mine, :nv] = weights.get(k, 0.0)
+            full[k][mine, : getattr(result, k).shape[1]] = weights.get(k, 0.0)
         for cubic, q, v in occurred:
             cubic.share(q, v, full)
         asked = {"q", "v", *weights, *(["a"] if occurred else [])}
@@ -223,19 +224,19 @@ class Source:
         out: dict[str, Any] = {}
         for path, parts in paths.items():
             if path in whole:
-                out[path] = whole[path][:nv]
+                out[path] = whole[path][: arm.nq if path == "q0" else nv]
                 continue
             if _SAMPLES.fullmatch(path):
                 out[path] = self._by_samples(path, np.append(tape.t, tape.switches), pushed)
                 continue
             values = []
             for p in (near[part] for part in parts):
-                a, b = _sum(p, lambda n: (n.problem.core.q0, n.problem.core.v0))
-                value = forces[p.path] + q0 @ a + v0 @ b
+                value = forces[p.path] + _sum(p, lambda n: q0 @ n.problem.core.q0 + v0 @ n.problem.core.v0)
                 value += (switches * self._switches(tape, p, run)).sum()
                 for i, moved in self._moved(run, p, result.t):
                     for name, change in zip(("q", "v", "a"), moved, strict=True):
-                        value += (weights[name][:, i] * change).sum() if name in weights else 0.0
+                        at = arm.coordinate_of(i) if name == "q" else i
+                        value += (weights[name][:, at] * change).sum() if name in weights else 0.0
                 for cubic, q, v in occurred:
                     for i, moved in self._moved(run, p, [cubic.t]):
                         value += q[i] * moved[0, 0] + v[i] * moved[1, 0]

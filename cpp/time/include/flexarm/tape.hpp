@@ -67,7 +67,7 @@ struct Tape {
   };
 
   Stages stages;
-  std::vector<double> t, q, v, a;  ///< of all places: times, and nv numbers each
+  std::vector<double> t, q, v, a;  ///< of all places: times, and nq, nv and nv numbers each
   std::vector<signed char> contact;
   std::vector<signed char> sides;  ///< of the limits of laws and motors at all places, see `sides`; empty: none
   std::vector<Entry> entries;
@@ -94,11 +94,11 @@ struct Tape {
     q.insert(q.end(), q_at.begin(), q_at.end());
     v.insert(v.end(), v_at.begin(), v_at.end());
     a.insert(a.end(), a_at.begin(), a_at.end());
-    contact.resize(q.size(), free);
+    contact.resize(v.size(), free);
     return points() - 1;
   }
   /// Contacts of the place that was added last (nv).
-  signed char* last_contacts() { return contact.data() + contact.size() - (q.size() / t.size()); }
+  signed char* last_contacts() { return contact.data() + contact.size() - (v.size() / t.size()); }
 };
 
 }  // namespace flexarm
