@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "looks.hpp"
 #include "step_equations.hpp"
 #include "switches.hpp"
 #include "tangents.hpp"
@@ -43,6 +44,18 @@ Repeated repeat_switches(const Problem& of, const Tape& tape, const ImplicitOpti
   return out;
 }
 
+Rows repeat_looks(const Problem& of, const Problem& run, const Tape& tape) {
+  const std::vector<Look> looks = looks_of(run, tape);
+  Laws laws(run, tape), own(of, tape);
+  Rows out(static_cast<Index>(looks.size()), own.width());
+  for (std::size_t k = 0; k < looks.size(); ++k) {
+    const VectorXd from = laws.memory(looks[k]);
+    laws.answer(looks[k], from);
+    out.row(static_cast<Index>(k)) = own.answer(looks[k], from);
+  }
+  return out;
+}
+
 std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, const ImplicitOptions& options,
                                           const std::vector<Balance>& by_p, const std::vector<Rows>& switches_by_p,
                                           const std::vector<Parameter>& parameters, bool accelerations, int threads) {
@@ -58,7 +71,8 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
   std::vector<Trajectory::Tangent> out(static_cast<std::size_t>(np),
                                        {Rows(count, of.arm->nq()), rows, others, others, {}});
   Nears nears(parameters);
-  MatrixXd q = places.in_turns(0, nears.q0()), v = nears.v0(), a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q, stage_v, held;
+  MatrixXd q = places.in_turns(0, nears.q0()), v = nears.v0(), a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q,
+           stage_v, held;
   for (Index i = 0; i < n; ++i)
     if (places.given(i)) {
       q.row(i).setZero();  // what a parameter makes of a motion is in the balance
@@ -215,7 +229,9 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
               Rows::Zero(tape.points(), n),
               Rows::Zero(tape.points(), n),
               Rows::Zero(static_cast<Index>(tape.switches.size()), 2 * n),
-              Rows::Zero(static_cast<Index>(tape.switches.size()), n)};
+              Rows::Zero(static_cast<Index>(tape.switches.size()), n),
+              {}};
+  LooksBack looks(of, tape);
   // derivatives of the number by the state at the end of what comes next, going back
   VectorXd q = out.q0, v = q, a0 = q, alpha0 = q, x, y, mu;
   MatrixXd stage;
@@ -262,10 +278,28 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
     accelerate(e, by, to_q, to_v);
   };
   const std::vector<std::size_t> first = rows_of_entries(tape);
+  /// Samples behind entry k - 1, or later ones, that come behind a place.
+  const auto sample = [&](std::size_t k, Index behind) {
+    for (Index e; (e = looks.next(static_cast<Index>(k) - 1, behind)) >= 0;) {
+      const VectorXd by = looks.back(out.applied, out.held, places);
+      q += by.head(n);
+      v += by.segment(n, n);
+      accelerate(e, by.tail(n), q, v);
+    }
+  };
+  /// Rows at the end of entry k - 1, and the samples there. @return the first of these rows
+  const auto finish = [&](std::size_t k) {
+    std::size_t last = first[k + 1];
+    for (; last > first[k] && tape.rows[last - 1].v_by_a.size() == 0; --last) {
+      sample(k, tape.rows[last - 1].point);
+      read(last - 1, q, v);
+    }
+    sample(k, -1);
+    return last;
+  };
   for (std::size_t k = tape.entries.size(); k-- > 0;) {
     const Tape::Entry& entry = tape.entries[k];
-    std::size_t last = first[k + 2];
-    for (; last > first[k + 1] && tape.rows[last - 1].v_by_a.size() == 0; --last) read(last - 1, q, v);
+    std::size_t last = finish(k + 1);
     if (entry.h == 0.0) {
       a0 += alpha0;
       accelerate(entry.point, a0, q, v);
@@ -355,7 +389,8 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
     }
     delay();
   }
-  for (std::size_t r = first[1]; r-- > first[0];) read(r, q, v);
+  finish(0);
+  out.looks = looks.by_answer;
   for (Index i = 0; i < n; ++i)
     if (places.given(i)) q[i] = v[i] = 0.0;
   out.q0 = places.by_coordinates(0, q.transpose()).transpose();

@@ -176,7 +176,8 @@ bool StateTangents::record(double t, std::vector<Trajectory::Tangent>& out, Eige
   const std::vector<int>& free = s_.ws.free;
   const auto all = Eigen::all;
   const MatrixXd q_free = q(s_.free_q, all), v_free = v(free, all);
-  MatrixXd total = applied_by_p_ + (slopes_.dq - by_q_)(all, s_.free_q) * q_free + (slopes_.dv - by_v_)(all, free) * v_free;
+  MatrixXd total =
+      applied_by_p_ + (slopes_.dq - by_q_)(all, s_.free_q) * q_free + (slopes_.dv - by_v_)(all, free) * v_free;
   MatrixXd friction = MatrixXd::Zero(s_.arm.nv(), size());
   for (const Drive& d : s_.drives) {
     if (!d.motion) continue;

@@ -78,7 +78,8 @@ class Turns {
   /// At a row within the step.
   std::vector<Turn> at(const Tape::Row& row) const {
     std::vector<Turn> out;
-    for (const Ball& ball : balls_) out.push_back(collocated(ball, row.c, row.v_by_a.transpose(), row.q_by_a.transpose()));
+    for (const Ball& ball : balls_)
+      out.push_back(collocated(ball, row.c, row.v_by_a.transpose(), row.q_by_a.transpose()));
     return out;
   }
 

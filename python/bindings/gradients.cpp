@@ -117,6 +117,13 @@ void bind_gradients(py::module_& m) {
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"))
       .def(
+          "repeat_looks",
+          [](const Tape& tape, const PyProblem& of, const PyProblem& run) {
+            const Unlocked free;
+            return repeat_looks(of.problem, run.problem, tape);
+          },
+          py::arg("problem"), py::arg("run"))
+      .def(
           "tangents",
           [](const Tape& tape, const PyProblem& of, double rtol, double spectral_radius,
              const std::vector<std::pair<Rows, Rows>>& by_p, const std::vector<Rows>& switches,
@@ -127,7 +134,8 @@ void bind_gradients(py::module_& m) {
             std::vector<Trajectory::Tangent> found;
             {
               const Unlocked free;
-              found = tangents(of.problem, tape, {spectral_radius, rtol}, balances, switches, by, accelerations, threads);
+              found =
+                  tangents(of.problem, tape, {spectral_radius, rtol}, balances, switches, by, accelerations, threads);
             }
             return tangent_rows(found, static_cast<Eigen::Index>(tape.rows.size()));
           },
@@ -142,7 +150,8 @@ void bind_gradients(py::module_& m) {
               const Unlocked free;
               found = adjoint(of.problem, tape, {spectral_radius, rtol}, q, v, a, tau, threads);
             }
-            return py::make_tuple(found.q0, found.v0, found.needed, found.applied, found.switches, found.held);
+            return py::make_tuple(found.q0, found.v0, found.needed, found.applied, found.switches, found.held,
+                                  found.looks);
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("q"), py::arg("v"), py::arg("a"),
           py::arg("tau"), py::arg("threads"));

@@ -635,6 +635,7 @@ class Tape:
     def repeat_switches(
         self, problem: Problem, rtol: float, spectral_radius: float
     ) -> tuple[_Array, list[list[float]]]: ...
+    def repeat_looks(self, problem: Problem, run: Problem) -> _Array: ...
     def tangents(
         self,
         problem: Problem,
@@ -656,7 +657,7 @@ class Tape:
         a: ArrayLike,
         tau: ArrayLike,
         threads: int,
-    ) -> tuple[_Array, _Array, _Array, _Array, _Array]: ...
+    ) -> tuple[_Array, _Array, _Array, _Array, _Array, _Array, _Array]: ...
 
 def batch(
     arms: Sequence[Arm],

@@ -56,7 +56,8 @@ class Sensitivities:
     Attributes:
         result: the run.
         parameters: their paths.
-        q, v, a, tau: derivatives of the result's rows, (np, nt, nq) and (np, nt, nv). Rows stand at their times; where
+        q, v, a, tau: derivatives of the result's rows, (np, nt, nq) and (np, nt, nv); of a ball, those of its
+            quaternion. Rows stand at their times; where
             a terminal event has ended the run, they end before it.
         t_events, q_events, v_events: per event, derivatives of its occurrences' times (np, n), coordinates (np, n, nq)
             and rates (np, n, nv); None without events. The time moves with a parameter p by
@@ -196,7 +197,7 @@ class Source:
 
     def gradient(self, loss: Loss, parameters: Sequence[str], workers: int | None = None) -> dict[str, Any]:
         paths = self._paths(parameters, self.integrator.fixed)
-        if not self.integrator.fixed or self._problem().sampled:
+        if not self.integrator.fixed or not all(map(_slopes_known, self._problem().sampled)):
             found = self.sensitivities(parameters, workers)
             weights = _weights(loss, found.result)
             by = {p: float(sum((w * x[k]).sum() for name, given in weights.items()
@@ -216,7 +217,7 @@ class Source:
             cubic.share(q, v, full)
         asked = {"q", "v", *weights, *(["a"] if occurred else [])}
         read = [full[k] if k in asked else np.zeros((0, run.both.nv)) for k in ROWS]
-        q0, v0, needed, applied, switches, held = tape.adjoint(core, *self._numbers, *read, workers)
+        q0, v0, needed, applied, switches, held, looks = tape.adjoint(core, *self._numbers, *read, workers)
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
         forces = dict(zip(near, by_parameters(tape, list(near.values()), needed, applied, workers), strict=True))
         pushed = np.vstack([applied, held]) * _below_limits(tape, run)
@@ -233,6 +234,8 @@ class Source:
             for p in (near[part] for part in parts):
                 value = forces[p.path] + _sum(p, lambda n: q0 @ n.problem.core.q0 + v0 @ n.problem.core.v0)
                 value += (switches * self._switches(tape, p, run)).sum()
+                if run.sampled:
+                    value += _sum(p, lambda n: (looks * tape.repeat_looks(n.problem.core, core)).sum())
                 for i, moved in self._moved(run, p, result.t):
                     for name, change in zip(("q", "v", "a"), moved, strict=True):
                         at = arm.coordinate_of(i) if name == "q" else i
@@ -310,6 +313,14 @@ class Source:
         np.add.at(out, k, (1 - part) * force)
         np.add.at(out, k + 1, part * force)
         return out
+
+
+def _slopes_known(sampler: Any) -> bool:
+    """Whether what a sampled law does is known by its slopes: the memory of sensors, and of an MPC, is not."""
+    law = sampler.law
+    if isinstance(law, _core.LinearLaw):
+        return not law.reads
+    return isinstance(law, _core.ComputedTorque) or (isinstance(law, Asked) and not law.senses)
 
 
 def _below_limits(tape: Any, run: Problem) -> Array:

@@ -19,8 +19,8 @@ struct Balance {
 /// Keeps, in the tape of this problem, on which side of its limit each law and each motor is at the places.
 void keep_sides(const Problem& of, Tape& tape);
 
-/// Of this problem, under the forces that the run's controllers hold, at the places of another's tape: those of the same arm with other
-/// numbers, say, whose motions are the other's where they are not prescribed here.
+/// Of this problem, under the forces that the run's controllers hold, at the places of another's tape: those of the
+/// same arm with other numbers, say, whose motions are the other's where they are not prescribed here.
 Balance balance(const Problem& of, const Tape& tape);
 
 /// Of each problem, the sum over the places of a tape of what it needs and applies there, times weights (places, nv):
@@ -35,12 +35,18 @@ struct Repeated {
 };
 Repeated repeat_switches(const Problem& of, const Tape& tape, const ImplicitOptions& options);
 
+/// What this problem's sampled laws answer at the looks of a run's: a row of each, forces (nv) and what the memory of a
+/// LinearLaw becomes. Each looks at the run's state, and a LinearLaw goes on from the run's memory; another law must
+/// not remember.
+Trajectory::Rows repeat_looks(const Problem& of, const Problem& run, const Tape& tape);
+
 /// Derivatives of a number by what it depends on.
 struct Adjoint {
   Eigen::VectorXd q0, v0;            ///< by the start
   Trajectory::Rows needed, applied;  ///< by the forces of `Balance` at the places, as if these were free to choose
   Trajectory::Rows switches;         ///< by what `repeat_switches` gives
   Trajectory::Rows held;             ///< by forces that act all through the step of each switch (switches, nv)
+  Trajectory::Rows looks;            ///< by what `repeat_looks` gives
 };
 
 /// Derivatives of the method's own equations at their solution, exact but for rounding; of steps in which dry friction
