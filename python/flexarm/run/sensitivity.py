@@ -219,6 +219,7 @@ class Source:
         read = [full[k] if k in asked else np.zeros((0, run.both.nv)) for k in ROWS]
         q0, v0, needed, applied, switches, held, looks = tape.adjoint(core, *self._numbers, *read, workers)
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
+        core_parameters(run, list(near.values()))  # which checks them
         forces = dict(zip(near, by_parameters(tape, list(near.values()), needed, applied, workers), strict=True))
         pushed = np.vstack([applied, held]) * _below_limits(tape, run)
         whole = {"q0": q0, "v0": v0, "tau": pushed.sum(axis=0)}
