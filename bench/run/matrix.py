@@ -109,7 +109,7 @@ def in_lanes(f: Feature) -> float:
 def slopes_off(found: np.ndarray, f: Feature) -> float:
     n = min(len(found), len(f.slopes))
     size = np.abs(f.slopes[:n]).max(axis=0)
-    return float((np.abs(found[:n] - f.slopes[:n]).max(axis=0) / np.maximum(size, 0.01 * size.max())).max())
+    return float((np.abs(found[:n] - f.slopes[:n]).max(axis=0) / np.maximum(size, 0.05 * size.max())).max())
 
 
 def forward(**options: Any) -> Callable[[Feature], float]:

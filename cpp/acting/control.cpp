@@ -80,6 +80,16 @@ Eigen::VectorXd LinearLaw::operator()(double t, const Eigen::VectorXd& q, const 
   return columns * u;
 }
 
+LinearLaw::Slopes LinearLaw::slopes(double t, const Eigen::VectorXd& y) const {
+  const Eigen::ArrayXd size = (u0 + C * x + D * (reference(t) - y)).array().abs();
+  const auto within = [&](const Eigen::VectorXd& most) {
+    return Eigen::MatrixXd((size <= most.array()).cast<double>().matrix().asDiagonal());
+  };
+  const Eigen::MatrixXd force = columns * within(limit);
+  const Eigen::MatrixXd wound = windup * (within(reach) - Eigen::MatrixXd::Identity(size.size(), size.size()));
+  return {-force * D, force * C, -B - wound * D, A + wound * C};
+}
+
 Control::Control(std::vector<Feedback> feedback, std::vector<Sampler> samplers, int nv)
     : feedback_(std::move(feedback)), held_(Eigen::VectorXd::Zero(nv)) {
   for (Sampler& s : samplers) {

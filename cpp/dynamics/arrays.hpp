@@ -28,6 +28,8 @@ void joint_stiffness(Workspace& ws, Eigen::VectorXd& slopes);
 
 /// E(p) of a ball's quaternion, dp/dt = E w; E^T E is a quarter of the unit matrix.
 Eigen::Matrix<double, 4, 3> ball_rate_matrix(const double* p);
+/// d(dp/dt)/dp of a quaternion at an angular velocity w, see `ball_rates`.
+Eigen::Matrix4d ball_rate_slopes(const Eigen::Vector4d& p, const Eigen::Vector3d& w);
 
 /// Of a place, in the world or in its node's axes.
 Pose pose(const lanes::SingleFrames& frames, const lanes::Place& place, const double* numbers, bool in_world);

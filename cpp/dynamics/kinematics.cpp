@@ -15,9 +15,6 @@ Eigen::Matrix<double, 4, 3> ball_rate_matrix(const double* p) {
   return E;
 }
 
-namespace {
-
-/// d(dp/dt)/dp of `ball_rates`.
 Eigen::Matrix4d ball_rate_slopes(const Eigen::Vector4d& p, const Eigen::Vector3d& w) {
   Eigen::Matrix4d Q = kPull * ((1.0 - p.squaredNorm()) * Eigen::Matrix4d::Identity() - 2.0 * p * p.transpose());
   Q.block<1, 3>(0, 1) -= 0.5 * w.transpose();
@@ -25,6 +22,8 @@ Eigen::Matrix4d ball_rate_slopes(const Eigen::Vector4d& p, const Eigen::Vector3d
   Q.block<3, 3>(1, 1) -= 0.5 * tilde(w);
   return Q;
 }
+
+namespace {
 
 const lanes::Layout& layout_of(const Arm& arm) { return lanes::KernelArm::of(arm).layout(); }
 

@@ -193,8 +193,8 @@ void differentiate(IdaSystem& s, Trajectory& out) {
       out.ends = empty_trajectory(s.arm, Eigen::VectorXd::Constant(1, log.t[k]), {}, out.tangents.size()).tangents;
       s.tangents->record(log.t[k], out.ends, 0);
       log.a.push_back(s.a);
-      log.q_by.emplace_back(s.arm.nv(), s.tangents->size());
-      log.v_by.push_back(log.q_by.back());
+      log.q_by.emplace_back(s.arm.nq(), s.tangents->size());
+      log.v_by.emplace_back(s.arm.nv(), s.tangents->size());
       for (std::size_t p = 0; p < out.ends.size(); ++p) {
         log.q_by.back().col(static_cast<Eigen::Index>(p)) = out.ends[p].q.row(0);
         log.v_by.back().col(static_cast<Eigen::Index>(p)) = out.ends[p].v.row(0);

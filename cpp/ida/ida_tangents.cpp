@@ -19,15 +19,16 @@ int corrections(int count, sunrealtype t, N_Vector y, N_Vector yp, N_Vector, N_V
     check_flag(IDAGetCurrentCj(s.memory, &cj));
     s.set(t, N_VGetArrayPointer(y), N_VGetArrayPointer(yp));
     s.tangents->linearise(t);
-    const Eigen::Index n = s.n_v();
-    const auto numbers = [n](N_Vector x) { return Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(x), 2 * n); };
-    Eigen::MatrixXd q(n, count), v(n, count), a(n, count), r1(n, count), r2(n, count);
+    const Eigen::Index m = s.n_q(), n = s.n_v();
+    const auto numbers = [&](N_Vector x) { return Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(x), m + n); };
+    Eigen::MatrixXd q(m, count), v(n, count), a(n, count), r1(m, count), r2(n, count);
     for (int k = 0; k < count; ++k) {
-      q.col(k) = numbers(ys[k]).head(n);
+      q.col(k) = numbers(ys[k]).head(m);
       v.col(k) = numbers(ys[k]).tail(n);
       a.col(k) = numbers(yps[k]).tail(n);
-      r1.col(k) = numbers(yps[k]).head(n) - v.col(k);
+      r1.col(k) = numbers(yps[k]).head(m);
     }
+    r1 -= s.tangents->rates(q, v);
     s.tangents->residual(q, v, a, r2);
     s.tangents->correct(cj, r1, r2, q, v);
     for (int k = 0; k < count; ++k) numbers(out[k]) << q.col(k), v.col(k);
@@ -105,10 +106,11 @@ void TangentPart::restart(void* memory, const IdaSystem& s) {
 
 void TangentPart::put(const IdaSystem& s) {
   const StateTangents& from = *s.tangents;
+  const Eigen::MatrixXd rates = from.rates(from.q(s.free_q, Eigen::all), from.v(s.ws.free, Eigen::all));
   for (int k = 0; k < count_; ++k) {
     const auto vector = [&](N_Vector x) { return Eigen::Map<Eigen::VectorXd>(N_VGetArrayPointer(x), s.size()); };
-    vector(y_[k]) << from.q.col(k)(s.ws.free), from.v.col(k)(s.ws.free);
-    vector(yp_[k]) << from.v.col(k)(s.ws.free), from.a.col(k)(s.ws.free);
+    vector(y_[k]) << from.q.col(k)(s.free_q), from.v.col(k)(s.ws.free);
+    vector(yp_[k]) << rates.col(k), from.a.col(k)(s.ws.free);
   }
 }
 
@@ -117,7 +119,7 @@ void TangentPart::get(void* memory, IdaSystem& s) {
   check_flag(IDAGetSens(memory, &t, y_));
   for (int k = 0; k < count_; ++k) {
     const Eigen::Map<const Eigen::VectorXd> x(N_VGetArrayPointer(y_[k]), s.size());
-    s.tangents->q.col(k)(s.ws.free) = x.head(s.n_v());
+    s.tangents->q.col(k)(s.free_q) = x.head(s.n_q());
     s.tangents->v.col(k)(s.ws.free) = x.tail(s.n_v());
   }
 }

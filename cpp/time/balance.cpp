@@ -26,12 +26,13 @@ class SideBySide {
       at_.push_back(std::make_unique<Places>(*all[k], tape));
     }
     n_ = at_.front()->n;
+    nq_ = all[first]->arm->nq();
     loads_ = static_cast<Index>(all[first]->loads.size());
     if (at_.size() == 1) return;
     packed_ = std::make_unique<lanes::KernelArm>(
         lanes::KernelArm::side_by_side(them, kernels_.width, std::vector<bool>(static_cast<std::size_t>(n_), false)));
     memory_ = lanes::Memory(kernels_.side_memory(packed_->layout()));
-    numbers_ = lanes::Memory(static_cast<std::size_t>((4 * n_ + 6 * loads_) * kernels_.width) * sizeof(double));
+    numbers_ = lanes::Memory(static_cast<std::size_t>((nq_ + 3 * n_ + 6 * loads_) * kernels_.width) * sizeof(double));
     tau_.resize(n_);
   }
   std::size_t size() const { return at_.size(); }
@@ -44,12 +45,12 @@ class SideBySide {
       return;
     }
     const Index w = kernels_.width;
-    double *q = static_cast<double*>(numbers_.get()), *v = q + n_ * w, *a = v + n_ * w, *tau = a + n_ * w,
+    double *q = static_cast<double*>(numbers_.get()), *v = q + nq_ * w, *a = v + n_ * w, *tau = a + n_ * w,
            *wrenches = tau + n_ * w;
     for (Index l = 0; l < w; ++l) {  // lanes beyond the last repeat it
       const System& s = at_[std::min(static_cast<std::size_t>(l), at_.size() - 1)]->move(e);
+      for (Index i = 0; i < nq_; ++i) q[i * w + l] = s.q[i];
       for (Index i = 0; i < n_; ++i) {
-        q[i * w + l] = s.q[i];
         v[i * w + l] = s.v[i];
         a[i * w + l] = s.a[i];
       }
@@ -69,7 +70,7 @@ class SideBySide {
   std::vector<std::unique_ptr<Places>> at_;
   std::unique_ptr<lanes::KernelArm> packed_;
   lanes::Memory memory_, numbers_;
-  Index n_ = 0, loads_ = 0;
+  Index n_ = 0, nq_ = 0, loads_ = 0;
   VectorXd tau_;
 };
 

@@ -9,6 +9,7 @@
 #include "flexarm/quadrature.hpp"
 #include "lanes/ball.hpp"
 #include "lanes/newton.hpp"
+#include "turning.hpp"
 
 namespace flexarm {
 
@@ -21,18 +22,6 @@ constexpr int kGivenUp = 3;      // corrections that grew, after which an iterat
 constexpr double kFloor = 1e-8;  // parts of the motion: an iteration that stalls below is at the end of its digits
 constexpr double kGrown = 1.5;   // ratio of a step to the one before, above which nothing is extrapolated
 constexpr double kFar = 30.0;    // times the energy that a step begins with and its forces bring: no solution is so far
-constexpr int kTurns = 60;       // passes that the turns of a ball may take
-constexpr double kTurned = 2e-15;  // rad: they have converged
-
-/// Rate of the rotation vector u by which a ball is turned, at an angular velocity w in the axes that turn; |u| below
-/// 2 pi.
-Eigen::Vector3d turn_rate(const Eigen::Vector3d& u, const Eigen::Vector3d& w) {
-  const double square = u.squaredNorm(), half = 0.5 * std::sqrt(square);
-  const double k =
-      square < 2e-3 ? (1.0 + square * (1.0 + square / 42.0) / 60.0) / 12.0 : (1.0 - half / std::tan(half)) / square;
-  const Eigen::Vector3d uw = u.cross(w);
-  return w + 0.5 * uw + k * u.cross(uw);
-}
 
 /// The quaternion at `k` of p0, turned by u, into p.
 void turn(const double* p0, const Eigen::Vector3d& u, double* p, Eigen::Index k) { turn_ball(p0 + k, u.data(), p + k); }
@@ -174,22 +163,10 @@ bool CollocationStep::place(double h) {
   return balls_.empty() || turn_balls(h);
 }
 
-/// u_i = h sum (A_ij - b_j / 2) du_j, repeated until it stands still: it contracts by a part of the turn.
 bool CollocationStep::turn_balls(double h) {
   for (const Ball& ball : balls_) {
     auto u = u_.middleRows<3>(ball.v), du = du_.middleRows<3>(ball.v);
-    double moved = 1.0;
-    for (int pass = 0; pass < kTurns && moved > kTurned; ++pass) {
-      for (int i = 0; i < s_; ++i) du.col(i) = turn_rate(u.col(i), v_.col(i).segment<3>(ball.v));
-      moved = 0.0;
-      for (int i = 0; i < s_; ++i) {
-        const Eigen::Vector3d now = h * (du * turn_weights_.row(i).transpose());
-        const double change = (now - u.col(i)).norm() / (1.0 + now.norm());
-        if (!(change <= moved)) moved = change;  // NaN as well
-        u.col(i) = now;
-      }
-    }
-    if (!(moved <= kTurned)) return false;
+    if (!turn_at_points(h, turn_weights_, v_.middleRows<3>(ball.v), u, du)) return false;
     turn(q0_.data(), 0.5 * h * (du * b_), middle_.data(), ball.q);
     for (int i = 0; i < s_; ++i) turn(middle_.data(), u.col(i), q_.col(i).data(), ball.q);
   }

@@ -34,8 +34,14 @@ struct Slopes {
 class Places {
  public:
   Places(const Problem& of, const Tape& tape)
-      : n(of.arm->nv()), tape_(tape), control_(of.control()), s_(of, control_), loads_(of.loads), rubs_(rubs(*of.arm)) {
-    refuse_balls(*of.arm, "derivatives of a run");
+      : n(of.arm->nv()),
+        tape_(tape),
+        tau_(of.tau),
+        control_(of.control()),
+        s_(of, control_),
+        loads_(of.loads),
+        rubs_(rubs(*of.arm)) {
+    if (!rubs_.empty()) refuse_balls(*of.arm, "derivatives of a run with dry friction");
   }
 
   /// Forces at place e: see Balance. Moves the workspace there.
@@ -81,10 +87,12 @@ class Places {
     add_feedback_slopes(s_.ws.feedback, s_.ws.limits, s_.q, s_.v, out.K, out.C);
     composite_mass_matrix(s_.arm, s_.ws, s_.q);
     out.M = s_.ws.M;
+    const MatrixXd needed = by_turns(e, slopes.dq);
+    out.K = by_turns(e, out.K);
     if (whole) {
-      out.K_needed = slopes.dq;
+      out.K_needed = needed;
       out.C_needed = slopes.dv;
-      out.K_applied = slopes.dq - out.K;
+      out.K_applied = needed - out.K;
       out.C_applied = slopes.dv - out.C;
       out.M_needed = s_.ws.M;
     }
@@ -96,6 +104,15 @@ class Places {
         out.M(i, i) = 1.0;
       }
   }
+  /// Of changes of forces (nv rows), what motors at place e give: nothing at a limit.
+  MatrixXd given_out(Index e, const MatrixXd& forces) const {
+    MatrixXd out = forces;
+    const std::vector<AppliedLimit>& all = s_.ws.limits;
+    const signed char* side = tape_.sides.data() + (e + 1) * limits() - static_cast<Index>(all.size());
+    for (const AppliedLimit& l : all)
+      if (*side++) out.row(l.rate).setZero();
+    return out;
+  }
   /// Whether the equation of a rate does not count at a place: it is given, or held.
   bool fixed(Index e, Index i) const { return given(i) || contact(e, i) == Tape::held; }
   bool given(Index i) const { return s_.ws.prescribed[static_cast<std::size_t>(i)]; }
@@ -103,19 +120,41 @@ class Places {
   /// Moves the workspace to place e.
   const System& move(Index e) {
     const auto at = [&](const std::vector<double>& x) { return Eigen::Map<const VectorXd>(x.data() + e * n, n); };
-    s_.q = at(tape_.q);
+    s_.q = q(e);
     s_.v = at(tape_.v);
     s_.a = at(tape_.a);
+    s_.constant_tau = tau_;
+    if (const VectorXd* held = tape_.held_at(e)) s_.constant_tau += *held;
     s_.drive(tape_.t[static_cast<std::size_t>(e)]);
     return s_;
   }
 
+  /// Small changes of the coordinates at a place from those of a ball's turn, in the axes that turn (nv rows), and
+  /// these from those of the coordinates.
+  MatrixXd in_q(Index e, const MatrixXd& turns) const { return balls() ? rate_matrix(e) * turns : turns; }
+  MatrixXd in_turns(Index e, const MatrixXd& x) const { return balls() ? inverse_rates(e) * x : x; }
+  /// Derivatives by the coordinates (columns) to those by the turns, and back.
+  MatrixXd by_turns(Index e, const MatrixXd& by_q) const { return balls() ? by_q * rate_matrix(e) : by_q; }
+  MatrixXd by_coordinates(Index e, const MatrixXd& by_u) const { return balls() ? by_u * inverse_rates(e) : by_u; }
+
   const Index n;
 
  private:
+  bool balls() const { return s_.arm.nq() != n; }
+  Eigen::Map<const VectorXd> q(Index e) const { return {tape_.q.data() + e * s_.arm.nq(), s_.arm.nq()}; }
+  MatrixXd rate_matrix(Index e) const {
+    MatrixXd by_q(s_.arm.nq(), s_.arm.nq()), by_v(s_.arm.nq(), n);
+    coordinate_rate_jacobians(s_.arm, q(e), s_.v, by_q, by_v);
+    return by_v;
+  }
+  MatrixXd inverse_rates(Index e) const {
+    const MatrixXd E = rate_matrix(e);  // whose columns are at right angles
+    return E.colwise().squaredNorm().cwiseInverse().asDiagonal() * E.transpose();
+  }
   int contact(Index e, Index i) const { return tape_.contact[static_cast<std::size_t>(e * n + i)]; }
 
   const Tape& tape_;
+  const VectorXd tau_;
   Control control_;
   System s_;
   const std::vector<LoadDrive>& loads_;

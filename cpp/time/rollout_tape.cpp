@@ -1,6 +1,6 @@
 #include "flexarm/rollout_tape.hpp"
 
-#include "flexarm/workspace.hpp"
+#include "system.hpp"
 
 namespace flexarm {
 
@@ -9,6 +9,7 @@ using Eigen::VectorXd;
 
 TapedRollout roll_on_tape(const std::string& method, const Arm& arm, double h, const ImplicitOptions& options,
                           const VectorXd& q0, const VectorXd& v0, const Trajectory::Rows& tau) {
+  refuse_balls(arm, "derivatives of a rollout");
   OneStep step(method, arm, h, options);
   const Index count = tau.rows();
   TapedRollout out{Tape(step.stages()), {count + 1, q0.size()}, {count + 1, v0.size()}, {}};

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 
+#include "looks.hpp"
 #include "step_equations.hpp"
 #include "switches.hpp"
+#include "tangents.hpp"
 
 namespace flexarm {
 
@@ -12,10 +14,12 @@ using namespace taped;
 namespace {
 
 /// Column p: of the parameter p, its derivative of needed - applied at place e, and zero where that does not count.
-void residual_by(const std::vector<Balance>& by_p, Index e, const Places& at, MatrixXd& out) {
+/// @param held  derivatives of the forces that controllers hold (nv, np); empty: none do
+void residual_by(const std::vector<Balance>& by_p, const MatrixXd& held, Index e, const Places& at, MatrixXd& out) {
   out.resize(at.n, static_cast<Index>(by_p.size()));
   for (std::size_t p = 0; p < by_p.size(); ++p)
     out.col(static_cast<Index>(p)) = (by_p[p].needed.row(e) - by_p[p].applied.row(e)).transpose();
+  if (held.size() > 0) out -= at.given_out(e, held);
   for (Index i = 0; i < at.n; ++i)
     if (at.fixed(e, i)) out.row(i).setZero();
 }
@@ -40,20 +44,35 @@ Repeated repeat_switches(const Problem& of, const Tape& tape, const ImplicitOpti
   return out;
 }
 
+Rows repeat_looks(const Problem& of, const Problem& run, const Tape& tape) {
+  const std::vector<Look> looks = looks_of(run, tape);
+  Laws laws(run, tape), own(of, tape);
+  Rows out(static_cast<Index>(looks.size()), own.width());
+  for (std::size_t k = 0; k < looks.size(); ++k) {
+    const VectorXd from = laws.memory(looks[k]);
+    laws.answer(looks[k], from);
+    out.row(static_cast<Index>(k)) = own.answer(looks[k], from);
+  }
+  return out;
+}
+
 std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, const ImplicitOptions& options,
                                           const std::vector<Balance>& by_p, const std::vector<Rows>& switches_by_p,
-                                          const Rows& q0, const Rows& v0, bool accelerations, int threads) {
+                                          const std::vector<Parameter>& parameters, bool accelerations, int threads) {
   Ahead slopes(of, tape, accelerations, threads);
-  const Places& places = slopes.places();
+  Places& places = slopes.places();
   Switches switches(of, tape, options);
-  const Index n = places.n, np = q0.rows();
+  const Index n = places.n, np = static_cast<Index>(parameters.size());
   const Stages& method = tape.stages;
   const int s = method.count();
-  StepEquations step(slopes, method);
+  StepEquations step(slopes, *of.arm, tape);
   const auto count = static_cast<Index>(tape.rows.size());
   const Rows rows(count, n), others(accelerations ? count : 0, n);
-  std::vector<Trajectory::Tangent> out(static_cast<std::size_t>(np), {rows, rows, others, others, {}});
-  MatrixXd q = q0.transpose(), v = v0.transpose(), a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q, stage_v;
+  std::vector<Trajectory::Tangent> out(static_cast<std::size_t>(np),
+                                       {Rows(count, of.arm->nq()), rows, others, others, {}});
+  Nears nears(parameters);
+  MatrixXd q = places.in_turns(0, nears.q0()), v = nears.v0(), a0 = MatrixXd::Zero(n, np), alpha0 = a0, a, by, stage_q,
+           stage_v, held;
   for (Index i = 0; i < n; ++i)
     if (places.given(i)) {
       q.row(i).setZero();  // what a parameter makes of a motion is in the balance
@@ -61,23 +80,25 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
     }
   const auto accelerate = [&](Index e, const MatrixXd& x, const MatrixXd& y) -> MatrixXd {
     const Slopes& at = slopes(e);
-    residual_by(by_p, e, places, by);
+    residual_by(by_p, held, e, places, by);
     by += at.K * x + at.C * y;
     return -Eigen::PartialPivLU<MatrixXd>(at.M).solve(by);
   };
   const auto write = [&](Index row, const MatrixXd& x, const MatrixXd& y) {
     const Index e = tape.rows[static_cast<std::size_t>(row)].point;
+    const MatrixXd own = places.in_q(std::max<Index>(e, 0), x);
     MatrixXd z, f;
     if (accelerations) {
       z = accelerate(e, x, y);
       const Slopes& at = slopes(e);
       f = at.K_applied * x + at.C_applied * y;
+      if (held.size() > 0) f += places.given_out(e, held);
       for (Index i = 0; i < n; ++i)
         if (places.given(i)) f.row(i) = at.K_needed.row(i) * x + at.C_needed.row(i) * y + at.M_needed.row(i) * z;
     }
     for (Index p = 0; p < np; ++p) {
       const auto k = static_cast<std::size_t>(p);
-      out[k].q.row(row) = x.col(p);
+      out[k].q.row(row) = own.col(p);
       out[k].v.row(row) = y.col(p);
       if (!accelerations) continue;
       out[k].a.row(row) = z.col(p);
@@ -86,12 +107,32 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
     }
   };
   const std::vector<std::size_t> first = rows_of_entries(tape);
-  for (std::size_t r = first[0]; r < first[1]; ++r) write(static_cast<Index>(r), q, v);
+  std::size_t sampled = 0;
+  /// Samples behind entry k - 1 that come before a place.
+  const auto sample = [&](std::size_t k, Index before) {
+    for (; sampled < tape.samples.size() && tape.samples[sampled].entry < static_cast<Index>(k); ++sampled) {
+      const Tape::Sample& now = tape.samples[sampled];
+      if (now.point >= before) return;
+      const MatrixXd z = accelerate(now.point, q, v);
+      nears.sample(tape.t[static_cast<std::size_t>(now.point)], now.until, places.move(now.point),
+                   places.in_q(now.point, q), v, z);
+      held = nears.held();
+    }
+  };
+  /// Rows at the end of entry k - 1, and the samples there.
+  const auto finish = [&](std::size_t k, std::size_t from) {
+    for (std::size_t r = from; r < first[k + 1]; ++r) {
+      sample(k, tape.rows[r].point);
+      write(static_cast<Index>(r), q, v);
+    }
+    sample(k, tape.points());
+  };
+  finish(0, first[0]);
   for (std::size_t k = 0; k < tape.entries.size(); ++k) {
     const Tape::Entry& entry = tape.entries[k];
     if (entry.h == 0.0) {
       a0 = alpha0 = accelerate(entry.point, q, v);
-      for (std::size_t r = first[k + 1]; r < first[k + 2]; ++r) write(static_cast<Index>(r), q, v);
+      finish(k + 1, first[k + 1]);
       continue;
     }
     const double h = entry.h;
@@ -101,8 +142,9 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
       const Tape::Switch& from = switches.of(index);
       const auto number = &from - tape.switches.data();
       const auto count_rubs = static_cast<Index>(from.rates.size());
-      MatrixXd state = MatrixXd::Zero(4 * n + count_rubs, np);
+      MatrixXd state = MatrixXd::Zero(4 * n + count_rubs + held.rows(), np);
       state.topRows(4 * n) << q, v, a0, alpha0;
+      state.bottomRows(held.rows()) = held;
       const Index e = place_before(tape, index);
       const Slopes& at = slopes(e);
       for (Index c = 0; c < count_rubs; ++c) {
@@ -112,10 +154,10 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
             at.M_needed.row(i) * a0 + (at.C_needed - at.C_applied).row(i) * v + (at.K_needed - at.K_applied).row(i) * q;
         for (Index p = 0; p < np; ++p) {
           const Balance& by_one = by_p[static_cast<std::size_t>(p)];
-          state(4 * n + c, p) += by_one.needed(e, i) - by_one.applied(e, i);
+          state(4 * n + c, p) += by_one.needed(e, i) - by_one.applied(e, i) - (held.size() > 0 ? held(i, p) : 0.0);
         }
       }
-      MatrixXd end = switches.slopes(from, false) * state;
+      MatrixXd end = switches.slopes(from, held.size() > 0) * state;
       for (Index p = 0; p < np; ++p) end.col(p) += switches_by_p[static_cast<std::size_t>(p)].row(number).transpose();
       for (Index i = 0; i < n; ++i)
         if (places.given(i)) {
@@ -124,10 +166,10 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
         }
       q = end.topRows(n);
       v = end.bottomRows(n);
-      for (std::size_t r = first[k + 1]; r < first[k + 2]; ++r) write(static_cast<Index>(r), q, v);
+      finish(k + 1, first[k + 1]);
       continue;
     }
-    step.factor(entry, false);
+    step.factor(static_cast<Index>(k), false);
     a.resize(s * n, np);
     for (int i = 0; i <= s; ++i) {
       stage_q = q + h * method.c[i] * v;
@@ -136,8 +178,9 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
         stage_q += h * h * (method.q_by_start(i, 0) * a0 + method.q_by_start(i, 1) * alpha0);
         stage_v += h * (method.v_by_start(i, 0) * a0 + method.v_by_start(i, 1) * alpha0);
       }
+      for (const Turn& turn : step.turns.at(i)) turn.add_beginning(q, v, a0, alpha0, stage_q);
       if (i == s) break;
-      residual_by(by_p, entry.point + i, places, by);
+      residual_by(by_p, held, entry.point + i, places, by);
       a.middleRows(i * n, n) = -(by + step.K(i) * stage_q + step.C(i) * stage_v);
     }
     step.solve(a);
@@ -149,6 +192,10 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
         x += h * h * row.q_by_a[j] * a.middleRows(j * n, n);
         y += h * row.v_by_a[j] * a.middleRows(j * n, n);
       }
+      for (const Turn& turn : step.turns.at(row)) {
+        turn.add_beginning(q, v, a0, alpha0, x);
+        turn.add_stages(a, n, x);
+      }
       write(static_cast<Index>(r), x, y);
     }
     q = stage_q;
@@ -157,12 +204,13 @@ std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, c
       q += h * h * method.q_by_a(s, j) * a.middleRows(j * n, n);
       v += h * method.v_by_a(s, j) * a.middleRows(j * n, n);
     }
+    for (const Turn& turn : step.turns.at(s)) turn.add_stages(a, n, q);
     if (method.remembers) {
       const MatrixXd last = a.bottomRows(n);
       alpha0 = method.auxiliary[0] * last + method.auxiliary[1] * a0 + method.auxiliary[2] * alpha0;
       a0 = last;
     }
-    for (; r < first[k + 2]; ++r) write(static_cast<Index>(r), q, v);
+    finish(k + 1, r);
   }
   return out;
 }
@@ -175,13 +223,15 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
   const Index n = places.n;
   const Stages& method = tape.stages;
   const int s = method.count();
-  StepEquations step(slopes, method);
+  StepEquations step(slopes, *of.arm, tape);
   Adjoint out{VectorXd::Zero(n),
               VectorXd::Zero(n),
               Rows::Zero(tape.points(), n),
               Rows::Zero(tape.points(), n),
               Rows::Zero(static_cast<Index>(tape.switches.size()), 2 * n),
-              Rows::Zero(static_cast<Index>(tape.switches.size()), n)};
+              Rows::Zero(static_cast<Index>(tape.switches.size()), n),
+              {}};
+  LooksBack looks(of, tape);
   // derivatives of the number by the state at the end of what comes next, going back
   VectorXd q = out.q0, v = q, a0 = q, alpha0 = q, x, y, mu;
   MatrixXd stage;
@@ -206,7 +256,7 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
   /// Adds what a row of results means for the state there.
   const auto read = [&](std::size_t row, VectorXd& to_q, VectorXd& to_v) {
     const auto r = static_cast<Index>(row);
-    to_q += by_q.row(r).transpose();
+    to_q += places.by_turns(std::max<Index>(tape.rows[row].point, 0), by_q.row(r)).transpose();
     to_v += by_v.row(r).transpose();
     if (by_a.rows() == 0 && by_tau.rows() == 0) return;
     const Index e = tape.rows[row].point;
@@ -228,10 +278,28 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
     accelerate(e, by, to_q, to_v);
   };
   const std::vector<std::size_t> first = rows_of_entries(tape);
+  /// Samples behind entry k - 1, or later ones, that come behind a place.
+  const auto sample = [&](std::size_t k, Index behind) {
+    for (Index e; (e = looks.next(static_cast<Index>(k) - 1, behind)) >= 0;) {
+      const VectorXd by = looks.back(out.applied, out.held, places);
+      q += by.head(n);
+      v += by.segment(n, n);
+      accelerate(e, by.tail(n), q, v);
+    }
+  };
+  /// Rows at the end of entry k - 1, and the samples there. @return the first of these rows
+  const auto finish = [&](std::size_t k) {
+    std::size_t last = first[k + 1];
+    for (; last > first[k] && tape.rows[last - 1].v_by_a.size() == 0; --last) {
+      sample(k, tape.rows[last - 1].point);
+      read(last - 1, q, v);
+    }
+    sample(k, -1);
+    return last;
+  };
   for (std::size_t k = tape.entries.size(); k-- > 0;) {
     const Tape::Entry& entry = tape.entries[k];
-    std::size_t last = first[k + 2];
-    for (; last > first[k + 1] && tape.rows[last - 1].v_by_a.size() == 0; --last) read(last - 1, q, v);
+    std::size_t last = finish(k + 1);
     if (entry.h == 0.0) {
       a0 += alpha0;
       accelerate(entry.point, a0, q, v);
@@ -276,7 +344,8 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       a0 += x;
       continue;
     }
-    step.factor(entry, true);
+    step.factor(static_cast<Index>(k), true);
+    const VectorXd end = q;
     stage.resize(s * n, 1);
     for (int j = 0; j < s; ++j)
       stage.middleRows(j * n, n) = h * h * method.q_by_a(s, j) * q + h * method.v_by_a(s, j) * v;
@@ -286,6 +355,11 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       alpha0 = method.auxiliary[2] * alpha0 + h * h * method.q_by_start(s, 1) * q + h * method.v_by_start(s, 1) * v;
     }
     v += h * q;
+    const auto turn_back = [&](const std::vector<Turn>& turns, const VectorXd& by) {
+      for (const Turn& turn : turns) turn.give_beginning(by, q, v, a0, alpha0);
+    };
+    turn_back(step.turns.at(s), end);
+    for (const Turn& turn : step.turns.at(s)) turn.give_stages(end, n, stage);
     for (; last > first[k + 1]; --last) {  // rows within
       const Tape::Row& row = tape.rows[last - 1];
       x.setZero(n);
@@ -294,6 +368,9 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       q += x;
       v += y + h * row.c * x;
       for (int j = 0; j < s; ++j) stage.middleRows(j * n, n) += h * h * row.q_by_a[j] * x + h * row.v_by_a[j] * y;
+      const std::vector<Turn> turns = step.turns.at(row);
+      turn_back(turns, x);
+      for (const Turn& turn : turns) turn.give_stages(x, n, stage);
     }
     step.solve_transposed(stage);
     for (int i = 0; i < s; ++i) {
@@ -305,16 +382,18 @@ Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& opti
       y.noalias() = step.C(i).transpose() * mu;
       q += x;
       v += y + h * method.c[i] * x;
+      turn_back(step.turns.at(i), x);
       if (!method.remembers) continue;
       a0 += h * h * method.q_by_start(i, 0) * x + h * method.v_by_start(i, 0) * y;
       alpha0 += h * h * method.q_by_start(i, 1) * x + h * method.v_by_start(i, 1) * y;
     }
     delay();
   }
-  for (std::size_t r = first[1]; r-- > first[0];) read(r, q, v);
+  finish(0);
+  out.looks = looks.by_answer;
   for (Index i = 0; i < n; ++i)
     if (places.given(i)) q[i] = v[i] = 0.0;
-  out.q0 = q;
+  out.q0 = places.by_coordinates(0, q.transpose()).transpose();
   out.v0 = v;
   return out;
 }

@@ -58,6 +58,7 @@ Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step
   System& s = way.s;
   Trajectory out = empty_trajectory(*problem.arm, t, problem.events);
   out.rubs = s.rubbing != nullptr;
+  way.record(tape);
   way.begin();
   if (!s.record(out)) return out;
   const std::function<void()> look = [&] {
@@ -65,7 +66,6 @@ Trajectory simulate_fixed(const Problem& problem, const Eigen::VectorXd& t, Step
   };
   method.look_with(look);
   method.record(tape);
-  way.record(tape);
   const struct Forget {
     Step& method;
     ~Forget() {

@@ -352,17 +352,18 @@ void OneStep::write(double h, Workspace& ws, Eigen::VectorXd& q, Eigen::VectorXd
   }
   const Eigen::VectorXd q1 = q, v1 = v, a1 = ws.a;
   const Eigen::Map<const Eigen::VectorXd> q0(run_->q0, q.size()), v0(run_->v0, v.size());
-  Eigen::MatrixXd a(v.size(), of.count());
+  Eigen::MatrixXd a(v.size(), of.count()), dq(q.size(), of.count());
   for (int i = 0; i < of.count(); ++i) {
-    q = q0 + h * of.c[i] * v0;
+    q = q0;
     v = v0;
     for (int j = 0; j < i; ++j) {
       v += h * of.v_by_a(i, j) * a.col(j);
-      q += h * h * of.q_by_a(i, j) * a.col(j);
+      q += h * of.v_by_a(i, j) * dq.col(j);
     }
     if (given) given(of.c[i]);
     forward_dynamics(*arm_, ws, q, v, tau);
     a.col(i) = ws.a;
+    run_->engine.rates(q.data(), v.data(), dq.col(i).data());
     tape_->add(tape_->now + of.c[i] * h, q, v, ws.a);
   }
   q = q1;

@@ -3,7 +3,7 @@
 
 #include <Eigen/LU>
 
-#include "places.hpp"
+#include "turns.hpp"
 
 namespace flexarm {
 namespace taped {
@@ -11,11 +11,21 @@ namespace taped {
 /// The equations of a step, in changes: of its stages, N da = rhs.
 class StepEquations {
  public:
-  StepEquations(Ahead& slopes, const Stages& of)
-      : ahead_(slopes), n_(slopes.places().n), of_(of), s_(of.count()), slopes_(of.count()) {}
+  StepEquations(Ahead& slopes, const Arm& arm, const Tape& tape)
+      : turns(arm, tape),
+        ahead_(slopes),
+        n_(slopes.places().n),
+        tape_(tape),
+        of_(tape.stages),
+        s_(of_.count()),
+        slopes_(of_.count()) {}
+
+  Turns turns;  ///< in the step that was factored last
 
   /// @param back  whether the places are asked for backwards
-  void factor(const Tape::Entry& entry, bool back) {
+  void factor(Index number, bool back) {
+    const Tape::Entry& entry = tape_.entries[static_cast<std::size_t>(number)];
+    turns.go_to(number);
     const Index n = n_;
     for (int i = 0; i < s_; ++i) {
       const Slopes& at = ahead_(back ? entry.point + s_ - 1 - i : entry.point + i);
@@ -42,7 +52,7 @@ class StepEquations {
     }
     for (int i = 0; i < s_; ++i) {
       for (int j = 0; j < i; ++j)
-        if (of_.v_by_a(i, j) != 0.0 || of_.q_by_a(i, j) != 0.0) rows(x, i) -= coupling(i, j) * rows(x, j);
+        if (coupled(i, j)) rows(x, i) -= coupling(i, j) * rows(x, j);
       rows(x, i) = slopes_[i].lu.solve(MatrixXd(rows(x, i)));
     }
   }
@@ -55,7 +65,7 @@ class StepEquations {
     for (int i = s_; i-- > 0;) {
       rows(x, i) = slopes_[i].lu.transpose().solve(MatrixXd(rows(x, i)));
       for (int j = 0; j < i; ++j)
-        if (of_.v_by_a(i, j) != 0.0 || of_.q_by_a(i, j) != 0.0) rows(x, j) -= coupling(i, j).transpose() * rows(x, i);
+        if (coupled(i, j)) rows(x, j) -= coupling(i, j).transpose() * rows(x, i);
     }
   }
   const MatrixXd& C(int i) const { return slopes_[i].C; }
@@ -67,15 +77,21 @@ class StepEquations {
     Eigen::PartialPivLU<MatrixXd> lu = {};
   };
   Eigen::Block<MatrixXd> rows(MatrixXd& x, int i) const { return x.block(i * n_, 0, n_, x.cols()); }
+  bool coupled(int i, int j) const {
+    return of_.v_by_a(i, j) != 0.0 || of_.q_by_a(i, j) != 0.0 || !turns.at(i).empty();
+  }
   /// Of the residual at stage i, by the accelerations of stage j.
   MatrixXd coupling(int i, int j) const {
     MatrixXd out = h_ * of_.v_by_a(i, j) * slopes_[i].C + h_ * h_ * of_.q_by_a(i, j) * slopes_[i].K;
     if (i == j) out += slopes_[i].M;
+    for (const Turn& turn : turns.at(i))
+      out.middleCols<3>(turn.rate) += slopes_[i].K.middleCols<3>(turn.rate) * turn.by_a[static_cast<std::size_t>(j)];
     return out;
   }
 
   Ahead& ahead_;
   Index n_;
+  const Tape& tape_;
   const Stages& of_;
   int s_;
   double h_ = 0.0;

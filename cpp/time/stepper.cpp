@@ -103,7 +103,18 @@ void Stepper::begin() {
   for (const Contact& c : contacts_)
     if (std::abs(s.v[c.of.rate]) <= kStill) s.v[c.of.rate] = 0.0;
   s.drive(reached);
-  s.sample(reached + kSameTime * step);
+  look();
+}
+
+bool Stepper::look() {
+  const double until = reached + kSameTime * step;
+  const bool due = tape_ && s.control.due(until), changed = s.sample(until);
+  if (!due) return changed;
+  const Eigen::Index place = tape_->add(reached, s.q, s.v, s.a);
+  if (s.rubbing) s.rubbing->contacts(s.v, true, tape_->last_contacts());
+  tape_->samples.push_back({static_cast<Eigen::Index>(tape_->entries.size()) - 1, place, until, s.control.held()});
+  tape_->tau = s.control.held();
+  return changed;
 }
 
 double Stepper::next_stop(double until) const {
@@ -245,7 +256,7 @@ Status Stepper::settle() {
   return status;
 }
 
-Status Stepper::sample() { return s.sample(reached + kSameTime * step) ? jump() : Status::ok; }
+Status Stepper::sample() { return look() ? jump() : Status::ok; }
 
 std::string Stepper::reason(Status status) const {
   const double h = now_.h;

@@ -107,6 +107,8 @@ class Stepper {
   Status look_at_contacts(Status status);
   Contact* broken();
   Status try_step(double from, double h, double last, int level);
+  /// @return whether the forces have changed
+  bool look();
 
   Step& method;
   const double step;

@@ -152,7 +152,7 @@ Trajectory empty_trajectory(const Arm& arm, const Eigen::VectorXd& t, const std:
                             std::size_t parameters) {
   Trajectory out;
   const Trajectory::Rows rows(t.size(), arm.nv());
-  out.tangents.assign(parameters, {rows, rows, rows, rows, rows});
+  out.tangents.assign(parameters, {Trajectory::Rows(t.size(), arm.nq()), rows, rows, rows, rows});
   out.events.resize(events.size());
   out.q.resize(t.size(), arm.nq());
   for (Trajectory::Rows* x : {&out.v, &out.a, &out.tau, &out.friction}) x->resize(t.size(), arm.nv());

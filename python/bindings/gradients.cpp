@@ -117,22 +117,30 @@ void bind_gradients(py::module_& m) {
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"))
       .def(
+          "repeat_looks",
+          [](const Tape& tape, const PyProblem& of, const PyProblem& run) {
+            const Unlocked free;
+            return repeat_looks(of.problem, run.problem, tape);
+          },
+          py::arg("problem"), py::arg("run"))
+      .def(
           "tangents",
           [](const Tape& tape, const PyProblem& of, double rtol, double spectral_radius,
-             const std::vector<std::pair<Rows, Rows>>& by_p, const std::vector<Rows>& switches, const Rows& q0,
-             const Rows& v0, bool accelerations, int threads) {
+             const std::vector<std::pair<Rows, Rows>>& by_p, const std::vector<Rows>& switches,
+             const std::vector<PyParameter>& parameters, bool accelerations, int threads) {
             std::vector<Balance> balances;
             for (const auto& [needed, applied] : by_p) balances.push_back({needed, applied});
+            const std::vector<Parameter> by = in_core(parameters);
             std::vector<Trajectory::Tangent> found;
             {
               const Unlocked free;
-              found = tangents(of.problem, tape, {spectral_radius, rtol}, balances, switches, q0, v0, accelerations,
-                               threads);
+              found =
+                  tangents(of.problem, tape, {spectral_radius, rtol}, balances, switches, by, accelerations, threads);
             }
-            return tangent_rows(found, static_cast<Eigen::Index>(tape.rows.size()), of.problem.arm->nv());
+            return tangent_rows(found, static_cast<Eigen::Index>(tape.rows.size()));
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("by_p"), py::arg("switches"),
-          py::arg("q0"), py::arg("v0"), py::arg("accelerations"), py::arg("threads"))
+          py::arg("parameters"), py::arg("accelerations"), py::arg("threads"))
       .def(
           "adjoint",
           [](const Tape& tape, const PyProblem& of, double rtol, double spectral_radius, const Rows& q, const Rows& v,
@@ -142,7 +150,8 @@ void bind_gradients(py::module_& m) {
               const Unlocked free;
               found = adjoint(of.problem, tape, {spectral_radius, rtol}, q, v, a, tau, threads);
             }
-            return py::make_tuple(found.q0, found.v0, found.needed, found.applied, found.switches, found.held);
+            return py::make_tuple(found.q0, found.v0, found.needed, found.applied, found.switches, found.held,
+                                  found.looks);
           },
           py::arg("problem"), py::arg("rtol"), py::arg("spectral_radius"), py::arg("q"), py::arg("v"), py::arg("a"),
           py::arg("tau"), py::arg("threads"));

@@ -174,6 +174,15 @@ PyProblem::PyProblem(const Arm& arm, const Eigen::VectorXd& times, const std::ve
   for (std::size_t k = 0; k < events.size(); ++k) problem.events.push_back(make_event(k, events[k]));
 }
 
+std::vector<Parameter> in_core(const std::vector<PyParameter>& given) {
+  std::vector<Parameter> out;
+  for (const PyParameter& p : given) {
+    out.push_back({p.scale, p.forces_only, {}});
+    for (const PyNeighbour& n : p.neighbours) out.back().neighbours.push_back({n.weight, n.offset, n.of->problem});
+  }
+  return out;
+}
+
 void bind_problem(py::module_& m) {
   using Eigen::VectorXd;
   py::class_<Remembered, std::shared_ptr<Remembered>>(m, "Remembered")
@@ -269,14 +278,13 @@ py::tuple event_rows(const std::vector<EventLog>& logs, Eigen::Index nq, Eigen::
   return py::make_tuple(t, q, v);
 }
 
-py::dict tangent_rows(const std::vector<Trajectory::Tangent>& all, Eigen::Index done, Eigen::Index rates) {
+py::dict tangent_rows(const std::vector<Trajectory::Tangent>& all, Eigen::Index done) {
   const auto stacked = [&](auto part) {
     const auto count = static_cast<py::ssize_t>(all.size());
-    py::array_t<double> out({count, static_cast<py::ssize_t>(done), static_cast<py::ssize_t>(rates)});
-    for (py::ssize_t k = 0; k < count; ++k) {
-      const auto& rows = all[static_cast<std::size_t>(k)].*part;
-      if (rows.size() > 0) Eigen::Map<Rows>(out.mutable_data(k), done, rates) = rows.topRows(done);
-    }
+    const Eigen::Index width = all.empty() ? 0 : (all.front().*part).cols();
+    py::array_t<double> out({count, static_cast<py::ssize_t>(done), static_cast<py::ssize_t>(width)});
+    for (py::ssize_t k = 0; k < count && width > 0; ++k)
+      Eigen::Map<Rows>(out.mutable_data(k), done, width) = (all[static_cast<std::size_t>(k)].*part).topRows(done);
     return out;
   };
   using Tangent = Trajectory::Tangent;

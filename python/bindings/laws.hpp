@@ -7,7 +7,7 @@
 
 #include "evaluation.hpp"
 #include "flexarm/computed_torque.hpp"
-#include "flexarm/problem.hpp"
+#include "flexarm/parameter.hpp"
 #include "flexarm/trajectory.hpp"
 
 /// Where in time a callable has been asked: the last call in each of many equal parts of a run.
@@ -91,6 +91,18 @@ struct PyProblem {
             const std::vector<PySampler>& samplers, const std::vector<PyEvent>& events);
 };
 
+/// A neighbour and a parameter from Python; see Neighbour and Parameter.
+struct PyNeighbour {
+  double weight, offset;
+  const PyProblem* of;
+};
+struct PyParameter {
+  double scale;
+  bool forces_only;
+  std::vector<PyNeighbour> neighbours;
+};
+std::vector<flexarm::Parameter> in_core(const std::vector<PyParameter>& given);
+
 /// A computed torque, of an arm that may be another than the one it moves.
 struct ComputedLaw {
   struct Axis {
@@ -107,5 +119,5 @@ struct ComputedLaw {
 flexarm::Drive make_drive(const PyDrive& given, const Eigen::VectorXd& times, AllAsked& all);
 /// Lists, by event, of t (n), q (n, nq) and v (n, nv), of which the first coordinates are kept.
 py::tuple event_rows(const std::vector<flexarm::EventLog>& logs, Eigen::Index nq, Eigen::Index nv);
-/// q, v, a, tau and friction by the parameters, (np, nt, n) each.
-py::dict tangent_rows(const std::vector<flexarm::Trajectory::Tangent>& all, Eigen::Index done, Eigen::Index rates);
+/// q, v, a, tau and friction by the parameters, (np, nt, n) each; those that are not known are empty.
+py::dict tangent_rows(const std::vector<flexarm::Trajectory::Tangent>& all, Eigen::Index done);

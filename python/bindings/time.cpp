@@ -21,17 +21,6 @@ py::list event_slopes(const Trajectory& r) {
   return out;
 }
 
-/// A neighbour and a parameter from Python; see Neighbour and Parameter.
-struct PyNeighbour {
-  double weight, offset;
-  const PyProblem* of;
-};
-struct PyParameter {
-  double scale;
-  bool forces_only;
-  std::vector<PyNeighbour> neighbours;
-};
-
 /// The trajectory that integrate(alive) makes without the interpreter's lock, looking around ten times a second:
 /// Ctrl-C, progress.
 template <class Integrate>
@@ -65,7 +54,7 @@ py::dict run(const py::object& alive, const Integrate& integrate) {
   out["stats"] = stats;
   out["hasty"] = r.stats.hasty;
   if (!r.tangents.empty()) {
-    out["tangents"] = tangent_rows(r.tangents, r.done, r.v.cols());
+    out["tangents"] = tangent_rows(r.tangents, r.done);
     out["event_slopes"] = event_slopes(r);
   }
   return out;
@@ -155,11 +144,7 @@ void bind_time(py::module_& m) {
             const Locked lock;
             call(slow, now, steps);
           };
-        std::vector<Parameter> by;
-        for (const PyParameter& p : parameters) {
-          by.push_back({p.scale, p.forces_only, {}});
-          for (const PyNeighbour& n : p.neighbours) by.back().neighbours.push_back({n.weight, n.offset, n.of->problem});
-        }
+        const std::vector<Parameter> by = in_core(parameters);
         return run(alive, [&](const Alive& look) { return simulate_ida(of.problem, t, options, look, by); });
       },
       py::arg("problem"), py::arg("t"), py::kw_only(), py::arg("rtol"), py::arg("atol"), py::arg("max_order"),

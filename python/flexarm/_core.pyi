@@ -645,6 +645,7 @@ class Tape:
     def repeat_switches(
         self, problem: Problem, rtol: float, spectral_radius: float
     ) -> tuple[_Array, list[list[float]]]: ...
+    def repeat_looks(self, problem: Problem, run: Problem) -> _Array: ...
     def tangents(
         self,
         problem: Problem,
@@ -652,8 +653,7 @@ class Tape:
         spectral_radius: float,
         by_p: Sequence[tuple[_Array, _Array]],
         switches: Sequence[_Array],
-        q0: ArrayLike,
-        v0: ArrayLike,
+        parameters: Sequence[Parameter],
         accelerations: bool,
         threads: int,
     ) -> dict[str, _Array]: ...
@@ -667,7 +667,7 @@ class Tape:
         a: ArrayLike,
         tau: ArrayLike,
         threads: int,
-    ) -> tuple[_Array, _Array, _Array, _Array, _Array]: ...
+    ) -> tuple[_Array, _Array, _Array, _Array, _Array, _Array, _Array]: ...
 
 class BatchProblem:
     def __init__(

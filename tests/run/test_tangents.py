@@ -188,13 +188,9 @@ def test_sticking_and_sliding_arms():
 def test_what_is_refused():
     t = np.linspace(0, 0.1, 3)
     law = fa.LinearController(*([[0.5]],) * 4, rate=50.0, measure=[("joint", 0)], actuate=[0])
-    ball = fa.Arm([fa.Link(fa.Spherical(), fa.RigidBody(1.0, (0.2, 0, 0), (1e-2,) * 3))])
     rubs = two(coulomb=0.2)
-    python = fa.Sampled(lambda _, y: -y[0], 50.0, [("joint", 0)], [0])
     cases = [
-        (Setup(ball), "link.0.hub.mass", "a ball"),
         (Setup(two(), control=(law,)), "control.0.rate", "'control.0.rate' changes when a controller samples"),
-        (Setup(two(), control=(python,)), "link.0.tip.mass", "sampled law 0 runs in Python"),
         (Setup(two()), "link.0.joint.coulomb", "no derivative where there is no dry friction"),
         (Setup(rubs, control=(law,)), "link.0.tip.mass", "dry friction and sampled controllers"),
         (Setup(two()), "link.0.tip.mas", "did you mean 'link.0.tip.mass'"),

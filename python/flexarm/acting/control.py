@@ -106,6 +106,9 @@ class Controller:
                  if text and (name == "link" or text != _in_words(defaults[name].default))]  # fmt: skip
         return f"{made.__name__}({', '.join(shown)})"
 
+    def check_smooth(self, arm: Chain, name: str) -> None:
+        """ValueError, naming it `name`, where its forces jump with what it measures."""
+
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         raise NotImplementedError(f"{type(self).__name__} is no control law: subclass Sampled, or give one a function")
 

@@ -73,18 +73,27 @@ class Asked:
     """A law as the core asks it for forces, once a sample of one run."""
 
     def __init__(
-        self, law: Callable[[float, Array], Any], read: _Reader, columns: Array, limit: Any, size: int, name: str
-    ) -> None:
+        self, law: Callable[[float, Array], Any], read: _Reader, columns: Array, limit: Any, size: int, name: str,
+        senses: bool,
+    ) -> None:  # fmt: skip
         self.law, self.read, self.columns, self.limit, self.size, self.name = law, read, columns, limit, size, name
+        self.senses = senses  #: whether it reads sensors
         self.seen = Seen()
+        self.twice = False  #: whether the law must answer the same when it is asked again
 
     def __call__(self, t: float, q: Array, v: Array, a: Array) -> Array:
         y = self.read(t, q, v, a)
         try:
             said = self.law(t, y)
+            again = self.law(t, y) if self.twice else said
         except Exception as e:
             note(e, self.name, t)
             raise
+        if self.twice and not np.array_equal(said, again):
+            raise ValueError(
+                f"{self.name} at t = {t}: the law gave {said!r}, and {again!r} when it was asked again: it remembers, "
+                "and a run has no derivatives through it. Give a LinearController, or a law of t and y alone"
+            )
         try:
             u = np.atleast_1d(np.asarray(said, dtype=float))
             said = said if said is None else u.tolist()
@@ -142,6 +151,17 @@ class Sampled(Controller):
         self.actuate = [_entry(e) for e in listed("actuate", actuate)]
         self.motor, self.limit = motor, limit_of(limit, motor, len(self.actuate))
 
+    def _sensed(self) -> bool:
+        return any(hasattr(e, "sampler") for e in self.measure or ())
+
+    def check_smooth(self, arm: Chain, name: str) -> None:
+        for k, sensor in enumerate(self.measure or ()):
+            if hasattr(sensor, "sampler") and (steps := sensor.steps(arm)).any():
+                raise ValueError(
+                    f"{name}.measure[{k}]: {sensor.type} reads in steps of {steps.max():.3g}, through which a run has "
+                    "no derivatives: give it none (resolution or pulses = None)"
+                )
+
     def _reader(self, arm: Chain, loads: Any, opened: list[Any]) -> _Reader:
         """(t, q, v, a) -> y of one run; samplers with filters are noted in `opened`."""
         nq, nv = arm.nq, arm.nv  # behind them, q, v and a may have states of other controllers
@@ -154,7 +174,9 @@ class Sampled(Controller):
     def _law(self, arm: Chain, columns: Array, run: Run, opened: list[Any]) -> Any:
         """What the core asks for forces, once a sample."""
         read = self._reader(arm, run.loads, opened)
-        return Asked(self.law, read, columns, self.limit, arm.nv + run.total, f"control[{run.number}]")
+        return Asked(
+            self.law, read, columns, self.limit, arm.nv + run.total, f"control[{run.number}]", self._sensed()
+        )
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         units = np.array(force_columns(arm, self.actuate)).T
@@ -292,7 +314,7 @@ class LinearController(Sampled):
         self._check_outputs(columns.shape[1])
         extra = run.total
         rows = np.zeros((0, arm.nq)), np.zeros((0, arm.nv))
-        sensed = any(hasattr(e, "sampler") for e in self.measure or [])
+        sensed = self._sensed()
         if not sensed:
             by_q, by_v = self._linear_rows(arm)
             rows = np.pad(by_q, ((0, 0), (0, extra))), np.pad(by_v, ((0, 0), (0, extra)))

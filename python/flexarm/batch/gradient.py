@@ -240,7 +240,7 @@ class _Rolls:
         tape.keep_sides(of.problem)
         none = np.zeros((0, nv))
         found = tape.adjoint(of.problem, *options, by_q, by_v, none, none, self.workers)
-        q0, v0, needed, applied, switches, held = found
+        q0, v0, needed, applied, switches, held, _ = found
         forces = np.zeros(tau.shape)
         np.add.at(forces, np.repeat(np.arange(len(tau)), np.diff(first)), applied)
         ends = np.rint(tape.switches / self.step).astype(int)  # of the steps in which dry friction switches

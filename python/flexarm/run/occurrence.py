@@ -96,6 +96,8 @@ class Cubic(Occurrence):
 def cubics(run: Problem, tape: Any, result: Result) -> Iterator[Cubic]:
     """The occurrences of a run with a tape, as they came."""
     nv, counts = run.arm.nv, [0] * len(run.events)
+    if tape.occurrences and run.arm.nq != nv:
+        raise ValueError('events: of an arm with a ball they have derivatives with "ida" alone')
     state = {"q": tape.q, "v": tape.v, "a": tape.a}
     for event, t, before, after in tape.occurrences:
         i, j = tape.points[before], tape.points[after]

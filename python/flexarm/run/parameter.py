@@ -40,14 +40,13 @@ def core_parameters(run: Problem, parameters: Sequence[Parameter]) -> list[_core
     """Parameters, as the core takes them.
 
     Raises:
-        ValueError: where the derivatives of a run do not go through a controller.
+        ValueError: one changes when a controller samples.
     """
-    return [_core.Parameter(p.scale, p.forces_only, [_core_neighbour(run, p.path, n) for n in p.neighbours])
-            for p in parameters]  # fmt: skip
-
-
-def _core_neighbour(run: Problem, path: str, near: Neighbour) -> _core.Neighbour:
-    when = [[(s.first, s.period, s.delay) for s in of.sampled] for of in (run, near.problem)]
-    if when[0] != when[1]:
-        raise ValueError(f"parameters: '{path}' changes when a controller samples, by which a run has no derivative")
-    return _core.Neighbour(near.weight, near.offset, near.problem.core)
+    when = [(s.first, s.period, s.delay) for s in run.sampled]
+    for p in parameters:
+        if any(when != [(s.first, s.period, s.delay) for s in n.problem.sampled] for n in p.neighbours):
+            raise ValueError(
+                f"parameters: '{p.path}' changes when a controller samples, by which a run has no derivative"
+            )
+    return [_core.Parameter(p.scale, p.forces_only, [_core.Neighbour(n.weight, n.offset, n.problem.core)
+            for n in p.neighbours]) for p in parameters]  # fmt: skip

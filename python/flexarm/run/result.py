@@ -172,14 +172,15 @@ class Result:
 
         Raises:
             ValueError: naming the parameter: nothing that can vary, or no room to vary in; where derivatives do not
-                go through: ball joints, controllers that sample, dry friction but with "implicit"; of a result that is
-                not one of `simulate`.
+                go through: dry friction with "gauss" and "rk4", or together with balls; laws in Python that remember;
+                sensors of controllers that read in steps; of a result that is not one of `simulate`.
         """
         return self._made().sensitivities(parameters)
 
     def gradient(self, loss: Any, parameters: Sequence[str]) -> dict[str, Any]:
         """Derivatives of a number that depends on the rows, by the adjoint method: backwards through the run, at a cost
-        that hardly grows with the number of parameters.
+        that hardly grows with the number of parameters. (With "ida", and under controllers that sample sensors, or an
+        MPC, it is made of `sensitivities`.)
 
         Args:
             loss: derivatives of the number by rows, such as {"q": (nt, nq), "tau": (nt, nv)}, of "q", "v", "a", "tau",

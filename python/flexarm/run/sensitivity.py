@@ -14,13 +14,13 @@ import flexarm._core as _core
 
 from .._check import Array, array, choice
 from .._threads import cores, each
-from ..acting.control import control_laws
 from ..acting.drive import Torque
 from ..acting.motor import torque_limits
+from ..acting.sampled import Asked
 from ..acting.voltage import Voltage
 from .integrators import Implicit, Integrator
 from .occurrence import EVENTS, Occurrence, by_event, cubics, rows_of
-from .parameter import Neighbour, Parameter
+from .parameter import Neighbour, Parameter, core_parameters
 from .perturbed import STEP, check_paths, components, drive_of, problems, start_of
 from .problem import Problem
 from .result import Result
@@ -56,7 +56,8 @@ class Sensitivities:
     Attributes:
         result: the run.
         parameters: their paths.
-        q, v, a, tau: derivatives of the result's rows, (np, nt, nq) and (np, nt, nv). Rows stand at their times; where
+        q, v, a, tau: derivatives of the result's rows, (np, nt, nq) and (np, nt, nv); of a ball, those of its
+            quaternion. Rows stand at their times; where
             a terminal event has ended the run, they end before it.
         t_events, q_events, v_events: per event, derivatives of its occurrences' times (np, n), coordinates (np, n, nq)
             and rates (np, n, nv); None without events. The time moves with a parameter p by
@@ -129,19 +130,17 @@ class Source:
 
     def _problem(self) -> Problem:
         s = self.setup
-        for k, _ in s.arm.ball_rates():
-            raise ValueError(f"link[{k}].joint: a ball, which derivatives of a run do not go through; take three Axes")
-        return Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, self.events)
+        run = Problem(s.arm, self.t, self.q0, self.v0, self.tau, s.drive, s.loads, s.control, self.events)
+        for k, control in enumerate(run.controls):
+            control.check_smooth(s.arm, f"control[{k}]")
+        for sampler in run.sampled:
+            if isinstance(sampler.law, Asked):
+                sampler.law.twice = True
+        return run
 
     def _taped(self) -> tuple[Problem, Result, Any, Any]:
         """The run once more, and its tape."""
         run = self._problem()
-        for k, control in enumerate(run.controls):
-            if control_laws(run.arm, control, run.times, run.loads)[1]:
-                raise ValueError(
-                    f"control[{k}] = {type(control).__name__}: derivatives of a run do not pass through controllers "
-                    "that sample; leave out their rate"
-                )
         tape = _core.Tape()
         out = self.integrate(run, tape=tape)
         if out["friction"] is not None and not self.integrator.rubs:
@@ -159,36 +158,32 @@ class Source:
     def _with_ida(self, near: list[Parameter]) -> tuple[Result, dict[str, Any]]:
         """Forward sensitivities integrated with the run, by IDAS."""
         run = self._problem()
-        for k, law in enumerate(s.law for s in run.sampled):
-            if not isinstance(law, _core.LinearLaw) or law.reads:
-                what = "is a ComputedTorque" if isinstance(law, _core.ComputedTorque) else "runs in Python"
-                raise ValueError(f"control: sampled law {k} {what}, of which no derivative is known: give a "
-                                 "LinearController without sensors")  # fmt: skip
         out = _done(self.integrate(run, parameters=near))
-        nv, found, result = self.setup.arm.nv, out["tangents"], run.result(out)
-        rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][..., :nv]) for k in ROWS}
+        arm, found, result = self.setup.arm, out["tangents"], run.result(out)
+        nq, nv = arm.nq, arm.nv
+        rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][..., : nq if k == "q" else nv]) for k in ROWS}
         if result.t_events is None:
             return result, rows
         occurred = []
         for k, (t, q, v, slopes) in enumerate(zip(*out["events"], out["event_slopes"], strict=True)):
-            occurred += [Occurrence(run, k, t[n], q[n, :nv], v[n, :nv], v[n, :nv], a[:nv]).moved(qp[:nv].T, vp[:nv].T)
-                         for n, (a, qp, vp) in enumerate(slopes)]  # fmt: skip
+            for n, (a, by_q, by_v) in enumerate(slopes):
+                state = q[n, :nq], v[n, :nv]
+                dq = arm._core.rates(*state)[0] if nq != nv else state[1]
+                occurred.append(Occurrence(run, k, t[n], *state, dq, a[:nv]).moved(by_q[:nq].T, by_v[:nv].T))
         return result, rows | by_event(occurred, result, len(near))
 
     def _forward(self, near: list[Parameter], workers: int) -> tuple[Result, dict[str, Any]]:
         """Tangents along a tape."""
         run, result, tape, core = self._taped()
-        start = [_sum(p, lambda n: (n.problem.core.q0, n.problem.core.v0)) for p in near]
         by = self._by(tape, near, run, workers)
         switches = [self._switches(tape, p, run) for p in near]
-        q0, v0 = (np.array([x[k] for x in start]).reshape(len(near), run.both.nv) for k in range(2))
-        found = tape.tangents(core, *self._numbers, by, switches, q0, v0, True, workers)
-        mine, nv = rows_of(tape), self.setup.arm.nv
-        rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][:, mine, :nv]) for k in ROWS}
+        found = tape.tangents(core, *self._numbers, by, switches, core_parameters(run, near), True, workers)
+        mine, arm, nv = rows_of(tape), self.setup.arm, self.setup.arm.nv
+        rows: dict[str, Any] = {k: np.ascontiguousarray(found[k][:, mine, : getattr(result, k).shape[1]]) for k in ROWS}
         for k, p in enumerate(near):
             for i, moved in self._moved(run, p, result.t):
                 for name, change in zip(("q", "v", "a"), moved, strict=True):
-                    rows[name][k, :, i] = change
+                    rows[name][k, :, arm.coordinate_of(i) if name == "q" else i] = change
         if result.t_events is None:
             return result, rows
         occurred = []
@@ -202,7 +197,7 @@ class Source:
 
     def gradient(self, loss: Loss, parameters: Sequence[str], workers: int | None = None) -> dict[str, Any]:
         paths = self._paths(parameters, self.integrator.fixed)
-        if not self.integrator.fixed:
+        if not self.integrator.fixed or not all(map(_slopes_known, self._problem().sampled)):
             found = self.sensitivities(parameters, workers)
             weights = _weights(loss, found.result)
             by = {p: float(sum((w * x[k]).sum() for name, given in weights.items()
@@ -213,36 +208,39 @@ class Source:
         workers = workers or cores()
         run, result, tape, core = self._taped()
         weights = _weights(loss, result)
-        nv, mine = self.setup.arm.nv, rows_of(tape)
+        arm, nv, mine = self.setup.arm, self.setup.arm.nv, rows_of(tape)
         occurred = [cubic.weighed(weights) for cubic in cubics(run, tape, result)] if weights.keys() & EVENTS else []
-        full = {k: np.zeros((len(tape.points), run.both.nv)) for k in ROWS}
+        full = {k: np.zeros((len(tape.points), run.both.nq if k == "q" else run.both.nv)) for k in ROWS}
         for k in ROWS:
-            full[k][mine, :nv] = weights.get(k, 0.0)
+            full[k][mine, : getattr(result, k).shape[1]] = weights.get(k, 0.0)
         for cubic, q, v in occurred:
             cubic.share(q, v, full)
         asked = {"q", "v", *weights, *(["a"] if occurred else [])}
         read = [full[k] if k in asked else np.zeros((0, run.both.nv)) for k in ROWS]
-        q0, v0, needed, applied, switches, held = tape.adjoint(core, *self._numbers, *read, workers)
+        q0, v0, needed, applied, switches, held, looks = tape.adjoint(core, *self._numbers, *read, workers)
         near = {p.path: p for p in self._near(list(dict.fromkeys(p for parts in paths.values() for p in parts)))}
+        core_parameters(run, list(near.values()))  # which checks them
         forces = dict(zip(near, by_parameters(tape, list(near.values()), needed, applied, workers), strict=True))
         pushed = np.vstack([applied, held]) * _below_limits(tape, run)
         whole = {"q0": q0, "v0": v0, "tau": pushed.sum(axis=0)}
         out: dict[str, Any] = {}
         for path, parts in paths.items():
             if path in whole:
-                out[path] = whole[path][:nv]
+                out[path] = whole[path][: arm.nq if path == "q0" else nv]
                 continue
             if _SAMPLES.fullmatch(path):
                 out[path] = self._by_samples(path, np.append(tape.t, tape.switches), pushed)
                 continue
             values = []
             for p in (near[part] for part in parts):
-                a, b = _sum(p, lambda n: (n.problem.core.q0, n.problem.core.v0))
-                value = forces[p.path] + q0 @ a + v0 @ b
+                value = forces[p.path] + _sum(p, lambda n: q0 @ n.problem.core.q0 + v0 @ n.problem.core.v0)
                 value += (switches * self._switches(tape, p, run)).sum()
+                if run.sampled:
+                    value += _sum(p, lambda n: (looks * tape.repeat_looks(n.problem.core, core)).sum())
                 for i, moved in self._moved(run, p, result.t):
                     for name, change in zip(("q", "v", "a"), moved, strict=True):
-                        value += (weights[name][:, i] * change).sum() if name in weights else 0.0
+                        at = arm.coordinate_of(i) if name == "q" else i
+                        value += (weights[name][:, at] * change).sum() if name in weights else 0.0
                 for cubic, q, v in occurred:
                     for i, moved in self._moved(run, p, [cubic.t]):
                         value += q[i] * moved[0, 0] + v[i] * moved[1, 0]
@@ -316,6 +314,14 @@ class Source:
         np.add.at(out, k, (1 - part) * force)
         np.add.at(out, k + 1, part * force)
         return out
+
+
+def _slopes_known(sampler: Any) -> bool:
+    """Whether what a sampled law does is known by its slopes: the memory of sensors, and of an MPC, is not."""
+    law = sampler.law
+    if isinstance(law, _core.LinearLaw):
+        return not law.reads
+    return isinstance(law, _core.ComputedTorque) or (isinstance(law, Asked) and not law.senses)
 
 
 def _below_limits(tape: Any, run: Problem) -> Array:

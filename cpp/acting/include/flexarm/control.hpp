@@ -96,6 +96,11 @@ struct LinearLaw {
 
   /// @throws std::invalid_argument where the sizes of e and B do not fit, or u is not finite
   Eigen::VectorXd operator()(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v, const Eigen::VectorXd& a);
+  /// Of the force, and of what x becomes, by y and x: on this side of its limits.
+  struct Slopes {
+    Eigen::MatrixXd force_by_y, force_by_x, x_by_y, x_by_x;
+  };
+  Slopes slopes(double t, const Eigen::VectorXd& y) const;
 };
 
 /// The controllers of one run: it remembers what has been sampled.

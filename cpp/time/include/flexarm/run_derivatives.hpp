@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "flexarm/problem.hpp"
+#include "flexarm/parameter.hpp"
 #include "flexarm/step.hpp"
 #include "flexarm/trajectory.hpp"
 
@@ -19,8 +19,8 @@ struct Balance {
 /// Keeps, in the tape of this problem, on which side of its limit each law and each motor is at the places.
 void keep_sides(const Problem& of, Tape& tape);
 
-/// Of this problem, whose controllers do not sample, at the places of another's tape: those of the same arm with other
-/// numbers, say, whose motions are the other's where they are not prescribed here.
+/// Of this problem, under the forces that the run's controllers hold, at the places of another's tape: those of the
+/// same arm with other numbers, say, whose motions are the other's where they are not prescribed here.
 Balance balance(const Problem& of, const Tape& tape);
 
 /// Of each problem, the sum over the places of a tape of what it needs and applies there, times weights (places, nv):
@@ -35,19 +35,25 @@ struct Repeated {
 };
 Repeated repeat_switches(const Problem& of, const Tape& tape, const ImplicitOptions& options);
 
+/// What this problem's sampled laws answer at the looks of a run's: a row of each, forces (nv) and what the memory of a
+/// LinearLaw becomes. Each looks at the run's state, and a LinearLaw goes on from the run's memory; another law must
+/// not remember.
+Trajectory::Rows repeat_looks(const Problem& of, const Problem& run, const Tape& tape);
+
 /// Derivatives of a number by what it depends on.
 struct Adjoint {
   Eigen::VectorXd q0, v0;            ///< by the start
   Trajectory::Rows needed, applied;  ///< by the forces of `Balance` at the places, as if these were free to choose
   Trajectory::Rows switches;         ///< by what `repeat_switches` gives
   Trajectory::Rows held;             ///< by forces that act all through the step of each switch (switches, nv)
+  Trajectory::Rows looks;            ///< by what `repeat_looks` gives
 };
 
 /// Derivatives of the method's own equations at their solution, exact but for rounding; of steps in which dry friction
 /// holds, lets go or turns a joint, by differences of such a step.
 /// @param by_p   derivatives of the balance by each parameter, at fixed q, v and a, but for those prescribed
 /// @param switches_by_p  derivatives of `repeat_switches` by each parameter (switches, 2 nv)
-/// @param q0, v0  derivatives of the start by each parameter (np, nv)
+/// @param parameters  whose neighbours tell the start, and are asked at what samples as well, each at its own state
 /// @param accelerations  whether a and tau are asked for as well
 /// @param threads  that make slopes; laws of `of` must bear it
 /// @return of each parameter derivatives of the rows; of friction none
@@ -55,7 +61,7 @@ struct Adjoint {
 std::vector<Trajectory::Tangent> tangents(const Problem& of, const Tape& tape, const ImplicitOptions& options,
                                           const std::vector<Balance>& by_p,
                                           const std::vector<Trajectory::Rows>& switches_by_p,
-                                          const Trajectory::Rows& q0, const Trajectory::Rows& v0, bool accelerations,
+                                          const std::vector<Parameter>& parameters, bool accelerations,
                                           int threads = 1);
 /// @param q, v, a, tau  derivatives of the number by the run's rows (rows, nv); a and tau may be empty
 Adjoint adjoint(const Problem& of, const Tape& tape, const ImplicitOptions& options, const Trajectory::Rows& q,

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <utility>
 #include <vector>
 
@@ -42,6 +43,13 @@ struct Tape {
     std::vector<int> rates;                  ///< which these are
     Eigen::VectorXd tau;                     ///< forces held over the step beside the problem's; empty: none
   };
+  /// Controllers have sampled, or let pass a force that was on its way. What they saw is a place of its own, at which
+  /// the forces are those of before.
+  struct Sample {
+    Eigen::Index entry, point;  ///< the last entry before it (-1: none); its place
+    double until;               ///< what was due up to this time has been done (s)
+    Eigen::VectorXd held;       ///< the forces from here on (nv)
+  };
   /// A row of the results: the state within, or at the end of, the step of an entry.
   struct Row {
     Eigen::Index entry;              ///< -1: the start
@@ -59,12 +67,13 @@ struct Tape {
   };
 
   Stages stages;
-  std::vector<double> t, q, v, a;  ///< of all places: times, and nv numbers each
+  std::vector<double> t, q, v, a;  ///< of all places: times, and nq, nv and nv numbers each
   std::vector<signed char> contact;
   std::vector<signed char> sides;  ///< of the limits of laws and motors at all places, see `sides`; empty: none
   std::vector<Entry> entries;
   std::vector<Row> rows;
   std::vector<Switch> switches;
+  std::vector<Sample> samples;
   std::vector<Occurrence> occurrences;
   double now = 0.0;     ///< time at which the step begins that is being taken (s)
   Eigen::VectorXd tau;  ///< forces that are held over it beside the problem's; empty: none
@@ -72,6 +81,12 @@ struct Tape {
   explicit Tape(Stages of) : stages(std::move(of)) {}
 
   Eigen::Index points() const { return static_cast<Eigen::Index>(t.size()); }
+  /// Forces that controllers hold at a place; null: none.
+  const Eigen::VectorXd* held_at(Eigen::Index place) const {
+    const auto next = std::lower_bound(samples.begin(), samples.end(), place,
+                                       [](const Sample& s, Eigen::Index e) { return s.point < e; });
+    return next == samples.begin() ? nullptr : &(next - 1)->held;
+  }
   /// Adds a place, of free rates but for what rubs or is given. @return its number
   template <class Q, class V, class A>
   Eigen::Index add(double at, const Q& q_at, const V& v_at, const A& a_at) {
@@ -79,11 +94,11 @@ struct Tape {
     q.insert(q.end(), q_at.begin(), q_at.end());
     v.insert(v.end(), v_at.begin(), v_at.end());
     a.insert(a.end(), a_at.begin(), a_at.end());
-    contact.resize(q.size(), free);
+    contact.resize(v.size(), free);
     return points() - 1;
   }
   /// Contacts of the place that was added last (nv).
-  signed char* last_contacts() { return contact.data() + contact.size() - (q.size() / t.size()); }
+  signed char* last_contacts() { return contact.data() + contact.size() - (v.size() / t.size()); }
 };
 
 }  // namespace flexarm
