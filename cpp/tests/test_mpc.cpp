@@ -17,12 +17,13 @@ TEST_CASE("derivatives of the damped step are those of differences") {
   const Arm arm = flexarm_test::spatial_arm();
   const Eigen::Index n = arm.nv();
   const MatrixXd columns = MatrixXd::Identity(n, n).leftCols(3);
-  DampedStep step(arm, columns, 1, 0.05);
+  const Problem problem(arm);
+  DampedStep step(problem, columns, 1, 0.05);
   const VectorXd q0 = flexarm_test::wave(arm.nq(), 0.1, 1e-3), v0 = flexarm_test::wave(n, 0.4, 0.05);
   const VectorXd u0 = VectorXd::Constant(3, 0.5);
   const auto end = [&](const VectorXd& x, const VectorXd& u) {
     VectorXd q = x.head(n), v = x.tail(n);
-    CHECK(step(0, 1e-3, q, v, columns * u) == Status::ok);
+    CHECK(step(0, 0.0, 1e-3, q, v, u) == Status::ok);
     VectorXd out(2 * n);
     out << q, v;
     return out;
@@ -78,7 +79,7 @@ struct Case {
     options.rate_effort = VectorXd::Constant(3, 1e-10);
   }
   Mpc mpc() const {
-    return {arm, outputs, options, [](double t, VectorXd& value, VectorXd& rate) {
+    return {Problem(arm), outputs, options, [](double t, VectorXd& value, VectorXd& rate) {
               value.setConstant(0.2 * t);
               rate.setConstant(0.2);
             }};
@@ -98,11 +99,12 @@ TEST_CASE("derivatives of a prediction are those of differences") {
   CHECK(grid.times[8] == doctest::Approx(0.1));
   CHECK((grid.shift.rowwise().sum().array() - 1.0).abs().maxCoeff() < 1e-12);
   CHECK(grid.durations[0] == c.options.period);
-  Prediction prediction(c.arm, grid, c.outputs, rows, c.options);
+  const Problem problem(c.arm);
+  Prediction prediction(problem, grid, c.outputs, rows, c.options);
   MatrixXd plan(3, 5);
   for (Eigen::Index k = 0; k < 15; ++k) plan(k % 3, k / 3) = 3.0 * std::sin(2.0 * static_cast<double>(k));
   const auto values = [&](const MatrixXd& u, const VectorXd& q) {
-    CHECK(prediction(q, c.v, u) == Status::ok);
+    CHECK(prediction(0.0, {q, c.v, VectorXd()}, u) == Status::ok);
     return VectorXd(prediction.values);
   };
   values(plan, c.q);

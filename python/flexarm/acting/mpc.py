@@ -16,10 +16,12 @@ from flexarm._core import Feedback, Sampler
 from .._check import Array, array, choice, number, whole
 from ..parts.beam import STRAIN_NAMES
 from ..parts.chain import Chain
+from .acts import Acts, acts_from, at_rest, predictable
 from .control import Controller, Run, force_columns, listed
 from .drive import Motion, Torque
 from .motor import positive, reach_of
 from .sampled import is_samples
+from .voltage import split_drives
 
 _STATUS = ("", "a coordinate without inertia", "a stage, or the quadratic program, had no solution",
            "a state that is not finite, or that no arm reaches")  # fmt: skip
@@ -47,10 +49,14 @@ class MPC(Controller):
 
     Args:
         model: the arm that it knows: links and joints as the plant's, elastic coordinates of its own, such as fewer of
-            them; None: the arm that it controls. It knows no loads, drives or other controllers. Not in files.
+            them; None: the arm that it controls. Not in files.
+        drive, loads, control: (not in files) what acts on the model beside the inputs, as of `simulate`: motions,
+            torques and voltages over the horizon; loads; controllers of an inner loop, which are not part of the law
+            itself: give them to `simulate` too. Sampled ones must be LinearControllers without sensors; the stages are
+            divided at their samples. What they remember is predicted. Samples stand still at their ends.
         track: what the reference is of: "joints", all joint coordinates (rad, m); "tip", the three coordinates of the
             last link's end in the world (m); or a list of ("joint", link), ("joint", (link, freedom)), ("tip", link),
-            ("tip", link, "x") and ("strain", link, x, "K3").
+            ("tip", link, "x") and ("strain", link, x, "K3"). A ball has no coordinates: its arm is led by "tip".
         reference: of what is tracked: a number, numbers (ny,), samples (t, r) with straight lines between and constant
             values before and after, r (nt,) or (nt, ny); a Motion, or a list of ny of them; or a callable t -> (ny,)
             numbers, or (2, ny) with their rates. It must be known up to the horizon beyond a run's end.
@@ -62,15 +68,17 @@ class MPC(Controller):
         blocks: over how many parts of the horizon the inputs are held, short ones first; at most `stages`.
         terminal: for how long (s) the horizon's end counts in the cost; None: a fifth of the horizon.
         inputs: what u are: links, (link, freedom), ("patch", link, patch), or arrays (nv,), columns of generalised
-            forces per unit of u; None: all joints.
+            forces per unit of u; None: all joints that no motion prescribes, of a ball the three torques in the axes
+            that turn.
         limit: of each |u|, one number or (nu,) (N m, N); None: the `torque_limit` of the joints that u moves, if they
             have one. It is never exceeded, nor is that of the joints.
         rate_limit: of each |du/dt|, one number or (nu,); None: none. It is never exceeded.
         effort: of u², one number or (nu,); None: 0.001 of the mean weight where u moves its joint by 1 rad, or 1 m, in
             the horizon, or is at its limit, if that is less.
         rate_effort: of (du/dt)², one number or (nu,); None: effort times (20 ms)².
-        joint_limit: soft limits (lower, upper) of all joint coordinates, two numbers or two rows (nj,); None: none.
-        speed_limit: soft limit of all joints' speeds, one number or (nj,); None: none.
+        joint_limit: soft limits (lower, upper) of all joint coordinates but of balls, two numbers or two rows (nj,);
+            None: none.
+        speed_limit: soft limit of the speeds of the same, one number or (nj,); None: none.
         strain_limit: soft limits of strains: a list of (link, x, strain, most) with strain "K1", "K2", "K3", "phi12",
             "phi13" or "eps" at x metres along the link's beam, and most the largest size of it (1/m).
         soft: what breaking a soft limit by its own size costs, for a second; None: 100 times the largest weight.
@@ -79,15 +87,17 @@ class MPC(Controller):
         iterations: linearisations, with a quadratic program each, for a sample.
 
     Raises:
-        ValueError: what is wrong, by name. At the run: for arms with balls; where the model does not fit the plant.
+        ValueError: what is wrong, by name. At the run: where the model does not fit the plant, or a controller of
+            `control` cannot be predicted.
             RuntimeError: flexarm was built without it (FLEXARM_MPC=OFF).
     """
 
     type = "mpc"
 
     def __init__(
-        self, model: Any = None, *, track: Any = "joints", reference: Any = 0.0, weight: ArrayLike = 1.0,
-        rate_weight: ArrayLike | None = None, rate: float = 1000.0, horizon: float = 0.5, stages: int = 25,
+        self, model: Any = None, *, drive: Any = None, loads: Any = None, control: Any = None, track: Any = "joints",
+        reference: Any = 0.0, weight: ArrayLike = 1.0, rate_weight: ArrayLike | None = None, rate: float = 1000.0,
+        horizon: float = 0.5, stages: int = 25,
         blocks: int = 12, terminal: float | None = None, inputs: Sequence[Any] | None = None,
         limit: ArrayLike | None = None, rate_limit: ArrayLike | None = None, effort: ArrayLike | None = None,
         rate_effort: ArrayLike | None = None, joint_limit: Any = None, speed_limit: ArrayLike | None = None,
@@ -102,6 +112,7 @@ class MPC(Controller):
         given = {k: v for k, v in locals().items() if k not in ("self", "__class__")}
         self._given_as = given
         self.model, self.reference, self.rate, self.delay = model, reference, positive("rate", rate), delay
+        self.drive, self.loads, self.control = drive, loads, control
         self.track = track if isinstance(track, str) else listed("track", track)
         if isinstance(track, str) and track not in ("joints", "tip"):
             raise ValueError(f'track = {track!r}: must be "joints", "tip" or a list')
@@ -139,23 +150,25 @@ class MPC(Controller):
     # -- what it is asked for outside a run ----------------------------------------------------------------------------
 
     def step(self, t: float, q: ArrayLike, v: ArrayLike) -> Array:
-        """Inputs u (nu,) from a state q, v (nv,) of the model at time t (s): one sample, in a loop of your own.
+        """Inputs u (nu,) from a state q (nq,), v (nv,) of the model at time t (s): one sample, in a loop of your own.
+        Controllers of the model sample from the first t on.
 
         Raises:
-            ValueError: a wrong shape, or no `model`.
+            ValueError: a wrong shape, no `model`, or a law of `control` that is fitted to the times of a run.
         """
         if self.model is None:
             raise ValueError("model = None: `step` needs the arm")
+        now = number("t", t)
         if self._core is None:
-            columns = np.array(self._columns(self.model)).T
-            self._core = self._made(self.model, self.model, np.eye(self.model.nv), columns)
+            known = predictable(acts_from(self.model, now, 1.0 / self.rate, self.drive, self.loads, self.control))
+            unit = _projection(self.model, self.model)
+            self._core = self._made(self.model, known, unit, np.array(self._columns(self.model)).T)
             self._failed = self._failing()
-        n = self.model.nv
         states = [np.asarray(x, dtype=float) for x in (q, v)]
-        for name, x in zip("qv", states, strict=True):
+        for name, x, n in zip("qv", states, (self.model.nq, self.model.nv), strict=True):
             if x.shape != (n,):
                 raise ValueError(f"{name} has shape {x.shape}: must be ({n},)")
-        status = self._core.feedback(number("t", t), *states)
+        status = self._core.feedback(now, *states)
         if status:
             self._failed(t, status)
         u: Array = self._core.u
@@ -196,19 +209,23 @@ class MPC(Controller):
     # ------------------------------------------------------------------------------------------------------------------
 
     def _columns(self, arm: Chain) -> list[Array]:
-        rates = [i for k, link in enumerate(arm.links) if link.joint.nv for i in arm.joint_rates(k)]
+        given = arm.by_rate("drive", split_drives(self.drive)[0])
+        rates = [i for k, link in enumerate(arm.links) if link.joint.nv for i in arm.joint_rates(k)
+                 if not isinstance(given.get(i), Motion)]  # fmt: skip
+        if self.inputs is None and not rates:
+            raise ValueError("inputs = None: all joints have a motion in `drive`; name what u moves")
         return [np.eye(arm.nv)[i] for i in rates] if self.inputs is None else force_columns(arm, self.inputs)
 
     def _laws(self, arm: Chain, run: Run) -> tuple[list[Feedback], list[Sampler]]:
         model = arm if self.model is None else self.model
-        columns = np.array(self._columns(arm)).T
-        to_model = np.pad(_projection(arm, model), ((0, 0), (0, run.total)))
-        law = self._made(arm, model, to_model, np.pad(columns, ((0, run.total), (0, 0))))
+        known = predictable(Acts(model, run.times, self.drive, self.loads, self.control))
+        columns, pad = np.array(self._columns(arm)).T, ((0, 0), (0, run.total))
+        to_q, to_v = (np.pad(x, pad) for x in _projection(arm, model))
+        law = self._made(arm, known, (to_q, to_v), np.pad(columns, pad[::-1]))
         return [], [Sampler(float(run.times[0]), 1.0 / self.rate, self.delay / self.rate, law)]
 
-    def _made(self, arm: Chain, model: Chain, to_model: Array, forces: Array) -> Any:
-        if model.nq != model.nv:
-            raise ValueError("MPC: is for arms without balls; use three rotations (Axes)")
+    def _made(self, arm: Chain, known: Acts, to_model: tuple[Array, Array], forces: Array) -> Any:
+        model = known.arm
         columns = np.array(self._columns(model)).T
         nu = columns.shape[1]
         rows = [row for k, entry in enumerate(self._tracked(model)) for row in _outputs(model, f"track[{k}]", entry)]
@@ -236,21 +253,27 @@ class MPC(Controller):
         if limited:
             reference = _extended(reference, len(limited))
         soft = 100.0 * float(weight.max()) if self.soft is None else self.soft
+        extra = known.both.nv - model.nv  # states of controllers
+        columns = np.pad(columns, ((0, extra), (0, 0)))
+        outputs = [(np.pad(by_q, (0, extra)), *rest) for by_q, *rest in outputs]
         return _core.Mpc(
-            model._core, outputs, columns, [-limits, limits, rate_limits, efforts, rate_efforts], 1.0 / self.rate,
+            known.core_problem(at_rest(model), onward=True), outputs, columns, [-limits, limits, rate_limits, efforts, rate_efforts], 1.0 / self.rate,
             self.horizon, self.stages, self.blocks, self.terminal, soft, self.delay, self.iterations, reference,
-            to_model, forces, self._failing(),
+            *to_model, forces, self._failing(),
         )  # fmt: skip
 
     def _tracked(self, model: Chain) -> list[Any]:
         if self.track == "joints":
+            for k, _ in model.ball_rates():
+                raise ValueError(f'track = "joints": link {k} has a ball, which has no coordinates to be led; take "tip"')
             return [("joint", k) for k, link in enumerate(model.links) if link.joint.nv]
         return [("tip", -1)] if self.track == "tip" else list(self.track)
 
     def _limited(self, model: Chain) -> list[Any]:
         """Outputs that are kept within soft limits."""
         none = (np.zeros(model.nv), None, 0.0, 0.0)
-        rates = [i for k, link in enumerate(model.links) if link.joint.nv for i in model.joint_rates(k)]
+        rates = [i for k, link in enumerate(model.links) if link.joint.nv for i in model.joint_rates(k)
+                 if model.coordinate_of(i) >= 0]  # fmt: skip
         out: list[Any] = []
         both, speed = self._given_as["joint_limit"], self._given_as["speed_limit"]
         if both is not None or speed is not None:
@@ -350,30 +373,39 @@ def _outputs(model: Chain, field: str, entry: Any) -> list[Any]:
     kind = entry[0] if isinstance(entry, (list, tuple)) and entry else entry
     if kind == "joint" and len(entry) == 2:
         link = tuple(entry[1]) if isinstance(entry[1], list) else entry[1]
-        return [(np.eye(model.nv)[i], None) for i in model.joint_rates(link, f"{field}: link")]
+        rates = model.joint_rates(link, f"{field}: link")
+        if any(model.coordinate_of(i) < 0 for i in rates):
+            raise ValueError(f"{field} = {entry!r}: a ball has no coordinates to be led; take (\"tip\", link)")
+        return [(np.eye(model.nv)[i], None) for i in rates]
     if kind == "tip" and len(entry) in (2, 3):
         link = model._link(entry[1], f"{field}: link")
         axes = list(_WORLD) if len(entry) == 2 else [choice(f"{field}: axis", entry[2], _WORLD)]
         return [(np.zeros(model.nv), (link, None, np.eye(3)[_WORLD[a]])) for a in axes]
     if kind == "strain" and len(entry) == 4:
         strain = STRAIN_NAMES.index(choice(f"{field}: strain", entry[3], STRAIN_NAMES))
-        return [(model.strain(np.eye(model.nq), entry[1], number(f"{field}: x", entry[2]))[:, strain], None)]
+        by_q = model.strain(np.eye(model.nq), entry[1], number(f"{field}: x", entry[2]))[:, strain]
+        return [(_by_rate(model, by_q), None)]
     raise ValueError(
         f'{field} = {entry!r}: must be ("joint", link), ("tip", link), ("tip", link, "x") or ("strain", link, x, "K3")'
     )
 
 
-def _projection(arm: Chain, model: Chain) -> Array:
-    """A model's coordinates by those of the arm: joints as they are, strains of beams by least squares."""
-    if arm.nq != arm.nv:
-        raise ValueError("MPC: is for arms without balls; use three rotations (Axes)")
+def _by_rate(model: Chain, by_q: Array) -> Array:
+    """What is by coordinates, by their rates; a ball's have none."""
+    at = [model.coordinate_of(i) for i in range(model.nv)]
+    return np.array([by_q[k] if k >= 0 else 0.0 for k in at])
+
+
+def _projection(arm: Chain, model: Chain) -> tuple[Array, Array]:
+    """A model's coordinates, and its rates, by those of the arm: joints as they are, strains of beams by least
+    squares."""
     if arm.links == model.links:
-        return np.eye(arm.nv)
-    out = np.zeros((model.nv, arm.nv))
+        return np.eye(arm.nq), np.eye(arm.nv)
+    out, place = np.zeros((model.nv, arm.nv)), np.zeros((model.nq, arm.nq))
     for k in range(max(len(arm.links), len(model.links))):
         plant, known = (c.links[k] if k < len(c.links) else None for c in (arm, model))
         joints = [0 if link is None else link.joint.nv for link in (plant, known)]
-        if joints[0] != joints[1]:
+        if joints[0] != joints[1] or [k in dict(c.quaternions()) for c in (arm, model)] not in ([False] * 2, [True] * 2):
             raise ValueError(f"model: link {k} has {joints[1]} joint coordinates, that of the arm has {joints[0]}")
         if joints[0]:
             out[model.joint_rates(k), arm.joint_rates(k)] = 1.0
@@ -385,5 +417,12 @@ def _projection(arm: Chain, model: Chain) -> Array:
             for c, beam in ((arm, plant.beam), (model, known.beam))
         ]
         mine = np.flatnonzero(np.abs(strains[1]).max(axis=0) > 0)
-        out[mine] += np.linalg.lstsq(strains[1][:, mine], strains[0], rcond=None)[0]
-    return out
+        place[mine] += np.linalg.lstsq(strains[1][:, mine], strains[0], rcond=None)[0]
+    both = [np.array([c.coordinate_of(i) for i in range(c.nv)]) for c in (model, arm)]
+    own, other = (np.flatnonzero(at >= 0) for at in both)
+    grid = np.ix_(own, other)
+    out[grid] += place[np.ix_(both[0][own], both[1][other])]
+    place[np.ix_(both[0][own], both[1][other])] = out[grid]
+    for (_, to), (_, at) in zip(model.quaternions(), arm.quaternions(), strict=True):
+        place[to, at] = np.eye(4)
+    return place, out
