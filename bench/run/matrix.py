@@ -181,9 +181,9 @@ def mpc(f: Feature) -> float:
         scene.pop(key, None)
     a, v0 = scene.pop("arm"), scene.pop("v0", None)
     led, seen, goal = f.led or ({}, lambda a, q: q[:, :1], [0.2])
-    law = fa.MPC(a, **{"reference": goal} | led, **given(fa.MPC, scene), rate=RATE, horizon=0.2)
-    scene["control"] = [*np.atleast_1d(scene.pop("control", [])), law]
     short = "drive" in scene  # which ends
+    law = fa.MPC(a, **{"reference": goal, "rate": RATE, "horizon": 0.1 if short else 0.2} | led, **given(fa.MPC, scene))
+    scene["control"] = [*np.atleast_1d(scene.pop("control", [])), law]
     r = fa.simulate(a, T[::10] if short else np.linspace(0, 0.6, 301), None, v0, **scene, integrator="implicit",
                     step=5e-4)  # fmt: skip
     found = seen(a, r.q[-50:])

@@ -169,8 +169,8 @@ def features() -> list[Feature]:
 
     return [
         Feature("prescribed motion", lambda m, r, x: {"drive": {0: fa.Motion([0, 0.2], [0, 0.4], [0, 0], [0, 0])}},
-                led=({"track": [bend], "inputs": [np.array([0.0, 1.0, 0.0])]}, lambda a, q: a.strain(q, 0, 0.01)[:, 2],
-                     [0.0])),
+                led=({"track": [bend], "inputs": [np.array([0.0, 1.0, 0.0])], "rate": 1e3, "horizon": 0.05},
+                     lambda a, q: a.strain(q, 0, 0.01)[:, 2], [0.0])),
         Feature("torque samples", lambda m, r, x: {"drive": samples, "push": lambda t: np.interp(t, S, push(S))}, ""),
         Feature("torque, a callable", lambda m, r, x: {"drive": {0: fa.Torque(lambda t: 0.6 * float(push(t)))},
                                                        "push": lambda t: 0.6 * push(t)}),

@@ -61,6 +61,7 @@ void check(const Problem& problem, const MpcOptions& o) {
   non_negative("terminal", o.terminal);
   positive("soft", o.soft);
   positive("friction_speed", o.friction_speed);
+  if (o.carried < 0 || o.carried > arm.nv()) bad_value("carried", o.carried, "must be of the arm's rates");
   if (o.iterations < 1) bad_value("iterations", o.iterations, "must be at least 1");
   if (o.max_qp_iterations < 1) bad_value("max_qp_iterations", o.max_qp_iterations, "must be at least 1");
 }
@@ -132,7 +133,7 @@ struct Mpc::Impl {
   Index nu() const { return options.columns.cols(); }
   Index nv() const { return arm.nv(); }
   static VectorXd penalties(const MpcOptions& o, const std::vector<MpcRow>& rows, const Grid& grid, bool linear);
-  void hold(double t, const VectorXd& at, bool applied);
+  void hold(double t, const MpcState& at, bool applied);
   Status linearise(double t);
   void build();
   bool solve();
@@ -202,11 +203,11 @@ Mpc::Impl::Impl(const Problem& problem_, const std::vector<MpcOutput>& outputs_,
       ++row;
     }
   block_times << grid.begins, grid.times[grid.stages()];
-  hold(0.0, arm.zero(), true);
+  hold(0.0, begin, true);
 }
 
 /// The plan that holds the arm at time t, and, if nothing was applied yet, its inputs as those.
-void Mpc::Impl::hold(double t, const VectorXd& at, bool applied) {
+void Mpc::Impl::hold(double t, const MpcState& at, bool applied) {
   prediction.hold(t, at, plan.col(0));
   for (Index j = 0; j < nu(); ++j) {
     const double x = std::isfinite(plan(j, 0)) ? plan(j, 0) : 0.0;
@@ -336,7 +337,7 @@ Status Mpc::Impl::answer(double t, const VectorXd& at_q, const VectorXd& at_v) {
     apply();
     return seen;
   }
-  if (!planned) hold(start, now.q, true);
+  if (!planned) hold(start, now, true);
   planned = true;
   if (prepared) {
     prediction.difference(begin, now, change);
@@ -346,7 +347,7 @@ Status Mpc::Impl::answer(double t, const VectorXd& at_q, const VectorXd& at_v) {
     change.setZero();
     Status status = linearise(start);
     if (status != Status::ok) {  // not under this plan
-      hold(start, begin.q, false);
+      hold(start, begin, false);
       status = linearise(start);
     }
     if (status != Status::ok) {
@@ -374,7 +375,7 @@ void Mpc::reset() {
   m.failures = 0;
   m.qp.forget();
   m.begin = m.carried = m.prediction.zero();
-  m.hold(0.0, m.arm.zero(), true);
+  m.hold(0.0, m.begin, true);
 }
 
 Status Mpc::feedback(double t, const VectorXd& q, const VectorXd& v) {

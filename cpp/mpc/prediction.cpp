@@ -59,6 +59,7 @@ Prediction::Prediction(const Problem& problem, const Grid& grid, const std::vect
       outputs_(outputs),
       rows_(rows),
       period_(options.period),
+      carried_(options.carried),
       laws_(problem.samplers, arm_.nv()),
       nu_(options.columns.cols()),
       step_(problem, (MatrixXd(arm_.nv(), nu_ + laws_.columns().cols()) << options.columns, laws_.columns()).finished(),
@@ -95,20 +96,21 @@ Prediction::Prediction(const Problem& problem, const Grid& grid, const std::vect
     E_ = MatrixXd::Zero(arm_.nq(), n);
     E_by_q_ = MatrixXd::Zero(arm_.nq(), arm_.nq());
   }
-  a_ = tau_ = none_ = VectorXd::Zero(n);
+  a_ = tau_ = still_ = none_ = VectorXd::Zero(n);
   inputs_ = VectorXd::Zero(forces);
   change_ = next_ = VectorXd::Zero(all);
 }
 
 MpcState Prediction::zero() const { return {arm_.zero(), VectorXd::Zero(arm_.nv()), VectorXd::Zero(laws_.size())}; }
 
-void Prediction::hold(double t, const VectorXd& q, Eigen::Ref<VectorXd> u) {
+void Prediction::hold(double t, const MpcState& at, Eigen::Ref<VectorXd> u) {
   System& s = step_.system();
   s.drive(t);
-  inverse_dynamics(arm_, s.ws, q, none_, none_);
+  still_.tail(carried_) = at.v.tail(carried_);
+  inverse_dynamics(arm_, s.ws, at.q, still_, none_);
   a_ = s.ws.tau - s.tau;
   for (std::size_t k = 0; k < laws_.acting().size(); ++k)
-    a_ -= at_.z[laws_.acting()[k]] * laws_.columns().col(static_cast<Index>(k));
+    a_ -= at.z[laws_.acting()[k]] * laws_.columns().col(static_cast<Index>(k));
   u.noalias() = to_inputs_ * a_;
 }
 
@@ -174,7 +176,7 @@ Status Prediction::operator()(double t, const MpcState& from, const MatrixXd& pl
   for (Index k = 0; k < grid_.stages(); ++k) {
     const Index b = grid_.block[static_cast<std::size_t>(k)], known = nu_ * (b + 1);
     MatrixXd &A = A_[static_cast<std::size_t>(k)], &C = C_[static_cast<std::size_t>(k)];
-    hold(t + grid_.times[k], at_.q, held.col(k));
+    hold(t + grid_.times[k], at_, held.col(k));
     const Status status = advance(static_cast<std::size_t>(k), t + grid_.times[k], grid_.lengths[k], plan.col(b), &A);
     if (status != Status::ok) return status;
     states.col(k + 1).head(nq) = at_.q;

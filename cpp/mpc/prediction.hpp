@@ -53,7 +53,7 @@ class Prediction {
   /// To the state a period later, under u (nu).
   Status step(double t, MpcState& state, const Eigen::VectorXd& u);
   /// The inputs (nu) that hold the arm where it is at time t against all that acts then.
-  void hold(double t, const Eigen::VectorXd& q, Eigen::Ref<Eigen::VectorXd> u);
+  void hold(double t, const MpcState& at, Eigen::Ref<Eigen::VectorXd> u);
   /// The change (2 nv + z) from one state to another: of q the displacement.
   void difference(const MpcState& from, const MpcState& to, Eigen::VectorXd& change);
   /// Adds what a change of the first state does to the rows.
@@ -81,6 +81,7 @@ class Prediction {
   const std::vector<MpcOutput>& outputs_;
   const std::vector<MpcRow>& rows_;
   double period_;
+  const int carried_;
   HeldLaws laws_;
   const Eigen::Index nu_;
   DampedStep step_;  ///< those of the stages, and one more
@@ -91,7 +92,7 @@ class Prediction {
   std::vector<Eigen::MatrixXd> A_, C_;
   MpcState at_;
   Eigen::MatrixXd B_, S_, S_next_, A_step_, B_step_, A_next_, E_, E_by_q_;
-  Eigen::VectorXd a_, tau_, change_, next_, inputs_, none_;
+  Eigen::VectorXd a_, tau_, change_, next_, inputs_, still_, none_;
 };
 
 }  // namespace flexarm

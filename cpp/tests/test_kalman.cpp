@@ -278,6 +278,50 @@ TEST_CASE("a place has the covariance of its coordinates") {
   CHECK((C - expected).norm() < 1e-12 * expected.norm());
 }
 
+TEST_CASE("derivatives under all that acts, with balls, are those of differences") {
+  Problem problem(flexarm_test::floating_arm());
+  const Arm& arm = *problem.arm;
+  const int n = arm.nv();
+  problem.loads.push_back({Load::at_end(arm, 1, false), [](double t) {
+                             Vec6<double> w;
+                             w << 1.0, 40.0 * t, 0.5, 0.02, 0.0, 0.01;
+                             return w;
+                           }});
+  problem.drives.push_back({0, [](double t) { return MotionValue{0.1 * t * t, 0.2 * t, 0.2}; }, {}});
+  problem.feedback.push_back({VectorXd::Unit(n, 4), 20.0 * VectorXd::Unit(arm.nq(), 1), 2.0 * VectorXd::Unit(n, 4),
+                              [](double t) { return t; }});
+  KalmanFilter filter(problem, 1e-5,
+                      {KalmanSensor::tachometer(arm, 4, 1e-3), KalmanSensor::camera(arm, 1, {}, {0, 0, 1}, 1e-3)},
+                      {{KalmanParameter::payload, 0, 0.2, 0.0}}, VectorXd::Zero(n));
+  VectorXd q0 = arm.zero();
+  displace(arm, arm.zero(), flexarm_test::wave_of(arm, 0.3, 0.4, 1e-6), q0);
+  const auto end = [&](const VectorXd& d) {
+    VectorXd q = q0;
+    displace(arm, q0, d.head(n), q);
+    filter.start(q, flexarm_test::wave_of(arm, 0.9, 0.8, 1e-3) + d.tail(n), VectorXd::Zero(n), VectorXd::Zero(n), 0.05);
+    REQUIRE(filter.predict(wave(n, 0.5, 0.1)) == Status::ok);
+  };
+  end(VectorXd::Zero(2 * n));
+  CHECK(filter.t() == doctest::Approx(0.05 + 1e-5));
+  CHECK(filter.q()[0] == doctest::Approx(0.1 * 0.05001 * 0.05001));
+  const VectorXd here = filter.q();
+  const MatrixXd A = filter.transition().topLeftCorner(2 * n, 2 * n);
+  MatrixXd A_d = A;
+  constexpr double e = 1e-6;
+  for (Eigen::Index k = 0; k < 2 * n; ++k) {
+    VectorXd moved[2];
+    for (const int sign : {0, 1}) {
+      VectorXd u(n);
+      end((sign == 0 ? e : -e) * VectorXd::Unit(2 * n, k));
+      displacement(arm, here, filter.q(), u);
+      moved[sign].resize(2 * n);
+      moved[sign] << u, filter.v();
+    }
+    A_d.col(k) = (moved[0] - moved[1]) / (2.0 * e);
+  }
+  CHECK((A - A_d).norm() < 1e-7 * A.norm());
+}
+
 TEST_CASE("what cannot be filtered is named") {
   const Arm arm = two_links(0.0), ball = flexarm_test::floating_arm();
   const VectorXd zero = VectorXd::Zero(arm.nv());

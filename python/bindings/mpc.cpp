@@ -43,8 +43,8 @@ Mpc::Reference make_reference(const py::object& given, std::size_t count) {
 std::shared_ptr<MpcLaw> make_mpc(const PyProblem& of, const std::vector<Output>& given, const Eigen::MatrixXd& columns,
                                  const std::vector<Eigen::VectorXd>& of_inputs, double period, double horizon,
                                  int stages, int blocks, double terminal, double soft, bool delayed, int iterations,
-                                 const py::object& reference, const Eigen::MatrixXd& to_q, const Eigen::MatrixXd& to_v,
-                                 const Eigen::MatrixXd& forces, const py::object& failed) {
+                                 int carried, const py::object& reference, const Eigen::MatrixXd& to_q,
+                                 const Eigen::MatrixXd& to_v, const Eigen::MatrixXd& forces, const py::object& failed) {
   std::vector<MpcOutput> outputs;
   for (const auto& [by_q, place, weight, rate_weight, lower, upper, rate_lower, rate_upper] : given) {
     MpcOutput o;
@@ -67,6 +67,7 @@ std::shared_ptr<MpcLaw> make_mpc(const PyProblem& of, const std::vector<Output>&
   o.soft = soft;
   o.delayed = delayed;
   o.iterations = iterations;
+  o.carried = carried;
   o.columns = columns;
   o.lower = of_inputs.at(0);
   o.upper = of_inputs.at(1);
@@ -99,8 +100,8 @@ void bind_mpc(py::module_& m) {
   py::class_<MpcLaw, std::shared_ptr<MpcLaw>>(m, "Mpc")
       .def(py::init(&make_mpc), py::arg("problem"), py::arg("outputs"), py::arg("columns"), py::arg("of_inputs"),
            py::arg("period"), py::arg("horizon"), py::arg("stages"), py::arg("blocks"), py::arg("terminal"),
-           py::arg("soft"), py::arg("delayed"), py::arg("iterations"), py::arg("reference"), py::arg("to_q"),
-           py::arg("to_v"), py::arg("forces"), py::arg("failed"), py::keep_alive<1, 2>())
+           py::arg("soft"), py::arg("delayed"), py::arg("iterations"), py::arg("carried"), py::arg("reference"),
+           py::arg("to_q"), py::arg("to_v"), py::arg("forces"), py::arg("failed"), py::keep_alive<1, 2>())
       .def(
           "feedback",
           [](MpcLaw& law, double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {

@@ -496,6 +496,7 @@ class Mpc:
         soft: float,
         delayed: bool,
         iterations: int,
+        carried: int,
         reference: Any,
         to_q: ArrayLike,
         to_v: ArrayLike,

@@ -258,7 +258,7 @@ class MPC(Controller):
         outputs = [(np.pad(by_q, (0, extra)), *rest) for by_q, *rest in outputs]
         return _core.Mpc(
             known.core_problem(at_rest(model), onward=True), outputs, columns, [-limits, limits, rate_limits, efforts, rate_efforts], 1.0 / self.rate,
-            self.horizon, self.stages, self.blocks, self.terminal, soft, self.delay, self.iterations, reference,
+            self.horizon, self.stages, self.blocks, self.terminal, soft, self.delay, self.iterations, extra, reference,
             *to_model, forces, self._failing(),
         )  # fmt: skip
 

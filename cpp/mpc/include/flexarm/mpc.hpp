@@ -46,6 +46,7 @@ struct MpcOptions {
   bool delayed = false;          ///< whether inputs act a period after the sample that they answer
   int iterations = 1;            ///< linearisations and quadratic programs for a sample
   int max_qp_iterations = 500;   ///< of the active set
+  int carried = 0;               ///< how many rates, the last ones, are states of controllers, which are not measured
   // Of each input u (nu); the generalised forces are `columns` u.
   Eigen::MatrixXd columns;       ///< (nv, nu)
   Eigen::VectorXd lower, upper;  ///< limits of u
@@ -76,8 +77,7 @@ class Mpc {
 
   /// Forgets its plan: the next sample begins from the forces that hold the arm.
   void reset();
-  /// The inputs that answer the state (nq and nv, or fewer: then what is behind is as predicted) at time t (s). Sizes
-  /// are not checked.
+  /// The inputs that answer the state, (nq) and (nv) without what is carried, at time t (s). Sizes are not checked.
   /// @return when not ok, `u` goes on along the last plan, within its limits: not_finite: of a state with nan, or that
   ///         no arm reaches; not_converged: the quadratic program or a stage was not solved
   Status feedback(double t, const Eigen::VectorXd& q, const Eigen::VectorXd& v);
