@@ -221,6 +221,9 @@ void Mpc::Impl::hold(double t, const MpcState& at, bool applied) {
 /// Predicts from `begin` at time t under the plan, and makes the quadratic program in the plan's changes.
 Status Mpc::Impl::linearise(double t) {
   prepared = false;
+  for (Index j = 0; j < nu(); ++j)  // to the last bit: a motor beyond its limit would feel no change
+    for (Index b = 0; b < grid.blocks(); ++b)
+      plan(j, b) = std::min(std::max(plan(j, b), options.lower[j]), options.upper[j]);
   if (const Status status = prediction(t, begin, plan); status != Status::ok) return status;
   time = t;
   Index at = 0;

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 import flexarm._core as _core
+from flexarm._core import Feedback
 
 from .._check import Array
 from ..parts.chain import Chain
-from .control import Controller, Feedback, control_laws, extended, padded
+from .control import Controller, control_laws, extended, padded
 from .drive import Motion, Torque, standing
 from .load import at_time
 from .voltage import patch_laws, split_drives

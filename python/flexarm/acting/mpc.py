@@ -13,20 +13,19 @@ from numpy.typing import ArrayLike
 import flexarm._core as _core
 from flexarm._core import Feedback, Sampler
 
-from .._check import Array, array, choice, number, whole
-from ..parts.beam import STRAIN_NAMES
+from .._check import Array, array, number, whole
 from ..parts.chain import Chain
 from .acts import Acts, acts_from, at_rest, predictable
 from .control import Controller, Run, force_columns, listed
 from .drive import Motion, Torque
 from .motor import positive, reach_of
 from .sampled import is_samples
+from .tracked import Called, each, extended_by, projection, rows_of
 from .voltage import split_drives
 
 _STATUS = ("", "a coordinate without inertia", "a stage, or the quadratic program, had no solution",
            "a state that is not finite, or that no arm reaches")  # fmt: skip
 _INF = float("inf")
-_WORLD = {"x": 0, "y": 1, "z": 2}
 
 
 class MPCWarning(UserWarning):
@@ -161,7 +160,7 @@ class MPC(Controller):
         now = number("t", t)
         if self._core is None:
             known = predictable(acts_from(self.model, now, 1.0 / self.rate, self.drive, self.loads, self.control))
-            unit = _projection(self.model, self.model)
+            unit = projection(self.model, self.model)
             self._core = self._made(self.model, known, unit, np.array(self._columns(self.model)).T)
             self._failed = self._failing()
         states = [np.asarray(x, dtype=float) for x in (q, v)]
@@ -220,7 +219,7 @@ class MPC(Controller):
         model = arm if self.model is None else self.model
         known = predictable(Acts(model, run.times, self.drive, self.loads, self.control))
         columns, pad = np.array(self._columns(arm)).T, ((0, 0), (0, run.total))
-        to_q, to_v = (np.pad(x, pad) for x in _projection(arm, model))
+        to_q, to_v = (np.pad(x, pad) for x in projection(arm, model))
         law = self._made(arm, known, (to_q, to_v), np.pad(columns, pad[::-1]))
         return [], [Sampler(float(run.times[0]), 1.0 / self.rate, self.delay / self.rate, law)]
 
@@ -228,36 +227,37 @@ class MPC(Controller):
         model = known.arm
         columns = np.array(self._columns(model)).T
         nu = columns.shape[1]
-        rows = [row for k, entry in enumerate(self._tracked(model)) for row in _outputs(model, f"track[{k}]", entry)]
-        weight = _each("weight", self._given_as["weight"], len(rows))
+        rows = [row for k, entry in enumerate(self._tracked(model)) for row in rows_of(model, f"track[{k}]", entry)]
+        weight = each("weight", self._given_as["weight"], len(rows))
         rate_weight = self._given_as["rate_weight"]
-        rate_weight = 0.05**2 * weight if rate_weight is None else _each("rate_weight", rate_weight, len(rows))
+        rate_weight = 0.05**2 * weight if rate_weight is None else each("rate_weight", rate_weight, len(rows))
         if not (weight > 0).any():
             raise ValueError("weight: must be positive for at least one of what is tracked")
-        limits = reach_of(arm, forces, _each("limit", self._given_as["limit"], nu, above=True))
+        limits = reach_of(arm, forces, each("limit", self._given_as["limit"], nu, above=True))
         effort = self._given_as["effort"]
         if effort is None:
             inertia = np.einsum("ik,ij,jk->k", columns, model.mass_matrix(model.zero), columns)
             moved = 4.0 * inertia / np.maximum(np.sum(columns**2, axis=0), 1e-300) / self.horizon**2
             effort = 1e-3 * weight.mean() / np.minimum(limits, moved) ** 2
-        efforts = _each("effort", effort, nu)
+        efforts = each("effort", effort, nu)
         rate_effort = self._given_as["rate_effort"]
-        rate_efforts = (20e-3) ** 2 * efforts if rate_effort is None else _each("rate_effort", rate_effort, nu)
+        rate_efforts = (20e-3) ** 2 * efforts if rate_effort is None else each("rate_effort", rate_effort, nu)
         if not (efforts + rate_efforts > 0).all():
             raise ValueError("effort: effort or rate_effort must be positive, for each input")
-        rate_limits = _each("rate_limit", self._given_as["rate_limit"], nu, above=True)
+        rate_limits = each("rate_limit", self._given_as["rate_limit"], nu, above=True)
         free = (-_INF, _INF, -_INF, _INF)
         outputs = [(*row, w, r, *free) for row, w, r in zip(rows, weight, rate_weight, strict=True)]
         reference = self._reference(len(rows))
         outputs += (limited := self._limited(model))
         if limited:
-            reference = _extended(reference, len(limited))
+            reference = extended_by(reference, len(limited))
         soft = 100.0 * float(weight.max()) if self.soft is None else self.soft
         extra = known.both.nv - model.nv  # states of controllers
         columns = np.pad(columns, ((0, extra), (0, 0)))
         outputs = [(np.pad(by_q, (0, extra)), *rest) for by_q, *rest in outputs]
+        problem, of_inputs = known.core_problem(at_rest(model), onward=True), [-limits, limits, rate_limits, efforts]
         return _core.Mpc(
-            known.core_problem(at_rest(model), onward=True), outputs, columns, [-limits, limits, rate_limits, efforts, rate_efforts], 1.0 / self.rate,
+            problem, outputs, columns, [*of_inputs, rate_efforts], 1.0 / self.rate,
             self.horizon, self.stages, self.blocks, self.terminal, soft, self.delay, self.iterations, extra, reference,
             *to_model, forces, self._failing(),
         )  # fmt: skip
@@ -265,7 +265,7 @@ class MPC(Controller):
     def _tracked(self, model: Chain) -> list[Any]:
         if self.track == "joints":
             for k, _ in model.ball_rates():
-                raise ValueError(f'track = "joints": link {k} has a ball, which has no coordinates to be led; take "tip"')
+                raise ValueError(f'track = "joints": link {k} has a ball, without coordinates to be led; take "tip"')
             return [("joint", k) for k, link in enumerate(model.links) if link.joint.nv]
         return [("tip", -1)] if self.track == "tip" else list(self.track)
 
@@ -284,13 +284,13 @@ class MPC(Controller):
                 lower, upper = (np.broadcast_to(np.asarray(x, dtype=float), (len(rates),)) for x in both)
                 if not (lower < upper).all():
                     raise ValueError(f"joint_limit = {both!r}: lower must be below upper")
-            speeds = _each("speed_limit", speed, len(rates), above=True)
+            speeds = each("speed_limit", speed, len(rates), above=True)
             out += [(np.eye(model.nv)[i], None, 0.0, 0.0, lo, up, -s, s)
                     for i, lo, up, s in zip(rates, lower, upper, speeds, strict=True)]  # fmt: skip
         for k, entry in enumerate(self.strain_limit):
             if not isinstance(entry, (list, tuple)) or len(entry) != 4:
                 raise ValueError(f'strain_limit[{k}] = {entry!r}: must be (link, x, "K3", most)')
-            row, _ = _outputs(model, f"strain_limit[{k}]", ("strain", *entry[:3]))[0]
+            row, _ = rows_of(model, f"strain_limit[{k}]", ("strain", *entry[:3]))[0]
             most = positive(f"strain_limit[{k}]: most", entry[3])
             out.append((row, *none[1:], -most, most, -_INF, _INF))
         return out
@@ -314,7 +314,7 @@ class MPC(Controller):
                 raise ValueError(f"reference: r has shape {r.shape}: must be ({times.size},) or ({times.size}, {ny})")
             return [Torque(times, columns[:, k % columns.shape[1]]).law for k in range(ny)]
         if callable(given):
-            return _Called(given, ny)
+            return Called(given, ny)
         fixed = array("reference", given)
         if fixed.shape not in ((), (ny,)):
             raise ValueError(f"reference has shape {fixed.shape}: must be one number, or {ny}, one for each tracked")
@@ -325,104 +325,3 @@ def _entry(given: Any) -> Any:
     """What is named, as a file has it, or as it is."""
     names = isinstance(given, list) and (given[:1] == ["patch"] or len(given) == 2)
     return tuple(given) if names else given
-
-
-class _Called:
-    """A callable reference t -> (ny,), its rates by central differences, or t -> (2, ny), as (2, ny)."""
-
-    def __init__(self, law: Callable[[float], Any], ny: int) -> None:
-        self.law, self.ny = law, ny
-
-    def _at(self, t: float) -> Array:
-        r = np.asarray(self.law(t), dtype=float)
-        if r.shape == () or r.shape == (1,):
-            r = np.broadcast_to(r, (self.ny,))
-        if r.shape not in ((self.ny,), (2, self.ny)) or not np.isfinite(r).all():
-            raise ValueError(f"reference at t = {t}: gave {r!r}; must be {self.ny} finite numbers, or (2, {self.ny})")
-        return r
-
-    def __call__(self, t: float) -> Array:
-        r = self._at(t)
-        if r.ndim == 2:
-            return r
-        h = 1e-5
-        return np.stack([r, (self._at(t + h) - self._at(t - h)) / (2 * h)])
-
-
-def _extended(reference: Any, more: int) -> Any:
-    """A reference with zeros for outputs that only have limits."""
-    if isinstance(reference, list):
-        return reference + [Torque(0.0).law] * more
-    return lambda t: np.pad(reference(t), ((0, 0), (0, more)))
-
-
-def _each(field: str, given: Any, count: int, above: bool = False) -> Array:
-    """Numbers that are not negative, one for each; of limits (`above`) positive, None: none."""
-    if above and given is None:
-        return np.full(count, _INF)
-    x = np.asarray(given, dtype=float) if above else array(field, given)
-    if x.shape not in ((), (count,)):
-        raise ValueError(f"{field} has shape {x.shape}: must be one number, or {count} of them")
-    if not ((x > 0).all() if above else (x >= 0).all()):
-        raise ValueError(f"{field} = {given!r}: must be {'positive' if above else 'zero or positive'}")
-    return np.array(np.broadcast_to(x, (count,)), dtype=float)
-
-
-def _outputs(model: Chain, field: str, entry: Any) -> list[Any]:
-    """(by_q, None) or (by_q, (link, x, along)) of each number that an entry of `track` stands for."""
-    kind = entry[0] if isinstance(entry, (list, tuple)) and entry else entry
-    if kind == "joint" and len(entry) == 2:
-        link = tuple(entry[1]) if isinstance(entry[1], list) else entry[1]
-        rates = model.joint_rates(link, f"{field}: link")
-        if any(model.coordinate_of(i) < 0 for i in rates):
-            raise ValueError(f"{field} = {entry!r}: a ball has no coordinates to be led; take (\"tip\", link)")
-        return [(np.eye(model.nv)[i], None) for i in rates]
-    if kind == "tip" and len(entry) in (2, 3):
-        link = model._link(entry[1], f"{field}: link")
-        axes = list(_WORLD) if len(entry) == 2 else [choice(f"{field}: axis", entry[2], _WORLD)]
-        return [(np.zeros(model.nv), (link, None, np.eye(3)[_WORLD[a]])) for a in axes]
-    if kind == "strain" and len(entry) == 4:
-        strain = STRAIN_NAMES.index(choice(f"{field}: strain", entry[3], STRAIN_NAMES))
-        by_q = model.strain(np.eye(model.nq), entry[1], number(f"{field}: x", entry[2]))[:, strain]
-        return [(_by_rate(model, by_q), None)]
-    raise ValueError(
-        f'{field} = {entry!r}: must be ("joint", link), ("tip", link), ("tip", link, "x") or ("strain", link, x, "K3")'
-    )
-
-
-def _by_rate(model: Chain, by_q: Array) -> Array:
-    """What is by coordinates, by their rates; a ball's have none."""
-    at = [model.coordinate_of(i) for i in range(model.nv)]
-    return np.array([by_q[k] if k >= 0 else 0.0 for k in at])
-
-
-def _projection(arm: Chain, model: Chain) -> tuple[Array, Array]:
-    """A model's coordinates, and its rates, by those of the arm: joints as they are, strains of beams by least
-    squares."""
-    if arm.links == model.links:
-        return np.eye(arm.nq), np.eye(arm.nv)
-    out, place = np.zeros((model.nv, arm.nv)), np.zeros((model.nq, arm.nq))
-    for k in range(max(len(arm.links), len(model.links))):
-        plant, known = (c.links[k] if k < len(c.links) else None for c in (arm, model))
-        joints = [0 if link is None else link.joint.nv for link in (plant, known)]
-        if joints[0] != joints[1] or [k in dict(c.quaternions()) for c in (arm, model)] not in ([False] * 2, [True] * 2):
-            raise ValueError(f"model: link {k} has {joints[1]} joint coordinates, that of the arm has {joints[0]}")
-        if joints[0]:
-            out[model.joint_rates(k), arm.joint_rates(k)] = 1.0
-        if plant is None or known is None or plant.beam is None or known.beam is None:
-            continue
-        part = (np.polynomial.legendre.leggauss(16)[0] + 1) / 2
-        strains = [
-            np.concatenate([c.strain(np.eye(c.nq), k, x * beam.length).T for x in part])
-            for c, beam in ((arm, plant.beam), (model, known.beam))
-        ]
-        mine = np.flatnonzero(np.abs(strains[1]).max(axis=0) > 0)
-        place[mine] += np.linalg.lstsq(strains[1][:, mine], strains[0], rcond=None)[0]
-    both = [np.array([c.coordinate_of(i) for i in range(c.nv)]) for c in (model, arm)]
-    own, other = (np.flatnonzero(at >= 0) for at in both)
-    grid = np.ix_(own, other)
-    out[grid] += place[np.ix_(both[0][own], both[1][other])]
-    place[np.ix_(both[0][own], both[1][other])] = out[grid]
-    for (_, to), (_, at) in zip(model.quaternions(), arm.quaternions(), strict=True):
-        place[to, at] = np.eye(4)
-    return place, out

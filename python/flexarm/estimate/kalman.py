@@ -135,14 +135,15 @@ class KalmanFilter:
         noise = noise * joints if noise.ndim == 0 else array("force_noise", force_noise, (arm.nv,))
         radius, speed = number("spectral_radius", spectral_radius), number("friction_speed", friction_speed)
         begin = number("t", t)
-        self._acts = acts_from(arm, begin, self.step, drive, loads, control)
+        self._known = begin, self.step, drive, loads, control
+        self._acts = acts_from(arm, *self._known)
         if self._acts.sampled:
             raise ValueError("control: one of them samples; its forces are held: give them to `predict`, or to `run`")
         self._size = nq, nv = self._acts.both.nq, self._acts.both.nv  # with the states of controllers
         rows = [(padded(by_q, nv), padded(by_v, nv), *rest) for by_q, by_v, *rest in rows]
         self._made = self.step, rows, parameters, padded(noise, nv), radius, speed
-        self._core = self._make()
-        self._start = [
+        self._core: _core.KalmanFilter = self._make()
+        self._start: list[Any] = [
             padded(arm._place("q", q), nq),
             padded(array("v", np.zeros(arm.nv) if v is None else v, (arm.nv,)), nv),
             padded(_each("q_std", q_std, arm.nv), nv),
@@ -162,16 +163,17 @@ class KalmanFilter:
                 f"and a force_noise that allows for its friction"
             ), stacklevel=outside())  # fmt: skip
 
-    def _make(self) -> Any:
+    def _make(self) -> _core.KalmanFilter:
         return _core.KalmanFilter(self._acts.core_problem(at_rest(self.arm), onward=True), *self._made)
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies go on from where it is."""
-        own = {"_core": self._core.state(), "_tested": self._tested.copy(), "_sums": self._sums.copy()}
+        own = {"_acts": None, "_core": self._core.state(), "_tested": self._tested.copy(), "_sums": self._sums.copy()}
         return {**self.__dict__, **own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+        self._acts = acts_from(self.arm, *self._known)
         self._core = self._make()
         self._core.resume(state["_core"])
 
