@@ -403,7 +403,7 @@ def control_laws(
 
 def padded(x: Array, size: int) -> Array:
     """x with zeros behind, `size` numbers."""
-    return np.concatenate([x, np.zeros(size - x.size)])
+    return np.concatenate([x, np.zeros(size - x.size)]) if x.size < size else x
 
 
 def extended(arm: Chain, memory: int) -> Chain:

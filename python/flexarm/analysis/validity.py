@@ -50,6 +50,7 @@ class RangeWarning(UserWarning):
 
 _KNOWN: WeakKeyDictionary[_core.Beam, tuple[Array, Array]] = WeakKeyDictionary()  # every run asks
 _STRETCHES: WeakKeyDictionary[_core.Beam, tuple[Array, Array]] = WeakKeyDictionary()
+_QUIET: WeakKeyDictionary[_core.Arm, tuple[Array, Array]] = WeakKeyDictionary()
 
 
 def _places(beam: Beam) -> Array:
@@ -74,10 +75,8 @@ def _inside_out(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
         beam = link.beam
         if beam is None or "extension" not in beam.counts:
             continue
-        first, (eps, most) = arm._core.first_q(k) + link.joint.nq, _stretches(beam)
+        first, (eps, _) = arm._core.first_q(k) + link.joint.nq, _stretches(beam)
         qe = q[:, first : first + beam.ne]
-        if np.abs(qe).max(axis=0, initial=0.0) @ most < 1.0:
-            continue
         stretch = 1.0 + qe @ eps.T
         past = np.flatnonzero(stretch.min(axis=1) <= 0.0)
         if past.size:
@@ -120,9 +119,26 @@ def rotation(beam: Beam, qe: Array) -> Array:
     return out
 
 
-def _bound(beam: Beam, qe: Array) -> float:
-    """A bound (rad) that no section's rotation exceeds in any row."""
-    return float(np.abs(qe).max(axis=0, initial=0.0) @ _turns(beam)[1])
+def _quiet(arm: Chain, q: Array) -> bool:
+    """Whether bounds of all beams' rotations, and of their shortening, by the largest of each coordinate of q (nt, nq)
+    are within what is good for them."""
+    if arm._core not in _QUIET:
+        rows, limits = [], []
+        for k, link in enumerate(arm.links):
+            beam = link.beam
+            if beam is None or not beam.ne:
+                continue
+            most = _RESOLVED if beam.order == "exact" else LIMITS[int(beam.order)]
+            known = [(_turns(beam)[1], -1.0 if beam.order == "exact" and beam.gauss_points is not None else most)]
+            known += [(_stretches(beam)[1], np.nextafter(1.0, 0.0))] if "extension" in beam.counts else []
+            for sizes, limit in known:
+                row, first = np.zeros(arm.nq), arm._core.first_q(k) + link.joint.nq
+                row[first : first + beam.ne] = sizes
+                rows.append(row)
+                limits.append(limit)
+        _QUIET[arm._core] = np.array(rows).reshape(-1, arm.nq), np.array(limits)
+    sizes, most = _QUIET[arm._core]
+    return bool((sizes @ np.abs(q).max(axis=0, initial=0.0) <= most).all())
 
 
 def _unresolved(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
@@ -135,8 +151,6 @@ def _unresolved(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
             continue
         first = arm._core.first_q(k) + link.joint.nq
         qe = q[:, first : first + beam.ne]
-        if beam.gauss_points is None and _bound(beam, qe) <= _RESOLVED:
-            continue
         angle = rotation(beam, qe)
         rows = np.unique([*np.abs(qe).argmax(axis=0), angle.argmax()])
         if (beam._core.truncation(qe[rows]) <= TRUNCATION).all():
@@ -155,6 +169,8 @@ def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
     the time of the first row past the limit (s), its largest rotation (rad), and how many others are beyond theirs;
     where none is, what `_unresolved` finds. But first what `_inside_out` finds, whose third number is not above 0. It
     costs next to nothing while all is well."""
+    if _quiet(arm, q):
+        return None
     if (turned := _inside_out(arm, t, q)) is not None:
         return turned
     worst, others = None, -1
@@ -164,8 +180,6 @@ def worst_range(arm: Chain, t: Array, q: Array) -> tuple[float, ...] | None:
             continue
         first = arm._core.first_q(k) + link.joint.nq
         qe, limit = q[:, first : first + beam.ne], LIMITS[int(beam.order)]
-        if _bound(beam, qe) <= limit:
-            continue
         angle = rotation(beam, qe)
         past = np.flatnonzero(~(angle <= limit))
         if past.size:

@@ -42,7 +42,7 @@ class Integrator:
     @property
     def options(self) -> dict[str, Any]:
         """Its options, as keyword arguments of its class."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return dict(vars(self))
 
     def run(
         self, problem: Problem, alive: Any, parameters: Sequence[Parameter], tape: Any

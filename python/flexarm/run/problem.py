@@ -110,6 +110,8 @@ class Problem(Acts):
 
     def missed(self) -> Iterator[PulseWarning | None]:
         """Warnings of what the steps have not seen of callables: of drives, loads and references of control."""
+        if all(calls is None for calls in self.core.asked):
+            return
         names = ["voltage" if len(d.column) else f"drive of '{self.arm.coordinates[d.rate]}'" for d in self.drives]
         names += [f"loads[{k}]" for k in range(len(self.loads))]
         callables = [d.law for d in self.drives] + [x.law for x in self._wrenches]
@@ -142,8 +144,11 @@ def _initial_state(arm: Arm, q0: Any, v0: Any, tau: Any) -> dict[str, Array]:
     for name, value, zero in (("q0", q0, arm.zero), ("v0", v0, np.zeros(arm.nv)), ("tau", tau, np.zeros(arm.nv))):
         if name == "tau" and value is not None and np.ndim(value) > 1:
             raise ValueError("tau: must be constant here; give drive=Torque(t, tau) for what changes with time")
+        if value is None:
+            state[name] = zero
+            continue
         with arm._saying_how("q0"):
-            state[name] = zero if value is None else array(name, value, zero.shape)
+            state[name] = array(name, value, zero.shape)
     arm.check_balls("q0", state["q0"])
     return state
 

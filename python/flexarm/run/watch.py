@@ -49,7 +49,7 @@ class WatchWarning(UserWarning):
 
 def beyond_motor(arm: Arm, result: Result, prescribed: Sequence[int]) -> WatchWarning | None:
     """The prescribed motion that takes most beyond what the motor of its joint gives."""
-    most = torque_limits(arm)
+    most = torque_limits(arm) if prescribed else np.zeros(0)
     over = [(float(np.abs(result.tau[:, i]).max(initial=0.0)) / most[i], i) for i in prescribed]
     share, i = max(over, default=(0.0, -1))
     if not share > 1.0 + 1e-9:
